@@ -1,0 +1,2 @@
+# The second command of the README: every test that needs nothing installed.
+cargo test --workspace --locked

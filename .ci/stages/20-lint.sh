@@ -1,0 +1,4 @@
+# Format, lints as errors, documentation without a warning.
+cargo fmt --all --check
+cargo clippy --workspace --all-targets --locked -- -D warnings
+RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked

@@ -1,0 +1,1 @@
+//! Simulated cell (in work): six PowerCubes, an arm and a CAN bus behind the wire.

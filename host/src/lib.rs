@@ -1,0 +1,1 @@
+//! Host tools (in work): planner, gain design, bus access.

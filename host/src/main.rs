@@ -1,0 +1,3 @@
+//! `cubectl`: wiring only; the work is in the library.
+
+fn main() {}

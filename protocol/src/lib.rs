@@ -1,0 +1,40 @@
+//! Everything that travels on the bus, and the contract of everything that sits on it.
+//!
+//! # Map
+//!
+//! | layer | modules | is | must not |
+//! |---|---|---|---|
+//! | ground | [`id`], [`frame`], [`time`], [`units`], [`module`] | checked values: CAN ids, classical CAN frames, integer microseconds, physical units, wire address apart from joint number | know any higher protocol |
+//! | contract | [`node`] | what a participant of the bus is: frames and times in, frames and deadlines out | do IO, read a clock, sleep |
+//!
+//! # Invariants of the crate
+//!
+//! * `no_std`, no heap, no `unsafe`, and no path that panics: indexing is by `get`, arithmetic on
+//!   foreign values saturates or is checked, every loop is bounded by a constant or a slice.
+//! * Decoding never fails silently: a value that cannot be represented is an error that carries what
+//!   was found, so that a bad frame can still be shown to a person.
+//! * Numbers with a unit carry it in their type at the borders ([`units`]) and in their name inside.
+#![cfg_attr(not(test), no_std)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::unreachable,
+        clippy::indexing_slicing
+    )
+)]
+
+pub mod frame;
+pub mod id;
+pub mod module;
+pub mod node;
+pub mod time;
+pub mod units;
+
+pub use frame::{Frame, FrameError, MAX_DATA_LEN};
+pub use id::{ExtendedId, Id, IdError, StandardId};
+pub use module::{JOINTS_MAX, JointIndex, ModuleId, RangeError};
+pub use node::Node;
+pub use time::{Duration, Instant};

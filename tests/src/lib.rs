@@ -1,0 +1,1 @@
+//! Rig of the integration suites (in work).
