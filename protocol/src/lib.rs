@@ -5,6 +5,7 @@
 //! | layer | modules | is | must not |
 //! |---|---|---|---|
 //! | ground | [`id`], [`frame`], [`time`], [`units`], [`module`] | checked values: CAN ids, classical CAN frames, integer microseconds, physical units, wire address apart from joint number | know any higher protocol |
+//! | drives | [`powercube`] | the M5 protocol of the modules, both directions, its tables and its DBC file | keep state between frames |
 //! | contract | [`node`] | what a participant of the bus is: frames and times in, frames and deadlines out | do IO, read a clock, sleep |
 //!
 //! # Invariants of the crate
@@ -30,6 +31,7 @@ pub mod frame;
 pub mod id;
 pub mod module;
 pub mod node;
+pub mod powercube;
 pub mod time;
 pub mod units;
 
