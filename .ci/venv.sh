@@ -1,0 +1,11 @@
+# Sourced by stages: makes (once) and enters a Python environment with pinned packages.
+#   . .ci/venv.sh NAME REQUIREMENTS
+venv=target/venv/$1
+stamp=$venv/installed
+if ! cmp -s "$2" "$stamp"; then
+    rm -rf "$venv"
+    python3 -m venv "$venv"
+    "$venv/bin/pip" install --quiet --requirement "$2"
+    cp "$2" "$stamp"
+fi
+PATH=$PWD/$venv/bin:$PATH
