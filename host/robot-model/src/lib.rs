@@ -11,10 +11,13 @@
 //! | `error` | why a file is refused |
 //! | `pose` | rigid poses `X_AB` |
 //! | `kinematics` | frames of all links |
+//! | [`jacobian`] | geometric Jacobian, its rate and its gradient, singular values |
 //! | `family` | classes of arms with closed-form inverse kinematics, measured from the frames |
+//! | `ik` | all solutions with their branches, placed in the joint ranges |
 //! | `dynamics` | inverse dynamics |
 //! | `currents` | motor and supply currents |
-//! | `collision` | boxes, pairs |
+//! | [`collision`] | boxes, pairs |
+//! | [`linalg`] | LU and Cholesky of `N × N` matrices on the stack |
 //!
 //! # Conventions
 //! SI units and radians; a unit at the end of a name (`q_rad`, `v_max_rad_s`) where a reader could doubt. World =
@@ -31,14 +34,20 @@ pub mod collision;
 mod currents;
 mod dynamics;
 mod error;
-pub mod family;
+mod family;
+mod ik;
+pub mod jacobian;
 mod kinematics;
+pub mod linalg;
 mod load;
 mod model;
 mod pose;
 
 pub use any::AnyRobot;
 pub use error::{FamilyMismatch, LoadError, Problem};
+pub use family::{Family, OrthoParallel};
+pub use ik::{Branch, IkSolution, IkSolutions, NoClosedForm, RANGE_SLACK_RAD};
+pub use jacobian::Jacobian;
 pub use kinematics::Frames;
 pub use load::{SCHEMA_VERSION, built_in_robots, built_in_text};
 pub use model::{

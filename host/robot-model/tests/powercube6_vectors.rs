@@ -118,3 +118,68 @@ fn link_inertias_follow_from_the_boxes() {
         assert!((inertia.about_com_kg_m2() - tensor).amax() < 6e-7, "{}", link.name);
     }
 }
+
+/// The published optimum for the target (1, 1, -1) m, worked out by hand from its eight parameters.
+mod published_optimum {
+    use nalgebra::{Matrix3, Vector3, Vector6};
+    use robot_model::jacobian::joint_rates;
+    use robot_model::{IkSolution, JointVec, Pose};
+
+    use super::{arm, close};
+
+    const H: [f64; 8] = [0.493, -0.465, 0.858, 0.583, -1.098, 0.586, 0.920, 0.391];
+
+    /// Release frame and velocity: equations of robot model notes 1.2.
+    fn release() -> (Pose, Vector3<f64>) {
+        let [theta, phi, r, gamma, _, flight_s, _, _] = H;
+        let p0 = Vector3::new(0.0, 0.0, 0.27)
+            + Vector3::new(phi.cos() * theta.cos(), phi.cos() * theta.sin(), phi.sin()) * r;
+        let v0 =
+            (Vector3::new(1.0, 1.0, -1.0) - p0) / flight_s + Vector3::new(0.0, 0.0, 9.81) * (flight_s / 2.0);
+        let azimuth = v0.y.atan2(v0.x);
+        let polar = v0.x.hypot(v0.y).atan2(v0.z);
+        let rot: Matrix3<f64> = (Pose::rot_z(azimuth) * Pose::rot_y(polar) * Pose::rot_z(gamma)).rot;
+        (Pose::new(rot, p0), v0)
+    }
+
+    fn solution() -> (IkSolution<6>, JointVec<6>) {
+        let arm = arm();
+        let (x_wb, v0) = release();
+        let x_we = x_wb * arm.gripper().x_eb.inverse();
+        let solutions = arm.ik(&x_we).expect("closed form");
+        assert_eq!(solutions.len_in_range(), 8);
+        let q = [0.199999, 0.125428, -1.856562, 1.004064, 1.387908, 1.654417];
+        let near = |s: &IkSolution<6>| (s.q - JointVec::from(q)).amax() < 6e-7;
+        let found = solutions.in_range().find(near).expect("the published solution is among the branches");
+        let spin = x_wb.rot.column(2) * H[4];
+        let twist = Vector6::new(v0.x, v0.y, v0.z, spin.x, spin.y, spin.z);
+        let jacobian = arm.fk(&found.q).jacobian(&x_wb.pos);
+        (found, joint_rates(&jacobian, &twist).expect("regular"))
+    }
+
+    #[test]
+    fn release_point_and_velocity() {
+        let (x_wb, v0) = release();
+        close(&x_wb.pos, [0.675574, 0.362951, -0.114747]);
+        close(&v0, [0.553627, 1.087115, 1.363659]);
+    }
+
+    #[test]
+    fn joint_speeds_at_release() {
+        let (_, qd) = solution();
+        close(&qd, [1.358402, -1.675786, 0.482325, -0.010697, -0.986023, 2.548397]);
+        let arm = arm();
+        let use_of_speed = qd.component_div(&arm.limit(|l| l.v_max_rad_s)).amax();
+        assert!((0.64..0.65).contains(&use_of_speed), "{use_of_speed}");
+    }
+
+    #[test]
+    fn currents_at_release() {
+        let (found, qd) = solution();
+        let arm = arm();
+        let tau = arm.inverse_dynamics(&found.q, &qd, &JointVec::zeros());
+        let motor_a = arm.motor_currents(&qd, &tau).expect("this robot has drives");
+        let want = JointVec::from([4.392, 9.780, 3.008, 0.041, 0.487, 0.401]);
+        assert!((motor_a - want).amax() < 6e-4, "{motor_a}");
+    }
+}

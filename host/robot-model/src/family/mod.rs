@@ -4,7 +4,8 @@
 //! the robot file when it is loaded; frames that do not have the family's geometry are refused.
 
 mod lines;
-pub mod ortho_parallel;
+mod ortho_parallel;
+mod ortho_parallel_ik;
 
 use crate::error::FamilyMismatch;
 use crate::pose::Pose;
