@@ -14,7 +14,7 @@
 //! | [`jacobian`] | geometric Jacobian, its rate and its gradient, singular values |
 //! | `family` | classes of arms with closed-form inverse kinematics, measured from the frames |
 //! | `ik` | all solutions with their branches, placed in the joint ranges |
-//! | `dynamics` | inverse dynamics |
+//! | `dynamics` | inverse dynamics with exact derivatives, mass matrix, forward dynamics, energies |
 //! | `currents` | motor and supply currents |
 //! | [`collision`] | boxes, pairs |
 //! | [`linalg`] | LU and Cholesky of `N × N` matrices on the stack |
@@ -44,6 +44,7 @@ mod model;
 mod pose;
 
 pub use any::AnyRobot;
+pub use dynamics::InverseDynamicsGradient;
 pub use error::{FamilyMismatch, LoadError, Problem};
 pub use family::{Family, OrthoParallel};
 pub use ik::{Branch, IkSolution, IkSolutions, NoClosedForm, RANGE_SLACK_RAD};

@@ -122,6 +122,22 @@ impl LinkInertia {
         })
     }
 
+    /// The same body with a point mass bolted to it at `at_m` in the joint frame, for example a ball in the hand.
+    ///
+    /// `None` if the mass is negative or not finite.
+    #[must_use]
+    pub fn with_point_mass(&self, mass_kg: f64, at_m: &Vector3<f64>) -> Option<Self> {
+        if !(mass_kg >= 0.0 && mass_kg.is_finite()) {
+            return None;
+        }
+        let total = self.mass_kg + mass_kg;
+        let apart = at_m - self.com_m;
+        let com = self.com_m + apart * (mass_kg / total);
+        let reduced = self.mass_kg * mass_kg / total;
+        let steiner = (Matrix3::identity() * apart.norm_squared() - apart * apart.transpose()) * reduced;
+        Self::new(total, com, self.about_com_kg_m2 + steiner)
+    }
+
     /// Mass in kg.
     #[must_use]
     pub fn mass_kg(&self) -> f64 {
