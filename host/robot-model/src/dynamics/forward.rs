@@ -1,0 +1,93 @@
+//! Mass matrix, forward dynamics and energies.
+
+use nalgebra::{Matrix3, SMatrix, Vector3};
+
+use crate::kinematics::turned;
+use crate::linalg::Cholesky;
+use crate::model::{JointVec, LinkInertia, RobotModel};
+
+/// Links from one on to the hand, as if welded: mass, first moment and inertia about the origin of the first joint frame.
+#[derive(Clone, Copy)]
+struct Composite {
+    m: f64,
+    h: Vector3<f64>,
+    i: Matrix3<f64>,
+}
+
+impl Composite {
+    fn of(link: &LinkInertia) -> Self {
+        Self { m: link.mass_kg(), h: link.first_moment_kg_m, i: link.about_origin_kg_m2 }
+    }
+
+    /// Adds a composite given in a frame that is turned by `r` and shifted by `p`.
+    fn add(&mut self, other: &Self, r: &Matrix3<f64>, p: &Vector3<f64>) {
+        let h = r * other.h;
+        let cross = p * h.transpose();
+        let scalar = Matrix3::identity() * (2.0 * p.dot(&h) + other.m * p.norm_squared());
+        self.i +=
+            r * other.i * r.transpose() + scalar - cross - cross.transpose() - p * p.transpose() * other.m;
+        self.h += h + p * other.m;
+        self.m += other.m;
+    }
+}
+
+impl<const N: usize> RobotModel<N> {
+    /// Mass matrix `M(q)` in kg·m²: symmetric and positive definite for every model that the loader accepts.
+    ///
+    /// Composite-rigid-body algorithm (Featherstone 2008, section 6.2).
+    #[must_use]
+    pub fn mass_matrix(&self, q: &JointVec<N>) -> SMatrix<f64, N, N> {
+        let rot: [Matrix3<f64>; N] = std::array::from_fn(|i| turned(&self.joints[i].x_pj, q[i]).rot);
+        let mut composite: [Composite; N] = std::array::from_fn(|i| Composite::of(&self.links[i].inertia));
+        let mut mass = SMatrix::<f64, N, N>::zeros();
+        for i in (0..N).rev() {
+            let c = composite[i];
+            if i > 0 {
+                composite[i - 1].add(&c, &rot[i], &self.joints[i].x_pj.pos);
+            }
+            // Wrench for unit acceleration about the axis, carried to the base.
+            let mut force = Vector3::new(-c.h.y, c.h.x, 0.0);
+            let mut moment: Vector3<f64> = c.i.column(2).into();
+            mass[(i, i)] = moment.z;
+            for j in (0..i).rev() {
+                force = rot[j + 1] * force;
+                moment = rot[j + 1] * moment + self.joints[j + 1].x_pj.pos.cross(&force);
+                mass[(i, j)] = moment.z;
+                mass[(j, i)] = moment.z;
+            }
+        }
+        mass
+    }
+
+    /// Joint accelerations in rad/s² that torques `tau` in N·m cause in state `(q, qd)`: `M⁻¹ (τ - C q̇ - g)`.
+    ///
+    /// Friction and motors are not included. Not finite if the arguments are not.
+    #[must_use]
+    pub fn forward_dynamics(&self, q: &JointVec<N>, qd: &JointVec<N>, tau: &JointVec<N>) -> JointVec<N> {
+        let free = tau - self.bias_torques(q, qd);
+        match Cholesky::new(&self.mass_matrix(q)) {
+            Some(mass) => mass.solve(&free),
+            // Masses are positive, so only angles that are not numbers come here.
+            None => JointVec::repeat(f64::NAN),
+        }
+    }
+
+    /// Kinetic energy in J.
+    #[must_use]
+    pub fn kinetic_energy_j(&self, q: &JointVec<N>, qd: &JointVec<N>) -> f64 {
+        0.5 * qd.dot(&(self.mass_matrix(q) * qd))
+    }
+
+    /// Potential energy of the links in J; zero for a link whose centre of mass is at the height of the world origin.
+    #[must_use]
+    pub fn potential_energy_j(&self, q: &JointVec<N>) -> f64 {
+        let frames = self.fk(q);
+        let moment: f64 = self
+            .links
+            .iter()
+            .zip(&frames.x_w)
+            .map(|(link, x_w)| link.inertia.mass_kg() * x_w.transform_point(link.inertia.com_m()).z)
+            .sum();
+        moment * self.world.gravity_m_s2
+    }
+}

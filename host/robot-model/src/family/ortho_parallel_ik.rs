@@ -1,0 +1,203 @@
+//! Ortho-parallel arms with a spherical wrist: inverse kinematics.
+//!
+//! The wrist centre fixes joints 1 to 3 (two shoulders times two elbows), the remaining rotation fixes the wrist
+//! (two twins each). Sines and cosines of intermediate angles come from complex products of known vectors, so that
+//! the only transcendental functions are the arc tangents of the results.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::ortho_parallel::OrthoParallel;
+use crate::ik::{Branch, IkSolutions};
+use crate::model::JointVec;
+use crate::pose::Pose;
+
+/// Slack of a cosine at the edge of the reach: a pose computed from joint angles with a stretched elbow must be
+/// found again although rounding puts it 1e-16 outside.
+const EDGE_SLACK: f64 = 1e-12;
+/// A wrist centre this close to a free axis (relative to the arm's reach) leaves that axis' angle undefined.
+const ON_AXIS: f64 = 1e-12;
+/// A wrist with a smaller sine of its middle angle is straight: joints 4 and 6 turn about one line.
+const STRAIGHT_WRIST: f64 = 1e-10;
+
+/// cos + i sin of an angle, or any vector of the plane.
+#[derive(Clone, Copy)]
+struct Complex {
+    re: f64,
+    im: f64,
+}
+
+impl Complex {
+    fn new(re: f64, im: f64) -> Self {
+        Self { re, im }
+    }
+
+    fn turn(angle_rad: f64) -> Self {
+        let (s, c) = angle_rad.sin_cos();
+        Self::new(c, s)
+    }
+
+    fn times(self, o: Self) -> Self {
+        Self::new(self.re * o.re - self.im * o.im, self.re * o.im + self.im * o.re)
+    }
+
+    fn conj(self) -> Self {
+        Self::new(self.re, -self.im)
+    }
+
+    fn norm(self) -> f64 {
+        (self.re * self.re + self.im * self.im).sqrt()
+    }
+
+    /// Same direction, length one.
+    fn unit(self, norm: f64) -> Self {
+        let s = 1.0 / norm;
+        Self::new(self.re * s, self.im * s)
+    }
+
+    fn angle(self) -> f64 {
+        self.im.atan2(self.re)
+    }
+}
+
+impl OrthoParallel {
+    /// All solutions for the pose of the last joint frame in the world; free angles are taken from `q_ref`.
+    ///
+    /// Angles are in (-3π, 3π), not yet placed in the joint ranges.
+    pub(crate) fn solve<const N: usize>(&self, x_wn: &Pose, q_ref: &JointVec<N>) -> IkSolutions<N> {
+        let mut out = IkSolutions::none();
+        let r_fn = self.x_wf.rot.tr_mul(&x_wn.rot);
+        let centre = self.x_wf.inverse_transform_point(&x_wn.transform_point(&self.wrist_centre_n));
+
+        let reach = self.c2_m + self.k_m;
+        let across = Complex::new(centre.x, centre.y);
+        let across2 = across.re * across.re + across.im * across.im;
+        let radial2 = across2 - self.b_m * self.b_m;
+        // False for NaN, too.
+        let outside_cylinder = radial2 >= -EDGE_SLACK * reach * reach;
+        if !outside_cylinder {
+            // Inside the cylinder about axis 1 that the offset b keeps free.
+            out.reach_margin_m = [across2.sqrt() - self.b_m.abs(); 2];
+            return out;
+        }
+        let radial = radial2.max(0.0).sqrt();
+        let on_axis1 = across2.sqrt() <= ON_AXIS * reach;
+        for (back, radial) in [(false, radial), (true, -radial)] {
+            // Joint 1 turns (radial, b) onto the wrist centre.
+            let turn1 = if on_axis1 {
+                let free = Complex::turn(q_ref[0]);
+                if back { Complex::new(-free.re, -free.im) } else { free }
+            } else {
+                across.times(Complex::new(radial, -self.b_m)).unit(across2)
+            };
+            let target = Complex::new(centre.z - self.c1_m, radial - self.a1_m);
+            self.solve_elbows(&mut out, back, turn1, on_axis1, target, &r_fn, q_ref);
+        }
+        out
+    }
+
+    /// Joints 2 and 3 for one shoulder; `target` is the wrist centre seen from axis 2, as z + i x.
+    #[expect(clippy::too_many_arguments, reason = "one step of one solution, split for reading")]
+    fn solve_elbows<const N: usize>(
+        &self,
+        out: &mut IkSolutions<N>,
+        back: bool,
+        turn1: Complex,
+        free1: bool,
+        target: Complex,
+        r_fn: &Matrix3<f64>,
+        q_ref: &JointVec<N>,
+    ) {
+        let (c2, k) = (self.c2_m, self.k_m);
+        let distance = target.norm();
+        out.reach_margin_m[usize::from(back)] = (c2 + k - distance).min(distance - (c2 - k).abs());
+        let cos_elbow = (distance * distance - c2 * c2 - k * k) / (2.0 * c2 * k);
+        let in_reach = cos_elbow.abs() <= 1.0 + EDGE_SLACK;
+        if !in_reach {
+            return;
+        }
+        let cos_elbow = cos_elbow.clamp(-1.0, 1.0);
+        let sin_elbow = (1.0 - cos_elbow * cos_elbow).sqrt();
+        let elbow_rad = sin_elbow.atan2(cos_elbow);
+        let q1 = turn1.angle();
+        let r_1 = rot_z_transposed(turn1, r_fn);
+        let free2 = distance <= ON_AXIS * (c2 + k);
+        for (negative, sign) in [(false, 1.0), (true, -1.0)] {
+            let elbow = Complex::new(cos_elbow, sign * sin_elbow);
+            let upper_arm = if free2 {
+                Complex::turn(q_ref[1] + self.upper_arm_zero_rad)
+            } else {
+                let v = target.times(Complex::new(c2 + k * elbow.re, k * elbow.im).conj());
+                v.unit(v.norm())
+            };
+            let q2 = upper_arm.angle() - self.upper_arm_zero_rad;
+            let q3 = self.sign3 * (sign * elbow_rad - self.forearm_zero_rad + self.upper_arm_zero_rad);
+            // How far the forearm has turned about y since q = 0.
+            let pitch = upper_arm.times(elbow).times(Complex::turn(-self.forearm_zero_rad));
+            let wrist = self.r_f4_zero.tr_mul(&rot_y_transposed(pitch, &r_1));
+            self.solve_wrists(out, (back, negative), [q1, q2, q3], free1 || free2, &wrist, q_ref);
+        }
+    }
+
+    /// Joints 4 to 6 from the rotation left for them, `Rz(u) Ry(v) Rz(w)`.
+    fn solve_wrists<const N: usize>(
+        &self,
+        out: &mut IkSolutions<N>,
+        (back, negative): (bool, bool),
+        [q1, q2, q3]: [f64; 3],
+        arm_free: bool,
+        m: &Matrix3<f64>,
+        q_ref: &JointVec<N>,
+    ) {
+        let side = Complex::new(m[(0, 2)], m[(1, 2)]);
+        let sin_v = side.norm();
+        let straight = sin_v <= STRAIGHT_WRIST;
+        let turn_u = if straight { Complex::turn(q_ref[3] + self.wrist_zero4_rad) } else { side.unit(sin_v) };
+        let u = turn_u.angle();
+        let v = sin_v.atan2(m[(2, 2)]);
+        // The second row of Rz(-u) m is (sin w, cos w, 0): well conditioned however straight the wrist is.
+        let w = Complex::new(
+            turn_u.re * m[(1, 1)] - turn_u.im * m[(0, 1)],
+            turn_u.re * m[(1, 0)] - turn_u.im * m[(0, 0)],
+        )
+        .angle();
+        let half_turn = std::f64::consts::PI;
+        for (flipped, u, v, w) in [(false, u, v, w), (true, u + half_turn, -v, w + half_turn)] {
+            let q4 = u - self.wrist_zero4_rad;
+            let q5 = -v - self.wrist_zero5_rad;
+            let q6 = w - self.wrist_zero6_rad;
+            let mut q = JointVec::<N>::zeros();
+            q.copy_from_slice(&[q1, q2, q3, q4, q5, q6]);
+            out.set(Branch::new(back, negative, flipped), q, arm_free || straight);
+        }
+    }
+
+    /// The branch of a configuration.
+    pub(crate) fn branch_of(&self, q: &[f64; 6]) -> Branch {
+        let upper_arm = q[1] + self.upper_arm_zero_rad;
+        let forearm = self.forearm_zero_rad + q[1] + self.sign3 * q[2];
+        let radial = self.a1_m + self.c2_m * upper_arm.sin() + self.k_m * forearm.sin();
+        let elbow = (forearm - upper_arm).sin();
+        let wrist = -(q[4] + self.wrist_zero5_rad).sin();
+        Branch::new(radial < 0.0, elbow < 0.0, wrist < 0.0)
+    }
+
+    /// Wrist centre in the world for the pose of the last joint frame.
+    #[must_use]
+    pub fn wrist_centre(&self, x_wn: &Pose) -> Vector3<f64> {
+        x_wn.transform_point(&self.wrist_centre_n)
+    }
+}
+
+/// `Rz(angle)ᵀ m`.
+fn rot_z_transposed(turn: Complex, m: &Matrix3<f64>) -> Matrix3<f64> {
+    let (c, s) = (turn.re, turn.im);
+    let (x, y) = (m.row(0), m.row(1));
+    Matrix3::from_rows(&[x * c + y * s, y * c - x * s, m.row(2).into_owned()])
+}
+
+/// `Ry(angle)ᵀ m`.
+fn rot_y_transposed(turn: Complex, m: &Matrix3<f64>) -> Matrix3<f64> {
+    let (c, s) = (turn.re, turn.im);
+    let (x, z) = (m.row(0), m.row(2));
+    Matrix3::from_rows(&[x * c - z * s, m.row(1).into_owned(), x * s + z * c])
+}

@@ -1,0 +1,78 @@
+//! Forward kinematics.
+
+use nalgebra::Vector3;
+
+use crate::model::{JointVec, RobotModel};
+use crate::pose::Pose;
+
+/// Poses of all joint frames in the world for one configuration.
+///
+/// Computed once by [`RobotModel::fk`]; Jacobians, end effector, ball and collision boxes are then read off it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Frames<const N: usize> {
+    /// `X_Wi`: joint frame `i` in the world; its z axis is the axis of joint `i`. Index 0 is joint 1.
+    pub x_w: [Pose; N],
+}
+
+impl<const N: usize> Frames<N> {
+    /// Unit axis of joint `i` (index from 0) in the world.
+    #[must_use]
+    pub fn axis(&self, i: usize) -> Vector3<f64> {
+        self.x_w[i].rot.column(2).into()
+    }
+
+    /// Origin of joint frame `i` (index from 0) in the world, in m.
+    #[must_use]
+    pub fn origin(&self, i: usize) -> Vector3<f64> {
+        self.x_w[i].pos
+    }
+}
+
+impl<const N: usize> RobotModel<N> {
+    /// Forward kinematics: all joint frames in the world for joint angles in rad.
+    ///
+    /// Any finite angle is accepted; ranges are not applied here.
+    #[must_use]
+    pub fn fk(&self, q_rad: &JointVec<N>) -> Frames<N> {
+        let mut x_w = [Pose::identity(); N];
+        let mut before = Pose::identity();
+        for (i, joint) in self.joints.iter().enumerate() {
+            before = before * turned(&joint.x_pj, q_rad[i]);
+            x_w[i] = before;
+        }
+        Frames { x_w }
+    }
+
+    /// End effector in the world, `X_WE`.
+    #[must_use]
+    pub fn ee(&self, frames: &Frames<N>) -> Pose {
+        frames.x_w[N - 1] * self.x_ne
+    }
+
+    /// Release frame in the world; its origin is the ball's centre.
+    #[must_use]
+    pub fn ball(&self, frames: &Frames<N>) -> Pose {
+        self.ee(frames) * self.gripper.x_eb
+    }
+
+    /// The link frame of the robot file for link `i` (index from 0), in the world.
+    ///
+    /// Differs from the joint frame only for standard DH and for axes other than z.
+    #[must_use]
+    pub fn file_link_frame(&self, frames: &Frames<N>, i: usize) -> Pose {
+        frames.x_w[i] * self.links[i].x_jl
+    }
+}
+
+/// `x · Rz(q)`, without multiplying by the zeros of the rotation.
+#[inline]
+pub(crate) fn turned(x: &Pose, q_rad: f64) -> Pose {
+    let (s, c) = q_rad.sin_cos();
+    let mut rot = x.rot;
+    for row in 0..3 {
+        let (a, b) = (x.rot[(row, 0)], x.rot[(row, 1)]);
+        rot[(row, 0)] = a * c + b * s;
+        rot[(row, 1)] = b * c - a * s;
+    }
+    Pose::new(rot, x.pos)
+}

@@ -1,0 +1,111 @@
+//! Boxes and masses of the base and the links.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::exactly;
+use super::reader::Section;
+use crate::collision::BodyBox;
+use crate::error::{LoadError, Problem};
+use crate::model::{Link, LinkInertia};
+use crate::pose::Pose;
+
+/// The links, and all boxes (base = link 0) in joint frames.
+pub(super) fn read<const N: usize>(
+    root: &Section<'_>,
+    x_jl: &[Pose; N],
+) -> Result<([Link; N], Vec<BodyBox>), LoadError> {
+    let mut boxes = Vec::new();
+    if let Some(base) = root.section_if_given("base")? {
+        read_boxes(&base, 0, &Pose::identity(), &mut boxes)?;
+        base.finish()?;
+    }
+    let sections = root.sections("link")?;
+    if sections.len() != N {
+        return Err(root.error("link", Problem::LinkCount { joints: N, links: sections.len() }));
+    }
+    let mut links: Vec<Link> = Vec::with_capacity(N);
+    for (i, section) in sections.iter().enumerate() {
+        let name = section.text("name")?.to_owned();
+        if links.iter().any(|l| l.name == name) {
+            return Err(section.error("name", Problem::Duplicate(name)));
+        }
+        let masses = read_boxes(section, i + 1, &x_jl[i], &mut boxes)?;
+        let inertia = read_inertia(section, &x_jl[i], &masses)?;
+        section.finish()?;
+        links.push(Link { name, inertia, x_jl: x_jl[i] });
+    }
+    Ok((exactly(links), boxes))
+}
+
+struct BoxMass {
+    mass_kg: Option<f64>,
+    x_jb: Pose,
+    half_m: Vector3<f64>,
+}
+
+fn read_boxes(
+    section: &Section<'_>,
+    link: usize,
+    x_jl: &Pose,
+    boxes: &mut Vec<BodyBox>,
+) -> Result<Vec<BoxMass>, LoadError> {
+    let mut masses = Vec::new();
+    for part in section.sections("box")? {
+        let name = part.text("name")?.to_owned();
+        if boxes.iter().any(|b| b.name == name) {
+            return Err(part.error("name", Problem::Duplicate(name)));
+        }
+        let center = Vector3::from(part.numbers::<3>("center_m")?);
+        let rpy = part.numbers_or::<3>("rpy_deg", [0.0; 3])?;
+        let half_m = Vector3::from(part.numbers::<3>("half_m")?);
+        if let Some(bad) = half_m.iter().find(|h| **h <= 0.0) {
+            return Err(part.error("half_m", Problem::NotPositive(*bad)));
+        }
+        // The base does not move, so a mass there would be a number without effect.
+        let mass_kg = if link == 0 { None } else { part.positive_if_given("mass_kg")? };
+        part.finish()?;
+        let x_jb = *x_jl * Pose::from_rpy(rpy.map(f64::to_radians), center);
+        masses.push(BoxMass { mass_kg, x_jb, half_m });
+        boxes.push(BodyBox { name, link, x_lb: x_jb, half_m });
+    }
+    Ok(masses)
+}
+
+fn read_inertia(section: &Section<'_>, x_jl: &Pose, boxes: &[BoxMass]) -> Result<LinkInertia, LoadError> {
+    if let Some(part) = section.section_if_given("inertial")? {
+        if boxes.iter().any(|b| b.mass_kg.is_some()) {
+            return Err(section.error("inertial", Problem::MassTwice));
+        }
+        let mass_kg = part.positive("mass_kg")?;
+        let com = Vector3::from(part.numbers::<3>("com_m")?);
+        let moments = part.numbers::<3>("moments_kg_m2")?;
+        let rpy = part.numbers_or::<3>("rpy_deg", [0.0; 3])?;
+        part.finish()?;
+        let x_jp = *x_jl * Pose::from_rpy(rpy.map(f64::to_radians), com);
+        let about_com = symmetric(x_jp.rot * Matrix3::from_diagonal(&moments.into()) * x_jp.rot.transpose());
+        return LinkInertia::new(mass_kg, x_jp.pos, about_com)
+            .ok_or_else(|| part.error("moments_kg_m2", Problem::ImpossibleInertia(moments)));
+    }
+    let masses: Option<Vec<f64>> = boxes.iter().map(|b| b.mass_kg).collect();
+    let masses = masses.filter(|m| !m.is_empty()).ok_or_else(|| section.error("box", Problem::NoMass))?;
+    let mass_kg: f64 = masses.iter().sum();
+    let com = boxes.iter().zip(&masses).map(|(b, m)| b.x_jb.pos * *m).sum::<Vector3<f64>>() / mass_kg;
+    let mut about_com = Matrix3::zeros();
+    for (b, m) in boxes.iter().zip(&masses) {
+        let own = b.x_jb.rot * box_inertia(*m, &b.half_m) * b.x_jb.rot.transpose();
+        let arm = b.x_jb.pos - com;
+        about_com += own + (Matrix3::identity() * arm.norm_squared() - arm * arm.transpose()) * *m;
+    }
+    // Boxes of positive size and mass always make a possible body.
+    LinkInertia::new(mass_kg, com, symmetric(about_com)).ok_or_else(|| section.error("box", Problem::NoMass))
+}
+
+/// Inertia of a uniform box about its centre, axes along its edges, from half sizes.
+fn box_inertia(mass_kg: f64, half_m: &Vector3<f64>) -> Matrix3<f64> {
+    let h = half_m.component_mul(half_m);
+    Matrix3::from_diagonal(&(Vector3::new(h.y + h.z, h.x + h.z, h.x + h.y) * (mass_kg / 3.0)))
+}
+
+fn symmetric(m: Matrix3<f64>) -> Matrix3<f64> {
+    (m + m.transpose()) * 0.5
+}

@@ -1,0 +1,114 @@
+//! Joint frames in the conventions robot files may use, all brought to one form.
+//!
+//! Inside, every joint turns about the z axis of its joint frame, and that frame is the frame of its link. The
+//! file's own link frame may differ (standard DH puts it at the far end, a fixed axis may be x or -y), so its pose
+//! in the joint frame is kept: boxes and inertias of the file are given in it.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::reader::Section;
+use crate::error::{LoadError, Problem};
+use crate::pose::Pose;
+
+/// Frames of all joints.
+pub(super) struct JointFrames<const N: usize> {
+    /// Joint frame in the joint frame before, at q = 0.
+    pub(super) x_pj: [Pose; N],
+    /// The file's link frame in the joint frame.
+    pub(super) x_jl: [Pose; N],
+}
+
+#[derive(Clone, Copy)]
+enum Convention {
+    /// Craig: T(i-1,i) = RotX(alpha) TransX(a) RotZ(q + offset) TransZ(d).
+    ModifiedDh,
+    /// T(i-1,i) = RotZ(q + offset) TransZ(d) TransX(a) RotX(alpha).
+    StandardDh,
+    /// Fixed pose, then a turn about a given axis (as in URDF).
+    FixedAxis,
+}
+
+pub(super) fn read<const N: usize>(
+    root: &Section<'_>,
+    joints: &[Section<'_>],
+) -> Result<JointFrames<N>, LoadError> {
+    let convention = root.choice(
+        "frame_convention",
+        &[
+            ("modified_dh", Convention::ModifiedDh),
+            ("standard_dh", Convention::StandardDh),
+            ("fixed_axis", Convention::FixedAxis),
+        ],
+    )?;
+    let mut frames = JointFrames { x_pj: [Pose::identity(); N], x_jl: [Pose::identity(); N] };
+    // The file's frame of the link before, in the joint frame before.
+    let mut x_before = Pose::identity();
+    for (i, joint) in joints.iter().enumerate().take(N) {
+        let section = joint.section("frame")?;
+        let (x_lj, x_jl) = match convention {
+            Convention::ModifiedDh => {
+                let dh = read_dh(&section)?;
+                (dh.rot_x * dh.trans_x * dh.trans_z * dh.rot_z, Pose::identity())
+            }
+            Convention::StandardDh => {
+                let dh = read_dh(&section)?;
+                (dh.rot_z, dh.trans_z * dh.trans_x * dh.rot_x)
+            }
+            Convention::FixedAxis => {
+                let turn = z_to(&section)?;
+                (read_pose_keys(&section)? * turn, turn.inverse())
+            }
+        };
+        section.finish()?;
+        frames.x_pj[i] = x_before * x_lj;
+        frames.x_jl[i] = x_jl;
+        x_before = x_jl;
+    }
+    Ok(frames)
+}
+
+/// A pose given as `xyz_m` and `rpy_deg` (fixed axes; both default to zero).
+pub(super) fn read_pose(section: &Section<'_>) -> Result<Pose, LoadError> {
+    let pose = read_pose_keys(section)?;
+    section.finish()?;
+    Ok(pose)
+}
+
+fn read_pose_keys(section: &Section<'_>) -> Result<Pose, LoadError> {
+    let xyz = section.numbers_or::<3>("xyz_m", [0.0; 3])?;
+    let rpy = section.numbers_or::<3>("rpy_deg", [0.0; 3])?;
+    Ok(Pose::from_rpy(rpy.map(f64::to_radians), xyz.into()))
+}
+
+struct Dh {
+    rot_x: Pose,
+    trans_x: Pose,
+    trans_z: Pose,
+    rot_z: Pose,
+}
+
+fn read_dh(section: &Section<'_>) -> Result<Dh, LoadError> {
+    Ok(Dh {
+        rot_x: Pose::rot_x(section.f64("alpha_deg")?.to_radians()),
+        trans_x: Pose::translation(section.f64("a_m")?, 0.0, 0.0),
+        trans_z: Pose::translation(0.0, 0.0, section.f64("d_m")?),
+        rot_z: Pose::rot_z(section.f64_or("offset_deg", 0.0)?.to_radians()),
+    })
+}
+
+fn z_to(section: &Section<'_>) -> Result<Pose, LoadError> {
+    let axis = Vector3::from(section.numbers::<3>("axis")?);
+    turn_z_to(&axis).ok_or_else(|| section.error("axis", Problem::ZeroAxis))
+}
+
+/// A rotation whose z axis is along `axis`; `None` if the axis has no direction.
+///
+/// Exact for the six coordinate directions.
+pub(crate) fn turn_z_to(axis: &Vector3<f64>) -> Option<Pose> {
+    let z = axis.try_normalize(1e-9)?;
+    // The coordinate axis least along z gives the best conditioned x axis; for the usual axes it is exact.
+    let x_hint = if z.z.abs() > 0.9 { Vector3::x() } else { Vector3::z() };
+    let y = z.cross(&x_hint).normalize();
+    let x = y.cross(&z);
+    Some(Pose::new(Matrix3::from_columns(&[x, y, z]), Vector3::zeros()))
+}

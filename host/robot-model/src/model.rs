@@ -1,0 +1,337 @@
+//! The validated robot: what a robot file says, in SI units, with every check passed.
+
+use nalgebra::{Matrix3, SVector, Vector3};
+
+use crate::collision::CollisionModel;
+use crate::family::Family;
+use crate::pose::Pose;
+
+/// One number per joint.
+pub type JointVec<const N: usize> = SVector<f64, N>;
+
+/// A serial arm of `N` revolute joints, read from a robot file and checked.
+///
+/// Immutable: whoever holds one may rely on finite numbers, limits in order, positive masses and inertias (so the
+/// mass matrix is positive definite), supplies that cover every drive once, and frames that fit the kinematic
+/// family. The methods are in one file per concept: `kinematics`, `ik`, `dynamics`, `currents`, `collision`.
+#[derive(Debug, Clone)]
+pub struct RobotModel<const N: usize> {
+    pub(crate) name: String,
+    pub(crate) description: String,
+    pub(crate) joints: [Joint; N],
+    pub(crate) links: [Link; N],
+    pub(crate) x_ne: Pose,
+    pub(crate) gripper: Gripper,
+    pub(crate) family: Family,
+    pub(crate) drives: Option<[Drive; N]>,
+    pub(crate) supplies: Vec<Supply<N>>,
+    pub(crate) drive_loop: Option<DriveLoop>,
+    pub(crate) world: World,
+    pub(crate) collision: CollisionModel,
+}
+
+/// A revolute joint: where its axis is, and how far and fast it may turn.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Joint {
+    /// Name, unique in the robot.
+    pub name: String,
+    /// Pose of the joint frame in the frame of the link before, at q = 0; the joint turns about its z axis.
+    pub x_pj: Pose,
+    /// Range and rates.
+    pub limits: JointLimits,
+}
+
+/// Range and rates of a joint, on the joint side of the gear.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointLimits {
+    /// Lower end of the range in rad.
+    pub q_min_rad: f64,
+    /// Upper end of the range in rad; above `q_min_rad`.
+    pub q_max_rad: f64,
+    /// Largest speed in rad/s.
+    pub v_max_rad_s: f64,
+    /// Largest acceleration a plan may use, in rad/s².
+    pub a_max_rad_s2: f64,
+    /// Largest acceleration the controller may command, in rad/s² (eq. (11) of the throwing paper);
+    /// `a_max_rad_s2` where the file gives none.
+    pub a_control_max_rad_s2: f64,
+    /// Largest acceleration while the hand follows the flight parabola, in rad/s², where the machine has such a limit.
+    pub a_follow_max_rad_s2: Option<f64>,
+    /// Largest jerk in rad/s³.
+    pub j_max_rad_s3: f64,
+    /// Largest torque at the joint in N·m, where known.
+    pub torque_max_nm: Option<f64>,
+}
+
+/// The rigid body that a joint moves, with everything bolted to it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Link {
+    /// Name, unique in the robot.
+    pub name: String,
+    /// Mass, centre of mass and inertia in the joint frame.
+    pub inertia: LinkInertia,
+    /// The frame in which the robot file gives this link's boxes, in the joint frame.
+    ///
+    /// Identity for modified DH; for standard DH the frame at the far end of the link, for an axis other than z the
+    /// frame before it was turned so that the joint turns about z.
+    pub x_jl: Pose,
+}
+
+/// Mass distribution of a link in its joint frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LinkInertia {
+    mass_kg: f64,
+    com_m: Vector3<f64>,
+    about_com_kg_m2: Matrix3<f64>,
+    // Derived once: first moment m·c and inertia about the frame origin, as the dynamics use them.
+    pub(crate) first_moment_kg_m: Vector3<f64>,
+    pub(crate) about_origin_kg_m2: Matrix3<f64>,
+}
+
+impl LinkInertia {
+    /// From mass, centre of mass, and inertia tensor about the centre of mass.
+    ///
+    /// Returns `None` unless mass is positive, everything is finite, the tensor is symmetric and its principal
+    /// moments are those of a body: positive, the largest not above the sum of the other two.
+    #[must_use]
+    pub fn new(mass_kg: f64, com_m: Vector3<f64>, about_com_kg_m2: Matrix3<f64>) -> Option<Self> {
+        let finite = mass_kg.is_finite()
+            && com_m.iter().all(|v| v.is_finite())
+            && about_com_kg_m2.iter().all(|v| v.is_finite());
+        if !finite || mass_kg <= 0.0 {
+            return None;
+        }
+        let scale = about_com_kg_m2.amax();
+        if (about_com_kg_m2 - about_com_kg_m2.transpose()).amax() > 1e-12 * scale {
+            return None;
+        }
+        let moments = about_com_kg_m2.symmetric_eigenvalues();
+        let (largest, smallest) = (moments.max(), moments.min());
+        // Thin plates reach equality, so the triangle inequality gets rounding slack.
+        if smallest <= 0.0 || 2.0 * largest > moments.sum() * (1.0 + 1e-9) {
+            return None;
+        }
+        let c2 = com_m.norm_squared();
+        let steiner = (Matrix3::identity() * c2 - com_m * com_m.transpose()) * mass_kg;
+        Some(Self {
+            mass_kg,
+            com_m,
+            about_com_kg_m2,
+            first_moment_kg_m: com_m * mass_kg,
+            about_origin_kg_m2: about_com_kg_m2 + steiner,
+        })
+    }
+
+    /// The same body with a point mass bolted to it at `at_m` in the joint frame, for example a ball in the hand.
+    ///
+    /// `None` if the mass is negative or not finite.
+    #[must_use]
+    pub fn with_point_mass(&self, mass_kg: f64, at_m: &Vector3<f64>) -> Option<Self> {
+        if !(mass_kg >= 0.0 && mass_kg.is_finite()) {
+            return None;
+        }
+        let total = self.mass_kg + mass_kg;
+        let apart = at_m - self.com_m;
+        let com = self.com_m + apart * (mass_kg / total);
+        let reduced = self.mass_kg * mass_kg / total;
+        let steiner = (Matrix3::identity() * apart.norm_squared() - apart * apart.transpose()) * reduced;
+        Self::new(total, com, self.about_com_kg_m2 + steiner)
+    }
+
+    /// Mass in kg.
+    #[must_use]
+    pub fn mass_kg(&self) -> f64 {
+        self.mass_kg
+    }
+
+    /// Centre of mass in the joint frame, in m.
+    #[must_use]
+    pub fn com_m(&self) -> &Vector3<f64> {
+        &self.com_m
+    }
+
+    /// Inertia tensor about the centre of mass, axes of the joint frame, in kg·m².
+    #[must_use]
+    pub fn about_com_kg_m2(&self) -> &Matrix3<f64> {
+        &self.about_com_kg_m2
+    }
+}
+
+/// The drive module behind a joint.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Drive {
+    /// Module type as printed on it.
+    pub module: String,
+    /// Address on the bus, 1 to 31.
+    pub address: u8,
+    /// Firmware version as the module reports it, for example 0x4614.
+    pub firmware: u16,
+    /// Motor turns per joint turn.
+    pub gear_ratio: f64,
+    /// Encoder slots per motor turn.
+    pub encoder_slots: u32,
+    /// Largest current of the module in A.
+    pub current_max_a: f64,
+    /// K_B of eq. (9): current per joint speed, A·s/rad.
+    pub k_b_a_s_rad: f64,
+    /// K_M of eq. (9): current per joint torque, A/(N·m).
+    pub k_m_a_nm: f64,
+}
+
+/// A power supply and the joints on it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Supply<const N: usize> {
+    /// Name, unique in the robot.
+    pub name: String,
+    /// Voltage in V.
+    pub voltage_v: f64,
+    /// Largest current in A.
+    pub current_max_a: f64,
+    /// Which joints it feeds.
+    pub feeds: [bool; N],
+}
+
+/// Inner position loop and friction of a drive, the same for all joints; used by the simulator.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DriveLoop {
+    /// Natural frequency of the position loop in rad/s.
+    pub natural_frequency_rad_s: f64,
+    /// Damping ratio of the position loop.
+    pub damping_ratio: f64,
+    /// Coulomb friction as the joint deceleration it causes, in rad/s².
+    pub coulomb_friction_rad_s2: f64,
+    /// Step of the measured position in rad.
+    pub position_resolution_rad: f64,
+    /// Command periods between a command and its effect.
+    pub delay_periods: u32,
+}
+
+/// What the hand holds, and how.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Gripper {
+    /// T_ball: release frame in the end-effector frame; origin at the ball's centre, z along the throw.
+    pub x_eb: Pose,
+    /// Radius of the ball in m.
+    pub ball_radius_m: f64,
+    /// Mass of the ball in kg; zero means that it is neglected.
+    pub ball_mass_kg: f64,
+}
+
+/// Surroundings in the world frame (arm base, z up).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct World {
+    /// Gravity along -z, in m/s².
+    pub gravity_m_s2: f64,
+    /// Height of the floor in m.
+    pub floor_z_m: f64,
+}
+
+impl<const N: usize> RobotModel<N> {
+    /// Name of the robot.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// One line about the robot.
+    #[must_use]
+    pub fn description(&self) -> &str {
+        &self.description
+    }
+
+    /// The joints, base first.
+    #[must_use]
+    pub fn joints(&self) -> &[Joint; N] {
+        &self.joints
+    }
+
+    /// The moving links, base first; link `i` is moved by joint `i`.
+    #[must_use]
+    pub fn links(&self) -> &[Link; N] {
+        &self.links
+    }
+
+    /// End effector in the last joint frame, `X_NE`.
+    #[must_use]
+    pub fn end_effector(&self) -> &Pose {
+        &self.x_ne
+    }
+
+    /// Hand and ball.
+    #[must_use]
+    pub fn gripper(&self) -> &Gripper {
+        &self.gripper
+    }
+
+    /// Kinematic family with its dimensions.
+    #[must_use]
+    pub fn family(&self) -> &Family {
+        &self.family
+    }
+
+    /// The drive modules, if the robot file describes them (all joints or none).
+    #[must_use]
+    pub fn drives(&self) -> Option<&[Drive; N]> {
+        self.drives.as_ref()
+    }
+
+    /// The power supplies; together they feed every drive exactly once. Empty without drives.
+    #[must_use]
+    pub fn supplies(&self) -> &[Supply<N>] {
+        &self.supplies
+    }
+
+    /// Drive loop and friction for simulation, if the robot file describes them.
+    #[must_use]
+    pub fn drive_loop(&self) -> Option<&DriveLoop> {
+        self.drive_loop.as_ref()
+    }
+
+    /// Gravity and floor.
+    #[must_use]
+    pub fn world(&self) -> &World {
+        &self.world
+    }
+
+    /// Boxes and the pairs to test.
+    #[must_use]
+    pub fn collision(&self) -> &CollisionModel {
+        &self.collision
+    }
+
+    /// Lower ends of the joint ranges in rad.
+    #[must_use]
+    pub fn q_min(&self) -> JointVec<N> {
+        self.limit(|l| l.q_min_rad)
+    }
+
+    /// Upper ends of the joint ranges in rad.
+    #[must_use]
+    pub fn q_max(&self) -> JointVec<N> {
+        self.limit(|l| l.q_max_rad)
+    }
+
+    /// Any limit as a vector, for example `model.limit(|l| l.v_max_rad_s)`.
+    #[must_use]
+    pub fn limit(&self, pick: impl Fn(&JointLimits) -> f64) -> JointVec<N> {
+        JointVec::from_fn(|i, _| pick(&self.joints[i].limits))
+    }
+
+    /// Whether every joint is inside its range, widened by `slack_rad` on both sides.
+    #[must_use]
+    pub fn in_range(&self, q_rad: &JointVec<N>, slack_rad: f64) -> bool {
+        self.joints
+            .iter()
+            .zip(q_rad.iter())
+            .all(|(j, q)| *q >= j.limits.q_min_rad - slack_rad && *q <= j.limits.q_max_rad + slack_rad)
+    }
+
+    /// The same robot with other link inertias, for robustness studies and payloads.
+    #[must_use]
+    pub fn with_inertias(mut self, change: impl Fn(usize, &LinkInertia) -> LinkInertia) -> Self {
+        for (i, link) in self.links.iter_mut().enumerate() {
+            link.inertia = change(i, &link.inertia);
+        }
+        self
+    }
+}
