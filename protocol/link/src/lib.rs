@@ -4,8 +4,10 @@
 //!
 //! | layer | files | is | must not |
 //! |---|---|---|---|
+//! | spec | [`BusSpec`] | the `--bus` string, checked | open anything |
 //! | contract | [`Link`], [`Event`], [`wait`] | what every link is: frames and bus errors in, frames out, never blocking | know a particular medium |
 //! | media | [`socketcand`] | one folder per medium, client and server side | know another medium |
+//! | runner | [`Runner`], [`Lateness`] | the loop of the [`protocol::Node`] contract on a link, with the monotonic clock | interpret a frame |
 //!
 //! # Invariants of the crate
 //!
@@ -20,10 +22,16 @@
 
 mod clock;
 mod error;
+mod lateness;
 mod link;
+mod runner;
 pub mod socketcand;
+mod spec;
 mod stream;
 
 pub use clock::Clock;
 pub use error::{LinkError, OpenError, SendError};
+pub use lateness::Lateness;
 pub use link::{Event, Link, LinkStats, PollSet, wait};
+pub use runner::{Direction, RunError, RunStats, Runner};
+pub use spec::{BusSpec, SlcanPort, SpecError};
