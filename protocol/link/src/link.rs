@@ -1,0 +1,161 @@
+//! The contract of every link, and waiting on several of them.
+
+use std::os::fd::{AsFd, BorrowedFd};
+
+use protocol::{Frame, Instant};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+
+use crate::clock::Clock;
+use crate::error::{LinkError, SendError};
+
+/// What came in over a link.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Event {
+    /// A frame of another participant; a link never hands back what was sent through it.
+    Frame {
+        /// Arrival by the link's [`Clock`]; never decreases from event to event.
+        at: Instant,
+        /// The far side's own time stamp, on the far side's clock, if the medium carries one.
+        stamp: Option<Instant>,
+        /// The frame.
+        frame: Frame,
+    },
+    /// The CAN controller behind the link reports errors of the bus.
+    BusError {
+        /// Arrival by the link's [`Clock`].
+        at: Instant,
+        /// Error class bits as in Linux `can/error.h`.
+        class: u32,
+    },
+}
+
+/// Counters of a link since it was opened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LinkStats {
+    /// Frames handed out by [`Link::receive`].
+    pub frames_in: u64,
+    /// Frames accepted by [`Link::send`].
+    pub frames_out: u64,
+    /// Frames (of each receiver, if there are several) lost because an output queue was full.
+    pub dropped_out: u64,
+    /// Frames sent that the far side refused, and other complaints of the far side.
+    pub refused_out: u64,
+    /// Received frames lost because an input queue was full.
+    pub dropped_in: u64,
+    /// Received messages or lines that could not be read.
+    pub malformed_in: u64,
+}
+
+/// One way to reach a CAN bus.
+///
+/// # Calling order
+///
+/// [`send`](Link::send) and [`receive`](Link::receive) never block. An owner repeats: call
+/// [`receive`](Link::receive) until it returns `None`, do what is due, then [`wait`]. A link does its
+/// reading, writing and housekeeping inside [`receive`](Link::receive), so an owner that stops calling
+/// it also stops its output queue from draining.
+pub trait Link {
+    /// The link as a person would name it (`socketcand://127.0.0.1:29536/can0`), for messages.
+    fn name(&self) -> &str;
+
+    /// Queues a frame for the bus.
+    ///
+    /// # Errors
+    ///
+    /// [`SendError::QueueFull`] if the frame was dropped; the link stays usable. Any other error
+    /// means that the link is gone.
+    fn send(&mut self, frame: &Frame) -> Result<(), SendError>;
+
+    /// Next event, or `None` if nothing is there at the moment.
+    ///
+    /// # Errors
+    ///
+    /// The link is gone; further calls repeat the error.
+    fn receive(&mut self) -> Result<Option<Event>, LinkError>;
+
+    /// Names what the link waits for.
+    fn register<'a>(&'a self, set: &mut PollSet<'a>);
+
+    /// Earliest time at which [`receive`](Link::receive) has housekeeping to do even if nothing
+    /// arrives.
+    fn deadline(&self) -> Option<Instant> {
+        None
+    }
+
+    /// Counters since the link was opened.
+    fn stats(&self) -> LinkStats;
+}
+
+impl<L: Link + ?Sized> Link for Box<L> {
+    fn name(&self) -> &str {
+        (**self).name()
+    }
+    fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
+        (**self).send(frame)
+    }
+    fn receive(&mut self) -> Result<Option<Event>, LinkError> {
+        (**self).receive()
+    }
+    fn register<'a>(&'a self, set: &mut PollSet<'a>) {
+        (**self).register(set);
+    }
+    fn deadline(&self) -> Option<Instant> {
+        (**self).deadline()
+    }
+    fn stats(&self) -> LinkStats {
+        (**self).stats()
+    }
+}
+
+/// File descriptors to wait for, collected from links by [`wait`].
+#[derive(Default)]
+pub struct PollSet<'a> {
+    fds: Vec<PollFd<'a>>,
+}
+
+impl<'a> PollSet<'a> {
+    /// Wakes when `fd` can be read or is closed, and, if `write` is set, also when it can be written.
+    pub fn add(&mut self, fd: &'a impl AsFd, write: bool) {
+        self.add_borrowed(fd.as_fd(), true, write);
+    }
+
+    /// As [`add`](Self::add), with a choice of what wakes; an `fd` with neither wakes only when closed.
+    pub fn add_borrowed(&mut self, fd: BorrowedFd<'a>, read: bool, write: bool) {
+        let mut flags = PollFlags::empty();
+        flags.set(PollFlags::IN, read);
+        flags.set(PollFlags::OUT, write);
+        self.fds.push(PollFd::from_borrowed_fd(fd, flags));
+    }
+}
+
+/// Sleeps until one of `links` has something to do, `until` has come, or a signal arrives.
+///
+/// May return early without a reason; the caller looks at its links and its clock anyway. `None`
+/// sleeps without limit.
+///
+/// # Errors
+///
+/// Only what `poll(2)` reports for exhausted memory or a broken descriptor.
+pub fn wait(links: &[&dyn Link], clock: &Clock, until: Option<Instant>) -> std::io::Result<()> {
+    let mut set = PollSet::default();
+    let mut earliest = until;
+    for link in links {
+        link.register(&mut set);
+        earliest = match (earliest, link.deadline()) {
+            (Some(a), Some(b)) => Some(a.min(b)),
+            (a, b) => a.or(b),
+        };
+    }
+    let timeout = earliest.map(|until| {
+        let span = clock.remaining(until);
+        Timespec {
+            tv_sec: i64::try_from(span.as_secs()).unwrap_or(i64::MAX),
+            tv_nsec: span.subsec_nanos().into(),
+        }
+    });
+    match poll(&mut set.fds, timeout.as_ref()) {
+        Ok(_) | Err(Errno::INTR) => Ok(()),
+        Err(error) => Err(error.into()),
+    }
+}

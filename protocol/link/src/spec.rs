@@ -1,0 +1,308 @@
+//! The `--bus` string.
+
+use std::fmt;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use protocol::text::BusName;
+use protocol::text::socketcand::DEFAULT_PORT;
+
+/// Longest name of a Linux network interface (`IFNAMSIZ` without the end mark).
+const INTERFACE_NAME_MAX: usize = 15;
+
+/// Which bus to use, as people write it.
+///
+/// | text | meaning |
+/// |---|---|
+/// | `sim` | the cell simulated inside the program |
+/// | `can0`, `vcan0` | Linux SocketCAN interface |
+/// | `socketcand://host:port/bus` | socketcand protocol over TCP; without a host 127.0.0.1, without a port 29536, without a bus `can0` |
+/// | `slcan:/dev/ttyACM0` | SLCAN adapter at a serial device |
+/// | `slcan://host:port` | SLCAN over TCP |
+///
+/// SLCAN takes `?bitrate=500000` (bit rate of the bus, default 1 Mbit/s) and, at a device,
+/// `?baud=115200` (speed of a real serial line; USB adapters ignore it), joined with `&`.
+///
+/// Printing a spec gives a text that parses to the same spec.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum BusSpec {
+    /// The simulated cell, embedded.
+    Sim,
+    /// A SocketCAN interface by name.
+    SocketCan {
+        /// `can0`
+        interface: String,
+    },
+    /// A bus of a socketcand server.
+    Socketcand {
+        /// Name or address; IPv6 without brackets.
+        host: String,
+        /// TCP port; 0 only makes sense for a server, which then takes any free one.
+        port: u16,
+        /// Name of the bus at the server; a [`BusName`].
+        bus: String,
+    },
+    /// An SLCAN adapter.
+    Slcan {
+        /// Where it is.
+        port: SlcanPort,
+        /// Bit rate of the bus in bit/s: one of the nine SLCAN has a code for.
+        bitrate: u32,
+    },
+}
+
+/// Where an SLCAN adapter is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum SlcanPort {
+    /// A serial device.
+    Device {
+        /// `/dev/ttyACM0`
+        path: PathBuf,
+        /// Speed of the line in bit/s; `None` leaves it as it is.
+        baud: Option<u32>,
+    },
+    /// A TCP port.
+    Tcp {
+        /// Name or address; IPv6 without brackets.
+        host: String,
+        /// TCP port.
+        port: u16,
+    },
+}
+
+/// Why a text is no [`BusSpec`]: what, and how to write it instead.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("--bus {text}: {problem}\n  next: write {example}")]
+pub struct SpecError {
+    /// The text as given.
+    pub text: String,
+    /// What is wrong with it.
+    pub problem: String,
+    /// A text of the same kind that would be right.
+    pub example: &'static str,
+}
+
+/// Bit rates with an SLCAN code, `S0` to `S8`.
+const SLCAN_BITRATES: [u32; 9] =
+    [10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000];
+
+const ANY: &str =
+    "sim, can0, socketcand://127.0.0.1:29536/can0, slcan:/dev/ttyACM0 or slcan://127.0.0.1:3333";
+const SOCKETCAND: &str = "socketcand://127.0.0.1:29536/can0";
+const SLCAN_TCP: &str = "slcan://127.0.0.1:3333";
+const SLCAN_DEVICE: &str = "slcan:/dev/ttyACM0";
+const SLCAN_OPTIONS: &str = "slcan:/dev/ttyUSB0?bitrate=1000000&baud=115200";
+
+impl FromStr for BusSpec {
+    type Err = SpecError;
+
+    fn from_str(text: &str) -> Result<Self, SpecError> {
+        let fail = |example, problem: String| SpecError { text: text.to_owned(), problem, example };
+        match text.split_once(':') {
+            None => interface(text).map_err(|problem| fail(ANY, problem)),
+            Some(("socketcand", rest)) => {
+                let rest = rest.strip_prefix("//").ok_or_else(|| {
+                    fail(SOCKETCAND, "two slashes are missing after 'socketcand:'".to_owned())
+                })?;
+                socketcand(rest).map_err(|problem| fail(SOCKETCAND, problem))
+            }
+            Some(("slcan", rest)) => {
+                let (place, query) = rest.split_once('?').unwrap_or((rest, ""));
+                let options = slcan_options(query).map_err(|problem| fail(SLCAN_OPTIONS, problem))?;
+                if let Some(authority) = place.strip_prefix("//") {
+                    if options.baud.is_some() {
+                        return Err(fail(SLCAN_TCP, "a TCP connection has no baud rate".to_owned()));
+                    }
+                    let (host, port) = host_port(authority).map_err(|problem| fail(SLCAN_TCP, problem))?;
+                    let port = port.ok_or_else(|| fail(SLCAN_TCP, "the port is missing".to_owned()))?;
+                    Ok(Self::Slcan { port: SlcanPort::Tcp { host, port }, bitrate: options.bitrate })
+                } else if place.is_empty() {
+                    Err(fail(SLCAN_DEVICE, "the device is missing after 'slcan:'".to_owned()))
+                } else {
+                    let port = SlcanPort::Device { path: place.into(), baud: options.baud };
+                    Ok(Self::Slcan { port, bitrate: options.bitrate })
+                }
+            }
+            Some((scheme, _)) => Err(fail(ANY, format!("'{scheme}:' is no kind of bus this program knows"))),
+        }
+    }
+}
+
+fn interface(name: &str) -> Result<BusSpec, String> {
+    match name {
+        "" => return Err("the name is empty".to_owned()),
+        "sim" => return Ok(BusSpec::Sim),
+        "socketcand" | "slcan" => return Err(format!("'{name}' needs to know where")),
+        _ => {}
+    }
+    if name.len() > INTERFACE_NAME_MAX {
+        return Err(format!(
+            "an interface name has at most {INTERFACE_NAME_MAX} characters, this has {}",
+            name.len()
+        ));
+    }
+    if let Some(found) = name.chars().find(|found| *found == '/' || !found.is_ascii_graphic()) {
+        return Err(format!("an interface name cannot contain {found:?}"));
+    }
+    Ok(BusSpec::SocketCan { interface: name.to_owned() })
+}
+
+/// `host:port/bus`, every part optional.
+fn socketcand(rest: &str) -> Result<BusSpec, String> {
+    let (authority, bus) = rest.split_once('/').unwrap_or((rest, ""));
+    let (host, port) = host_port(authority)?;
+    let bus = if bus.is_empty() { "can0" } else { bus };
+    let bus = BusName::new(bus).map_err(|error| error.to_string())?;
+    Ok(BusSpec::Socketcand { host, port: port.unwrap_or(DEFAULT_PORT), bus: bus.as_str().to_owned() })
+}
+
+/// `host`, `host:port`, `[::1]:port`; an empty host is 127.0.0.1.
+fn host_port(authority: &str) -> Result<(String, Option<u16>), String> {
+    let (host, port) = if let Some(rest) = authority.strip_prefix('[') {
+        let (host, rest) =
+            rest.split_once(']').ok_or_else(|| "the bracket of the address is not closed".to_owned())?;
+        match rest.strip_prefix(':') {
+            Some(port) => (host, Some(port)),
+            None if rest.is_empty() => (host, None),
+            None => return Err(format!("'{rest}' after the address is no port")),
+        }
+    } else {
+        match authority.split_once(':') {
+            Some((_, port)) if port.contains(':') => {
+                return Err("an IPv6 address needs brackets, as in [::1]:29536".to_owned());
+            }
+            Some((host, port)) => (host, Some(port)),
+            None => (authority, None),
+        }
+    };
+    if let Some(found) = host.chars().find(|found| !found.is_ascii_graphic()) {
+        return Err(format!("a host name cannot contain {found:?}"));
+    }
+    let port = match port {
+        None => None,
+        Some(port) => {
+            Some(port.parse().map_err(|_| format!("'{port}' is no TCP port (a number from 1 to 65535)"))?)
+        }
+    };
+    let host = if host.is_empty() { "127.0.0.1" } else { host };
+    Ok((host.to_owned(), port))
+}
+
+struct SlcanOptions {
+    bitrate: u32,
+    baud: Option<u32>,
+}
+
+fn slcan_options(query: &str) -> Result<SlcanOptions, String> {
+    let mut options = SlcanOptions { bitrate: 1_000_000, baud: None };
+    for option in query.split('&').filter(|option| !option.is_empty()) {
+        let (key, value) = option.split_once('=').ok_or_else(|| format!("'{option}' has no value"))?;
+        let number: u32 = value.parse().map_err(|_| format!("{key}: '{value}' is no number"))?;
+        match key {
+            "bitrate" if SLCAN_BITRATES.contains(&number) => options.bitrate = number,
+            "bitrate" => {
+                return Err(format!("SLCAN has no code for {number} bit/s (only {SLCAN_BITRATES:?})"));
+            }
+            "baud" if number > 0 => options.baud = Some(number),
+            "baud" => return Err("a baud rate is above zero".to_owned()),
+            _ => return Err(format!("'{key}' is no option of SLCAN (bitrate, baud)")),
+        }
+    }
+    Ok(options)
+}
+
+impl fmt::Display for BusSpec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let host_port = crate::socketcand::host_port;
+        match self {
+            Self::Sim => f.write_str("sim"),
+            Self::SocketCan { interface } => f.write_str(interface),
+            Self::Socketcand { host, port, bus } => {
+                write!(f, "socketcand://{}/{bus}", host_port(host, *port))
+            }
+            Self::Slcan { port: SlcanPort::Tcp { host, port }, bitrate } => {
+                write!(f, "slcan://{}?bitrate={bitrate}", host_port(host, *port))
+            }
+            Self::Slcan { port: SlcanPort::Device { path, baud }, bitrate } => {
+                write!(f, "slcan:{}?bitrate={bitrate}", path.display())?;
+                baud.map_or(Ok(()), |baud| write!(f, "&baud={baud}"))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn socketcand(host: &str, port: u16, bus: &str) -> BusSpec {
+        BusSpec::Socketcand { host: host.into(), port, bus: bus.into() }
+    }
+
+    fn device(path: &str, bitrate: u32, baud: Option<u32>) -> BusSpec {
+        BusSpec::Slcan { port: SlcanPort::Device { path: path.into(), baud }, bitrate }
+    }
+
+    fn tcp(host: &str, port: u16, bitrate: u32) -> BusSpec {
+        BusSpec::Slcan { port: SlcanPort::Tcp { host: host.into(), port }, bitrate }
+    }
+
+    #[test]
+    fn each_form_has_its_meaning_and_prints_to_itself() {
+        for (text, spec) in [
+            ("sim", BusSpec::Sim),
+            ("can0", BusSpec::SocketCan { interface: "can0".into() }),
+            ("vcan0", BusSpec::SocketCan { interface: "vcan0".into() }),
+            ("slcan0", BusSpec::SocketCan { interface: "slcan0".into() }),
+            ("socketcand://lab:1234/can1", socketcand("lab", 1234, "can1")),
+            ("socketcand://lab", socketcand("lab", 29_536, "can0")),
+            ("socketcand://:29999", socketcand("127.0.0.1", 29_999, "can0")),
+            ("socketcand:///vcan3", socketcand("127.0.0.1", 29_536, "vcan3")),
+            ("socketcand://[::1]:29536/can0", socketcand("::1", 29_536, "can0")),
+            ("socketcand://[::1]/can0", socketcand("::1", 29_536, "can0")),
+            ("slcan:/dev/ttyACM0", device("/dev/ttyACM0", 1_000_000, None)),
+            ("slcan:/dev/ttyUSB0?baud=115200&bitrate=500000", device("/dev/ttyUSB0", 500_000, Some(115_200))),
+            ("slcan://127.0.0.1:3333", tcp("127.0.0.1", 3333, 1_000_000)),
+            ("slcan://lab:3333?bitrate=125000", tcp("lab", 3333, 125_000)),
+        ] {
+            assert_eq!(text.parse(), Ok(spec.clone()), "{text}");
+            assert_eq!(spec.to_string().parse(), Ok(spec), "{text}");
+        }
+    }
+
+    #[test]
+    fn every_refusal_names_the_problem_and_a_right_form() {
+        for (text, problem) in [
+            ("", "the name is empty"),
+            ("slcan", "needs to know where"),
+            ("an_interface_name_too_long", "at most 15 characters, this has 26"),
+            ("can 0", "cannot contain ' '"),
+            ("/dev/ttyACM0", "cannot contain '/'"),
+            ("tcp://lab:1", "'tcp:' is no kind of bus"),
+            ("lab:29536", "'lab:' is no kind of bus"),
+            ("socketcand:lab", "two slashes are missing"),
+            ("socketcand://lab:port/can0", "'port' is no TCP port"),
+            ("socketcand://lab:70000/can0", "'70000' is no TCP port"),
+            ("socketcand://lab:1/a/b", "character 2 of the bus name is '/'"),
+            ("socketcand://::1:29536/can0", "an IPv6 address needs brackets"),
+            ("socketcand://[::1/can0", "not closed"),
+            ("socketcand://[::1]x/can0", "'x' after the address"),
+            ("slcan:", "the device is missing"),
+            ("slcan://lab", "the port is missing"),
+            ("slcan://lab:3333?baud=9600", "a TCP connection has no baud rate"),
+            ("slcan:/dev/ttyACM0?bitrate=123", "SLCAN has no code for 123 bit/s"),
+            ("slcan:/dev/ttyACM0?baud=fast", "'fast' is no number"),
+            ("slcan:/dev/ttyACM0?baud=0", "above zero"),
+            ("slcan:/dev/ttyACM0?speed=1", "'speed' is no option"),
+            ("slcan:/dev/ttyACM0?baud", "'baud' has no value"),
+        ] {
+            let error = text.parse::<BusSpec>().unwrap_err();
+            assert!(error.problem.contains(problem), "{text}: {error}");
+            assert!(
+                error.example.split(" or ").last().unwrap().parse::<BusSpec>().is_ok(),
+                "{text}: {error}"
+            );
+            assert!(error.to_string().starts_with(&format!("--bus {text}: ")), "{error}");
+        }
+    }
+}

@@ -1,0 +1,126 @@
+//! A byte stream that never blocks, with a bounded output queue.
+
+use std::fs::File;
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::TcpStream;
+use std::os::fd::{AsFd, BorrowedFd};
+
+/// Bytes of output that wait for a slow reader: about 1 100 frames in socketcand's text.
+pub(crate) const OUTPUT_QUEUE_BYTES: usize = 64 * 1024;
+
+/// What carries the bytes.
+pub(crate) enum Medium {
+    Tcp(TcpStream),
+    /// A serial device or pseudo-terminal, opened without blocking.
+    #[expect(dead_code, reason = "serial lines come with the SLCAN links")]
+    File(File),
+}
+
+impl AsFd for Medium {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        match self {
+            Self::Tcp(stream) => stream.as_fd(),
+            Self::File(file) => file.as_fd(),
+        }
+    }
+}
+
+/// Result of one read.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) enum Chunk {
+    /// This many bytes are in the buffer.
+    Bytes(usize),
+    /// Nothing there now.
+    Empty,
+    /// The far side has closed.
+    Closed,
+}
+
+/// Reads and writes without blocking; whole messages are queued when the medium is full.
+pub(crate) struct Stream {
+    medium: Medium,
+    /// Bytes `sent..` still have to go.
+    queue: Vec<u8>,
+    sent: usize,
+}
+
+impl Stream {
+    /// `medium` must be set to non-blocking already.
+    pub(crate) const fn new(medium: Medium) -> Self {
+        Self { medium, queue: Vec::new(), sent: 0 }
+    }
+
+    /// A TCP connection without Nagle's delay: an answer leaves at once and on its own.
+    pub(crate) fn tcp(stream: TcpStream) -> io::Result<Self> {
+        stream.set_nonblocking(true)?;
+        stream.set_nodelay(true)?;
+        Ok(Self::new(Medium::Tcp(stream)))
+    }
+
+    pub(crate) fn read(&mut self, buffer: &mut [u8]) -> io::Result<Chunk> {
+        loop {
+            let result = match &mut self.medium {
+                Medium::Tcp(stream) => stream.read(buffer),
+                Medium::File(file) => file.read(buffer),
+            };
+            return match result {
+                Ok(0) => Ok(Chunk::Closed),
+                Ok(count) => Ok(Chunk::Bytes(count)),
+                Err(error) => match error.kind() {
+                    ErrorKind::Interrupted => continue,
+                    ErrorKind::WouldBlock => Ok(Chunk::Empty),
+                    ErrorKind::ConnectionReset | ErrorKind::BrokenPipe => Ok(Chunk::Closed),
+                    _ => Err(error),
+                },
+            };
+        }
+    }
+
+    /// Appends a whole message to the queue; false, and nothing is queued, if it does not fit.
+    pub(crate) fn queue(&mut self, message: &[u8]) -> bool {
+        let fits = self.pending() + message.len() <= OUTPUT_QUEUE_BYTES;
+        if fits {
+            self.queue.extend_from_slice(message);
+        }
+        fits
+    }
+
+    /// Bytes that wait to be written.
+    pub(crate) fn pending(&self) -> usize {
+        self.queue.len() - self.sent
+    }
+
+    /// Writes what the medium takes now; true if that was anything.
+    pub(crate) fn flush(&mut self) -> io::Result<bool> {
+        let before = self.sent;
+        while let Some(rest) = self.queue.get(self.sent..).filter(|rest| !rest.is_empty()) {
+            let result = match &mut self.medium {
+                Medium::Tcp(stream) => stream.write(rest),
+                Medium::File(file) => file.write(rest),
+            };
+            match result {
+                Ok(0) => return Err(ErrorKind::WriteZero.into()),
+                Ok(count) => self.sent += count,
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) if error.kind() == ErrorKind::WouldBlock => break,
+                Err(error) => return Err(error),
+            }
+        }
+        let progress = self.sent > before;
+        // Copying the rest down costs less than a ring as long as it happens once per half queue.
+        if self.sent == self.queue.len() {
+            self.queue.clear();
+            self.sent = 0;
+        } else if self.sent > OUTPUT_QUEUE_BYTES / 2 {
+            self.queue.drain(..self.sent);
+            self.sent = 0;
+        }
+        Ok(progress)
+    }
+}
+
+impl AsFd for Stream {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.medium.as_fd()
+    }
+}
