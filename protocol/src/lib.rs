@@ -6,7 +6,7 @@
 //! |---|---|---|---|
 //! | ground | [`id`], [`frame`], [`time`], [`units`], [`module`] | checked values: CAN ids, classical CAN frames, integer microseconds, physical units, wire address apart from joint number | know any higher protocol |
 //! | drives | [`powercube`] | the M5 protocol of the modules, both directions, its tables and its DBC file | keep state between frames |
-//! | text | [`text`] | frames as lines: socketcand, for tools of the field | touch a socket, a file or a clock |
+//! | text | [`text`] | frames as lines for tools of the field: candump logs, SLCAN, socketcand | touch a socket, a file or a clock |
 //! | contract | [`node`] | what a participant of the bus is: frames and times in, frames and deadlines out | do IO, read a clock, sleep |
 //!
 //! # Invariants of the crate
