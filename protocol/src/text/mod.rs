@@ -22,16 +22,16 @@ pub mod socketcand;
 pub use buffer::{BusName, BusNameError, TextBuf};
 pub use cursor::{Expected, SyntaxError};
 
-/// Strategies for the property tests of all three formats.
+/// Strategies for the property tests of all formats.
 #[cfg(test)]
-mod arbitrary {
+pub(crate) mod arbitrary {
     use crate::frame::Frame;
     use crate::id::{ExtendedId, Id, StandardId};
     use proptest::collection::vec;
     use proptest::prelude::*;
 
     /// Every kind of frame, both id formats, all lengths.
-    pub(super) fn frame() -> impl Strategy<Value = Frame> {
+    pub(crate) fn frame() -> impl Strategy<Value = Frame> {
         (any::<u32>(), any::<bool>(), any::<bool>(), vec(any::<u8>(), 0..=8)).prop_map(
             |(raw, extended, remote, data)| {
                 let id = if extended {
@@ -46,7 +46,7 @@ mod arbitrary {
     }
 
     /// Hostile input, longer than any line.
-    pub(super) fn bytes() -> impl Strategy<Value = Vec<u8>> {
+    pub(crate) fn bytes() -> impl Strategy<Value = Vec<u8>> {
         vec(any::<u8>(), 0..140)
     }
 }
