@@ -5,8 +5,9 @@
 //! | layer | modules | is | must not |
 //! |---|---|---|---|
 //! | ground | [`id`], [`frame`], [`time`], [`units`], [`module`] | checked values: CAN ids, classical CAN frames, integer microseconds, physical units, wire address apart from joint number | know any higher protocol |
+//! | wire | [`bits`] | length, CRC and stuffing of a frame on the wire, bit by bit | know who sends it or when |
 //! | drives | [`powercube`] | the M5 protocol of the modules, both directions, its tables and its DBC file | keep state between frames |
-//! | text | [`text`] | frames as lines: socketcand, for tools of the field | touch a socket, a file or a clock |
+//! | text | [`text`] | frames as lines for tools of the field: candump logs, SLCAN, socketcand | touch a socket, a file or a clock |
 //! | contract | [`node`] | what a participant of the bus is: frames and times in, frames and deadlines out | do IO, read a clock, sleep |
 //!
 //! # Invariants of the crate
@@ -28,6 +29,7 @@
     )
 )]
 
+pub mod bits;
 pub mod frame;
 pub mod id;
 pub mod module;

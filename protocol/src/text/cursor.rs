@@ -197,6 +197,15 @@ impl<'a> Cursor<'a> {
         Ok((value, digits))
     }
 
+    /// Exactly `digits` (at most eight) hexadecimal digits.
+    pub(crate) fn hex_exact(&mut self, digits: usize) -> Result<u32, SyntaxError> {
+        let mut value = 0;
+        for _ in 0..digits.min(8) {
+            value = value << 4 | u32::from(self.hex_digit()?);
+        }
+        Ok(value)
+    }
+
     /// Two hexadecimal digits; the error points at the missing one.
     pub(crate) fn data_byte(&mut self) -> Result<u8, SyntaxError> {
         let high = self.hex_digit().map_err(|_| self.error(Expected::DataByte))?;
@@ -291,6 +300,11 @@ impl Payload {
 
     pub(crate) const fn len(&self) -> usize {
         self.len
+    }
+
+    /// All eight places; those beyond the length are zero.
+    pub(crate) const fn bytes(&self) -> [u8; MAX_DATA_LEN] {
+        self.bytes
     }
 
     pub(crate) fn data_frame(&self, id: Id) -> Frame {

@@ -195,7 +195,8 @@ impl core::error::Error for MessageError {}
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::id::{ExtendedId, Id, StandardId};
+    use crate::id::{ExtendedId, StandardId};
+    use crate::text::arbitrary;
     use proptest::prelude::*;
 
     const AT: Instant = Instant::from_micros(23_424_242);
@@ -282,17 +283,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_frame_survives_the_round_trip(
-            raw: u32, extended: bool, remote: bool, us: u64,
-            data in proptest::collection::vec(any::<u8>(), 0..=8),
-        ) {
-            let id = if extended {
-                Id::Extended(ExtendedId::from_low_bits(raw))
-            } else {
-                Id::Standard(StandardId::from_low_bits(raw as u16))
-            };
-            let frame =
-                if remote { Frame::remote(id, data.len()).unwrap() } else { Frame::new(id, &data).unwrap() };
+        fn every_frame_survives_the_round_trip(frame in arbitrary::frame(), us: u64) {
             let message = Message::Frame { at: Instant::from_micros(us), frame };
             let text = message.encode();
             prop_assert_eq!(Message::parse(text.as_bytes()), Ok(message));
@@ -306,7 +297,7 @@ mod tests {
         }
 
         #[test]
-        fn any_bytes_are_read_without_panic(bytes in proptest::collection::vec(any::<u8>(), 0..140)) {
+        fn any_bytes_are_read_without_panic(bytes in arbitrary::bytes()) {
             let _ = Message::parse(&bytes);
         }
     }

@@ -1,0 +1,608 @@
+//! Exact length of a classical CAN frame on the wire, in bits.
+//!
+//! ```text
+//! base      SOF  id 11  RTR IDE r0                    DLC 4  data 8n  CRC 15 | CRC-del ACK ACK-del EOF 7 | IFS 3
+//! extended  SOF  id 11  SRR IDE  id 18  RTR r1 r0     DLC 4  data 8n  CRC 15 | CRC-del ACK ACK-del EOF 7 | IFS 3
+//!           '------------------- stuffed ---------------------------------'   '---- fixed form ------'
+//! ```
+//!
+//! After five equal bits of the stuffed part the transmitter inserts one of the other value, which
+//! counts as the first of the next five; so does the last bit of the CRC. A remote frame has no data
+//! whatever its DLC says. The interframe space belongs to no frame and is counted on its own.
+//!
+//! [`length`] is the fast way (two table lookups per byte), [`Bits`] walks through every bit with its
+//! field, for models of arbitration and errors.
+//!
+//! Source: ISO 11898-1 (Bosch CAN 2.0 part B, sections 3.1 and 5). Bounds: R. I. Davis, A. Burns, R. J.
+//! Bril, J. J. Lukkien, "Controller Area Network (CAN) schedulability analysis: Refuted, revisited and
+//! revised", Real-Time Systems 35 (2007), equations 1 and 2.
+
+use crate::frame::{Frame, MAX_DATA_LEN};
+use crate::id::Id;
+
+/// Bits between two frames in which nobody may transmit.
+pub const INTERFRAME_SPACE: u32 = 3;
+
+/// CRC delimiter, ACK slot, ACK delimiter and seven bits of end of frame: never stuffed.
+pub const FIXED_FORM: u32 = 10;
+
+const CRC_LEN: u32 = 15;
+
+/// Generator of the CRC without its leading term: x^15 + x^14 + x^10 + x^8 + x^7 + x^4 + x^3 + 1.
+const CRC_POLYNOMIAL: u16 = 0x4599;
+
+/// Equal bits in a row after which one of the other value is inserted.
+const STUFF_AFTER: u8 = 5;
+
+/// Length of a frame from SOF to the end of frame, without the interframe space.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Length {
+    /// Bits before stuffing.
+    pub unstuffed: u32,
+    /// Inserted bits.
+    pub stuff: u32,
+}
+
+impl Length {
+    /// Bits on the wire, SOF to end of frame.
+    pub const fn frame(self) -> u32 {
+        self.unstuffed + self.stuff
+    }
+
+    /// Bits from one SOF to the earliest next one.
+    pub const fn with_interframe_space(self) -> u32 {
+        self.frame() + INTERFRAME_SPACE
+    }
+}
+
+/// Exact length of `frame`.
+pub fn length(frame: &Frame) -> Length {
+    let sequence = Sequence::of(frame);
+    // Alternating bits in front fill up to whole bytes and leave the counter as the idle bus does:
+    // recessive, with SOF starting a run of its own.
+    let padding = if frame.is_extended() { 0b01 } else { 0b01_0101 };
+    let padded = padding << sequence.len | sequence.bits;
+    let len = sequence.len.next_multiple_of(8);
+    let left_aligned = padded << (u128::BITS - len);
+    let mut state = STATE_AFTER_RECESSIVE;
+    let mut stuff = 0;
+    for byte in left_aligned.to_be_bytes().into_iter().take(len as usize / 8) {
+        let step = stuff_step(state, byte);
+        stuff += u32::from(step >> 3);
+        state = step & 7;
+    }
+    Length { unstuffed: sequence.len + FIXED_FORM, stuff }
+}
+
+/// Upper bound for any frame of this format with `data_len` data bytes (0 for a remote frame; more
+/// than eight count as eight).
+///
+/// Every fourth bit stuffed after the first five: with the interframe space the 47 + 8n + (34 + 8n -
+/// 1)/4 and 67 + 8n + (54 + 8n - 1)/4 of Davis et al. Frames that reach it need not exist: the fixed
+/// bits of the control field and the CRC are not free.
+pub const fn worst_case(extended: bool, data_len: usize) -> Length {
+    let stuffed_part = stuffed_part(extended, data_len);
+    Length { unstuffed: stuffed_part + FIXED_FORM, stuff: (stuffed_part - 1) / 4 }
+}
+
+/// Lower bound for any frame of this format with `data_len` data bytes (0 for a remote frame; more
+/// than eight count as eight): no stuff bit at all.
+///
+/// Reached with some ids for most lengths; not by base format data frames of 0 to 3 bytes, whose RTR,
+/// IDE, r0 and leading DLC bits are five or more dominant ones in a row.
+pub const fn best_case(extended: bool, data_len: usize) -> Length {
+    Length { unstuffed: stuffed_part(extended, data_len) + FIXED_FORM, stuff: 0 }
+}
+
+/// SOF to CRC, before stuffing.
+const fn stuffed_part(extended: bool, data_len: usize) -> u32 {
+    let len = if data_len < MAX_DATA_LEN { data_len as u32 } else { MAX_DATA_LEN as u32 };
+    let header = if extended { EXTENDED_HEADER } else { BASE_HEADER };
+    header + 8 * len + CRC_LEN
+}
+
+/// The 15-bit CRC that `frame` carries.
+pub fn crc(frame: &Frame) -> u16 {
+    let (header, _) = header(frame);
+    // The register starts at zero, so leading zeros change nothing and the header can be taken in
+    // whole bytes.
+    let mut crc = 0;
+    for byte in header.to_be_bytes().into_iter().skip(if frame.is_extended() { 3 } else { 5 }) {
+        crc = crc_step(crc, byte);
+    }
+    for byte in frame.data() {
+        crc = crc_step(crc, *byte);
+    }
+    crc
+}
+
+/// Bits from SOF to the end of the arbitration field (RTR), stuff bits included: where a lost
+/// arbitration is known at the latest.
+pub fn arbitration_length(frame: &Frame) -> u32 {
+    Bits::new(frame).take_while(|bit| matches!(bit.field, Field::StartOfFrame | Field::Arbitration)).count()
+        as u32
+}
+
+/// Part of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Field {
+    /// SOF, one dominant bit.
+    StartOfFrame,
+    /// Identifier and RTR; in the extended format also SRR and IDE.
+    Arbitration,
+    /// IDE and r0 (base) or r1 and r0 (extended), DLC.
+    Control,
+    /// Data bytes.
+    Data,
+    /// CRC sequence.
+    Crc,
+    /// CRC delimiter, recessive.
+    CrcDelimiter,
+    /// ACK slot: the transmitter sends recessive, every receiver that agrees sends dominant.
+    AckSlot,
+    /// ACK delimiter, recessive.
+    AckDelimiter,
+    /// Seven recessive bits.
+    EndOfFrame,
+}
+
+/// One bit on the wire, as its transmitter sends it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Bit {
+    /// True for recessive (logical 1), false for dominant (logical 0).
+    pub recessive: bool,
+    /// True for an inserted bit.
+    pub stuff: bool,
+    /// Where it belongs; an inserted bit belongs to the field of the bit before it.
+    pub field: Field,
+}
+
+/// Walks through a frame bit by bit, SOF to end of frame, stuff bits included.
+#[derive(Clone, Debug)]
+pub struct Bits {
+    /// What is still to be sent up to the CRC, left aligned; recessive bits follow.
+    rest: u128,
+    /// Unstuffed bits sent so far.
+    sent: u32,
+    /// Unstuffed bits up to the end of each field, SOF to CRC.
+    ends: [(u32, Field); 5],
+    /// Equal bits in a row, up to the last one sent.
+    run: u8,
+    last: Option<Bit>,
+}
+
+impl Bits {
+    /// At the SOF of `frame`.
+    pub fn new(frame: &Frame) -> Self {
+        let sequence = Sequence::of(frame);
+        // The fixed form is recessive.
+        let fixed_form = u128::MAX >> sequence.len;
+        let header = if frame.is_extended() { EXTENDED_HEADER } else { BASE_HEADER };
+        Self {
+            rest: sequence.bits << (u128::BITS - sequence.len) | fixed_form,
+            sent: 0,
+            ends: [
+                (1, Field::StartOfFrame),
+                (header - 6, Field::Arbitration),
+                (header, Field::Control),
+                (sequence.len - CRC_LEN, Field::Data),
+                (sequence.len, Field::Crc),
+            ],
+            run: 0,
+            last: None,
+        }
+    }
+
+    fn crc_end(&self) -> u32 {
+        self.ends.last().map_or(0, |(end, _)| *end)
+    }
+
+    fn field(&self) -> Option<Field> {
+        if let Some((_, field)) = self.ends.iter().find(|(end, _)| self.sent < *end) {
+            return Some(*field);
+        }
+        match self.sent - self.crc_end() {
+            0 => Some(Field::CrcDelimiter),
+            1 => Some(Field::AckSlot),
+            2 => Some(Field::AckDelimiter),
+            3..10 => Some(Field::EndOfFrame),
+            _ => None,
+        }
+    }
+}
+
+impl Iterator for Bits {
+    type Item = Bit;
+
+    fn next(&mut self) -> Option<Bit> {
+        if self.run == STUFF_AFTER && self.sent <= self.crc_end() {
+            let stuff = self.last.map(|last| Bit { recessive: !last.recessive, stuff: true, ..last });
+            self.run = 1;
+            self.last = stuff;
+            return stuff;
+        }
+        let field = self.field()?;
+        let recessive = self.rest >> (u128::BITS - 1) == 1;
+        self.rest = self.rest << 1 | 1;
+        self.sent += 1;
+        let bit = Bit { recessive, stuff: false, field };
+        self.run = match self.last {
+            Some(last) if last.recessive == recessive => self.run.saturating_add(1).min(STUFF_AFTER + 1),
+            _ => 1,
+        };
+        self.last = Some(bit);
+        Some(bit)
+    }
+}
+
+/// SOF to DLC, base format.
+const BASE_HEADER: u32 = 19;
+/// SOF to DLC, extended format.
+const EXTENDED_HEADER: u32 = 39;
+
+/// SOF to DLC as a number, and its length in bits.
+fn header(frame: &Frame) -> (u64, u32) {
+    let rtr = u64::from(frame.is_remote());
+    let dlc = frame.dlc() as u64;
+    match frame.id() {
+        Id::Standard(id) => (u64::from(id.get()) << 7 | rtr << 6 | dlc, BASE_HEADER),
+        Id::Extended(id) => {
+            let (base, low) = (u64::from(id.get() >> 18), u64::from(id.get() & 0x3_FFFF));
+            // SRR and IDE are recessive, r1 and r0 dominant.
+            (base << 27 | 0b11 << 25 | low << 7 | rtr << 6 | dlc, EXTENDED_HEADER)
+        }
+    }
+}
+
+/// SOF to CRC before stuffing, right aligned: at most 118 bits.
+struct Sequence {
+    bits: u128,
+    len: u32,
+}
+
+impl Sequence {
+    fn of(frame: &Frame) -> Self {
+        let (header, mut len) = header(frame);
+        let mut bits = u128::from(header);
+        for byte in frame.data() {
+            bits = bits << 8 | u128::from(*byte);
+            len += 8;
+        }
+        Self { bits: bits << CRC_LEN | u128::from(crc(frame)), len: len + CRC_LEN }
+    }
+}
+
+fn crc_step(crc: u16, byte: u8) -> u16 {
+    const TABLE: [u16; 256] = crc_table();
+    let index = (crc >> 7) as u8 ^ byte;
+    // A table of 256 has a place for every byte, so the fallback is never taken.
+    (crc << 8 ^ TABLE.get(usize::from(index)).copied().unwrap_or(0)) & 0x7FFF
+}
+
+const fn crc_table() -> [u16; 256] {
+    let mut table = [0; 256];
+    let mut byte = 0;
+    while byte < 256 {
+        let mut crc = (byte as u16) << 7;
+        let mut bit = 0;
+        while bit < 8 {
+            crc = if crc & 0x4000 == 0 { crc << 1 } else { crc << 1 ^ CRC_POLYNOMIAL };
+            bit += 1;
+        }
+        // `byte` is below the length of the table.
+        #[expect(clippy::indexing_slicing, reason = "evaluated by the compiler only")]
+        {
+            table[byte] = crc & 0x7FFF;
+        }
+        byte += 1;
+    }
+    table
+}
+
+/// Stuffing as a state machine: value of the last bit (bit 2), and how many of it are in a row less
+/// one (bits 1 and 0). Five in a row are no state: the inserted bit makes it one of the other value.
+const STATE_AFTER_RECESSIVE: u8 = 0b100;
+
+/// Inserted bits within `byte` (upper five bits) and the state behind it (lower three).
+fn stuff_step(state: u8, byte: u8) -> u8 {
+    const TABLE: [u8; 2048] = stuff_table();
+    let index = usize::from(state & 7) << 8 | usize::from(byte);
+    // Eleven bits of index, 2048 places: the fallback is never taken.
+    TABLE.get(index).copied().unwrap_or(0)
+}
+
+const fn stuff_table() -> [u8; 2048] {
+    let mut table = [0; 2048];
+    let mut index = 0;
+    while index < 2048 {
+        let mut value = (index >> 10) & 1;
+        let mut run = ((index >> 8) & 3) + 1;
+        let mut inserted = 0;
+        let mut bit = 8;
+        while bit > 0 {
+            bit -= 1;
+            let next = (index >> bit) & 1;
+            run = if next == value { run + 1 } else { 1 };
+            value = next;
+            if run == STUFF_AFTER as usize {
+                inserted += 1;
+                value = 1 - value;
+                run = 1;
+            }
+        }
+        #[expect(clippy::indexing_slicing, reason = "evaluated by the compiler only")]
+        {
+            table[index] = (inserted << 3 | value << 2 | (run - 1)) as u8;
+        }
+        index += 1;
+    }
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::text::candump::Record;
+    use proptest::prelude::*;
+
+    fn frame(text: &str) -> Frame {
+        Record::parse(format!("(0) can0 {text}").as_bytes()).unwrap().frame
+    }
+
+    /// The definition, bit by bit: nothing shared with the code above.
+    fn naive(frame: &Frame) -> (Vec<bool>, u16, u32) {
+        let mut bits = vec![false];
+        let push = |bits: &mut Vec<bool>, value: u32, len: u32| {
+            bits.extend((0..len).rev().map(|place| value >> place & 1 == 1));
+        };
+        let rtr = u32::from(frame.is_remote());
+        if frame.is_extended() {
+            push(&mut bits, frame.id().raw() >> 18, 11);
+            push(&mut bits, 0b11, 2);
+            push(&mut bits, frame.id().raw() & 0x3_FFFF, 18);
+            push(&mut bits, rtr, 1);
+            push(&mut bits, 0, 2);
+        } else {
+            push(&mut bits, frame.id().raw(), 11);
+            push(&mut bits, rtr, 1);
+            push(&mut bits, 0, 2);
+        }
+        push(&mut bits, frame.dlc() as u32, 4);
+        for byte in frame.data() {
+            push(&mut bits, u32::from(*byte), 8);
+        }
+        let mut crc = 0_u16;
+        for bit in &bits {
+            let feedback = bit ^ (crc & 0x4000 != 0);
+            crc = (crc << 1) & 0x7FFF;
+            if feedback {
+                crc ^= 0x4599;
+            }
+        }
+        push(&mut bits, u32::from(crc), 15);
+        let (mut wire, mut run) = (Vec::new(), 0);
+        for bit in &bits {
+            run = if wire.last() == Some(bit) { run + 1 } else { 1 };
+            wire.push(*bit);
+            if run == 5 {
+                wire.push(!bit);
+                run = 1;
+            }
+        }
+        let stuff = (wire.len() - bits.len()) as u32;
+        wire.extend([true; 10]);
+        (wire, crc, stuff)
+    }
+
+    /// `0`/`1` as sent, `o`/`i` inserted.
+    fn picture(frame: &Frame) -> String {
+        Bits::new(frame)
+            .map(|bit| match (bit.stuff, bit.recessive) {
+                (false, false) => '0',
+                (false, true) => '1',
+                (true, false) => 'o',
+                (true, true) => 'i',
+            })
+            .collect()
+    }
+
+    #[test]
+    fn hand_worked_base_frame_of_zeros() {
+        // SOF, id, RTR, IDE, r0, DLC: 19 dominant bits, which the generator divides with remainder 0,
+        // so the CRC is 15 more of them. A stuff bit follows the 5th, 10th, … 30th of the 34.
+        let zeros = frame("000#");
+        assert_eq!(crc(&zeros), 0);
+        assert_eq!(picture(&zeros), "00000i00000i00000i00000i00000i00000i0000".to_owned() + "1111111111");
+        assert_eq!(length(&zeros), Length { unstuffed: 44, stuff: 6 });
+        assert_eq!(length(&zeros).with_interframe_space(), 53);
+        // SOF, 11 id bits and RTR with the stuff bits behind the 5th and the 10th of them.
+        assert_eq!(arbitration_length(&zeros), 15);
+    }
+
+    #[test]
+    fn hand_worked_base_remote_frame_of_ones() {
+        // SOF, eleven id bits and RTR recessive, IDE, r0 and DLC dominant, divided by 1100010110011001:
+        //
+        //   0111111111111000000000000000000000
+        //    1100010110011001
+        //   0001110100110100100000000000000000
+        //      1100010110011001
+        //   0000010110000111101000000000000000
+        //        1100010110011001
+        //   0000001110101011011010000000000000
+        //         1100010110011001
+        //   0000000010111101000011000000000000
+        //           1100010110011001
+        //   0000000001111000100101010000000000
+        //            1100010110011001
+        //   0000000000011010010110011000000000
+        //              1100010110011001
+        //   0000000000000010111010101010000000
+        //                 1100010110011001
+        //   0000000000000001111111001100010000
+        //                  1100010110011001
+        //   0000000000000000011101111111011000
+        //                    1100010110011001
+        //   0000000000000000000101010011101010   remainder 54EA
+        let ones = frame("7FF#R");
+        assert_eq!(crc(&ones), 0x54EA);
+        // Ones: stuffed behind the 5th and 10th. IDE, r0 and DLC are six zeros: stuffed behind the 5th.
+        assert_eq!(picture(&ones), "011111o11111o1100000i0101010011101010".to_owned() + "1111111111");
+        assert_eq!(length(&ones), Length { unstuffed: 44, stuff: 3 });
+    }
+
+    #[test]
+    fn hand_worked_extended_frame_of_zeros() {
+        // Twelve zeros (stuffed behind the 5th and 10th), SRR and IDE, 25 zeros (stuffed five times, the
+        // last time right before the CRC), CRC 4610 = 100 0110 0001 0000.
+        let zeros = frame("00000000#");
+        assert_eq!(crc(&zeros), 0x4610);
+        assert_eq!(
+            picture(&zeros),
+            "00000i00000i00".to_owned()
+                + "11"
+                + "00000i00000i00000i00000i00000i"
+                + "100011000010000"
+                + "1111111111"
+        );
+        assert_eq!(length(&zeros), Length { unstuffed: 64, stuff: 7 });
+    }
+
+    #[test]
+    fn fields_come_in_order_with_their_lengths() {
+        for (text, arbitration, control, data) in
+            [("555#55AA", 12, 6, 16), ("15555555#55", 32, 6, 8), ("2AA#R8", 12, 6, 0)]
+        {
+            let bits: Vec<_> = Bits::new(&frame(text)).filter(|bit| !bit.stuff).collect();
+            assert!(bits.is_sorted_by_key(|bit| bit.field), "{text}");
+            for (field, len) in [
+                (Field::StartOfFrame, 1),
+                (Field::Arbitration, arbitration),
+                (Field::Control, control),
+                (Field::Data, data),
+                (Field::Crc, 15),
+                (Field::CrcDelimiter, 1),
+                (Field::AckSlot, 1),
+                (Field::AckDelimiter, 1),
+                (Field::EndOfFrame, 7),
+            ] {
+                assert_eq!(bits.iter().filter(|bit| bit.field == field).count(), len, "{text} {field:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn lengths_agree_with_can_utils() {
+        // CRC and length (interframe space included) by `canframelen.c` of can-utils in its exact mode,
+        // run outside of this project; of remote frames its data bytes were left out.
+        for (text, expected_crc, expected_length) in [
+            ("000#", 0x0000, 53),
+            ("7FF#", 0x272F, 50),
+            ("7FF#R", 0x54EA, 50),
+            ("555#5555555555555555", 0x1B04, 112),
+            ("000#0000000000000000", 0x145B, 127),
+            ("7FF#FFFFFFFFFFFFFFFF", 0x4C89, 126),
+            ("0A5#084F64", 0x5E35, 72),
+            ("123#R4", 0x4352, 47),
+            ("014#01", 0x7753, 58),
+            ("00000000#", 0x4610, 74),
+            ("1FFFFFFF#FFFFFFFFFFFFFFFF", 0x1B69, 149),
+            ("00000000#0000000000000000", 0x3DAF, 150),
+            ("1FFFFFFF#R8", 0x1B4A, 74),
+            ("0000007F#0102030405060708", 0x36E3, 144),
+            ("10007D55#000000000000E0", 0x1246, 136),
+            ("0F0#1F0F83E0F8", 0x352E, 95),
+            ("026E6076#74CC8D360C05", 0x6BDE, 120),
+            ("379#8A60D4100448AA", 0x3CAD, 106),
+            ("315#FD11A7ADF8", 0x6724, 89),
+            ("01F#30", 0x470F, 58),
+            ("08AE9A19#EF9A31", 0x7F9F, 97),
+            ("1DE#", 0x66FE, 49),
+            ("0993082D#3781ED6C1E6E71", 0x7331, 127),
+            ("18869B5A#4012D8C030", 0x5F76, 111),
+            ("509#20BFBC0CFFFFCBBF", 0x43F8, 120),
+            ("5C2#A8009A20888C8804", 0x7C2A, 117),
+            ("40D#B98AEE41F84C67", 0x68B5, 107),
+            ("35F#024029", 0x63DC, 75),
+            ("026#79CBF02A9BE23A4A", 0x01C5, 116),
+            ("102B52C6#0049AA80", 0x0368, 105),
+            ("030D2B73#BE1FE279BC14", 0x5019, 120),
+            ("1AE813A9#094800980B42", 0x47A5, 120),
+        ] {
+            let frame = frame(text);
+            assert_eq!(
+                (crc(&frame), length(&frame).with_interframe_space()),
+                (expected_crc, expected_length),
+                "{text}"
+            );
+        }
+    }
+
+    #[test]
+    fn bounds_are_the_published_ones() {
+        for n in 0..=8_u32 {
+            let base = worst_case(false, n as usize).with_interframe_space();
+            let extended = worst_case(true, n as usize).with_interframe_space();
+            assert_eq!(base, 8 * n + 47 + (34 + 8 * n - 1) / 4);
+            assert_eq!(extended, 8 * n + 67 + (54 + 8 * n - 1) / 4);
+            assert_eq!(best_case(false, n as usize).with_interframe_space(), 8 * n + 47);
+            assert_eq!(best_case(true, n as usize).with_interframe_space(), 8 * n + 67);
+        }
+        // The figures everybody quotes for eight bytes.
+        assert_eq!(worst_case(false, 8).with_interframe_space(), 135);
+        assert_eq!(worst_case(true, 8).with_interframe_space(), 160);
+        assert_eq!(worst_case(false, 100), worst_case(false, 8));
+    }
+
+    #[test]
+    fn short_base_data_frames_always_have_a_stuff_bit_and_longer_ones_need_not() {
+        let fewest = |n: usize| {
+            let ids = 0..=0x7FF;
+            let payloads: [&[u8]; 3] = [&[0x55; 8], &[0xAA; 8], &[0xA5; 8]];
+            ids.flat_map(|id| payloads.map(|payload| (id, payload)))
+                .map(|(id, payload)| {
+                    let id = crate::id::StandardId::new(id).unwrap();
+                    length(&Frame::new(id, &payload[..n]).unwrap()).stuff
+                })
+                .min()
+        };
+        assert_eq!([0, 1, 2, 3].map(fewest), [Some(1); 4]);
+        assert_eq!([4, 5, 6, 7, 8].map(fewest), [Some(0); 5]);
+    }
+
+    proptest! {
+        #[test]
+        fn fast_length_and_bit_walk_agree_with_the_definition(frame in crate::text::arbitrary::frame()) {
+            let (wire, expected_crc, stuff) = naive(&frame);
+            prop_assert_eq!(crc(&frame), expected_crc);
+            prop_assert_eq!(length(&frame).stuff, stuff);
+            prop_assert_eq!(length(&frame).frame() as usize, wire.len());
+            let walked: Vec<_> = Bits::new(&frame).map(|bit| bit.recessive).collect();
+            prop_assert_eq!(walked, wire);
+        }
+
+        #[test]
+        fn runny_frames_agree_too_and_stay_within_the_bounds(
+            id: u32, extended: bool, runs in proptest::collection::vec(1_u32..12, 8..16), len in 0_usize..=8,
+        ) {
+            // Long runs of equal bits, which uniformly random bytes hardly have.
+            let mut bits = 0_u64;
+            for (index, run) in runs.iter().enumerate() {
+                bits = bits << run | if index % 2 == 0 { 0 } else { (1 << run) - 1 };
+            }
+            let data = bits.to_be_bytes();
+            let id = if extended {
+                Id::Extended(crate::id::ExtendedId::from_low_bits(id))
+            } else {
+                Id::Standard(crate::id::StandardId::from_low_bits(id as u16))
+            };
+            let frame = Frame::new(id, &data[..len]).unwrap();
+            let (wire, _, stuff) = naive(&frame);
+            let length = length(&frame);
+            prop_assert_eq!((length.stuff, length.frame() as usize), (stuff, wire.len()));
+            prop_assert!(length.frame() <= worst_case(extended, len).frame());
+            prop_assert!(length.frame() >= best_case(extended, len).frame());
+            prop_assert_eq!(length.unstuffed, best_case(extended, len).unstuffed);
+        }
+    }
+}
