@@ -7,7 +7,7 @@
 //!
 //! | layer | modules | is | must not |
 //! |---|---|---|---|
-//! | medium | `bus` | classical CAN 2.0: bit time, stuffing, arbitration, acknowledge, error counters, bus-off, transmit queues, figures per id | know what a frame means |
+//! | medium | [`bus`] | classical CAN 2.0: bit time, stuffing, arbitration, acknowledge, error counters, bus-off, transmit queues, figures per id | know what a frame means |
 //! | participants | [`crew`] | who sits on the bus and which physical process moves on between events | know the scheduler |
 //! | drives | `drive` | one PowerCube behind the wire, a [`protocol::Node`] | know the arm's other joints |
 //! | physics | `mechanics` | rigid bodies, friction, supplies, gripper and ball | know CAN |
@@ -52,6 +52,7 @@
 //!    else decides by chance, no map with random iteration order decides anything.
 //! 3. Queues and loops are bounded; what does not fit is counted and reported.
 
+pub mod bus;
 pub mod crew;
 pub mod fault;
 pub mod rng;
