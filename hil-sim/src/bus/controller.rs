@@ -232,9 +232,8 @@ impl Controller {
 
     /// After a transmission in the frame-by-frame gear: rule 7. Returns the bits to suspend.
     pub fn transmitted_in_one(&mut self) -> u8 {
-        let passive = self.counters.state() == Confinement::Passive;
         self.counters.transmitted();
-        if passive { SUSPEND_BITS } else { 0 }
+        if self.counters.state() == Confinement::Passive { SUSPEND_BITS } else { 0 }
     }
 
     /// After a reception in the frame-by-frame gear: rule 8.
