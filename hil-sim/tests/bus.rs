@@ -189,7 +189,7 @@ impl Wire for Pattern {
             seen_by: if self.attempt.is_multiple_of(2) {
                 EVERYBODY
             } else {
-                1 << (self.attempt as u64 % self.ports)
+                1 << (u64::from(self.attempt) % self.ports)
             },
         })
     }

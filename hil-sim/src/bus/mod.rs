@@ -41,6 +41,6 @@ pub mod report;
 pub mod stats;
 
 pub use counters::{Confinement, Counters};
-pub use medium::{Bus, BusConfig, BusEvent, Disturbance, Recovery, Wire};
+pub use medium::{BitRateError, Bus, BusConfig, BusEvent, Disturbance, Recovery, Wire};
 pub use queue::{TxOrder, TxQueue};
 pub use stats::{ErrorKind, IdStats, PortStats};
