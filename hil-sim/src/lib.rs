@@ -1,1 +1,63 @@
-//! Simulated cell (in work): six PowerCubes, an arm and a CAN bus behind the wire.
+//! A lab without hardware: six PowerCube drives, the arm they move and the CAN bus they share.
+//!
+//! Written from the drive's protocol, never from our controller: this package does not know
+//! `firmware` exists.
+//!
+//! # Map
+//!
+//! | layer | modules | is | must not |
+//! |---|---|---|---|
+//! | medium | [`bus`] | classical CAN 2.0: bit time, stuffing, arbitration, acknowledge, error counters, bus-off, transmit queues, figures per id | know what a frame means |
+//! | participants | [`crew`] | who sits on the bus and which physical process moves on between events | know the scheduler |
+//! | drives | `drive` | one PowerCube behind the wire, a [`protocol::Node`] | know the arm's other joints |
+//! | physics | `mechanics` | rigid bodies, friction, supplies, gripper and ball | know CAN |
+//! | faults | [`fault`] | what can go wrong, when, where and how likely; one random stream each | depend on the order in which faults are listed |
+//! | virtual time | [`world`] | event queue that joins bus, crew and faults; same seed, same log | read a clock |
+//! | seen from the bus | [`record`], `checker` | candump log, trace, invariants that only use frames | look into a node |
+//! | situations | `scenario`, `swarm` | TOML and seeds to options; printed before a run | act on their own |
+//!
+//! # The seam between bus and drives
+//!
+//! A drive is a `struct Drive` that implements [`protocol::Node`]; the arm is one physical process
+//! that all drives act on. Both belong to one *cell* which implements [`crew::Crew`]:
+//!
+//! ```text
+//! struct Cell { drives: Vec<Drive>, arm: Arm }
+//!
+//! impl Crew for Cell {
+//!     fn len(&self) -> usize                    // one node per drive
+//!     fn node(&mut self, i) -> &mut dyn Node    // &mut self.drives[i]
+//!     fn advance(&mut self, to: Instant)        // drives' torques into the arm, arm's state back
+//!     fn link(&self, i) -> Link                 // unpowered, or at another bit rate
+//!     fn physics(&mut self) -> Option<&mut dyn FaultTarget>
+//! }
+//! ```
+//!
+//! * The world calls `advance(t)` before it hands any event of time `t` to any node, so a drive finds
+//!   its own measured state current when it answers.
+//! * Torques and positions cross inside `advance` only, in joint order: all drives compute their
+//!   torque from the state at the start of a step, the arm takes the step, all drives read back.
+//!   No drive sees another drive's half-finished step, so the order of joints cannot matter.
+//! * `advance` is called at bus events, so how often depends on the traffic. The cell therefore keeps its
+//!   own time grid (say 250 µs): it takes every whole step up to `to` and leaves the rest for the
+//!   next call. Then one more listener on the bus cannot change the physics.
+//! * Set-points that change inside a step act from the next grid point on; a drive that wants its
+//!   answer finer than the grid extrapolates with its own velocity.
+//! * Faults of drive, supply or gripper reach the cell through [`fault::FaultTarget`].
+//!
+//! # Invariants
+//!
+//! 1. Time is an integer and an argument. Below the real-time runner nothing reads a clock.
+//! 2. Randomness comes from [`rng::Rng`] streams derived from the run's seed and a label; nothing
+//!    else decides by chance, no map with random iteration order decides anything.
+//! 3. Queues and loops are bounded; what does not fit is counted and reported.
+
+pub mod bus;
+pub mod crew;
+pub mod fault;
+pub mod record;
+pub mod rng;
+pub mod world;
+
+pub use crew::{Crew, Link};
+pub use world::{Observer, World};

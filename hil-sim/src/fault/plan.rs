@@ -1,0 +1,169 @@
+//! What is planned to go wrong: one entry per fault, already checked.
+
+use std::fmt;
+
+use protocol::{Duration, Frame, Id, Instant, ModuleId};
+
+use super::physical::{PhysicalFault, Place};
+
+/// Where a fault acts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Target {
+    /// The line: every node.
+    Bus,
+    /// One drive.
+    Module(ModuleId),
+    /// One supply, counted from 0.
+    Supply(u8),
+    /// The gripper.
+    Gripper,
+}
+
+impl fmt::Display for Target {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Bus => f.write_str("bus"),
+            Self::Module(id) => write!(f, "module-{id}"),
+            Self::Supply(index) => write!(f, "supply-{index}"),
+            Self::Gripper => f.write_str("gripper"),
+        }
+    }
+}
+
+/// Frames whose id equals `id` in the bits of `mask`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct IdFilter {
+    /// The id to compare with; its format must match too.
+    pub id: Id,
+    /// Bits that count.
+    pub mask: u32,
+}
+
+impl IdFilter {
+    /// True if the frame is meant.
+    pub fn matches(&self, frame: &Frame) -> bool {
+        frame.id().is_extended() == self.id.is_extended()
+            && (frame.id().raw() ^ self.id.raw()) & self.mask == 0
+    }
+}
+
+/// Which part of an answer is wrong.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum WrongPart {
+    /// The value: a random bit behind command and parameter.
+    #[default]
+    Value,
+    /// The parameter or motion byte: the answer to another request.
+    Parameter,
+    /// The command byte.
+    Command,
+    /// The length: one byte short.
+    Length,
+}
+
+/// What goes wrong on the way between node and bus.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum WireFault {
+    /// A frame does not reach the software of the target, although it was acknowledged (receive
+    /// buffer overrun). On the bus: nobody gets it.
+    Drop,
+    /// A frame reaches the target later by this much. Later frames may overtake it.
+    Delay(Duration),
+    /// The sender misses the last bit of end of frame and repeats a frame that all others have accepted.
+    Duplicate,
+    /// One bit of a frame is read wrongly, by the target or (on the bus) by everybody.
+    Corrupt,
+    /// An answer of the target leaves it with a valid checksum and wrong content.
+    WrongAnswer(WrongPart),
+    /// The target's frames are thrown away before they reach the bus; it still acknowledges.
+    Silent,
+    /// The target's plug loses and finds contact; dwell times are exponential with these means.
+    Intermittent {
+        /// Mean time with contact.
+        on_mean: Duration,
+        /// Mean time without contact.
+        off_mean: Duration,
+    },
+    /// The target's controller goes bus-off at the start.
+    BusOff,
+    /// The line is held dominant.
+    StuckDominant,
+    /// A further node sends this frame again and again.
+    Babble {
+        /// What it sends.
+        frame: Frame,
+        /// How often it queues one.
+        period: Duration,
+    },
+}
+
+/// Either kind of fault.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum FaultKind {
+    /// Between node and bus.
+    Wire(WireFault),
+    /// In drive, supply or gripper.
+    Physical(Place, PhysicalFault),
+}
+
+/// One planned fault.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fault {
+    /// Names its random stream and its lines in logs; unique in a plan.
+    pub label: String,
+    /// What.
+    pub kind: FaultKind,
+    /// Where.
+    pub target: Target,
+    /// Which frames, for faults that act on frames; `None`: all.
+    pub filter: Option<IdFilter>,
+    /// From when on.
+    pub start: Instant,
+    /// For how long; `None`: until the end of the run.
+    pub length: Option<Duration>,
+    /// Period of repetition, counted from start to start; `None`: once.
+    pub every: Option<Duration>,
+    /// For faults that act on frames: of each frame. For all others: of each occurrence.
+    pub probability: f64,
+}
+
+impl Fault {
+    /// Name of the kind, as in scenario files.
+    pub const fn kind_name(&self) -> &'static str {
+        match &self.kind {
+            FaultKind::Wire(wire) => wire.name(),
+            FaultKind::Physical(_, physical) => physical.name(),
+        }
+    }
+}
+
+impl WireFault {
+    /// Name as in scenario files.
+    pub const fn name(&self) -> &'static str {
+        match self {
+            Self::Drop => "drop",
+            Self::Delay(_) => "delay",
+            Self::Duplicate => "duplicate",
+            Self::Corrupt => "corrupt",
+            Self::WrongAnswer(_) => "wrong-answer",
+            Self::Silent => "silent",
+            Self::Intermittent { .. } => "intermittent",
+            Self::BusOff => "bus-off",
+            Self::StuckDominant => "stuck-dominant",
+            Self::Babble { .. } => "babble",
+        }
+    }
+
+    /// True if the probability is that of each frame.
+    pub const fn is_per_frame(&self) -> bool {
+        matches!(
+            self,
+            Self::Drop
+                | Self::Delay(_)
+                | Self::Duplicate
+                | Self::Corrupt
+                | Self::WrongAnswer(_)
+                | Self::Silent
+        )
+    }
+}
