@@ -171,6 +171,11 @@ impl<'a> Writer<'a> {
         self.uint(u64::from(value), 32);
     }
 
+    /// Sixty-four bits.
+    pub fn u64(&mut self, value: u64) {
+        self.uint(value, 64);
+    }
+
     /// IEEE 754 binary32.
     pub fn f32(&mut self, value: f32) {
         self.u32(value.to_bits());
@@ -224,6 +229,21 @@ impl<'a> Writer<'a> {
             if let Some(to) = self.out.get_mut(mark + i) {
                 *to = byte;
             }
+        }
+    }
+
+    /// Leaves room for an 8-bit array length that is not known yet; returns the mark that
+    /// [`Self::close_count`] needs.
+    pub fn open_count(&mut self) -> usize {
+        let mark = self.len();
+        self.u8(0);
+        mark
+    }
+
+    /// Writes the array length at `mark`.
+    pub fn close_count(&mut self, mark: usize, count: u8) {
+        if let Some(to) = self.out.get_mut(mark) {
+            *to = count;
         }
     }
 
@@ -287,6 +307,11 @@ impl<'a> Reader<'a> {
     /// Thirty-two bits.
     pub fn u32(&mut self) -> u32 {
         self.uint(32) as u32
+    }
+
+    /// Sixty-four bits.
+    pub fn u64(&mut self) -> u64 {
+        self.uint(64)
     }
 
     /// IEEE 754 binary32.

@@ -10,6 +10,7 @@
 //! |---|---|---|---|
 //! | serialisation | [`bits`], [`crc`] | DSDL bit fields, checksums | know a message |
 //! | transport | [`id`], [`tx`], [`rx`] | frames to transfers and back | know what bytes mean, read a clock |
+//! | messages | [`uavcan`], [`cubecell`] | standard types; our own types (`protocol/dsdl/cubecell`) | know who sends them when |
 //!
 //! # Shared bus
 //!
@@ -19,6 +20,8 @@
 
 pub mod bits;
 pub mod crc;
+pub mod cubecell;
 pub mod id;
 pub mod rx;
 pub mod tx;
+pub mod uavcan;
