@@ -9,6 +9,7 @@
 //! | drives | [`powercube`] | the M5 protocol of the modules, both directions, its tables and its DBC file | keep state between frames |
 //! | text | [`text`] | frames as lines for tools of the field: candump logs, SLCAN, socketcand | touch a socket, a file or a clock |
 //! | contract | [`node`] | what a participant of the bus is: frames and times in, frames and deadlines out | do IO, read a clock, sleep |
+//! | host link | [`cyphal`] | Cyphal/CAN v1.0: transport, standard services, our messages | know the drives |
 //!
 //! # Invariants of the crate
 //!
@@ -30,6 +31,7 @@
 )]
 
 pub mod bits;
+pub mod cyphal;
 pub mod frame;
 pub mod id;
 pub mod module;

@@ -1,0 +1,157 @@
+//! Commands of the controller: numbers, parameters and outputs for `uavcan.node.ExecuteCommand`.
+//!
+//! Host and firmware share this file, so neither can drift. Parameters and outputs are serialised
+//! DSDL types (`protocol/dsdl/cubecell/command`), so `yakut` can send them too.
+//!
+//! | number | command | parameter | output on success | allowed in |
+//! |---|---|---|---|---|
+//! | 1 | [`ARM_PREPARE`] | [`ArmPrepare`] | [`ArmOffer`] | Ready, Stopped |
+//! | 2 | [`ARM_CONFIRM`] | [`ArmConfirm`] | none | while the offer holds |
+//! | 3 | [`DISARM`] | none | none | Armed, or while an offer holds |
+//! | 4 | [`RUN`] | [`Trajectory`] | none | Armed with this trajectory |
+//! | 5 | [`STOP`] | none | none | always |
+//! | 6 | [`CLEAR_FAULT`] | [`ClearFault`] | none | Fault |
+//! | 7 | [`HOME`] | [`Home`] | none | Idle, Ready, Stopped |
+//! | 8 | [`JOG`] | [`Jog`] | none | Idle, Ready, Stopped, Jogging |
+//! | 9 | [`COMMIT_TRAJECTORY`] | [`Trajectory`] | none | not Armed, Running, Stopping |
+//! | 10 | [`GRIPPER`] | [`Gripper`] | none | not Running |
+//!
+//! A command that is refused answers `BAD_STATE`, `BAD_PARAMETER` or `FAILURE` with a [`Refusal`] as
+//! output. The standard `EMERGENCY_STOP` is treated as [`STOP`].
+//!
+//! # Repetition
+//!
+//! The answer to a command can be lost, and the client then sends it again as a new transfer. So each
+//! command is defined to be harmless when it comes twice: a repeated `ARM_PREPARE` makes a new offer
+//! and voids the old one; `ARM_CONFIRM` with the token that armed the group, `RUN` of the trajectory
+//! that is running, `HOME` of joints that are homing, `COMMIT_TRAJECTORY` of the committed file,
+//! `DISARM` when not armed and `CLEAR_FAULT` when there is no fault all succeed and do nothing.
+//!
+//! # Arming
+//!
+//! Two steps, so that no single frame, stray or repeated, ever sets the arm in motion: the offer
+//! names a token that only the sender of `ARM_PREPARE` learns, and both steps expire by themselves.
+
+use super::super::bits::{Decode, DecodeError, Encode, Reader, Writer};
+
+/// Asks for an offer to arm.
+pub const ARM_PREPARE: u16 = 1;
+/// Takes the offer: the group is armed.
+pub const ARM_CONFIRM: u16 = 2;
+/// Back to Ready.
+pub const DISARM: u16 = 3;
+/// Starts the armed trajectory.
+pub const RUN: u16 = 4;
+/// Ramps down; the same as the message [`Stop`](super::stop::Stop), with an answer.
+pub const STOP: u16 = 5;
+/// Forgets the latched fault if its cause is gone.
+pub const CLEAR_FAULT: u16 = 6;
+/// Lets joints look for their zeros.
+pub const HOME: u16 = 7;
+/// Moves one joint while it is repeated.
+pub const JOG: u16 = 8;
+/// Checks the uploaded file and makes it the trajectory that may run.
+pub const COMMIT_TRAJECTORY: u16 = 9;
+/// Sets the gripper output.
+pub const GRIPPER: u16 = 10;
+
+/// Longest time an offer or an arming may be asked to hold, ms.
+pub const ARMING_VALID_MS_MAX: u16 = 30_000;
+/// Longest time a jog may be asked to go on without repetition, ms.
+pub const JOG_HOLD_MS_MAX: u16 = 500;
+
+macro_rules! parameters {
+    ($($(#[$doc:meta])* $name:ident { $($(#[$field_doc:meta])* $field:ident: $type:ty as $wire:ident,)* })*) => {$(
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq)]
+        pub struct $name {
+            $($(#[$field_doc])* pub $field: $type,)*
+        }
+
+        impl Encode for $name {
+            fn encode(&self, out: &mut Writer<'_>) {
+                $(out.$wire(self.$field);)*
+            }
+        }
+
+        impl Decode<'_> for $name {
+            fn decode(input: &mut Reader<'_>) -> Result<Self, DecodeError> {
+                Ok(Self { $($field: input.$wire(),)* })
+            }
+        }
+    )*};
+}
+
+parameters! {
+    /// Parameter of [`ARM_PREPARE`].
+    ArmPrepare {
+        /// CRC-64/WE of the committed trajectory that shall run.
+        trajectory_crc64: u64 as u64,
+        /// How long the offer shall hold, ms, 1..=[`ARMING_VALID_MS_MAX`].
+        valid_ms: u16 as u16,
+    }
+
+    /// Output of [`ARM_PREPARE`].
+    ArmOffer {
+        /// To be given back; different for each offer.
+        token: u32 as u32,
+        /// Time left to confirm, ms.
+        valid_ms: u16 as u16,
+    }
+
+    /// Parameter of [`ARM_CONFIRM`].
+    ArmConfirm {
+        /// From the last offer.
+        token: u32 as u32,
+        /// How long the group stays armed without a run, ms, 1..=[`ARMING_VALID_MS_MAX`].
+        valid_ms: u16 as u16,
+    }
+
+    /// Parameter of [`RUN`] and [`COMMIT_TRAJECTORY`].
+    Trajectory {
+        /// CRC-64/WE of the whole file.
+        trajectory_crc64: u64 as u64,
+        /// Size of the file, bytes.
+        length_bytes: u32 as u32,
+    }
+
+    /// Parameter of [`CLEAR_FAULT`].
+    ClearFault {
+        /// The latched cause that the sender has seen; another one is not cleared.
+        fault_cause: u16 as u16,
+    }
+
+    /// Parameter of [`HOME`].
+    Home {
+        /// Bit n: joint n, counted from 0.
+        joint_mask: u8 as u8,
+    }
+
+    /// Parameter of [`JOG`].
+    Jog {
+        /// Counted from 0.
+        joint: u8 as u8,
+        /// Wanted velocity; the controller caps it at its jog speed.
+        qd_rad_s: f32 as f32,
+        /// The joint ramps down unless the command comes again within this time, ms,
+        /// 1..=[`JOG_HOLD_MS_MAX`].
+        hold_ms: u16 as u16,
+    }
+
+    /// Parameter of [`GRIPPER`].
+    Gripper {
+        /// Open or closed.
+        open: bool as bool,
+    }
+
+    /// Output of any command that did not succeed.
+    Refusal {
+        /// Number as in [`GroupState::fault_cause`](super::group_state::GroupState::fault_cause), or
+        /// of the check that failed.
+        cause: u16 as u16,
+        /// Joint concerned, counted from 1; 0 = none.
+        joint: u8 as u8,
+        /// Segment, cycle or other place, as the cause says.
+        index: u16 as u16,
+    }
+}

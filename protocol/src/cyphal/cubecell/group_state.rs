@@ -1,0 +1,192 @@
+//! `cubecell.GroupState.1.0`: the joint group as a whole.
+
+use core::fmt;
+
+use super::super::bits::{Decode, DecodeError, Encode, Reader, Writer};
+use super::super::id::SubjectId;
+
+/// Default subject.
+pub const SUBJECT: SubjectId = SubjectId::from_low_bits(1001);
+/// Bytes of the message known here.
+pub const EXTENT: u16 = 41;
+/// Full type name for the register `uavcan.pub.group_state.type`.
+pub const TYPE: &str = "cubecell.GroupState.1.0";
+
+/// State of the group; the numbers are on the wire, also as vendor status of the heartbeat.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[repr(u8)]
+pub enum State {
+    /// Starting up; nothing is known yet.
+    #[default]
+    Boot = 0,
+    /// Drives found, not all homed.
+    Idle = 1,
+    /// At least one joint is looking for its zero.
+    Homing = 2,
+    /// Homed and at rest.
+    Ready = 3,
+    /// A run may begin until the arming expires.
+    Armed = 4,
+    /// A trajectory is being tracked.
+    Running = 5,
+    /// Ramping down.
+    Stopping = 6,
+    /// At rest after a stop; needs a new arming.
+    Stopped = 7,
+    /// At rest because of a latched fault.
+    Fault = 8,
+    /// A joint moves while a person holds a key.
+    Jogging = 9,
+}
+
+impl State {
+    /// State of a number.
+    pub const fn from_number(number: u8) -> Option<Self> {
+        Some(match number {
+            0 => Self::Boot,
+            1 => Self::Idle,
+            2 => Self::Homing,
+            3 => Self::Ready,
+            4 => Self::Armed,
+            5 => Self::Running,
+            6 => Self::Stopping,
+            7 => Self::Stopped,
+            8 => Self::Fault,
+            9 => Self::Jogging,
+            _ => return None,
+        })
+    }
+}
+
+impl fmt::Display for State {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Boot => "boot",
+            Self::Idle => "idle",
+            Self::Homing => "homing",
+            Self::Ready => "ready",
+            Self::Armed => "armed",
+            Self::Running => "running",
+            Self::Stopping => "stopping",
+            Self::Stopped => "stopped",
+            Self::Fault => "fault",
+            Self::Jogging => "jogging",
+        })
+    }
+}
+
+/// The message; see the `.dsdl` file for each field.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct GroupState {
+    /// Time of this message since the controller started, µs, 56 bits.
+    pub uptime_us: u64,
+    /// Number of this message, modulo 65536.
+    pub sequence: u16,
+    /// State of the group.
+    pub state: State,
+    /// Joint of the latched fault counted from 1; 0 = the group, or no fault.
+    pub fault_joint: u8,
+    /// Number of the first fault since the last clear; 0 = none.
+    pub fault_cause: u16,
+    /// Bit n: joint n (from 0) has found its zero.
+    pub homed_mask: u8,
+    /// A whole file is in the upload bank.
+    pub trajectory_stored: bool,
+    /// The file named by `trajectory_crc64` passed all checks.
+    pub trajectory_committed: bool,
+    /// The heartbeat of the host that armed the group is fresh.
+    pub host_alive: bool,
+    /// The gripper output is set to open.
+    pub gripper_open: bool,
+    /// The CAN controller is error-passive or was bus-off since the last message.
+    pub bus_warning: bool,
+    /// Nominal control period, µs.
+    pub cycle_us: u16,
+    /// Largest deviation from it since the last message, µs; stays at 65535.
+    pub cycle_jitter_us: u16,
+    /// Cycles that began late, since start; stays at 65535.
+    pub cycles_late: u16,
+    /// Drive replies that did not come in time, since start; stays at 65535.
+    pub replies_missed: u16,
+    /// Cycles in which a joint's acceleration was clipped, since start; stays at 65535.
+    pub cycles_saturated: u16,
+    /// Bus time taken since the last message, in thousandths.
+    pub bus_load_permille: u16,
+    /// CRC-64/WE of the committed trajectory file; 0 if there is none.
+    pub trajectory_crc64: u64,
+    /// Time along the plan, µs; 0 unless running or stopping.
+    pub trajectory_time_us: u32,
+    /// Time until the arming expires, ms; 0 unless armed or offered.
+    pub arming_left_ms: u16,
+}
+
+impl Encode for GroupState {
+    fn encode(&self, out: &mut Writer<'_>) {
+        out.uint(self.uptime_us, 56);
+        out.u16(self.sequence);
+        out.u8(self.state as u8);
+        out.u8(self.fault_joint);
+        out.u16(self.fault_cause);
+        out.u8(self.homed_mask);
+        for flag in [
+            self.trajectory_stored,
+            self.trajectory_committed,
+            self.host_alive,
+            self.gripper_open,
+            self.bus_warning,
+        ] {
+            out.bool(flag);
+        }
+        out.void(3);
+        for number in [
+            self.cycle_us,
+            self.cycle_jitter_us,
+            self.cycles_late,
+            self.replies_missed,
+            self.cycles_saturated,
+            self.bus_load_permille,
+        ] {
+            out.u16(number);
+        }
+        out.uint(self.trajectory_crc64, 64);
+        out.u32(self.trajectory_time_us);
+        out.u16(self.arming_left_ms);
+    }
+}
+
+impl Decode<'_> for GroupState {
+    /// A state number that is not defined is [`DecodeError::UnknownValue`]: a monitor must not show
+    /// a newer controller's state as one it is not.
+    fn decode(input: &mut Reader<'_>) -> Result<Self, DecodeError> {
+        let (uptime_us, sequence) = (input.uint(56), input.u16());
+        let number = input.u8();
+        let state =
+            State::from_number(number).ok_or(DecodeError::UnknownValue { value: u32::from(number) })?;
+        let (fault_joint, fault_cause, homed_mask) = (input.u8(), input.u16(), input.u8());
+        let [trajectory_stored, trajectory_committed, host_alive, gripper_open, bus_warning] =
+            [(); 5].map(|()| input.bool());
+        input.void(3);
+        Ok(Self {
+            uptime_us,
+            sequence,
+            state,
+            fault_joint,
+            fault_cause,
+            homed_mask,
+            trajectory_stored,
+            trajectory_committed,
+            host_alive,
+            gripper_open,
+            bus_warning,
+            cycle_us: input.u16(),
+            cycle_jitter_us: input.u16(),
+            cycles_late: input.u16(),
+            replies_missed: input.u16(),
+            cycles_saturated: input.u16(),
+            bus_load_permille: input.u16(),
+            trajectory_crc64: input.uint(64),
+            trajectory_time_us: input.u32(),
+            arming_left_ms: input.u16(),
+        })
+    }
+}
