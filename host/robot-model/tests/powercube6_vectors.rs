@@ -122,6 +122,7 @@ fn link_inertias_follow_from_the_boxes() {
 /// The published optimum for the target (1, 1, -1) m, worked out by hand from its eight parameters.
 mod published_optimum {
     use nalgebra::{Matrix3, Vector3, Vector6};
+    use robot_model::collision::{CollisionChecker, Scene};
     use robot_model::jacobian::joint_rates;
     use robot_model::{IkSolution, JointVec, Pose};
 
@@ -181,5 +182,26 @@ mod published_optimum {
         let motor_a = arm.motor_currents(&qd, &tau).expect("this robot has drives");
         let want = JointVec::from([4.392, 9.780, 3.008, 0.041, 0.487, 0.401]);
         assert!((motor_a - want).amax() < 6e-4, "{motor_a}");
+    }
+
+    #[test]
+    fn clearance_over_the_whole_motion() {
+        let (found, qd) = solution();
+        let (ha, hb) = ((1.0 - H[7]) * H[6], H[7] * H[6]);
+        // Two-segment cubic about the release: q̇ = q̇_r (1 - s²/h²), s from -ha to hb.
+        let at = |s: f64| {
+            let h = if s < 0.0 { ha } else { hb };
+            found.q + qd * (s - s * s * s / (3.0 * h * h))
+        };
+        let arm = arm();
+        let scene = Scene::default();
+        let mut checker = CollisionChecker::new(&arm, &scene);
+        let mut smallest = |t0: f64, t1: f64| {
+            (0..=1000)
+                .map(|k| checker.clearance(&arm.fk(&at(t0 + (t1 - t0) * f64::from(k) / 1000.0))).distance_m)
+                .fold(f64::INFINITY, f64::min)
+        };
+        let over_motion = smallest(-ha, hb);
+        assert!((over_motion - 0.0231).abs() < 6e-5, "{over_motion}");
     }
 }

@@ -123,7 +123,8 @@ fn read_model<const N: usize>(root: &Section<'_>) -> Result<RobotModel<N>, LoadE
 
     let (links, boxes) = bodies::read::<N>(root, &frames.x_jl)?;
     let rule = read_pair_rule(&root.section("collision")?, N)?;
-    let collision = CollisionModel::new(boxes, rule);
+    let ball_n = x_ne.transform_point(&gripper.x_eb.pos);
+    let collision = CollisionModel::new(boxes, rule, &frames.x_pj, &ball_n);
 
     let family_name = root.choice("family", &FamilyName::WORDS)?;
     let family = Family::fit(family_name, &frames.x_pj, &x_ne)

@@ -1,0 +1,249 @@
+//! Collision of a whole motion, between the samples too.
+//!
+//! Sampling a motion finely can miss a thin box. Here an interval of the motion is *proven* free: the distance of a
+//! pair in the middle of the interval must exceed what the two bodies can have moved towards each other until its
+//! ends. That bound follows from the joint travel and from how far a link can be from each joint axis. Pairs
+//! that are proven are dropped, the interval is halved for the rest (Schwarzer, Saha, Latombe, "Adaptive dynamic
+//! collision checking for single and multiple articulated robots in complex environments", 2005).
+
+use nalgebra::Vector3;
+
+use super::checker::{Body, Clearance, CollisionChecker, Pair};
+use crate::model::JointVec;
+use crate::pose::Pose;
+
+/// A motion as the collision checker needs it.
+///
+/// `s` is any parameter (usually the time in s). For [`Travel::path_length`] joints that move monotonically over an
+/// interval, as in the two-segment cubics of the throwing paper, simply take the difference of the ends.
+pub trait Travel<const N: usize> {
+    /// Configuration at `s`.
+    fn at(&self, s: f64) -> JointVec<N>;
+
+    /// Upper bound of the way each joint goes between `s0` and `s1 ≥ s0`, in rad.
+    fn path_length(&self, s0: f64, s1: f64) -> JointVec<N>;
+}
+
+/// A straight line in joint space: `from` at s = 0, `to` at s = 1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StraightMove<const N: usize> {
+    /// Configuration at s = 0, in rad.
+    pub from: JointVec<N>,
+    /// Configuration at s = 1, in rad.
+    pub to: JointVec<N>,
+}
+
+impl<const N: usize> Travel<N> for StraightMove<N> {
+    fn at(&self, s: f64) -> JointVec<N> {
+        self.from + (self.to - self.from) * s
+    }
+
+    fn path_length(&self, s0: f64, s1: f64) -> JointVec<N> {
+        (self.to - self.from).abs() * (s1 - s0)
+    }
+}
+
+/// Outcome of checking a motion.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum MotionVerdict {
+    /// Proven free over the whole interval.
+    Free {
+        /// Number of configurations that were evaluated.
+        evaluations: usize,
+    },
+    /// Two bodies overlap, touch, or come nearer than the tolerance.
+    Contact {
+        /// Where on the motion this happens first, to within the way that the tolerance stands for.
+        s: f64,
+        /// The bodies and their distance there.
+        clearance: Clearance,
+    },
+}
+
+impl MotionVerdict {
+    /// Whether the motion was proven free.
+    #[must_use]
+    pub fn is_free(&self) -> bool {
+        matches!(self, Self::Free { .. })
+    }
+}
+
+/// Intervals deeper than this (a 2⁻³² part of the motion) are given up as contacts; reached only if the travel bound
+/// does not shrink with the interval.
+const DEPTH_MAX: u32 = 32;
+
+struct Interval {
+    s0: f64,
+    s1: f64,
+    depth: u32,
+    /// Start of this interval's pairs in the shared list.
+    pairs_from: usize,
+}
+
+impl<const N: usize> CollisionChecker<'_, N> {
+    /// Checks the motion from `s0` to `s1`: everything that [`CollisionChecker::collides`] tests, at every instant.
+    ///
+    /// Intervals in which bodies move towards each other by less than `tolerance_m` and still are not proven free
+    /// count as contact; 0.1 mm is a good tolerance. A motion that is not finite anywhere is a contact there.
+    pub fn check_motion(
+        &mut self,
+        motion: &impl Travel<N>,
+        s0: f64,
+        s1: f64,
+        tolerance_m: f64,
+    ) -> MotionVerdict {
+        // Pairs of all pending intervals, one slice after the other; intervals are handled last in, first out.
+        let mut open: Vec<Pair> = self.pairs.clone();
+        let mut intervals = vec![Interval { s0, s1, depth: 0, pairs_from: 0 }];
+        let mut evaluations = 0;
+        let mut earliest = None;
+        let mut todo = Vec::new();
+        let mut unproven = Vec::new();
+        while let Some(Interval { s0, s1, depth, pairs_from }) = intervals.pop() {
+            let s = 0.5 * (s0 + s1);
+            let before = motion.path_length(s0, s);
+            let after = motion.path_length(s, s1);
+            let travel = before.zip_map(&after, f64::max);
+            let frames = self.model.fk(&motion.at(s));
+            self.place(&frames);
+            evaluations += 1;
+            todo.clear();
+            todo.extend(open.drain(pairs_from..));
+            unproven.clear();
+            let mut contact = false;
+            for pair in &todo {
+                let approach_m = self.approach(pair, &travel);
+                if self.sphere_gap(pair) > approach_m {
+                    continue;
+                }
+                let separation_m = self.separation(pair);
+                if separation_m > approach_m {
+                    continue;
+                }
+                // A distance that is not a number must not pass for a free one.
+                let apart = separation_m > 0.0;
+                let fine = approach_m <= tolerance_m || depth == DEPTH_MAX;
+                if !apart || fine {
+                    let distance_m = self.proximity(pair).distance_m;
+                    let clearance = Clearance { distance_m, a: pair.a, b: pair.b };
+                    earliest = Some(MotionVerdict::Contact { s, clearance });
+                    // Only what is before this contact still matters.
+                    intervals.clear();
+                    open.clear();
+                    contact = true;
+                }
+                if !fine {
+                    unproven.push(*pair);
+                }
+            }
+            if !unproven.is_empty() {
+                // Earlier half last onto the stack: it is looked at first.
+                for (s0, s1) in [(s, s1), (s0, s)].into_iter().skip(usize::from(contact)) {
+                    intervals.push(Interval { s0, s1, depth: depth + 1, pairs_from: open.len() });
+                    open.extend_from_slice(&unproven);
+                }
+            }
+        }
+        earliest.unwrap_or(MotionVerdict::Free { evaluations })
+    }
+
+    /// Checks a ball in flight against the arm in motion from `s0` to `s1`; `ball_at` is its centre, `ball_speed_max`
+    /// bounds its speed per unit of `s`. Tolerance and outcome as in [`CollisionChecker::check_motion`].
+    pub fn check_flight(
+        &mut self,
+        motion: &impl Travel<N>,
+        ball_at: impl Fn(f64) -> Vector3<f64>,
+        ball_speed_max: f64,
+        (s0, s1): (f64, f64),
+        tolerance_m: f64,
+    ) -> MotionVerdict {
+        let mut intervals = vec![(s0, s1, 0_u32)];
+        let mut evaluations = 0;
+        let mut earliest = None;
+        while let Some((s0, s1, depth)) = intervals.pop() {
+            let s = 0.5 * (s0 + s1);
+            let travel = motion.path_length(s0, s).zip_map(&motion.path_length(s, s1), f64::max);
+            let flown_m = ball_speed_max * (s1 - s0) * 0.5;
+            let frames = self.model.fk(&motion.at(s));
+            let clearance = self.ball_clearance(&frames, &ball_at(s));
+            evaluations += 1;
+            let swung_m = (1..=N).map(|link| self.swept(link, 0, &travel)).fold(0.0, f64::max);
+            if clearance.distance_m > flown_m + swung_m {
+                continue;
+            }
+            // A distance that is not a number must not pass for a free one.
+            let apart = clearance.distance_m > 0.0;
+            let fine = flown_m + swung_m <= tolerance_m || depth == DEPTH_MAX;
+            if !apart || fine {
+                earliest = Some(MotionVerdict::Contact { s, clearance });
+                intervals.clear();
+            } else {
+                intervals.push((s, s1, depth + 1));
+            }
+            if !fine {
+                intervals.push((s0, s, depth + 1));
+            }
+        }
+        earliest.unwrap_or(MotionVerdict::Free { evaluations })
+    }
+
+    /// How far a pair can have approached after the joints have travelled this much.
+    fn approach(&self, pair: &Pair, travel: &JointVec<N>) -> f64 {
+        let (from, to) = (pair.link_a.min(pair.link_b), pair.link_a.max(pair.link_b));
+        if pair.b == Body::Ball {
+            let collision = self.model.collision();
+            (from..to).map(|k| collision.ball_swing_m(k) * travel[k]).sum()
+        } else {
+            self.swept(to, from, travel)
+        }
+    }
+
+    /// Farthest way of a point of link `to` seen from link `from`: only the joints between them count.
+    fn swept(&self, to: usize, from: usize, travel: &JointVec<N>) -> f64 {
+        let collision = self.model.collision();
+        (from..to).map(|k| collision.swing_m(k, to) * travel[k]).sum()
+    }
+}
+
+/// Largest distance from the axis of joint `k` at which a point fixed to link `i` (both from 0) can be, any angles of
+/// the joints between; zero for `k > i`.
+///
+/// The point moves on circles about the axes from `i` down to `k + 1`; each joint adds at most the way to the next
+/// origin. About its own axis the distance is exact.
+pub(super) fn swing(x_pj: &[Pose], k: usize, i: usize, point: &Vector3<f64>) -> f64 {
+    if k > i {
+        return 0.0;
+    }
+    // Cylinder coordinates of the point about the axis of the current joint: the radius never changes, the height
+    // along the axis neither; only where it is on the circle does.
+    let mut radius = point.x.hypot(point.y);
+    let mut height = (point.z, point.z);
+    for joint in (k + 1..=i).rev() {
+        (radius, height) = carried(&x_pj[joint], radius, height);
+    }
+    radius
+}
+
+/// Bounds of radius and height in the parent's frame for all discs of a child: centre on the child's axis between the
+/// given heights, across it with the given radius.
+fn carried(x_pj: &Pose, radius: f64, (low, high): (f64, f64)) -> (f64, (f64, f64)) {
+    let z: Vector3<f64> = x_pj.rot.column(2).into();
+    let tilt = z.x.hypot(z.y);
+    let mut out_radius = 0.0_f64;
+    let mut out = (f64::INFINITY, f64::NEG_INFINITY);
+    // Distance from the parent's axis is convex along the child's axis: the ends are enough.
+    for h in [low, high] {
+        let centre = x_pj.pos + z * h;
+        let reach = if tilt > 1e-9 {
+            // Seen along the parent's axis the disc is an ellipse: `radius` across the tilt, shortened along it.
+            let along = (centre.x * z.x + centre.y * z.y) / tilt;
+            let across = (centre.y * z.x - centre.x * z.y) / tilt;
+            (along.abs() + radius * z.z.abs()).hypot(across.abs() + radius)
+        } else {
+            centre.x.hypot(centre.y) + radius
+        };
+        out_radius = out_radius.max(reach);
+        out = (out.0.min(centre.z - tilt * radius), out.1.max(centre.z + tilt * radius));
+    }
+    (out_radius, out)
+}
