@@ -33,6 +33,17 @@ impl Clock {
         Instant::from_micros(self.unix_origin_us.saturating_add(at.as_micros()))
     }
 
+    /// The other way round: the time by this clock of `unix`, microseconds since 1970; zero for what
+    /// was before the origin.
+    pub const fn from_unix(&self, unix: Instant) -> Instant {
+        Instant::from_micros(unix.as_micros().saturating_sub(self.unix_origin_us))
+    }
+
+    /// A reading of the system's clock as microseconds since 1970.
+    pub(crate) fn unix_of(&self, time: SystemTime) -> Instant {
+        Instant::from_micros(micros(time.duration_since(SystemTime::UNIX_EPOCH).unwrap_or(Duration::ZERO)))
+    }
+
     /// How long to sleep from now until `until`; zero if it has passed.
     pub fn remaining(&self, until: Instant) -> Duration {
         Duration::from_micros(until.saturating_since(self.now()).as_micros())

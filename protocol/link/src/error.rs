@@ -1,6 +1,7 @@
 //! What goes wrong with links: what happened, where, and what to do next.
 
 use std::io;
+use std::path::PathBuf;
 
 /// A link could not be opened.
 #[derive(Debug, thiserror::Error)]
@@ -55,6 +56,79 @@ pub enum OpenError {
         /// The system's answer.
         source: io::Error,
     },
+    /// `sim` is not a link of the operating system.
+    #[error(
+        "'sim' is the cell inside this program, not a bus to connect to\n  next: name an interface, a server or an adapter"
+    )]
+    Embedded,
+    /// An interface is joined, not served.
+    #[error(
+        "the interface '{interface}' is a bus already; it is joined, not served\n  next: join it, or serve socketcand://127.0.0.1:29536/{interface}"
+    )]
+    NotServable {
+        /// As given.
+        interface: String,
+    },
+    /// There is no such network interface.
+    #[error("no interface '{interface}' (CAN interfaces of this machine: {present})\n  next: {command}")]
+    NoInterface {
+        /// As given.
+        interface: String,
+        /// CAN interfaces that exist.
+        present: String,
+        /// What makes it appear.
+        command: String,
+    },
+    /// The interface exists, but is of another kind.
+    #[error(
+        "'{interface}' is no CAN interface (CAN interfaces of this machine: {present})\n  next: name one of those, or `ip -details link show type can`"
+    )]
+    NotCan {
+        /// As given.
+        interface: String,
+        /// CAN interfaces that exist.
+        present: String,
+    },
+    /// The interface is switched off.
+    #[error("the interface '{interface}' is down\n  next: {command}")]
+    InterfaceDown {
+        /// As given.
+        interface: String,
+        /// What brings it up.
+        command: String,
+    },
+    /// The kernel does not know CAN sockets.
+    #[error(
+        "cannot open '{interface}': the kernel has no CAN sockets\n  next: `sudo modprobe can_raw`; where the kernel has no such module (containers, some virtual machines), use socketcand:// or sim"
+    )]
+    NoCanInKernel {
+        /// As given.
+        interface: String,
+    },
+    /// The right to open CAN sockets is missing.
+    #[error(
+        "no permission to open '{interface}': {source}\n  next: in a container, run it with the capability NET_RAW; else check the seccomp or SELinux rules"
+    )]
+    NoPermission {
+        /// As given.
+        interface: String,
+        /// The system's answer.
+        source: io::Error,
+    },
+    /// The serial device cannot be opened or set up.
+    #[error("cannot open {}: {source}\n  next: {}", .path.display(), device_advice(.source))]
+    Device {
+        /// As given.
+        path: PathBuf,
+        /// The system's answer.
+        source: io::Error,
+    },
+    /// The path is a file of another kind.
+    #[error("{} is no serial device\n  next: `ls /dev/serial/by-id` shows those that are plugged in", .path.display())]
+    NotSerial {
+        /// As given.
+        path: PathBuf,
+    },
     /// A system call that always works did not.
     #[error("cannot set up {what} for {address}: {source}")]
     Setup {
@@ -78,6 +152,17 @@ fn listen_advice(source: &io::Error) -> &'static str {
     }
 }
 
+fn device_advice(source: &io::Error) -> &'static str {
+    match source.kind() {
+        io::ErrorKind::NotFound => "plug the adapter in; `ls /dev/serial/by-id` shows those that are there",
+        io::ErrorKind::PermissionDenied => {
+            "join the group that owns the device (`sudo usermod -aG dialout $USER`, then log in again)"
+        }
+        io::ErrorKind::ResourceBusy => "another program uses it: `fuser -v` with the path names it",
+        _ => "check the path and the adapter",
+    }
+}
+
 /// A link that was open is gone.
 #[derive(Clone, Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -87,6 +172,14 @@ pub enum LinkError {
     Closed {
         /// Name of the link.
         link: String,
+    },
+    /// The network interface was switched off.
+    #[error("{link}: the interface went down\n  next: {command}")]
+    InterfaceDown {
+        /// Name of the link.
+        link: String,
+        /// What brings it up.
+        command: String,
     },
     /// The system reports an error on an open link.
     #[error(

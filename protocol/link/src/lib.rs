@@ -6,7 +6,10 @@
 //! |---|---|---|---|
 //! | spec | [`BusSpec`] | the `--bus` string, checked | open anything |
 //! | contract | [`Link`], [`Event`], [`wait`] | what every link is: frames and bus errors in, frames out, never blocking | know a particular medium |
-//! | media | [`socketcand`] | one folder per medium, client and server side | know another medium |
+//! | many peers, one bus | [`Hub`], [`Station`] | the server's and the client's half of a text protocol: sockets, queues, fairness | know what is said |
+//! | media | [`socketcand`], [`slcan`] | one folder per medium: who says what when | open a socket of their own |
+//! | | [`SocketCan`] | a CAN interface of Linux | |
+//! | doors | [`open`], [`serve`] | from the spec to a link, as participant or as the bus | |
 //! | runner | [`Runner`], [`Lateness`] | the loop of the [`protocol::Node`] contract on a link, with the monotonic clock | interpret a frame |
 //!
 //! # Invariants of the crate
@@ -20,18 +23,33 @@
 //!
 //! Unix only: waiting is `poll(2)`. SocketCAN needs Linux.
 
+mod bus_error;
 mod clock;
 mod error;
+mod hub;
 mod lateness;
 mod link;
+mod net;
+mod open;
 mod runner;
+mod serial;
+pub mod slcan;
+#[cfg(target_os = "linux")]
+mod socket_can;
 pub mod socketcand;
 mod spec;
+mod station;
 mod stream;
 
+pub use bus_error::{BusError, Cause};
 pub use clock::Clock;
 pub use error::{LinkError, OpenError, SendError};
+pub use hub::{ClientId, Hub, Relay, ServerEvent, ServerOptions};
 pub use lateness::Lateness;
 pub use link::{Event, Link, LinkStats, PollSet, wait};
+pub use open::{BusServer, open, serve};
 pub use runner::{Direction, RunError, RunStats, Runner};
+#[cfg(target_os = "linux")]
+pub use socket_can::SocketCan;
 pub use spec::{BusSpec, SlcanPort, SpecError};
+pub use station::Station;

@@ -6,6 +6,7 @@ use protocol::{Frame, Instant};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 
+use crate::bus_error::BusError;
 use crate::clock::Clock;
 use crate::error::{LinkError, SendError};
 
@@ -25,8 +26,8 @@ pub enum Event {
     BusError {
         /// Arrival by the link's [`Clock`].
         at: Instant,
-        /// Error class bits as in Linux `can/error.h`.
-        class: u32,
+        /// What it says.
+        error: BusError,
     },
 }
 

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use protocol::text::BusName;
+use protocol::text::slcan::Bitrate;
 use protocol::text::socketcand::DEFAULT_PORT;
 
 /// Longest name of a Linux network interface (`IFNAMSIZ` without the end mark).
@@ -46,8 +47,8 @@ pub enum BusSpec {
     Slcan {
         /// Where it is.
         port: SlcanPort,
-        /// Bit rate of the bus in bit/s: one of the nine SLCAN has a code for.
-        bitrate: u32,
+        /// Bit rate of the bus.
+        bitrate: Bitrate,
     },
 }
 
@@ -81,10 +82,6 @@ pub struct SpecError {
     /// A text of the same kind that would be right.
     pub example: &'static str,
 }
-
-/// Bit rates with an SLCAN code, `S0` to `S8`.
-const SLCAN_BITRATES: [u32; 9] =
-    [10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000];
 
 const ANY: &str =
     "sim, can0, socketcand://127.0.0.1:29536/can0, slcan:/dev/ttyACM0 or slcan://127.0.0.1:3333";
@@ -189,19 +186,21 @@ fn host_port(authority: &str) -> Result<(String, Option<u16>), String> {
 }
 
 struct SlcanOptions {
-    bitrate: u32,
+    bitrate: Bitrate,
     baud: Option<u32>,
 }
 
 fn slcan_options(query: &str) -> Result<SlcanOptions, String> {
-    let mut options = SlcanOptions { bitrate: 1_000_000, baud: None };
+    let mut options = SlcanOptions { bitrate: Bitrate::M1, baud: None };
     for option in query.split('&').filter(|option| !option.is_empty()) {
         let (key, value) = option.split_once('=').ok_or_else(|| format!("'{option}' has no value"))?;
         let number: u32 = value.parse().map_err(|_| format!("{key}: '{value}' is no number"))?;
         match key {
-            "bitrate" if SLCAN_BITRATES.contains(&number) => options.bitrate = number,
             "bitrate" => {
-                return Err(format!("SLCAN has no code for {number} bit/s (only {SLCAN_BITRATES:?})"));
+                options.bitrate = Bitrate::from_bits_per_second(number).ok_or_else(|| {
+                    let known = Bitrate::ALL.map(Bitrate::bits_per_second);
+                    format!("SLCAN has no code for {number} bit/s (only {known:?})")
+                })?;
             }
             "baud" if number > 0 => options.baud = Some(number),
             "baud" => return Err("a baud rate is above zero".to_owned()),
@@ -213,7 +212,7 @@ fn slcan_options(query: &str) -> Result<SlcanOptions, String> {
 
 impl fmt::Display for BusSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let host_port = crate::socketcand::host_port;
+        let host_port = crate::net::host_port;
         match self {
             Self::Sim => f.write_str("sim"),
             Self::SocketCan { interface } => f.write_str(interface),
@@ -221,10 +220,10 @@ impl fmt::Display for BusSpec {
                 write!(f, "socketcand://{}/{bus}", host_port(host, *port))
             }
             Self::Slcan { port: SlcanPort::Tcp { host, port }, bitrate } => {
-                write!(f, "slcan://{}?bitrate={bitrate}", host_port(host, *port))
+                write!(f, "slcan://{}?bitrate={}", host_port(host, *port), bitrate.bits_per_second())
             }
             Self::Slcan { port: SlcanPort::Device { path, baud }, bitrate } => {
-                write!(f, "slcan:{}?bitrate={bitrate}", path.display())?;
+                write!(f, "slcan:{}?bitrate={}", path.display(), bitrate.bits_per_second())?;
                 baud.map_or(Ok(()), |baud| write!(f, "&baud={baud}"))
             }
         }
@@ -239,11 +238,11 @@ mod tests {
         BusSpec::Socketcand { host: host.into(), port, bus: bus.into() }
     }
 
-    fn device(path: &str, bitrate: u32, baud: Option<u32>) -> BusSpec {
+    fn device(path: &str, bitrate: Bitrate, baud: Option<u32>) -> BusSpec {
         BusSpec::Slcan { port: SlcanPort::Device { path: path.into(), baud }, bitrate }
     }
 
-    fn tcp(host: &str, port: u16, bitrate: u32) -> BusSpec {
+    fn tcp(host: &str, port: u16, bitrate: Bitrate) -> BusSpec {
         BusSpec::Slcan { port: SlcanPort::Tcp { host: host.into(), port }, bitrate }
     }
 
@@ -260,10 +259,13 @@ mod tests {
             ("socketcand:///vcan3", socketcand("127.0.0.1", 29_536, "vcan3")),
             ("socketcand://[::1]:29536/can0", socketcand("::1", 29_536, "can0")),
             ("socketcand://[::1]/can0", socketcand("::1", 29_536, "can0")),
-            ("slcan:/dev/ttyACM0", device("/dev/ttyACM0", 1_000_000, None)),
-            ("slcan:/dev/ttyUSB0?baud=115200&bitrate=500000", device("/dev/ttyUSB0", 500_000, Some(115_200))),
-            ("slcan://127.0.0.1:3333", tcp("127.0.0.1", 3333, 1_000_000)),
-            ("slcan://lab:3333?bitrate=125000", tcp("lab", 3333, 125_000)),
+            ("slcan:/dev/ttyACM0", device("/dev/ttyACM0", Bitrate::M1, None)),
+            (
+                "slcan:/dev/ttyUSB0?baud=115200&bitrate=500000",
+                device("/dev/ttyUSB0", Bitrate::K500, Some(115_200)),
+            ),
+            ("slcan://127.0.0.1:3333", tcp("127.0.0.1", 3333, Bitrate::M1)),
+            ("slcan://lab:3333?bitrate=125000", tcp("lab", 3333, Bitrate::K125)),
         ] {
             assert_eq!(text.parse(), Ok(spec.clone()), "{text}");
             assert_eq!(spec.to_string().parse(), Ok(spec), "{text}");

@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::TcpStream;
-use std::os::fd::{AsFd, BorrowedFd};
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
 /// Bytes of output that wait for a slow reader: about 1 100 frames in socketcand's text.
 pub(crate) const OUTPUT_QUEUE_BYTES: usize = 64 * 1024;
@@ -11,16 +11,20 @@ pub(crate) const OUTPUT_QUEUE_BYTES: usize = 64 * 1024;
 /// What carries the bytes.
 pub(crate) enum Medium {
     Tcp(TcpStream),
-    /// A serial device or pseudo-terminal, opened without blocking.
-    #[expect(dead_code, reason = "serial lines come with the SLCAN links")]
-    File(File),
+    /// A serial device or the near end of a pseudo-terminal, opened without blocking.
+    Serial {
+        file: File,
+        /// The far end of a pseudo-terminal: as long as it is open somewhere, the near end works
+        /// even though nobody uses it.
+        _far_end: Option<OwnedFd>,
+    },
 }
 
 impl AsFd for Medium {
     fn as_fd(&self) -> BorrowedFd<'_> {
         match self {
             Self::Tcp(stream) => stream.as_fd(),
-            Self::File(file) => file.as_fd(),
+            Self::Serial { file, .. } => file.as_fd(),
         }
     }
 }
@@ -61,7 +65,7 @@ impl Stream {
         loop {
             let result = match &mut self.medium {
                 Medium::Tcp(stream) => stream.read(buffer),
-                Medium::File(file) => file.read(buffer),
+                Medium::Serial { file, .. } => file.read(buffer),
             };
             return match result {
                 Ok(0) => Ok(Chunk::Closed),
@@ -90,13 +94,24 @@ impl Stream {
         self.queue.len() - self.sent
     }
 
+    /// False for a serial line, where nobody can tell whether someone is at the other end.
+    pub(crate) const fn can_hang_up(&self) -> bool {
+        matches!(self.medium, Medium::Tcp(_))
+    }
+
+    /// Drops what waits to be written.
+    pub(crate) fn discard_output(&mut self) {
+        self.queue.clear();
+        self.sent = 0;
+    }
+
     /// Writes what the medium takes now; true if that was anything.
     pub(crate) fn flush(&mut self) -> io::Result<bool> {
         let before = self.sent;
         while let Some(rest) = self.queue.get(self.sent..).filter(|rest| !rest.is_empty()) {
             let result = match &mut self.medium {
                 Medium::Tcp(stream) => stream.write(rest),
-                Medium::File(file) => file.write(rest),
+                Medium::Serial { file, .. } => file.write(rest),
             };
             match result {
                 Ok(0) => return Err(ErrorKind::WriteZero.into()),

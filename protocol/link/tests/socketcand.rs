@@ -137,8 +137,8 @@ fn bus_errors_arrive_with_their_class() {
     let clock = Clock::start();
     let class = loop {
         assert!(server.receive().unwrap().is_none());
-        if let Some(Event::BusError { class, .. }) = client.receive().unwrap() {
-            break class;
+        if let Some(Event::BusError { error, .. }) = client.receive().unwrap() {
+            break error.class;
         }
         wait(&[&server, &client], &clock, Some(clock.now() + Duration::from_millis(5))).unwrap();
         assert!(clock.now() < protocol::Instant::ZERO + PATIENCE);
@@ -208,7 +208,7 @@ fn wrong_commands_get_an_answer_and_the_connection_stays() {
             "< error a bus is open already >",
             "< error subscribe is not supported, use rawmode and send >",
             "< error column 16: expected 2 data bytes as the length code says, found ')' >",
-            "< error message too long >",
+            "< error message longer than 128 bytes >",
             "< echo >",
         ]
     );

@@ -1,53 +1,39 @@
 //! Client side: a bus behind a socketcand server.
 
-use std::collections::VecDeque;
-use std::net::TcpStream;
-use std::time::Duration as StdDuration;
-
 use protocol::text::BusName;
 use protocol::text::socketcand::{Assembled, Assembler, Command, Message};
 use protocol::{Duration, Frame};
 
-use super::host_port;
+use crate::bus_error::BusError;
 use crate::clock::Clock;
-use crate::error::{LinkError, OpenError, SendError};
-use crate::link::{Event, Link, LinkStats, PollSet, wait};
-use crate::stream::{Chunk, Stream};
-
-/// For each address of the host.
-const CONNECT_TIMEOUT: StdDuration = StdDuration::from_secs(3);
+use crate::error::OpenError;
+use crate::net::{dial, host_port};
+use crate::station::{Heard, Speech, Station};
+use crate::stream::Stream;
 
 /// From the connection to the last `< ok >`.
 const HANDSHAKE_TIMEOUT: Duration = Duration::from_secs(3);
 
-const READ_CHUNK: usize = 4096;
-
-/// A connection in raw mode to one bus of a socketcand server.
+/// A connection in raw mode to one bus of a socketcand server; see [`Station`].
 ///
-/// Output: 64 KiB wait for a slow server, further frames are refused
-/// ([`SendError::QueueFull`]). Input is never dropped: what the owner does not take waits in the
-/// server. [`Event::Frame::stamp`] is the server's time, usually Unix time.
-pub struct Client {
-    name: String,
-    clock: Clock,
-    stream: Stream,
+/// The time stamp of a received frame is the server's time, usually Unix time.
+pub type Client = Station<Socketcand>;
+
+/// What a socketcand client says.
+pub struct Socketcand {
     assembler: Assembler,
     step: Step,
-    events: VecDeque<Event>,
-    /// Set once, when the connection is gone.
-    failure: Option<LinkError>,
     /// Words of the server's last refusal.
     refusal: Option<String>,
-    stats: LinkStats,
 }
 
-/// What the client waits for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// How far the handshake is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Step {
-    Greeting,
+    Start,
+    Greeted,
     Opened,
-    RawMode,
-    Done,
+    Raw,
 }
 
 impl Client {
@@ -60,182 +46,68 @@ impl Client {
     pub fn connect(host: &str, port: u16, bus: BusName<'_>, clock: Clock) -> Result<Self, OpenError> {
         let address = host_port(host, port);
         let name = format!("socketcand://{address}/{bus}");
-        let stream = dial(host, port, &name)?;
-        let stream = Stream::tcp(stream).map_err(|source| OpenError::Setup {
-            what: "the connection",
-            address: address.clone(),
-            source,
-        })?;
-        let mut client = Self {
-            name,
-            clock,
-            stream,
-            assembler: Assembler::new(),
-            step: Step::Greeting,
-            events: VecDeque::new(),
-            failure: None,
-            refusal: None,
-            stats: LinkStats::default(),
+        let setup = |what| {
+            let address = address.clone();
+            move |source| OpenError::Setup { what, address, source }
         };
-        client.shake_hands(&address, bus)?;
+        let stream = Stream::tcp(dial(host, port, &name)?).map_err(setup("the connection"))?;
+        let speech = Socketcand { assembler: Assembler::new(), step: Step::Start, refusal: None };
+        let mut client = Self::new(name, stream, speech, clock);
+        let until = clock.now() + HANDSHAKE_TIMEOUT;
+        for (question, step, wanted) in [
+            (None, Step::Greeted, "the greeting"),
+            (Some(Command::Open(bus)), Step::Opened, "the answer to open"),
+            (Some(Command::RawMode), Step::Raw, "the answer to rawmode"),
+        ] {
+            if let Some(question) = question {
+                client.say(question.encode().as_bytes());
+            }
+            let done = |speech: &Socketcand| speech.step >= step || speech.refusal.is_some();
+            let in_time = client.work_until(until, done).map_err(setup("waiting"))?;
+            let address = address.clone();
+            if let Some(reason) = client.speech().refusal.take() {
+                return Err(OpenError::Refused { address, bus: bus.to_string(), reason });
+            }
+            if !in_time {
+                let found = match client.failure() {
+                    Some(error) => error.to_string(),
+                    None => format!("no answer within {HANDSHAKE_TIMEOUT} while waiting for {wanted}"),
+                };
+                return Err(OpenError::Protocol { address, protocol: "socketcand", found });
+            }
+        }
         Ok(client)
     }
 
     /// Words of the server's last refusal of something this client sent.
-    pub fn last_refusal(&self) -> Option<&str> {
-        self.refusal.as_deref()
+    pub fn last_refusal(&mut self) -> Option<&str> {
+        self.speech().refusal.as_deref()
     }
+}
 
-    fn shake_hands(&mut self, address: &str, bus: BusName<'_>) -> Result<(), OpenError> {
-        let protocol = "socketcand";
-        let until = self.clock.now() + HANDSHAKE_TIMEOUT;
-        let mut asked = Step::Greeting;
-        loop {
-            self.service();
-            if asked != self.step {
-                asked = self.step;
-                match self.step {
-                    Step::Opened => self.ask(Command::Open(bus)),
-                    Step::RawMode => self.ask(Command::RawMode),
-                    Step::Greeting | Step::Done => {}
-                }
-            }
-            if self.step == Step::Done {
-                return Ok(());
-            }
-            let address = address.to_owned();
-            if let Some(reason) = self.refusal.take() {
-                return Err(OpenError::Refused { address, bus: bus.to_string(), reason });
-            }
-            if let Some(error) = &self.failure {
-                let found = error.to_string();
-                return Err(OpenError::Protocol { address, protocol, found });
-            }
-            if self.clock.now() >= until {
-                let found = format!(
-                    "no answer within {HANDSHAKE_TIMEOUT} while waiting for {}",
-                    match self.step {
-                        Step::Greeting => "the greeting",
-                        Step::Opened => "the answer to open",
-                        Step::RawMode | Step::Done => "the answer to rawmode",
-                    }
-                );
-                return Err(OpenError::Protocol { address, protocol, found });
-            }
-            wait(&[&*self], &self.clock, Some(until)).map_err(|source| OpenError::Setup {
-                what: "waiting",
-                address,
-                source,
-            })?;
-        }
-    }
-
-    fn ask(&mut self, command: Command<'_>) {
-        self.stream.queue(command.encode().as_bytes());
-        self.flush();
-    }
-
-    fn flush(&mut self) {
-        if let Err(error) = self.stream.flush() {
-            self.failure.get_or_insert_with(|| LinkError::io(&self.name, &error));
-        }
-    }
-
-    fn service(&mut self) {
-        self.flush();
-        if self.failure.is_some() {
-            return;
-        }
-        let mut chunk = [0; READ_CHUNK];
-        let received = match self.stream.read(&mut chunk) {
-            Ok(Chunk::Bytes(count)) => chunk.get(..count).unwrap_or(&[]),
-            Ok(Chunk::Empty) => return,
-            Ok(Chunk::Closed) => {
-                self.failure = Some(LinkError::closed(&self.name));
-                return;
-            }
-            Err(error) => {
-                self.failure = Some(LinkError::io(&self.name, &error));
-                return;
-            }
+impl Speech for Socketcand {
+    fn take(&mut self, byte: u8, hear: &mut dyn FnMut(Heard)) {
+        let message = match self.assembler.push(byte) {
+            None => return,
+            Some(Assembled::Overlong) => return hear(Heard::Malformed),
+            Some(Assembled::Message(text)) => Message::parse(text),
         };
-        let at = self.clock.now();
-        for byte in received {
-            let message = match self.assembler.push(*byte) {
-                None => continue,
-                Some(Assembled::Overlong) => {
-                    self.stats.malformed_in += 1;
-                    continue;
-                }
-                Some(Assembled::Message(text)) => Message::parse(text),
-            };
-            match message {
-                Ok(Message::Frame { at: stamp, frame }) => {
-                    self.events.push_back(Event::Frame { at, stamp: Some(stamp), frame });
-                }
-                Ok(Message::BusError { class, .. }) => self.events.push_back(Event::BusError { at, class }),
-                Ok(Message::Refused { reason }) => {
-                    self.stats.refused_out += 1;
-                    self.refusal = Some(reason.to_owned());
-                }
-                Ok(Message::Hi) if self.step == Step::Greeting => self.step = Step::Opened,
-                Ok(Message::Ok) if self.step == Step::Opened => self.step = Step::RawMode,
-                Ok(Message::Ok) if self.step == Step::RawMode => self.step = Step::Done,
-                Ok(Message::Hi | Message::Ok | Message::Echo) => {}
-                Err(_) => self.stats.malformed_in += 1,
+        match (self.step, message) {
+            (_, Ok(Message::Frame { at, frame })) => hear(Heard::Frame(frame, Some(at))),
+            (_, Ok(Message::BusError { class, .. })) => hear(Heard::BusError(BusError::from_class(class))),
+            (_, Ok(Message::Refused { reason })) => {
+                self.refusal = Some(reason.to_owned());
+                hear(Heard::Refused);
             }
-        }
-    }
-}
-
-/// The first address that answers.
-fn dial(host: &str, port: u16, spec: &str) -> Result<TcpStream, OpenError> {
-    let mut last = std::io::ErrorKind::NotFound.into();
-    for address in super::resolve(host, port)? {
-        match TcpStream::connect_timeout(&address, CONNECT_TIMEOUT) {
-            Ok(stream) => return Ok(stream),
-            Err(error) => last = error,
-        }
-    }
-    Err(OpenError::Connect { address: host_port(host, port), spec: spec.to_owned(), source: last })
-}
-
-impl Link for Client {
-    fn name(&self) -> &str {
-        &self.name
-    }
-
-    fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
-        if let Some(error) = &self.failure {
-            return Err(error.clone().into());
-        }
-        if !self.stream.queue(Command::Send(*frame).encode().as_bytes()) {
-            self.stats.dropped_out += 1;
-            return Err(SendError::QueueFull { link: self.name.clone() });
-        }
-        self.stats.frames_out += 1;
-        self.flush();
-        Ok(())
-    }
-
-    fn receive(&mut self) -> Result<Option<Event>, LinkError> {
-        if self.events.is_empty() {
-            self.service();
-        }
-        match self.events.pop_front() {
-            Some(event) => {
-                self.stats.frames_in += u64::from(matches!(event, Event::Frame { .. }));
-                Ok(Some(event))
-            }
-            None => self.failure.clone().map_or(Ok(None), Err),
+            (Step::Start, Ok(Message::Hi)) => self.step = Step::Greeted,
+            (Step::Greeted, Ok(Message::Ok)) => self.step = Step::Opened,
+            (Step::Opened, Ok(Message::Ok)) => self.step = Step::Raw,
+            (_, Ok(Message::Hi | Message::Ok | Message::Echo)) => {}
+            (_, Err(_)) => hear(Heard::Malformed),
         }
     }
 
-    fn register<'a>(&'a self, set: &mut PollSet<'a>) {
-        set.add(&self.stream, self.stream.pending() > 0);
-    }
-
-    fn stats(&self) -> LinkStats {
-        self.stats
+    fn render(&self, frame: &Frame, put: &mut dyn FnMut(&[u8])) {
+        put(Command::Send(*frame).encode().as_bytes());
     }
 }

@@ -1,0 +1,36 @@
+//! Host names and TCP connections.
+
+use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
+use std::time::Duration;
+
+use crate::error::OpenError;
+
+/// For each address of the host.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(3);
+
+/// All addresses of `host:port`, at least one.
+pub(crate) fn resolve(host: &str, port: u16) -> Result<Vec<SocketAddr>, OpenError> {
+    let error = |source| OpenError::Resolve { host: host.to_owned(), source };
+    let addresses: Vec<_> = (host, port).to_socket_addrs().map_err(error)?.collect();
+    if addresses.is_empty() {
+        return Err(error(std::io::ErrorKind::NotFound.into()));
+    }
+    Ok(addresses)
+}
+
+/// `host:port`, with brackets around an IPv6 address.
+pub(crate) fn host_port(host: &str, port: u16) -> String {
+    if host.contains(':') { format!("[{host}]:{port}") } else { format!("{host}:{port}") }
+}
+
+/// Connects to the first address that answers; `spec` is for the error.
+pub(crate) fn dial(host: &str, port: u16, spec: &str) -> Result<TcpStream, OpenError> {
+    let mut last = std::io::ErrorKind::NotFound.into();
+    for address in resolve(host, port)? {
+        match TcpStream::connect_timeout(&address, CONNECT_TIMEOUT) {
+            Ok(stream) => return Ok(stream),
+            Err(error) => last = error,
+        }
+    }
+    Err(OpenError::Connect { address: host_port(host, port), spec: spec.to_owned(), source: last })
+}
