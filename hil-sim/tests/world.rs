@@ -13,6 +13,7 @@ use hil_sim::record::{CandumpLog, Trace};
 use hil_sim::world::{RunError, World};
 use hil_sim::{Crew, Link};
 use nodes::{Beacon, Fountain, Responder, Stuck};
+use protocol::text::BusName;
 use protocol::{Duration, Frame, Instant, ModuleId, Node};
 
 /// The poller asks each drive once per cycle; a cycle has room for all of it.
@@ -85,7 +86,7 @@ fn module(id: u8) -> Target {
 
 fn log_of(seed: u64, plan: Vec<Fault>, end: Instant) -> (String, World<Cell>) {
     let mut world = World::new(Cell::new(), BusConfig::default(), seed, plan).unwrap();
-    let mut log = CandumpLog::new(Vec::new(), "can0");
+    let mut log = CandumpLog::new(Vec::new(), BusName::new("can0").unwrap());
     world.run_until(end, &mut log).unwrap();
     (String::from_utf8(log.finish().unwrap()).unwrap(), world)
 }
@@ -139,7 +140,7 @@ fn one_run_in_many_pieces_is_the_same_as_in_one() {
     plan[0].probability = 0.3;
     let whole = log_of(5, plan.clone(), cycles(60)).0;
     let mut world = World::new(Cell::new(), BusConfig::default(), 5, plan).unwrap();
-    let mut log = CandumpLog::new(Vec::new(), "can0");
+    let mut log = CandumpLog::new(Vec::new(), BusName::new("can0").unwrap());
     for end in (0..=60 * CYCLE_US).step_by(7).chain([60 * CYCLE_US]) {
         world.run_until(us(end), &mut log).unwrap();
     }

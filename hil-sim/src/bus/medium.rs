@@ -7,9 +7,10 @@ use serde::Deserialize;
 
 use super::controller::{Controller, Outcome};
 use super::counters::{Confinement, SEQUENCE_BITS};
-use super::encode::{DOMINANT, INTERMISSION_BITS, RECESSIVE, frame_bits};
+use super::encode::{DOMINANT, RECESSIVE, frame_bits};
 use super::queue::{TxOrder, TxQueue};
 use super::stats::{ErrorKind, IdTable, PortStats};
+use protocol::bits::INTERFRAME_SPACE as INTERMISSION_BITS;
 
 /// Most nodes on one bus: ports are sets of bits in a `u64`.
 pub const PORTS_MAX: usize = 64;

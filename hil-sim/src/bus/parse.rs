@@ -2,7 +2,17 @@
 
 use protocol::{ExtendedId, Frame, Id, StandardId};
 
-use super::encode::{RECESSIVE, crc_step};
+use super::encode::RECESSIVE;
+
+/// Generator of the checksum without its leading term: x^15 + x^14 + x^10 + x^8 + x^7 + x^4 + x^3 + 1.
+const CRC15: u16 = 0x4599;
+
+/// Takes one more bit into the checksum register.
+const fn crc_step(crc: u16, bit: bool) -> u16 {
+    let feedback = (crc >> 14 & 1) ^ bit as u16;
+    let shifted = (crc << 1) & 0x7FFF;
+    if feedback == 1 { shifted ^ CRC15 } else { shifted }
+}
 
 /// Index (before stuffing, start of frame is 0) of the RTR bit of the base format, SRR of the extended.
 const INDEX_RTR: u16 = 12;
@@ -133,24 +143,27 @@ impl Parser {
     }
 }
 
+/// Any classical frame, for property tests of the bus.
+#[cfg(test)]
+pub(crate) fn any_frame() -> impl proptest::strategy::Strategy<Value = Frame> {
+    use proptest::prelude::*;
+    (any::<u32>(), any::<bool>(), any::<bool>(), proptest::collection::vec(any::<u8>(), 0..=8)).prop_map(
+        |(raw, extended, remote, data)| {
+            let id = if extended {
+                Id::Extended(ExtendedId::from_low_bits(raw))
+            } else {
+                Id::Standard(StandardId::from_low_bits(raw as u16))
+            };
+            if remote { Frame::remote(id, data.len()) } else { Frame::new(id, &data) }.unwrap()
+        },
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::encode::WireBits;
     use super::*;
     use proptest::prelude::*;
-
-    pub(crate) fn any_frame() -> impl Strategy<Value = Frame> {
-        (any::<u32>(), any::<bool>(), any::<bool>(), proptest::collection::vec(any::<u8>(), 0..=8)).prop_map(
-            |(raw, extended, remote, data)| {
-                let id = if extended {
-                    Id::Extended(ExtendedId::from_low_bits(raw))
-                } else {
-                    Id::Standard(StandardId::from_low_bits(raw as u16))
-                };
-                if remote { Frame::remote(id, data.len()) } else { Frame::new(id, &data) }.unwrap()
-            },
-        )
-    }
 
     fn read(bits: &WireBits, flip: Option<u32>) -> (Parser, Step) {
         let mut parser = Parser::after_start_of_frame();

@@ -2,6 +2,8 @@
 
 use std::io::{self, Write};
 
+use protocol::text::BusName;
+use protocol::text::candump::Record;
 use protocol::{Frame, Instant};
 
 use crate::world::Observer;
@@ -11,17 +13,17 @@ use crate::world::Observer;
 /// A write error is kept and returned by [`CandumpLog::finish`]; later frames are then left out, so that a full
 /// disk does not stop a run that people want to see the end of.
 #[derive(Debug)]
-pub struct CandumpLog<W: Write> {
+pub struct CandumpLog<'a, W: Write> {
     out: W,
-    bus: String,
+    bus: BusName<'a>,
     lines: u64,
     failed: Option<io::Error>,
 }
 
-impl<W: Write> CandumpLog<W> {
+impl<'a, W: Write> CandumpLog<'a, W> {
     /// Log with `bus` as the name of the interface in each line.
-    pub fn new(out: W, bus: impl Into<String>) -> Self {
-        Self { out, bus: bus.into(), lines: 0, failed: None }
+    pub fn new(out: W, bus: BusName<'a>) -> Self {
+        Self { out, bus, lines: 0, failed: None }
     }
 
     /// Lines written so far.
@@ -41,14 +43,13 @@ impl<W: Write> CandumpLog<W> {
     }
 }
 
-impl<W: Write> Observer for CandumpLog<W> {
+impl<W: Write> Observer for CandumpLog<'_, W> {
     fn on_frame(&mut self, at: Instant, _from: Option<usize>, frame: &Frame) {
         if self.failed.is_some() {
             return;
         }
-        let us = at.as_micros();
-        let written =
-            writeln!(self.out, "({:010}.{:06}) {} {frame}", us / 1_000_000, us % 1_000_000, self.bus);
+        let line = Record { at, bus: self.bus, frame: *frame, direction: None }.encode();
+        let written = self.out.write_all(line.as_bytes()).and_then(|()| self.out.write_all(b"\n"));
         match written {
             Ok(()) => self.lines += 1,
             Err(error) => self.failed = Some(error),
@@ -61,9 +62,13 @@ mod tests {
     use super::*;
     use protocol::StandardId;
 
+    fn can0() -> BusName<'static> {
+        BusName::new("can0").unwrap()
+    }
+
     #[test]
     fn line_has_the_form_of_candump() {
-        let mut log = CandumpLog::new(Vec::new(), "can0");
+        let mut log = CandumpLog::new(Vec::new(), can0());
         let frame = Frame::from_array(StandardId::new(0x0A5).unwrap(), [0x08, 0x4F, 0x64]);
         log.on_frame(Instant::from_micros(1_000_123), Some(0), &frame);
         assert_eq!(log.lines(), 1);
@@ -87,7 +92,7 @@ mod tests {
 
     #[test]
     fn full_disk_is_reported_at_the_end() {
-        let mut log = CandumpLog::new(FullDisk, "can0");
+        let mut log = CandumpLog::new(FullDisk, can0());
         let frame = Frame::from_array(StandardId::ZERO, []);
         log.on_frame(Instant::ZERO, None, &frame);
         log.on_frame(Instant::ZERO, None, &frame);
