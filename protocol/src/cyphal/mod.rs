@@ -11,6 +11,7 @@
 //! | serialisation | [`bits`], [`crc`] | DSDL bit fields, checksums | know a message |
 //! | transport | [`id`], [`tx`], [`rx`] | frames to transfers and back | know what bytes mean, read a clock |
 //! | messages | [`uavcan`], [`cubecell`] | standard types; our own types (`protocol/dsdl/cubecell`) | know who sends them when |
+//! | node | [`server`], [`client`], [`upload`], [`host`] | what every node does; requests in flight; file transfer; a host | do IO, know the controller |
 //!
 //! # Shared bus
 //!
@@ -19,9 +20,13 @@
 //! [`id`]). UAVCAN v0 frames, 11-bit frames and remote frames are counted and ignored.
 
 pub mod bits;
+pub mod client;
 pub mod crc;
 pub mod cubecell;
+pub mod host;
 pub mod id;
 pub mod rx;
+pub mod server;
 pub mod tx;
 pub mod uavcan;
+pub mod upload;

@@ -1,0 +1,487 @@
+//! The node core: what every Cyphal node does, over an application that says what it is.
+//!
+//! [`NodeCore`] sends the heartbeat and the port list, answers `GetInfo`, `register.Access`,
+//! `register.List`, `ExecuteCommand`, `file.Read` and `file.Write`, and hands messages and responses
+//! on. [`Application`] is the one seam: a controller, a host tool and a test implement it. Together
+//! they are a [`Node`] ([`Server`]).
+//!
+//! Must not: know what a register or command does; act on a request that it could not answer (a
+//! request that finds the transmit queue full is ignored *before* it acts, and the client repeats
+//! it).
+
+use super::bits::{Decode, Encode, Writer};
+use super::id::{NodeId, Priority, Route, ServiceId, SubjectId, TransferId};
+use super::rx::{Port, PortKind, Receiver, RxCounters, Transfer};
+use super::tx::{SendError, TxMeta, TxQueue};
+use super::uavcan::command::{self, CommandRequest, CommandResponse, Status};
+use super::uavcan::diagnostic::{self, Record, Severity};
+use super::uavcan::file::{self, FileError, ReadRequest, ReadResponse, WriteRequest, WriteResponse};
+use super::uavcan::heartbeat::{self, Health, Heartbeat, Mode};
+use super::uavcan::info::{self, NodeInfo};
+use super::uavcan::port_list::{self, encode_services, encode_subjects};
+use super::uavcan::register::{self, AccessRequest, AccessResponse, ListRequest, ListResponse};
+use super::uavcan::value::{Value, ValueBuf, ValueType};
+use crate::frame::Frame;
+use crate::node::Node;
+use crate::time::{Duration, Instant};
+
+/// Time between two port lists; at most [`port_list::PERIOD_MAX`].
+pub const PORT_LIST_PERIOD: Duration = Duration::from_secs(5);
+/// How long an answer is worth sending: the usual time-out of clients.
+pub const RESPONSE_VALID: Duration = Duration::from_secs(1);
+
+/// The services that every node here provides.
+pub const SERVICES: [Port; 6] = [
+    Port::request(info::SERVICE, info::REQUEST_EXTENT),
+    Port::request(register::ACCESS, register::ACCESS_REQUEST_EXTENT),
+    Port::request(register::LIST, register::LIST_REQUEST_EXTENT),
+    Port::request(command::SERVICE, command::REQUEST_EXTENT),
+    Port::request(file::READ, file::READ_REQUEST_EXTENT),
+    Port::request(file::WRITE, file::WRITE_REQUEST_EXTENT),
+];
+
+/// How a node is and what it does, for the heartbeat.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct NodeStatus {
+    /// How it is.
+    pub health: Health,
+    /// What it does.
+    pub mode: Mode,
+    /// Free number.
+    pub vendor_status: u8,
+}
+
+/// A register as it is read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Register {
+    /// It can be written.
+    pub mutable: bool,
+    /// It survives a restart.
+    pub persistent: bool,
+    /// What it holds; never empty for a register that exists.
+    pub value: ValueBuf,
+}
+
+/// What a node is, behind its Cyphal services.
+///
+/// Calls come from [`NodeCore`] in the order of the frames; each must be short and bounded.
+pub trait Application {
+    /// What the node is.
+    fn info(&self) -> NodeInfo<'_>;
+
+    /// How it is now.
+    fn status(&self) -> NodeStatus;
+
+    /// Messages to listen to, and responses if the node is also a client. The extents decide how
+    /// much of a transfer is kept.
+    fn subscriptions(&self) -> &[Port] {
+        &[]
+    }
+
+    /// Subjects it sends, for the port list; heartbeat, port list and record are added.
+    fn publications(&self) -> &[SubjectId] {
+        &[]
+    }
+
+    /// Number of registers; their indices run from 0 without gaps.
+    fn register_count(&self) -> u16 {
+        0
+    }
+
+    /// Name of a register; empty past the last one.
+    fn register_name(&self, index: u16) -> &[u8] {
+        let _ = index;
+        &[]
+    }
+
+    /// Reads a register; only called with an index below [`Self::register_count`].
+    fn register_read(&self, index: u16) -> Option<Register> {
+        let _ = index;
+        None
+    }
+
+    /// Writes a register that said it is mutable. What does not fit (type, number of elements,
+    /// range, state) leaves the old value; the client sees it in the answer.
+    fn register_write(&mut self, now: Instant, index: u16, value: &Value<'_>) {
+        let _ = (now, index, value);
+    }
+
+    /// Carries out a command; `output` has [`command::OUTPUT_LEN_MAX`] bytes.
+    ///
+    /// The same command may come twice when an answer is lost.
+    fn execute(
+        &mut self,
+        now: Instant,
+        client: NodeId,
+        command: u16,
+        parameter: &[u8],
+        output: &mut Writer<'_>,
+    ) -> Status {
+        let _ = (now, client, command, parameter, output);
+        Status::BAD_COMMAND
+    }
+
+    /// Stores a piece of a file; no data = the file ends at `offset`. The same piece may come twice.
+    fn file_write(&mut self, now: Instant, path: &[u8], offset: u64, data: &[u8]) -> Result<(), FileError> {
+        let _ = (now, path, offset, data);
+        Err(FileError::NOT_SUPPORTED)
+    }
+
+    /// Copies a piece of a file into `data` and returns its length; shorter than `data` = the end.
+    fn file_read(&mut self, path: &[u8], offset: u64, data: &mut [u8]) -> Result<usize, FileError> {
+        let _ = (path, offset, data);
+        Err(FileError::NOT_SUPPORTED)
+    }
+
+    /// Takes a message of a subscription.
+    fn message(&mut self, now: Instant, transfer: &Transfer<'_>) {
+        let _ = (now, transfer);
+    }
+
+    /// Takes a response to a request of this node.
+    fn response(&mut self, now: Instant, transfer: &Transfer<'_>) {
+        let _ = (now, transfer);
+    }
+}
+
+/// A subject this node sends: its counter of transfers and how long a message is worth sending.
+#[derive(Clone, Copy, Debug)]
+pub struct Publication {
+    /// Subject.
+    pub subject: SubjectId,
+    /// Urgency.
+    pub priority: Priority,
+    /// A message not sent within this time is dropped.
+    pub valid: Duration,
+    next: TransferId,
+}
+
+impl Publication {
+    /// Begins with transfer 0.
+    pub const fn new(subject: SubjectId, priority: Priority, valid: Duration) -> Self {
+        Self { subject, priority, valid, next: TransferId::ZERO }
+    }
+}
+
+/// Server side of a node with address `address`.
+///
+/// Capacities: `SESSIONS` and `BUFFERS` of `RX` bytes for reception ([`Receiver`]), `SLOTS` of `TX`
+/// bytes for transmission ([`TxQueue`]). `TX` must hold the longest answer: 313 bytes of `GetInfo`.
+#[derive(Clone, Debug)]
+pub struct NodeCore<
+    const SESSIONS: usize,
+    const BUFFERS: usize,
+    const RX: usize,
+    const SLOTS: usize,
+    const TX: usize,
+> {
+    address: NodeId,
+    started: Instant,
+    heartbeat_due: Instant,
+    port_list_due: Instant,
+    heartbeat: Publication,
+    port_list: Publication,
+    record: Publication,
+    rx: Receiver<SESSIONS, BUFFERS, RX>,
+    tx: TxQueue<SLOTS, TX>,
+    undecodable: u32,
+    unanswered: u32,
+}
+
+/// Core for a controller: about 4.5 KiB of RAM; two clients may upload and browse at the same time.
+pub type ControllerCore = NodeCore<8, 3, 520, 6, 320>;
+
+impl<const SESSIONS: usize, const BUFFERS: usize, const RX: usize, const SLOTS: usize, const TX: usize>
+    NodeCore<SESSIONS, BUFFERS, RX, SLOTS, TX>
+{
+    /// Node that starts at `now`; the first heartbeat is due at once.
+    pub const fn new(now: Instant, address: NodeId) -> Self {
+        const {
+            assert!(RX >= file::WRITE_REQUEST_EXTENT as usize, "a file.Write request must fit");
+            assert!(TX >= info::RESPONSE_EXTENT as usize, "a GetInfo response must fit");
+        };
+        let second = Duration::from_secs(1);
+        Self {
+            address,
+            started: now,
+            heartbeat_due: now,
+            port_list_due: now,
+            heartbeat: Publication::new(heartbeat::SUBJECT, Priority::Nominal, second),
+            port_list: Publication::new(port_list::SUBJECT, Priority::Optional, second),
+            record: Publication::new(diagnostic::SUBJECT, Priority::Slow, second),
+            rx: Receiver::new(),
+            tx: TxQueue::new(),
+            undecodable: 0,
+            unanswered: 0,
+        }
+    }
+
+    // ---- getters ---------------------------------------------------------------------------------
+
+    /// Address of this node.
+    pub const fn address(&self) -> NodeId {
+        self.address
+    }
+
+    /// What the receiver dropped, and why.
+    pub const fn rx_counters(&self) -> &RxCounters {
+        self.rx.counters()
+    }
+
+    /// Requests whose bytes were not a value of their type.
+    pub const fn undecodable(&self) -> u32 {
+        self.undecodable
+    }
+
+    /// Requests ignored because there was no room for the answer.
+    pub const fn unanswered(&self) -> u32 {
+        self.unanswered
+    }
+
+    /// Transfers dropped because they waited too long.
+    pub const fn expired(&self) -> u32 {
+        self.tx.expired()
+    }
+
+    /// Number of transfers of this priority that can be queued now.
+    pub fn room(&self, priority: Priority) -> usize {
+        self.tx.room(priority)
+    }
+
+    // ---- inputs ----------------------------------------------------------------------------------
+
+    /// Takes one frame of the bus.
+    pub fn handle_frame(&mut self, now: Instant, frame: &Frame, app: &mut dyn Application) {
+        let Self { rx, tx, .. } = self;
+        let Some(transfer) = rx.accept(now, Some(self.address), frame, &[&SERVICES, app.subscriptions()])
+        else {
+            return;
+        };
+        match transfer.route {
+            Route::Message { .. } | Route::Anonymous { .. } => app.message(now, &transfer),
+            Route::Response { .. } => app.response(now, &transfer),
+            Route::Request { service, source, destination } => {
+                let meta = TxMeta {
+                    route: Route::Response { service, source: destination, destination: source },
+                    // As the request (section 4.1.1.3), but never in the drives' way.
+                    priority: transfer.priority.max(Priority::Immediate),
+                    transfer_id: transfer.transfer_id,
+                    deadline: now + RESPONSE_VALID,
+                };
+                if tx.room(meta.priority) == 0 {
+                    self.unanswered = self.unanswered.saturating_add(1);
+                    return;
+                }
+                let mut reply = |message: &dyn Encode| tx.push(&meta, message).is_ok();
+                match serve(now, service, source, transfer.payload, app, &mut reply) {
+                    Some(true) => {}
+                    Some(false) => self.unanswered = self.unanswered.saturating_add(1),
+                    None => self.undecodable = self.undecodable.saturating_add(1),
+                }
+            }
+        }
+    }
+
+    /// Sends what is due and drops what is late.
+    pub fn handle_timeout(&mut self, now: Instant, app: &dyn Application) {
+        self.tx.expire(now);
+        if self.heartbeat_due <= now {
+            self.heartbeat_due = next_due(self.heartbeat_due, now, heartbeat::PERIOD);
+            let NodeStatus { health, mode, vendor_status } = app.status();
+            let uptime = now.saturating_since(self.started).as_micros() / 1_000_000;
+            let uptime_s = u32::try_from(uptime).unwrap_or(u32::MAX);
+            let message = Heartbeat { uptime_s, health, mode, vendor_status };
+            publish(&mut self.tx, self.address, now, &mut self.heartbeat, &message);
+        }
+        if self.port_list_due <= now {
+            self.port_list_due = next_due(self.port_list_due, now, PORT_LIST_PERIOD);
+            publish(&mut self.tx, self.address, now, &mut self.port_list, &OwnPorts { app });
+        }
+    }
+
+    // ---- application commands --------------------------------------------------------------------
+
+    /// Queues a message; its number is used up even if it is refused, so that the gap is seen.
+    pub fn publish(
+        &mut self,
+        now: Instant,
+        publication: &mut Publication,
+        message: &dyn Encode,
+    ) -> Result<(), SendError> {
+        self.tx.push(&next_meta(self.address, now, publication), message)
+    }
+
+    /// Queues a line of text for people; dropped when there is no room.
+    pub fn log(&mut self, now: Instant, severity: Severity, text: &str) {
+        // The network time is not known here: 0.
+        let record = Record { timestamp_us: 0, severity, text: text.as_bytes() };
+        publish(&mut self.tx, self.address, now, &mut self.record, &record);
+    }
+
+    /// Queues any transfer of this node; clients send their requests with it.
+    pub fn send(&mut self, meta: &TxMeta, message: &dyn Encode) -> Result<(), SendError> {
+        self.tx.push(meta, message)
+    }
+
+    // ---- outputs ---------------------------------------------------------------------------------
+
+    /// Next frame to transmit: the most urgent.
+    pub fn poll_frame(&mut self) -> Option<Frame> {
+        self.tx.pop()
+    }
+
+    /// When [`Self::handle_timeout`] wants to be called.
+    pub fn poll_timeout(&self) -> Instant {
+        let due = self.heartbeat_due.min(self.port_list_due);
+        self.tx.next_deadline().map_or(due, |deadline| deadline.min(due))
+    }
+}
+
+/// The next due time on the grid of `period`; a late call does not cause a burst.
+fn next_due(due: Instant, now: Instant, period: Duration) -> Instant {
+    let next = due + period;
+    if next > now { next } else { now + period }
+}
+
+fn next_meta(address: NodeId, now: Instant, publication: &mut Publication) -> TxMeta {
+    let transfer_id = publication.next;
+    publication.next = transfer_id.next();
+    TxMeta {
+        route: Route::Message { subject: publication.subject, source: address },
+        priority: publication.priority,
+        transfer_id,
+        deadline: now + publication.valid,
+    }
+}
+
+/// Periodic messages: when there is no room, the next period will do.
+fn publish<const SLOTS: usize, const TX: usize>(
+    tx: &mut TxQueue<SLOTS, TX>,
+    address: NodeId,
+    now: Instant,
+    publication: &mut Publication,
+    message: &dyn Encode,
+) {
+    let _ = tx.push(&next_meta(address, now, publication), message);
+}
+
+/// Answers one request. `None`: not a request of that service; `Some(false)`: no room.
+fn serve(
+    now: Instant,
+    service: ServiceId,
+    client: NodeId,
+    payload: &[u8],
+    app: &mut dyn Application,
+    reply: &mut dyn FnMut(&dyn Encode) -> bool,
+) -> Option<bool> {
+    if service == info::SERVICE {
+        Some(reply(&app.info()))
+    } else if service == register::ACCESS {
+        let request = AccessRequest::from_bytes(payload).ok()?;
+        let register = access(now, &request, app);
+        let (mutable, persistent) = register.as_ref().map_or((false, false), |r| (r.mutable, r.persistent));
+        let value = register.as_ref().map_or(Value::EMPTY, |r| r.value.as_value());
+        Some(reply(&AccessResponse { timestamp_us: 0, mutable, persistent, value }))
+    } else if service == register::LIST {
+        let request = ListRequest::from_bytes(payload).ok()?;
+        Some(reply(&ListResponse { name: app.register_name(request.index) }))
+    } else if service == command::SERVICE {
+        let request = CommandRequest::from_bytes(payload).ok()?;
+        let mut buffer = [0; command::OUTPUT_LEN_MAX];
+        let mut output = Writer::new(&mut buffer);
+        let status = app.execute(now, client, request.command, request.parameter, &mut output);
+        // An output that did not fit says nothing rather than half of it.
+        let len = output.finish().unwrap_or(0);
+        let output = buffer.get(..len).unwrap_or(&[]);
+        Some(reply(&CommandResponse { status, output }))
+    } else if service == file::READ {
+        let request = ReadRequest::from_bytes(payload).ok()?;
+        let mut buffer = [0; file::PIECE_LEN_MAX];
+        let read = app.file_read(request.path, request.offset, &mut buffer);
+        let data = buffer.get(..read.unwrap_or(0)).unwrap_or(&[]);
+        Some(reply(&ReadResponse { result: read.map(|_| ()), data }))
+    } else if service == file::WRITE {
+        let request = WriteRequest::from_bytes(payload).ok()?;
+        let result = app.file_write(now, request.path, request.offset, request.data);
+        Some(reply(&WriteResponse { result }))
+    } else {
+        None
+    }
+}
+
+/// Writes if there is something to write, then reads.
+fn access(now: Instant, request: &AccessRequest<'_>, app: &mut dyn Application) -> Option<Register> {
+    let index = (0..app.register_count()).find(|index| app.register_name(*index) == request.name)?;
+    let register = app.register_read(index)?;
+    if request.value.kind() == ValueType::Empty || !register.mutable {
+        return Some(register);
+    }
+    app.register_write(now, index, &request.value);
+    app.register_read(index)
+}
+
+/// What this node sends, hears, asks and answers.
+struct OwnPorts<'a> {
+    app: &'a dyn Application,
+}
+
+impl Encode for OwnPorts<'_> {
+    fn encode(&self, out: &mut Writer<'_>) {
+        let own = [heartbeat::SUBJECT, port_list::SUBJECT, diagnostic::SUBJECT];
+        encode_subjects(out, &mut own.iter().chain(self.app.publications()).copied());
+        let heard = self.app.subscriptions().iter().filter(|port| port.kind == PortKind::Message);
+        encode_subjects(out, &mut heard.map(|port| SubjectId::from_low_bits(port.id)));
+        let mut services = |kind, list: &[Port]| {
+            encode_services(out, &|service| {
+                list.iter().any(|port| port.kind == kind && port.id == service.get())
+            });
+        };
+        services(PortKind::Response, self.app.subscriptions());
+        services(PortKind::Request, &SERVICES);
+    }
+}
+
+/// A [`NodeCore`] and its application as one [`Node`].
+#[derive(Clone, Debug)]
+pub struct Server<
+    A,
+    const SESSIONS: usize,
+    const BUFFERS: usize,
+    const RX: usize,
+    const SLOTS: usize,
+    const TX: usize,
+> {
+    /// The standard part.
+    pub core: NodeCore<SESSIONS, BUFFERS, RX, SLOTS, TX>,
+    /// The other part.
+    pub app: A,
+}
+
+/// A controller's core and its application as one [`Node`].
+pub type ControllerServer<A> = Server<A, 8, 3, 520, 6, 320>;
+
+impl<
+    A: Application,
+    const SESSIONS: usize,
+    const BUFFERS: usize,
+    const RX: usize,
+    const SLOTS: usize,
+    const TX: usize,
+> Node for Server<A, SESSIONS, BUFFERS, RX, SLOTS, TX>
+{
+    fn handle_frame(&mut self, now: Instant, frame: &Frame) {
+        self.core.handle_frame(now, frame, &mut self.app);
+    }
+
+    fn handle_timeout(&mut self, now: Instant) {
+        self.core.handle_timeout(now, &self.app);
+    }
+
+    fn poll_frame(&mut self) -> Option<Frame> {
+        self.core.poll_frame()
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        Some(self.core.poll_timeout())
+    }
+}

@@ -1,0 +1,637 @@
+//! Host and controller core on one simulated bus in virtual time: services, repetition, loss.
+
+#[path = "common/cyphal_app.rs"]
+mod app;
+
+use std::collections::VecDeque;
+
+use app::{COMMAND_FILE_CRC, COMMAND_REVERSE, DemoApp};
+use proptest::prelude::*;
+use protocol::cyphal::bits::{Decode, Encode};
+use protocol::cyphal::client::{NoAnswer, Policy, StartError, Ticket};
+use protocol::cyphal::crc::Crc64;
+use protocol::cyphal::cubecell::{TRAJECTORY_PATH, stop};
+use protocol::cyphal::host::{HostNode, Listener, REQUESTS_MAX, RESPONSES};
+use protocol::cyphal::id::{NodeId, Priority, Route, ServiceId, SubjectId, TransferId};
+use protocol::cyphal::rx::{Dropped, Port, Transfer};
+use protocol::cyphal::server::{ControllerCore, ControllerServer, NodeCore, Publication, Server};
+use protocol::cyphal::tx::{TxMeta, TxQueue};
+use protocol::cyphal::uavcan::command::{self, CommandRequest, CommandResponse, Status};
+use protocol::cyphal::uavcan::file::{self, FileError, ReadRequest, ReadResponse, WriteResponse};
+use protocol::cyphal::uavcan::heartbeat::{self, Health, Heartbeat, Mode};
+use protocol::cyphal::uavcan::info::{self, NodeInfo};
+use protocol::cyphal::uavcan::port_list::{self, PortList};
+use protocol::cyphal::uavcan::register::{self, AccessRequest, AccessResponse, ListRequest, ListResponse};
+use protocol::cyphal::uavcan::value::{Value, ValueBuf};
+use protocol::cyphal::upload::Upload;
+use protocol::{Duration, Frame, Id, Instant, Node};
+
+const HOST: u8 = 100;
+const SERVER: u8 = 42;
+/// A long frame at 1 Mbit/s.
+const FRAME_TIME: Duration = Duration::from_micros(140);
+
+fn node(id: u8) -> NodeId {
+    NodeId::new(id).unwrap()
+}
+
+/// What a host heard: payloads of answers with the zeros behind them, of messages without.
+#[derive(Default)]
+struct Heard {
+    answers: Vec<(Ticket, Result<Vec<u8>, NoAnswer>)>,
+    messages: Vec<(Instant, SubjectId, TransferId, Vec<u8>)>,
+}
+
+impl Listener for Heard {
+    fn info(&self) -> NodeInfo<'_> {
+        NodeInfo { name: b"org.cubecell.test", ..NodeInfo::default() }
+    }
+
+    fn ports(&self) -> &[Port] {
+        const PORTS: [Port; 8] = [
+            RESPONSES[0],
+            RESPONSES[1],
+            RESPONSES[2],
+            RESPONSES[3],
+            RESPONSES[4],
+            RESPONSES[5],
+            Port::message(heartbeat::SUBJECT, heartbeat::EXTENT),
+            Port::message(port_list::SUBJECT, port_list::EXTENT),
+        ];
+        &PORTS
+    }
+
+    fn message(&mut self, now: Instant, transfer: &Transfer<'_>) {
+        if let Route::Message { subject, .. } = transfer.route {
+            let payload = transfer.payload[..transfer.len].to_vec();
+            self.messages.push((now, subject, transfer.transfer_id, payload));
+        }
+    }
+
+    fn answer(&mut self, _: Instant, ticket: Ticket, answer: Result<&Transfer<'_>, NoAnswer>) {
+        self.answers.push((ticket, answer.map(|transfer| transfer.payload.to_vec())));
+    }
+}
+
+/// SplitMix64: enough for choosing which frames to lose.
+struct Dice(u64);
+
+impl Dice {
+    fn below(&mut self, n: u64) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ z >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ z >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
+        (z ^ z >> 31) % n
+    }
+}
+
+/// Two nodes and the bus between them.
+struct Rig {
+    host: HostNode<Heard>,
+    server: ControllerServer<DemoApp>,
+    now: Instant,
+    /// Frames under way: arrival, to the server or to the host.
+    bus: VecDeque<(Instant, bool, Frame)>,
+    bus_free: Instant,
+    /// Time from the end of a frame on the bus to its arrival.
+    latency: Duration,
+    /// One in so many frames is lost; 0 = none.
+    loss: u64,
+    dice: Dice,
+    /// Everything that was on the bus.
+    log: Vec<Frame>,
+}
+
+impl Rig {
+    fn new(seed: u64) -> Self {
+        let now = Instant::ZERO;
+        Self {
+            host: HostNode::new(now, node(HOST), Heard::default()),
+            server: Server { core: NodeCore::new(now, node(SERVER)), app: DemoApp::new() },
+            now,
+            bus: VecDeque::new(),
+            bus_free: now,
+            latency: Duration::ZERO,
+            loss: 0,
+            dice: Dice(seed),
+            log: Vec::new(),
+        }
+    }
+
+    /// Takes what the nodes want to send onto the bus, one frame of each in turn.
+    fn collect(&mut self) {
+        loop {
+            let frames = [(true, self.host.poll_frame()), (false, self.server.poll_frame())];
+            if frames.iter().all(|(_, frame)| frame.is_none()) {
+                return;
+            }
+            for (to_server, frame) in frames {
+                if let Some(frame) = frame {
+                    self.put(to_server, frame);
+                }
+            }
+        }
+    }
+
+    fn put(&mut self, to_server: bool, frame: Frame) {
+        self.bus_free = self.bus_free.max(self.now) + FRAME_TIME;
+        self.log.push(frame);
+        if self.loss == 0 || self.dice.below(self.loss) != 0 {
+            self.bus.push_back((self.bus_free + self.latency, to_server, frame));
+        }
+    }
+
+    /// Next event: a frame or a deadline; false if it is after `until`.
+    fn step(&mut self, until: Instant) -> bool {
+        self.collect();
+        let timers = [self.host.poll_timeout(), self.server.poll_timeout()];
+        let timer = timers.into_iter().flatten().min().unwrap_or(Instant::FAR_FUTURE);
+        let arrival = self.bus.front().map_or(Instant::FAR_FUTURE, |(at, ..)| *at);
+        let next = timer.min(arrival);
+        if next > until {
+            self.now = until;
+            return false;
+        }
+        self.now = next;
+        if arrival <= timer {
+            if let Some((_, to_server, frame)) = self.bus.pop_front() {
+                let receiver: &mut dyn Node = if to_server { &mut self.server } else { &mut self.host };
+                receiver.handle_frame(self.now, &frame);
+            }
+        } else {
+            self.host.handle_timeout(self.now);
+            self.server.handle_timeout(self.now);
+            let after = [self.host.poll_timeout(), self.server.poll_timeout()];
+            assert!(after.into_iter().flatten().all(|due| due > self.now), "deadlines move on");
+        }
+        true
+    }
+
+    fn run(&mut self, span: Duration) {
+        let until = self.now + span;
+        while self.step(until) {}
+    }
+
+    fn start(&mut self, service: ServiceId, request: &dyn Encode) -> Ticket {
+        self.host.request(self.now, node(SERVER), service, Policy::default(), request).unwrap()
+    }
+
+    /// Asks and waits: payload with zeros behind it, as decoders expect it.
+    fn ask(&mut self, service: ServiceId, request: &dyn Encode) -> Result<Vec<u8>, NoAnswer> {
+        let ticket = self.start(service, request);
+        let until = self.now + Duration::from_secs(60);
+        while self.step(until) {
+            let answers = &mut self.host.listener.answers;
+            if let Some(index) = answers.iter().position(|(answered, _)| *answered == ticket) {
+                return answers.remove(index).1;
+            }
+        }
+        panic!("neither answer nor failure within a minute");
+    }
+
+    fn access(&mut self, name: &str, value: Value<'_>) -> (bool, bool, ValueBuf) {
+        let request = AccessRequest { name: name.as_bytes(), value };
+        let bytes = self.ask(register::ACCESS, &request).unwrap();
+        let response = AccessResponse::from_bytes(&bytes).unwrap();
+        (response.mutable, response.persistent, response.value.into())
+    }
+
+    fn command(&mut self, command: u16, parameter: &[u8]) -> (Status, Vec<u8>) {
+        let bytes = self.ask(command::SERVICE, &CommandRequest { command, parameter }).unwrap();
+        let response = CommandResponse::from_bytes(&bytes).unwrap();
+        (response.status, response.output.to_vec())
+    }
+
+    /// Uploads a file piece by piece; the number of requests that were given up and begun again.
+    fn upload(&mut self, data: &[u8]) -> usize {
+        let mut upload = Upload::new(TRAJECTORY_PATH, data);
+        let mut failures = 0;
+        while let Some(request) = upload.request() {
+            match self.ask(file::WRITE, &request) {
+                Ok(bytes) => {
+                    upload.answered(WriteResponse::from_bytes(&bytes).unwrap().result).unwrap();
+                }
+                Err(NoAnswer { .. }) => failures += 1,
+            }
+            assert!(failures < 100);
+        }
+        failures
+    }
+}
+
+fn text(bytes: &[u8]) -> &str {
+    str::from_utf8(bytes).unwrap()
+}
+
+// ---- periodic messages ---------------------------------------------------------------------------
+
+#[test]
+fn heartbeat_comes_at_once_and_every_second_with_uptime_and_rising_number() {
+    let mut rig = Rig::new(0);
+    rig.run(Duration::from_millis(3500));
+    let heartbeats: Vec<_> =
+        rig.host.listener.messages.iter().filter(|(_, subject, ..)| *subject == heartbeat::SUBJECT).collect();
+    assert_eq!(heartbeats.len(), 4);
+    for (n, (at, _, transfer_id, payload)) in heartbeats.iter().enumerate() {
+        let expected = Heartbeat {
+            uptime_s: n as u32,
+            health: Health::Advisory,
+            mode: Mode::MAINTENANCE,
+            vendor_status: 7,
+        };
+        assert_eq!(Heartbeat::from_bytes(payload), Ok(expected));
+        assert_eq!(transfer_id.get(), n as u8);
+        let late = at.saturating_since(Instant::from_micros(n as u64 * 1_000_000));
+        assert!(late < Duration::from_millis(50), "{late}");
+    }
+}
+
+#[test]
+fn late_call_sends_one_heartbeat_and_not_a_burst() {
+    let mut core = ControllerCore::new(Instant::ZERO, node(SERVER));
+    let app = DemoApp::new();
+    core.handle_timeout(Instant::from_micros(10_500_000), &app);
+    let frames: Vec<Frame> = std::iter::from_fn(|| core.poll_frame()).collect();
+    let beats = frames.iter().filter(|frame| frame.id().raw() == 0x107D_552A).count();
+    assert_eq!(beats, 1);
+    assert_eq!(core.poll_timeout(), Instant::from_micros(11_500_000));
+}
+
+#[test]
+fn port_list_names_what_the_node_sends_hears_and_answers() {
+    let mut rig = Rig::new(0);
+    rig.run(Duration::from_secs(6));
+    let lists: Vec<_> =
+        rig.host.listener.messages.iter().filter(|(_, subject, ..)| *subject == port_list::SUBJECT).collect();
+    assert_eq!(lists.len(), 2, "at the start and after five seconds");
+    let list = PortList::from_bytes(&lists[0].3).unwrap();
+    for subject in [7509, 7510, 8184] {
+        assert!(list.publishers.contains(SubjectId::new(subject).unwrap()));
+    }
+    assert!(list.subscribers.contains(stop::SUBJECT));
+    assert!(!list.subscribers.contains(heartbeat::SUBJECT));
+    let servers = (0..512).filter(|id| list.servers.contains(ServiceId::new(*id).unwrap()));
+    assert_eq!(servers.collect::<Vec<_>>(), [384, 385, 408, 409, 430, 435]);
+    assert!((0..512).all(|id| !list.clients.contains(ServiceId::new(id).unwrap())));
+}
+
+// ---- services ------------------------------------------------------------------------------------
+
+#[test]
+fn node_info_is_answered() {
+    let mut rig = Rig::new(0);
+    let bytes = rig.ask(info::SERVICE, &()).unwrap();
+    let answer = NodeInfo::from_bytes(&bytes).unwrap();
+    assert_eq!(text(answer.name), "org.cubecell.demo");
+    assert_eq!(answer.software_image_crc, Some(0xFEDC_BA98_7654_3210));
+}
+
+#[test]
+fn registers_are_listed_without_gaps_and_end_with_an_empty_name() {
+    let mut rig = Rig::new(0);
+    let mut names = Vec::new();
+    for index in 0..100 {
+        let bytes = rig.ask(register::LIST, &ListRequest { index }).unwrap();
+        let name = ListResponse::from_bytes(&bytes).unwrap().name;
+        if name.is_empty() {
+            break;
+        }
+        names.push(text(name).to_string());
+    }
+    assert_eq!(names.len(), 17);
+    assert_eq!(names[0], "uavcan.node.description");
+    assert_eq!(names[16], "file.crc64");
+}
+
+#[test]
+fn register_of_every_type_is_read_written_and_read_back() {
+    let mut rig = Rig::new(0);
+    for index in 0..14 {
+        let bytes = rig.ask(register::LIST, &ListRequest { index }).unwrap();
+        let name = text(ListResponse::from_bytes(&bytes).unwrap().name).to_string();
+        let (mutable, persistent, value) = rig.access(&name, Value::EMPTY);
+        assert!(mutable && persistent, "{name}");
+        // Another value of the same type and length: all elements zero.
+        let mut wire = vec![0; 300];
+        let len = value.as_value().to_bytes(&mut wire).unwrap();
+        let prefix = if value.as_value().kind().element_bits() <= 8 { 3 } else { 2 };
+        wire[prefix..len].fill(0);
+        let zero: ValueBuf = Value::from_bytes(&wire[..len]).unwrap().into();
+        assert_ne!(zero, value);
+        assert_eq!(rig.access(&name, zero.as_value()).2, zero, "{name}");
+        assert_eq!(rig.access(&name, Value::EMPTY).2, zero, "{name}");
+    }
+}
+
+#[test]
+fn unknown_immutable_and_misfitting_registers_keep_what_they_are() {
+    let mut rig = Rig::new(0);
+    assert_eq!(rig.access("no.such", ValueBuf::from(1_u8).as_value()), (false, false, ValueBuf::EMPTY));
+    let constant = ValueBuf::from(42_u8);
+    let other = ValueBuf::from(1_u8);
+    assert_eq!(rig.access("demo.constant", other.as_value()), (false, false, constant));
+    let before = rig.access("demo.real32", Value::EMPTY).2;
+    assert_eq!(rig.access("demo.real32", other.as_value()).2, before);
+}
+
+#[test]
+fn commands_answer_with_status_and_output() {
+    let mut rig = Rig::new(0);
+    assert_eq!(rig.command(COMMAND_REVERSE, b"abc"), (Status::SUCCESS, b"cba".to_vec()));
+    let longest = [7; command::OUTPUT_LEN_MAX];
+    assert_eq!(rig.command(COMMAND_REVERSE, &longest), (Status::SUCCESS, longest.to_vec()));
+    // An output that does not fit is left out, not cut.
+    assert_eq!(rig.command(COMMAND_REVERSE, &[7; 47]), (Status::SUCCESS, vec![]));
+    assert_eq!(rig.command(9999, &[]), (Status::BAD_COMMAND, vec![]));
+}
+
+#[test]
+fn file_is_written_read_back_and_unknown_paths_are_not_found() {
+    let mut rig = Rig::new(0);
+    let data: Vec<u8> = (0..1000_u32).map(|i| (i * 7) as u8).collect();
+    assert_eq!(rig.upload(&data), 0);
+    let mut back: Vec<u8> = Vec::new();
+    loop {
+        let request = ReadRequest { offset: back.len() as u64, path: TRAJECTORY_PATH };
+        let bytes = rig.ask(file::READ, &request).unwrap();
+        let response = ReadResponse::from_bytes(&bytes).unwrap();
+        back.extend(response.data);
+        if response.data.len() < file::PIECE_LEN_MAX {
+            break;
+        }
+    }
+    assert_eq!(back, data);
+    let bytes = rig.ask(file::READ, &ReadRequest { offset: 0, path: b"nowhere" }).unwrap();
+    assert_eq!(ReadResponse::from_bytes(&bytes).unwrap().result, Err(FileError::NOT_FOUND));
+}
+
+#[test]
+fn stop_reaches_the_application_in_one_frame_of_priority_zero() {
+    let mut rig = Rig::new(0);
+    let mut publication = Publication::new(stop::SUBJECT, Priority::Exceptional, Duration::from_millis(10));
+    for _ in 0..3 {
+        rig.host.publish(rig.now, &mut publication, &stop::Stop::default()).unwrap();
+    }
+    rig.run(Duration::from_millis(5));
+    assert_eq!(rig.server.app.stops, 3);
+    let stops = rig.log.iter().filter(|frame| frame.id().raw() >> 26 == 0).count();
+    assert_eq!(stops, 3);
+}
+
+// ---- loss, delay, repetition ---------------------------------------------------------------------
+
+fn trajectory() -> Vec<u8> {
+    let mut dice = Dice(7);
+    (0..7680).map(|_| dice.below(256) as u8).collect()
+}
+
+#[test]
+fn throw_of_7680_bytes_arrives_whole_at_any_frame_loss_up_to_one_in_twenty() {
+    let data = trajectory();
+    for loss in [0, 60, 20] {
+        for seed in 0..10 {
+            let mut rig = Rig::new(seed);
+            rig.loss = loss;
+            let failures = rig.upload(&data);
+            let (status, output) = rig.command(COMMAND_FILE_CRC, &[]);
+            assert_eq!(status, Status::SUCCESS, "loss 1/{loss}, seed {seed}");
+            assert_eq!(output, Crc64::of(&data).to_le_bytes(), "loss 1/{loss}, seed {seed}");
+            assert_eq!(rig.server.app.file.contents(), data);
+            if loss == 0 {
+                assert_eq!((failures, rig.host.client().repeated()), (0, 0));
+                // 31 requests of 39 frames and their answers: 1.3 times the bus time at the most.
+                assert!(rig.now < Instant::from_micros(31 * 41 * 140 * 13 / 10), "{}", rig.now);
+            } else {
+                assert!(rig.host.client().repeated() > 0);
+            }
+        }
+    }
+}
+
+#[test]
+fn answers_that_come_after_their_time_are_never_taken_for_another_request() {
+    let mut rig = Rig::new(0);
+    // Every answer comes 150 ms after the attempt was given up.
+    rig.latency = Duration::from_millis(175);
+    let first = rig.start(register::LIST, &ListRequest { index: 0 });
+    rig.run(Duration::from_millis(120));
+    let second = rig.start(register::LIST, &ListRequest { index: 1 });
+    rig.run(Duration::from_secs(5));
+    let answers = &rig.host.listener.answers;
+    assert_eq!(answers.len(), 2);
+    for (ticket, answer) in answers {
+        assert!([first, second].contains(ticket));
+        let failed = answer.as_ref().unwrap_err();
+        assert_eq!((failed.server, failed.service, failed.attempts), (node(SERVER), register::LIST, 5));
+    }
+    assert_eq!(rig.host.client().unmatched(), 10, "five late answers to each of two requests");
+}
+
+#[test]
+fn answer_to_an_earlier_attempt_is_not_the_answer_to_the_next_one() {
+    let mut rig = Rig::new(0);
+    rig.latency = Duration::from_millis(150);
+    let ticket = rig.start(register::LIST, &ListRequest { index: 3 });
+    // The first attempt is given up at 200 ms; its answer arrives at 300 ms.
+    rig.run(Duration::from_millis(250));
+    assert_eq!(rig.host.client().repeated(), 1);
+    rig.latency = Duration::ZERO;
+    rig.run(Duration::from_secs(1));
+    let answers = &rig.host.listener.answers;
+    assert_eq!(answers.len(), 1);
+    assert_eq!(answers[0].0, ticket);
+    assert!(answers[0].1.is_ok());
+    assert!(rig.host.client().unmatched() >= 1);
+}
+
+#[test]
+fn requests_in_flight_at_the_same_time_each_get_their_own_answer() {
+    for seed in 0..20 {
+        let mut rig = Rig::new(seed);
+        rig.loss = 12;
+        let tickets: Vec<_> = (0..REQUESTS_MAX as u16)
+            .map(|i| (rig.start(register::LIST, &ListRequest { index: i }), i))
+            .collect();
+        rig.run(Duration::from_secs(5));
+        assert_eq!(rig.host.listener.answers.len(), tickets.len(), "seed {seed}");
+        for (ticket, index) in tickets {
+            let (_, answer) = rig.host.listener.answers.iter().find(|(t, _)| *t == ticket).unwrap();
+            if let Ok(bytes) = answer {
+                let name = ListResponse::from_bytes(bytes).unwrap().name;
+                use protocol::cyphal::server::Application;
+                assert_eq!(name, rig.server.app.register_name(index), "seed {seed}");
+            }
+        }
+    }
+}
+
+#[test]
+fn silent_server_is_reported_with_its_address_service_and_attempts() {
+    let mut rig = Rig::new(0);
+    let policy = Policy { timeout: Duration::from_millis(50), attempts: 3, ..Policy::default() };
+    let ticket = rig.host.request(rig.now, node(9), info::SERVICE, policy, &()).unwrap();
+    rig.run(Duration::from_millis(149));
+    assert!(rig.host.listener.answers.is_empty());
+    rig.run(Duration::from_millis(5));
+    let failed = NoAnswer { server: node(9), service: info::SERVICE, attempts: 3 };
+    assert_eq!(rig.host.listener.answers, [(ticket, Err(failed))]);
+}
+
+#[test]
+fn full_table_of_requests_refuses_the_next_and_cancel_makes_room() {
+    let mut rig = Rig::new(0);
+    let tickets: Vec<_> = (0..REQUESTS_MAX).map(|_| rig.start(info::SERVICE, &())).collect();
+    let refused = rig.host.request(rig.now, node(SERVER), info::SERVICE, Policy::default(), &());
+    assert_eq!(refused, Err(StartError::TooManyRequests { capacity: REQUESTS_MAX }));
+    rig.host.cancel(tickets[0]);
+    assert!(rig.host.request(rig.now, node(SERVER), info::SERVICE, Policy::default(), &()).is_ok());
+}
+
+#[test]
+fn tenth_service_is_refused_with_its_number() {
+    let mut rig = Rig::new(0);
+    for id in 0..8 {
+        rig.start(ServiceId::new(id).unwrap(), &());
+    }
+    let service = ServiceId::new(8).unwrap();
+    let refused = rig.host.request(rig.now, node(SERVER), service, Policy::default(), &());
+    assert_eq!(refused, Err(StartError::TooManyServices { service }));
+}
+
+// ---- hostile clients -----------------------------------------------------------------------------
+
+fn request_frames(
+    service: ServiceId,
+    transfer_id: u8,
+    priority: Priority,
+    request: &dyn Encode,
+) -> Vec<Frame> {
+    let mut queue = TxQueue::<2, 600>::new();
+    let meta = TxMeta {
+        route: Route::Request { service, source: node(HOST), destination: node(SERVER) },
+        priority,
+        transfer_id: TransferId::new(transfer_id).unwrap(),
+        deadline: Instant::FAR_FUTURE,
+    };
+    queue.push(&meta, request).unwrap();
+    std::iter::from_fn(|| queue.pop()).collect()
+}
+
+#[test]
+fn request_of_priority_zero_is_answered_below_the_drives() {
+    let mut core = ControllerCore::new(Instant::ZERO, node(SERVER));
+    let mut app = DemoApp::new();
+    for frame in request_frames(info::SERVICE, 0, Priority::Exceptional, &()) {
+        core.handle_frame(Instant::ZERO, &frame, &mut app);
+    }
+    let answer = core.poll_frame().unwrap();
+    assert_eq!(answer.id().raw() >> 26, 1);
+}
+
+#[test]
+fn request_that_cannot_be_answered_is_not_carried_out() {
+    let mut core = ControllerCore::new(Instant::ZERO, node(SERVER));
+    let mut app = DemoApp::new();
+    let request = CommandRequest { command: COMMAND_REVERSE, parameter: b"x" };
+    // Nobody takes the frames away: five of six places fill up, the last is for urgent transfers.
+    for transfer_id in 0..10 {
+        for frame in request_frames(command::SERVICE, transfer_id, Priority::Nominal, &request) {
+            core.handle_frame(Instant::ZERO, &frame, &mut app);
+        }
+    }
+    assert_eq!((app.executed.len(), core.unanswered()), (5, 5));
+}
+
+#[test]
+fn answers_nobody_can_use_any_more_are_dropped() {
+    let mut core = ControllerCore::new(Instant::ZERO, node(SERVER));
+    let mut app = DemoApp::new();
+    for frame in request_frames(info::SERVICE, 0, Priority::Nominal, &()) {
+        core.handle_frame(Instant::ZERO, &frame, &mut app);
+    }
+    core.handle_timeout(Instant::from_micros(1_000_000), &app);
+    assert_eq!(core.expired(), 1);
+    let first = core.poll_frame().unwrap();
+    assert_ne!(first.id().raw() & 1 << 25, 1 << 25, "messages only");
+}
+
+#[test]
+fn five_byte_register_access_of_a_name_that_is_not_there_is_answered_empty() {
+    let mut core = ControllerCore::new(Instant::ZERO, node(SERVER));
+    let mut app = DemoApp::new();
+    let id = request_frames(register::ACCESS, 0, Priority::Nominal, &())[0].id();
+    let hostile = Frame::new(id, &[0xFF, 0xFF, 0xFF, 0xFF, 0xE0]).unwrap();
+    core.handle_frame(Instant::ZERO, &hostile, &mut app);
+    assert_eq!(core.undecodable(), 0);
+    // Eight bytes of answer: timestamp and flags, then the empty value; two frames.
+    let frames: Vec<Frame> = std::iter::from_fn(|| core.poll_frame()).collect();
+    assert_eq!(frames.len(), 2);
+}
+
+#[test]
+fn another_node_with_our_address_is_counted() {
+    let mut rig = Rig::new(0);
+    let twin = Route::Message { subject: heartbeat::SUBJECT, source: node(SERVER) };
+    let frame = Frame::new(twin.can_id(Priority::Nominal), &[0, 0, 0, 0, 0, 0, 0, 0xE0]).unwrap();
+    rig.server.handle_frame(rig.now, &frame);
+    assert_eq!(rig.server.core.rx_counters().dropped(Dropped::OurAddress), 1);
+}
+
+proptest! {
+    #[test]
+    fn any_payload_to_any_service_is_survived_and_answered_within_bounds(
+        script in proptest::collection::vec(
+            (
+                proptest::sample::select(vec![384_u16, 385, 408, 409, 430, 435, 500]),
+                proptest::collection::vec(any::<u8>(), 0..560),
+                0_u64..1_500_000,
+            ),
+            1..20,
+        ),
+    ) {
+        struct Raw(Vec<u8>);
+        impl Encode for Raw {
+            fn encode(&self, out: &mut protocol::cyphal::bits::Writer<'_>) {
+                out.bytes(&self.0);
+            }
+        }
+        let mut server = Server {
+            core: ControllerCore::new(Instant::ZERO, node(SERVER)),
+            app: DemoApp::new(),
+        };
+        let mut now = Instant::ZERO;
+        for (n, (service, payload, pause_us)) in script.into_iter().enumerate() {
+            now += Duration::from_micros(pause_us);
+            server.handle_timeout(now);
+            let service = ServiceId::new(service).unwrap();
+            for frame in request_frames(service, n as u8 % 32, Priority::Low, &Raw(payload)) {
+                server.handle_frame(now, &frame);
+            }
+            let sent = std::iter::from_fn(|| server.poll_frame()).count();
+            prop_assert!(sent <= 6 * 46, "{sent} frames");
+            prop_assert!(server.poll_timeout().unwrap() > now);
+        }
+    }
+
+    #[test]
+    fn any_frame_at_any_time_leaves_the_node_working(
+        frames in proptest::collection::vec(
+            (0_u32..=0x1FFF_FFFF, proptest::collection::vec(any::<u8>(), 0..=8), 0_u64..100_000),
+            0..100,
+        ),
+    ) {
+        let mut rig = Rig::new(1);
+        for (raw, data, pause_us) in frames {
+            rig.now += Duration::from_micros(pause_us);
+            let id = Id::Extended(protocol::ExtendedId::from_low_bits(raw));
+            let frame = Frame::new(id, &data).unwrap();
+            rig.server.handle_frame(rig.now, &frame);
+            rig.host.handle_frame(rig.now, &frame);
+            rig.collect();
+        }
+        rig.run(Duration::from_secs(3));
+        let bytes = rig.ask(info::SERVICE, &()).unwrap();
+        prop_assert!(NodeInfo::from_bytes(&bytes).is_ok());
+    }
+}
