@@ -299,7 +299,7 @@ fn registers_are_listed_without_gaps_and_end_with_an_empty_name() {
         }
         names.push(text(name).to_string());
     }
-    assert_eq!(names.len(), 17);
+    assert_eq!(names.len(), 19);
     assert_eq!(names[0], "uavcan.node.description");
     assert_eq!(names[16], "file.crc64");
 }

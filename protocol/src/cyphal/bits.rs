@@ -90,11 +90,20 @@ pub trait Encode {
     fn encode(&self, out: &mut Writer<'_>);
 
     /// Serialises into the head of `buffer` and returns the number of bytes.
-    fn to_bytes(&self, buffer: &mut [u8]) -> Result<usize, BufferTooSmall> {
-        let mut out = Writer::new(buffer);
-        self.encode(&mut out);
-        out.finish()
+    fn to_bytes(&self, buffer: &mut [u8]) -> Result<usize, BufferTooSmall>
+    where
+        Self: Sized,
+    {
+        to_bytes(self, buffer)
     }
+}
+
+/// [`Encode::to_bytes`] of any value: one copy of the code for all types.
+#[inline(never)]
+pub fn to_bytes(value: &dyn Encode, buffer: &mut [u8]) -> Result<usize, BufferTooSmall> {
+    let mut out = Writer::new(buffer);
+    value.encode(&mut out);
+    out.finish()
 }
 
 /// A value that can be read back; arrays borrow from the data.

@@ -15,7 +15,7 @@
 
 use core::fmt;
 
-use super::bits::{BufferTooSmall, Encode, Writer};
+use super::bits::{BufferTooSmall, Encode, Writer, to_bytes};
 use super::id::{NodeId, Priority, Route, ServiceId, TransferId};
 use super::rx::Transfer;
 use super::tx::{SendError, TxMeta};
@@ -220,7 +220,7 @@ impl<const PENDING: usize, const BYTES: usize> Client<PENDING, BYTES> {
     ) -> Result<Ticket, StartError> {
         let full = StartError::TooManyRequests { capacity: PENDING };
         let slot = self.slots.iter_mut().find(|slot| slot.ticket.is_none()).ok_or(full)?;
-        slot.len = request.to_bytes(&mut slot.payload).map_err(StartError::TooLong)?;
+        slot.len = to_bytes(request, &mut slot.payload).map_err(StartError::TooLong)?;
         if !self.ids.admit(service) {
             return Err(StartError::TooManyServices { service });
         }

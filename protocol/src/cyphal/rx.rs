@@ -170,6 +170,10 @@ impl RxCounters {
         self.dropped.get(cause as usize).copied().unwrap_or(0)
     }
 
+    fn abandon(&mut self) {
+        self.abandoned = self.abandoned.saturating_add(1);
+    }
+
     fn count(&mut self, cause: Dropped) {
         if let Some(n) = self.dropped.get_mut(cause as usize) {
             *n = n.saturating_add(1);
@@ -208,20 +212,85 @@ impl Session {
     const FREE: Self = Self { key: None, heard: Instant::ZERO, complete: None, active: None };
 }
 
-/// Where a finished payload lies.
-enum Place {
-    Scratch,
-    Buffer(usize),
+impl Session {
+    /// In the middle of a transfer, and silent for [`STALL`].
+    fn is_stuck(&self, now: Instant) -> bool {
+        self.active.is_some() && now.saturating_since(self.heard) >= STALL
+    }
+
+    /// Order in which sessions give way, lowest first: free, quiet, stuck; of each the one heard of
+    /// longest ago. `None` if it must not. (Times stay below 2^62 µs, 146 000 years.)
+    fn rank(&self, now: Instant) -> Option<u64> {
+        if self.active.is_some() && !self.is_stuck(now) {
+            return None;
+        }
+        let (used, stuck) = (u64::from(self.key.is_some()), u64::from(self.active.is_some()));
+        Some((used + stuck) << 62 | self.heard.as_micros() >> 2)
+    }
 }
 
-struct Finished {
-    place: Place,
-    len: usize,
-    extent: usize,
-    at: Instant,
+/// A frame that may have an effect: its parts, and the port it is for.
+struct Incoming<'f> {
     priority: Priority,
     route: Route,
-    transfer_id: TransferId,
+    tail: Tail,
+    payload: &'f [u8],
+    extent: usize,
+    /// Port kind, port number and source; `None` = taken without a session.
+    key: Option<u32>,
+}
+
+/// Checks everything that needs no memory of earlier frames.
+fn parse<'f>(local: Option<NodeId>, frame: &'f Frame, ports: &[&[Port]]) -> Result<Incoming<'f>, Dropped> {
+    let Id::Extended(id) = frame.id() else { return Err(Dropped::OtherProtocol) };
+    if frame.is_remote() {
+        return Err(Dropped::OtherProtocol);
+    }
+    let (tail, payload) = frame.data().split_last().ok_or(Dropped::Malformed)?;
+    let tail = Tail::parse(*tail);
+    // Section 4.2.2.2: the toggle of a first frame tells the two protocol versions apart.
+    if tail.start && !tail.toggle {
+        return Err(Dropped::OldProtocol);
+    }
+    let (priority, route) = Route::parse(id).map_err(|_| Dropped::Malformed)?;
+    let source = route.source();
+    if source.is_some() && source == local {
+        return Err(Dropped::OurAddress);
+    }
+    let (kind, number, destination) = match route {
+        Route::Message { subject, .. } | Route::Anonymous { subject, .. } => {
+            (PortKind::Message, subject.get(), local)
+        }
+        Route::Request { service, destination, .. } => (PortKind::Request, service.get(), Some(destination)),
+        Route::Response { service, destination, .. } => {
+            (PortKind::Response, service.get(), Some(destination))
+        }
+    };
+    let mut known = ports.iter().flat_map(|list| list.iter());
+    let port = known.find(|port| port.kind == kind && port.id == number);
+    let port = port.filter(|_| destination == local).ok_or(Dropped::NotForUs)?;
+
+    let session = source.filter(|_| !port.idempotent);
+    if !(tail.start && tail.end) {
+        // Every frame but the last is full; an anonymous transfer has one frame (section 4.1.1.4).
+        let short = payload.is_empty() || !tail.end && payload.len() != FRAME_PAYLOAD;
+        if short || source.is_none() {
+            return Err(Dropped::Malformed);
+        }
+        if session.is_none() {
+            return Err(Dropped::TooLong);
+        }
+    }
+    let key = session.map(|source| (kind as u32) << 24 | u32::from(number) << 8 | u32::from(source.get()));
+    Ok(Incoming { priority, route, tail, payload, extent: usize::from(port.extent), key })
+}
+
+/// A finished payload: where it lies, its length, and when it began.
+struct Done {
+    /// Reassembly buffer; `None` = scratch.
+    buffer: Option<usize>,
+    len: usize,
+    at: Instant,
 }
 
 /// Receiver with `SESSIONS` sessions and `BUFFERS` reassembly buffers of `BYTES` bytes.
@@ -246,7 +315,7 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const BYTES: usize> Default
 impl<const SESSIONS: usize, const BUFFERS: usize, const BYTES: usize> Receiver<SESSIONS, BUFFERS, BYTES> {
     /// No sessions yet; transfer-ID timeout [`TRANSFER_ID_TIMEOUT`].
     pub const fn new() -> Self {
-        const { assert!(SESSIONS > 0 && BUFFERS > 0 && BYTES > FRAME_PAYLOAD) };
+        const { assert!(SESSIONS > 0 && BUFFERS > 0 && BUFFERS <= 32 && BYTES > FRAME_PAYLOAD) };
         Self {
             timeout: TRANSFER_ID_TIMEOUT,
             sessions: [Session::FREE; SESSIONS],
@@ -272,7 +341,12 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const BYTES: usize> Receiver<S
         frame: &Frame,
         ports: &[&[Port]],
     ) -> Option<Transfer<'_>> {
-        let finished = match self.process(now, local, frame, ports) {
+        let parsed = parse(local, frame, ports);
+        let taken = parsed.and_then(|mut incoming| {
+            incoming.extent = incoming.extent.min(BYTES);
+            self.take(now, &incoming).map(|done| done.map(|done| (incoming, done)))
+        });
+        let (incoming, done) = match taken {
             Ok(finished) => finished?,
             Err(cause) => {
                 self.counters.count(cause);
@@ -280,123 +354,59 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const BYTES: usize> Receiver<S
             }
         };
         self.counters.transfers = self.counters.transfers.saturating_add(1);
-        let buffer = match finished.place {
-            Place::Scratch => &mut self.scratch,
-            Place::Buffer(index) => self.buffers.get_mut(index)?,
+        let buffer = match done.buffer {
+            None => &mut self.scratch,
+            Some(index) => self.buffers.get_mut(index)?,
         };
-        buffer.get_mut(finished.len..finished.extent)?.fill(0);
+        let payload = buffer.get_mut(..incoming.extent)?;
+        payload.get_mut(done.len..)?.fill(0);
         Some(Transfer {
-            at: finished.at,
-            priority: finished.priority,
-            route: finished.route,
-            transfer_id: finished.transfer_id,
-            payload: buffer.get(..finished.extent)?,
-            len: finished.len,
+            at: done.at,
+            priority: incoming.priority,
+            route: incoming.route,
+            transfer_id: incoming.tail.transfer_id,
+            payload,
+            len: done.len,
         })
     }
 
-    fn process(
-        &mut self,
-        now: Instant,
-        local: Option<NodeId>,
-        frame: &Frame,
-        ports: &[&[Port]],
-    ) -> Result<Option<Finished>, Dropped> {
-        let Id::Extended(id) = frame.id() else { return Err(Dropped::OtherProtocol) };
-        if frame.is_remote() {
-            return Err(Dropped::OtherProtocol);
-        }
-        let (tail, payload) = frame.data().split_last().ok_or(Dropped::Malformed)?;
-        let tail = Tail::parse(*tail);
-        // Section 4.2.2.2: the toggle of a first frame tells the two protocol versions apart.
-        if tail.start && !tail.toggle {
-            return Err(Dropped::OldProtocol);
-        }
-        let (priority, route) = Route::parse(id).map_err(|_| Dropped::Malformed)?;
-        let source = route.source();
-        if source.is_some() && source == local {
-            return Err(Dropped::OurAddress);
-        }
-        let (kind, number, destination) = match route {
-            Route::Message { subject, .. } | Route::Anonymous { subject, .. } => {
-                (PortKind::Message, subject.get(), local)
+    /// Applies the rules of sessions; `Ok(None)` while the transfer goes on.
+    fn take(&mut self, now: Instant, frame: &Incoming<'_>) -> Result<Option<Done>, Dropped> {
+        if let Some(key) = frame.key {
+            let index = self.session(now, key, frame.tail.start)?;
+            if !(frame.tail.start && frame.tail.end) {
+                return self.fragment(now, index, frame);
             }
-            Route::Request { service, destination, .. } => {
-                (PortKind::Request, service.get(), Some(destination))
-            }
-            Route::Response { service, destination, .. } => {
-                (PortKind::Response, service.get(), Some(destination))
-            }
-        };
-        let mut known = ports.iter().flat_map(|list| list.iter());
-        let port = known.find(|port| port.kind == kind && port.id == number);
-        let port = port.filter(|_| destination == local).ok_or(Dropped::NotForUs)?;
-        let extent = usize::from(port.extent).min(BYTES);
-
-        let single = tail.start && tail.end;
-        let full = payload.len() == FRAME_PAYLOAD;
-        if !single && (payload.is_empty() || !tail.end && !full) {
-            return Err(Dropped::Malformed);
+            self.whole(now, index, frame.tail.transfer_id)?;
         }
-        let transfer_id = tail.transfer_id;
-        if let (Some(source), false) = (source, port.idempotent) {
-            let key = (kind as u32) << 24 | u32::from(number) << 8 | u32::from(source.get());
-            let index = self.session(now, key, tail.start)?;
-            let at = if single {
-                self.whole(now, index, transfer_id)?;
-                now
-            } else {
-                return self.fragment(now, index, extent, priority, route, tail, payload);
-            };
-            return Ok(Some(self.single(payload, extent, at, priority, route, transfer_id)));
-        }
-        match (single, source) {
-            (true, _) => Ok(Some(self.single(payload, extent, now, priority, route, transfer_id))),
-            // Section 4.1.1.4: an anonymous transfer has one frame.
-            (false, None) => Err(Dropped::Malformed),
-            (false, Some(_)) => Err(Dropped::TooLong),
-        }
-    }
-
-    /// Lays the payload of a single frame into the scratch buffer.
-    fn single(
-        &mut self,
-        payload: &[u8],
-        extent: usize,
-        at: Instant,
-        priority: Priority,
-        route: Route,
-        transfer_id: TransferId,
-    ) -> Finished {
-        let len = copy(&mut self.scratch, 0, extent, payload);
-        Finished { place: Place::Scratch, len, extent, at, priority, route, transfer_id }
+        let len = copy(&mut self.scratch, 0, frame.extent, frame.payload);
+        Ok(Some(Done { buffer: None, len, at: now }))
     }
 
     /// Index of the session of `key`, forgetting what is too old; a start may open a session.
     fn session(&mut self, now: Instant, key: u32, start: bool) -> Result<usize, Dropped> {
-        let timeout = self.timeout;
-        let found = self.sessions.iter_mut().enumerate().find(|(_, s)| s.key == Some(key));
-        if let Some((index, session)) = found {
-            if now.saturating_since(session.heard) > timeout {
-                self.counters.abandoned =
-                    self.counters.abandoned.saturating_add(u32::from(session.active.is_some()));
-                *session = Session { key: Some(key), ..Session::FREE };
+        let mut place = None;
+        let mut best = u64::MAX;
+        for (index, session) in self.sessions.iter().enumerate() {
+            if session.key == Some(key) {
+                place = Some(index);
+                break;
             }
-            return Ok(index);
+            if let Some(rank) = session.rank(now)
+                && start
+                && rank < best
+            {
+                (place, best) = (Some(index), rank);
+            }
         }
-        if !start {
-            return Err(Dropped::MissedStart);
+        let index = place.ok_or(if start { Dropped::NoRoom } else { Dropped::MissedStart })?;
+        let session = self.sessions.get_mut(index).ok_or(Dropped::NoRoom)?;
+        if session.key != Some(key) || now.saturating_since(session.heard) > self.timeout {
+            if session.active.is_some() {
+                self.counters.abandon();
+            }
+            *session = Session { key: Some(key), heard: now, ..Session::FREE };
         }
-        // Free ones first, then quiet ones, the quietest of each; one in mid-transfer only if stuck.
-        let (index, session) = self
-            .sessions
-            .iter_mut()
-            .enumerate()
-            .filter(|(_, s)| s.active.is_none() || now.saturating_since(s.heard) >= STALL)
-            .min_by_key(|(_, s)| (s.key.is_some(), s.active.is_some(), s.heard))
-            .ok_or(Dropped::NoRoom)?;
-        self.counters.abandoned = self.counters.abandoned.saturating_add(u32::from(session.active.is_some()));
-        *session = Session { key: Some(key), heard: now, ..Session::FREE };
         Ok(index)
     }
 
@@ -407,7 +417,7 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const BYTES: usize> Receiver<S
             return Err(Dropped::DuplicateTransfer);
         }
         if session.active.take().is_some() {
-            self.counters.abandoned = self.counters.abandoned.saturating_add(1);
+            self.counters.abandon();
         }
         session.complete = Some(transfer_id);
         session.heard = now;
@@ -415,19 +425,15 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const BYTES: usize> Receiver<S
     }
 
     /// Takes a frame of a multi-frame transfer.
-    #[allow(clippy::too_many_arguments, reason = "one call site; the fields of one frame")]
     fn fragment(
         &mut self,
         now: Instant,
         index: usize,
-        extent: usize,
-        priority: Priority,
-        route: Route,
-        tail: Tail,
-        payload: &[u8],
-    ) -> Result<Option<Finished>, Dropped> {
-        let session = self.sessions.get_mut(index).ok_or(Dropped::NoRoom)?;
+        frame: &Incoming<'_>,
+    ) -> Result<Option<Done>, Dropped> {
+        let Incoming { priority, tail, payload, extent, .. } = *frame;
         if tail.start {
+            let session = self.sessions.get_mut(index).ok_or(Dropped::NoRoom)?;
             if session.complete == Some(tail.transfer_id) {
                 return Err(Dropped::DuplicateTransfer);
             }
@@ -439,20 +445,21 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const BYTES: usize> Receiver<S
                     return Err(Dropped::DuplicateFrame);
                 }
                 session.active = None;
-                self.counters.abandoned = self.counters.abandoned.saturating_add(1);
+                self.counters.abandon();
             }
             let buffer = self.buffer(now)?;
-            let session = self.sessions.get_mut(index).ok_or(Dropped::NoRoom)?;
-            session.active = Some(Active {
-                transfer_id: tail.transfer_id,
-                priority,
-                toggle: true,
-                crc: Crc16::INITIAL,
-                total: 0,
-                last: [0; FRAME_PAYLOAD],
-                started: now,
-                buffer,
-            });
+            if let Some(session) = self.sessions.get_mut(index) {
+                session.active = Some(Active {
+                    transfer_id: tail.transfer_id,
+                    priority,
+                    toggle: true,
+                    crc: Crc16::INITIAL,
+                    total: 0,
+                    last: [0; FRAME_PAYLOAD],
+                    started: now,
+                    buffer,
+                });
+            }
         }
         let session = self.sessions.get_mut(index).ok_or(Dropped::NoRoom)?;
         let Some(active) = &mut session.active else {
@@ -474,9 +481,7 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const BYTES: usize> Receiver<S
         copy(buffer, active.total, extent, payload);
         active.total += payload.len();
         active.toggle = !active.toggle;
-        for (to, from) in active.last.iter_mut().zip(payload) {
-            *to = *from;
-        }
+        copy(&mut active.last, 0, FRAME_PAYLOAD, payload);
         if active.total > TRANSFER_LEN_MAX {
             session.active = None;
             return Err(Dropped::TooLong);
@@ -484,34 +489,34 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const BYTES: usize> Receiver<S
         if !tail.end {
             return Ok(None);
         }
-        let Active { crc, total, started, buffer, .. } = *active;
+        let Active { crc, total, started: at, buffer, .. } = *active;
         session.active = None;
         if !crc.is_residue() {
             return Err(Dropped::BadCrc);
         }
         session.complete = Some(tail.transfer_id);
         // The first frame was full, so there are at least eight bytes, two of them the CRC.
-        let len = total.saturating_sub(2).min(extent);
-        let transfer_id = tail.transfer_id;
-        let place = Place::Buffer(buffer);
-        Ok(Some(Finished { place, len, extent, at: started, priority, route, transfer_id }))
+        Ok(Some(Done { buffer: Some(buffer), len: total.saturating_sub(2).min(extent), at }))
     }
 
     /// Index of a buffer that no transfer needs; one that is stuck loses its own.
     fn buffer(&mut self, now: Instant) -> Result<usize, Dropped> {
-        let holders =
-            |index| move |s: &Session| s.active.as_ref().is_some_and(|active| active.buffer == index);
-        if let Some(free) = (0..BUFFERS).find(|index| !self.sessions.iter().any(holders(*index))) {
+        let mut used = 0_u32;
+        let mut stuck: Option<&mut Session> = None;
+        for session in &mut self.sessions {
+            if let Some(active) = &session.active {
+                used |= 1_u32.wrapping_shl(active.buffer as u32);
+            }
+            if session.is_stuck(now) && stuck.as_ref().is_none_or(|other| session.heard < other.heard) {
+                stuck = Some(session);
+            }
+        }
+        if let Some(free) = (0..BUFFERS).find(|index| used >> index & 1 == 0) {
             return Ok(free);
         }
-        let stuck = self
-            .sessions
-            .iter_mut()
-            .filter(|s| s.active.is_some() && now.saturating_since(s.heard) >= STALL)
-            .min_by_key(|s| s.heard)
-            .ok_or(Dropped::NoRoom)?;
-        self.counters.abandoned = self.counters.abandoned.saturating_add(1);
-        stuck.active.take().map(|active| active.buffer).ok_or(Dropped::NoRoom)
+        let lost = stuck.and_then(|session| session.active.take()).ok_or(Dropped::NoRoom)?;
+        self.counters.abandon();
+        Ok(lost.buffer)
     }
 }
 

@@ -176,7 +176,9 @@ pub struct NodeCore<
     const TX: usize,
 > {
     address: NodeId,
-    started: Instant,
+    uptime_s: u32,
+    /// When `uptime_s` was reached.
+    uptime_at: Instant,
     heartbeat_due: Instant,
     port_list_due: Instant,
     heartbeat: Publication,
@@ -203,7 +205,8 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const RX: usize, const SLOTS: 
         let second = Duration::from_secs(1);
         Self {
             address,
-            started: now,
+            uptime_s: 0,
+            uptime_at: now,
             heartbeat_due: now,
             port_list_due: now,
             heartbeat: Publication::new(heartbeat::SUBJECT, Priority::Nominal, second),
@@ -288,15 +291,23 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const RX: usize, const SLOTS: 
         if self.heartbeat_due <= now {
             self.heartbeat_due = next_due(self.heartbeat_due, now, heartbeat::PERIOD);
             let NodeStatus { health, mode, vendor_status } = app.status();
-            let uptime = now.saturating_since(self.started).as_micros() / 1_000_000;
-            let uptime_s = u32::try_from(uptime).unwrap_or(u32::MAX);
-            let message = Heartbeat { uptime_s, health, mode, vendor_status };
-            publish(&mut self.tx, self.address, now, &mut self.heartbeat, &message);
+            let message = Heartbeat { uptime_s: self.uptime(now), health, mode, vendor_status };
+            let _ = publish(&mut self.tx, self.address, now, &mut self.heartbeat, &message);
         }
         if self.port_list_due <= now {
             self.port_list_due = next_due(self.port_list_due, now, PORT_LIST_PERIOD);
-            publish(&mut self.tx, self.address, now, &mut self.port_list, &OwnPorts { app });
+            let _ = publish(&mut self.tx, self.address, now, &mut self.port_list, &OwnPorts { app });
         }
+    }
+
+    /// Seconds since the start, counted on: a 64-bit division would cost 850 bytes of code. A gap of
+    /// more than an hour between two calls is caught up over the next ones.
+    fn uptime(&mut self, now: Instant) -> u32 {
+        let us = now.saturating_since(self.uptime_at).as_micros().min(u64::from(u32::MAX)) as u32;
+        let whole = us / 1_000_000;
+        self.uptime_s = self.uptime_s.saturating_add(whole);
+        self.uptime_at += Duration::from_micros(u64::from(whole * 1_000_000));
+        self.uptime_s
     }
 
     // ---- application commands --------------------------------------------------------------------
@@ -308,14 +319,14 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const RX: usize, const SLOTS: 
         publication: &mut Publication,
         message: &dyn Encode,
     ) -> Result<(), SendError> {
-        self.tx.push(&next_meta(self.address, now, publication), message)
+        publish(&mut self.tx, self.address, now, publication, message)
     }
 
     /// Queues a line of text for people; dropped when there is no room.
     pub fn log(&mut self, now: Instant, severity: Severity, text: &str) {
         // The network time is not known here: 0.
         let record = Record { timestamp_us: 0, severity, text: text.as_bytes() };
-        publish(&mut self.tx, self.address, now, &mut self.record, &record);
+        let _ = publish(&mut self.tx, self.address, now, &mut self.record, &record);
     }
 
     /// Queues any transfer of this node; clients send their requests with it.
@@ -343,26 +354,25 @@ fn next_due(due: Instant, now: Instant, period: Duration) -> Instant {
     if next > now { next } else { now + period }
 }
 
-fn next_meta(address: NodeId, now: Instant, publication: &mut Publication) -> TxMeta {
-    let transfer_id = publication.next;
-    publication.next = transfer_id.next();
-    TxMeta {
-        route: Route::Message { subject: publication.subject, source: address },
-        priority: publication.priority,
-        transfer_id,
-        deadline: now + publication.valid,
-    }
-}
-
-/// Periodic messages: when there is no room, the next period will do.
+/// Queues a message under the next number of its subject. Periodic messages ignore a refusal: when
+/// there is no room, the next period will do.
+#[inline(never)]
 fn publish<const SLOTS: usize, const TX: usize>(
     tx: &mut TxQueue<SLOTS, TX>,
     address: NodeId,
     now: Instant,
     publication: &mut Publication,
     message: &dyn Encode,
-) {
-    let _ = tx.push(&next_meta(address, now, publication), message);
+) -> Result<(), SendError> {
+    let transfer_id = publication.next;
+    publication.next = transfer_id.next();
+    let meta = TxMeta {
+        route: Route::Message { subject: publication.subject, source: address },
+        priority: publication.priority,
+        transfer_id,
+        deadline: now + publication.valid,
+    };
+    tx.push(&meta, message)
 }
 
 /// Answers one request. `None`: not a request of that service; `Some(false)`: no room.

@@ -8,7 +8,7 @@
 
 use core::fmt;
 
-use super::bits::{BufferTooSmall, Encode};
+use super::bits::{BufferTooSmall, Encode, to_bytes};
 use super::crc::Crc16;
 use super::id::{Priority, Route, Tail, TransferId};
 use crate::frame::{Frame, MAX_DATA_LEN};
@@ -147,6 +147,7 @@ impl<const SLOTS: usize, const BYTES: usize> TxQueue<SLOTS, BYTES> {
     }
 
     /// Serialises `payload` into a free slot, all or nothing.
+    #[inline(never)]
     pub fn push(&mut self, meta: &TxMeta, payload: &dyn Encode) -> Result<(), SendError> {
         let full = SendError::QueueFull { slots: SLOTS };
         let slot = if self.room(meta.priority) > 0 {
@@ -159,7 +160,7 @@ impl<const SLOTS: usize, const BYTES: usize> TxQueue<SLOTS, BYTES> {
         };
         let slot = slot.ok_or(full)?;
         slot.id = None;
-        slot.len = payload.to_bytes(&mut slot.payload).map_err(SendError::TooLong)?;
+        slot.len = to_bytes(payload, &mut slot.payload).map_err(SendError::TooLong)?;
         slot.id = Some(meta.route.can_id(meta.priority));
         slot.transfer_id = meta.transfer_id;
         slot.toggle = true;

@@ -1,6 +1,10 @@
 //! Small application behind the Cyphal services: one register of every type, a file, two commands.
 //!
 //! Used by the tests of the node core and by the demo node that the interop stage talks to.
+#![allow(dead_code, reason = "each user needs a part of it")]
+
+use std::cell::Cell;
+use std::rc::Rc;
 
 use protocol::Instant;
 use protocol::cyphal::bits::Writer;
@@ -39,6 +43,8 @@ pub(crate) struct DemoApp {
     pub(crate) stops: u32,
     /// Commands carried out.
     pub(crate) executed: Vec<u16>,
+    /// Frames that the bus in front of this node lost on purpose; a register shows it.
+    pub(crate) frames_lost: Rc<Cell<u32>>,
 }
 
 fn wire(tag: u8, data: &[u8]) -> ValueBuf {
@@ -73,8 +79,16 @@ impl DemoApp {
             fixed("demo.constant", ValueBuf::from(42_u8)),
             fixed("file.length_bytes", ValueBuf::from(0_u32)),
             fixed("file.crc64", ValueBuf::from(0_u64)),
+            fixed("demo.frames_lost", ValueBuf::from(0_u32)),
+            fixed("demo.stops_heard", ValueBuf::from(0_u32)),
         ];
-        Self { registers, file: UploadBank::new(), stops: 0, executed: Vec::new() }
+        Self {
+            registers,
+            file: UploadBank::new(),
+            stops: 0,
+            executed: Vec::new(),
+            frames_lost: Rc::default(),
+        }
     }
 
     fn path(path: &[u8]) -> Result<(), FileError> {
@@ -118,6 +132,8 @@ impl Application for DemoApp {
         let value = match entry.name {
             "file.length_bytes" => ValueBuf::from(self.file.contents().len() as u32),
             "file.crc64" => ValueBuf::from(self.file.complete().unwrap_or(0)),
+            "demo.frames_lost" => ValueBuf::from(self.frames_lost.get()),
+            "demo.stops_heard" => ValueBuf::from(self.stops),
             _ => entry.value.clone(),
         };
         Some(Register { mutable: entry.mutable, persistent: entry.persistent, value })

@@ -340,6 +340,10 @@ impl ValueBuf {
         Ok(this)
     }
 
+    fn single(kind: ValueType, bytes: &[u8]) -> Self {
+        Value { kind, count: 1, bytes }.into()
+    }
+
     fn sized(kind: ValueType, len: usize) -> Result<Self, ValueTooLong> {
         if len <= kind.capacity() {
             Ok(Self { kind, count: len as u16, bytes: [0; DATA_LEN_MAX] })
@@ -388,7 +392,7 @@ macro_rules! numbers {
         /// One element.
         impl From<$repr> for ValueBuf {
             fn from(value: $repr) -> Self {
-                Self::try_from([value].as_slice()).unwrap_or(Self::EMPTY)
+                Self::single(ValueType::$kind, &value.to_le_bytes())
             }
         }
     )*};

@@ -1,0 +1,66 @@
+# Cyphal against tools that are not ours: pycyphal and yakut, unmodified, pinned, over socketcand.
+#
+# The public regulated data types come with a crate (they are on no Python index); cargo checks its hash.
+here=tests/interop/cyphal
+work=target/interop-cyphal
+venv=$work/venv
+mkdir -p $work/dsdl/src
+[ -x $venv/bin/python ] || python3 -m venv $venv
+$venv/bin/pip install --quiet --disable-pip-version-check -r $here/requirements.txt
+
+cat >$work/dsdl/Cargo.toml <<'TOML'
+[package]
+name = "dsdl"
+edition = "2024"
+[dependencies]
+canadensis_dsdl_frontend = "=0.6.0"
+[workspace]
+TOML
+touch $work/dsdl/src/lib.rs
+regulated=$(cargo metadata --format-version 1 --manifest-path $work/dsdl/Cargo.toml | $venv/bin/python -c '
+import json, pathlib, sys
+package = next(p for p in json.load(sys.stdin)["packages"] if p["name"] == "canadensis_dsdl_frontend")
+print(pathlib.Path(package["manifest_path"]).parent / "tests/public_regulated_data_types")')
+export CYPHAL_PATH=$regulated:$PWD/protocol/dsdl PYCYPHAL_PATH=$PWD/$work/compiled
+rm -rf "$PYCYPHAL_PATH"
+
+echo "--- golden vectors"
+$venv/bin/python $here/make_vectors.py >$work/vectors.txt 2>$work/make_vectors.log || { cat $work/make_vectors.log; exit 1; }
+cmp $work/vectors.txt protocol/tests/cyphal_vectors.txt
+
+cargo build --locked -p can-link --example cyphal_node
+node=target/debug/examples/cyphal_node
+$node 127.0.0.1:0 >$work/node.log & good=$!
+$node 127.0.0.1:0 60 1 >$work/lossy.log & lossy=$!
+trap 'kill $good $lossy' EXIT
+port_of() { # Port 0 above: any free one; the node prints the address it got.
+    for _ in $(seq 50); do
+        if grep -q '^socketcand://' "$1"; then sed -n 's|^socketcand://127.0.0.1:\([0-9]*\)/can0$|\1|p' "$1"; return; fi
+        sleep 0.1
+    done
+}
+good_port=$(port_of $work/node.log)
+lossy_port=$(port_of $work/lossy.log)
+
+echo "--- pycyphal"
+check() { timeout 120 $venv/bin/python $here/check.py 127.0.0.1 "$@"; }
+check "$good_port" services
+check "$good_port" upload
+check "$lossy_port" upload-lossy
+
+echo "--- yakut"
+export UAVCAN__CAN__IFACE=socketcand:can0:127.0.0.1:$good_port UAVCAN__CAN__MTU=8 UAVCAN__NODE__ID=101
+yakut() { timeout 60 $venv/bin/yakut --format json "$@" 2>>$work/yakut.log; }
+expect() { # expect WHAT GOT WANTED
+    if [ "$2" != "$3" ]; then echo "$1: got $2, wanted $3"; tail $work/yakut.log; exit 1; fi
+    echo "$1: $2"
+}
+: >$work/yakut.log
+expect "registers listed" "$(yakut register-list 42 | $venv/bin/python -c 'import json, sys; print(len(json.load(sys.stdin)))')" 19
+expect "register written" "$(yakut register-access 42 demo.natural16 7 65535)" "[7,65535]"
+expect "register read" "$(yakut register-access 42 demo.natural16)" "[7,65535]"
+expect "command" "$(yakut execute-command 42 100 olleh)" '{"status":0,"output":"hello"}'
+crc=$(yakut execute-command 42 101)
+expect "file crc by command and register" \
+    "$(echo "$crc" | $venv/bin/python -c 'import json, sys; print(int.from_bytes(json.load(sys.stdin)["output"], "little"))')" \
+    "$(yakut register-access 42 file.crc64)"
