@@ -45,10 +45,13 @@ pub struct Frame {
 impl Frame {
     /// Data frame with the bytes of `data`; refuses more than eight.
     pub fn new(id: impl Into<Id>, data: &[u8]) -> Result<Self, FrameError> {
+        if data.len() > MAX_DATA_LEN {
+            return Err(FrameError::TooLong { len: data.len() });
+        }
         let mut bytes = [0; MAX_DATA_LEN];
-        match bytes.get_mut(..data.len()) {
-            Some(head) => head.copy_from_slice(data),
-            None => return Err(FrameError::TooLong { len: data.len() }),
+        // Not `copy_from_slice`: optimised for size, its length check stays, and with it a panic.
+        for (to, from) in bytes.iter_mut().zip(data) {
+            *to = *from;
         }
         Ok(Self { id: id.into(), remote: false, dlc: data.len() as u8, bytes })
     }
