@@ -13,8 +13,8 @@
 //! | physics | `mechanics` | rigid bodies, friction, supplies, gripper and ball | know CAN |
 //! | faults | [`fault`] | what can go wrong, when, where and how likely; one random stream each | depend on the order in which faults are listed |
 //! | virtual time | [`world`] | event queue that joins bus, crew and faults; same seed, same log | read a clock |
-//! | seen from the bus | [`record`], `checker` | candump log, trace, invariants that only use frames | look into a node |
-//! | situations | `scenario`, `swarm` | TOML and seeds to options; printed before a run | act on their own |
+//! | seen from the bus | [`record`], [`checker`] | candump log, trace, invariants that only use frames | look into a node |
+//! | situations | [`scenario`], `swarm` | TOML and seeds to options; printed before a run | act on their own |
 //!
 //! # The seam between bus and drives
 //!
@@ -53,10 +53,12 @@
 //! 3. Queues and loops are bounded; what does not fit is counted and reported.
 
 pub mod bus;
+pub mod checker;
 pub mod crew;
 pub mod fault;
 pub mod record;
 pub mod rng;
+pub mod scenario;
 pub mod world;
 
 pub use crew::{Crew, Link};
