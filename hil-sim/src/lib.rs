@@ -55,6 +55,7 @@
 pub mod bus;
 pub mod crew;
 pub mod fault;
+pub mod mechanics;
 pub mod rng;
 
 pub use crew::{Crew, Link};
