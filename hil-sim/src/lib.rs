@@ -54,6 +54,7 @@
 
 pub mod bus;
 pub mod crew;
+pub mod drive;
 pub mod fault;
 pub mod mechanics;
 pub mod rng;
