@@ -53,10 +53,12 @@
 //! 3. Queues and loops are bounded; what does not fit is counted and reported.
 
 pub mod bus;
+pub mod cell;
 pub mod crew;
 pub mod drive;
 pub mod fault;
 pub mod mechanics;
 pub mod rng;
 
+pub use cell::{Cell, CellOptions};
 pub use crew::{Crew, Link};
