@@ -9,12 +9,12 @@
 //! |---|---|---|---|
 //! | medium | [`bus`] | classical CAN 2.0: bit time, stuffing, arbitration, acknowledge, error counters, bus-off, transmit queues, figures per id | know what a frame means |
 //! | participants | [`crew`] | who sits on the bus and which physical process moves on between events | know the scheduler |
-//! | drives | `drive` | one PowerCube behind the wire, a [`protocol::Node`] | know the arm's other joints |
-//! | physics | `mechanics` | rigid bodies, friction, supplies, gripper and ball | know CAN |
+//! | drives | [`drive`] | one PowerCube behind the wire, a [`protocol::Node`] | know the arm's other joints |
+//! | physics | [`mechanics`] | rigid bodies, friction, supplies, gripper and ball | know CAN |
 //! | faults | [`fault`] | what can go wrong, when, where and how likely; one random stream each | depend on the order in which faults are listed |
 //! | virtual time | [`world`] | event queue that joins bus, crew and faults; same seed, same log | read a clock |
-//! | seen from the bus | [`record`], `checker` | candump log, trace, invariants that only use frames | look into a node |
-//! | situations | `scenario`, `swarm` | TOML and seeds to options; printed before a run | act on their own |
+//! | seen from the bus | [`record`], [`checker`] | candump log, trace, invariants that only use frames | look into a node |
+//! | situations | [`scenario`], `swarm` | TOML and seeds to options; printed before a run | act on their own |
 //!
 //! # The seam between bus and drives
 //!
@@ -53,11 +53,17 @@
 //! 3. Queues and loops are bounded; what does not fit is counted and reported.
 
 pub mod bus;
+pub mod cell;
+pub mod checker;
 pub mod crew;
+pub mod drive;
 pub mod fault;
+pub mod mechanics;
 pub mod record;
 pub mod rng;
+pub mod scenario;
 pub mod world;
 
+pub use cell::{Cell, CellOptions};
 pub use crew::{Crew, Link};
 pub use world::{Observer, World};

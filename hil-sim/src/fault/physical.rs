@@ -76,15 +76,15 @@ impl PhysicalFault {
     /// Name as in scenario files.
     pub const fn name(&self) -> &'static str {
         match self {
-            Self::Frozen => "frozen",
+            Self::Frozen => "stuck",
             Self::Slow(_) => "slow",
             Self::Restart => "restart",
             Self::OverCurrent => "over-current",
-            Self::Blocked => "blocked",
+            Self::Blocked => "tow-error",
             Self::HallError => "hall-error",
-            Self::EncoderOffset { .. } => "encoder-offset",
+            Self::EncoderOffset { .. } => "encoder-error",
             Self::SupplyLoss { .. } => "supply-loss",
-            Self::GripperStuck => "gripper-stuck",
+            Self::GripperStuck => "stuck-gripper",
             Self::LateRelease(_) => "late-release",
         }
     }

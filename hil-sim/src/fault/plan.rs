@@ -149,7 +149,7 @@ impl WireFault {
             Self::Silent => "silent",
             Self::Intermittent { .. } => "intermittent",
             Self::BusOff => "bus-off",
-            Self::StuckDominant => "stuck-dominant",
+            Self::StuckDominant => "stuck",
             Self::Babble { .. } => "babble",
         }
     }

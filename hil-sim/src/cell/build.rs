@@ -1,0 +1,247 @@
+//! From options and a robot file, or a bench, to a cell.
+
+use protocol::powercube::BaudRate;
+use protocol::{Duration, Instant, ModuleId};
+use robot_model::{AnyRobot, JointVec, RobotModel};
+
+use super::Cell;
+use super::throw::Throw;
+use crate::drive::{Drive, DriveOptions, Nameplate};
+use crate::mechanics::{
+    Body, Gripper, GripperOptions, JointMechanics, MechanicsOptions, Mechanism, Plant, Scatter, Supply,
+    SupplyOptions,
+};
+
+/// Everything about a cell that is no robot file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CellOptions {
+    /// The same for all drives; a scatter varies the delay.
+    pub drive: DriveOptions,
+    /// Friction, rotors, stops.
+    pub mechanics: MechanicsOptions,
+    /// The same for all supplies.
+    pub supply: SupplyOptions,
+    /// Release and flight.
+    pub gripper: GripperOptions,
+    /// Deviations from the model.
+    pub scatter: Scatter,
+    /// Time grid of the mechanics, 10 µs to 5 ms, even number of microseconds.
+    pub step: Duration,
+    /// Joint angles at time 0, rad; `None` is 0.1 rad above the middle of the ranges, just beside the home switches.
+    pub start_q_rad: Option<Vec<f64>>,
+    /// Rate of the bus; modules set to another one are off it.
+    pub bit_rate: BaudRate,
+    /// At time 0 the drives are switched on; otherwise they have been up for a while.
+    pub cold_start: bool,
+    /// The electronics hang on the motor supply: a cut-out restarts the drives. Off: a logic supply of their own.
+    pub logic_on_motor_supply: bool,
+}
+
+impl Default for CellOptions {
+    fn default() -> Self {
+        Self {
+            drive: DriveOptions::default(),
+            mechanics: MechanicsOptions::default(),
+            supply: SupplyOptions::default(),
+            gripper: GripperOptions::default(),
+            scatter: Scatter::default(),
+            step: Duration::from_micros(500),
+            start_q_rad: None,
+            bit_rate: BaudRate::Kbit1000,
+            cold_start: false,
+            logic_on_motor_supply: false,
+        }
+    }
+}
+
+/// Why no cell can be built.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum CellError {
+    /// The robot file describes no drives.
+    #[error("robot {robot} has no drives: give each [[joint]] of its file a [joint.drive] table")]
+    NoDrives {
+        /// Name of the robot.
+        robot: String,
+    },
+    /// A drive's address is not 1 to 31, or taken.
+    #[error("drive address {address} of joint {joint} is outside 1..=31 or used twice")]
+    Address {
+        /// Joint, from 1.
+        joint: usize,
+        /// The address.
+        address: u8,
+    },
+    /// The start pose has another number of joints, or is no number.
+    #[error("the start pose has {found} usable angles, the robot {expected} joints")]
+    StartPose {
+        /// Finite angles given.
+        found: usize,
+        /// Joints of the robot.
+        expected: usize,
+    },
+    /// The time grid is outside its range, or odd.
+    #[error("time step of {step} is not an even number of microseconds from 10 us to 5 ms")]
+    Step {
+        /// The step.
+        step: Duration,
+    },
+    /// A kind of robot that this version does not know.
+    #[error("robot {robot} has a number of joints that the simulator does not know")]
+    Joints {
+        /// Name of the robot.
+        robot: String,
+    },
+}
+
+impl Cell {
+    /// The cell of a robot, with chances from `seed`.
+    ///
+    /// # Errors
+    /// [`CellError`]: a robot without drives, addresses that clash, a start pose that does not fit, a step out of range.
+    pub fn new(robot: &AnyRobot, options: &CellOptions, seed: u64) -> Result<Self, CellError> {
+        match robot {
+            AnyRobot::Four(model) => Self::of_model(model, options, seed),
+            AnyRobot::Five(model) => Self::of_model(model, options, seed),
+            AnyRobot::Six(model) => Self::of_model(model, options, seed),
+            AnyRobot::Seven(model) => Self::of_model(model, options, seed),
+            other => Err(CellError::Joints { robot: other.name().to_owned() }),
+        }
+    }
+
+    /// As [`Cell::new`], for a model whose number of joints is known.
+    ///
+    /// # Errors
+    /// As [`Cell::new`].
+    pub fn of_model<const N: usize>(
+        model: &RobotModel<N>,
+        options: &CellOptions,
+        seed: u64,
+    ) -> Result<Self, CellError> {
+        let description =
+            model.drives().ok_or_else(|| CellError::NoDrives { robot: model.name().to_owned() })?;
+        let q = start_pose(model, options)?;
+        let deviations = std::array::from_fn(|i| options.scatter.draw(seed, i));
+        let tuned = options.mechanics.servo_inertia_kg_m2(model);
+        let mut drives = Vec::with_capacity(N);
+        for i in 0..N {
+            let address = description[i].address;
+            let clash = drives.iter().any(|d: &Drive| d.address().get() == address);
+            let plate = Nameplate::of_joint(model, i, tuned[i]).filter(|_| !clash);
+            let mut plate = plate.ok_or(CellError::Address { joint: i + 1, address })?;
+            plate.k_b_a_s_rad *= deviations[i].current;
+            plate.k_m_a_nm *= deviations[i].current;
+            plate.home_error_rad = deviations[i].home_rad;
+            let mut own = options.drive.clone();
+            own.processing_delay =
+                Duration::from_secs_f64(own.processing_delay.as_secs_f64() * deviations[i].delay);
+            drives.push(Drive::new(plate, own, seed, q[i]));
+        }
+        let plant = options.mechanics.build(model, q, &deviations);
+        let supplies: Vec<Supply> = model
+            .supplies()
+            .iter()
+            .map(|s| Supply::new(s.voltage_v, s.current_max_a, options.supply))
+            .collect();
+        let supply_of = (0..N).map(|i| model.supplies().iter().position(|s| s.feeds[i])).collect();
+        let world = *model.world();
+        let mut gripper = options.gripper;
+        gripper.delay = options.scatter.draw_gripper_delay(seed, gripper.delay);
+        let throw = Throw::new(
+            Gripper::new(gripper, seed),
+            model.gripper().ball_radius_m,
+            world.gravity_m_s2,
+            gripper.landing_z_m.unwrap_or(world.floor_z_m),
+        );
+        Self::assemble(drives, Box::new(plant), supplies, supply_of, throw, options)
+    }
+
+    /// `N` modules on a bench, addresses from 1: each turns a wheel of half the inertia its loop is tuned for, without
+    /// gravity, on a supply of its own that never sags; friction as in an arm.
+    ///
+    /// # Errors
+    /// [`CellError::Step`], [`CellError::StartPose`].
+    pub fn bench<const N: usize>(firmware: u16, options: &CellOptions, seed: u64) -> Result<Self, CellError> {
+        let angles = options.start_q_rad.clone().unwrap_or_else(|| vec![0.1; N]);
+        let usable = angles.iter().filter(|q| q.is_finite()).count();
+        if usable != N || angles.len() != N {
+            return Err(CellError::StartPose { found: usable, expected: N });
+        }
+        let q = JointVec::<N>::from_column_slice(&angles);
+        let mut drives = Vec::with_capacity(N);
+        let mut joints = [JointMechanics::ideal(1.0); N];
+        for i in 0..N {
+            let address = ModuleId::new(i as u8 + 1)
+                .map_err(|_| CellError::Address { joint: i + 1, address: i as u8 + 1 })?;
+            let plate = Nameplate::bench(address, firmware);
+            let half = 0.5 * plate.servo_inertia_kg_m2;
+            joints[i] = JointMechanics {
+                rotor_kg_m2: half,
+                coulomb_nm: options.mechanics.coulomb_rad_s2.unwrap_or(5.0) * plate.servo_inertia_kg_m2,
+                viscous_nms_rad: options.mechanics.viscous_share * plate.torque_max_nm / plate.v_max_rad_s,
+                brake_nm: options.mechanics.brake_share * plate.torque_max_nm,
+                stop_min_rad: plate.q_min_rad - options.mechanics.stop_margin_rad,
+                stop_max_rad: plate.q_max_rad + options.mechanics.stop_margin_rad,
+                stop_stiffness_nm_rad: options.mechanics.stop_stiffness_nm_rad,
+                stop_damping_nms_rad: 2.0
+                    * (options.mechanics.stop_stiffness_nm_rad * plate.servo_inertia_kg_m2).sqrt(),
+                elasticity: options.mechanics.elasticity,
+            };
+            drives.push(Drive::new(plate, options.drive.clone(), seed, q[i]));
+        }
+        let wheels = Body::Wheels(JointVec::repeat(2.0));
+        let plant: Box<dyn Plant> = Box::new(Mechanism::new(wheels, joints, q));
+        let throw = Throw::new(Gripper::new(options.gripper, seed), 0.03, 9.81, 0.0);
+        Self::assemble(drives, plant, Vec::new(), vec![None; N], throw, options)
+    }
+
+    fn assemble(
+        mut drives: Vec<Drive>,
+        plant: Box<dyn Plant>,
+        supplies: Vec<Supply>,
+        supply_of: Vec<Option<usize>>,
+        throw: Throw,
+        options: &CellOptions,
+    ) -> Result<Self, CellError> {
+        let us = options.step.as_micros();
+        if !(10..=5_000).contains(&us) || !us.is_multiple_of(2) {
+            return Err(CellError::Step { step: options.step });
+        }
+        for drive in &mut drives {
+            if options.cold_start {
+                drive.power(Instant::ZERO, true);
+            } else {
+                drive.switch_on(Instant::ZERO);
+            }
+        }
+        Ok(Self {
+            inputs: vec![Default::default(); drives.len()],
+            loads_a: vec![0.0; supplies.len()],
+            drives,
+            plant,
+            supplies,
+            supply_of,
+            throw,
+            bit_rate: options.bit_rate,
+            logic_on_motor_supply: options.logic_on_motor_supply,
+            step: options.step,
+            grid: Instant::ZERO,
+        })
+    }
+}
+
+fn start_pose<const N: usize>(
+    model: &RobotModel<N>,
+    options: &CellOptions,
+) -> Result<JointVec<N>, CellError> {
+    match &options.start_q_rad {
+        None => Ok((model.q_min() + model.q_max()) * 0.5 + JointVec::repeat(0.1)),
+        Some(given) => {
+            let usable = given.iter().filter(|q| q.is_finite()).count();
+            if usable == N && given.len() == N {
+                Ok(JointVec::from_column_slice(given))
+            } else {
+                Err(CellError::StartPose { found: usable, expected: N })
+            }
+        }
+    }
+}

@@ -1,0 +1,68 @@
+//! Physical faults: which part of the cell has them.
+
+use protocol::{Duration, Instant};
+
+use super::Cell;
+use crate::fault::{FaultTarget, NotApplicable, PhysicalFault, Place};
+
+impl FaultTarget for Cell {
+    fn begin_fault(
+        &mut self,
+        now: Instant,
+        place: Place,
+        fault: &PhysicalFault,
+    ) -> Result<(), NotApplicable> {
+        let refused = |why| Err(NotApplicable { what: fault.name(), place, why });
+        match (place, fault) {
+            (Place::Module(module), PhysicalFault::Blocked) => match self.index_of(module) {
+                Some(axis) => self.plant.set_blocked(axis, true),
+                None => return refused("no module has this address"),
+            },
+            (Place::Module(module), fault) => match self.index_of(module) {
+                Some(index) => {
+                    if !self.drives[index].begin(now, fault) {
+                        return refused("it is no fault of a module");
+                    }
+                }
+                None => return refused("no module has this address"),
+            },
+            (Place::Supply(index), PhysicalFault::SupplyLoss { remaining }) => {
+                match self.supplies.get_mut(usize::from(index)) {
+                    Some(supply) => supply.set_remaining(*remaining),
+                    None => return refused("the robot has no such supply"),
+                }
+            }
+            (Place::Gripper, PhysicalFault::GripperStuck) => self.throw.set_stuck(now, true),
+            (Place::Gripper, PhysicalFault::LateRelease(by)) => self.throw.set_late(*by),
+            (Place::Supply(_), _) => return refused("only supply-loss happens to a supply"),
+            (Place::Gripper, _) => {
+                return refused("only gripper-stuck and late-release happen to the gripper");
+            }
+        }
+        Ok(())
+    }
+
+    fn end_fault(&mut self, now: Instant, place: Place, fault: &PhysicalFault) {
+        match (place, fault) {
+            (Place::Module(module), PhysicalFault::Blocked) => {
+                if let Some(axis) = self.index_of(module) {
+                    self.plant.set_blocked(axis, false);
+                }
+            }
+            (Place::Module(module), fault) => {
+                if let Some(index) = self.index_of(module) {
+                    self.drives[index].end(fault);
+                }
+            }
+            (Place::Supply(index), PhysicalFault::SupplyLoss { .. }) => {
+                if let Some(supply) = self.supplies.get_mut(usize::from(index)) {
+                    supply.set_remaining(1.0);
+                }
+            }
+            (Place::Gripper, PhysicalFault::GripperStuck) => self.throw.set_stuck(now, false),
+            (Place::Gripper, PhysicalFault::LateRelease(_)) => self.throw.set_late(Duration::ZERO),
+            // `begin_fault` refused these.
+            (Place::Supply(_) | Place::Gripper, _) => {}
+        }
+    }
+}

@@ -1,0 +1,173 @@
+//! A cell: drives, the arm they move, its supplies, gripper and ball, as one [`Crew`].
+//!
+//! # One step of the time grid
+//!
+//! ```text
+//! 1. every drive says what its power stage does            Drive::input, set-points in the middle of the step
+//! 2. the mechanics take the step                           Plant::step
+//! 3. the supplies carry the currents                       Supply::step
+//! 4. every drive takes its axis and supply voltage back    Drive::tick
+//! 5. gripper and ball move on                              Throw::step
+//! ```
+//!
+//! The grid is the cell's own ([`CellOptions::step`], 500 µs): [`Cell::advance`](Crew::advance) takes every whole step up
+//! to the time given and leaves the rest. What happens between two grid points is a matter of closed forms: ramps start
+//! at their own microsecond, answers extrapolate with the axis's velocity, the ball leaves at the gripper's instant.
+
+mod build;
+mod faults;
+mod throw;
+
+use std::borrow::Cow;
+
+use protocol::powercube::BaudRate;
+use protocol::{Duration, Instant, ModuleId, Node};
+
+pub use build::{CellError, CellOptions};
+pub use throw::{Ball, ThrowReport};
+
+use crate::crew::{Crew, Link};
+use crate::drive::Drive;
+use crate::fault::FaultTarget;
+use crate::mechanics::{AxisInput, Plant, Supply};
+use throw::Throw;
+
+/// Below this share of the nominal voltage the electronics of a drive that hang on the motor supply are off.
+const LOGIC_SHARE_MIN: f64 = 0.4;
+
+/// Drives with everything behind them.
+pub struct Cell {
+    drives: Vec<Drive>,
+    plant: Box<dyn Plant>,
+    supplies: Vec<Supply>,
+    /// Supply of each drive; `None` for a drive with a supply of its own that never sags.
+    supply_of: Vec<Option<usize>>,
+    throw: Throw,
+    bit_rate: BaudRate,
+    logic_on_motor_supply: bool,
+    step: Duration,
+    grid: Instant,
+    inputs: Vec<AxisInput>,
+    loads_a: Vec<f64>,
+}
+
+impl Cell {
+    /// The drives, in joint order.
+    pub fn drives(&self) -> &[Drive] {
+        &self.drives
+    }
+
+    /// A drive, for faults and inputs from outside.
+    pub fn drive_mut(&mut self, index: usize) -> Option<&mut Drive> {
+        self.drives.get_mut(index)
+    }
+
+    /// The mechanics.
+    pub fn plant(&self) -> &dyn Plant {
+        &*self.plant
+    }
+
+    /// The supplies, in the order of the robot file.
+    pub fn supplies(&self) -> &[Supply] {
+        &self.supplies
+    }
+
+    /// What happened to the ball.
+    pub fn throw(&self) -> &ThrowReport {
+        self.throw.report()
+    }
+
+    /// Where the ball is at the last grid point, m; `None` in a cell without a hand.
+    pub fn ball(&self) -> Option<Ball> {
+        self.throw.ball(&*self.plant, self.grid)
+    }
+
+    /// Orders the gripper directly, as a host with its own output would.
+    pub fn order_gripper(&mut self, at: Instant, open: bool) {
+        self.throw.order(at, open);
+    }
+
+    /// Puts a new ball into the hand and closes the gripper.
+    pub fn reload(&mut self, at: Instant) {
+        self.throw.reload(at);
+    }
+
+    /// The last grid point.
+    pub fn grid(&self) -> Instant {
+        self.grid
+    }
+
+    /// Step of the grid.
+    pub fn step(&self) -> Duration {
+        self.step
+    }
+
+    fn index_of(&self, module: ModuleId) -> Option<usize> {
+        self.drives.iter().position(|drive| drive.address() == module)
+    }
+
+    fn take_step(&mut self) {
+        let dt_s = self.step.as_secs_f64();
+        let middle = self.grid + Duration::from_micros(self.step.as_micros() / 2);
+        let end = self.grid + self.step;
+        for (input, drive) in self.inputs.iter_mut().zip(&self.drives) {
+            *input = drive.input(middle);
+        }
+        self.plant.step(dt_s, &self.inputs);
+        self.loads_a.fill(0.0);
+        for (drive, supply) in self.drives.iter().zip(&self.supply_of) {
+            if let Some(supply) = *supply {
+                self.loads_a[supply] += drive.current_a();
+            }
+        }
+        for (supply, load_a) in self.supplies.iter_mut().zip(&self.loads_a) {
+            supply.step(dt_s, *load_a);
+        }
+        for (index, drive) in self.drives.iter_mut().enumerate() {
+            let nominal_v = drive.nameplate().supply_v;
+            let motor_v = self.supply_of[index].map_or(nominal_v, |supply| self.supplies[supply].voltage_v());
+            let logic_v = if self.logic_on_motor_supply {
+                drive.power(end, motor_v >= LOGIC_SHARE_MIN * nominal_v);
+                motor_v
+            } else {
+                nominal_v
+            };
+            drive.tick(end, self.plant.axis(index), motor_v, logic_v);
+        }
+        self.throw.step(&self.drives, &*self.plant, end);
+        self.grid = end;
+    }
+}
+
+impl Crew for Cell {
+    fn len(&self) -> usize {
+        self.drives.len()
+    }
+
+    fn node(&mut self, index: usize) -> &mut dyn Node {
+        &mut self.drives[index]
+    }
+
+    fn name(&self, index: usize) -> Cow<'_, str> {
+        let plate = self.drives[index].nameplate();
+        Cow::Owned(format!("drive {} ({})", plate.address, plate.module))
+    }
+
+    fn advance(&mut self, to: Instant) {
+        while self.grid + self.step <= to {
+            self.take_step();
+        }
+    }
+
+    fn link(&self, index: usize) -> Link {
+        self.drives[index].link(self.bit_rate)
+    }
+
+    fn module(&self, index: usize) -> Option<ModuleId> {
+        self.drives.get(index).map(Drive::address)
+    }
+
+    fn physics(&mut self) -> Option<&mut dyn FaultTarget> {
+        Some(self)
+    }
+}

@@ -1,0 +1,143 @@
+//! The ball: in the hand, in the air, landed; and what the arm did to it after the release.
+
+use nalgebra::Vector3;
+use protocol::{Duration, Instant};
+
+use crate::drive::Drive;
+use crate::mechanics::{Flight, Gripper, HandPoint, Landing, Plant, Touch};
+
+/// From this time after the release on, the ball is tested against hand and arm: it starts between the fingers.
+const TOUCH_FROM_S: f64 = 0.020;
+
+/// Where the ball is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Ball {
+    /// Between the fingers, at this point of the hand.
+    InHand(HandPoint),
+    /// In the air.
+    Flying(HandPoint),
+    /// On the plane.
+    Landed(Landing),
+}
+
+/// What happened to the ball so far.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ThrowReport {
+    /// When the ball was free.
+    pub released_at: Option<Instant>,
+    /// Position and velocity of the ball then.
+    pub release: Option<HandPoint>,
+    /// Where it met the plane, or will meet it: the arm is not in the way in this computation.
+    pub landing: Option<Landing>,
+    /// First contact with the arm from 20 ms after the release on: seconds after the release, and the part.
+    pub touch: Option<(f64, Touch)>,
+}
+
+/// Gripper, ball and report.
+#[derive(Clone, Debug)]
+pub(super) struct Throw {
+    gripper: Gripper,
+    flight: Option<Flight>,
+    report: ThrowReport,
+    output_seen: bool,
+    ball_radius_m: f64,
+    gravity_m_s2: f64,
+    plane_z_m: f64,
+}
+
+impl Throw {
+    pub(super) fn new(gripper: Gripper, ball_radius_m: f64, gravity_m_s2: f64, plane_z_m: f64) -> Self {
+        Self {
+            gripper,
+            flight: None,
+            report: ThrowReport::default(),
+            output_seen: false,
+            ball_radius_m,
+            gravity_m_s2,
+            plane_z_m,
+        }
+    }
+
+    pub(super) fn report(&self) -> &ThrowReport {
+        &self.report
+    }
+
+    pub(super) fn order(&mut self, at: Instant, open: bool) {
+        self.gripper.order(at, open);
+    }
+
+    pub(super) fn set_stuck(&mut self, now: Instant, stuck: bool) {
+        self.gripper.set_stuck(now, stuck);
+    }
+
+    pub(super) fn set_late(&mut self, by: Duration) {
+        self.gripper.set_late(by);
+    }
+
+    pub(super) fn reload(&mut self, at: Instant) {
+        self.gripper.order(at, false);
+        self.flight = None;
+        self.report = ThrowReport::default();
+    }
+
+    pub(super) fn ball(&self, plant: &dyn Plant, now: Instant) -> Option<Ball> {
+        let Some(mut flight) = self.flight else { return plant.hand(0.0).map(Ball::InHand) };
+        let t_s = self.since_release_s(now)?;
+        match self.report.landing {
+            Some(landing) if t_s >= landing.t_s => Some(Ball::Landed(landing)),
+            _ => Some(Ball::Flying(flight.at(t_s))),
+        }
+    }
+
+    fn since_release_s(&self, now: Instant) -> Option<f64> {
+        self.report.released_at.map(|at| now.saturating_since(at).as_secs_f64())
+    }
+
+    /// Looks at the drives' outputs and moves the ball on to `now`, the end of a step.
+    pub(super) fn step(&mut self, drives: &[Drive], plant: &dyn Plant, now: Instant) {
+        if let Some((axis, line)) = self.gripper.options().output
+            && let Some(drive) = drives.get(axis)
+        {
+            let high = drive.outputs() >> line & 1 != 0;
+            // Orders from outside stand as long as the output does not change.
+            if high != self.output_seen {
+                self.output_seen = high;
+                self.gripper.order(drive.outputs_changed(), high);
+            }
+        }
+        if let Some(free_at) = self.gripper.freed(now)
+            && self.flight.is_none()
+        {
+            self.release(plant, free_at, now);
+        }
+        self.watch_for_touch(plant, now);
+    }
+
+    fn release(&mut self, plant: &dyn Plant, free_at: Instant, now: Instant) {
+        // The instant lies within the step that ended at `now`.
+        let back_s = now.saturating_since(free_at).as_secs_f64();
+        let Some(hand) = plant.hand(-back_s) else { return };
+        let flight = Flight::new(hand, self.gravity_m_s2, self.gripper.options().drag_1_m);
+        self.report = ThrowReport {
+            released_at: Some(free_at),
+            release: Some(hand),
+            landing: flight.landing(self.plane_z_m),
+            touch: None,
+        };
+        self.flight = Some(flight);
+    }
+
+    fn watch_for_touch(&mut self, plant: &dyn Plant, now: Instant) {
+        let Some(flight) = &mut self.flight else { return };
+        let Some(released_at) = self.report.released_at else { return };
+        let t_s = now.saturating_since(released_at).as_secs_f64();
+        let over = self.report.landing.is_some_and(|landing| t_s > landing.t_s);
+        if self.report.touch.is_some() || t_s < TOUCH_FROM_S || over {
+            return;
+        }
+        let center: Vector3<f64> = flight.at(t_s).p_m;
+        if let Some(touch) = plant.touch(&center, self.ball_radius_m) {
+            self.report.touch = Some((t_s, touch));
+        }
+    }
+}

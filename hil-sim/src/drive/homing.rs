@@ -1,0 +1,134 @@
+//! Search for the zero position.
+//!
+//! ```text
+//!            switch active at start              edge                     standing
+//!   start ───────────────► Leave ──► Search ───────────────► Stop ───────────────► done
+//!     └──────────────────────────────►│  ▲                          (zero move if configured)
+//!              limit switch: once ────┘──┘  twice: failed
+//! ```
+//!
+//! The direction is the sign of HomeVel. The counter is latched by the switch itself, so the result does not depend on
+//! the speed. What the module reads at the edge is HomeOffset (not stated by any source; it makes the factory offset
+//! the place of the edge in joint coordinates).
+
+use protocol::powercube::Config;
+
+/// How far homing got.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum HomingPhase {
+    /// Off the switch, against the search direction.
+    Leave,
+    /// Towards the edge.
+    Search,
+    /// Edge latched, coming to rest.
+    Stop,
+}
+
+/// A homing run.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Homing {
+    pub(super) phase: HomingPhase,
+    /// Search direction, +1 or -1; turns around at a limit switch.
+    pub(super) direction: f64,
+    turned: bool,
+    was_active: bool,
+    falling_edge: bool,
+}
+
+/// What the module has to do next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum HomingEvent {
+    /// Go on as before.
+    Continue,
+    /// Drive in the direction of `travel` from now on.
+    Turn,
+    /// The edge was passed: latch the counter and stop.
+    Edge,
+    /// Both limit switches seen and no edge: give up.
+    Failed,
+}
+
+impl Homing {
+    /// Starts a run; `active` is the home switch now.
+    pub(super) fn new(direction: f64, active: bool, config: Config) -> Self {
+        let falling_edge = config.contains(Config::SWR_AT_FALLING_EDGE);
+        let phase = if active && !falling_edge { HomingPhase::Leave } else { HomingPhase::Search };
+        Self { phase, direction, turned: false, was_active: active, falling_edge }
+    }
+
+    /// Direction of travel now.
+    pub(super) fn travel(&self) -> f64 {
+        if self.phase == HomingPhase::Leave { -self.direction } else { self.direction }
+    }
+
+    /// Looks at the switches: home switch, and the limit switch that lies in the direction of travel.
+    pub(super) fn look(&mut self, active: bool, limit_ahead: bool) -> HomingEvent {
+        let rising = active && !self.was_active;
+        let falling = !active && self.was_active;
+        self.was_active = active;
+        match self.phase {
+            HomingPhase::Stop => HomingEvent::Continue,
+            HomingPhase::Leave if falling => {
+                self.phase = HomingPhase::Search;
+                HomingEvent::Turn
+            }
+            HomingPhase::Search if (rising && !self.falling_edge) || (falling && self.falling_edge) => {
+                self.phase = HomingPhase::Stop;
+                HomingEvent::Edge
+            }
+            HomingPhase::Leave | HomingPhase::Search if limit_ahead => {
+                if self.turned {
+                    return HomingEvent::Failed;
+                }
+                self.turned = true;
+                self.direction = -self.travel();
+                self.phase = HomingPhase::Search;
+                HomingEvent::Turn
+            }
+            HomingPhase::Leave | HomingPhase::Search => HomingEvent::Continue,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rising_edge_is_found_from_outside_the_cam() {
+        let mut homing = Homing::new(-1.0, false, Config::EMPTY);
+        assert_eq!(homing.look(false, false), HomingEvent::Continue);
+        assert_eq!(homing.look(true, false), HomingEvent::Edge);
+        assert_eq!(homing.look(true, false), HomingEvent::Continue);
+    }
+
+    #[test]
+    fn from_inside_the_cam_it_leaves_first_and_comes_back() {
+        let mut homing = Homing::new(-1.0, true, Config::EMPTY);
+        assert_eq!(homing.travel(), 1.0);
+        assert_eq!(homing.look(false, false), HomingEvent::Turn);
+        assert_eq!(homing.travel(), -1.0);
+        assert_eq!(homing.look(true, false), HomingEvent::Edge);
+    }
+
+    #[test]
+    fn falling_edge_is_taken_when_configured() {
+        let mut homing = Homing::new(1.0, true, Config::SWR_AT_FALLING_EDGE);
+        assert_eq!((homing.travel(), homing.look(false, false)), (1.0, HomingEvent::Edge));
+    }
+
+    #[test]
+    fn a_limit_switch_turns_it_once_and_the_second_ends_it() {
+        let mut homing = Homing::new(-1.0, false, Config::EMPTY);
+        assert_eq!(homing.look(false, true), HomingEvent::Turn);
+        assert_eq!(homing.travel(), 1.0);
+        assert_eq!(homing.look(false, true), HomingEvent::Failed);
+    }
+
+    #[test]
+    fn a_limit_met_while_leaving_turns_it_back_into_the_cam() {
+        let mut homing = Homing::new(-1.0, true, Config::EMPTY);
+        assert_eq!(homing.look(true, true), HomingEvent::Turn);
+        assert_eq!((homing.phase, homing.travel()), (HomingPhase::Search, -1.0));
+    }
+}

@@ -1,0 +1,58 @@
+//! One PowerCube behind the wire: the M5 protocol as a module, its motion generator, its position loop.
+//!
+//! Written from the protocol reference. Where that is silent, the choice is an option with a default ([`options`]).
+//!
+//! # Map
+//!
+//! | file | holds |
+//! |---|---|
+//! | `module` | [`Drive`]: power, request queue, answers in order, timers; the [`protocol::Node`] |
+//! | `obey` | what each request and broadcast does |
+//! | `measure` | what answers show: state word, measured and computed parameters |
+//! | `store` | stored parameters: types, limits, defaults, permanent copy |
+//! | `supervise` | what a module does unasked: stops, brake, limits, following error, overload, homing |
+//! | `homing` | the search for the zero position |
+//! | `program`, [`ramp`] | set-point as a closed-form function of time |
+//! | `servo` | position loop and torque left of the current limit |
+//! | `ailment` | faults |
+//!
+//! # State
+//!
+//! ```text
+//!                power          boot time             HOME                    edge found, standing
+//!        Off ───────────► Booting ───────► up, not homed ──────► homing ─────────────────────► homed
+//!                                             │  ▲                  │                            │
+//!             error, HALT, watchdog           ▼  │ RESET            ▼                            ▼
+//!                                        halted (braking, then brake) ◄───────────────────────────
+//! ```
+//!
+//! Choices that are no options, because no host depends on them:
+//!
+//! * Position in an incremental module is zero at power-on and means nothing until homed; soft limits act only when
+//!   homed. Limit switches act always.
+//! * A motion during homing, while halted or in error, or with the brake closed by BRAKE_AT_POWERON is answered and not
+//!   executed; RESET closes the loop and opens the brake.
+//! * BEYOND_SOFT and BEYOND_HARD come when the axis is beyond the limit *and* moves outwards, so that RESET and a
+//!   motion inwards lead out again.
+//! * Running into both limit switches without an edge ends homing in HALTED without an error bit.
+//! * A ramp's phase bits follow the set-point; MOTION falls and RAMP_END rises when the axis stands, too.
+//! * The watchdog disarms when it has struck; the next refresh arms it again.
+//! * The baud broadcast changes the working copy of the bit rate; after power-off without SAVE the old one is back.
+//! * A new address acts from the next power-on, after SAVE.
+//! * Bits of Config and Setup without a line in `supervise` or `obey` are stored and read back, and do nothing: they
+//!   belong to other hardware (25xx, linear modules, Profibus).
+
+mod ailment;
+mod homing;
+mod measure;
+mod module;
+mod obey;
+pub mod options;
+mod program;
+pub mod ramp;
+mod servo;
+mod store;
+mod supervise;
+
+pub use module::{Drive, DriveCounters};
+pub use options::{DriveOptions, Nameplate};

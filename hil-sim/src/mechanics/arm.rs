@@ -1,0 +1,218 @@
+//! The arm: rigid bodies of a robot file, or free wheels on a bench, behind [`Plant`].
+
+use nalgebra::{SMatrix, SVector, Vector3};
+use robot_model::{JointVec, RobotModel};
+
+use super::joint::JointMechanics;
+use super::plant::{AxisInput, AxisState, Energy, HandPoint, Plant, PlantFault, Touch};
+use super::solver::{Start, solve};
+
+/// Beyond these a state is a fault; no arm of this kind comes near.
+const Q_MAX_RAD: f64 = 1e3;
+const V_MAX_RAD_S: f64 = 1e3;
+/// Longest step: beyond, a servo loop of 50 Hz is no longer resolved.
+const DT_MAX_S: f64 = 0.01;
+
+/// What the joints move.
+#[derive(Clone, Debug)]
+pub enum Body<const N: usize> {
+    /// Serial arm.
+    Arm(Box<RobotModel<N>>),
+    /// One wheel of this inertia (kg·m²) per joint: no coupling, no gravity.
+    Wheels(JointVec<N>),
+}
+
+impl<const N: usize> Body<N> {
+    /// Mass matrix, kg·m², and torques at zero acceleration, N·m.
+    pub fn dynamics(&self, q: &JointVec<N>, v: &JointVec<N>) -> (SMatrix<f64, N, N>, JointVec<N>) {
+        match self {
+            Self::Arm(model) => (model.mass_matrix(q), model.bias_torques(q, v)),
+            Self::Wheels(inertia) => (SMatrix::from_diagonal(inertia), JointVec::zeros()),
+        }
+    }
+}
+
+/// `N` joints with drives and what they move.
+#[derive(Clone, Debug)]
+pub struct Mechanism<const N: usize> {
+    body: Body<N>,
+    joints: [JointMechanics; N],
+    blocked: [bool; N],
+    // Rotor side, seen through the gear.
+    q: JointVec<N>,
+    v: JointVec<N>,
+    // Link side; equal to the rotor side where the gear is stiff.
+    link_q: JointVec<N>,
+    link_v: JointVec<N>,
+    link_a: JointVec<N>,
+    drive_nm: JointVec<N>,
+    link_nm: JointVec<N>,
+    saturated: [bool; N],
+    fault: Option<PlantFault>,
+}
+
+impl<const N: usize> Mechanism<N> {
+    /// At rest in `q` (rad), nothing twisted.
+    pub fn new(body: Body<N>, joints: [JointMechanics; N], q: JointVec<N>) -> Self {
+        Self {
+            body,
+            joints,
+            blocked: [false; N],
+            q,
+            v: JointVec::zeros(),
+            link_q: q,
+            link_v: JointVec::zeros(),
+            link_a: JointVec::zeros(),
+            drive_nm: JointVec::zeros(),
+            link_nm: JointVec::zeros(),
+            saturated: [false; N],
+            fault: None,
+        }
+    }
+
+    /// Sets position (rad) and velocity (rad/s) of all joints, gears untwisted; clears a fault.
+    pub fn set_state(&mut self, q: JointVec<N>, v: JointVec<N>) {
+        (self.q, self.v, self.link_q, self.link_v) = (q, v, q, v);
+        self.link_a = JointVec::zeros();
+        self.fault = None;
+    }
+
+    /// Position and velocity of the links, rad and rad/s.
+    pub fn link_state(&self) -> (JointVec<N>, JointVec<N>) {
+        (self.link_q, self.link_v)
+    }
+
+    /// Accelerations of the links over the last step, rad/s².
+    pub fn link_acceleration(&self) -> JointVec<N> {
+        self.link_a
+    }
+
+    /// What the joints move.
+    pub fn body(&self) -> &Body<N> {
+        &self.body
+    }
+
+    /// The axis whose new state is no number or out of range.
+    fn bad_axis(&self, q: &JointVec<N>, v: &JointVec<N>) -> Option<PlantFault> {
+        (0..N).find_map(|axis| {
+            let good = q[axis].abs() <= Q_MAX_RAD && v[axis].abs() <= V_MAX_RAD_S;
+            // A comparison with NaN is false, so NaN is bad.
+            (!good).then(|| PlantFault { axis, q_rad: q[axis], v_rad_s: v[axis] })
+        })
+    }
+}
+
+impl<const N: usize> Plant for Mechanism<N> {
+    fn axes(&self) -> usize {
+        N
+    }
+
+    fn step(&mut self, dt_s: f64, inputs: &[AxisInput]) {
+        if self.fault.is_some() || inputs.len() != N {
+            return;
+        }
+        let h = dt_s.clamp(0.0, DT_MAX_S);
+        // The middle of the step as the last step's acceleration predicts it: second order for free motion.
+        let q_mid = self.link_q + self.link_v * (0.5 * h) + self.link_a * (0.125 * h * h);
+        let v_mid = self.link_v + self.link_a * (0.5 * h);
+        let (mass, bias) = self.body.dynamics(&q_mid, &v_mid);
+        let start = Start {
+            dt_s: h,
+            q: &self.q,
+            v: &self.v,
+            link_q: &self.link_q,
+            link_v: &self.link_v,
+            mass: &mass,
+            bias: &bias,
+        };
+        let solution = solve(&self.joints, &self.blocked, inputs, &start);
+        let advance = |q: &SVector<f64, N>, v: &SVector<f64, N>, a: &SVector<f64, N>| {
+            let v_end = v + a * h;
+            (q + (v + v_end) * (0.5 * h), v_end)
+        };
+        let (q, v) = advance(&self.q, &self.v, &solution.rotor_a);
+        let (link_q, link_v) = advance(&self.link_q, &self.link_v, &solution.link_a);
+        if let Some(fault) = self.bad_axis(&q, &v).or_else(|| self.bad_axis(&link_q, &link_v)) {
+            self.fault = Some(fault);
+            (self.v, self.link_v, self.link_a) = (JointVec::zeros(), JointVec::zeros(), JointVec::zeros());
+            (self.drive_nm, self.link_nm) = (JointVec::zeros(), JointVec::zeros());
+            return;
+        }
+        self.link_nm = mass * solution.link_a + bias;
+        (self.q, self.v, self.link_q, self.link_v) = (q, v, link_q, link_v);
+        self.link_a = solution.link_a;
+        self.drive_nm = solution.drive_nm;
+        self.saturated = solution.saturated;
+    }
+
+    fn axis(&self, index: usize) -> AxisState {
+        AxisState {
+            q_rad: self.q[index],
+            v_rad_s: self.v[index],
+            drive_torque_nm: self.drive_nm[index],
+            link_torque_nm: self.link_nm[index],
+            saturated: self.saturated[index],
+        }
+    }
+
+    fn link_q_rad(&self, index: usize) -> f64 {
+        self.link_q[index]
+    }
+
+    fn set_blocked(&mut self, index: usize, blocked: bool) {
+        self.blocked[index] = blocked;
+    }
+
+    fn hand(&self, ahead_s: f64) -> Option<HandPoint> {
+        let Body::Arm(model) = &self.body else { return None };
+        let q = self.link_q + self.link_v * ahead_s + self.link_a * (0.5 * ahead_s * ahead_s);
+        let v = self.link_v + self.link_a * ahead_s;
+        let frames = model.fk(&q);
+        let p_m = model.ball(&frames).pos;
+        // Point of the last link: the sum of what each joint's turning does to it.
+        let v_m_s = (0..N).map(|i| frames.axis(i).cross(&(p_m - frames.origin(i))) * v[i]).sum();
+        Some(HandPoint { p_m, v_m_s })
+    }
+
+    fn touch(&self, center_m: &Vector3<f64>, radius_m: f64) -> Option<Touch> {
+        let Body::Arm(model) = &self.body else { return None };
+        let frames = model.fk(&self.link_q);
+        let mut deepest: Option<Touch> = None;
+        for part in model.collision().boxes() {
+            let x_wb = match part.link.checked_sub(1) {
+                None => part.x_lb,
+                Some(link) => frames.x_w[link] * part.x_lb,
+            };
+            let local = x_wb.rot.tr_mul(&(center_m - x_wb.pos));
+            let outside = local.abs() - part.half_m;
+            // Signed distance of a point to a box: outside the corner's distance, inside the nearest face.
+            let distance = outside.sup(&Vector3::zeros()).norm() + outside.max().min(0.0);
+            let depth_m = radius_m - distance;
+            if depth_m > deepest.as_ref().map_or(0.0, |touch| touch.depth_m) {
+                deepest = Some(Touch { part: part.name.clone(), depth_m });
+            }
+        }
+        deepest
+    }
+
+    fn energy(&self) -> Energy {
+        let rotors: f64 = (0..N).map(|i| 0.5 * self.joints[i].rotor_kg_m2 * self.v[i] * self.v[i]).sum();
+        let gears: f64 = (0..N)
+            .map(|i| {
+                let twist = self.q[i] - self.link_q[i];
+                self.joints[i].elasticity.map_or(0.0, |gear| 0.5 * gear.stiffness_nm_rad * twist * twist)
+            })
+            .sum();
+        let (links, height) = match &self.body {
+            Body::Arm(model) => {
+                (model.kinetic_energy_j(&self.link_q, &self.link_v), model.potential_energy_j(&self.link_q))
+            }
+            Body::Wheels(inertia) => (0.5 * inertia.dot(&self.link_v.component_mul(&self.link_v)), 0.0),
+        };
+        Energy { kinetic_j: rotors + links, potential_j: height + gears }
+    }
+
+    fn fault(&self) -> Option<PlantFault> {
+        self.fault
+    }
+}

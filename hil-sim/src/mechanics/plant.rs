@@ -1,0 +1,120 @@
+//! What drives and mechanics say to each other, once per step and axis.
+
+use nalgebra::Vector3;
+
+/// What the power stage of one drive does during one step. Joint side of the gear.
+///
+/// Torque: `τ = clamp(torque + stiffness (reference - q) - damping q̇, ± torque_max)`; the plant solves for it
+/// together with the motion, so a stiff loop needs no small steps.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct AxisInput {
+    /// Set-point in the middle of the step, rad.
+    pub reference_rad: f64,
+    /// Stiffness of the position loop, N·m/rad; zero while it is open.
+    pub stiffness_nm_rad: f64,
+    /// Damping of the position loop, N·m·s/rad.
+    pub damping_nms_rad: f64,
+    /// Torque besides the loop, N·m.
+    pub torque_nm: f64,
+    /// Largest torque, N·m; zero with the power stage off.
+    pub torque_max_nm: f64,
+    /// Brake closed.
+    pub brake: bool,
+}
+
+/// One axis after a step. Motor side, seen through the gear: without elasticity this is the joint itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct AxisState {
+    /// True position, rad.
+    pub q_rad: f64,
+    /// True velocity, rad/s.
+    pub v_rad_s: f64,
+    /// Torque the drive gave in the step, N·m.
+    pub drive_torque_nm: f64,
+    /// Torque that arrived at the links, `M q̈ + C q̇ + g`, N·m.
+    pub link_torque_nm: f64,
+    /// The drive wanted more torque than it had.
+    pub saturated: bool,
+}
+
+/// Kinetic and potential energy, J.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Energy {
+    /// Links, rotors.
+    pub kinetic_j: f64,
+    /// Gravity, elastic gears.
+    pub potential_j: f64,
+}
+
+impl Energy {
+    /// Sum, J.
+    pub fn total_j(&self) -> f64 {
+        self.kinetic_j + self.potential_j
+    }
+}
+
+/// The ball's place in the hand, in the world.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HandPoint {
+    /// Position, m.
+    pub p_m: Vector3<f64>,
+    /// Velocity, m/s.
+    pub v_m_s: Vector3<f64>,
+}
+
+/// A sphere touched a box of the arm.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Touch {
+    /// Name of the box in the robot file.
+    pub part: String,
+    /// How deep the sphere is in it, m.
+    pub depth_m: f64,
+}
+
+/// The state left what numbers can hold; the plant stands still at its last good state from then on.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error("the simulated mechanics left their range at axis {axis}: q = {q_rad} rad, v = {v_rad_s} rad/s")]
+pub struct PlantFault {
+    /// Axis, from 0.
+    pub axis: usize,
+    /// Refused position, rad.
+    pub q_rad: f64,
+    /// Refused velocity, rad/s.
+    pub v_rad_s: f64,
+}
+
+/// Mechanics behind any number of drives.
+///
+/// # Contract
+///
+/// * [`Plant::step`] takes one input per axis and moves everything on by the same time.
+/// * Nothing here knows the bus or wall time; equal calls give equal bits.
+/// * After a [`PlantFault`] all numbers stay finite and the state stays as it was.
+pub trait Plant {
+    /// Number of axes.
+    fn axes(&self) -> usize;
+
+    /// Moves on by `dt_s` (0 to 10 ms); `inputs` has [`Plant::axes`] entries.
+    fn step(&mut self, dt_s: f64, inputs: &[AxisInput]);
+
+    /// Axis `index`, below [`Plant::axes`].
+    fn axis(&self, index: usize) -> AxisState;
+
+    /// Joint angle on the link side of the gear, rad.
+    fn link_q_rad(&self, index: usize) -> f64;
+
+    /// Clamps the axis from outside, or lets it go.
+    fn set_blocked(&mut self, index: usize, blocked: bool);
+
+    /// The ball's place in the hand `ahead_s` seconds after the last step (negative: before); `None` without a hand.
+    fn hand(&self, ahead_s: f64) -> Option<HandPoint>;
+
+    /// The part of the arm that a sphere touches most deeply, if any.
+    fn touch(&self, center_m: &Vector3<f64>, radius_m: f64) -> Option<Touch>;
+
+    /// Energies; rotors included.
+    fn energy(&self) -> Energy;
+
+    /// The fault that stopped the plant.
+    fn fault(&self) -> Option<PlantFault>;
+}

@@ -1,0 +1,257 @@
+//! `[[fault]]` tables: every kind, the places it can act on and the keys it takes.
+
+use protocol::{Duration, ExtendedId, Id, Instant, ModuleId, StandardId};
+
+use super::reader::{Problem, ScenarioError, Table};
+use crate::fault::{Fault, FaultKind, IdFilter, PhysicalFault, Place, Target, WireFault, WrongPart};
+
+/// Longest time a scenario can name: eleven days.
+const MAX_S: f64 = 1e6;
+/// A babbling node cannot be asked for more than one frame per this.
+const BABBLE_PERIOD_MIN_S: f64 = 20e-6;
+
+/// Kinds by name.
+const KINDS: [(&str, Kind); 19] = [
+    ("drop", Kind::Drop),
+    ("delay", Kind::Delay),
+    ("duplicate", Kind::Duplicate),
+    ("corrupt", Kind::Corrupt),
+    ("wrong-answer", Kind::WrongAnswer),
+    ("stuck", Kind::Stuck),
+    ("slow", Kind::Slow),
+    ("intermittent", Kind::Intermittent),
+    ("babble", Kind::Babble),
+    ("silent", Kind::Silent),
+    ("restart", Kind::Restart),
+    ("supply-loss", Kind::SupplyLoss),
+    ("over-current", Kind::OverCurrent),
+    ("tow-error", Kind::TowError),
+    ("hall-error", Kind::HallError),
+    ("encoder-error", Kind::EncoderError),
+    ("bus-off", Kind::BusOff),
+    ("stuck-gripper", Kind::StuckGripper),
+    ("late-release", Kind::LateRelease),
+];
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Drop,
+    Delay,
+    Duplicate,
+    Corrupt,
+    WrongAnswer,
+    Stuck,
+    Slow,
+    Intermittent,
+    Babble,
+    Silent,
+    Restart,
+    SupplyLoss,
+    OverCurrent,
+    TowError,
+    HallError,
+    EncoderError,
+    BusOff,
+    StuckGripper,
+    LateRelease,
+}
+
+/// Names of all kinds, for help texts.
+pub fn kind_names() -> impl Iterator<Item = &'static str> {
+    KINDS.iter().map(|(name, _)| *name)
+}
+
+/// Reads one `[[fault]]` table; `index` makes the label if none is given.
+pub fn fault(table: &Table<'_>, index: usize) -> Result<Fault, ScenarioError> {
+    let kind = table.word("kind", &KINDS)?.ok_or_else(|| table.error("kind", Problem::Missing))?;
+    let target = target(table, kind)?;
+    let filter = filter(table, kind)?;
+    let kind = fault_kind(table, kind, target)?;
+    let fault = Fault {
+        label: match table.text("label")? {
+            Some("") => {
+                return Err(table.error("label", Problem::Invalid("a label cannot be empty".to_owned())));
+            }
+            Some(label) => label.to_owned(),
+            None => format!("{} {target} #{}", name_of(&kind), index + 1),
+        },
+        kind,
+        target,
+        filter,
+        start: Instant::ZERO + table.seconds("start_s", MAX_S)?.unwrap_or(Duration::ZERO),
+        length: table.seconds("length_s", MAX_S)?,
+        every: table.seconds("every_s", MAX_S)?,
+        probability: table.number("probability", 0.0, 1.0)?.unwrap_or(1.0),
+    };
+    if fault.every.is_some_and(Duration::is_zero) {
+        return Err(table.error("every_s", Problem::Invalid("a period is above zero".to_owned())));
+    }
+    table.finish()?;
+    Ok(fault)
+}
+
+fn name_of(kind: &FaultKind) -> &'static str {
+    match kind {
+        FaultKind::Wire(wire) => wire.name(),
+        FaultKind::Physical(_, physical) => physical.name(),
+    }
+}
+
+/// `target = "bus"`, `"module 3"`, `"supply 0"`, `"gripper"`; each kind allows some of them.
+fn target(table: &Table<'_>, kind: Kind) -> Result<Target, ScenarioError> {
+    let text = table.text("target")?;
+    let target = match text {
+        None => default_target(kind).ok_or_else(|| table.error("target", Problem::Missing))?,
+        Some(text) => parse_target(text).ok_or_else(|| {
+            let problem =
+                format!("'{text}' is no target; write \"bus\", \"module 3\", \"supply 0\" or \"gripper\"");
+            table.error("target", Problem::Invalid(problem))
+        })?,
+    };
+    let fits = match (kind, target) {
+        (
+            Kind::Drop
+            | Kind::Delay
+            | Kind::Duplicate
+            | Kind::Corrupt
+            | Kind::WrongAnswer
+            | Kind::Stuck
+            | Kind::Silent,
+            Target::Bus | Target::Module(_),
+        )
+        | (Kind::Babble, Target::Bus)
+        | (Kind::SupplyLoss, Target::Supply(_))
+        | (Kind::StuckGripper | Kind::LateRelease, Target::Gripper) => true,
+        (Kind::Babble | Kind::SupplyLoss | Kind::StuckGripper | Kind::LateRelease, _) => false,
+        (_, Target::Module(_)) => true,
+        _ => false,
+    };
+    if fits {
+        return Ok(target);
+    }
+    Err(table.error("target", Problem::Invalid(format!("this kind of fault cannot act on {target}"))))
+}
+
+fn default_target(kind: Kind) -> Option<Target> {
+    match kind {
+        Kind::Drop | Kind::Delay | Kind::Duplicate | Kind::Corrupt | Kind::Babble => Some(Target::Bus),
+        Kind::StuckGripper | Kind::LateRelease => Some(Target::Gripper),
+        _ => None,
+    }
+}
+
+fn parse_target(text: &str) -> Option<Target> {
+    match text.split_once(' ') {
+        None if text == "bus" => Some(Target::Bus),
+        None if text == "gripper" => Some(Target::Gripper),
+        Some(("module", number)) => {
+            number.parse::<u8>().ok().and_then(|n| ModuleId::new(n).ok()).map(Target::Module)
+        }
+        Some(("supply", number)) => number.parse().ok().map(Target::Supply),
+        _ => None,
+    }
+}
+
+/// `id = "0A3"` with `id_mask = 0x7FF`, for kinds that act on frames.
+fn filter(table: &Table<'_>, kind: Kind) -> Result<Option<IdFilter>, ScenarioError> {
+    let acts_on_frames = matches!(
+        kind,
+        Kind::Drop | Kind::Delay | Kind::Duplicate | Kind::Corrupt | Kind::WrongAnswer | Kind::Silent
+    );
+    if !acts_on_frames {
+        return Ok(None);
+    }
+    let Some(text) = table.text("id")? else {
+        if table.has("id_mask") {
+            return Err(table.error("id_mask", Problem::Invalid("needs id".to_owned())));
+        }
+        table.integer("id_mask", 0, 0x1FFF_FFFF)?;
+        return Ok(None);
+    };
+    let id = parse_id(text).ok_or_else(|| {
+        let problem =
+            format!("'{text}' is no id; write three hexadecimal digits (11 bit) or eight (29 bit), as 0A3");
+        table.error("id", Problem::Invalid(problem))
+    })?;
+    let mask = table.integer("id_mask", 0, 0x1FFF_FFFF)?.unwrap_or(0x1FFF_FFFF) as u32;
+    Ok(Some(IdFilter { id, mask }))
+}
+
+fn parse_id(text: &str) -> Option<Id> {
+    let value = u32::from_str_radix(text, 16).ok()?;
+    match text.len() {
+        3 => u16::try_from(value).ok().and_then(|v| StandardId::new(v).ok()).map(Id::Standard),
+        8 => ExtendedId::new(value).ok().map(Id::Extended),
+        _ => None,
+    }
+}
+
+fn fault_kind(table: &Table<'_>, kind: Kind, target: Target) -> Result<FaultKind, ScenarioError> {
+    let span = |key| -> Result<Duration, ScenarioError> {
+        table.seconds(key, MAX_S)?.ok_or_else(|| table.error(key, Problem::Missing))
+    };
+    let wire = match kind {
+        Kind::Drop => WireFault::Drop,
+        Kind::Delay => WireFault::Delay(span("by_s")?),
+        Kind::Duplicate => WireFault::Duplicate,
+        Kind::Corrupt => WireFault::Corrupt,
+        Kind::Silent => WireFault::Silent,
+        Kind::BusOff => WireFault::BusOff,
+        Kind::WrongAnswer => {
+            let parts = [
+                ("value", WrongPart::Value),
+                ("parameter", WrongPart::Parameter),
+                ("command", WrongPart::Command),
+                ("length", WrongPart::Length),
+            ];
+            WireFault::WrongAnswer(table.word("part", &parts)?.unwrap_or_default())
+        }
+        Kind::Intermittent => {
+            WireFault::Intermittent { on_mean: span("on_mean_s")?, off_mean: span("off_mean_s")? }
+        }
+        Kind::Babble => {
+            let frames = table.frames("frame")?.ok_or_else(|| table.error("frame", Problem::Missing))?;
+            let [frame] = frames[..] else {
+                return Err(table.error("frame", Problem::Invalid("one frame, not a list".to_owned())));
+            };
+            let period_s = table.number("period_s", BABBLE_PERIOD_MIN_S, MAX_S)?.unwrap_or(1e-4);
+            WireFault::Babble { frame, period: Duration::from_secs_f64(period_s) }
+        }
+        Kind::Stuck if target == Target::Bus => WireFault::StuckDominant,
+        _ => return physical(table, kind, target),
+    };
+    Ok(FaultKind::Wire(wire))
+}
+
+fn physical(table: &Table<'_>, kind: Kind, target: Target) -> Result<FaultKind, ScenarioError> {
+    let place = match target {
+        Target::Module(module) => Place::Module(module),
+        Target::Supply(index) => Place::Supply(index),
+        Target::Gripper => Place::Gripper,
+        Target::Bus => {
+            return Err(table.error("target", Problem::Invalid("this kind needs a module".to_owned())));
+        }
+    };
+    let by = || -> Result<Duration, ScenarioError> {
+        table.seconds("by_s", MAX_S)?.ok_or_else(|| table.error("by_s", Problem::Missing))
+    };
+    let fault = match kind {
+        Kind::Slow => PhysicalFault::Slow(by()?),
+        Kind::LateRelease => PhysicalFault::LateRelease(by()?),
+        Kind::Restart => PhysicalFault::Restart,
+        Kind::SupplyLoss => {
+            PhysicalFault::SupplyLoss { remaining: table.number("remaining", 0.0, 1.0)?.unwrap_or(0.0) }
+        }
+        Kind::OverCurrent => PhysicalFault::OverCurrent,
+        Kind::TowError => PhysicalFault::Blocked,
+        Kind::HallError => PhysicalFault::HallError,
+        Kind::EncoderError => {
+            let offset_deg = table.required_number("offset_deg", -360.0, 360.0)?;
+            PhysicalFault::EncoderOffset { offset_rad: offset_deg.to_radians() }
+        }
+        Kind::StuckGripper => PhysicalFault::GripperStuck,
+        // "stuck" at a module: what it reports no longer changes.
+        _ => PhysicalFault::Frozen,
+    };
+    Ok(FaultKind::Physical(place, fault))
+}
