@@ -289,6 +289,27 @@ fn requests_in_flight_at_the_same_time_each_get_their_own_answer() {
 }
 
 #[test]
+fn number_of_a_request_that_waits_long_is_not_given_to_another() {
+    let mut rig = Rig::new(0);
+    let patient = Policy { timeout: Duration::from_secs(50), attempts: 1, ..Policy::default() };
+    // The first frame is lost, so the request waits under number 0 while 40 others come and go.
+    rig.loss = 1;
+    let request = ListRequest { index: 5 };
+    let ticket = rig.host.request(rig.now, node(SERVER), register::LIST, patient, &request).unwrap();
+    rig.run(Duration::from_millis(1));
+    rig.loss = 0;
+    for index in 0..40 {
+        let bytes = rig.ask(register::LIST, &ListRequest { index: index % 3 }).unwrap();
+        let name = ListResponse::from_bytes(&bytes).unwrap().name;
+        assert_eq!(name, rig.server.app.register_name(index % 3));
+    }
+    assert!(rig.host.listener.answers.is_empty(), "nobody else's answer was taken");
+    rig.run(Duration::from_secs(51));
+    let failed = NoAnswer { server: node(SERVER), service: register::LIST, attempts: 1 };
+    assert_eq!(rig.host.listener.answers, [(ticket, Err(failed))]);
+}
+
+#[test]
 fn silent_server_is_reported_with_its_address_service_and_attempts() {
     let mut rig = Rig::new(0);
     let policy = Policy { timeout: Duration::from_millis(50), attempts: 3, ..Policy::default() };

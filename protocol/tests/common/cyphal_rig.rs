@@ -169,12 +169,25 @@ impl Rig {
     }
 
     pub(crate) fn start(&mut self, service: ServiceId, request: &dyn Encode) -> Ticket {
-        self.host.request(self.now, node(SERVER), service, Policy::default(), request).unwrap()
+        self.start_with(Policy::default(), service, request)
+    }
+
+    fn start_with(&mut self, policy: Policy, service: ServiceId, request: &dyn Encode) -> Ticket {
+        self.host.request(self.now, node(SERVER), service, policy, request).unwrap()
     }
 
     /// Asks and waits: payload with zeros behind it, as decoders expect it.
     pub(crate) fn ask(&mut self, service: ServiceId, request: &dyn Encode) -> Result<Vec<u8>, NoAnswer> {
-        let ticket = self.start(service, request);
+        self.ask_with(Policy::default(), service, request)
+    }
+
+    fn ask_with(
+        &mut self,
+        policy: Policy,
+        service: ServiceId,
+        request: &dyn Encode,
+    ) -> Result<Vec<u8>, NoAnswer> {
+        let ticket = self.start_with(policy, service, request);
         let until = self.now + Duration::from_secs(60);
         while self.step(until) {
             let answers = &mut self.host.listener.answers;
@@ -203,7 +216,7 @@ impl Rig {
         let mut upload = Upload::new(TRAJECTORY_PATH, data);
         let mut failures = 0;
         while let Some(request) = upload.request() {
-            match self.ask(file::WRITE, &request) {
+            match self.ask_with(Policy::FILE, file::WRITE, &request) {
                 Ok(bytes) => {
                     upload.answered(WriteResponse::from_bytes(&bytes).unwrap().result).unwrap();
                 }
