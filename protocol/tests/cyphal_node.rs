@@ -2,223 +2,29 @@
 
 #[path = "common/cyphal_app.rs"]
 mod app;
-
-use std::collections::VecDeque;
+#[path = "common/cyphal_rig.rs"]
+mod rig;
 
 use app::{COMMAND_FILE_CRC, COMMAND_REVERSE, DemoApp};
 use proptest::prelude::*;
 use protocol::cyphal::bits::{Decode, Encode};
-use protocol::cyphal::client::{NoAnswer, Policy, StartError, Ticket};
+use protocol::cyphal::client::{NoAnswer, Policy, StartError};
 use protocol::cyphal::crc::Crc64;
 use protocol::cyphal::cubecell::{TRAJECTORY_PATH, stop};
-use protocol::cyphal::host::{HostNode, Listener, REQUESTS_MAX, RESPONSES};
-use protocol::cyphal::id::{NodeId, Priority, Route, ServiceId, SubjectId, TransferId};
-use protocol::cyphal::rx::{Dropped, Port, Transfer};
-use protocol::cyphal::server::{ControllerCore, ControllerServer, NodeCore, Publication, Server};
+use protocol::cyphal::host::REQUESTS_MAX;
+use protocol::cyphal::id::{Priority, Route, ServiceId, SubjectId, TransferId};
+use protocol::cyphal::rx::Dropped;
+use protocol::cyphal::server::{Application, ControllerCore, Publication, Server};
 use protocol::cyphal::tx::{TxMeta, TxQueue};
-use protocol::cyphal::uavcan::command::{self, CommandRequest, CommandResponse, Status};
-use protocol::cyphal::uavcan::file::{self, FileError, ReadRequest, ReadResponse, WriteResponse};
+use protocol::cyphal::uavcan::command::{self, CommandRequest, Status};
+use protocol::cyphal::uavcan::file::{self, FileError, ReadRequest, ReadResponse};
 use protocol::cyphal::uavcan::heartbeat::{self, Health, Heartbeat, Mode};
 use protocol::cyphal::uavcan::info::{self, NodeInfo};
 use protocol::cyphal::uavcan::port_list::{self, PortList};
-use protocol::cyphal::uavcan::register::{self, AccessRequest, AccessResponse, ListRequest, ListResponse};
+use protocol::cyphal::uavcan::register::{self, ListRequest, ListResponse};
 use protocol::cyphal::uavcan::value::{Value, ValueBuf};
-use protocol::cyphal::upload::Upload;
 use protocol::{Duration, Frame, Id, Instant, Node};
-
-const HOST: u8 = 100;
-const SERVER: u8 = 42;
-/// A long frame at 1 Mbit/s.
-const FRAME_TIME: Duration = Duration::from_micros(140);
-
-fn node(id: u8) -> NodeId {
-    NodeId::new(id).unwrap()
-}
-
-/// What a host heard: payloads of answers with the zeros behind them, of messages without.
-#[derive(Default)]
-struct Heard {
-    answers: Vec<(Ticket, Result<Vec<u8>, NoAnswer>)>,
-    messages: Vec<(Instant, SubjectId, TransferId, Vec<u8>)>,
-}
-
-impl Listener for Heard {
-    fn info(&self) -> NodeInfo<'_> {
-        NodeInfo { name: b"org.cubecell.test", ..NodeInfo::default() }
-    }
-
-    fn ports(&self) -> &[Port] {
-        const PORTS: [Port; 8] = [
-            RESPONSES[0],
-            RESPONSES[1],
-            RESPONSES[2],
-            RESPONSES[3],
-            RESPONSES[4],
-            RESPONSES[5],
-            Port::message(heartbeat::SUBJECT, heartbeat::EXTENT),
-            Port::message(port_list::SUBJECT, port_list::EXTENT),
-        ];
-        &PORTS
-    }
-
-    fn message(&mut self, now: Instant, transfer: &Transfer<'_>) {
-        if let Route::Message { subject, .. } = transfer.route {
-            let payload = transfer.payload[..transfer.len].to_vec();
-            self.messages.push((now, subject, transfer.transfer_id, payload));
-        }
-    }
-
-    fn answer(&mut self, _: Instant, ticket: Ticket, answer: Result<&Transfer<'_>, NoAnswer>) {
-        self.answers.push((ticket, answer.map(|transfer| transfer.payload.to_vec())));
-    }
-}
-
-/// SplitMix64: enough for choosing which frames to lose.
-struct Dice(u64);
-
-impl Dice {
-    fn below(&mut self, n: u64) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ z >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ z >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
-        (z ^ z >> 31) % n
-    }
-}
-
-/// Two nodes and the bus between them.
-struct Rig {
-    host: HostNode<Heard>,
-    server: ControllerServer<DemoApp>,
-    now: Instant,
-    /// Frames under way: arrival, to the server or to the host.
-    bus: VecDeque<(Instant, bool, Frame)>,
-    bus_free: Instant,
-    /// Time from the end of a frame on the bus to its arrival.
-    latency: Duration,
-    /// One in so many frames is lost; 0 = none.
-    loss: u64,
-    dice: Dice,
-    /// Everything that was on the bus.
-    log: Vec<Frame>,
-}
-
-impl Rig {
-    fn new(seed: u64) -> Self {
-        let now = Instant::ZERO;
-        Self {
-            host: HostNode::new(now, node(HOST), Heard::default()),
-            server: Server { core: NodeCore::new(now, node(SERVER)), app: DemoApp::new() },
-            now,
-            bus: VecDeque::new(),
-            bus_free: now,
-            latency: Duration::ZERO,
-            loss: 0,
-            dice: Dice(seed),
-            log: Vec::new(),
-        }
-    }
-
-    /// Takes what the nodes want to send onto the bus, one frame of each in turn.
-    fn collect(&mut self) {
-        loop {
-            let frames = [(true, self.host.poll_frame()), (false, self.server.poll_frame())];
-            if frames.iter().all(|(_, frame)| frame.is_none()) {
-                return;
-            }
-            for (to_server, frame) in frames {
-                if let Some(frame) = frame {
-                    self.put(to_server, frame);
-                }
-            }
-        }
-    }
-
-    fn put(&mut self, to_server: bool, frame: Frame) {
-        self.bus_free = self.bus_free.max(self.now) + FRAME_TIME;
-        self.log.push(frame);
-        if self.loss == 0 || self.dice.below(self.loss) != 0 {
-            self.bus.push_back((self.bus_free + self.latency, to_server, frame));
-        }
-    }
-
-    /// Next event: a frame or a deadline; false if it is after `until`.
-    fn step(&mut self, until: Instant) -> bool {
-        self.collect();
-        let timers = [self.host.poll_timeout(), self.server.poll_timeout()];
-        let timer = timers.into_iter().flatten().min().unwrap_or(Instant::FAR_FUTURE);
-        let arrival = self.bus.front().map_or(Instant::FAR_FUTURE, |(at, ..)| *at);
-        let next = timer.min(arrival);
-        if next > until {
-            self.now = until;
-            return false;
-        }
-        self.now = next;
-        if arrival <= timer {
-            if let Some((_, to_server, frame)) = self.bus.pop_front() {
-                let receiver: &mut dyn Node = if to_server { &mut self.server } else { &mut self.host };
-                receiver.handle_frame(self.now, &frame);
-            }
-        } else {
-            self.host.handle_timeout(self.now);
-            self.server.handle_timeout(self.now);
-            let after = [self.host.poll_timeout(), self.server.poll_timeout()];
-            assert!(after.into_iter().flatten().all(|due| due > self.now), "deadlines move on");
-        }
-        true
-    }
-
-    fn run(&mut self, span: Duration) {
-        let until = self.now + span;
-        while self.step(until) {}
-    }
-
-    fn start(&mut self, service: ServiceId, request: &dyn Encode) -> Ticket {
-        self.host.request(self.now, node(SERVER), service, Policy::default(), request).unwrap()
-    }
-
-    /// Asks and waits: payload with zeros behind it, as decoders expect it.
-    fn ask(&mut self, service: ServiceId, request: &dyn Encode) -> Result<Vec<u8>, NoAnswer> {
-        let ticket = self.start(service, request);
-        let until = self.now + Duration::from_secs(60);
-        while self.step(until) {
-            let answers = &mut self.host.listener.answers;
-            if let Some(index) = answers.iter().position(|(answered, _)| *answered == ticket) {
-                return answers.remove(index).1;
-            }
-        }
-        panic!("neither answer nor failure within a minute");
-    }
-
-    fn access(&mut self, name: &str, value: Value<'_>) -> (bool, bool, ValueBuf) {
-        let request = AccessRequest { name: name.as_bytes(), value };
-        let bytes = self.ask(register::ACCESS, &request).unwrap();
-        let response = AccessResponse::from_bytes(&bytes).unwrap();
-        (response.mutable, response.persistent, response.value.into())
-    }
-
-    fn command(&mut self, command: u16, parameter: &[u8]) -> (Status, Vec<u8>) {
-        let bytes = self.ask(command::SERVICE, &CommandRequest { command, parameter }).unwrap();
-        let response = CommandResponse::from_bytes(&bytes).unwrap();
-        (response.status, response.output.to_vec())
-    }
-
-    /// Uploads a file piece by piece; the number of requests that were given up and begun again.
-    fn upload(&mut self, data: &[u8]) -> usize {
-        let mut upload = Upload::new(TRAJECTORY_PATH, data);
-        let mut failures = 0;
-        while let Some(request) = upload.request() {
-            match self.ask(file::WRITE, &request) {
-                Ok(bytes) => {
-                    upload.answered(WriteResponse::from_bytes(&bytes).unwrap().result).unwrap();
-                }
-                Err(NoAnswer { .. }) => failures += 1,
-            }
-            assert!(failures < 100);
-        }
-        failures
-    }
-}
+use rig::{Dice, HOST, Rig, SERVER, node};
 
 fn text(bytes: &[u8]) -> &str {
     str::from_utf8(bytes).unwrap()
@@ -244,6 +50,23 @@ fn heartbeat_comes_at_once_and_every_second_with_uptime_and_rising_number() {
         assert_eq!(transfer_id.get(), n as u8);
         let late = at.saturating_since(Instant::from_micros(n as u64 * 1_000_000));
         assert!(late < Duration::from_millis(50), "{late}");
+    }
+}
+
+#[test]
+fn heartbeat_of_a_watched_host_comes_as_often_as_it_is_told_but_not_less_than_once_a_second() {
+    for (asked_ms, expected) in [(30, 34), (5000, 2), (0, 1001)] {
+        let mut core = ControllerCore::new(Instant::ZERO, node(SERVER));
+        core.set_heartbeat_period(Duration::from_millis(asked_ms));
+        let app = DemoApp::new();
+        let mut beats = 0;
+        while core.poll_timeout() <= Instant::from_micros(1_000_000) {
+            core.handle_timeout(core.poll_timeout(), &app);
+            while let Some(frame) = core.poll_frame() {
+                beats += usize::from(frame.id().raw() == 0x107D_552A);
+            }
+        }
+        assert_eq!(beats, expected, "{asked_ms} ms");
     }
 }
 
@@ -459,11 +282,31 @@ fn requests_in_flight_at_the_same_time_each_get_their_own_answer() {
             let (_, answer) = rig.host.listener.answers.iter().find(|(t, _)| *t == ticket).unwrap();
             if let Ok(bytes) = answer {
                 let name = ListResponse::from_bytes(bytes).unwrap().name;
-                use protocol::cyphal::server::Application;
                 assert_eq!(name, rig.server.app.register_name(index), "seed {seed}");
             }
         }
     }
+}
+
+#[test]
+fn number_of_a_request_that_waits_long_is_not_given_to_another() {
+    let mut rig = Rig::new(0);
+    let patient = Policy { timeout: Duration::from_secs(50), attempts: 1, ..Policy::default() };
+    // The first frame is lost, so the request waits under number 0 while 40 others come and go.
+    rig.loss = 1;
+    let request = ListRequest { index: 5 };
+    let ticket = rig.host.request(rig.now, node(SERVER), register::LIST, patient, &request).unwrap();
+    rig.run(Duration::from_millis(1));
+    rig.loss = 0;
+    for index in 0..40 {
+        let bytes = rig.ask(register::LIST, &ListRequest { index: index % 3 }).unwrap();
+        let name = ListResponse::from_bytes(&bytes).unwrap().name;
+        assert_eq!(name, rig.server.app.register_name(index % 3));
+    }
+    assert!(rig.host.listener.answers.is_empty(), "nobody else's answer was taken");
+    rig.run(Duration::from_secs(51));
+    let failed = NoAnswer { server: node(SERVER), service: register::LIST, attempts: 1 };
+    assert_eq!(rig.host.listener.answers, [(ticket, Err(failed))]);
 }
 
 #[test]

@@ -111,8 +111,7 @@ fn frames_of_other_protocols_are_counted_and_ignored() {
 #[test]
 fn uavcan_v0_frames_are_counted_and_never_misread() {
     let mut rig = Rig::new();
-    // NodeStatus of v0 (priority 16, type 341, node 7), a v0 service request and the first frame of
-    // a v0 multi-frame transfer: all start with a zero toggle.
+    // NodeStatus, a request and the first frame of several, all of v0: they start with a zero toggle.
     let status = raw(0x1001_5507, &[1, 0, 0, 0, 0, 0, 0, 0xC0]);
     let get_info = raw(0x1001_AA87, &[0xC1]);
     let first = raw(0x1001_AA87, &[1, 2, 3, 4, 5, 6, 7, 0x80]);
@@ -308,12 +307,11 @@ fn a_flipped_bit_in_any_frame_is_caught_by_the_crc() {
 #[test]
 fn transfers_of_two_frames_that_hold_hardly_more_than_a_crc_are_survived() {
     let mut rig = Rig::new();
-    let id = request_from(PEER).can_id(Priority::Nominal).get();
     // Hostile: eight bytes in all, two of them a wrong CRC.
+    let id = request_from(PEER).can_id(Priority::Nominal).get();
     assert_eq!(rig.take_all(&[raw(id, &[0, 0, 0, 0, 0, 0, 0, 0xA0]), raw(id, &[0, 0x40])]), NOTHING);
     rig.assert_dropped(&[(Dropped::BadCrc, 1)]);
-    // The right CRC over six bytes: the specification forbids to split what fits one frame, but it
-    // is harmless.
+    // The right CRC over six bytes: what fits one frame must not be split, but it is harmless.
     let mut crc = Crc16::INITIAL;
     crc.update(&[1, 2, 3, 4, 5, 6]);
     let [high, low] = crc.get().to_be_bytes();
@@ -488,6 +486,48 @@ proptest! {
         if fates.iter().all(|fate| matches!(fate, Fate::Passes | Fate::Doubled)) {
             prop_assert_eq!(delivered, sent);
         }
+    }
+
+    #[test]
+    fn interleaved_transfers_of_several_nodes_all_arrive(
+        lens in proptest::collection::vec(1_usize..64, 2),
+        order in proptest::collection::vec(any::<bool>(), 40),
+    ) {
+        let mut rig = Rig::new();
+        let sent = payloads(&lens);
+        let mut lines: Vec<_> = (0..2_u8)
+            .map(|n| frames(request_from(n + 1), 3, &sent[usize::from(n)]).into_iter().peekable())
+            .collect();
+        let mut delivered = Vec::new();
+        let mut order = order.into_iter().cycle();
+        while lines.iter_mut().any(|line| line.peek().is_some()) {
+            let turn = usize::from(order.next() == Some(true));
+            let turn = if lines[turn].peek().is_some() { turn } else { 1 - turn };
+            delivered.extend(lines[turn].next().and_then(|frame| rig.take(&frame)));
+        }
+        delivered.sort_by_key(|payload| payload.last().copied());
+        prop_assert_eq!(delivered, sent);
+        rig.assert_dropped(&[]);
+    }
+
+    #[test]
+    fn frames_leave_the_queue_by_priority_and_each_transfer_in_its_order(
+        urgencies in proptest::collection::vec((0_usize..8, 0_usize..40), 1..6),
+    ) {
+        let mut queue = TxQueue::<8, 64>::new();
+        for (n, (urgency, len)) in urgencies.iter().enumerate() {
+            let meta = TxMeta {
+                route: message_from(n as u8 + 1),
+                priority: Priority::ALL[*urgency],
+                transfer_id: TransferId::ZERO,
+                deadline: Instant::FAR_FUTURE,
+            };
+            queue.push(&meta, &Bytes(&vec![n as u8; *len])).unwrap();
+        }
+        let ids: Vec<Id> = std::iter::from_fn(|| queue.pop()).map(|frame| frame.id()).collect();
+        prop_assert!(ids.is_sorted());
+        let expected: usize = urgencies.iter().map(|(_, len)| if *len <= 7 { 1 } else { (len + 2).div_ceil(7) }).sum();
+        prop_assert_eq!(ids.len(), expected);
     }
 
     #[test]

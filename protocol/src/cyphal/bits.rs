@@ -363,7 +363,7 @@ impl<'a> Reader<'a> {
     }
 
     /// Cursor over a nested extensible type: its delimiter header is read here, and the outer cursor
-    /// moves past it whatever the nested reader does (section 3.7.5.3, delimiter header).
+    /// moves past it whatever the nested reader does (section 3.7, delimiter header).
     pub fn delimited(&mut self) -> Result<Self, DecodeError> {
         let len = self.u32();
         let present = self.rest().len();

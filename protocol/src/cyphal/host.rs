@@ -16,7 +16,7 @@ use super::uavcan::info::NodeInfo;
 use super::uavcan::{command, file, info, register};
 use crate::frame::Frame;
 use crate::node::Node;
-use crate::time::Instant;
+use crate::time::{Duration, Instant};
 
 /// Requests a host may have in flight.
 pub const REQUESTS_MAX: usize = 16;
@@ -132,6 +132,13 @@ impl<L: Listener> HostNode<L> {
     /// Forgets a request.
     pub fn cancel(&mut self, ticket: Ticket) {
         self.client.cancel(ticket);
+    }
+
+    /// Sends the heartbeat more often than once a second; see [`NodeCore::set_heartbeat_period`]. A
+    /// controller that is armed stops when the heartbeat of its host is older than its limit (100 ms
+    /// by default).
+    pub fn set_heartbeat_period(&mut self, period: Duration) {
+        self.core.set_heartbeat_period(period);
     }
 
     /// Sends a message.

@@ -180,6 +180,7 @@ pub struct NodeCore<
     /// When `uptime_s` was reached.
     uptime_at: Instant,
     heartbeat_due: Instant,
+    heartbeat_period: Duration,
     port_list_due: Instant,
     heartbeat: Publication,
     port_list: Publication,
@@ -208,6 +209,7 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const RX: usize, const SLOTS: 
             uptime_s: 0,
             uptime_at: now,
             heartbeat_due: now,
+            heartbeat_period: heartbeat::PERIOD,
             port_list_due: now,
             heartbeat: Publication::new(heartbeat::SUBJECT, Priority::Nominal, second),
             port_list: Publication::new(port_list::SUBJECT, Priority::Optional, second),
@@ -289,7 +291,7 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const RX: usize, const SLOTS: 
     pub fn handle_timeout(&mut self, now: Instant, app: &dyn Application) {
         self.tx.expire(now);
         if self.heartbeat_due <= now {
-            self.heartbeat_due = next_due(self.heartbeat_due, now, heartbeat::PERIOD);
+            self.heartbeat_due = next_due(self.heartbeat_due, now, self.heartbeat_period);
             let NodeStatus { health, mode, vendor_status } = app.status();
             let message = Heartbeat { uptime_s: self.uptime(now), health, mode, vendor_status };
             let _ = publish(&mut self.tx, self.address, now, &mut self.heartbeat, &message);
@@ -311,6 +313,12 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const RX: usize, const SLOTS: 
     }
 
     // ---- application commands --------------------------------------------------------------------
+
+    /// Sends the heartbeat more often than once a second, for a peer that watches it; clamped to
+    /// 1 ms..=[`heartbeat::PERIOD`]. The next one stays due when it is.
+    pub fn set_heartbeat_period(&mut self, period: Duration) {
+        self.heartbeat_period = period.clamp(Duration::from_millis(1), heartbeat::PERIOD);
+    }
 
     /// Queues a message; its number is used up even if it is refused, so that the gap is seen.
     pub fn publish(

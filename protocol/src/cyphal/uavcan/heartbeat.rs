@@ -2,6 +2,7 @@
 
 use super::super::bits::{Decode, DecodeError, Encode, Reader, Writer};
 use super::super::id::SubjectId;
+use super::super::rx::Port;
 use crate::time::Duration;
 
 /// Fixed subject.
@@ -12,6 +13,9 @@ pub const EXTENT: u16 = 7;
 pub const PERIOD: Duration = Duration::from_secs(1);
 /// A node silent for this long is offline.
 pub const OFFLINE_TIMEOUT: Duration = Duration::from_secs(3);
+
+/// The port on which to listen for it: one frame that may come twice, so no session is needed.
+pub const PORT: Port = Port::message(SUBJECT, EXTENT).idempotent();
 
 /// How a node is, worst last (`uavcan.node.Health.1.0`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
