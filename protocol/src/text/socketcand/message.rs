@@ -33,7 +33,8 @@ pub enum Message<'a> {
     },
     /// `< error unknown command >`: the last command was refused.
     Refused {
-        /// The server's words.
+        /// The server's words, without blanks around them. Words that look like a class and a time
+        /// (`40 1.5`) cannot be told from a bus error.
         reason: &'a str,
     },
 }
@@ -161,7 +162,7 @@ fn error_arguments<'a>(mut cursor: Cursor<'a>, message: &'a [u8]) -> Result<Mess
     let words = cursor.since(start);
     close(&mut cursor)?;
     match core::str::from_utf8(words) {
-        Ok(reason) => Ok(Message::Refused { reason: reason.trim_ascii() }),
+        Ok(reason) => Ok(Message::Refused { reason: reason.trim_matches([' ', '\t']) }),
         Err(error) => {
             let at = start.saturating_add(error.valid_up_to());
             Err(MessageError::Syntax(Cursor::new(message).error_at(at, Expected::Verb)))
@@ -279,6 +280,15 @@ mod tests {
         let text = Message::Refused { reason: &reason }.encode();
         assert!(!text.is_truncated() && text.as_str().ends_with("x >"));
         assert_eq!(text.as_bytes().len(), MESSAGE_MAX);
+    }
+
+    #[test]
+    fn words_after_control_characters_stay_words() {
+        // Found by fuzzing: trimmed away, they left what looks like a bus error.
+        let message = Message::parse(b"< error \r\r 40 1.5 >").unwrap();
+        assert_eq!(message, Message::Refused { reason: "\r\r 40 1.5" });
+        let text = message.encode();
+        assert_eq!(Message::parse(text.as_bytes()), Ok(Message::Refused { reason: "?? 40 1.5" }));
     }
 
     proptest! {

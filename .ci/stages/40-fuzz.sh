@@ -1,0 +1,57 @@
+# Fuzzing of everything in `protocol` that reads foreign bytes: at least ten million executions in all,
+# from the committed seeds. A found input is left in protocol/fuzz/artifacts.
+#   FUZZ_FACTOR=100 .ci/run fuzz     runs a hundred times as many
+fuzz_version=0.13.2
+factor=${FUZZ_FACTOR:-1}
+rustup toolchain list | grep -q '^nightly' || rustup toolchain install nightly --profile minimal
+tools=$PWD/target/tools
+if [ "$($tools/bin/cargo-fuzz --version 2>/dev/null)" != "cargo-fuzz $fuzz_version" ]; then
+    cargo install cargo-fuzz --quiet --locked --version $fuzz_version --root "$tools"
+fi
+export PATH=$tools/bin:$PATH CARGO_TARGET_DIR=$PWD/target/fuzz
+# No sanitizer: the crate forbids unsafe code, so what can go wrong is a panic.
+cargo +nightly fuzz build --sanitizer none --fuzz-dir protocol/fuzz
+bin=$(find target/fuzz -type d -path '*-linux-gnu/release' | head -1)
+out=$CARGO_TARGET_DIR/runs
+rm -rf "$out"
+
+# target, executions in thousands, longest input in bytes
+plan='powercube 2500 13
+cyphal_frames 1000 256
+cyphal_transfers 700 400
+candump 2500 80
+slcan 1000 160
+socketcand 1000 160
+bits 1500 13'
+
+one() { # target thousands max_len
+    local log=$out/$1.log corpus=$out/$1
+    mkdir -p "$corpus" protocol/fuzz/artifacts/"$1"
+    "$bin/$1" "$corpus" protocol/fuzz/seeds/"$1" -runs=$(($2 * 1000 * factor)) -max_len="$3" -timeout=10 \
+        -artifact_prefix=protocol/fuzz/artifacts/"$1"/ -print_final_stats=1 >"$log" 2>&1
+}
+export -f one
+export bin out factor
+
+# Two at a time; a failed one does not stop the others.
+start=$SECONDS
+status=0
+xargs -P "$(nproc)" -L 1 bash -euo pipefail -c 'one "$@"' fuzz <<<"$plan" || status=$?
+
+total=0
+while read -r target _; do
+    log=$out/$target.log
+    runs=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
+    took=$(sed -n 's/^Done [0-9]* runs in \([0-9]*\) second.*/\1/p' "$log")
+    if [ -z "$took" ]; then
+        echo "$target FAILED after ${runs:-no} executions:"
+        grep -A 12 -E 'panicked|ERROR|SUMMARY' "$log" | head -30 || tail -20 "$log"
+        status=1
+    else
+        printf '%-18s %10d executions %8d per second\n' "$target" "$runs" $((runs / (took > 0 ? took : 1)))
+    fi
+    total=$((total + ${runs:-0}))
+done <<<"$plan"
+printf '%-18s %10d executions in %d s\n' "all" "$total" $((SECONDS - start))
+[ $total -ge 10000000 ] || { echo "fewer than 10 000 000 executions"; status=1; }
+exit $status
