@@ -238,11 +238,11 @@ pub enum FamilyMismatch {
         /// Second joint.
         b: usize,
     },
-    /// The end effector must lie in the plane of the arm.
-    #[error("the end effector must lie in the plane of the arm (off by {off:.2e})")]
-    EndEffectorOffPlane {
-        /// Deviation in metres or radians.
-        off: f64,
+    /// The end effector lies on the last axis, so the hand has no direction.
+    #[error("the end effector must not lie on axis {joint}")]
+    EndEffectorOnAxis {
+        /// The last joint.
+        joint: usize,
     },
 }
 

@@ -46,7 +46,7 @@ mod pose;
 pub use any::AnyRobot;
 pub use dynamics::InverseDynamicsGradient;
 pub use error::{FamilyMismatch, LoadError, Problem};
-pub use family::{Family, OrthoParallel};
+pub use family::{Family, OrthoParallel, TurntablePlanar};
 pub use ik::{Branch, IkSolution, IkSolutions, NoClosedForm, RANGE_SLACK_RAD};
 pub use jacobian::Jacobian;
 pub use kinematics::Frames;
