@@ -170,7 +170,7 @@ pub enum Problem {
     ZeroAxis,
     /// Moments of inertia no body can have.
     #[error(
-        "no body has these moments of inertia: {0:?} (each positive, the largest below the sum of the others)"
+        "no body has these moments of inertia: {0:?} (principal moments must be positive, none above the sum of the others)"
     )]
     ImpossibleInertia([f64; 3]),
     /// The link has neither an inertial nor boxes that all have a mass.

@@ -17,6 +17,7 @@
 //! | `dynamics` | inverse dynamics with exact derivatives, mass matrix, forward dynamics, energies |
 //! | `currents` | motor and supply currents |
 //! | [`collision`] | boxes, pairs |
+//! | [`urdf`] | export for other tools, import of serial arms as a robot file |
 //! | [`linalg`] | LU and Cholesky of `N × N` matrices on the stack |
 //!
 //! # Conventions
@@ -42,6 +43,7 @@ pub mod linalg;
 mod load;
 mod model;
 mod pose;
+pub mod urdf;
 
 pub use any::AnyRobot;
 pub use dynamics::InverseDynamicsGradient;

@@ -55,6 +55,14 @@ impl Family {
         }
     }
 
+    /// The family that fits, if one does.
+    pub(crate) fn recognise(x_pj: &[Pose], x_ne: &Pose) -> Self {
+        [FamilyName::OrthoParallel, FamilyName::TurntablePlanar]
+            .into_iter()
+            .find_map(|name| Self::fit(name, x_pj, x_ne).ok())
+            .unwrap_or(Self::General)
+    }
+
     /// Name as in a robot file.
     #[must_use]
     pub fn name(&self) -> &'static str {

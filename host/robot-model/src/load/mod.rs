@@ -4,7 +4,9 @@
 
 mod bodies;
 mod frames;
-pub(crate) mod reader;
+mod reader;
+
+pub(crate) use frames::turn_z_to;
 
 use std::path::Path;
 
