@@ -41,6 +41,7 @@ pub mod jacobian;
 mod kinematics;
 pub mod linalg;
 mod load;
+mod mat3;
 mod model;
 mod pose;
 pub mod urdf;

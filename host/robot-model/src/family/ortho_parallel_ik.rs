@@ -9,6 +9,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::ortho_parallel::OrthoParallel;
 use super::planar::{Complex, EDGE_SLACK, ON_AXIS, TwoLinks};
 use crate::ik::{Branch, IkSolutions};
+use crate::mat3;
 use crate::model::JointVec;
 use crate::pose::Pose;
 
@@ -21,7 +22,7 @@ impl OrthoParallel {
     /// Angles are in (-3π, 3π), not yet placed in the joint ranges.
     pub(crate) fn solve<const N: usize>(&self, x_wn: &Pose, q_ref: &JointVec<N>) -> IkSolutions<N> {
         let mut out = IkSolutions::none();
-        let r_fn = self.x_wf.rot.tr_mul(&x_wn.rot);
+        let r_fn = mat3::tr_mul(&self.x_wf.rot, &x_wn.rot);
         let centre = self.x_wf.inverse_transform_point(&x_wn.transform_point(&self.wrist_centre_n));
 
         let reach = self.c2_m + self.k_m;
@@ -76,7 +77,7 @@ impl OrthoParallel {
             let q3 = self.sign3 * (bend.elbow_rad - self.forearm_zero_rad + self.upper_arm_zero_rad);
             // How far the forearm has turned about y since q = 0.
             let pitch = bend.upper.times(bend.elbow).times(self.forearm_zero.conj());
-            let wrist = self.r_f4_zero.tr_mul(&rot_y_transposed(pitch, &r_1));
+            let wrist = mat3::tr_mul(&self.r_f4_zero, &rot_y_transposed(pitch, &r_1));
             self.solve_wrists(out, (back, negative), [q1, q2, q3], free, &wrist, q_ref);
         }
     }
