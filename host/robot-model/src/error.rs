@@ -170,7 +170,7 @@ pub enum Problem {
     ZeroAxis,
     /// Moments of inertia no body can have.
     #[error(
-        "no body has these moments of inertia: {0:?} (each positive, the largest below the sum of the others)"
+        "no body has these moments of inertia: {0:?} (principal moments must be positive, none above the sum of the others)"
     )]
     ImpossibleInertia([f64; 3]),
     /// The link has neither an inertial nor boxes that all have a mass.
@@ -238,11 +238,11 @@ pub enum FamilyMismatch {
         /// Second joint.
         b: usize,
     },
-    /// The end effector must lie in the plane of the arm.
-    #[error("the end effector must lie in the plane of the arm (off by {off:.2e})")]
-    EndEffectorOffPlane {
-        /// Deviation in metres or radians.
-        off: f64,
+    /// The end effector lies on the last axis, so the hand has no direction.
+    #[error("the end effector must not lie on axis {joint}")]
+    EndEffectorOnAxis {
+        /// The last joint.
+        joint: usize,
     },
 }
 

@@ -171,6 +171,7 @@ impl<const N: usize> RobotModel<N> {
         let x_wn = *x_we * self.x_ne.inverse();
         let mut out = match &self.family {
             Family::OrthoParallel(arm) => arm.solve(&x_wn, q_ref),
+            Family::TurntablePlanar(arm) => arm.solve(&x_wn, q_ref),
             Family::General => return Err(NoClosedForm),
         };
         for k in 0..Branch::COUNT {
@@ -194,6 +195,7 @@ impl<const N: usize> RobotModel<N> {
     pub fn branch_of(&self, q: &JointVec<N>) -> Option<Branch> {
         match &self.family {
             Family::OrthoParallel(arm) => Some(arm.branch_of(q.as_slice().try_into().ok()?)),
+            Family::TurntablePlanar(arm) => Some(arm.branch_of(q.as_slice().try_into().ok()?)),
             Family::General => None,
         }
     }

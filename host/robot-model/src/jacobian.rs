@@ -8,6 +8,7 @@ use nalgebra::{DMatrix, SMatrix, Vector3, Vector6};
 
 use crate::kinematics::Frames;
 use crate::linalg::Lu;
+use crate::mat3;
 use crate::model::JointVec;
 
 /// Geometric Jacobian: maps joint speeds to the twist `[v; ω]` of a point, in the world.
@@ -35,7 +36,7 @@ impl<const N: usize> Frames<N> {
         let mut jacobian = Jacobian::zeros();
         for i in 0..=link.min(N - 1) {
             let z = self.axis(i);
-            set(&mut jacobian, i, &z.cross(&(p_w - self.origin(i))), &z);
+            set(&mut jacobian, i, &mat3::cross(&z, &(p_w - self.origin(i))), &z);
         }
         jacobian
     }
@@ -54,7 +55,12 @@ impl<const N: usize> Frames<N> {
         for k in (0..N).rev() {
             let z = self.axis(k);
             let v = linear(jacobian, k);
-            set(&mut out, k, &(z.cross(&v_after) + w_upto.cross(&v)), &z.cross(&w_after));
+            set(
+                &mut out,
+                k,
+                &(mat3::cross(&z, &v_after) + mat3::cross(&w_upto, &v)),
+                &mat3::cross(&z, &w_after),
+            );
             v_after += v * r[k];
             w_after += z * r[k];
             w_upto -= z * r[k];
@@ -71,7 +77,12 @@ impl<const N: usize> Frames<N> {
         for i in 0..N {
             let z = self.axis(i);
             let v = linear(jacobian, i);
-            set(&mut out, i, &(w_before.cross(&v) + z.cross(&v_from)), &w_before.cross(&z));
+            set(
+                &mut out,
+                i,
+                &(mat3::cross(&w_before, &v) + mat3::cross(&z, &v_from)),
+                &mat3::cross(&w_before, &z),
+            );
             v_from -= v * qd[i];
             w_before += z * qd[i];
         }

@@ -1,6 +1,6 @@
 //! Forward kinematics.
 
-use nalgebra::Vector3;
+use nalgebra::{ArrayStorage, Matrix3, Vector3};
 
 use crate::model::{JointVec, RobotModel};
 use crate::pose::Pose;
@@ -67,12 +67,17 @@ impl<const N: usize> RobotModel<N> {
 /// `x · Rz(q)`, without multiplying by the zeros of the rotation.
 #[inline]
 pub(crate) fn turned(x: &Pose, q_rad: f64) -> Pose {
+    Pose::new(turned_rot(&x.rot, q_rad), x.pos)
+}
+
+/// `r · Rz(q)`.
+#[inline]
+pub(crate) fn turned_rot(r: &Matrix3<f64>, q_rad: f64) -> Matrix3<f64> {
     let (s, c) = q_rad.sin_cos();
-    let mut rot = x.rot;
-    for row in 0..3 {
-        let (a, b) = (x.rot[(row, 0)], x.rot[(row, 1)]);
-        rot[(row, 0)] = a * c + b * s;
-        rot[(row, 1)] = b * c - a * s;
-    }
-    Pose::new(rot, x.pos)
+    let [x, y, z] = &r.data.0;
+    Matrix3::from_data(ArrayStorage([
+        std::array::from_fn(|i| x[i] * c + y[i] * s),
+        std::array::from_fn(|i| y[i] * c - x[i] * s),
+        *z,
+    ]))
 }

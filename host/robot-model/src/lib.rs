@@ -17,6 +17,7 @@
 //! | `dynamics` | inverse dynamics with exact derivatives, mass matrix, forward dynamics, energies |
 //! | `currents` | motor and supply currents |
 //! | [`collision`] | boxes, pairs |
+//! | [`urdf`] | export for other tools, import of serial arms as a robot file |
 //! | [`linalg`] | LU and Cholesky of `N × N` matrices on the stack |
 //!
 //! # Conventions
@@ -40,13 +41,15 @@ pub mod jacobian;
 mod kinematics;
 pub mod linalg;
 mod load;
+mod mat3;
 mod model;
 mod pose;
+pub mod urdf;
 
 pub use any::AnyRobot;
 pub use dynamics::InverseDynamicsGradient;
 pub use error::{FamilyMismatch, LoadError, Problem};
-pub use family::{Family, OrthoParallel};
+pub use family::{Family, OrthoParallel, TurntablePlanar};
 pub use ik::{Branch, IkSolution, IkSolutions, NoClosedForm, RANGE_SLACK_RAD};
 pub use jacobian::Jacobian;
 pub use kinematics::Frames;

@@ -2,6 +2,8 @@
 
 use nalgebra::{Matrix3, Matrix4, Vector3};
 
+use crate::mat3;
+
 /// Pose `X_AB` of frame B in frame A: `p_A = rot · p_B + pos`.
 ///
 /// A rotation matrix instead of a quaternion: every use here (axes, Jacobian columns, box edges) reads columns
@@ -23,6 +25,7 @@ impl Default for Pose {
 impl Pose {
     /// From rotation matrix and origin; the caller vouches for `rot` being a rotation (see [`Pose::rotation_error`]).
     #[must_use]
+    #[inline]
     pub fn new(rot: Matrix3<f64>, pos: Vector3<f64>) -> Self {
         Self { rot, pos }
     }
@@ -93,14 +96,16 @@ impl Pose {
 
     /// Point given in B, returned in A.
     #[must_use]
+    #[inline]
     pub fn transform_point(&self, p_b: &Vector3<f64>) -> Vector3<f64> {
-        self.rot * p_b + self.pos
+        mat3::mul_v(&self.rot, p_b) + self.pos
     }
 
     /// Point given in A, returned in B.
     #[must_use]
+    #[inline]
     pub fn inverse_transform_point(&self, p_a: &Vector3<f64>) -> Vector3<f64> {
-        self.rot.tr_mul(&(p_a - self.pos))
+        mat3::tr_mul_v(&self.rot, &(p_a - self.pos))
     }
 
     /// Homogeneous 4×4 matrix.
@@ -125,8 +130,9 @@ impl Pose {
 impl std::ops::Mul for Pose {
     type Output = Self;
     /// Chain: `X_AC = X_AB · X_BC`.
+    #[inline]
     fn mul(self, rhs: Self) -> Self {
-        Self::new(self.rot * rhs.rot, self.rot * rhs.pos + self.pos)
+        Self::new(mat3::mul(&self.rot, &rhs.rot), mat3::mul_v(&self.rot, &rhs.pos) + self.pos)
     }
 }
 

@@ -1,5 +1,7 @@
 //! Collision of the PowerCube arm: known clearances, an independent geometry library as oracle, and proofs over motions.
 
+use std::sync::LazyLock;
+
 use nalgebra::{UnitQuaternion, Vector3};
 use parry3d_f64::math::{Pose as ParryPose, Rotation as ParryRotation, Vector as ParryVector};
 use parry3d_f64::query;
@@ -10,8 +12,11 @@ use robot_model::collision::{
 };
 use robot_model::{JointVec, Pose, RobotModel};
 
-fn arm() -> RobotModel<6> {
-    RobotModel::load("powercube6").expect("the built-in robot loads")
+static ARM: LazyLock<RobotModel<6>> =
+    LazyLock::new(|| RobotModel::load("powercube6").expect("the built-in robot loads"));
+
+fn arm() -> &'static RobotModel<6> {
+    &ARM
 }
 
 fn deg(q: [f64; 6]) -> JointVec<6> {
@@ -21,7 +26,7 @@ fn deg(q: [f64; 6]) -> JointVec<6> {
 #[track_caller]
 fn nearest(q: JointVec<6>) -> (f64, [String; 2]) {
     let (arm, scene) = (arm(), Scene::default());
-    let mut checker = CollisionChecker::new(&arm, &scene);
+    let mut checker = CollisionChecker::new(arm, &scene);
     let found = checker.clearance(&arm.fk(&q));
     assert_eq!(checker.collides(&arm.fk(&q)), found.distance_m <= 0.0);
     (found.distance_m, [checker.name(found.a).to_string(), checker.name(found.b).to_string()])
@@ -124,8 +129,8 @@ proptest! {
     #[test]
     fn clearance_changes_as_its_gradient_says(u in prop::array::uniform6(0.0..1.0_f64), held in any::<bool>()) {
         let (arm, scene) = (arm(), Scene { obstacles: obstacle(), ball_held: held });
-        let q = configuration(&arm, &u);
-        let mut checker = CollisionChecker::new(&arm, &scene);
+        let q = configuration(arm, &u);
+        let mut checker = CollisionChecker::new(arm, &scene);
         let (here, gradient) = checker.clearance_gradient(&arm.fk(&q));
         prop_assume!(here.distance_m > 1e-4);
         let h = 1e-6;
@@ -161,8 +166,8 @@ proptest! {
         held in any::<bool>(),
     ) {
         let (arm, scene) = (arm(), Scene { obstacles: obstacle(), ball_held: held });
-        let mut checker = CollisionChecker::new(&arm, &scene);
-        let from = configuration(&arm, &u);
+        let mut checker = CollisionChecker::new(arm, &scene);
+        let from = configuration(arm, &u);
         let motion = StraightMove { from, to: from + JointVec::from(step) };
         let tolerance_m = 1e-4;
         let sampled = (0..=400)
@@ -188,7 +193,7 @@ proptest! {
         step in prop::array::uniform6(-0.3..0.3_f64),
     ) {
         let arm = arm();
-        let q = configuration(&arm, &u);
+        let q = configuration(arm, &u);
         let step = JointVec::from(step);
         let (here, there) = (arm.boxes_at(&arm.fk(&q)), arm.boxes_at(&arm.fk(&(q + step))));
         for (k, body) in arm.collision().boxes().iter().enumerate() {
@@ -209,7 +214,7 @@ fn a_thin_wall_between_the_samples_is_found() {
     // A plate 0.2 mm thick across the way of the hand.
     let wall = aligned_box(Vector3::new(0.3, 0.2999, -0.5), Vector3::new(1.2, 0.3001, 1.5));
     let scene = Scene { obstacles: vec![("plate".to_owned(), wall)], ball_held: false };
-    let mut checker = CollisionChecker::new(&arm, &scene);
+    let mut checker = CollisionChecker::new(arm, &scene);
     let motion = StraightMove {
         from: deg([-40.0, -20.0, -90.0, 0.0, 0.0, 0.0]),
         to: deg([90.0, -20.0, -90.0, 0.0, 0.0, 0.0]),
@@ -225,7 +230,7 @@ fn a_thin_wall_between_the_samples_is_found() {
 #[test]
 fn a_motion_that_is_not_a_number_is_not_free() {
     let (arm, scene) = (arm(), Scene::default());
-    let mut checker = CollisionChecker::new(&arm, &scene);
+    let mut checker = CollisionChecker::new(arm, &scene);
     let motion = StraightMove { from: JointVec::repeat(f64::NAN), to: JointVec::zeros() };
     assert!(!checker.check_motion(&motion, 0.0, 1.0, 1e-4).is_free());
 }
@@ -233,7 +238,7 @@ fn a_motion_that_is_not_a_number_is_not_free() {
 #[test]
 fn a_ball_thrown_at_the_column_hits_it_and_one_thrown_away_does_not() {
     let (arm, scene) = (arm(), Scene::default());
-    let mut checker = CollisionChecker::new(&arm, &scene);
+    let mut checker = CollisionChecker::new(arm, &scene);
     let q = deg([0.0, -20.0, -90.0, 0.0, 0.0, 0.0]);
     let rest = StraightMove { from: q, to: q };
     let start = Vector3::new(0.4, 0.0, -0.5);

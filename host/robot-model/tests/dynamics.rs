@@ -1,11 +1,16 @@
 //! Identities of rigid-body dynamics, on the PowerCube arm.
 
+use std::sync::LazyLock;
+
 use nalgebra::{Matrix6, Vector3};
 use proptest::prelude::*;
 use robot_model::{JointVec, RobotModel};
 
-fn arm() -> RobotModel<6> {
-    RobotModel::load("powercube6").expect("the built-in robot loads")
+static ARM: LazyLock<RobotModel<6>> =
+    LazyLock::new(|| RobotModel::load("powercube6").expect("the built-in robot loads"));
+
+fn arm() -> &'static RobotModel<6> {
+    &ARM
 }
 
 fn six(limit: f64) -> impl Strategy<Value = JointVec<6>> {

@@ -1,11 +1,16 @@
 //! Inverse kinematics of the PowerCube arm: every branch reaches the pose, and the set of branches is the known one.
 
+use std::sync::LazyLock;
+
 use nalgebra::{Matrix3, Vector3, Vector6};
 use proptest::prelude::*;
 use robot_model::{JointVec, Pose, RobotModel};
 
-fn arm() -> RobotModel<6> {
-    RobotModel::load("powercube6").expect("the built-in robot loads")
+static ARM: LazyLock<RobotModel<6>> =
+    LazyLock::new(|| RobotModel::load("powercube6").expect("the built-in robot loads"));
+
+fn arm() -> &'static RobotModel<6> {
+    &ARM
 }
 
 /// Configuration inside the joint ranges from six numbers in [0, 1].
@@ -29,7 +34,7 @@ proptest! {
     #[test]
     fn every_branch_reaches_the_pose_and_one_is_the_start(u in prop::array::uniform6(0.0..1.0_f64)) {
         let arm = arm();
-        let q = configuration(&arm, &u);
+        let q = configuration(arm, &u);
         let pose = arm.ee_at(&q);
         let solutions = arm.ik(&pose).expect("closed form");
         prop_assert_eq!(solutions.len(), 8);
@@ -52,7 +57,7 @@ proptest! {
         step in prop::array::uniform6(-1e-4..1e-4_f64),
     ) {
         let arm = arm();
-        let q = configuration(&arm, &u);
+        let q = configuration(arm, &u);
         let (here, there) = (arm.ee_at(&q), arm.ee_at(&(q + JointVec::from(step))));
         let (here, there) = (arm.ik(&here).expect("closed form"), arm.ik(&there).expect("closed form"));
         for (a, b) in here.iter().zip(there.iter()) {
@@ -72,7 +77,7 @@ proptest! {
         twist in prop::array::uniform6(-1.0..1.0_f64),
     ) {
         let arm = arm();
-        let q = configuration(&arm, &u);
+        let q = configuration(arm, &u);
         let pose = arm.ee_at(&q);
         let twist = Vector6::from(twist);
         let h = 1e-6;
@@ -107,7 +112,7 @@ fn three_quarters_of_random_poses_have_eight_solutions_in_range_and_the_rest_fou
     let mut count = [0_usize; 9];
     let draws = 20_000;
     for _ in 0..draws {
-        let q = configuration(&arm, &std::array::from_fn(|_| uniform()));
+        let q = configuration(arm, &std::array::from_fn(|_| uniform()));
         count[arm.ik(&arm.ee_at(&q)).expect("closed form").len_in_range()] += 1;
     }
     let share = |k: usize| count[k] as f64 / f64::from(draws);

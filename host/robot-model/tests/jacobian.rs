@@ -1,12 +1,17 @@
 //! The Jacobian of the PowerCube arm and its derivatives against central differences of poses.
 
+use std::sync::LazyLock;
+
 use nalgebra::{Vector3, Vector6};
 use proptest::prelude::*;
 use robot_model::jacobian::{joint_rates, manipulability, singular_values};
 use robot_model::{Jacobian, JointVec, RobotModel};
 
-fn arm() -> RobotModel<6> {
-    RobotModel::load("powercube6").expect("the built-in robot loads")
+static ARM: LazyLock<RobotModel<6>> =
+    LazyLock::new(|| RobotModel::load("powercube6").expect("the built-in robot loads"));
+
+fn arm() -> &'static RobotModel<6> {
+    &ARM
 }
 
 /// Twist of the ball from central differences of its pose along `q + t qd`.
@@ -35,7 +40,7 @@ proptest! {
     #[test]
     fn maps_joint_speeds_to_the_twist_of_the_ball(q in joint_angles(), qd in joint_angles()) {
         let arm = arm();
-        let off = ball_jacobian(&arm, &q) * qd - numeric_twist(&arm, &q, &qd);
+        let off = ball_jacobian(arm, &q) * qd - numeric_twist(arm, &q, &qd);
         prop_assert!(off.amax() < 1e-8, "{off}");
     }
 
@@ -45,7 +50,7 @@ proptest! {
         let frames = arm.fk(&q);
         let jacobian = frames.jacobian(&arm.ball(&frames).pos);
         let h = 1e-6;
-        let numeric = (ball_jacobian(&arm, &(q + qd * h)) - ball_jacobian(&arm, &(q - qd * h))) / (2.0 * h);
+        let numeric = (ball_jacobian(arm, &(q + qd * h)) - ball_jacobian(arm, &(q - qd * h))) / (2.0 * h);
         let rate = frames.jacobian_rate(&jacobian, &qd);
         prop_assert!((rate - numeric).amax() < 1e-8, "{}", rate - numeric);
         prop_assert!((frames.bias_acceleration(&jacobian, &qd) - numeric * qd).amax() < 1e-7);
@@ -61,7 +66,7 @@ proptest! {
         for k in 0..6 {
             let mut step = JointVec::zeros();
             step[k] = h;
-            let numeric = (ball_jacobian(&arm, &(q + step)) - ball_jacobian(&arm, &(q - step))) * r / (2.0 * h);
+            let numeric = (ball_jacobian(arm, &(q + step)) - ball_jacobian(arm, &(q - step))) * r / (2.0 * h);
             prop_assert!((gradient.column(k) - numeric).amax() < 1e-8, "joint {k}");
         }
     }
@@ -69,7 +74,7 @@ proptest! {
     #[test]
     fn joint_rates_give_the_twist_back(q in joint_angles(), twist in joint_angles()) {
         let arm = arm();
-        let jacobian = ball_jacobian(&arm, &q);
+        let jacobian = ball_jacobian(arm, &q);
         prop_assume!(jacobian.determinant().abs() > 1e-4);
         let qd = joint_rates(&jacobian, &twist).expect("regular");
         prop_assert!((jacobian * qd - twist).amax() < 1e-9);
@@ -79,7 +84,7 @@ proptest! {
 #[test]
 fn determinant_at_the_ball_of_state_a() {
     let q = JointVec::from([30.0, -40.0, -110.0, 50.0, 70.0, -20.0].map(f64::to_radians));
-    let jacobian = ball_jacobian(&arm(), &q);
+    let jacobian = ball_jacobian(arm(), &q);
     assert!((jacobian.determinant() - 0.0322486).abs() < 6e-8, "{}", jacobian.determinant());
     assert!((manipulability(&jacobian) - 0.0322486).abs() < 6e-8);
     let values = singular_values(&jacobian);
@@ -89,7 +94,7 @@ fn determinant_at_the_ball_of_state_a() {
 #[test]
 fn a_straight_wrist_has_no_inverse() {
     let q = JointVec::from([0.3, -1.0, -1.5, 0.4, 0.0, 0.2]);
-    let jacobian = ball_jacobian(&arm(), &q);
+    let jacobian = ball_jacobian(arm(), &q);
     assert!(joint_rates(&jacobian, &Vector6::new(0.0, 0.0, 0.0, 1.0, 0.0, 0.0)).is_none());
     assert!(manipulability(&jacobian) < 1e-15);
 }

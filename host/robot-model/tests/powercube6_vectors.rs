@@ -1,6 +1,8 @@
 //! The hand-checked vectors of the PowerCube arm: poses, torques and currents at two states, and the published
 //! optimum of the throwing paper.
 
+use std::sync::LazyLock;
+
 use nalgebra::{Matrix3, Vector3};
 use robot_model::{JointVec, RobotModel};
 
@@ -30,8 +32,11 @@ fn state_b() -> State {
     }
 }
 
-fn arm() -> RobotModel<6> {
-    RobotModel::load("powercube6").expect("the built-in robot loads")
+static ARM: LazyLock<RobotModel<6>> =
+    LazyLock::new(|| RobotModel::load("powercube6").expect("the built-in robot loads"));
+
+fn arm() -> &'static RobotModel<6> {
+    &ARM
 }
 
 /// The vectors are printed with six decimals.
@@ -195,7 +200,7 @@ mod published_optimum {
         };
         let arm = arm();
         let scene = Scene::default();
-        let mut checker = CollisionChecker::new(&arm, &scene);
+        let mut checker = CollisionChecker::new(arm, &scene);
         let mut smallest = |t0: f64, t1: f64| {
             (0..=1000)
                 .map(|k| checker.clearance(&arm.fk(&at(t0 + (t1 - t0) * f64::from(k) / 1000.0))).distance_m)

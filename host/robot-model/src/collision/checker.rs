@@ -141,17 +141,26 @@ impl<'m, const N: usize> CollisionChecker<'m, N> {
     fn nearest_pair(&mut self, frames: &Frames<N>) -> Option<(Pair, Proximity)> {
         self.place(frames);
         let mut nearest: Option<(Pair, Proximity)> = None;
-        for pair in &self.pairs {
-            let so_far = nearest.map_or(f64::INFINITY, |(_, near)| near.distance_m);
-            // Enclosing spheres rule most pairs out, the separating axes most of the rest.
+        let mut so_far = f64::INFINITY;
+        // Start with the pair of the nearest spheres: a small first distance rules most of the others out, by their
+        // spheres first and by their separating axes second.
+        let first = self.nearest_spheres();
+        for k in first.into_iter().chain(0..self.pairs.len()) {
+            let pair = &self.pairs[k];
             if self.sphere_gap(pair) < so_far && self.separation(pair) < so_far {
                 let near = self.proximity(pair);
                 if near.distance_m < so_far {
+                    so_far = near.distance_m;
                     nearest = Some((*pair, near));
                 }
             }
         }
         nearest
+    }
+
+    fn nearest_spheres(&self) -> Option<usize> {
+        let gaps = self.pairs.iter().map(|pair| self.sphere_gap(pair)).enumerate();
+        gaps.filter(|(_, gap)| gap.is_finite()).min_by(|a, b| a.1.total_cmp(&b.1)).map(|(k, _)| k)
     }
 
     /// The box of the arm nearest to a ball in flight with its centre at `center_w`.

@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::mat3;
 use crate::pose::Pose;
 
 /// An oriented box.
@@ -25,6 +26,14 @@ pub struct Proximity {
     ///
     /// The distance changes at the rate `normal · (v_second − v_first)`, the velocities of both bodies taken here.
     pub point: Vector3<f64>,
+}
+
+/// One of the 15 axes that can separate two boxes.
+#[derive(Debug, Clone, Copy)]
+enum Axis {
+    FaceA(usize),
+    FaceB(usize),
+    Edges(usize, usize),
 }
 
 /// Cross products of edges shorter than this come from parallel edges, whose axis the face normals already test.
@@ -55,8 +64,8 @@ impl Obb {
             return false;
         }
         // r[i][j]: axis j of the other box along axis i of this one; t: the other centre in this box.
-        let r = self.pose.rot.tr_mul(&other.pose.rot);
-        let t = self.pose.rot.tr_mul(&between);
+        let r = mat3::tr_mul(&self.pose.rot, &other.pose.rot);
+        let t = mat3::tr_mul_v(&self.pose.rot, &between);
         let (a, b) = (&self.half_m, &other.half_m);
         // Slack for parallel edges: their cross product is noise, and without it noise could "separate" boxes.
         let r_abs = r.map(|v| v.abs() + 1e-12);
@@ -93,41 +102,59 @@ impl Obb {
         self.best_axis(other).0
     }
 
-    /// The axis with the largest gap: gap in m and unit direction from this box to the other.
-    fn best_axis(&self, other: &Self) -> (f64, Vector3<f64>) {
-        let t = other.pose.pos - self.pose.pos;
-        let (ra, rb) = (&self.pose.rot, &other.pose.rot);
-        let mut best = (f64::NEG_INFINITY, Vector3::x());
-        let mut consider = |axis: Vector3<f64>| {
-            let gap = t.dot(&axis).abs() - self.reach_along(&axis) - other.reach_along(&axis);
+    /// The axis with the largest gap: gap in m, and which axis it is.
+    #[inline]
+    fn best_axis(&self, other: &Self) -> (f64, Axis) {
+        let r = mat3::tr_mul(&self.pose.rot, &other.pose.rot);
+        let t = mat3::tr_mul_v(&self.pose.rot, &(other.pose.pos - self.pose.pos));
+        let (a, b) = (&self.half_m, &other.half_m);
+        let r_abs = r.abs();
+        let mut best = (f64::NEG_INFINITY, Axis::FaceA(0));
+        let mut consider = |gap: f64, axis: Axis| {
             if gap > best.0 {
-                best = (gap, if t.dot(&axis) < 0.0 { -axis } else { axis });
+                best = (gap, axis);
             }
         };
-        for k in 0..3 {
-            consider(ra.column(k).into_owned());
-            consider(rb.column(k).into_owned());
+        for i in 0..3 {
+            let reach = a[i] + r_abs[(i, 0)] * b.x + r_abs[(i, 1)] * b.y + r_abs[(i, 2)] * b.z;
+            consider(t[i].abs() - reach, Axis::FaceA(i));
+        }
+        for j in 0..3 {
+            let along = t.x * r[(0, j)] + t.y * r[(1, j)] + t.z * r[(2, j)];
+            let reach = b[j] + r_abs[(0, j)] * a.x + r_abs[(1, j)] * a.y + r_abs[(2, j)] * a.z;
+            consider(along.abs() - reach, Axis::FaceB(j));
         }
         for i in 0..3 {
+            let (i1, i2) = ((i + 1) % 3, (i + 2) % 3);
             for j in 0..3 {
-                let cross = ra.column(i).cross(&rb.column(j));
-                let length = cross.norm();
-                if length > PARALLEL_EDGES {
-                    consider(cross / length);
+                let (j1, j2) = ((j + 1) % 3, (j + 2) % 3);
+                let length2 = r[(i1, j)] * r[(i1, j)] + r[(i2, j)] * r[(i2, j)];
+                if length2 < PARALLEL_EDGES * PARALLEL_EDGES {
+                    continue;
                 }
+                let along = t[i2] * r[(i1, j)] - t[i1] * r[(i2, j)];
+                let reach_a = a[i1] * r_abs[(i2, j)] + a[i2] * r_abs[(i1, j)];
+                let reach_b = b[j1] * r_abs[(i, j2)] + b[j2] * r_abs[(i, j1)];
+                let gap = along.abs() - reach_a - reach_b;
+                consider(gap / length2.sqrt(), Axis::Edges(i, j));
             }
         }
         best
     }
 
-    /// Half width of the box along a unit direction.
-    fn reach_along(&self, direction: &Vector3<f64>) -> f64 {
-        self.pose.rot.tr_mul(direction).abs().dot(&self.half_m)
+    /// Unit direction of a separating axis, from this box to the other.
+    fn direction(&self, other: &Self, axis: Axis) -> Vector3<f64> {
+        let direction = match axis {
+            Axis::FaceA(i) => self.pose.rot.column(i).into_owned(),
+            Axis::FaceB(j) => other.pose.rot.column(j).into_owned(),
+            Axis::Edges(i, j) => self.pose.rot.column(i).cross(&other.pose.rot.column(j)).normalize(),
+        };
+        if direction.dot(&(other.pose.pos - self.pose.pos)) < 0.0 { -direction } else { direction }
     }
 
     /// The point of the box farthest along a direction.
     fn farthest(&self, direction: &Vector3<f64>) -> Vector3<f64> {
-        let d = self.pose.rot.tr_mul(direction);
+        let d = mat3::tr_mul_v(&self.pose.rot, direction);
         self.pose.transform_point(&d.zip_map(&self.half_m, |d, h| if d < 0.0 { -h } else { h }))
     }
 
@@ -138,16 +165,21 @@ impl Obb {
     /// the edges, so 16 corners and 9 pairs of edges cover all cases; no iteration, no tolerance to tune.
     #[must_use]
     pub fn proximity(&self, other: &Self) -> Proximity {
-        let (gap, normal) = self.best_axis(other);
+        let (gap, axis) = self.best_axis(other);
+        let direction = self.direction(other, axis);
         if gap <= 0.0 {
-            return Proximity { distance_m: gap, normal, point: other.farthest(&-normal) };
+            return Proximity { distance_m: gap, normal: direction, point: other.farthest(&-direction) };
         }
         let mut best = Nearest { squared: f64::INFINITY, on_a: Vector3::zeros(), on_b: Vector3::zeros() };
         for corner in other.corners() {
-            best.consider(self.nearest_point(&corner), corner);
+            if self.squared_distance(&corner) < best.squared {
+                best.consider(self.nearest_point(&corner), corner);
+            }
         }
         for corner in self.corners() {
-            best.consider(corner, other.nearest_point(&corner));
+            if other.squared_distance(&corner) < best.squared {
+                best.consider(corner, other.nearest_point(&corner));
+            }
         }
         for i in 0..3 {
             for j in 0..3 {
@@ -157,16 +189,24 @@ impl Obb {
             }
         }
         let distance_m = best.squared.sqrt();
-        // The gap along an axis is a lower bound; at distances of a few ulp the subtraction of points is noise.
-        let normal = (best.on_b - best.on_a).try_normalize(1e-12).unwrap_or(normal);
+        // At distances of a few ulp the difference of the points is noise.
+        let normal = (best.on_b - best.on_a).try_normalize(1e-12).unwrap_or(direction);
         Proximity { distance_m: distance_m.max(gap), normal, point: best.on_b }
+    }
+
+    fn squared_distance(&self, p: &Vector3<f64>) -> f64 {
+        let local = self.pose.inverse_transform_point(p);
+        let beyond = |v: f64, h: f64| (v.abs() - h).max(0.0);
+        let (x, y, z) =
+            (beyond(local.x, self.half_m.x), beyond(local.y, self.half_m.y), beyond(local.z, self.half_m.z));
+        x * x + y * y + z * z
     }
 
     /// Nearest inner points of the facing edges with directions `i` here and `j` there, if they face each other.
     fn nearest_on_edges(&self, i: usize, other: &Self, j: usize) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let (u, v): (Vector3<f64>, Vector3<f64>) =
             (self.pose.rot.column(i).into(), other.pose.rot.column(j).into());
-        let mut n = u.cross(&v);
+        let mut n = mat3::cross(&u, &v);
         let sine2 = n.norm_squared();
         if sine2 < PARALLEL_EDGES * PARALLEL_EDGES {
             return None;
@@ -186,7 +226,7 @@ impl Obb {
 
     /// Middle of the edge with direction `i` that is farthest along `n`.
     fn edge_middle(&self, i: usize, n: &Vector3<f64>) -> Vector3<f64> {
-        let d = self.pose.rot.tr_mul(n);
+        let d = mat3::tr_mul_v(&self.pose.rot, n);
         let mut local = d.zip_map(&self.half_m, |d, h| if d < 0.0 { -h } else { h });
         local[i] = 0.0;
         self.pose.transform_point(&local)
@@ -194,10 +234,11 @@ impl Obb {
 
     /// The eight corners.
     pub fn corners(&self) -> impl Iterator<Item = Vector3<f64>> + '_ {
-        (0..8_u8).map(|k| {
+        let edge = |k: usize| self.pose.rot.column(k) * self.half_m[k];
+        let (x, y, z) = (edge(0), edge(1), edge(2));
+        (0..8_u8).map(move |k| {
             let sign = |bit: u8| if k & bit == 0 { -1.0 } else { 1.0 };
-            let local = Vector3::new(sign(1), sign(2), sign(4)).component_mul(&self.half_m);
-            self.pose.transform_point(&local)
+            self.pose.pos + x * sign(1) + y * sign(2) + z * sign(4)
         })
     }
 

@@ -2,8 +2,9 @@
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
-use crate::kinematics::turned;
+use crate::kinematics::turned_rot;
 use crate::linalg::Cholesky;
+use crate::mat3;
 use crate::model::{JointVec, LinkInertia, RobotModel};
 
 /// Links from one on to the hand, as if welded: mass, first moment and inertia about the origin of the first joint frame.
@@ -21,11 +22,11 @@ impl Composite {
 
     /// Adds a composite given in a frame that is turned by `r` and shifted by `p`.
     fn add(&mut self, other: &Self, r: &Matrix3<f64>, p: &Vector3<f64>) {
-        let h = r * other.h;
+        let h = mat3::mul_v(r, &other.h);
+        let turned = mat3::mul(&mat3::mul(r, &other.i), &r.transpose());
         let cross = p * h.transpose();
         let scalar = Matrix3::identity() * (2.0 * p.dot(&h) + other.m * p.norm_squared());
-        self.i +=
-            r * other.i * r.transpose() + scalar - cross - cross.transpose() - p * p.transpose() * other.m;
+        self.i += turned + scalar - cross - cross.transpose() - p * p.transpose() * other.m;
         self.h += h + p * other.m;
         self.m += other.m;
     }
@@ -37,7 +38,7 @@ impl<const N: usize> RobotModel<N> {
     /// Composite-rigid-body algorithm (Featherstone 2008, section 6.2).
     #[must_use]
     pub fn mass_matrix(&self, q: &JointVec<N>) -> SMatrix<f64, N, N> {
-        let rot: [Matrix3<f64>; N] = std::array::from_fn(|i| turned(&self.joints[i].x_pj, q[i]).rot);
+        let rot: [Matrix3<f64>; N] = std::array::from_fn(|i| turned_rot(&self.joints[i].x_pj.rot, q[i]));
         let mut composite: [Composite; N] = std::array::from_fn(|i| Composite::of(&self.links[i].inertia));
         let mut mass = SMatrix::<f64, N, N>::zeros();
         for i in (0..N).rev() {
@@ -50,8 +51,9 @@ impl<const N: usize> RobotModel<N> {
             let mut moment: Vector3<f64> = c.i.column(2).into();
             mass[(i, i)] = moment.z;
             for j in (0..i).rev() {
-                force = rot[j + 1] * force;
-                moment = rot[j + 1] * moment + self.joints[j + 1].x_pj.pos.cross(&force);
+                force = mat3::mul_v(&rot[j + 1], &force);
+                moment =
+                    mat3::mul_v(&rot[j + 1], &moment) + mat3::cross(&self.joints[j + 1].x_pj.pos, &force);
                 mass[(i, j)] = moment.z;
                 mass[(j, i)] = moment.z;
             }

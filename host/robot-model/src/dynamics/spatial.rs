@@ -6,6 +6,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::kinematics::Frames;
+use crate::mat3;
 use crate::model::LinkInertia;
 use crate::pose::Pose;
 
@@ -24,41 +25,49 @@ pub(super) struct Force {
 }
 
 impl Motion {
+    #[inline]
     pub(super) fn zero() -> Self {
         Self { w: Vector3::zeros(), v: Vector3::zeros() }
     }
 
     /// Screw of joint `i` (index from 0).
+    #[inline]
     pub(super) fn joint_axis<const N: usize>(frames: &Frames<N>, i: usize) -> Self {
         let z = frames.axis(i);
-        Self { w: z, v: frames.origin(i).cross(&z) }
+        Self { w: z, v: mat3::cross(&frames.origin(i), &z) }
     }
 
+    #[inline]
     pub(super) fn plus(&self, other: &Self, times: f64) -> Self {
         Self { w: self.w + other.w * times, v: self.v + other.v * times }
     }
 
     /// `self × m`.
+    #[inline]
     pub(super) fn cross(&self, m: &Self) -> Self {
-        Self { w: self.w.cross(&m.w), v: self.w.cross(&m.v) + self.v.cross(&m.w) }
+        Self { w: mat3::cross(&self.w, &m.w), v: mat3::cross(&self.w, &m.v) + mat3::cross(&self.v, &m.w) }
     }
 
     /// `self ×* f`.
+    #[inline]
     pub(super) fn cross_force(&self, f: &Force) -> Force {
-        Force { n: self.w.cross(&f.n) + self.v.cross(&f.f), f: self.w.cross(&f.f) }
+        Force { n: mat3::cross(&self.w, &f.n) + mat3::cross(&self.v, &f.f), f: mat3::cross(&self.w, &f.f) }
     }
 
     /// Power of a force along this motion.
+    #[inline]
     pub(super) fn dot(&self, f: &Force) -> f64 {
         self.w.dot(&f.n) + self.v.dot(&f.f)
     }
 }
 
 impl Force {
+    #[inline]
     pub(super) fn zero() -> Self {
         Self { n: Vector3::zeros(), f: Vector3::zeros() }
     }
 
+    #[inline]
     pub(super) fn plus(&self, other: &Self) -> Self {
         Self { n: self.n + other.n, f: self.f + other.f }
     }
@@ -73,25 +82,32 @@ pub(super) struct Inertia {
 }
 
 impl Inertia {
+    #[inline]
     pub(super) fn zero() -> Self {
         Self { m: 0.0, h: Vector3::zeros(), i: Matrix3::zeros() }
     }
 
     /// Inertia of a link whose joint frame is at `x_w`.
+    #[inline]
     pub(super) fn of(link: &LinkInertia, x_w: &Pose) -> Self {
         let c = x_w.transform_point(link.com_m());
         let m = link.mass_kg();
-        let about_com = x_w.rot * link.about_com_kg_m2() * x_w.rot.transpose();
+        let about_com = mat3::mul(&mat3::mul(&x_w.rot, link.about_com_kg_m2()), &x_w.rot.transpose());
         let i = about_com + (Matrix3::identity() * c.norm_squared() - c * c.transpose()) * m;
         Self { m, h: c * m, i }
     }
 
+    #[inline]
     pub(super) fn plus(&self, other: &Self) -> Self {
         Self { m: self.m + other.m, h: self.h + other.h, i: self.i + other.i }
     }
 
+    #[inline]
     pub(super) fn times(&self, a: &Motion) -> Force {
-        Force { n: self.i * a.w + self.h.cross(&a.v), f: a.v * self.m - self.h.cross(&a.w) }
+        Force {
+            n: mat3::mul_v(&self.i, &a.w) + mat3::cross(&self.h, &a.v),
+            f: a.v * self.m - mat3::cross(&self.h, &a.w),
+        }
     }
 }
 
@@ -106,29 +122,34 @@ pub(super) struct Coriolis {
 }
 
 impl Coriolis {
+    #[inline]
     pub(super) fn zero() -> Self {
         Self { d: Matrix3::zeros(), p: Vector3::zeros() }
     }
 
+    #[inline]
     pub(super) fn of(inertia: &Inertia, v: &Motion) -> Self {
         let second_moment = Matrix3::identity() * (0.5 * inertia.i.trace()) - inertia.i;
         let d = Matrix3::identity() * v.v.dot(&inertia.h)
             - v.v * inertia.h.transpose()
-            - v.w.cross_matrix() * second_moment;
-        Self { d, p: v.v * inertia.m + v.w.cross(&inertia.h) }
+            - mat3::mul(&v.w.cross_matrix(), &second_moment);
+        Self { d, p: v.v * inertia.m + mat3::cross(&v.w, &inertia.h) }
     }
 
+    #[inline]
     pub(super) fn plus(&self, other: &Self) -> Self {
         Self { d: self.d + other.d, p: self.p + other.p }
     }
 
     /// `2 B m`.
+    #[inline]
     pub(super) fn twice(&self, m: &Motion) -> Force {
-        Force { n: self.d * m.w * 2.0, f: m.w.cross(&self.p) * 2.0 }
+        Force { n: mat3::mul_v(&self.d, &m.w) * 2.0, f: mat3::cross(&m.w, &self.p) * 2.0 }
     }
 
     /// `2 Bᵀ s`, of which only the angular part is not zero.
+    #[inline]
     pub(super) fn twice_transposed(&self, s: &Motion) -> Vector3<f64> {
-        (self.d.tr_mul(&s.w) + self.p.cross(&s.v)) * 2.0
+        (mat3::tr_mul_v(&self.d, &s.w) + mat3::cross(&self.p, &s.v)) * 2.0
     }
 }

@@ -1,6 +1,6 @@
 //! Joint axes as lines, for measuring a robot's geometry.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 use crate::error::FamilyMismatch;
 use crate::pose::Pose;
@@ -56,4 +56,15 @@ impl Line {
         }
         Ok(self.point + self.dir * between.dot(&self.dir))
     }
+}
+
+/// Frame F of a robot in the frame of joint 1: z along axis 1, y along axis 2 or against it, x = y × z on the side of
+/// the x axis of joint frame 1, so that "forwards" is what the maker of the frames thinks it is.
+///
+/// Returns the rotation of F, and +1 if axis 2 is along y, -1 if against. The axes must be perpendicular.
+pub(super) fn plane_frame(axis2: &Line) -> (Matrix3<f64>, f64) {
+    let z = Vector3::z();
+    let x = axis2.dir.cross(&z);
+    let sign2 = if x.x < -ANGLE_TOL_RAD { -1.0 } else { 1.0 };
+    (Matrix3::from_columns(&[x * sign2, axis2.dir * sign2, z]), sign2)
 }

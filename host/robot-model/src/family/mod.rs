@@ -6,17 +6,16 @@
 mod lines;
 mod ortho_parallel;
 mod ortho_parallel_ik;
+mod planar;
+mod turntable_planar;
 
 use crate::error::FamilyMismatch;
 use crate::pose::Pose;
 pub use ortho_parallel::OrthoParallel;
+pub use turntable_planar::TurntablePlanar;
 
 /// Kinematic family with the dimensions of one robot.
 #[derive(Debug, Clone, PartialEq)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "one per robot, read in the inner loop of the planner: a box would only add a jump"
-)]
 #[non_exhaustive]
 pub enum Family {
     /// Six joints: upright first axis, two parallel axes across it, wrist of three axes that meet.
@@ -24,6 +23,8 @@ pub enum Family {
     /// The PowerCube throwing arm (no offsets) and the KUKA KR 16 (shoulder and elbow offsets) are both of this
     /// family, as are most industrial arms.
     OrthoParallel(OrthoParallel),
+    /// Four joints: a turntable and three parallel axes across it, like the Pincher.
+    TurntablePlanar(TurntablePlanar),
     /// No closed form; inverse kinematics is not available.
     General,
 }
@@ -32,20 +33,43 @@ pub enum Family {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum FamilyName {
     OrthoParallel,
+    TurntablePlanar,
     General,
 }
 
 impl FamilyName {
-    pub(crate) const WORDS: [(&'static str, Self); 2] =
-        [("ortho_parallel", Self::OrthoParallel), ("general", Self::General)];
+    pub(crate) const WORDS: [(&'static str, Self); 3] = [
+        ("ortho_parallel", Self::OrthoParallel),
+        ("turntable_planar", Self::TurntablePlanar),
+        ("general", Self::General),
+    ];
 }
 
 impl Family {
-    /// Measures the family's dimensions from the joint frames.
-    pub(crate) fn fit(name: FamilyName, x_pj: &[Pose], _x_ne: &Pose) -> Result<Self, FamilyMismatch> {
+    /// Measures the family's dimensions from the joint frames and the end effector in the last of them.
+    pub(crate) fn fit(name: FamilyName, x_pj: &[Pose], x_ne: &Pose) -> Result<Self, FamilyMismatch> {
         match name {
             FamilyName::OrthoParallel => OrthoParallel::fit(x_pj).map(Self::OrthoParallel),
+            FamilyName::TurntablePlanar => TurntablePlanar::fit(x_pj, x_ne).map(Self::TurntablePlanar),
             FamilyName::General => Ok(Self::General),
+        }
+    }
+
+    /// The family that fits, if one does.
+    pub(crate) fn recognise(x_pj: &[Pose], x_ne: &Pose) -> Self {
+        [FamilyName::OrthoParallel, FamilyName::TurntablePlanar]
+            .into_iter()
+            .find_map(|name| Self::fit(name, x_pj, x_ne).ok())
+            .unwrap_or(Self::General)
+    }
+
+    /// Name as in a robot file.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::OrthoParallel(_) => "ortho_parallel",
+            Self::TurntablePlanar(_) => "turntable_planar",
+            Self::General => "general",
         }
     }
 }

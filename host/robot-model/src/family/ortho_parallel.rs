@@ -2,7 +2,7 @@
 //!
 //! Axis 1 is free in space, axis 2 is perpendicular to it, axis 3 is parallel to axis 2, and axes 4, 5 and 6 meet
 //! in one point (the wrist centre), each perpendicular to the one before. Seen in the frame F of joint 1, with z
-//! along axis 1, y along axis 2 at q1 = 0 and x = y × z:
+//! along axis 1, y along axis 2 (or against it) at q1 = 0 and x = y × z forwards:
 //!
 //! ```text
 //!   z |          . W  wrist centre
@@ -20,7 +20,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::lines::{LENGTH_TOL_M, Line};
+use super::lines::{LENGTH_TOL_M, Line, plane_frame};
+use super::planar::Complex;
 use crate::error::FamilyMismatch;
 use crate::pose::Pose;
 
@@ -29,7 +30,7 @@ use crate::pose::Pose;
 /// Obtained by [`crate::RobotModel`] from the joint frames; lengths in m, angles in rad.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OrthoParallel {
-    /// Joint-1 frame in the world at q1 = 0, with x and y turned so that y is along axis 2: frame F.
+    /// Joint-1 frame in the world at q1 = 0, turned about z so that x is forwards and y along axis 2 or against it: frame F.
     pub(crate) x_wf: Pose,
     /// Distance of axis 2 from axis 1 along x.
     pub a1_m: f64,
@@ -42,11 +43,14 @@ pub struct OrthoParallel {
     /// Distance of the wrist centre from axis 3.
     pub k_m: f64,
     /// Direction of axis 3 seen from axis 2 at q2 = 0, from z towards x.
-    pub(crate) upper_arm_zero_rad: f64,
+    pub(super) upper_arm_zero_rad: f64,
     /// Direction of the wrist centre seen from axis 3 at q2 = q3 = 0, from z towards x.
-    pub(crate) forearm_zero_rad: f64,
-    /// +1 if axes 2 and 3 point the same way, -1 if opposite ways.
-    pub(crate) sign3: f64,
+    pub(super) forearm_zero_rad: f64,
+    /// The same as cosine and sine.
+    pub(super) forearm_zero: Complex,
+    /// +1 where axis 2 and axis 3 are along y, -1 where they are against it.
+    pub(super) sign2: f64,
+    pub(super) sign3: f64,
     /// Constant rotation K: frame 4 at q1..q3 = 0, before its own turn, in F.
     pub(crate) r_f4_zero: Matrix3<f64>,
     /// Wrist centre in the last joint frame.
@@ -81,7 +85,7 @@ impl OrthoParallel {
         let (axis2, axis3) = (Line::of(2, &t2), Line::of(3, &t3));
         let (axis4, axis5, axis6) = (Line::of(4, &t4), Line::of(5, &t5), Line::of(6, &t6));
         axis1.require_perpendicular(&axis2)?;
-        let sign3 = axis2.require_parallel(&axis3)?;
+        let sign3_to_2 = axis2.require_parallel(&axis3)?;
         axis4.require_perpendicular(&axis5)?;
         axis5.require_perpendicular(&axis6)?;
         let wrist = axis4.require_meeting(&axis5)?;
@@ -90,10 +94,7 @@ impl OrthoParallel {
             return Err(FamilyMismatch::NoWristCentre { gap_m });
         }
 
-        let z = Vector3::z();
-        let y = axis2.dir;
-        let x = y.cross(&z);
-        let r_1f = Matrix3::from_columns(&[x, y, z]);
+        let (r_1f, sign2) = plane_frame(&axis2);
         let upper_arm = r_1f.tr_mul(&(axis3.point - axis2.point));
         let forearm = r_1f.tr_mul(&(wrist - axis3.point));
         let shoulder = r_1f.tr_mul(&axis2.point);
@@ -121,7 +122,9 @@ impl OrthoParallel {
             k_m,
             upper_arm_zero_rad: upper_arm.x.atan2(upper_arm.z),
             forearm_zero_rad: forearm.x.atan2(forearm.z),
-            sign3,
+            forearm_zero: Complex::new(forearm.z / k_m, forearm.x / k_m),
+            sign2,
+            sign3: sign2 * sign3_to_2,
             r_f4_zero: r_1f.tr_mul(&t4.rot),
             wrist_centre_n: t6.inverse_transform_point(&wrist),
             wrist_zero4_rad: alpha5,

@@ -7,57 +7,14 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::ortho_parallel::OrthoParallel;
+use super::planar::{Complex, EDGE_SLACK, ON_AXIS, TwoLinks};
 use crate::ik::{Branch, IkSolutions};
+use crate::mat3;
 use crate::model::JointVec;
 use crate::pose::Pose;
 
-/// Slack of a cosine at the edge of the reach: a pose computed from joint angles with a stretched elbow must be
-/// found again although rounding puts it 1e-16 outside.
-const EDGE_SLACK: f64 = 1e-12;
-/// A wrist centre this close to a free axis (relative to the arm's reach) leaves that axis' angle undefined.
-const ON_AXIS: f64 = 1e-12;
 /// A wrist with a smaller sine of its middle angle is straight: joints 4 and 6 turn about one line.
 const STRAIGHT_WRIST: f64 = 1e-10;
-
-/// cos + i sin of an angle, or any vector of the plane.
-#[derive(Clone, Copy)]
-struct Complex {
-    re: f64,
-    im: f64,
-}
-
-impl Complex {
-    fn new(re: f64, im: f64) -> Self {
-        Self { re, im }
-    }
-
-    fn turn(angle_rad: f64) -> Self {
-        let (s, c) = angle_rad.sin_cos();
-        Self::new(c, s)
-    }
-
-    fn times(self, o: Self) -> Self {
-        Self::new(self.re * o.re - self.im * o.im, self.re * o.im + self.im * o.re)
-    }
-
-    fn conj(self) -> Self {
-        Self::new(self.re, -self.im)
-    }
-
-    fn norm(self) -> f64 {
-        (self.re * self.re + self.im * self.im).sqrt()
-    }
-
-    /// Same direction, length one.
-    fn unit(self, norm: f64) -> Self {
-        let s = 1.0 / norm;
-        Self::new(self.re * s, self.im * s)
-    }
-
-    fn angle(self) -> f64 {
-        self.im.atan2(self.re)
-    }
-}
 
 impl OrthoParallel {
     /// All solutions for the pose of the last joint frame in the world; free angles are taken from `q_ref`.
@@ -65,7 +22,7 @@ impl OrthoParallel {
     /// Angles are in (-3π, 3π), not yet placed in the joint ranges.
     pub(crate) fn solve<const N: usize>(&self, x_wn: &Pose, q_ref: &JointVec<N>) -> IkSolutions<N> {
         let mut out = IkSolutions::none();
-        let r_fn = self.x_wf.rot.tr_mul(&x_wn.rot);
+        let r_fn = mat3::tr_mul(&self.x_wf.rot, &x_wn.rot);
         let centre = self.x_wf.inverse_transform_point(&x_wn.transform_point(&self.wrist_centre_n));
 
         let reach = self.c2_m + self.k_m;
@@ -107,34 +64,21 @@ impl OrthoParallel {
         r_fn: &Matrix3<f64>,
         q_ref: &JointVec<N>,
     ) {
-        let (c2, k) = (self.c2_m, self.k_m);
-        let distance = target.norm();
-        out.reach_margin_m[usize::from(back)] = (c2 + k - distance).min(distance - (c2 - k).abs());
-        let cos_elbow = (distance * distance - c2 * c2 - k * k) / (2.0 * c2 * k);
-        let in_reach = cos_elbow.abs() <= 1.0 + EDGE_SLACK;
-        if !in_reach {
+        let links = TwoLinks { upper_m: self.c2_m, fore_m: self.k_m };
+        out.reach_margin_m[usize::from(back)] = links.margin_m(target);
+        let Some(bends) = links.bends(target, self.sign2 * q_ref[1] + self.upper_arm_zero_rad) else {
             return;
-        }
-        let cos_elbow = cos_elbow.clamp(-1.0, 1.0);
-        let sin_elbow = (1.0 - cos_elbow * cos_elbow).sqrt();
-        let elbow_rad = sin_elbow.atan2(cos_elbow);
+        };
+        let free = free1 || links.is_free(target);
         let q1 = turn1.angle();
         let r_1 = rot_z_transposed(turn1, r_fn);
-        let free2 = distance <= ON_AXIS * (c2 + k);
-        for (negative, sign) in [(false, 1.0), (true, -1.0)] {
-            let elbow = Complex::new(cos_elbow, sign * sin_elbow);
-            let upper_arm = if free2 {
-                Complex::turn(q_ref[1] + self.upper_arm_zero_rad)
-            } else {
-                let v = target.times(Complex::new(c2 + k * elbow.re, k * elbow.im).conj());
-                v.unit(v.norm())
-            };
-            let q2 = upper_arm.angle() - self.upper_arm_zero_rad;
-            let q3 = self.sign3 * (sign * elbow_rad - self.forearm_zero_rad + self.upper_arm_zero_rad);
+        for (bend, negative) in bends.into_iter().zip([false, true]) {
+            let q2 = self.sign2 * (bend.upper.angle() - self.upper_arm_zero_rad);
+            let q3 = self.sign3 * (bend.elbow_rad - self.forearm_zero_rad + self.upper_arm_zero_rad);
             // How far the forearm has turned about y since q = 0.
-            let pitch = upper_arm.times(elbow).times(Complex::turn(-self.forearm_zero_rad));
-            let wrist = self.r_f4_zero.tr_mul(&rot_y_transposed(pitch, &r_1));
-            self.solve_wrists(out, (back, negative), [q1, q2, q3], free1 || free2, &wrist, q_ref);
+            let pitch = bend.upper.times(bend.elbow).times(self.forearm_zero.conj());
+            let wrist = mat3::tr_mul(&self.r_f4_zero, &rot_y_transposed(pitch, &r_1));
+            self.solve_wrists(out, (back, negative), [q1, q2, q3], free, &wrist, q_ref);
         }
     }
 
@@ -173,8 +117,8 @@ impl OrthoParallel {
 
     /// The branch of a configuration.
     pub(crate) fn branch_of(&self, q: &[f64; 6]) -> Branch {
-        let upper_arm = q[1] + self.upper_arm_zero_rad;
-        let forearm = self.forearm_zero_rad + q[1] + self.sign3 * q[2];
+        let upper_arm = self.upper_arm_zero_rad + self.sign2 * q[1];
+        let forearm = self.forearm_zero_rad + self.sign2 * q[1] + self.sign3 * q[2];
         let radial = self.a1_m + self.c2_m * upper_arm.sin() + self.k_m * forearm.sin();
         let elbow = (forearm - upper_arm).sin();
         let wrist = -(q[4] + self.wrist_zero5_rad).sin();

@@ -79,11 +79,12 @@ fn read_inertia(section: &Section<'_>, x_jl: &Pose, boxes: &[BoxMass]) -> Result
         let mass_kg = part.positive("mass_kg")?;
         let com = Vector3::from(part.numbers::<3>("com_m")?);
         let moments = part.numbers::<3>("moments_kg_m2")?;
-        let rpy = part.numbers_or::<3>("rpy_deg", [0.0; 3])?;
+        let [xy, xz, yz] = part.numbers_or::<3>("products_kg_m2", [0.0; 3])?;
         part.finish()?;
-        let x_jp = *x_jl * Pose::from_rpy(rpy.map(f64::to_radians), com);
-        let about_com = symmetric(x_jp.rot * Matrix3::from_diagonal(&moments.into()) * x_jp.rot.transpose());
-        return LinkInertia::new(mass_kg, x_jp.pos, about_com)
+        let [xx, yy, zz] = moments;
+        let tensor = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
+        let about_com = symmetric(x_jl.rot * tensor * x_jl.rot.transpose());
+        return LinkInertia::new(mass_kg, x_jl.transform_point(&com), about_com)
             .ok_or_else(|| part.error("moments_kg_m2", Problem::ImpossibleInertia(moments)));
     }
     let masses: Option<Vec<f64>> = boxes.iter().map(|b| b.mass_kg).collect();

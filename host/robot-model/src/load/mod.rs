@@ -4,7 +4,9 @@
 
 mod bodies;
 mod frames;
-pub(crate) mod reader;
+mod reader;
+
+pub(crate) use frames::turn_z_to;
 
 use std::path::Path;
 
@@ -22,7 +24,11 @@ use reader::{Section, Source};
 pub const SCHEMA_VERSION: i64 = 1;
 
 /// Robot files that are part of the program: name and text.
-const BUILT_IN: [(&str, &str); 1] = [("powercube6", include_str!("../../../robots/powercube6.toml"))];
+const BUILT_IN: [(&str, &str); 3] = [
+    ("powercube6", include_str!("../../../robots/powercube6.toml")),
+    ("kr16_2", include_str!("../../../robots/kr16_2.toml")),
+    ("pincher4", include_str!("../../../robots/pincher4.toml")),
+];
 
 /// Names of the robots that are part of the program.
 #[must_use]

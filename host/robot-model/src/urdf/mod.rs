@@ -1,0 +1,9 @@
+//! URDF, the robot description most other tools read: export of any robot, import of serial arms.
+
+mod export;
+mod import;
+mod toml_text;
+mod tree;
+
+pub use import::{UrdfOptions, UrdfRobot, robot_file_from_urdf};
+pub use tree::{UrdfError, UrdfProblem};
