@@ -358,7 +358,7 @@ fn every_motion_is_answered_in_its_form_and_moves() {
                     };
                     match position {
                         MotionPosition::Radians(q) => {
-                            assert!((q.get() - 0.1).abs() < 1e-4, "before the move: {q}")
+                            assert!((q.get() - 0.1).abs() < 1e-4, "before the move: {q}");
                         }
                         MotionPosition::Ticks(n) => assert!((n - 5125).abs() < 8, "before the move: {n}"),
                     }

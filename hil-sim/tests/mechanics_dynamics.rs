@@ -101,7 +101,7 @@ fn free_swing_keeps_its_energy_to_second_order_in_the_step() {
     let (coarse, kinetic) = drift(5e-4);
     let (fine, _) = drift(2.5e-4);
     assert!((20.0..80.0).contains(&kinetic), "{kinetic} J: it does swing");
-    assert!((1e-6..2e-3).contains(&(coarse / kinetic)), "{} of {kinetic} J", coarse);
+    assert!((1e-6..2e-3).contains(&(coarse / kinetic)), "{coarse} of {kinetic} J");
     // Halving the step quarters the drift.
     assert!((2.5..6.0).contains(&(coarse / fine)), "{coarse} J against {fine} J");
 }
