@@ -17,17 +17,18 @@ pub enum BeyondMaximum {
     Refuse,
 }
 
-/// What becomes of a position target beyond the soft limits.
+/// What becomes of a ramp or step to a position beyond the soft limits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BeyondSoftLimit {
-    /// The module goes to the limit and ends there. The throwing paper commands "actual position ± 3 rad" to get pure
-    /// acceleration, which needs targets beyond the limits to be taken.
+    /// The target is taken as it is; if the axis gets beyond the limit it stops with BEYOND_SOFT, as in a velocity
+    /// motion. The throwing paper commands "actual position ± 3 rad" to get pure acceleration, which only works where
+    /// targets beyond the limits are taken unchanged: a nearer target makes a ramp brake earlier.
     #[default]
+    Run,
+    /// The module goes to the limit and ends there.
     Clip,
     /// The motion is not executed.
     Refuse,
-    /// The module runs into the limit and stops with BEYOND_SOFT, as a velocity motion does.
-    Run,
 }
 
 /// How a request that is understood but not obeyed is answered: gate closed, read-only, value refused.
