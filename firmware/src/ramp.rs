@@ -201,13 +201,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const LIMITS: RampLimits = RampLimits {
-        q_min_rad: -3.0,
-        q_max_rad: 3.0,
-        v_max_rad_s: 2.6,
-        a_max_rad_s2: 10.4,
-        reach_rad: 3.0,
-    };
+    const LIMITS: RampLimits =
+        RampLimits { q_min_rad: -3.0, q_max_rad: 3.0, v_max_rad_s: 2.6, a_max_rad_s2: 10.4, reach_rad: 3.0 };
 
     /// Generator as described above, in steps of 5 µs in double precision: an oracle, not our code.
     #[derive(Clone, Copy, Debug)]

@@ -373,8 +373,18 @@ mod tests {
     fn names_are_unique_and_carry_their_unit() {
         for (i, info) in TABLE.iter().enumerate() {
             assert_eq!(find(info.name), Some(i));
-            let dimensionless =
-                ["late_max", "missed_max", "in_flight_max", "share", "alpha", "beta", "k_last", "joints", "line", "address"];
+            let dimensionless = [
+                "late_max",
+                "missed_max",
+                "in_flight_max",
+                "share",
+                "alpha",
+                "beta",
+                "k_last",
+                "joints",
+                "line",
+                "address",
+            ];
             let unit = ["_us", "_rad", "_rad_s", "_rad_s2", "_a", "_1_s", "_1_s2", "_crc32"];
             let fine = info.kind == Kind::Bit
                 || dimensionless.iter().chain(&unit).any(|suffix| info.name.ends_with(suffix));
@@ -400,7 +410,10 @@ mod tests {
             assert_eq!(wrong.unwrap_err().cause, Cause::BadValue);
         }
         let crossed = [Number::Real32(3.2); 6];
-        assert_eq!(write(&mut settings, "joint.q_min_rad", &crossed).unwrap_err().cause, Cause::SettingsInvalid);
+        assert_eq!(
+            write(&mut settings, "joint.q_min_rad", &crossed).unwrap_err().cause,
+            Cause::SettingsInvalid
+        );
         assert_eq!(settings, before);
     }
 

@@ -153,7 +153,13 @@ impl Settings {
     /// tolerance and slow speeds are chosen.
     pub const fn powercube6() -> Self {
         // Degrees of the tables, as written there.
-        const fn joint(address: u32, q_deg: (f32, f32), v_deg_s: f32, a_rad_s2: f32, current_a: f32) -> JointSettings {
+        const fn joint(
+            address: u32,
+            q_deg: (f32, f32),
+            v_deg_s: f32,
+            a_rad_s2: f32,
+            current_a: f32,
+        ) -> JointSettings {
             const RAD: f32 = core::f32::consts::PI / 180.0;
             JointSettings {
                 address,
@@ -181,7 +187,8 @@ impl Settings {
         let j4 = joint(4, (-180.0, 180.0), 149.0, 10.4, 15.0);
         let j5 = joint(5, (-115.0, 115.0), 248.0, 16.6, 15.0);
         let j6 = joint(6, (-180.0, 180.0), 320.0, 22.3, 15.0);
-        let (j7, j8) = (joint(7, (-180.0, 180.0), 149.0, 10.4, 15.0), joint(8, (-180.0, 180.0), 149.0, 10.4, 15.0));
+        let (j7, j8) =
+            (joint(7, (-180.0, 180.0), 149.0, 10.4, 15.0), joint(8, (-180.0, 180.0), 149.0, 10.4, 15.0));
         Self {
             joints: 6,
             robot_crc32: 0,
@@ -284,7 +291,8 @@ impl Settings {
             if !in_order {
                 return Err(Refusal::at(Cause::SettingsInvalid, joint));
             }
-            let taken = self.joints().any(|other| other != joint && self.joint.at(other).address == j.address);
+            let taken =
+                self.joints().any(|other| other != joint && self.joint.at(other).address == j.address);
             if taken {
                 return Err(Refusal::at(Cause::DuplicateAddress, joint));
             }

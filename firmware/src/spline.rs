@@ -225,9 +225,7 @@ impl Spline {
         let t_us = t_us as u32;
         self.seek(t_us);
         match (self.knots().get(self.cursor), self.segment(self.cursor, joint)) {
-            (Some(from), Some(cubic)) => {
-                cubic.at(t_us.saturating_sub(from.t_us) as f32 * 1e-6 / cubic.h_s)
-            }
+            (Some(from), Some(cubic)) => cubic.at(t_us.saturating_sub(from.t_us) as f32 * 1e-6 / cubic.h_s),
             _ => Setpoint::default(),
         }
     }
@@ -268,9 +266,8 @@ mod tests {
         let qd = (6.0 * t2 - 6.0 * t) * (q0 - q1) / h
             + (3.0 * t2 - 4.0 * t + 1.0) * v0
             + (3.0 * t2 - 2.0 * t) * v1;
-        let qdd = (12.0 * t - 6.0) * (q0 - q1) / (h * h)
-            + (6.0 * t - 4.0) * v0 / h
-            + (6.0 * t - 2.0) * v1 / h;
+        let qdd =
+            (12.0 * t - 6.0) * (q0 - q1) / (h * h) + (6.0 * t - 4.0) * v0 / h + (6.0 * t - 2.0) * v1 / h;
         (q, qd, qdd)
     }
 
@@ -360,7 +357,8 @@ mod tests {
     fn throw_cubic_has_the_acceleration_of_the_printed_formula() {
         // s = t - ha: qd = qd_r (1 - s²/ha²): at t = 0 acceleration 2 qd_r / ha, at release zero.
         let (qd_r, ha) = (2.548_397_f32, 0.56);
-        let c = Cubic { h_s: ha, q0_rad: 0.0, qd0_rad_s: 0.0, q1_rad: 2.0 / 3.0 * qd_r * ha, qd1_rad_s: qd_r };
+        let c =
+            Cubic { h_s: ha, q0_rad: 0.0, qd0_rad_s: 0.0, q1_rad: 2.0 / 3.0 * qd_r * ha, qd1_rad_s: qd_r };
         assert!((c.at(0.0).qdd_rad_s2 - 2.0 * qd_r / ha).abs() < 1e-5);
         assert!(c.at(1.0).qdd_rad_s2.abs() < 1e-5);
         assert!((c.extremes().qdd_abs_rad_s2 - 2.0 * qd_r / ha).abs() < 1e-5);

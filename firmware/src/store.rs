@@ -522,7 +522,11 @@ pub fn load_settings(storage: &impl Storage, defaults: &Settings) -> Settings {
     if settings.check().is_ok() { settings } else { *defaults }
 }
 
-fn for_each_row<const N: usize>(storage: &impl Storage, slot: Slot, mut take: impl FnMut(&[u8; N])) -> Option<()> {
+fn for_each_row<const N: usize>(
+    storage: &impl Storage,
+    slot: Slot,
+    mut take: impl FnMut(&[u8; N]),
+) -> Option<()> {
     let seal = Seal::read(storage, Area::SettingsSeal(slot))?;
     let mut row = [0; N];
     for index in 0..(seal.len as usize).checked_div(N)?.min(registers::TABLE.len()) {
@@ -587,7 +591,8 @@ mod tests {
     fn file(q_rad: f32) -> Vec<u8> {
         let header = Header { joints: 6, period_us: 3_000, ..Header::default() };
         let mut out = vec![0; FILE_LEN_MAX];
-        let len = trajectory_format::encode(&header, &rest(PerJoint::splat(q_rad), 500_000), &mut out).unwrap();
+        let len =
+            trajectory_format::encode(&header, &rest(PerJoint::splat(q_rad), 500_000), &mut out).unwrap();
         out.truncate(len);
         out
     }
@@ -617,7 +622,11 @@ mod tests {
         let first = file(0.1);
         upload(&mut store, &mut *storage, &first).unwrap();
         assert_eq!(store.commit(&mut *storage, name(&first), &settings, &mut spline), Ok(()));
-        assert_eq!(store.commit(&mut *storage, name(&first), &settings, &mut spline), Ok(()), "again: harmless");
+        assert_eq!(
+            store.commit(&mut *storage, name(&first), &settings, &mut spline),
+            Ok(()),
+            "again: harmless"
+        );
         let (store, spline) = find(&*storage);
         assert_eq!(store.committed().unwrap().name, name(&first));
         assert!((spline.knots()[0].state.0[0].0 - 0.1).abs() < 1e-7);

@@ -123,7 +123,8 @@ pub fn decode(
     }
     read(0, &mut head)?;
     crc.update(&head);
-    let [m0, m1, m2, m3, version, joints, n0, n1, p0, p1, p2, p3, r0, r1, r2, r3, c0, c1, c2, c3, _, _, _, _] = head;
+    let [m0, m1, m2, m3, version, joints, n0, n1, p0, p1, p2, p3, r0, r1, r2, r3, c0, c1, c2, c3, _, _, _, _] =
+        head;
     if [m0, m1, m2, m3] != MAGIC || version != VERSION {
         return Err(Refusal::of(Cause::FileVersion));
     }
@@ -247,8 +248,7 @@ pub fn check(header: &Header, spline: &Spline, settings: &Settings) -> Result<()
 /// Knots of a plan whose joints rest at `q_rad` for `duration_us`: for tests and for holding.
 pub const fn rest(q_rad: PerJoint<f32>, duration_us: u32) -> [Knot; 2] {
     let PerJoint([a, b, c, d, e, f, g, h]) = q_rad;
-    let state =
-        PerJoint([(a, 0.0), (b, 0.0), (c, 0.0), (d, 0.0), (e, 0.0), (f, 0.0), (g, 0.0), (h, 0.0)]);
+    let state = PerJoint([(a, 0.0), (b, 0.0), (c, 0.0), (d, 0.0), (e, 0.0), (f, 0.0), (g, 0.0), (h, 0.0)]);
     [Knot { t_us: 0, state }, Knot { t_us: duration_us, state }]
 }
 
@@ -353,7 +353,8 @@ mod tests {
         };
         let times = [0, 500_000, 1_500_000, 2_000_000];
         let states = [at_first(3.0, 0.0), at_first(3.1, 1.0), at_first(3.1, -1.0), at_first(3.0, 0.0)];
-        let knots: Vec<Knot> = times.into_iter().zip(states).map(|(t_us, state)| Knot { t_us, state }).collect();
+        let knots: Vec<Knot> =
+            times.into_iter().zip(states).map(|(t_us, state)| Knot { t_us, state }).collect();
         let header = Header { joints: 6, period_us: 3_000, ..Header::default() };
         let (header, spline) = read(&file(&header, &knots)).unwrap();
         let refused = check(&header, &spline, &Settings::powercube6()).unwrap_err();
