@@ -1,2 +1,66 @@
-//! Joint-group controller (in work): the sans-IO core comes first, boards wire it.
-#![no_std]
+//! Joint-group controller: tracks uploaded splines with saturated state feedback and speaks ramp-extended
+//! commands to up to eight PowerCube drives. One core for a PC, an emulated Cortex-M and a board.
+//!
+//! # Map
+//!
+//! | layer | modules | is | must not |
+//! |---|---|---|---|
+//! | ground | [`joints`], [`crc`] | one value per joint, checksums | know anything else |
+//! | maths | [`spline`], [`feedback`], [`ramp`], [`path`] | reference, control law, acceleration in the words of a ramp drive, slowing down along the path; a host simulates with the same code | keep bus or state, know time but as an argument |
+//! | facts | [`fault`], [`settings`], [`registers`], [`trajectory_format`] | numbered causes, what can be set, the file a host uploads | act |
+//! | bus | [`drives`], [`schedule`], [`transmit`] | which reply belongs to which request, who is asked next, frames out | decide about motion |
+//! | group | [`state`], [`orders`], [`supervisor`], [`gripper`], [`store`] | states, what is legal when, what must hold, the release, power-proof storage | send frames |
+//! | view | [`telemetry`], [`trace`], [`freeze`] | what people see, now and afterwards | influence anything |
+//! | whole | [`controller`] | the [`protocol::Node`]; all control flow | know Cyphal, a board or a clock |
+//!
+//! A cycle, from left to right: reply → [`drives`] → [`feedback`] (with [`spline`]) → [`ramp`] → [`schedule`] → frames,
+//! with [`supervisor`] looking on.
+//!
+//! # Invariants
+//!
+//! 1. `no_std`, no heap, no `unsafe`, no path that panics; every loop is bounded by a constant or by the joints.
+//! 2. Time and frames are arguments. Floats are f32, functions come from `libm`: the same calls give the same
+//!    frames, byte for byte, on a PC and on a Cortex-M.
+//! 3. A motion command leaves in Homing, Jogging, Running and Stopping only, through one function
+//!    (`Controller::ask`), and never beyond the limits in [`settings`].
+//! 4. The first cause is latched; after a stop nothing moves until somebody arms anew.
+//! 5. A reply is never taken for another ([`drives`] says why).
+//! 6. A trajectory runs only after all checks of [`trajectory_format`], from where the joints are, under the
+//!    name the host gave it.
+#![cfg_attr(not(test), no_std)]
+#![forbid(unsafe_code)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::unreachable,
+        clippy::indexing_slicing
+    )
+)]
+
+pub mod controller;
+pub mod crc;
+pub mod drives;
+pub mod fault;
+pub mod feedback;
+pub mod freeze;
+pub mod gripper;
+pub mod joints;
+pub mod orders;
+pub mod path;
+pub mod ramp;
+pub mod registers;
+pub mod schedule;
+pub mod settings;
+pub mod spline;
+pub mod state;
+pub mod store;
+pub mod supervisor;
+pub mod telemetry;
+pub mod trace;
+pub mod trajectory_format;
+pub mod transmit;
+
+pub use controller::Controller;

@@ -1,0 +1,120 @@
+//! Arming in two steps, and starting a run.
+
+use protocol::powercube::{CubeState, ShortState};
+use protocol::{Duration, Instant};
+
+use super::{Controller, Offer};
+use crate::fault::{Cause, Refusal};
+use crate::orders::{ARMING_VALID_MAX, Done};
+use crate::state::State;
+use crate::store::{FileName, Storage};
+use crate::trajectory_format;
+
+impl<S: Storage> Controller<S> {
+    pub(super) fn require_host(&self, now: Instant) -> Result<(), Refusal> {
+        if self.host_is_alive(now) { Ok(()) } else { Err(Refusal::of(Cause::NoHost)) }
+    }
+
+    pub(super) fn order_prepare(
+        &mut self,
+        now: Instant,
+        crc64: u64,
+        valid: Duration,
+    ) -> Result<Done, Refusal> {
+        if valid.is_zero() || valid > ARMING_VALID_MAX {
+            return Err(Refusal::of(Cause::BadValue));
+        }
+        self.require_host(now)?;
+        self.require_trajectory(crc64)?;
+        if matches!(self.machine.state(), State::Stopped { .. }) {
+            // Drives are halted; nothing moves by a reset. Their state words are read anew before the second step.
+            self.send_reset(now);
+        }
+        // Different for each offer, and not guessed from the last one by counting.
+        let mixed = (u64::from(self.last_token) << 32 ^ now.as_micros()).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        let token = ((mixed >> 32) as u32).max(1);
+        let token = if token == self.last_token { token ^ 1 } else { token };
+        self.last_token = token;
+        self.offer = Some(Offer { token, until: now + valid });
+        Ok(Done::Offer { token, valid })
+    }
+
+    pub(super) fn order_confirm(
+        &mut self,
+        now: Instant,
+        token: u32,
+        valid: Duration,
+    ) -> Result<Done, Refusal> {
+        if valid.is_zero() || valid > ARMING_VALID_MAX {
+            return Err(Refusal::of(Cause::BadValue));
+        }
+        if let State::Armed { token: armed, .. } = *self.machine.state() {
+            return if armed == token { Ok(Done::Taken) } else { Err(Refusal::of(Cause::TokenWrong)) };
+        }
+        let offered = self.offer.is_some_and(|offer| offer.token == token && offer.until > now);
+        if !offered {
+            return Err(Refusal::of(Cause::TokenWrong));
+        }
+        self.require_runnable(now)?;
+        self.offer = None;
+        self.machine.to_armed(now, &mut self.trace, token, now + valid);
+        Ok(Done::Taken)
+    }
+
+    pub(super) fn order_run(&mut self, now: Instant, name: FileName) -> Result<Done, Refusal> {
+        let committed = self.store.committed().copied().ok_or(Refusal::of(Cause::NoTrajectory))?;
+        if committed.name != name {
+            return Err(Refusal::of(Cause::OtherTrajectory));
+        }
+        if matches!(self.machine.state(), State::Running { .. }) {
+            return Ok(Done::Taken);
+        }
+        self.require_runnable(now)?;
+        self.start_run(now, committed.header.release_us);
+        Ok(Done::Taken)
+    }
+
+    fn require_trajectory(&self, crc64: u64) -> Result<(), Refusal> {
+        let committed = self.store.committed().ok_or(Refusal::of(Cause::NoTrajectory))?;
+        if committed.name.crc64 != crc64 {
+            return Err(Refusal::of(Cause::OtherTrajectory));
+        }
+        Ok(())
+    }
+
+    /// All that must hold before the arm may move by itself.
+    fn require_runnable(&self, now: Instant) -> Result<(), Refusal> {
+        self.require_host(now)?;
+        let committed = self.store.committed().ok_or(Refusal::of(Cause::NoTrajectory))?;
+        // Settings may have changed since the commit.
+        trajectory_format::check(&committed.header, &self.spline, &self.settings)?;
+        if self.settings.gains_period_us != self.settings.cycle_period_us {
+            return Err(Refusal::of(Cause::GainPeriod));
+        }
+        for joint in self.joints() {
+            let (drive, limits) = (self.drives.at(joint), self.settings.joint.at(joint));
+            let Some((state, at)) = drive.state else { return Err(Refusal::at(Cause::DriveNotReady, joint)) };
+            let bad = CubeState::ERROR.union(CubeState::HALTED).union(CubeState::MOTION);
+            // Four things are read in turn, so nothing is older than four periods and a few.
+            let age_max = Duration::from_micros(8 * u64::from(self.settings.monitor_period_us));
+            let stale = at < self.reset_at || now.saturating_since(at) > age_max;
+            if stale || state.intersects(bad) || drive.missed_in_row > 0 {
+                return Err(Refusal::at(Cause::DriveNotReady, joint));
+            }
+            if !state.contains(CubeState::HOME_OK) {
+                return Err(Refusal::at(Cause::NotHomed, joint));
+            }
+            let Some(position) = drive.position else { return Err(Refusal::at(Cause::DriveNotReady, joint)) };
+            let old = position.at < self.reset_at || now.saturating_since(position.at) > age_max;
+            if old || drive.short_state.intersects(ShortState::NOT_OK) {
+                return Err(Refusal::at(Cause::DriveNotReady, joint));
+            }
+            let away_rad = (position.q_rad - self.spline.start_rad(joint)).abs();
+            // Written so that a number that is none fails.
+            if !(away_rad <= limits.start_tolerance_rad) {
+                return Err(Refusal::at(Cause::NotAtStart, joint));
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,283 @@
+//! Requests out, replies in: sending what the schedule says, and what every answer tells about its drive,
+//! whatever the state.
+
+use protocol::powercube::{
+    ACCEPTED, Address, Channel, CubeState, MotionPosition, Parameter, PosStateDio, Reply, Request,
+    SimpleCommand, Value,
+};
+use protocol::{Duration, Frame, Instant, JointIndex};
+
+use super::Controller;
+use crate::drives::{Lane, Matched, PositionSample, is_foreign_request};
+use crate::fault::{Cause, Fault};
+use crate::gripper::{self, Output};
+use crate::state::{State, StateKind};
+use crate::store::Storage;
+use crate::supervisor;
+use crate::trace::Event;
+
+impl<S: Storage> Controller<S> {
+    /// Sends what may be sent now.
+    pub(super) fn pump(&mut self, now: Instant) {
+        self.pump_gripper(now);
+        let window = self.settings.in_flight_max as usize;
+        // Each turn puts one more drive in flight, so it ends after at most `joints` turns.
+        for _ in 0..self.settings.joints {
+            let Some(next) = self.schedule.next(now, self.joints(), &self.drives, window) else { break };
+            self.ask(now, next.joint, Lane::Main, next.request);
+        }
+    }
+
+    pub(super) fn ask(&mut self, now: Instant, joint: JointIndex, lane: Lane, request: Request) {
+        // The one place where motion leaves: a state that must not move cannot make it.
+        if matches!(request, Request::Move(_)) {
+            if !self.kind().may_move() {
+                return;
+            }
+            self.counters.motions = self.counters.motions.wrapping_add(1);
+        }
+        let deadline = now + Duration::from_micros(self.settings.reply_deadline_us.into());
+        let module = self.settings.joint.at(joint).module();
+        let frame = self.drives.at_mut(joint).begin(lane, module, request, deadline);
+        self.send(frame);
+    }
+
+    fn pump_gripper(&mut self, now: Instant) {
+        let (Some(open), Output::Module(address)) = (self.gripper_write, gripper::output(&self.settings))
+        else {
+            return;
+        };
+        let joint = self.joints().find(|&joint| self.settings.joint.at(joint).address == address);
+        let Some(joint) = joint else {
+            // A module that is no joint: nobody waits for its answer.
+            self.gripper_write = None;
+            if let Some(module) = u8::try_from(address).ok().and_then(|a| protocol::ModuleId::new(a).ok()) {
+                let request = gripper::write(open, protocol::powercube::Dio(0), &self.settings);
+                self.send(request.encode(module));
+            }
+            return;
+        };
+        let request = gripper::write(open, self.drives.at(joint).dio, &self.settings);
+        if self.drives.at(joint).can_send(Lane::Side, &request, now) {
+            self.gripper_write = None;
+            self.ask(now, joint, Lane::Side, request);
+        }
+    }
+
+    pub(super) fn set_gripper(&mut self, now: Instant, open: bool) {
+        self.gripper.set(open, &self.settings);
+        if gripper::output(&self.settings) != Output::Board {
+            self.gripper_write = Some(open);
+        }
+        self.note(now, Event::Gripper(open));
+    }
+
+    /// Halt of one drive, beside whatever it is asked.
+    pub(super) fn halt_drive(&mut self, now: Instant, joint: JointIndex) {
+        let request = Request::Simple(SimpleCommand::Halt);
+        if self.drives.at(joint).can_send(Lane::Side, &request, now) {
+            self.ask(now, joint, Lane::Side, request);
+        } else {
+            // Better unmatched than not sent.
+            let module = self.settings.joint.at(joint).module();
+            self.send(request.encode(module));
+        }
+    }
+
+    /// Requests whose replies did not come in time.
+    pub(super) fn give_up_due(&mut self, now: Instant) {
+        for joint in self.joints() {
+            // Two lanes.
+            for _ in 0..2 {
+                let Some((lane, request)) = self.drives.at_mut(joint).give_up_due(now) else { break };
+                if lane == Lane::Main {
+                    self.schedule.clear(joint);
+                }
+                self.counters.replies_missed = self.counters.replies_missed.saturating_add(1);
+                self.track.at_mut(joint).missed = true;
+                self.note(now, Event::Missed(joint));
+                self.on_missed(now, joint, request);
+            }
+        }
+    }
+
+    fn on_missed(&mut self, now: Instant, joint: JointIndex, request: Request) {
+        let row = self.drives.at(joint).missed_in_row;
+        match *self.machine.state() {
+            State::Boot(stage) => self.boot_on_missed(now, stage, joint),
+            State::Running { .. } | State::Stopping { .. } | State::Homing(_) | State::Jogging(_)
+                if row >= self.settings.reply_missed_max =>
+            {
+                self.fail(now, Fault::at(Cause::DriveSilent, joint));
+            }
+            // A step of homing or of a jog that got no answer is asked again.
+            State::Homing(homing) if homing.joint == joint => self.homing_on_missed(joint, homing, request),
+            State::Jogging(jog) if jog.joint == joint => self.jogging_on_missed(joint, jog, request),
+            // While nothing moves, `judge_standing` counts.
+            State::Running { .. }
+            | State::Stopping { .. }
+            | State::Homing(_)
+            | State::Jogging(_)
+            | State::Idle
+            | State::Ready
+            | State::Armed { .. }
+            | State::Stopped { .. }
+            | State::Fault { .. } => {}
+        }
+    }
+
+    /// Frame of the bus: of a drive, or to one from somebody else.
+    pub(super) fn take_drive_frame(&mut self, now: Instant, frame: &Frame) {
+        let Some(Address::Module(channel, _)) = Address::of(frame.id()) else { return };
+        if is_foreign_request(channel) {
+            self.counters.foreign_requests = self.counters.foreign_requests.saturating_add(1);
+            return;
+        }
+        let Ok((module, reply)) = Reply::decode(frame) else { return };
+        let Some(joint) = self.settings.joint_of(module) else { return };
+        if let (Channel::State, Reply::State(state)) = (channel, reply) {
+            self.take_state(now, joint, state);
+            return;
+        }
+        if let Matched::Answer(lane, request) = self.drives.at_mut(joint).match_reply(now, &reply) {
+            self.on_answer(now, joint, lane, request, &reply);
+        }
+    }
+
+    fn on_answer(&mut self, now: Instant, joint: JointIndex, lane: Lane, request: Request, reply: &Reply) {
+        self.learn(now, joint, request, reply);
+        if lane == Lane::Side {
+            return;
+        }
+        match *self.machine.state() {
+            State::Boot(stage) => self.boot_on_answer(now, stage, joint, request, reply),
+            State::Homing(homing) => self.homing_on_answer(now, homing, joint, request),
+            State::Jogging(jog) => self.jogging_on_answer(now, jog, joint),
+            // Measurements were handed on by `learn`.
+            State::Running { .. }
+            | State::Stopping { .. }
+            | State::Idle
+            | State::Ready
+            | State::Armed { .. }
+            | State::Stopped { .. }
+            | State::Fault { .. } => {}
+        }
+    }
+
+    /// What an answer says about its drive.
+    fn learn(&mut self, now: Instant, joint: JointIndex, request: Request, reply: &Reply) {
+        match *reply {
+            Reply::Value(
+                Parameter::PosStateDio,
+                Value::PosStateDio(PosStateDio { position_rad, short_state, dio }),
+            ) => {
+                let drive = self.drives.at_mut(joint);
+                (drive.short_state, drive.dio) = (short_state, dio);
+                self.take_position(now, joint, position_rad, false);
+            }
+            Reply::Value(Parameter::ActPos, Value::F32(position_rad)) => {
+                self.take_position(now, joint, position_rad, false);
+            }
+            Reply::Value(Parameter::CubeState, Value::U32(bits)) => {
+                self.take_state(now, joint, CubeState::from_bits(bits));
+            }
+            Reply::Value(Parameter::Cur, Value::F32(current_a)) => self.take_current(now, joint, current_a),
+            Reply::Value(Parameter::DefVersion, Value::U16(version)) => {
+                self.drives.at_mut(joint).version = Some(protocol::powercube::FirmwareVersion(version));
+            }
+            Reply::SetAck { parameter, code } => self.take_ack(now, joint, request, parameter, code),
+            Reply::MotionExtended {
+                position: MotionPosition::Radians(position), short_state, dio, ..
+            } => {
+                let drive = self.drives.at_mut(joint);
+                (drive.short_state, drive.dio) = (short_state, dio);
+                self.take_position(now, joint, position.get(), true);
+            }
+            _ => {}
+        }
+    }
+
+    fn take_position(&mut self, now: Instant, joint: JointIndex, q_drive_rad: f32, of_motion: bool) {
+        let limits = *self.settings.joint.at(joint);
+        let at = now.saturating_sub(Duration::from_micros(self.settings.reply_age_us.into()));
+        let q_rad = limits.to_joint_rad(q_drive_rad);
+        let last = self.drives.at(joint).position;
+        let moving = self.kind().may_move() && self.kind() != StateKind::Homing;
+        let usable = if moving {
+            supervisor::is_plausible(q_rad, at, last, limits.v_max_rad_s)
+        } else {
+            // Homing and people move joints as they like; only a number that is none is refused.
+            q_rad.is_finite()
+        };
+        if !usable {
+            let drive = self.drives.at_mut(joint);
+            drive.counters.implausible = drive.counters.implausible.saturating_add(1);
+            drive.missed_in_row = drive.missed_in_row.saturating_add(1);
+            let row = self.track.at(joint).missed;
+            self.track.at_mut(joint).missed = true;
+            self.note(now, Event::Implausible(joint));
+            // One may be a mix-up on the bus; the next one must be right.
+            if row {
+                self.fail(now, Fault::at(Cause::ReplyImplausible, joint));
+            }
+            return;
+        }
+        self.drives.at_mut(joint).position = Some(PositionSample { q_rad, at });
+        if matches!(self.machine.state(), State::Running { .. } | State::Stopping { .. }) {
+            self.take_measurement(now, joint, PositionSample { q_rad, at }, of_motion);
+        } else {
+            self.track.at_mut(joint).missed = false;
+        }
+    }
+
+    fn take_state(&mut self, now: Instant, joint: JointIndex, state: CubeState) {
+        let homed_before = self.drive_is_homed(joint);
+        self.drives.at_mut(joint).state = Some((state, now));
+        if matches!(self.machine.state(), State::Running { .. } | State::Stopping { .. } | State::Jogging(_))
+        {
+            let cause = supervisor::check_state_word(state, false);
+            let lost = homed_before && !state.contains(CubeState::HOME_OK);
+            if let Some(cause) = cause.or(lost.then_some(Cause::DriveLostHome)) {
+                self.fail(now, Fault::at(cause, joint));
+            }
+        }
+    }
+
+    fn take_current(&mut self, now: Instant, joint: JointIndex, current_a: f32) {
+        let limits = self.settings.joint.at(joint);
+        let slow = matches!(self.machine.state(), State::Jogging(_) | State::Homing(_));
+        let limit_a = if slow { 1.2 * limits.slow_current_a } else { limits.current_max_a };
+        let drive = self.drives.at_mut(joint);
+        drive.current_a = Some(current_a);
+        // Written so that a number that is none counts as too much.
+        let fine = current_a.abs() <= limit_a;
+        drive.over_current = if fine { 0 } else { drive.over_current.saturating_add(1) };
+        if drive.over_current >= supervisor::OVER_CURRENT_READINGS && self.kind().may_move() {
+            self.fail(now, Fault::at(Cause::OverCurrent, joint));
+        }
+    }
+
+    fn take_ack(
+        &mut self,
+        now: Instant,
+        joint: JointIndex,
+        request: Request,
+        parameter: Parameter,
+        code: Option<u8>,
+    ) {
+        let accepted = code == Some(ACCEPTED);
+        let value = match request {
+            Request::Set(_, Value::F32(value)) if accepted => Some(value),
+            _ => None,
+        };
+        let loaded = &mut self.drives.at_mut(joint).loaded;
+        match parameter {
+            Parameter::TargetVel => loaded.v_rad_s = value,
+            Parameter::TargetAcc => loaded.a_rad_s2 = value,
+            _ => {}
+        }
+        if !accepted && self.kind().may_move() {
+            self.fail(now, Fault::at(Cause::DriveRefused, joint));
+        }
+    }
+}

@@ -1,0 +1,173 @@
+//! Doors for a host: orders, stop, heartbeat, registers, upload.
+
+use protocol::{Duration, Instant};
+
+use super::Controller;
+use crate::fault::{Cause, Fault, Reaction, Refusal};
+use crate::orders::{Done, Order, OrderKind};
+use crate::registers::{self, Number, Numbers, Writable};
+use crate::state::{State, StateKind};
+use crate::store::{self, Storage};
+use crate::trace::Event;
+
+impl<S: Storage> Controller<S> {
+    /// Takes an order.
+    ///
+    /// # Errors
+    ///
+    /// Why it was refused; nothing has changed then.
+    pub fn order(&mut self, now: Instant, order: Order) -> Result<Done, Refusal> {
+        self.now = now;
+        let kind = order.kind();
+        let outcome = if kind.is_legal_in(self.kind()) {
+            self.take_order(now, order)
+        } else {
+            Err(Refusal::of(Cause::OrderNotNow))
+        };
+        match outcome {
+            // A jog comes many times a second.
+            Ok(_) if kind == OrderKind::Jog => {}
+            Ok(_) => self.note(now, Event::Order(kind)),
+            Err(refusal) => self.note(now, Event::Refused(kind, refusal.cause)),
+        }
+        self.pump(now);
+        outcome
+    }
+
+    fn take_order(&mut self, now: Instant, order: Order) -> Result<Done, Refusal> {
+        match order {
+            Order::ArmPrepare { crc64, valid } => return self.order_prepare(now, crc64, valid),
+            Order::ArmConfirm { token, valid } => return self.order_confirm(now, token, valid),
+            Order::Run(name) => return self.order_run(now, name),
+            Order::Disarm => {
+                self.offer = None;
+                if matches!(self.machine.state(), State::Armed { .. }) {
+                    self.machine.to_ready(now, &mut self.trace);
+                }
+            }
+            Order::Stop => self.fail(now, Fault::group(Cause::StopOrdered)),
+            Order::ClearFault { code } => self.order_clear(now, code)?,
+            Order::Home { mask } => self.order_home(now, mask)?,
+            Order::Jog { joint, qd_rad_s, hold } => self.order_jog(now, joint, qd_rad_s, hold)?,
+            Order::Commit(name) => {
+                self.offer = None;
+                self.store.commit(&mut self.storage, name, &self.settings, &mut self.spline)?;
+            }
+            Order::Gripper { open } => self.set_gripper(now, open),
+            Order::SaveSettings => store::save_settings(&mut self.storage, &self.settings)?,
+        }
+        Ok(Done::Taken)
+    }
+
+    fn order_clear(&mut self, now: Instant, code: u16) -> Result<(), Refusal> {
+        let State::Fault { fault } = *self.machine.state() else { return Ok(()) };
+        if fault.cause.code() != code {
+            return Err(Refusal { cause: Cause::OtherFault, joint: fault.joint, index: fault.cause.code() });
+        }
+        self.freeze = None;
+        self.start_boot(now, true);
+        Ok(())
+    }
+
+    /// A stop message: the halt broadcast is the next frame out, whatever the state.
+    pub fn stop_now(&mut self, now: Instant) {
+        self.now = now;
+        let fault = Fault::group(Cause::StopMessage);
+        match self.kind() {
+            // Said again, because somebody asks again.
+            StateKind::Stopped | StateKind::Fault => {
+                self.transmit.halt();
+                self.counters.halts = self.counters.halts.saturating_add(1);
+            }
+            _ => self.react(now, fault, Reaction::Halt),
+        }
+    }
+
+    /// Sign of life of the host that gives orders.
+    pub const fn host_heartbeat(&mut self, now: Instant) {
+        self.host_seen = Some(now);
+    }
+
+    /// Numbers of a register; `None` for an unknown name.
+    pub fn register(&self, name: &str) -> Option<Numbers> {
+        registers::read(&self.settings, name)
+    }
+
+    /// Writes a register: all numbers or none. Gains take over without a bump, also during a motion.
+    ///
+    /// # Errors
+    ///
+    /// As [`registers::write`]; [`Cause::OrderNotNow`] while the register must not change.
+    pub fn write_register(&mut self, now: Instant, name: &str, numbers: &[Number]) -> Result<(), Refusal> {
+        self.now = now;
+        let writable =
+            registers::find(name).and_then(|index| registers::TABLE.get(index)).map(|info| info.writable);
+        let at_rest = matches!(
+            self.kind(),
+            StateKind::Boot | StateKind::Idle | StateKind::Ready | StateKind::Stopped | StateKind::Fault
+        );
+        match writable {
+            None => return Err(Refusal::of(Cause::BadValue)),
+            Some(Writable::AtRest | Writable::NextStart) if !at_rest => {
+                return Err(Refusal::of(Cause::OrderNotNow));
+            }
+            Some(Writable::Always | Writable::AtRest | Writable::NextStart) => {}
+        }
+        let mut changed = self.settings;
+        registers::write(&mut changed, name, numbers)?;
+        let running = matches!(self.kind(), StateKind::Running | StateKind::Stopping);
+        if running && changed.gains_period_us != changed.cycle_period_us {
+            return Err(Refusal::of(Cause::GainPeriod));
+        }
+        let blend = if running { changed.gains_blend_us / changed.cycle_period_us.max(1) } else { 0 };
+        for joint in self.joints() {
+            let (old, new) = (self.settings.joint.at(joint).gains(), changed.joint.at(joint).gains());
+            if old != new {
+                let cycles = u16::try_from(blend).unwrap_or(u16::MAX);
+                self.track.at_mut(joint).gains.change(new, cycles);
+            }
+        }
+        if writable == Some(Writable::NextStart) && changed != self.settings {
+            // Drives and joints are assigned at start-up: look for them again with the new assignment.
+            self.settings = changed;
+            self.watchdog_proven = false;
+            self.start_boot(now, false);
+            return Ok(());
+        }
+        self.settings = changed;
+        Ok(())
+    }
+
+    /// Takes a piece of a trajectory file into the inactive bank.
+    ///
+    /// # Errors
+    ///
+    /// As [`store::TrajectoryStore::write`]; [`Cause::BankBusy`] while armed or moving.
+    pub fn upload(&mut self, now: Instant, offset: usize, data: &[u8]) -> Result<(), Refusal> {
+        self.now = now;
+        if self.kind().may_move() || self.kind() == StateKind::Armed {
+            return Err(Refusal::of(Cause::BankBusy));
+        }
+        self.offer = None;
+        self.store.write(&mut self.storage, offset, data)
+    }
+
+    /// Reads the trajectory file back; returns the bytes filled.
+    ///
+    /// # Errors
+    ///
+    /// [`Cause::StorageFailed`].
+    pub fn download(&self, offset: usize, out: &mut [u8]) -> Result<usize, Refusal> {
+        self.store.read(&self.storage, offset, out)
+    }
+
+    /// Time left of an arming or an offer.
+    pub(super) fn arming_left(&self, now: Instant) -> Duration {
+        let until = match (self.machine.state(), self.offer) {
+            (State::Armed { until, .. }, _) => *until,
+            (_, Some(offer)) => offer.until,
+            _ => now,
+        };
+        until.saturating_since(now)
+    }
+}

@@ -1,0 +1,179 @@
+//! Jogging: one joint at reduced speed, acceleration and current, while the order is repeated.
+//!
+//! Each step sends the drive to where it would be when the hold time ends, braking included: a controller that
+//! falls silent leaves a joint that stops there by itself.
+
+use protocol::powercube::{Motion, MotionCommand, Parameter, Request, Value};
+use protocol::units::Radians;
+use protocol::{Duration, Instant, JointIndex};
+
+use super::Controller;
+use crate::fault::{Cause, Fault, Refusal};
+use crate::joints::clamp;
+use crate::orders::JOG_HOLD_MAX;
+use crate::ramp::{self, RampState};
+use crate::schedule::Agenda;
+use crate::state::{Jog, JogStep, State};
+use crate::store::Storage;
+
+impl<S: Storage> Controller<S> {
+    pub(super) fn order_jog(
+        &mut self,
+        now: Instant,
+        joint: JointIndex,
+        qd_rad_s: f32,
+        hold: Duration,
+    ) -> Result<(), Refusal> {
+        if joint.get() >= self.settings.joints as usize {
+            return Err(Refusal::of(Cause::JointUnknown));
+        }
+        if !qd_rad_s.is_finite() || hold > JOG_HOLD_MAX || hold.is_zero() {
+            return Err(Refusal::at(Cause::BadValue, joint));
+        }
+        self.require_host(now)?;
+        let limits = *self.settings.joint.at(joint);
+        let qd_rad_s = clamp(qd_rad_s, -limits.jog_v_rad_s, limits.jog_v_rad_s);
+        let until = now + hold;
+        if let State::Jogging(jog) = self.machine.data() {
+            let same = jog.joint == joint && matches!(jog.step, JogStep::Starting | JogStep::Moving);
+            if !same {
+                return Err(Refusal::at(Cause::OrderNotNow, joint));
+            }
+            (jog.qd_rad_s, jog.until) = (qd_rad_s, until);
+            return Ok(());
+        }
+        if self.drives.at(joint).position.is_none() {
+            return Err(Refusal::at(Cause::DriveNotReady, joint));
+        }
+        if matches!(self.machine.state(), State::Stopped { .. }) {
+            self.send_reset(now);
+        }
+        self.schedule.clear_all();
+        self.offer = None;
+        self.machine.to_jogging(
+            now,
+            &mut self.trace,
+            Jog { joint, qd_rad_s, until, step: JogStep::Starting },
+        );
+        self.start_jog(joint);
+        Ok(())
+    }
+
+    fn start_jog(&mut self, joint: JointIndex) {
+        let limits = *self.settings.joint.at(joint);
+        let requests = [
+            Request::Set(Parameter::MaxCur, Value::F32(limits.slow_current_a)),
+            Request::Set(Parameter::TargetVel, Value::F32(limits.jog_v_rad_s)),
+            Request::Set(Parameter::TargetAcc, Value::F32(limits.jog_a_rad_s2)),
+        ];
+        self.schedule.set(joint, Agenda::of(&requests));
+    }
+
+    pub(super) fn jogging_tick(&mut self, now: Instant, jog: Jog) {
+        if !self.host_is_alive(now) && matches!(jog.step, JogStep::Starting | JogStep::Moving) {
+            self.fail(now, Fault::group(Cause::HostLost));
+            return;
+        }
+        match jog.step {
+            JogStep::Starting | JogStep::Moving if jog.until <= now || jog.qd_rad_s == 0.0 => {
+                self.release_jog(now, jog);
+            }
+            JogStep::Moving => {
+                if self.schedule.is_done(jog.joint, self.drives.at(jog.joint)) {
+                    let target_rad = self.jog_target(now, &jog);
+                    self.schedule.set(jog.joint, Agenda::of(&self.jog_requests(&jog, target_rad)));
+                    // Each tenth step its current, in the same breath.
+                    if self.ticks.is_multiple_of(10) {
+                        self.schedule.push(jog.joint, Request::Get(Parameter::Cur));
+                    }
+                }
+            }
+            JogStep::Releasing { until } if until <= now => {
+                self.restore_current(jog.joint);
+                self.set_jog_step(JogStep::Restoring);
+            }
+            JogStep::Starting | JogStep::Releasing { .. } | JogStep::Restoring => {}
+        }
+        for joint in self.joints().filter(|&joint| joint != jog.joint) {
+            if self.schedule.is_done(joint, self.drives.at(joint)) {
+                self.schedule.push(joint, self.poll_request(joint));
+            }
+        }
+    }
+
+    /// Speed as a write before the motion: it keeps the keys alternating, and the cap up to date.
+    fn jog_requests(&self, jog: &Jog, target_rad: f32) -> [Request; 2] {
+        let limits = self.settings.joint.at(jog.joint);
+        let target = Radians::new(limits.to_drive_rad(target_rad));
+        let v = jog.qd_rad_s.abs().min(limits.jog_v_rad_s);
+        [
+            Request::Set(Parameter::TargetVel, Value::F32(v)),
+            Request::Move(Motion::extended(MotionCommand::Ramp { target })),
+        ]
+    }
+
+    /// Where the joint comes to rest if this is the last word. An unhomed joint has no limits to keep.
+    fn jog_target(&self, now: Instant, jog: &Jog) -> f32 {
+        let limits = self.settings.joint.at(jog.joint);
+        let q_rad = self.drives.at(jog.joint).position.map_or(0.0, |position| position.q_rad);
+        let left_s = jog.until.saturating_since(now).as_secs_f32();
+        let way_rad = jog.qd_rad_s * left_s + 0.5 * jog.qd_rad_s * jog.qd_rad_s.abs() / limits.jog_a_rad_s2;
+        let target_rad = q_rad + way_rad;
+        if self.drive_is_homed(jog.joint) {
+            clamp(target_rad, limits.q_min_rad.min(q_rad), limits.q_max_rad.max(q_rad))
+        } else {
+            target_rad
+        }
+    }
+
+    /// Ramp to rest from where the joint is.
+    fn release_jog(&mut self, now: Instant, jog: Jog) {
+        let limits = *self.settings.joint.at(jog.joint);
+        let Some(position) = self.drives.at(jog.joint).position else { return };
+        let v_rad_s = if jog.step == JogStep::Moving { jog.qd_rad_s } else { 0.0 };
+        let state = RampState { q_rad: position.q_rad, v_rad_s };
+        let stop = ramp::stop(state, limits.jog_a_rad_s2, &limits.ramp_limits(self.settings.reach_rad));
+        let homed = self.drive_is_homed(jog.joint);
+        let free_rad = position.q_rad + 0.5 * v_rad_s * v_rad_s.abs() / limits.jog_a_rad_s2;
+        let target_rad = if homed { stop.target_rad } else { free_rad };
+        if jog.step == JogStep::Moving {
+            self.schedule.set(jog.joint, Agenda::of(&self.jog_requests(&jog, target_rad)));
+        } else {
+            self.schedule.clear(jog.joint);
+        }
+        let rest_s = 2.0 * limits.jog_v_rad_s / limits.jog_a_rad_s2 + 0.05;
+        let until = now + Duration::from_secs_f64(rest_s.into());
+        self.set_jog_step(JogStep::Releasing { until });
+    }
+
+    fn set_jog_step(&mut self, step: JogStep) {
+        if let State::Jogging(jog) = self.machine.data() {
+            jog.step = step;
+        }
+    }
+
+    pub(super) fn jogging_on_missed(&mut self, joint: JointIndex, jog: Jog, request: Request) {
+        match (jog.step, request) {
+            (JogStep::Starting, _) => self.start_jog(joint),
+            (JogStep::Restoring, Request::Set(..)) => self.restore_current(joint),
+            (JogStep::Moving | JogStep::Releasing { .. } | JogStep::Restoring, _) => {}
+        }
+    }
+
+    pub(super) fn jogging_on_answer(&mut self, now: Instant, jog: Jog, joint: JointIndex) {
+        if joint != jog.joint || !self.schedule.is_done(joint, self.drives.at(joint)) {
+            return;
+        }
+        match jog.step {
+            JogStep::Starting => self.set_jog_step(JogStep::Moving),
+            JogStep::Restoring => {
+                if self.all_homed() {
+                    self.machine.to_ready(now, &mut self.trace);
+                } else {
+                    self.machine.to_idle(now, &mut self.trace);
+                }
+            }
+            JogStep::Moving | JogStep::Releasing { .. } => {}
+        }
+    }
+}

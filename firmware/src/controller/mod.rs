@@ -1,0 +1,443 @@
+//! The joint-group controller: a [`Node`] on the drives' bus, and the doors for a host.
+//!
+//! # Calls
+//!
+//! * **Bus**: the [`Node`] contract. Frames of 29-bit ids are not its business.
+//! * **Host**: [`Controller::order`], [`Controller::stop_now`], [`Controller::host_heartbeat`], registers, upload.
+//!   They do not know by which protocol a host speaks. After each call the runner drains
+//!   [`Node::poll_frame`], as after a `handle_*` call; `now` obeys the same rule.
+//! * **Queries** change nothing.
+//!
+//! # Files
+//!
+//! `drive_io` sends and matches; `boot`, `homing`, `jogging`, `running`, `stopping` are the states that do
+//! something; `arming` and `host` take orders; `report` makes samples.
+//!
+//! # Bounded work
+//!
+//! One call handles one frame or one set of deadlines: at most one control step (a fixed number of
+//! operations per joint) and at most [`QUEUE_LEN`](crate::transmit::QUEUE_LEN) frames out. Only a commit takes longer,
+//! a few milliseconds on a Cortex-M4 for the longest file, and it is refused while anything is armed or moves.
+
+mod arming;
+mod boot;
+mod drive_io;
+mod homing;
+mod host;
+mod jogging;
+mod report;
+mod running;
+mod stopping;
+
+use protocol::powercube::{Broadcast, Parameter, Request, Value};
+use protocol::{Duration, Frame, Instant, JointIndex, Node};
+
+use crate::drives::Drive;
+use crate::fault::{Cause, Fault};
+use crate::feedback::{BlendedGains, ErrorEstimator};
+use crate::freeze::FreezeFrame;
+use crate::gripper::Gripper;
+use crate::joints::PerJoint;
+use crate::ramp;
+use crate::schedule::Schedule;
+use crate::settings::Settings;
+use crate::spline::{Setpoint, Spline};
+use crate::state::{Machine, State, StateKind};
+use crate::store::{self, Storage, TrajectoryStore};
+use crate::telemetry::Counters;
+use crate::trace::{Event, Trace};
+use crate::transmit::TransmitQueue;
+
+/// Generator of a drive as our commands should have left it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Generator {
+    v_rad_s: f32,
+    a_rad_s2: f32,
+    /// Speed it keeps once reached.
+    cap_rad_s: f32,
+    at: Instant,
+}
+
+impl Generator {
+    /// Velocity at a time near the last command.
+    fn v_at(&self, t: Instant) -> f32 {
+        let dt_s = t.saturating_since(self.at).as_secs_f32();
+        let v = self.v_rad_s + self.a_rad_s2 * dt_s;
+        if v * self.a_rad_s2 > 0.0 {
+            let cap = self.cap_rad_s.max(self.v_rad_s.abs());
+            crate::joints::clamp(v, -cap, cap)
+        } else {
+            v
+        }
+    }
+}
+
+/// Tracking of one joint.
+#[derive(Clone, Copy, Debug, Default)]
+struct Track {
+    estimator: ErrorEstimator,
+    gains: BlendedGains,
+    generator: Generator,
+    /// Time of the state in the estimator.
+    measured_at: Instant,
+    /// A motion was answered since the last control step.
+    fresh: bool,
+    /// Input of the error system in force since the last answered motion.
+    u_in_force: f32,
+    /// Input and command of this cycle, in force once answered.
+    u_sent: f32,
+    command: ramp::Command,
+    /// From the start of a cycle to the drive's measurement, µs.
+    phase_us: u32,
+    reference: Setpoint,
+    saturated: bool,
+    missed: bool,
+    near_limit_in_row: u8,
+}
+
+/// Offer to arm that waits for its confirmation.
+#[derive(Clone, Copy, Debug)]
+struct Offer {
+    token: u32,
+    until: Instant,
+}
+
+/// Start-up of one drive.
+#[derive(Clone, Copy, Debug, Default)]
+struct BootProgress {
+    step: u8,
+    tries: u8,
+}
+
+/// See the [module](self).
+pub struct Controller<S> {
+    settings: Settings,
+    storage: S,
+    store: TrajectoryStore,
+    spline: Spline,
+    machine: Machine,
+    drives: PerJoint<Drive>,
+    schedule: Schedule,
+    track: PerJoint<Track>,
+    boot: PerJoint<BootProgress>,
+    gripper: Gripper,
+    transmit: TransmitQueue,
+    trace: Trace,
+    freeze: Option<FreezeFrame>,
+    counters: Counters,
+    bus_bits: u32,
+    offer: Option<Offer>,
+    last_token: u32,
+    host_seen: Option<Instant>,
+    watchdog_proven: bool,
+    /// Next sign of life to the drives; `None` while they get none.
+    watchdog_due: Option<Instant>,
+    /// Next step of whatever the state does.
+    tick_due: Instant,
+    /// Start of the running cycle.
+    tick_at: Instant,
+    ticks: u32,
+    late_in_row: u32,
+    jitter: Duration,
+    /// Drives' state words read before this are from before the last reset.
+    reset_at: Instant,
+    telemetry_due: Instant,
+    /// Gripper write that waits for its lane.
+    gripper_write: Option<bool>,
+    /// Time of the last call.
+    now: Instant,
+}
+
+impl<S: Storage> Controller<S> {
+    /// Controller with the stored settings over `defaults` and the stored trajectory; it begins to look for
+    /// the drives at its first deadline.
+    ///
+    /// `defaults` must pass [`Settings::check`]; others are replaced by [`Settings::powercube6`].
+    pub fn new(storage: S, defaults: &Settings) -> Self {
+        let built_in = Settings::powercube6();
+        let defaults = if defaults.check().is_ok() { defaults } else { &built_in };
+        let settings = store::load_settings(&storage, defaults);
+        let mut controller = Self {
+            settings,
+            storage,
+            store: TrajectoryStore::new(),
+            spline: Spline::empty(),
+            machine: Machine::new(),
+            drives: PerJoint::default(),
+            schedule: Schedule::default(),
+            track: PerJoint::default(),
+            boot: PerJoint::default(),
+            gripper: Gripper::default(),
+            transmit: TransmitQueue::default(),
+            trace: Trace::default(),
+            freeze: None,
+            counters: Counters::default(),
+            bus_bits: 0,
+            offer: None,
+            last_token: 0,
+            host_seen: None,
+            watchdog_proven: false,
+            watchdog_due: None,
+            tick_due: Instant::ZERO,
+            tick_at: Instant::ZERO,
+            ticks: 0,
+            late_in_row: 0,
+            jitter: Duration::ZERO,
+            reset_at: Instant::ZERO,
+            telemetry_due: Instant::ZERO,
+            gripper_write: None,
+            now: Instant::ZERO,
+        };
+        controller.store.find(&controller.storage, &controller.settings, &mut controller.spline);
+        for joint in controller.joints() {
+            let gains = BlendedGains::fixed(controller.settings.joint.at(joint).gains());
+            controller.track.at_mut(joint).gains = gains;
+        }
+        controller
+    }
+
+    /// Joints in use, base first.
+    pub fn joints(&self) -> impl DoubleEndedIterator<Item = JointIndex> + Clone + use<S> {
+        self.settings.joints()
+    }
+
+    /// The aggregate state.
+    pub const fn state(&self) -> &State {
+        self.machine.state()
+    }
+
+    /// Settings in force.
+    pub const fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// What happened lately.
+    pub const fn trace(&self) -> &Trace {
+        &self.trace
+    }
+
+    /// The group at the moment of the latched fault.
+    pub const fn freeze_frame(&self) -> Option<&FreezeFrame> {
+        self.freeze.as_ref()
+    }
+
+    /// A drive as the controller knows it.
+    pub const fn drive(&self, joint: JointIndex) -> &Drive {
+        self.drives.at(joint)
+    }
+
+    /// Level to put on the board's gripper output, once per change.
+    pub const fn take_gripper_level(&mut self) -> Option<bool> {
+        self.gripper.take_board_level()
+    }
+
+    /// The permanent storage.
+    pub const fn storage(&self) -> &S {
+        &self.storage
+    }
+
+    fn kind(&self) -> StateKind {
+        self.machine.state().kind()
+    }
+
+    fn note(&mut self, now: Instant, event: Event) {
+        self.trace.note(now, event);
+    }
+
+    /// Period of the state's steps.
+    fn tick_period(&self) -> Duration {
+        let us = match self.machine.state() {
+            State::Running { .. } | State::Stopping { .. } => self.settings.cycle_period_us,
+            _ => self.settings.monitor_period_us,
+        };
+        Duration::from_micros(us.into())
+    }
+
+    fn tick(&mut self, now: Instant) {
+        let period = self.tick_period();
+        let late = now.saturating_since(self.tick_due);
+        self.tick_at = now;
+        self.tick_due += period;
+        if self.tick_due <= now {
+            // A whole period was slept through: go on from here instead of catching up.
+            self.tick_due = now + period;
+        }
+        self.ticks = self.ticks.wrapping_add(1);
+        self.jitter = self.jitter.max(late);
+        match *self.machine.state() {
+            State::Boot(stage) => self.boot_tick(now, stage),
+            State::Idle
+            | State::Ready
+            | State::Armed { .. }
+            | State::Stopped { .. }
+            | State::Fault { .. } => {
+                self.monitor_tick(now);
+            }
+            State::Homing(homing) => self.homing_tick(now, homing),
+            State::Jogging(jog) => self.jogging_tick(now, jog),
+            State::Running { .. } => self.running_tick(now, late),
+            State::Stopping { .. } => self.stopping_tick(now),
+        }
+        self.pump(now);
+    }
+
+    /// States in which nothing moves: look at one thing of each drive, in turn.
+    fn monitor_tick(&mut self, now: Instant) {
+        for joint in self.joints() {
+            let request = self.poll_request(joint);
+            if self.schedule.is_done(joint, self.drives.at(joint)) {
+                self.schedule.push(joint, request);
+            }
+        }
+        self.judge_standing(now);
+        self.expire(now);
+    }
+
+    /// What to read next from a drive that does not move.
+    fn poll_request(&self, joint: JointIndex) -> Request {
+        let drive = self.drives.at(joint);
+        let wants_speed = self.kind() == StateKind::Armed && drive.loaded.v_rad_s.is_none();
+        if wants_speed {
+            // Then the first cycle of the run need not.
+            let v = self.settings.joint.at(joint).v_max_rad_s;
+            return Request::Set(Parameter::TargetVel, Value::F32(v));
+        }
+        let position = if self.has_pos_state(joint) { Parameter::PosStateDio } else { Parameter::ActPos };
+        Request::Get(match self.ticks % 4 {
+            0 | 2 => position,
+            1 => Parameter::CubeState,
+            _ => Parameter::Cur,
+        })
+    }
+
+    fn has_pos_state(&self, joint: JointIndex) -> bool {
+        let version = self.drives.at(joint).version;
+        let info = Parameter::TABLE.iter().find(|info| info.parameter == Parameter::PosStateDio);
+        match (version, info) {
+            (Some(version), Some(info)) => info.readable(version),
+            _ => false,
+        }
+    }
+
+    fn drive_is_homed(&self, joint: JointIndex) -> bool {
+        use protocol::powercube::CubeState;
+        self.drives.at(joint).state.is_some_and(|(state, _)| state.contains(CubeState::HOME_OK))
+    }
+
+    fn all_homed(&self) -> bool {
+        self.joints().all(|joint| self.drive_is_homed(joint))
+    }
+
+    fn host_is_alive(&self, now: Instant) -> bool {
+        let timeout = Duration::from_micros(self.settings.host_timeout_us.into());
+        self.host_seen.is_some_and(|seen| now.saturating_since(seen) <= timeout)
+    }
+
+    /// Faults and state changes while nothing moves.
+    fn judge_standing(&mut self, now: Instant) {
+        let kind = self.kind();
+        let halted_is_fine = kind == StateKind::Stopped;
+        if matches!(kind, StateKind::Idle | StateKind::Ready | StateKind::Armed | StateKind::Stopped) {
+            for joint in self.joints() {
+                let drive = self.drives.at(joint);
+                let silent = drive.missed_in_row > self.settings.reply_missed_max;
+                let word = drive.state.filter(|(_, at)| *at >= self.reset_at);
+                let cause =
+                    word.and_then(|(state, _)| crate::supervisor::check_state_word(state, halted_is_fine));
+                if let Some(cause) = if silent { Some(Cause::DriveSilent) } else { cause } {
+                    self.fail(now, Fault::at(cause, joint));
+                    return;
+                }
+            }
+        }
+        match (kind, self.all_homed()) {
+            (StateKind::Idle, true) => self.machine.to_ready(now, &mut self.trace),
+            (StateKind::Ready, false) => self.machine.to_idle(now, &mut self.trace),
+            (StateKind::Armed, false) => {
+                let lost = self.joints().find(|&joint| !self.drive_is_homed(joint));
+                self.fail(now, Fault { cause: Cause::DriveLostHome, joint: lost });
+            }
+            _ => {}
+        }
+    }
+
+    /// Offers and armings that end by themselves.
+    fn expire(&mut self, now: Instant) {
+        if self.offer.is_some_and(|offer| offer.until <= now) {
+            self.offer = None;
+        }
+        if let State::Armed { until, .. } = *self.machine.state()
+            && (until <= now || !self.host_is_alive(now))
+        {
+            self.machine.to_ready(now, &mut self.trace);
+        }
+    }
+
+    fn send_watchdog(&mut self, now: Instant) {
+        let refresh = Duration::from_micros(self.settings.watchdog_refresh_us.into());
+        self.watchdog_due = Some(now + refresh);
+        self.send(Broadcast::Watchdog.encode());
+    }
+
+    /// Clears errors and halts of all drives; nothing moves by it. What was read before is void.
+    fn send_reset(&mut self, now: Instant) {
+        self.reset_at = now + Duration::from_micros(1);
+        for joint in self.joints() {
+            self.drives.at_mut(joint).loaded = ramp::Loaded::default();
+        }
+        self.send(Broadcast::Reset.encode());
+    }
+
+    fn send(&mut self, frame: Frame) {
+        self.count_bits(&frame);
+        self.transmit.push(frame);
+    }
+
+    const fn count_bits(&mut self, frame: &Frame) {
+        // ISO 11898-1: 47 or 67 bits around the data, interframe space included, stuff bits not.
+        let bits = if frame.is_extended() { 67 } else { 47 };
+        let data = if frame.is_remote() { 0 } else { 8 * frame.dlc() as u32 };
+        self.bus_bits = self.bus_bits.wrapping_add(bits + data);
+    }
+}
+
+impl<S: Storage> Node for Controller<S> {
+    fn handle_frame(&mut self, now: Instant, frame: &Frame) {
+        self.now = now;
+        self.count_bits(frame);
+        self.take_drive_frame(now, frame);
+        self.pump(now);
+    }
+
+    fn handle_timeout(&mut self, now: Instant) {
+        self.now = now;
+        if self.gripper.take_due(now) {
+            self.set_gripper(now, true);
+        }
+        self.give_up_due(now);
+        if self.watchdog_due.is_some_and(|due| due <= now) {
+            self.send_watchdog(now);
+        }
+        if self.tick_due <= now {
+            self.tick(now);
+        } else {
+            self.pump(now);
+        }
+    }
+
+    fn poll_frame(&mut self) -> Option<Frame> {
+        self.transmit.pop()
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        let replies = self.joints().filter_map(|joint| self.drives.at(joint).deadline());
+        // A request may wait for its key to get free.
+        let waiting = self.schedule.wake_up(self.now, self.joints(), &self.drives);
+        replies
+            .chain([self.tick_due])
+            .chain(self.watchdog_due)
+            .chain(self.gripper.release_at())
+            .chain(waiting)
+            .min()
+    }
+}

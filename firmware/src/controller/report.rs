@@ -1,0 +1,82 @@
+//! Samples for a host.
+
+use protocol::powercube::CubeState;
+use protocol::{Duration, Instant, JointIndex};
+
+use super::Controller;
+use crate::joints::PerJoint;
+use crate::state::{State, StateKind};
+use crate::store::Storage;
+use crate::telemetry::{GroupSample, JointSample};
+
+impl<S: Storage> Controller<S> {
+    /// True once per telemetry period; ask after each `handle_*` call.
+    pub fn take_telemetry_due(&mut self, now: Instant) -> bool {
+        let due = self.telemetry_due <= now;
+        if due {
+            self.telemetry_due = now + Duration::from_micros(self.settings.telemetry_period_us.into());
+        }
+        due
+    }
+
+    /// The group now; the jitter counts anew from here.
+    pub fn take_sample(&mut self, now: Instant) -> GroupSample {
+        let jitter = core::mem::take(&mut self.jitter);
+        let mut joints = PerJoint::default();
+        let mut homed_mask = 0;
+        for joint in self.joints() {
+            let sample = self.joint_sample(joint);
+            homed_mask |= u8::from(sample.homed) << joint.get();
+            joints.set(joint, sample);
+        }
+        let path_us = match *self.machine.state() {
+            State::Running { clock, .. } | State::Stopping { clock, .. } => clock.at(now).0,
+            _ => 0,
+        };
+        GroupSample {
+            at: now,
+            state: self.kind(),
+            fault: self.machine.state().fault(),
+            homed_mask,
+            uploaded: self.store.uploaded(),
+            committed: self.store.committed().map(|committed| committed.name),
+            host_alive: self.host_is_alive(now),
+            gripper_open: self.gripper.is_open(),
+            cycle: self.settings.cycle_period(),
+            jitter,
+            counters: self.counters,
+            bus_bits: self.bus_bits,
+            path_us: u32::try_from(path_us.max(0)).unwrap_or(u32::MAX),
+            arming_left: self.arming_left(now),
+            joints,
+        }
+    }
+
+    /// One joint as of its last measurement.
+    pub fn joint_sample(&self, joint: JointIndex) -> JointSample {
+        let (drive, track) = (self.drives.at(joint), self.track.at(joint));
+        let state = drive.state.map_or(CubeState::EMPTY, |(state, _)| state);
+        let q_rad = drive.position.map_or(0.0, |position| position.q_rad);
+        let tracking = matches!(self.kind(), StateKind::Running | StateKind::Stopping);
+        let mut sample = JointSample {
+            q_rad,
+            current_a: drive.current_a,
+            short_state: drive.short_state,
+            reply_missed: track.missed,
+            homed: state.contains(CubeState::HOME_OK),
+            drive_error: state.intersects(CubeState::ERROR),
+            halted: state.intersects(CubeState::HALTED),
+            ..JointSample::default()
+        };
+        if tracking {
+            sample.qd_rad_s = track.reference.qd_rad_s + track.estimator.de_rad_s();
+            sample.error_q_rad = -track.estimator.e_rad();
+            sample.error_qd_rad_s = -track.estimator.de_rad_s();
+            sample.qdd_command_rad_s2 = track.command.qdd_rad_s2;
+            sample.saturated = track.saturated;
+            sample.speed_limited = track.command.speed_limited;
+            sample.position_limited = track.command.position_limited;
+        }
+        sample
+    }
+}

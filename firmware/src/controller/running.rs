@@ -1,0 +1,273 @@
+//! The control cycle: analyse all joints, decide one command for each, hand them to the schedule.
+//!
+//! In cycle k the commands are computed from what cycle k-1 measured and act from the joint's slot in cycle k on,
+//! for one period. So the law's state is one period old when its command begins to act, and the feed forward is the mean
+//! acceleration of the reference over the slot-to-slot interval ([`crate::feedback`]).
+
+use protocol::powercube::{Motion, MotionCommand, Parameter, Request, Value};
+use protocol::units::Radians;
+use protocol::{Duration, Instant, JointIndex};
+
+use super::{Controller, Generator};
+use crate::drives::PositionSample;
+use crate::fault::{Cause, Fault};
+use crate::feedback::{self, ErrorState};
+use crate::path::PathClock;
+use crate::ramp::{self, RampState};
+use crate::schedule::Agenda;
+use crate::spline::Setpoint;
+use crate::state::{State, StopWay};
+use crate::store::Storage;
+use crate::supervisor::{self, Measured};
+use crate::trace::Event;
+
+/// Cycles between the order and the start of the plan: the loop settles on the standing reference.
+const START_CYCLES: u64 = 2;
+/// Time for the last ramps to end before the run counts as done.
+const PARKING: Duration = Duration::from_millis(300);
+/// Pull of the generator model to the measured speed, 1/s: against drift by jitter of the slots; slow,
+/// because the measured speed lags by the drive's position loop.
+const GENERATOR_PULL_1_S: f32 = 5.0;
+/// Commands in a row turned into braking before a soft limit that stop the group.
+const NEAR_LIMIT_ROW: u8 = 3;
+
+impl<S: Storage> Controller<S> {
+    /// Begins the committed trajectory. Preconditions were checked by the order.
+    pub(super) fn start_run(&mut self, now: Instant, release_us: Option<u32>) {
+        let period = self.settings.cycle_period();
+        let start = now + period * START_CYCLES;
+        self.schedule.clear_all();
+        for joint in self.joints() {
+            let q_start_rad = self.spline.start_rad(joint);
+            let q_rad = self.drives.at(joint).position.map_or(q_start_rad, |position| position.q_rad);
+            let track = self.track.at_mut(joint);
+            track.estimator = feedback::ErrorEstimator::default();
+            track.estimator.update(q_rad - q_start_rad, 0.0, 0.0, self.settings.weights());
+            track.generator = Generator { at: now, ..Generator::default() };
+            track.measured_at = now;
+            // Not a measurement of a motion, but as good: the joint stands.
+            track.fresh = true;
+            (track.u_in_force, track.u_sent) = (0.0, 0.0);
+            (track.missed, track.near_limit_in_row) = (false, 0);
+            track.phase_us = self.settings.cycle_period_us / 2;
+        }
+        if let Some(release_us) = release_us {
+            let opening = Duration::from_micros(self.settings.gripper_opening_us.into());
+            self.gripper.plan(start + Duration::from_micros(release_us.into()), opening);
+        }
+        self.late_in_row = 0;
+        self.machine.to_running(now, &mut self.trace, PathClock::starting(start));
+        // The first cycle begins now; a cycle of the monitor may be half way.
+        self.tick_due = now + Duration::from_micros(1);
+    }
+
+    pub(super) fn running_tick(&mut self, now: Instant, late: Duration) {
+        if !self.host_is_alive(now) {
+            self.fail(now, Fault::group(Cause::HostLost));
+            self.stopping_tick(now);
+            return;
+        }
+        let State::Running { clock, parking } = *self.machine.state() else { return };
+        self.watch_overrun(now, late);
+        match parking {
+            Some(until) if until <= now => self.machine.to_ready(now, &mut self.trace),
+            Some(_) => self.park_poll(),
+            None => {
+                let (s_us, _) = clock.at(now);
+                if s_us >= i64::from(self.spline.duration_us()) + 2 * i64::from(self.settings.cycle_period_us)
+                {
+                    self.park(now);
+                } else {
+                    self.control_step(now, &clock);
+                }
+            }
+        }
+    }
+
+    /// Counts cycles that begin late or while the last one is still at work; several in a row are a fault.
+    pub(super) fn watch_overrun(&mut self, now: Instant, late: Duration) {
+        // A guest that is still on its way delays nothing; a missed reply is counted as that.
+        let unfinished = self.joints().any(|joint| {
+            let track = self.track.at(joint);
+            !track.fresh && !track.missed
+        });
+        let slept = late * 2 > self.settings.cycle_period();
+        if !unfinished && !slept {
+            self.late_in_row = 0;
+            return;
+        }
+        self.counters.cycles_late = self.counters.cycles_late.saturating_add(1);
+        self.late_in_row = self.late_in_row.saturating_add(1);
+        self.note(now, Event::LateCycle);
+        if self.late_in_row >= self.settings.cycle_late_max {
+            self.fail(now, Fault::group(Cause::CycleOverrun));
+        }
+    }
+
+    /// One control step of all joints.
+    pub(super) fn control_step(&mut self, now: Instant, clock: &PathClock) {
+        self.counters.cycles = self.counters.cycles.wrapping_add(1);
+        let guest = JointIndex::new((self.ticks % self.settings.joints.max(1)) as usize).ok();
+        let (mut any_saturated, mut near_limit, mut extra_write) = (false, None, false);
+        for joint in self.joints() {
+            let command = self.decide(now, joint, clock);
+            let track = self.track.at_mut(joint);
+            (track.fresh, track.missed) = (false, false);
+            any_saturated |= track.saturated;
+            track.near_limit_in_row =
+                if command.position_limited { track.near_limit_in_row.saturating_add(1) } else { 0 };
+            if track.near_limit_in_row >= NEAR_LIMIT_ROW {
+                near_limit = near_limit.or(Some(joint));
+            }
+            let mut command = command;
+            let both = command.velocity_rad_s.is_some() && command.acceleration_rad_s2.is_some();
+            // A low speed is raised ahead of need, one joint per cycle, when the bus has room.
+            if command.velocity_stale && !both && !extra_write && guest == Some(joint) {
+                command.velocity_rad_s = Some(self.settings.joint.at(joint).v_max_rad_s);
+            }
+            extra_write |= command.velocity_rad_s.is_some() && command.acceleration_rad_s2.is_some();
+            self.track.at_mut(joint).command = command;
+            self.schedule.set(joint, self.agenda_of(joint, &command));
+        }
+        if any_saturated {
+            self.counters.cycles_saturated = self.counters.cycles_saturated.saturating_add(1);
+        }
+        if let Some(joint) = guest.filter(|_| self.settings.cycle_guest && !extra_write) {
+            let turn = self.ticks / self.settings.joints.max(1);
+            let parameter = if turn.is_multiple_of(2) { Parameter::Cur } else { Parameter::CubeState };
+            self.schedule.push(joint, Request::Get(parameter));
+        }
+        if let Some(joint) = near_limit {
+            self.fail(now, Fault::at(Cause::NearLimit, joint));
+        }
+    }
+
+    /// The law of one joint: pure but for the track it updates.
+    fn decide(&mut self, now: Instant, joint: JointIndex, clock: &PathClock) -> ramp::Command {
+        let limits = *self.settings.joint.at(joint);
+        let period = self.settings.cycle_period();
+        let period_s = self.settings.cycle_period_s();
+        let track = self.track.at_mut(joint);
+        if !track.fresh {
+            track.estimator.predict(period_s, track.u_in_force);
+            track.measured_at += period;
+        }
+        let t_act = now + Duration::from_micros(track.phase_us.into());
+        let lead_s = t_act.saturating_since(track.measured_at).as_secs_f32();
+        let (e_rad, de_rad_s) = (track.estimator.e_rad(), track.estimator.de_rad_s());
+        let x = ErrorState { e_rad, de_rad_s, u_last_rad_s2: track.u_in_force };
+        let u_rad_s2 = track.gains.current().apply(&x);
+        track.gains.advance();
+        let e_act_rad = e_rad + lead_s * (de_rad_s + 0.5 * lead_s * track.u_in_force);
+        let v_rad_s = track.generator.v_at(t_act);
+
+        let from = self.reference(joint, clock, t_act);
+        let to = self.reference(joint, clock, t_act + period);
+        let qdd_ref = feedback::mean_acceleration(from.qd_rad_s, to.qd_rad_s, period_s);
+        let action = feedback::clip_to_remaining(u_rad_s2, qdd_ref, limits.a_max_rad_s2);
+        let state = RampState { q_rad: from.q_rad + e_act_rad, v_rad_s };
+        let ramp_limits = limits.ramp_limits(self.settings.reach_rad);
+        let loaded = self.drives.at(joint).loaded;
+        let command = ramp::realise(action.qdd_rad_s2, period_s, state, &ramp_limits, &loaded);
+
+        let track = self.track.at_mut(joint);
+        track.u_sent = command.qdd_rad_s2 - qdd_ref;
+        track.saturated = action.saturated;
+        track.reference = from;
+        command
+    }
+
+    pub(super) fn reference(&mut self, joint: JointIndex, clock: &PathClock, t: Instant) -> Setpoint {
+        let (s_us, _) = clock.at(t);
+        let along = self.spline.at(joint, s_us);
+        clock.in_time(t, along)
+    }
+
+    pub(super) fn agenda_of(&self, joint: JointIndex, command: &ramp::Command) -> Agenda {
+        let limits = self.settings.joint.at(joint);
+        let mut agenda = Agenda::EMPTY;
+        let writes = [
+            (Parameter::TargetVel, command.velocity_rad_s),
+            (Parameter::TargetAcc, command.acceleration_rad_s2),
+        ];
+        for (parameter, value) in writes {
+            if let Some(value) = value {
+                agenda.push(Request::Set(parameter, Value::F32(value)));
+            }
+        }
+        let target = Radians::new(limits.to_drive_rad(command.target_rad));
+        agenda.push(Request::Move(Motion::extended(MotionCommand::Ramp { target })));
+        agenda
+    }
+
+    /// A position came in: what it says about the joint, and what has been in force since.
+    pub(super) fn take_measurement(
+        &mut self,
+        now: Instant,
+        joint: JointIndex,
+        sample: PositionSample,
+        of_motion: bool,
+    ) {
+        let (clock, tracking) = match *self.machine.state() {
+            State::Running { clock, parking } => (clock, parking.is_none()),
+            State::Stopping { clock, way, .. } => (clock, way == StopWay::Path),
+            _ => return,
+        };
+        let reference = self.reference(joint, &clock, sample.at);
+        let limits = *self.settings.joint.at(joint);
+        let weights = self.settings.weights();
+        let loaded_v = self.drives.at(joint).loaded.v_rad_s.unwrap_or(limits.v_max_rad_s);
+        let tick_at = self.tick_at;
+        let short = self.drives.at(joint).short_state;
+        let track = self.track.at_mut(joint);
+        let dt = sample.at.saturating_since(track.measured_at);
+        let e_rad = sample.q_rad - reference.q_rad;
+        if tracking && of_motion {
+            track.estimator.update(e_rad, dt.as_secs_f32(), track.u_in_force, weights);
+            track.measured_at = sample.at;
+            track.fresh = true;
+            track.missed = false;
+            track.phase_us = sample.at.saturating_since(tick_at).as_micros().min(40_000) as u32;
+            let qd_rad_s = reference.qd_rad_s + track.estimator.de_rad_s();
+            let mut v_rad_s = track.generator.v_at(sample.at);
+            v_rad_s += (GENERATOR_PULL_1_S * dt.as_secs_f32()).min(0.2) * (qd_rad_s - v_rad_s);
+            track.u_in_force = track.u_sent;
+            track.generator =
+                Generator { v_rad_s, a_rad_s2: track.command.qdd_rad_s2, cap_rad_s: loaded_v, at: sample.at };
+        }
+        let qd_rad_s = if tracking { reference.qd_rad_s + track.estimator.de_rad_s() } else { 0.0 };
+        let measured = Measured { q_rad: sample.q_rad, qd_rad_s, e_rad: if tracking { e_rad } else { 0.0 } };
+        let cause = supervisor::check_short_state(short).or(supervisor::check_motion(&measured, &limits));
+        if let Some(cause) = cause {
+            self.fail(now, Fault::at(cause, joint));
+        }
+    }
+
+    /// The plan is at its end: each joint ramps to its last position and stays.
+    fn park(&mut self, now: Instant) {
+        for joint in self.joints() {
+            let limits = *self.settings.joint.at(joint);
+            let end_rad = self.spline.knots().last().map_or(0.0, |knot| knot.state.at(joint).0);
+            let command = ramp::Command {
+                target_rad: crate::joints::clamp(end_rad, limits.q_min_rad, limits.q_max_rad),
+                velocity_rad_s: Some(limits.jog_v_rad_s),
+                acceleration_rad_s2: Some(limits.jog_a_rad_s2),
+                ..ramp::Command::default()
+            };
+            self.schedule.set(joint, self.agenda_of(joint, &command));
+        }
+        if let State::Running { parking, .. } = self.machine.data() {
+            *parking = Some(now + PARKING);
+        }
+    }
+
+    pub(super) fn park_poll(&mut self) {
+        for joint in self.joints() {
+            if self.schedule.is_done(joint, self.drives.at(joint)) {
+                let parameter =
+                    if self.ticks.is_multiple_of(2) { Parameter::PosStateDio } else { Parameter::CubeState };
+                self.schedule.push(joint, Request::Get(parameter));
+            }
+        }
+    }
+}

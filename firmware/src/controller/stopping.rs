@@ -1,0 +1,241 @@
+//! Faults and stops: the reaction of the group, and coming to rest.
+//!
+//! | reaction | while tracking | homing | jogging | nothing moves |
+//! |---|---|---|---|---|
+//! | path stop | path time is slowed down; if the path cannot be kept or it takes too long: quick stop | halt | quick stop | halt |
+//! | quick stop | one ramp per joint to where it can just stop | halt | one ramp | halt |
+//! | halt | halt broadcast at once | halt | halt | halt |
+//!
+//! At rest the halt broadcast goes out in every case: drives then refuse motion until a reset, which only an
+//! explicit new start sends.
+
+use protocol::{Duration, Instant};
+
+use super::Controller;
+use crate::fault::{Cause, Fault, Reaction};
+use crate::freeze::{FreezeFrame, FrozenJoint};
+use crate::joints::PerJoint;
+use crate::path::{PathClock, Slowing};
+use crate::ramp::{self, RampState};
+use crate::state::{State, StateKind, StopWay};
+use crate::store::Storage;
+use crate::trace::Event;
+
+/// From the order to the drive braking: two requests and their answers.
+const STOP_LEAD: Duration = Duration::from_micros(700);
+/// Added to the computed time of a quick stop before the halt.
+const STOP_SLACK: Duration = Duration::from_millis(40);
+/// Cycles on the standing reference before the halt of a path stop.
+const SETTLE_CYCLES: u64 = 3;
+
+impl<S: Storage> Controller<S> {
+    /// Something is wrong: reacts, unless a graver reaction is already at work.
+    pub(super) fn fail(&mut self, now: Instant, fault: Fault) {
+        self.react(now, fault, fault.cause.reaction());
+    }
+
+    /// Stop or fault with a chosen reaction.
+    pub(super) fn react(&mut self, now: Instant, fault: Fault, reaction: Reaction) {
+        self.gripper.cancel();
+        self.gripper_write = None;
+        self.offer = None;
+        self.freeze_at(now, fault);
+        match (*self.machine.state(), reaction) {
+            (_, Reaction::Refuse) => {}
+            // The first cause stays; a fault takes the place of a plain stop.
+            (State::Fault { .. }, _) => self.note(now, Event::FurtherFault(fault)),
+            (State::Stopped { .. }, _) if fault.cause.is_plain_stop() => {}
+            (State::Stopping { fault: first, way, clock, deadline }, _) => {
+                let first = first_cause(first, fault);
+                if first != fault {
+                    self.note(now, Event::FurtherFault(fault));
+                }
+                if let State::Stopping { fault: latched, .. } = self.machine.data() {
+                    *latched = first;
+                }
+                match (reaction, way) {
+                    (Reaction::Halt, _) => self.end_stop(now, first),
+                    (Reaction::QuickStop, StopWay::Path) => self.quick_stop(now, first, clock),
+                    (Reaction::QuickStop, StopWay::Quick) => {
+                        // Ramps are out; a drive that does not listen gets its halt now.
+                        self.halt_silent(now, fault);
+                        let _ = deadline;
+                    }
+                    (Reaction::PathStop | Reaction::Refuse, _) => {}
+                }
+            }
+            (State::Running { clock, parking: None }, Reaction::PathStop) => {
+                let max = Duration::from_micros(self.settings.stop_path_max_us.into());
+                self.machine.to_stopping(now, &mut self.trace, fault, StopWay::Path, clock, now + max);
+            }
+            (State::Running { clock, parking: None }, Reaction::QuickStop) => {
+                self.quick_stop(now, fault, clock)
+            }
+            // Parked joints move by millimetres, on ramps that end by themselves.
+            (State::Running { parking: Some(_), .. }, _) => self.end_stop(now, fault),
+            (State::Jogging(jog), Reaction::PathStop | Reaction::QuickStop) => {
+                let limits = *self.settings.joint.at(jog.joint);
+                let clock = PathClock::starting(now);
+                self.machine.to_stopping(now, &mut self.trace, fault, StopWay::Quick, clock, now);
+                self.schedule.clear_all();
+                self.ramp_down(now, jog.joint, jog.qd_rad_s, limits.jog_a_rad_s2);
+                self.halt_silent(now, fault);
+            }
+            (State::Boot(_), _) if fault.cause.is_plain_stop() => self.halt(now),
+            (
+                State::Running { .. }
+                | State::Jogging(_)
+                | State::Boot(_)
+                | State::Idle
+                | State::Homing(_)
+                | State::Ready
+                | State::Armed { .. }
+                | State::Stopped { .. },
+                _,
+            ) => self.end_stop(now, fault),
+        }
+    }
+
+    fn halt(&mut self, now: Instant) {
+        self.schedule.clear_all();
+        self.transmit.halt();
+        self.counters.halts = self.counters.halts.saturating_add(1);
+        self.note(now, Event::Halt);
+    }
+
+    /// The halt broadcast and the state after it.
+    fn end_stop(&mut self, now: Instant, fault: Fault) {
+        self.halt(now);
+        if fault.cause.is_plain_stop() {
+            self.machine.to_stopped(now, &mut self.trace, fault);
+        } else {
+            // No more signs of life: a drive that missed the halt stops by its watchdog.
+            self.watchdog_due = None;
+            self.machine.to_fault(now, &mut self.trace, fault);
+        }
+    }
+
+    fn halt_silent(&mut self, now: Instant, fault: Fault) {
+        if let (Cause::DriveSilent | Cause::ReplyImplausible, Some(joint)) = (fault.cause, fault.joint) {
+            self.schedule.clear(joint);
+            self.halt_drive(now, joint);
+        }
+    }
+
+    /// Every joint on its own: one ramp to where it can just stop.
+    fn quick_stop(&mut self, now: Instant, fault: Fault, clock: PathClock) {
+        self.machine.to_stopping(now, &mut self.trace, fault, StopWay::Quick, clock, now);
+        self.schedule.clear_all();
+        for joint in self.joints() {
+            let a_rad_s2 = self.settings.joint.at(joint).a_max_rad_s2;
+            let v_rad_s = self.track.at(joint).generator.v_at(now + STOP_LEAD);
+            self.ramp_down(now, joint, v_rad_s, a_rad_s2);
+        }
+        self.halt_silent(now, fault);
+    }
+
+    /// Ramp of one joint from velocity `v_rad_s` to rest; the stop lasts at least as long.
+    fn ramp_down(&mut self, now: Instant, joint: protocol::JointIndex, v_rad_s: f32, a_rad_s2: f32) {
+        let limits = *self.settings.joint.at(joint);
+        let track = self.track.at(joint);
+        let Some(position) = self.drives.at(joint).position else { return };
+        let since_s = (now + STOP_LEAD).saturating_since(position.at).as_secs_f32();
+        let v_then = if track.generator.at >= position.at { track.generator.v_rad_s } else { v_rad_s };
+        let q_rad = position.q_rad + 0.5 * (v_then + v_rad_s) * since_s;
+        let ramp_limits = limits.ramp_limits(self.settings.reach_rad);
+        let mut command = ramp::stop(RampState { q_rad, v_rad_s }, a_rad_s2, &ramp_limits);
+        // The speed in the drive is at least the present one; writing it would cost time.
+        command.velocity_rad_s = None;
+        let agenda = self.agenda_of(joint, &command);
+        self.schedule.set(joint, agenda);
+        let braking_s = v_rad_s.abs() / command.acceleration_rad_s2.unwrap_or(a_rad_s2).max(0.1);
+        let until = now + STOP_LEAD + Duration::from_secs_f64(f64::from(1.1 * braking_s)) + STOP_SLACK;
+        if let State::Stopping { deadline, .. } = self.machine.data() {
+            *deadline = (*deadline).max(until);
+        }
+    }
+
+    pub(super) fn stopping_tick(&mut self, now: Instant) {
+        let State::Stopping { fault, way, mut clock, deadline } = *self.machine.state() else { return };
+        match way {
+            StopWay::Quick if deadline <= now => self.end_stop(now, fault),
+            StopWay::Quick => self.park_poll(),
+            StopWay::Path if deadline <= now => self.quick_stop(now, fault, clock),
+            StopWay::Path if clock.is_standing() => {
+                let settled = clock.since() + self.settings.cycle_period() * SETTLE_CYCLES;
+                if settled <= now {
+                    self.end_stop(now, fault);
+                } else {
+                    self.control_step(now, &clock);
+                }
+            }
+            StopWay::Path => {
+                let (_, rate) = clock.at(now);
+                match self.slowing(now, &clock) {
+                    // Before the start of the plan or at its end the reference stands anyway.
+                    _ if rate <= 0.0 => clock.advance(now, 0.0),
+                    Some(slowing) => clock.advance(now, slowing),
+                    None => {
+                        self.quick_stop(now, fault, clock);
+                        return;
+                    }
+                }
+                if let State::Stopping { clock: kept, .. } = self.machine.data() {
+                    *kept = clock;
+                }
+                self.control_step(now, &clock);
+            }
+        }
+    }
+
+    /// Hardest slowing down of path time that all joints can follow in the next cycle.
+    fn slowing(&mut self, now: Instant, clock: &PathClock) -> Option<f32> {
+        let mut slowing = Slowing::default();
+        let ahead = now + self.settings.cycle_period();
+        let (s_us, rate) = clock.at(ahead);
+        for joint in self.joints() {
+            let a_rad_s2 = self.settings.stop_share * self.settings.joint.at(joint).a_max_rad_s2;
+            let along = self.spline.at(joint, s_us);
+            slowing.require(along, rate, a_rad_s2);
+        }
+        slowing.hardest_1_s()
+    }
+
+    /// Keeps the picture of the first fault.
+    fn freeze_at(&mut self, now: Instant, fault: Fault) {
+        if fault.cause.is_plain_stop() || self.freeze.is_some() {
+            return;
+        }
+        let path_us = match *self.machine.state() {
+            State::Running { clock, .. } | State::Stopping { clock, .. } => clock.at(now).0,
+            _ => 0,
+        };
+        let mut joints = PerJoint::<FrozenJoint>::default();
+        for joint in self.joints() {
+            let (drive, track) = (self.drives.at(joint), self.track.at(joint));
+            let age = drive.position.map(|position| now.saturating_since(position.at).as_micros());
+            joints.set(
+                joint,
+                FrozenJoint {
+                    q_rad: drive.position.map_or(0.0, |position| position.q_rad),
+                    e_rad: track.estimator.e_rad(),
+                    de_rad_s: track.estimator.de_rad_s(),
+                    qd_ref_rad_s: track.reference.qd_rad_s,
+                    qdd_command_rad_s2: track.command.qdd_rad_s2,
+                    current_a: drive.current_a,
+                    short_state: drive.short_state,
+                    state: drive.state.map(|(state, _)| state),
+                    missed_in_row: drive.missed_in_row,
+                    age_us: age.and_then(|age| u32::try_from(age).ok()).unwrap_or(u32::MAX),
+                },
+            );
+        }
+        let state: StateKind = self.kind();
+        self.freeze = Some(FreezeFrame { at: now, fault, state, path_us, joints });
+    }
+}
+
+/// Of a latched cause and a new one: the first, but a fault goes before a plain stop.
+const fn first_cause(latched: Fault, new: Fault) -> Fault {
+    if latched.cause.is_plain_stop() && !new.cause.is_plain_stop() { new } else { latched }
+}

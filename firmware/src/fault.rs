@@ -1,0 +1,250 @@
+//! Numbered causes: of faults, of stops and of refusals. The numbers go over the wire and never change
+//! their meaning; a cause that is given up leaves a gap.
+//!
+//! | band | about |
+//! |---|---|
+//! | 1..=99 | stops that are no fault |
+//! | 100..=199 | drives on the bus: silent, refusing, answering nonsense |
+//! | 200..=299 | what a drive reports about itself |
+//! | 300..=399 | limits, of what is commanded and of what is measured |
+//! | 400..=499 | supervision: host, timing |
+//! | 500..=599 | start-up, homing, settings, storage |
+//! | 600..=699 | a trajectory file was refused |
+//! | 700..=799 | an order was refused |
+
+use protocol::JointIndex;
+
+/// What the group does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Reaction {
+    /// Nothing moves because of it: an order, a file or a register write was refused.
+    Refuse,
+    /// Ramp down along the path, then halt broadcast.
+    PathStop,
+    /// Every joint brakes on its own as hard as allowed, then halt broadcast.
+    QuickStop,
+    /// Halt broadcast at once.
+    Halt,
+}
+
+/// Row of the table, for `explain`.
+#[derive(Clone, Copy, Debug)]
+pub struct CauseInfo {
+    /// The cause.
+    pub cause: Cause,
+    /// Number on the wire.
+    pub code: u16,
+    /// Name in the code, for logs and searches.
+    pub name: &'static str,
+    /// What the group does.
+    pub reaction: Reaction,
+    /// What happened.
+    pub what: &'static str,
+    /// What to do.
+    pub recovery: &'static str,
+}
+
+macro_rules! causes {
+    ($($code:literal $name:ident $reaction:ident $what:literal, $recovery:literal;)*) => {
+        /// Why the group stopped, faulted or refused.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+        #[repr(u16)]
+        pub enum Cause {
+            $(#[doc = concat!($what, ".")] $name = $code,)*
+        }
+
+        impl Cause {
+            /// All causes in ascending order of the number.
+            pub const TABLE: &[CauseInfo] = &[$(CauseInfo {
+                cause: Self::$name,
+                code: $code,
+                name: stringify!($name),
+                reaction: Reaction::$reaction,
+                what: $what,
+                recovery: $recovery,
+            },)*];
+
+            /// From the number on the wire.
+            pub const fn from_code(code: u16) -> Option<Self> {
+                match code {
+                    $($code => Some(Self::$name),)*
+                    _ => None,
+                }
+            }
+
+            /// What the group does.
+            pub const fn reaction(self) -> Reaction {
+                match self {
+                    $(Self::$name => Reaction::$reaction,)*
+                }
+            }
+        }
+    };
+}
+
+causes! {
+    1 StopOrdered PathStop "somebody ordered a stop", "arm again when it is clear why";
+    2 StopMessage Halt "a stop message was on the bus", "remove its reason, then arm again";
+    3 JogReleased PathStop "the jog order was not repeated", "none needed";
+
+    100 DriveMissing Halt "a drive did not answer during start-up", "check power, cable, address and bit rate of the drive; clear the fault to search again";
+    101 DriveSilent QuickStop "a drive missed more replies in a row than allowed", "check the cable and supply of the drive; look at the bus load and error counters";
+    102 DriveRefused QuickStop "a drive did not accept a parameter or a motion", "read the drive's state word and limits: its own limits may be narrower than the settings";
+    103 ReplyImplausible QuickStop "positions from a drive jumped farther than it can move", "check the encoder, and that no two drives share an address";
+
+    200 DriveError QuickStop "a drive reports an error or is halted while it should move", "read the drive's state word; clear the fault when its cause is gone";
+    201 DriveTowError QuickStop "a drive's following error was too large", "less acceleration or load, free the joint, check the drive's own limit";
+    202 DriveWatchdog Halt "a drive's watchdog has expired", "the controller or the bus was held up: look at the bus load and the late cycles";
+    203 DrivePowerFault Halt "a drive's power stage reports a fault", "switch the drive off and on; check temperature, supply and motor cable";
+    204 DriveSupply QuickStop "a drive's motor voltage is out of range", "check the supply and the contactor";
+    205 DriveHardLimit Halt "a drive has passed its hard limit", "move it back by the maker's procedure";
+    206 DriveSoftLimit QuickStop "a drive has passed its own soft limit", "clear the fault and jog it back";
+    207 DriveLostHome QuickStop "a drive that had found its zero has lost it", "home the group again";
+
+    300 PositionLimit QuickStop "a joint was measured outside its soft limits", "jog it back; check the plan and the gains";
+    301 VelocityLimit QuickStop "a joint was measured faster than allowed", "check the plan, the gains and the drive's parameters";
+    302 FollowingError QuickStop "a joint is too far from its reference", "check load and gains; start from the planned position";
+    303 OverCurrent QuickStop "a drive's current stayed above the limit", "free the joint; check the load";
+    304 NearLimit QuickStop "a command had to be turned into braking before a soft limit", "check the plan's distance to the limits";
+
+    400 HostLost PathStop "the host's heartbeat stayed away", "start the host again; check its load and the bus load";
+    401 CycleOverrun QuickStop "control cycles could not be finished in time, several in a row", "longer period, fewer other frames on the bus, or a quieter computer";
+
+    500 WatchdogUnproven Halt "a drive's watchdog did not stop it when it was tested", "check the drive's configuration word; a drive without watchdog must not be run";
+    501 HomingTimeout Halt "a joint did not find its zero in time", "check the home switch and the direction of homing";
+    502 HomingFailed Halt "a drive reported an error during homing", "read the drive's state word";
+    503 FirmwareTooOld Halt "a drive's firmware cannot report position with its state", "use a drive with firmware 0x2518 to 0x2FFF, or 0x3518 and newer";
+    504 SettingsInvalid Refuse "a value is out of range or does not go with the others", "look at the register's range; limits must be in order";
+    505 StorageFailed Refuse "permanent storage could not be written or read back", "try again; replace the board if it stays";
+    506 DuplicateAddress Refuse "two joints have the same drive address", "give each joint its own address";
+
+    600 FileIncomplete Refuse "the file in the upload bank is not as long as the order says", "upload it again";
+    601 FileTooLong Refuse "the file is longer than the bank", "fewer knots";
+    602 FileChecksum Refuse "a checksum of the file is wrong", "upload it again";
+    603 FileVersion Refuse "not a trajectory file of a version this controller reads", "make it with a host of the same version";
+    604 FileJoints Refuse "the file is for another number of joints", "plan for this robot";
+    605 FileKnots Refuse "the file has too few or too many knots, or its length does not fit their number", "at least two knots, at most 256";
+    606 FileNumbers Refuse "the file has a number that is not finite", "plan again";
+    607 FileTime Refuse "knot times do not grow by at least the shortest segment, or the plan is too long", "at least 2 ms per segment";
+    608 FileEnds Refuse "the plan does not begin and end at rest", "first and last knot with zero velocity";
+    609 PlanPosition Refuse "the plan leaves the soft limits of a joint", "plan within the limits";
+    610 PlanVelocity Refuse "the plan is faster than a joint may be", "plan with lower speed";
+    611 PlanAcceleration Refuse "the plan uses more acceleration than a joint may", "plan with lower acceleration";
+    612 FileRelease Refuse "the release is not within the plan", "release between start and end";
+    613 FilePeriod Refuse "the plan was checked for another control period", "plan and tune for the period in the register";
+    614 FileOtherRobot Refuse "the plan is for another robot", "plan with the robot file whose checksum is in the register";
+    615 UploadOutOfOrder Refuse "a piece of the file does not continue the last one", "start again at offset 0";
+    616 BankBusy Refuse "the trajectory cannot be changed now", "wait until the motion has ended, disarm";
+
+    700 OrderNotNow Refuse "the order is not allowed in the present state", "look at the state";
+    701 TokenWrong Refuse "the arming token is not the one offered, or has expired", "ask for a new offer";
+    702 NoTrajectory Refuse "no trajectory is committed", "upload and commit one";
+    703 OtherTrajectory Refuse "another trajectory is committed than the order names", "commit that one, or name this one";
+    704 NotHomed Refuse "a joint has not found its zero", "home the group";
+    705 NotAtStart Refuse "a joint is not where the plan begins", "move there first";
+    706 GainPeriod Refuse "the gains were designed for another period", "write gains for this period";
+    707 NoHost Refuse "no host heartbeat is seen", "the host must send heartbeats before and during a motion";
+    708 OtherFault Refuse "another fault is latched than the order names", "read the latched fault first";
+    709 JointUnknown Refuse "no such joint", "joints count from 0";
+    710 BadValue Refuse "a value of the order is out of range", "see the order's description";
+    711 DriveNotReady Refuse "a drive is silent, in error or halted", "look at the drive; clear the fault";
+    712 GripperBusy Refuse "the gripper cannot be operated during a run", "the release is part of the plan";
+}
+
+impl Cause {
+    /// The number on the wire.
+    pub const fn code(self) -> u16 {
+        self as u16
+    }
+
+    /// Row of the table.
+    pub fn info(self) -> Option<&'static CauseInfo> {
+        Self::TABLE.iter().find(|info| info.cause == self)
+    }
+
+    /// True for stops that need no clearing: an order, not a fault.
+    pub const fn is_plain_stop(self) -> bool {
+        self.code() < 100
+    }
+}
+
+/// A cause with where it happened.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Fault {
+    /// What.
+    pub cause: Cause,
+    /// Which joint; `None`: the group.
+    pub joint: Option<JointIndex>,
+}
+
+impl Fault {
+    /// Fault of the group.
+    pub const fn group(cause: Cause) -> Self {
+        Self { cause, joint: None }
+    }
+
+    /// Fault of a joint.
+    pub const fn at(cause: Cause, joint: JointIndex) -> Self {
+        Self { cause, joint: Some(joint) }
+    }
+}
+
+/// Why an order, a write or a file was refused, with where.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Refusal {
+    /// What.
+    pub cause: Cause,
+    /// Which joint; `None`: none in particular.
+    pub joint: Option<JointIndex>,
+    /// Segment, knot or byte, as the cause says; 0 otherwise.
+    pub index: u16,
+}
+
+impl Refusal {
+    /// Without a place.
+    pub const fn of(cause: Cause) -> Self {
+        Self { cause, joint: None, index: 0 }
+    }
+
+    /// At a joint.
+    pub const fn at(cause: Cause, joint: JointIndex) -> Self {
+        Self { cause, joint: Some(joint), index: 0 }
+    }
+
+    /// At a place of a file.
+    pub const fn in_file(cause: Cause, joint: Option<JointIndex>, index: usize) -> Self {
+        Self { cause, joint, index: if index > u16::MAX as usize { u16::MAX } else { index as u16 } }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_unique_ascending_and_round_trip() {
+        assert!(Cause::TABLE.windows(2).all(|pair| pair[0].code < pair[1].code));
+        for info in Cause::TABLE {
+            assert_eq!(Cause::from_code(info.code), Some(info.cause));
+            assert_eq!((info.cause.code(), info.cause.reaction()), (info.code, info.reaction));
+        }
+        assert_eq!(Cause::from_code(0), None, "0 means no fault on the wire");
+    }
+
+    #[test]
+    fn bands_hold_what_they_say() {
+        for info in Cause::TABLE {
+            let refused = info.reaction == Reaction::Refuse;
+            assert!(!refused || info.code >= 500, "{} moves nothing but is in a band that stops", info.name);
+            assert!(refused || info.code < 600, "{} stops but is in a band of refusals", info.name);
+        }
+    }
+
+    #[test]
+    fn every_text_says_something_and_has_no_full_stop() {
+        for info in Cause::TABLE {
+            assert!(info.what.len() > 10 && !info.what.ends_with('.'), "{}", info.name);
+            assert!(info.recovery.len() >= 10 && !info.recovery.ends_with('.'), "{}", info.name);
+        }
+    }
+}

@@ -1,0 +1,48 @@
+//! Everything about the group at the moment of the first fault, kept until the fault is cleared.
+
+use protocol::Instant;
+use protocol::powercube::{CubeState, ShortState};
+
+use crate::fault::Fault;
+use crate::joints::PerJoint;
+use crate::state::StateKind;
+
+/// One joint in a freeze frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FrozenJoint {
+    /// Position, rad.
+    pub q_rad: f32,
+    /// Following error, rad.
+    pub e_rad: f32,
+    /// Its rate, rad/s.
+    pub de_rad_s: f32,
+    /// Reference velocity, rad/s.
+    pub qd_ref_rad_s: f32,
+    /// Last commanded acceleration, rad/s².
+    pub qdd_command_rad_s2: f32,
+    /// Last current read, A.
+    pub current_a: Option<f32>,
+    /// Last short state.
+    pub short_state: ShortState,
+    /// Last state word read.
+    pub state: Option<CubeState>,
+    /// Missed replies in a row.
+    pub missed_in_row: u32,
+    /// Age of the last position, µs; `u32::MAX`: none or older.
+    pub age_us: u32,
+}
+
+/// The group in a freeze frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FreezeFrame {
+    /// When.
+    pub at: Instant,
+    /// Why.
+    pub fault: Fault,
+    /// State the fault came in.
+    pub state: StateKind,
+    /// Time along the plan, µs; 0 outside a motion.
+    pub path_us: i64,
+    /// Joints.
+    pub joints: PerJoint<FrozenJoint>,
+}

@@ -1,0 +1,201 @@
+//! What a host can ask for, and when it may. Knows nothing of the protocol the orders come by.
+//!
+//! Every order is harmless when it comes twice: an answer can get lost and the host then asks again.
+
+use protocol::{Duration, JointIndex};
+
+use crate::state::StateKind;
+use crate::store::FileName;
+
+/// Longest time an offer or an arming may hold.
+pub const ARMING_VALID_MAX: Duration = Duration::from_secs(30);
+/// Longest time a jog goes on without repetition.
+pub const JOG_HOLD_MAX: Duration = Duration::from_millis(500);
+
+/// Order of a host.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Order {
+    /// First step of arming: asks for a token.
+    ArmPrepare {
+        /// CRC-64 of the trajectory that shall run: the committed one.
+        crc64: u64,
+        /// How long the offer shall hold, at most [`ARMING_VALID_MAX`].
+        valid: Duration,
+    },
+    /// Second step: gives the token back; the group is armed.
+    ArmConfirm {
+        /// From the last offer.
+        token: u32,
+        /// How long the group stays armed without a run, at most [`ARMING_VALID_MAX`].
+        valid: Duration,
+    },
+    /// Back to Ready.
+    Disarm,
+    /// Starts the armed trajectory.
+    Run(FileName),
+    /// Ramps down along the path.
+    Stop,
+    /// Forgets the latched fault and looks at the drives anew.
+    ClearFault {
+        /// Number of the fault the host has seen.
+        code: u16,
+    },
+    /// Lets joints look for their zeros, one after the other, from the hand to the base.
+    Home {
+        /// Bit n: joint n, counted from 0.
+        mask: u8,
+    },
+    /// Moves one joint at reduced speed while it is repeated.
+    Jog {
+        /// The joint.
+        joint: JointIndex,
+        /// Wanted velocity, rad/s; capped at the joint's jog speed.
+        qd_rad_s: f32,
+        /// The joint stops unless the order comes again within this time, at most [`JOG_HOLD_MAX`].
+        hold: Duration,
+    },
+    /// Checks the uploaded file and makes it the one that may run.
+    Commit(FileName),
+    /// Sets the gripper output.
+    Gripper {
+        /// Open or closed.
+        open: bool,
+    },
+    /// Writes the settings into permanent storage.
+    SaveSettings,
+}
+
+/// What an order had to say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Done {
+    /// Done, or begun.
+    Taken,
+    /// The offer to arm.
+    Offer {
+        /// To be given back.
+        token: u32,
+        /// Time left.
+        valid: Duration,
+    },
+}
+
+/// An order without its values.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OrderKind {
+    /// [`Order::ArmPrepare`].
+    ArmPrepare,
+    /// [`Order::ArmConfirm`].
+    ArmConfirm,
+    /// [`Order::Disarm`].
+    Disarm,
+    /// [`Order::Run`].
+    Run,
+    /// [`Order::Stop`].
+    Stop,
+    /// [`Order::ClearFault`].
+    ClearFault,
+    /// [`Order::Home`].
+    Home,
+    /// [`Order::Jog`].
+    Jog,
+    /// [`Order::Commit`].
+    Commit,
+    /// [`Order::Gripper`].
+    Gripper,
+    /// [`Order::SaveSettings`].
+    SaveSettings,
+}
+
+impl OrderKind {
+    /// All of them.
+    pub const ALL: [Self; 11] = [
+        Self::ArmPrepare,
+        Self::ArmConfirm,
+        Self::Disarm,
+        Self::Run,
+        Self::Stop,
+        Self::ClearFault,
+        Self::Home,
+        Self::Jog,
+        Self::Commit,
+        Self::Gripper,
+        Self::SaveSettings,
+    ];
+
+    /// States in which the order is looked at; in all others it is refused.
+    pub const fn legal_in(self) -> &'static [StateKind] {
+        use StateKind::{Armed, Boot, Fault, Homing, Idle, Jogging, Ready, Running, Stopped, Stopping};
+        match self {
+            Self::ArmPrepare => &[Ready, Stopped],
+            // Armed: the confirmation again, if its answer got lost.
+            Self::ArmConfirm => &[Ready, Stopped, Armed],
+            Self::Disarm => &[Idle, Ready, Armed, Stopped],
+            // Running: the same run again.
+            Self::Run => &[Armed, Running],
+            Self::Stop => &[Boot, Idle, Homing, Jogging, Ready, Armed, Running, Stopping, Stopped, Fault],
+            // Without a fault there is nothing to forget.
+            Self::ClearFault => &[Boot, Idle, Ready, Stopped, Fault],
+            Self::Home => &[Idle, Ready, Stopped, Homing],
+            Self::Jog => &[Idle, Ready, Stopped, Jogging],
+            Self::Commit => &[Idle, Ready, Stopped, Fault],
+            Self::Gripper => &[Idle, Ready, Stopped, Armed, Jogging, Homing],
+            Self::SaveSettings => &[Idle, Ready, Stopped, Fault],
+        }
+    }
+
+    /// True if the order is looked at in this state.
+    pub fn is_legal_in(self, state: StateKind) -> bool {
+        self.legal_in().contains(&state)
+    }
+}
+
+impl Order {
+    /// The order without its values.
+    pub const fn kind(&self) -> OrderKind {
+        match self {
+            Self::ArmPrepare { .. } => OrderKind::ArmPrepare,
+            Self::ArmConfirm { .. } => OrderKind::ArmConfirm,
+            Self::Disarm => OrderKind::Disarm,
+            Self::Run(_) => OrderKind::Run,
+            Self::Stop => OrderKind::Stop,
+            Self::ClearFault { .. } => OrderKind::ClearFault,
+            Self::Home { .. } => OrderKind::Home,
+            Self::Jog { .. } => OrderKind::Jog,
+            Self::Commit(_) => OrderKind::Commit,
+            Self::Gripper { .. } => OrderKind::Gripper,
+            Self::SaveSettings => OrderKind::SaveSettings,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stop_is_legal_in_every_state() {
+        assert!(StateKind::ALL.iter().all(|&state| OrderKind::Stop.is_legal_in(state)));
+    }
+
+    #[test]
+    fn nothing_starts_a_motion_from_fault_or_while_stopping() {
+        for state in [StateKind::Fault, StateKind::Stopping, StateKind::Boot] {
+            for order in [
+                OrderKind::Run,
+                OrderKind::ArmConfirm,
+                OrderKind::ArmPrepare,
+                OrderKind::Home,
+                OrderKind::Jog,
+            ] {
+                assert!(!order.is_legal_in(state), "{order:?} in {state:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_trajectory_cannot_change_once_armed() {
+        for state in [StateKind::Armed, StateKind::Running, StateKind::Stopping] {
+            assert!(!OrderKind::Commit.is_legal_in(state));
+        }
+    }
+}

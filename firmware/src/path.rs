@@ -1,0 +1,169 @@
+//! Time along the plan, and how it is slowed down so that a stop keeps the path (pure).
+//!
+//! With path time s(t) a joint's reference is q(s): velocity q' ṡ, acceleration q'' ṡ² + q' s̈. While running
+//! ṡ = 1. A stop lowers ṡ to zero; all joints stay on the curve they would have taken, only later. In each cycle
+//! the hardest deceleration s̈ is taken that leaves every joint within its share of the acceleration:
+//!
+//! ```text
+//! -a ≤ q'' ṡ² + q' s̈ ≤ a      for every joint: an interval for s̈; all of them are intersected
+//! ```
+//!
+//! An empty intersection, or one in which the path cannot be slowed, means that the path cannot be kept.
+
+use protocol::{Duration, Instant};
+
+use crate::joints::clamp;
+use crate::spline::Setpoint;
+
+/// Hardest slowing down of path time, 1/s: from full speed to rest in 25 ms, when the joints hardly move.
+pub const RATE_DROP_MAX_1_S: f32 = 40.0;
+
+/// Path time as a function of time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PathClock {
+    at: Instant,
+    s_us: i64,
+    rate: f32,
+    rate_dot_1_s: f32,
+}
+
+impl PathClock {
+    /// Runs at full speed and is at the start of the plan at `start`.
+    pub const fn starting(start: Instant) -> Self {
+        Self { at: start, s_us: 0, rate: 1.0, rate_dot_1_s: 0.0 }
+    }
+
+    /// ṡ at the last call of [`Self::advance`].
+    pub const fn rate(&self) -> f32 {
+        self.rate
+    }
+
+    /// Path time s in µs and ṡ at a time near the last call of [`Self::advance`]; before it the
+    /// clock is taken to have run at the rate it had then.
+    pub fn at(&self, t: Instant) -> (i64, f32) {
+        if let Some(before) = self.at.checked_since(t) {
+            let back_us = before.as_micros().min(i64::MAX as u64) as i64;
+            let back_us = if self.rate == 1.0 { back_us } else { (self.rate * back_us as f32) as i64 };
+            return (self.s_us.saturating_sub(back_us), self.rate);
+        }
+        let dt = t.saturating_since(self.at);
+        if self.rate == 1.0 && self.rate_dot_1_s == 0.0 {
+            return (self.s_us.saturating_add(dt.as_micros().min(i64::MAX as u64) as i64), 1.0);
+        }
+        let dt_s = dt.as_secs_f32();
+        let left_s = if self.rate_dot_1_s < 0.0 { self.rate / -self.rate_dot_1_s } else { dt_s };
+        let dt_s = dt_s.min(left_s);
+        let rate = (self.rate + self.rate_dot_1_s * dt_s).max(0.0);
+        let s_us = 0.5 * (self.rate + rate) * dt_s * 1e6;
+        (self.s_us.saturating_add(libm::roundf(s_us) as i64), rate)
+    }
+
+    /// Reference in time from the one along the path.
+    pub fn in_time(&self, t: Instant, along: Setpoint) -> Setpoint {
+        let (_, rate) = self.at(t);
+        let slowing = if t < self.at || rate == 0.0 { 0.0 } else { self.rate_dot_1_s };
+        Setpoint {
+            q_rad: along.q_rad,
+            qd_rad_s: along.qd_rad_s * rate,
+            qdd_rad_s2: along.qdd_rad_s2 * rate * rate + along.qd_rad_s * slowing,
+        }
+    }
+
+    /// Moves the origin to `t` and goes on with another slowing down.
+    pub fn advance(&mut self, t: Instant, rate_dot_1_s: f32) {
+        let (s_us, rate) = self.at(t);
+        *self = Self { at: t, s_us, rate, rate_dot_1_s };
+    }
+
+    /// True if path time stands.
+    pub const fn is_standing(&self) -> bool {
+        self.rate <= 0.0
+    }
+
+    /// Origin of the clock.
+    pub const fn since(&self) -> Instant {
+        self.at
+    }
+}
+
+/// Interval of s̈ that keeps all joints seen so far within their acceleration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Slowing {
+    low: f32,
+    high: f32,
+}
+
+impl Default for Slowing {
+    fn default() -> Self {
+        Self { low: -RATE_DROP_MAX_1_S, high: 0.0 }
+    }
+}
+
+impl Slowing {
+    /// Takes a joint into account: reference along the path at rate `rate`, acceleration it may use.
+    pub fn require(&mut self, along: Setpoint, rate: f32, a_max_rad_s2: f32) {
+        let (slope, centre) = (along.qd_rad_s, along.qdd_rad_s2 * rate * rate);
+        if slope.abs() < 1e-3 {
+            return;
+        }
+        let (one, two) = ((-a_max_rad_s2 - centre) / slope, (a_max_rad_s2 - centre) / slope);
+        self.low = self.low.max(one.min(two));
+        self.high = self.high.min(one.max(two));
+    }
+
+    /// The hardest slowing down, 1/s; `None` if the path cannot be kept and left behind at once.
+    pub fn hardest_1_s(&self) -> Option<f32> {
+        (self.low <= self.high && self.low < -0.1).then_some(clamp(self.low, -RATE_DROP_MAX_1_S, 0.0))
+    }
+}
+
+/// Longest time a stop along the path from full speed takes with a steady slowing down.
+pub fn stop_time(rate: f32, rate_dot_1_s: f32) -> Duration {
+    Duration::from_secs_f64(f64::from(rate / rate_dot_1_s.abs().max(1e-3)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const US: fn(u64) -> Instant = Instant::from_micros;
+
+    #[test]
+    fn running_clock_counts_microseconds_exactly_also_before_the_start() {
+        let clock = PathClock::starting(US(1_000_000_000_000));
+        assert_eq!(clock.at(US(1_000_000_000_017)), (17, 1.0));
+        assert_eq!(clock.at(US(999_999_999_990)), (-10, 1.0));
+    }
+
+    #[test]
+    fn slowed_clock_covers_half_the_way_and_then_stands() {
+        let mut clock = PathClock::starting(US(0));
+        clock.advance(US(1_000_000), -10.0);
+        assert_eq!(clock.at(US(1_050_000)).1, 0.5);
+        let (s, rate) = clock.at(US(2_000_000));
+        assert_eq!((s, rate), (1_050_000, 0.0));
+        clock.advance(US(2_000_000), 0.0);
+        assert!(clock.is_standing());
+        assert_eq!(clock.at(US(9_000_000)).0, 1_050_000);
+    }
+
+    proptest! {
+        #[test]
+        fn slowing_keeps_every_joint_within_its_acceleration(
+            joints in proptest::collection::vec((-3f32..3.0, -9f32..9.0), 6), rate in 0.05f32..1.0,
+        ) {
+            let mut slowing = Slowing::default();
+            let along = |&(qd_rad_s, qdd_rad_s2): &(f32, f32)| Setpoint { q_rad: 0.0, qd_rad_s, qdd_rad_s2 };
+            for joint in &joints {
+                slowing.require(along(joint), rate, 10.0);
+            }
+            if let Some(slow) = slowing.hardest_1_s() {
+                for &(qd, qdd) in joints.iter().filter(|joint| joint.0.abs() >= 1e-3) {
+                    prop_assert!((qdd * rate * rate + qd * slow).abs() <= 10.0 + 1e-3);
+                }
+                prop_assert!((-RATE_DROP_MAX_1_S..0.0).contains(&slow));
+            }
+        }
+    }
+}

@@ -1,0 +1,444 @@
+//! Settings by name: typed, bounded, with the unit in the name; and their form in permanent storage.
+//!
+//! The table is data: names, ranges and texts are made from one list, so what a host sees, what is
+//! checked and what is stored cannot differ. A register of the joints holds one number per joint in use.
+
+use protocol::{JOINTS_MAX, JointIndex};
+
+use crate::crc::Crc32;
+use crate::fault::{Cause, Refusal};
+use crate::settings::{JointSettings, Settings};
+
+/// Type of a register's numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// f32.
+    Real32,
+    /// u32.
+    Natural32,
+    /// Yes or no.
+    Bit,
+}
+
+/// One number.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Number {
+    /// f32.
+    Real32(f32),
+    /// u32.
+    Natural32(u32),
+    /// Yes or no.
+    Bit(bool),
+}
+
+/// When a register may be written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Writable {
+    /// Also during a motion: takes effect without a bump.
+    Always,
+    /// Only while nothing moves and nothing is armed.
+    AtRest,
+    /// Takes effect at the next start-up; writable while nothing moves.
+    NextStart,
+}
+
+/// Row of the table.
+#[derive(Clone, Copy, Debug)]
+pub struct RegisterInfo {
+    /// Name, with the unit.
+    pub name: &'static str,
+    /// Type.
+    pub kind: Kind,
+    /// One number per joint, not one for the group.
+    pub per_joint: bool,
+    /// Smallest value.
+    pub min: f32,
+    /// Largest value.
+    pub max: f32,
+    /// When it may be written.
+    pub writable: Writable,
+    /// What it is.
+    pub meaning: &'static str,
+}
+
+/// Numbers of one register.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Numbers {
+    numbers: [Number; JOINTS_MAX],
+    count: usize,
+}
+
+impl Numbers {
+    /// One number.
+    pub const fn one(number: Number) -> Self {
+        Self { numbers: [number; JOINTS_MAX], count: 1 }
+    }
+
+    /// Up to eight numbers; `None` for more or none.
+    pub fn of(numbers: &[Number]) -> Option<Self> {
+        let first = *numbers.first()?;
+        let mut all = Self { numbers: [first; JOINTS_MAX], count: numbers.len() };
+        if numbers.len() > JOINTS_MAX {
+            return None;
+        }
+        for (to, from) in all.numbers.iter_mut().zip(numbers) {
+            *to = *from;
+        }
+        Some(all)
+    }
+
+    /// The numbers.
+    pub fn as_slice(&self) -> &[Number] {
+        self.numbers.get(..self.count).unwrap_or(&[])
+    }
+}
+
+impl Number {
+    /// As a float, to compare with a range.
+    fn magnitude(self) -> f32 {
+        match self {
+            Self::Real32(x) => x,
+            Self::Natural32(x) => x as f32,
+            Self::Bit(x) => f32::from(u8::from(x)),
+        }
+    }
+
+    const fn kind(self) -> Kind {
+        match self {
+            Self::Real32(_) => Kind::Real32,
+            Self::Natural32(_) => Kind::Natural32,
+            Self::Bit(_) => Kind::Bit,
+        }
+    }
+
+    const fn to_bits(self) -> u32 {
+        match self {
+            Self::Real32(x) => x.to_bits(),
+            Self::Natural32(x) => x,
+            Self::Bit(x) => x as u32,
+        }
+    }
+
+    const fn from_bits(kind: Kind, bits: u32) -> Self {
+        match kind {
+            Kind::Real32 => Self::Real32(f32::from_bits(bits)),
+            Kind::Natural32 => Self::Natural32(bits),
+            Kind::Bit => Self::Bit(bits != 0),
+        }
+    }
+}
+
+/// Types a field can have.
+trait Field: Copy {
+    const KIND: Kind;
+    fn number(self) -> Number;
+    fn of(number: Number) -> Option<Self>;
+}
+
+macro_rules! field {
+    ($type:ty, $kind:ident) => {
+        impl Field for $type {
+            const KIND: Kind = Kind::$kind;
+            fn number(self) -> Number {
+                Number::$kind(self)
+            }
+            fn of(number: Number) -> Option<Self> {
+                if let Number::$kind(x) = number { Some(x) } else { None }
+            }
+        }
+    };
+}
+field!(f32, Real32);
+field!(u32, Natural32);
+field!(bool, Bit);
+
+macro_rules! registers {
+    (group { $($gname:literal $gfield:ident: $gtype:ty, $gmin:expr, $gmax:expr, $gwhen:ident, $gtext:literal;)* }
+     joint { $($jname:literal $jfield:ident: $jtype:ty, $jmin:expr, $jmax:expr, $jwhen:ident, $jtext:literal;)* }) => {
+        /// All registers; the index in this table is the register's number.
+        pub const TABLE: &[RegisterInfo] = &[
+            $(RegisterInfo { name: $gname, kind: <$gtype as Field>::KIND, per_joint: false, min: $gmin, max: $gmax,
+                writable: Writable::$gwhen, meaning: $gtext },)*
+            $(RegisterInfo { name: $jname, kind: <$jtype as Field>::KIND, per_joint: true, min: $jmin, max: $jmax,
+                writable: Writable::$jwhen, meaning: $jtext },)*
+        ];
+
+        fn get_group(settings: &Settings, name: &str) -> Option<Number> {
+            match name {
+                $($gname => Some(settings.$gfield.number()),)*
+                _ => None,
+            }
+        }
+
+        fn set_group(settings: &mut Settings, name: &str, number: Number) -> Option<()> {
+            match name {
+                $($gname => settings.$gfield = Field::of(number)?,)*
+                _ => return None,
+            }
+            Some(())
+        }
+
+        fn get_joint(joint: &JointSettings, name: &str) -> Option<Number> {
+            match name {
+                $($jname => Some(joint.$jfield.number()),)*
+                _ => None,
+            }
+        }
+
+        fn set_joint(joint: &mut JointSettings, name: &str, number: Number) -> Option<()> {
+            match name {
+                $($jname => joint.$jfield = Field::of(number)?,)*
+                _ => return None,
+            }
+            Some(())
+        }
+    };
+}
+
+registers! {
+    group {
+        "group.joints" joints: u32, 1.0, 8.0, NextStart, "joints in use";
+        "group.robot_crc32" robot_crc32: u32, 0.0, 4_294_967_295.0, AtRest, "checksum of the robot file that plans must be for, 0 accepts any";
+        "cycle.period_us" cycle_period_us: u32, 1_000.0, 40_000.0, AtRest, "control period";
+        "cycle.monitor_us" monitor_period_us: u32, 4_000.0, 40_000.0, AtRest, "period of looking at the drives while nothing moves";
+        "cycle.late_max" cycle_late_max: u32, 1.0, 100.0, AtRest, "late cycles in a row that stop the group";
+        "cycle.guest" cycle_guest: bool, 0.0, 1.0, AtRest, "read one drive's current or state word per cycle, in turn";
+        "host.timeout_us" host_timeout_us: u32, 20_000.0, 2_000_000.0, AtRest, "age of the host's heartbeat that stops a motion";
+        "reply.deadline_us" reply_deadline_us: u32, 500.0, 20_000.0, AtRest, "a reply that takes longer is missed";
+        "reply.missed_max" reply_missed_max: u32, 1.0, 10.0, AtRest, "missed replies in a row that stop the group";
+        "reply.age_us" reply_age_us: u32, 0.0, 5_000.0, AtRest, "time from a drive's measurement to the end of its reply";
+        "drives.in_flight_max" in_flight_max: u32, 1.0, 8.0, AtRest, "drives with a request in flight at the same time";
+        "ramp.reach_rad" reach_rad: f32, 0.5, 6.3, AtRest, "distance of the target ahead of the measured position";
+        "watchdog.enable" watchdog_enable: bool, 0.0, 1.0, NextStart, "switch the drives' watchdogs on";
+        "watchdog.prove" watchdog_prove: bool, 0.0, 1.0, NextStart, "let the watchdogs expire once at start-up";
+        "watchdog.refresh_us" watchdog_refresh_us: u32, 2_000.0, 100_000.0, AtRest, "time between signs of life to the drives";
+        "watchdog.timeout_us" watchdog_timeout_us: u32, 10_000.0, 1_000_000.0, AtRest, "time after which the drives' watchdogs expire";
+        "gains.period_us" gains_period_us: u32, 1_000.0, 40_000.0, Always, "period the gains were designed for";
+        "gains.certificate_crc32" gains_certificate_crc32: u32, 0.0, 4_294_967_295.0, Always, "checksum of the certificate of the gains, 0 for none";
+        "gains.blend_us" gains_blend_us: u32, 0.0, 2_000_000.0, AtRest, "time over which new gains take over";
+        "estimator.alpha" estimator_alpha: f32, 0.05, 1.0, AtRest, "weight of a measurement on the error, 1 takes it as it is";
+        "estimator.beta" estimator_beta: f32, 0.01, 1.0, AtRest, "weight of a measurement on the rate of the error, 1 is the plain difference";
+        "stop.share" stop_share: f32, 0.1, 1.0, AtRest, "share of the acceleration that a stop along the path may use";
+        "stop.path_max_us" stop_path_max_us: u32, 50_000.0, 5_000_000.0, AtRest, "a stop along the path that takes longer becomes a quick stop";
+        "gripper.address" gripper_address: u32, 0.0, 31.0, AtRest, "module whose output drives the gripper, 0 for the board's own output";
+        "gripper.line" gripper_line: u32, 0.0, 3.0, AtRest, "output line of that module";
+        "gripper.inverted" gripper_inverted: bool, 0.0, 1.0, AtRest, "output on means closed";
+        "gripper.opening_us" gripper_opening_us: u32, 0.0, 200_000.0, AtRest, "time from switching the output to the ball being free";
+        "telemetry.period_us" telemetry_period_us: u32, 1_000.0, 10_000_000.0, Always, "time between telemetry samples";
+        "home.timeout_us" home_timeout_us: u32, 1_000_000.0, 60_000_000.0, AtRest, "longest homing of one joint";
+    }
+    joint {
+        "joint.address" address: u32, 1.0, 31.0, NextStart, "address of the drive";
+        "joint.inverted" inverted: bool, 0.0, 1.0, NextStart, "joint turns against the drive";
+        "joint.offset_rad" offset_rad: f32, -6.3, 6.3, NextStart, "position of the joint where the drive reads zero";
+        "joint.q_min_rad" q_min_rad: f32, -9.5, 9.5, AtRest, "lower soft limit";
+        "joint.q_max_rad" q_max_rad: f32, -9.5, 9.5, AtRest, "upper soft limit";
+        "joint.v_max_rad_s" v_max_rad_s: f32, 0.01, 10.0, AtRest, "highest speed, commanded and measured";
+        "joint.a_max_rad_s2" a_max_rad_s2: f32, 0.1, 50.0, AtRest, "highest commanded acceleration";
+        "joint.error_max_rad" error_max_rad: f32, 0.001, 1.0, AtRest, "largest following error";
+        "joint.start_tolerance_rad" start_tolerance_rad: f32, 0.001, 0.5, AtRest, "largest distance from the start of a plan at which it may start";
+        "joint.current_max_a" current_max_a: f32, 0.1, 60.0, AtRest, "largest current";
+        "joint.jog_v_rad_s" jog_v_rad_s: f32, 0.005, 0.5, AtRest, "speed of jogging";
+        "joint.jog_a_rad_s2" jog_a_rad_s2: f32, 0.05, 5.0, AtRest, "acceleration of jogging";
+        "joint.slow_current_a" slow_current_a: f32, 0.1, 60.0, AtRest, "current limit of the drive while homing and jogging";
+        "joint.home_v_rad_s" home_v_rad_s: f32, -0.5, 0.5, AtRest, "speed of homing with its direction, of the drive";
+        "joint.k_error_1_s2" k_error_1_s2: f32, -20_000.0, 0.0, Always, "feedback on the position error";
+        "joint.k_rate_1_s" k_rate_1_s: f32, -1_000.0, 0.0, Always, "feedback on the rate of the error";
+        "joint.k_last" k_last: f32, -1.0, 1.0, Always, "feedback on the input that acts meanwhile";
+    }
+}
+
+/// Number of the register with this name.
+pub fn find(name: &str) -> Option<usize> {
+    TABLE.iter().position(|info| info.name == name)
+}
+
+/// Numbers of a register; `None` for an unknown one.
+pub fn read(settings: &Settings, name: &str) -> Option<Numbers> {
+    if let Some(number) = get_group(settings, name) {
+        return Some(Numbers::one(number));
+    }
+    let mut numbers = Numbers::one(get_joint(settings.joint.at(JointIndex::new(0).ok()?), name)?);
+    numbers.count = 0;
+    for joint in settings.joints() {
+        let number = get_joint(settings.joint.at(joint), name)?;
+        *numbers.numbers.get_mut(joint.get())? = number;
+        numbers.count += 1;
+    }
+    Some(numbers)
+}
+
+/// Writes a register: all numbers or none.
+///
+/// # Errors
+///
+/// [`Cause::BadValue`] for an unknown name, another type, another count or a number out of the
+/// register's range (index: which number); [`Cause::SettingsInvalid`] if it does not go with the
+/// other settings.
+pub fn write(settings: &mut Settings, name: &str, numbers: &[Number]) -> Result<(), Refusal> {
+    let bad = |index| Refusal::in_file(Cause::BadValue, JointIndex::new(index).ok(), index);
+    let info = find(name).and_then(|index| TABLE.get(index)).ok_or(Refusal::of(Cause::BadValue))?;
+    let count = if info.per_joint { settings.joints as usize } else { 1 };
+    if numbers.len() != count {
+        return Err(Refusal::of(Cause::BadValue));
+    }
+    let mut changed = *settings;
+    for (index, &number) in numbers.iter().enumerate() {
+        let x = number.magnitude();
+        // Written so that NaN fails.
+        if number.kind() != info.kind || !(x >= info.min && x <= info.max) {
+            return Err(bad(index));
+        }
+        let set = if info.per_joint {
+            let joint = JointIndex::new(index).map_err(|_| bad(index))?;
+            set_joint(changed.joint.at_mut(joint), name, number)
+        } else {
+            set_group(&mut changed, name, number)
+        };
+        set.ok_or(bad(index))?;
+    }
+    changed.check()?;
+    *settings = changed;
+    Ok(())
+}
+
+/// Bytes of one stored register: key, count, eight numbers.
+pub const ROW_LEN: usize = 8 + 4 * JOINTS_MAX;
+/// Bytes of the stored settings.
+pub const STORED_LEN: usize = TABLE.len() * ROW_LEN;
+
+/// Key of a register in storage: the checksum of its name, so that a later version finds what it
+/// knows and skips the rest.
+fn key(info: &RegisterInfo) -> u32 {
+    Crc32::of(info.name.as_bytes())
+}
+
+/// Stored form of register number `index`.
+pub fn to_row(settings: &Settings, index: usize) -> Option<[u8; ROW_LEN]> {
+    let info = TABLE.get(index)?;
+    let numbers = read(settings, info.name)?;
+    let mut row = [0; ROW_LEN];
+    let (head, tail) = row.split_first_chunk_mut::<8>()?;
+    let [k0, k1, k2, k3] = key(info).to_le_bytes();
+    *head = [k0, k1, k2, k3, numbers.count as u8, 0, 0, 0];
+    for (to, number) in tail.as_chunks_mut::<4>().0.iter_mut().zip(numbers.as_slice()) {
+        *to = number.to_bits().to_le_bytes();
+    }
+    Some(row)
+}
+
+/// Takes a stored row; false if it is unknown or its numbers are not allowed any more (the setting
+/// keeps its value).
+pub fn take_row(settings: &mut Settings, row: &[u8; ROW_LEN]) -> bool {
+    let Some((head, tail)) = row.split_first_chunk::<8>() else { return false };
+    let [k0, k1, k2, k3, count, ..] = *head;
+    let wanted = u32::from_le_bytes([k0, k1, k2, k3]);
+    let Some(info) = TABLE.iter().find(|info| key(info) == wanted) else { return false };
+    let mut numbers = [Number::Natural32(0); JOINTS_MAX];
+    for (number, bytes) in numbers.iter_mut().zip(tail.as_chunks::<4>().0) {
+        *number = Number::from_bits(info.kind, u32::from_le_bytes(*bytes));
+    }
+    // Cross-checks come after the last row: limits may pass through a state out of order.
+    let Some(numbers) = numbers.get(..usize::from(count)) else { return false };
+    let mut taken = !numbers.is_empty();
+    for (index, &number) in numbers.iter().enumerate() {
+        let x = number.magnitude();
+        let in_range = x >= info.min && x <= info.max;
+        taken &= in_range
+            && match (info.per_joint, JointIndex::new(index)) {
+                (true, Ok(joint)) => set_joint(settings.joint.at_mut(joint), info.name, number).is_some(),
+                (false, _) => index == 0 && set_group(settings, info.name, number).is_some(),
+                (true, Err(_)) => false,
+            };
+    }
+    taken
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_register_reads_writes_back_and_has_its_default_in_range() {
+        let mut settings = Settings::powercube6();
+        for info in TABLE {
+            let numbers = read(&settings, info.name).unwrap();
+            assert_eq!(numbers.as_slice().len(), if info.per_joint { 6 } else { 1 }, "{}", info.name);
+            assert_eq!(write(&mut settings, info.name, numbers.as_slice()), Ok(()), "{}", info.name);
+        }
+        assert_eq!(settings, Settings::powercube6());
+    }
+
+    #[test]
+    fn names_are_unique_and_carry_their_unit() {
+        for (i, info) in TABLE.iter().enumerate() {
+            assert_eq!(find(info.name), Some(i));
+            let dimensionless = [
+                "late_max",
+                "missed_max",
+                "in_flight_max",
+                "share",
+                "alpha",
+                "beta",
+                "k_last",
+                "joints",
+                "line",
+                "address",
+            ];
+            let unit = ["_us", "_rad", "_rad_s", "_rad_s2", "_a", "_1_s", "_1_s2", "_crc32"];
+            let fine = info.kind == Kind::Bit
+                || dimensionless.iter().chain(&unit).any(|suffix| info.name.ends_with(suffix));
+            assert!(fine, "{} has no unit", info.name);
+        }
+    }
+
+    #[test]
+    fn write_is_all_or_nothing_and_says_which_number() {
+        let mut settings = Settings::powercube6();
+        let before = settings;
+        let mut six = [Number::Real32(1.0); 6];
+        six[4] = Number::Real32(f32::NAN);
+        let refused = write(&mut settings, "joint.v_max_rad_s", &six).unwrap_err();
+        assert_eq!((refused.cause, refused.index), (Cause::BadValue, 4));
+        assert_eq!(settings, before);
+        for wrong in [
+            write(&mut settings, "joint.v_max_rad_s", &six[..3]),
+            write(&mut settings, "no.such", &[Number::Bit(true)]),
+            write(&mut settings, "cycle.period_us", &[Number::Real32(3000.0)]),
+            write(&mut settings, "cycle.period_us", &[Number::Natural32(999)]),
+        ] {
+            assert_eq!(wrong.unwrap_err().cause, Cause::BadValue);
+        }
+        let crossed = [Number::Real32(3.2); 6];
+        assert_eq!(
+            write(&mut settings, "joint.q_min_rad", &crossed).unwrap_err().cause,
+            Cause::SettingsInvalid
+        );
+        assert_eq!(settings, before);
+    }
+
+    #[test]
+    fn stored_rows_restore_every_setting() {
+        let mut changed = Settings::powercube6();
+        changed.cycle_period_us = 5_000;
+        changed.watchdog_prove = false;
+        changed.joint.at_mut(JointIndex::new(3).unwrap()).k_error_1_s2 = -123.5;
+        let mut restored = Settings::powercube6();
+        for index in 0..TABLE.len() {
+            assert!(take_row(&mut restored, &to_row(&changed, index).unwrap()));
+        }
+        assert_eq!(restored, changed);
+    }
+
+    #[test]
+    fn stored_row_that_is_unknown_or_out_of_range_changes_nothing_it_should_not() {
+        let mut settings = Settings::powercube6();
+        let before = settings;
+        assert!(!take_row(&mut settings, &[0xFF; ROW_LEN]));
+        let index = find("cycle.period_us").unwrap();
+        let mut row = to_row(&settings, index).unwrap();
+        row[8..12].copy_from_slice(&1u32.to_le_bytes());
+        assert!(!take_row(&mut settings, &row));
+        assert_eq!(settings, before);
+    }
+}

@@ -1,0 +1,336 @@
+//! Everything that can be set, as plain numbers with units in their names. [`crate::registers`] is the door
+//! with names and ranges; [`Settings::check`] is what must hold between values.
+
+use protocol::{Duration, JointIndex, ModuleId};
+
+use crate::fault::{Cause, Refusal};
+use crate::feedback::{Gains, Weights};
+use crate::joints::PerJoint;
+use crate::ramp::RampLimits;
+
+/// Settings of one joint. Positions are of the joint: q_joint = ±q_drive + offset.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct JointSettings {
+    /// Address of the drive, 1..=31.
+    pub address: u32,
+    /// Joint turns against the drive.
+    pub inverted: bool,
+    /// Position of the joint where the drive reads zero, rad.
+    pub offset_rad: f32,
+    /// Lower soft limit, rad.
+    pub q_min_rad: f32,
+    /// Upper soft limit, rad.
+    pub q_max_rad: f32,
+    /// Highest speed, commanded and measured, rad/s.
+    pub v_max_rad_s: f32,
+    /// Highest commanded acceleration, rad/s² (paper 002, eq. 11).
+    pub a_max_rad_s2: f32,
+    /// Largest following error, rad.
+    pub error_max_rad: f32,
+    /// Largest distance from the start of a plan at which it may start, rad.
+    pub start_tolerance_rad: f32,
+    /// Largest current, A.
+    pub current_max_a: f32,
+    /// Speed of jogging, rad/s.
+    pub jog_v_rad_s: f32,
+    /// Acceleration of jogging, rad/s².
+    pub jog_a_rad_s2: f32,
+    /// Current limit of the drive while homing and jogging, A.
+    pub slow_current_a: f32,
+    /// Speed of homing with its direction, rad/s, of the drive.
+    pub home_v_rad_s: f32,
+    /// Feedback, 1/s².
+    pub k_error_1_s2: f32,
+    /// Feedback, 1/s.
+    pub k_rate_1_s: f32,
+    /// Feedback, without unit.
+    pub k_last: f32,
+}
+
+impl JointSettings {
+    /// Feedback row.
+    pub const fn gains(&self) -> Gains {
+        Gains { k_error_1_s2: self.k_error_1_s2, k_rate_1_s: self.k_rate_1_s, k_last: self.k_last }
+    }
+
+    /// Bounds of commands.
+    pub const fn ramp_limits(&self, reach_rad: f32) -> RampLimits {
+        RampLimits {
+            q_min_rad: self.q_min_rad,
+            q_max_rad: self.q_max_rad,
+            v_max_rad_s: self.v_max_rad_s,
+            a_max_rad_s2: self.a_max_rad_s2,
+            reach_rad,
+        }
+    }
+
+    /// Joint side position from the drive's.
+    pub const fn to_joint_rad(&self, q_drive_rad: f32) -> f32 {
+        (if self.inverted { -q_drive_rad } else { q_drive_rad }) + self.offset_rad
+    }
+
+    /// Drive side position from the joint's.
+    pub const fn to_drive_rad(&self, q_joint_rad: f32) -> f32 {
+        let q = q_joint_rad - self.offset_rad;
+        if self.inverted { -q } else { q }
+    }
+
+    /// The drive's address; address 1 for a value that [`Settings::check`] refuses.
+    pub fn module(&self) -> ModuleId {
+        u8::try_from(self.address).ok().and_then(|a| ModuleId::new(a).ok()).unwrap_or(ModuleId::MIN)
+    }
+}
+
+/// Settings of the group.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Joints in use, 1..=8.
+    pub joints: u32,
+    /// CRC-32 of the robot file that the plans must be for; 0 accepts any.
+    pub robot_crc32: u32,
+    /// Control period, µs.
+    pub cycle_period_us: u32,
+    /// Period of looking at the drives while nothing moves, µs.
+    pub monitor_period_us: u32,
+    /// Late cycles in a row that stop the group.
+    pub cycle_late_max: u32,
+    /// Read one drive's current or state word in each control cycle, in turn.
+    pub cycle_guest: bool,
+    /// Age of the host's heartbeat that stops a motion, µs.
+    pub host_timeout_us: u32,
+    /// A reply that takes longer counts as missed, µs.
+    pub reply_deadline_us: u32,
+    /// Missed replies in a row that stop the group.
+    pub reply_missed_max: u32,
+    /// Time from a drive's measurement to the end of its reply, µs.
+    pub reply_age_us: u32,
+    /// Drives with a request in flight at the same time.
+    pub in_flight_max: u32,
+    /// Distance of targets, rad.
+    pub reach_rad: f32,
+    /// Switch the drives' watchdogs on.
+    pub watchdog_enable: bool,
+    /// Let the watchdogs expire once at start-up and see that they stop the drives.
+    pub watchdog_prove: bool,
+    /// Time between signs of life to the drives, µs.
+    pub watchdog_refresh_us: u32,
+    /// Time after which the drives' watchdogs expire, µs.
+    pub watchdog_timeout_us: u32,
+    /// Period the gains were designed for, µs.
+    pub gains_period_us: u32,
+    /// CRC-32 of the certificate of the gains; 0: none.
+    pub gains_certificate_crc32: u32,
+    /// Time over which new gains take over, µs.
+    pub gains_blend_us: u32,
+    /// Weight of a measurement on the error.
+    pub estimator_alpha: f32,
+    /// Weight of a measurement on the rate of the error.
+    pub estimator_beta: f32,
+    /// Share of the acceleration that a stop along the path may use.
+    pub stop_share: f32,
+    /// A stop along the path that takes longer becomes a quick stop, µs.
+    pub stop_path_max_us: u32,
+    /// Address of the module whose output drives the gripper; 0: an output of the board.
+    pub gripper_address: u32,
+    /// Output line of that module, 0..=3.
+    pub gripper_line: u32,
+    /// Output on means closed.
+    pub gripper_inverted: bool,
+    /// Time from switching the output to the ball being free, µs.
+    pub gripper_opening_us: u32,
+    /// Time between telemetry samples, µs.
+    pub telemetry_period_us: u32,
+    /// Longest homing of one joint, µs.
+    pub home_timeout_us: u32,
+    /// Per joint.
+    pub joint: PerJoint<JointSettings>,
+}
+
+impl Settings {
+    /// The PowerCube arm (`powercube6`), gains of the discrete design at 3 ms.
+    ///
+    /// Speeds, accelerations and currents: paper 002, table II and eq. (11). Following error,
+    /// tolerance and slow speeds are chosen.
+    pub const fn powercube6() -> Self {
+        // Degrees of the tables, as written there.
+        const fn joint(
+            address: u32,
+            q_deg: (f32, f32),
+            v_deg_s: f32,
+            a_rad_s2: f32,
+            current_a: f32,
+        ) -> JointSettings {
+            const RAD: f32 = core::f32::consts::PI / 180.0;
+            JointSettings {
+                address,
+                inverted: false,
+                offset_rad: 0.0,
+                q_min_rad: q_deg.0 * RAD,
+                q_max_rad: q_deg.1 * RAD,
+                v_max_rad_s: v_deg_s * RAD,
+                a_max_rad_s2: a_rad_s2,
+                error_max_rad: 0.25,
+                start_tolerance_rad: 0.02,
+                current_max_a: current_a,
+                jog_v_rad_s: 0.25,
+                jog_a_rad_s2: 1.0,
+                slow_current_a: 0.5 * current_a,
+                home_v_rad_s: -0.1,
+                k_error_1_s2: -700.0,
+                k_rate_1_s: -48.0,
+                k_last: -0.15,
+            }
+        }
+        let j1 = joint(1, (-180.0, 180.0), 149.0, 10.4, 30.0);
+        let j2 = joint(2, (-240.0, 60.0), 149.0, 10.4, 30.0);
+        let j3 = joint(3, (-230.0, 50.0), 149.0, 10.4, 30.0);
+        let j4 = joint(4, (-180.0, 180.0), 149.0, 10.4, 15.0);
+        let j5 = joint(5, (-115.0, 115.0), 248.0, 16.6, 15.0);
+        let j6 = joint(6, (-180.0, 180.0), 320.0, 22.3, 15.0);
+        let (j7, j8) =
+            (joint(7, (-180.0, 180.0), 149.0, 10.4, 15.0), joint(8, (-180.0, 180.0), 149.0, 10.4, 15.0));
+        Self {
+            joints: 6,
+            robot_crc32: 0,
+            cycle_period_us: 3_000,
+            monitor_period_us: 10_000,
+            cycle_late_max: 3,
+            cycle_guest: true,
+            host_timeout_us: 100_000,
+            reply_deadline_us: 2_000,
+            reply_missed_max: 2,
+            reply_age_us: 130,
+            in_flight_max: 4,
+            reach_rad: 3.0,
+            watchdog_enable: true,
+            watchdog_prove: true,
+            watchdog_refresh_us: 20_000,
+            watchdog_timeout_us: 50_000,
+            gains_period_us: 3_000,
+            gains_certificate_crc32: 0,
+            gains_blend_us: 200_000,
+            estimator_alpha: 0.6,
+            estimator_beta: 0.2,
+            stop_share: 0.9,
+            stop_path_max_us: 1_000_000,
+            gripper_address: 0,
+            gripper_line: 0,
+            gripper_inverted: false,
+            gripper_opening_us: 0,
+            telemetry_period_us: 20_000,
+            home_timeout_us: 15_000_000,
+            joint: PerJoint([j1, j2, j3, j4, j5, j6, j7, j8]),
+        }
+    }
+
+    /// The same arm as the paper ran it: 17 ms, every number of the error used as it is measured.
+    ///
+    /// The paper does not print its gains; these are a design by its theorem 1 with `Q ≥ I` for the
+    /// period, with the delay as a state (`robot-models` 1.10).
+    pub const fn powercube6_paper() -> Self {
+        let mut settings = Self::powercube6();
+        settings.cycle_period_us = 17_000;
+        settings.gains_period_us = 17_000;
+        settings.reply_deadline_us = 6_000;
+        settings.estimator_alpha = 1.0;
+        settings.estimator_beta = 1.0;
+        let PerJoint([a, b, c, d, e, f, g, h]) = &mut settings.joint;
+        let joints = [a, b, c, d, e, f, g, h];
+        let mut i = 0;
+        while i < joints.len() {
+            // Const evaluation: an index out of range would not compile.
+            #[allow(clippy::indexing_slicing)]
+            let joint = &mut *joints[i];
+            joint.k_error_1_s2 = -417.0;
+            joint.k_rate_1_s = -38.8;
+            joint.k_last = -0.6;
+            i += 1;
+        }
+        settings
+    }
+
+    /// Joints in use, base first.
+    pub fn joints(&self) -> impl DoubleEndedIterator<Item = JointIndex> + Clone + use<> {
+        JointIndex::first(self.joints as usize)
+    }
+
+    /// Joint of a drive's address.
+    pub fn joint_of(&self, module: ModuleId) -> Option<JointIndex> {
+        self.joints().find(|&joint| self.joint.at(joint).address == u32::from(module.get()))
+    }
+
+    /// Control period.
+    pub const fn cycle_period(&self) -> Duration {
+        Duration::from_micros(self.cycle_period_us as u64)
+    }
+
+    /// Control period, s.
+    pub const fn cycle_period_s(&self) -> f32 {
+        self.cycle_period_us as f32 * 1e-6
+    }
+
+    /// Weights of the estimator.
+    pub const fn weights(&self) -> Weights {
+        Weights { alpha: self.estimator_alpha, beta: self.estimator_beta }
+    }
+
+    /// What must hold between values; each value's own range is the register's.
+    ///
+    /// # Errors
+    ///
+    /// The first joint whose limits are not in order or whose address is taken.
+    pub fn check(&self) -> Result<(), Refusal> {
+        for joint in self.joints() {
+            let j = self.joint.at(joint);
+            // Written so that NaN fails.
+            let in_order = j.q_min_rad < j.q_max_rad
+                && j.jog_v_rad_s <= j.v_max_rad_s
+                && j.home_v_rad_s.abs() <= j.v_max_rad_s
+                && j.jog_a_rad_s2 <= j.a_max_rad_s2
+                && j.slow_current_a <= j.current_max_a;
+            if !in_order {
+                return Err(Refusal::at(Cause::SettingsInvalid, joint));
+            }
+            let taken =
+                self.joints().any(|other| other != joint && self.joint.at(other).address == j.address);
+            if taken {
+                return Err(Refusal::at(Cause::DuplicateAddress, joint));
+            }
+        }
+        let timing = self.reply_deadline_us <= self.cycle_period_us.max(self.monitor_period_us)
+            && self.watchdog_refresh_us < self.watchdog_timeout_us
+            && self.cycle_period_us < self.watchdog_timeout_us;
+        if timing { Ok(()) } else { Err(Refusal::of(Cause::SettingsInvalid)) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn built_in_settings_pass_their_own_check() {
+        assert_eq!(Settings::powercube6().check(), Ok(()));
+        assert_eq!(Settings::powercube6_paper().check(), Ok(()));
+    }
+
+    #[test]
+    fn limits_out_of_order_lost_numbers_and_shared_addresses_are_refused_with_the_joint() {
+        let third = JointIndex::new(2).unwrap();
+        let mut settings = Settings::powercube6();
+        settings.joint.at_mut(third).q_min_rad = f32::NAN;
+        assert_eq!(settings.check(), Err(Refusal::at(Cause::SettingsInvalid, third)));
+        let mut settings = Settings::powercube6();
+        settings.joint.at_mut(third).address = 1;
+        assert_eq!(settings.check().unwrap_err().cause, Cause::DuplicateAddress);
+    }
+
+    #[test]
+    fn drive_and_joint_side_are_each_others_inverse() {
+        let mut joint = *Settings::powercube6().joint.at(JointIndex::new(1).unwrap());
+        (joint.inverted, joint.offset_rad) = (true, -1.5);
+        assert_eq!(joint.to_joint_rad(0.0), -1.5);
+        assert_eq!(joint.to_drive_rad(joint.to_joint_rad(0.25)), 0.25);
+        assert!(joint.to_joint_rad(0.25) < joint.to_joint_rad(0.0));
+    }
+}

@@ -1,0 +1,134 @@
+//! What must hold, as pure questions: each gives the cause that does not, or none. The controller asks and
+//! reacts ([`crate::fault::Reaction`]).
+
+use protocol::Instant;
+use protocol::powercube::{CubeState, ShortState};
+
+use crate::drives::PositionSample;
+use crate::fault::Cause;
+use crate::settings::JointSettings;
+
+/// Share above the speed limit at which a measured speed is a fault: the estimate has noise and a saturated
+/// loop may overshoot a little.
+const V_TOLERANCE: f32 = 1.1;
+/// Noise of a measured speed, rad/s.
+const V_NOISE_RAD_S: f32 = 0.15;
+/// Distance outside the soft limits at which a measured position is a fault, rad: the drive's ramp ends
+/// on the limit and its loop overshoots.
+const Q_TOLERANCE_RAD: f32 = 0.01;
+/// Readings above the current limit in a row that are a fault.
+pub const OVER_CURRENT_READINGS: u8 = 3;
+
+/// One joint as measured in a cycle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measured {
+    /// Position, rad.
+    pub q_rad: f32,
+    /// Velocity, rad/s.
+    pub qd_rad_s: f32,
+    /// Following error, rad.
+    pub e_rad: f32,
+}
+
+/// Position, speed and following error of a moving joint.
+pub fn check_motion(measured: &Measured, limits: &JointSettings) -> Option<Cause> {
+    let Measured { q_rad, qd_rad_s, e_rad } = *measured;
+    // Each written so that a number that is none is a fault.
+    let inside = q_rad >= limits.q_min_rad - Q_TOLERANCE_RAD && q_rad <= limits.q_max_rad + Q_TOLERANCE_RAD;
+    let slow_enough = qd_rad_s.abs() <= V_TOLERANCE * limits.v_max_rad_s + V_NOISE_RAD_S;
+    let near_enough = e_rad.abs() <= limits.error_max_rad;
+    if !inside {
+        Some(Cause::PositionLimit)
+    } else if !slow_enough {
+        Some(Cause::VelocityLimit)
+    } else if !near_enough {
+        Some(Cause::FollowingError)
+    } else {
+        None
+    }
+}
+
+/// The gravest thing a state word tells. `halted_is_fine`: we halted it ourselves.
+pub fn check_state_word(state: CubeState, halted_is_fine: bool) -> Option<Cause> {
+    let table = [
+        (CubeState::POW_VOLT_ERR, Cause::DriveSupply),
+        (CubeState::POWERFAULT, Cause::DrivePowerFault),
+        (CubeState::POW_FET_TEMP, Cause::DrivePowerFault),
+        (CubeState::POW_WDG_TEMP, Cause::DrivePowerFault),
+        (CubeState::POW_SHORTCUR, Cause::DrivePowerFault),
+        (CubeState::POW_HALLERR, Cause::DrivePowerFault),
+        (CubeState::POW_INTEGRALERR, Cause::DrivePowerFault),
+        (CubeState::CPU_OVERLOAD, Cause::DrivePowerFault),
+        (CubeState::BEYOND_HARD, Cause::DriveHardLimit),
+        (CubeState::TOW_ERROR, Cause::DriveTowError),
+        (CubeState::BEYOND_SOFT, Cause::DriveSoftLimit),
+        (CubeState::COMM_ERROR, Cause::DriveWatchdog),
+        (CubeState::ERROR, Cause::DriveError),
+    ];
+    let cause = table.into_iter().find(|(bits, _)| state.intersects(*bits)).map(|(_, cause)| cause);
+    let halted = state.intersects(CubeState::HALTED) && !halted_is_fine;
+    cause.or(halted.then_some(Cause::DriveError))
+}
+
+/// Error or halt of a drive that has found its zero, from the byte in every motion answer.
+pub fn check_short_state(short: ShortState) -> Option<Cause> {
+    short.intersects(ShortState::NOT_OK).then_some(Cause::DriveError)
+}
+
+/// True if the joint can have got from the last position to this one. A stale, mixed-up or broken
+/// position from far away is not; one that is near does no harm.
+pub fn is_plausible(q_rad: f32, at: Instant, last: Option<PositionSample>, v_max_rad_s: f32) -> bool {
+    let Some(last) = last else { return q_rad.is_finite() };
+    let dt_s = at.saturating_since(last.at).as_secs_f32();
+    (q_rad - last.q_rad).abs() <= 1.5 * v_max_rad_s * dt_s + 0.02
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::Settings;
+    use protocol::JointIndex;
+
+    #[test]
+    fn each_limit_is_judged_on_what_is_measured_and_a_lost_number_fails() {
+        let limits = Settings::powercube6().joint.get(JointIndex::new(0).unwrap());
+        let fine = Measured { q_rad: 1.0, qd_rad_s: 1.0, e_rad: 0.0 };
+        let table = [
+            (fine, None),
+            (Measured { q_rad: 3.16, ..fine }, Some(Cause::PositionLimit)),
+            (Measured { q_rad: f32::NAN, ..fine }, Some(Cause::PositionLimit)),
+            (Measured { qd_rad_s: -3.1, ..fine }, Some(Cause::VelocityLimit)),
+            (Measured { qd_rad_s: f32::NAN, ..fine }, Some(Cause::VelocityLimit)),
+            (Measured { e_rad: -0.26, ..fine }, Some(Cause::FollowingError)),
+        ];
+        for (measured, cause) in table {
+            assert_eq!(check_motion(&measured, &limits), cause, "{measured:?}");
+        }
+    }
+
+    #[test]
+    fn every_error_bit_of_the_state_word_has_a_cause() {
+        for bit in 0..32 {
+            let state = CubeState::from_bits(1 << bit);
+            let is_error = state.intersects(CubeState::CAUSES) || state.intersects(CubeState::ERROR);
+            if is_error && !state.intersects(CubeState::SETUP_OR_LOGIC_VOLT) {
+                assert!(check_state_word(state, true).is_some(), "{state}");
+            }
+        }
+        assert_eq!(check_state_word(CubeState::HALTED, true), None);
+        assert_eq!(check_state_word(CubeState::HALTED, false), Some(Cause::DriveError));
+        assert_eq!(check_state_word(CubeState::HOME_OK.union(CubeState::RAMP_END), false), None);
+        let many = CubeState::ERROR.union(CubeState::TOW_ERROR).union(CubeState::POWERFAULT);
+        assert_eq!(check_state_word(many, false), Some(Cause::DrivePowerFault));
+    }
+
+    #[test]
+    fn position_that_cannot_have_been_reached_is_not_plausible() {
+        let last = Some(PositionSample { q_rad: 1.0, at: Instant::from_micros(0) });
+        let at = Instant::from_micros(3_000);
+        assert!(is_plausible(1.008, at, last, 2.6));
+        assert!(!is_plausible(1.1, at, last, 2.6));
+        assert!(!is_plausible(f32::NAN, at, last, 2.6));
+        assert!(!is_plausible(f32::NAN, at, None, 2.6));
+    }
+}

@@ -1,0 +1,92 @@
+//! Ring of events: what happened lately, as facts without strings; decoded off the board.
+
+use protocol::{Instant, JointIndex};
+
+use crate::fault::{Cause, Fault};
+use crate::orders::OrderKind;
+use crate::state::StateKind;
+
+/// Events kept.
+pub const TRACE_LEN: usize = 64;
+
+/// Something that happened.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Event {
+    /// The state changed.
+    State {
+        /// From.
+        from: StateKind,
+        /// To.
+        to: StateKind,
+        /// Why, if there was a stop or a fault.
+        fault: Option<Fault>,
+    },
+    /// A fault came after the first one and changed nothing.
+    FurtherFault(Fault),
+    /// An order was taken.
+    Order(OrderKind),
+    /// An order was refused.
+    Refused(OrderKind, Cause),
+    /// A drive missed a reply.
+    Missed(JointIndex),
+    /// A drive's position could not be.
+    Implausible(JointIndex),
+    /// A control cycle began late or before the last one was done.
+    LateCycle,
+    /// The gripper output was switched (true: open).
+    Gripper(bool),
+    /// The halt broadcast went out.
+    Halt,
+}
+
+/// The last [`TRACE_LEN`] events.
+#[derive(Clone, Debug)]
+pub struct Trace {
+    events: [Option<(Instant, Event)>; TRACE_LEN],
+    next: usize,
+    total: u32,
+}
+
+impl Default for Trace {
+    fn default() -> Self {
+        Self { events: [None; TRACE_LEN], next: 0, total: 0 }
+    }
+}
+
+impl Trace {
+    /// Notes an event; the oldest one goes.
+    pub fn note(&mut self, now: Instant, event: Event) {
+        if let Some(place) = self.events.get_mut(self.next) {
+            *place = Some((now, event));
+        }
+        self.next = (self.next + 1) % TRACE_LEN;
+        self.total = self.total.wrapping_add(1);
+    }
+
+    /// Events since start-up, also those that have gone; modulo 2^32.
+    pub const fn total(&self) -> u32 {
+        self.total
+    }
+
+    /// What is kept, oldest first.
+    pub fn iter(&self) -> impl Iterator<Item = (Instant, Event)> + '_ {
+        let (newer, older) = self.events.split_at_checked(self.next).unwrap_or((&self.events, &[]));
+        older.iter().chain(newer).flatten().copied()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ring_keeps_the_latest_in_order() {
+        let mut trace = Trace::default();
+        for k in 0..100 {
+            trace.note(Instant::from_micros(k), Event::Halt);
+        }
+        let times: Vec<u64> = trace.iter().map(|(at, _)| at.as_micros()).collect();
+        assert_eq!(times, (36..100).collect::<Vec<u64>>());
+        assert_eq!(trace.total(), 100);
+    }
+}

@@ -1,0 +1,550 @@
+//! Bench of the controller's tests: a CAN bus with bit times and arbitration, and drives that are as simple as
+//! they can be and still ramp, lag, quantise, answer late and stop by their watchdog. Written from the drive's
+//! protocol. The simulator of the project is `hil-sim`; this one only serves the tests of this package.
+#![allow(dead_code)]
+
+use std::collections::VecDeque;
+
+use firmware::Controller;
+use firmware::crc::Crc64;
+use firmware::joints::PerJoint;
+use firmware::orders::{Done, Order};
+use firmware::settings::Settings;
+use firmware::spline::Knot;
+use firmware::state::StateKind;
+use firmware::store::{FileName, RamStorage};
+use firmware::trajectory_format::{self, FILE_LEN_MAX, Header};
+use protocol::powercube::{
+    AddressedRequest, Broadcast, Config, CubeState, Dio, MotionCommand, MotionKind, MotionPosition,
+    Parameter, PosStateDio, Reply, Request, SimpleCommand, Value,
+};
+use protocol::units::Radians;
+use protocol::{Duration, Frame, Instant, JointIndex, ModuleId, Node};
+
+/// Numerical Recipes' LCG: seeded, good enough for delays.
+#[derive(Clone)]
+pub struct Rng(pub u64);
+
+impl Rng {
+    pub fn below(&mut self, n: u64) -> u64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 33) % n
+    }
+}
+
+/// Ramp generator in front of a position loop (wn 320 rad/s, zeta 0.8), position in steps of 0.02 degrees.
+#[derive(Clone, Debug)]
+pub struct Drive {
+    pub module: ModuleId,
+    pub q: f64,
+    pub v: f64,
+    pub q_gen: f64,
+    pub v_gen: f64,
+    pub v_ramp: f64,
+    pub a_ramp: f64,
+    pub target: Option<f64>,
+    pub state: CubeState,
+    pub config: Config,
+    pub dio: u8,
+    pub current_a: f32,
+    /// Answers nothing and does nothing new.
+    pub silent: bool,
+    /// Replies to drop, counted down.
+    pub drop_replies: u32,
+    pub watchdog_seen: Option<u64>,
+    pub watchdog_us: u64,
+    /// Homing ends then.
+    homing_until: Option<u64>,
+    pub home_takes_us: u64,
+    pub max_cur: f32,
+    /// Ideal drive: position follows the generator exactly and is not quantised.
+    pub ideal: bool,
+    at_us: u64,
+}
+
+impl Drive {
+    fn new(module: u8) -> Self {
+        Self {
+            module: ModuleId::new(module).unwrap(),
+            q: 0.0,
+            v: 0.0,
+            q_gen: 0.0,
+            v_gen: 0.0,
+            v_ramp: 0.5,
+            a_ramp: 1.0,
+            target: None,
+            state: CubeState::HOME_OK.union(CubeState::RAMP_END),
+            config: Config::EMPTY,
+            dio: 0,
+            current_a: 1.0,
+            silent: false,
+            drop_replies: 0,
+            watchdog_seen: None,
+            watchdog_us: 50_000,
+            homing_until: None,
+            home_takes_us: 300_000,
+            max_cur: 30.0,
+            ideal: false,
+            at_us: 0,
+        }
+    }
+
+    pub fn place(&mut self, q: f64) {
+        (self.q, self.q_gen, self.v, self.v_gen) = (q, q, 0.0, 0.0);
+    }
+
+    fn stop_hard(&mut self) {
+        // Emergency stop: brakes with what its own limit allows.
+        self.a_ramp = 20.0;
+        self.target = Some(self.q_gen + 0.5 * self.v_gen * self.v_gen.abs() / self.a_ramp);
+    }
+
+    fn advance(&mut self, to_us: u64) {
+        const STEP: u64 = 20;
+        while self.at_us + STEP <= to_us {
+            self.at_us += STEP;
+            let dt = STEP as f64 * 1e-6;
+            if let Some(target) = self.target {
+                let d = target - self.q_gen;
+                let braking =
+                    d * self.v_gen > 0.0 && self.v_gen * self.v_gen / (2.0 * self.a_ramp) >= d.abs();
+                let wanted = if braking || d == 0.0 { 0.0 } else { d.signum() * self.v_ramp };
+                let dv = (wanted - self.v_gen).clamp(-self.a_ramp * dt, self.a_ramp * dt);
+                self.q_gen += dt * (self.v_gen + 0.5 * dv);
+                self.v_gen += dv;
+                if self.v_gen.abs() < 2.0 * self.a_ramp * dt && d.abs() < 1e-6 {
+                    (self.q_gen, self.v_gen, self.target) = (target, 0.0, None);
+                }
+            }
+            let moving = self.v_gen.abs() > 1e-4;
+            self.state = self.state.with(CubeState::MOTION, moving).with(CubeState::RAMP_END, !moving);
+            if self.ideal {
+                (self.q, self.v) = (self.q_gen, self.v_gen);
+            } else {
+                let (wn, zeta) = (320.0, 0.8);
+                let a = wn * wn * (self.q_gen - self.q) + 2.0 * zeta * wn * (self.v_gen - self.v);
+                self.v += dt * a;
+                self.q += dt * self.v;
+            }
+        }
+        if let Some(until) = self.homing_until.filter(|&until| until <= to_us) {
+            let _ = until;
+            self.homing_until = None;
+            self.state = self.state.with(CubeState::HOME_OK, true);
+        }
+        if self.homing_until.is_some() {
+            self.state = self.state.with(CubeState::MOTION, true);
+        }
+        let expired = self.config.contains(Config::WATCHDOG_ENABLE)
+            && self.watchdog_seen.is_some_and(|seen| to_us > seen + self.watchdog_us);
+        if expired && !self.state.contains(CubeState::COMM_ERROR) {
+            self.state =
+                self.state.union(CubeState::ERROR).union(CubeState::COMM_ERROR).union(CubeState::HALTED);
+            self.stop_hard();
+        }
+    }
+
+    fn q_reported(&self) -> f32 {
+        if self.ideal {
+            return self.q as f32;
+        }
+        let step = 0.02f64.to_radians();
+        ((self.q / step).round() * step) as f32
+    }
+
+    fn broadcast(&mut self, now_us: u64, broadcast: Broadcast) {
+        match broadcast {
+            Broadcast::Halt => {
+                self.state = self.state.union(CubeState::HALTED);
+                self.stop_hard();
+            }
+            Broadcast::Reset => self.reset(),
+            Broadcast::Watchdog => self.watchdog_seen = Some(now_us),
+            _ => {}
+        }
+    }
+
+    fn reset(&mut self) {
+        let gone = CubeState::ERROR
+            .union(CubeState::HALTED)
+            .union(CubeState::COMM_ERROR)
+            .union(CubeState::TOW_ERROR);
+        self.state = self.state.difference(gone);
+        if self.state.contains(CubeState::HOME_OK) || true {
+            self.watchdog_seen = None;
+        }
+    }
+
+    fn refuses(&self) -> bool {
+        self.state.intersects(CubeState::ERROR.union(CubeState::HALTED))
+    }
+
+    fn answer(&mut self, now_us: u64, request: Request) -> Option<Reply> {
+        let short = self.state.short();
+        Some(match request {
+            Request::Simple(simple) => {
+                match simple {
+                    SimpleCommand::Halt => self.broadcast(now_us, Broadcast::Halt),
+                    SimpleCommand::Reset => self.reset(),
+                    SimpleCommand::Home => {
+                        self.state = self.state.with(CubeState::HOME_OK, false);
+                        self.homing_until = Some(now_us + self.home_takes_us);
+                    }
+                    _ => {}
+                }
+                Reply::Simple(simple)
+            }
+            Request::Get(parameter) => Reply::Value(
+                parameter,
+                match parameter {
+                    Parameter::DefVersion => Value::U16(0x4614),
+                    Parameter::Config => Value::U32(self.config.bits()),
+                    Parameter::CubeState => Value::U32(self.state.bits()),
+                    Parameter::Cur => Value::F32(self.current_a),
+                    Parameter::ActPos => Value::F32(self.q_reported()),
+                    Parameter::PosStateDio => Value::PosStateDio(PosStateDio {
+                        position_rad: self.q_reported(),
+                        short_state: short,
+                        dio: Dio(self.dio),
+                    }),
+                    _ => return None,
+                },
+            ),
+            Request::Set(parameter, value) => {
+                match (parameter, value) {
+                    (Parameter::TargetVel, Value::F32(v)) => self.v_ramp = v.into(),
+                    (Parameter::TargetAcc, Value::F32(a)) => {
+                        self.a_ramp = if self.refuses() { self.a_ramp } else { a.into() }
+                    }
+                    (Parameter::Config, Value::U32(bits)) => self.config = Config::from_bits(bits),
+                    (Parameter::MaxCur, Value::F32(a)) => self.max_cur = a,
+                    (Parameter::DioData, Value::U32(bits)) => self.dio = bits as u8 & 0xF0,
+                    _ => {}
+                }
+                Reply::SetAck { parameter, code: Some(0x64) }
+            }
+            Request::Move(motion) => {
+                let MotionCommand::Ramp { target } = motion.command() else { return None };
+                let position = MotionPosition::Radians(Radians::new(self.q_reported()));
+                if !self.refuses() {
+                    self.target = Some(target.get().into());
+                }
+                Reply::MotionExtended {
+                    kind: MotionKind::Ramp,
+                    position,
+                    short_state: short,
+                    dio: Dio(self.dio),
+                }
+            }
+            _ => return None,
+        })
+    }
+}
+
+/// Frame with the time of its end on the bus.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Logged {
+    pub at: Instant,
+    pub by_controller: bool,
+    pub frame: Frame,
+}
+
+/// Options of a bench.
+pub struct Options {
+    pub settings: Settings,
+    pub answer_us: (u64, u64),
+    pub homed: bool,
+    pub seed: u64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { settings: Settings::powercube6(), answer_us: (100, 300), homed: true, seed: 1 }
+    }
+}
+
+pub struct Bench {
+    pub controller: Box<Controller<RamStorage>>,
+    pub drives: Vec<Drive>,
+    pub log: Vec<Logged>,
+    pub now: u64,
+    pub rng: Rng,
+    pub heartbeat: bool,
+    pub board_gripper: Vec<(u64, bool)>,
+    pub bus_busy_us: u64,
+    answer_us: (u64, u64),
+    heartbeat_due: u64,
+    from_controller: VecDeque<Frame>,
+    /// Ready time and reply, per drive in order.
+    from_drive: Vec<VecDeque<(u64, Frame)>>,
+    on_bus: Option<(u64, Frame, Option<usize>)>,
+}
+
+/// Bits on the wire with an average of stuffing, 1 µs each.
+fn frame_us(frame: &Frame) -> u64 {
+    let bits = if frame.is_extended() { 67 } else { 47 } + 8 * frame.data().len() as u64;
+    bits + bits / 12
+}
+
+impl Bench {
+    pub fn new(options: Options) -> Self {
+        let count = options.settings.joints as usize;
+        let mut drives: Vec<Drive> =
+            (0..count).map(|i| Drive::new(options.settings.joint.0[i].address as u8)).collect();
+        if !options.homed {
+            for drive in &mut drives {
+                drive.state = CubeState::EMPTY;
+            }
+        }
+        Self {
+            controller: Box::new(Controller::new(RamStorage::new(), &options.settings)),
+            from_drive: vec![VecDeque::new(); count],
+            drives,
+            log: Vec::new(),
+            now: 0,
+            rng: Rng(options.seed),
+            heartbeat: true,
+            board_gripper: Vec::new(),
+            bus_busy_us: 0,
+            answer_us: options.answer_us,
+            heartbeat_due: 0,
+            from_controller: VecDeque::new(),
+            on_bus: None,
+        }
+    }
+
+    /// Started, all homed, at `q`.
+    pub fn ready(options: Options, q: &[f64]) -> Self {
+        let mut bench = Self::new(options);
+        for (drive, &q) in bench.drives.iter_mut().zip(q) {
+            drive.place(q);
+        }
+        bench.run_until(3_000_000, |bench| bench.kind() == StateKind::Ready);
+        assert_eq!(bench.kind(), StateKind::Ready, "{:?}", bench.controller.state());
+        // Everything read at least once.
+        bench.run_for(60_000);
+        bench
+    }
+
+    pub fn kind(&self) -> StateKind {
+        self.controller.state().kind()
+    }
+
+    pub fn instant(&self) -> Instant {
+        Instant::from_micros(self.now)
+    }
+
+    fn drain(&mut self) {
+        while let Some(frame) = self.controller.poll_frame() {
+            self.from_controller.push_back(frame);
+        }
+        if let Some(level) = self.controller.take_gripper_level() {
+            self.board_gripper.push((self.now, level));
+        }
+        self.start_frame();
+    }
+
+    fn start_frame(&mut self) {
+        if self.on_bus.is_some() {
+            return;
+        }
+        let mut best: Option<(u32, Option<usize>)> =
+            self.from_controller.front().map(|frame| (frame.arbitration_key(), None));
+        for (i, queue) in self.from_drive.iter().enumerate() {
+            if let Some((_, frame)) = queue.front().filter(|(ready, _)| *ready <= self.now) {
+                let key = frame.arbitration_key();
+                if best.is_none_or(|(least, _)| key < least) {
+                    best = Some((key, Some(i)));
+                }
+            }
+        }
+        let Some((_, sender)) = best else { return };
+        let frame = match sender {
+            None => self.from_controller.pop_front(),
+            Some(i) => self.from_drive[i].pop_front().map(|(_, frame)| frame),
+        };
+        let frame = frame.unwrap();
+        let us = frame_us(&frame);
+        self.bus_busy_us += us;
+        self.on_bus = Some((self.now + us, frame, sender));
+    }
+
+    fn deliver(&mut self, frame: Frame, sender: Option<usize>) {
+        self.log.push(Logged { at: self.instant(), by_controller: sender.is_none(), frame });
+        let now = self.now;
+        if sender.is_some() {
+            self.controller.handle_frame(Instant::from_micros(now), &frame);
+            return;
+        }
+        for (i, drive) in self.drives.iter_mut().enumerate() {
+            drive.advance(now);
+            if drive.silent {
+                continue;
+            }
+            if let Ok(broadcast) = Broadcast::decode(&frame) {
+                drive.broadcast(now, broadcast);
+                continue;
+            }
+            let Ok(request) = AddressedRequest::decode(&frame) else { continue };
+            if request.module != drive.module {
+                continue;
+            }
+            let delay = self.answer_us.0 + self.rng.below(self.answer_us.1 - self.answer_us.0 + 1);
+            let earliest = self.from_drive[i].back().map_or(0, |(ready, _)| *ready);
+            if let Some(reply) = drive.answer(now, request.request) {
+                if drive.drop_replies > 0 {
+                    drive.drop_replies -= 1;
+                } else {
+                    self.from_drive[i].push_back(((now + delay).max(earliest), reply.encode(drive.module)));
+                }
+            }
+        }
+    }
+
+    /// One event; false if it would be after `end`.
+    fn step(&mut self, end: u64) -> bool {
+        let deadline = self.controller.poll_timeout().map_or(u64::MAX, Instant::as_micros).max(self.now);
+        let bus = self.on_bus.map_or(u64::MAX, |(at, ..)| at);
+        let ready = self.from_drive.iter().filter_map(|queue| queue.front().map(|(ready, _)| *ready)).min();
+        let ready = if self.on_bus.is_some() { u64::MAX } else { ready.unwrap_or(u64::MAX).max(self.now) };
+        let beat = if self.heartbeat { self.heartbeat_due } else { u64::MAX };
+        let next = deadline.min(bus).min(ready).min(beat);
+        if next > end {
+            self.now = end;
+            return false;
+        }
+        self.now = next;
+        if beat == next {
+            self.controller.host_heartbeat(self.instant());
+            self.heartbeat_due = next + 20_000;
+        } else if bus == next {
+            let (_, frame, sender) = self.on_bus.take().unwrap();
+            self.deliver(frame, sender);
+        } else if deadline == next {
+            let before = self.instant();
+            self.controller.handle_timeout(before);
+            let after = self.controller.poll_timeout().unwrap();
+            assert!(after > before, "deadline {after} stuck at {before}: {:?}", self.controller.state());
+        }
+        self.drain();
+        true
+    }
+
+    pub fn run_for(&mut self, us: u64) {
+        let end = self.now + us;
+        while self.step(end) {}
+        for drive in &mut self.drives {
+            drive.advance(self.now);
+        }
+    }
+
+    pub fn run_until(&mut self, us: u64, done: impl Fn(&Self) -> bool) {
+        let end = self.now + us;
+        while !done(self) && self.step(end) {}
+        for drive in &mut self.drives {
+            drive.advance(self.now);
+        }
+    }
+
+    pub fn order(&mut self, order: Order) -> Result<Done, firmware::fault::Refusal> {
+        let outcome = self.controller.order(self.instant(), order);
+        self.drain();
+        outcome
+    }
+
+    pub fn stop_now(&mut self) {
+        self.controller.stop_now(self.instant());
+        self.drain();
+    }
+
+    pub fn upload(&mut self, file: &[u8]) -> FileName {
+        for (i, piece) in file.chunks(256).enumerate() {
+            self.controller.upload(self.instant(), 256 * i, piece).unwrap();
+        }
+        let name = FileName { crc64: Crc64::of(file), len: file.len() as u32 };
+        self.order(Order::Commit(name)).unwrap();
+        name
+    }
+
+    pub fn arm(&mut self, name: FileName) {
+        let valid = Duration::from_secs(10);
+        let Done::Offer { token, .. } = self.order(Order::ArmPrepare { crc64: name.crc64, valid }).unwrap()
+        else {
+            panic!("no offer")
+        };
+        self.run_for(60_000);
+        self.order(Order::ArmConfirm { token, valid }).unwrap();
+        self.run_for(60_000);
+    }
+
+    /// Armed and started.
+    pub fn start(&mut self, file: &[u8]) -> FileName {
+        let name = self.upload(file);
+        self.arm(name);
+        self.order(Order::Run(name)).unwrap();
+        name
+    }
+
+    /// Frames of the controller after a time that satisfy a predicate.
+    pub fn sent_after(&self, at: u64, is: impl Fn(&Frame) -> bool) -> Option<Instant> {
+        self.log.iter().find(|l| l.by_controller && l.at.as_micros() > at && is(&l.frame)).map(|l| l.at)
+    }
+
+    pub fn count_sent(&self, is: impl Fn(&Frame) -> bool) -> usize {
+        self.log.iter().filter(|l| l.by_controller && is(&l.frame)).count()
+    }
+}
+
+pub fn is_halt(frame: &Frame) -> bool {
+    Broadcast::decode(frame) == Ok(Broadcast::Halt)
+}
+
+pub fn is_motion(frame: &Frame) -> bool {
+    matches!(AddressedRequest::decode(frame), Ok(AddressedRequest { request: Request::Move(_), .. }))
+}
+
+pub fn joint(index: usize) -> JointIndex {
+    JointIndex::new(index).unwrap()
+}
+
+/// The published throw (`robot-models` 1.6): position and velocity at release, before and after times.
+pub const Q_RELEASE: [f64; 6] = [0.199_999, 0.125_428, -1.856_562, 1.004_064, 1.387_908, 1.654_417];
+pub const QD_RELEASE: [f64; 6] = [1.358_402, -1.675_786, 0.482_325, -0.010_697, -0.986_023, 2.548_397];
+pub const HA: f64 = 0.920 * (1.0 - 0.391);
+pub const HB: f64 = 0.920 * 0.391;
+
+pub fn throw_start() -> [f64; 6] {
+    core::array::from_fn(|i| Q_RELEASE[i] - 2.0 / 3.0 * QD_RELEASE[i] * HA)
+}
+
+/// Reference of the throw in double precision, from the closed form, s seconds after its start.
+pub fn throw_reference(i: usize, t: f64) -> (f64, f64) {
+    let (s, qd) = (t.clamp(0.0, HA + HB) - HA, QD_RELEASE[i]);
+    let h = if s < 0.0 { HA } else { HB };
+    (Q_RELEASE[i] + qd * (s - s * s * s / (3.0 * h * h)), qd * (1.0 - s * s / (h * h)))
+}
+
+pub fn throw_file(period_us: u32, release: bool) -> Vec<u8> {
+    let (a_us, b_us) = ((HA * 1e6).round() as u32, (HB * 1e6).round() as u32);
+    let knot = |t_us, f: &dyn Fn(usize) -> (f64, f64)| {
+        let mut state = PerJoint::default();
+        for i in 0..6 {
+            let (q, qd) = f(i);
+            state.set(joint(i), (q as f32, qd as f32));
+        }
+        Knot { t_us, state }
+    };
+    let knots = [
+        knot(0, &|i| (Q_RELEASE[i] - 2.0 / 3.0 * QD_RELEASE[i] * HA, 0.0)),
+        knot(a_us, &|i| (Q_RELEASE[i], QD_RELEASE[i])),
+        knot(a_us + b_us, &|i| (Q_RELEASE[i] + 2.0 / 3.0 * QD_RELEASE[i] * HB, 0.0)),
+    ];
+    file(&Header { joints: 6, period_us, release_us: release.then_some(a_us), robot_crc32: 0 }, &knots)
+}
+
+pub fn file(header: &Header, knots: &[Knot]) -> Vec<u8> {
+    let mut out = vec![0; FILE_LEN_MAX];
+    let len = trajectory_format::encode(header, knots, &mut out).unwrap();
+    out.truncate(len);
+    out
+}
