@@ -132,7 +132,7 @@ impl std::ops::Mul for Pose {
     /// Chain: `X_AC = X_AB · X_BC`.
     #[inline]
     fn mul(self, rhs: Self) -> Self {
-        Self::new(mat3::mul(&self.rot, &rhs.rot), mat3::mul_v(&self.rot, &rhs.pos) + self.pos)
+        Self::new(mat3::mul(&self.rot, &rhs.rot), self.transform_point(&rhs.pos))
     }
 }
 

@@ -108,6 +108,16 @@ fn the_line_is_the_line_of_the_mistake() {
 }
 
 #[test]
+fn a_robot_of_thousands_of_boxes_is_refused_before_its_pairs_are_built() {
+    let many: String = (0..5000)
+        .map(|k| format!("  {{ name = \"b{k}\", center_m = [0, 0, 0], half_m = [1, 1, 1] }},\n"))
+        .collect();
+    let error = refused(&with("[base]\nbox = [\n", &format!("[base]\nbox = [\n{many}")));
+    assert_eq!(error.key, "base.box");
+    assert_eq!(error.problem, Problem::OutOfRange { value: 501.0, min: 0.0, max: 500.0 });
+}
+
+#[test]
 fn a_drive_on_some_joints_only_is_refused() {
     let mut parts: Vec<&str> = good().split("[joint.drive]").collect();
     // Cut the drive of joint 3: what follows its heading up to the next joint.

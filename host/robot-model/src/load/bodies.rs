@@ -37,6 +37,9 @@ pub(super) fn read<const N: usize>(
     Ok((exactly(links), boxes))
 }
 
+/// Most boxes of a robot. The pairs to test grow with the square; real arms have one to three boxes per link.
+const BOXES_MAX: usize = 500;
+
 struct BoxMass {
     mass_kg: Option<f64>,
     x_jb: Pose,
@@ -51,6 +54,10 @@ fn read_boxes(
 ) -> Result<Vec<BoxMass>, LoadError> {
     let mut masses = Vec::new();
     for part in section.sections("box")? {
+        if boxes.len() == BOXES_MAX {
+            let (value, max) = (boxes.len() as f64 + 1.0, BOXES_MAX as f64);
+            return Err(section.error("box", Problem::OutOfRange { value, min: 0.0, max }));
+        }
         let name = part.text("name")?.to_owned();
         if boxes.iter().any(|b| b.name == name) {
             return Err(part.error("name", Problem::Duplicate(name)));
