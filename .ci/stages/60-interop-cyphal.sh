@@ -25,8 +25,10 @@ export CYPHAL_PATH=$regulated:$PWD/protocol/dsdl PYCYPHAL_PATH=$PWD/$work/compil
 rm -rf "$PYCYPHAL_PATH"
 
 echo "--- golden vectors"
-$venv/bin/python $here/make_vectors.py >$work/vectors.txt 2>$work/make_vectors.log || { cat $work/make_vectors.log; exit 1; }
-cmp $work/vectors.txt protocol/tests/cyphal_vectors.txt
+for name in vectors transport_vectors; do
+    $venv/bin/python $here/make_$name.py >$work/$name.txt 2>$work/$name.log || { cat $work/$name.log; exit 1; }
+    cmp $work/$name.txt protocol/tests/cyphal_$name.txt
+done
 
 cargo build --locked -p can-link --example cyphal_node
 node=target/debug/examples/cyphal_node
