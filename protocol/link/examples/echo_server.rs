@@ -1,17 +1,16 @@
-//! A socketcand server whose bus answers: each frame comes back with its data bytes inverted.
+//! A bus that answers: each frame comes back with its data bytes inverted.
 //!
-//! `cargo run -p can-link --example echo_server -- 127.0.0.1:29536` prints the address it listens at
-//! and runs until it is killed. The interoperation suite lets python-can talk to it.
+//! `cargo run -p can-link --example echo_server -- socketcand://127.0.0.1:29536/can0` serves there (or
+//! at `slcan://127.0.0.1:3333`, or with `slcan:/dev/ptmx` at a pseudo-terminal), prints the spec under
+//! which it is found, and runs until it is killed. The interoperation suite lets python-can talk to it.
 
-use can_link::socketcand::{Server, ServerOptions};
-use can_link::{Clock, Event, Link, wait};
+use can_link::{Clock, Event, Link, ServerOptions, serve, wait};
 use protocol::Frame;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let address = std::env::args().nth(1).unwrap_or_else(|| "127.0.0.1:29536".to_owned());
-    let (host, port) = address.rsplit_once(':').ok_or("give the address as HOST:PORT")?;
+    let spec = std::env::args().nth(1).unwrap_or_else(|| "socketcand://127.0.0.1:29536/can0".to_owned());
     let clock = Clock::start();
-    let mut server = Server::listen(host, port.parse()?, "can0", clock, ServerOptions::default())?;
+    let mut server = serve(&spec.parse()?, clock, ServerOptions::default())?;
     println!("{}", server.name());
     loop {
         while let Some(event) = server.receive()? {

@@ -130,6 +130,7 @@ impl<'a> Runner<'a> {
         stop: &AtomicBool,
         until: Option<Instant>,
     ) -> Result<(), RunError> {
+        let _precise = PreciseTimers::request();
         while !stop.load(Ordering::Relaxed) && until.is_none_or(|until| self.clock.now() < until) {
             self.step(nodes, until)?;
         }
@@ -252,5 +253,36 @@ impl<'a> Runner<'a> {
         if let Some(observer) = &mut self.observer {
             observer(now, direction, frame);
         }
+    }
+}
+
+/// While this lives, sleeps of this thread end when asked for.
+///
+/// Linux delays the end of a sleep by up to 50 µs ("timer slack") to wake for several things at once.
+struct PreciseTimers {
+    #[cfg(target_os = "linux")]
+    slack_before_ns: Option<std::num::NonZeroU64>,
+}
+
+impl PreciseTimers {
+    #[cfg(target_os = "linux")]
+    fn request() -> Self {
+        use rustix::thread::{current_timer_slack, set_current_timer_slack};
+        let slack_before_ns = current_timer_slack().ok().and_then(std::num::NonZeroU64::new);
+        // Refused, the runner still works, only later.
+        let _ = set_current_timer_slack(Some(std::num::NonZeroU64::MIN));
+        Self { slack_before_ns }
+    }
+
+    #[cfg(not(target_os = "linux"))]
+    fn request() -> Self {
+        Self {}
+    }
+}
+
+#[cfg(target_os = "linux")]
+impl Drop for PreciseTimers {
+    fn drop(&mut self) {
+        let _ = rustix::thread::set_current_timer_slack(self.slack_before_ns);
     }
 }
