@@ -13,8 +13,11 @@
 //! | physics | [`mechanics`] | rigid bodies, friction, supplies, gripper and ball | know CAN |
 //! | faults | [`fault`] | what can go wrong, when, where and how likely; one random stream each | depend on the order in which faults are listed |
 //! | virtual time | [`world`] | event queue that joins bus, crew and faults; same seed, same log | read a clock |
+//! | real time | [`realtime`] | the same world behind a link of the operating system | change what the world does |
+//! | again | [`replay`] | requests of a log against the drives of today | know who asked |
 //! | seen from the bus | [`record`], [`checker`] | candump log, trace, invariants that only use frames | look into a node |
-//! | situations | [`scenario`], `swarm` | TOML and seeds to options; printed before a run | act on their own |
+//! | results | [`report`] | a run in numbers, as table and JSON | judge |
+//! | situations | [`scenario`], [`swarm`] | TOML and seeds to options; printed before a run | act on their own |
 //!
 //! # The seam between bus and drives
 //!
@@ -59,9 +62,13 @@ pub mod crew;
 pub mod drive;
 pub mod fault;
 pub mod mechanics;
+pub mod realtime;
 pub mod record;
+pub mod replay;
+pub mod report;
 pub mod rng;
 pub mod scenario;
+pub mod swarm;
 pub mod world;
 
 pub use cell::{Cell, CellOptions};

@@ -311,7 +311,21 @@ impl<C: Crew> World<C> {
         (next != Instant::FAR_FUTURE).then_some(next)
     }
 
+    /// As [`World::next_due`], with frames under way: when to call [`World::run_until`] next in real time.
+    pub fn next_wake(&self) -> Option<Instant> {
+        let bus = self.bus.quiet_until_ns().map(|ns| Instant::from_micros(ns.div_ceil(NANOS_PER_MICRO)));
+        match (self.next_due(), bus) {
+            (Some(a), Some(b)) => Some(a.min(b)),
+            (a, b) => a.or(b),
+        }
+    }
+
     // Inputs.
+
+    /// Changes how many frames can wait in one node.
+    pub fn set_queue_depth(&mut self, node: usize, depth: usize) {
+        self.bus.set_queue_depth(node, depth);
+    }
 
     /// Acts on the crew at the present time, then takes what its nodes want to send.
     pub fn with_crew<R>(&mut self, act: impl FnOnce(&mut C, Instant) -> R) -> Result<R, RunError> {

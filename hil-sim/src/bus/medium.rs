@@ -322,6 +322,31 @@ impl Bus {
         &self.ports[port].queue
     }
 
+    /// Changes how many frames can wait in one node.
+    pub fn set_queue_depth(&mut self, port: usize, depth: usize) {
+        self.ports[port].queue.set_depth(depth);
+    }
+
+    /// A time up to which [`Bus::run_until`] has nothing to tell unless something is sent; `None` while nothing is
+    /// under way. For runners that sleep in between.
+    pub fn quiet_until_ns(&self) -> Option<u64> {
+        match self.gear {
+            Gear::Frame(flight) => {
+                let end_ns = flight.start_ns + u64::from(flight.bits) * self.bit_ns;
+                Some(if flight.delivered { end_ns } else { end_ns - self.bit_ns })
+            }
+            // Error frames last at least this long; looking more often would only cost time.
+            Gear::Bits(gear) => Some(gear.next_ns + 20 * self.bit_ns),
+            Gear::Quiet { ready_ns } => {
+                let starts =
+                    indices(self.pending & self.online).map(|port| self.ready_to_send_ns(port, ready_ns));
+                let joins = (self.waiting != 0).then(|| self.next_join().0);
+                // One bit more, because a frame starts only once its time has passed.
+                starts.map(|start_ns| start_ns + self.bit_ns).chain(joins).min()
+            }
+        }
+    }
+
     /// Figures per id.
     pub fn ids(&self) -> &IdTable {
         &self.ids

@@ -91,6 +91,11 @@ impl TxQueue {
         count
     }
 
+    /// Changes the number of frames that fit, at least one; what waits already stays.
+    pub fn set_depth(&mut self, depth: usize) {
+        self.depth = depth.max(1);
+    }
+
     /// Number of waiting frames.
     pub fn len(&self) -> usize {
         self.frames.len()

@@ -2,6 +2,7 @@
 
 use std::mem::discriminant;
 
+use protocol::powercube::{Address, Channel};
 use protocol::{Duration, Frame, Instant};
 
 use super::physical::{PhysicalFault, Place};
@@ -231,7 +232,9 @@ impl Engine {
             }
             match wire {
                 WireFault::Silent if entry.hit() => return None,
-                WireFault::WrongAnswer(part) if entry.hit() => frame = wrong(&frame, part, &mut entry.rng),
+                WireFault::WrongAnswer(part) if is_answer(&frame) && entry.hit() => {
+                    frame = wrong(&frame, part, &mut entry.rng);
+                }
                 _ => {}
             }
         }
@@ -280,6 +283,10 @@ impl Engine {
             }
         }
     }
+}
+
+fn is_answer(frame: &Frame) -> bool {
+    matches!(Address::of(frame.id()), Some(Address::Module(Channel::Ack, _)))
 }
 
 /// A loss beats a delay, delays add up.

@@ -56,10 +56,33 @@ enum Kind {
     LateRelease,
 }
 
-/// Names of all kinds, for help texts.
-pub fn kind_names() -> impl Iterator<Item = &'static str> {
-    KINDS.iter().map(|(name, _)| *name)
-}
+/// The kinds with their keys, for people.
+pub const HELP: &str = "\
+Every [[fault]] has: kind, target, label, start_s (0), length_s (to the end), every_s (once), probability (1).
+Kinds that act on frames also take id (\"0A3\" or eight digits) and id_mask; their probability is that of each frame.
+
+kind           target            what happens                                         own keys
+drop           bus, module N     frame acknowledged, but not handed over
+delay          bus, module N     frame handed over later                              by_s
+duplicate      bus, module N     sender repeats a frame that was received
+corrupt        bus, module N     one bit read wrongly: by all, or by that module
+wrong-answer   bus, module N     answer with valid checksum, wrong content            part = value, parameter, command, length
+silent         bus, module N     frames of the module never leave it
+stuck          bus               line held dominant
+stuck          module N          measured values in answers stop changing
+slow           module N          answers come later                                   by_s
+intermittent   module N          plug loses and finds contact                         on_mean_s, off_mean_s
+babble         bus               one more node sends without end                      frame, period_s (0.0001)
+bus-off        module N          CAN controller goes bus-off
+restart        module N          electronics restart, in motion too
+over-current   module N          power stage reports a short circuit
+tow-error      module N          axis held from outside
+hall-error     module N          power stage reports a hall error
+encoder-error  module N          counts lost: position off                            offset_deg
+supply-loss    supply N          voltage drops                                        remaining (0)
+stuck-gripper  gripper           does not open
+late-release   gripper           opens later                                          by_s
+";
 
 /// Reads one `[[fault]]` table; `index` makes the label if none is given.
 pub fn fault(table: &Table<'_>, index: usize) -> Result<Fault, ScenarioError> {

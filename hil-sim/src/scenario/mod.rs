@@ -13,6 +13,10 @@
 //! tx_order = "fifo"               # or "priority"
 //! recovery = "automatic"          # from bus-off; or "on-request"
 //!
+//! [drive]                         # also [cell], [mechanics], [supply], [gripper], [scatter]
+//! processing_delay_s = 0.0002
+//! starts_homed = true
+//!
 //! [[action]]                      # what a scripted host sends
 //! at_s = 0.1
 //! send = ["0C1#0A62", "0C2#0A62"] # frames as candump writes them
@@ -33,6 +37,8 @@
 //!
 //! Units are in the keys, unknown keys are refused, and every refusal names file, line and key.
 
+pub mod build;
+mod cell;
 pub mod expect;
 pub mod faults;
 pub mod host;
@@ -43,7 +49,9 @@ use std::path::Path;
 use protocol::{Duration, Frame, Instant};
 
 use crate::bus::{BusConfig, Recovery, TxOrder};
+use crate::cell::CellOptions;
 use crate::fault::Fault;
+pub use build::BuildError;
 pub use expect::Expect;
 pub use host::ScriptedHost;
 pub use reader::{Problem, ScenarioError, Table};
@@ -82,6 +90,8 @@ pub struct Scenario {
     pub duration: Duration,
     /// Options of the bus.
     pub bus: BusConfig,
+    /// Options of drives, mechanics, supplies and gripper.
+    pub cell: CellOptions,
     /// What a scripted host sends.
     pub actions: Vec<Action>,
     /// What goes wrong.
@@ -99,6 +109,7 @@ impl Default for Scenario {
             seed: 0,
             duration: Duration::from_secs(1),
             bus: BusConfig::default(),
+            cell: CellOptions::default(),
             actions: Vec::new(),
             faults: Vec::new(),
             expect: Expect::default(),
@@ -132,13 +143,15 @@ impl Scenario {
         }
         let default = Self::default();
         let duration_s = root.required_number("duration_s", 1e-6, MAX_S)?;
+        let bus = root.table("bus")?.map_or(Ok(default.bus), |table| bus(&table))?;
         let scenario = Self {
             file: file.to_owned(),
             name: root.text("name")?.unwrap_or(&default.name).to_owned(),
             robot: root.text("robot")?.unwrap_or(&default.robot).to_owned(),
             seed: root.integer("seed", 0, i64::MAX)?.unwrap_or(0) as u64,
             duration: Duration::from_secs_f64(duration_s),
-            bus: root.table("bus")?.map_or(Ok(default.bus), |table| bus(&table))?,
+            bus,
+            cell: cell::cell(&root, bus.bit_rate_bit_s)?,
             actions: root.tables("action")?.iter().map(action).collect::<Result<_, _>>()?,
             faults: faults_of(&root)?,
             expect: root.table("expect")?.map_or(Ok(Expect::default()), |table| expect::expect(&table))?,

@@ -165,19 +165,24 @@ impl<'a> Table<'a> {
     /// A finite number within `low..=high`.
     pub fn number(&self, key: &'static str, low: f64, high: f64) -> Result<Option<f64>, ScenarioError> {
         let Some(value) = self.get(key) else { return Ok(None) };
-        let parsed = match value {
-            DeValue::Float(float) => float.as_str().replace('_', "").parse().ok(),
-            DeValue::Integer(integer) => {
-                i64::from_str_radix(integer.as_str(), integer.radix()).ok().map(|value| value as f64)
-            }
-            other => return Err(self.error(key, wrong_type("a number", other))),
+        number(value, low, high).map(Some).map_err(|problem| self.error(key, problem))
+    }
+
+    /// A list of numbers, each within `low..=high`.
+    pub fn numbers(&self, key: &'static str, low: f64, high: f64) -> Result<Option<Vec<f64>>, ScenarioError> {
+        let items = match self.get(key) {
+            None => return Ok(None),
+            Some(DeValue::Array(items)) => items,
+            Some(other) => return Err(self.error(key, wrong_type("a list of numbers", other))),
         };
-        let found: f64 = parsed.unwrap_or(f64::NAN);
-        if (low..=high).contains(&found) {
-            return Ok(Some(found));
+        let mut numbers = Vec::with_capacity(items.len());
+        for (index, item) in items.iter().enumerate() {
+            let number = number(item.get_ref(), low, high).map_err(|problem| {
+                self.error_at(item.span().start, format!("{}[{index}]", self.path_of(key)), problem)
+            })?;
+            numbers.push(number);
         }
-        let range = if high == f64::MAX { format!("{low} and up") } else { format!("{low} to {high}") };
-        Err(self.error(key, Problem::OutOfRange { found: found.to_string(), range }))
+        Ok(Some(numbers))
     }
 
     /// A number that must be there.
@@ -322,6 +327,22 @@ impl<'a> Table<'a> {
         }
         Ok(())
     }
+}
+
+fn number(value: &DeValue<'_>, low: f64, high: f64) -> Result<f64, Problem> {
+    let parsed = match value {
+        DeValue::Float(float) => float.as_str().replace('_', "").parse().ok(),
+        DeValue::Integer(integer) => {
+            i64::from_str_radix(integer.as_str(), integer.radix()).ok().map(|value| value as f64)
+        }
+        other => return Err(wrong_type("a number", other)),
+    };
+    let found: f64 = parsed.unwrap_or(f64::NAN);
+    if (low..=high).contains(&found) {
+        return Ok(found);
+    }
+    let range = if high == f64::MAX { format!("{low} and up") } else { format!("{low} to {high}") };
+    Err(Problem::OutOfRange { found: found.to_string(), range })
 }
 
 /// Reads `0E5#084F0000803E`, the frame field of a candump line.

@@ -1,0 +1,55 @@
+//! Command line: one verb per file.
+
+mod exit;
+mod faults;
+mod progress;
+mod replay;
+mod run;
+mod serve;
+mod swarm;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Six PowerCube drives, an arm and a CAN bus, simulated behind the wire.
+#[derive(Debug, Parser)]
+#[command(name = "hil-sim", version, about, after_help = exit::HELP)]
+struct Args {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Debug, Subcommand)]
+enum Verb {
+    /// Serve or join a bus in real time, so that other programs can use the drives.
+    Serve(serve::Args),
+    /// Run a scenario in virtual time: same seed, same log.
+    Run(run::Args),
+    /// Feed the requests of a candump log to the drives and compare the answers.
+    Replay(replay::Args),
+    /// Run many random situations and look for panics, hangs and numbers that are none.
+    Swarm(swarm::Args),
+    /// List the kinds of faults with their keys.
+    Faults,
+}
+
+/// Parses the arguments, does the verb, prints what went wrong.
+pub(crate) fn main() -> ExitCode {
+    let result = match Args::parse().verb {
+        Verb::Serve(args) => serve::run(&args),
+        Verb::Run(args) => run::run(&args),
+        Verb::Replay(args) => replay::run(&args),
+        Verb::Swarm(args) => swarm::run(&args),
+        Verb::Faults => faults::run(),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            if let Some(text) = &failure.text {
+                eprintln!("error: {text}");
+            }
+            failure.code.into()
+        }
+    }
+}

@@ -1,0 +1,230 @@
+//! `hil-sim serve`: real time, for programs that want drives.
+
+use std::io::{BufRead, IsTerminal};
+use std::path::PathBuf;
+use std::sync::mpsc::{self, Receiver, TryRecvError};
+
+use can_link::{BusSpec, Clock, Relay, ServerOptions};
+use hil_sim::cell::Cell;
+use hil_sim::crew::Solo;
+use hil_sim::realtime::{Door, Gateway, Realtime, RealtimeError, Visit};
+use hil_sim::report::{DriveRow, ThrowRow};
+use hil_sim::scenario::{Scenario, ScriptedHost, fault_from_line};
+use protocol::{Duration, Instant};
+
+use super::exit::{Code, Failure};
+use super::progress::Interrupt;
+
+/// Time between two status lines.
+const STATUS_EVERY: Duration = Duration::from_secs(1);
+
+/// What can be typed while it runs.
+const COMMANDS: &str = "commands: fault KEYS (as in a scenario, on one line: fault kind = \"silent\", target = \"module 3\", \
+length_s = 1), report, quit";
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// Where: socketcand://127.0.0.1:29536/can0 and slcan://127.0.0.1:3333 serve that port, slcan:/dev/ptmx makes a
+    /// pseudo-terminal, vcan0 joins that interface.
+    #[arg(long, default_value = "socketcand://127.0.0.1:29536/can0")]
+    bus: BusSpec,
+    /// Robot: a built-in name or a file.
+    #[arg(long)]
+    robot: Option<String>,
+    /// Scenario with options, faults and actions; its duration is not used.
+    #[arg(long)]
+    scenario: Option<PathBuf>,
+    /// Seed instead of the scenario's.
+    #[arg(long)]
+    seed: Option<u64>,
+    /// End after this many seconds.
+    #[arg(long, value_name = "SECONDS")]
+    duration_s: Option<f64>,
+    /// Print events and the report as JSON lines.
+    #[arg(long)]
+    json: bool,
+}
+
+type Cells = (Cell, Solo<ScriptedHost>);
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    let mut scenario = match &args.scenario {
+        Some(path) => Scenario::load(path)?,
+        None => Scenario { name: "serve".to_owned(), ..Scenario::default() },
+    };
+    if let Some(robot) = &args.robot {
+        scenario.robot.clone_from(robot);
+    }
+    if let Some(seed) = args.seed {
+        scenario.seed = seed;
+    }
+    let cell = scenario.cell()?;
+    let host = Solo::new("script", ScriptedHost::new(&scenario.actions));
+    let crew = ((cell, host), Solo::new("clients", Gateway::default()));
+    let world = hil_sim::World::new(crew, scenario.bus, scenario.seed, scenario.faults.clone())
+        .map_err(|error| Failure::new(Code::BadFile, &error))?;
+    let clock = Clock::start();
+    let door = open(&args.bus, clock)?;
+    let interrupt = Interrupt::listen();
+    let commands = commands();
+    let end = args.duration_s.map(|s| Instant::ZERO + Duration::from_secs_f64(s));
+    say(args, "serving", &format!("{} (robot {}, seed {})", door.name(), scenario.robot, scenario.seed));
+    if !args.json && std::io::stdin().is_terminal() {
+        eprintln!("{COMMANDS}; Ctrl-C ends");
+    }
+    let mut realtime = Realtime::new(world, door, clock);
+    let result = live(args, &mut realtime, &interrupt, &commands, end);
+    report(args, &scenario, &realtime)?;
+    result
+}
+
+fn open(spec: &BusSpec, clock: Clock) -> Result<Door, Failure> {
+    let door = match spec {
+        // An interface is a bus already; everything else is served.
+        BusSpec::SocketCan { .. } => can_link::open(spec, clock).map(Door::Member),
+        _ => {
+            let options = ServerOptions { relay: Relay::ByOwner, ..ServerOptions::default() };
+            can_link::serve(spec, clock, options).map(Door::Server)
+        }
+    };
+    door.map_err(|error| Failure::new(Code::Bus, &error))
+}
+
+/// Lines from standard input; ends silently where there is none.
+fn commands() -> Receiver<String> {
+    let (sender, receiver) = mpsc::channel();
+    std::thread::spawn(move || {
+        for line in std::io::stdin().lock().lines() {
+            let Ok(line) = line else { return };
+            if sender.send(line).is_err() {
+                return;
+            }
+        }
+    });
+    receiver
+}
+
+fn live(
+    args: &Args,
+    realtime: &mut Realtime<Cells>,
+    interrupt: &Interrupt,
+    commands: &Receiver<String>,
+    end: Option<Instant>,
+) -> Result<(), Failure> {
+    let mut status_at = Instant::ZERO + STATUS_EVERY;
+    let mut faults_typed = 0;
+    while !interrupt.came() && end.is_none_or(|end| realtime.world().now() < end) {
+        let until = end.map_or(status_at, |end| end.min(status_at));
+        realtime.turn(until, &mut ()).map_err(|error| match error {
+            RealtimeError::Run(error) => Failure::from(error),
+            other => Failure::new(Code::Bus, &other),
+        })?;
+        for visit in realtime.visits() {
+            match visit {
+                Visit::Joined(peer) => say(args, "client", &format!("{peer} connected")),
+                Visit::Left(reason) => say(args, "client", &format!("gone: {reason}")),
+            }
+        }
+        match commands.try_recv() {
+            Ok(line) if matches!(line.trim(), "quit" | "exit") => return Ok(()),
+            Ok(line) => command(args, realtime, line.trim(), &mut faults_typed),
+            Err(TryRecvError::Empty | TryRecvError::Disconnected) => {}
+        }
+        if realtime.world().now() >= status_at {
+            status(args, realtime);
+            status_at = realtime.world().now() + STATUS_EVERY;
+        }
+    }
+    Ok(())
+}
+
+fn command(args: &Args, realtime: &mut Realtime<Cells>, line: &str, faults_typed: &mut usize) {
+    match line.split_once(' ').unwrap_or((line, "")) {
+        ("", _) => {}
+        ("fault", keys) => {
+            let taken = fault_from_line(keys, *faults_typed).map_err(|error| error.to_string()).and_then(
+                |mut fault| {
+                    *faults_typed += 1;
+                    let label = format!("typed {} ({})", faults_typed, fault.label);
+                    fault.label.clone_from(&label);
+                    // Times of typed faults count from now.
+                    fault.start = realtime.world().now() + fault.start.saturating_since(Instant::ZERO);
+                    realtime.world_mut().add_fault(fault).map_err(|error| error.to_string())?;
+                    Ok(label)
+                },
+            );
+            match taken {
+                Ok(label) => say(args, "fault", &format!("{label} taken")),
+                Err(error) => say(args, "refused", &error),
+            }
+        }
+        ("report", _) => println!("{}", realtime.world().bus_report()),
+        _ => say(args, "refused", &format!("'{line}'; {COMMANDS}")),
+    }
+}
+
+/// One line that overwrites itself on a terminal; nothing elsewhere.
+fn status(args: &Args, realtime: &Realtime<Cells>) {
+    if args.json || !std::io::stderr().is_terminal() {
+        return;
+    }
+    let world = realtime.world();
+    let active: Vec<&str> = world.faults().active().collect();
+    let faults = if active.is_empty() { String::new() } else { format!(", faults: {}", active.join(", ")) };
+    eprint!(
+        "\r\x1b[K{} s, {} clients, {} frames, bus {:.1} %{faults}",
+        world.now().as_micros() / 1_000_000,
+        realtime.door().clients(),
+        world.stats().frames,
+        100.0 * world.bus().busy_ns() as f64 / world.bus().now_ns().max(1) as f64,
+    );
+}
+
+fn say(args: &Args, what: &str, text: &str) {
+    if args.json {
+        println!("{}", serde_json::json!({ "event": what, "text": text }));
+    } else {
+        // Over the status line, if there is one.
+        let clear = if std::io::stderr().is_terminal() { "\r\x1b[K" } else { "" };
+        eprintln!("{clear}{what}: {text}");
+    }
+}
+
+fn report(args: &Args, scenario: &Scenario, realtime: &Realtime<Cells>) -> Result<(), Failure> {
+    let world = realtime.world();
+    let cell = &world.crew().0.0;
+    if args.json {
+        let us = |share| realtime.latency().percentile(share).map(Duration::as_micros);
+        let report = serde_json::json!({
+            "event": "report",
+            "name": scenario.name,
+            "seed": scenario.seed,
+            "simulated_s": world.now().as_secs_f64(),
+            "world": world.stats(),
+            "bus": world.bus_report(),
+            "drives": DriveRow::of(cell),
+            "throw": ThrowRow::of(cell),
+            "faults": world.faults().counts(),
+            "latency_us": {
+                "count": realtime.latency().count(),
+                "median": us(0.5), "p99": us(0.99),
+                "max": realtime.latency().max().map(Duration::as_micros),
+            },
+            "lateness_us": {
+                "median": realtime.lateness().percentile(0.5).map(Duration::as_micros),
+                "max": realtime.lateness().max().map(Duration::as_micros),
+            },
+            "lost": realtime.lost(),
+        });
+        println!("{}", serde_json::to_string(&report).map_err(|e| Failure::new(Code::Output, &e))?);
+        return Ok(());
+    }
+    println!();
+    print!("{}", world.bus_report());
+    println!("answers: {}", realtime.latency());
+    println!("late against the simulated bus: {}", realtime.lateness());
+    if realtime.lost() > 0 {
+        println!("{} frames lost: the link did not take them", realtime.lost());
+    }
+    Ok(())
+}
