@@ -1,6 +1,8 @@
 //! SLCAN host and adapter against each other and against raw bytes, over 127.0.0.1 and over
 //! pseudo-terminals.
 
+mod common;
+
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::PathBuf;
@@ -10,10 +12,9 @@ use std::time::Duration as StdDuration;
 
 use can_link::slcan::{Adapter, Host};
 use can_link::{BusSpec, Clock, Event, Link, OpenError, ServerEvent, ServerOptions, open, serve, wait};
+use common::{PATIENCE, assert_all_kinds_cross, collect, samples};
 use protocol::text::slcan::Bitrate;
 use protocol::{Duration, ExtendedId, Frame, Instant, StandardId};
-
-const PATIENCE: Instant = Instant::from_micros(20_000_000);
 
 /// Runs `work` on its own thread while `link` is served here; returns what both saw.
 fn serve_while<T: Send + 'static>(
@@ -37,35 +38,6 @@ fn serve_while<T: Send + 'static>(
         assert!(clock.now() < PATIENCE, "the worker hangs");
         wait(&[&*link], &clock, Some(clock.now() + Duration::from_millis(5))).unwrap();
     }
-}
-
-/// Frames that `to` has received once there are `count`, while `from` works too.
-fn collect(from: &mut dyn Link, to: &mut dyn Link, count: usize) -> Vec<Frame> {
-    let clock = Clock::start();
-    let mut frames = Vec::new();
-    while frames.len() < count {
-        assert!(clock.now() < PATIENCE, "only {} frames", frames.len());
-        while from.receive().unwrap().is_some() {}
-        while let Some(event) = to.receive().unwrap() {
-            if let Event::Frame { frame, .. } = event {
-                frames.push(frame);
-            }
-        }
-        wait(&[&*from, &*to], &clock, Some(clock.now() + Duration::from_millis(2))).unwrap();
-    }
-    frames
-}
-
-fn samples() -> Vec<Frame> {
-    vec![
-        Frame::from_array(StandardId::new(0x0A5).unwrap(), [0x08, 0x4F, 0x64]),
-        Frame::from_array(StandardId::new(0x7FF).unwrap(), []),
-        Frame::from_array(ExtendedId::new(0x7F).unwrap(), [0xFF; 8]),
-        Frame::remote(StandardId::new(0x123).unwrap(), 4).unwrap(),
-        Frame::remote(ExtendedId::MAX, 0).unwrap(),
-        // Bytes that a terminal would act upon.
-        Frame::from_array(StandardId::new(0x00D).unwrap(), [0x0D, 0x0A, 0x03, 0x04, 0x11, 0x13, 0x7F, 0x00]),
-    ]
 }
 
 fn port_of(link: &dyn Link) -> u16 {
@@ -104,15 +76,7 @@ fn dialogue(stream: &mut (impl Read + Write), commands: &[&str]) -> Vec<String> 
 fn frames_of_every_kind_cross_in_both_directions_over_tcp() {
     let mut adapter = tcp_adapter(ServerOptions::default());
     let mut host = connect(&mut adapter);
-    for frame in samples() {
-        adapter.send(&frame).unwrap();
-    }
-    assert_eq!(collect(&mut adapter, &mut host, samples().len()), samples());
-    for frame in samples() {
-        host.send(&frame).unwrap();
-    }
-    assert_eq!(collect(&mut host, &mut adapter, samples().len()), samples());
-    assert_eq!(host.stats().refused_out + host.stats().malformed_in + adapter.stats().malformed_in, 0);
+    assert_all_kinds_cross(&mut adapter, &mut host);
 }
 
 #[test]
@@ -124,14 +88,7 @@ fn frames_of_every_kind_cross_in_both_directions_over_a_pseudo_terminal() {
         Host::open_device(&path, Some(115_200), Bitrate::K500, Clock::start())
     });
     let mut host = host.unwrap();
-    for frame in samples() {
-        adapter.send(&frame).unwrap();
-    }
-    assert_eq!(collect(&mut adapter, &mut host, samples().len()), samples());
-    for frame in samples() {
-        host.send(&frame).unwrap();
-    }
-    assert_eq!(collect(&mut host, &mut adapter, samples().len()), samples());
+    assert_all_kinds_cross(&mut adapter, &mut host);
 }
 
 #[test]
@@ -269,17 +226,20 @@ fn garbage_costs_one_line_and_the_host_counts_what_it_cannot_read() {
     let port = far.local_addr().unwrap().port();
     let talker = thread::spawn(move || {
         let (mut stream, _) = far.accept().unwrap();
-        // Stale lines of an earlier session, then the answers.
+        // Stale lines of an earlier session, then one answer per question.
         stream.write_all(b"23084F64\rt7FF0\r").unwrap();
-        thread::sleep(StdDuration::from_millis(150));
-        stream.write_all(b"\r").unwrap();
-        thread::sleep(StdDuration::from_millis(50));
-        stream.write_all(b"\r").unwrap();
-        thread::sleep(StdDuration::from_millis(50));
+        let mut heard = String::new();
+        for question in ["S8\r", "O\r"] {
+            let mut byte = [0];
+            while !heard.ends_with(question) {
+                stream.read_exact(&mut byte).unwrap();
+                heard.push(char::from(byte[0]));
+            }
+            stream.write_all(b"\r").unwrap();
+        }
         stream.write_all(b"t0A53084F64\r\xFF\xFE\x80garbage\rt7FF0\r\x07").unwrap();
-        let mut sink = Vec::new();
-        stream.read_to_end(&mut sink).unwrap();
-        String::from_utf8(sink).unwrap()
+        stream.read_to_string(&mut heard).unwrap();
+        heard
     });
     let clock = Clock::start();
     let mut host = Host::connect("127.0.0.1", port, Bitrate::M1, clock).unwrap();
