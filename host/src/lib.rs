@@ -1,1 +1,3 @@
 //! Host tools (in work): planner, gain design, bus access.
+
+pub mod tune;
