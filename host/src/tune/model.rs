@@ -19,13 +19,16 @@
 //! | e | position error | rad |
 //! | w | its difference over the last period | rad/s |
 //! | u_last | last command | rad/s2 |
-//! | s | target ahead of position, r - y | rad |
-//! | y' | velocity error | rad/s |
-//! | s' | r' - y' | rad/s |
+//! | s | lead of the target beyond the steady lag, r - y - (2 zeta/wn) y' | rad |
+//! | p | velocity error beyond its difference, y' - w | rad/s |
+//! | d | r' - y' | rad/s |
+//!
+//! s, p and d vanish in steady motion; written like this the states are nearly independent, which
+//! the semidefinite programs need (with r - y and y' themselves the solver lost its way).
 //!
 //! The controller knows the first three only; its gain row is [k_pos, k_vel, k_last].
 
-use nalgebra::{DMatrix, Matrix6, SMatrix, SVector, Vector6};
+use nalgebra::{DMatrix, Matrix6, RowVector6, SMatrix, SVector, Vector6};
 
 /// Number of states of the sampled model.
 pub const STATES: usize = 6;
@@ -86,31 +89,37 @@ pub fn sampled(drive: &DriveLag, period_s: f64, delay_s: f64) -> Sampled {
     a.row_mut(4).copy_from(&y_row);
     a[(4, 2)] -= 1.0 / period_s;
     b[4] = b[2] / period_s;
-    let (to_x, from_x) = coordinates();
+    let (to_x, from_x) = coordinates(drive.lag_s());
     Sampled { a: to_x * a * from_x, b: to_x * b, relative_error: SAMPLED_RELATIVE_ERROR }
 }
 
 /// x = S z and z = S^-1 x for z = [r, r', y, y', w, u_last].
-fn coordinates() -> (Matrix6<f64>, Matrix6<f64>) {
-    #[rustfmt::skip]
+#[rustfmt::skip]
+fn coordinates(lag_s: f64) -> (Matrix6<f64>, Matrix6<f64>) {
+    let l = lag_s;
     let to_x = Matrix6::new(
-        0.0, 0.0,  1.0,  0.0, 0.0, 0.0,
-        0.0, 0.0,  0.0,  0.0, 1.0, 0.0,
-        0.0, 0.0,  0.0,  0.0, 0.0, 1.0,
-        1.0, 0.0, -1.0,  0.0, 0.0, 0.0,
-        0.0, 0.0,  0.0,  1.0, 0.0, 0.0,
-        0.0, 1.0,  0.0, -1.0, 0.0, 0.0,
+        0.0, 0.0,  1.0,  0.0,  0.0, 0.0,
+        0.0, 0.0,  0.0,  0.0,  1.0, 0.0,
+        0.0, 0.0,  0.0,  0.0,  0.0, 1.0,
+        1.0, 0.0, -1.0,   -l,  0.0, 0.0,
+        0.0, 0.0,  0.0,  1.0, -1.0, 0.0,
+        0.0, 1.0,  0.0, -1.0,  0.0, 0.0,
     );
-    #[rustfmt::skip]
     let from_x = Matrix6::new(
-        1.0, 0.0, 0.0, 1.0, 0.0, 0.0,
-        0.0, 0.0, 0.0, 0.0, 1.0, 1.0,
+        1.0,   l, 0.0, 1.0,   l, 0.0,
+        0.0, 1.0, 0.0, 0.0, 1.0, 1.0,
         1.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-        0.0, 0.0, 0.0, 0.0, 1.0, 0.0,
+        0.0, 1.0, 0.0, 0.0, 1.0, 0.0,
         0.0, 1.0, 0.0, 0.0, 0.0, 0.0,
         0.0, 0.0, 1.0, 0.0, 0.0, 0.0,
     );
     (to_x, from_x)
+}
+
+/// Row on the state for feedback u = k_r r + k_v r' + k_u u_last of the drive's target.
+pub fn target_row(drive: &DriveLag, [k_r, k_v, k_u]: [f64; 3]) -> RowVector6<f64> {
+    let v = k_r * drive.lag_s() + k_v;
+    RowVector6::new(k_r, v, k_u, k_r, v, k_v)
 }
 
 /// z(t) = F z(0) + G a for constant a; z = [r, r', y, y'].
@@ -154,8 +163,8 @@ pub fn exponential(m: &DMatrix<f64>) -> DMatrix<f64> {
 ///
 /// Such a joint has run long enough for the drive's transient to be over: the position lags the
 /// target by 2 zeta/wn times the velocity.
-pub fn steady_state(drive: &DriveLag, position_rad: f64, velocity_rad_s: f64) -> Vector6<f64> {
-    Vector6::new(position_rad, velocity_rad_s, 0.0, drive.lag_s() * velocity_rad_s, velocity_rad_s, 0.0)
+pub fn steady_state(position_rad: f64, velocity_rad_s: f64) -> Vector6<f64> {
+    Vector6::new(position_rad, velocity_rad_s, 0.0, 0.0, 0.0, 0.0)
 }
 
 #[cfg(test)]
@@ -187,11 +196,15 @@ mod tests {
             let model = sampled(&drive, period, delay);
             let x = Vector6::new(0.08, -0.3, 2.0, 0.004, -0.25, 0.1);
             let u = -1.5;
-            let (y, r) = (x[0], x[0] + x[3]);
-            let z = integrate(&drive, [r, x[4] + x[5], y, x[4]], x[2], delay);
+            let (y, dy) = (x[0], x[1] + x[4]);
+            let r = y + drive.lag_s() * dy + x[3];
+            let z = integrate(&drive, [r, dy + x[5], y, dy], x[2], delay);
             let z = integrate(&drive, z, u, period - delay);
             let next = model.a * x + model.b * u;
-            let want = [z[2], (z[2] - y) / period, u, z[0] - z[2], z[3], z[1] - z[3]];
+            let w = (z[2] - y) / period;
+            let want = [z[2], w, u, z[0] - z[2] - drive.lag_s() * z[3], z[3] - w, z[1] - z[3]];
+            let row = target_row(&drive, [2.0, 3.0, 5.0]);
+            assert!(((row * next)[0] - (2.0 * z[0] + 3.0 * z[1] + 5.0 * u)).abs() < 1e-9);
             for i in 0..6 {
                 assert!(
                     (next[i] - want[i]).abs() < 1e-9 * (1.0 + want[i].abs()),
@@ -218,9 +231,9 @@ mod tests {
     #[test]
     fn steady_error_moves_on_without_a_transient() {
         let drive = DriveLag::POWERCUBE;
-        let x = steady_state(&drive, 0.02, 0.4);
+        let x = steady_state(0.02, 0.4);
         let next = sampled(&drive, 0.01, 0.005).a * x;
-        let want = steady_state(&drive, 0.02 + 0.4 * 0.01, 0.4);
+        let want = steady_state(0.02 + 0.4 * 0.01, 0.4);
         assert!((next - want).amax() < 1e-12);
     }
 }

@@ -98,7 +98,7 @@ impl PaperCertificate {
             ("the input bound", margins.input),
             ("Q >= I (initial states inside the region of the input bound)", margins.unit_ball),
         ] {
-            if margin < 0.0 {
+            if margin.is_nan() || margin < 0.0 {
                 return Err(PaperRefusal { inequality, margin });
             }
         }
