@@ -1,3 +1,4 @@
 //! Host tools (in work): planner, gain design, bus access.
 
+pub mod identify;
 pub mod tune;
