@@ -1,1 +1,5 @@
 //! Host tools (in work): planner, gain design, bus access.
+
+pub mod cmd;
+pub mod identify;
+pub mod tune;

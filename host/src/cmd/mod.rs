@@ -1,0 +1,3 @@
+//! One verb of `cubectl` per file: arguments and `run`.
+
+pub mod tune;

@@ -1,0 +1,181 @@
+//! The saturated loop simulated: what the certificate bounds, seen happening.
+
+use super::certificate::SaturatedCertificate;
+use super::model::{STATES, Sampled, sampled, steady_state};
+use super::problem::Problem;
+use super::saturated::{Gains, Weights, row, scales, time_unit_s};
+use nalgebra::{DVector, RowVector6, Vector6};
+
+/// One step of the saturated loop.
+fn step(model: &Sampled, k: &RowVector6<f64>, u_max: f64, x: &Vector6<f64>) -> (Vector6<f64>, f64) {
+    let u = (k * x)[0].clamp(-u_max, u_max);
+    (model.a * x + model.b * u, u)
+}
+
+/// Directions in which the initial set is sampled for the cost; the loop is odd, so half a circle.
+const DIRECTIONS: usize = 8;
+/// Time units after which the cost is taken to be complete.
+const COST_HORIZON: f64 = 6.0;
+
+/// Simulated cost (time units) of the worst initial error at the nominal period and delay, with the
+/// command bounded by `u_max`; infinite if the loop has not settled by the end.
+pub fn worst_cost(problem: &Problem, gains: Gains, u_max: f64, weights: Weights) -> f64 {
+    let (e0, v0) = problem.error_set();
+    let (period, delay) = problem.grid(1)[0];
+    let model = sampled(&problem.drive(), period, delay);
+    let k = row(gains);
+    let s = scales(problem, e0, u_max);
+    let unit = time_unit_s(e0, u_max);
+    let h = period / unit;
+    let steps = (COST_HORIZON / h).ceil() as usize + 4;
+    let mut worst = 0.0f64;
+    for i in 0..DIRECTIONS {
+        let angle = std::f64::consts::PI * i as f64 / DIRECTIONS as f64;
+        let mut x = steady_state(e0 * angle.cos(), v0 * angle.sin());
+        let mut cost = 0.0;
+        for _ in 0..steps {
+            let (next, u) = step(&model, &k, u_max, &x);
+            let (e, w, u) = (x[0] / s[0], x[1] / s[1], u / u_max);
+            cost += h * (e * e + weights.velocity * w * w + weights.input * u * u);
+            x = next;
+        }
+        let settled = (x[0] / s[0]).abs() < 0.01 && (x[1] / s[1]).abs() < 0.05;
+        worst = worst.max(if settled { cost } else { f64::INFINITY });
+    }
+    worst
+}
+
+/// What dense sampling found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Evidence {
+    /// States sampled on the boundary of the first region.
+    pub boundary_states: usize,
+    /// Largest V(x+)/V(x) over one step from them, over periods, delays and bounds.
+    pub step_ratio_max: f64,
+    /// Trajectories run.
+    pub trajectories: usize,
+    /// Largest V met along any of them (it starts at 1).
+    pub v_max: f64,
+    /// Largest |position error| from the initial set, rad.
+    pub position_max_rad: f64,
+    /// Longest time from the initial set until the position error stays below 2 % of its radius, s.
+    pub settling_s: f64,
+    /// Largest position error of the opposite sign from a pure position error, as a fraction of it.
+    pub overshoot: f64,
+    /// Share of steps in which the command was clipped, over the trajectories from the initial set.
+    pub saturated_share: f64,
+}
+
+/// Deterministic generator for the samples (xorshift64*): a report must not change between runs.
+struct Samples(u64);
+
+impl Samples {
+    /// Uniform in [0, 1).
+    fn unit(&mut self) -> f64 {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// Standard normal (Box-Muller).
+    fn normal(&mut self) -> f64 {
+        let r = (-2.0 * (1.0 - self.unit()).ln()).sqrt();
+        r * (std::f64::consts::TAU * self.unit()).cos()
+    }
+}
+
+/// Samples `states` states on the boundary of the first region and runs one in ten to rest, with
+/// period, delay and the momentary bound (u_max to the full acceleration) drawn anew in each step.
+///
+/// `None` if the ellipsoid is not positive definite (a refused certificate).
+pub fn gather(
+    problem: &Problem,
+    certificate: &SaturatedCertificate,
+    states: usize,
+    seed: u64,
+) -> Option<Evidence> {
+    let region = certificate.regions.first()?;
+    let k = row(certificate.gains);
+    let l = region.p.clone().cholesky()?.l();
+    let to_state = l.transpose().try_inverse()?;
+    let models: Vec<Sampled> =
+        problem.grid(5).iter().map(|&(period, delay)| sampled(&problem.drive(), period, delay)).collect();
+    let mut rng = Samples(seed | 1);
+    let draw = |rng: &mut Samples| {
+        let model = &models[(rng.unit() * models.len() as f64) as usize % models.len()];
+        let extra = rng.unit() * (problem.acceleration_max_rad_s2() - region.u_max_rad_s2);
+        // Half of the steps at the certified bound itself, which is the hard case.
+        let bound = region.u_max_rad_s2 + if rng.unit() < 0.5 { 0.0 } else { extra };
+        (model, bound)
+    };
+    let mut found = Evidence {
+        boundary_states: states,
+        step_ratio_max: 0.0,
+        trajectories: 0,
+        v_max: 0.0,
+        position_max_rad: 0.0,
+        settling_s: 0.0,
+        overshoot: 0.0,
+        saturated_share: 0.0,
+    };
+    let steps = (COST_HORIZON * time_unit_s(region.scales[0], region.u_max_rad_s2) / problem.period_s())
+        as usize
+        + 10;
+    for i in 0..states {
+        let z = DVector::from_fn(STATES, |_, _| rng.normal());
+        let z = &to_state * (&z / z.norm());
+        let mut x = Vector6::from_fn(|r, _| z[r] * region.scales[r]);
+        let run = if i % 10 == 0 { steps } else { 1 };
+        found.trajectories += usize::from(run > 1);
+        for n in 0..run {
+            let (model, bound) = draw(&mut rng);
+            let before = region.value(&x);
+            let (next, _) = step(model, &k, bound, &x);
+            let after = region.value(&next);
+            if n == 0 {
+                found.step_ratio_max = found.step_ratio_max.max(after / before);
+            }
+            found.v_max = found.v_max.max(after);
+            x = next;
+        }
+    }
+    initial_set_runs(problem, certificate, &mut found, steps);
+    Some(found)
+}
+
+/// From 64 points of the boundary of the initial set, at every corner of period and delay, at u_max.
+fn initial_set_runs(
+    problem: &Problem,
+    certificate: &SaturatedCertificate,
+    found: &mut Evidence,
+    steps: usize,
+) {
+    let (e0, v0) = problem.error_set();
+    let k = row(certificate.gains);
+    let u_max = certificate.regions[0].u_max_rad_s2;
+    let (mut clipped, mut all) = (0usize, 0usize);
+    for (period, delay) in problem.corners() {
+        let model = sampled(&problem.drive(), period, delay);
+        for i in 0..64 {
+            let angle = std::f64::consts::TAU * f64::from(i) / 64.0;
+            let mut x = steady_state(e0 * angle.cos(), v0 * angle.sin());
+            let mut last_outside = 0;
+            for n in 0..2 * steps {
+                let (next, u) = step(&model, &k, u_max, &x);
+                clipped += usize::from(u.abs() >= u_max);
+                all += 1;
+                x = next;
+                found.position_max_rad = found.position_max_rad.max(x[0].abs());
+                if i == 0 {
+                    found.overshoot = found.overshoot.max(-x[0] / e0);
+                }
+                if x[0].abs() > 0.02 * e0 {
+                    last_outside = n + 1;
+                }
+            }
+            found.settling_s = found.settling_s.max(last_outside as f64 * period);
+        }
+    }
+    found.saturated_share = clipped as f64 / all.max(1) as f64;
+}

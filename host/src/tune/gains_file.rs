@@ -1,0 +1,364 @@
+//! `gains.toml`: gains with their certificates, versioned, refused unless everything proves again.
+
+use super::certificate::{Region, SaturatedCertificate, SaturatedRefusal};
+use super::model::{DriveLag, STATES};
+use super::paper::{PaperCertificate, PaperRefusal, System};
+use super::problem::{JointInput, PhaseInput, Problem, ProblemError};
+use super::saturated::Weights;
+use nalgebra::{DMatrix, RowVector6, Vector6};
+use serde::{Deserialize, Serialize};
+
+/// Version this program writes and reads.
+pub const FORMAT: u32 = 1;
+
+/// The file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GainsFile {
+    /// [`FORMAT`].
+    pub format: u32,
+    /// Robot model the gains are for.
+    pub robot: String,
+    /// Period the firmware must run at, s.
+    pub period_s: f64,
+    /// One per joint, in order; joints that were not tuned are missing.
+    pub joint: Vec<JointGains>,
+}
+
+/// One joint: gains, the problem they solve, the proof.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JointGains {
+    /// Joint number from 1.
+    pub number: usize,
+    /// On the position error.
+    pub k_pos_1_s2: f32,
+    /// On the differenced position error.
+    pub k_vel_1_s: f32,
+    /// On the last command.
+    pub k_last: f32,
+    /// What was designed for.
+    pub problem: ProblemTable,
+    /// Why it is safe.
+    pub certificate: CertificateTable,
+}
+
+/// [`JointInput`] in a file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(missing_docs)]
+pub struct ProblemTable {
+    pub period_jitter_ratio: f64,
+    pub delay_min_s: f64,
+    pub delay_max_s: f64,
+    pub drive_wn_rad_s: f64,
+    pub drive_zeta: f64,
+    pub acceleration_max_rad_s2: f64,
+    pub error_position_rad: f64,
+    pub error_velocity_rad_s: f64,
+    pub phase: Vec<PhaseTable>,
+}
+
+/// [`PhaseInput`] in a file; no duration: for ever.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(missing_docs)]
+pub struct PhaseTable {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub duration_s: Option<f64>,
+    pub reference_max_rad_s2: f64,
+}
+
+/// Proof by either design.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "design", rename_all = "lowercase", deny_unknown_fields)]
+#[allow(missing_docs)]
+pub enum CertificateTable {
+    /// [`PaperCertificate`]; symmetric matrices as upper triangles by columns, errors scaled to the unit ball.
+    Paper { alpha_1_s: f64, q: Vec<f64>, y_rad_s2: Vec<f64> },
+    /// [`SaturatedCertificate`].
+    Saturated { weight_velocity: f64, weight_input: f64, weight_floor: f64, region: Vec<RegionTable> },
+}
+
+/// [`Region`] in a file: state order and units as in the model of the design.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(missing_docs)]
+pub struct RegionTable {
+    pub u_max_rad_s2: f64,
+    pub decay_1_s: f64,
+    pub cost_rate: f64,
+    pub scale: [f64; STATES],
+    pub slow_row: [f64; STATES],
+    pub p: Vec<f64>,
+}
+
+/// Why a file is refused.
+#[derive(Debug, PartialEq, thiserror::Error)]
+pub enum GainsFileError {
+    /// Not this format.
+    #[error("not a gains file: {0}")]
+    Syntax(String),
+    /// Written by another version.
+    #[error("gains file has format {found}, this program reads format {FORMAT}; tune again")]
+    Format {
+        /// As in the file.
+        found: u32,
+    },
+    /// For another machine.
+    #[error("gains are for robot {found}, this is {expected}; tune for {expected}")]
+    OtherRobot {
+        /// As in the file.
+        found: String,
+        /// Wanted.
+        expected: String,
+    },
+    /// Joint numbers must rise from 1.
+    #[error("joint {0} is listed twice or out of order")]
+    JointOrder(usize),
+    /// A gain the firmware cannot use.
+    #[error("joint {joint}: {what} is {value}; gains must be finite and not positive")]
+    Gain {
+        /// Joint number.
+        joint: usize,
+        /// Key.
+        what: &'static str,
+        /// As in the file.
+        value: f32,
+    },
+    /// A matrix of the wrong size.
+    #[error("joint {joint}: {what} has {found} numbers, {expected} are needed")]
+    Size {
+        /// Joint number.
+        joint: usize,
+        /// Key.
+        what: &'static str,
+        /// As in the file.
+        found: usize,
+        /// Needed.
+        expected: usize,
+    },
+    /// The problem itself is refused.
+    #[error(transparent)]
+    Problem(#[from] ProblemError),
+    /// The gains are not those of the certificate.
+    #[error("joint {joint}: the gains are not those the certificate was made for")]
+    GainsChanged {
+        /// Joint number.
+        joint: usize,
+    },
+    /// The proof of the saturated design fails.
+    #[error("joint {joint}: {refusal}; the file was changed or damaged, tune again")]
+    Saturated {
+        /// Joint number.
+        joint: usize,
+        /// What fails.
+        refusal: SaturatedRefusal,
+    },
+    /// The proof of the paper's design fails.
+    #[error("joint {joint}: {refusal}; the file was changed or damaged, tune again")]
+    Paper {
+        /// Joint number.
+        joint: usize,
+        /// What fails.
+        refusal: PaperRefusal,
+    },
+}
+
+fn upper(m: &DMatrix<f64>) -> Vec<f64> {
+    (0..m.ncols()).flat_map(|j| (0..=j).map(move |i| m[(i, j)])).collect()
+}
+
+fn symmetric(joint: usize, what: &'static str, v: &[f64], n: usize) -> Result<DMatrix<f64>, GainsFileError> {
+    let expected = n * (n + 1) / 2;
+    if v.len() != expected {
+        return Err(GainsFileError::Size { joint, what, found: v.len(), expected });
+    }
+    Ok(DMatrix::from_fn(n, n, |i, j| v[i.max(j) * (i.max(j) + 1) / 2 + i.min(j)]))
+}
+
+impl JointGains {
+    /// Entry of a saturated design.
+    pub fn saturated(input: &JointInput, c: &SaturatedCertificate) -> Self {
+        let region = c.regions.iter().map(|r| RegionTable {
+            u_max_rad_s2: r.u_max_rad_s2,
+            decay_1_s: r.decay_1_s,
+            cost_rate: r.cost_rate,
+            scale: r.scales.into(),
+            slow_row: std::array::from_fn(|i| r.slow[i]),
+            p: upper(&r.p),
+        });
+        let certificate = CertificateTable::Saturated {
+            weight_velocity: c.weights.velocity,
+            weight_input: c.weights.input,
+            weight_floor: c.weights.floor,
+            region: region.collect(),
+        };
+        Self::entry(input, c.gains, certificate)
+    }
+
+    /// Entry of the paper's design; `c` is about the errors scaled to the unit ball.
+    pub fn paper(input: &JointInput, gains: [f32; 3], c: &PaperCertificate) -> Self {
+        let certificate = CertificateTable::Paper {
+            alpha_1_s: c.alpha,
+            q: upper(&c.q),
+            y_rad_s2: c.y.iter().copied().collect(),
+        };
+        Self::entry(input, gains, certificate)
+    }
+
+    fn entry(input: &JointInput, gains: [f32; 3], certificate: CertificateTable) -> Self {
+        let phase = |p: &PhaseInput| PhaseTable {
+            duration_s: p.duration_s,
+            reference_max_rad_s2: p.reference_max_rad_s2,
+        };
+        Self {
+            number: input.joint,
+            k_pos_1_s2: gains[0],
+            k_vel_1_s: gains[1],
+            k_last: gains[2],
+            problem: ProblemTable {
+                period_jitter_ratio: input.period_jitter,
+                delay_min_s: input.delay_s.0,
+                delay_max_s: input.delay_s.1,
+                drive_wn_rad_s: input.drive.wn_rad_s,
+                drive_zeta: input.drive.zeta,
+                acceleration_max_rad_s2: input.acceleration_max_rad_s2,
+                error_position_rad: input.error_position_rad,
+                error_velocity_rad_s: input.error_velocity_rad_s,
+                phase: input.phases.iter().map(phase).collect(),
+            },
+            certificate,
+        }
+    }
+
+    /// [k_pos, k_vel, k_last] as the firmware takes them.
+    pub fn gains(&self) -> [f32; 3] {
+        [self.k_pos_1_s2, self.k_vel_1_s, self.k_last]
+    }
+
+    /// The problem of this entry.
+    ///
+    /// # Errors
+    /// [`ProblemError`] for numbers no problem can have.
+    pub fn problem(&self, period_s: f64) -> Result<Problem, ProblemError> {
+        let t = &self.problem;
+        let phase = |p: &PhaseTable| PhaseInput {
+            duration_s: p.duration_s,
+            reference_max_rad_s2: p.reference_max_rad_s2,
+        };
+        Problem::new(&JointInput {
+            joint: self.number,
+            period_s,
+            period_jitter: t.period_jitter_ratio,
+            delay_s: (t.delay_min_s, t.delay_max_s),
+            drive: DriveLag { wn_rad_s: t.drive_wn_rad_s, zeta: t.drive_zeta },
+            acceleration_max_rad_s2: t.acceleration_max_rad_s2,
+            phases: t.phase.iter().map(phase).collect(),
+            error_position_rad: t.error_position_rad,
+            error_velocity_rad_s: t.error_velocity_rad_s,
+        })
+    }
+
+    /// Proves the entry again.
+    fn verify(&self, period_s: f64) -> Result<(), GainsFileError> {
+        let joint = self.number;
+        for (what, value) in ["k_pos_1_s2", "k_vel_1_s", "k_last"].into_iter().zip(self.gains()) {
+            if !value.is_finite() || value > 0.0 {
+                return Err(GainsFileError::Gain { joint, what, value });
+            }
+        }
+        let problem = self.problem(period_s)?;
+        match &self.certificate {
+            CertificateTable::Saturated { weight_velocity, weight_input, weight_floor, region } => {
+                let regions = region.iter().map(|r| {
+                    Ok(Region {
+                        u_max_rad_s2: r.u_max_rad_s2,
+                        scales: Vector6::from(r.scale),
+                        slow: RowVector6::from_row_slice(&r.slow_row),
+                        p: symmetric(joint, "p", &r.p, STATES)?,
+                        cost_rate: r.cost_rate,
+                        decay_1_s: r.decay_1_s,
+                    })
+                });
+                let certificate = SaturatedCertificate {
+                    gains: self.gains(),
+                    weights: Weights {
+                        velocity: *weight_velocity,
+                        input: *weight_input,
+                        floor: *weight_floor,
+                    },
+                    regions: regions.collect::<Result<_, GainsFileError>>()?,
+                };
+                certificate
+                    .check(&problem)
+                    .map_err(|refusal| GainsFileError::Saturated { joint, refusal })?;
+            }
+            CertificateTable::Paper { alpha_1_s, q, y_rad_s2 } => {
+                if y_rad_s2.len() != 2 {
+                    let found = y_rad_s2.len();
+                    return Err(GainsFileError::Size { joint, what: "y_rad_s2", found, expected: 2 });
+                }
+                let certificate = PaperCertificate {
+                    alpha: *alpha_1_s,
+                    q: symmetric(joint, "q", q, 2)?,
+                    y: DMatrix::from_row_slice(1, 2, y_rad_s2),
+                };
+                let system = paper_system(&problem);
+                certificate.check(&system).map_err(|refusal| GainsFileError::Paper { joint, refusal })?;
+                if certificate_gains(&problem, &certificate) != Some(self.gains()) {
+                    return Err(GainsFileError::GainsChanged { joint });
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The system of Theorem 1 for a joint: the least acceleration left over all phases.
+pub fn paper_system(problem: &Problem) -> System {
+    let u_max = problem.phases().iter().map(|p| p.u_max_rad_s2).fold(f64::INFINITY, f64::min);
+    let (position, velocity) = problem.error_set();
+    System::joint(position, velocity, u_max)
+}
+
+/// Gains in physical units, rounded to f32 (k_last = 0): K = Y Q^-1 unscaled.
+pub fn certificate_gains(problem: &Problem, certificate: &PaperCertificate) -> Option<[f32; 3]> {
+    let k = certificate.gain()?;
+    let (position, velocity) = problem.error_set();
+    Some([(k[0] / position) as f32, (k[1] / velocity) as f32, 0.0])
+}
+
+impl GainsFile {
+    /// TOML text with a heading.
+    pub fn to_toml(&self) -> String {
+        let body = toml::to_string(self).unwrap_or_default();
+        format!(
+            "# Feedback gains with certificate, written by `cubectl tune`. Units are in the key names; an \
+             edited number is\n# refused, because the certificate no longer proves it.\n{body}"
+        )
+    }
+
+    /// Reads a file and proves every joint again.
+    ///
+    /// # Errors
+    /// [`GainsFileError`]: syntax, version, another robot, or whatever is no longer proven.
+    pub fn from_toml(text: &str, robot: &str) -> Result<Self, GainsFileError> {
+        let file: Self = toml::from_str(text).map_err(|e| GainsFileError::Syntax(e.to_string()))?;
+        if file.format != FORMAT {
+            return Err(GainsFileError::Format { found: file.format });
+        }
+        if file.robot != robot {
+            return Err(GainsFileError::OtherRobot { found: file.robot, expected: robot.to_owned() });
+        }
+        let mut before = 0;
+        for joint in &file.joint {
+            if joint.number <= before {
+                return Err(GainsFileError::JointOrder(joint.number));
+            }
+            before = joint.number;
+            joint.verify(file.period_s)?;
+        }
+        Ok(file)
+    }
+}

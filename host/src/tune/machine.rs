@@ -1,0 +1,195 @@
+//! Problem data from a robot model and, where there is one, the motion it shall follow.
+
+use super::model::DriveLag;
+use super::plant::Plant;
+use super::problem::{JointInput, PhaseInput};
+use robot_model::{AnyRobot, RobotModel};
+
+/// What gain design needs of a machine.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Machine {
+    /// Name of the robot model.
+    pub robot: String,
+    /// Joints from the base.
+    pub joints: Vec<Plant>,
+}
+
+/// Why a machine cannot be tuned.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum MachineError {
+    /// The robot file describes no position loop.
+    #[error("robot {robot} has no [drive_loop]; add natural frequency, damping and resolution of its drives")]
+    NoDriveLoop {
+        /// Robot.
+        robot: String,
+    },
+    /// A plan for another machine.
+    #[error(
+        "the plan is for robot {plan}, the gains are for {robot}; plan again for {robot} or pass --robot {plan}"
+    )]
+    OtherRobot {
+        /// Robot of the plan.
+        plan: String,
+        /// Robot being tuned.
+        robot: String,
+    },
+    /// A plan with another number of joints.
+    #[error("the plan has {plan} joints, robot {robot} has {joints}")]
+    OtherJoints {
+        /// Joints in the plan.
+        plan: usize,
+        /// Robot.
+        robot: String,
+        /// Joints of the robot.
+        joints: usize,
+    },
+}
+
+impl Machine {
+    /// From a robot model of any number of joints.
+    ///
+    /// # Errors
+    /// [`MachineError::NoDriveLoop`].
+    pub fn from_robot(robot: &AnyRobot) -> Result<Self, MachineError> {
+        match robot {
+            AnyRobot::Four(m) => Self::from_model(m),
+            AnyRobot::Five(m) => Self::from_model(m),
+            AnyRobot::Six(m) => Self::from_model(m),
+            AnyRobot::Seven(m) => Self::from_model(m),
+            other => Err(MachineError::NoDriveLoop { robot: other.name().to_owned() }),
+        }
+    }
+
+    /// From a robot model.
+    ///
+    /// # Errors
+    /// [`MachineError::NoDriveLoop`].
+    pub fn from_model<const N: usize>(model: &RobotModel<N>) -> Result<Self, MachineError> {
+        let robot = model.name().to_owned();
+        let Some(drive) = model.drive_loop() else { return Err(MachineError::NoDriveLoop { robot }) };
+        let joints = model
+            .joints()
+            .iter()
+            .map(|joint| Plant {
+                drive: DriveLag { wn_rad_s: drive.natural_frequency_rad_s, zeta: drive.damping_ratio },
+                friction_rad_s2: drive.coulomb_friction_rad_s2,
+                resolution_rad: drive.position_resolution_rad,
+                velocity_max_rad_s: joint.limits.v_max_rad_s,
+                acceleration_max_rad_s2: joint.limits.a_control_max_rad_s2,
+            })
+            .collect();
+        Ok(Self { robot, joints })
+    }
+}
+
+/// Largest reference accelerations of a motion, stretch by stretch.
+///
+/// The planner's file has its own form; whatever follows a plan fills this in.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Motion {
+    /// Robot the motion was planned for.
+    pub robot: String,
+    /// Per joint, per stretch; the last stretch of each has no duration.
+    pub phases: Vec<Vec<PhaseInput>>,
+}
+
+impl Motion {
+    /// Standing still, or any motion of which nothing is known but the share of the acceleration for
+    /// control that it uses (0 <= `share` < 1).
+    pub fn with_share(machine: &Machine, share: f64) -> Self {
+        let phases = machine
+            .joints
+            .iter()
+            .map(|j| {
+                vec![PhaseInput { duration_s: None, reference_max_rad_s2: share * j.acceleration_max_rad_s2 }]
+            })
+            .collect();
+        Self { robot: machine.robot.clone(), phases }
+    }
+}
+
+/// Timing and error set, the same for all joints.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Demand {
+    /// Command period, s.
+    pub period_s: f64,
+    /// Relative jitter of it.
+    pub period_jitter: f64,
+    /// Smallest and largest delay, s.
+    pub delay_s: (f64, f64),
+    /// Initial position error, rad.
+    pub error_position_rad: f64,
+    /// Initial velocity error, rad/s.
+    pub error_velocity_rad_s: f64,
+}
+
+impl Demand {
+    /// A command that acts with the next one (one period of delay, at most 5 % early), 2 % jitter,
+    /// errors of 0.1 rad and 0.1 rad/s (the paper's figures, section VI-B).
+    pub fn with_period(period_s: f64) -> Self {
+        Self {
+            period_s,
+            period_jitter: 0.02,
+            delay_s: (0.95 * period_s, period_s),
+            error_position_rad: 0.1,
+            error_velocity_rad_s: 0.1,
+        }
+    }
+}
+
+/// Data of every joint, in order.
+///
+/// # Errors
+/// [`MachineError`] if the motion is for another machine.
+pub fn inputs(machine: &Machine, motion: &Motion, demand: &Demand) -> Result<Vec<JointInput>, MachineError> {
+    let robot = machine.robot.clone();
+    if motion.robot != machine.robot {
+        return Err(MachineError::OtherRobot { plan: motion.robot.clone(), robot });
+    }
+    if motion.phases.len() != machine.joints.len() {
+        return Err(MachineError::OtherJoints {
+            plan: motion.phases.len(),
+            robot,
+            joints: machine.joints.len(),
+        });
+    }
+    let joints = machine.joints.iter().zip(&motion.phases).enumerate();
+    Ok(joints
+        .map(|(i, (plant, phases))| JointInput {
+            joint: i + 1,
+            period_s: demand.period_s,
+            period_jitter: demand.period_jitter,
+            delay_s: demand.delay_s,
+            drive: plant.drive,
+            acceleration_max_rad_s2: plant.acceleration_max_rad_s2,
+            phases: phases.clone(),
+            error_position_rad: demand.error_position_rad,
+            error_velocity_rad_s: demand.error_velocity_rad_s,
+        })
+        .collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn built_in_arm_gives_the_data_of_the_paper() {
+        let machine = Machine::from_robot(&AnyRobot::load("powercube6").unwrap()).unwrap();
+        let a: Vec<f64> = machine.joints.iter().map(|j| j.acceleration_max_rad_s2).collect();
+        assert_eq!(a, [10.4, 10.4, 10.4, 10.4, 16.6, 22.3]);
+        assert_eq!(machine.joints[0].drive, DriveLag::POWERCUBE);
+    }
+
+    #[test]
+    fn plan_for_another_robot_is_refused() {
+        let machine = Machine::from_robot(&AnyRobot::load("powercube6").unwrap()).unwrap();
+        let demand = Demand::with_period(0.017);
+        let mut motion = Motion::with_share(&machine, 0.5);
+        assert_eq!(inputs(&machine, &motion, &demand).unwrap().len(), 6);
+        motion.phases.pop();
+        assert!(matches!(inputs(&machine, &motion, &demand), Err(MachineError::OtherJoints { plan: 5, .. })));
+        motion.robot = "kr16_2".into();
+        assert!(matches!(inputs(&machine, &motion, &demand), Err(MachineError::OtherRobot { .. })));
+    }
+}

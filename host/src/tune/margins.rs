@@ -1,0 +1,88 @@
+//! Linear figures of a loop: how fast it decays unsaturated, and how much more delay it bears.
+
+use super::model::{STATES, sampled};
+use super::problem::Problem;
+use super::saturated::{Gains, row};
+use nalgebra::{Complex, DMatrix, DVector};
+
+/// Figures at the nominal period and delay.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LinearFigures {
+    /// Largest eigenvalue magnitude per period; below 1 for a stable loop.
+    pub spectral_radius: f64,
+    /// Decay of the slowest mode, 1/s (negative: unstable).
+    pub decay_1_s: f64,
+    /// Additional delay at which the loop becomes unstable, s (0 for an unstable loop).
+    pub delay_margin_s: f64,
+}
+
+/// Computes them.
+pub fn linear_figures(problem: &Problem, gains: Gains) -> LinearFigures {
+    let (period, delay) = problem.grid(1)[0];
+    let model = sampled(&problem.drive(), period, delay);
+    let k = row(gains);
+    let radius = (model.a + model.b * k).complex_eigenvalues().iter().map(|z| z.norm()).fold(0.0, f64::max);
+    let delay_margin_s = if radius < 1.0 { delay_margin(&model, gains, period) } else { 0.0 };
+    LinearFigures { spectral_radius: radius, decay_1_s: -radius.ln() / period, delay_margin_s }
+}
+
+/// Smallest (phase margin / frequency) over the crossings |L| = 1 of the loop -K (zI - A)^-1 B.
+fn delay_margin(model: &super::model::Sampled, gains: Gains, period: f64) -> f64 {
+    let k = row(gains);
+    let loop_gain = |omega: f64| -> Complex<f64> {
+        let z = Complex::from_polar(1.0, omega * period);
+        let a = model.a.map(|x| Complex::new(x, 0.0));
+        let m = DMatrix::from_fn(STATES, STATES, |i, j| if i == j { z - a[(i, j)] } else { -a[(i, j)] });
+        let b = DVector::from_fn(STATES, |i, _| Complex::new(model.b[i], 0.0));
+        match m.lu().solve(&b) {
+            Some(x) => -(0..STATES).map(|i| x[i] * k[i]).sum::<Complex<f64>>(),
+            None => Complex::new(f64::INFINITY, 0.0),
+        }
+    };
+    let nyquist = std::f64::consts::PI / period;
+    let points = 2000;
+    // Logarithmic from a thousandth of Nyquist: crossings lie around the bandwidth.
+    let omega = |i: i32| nyquist * 10f64.powf(-3.0 * (1.0 - f64::from(i) / f64::from(points)));
+    let mut margin = f64::INFINITY;
+    let mut previous = loop_gain(omega(0));
+    for i in 1..=points {
+        let (w, now) = (omega(i), loop_gain(omega(i)));
+        if (previous.norm() - 1.0) * (now.norm() - 1.0) <= 0.0 {
+            // Phase above -180 degrees; more delay turns it clockwise until it gets there.
+            let phase = (now.arg() + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU);
+            margin = margin.min(phase / w);
+        }
+        previous = now;
+    }
+    margin
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::problem::tests::joint_1;
+    use super::*;
+
+    /// Delay up to the period is in the model itself, so the predicted margin can be walked up to.
+    #[test]
+    fn delay_margin_predicts_where_the_sampled_loop_turns_unstable() {
+        let mut input = joint_1(0.06);
+        let gains = [-417.0, -38.8, -0.6];
+        let radius = |delay: f64, input: &mut crate::tune::problem::JointInput| {
+            input.delay_s = (delay, delay);
+            linear_figures(&Problem::new(input).unwrap(), gains)
+        };
+        // The largest delay that is still stable, by bisection on the eigenvalues.
+        let (mut stable, mut unstable) = (0.0, 0.06);
+        for _ in 0..40 {
+            let middle = 0.5 * (stable + unstable);
+            if radius(middle, &mut input).spectral_radius < 1.0 { stable = middle } else { unstable = middle }
+        }
+        if stable > 0.0 {
+            let start = 0.9 * stable;
+            let margin = radius(start, &mut input).delay_margin_s;
+            // A pure delay of a sampled loop is not a shift of its hold; close by they agree.
+            assert!((margin - 0.1 * stable).abs() < 0.1 * stable, "{margin} {stable}");
+        }
+        assert!(radius(0.06, &mut input).delay_margin_s == 0.0);
+    }
+}

@@ -1,0 +1,42 @@
+//! Feedback gains with a certificate (paper 002 section V).
+//!
+//! | file | holds |
+//! |---|---|
+//! | [`machine`] | robot model and motion → data per joint |
+//! | [`problem`] | data of one joint, checked |
+//! | [`model`] | exact sampled model of the tracking error: ramp generator, position loop, delay |
+//! | [`lmi`] | matrix inequalities as data, solved by the conic solver |
+//! | [`rigor`] | definiteness proven with rounding bounds |
+//! | [`paper`] | design A: Theorem 1, continuous, with `Q >= I` added |
+//! | [`saturated`] | design B: sampled, delay and lag as states, saturation certified |
+//! | [`certificate`] | what design B claims, and its check |
+//! | [`evidence`] | the saturated loop simulated from the certified region |
+//! | [`lqr`] | plain LQR, to compare with |
+//! | [`margins`] | eigenvalues and delay margin |
+//! | [`plant`], [`compare`] | joint with friction and encoder following a throw |
+//! | [`design`] | one joint, all of the above |
+//! | [`gains_file`] | `gains.toml`, proven again when read |
+//! | [`picture`] | region and trajectories as SVG |
+//!
+//! What may be trusted: `rigor` and the two checks. Solver, search and simulation only propose.
+
+#[cfg(test)]
+mod barrier;
+pub mod certificate;
+pub mod compare;
+pub mod design;
+pub mod evidence;
+pub mod gains_file;
+pub mod lmi;
+pub mod lqr;
+pub mod machine;
+pub mod margins;
+pub mod model;
+pub mod paper;
+pub mod picture;
+pub mod plant;
+pub mod problem;
+pub mod rigor;
+pub mod saturated;
+#[cfg(test)]
+mod saturated_tests;

@@ -1,0 +1,389 @@
+//! What a gain design starts from, checked once: inside, the type is the proof.
+
+use super::model::{DriveLag, steady_state};
+use nalgebra::DMatrix;
+
+/// Closed interval low..=high.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Interval {
+    /// Lower end.
+    pub low: f64,
+    /// Upper end.
+    pub high: f64,
+}
+
+impl Interval {
+    /// Middle of the interval.
+    pub fn centre(&self) -> f64 {
+        0.5 * (self.low + self.high)
+    }
+}
+
+/// A stretch of the motion with its own largest reference acceleration, as given.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PhaseInput {
+    /// Length in s; `None` for the last one, which lasts for ever.
+    pub duration_s: Option<f64>,
+    /// Largest |reference acceleration| of the joint in it, rad/s2, >= 0 (0: hold still).
+    pub reference_max_rad_s2: f64,
+}
+
+/// Data of one joint as given by robot model, plan and command line.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JointInput {
+    /// Joint number from 1, for messages.
+    pub joint: usize,
+    /// Command period, s.
+    pub period_s: f64,
+    /// Relative period jitter: the period lies within (1 - jitter, 1 + jitter) period_s. 0 <= jitter < 0.5.
+    pub period_jitter: f64,
+    /// From the drive's position sample to the instant the command computed from it acts, s:
+    /// smallest and largest. At most one period.
+    pub delay_s: (f64, f64),
+    /// The drive's position loop.
+    pub drive: DriveLag,
+    /// Acceleration for control (paper eq. 11), rad/s2: what the command may reach in all.
+    pub acceleration_max_rad_s2: f64,
+    /// Reference acceleration over the motion (paper eq. 12, symmetrised), at least one phase.
+    pub phases: Vec<PhaseInput>,
+    /// Semi-axis of the ellipsoid of initial errors along position, rad, > 0.
+    pub error_position_rad: f64,
+    /// Semi-axis along velocity, rad/s, > 0.
+    pub error_velocity_rad_s: f64,
+}
+
+/// Why data were refused.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ProblemError {
+    /// NaN or infinity.
+    #[error("joint {joint}: {what} is not a finite number")]
+    NotFinite {
+        /// Joint number.
+        joint: usize,
+        /// Name of the datum.
+        what: &'static str,
+    },
+    /// A quantity that must be positive.
+    #[error("joint {joint}: {what} is {value}, it must be above zero")]
+    NotPositive {
+        /// Joint number.
+        joint: usize,
+        /// Name of the datum.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// A quantity that must not be negative.
+    #[error("joint {joint}: {what} is {value}, it must not be negative")]
+    Negative {
+        /// Joint number.
+        joint: usize,
+        /// Name of the datum.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// The delay range is reversed.
+    #[error("joint {joint}: smallest delay {low} s is above the largest, {high} s")]
+    DelayReversed {
+        /// Joint number.
+        joint: usize,
+        /// Smallest.
+        low: f64,
+        /// Largest.
+        high: f64,
+    },
+    /// The command would act after the next one is computed.
+    #[error(
+        "joint {joint}: delay {delay_s} s is longer than the period {period_s} s; lengthen the period to at \
+         least the delay, or shorten the answer time of the drive"
+    )]
+    DelayBeyondPeriod {
+        /// Joint number.
+        joint: usize,
+        /// Largest delay.
+        delay_s: f64,
+        /// Nominal period.
+        period_s: f64,
+    },
+    /// Jitter as large as the period itself.
+    #[error("joint {joint}: period jitter {jitter} must be below 0.5 (a fraction of the period)")]
+    JitterTooLarge {
+        /// Joint number.
+        joint: usize,
+        /// As given.
+        jitter: f64,
+    },
+    /// The reference takes all of the acceleration.
+    #[error(
+        "joint {joint}: the reference uses {reference} rad/s2 of the {available} rad/s2 for control in phase \
+         {phase} and leaves nothing to correct errors with; plan with about 80 %, that is {advised:.2} rad/s2"
+    )]
+    NothingLeft {
+        /// Joint number.
+        joint: usize,
+        /// Phase, from 1.
+        phase: usize,
+        /// Largest reference acceleration.
+        reference: f64,
+        /// Acceleration for control.
+        available: f64,
+        /// What to plan with.
+        advised: f64,
+    },
+    /// No phase, or an endless one before the last.
+    #[error("joint {joint}: phases must end with exactly one that has no duration")]
+    Phases {
+        /// Joint number.
+        joint: usize,
+    },
+}
+
+/// One phase: the least acceleration the reference leaves to the controller, and how long.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Phase {
+    /// Bound of the correcting acceleration, rad/s2, > 0 (paper eq. 12, symmetrised).
+    pub u_max_rad_s2: f64,
+    /// Length, s; `None`: for ever.
+    pub duration_s: Option<f64>,
+}
+
+/// Checked data of one joint.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Problem {
+    joint: usize,
+    period_s: f64,
+    jitter: f64,
+    delay: Interval,
+    drive: DriveLag,
+    acceleration_max_rad_s2: f64,
+    phases: Vec<Phase>,
+    error_position_rad: f64,
+    error_velocity_rad_s: f64,
+}
+
+impl Problem {
+    /// Checks `input`.
+    ///
+    /// # Errors
+    /// [`ProblemError`] names the joint, the datum and, where there is one, the way out.
+    pub fn new(input: &JointInput) -> Result<Self, ProblemError> {
+        let joint = input.joint;
+        let finite = |what, value: f64| {
+            if value.is_finite() { Ok(value) } else { Err(ProblemError::NotFinite { joint, what }) }
+        };
+        let positive = |what, value: f64| match finite(what, value)? {
+            v if v > 0.0 => Ok(v),
+            value => Err(ProblemError::NotPositive { joint, what, value }),
+        };
+        let not_negative = |what, value: f64| match finite(what, value)? {
+            v if v >= 0.0 => Ok(v),
+            value => Err(ProblemError::Negative { joint, what, value }),
+        };
+        let period_s = positive("period", input.period_s)?;
+        let jitter = not_negative("period jitter", input.period_jitter)?;
+        if jitter >= 0.5 {
+            return Err(ProblemError::JitterTooLarge { joint, jitter });
+        }
+        let delay = Interval {
+            low: not_negative("smallest delay", input.delay_s.0)?,
+            high: not_negative("largest delay", input.delay_s.1)?,
+        };
+        if delay.low > delay.high {
+            return Err(ProblemError::DelayReversed { joint, low: delay.low, high: delay.high });
+        }
+        if delay.high > period_s * (1.0 + 1e-9) {
+            return Err(ProblemError::DelayBeyondPeriod { joint, delay_s: delay.high, period_s });
+        }
+        positive("natural frequency of the drive", input.drive.wn_rad_s)?;
+        positive("damping of the drive", input.drive.zeta)?;
+        let available = positive("acceleration for control", input.acceleration_max_rad_s2)?;
+        let mut phases = Vec::new();
+        for (i, phase) in input.phases.iter().enumerate() {
+            let reference = not_negative("largest reference acceleration", phase.reference_max_rad_s2)?;
+            if reference >= available {
+                let advised = 0.8 * available;
+                return Err(ProblemError::NothingLeft { joint, phase: i + 1, reference, available, advised });
+            }
+            if let Some(duration) = phase.duration_s {
+                positive("duration of a phase", duration)?;
+            }
+            phases.push(Phase { u_max_rad_s2: available - reference, duration_s: phase.duration_s });
+        }
+        let open_ends = phases.iter().filter(|p| p.duration_s.is_none()).count();
+        if open_ends != 1 || phases.last().is_none_or(|p| p.duration_s.is_some()) {
+            return Err(ProblemError::Phases { joint });
+        }
+        Ok(Self {
+            joint,
+            period_s,
+            jitter,
+            delay,
+            drive: input.drive,
+            acceleration_max_rad_s2: available,
+            phases,
+            error_position_rad: positive("initial position error", input.error_position_rad)?,
+            error_velocity_rad_s: positive("initial velocity error", input.error_velocity_rad_s)?,
+        })
+    }
+
+    /// Joint number from 1.
+    pub fn joint(&self) -> usize {
+        self.joint
+    }
+
+    /// Nominal period, s.
+    pub fn period_s(&self) -> f64 {
+        self.period_s
+    }
+
+    /// Range of the period, s.
+    pub fn period(&self) -> Interval {
+        Interval { low: self.period_s * (1.0 - self.jitter), high: self.period_s * (1.0 + self.jitter) }
+    }
+
+    /// Range of the delay, s.
+    pub fn delay(&self) -> Interval {
+        self.delay
+    }
+
+    /// The drive.
+    pub fn drive(&self) -> DriveLag {
+        self.drive
+    }
+
+    /// Acceleration for control, rad/s2.
+    pub fn acceleration_max_rad_s2(&self) -> f64 {
+        self.acceleration_max_rad_s2
+    }
+
+    /// Phases in order, the last one without an end.
+    pub fn phases(&self) -> &[Phase] {
+        &self.phases
+    }
+
+    /// Semi-axes of the set of initial errors: rad, rad/s.
+    pub fn error_set(&self) -> (f64, f64) {
+        (self.error_position_rad, self.error_velocity_rad_s)
+    }
+
+    /// 6 x 2 matrix G: the initial states are G z with |z| <= 1 (drive in its steady state).
+    pub fn error_generators(&self) -> DMatrix<f64> {
+        let columns =
+            [steady_state(self.error_position_rad, 0.0), steady_state(0.0, self.error_velocity_rad_s)];
+        DMatrix::from_fn(6, 2, |i, j| columns[j][i])
+    }
+
+    /// The same problem with the error set scaled by `factor` (> 0).
+    #[must_use]
+    pub fn with_scaled_error_set(&self, factor: f64) -> Self {
+        let mut scaled = self.clone();
+        scaled.error_position_rad *= factor;
+        scaled.error_velocity_rad_s *= factor;
+        scaled
+    }
+
+    /// (period, delay) at the corners of the stated ranges; a delay never exceeds its period.
+    pub fn corners(&self) -> Vec<(f64, f64)> {
+        self.grid(2)
+    }
+
+    /// (period, delay) on an n x n grid over the stated ranges, corners included; duplicates of a
+    /// degenerate range are left out. n >= 1; n = 1 gives the nominal pair.
+    pub fn grid(&self, n: usize) -> Vec<(f64, f64)> {
+        self.grid_of(n, n)
+    }
+
+    /// (period, delay) where the inequalities of a design are posed: corners, and the middle of the
+    /// delay, along which the drive's transient bends most.
+    pub fn certified_points(&self) -> Vec<(f64, f64)> {
+        self.grid_of(2, 3)
+    }
+
+    /// `n` periods by `m` delays.
+    fn grid_of(&self, n: usize, m: usize) -> Vec<(f64, f64)> {
+        let (t, d) = (self.period(), self.delay);
+        if n <= 1 {
+            return vec![(self.period_s, d.centre().min(self.period_s))];
+        }
+        let at = |r: Interval, i: usize, of: usize| r.low + (r.high - r.low) * i as f64 / (of - 1) as f64;
+        let mut points: Vec<(f64, f64)> = Vec::new();
+        for i in 0..n * m {
+            let period = at(t, i / m, n);
+            // A delay of a full period means "with the next command", whenever that is.
+            let stretch = if d.high >= self.period_s { period / self.period_s } else { 1.0 };
+            let delay = (at(d, i % m, m) * stretch).min(period);
+            if !points.contains(&(period, delay)) {
+                points.push((period, delay));
+            }
+        }
+        points
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// Joint 1 of the reference throw at the paper's period.
+    pub(crate) fn joint_1(period_s: f64) -> JointInput {
+        JointInput {
+            joint: 1,
+            period_s,
+            period_jitter: 0.02,
+            delay_s: (0.95 * period_s, period_s),
+            drive: DriveLag::POWERCUBE,
+            acceleration_max_rad_s2: 10.4,
+            phases: vec![
+                PhaseInput { duration_s: Some(0.71), reference_max_rad_s2: 4.79 },
+                PhaseInput { duration_s: None, reference_max_rad_s2: 7.18 },
+            ],
+            error_position_rad: 0.1,
+            error_velocity_rad_s: 0.1,
+        }
+    }
+
+    #[test]
+    fn sound_data_pass() {
+        let p = Problem::new(&joint_1(0.017)).unwrap();
+        assert!((p.phases()[0].u_max_rad_s2 - 5.61).abs() < 1e-12);
+        assert!((p.phases()[1].u_max_rad_s2 - 3.22).abs() < 1e-12);
+        assert_eq!(p.corners().len(), 4);
+        assert!(p.grid(5).iter().all(|(t, d)| d <= t));
+    }
+
+    #[test]
+    fn bad_data_are_refused_with_the_datum_named() {
+        type Change = fn(&mut JointInput);
+        let table: [(&str, Change, &str); 17] = [
+            ("period 0", |i| i.period_s = 0.0, "period is 0"),
+            ("period negative", |i| i.period_s = -0.017, "period is -0.017"),
+            ("period NaN", |i| i.period_s = f64::NAN, "period is not a finite number"),
+            ("delay too long", |i| i.delay_s = (0.0, 0.018), "longer than the period"),
+            ("delay negative", |i| i.delay_s = (-0.001, 0.01), "smallest delay is -0.001"),
+            ("delay reversed", |i| i.delay_s = (0.01, 0.005), "above the largest"),
+            ("delay NaN", |i| i.delay_s = (0.0, f64::NAN), "largest delay is not"),
+            ("jitter half", |i| i.period_jitter = 0.5, "below 0.5"),
+            ("jitter negative", |i| i.period_jitter = -0.1, "period jitter is -0.1"),
+            ("bound negative", |i| i.acceleration_max_rad_s2 = -1.0, "acceleration for control is -1"),
+            (
+                "bound infinite",
+                |i| i.acceleration_max_rad_s2 = f64::INFINITY,
+                "acceleration for control is not",
+            ),
+            ("all used", |i| i.phases[1].reference_max_rad_s2 = 10.4, "leaves nothing"),
+            ("reference negative", |i| i.phases[0].reference_max_rad_s2 = -1.0, "must not be negative"),
+            ("no phase", |i| i.phases.clear(), "phases must end"),
+            ("endless phase first", |i| i.phases[0].duration_s = None, "phases must end"),
+            ("error set empty", |i| i.error_position_rad = 0.0, "initial position error is 0"),
+            ("drive NaN", |i| i.drive.wn_rad_s = f64::NAN, "natural frequency of the drive is not"),
+        ];
+        for (name, change, want) in table {
+            let mut input = joint_1(0.017);
+            change(&mut input);
+            let message = Problem::new(&input).unwrap_err().to_string();
+            assert!(message.contains(want), "{name}: {message}");
+            assert!(message.starts_with("joint 1:"), "{name}: {message}");
+        }
+    }
+}
