@@ -1,8 +1,9 @@
 //! How fast virtual time is: simulated seconds per second, and where the time goes.
 //!
 //! Traffic as the controller makes it: six joints, four frames each per cycle (SET acceleration and its
-//! acknowledge, ramp with its long acknowledge), at 1 Mbit/s, as dense as the bus allows. The nodes here do
-//! nothing but answer, so the figures are those of bus and scheduler alone.
+//! acknowledge, ramp with its long acknowledge), at 1 Mbit/s, as dense as the bus allows. First with nodes that do
+//! nothing but answer, which shows bus and scheduler alone; then the full cell of `scenarios/cycle.toml`, six drives
+//! that move the arm.
 //!
 //! `cargo bench -p hil-sim --bench virtual_time`; prints medians of several runs.
 
@@ -14,6 +15,7 @@ use hil_sim::bus::medium::QuietWire;
 use hil_sim::bus::{Bus, BusConfig, encode};
 use hil_sim::crew::Solo;
 use hil_sim::record::CandumpLog;
+use hil_sim::scenario::Scenario;
 use hil_sim::world::World;
 use protocol::text::BusName;
 use protocol::{Duration, Frame, Instant, Node, StandardId};
@@ -151,6 +153,16 @@ fn main() {
         }
         black_box(log.lines());
     });
+    let mut cell_frames = 0;
+    let cell_wall_s = median_s(|| {
+        let text = include_str!("../scenarios/cycle.toml");
+        let world = Scenario::from_toml("cycle.toml", text).map(|scenario| scenario.world());
+        let Ok(Ok(mut world)) = world else { unreachable!("checked by the stage that runs all scenarios") };
+        if let Err(error) = world.run_until(end, &mut ()) {
+            unreachable!("{error}");
+        }
+        cell_frames = world.stats().frames;
+    });
     let sample = frame(0x0A3, &[0x0B, 0x0E, 0x12, 0x34, 0x56, 0x3F, 0x20, 0]);
     let encode_ns = 1e3
         * median_s(|| {
@@ -186,6 +198,12 @@ fn main() {
         "with candump log           {:>8.0} x real time, {:.0} ns per frame",
         simulated_s as f64 / logged_s,
         logged_s * 1e9 / frames as f64
+    );
+    let cell_ns = cell_wall_s * 1e9 / cell_frames as f64;
+    println!(
+        "full cell                  {:>8.0} x real time, {cell_ns:.0} ns per frame, of which drives and arm {:.0} %",
+        simulated_s as f64 / cell_wall_s,
+        100.0 * (1.0 - per_frame_ns / cell_ns)
     );
     println!("of which bus alone         {bus_ns:>8.0} ns per frame, {encode_ns:.0} ns of it counting bits");
     println!(
