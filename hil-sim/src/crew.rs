@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use protocol::{Instant, Node};
+use protocol::{Frame, Instant, Node};
 
 use crate::fault::FaultTarget;
 
@@ -54,6 +54,13 @@ pub trait Crew {
         Link::On
     }
 
+    /// Acceptance filter of the node at `index`: a frame that it refuses is acknowledged, but not handed over, as
+    /// in a CAN controller. Only for speed: a node must ignore such a frame anyway.
+    fn accepts(&self, index: usize, frame: &Frame) -> bool {
+        let _ = (index, frame);
+        true
+    }
+
     /// Wire address of the node at `index` if it is a drive, so that a fault can name it.
     fn module(&self, index: usize) -> Option<protocol::ModuleId> {
         let _ = index;
@@ -97,6 +104,13 @@ impl<A: Crew, B: Crew> Crew for (A, B) {
         match index.checked_sub(self.0.len()) {
             None => self.0.link(index),
             Some(rest) => self.1.link(rest),
+        }
+    }
+
+    fn accepts(&self, index: usize, frame: &Frame) -> bool {
+        match index.checked_sub(self.0.len()) {
+            None => self.0.accepts(index, frame),
+            Some(rest) => self.1.accepts(rest, frame),
         }
     }
 
@@ -180,6 +194,10 @@ impl<C: Crew + ?Sized> Crew for Box<C> {
 
     fn link(&self, index: usize) -> Link {
         (**self).link(index)
+    }
+
+    fn accepts(&self, index: usize, frame: &Frame) -> bool {
+        (**self).accepts(index, frame)
     }
 
     fn module(&self, index: usize) -> Option<protocol::ModuleId> {

@@ -448,6 +448,9 @@ impl<C: Crew> World<C> {
     }
 
     fn hand_over(&mut self, port: usize, frame: &Frame) -> Result<(), RunError> {
+        if !self.crew.accepts(port, frame) {
+            return Ok(());
+        }
         self.stats.deliveries += 1;
         self.crew.node(port).handle_frame(self.now, frame);
         self.settle(port)

@@ -103,8 +103,10 @@ fn swarm_runs_its_seeds_and_prints_options_of_a_single_one() {
 fn every_mistake_has_its_code_and_says_where() {
     let bad_key = file("bad_key.toml", "schema_version = 1\nduration_s = 1\n[bus]\nspeed = 3\n");
     let bad_drive = file("bad_drive.toml", "schema_version = 1\nduration_s = 1\n[drive]\nboot_time_s = -1\n");
-    let no_module =
-        file("no_module.toml", "schema_version = 1\nduration_s = 1\n[[fault]]\nkind = \"silent\"\ntarget = \"module 20\"\n");
+    let no_module = file(
+        "no_module.toml",
+        "schema_version = 1\nduration_s = 1\n[[fault]]\nkind = \"silent\"\ntarget = \"module 20\"\n",
+    );
     let no_supply = file(
         "no_supply.toml",
         "schema_version = 1\nduration_s = 1\n[[fault]]\nkind = \"supply-loss\"\ntarget = \"supply 9\"\n",
@@ -144,7 +146,8 @@ fn serve_answers_a_socketcand_client_takes_typed_faults_and_ends_cleanly() {
         .unwrap();
     let mut lines = BufReader::new(server.stdout.take().unwrap()).lines();
     let first = lines.next().unwrap().unwrap();
-    let address = first.split("socketcand://").nth(1).and_then(|rest| rest.split('/').next()).unwrap().to_owned();
+    let address =
+        first.split("socketcand://").nth(1).and_then(|rest| rest.split('/').next()).unwrap().to_owned();
     let mut client = TcpStream::connect(&address).unwrap();
     client.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
     let mut heard = String::new();

@@ -20,8 +20,8 @@ mod throw;
 
 use std::borrow::Cow;
 
-use protocol::powercube::BaudRate;
-use protocol::{Duration, Instant, ModuleId, Node};
+use protocol::powercube::{Address, BaudRate, Channel};
+use protocol::{Duration, Frame, Instant, ModuleId, Node};
 
 pub use build::{CellError, CellOptions};
 pub use throw::{Ball, ThrowReport};
@@ -161,6 +161,16 @@ impl Crew for Cell {
 
     fn link(&self, index: usize) -> Link {
         self.drives[index].link(self.bit_rate)
+    }
+
+    fn accepts(&self, index: usize, frame: &Frame) -> bool {
+        match Address::of(frame.id()) {
+            Some(Address::Broadcast) => true,
+            Some(Address::Module(Channel::Get | Channel::Put, module)) => {
+                self.drives[index].address() == module
+            }
+            _ => false,
+        }
     }
 
     fn module(&self, index: usize) -> Option<ModuleId> {
