@@ -4,7 +4,8 @@ mod drive_rig;
 
 use drive_rig::{MS, Rig, id};
 use hil_sim::drive::options::{
-    BeyondMaximum, BeyondSoftLimit, HomeWhenHalted, InternalCommand, Refusal, SignOfLife, StateFrames,
+    BeyondMaximum, BeyondSoftLimit, HomeWhenHalted, InternalCommand, Persistence, Refusal, SignOfLife,
+    StateFrames, UnknownRequest,
 };
 use protocol::powercube::address::BROADCAST_ID;
 use protocol::powercube::{
@@ -246,6 +247,24 @@ fn unknown_commands_wrong_lengths_and_other_modules_get_silence() {
 fn internal_command_is_echoed_or_ignored_by_option() {
     let mut rig = Rig::homed(|o| o.drive.internal = InternalCommand::Silence);
     assert_eq!(rig.ask(Request::Internal([7; 7])), None);
+}
+
+#[test]
+fn unknown_request_is_echoed_by_option() {
+    let mut rig = Rig::homed(|o| o.drive.unknown = UnknownRequest::Echo);
+    assert_eq!(text(&rig.exchange(&frame(PUT, &[0x05, 0xAB]))), ["0A1#05AB"]);
+    assert_eq!(text(&rig.exchange(&frame(PUT, &[0x03]))), ["0A1#03"]);
+    assert_eq!(rig.exchange(&frame(PUT, &[])), [], "nothing to echo");
+}
+
+#[test]
+fn writes_are_permanent_at_once_by_option() {
+    let mut rig = Rig::homed(|o| o.drive.persistence = Persistence::AtOnce);
+    rig.set_f(Parameter::MaxVel, 1.0);
+    let now = rig.now;
+    rig.drive_mut().restart(now);
+    rig.run_ms(600);
+    assert_eq!(rig.get(Parameter::MaxVel), 1.0);
 }
 
 #[test]
@@ -625,6 +644,14 @@ fn absolute_encoder_comes_up_homed_and_home_is_done_at_once() {
     assert!(rig.state().contains(CubeState::HOME_OK));
     rig.simple(SimpleCommand::Home);
     assert!(rig.state().contains(CubeState::HOME_OK) && !rig.state().contains(CubeState::MOTION));
+    // HOME leads out of HALTED, with the loop closed.
+    rig.simple(SimpleCommand::Halt);
+    rig.run_ms(50);
+    rig.simple(SimpleCommand::Home);
+    rig.run_ms(150);
+    rig.move_to(0.3);
+    rig.run_ms(1_500);
+    assert!((rig.q(0) - 0.3).abs() < 1e-3);
 }
 
 #[test]

@@ -187,13 +187,13 @@ impl Drive {
     pub(super) fn start_homing(&mut self, now: Instant) {
         self.halted = false;
         self.waiting = None;
+        if matches!(self.generator.program(), Program::Open) {
+            self.close_loop(now);
+        }
         if self.store.setup().is_absolute() {
             // Nothing to search; the position is known.
             self.home_ok = true;
             return;
-        }
-        if matches!(self.generator.program(), Program::Open) {
-            self.close_loop(now);
         }
         self.home_ok = false;
         let direction = 1.0_f64.copysign(self.store.number(Parameter::HomeVel));
