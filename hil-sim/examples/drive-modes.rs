@@ -86,7 +86,7 @@ fn modes() -> Vec<Mode> {
             text: "A new target every 300 ms, the last one back beyond the start: it brakes, turns and comes back. Velocity and \
                    acceleration never exceed their maxima.",
             homed: true,
-            length_ms: 4_000,
+            length_ms: 4_400,
             script: vec![
                 (100, set(Parameter::TargetVel, 1.5)),
                 (110, set(Parameter::TargetAcc, 4.0)),
