@@ -82,7 +82,7 @@ fn main() {
         ("3 requests per joint, 17 ms", Some(17_000)),
         ("3 requests per joint, 2.7 ms", Some(2_700)),
     ] {
-        let mut cell = cell(500);
+        let mut cell = cell(1_000);
         let ns = median_ns(301, 1, || chunk(&mut cell, period_us));
         println!("  {what:<44} {:>8.0} x real time", 2e7 / ns);
     }

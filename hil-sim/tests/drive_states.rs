@@ -377,6 +377,26 @@ fn blocked_axis_shows_in_a_current_motion_as_standing() {
 }
 
 #[test]
+fn impact_shows_in_the_current_and_a_current_motion_shows_what_it_was_told() {
+    let mut rig = Rig::homed(|_| ());
+    rig.velocity(0.5);
+    rig.run_ms(400);
+    // Wheel without gravity: the running current only, 2.9 A·s/rad.
+    assert!((rig.get(Parameter::Cur) - 1.456).abs() < 0.01, "{}", rig.get(Parameter::Cur));
+    begin(&mut rig, &PhysicalFault::Blocked);
+    rig.run_ms(60);
+    let pressed = rig.get(Parameter::Cur);
+    // The loop pushes with all that 30 A allow, 206 N·m, less 20 N·m of friction: 26 A.
+    assert!((24.0..30.0).contains(&pressed), "{pressed} A");
+    end(&mut rig, &PhysicalFault::Blocked);
+    rig.run_ms(500);
+    reset(&mut rig);
+    rig.ask(Request::Move(Motion::simple(MotionCommand::Current(Amperes::new(-5.0)))));
+    rig.run_ms(20);
+    assert_eq!(rig.get(Parameter::Cur), 5.0);
+}
+
+#[test]
 fn faults_that_do_not_apply_are_refused_with_a_reason() {
     let mut rig = Rig::homed(|_| ());
     let now = rig.now;

@@ -10,7 +10,7 @@
 //! 5. gripper and ball move on                              Throw::step
 //! ```
 //!
-//! The grid is the cell's own ([`CellOptions::step`], 500 µs): [`Cell::advance`](Crew::advance) takes every whole step up
+//! The grid is the cell's own ([`CellOptions::step`], 1 ms): [`Cell::advance`](Crew::advance) takes every whole step up
 //! to the time given and leaves the rest. What happens between two grid points is a matter of closed forms: ramps start
 //! at their own microsecond, answers extrapolate with the axis's velocity, the ball leaves at the gripper's instant.
 

@@ -9,7 +9,7 @@ use protocol::powercube::{
 use protocol::{Duration, Frame, Instant, ModuleId, Node};
 
 use super::homing::Homing;
-use super::options::{DriveOptions, Nameplate, SignOfLife, StateFrames};
+use super::options::{DriveOptions, Nameplate, SignOfLife, StateFrames, UnknownRequest};
 use super::program::{Generator, Program};
 use super::servo::Servo;
 use super::store::Store;
@@ -24,6 +24,15 @@ pub(super) enum Power {
     Off,
     Booting { until: Instant },
     Up,
+}
+
+/// What waits in the queue.
+#[derive(Clone, Copy, Debug)]
+enum Job {
+    /// A request.
+    Obey(Request),
+    /// No request; sent back as it came.
+    Echo(Frame),
 }
 
 /// What a module counts about itself; no frame shows it.
@@ -80,7 +89,7 @@ pub struct Drive {
     was_up_before: bool,
     pub(super) address: ModuleId,
     pub(super) bit_rate: BaudRate,
-    queue: VecDeque<Request>,
+    queue: VecDeque<Job>,
     /// When the request at the head of the queue is done.
     busy_until: Option<Instant>,
     outbox: VecDeque<Frame>,
@@ -303,28 +312,42 @@ impl Drive {
     }
 
     fn take_request(&mut self, now: Instant, frame: &Frame) {
-        match AddressedRequest::decode(frame) {
-            Ok(addressed) if self.queue.len() < self.options.queue_depth.max(1) => {
-                self.queue.push_back(addressed.request);
-                if self.busy_until.is_none() {
-                    self.busy_until = Some(now + self.delay());
+        let job = match AddressedRequest::decode(frame) {
+            Ok(addressed) => Job::Obey(addressed.request),
+            Err(_) => {
+                self.counters.not_understood += 1;
+                if self.options.unknown == UnknownRequest::Silence || frame.data().is_empty() {
+                    return;
                 }
+                Job::Echo(*frame)
             }
-            Ok(_) => self.counters.overflowed += 1,
-            // Silence: hosts take it for a time-out.
-            Err(_) => self.counters.not_understood += 1,
+        };
+        if self.queue.len() >= self.options.queue_depth.max(1) {
+            self.counters.overflowed += 1;
+            return;
+        }
+        self.queue.push_back(job);
+        if self.busy_until.is_none() {
+            self.busy_until = Some(now + self.delay());
         }
     }
 
     fn process_due_requests(&mut self, now: Instant) {
         while let Some(done) = self.busy_until.filter(|&done| done <= now) {
-            let Some(request) = self.queue.pop_front() else {
-                self.busy_until = None;
-                return;
-            };
-            self.counters.processed += 1;
-            if let Some(reply) = self.obey(done, request) {
-                self.outbox.push_back(reply.encode(self.address));
+            match self.queue.pop_front() {
+                None => {
+                    self.busy_until = None;
+                    return;
+                }
+                Some(Job::Obey(request)) => {
+                    self.counters.processed += 1;
+                    if let Some(reply) = self.obey(done, request) {
+                        self.outbox.push_back(reply.encode(self.address));
+                    }
+                }
+                Some(Job::Echo(frame)) => {
+                    self.outbox.extend(Frame::new(Channel::Ack.id(self.address), frame.data()));
+                }
             }
             self.busy_until = if self.queue.is_empty() { None } else { Some(done + self.delay()) };
         }

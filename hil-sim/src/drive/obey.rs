@@ -7,7 +7,9 @@ use protocol::powercube::{
 use protocol::{Duration, Instant};
 
 use super::module::Drive;
-use super::options::{BeyondMaximum, BeyondSoftLimit, HomeWhenHalted, InternalCommand, Refusal};
+use super::options::{
+    BeyondMaximum, BeyondSoftLimit, HomeWhenHalted, InternalCommand, Persistence, Refusal, UnknownRequest,
+};
 use super::program::{LoopShape, Program};
 use super::ramp::Ramp;
 use super::store::SetOutcome;
@@ -77,8 +79,9 @@ impl Drive {
                 self.refresh_watchdog(now);
                 return None;
             }
-            // Known by name only: not a command of this module.
-            SimpleCommand::ToggleHome => return None,
+            SimpleCommand::ToggleHome => {
+                return (self.options.unknown == UnknownRequest::Echo).then_some(Reply::Simple(simple));
+            }
         }
         Some(Reply::Simple(simple))
     }
@@ -111,6 +114,9 @@ impl Drive {
         } else {
             SetOutcome::Refused
         };
+        if outcome != SetOutcome::Refused && self.options.persistence == Persistence::AtOnce {
+            self.store.save();
+        }
         match (outcome, self.options.refusal) {
             (SetOutcome::Taken | SetOutcome::Clipped, _) => {
                 Some(Reply::SetAck { parameter, code: Some(ACCEPTED) })

@@ -41,6 +41,27 @@ pub enum Refusal {
     Code(u8),
 }
 
+/// What a frame to this module gets that is no request it knows: unknown command, parameter or motion, wrong length, and
+/// TOGGLEHOME, which is known by name only.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum UnknownRequest {
+    /// Nothing; hosts take it for a time-out.
+    #[default]
+    Silence,
+    /// The same bytes, after the usual delay.
+    Echo,
+}
+
+/// What becomes of written parameters at power-off.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Persistence {
+    /// Lost unless SAVE PARAMETERS was sent: the command exists, and modules count their writes to flash.
+    #[default]
+    OnSave,
+    /// Every accepted write is permanent.
+    AtOnce,
+}
+
 /// What the command INTERNAL (0x04, meaning unknown) gets.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum InternalCommand {
@@ -108,6 +129,10 @@ pub struct DriveOptions {
     pub beyond_soft_limit: BeyondSoftLimit,
     /// Answers to requests that are not obeyed.
     pub refusal: Refusal,
+    /// Frames that are no request.
+    pub unknown: UnknownRequest,
+    /// Written parameters at power-off.
+    pub persistence: Persistence,
     /// Command 0x04.
     pub internal: InternalCommand,
     /// HOME while HALTED.
@@ -152,6 +177,8 @@ impl Default for DriveOptions {
             beyond_maximum: BeyondMaximum::default(),
             beyond_soft_limit: BeyondSoftLimit::default(),
             refusal: Refusal::default(),
+            unknown: UnknownRequest::default(),
+            persistence: Persistence::default(),
             internal: InternalCommand::default(),
             home_when_halted: HomeWhenHalted::default(),
             sign_of_life: SignOfLife::default(),

@@ -187,13 +187,13 @@ impl Drive {
     pub(super) fn start_homing(&mut self, now: Instant) {
         self.halted = false;
         self.waiting = None;
+        if matches!(self.generator.program(), Program::Open) {
+            self.close_loop(now);
+        }
         if self.store.setup().is_absolute() {
             // Nothing to search; the position is known.
             self.home_ok = true;
             return;
-        }
-        if matches!(self.generator.program(), Program::Open) {
-            self.close_loop(now);
         }
         self.home_ok = false;
         let direction = 1.0_f64.copysign(self.store.number(Parameter::HomeVel));
@@ -216,11 +216,14 @@ impl Drive {
     fn measure_current(&mut self, dt_s: f64) {
         let driving = !self.is_stage_off() && !matches!(self.generator.program(), Program::Open);
         let braked = self.has_brake_fitted() && !matches!(self.brake, Brake::Open);
-        self.current_a = if driving && !braked {
-            self.plate.k_b_a_s_rad * self.axis.v_rad_s.abs()
-                + self.plate.k_m_a_nm * self.axis.link_torque_nm.abs()
-        } else {
-            0.0
+        self.current_a = match self.generator.program() {
+            _ if !driving || braked => 0.0,
+            // What is controlled is what is measured.
+            Program::Current(current_a) => current_a.abs(),
+            _ => {
+                let (v, torque) = (self.axis.v_rad_s.abs(), self.axis.output_torque_nm.abs());
+                self.plate.k_b_a_s_rad * v + self.plate.k_m_a_nm * torque
+            }
         };
         self.current_limited |= driving && self.axis.saturated;
         let nominal = self.store.number(Parameter::NominalMotorCurrent).max(1e-3);

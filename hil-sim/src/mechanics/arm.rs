@@ -5,7 +5,7 @@ use robot_model::{JointVec, RobotModel};
 
 use super::joint::JointMechanics;
 use super::plant::{AxisInput, AxisState, Energy, HandPoint, Plant, PlantFault, Touch};
-use super::solver::{Start, solve};
+use super::solver::{Solution, Start, solve};
 
 /// Beyond these a state is a fault; no arm of this kind comes near.
 const Q_MAX_RAD: f64 = 1e3;
@@ -47,6 +47,7 @@ pub struct Mechanism<const N: usize> {
     link_a: JointVec<N>,
     drive_nm: JointVec<N>,
     link_nm: JointVec<N>,
+    output_nm: JointVec<N>,
     saturated: [bool; N],
     fault: Option<PlantFault>,
 }
@@ -65,6 +66,7 @@ impl<const N: usize> Mechanism<N> {
             link_a: JointVec::zeros(),
             drive_nm: JointVec::zeros(),
             link_nm: JointVec::zeros(),
+            output_nm: JointVec::zeros(),
             saturated: [false; N],
             fault: None,
         }
@@ -90,6 +92,16 @@ impl<const N: usize> Mechanism<N> {
     /// What the joints move.
     pub fn body(&self) -> &Body<N> {
         &self.body
+    }
+
+    /// What left the gear of joint `i`, N·m: the links' torque, and of the rest (friction, brake, stop, obstacle) what is
+    /// more than the gear's own Coulomb friction.
+    fn output_torque(&self, i: usize, solution: &Solution<N>, h: f64) -> f64 {
+        let (joint, a) = (&self.joints[i], solution.rotor_a[i]);
+        let v_mid = self.v[i] + 0.5 * h * a;
+        let rest =
+            solution.drive_nm[i] - joint.rotor_kg_m2 * a - joint.viscous_nms_rad * v_mid - self.link_nm[i];
+        self.link_nm[i] + rest - rest.clamp(-joint.coulomb_nm, joint.coulomb_nm)
     }
 
     /// The axis whose new state is no number or out of range.
@@ -136,9 +148,11 @@ impl<const N: usize> Plant for Mechanism<N> {
             self.fault = Some(fault);
             (self.v, self.link_v, self.link_a) = (JointVec::zeros(), JointVec::zeros(), JointVec::zeros());
             (self.drive_nm, self.link_nm) = (JointVec::zeros(), JointVec::zeros());
+            self.output_nm = JointVec::zeros();
             return;
         }
         self.link_nm = mass * solution.link_a + bias;
+        self.output_nm = JointVec::from_fn(|i, _| self.output_torque(i, &solution, h));
         (self.q, self.v, self.link_q, self.link_v) = (q, v, link_q, link_v);
         self.link_a = solution.link_a;
         self.drive_nm = solution.drive_nm;
@@ -151,6 +165,7 @@ impl<const N: usize> Plant for Mechanism<N> {
             v_rad_s: self.v[index],
             drive_torque_nm: self.drive_nm[index],
             link_torque_nm: self.link_nm[index],
+            output_torque_nm: self.output_nm[index],
             saturated: self.saturated[index],
         }
     }

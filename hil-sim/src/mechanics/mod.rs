@@ -14,7 +14,8 @@
 //! ```
 //!
 //! The torque in eq. (9) is that of the links, as published: friction and rotor are in K_B, which was measured on
-//! motors running free. The torque *limit* acts on all of τ.
+//! motors running free. Torque against an obstacle, an end stop or the brake counts like that of the links. The
+//! torque *limit* acts on all of τ.
 //!
 //! # Not in a robot file, chosen here ([`options::MechanicsOptions`])
 //!

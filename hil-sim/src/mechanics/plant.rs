@@ -33,6 +33,9 @@ pub struct AxisState {
     pub drive_torque_nm: f64,
     /// Torque that arrived at the links, `M q̈ + C q̇ + g`, N·m.
     pub link_torque_nm: f64,
+    /// Torque that left the gear: that of the links and what brake, end stop or an obstacle took, N·m. Gear friction
+    /// and rotor are not in it.
+    pub output_torque_nm: f64,
     /// The drive wanted more torque than it had.
     pub saturated: bool,
 }

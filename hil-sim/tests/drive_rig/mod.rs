@@ -9,9 +9,22 @@ use protocol::powercube::{
     Value,
 };
 use protocol::units::{RadPerSec, Radians};
-use protocol::{Duration, Frame, Instant, ModuleId};
+use protocol::{Duration, Frame, Instant, ModuleId, StandardId};
 
 pub(crate) const MS: Duration = Duration::from_millis(1);
+
+pub(crate) const GET: u16 = 0x0C1;
+pub(crate) const PUT: u16 = 0x0E1;
+
+/// A data frame on an 11-bit id.
+pub(crate) fn frame(id: u16, data: &[u8]) -> Frame {
+    Frame::new(StandardId::new(id).unwrap(), data).unwrap()
+}
+
+/// Frames as candump writes them.
+pub(crate) fn text(frames: &[Frame]) -> Vec<String> {
+    frames.iter().map(ToString::to_string).collect()
+}
 
 pub(crate) struct Rig {
     pub(crate) cell: Cell,
