@@ -99,7 +99,7 @@ impl Drive {
         self.target = Some(self.q_gen + 0.5 * self.v_gen * self.v_gen.abs() / self.a_ramp);
     }
 
-    fn advance(&mut self, to_us: u64) {
+    pub fn advance(&mut self, to_us: u64) {
         const STEP: u64 = 20;
         while self.at_us + STEP <= to_us {
             self.at_us += STEP;
@@ -170,9 +170,8 @@ impl Drive {
             .union(CubeState::COMM_ERROR)
             .union(CubeState::TOW_ERROR);
         self.state = self.state.difference(gone);
-        if self.state.contains(CubeState::HOME_OK) || true {
-            self.watchdog_seen = None;
-        }
+        // Armed again by the next sign of life.
+        self.watchdog_seen = None;
     }
 
     fn refuses(&self) -> bool {
@@ -335,13 +334,47 @@ impl Bench {
     }
 
     fn drain(&mut self) {
+        let mut count = 0;
         while let Some(frame) = self.controller.poll_frame() {
+            count += 1;
+            assert!(count <= 24, "one call, {count} frames");
+            self.check_invariants(&frame);
             self.from_controller.push_back(frame);
         }
         if let Some(level) = self.controller.take_gripper_level() {
             self.board_gripper.push((self.now, level));
         }
         self.start_frame();
+    }
+
+    /// What must hold for every frame the controller ever sends, in every test.
+    fn check_invariants(&self, frame: &Frame) {
+        let Ok(AddressedRequest { module, request, .. }) = AddressedRequest::decode(frame) else {
+            assert!(Broadcast::decode(frame).is_ok(), "neither request nor broadcast: {frame}");
+            return;
+        };
+        let settings = self.controller.settings();
+        let joint = settings.joint_of(module).expect("a drive of the group");
+        let limits = settings.joint.at(joint);
+        let kind = self.kind();
+        match request {
+            Request::Move(motion) => {
+                assert!(kind.may_move(), "motion in {kind:?}: {frame}");
+                let MotionCommand::Ramp { target } = motion.command() else { panic!("only ramps: {frame}") };
+                let q = limits.to_joint_rad(target.get());
+                let inside = q >= limits.q_min_rad - 1e-5 && q <= limits.q_max_rad + 1e-5;
+                // A jog may bring a joint back that stands outside.
+                assert!(inside || kind == StateKind::Jogging, "target {q} rad of joint {joint}");
+            }
+            Request::Set(Parameter::TargetVel, Value::F32(v)) => {
+                assert!((0.0..=limits.v_max_rad_s).contains(&v), "speed {v} of joint {joint}");
+            }
+            Request::Set(Parameter::TargetAcc, Value::F32(a)) => {
+                assert!((0.0..=limits.a_max_rad_s2).contains(&a), "acceleration {a} of joint {joint}");
+            }
+            Request::Simple(SimpleCommand::Home) => assert_eq!(kind, StateKind::Homing),
+            _ => {}
+        }
     }
 
     fn start_frame(&mut self) {
@@ -485,6 +518,32 @@ impl Bench {
         name
     }
 
+    /// A frame of somebody else reaches the controller now.
+    pub fn inject(&mut self, frame: &Frame) {
+        self.log.push(Logged { at: self.instant(), by_controller: false, frame: *frame });
+        self.controller.handle_frame(self.instant(), frame);
+        self.drain();
+    }
+
+    /// When the trace says that a state was entered, the last time.
+    pub fn entered(&self, state: StateKind) -> Option<u64> {
+        let entries = self.controller.trace().iter().filter_map(|(at, event)| match event {
+            firmware::trace::Event::State { to, .. } if to == state => Some(at.as_micros()),
+            _ => None,
+        });
+        entries.last()
+    }
+
+    /// Largest distance of the joints from the nearest point of the throw's path, rad.
+    pub fn distance_from_path(&self) -> f64 {
+        let distance = |t: f64| {
+            let each =
+                self.drives.iter().enumerate().map(|(i, drive)| (drive.q - throw_reference(i, t).0).abs());
+            each.fold(0.0, f64::max)
+        };
+        (0..=920).map(|ms| distance(f64::from(ms) * 1e-3)).fold(f64::INFINITY, f64::min)
+    }
+
     /// Frames of the controller after a time that satisfy a predicate.
     pub fn sent_after(&self, at: u64, is: impl Fn(&Frame) -> bool) -> Option<Instant> {
         self.log.iter().find(|l| l.by_controller && l.at.as_micros() > at && is(&l.frame)).map(|l| l.at)
@@ -495,6 +554,7 @@ impl Bench {
     }
 }
 
+#[must_use]
 pub fn is_halt(frame: &Frame) -> bool {
     Broadcast::decode(frame) == Ok(Broadcast::Halt)
 }
