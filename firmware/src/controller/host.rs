@@ -42,7 +42,7 @@ impl<S: Storage> Controller<S> {
             Order::Disarm => {
                 self.offer = None;
                 if matches!(self.machine.state(), State::Armed { .. }) {
-                    self.machine.to_ready(now, &mut self.trace);
+                    self.machine.transition_to_ready(now, &mut self.trace);
                 }
             }
             Order::Stop => self.fail(now, Fault::group(Cause::StopOrdered)),

@@ -23,10 +23,10 @@ use protocol::{Duration, Frame, Instant, JointIndex, ModuleId, Node};
 
 /// Numerical Recipes' LCG: seeded, good enough for delays.
 #[derive(Clone)]
-pub struct Rng(pub u64);
+pub(crate) struct Rng(pub u64);
 
 impl Rng {
-    pub fn below(&mut self, n: u64) -> u64 {
+    pub(crate) fn below(&mut self, n: u64) -> u64 {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 33) % n
     }
@@ -34,7 +34,7 @@ impl Rng {
 
 /// Ramp generator in front of a position loop (wn 320 rad/s, zeta 0.8), position in steps of 0.02 degrees.
 #[derive(Clone, Debug)]
-pub struct Drive {
+pub(crate) struct Drive {
     pub module: ModuleId,
     pub q: f64,
     pub v: f64,
@@ -89,7 +89,7 @@ impl Drive {
         }
     }
 
-    pub fn place(&mut self, q: f64) {
+    pub(crate) fn place(&mut self, q: f64) {
         (self.q, self.q_gen, self.v, self.v_gen) = (q, q, 0.0, 0.0);
     }
 
@@ -99,7 +99,7 @@ impl Drive {
         self.target = Some(self.q_gen + 0.5 * self.v_gen * self.v_gen.abs() / self.a_ramp);
     }
 
-    pub fn advance(&mut self, to_us: u64) {
+    pub(crate) fn advance(&mut self, to_us: u64) {
         const STEP: u64 = 20;
         while self.at_us + STEP <= to_us {
             self.at_us += STEP;
@@ -242,14 +242,15 @@ impl Drive {
 
 /// Frame with the time of its end on the bus.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Logged {
+pub(crate) struct Logged {
     pub at: Instant,
     pub by_controller: bool,
     pub frame: Frame,
 }
 
 /// Options of a bench.
-pub struct Options {
+#[derive(Clone, Copy)]
+pub(crate) struct Options {
     pub settings: Settings,
     pub answer_us: (u64, u64),
     pub homed: bool,
@@ -262,7 +263,7 @@ impl Default for Options {
     }
 }
 
-pub struct Bench {
+pub(crate) struct Bench {
     pub controller: Box<Controller<RamStorage>>,
     pub drives: Vec<Drive>,
     pub log: Vec<Logged>,
@@ -286,7 +287,7 @@ fn frame_us(frame: &Frame) -> u64 {
 }
 
 impl Bench {
-    pub fn new(options: Options) -> Self {
+    pub(crate) fn new(options: Options) -> Self {
         let count = options.settings.joints as usize;
         let mut drives: Vec<Drive> =
             (0..count).map(|i| Drive::new(options.settings.joint.0[i].address as u8)).collect();
@@ -313,7 +314,7 @@ impl Bench {
     }
 
     /// Started, all homed, at `q`.
-    pub fn ready(options: Options, q: &[f64]) -> Self {
+    pub(crate) fn ready(options: Options, q: &[f64]) -> Self {
         let mut bench = Self::new(options);
         for (drive, &q) in bench.drives.iter_mut().zip(q) {
             drive.place(q);
@@ -325,11 +326,11 @@ impl Bench {
         bench
     }
 
-    pub fn kind(&self) -> StateKind {
+    pub(crate) fn kind(&self) -> StateKind {
         self.controller.state().kind()
     }
 
-    pub fn instant(&self) -> Instant {
+    pub(crate) fn instant(&self) -> Instant {
         Instant::from_micros(self.now)
     }
 
@@ -463,7 +464,7 @@ impl Bench {
         true
     }
 
-    pub fn run_for(&mut self, us: u64) {
+    pub(crate) fn run_for(&mut self, us: u64) {
         let end = self.now + us;
         while self.step(end) {}
         for drive in &mut self.drives {
@@ -471,7 +472,7 @@ impl Bench {
         }
     }
 
-    pub fn run_until(&mut self, us: u64, done: impl Fn(&Self) -> bool) {
+    pub(crate) fn run_until(&mut self, us: u64, done: impl Fn(&Self) -> bool) {
         let end = self.now + us;
         while !done(self) && self.step(end) {}
         for drive in &mut self.drives {
@@ -479,18 +480,18 @@ impl Bench {
         }
     }
 
-    pub fn order(&mut self, order: Order) -> Result<Done, firmware::fault::Refusal> {
+    pub(crate) fn order(&mut self, order: Order) -> Result<Done, firmware::fault::Refusal> {
         let outcome = self.controller.order(self.instant(), order);
         self.drain();
         outcome
     }
 
-    pub fn stop_now(&mut self) {
+    pub(crate) fn stop_now(&mut self) {
         self.controller.stop_now(self.instant());
         self.drain();
     }
 
-    pub fn upload(&mut self, file: &[u8]) -> FileName {
+    pub(crate) fn upload(&mut self, file: &[u8]) -> FileName {
         for (i, piece) in file.chunks(256).enumerate() {
             self.controller.upload(self.instant(), 256 * i, piece).unwrap();
         }
@@ -499,7 +500,7 @@ impl Bench {
         name
     }
 
-    pub fn arm(&mut self, name: FileName) {
+    pub(crate) fn arm(&mut self, name: FileName) {
         let valid = Duration::from_secs(10);
         let Done::Offer { token, .. } = self.order(Order::ArmPrepare { crc64: name.crc64, valid }).unwrap()
         else {
@@ -511,7 +512,7 @@ impl Bench {
     }
 
     /// Armed and started.
-    pub fn start(&mut self, file: &[u8]) -> FileName {
+    pub(crate) fn start(&mut self, file: &[u8]) -> FileName {
         let name = self.upload(file);
         self.arm(name);
         self.order(Order::Run(name)).unwrap();
@@ -519,14 +520,14 @@ impl Bench {
     }
 
     /// A frame of somebody else reaches the controller now.
-    pub fn inject(&mut self, frame: &Frame) {
+    pub(crate) fn inject(&mut self, frame: &Frame) {
         self.log.push(Logged { at: self.instant(), by_controller: false, frame: *frame });
         self.controller.handle_frame(self.instant(), frame);
         self.drain();
     }
 
     /// When the trace says that a state was entered, the last time.
-    pub fn entered(&self, state: StateKind) -> Option<u64> {
+    pub(crate) fn entered(&self, state: StateKind) -> Option<u64> {
         let entries = self.controller.trace().iter().filter_map(|(at, event)| match event {
             firmware::trace::Event::State { to, .. } if to == state => Some(at.as_micros()),
             _ => None,
@@ -535,7 +536,7 @@ impl Bench {
     }
 
     /// Largest distance of the joints from the nearest point of the throw's path, rad.
-    pub fn distance_from_path(&self) -> f64 {
+    pub(crate) fn distance_from_path(&self) -> f64 {
         let distance = |t: f64| {
             let each =
                 self.drives.iter().enumerate().map(|(i, drive)| (drive.q - throw_reference(i, t).0).abs());
@@ -545,46 +546,46 @@ impl Bench {
     }
 
     /// Frames of the controller after a time that satisfy a predicate.
-    pub fn sent_after(&self, at: u64, is: impl Fn(&Frame) -> bool) -> Option<Instant> {
+    pub(crate) fn sent_after(&self, at: u64, is: impl Fn(&Frame) -> bool) -> Option<Instant> {
         self.log.iter().find(|l| l.by_controller && l.at.as_micros() > at && is(&l.frame)).map(|l| l.at)
     }
 
-    pub fn count_sent(&self, is: impl Fn(&Frame) -> bool) -> usize {
+    pub(crate) fn count_sent(&self, is: impl Fn(&Frame) -> bool) -> usize {
         self.log.iter().filter(|l| l.by_controller && is(&l.frame)).count()
     }
 }
 
 #[must_use]
-pub fn is_halt(frame: &Frame) -> bool {
+pub(crate) fn is_halt(frame: &Frame) -> bool {
     Broadcast::decode(frame) == Ok(Broadcast::Halt)
 }
 
-pub fn is_motion(frame: &Frame) -> bool {
+pub(crate) fn is_motion(frame: &Frame) -> bool {
     matches!(AddressedRequest::decode(frame), Ok(AddressedRequest { request: Request::Move(_), .. }))
 }
 
-pub fn joint(index: usize) -> JointIndex {
+pub(crate) fn joint(index: usize) -> JointIndex {
     JointIndex::new(index).unwrap()
 }
 
 /// The published throw (`robot-models` 1.6): position and velocity at release, before and after times.
-pub const Q_RELEASE: [f64; 6] = [0.199_999, 0.125_428, -1.856_562, 1.004_064, 1.387_908, 1.654_417];
-pub const QD_RELEASE: [f64; 6] = [1.358_402, -1.675_786, 0.482_325, -0.010_697, -0.986_023, 2.548_397];
-pub const HA: f64 = 0.920 * (1.0 - 0.391);
-pub const HB: f64 = 0.920 * 0.391;
+pub(crate) const Q_RELEASE: [f64; 6] = [0.199_999, 0.125_428, -1.856_562, 1.004_064, 1.387_908, 1.654_417];
+pub(crate) const QD_RELEASE: [f64; 6] = [1.358_402, -1.675_786, 0.482_325, -0.010_697, -0.986_023, 2.548_397];
+pub(crate) const HA: f64 = 0.920 * (1.0 - 0.391);
+pub(crate) const HB: f64 = 0.920 * 0.391;
 
-pub fn throw_start() -> [f64; 6] {
+pub(crate) fn throw_start() -> [f64; 6] {
     core::array::from_fn(|i| Q_RELEASE[i] - 2.0 / 3.0 * QD_RELEASE[i] * HA)
 }
 
 /// Reference of the throw in double precision, from the closed form, s seconds after its start.
-pub fn throw_reference(i: usize, t: f64) -> (f64, f64) {
+pub(crate) fn throw_reference(i: usize, t: f64) -> (f64, f64) {
     let (s, qd) = (t.clamp(0.0, HA + HB) - HA, QD_RELEASE[i]);
     let h = if s < 0.0 { HA } else { HB };
     (Q_RELEASE[i] + qd * (s - s * s * s / (3.0 * h * h)), qd * (1.0 - s * s / (h * h)))
 }
 
-pub fn throw_file(period_us: u32, release: bool) -> Vec<u8> {
+pub(crate) fn throw_file(period_us: u32, release: bool) -> Vec<u8> {
     let (a_us, b_us) = ((HA * 1e6).round() as u32, (HB * 1e6).round() as u32);
     let knot = |t_us, f: &dyn Fn(usize) -> (f64, f64)| {
         let mut state = PerJoint::default();
@@ -602,7 +603,7 @@ pub fn throw_file(period_us: u32, release: bool) -> Vec<u8> {
     file(&Header { joints: 6, period_us, release_us: release.then_some(a_us), robot_crc32: 0 }, &knots)
 }
 
-pub fn file(header: &Header, knots: &[Knot]) -> Vec<u8> {
+pub(crate) fn file(header: &Header, knots: &[Knot]) -> Vec<u8> {
     let mut out = vec![0; FILE_LEN_MAX];
     let len = trajectory_format::encode(header, knots, &mut out).unwrap();
     out.truncate(len);
