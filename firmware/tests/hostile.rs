@@ -77,7 +77,7 @@ fn order(kind: u8, x: u64, bench: &Bench) -> Order {
             qd_rad_s: f32::from_bits(x as u32),
             hold: Duration::from_micros(x % 600_000),
         },
-        10 => Order::Gripper { open: x % 2 == 0 },
+        10 => Order::Gripper { open: x.is_multiple_of(2) },
         _ => Order::Commit(name),
     }
 }
