@@ -263,8 +263,23 @@ impl Default for Options {
     }
 }
 
-pub(crate) struct Bench {
-    pub controller: Box<Controller<RamStorage>>,
+/// What the bench drives: the controller alone, or with its host link.
+pub(crate) trait Controlled: Node {
+    fn core(&self) -> &Controller<RamStorage>;
+    fn core_mut(&mut self) -> &mut Controller<RamStorage>;
+}
+
+impl Controlled for Controller<RamStorage> {
+    fn core(&self) -> &Controller<RamStorage> {
+        self
+    }
+    fn core_mut(&mut self) -> &mut Controller<RamStorage> {
+        self
+    }
+}
+
+pub(crate) struct Bench<C = Controller<RamStorage>> {
+    pub controller: Box<C>,
     pub drives: Vec<Drive>,
     pub log: Vec<Logged>,
     pub now: u64,
@@ -277,7 +292,16 @@ pub(crate) struct Bench {
     from_controller: VecDeque<Frame>,
     /// Ready time and reply, per drive in order.
     from_drive: Vec<VecDeque<(u64, Frame)>>,
-    on_bus: Option<(u64, Frame, Option<usize>)>,
+    /// Frames of somebody else.
+    strangers: VecDeque<Frame>,
+    on_bus: Option<(u64, Frame, Sender)>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Sender {
+    Controller,
+    Drive(usize),
+    Stranger,
 }
 
 /// Bits on the wire with an average of stuffing, 1 µs each.
@@ -288,6 +312,25 @@ fn frame_us(frame: &Frame) -> u64 {
 
 impl Bench {
     pub(crate) fn new(options: Options) -> Self {
+        Self::with(Controller::new(RamStorage::new(), &options.settings), options)
+    }
+
+    /// Started, all homed, at `q`.
+    pub(crate) fn ready(options: Options, q: &[f64]) -> Self {
+        let mut bench = Self::new(options);
+        for (drive, &q) in bench.drives.iter_mut().zip(q) {
+            drive.place(q);
+        }
+        bench.run_until(3_000_000, |bench| bench.kind() == StateKind::Ready);
+        assert_eq!(bench.kind(), StateKind::Ready, "{:?}", bench.controller.state());
+        // Everything read at least once.
+        bench.run_for(60_000);
+        bench
+    }
+}
+
+impl<C: Controlled> Bench<C> {
+    pub(crate) fn with(controller: C, options: Options) -> Self {
         let count = options.settings.joints as usize;
         let mut drives: Vec<Drive> =
             (0..count).map(|i| Drive::new(options.settings.joint.0[i].address as u8)).collect();
@@ -297,7 +340,8 @@ impl Bench {
             }
         }
         Self {
-            controller: Box::new(Controller::new(RamStorage::new(), &options.settings)),
+            controller: Box::new(controller),
+            strangers: VecDeque::new(),
             from_drive: vec![VecDeque::new(); count],
             drives,
             log: Vec::new(),
@@ -313,21 +357,8 @@ impl Bench {
         }
     }
 
-    /// Started, all homed, at `q`.
-    pub(crate) fn ready(options: Options, q: &[f64]) -> Self {
-        let mut bench = Self::new(options);
-        for (drive, &q) in bench.drives.iter_mut().zip(q) {
-            drive.place(q);
-        }
-        bench.run_until(3_000_000, |bench| bench.kind() == StateKind::Ready);
-        assert_eq!(bench.kind(), StateKind::Ready, "{:?}", bench.controller.state());
-        // Everything read at least once.
-        bench.run_for(60_000);
-        bench
-    }
-
     pub(crate) fn kind(&self) -> StateKind {
-        self.controller.state().kind()
+        self.controller.core().state().kind()
     }
 
     pub(crate) fn instant(&self) -> Instant {
@@ -342,7 +373,7 @@ impl Bench {
             self.check_invariants(&frame);
             self.from_controller.push_back(frame);
         }
-        if let Some(level) = self.controller.take_gripper_level() {
+        if let Some(level) = self.take_level() {
             self.board_gripper.push((self.now, level));
         }
         self.start_frame();
@@ -350,11 +381,14 @@ impl Bench {
 
     /// What must hold for every frame the controller ever sends, in every test.
     fn check_invariants(&self, frame: &Frame) {
+        if frame.is_extended() {
+            return;
+        }
         let Ok(AddressedRequest { module, request, .. }) = AddressedRequest::decode(frame) else {
             assert!(Broadcast::decode(frame).is_ok(), "neither request nor broadcast: {frame}");
             return;
         };
-        let settings = self.controller.settings();
+        let settings = self.controller.core().settings();
         let joint = settings.joint_of(module).expect("a drive of the group");
         let limits = settings.joint.at(joint);
         let kind = self.kind();
@@ -382,20 +416,25 @@ impl Bench {
         if self.on_bus.is_some() {
             return;
         }
-        let mut best: Option<(u32, Option<usize>)> =
-            self.from_controller.front().map(|frame| (frame.arbitration_key(), None));
-        for (i, queue) in self.from_drive.iter().enumerate() {
-            if let Some((_, frame)) = queue.front().filter(|(ready, _)| *ready <= self.now) {
-                let key = frame.arbitration_key();
-                if best.is_none_or(|(least, _)| key < least) {
-                    best = Some((key, Some(i)));
-                }
+        let mut best: Option<(u32, Sender)> = None;
+        let mut offer = |frame: Option<&Frame>, sender| {
+            if let Some(key) = frame.map(Frame::arbitration_key)
+                && best.is_none_or(|(least, _)| key < least)
+            {
+                best = Some((key, sender));
             }
+        };
+        offer(self.from_controller.front(), Sender::Controller);
+        offer(self.strangers.front(), Sender::Stranger);
+        for (i, queue) in self.from_drive.iter().enumerate() {
+            let ready = queue.front().filter(|(ready, _)| *ready <= self.now);
+            offer(ready.map(|(_, frame)| frame), Sender::Drive(i));
         }
         let Some((_, sender)) = best else { return };
         let frame = match sender {
-            None => self.from_controller.pop_front(),
-            Some(i) => self.from_drive[i].pop_front().map(|(_, frame)| frame),
+            Sender::Controller => self.from_controller.pop_front(),
+            Sender::Stranger => self.strangers.pop_front(),
+            Sender::Drive(i) => self.from_drive[i].pop_front().map(|(_, frame)| frame),
         };
         let frame = frame.unwrap();
         let us = frame_us(&frame);
@@ -403,10 +442,10 @@ impl Bench {
         self.on_bus = Some((self.now + us, frame, sender));
     }
 
-    fn deliver(&mut self, frame: Frame, sender: Option<usize>) {
-        self.log.push(Logged { at: self.instant(), by_controller: sender.is_none(), frame });
+    fn deliver(&mut self, frame: Frame, sender: Sender) {
+        self.log.push(Logged { at: self.instant(), by_controller: sender == Sender::Controller, frame });
         let now = self.now;
-        if sender.is_some() {
+        if sender != Sender::Controller {
             self.controller.handle_frame(Instant::from_micros(now), &frame);
             return;
         }
@@ -449,7 +488,8 @@ impl Bench {
         }
         self.now = next;
         if beat == next {
-            self.controller.host_heartbeat(self.instant());
+            let at = self.instant();
+            self.controller.core_mut().host_heartbeat(at);
             self.heartbeat_due = next + 20_000;
         } else if bus == next {
             let (_, frame, sender) = self.on_bus.take().unwrap();
@@ -458,7 +498,11 @@ impl Bench {
             let before = self.instant();
             self.controller.handle_timeout(before);
             let after = self.controller.poll_timeout().unwrap();
-            assert!(after > before, "deadline {after} stuck at {before}: {:?}", self.controller.state());
+            assert!(
+                after > before,
+                "deadline {after} stuck at {before}: {:?}",
+                self.controller.core().state()
+            );
         }
         self.drain();
         true
@@ -481,19 +525,24 @@ impl Bench {
     }
 
     pub(crate) fn order(&mut self, order: Order) -> Result<Done, firmware::fault::Refusal> {
-        let outcome = self.controller.order(self.instant(), order);
+        let outcome = {
+            let at = self.instant();
+            self.controller.core_mut().order(at, order)
+        };
         self.drain();
         outcome
     }
 
     pub(crate) fn stop_now(&mut self) {
-        self.controller.stop_now(self.instant());
+        let at = self.instant();
+        self.controller.core_mut().stop_now(at);
         self.drain();
     }
 
     pub(crate) fn upload(&mut self, file: &[u8]) -> FileName {
         for (i, piece) in file.chunks(256).enumerate() {
-            self.controller.upload(self.instant(), 256 * i, piece).unwrap();
+            let at = self.instant();
+            self.controller.core_mut().upload(at, 256 * i, piece).unwrap();
         }
         let name = FileName { crc64: Crc64::of(file), len: file.len() as u32 };
         self.order(Order::Commit(name)).unwrap();
@@ -519,6 +568,17 @@ impl Bench {
         name
     }
 
+    fn take_level(&mut self) -> Option<bool> {
+        // With a host link the board's output is not looked at.
+        if self.heartbeat { self.controller.core_mut().take_gripper_level() } else { None }
+    }
+
+    /// A frame of somebody else wants to the bus.
+    pub(crate) fn foreign(&mut self, frame: Frame) {
+        self.strangers.push_back(frame);
+        self.start_frame();
+    }
+
     /// A frame of somebody else reaches the controller now.
     pub(crate) fn inject(&mut self, frame: &Frame) {
         self.log.push(Logged { at: self.instant(), by_controller: false, frame: *frame });
@@ -528,7 +588,7 @@ impl Bench {
 
     /// When the trace says that a state was entered, the last time.
     pub(crate) fn entered(&self, state: StateKind) -> Option<u64> {
-        let entries = self.controller.trace().iter().filter_map(|(at, event)| match event {
+        let entries = self.controller.core().trace().iter().filter_map(|(at, event)| match event {
             firmware::trace::Event::State { to, .. } if to == state => Some(at.as_micros()),
             _ => None,
         });
