@@ -356,7 +356,7 @@ mod tests {
         for parameter in keys {
             assert!(drive.can_send(Lane::Main, &Request::Get(parameter), now));
             drive.begin(Lane::Main, module(), Request::Get(parameter), now + Duration::from_millis(2));
-            now = now + Duration::from_millis(2);
+            now += Duration::from_millis(2);
             assert!(drive.give_up_due(now).is_some());
         }
         assert!(!drive.can_send(Lane::Main, &set_a(), now), "no place left to remember one more");

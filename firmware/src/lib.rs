@@ -12,6 +12,7 @@
 //! | group | [`state`], [`orders`], [`supervisor`], [`gripper`], [`store`] | states, what is legal when, what must hold, the release, power-proof storage | send frames |
 //! | view | [`telemetry`], [`trace`], [`freeze`] | what people see, now and afterwards | influence anything |
 //! | whole | [`controller`] | the [`protocol::Node`]; all control flow | know Cyphal, a board or a clock |
+//! | host link | [`host_link`] | the controller as a Cyphal node: orders, registers, upload, samples translated | decide anything |
 //!
 //! A cycle, from left to right: reply → [`drives`] → [`feedback`] (with [`spline`]) → [`ramp`] → [`schedule`] → frames,
 //! with [`supervisor`] looking on.
@@ -47,6 +48,7 @@ pub mod fault;
 pub mod feedback;
 pub mod freeze;
 pub mod gripper;
+pub mod host_link;
 pub mod joints;
 pub mod orders;
 pub mod path;
@@ -64,3 +66,4 @@ pub mod trajectory_format;
 pub mod transmit;
 
 pub use controller::Controller;
+pub use host_link::ControllerNode;

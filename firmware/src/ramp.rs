@@ -173,7 +173,8 @@ fn must_brake(qdd_rad_s2: f32, period_s: f32, state: RampState, limits: &RampLim
     let braking = v * v / (2.0 * limits.a_max_rad_s2.max(A_RESOLUTION_RAD_S2)) + v.abs() * period_s;
     // A joint outside its limits may move back in, and so may one that stands exactly on them.
     let outward = v * state.v_rad_s >= 0.0 && v.abs() > V_STANDING_RAD_S;
-    outward && !(braking <= room)
+    let fits = braking <= room;
+    outward && !fits
 }
 
 /// Ramp that ends where the joint can just stop: one command, no further one is needed.

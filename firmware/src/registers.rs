@@ -38,8 +38,10 @@ pub enum Writable {
     Always,
     /// Only while nothing moves and nothing is armed.
     AtRest,
-    /// Takes effect at the next start-up; writable while nothing moves.
+    /// Makes the controller look for its drives anew; writable while nothing moves.
     NextStart,
+    /// Takes effect when the controller is switched on the next time, if it was saved.
+    NextPowerOn,
 }
 
 /// Row of the table.
@@ -226,6 +228,10 @@ registers! {
         "gripper.opening_us" gripper_opening_us: u32, 0.0, 200_000.0, AtRest, "time from switching the output to the ball being free";
         "telemetry.period_us" telemetry_period_us: u32, 1_000.0, 10_000_000.0, Always, "time between telemetry samples";
         "home.timeout_us" home_timeout_us: u32, 1_000_000.0, 60_000_000.0, AtRest, "longest homing of one joint";
+        "uavcan.node.id" node_id: u32, 0.0, 127.0, NextPowerOn, "node-ID on the host link";
+        "uavcan.sub.stop.id" stop_subject: u32, 0.0, 6_143.0, NextPowerOn, "subject of the stop message";
+        "uavcan.pub.group_state.id" group_state_subject: u32, 0.0, 6_143.0, NextPowerOn, "subject of the group state";
+        "uavcan.pub.joint_state.id" joint_state_subject: u32, 0.0, 6_143.0, NextPowerOn, "subject of the joint state";
     }
     joint {
         "joint.address" address: u32, 1.0, 31.0, NextStart, "address of the drive";
@@ -384,6 +390,7 @@ mod tests {
                 "joints",
                 "line",
                 "address",
+                ".id",
             ];
             let unit = ["_us", "_rad", "_rad_s", "_rad_s2", "_a", "_1_s", "_1_s2", "_crc32"];
             let fine = info.kind == Kind::Bit

@@ -142,6 +142,14 @@ pub struct Settings {
     pub telemetry_period_us: u32,
     /// Longest homing of one joint, µs.
     pub home_timeout_us: u32,
+    /// Node-ID on the host link, 0..=127.
+    pub node_id: u32,
+    /// Subject of the stop message.
+    pub stop_subject: u32,
+    /// Subject of the group state.
+    pub group_state_subject: u32,
+    /// Subject of the joint state.
+    pub joint_state_subject: u32,
     /// Per joint.
     pub joint: PerJoint<JointSettings>,
 }
@@ -217,8 +225,12 @@ impl Settings {
             gripper_line: 0,
             gripper_inverted: false,
             gripper_opening_us: 0,
-            telemetry_period_us: 20_000,
+            telemetry_period_us: 100_000,
             home_timeout_us: 15_000_000,
+            node_id: 10,
+            stop_subject: 1000,
+            group_state_subject: 1001,
+            joint_state_subject: 1002,
             joint: PerJoint([j1, j2, j3, j4, j5, j6, j7, j8]),
         }
     }

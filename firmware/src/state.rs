@@ -238,7 +238,7 @@ impl State {
     }
 }
 
-/// Holds the state; its `to_*` are the only writers between states.
+/// Holds the state; its `transition_to_*` are the only writers between states.
 #[derive(Clone, Debug)]
 pub struct Machine {
     state: State,
@@ -260,41 +260,47 @@ impl Machine {
         &mut self.state
     }
 
-    fn to(&mut self, now: Instant, trace: &mut Trace, state: State, fault: Option<Fault>) {
+    fn set(&mut self, now: Instant, trace: &mut Trace, state: State, fault: Option<Fault>) {
         let from = self.state.kind();
         self.state = state;
         trace.note(now, Event::State { from, to: self.state.kind(), fault });
     }
 
-    pub(crate) fn to_boot(&mut self, now: Instant, trace: &mut Trace, stage: BootStage) {
-        self.to(now, trace, State::Boot(stage), None);
+    pub(crate) fn transition_to_boot(&mut self, now: Instant, trace: &mut Trace, stage: BootStage) {
+        self.set(now, trace, State::Boot(stage), None);
     }
 
-    pub(crate) fn to_idle(&mut self, now: Instant, trace: &mut Trace) {
-        self.to(now, trace, State::Idle, None);
+    pub(crate) fn transition_to_idle(&mut self, now: Instant, trace: &mut Trace) {
+        self.set(now, trace, State::Idle, None);
     }
 
-    pub(crate) fn to_ready(&mut self, now: Instant, trace: &mut Trace) {
-        self.to(now, trace, State::Ready, None);
+    pub(crate) fn transition_to_ready(&mut self, now: Instant, trace: &mut Trace) {
+        self.set(now, trace, State::Ready, None);
     }
 
-    pub(crate) fn to_homing(&mut self, now: Instant, trace: &mut Trace, homing: Homing) {
-        self.to(now, trace, State::Homing(homing), None);
+    pub(crate) fn transition_to_homing(&mut self, now: Instant, trace: &mut Trace, homing: Homing) {
+        self.set(now, trace, State::Homing(homing), None);
     }
 
-    pub(crate) fn to_jogging(&mut self, now: Instant, trace: &mut Trace, jog: Jog) {
-        self.to(now, trace, State::Jogging(jog), None);
+    pub(crate) fn transition_to_jogging(&mut self, now: Instant, trace: &mut Trace, jog: Jog) {
+        self.set(now, trace, State::Jogging(jog), None);
     }
 
-    pub(crate) fn to_armed(&mut self, now: Instant, trace: &mut Trace, token: u32, until: Instant) {
-        self.to(now, trace, State::Armed { token, until }, None);
+    pub(crate) fn transition_to_armed(
+        &mut self,
+        now: Instant,
+        trace: &mut Trace,
+        token: u32,
+        until: Instant,
+    ) {
+        self.set(now, trace, State::Armed { token, until }, None);
     }
 
-    pub(crate) fn to_running(&mut self, now: Instant, trace: &mut Trace, clock: PathClock) {
-        self.to(now, trace, State::Running { clock, parking: None }, None);
+    pub(crate) fn transition_to_running(&mut self, now: Instant, trace: &mut Trace, clock: PathClock) {
+        self.set(now, trace, State::Running { clock, parking: None }, None);
     }
 
-    pub(crate) fn to_stopping(
+    pub(crate) fn transition_to_stopping(
         &mut self,
         now: Instant,
         trace: &mut Trace,
@@ -303,15 +309,15 @@ impl Machine {
         clock: PathClock,
         deadline: Instant,
     ) {
-        self.to(now, trace, State::Stopping { fault, way, clock, deadline }, Some(fault));
+        self.set(now, trace, State::Stopping { fault, way, clock, deadline }, Some(fault));
     }
 
-    pub(crate) fn to_stopped(&mut self, now: Instant, trace: &mut Trace, fault: Fault) {
-        self.to(now, trace, State::Stopped { fault }, Some(fault));
+    pub(crate) fn transition_to_stopped(&mut self, now: Instant, trace: &mut Trace, fault: Fault) {
+        self.set(now, trace, State::Stopped { fault }, Some(fault));
     }
 
-    pub(crate) fn to_fault(&mut self, now: Instant, trace: &mut Trace, fault: Fault) {
-        self.to(now, trace, State::Fault { fault }, Some(fault));
+    pub(crate) fn transition_to_fault(&mut self, now: Instant, trace: &mut Trace, fault: Fault) {
+        self.set(now, trace, State::Fault { fault }, Some(fault));
     }
 }
 

@@ -124,12 +124,12 @@ pub struct RamStorage {
 }
 
 impl RamStorage {
-    /// Erased.
+    /// Holds nothing. Zeros, not the 0xFF of erased flash: a board keeps it out of its start-up data.
     pub const fn new() -> Self {
         Self {
-            banks: [[0xFF; FILE_LEN_MAX]; 2],
-            settings: [[0xFF; registers::STORED_LEN]; 2],
-            seals: [[0xFF; RECORD_LEN]; 4],
+            banks: [[0; FILE_LEN_MAX]; 2],
+            settings: [[0; registers::STORED_LEN]; 2],
+            seals: [[0; RECORD_LEN]; 4],
         }
     }
 
@@ -194,6 +194,21 @@ impl Storage for RamStorage {
             *to = *from;
         }
         Ok(())
+    }
+}
+
+/// A board's storage may live in a static place of its own.
+impl<S: Storage> Storage for &mut S {
+    fn erase(&mut self, area: Area) -> Result<(), StorageError> {
+        (**self).erase(area)
+    }
+
+    fn write(&mut self, area: Area, offset: usize, data: &[u8]) -> Result<(), StorageError> {
+        (**self).write(area, offset, data)
+    }
+
+    fn read(&self, area: Area, offset: usize, out: &mut [u8]) -> Result<(), StorageError> {
+        (**self).read(area, offset, out)
     }
 }
 

@@ -230,14 +230,15 @@ pub fn check(header: &Header, spline: &Spline, settings: &Settings) -> Result<()
             let refuse = |cause| Err(Refusal::in_file(cause, Some(joint), segment));
             let Some(cubic) = spline.segment(segment, joint) else { return refuse(Cause::FileKnots) };
             let worst = cubic.extremes();
-            // Each written so that a number that is none fails.
-            if !(worst.q_min_rad >= limits.q_min_rad && worst.q_max_rad <= limits.q_max_rad) {
+            // Asked in the positive, so that a number that is none fails.
+            let inside = worst.q_min_rad >= limits.q_min_rad && worst.q_max_rad <= limits.q_max_rad;
+            let slow_enough = worst.qd_abs_rad_s <= ROUNDING * limits.v_max_rad_s;
+            let gentle_enough = worst.qdd_abs_rad_s2 <= ROUNDING * limits.a_max_rad_s2;
+            if !inside {
                 return refuse(Cause::PlanPosition);
-            }
-            if !(worst.qd_abs_rad_s <= ROUNDING * limits.v_max_rad_s) {
+            } else if !slow_enough {
                 return refuse(Cause::PlanVelocity);
-            }
-            if !(worst.qdd_abs_rad_s2 <= ROUNDING * limits.a_max_rad_s2) {
+            } else if !gentle_enough {
                 return refuse(Cause::PlanAcceleration);
             }
         }

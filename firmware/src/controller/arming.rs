@@ -57,7 +57,7 @@ impl<S: Storage> Controller<S> {
         }
         self.require_runnable(now)?;
         self.offer = None;
-        self.machine.to_armed(now, &mut self.trace, token, now + valid);
+        self.machine.transition_to_armed(now, &mut self.trace, token, now + valid);
         Ok(Done::Taken)
     }
 
@@ -111,7 +111,8 @@ impl<S: Storage> Controller<S> {
             }
             let away_rad = (position.q_rad - self.spline.start_rad(joint)).abs();
             // Written so that a number that is none fails.
-            if !(away_rad <= limits.start_tolerance_rad) {
+            let near = away_rad <= limits.start_tolerance_rad;
+            if !near {
                 return Err(Refusal::at(Cause::NotAtStart, joint));
             }
         }

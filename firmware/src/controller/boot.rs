@@ -41,9 +41,13 @@ impl<S: Storage> Controller<S> {
             if self.watchdog_proven {
                 self.send_watchdog(now);
             }
-            self.machine.to_boot(now, &mut self.trace, BootStage::Settle { until: now + RESET_SETTLE });
+            self.machine.transition_to_boot(
+                now,
+                &mut self.trace,
+                BootStage::Settle { until: now + RESET_SETTLE },
+            );
         } else {
-            self.machine.to_boot(now, &mut self.trace, BootStage::Scan);
+            self.machine.transition_to_boot(now, &mut self.trace, BootStage::Scan);
         }
     }
 
@@ -52,7 +56,7 @@ impl<S: Storage> Controller<S> {
             BootStage::Settle { until } => {
                 if until <= now {
                     self.boot = Default::default();
-                    self.machine.to_boot(now, &mut self.trace, BootStage::Scan);
+                    self.machine.transition_to_boot(now, &mut self.trace, BootStage::Scan);
                 }
             }
             BootStage::Scan => {
@@ -65,7 +69,7 @@ impl<S: Storage> Controller<S> {
             BootStage::Starve { until } => {
                 if until <= now {
                     self.restart_at(STATE);
-                    self.machine.to_boot(now, &mut self.trace, BootStage::Judge);
+                    self.machine.transition_to_boot(now, &mut self.trace, BootStage::Judge);
                 }
             }
             BootStage::Judge => {
@@ -201,7 +205,7 @@ impl<S: Storage> Controller<S> {
             self.send_watchdog(now);
             self.watchdog_due = None;
             let wait = Duration::from_micros(2 * u64::from(self.settings.watchdog_timeout_us));
-            self.machine.to_boot(now, &mut self.trace, BootStage::Starve { until: now + wait });
+            self.machine.transition_to_boot(now, &mut self.trace, BootStage::Starve { until: now + wait });
         } else {
             self.send_watchdog(now);
             self.end_boot(now);
@@ -221,15 +225,19 @@ impl<S: Storage> Controller<S> {
         self.send_reset(now);
         self.send_watchdog(now);
         self.restart_at(STATE);
-        self.machine.to_boot(now, &mut self.trace, BootStage::Recover { until: now + RESET_SETTLE });
+        self.machine.transition_to_boot(
+            now,
+            &mut self.trace,
+            BootStage::Recover { until: now + RESET_SETTLE },
+        );
     }
 
     fn end_boot(&mut self, now: Instant) {
         let homed = self.all_homed();
         if homed {
-            self.machine.to_ready(now, &mut self.trace);
+            self.machine.transition_to_ready(now, &mut self.trace);
         } else {
-            self.machine.to_idle(now, &mut self.trace);
+            self.machine.transition_to_idle(now, &mut self.trace);
         }
         debug_assert!(matches!(self.kind(), StateKind::Idle | StateKind::Ready));
         self.judge_standing(now);

@@ -37,15 +37,15 @@ impl<S: Storage> Controller<S> {
         let next = self.joints().rev().find(|joint| mask & (1 << joint.get()) != 0);
         let Some(joint) = next else {
             if self.all_homed() {
-                self.machine.to_ready(now, &mut self.trace);
+                self.machine.transition_to_ready(now, &mut self.trace);
             } else {
-                self.machine.to_idle(now, &mut self.trace);
+                self.machine.transition_to_idle(now, &mut self.trace);
             }
             return;
         };
         let deadline = now + Duration::from_micros(self.settings.home_timeout_us.into());
         let homing = Homing { mask, joint, step: HomingStep::Starting, deadline };
-        self.machine.to_homing(now, &mut self.trace, homing);
+        self.machine.transition_to_homing(now, &mut self.trace, homing);
         self.start_homing(joint);
     }
 

@@ -42,7 +42,7 @@ impl<S: Storage> Controller<S> {
             Order::Disarm => {
                 self.offer = None;
                 if matches!(self.machine.state(), State::Armed { .. }) {
-                    self.machine.to_ready(now, &mut self.trace);
+                    self.machine.transition_to_ready(now, &mut self.trace);
                 }
             }
             Order::Stop => self.fail(now, Fault::group(Cause::StopOrdered)),
@@ -88,6 +88,26 @@ impl<S: Storage> Controller<S> {
         self.host_seen = Some(now);
     }
 
+    /// When the host's last sign of life came.
+    pub(crate) const fn host_heartbeat_at(&self) -> Option<Instant> {
+        self.host_seen
+    }
+
+    /// Puts back what [`Self::host_heartbeat_at`] said.
+    pub(crate) const fn set_host_heartbeat_at(&mut self, at: Option<Instant>) {
+        self.host_seen = at;
+    }
+
+    /// Name of what is in the upload bank so far.
+    pub fn uploaded(&self) -> Option<store::FileName> {
+        self.store.uploaded()
+    }
+
+    /// A frame that takes bus time but is not for the drives or from them.
+    pub(crate) const fn count_foreign(&mut self, frame: &protocol::Frame) {
+        self.count_bits(frame);
+    }
+
     /// Numbers of a register; `None` for an unknown name.
     pub fn register(&self, name: &str) -> Option<Numbers> {
         registers::read(&self.settings, name)
@@ -108,10 +128,10 @@ impl<S: Storage> Controller<S> {
         );
         match writable {
             None => return Err(Refusal::of(Cause::BadValue)),
-            Some(Writable::AtRest | Writable::NextStart) if !at_rest => {
+            Some(Writable::AtRest | Writable::NextStart | Writable::NextPowerOn) if !at_rest => {
                 return Err(Refusal::of(Cause::OrderNotNow));
             }
-            Some(Writable::Always | Writable::AtRest | Writable::NextStart) => {}
+            Some(Writable::Always | Writable::AtRest | Writable::NextStart | Writable::NextPowerOn) => {}
         }
         let mut changed = self.settings;
         registers::write(&mut changed, name, numbers)?;

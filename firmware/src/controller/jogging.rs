@@ -50,7 +50,7 @@ impl<S: Storage> Controller<S> {
         }
         self.schedule.clear_all();
         self.offer = None;
-        self.machine.to_jogging(
+        self.machine.transition_to_jogging(
             now,
             &mut self.trace,
             Jog { joint, qd_rad_s, until, step: JogStep::Starting },
@@ -168,9 +168,9 @@ impl<S: Storage> Controller<S> {
             JogStep::Starting => self.set_jog_step(JogStep::Moving),
             JogStep::Restoring => {
                 if self.all_homed() {
-                    self.machine.to_ready(now, &mut self.trace);
+                    self.machine.transition_to_ready(now, &mut self.trace);
                 } else {
-                    self.machine.to_idle(now, &mut self.trace);
+                    self.machine.transition_to_idle(now, &mut self.trace);
                 }
             }
             JogStep::Moving | JogStep::Releasing { .. } => {}

@@ -351,8 +351,8 @@ impl<S: Storage> Controller<S> {
             }
         }
         match (kind, self.all_homed()) {
-            (StateKind::Idle, true) => self.machine.to_ready(now, &mut self.trace),
-            (StateKind::Ready, false) => self.machine.to_idle(now, &mut self.trace),
+            (StateKind::Idle, true) => self.machine.transition_to_ready(now, &mut self.trace),
+            (StateKind::Ready, false) => self.machine.transition_to_idle(now, &mut self.trace),
             (StateKind::Armed, false) => {
                 let lost = self.joints().find(|&joint| !self.drive_is_homed(joint));
                 self.fail(now, Fault { cause: Cause::DriveLostHome, joint: lost });
@@ -369,7 +369,7 @@ impl<S: Storage> Controller<S> {
         if let State::Armed { until, .. } = *self.machine.state()
             && (until <= now || !self.host_is_alive(now))
         {
-            self.machine.to_ready(now, &mut self.trace);
+            self.machine.transition_to_ready(now, &mut self.trace);
         }
     }
 

@@ -19,6 +19,16 @@ impl<S: Storage> Controller<S> {
         due
     }
 
+    /// Counts since start-up.
+    pub const fn counters(&self) -> &crate::telemetry::Counters {
+        &self.counters
+    }
+
+    /// True if every drive has answered in this cycle: what is left of it is free for others.
+    pub fn is_cycle_done(&self) -> bool {
+        self.joints().all(|joint| self.schedule.is_done(joint, self.drives.at(joint)))
+    }
+
     /// The group now; the jitter counts anew from here.
     pub fn take_sample(&mut self, now: Instant) -> GroupSample {
         let jitter = core::mem::take(&mut self.jitter);

@@ -56,7 +56,7 @@ impl<S: Storage> Controller<S> {
             self.gripper.plan(start + Duration::from_micros(release_us.into()), opening);
         }
         self.late_in_row = 0;
-        self.machine.to_running(now, &mut self.trace, PathClock::starting(start));
+        self.machine.transition_to_running(now, &mut self.trace, PathClock::starting(start));
         // The first cycle begins now; a cycle of the monitor may be half way.
         self.tick_due = now + Duration::from_micros(1);
     }
@@ -70,7 +70,7 @@ impl<S: Storage> Controller<S> {
         let State::Running { clock, parking } = *self.machine.state() else { return };
         self.watch_overrun(now, late);
         match parking {
-            Some(until) if until <= now => self.machine.to_ready(now, &mut self.trace),
+            Some(until) if until <= now => self.machine.transition_to_ready(now, &mut self.trace),
             Some(_) => self.park_poll(),
             None => {
                 let (s_us, _) = clock.at(now);

@@ -55,7 +55,9 @@ impl<S: Storage> Controller<S> {
                 }
                 match (reaction, way) {
                     (Reaction::Halt, _) => self.end_stop(now, first),
-                    (Reaction::QuickStop, StopWay::Path) => self.quick_stop(now, first, clock),
+                    (Reaction::QuickStop, StopWay::Path) => {
+                        self.quick_stop(now, first, clock);
+                    }
                     (Reaction::QuickStop, StopWay::Quick) => {
                         // Ramps are out; a drive that does not listen gets its halt now.
                         self.halt_silent(now, fault);
@@ -66,17 +68,24 @@ impl<S: Storage> Controller<S> {
             }
             (State::Running { clock, parking: None }, Reaction::PathStop) => {
                 let max = Duration::from_micros(self.settings.stop_path_max_us.into());
-                self.machine.to_stopping(now, &mut self.trace, fault, StopWay::Path, clock, now + max);
+                self.machine.transition_to_stopping(
+                    now,
+                    &mut self.trace,
+                    fault,
+                    StopWay::Path,
+                    clock,
+                    now + max,
+                );
             }
             (State::Running { clock, parking: None }, Reaction::QuickStop) => {
-                self.quick_stop(now, fault, clock)
+                self.quick_stop(now, fault, clock);
             }
             // Parked joints move by millimetres, on ramps that end by themselves.
             (State::Running { parking: Some(_), .. }, _) => self.end_stop(now, fault),
             (State::Jogging(jog), Reaction::PathStop | Reaction::QuickStop) => {
                 let limits = *self.settings.joint.at(jog.joint);
                 let clock = PathClock::starting(now);
-                self.machine.to_stopping(now, &mut self.trace, fault, StopWay::Quick, clock, now);
+                self.machine.transition_to_stopping(now, &mut self.trace, fault, StopWay::Quick, clock, now);
                 self.schedule.clear_all();
                 self.ramp_down(now, jog.joint, jog.qd_rad_s, limits.jog_a_rad_s2);
                 self.halt_silent(now, fault);
@@ -107,11 +116,11 @@ impl<S: Storage> Controller<S> {
     fn end_stop(&mut self, now: Instant, fault: Fault) {
         self.halt(now);
         if fault.cause.is_plain_stop() {
-            self.machine.to_stopped(now, &mut self.trace, fault);
+            self.machine.transition_to_stopped(now, &mut self.trace, fault);
         } else {
             // No more signs of life: a drive that missed the halt stops by its watchdog.
             self.watchdog_due = None;
-            self.machine.to_fault(now, &mut self.trace, fault);
+            self.machine.transition_to_fault(now, &mut self.trace, fault);
         }
     }
 
@@ -124,7 +133,7 @@ impl<S: Storage> Controller<S> {
 
     /// Every joint on its own: one ramp to where it can just stop.
     fn quick_stop(&mut self, now: Instant, fault: Fault, clock: PathClock) {
-        self.machine.to_stopping(now, &mut self.trace, fault, StopWay::Quick, clock, now);
+        self.machine.transition_to_stopping(now, &mut self.trace, fault, StopWay::Quick, clock, now);
         self.schedule.clear_all();
         for joint in self.joints() {
             let a_rad_s2 = self.settings.joint.at(joint).a_max_rad_s2;
@@ -160,7 +169,9 @@ impl<S: Storage> Controller<S> {
         match way {
             StopWay::Quick if deadline <= now => self.end_stop(now, fault),
             StopWay::Quick => self.park_poll(),
-            StopWay::Path if deadline <= now => self.quick_stop(now, fault, clock),
+            StopWay::Path if deadline <= now => {
+                self.quick_stop(now, fault, clock);
+            }
             StopWay::Path if clock.is_standing() => {
                 let settled = clock.since() + self.settings.cycle_period() * SETTLE_CYCLES;
                 if settled <= now {

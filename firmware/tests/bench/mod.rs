@@ -23,10 +23,10 @@ use protocol::{Duration, Frame, Instant, JointIndex, ModuleId, Node};
 
 /// Numerical Recipes' LCG: seeded, good enough for delays.
 #[derive(Clone)]
-pub struct Rng(pub u64);
+pub(crate) struct Rng(pub u64);
 
 impl Rng {
-    pub fn below(&mut self, n: u64) -> u64 {
+    pub(crate) fn below(&mut self, n: u64) -> u64 {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 33) % n
     }
@@ -34,7 +34,7 @@ impl Rng {
 
 /// Ramp generator in front of a position loop (wn 320 rad/s, zeta 0.8), position in steps of 0.02 degrees.
 #[derive(Clone, Debug)]
-pub struct Drive {
+pub(crate) struct Drive {
     pub module: ModuleId,
     pub q: f64,
     pub v: f64,
@@ -89,7 +89,7 @@ impl Drive {
         }
     }
 
-    pub fn place(&mut self, q: f64) {
+    pub(crate) fn place(&mut self, q: f64) {
         (self.q, self.q_gen, self.v, self.v_gen) = (q, q, 0.0, 0.0);
     }
 
@@ -99,7 +99,7 @@ impl Drive {
         self.target = Some(self.q_gen + 0.5 * self.v_gen * self.v_gen.abs() / self.a_ramp);
     }
 
-    fn advance(&mut self, to_us: u64) {
+    pub(crate) fn advance(&mut self, to_us: u64) {
         const STEP: u64 = 20;
         while self.at_us + STEP <= to_us {
             self.at_us += STEP;
@@ -170,9 +170,8 @@ impl Drive {
             .union(CubeState::COMM_ERROR)
             .union(CubeState::TOW_ERROR);
         self.state = self.state.difference(gone);
-        if self.state.contains(CubeState::HOME_OK) || true {
-            self.watchdog_seen = None;
-        }
+        // Armed again by the next sign of life.
+        self.watchdog_seen = None;
     }
 
     fn refuses(&self) -> bool {
@@ -243,14 +242,15 @@ impl Drive {
 
 /// Frame with the time of its end on the bus.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Logged {
+pub(crate) struct Logged {
     pub at: Instant,
     pub by_controller: bool,
     pub frame: Frame,
 }
 
 /// Options of a bench.
-pub struct Options {
+#[derive(Clone, Copy)]
+pub(crate) struct Options {
     pub settings: Settings,
     pub answer_us: (u64, u64),
     pub homed: bool,
@@ -263,8 +263,23 @@ impl Default for Options {
     }
 }
 
-pub struct Bench {
-    pub controller: Box<Controller<RamStorage>>,
+/// What the bench drives: the controller alone, or with its host link.
+pub(crate) trait Controlled: Node {
+    fn core(&self) -> &Controller<RamStorage>;
+    fn core_mut(&mut self) -> &mut Controller<RamStorage>;
+}
+
+impl Controlled for Controller<RamStorage> {
+    fn core(&self) -> &Controller<RamStorage> {
+        self
+    }
+    fn core_mut(&mut self) -> &mut Controller<RamStorage> {
+        self
+    }
+}
+
+pub(crate) struct Bench<C = Controller<RamStorage>> {
+    pub controller: Box<C>,
     pub drives: Vec<Drive>,
     pub log: Vec<Logged>,
     pub now: u64,
@@ -277,7 +292,16 @@ pub struct Bench {
     from_controller: VecDeque<Frame>,
     /// Ready time and reply, per drive in order.
     from_drive: Vec<VecDeque<(u64, Frame)>>,
-    on_bus: Option<(u64, Frame, Option<usize>)>,
+    /// Frames of somebody else.
+    strangers: VecDeque<Frame>,
+    on_bus: Option<(u64, Frame, Sender)>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Sender {
+    Controller,
+    Drive(usize),
+    Stranger,
 }
 
 /// Bits on the wire with an average of stuffing, 1 µs each.
@@ -287,7 +311,26 @@ fn frame_us(frame: &Frame) -> u64 {
 }
 
 impl Bench {
-    pub fn new(options: Options) -> Self {
+    pub(crate) fn new(options: Options) -> Self {
+        Self::with(Controller::new(RamStorage::new(), &options.settings), options)
+    }
+
+    /// Started, all homed, at `q`.
+    pub(crate) fn ready(options: Options, q: &[f64]) -> Self {
+        let mut bench = Self::new(options);
+        for (drive, &q) in bench.drives.iter_mut().zip(q) {
+            drive.place(q);
+        }
+        bench.run_until(3_000_000, |bench| bench.kind() == StateKind::Ready);
+        assert_eq!(bench.kind(), StateKind::Ready, "{:?}", bench.controller.state());
+        // Everything read at least once.
+        bench.run_for(60_000);
+        bench
+    }
+}
+
+impl<C: Controlled> Bench<C> {
+    pub(crate) fn with(controller: C, options: Options) -> Self {
         let count = options.settings.joints as usize;
         let mut drives: Vec<Drive> =
             (0..count).map(|i| Drive::new(options.settings.joint.0[i].address as u8)).collect();
@@ -297,7 +340,8 @@ impl Bench {
             }
         }
         Self {
-            controller: Box::new(Controller::new(RamStorage::new(), &options.settings)),
+            controller: Box::new(controller),
+            strangers: VecDeque::new(),
             from_drive: vec![VecDeque::new(); count],
             drives,
             log: Vec::new(),
@@ -313,55 +357,84 @@ impl Bench {
         }
     }
 
-    /// Started, all homed, at `q`.
-    pub fn ready(options: Options, q: &[f64]) -> Self {
-        let mut bench = Self::new(options);
-        for (drive, &q) in bench.drives.iter_mut().zip(q) {
-            drive.place(q);
-        }
-        bench.run_until(3_000_000, |bench| bench.kind() == StateKind::Ready);
-        assert_eq!(bench.kind(), StateKind::Ready, "{:?}", bench.controller.state());
-        // Everything read at least once.
-        bench.run_for(60_000);
-        bench
+    pub(crate) fn kind(&self) -> StateKind {
+        self.controller.core().state().kind()
     }
 
-    pub fn kind(&self) -> StateKind {
-        self.controller.state().kind()
-    }
-
-    pub fn instant(&self) -> Instant {
+    pub(crate) fn instant(&self) -> Instant {
         Instant::from_micros(self.now)
     }
 
     fn drain(&mut self) {
+        let mut count = 0;
         while let Some(frame) = self.controller.poll_frame() {
+            count += 1;
+            assert!(count <= 24, "one call, {count} frames");
+            self.check_invariants(&frame);
             self.from_controller.push_back(frame);
         }
-        if let Some(level) = self.controller.take_gripper_level() {
+        if let Some(level) = self.take_level() {
             self.board_gripper.push((self.now, level));
         }
         self.start_frame();
+    }
+
+    /// What must hold for every frame the controller ever sends, in every test.
+    fn check_invariants(&self, frame: &Frame) {
+        if frame.is_extended() {
+            return;
+        }
+        let Ok(AddressedRequest { module, request, .. }) = AddressedRequest::decode(frame) else {
+            assert!(Broadcast::decode(frame).is_ok(), "neither request nor broadcast: {frame}");
+            return;
+        };
+        let settings = self.controller.core().settings();
+        let joint = settings.joint_of(module).expect("a drive of the group");
+        let limits = settings.joint.at(joint);
+        let kind = self.kind();
+        match request {
+            Request::Move(motion) => {
+                assert!(kind.may_move(), "motion in {kind:?}: {frame}");
+                let MotionCommand::Ramp { target } = motion.command() else { panic!("only ramps: {frame}") };
+                let q = limits.to_joint_rad(target.get());
+                let inside = q >= limits.q_min_rad - 1e-5 && q <= limits.q_max_rad + 1e-5;
+                // A jog may bring a joint back that stands outside.
+                assert!(inside || kind == StateKind::Jogging, "target {q} rad of joint {joint}");
+            }
+            Request::Set(Parameter::TargetVel, Value::F32(v)) => {
+                assert!((0.0..=limits.v_max_rad_s).contains(&v), "speed {v} of joint {joint}");
+            }
+            Request::Set(Parameter::TargetAcc, Value::F32(a)) => {
+                assert!((0.0..=limits.a_max_rad_s2).contains(&a), "acceleration {a} of joint {joint}");
+            }
+            Request::Simple(SimpleCommand::Home) => assert_eq!(kind, StateKind::Homing),
+            _ => {}
+        }
     }
 
     fn start_frame(&mut self) {
         if self.on_bus.is_some() {
             return;
         }
-        let mut best: Option<(u32, Option<usize>)> =
-            self.from_controller.front().map(|frame| (frame.arbitration_key(), None));
-        for (i, queue) in self.from_drive.iter().enumerate() {
-            if let Some((_, frame)) = queue.front().filter(|(ready, _)| *ready <= self.now) {
-                let key = frame.arbitration_key();
-                if best.is_none_or(|(least, _)| key < least) {
-                    best = Some((key, Some(i)));
-                }
+        let mut best: Option<(u32, Sender)> = None;
+        let mut offer = |frame: Option<&Frame>, sender| {
+            if let Some(key) = frame.map(Frame::arbitration_key)
+                && best.is_none_or(|(least, _)| key < least)
+            {
+                best = Some((key, sender));
             }
+        };
+        offer(self.from_controller.front(), Sender::Controller);
+        offer(self.strangers.front(), Sender::Stranger);
+        for (i, queue) in self.from_drive.iter().enumerate() {
+            let ready = queue.front().filter(|(ready, _)| *ready <= self.now);
+            offer(ready.map(|(_, frame)| frame), Sender::Drive(i));
         }
         let Some((_, sender)) = best else { return };
         let frame = match sender {
-            None => self.from_controller.pop_front(),
-            Some(i) => self.from_drive[i].pop_front().map(|(_, frame)| frame),
+            Sender::Controller => self.from_controller.pop_front(),
+            Sender::Stranger => self.strangers.pop_front(),
+            Sender::Drive(i) => self.from_drive[i].pop_front().map(|(_, frame)| frame),
         };
         let frame = frame.unwrap();
         let us = frame_us(&frame);
@@ -369,10 +442,10 @@ impl Bench {
         self.on_bus = Some((self.now + us, frame, sender));
     }
 
-    fn deliver(&mut self, frame: Frame, sender: Option<usize>) {
-        self.log.push(Logged { at: self.instant(), by_controller: sender.is_none(), frame });
+    fn deliver(&mut self, frame: Frame, sender: Sender) {
+        self.log.push(Logged { at: self.instant(), by_controller: sender == Sender::Controller, frame });
         let now = self.now;
-        if sender.is_some() {
+        if sender != Sender::Controller {
             self.controller.handle_frame(Instant::from_micros(now), &frame);
             return;
         }
@@ -415,7 +488,8 @@ impl Bench {
         }
         self.now = next;
         if beat == next {
-            self.controller.host_heartbeat(self.instant());
+            let at = self.instant();
+            self.controller.core_mut().host_heartbeat(at);
             self.heartbeat_due = next + 20_000;
         } else if bus == next {
             let (_, frame, sender) = self.on_bus.take().unwrap();
@@ -424,13 +498,17 @@ impl Bench {
             let before = self.instant();
             self.controller.handle_timeout(before);
             let after = self.controller.poll_timeout().unwrap();
-            assert!(after > before, "deadline {after} stuck at {before}: {:?}", self.controller.state());
+            assert!(
+                after > before,
+                "deadline {after} stuck at {before}: {:?}",
+                self.controller.core().state()
+            );
         }
         self.drain();
         true
     }
 
-    pub fn run_for(&mut self, us: u64) {
+    pub(crate) fn run_for(&mut self, us: u64) {
         let end = self.now + us;
         while self.step(end) {}
         for drive in &mut self.drives {
@@ -438,7 +516,7 @@ impl Bench {
         }
     }
 
-    pub fn run_until(&mut self, us: u64, done: impl Fn(&Self) -> bool) {
+    pub(crate) fn run_until(&mut self, us: u64, done: impl Fn(&Self) -> bool) {
         let end = self.now + us;
         while !done(self) && self.step(end) {}
         for drive in &mut self.drives {
@@ -446,27 +524,32 @@ impl Bench {
         }
     }
 
-    pub fn order(&mut self, order: Order) -> Result<Done, firmware::fault::Refusal> {
-        let outcome = self.controller.order(self.instant(), order);
+    pub(crate) fn order(&mut self, order: Order) -> Result<Done, firmware::fault::Refusal> {
+        let outcome = {
+            let at = self.instant();
+            self.controller.core_mut().order(at, order)
+        };
         self.drain();
         outcome
     }
 
-    pub fn stop_now(&mut self) {
-        self.controller.stop_now(self.instant());
+    pub(crate) fn stop_now(&mut self) {
+        let at = self.instant();
+        self.controller.core_mut().stop_now(at);
         self.drain();
     }
 
-    pub fn upload(&mut self, file: &[u8]) -> FileName {
+    pub(crate) fn upload(&mut self, file: &[u8]) -> FileName {
         for (i, piece) in file.chunks(256).enumerate() {
-            self.controller.upload(self.instant(), 256 * i, piece).unwrap();
+            let at = self.instant();
+            self.controller.core_mut().upload(at, 256 * i, piece).unwrap();
         }
         let name = FileName { crc64: Crc64::of(file), len: file.len() as u32 };
         self.order(Order::Commit(name)).unwrap();
         name
     }
 
-    pub fn arm(&mut self, name: FileName) {
+    pub(crate) fn arm(&mut self, name: FileName) {
         let valid = Duration::from_secs(10);
         let Done::Offer { token, .. } = self.order(Order::ArmPrepare { crc64: name.crc64, valid }).unwrap()
         else {
@@ -478,53 +561,91 @@ impl Bench {
     }
 
     /// Armed and started.
-    pub fn start(&mut self, file: &[u8]) -> FileName {
+    pub(crate) fn start(&mut self, file: &[u8]) -> FileName {
         let name = self.upload(file);
         self.arm(name);
         self.order(Order::Run(name)).unwrap();
         name
     }
 
+    fn take_level(&mut self) -> Option<bool> {
+        // With a host link the board's output is not looked at.
+        if self.heartbeat { self.controller.core_mut().take_gripper_level() } else { None }
+    }
+
+    /// A frame of somebody else wants to the bus.
+    pub(crate) fn foreign(&mut self, frame: Frame) {
+        self.strangers.push_back(frame);
+        self.start_frame();
+    }
+
+    /// A frame of somebody else reaches the controller now.
+    pub(crate) fn inject(&mut self, frame: &Frame) {
+        self.log.push(Logged { at: self.instant(), by_controller: false, frame: *frame });
+        self.controller.handle_frame(self.instant(), frame);
+        self.drain();
+    }
+
+    /// When the trace says that a state was entered, the last time.
+    pub(crate) fn entered(&self, state: StateKind) -> Option<u64> {
+        let entries = self.controller.core().trace().iter().filter_map(|(at, event)| match event {
+            firmware::trace::Event::State { to, .. } if to == state => Some(at.as_micros()),
+            _ => None,
+        });
+        entries.last()
+    }
+
+    /// Largest distance of the joints from the nearest point of the throw's path, rad.
+    pub(crate) fn distance_from_path(&self) -> f64 {
+        let distance = |t: f64| {
+            let each =
+                self.drives.iter().enumerate().map(|(i, drive)| (drive.q - throw_reference(i, t).0).abs());
+            each.fold(0.0, f64::max)
+        };
+        (0..=920).map(|ms| distance(f64::from(ms) * 1e-3)).fold(f64::INFINITY, f64::min)
+    }
+
     /// Frames of the controller after a time that satisfy a predicate.
-    pub fn sent_after(&self, at: u64, is: impl Fn(&Frame) -> bool) -> Option<Instant> {
+    pub(crate) fn sent_after(&self, at: u64, is: impl Fn(&Frame) -> bool) -> Option<Instant> {
         self.log.iter().find(|l| l.by_controller && l.at.as_micros() > at && is(&l.frame)).map(|l| l.at)
     }
 
-    pub fn count_sent(&self, is: impl Fn(&Frame) -> bool) -> usize {
+    pub(crate) fn count_sent(&self, is: impl Fn(&Frame) -> bool) -> usize {
         self.log.iter().filter(|l| l.by_controller && is(&l.frame)).count()
     }
 }
 
-pub fn is_halt(frame: &Frame) -> bool {
+#[must_use]
+pub(crate) fn is_halt(frame: &Frame) -> bool {
     Broadcast::decode(frame) == Ok(Broadcast::Halt)
 }
 
-pub fn is_motion(frame: &Frame) -> bool {
+pub(crate) fn is_motion(frame: &Frame) -> bool {
     matches!(AddressedRequest::decode(frame), Ok(AddressedRequest { request: Request::Move(_), .. }))
 }
 
-pub fn joint(index: usize) -> JointIndex {
+pub(crate) fn joint(index: usize) -> JointIndex {
     JointIndex::new(index).unwrap()
 }
 
 /// The published throw (`robot-models` 1.6): position and velocity at release, before and after times.
-pub const Q_RELEASE: [f64; 6] = [0.199_999, 0.125_428, -1.856_562, 1.004_064, 1.387_908, 1.654_417];
-pub const QD_RELEASE: [f64; 6] = [1.358_402, -1.675_786, 0.482_325, -0.010_697, -0.986_023, 2.548_397];
-pub const HA: f64 = 0.920 * (1.0 - 0.391);
-pub const HB: f64 = 0.920 * 0.391;
+pub(crate) const Q_RELEASE: [f64; 6] = [0.199_999, 0.125_428, -1.856_562, 1.004_064, 1.387_908, 1.654_417];
+pub(crate) const QD_RELEASE: [f64; 6] = [1.358_402, -1.675_786, 0.482_325, -0.010_697, -0.986_023, 2.548_397];
+pub(crate) const HA: f64 = 0.920 * (1.0 - 0.391);
+pub(crate) const HB: f64 = 0.920 * 0.391;
 
-pub fn throw_start() -> [f64; 6] {
+pub(crate) fn throw_start() -> [f64; 6] {
     core::array::from_fn(|i| Q_RELEASE[i] - 2.0 / 3.0 * QD_RELEASE[i] * HA)
 }
 
 /// Reference of the throw in double precision, from the closed form, s seconds after its start.
-pub fn throw_reference(i: usize, t: f64) -> (f64, f64) {
+pub(crate) fn throw_reference(i: usize, t: f64) -> (f64, f64) {
     let (s, qd) = (t.clamp(0.0, HA + HB) - HA, QD_RELEASE[i]);
     let h = if s < 0.0 { HA } else { HB };
     (Q_RELEASE[i] + qd * (s - s * s * s / (3.0 * h * h)), qd * (1.0 - s * s / (h * h)))
 }
 
-pub fn throw_file(period_us: u32, release: bool) -> Vec<u8> {
+pub(crate) fn throw_file(period_us: u32, release: bool) -> Vec<u8> {
     let (a_us, b_us) = ((HA * 1e6).round() as u32, (HB * 1e6).round() as u32);
     let knot = |t_us, f: &dyn Fn(usize) -> (f64, f64)| {
         let mut state = PerJoint::default();
@@ -542,7 +663,7 @@ pub fn throw_file(period_us: u32, release: bool) -> Vec<u8> {
     file(&Header { joints: 6, period_us, release_us: release.then_some(a_us), robot_crc32: 0 }, &knots)
 }
 
-pub fn file(header: &Header, knots: &[Knot]) -> Vec<u8> {
+pub(crate) fn file(header: &Header, knots: &[Knot]) -> Vec<u8> {
     let mut out = vec![0; FILE_LEN_MAX];
     let len = trajectory_format::encode(header, knots, &mut out).unwrap();
     out.truncate(len);

@@ -1,0 +1,59 @@
+//! The controller on an emulated Cortex-M4F. Wiring only: time, frames, storage.
+//!
+//! * **Lockstep**, if the folder QEMU was started in holds `script.bin` (see `firmware/examples/record_throw.rs`): plays
+//!   the calls of the script, writes the frames sent to `frames.bin`, prints instructions per call and the deepest stack,
+//!   and ends.
+//! * **Live** otherwise: SLCAN on the first UART, SysTick for time, as a board at the end of a serial line.
+#![no_std]
+#![no_main]
+
+mod live;
+mod lockstep;
+mod serial;
+mod stack;
+
+use cortex_m_rt::entry;
+use firmware::ControllerNode;
+use firmware::host_link::Identity;
+use firmware::settings::Settings;
+use firmware::store::RamStorage;
+use protocol::Instant;
+
+/// Core clock of the machine, MHz.
+pub const CORE_MHZ: u32 = 168;
+
+/// The controller with storage in a place of its own: flash on a real board.
+pub type Node = ControllerNode<&'static mut RamStorage>;
+
+#[panic_handler]
+fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
+    cortex_m_semihosting::debug::exit(cortex_m_semihosting::debug::EXIT_FAILURE);
+    loop {
+        cortex_m::asm::bkpt();
+    }
+}
+
+#[entry]
+fn main() -> ! {
+    static mut STORAGE: RamStorage = RamStorage::new();
+    static mut NODE: Option<Node> = None;
+    stack::paint();
+    #[cfg(feature = "planted-panic")]
+    assert!(core::hint::black_box(false), "planted");
+    let Some(peripherals) = cortex_m::Peripherals::take() else { exit(false) };
+    let identity = Identity { unique_id: *b"emulated-board\0\0", hardware: (0, 1) };
+    let node = NODE.insert(Node::new(Instant::ZERO, STORAGE, &Settings::powercube6(), identity));
+    match lockstep::Script::open() {
+        Some(script) => exit(script.play(node, peripherals.SYST)),
+        None => live::run(node, peripherals),
+    }
+}
+
+/// Ends the emulator.
+pub fn exit(success: bool) -> ! {
+    use cortex_m_semihosting::debug;
+    debug::exit(if success { debug::EXIT_SUCCESS } else { debug::EXIT_FAILURE });
+    loop {
+        cortex_m::asm::wfi();
+    }
+}

@@ -1,0 +1,223 @@
+//! Host with node-ID 42 at the other end of the controller's Cyphal link, in the hands of a test.
+#![allow(dead_code)]
+
+use firmware::state::StateKind;
+use firmware::store::RamStorage;
+use firmware::{Controller, ControllerNode};
+use protocol::cyphal::bits::{Decode, Encode, Writer};
+use protocol::cyphal::cubecell::command::{self, ArmConfirm, ArmOffer, ArmPrepare, Trajectory};
+use protocol::cyphal::cubecell::{group_state, joint_state};
+use protocol::cyphal::id::{NodeId, Priority, Route, ServiceId, TransferId};
+use protocol::cyphal::rx::{Port, Receiver};
+use protocol::cyphal::tx::{TxMeta, TxQueue};
+use protocol::cyphal::uavcan::command::{CommandRequest, CommandResponse, Status};
+use protocol::cyphal::uavcan::file::{WriteRequest, WriteResponse};
+use protocol::cyphal::uavcan::heartbeat::{Health, Heartbeat, Mode};
+use protocol::cyphal::uavcan::{command as commands, file, heartbeat, register};
+use protocol::{Duration, Frame, Instant, Node};
+
+use super::bench::*;
+
+/// One call of the node contract and what came out of it.
+#[derive(Clone, Debug)]
+pub(crate) struct Call {
+    pub at: Instant,
+    /// `None`: a deadline.
+    pub input: Option<Frame>,
+}
+
+/// A node that writes down what it is called with and what it sends.
+pub(crate) struct Recorder {
+    pub node: ControllerNode<RamStorage>,
+    pub calls: Vec<Call>,
+    pub frames: Vec<(Instant, Frame)>,
+}
+
+impl Node for Recorder {
+    fn handle_frame(&mut self, now: Instant, frame: &Frame) {
+        self.calls.push(Call { at: now, input: Some(*frame) });
+        self.node.handle_frame(now, frame);
+    }
+    fn handle_timeout(&mut self, now: Instant) {
+        self.calls.push(Call { at: now, input: None });
+        self.node.handle_timeout(now);
+    }
+    fn poll_frame(&mut self) -> Option<Frame> {
+        let frame = self.node.poll_frame()?;
+        let at = self.calls.last().map_or(Instant::ZERO, |call| call.at);
+        self.frames.push((at, frame));
+        Some(frame)
+    }
+    fn poll_timeout(&self) -> Option<Instant> {
+        self.node.poll_timeout()
+    }
+}
+
+impl Controlled for Recorder {
+    fn core(&self) -> &Controller<RamStorage> {
+        self.node.controller()
+    }
+    fn core_mut(&mut self) -> &mut Controller<RamStorage> {
+        panic!("the host link is the only door here")
+    }
+}
+
+/// Host with node-ID 42, in the test's hands.
+pub(crate) struct Host {
+    pub bench: Bench<Recorder>,
+    pub rx: Receiver<8, 4, 600>,
+    pub tx: TxQueue<4, 600>,
+    pub transfer: TransferId,
+    pub address: NodeId,
+    pub seen: usize,
+    pub group: Option<group_state::GroupState>,
+    pub joints: usize,
+    pub beat_due: u64,
+    pub beating: bool,
+}
+
+pub(crate) const SERVER: NodeId = NodeId::from_low_bits(10);
+pub(crate) const PORTS: [Port; 5] = [
+    Port::response(commands::SERVICE, commands::RESPONSE_EXTENT),
+    Port::response(file::WRITE, file::WRITE_RESPONSE_EXTENT),
+    Port::response(register::ACCESS, register::ACCESS_RESPONSE_EXTENT),
+    Port::message(group_state::SUBJECT, group_state::EXTENT),
+    Port::message(joint_state::SUBJECT, joint_state::EXTENT),
+];
+
+impl Host {
+    pub(crate) fn new() -> Self {
+        let options = Options::default();
+        let node =
+            ControllerNode::new(Instant::ZERO, RamStorage::new(), &options.settings, Default::default());
+        let node = Recorder { node, calls: Vec::new(), frames: Vec::new() };
+        let mut bench = Bench::with(node, options);
+        bench.heartbeat = false;
+        for (drive, q) in bench.drives.iter_mut().zip(throw_start()) {
+            drive.place(q);
+        }
+        Self {
+            bench,
+            rx: Receiver::new(),
+            tx: TxQueue::new(),
+            transfer: TransferId::ZERO,
+            address: NodeId::from_low_bits(42),
+            seen: 0,
+            group: None,
+            joints: 0,
+            beat_due: 0,
+            beating: true,
+        }
+    }
+
+    pub(crate) fn send(&mut self, route: Route, priority: Priority, message: &dyn Encode) {
+        let deadline = self.bench.instant() + Duration::from_secs(1);
+        self.transfer = self.transfer.next();
+        self.tx.push(&TxMeta { route, priority, transfer_id: self.transfer, deadline }, message).unwrap();
+        while let Some(frame) = self.tx.pop() {
+            self.bench.foreign(frame);
+        }
+    }
+
+    /// Lets `us` pass, with heartbeats; the first response goes to `take`.
+    pub(crate) fn run(&mut self, us: u64, mut take: impl FnMut(ServiceId, &[u8])) {
+        let end = self.bench.now + us;
+        while self.bench.now < end {
+            if self.beating && self.bench.now >= self.beat_due {
+                self.beat_due = self.bench.now + 30_000;
+                let beat = Heartbeat {
+                    uptime_s: 0,
+                    health: Health::Nominal,
+                    mode: Mode::OPERATIONAL,
+                    vendor_status: 0,
+                };
+                let route = Route::Message { subject: heartbeat::SUBJECT, source: self.address };
+                self.send(route, Priority::Nominal, &beat);
+            }
+            self.bench.run_for(1_000.min(end - self.bench.now));
+            let frames: Vec<(Instant, Frame)> = self.bench.log[self.seen..]
+                .iter()
+                .filter(|l| l.by_controller)
+                .map(|l| (l.at, l.frame))
+                .collect();
+            self.seen = self.bench.log.len();
+            for (at, frame) in frames.iter().filter(|(_, frame)| frame.is_extended()) {
+                let Some(transfer) = self.rx.accept(*at, Some(self.address), frame, &[&PORTS]) else {
+                    continue;
+                };
+                match transfer.route {
+                    Route::Response { service, .. } => take(service, transfer.payload),
+                    Route::Message { subject, .. } if subject == group_state::SUBJECT => {
+                        self.group = Some(group_state::GroupState::from_bytes(transfer.payload).unwrap());
+                    }
+                    Route::Message { subject, .. } if subject == joint_state::SUBJECT => {
+                        assert_eq!(
+                            joint_state::JointState::from_bytes(transfer.payload).unwrap().joints().len(),
+                            6
+                        );
+                        self.joints += 1;
+                    }
+                    _ => {}
+                }
+            }
+        }
+    }
+
+    pub(crate) fn ask(&mut self, service: ServiceId, request: &dyn Encode) -> Vec<u8> {
+        let route = Route::Request { service, source: self.address, destination: SERVER };
+        self.send(route, Priority::Nominal, request);
+        let mut answer = None;
+        for _ in 0..100 {
+            self.run(2_000, |from, payload| {
+                if from == service {
+                    answer = Some(payload.to_vec());
+                }
+            });
+            if let Some(answer) = answer {
+                return answer;
+            }
+        }
+        panic!("no answer")
+    }
+
+    pub(crate) fn command(&mut self, number: u16, parameter: &dyn Encode) -> (Status, Vec<u8>) {
+        let mut bytes = [0; 32];
+        let mut writer = Writer::new(&mut bytes);
+        parameter.encode(&mut writer);
+        let len = writer.finish().unwrap();
+        let answer =
+            self.ask(commands::SERVICE, &CommandRequest { command: number, parameter: &bytes[..len] });
+        let response = CommandResponse::from_bytes(&answer).unwrap();
+        (response.status, response.output.to_vec())
+    }
+
+    pub(crate) fn upload(&mut self, bytes: &[u8]) {
+        for (i, data) in bytes.chunks(256).chain([&[][..]]).enumerate() {
+            let offset = if data.is_empty() { bytes.len() } else { 256 * i } as u64;
+            let request = WriteRequest { offset, path: b"trajectory", data };
+            let answer = self.ask(file::WRITE, &request);
+            assert_eq!(WriteResponse::from_bytes(&answer).unwrap().result, Ok(()));
+        }
+    }
+
+    pub(crate) fn armed(&mut self) -> Trajectory {
+        self.run(800_000, |_, _| {});
+        assert_eq!(self.bench.kind(), StateKind::Ready);
+        let bytes = throw_file(3_000, false);
+        self.upload(&bytes);
+        let name = Trajectory {
+            trajectory_crc64: firmware::crc::Crc64::of(&bytes),
+            length_bytes: bytes.len() as u32,
+        };
+        assert_eq!(self.command(command::COMMIT_TRAJECTORY, &name).0, Status::SUCCESS);
+        let prepare = ArmPrepare { trajectory_crc64: name.trajectory_crc64, valid_ms: 5_000 };
+        let (status, output) = self.command(command::ARM_PREPARE, &prepare);
+        assert_eq!(status, Status::SUCCESS);
+        let offer = ArmOffer::from_bytes(&output).unwrap();
+        assert_eq!(offer.valid_ms, 5_000);
+        let confirm = ArmConfirm { token: offer.token, valid_ms: 5_000 };
+        assert_eq!(self.command(command::ARM_CONFIRM, &confirm).0, Status::SUCCESS);
+        self.run(60_000, |_, _| {});
+        name
+    }
+}

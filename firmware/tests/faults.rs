@@ -1,0 +1,419 @@
+//! The fault table: cause and state against the reaction, measured on the bus.
+
+mod bench;
+
+use bench::*;
+use firmware::fault::{Cause, Refusal};
+use firmware::orders::{Done, Order};
+use firmware::registers::Number;
+use firmware::settings::Settings;
+use firmware::state::{State, StateKind};
+use firmware::store::FileName;
+use protocol::powercube::{AddressedRequest, CubeState, Parameter, Request, Value};
+use protocol::{Duration, Frame};
+
+const PERIOD_US: u64 = 3_000;
+
+/// Arm on the throw, `into_us` after the start of the plan.
+fn thrown(into_us: u64) -> Bench {
+    let mut bench = Bench::ready(Options::default(), &throw_start());
+    bench.start(&throw_file(3_000, true));
+    bench.run_for(2 * PERIOD_US + into_us);
+    assert_eq!(bench.kind(), StateKind::Running);
+    bench
+}
+
+fn fault_of(bench: &Bench) -> Option<Cause> {
+    bench.controller.state().fault().map(|fault| fault.cause)
+}
+
+fn speed_max(bench: &Bench) -> f64 {
+    bench.drives.iter().map(|drive| drive.v.abs()).fold(0.0, f64::max)
+}
+
+#[test]
+fn lost_host_ramps_the_group_down_along_the_path_within_100_ms_and_one_cycle() {
+    for into_us in [50_000, 300_000, 500_000, 700_000] {
+        let mut bench = thrown(into_us);
+        bench.heartbeat = false;
+        let lost_at = bench.now;
+        bench.run_until(400_000, |bench| bench.kind() == StateKind::Stopping);
+        // The last heartbeat may be 20 ms before it was switched off.
+        let after = bench.now - lost_at;
+        assert!((80_000..=100_000 + PERIOD_US).contains(&after), "{after} us");
+        assert!(speed_max(&bench) > 0.3);
+        bench.run_until(1_500_000, |bench| bench.kind() == StateKind::Fault);
+        assert_eq!(fault_of(&bench), Some(Cause::HostLost));
+        bench.run_for(50_000);
+        let (speed, away) = (speed_max(&bench), bench.distance_from_path());
+        assert!(speed < 0.02, "halted with {speed} rad/s");
+        assert!(away < 3e-3, "{away} rad beside the path, lost at {into_us}");
+        assert!(bench.sent_after(lost_at, is_halt).is_some());
+        assert!(bench.board_gripper.is_empty() || into_us > 460_000, "the ball is kept");
+    }
+}
+
+#[test]
+fn stop_order_keeps_the_path_and_ends_in_stopped() {
+    let mut bench = thrown(400_000);
+    bench.order(Order::Stop).unwrap();
+    let at = bench.now;
+    bench.run_until(1_500_000, |bench| bench.kind() == StateKind::Stopped);
+    println!("at rest after {} ms", (bench.now - at) / 1000);
+    assert_eq!(fault_of(&bench), Some(Cause::StopOrdered));
+    bench.run_for(30_000);
+    assert!(bench.distance_from_path() < 3e-3 && speed_max(&bench) < 0.02);
+    assert!(bench.controller.freeze_frame().is_none(), "a stop is no fault");
+}
+
+#[test]
+fn stop_message_puts_the_halt_on_the_bus_within_a_millisecond_at_any_moment_of_the_cycle() {
+    let mut worst = 0;
+    for phase in (0..PERIOD_US).step_by(150) {
+        let mut bench = thrown(300_000 + phase);
+        let at = bench.now;
+        bench.stop_now();
+        bench.run_for(5_000);
+        let halted = bench.sent_after(at, is_halt).unwrap().as_micros() - at;
+        worst = worst.max(halted);
+        assert_eq!(bench.kind(), StateKind::Stopped);
+        assert!(bench.sent_after(at + halted, is_motion).is_none(), "no motion after the halt");
+    }
+    println!("stop message to the end of the halt frame: at most {worst} us");
+    assert!((50..=1_000).contains(&worst));
+}
+
+#[test]
+fn stop_message_halts_in_every_state() {
+    let mut bench = Bench::ready(Options::default(), &throw_start());
+    bench.stop_now();
+    bench.run_for(2_000);
+    assert_eq!((bench.kind(), bench.count_sent(is_halt)), (StateKind::Stopped, 1));
+    bench.stop_now();
+    bench.run_for(2_000);
+    assert_eq!(bench.count_sent(is_halt), 2, "asked again, said again");
+}
+
+#[test]
+fn silent_drive_stops_the_group_after_two_missed_replies_and_one_cycle() {
+    for (silent, phase) in [(0, 0), (2, 1_000), (5, 2_500), (3, 1_700)] {
+        let mut bench = thrown(350_000 + phase);
+        bench.drives[silent].silent = true;
+        let at = bench.now;
+        bench.run_until(100_000, |bench| bench.kind() != StateKind::Running);
+        let after = bench.now - at;
+        println!("drive {} silent: group stops after {after} us", silent + 1);
+        assert!(after <= 3 * PERIOD_US, "{after}");
+        bench.run_until(1_000_000, |bench| bench.kind() == StateKind::Fault);
+        let fault = bench.controller.state().fault().unwrap();
+        assert_eq!((fault.cause, fault.joint), (Cause::DriveSilent, Some(joint(silent))));
+        bench.run_for(30_000);
+        for (i, drive) in bench.drives.iter().enumerate().filter(|(i, _)| *i != silent) {
+            assert!(drive.v.abs() < 0.02, "joint {i} at {} rad/s", drive.v);
+        }
+        // The silent drive got a halt of its own and the broadcast, and its watchdog is starved.
+        assert!(bench.sent_after(at, is_halt).is_some());
+        bench.run_for(200_000);
+        let watchdog = protocol::powercube::Broadcast::Watchdog.encode();
+        assert!(bench.sent_after(bench.now - 150_000, |frame| *frame == watchdog).is_none());
+    }
+}
+
+#[test]
+fn single_lost_reply_does_not_stop_the_throw() {
+    let mut bench = thrown(200_000);
+    for i in 0..6 {
+        bench.drives[i].drop_replies = 1;
+        bench.run_for(30_000);
+    }
+    assert_eq!(bench.kind(), StateKind::Running);
+    let missed: u16 = (0..6).map(|i| bench.controller.drive(joint(i)).counters.missed).sum();
+    assert_eq!(missed, 6);
+    bench.run_until(300_000, |bench| bench.now >= 1_300_000);
+    assert!(bench.distance_from_path() < 5e-3);
+}
+
+#[test]
+fn error_of_one_drive_stops_all_and_the_first_cause_stays() {
+    for (bits, cause) in [
+        (CubeState::ERROR.union(CubeState::TOW_ERROR), Cause::DriveError),
+        (CubeState::HALTED, Cause::DriveError),
+        (CubeState::ERROR.union(CubeState::POWERFAULT), Cause::DriveError),
+    ] {
+        let mut bench = thrown(350_000);
+        bench.drives[1].state = bench.drives[1].state.union(bits);
+        let at = bench.now;
+        bench.run_until(100_000, |bench| bench.kind() != StateKind::Running);
+        assert!(bench.now - at <= 2 * PERIOD_US, "seen in the next answer");
+        bench.drives[4].state = bench.drives[4].state.union(CubeState::ERROR);
+        bench.run_until(1_000_000, |bench| bench.kind() == StateKind::Fault);
+        let fault = bench.controller.state().fault().unwrap();
+        // The state word of the guest slot may tell more than the short state, and come first.
+        assert!(fault.cause == cause || fault.cause.code() / 100 == 2, "{fault:?}");
+        assert_eq!(fault.joint, Some(joint(1)));
+        let freeze = bench.controller.freeze_frame().unwrap();
+        assert_eq!((freeze.fault, freeze.state), (fault, StateKind::Running));
+        assert!((300_000..360_000).contains(&freeze.path_us));
+    }
+}
+
+#[test]
+fn joint_that_is_pushed_away_or_overloaded_stops_the_group() {
+    let mut bench = thrown(350_000);
+    bench.drives[3].q_gen += 0.3;
+    bench.drives[3].q += 0.3;
+    bench.run_until(500_000, |bench| bench.kind() == StateKind::Fault);
+    let cause = fault_of(&bench).unwrap();
+    assert!(
+        matches!(cause, Cause::ReplyImplausible | Cause::FollowingError | Cause::VelocityLimit),
+        "{cause:?}"
+    );
+
+    let mut bench = thrown(200_000);
+    bench.drives[2].current_a = 31.0;
+    bench.run_until(600_000, |bench| bench.kind() == StateKind::Fault);
+    assert_eq!(fault_of(&bench), Some(Cause::OverCurrent));
+}
+
+#[test]
+fn dead_controller_leaves_drives_that_stop_by_their_watchdog() {
+    let mut bench = thrown(300_000);
+    // Nothing of the controller runs any more.
+    let died = bench.now;
+    for drive in &mut bench.drives {
+        drive.advance(died + 71_000);
+        assert!(drive.state.contains(CubeState::COMM_ERROR), "refreshed every 20 ms, expires after 50 ms");
+        drive.advance(died + 400_000);
+        assert!(drive.v.abs() < 1e-3);
+    }
+}
+
+#[test]
+fn watchdog_that_does_not_stop_its_drive_is_a_fault_at_start_up() {
+    let mut bench = Bench::new(Options::default());
+    bench.drives[2].watchdog_us = 10_000_000;
+    bench.run_until(3_000_000, |bench| bench.kind() == StateKind::Fault);
+    let fault = bench.controller.state().fault().unwrap();
+    assert_eq!((fault.cause, fault.joint), (Cause::WatchdogUnproven, Some(joint(2))));
+}
+
+#[test]
+fn missing_drive_is_named_and_found_after_a_clear() {
+    let mut bench = Bench::new(Options::default());
+    bench.drives[4].silent = true;
+    bench.run_until(3_000_000, |bench| bench.kind() == StateKind::Fault);
+    let fault = bench.controller.state().fault().unwrap();
+    assert_eq!((fault.cause, fault.joint), (Cause::DriveMissing, Some(joint(4))));
+    bench.drives[4].silent = false;
+    let wrong = bench.order(Order::ClearFault { code: Cause::HostLost.code() }).unwrap_err();
+    assert_eq!((wrong.cause, wrong.index), (Cause::OtherFault, Cause::DriveMissing.code()));
+    bench.order(Order::ClearFault { code: fault.cause.code() }).unwrap();
+    bench.run_until(3_000_000, |bench| bench.kind() == StateKind::Ready);
+    assert_eq!(bench.kind(), StateKind::Ready);
+}
+
+#[test]
+fn nothing_moves_after_a_stop_until_armed_again_and_then_only_from_the_start_of_the_plan() {
+    let mut bench = thrown(300_000);
+    bench.order(Order::Stop).unwrap();
+    bench.run_until(1_500_000, |bench| bench.kind() == StateKind::Stopped);
+    let stopped = bench.now;
+    let file = throw_file(3_000, true);
+    let name = FileName { crc64: firmware::crc::Crc64::of(&file), len: file.len() as u32 };
+    assert_eq!(bench.order(Order::Run(name)).unwrap_err().cause, Cause::OrderNotNow);
+    bench.run_for(100_000);
+    let valid = Duration::from_secs(5);
+    let Ok(Done::Offer { token, .. }) = bench.order(Order::ArmPrepare { crc64: name.crc64, valid }) else {
+        panic!()
+    };
+    bench.run_for(100_000);
+    let refused = bench.order(Order::ArmConfirm { token, valid }).unwrap_err();
+    assert_eq!(refused.cause, Cause::NotAtStart);
+    assert!(bench.sent_after(stopped, is_motion).is_none());
+    // Somebody brings the arm back.
+    for (drive, q) in bench.drives.iter_mut().zip(throw_start()) {
+        drive.place(q);
+    }
+    bench.run_for(100_000);
+    bench.order(Order::ArmConfirm { token, valid }).unwrap();
+    bench.order(Order::Run(name)).unwrap();
+    bench.run_until(2_000_000, |bench| bench.kind() == StateKind::Ready);
+    assert!(bench.distance_from_path() < 2e-3, "the throw was repeated");
+}
+
+#[test]
+fn arming_needs_its_token_in_time_a_live_host_homed_joints_and_gains_for_the_period() {
+    let valid = Duration::from_secs(1);
+    let mut bench = Bench::ready(Options::default(), &throw_start());
+    let prepare = |crc64| Order::ArmPrepare { crc64, valid };
+    let refused = |outcome: Result<Done, Refusal>| outcome.unwrap_err().cause;
+    assert_eq!(refused(bench.order(prepare(0))), Cause::NoTrajectory);
+    let name = bench.upload(&throw_file(3_000, false));
+    assert_eq!(refused(bench.order(prepare(name.crc64 ^ 1))), Cause::OtherTrajectory);
+    let Ok(Done::Offer { token, .. }) = bench.order(prepare(name.crc64)) else { panic!() };
+    assert_eq!(refused(bench.order(Order::ArmConfirm { token: token ^ 1, valid })), Cause::TokenWrong);
+    bench.run_for(1_100_000);
+    assert_eq!(refused(bench.order(Order::ArmConfirm { token, valid })), Cause::TokenWrong, "expired");
+    let Ok(Done::Offer { token: second, .. }) = bench.order(prepare(name.crc64)) else { panic!() };
+    assert_ne!(token, second);
+    let period = bench.instant();
+    bench.controller.write_register(period, "gains.period_us", &[Number::Natural32(17_000)]).unwrap();
+    assert_eq!(refused(bench.order(Order::ArmConfirm { token: second, valid })), Cause::GainPeriod);
+    bench.controller.write_register(period, "gains.period_us", &[Number::Natural32(3_000)]).unwrap();
+    bench.order(Order::ArmConfirm { token: second, valid }).unwrap();
+    bench.order(Order::ArmConfirm { token: second, valid }).unwrap();
+    bench.run_for(1_100_000);
+    assert_eq!(bench.kind(), StateKind::Ready, "arming expires");
+    bench.heartbeat = false;
+    bench.run_for(200_000);
+    assert_eq!(refused(bench.order(prepare(name.crc64))), Cause::NoHost);
+    assert_eq!(bench.count_sent(is_motion), 0);
+}
+
+#[test]
+fn homing_goes_from_the_hand_to_the_base_with_less_current_and_ends_ready() {
+    let mut bench = Bench::new(Options { homed: false, ..Options::default() });
+    bench.run_until(3_000_000, |bench| bench.kind() == StateKind::Idle);
+    bench.run_for(50_000);
+    bench.order(Order::Home { mask: 0x3F }).unwrap();
+    bench.order(Order::Home { mask: 0x3F }).unwrap();
+    assert_eq!(bench.order(Order::Home { mask: 0x40 }).unwrap_err().cause, Cause::OrderNotNow);
+    bench.run_for(100_000);
+    assert_eq!(bench.drives[5].max_cur, 7.5);
+    bench.run_until(10_000_000, |bench| bench.kind() == StateKind::Ready);
+    assert_eq!(bench.kind(), StateKind::Ready);
+    let order: Vec<u8> = bench
+        .log
+        .iter()
+        .filter_map(|l| AddressedRequest::decode(&l.frame).ok())
+        .filter(|request| request.request.command().code() == 0x01)
+        .map(|request| request.module.get())
+        .collect();
+    assert_eq!(order, [6, 5, 4, 3, 2, 1]);
+    assert_eq!(bench.drives[5].max_cur, 15.0);
+    assert_eq!(bench.count_sent(is_motion), 0);
+}
+
+#[test]
+fn homing_that_takes_too_long_halts() {
+    let mut bench = Bench::new(Options { homed: false, ..Options::default() });
+    bench.drives[3].home_takes_us = u64::MAX / 2;
+    bench.run_until(3_000_000, |bench| bench.kind() == StateKind::Idle);
+    bench.run_for(50_000);
+    bench.order(Order::Home { mask: 0b1000 }).unwrap();
+    bench.run_until(20_000_000, |bench| bench.kind() == StateKind::Fault);
+    assert_eq!(fault_of(&bench), Some(Cause::HomingTimeout));
+    bench.run_for(2_000);
+    assert_eq!(bench.count_sent(is_halt), 1);
+}
+
+#[test]
+fn jog_moves_while_it_is_repeated_slowly_and_stops_by_itself() {
+    let mut bench = Bench::ready(Options::default(), &[0.0; 6]);
+    let jog = Order::Jog { joint: joint(2), qd_rad_s: 5.0, hold: Duration::from_millis(200) };
+    for _ in 0..10 {
+        bench.order(jog).unwrap();
+        bench.run_for(100_000);
+    }
+    assert_eq!(bench.kind(), StateKind::Jogging);
+    let (v, q) = (bench.drives[2].v, bench.drives[2].q);
+    assert!((0.2..0.27).contains(&v), "capped at the jog speed: {v}");
+    bench.run_until(2_000_000, |bench| bench.kind() == StateKind::Ready);
+    assert_eq!(bench.kind(), StateKind::Ready);
+    let way = bench.drives[2].q - q;
+    assert!((0.02..0.09).contains(&way), "{way} rad after the last order");
+    assert_eq!(bench.drives[2].max_cur, 30.0);
+    for (i, drive) in bench.drives.iter().enumerate().filter(|(i, _)| *i != 2) {
+        assert_eq!(drive.q, 0.0, "joint {i}");
+    }
+}
+
+#[test]
+fn jog_is_refused_for_nonsense_and_stops_when_the_host_is_lost() {
+    let mut bench = Bench::ready(Options::default(), &[0.0; 6]);
+    let hold = Duration::from_millis(400);
+    for (order, cause) in [
+        (Order::Jog { joint: joint(7), qd_rad_s: 0.1, hold }, Cause::JointUnknown),
+        (Order::Jog { joint: joint(1), qd_rad_s: f32::NAN, hold }, Cause::BadValue),
+        (Order::Jog { joint: joint(1), qd_rad_s: 0.1, hold: Duration::from_secs(2) }, Cause::BadValue),
+    ] {
+        assert_eq!(bench.order(order).unwrap_err().cause, cause);
+    }
+    bench.order(Order::Jog { joint: joint(1), qd_rad_s: -0.2, hold }).unwrap();
+    bench.run_for(100_000);
+    bench.heartbeat = false;
+    let at = bench.now;
+    bench.run_until(1_000_000, |bench| bench.kind() == StateKind::Fault);
+    assert!(bench.now - at < 800_000);
+    bench.run_for(50_000);
+    assert_eq!(fault_of(&bench), Some(Cause::HostLost));
+    assert!(speed_max(&bench) < 0.01);
+}
+
+#[test]
+fn release_switches_the_boards_output_at_its_microsecond_with_the_opening_delay_taken_off() {
+    for (settings, period) in [(Settings::powercube6(), 3_000), (Settings::powercube6_paper(), 17_000)] {
+        let mut settings = settings;
+        settings.gripper_opening_us = 12_345;
+        let mut bench = Bench::ready(Options { settings, ..Options::default() }, &throw_start());
+        bench.start(&throw_file(period, true));
+        let t0 = bench.now + 2 * u64::from(period);
+        bench.run_until(2_000_000, |bench| bench.kind() == StateKind::Ready);
+        let release = (HA * 1e6).round() as u64;
+        assert_eq!(bench.board_gripper, [(t0 + release - 12_345, true)]);
+    }
+}
+
+#[test]
+fn release_through_a_drives_output_is_on_the_bus_within_half_a_millisecond() {
+    let mut settings = Settings::powercube6();
+    (settings.gripper_address, settings.gripper_line) = (6, 1);
+    for seed in 0..5 {
+        let mut bench = Bench::ready(Options { settings, seed, ..Options::default() }, &throw_start());
+        bench.start(&throw_file(3_000, true));
+        let wanted = bench.now + 6_000 + (HA * 1e6).round() as u64;
+        bench.run_until(2_000_000, |bench| bench.kind() == StateKind::Ready);
+        let is_release = |frame: &Frame| {
+            matches!(
+                AddressedRequest::decode(frame),
+                Ok(AddressedRequest { request: Request::Set(Parameter::DioData, Value::U32(0x20)), .. })
+            )
+        };
+        let at = bench.sent_after(0, is_release).unwrap().as_micros();
+        assert!((wanted..wanted + 900).contains(&at), "{} us late", at - wanted);
+        assert_eq!(bench.drives[5].dio, 0x20);
+    }
+}
+
+#[test]
+fn gains_change_during_the_throw_without_a_bump() {
+    let mut plain = thrown(200_000);
+    let mut changed = thrown(200_000);
+    let now = changed.instant();
+    changed.controller.write_register(now, "joint.k_error_1_s2", &[Number::Real32(-500.0); 6]).unwrap();
+    let refused =
+        changed.controller.write_register(now, "gains.period_us", &[Number::Natural32(5_000)]).unwrap_err();
+    assert_eq!(refused.cause, Cause::GainPeriod);
+    let refused =
+        changed.controller.write_register(now, "joint.a_max_rad_s2", &[Number::Real32(5.0); 6]).unwrap_err();
+    assert_eq!(refused.cause, Cause::OrderNotNow);
+    for _ in 0..100 {
+        plain.run_for(1_000);
+        changed.run_for(1_000);
+        for (a, b) in plain.drives.iter().zip(&changed.drives) {
+            assert!((a.q - b.q).abs() < 5e-4);
+        }
+    }
+    assert!(matches!(changed.controller.state(), State::Running { .. }));
+}
+
+#[test]
+fn trajectory_cannot_be_changed_once_armed() {
+    let mut bench = Bench::ready(Options::default(), &throw_start());
+    let file = throw_file(3_000, false);
+    let name = bench.upload(&file);
+    bench.arm(name);
+    let now = bench.instant();
+    assert_eq!(bench.controller.upload(now, 0, &file[..10]).unwrap_err().cause, Cause::BankBusy);
+    assert_eq!(bench.order(Order::Commit(name)).unwrap_err().cause, Cause::OrderNotNow);
+}

@@ -1,0 +1,117 @@
+//! The controller through its Cyphal link, by a host of `protocol`'s own client code: everything a throw needs, and
+//! that the link never disturbs the drives.
+
+mod bench;
+
+#[path = "bench/host.rs"]
+mod host;
+
+use bench::*;
+use firmware::fault::Cause;
+use firmware::settings::Settings;
+use firmware::state::StateKind;
+use host::Host;
+use protocol::cyphal::bits::Decode;
+use protocol::cyphal::cubecell::command::{self, Refusal, Trajectory};
+use protocol::cyphal::cubecell::stop;
+use protocol::cyphal::id::{NodeId, Priority, Route};
+use protocol::cyphal::uavcan::command::Status;
+use protocol::cyphal::uavcan::register::{self, AccessRequest, AccessResponse};
+use protocol::cyphal::uavcan::value::{Value, ValueBuf};
+
+#[test]
+fn throw_over_the_wire_is_as_good_as_by_hand_and_telemetry_does_not_disturb_it() {
+    let mut host = Host::new();
+    let name = host.armed();
+    assert_eq!(host.command(command::RUN, &name).0, Status::SUCCESS);
+    let joints_before = host.joints;
+    // At start-up the port list stands before requests in the bench's first-in-first-out queue.
+    let missed_before = host.group.unwrap().replies_missed;
+    host.run(1_600_000, |_, _| {});
+    assert_eq!(
+        host.bench.kind(),
+        StateKind::Ready,
+        "{:?} {:?}",
+        host.bench.controller.core().freeze_frame().map(|f| (f.at, f.fault)),
+        host.group
+    );
+    assert!(host.bench.distance_from_path() < 1e-3);
+    let group = host.group.unwrap();
+    println!("{group:?}, {} joint states", host.joints - joints_before);
+    assert!((10..=18).contains(&(host.joints - joints_before)), "every 100 ms");
+    assert!(group.cycles_late < 25 && group.replies_missed == missed_before);
+    assert!(
+        group.trajectory_committed && group.trajectory_crc64 == name.trajectory_crc64 && group.host_alive
+    );
+}
+
+#[test]
+fn stop_message_of_anybody_halts_within_a_millisecond() {
+    let mut host = Host::new();
+    let name = host.armed();
+    host.command(command::RUN, &name);
+    host.run(300_000, |_, _| {});
+    assert_eq!(host.bench.kind(), StateKind::Running);
+    let stranger = NodeId::from_low_bits(99);
+    let route = Route::Message { subject: stop::SUBJECT, source: stranger };
+    host.send(route, Priority::Exceptional, &stop::Stop::default());
+    let at = host.bench.now;
+    host.run(5_000, |_, _| {});
+    let halted = host.bench.sent_after(at, is_halt).unwrap().as_micros() - at;
+    println!("stop message queued to the end of the halt frame: {halted} us");
+    assert!(halted < 1_000);
+    assert_eq!(host.bench.kind(), StateKind::Stopped);
+}
+
+#[test]
+fn lost_heartbeat_of_the_host_stops_and_others_neither_keep_it_alive_nor_command() {
+    let mut host = Host::new();
+    let name = host.armed();
+    host.command(command::RUN, &name);
+    host.address = NodeId::from_low_bits(43);
+    let (status, _) = host.command(command::DISARM, &command::Gripper { open: true });
+    assert_eq!(status, Status::NOT_AUTHORIZED);
+    // Heartbeats now come from 43: the host is gone.
+    host.run(200_000, |_, _| {});
+    let fault = host.bench.controller.core().state().fault().unwrap();
+    assert_eq!(fault.cause, Cause::HostLost);
+}
+
+#[test]
+fn refusals_say_cause_joint_and_place() {
+    let mut host = Host::new();
+    host.run(800_000, |_, _| {});
+    let (status, output) = host.command(command::RUN, &Trajectory { trajectory_crc64: 1, length_bytes: 2 });
+    assert_eq!(status, Status::BAD_STATE);
+    assert_eq!(Refusal::from_bytes(&output).unwrap().cause, Cause::OrderNotNow.code());
+    assert_eq!(host.command(99, &command::Gripper { open: true }).0, Status::BAD_COMMAND);
+    let jog = command::Jog { joint: 6, qd_rad_s: 0.1, hold_ms: 100 };
+    let (status, output) = host.command(command::JOG, &jog);
+    assert_eq!(status, Status::BAD_PARAMETER);
+    assert_eq!(Refusal::from_bytes(&output).unwrap().cause, Cause::JointUnknown.code());
+}
+
+#[test]
+fn registers_are_read_written_and_refused_over_the_wire() {
+    let mut host = Host::new();
+    host.run(800_000, |_, _| {});
+    let read = |host: &mut Host, name: &str, value: Value<'_>| {
+        let answer = host.ask(register::ACCESS, &AccessRequest { name: name.as_bytes(), value });
+        let response = AccessResponse::from_bytes(&answer).unwrap();
+        assert!(response.mutable || name.ends_with(".type"));
+        {
+            let value = response.value;
+            (value.f64(0).or(value.u64(0).map(|x| x as f64)), value.len())
+        }
+    };
+    let defaults = Settings::powercube6();
+    let v_max = f64::from(defaults.joint.0[0].v_max_rad_s);
+    assert_eq!(read(&mut host, "joint.v_max_rad_s", Value::EMPTY), (Some(v_max), 6));
+    assert_eq!(read(&mut host, "cycle.period_us", Value::EMPTY), (Some(3_000.0), 1));
+    let buffer = ValueBuf::try_from(&[2.0f32; 6][..]).unwrap();
+    assert_eq!(read(&mut host, "joint.v_max_rad_s", buffer.as_value()).0, Some(2.0));
+    let buffer = ValueBuf::try_from(&[2.0f32; 5][..]).unwrap();
+    assert_eq!(read(&mut host, "joint.v_max_rad_s", buffer.as_value()).0, Some(2.0), "five of six: refused");
+    let buffer = ValueBuf::from(5u32);
+    assert_eq!(read(&mut host, "cycle.period_us", buffer.as_value()).0, Some(3_000.0), "out of range");
+}
