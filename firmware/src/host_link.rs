@@ -161,10 +161,10 @@ impl<S: Storage> ControllerNode<S> {
     }
 
     fn log_change(&mut self, now: Instant, sample: &GroupSample) {
-        let Some(info) = sample.fault.and_then(|fault| fault.cause.info()) else { return };
+        let Some(fault) = sample.fault else { return };
         if matches!(sample.state, StateKind::Fault | StateKind::Stopped) {
-            let severity = if info.cause.is_plain_stop() { Severity::Notice } else { Severity::Error };
-            self.link.log(now, severity, info.what);
+            let severity = if fault.cause.is_plain_stop() { Severity::Notice } else { Severity::Error };
+            self.link.log(now, severity, fault.cause.name());
         }
     }
 

@@ -13,6 +13,7 @@ use crate::joints::clamp;
 use crate::orders::JOG_HOLD_MAX;
 use crate::ramp::{self, RampState};
 use crate::schedule::Agenda;
+use crate::span;
 use crate::state::{Jog, JogStep, State};
 use crate::store::Storage;
 
@@ -116,7 +117,7 @@ impl<S: Storage> Controller<S> {
     fn jog_target(&self, now: Instant, jog: &Jog) -> f32 {
         let limits = self.settings.joint.at(jog.joint);
         let q_rad = self.drives.at(jog.joint).position.map_or(0.0, |position| position.q_rad);
-        let left_s = jog.until.saturating_since(now).as_secs_f32();
+        let left_s = span::seconds(jog.until.saturating_since(now));
         let way_rad = jog.qd_rad_s * left_s + 0.5 * jog.qd_rad_s * jog.qd_rad_s.abs() / limits.jog_a_rad_s2;
         let target_rad = q_rad + way_rad;
         if self.drive_is_homed(jog.joint) {
@@ -142,7 +143,7 @@ impl<S: Storage> Controller<S> {
             self.schedule.clear(jog.joint);
         }
         let rest_s = 2.0 * limits.jog_v_rad_s / limits.jog_a_rad_s2 + 0.05;
-        let until = now + Duration::from_secs_f64(rest_s.into());
+        let until = now + span::of_seconds(rest_s);
         self.set_jog_step(JogStep::Releasing { until });
     }
 

@@ -29,7 +29,7 @@ mod report;
 mod running;
 mod stopping;
 
-use protocol::powercube::{Broadcast, Parameter, Request, Value};
+use protocol::powercube::{Broadcast, Gate, Parameter, Request, Value};
 use protocol::{Duration, Frame, Instant, JointIndex, Node};
 
 use crate::drives::Drive;
@@ -41,12 +41,16 @@ use crate::joints::PerJoint;
 use crate::ramp;
 use crate::schedule::Schedule;
 use crate::settings::Settings;
+use crate::span;
 use crate::spline::{Setpoint, Spline};
 use crate::state::{Machine, State, StateKind};
 use crate::store::{self, Storage, TrajectoryStore};
 use crate::telemetry::Counters;
 use crate::trace::{Event, Trace};
 use crate::transmit::TransmitQueue;
+
+/// Firmware that answers [`Parameter::PosStateDio`].
+const POS_STATE_GATE: Gate = Gate::From2518Or3518;
 
 /// Generator of a drive as our commands should have left it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -61,7 +65,7 @@ struct Generator {
 impl Generator {
     /// Velocity at a time near the last command.
     fn v_at(&self, t: Instant) -> f32 {
-        let dt_s = t.saturating_since(self.at).as_secs_f32();
+        let dt_s = span::seconds(t.saturating_since(self.at));
         let v = self.v_rad_s + self.a_rad_s2 * dt_s;
         if v * self.a_rad_s2 > 0.0 {
             let cap = self.cap_rad_s.max(self.v_rad_s.abs());
@@ -311,12 +315,8 @@ impl<S: Storage> Controller<S> {
     }
 
     fn has_pos_state(&self, joint: JointIndex) -> bool {
-        let version = self.drives.at(joint).version;
-        let info = Parameter::TABLE.iter().find(|info| info.parameter == Parameter::PosStateDio);
-        match (version, info) {
-            (Some(version), Some(info)) => info.readable(version),
-            _ => false,
-        }
+        // Not through the parameter table: its texts would fill a board's flash.
+        self.drives.at(joint).version.is_some_and(|version| POS_STATE_GATE.allows(version))
     }
 
     fn drive_is_homed(&self, joint: JointIndex) -> bool {

@@ -17,6 +17,7 @@ use crate::freeze::{FreezeFrame, FrozenJoint};
 use crate::joints::PerJoint;
 use crate::path::{PathClock, Slowing};
 use crate::ramp::{self, RampState};
+use crate::span;
 use crate::state::{State, StateKind, StopWay};
 use crate::store::Storage;
 use crate::trace::Event;
@@ -148,17 +149,16 @@ impl<S: Storage> Controller<S> {
         let limits = *self.settings.joint.at(joint);
         let track = self.track.at(joint);
         let Some(position) = self.drives.at(joint).position else { return };
-        let since_s = (now + STOP_LEAD).saturating_since(position.at).as_secs_f32();
+        let since_s = span::seconds((now + STOP_LEAD).saturating_since(position.at));
         let v_then = if track.generator.at >= position.at { track.generator.v_rad_s } else { v_rad_s };
         let q_rad = position.q_rad + 0.5 * (v_then + v_rad_s) * since_s;
         let ramp_limits = limits.ramp_limits(self.settings.reach_rad);
         let mut command = ramp::stop(RampState { q_rad, v_rad_s }, a_rad_s2, &ramp_limits);
         // The speed in the drive is at least the present one; writing it would cost time.
         command.velocity_rad_s = None;
-        let agenda = self.agenda_of(joint, &command);
-        self.schedule.set(joint, agenda);
+        self.plan(joint, &command);
         let braking_s = v_rad_s.abs() / command.acceleration_rad_s2.unwrap_or(a_rad_s2).max(0.1);
-        let until = now + STOP_LEAD + Duration::from_secs_f64(f64::from(1.1 * braking_s)) + STOP_SLACK;
+        let until = now + STOP_LEAD + span::of_seconds(1.1 * braking_s) + STOP_SLACK;
         if let State::Stopping { deadline, .. } = self.machine.data() {
             *deadline = (*deadline).max(until);
         }

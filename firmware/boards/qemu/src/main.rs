@@ -12,6 +12,8 @@ mod lockstep;
 mod serial;
 mod stack;
 
+use core::mem::MaybeUninit;
+
 use cortex_m_rt::entry;
 use firmware::ControllerNode;
 use firmware::host_link::Identity;
@@ -36,13 +38,14 @@ fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
 #[entry]
 fn main() -> ! {
     static mut STORAGE: RamStorage = RamStorage::new();
-    static mut NODE: Option<Node> = None;
+    // Uninitialised: an `Option` would be 29 KB of initial values in flash.
+    static mut NODE: MaybeUninit<Node> = MaybeUninit::uninit();
     stack::paint();
     #[cfg(feature = "planted-panic")]
     assert!(core::hint::black_box(false), "planted");
     let Some(peripherals) = cortex_m::Peripherals::take() else { exit(false) };
     let identity = Identity { unique_id: *b"emulated-board\0\0", hardware: (0, 1) };
-    let node = NODE.insert(Node::new(Instant::ZERO, STORAGE, &Settings::powercube6(), identity));
+    let node = NODE.write(Node::new(Instant::ZERO, STORAGE, &Settings::powercube6(), identity));
     match lockstep::Script::open() {
         Some(script) => exit(script.play(node, peripherals.SYST)),
         None => live::run(node, peripherals),
