@@ -3,6 +3,8 @@
 //! Each step sends the drive to where it would be when the hold time ends, braking included: a controller that
 //! falls silent leaves a joint that stops there by itself.
 
+use core::borrow::BorrowMut;
+
 use protocol::powercube::{Motion, MotionCommand, Parameter, Request, Value};
 use protocol::units::Radians;
 use protocol::{Duration, Instant, JointIndex};
@@ -14,10 +16,11 @@ use crate::orders::JOG_HOLD_MAX;
 use crate::ramp::{self, RampState};
 use crate::schedule::Agenda;
 use crate::span;
+use crate::spline::Spline;
 use crate::state::{Jog, JogStep, State};
 use crate::store::Storage;
 
-impl<S: Storage> Controller<S> {
+impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     pub(super) fn order_jog(
         &mut self,
         now: Instant,

@@ -29,6 +29,8 @@ mod report;
 mod running;
 mod stopping;
 
+use core::borrow::BorrowMut;
+
 use protocol::powercube::{Broadcast, Gate, Parameter, Request, Value};
 use protocol::{Duration, Frame, Instant, JointIndex, Node};
 
@@ -114,11 +116,11 @@ struct BootProgress {
 }
 
 /// See the [module](self).
-pub struct Controller<S> {
+pub struct Controller<S, M = Spline> {
     settings: Settings,
     storage: S,
     store: TrajectoryStore,
-    spline: Spline,
+    spline: M,
     machine: Machine,
     drives: PerJoint<Drive>,
     schedule: Schedule,
@@ -153,11 +155,19 @@ pub struct Controller<S> {
 }
 
 impl<S: Storage> Controller<S> {
+    /// [`Self::with_spline`] with a spline of its own.
+    pub fn new(storage: S, defaults: &Settings) -> Self {
+        Self::with_spline(storage, Spline::empty(), defaults)
+    }
+}
+
+impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// Controller with the stored settings over `defaults` and the stored trajectory; it begins to look for
     /// the drives at its first deadline.
     ///
-    /// `defaults` must pass [`Settings::check`]; others are replaced by [`Settings::powercube6`].
-    pub fn new(storage: S, defaults: &Settings) -> Self {
+    /// `spline` is where the trajectory is kept; a board gives a static place, because 17 KB on their way through the
+    /// stack are too much. `defaults` must pass [`Settings::check`]; others are replaced by [`Settings::powercube6`].
+    pub fn with_spline(storage: S, spline: M, defaults: &Settings) -> Self {
         let built_in = Settings::powercube6();
         let defaults = if defaults.check().is_ok() { defaults } else { &built_in };
         let settings = store::load_settings(&storage, defaults);
@@ -165,7 +175,7 @@ impl<S: Storage> Controller<S> {
             settings,
             storage,
             store: TrajectoryStore::new(),
-            spline: Spline::empty(),
+            spline,
             machine: Machine::new(),
             drives: PerJoint::default(),
             schedule: Schedule::default(),
@@ -192,7 +202,7 @@ impl<S: Storage> Controller<S> {
             gripper_write: None,
             now: Instant::ZERO,
         };
-        controller.store.find(&controller.storage, &controller.settings, &mut controller.spline);
+        controller.store.find(&controller.storage, &controller.settings, controller.spline.borrow_mut());
         for joint in controller.joints() {
             let gains = BlendedGains::fixed(controller.settings.joint.at(joint).gains());
             controller.track.at_mut(joint).gains = gains;
@@ -201,7 +211,7 @@ impl<S: Storage> Controller<S> {
     }
 
     /// Joints in use, base first.
-    pub fn joints(&self) -> impl DoubleEndedIterator<Item = JointIndex> + Clone + use<S> {
+    pub fn joints(&self) -> impl DoubleEndedIterator<Item = JointIndex> + Clone + use<S, M> {
         self.settings.joints()
     }
 
@@ -401,7 +411,7 @@ impl<S: Storage> Controller<S> {
     }
 }
 
-impl<S: Storage> Node for Controller<S> {
+impl<S: Storage, M: BorrowMut<Spline>> Node for Controller<S, M> {
     fn handle_frame(&mut self, now: Instant, frame: &Frame) {
         self.now = now;
         self.count_bits(frame);

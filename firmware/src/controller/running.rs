@@ -4,6 +4,8 @@
 //! for one period. So the law's state is one period old when its command begins to act, and the feed forward is the mean
 //! acceleration of the reference over the slot-to-slot interval ([`crate::feedback`]).
 
+use core::borrow::BorrowMut;
+
 use protocol::powercube::{Motion, MotionCommand, Parameter, Request, Value};
 use protocol::units::Radians;
 use protocol::{Duration, Instant, JointIndex};
@@ -15,7 +17,7 @@ use crate::feedback::{self, ErrorState};
 use crate::path::PathClock;
 use crate::ramp::{self, RampState};
 use crate::span;
-use crate::spline::Setpoint;
+use crate::spline::{Setpoint, Spline};
 use crate::state::{State, StopWay};
 use crate::store::Storage;
 use crate::supervisor::{self, Measured};
@@ -31,14 +33,14 @@ const GENERATOR_PULL_1_S: f32 = 5.0;
 /// Commands in a row turned into braking before a soft limit that stop the group.
 const NEAR_LIMIT_ROW: u8 = 3;
 
-impl<S: Storage> Controller<S> {
+impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// Begins the committed trajectory. Preconditions were checked by the order.
     pub(super) fn start_run(&mut self, now: Instant, release_us: Option<u32>) {
         let period = self.settings.cycle_period();
         let start = now + period * START_CYCLES;
         self.schedule.clear_all();
         for joint in self.joints() {
-            let q_start_rad = self.spline.start_rad(joint);
+            let q_start_rad = self.spline.borrow().start_rad(joint);
             let q_rad = self.drives.at(joint).position.map_or(q_start_rad, |position| position.q_rad);
             let track = self.track.at_mut(joint);
             track.estimator = feedback::ErrorEstimator::default();
@@ -74,7 +76,9 @@ impl<S: Storage> Controller<S> {
             Some(_) => self.park_poll(),
             None => {
                 let (s_us, _) = clock.at(now);
-                if s_us >= i64::from(self.spline.duration_us()) + 2 * i64::from(self.settings.cycle_period_us)
+                if s_us
+                    >= i64::from(self.spline.borrow().duration_us())
+                        + 2 * i64::from(self.settings.cycle_period_us)
                 {
                     self.park(now);
                 } else {
@@ -179,7 +183,7 @@ impl<S: Storage> Controller<S> {
 
     pub(super) fn reference(&mut self, joint: JointIndex, clock: &PathClock, t: Instant) -> Setpoint {
         let (s_us, _) = clock.at(t);
-        let along = self.spline.at(joint, s_us);
+        let along = self.spline.borrow_mut().at(joint, s_us);
         clock.in_time(t, along)
     }
 
@@ -245,7 +249,7 @@ impl<S: Storage> Controller<S> {
     fn park(&mut self, now: Instant) {
         for joint in self.joints() {
             let limits = *self.settings.joint.at(joint);
-            let end_rad = self.spline.knots().last().map_or(0.0, |knot| knot.state.at(joint).0);
+            let end_rad = self.spline.borrow().knots().last().map_or(0.0, |knot| knot.state.at(joint).0);
             let command = ramp::Command {
                 target_rad: crate::joints::clamp(end_rad, limits.q_min_rad, limits.q_max_rad),
                 velocity_rad_s: Some(limits.jog_v_rad_s),

@@ -9,6 +9,8 @@
 //! At rest the halt broadcast goes out in every case: drives then refuse motion until a reset, which only an
 //! explicit new start sends.
 
+use core::borrow::BorrowMut;
+
 use protocol::{Duration, Instant};
 
 use super::Controller;
@@ -18,6 +20,7 @@ use crate::joints::PerJoint;
 use crate::path::{PathClock, Slowing};
 use crate::ramp::{self, RampState};
 use crate::span;
+use crate::spline::Spline;
 use crate::state::{State, StateKind, StopWay};
 use crate::store::Storage;
 use crate::trace::Event;
@@ -29,7 +32,7 @@ const STOP_SLACK: Duration = Duration::from_millis(40);
 /// Cycles on the standing reference before the halt of a path stop.
 const SETTLE_CYCLES: u64 = 3;
 
-impl<S: Storage> Controller<S> {
+impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// Something is wrong: reacts, unless a graver reaction is already at work.
     pub(super) fn fail(&mut self, now: Instant, fault: Fault) {
         self.react(now, fault, fault.cause.reaction());
@@ -206,7 +209,7 @@ impl<S: Storage> Controller<S> {
         let (s_us, rate) = clock.at(ahead);
         for joint in self.joints() {
             let a_rad_s2 = self.settings.stop_share * self.settings.joint.at(joint).a_max_rad_s2;
-            let along = self.spline.at(joint, s_us);
+            let along = self.spline.borrow_mut().at(joint, s_us);
             slowing.require(along, rate, a_rad_s2);
         }
         slowing.hardest_1_s()

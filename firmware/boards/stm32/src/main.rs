@@ -26,10 +26,11 @@ use cortex_m_rt::entry;
 use firmware::ControllerNode;
 use firmware::host_link::Identity;
 use firmware::settings::Settings;
+use firmware::spline::Spline;
 use firmware::store::RamStorage;
 use protocol::{Duration, Instant, Node as _};
 
-type Node = ControllerNode<&'static mut RamStorage>;
+type Node = ControllerNode<&'static mut RamStorage, &'static mut Spline>;
 
 /// A deadline served later than this is no healthy loop. A commit of the longest file takes about 10 ms.
 const HEALTHY: Duration = Duration::from_millis(25);
@@ -45,7 +46,8 @@ fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
 #[entry]
 fn main() -> ! {
     static mut STORAGE: RamStorage = RamStorage::new();
-    // Uninitialised: an `Option` would be 29 KB of initial values in flash.
+    static mut SPLINE: Spline = Spline::empty();
+    // Uninitialised: an `Option` would be 12 KB of initial values in flash.
     static mut NODE: MaybeUninit<Node> = MaybeUninit::uninit();
     chip::start_clocks();
     chip::start_gripper();
@@ -53,7 +55,7 @@ fn main() -> ! {
     let mut bus = can::Bus::start();
     let identity = Identity { unique_id: chip::unique_id(), hardware: (1, 0) };
     let mut clock = chip::Clock::default();
-    let node = NODE.write(Node::new(clock.now(), STORAGE, &Settings::powercube6(), identity));
+    let node = NODE.write(Node::with_spline(clock.now(), STORAGE, SPLINE, &Settings::powercube6(), identity));
     chip::start_watchdog();
     let mut last = Instant::ZERO;
     loop {
