@@ -201,15 +201,15 @@ impl Drive {
     /// Finds the request that a reply answers.
     pub fn match_reply(&mut self, now: Instant, reply: &Reply) -> Matched {
         let Some(key) = Key::of_reply(reply) else { return Matched::Unasked };
-        let lanes = [(Lane::Main, self.main), (Lane::Side, self.side)];
-        let pending = lanes.into_iter().find_map(|(lane, pending)| {
-            pending.filter(|pending| pending.key == key).map(|pending| (lane, pending))
-        });
-        if let Some((lane, pending)) = pending {
-            match lane {
-                Lane::Main => self.main = None,
-                Lane::Side => self.side = None,
-            }
+        let fits = |pending: &Option<Pending>| pending.as_ref().is_some_and(|pending| pending.key == key);
+        let answered = if fits(&self.main) {
+            self.main.take().map(|pending| (Lane::Main, pending))
+        } else if fits(&self.side) {
+            self.side.take().map(|pending| (Lane::Side, pending))
+        } else {
+            None
+        };
+        if let Some((lane, pending)) = answered {
             for place in &mut self.abandoned {
                 // Serial comparison: numbers wrap after four thousand million requests.
                 if place.is_some_and(|old| pending.number.wrapping_sub(old.number) < u32::MAX / 2) {

@@ -72,6 +72,13 @@ macro_rules! causes {
                 }
             }
 
+            /// Name in the code. Unlike the table's texts it costs a board little flash.
+            pub const fn name(self) -> &'static str {
+                match self {
+                    $(Self::$name => stringify!($name),)*
+                }
+            }
+
             /// What the group does.
             pub const fn reaction(self) -> Reaction {
                 match self {

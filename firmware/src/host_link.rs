@@ -15,6 +15,8 @@
 //! motion's answer, or one per two cycles if nothing is left. At rest they keep a distance, so that a long answer never
 //! fills a transmit queue before a halt. A stop that is received is acted on at once and needs no frame of this node.
 
+use core::borrow::BorrowMut;
+
 use protocol::cyphal::bits::{Decode, Encode, Writer};
 use protocol::cyphal::cubecell::TRAJECTORY_PATH;
 use protocol::cyphal::cubecell::command::{
@@ -37,6 +39,7 @@ use crate::fault::{Cause, Refusal};
 use crate::orders::{Done, Order};
 use crate::registers::{self, Kind, Number};
 use crate::settings::Settings;
+use crate::spline::Spline;
 use crate::state::StateKind;
 use crate::store::{FileName, Storage};
 use crate::telemetry::{GroupSample, JointSample};
@@ -64,9 +67,9 @@ pub struct Identity {
 }
 
 /// Controller and host link.
-pub struct ControllerNode<S> {
+pub struct ControllerNode<S, M = Spline> {
     link: ControllerCore,
-    app: App<S>,
+    app: App<S, M>,
     group_state: Publication,
     joint_state: Publication,
     last_state: Option<StateKind>,
@@ -79,8 +82,8 @@ pub struct ControllerNode<S> {
     now: Instant,
 }
 
-struct App<S> {
-    controller: Controller<S>,
+struct App<S, M> {
+    controller: Controller<S, M>,
     identity: Identity,
     ports: [Port; 2],
     subjects: [SubjectId; 2],
@@ -89,21 +92,29 @@ struct App<S> {
 }
 
 impl<S: Storage> ControllerNode<S> {
-    /// Node that starts at `now`; see [`Controller::new`]. Node-ID and subjects are those of the settings.
+    /// [`Self::with_spline`] with a spline of its own.
     pub fn new(now: Instant, storage: S, defaults: &Settings, identity: Identity) -> Self {
-        let controller = Controller::new(storage, defaults);
-        let settings = *controller.settings();
-        let subject = |number: u32| SubjectId::from_low_bits(number as u16);
-        let subjects = [subject(settings.group_state_subject), subject(settings.joint_state_subject)];
-        let [group_state, joint_state] = subjects;
-        let address = NodeId::from_low_bits(settings.node_id as u8);
-        let ports = [stop::port(subject(settings.stop_subject)), heartbeat::PORT];
+        Self::with_spline(now, storage, Spline::empty(), defaults, identity)
+    }
+}
+
+impl<S: Storage, M: BorrowMut<Spline>> ControllerNode<S, M> {
+    /// Node that starts at `now`; see [`Controller::with_spline`]. Node-ID and subjects are those of the settings.
+    pub fn with_spline(now: Instant, storage: S, spline: M, defaults: &Settings, identity: Identity) -> Self {
+        const UNSET: SubjectId = SubjectId::from_low_bits(0);
         let valid = Duration::from_millis(200);
-        Self {
-            link: ControllerCore::new(now, address),
-            app: App { controller, identity, ports, subjects, host: None, complete: false },
-            group_state: Publication::new(group_state, Priority::Nominal, valid),
-            joint_state: Publication::new(joint_state, Priority::Low, valid),
+        let mut node = Self {
+            link: ControllerCore::new(now, NodeId::from_low_bits(0)),
+            app: App {
+                controller: Controller::with_spline(storage, spline, defaults),
+                identity,
+                ports: [stop::port(UNSET), heartbeat::PORT],
+                subjects: [UNSET; 2],
+                host: None,
+                complete: false,
+            },
+            group_state: Publication::new(UNSET, Priority::Nominal, valid),
+            joint_state: Publication::new(UNSET, Priority::Low, valid),
             last_state: None,
             sequence: 0,
             last_bits: 0,
@@ -111,11 +122,22 @@ impl<S: Storage> ControllerNode<S> {
             last_frame: now,
             held: None,
             now,
-        }
+        };
+        let settings = node.app.controller.settings();
+        let subject = |number: u32| SubjectId::from_low_bits(number as u16);
+        let subjects = [subject(settings.group_state_subject), subject(settings.joint_state_subject)];
+        let address = NodeId::from_low_bits(settings.node_id as u8);
+        node.app.ports = [stop::port(subject(settings.stop_subject)), heartbeat::PORT];
+        node.app.subjects = subjects;
+        let [group_state, joint_state] = subjects;
+        node.group_state.subject = group_state;
+        node.joint_state.subject = joint_state;
+        node.link = ControllerCore::new(now, address);
+        node
     }
 
     /// The controller behind the link.
-    pub const fn controller(&self) -> &Controller<S> {
+    pub const fn controller(&self) -> &Controller<S, M> {
         &self.app.controller
     }
 
@@ -161,10 +183,10 @@ impl<S: Storage> ControllerNode<S> {
     }
 
     fn log_change(&mut self, now: Instant, sample: &GroupSample) {
-        let Some(info) = sample.fault.and_then(|fault| fault.cause.info()) else { return };
+        let Some(fault) = sample.fault else { return };
         if matches!(sample.state, StateKind::Fault | StateKind::Stopped) {
-            let severity = if info.cause.is_plain_stop() { Severity::Notice } else { Severity::Error };
-            self.link.log(now, severity, info.what);
+            let severity = if fault.cause.is_plain_stop() { Severity::Notice } else { Severity::Error };
+            self.link.log(now, severity, fault.cause.name());
         }
     }
 
@@ -186,7 +208,7 @@ impl<S: Storage> ControllerNode<S> {
     }
 }
 
-impl<S: Storage> Node for ControllerNode<S> {
+impl<S: Storage, M: BorrowMut<Spline>> Node for ControllerNode<S, M> {
     fn handle_frame(&mut self, now: Instant, frame: &Frame) {
         self.now = now;
         if frame.is_extended() {
@@ -232,7 +254,7 @@ impl<S: Storage> Node for ControllerNode<S> {
     }
 }
 
-impl<S: Storage> Application for App<S> {
+impl<S: Storage, M: BorrowMut<Spline>> Application for App<S, M> {
     fn info(&self) -> NodeInfo<'_> {
         let version = |(major, minor)| Version { major, minor };
         NodeInfo {

@@ -59,7 +59,8 @@ impl<T> PerJoint<T> {
 /// `x` within `low..=high`; NaN becomes `low`. Unlike `f32::clamp` it has no assertion inside.
 #[must_use]
 pub const fn clamp(x: f32, low: f32, high: f32) -> f32 {
-    x.max(low).min(high)
+    // Comparisons, not `max` and `min`: those are calls on a Cortex-M4.
+    if x >= low { if x <= high { x } else { high } } else { low }
 }
 
 #[cfg(test)]

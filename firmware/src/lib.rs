@@ -5,7 +5,7 @@
 //!
 //! | layer | modules | is | must not |
 //! |---|---|---|---|
-//! | ground | [`joints`], [`crc`] | one value per joint, checksums | know anything else |
+//! | ground | [`joints`], [`span`], [`crc`] | one value per joint, time as f32, checksums | know anything else |
 //! | maths | [`spline`], [`feedback`], [`ramp`], [`path`] | reference, control law, acceleration in the words of a ramp drive, slowing down along the path; a host simulates with the same code | keep bus or state, know time but as an argument |
 //! | facts | [`fault`], [`settings`], [`registers`], [`trajectory_format`] | numbered causes, what can be set, the file a host uploads | act |
 //! | bus | [`drives`], [`schedule`], [`transmit`] | which reply belongs to which request, who is asked next, frames out | decide about motion |
@@ -56,6 +56,7 @@ pub mod ramp;
 pub mod registers;
 pub mod schedule;
 pub mod settings;
+pub mod span;
 pub mod spline;
 pub mod state;
 pub mod store;

@@ -10,9 +10,10 @@
 //!
 //! An empty intersection, or one in which the path cannot be slowed, means that the path cannot be kept.
 
-use protocol::{Duration, Instant};
+use protocol::Instant;
 
 use crate::joints::clamp;
+use crate::span;
 use crate::spline::Setpoint;
 
 /// Hardest slowing down of path time, 1/s: from full speed to rest in 25 ms, when the joints hardly move.
@@ -50,7 +51,7 @@ impl PathClock {
         if self.rate == 1.0 && self.rate_dot_1_s == 0.0 {
             return (self.s_us.saturating_add(dt.as_micros().min(i64::MAX as u64) as i64), 1.0);
         }
-        let dt_s = dt.as_secs_f32();
+        let dt_s = span::seconds(dt);
         let left_s = if self.rate_dot_1_s < 0.0 { self.rate / -self.rate_dot_1_s } else { dt_s };
         let dt_s = dt_s.min(left_s);
         let rate = (self.rate + self.rate_dot_1_s * dt_s).max(0.0);
@@ -115,11 +116,6 @@ impl Slowing {
     pub fn hardest_1_s(&self) -> Option<f32> {
         (self.low <= self.high && self.low < -0.1).then_some(clamp(self.low, -RATE_DROP_MAX_1_S, 0.0))
     }
-}
-
-/// Longest time a stop along the path from full speed takes with a steady slowing down.
-pub fn stop_time(rate: f32, rate_dot_1_s: f32) -> Duration {
-    Duration::from_secs_f64(f64::from(rate / rate_dot_1_s.abs().max(1e-3)))
 }
 
 #[cfg(test)]

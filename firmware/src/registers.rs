@@ -59,8 +59,6 @@ pub struct RegisterInfo {
     pub max: f32,
     /// When it may be written.
     pub writable: Writable,
-    /// What it is.
-    pub meaning: &'static str,
 }
 
 /// Numbers of one register.
@@ -160,10 +158,13 @@ macro_rules! registers {
         /// All registers; the index in this table is the register's number.
         pub const TABLE: &[RegisterInfo] = &[
             $(RegisterInfo { name: $gname, kind: <$gtype as Field>::KIND, per_joint: false, min: $gmin, max: $gmax,
-                writable: Writable::$gwhen, meaning: $gtext },)*
+                writable: Writable::$gwhen },)*
             $(RegisterInfo { name: $jname, kind: <$jtype as Field>::KIND, per_joint: true, min: $jmin, max: $jmax,
-                writable: Writable::$jwhen, meaning: $jtext },)*
+                writable: Writable::$jwhen },)*
         ];
+
+        /// What each register is, in the order of [`TABLE`]; apart from it because a board has no use for the texts.
+        pub const MEANINGS: &[&str] = &[$($gtext,)* $($jtext,)*];
 
         fn get_group(settings: &Settings, name: &str) -> Option<Number> {
             match name {
@@ -373,6 +374,11 @@ mod tests {
             assert_eq!(write(&mut settings, info.name, numbers.as_slice()), Ok(()), "{}", info.name);
         }
         assert_eq!(settings, Settings::powercube6());
+    }
+
+    #[test]
+    fn every_register_has_its_meaning() {
+        assert_eq!(MEANINGS.len(), TABLE.len());
     }
 
     #[test]

@@ -50,7 +50,7 @@ impl Agenda {
     /// Appends one; false if there is no place.
     pub fn push(&mut self, request: Request) -> bool {
         if self.head().is_none() {
-            *self = Self::EMPTY;
+            self.clear();
         }
         let free = self.requests.iter_mut().skip(self.next).find(|place| place.is_none());
         match free {
@@ -60,6 +60,14 @@ impl Agenda {
             }
             None => false,
         }
+    }
+
+    /// Drops all.
+    pub fn clear(&mut self) {
+        for place in &mut self.requests {
+            *place = None;
+        }
+        self.next = 0;
     }
 
     /// Next request.
@@ -96,6 +104,13 @@ impl Schedule {
     /// Replaces what is left of a drive's agenda.
     pub fn set(&mut self, joint: JointIndex, agenda: Agenda) {
         self.agenda.set(joint, agenda);
+    }
+
+    /// Drops what is left of a drive's agenda and gives it to be filled.
+    pub fn restart(&mut self, joint: JointIndex) -> &mut Agenda {
+        let agenda = self.agenda.at_mut(joint);
+        agenda.clear();
+        agenda
     }
 
     /// Drops what is left of a drive's agenda.

@@ -7,6 +7,7 @@ use protocol::powercube::{CubeState, ShortState};
 use crate::drives::PositionSample;
 use crate::fault::Cause;
 use crate::settings::JointSettings;
+use crate::span;
 
 /// Share above the speed limit at which a measured speed is a fault: the estimate has noise and a saturated
 /// loop may overshoot a little.
@@ -79,7 +80,7 @@ pub fn check_short_state(short: ShortState) -> Option<Cause> {
 /// position from far away is not; one that is near does no harm.
 pub fn is_plausible(q_rad: f32, at: Instant, last: Option<PositionSample>, v_max_rad_s: f32) -> bool {
     let Some(last) = last else { return q_rad.is_finite() };
-    let dt_s = at.saturating_since(last.at).as_secs_f32();
+    let dt_s = span::seconds(at.saturating_since(last.at));
     (q_rad - last.q_rad).abs() <= 1.5 * v_max_rad_s * dt_s + 0.02
 }
 

@@ -1,16 +1,19 @@
 //! Arming in two steps, and starting a run.
 
+use core::borrow::BorrowMut;
+
 use protocol::powercube::{CubeState, ShortState};
 use protocol::{Duration, Instant};
 
 use super::{Controller, Offer};
 use crate::fault::{Cause, Refusal};
 use crate::orders::{ARMING_VALID_MAX, Done};
+use crate::spline::Spline;
 use crate::state::State;
 use crate::store::{FileName, Storage};
 use crate::trajectory_format;
 
-impl<S: Storage> Controller<S> {
+impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     pub(super) fn require_host(&self, now: Instant) -> Result<(), Refusal> {
         if self.host_is_alive(now) { Ok(()) } else { Err(Refusal::of(Cause::NoHost)) }
     }
@@ -87,7 +90,7 @@ impl<S: Storage> Controller<S> {
         self.require_host(now)?;
         let committed = self.store.committed().ok_or(Refusal::of(Cause::NoTrajectory))?;
         // Settings may have changed since the commit.
-        trajectory_format::check(&committed.header, &self.spline, &self.settings)?;
+        trajectory_format::check(&committed.header, self.spline.borrow(), &self.settings)?;
         if self.settings.gains_period_us != self.settings.cycle_period_us {
             return Err(Refusal::of(Cause::GainPeriod));
         }
@@ -109,7 +112,7 @@ impl<S: Storage> Controller<S> {
             if old || drive.short_state.intersects(ShortState::NOT_OK) {
                 return Err(Refusal::at(Cause::DriveNotReady, joint));
             }
-            let away_rad = (position.q_rad - self.spline.start_rad(joint)).abs();
+            let away_rad = (position.q_rad - self.spline.borrow().start_rad(joint)).abs();
             // Written so that a number that is none fails.
             let near = away_rad <= limits.start_tolerance_rad;
             if !near {

@@ -5,11 +5,14 @@
 //! life starts them, then none is sent until they must have expired, and every drive has to report that it stopped. A
 //! reset ends the test. Nothing has moved, and nothing may before.
 
+use core::borrow::BorrowMut;
+
 use protocol::powercube::{Config, CubeState, Parameter, Reply, Request, Value};
 use protocol::{Duration, Instant, JointIndex};
 
 use super::{BootProgress, Controller};
 use crate::fault::{Cause, Fault};
+use crate::spline::Spline;
 use crate::state::{BootStage, StateKind};
 use crate::store::Storage;
 
@@ -27,7 +30,7 @@ const STATE: u8 = 4;
 const POSITION: u8 = 5;
 const DONE: u8 = 6;
 
-impl<S: Storage> Controller<S> {
+impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// Looks for the drives, from the beginning. With `reset` errors and halts are cleared first.
     pub(super) fn start_boot(&mut self, now: Instant, reset: bool) {
         self.schedule.clear_all();

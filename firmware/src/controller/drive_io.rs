@@ -1,6 +1,8 @@
 //! Requests out, replies in: sending what the schedule says, and what every answer tells about its drive,
 //! whatever the state.
 
+use core::borrow::BorrowMut;
+
 use protocol::powercube::{
     ACCEPTED, Address, Channel, CubeState, MotionPosition, Parameter, PosStateDio, Reply, Request,
     SimpleCommand, Value,
@@ -11,12 +13,13 @@ use super::Controller;
 use crate::drives::{Lane, Matched, PositionSample, is_foreign_request};
 use crate::fault::{Cause, Fault};
 use crate::gripper::{self, Output};
+use crate::spline::Spline;
 use crate::state::{State, StateKind};
 use crate::store::Storage;
 use crate::supervisor;
 use crate::trace::Event;
 
-impl<S: Storage> Controller<S> {
+impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// Sends what may be sent now.
     pub(super) fn pump(&mut self, now: Instant) {
         self.pump_gripper(now);

@@ -1,17 +1,20 @@
 //! Homing: joint by joint from the hand to the base (so the arm is light when the big joints turn), at the
 //! drive's homing speed with a lowered current limit, bounded in time.
 
+use core::borrow::BorrowMut;
+
 use protocol::powercube::{CubeState, Parameter, Request, SimpleCommand, Value};
 use protocol::{Duration, Instant, JointIndex};
 
 use super::Controller;
 use crate::fault::{Cause, Fault, Refusal};
 use crate::schedule::Agenda;
+use crate::spline::Spline;
 use crate::state::{Homing, HomingStep, State};
 use crate::store::Storage;
 use crate::supervisor;
 
-impl<S: Storage> Controller<S> {
+impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     pub(super) fn order_home(&mut self, now: Instant, mask: u8) -> Result<(), Refusal> {
         if let State::Homing(homing) = self.machine.state() {
             // The same joints again: the answer was lost.

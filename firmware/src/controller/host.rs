@@ -1,16 +1,19 @@
 //! Doors for a host: orders, stop, heartbeat, registers, upload.
 
+use core::borrow::BorrowMut;
+
 use protocol::{Duration, Instant};
 
 use super::Controller;
 use crate::fault::{Cause, Fault, Reaction, Refusal};
 use crate::orders::{Done, Order, OrderKind};
 use crate::registers::{self, Number, Numbers, Writable};
+use crate::spline::Spline;
 use crate::state::{State, StateKind};
 use crate::store::{self, Storage};
 use crate::trace::Event;
 
-impl<S: Storage> Controller<S> {
+impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// Takes an order.
     ///
     /// # Errors
@@ -51,7 +54,7 @@ impl<S: Storage> Controller<S> {
             Order::Jog { joint, qd_rad_s, hold } => self.order_jog(now, joint, qd_rad_s, hold)?,
             Order::Commit(name) => {
                 self.offer = None;
-                self.store.commit(&mut self.storage, name, &self.settings, &mut self.spline)?;
+                self.store.commit(&mut self.storage, name, &self.settings, self.spline.borrow_mut())?;
             }
             Order::Gripper { open } => self.set_gripper(now, open),
             Order::SaveSettings => store::save_settings(&mut self.storage, &self.settings)?,

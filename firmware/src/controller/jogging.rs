@@ -3,6 +3,8 @@
 //! Each step sends the drive to where it would be when the hold time ends, braking included: a controller that
 //! falls silent leaves a joint that stops there by itself.
 
+use core::borrow::BorrowMut;
+
 use protocol::powercube::{Motion, MotionCommand, Parameter, Request, Value};
 use protocol::units::Radians;
 use protocol::{Duration, Instant, JointIndex};
@@ -13,10 +15,12 @@ use crate::joints::clamp;
 use crate::orders::JOG_HOLD_MAX;
 use crate::ramp::{self, RampState};
 use crate::schedule::Agenda;
+use crate::span;
+use crate::spline::Spline;
 use crate::state::{Jog, JogStep, State};
 use crate::store::Storage;
 
-impl<S: Storage> Controller<S> {
+impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     pub(super) fn order_jog(
         &mut self,
         now: Instant,
@@ -116,7 +120,7 @@ impl<S: Storage> Controller<S> {
     fn jog_target(&self, now: Instant, jog: &Jog) -> f32 {
         let limits = self.settings.joint.at(jog.joint);
         let q_rad = self.drives.at(jog.joint).position.map_or(0.0, |position| position.q_rad);
-        let left_s = jog.until.saturating_since(now).as_secs_f32();
+        let left_s = span::seconds(jog.until.saturating_since(now));
         let way_rad = jog.qd_rad_s * left_s + 0.5 * jog.qd_rad_s * jog.qd_rad_s.abs() / limits.jog_a_rad_s2;
         let target_rad = q_rad + way_rad;
         if self.drive_is_homed(jog.joint) {
@@ -142,7 +146,7 @@ impl<S: Storage> Controller<S> {
             self.schedule.clear(jog.joint);
         }
         let rest_s = 2.0 * limits.jog_v_rad_s / limits.jog_a_rad_s2 + 0.05;
-        let until = now + Duration::from_secs_f64(rest_s.into());
+        let until = now + span::of_seconds(rest_s);
         self.set_jog_step(JogStep::Releasing { until });
     }
 

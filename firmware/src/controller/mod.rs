@@ -29,7 +29,9 @@ mod report;
 mod running;
 mod stopping;
 
-use protocol::powercube::{Broadcast, Parameter, Request, Value};
+use core::borrow::BorrowMut;
+
+use protocol::powercube::{Broadcast, Gate, Parameter, Request, Value};
 use protocol::{Duration, Frame, Instant, JointIndex, Node};
 
 use crate::drives::Drive;
@@ -41,12 +43,16 @@ use crate::joints::PerJoint;
 use crate::ramp;
 use crate::schedule::Schedule;
 use crate::settings::Settings;
+use crate::span;
 use crate::spline::{Setpoint, Spline};
 use crate::state::{Machine, State, StateKind};
 use crate::store::{self, Storage, TrajectoryStore};
 use crate::telemetry::Counters;
 use crate::trace::{Event, Trace};
 use crate::transmit::TransmitQueue;
+
+/// Firmware that answers [`Parameter::PosStateDio`].
+const POS_STATE_GATE: Gate = Gate::From2518Or3518;
 
 /// Generator of a drive as our commands should have left it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -61,7 +67,7 @@ struct Generator {
 impl Generator {
     /// Velocity at a time near the last command.
     fn v_at(&self, t: Instant) -> f32 {
-        let dt_s = t.saturating_since(self.at).as_secs_f32();
+        let dt_s = span::seconds(t.saturating_since(self.at));
         let v = self.v_rad_s + self.a_rad_s2 * dt_s;
         if v * self.a_rad_s2 > 0.0 {
             let cap = self.cap_rad_s.max(self.v_rad_s.abs());
@@ -110,11 +116,11 @@ struct BootProgress {
 }
 
 /// See the [module](self).
-pub struct Controller<S> {
+pub struct Controller<S, M = Spline> {
     settings: Settings,
     storage: S,
     store: TrajectoryStore,
-    spline: Spline,
+    spline: M,
     machine: Machine,
     drives: PerJoint<Drive>,
     schedule: Schedule,
@@ -149,11 +155,19 @@ pub struct Controller<S> {
 }
 
 impl<S: Storage> Controller<S> {
+    /// [`Self::with_spline`] with a spline of its own.
+    pub fn new(storage: S, defaults: &Settings) -> Self {
+        Self::with_spline(storage, Spline::empty(), defaults)
+    }
+}
+
+impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// Controller with the stored settings over `defaults` and the stored trajectory; it begins to look for
     /// the drives at its first deadline.
     ///
-    /// `defaults` must pass [`Settings::check`]; others are replaced by [`Settings::powercube6`].
-    pub fn new(storage: S, defaults: &Settings) -> Self {
+    /// `spline` is where the trajectory is kept; a board gives a static place, because 17 KB on their way through the
+    /// stack are too much. `defaults` must pass [`Settings::check`]; others are replaced by [`Settings::powercube6`].
+    pub fn with_spline(storage: S, spline: M, defaults: &Settings) -> Self {
         let built_in = Settings::powercube6();
         let defaults = if defaults.check().is_ok() { defaults } else { &built_in };
         let settings = store::load_settings(&storage, defaults);
@@ -161,7 +175,7 @@ impl<S: Storage> Controller<S> {
             settings,
             storage,
             store: TrajectoryStore::new(),
-            spline: Spline::empty(),
+            spline,
             machine: Machine::new(),
             drives: PerJoint::default(),
             schedule: Schedule::default(),
@@ -188,7 +202,7 @@ impl<S: Storage> Controller<S> {
             gripper_write: None,
             now: Instant::ZERO,
         };
-        controller.store.find(&controller.storage, &controller.settings, &mut controller.spline);
+        controller.store.find(&controller.storage, &controller.settings, controller.spline.borrow_mut());
         for joint in controller.joints() {
             let gains = BlendedGains::fixed(controller.settings.joint.at(joint).gains());
             controller.track.at_mut(joint).gains = gains;
@@ -197,7 +211,7 @@ impl<S: Storage> Controller<S> {
     }
 
     /// Joints in use, base first.
-    pub fn joints(&self) -> impl DoubleEndedIterator<Item = JointIndex> + Clone + use<S> {
+    pub fn joints(&self) -> impl DoubleEndedIterator<Item = JointIndex> + Clone + use<S, M> {
         self.settings.joints()
     }
 
@@ -311,12 +325,8 @@ impl<S: Storage> Controller<S> {
     }
 
     fn has_pos_state(&self, joint: JointIndex) -> bool {
-        let version = self.drives.at(joint).version;
-        let info = Parameter::TABLE.iter().find(|info| info.parameter == Parameter::PosStateDio);
-        match (version, info) {
-            (Some(version), Some(info)) => info.readable(version),
-            _ => false,
-        }
+        // Not through the parameter table: its texts would fill a board's flash.
+        self.drives.at(joint).version.is_some_and(|version| POS_STATE_GATE.allows(version))
     }
 
     fn drive_is_homed(&self, joint: JointIndex) -> bool {
@@ -401,7 +411,7 @@ impl<S: Storage> Controller<S> {
     }
 }
 
-impl<S: Storage> Node for Controller<S> {
+impl<S: Storage, M: BorrowMut<Spline>> Node for Controller<S, M> {
     fn handle_frame(&mut self, now: Instant, frame: &Frame) {
         self.now = now;
         self.count_bits(frame);

@@ -1,15 +1,18 @@
 //! Samples for a host.
 
+use core::borrow::BorrowMut;
+
 use protocol::powercube::CubeState;
 use protocol::{Duration, Instant, JointIndex};
 
 use super::Controller;
 use crate::joints::PerJoint;
+use crate::spline::Spline;
 use crate::state::{State, StateKind};
 use crate::store::Storage;
 use crate::telemetry::{GroupSample, JointSample};
 
-impl<S: Storage> Controller<S> {
+impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// True once per telemetry period; ask after each `handle_*` call.
     pub fn take_telemetry_due(&mut self, now: Instant) -> bool {
         let due = self.telemetry_due <= now;

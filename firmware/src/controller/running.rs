@@ -4,6 +4,8 @@
 //! for one period. So the law's state is one period old when its command begins to act, and the feed forward is the mean
 //! acceleration of the reference over the slot-to-slot interval ([`crate::feedback`]).
 
+use core::borrow::BorrowMut;
+
 use protocol::powercube::{Motion, MotionCommand, Parameter, Request, Value};
 use protocol::units::Radians;
 use protocol::{Duration, Instant, JointIndex};
@@ -14,8 +16,8 @@ use crate::fault::{Cause, Fault};
 use crate::feedback::{self, ErrorState};
 use crate::path::PathClock;
 use crate::ramp::{self, RampState};
-use crate::schedule::Agenda;
-use crate::spline::Setpoint;
+use crate::span;
+use crate::spline::{Setpoint, Spline};
 use crate::state::{State, StopWay};
 use crate::store::Storage;
 use crate::supervisor::{self, Measured};
@@ -31,14 +33,14 @@ const GENERATOR_PULL_1_S: f32 = 5.0;
 /// Commands in a row turned into braking before a soft limit that stop the group.
 const NEAR_LIMIT_ROW: u8 = 3;
 
-impl<S: Storage> Controller<S> {
+impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// Begins the committed trajectory. Preconditions were checked by the order.
     pub(super) fn start_run(&mut self, now: Instant, release_us: Option<u32>) {
         let period = self.settings.cycle_period();
         let start = now + period * START_CYCLES;
         self.schedule.clear_all();
         for joint in self.joints() {
-            let q_start_rad = self.spline.start_rad(joint);
+            let q_start_rad = self.spline.borrow().start_rad(joint);
             let q_rad = self.drives.at(joint).position.map_or(q_start_rad, |position| position.q_rad);
             let track = self.track.at_mut(joint);
             track.estimator = feedback::ErrorEstimator::default();
@@ -74,7 +76,9 @@ impl<S: Storage> Controller<S> {
             Some(_) => self.park_poll(),
             None => {
                 let (s_us, _) = clock.at(now);
-                if s_us >= i64::from(self.spline.duration_us()) + 2 * i64::from(self.settings.cycle_period_us)
+                if s_us
+                    >= i64::from(self.spline.borrow().duration_us())
+                        + 2 * i64::from(self.settings.cycle_period_us)
                 {
                     self.park(now);
                 } else {
@@ -127,7 +131,7 @@ impl<S: Storage> Controller<S> {
             }
             extra_write |= command.velocity_rad_s.is_some() && command.acceleration_rad_s2.is_some();
             self.track.at_mut(joint).command = command;
-            self.schedule.set(joint, self.agenda_of(joint, &command));
+            self.plan(joint, &command);
         }
         if any_saturated {
             self.counters.cycles_saturated = self.counters.cycles_saturated.saturating_add(1);
@@ -144,7 +148,8 @@ impl<S: Storage> Controller<S> {
 
     /// The law of one joint: pure but for the track it updates.
     fn decide(&mut self, now: Instant, joint: JointIndex, clock: &PathClock) -> ramp::Command {
-        let limits = *self.settings.joint.at(joint);
+        let limits = self.settings.joint.at(joint);
+        let (a_max_rad_s2, ramp_limits) = (limits.a_max_rad_s2, limits.ramp_limits(self.settings.reach_rad));
         let period = self.settings.cycle_period();
         let period_s = self.settings.cycle_period_s();
         let track = self.track.at_mut(joint);
@@ -153,7 +158,7 @@ impl<S: Storage> Controller<S> {
             track.measured_at += period;
         }
         let t_act = now + Duration::from_micros(track.phase_us.into());
-        let lead_s = t_act.saturating_since(track.measured_at).as_secs_f32();
+        let lead_s = span::seconds(t_act.saturating_since(track.measured_at));
         let (e_rad, de_rad_s) = (track.estimator.e_rad(), track.estimator.de_rad_s());
         let x = ErrorState { e_rad, de_rad_s, u_last_rad_s2: track.u_in_force };
         let u_rad_s2 = track.gains.current().apply(&x);
@@ -164,9 +169,8 @@ impl<S: Storage> Controller<S> {
         let from = self.reference(joint, clock, t_act);
         let to = self.reference(joint, clock, t_act + period);
         let qdd_ref = feedback::mean_acceleration(from.qd_rad_s, to.qd_rad_s, period_s);
-        let action = feedback::clip_to_remaining(u_rad_s2, qdd_ref, limits.a_max_rad_s2);
+        let action = feedback::clip_to_remaining(u_rad_s2, qdd_ref, a_max_rad_s2);
         let state = RampState { q_rad: from.q_rad + e_act_rad, v_rad_s };
-        let ramp_limits = limits.ramp_limits(self.settings.reach_rad);
         let loaded = self.drives.at(joint).loaded;
         let command = ramp::realise(action.qdd_rad_s2, period_s, state, &ramp_limits, &loaded);
 
@@ -179,25 +183,23 @@ impl<S: Storage> Controller<S> {
 
     pub(super) fn reference(&mut self, joint: JointIndex, clock: &PathClock, t: Instant) -> Setpoint {
         let (s_us, _) = clock.at(t);
-        let along = self.spline.at(joint, s_us);
+        let along = self.spline.borrow_mut().at(joint, s_us);
         clock.in_time(t, along)
     }
 
-    pub(super) fn agenda_of(&self, joint: JointIndex, command: &ramp::Command) -> Agenda {
-        let limits = self.settings.joint.at(joint);
-        let mut agenda = Agenda::EMPTY;
-        let writes = [
+    /// Puts a command on the agenda of its drive, in place of what is left there.
+    pub(super) fn plan(&mut self, joint: JointIndex, command: &ramp::Command) {
+        let target = Radians::new(self.settings.joint.at(joint).to_drive_rad(command.target_rad));
+        let agenda = self.schedule.restart(joint);
+        for (parameter, value) in [
             (Parameter::TargetVel, command.velocity_rad_s),
             (Parameter::TargetAcc, command.acceleration_rad_s2),
-        ];
-        for (parameter, value) in writes {
+        ] {
             if let Some(value) = value {
                 agenda.push(Request::Set(parameter, Value::F32(value)));
             }
         }
-        let target = Radians::new(limits.to_drive_rad(command.target_rad));
         agenda.push(Request::Move(Motion::extended(MotionCommand::Ramp { target })));
-        agenda
     }
 
     /// A position came in: what it says about the joint, and what has been in force since.
@@ -223,14 +225,14 @@ impl<S: Storage> Controller<S> {
         let dt = sample.at.saturating_since(track.measured_at);
         let e_rad = sample.q_rad - reference.q_rad;
         if tracking && of_motion {
-            track.estimator.update(e_rad, dt.as_secs_f32(), track.u_in_force, weights);
+            track.estimator.update(e_rad, span::seconds(dt), track.u_in_force, weights);
             track.measured_at = sample.at;
             track.fresh = true;
             track.missed = false;
             track.phase_us = sample.at.saturating_since(tick_at).as_micros().min(40_000) as u32;
             let qd_rad_s = reference.qd_rad_s + track.estimator.de_rad_s();
             let mut v_rad_s = track.generator.v_at(sample.at);
-            v_rad_s += (GENERATOR_PULL_1_S * dt.as_secs_f32()).min(0.2) * (qd_rad_s - v_rad_s);
+            v_rad_s += (GENERATOR_PULL_1_S * span::seconds(dt)).min(0.2) * (qd_rad_s - v_rad_s);
             track.u_in_force = track.u_sent;
             track.generator =
                 Generator { v_rad_s, a_rad_s2: track.command.qdd_rad_s2, cap_rad_s: loaded_v, at: sample.at };
@@ -247,14 +249,14 @@ impl<S: Storage> Controller<S> {
     fn park(&mut self, now: Instant) {
         for joint in self.joints() {
             let limits = *self.settings.joint.at(joint);
-            let end_rad = self.spline.knots().last().map_or(0.0, |knot| knot.state.at(joint).0);
+            let end_rad = self.spline.borrow().knots().last().map_or(0.0, |knot| knot.state.at(joint).0);
             let command = ramp::Command {
                 target_rad: crate::joints::clamp(end_rad, limits.q_min_rad, limits.q_max_rad),
                 velocity_rad_s: Some(limits.jog_v_rad_s),
                 acceleration_rad_s2: Some(limits.jog_a_rad_s2),
                 ..ramp::Command::default()
             };
-            self.schedule.set(joint, self.agenda_of(joint, &command));
+            self.plan(joint, &command);
         }
         if let State::Running { parking, .. } = self.machine.data() {
             *parking = Some(now + PARKING);

@@ -9,6 +9,8 @@
 //! At rest the halt broadcast goes out in every case: drives then refuse motion until a reset, which only an
 //! explicit new start sends.
 
+use core::borrow::BorrowMut;
+
 use protocol::{Duration, Instant};
 
 use super::Controller;
@@ -17,6 +19,8 @@ use crate::freeze::{FreezeFrame, FrozenJoint};
 use crate::joints::PerJoint;
 use crate::path::{PathClock, Slowing};
 use crate::ramp::{self, RampState};
+use crate::span;
+use crate::spline::Spline;
 use crate::state::{State, StateKind, StopWay};
 use crate::store::Storage;
 use crate::trace::Event;
@@ -28,7 +32,7 @@ const STOP_SLACK: Duration = Duration::from_millis(40);
 /// Cycles on the standing reference before the halt of a path stop.
 const SETTLE_CYCLES: u64 = 3;
 
-impl<S: Storage> Controller<S> {
+impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// Something is wrong: reacts, unless a graver reaction is already at work.
     pub(super) fn fail(&mut self, now: Instant, fault: Fault) {
         self.react(now, fault, fault.cause.reaction());
@@ -148,17 +152,16 @@ impl<S: Storage> Controller<S> {
         let limits = *self.settings.joint.at(joint);
         let track = self.track.at(joint);
         let Some(position) = self.drives.at(joint).position else { return };
-        let since_s = (now + STOP_LEAD).saturating_since(position.at).as_secs_f32();
+        let since_s = span::seconds((now + STOP_LEAD).saturating_since(position.at));
         let v_then = if track.generator.at >= position.at { track.generator.v_rad_s } else { v_rad_s };
         let q_rad = position.q_rad + 0.5 * (v_then + v_rad_s) * since_s;
         let ramp_limits = limits.ramp_limits(self.settings.reach_rad);
         let mut command = ramp::stop(RampState { q_rad, v_rad_s }, a_rad_s2, &ramp_limits);
         // The speed in the drive is at least the present one; writing it would cost time.
         command.velocity_rad_s = None;
-        let agenda = self.agenda_of(joint, &command);
-        self.schedule.set(joint, agenda);
+        self.plan(joint, &command);
         let braking_s = v_rad_s.abs() / command.acceleration_rad_s2.unwrap_or(a_rad_s2).max(0.1);
-        let until = now + STOP_LEAD + Duration::from_secs_f64(f64::from(1.1 * braking_s)) + STOP_SLACK;
+        let until = now + STOP_LEAD + span::of_seconds(1.1 * braking_s) + STOP_SLACK;
         if let State::Stopping { deadline, .. } = self.machine.data() {
             *deadline = (*deadline).max(until);
         }
@@ -206,7 +209,7 @@ impl<S: Storage> Controller<S> {
         let (s_us, rate) = clock.at(ahead);
         for joint in self.joints() {
             let a_rad_s2 = self.settings.stop_share * self.settings.joint.at(joint).a_max_rad_s2;
-            let along = self.spline.at(joint, s_us);
+            let along = self.spline.borrow_mut().at(joint, s_us);
             slowing.require(along, rate, a_rad_s2);
         }
         slowing.hardest_1_s()

@@ -111,7 +111,9 @@ impl Script {
                     _ => others.note(ticks),
                 }
                 while let Some(frame) = node.poll_frame() {
-                    if let Some(place) = output.get_mut(filled..).and_then(|rest| rest.first_chunk_mut::<RECORD>()) {
+                    if let Some(place) =
+                        output.get_mut(filled..).and_then(|rest| rest.first_chunk_mut::<RECORD>())
+                    {
                         *place = emit(now, &frame);
                         filled += RECORD;
                     }

@@ -12,10 +12,13 @@ mod lockstep;
 mod serial;
 mod stack;
 
+use core::mem::MaybeUninit;
+
 use cortex_m_rt::entry;
 use firmware::ControllerNode;
 use firmware::host_link::Identity;
 use firmware::settings::Settings;
+use firmware::spline::Spline;
 use firmware::store::RamStorage;
 use protocol::Instant;
 
@@ -23,7 +26,7 @@ use protocol::Instant;
 pub const CORE_MHZ: u32 = 168;
 
 /// The controller with storage in a place of its own: flash on a real board.
-pub type Node = ControllerNode<&'static mut RamStorage>;
+pub type Node = ControllerNode<&'static mut RamStorage, &'static mut Spline>;
 
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
@@ -36,13 +39,16 @@ fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
 #[entry]
 fn main() -> ! {
     static mut STORAGE: RamStorage = RamStorage::new();
-    static mut NODE: Option<Node> = None;
+    static mut SPLINE: Spline = Spline::empty();
+    // Uninitialised: an `Option` would be 12 KB of initial values in flash.
+    static mut NODE: MaybeUninit<Node> = MaybeUninit::uninit();
     stack::paint();
     #[cfg(feature = "planted-panic")]
     assert!(core::hint::black_box(false), "planted");
     let Some(peripherals) = cortex_m::Peripherals::take() else { exit(false) };
     let identity = Identity { unique_id: *b"emulated-board\0\0", hardware: (0, 1) };
-    let node = NODE.insert(Node::new(Instant::ZERO, STORAGE, &Settings::powercube6(), identity));
+    let node =
+        NODE.write(Node::with_spline(Instant::ZERO, STORAGE, SPLINE, &Settings::powercube6(), identity));
     match lockstep::Script::open() {
         Some(script) => exit(script.play(node, peripherals.SYST)),
         None => live::run(node, peripherals),

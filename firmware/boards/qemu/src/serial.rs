@@ -17,7 +17,7 @@ const ENABLE: u32 = 1 << 13 | 1 << 5 | 1 << 3 | 1 << 2;
 /// Number of the interrupt.
 const IRQ: i16 = 37;
 
-const RING: usize = 4096;
+const RING: usize = 1024;
 static BYTES: [AtomicU8; RING] = [const { AtomicU8::new(0) }; RING];
 static HEAD: AtomicUsize = AtomicUsize::new(0);
 static TAIL: AtomicUsize = AtomicUsize::new(0);

@@ -1,0 +1,30 @@
+//! Spans of time as f32 seconds and back, without 64-bit or double arithmetic, which a Cortex-M4 has in software
+//! only.
+
+use protocol::Duration;
+
+/// Seconds; spans of 71 minutes and more count as 71 minutes.
+pub fn seconds(span: Duration) -> f32 {
+    u32::try_from(span.as_micros()).unwrap_or(u32::MAX) as f32 * 1e-6
+}
+
+/// The span of so many seconds, rounded to the nearest microsecond; NaN and negative ones are none, 71 minutes the most.
+pub fn of_seconds(s: f32) -> Duration {
+    // A float-to-integer cast saturates and maps NaN to zero.
+    Duration::from_micros(u64::from((s * 1e6 + 0.5) as u32))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spans_convert_both_ways_and_saturate() {
+        assert_eq!(seconds(Duration::from_micros(3_000)), 0.003);
+        assert_eq!(of_seconds(0.017), Duration::from_micros(17_000));
+        assert_eq!(of_seconds(f32::NAN), Duration::ZERO);
+        assert_eq!(of_seconds(-1.0), Duration::ZERO);
+        assert_eq!(of_seconds(1e9), Duration::from_micros(u32::MAX.into()));
+        assert_eq!(seconds(Duration::MAX), u32::MAX as f32 * 1e-6);
+    }
+}
