@@ -114,7 +114,7 @@ fn picture(session: &mut Session, before: crate::bus::desk::Tally, span: Duratio
             |value: Option<f32>, digits: usize| value.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
         let age_ms = now.saturating_since(heard.at).as_micros() / 1_000;
         let (position, current) = (number(heard.position_rad, 4), number(heard.current_a, 2));
-        let state = heard.state.map_or("-".to_owned(), |state: CubeState| state.to_string());
+        let state = heard.state.map_or("?".to_owned(), |state: CubeState| state.to_string());
         if table {
             let _ = writeln!(text, "{module:>2}  {position:>12}  {current:>9}  {age_ms:>12}  {state}");
         } else {
