@@ -29,6 +29,12 @@ pub enum Verb {
     Jog(cmd::jog::Args),
     /// Halt everything on the bus.
     Stop(cmd::stop::Args),
+    /// Store a trajectory file in the controller and commit it; nothing moves.
+    Upload(cmd::upload::Args),
+    /// Upload a trajectory, arm, run it and follow it to its end.
+    Run(cmd::run::Args),
+    /// Serve the simulated cell to other programs, in real time.
+    Sim(cmd::sim::Args),
     /// Write what passes on the bus to a candump and an MCAP file.
     Record(cmd::record::Args),
     /// Run the controller on a recording: it must send the recorded frames, bit for bit.
@@ -56,6 +62,9 @@ pub fn run(cli: Cli) -> Result<(), ExpectedError> {
         Verb::Home(args) => cmd::home::run(&args),
         Verb::Jog(args) => cmd::jog::run(&args),
         Verb::Stop(args) => cmd::stop::run(&args),
+        Verb::Upload(args) => cmd::upload::run(&args),
+        Verb::Run(args) => cmd::run::run(&args),
+        Verb::Sim(args) => cmd::sim::run(&args),
         Verb::Record(args) => cmd::record::run(&args),
         Verb::Replay(args) => cmd::replay::run(&args),
         Verb::Monitor(args) => cmd::monitor::run(&args),

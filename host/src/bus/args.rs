@@ -6,13 +6,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use can_link::BusSpec;
 use hil_sim::CellOptions;
-use hil_sim::crew::Solo;
 use protocol::ModuleId;
 use robot_model::AnyRobot;
 
 use super::live::LiveBus;
 use super::session::{BusFailure, Medium, Session};
-use super::sim::{Guest, Guests, SimBus};
+use super::sim::{Guests, SimBus, no_guests, soft_controller_guest};
 use crate::log::Recorder;
 
 /// Which bus, and what to keep of it.
@@ -45,7 +44,15 @@ impl BusArgs {
     /// # Errors
     /// The bus cannot be reached, the cell not be built, or the recording not be created.
     pub fn open(&self) -> Result<Session, BusFailure> {
-        self.open_with(&CellOptions::default(), Box::new(Vec::<Solo<Guest>>::new()))
+        self.open_with(&CellOptions::default(), no_guests())
+    }
+
+    /// As [`BusArgs::open`]; on the bus `sim` with the soft controller in the cell.
+    ///
+    /// # Errors
+    /// As [`BusArgs::open`].
+    pub fn open_with_controller(&self) -> Result<Session, BusFailure> {
+        self.open_with(&CellOptions::default(), soft_controller_guest())
     }
 
     /// As [`BusArgs::open`], with options of the cell and other nodes on its bus; both matter to `sim` only.

@@ -10,6 +10,7 @@ use protocol::powercube::{
 use protocol::{Duration, Frame, Instant, ModuleId, Node};
 
 use super::drive_client::{DriveClient, Outcome, RequestFailed, Ticket};
+use super::operator::{Inbox, Link};
 
 /// Cyphal node-ID of a host tool; the highest ones are customary for tools.
 pub const NODE_ID: NodeId = NodeId::from_low_bits(126);
@@ -56,6 +57,8 @@ pub struct Desk {
     heard: BTreeMap<ModuleId, Heard>,
     tally: Tally,
     stop_transfer: TransferId,
+    /// The host link to a controller, once somebody wants it.
+    link: Option<Box<Link>>,
 }
 
 impl Default for Desk {
@@ -67,6 +70,7 @@ impl Default for Desk {
             heard: BTreeMap::new(),
             tally: Tally::default(),
             stop_transfer: TransferId::ZERO,
+            link: None,
         }
     }
 }
@@ -106,6 +110,17 @@ impl Desk {
         let tail = Tail { start: true, end: true, toggle: true, transfer_id: self.stop_transfer };
         let bytes = [reason.0, Sender::CUBECTL.0, 0, 0, tail.byte()];
         Frame::from_array(route.can_id(Priority::Exceptional), bytes)
+    }
+
+    /// The host link to a controller; from the first call on the desk is a Cyphal node with a heartbeat.
+    pub(super) fn link(&mut self) -> (&mut Link, Instant) {
+        let now = self.now;
+        (self.link.get_or_insert_with(|| Box::new(super::operator::link(now))), now)
+    }
+
+    /// What the host link received.
+    pub fn inbox(&mut self) -> Option<&mut Inbox> {
+        self.link.as_mut().map(|link| &mut link.listener)
     }
 
     /// What was heard of each module.
@@ -158,6 +173,12 @@ impl Node for Desk {
         self.tally.received += 1;
         self.tally.extended += u64::from(frame.is_extended());
         self.count(frame);
+        if frame.is_extended() {
+            if let Some(link) = &mut self.link {
+                link.handle_frame(self.now, frame);
+            }
+            return;
+        }
         let Some(Address::Module(Channel::Ack | Channel::State, _)) = Address::of(frame.id()) else { return };
         match Reply::decode(frame) {
             Ok((module, reply)) => {
@@ -173,17 +194,24 @@ impl Node for Desk {
     fn handle_timeout(&mut self, now: Instant) {
         self.wake(now);
         self.drives.handle_timeout(self.now);
+        if let Some(link) = &mut self.link {
+            link.handle_timeout(self.now);
+        }
     }
 
     fn poll_frame(&mut self) -> Option<Frame> {
-        let frame = self.out.pop_front().or_else(|| self.drives.poll_frame())?;
+        let frame = match self.out.pop_front().or_else(|| self.drives.poll_frame()) {
+            Some(frame) => frame,
+            None => self.link.as_mut()?.poll_frame()?,
+        };
         self.tally.sent += 1;
         self.count(&frame);
         Some(frame)
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        self.drives.poll_timeout()
+        let link = self.link.as_ref().and_then(|link| link.poll_timeout());
+        self.drives.poll_timeout().into_iter().chain(link).min()
     }
 }
 

@@ -7,7 +7,7 @@
 //! | options | [`args`] | what every verb that touches a bus takes on its command line | open anything |
 //! | nodes | [`drive_client`], [`desk`] | the host's side of the bus, without IO: requests to drives with deadlines; what was heard | read a clock |
 //! | session | [`session`], [`sim`], [`live`] | supplies time and frames to the desk: the embedded cell in virtual time, or a link in real time | know what a verb wants |
-//! | dialogue | [`ask`], [`survey`], [`motion`] | questions, rounds of questions, bounded motions of single drives | print |
+//! | dialogue | [`ask`], [`survey`], [`motion`], [`operator`] | questions, rounds of questions, bounded motions of single drives; orders to a controller | print |
 //!
 //! # Invariants
 //!
@@ -23,6 +23,7 @@ pub mod desk;
 pub mod drive_client;
 pub mod live;
 pub mod motion;
+pub mod operator;
 pub mod session;
 pub mod sim;
 pub mod survey;

@@ -1,5 +1,9 @@
 //! The embedded cell in virtual time: the bus behind `--bus sim`.
 
+use firmware::ControllerNode;
+use firmware::host_link::Identity;
+use firmware::settings::Settings;
+use firmware::store::RamStorage;
 use hil_sim::bus::{BusConfig, ErrorKind};
 use hil_sim::crew::{Crew, Solo};
 use hil_sim::{Cell, CellOptions, Observer, World};
@@ -35,6 +39,21 @@ impl Node for Guest {
     fn poll_timeout(&self) -> Option<Instant> {
         self.0.poll_timeout()
     }
+}
+
+/// Nobody beside cell and desk.
+pub fn no_guests() -> Guests {
+    Box::new(Vec::<Solo<Guest>>::new())
+}
+
+/// The controller of the firmware, as a program on this machine: starts at time 0 and forgets when it ends.
+pub fn soft_controller() -> ControllerNode<RamStorage> {
+    ControllerNode::new(Instant::ZERO, RamStorage::new(), &Settings::powercube6(), Identity::default())
+}
+
+/// The soft controller as a guest.
+pub fn soft_controller_guest() -> Guests {
+    Box::new(vec![Solo::new("controller", Guest(Box::new(soft_controller())))])
 }
 
 /// See the [module](self).

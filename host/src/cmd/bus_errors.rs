@@ -7,6 +7,7 @@ use protocol::ModuleId;
 
 use crate::bus::ask::AskError;
 use crate::bus::motion::MotionError;
+use crate::bus::operator::OperatorError;
 use crate::bus::session::BusFailure;
 use crate::bus::survey::{ModuleReport, survey};
 use crate::bus::{BusArgs, Session};
@@ -44,6 +45,17 @@ impl From<MotionError> for ExpectedError {
                 Self::new(exit::INTERRUPTED, "interrupted; everything on the bus was halted")
             }
             MotionError::Ask(error) => error.into(),
+            other => Self::new(exit::DRIVE, other.to_string()),
+        }
+    }
+}
+
+impl From<OperatorError> for ExpectedError {
+    fn from(error: OperatorError) -> Self {
+        match error {
+            OperatorError::Bus(failure) => failure.into(),
+            OperatorError::Interrupted => Self::new(exit::INTERRUPTED, "interrupted; what moved was stopped"),
+            OperatorError::TooLong(_) => Self::bad_input(&error),
             other => Self::new(exit::DRIVE, other.to_string()),
         }
     }

@@ -8,9 +8,12 @@ pub mod jog;
 pub mod monitor;
 pub mod record;
 pub mod replay;
+pub mod run;
 pub mod scan;
+pub mod sim;
 pub mod status;
 pub mod stop;
 pub mod tune;
+pub mod upload;
 
 mod bus_errors;

@@ -2,16 +2,10 @@
 
 use std::path::PathBuf;
 
-use firmware::Controller;
-use firmware::settings::Settings;
-use firmware::store::RamStorage;
-use hil_sim::CellOptions;
-use hil_sim::crew::Solo;
 use protocol::Duration;
 
 use crate::bus::BusArgs;
 use crate::bus::session::{BusFailure, Ended};
-use crate::bus::sim::{Guest, Guests};
 use crate::error::ExpectedError;
 use crate::log::files_of;
 
@@ -43,13 +37,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         return Err(ExpectedError::bad_input(&"`record` takes its path without --record"));
     }
     let bus = BusArgs { record: Some(args.path.clone()), ..args.bus.clone() };
-    let guests: Guests = if args.controller {
-        let controller = Controller::new(RamStorage::new(), &Settings::powercube6());
-        Box::new(vec![Solo::new("controller", Guest(Box::new(controller)))])
-    } else {
-        Box::new(Vec::<Solo<Guest>>::new())
-    };
-    let mut session = bus.open_with(&CellOptions::default(), guests)?;
+    let mut session = if args.controller { bus.open_with_controller()? } else { bus.open()? };
     let span = args.time.or(session.is_simulated().then_some(1.0));
     let [text, viewer] = files_of(&args.path);
     eprintln!("recording {} to {} and {}; Ctrl-C ends", session.name(), text.display(), viewer.display());

@@ -3,13 +3,12 @@
 use std::io::BufReader;
 use std::path::PathBuf;
 
-use firmware::Controller;
-use firmware::settings::Settings;
-use firmware::store::RamStorage;
+use protocol::cyphal::id::{NodeId, Route};
 use protocol::powercube::{Address, Channel};
-use protocol::{Frame, Instant, Node};
+use protocol::{Frame, Id, Instant, Node};
 
 use super::bus_errors::print_json;
+use crate::bus::sim::soft_controller;
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::log::candump::{Line, read};
@@ -68,7 +67,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             path.display()
         )));
     }
-    let mut controller = Controller::new(RamStorage::new(), &Settings::powercube6());
+    let mut controller = soft_controller();
     let replayed = replay(&lines, &mut controller);
     if args.json {
         print_json(&serde_json::json!({
@@ -110,8 +109,14 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
 }
 
-/// Frames to drives: on a bus with a controller only it sends them.
+/// Cyphal node-ID of the controller, as its settings have it from the start.
+const CONTROLLER: NodeId = NodeId::from_low_bits(10);
+
+/// Frames to drives, which on a bus with a controller only it sends, and its half of the host link.
 fn is_from_controller(frame: &Frame) -> bool {
+    if let Id::Extended(id) = frame.id() {
+        return Route::parse(id).is_ok_and(|(_, route)| route.source() == Some(CONTROLLER));
+    }
     matches!(
         Address::of(frame.id()),
         Some(Address::Broadcast | Address::Module(Channel::Get | Channel::Put, _))
