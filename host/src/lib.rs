@@ -1,5 +1,19 @@
-//! Host tools (in work): planner, gain design, bus access.
+//! Host tools: the verbs of `cubectl`.
+//!
+//! # Map
+//! | module | holds |
+//! |---|---|
+//! | [`cli`], [`cmd`] | command line; one verb per file |
+//! | [`exit`], [`error`] | documented exit codes, expected errors |
+//! | [`bus`] | access to a bus: sessions in virtual and real time, requests to drives, bounded motions |
+//! | [`log`] | recordings: candump text and MCAP |
+//! | [`tune`], [`identify`] | gain design with certificates, plant constants from samples |
 
+pub mod bus;
+pub mod cli;
 pub mod cmd;
+pub mod error;
+pub mod exit;
 pub mod identify;
+pub mod log;
 pub mod tune;

@@ -1,3 +1,15 @@
 //! `cubectl`: wiring only; the work is in the library.
 
-fn main() {}
+use std::process::ExitCode;
+
+use clap::Parser;
+
+fn main() -> ExitCode {
+    match host::cli::run(host::cli::Cli::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("cubectl: {error}");
+            ExitCode::from(error.code)
+        }
+    }
+}

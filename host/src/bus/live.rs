@@ -1,0 +1,96 @@
+//! A link of the operating system in real time.
+
+use can_link::{BusSpec, Clock, Event, Link, SendError};
+use protocol::{Duration, Instant, Node};
+
+use super::desk::Desk;
+use super::session::{BusFailure, Seen, Way};
+
+/// Longest sleep, so that Ctrl-C is seen.
+const NAP: Duration = Duration::from_millis(20);
+/// Events taken before deadlines are looked at again.
+const EVENTS_PER_STEP: usize = 64;
+
+/// See the [module](self).
+pub struct LiveBus {
+    link: Box<dyn Link + Send>,
+    clock: Clock,
+    desk: Desk,
+    last: Instant,
+    dropped: u64,
+}
+
+impl LiveBus {
+    /// Joins the bus that `spec` names.
+    ///
+    /// # Errors
+    /// The bus cannot be reached.
+    pub fn open(spec: &BusSpec) -> Result<Self, BusFailure> {
+        let clock = Clock::start();
+        let link = can_link::open(spec, clock)?;
+        Ok(Self { link, clock, desk: Desk::default(), last: Instant::ZERO, dropped: 0 })
+    }
+
+    pub(super) fn now(&self) -> Instant {
+        self.clock.now().max(self.last)
+    }
+
+    pub(super) fn desk(&mut self) -> &mut Desk {
+        let now = self.now();
+        self.desk.wake(now);
+        &mut self.desk
+    }
+
+    /// Frames that the link did not take because its queue was full.
+    pub const fn dropped(&self) -> u64 {
+        self.dropped
+    }
+
+    pub(super) fn step(&mut self, until: Instant, seen: &mut Seen<'_>) -> Result<(), BusFailure> {
+        self.send_out(seen)?;
+        let mut idle = false;
+        for _ in 0..EVENTS_PER_STEP {
+            match self.link.receive()? {
+                Some(Event::Frame { at, frame, .. }) => {
+                    self.last = self.last.max(at);
+                    self.serve_deadline();
+                    seen.frame(self.last, Way::Received, &frame);
+                    self.desk.handle_frame(self.last, &frame);
+                }
+                Some(Event::BusError { at, error }) => seen.bus_error(at, &error),
+                None => {
+                    idle = true;
+                    break;
+                }
+            }
+            self.send_out(seen)?;
+        }
+        self.last = self.now();
+        self.serve_deadline();
+        self.send_out(seen)?;
+        if idle {
+            let wake = self.desk.poll_timeout().into_iter().chain([until, self.last + NAP]).min();
+            // An answer to what was just sent may have changed what the caller waits for: at most one nap late.
+            can_link::wait(&[&*self.link], &self.clock, wake).map_err(BusFailure::Wait)?;
+        }
+        Ok(())
+    }
+
+    fn serve_deadline(&mut self) {
+        if self.desk.poll_timeout().is_some_and(|due| due <= self.last) {
+            self.desk.handle_timeout(self.last);
+        }
+    }
+
+    fn send_out(&mut self, seen: &mut Seen<'_>) -> Result<(), BusFailure> {
+        while let Some(frame) = self.desk.poll_frame() {
+            match self.link.send(&frame) {
+                Ok(()) => seen.frame(self.now(), Way::Sent, &frame),
+                Err(SendError::QueueFull { .. }) => self.dropped += 1,
+                Err(SendError::Link(error)) => return Err(error.into()),
+                Err(_) => self.dropped += 1,
+            }
+        }
+        Ok(())
+    }
+}

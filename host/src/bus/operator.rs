@@ -1,0 +1,416 @@
+//! The operator's side of a controller: orders, upload, arming in two steps, following a run.
+//!
+//! ```text
+//! upload ──▶ commit (by hash) ──▶ arm: offer, then confirm ──▶ run ──▶ follow to the end
+//! ```
+//!
+//! The host's heartbeat keeps a motion alive: it is sent every [`HEARTBEAT`], and stops when this program does, upon
+//! which the controller ramps down.
+
+use std::collections::VecDeque;
+
+use firmware::fault::Cause;
+use protocol::cyphal::bits::{Decode, Encode, to_bytes};
+use protocol::cyphal::client::{NoAnswer, Policy, StartError, Ticket};
+use protocol::cyphal::crc::Crc64;
+use protocol::cyphal::cubecell::TRAJECTORY_PATH;
+use protocol::cyphal::cubecell::command::{
+    self, ArmConfirm, ArmOffer, ArmPrepare, Home, Refusal, Trajectory,
+};
+use protocol::cyphal::cubecell::group_state::{self, GroupState, State};
+use protocol::cyphal::host::{HostNode, Listener, RESPONSES};
+use protocol::cyphal::id::{NodeId, Route, ServiceId};
+use protocol::cyphal::rx::{Port, Transfer};
+use protocol::cyphal::uavcan::command::{CommandRequest, CommandResponse, SERVICE, Status};
+use protocol::cyphal::uavcan::file::{self, WriteResponse};
+use protocol::cyphal::uavcan::info::{NodeInfo, Version};
+use protocol::cyphal::upload::{Upload, UploadError};
+use protocol::{Duration, Instant};
+
+use super::desk::NODE_ID;
+use super::session::{BusFailure, Ended, Session};
+
+/// Time between two heartbeats of the host: a third of the time-out that controllers have by default.
+pub const HEARTBEAT: Duration = Duration::from_millis(30);
+/// How long an offer to arm, and an arming, shall hold, ms.
+const ARMING_VALID_MS: u16 = 5_000;
+/// A controller that is there has sent its state by then.
+const PRESENCE: Duration = Duration::from_millis(1_500);
+/// Longest time for one request with all its attempts.
+const REQUEST_MAX: Duration = Duration::from_secs(30);
+/// Most bytes of a command's parameter.
+const PARAMETER_MAX: usize = 64;
+
+/// The desk's Cyphal half.
+pub(super) type Link = HostNode<Inbox>;
+
+/// What arrived.
+#[derive(Clone, Debug)]
+pub struct Inbox {
+    ports: Vec<Port>,
+    answers: VecDeque<(Ticket, Result<Vec<u8>, NoAnswer>)>,
+    /// State of the controller heard last, when, and whose.
+    pub group: Option<(Instant, NodeId, GroupState)>,
+}
+
+impl Listener for Inbox {
+    fn info(&self) -> NodeInfo<'_> {
+        let version = |major, minor| Version { major, minor };
+        NodeInfo {
+            protocol: version(1, 0),
+            hardware: version(0, 0),
+            software: version(0, 1),
+            software_vcs_revision: 0,
+            unique_id: [0; 16],
+            name: b"cubecell.cubectl",
+            software_image_crc: None,
+            certificate: &[],
+        }
+    }
+
+    fn ports(&self) -> &[Port] {
+        &self.ports
+    }
+
+    fn message(&mut self, now: Instant, transfer: &Transfer<'_>) {
+        if let Route::Message { subject, source } = transfer.route
+            && subject == group_state::SUBJECT
+            && let Ok(state) = GroupState::from_bytes(transfer.payload)
+        {
+            self.group = Some((now, source, state));
+        }
+    }
+
+    fn answer(&mut self, _: Instant, ticket: Ticket, answer: Result<&Transfer<'_>, NoAnswer>) {
+        let answer = answer.map(|transfer| transfer.payload.get(..transfer.len).unwrap_or_default().to_vec());
+        self.answers.push_back((ticket, answer));
+    }
+}
+
+pub(super) fn link(now: Instant) -> Link {
+    let mut ports = RESPONSES.to_vec();
+    ports.push(Port::message(group_state::SUBJECT, group_state::EXTENT));
+    let mut link = HostNode::new(now, NODE_ID, Inbox { ports, answers: VecDeque::new(), group: None });
+    link.set_heartbeat_period(HEARTBEAT);
+    link
+}
+
+/// Why an order was not carried out.
+#[derive(Debug, thiserror::Error)]
+pub enum OperatorError {
+    /// The bus failed.
+    #[error(transparent)]
+    Bus(#[from] BusFailure),
+    /// Ctrl-C.
+    #[error("interrupted")]
+    Interrupted,
+    /// No controller.
+    #[error(
+        "no controller is heard on this bus\n  next: start it, or check its power and its `group_state` subject; without \
+         one only scan, home, jog and stop work"
+    )]
+    NoController,
+    /// The request table is full or the message too long; does not happen to a single operator.
+    #[error("cannot ask the controller: {0:?}")]
+    Start(StartError),
+    /// It does not answer.
+    #[error("controller {} does not answer\n  next: `cubectl doctor`; look at the bus load", .node.get())]
+    NoAnswer {
+        /// Which.
+        node: NodeId,
+    },
+    /// The answer cannot be read.
+    #[error("the answer of controller {} cannot be read\n  next: use a cubectl and a controller of the same version", .node.get())]
+    Unreadable {
+        /// Which.
+        node: NodeId,
+    },
+    /// It says no.
+    #[error("the controller refuses {what}: {}", refusal_text(.status, .refusal))]
+    Refused {
+        /// The order.
+        what: &'static str,
+        /// Outcome.
+        status: Status,
+        /// Cause, joint and place, if it says so.
+        refusal: Option<Refusal>,
+    },
+    /// A piece of the file was refused.
+    #[error("upload: at byte {} the controller refuses the file (code {})\n  next: disarm, then upload again", .0.offset, .0.error.0)]
+    Upload(UploadError),
+    /// The file is longer than a file can be.
+    #[error("a file of {0} bytes is too long for a controller")]
+    TooLong(usize),
+    /// It stopped, or reports a fault.
+    #[error("the controller {}: {}", if *.state == State::Fault { "reports a fault" } else { "has stopped" }, fault_text(.cause, .joint))]
+    Stopped {
+        /// Stopped or Fault.
+        state: State,
+        /// Number of the cause.
+        cause: u16,
+        /// Joint, from 1; 0 = the group.
+        joint: u8,
+    },
+    /// A state did not come.
+    #[error("the controller is still {state:?} after {limit}\n  next: `cubectl monitor`")]
+    NoProgress {
+        /// Where it is.
+        state: State,
+        /// The bound.
+        limit: Duration,
+    },
+}
+
+fn refusal_text(status: &Status, refusal: &Option<Refusal>) -> String {
+    match refusal {
+        Some(refusal) => {
+            let place = if refusal.index > 0 { format!(" (place {})", refusal.index) } else { String::new() };
+            fault_text(&refusal.cause, &refusal.joint) + &place
+        }
+        None => format!("status {}", status.0),
+    }
+}
+
+fn fault_text(cause: &u16, joint: &u8) -> String {
+    let place = if *joint == 0 { String::new() } else { format!("joint {joint}: ") };
+    match Cause::from_code(*cause).and_then(Cause::info) {
+        Some(info) => format!("{place}{} (fault {cause})\n  next: {}", info.what, info.recovery),
+        None => format!("{place}cause {cause}"),
+    }
+}
+
+/// Name of a trajectory file: its size and CRC-64/WE.
+///
+/// # Errors
+/// [`OperatorError::TooLong`].
+pub fn name_of(file: &[u8]) -> Result<Trajectory, OperatorError> {
+    let length_bytes = u32::try_from(file.len()).map_err(|_| OperatorError::TooLong(file.len()))?;
+    Ok(Trajectory { trajectory_crc64: Crc64::of(file), length_bytes })
+}
+
+impl Session {
+    /// Waits for a controller to be heard; `node` narrows it to one.
+    ///
+    /// # Errors
+    /// [`OperatorError::NoController`].
+    pub fn find_controller(&mut self, node: Option<NodeId>) -> Result<NodeId, OperatorError> {
+        // From now on we are a Cyphal node.
+        self.desk().link();
+        let until = self.now() + PRESENCE;
+        let mut found = None;
+        let ended = self.run(until, &mut |desk| {
+            found = desk.inbox().and_then(|inbox| inbox.group).map(|(_, source, _)| source);
+            found.is_some_and(|source| node.is_none_or(|node| node == source))
+        })?;
+        match (ended, found) {
+            (Ended::Interrupted, _) => Err(OperatorError::Interrupted),
+            (Ended::Done, Some(found)) => Ok(found),
+            _ => Err(OperatorError::NoController),
+        }
+    }
+
+    /// State of the controller heard last.
+    pub fn group(&mut self) -> Option<GroupState> {
+        self.desk().inbox().and_then(|inbox| inbox.group).map(|(_, _, state)| state)
+    }
+
+    /// One request, with all its attempts.
+    ///
+    /// # Errors
+    /// [`OperatorError`].
+    pub fn request(
+        &mut self,
+        node: NodeId,
+        service: ServiceId,
+        policy: Policy,
+        request: &dyn Encode,
+    ) -> Result<Vec<u8>, OperatorError> {
+        let (link, now) = self.desk().link();
+        let ticket = link.request(now, node, service, policy, request).map_err(OperatorError::Start)?;
+        let until = now + REQUEST_MAX;
+        let mut answer = None;
+        let ended = self.run(until, &mut |desk| {
+            let Some(inbox) = desk.inbox() else { return false };
+            while let Some((answered, result)) = inbox.answers.pop_front() {
+                if answered == ticket {
+                    answer = Some(result);
+                }
+            }
+            answer.is_some()
+        })?;
+        if ended == Ended::Interrupted {
+            self.desk().link().0.cancel(ticket);
+            return Err(OperatorError::Interrupted);
+        }
+        match answer {
+            Some(Ok(payload)) => Ok(payload),
+            Some(Err(_)) | None => Err(OperatorError::NoAnswer { node }),
+        }
+    }
+
+    /// Gives an order; returns its output.
+    ///
+    /// # Errors
+    /// [`OperatorError::Refused`] with the cause, and the others.
+    pub fn order(
+        &mut self,
+        node: NodeId,
+        what: &'static str,
+        number: u16,
+        parameter: &dyn Encode,
+    ) -> Result<Vec<u8>, OperatorError> {
+        let mut bytes = [0; PARAMETER_MAX];
+        let len = to_bytes(parameter, &mut bytes).map_err(|_| OperatorError::Unreadable { node })?;
+        let request = CommandRequest { command: number, parameter: bytes.get(..len).unwrap_or_default() };
+        let payload = self.request(node, SERVICE, Policy::default(), &request)?;
+        let response =
+            CommandResponse::from_bytes(&payload).map_err(|_| OperatorError::Unreadable { node })?;
+        if response.status == Status::SUCCESS {
+            return Ok(response.output.to_vec());
+        }
+        let refusal =
+            if response.output.is_empty() { None } else { Refusal::from_bytes(response.output).ok() };
+        Err(OperatorError::Refused { what, status: response.status, refusal })
+    }
+
+    /// Lets the joints of `mask` (bit 0 = first joint) find their zeros, and waits for the end.
+    ///
+    /// # Errors
+    /// [`OperatorError`].
+    pub fn home_group(&mut self, node: NodeId, joint_mask: u8, limit: Duration) -> Result<(), OperatorError> {
+        self.guard_motion();
+        self.order(node, "homing", command::HOME, &Home { joint_mask })?;
+        // The order is answered before the state that it leads to is told.
+        self.wait_for(limit, &|state| state == State::Homing)?;
+        self.wait_for(limit, &|state| matches!(state, State::Ready | State::Idle))?;
+        self.release_motion();
+        Ok(())
+    }
+
+    /// Stores a trajectory file in the controller and commits it: checked there, and named by its hash.
+    ///
+    /// # Errors
+    /// [`OperatorError`].
+    pub fn upload(
+        &mut self,
+        node: NodeId,
+        bytes: &[u8],
+        progress: &mut dyn FnMut(usize, usize),
+    ) -> Result<Trajectory, OperatorError> {
+        let name = name_of(bytes)?;
+        let mut upload = Upload::new(TRAJECTORY_PATH, bytes);
+        while let Some(piece) = upload.request() {
+            let payload = self.request(node, file::WRITE, Policy::FILE, &piece)?;
+            let response =
+                WriteResponse::from_bytes(&payload).map_err(|_| OperatorError::Unreadable { node })?;
+            upload.answered(response.result).map_err(OperatorError::Upload)?;
+            let (done, all) = upload.progress();
+            progress(done, all);
+        }
+        self.order(node, "the trajectory", command::COMMIT_TRAJECTORY, &name)?;
+        Ok(name)
+    }
+
+    /// Arms for `name`: asks for an offer and takes it. The arming expires by itself.
+    ///
+    /// # Errors
+    /// [`OperatorError`].
+    pub fn arm(&mut self, node: NodeId, name: &Trajectory) -> Result<(), OperatorError> {
+        let prepare = ArmPrepare { trajectory_crc64: name.trajectory_crc64, valid_ms: ARMING_VALID_MS };
+        let output = self.order(node, "to arm", command::ARM_PREPARE, &prepare)?;
+        let offer = ArmOffer::from_bytes(&output).map_err(|_| OperatorError::Unreadable { node })?;
+        let confirm = ArmConfirm { token: offer.token, valid_ms: ARMING_VALID_MS };
+        self.order(node, "the arming", command::ARM_CONFIRM, &confirm)?;
+        self.wait_for(Duration::from_secs(2), &|state| state == State::Armed)
+    }
+
+    /// Back to Ready.
+    ///
+    /// # Errors
+    /// [`OperatorError`].
+    pub fn disarm(&mut self, node: NodeId) -> Result<(), OperatorError> {
+        self.order(node, "to disarm", command::DISARM, &()).map(drop)
+    }
+
+    /// Runs the armed trajectory and follows it to its end. Ctrl-C orders a stop along the path, and a halt if the
+    /// controller does not obey.
+    ///
+    /// # Errors
+    /// [`OperatorError`]; what moved stands.
+    pub fn run_trajectory(
+        &mut self,
+        node: NodeId,
+        name: &Trajectory,
+        limit: Duration,
+        progress: &mut dyn FnMut(&GroupState),
+    ) -> Result<GroupState, OperatorError> {
+        self.guard_motion();
+        self.order(node, "to run", command::RUN, name)?;
+        let until = self.now() + limit;
+        let (mut last, mut seen_running) = (None, false);
+        let ended = self.run(until, &mut |desk| {
+            let Some((_, _, state)) = desk.inbox().and_then(|inbox| inbox.group) else { return false };
+            if last != Some(state.sequence) {
+                last = Some(state.sequence);
+                progress(&state);
+            }
+            seen_running |= state.state == State::Running;
+            seen_running && !matches!(state.state, State::Running | State::Stopping)
+        })?;
+        if ended == Ended::Interrupted {
+            self.stop_after_interrupt(node)?;
+            return Err(OperatorError::Interrupted);
+        }
+        let state = self.group().unwrap_or_default();
+        match (ended, state.state) {
+            (Ended::Done, State::Ready) => {
+                self.release_motion();
+                Ok(state)
+            }
+            (Ended::Done, State::Stopped | State::Fault) => {
+                self.release_motion();
+                Err(stopped(&state))
+            }
+            // What nobody understands is halted by the guard.
+            _ => Err(OperatorError::NoProgress { state: state.state, limit }),
+        }
+    }
+
+    /// Ctrl-C: the stop order goes out although the session is interrupted; then a halt, if it still moves.
+    fn stop_after_interrupt(&mut self, node: NodeId) -> Result<(), OperatorError> {
+        let request = CommandRequest { command: command::STOP, parameter: &[] };
+        let (link, now) = self.desk().link();
+        let _ = link.request(now, node, SERVICE, Policy::default(), &request);
+        for _ in 0..100 {
+            self.pass(Duration::from_millis(20))?;
+            if self.group().is_some_and(|group| !matches!(group.state, State::Running | State::Stopping)) {
+                self.release_motion();
+                return Ok(());
+            }
+        }
+        Ok(self.halt(protocol::cyphal::cubecell::stop::Reason::OPERATOR)?)
+    }
+
+    /// Waits until the controller tells a state that `wanted` takes. A fault or a stop on the way is an error.
+    ///
+    /// # Errors
+    /// [`OperatorError::Stopped`], [`OperatorError::NoProgress`] and the others.
+    pub fn wait_for(&mut self, limit: Duration, wanted: &dyn Fn(State) -> bool) -> Result<(), OperatorError> {
+        let until = self.now() + limit;
+        let ended = self.run(until, &mut |desk| {
+            let state = desk.inbox().and_then(|inbox| inbox.group).map(|(_, _, group)| group.state);
+            state.is_some_and(|state| wanted(state) || matches!(state, State::Fault | State::Stopped))
+        })?;
+        let group = self.group().unwrap_or_default();
+        match ended {
+            Ended::Interrupted => Err(OperatorError::Interrupted),
+            Ended::Done if wanted(group.state) => Ok(()),
+            Ended::Done => Err(stopped(&group)),
+            Ended::TimedOut => Err(OperatorError::NoProgress { state: group.state, limit }),
+        }
+    }
+}
+
+fn stopped(group: &GroupState) -> OperatorError {
+    OperatorError::Stopped { state: group.state, cause: group.fault_cause, joint: group.fault_joint }
+}

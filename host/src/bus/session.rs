@@ -1,0 +1,321 @@
+//! A session on a bus: supplies time and frames to the [`Desk`], whatever the bus is.
+
+use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use can_link::BusError;
+use protocol::cyphal::cubecell::stop::Reason;
+use protocol::{Duration, Frame, Instant};
+
+use super::desk::Desk;
+use super::live::LiveBus;
+use super::sim::SimBus;
+
+/// Time that a halt gets to reach the bus before a session is given up.
+const HALT_TIME: Duration = Duration::from_millis(20);
+
+/// Which way a frame went, seen from this program.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Way {
+    /// This program sent it.
+    Sent,
+    /// It came from the bus.
+    Received,
+}
+
+/// Sees everything that passes, in order.
+pub trait Tap {
+    /// A frame. An error ends the session after the arm was stopped.
+    ///
+    /// # Errors
+    /// What the medium of the recording says.
+    fn frame(&mut self, at: Instant, way: Way, frame: &Frame) -> io::Result<()>;
+
+    /// An error of the bus.
+    ///
+    /// # Errors
+    /// As [`Tap::frame`].
+    fn bus_error(&mut self, at: Instant, error: &BusError) -> io::Result<()> {
+        let _ = (at, error);
+        Ok(())
+    }
+
+    /// The session ends: everything must be on the disk when this returns.
+    ///
+    /// # Errors
+    /// As [`Tap::frame`].
+    fn finish(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// Why a session ended although nobody asked for it.
+#[derive(Debug, thiserror::Error)]
+pub enum BusFailure {
+    /// The bus cannot be reached.
+    #[error(transparent)]
+    Open(#[from] can_link::OpenError),
+    /// The bus is gone.
+    #[error(transparent)]
+    Link(#[from] can_link::LinkError),
+    /// Waiting for the bus failed.
+    #[error("cannot wait for the bus: {0}")]
+    Wait(#[source] io::Error),
+    /// The robot of the simulated cell cannot be loaded.
+    #[error("{0}\n  next: name a built-in robot (powercube6) or the path of a robot file")]
+    Robot(#[from] robot_model::LoadError),
+    /// The simulated cell cannot be built.
+    #[error(transparent)]
+    Cell(#[from] hil_sim::cell::CellError),
+    /// The simulated world cannot be built.
+    #[error(transparent)]
+    World(#[from] hil_sim::world::BuildError),
+    /// A node of the simulated world broke its contract.
+    #[error("simulated bus: {0}")]
+    Sim(#[from] hil_sim::world::RunError),
+    /// The recording cannot be written; the arm was stopped first where this session moved it.
+    #[error("the recording cannot be written: {source}{}\n  next: {}", if *.halted { " (the arm was halted first)" } else { "" }, disk_advice(.source))]
+    Recording {
+        /// What the disk said.
+        source: io::Error,
+        /// A halt was sent before the session ended.
+        halted: bool,
+    },
+}
+
+fn disk_advice(error: &io::Error) -> &'static str {
+    match error.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+            "free space on that disk, or record to another one"
+        }
+        io::ErrorKind::PermissionDenied => "record to a folder that may be written",
+        _ => "check the disk, or record to another place",
+    }
+}
+
+/// How [`Session::run`] ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ended {
+    /// The condition came true.
+    Done,
+    /// The time was up.
+    TimedOut,
+    /// Ctrl-C.
+    Interrupted,
+}
+
+/// What every kind of bus does for a session.
+pub(super) enum Medium {
+    Sim(Box<SimBus>),
+    Live(Box<LiveBus>),
+}
+
+/// See the [module](self).
+pub struct Session {
+    medium: Medium,
+    pub(super) taps: Vec<Box<dyn Tap>>,
+    interrupt: Arc<AtomicBool>,
+    name: String,
+    /// This session may have set something in motion.
+    moves: bool,
+    bus_errors: Vec<(Instant, BusError)>,
+}
+
+/// Most bus errors that are kept for a report; more are only counted by the link.
+const BUS_ERRORS_MAX: usize = 10_000;
+
+/// Where a medium puts what it saw during one step.
+pub(super) struct Seen<'a> {
+    pub(super) taps: &'a mut [Box<dyn Tap>],
+    pub(super) errors: &'a mut Vec<(Instant, BusError)>,
+    /// First trouble of a tap.
+    pub(super) failed: Option<io::Error>,
+}
+
+impl Seen<'_> {
+    pub(super) fn frame(&mut self, at: Instant, way: Way, frame: &Frame) {
+        for tap in &mut *self.taps {
+            if let Err(error) = tap.frame(at, way, frame) {
+                self.failed.get_or_insert(error);
+            }
+        }
+    }
+
+    pub(super) fn bus_error(&mut self, at: Instant, error: &BusError) {
+        if self.errors.len() < BUS_ERRORS_MAX {
+            self.errors.push((at, *error));
+        }
+        for tap in &mut *self.taps {
+            if let Err(error) = tap.bus_error(at, error) {
+                self.failed.get_or_insert(error);
+            }
+        }
+    }
+}
+
+impl Session {
+    pub(super) fn new(medium: Medium, name: String, interrupt: Arc<AtomicBool>) -> Self {
+        Self { medium, taps: Vec::new(), interrupt, name, moves: false, bus_errors: Vec::new() }
+    }
+
+    /// The bus as a person would name it.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Present time of the session: virtual time of the cell, or the monotonic clock.
+    pub fn now(&self) -> Instant {
+        match &self.medium {
+            Medium::Sim(sim) => sim.now(),
+            Medium::Live(live) => live.now(),
+        }
+    }
+
+    /// True in virtual time.
+    pub const fn is_simulated(&self) -> bool {
+        matches!(self.medium, Medium::Sim(_))
+    }
+
+    /// The embedded cell, if there is one.
+    pub fn sim(&mut self) -> Option<&mut SimBus> {
+        match &mut self.medium {
+            Medium::Sim(sim) => Some(sim),
+            Medium::Live(_) => None,
+        }
+    }
+
+    /// Adds a recorder.
+    pub fn add_tap(&mut self, tap: Box<dyn Tap>) {
+        self.taps.push(tap);
+    }
+
+    /// Errors of the bus so far.
+    pub fn bus_errors(&self) -> &[(Instant, BusError)] {
+        &self.bus_errors
+    }
+
+    /// The node that speaks for the host, at the present time. What it is given to send leaves with the next
+    /// [`Session::run`].
+    pub fn desk(&mut self) -> &mut Desk {
+        match &mut self.medium {
+            Medium::Sim(sim) => sim.desk(),
+            Medium::Live(live) => live.desk(),
+        }
+    }
+
+    /// Declares that from now on something may move because of this session: whatever ends it sends a halt first.
+    pub const fn guard_motion(&mut self) {
+        self.moves = true;
+    }
+
+    /// The motion has ended in order.
+    pub const fn release_motion(&mut self) {
+        self.moves = false;
+    }
+
+    /// Ctrl-C has come.
+    pub fn is_interrupted(&self) -> bool {
+        self.interrupt.load(Ordering::Relaxed)
+    }
+
+    /// Runs until `done` says so, `until`, or Ctrl-C. `done` is asked after each event.
+    ///
+    /// # Errors
+    /// The bus is gone, or a recording cannot be written. If [`Session::guard_motion`] is on, a halt was sent
+    /// before (as far as the bus still took it).
+    pub fn run(
+        &mut self,
+        until: Instant,
+        done: &mut dyn FnMut(&mut Desk) -> bool,
+    ) -> Result<Ended, BusFailure> {
+        loop {
+            if self.is_interrupted() {
+                return Ok(Ended::Interrupted);
+            }
+            if done(self.desk()) {
+                return Ok(Ended::Done);
+            }
+            if self.now() >= until {
+                return Ok(Ended::TimedOut);
+            }
+            if let Err(failure) = self.step(until) {
+                return Err(self.give_up(failure));
+            }
+        }
+    }
+
+    /// Lets time pass, Ctrl-C or not; for what must happen after an interruption.
+    ///
+    /// # Errors
+    /// As [`Session::run`].
+    pub fn pass(&mut self, span: Duration) -> Result<(), BusFailure> {
+        let until = self.now() + span;
+        while self.now() < until {
+            self.step(until)?;
+        }
+        Ok(())
+    }
+
+    /// Halts everything on the bus and gives the frames time to leave.
+    ///
+    /// # Errors
+    /// As [`Session::run`].
+    pub fn halt(&mut self, reason: Reason) -> Result<(), BusFailure> {
+        self.desk().halt(reason);
+        self.moves = false;
+        self.pass(HALT_TIME)
+    }
+
+    /// Ends the session: recordings are complete on the disk when this returns.
+    ///
+    /// # Errors
+    /// [`BusFailure::Recording`].
+    pub fn finish(mut self) -> Result<(), BusFailure> {
+        let mut result = Ok(());
+        for tap in &mut self.taps {
+            if let Err(source) = tap.finish() {
+                result = Err(BusFailure::Recording { source, halted: false });
+            }
+        }
+        self.taps.clear();
+        result
+    }
+
+    fn step(&mut self, until: Instant) -> Result<(), BusFailure> {
+        let mut seen = Seen { taps: &mut self.taps, errors: &mut self.bus_errors, failed: None };
+        match &mut self.medium {
+            Medium::Sim(sim) => sim.step(until, &mut seen)?,
+            Medium::Live(live) => live.step(until, &mut seen)?,
+        }
+        match seen.failed {
+            Some(source) => Err(BusFailure::Recording { source, halted: false }),
+            None => Ok(()),
+        }
+    }
+
+    /// Stops what this session moves, with the recorders out of the way.
+    fn give_up(&mut self, failure: BusFailure) -> BusFailure {
+        if !self.moves {
+            return failure;
+        }
+        self.taps.clear();
+        let halted = self.halt(Reason::HOST).is_ok();
+        match failure {
+            BusFailure::Recording { source, .. } => BusFailure::Recording { source, halted },
+            other => other,
+        }
+    }
+}
+
+impl Drop for Session {
+    /// Whoever leaves without [`Session::release_motion`], be it by a panic, leaves a standing arm.
+    fn drop(&mut self) {
+        if self.moves {
+            let _ = self.halt(Reason::SHUTDOWN);
+        }
+        for tap in &mut self.taps {
+            let _ = tap.finish();
+        }
+    }
+}

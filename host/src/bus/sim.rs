@@ -1,0 +1,145 @@
+//! The embedded cell in virtual time: the bus behind `--bus sim`.
+
+use firmware::ControllerNode;
+use firmware::host_link::Identity;
+use firmware::settings::Settings;
+use firmware::store::RamStorage;
+use hil_sim::bus::{BusConfig, ErrorKind};
+use hil_sim::crew::{Crew, Solo};
+use hil_sim::{Cell, CellOptions, Observer, World};
+use protocol::{Duration, Frame, Instant, Node};
+use robot_model::AnyRobot;
+
+use super::desk::Desk;
+use super::session::{BusFailure, Seen, Way};
+
+/// Virtual time between two looks at whether the verb has what it wants.
+const SLICE: Duration = Duration::from_micros(100);
+/// Error classes of Linux `can/error.h`.
+const CLASS_PROTOCOL: u32 = 0x08;
+const CLASS_ACK: u32 = 0x20;
+const CLASS_BUS_OFF: u32 = 0x40;
+
+/// Anything that sits on the bus beside cell and desk: a soft controller, a second cell.
+pub type Guests = Box<dyn Crew>;
+
+/// A node behind a pointer, as a guest.
+pub struct Guest(pub Box<dyn Node>);
+
+impl Node for Guest {
+    fn handle_frame(&mut self, now: Instant, frame: &Frame) {
+        self.0.handle_frame(now, frame);
+    }
+    fn handle_timeout(&mut self, now: Instant) {
+        self.0.handle_timeout(now);
+    }
+    fn poll_frame(&mut self) -> Option<Frame> {
+        self.0.poll_frame()
+    }
+    fn poll_timeout(&self) -> Option<Instant> {
+        self.0.poll_timeout()
+    }
+}
+
+/// Nobody beside cell and desk.
+pub fn no_guests() -> Guests {
+    Box::new(Vec::<Solo<Guest>>::new())
+}
+
+/// The controller of the firmware, as a program on this machine: starts at time 0 and forgets when it ends.
+pub fn soft_controller() -> ControllerNode<RamStorage> {
+    ControllerNode::new(Instant::ZERO, RamStorage::new(), &Settings::powercube6(), Identity::default())
+}
+
+/// The soft controller as a guest.
+pub fn soft_controller_guest() -> Guests {
+    Box::new(vec![Solo::new("controller", Guest(Box::new(soft_controller())))])
+}
+
+/// See the [module](self).
+pub struct SimBus {
+    /// The desk is taken out of its place while a verb talks to it.
+    world: World<((Cell, Guests), Solo<Desk>)>,
+    lent: Option<Desk>,
+    desk_port: usize,
+}
+
+struct Tapped<'a, 'b> {
+    seen: &'a mut Seen<'b>,
+    desk_port: usize,
+}
+
+impl Observer for Tapped<'_, '_> {
+    fn on_frame(&mut self, at: Instant, from: Option<usize>, frame: &Frame) {
+        // Guests run in this program too, as a soft controller does on a real bus.
+        let way = if from == Some(self.desk_port) { Way::Sent } else { Way::Received };
+        self.seen.frame(at, way, frame);
+    }
+
+    fn on_error(&mut self, at: Instant, _: usize, kind: ErrorKind) {
+        let class = if kind == ErrorKind::Ack { CLASS_ACK } else { CLASS_PROTOCOL };
+        self.seen.bus_error(at, &can_link::BusError::from_class(class));
+    }
+
+    fn on_bus_off(&mut self, at: Instant, _: usize, off: bool) {
+        if off {
+            self.seen.bus_error(at, &can_link::BusError::from_class(CLASS_BUS_OFF));
+        }
+    }
+}
+
+impl SimBus {
+    /// The cell of `robot`, with chances from `seed` and `guests` on its bus.
+    ///
+    /// # Errors
+    /// The robot has no drives, or there are more nodes than a bus has ports.
+    pub fn new(
+        robot: &AnyRobot,
+        options: &CellOptions,
+        seed: u64,
+        guests: Guests,
+    ) -> Result<Self, BusFailure> {
+        let cell = Cell::new(robot, options, seed)?;
+        let desk_port = cell.len() + guests.len();
+        let crew = ((cell, guests), Solo::new("cubectl", Desk::default()));
+        let world = World::new(crew, BusConfig::default(), seed, Vec::new())?;
+        Ok(Self { world, lent: None, desk_port })
+    }
+
+    /// Virtual time.
+    pub fn now(&self) -> Instant {
+        self.world.now()
+    }
+
+    /// The world, to look at and to add faults.
+    pub fn world(&mut self) -> &mut World<((Cell, Guests), Solo<Desk>)> {
+        &mut self.world
+    }
+
+    /// The cell.
+    pub fn cell(&self) -> &Cell {
+        &self.world.crew().0.0
+    }
+
+    pub(super) fn desk(&mut self) -> &mut Desk {
+        let now = self.world.now();
+        if self.lent.is_none() {
+            let taken = self.world.with_crew(|crew, _| std::mem::take(&mut crew.1.node));
+            // Only a node that floods makes this fail, and an emptied desk sends nothing.
+            self.lent = Some(taken.unwrap_or_default());
+        }
+        let desk = self.lent.get_or_insert_default();
+        desk.wake(now);
+        desk
+    }
+
+    pub(super) fn step(&mut self, until: Instant, seen: &mut Seen<'_>) -> Result<(), BusFailure> {
+        if let Some(desk) = self.lent.take() {
+            self.world.with_crew(|crew, _| crew.1.node = desk)?;
+        }
+        let to = (self.world.now() + SLICE).min(until);
+        let desk_port = self.desk_port;
+        self.world.run_until(to, &mut Tapped { seen, desk_port })?;
+        Ok(())
+    }
+}

@@ -1,0 +1,78 @@
+//! Command line of `cubectl`: which verb, with which arguments.
+
+use clap::{Parser, Subcommand};
+
+use crate::cmd;
+use crate::error::ExpectedError;
+
+/// Plan, check and run throws with PowerCube arms.
+#[derive(Debug, Parser)]
+#[command(name = "cubectl", version, about, after_help = "Exit codes: `cubectl explain exit`")]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub verb: Verb,
+}
+
+/// The verbs.
+#[derive(Debug, Subcommand)]
+pub enum Verb {
+    /// Find the modules on a bus: address, serial number, firmware, state.
+    Scan(cmd::scan::Args),
+    /// Show state, position, current and supply of each module.
+    Status(cmd::status::Args),
+    /// Look at the bus and at each module, and say what is wrong and what to do.
+    Doctor(cmd::doctor::Args),
+    /// Let modules find their zeros: reduced speed, bounded in time and current.
+    Home(cmd::home::Args),
+    /// Move one module while a key is held, or for a time, at reduced speed.
+    Jog(cmd::jog::Args),
+    /// Halt everything on the bus.
+    Stop(cmd::stop::Args),
+    /// Store a trajectory file in the controller and commit it; nothing moves.
+    Upload(cmd::upload::Args),
+    /// Upload a trajectory, arm, run it and follow it to its end.
+    Run(cmd::run::Args),
+    /// Serve the simulated cell to other programs, in real time.
+    Sim(cmd::sim::Args),
+    /// Write what passes on the bus to a candump and an MCAP file.
+    Record(cmd::record::Args),
+    /// Run the controller on a recording: it must send the recorded frames, bit for bit.
+    Replay(cmd::replay::Args),
+    /// Watch the modules: positions, currents, states, bus load.
+    Monitor(cmd::monitor::Args),
+    /// Save, compare and restore the parameters of modules.
+    #[command(subcommand)]
+    Config(cmd::config::ConfigVerb),
+    /// Explain a fault number of the controller, or an exit code.
+    Explain(cmd::explain::Args),
+    /// Design gains with a certificate.
+    Tune(cmd::tune::Args),
+}
+
+/// Runs the verb.
+///
+/// # Errors
+/// [`ExpectedError`] with the exit code.
+pub fn run(cli: Cli) -> Result<(), ExpectedError> {
+    match cli.verb {
+        Verb::Scan(args) => cmd::scan::run(&args),
+        Verb::Status(args) => cmd::status::run(&args),
+        Verb::Doctor(args) => cmd::doctor::run(&args),
+        Verb::Home(args) => cmd::home::run(&args),
+        Verb::Jog(args) => cmd::jog::run(&args),
+        Verb::Stop(args) => cmd::stop::run(&args),
+        Verb::Upload(args) => cmd::upload::run(&args),
+        Verb::Run(args) => cmd::run::run(&args),
+        Verb::Sim(args) => cmd::sim::run(&args),
+        Verb::Record(args) => cmd::record::run(&args),
+        Verb::Replay(args) => cmd::replay::run(&args),
+        Verb::Monitor(args) => cmd::monitor::run(&args),
+        Verb::Config(verb) => cmd::config::run(&verb),
+        Verb::Explain(args) => cmd::explain::run(&args),
+        Verb::Tune(args) => {
+            print!("{}", cmd::tune::run(&args).map_err(|error| ExpectedError::bad_input(&error))?);
+            Ok(())
+        }
+    }
+}

@@ -1,0 +1,363 @@
+//! `cubectl config dump|diff|restore`
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use protocol::powercube::{Parameter, Reply, Request, SimpleCommand, Value, ValueKind};
+use protocol::{Duration, ModuleId};
+use serde::{Deserialize, Serialize};
+
+use super::bus_errors::{Modules, modules_on};
+use crate::bus::survey::ModuleReport;
+use crate::bus::{BusArgs, Session};
+use crate::error::ExpectedError;
+use crate::exit;
+
+/// Version of the file.
+const SCHEMA_VERSION: u32 = 1;
+
+/// Parameters that are no settings although they can be written: motions, lines, commands in disguise; and tick forms
+/// of what is saved in radians anyway.
+const NO_SETTING: &[Parameter] = &[
+    Parameter::DioData,
+    Parameter::TargetPosInc,
+    Parameter::TargetVelInc,
+    Parameter::TargetAccInc,
+    Parameter::CurInc,
+    Parameter::HomeOffsetInc,
+    Parameter::MaxDeltaPosInc,
+    Parameter::MinPosInc,
+    Parameter::MaxPosInc,
+    Parameter::MaxVelInc,
+    Parameter::MaxAccInc,
+    Parameter::HomeVelInc,
+];
+/// Written last, and never by a restore: who a module is and how it is reached.
+const IDENTITY: &[Parameter] =
+    &[Parameter::DefAddress, Parameter::DefSerialNo, Parameter::DefCanBaud, Parameter::DefRsBaud];
+
+/// What to do with parameters of modules.
+#[derive(Debug, clap::Subcommand)]
+pub enum ConfigVerb {
+    /// Write all settings of the modules to a TOML file.
+    Dump(DumpArgs),
+    /// Compare the modules with a file.
+    Diff(FileArgs),
+    /// Write the settings that differ from a file back to the modules.
+    Restore(RestoreArgs),
+}
+
+/// Arguments of `dump`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  cubectl config dump arm.toml --bus can0")]
+pub struct DumpArgs {
+    /// Where to; `-` is standard output. A file that exists is not overwritten.
+    pub file: PathBuf,
+    /// Bus options.
+    #[command(flatten)]
+    pub bus: BusArgs,
+    /// These modules. Default: all that are there.
+    #[arg(long)]
+    pub modules: Option<Modules>,
+}
+
+/// Arguments of `diff`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  cubectl config diff arm.toml --bus can0")]
+pub struct FileArgs {
+    /// File made by `config dump`.
+    pub file: PathBuf,
+    /// Bus options.
+    #[command(flatten)]
+    pub bus: BusArgs,
+}
+
+/// Arguments of `restore`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  cubectl config restore arm.toml --bus can0 --save")]
+pub struct RestoreArgs {
+    /// File made by `config dump`.
+    pub file: PathBuf,
+    /// Bus options.
+    #[command(flatten)]
+    pub bus: BusArgs,
+    /// Also write them to the permanent storage of the modules.
+    #[arg(long)]
+    pub save: bool,
+    /// Write to modules whose serial numbers differ from the file's.
+    #[arg(long)]
+    pub other_serial: bool,
+}
+
+/// The file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ConfigFile {
+    /// [`SCHEMA_VERSION`].
+    pub schema_version: u32,
+    /// By address.
+    pub module: Vec<ModuleConfig>,
+}
+
+/// One module.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModuleConfig {
+    /// Address.
+    pub address: u8,
+    /// Serial number.
+    pub serial: u32,
+    /// Firmware, four hexadecimal digits.
+    pub firmware: String,
+    /// Name of the parameter, with its unit, and value.
+    pub setting: BTreeMap<String, f64>,
+}
+
+/// `MaxVel_rad_per_s` and the like: name and unit of a setting.
+fn key(parameter: Parameter) -> String {
+    let unit = parameter.info().unit.symbol();
+    if unit.is_empty() {
+        parameter.name().to_owned()
+    } else {
+        format!("{}_{}", parameter.name(), unit.replace('/', "_per_"))
+    }
+}
+
+fn settings_of(report: &ModuleReport) -> Vec<Parameter> {
+    Parameter::TABLE
+        .iter()
+        .filter(|info| info.readable(report.version) && info.writable(report.version))
+        .map(|info| info.parameter)
+        .filter(|parameter| !NO_SETTING.contains(parameter) && !IDENTITY.contains(parameter))
+        .collect()
+}
+
+/// Runs the verb.
+///
+/// # Errors
+/// The bus, a module that does not answer or refuses, a bad file, or differences.
+pub fn run(verb: &ConfigVerb) -> Result<(), ExpectedError> {
+    match verb {
+        ConfigVerb::Dump(args) => dump(args),
+        ConfigVerb::Diff(args) => diff(args),
+        ConfigVerb::Restore(args) => restore(args),
+    }
+}
+
+fn read_all(session: &mut Session, found: &[ModuleReport]) -> Result<ConfigFile, ExpectedError> {
+    let mut file = ConfigFile { schema_version: SCHEMA_VERSION, module: Vec::new() };
+    for report in found {
+        let parameters = settings_of(report);
+        let questions: Vec<_> =
+            parameters.iter().map(|parameter| (report.module, Request::Get(*parameter))).collect();
+        let mut setting = BTreeMap::new();
+        for answer in session.ask_all(&questions)? {
+            match answer.map_err(crate::bus::ask::AskError::from)? {
+                Reply::Value(parameter, value) => {
+                    if let Some(number) = value.as_f64() {
+                        setting.insert(key(parameter), number);
+                    }
+                }
+                _ => {}
+            }
+        }
+        file.module.push(ModuleConfig {
+            address: report.module.get(),
+            serial: report.serial.unwrap_or(0),
+            firmware: report.version.to_string(),
+            setting,
+        });
+    }
+    Ok(file)
+}
+
+fn dump(args: &DumpArgs) -> Result<(), ExpectedError> {
+    let mut session = args.bus.open()?;
+    let found = modules_on(&mut session, args.modules.as_ref().map(|modules| modules.0.as_slice()))?;
+    let file = read_all(&mut session, &found)?;
+    session.finish()?;
+    let text = toml::to_string(&file)
+        .map_err(|error| ExpectedError::new(exit::BUG, format!("settings do not fit into TOML: {error}")))?;
+    if args.file == Path::new("-") {
+        print!("{text}");
+        return Ok(());
+    }
+    let failed = |error: std::io::Error| {
+        ExpectedError::new(
+            exit::OUTPUT,
+            format!(
+                "{}: {error}\n  next: name a file that does not exist yet, in a folder that may be written",
+                args.file.display()
+            ),
+        )
+    };
+    let mut out = std::fs::File::create_new(&args.file).map_err(failed)?;
+    std::io::Write::write_all(&mut out, text.as_bytes()).and_then(|()| out.sync_all()).map_err(failed)?;
+    println!("{}: {} modules", args.file.display(), file.module.len());
+    Ok(())
+}
+
+/// Reads and checks a file.
+fn load(path: &Path) -> Result<ConfigFile, ExpectedError> {
+    let text = std::fs::read_to_string(path).map_err(|error| ExpectedError::io(path, &error))?;
+    let file: ConfigFile = toml::from_str(&text)
+        .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", path.display())))?;
+    if file.schema_version != SCHEMA_VERSION {
+        return Err(ExpectedError::bad_input(&format!(
+            "{}: schema_version {} is not {SCHEMA_VERSION}\n  next: use the cubectl that wrote it, or dump again",
+            path.display(),
+            file.schema_version
+        )));
+    }
+    for module in &file.module {
+        for name in module.setting.keys() {
+            if parameter_of(name).is_none() {
+                return Err(ExpectedError::bad_input(&format!(
+                    "{}: module {}: no setting is called {name}",
+                    path.display(),
+                    module.address
+                )));
+            }
+        }
+    }
+    Ok(file)
+}
+
+fn parameter_of(name: &str) -> Option<Parameter> {
+    Parameter::TABLE.iter().map(|info| info.parameter).find(|parameter| key(*parameter) == name)
+}
+
+/// One setting that differs: module, parameter, the module's value, the file's.
+type Change = (ModuleId, Parameter, f64, f64);
+
+/// Opens the bus and compares the modules of the file, all of which must answer.
+fn compare(
+    path: &Path,
+    bus: &BusArgs,
+) -> Result<(Session, ConfigFile, Vec<ModuleReport>, Vec<Change>), ExpectedError> {
+    let wanted = load(path)?;
+    let mut ids = Vec::new();
+    for module in &wanted.module {
+        ids.push(
+            ModuleId::new(module.address)
+                .map_err(|error| ExpectedError::bad_input(&format!("{}: address {error}", path.display())))?,
+        );
+    }
+    let mut session = bus.open()?;
+    let found = modules_on(&mut session, Some(&ids))?;
+    let present = read_all(&mut session, &found)?;
+    let mut changes = Vec::new();
+    for (module, id) in wanted.module.iter().zip(ids) {
+        let Some(now) = present.module.iter().find(|now| now.address == module.address) else { continue };
+        for (name, value) in &module.setting {
+            let Some(parameter) = parameter_of(name) else { continue };
+            if let Some(actual) = now.setting.get(name).filter(|actual| *actual != value) {
+                changes.push((id, parameter, *actual, *value));
+            }
+        }
+    }
+    Ok((session, wanted, found, changes))
+}
+
+fn diff(args: &FileArgs) -> Result<(), ExpectedError> {
+    let (session, wanted, found, changes) = compare(&args.file, &args.bus)?;
+    session.finish()?;
+    let mut differences = changes.len();
+    for module in &wanted.module {
+        let serial = found.iter().find(|report| report.module.get() == module.address).and_then(|r| r.serial);
+        if serial.is_some_and(|serial| serial != module.serial) {
+            println!("module {}: serial {} (file: {})", module.address, serial.unwrap_or(0), module.serial);
+            differences += 1;
+        }
+    }
+    for (module, parameter, actual, file) in &changes {
+        println!("module {module}: {} {actual} (file: {file})", key(*parameter));
+    }
+    if differences == 0 {
+        println!("{}: all {} modules as in the file", args.file.display(), wanted.module.len());
+        return Ok(());
+    }
+    Err(ExpectedError::new(
+        exit::FINDINGS,
+        format!(
+            "{differences} differences\n  next: `cubectl config restore {}` writes the file's values",
+            args.file.display()
+        ),
+    ))
+}
+
+fn restore(args: &RestoreArgs) -> Result<(), ExpectedError> {
+    let (mut session, wanted, found, changes) = compare(&args.file, &args.bus)?;
+    for module in &wanted.module {
+        let Some(report) = found.iter().find(|report| report.module.get() == module.address) else {
+            continue;
+        };
+        if report.serial != Some(module.serial) && !args.other_serial {
+            return Err(ExpectedError::bad_input(&format!(
+                "module {}: serial {} is not the file's {}; nothing was written\n  next: check that this is the right \
+                 arm, then add --other-serial",
+                module.address,
+                report.serial.unwrap_or(0),
+                module.serial
+            )));
+        }
+        if report.state.is_none_or(|state| state.contains(protocol::powercube::CubeState::MOTION)) {
+            return Err(ExpectedError::new(
+                exit::DRIVE,
+                format!("module {} moves; nothing was written\n  next: `cubectl stop`", module.address),
+            ));
+        }
+    }
+    for (module, parameter, _, value) in &changes {
+        let Some(value) = typed(*parameter, *value) else { continue };
+        session.ask(*module, Request::Set(*parameter, value))?;
+    }
+    let mut touched: Vec<ModuleId> = changes.iter().map(|change| change.0).collect();
+    touched.dedup();
+    for module in &touched {
+        session.command(*module, SimpleCommand::Recalc)?;
+        if args.save {
+            session.command(*module, SimpleCommand::SaveParameters)?;
+            session.sleep_until(session.now() + Duration::from_millis(50))?;
+        }
+    }
+    // Trust is good: read back.
+    let mut wrong = Vec::new();
+    for (module, parameter, _, value) in &changes {
+        let actual = session.get_f64(*module, *parameter)?;
+        if actual != *value {
+            wrong.push(format!("module {module}: {} is {actual}, not {value}", key(*parameter)));
+        }
+    }
+    session.finish()?;
+    if !wrong.is_empty() {
+        return Err(ExpectedError::new(
+            exit::DRIVE,
+            format!(
+                "written, but not as in the file: {}\n  next: the value is outside what the module allows",
+                wrong.join("; ")
+            ),
+        ));
+    }
+    println!(
+        "{} settings written to {} modules, read back{}",
+        changes.len(),
+        touched.len(),
+        if args.save { ", saved" } else { "" }
+    );
+    Ok(())
+}
+
+/// A number as the parameter's type; `None` if it does not fit, which a file made by `dump` never has.
+fn typed(parameter: Parameter, value: f64) -> Option<Value> {
+    let exact = |low: f64, high: f64| (value.fract() == 0.0 && (low..=high).contains(&value)).then_some(());
+    Some(match parameter.kind() {
+        ValueKind::F32 => Value::F32(value as f32),
+        ValueKind::I32 => exact(i32::MIN.into(), i32::MAX.into()).map(|()| Value::I32(value as i32))?,
+        ValueKind::U32 => exact(0.0, u32::MAX.into()).map(|()| Value::U32(value as u32))?,
+        ValueKind::I16 => exact(i16::MIN.into(), i16::MAX.into()).map(|()| Value::I16(value as i16))?,
+        ValueKind::U16 => exact(0.0, u16::MAX.into()).map(|()| Value::U16(value as u16))?,
+        ValueKind::U8 => exact(0.0, u8::MAX.into()).map(|()| Value::U8(value as u8))?,
+        ValueKind::PosStateDio => return None,
+    })
+}

@@ -1,0 +1,209 @@
+//! `cubectl jog`
+
+use std::io::{IsTerminal, Read};
+use std::sync::mpsc::{self, Receiver, TryRecvError};
+use std::time::{Duration as WallSpan, Instant as WallTime};
+
+use protocol::powercube::Parameter;
+use protocol::{Duration, ModuleId};
+
+use super::bus_errors::{modules_on, print_json};
+use crate::bus::BusArgs;
+use crate::bus::motion::jog;
+use crate::error::ExpectedError;
+use crate::exit;
+
+/// Fastest jog, rad/s: slow enough to step aside.
+pub const SPEED_MAX_RAD_S: f64 = 0.25;
+/// A key repeats after this at the latest: the usual pause before the first repetition.
+const FIRST_REPEAT: WallSpan = WallSpan::from_millis(600);
+/// And then at least this often.
+const REPEAT: WallSpan = WallSpan::from_millis(150);
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  cubectl jog 3 --bus can0               # hold a key: + or l up, - or h down; any other key or Ctrl-C ends\n  cubectl jog 3 --bus can0 --for 1.5 --speed -0.1\n\nThe module moves only while the key is held. If this program dies it stops within 0.2 s by itself."
+)]
+pub struct Args {
+    /// Address of the module.
+    #[arg(value_parser = address)]
+    pub module: ModuleId,
+    /// Bus options.
+    #[command(flatten)]
+    pub bus: BusArgs,
+    /// Speed, rad/s, at most 0.25; with --for the sign is the direction.
+    #[arg(long, default_value_t = 0.1, value_name = "RAD_S", allow_hyphen_values = true, value_parser = speed)]
+    pub speed: f64,
+    /// Move for so many seconds instead of while a key is held.
+    #[arg(long = "for", value_name = "SECONDS", value_parser = super::home::positive)]
+    pub time: Option<f64>,
+    /// Print JSON (with --for).
+    #[arg(long)]
+    pub json: bool,
+}
+
+fn address(text: &str) -> Result<ModuleId, String> {
+    let number: u8 = text.parse().map_err(|_| "must be an address, 1 to 31".to_owned())?;
+    ModuleId::new(number).map_err(|error| error.to_string())
+}
+
+fn speed(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if v != 0.0 && v.abs() <= SPEED_MAX_RAD_S => Ok(v),
+        _ => Err(format!("must be a number other than 0, at most {SPEED_MAX_RAD_S} rad/s either way")),
+    }
+}
+
+/// Runs the verb.
+///
+/// # Errors
+/// The bus, the module does not answer, is in error, or does not stand still afterwards.
+pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    let mut session = args.bus.open()?;
+    let found = modules_on(&mut session, Some(&[args.module]))?;
+    if found
+        .iter()
+        .any(|report| report.version.0 < 0x2518 && !Parameter::ActPos.info().readable(report.version))
+    {
+        return Err(ExpectedError::new(exit::DRIVE, "the firmware of this module is not known"));
+    }
+    if let Some(seconds) = args.time {
+        let until = session.now() + Duration::from_secs_f64(seconds);
+        let jogged = jog(&mut session, args.module, args.speed, &mut |now| now < until)?;
+        let interrupted = session.is_interrupted();
+        session.finish()?;
+        if args.json {
+            print_json(&serde_json::json!({
+                "module": args.module.get(),
+                "from_rad": jogged.from_rad,
+                "to_rad": jogged.to_rad,
+                "held_s": jogged.held.as_secs_f64(),
+                "at_limit": jogged.at_limit,
+                "interrupted": interrupted,
+            }));
+        } else {
+            report(args.module, &jogged);
+        }
+        return if interrupted {
+            Err(ExpectedError::new(exit::INTERRUPTED, "interrupted; the module stands still"))
+        } else {
+            Ok(())
+        };
+    }
+    by_keys(args, session)
+}
+
+fn report(module: ModuleId, jogged: &crate::bus::motion::Jogged) {
+    let limit = if jogged.at_limit { ", at its soft limit" } else { "" };
+    println!("module {module}: {:.4} rad -> {:.4} rad{limit}", jogged.from_rad, jogged.to_rad);
+}
+
+/// Which way a key means; `None` for a key that ends.
+fn direction(key: u8) -> Option<f64> {
+    match key {
+        b'+' | b'=' | b'l' | b'k' => Some(1.0),
+        b'-' | b'_' | b'h' | b'j' => Some(-1.0),
+        _ => None,
+    }
+}
+
+/// Bytes of standard input as they come; the channel closes at its end.
+fn keys() -> Receiver<u8> {
+    let (sender, receiver) = mpsc::channel();
+    std::thread::spawn(move || {
+        let mut byte = [0];
+        while std::io::stdin().read(&mut byte).is_ok_and(|n| n == 1) && sender.send(byte[0]).is_ok() {}
+    });
+    receiver
+}
+
+fn by_keys(args: &Args, mut session: crate::bus::Session) -> Result<(), ExpectedError> {
+    let raw = RawTerminal::enter();
+    eprintln!("module {}: hold + or l to move up, - or h to move down; any other key ends\r", args.module);
+    let keys = keys();
+    loop {
+        // While nothing is held the session still listens, so that it sees Ctrl-C and the bus.
+        let key = match keys.try_recv() {
+            Ok(key) => key,
+            Err(TryRecvError::Disconnected) => break,
+            Err(TryRecvError::Empty) if session.is_interrupted() => break,
+            Err(TryRecvError::Empty) => {
+                std::thread::sleep(WallSpan::from_millis(5));
+                let until = session.now() + Duration::from_millis(5);
+                session.run(until, &mut |_| false)?;
+                continue;
+            }
+        };
+        let Some(sign) = direction(key) else {
+            if matches!(key, b'\n' | b'\r') {
+                continue;
+            }
+            break;
+        };
+        let mut held_until = WallTime::now() + FIRST_REPEAT;
+        let mut ended = false;
+        let jogged = jog(&mut session, args.module, sign * args.speed.abs(), &mut |_| {
+            loop {
+                match keys.try_recv() {
+                    Ok(again) if direction(again) == Some(sign) => {
+                        held_until = held_until.max(WallTime::now() + REPEAT);
+                        if held_until > WallTime::now() + REPEAT {
+                            held_until = WallTime::now() + REPEAT;
+                        }
+                    }
+                    // Another key, or the end of the input: let go at once.
+                    Ok(_) => return false,
+                    Err(TryRecvError::Disconnected) => {
+                        ended = true;
+                        return false;
+                    }
+                    Err(TryRecvError::Empty) => return WallTime::now() < held_until,
+                }
+            }
+        })?;
+        report(args.module, &jogged);
+        if ended {
+            break;
+        }
+    }
+    drop(raw);
+    let interrupted = session.is_interrupted();
+    session.finish()?;
+    if interrupted {
+        Err(ExpectedError::new(exit::INTERRUPTED, "interrupted; the module stands still"))
+    } else {
+        Ok(())
+    }
+}
+
+/// Terminal that hands out keys one by one and does not echo them; as it was again when dropped. Ctrl-C stays a
+/// signal.
+struct RawTerminal(Option<rustix::termios::Termios>);
+
+impl RawTerminal {
+    fn enter() -> Self {
+        use rustix::termios::{LocalModes, OptionalActions, tcgetattr, tcsetattr};
+        let stdin = std::io::stdin();
+        if !stdin.is_terminal() {
+            return Self(None);
+        }
+        let Ok(before) = tcgetattr(&stdin) else { return Self(None) };
+        let mut raw = before.clone();
+        raw.local_modes.remove(LocalModes::ICANON | LocalModes::ECHO);
+        match tcsetattr(&stdin, OptionalActions::Now, &raw) {
+            Ok(()) => Self(Some(before)),
+            Err(_) => Self(None),
+        }
+    }
+}
+
+impl Drop for RawTerminal {
+    fn drop(&mut self) {
+        use rustix::termios::{OptionalActions, tcsetattr};
+        if let Some(before) = &self.0 {
+            // Nothing is left to do if the terminal is gone.
+            let _ = tcsetattr(std::io::stdin(), OptionalActions::Now, before);
+        }
+    }
+}

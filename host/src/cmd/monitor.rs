@@ -1,0 +1,130 @@
+//! `cubectl monitor`
+
+use std::io::{IsTerminal, Write};
+
+use protocol::powercube::{CubeState, Parameter, Request};
+use protocol::{Duration, Instant, ModuleId};
+
+use super::bus_errors::{Modules, modules_on};
+use crate::bus::desk::{Desk, utilisation};
+use crate::bus::session::Ended;
+use crate::bus::{BusArgs, Session};
+use crate::error::ExpectedError;
+use crate::exit;
+
+/// Rate that the bus load is computed with, bit/s.
+const BIT_RATE_BIT_S: u32 = 1_000_000;
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  cubectl monitor --bus can0\n  cubectl monitor --bus can0 --listen --plain > log.txt\n\nOn a terminal a table that renews itself; elsewhere one line per module and period."
+)]
+pub struct Args {
+    /// Bus options.
+    #[command(flatten)]
+    pub bus: BusArgs,
+    /// These modules. Default: all that are there.
+    #[arg(long)]
+    pub modules: Option<Modules>,
+    /// Only listen to what others ask; send nothing.
+    #[arg(long)]
+    pub listen: bool,
+    /// Time between two pictures, s.
+    #[arg(long, default_value_t = 0.2, value_name = "SECONDS", value_parser = super::home::positive)]
+    pub period: f64,
+    /// End after so many seconds. On the bus `sim` the default is one second.
+    #[arg(long = "for", value_name = "SECONDS", value_parser = super::home::positive)]
+    pub time: Option<f64>,
+    /// Lines instead of a table, also on a terminal.
+    #[arg(long)]
+    pub plain: bool,
+}
+
+/// Runs the verb.
+///
+/// # Errors
+/// The bus cannot be reached or is lost, or nobody answers.
+pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    let mut session = args.bus.open()?;
+    let modules: Vec<ModuleId> = if args.listen {
+        Vec::new()
+    } else {
+        let found = modules_on(&mut session, args.modules.as_ref().map(|modules| modules.0.as_slice()))?;
+        found.iter().map(|report| report.module).collect()
+    };
+    let table = !args.plain && std::io::stdout().is_terminal();
+    let span = args.time.or(session.is_simulated().then_some(1.0));
+    let end = span.map_or(Instant::FAR_FUTURE, |s| session.now() + Duration::from_secs_f64(s));
+    let period = Duration::from_secs_f64(args.period);
+    let mut before = session.desk().tally();
+    let mut ended = Ended::Done;
+    while session.now() < end && ended != Ended::Interrupted {
+        ask(session.desk(), &modules);
+        let begun = session.now();
+        ended = session.run((begun + period).min(end), &mut |desk| {
+            while desk.poll_outcome().is_some() {}
+            false
+        })?;
+        let span = session.now().saturating_since(begun);
+        let text = picture(&mut session, before, span, table);
+        before = session.desk().tally();
+        let mut out = std::io::stdout().lock();
+        let written = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+        if let Err(error) = written {
+            // The reader of a pipe has gone: that is how people end it.
+            if error.kind() == std::io::ErrorKind::BrokenPipe {
+                break;
+            }
+            return Err(ExpectedError::new(exit::OUTPUT, format!("cannot write: {error}")));
+        }
+    }
+    Ok(session.finish()?)
+}
+
+/// One round of questions, unless the last one is still open.
+fn ask(desk: &mut Desk, modules: &[ModuleId]) {
+    if !desk.drives.is_idle() {
+        return;
+    }
+    for module in modules {
+        for parameter in [Parameter::ActPos, Parameter::CubeState, Parameter::Cur] {
+            // The queue of an idle client is empty.
+            let _ = desk.start(*module, Request::Get(parameter));
+        }
+    }
+}
+
+fn picture(session: &mut Session, before: crate::bus::desk::Tally, span: Duration, table: bool) -> String {
+    use std::fmt::Write as _;
+    let (now, errors, name) = (session.now(), session.bus_errors().len(), session.name().to_owned());
+    let desk = session.desk();
+    let mut tally = desk.tally();
+    let frames = tally.received + tally.sent - before.received - before.sent;
+    tally.bits -= before.bits;
+    let load = 100.0 * utilisation(tally, span, BIT_RATE_BIT_S);
+    let mut text = String::new();
+    if table {
+        let _ = writeln!(text, "\x1b[2J\x1b[H{name}  {:.1} s", now.as_secs_f64());
+        let _ = writeln!(text, "{frames} frames, load about {load:.1} % of 1 Mbit/s, {errors} bus errors\n");
+        let _ = writeln!(text, "id  position_rad  current_a  heard_ms_ago  state");
+    }
+    for (module, heard) in desk.heard() {
+        let number =
+            |value: Option<f32>, digits: usize| value.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
+        let age_ms = now.saturating_since(heard.at).as_micros() / 1_000;
+        let (position, current) = (number(heard.position_rad, 4), number(heard.current_a, 2));
+        let state = heard.state.map_or("?".to_owned(), |state: CubeState| state.to_string());
+        if table {
+            let _ = writeln!(text, "{module:>2}  {position:>12}  {current:>9}  {age_ms:>12}  {state}");
+        } else {
+            let _ = writeln!(
+                text,
+                "t_s={:.3} module={module} position_rad={position} current_a={current} age_ms={age_ms} state={state} \
+                 load_percent={load:.1} bus_errors={errors}",
+                now.as_secs_f64()
+            );
+        }
+    }
+    text
+}

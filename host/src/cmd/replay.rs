@@ -1,0 +1,187 @@
+//! `cubectl replay`
+
+use std::io::BufReader;
+use std::path::PathBuf;
+
+use protocol::cyphal::id::{NodeId, Route};
+use protocol::powercube::{Address, Channel};
+use protocol::{Frame, Id, Instant, Node};
+
+use super::bus_errors::print_json;
+use crate::bus::sim::soft_controller;
+use crate::error::ExpectedError;
+use crate::exit;
+use crate::log::candump::{Line, read};
+
+/// Frames that a controller may send at one deadline; more is taken for a defect.
+const FRAMES_MAX: usize = 4_096;
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Example:\n  cubectl record boot --controller --for 2 && cubectl replay boot.candump\n\nThe times of the log must be the controller's own clock, beginning at its start, as recordings of the simulated\ncell are."
+)]
+pub struct Args {
+    /// Candump log of a run with a controller.
+    pub log: PathBuf,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Where a replay left the recording.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Difference {
+    /// Line of the log; `None` after its end.
+    pub line: Option<usize>,
+    /// What the log has.
+    pub recorded: Option<Frame>,
+    /// What the controller sent.
+    pub sent: Option<Frame>,
+}
+
+/// What a replay found.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Replayed {
+    /// Frames handed to the controller.
+    pub received: usize,
+    /// Frames of the controller that were as recorded.
+    pub same: usize,
+    /// The first that was not.
+    pub difference: Option<Difference>,
+}
+
+/// Runs the verb.
+///
+/// # Errors
+/// The log cannot be read, or the controller sends something else than recorded.
+pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    let path = &args.log;
+    let file = std::fs::File::open(path).map_err(|error| ExpectedError::io(path, &error))?;
+    let lines = read(BufReader::new(file))
+        .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", path.display())))?;
+    if !lines.iter().any(|line| is_from_controller(&line.frame)) {
+        return Err(ExpectedError::bad_input(&format!(
+            "{}: no frame of a controller in it\n  next: record a run with one, for example `cubectl record boot \
+             --controller --for 2`",
+            path.display()
+        )));
+    }
+    let mut controller = soft_controller();
+    let replayed = replay(&lines, &mut controller);
+    if args.json {
+        print_json(&serde_json::json!({
+            "received": replayed.received,
+            "same": replayed.same,
+            "identical": replayed.difference.is_none(),
+            "difference": replayed.difference.map(|difference| serde_json::json!({
+                "line": difference.line,
+                "recorded": difference.recorded.map(|frame| frame.to_string()),
+                "sent": difference.sent.map(|frame| frame.to_string()),
+            })),
+        }));
+    }
+    match replayed.difference {
+        None => {
+            if !args.json {
+                println!(
+                    "identical: {} frames of the controller after {} received ones",
+                    replayed.same, replayed.received
+                );
+            }
+            Ok(())
+        }
+        Some(Difference { line, recorded, sent }) => {
+            let show = |frame: Option<Frame>| frame.map_or("nothing".to_owned(), |frame| frame.to_string());
+            let place = line.map_or("after the end".to_owned(), |line| format!("line {line}"));
+            Err(ExpectedError::new(
+                exit::FINDINGS,
+                format!(
+                    "{}, {place}: recorded {}, but the controller sends {} ({} frames before it were the same)\n  \
+                     next: same version and settings as in the recording? then the controller has changed",
+                    path.display(),
+                    show(recorded),
+                    show(sent),
+                    replayed.same
+                ),
+            ))
+        }
+    }
+}
+
+/// Cyphal node-ID of the controller, as its settings have it from the start.
+const CONTROLLER: NodeId = NodeId::from_low_bits(10);
+
+/// Frames to drives, which on a bus with a controller only it sends, and its half of the host link.
+fn is_from_controller(frame: &Frame) -> bool {
+    if let Id::Extended(id) = frame.id() {
+        return Route::parse(id).is_ok_and(|(_, route)| route.source() == Some(CONTROLLER));
+    }
+    matches!(
+        Address::of(frame.id()),
+        Some(Address::Broadcast | Address::Module(Channel::Get | Channel::Put, _))
+    )
+}
+
+/// Hands the frames of the log that the controller received to `node`, at their times, and compares what it sends,
+/// in order, with those it sent then.
+///
+/// A frame that leaves at time t is on the bus later, so only the order of the sent ones is compared; their contents
+/// and number must be the same. Frames that still waited when the recording ended are no difference.
+pub fn replay(lines: &[Line], node: &mut dyn Node) -> Replayed {
+    let mut replayed = Replayed::default();
+    let mut recorded = lines.iter().filter(|line| is_from_controller(&line.frame));
+    let end = lines.last().map_or(Instant::ZERO, |line| line.at);
+    let inputs = lines.iter().filter(|line| !is_from_controller(&line.frame));
+    let mut now = Instant::ZERO;
+    let mut check = |node: &mut dyn Node, replayed: &mut Replayed| -> bool {
+        for _ in 0..FRAMES_MAX {
+            let Some(sent) = node.poll_frame() else { return true };
+            match recorded.next() {
+                Some(line) if line.frame == sent => replayed.same += 1,
+                // The bus had not carried it yet when the recording ended.
+                None => return false,
+                Some(line) => {
+                    replayed.difference = Some(Difference {
+                        line: Some(line.number),
+                        recorded: Some(line.frame),
+                        sent: Some(sent),
+                    });
+                    return false;
+                }
+            }
+        }
+        true
+    };
+    if !check(node, &mut replayed) {
+        return replayed;
+    }
+    for line in inputs.map(Some).chain([None]) {
+        let until = line.map_or(end, |line| line.at);
+        // At one time frames come before deadlines, as on the bus that was recorded.
+        while let Some(due) =
+            node.poll_timeout().filter(|due| *due < until || (line.is_none() && *due <= until))
+        {
+            now = now.max(due);
+            node.handle_timeout(now);
+            if !check(node, &mut replayed) {
+                return replayed;
+            }
+            if node.poll_timeout() == Some(due) {
+                break;
+            }
+        }
+        let Some(line) = line else { break };
+        now = now.max(line.at);
+        replayed.received += 1;
+        node.handle_frame(now, &line.frame);
+        if !check(node, &mut replayed) {
+            return replayed;
+        }
+    }
+    if let Some(line) = recorded.next() {
+        replayed.difference =
+            Some(Difference { line: Some(line.number), recorded: Some(line.frame), sent: None });
+    }
+    replayed
+}

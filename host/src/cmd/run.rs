@@ -1,0 +1,91 @@
+//! `cubectl run`
+
+use std::path::PathBuf;
+
+use protocol::Duration;
+use protocol::cyphal::cubecell::group_state::State;
+use protocol::cyphal::id::NodeId;
+
+use super::bus_errors::print_json;
+use super::upload::{node_id, read, send, settle};
+use crate::bus::BusArgs;
+use crate::error::ExpectedError;
+use crate::exit;
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Example:\n  cubectl run throw.ctrj --bus can0 --record throw1\n\nThe arm must be homed and stand where the plan begins. Ctrl-C stops it along its path."
+)]
+pub struct Args {
+    /// Trajectory file of a controller.
+    pub file: PathBuf,
+    /// Bus options; on the bus `sim` a soft controller is in the cell.
+    #[command(flatten)]
+    pub bus: BusArgs,
+    /// Cyphal node-ID of the controller. Default: the one that is heard.
+    #[arg(long, value_name = "NODE-ID", value_parser = node_id)]
+    pub controller: Option<NodeId>,
+    /// Home what is not homed first.
+    #[arg(long)]
+    pub home: bool,
+    /// Longest time for the run, s.
+    #[arg(long, default_value_t = 60.0, value_name = "SECONDS", value_parser = super::home::positive)]
+    pub timeout: f64,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Runs the verb.
+///
+/// # Errors
+/// The file, the bus, no controller, its refusal, or a stop or fault on the way.
+pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    let bytes = read(&args.file)?;
+    let mut session = args.bus.open_with_controller()?;
+    let node = session.find_controller(args.controller)?;
+    settle(&mut session)?;
+    let group = session.group().unwrap_or_default();
+    if group.state == State::Idle {
+        if !args.home {
+            return Err(ExpectedError::new(
+                exit::DRIVE,
+                "not all joints are homed; nothing moved\n  next: `cubectl run --home`, or `cubectl home` first",
+            ));
+        }
+        session.home_group(node, !group.homed_mask, Duration::from_secs(120))?;
+    }
+    let name = send(&mut session, node, &bytes)?;
+    session.arm(node, &name)?;
+    if !args.json {
+        eprintln!(
+            "controller {}: armed for {:016x}; running, Ctrl-C stops",
+            node.get(),
+            name.trajectory_crc64
+        );
+    }
+    let begun = session.now();
+    let end = session.run_trajectory(node, &name, Duration::from_secs_f64(args.timeout), &mut |_| {})?;
+    let took_s = session.now().saturating_since(begun).as_secs_f64();
+    session.finish()?;
+    if args.json {
+        print_json(&serde_json::json!({
+            "controller": node.get(),
+            "trajectory_crc64": format!("{:016x}", name.trajectory_crc64),
+            "took_s": took_s,
+            "cycle_us": end.cycle_us,
+            "cycle_jitter_us": end.cycle_jitter_us,
+            "cycles_late": end.cycles_late,
+            "replies_missed": end.replies_missed,
+            "cycles_saturated": end.cycles_saturated,
+            "bus_load_permille": end.bus_load_permille,
+        }));
+    } else {
+        println!(
+            "done in {took_s:.2} s; {} late cycles, {} missed replies, {} saturated cycles",
+            end.cycles_late, end.replies_missed, end.cycles_saturated
+        );
+    }
+    Ok(())
+}

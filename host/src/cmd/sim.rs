@@ -1,0 +1,96 @@
+//! `cubectl sim`
+
+use std::path::PathBuf;
+
+use can_link::{BusSpec, Clock, Relay, ServerOptions};
+use hil_sim::World;
+use hil_sim::crew::Solo;
+use hil_sim::realtime::{Door, Gateway, Realtime, RealtimeError, Visit};
+use hil_sim::scenario::{Scenario, ScriptedHost};
+use protocol::{Duration, Instant};
+
+use crate::bus::args::interrupt;
+use crate::bus::session::BusFailure;
+use crate::bus::sim::{no_guests, soft_controller_guest};
+use crate::error::ExpectedError;
+use crate::exit;
+
+/// Time between two looks at Ctrl-C.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  cubectl sim                                  # then: cubectl scan --bus socketcand://127.0.0.1:29536/can0\n  cubectl sim --bus slcan:/dev/ptmx --controller\n  cubectl sim --bus vcan0 --scenario silent_drive.toml"
+)]
+pub struct Args {
+    /// Where: socketcand://127.0.0.1:29536/can0 and slcan://127.0.0.1:3333 serve that port, slcan:/dev/ptmx makes a
+    /// pseudo-terminal, vcan0 joins that interface.
+    #[arg(long, default_value = "socketcand://127.0.0.1:29536/can0", value_name = "SPEC")]
+    pub bus: BusSpec,
+    /// Robot: a built-in name or a file.
+    #[arg(long, value_name = "ROBOT")]
+    pub robot: Option<String>,
+    /// Scenario with options, faults and actions.
+    #[arg(long)]
+    pub scenario: Option<PathBuf>,
+    /// Seed instead of the scenario's.
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// Put the soft controller on the bus too.
+    #[arg(long)]
+    pub controller: bool,
+    /// End after so many seconds.
+    #[arg(long = "for", value_name = "SECONDS", value_parser = super::home::positive)]
+    pub time: Option<f64>,
+}
+
+/// Runs the verb.
+///
+/// # Errors
+/// The place cannot be served, or the scenario or robot is bad.
+pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    let mut scenario = match &args.scenario {
+        Some(path) => Scenario::load(path).map_err(|error| ExpectedError::bad_input(&error))?,
+        None => Scenario { name: "sim".to_owned(), ..Scenario::default() },
+    };
+    if let Some(robot) = &args.robot {
+        scenario.robot.clone_from(robot);
+    }
+    scenario.seed = args.seed.unwrap_or(scenario.seed);
+    let cell = scenario.cell().map_err(|error| ExpectedError::bad_input(&error))?;
+    let guests = if args.controller { soft_controller_guest() } else { no_guests() };
+    let script = Solo::new("script", ScriptedHost::new(&scenario.actions));
+    let crew = (((cell, script), guests), Solo::new("clients", Gateway::default()));
+    let world = World::new(crew, scenario.bus, scenario.seed, scenario.faults.clone())
+        .map_err(|error| ExpectedError::bad_input(&error))?;
+    let clock = Clock::start();
+    let door = match &args.bus {
+        // An interface is a bus already; everything else is served.
+        BusSpec::SocketCan { .. } => can_link::open(&args.bus, clock).map(Door::Member),
+        _ => {
+            let options = ServerOptions { relay: Relay::ByOwner, ..ServerOptions::default() };
+            can_link::serve(&args.bus, clock, options).map(Door::Server)
+        }
+    }
+    .map_err(BusFailure::from)?;
+    let stop = interrupt();
+    println!("serving {} (robot {}, seed {}); Ctrl-C ends", door.name(), scenario.robot, scenario.seed);
+    let end = args.time.map_or(Instant::FAR_FUTURE, |s| Instant::ZERO + Duration::from_secs_f64(s));
+    let mut realtime = Realtime::new(world, door, clock);
+    while !stop.load(std::sync::atomic::Ordering::Relaxed) && realtime.world().now() < end {
+        let until = (realtime.world().now() + LOOK).min(end);
+        realtime.turn(until, &mut ()).map_err(|error| {
+            let code = if matches!(error, RealtimeError::Run(_)) { exit::BUG } else { exit::BUS };
+            ExpectedError::new(code, error.to_string())
+        })?;
+        for visit in realtime.visits() {
+            match visit {
+                Visit::Joined(peer) => eprintln!("client {peer} connected"),
+                Visit::Left(reason) => eprintln!("client gone: {reason}"),
+            }
+        }
+    }
+    print!("{}", realtime.world().bus_report());
+    Ok(())
+}

@@ -1,0 +1,61 @@
+//! `cubectl stop`
+
+use protocol::cyphal::cubecell::stop::Reason;
+use protocol::powercube::CubeState;
+use protocol::{Duration, ModuleId};
+
+use super::bus_errors::look;
+use crate::bus::BusArgs;
+use crate::error::ExpectedError;
+use crate::exit;
+
+/// How often the halt is said, 5 ms apart: a frame may be lost.
+const TIMES: usize = 3;
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Example:\n  cubectl stop --bus can0\n\nThe halt is sent before anything else; only then is looked who obeyed."
+)]
+pub struct Args {
+    /// Bus options.
+    #[command(flatten)]
+    pub bus: BusArgs,
+}
+
+/// Runs the verb.
+///
+/// # Errors
+/// The bus cannot be reached, or a module still moves.
+pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    let mut session = args.bus.open()?;
+    for _ in 0..TIMES {
+        session.halt(Reason::OPERATOR)?;
+        session.pass(Duration::from_millis(5))?;
+    }
+    let all: Vec<ModuleId> = ModuleId::all().collect();
+    let found = look(&mut session, &all)?;
+    let name = session.name().to_owned();
+    session.finish()?;
+    let moving: Vec<String> = found
+        .iter()
+        .filter(|report| report.state.is_none_or(|state| state.intersects(CubeState::MOTION)))
+        .map(|report| report.module.to_string())
+        .collect();
+    if !moving.is_empty() {
+        return Err(ExpectedError::new(
+            exit::DRIVE,
+            format!(
+                "{name}: the halt was sent, but module {} still moves or does not tell\n  next: switch the motor \
+                 supply off",
+                moving.join(", ")
+            ),
+        ));
+    }
+    let halted = found.iter().filter(|report| report.is_stopped()).count();
+    println!(
+        "{name}: halt sent {TIMES} times; {} modules answer, {halted} of them halted, none moves",
+        found.len()
+    );
+    Ok(())
+}

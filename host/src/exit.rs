@@ -1,0 +1,48 @@
+//! Exit codes of `cubectl`, stable across versions.
+
+/// Done.
+pub const OK: u8 = 0;
+/// A bug in cubectl.
+pub const BUG: u8 = 1;
+/// The command line makes no sense (given by the argument parser).
+pub const USAGE: u8 = 2;
+/// No throw reaches the target.
+pub const NO_THROW: u8 = 3;
+/// A file cannot be read, is damaged, newer, or for another robot; or a value in it or on the command line is refused.
+pub const BAD_INPUT: u8 = 4;
+/// A plan does not hold what it claims.
+pub const CHECK_FAILED: u8 = 5;
+/// Interrupted before there was a result.
+pub const INTERRUPTED: u8 = 6;
+/// The bus cannot be reached, or was lost.
+pub const BUS: u8 = 7;
+/// A drive does not answer, refuses, is in error, or did not do what it should.
+pub const DRIVE: u8 = 8;
+/// It was looked at, and something is wrong: doctor found a problem, a replay or a configuration differs.
+pub const FINDINGS: u8 = 9;
+/// A result or a recording cannot be written.
+pub const OUTPUT: u8 = 10;
+
+/// Code, meaning and next step of each, for `cubectl explain` and the help.
+pub const TABLE: &[(u8, &str, &str)] = &[
+    (OK, "done", "nothing"),
+    (BUG, "a bug in cubectl", "report it with the command line and the recording"),
+    (USAGE, "the command line makes no sense", "see `cubectl help VERB`"),
+    (NO_THROW, "no throw reaches the target", "choose a nearer target or relax a limit"),
+    (BAD_INPUT, "a file or a value is refused", "the message names file, key and what would be right"),
+    (CHECK_FAILED, "a plan does not hold what it claims", "plan again; do not run it"),
+    (INTERRUPTED, "interrupted before there was a result", "run it again; what moved was stopped first"),
+    (BUS, "the bus cannot be reached, or was lost", "do what the message says, then `cubectl doctor`"),
+    (DRIVE, "a drive does not answer, refuses or is in error", "`cubectl doctor` names module and cause"),
+    (FINDINGS, "it was looked at, and something is wrong", "the output lists what and where"),
+    (OUTPUT, "a result or a recording cannot be written", "free space, or write to another place"),
+];
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn every_code_is_in_the_table_once_and_in_order() {
+        let codes: Vec<u8> = super::TABLE.iter().map(|row| row.0).collect();
+        assert_eq!(codes, (0..=10).collect::<Vec<u8>>());
+    }
+}

@@ -1,0 +1,99 @@
+//! Recordings of a bus: a candump text log, which is also what `replay` reads, and an MCAP file for viewers.
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`candump`] | text log: written line by line, read with line numbers in errors |
+//! | [`mcap`] | the same frames and the joints' state decoded from them, as protobuf channels |
+//! | [`schema`] | the protobuf messages and their self-description |
+//!
+//! Both are written at once by [`Recorder`]. What was seen is on the disk at most [`FLUSH_EVERY`] later, so that a
+//! crash loses little; the text log is readable up to its last line, and the MCAP file by any reader that recovers
+//! unfinished files.
+
+pub mod candump;
+pub mod mcap;
+pub mod schema;
+
+use std::ffi::OsString;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use can_link::{BusError, BusSpec};
+use protocol::{Duration, Frame, Instant};
+
+use crate::bus::session::{Tap, Way};
+
+/// Longest time that a frame waits in memory.
+pub const FLUSH_EVERY: Duration = Duration::from_millis(200);
+
+/// Writes both recordings.
+pub struct Recorder {
+    text: candump::Log<std::fs::File>,
+    viewer: mcap::Log<std::fs::File>,
+    flushed: Instant,
+}
+
+impl Recorder {
+    /// Creates `path.candump` and `path.mcap` for the bus `spec`. Files that exist are not overwritten.
+    ///
+    /// # Errors
+    /// A file cannot be created; the path is in the text.
+    pub fn create(path: &Path, spec: &BusSpec) -> io::Result<Self> {
+        let bus = match spec {
+            BusSpec::SocketCan { interface } => interface.clone(),
+            BusSpec::Socketcand { bus, .. } => bus.clone(),
+            BusSpec::Sim => "sim".to_owned(),
+            BusSpec::Slcan { .. } => "slcan".to_owned(),
+        };
+        let [text, viewer] = files_of(path);
+        Ok(Self {
+            text: candump::Log::new(create_new(&text)?, bus),
+            viewer: mcap::Log::new(create_new(&viewer)?)?,
+            flushed: Instant::ZERO,
+        })
+    }
+
+    fn flush_if_due(&mut self, at: Instant) -> io::Result<()> {
+        if at.saturating_since(self.flushed) < FLUSH_EVERY {
+            return Ok(());
+        }
+        self.flushed = at;
+        self.text.flush()?;
+        self.viewer.flush()
+    }
+}
+
+/// The two files of a recording.
+pub fn files_of(path: &Path) -> [PathBuf; 2] {
+    ["candump", "mcap"].map(|extension| {
+        let mut name = OsString::from(path);
+        name.push(".");
+        name.push(extension);
+        PathBuf::from(name)
+    })
+}
+
+fn create_new(path: &Path) -> io::Result<std::fs::File> {
+    std::fs::File::create_new(path)
+        .map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", path.display())))
+}
+
+impl Tap for Recorder {
+    fn frame(&mut self, at: Instant, way: Way, frame: &Frame) -> io::Result<()> {
+        self.text.frame(at, way, frame)?;
+        self.viewer.frame(at, way, frame)?;
+        self.flush_if_due(at)
+    }
+
+    fn bus_error(&mut self, at: Instant, error: &BusError) -> io::Result<()> {
+        self.text.bus_error(at, error)?;
+        self.viewer.bus_error(at, error)?;
+        self.flush_if_due(at)
+    }
+
+    fn finish(&mut self) -> io::Result<()> {
+        let text = self.text.flush();
+        self.viewer.finish()?;
+        text
+    }
+}

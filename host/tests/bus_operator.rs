@@ -1,0 +1,80 @@
+//! Orders to the soft controller over the wire: boot, home, upload, commit, arm, run, follow.
+
+use firmware::joints::PerJoint;
+use firmware::settings::Settings;
+use firmware::trajectory_format::{FILE_LEN_MAX, Header, encode, rest};
+use host::bus::operator::OperatorError;
+use host::bus::{BusArgs, Session};
+use protocol::cyphal::cubecell::group_state::State;
+use protocol::cyphal::id::NodeId;
+use protocol::{Duration, JointIndex};
+
+/// A session with a homed group.
+fn homed() -> (Session, NodeId) {
+    let mut session = BusArgs::default().open_with_controller().unwrap();
+    let node = session.find_controller(None).unwrap();
+    session.wait_for(Duration::from_secs(10), &|state| state != State::Boot).unwrap();
+    session.home_group(node, 0x3F, Duration::from_secs(120)).unwrap();
+    (session, node)
+}
+
+/// Stands where the arm stands, for half a second.
+fn standing(session: &mut Session, offset_rad: f32) -> Vec<u8> {
+    let settings = Settings::powercube6();
+    let mut q_rad = PerJoint::<f32>::default();
+    for (joint, heard) in JointIndex::first(6).zip(session.desk().heard().values()) {
+        *q_rad.at_mut(joint) = heard.position_rad.unwrap() + offset_rad;
+    }
+    let header = Header {
+        joints: 6,
+        period_us: settings.cycle_period_us,
+        release_us: None,
+        robot_crc32: settings.robot_crc32,
+    };
+    let mut bytes = vec![0; FILE_LEN_MAX];
+    let len = encode(&header, &rest(q_rad, 500_000), &mut bytes).unwrap();
+    bytes.truncate(len);
+    bytes
+}
+
+#[test]
+fn a_trajectory_is_uploaded_committed_armed_run_and_followed_to_its_end() {
+    let (mut session, node) = homed();
+    let file = standing(&mut session, 0.0);
+    let mut pieces = 0;
+    let name = session.upload(node, &file, &mut |_, _| pieces += 1).unwrap();
+    assert!(pieces >= 1);
+    session.arm(node, &name).unwrap();
+    let mut states = Vec::new();
+    let end = session
+        .run_trajectory(node, &name, Duration::from_secs(5), &mut |group| states.push(group.state))
+        .unwrap();
+    assert_eq!(end.state, State::Ready);
+    assert!(states.contains(&State::Running), "{states:?}");
+}
+
+#[test]
+fn a_plan_that_begins_elsewhere_and_a_damaged_file_are_refused_with_cause_and_next_step() {
+    let (mut session, node) = homed();
+    let mut file = standing(&mut session, 0.2);
+    let name = session.upload(node, &file, &mut |_, _| {}).unwrap();
+    let refused = session
+        .arm(node, &name)
+        .and_then(|()| session.run_trajectory(node, &name, Duration::from_secs(5), &mut |_| {}).map(drop));
+    let text = refused.unwrap_err().to_string();
+    assert!(
+        text.contains("is not where the plan begins") && text.contains("next: move there first"),
+        "{text}"
+    );
+    file[30] ^= 1;
+    let text = session.upload(node, &file, &mut |_, _| {}).unwrap_err().to_string();
+    assert!(text.contains("checksum") && text.contains("(fault 602)"), "{text}");
+}
+
+#[test]
+fn without_a_controller_the_operator_is_told_what_still_works() {
+    let mut session = BusArgs::default().open().unwrap();
+    let error = session.find_controller(None).unwrap_err();
+    assert!(matches!(error, OperatorError::NoController));
+    assert!(error.to_string().contains("only scan, home, jog and stop work"));
+}

@@ -1,0 +1,190 @@
+//! Every verb that touches a bus, on the embedded cell, as people run it.
+
+mod bus_common;
+
+use bus_common::{Folder, code, cubectl, err, out};
+
+fn json(text: &str) -> serde_json::Value {
+    serde_json::from_str(text).unwrap()
+}
+
+#[test]
+fn scan_finds_the_six_modules_with_serial_firmware_and_state() {
+    let output = cubectl(&["scan", "--json"]);
+    assert_eq!(code(&output), 0, "{}", err(&output));
+    let report = json(&out(&output));
+    let modules = report["modules"].as_array().unwrap();
+    assert_eq!(modules.len(), 6);
+    let mut serials: Vec<u64> = modules.iter().map(|module| module["serial"].as_u64().unwrap()).collect();
+    serials.dedup();
+    assert_eq!(serials.len(), 6, "serial numbers are different");
+    for module in modules {
+        assert!(module["unanswered"].as_array().unwrap().is_empty());
+        assert!(module["position_rad"].as_f64().unwrap().abs() < 3.2);
+    }
+    let table = out(&cubectl(&["scan"]));
+    assert_eq!(table.lines().count(), 8, "{table}");
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bytes() {
+    assert_eq!(cubectl(&["status", "--seed", "7"]).stdout, cubectl(&["status", "--seed", "7"]).stdout);
+}
+
+#[test]
+fn a_module_that_was_named_but_is_silent_is_an_error_with_the_next_step() {
+    let output = cubectl(&["status", "--modules", "1-7"]);
+    assert_eq!(code(&output), 8);
+    let text = err(&output);
+    assert!(text.contains("module 7 does not answer") && text.contains("next: "), "{text}");
+}
+
+#[test]
+fn an_address_where_nobody_is_gives_no_module() {
+    let output = cubectl(&["scan", "--modules", "20-22"]);
+    assert_eq!(code(&output), 8);
+    assert!(err(&output).contains("no module answers"), "{}", err(&output));
+}
+
+#[test]
+fn home_finds_all_zeros_at_reduced_speed_and_leaves_homed_ones_alone() {
+    let output = cubectl(&["home", "--json"]);
+    assert_eq!(code(&output), 0, "{}", err(&output));
+    let report = json(&out(&output));
+    let modules = report["modules"].as_array().unwrap();
+    assert_eq!(modules.len(), 6);
+    for module in modules {
+        if module["skipped"].is_null() {
+            let took_s = module["took_s"].as_f64().unwrap();
+            assert!((0.05..40.0).contains(&took_s), "{module}");
+        }
+    }
+}
+
+#[test]
+fn a_homing_that_takes_too_long_is_halted_and_says_so() {
+    let output = cubectl(&["home", "--modules", "1", "--timeout", "0.05", "--force"]);
+    assert_eq!(code(&output), 8, "{}{}", out(&output), err(&output));
+    assert!(err(&output).contains("did not find its zero") && err(&output).contains("halted"));
+}
+
+#[test]
+fn jog_moves_as_far_as_speed_and_time_say_and_stands_still() {
+    let output = cubectl(&["jog", "3", "--for", "0.5", "--speed", "-0.1", "--json"]);
+    assert_eq!(code(&output), 0, "{}", err(&output));
+    let report = json(&out(&output));
+    let moved = report["to_rad"].as_f64().unwrap() - report["from_rad"].as_f64().unwrap();
+    // 0.5 s at 0.1 rad/s, with the ramps: neither nothing nor beyond the horizon.
+    assert!((-0.075..-0.035).contains(&moved), "{moved}");
+}
+
+#[test]
+fn a_jog_faster_than_walking_pace_is_refused_by_the_command_line() {
+    let output = cubectl(&["jog", "3", "--for", "1", "--speed", "1.0"]);
+    assert_eq!(code(&output), 2);
+    assert!(err(&output).contains("at most 0.25 rad/s"), "{}", err(&output));
+}
+
+#[test]
+fn stop_halts_all_modules() {
+    let output = cubectl(&["stop"]);
+    assert_eq!(code(&output), 0, "{}", err(&output));
+    assert!(out(&output).contains("6 modules answer, 6 of them halted, none moves"), "{}", out(&output));
+}
+
+#[test]
+fn doctor_finds_nothing_wrong_with_the_nominal_cell() {
+    let output = cubectl(&["doctor", "--modules", "1-6", "--probe-29-bit", "--json"]);
+    let report = json(&out(&output));
+    assert_eq!(code(&output), 0, "{report:#}");
+    let findings = report["findings"].as_array().unwrap();
+    let checks: Vec<&str> = findings.iter().map(|finding| finding["check"].as_str().unwrap()).collect();
+    for check in ["traffic", "modules", "bus errors", "addresses", "29-bit probe", "homing", "watchdog"] {
+        assert!(checks.contains(&check), "{check} is missing in {checks:?}");
+    }
+}
+
+#[test]
+fn a_recorded_run_of_the_controller_is_replayed_bit_for_bit_and_a_changed_one_is_not() {
+    let folder = Folder::new("replay");
+    let path = folder.file("boot");
+    let output = cubectl(&["record", &path, "--controller", "--for", "1.5"]);
+    assert_eq!(code(&output), 0, "{}", err(&output));
+    let log = format!("{path}.candump");
+    let output = cubectl(&["replay", &log, "--json"]);
+    assert_eq!(code(&output), 0, "{}{}", out(&output), err(&output));
+    let report = json(&out(&output));
+    assert!(report["same"].as_u64().unwrap() > 100 && report["identical"] == true, "{report}");
+    // One bit of one request of the controller.
+    let text = std::fs::read_to_string(&log).unwrap();
+    let changed = text.replacen("#0A3C", "#0A3D", 1).replacen("#0A62", "#0A63", 1);
+    assert_ne!(text, changed);
+    std::fs::write(folder.file("changed.candump"), changed).unwrap();
+    let output = cubectl(&["replay", &folder.file("changed.candump")]);
+    assert_eq!(code(&output), 9);
+    assert!(err(&output).contains("line ") && err(&output).contains("recorded"), "{}", err(&output));
+}
+
+#[test]
+fn recordings_are_not_overwritten_and_open_as_mcap() {
+    let folder = Folder::new("mcap");
+    let path = folder.file("scan");
+    assert_eq!(code(&cubectl(&["scan", "--record", &path])), 0);
+    let again = cubectl(&["scan", "--record", &path]);
+    assert_eq!(code(&again), 10);
+    assert!(err(&again).contains("scan.candump"), "{}", err(&again));
+    let bytes = std::fs::read(format!("{path}.mcap")).unwrap();
+    let mut topics = std::collections::BTreeMap::new();
+    for message in mcap::MessageStream::new(&bytes).unwrap() {
+        *topics.entry(message.unwrap().channel.topic.clone()).or_insert(0) += 1;
+    }
+    let lines = std::fs::read_to_string(format!("{path}.candump")).unwrap().lines().count();
+    let frames_and_errors = topics.get("/bus/frames").unwrap_or(&0) + topics.get("/bus/errors").unwrap_or(&0);
+    assert_eq!(frames_and_errors, lines, "{topics:?}");
+    assert_eq!(topics.keys().filter(|topic| topic.starts_with("/module/")).count(), 6);
+}
+
+#[test]
+fn config_is_dumped_compared_and_restored() {
+    let folder = Folder::new("config");
+    let file = folder.file("arm.toml");
+    assert_eq!(code(&cubectl(&["config", "dump", &file])), 0);
+    let same = cubectl(&["config", "diff", &file]);
+    assert_eq!(code(&same), 0, "{}{}", out(&same), err(&same));
+    let text = std::fs::read_to_string(&file).unwrap();
+    let line = text.lines().find(|line| line.starts_with("MaxVel_rad_per_s")).unwrap();
+    std::fs::write(&file, text.replacen(line, "MaxVel_rad_per_s = 0.5", 1)).unwrap();
+    let differs = cubectl(&["config", "diff", &file]);
+    assert_eq!(code(&differs), 9);
+    assert!(out(&differs).contains("MaxVel_rad_per_s"), "{}", out(&differs));
+    let restored = cubectl(&["config", "restore", &file, "--save"]);
+    assert_eq!(code(&restored), 0, "{}", err(&restored));
+    assert!(out(&restored).starts_with("1 settings written to 1 modules"), "{}", out(&restored));
+    let foreign = folder.file("foreign.toml");
+    let serial = text.lines().find(|line| line.starts_with("serial")).unwrap();
+    std::fs::write(&foreign, text.replacen(serial, "serial = 1", 1)).unwrap();
+    let refused = cubectl(&["config", "restore", &foreign]);
+    assert_eq!(code(&refused), 4);
+    assert!(err(&refused).contains("nothing was written"), "{}", err(&refused));
+    std::fs::write(&foreign, "schema_version = 1\nmodule = 3\n").unwrap();
+    let bad = cubectl(&["config", "diff", &foreign]);
+    assert_eq!(code(&bad), 4);
+    assert!(err(&bad).contains("foreign.toml"), "{}", err(&bad));
+}
+
+#[test]
+fn monitor_in_a_pipe_prints_one_line_per_module_and_period() {
+    let output = cubectl(&["monitor", "--for", "0.4", "--period", "0.2"]);
+    assert_eq!(code(&output), 0, "{}", err(&output));
+    let text = out(&output);
+    assert_eq!(text.lines().count(), 12, "{text}");
+    assert!(text.lines().all(|line| line.contains("position_rad=") && !line.contains('\x1b')));
+}
+
+#[test]
+fn explain_knows_faults_and_exit_codes() {
+    let text = out(&cubectl(&["explain", "502"]));
+    assert!(text.contains("HomingFailed") && text.contains("next:"), "{text}");
+    assert!(out(&cubectl(&["explain", "exit", "7"])).contains("bus cannot be reached"));
+    assert_eq!(code(&cubectl(&["explain", "12345"])), 4);
+}
