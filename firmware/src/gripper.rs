@@ -113,7 +113,8 @@ mod tests {
 
     #[test]
     fn board_output_is_handed_over_once_per_change() {
-        let (mut gripper, settings) = (Gripper::default(), Settings::powercube6());
+        let (mut gripper, mut settings) = (Gripper::default(), Settings::powercube6());
+        settings.gripper_address = 0;
         gripper.set(true, &settings);
         assert_eq!((gripper.take_board_level(), gripper.take_board_level()), (Some(true), None));
     }
