@@ -34,6 +34,11 @@ use super::session::{BusFailure, Ended, Session};
 pub const HEARTBEAT: Duration = Duration::from_millis(30);
 /// How long an offer to arm, and an arming, shall hold, ms.
 const ARMING_VALID_MS: u16 = 5_000;
+/// Time in which a controller at rest has read every drive anew, with room: it looks at four things of each in turn,
+/// 10 ms apart by default.
+const FRESH: Duration = Duration::from_millis(500);
+/// Time between two confirmations while it does.
+const FRESH_LOOK: Duration = Duration::from_millis(50);
 /// A controller that is there has sent its state by then.
 const PRESENCE: Duration = Duration::from_millis(1_500);
 /// Longest time for one request with all its attempts.
@@ -320,7 +325,19 @@ impl Session {
         let output = self.order(node, "to arm", command::ARM_PREPARE, &prepare)?;
         let offer = ArmOffer::from_bytes(&output).map_err(|_| OperatorError::Unreadable { node })?;
         let confirm = ArmConfirm { token: offer.token, valid_ms: ARMING_VALID_MS };
-        self.order(node, "the arming", command::ARM_CONFIRM, &confirm)?;
+        // After homing or a reset the controller reads the drives anew before it trusts them.
+        let until = self.now() + FRESH;
+        loop {
+            match self.order(node, "the arming", command::ARM_CONFIRM, &confirm) {
+                Err(OperatorError::Refused { refusal: Some(refusal), .. })
+                    if refusal.cause == Cause::DriveNotReady.code() && self.now() < until =>
+                {
+                    self.pass(FRESH_LOOK)?;
+                }
+                Err(refused) => return Err(refused),
+                Ok(_) => break,
+            }
+        }
         self.wait_for(Duration::from_secs(2), &|state| state == State::Armed)
     }
 

@@ -60,7 +60,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let file = std::fs::File::open(path).map_err(|error| ExpectedError::io(path, &error))?;
     let lines = read(BufReader::new(file))
         .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", path.display())))?;
-    if !lines.iter().any(|line| is_from_controller(&line.frame)) {
+    if !lines.iter().any(is_from_controller) {
         return Err(ExpectedError::bad_input(&format!(
             "{}: no frame of a controller in it\n  next: record a run with one, for example `cubectl record boot \
              --controller --for 2`",
@@ -113,7 +113,13 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 const CONTROLLER: NodeId = NodeId::from_low_bits(10);
 
 /// Frames to drives, which on a bus with a controller only it sends, and its half of the host link.
-fn is_from_controller(frame: &Frame) -> bool {
+///
+/// What the recording program sent itself (a stop, orders of an operator) is not the controller's.
+fn is_from_controller(line: &Line) -> bool {
+    let frame = &line.frame;
+    if line.sent == Some(true) {
+        return false;
+    }
     if let Id::Extended(id) = frame.id() {
         return Route::parse(id).is_ok_and(|(_, route)| route.source() == Some(CONTROLLER));
     }
@@ -130,9 +136,9 @@ fn is_from_controller(frame: &Frame) -> bool {
 /// and number must be the same. Frames that still waited when the recording ended are no difference.
 pub fn replay(lines: &[Line], node: &mut dyn Node) -> Replayed {
     let mut replayed = Replayed::default();
-    let mut recorded = lines.iter().filter(|line| is_from_controller(&line.frame));
+    let mut recorded = lines.iter().filter(|line| is_from_controller(line));
     let end = lines.last().map_or(Instant::ZERO, |line| line.at);
-    let inputs = lines.iter().filter(|line| !is_from_controller(&line.frame));
+    let inputs = lines.iter().filter(|line| !is_from_controller(line));
     let mut now = Instant::ZERO;
     let mut check = |node: &mut dyn Node, replayed: &mut Replayed| -> bool {
         for _ in 0..FRAMES_MAX {

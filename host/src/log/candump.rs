@@ -69,6 +69,8 @@ pub struct Line {
     pub at: Instant,
     /// The frame.
     pub frame: Frame,
+    /// Sent by the program that recorded; `None` if the log does not say.
+    pub sent: Option<bool>,
 }
 
 /// Why a log cannot be read.
@@ -111,7 +113,8 @@ pub fn read(input: impl BufRead) -> Result<Vec<Line>, ReadError> {
             Ok(record) if record.at < last => return Err(ReadError::Backwards { line, at: record.at }),
             Ok(record) => {
                 last = record.at;
-                lines.push(Line { number: line, at: record.at, frame: record.frame });
+                let sent = record.direction.map(|direction| direction == Direction::Sent);
+                lines.push(Line { number: line, at: record.at, frame: record.frame, sent });
             }
             Err(ParseError::NotADataFrame { .. }) => {}
             Err(error) => return Err(ReadError::Line { line, error }),
@@ -135,7 +138,7 @@ mod tests {
         log.flush().unwrap();
         drop(log);
         let lines = read(bytes.as_slice()).unwrap();
-        assert_eq!(lines, [Line { number: 1, at: Instant::from_micros(17), frame }]);
+        assert_eq!(lines, [Line { number: 1, at: Instant::from_micros(17), frame, sent: Some(false) }]);
         assert!(String::from_utf8(bytes).unwrap().contains("20000020#0000000000000000"));
     }
 
