@@ -5,6 +5,8 @@
 //! |---|---|
 //! | [`cli`], [`cmd`] | command line; one verb per file |
 //! | [`exit`], [`error`] | documented exit codes, expected errors |
+//! | [`plan`] | throw planner |
+//! | [`store`] | found throws, kept for later starts |
 //! | [`flight`] | ball after the release: vacuum, drag, spin; landing and its Jacobian |
 //! | [`bus`] | access to a bus: sessions in virtual and real time, requests to drives, bounded motions |
 //! | [`log`] | recordings: candump text and MCAP |
@@ -18,4 +20,6 @@ pub mod exit;
 pub mod flight;
 pub mod identify;
 pub mod log;
+pub mod plan;
+pub mod store;
 pub mod tune;
