@@ -6,6 +6,7 @@
 //! | [`cli`], [`cmd`] | command line; one verb per file |
 //! | [`exit`], [`error`] | documented exit codes, expected errors |
 //! | [`plan`] | throw planner |
+//! | [`verify`] | second opinion on a plan file, sharing nothing with the planner |
 //! | [`store`] | found throws, kept for later starts |
 //! | [`flight`] | ball after the release: vacuum, drag, spin; landing and its Jacobian |
 //! | [`bus`] | access to a bus: sessions in virtual and real time, requests to drives, bounded motions |
@@ -23,3 +24,4 @@ pub mod log;
 pub mod plan;
 pub mod store;
 pub mod tune;
+pub mod verify;
