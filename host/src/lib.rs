@@ -8,6 +8,7 @@
 //! | [`plan`] | throw planner |
 //! | [`verify`] | second opinion on a plan file, sharing nothing with the planner |
 //! | [`store`] | found throws, kept for later starts |
+//! | [`report`] | summaries, HTML reports, pictures |
 //! | [`flight`] | ball after the release: vacuum, drag, spin; landing and its Jacobian |
 //! | [`bus`] | access to a bus: sessions in virtual and real time, requests to drives, bounded motions |
 //! | [`log`] | recordings: candump text and MCAP |
@@ -22,6 +23,7 @@ pub mod flight;
 pub mod identify;
 pub mod log;
 pub mod plan;
+pub mod report;
 pub mod store;
 pub mod tune;
 pub mod verify;
