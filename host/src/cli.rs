@@ -17,6 +17,13 @@ pub struct Cli {
 /// The verbs.
 #[derive(Debug, Subcommand)]
 pub enum Verb {
+    /// Plan motions.
+    #[command(subcommand)]
+    Plan(Box<cmd::plan::PlanVerb>),
+    /// Check a plan file again, by other means than the planner's.
+    Check(cmd::check::Args),
+    /// Write the joint motion of a plan as a table.
+    Export(cmd::export::Args),
     /// Find the modules on a bus: address, serial number, firmware, state.
     Scan(cmd::scan::Args),
     /// Show state, position, current and supply of each module.
@@ -56,6 +63,9 @@ pub enum Verb {
 /// [`ExpectedError`] with the exit code.
 pub fn run(cli: Cli) -> Result<(), ExpectedError> {
     match cli.verb {
+        Verb::Plan(verb) => cmd::plan::run(*verb),
+        Verb::Check(args) => cmd::check::run(&args),
+        Verb::Export(args) => cmd::export::run(&args),
         Verb::Scan(args) => cmd::scan::run(&args),
         Verb::Status(args) => cmd::status::run(&args),
         Verb::Doctor(args) => cmd::doctor::run(&args),

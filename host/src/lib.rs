@@ -5,6 +5,11 @@
 //! |---|---|
 //! | [`cli`], [`cmd`] | command line; one verb per file |
 //! | [`exit`], [`error`] | documented exit codes, expected errors |
+//! | [`plan`] | throw planner |
+//! | [`verify`] | second opinion on a plan file, sharing nothing with the planner |
+//! | [`store`] | found throws, kept for later starts |
+//! | [`report`] | summaries, HTML reports, pictures |
+//! | [`flight`] | ball after the release: vacuum, drag, spin; landing and its Jacobian |
 //! | [`bus`] | access to a bus: sessions in virtual and real time, requests to drives, bounded motions |
 //! | [`log`] | recordings: candump text and MCAP |
 //! | [`tune`], [`identify`] | gain design with certificates, plant constants from samples |
@@ -14,6 +19,11 @@ pub mod cli;
 pub mod cmd;
 pub mod error;
 pub mod exit;
+pub mod flight;
 pub mod identify;
 pub mod log;
+pub mod plan;
+pub mod report;
+pub mod store;
 pub mod tune;
+pub mod verify;

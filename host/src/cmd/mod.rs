@@ -1,11 +1,14 @@
 //! One verb of `cubectl` per file: arguments and `run`.
 
+pub mod check;
 pub mod config;
 pub mod doctor;
 pub mod explain;
+pub mod export;
 pub mod home;
 pub mod jog;
 pub mod monitor;
+pub mod plan;
 pub mod record;
 pub mod replay;
 pub mod run;
@@ -17,3 +20,20 @@ pub mod tune;
 pub mod upload;
 
 mod bus_errors;
+
+use robot_model::AnyRobot;
+
+use crate::error::ExpectedError;
+use crate::plan::Arm;
+
+/// The arm of a robot file, or a reason why the planner cannot use it.
+pub(crate) fn arm(robot: &str) -> Result<Arm, ExpectedError> {
+    match AnyRobot::load(robot).map_err(|e| ExpectedError::bad_input(&e))? {
+        AnyRobot::Six(arm) => Ok(*arm),
+        other => Err(ExpectedError::bad_input(&format!(
+            "robot \"{}\" has {} joints; the throw planner needs six",
+            other.name(),
+            other.joints()
+        ))),
+    }
+}

@@ -1,0 +1,176 @@
+//! Options that all planning verbs share.
+
+use std::path::PathBuf;
+
+use nalgebra::Vector3;
+use robot_model::Pose;
+
+use crate::error::ExpectedError;
+use crate::plan::problem::{Arrival, Form, Obstacle, Options, Weights};
+use crate::plan::{Arm, seeds};
+use crate::store::{Index, StoreFile, robot_fingerprint};
+
+/// What is thrown how.
+#[derive(Debug, Clone, clap::Args)]
+pub struct PlanOptions {
+    /// Robot, by name or file.
+    #[arg(long, default_value = "powercube6")]
+    pub robot: String,
+    /// Which throws are allowed.
+    #[arg(long, value_enum, default_value = "best")]
+    pub form: FormName,
+    /// Part of the acceleration limits a plan may use; the rest is the controller's [paper: 1, best: 0.8].
+    #[arg(long)]
+    pub acceleration_use: Option<f64>,
+    /// Whether the hand may turn freely at the release [paper: no, best: yes].
+    #[arg(long)]
+    pub free_spin: Option<bool>,
+    /// Whether a late release must not move the landing [paper: no, best: yes].
+    #[arg(long)]
+    pub null_delay: Option<bool>,
+    /// Whether the released ball must stay clear of the arm [paper: no, best: yes].
+    #[arg(long)]
+    pub clean_release: Option<bool>,
+    /// Clearance of arm, base, floor and obstacles in m.
+    #[arg(long, default_value_t = 0.0)]
+    pub clearance_m: f64,
+    /// Distance kept from both ends of every joint range in rad [paper: 0, best: 0.02].
+    #[arg(long)]
+    pub range_margin_rad: Option<f64>,
+    /// Drag of the ball in 1/m.
+    #[arg(long, default_value_t = 0.0)]
+    pub drag_per_m: f64,
+    /// Weights of time, braking ratio and jerk in the objective.
+    #[arg(long, value_name = "T,B,J", value_delimiter = ',', num_args = 3)]
+    pub weights: Option<Vec<f64>>,
+    /// A box in the way: centre and half edges in m; may be given several times.
+    #[arg(long, value_name = "X,Y,Z,HX,HY,HZ", allow_hyphen_values = true, value_parser = six_numbers)]
+    pub obstacle: Vec<[f64; 6]>,
+    /// Range of the speed at the target in m/s.
+    #[arg(long, value_name = "MIN,MAX", value_parser = two_numbers)]
+    pub arrival_speed: Option<[f64; 2]>,
+    /// Range of the steepness at the target in degrees below the horizontal.
+    #[arg(long, value_name = "MIN,MAX", allow_hyphen_values = true, value_parser = two_numbers)]
+    pub arrival_descent_deg: Option<[f64; 2]>,
+    /// File that keeps found throws for later starts; by default in the user's data folder.
+    #[arg(long)]
+    pub store: Option<PathBuf>,
+    /// Neither read nor write a store.
+    #[arg(long, conflicts_with = "store")]
+    pub no_store: bool,
+}
+
+/// Name of a form.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum FormName {
+    /// The paper's eight parameters and constraints.
+    Paper,
+    /// Free spin, insensitive to a late release, currents over the whole motion, clean release.
+    Best,
+}
+
+fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+    let parts: Vec<f64> = text
+        .split(',')
+        .map(|p| p.trim().parse::<f64>().map_err(|_| format!("\"{p}\" is not a number")))
+        .collect::<Result<_, _>>()?;
+    let count = parts.len();
+    parts.try_into().map_err(|_| format!("{count} numbers, expected {N} separated by commas"))
+}
+
+fn two_numbers(text: &str) -> Result<[f64; 2], String> {
+    numbers(text)
+}
+
+fn six_numbers(text: &str) -> Result<[f64; 6], String> {
+    numbers(text)
+}
+
+/// A point given as `x,y,z` in m.
+///
+/// # Errors
+/// If there are not three numbers.
+pub fn point(text: &str) -> Result<[f64; 3], String> {
+    numbers(text)
+}
+
+impl PlanOptions {
+    /// Options of the planner.
+    #[must_use]
+    pub fn resolve(&self) -> Options {
+        let mut o = Options::of(match self.form {
+            FormName::Paper => Form::Paper,
+            FormName::Best => Form::Best,
+        });
+        o.acceleration_use = self.acceleration_use.unwrap_or(o.acceleration_use);
+        o.free_spin = self.free_spin.unwrap_or(o.free_spin);
+        o.null_delay = self.null_delay.unwrap_or(o.null_delay);
+        o.clean_release = self.clean_release.unwrap_or(o.clean_release);
+        o.range_margin_rad = self.range_margin_rad.unwrap_or(o.range_margin_rad);
+        o.clearance_m = self.clearance_m;
+        o.drag_per_m = self.drag_per_m;
+        if let Some([k_t, k_b, k_j]) = self.weights.as_deref() {
+            o.weights = Weights { k_t: *k_t, k_b: *k_b, k_j: *k_j };
+        }
+        o.obstacles = self
+            .obstacle
+            .iter()
+            .enumerate()
+            .map(|(i, b)| Obstacle {
+                name: format!("obstacle {}", i + 1),
+                x_wo: Pose::translation(b[0], b[1], b[2]),
+                half_m: Vector3::new(b[3], b[4], b[5]),
+            })
+            .collect();
+        o.arrival = Arrival {
+            speed_m_s: self.arrival_speed.map(|[a, b]| a..=b),
+            descent_rad: self.arrival_descent_deg.map(|[a, b]| a.to_radians()..=b.to_radians()),
+        };
+        o
+    }
+
+    /// Built-in and stored throws, and the store to append to.
+    ///
+    /// # Errors
+    /// If a store was named and cannot be used; the default store is left aside with a warning instead.
+    pub fn starts(&self, arm: &Arm) -> Result<(Index, Option<StoreFile>), ExpectedError> {
+        let mut index = seeds::built_in(arm);
+        if self.no_store {
+            return Ok((index, None));
+        }
+        let path = match (&self.store, default_store(arm.name())) {
+            (Some(path), _) => path.clone(),
+            (None, Some(path)) => path,
+            (None, None) => return Ok((index, None)),
+        };
+        match StoreFile::open(&path, robot_fingerprint(arm)) {
+            Ok((store, records, report)) => {
+                if let Some(kept) = &report.kept_as {
+                    eprintln!(
+                        "cubectl: store {} was damaged in {} place(s); {} throws were recovered, the damaged file is kept as {}",
+                        path.display(),
+                        report.damaged,
+                        report.records,
+                        kept.display()
+                    );
+                }
+                for record in records {
+                    index.insert(record);
+                }
+                Ok((index, Some(store)))
+            }
+            Err(e) if self.store.is_some() => Err(ExpectedError::bad_input(&e)),
+            Err(e) => {
+                eprintln!("cubectl: planning without the store: {e}");
+                Ok((index, None))
+            }
+        }
+    }
+}
+
+fn default_store(robot: &str) -> Option<PathBuf> {
+    let data = std::env::var_os("XDG_DATA_HOME")
+        .map(PathBuf::from)
+        .or_else(|| std::env::var_os("HOME").map(|h| PathBuf::from(h).join(".local/share")))?;
+    Some(data.join("cubectl").join(format!("{robot}.store")))
+}

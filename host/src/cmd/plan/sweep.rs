@@ -1,0 +1,245 @@
+//! `cubectl plan sweep`: a grid of targets to a table and a picture.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::fs::{File, OpenOptions};
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::Ordering;
+
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use super::options::PlanOptions;
+use super::throw::watched;
+use crate::error::ExpectedError;
+use crate::plan::Problem;
+use crate::plan::search::{Budget, Planner, Watch};
+use crate::report::reach;
+use crate::store::Index;
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    options: PlanOptions,
+    /// Range of x: from, to, step in m.
+    #[arg(long, value_name = "FROM,TO,STEP", allow_hyphen_values = true, value_parser = axis)]
+    pub x: Axis,
+    /// Range of y.
+    #[arg(long, value_name = "FROM,TO,STEP", allow_hyphen_values = true, value_parser = axis, default_value = "0,0,1")]
+    pub y: Axis,
+    /// Range of z.
+    #[arg(long, value_name = "FROM,TO,STEP", allow_hyphen_values = true, value_parser = axis)]
+    pub z: Axis,
+    /// Table to write; if it exists, only missing targets are planned.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Picture (SVG) to write; by default beside the table.
+    #[arg(long)]
+    pub picture: Option<PathBuf>,
+    /// Random starts per target after the stored ones.
+    #[arg(long, default_value_t = 32)]
+    pub starts: usize,
+    /// Seed.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+}
+
+/// Values along one axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Axis {
+    from: f64,
+    to: f64,
+    step: f64,
+}
+
+impl Axis {
+    fn values(&self) -> Vec<f64> {
+        let count = ((self.to - self.from) / self.step + 1e-9).floor() as usize;
+        // Rounded, so that the same target has the same name in every run.
+        (0..=count).map(|i| ((self.from + i as f64 * self.step) * 1e6).round() / 1e6).collect()
+    }
+}
+
+fn axis(text: &str) -> Result<Axis, String> {
+    let p: Vec<f64> = text
+        .split(',')
+        .map(|p| p.trim().parse().map_err(|_| format!("\"{p}\" is not a number")))
+        .collect::<Result<_, _>>()?;
+    let [from, to, step] = p[..] else { return Err("expected FROM,TO,STEP".to_owned()) };
+    let sensible = from.is_finite() && to >= from && step > 0.0 && (to - from) / step <= 1e4;
+    if sensible {
+        Ok(Axis { from, to, step })
+    } else {
+        Err(format!("range from {from} to {to} in steps of {step}"))
+    }
+}
+
+const HEADER: &str = "x_m,y_m,z_m,solved,objective,flight_s,duration_s,speed_m_s,note";
+
+/// One row of the table.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Row {
+    /// Target in m.
+    pub target: [f64; 3],
+    /// Objective, if a throw was found.
+    pub objective: Option<f64>,
+    text: String,
+}
+
+/// Runs the verb.
+///
+/// # Errors
+/// If input is refused or the table cannot be written.
+pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    let arm = crate::cmd::arm(&args.options.robot)?;
+    let options = args.options.resolve();
+    let (index, _) = args.options.starts(&arm)?;
+    let mut rows = read(&args.out)?;
+    let mut targets = Vec::new();
+    for z in args.z.values() {
+        for y in args.y.values() {
+            targets.extend(args.x.values().into_iter().map(|x| [x, y, z]));
+        }
+    }
+    let missing: Vec<[f64; 3]> = targets.iter().copied().filter(|t| !rows.contains_key(&key(t))).collect();
+    println!(
+        "{} targets, {} already in {}",
+        targets.len(),
+        targets.len() - missing.len(),
+        args.out.display()
+    );
+    let fresh = rows.is_empty();
+    let mut file = OpenOptions::new()
+        .create(true)
+        .append(true)
+        .open(&args.out)
+        .map_err(|e| ExpectedError::io(&args.out, &e))?;
+    if fresh {
+        writeln!(file, "{HEADER}").map_err(|e| ExpectedError::io(&args.out, &e))?;
+    }
+    let file = Mutex::new(file);
+    let watch = Watch::default();
+    let bar = Budget { starts: missing.len(), time: None, seed: args.seed };
+    let done: Result<Vec<Row>, std::io::Error> = watched(&watch, &bar, || {
+        missing
+            .par_iter()
+            .filter(|_| !watch.stop.load(Ordering::Relaxed))
+            .map(|target| {
+                let row = plan(&arm, target, &options, &index, args);
+                watch.done.fetch_add(1, Ordering::Relaxed);
+                watch.solved.fetch_add(usize::from(row.objective.is_some()), Ordering::Relaxed);
+                append(&file, &row)?;
+                Ok(row)
+            })
+            .collect()
+    });
+    for row in done.map_err(|e| ExpectedError::io(&args.out, &e))? {
+        rows.insert(key(&row.target), row);
+    }
+    let picture = args.picture.clone().unwrap_or_else(|| args.out.with_extension("svg"));
+    let wanted: Vec<Row> = targets.iter().filter_map(|t| rows.get(&key(t)).cloned()).collect();
+    std::fs::write(&picture, reach::svg(&wanted, arm.name())).map_err(|e| ExpectedError::io(&picture, &e))?;
+    let solved = wanted.iter().filter(|r| r.objective.is_some()).count();
+    println!("{solved} of {} targets in reach; picture {}", wanted.len(), picture.display());
+    if wanted.len() < targets.len() {
+        println!("stopped; the same command continues where this one ended");
+    }
+    Ok(())
+}
+
+fn append(file: &Mutex<File>, row: &Row) -> std::io::Result<()> {
+    // A thread that panicked while holding the lock has written whole lines or nothing.
+    let mut file = file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    file.write_all(format!("{}\n", row.text).as_bytes())
+}
+
+fn key(t: &[f64; 3]) -> [i64; 3] {
+    t.map(|v| (v * 1e6).round() as i64)
+}
+
+fn plan(
+    arm: &crate::plan::Arm,
+    target: &[f64; 3],
+    options: &crate::plan::Options,
+    index: &Index,
+    args: &Args,
+) -> Row {
+    let [x, y, z] = *target;
+    let mut text = format!("{x},{y},{z}");
+    let mut objective = None;
+    match Problem::new(arm, Vector3::from(*target), options.clone()) {
+        Ok(problem) => {
+            let planner = Planner::new(&problem);
+            let budget = Budget { starts: args.starts, time: None, seed: args.seed };
+            match planner.search(index, &budget, &Watch::default()) {
+                Ok(best) => {
+                    objective = Some(best.objective);
+                    let speed = best.throw.ball_at_release(arm).1.norm();
+                    let _ = write!(
+                        text,
+                        ",1,{},{},{},{speed},",
+                        best.objective,
+                        best.throw.flight_s,
+                        best.throw.duration_s()
+                    );
+                }
+                Err(e) => {
+                    let note = e.nearest.map_or_else(String::new, |n| {
+                        format!("{:.3} m short: {}", n.distance_m, n.constraint)
+                    });
+                    let _ = write!(text, ",0,,,,,{}", note.replace([',', '"'], " "));
+                }
+            }
+        }
+        Err(e) => {
+            let _ = write!(text, ",0,,,,,{}", e.to_string().replace([',', '"'], " "));
+        }
+    }
+    Row { target: *target, objective, text }
+}
+
+/// Rows of an earlier run; a torn last line is left out and planned again.
+fn read(path: &Path) -> Result<BTreeMap<[i64; 3], Row>, ExpectedError> {
+    let text = match std::fs::read_to_string(path) {
+        Ok(text) => text,
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(BTreeMap::new()),
+        Err(e) => return Err(ExpectedError::io(path, &e)),
+    };
+    let mut lines = text.lines();
+    match lines.next() {
+        None => return Ok(BTreeMap::new()),
+        Some(HEADER) => {}
+        Some(_) => {
+            return Err(ExpectedError::bad_input(&format!(
+                "{} exists and is not a table of a sweep: name another file",
+                path.display()
+            )));
+        }
+    }
+    let mut rows = BTreeMap::new();
+    let complete = text.ends_with('\n');
+    let lines: Vec<&str> = lines.collect();
+    for (i, line) in lines.iter().enumerate() {
+        if !complete && i + 1 == lines.len() {
+            continue;
+        }
+        let fields: Vec<&str> = line.splitn(9, ',').collect();
+        let number = |i: usize| fields.get(i).and_then(|f: &&str| f.parse::<f64>().ok());
+        if let (9, Some(x), Some(y), Some(z)) = (fields.len(), number(0), number(1), number(2)) {
+            let target = [x, y, z];
+            rows.insert(key(&target), Row { target, objective: number(4), text: (*line).to_owned() });
+        }
+    }
+    if !complete {
+        // Put the table into a state that can be appended to.
+        let kept: String = std::iter::once(HEADER.to_owned())
+            .chain(rows.values().map(|r| r.text.clone()))
+            .map(|l| l + "\n")
+            .collect();
+        std::fs::write(path, kept).map_err(|e| ExpectedError::io(path, &e))?;
+    }
+    Ok(rows)
+}

@@ -1,0 +1,229 @@
+//! `cubectl plan throw --target x,y,z`
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use nalgebra::Vector3;
+
+use super::options::{PlanOptions, point};
+use crate::error::ExpectedError;
+use crate::exit;
+use crate::plan::file::PlanFile;
+use crate::plan::search::{Best, Budget, NoThrow, Planner, Watch};
+use crate::plan::statistics::{Noise, Region};
+use crate::plan::{Problem, Throw};
+use crate::report::plan as plan_report;
+use crate::store::Index;
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Target in m, world frame (arm base, z up).
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
+    pub target: [f64; 3],
+    #[command(flatten)]
+    options: PlanOptions,
+    /// Plan file to write.
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// Report to write: one HTML file that opens offline.
+    #[arg(long)]
+    pub report: Option<PathBuf>,
+    /// Print the plan as JSON.
+    #[arg(long)]
+    pub json: bool,
+    /// Random starts after the stored ones; with a seed and no time budget the result is always the same.
+    #[arg(long, default_value_t = 96)]
+    pub starts: usize,
+    /// Stop starting after this many seconds.
+    #[arg(long)]
+    pub time_budget: Option<f64>,
+    /// Seed of the random starts.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Answer from stored throws alone if they suffice, in about a millisecond.
+    #[arg(long)]
+    pub fast: bool,
+    /// Radius of the disc about the target that counts as a hit, in m.
+    #[arg(long, conflicts_with = "hit_box")]
+    pub hit_radius_m: Option<f64>,
+    /// Half edges of the rectangle about the target that counts as a hit, in m.
+    #[arg(long, value_name = "HX,HY", value_delimiter = ',', num_args = 2)]
+    pub hit_box: Option<Vec<f64>>,
+    /// Standard deviation of the release time in s.
+    #[arg(long)]
+    pub jitter_s: Option<f64>,
+    /// Among the throws found, choose the one that lands most exactly instead of the cheapest.
+    #[arg(long)]
+    pub most_exact: bool,
+}
+
+impl Args {
+    fn region(&self) -> Result<Option<Region>, ExpectedError> {
+        let positive = |v: f64| {
+            if v > 0.0 && v.is_finite() {
+                Ok(v)
+            } else {
+                Err(ExpectedError::bad_input(&format!("a hit region needs positive sizes, got {v} m")))
+            }
+        };
+        match (self.hit_radius_m, self.hit_box.as_deref()) {
+            (Some(r), _) => Ok(Some(Region::Disc { radius_m: positive(r)? })),
+            (None, Some([x, y])) => {
+                Ok(Some(Region::Box { half_x_m: positive(*x)?, half_y_m: positive(*y)? }))
+            }
+            _ => Ok(None),
+        }
+    }
+
+    fn noise(&self) -> Result<Noise, ExpectedError> {
+        let mut noise = Noise::default();
+        if let Some(jitter) = self.jitter_s {
+            let sensible = (0.0..=0.05).contains(&jitter);
+            if !sensible {
+                return Err(ExpectedError::bad_input(&format!(
+                    "release jitter of {jitter} s is outside 0 to 0.05 s"
+                )));
+            }
+            noise.release_time_s = jitter;
+        }
+        Ok(noise)
+    }
+}
+
+/// Runs the verb.
+///
+/// # Errors
+/// If input is refused, no throw reaches the target, or a file cannot be written.
+pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    let arm = crate::cmd::arm(&args.options.robot)?;
+    let problem = Problem::new(&arm, Vector3::from(args.target), args.options.resolve())
+        .map_err(|e| ExpectedError::bad_input(&e))?;
+    let (region, noise) = (args.region()?, args.noise()?);
+    let (index, mut store) = args.options.starts(&arm)?;
+    let time = match args.time_budget {
+        None => None,
+        Some(t) => Some(
+            Duration::try_from_secs_f64(t)
+                .map_err(|_| ExpectedError::bad_input(&format!("time budget of {t} s is not a duration")))?,
+        ),
+    };
+    let planner = Planner::new(&problem);
+    let budget = Budget { starts: args.starts, time, seed: args.seed };
+    let began = Instant::now();
+    let best = find(args, &planner, &index, &budget, &noise)?;
+    let took = began.elapsed();
+    if let Some(store) = &mut store {
+        let record = planner.record(&best.throw, best.objective);
+        if let Err(e) = store.append(&record) {
+            eprintln!("cubectl: the throw was not stored: {e}");
+        }
+    }
+    let plan =
+        PlanFile::of(&problem, &best, &args.options.robot, args.seed, &noise, region).ok_or_else(|| {
+            ExpectedError::new(exit::BUG, "the planned ball does not come down on the plane of the target")
+        })?;
+    if let Some(path) = &args.out {
+        plan.write(path).map_err(|e| ExpectedError::bad_input(&e))?;
+    }
+    if let Some(path) = &args.report {
+        std::fs::write(path, plan_report::html(&arm, &plan)).map_err(|e| ExpectedError::io(path, &e))?;
+    }
+    if args.json {
+        println!("{}", plan.to_json());
+    } else {
+        print!("{}", plan_report::summary(&plan, took));
+    }
+    Ok(())
+}
+
+fn find(
+    args: &Args,
+    planner: &Planner<'_, '_>,
+    index: &Index,
+    budget: &Budget,
+    noise: &Noise,
+) -> Result<Best, ExpectedError> {
+    if args.fast
+        && let Some(found) = planner.from_index(index, 4)
+    {
+        return Ok(Best {
+            throw: found.throw,
+            objective: found.objective,
+            starts: 1,
+            solved: 1,
+            interrupted: false,
+            others: Vec::new(),
+        });
+    }
+    let watch = Watch::default();
+    let result = watched(&watch, budget, || planner.search(index, budget, &watch));
+    let mut best = result.map_err(|e| no_throw(&e))?;
+    if args.most_exact {
+        let miss = |t: &Throw| planner.rms_miss_m(t, noise).unwrap_or(f64::INFINITY);
+        if let Some((throw, objective)) =
+            best.others.iter().copied().min_by(|a, b| miss(&a.0).total_cmp(&miss(&b.0)))
+            && miss(&throw) < miss(&best.throw)
+        {
+            (best.throw, best.objective) = (throw, objective);
+        }
+    }
+    if best.interrupted && watch.stop.load(Ordering::Relaxed) {
+        eprintln!("cubectl: stopped; this is the best of {} starts", best.starts);
+    }
+    Ok(best)
+}
+
+fn no_throw(e: &NoThrow) -> ExpectedError {
+    if e.interrupted && e.nearest.is_none() {
+        return ExpectedError::new(
+            exit::INTERRUPTED,
+            format!("stopped after {} starts without a throw; more starts may find one", e.starts),
+        );
+    }
+    ExpectedError::new(exit::NO_THROW, e.to_string())
+}
+
+/// Runs a search with a progress bar once it takes longer than a second; Ctrl-C keeps the best so far.
+pub(super) fn watched<T: Send>(watch: &Watch, budget: &Budget, work: impl FnOnce() -> T + Send) -> T {
+    // The handler lives as long as the program; the flag it sets is handed on to the search below.
+    static INTERRUPT: AtomicBool = AtomicBool::new(false);
+    let _ = ctrlc::set_handler(|| {
+        // A second Ctrl-C ends at once.
+        if INTERRUPT.swap(true, Ordering::Relaxed) {
+            std::process::exit(i32::from(exit::INTERRUPTED));
+        }
+    });
+    let finished = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let began = Instant::now();
+            let mut bar: Option<ProgressBar> = None;
+            while !finished.load(Ordering::Relaxed) {
+                std::thread::sleep(Duration::from_millis(20));
+                if INTERRUPT.load(Ordering::Relaxed) {
+                    watch.stop.store(true, Ordering::Relaxed);
+                }
+                if began.elapsed() > Duration::from_secs(1) {
+                    let bar = bar.get_or_insert_with(|| {
+                        let style = ProgressStyle::with_template(
+                            "{bar:30} {pos}/{len} starts, {msg} solved, {elapsed}",
+                        );
+                        ProgressBar::new(budget.starts as u64)
+                            .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+                    });
+                    bar.set_position(watch.done.load(Ordering::Relaxed) as u64);
+                    bar.set_message(watch.solved.load(Ordering::Relaxed).to_string());
+                }
+            }
+            if let Some(bar) = bar {
+                bar.finish_and_clear();
+            }
+        });
+        let result = work();
+        finished.store(true, Ordering::Relaxed);
+        result
+    })
+}

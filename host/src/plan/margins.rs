@@ -1,0 +1,87 @@
+//! Margins of every limit of a throw, from the throw itself (not from the optimiser's rows).
+
+use super::problem::Problem;
+use super::throw::{JOINTS, Joints, Throw};
+
+/// How much of each limit is left, per joint, over the whole motion.
+///
+/// Positions in rad, the others as a share of the limit (1 unused, 0 at the limit, negative beyond).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Margins {
+    /// Distance to the nearer end of the range over the motion, in rad: (2), (3).
+    pub position_rad: Joints,
+    /// Speed: (4).
+    pub speed: Joints,
+    /// Acceleration: (5).
+    pub acceleration: Joints,
+    /// Jerk: (6).
+    pub jerk: Joints,
+    /// Motor currents at the release in A with `τ(q_r, q̇_r, 0)`, if the robot file describes drives.
+    pub release_currents_a: Option<Joints>,
+    /// Motor currents at the release: (7).
+    pub motor: Option<Joints>,
+    /// Supplies at the release: (8), in the order of the robot file.
+    pub supply: Vec<f64>,
+}
+
+impl Margins {
+    /// Margins of a throw against the full limits of the robot (not the share a plan may use).
+    #[must_use]
+    pub fn of(problem: &Problem<'_>, throw: &Throw) -> Self {
+        let arm = problem.arm;
+        let l = |j: usize| arm.joints()[j].limits;
+        let (ja, jb) = throw.jerk();
+        let peak_speed = throw.peak_speed();
+        let peak_acceleration = throw.peak_acceleration();
+        let position_rad = Joints::from_fn(|j, _| {
+            let mut nearest = f64::INFINITY;
+            let mut phases = vec![-1.0, 0.0, 1.0];
+            phases.extend([-1.0, 1.0].into_iter().filter_map(|side| throw.turning_phase(j, side)));
+            for sigma in phases {
+                let q = throw.at_phase(sigma).q[j];
+                nearest = nearest.min(q - l(j).q_min_rad).min(l(j).q_max_rad - q);
+            }
+            nearest
+        });
+        let tau = arm.bias_torques(&throw.q_rad, &throw.qd_rad_s);
+        let release_currents_a = arm.motor_currents(&throw.qd_rad_s, &tau);
+        let motor = release_currents_a.and_then(|i| {
+            let drives = arm.drives()?;
+            Some(Joints::from_fn(|j, _| 1.0 - i[j] / drives[j].current_max_a))
+        });
+        let supply = release_currents_a.map_or_else(Vec::new, |i| {
+            arm.supplies()
+                .iter()
+                .zip(arm.supply_currents(&i))
+                .map(|(s, a)| 1.0 - a / s.current_max_a)
+                .collect()
+        });
+        Self {
+            position_rad,
+            speed: Joints::from_fn(|j, _| 1.0 - peak_speed[j] / l(j).v_max_rad_s),
+            acceleration: Joints::from_fn(|j, _| 1.0 - peak_acceleration[j] / l(j).a_max_rad_s2),
+            jerk: Joints::from_fn(|j, _| 1.0 - ja[j].abs().max(jb[j].abs()) / l(j).j_max_rad_s3),
+            release_currents_a,
+            motor,
+            supply,
+        }
+    }
+
+    /// Largest violation; zero if every limit holds.
+    #[must_use]
+    pub fn violation(&self) -> f64 {
+        let mut worst = 0.0_f64;
+        let mut see = |v: f64| worst = worst.max(if v.is_nan() { f64::INFINITY } else { -v });
+        for j in 0..JOINTS {
+            see(self.position_rad[j]);
+            see(self.speed[j]);
+            see(self.acceleration[j]);
+            see(self.jerk[j]);
+            if let Some(motor) = &self.motor {
+                see(motor[j]);
+            }
+        }
+        self.supply.iter().copied().for_each(see);
+        worst
+    }
+}

@@ -1,0 +1,46 @@
+//! Throw planner: from a target to the best throw the arm can do, or to the reason why there is none.
+//!
+//! # Map
+//! | module | holds |
+//! |---|---|
+//! | [`throw`] | a throw and the motion of the joints through it |
+//! | [`problem`] | target, form, limits and options, validated |
+//! | [`paper`] | the paper's eight parameters, release frame, choice of branch |
+//! | [`margins`] | what a throw leaves of every limit |
+//! | `rows` | objective and constraints with exact gradients |
+//! | `cuts`, `scan` | what must hold at every instant: where it is worst, and as rows |
+//! | `qp`, `sqp` | quadratic programs, local solve |
+//! | `local` | one start |
+//! | [`search`] | stored and random starts on all cores; nearest reachable target |
+//! | [`seeds`] | the stored throws that come with the program |
+//! | [`statistics`] | covariance of the landing, probability of a hit |
+//! | [`mod@file`] | the plan file |
+//! | [`rng`] | seeded numbers |
+
+mod cuts;
+pub mod file;
+mod local;
+pub mod margins;
+pub mod paper;
+pub mod problem;
+#[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
+mod qp;
+pub mod rng;
+#[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
+mod rows;
+#[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
+pub mod scan;
+pub mod search;
+pub mod seeds;
+#[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
+mod sqp;
+pub mod statistics;
+pub mod throw;
+
+pub use local::{Blocked, Found, Nearest};
+pub use margins::Margins;
+pub use paper::PaperParameters;
+pub use problem::{Form, Options, Problem, ProblemError};
+pub use scan::RELEASE_BLIND_S;
+pub use search::{Best, Budget, NoThrow, Planner, Watch};
+pub use throw::{Arm, JOINTS, Joints, Throw};

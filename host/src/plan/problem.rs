@@ -1,0 +1,420 @@
+//! Statement of one planning problem, validated: what is thrown where, under which limits, and what counts as good.
+
+use std::ops::RangeInclusive;
+
+use nalgebra::Vector3;
+use robot_model::Pose;
+
+use super::throw::{Arm, JOINTS};
+use crate::flight::{FlightModel, FlightModelError};
+
+/// Which throws are allowed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Form {
+    /// The paper's: the hand turns only about the throw, the joints do not accelerate at the release, currents are
+    /// checked at the release, and the ball may be met by the hand again later.
+    Paper,
+    /// Ours: free spin of the hand, free joint acceleration at the release such that a late gripper does not move the
+    /// landing, currents over the whole motion, a clean release, and acceleration kept back for the controller.
+    Best,
+}
+
+/// Weights of the objective (1): `J = k_t H_s + k_b d_r + k_j Σ ∫ q⃛² dt`.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Weights {
+    /// Per second of movement.
+    pub k_t: f64,
+    /// For the ratio of braking to the whole movement.
+    pub k_b: f64,
+    /// For the integral of squared jerk.
+    pub k_j: f64,
+}
+
+impl Default for Weights {
+    /// The paper's: 15, 20, 0.01.
+    fn default() -> Self {
+        Self { k_t: 15.0, k_b: 20.0, k_j: 0.01 }
+    }
+}
+
+/// Search space of the release: the paper's `h_min`, `h_max`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Bounds {
+    /// Azimuth θ of the ball seen from the shoulder in rad; `None`: any.
+    pub azimuth_rad: Option<RangeInclusive<f64>>,
+    /// Elevation φ of the ball seen from the shoulder in rad.
+    pub elevation_rad: RangeInclusive<f64>,
+    /// Distance r of the ball from the shoulder in m.
+    pub radius_m: RangeInclusive<f64>,
+    /// Angular velocity ω of the hand about the throw in rad/s (paper's form only).
+    pub spin_rad_s: RangeInclusive<f64>,
+    /// Time of flight F in s.
+    pub flight_s: RangeInclusive<f64>,
+    /// Duration H_s of the movement in s.
+    pub duration_s: RangeInclusive<f64>,
+    /// Braking ratio d_r.
+    pub braking_ratio: RangeInclusive<f64>,
+}
+
+impl Default for Bounds {
+    /// The paper's; with its θ in [-π/2, π/2] replaced by any azimuth, so that targets behind the arm are not lost
+    /// (joint 1 limits the azimuth anyway). No optimum of the published targets lies on that bound.
+    fn default() -> Self {
+        use std::f64::consts::{FRAC_PI_2, PI};
+        Self {
+            azimuth_rad: None,
+            elevation_rad: -PI / 2.5..=FRAC_PI_2,
+            radius_m: 0.5..=1.0,
+            spin_rad_s: -FRAC_PI_2..=FRAC_PI_2,
+            flight_s: 0.3..=3.0,
+            duration_s: 0.2..=2.0,
+            braking_ratio: 0.04..=0.4,
+        }
+    }
+}
+
+/// A box that the arm and the ball must not touch.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Obstacle {
+    /// Name for messages.
+    pub name: String,
+    /// Centre and axes in the world.
+    pub x_wo: Pose,
+    /// Half edge lengths in m.
+    pub half_m: Vector3<f64>,
+}
+
+/// A range of arrival speeds or directions.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Arrival {
+    /// Speed at the target in m/s.
+    pub speed_m_s: Option<RangeInclusive<f64>>,
+    /// Steepness at the target in rad below the horizontal: π/2 is straight down.
+    pub descent_rad: Option<RangeInclusive<f64>>,
+}
+
+/// What to plan besides the target.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Options {
+    /// Which throws are allowed.
+    pub form: Form,
+    /// Objective.
+    pub weights: Weights,
+    /// Search space.
+    pub bounds: Bounds,
+    /// Part of the acceleration limit a plan may use, in (0, 1].
+    pub acceleration_use: f64,
+    /// Distance kept from both ends of every joint range, in rad.
+    pub range_margin_rad: f64,
+    /// Whether the hand may only turn about the throw (8 parameters) or freely (10).
+    pub free_spin: bool,
+    /// Whether the landing must not move, to first order, when the gripper opens late.
+    pub null_delay: bool,
+    /// Whether currents are limited over the whole motion instead of at the release only.
+    pub current_over_motion: bool,
+    /// Whether arm and surroundings must stay clear of each other.
+    pub avoid_collisions: bool,
+    /// Whether the ball must stay clear of arm and obstacles after the release.
+    pub clean_release: bool,
+    /// Clearance kept everywhere, in m.
+    pub clearance_m: f64,
+    /// Drag of the ball in 1/m; zero is vacuum.
+    pub drag_per_m: f64,
+    /// Spin of the ball times its lift constant in 1/s.
+    pub magnus_rad_s: Vector3<f64>,
+    /// Boxes in the way.
+    pub obstacles: Vec<Obstacle>,
+    /// Limits at the target.
+    pub arrival: Arrival,
+}
+
+impl Options {
+    /// The paper's form.
+    #[must_use]
+    pub fn paper() -> Self {
+        Self {
+            form: Form::Paper,
+            weights: Weights::default(),
+            bounds: Bounds::default(),
+            acceleration_use: 1.0,
+            range_margin_rad: 0.0,
+            free_spin: false,
+            null_delay: false,
+            current_over_motion: false,
+            avoid_collisions: true,
+            clean_release: false,
+            clearance_m: 0.0,
+            drag_per_m: 0.0,
+            magnus_rad_s: Vector3::zeros(),
+            obstacles: Vec::new(),
+            arrival: Arrival { speed_m_s: None, descent_rad: None },
+        }
+    }
+
+    /// Our form.
+    ///
+    /// 80 % of the acceleration: a plan that uses all of it leaves none for the controller, and the controller may
+    /// command a little less than the planner's table allows (eq. (11) of the paper). 0.02 rad to the ends of the ranges:
+    /// tracking errors reach 17 mrad (robot-models 1.10), and a drive stops at the end of its range.
+    #[must_use]
+    pub fn best() -> Self {
+        Self {
+            form: Form::Best,
+            acceleration_use: 0.8,
+            range_margin_rad: 0.02,
+            free_spin: true,
+            null_delay: true,
+            current_over_motion: true,
+            clean_release: true,
+            ..Self::paper()
+        }
+    }
+
+    /// The options of a form.
+    #[must_use]
+    pub fn of(form: Form) -> Self {
+        match form {
+            Form::Paper => Self::paper(),
+            Form::Best => Self::best(),
+        }
+    }
+}
+
+/// A problem that cannot be stated.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ProblemError {
+    /// A coordinate of the target is not a number.
+    #[error("target ({x}, {y}, {z}) m is not a point: every coordinate must be a finite number")]
+    TargetNotFinite {
+        /// Coordinates as given.
+        x: f64,
+        /// Coordinates as given.
+        y: f64,
+        /// Coordinates as given.
+        z: f64,
+    },
+    /// The target is below the floor.
+    #[error(
+        "target height {z_m} m is below the floor at {floor_m} m: raise the target or move the floor in the robot file"
+    )]
+    TargetBelowFloor {
+        /// Height asked for.
+        z_m: f64,
+        /// Height of the floor.
+        floor_m: f64,
+    },
+    /// The target is inside the arm's column or base.
+    #[error("target is inside \"{part}\" of the arm's base: choose a target outside")]
+    TargetInArm {
+        /// Name of the box.
+        part: String,
+    },
+    /// The target is inside an obstacle.
+    #[error("target is inside obstacle \"{name}\": move one of the two")]
+    TargetInObstacle {
+        /// Name of the obstacle.
+        name: String,
+    },
+    /// An option is outside its range.
+    #[error("{option} = {value} is outside {min} to {max}")]
+    Option {
+        /// Name of the option.
+        option: &'static str,
+        /// Value given.
+        value: f64,
+        /// Smallest value.
+        min: f64,
+        /// Largest value.
+        max: f64,
+    },
+    /// A range has its ends reversed, or is not finite.
+    #[error("range of {option} runs from {min} to {max}: the lower end must not be above the upper one")]
+    Range {
+        /// Name of the range.
+        option: &'static str,
+        /// Lower end.
+        min: f64,
+        /// Upper end.
+        max: f64,
+    },
+    /// Drag or spin cannot be.
+    #[error(transparent)]
+    Flight(#[from] FlightModelError),
+    /// The arm's family has no closed-form inverse kinematics, from which local solves start.
+    #[error("robot \"{robot}\" has no closed-form inverse kinematics, which the planner starts from")]
+    NoClosedForm {
+        /// Name of the robot.
+        robot: String,
+    },
+}
+
+/// A planning problem: arm, target and options, checked.
+#[derive(Debug, Clone)]
+pub struct Problem<'a> {
+    pub(crate) arm: &'a Arm,
+    pub(crate) target: Vector3<f64>,
+    pub(crate) options: Options,
+    pub(crate) flight: FlightModel,
+    /// Centre of the paper's spherical coordinates: where axis 2 passes axis 1.
+    pub(crate) shoulder: Vector3<f64>,
+    pub(crate) limits: Limits,
+}
+
+/// Limits as the solver uses them: rates scaled by the share a plan may use.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Limits {
+    pub(crate) q_min: [f64; JOINTS],
+    pub(crate) q_max: [f64; JOINTS],
+    pub(crate) v: [f64; JOINTS],
+    pub(crate) a: [f64; JOINTS],
+    pub(crate) j: [f64; JOINTS],
+}
+
+impl<'a> Problem<'a> {
+    /// States and checks a problem; `target` in m, world.
+    ///
+    /// # Errors
+    /// [`ProblemError`] names what is wrong; a target that is merely out of reach is not an error here.
+    pub fn new(arm: &'a Arm, target: Vector3<f64>, options: Options) -> Result<Self, ProblemError> {
+        if !target.iter().all(|c| c.is_finite()) {
+            return Err(ProblemError::TargetNotFinite { x: target.x, y: target.y, z: target.z });
+        }
+        let floor_m = arm.world().floor_z_m;
+        if target.z < floor_m - 1e-9 {
+            return Err(ProblemError::TargetBelowFloor { z_m: target.z, floor_m });
+        }
+        for part in arm.collision().boxes().iter().filter(|b| b.link == 0) {
+            let p = part.x_lb.inverse_transform_point(&target);
+            if p.iter().zip(part.half_m.iter()).all(|(c, h)| c.abs() < *h) {
+                return Err(ProblemError::TargetInArm { part: part.name.clone() });
+            }
+        }
+        for obstacle in &options.obstacles {
+            let p = obstacle.x_wo.inverse_transform_point(&target);
+            if p.iter().zip(obstacle.half_m.iter()).all(|(c, h)| c.abs() < *h) {
+                return Err(ProblemError::TargetInObstacle { name: obstacle.name.clone() });
+            }
+        }
+        check_options(&options)?;
+        if arm.ik(&Pose::identity()).is_err() {
+            return Err(ProblemError::NoClosedForm { robot: arm.name().to_owned() });
+        }
+        let flight = FlightModel::vacuum(arm.world().gravity_m_s2)?
+            .with_drag(options.drag_per_m)?
+            .with_magnus(options.magnus_rad_s)?;
+        let frames = arm.fk(&super::throw::Joints::zeros());
+        let (axis, base, second) = (frames.axis(0), frames.origin(0), frames.origin(1));
+        let shoulder = base + axis * axis.dot(&(second - base));
+        let of = |pick: fn(&robot_model::JointLimits) -> f64| arm.limit(pick).into();
+        let mut limits = Limits {
+            q_min: of(|l| l.q_min_rad),
+            q_max: of(|l| l.q_max_rad),
+            v: of(|l| l.v_max_rad_s),
+            a: of(|l| l.a_max_rad_s2),
+            j: of(|l| l.j_max_rad_s3),
+        };
+        for a in &mut limits.a {
+            *a *= options.acceleration_use;
+        }
+        for (min, max) in limits.q_min.iter_mut().zip(&mut limits.q_max) {
+            // A range too narrow for the margin keeps its middle.
+            let margin = options.range_margin_rad.min(0.5 * (*max - *min));
+            *min += margin;
+            *max -= margin;
+        }
+        Ok(Self { arm, target, options, flight, shoulder, limits })
+    }
+
+    /// The arm.
+    #[must_use]
+    pub fn arm(&self) -> &'a Arm {
+        self.arm
+    }
+
+    /// The target in m.
+    #[must_use]
+    pub fn target(&self) -> &Vector3<f64> {
+        &self.target
+    }
+
+    /// The options.
+    #[must_use]
+    pub fn options(&self) -> &Options {
+        &self.options
+    }
+
+    /// Forces on the ball.
+    #[must_use]
+    pub fn flight(&self) -> &FlightModel {
+        &self.flight
+    }
+
+    /// Objective (1) of a throw, as its three terms: time, braking ratio, jerk.
+    #[must_use]
+    pub fn objective_terms(&self, throw: &super::throw::Throw) -> [f64; 3] {
+        let w = &self.options.weights;
+        let (ja, jb) = throw.jerk();
+        let jerk = ja.norm_squared() * throw.ha_s + jb.norm_squared() * throw.hb_s;
+        [w.k_t * throw.duration_s(), w.k_b * throw.braking_ratio(), w.k_j * jerk]
+    }
+
+    /// Objective (1) of a throw.
+    #[must_use]
+    pub fn objective(&self, throw: &super::throw::Throw) -> f64 {
+        self.objective_terms(throw).iter().sum()
+    }
+}
+
+fn check_options(o: &Options) -> Result<(), ProblemError> {
+    let scalar = |option, value: f64, min: f64, max: f64| {
+        if value >= min && value <= max {
+            Ok(())
+        } else {
+            Err(ProblemError::Option { option, value, min, max })
+        }
+    };
+    let positive = f64::MIN_POSITIVE;
+    scalar("acceleration use", o.acceleration_use, 0.01, 1.0)?;
+    scalar("clearance in m", o.clearance_m, 0.0, 1.0)?;
+    scalar("range margin in rad", o.range_margin_rad, 0.0, 1.0)?;
+    scalar("weight of time", o.weights.k_t, 0.0, 1e6)?;
+    scalar("weight of the braking ratio", o.weights.k_b, 0.0, 1e6)?;
+    scalar("weight of jerk", o.weights.k_j, positive, 1e6)?;
+    let b = &o.bounds;
+    let range = |option, r: &RangeInclusive<f64>, least: f64, most: f64| {
+        let (min, max) = (*r.start(), *r.end());
+        if min <= max && min >= least && max <= most {
+            Ok(())
+        } else {
+            Err(ProblemError::Range { option, min, max })
+        }
+    };
+    let far = 1e6;
+    if let Some(r) = &b.azimuth_rad {
+        range("the release azimuth", r, -far, far)?;
+    }
+    range("the release elevation", &b.elevation_rad, -far, far)?;
+    range("the release radius", &b.radius_m, 0.0, far)?;
+    range("the spin", &b.spin_rad_s, -far, far)?;
+    range("the time of flight", &b.flight_s, 1e-3, far)?;
+    range("the duration", &b.duration_s, 1e-2, far)?;
+    range("the braking ratio", &b.braking_ratio, 1e-3, 0.999)?;
+    if let Some(r) = &o.arrival.speed_m_s {
+        range("the arrival speed", r, 0.0, far)?;
+    }
+    if let Some(r) = &o.arrival.descent_rad {
+        range("the arrival steepness", r, -std::f64::consts::FRAC_PI_2, std::f64::consts::FRAC_PI_2)?;
+    }
+    for obstacle in &o.obstacles {
+        if !obstacle.half_m.iter().all(|h| *h > 0.0 && h.is_finite()) {
+            return Err(ProblemError::Option {
+                option: "half edge length of an obstacle in m",
+                value: obstacle.half_m.min(),
+                min: positive,
+                max: far,
+            });
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,461 @@
+//! Search over starts: stored throws first, then seeded random ones, on all cores.
+
+use std::f64::consts::{PI, TAU};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+use robot_model::jacobian::joint_rates;
+
+use super::local::{Found, Nearest, nearest_from, solve_from};
+use super::paper::PaperParameters;
+use super::problem::{Options, Problem};
+use super::rng::SplitMix64;
+use super::scan::Scanner;
+use super::sqp::Settings;
+use super::throw::{JOINTS, Throw};
+use crate::store::{Index, Record};
+
+/// How long to search.
+#[derive(Debug, Clone, Copy)]
+pub struct Budget {
+    /// Random starts after the stored ones.
+    pub starts: usize,
+    /// No new start after this time.
+    pub time: Option<Duration>,
+    /// Seed of the random starts; same seed and same starts give the same throw on any number of cores.
+    pub seed: u64,
+}
+
+impl Default for Budget {
+    fn default() -> Self {
+        Self { starts: 96, time: None, seed: 1 }
+    }
+}
+
+/// Shared with whoever watches or stops a search.
+#[derive(Debug, Default)]
+pub struct Watch {
+    /// Set to end the search; the best throw so far is returned.
+    pub stop: AtomicBool,
+    /// Starts that have ended.
+    pub done: AtomicUsize,
+    /// Starts that found a throw.
+    pub solved: AtomicUsize,
+}
+
+/// The best throw of a search.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Best {
+    /// The throw.
+    pub throw: Throw,
+    /// Objective (1).
+    pub objective: f64,
+    /// Starts that were run, stored ones included.
+    pub starts: usize,
+    /// Starts that ended in a throw.
+    pub solved: usize,
+    /// Whether the search was stopped before its budget was used.
+    pub interrupted: bool,
+    /// All throws that were found, with their objectives, cheapest first; equal ones once.
+    pub others: Vec<(Throw, f64)>,
+}
+
+/// No start ended in a throw.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("no throw reaches ({:.3}, {:.3}, {:.3}) m{}", target.x, target.y, target.z, nearest_text(nearest.as_ref()))]
+pub struct NoThrow {
+    /// The target in m.
+    pub target: Vector3<f64>,
+    /// The nearest target that a throw reaches, if one was found.
+    pub nearest: Option<NearestTarget>,
+    /// Starts that were run.
+    pub starts: usize,
+    /// Whether the search was stopped before its budget was used, so that "none" is not proven by it.
+    pub interrupted: bool,
+}
+
+/// A reachable target near one that is not.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NearestTarget {
+    /// The point in m.
+    pub point: Vector3<f64>,
+    /// Distance from the target asked for in m.
+    pub distance_m: f64,
+    /// The constraint that blocks the rest of the way.
+    pub constraint: String,
+}
+
+fn nearest_text(nearest: Option<&NearestTarget>) -> String {
+    nearest.map_or_else(String::new, |n| {
+        format!(
+            "; the nearest target in reach is ({:.3}, {:.3}, {:.3}) m, {:.3} m away, blocked by: {}",
+            n.point.x, n.point.y, n.point.z, n.distance_m, n.constraint
+        )
+    })
+}
+
+/// Which constraints a stored throw was made for; only the same kind is offered as a start first.
+#[must_use]
+pub fn kind_of(options: &Options) -> u32 {
+    u32::from(options.free_spin)
+        | u32::from(options.null_delay) << 1
+        | u32::from(options.clean_release) << 2
+        | u32::from(!options.avoid_collisions) << 3
+}
+
+/// Plans throws for one problem; holds what depends on the problem but not on the start.
+#[derive(Debug, Clone)]
+pub struct Planner<'p, 'a> {
+    problem: &'p Problem<'a>,
+    scanner: Scanner,
+    azimuth_rad: f64,
+    range_m: f64,
+    mirror: Option<[f64; JOINTS]>,
+}
+
+impl<'p, 'a> Planner<'p, 'a> {
+    /// For a problem.
+    #[must_use]
+    pub fn new(problem: &'p Problem<'a>) -> Self {
+        let t = &problem.target;
+        Self {
+            problem,
+            scanner: Scanner::new(problem),
+            azimuth_rad: t.y.atan2(t.x),
+            range_m: t.x.hypot(t.y),
+            mirror: mirror_signs(problem),
+        }
+    }
+
+    /// One local solve from random point number `index` of the search space.
+    #[must_use]
+    pub fn random_start(&self, seed: u64, index: u64) -> Option<Found> {
+        let mut rng = SplitMix64::stream(seed, index);
+        let unit = std::array::from_fn(|_| rng.unit());
+        let h = PaperParameters::in_bounds(&self.problem.options.bounds, self.azimuth_rad, unit);
+        solve_from(self.problem, &self.scanner, &h.start(self.problem), &Settings::default()).ok()
+    }
+
+    /// One local solve from a throw for a near target.
+    #[must_use]
+    pub fn from_throw(&self, start: &Throw) -> Option<Found> {
+        solve_from(self.problem, &self.scanner, start, &Settings::default()).ok()
+    }
+
+    /// The best throw from stored throws alone; this is what answers in well under a millisecond.
+    ///
+    /// `tries` bounds the local solves.
+    #[must_use]
+    pub fn from_index(&self, index: &Index, tries: usize) -> Option<Found> {
+        let mut near = Vec::new();
+        index.near(kind_of(&self.problem.options), self.range_m, self.problem.target.z, 3, &mut near);
+        self.polish(&near, tries)
+    }
+
+    fn polish(&self, near: &[&Record], tries: usize) -> Option<Found> {
+        let mut best: Option<Found> = None;
+        let mut used = 0;
+        let expected = self.expected_objective(near);
+        for record in near {
+            if used >= tries {
+                break;
+            }
+            // A neighbour this much dearer than what is known will not become cheaper within one cell.
+            if best.is_some_and(|b: Found| record.objective > b.objective * DEARER) {
+                continue;
+            }
+            let Some(start) = self.place(&record.throw) else { continue };
+            used += 1;
+            let settings = Settings {
+                objective: 1e-4,
+                feasibility: 1e-7,
+                iterations_max: 40,
+                give_up_above: best.map_or(f64::INFINITY, |b| b.objective * 0.999),
+            };
+            if let Ok(found) = solve_from(self.problem, &self.scanner, &start, &settings) {
+                if found.objective <= expected * AS_EXPECTED {
+                    return Some(found);
+                }
+                if best.is_none_or(|b| found.objective < b.objective) {
+                    best = Some(found);
+                }
+            }
+        }
+        best
+    }
+
+    /// What the best throw should cost, from a plane through the cheapest stored throws around; negative infinity if
+    /// they do not make a plane. A guess that only decides when to stop looking.
+    fn expected_objective(&self, near: &[&Record]) -> f64 {
+        // Cheapest of each cell, in coordinates about the target.
+        let mut cells: Vec<&Record> = Vec::with_capacity(9);
+        for record in near {
+            let same = |c: &&mut &Record| c.range_m == record.range_m && c.height_m == record.height_m;
+            match cells.iter_mut().find(same) {
+                Some(c) if record.objective < c.objective => *c = record,
+                Some(_) => {}
+                None => cells.push(record),
+            }
+        }
+        let mut normal = Matrix3::identity() * 1e-9;
+        let mut right = Vector3::zeros();
+        for c in &cells {
+            let row = Vector3::new(1.0, c.range_m - self.range_m, c.height_m - self.problem.target.z);
+            // The four cells around the target count most.
+            let weight = 1.0 / (2e-3 + row.y * row.y + row.z * row.z);
+            normal += row * row.transpose() * weight;
+            right += row * (c.objective * weight);
+        }
+        if cells.len() < 4 {
+            return f64::NEG_INFINITY;
+        }
+        normal.try_inverse().map_or(f64::NEG_INFINITY, |i| (i * right).x)
+    }
+
+    /// A stored throw turned to this target; mirrored or in another posture if joint 1 does not reach otherwise.
+    fn place(&self, stored: &Throw) -> Option<Throw> {
+        let mut turned = self.turned(stored);
+        if self.fits(&turned) {
+            return Some(turned);
+        }
+        if let Some(signs) = self.mirror {
+            let mut mirrored = *stored;
+            for (j, sign) in signs.iter().enumerate() {
+                mirrored.q_rad[j] *= sign;
+                mirrored.qd_rad_s[j] *= sign;
+                mirrored.qdd_rad_s2[j] *= sign;
+            }
+            let mirrored = self.turned(&mirrored);
+            if self.fits(&mirrored) {
+                return Some(mirrored);
+            }
+            if let Some(other) = self.other_posture(&mirrored) {
+                return Some(other);
+            }
+        }
+        if let Some(other) = self.other_posture(&turned) {
+            return Some(other);
+        }
+        // The solver may still bend it into the range.
+        turned.q_rad[0] = turned.q_rad[0].clamp(self.problem.limits.q_min[0], self.problem.limits.q_max[0]);
+        Some(turned)
+    }
+
+    fn turned(&self, stored: &Throw) -> Throw {
+        let mut throw = *stored;
+        let l = &self.problem.limits;
+        let axis_up = self.problem.arm.joints()[0].x_pj.rot[(2, 2)].signum();
+        let middle = 0.5 * (l.q_min[0] + l.q_max[0]);
+        let q = throw.q_rad[0] + axis_up * self.azimuth_rad;
+        throw.q_rad[0] = q - TAU * ((q - middle) / TAU).round();
+        throw
+    }
+
+    fn fits(&self, throw: &Throw) -> bool {
+        let l = &self.problem.limits;
+        let inside = |q: f64| q >= l.q_min[0] - 1e-3 && q <= l.q_max[0] + 1e-3;
+        inside(throw.start()[0]) && inside(throw.stop()[0])
+    }
+
+    /// The same release in another posture of the arm that keeps the ranges.
+    fn other_posture(&self, throw: &Throw) -> Option<Throw> {
+        let arm = self.problem.arm;
+        let frames = arm.fk(&throw.q_rad);
+        let jac = frames.jacobian(&arm.ball(&frames).pos);
+        let twist = jac * throw.qd_rad_s;
+        let acceleration = jac * throw.qdd_rad_s2 + frames.bias_acceleration(&jac, &throw.qd_rad_s);
+        let solutions = arm.ik(&arm.ee(&frames)).ok()?;
+        solutions.in_range().find_map(|s| {
+            let frames = arm.fk(&s.q);
+            let jac = frames.jacobian(&arm.ball(&frames).pos);
+            let qd = joint_rates(&jac, &twist)?;
+            let mut other = Throw { q_rad: s.q, qd_rad_s: qd, ..*throw };
+            if self.problem.options.null_delay {
+                let bias = frames.bias_acceleration(&jac, &qd);
+                other.qdd_rad_s2 = joint_rates(&jac, &(acceleration - bias))?;
+            }
+            let l = &self.problem.limits;
+            let (start, stop) = (other.start(), other.stop());
+            (0..JOINTS)
+                .all(|j| {
+                    start[j].min(stop[j]) >= l.q_min[j] - 1e-3 && start[j].max(stop[j]) <= l.q_max[j] + 1e-3
+                })
+                .then_some(other)
+        })
+    }
+
+    /// The best throw within a budget.
+    ///
+    /// Stored throws are polished first, then random starts run on all cores. The result depends only on the index, the
+    /// seed and the number of starts, unless time or `watch.stop` ends the search.
+    ///
+    /// # Errors
+    /// [`NoThrow`] with the nearest reachable target if no start ends in a throw.
+    pub fn search(&self, index: &Index, budget: &Budget, watch: &Watch) -> Result<Best, NoThrow> {
+        let began = Instant::now();
+        let out_of_time = || budget.time.is_some_and(|t| began.elapsed() >= t);
+        let stopped = || watch.stop.load(Ordering::Relaxed) || out_of_time();
+        let mut near = Vec::new();
+        index.near(kind_of(&self.problem.options), self.range_m, self.problem.target.z, 3, &mut near);
+        near.truncate(STORED_TRIES);
+        let warm: Vec<Option<Found>> = near
+            .par_iter()
+            .map(|record| {
+                let found = self.place(&record.throw).and_then(|t| self.from_throw(&t));
+                watch.done.fetch_add(1, Ordering::Relaxed);
+                watch.solved.fetch_add(usize::from(found.is_some()), Ordering::Relaxed);
+                found
+            })
+            .collect();
+        let skipped = AtomicUsize::new(0);
+        let cold: Vec<Option<Found>> = (0..budget.starts as u64)
+            .into_par_iter()
+            .map(|k| {
+                if stopped() {
+                    skipped.fetch_add(1, Ordering::Relaxed);
+                    return None;
+                }
+                let found = self.random_start(budget.seed, k);
+                watch.done.fetch_add(1, Ordering::Relaxed);
+                watch.solved.fetch_add(usize::from(found.is_some()), Ordering::Relaxed);
+                found
+            })
+            .collect();
+        let skipped = skipped.into_inner();
+        let starts = warm.len() + cold.len() - skipped;
+        let interrupted = skipped > 0;
+        let solved: Vec<Found> = warm.into_iter().chain(cold).flatten().collect();
+        // The first of equal ones, so that the order of threads does not matter.
+        let mut others: Vec<(Throw, f64)> = solved.iter().map(|f| (f.throw, f.objective)).collect();
+        others.sort_by(|a, b| a.1.total_cmp(&b.1));
+        others.dedup_by(|a, b| (a.1 - b.1).abs() < 1e-6 * b.1);
+        let best = solved.iter().fold(None::<&Found>, |b, f| match b {
+            Some(b) if b.objective <= f.objective => Some(b),
+            _ => Some(f),
+        });
+        match best {
+            Some(found) => Ok(Best {
+                throw: found.throw,
+                objective: found.objective,
+                starts,
+                solved: solved.len(),
+                interrupted,
+                others,
+            }),
+            None => {
+                let nearest =
+                    if watch.stop.load(Ordering::Relaxed) { None } else { self.nearest(index, budget) };
+                // Looking for the nearest target is itself a way in: it may end at the target.
+                let reached = nearest.as_ref().filter(|n| n.0.distance_m < REACHED_M);
+                if let Some(found) = reached.and_then(|n| self.from_throw(&n.1)) {
+                    return Ok(Best {
+                        throw: found.throw,
+                        objective: found.objective,
+                        starts,
+                        solved: 1,
+                        interrupted,
+                        others,
+                    });
+                }
+                Err(NoThrow {
+                    target: self.problem.target,
+                    nearest: nearest.map(|n| n.0),
+                    starts,
+                    interrupted,
+                })
+            }
+        }
+    }
+
+    /// The nearest reachable target: from stored throws in the direction of the target, and from random starts.
+    #[must_use]
+    pub fn nearest(&self, index: &Index, budget: &Budget) -> Option<(NearestTarget, Throw)> {
+        let kind = kind_of(&self.problem.options);
+        let mut stored: Vec<&Record> = index.records().iter().filter(|r| r.kind == kind).collect();
+        let away = |r: &Record| (r.range_m - self.range_m).hypot(r.height_m - self.problem.target.z);
+        stored.sort_by(|a, b| away(a).total_cmp(&away(b)));
+        stored.truncate(12);
+        let mut starts: Vec<Throw> = stored.iter().filter_map(|r| self.place(&r.throw)).collect();
+        for k in 0..48 {
+            let mut rng = SplitMix64::stream(budget.seed ^ 0x6E65_6172, k);
+            let unit = std::array::from_fn(|_| rng.unit());
+            let h = PaperParameters::in_bounds(&self.problem.options.bounds, self.azimuth_rad, unit);
+            starts.push(h.start(self.problem));
+        }
+        let found: Vec<Nearest> =
+            starts.par_iter().filter_map(|s| self.nearest_from_throw(s, [true; 3])).collect();
+        found.into_iter().min_by(|a, b| a.shift_m.norm().total_cmp(&b.shift_m.norm())).map(|n| {
+            let point = self.problem.target + n.shift_m;
+            (NearestTarget { point, distance_m: n.shift_m.norm(), constraint: n.constraint }, n.throw)
+        })
+    }
+
+    /// The nearest reachable target along some axes, from one throw.
+    #[must_use]
+    pub fn nearest_from_throw(&self, start: &Throw, axes: [bool; 3]) -> Option<Nearest> {
+        nearest_from(self.problem, &self.scanner, start, axes, &Settings::default()).ok()
+    }
+
+    /// Expected distance of the landing from the target, root mean square in m; `None` if the ball does not come down.
+    #[must_use]
+    pub fn rms_miss_m(&self, throw: &Throw, noise: &super::statistics::Noise) -> Option<f64> {
+        let aim = nalgebra::Vector2::new(self.problem.target.x, self.problem.target.y);
+        Some(super::statistics::predict(self.problem, throw, noise)?.rms_miss_m(&aim))
+    }
+
+    /// One evaluation of objective and constraints with all gradients at a throw; returns the largest violation.
+    ///
+    /// For benchmarks: it is what a step of the local solver starts with.
+    #[must_use]
+    pub fn evaluate(&self, throw: &Throw) -> f64 {
+        super::sqp::evaluate_once(self.problem, throw)
+    }
+
+    /// The throw as a record of the store.
+    #[must_use]
+    pub fn record(&self, found: &Throw, objective: f64) -> Record {
+        let axis_up = self.problem.arm.joints()[0].x_pj.rot[(2, 2)].signum();
+        let mut throw = *found;
+        let q = throw.q_rad[0] - axis_up * self.azimuth_rad;
+        throw.q_rad[0] = if q > PI {
+            q - TAU
+        } else if q < -PI {
+            q + TAU
+        } else {
+            q
+        };
+        Record {
+            kind: kind_of(&self.problem.options),
+            range_m: self.range_m,
+            height_m: self.problem.target.z,
+            objective,
+            throw,
+        }
+    }
+}
+
+/// A nearest target this close is the target: the pull of the objective on the shift is of this size.
+const REACHED_M: f64 = 1e-3;
+/// A throw that costs no more than this times what is expected ends the search among stored throws.
+const AS_EXPECTED: f64 = 1.004;
+/// A stored throw for a neighbouring target is not tried if it costs more than this times the best so far.
+const DEARER: f64 = 1.05;
+/// Stored throws that a full search polishes.
+const STORED_TRIES: usize = 16;
+
+/// Signs that mirror a posture in the plane of the base axis, if the arm has that symmetry: joints whose axis lies in
+/// the plane at zero change sign, joints across it keep theirs.
+fn mirror_signs(problem: &Problem<'_>) -> Option<[f64; JOINTS]> {
+    let arm = problem.arm;
+    let zero = arm.fk(&super::throw::Joints::zeros());
+    let signs: [f64; JOINTS] = std::array::from_fn(|j| if zero.axis(j).y.abs() > 0.5 { 1.0 } else { -1.0 });
+    let q = super::throw::Joints::from_fn(|j, _| 0.3 + 0.37 * j as f64);
+    let mirrored = super::throw::Joints::from_fn(|j, _| q[j] * signs[j]);
+    let (a, b) = (arm.ball(&arm.fk(&q)), arm.ball(&arm.fk(&mirrored)));
+    let flip = |v: Vector3<f64>| Vector3::new(v.x, -v.y, v.z);
+    let same_point = (flip(a.pos) - b.pos).norm() < 1e-9;
+    let same_throw = (flip(a.rot.column(2).into()) - Vector3::from(b.rot.column(2))).norm() < 1e-9;
+    (same_point && same_throw).then_some(signs)
+}

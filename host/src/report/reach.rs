@@ -1,0 +1,103 @@
+//! Reach map of a sweep: one cell per target, coloured by the objective; cells out of reach stay grey.
+
+use std::fmt::Write as _;
+
+use super::chart::escape;
+use crate::cmd::plan::sweep::Row;
+
+/// The map as an SVG file; axes are the two coordinates that vary most.
+#[must_use]
+pub fn svg(rows: &[Row], robot: &str) -> String {
+    let values = |axis: usize| {
+        let mut v: Vec<f64> = rows.iter().map(|r| r.target[axis]).collect();
+        v.sort_by(f64::total_cmp);
+        v.dedup();
+        v
+    };
+    let axes: [Vec<f64>; 3] = [values(0), values(1), values(2)];
+    let mut order = [0, 1, 2];
+    order.sort_by_key(|a| std::cmp::Reverse(axes[*a].len()));
+    let (mut a, mut b) = (order[0], order[1]);
+    if a > b {
+        (a, b) = (b, a);
+    }
+    let step = |v: &[f64]| v.windows(2).map(|w| w[1] - w[0]).fold(f64::INFINITY, f64::min);
+    let (da, db) = (step(&axes[a]), step(&axes[b]));
+    let (da, db) = (if da.is_finite() { da } else { 0.1 }, if db.is_finite() { db } else { da });
+    let ends = |v: &[f64]| (v.first().copied().unwrap_or(0.0), v.last().copied().unwrap_or(1.0));
+    let ((a0, a1), (b0, b1)) = (ends(&axes[a]), ends(&axes[b]));
+    let scale = 640.0 / (a1 - a0 + da).max(0.6 * (b1 - b0 + db));
+    let (w, h) = ((a1 - a0 + da) * scale, (b1 - b0 + db) * scale);
+    let best = rows.iter().filter_map(|r| r.objective).fold(f64::INFINITY, f64::min);
+    let worst = rows.iter().filter_map(|r| r.objective).fold(f64::NEG_INFINITY, f64::max);
+    let colour = |j: f64| {
+        let t = if worst > best { (j - best) / (worst - best) } else { 0.0 };
+        // Dark blue through green to yellow: brightness grows with the price, so it survives grey print.
+        format!("hsl({:.0} 65% {:.0}%)", 240.0 - 185.0 * t, 32.0 + 36.0 * t)
+    };
+    let (left, top) = (60.0, 46.0);
+    let mut o = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {:.0} {:.0}\" font-family=\"sans-serif\" font-size=\"12\"><rect width=\"100%\" height=\"100%\" fill=\"white\"/><text x=\"{left}\" y=\"24\" font-size=\"15\">Reach of {}: objective of the best throw</text>",
+        left + w + 120.0,
+        top + h + 56.0,
+        escape(robot)
+    );
+    for row in rows {
+        let x = left + (row.target[a] - a0) * scale;
+        let y = top + h - (row.target[b] - b0 + db) * scale;
+        let (fill, text) = match row.objective {
+            Some(j) => (colour(j), format!("{j:.2}")),
+            None => ("#dddddd".to_owned(), "no throw".to_owned()),
+        };
+        let [tx, ty, tz] = row.target;
+        let _ = write!(
+            o,
+            "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{:.1}\" height=\"{:.1}\" fill=\"{fill}\" stroke=\"white\" stroke-width=\"0.5\"><title>({tx}, {ty}, {tz}) m: {text}</title></rect>",
+            da * scale,
+            db * scale
+        );
+    }
+    let name = ["x", "y", "z"];
+    for i in 0..=5 {
+        let t = f64::from(i) / 5.0;
+        let (va, vb) = (a0 + t * (a1 - a0), b0 + t * (b1 - b0));
+        let _ = write!(
+            o,
+            "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{va:.2}</text><text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{vb:.2}</text>",
+            left + (va - a0 + 0.5 * da) * scale,
+            top + h + 16.0,
+            left - 6.0,
+            top + h - (vb - b0 + 0.5 * db) * scale + 4.0
+        );
+        if worst >= best {
+            let j = best + t * (worst - best);
+            let y = top + 20.0 * f64::from(i);
+            let _ = write!(
+                o,
+                "<rect x=\"{:.1}\" y=\"{y:.1}\" width=\"16\" height=\"16\" fill=\"{}\"/><text x=\"{:.1}\" y=\"{:.1}\">{j:.1}</text>",
+                left + w + 16.0,
+                colour(j),
+                left + w + 38.0,
+                y + 12.0
+            );
+        }
+    }
+    let y = top + 128.0;
+    let _ = write!(
+        o,
+        "<rect x=\"{:.1}\" y=\"{y:.1}\" width=\"16\" height=\"16\" fill=\"#dddddd\"/><text x=\"{:.1}\" y=\"{:.1}\">no throw</text>",
+        left + w + 16.0,
+        left + w + 38.0,
+        y + 12.0
+    );
+    let _ = writeln!(
+        o,
+        "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{} of the target in m</text><text transform=\"translate(14 {:.1}) rotate(-90)\" text-anchor=\"middle\">{} of the target in m</text></svg>",
+        left + 0.5 * w,
+        top + h + 38.0,
+        name[a],
+        top + 0.5 * h,
+        name[b]
+    );
+    o
+}

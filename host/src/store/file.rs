@@ -1,0 +1,266 @@
+//! The store's file: a header that names the robot, then records, only ever appended.
+//!
+//! A record carries its own checksum, so a torn write or a flipped bit costs that record and nothing else. Damage is
+//! reported, the damaged file is kept beside the store under another name, and the readable records are written anew.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
+
+use super::record::{Record, SIZE, crc32};
+
+const MAGIC: &[u8; 8] = b"CUBESTOR";
+/// Version of the file format.
+pub const VERSION: u32 = 1;
+const HEADER: usize = 8 + 4 + 8 + 4;
+
+/// The store could not be opened or written.
+#[derive(Debug, thiserror::Error)]
+pub enum StoreError {
+    /// Reading or writing failed.
+    #[error("store {path}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The file was written by a newer program.
+    #[error(
+        "store {path} has format version {found}, this program reads up to {VERSION}: update cubectl, or name another store"
+    )]
+    Newer {
+        /// The file.
+        path: PathBuf,
+        /// Its version.
+        found: u32,
+    },
+    /// The file belongs to another robot, or the robot file has changed since.
+    #[error(
+        "store {path} was made for another robot or another version of its file (fingerprint {found:016x}, now {wanted:016x}): name another store, or remove it"
+    )]
+    OtherRobot {
+        /// The file.
+        path: PathBuf,
+        /// Fingerprint in the file.
+        found: u64,
+        /// Fingerprint of the robot in use.
+        wanted: u64,
+    },
+}
+
+/// What opening a store found.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct OpenReport {
+    /// Records that were read.
+    pub records: usize,
+    /// Records (or a header) that were damaged and left out.
+    pub damaged: usize,
+    /// Where the damaged file was kept.
+    pub kept_as: Option<PathBuf>,
+}
+
+/// An open store.
+#[derive(Debug)]
+pub struct StoreFile {
+    path: PathBuf,
+    file: File,
+}
+
+fn header(robot: u64) -> [u8; HEADER] {
+    let mut out = [0; HEADER];
+    out[..8].copy_from_slice(MAGIC);
+    out[8..12].copy_from_slice(&VERSION.to_le_bytes());
+    out[12..20].copy_from_slice(&robot.to_le_bytes());
+    let sum = crc32(&out[..20]);
+    out[20..].copy_from_slice(&sum.to_le_bytes());
+    out
+}
+
+/// Reads the bytes of a store: records, and how many were damaged.
+///
+/// # Errors
+/// If the bytes are of a newer version or another robot. A damaged header is not an error here: it counts as damage,
+/// and records are still looked for behind it.
+pub fn parse(path: &Path, bytes: &[u8], robot: u64) -> Result<(Vec<Record>, usize), StoreError> {
+    let mut damaged = 0;
+    let head = bytes.get(..HEADER).unwrap_or_default();
+    let sound = head.len() == HEADER && head[..8] == *MAGIC && head[20..] == crc32(&head[..20]).to_le_bytes();
+    if sound {
+        let found = u32::from_le_bytes([head[8], head[9], head[10], head[11]]);
+        if found > VERSION {
+            return Err(StoreError::Newer { path: path.to_owned(), found });
+        }
+        let found = u64::from_le_bytes(std::array::from_fn(|i| head[12 + i]));
+        if found != robot {
+            return Err(StoreError::OtherRobot { path: path.to_owned(), found, wanted: robot });
+        }
+    } else {
+        damaged += 1;
+    }
+    let mut records = Vec::new();
+    let mut at = HEADER.min(bytes.len());
+    while at < bytes.len() {
+        match bytes.get(at..at + SIZE).and_then(Record::from_bytes) {
+            Some(record) => {
+                records.push(record);
+                at += SIZE;
+            }
+            None => {
+                damaged += 1;
+                // Look for the next sound record: bytes may have been lost, not only changed.
+                at += 1;
+                while at + SIZE <= bytes.len() && Record::from_bytes(&bytes[at..at + SIZE]).is_none() {
+                    at += 1;
+                }
+                if at + SIZE > bytes.len() {
+                    break;
+                }
+            }
+        }
+    }
+    Ok((records, damaged))
+}
+
+impl StoreFile {
+    /// Opens or creates a store for the robot with this fingerprint and reads its records.
+    ///
+    /// # Errors
+    /// [`StoreError`]; a damaged store is not an error but repaired, see [`OpenReport`].
+    pub fn open(path: &Path, robot: u64) -> Result<(Self, Vec<Record>, OpenReport), StoreError> {
+        let fail = |source| StoreError::Io { path: path.to_owned(), source };
+        if let Some(folder) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
+            fs::create_dir_all(folder).map_err(fail)?;
+        }
+        let mut bytes = Vec::new();
+        match File::open(path) {
+            Ok(mut file) => {
+                file.read_to_end(&mut bytes).map_err(fail)?;
+            }
+            Err(e) if e.kind() == io::ErrorKind::NotFound => {}
+            Err(e) => return Err(fail(e)),
+        }
+        let mut report = OpenReport::default();
+        let records = if bytes.is_empty() {
+            fs::write(path, header(robot)).map_err(fail)?;
+            Vec::new()
+        } else {
+            let (records, damaged) = parse(path, &bytes, robot)?;
+            report.damaged = damaged;
+            if damaged > 0 {
+                let kept = free_name(path);
+                fs::rename(path, &kept).map_err(fail)?;
+                write_all(path, robot, &records).map_err(fail)?;
+                report.kept_as = Some(kept);
+            }
+            records
+        };
+        report.records = records.len();
+        let file = OpenOptions::new().append(true).open(path).map_err(fail)?;
+        Ok((Self { path: path.to_owned(), file }, records, report))
+    }
+
+    /// Appends a record and hands it to the system in one write.
+    ///
+    /// # Errors
+    /// If writing fails.
+    pub fn append(&mut self, record: &Record) -> Result<(), StoreError> {
+        self.file
+            .write_all(&record.to_bytes())
+            .and_then(|()| self.file.flush())
+            .map_err(|source| StoreError::Io { path: self.path.clone(), source })
+    }
+}
+
+/// Writes a whole store; the file appears complete or not at all.
+///
+/// # Errors
+/// If writing or renaming fails.
+pub fn write_all(path: &Path, robot: u64, records: &[Record]) -> io::Result<()> {
+    let mut bytes = header(robot).to_vec();
+    for record in records {
+        bytes.extend_from_slice(&record.to_bytes());
+    }
+    let part = path.with_extension("part");
+    fs::write(&part, bytes)?;
+    fs::rename(part, path)
+}
+
+fn free_name(path: &Path) -> PathBuf {
+    (1..)
+        .map(|n| path.with_extension(format!("damaged-{n}")))
+        .find(|p| !p.exists())
+        .unwrap_or_else(|| path.with_extension("damaged"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::throw::{Joints, Throw};
+
+    fn record(range_m: f64) -> Record {
+        let throw = Throw {
+            q_rad: Joints::zeros(),
+            qd_rad_s: Joints::zeros(),
+            qdd_rad_s2: Joints::zeros(),
+            flight_s: 0.5,
+            ha_s: 0.5,
+            hb_s: 0.25,
+        };
+        Record { kind: 1, range_m, height_m: 0.0, objective: 1.0, throw }
+    }
+
+    fn folder(name: &str) -> PathBuf {
+        let path = std::env::temp_dir().join(format!("cubectl-store-{name}-{}", std::process::id()));
+        fs::create_dir_all(&path).expect("temporary folder");
+        path
+    }
+
+    #[test]
+    fn records_come_back_after_reopening() {
+        let path = folder("reopen").join("throws.store");
+        let _ = fs::remove_file(&path);
+        let (mut store, none, _) = StoreFile::open(&path, 7).expect("opens");
+        assert!(none.is_empty());
+        store.append(&record(1.0)).expect("writes");
+        store.append(&record(2.0)).expect("writes");
+        let (_, records, report) = StoreFile::open(&path, 7).expect("opens");
+        assert_eq!(records, [record(1.0), record(2.0)]);
+        assert_eq!(report, OpenReport { records: 2, damaged: 0, kept_as: None });
+    }
+
+    #[test]
+    fn damage_costs_one_record_and_the_damaged_file_is_kept() {
+        let path = folder("damage").join("throws.store");
+        let _ = fs::remove_file(&path);
+        let (mut store, _, _) = StoreFile::open(&path, 7).expect("opens");
+        for r in [1.0, 2.0, 3.0, 4.0] {
+            store.append(&record(r)).expect("writes");
+        }
+        let mut bytes = fs::read(&path).expect("reads");
+        bytes[HEADER + SIZE + 9] ^= 1;
+        // The last write was torn.
+        bytes.truncate(bytes.len() - 5);
+        fs::write(&path, &bytes).expect("writes");
+        let (_, records, report) = StoreFile::open(&path, 7).expect("opens");
+        assert_eq!(records, [record(1.0), record(3.0)]);
+        assert_eq!(report.damaged, 2);
+        let kept = report.kept_as.expect("kept");
+        assert_eq!(fs::read(kept).expect("reads"), bytes, "nothing is lost");
+        assert_eq!(StoreFile::open(&path, 7).expect("opens").2.damaged, 0, "repaired");
+    }
+
+    #[test]
+    fn other_robots_and_newer_versions_are_refused() {
+        let path = folder("refuse").join("throws.store");
+        let _ = fs::remove_file(&path);
+        drop(StoreFile::open(&path, 7).expect("opens"));
+        assert!(matches!(StoreFile::open(&path, 8), Err(StoreError::OtherRobot { found: 7, wanted: 8, .. })));
+        let mut bytes = header(7);
+        bytes[8] = 9;
+        let sum = crc32(&bytes[..20]).to_le_bytes();
+        bytes[20..].copy_from_slice(&sum);
+        fs::write(&path, bytes).expect("writes");
+        assert!(matches!(StoreFile::open(&path, 7), Err(StoreError::Newer { found: 9, .. })));
+    }
+}

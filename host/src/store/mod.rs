@@ -1,0 +1,20 @@
+//! The partial-solution store: throws that were found, for later starts and near targets.
+//!
+//! # Map
+//! | module | holds |
+//! |---|---|
+//! | [`record`] | one stored throw and its bytes |
+//! | [`mod@file`] | the append-only file with a checksum per record, and its repair |
+//! | [`index`] | the records in memory, by range and height of the target |
+//!
+//! The problem is symmetric about the base axis except for the range of joint 1, so records are kept in the frame in
+//! which the target lies on the x axis: (range, height) is the whole key. The paper keeps its database for the same
+//! reason: a start near a (partially) valid throw is worth many random ones.
+
+pub mod file;
+pub mod index;
+pub mod record;
+
+pub use file::{OpenReport, StoreError, StoreFile};
+pub use index::Index;
+pub use record::{Record, robot_fingerprint};

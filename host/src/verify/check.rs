@@ -1,0 +1,284 @@
+//! One pass over a plan file on a dense grid.
+
+use nalgebra::Vector3;
+use robot_model::Pose;
+
+use super::boxes::{distance_m, lowest_m, point_distance_m};
+use super::chain::Chain;
+use super::{forces, motion};
+use crate::plan::file::PlanFile;
+use crate::plan::scan::RELEASE_BLIND_S;
+use crate::plan::throw::{Arm, JOINTS};
+
+/// Distance of grid points in s.
+const STEP_S: f64 = 1e-3;
+/// Relative overshoot of a limit that counts as kept.
+const SHARE_TOLERANCE: f64 = 1e-6;
+/// Overshoot of a joint range that counts as kept, in rad.
+const RANGE_TOLERANCE_RAD: f64 = 1e-6;
+/// Miss that counts as a hit, in m.
+const LANDING_TOLERANCE_M: f64 = 1e-4;
+
+/// One thing that was checked.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Finding {
+    /// What.
+    pub what: String,
+    /// Whether it holds.
+    pub ok: bool,
+    /// Worst value, with what it is measured against, for people.
+    pub worst: String,
+    /// When it is worst, in s, if it depends on time.
+    pub at_s: Option<f64>,
+    /// Whether the plan claims it; other findings are for information.
+    pub enforced: bool,
+}
+
+/// Everything that was checked.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Report {
+    /// In order.
+    pub findings: Vec<Finding>,
+    /// Grid points.
+    pub samples: usize,
+}
+
+impl Report {
+    /// Whether everything the plan claims holds.
+    #[must_use]
+    pub fn ok(&self) -> bool {
+        self.findings.iter().all(|f| f.ok || !f.enforced)
+    }
+}
+
+/// The largest value seen, where and when.
+#[derive(Clone)]
+struct Worst {
+    value: f64,
+    at_s: f64,
+    what: String,
+}
+
+impl Worst {
+    fn new() -> Self {
+        Self { value: f64::NEG_INFINITY, at_s: 0.0, what: String::new() }
+    }
+
+    fn see(&mut self, value: f64, at_s: f64, what: impl FnOnce() -> String) {
+        // NaN must not pass for the best value.
+        if value > self.value || value.is_nan() {
+            *self = Self { value: if value.is_nan() { f64::INFINITY } else { value }, at_s, what: what() };
+        }
+    }
+
+    fn finding(&self, what: &str, limit: f64, unit: &str, enforced: bool) -> Finding {
+        Finding {
+            what: what.to_owned(),
+            ok: self.value <= limit,
+            worst: if self.what.is_empty() {
+                "nothing to check".to_owned()
+            } else {
+                format!("{:.4} {unit} ({})", self.value, self.what)
+            },
+            at_s: Some(self.at_s),
+            enforced,
+        }
+    }
+}
+
+/// Checks a plan for an arm.
+#[must_use]
+pub fn check(arm: &Arm, plan: &PlanFile) -> Report {
+    let chain = Chain::new(arm);
+    let steps = (plan.end_time_s / STEP_S).ceil().max(1.0) as usize;
+    let claims = |word: &str| plan.checks.iter().any(|c| c.enforced && c.what.contains(word));
+    let name = |j: usize| arm.joints()[j].name.clone();
+    let (mut range, mut speed, mut acceleration, mut jerk) =
+        (Worst::new(), Worst::new(), Worst::new(), Worst::new());
+    let (mut jump, mut motor, mut supply) = (Worst::new(), Worst::new(), Worst::new());
+    let (mut near, mut floor) = (Worst::new(), Worst::new());
+    let boxes = arm.collision().boxes();
+    let radius_m = arm.gripper().ball_radius_m;
+    let place = |t: f64| -> (Vec<Pose>, Pose) {
+        let d = chain.displacements(&motion::at(plan, t).q);
+        let placed = boxes
+            .iter()
+            .map(|b| b.link.checked_sub(1).map_or(b.x_lb, |i| chain.link(&d, i) * b.x_lb))
+            .collect();
+        (placed, chain.link(&d, JOINTS - 1) * *arm.end_effector() * arm.gripper().x_eb)
+    };
+    for step in 0..=steps {
+        let t = (step as f64 * plan.end_time_s / steps as f64).min(plan.end_time_s);
+        let s = motion::at(plan, t);
+        for j in 0..JOINTS {
+            let l = &arm.joints()[j].limits;
+            range.see((l.q_min_rad - s.q[j]).max(s.q[j] - l.q_max_rad), t, || name(j));
+            speed.see(s.qd[j].abs() / l.v_max_rad_s, t, || name(j));
+            acceleration.see(s.qdd[j].abs() / l.a_max_rad_s2, t, || name(j));
+            jerk.see(s.jerk[j].abs() / l.j_max_rad_s3, t, || name(j));
+        }
+        let (placed, ball) = place(t);
+        for &(a, b) in arm.collision().pairs() {
+            let (a, b) = (usize::from(a), usize::from(b));
+            let gap =
+                (placed[a].pos - placed[b].pos).norm() - boxes[a].half_m.norm() - boxes[b].half_m.norm();
+            let distance = if gap > 0.1 {
+                gap
+            } else {
+                distance_m(&placed[a], &boxes[a].half_m, &placed[b], &boxes[b].half_m)
+            };
+            near.see(-distance, t, || format!("\"{}\" and \"{}\"", boxes[a].name, boxes[b].name));
+        }
+        for (k, body) in
+            boxes.iter().enumerate().filter(|(_, b)| b.link >= arm.collision().rule().floor_from_link)
+        {
+            floor.see(arm.world().floor_z_m - lowest_m(&placed[k], &body.half_m), t, || body.name.clone());
+        }
+        if t <= plan.release_time_s {
+            for (k, body) in boxes.iter().enumerate().filter(|(_, b)| b.link + 2 <= JOINTS) {
+                let distance = point_distance_m(&placed[k], &body.half_m, &ball.pos) - radius_m;
+                near.see(-distance, t, || format!("held ball and \"{}\"", body.name));
+            }
+            floor.see(arm.world().floor_z_m - ball.pos.z + radius_m, t, || "held ball".to_owned());
+        }
+    }
+    segments_meet(plan, &mut jump);
+    currents(arm, &chain, plan, &mut motor, &mut supply);
+
+    // The release: position of the ball by the chain, its velocity by differences in time.
+    let ball = |t: f64| place(t).1.pos;
+    let dt = 1e-5;
+    let p = ball(plan.release_time_s);
+    let v = (ball(plan.release_time_s + dt) - ball(plan.release_time_s - dt)) / (2.0 * dt);
+    let (miss, ball_near) = flight(arm, plan, &place, &p, &v);
+
+    let over_motion = claims("currents over the motion");
+    let findings = vec![
+        range.finding("joint ranges", RANGE_TOLERANCE_RAD, "rad beyond", true),
+        speed.finding("joint speeds", 1.0 + SHARE_TOLERANCE, "of the limit", true),
+        acceleration.finding("joint accelerations", 1.0 + SHARE_TOLERANCE, "of the limit", true),
+        jerk.finding("joint jerks", 1.0 + SHARE_TOLERANCE, "of the limit", true),
+        jump.finding(
+            "segments meet in position, speed and acceleration; rest at both ends",
+            1e-6,
+            "rad, rad/s or rad/s²",
+            true,
+        ),
+        near_finding(&near, claims("clearance of arm")),
+        Finding {
+            worst: format!("{:.4} m above ({})", -floor.value, floor.what),
+            ..floor.finding("clear of the floor", 0.0, "m", claims("clearance of arm"))
+        },
+        motor.finding("motor currents over the motion", 1.0 + 2e-3, "of the limit", over_motion),
+        supply.finding("supply currents over the motion", 1.0 + 2e-3, "of the limit", over_motion),
+        Finding {
+            what: "landing on the target".to_owned(),
+            ok: miss.is_some_and(|m| m <= LANDING_TOLERANCE_M),
+            worst: miss.map_or_else(
+                || "the ball does not come down there".to_owned(),
+                |m| format!("{m:.2e} m beside it"),
+            ),
+            at_s: None,
+            enforced: true,
+        },
+        Finding {
+            what: "released ball clear of the arm".to_owned(),
+            ok: -ball_near.value > 0.0,
+            worst: format!("{:.4} m from {}", -ball_near.value, ball_near.what),
+            at_s: Some(ball_near.at_s),
+            enforced: claims("clearance of the released ball"),
+        },
+    ];
+    Report { findings, samples: steps + 1 }
+}
+
+fn near_finding(near: &Worst, enforced: bool) -> Finding {
+    Finding {
+        what: "arm clear of itself, its base and the held ball".to_owned(),
+        ok: -near.value > 0.0,
+        worst: format!("{:.4} m between {}", -near.value, near.what),
+        at_s: Some(near.at_s),
+        enforced,
+    }
+}
+
+fn segments_meet(plan: &PlanFile, jump: &mut Worst) {
+    let eps = 1e-9;
+    for (j, joint) in plan.joints.iter().enumerate() {
+        for pair in joint.segments.windows(2) {
+            let t = pair[0].t_end_s;
+            let (a, b) = (motion::at(plan, t), motion::at(plan, t + eps));
+            let what = || joint.name.clone();
+            jump.see((a.q[j] - b.q[j]).abs() - 10.0 * eps, t, what);
+            jump.see((a.qd[j] - b.qd[j]).abs() - 100.0 * eps, t, what);
+            jump.see((a.qdd[j] - b.qdd[j]).abs() - 1e3 * eps, t, what);
+        }
+        for t in [0.0, plan.end_time_s] {
+            jump.see(motion::at(plan, t).qd[j].abs(), t, || format!("{} at rest", joint.name));
+        }
+    }
+}
+
+fn currents(arm: &Arm, chain: &Chain, plan: &PlanFile, motor: &mut Worst, supply: &mut Worst) {
+    let Some(drives) = arm.drives() else { return };
+    let keep_off = 3e-4;
+    let samples = 200;
+    for i in 0..=samples {
+        let t = plan.end_time_s * f64::from(i) / f64::from(samples);
+        let mut t = t.clamp(keep_off, plan.end_time_s - keep_off);
+        if (t - plan.release_time_s).abs() < keep_off {
+            t = plan.release_time_s - keep_off;
+        }
+        let s = motion::at(plan, t);
+        let tau = forces::torques(arm, chain, plan, t);
+        let Some(amps) = forces::motor_currents(arm, &s.qd, &tau) else { return };
+        for j in 0..JOINTS {
+            motor.see(amps[j] / drives[j].current_max_a, t, || arm.joints()[j].name.clone());
+        }
+        for s in arm.supplies() {
+            let sum: f64 = (0..JOINTS).filter(|j| s.feeds[*j]).map(|j| amps[j]).sum();
+            supply.see(sum / s.current_max_a, t, || s.name.clone());
+        }
+    }
+}
+
+/// Flies the ball in small steps of its own (Heun) and returns the miss and the nearest box on the way.
+fn flight(
+    arm: &Arm,
+    plan: &PlanFile,
+    place: &dyn Fn(f64) -> (Vec<Pose>, Pose),
+    p: &Vector3<f64>,
+    v: &Vector3<f64>,
+) -> (Option<f64>, Worst) {
+    let l = &plan.landing;
+    let magnus = Vector3::from(l.magnus_rad_s);
+    let acceleration = |v: &Vector3<f64>| {
+        Vector3::new(0.0, 0.0, -l.gravity_m_s2) - v * (l.drag_per_m * v.norm()) + magnus.cross(v)
+    };
+    let (mut p, mut v) = (*p, *v);
+    let target = Vector3::from(plan.target.position_m);
+    let boxes = arm.collision().boxes();
+    let radius_m = arm.gripper().ball_radius_m;
+    let mut near = Worst::new();
+    let (mut s, dt) = (0.0, 2e-4);
+    while s < 10.0 {
+        let a = acceleration(&v);
+        let b = acceleration(&(v + a * dt));
+        let (p1, v1) = (p + v * dt + a * (0.5 * dt * dt), v + (a + b) * (0.5 * dt));
+        if p1.z <= target.z && v1.z < 0.0 && p.z >= target.z {
+            let share = (p.z - target.z) / (p.z - p1.z);
+            let at = p + (p1 - p) * share;
+            return (Some((at - target).norm()), near);
+        }
+        (p, v) = (p1, v1);
+        s += dt;
+        if s >= RELEASE_BLIND_S && s <= l.flight_s && ((s / dt).round() as u64).is_multiple_of(10) {
+            let (placed, _) = place(plan.release_time_s + s);
+            for (k, body) in boxes.iter().enumerate() {
+                let distance = point_distance_m(&placed[k], &body.half_m, &p) - radius_m;
+                near.see(-distance, plan.release_time_s + s, || format!("\"{}\"", body.name));
+            }
+        }
+    }
+    (None, near)
+}

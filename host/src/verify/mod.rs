@@ -1,0 +1,20 @@
+//! Second opinion on a plan file: everything computed again by other means than the planner's.
+//!
+//! # Map
+//! | module | the planner's way | here |
+//! |---|---|---|
+//! | [`motion`] | closed form in phases | the file's polynomials in absolute time, dense grid |
+//! | [`chain`] | frame by frame, Jacobians | product of exponentials; velocities by differences in time |
+//! | [`forces`] | recursive Newton-Euler | momentum of every body by differences in time, summed in the world frame |
+//! | [`boxes`] | separating axes, features | alternating projections between convex sets |
+//! | [`mod@check`] | rows and margins | one pass over the grid, findings with time and place |
+//!
+//! Slow on purpose (a tenth of a second): nothing here is clever, so that it can be believed.
+
+pub mod boxes;
+pub mod chain;
+pub mod check;
+pub mod forces;
+pub mod motion;
+
+pub use check::{Finding, Report, check};
