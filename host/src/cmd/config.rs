@@ -93,7 +93,7 @@ pub struct RestoreArgs {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ConfigFile {
-    /// [`SCHEMA_VERSION`].
+    /// Version of the file: 1.
     pub schema_version: u32,
     /// By address.
     pub module: Vec<ModuleConfig>,
