@@ -57,6 +57,25 @@ fn ctrl_c_in_a_jog_stops_the_module_before_the_program_ends() {
 }
 
 #[test]
+fn modules_that_a_controller_speaks_to_are_not_disturbed() {
+    let served = Served::new(|| {
+        let cell = Cell::new(&robot_model::AnyRobot::load("powercube6").unwrap(), &CellOptions::default(), 1);
+        (cell.unwrap(), host::bus::sim::soft_controller_guest())
+    });
+    for verb in ["scan", "status", "home"] {
+        let output = cubectl(&[verb, "--bus", &served.spec]);
+        assert_eq!(code(&output), 7, "{verb}: {}", out(&output));
+        assert!(err(&output).contains("nothing was sent"), "{verb}: {}", err(&output));
+    }
+    let output = cubectl(&["doctor", "--bus", &served.spec]);
+    assert_eq!(code(&output), 9, "{}", out(&output));
+    assert!(out(&output).contains("requests to modules"), "{}", out(&output));
+    let output = cubectl(&["stop", "--bus", &served.spec]);
+    assert_eq!(code(&output), 0, "{}", err(&output));
+    assert!(out(&output).contains("was not disturbed further"), "{}", out(&output));
+}
+
+#[test]
 fn two_modules_with_one_address_are_found_by_doctor() {
     let served = Served::new(|| {
         let options = CellOptions::default();

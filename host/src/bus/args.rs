@@ -30,11 +30,15 @@ pub struct BusArgs {
     /// Record every frame to PATH.candump and PATH.mcap.
     #[arg(long, value_name = "PATH")]
     pub record: Option<PathBuf>,
+    /// Ask modules although another host or a controller speaks to them. Two that use one id at the same time destroy
+    /// each other's frames: a running motion may be stopped by it.
+    #[arg(long)]
+    pub beside: bool,
 }
 
 impl Default for BusArgs {
     fn default() -> Self {
-        Self { bus: BusSpec::Sim, robot: "powercube6".to_owned(), seed: 1, record: None }
+        Self { bus: BusSpec::Sim, robot: "powercube6".to_owned(), seed: 1, record: None, beside: false }
     }
 }
 

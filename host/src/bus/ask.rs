@@ -25,6 +25,9 @@ pub enum AskError {
 /// Most time that all requests of one round may take; far beyond what the deadlines of the client allow.
 const ROUND_MAX: Duration = Duration::from_secs(60);
 
+/// Hosts known to us poll at least this often; the controller every 10 ms.
+pub const OTHERS_LISTEN: Duration = Duration::from_millis(100);
+
 impl Session {
     /// Asks several modules at once; answers in the order of the questions.
     ///
@@ -126,6 +129,21 @@ impl Session {
     /// [`AskError`].
     pub fn command(&mut self, module: ModuleId, command: SimpleCommand) -> Result<(), AskError> {
         self.ask(module, Request::Simple(command)).map(drop)
+    }
+
+    /// Listens for [`OTHERS_LISTEN`]: does anybody else speak to the drives?
+    ///
+    /// # Errors
+    /// [`AskError::Bus`], [`AskError::Interrupted`].
+    pub fn hears_other_host(&mut self) -> Result<bool, AskError> {
+        let before = self.desk().tally().foreign_requests;
+        let until = self.now() + OTHERS_LISTEN;
+        let ended = self.run(until, &mut |desk| desk.tally().foreign_requests > before)?;
+        match ended {
+            Ended::Interrupted => Err(AskError::Interrupted),
+            Ended::Done => Ok(true),
+            Ended::TimedOut => Ok(false),
+        }
     }
 
     /// Waits until `until`, listening.

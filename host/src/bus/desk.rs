@@ -39,6 +39,8 @@ pub struct Tally {
     pub received: u64,
     /// Of these, with 29-bit ids.
     pub extended: u64,
+    /// Requests and broadcasts to drives from somebody else.
+    pub foreign_requests: u64,
     /// Frames sent.
     pub sent: u64,
     /// Frames from drives that are no valid answer.
@@ -179,7 +181,14 @@ impl Node for Desk {
             }
             return;
         }
-        let Some(Address::Module(Channel::Ack | Channel::State, _)) = Address::of(frame.id()) else { return };
+        match Address::of(frame.id()) {
+            Some(Address::Module(Channel::Ack | Channel::State, _)) => {}
+            Some(Address::Module(Channel::Get | Channel::Put, _) | Address::Broadcast) => {
+                self.tally.foreign_requests += 1;
+                return;
+            }
+            None => return,
+        }
         match Reply::decode(frame) {
             Ok((module, reply)) => {
                 self.note(module, &reply);

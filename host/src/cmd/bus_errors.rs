@@ -85,6 +85,22 @@ pub(super) fn missing(bus: &str, modules: &[ModuleId]) -> ExpectedError {
     )
 }
 
+/// Refuses to ask modules that somebody else asks.
+pub(super) fn require_alone(session: &mut Session, beside: bool) -> Result<(), ExpectedError> {
+    if !beside && session.hears_other_host()? {
+        return Err(ExpectedError::new(
+            exit::BUS,
+            format!(
+                "{}: another host or a controller speaks to the modules; nothing was sent, because our questions would \
+                 destroy its frames\n  next: `cubectl monitor --listen` watches, `cubectl stop` stops; end the other \
+                 program, or add --beside",
+                session.name()
+            ),
+        ));
+    }
+    Ok(())
+}
+
 /// A survey of `candidates` with a progress bar on a terminal.
 pub(super) fn look(
     session: &mut Session,
@@ -107,7 +123,9 @@ pub(super) fn look(
 pub(super) fn modules_on(
     session: &mut Session,
     named: Option<&[ModuleId]>,
+    beside: bool,
 ) -> Result<Vec<ModuleReport>, ExpectedError> {
+    require_alone(session, beside)?;
     let all: Vec<ModuleId> = ModuleId::all().collect();
     let found = look(session, named.unwrap_or(&all))?;
     if let Some(named) = named {
@@ -165,6 +183,6 @@ pub(super) fn open(
     named: Option<&Modules>,
 ) -> Result<(Session, Vec<ModuleReport>), ExpectedError> {
     let mut session = bus.open()?;
-    let found = modules_on(&mut session, named.map(|modules| modules.0.as_slice()))?;
+    let found = modules_on(&mut session, named.map(|modules| modules.0.as_slice()), bus.beside)?;
     Ok((session, found))
 }

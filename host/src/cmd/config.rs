@@ -93,7 +93,7 @@ pub struct RestoreArgs {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ConfigFile {
-    /// [`SCHEMA_VERSION`].
+    /// Version of the file: 1.
     pub schema_version: u32,
     /// By address.
     pub module: Vec<ModuleConfig>,
@@ -152,13 +152,10 @@ fn read_all(session: &mut Session, found: &[ModuleReport]) -> Result<ConfigFile,
             parameters.iter().map(|parameter| (report.module, Request::Get(*parameter))).collect();
         let mut setting = BTreeMap::new();
         for answer in session.ask_all(&questions)? {
-            match answer.map_err(crate::bus::ask::AskError::from)? {
-                Reply::Value(parameter, value) => {
-                    if let Some(number) = value.as_f64() {
-                        setting.insert(key(parameter), number);
-                    }
-                }
-                _ => {}
+            if let Reply::Value(parameter, value) = answer.map_err(crate::bus::ask::AskError::from)?
+                && let Some(number) = value.as_f64()
+            {
+                setting.insert(key(parameter), number);
             }
         }
         file.module.push(ModuleConfig {
@@ -173,7 +170,8 @@ fn read_all(session: &mut Session, found: &[ModuleReport]) -> Result<ConfigFile,
 
 fn dump(args: &DumpArgs) -> Result<(), ExpectedError> {
     let mut session = args.bus.open()?;
-    let found = modules_on(&mut session, args.modules.as_ref().map(|modules| modules.0.as_slice()))?;
+    let found =
+        modules_on(&mut session, args.modules.as_ref().map(|modules| modules.0.as_slice()), args.bus.beside)?;
     let file = read_all(&mut session, &found)?;
     session.finish()?;
     let text = toml::to_string(&file)
@@ -244,7 +242,7 @@ fn compare(
         );
     }
     let mut session = bus.open()?;
-    let found = modules_on(&mut session, Some(&ids))?;
+    let found = modules_on(&mut session, Some(&ids), bus.beside)?;
     let present = read_all(&mut session, &found)?;
     let mut changes = Vec::new();
     for (module, id) in wanted.module.iter().zip(ids) {

@@ -90,7 +90,7 @@ fn finding(level: Level, check: &'static str, what: impl Into<String>, next: imp
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let mut session = args.bus.open()?;
     let wanted = args.modules.as_ref().map(|modules| modules.0.as_slice());
-    let (modules, findings) = examine(&mut session, wanted, args.probe)?;
+    let (modules, findings) = examine(&mut session, wanted, args.probe, args.bus.beside)?;
     let name = session.name().to_owned();
     session.finish()?;
     if args.json {
@@ -117,7 +117,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     Err(ExpectedError::new(exit::FINDINGS, format!("{name}: {problems} {plural} found (listed above)")))
 }
 
-/// Looks at everything.
+/// Looks at everything; if somebody else speaks to the modules, only listens unless `beside`.
 ///
 /// # Errors
 /// The bus is gone, or Ctrl-C; what is wrong with modules is in the findings.
@@ -125,10 +125,16 @@ pub fn examine(
     session: &mut Session,
     wanted: Option<&[ModuleId]>,
     probe: bool,
+    beside: bool,
 ) -> Result<(Vec<ModuleReport>, Vec<Finding>), ExpectedError> {
     let mut findings = Vec::new();
     session.sleep_until(session.now() + LISTEN)?;
     findings.push(others(session));
+    if !beside && session.desk().tally().foreign_requests > 0 {
+        // A motion may be running: our questions would destroy its frames.
+        findings.extend(errors(session));
+        return Ok((Vec::new(), findings));
+    }
     let all: Vec<ModuleId> = ModuleId::all().collect();
     let modules = look(session, &all)?;
     findings.extend(presence(session, &modules, wanted));
@@ -155,15 +161,16 @@ fn others(session: &mut Session) -> Finding {
     if tally.received == 0 {
         return finding(Level::Ok, "traffic", "nobody else speaks", "");
     }
-    finding(
-        Level::Note,
-        "traffic",
-        format!(
-            "{} frames in {LISTEN} from others, {} of them with 29-bit ids",
-            tally.received, tally.extended
-        ),
-        "another host or a controller is on this bus: do not move modules past it",
-    )
+    let what = format!(
+        "{} frames in {LISTEN} from others, {} of them with 29-bit ids, {} requests to modules",
+        tally.received, tally.extended, tally.foreign_requests
+    );
+    if tally.foreign_requests > 0 {
+        let next = "another host or a controller speaks to the modules, which were therefore not asked; end it for the \
+                    other checks, or add --beside while nothing moves";
+        return finding(Level::Problem, "traffic", what, next);
+    }
+    finding(Level::Note, "traffic", what, "somebody else is on this bus")
 }
 
 fn presence(session: &Session, modules: &[ModuleReport], wanted: Option<&[ModuleId]>) -> Vec<Finding> {

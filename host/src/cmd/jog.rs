@@ -61,7 +61,7 @@ fn speed(text: &str) -> Result<f64, String> {
 /// The bus, the module does not answer, is in error, or does not stand still afterwards.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let mut session = args.bus.open()?;
-    let found = modules_on(&mut session, Some(&[args.module]))?;
+    let found = modules_on(&mut session, Some(&[args.module]), args.bus.beside)?;
     if found
         .iter()
         .any(|report| report.version.0 < 0x2518 && !Parameter::ActPos.info().readable(report.version))

@@ -50,7 +50,11 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let modules: Vec<ModuleId> = if args.listen {
         Vec::new()
     } else {
-        let found = modules_on(&mut session, args.modules.as_ref().map(|modules| modules.0.as_slice()))?;
+        let found = modules_on(
+            &mut session,
+            args.modules.as_ref().map(|modules| modules.0.as_slice()),
+            args.bus.beside,
+        )?;
         found.iter().map(|report| report.module).collect()
     };
     let table = !args.plain && std::io::stdout().is_terminal();

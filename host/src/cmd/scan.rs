@@ -2,7 +2,7 @@
 
 use protocol::ModuleId;
 
-use super::bus_errors::{Modules, look, module_json, nobody, print_json};
+use super::bus_errors::{Modules, look, module_json, nobody, print_json, require_alone};
 use crate::bus::BusArgs;
 use crate::error::ExpectedError;
 
@@ -29,6 +29,7 @@ pub struct Args {
 /// The bus cannot be reached, or nobody answers.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let mut session = args.bus.open()?;
+    require_alone(&mut session, args.bus.beside)?;
     let all: Vec<ModuleId> = ModuleId::all().collect();
     let found = look(&mut session, args.modules.as_ref().map_or(&all, |modules| &modules.0))?;
     let name = session.name().to_owned();

@@ -33,6 +33,15 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         session.halt(Reason::OPERATOR)?;
         session.pass(Duration::from_millis(5))?;
     }
+    if !args.bus.beside && session.hears_other_host()? {
+        // Our questions would destroy its frames.
+        let name = session.name().to_owned();
+        session.finish()?;
+        println!(
+            "{name}: halt and stop message sent {TIMES} times; a controller or host is on the bus and was not disturbed further"
+        );
+        return Ok(());
+    }
     let all: Vec<ModuleId> = ModuleId::all().collect();
     let found = look(&mut session, &all)?;
     let name = session.name().to_owned();
