@@ -12,6 +12,7 @@
 //! | [`flight`] | ball after the release: vacuum, drag, spin; landing and its Jacobian |
 //! | [`bus`] | access to a bus: sessions in virtual and real time, requests to drives, bounded motions |
 //! | [`log`] | recordings: candump text and MCAP |
+//! | [`mod@throw`] | the main job: from a plan to where the ball landed |
 //! | [`tune`], [`identify`] | gain design with certificates, plant constants from samples |
 
 pub mod bus;
@@ -25,5 +26,6 @@ pub mod log;
 pub mod plan;
 pub mod report;
 pub mod store;
+pub mod throw;
 pub mod tune;
 pub mod verify;
