@@ -25,9 +25,10 @@ length_s = 1), report, quit";
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// Where: socketcand://127.0.0.1:29536/can0 and slcan://127.0.0.1:3333 serve that port, slcan:/dev/ptmx makes a
-    /// pseudo-terminal, vcan0 joins that interface.
-    #[arg(long, default_value = "socketcand://127.0.0.1:29536/can0")]
-    bus: BusSpec,
+    /// pseudo-terminal, vcan0 joins that interface. Ports can be given together, for clients of several kinds on the
+    /// one bus; an interface stands alone.
+    #[arg(long, num_args = 1, default_value = "socketcand://127.0.0.1:29536/can0")]
+    bus: Vec<BusSpec>,
     /// Robot: a built-in name or a file.
     #[arg(long)]
     robot: Option<String>,
@@ -78,13 +79,13 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     result
 }
 
-fn open(spec: &BusSpec, clock: Clock) -> Result<Door, Failure> {
-    let door = match spec {
+fn open(specs: &[BusSpec], clock: Clock) -> Result<Door, Failure> {
+    let door = match specs {
         // An interface is a bus already; everything else is served.
-        BusSpec::SocketCan { .. } => can_link::open(spec, clock).map(Door::Member),
+        [spec @ BusSpec::SocketCan { .. }] => can_link::open(spec, clock).map(Door::Member),
         _ => {
             let options = ServerOptions { relay: Relay::ByOwner, ..ServerOptions::default() };
-            can_link::serve(spec, clock, options).map(Door::Server)
+            can_link::serve_all(specs, clock, options).map(Door::Server)
         }
     };
     door.map_err(|error| Failure::new(Code::Bus, &error))
