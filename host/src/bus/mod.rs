@@ -6,6 +6,7 @@
 //! |---|---|---|---|
 //! | options | [`args`] | what every verb that touches a bus takes on its command line | open anything |
 //! | nodes | [`drive_client`], [`desk`] | the host's side of the bus, without IO: requests to drives with deadlines; what was heard | read a clock |
+//! | storage | [`storage`] | what a controller on this machine keeps, in a file | know what it means |
 //! | session | [`session`], [`sim`], [`live`] | supplies time and frames to the desk: the embedded cell in virtual time, or a link in real time | know what a verb wants |
 //! | dialogue | [`ask`], [`survey`], [`motion`], [`operator`] | questions, rounds of questions, bounded motions of single drives; orders to a controller | print |
 //!
@@ -26,6 +27,7 @@ pub mod motion;
 pub mod operator;
 pub mod session;
 pub mod sim;
+pub mod storage;
 pub mod survey;
 
 pub use args::BusArgs;
