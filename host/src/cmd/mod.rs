@@ -2,6 +2,7 @@
 
 pub mod check;
 pub mod config;
+pub mod controller;
 pub mod doctor;
 pub mod explain;
 pub mod export;
