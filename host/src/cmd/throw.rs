@@ -17,11 +17,13 @@ use super::doctor::{Level, examine};
 use super::home::share;
 use super::plan::options::point;
 use super::plan::throw::{Planned, SearchOptions};
+use crate::analysis::{Run, analyse};
 use crate::bus::args::{CellArgs, Controller, interrupt};
 use crate::bus::settings::settings_of;
 use crate::bus::{BusArgs, Session};
 use crate::error::ExpectedError;
 use crate::exit;
+use crate::log::candump::read;
 use crate::plan::Arm;
 use crate::plan::file::PlanFile;
 use crate::throw::job::{News, Step};
@@ -30,6 +32,8 @@ use crate::throw::{Job, JobError, Record, job};
 use crate::tune::gains_file::GainsFile;
 use crate::verify;
 
+/// Rate of the bus, bit/s.
+const BIT_RATE_BIT_S: u32 = 1_000_000;
 /// How long is listened for a controller before a soft one is started, on a live bus.
 const LISTEN: protocol::Duration = protocol::Duration::from_millis(400);
 
@@ -175,7 +179,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         gains_crc32: firmware::crc::Crc32::of(gains_text.as_bytes()),
         soft: thread.as_ref(),
     };
-    let value = summary(&job, &record, &circumstances);
+    let mut value = summary(&job, &record, &circumstances);
+    value["analysis"] = analysed(&folder, &plan, &arm, record.start);
     folder.write("gains.toml", &gains_text)?;
     folder.write("summary.json", &format!("{value:#}\n"))?;
     if args.json {
@@ -231,7 +236,7 @@ fn set_period(settings: &mut Settings, gains: &GainsFile) {
     let period_us = (gains.period_s * 1e6).round() as u32;
     settings.cycle_period_us = period_us;
     settings.gains_period_us = period_us;
-    settings.reply_deadline_us = (period_us * 2 / 3).clamp(500, 6_000);
+    settings.reply_deadline_us = (period_us * 2 / 3).clamp(500, 20_000);
 }
 
 /// Whether the controller runs in this program.
@@ -331,6 +336,26 @@ fn gains_toml(plan: &PlanFile, record: &Record, gains: Option<&GainsFile>) -> St
     text
 }
 
+/// What the recording says of the run; why it says nothing, if so.
+fn analysed(
+    folder: &Folder,
+    plan: &PlanFile,
+    arm: &Arm,
+    start: Option<protocol::Instant>,
+) -> serde_json::Value {
+    let found = std::fs::File::open(folder.file("log.candump"))
+        .map_err(|error| error.to_string())
+        .and_then(|file| read(std::io::BufReader::new(file)).map_err(|error| error.to_string()))
+        .and_then(|lines| {
+            let run = Run { lines: &lines, plan, arm, start, bit_rate_bit_s: BIT_RATE_BIT_S };
+            analyse(&run).map_err(|error| error.to_string())
+        });
+    match found {
+        Ok(analysis) => serde_json::to_value(analysis).unwrap_or_default(),
+        Err(reason) => serde_json::json!({ "none_because": reason }),
+    }
+}
+
 /// Where the results go.
 struct Folder {
     path: PathBuf,
@@ -343,7 +368,7 @@ impl Folder {
             output(&format!("{}: {error}\n  next: name another folder with --out", path.display()))
         })?;
         let this = Self { path };
-        for name in ["plan.json", "summary.json"] {
+        for name in ["summary.json", "log.candump"] {
             if this.file(name).is_file() {
                 return Err(output(&format!(
                     "{} holds the results of another throw\n  next: name another folder with --out",
