@@ -141,6 +141,23 @@ impl<S: Storage, M: BorrowMut<Spline>> ControllerNode<S, M> {
         &self.app.controller
     }
 
+    /// An order of whoever runs this node, such as a stop before it is switched off. Not through the host link: who is the
+    /// host stays as it is.
+    ///
+    /// # Errors
+    ///
+    /// As [`Controller::order`].
+    pub fn order(&mut self, now: Instant, order: Order) -> Result<Done, Refusal> {
+        self.now = now;
+        self.app.controller.order(now, order)
+    }
+
+    /// As a stop message on the bus: the halt broadcast is the next frame out.
+    pub fn stop_now(&mut self, now: Instant) {
+        self.now = now;
+        self.app.controller.stop_now(now);
+    }
+
     /// Level to put on the board's gripper output, once per change.
     pub const fn take_gripper_level(&mut self) -> Option<bool> {
         self.app.controller.take_gripper_level()
@@ -170,11 +187,12 @@ impl<S: Storage, M: BorrowMut<Spline>> ControllerNode<S, M> {
         message.bus_load_permille = load.min(1_000) as u16;
         let _ = self.link.publish(now, &mut self.group_state, &message);
         if due {
-            let mut joints = [joint_state::JointSample::default(); JOINTS_MAX];
-            let count = self.app.controller.settings().joints as usize;
-            for (to, from) in joints.iter_mut().zip(&sample.joints.0) {
-                *to = joint_message(from);
+            let controller = &self.app.controller;
+            let mut joints = [JointSample::default(); JOINTS_MAX];
+            for (to, joint) in joints.iter_mut().zip(controller.joints()) {
+                *to = controller.joint_sample(joint);
             }
+            let count = controller.settings().joints as usize;
             let joints = joints.get(..count).unwrap_or(&joints);
             let cycle = sample.counters.cycles as u16;
             let message = joint_state::JointState::new(now.as_micros(), cycle, joints);
@@ -519,7 +537,7 @@ fn group_message(sample: &GroupSample, sequence: u16, complete: bool) -> group_s
     group_state::GroupState {
         uptime_us: sample.at.as_micros(),
         sequence,
-        state: group_state::State::from_number(sample.state as u8).unwrap_or_default(),
+        state: sample.state,
         fault_joint: sample.fault.and_then(|fault| fault.joint).map_or(0, |joint| joint.get() as u8 + 1),
         fault_cause: sample.fault.map_or(0, |fault| fault.cause.code()),
         homed_mask: sample.homed_mask,
@@ -537,31 +555,5 @@ fn group_message(sample: &GroupSample, sequence: u16, complete: bool) -> group_s
         trajectory_crc64: sample.committed.map_or(0, |name| name.crc64),
         trajectory_time_us: sample.path_us,
         arming_left_ms: u16::try_from(ms).unwrap_or(u16::MAX),
-    }
-}
-
-fn joint_message(sample: &JointSample) -> joint_state::JointSample {
-    use joint_state::JointFlags;
-    let flags = [
-        (sample.saturated, JointFlags::ACCELERATION_CLIPPED),
-        (sample.speed_limited, JointFlags::SPEED_LIMITED),
-        (sample.position_limited, JointFlags::POSITION_LIMITED),
-        (sample.reply_missed, JointFlags::REPLY_MISSED),
-        (sample.homed, JointFlags::HOMED),
-        (sample.drive_error, JointFlags::DRIVE_ERROR),
-        (sample.halted, JointFlags::HALTED),
-    ];
-    joint_state::JointSample {
-        q_rad: sample.q_rad,
-        qd_rad_s: sample.qd_rad_s,
-        error_q_rad: sample.error_q_rad,
-        error_qd_rad_s: sample.error_qd_rad_s,
-        qdd_command_rad_s2: sample.qdd_command_rad_s2,
-        current_a: sample.current_a.unwrap_or(f32::NAN),
-        drive_short_state: sample.short_state.bits(),
-        flags: flags
-            .into_iter()
-            .filter(|(on, _)| *on)
-            .fold(JointFlags::NONE, |all, (_, flag)| all.with(flag)),
     }
 }

@@ -94,6 +94,14 @@ pub struct Next {
     pub request: Request,
 }
 
+/// How far a search for requests to send has got.
+#[derive(Clone, Copy, Debug)]
+pub struct Round {
+    level: usize,
+    first: usize,
+    busy: usize,
+}
+
 /// Agendas of all drives.
 #[derive(Clone, Debug, Default)]
 pub struct Schedule {
@@ -125,7 +133,7 @@ impl Schedule {
 
     /// True if a drive has nothing on its agenda and no request on its way.
     pub fn is_done(&self, joint: JointIndex, drive: &Drive) -> bool {
-        self.agenda.at(joint).head().is_none() && drive.in_flight().is_none()
+        self.agenda.at(joint).head().is_none() && !drive.is_asked()
     }
 
     /// Adds to a drive's agenda.
@@ -133,35 +141,46 @@ impl Schedule {
         self.agenda.at_mut(joint).push(request)
     }
 
+    /// Begins a round of [`Self::next`].
+    pub fn round(&self, joints: impl Iterator<Item = JointIndex>, drives: &PerJoint<Drive>) -> Round {
+        let busy = joints.filter(|&joint| drives.at(joint).is_asked()).count();
+        Round { level: 0, first: 0, busy }
+    }
+
     /// Next request to send now, if the number of drives asked at the same time allows one. Takes it off the
     /// agenda unless a barrier has to go before it.
+    ///
+    /// Within a round nothing but what this returns may be sent. The order is that of the map above: least sent first,
+    /// then base first. A round visits each drive once per place of an agenda.
     pub fn next(
         &mut self,
+        round: &mut Round,
         now: Instant,
         joints: impl Iterator<Item = JointIndex> + Clone,
         drives: &PerJoint<Drive>,
         in_flight_max: usize,
     ) -> Option<Next> {
-        let busy = joints.clone().filter(|&joint| drives.at(joint).in_flight().is_some()).count();
-        if busy >= in_flight_max {
-            return None;
-        }
-        let (mut best, mut best_sent) = (None, usize::MAX);
-        for joint in joints {
-            let (agenda, drive) = (self.agenda.at(joint), drives.at(joint));
-            let Some(wanted) = agenda.head() else { continue };
-            if drive.in_flight().is_some() || agenda.sent() >= best_sent {
-                continue;
+        while round.level < AGENDA_MAX && round.busy < in_flight_max {
+            for joint in joints.clone().filter(|joint| joint.get() >= round.first) {
+                let agenda = self.agenda.at_mut(joint);
+                if agenda.sent() != round.level {
+                    continue;
+                }
+                let (Some(wanted), drive) = (agenda.head(), drives.at(joint)) else { continue };
+                if drive.is_asked() {
+                    continue;
+                }
+                let Some(request) = sendable(drive, wanted, now) else { continue };
+                if request == wanted {
+                    agenda.advance();
+                }
+                round.first = joint.get() + 1;
+                round.busy += 1;
+                return Some(Next { joint, request });
             }
-            if let Some(request) = sendable(drive, wanted, now) {
-                (best, best_sent) = (Some((Next { joint, request }, request == wanted)), agenda.sent());
-            }
+            (round.level, round.first) = (round.level + 1, 0);
         }
-        let (next, from_agenda) = best?;
-        if from_agenda {
-            self.agenda.at_mut(next.joint).advance();
-        }
-        Some(next)
+        None
     }
 
     /// Earliest time at which a request that has to wait for its key can go out.
@@ -171,9 +190,8 @@ impl Schedule {
         joints: impl Iterator<Item = JointIndex>,
         drives: &PerJoint<Drive>,
     ) -> Option<Instant> {
-        let waiting = joints.filter(|&joint| {
-            self.agenda.at(joint).head().is_some() && drives.at(joint).in_flight().is_none()
-        });
+        let waiting =
+            joints.filter(|&joint| self.agenda.at(joint).head().is_some() && !drives.at(joint).is_asked());
         waiting.filter_map(|joint| drives.at(joint).barred_until(now)).min()
     }
 }
@@ -220,7 +238,8 @@ mod tests {
         let mut waiting = Vec::new();
         for k in 0..40u64 {
             let now = Instant::from_micros(100 * k);
-            while let Some(next) = schedule.next(now, joints(), &drives, 4) {
+            let mut round = schedule.round(joints(), &drives);
+            while let Some(next) = schedule.next(&mut round, now, joints(), &drives, 4) {
                 drives.at_mut(next.joint).begin(Lane::Main, module(), next.request, Instant::FAR_FUTURE);
                 order.push((next.joint.get(), next.request == set_a()));
                 waiting.push((next.joint, next.request));
@@ -246,12 +265,15 @@ mod tests {
         drive.give_up_due(Instant::from_micros(2_000));
         let now = Instant::from_micros(3_000);
         schedule.set(joint, Agenda::of(&[set_a()]));
-        let barrier = schedule.next(now, joints(), &drives, 4).unwrap();
+        let ask = |schedule: &mut Schedule, drives: &PerJoint<Drive>| {
+            schedule.next(&mut schedule.round(joints(), drives), now, joints(), drives, 4).unwrap()
+        };
+        let barrier = ask(&mut schedule, &drives);
         assert_eq!(barrier.request, Request::Get(Parameter::CubeState));
         let drive = drives.at_mut(joint);
         drive.begin(Lane::Main, module(), barrier.request, now + Duration::from_millis(2));
         drive.match_reply(now, &Reply::Value(Parameter::CubeState, Value::U32(2)));
-        assert_eq!(schedule.next(now, joints(), &drives, 4).unwrap().request, set_a());
+        assert_eq!(ask(&mut schedule, &drives).request, set_a());
         assert!(schedule.is_done(joint, &Drive::default()));
     }
 }

@@ -1,5 +1,7 @@
-//! `hil-sim serve` on a CAN interface of a real kernel: run by `.ci/vcan-vm`, as root, with `ip` and `hil-sim` in the
-//! path and no interface up yet.
+//! `hil-sim serve` on a CAN interface of a real kernel: run by `.ci/vcan-vm`, as root, with `ip` in the path and no
+//! interface up yet.
+//!
+//!     vcan_serve PATH-OF-HIL-SIM
 //!
 //! A program and not a test, because it makes interfaces of the machine it runs on.
 
@@ -17,10 +19,11 @@ const HOME_OK: u32 = 0x2;
 const RAMP_END: u32 = 0x8000;
 
 fn main() {
+    let program = std::env::args().nth(1).expect("the path of hil-sim");
     ip("link add vcan0 type vcan");
     ip("link set vcan0 up");
     // The same bus at a kernel interface and at a TCP port.
-    let server = Server::start("hil-sim", &["vcan0", "socketcand://127.0.0.1:0/can0"]);
+    let server = Server::start(&program, &["vcan0", "socketcand://127.0.0.1:0/can0"]);
     let (mut kernel, mut port) = (server.client(0), server.client(1));
     // Whoever answers on the port's bus is there, so the port listens from here on.
     assert!(port.asks_version(1));
@@ -47,7 +50,7 @@ fn main() {
         report["latency_us"]["count"], report["latency_us"]
     );
 
-    interface_goes_down();
+    interface_goes_down(&program);
     println!("an interface that goes down ends the program with code 5 and the command that helps … ok");
     println!("all checks passed");
 }
@@ -124,8 +127,8 @@ fn ramp(client: &mut Client, module: u16, by: f32) -> (f32, f32) {
     (from, to)
 }
 
-fn interface_goes_down() {
-    let mut child = Command::new("hil-sim")
+fn interface_goes_down(program: &str) {
+    let mut child = Command::new(program)
         .args(["serve", "--bus", "vcan0", "--json", "--duration-s", "60"])
         .stdin(Stdio::null())
         .stdout(Stdio::piped())

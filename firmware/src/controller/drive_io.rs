@@ -24,9 +24,10 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     pub(super) fn pump(&mut self, now: Instant) {
         self.pump_gripper(now);
         let window = self.settings.in_flight_max as usize;
+        let joints = self.joints();
+        let mut round = self.schedule.round(joints.clone(), &self.drives);
         // Each turn puts one more drive in flight, so it ends after at most `joints` turns.
-        for _ in 0..self.settings.joints {
-            let Some(next) = self.schedule.next(now, self.joints(), &self.drives, window) else { break };
+        while let Some(next) = self.schedule.next(&mut round, now, joints.clone(), &self.drives, window) {
             self.ask(now, next.joint, Lane::Main, next.request);
         }
     }

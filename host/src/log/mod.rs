@@ -3,6 +3,7 @@
 //! | module | holds |
 //! |---|---|
 //! | [`candump`] | text log: written line by line, read with line numbers in errors |
+//! | [`facts`] | what frames say: requests, answers, messages, orders |
 //! | [`mcap`] | the same frames and the joints' state decoded from them, as protobuf channels |
 //! | [`schema`] | the protobuf messages and their self-description |
 //!
@@ -11,6 +12,7 @@
 //! unfinished files.
 
 pub mod candump;
+pub mod facts;
 pub mod mcap;
 pub mod schema;
 

@@ -3,7 +3,7 @@
 //! * **Lockstep**, if the folder QEMU was started in holds `script.bin` (see `firmware/examples/record_throw.rs`): plays
 //!   the calls of the script, writes the frames sent to `frames.bin`, prints instructions per call and the deepest stack,
 //!   and ends.
-//! * **Live** otherwise: SLCAN on the first UART, SysTick for time, as a board at the end of a serial line.
+//! * **Live** otherwise: SLCAN on the first UART, a timer for time, as a board at the end of a serial line.
 #![no_std]
 #![no_main]
 
@@ -47,9 +47,10 @@ fn main() -> ! {
     assert!(core::hint::black_box(false), "planted");
     let Some(peripherals) = cortex_m::Peripherals::take() else { exit(false) };
     let identity = Identity { unique_id: *b"emulated-board\0\0", hardware: (0, 1) };
-    let node =
-        NODE.write(Node::with_spline(Instant::ZERO, STORAGE, SPLINE, &Settings::powercube6(), identity));
-    match lockstep::Script::open() {
+    let script = lockstep::Script::open();
+    let settings = if script.is_some() { &Settings::POWERCUBE6 } else { &live::SETTINGS };
+    let node = NODE.write(Node::with_spline(Instant::ZERO, STORAGE, SPLINE, settings, identity));
+    match script {
         Some(script) => exit(script.play(node, peripherals.SYST)),
         None => live::run(node, peripherals),
     }
