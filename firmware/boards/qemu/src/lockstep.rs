@@ -10,7 +10,8 @@ use protocol::{ExtendedId, Frame, Id, Instant, Node as _, StandardId};
 use crate::{CORE_MHZ, Node, stack};
 
 const RECORD: usize = 24;
-const RECORDS: usize = 64;
+/// Records per read and write: the buffers are on the stack that is measured.
+const RECORDS: usize = 8;
 const DEADLINE: u32 = 1 << 29;
 
 /// Emulated time of an instruction with `-icount shift=3`, ns.
