@@ -156,7 +156,7 @@ impl Schedule {
         &mut self,
         round: &mut Round,
         now: Instant,
-        joints: impl Iterator<Item = JointIndex> + Clone,
+        joints: &(impl Iterator<Item = JointIndex> + Clone),
         drives: &PerJoint<Drive>,
         in_flight_max: usize,
     ) -> Option<Next> {
@@ -239,7 +239,7 @@ mod tests {
         for k in 0..40u64 {
             let now = Instant::from_micros(100 * k);
             let mut round = schedule.round(joints(), &drives);
-            while let Some(next) = schedule.next(&mut round, now, joints(), &drives, 4) {
+            while let Some(next) = schedule.next(&mut round, now, &joints(), &drives, 4) {
                 drives.at_mut(next.joint).begin(Lane::Main, module(), next.request, Instant::FAR_FUTURE);
                 order.push((next.joint.get(), next.request == set_a()));
                 waiting.push((next.joint, next.request));
@@ -266,7 +266,7 @@ mod tests {
         let now = Instant::from_micros(3_000);
         schedule.set(joint, Agenda::of(&[set_a()]));
         let ask = |schedule: &mut Schedule, drives: &PerJoint<Drive>| {
-            schedule.next(&mut schedule.round(joints(), drives), now, joints(), drives, 4).unwrap()
+            schedule.next(&mut schedule.round(joints(), drives), now, &joints(), drives, 4).unwrap()
         };
         let barrier = ask(&mut schedule, &drives);
         assert_eq!(barrier.request, Request::Get(Parameter::CubeState));

@@ -27,7 +27,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         let joints = self.joints();
         let mut round = self.schedule.round(joints.clone(), &self.drives);
         // Each turn puts one more drive in flight, so it ends after at most `joints` turns.
-        while let Some(next) = self.schedule.next(&mut round, now, joints.clone(), &self.drives, window) {
+        while let Some(next) = self.schedule.next(&mut round, now, &joints, &self.drives, window) {
             self.ask(now, next.joint, Lane::Main, next.request);
         }
     }
