@@ -237,8 +237,13 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     fn take_state(&mut self, now: Instant, joint: JointIndex, state: CubeState) {
         let homed_before = self.drive_is_homed(joint);
         self.drives.at_mut(joint).state = Some((state, now));
-        if matches!(self.machine.state(), State::Running { .. } | State::Stopping { .. } | State::Jogging(_))
-        {
+        let watched = match self.machine.state() {
+            State::Running { .. } | State::Stopping { .. } | State::Jogging(_) => true,
+            // The joint at work is judged by its homing: it has no zero and may report what it does.
+            State::Homing(homing) => homing.joint != joint,
+            _ => false,
+        };
+        if watched {
             let cause = supervisor::check_state_word(state, false);
             let lost = homed_before && !state.contains(CubeState::HOME_OK);
             if let Some(cause) = cause.or(lost.then_some(Cause::DriveLostHome)) {
