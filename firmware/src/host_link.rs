@@ -103,6 +103,7 @@ impl<S: Storage, M: BorrowMut<Spline>> ControllerNode<S, M> {
     pub fn with_spline(now: Instant, storage: S, spline: M, defaults: &Settings, identity: Identity) -> Self {
         const UNSET: SubjectId = SubjectId::from_low_bits(0);
         let valid = Duration::from_millis(200);
+        // Filled in place: each copy of it on the stack would be 12 KB.
         let mut node = Self {
             link: ControllerCore::new(now, NodeId::from_low_bits(0)),
             app: App {
@@ -123,16 +124,14 @@ impl<S: Storage, M: BorrowMut<Spline>> ControllerNode<S, M> {
             held: None,
             now,
         };
-        let settings = node.app.controller.settings();
+        let Settings { node_id, stop_subject, group_state_subject, joint_state_subject, .. } =
+            *node.app.controller.settings();
         let subject = |number: u32| SubjectId::from_low_bits(number as u16);
-        let subjects = [subject(settings.group_state_subject), subject(settings.joint_state_subject)];
-        let address = NodeId::from_low_bits(settings.node_id as u8);
-        node.app.ports = [stop::port(subject(settings.stop_subject)), heartbeat::PORT];
+        let subjects = [subject(group_state_subject), subject(joint_state_subject)];
+        node.app.ports = [stop::port(subject(stop_subject)), heartbeat::PORT];
         node.app.subjects = subjects;
-        let [group_state, joint_state] = subjects;
-        node.group_state.subject = group_state;
-        node.joint_state.subject = joint_state;
-        node.link = ControllerCore::new(now, address);
+        [node.group_state.subject, node.joint_state.subject] = subjects;
+        node.link.set_address(NodeId::from_low_bits(node_id as u8));
         node
     }
 
@@ -241,9 +240,8 @@ impl<S: Storage, M: BorrowMut<Spline>> Node for ControllerNode<S, M> {
 
     fn handle_timeout(&mut self, now: Instant) {
         self.now = now;
-        if self.app.controller.poll_timeout().is_some_and(|due| due <= now) {
-            self.app.controller.handle_timeout(now);
-        }
+        // Harmless where nothing is due, and cheaper than the question.
+        self.app.controller.handle_timeout(now);
         self.publish(now);
         if self.link.poll_timeout() <= now {
             self.link.handle_timeout(now, &self.app);
@@ -321,7 +319,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Application for App<S, M> {
     fn register_read(&self, index: u16) -> Option<Register> {
         let index = usize::from(index);
         if let Some(info) = registers::TABLE.get(index) {
-            let numbers = self.controller.register(info.name)?;
+            let numbers = self.controller.register(index)?;
             let value = to_value(info.name, info.kind, numbers.as_slice())?;
             return Some(Register { mutable: true, persistent: true, value });
         }
@@ -331,7 +329,8 @@ impl<S: Storage, M: BorrowMut<Spline>> Application for App<S, M> {
     }
 
     fn register_write(&mut self, now: Instant, index: u16, value: &Value<'_>) {
-        let Some(info) = registers::TABLE.get(usize::from(index)) else { return };
+        let index = usize::from(index);
+        let Some(info) = registers::TABLE.get(index) else { return };
         let mut numbers = [Number::Bit(false); JOINTS_MAX];
         let mut count = 0;
         for (place, at) in numbers.iter_mut().zip(0..value.len()) {
@@ -348,7 +347,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Application for App<S, M> {
         if value.len() == count
             && let Some(numbers) = numbers.get(..count)
         {
-            let _ = self.controller.write_register(now, info.name, numbers);
+            let _ = self.controller.write_register_at(now, index, numbers);
         }
     }
 

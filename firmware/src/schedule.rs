@@ -28,56 +28,56 @@ use crate::joints::PerJoint;
 pub const AGENDA_MAX: usize = 4;
 
 /// What one drive is still to be asked in this cycle.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Agenda {
+    /// Those from `next` to `len` are still to be sent; what lies outside is old.
     requests: [Option<Request>; AGENDA_MAX],
-    next: usize,
+    next: u8,
+    len: u8,
 }
 
 impl Agenda {
     /// Nothing.
-    pub const EMPTY: Self = Self { requests: [None; AGENDA_MAX], next: 0 };
+    pub const EMPTY: Self = Self { requests: [None; AGENDA_MAX], next: 0, len: 0 };
 
     /// These, in order; more than [`AGENDA_MAX`] are cut off.
     pub fn of(requests: &[Request]) -> Self {
         let mut agenda = Self::EMPTY;
-        for (place, request) in agenda.requests.iter_mut().zip(requests) {
-            *place = Some(*request);
+        for request in requests {
+            agenda.push(*request);
         }
         agenda
     }
 
     /// Appends one; false if there is no place.
     pub fn push(&mut self, request: Request) -> bool {
-        if self.head().is_none() {
+        if self.is_done() {
             self.clear();
         }
-        let free = self.requests.iter_mut().skip(self.next).find(|place| place.is_none());
-        match free {
-            Some(place) => {
-                *place = Some(request);
-                true
-            }
-            None => false,
-        }
+        let Some(place) = self.requests.get_mut(usize::from(self.len)) else { return false };
+        *place = Some(request);
+        self.len += 1;
+        true
     }
 
     /// Drops all.
-    pub fn clear(&mut self) {
-        for place in &mut self.requests {
-            *place = None;
-        }
-        self.next = 0;
+    pub const fn clear(&mut self) {
+        (self.next, self.len) = (0, 0);
+    }
+
+    /// True if nothing is left to be sent.
+    pub const fn is_done(&self) -> bool {
+        self.next >= self.len
     }
 
     /// Next request.
     pub fn head(&self) -> Option<Request> {
-        self.requests.get(self.next).copied().flatten()
+        if self.is_done() { None } else { *self.requests.get(usize::from(self.next))? }
     }
 
     /// Requests sent so far.
     pub const fn sent(&self) -> usize {
-        self.next
+        self.next as usize
     }
 
     const fn advance(&mut self) {
@@ -133,7 +133,7 @@ impl Schedule {
 
     /// True if a drive has nothing on its agenda and no request on its way.
     pub fn is_done(&self, joint: JointIndex, drive: &Drive) -> bool {
-        self.agenda.at(joint).head().is_none() && !drive.is_asked()
+        self.agenda.at(joint).is_done() && !drive.is_asked()
     }
 
     /// Adds to a drive's agenda.
@@ -156,24 +156,26 @@ impl Schedule {
         &mut self,
         round: &mut Round,
         now: Instant,
-        joints: impl Iterator<Item = JointIndex> + Clone,
+        joints: &(impl Iterator<Item = JointIndex> + Clone),
         drives: &PerJoint<Drive>,
         in_flight_max: usize,
     ) -> Option<Next> {
         while round.level < AGENDA_MAX && round.busy < in_flight_max {
             for joint in joints.clone().filter(|joint| joint.get() >= round.first) {
                 let agenda = self.agenda.at_mut(joint);
-                if agenda.sent() != round.level {
+                let drive = drives.at(joint);
+                if agenda.sent() != round.level || agenda.is_done() || drive.is_asked() {
                     continue;
                 }
-                let (Some(wanted), drive) = (agenda.head(), drives.at(joint)) else { continue };
-                if drive.is_asked() {
-                    continue;
-                }
-                let Some(request) = sendable(drive, wanted, now) else { continue };
-                if request == wanted {
+                let Some(wanted) = agenda.head() else { continue };
+                let request = if drive.can_send(Lane::Main, &wanted, now) {
                     agenda.advance();
-                }
+                    wanted
+                } else if let Some(barrier) = barrier(drive, &wanted, now) {
+                    barrier
+                } else {
+                    continue;
+                };
                 round.first = joint.get() + 1;
                 round.busy += 1;
                 return Some(Next { joint, request });
@@ -191,18 +193,15 @@ impl Schedule {
         drives: &PerJoint<Drive>,
     ) -> Option<Instant> {
         let waiting =
-            joints.filter(|&joint| self.agenda.at(joint).head().is_some() && !drives.at(joint).is_asked());
+            joints.filter(|&joint| !self.agenda.at(joint).is_done() && !drives.at(joint).is_asked());
         waiting.filter_map(|joint| drives.at(joint).barred_until(now)).min()
     }
 }
 
-/// The wanted request if its key is free, else a read that makes it free by being answered.
-fn sendable(drive: &Drive, wanted: Request, now: Instant) -> Option<Request> {
-    if drive.can_send(Lane::Main, &wanted, now) {
-        return Some(wanted);
-    }
+/// A read that makes the key of the wanted request free by being answered.
+fn barrier(drive: &Drive, wanted: &Request, now: Instant) -> Option<Request> {
     let barriers = [Parameter::CubeState, Parameter::ActPos, Parameter::DefVersion].map(Request::Get);
-    let is_other = |barrier: &Request| Key::of_request(barrier) != Key::of_request(&wanted);
+    let is_other = |barrier: &Request| Key::of_request(barrier) != Key::of_request(wanted);
     barriers.into_iter().find(|barrier| is_other(barrier) && drive.can_send(Lane::Main, barrier, now))
 }
 
@@ -239,7 +238,7 @@ mod tests {
         for k in 0..40u64 {
             let now = Instant::from_micros(100 * k);
             let mut round = schedule.round(joints(), &drives);
-            while let Some(next) = schedule.next(&mut round, now, joints(), &drives, 4) {
+            while let Some(next) = schedule.next(&mut round, now, &joints(), &drives, 4) {
                 drives.at_mut(next.joint).begin(Lane::Main, module(), next.request, Instant::FAR_FUTURE);
                 order.push((next.joint.get(), next.request == set_a()));
                 waiting.push((next.joint, next.request));
@@ -266,7 +265,7 @@ mod tests {
         let now = Instant::from_micros(3_000);
         schedule.set(joint, Agenda::of(&[set_a()]));
         let ask = |schedule: &mut Schedule, drives: &PerJoint<Drive>| {
-            schedule.next(&mut schedule.round(joints(), drives), now, joints(), drives, 4).unwrap()
+            schedule.next(&mut schedule.round(joints(), drives), now, &joints(), drives, 4).unwrap()
         };
         let barrier = ask(&mut schedule, &drives);
         assert_eq!(barrier.request, Request::Get(Parameter::CubeState));

@@ -104,7 +104,7 @@ pub const SETTINGS: Settings = {
 };
 
 /// The loop of the node contract, for ever.
-pub fn run(node: &mut Node, mut peripherals: Peripherals) -> ! {
+pub fn run(mut node: Node, mut peripherals: Peripherals) -> ! {
     peripherals.SYST.set_clock_source(SystClkSource::Core);
     peripherals.SYST.enable_interrupt();
     let mut clock = Clock::start();
