@@ -7,9 +7,12 @@ cargo build --release --locked -p can-link --example vcan_check
 # where we may make one it runs right here.
 cargo build --release --locked -p host -p hil-sim
 mkdir -p target/throw
-export VCAN_VM_WITH="target/release/cubectl target/release/hil-sim"
+# An emulated machine is slow: the paper's period.
+target/release/cubectl tune --period 0.017 --out target/throw/gains-17ms.toml >/dev/null
+cp target/throw/gains-17ms.toml target/throw/gains.toml
+export VCAN_VM_WITH="target/release/cubectl target/release/hil-sim target/throw/gains.toml"
 if ip link add vcan0 type vcan 2>/dev/null || ip link show vcan0 >/dev/null 2>&1; then
-    run=(env PATH="$PWD/target/release:$PATH" sh .ci/vcan-throw.sh)
+    run=(env PATH="$PWD/target/release:$PATH" GAINS=target/throw/gains.toml sh .ci/vcan-throw.sh)
 else
     run=(.ci/vcan-vm .ci/vcan-throw.sh)
 fi

@@ -32,6 +32,8 @@ use crate::throw::{Job, JobError, Record, job};
 use crate::tune::gains_file::GainsFile;
 use crate::verify;
 
+/// Gains of `powercube6` at the period of the firmware's settings.
+const BUILT_IN_GAINS: &str = include_str!("../../gains/powercube6-3ms.toml");
 /// Rate of the bus, bit/s.
 const BIT_RATE_BIT_S: u32 = 1_000_000;
 /// How long is listened for a controller before a soft one is started, on a live bus.
@@ -57,7 +59,8 @@ pub struct Args {
     /// heard, else a soft one.
     #[arg(long, value_name = "soft|NODE-ID")]
     pub controller: Option<Controller>,
-    /// Gains with their certificate, from `cubectl tune`. Default: those of the controller.
+    /// Gains with their certificate, from `cubectl tune`; a controller in this program runs at their period. Default:
+    /// those that come with the program for its own controller, else those that the controller has.
     #[arg(long, value_name = "FILE")]
     pub gains: Option<PathBuf>,
     /// Seed of the planner and of the simulated cell [default: the scenario's, or 1].
@@ -109,8 +112,13 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         return Err(ExpectedError::new(exit::INTERRUPTED, "interrupted; nothing has moved"));
     }
     preflight(&arm, &plan)?;
+    let soft = wants_soft(args)?;
     let mut settings = settings_of(&cell.robot).map_err(|error| ExpectedError::bad_input(&error))?;
-    let gains = args.gains.as_deref().map(|path| read_gains(path, &arm)).transpose()?;
+    // A controller that is on the bus already keeps its own.
+    let gains = match &args.gains {
+        Some(path) => Some(read_gains(path, &arm)?),
+        None => soft.then(|| GainsFile::from_toml(BUILT_IN_GAINS, arm.name()).ok()).flatten(),
+    };
     if let Some(gains) = &gains {
         set_period(&mut settings, gains);
     }
@@ -123,7 +131,6 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         BusArgs { bus: args.bus.clone(), cell: cell_args, record: Some(folder.file("log")), beside: false };
     let mut voice = Voice::new(args.json);
     voice.planned(&plan, plan_s);
-    let soft = wants_soft(args)?;
     let mut session = bus.open_cell(&cell, soft.then_some(&settings))?;
 
     let scene = scene(&args.search);
@@ -150,9 +157,11 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         }
     });
     voice.quiet();
+    let by_controller = matches!(ended, Err(JobError::Operator(_)));
     let mut failed = ended.err().map(|error| failure(error, &record));
     if let Some(error) = &mut failed
         && soft
+        && by_controller
         && record.at_work.is_some_and(|(step, _)| step == Step::Drives)
         && error.code == exit::DRIVE
         && let Some(found) = diagnosis(&mut session, &arm)
@@ -286,7 +295,7 @@ fn failure(error: JobError, record: &Record) -> ExpectedError {
     let step = record.at_work.map_or("throw", |(step, _)| step.name());
     let expected = match error {
         JobError::Operator(error) => ExpectedError::from(error),
-        JobError::Approach(error) => ExpectedError::new(exit::DRIVE, error.to_string()),
+        JobError::Approach(_) | JobError::Double { .. } => ExpectedError::new(exit::DRIVE, error.to_string()),
         JobError::Declined => {
             ExpectedError::new(exit::INTERRUPTED, "not thrown; the arm stands at the start")
         }
@@ -343,7 +352,11 @@ fn analysed(
     arm: &Arm,
     start: Option<protocol::Instant>,
 ) -> serde_json::Value {
-    let found = std::fs::File::open(folder.file("log.candump"))
+    let log = folder.file("log.candump");
+    if !log.is_file() {
+        return serde_json::json!({ "none_because": "the recording is no file" });
+    }
+    let found = std::fs::File::open(log)
         .map_err(|error| error.to_string())
         .and_then(|file| read(std::io::BufReader::new(file)).map_err(|error| error.to_string()))
         .and_then(|lines| {
@@ -495,6 +508,16 @@ impl Voice {
 
 #[cfg(test)]
 mod tests {
+    use super::{BUILT_IN_GAINS, GainsFile};
+    use firmware::settings::Settings;
+
+    #[test]
+    fn the_gains_that_come_with_the_program_prove_and_go_with_the_built_in_settings() {
+        let gains = GainsFile::from_toml(BUILT_IN_GAINS, "powercube6").unwrap();
+        assert_eq!((gains.period_s * 1e6).round() as u32, Settings::powercube6().cycle_period_us);
+        assert!(gains.joint.iter().map(|joint| joint.number).eq(1..=6));
+    }
+
     #[test]
     fn the_default_folder_is_named_after_a_date_of_this_century() {
         let name = super::date_and_time();

