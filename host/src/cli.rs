@@ -17,6 +17,8 @@ pub struct Cli {
 /// The verbs.
 #[derive(Debug, Subcommand)]
 pub enum Verb {
+    /// Plan a throw, run it on the arm or the simulated cell, and tell where the ball landed.
+    Throw(Box<cmd::throw::Args>),
     /// Plan motions.
     #[command(subcommand)]
     Plan(Box<cmd::plan::PlanVerb>),
@@ -65,6 +67,7 @@ pub enum Verb {
 /// [`ExpectedError`] with the exit code.
 pub fn run(cli: Cli) -> Result<(), ExpectedError> {
     match cli.verb {
+        Verb::Throw(args) => cmd::throw::run(&args),
         Verb::Plan(verb) => cmd::plan::run(*verb),
         Verb::Check(args) => cmd::check::run(&args),
         Verb::Export(args) => cmd::export::run(&args),

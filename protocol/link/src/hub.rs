@@ -50,7 +50,7 @@ impl Default for ServerOptions {
 
 /// A peer for as long as it is connected; numbers are never used again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct ClientId(pub(crate) u64);
+pub struct ClientId(u64);
 
 /// What happens at the port.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -6,7 +6,7 @@
 //! |---|---|---|---|
 //! | spec | [`BusSpec`] | the `--bus` string, checked | open anything |
 //! | contract | [`Link`], [`Event`], [`wait`] | what every link is: frames and bus errors in, frames out, never blocking | know a particular medium |
-//! | many peers, one bus | [`Hub`], [`Station`], [`Ports`] | the server's and the client's half of a text protocol: sockets, queues, fairness | know what is said |
+//! | many peers, one bus | [`Hub`], [`Station`] | the server's and the client's half of a text protocol: sockets, queues, fairness | know what is said |
 //! | media | [`socketcand`], [`slcan`] | one folder per medium: who says what when | open a socket of their own |
 //! | | [`SocketCan`] | a CAN interface of Linux | |
 //! | doors | [`open`], [`serve`] | from the spec to a link, as participant or as the bus | |
@@ -31,7 +31,6 @@ mod lateness;
 mod link;
 mod net;
 mod open;
-mod ports;
 mod runner;
 mod serial;
 pub mod slcan;
@@ -48,8 +47,7 @@ pub use error::{LinkError, OpenError, SendError};
 pub use hub::{ClientId, Hub, Relay, ServerEvent, ServerOptions};
 pub use lateness::Lateness;
 pub use link::{Event, Link, LinkStats, PollSet, wait};
-pub use open::{BusServer, open, serve, serve_all};
-pub use ports::Ports;
+pub use open::{BusServer, open, serve};
 pub use runner::{Direction, RunError, RunStats, Runner};
 #[cfg(target_os = "linux")]
 pub use socket_can::SocketCan;

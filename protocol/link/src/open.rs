@@ -7,7 +7,6 @@ use crate::clock::Clock;
 use crate::error::OpenError;
 use crate::hub::{ClientId, Dialect, Hub, ServerEvent, ServerOptions};
 use crate::link::Link;
-use crate::ports::Ports;
 use crate::slcan::{Adapter, Host};
 use crate::socketcand::{Client, Server};
 use crate::spec::{BusSpec, SlcanPort};
@@ -97,20 +96,6 @@ pub fn serve(
             }
         }
     })
-}
-
-/// Serves one bus at all these places; the owner passes frames on.
-///
-/// # Errors
-///
-/// As [`serve`] for the first place that cannot be had.
-pub fn serve_all(
-    specs: &[BusSpec],
-    clock: Clock,
-    options: ServerOptions,
-) -> Result<Box<dyn BusServer + Send>, OpenError> {
-    let ports = specs.iter().map(|spec| serve(spec, clock, options)).collect::<Result<Vec<_>, _>>()?;
-    Ok(Box::new(Ports::new(ports)))
 }
 
 #[cfg(target_os = "linux")]
