@@ -31,7 +31,8 @@ echo "image for $target, bytes:"
 echo "  flash (code, constants, initial values)  $flash"
 echo "  static RAM without the emulated storage  $((ram - storage))"
 echo "  emulated storage (flash on a board)      $storage"
-[ "$storage" -gt 30000 ] || { echo "implausible: the storage was not found"; exit 1; }
+echo "  (the node, 12 kB, is on the stack: stage qemu tells how deep that gets)"
+[ "$storage" -gt 25000 ] || { echo "implausible: the storage was not found"; exit 1; }
 [ "$flash" -le $((128 * 1024)) ] || { echo "the image has grown beyond 128 KiB of flash"; exit 1; }
 
 # The board with a CAN peripheral: built, not run.

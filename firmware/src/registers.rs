@@ -213,6 +213,7 @@ registers! {
         "reply.deadline_us" reply_deadline_us: u32, 500.0, 20_000.0, AtRest, "a reply that takes longer is missed";
         "reply.missed_max" reply_missed_max: u32, 1.0, 10.0, AtRest, "missed replies in a row that stop the group";
         "reply.age_us" reply_age_us: u32, 0.0, 5_000.0, AtRest, "time from a drive's measurement to the end of its reply";
+        "drives.lag_us" drive_lag_us: u32, 0.0, 20_000.0, AtRest, "how far a drive's position runs behind its ramp generator";
         "drives.in_flight_max" in_flight_max: u32, 1.0, 8.0, AtRest, "drives with a request in flight at the same time";
         "ramp.reach_rad" reach_rad: f32, 0.5, 6.3, AtRest, "distance of the target ahead of the measured position";
         "watchdog.enable" watchdog_enable: bool, 0.0, 1.0, NextStart, "switch the drives' watchdogs on";

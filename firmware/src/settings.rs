@@ -104,6 +104,8 @@ pub struct Settings {
     pub reply_missed_max: u32,
     /// Time from a drive's measurement to the end of its reply, µs.
     pub reply_age_us: u32,
+    /// How far a drive's position runs behind its ramp generator, µs: 2ζ/ω of its position loop.
+    pub drive_lag_us: u32,
     /// Drives with a request in flight at the same time.
     pub in_flight_max: u32,
     /// Distance of targets, rad.
@@ -218,6 +220,7 @@ impl Settings {
             reply_deadline_us: 2_000,
             reply_missed_max: 2,
             reply_age_us: 130,
+            drive_lag_us: 5_000,
             in_flight_max: 4,
             reach_rad: 3.0,
             watchdog_enable: true,

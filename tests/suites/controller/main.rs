@@ -1,5 +1,12 @@
 //! The controller against the simulated cell in virtual time: the published throw (`robot-models` 1.6) with drives that
 //! have friction, gravity, lag and steps in their position, answer late, and let go of the ball.
+//!
+//! # What bounds the speed error
+//!
+//! A command holds one acceleration for a period T. Where the reference's acceleration jumps by Δ within a period (start and end
+//! of a throw: 9 and 14 rad/s² at joint 6) the speed is off by up to Δ T / 4: 60 mrad/s at 17 ms, 11 mrad/s at 3 ms,
+//! whatever the law. In between it is the step of the measured position, 0.35 mrad: its difference over 17 ms is 20 mrad/s,
+//! and k_rate T of it, two thirds, reach the next command.
 
 use std::borrow::Cow;
 
@@ -153,7 +160,8 @@ fn throw(mut settings: Settings, offset_rad: f64, seed: u64) -> Outcome {
         if e_worst > 0.05 {
             outcome.below_50_mrad_s = t;
         }
-        if (t - HA_S).abs() <= 6e-4 {
+        // The first look at or after the release.
+        if t >= HA_S && outcome.release_speed == 0.0 {
             (outcome.release_position, outcome.release_speed) = (e_worst, de_worst);
         }
     }
@@ -197,5 +205,17 @@ fn published_throw_from_a_tenth_of_a_radian_beside_comes_back_to_the_path_and_la
         // The paper: below 0.05 rad and 0.1 rad/s after its transient.
         assert!(worst(&outcome.position) < 0.05 && worst(&outcome.speed) < 0.1, "{name}");
         assert!((0.0..15.0).contains(&outcome.landing_mm), "{name}");
+    }
+}
+
+/// The plant is never the nominal one twice: chances of answer times and noise by seed. Printed, with a bound that a
+/// broken loop would miss.
+#[test]
+fn throws_of_many_seeds_land_near_each_other() {
+    for (name, settings) in [("17 ms", Settings::powercube6_paper()), ("3 ms", Settings::powercube6())] {
+        let mut landings: Vec<f64> = (1..=20).map(|seed| throw(settings, 0.0, seed).landing_mm).collect();
+        landings.sort_by(f64::total_cmp);
+        println!("{name}, 20 seeds: landing median {:.1} mm, worst {:.1} mm", landings[10], landings[19]);
+        assert!((0.01..12.0).contains(&landings[19]), "{name}: {landings:?}");
     }
 }
