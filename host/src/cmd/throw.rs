@@ -17,6 +17,7 @@ use super::doctor::{Level, examine};
 use super::home::share;
 use super::plan::options::point;
 use super::plan::throw::{Planned, SearchOptions};
+use super::report;
 use crate::bus::args::{CellArgs, Controller, interrupt};
 use crate::bus::settings::settings_of;
 use crate::bus::{BusArgs, Session};
@@ -36,7 +37,7 @@ const LISTEN: protocol::Duration = protocol::Duration::from_millis(400);
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl throw --target 1.0,1.0,-1.0                      # in the simulated cell\n  cubectl throw --target 1.0,1.0,-1.0 --bus can0            # a controller that is heard there, else one in this program\n  cubectl throw --plan plan.json --bus can0 --controller 10\n\nWrites plan.json, gains.toml, log.candump, log.mcap and summary.json into a new folder. Ctrl-C stops the arm along its\npath, then ends the program with code 6. On a terminal and a live bus it asks before the ball is thrown.\n\nThe landing is where the simulated ball meets the plane of the target; on a live bus it is computed from the\nmeasured motion at the release."
+    after_help = "Examples:\n  cubectl throw --target 1.0,1.0,-1.0                      # in the simulated cell\n  cubectl throw --target 1.0,1.0,-1.0 --bus can0            # a controller that is heard there, else one in this program\n  cubectl throw --plan plan.json --bus can0 --controller 10\n\nWrites plan.json, gains.toml, log.candump, log.mcap, summary.json and report.html into a new folder. Ctrl-C stops the arm along its\npath, then ends the program with code 6. On a terminal and a live bus it asks before the ball is thrown.\n\nThe landing is where the simulated ball meets the plane of the target; on a live bus it is computed from the\nmeasured motion at the release."
 )]
 pub struct Args {
     /// Target in m, world frame (arm base, z up).
@@ -175,9 +176,25 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         gains_crc32: firmware::crc::Crc32::of(gains_text.as_bytes()),
         soft: thread.as_ref(),
     };
-    let value = summary(&job, &record, &circumstances);
+    let mut value = summary(&job, &record, &circumstances);
+    value["command_line"] = std::env::args().collect::<Vec<_>>().join(" ").into();
     folder.write("gains.toml", &gains_text)?;
+    // From the files, as `cubectl report` makes it; a throw that never began has none.
+    let robot = Some(args.search.options.robot.as_str());
+    let recorded =
+        report::read(&folder.file("plan.json"), &folder.file("log.candump"), None, robot, report::BIT_RATE);
+    if let Ok(recorded) = &recorded {
+        value["run"] = serde_json::to_value(&recorded.analysis).unwrap_or_default();
+    }
     folder.write("summary.json", &format!("{value:#}\n"))?;
+    match recorded {
+        Ok(mut recorded) => {
+            recorded.summary = Some(value.clone());
+            report::write(&recorded, &folder.file("report.html"))?;
+        }
+        Err(error) if failed.is_none() => eprintln!("cubectl: no report: {error}"),
+        Err(_) => {}
+    }
     if args.json {
         print_json(&value);
     }
