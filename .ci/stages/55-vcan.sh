@@ -1,13 +1,5 @@
 # The SocketCAN link on a kernel that has CAN, in an emulated machine.
-missing=()
-for package in qemu-system-x86 busybox-static cpio; do
-    dpkg -s $package >/dev/null 2>&1 || missing+=("$package")
-done
-if [ ${#missing[@]} -gt 0 ]; then
-    sudo=$([ "$(id -u)" -eq 0 ] || echo sudo)
-    $sudo apt-get update -q
-    $sudo apt-get install -y -q --no-install-recommends "${missing[@]}"
-fi
+. .ci/vcan-packages.sh
 cargo build --release --locked -p can-link --example vcan_check
 .ci/vcan-vm target/release/examples/vcan_check
 

@@ -78,7 +78,7 @@ fn every_key_changes_what_it_names_and_nothing_else() {
             |changed, default| changed.mechanics = default.mechanics,
         ),
         ("supply", &["resistance_ohm = 1", "trip_charge_as = 1", "restore_s = 9"], |changed, default| {
-            changed.supply = default.supply
+            changed.supply = default.supply;
         }),
         (
             "gripper",

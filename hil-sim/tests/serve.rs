@@ -1,143 +1,23 @@
 //! `hil-sim serve` with several doors to one bus, and clients that come, go and misbehave.
 
-use std::io::{BufRead, BufReader, Lines, Write};
+mod served;
+
+use std::io::Write;
 use std::net::TcpStream;
-use std::process::{Child, ChildStdout, Command, Stdio};
+use std::process::{Command, Stdio};
 
-use can_link::{BusSpec, Clock, Event, Link, open, wait};
-use protocol::{Duration, Frame, Instant, StandardId};
+use can_link::Clock;
+use protocol::Instant;
+use served::{Client, Server, is_version, version_request};
 
-/// Longer than anything here takes on a busy machine.
-const PATIENCE: Duration = Duration::from_secs(20);
-
-/// A running simulator; killed if a test ends without [`Server::finish`].
-struct Server {
-    child: Child,
-    lines: Lines<BufReader<ChildStdout>>,
-    /// Names of the doors, in the order of the command line; specs for clients.
-    doors: Vec<String>,
-}
-
-impl Server {
-    fn start(buses: &[&str], more: &[&str]) -> Self {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_hil-sim"));
-        command.args(["serve", "--json", "--duration-s", "120"]).args(more);
-        for bus in buses {
-            command.args(["--bus", bus]);
-        }
-        let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
-        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
-        let doors = buses
-            .iter()
-            .map(|_| {
-                let line = lines.next().unwrap().unwrap();
-                let event: serde_json::Value = serde_json::from_str(&line).unwrap();
-                assert_eq!(event["event"], "serving", "{line}");
-                event["text"].as_str().unwrap().split(' ').next().unwrap().to_owned()
-            })
-            .collect();
-        Self { child, lines, doors }
-    }
-
-    fn client(&self, door: usize) -> Client {
-        let spec: BusSpec = self.doors[door].parse().unwrap();
-        let clock = Clock::start();
-        Client { link: open(&spec, clock).unwrap(), clock }
-    }
-
-    fn say(&mut self, line: &str) {
-        writeln!(self.child.stdin.as_mut().unwrap(), "{line}").unwrap();
-    }
-
-    /// The next event of this kind.
-    fn event(&mut self, kind: &str) -> serde_json::Value {
-        loop {
-            let line = self.lines.next().expect("the simulator still speaks").unwrap();
-            let event: serde_json::Value = serde_json::from_str(&line).unwrap();
-            if event["event"] == kind {
-                return event;
-            }
-        }
-    }
-
-    /// Ends the simulator and returns its report.
-    fn finish(mut self) -> serde_json::Value {
-        self.say("quit");
-        let report = self.event("report");
-        assert!(self.child.wait().unwrap().success());
-        report
-    }
-}
-
-impl Drop for Server {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-struct Client {
-    link: Box<dyn Link + Send>,
-    clock: Clock,
-}
-
-impl Client {
-    fn send(&mut self, frame: Frame) {
-        self.link.send(&frame).unwrap();
-    }
-
-    /// Next frame, or `None` after `patience`.
-    fn hear(&mut self, patience: Duration) -> Option<Frame> {
-        let until = self.clock.now() + patience;
-        loop {
-            match self.link.receive().unwrap() {
-                Some(Event::Frame { frame, .. }) => return Some(frame),
-                Some(Event::BusError { .. }) => {}
-                None if self.clock.now() >= until => return None,
-                None => wait(&[&*self.link], &self.clock, Some(until)).unwrap(),
-            }
-        }
-    }
-
-    /// Frames up to the one wanted, which is the last.
-    fn hear_until(&mut self, wanted: impl Fn(&Frame) -> bool) -> Vec<Frame> {
-        let mut heard = Vec::new();
-        loop {
-            let frame = self.hear(PATIENCE).unwrap_or_else(|| panic!("not heard; only {heard:?}"));
-            heard.push(frame);
-            if wanted(&frame) {
-                return heard;
-            }
-        }
-    }
-
-    /// Asks a module for its version; true if it answers.
-    fn asks_version(&mut self, module: u16) -> bool {
-        self.send(version_request(module));
-        let answer = self.hear_until(|frame| is_version(module, frame));
-        !answer.is_empty()
-    }
-}
-
-fn id(raw: u16) -> StandardId {
-    StandardId::new(raw).unwrap()
-}
-
-fn version_request(module: u16) -> Frame {
-    Frame::from_array(id(0x0C0 + module), [0x0A, 0x1D])
-}
-
-fn is_version(module: u16, frame: &Frame) -> bool {
-    frame.id() == id(0x0A0 + module).into() && frame.data().starts_with(&[0x0A, 0x1D])
-}
-
+const PROGRAM: &str = env!("CARGO_BIN_EXE_hil-sim");
 const SOCKETCAND: &str = "socketcand://127.0.0.1:0/can0";
 const SLCAN_TCP: &str = "slcan://127.0.0.1:0";
 const SLCAN_PTY: &str = "slcan:/dev/ptmx";
 
 #[test]
 fn clients_of_all_doors_share_one_bus_with_the_drives() {
-    let server = Server::start(&[SOCKETCAND, SLCAN_TCP, SLCAN_PTY], &[]);
+    let server = Server::start(PROGRAM, &[SOCKETCAND, SLCAN_TCP, SLCAN_PTY]);
     let mut clients: Vec<Client> = (0..3).map(|door| server.client(door)).collect();
     // A neighbour behind the first door.
     clients.push(server.client(0));
@@ -175,7 +55,7 @@ fn clients_of_all_doors_share_one_bus_with_the_drives() {
 
 #[test]
 fn clients_that_vanish_or_talk_nonsense_disturb_nobody() {
-    let server = Server::start(&[SOCKETCAND, SLCAN_TCP], &[]);
+    let server = Server::start(PROGRAM, &[SOCKETCAND, SLCAN_TCP]);
     let mut steady = server.client(0);
     assert!(steady.asks_version(1));
     let address = |door: &str| door.split("//").nth(1).unwrap().split(['/', '?']).next().unwrap().to_owned();
@@ -200,7 +80,7 @@ fn clients_that_vanish_or_talk_nonsense_disturb_nobody() {
 
 #[test]
 fn one_place_that_cannot_be_had_ends_the_program_with_its_name() {
-    let out = Command::new(env!("CARGO_BIN_EXE_hil-sim"))
+    let out = Command::new(PROGRAM)
         .args(["serve", "--bus", SOCKETCAND, "--bus", "novcan9"])
         .stdin(Stdio::null())
         .output()
@@ -212,7 +92,7 @@ fn one_place_that_cannot_be_had_ends_the_program_with_its_name() {
 #[test]
 fn a_run_without_clients_ends_at_its_time() {
     let clock = Clock::start();
-    let out = Command::new(env!("CARGO_BIN_EXE_hil-sim"))
+    let out = Command::new(PROGRAM)
         .args(["serve", "--bus", SOCKETCAND, "--bus", SLCAN_PTY, "--json", "--duration-s", "0.3"])
         .stdin(Stdio::null())
         .output()

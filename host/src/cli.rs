@@ -43,6 +43,8 @@ pub enum Verb {
     Upload(cmd::upload::Args),
     /// Upload a trajectory, arm, run it and follow it to its end.
     Run(cmd::run::Args),
+    /// Run the controller as a program on this machine, on any bus.
+    Controller(cmd::controller::Args),
     /// Serve the simulated cell to other programs, in real time.
     Sim(cmd::sim::Args),
     /// Write what passes on the bus to a candump and an MCAP file.
@@ -103,6 +105,7 @@ pub fn run(cli: Cli) -> Result<(), ExpectedError> {
         Verb::Stop(args) => cmd::stop::run(&args),
         Verb::Upload(args) => cmd::upload::run(&args),
         Verb::Run(args) => cmd::run::run(&args),
+        Verb::Controller(args) => cmd::controller::run(&args),
         Verb::Sim(args) => cmd::sim::run(&args),
         Verb::Record(args) => cmd::record::run(&args),
         Verb::Replay(args) => cmd::replay::run(&args),

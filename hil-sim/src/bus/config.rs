@@ -1,17 +1,14 @@
 //! Options of a bus.
 
-use serde::Deserialize;
-
 use super::queue::TxOrder;
 
 /// What ends bus-off.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Recovery {
     /// The controller counts 128 sequences of eleven recessive bits at once.
     #[default]
     Automatic,
-    /// It begins to count when its software asks ([`Bus::request_recovery`]).
+    /// It begins to count when its software asks ([`Bus::request_recovery`](super::Bus::request_recovery)).
     OnRequest,
 }
 

@@ -138,13 +138,6 @@ impl BusArgs {
     /// # Errors
     /// As [`BusArgs::open`].
     pub fn open_cell(&self, cell: &Cell, settings: Option<&Settings>) -> Result<Session, BusFailure> {
-        let recorder = match &self.record {
-            Some(path) => Some(
-                Recorder::create(path, &self.bus)
-                    .map_err(|source| BusFailure::Recording { source, halted: false })?,
-            ),
-            None => None,
-        };
         let off = Rc::default();
         let medium = match &self.bus {
             BusSpec::Sim => {
@@ -165,7 +158,9 @@ impl BusArgs {
             spec => spec.to_string(),
         };
         let mut session = Session::new(medium, name, interrupt(), off);
-        if let Some(recorder) = recorder {
+        if let Some(path) = &self.record {
+            let recorder = Recorder::create(path, &self.bus)
+                .map_err(|source| BusFailure::Recording { source, halted: false })?;
             session.add_tap(Box::new(recorder));
         }
         Ok(session)

@@ -3,6 +3,7 @@
 pub mod check;
 pub mod completions;
 pub mod config;
+pub mod controller;
 pub mod doctor;
 pub mod explain;
 pub mod export;

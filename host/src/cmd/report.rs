@@ -3,7 +3,7 @@
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-use firmware::crc::Crc64;
+use protocol::cyphal::crc::Crc64;
 use serde_json::Value;
 
 use super::bus_errors::print_json;

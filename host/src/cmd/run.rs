@@ -54,7 +54,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
                 "not all joints are homed; nothing moved\n  next: `cubectl run --home`, or `cubectl home` first",
             ));
         }
-        session.home_group(node, !group.homed_mask, Duration::from_secs(120))?;
+        let joints = session.measured_pose(node)?.len().min(protocol::JOINTS_MAX);
+        let all = ((1_u16 << joints) - 1) as u8;
+        session.home_group(node, all & !group.homed_mask, Duration::from_secs(120))?;
     }
     let bytes = bytes_for(&mut session, node, &source)?;
     let name = send(&mut session, node, &bytes)?;

@@ -183,9 +183,10 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let robot = Some(args.search.options.robot.as_str());
     let recorded =
         report::read(&folder.file("plan.json"), &folder.file("log.candump"), None, robot, report::BIT_RATE);
-    if let Ok(recorded) = &recorded {
-        value["run"] = serde_json::to_value(&recorded.analysis).unwrap_or_default();
-    }
+    value["analysis"] = match &recorded {
+        Ok(recorded) => serde_json::to_value(&recorded.analysis).unwrap_or_default(),
+        Err(error) => serde_json::json!({ "none_because": error.message }),
+    };
     folder.write("summary.json", &format!("{value:#}\n"))?;
     match recorded {
         Ok(mut recorded) => {
@@ -248,7 +249,7 @@ fn set_period(settings: &mut Settings, gains: &GainsFile) {
     let period_us = (gains.period_s * 1e6).round() as u32;
     settings.cycle_period_us = period_us;
     settings.gains_period_us = period_us;
-    settings.reply_deadline_us = (period_us * 2 / 3).clamp(500, 6_000);
+    settings.reply_deadline_us = (period_us * 2 / 3).clamp(500, 20_000);
 }
 
 /// Whether the controller runs in this program.
@@ -360,7 +361,7 @@ impl Folder {
             output(&format!("{}: {error}\n  next: name another folder with --out", path.display()))
         })?;
         let this = Self { path };
-        for name in ["plan.json", "summary.json"] {
+        for name in ["summary.json", "log.candump"] {
             if this.file(name).is_file() {
                 return Err(output(&format!(
                     "{} holds the results of another throw\n  next: name another folder with --out",

@@ -77,9 +77,12 @@ pub fn files_of(path: &Path) -> [PathBuf; 2] {
     })
 }
 
+/// A new file, or what is there already if that is a device or a pipe.
 fn create_new(path: &Path) -> io::Result<std::fs::File> {
-    std::fs::File::create_new(path)
-        .map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", path.display())))
+    let special = std::fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir());
+    let mut options = std::fs::OpenOptions::new();
+    options.write(true).create_new(!special);
+    options.open(path).map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", path.display())))
 }
 
 impl Tap for Recorder {

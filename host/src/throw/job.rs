@@ -309,7 +309,7 @@ pub fn run(
     steps.begin(Step::Flight);
     let flight_left = job.plan.release_time_s + job.plan.landing.flight_s - throw.duration_s();
     steps.session.pass(Duration::from_secs_f64(flight_left.max(0.0) + 0.05))?;
-    let landed = landing(steps.session, job, steps.record.start, &heard, &map);
+    let landed = landing(steps.session, job, (&throw, steps.record.start), &heard, &map);
     steps.record.landing = landed;
     steps.end(&landed.map_or_else(
         || "the ball did not land".to_owned(),
@@ -442,7 +442,7 @@ fn start_of(states: &[(Instant, GroupState)]) -> Option<Instant> {
 fn landing(
     session: &mut Session,
     job: &Job<'_>,
-    start: Option<Instant>,
+    (motion, start): (&Motion, Option<Instant>),
     heard: &measured::Heard,
     map: &JointMap,
 ) -> Option<Landed> {
@@ -466,7 +466,7 @@ fn landing(
     let flight = FlightModel::vacuum(info.gravity_m_s2).and_then(|f| f.with_drag(info.drag_per_m)).ok()?;
     let flight = flight.with_magnus(Vector3::from(info.magnus_rad_s)).ok()?;
     let free = heard.gripper_ordered_at.map_or(planned, |ordered| Some(ordered + map.gripper_opening))?;
-    let state = measured::state_at(heard, map, free)?;
+    let state = measured::state_at(heard, map, (motion, start?), free)?;
     let position_m = measured::landing(job.arm, &flight, &state, target.z)?;
     Some(Landed {
         source: LandingSource::Measured,

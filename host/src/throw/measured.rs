@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::io;
 use std::rc::Rc;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix2, Vector2, Vector3};
 use protocol::powercube::{AddressedRequest, MotionPosition, Parameter, Reply, Request, Value};
 use protocol::{Duration, Frame, Instant, ModuleId};
 
@@ -13,10 +13,10 @@ use crate::bus::session::{Tap, Way};
 use crate::flight::FlightModel;
 use crate::plan::{Arm, JOINTS, Joints};
 
-/// Samples this near to the release, s, before and after it, are fitted.
-const FIT_HALF_S: f64 = 0.03;
+/// Samples this near to the release, s, before and after it, are fitted: seven at the paper's 17 ms.
+const FIT_HALF_S: f64 = 0.06;
 /// Fewest samples of a joint that make a fit.
-const FIT_SAMPLES_MIN: usize = 6;
+const FIT_SAMPLES_MIN: usize = 5;
 
 /// Position of a drive, as told.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -146,30 +146,40 @@ pub struct ArmState {
     pub qd_rad_s: Joints,
 }
 
-/// Angles and speeds at `at`, from a quadratic fitted to each joint's answers around it; `None` if a joint answered
-/// too rarely.
+/// Angles and speeds at `at`: the reference there, and a straight line fitted to each joint's deviation from it in the
+/// answers around; `None` if a joint answered too rarely.
+///
+/// The deviation is small and slow, so that the line may be long: finer than the resolution of a drive, and
+/// without the error that a polynomial through the motion itself would have.
 #[must_use]
-pub fn state_at(heard: &Heard, map: &JointMap, at: Instant) -> Option<ArmState> {
-    let mut state = ArmState { q_rad: Joints::zeros(), qd_rad_s: Joints::zeros() };
+pub fn state_at(
+    heard: &Heard,
+    map: &JointMap,
+    (motion, start): (&Motion, Instant),
+    at: Instant,
+) -> Option<ArmState> {
+    let (q_rad, qd_rad_s) = motion.at(since_s(at, start));
+    let mut state = ArmState { q_rad, qd_rad_s };
     for joint in 0..JOINTS {
-        // Normal equations of q = c0 + c1 t + c2 t².
-        let (mut normal, mut right, mut n) = (Matrix3::zeros(), Vector3::zeros(), 0);
+        // Normal equations of e = c0 + c1 t.
+        let (mut normal, mut right, mut n) = (Matrix2::zeros(), Vector2::zeros(), 0);
         for sample in &heard.samples {
             let Some((_, q_rad)) = map.joint_of(sample).filter(|(of, _)| *of == joint) else { continue };
             let t_s = since_s(sample.at, at) - map.reply_age.as_secs_f64();
             if t_s.abs() > FIT_HALF_S {
                 continue;
             }
-            let row = Vector3::new(1.0, t_s, t_s * t_s);
+            let row = Vector2::new(1.0, t_s);
             normal += row * row.transpose();
-            right += row * q_rad;
+            right += row * (q_rad - motion.at(t_s + since_s(at, start)).0[joint]);
             n += 1;
         }
         if n < FIT_SAMPLES_MIN {
             return None;
         }
         let fit = normal.cholesky()?.solve(&right);
-        (state.q_rad[joint], state.qd_rad_s[joint]) = (fit[0], fit[1]);
+        state.q_rad[joint] += fit[0];
+        state.qd_rad_s[joint] += fit[1];
     }
     Some(state)
 }
@@ -244,10 +254,12 @@ mod tests {
     #[test]
     fn the_state_at_an_instant_is_fitted_finer_than_the_resolution_of_a_drive() {
         let start = Instant::from_micros(5_000_000);
-        let state = state_at(&heard(0.0, start), &map(), start + Duration::from_millis(400)).unwrap();
-        let (q, qd) = motion().at(0.4);
-        assert!((state.q_rad - q).amax() < 3e-4, "{state:?}");
-        assert!((state.qd_rad_s - qd).amax() < 8e-3, "{state:?}");
-        assert_eq!(state_at(&heard(0.0, start), &map(), start + Duration::from_secs(9)), None);
+        let (motion, at) = (motion(), start + Duration::from_millis(400));
+        let state = state_at(&heard(2e-3, start), &map(), (&motion, start), at).unwrap();
+        let (q, qd) = motion.at(0.4);
+        assert!((state.q_rad - q - Joints::repeat(2e-3)).amax() < 1e-4, "{state:?}");
+        assert!((state.qd_rad_s - qd).amax() < 2e-3, "{state:?}");
+        let late = start + Duration::from_secs(9);
+        assert_eq!(state_at(&heard(0.0, start), &map(), (&motion, start), late), None);
     }
 }

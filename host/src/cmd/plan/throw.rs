@@ -216,7 +216,8 @@ fn no_throw(e: &NoThrow) -> ExpectedError {
             format!("stopped after {} starts without a throw; more starts may find one", e.starts),
         );
     }
-    ExpectedError::new(exit::NO_THROW, e.to_string())
+    let next = "choose a target in reach; `cubectl plan sweep` draws what is";
+    ExpectedError::new(exit::NO_THROW, format!("{e}\n  next: {next}"))
 }
 
 /// Runs a search with a progress bar once it takes longer than a second; Ctrl-C keeps the best so far.

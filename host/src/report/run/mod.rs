@@ -191,11 +191,7 @@ impl RunReport<'_> {
             marks.push(landing::Mark { name, colour: 1, xy_m });
         }
         if let Some(p) = self.analysis.release.and_then(|release| release.landing_m) {
-            marks.push(landing::Mark {
-                name: "measured motion".to_owned(),
-                colour: 0,
-                xy_m: [p[0], p[1]],
-            });
+            marks.push(landing::Mark { name: "measured motion".to_owned(), colour: 0, xy_m: [p[0], p[1]] });
         }
         marks
     }

@@ -76,7 +76,7 @@ fn flatten(path: &str, value: &Value, rows: &mut Vec<Vec<(String, Tone)>>) {
     match value {
         Value::Object(map) => {
             // The analysis is what the rest of the page shows.
-            for (key, value) in map.iter().filter(|(key, _)| !path.is_empty() || *key != "run") {
+            for (key, value) in map.iter().filter(|(key, _)| !path.is_empty() || *key != "analysis") {
                 let path = if path.is_empty() { key.clone() } else { format!("{path}: {key}") };
                 flatten(&path, value, rows);
             }
