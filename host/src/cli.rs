@@ -4,10 +4,11 @@ use clap::{Parser, Subcommand};
 
 use crate::cmd;
 use crate::error::ExpectedError;
+use crate::exit;
 
 /// Plan, check and run throws with PowerCube arms.
 #[derive(Debug, Parser)]
-#[command(name = "cubectl", version, about, after_help = "Exit codes: `cubectl explain exit`")]
+#[command(name = "cubectl", version, about, after_help = after_help())]
 pub struct Cli {
     /// What to do.
     #[command(subcommand)]
@@ -50,6 +51,8 @@ pub enum Verb {
     Record(cmd::record::Args),
     /// Run the controller on a recording: it must send the recorded frames, bit for bit.
     Replay(cmd::replay::Args),
+    /// Show a recorded run against its plan: one HTML file.
+    Report(cmd::report::Args),
     /// Watch the modules: positions, currents, states, bus load.
     Monitor(cmd::monitor::Args),
     /// Save, compare and restore the parameters of modules.
@@ -57,8 +60,31 @@ pub enum Verb {
     Config(cmd::config::ConfigVerb),
     /// Explain a fault number of the controller, or an exit code.
     Explain(cmd::explain::Args),
+    /// Write a completion script for a shell.
+    Completions(cmd::completions::Args),
+    /// Show the manual page, or write the pages of all verbs.
+    Man(cmd::man::Args),
     /// Design gains with a certificate.
     Tune(cmd::tune::Args),
+}
+
+/// Examples and exit codes below the list of verbs.
+fn after_help() -> String {
+    let mut text = "Examples:
+  cubectl plan throw --target 1.0,1.0,-1.0 --report plan.html
+  cubectl doctor --bus can0                      # what is wrong, and what to do
+  cubectl home --bus can0 && cubectl jog 6 --bus can0
+  cubectl report throw1                          # look at a recorded run
+
+The bus is `sim` unless --bus says otherwise: a simulated cell inside this program, in virtual time.
+
+Exit codes:
+"
+    .to_owned();
+    for (code, meaning, _) in exit::TABLE {
+        text += &format!("  {code:2}  {meaning}\n");
+    }
+    text + "`cubectl explain exit` tells what to do next."
 }
 
 /// Runs the verb.
@@ -83,8 +109,11 @@ pub fn run(cli: Cli) -> Result<(), ExpectedError> {
         Verb::Sim(args) => cmd::sim::run(&args),
         Verb::Record(args) => cmd::record::run(&args),
         Verb::Replay(args) => cmd::replay::run(&args),
+        Verb::Report(args) => cmd::report::run(&args),
         Verb::Monitor(args) => cmd::monitor::run(&args),
         Verb::Config(verb) => cmd::config::run(&verb),
+        Verb::Completions(args) => cmd::completions::run(&args),
+        Verb::Man(args) => cmd::man::run(&args),
         Verb::Explain(args) => cmd::explain::run(&args),
         Verb::Tune(args) => {
             print!("{}", cmd::tune::run(&args).map_err(|error| ExpectedError::bad_input(&error))?);

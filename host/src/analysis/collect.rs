@@ -2,13 +2,13 @@
 
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::cyphal::cubecell::joint_state::JointSample;
-use protocol::powercube::{MotionCommand, MotionPosition, Parameter, Reply, Request, ShortState, Value};
+use protocol::powercube::{MotionCommand, Parameter, Reply, Request, Value};
 use protocol::{ModuleId, bits};
 use serde::Serialize;
 
 use super::{Counts, PlanClock, span_of};
 use crate::log::candump::Line;
-use crate::log::facts::{Decoder, Fact};
+use crate::log::facts::{Decoder, Fact, position};
 
 /// A number at a time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -152,18 +152,5 @@ impl DriveLog {
         if let Reply::Value(Parameter::Cur, Value::F32(a)) = reply {
             self.currents.push(Reading { t_s, value: f64::from(*a) });
         }
-    }
-}
-
-/// Position in rad and short state of an answer that carries a position; the state is missing in a plain reading.
-#[must_use]
-pub fn position(reply: &Reply) -> Option<(f64, Option<ShortState>)> {
-    match *reply {
-        Reply::MotionExtended { position: MotionPosition::Radians(q), short_state, .. } => {
-            Some((q.get().into(), Some(short_state)))
-        }
-        Reply::Value(_, Value::PosStateDio(all)) => Some((all.position_rad.into(), Some(all.short_state))),
-        Reply::Value(Parameter::ActPos, Value::F32(q)) => Some((q.into(), None)),
-        _ => None,
     }
 }

@@ -4,7 +4,7 @@
 //! | module | holds |
 //! |---|---|
 //! | [`collect`] | one pass over the log: what each drive and the controller said, in time of the plan |
-//! | [`start`] | when the plan began, in time of the log |
+//! | [`start`] | when runs began, in time of the log |
 //! | [`tracking`] | measured motion against the plan's polynomials |
 //! | [`currents`] | measured currents against the robot model's |
 //! | [`timing`] | control cycles and answer times |
@@ -61,7 +61,8 @@ pub struct Run<'a> {
     pub plan: &'a PlanFile,
     /// The arm that ran it.
     pub arm: &'a Arm,
-    /// When the plan began, in time of the log; `None`: found by [`start::find`].
+    /// When the plan began, in time of the log; `None`: of the runs that [`start::find`] finds, the one that begins
+    /// most like the plan.
     pub start: Option<Instant>,
     /// Bit rate of the bus, bit/s.
     pub bit_rate_bit_s: u32,
@@ -165,7 +166,7 @@ impl PlanClock {
     }
 }
 
-/// Analyses the last run in a log.
+/// Analyses a run in a log.
 ///
 /// # Errors
 /// [`AnalysisError`].
@@ -176,15 +177,20 @@ pub fn analyse(run: &Run<'_>) -> Result<RunAnalysis, AnalysisError> {
     if run.lines.is_empty() {
         return Err(AnalysisError::Empty);
     }
-    let (start, start_from) = match run.start {
-        Some(at) => (at, StartFrom::Given),
-        None => start::find(run.lines).ok_or(AnalysisError::NoRun)?,
-    };
-    let clock = PlanClock::starting(start);
     let addresses: [u8; JOINTS] = std::array::from_fn(|j| drives[j].address);
     let bit_s = 1.0 / f64::from(run.bit_rate_bit_s.max(1));
-    let heard = collect::collect(run.lines, &addresses, clock, bit_s);
+    let (starts, start_from) = match run.start {
+        Some(at) => (vec![at], StartFrom::Given),
+        None => (start::find(run.lines), StartFrom::Telemetry),
+    };
+    let (start, heard) = starts
+        .into_iter()
+        .map(|at| (at, collect::collect(run.lines, &addresses, PlanClock::starting(at), bit_s)))
+        .min_by(|(_, a), (_, b)| tracking::unlike(plan, a).total_cmp(&tracking::unlike(plan, b)))
+        .ok_or(AnalysisError::NoRun)?;
+    let clock = PlanClock::starting(start);
     let joints = tracking::joints(plan, run.arm, &addresses, &heard)?;
+    let (events, fault) = events::events(run, &addresses, clock);
     Ok(RunAnalysis {
         start_log_s: start.as_secs_f64(),
         start_from,
@@ -198,8 +204,8 @@ pub fn analyse(run: &Run<'_>) -> Result<RunAnalysis, AnalysisError> {
         answers: timing::answers(run.lines, clock, plan.end_time_s),
         bus: bus::usage(run.lines, clock, plan.end_time_s, bit_s),
         counts: heard.counts(plan.end_time_s),
-        fault: events::first_fault(run.lines, plan, &heard, clock),
-        events: events::events(run.lines, run.arm, &addresses, clock),
+        events,
+        fault,
     })
 }
 

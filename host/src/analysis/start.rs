@@ -1,6 +1,6 @@
-//! When the plan began, in time of the log.
+//! When runs began, in time of the log.
 //!
-//! While it runs, each state message of the controller carries its own clock and the time along the plan, so their
+//! While a run goes on, each state message of the controller carries its own clock and the time along the plan, so their
 //! difference is the start in the controller's clock, to the microsecond. The two clocks are tied together by the
 //! message that came through fastest: nothing arrives before it was sent, so the smallest difference between
 //! arrival and time stamp, less the time of its first frame on the wire, is the offset. Only messages near the run are
@@ -25,12 +25,14 @@ pub enum StartFrom {
 
 /// Messages this long before and after the run tie the clocks together, µs.
 const NEAR_US: i64 = 2_000_000;
+/// Starts nearer to each other than this are one: the shortest run is longer, µs.
+const SAME_RUN_US: i64 = 1_000;
 /// Wire time of the first frame of a state message at 1 Mbit/s, µs: extended, eight bytes, few stuff bits.
 const FIRST_FRAME_US: i64 = bits::best_case(true, 8).frame() as i64;
 
-/// Start of the last run in the log; `None` if no controller tells of one.
+/// Starts of all runs in the log, in order: the way to the start of a throw and the way back are runs too.
 #[must_use]
-pub fn find(lines: &[Line]) -> Option<(Instant, StartFrom)> {
+pub fn find(lines: &[Line]) -> Vec<Instant> {
     let mut decoder = Decoder::default();
     let mut messages: Vec<(i64, GroupState)> = Vec::new();
     for line in lines {
@@ -38,11 +40,21 @@ pub fn find(lines: &[Line]) -> Option<(Instant, StartFrom)> {
             messages.push((first_at.as_micros() as i64, state));
         }
     }
-    let (ran_us, run) = messages.iter().rev().find(|(_, group)| is_on_path(group))?;
-    let start_us = run.uptime_us as i64 - i64::from(run.trajectory_time_us);
-    let near = messages.iter().filter(|(at_us, _)| (at_us - ran_us).abs() <= NEAR_US);
-    let offset_us = near.map(|(at_us, group)| at_us - FIRST_FRAME_US - group.uptime_us as i64).min()?;
-    u64::try_from(start_us + offset_us).ok().map(|us| (Instant::from_micros(us), StartFrom::Telemetry))
+    let mut starts = Vec::new();
+    let mut last_us = None;
+    for (ran_us, run) in messages.iter().filter(|(_, group)| is_on_path(group)) {
+        let start_us = run.uptime_us as i64 - i64::from(run.trajectory_time_us);
+        if last_us.is_some_and(|last: i64| (start_us - last).abs() < SAME_RUN_US) {
+            continue;
+        }
+        last_us = Some(start_us);
+        let near = messages.iter().filter(|(at_us, _)| (at_us - ran_us).abs() <= NEAR_US);
+        let offset_us = near.map(|(at_us, group)| at_us - FIRST_FRAME_US - group.uptime_us as i64).min();
+        starts.extend(
+            offset_us.and_then(|offset| u64::try_from(start_us + offset).ok()).map(Instant::from_micros),
+        );
+    }
+    starts
 }
 
 /// The path runs as planned: in Stopping it is slowed down.

@@ -133,6 +133,20 @@ pub fn joints(
     Ok(all)
 }
 
+/// Mean magnitude of the position errors in the first quarter of the plan, rad; infinite without any. A run that
+/// was stopped later is still like its plan there.
+#[must_use]
+pub fn unlike(plan: &PlanFile, heard: &Heard) -> f64 {
+    let (mut sum, mut count) = (0.0, 0_usize);
+    for (j, drive) in heard.drives.iter().enumerate().take(JOINTS) {
+        for p in drive.positions.iter().filter(|p| (0.0..=0.25 * plan.end_time_s).contains(&p.t_s)) {
+            sum += (motion::at(plan, p.t_s).q[j] - p.value).abs();
+            count += 1;
+        }
+    }
+    if count > 0 { sum / count as f64 } else { f64::INFINITY }
+}
+
 fn samples(plan: &PlanFile, joint: usize, positions: &[Reading]) -> Vec<Sample> {
     let references: Vec<(f64, f64)> = positions
         .iter()

@@ -9,6 +9,7 @@ use crate::verify;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  cubectl check plan.json && echo sound")]
 pub struct Args {
     /// Plan file.
     pub plan: PathBuf,

@@ -10,6 +10,7 @@ use crate::verify::motion;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  cubectl export plan.json --csv --step-s 0.001 --out plan.csv")]
 pub struct Args {
     /// Plan file.
     pub plan: PathBuf,

@@ -1,6 +1,7 @@
 //! One verb of `cubectl` per file: arguments and `run`.
 
 pub mod check;
+pub mod completions;
 pub mod config;
 pub mod controller;
 pub mod doctor;
@@ -8,10 +9,12 @@ pub mod explain;
 pub mod export;
 pub mod home;
 pub mod jog;
+pub mod man;
 pub mod monitor;
 pub mod plan;
 pub mod record;
 pub mod replay;
+pub mod report;
 pub mod run;
 pub mod scan;
 pub mod sim;

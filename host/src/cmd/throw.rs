@@ -17,13 +17,12 @@ use super::doctor::{Level, examine};
 use super::home::share;
 use super::plan::options::point;
 use super::plan::throw::{Planned, SearchOptions};
-use crate::analysis::{Run, analyse};
+use super::report;
 use crate::bus::args::{CellArgs, Controller, interrupt};
 use crate::bus::settings::settings_of;
 use crate::bus::{BusArgs, Session};
 use crate::error::ExpectedError;
 use crate::exit;
-use crate::log::candump::read;
 use crate::plan::Arm;
 use crate::plan::file::PlanFile;
 use crate::throw::job::{News, Step};
@@ -34,15 +33,13 @@ use crate::verify;
 
 /// Gains of `powercube6` at the period of the firmware's settings.
 const BUILT_IN_GAINS: &str = include_str!("../../gains/powercube6-3ms.toml");
-/// Rate of the bus, bit/s.
-const BIT_RATE_BIT_S: u32 = 1_000_000;
 /// How long is listened for a controller before a soft one is started, on a live bus.
 const LISTEN: protocol::Duration = protocol::Duration::from_millis(400);
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl throw --target 1.0,1.0,-1.0                      # in the simulated cell\n  cubectl throw --target 1.0,1.0,-1.0 --bus can0            # a controller that is heard there, else one in this program\n  cubectl throw --plan plan.json --bus can0 --controller 10\n\nWrites plan.json, gains.toml, log.candump, log.mcap and summary.json into a new folder. Ctrl-C stops the arm along its\npath, then ends the program with code 6. On a terminal and a live bus it asks before the ball is thrown.\n\nThe landing is where the simulated ball meets the plane of the target; on a live bus it is computed from the\nmeasured motion at the release."
+    after_help = "Examples:\n  cubectl throw --target 1.0,1.0,-1.0                      # in the simulated cell\n  cubectl throw --target 1.0,1.0,-1.0 --bus can0            # a controller that is heard there, else one in this program\n  cubectl throw --plan plan.json --bus can0 --controller 10\n\nWrites plan.json, gains.toml, log.candump, log.mcap, summary.json and report.html into a new folder. Ctrl-C stops the arm along its\npath, then ends the program with code 6. On a terminal and a live bus it asks before the ball is thrown.\n\nThe landing is where the simulated ball meets the plane of the target; on a live bus it is computed from the\nmeasured motion at the release."
 )]
 pub struct Args {
     /// Target in m, world frame (arm base, z up).
@@ -189,9 +186,25 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         soft: thread.as_ref(),
     };
     let mut value = summary(&job, &record, &circumstances);
-    value["analysis"] = analysed(&folder, &plan, &arm, record.start);
+    value["command_line"] = std::env::args().collect::<Vec<_>>().join(" ").into();
     folder.write("gains.toml", &gains_text)?;
+    // From the files, as `cubectl report` makes it; a throw that never began has none.
+    let robot = Some(args.search.options.robot.as_str());
+    let recorded =
+        report::read(&folder.file("plan.json"), &folder.file("log.candump"), None, robot, report::BIT_RATE);
+    value["analysis"] = match &recorded {
+        Ok(recorded) => serde_json::to_value(&recorded.analysis).unwrap_or_default(),
+        Err(error) => serde_json::json!({ "none_because": error.message }),
+    };
     folder.write("summary.json", &format!("{value:#}\n"))?;
+    match recorded {
+        Ok(mut recorded) => {
+            recorded.summary = Some(value.clone());
+            report::write(&recorded, &folder.file("report.html"))?;
+        }
+        Err(error) if failed.is_none() => eprintln!("cubectl: no report: {error}"),
+        Err(_) => {}
+    }
     if args.json {
         print_json(&value);
     }
@@ -343,30 +356,6 @@ fn gains_toml(plan: &PlanFile, record: &Record, gains: Option<&GainsFile>) -> St
         );
     }
     text
-}
-
-/// What the recording says of the run; why it says nothing, if so.
-fn analysed(
-    folder: &Folder,
-    plan: &PlanFile,
-    arm: &Arm,
-    start: Option<protocol::Instant>,
-) -> serde_json::Value {
-    let log = folder.file("log.candump");
-    if !log.is_file() {
-        return serde_json::json!({ "none_because": "the recording is no file" });
-    }
-    let found = std::fs::File::open(log)
-        .map_err(|error| error.to_string())
-        .and_then(|file| read(std::io::BufReader::new(file)).map_err(|error| error.to_string()))
-        .and_then(|lines| {
-            let run = Run { lines: &lines, plan, arm, start, bit_rate_bit_s: BIT_RATE_BIT_S };
-            analyse(&run).map_err(|error| error.to_string())
-        });
-    match found {
-        Ok(analysis) => serde_json::to_value(analysis).unwrap_or_default(),
-        Err(reason) => serde_json::json!({ "none_because": reason }),
-    }
 }
 
 /// Where the results go.

@@ -43,6 +43,7 @@ impl std::str::FromStr for Joints {
 
 /// Arguments of `cubectl tune`.
 #[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:\n  cubectl tune --joint all\n  cubectl tune --joint 2 --period 0.017")]
 pub struct Args {
     /// Robot: built-in name or path of a robot file.
     #[arg(long, default_value = "powercube6")]

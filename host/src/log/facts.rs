@@ -14,7 +14,9 @@ use protocol::cyphal::id::{NodeId, Route, TransferId};
 use protocol::cyphal::rx::{Port, Receiver};
 use protocol::cyphal::uavcan::command::{self as execute, CommandRequest, CommandResponse, Status, standard};
 use protocol::cyphal::uavcan::diagnostic::{self, Record, Severity};
-use protocol::powercube::{AddressedRequest, Broadcast, Reply, Request};
+use protocol::powercube::{
+    AddressedRequest, Broadcast, MotionPosition, Parameter, Reply, Request, ShortState, Value,
+};
 use protocol::{Frame, Id, Instant, ModuleId};
 
 /// Something that a frame, or the last frame of a transfer, says.
@@ -165,6 +167,19 @@ fn drive_fact(frame: &Frame) -> Option<Fact> {
         return Some(Fact::Request { module, request });
     }
     Broadcast::decode(frame).ok().map(Fact::Broadcast)
+}
+
+/// Position in rad and short state of an answer that carries a position; the state is missing in a plain reading.
+#[must_use]
+pub fn position(reply: &Reply) -> Option<(f64, Option<ShortState>)> {
+    match *reply {
+        Reply::MotionExtended { position: MotionPosition::Radians(q), short_state, .. } => {
+            Some((q.get().into(), Some(short_state)))
+        }
+        Reply::Value(_, Value::PosStateDio(all)) => Some((all.position_rad.into(), Some(all.short_state))),
+        Reply::Value(Parameter::ActPos, Value::F32(q)) => Some((q.into(), None)),
+        _ => None,
+    }
 }
 
 /// A command in words.

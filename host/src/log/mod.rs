@@ -5,6 +5,7 @@
 //! | [`candump`] | text log: written line by line, read with line numbers in errors |
 //! | [`facts`] | what frames say: requests, answers, messages, orders |
 //! | [`mcap`] | the same frames and the joints' state decoded from them, as protobuf channels |
+//! | [`watch`] | what happened, in words; freeze frames at faults |
 //! | [`schema`] | the protobuf messages and their self-description |
 //!
 //! Both are written at once by [`Recorder`]. What was seen is on the disk at most [`FLUSH_EVERY`] later, so that a
@@ -15,6 +16,7 @@ pub mod candump;
 pub mod facts;
 pub mod mcap;
 pub mod schema;
+pub mod watch;
 
 use std::ffi::OsString;
 use std::io;

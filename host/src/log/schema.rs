@@ -1,7 +1,8 @@
-//! The protobuf messages of the MCAP log, and the file descriptor set with which a viewer understands them.
+//! The protobuf messages of the MCAP log, and the file descriptor sets with which a viewer understands them.
 //!
-//! Written by hand, because three flat messages do not need a code generator. Wire format: *Protocol Buffers
-//! encoding*; description: `google/protobuf/descriptor.proto`.
+//! Written by hand, because a few flat messages do not need a code generator. Wire format: *Protocol Buffers
+//! encoding*; description: `google/protobuf/descriptor.proto`. Events use the public schema `foxglove.Log`, which
+//! viewers show as a list of messages.
 
 /// Wire types.
 const VARINT: u64 = 0;
@@ -12,11 +13,16 @@ const BYTES: u64 = 2;
 #[derive(Clone, Copy)]
 enum Type {
     Double = 1,
+    Int64 = 3,
     Uint64 = 4,
+    Int32 = 5,
+    Fixed32 = 7,
     Bool = 8,
     String = 9,
+    Message = 11,
     Bytes = 12,
     Uint32 = 13,
+    Enum = 14,
 }
 
 /// A message under construction.
@@ -45,6 +51,15 @@ impl Message {
         self
     }
 
+    /// Double that is left out if it is not known.
+    #[must_use]
+    pub fn double_if(self, field: u64, value: Option<f64>) -> Self {
+        match value {
+            Some(value) => self.double(field, value),
+            None => self,
+        }
+    }
+
     /// Bytes, text or an inner message.
     #[must_use]
     pub fn bytes(mut self, field: u64, value: &[u8]) -> Self {
@@ -69,46 +84,169 @@ pub const FRAME: &str = "cubectl.Frame";
 pub const MODULE_STATE: &str = "cubectl.ModuleState";
 /// `cubectl.BusError`: what a CAN controller noticed.
 pub const BUS_ERROR: &str = "cubectl.BusError";
+/// `cubectl.GroupState`: the joint group as its controller tells it.
+pub const GROUP_STATE: &str = "cubectl.GroupState";
+/// `cubectl.JointState`: one joint as its controller tells it.
+pub const JOINT_STATE: &str = "cubectl.JointState";
+/// `cubectl.FreezeFrame`: everything known at the moment of a fault.
+pub const FREEZE_FRAME: &str = "cubectl.FreezeFrame";
+/// `foxglove.Log`: something that happened, in words.
+pub const EVENT: &str = "foxglove.Log";
 
-const FRAME_FIELDS: &[(&str, Type)] = &[
-    ("time_us", Type::Uint64),
-    ("id", Type::Uint32),
-    ("extended", Type::Bool),
-    ("remote", Type::Bool),
-    ("sent", Type::Bool),
-    ("data", Type::Bytes),
-];
-const MODULE_STATE_FIELDS: &[(&str, Type)] = &[
-    ("time_us", Type::Uint64),
-    ("module", Type::Uint32),
-    ("position_rad", Type::Double),
-    ("not_ok", Type::Bool),
-    ("moving", Type::Bool),
-    ("current_a", Type::Double),
-];
-const BUS_ERROR_FIELDS: &[(&str, Type)] =
-    &[("time_us", Type::Uint64), ("class", Type::Uint32), ("text", Type::String)];
+type Fields = &'static [(&'static str, Type)];
 
-/// `FileDescriptorSet` with all three messages.
+/// Fields of each message, numbered from 1.
+const MESSAGES: &[(&str, Fields)] = &[
+    (
+        "Frame",
+        &[
+            ("time_us", Type::Uint64),
+            ("id", Type::Uint32),
+            ("extended", Type::Bool),
+            ("remote", Type::Bool),
+            ("sent", Type::Bool),
+            ("data", Type::Bytes),
+        ],
+    ),
+    (
+        "ModuleState",
+        &[
+            ("time_us", Type::Uint64),
+            ("module", Type::Uint32),
+            ("position_rad", Type::Double),
+            ("not_ok", Type::Bool),
+            ("moving", Type::Bool),
+            ("current_a", Type::Double),
+        ],
+    ),
+    ("BusError", &[("time_us", Type::Uint64), ("class", Type::Uint32), ("text", Type::String)]),
+    (
+        "GroupState",
+        &[
+            ("time_us", Type::Uint64),
+            ("controller", Type::Uint32),
+            ("state", Type::String),
+            ("state_number", Type::Uint32),
+            ("fault_cause", Type::Uint32),
+            ("fault_joint", Type::Uint32),
+            ("homed_mask", Type::Uint32),
+            ("host_alive", Type::Bool),
+            ("gripper_open", Type::Bool),
+            ("cycle_us", Type::Uint32),
+            ("cycle_jitter_us", Type::Uint32),
+            ("cycles_late", Type::Uint32),
+            ("replies_missed", Type::Uint32),
+            ("cycles_saturated", Type::Uint32),
+            ("bus_load", Type::Double),
+            ("plan_time_s", Type::Double),
+            ("uptime_us", Type::Uint64),
+        ],
+    ),
+    (
+        "JointState",
+        &[
+            ("time_us", Type::Uint64),
+            ("joint", Type::Uint32),
+            ("q_rad", Type::Double),
+            ("qd_rad_s", Type::Double),
+            ("error_q_rad", Type::Double),
+            ("error_qd_rad_s", Type::Double),
+            ("qdd_command_rad_s2", Type::Double),
+            ("current_a", Type::Double),
+            ("acceleration_clipped", Type::Bool),
+            ("reply_missed", Type::Bool),
+        ],
+    ),
+    (
+        "FreezeFrame",
+        &[
+            ("time_us", Type::Uint64),
+            ("fault_cause", Type::Uint32),
+            ("fault_joint", Type::Uint32),
+            ("state_before", Type::String),
+            ("plan_time_s", Type::Double),
+            ("drives", Type::Message),
+            ("frames", Type::Message),
+        ],
+    ),
+    (
+        "FrozenDrive",
+        &[
+            ("module", Type::Uint32),
+            ("position_rad", Type::Double),
+            ("position_age_s", Type::Double),
+            ("current_a", Type::Double),
+            ("ramp_target_rad", Type::Double),
+            ("ramp_a_rad_s2", Type::Double),
+            ("state_word", Type::Uint32),
+        ],
+    ),
+];
+
+/// Inner messages: message, field, type. They are repeated.
+const INNER: &[(&str, &str, &str)] =
+    &[("FreezeFrame", "drives", ".cubectl.FrozenDrive"), ("FreezeFrame", "frames", ".cubectl.Frame")];
+
+/// `FieldDescriptorProto`: name = 1, number = 3, label = 4 (1: optional, 3: repeated), type = 5, type name = 6.
+fn field(name: &str, number: u64, kind: Type, of: Option<&str>, repeated: bool) -> Message {
+    let field = Message::default()
+        .bytes(1, name.as_bytes())
+        .uint(3, number)
+        .uint(4, if repeated { 3 } else { 1 })
+        .uint(5, kind as u64);
+    match of {
+        Some(of) => field.bytes(6, of.as_bytes()),
+        None => field,
+    }
+}
+
+/// `FileDescriptorSet` with all messages of ours.
 pub fn descriptor_set() -> Vec<u8> {
     let mut file = Message::default().bytes(1, b"cubectl.proto").bytes(2, b"cubectl");
-    for (name, fields) in
-        [("Frame", FRAME_FIELDS), ("ModuleState", MODULE_STATE_FIELDS), ("BusError", BUS_ERROR_FIELDS)]
-    {
+    for (name, fields) in MESSAGES {
         let mut message = Message::default().bytes(1, name.as_bytes());
-        for (index, (field, kind)) in fields.iter().enumerate() {
-            // name = 1, number = 3, label = 4 (1: optional), type = 5.
-            let field = Message::default()
-                .bytes(1, field.as_bytes())
-                .uint(3, index as u64 + 1)
-                .uint(4, 1)
-                .uint(5, *kind as u64);
-            message = message.bytes(2, &field.0);
+        for (number, (field_name, kind)) in (1..).zip(fields.iter()) {
+            let inner = INNER.iter().find(|(of, named, _)| of == name && named == field_name);
+            let described = field(field_name, number, *kind, inner.map(|inner| inner.2), inner.is_some());
+            message = message.bytes(2, &described.0);
         }
         file = file.bytes(4, &message.0);
     }
     let file = file.bytes(12, b"proto3");
     Message::default().bytes(1, &file.0).0
+}
+
+/// `FileDescriptorSet` with [`EVENT`] and the time stamp it uses.
+pub fn event_descriptor_set() -> Vec<u8> {
+    let stamp = Message::default()
+        .bytes(1, b"Timestamp")
+        .bytes(2, &field("seconds", 1, Type::Int64, None, false).0)
+        .bytes(2, &field("nanos", 2, Type::Int32, None, false).0);
+    let time = Message::default()
+        .bytes(1, b"google/protobuf/timestamp.proto")
+        .bytes(2, b"google.protobuf")
+        .bytes(4, &stamp.0)
+        .bytes(12, b"proto3");
+    let mut levels = Message::default().bytes(1, b"Level");
+    for (number, name) in (0..).zip(["UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL"]) {
+        levels = levels.bytes(2, &Message::default().bytes(1, name.as_bytes()).uint(2, number).0);
+    }
+    let log = Message::default()
+        .bytes(1, b"Log")
+        .bytes(2, &field("timestamp", 1, Type::Message, Some(".google.protobuf.Timestamp"), false).0)
+        .bytes(2, &field("level", 2, Type::Enum, Some(".foxglove.Log.Level"), false).0)
+        .bytes(2, &field("message", 3, Type::String, None, false).0)
+        .bytes(2, &field("name", 4, Type::String, None, false).0)
+        .bytes(2, &field("file", 5, Type::String, None, false).0)
+        .bytes(2, &field("line", 6, Type::Fixed32, None, false).0)
+        .bytes(4, &levels.0);
+    let file = Message::default()
+        .bytes(1, b"foxglove/Log.proto")
+        .bytes(2, b"foxglove")
+        .bytes(3, b"google/protobuf/timestamp.proto")
+        .bytes(4, &log.0)
+        .bytes(12, b"proto3");
+    Message::default().bytes(1, &time.0).bytes(1, &file.0).0
 }
 
 #[cfg(test)]

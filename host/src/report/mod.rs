@@ -4,9 +4,19 @@
 //! | module | holds |
 //! |---|---|
 //! | [`plan`] | summary and HTML report of a plan file |
+//! | [`run`] | HTML report of a recorded run against its plan |
 //! | [`reach`] | map of what a sweep reached |
+//! | [`page`] | an HTML page: style, scripts, tiles, tables |
 //! | [`chart`] | line charts as SVG |
+//! | [`scene`] | the arm, its hand path and the flight in space |
+//! | [`landing`] | landing about the target |
+//! | [`timeline`] | frames on the bus |
 
 pub mod chart;
+pub mod landing;
+pub mod page;
 pub mod plan;
 pub mod reach;
+pub mod run;
+pub mod scene;
+pub mod timeline;

@@ -12,6 +12,7 @@ use crate::store::{file, robot_fingerprint};
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  cubectl plan seeds --robot my_arm.toml --out my_arm.seeds")]
 pub struct Args {
     #[command(flatten)]
     options: PlanOptions,

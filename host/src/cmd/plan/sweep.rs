@@ -21,6 +21,7 @@ use crate::store::Index;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  cubectl plan sweep --x 0.5,2.2,0.1 --z=-1,0.4,0.1 --out reach.csv")]
 pub struct Args {
     #[command(flatten)]
     options: PlanOptions,

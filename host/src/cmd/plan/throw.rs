@@ -20,6 +20,9 @@ use crate::store::Index;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  cubectl plan throw --target 1.0,1.0,-1.0 --out plan.json --report plan.html\n  cubectl plan throw --target 2.0,0,0 --starts 400 --json"
+)]
 pub struct Args {
     /// Target in m, world frame (arm base, z up).
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]

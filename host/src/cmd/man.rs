@@ -1,0 +1,102 @@
+//! `cubectl man`
+
+use std::fmt::Write as _;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use clap::{Command, CommandFactory};
+use clap_mangen::Man;
+
+use super::completions::to_terminal;
+use crate::cli::Cli;
+use crate::error::ExpectedError;
+use crate::exit;
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  cubectl man | man -l -\n  cubectl man --dir ~/.local/share/man/man1      # one page per verb"
+)]
+pub struct Args {
+    /// Write cubectl.1 and a page for each verb into this folder instead of the main page to the terminal.
+    #[arg(long, value_name = "DIR")]
+    pub dir: Option<PathBuf>,
+}
+
+/// Runs the verb.
+///
+/// # Errors
+/// A page cannot be written.
+pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    let mut command = Cli::command();
+    command.build();
+    let Some(dir) = &args.dir else {
+        return to_terminal(&page(&command).map_err(|error| unwritten(Path::new("terminal"), &error))?);
+    };
+    std::fs::create_dir_all(dir).map_err(|error| unwritten(dir, &error))?;
+    let count = write_pages(dir, &command)?;
+    println!("{count} pages in {}", dir.display());
+    Ok(())
+}
+
+fn unwritten(path: &Path, error: &io::Error) -> ExpectedError {
+    ExpectedError::new(exit::OUTPUT, format!("{}: {error}", path.display()))
+}
+
+/// The page of a command and those of the verbs below it; how many.
+fn write_pages(dir: &Path, command: &Command) -> Result<usize, ExpectedError> {
+    let name = command.get_display_name().unwrap_or_else(|| command.get_name()).to_owned();
+    let path = dir.join(format!("{name}.1"));
+    let bytes = page(command).map_err(|error| unwritten(&path, &error))?;
+    std::fs::write(&path, bytes).map_err(|error| unwritten(&path, &error))?;
+    let mut count = 1;
+    for verb in command.get_subcommands().filter(|verb| !verb.is_hide_set() && verb.get_name() != "help") {
+        count += write_pages(dir, verb)?;
+    }
+    Ok(count)
+}
+
+/// One page, with the exit codes that all verbs share.
+fn page(command: &Command) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    Man::new(command.clone()).render(&mut bytes)?;
+    bytes.extend_from_slice(exit_status().as_bytes());
+    Ok(bytes)
+}
+
+/// Section with the exit codes, in roff.
+fn exit_status() -> String {
+    let mut section = ".SH \"EXIT STATUS\"\n".to_owned();
+    for (code, meaning, next) in exit::TABLE {
+        let _ = writeln!(section, ".TP\n\\fB{code}\\fR\n{}. Next: {}.", roff(meaning), roff(next));
+    }
+    section
+}
+
+/// Text in which nothing is a roff request.
+fn roff(text: &str) -> String {
+    text.replace('\\', "\\\\").replace('-', "\\-").replace('`', "\\(ga").replace('\'', "\\(aq")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_page_names_the_exit_codes_and_every_verb_shows_an_example() {
+        let mut command = Cli::command();
+        command.build();
+        let text = String::from_utf8(page(&command).unwrap()).unwrap();
+        assert!(text.contains(".SH \"EXIT STATUS\"") && text.contains("\\fB10\\fR"));
+        let mut without = Vec::new();
+        let mut look = vec![&command];
+        while let Some(verb) = look.pop() {
+            look.extend(verb.get_subcommands().filter(|verb| verb.get_name() != "help"));
+            let help = verb.get_after_help().map(ToString::to_string).unwrap_or_default();
+            if verb.get_subcommands().next().is_none() && !help.contains("Example") {
+                without.push(verb.get_display_name().unwrap_or_default().to_owned());
+            }
+        }
+        assert!(without.is_empty(), "no example in the help of {without:?}");
+    }
+}

@@ -1,0 +1,144 @@
+//! `cubectl report`
+
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+
+use protocol::cyphal::crc::Crc64;
+use serde_json::Value;
+
+use super::bus_errors::print_json;
+use crate::analysis::{Run, RunAnalysis, analyse};
+use crate::error::ExpectedError;
+use crate::exit;
+use crate::log::candump;
+use crate::plan::file::PlanFile;
+use crate::plan::throw::Arm;
+use crate::report::run::RunReport;
+
+/// Bit rate of a bus nobody says otherwise of, bit/s.
+pub const BIT_RATE: u32 = 1_000_000;
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  cubectl report throw1                       # the folder of a `cubectl throw`\n  cubectl report throw1 --json | jq .joints   # the same in numbers\n  cubectl report --plan plan.json --log throw1.candump --out throw1.html\n\nThe file opens offline in any browser."
+)]
+pub struct Args {
+    /// Folder of a run: plan.json, log.candump and, if it is there, summary.json. The report goes there too.
+    #[arg(required_unless_present_all = ["plan", "log"])]
+    pub folder: Option<PathBuf>,
+    /// Plan file, if it is not in the folder.
+    #[arg(long, value_name = "FILE")]
+    pub plan: Option<PathBuf>,
+    /// Candump log, if it is not in the folder.
+    #[arg(long, value_name = "FILE")]
+    pub log: Option<PathBuf>,
+    /// Where to write the report. Default: report.html in the folder.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Robot the run was made with: a built-in name or a file. Default: what the plan names.
+    #[arg(long)]
+    pub robot: Option<String>,
+    /// Bit rate of the bus, for times on it, bit/s.
+    #[arg(long, default_value_t = BIT_RATE, value_name = "BIT/S", value_parser = clap::value_parser!(u32).range(10_000..=1_000_000))]
+    pub bit_rate: u32,
+    /// Print the analysis as JSON instead of writing a report.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// A run read from its files.
+pub struct Recorded {
+    /// The robot.
+    pub arm: Arm,
+    /// The plan.
+    pub plan: PlanFile,
+    /// What the log says.
+    pub analysis: RunAnalysis,
+    /// `summary.json`.
+    pub summary: Option<Value>,
+    /// Files: name, bytes, checksum.
+    pub files: Vec<(String, u64, String)>,
+}
+
+/// Runs the verb.
+///
+/// # Errors
+/// A file cannot be read, there is no run in the log, or the report cannot be written.
+pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    let place = |given: &Option<PathBuf>, name: &str| -> Option<PathBuf> {
+        given.clone().or_else(|| Some(args.folder.as_ref()?.join(name)))
+    };
+    let needed = |path: Option<PathBuf>, option: &str| {
+        path.ok_or_else(|| ExpectedError::bad_input(&format!("name a folder, or the file with {option}")))
+    };
+    let plan = needed(place(&args.plan, "plan.json"), "--plan")?;
+    let log = needed(place(&args.log, "log.candump"), "--log")?;
+    let summary = place(&None, "summary.json").filter(|path| path.exists());
+    let recorded = read(&plan, &log, summary.as_deref(), args.robot.as_deref(), args.bit_rate)?;
+    if args.json {
+        print_json(&serde_json::to_value(&recorded.analysis).unwrap_or_default());
+        return Ok(());
+    }
+    let out = needed(place(&args.out, "report.html"), "--out")?;
+    write(&recorded, &out)?;
+    println!("{}", out.display());
+    Ok(())
+}
+
+/// Reads and analyses a run.
+///
+/// # Errors
+/// As [`run`].
+pub fn read(
+    plan: &Path,
+    log: &Path,
+    summary: Option<&Path>,
+    robot: Option<&str>,
+    bit_rate_bit_s: u32,
+) -> Result<Recorded, ExpectedError> {
+    let mut files = vec![checksum(plan)?, checksum(log)?];
+    let plan_file = PlanFile::read(plan).map_err(|error| ExpectedError::bad_input(&error))?;
+    let arm = super::arm(robot.unwrap_or(&plan_file.robot.source))?;
+    plan_file.require_robot(plan, &arm).map_err(|error| ExpectedError::bad_input(&error))?;
+    let file = std::fs::File::open(log).map_err(|error| ExpectedError::io(log, &error))?;
+    let named =
+        |error: &dyn std::fmt::Display| ExpectedError::bad_input(&format!("{}: {error}", log.display()));
+    let lines = candump::read(BufReader::new(file)).map_err(|error| named(&error))?;
+    let summary = match summary {
+        Some(path) => {
+            files.push(checksum(path)?);
+            let text = std::fs::read_to_string(path).map_err(|error| ExpectedError::io(path, &error))?;
+            let value = serde_json::from_str(&text)
+                .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", path.display())))?;
+            Some(value)
+        }
+        None => None,
+    };
+    let run = Run { lines: &lines, plan: &plan_file, arm: &arm, start: None, bit_rate_bit_s };
+    let analysis = analyse(&run).map_err(|error| named(&error))?;
+    Ok(Recorded { arm, plan: plan_file, analysis, summary, files })
+}
+
+/// Writes the report.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write(recorded: &Recorded, out: &Path) -> Result<(), ExpectedError> {
+    let report = RunReport {
+        arm: &recorded.arm,
+        plan: &recorded.plan,
+        analysis: &recorded.analysis,
+        summary: recorded.summary.as_ref(),
+        files: &recorded.files,
+    };
+    std::fs::write(out, report.html())
+        .map_err(|error| ExpectedError::new(exit::OUTPUT, format!("{}: {error}", out.display())))
+}
+
+fn checksum(path: &Path) -> Result<(String, u64, String), ExpectedError> {
+    let bytes = std::fs::read(path).map_err(|error| ExpectedError::io(path, &error))?;
+    let name =
+        path.file_name().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned());
+    Ok((name, bytes.len() as u64, format!("{:016x}", Crc64::of(&bytes))))
+}

@@ -1,0 +1,356 @@
+//! Follows a bus and says what happened, in words; at a fault it gives everything known at that moment.
+//!
+//! Used while recording and afterwards, so that a viewer's log and a report tell the same story.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use firmware::fault::Cause;
+use protocol::cyphal::cubecell::group_state::{GroupState, State};
+use protocol::cyphal::uavcan::command::Status;
+use protocol::cyphal::uavcan::diagnostic::Severity as RecordSeverity;
+use protocol::powercube::{
+    Broadcast, CubeState, MotionCommand, Parameter, Reply, Request, ShortState, SimpleCommand, Value,
+};
+use protocol::{Duration, Frame, Instant};
+use serde::Serialize;
+
+use super::facts::{Decoder, Fact, order_name, position};
+
+/// How much an event matters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Severity {
+    /// As it should be.
+    Info,
+    /// Worth a look.
+    Warning,
+    /// It stopped something.
+    Error,
+}
+
+/// Something that happened.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Event {
+    /// When.
+    pub at: Instant,
+    /// How much it matters.
+    pub severity: Severity,
+    /// Who says so.
+    pub source: String,
+    /// What.
+    pub text: String,
+}
+
+/// A drive as last heard.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LastHeard {
+    /// Position, rad, and when its answer ended.
+    pub position: Option<(Instant, f64)>,
+    /// Current, A.
+    pub current_a: Option<f64>,
+    /// Short state.
+    pub short_state: Option<ShortState>,
+    /// State word.
+    pub state: Option<CubeState>,
+    /// Target of the last ramp ordered, rad.
+    pub ramp_target_rad: Option<f64>,
+    /// Acceleration written last, rad/s².
+    pub ramp_a_rad_s2: Option<f64>,
+}
+
+/// Everything known at the moment of a fault.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FreezeFrame {
+    /// When the controller told of it.
+    pub at: Instant,
+    /// What it told.
+    pub group: GroupState,
+    /// Its state before.
+    pub before: State,
+    /// Drives by address.
+    pub drives: BTreeMap<u8, LastHeard>,
+    /// The last frames, oldest first.
+    pub frames: Vec<(Instant, Frame)>,
+}
+
+/// What one frame led to.
+#[derive(Clone, Debug, Default)]
+pub struct Notes {
+    /// What it says, if it is the last frame of something.
+    pub fact: Option<Fact>,
+    /// What happened.
+    pub events: Vec<Event>,
+    /// A fault or stop that was not there before.
+    pub freeze: Option<Box<FreezeFrame>>,
+}
+
+/// Frames kept for a freeze frame.
+const FRAMES_KEPT: usize = 24;
+/// Signs of life farther apart than this begin anew.
+const LIFE_GAP: Duration = Duration::from_millis(500);
+
+/// See the [module](self).
+#[derive(Clone, Debug, Default)]
+pub struct Watch {
+    decoder: Decoder,
+    names: BTreeMap<u8, String>,
+    group: Option<GroupState>,
+    drives: BTreeMap<u8, LastHeard>,
+    frames: VecDeque<(Instant, Frame)>,
+    life_at: Option<Instant>,
+    events: Vec<Event>,
+}
+
+impl Watch {
+    /// Watch that calls drives by these names beside their addresses.
+    #[must_use]
+    pub fn new(names: BTreeMap<u8, String>) -> Self {
+        Self { names, ..Self::default() }
+    }
+
+    /// Takes the next frame.
+    pub fn take(&mut self, at: Instant, frame: &Frame) -> Notes {
+        if self.frames.len() == FRAMES_KEPT {
+            self.frames.pop_front();
+        }
+        self.frames.push_back((at, *frame));
+        let Some(fact) = self.decoder.take(at, frame) else { return Notes::default() };
+        let freeze = self.fact(at, &fact);
+        Notes { fact: Some(fact), events: std::mem::take(&mut self.events), freeze }
+    }
+
+    fn note(&mut self, at: Instant, severity: Severity, source: impl Into<String>, text: impl Into<String>) {
+        self.events.push(Event { at, severity, source: source.into(), text: text.into() });
+    }
+
+    fn drive_name(&self, address: u8) -> String {
+        match self.names.get(&address) {
+            Some(name) => format!("drive {address} ({name})"),
+            None => format!("drive {address}"),
+        }
+    }
+
+    fn fact(&mut self, at: Instant, fact: &Fact) -> Option<Box<FreezeFrame>> {
+        match fact {
+            Fact::Group { from, state, .. } => return self.group_state(at, from.get(), state),
+            Fact::Joints { .. } | Fact::Answer { status: Status::SUCCESS, .. } => {}
+            Fact::Record { from, severity, text } => {
+                let severity = match *severity {
+                    s if s >= RecordSeverity::Error => Severity::Error,
+                    s if s >= RecordSeverity::Notice => Severity::Warning,
+                    _ => Severity::Info,
+                };
+                self.note(at, severity, format!("controller {}", from.get()), format!("says: {text}"));
+            }
+            Fact::Order { from, number, .. } => {
+                let text = format!("orders: {}", order_name(*number));
+                self.note(at, Severity::Info, format!("host {}", from.get()), text);
+            }
+            Fact::Answer { from, number, refusal, status } => {
+                let what = number.map_or("an order", order_name);
+                let why = refusal.map_or_else(
+                    || format!("status {}", status.0),
+                    |refusal| cause_text(refusal.cause, refusal.joint),
+                );
+                let text = format!("refuses \"{what}\": {why}");
+                self.note(at, Severity::Warning, format!("controller {}", from.get()), text);
+            }
+            Fact::Stop { from, .. } => {
+                let source = from.map_or("somebody".to_owned(), |from| format!("node {}", from.get()));
+                self.note(at, Severity::Warning, source, "stop message");
+            }
+            Fact::Broadcast(broadcast) => self.broadcast(at, *broadcast),
+            Fact::Request { module, request } => self.request(at, module.get(), request),
+            Fact::Reply { module, reply } => self.reply(at, module.get(), reply),
+        }
+        None
+    }
+
+    fn group_state(&mut self, at: Instant, from: u8, state: &GroupState) -> Option<Box<FreezeFrame>> {
+        let source = format!("controller {from}");
+        let before = self.group.replace(*state);
+        if before.map(|b| b.state) != Some(state.state) {
+            let severity = match state.state {
+                State::Fault => Severity::Error,
+                State::Stopping | State::Stopped => Severity::Warning,
+                _ => Severity::Info,
+            };
+            let mut text = match before {
+                Some(before) => format!("{} → {}", before.state, state.state),
+                None => format!("is in state {}", state.state),
+            };
+            if state.fault_cause != 0 {
+                text += &format!(": {}", cause_text(state.fault_cause, state.fault_joint));
+            }
+            self.note(at, severity, source.clone(), text);
+        }
+        let before = before?;
+        if before.gripper_open != state.gripper_open {
+            let text = if state.gripper_open { "gripper open" } else { "gripper closed" };
+            self.note(at, Severity::Info, source.clone(), text);
+        }
+        if before.homed_mask != state.homed_mask {
+            let text = format!("{} joints homed", state.homed_mask.count_ones());
+            self.note(at, Severity::Info, source.clone(), text);
+        }
+        if !before.bus_warning && state.bus_warning {
+            self.note(at, Severity::Warning, source.clone(), "its CAN controller warns of errors");
+        }
+        let missed = state.replies_missed.saturating_sub(before.replies_missed);
+        if missed > 0 {
+            self.note(at, Severity::Warning, source.clone(), format!("missed answers: {missed}"));
+        }
+        let late = state.cycles_late.saturating_sub(before.cycles_late);
+        if late > 0 {
+            self.note(at, Severity::Warning, source, format!("late cycles: {late}"));
+        }
+        (before.fault_cause == 0 && state.fault_cause != 0).then(|| {
+            Box::new(FreezeFrame {
+                at,
+                group: *state,
+                before: before.state,
+                drives: self.drives.clone(),
+                frames: self.frames.iter().copied().collect(),
+            })
+        })
+    }
+
+    fn broadcast(&mut self, at: Instant, broadcast: Broadcast) {
+        let (severity, text) = match broadcast {
+            // Only the first sign of life in a while is news.
+            Broadcast::Watchdog => {
+                let last = self.life_at.replace(at);
+                if last.is_some_and(|last| at.saturating_since(last) < LIFE_GAP) {
+                    return;
+                }
+                (Severity::Info, "signs of life begin".to_owned())
+            }
+            Broadcast::Halt => (Severity::Warning, "halt".to_owned()),
+            other => (Severity::Info, format!("{other:?}").to_lowercase()),
+        };
+        self.note(at, severity, "all drives", text);
+    }
+
+    fn request(&mut self, at: Instant, address: u8, request: &Request) {
+        let drive = self.drives.entry(address).or_default();
+        let text = match request {
+            Request::Move(motion) => {
+                if let MotionCommand::Ramp { target } = motion.command() {
+                    drive.ramp_target_rad = Some(target.get().into());
+                }
+                return;
+            }
+            Request::Set(Parameter::TargetAcc, Value::F32(a)) => {
+                drive.ramp_a_rad_s2 = Some(f64::from(*a));
+                return;
+            }
+            Request::Simple(SimpleCommand::Reset) => "is told to reset",
+            Request::Simple(SimpleCommand::Home) => "is told to look for its zero",
+            Request::Simple(SimpleCommand::Halt) => "is told to halt",
+            Request::Set(Parameter::DioData, _) => "is told to switch its digital outputs",
+            _ => return,
+        };
+        let name = self.drive_name(address);
+        self.note(at, Severity::Info, name, text);
+    }
+
+    fn reply(&mut self, at: Instant, address: u8, reply: &Reply) {
+        let drive = self.drives.entry(address).or_default();
+        let was = *drive;
+        if let Some((q_rad, short)) = position(reply) {
+            drive.position = Some((at, q_rad));
+            drive.short_state = short.or(was.short_state);
+        }
+        match reply {
+            Reply::State(state) => drive.state = Some(*state),
+            Reply::Value(Parameter::CubeState, Value::U32(bits)) => {
+                drive.state = Some(CubeState::from_bits(*bits));
+            }
+            Reply::Value(Parameter::Cur, Value::F32(a)) => drive.current_a = Some(f64::from(*a)),
+            _ => {}
+        }
+        let now = *drive;
+        let not_ok = |heard: &LastHeard| heard.short_state.map(|s| s.intersects(ShortState::NOT_OK));
+        match (not_ok(&was), not_ok(&now)) {
+            (None | Some(false), Some(true)) => {
+                let name = self.drive_name(address);
+                self.note(at, Severity::Warning, name, "not ready: in error, halted or not homed");
+            }
+            (Some(true), Some(false)) => {
+                let name = self.drive_name(address);
+                self.note(at, Severity::Info, name, "ready");
+            }
+            _ => {}
+        }
+        let causes = |heard: &LastHeard| heard.state.map_or(0, |s| s.bits() & CubeState::CAUSES.bits());
+        let new = causes(&now) & !causes(&was);
+        if new != 0 {
+            let name = self.drive_name(address);
+            // While nothing moves it stops nothing: the proof of a watchdog looks like this.
+            let moving = self.group.is_none_or(|group| {
+                matches!(
+                    group.state,
+                    State::Homing | State::Running | State::Stopping | State::Jogging | State::Fault
+                )
+            });
+            let severity = if moving { Severity::Error } else { Severity::Warning };
+            self.note(at, severity, name, format!("reports {}", CubeState::from_bits(new)));
+        }
+    }
+}
+
+/// A cause in words, with its joint.
+fn cause_text(code: u16, joint: u8) -> String {
+    let place = if joint == 0 { String::new() } else { format!("joint {joint}: ") };
+    match Cause::from_code(code).and_then(Cause::info) {
+        Some(info) => format!("{place}{} ({code})", info.what),
+        None => format!("{place}cause {code}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use protocol::ModuleId;
+    use protocol::cyphal::cubecell::group_state;
+    use protocol::cyphal::id::{NodeId, Priority, Route, TransferId};
+    use protocol::cyphal::tx::{TxMeta, TxQueue};
+
+    fn group(watch: &mut Watch, at_us: u64, number: u8, state: &GroupState) -> Notes {
+        let route = Route::Message { subject: group_state::SUBJECT, source: NodeId::from_low_bits(10) };
+        let (deadline, transfer_id) = (Instant::FAR_FUTURE, TransferId::from_low_bits(number));
+        let meta = TxMeta { route, priority: Priority::Nominal, transfer_id, deadline };
+        let mut tx = TxQueue::<16, 64>::default();
+        tx.push(&meta, state).unwrap();
+        let mut last = Notes::default();
+        while let Some(frame) = tx.pop() {
+            last = watch.take(Instant::from_micros(at_us), &frame);
+        }
+        last
+    }
+
+    #[test]
+    fn the_first_fault_comes_with_everything_known_before_it() {
+        let mut watch = Watch::new(BTreeMap::from([(3, "joint3".to_owned())]));
+        let module = ModuleId::new(3).unwrap();
+        let current = Reply::Value(Parameter::Cur, Value::F32(-4.5)).encode(module);
+        watch.take(Instant::from_micros(10), &current);
+        let bits = CubeState::ERROR.bits() | CubeState::TOW_ERROR.bits();
+        let word = Reply::Value(Parameter::CubeState, Value::U32(bits)).encode(module);
+        let notes = watch.take(Instant::from_micros(20), &word);
+        assert_eq!((notes.events.len(), notes.events[0].severity), (1, Severity::Error));
+        assert!(notes.events[0].source == "drive 3 (joint3)", "{:?}", notes.events);
+        assert!(watch.take(Instant::from_micros(30), &word).events.is_empty(), "said once");
+
+        let running = GroupState { state: State::Running, ..GroupState::default() };
+        assert!(group(&mut watch, 40, 0, &running).freeze.is_none());
+        let fault = GroupState { state: State::Fault, fault_cause: 201, fault_joint: 3, ..running };
+        let notes = group(&mut watch, 50, 1, &fault);
+        let freeze = notes.freeze.expect("a new fault");
+        assert_eq!((freeze.before, freeze.group.fault_cause), (State::Running, 201));
+        assert_eq!(freeze.drives[&3].current_a, Some(-4.5));
+        assert_eq!(freeze.frames.first().map(|(at, _)| at.as_micros()), Some(10));
+        assert!(notes.events[0].text.contains("running → fault: joint 3:"), "{:?}", notes.events);
+        assert!(group(&mut watch, 60, 2, &fault).freeze.is_none(), "the first one counts");
+    }
+}

@@ -1,0 +1,108 @@
+//! Bus time, frames about the release, cycles and answer times.
+
+use super::super::chart::Curve;
+use super::super::page::{Page, Tone, cell, table};
+use super::super::timeline;
+use super::RunReport;
+use crate::analysis::bus::STEP_S;
+use crate::analysis::distribution::Distribution;
+
+/// Identifiers shown of the bus.
+const IDS_SHOWN: usize = 14;
+
+impl RunReport<'_> {
+    pub(super) fn bus(&self, page: &mut Page) {
+        let bus = &self.analysis.bus;
+        page.section(
+            "Bus",
+            &format!(
+                "Every frame with its exact length, stuff bits and interframe space included, at {:.0} kbit/s.",
+                bus.bit_rate_bit_s / 1e3
+            ),
+        );
+        let mut steps = Vec::with_capacity(2 * bus.over_time.len());
+        for r in &bus.over_time {
+            steps.extend([(r.t_s, r.value * 100.0), (r.t_s + STEP_S, r.value * 100.0)]);
+        }
+        let load =
+            self.time_chart("Utilisation in steps of 10 ms", "share in %", vec![Curve::line("", 0, steps)]);
+        let mut rows: Vec<Vec<(String, Tone)>> = bus
+            .ids
+            .iter()
+            .take(IDS_SHOWN)
+            .map(|id| {
+                let what = format!("{:?}", id.traffic).to_lowercase().replace("hostlink", "host link");
+                vec![
+                    cell(id.id.clone()),
+                    cell(what),
+                    cell(id.frames.to_string()),
+                    cell(format!("{:.2}", id.share * 100.0)),
+                ]
+            })
+            .collect();
+        if let Some(rest) = bus.ids.get(IDS_SHOWN..).filter(|rest| !rest.is_empty()) {
+            let frames: u64 = rest.iter().map(|id| id.frames).sum();
+            let share: f64 = rest.iter().map(|id| id.share).sum();
+            rows.push(vec![
+                cell(format!("{} more", rest.len())),
+                cell("others"),
+                cell(frames.to_string()),
+                cell(format!("{:.2}", share * 100.0)),
+            ]);
+        }
+        page.html(&format!(
+            "<div class=\"two\"><figure class=\"card\">{}</figure>{}</div>",
+            load.svg(),
+            table(&["id", "what", "frames", "share %"], &rows)
+        ));
+        let lanes: Vec<(u8, String)> = self
+            .analysis
+            .joints
+            .iter()
+            .map(|joint| (joint.module, format!("{} (drive {})", joint.name, joint.module)))
+            .collect();
+        let period = self.analysis.cycles.period_s.map_or(3e-3, |p| p.median).clamp(1e-3, 40e-3);
+        let (from, to) = (self.plan.release_time_s - 2.0 * period, self.plan.release_time_s + 1.0 * period);
+        page.html(&format!(
+            "<p></p><figure class=\"card\">{}</figure>",
+            timeline::svg(&bus.slots, from, to, &lanes)
+        ));
+        page.note("Three control cycles about the release. Point at a frame to read it.");
+    }
+
+    pub(super) fn timing(&self, page: &mut Page) {
+        let a = self.analysis;
+        page.section(
+            "Timing",
+            "Cycles are the times between two motion commands to the same drive. An answer's time runs from the end of its \
+             request to its own end on the bus.",
+        );
+        let ms = |s: f64| format!("{:.3}", s * 1e3);
+        let mut rows = Vec::new();
+        let mut row = |what: String, d: Option<Distribution>| {
+            if let Some(d) = d {
+                rows.push(vec![
+                    cell(what),
+                    cell(d.count.to_string()),
+                    cell(ms(d.min)),
+                    cell(ms(d.median)),
+                    cell(ms(d.p99)),
+                    cell(ms(d.max)),
+                ]);
+            }
+        };
+        row("control cycle".to_owned(), a.cycles.period_s);
+        row("its distance from the median".to_owned(), a.cycles.deviation_s);
+        row("answers, all drives".to_owned(), a.answers.latency_s);
+        for joint in &a.joints {
+            let of_module = a.answers.by_module.get(&joint.module).copied();
+            row(format!("answers of {} (drive {})", joint.name, joint.module), of_module);
+        }
+        page.table(&["what", "number", "least ms", "median ms", "99 % ms", "largest ms"], &rows);
+        let nominal = a.cycles.nominal_s.map_or(String::new(), |s| format!("Set period {} ms. ", ms(s)));
+        page.note(&format!(
+            "{nominal}{} requests without an answer, {} answers nobody had asked for.",
+            a.answers.unanswered, a.answers.unasked
+        ));
+    }
+}

@@ -1,0 +1,257 @@
+//! HTML report of a recorded run against its plan.
+//!
+//! `tracking`, `bus` and `record` hold the sections of the page.
+
+mod bus;
+mod record;
+mod tracking;
+
+use nalgebra::Vector3;
+use serde_json::Value;
+
+use super::chart::{Chart, Curve};
+use super::page::{Page, Tone};
+use super::{landing, scene};
+use crate::analysis::tracking::{JointTracking, flight, interpolate};
+use crate::analysis::{POSITION_BOUND_RAD, RunAnalysis, SPEED_BOUND_RAD_S};
+use crate::plan::file::PlanFile;
+use crate::plan::throw::{Arm, Joints};
+use crate::verify::motion;
+
+/// What a report is about.
+pub struct RunReport<'a> {
+    /// The robot.
+    pub arm: &'a Arm,
+    /// The plan.
+    pub plan: &'a PlanFile,
+    /// What the log says.
+    pub analysis: &'a RunAnalysis,
+    /// `summary.json` of the run, if it was a throw: where the ball landed, seeds, versions, hashes.
+    pub summary: Option<&'a Value>,
+    /// Files behind the report: name, bytes, checksum.
+    pub files: &'a [(String, u64, String)],
+}
+
+/// A landing nearer than this counts as good, m.
+const NEAR_M: f64 = 0.02;
+
+impl RunReport<'_> {
+    /// One self-contained HTML file.
+    #[must_use]
+    pub fn html(&self) -> String {
+        let [x, y, z] = self.plan.target.position_m;
+        let verdict = self.verdict();
+        let mut page = Page::new(
+            &format!("Throw to ({x}, {y}, {z}) m").replace('-', "−"),
+            &self.circumstances(),
+            Some((verdict.0.as_str(), verdict.1)),
+        );
+        page.tiles(&self.tiles());
+        if let Some(fault) = &self.analysis.fault {
+            self.fault(&mut page, fault);
+        }
+        page.section(
+            "In space",
+            "Arm and hand path (blue) as measured, flight (orange); grey dashes are the planned path, the ellipse is the \
+             predicted spread of the landing (2σ). Drag to turn, wheel to zoom; the slider moves all pictures.",
+        );
+        let beside = format!(
+            "<figure class=\"card\">{}</figure>",
+            landing::chart(self.plan, &self.landing_marks()).svg()
+        );
+        page.scene(self.space(), &beside);
+        self.tracking(&mut page);
+        self.currents(&mut page);
+        self.bus(&mut page);
+        self.timing(&mut page);
+        page.section("Events", "What controller, host and drives said. Time zero is the start of the plan.");
+        page.html(&record::events_table(&self.analysis.events));
+        self.repeat(&mut page);
+        page.finish()
+    }
+
+    fn in_summary(&self, pointer: &str) -> Option<&Value> {
+        self.summary.and_then(|summary| summary.pointer(pointer)).filter(|value| !value.is_null())
+    }
+
+    /// Where the ball landed, by whoever saw it.
+    fn landed(&self) -> Option<([f64; 2], String)> {
+        let position = self.in_summary("/landing/position_m")?.as_array()?;
+        let source = self.in_summary("/landing/source").and_then(Value::as_str).unwrap_or("landed");
+        Some(([position.first()?.as_f64()?, position.get(1)?.as_f64()?], source.to_owned()))
+    }
+
+    fn landing_error_m(&self) -> Option<f64> {
+        self.in_summary("/landing_error_m").and_then(Value::as_f64)
+    }
+
+    fn verdict(&self) -> (String, Tone) {
+        if let Some(fault) = &self.analysis.fault {
+            return (format!("stopped: {}", fault.what), Tone::Bad);
+        }
+        if !self.analysis.completed {
+            return ("not seen to its end".to_owned(), Tone::Warn);
+        }
+        let measured = self.analysis.release.and_then(|release| release.landing_error_m);
+        match (self.landing_error_m(), measured) {
+            (Some(m), _) => {
+                let tone = if m <= NEAR_M { Tone::Good } else { Tone::Warn };
+                (format!("landed {:.1} mm from the target", m * 1e3), tone)
+            }
+            (None, Some(m)) => {
+                let tone = if m <= NEAR_M { Tone::Good } else { Tone::Warn };
+                (format!("released for {:.1} mm from the target", m * 1e3), tone)
+            }
+            (None, None) => ("ran to its end".to_owned(), Tone::Good),
+        }
+    }
+
+    fn circumstances(&self) -> String {
+        let text = |pointer: &str| self.in_summary(pointer).and_then(Value::as_str);
+        let mut parts = vec![self.plan.robot.name.clone()];
+        parts.extend(text("/bus").map(|bus| format!("bus {bus}")));
+        parts.extend(text("/time").map(str::to_owned));
+        parts.extend(text("/controller/kind").map(|kind| format!("controller {kind}")));
+        parts.extend(self.in_summary("/seed").map(|seed| format!("seed {seed}")));
+        parts.push(format!(
+            "plan {:.3} s, release at {:.3} s",
+            self.plan.end_time_s, self.plan.release_time_s
+        ));
+        parts.join(" · ")
+    }
+
+    fn tiles(&self) -> Vec<(String, &'static str, String, Tone)> {
+        let a = self.analysis;
+        let mut tiles = Vec::new();
+        let largest = |size: &dyn Fn(&JointTracking) -> f64| a.joints.iter().map(size).fold(0.0, f64::max);
+        if let Some(m) = self.landing_error_m() {
+            let tone = if m <= NEAR_M { Tone::Good } else { Tone::Warn };
+            tiles.push((format!("{:.1}", m * 1e3), "mm", "landing error".to_owned(), tone));
+        }
+        let bounded = |value: f64, bound: f64| if value <= bound { Tone::Good } else { Tone::Bad };
+        let q = largest(&|j| j.position_error_rad.max_after_transient);
+        let v = largest(&|j| j.speed_error_rad_s.max_after_transient);
+        tiles.push((
+            format!("{:.2}", q * 1e3),
+            "mrad",
+            "largest position error, after 0.1 s".to_owned(),
+            bounded(q, POSITION_BOUND_RAD),
+        ));
+        tiles.push((
+            format!("{:.0}", v * 1e3),
+            "mrad/s",
+            "largest speed error, after 0.1 s".to_owned(),
+            bounded(v, SPEED_BOUND_RAD_S),
+        ));
+        let at_release =
+            a.joints.iter().filter_map(|j| j.position_error_rad.at_release.map(f64::abs)).reduce(f64::max);
+        if let Some(e) = at_release {
+            tiles.push((
+                format!("{:.2}", e * 1e3),
+                "mrad",
+                "position error at the release".to_owned(),
+                Tone::Plain,
+            ));
+        }
+        if let (Some(period), Some(deviation)) = (a.cycles.period_s, a.cycles.deviation_s) {
+            tiles.push((
+                format!("{:.2}", period.median * 1e3),
+                "ms",
+                format!("control cycle, 99 % within ±{:.0} µs", deviation.p99 * 1e6),
+                Tone::Plain,
+            ));
+        }
+        if let Some(latency) = a.answers.latency_s {
+            tiles.push((
+                format!("{:.0}", latency.median * 1e6),
+                "µs",
+                format!("answer time, 99 % below {:.0} µs", latency.p99 * 1e6),
+                Tone::Plain,
+            ));
+        }
+        tiles.push((
+            format!("{:.0}", a.bus.utilisation * 100.0),
+            "%",
+            format!("of the bus, peak {:.0} %", a.bus.utilisation_peak * 100.0),
+            Tone::Plain,
+        ));
+        let bad = a.counts.cycles_late + a.counts.replies_missed;
+        tiles.push((
+            format!("{} / {} / {}", a.counts.cycles_saturated, a.counts.cycles_late, a.counts.replies_missed),
+            "",
+            "saturated, late cycles, missed answers".to_owned(),
+            if bad > 0 { Tone::Warn } else { Tone::Plain },
+        ));
+        tiles
+    }
+
+    fn landing_marks(&self) -> Vec<landing::Mark> {
+        let mut marks = Vec::new();
+        if let Some((xy_m, name)) = self.landed() {
+            marks.push(landing::Mark { name, colour: 1, xy_m });
+        }
+        if let Some(p) = self.analysis.release.and_then(|release| release.landing_m) {
+            marks.push(landing::Mark { name: "measured motion".to_owned(), colour: 0, xy_m: [p[0], p[1]] });
+        }
+        marks
+    }
+
+    /// Measured joint angles: reference less the interpolated error, which is straighter than the angle.
+    fn q_at(&self, t_s: f64) -> Joints {
+        let reference = motion::at(self.plan, t_s).q;
+        Joints::from_fn(|j, _| {
+            let samples = &self.analysis.joints[j].samples;
+            let last = samples.last().map_or(reference[j], |s| s.q_rad);
+            let error = interpolate(samples, t_s, |s| s.t_s, |s| s.error_rad);
+            error.map_or(last, |e| reference[j] - e)
+        })
+    }
+
+    fn space(&self) -> String {
+        let plan = self.plan;
+        let released = self.analysis.release;
+        let p0 = Vector3::from(released.map_or(plan.release.position_m, |r| r.position_m));
+        let v0 = Vector3::from(released.map_or(plan.release.velocity_m_s, |r| r.velocity_m_s));
+        let model = flight(plan);
+        let landed = model.as_ref().and_then(|flight| flight.land(&p0, &v0, plan.target.position_m[2]));
+        let flight_s = landed.map_or(plan.landing.flight_s, |landed| landed.time_s);
+        // The ball ends where it was seen to land: the difference grows with the time of flight.
+        let miss = match (self.landed(), landed) {
+            (Some((xy, _)), Some(landed)) => Vector3::new(xy[0] - landed.p.x, xy[1] - landed.p.y, 0.0),
+            _ => Vector3::zeros(),
+        };
+        let ball_after =
+            |s: f64| model.as_ref().map_or(p0, |flight| flight.fly(&p0, &v0, s).p + miss * (s / flight_s));
+        let planned = (0..=60)
+            .map(|i| {
+                let t_s = plan.end_time_s * f64::from(i) / 60.0;
+                self.arm.ball(&self.arm.fk(&motion::at(plan, t_s).q)).pos
+            })
+            .collect();
+        scene::data(
+            self.arm,
+            plan,
+            &scene::Motion {
+                q_at: &|t_s| self.q_at(t_s),
+                from_s: 0.0,
+                to_s: plan.end_time_s,
+                release_s: plan.release_time_s,
+                ball_after: &ball_after,
+                flight_s,
+                planned: Some(planned),
+            },
+        )
+    }
+
+    fn time_chart(&self, title: &str, y_label: &str, curves: Vec<Curve>) -> Chart {
+        Chart {
+            title: title.to_owned(),
+            x_label: "time of the plan in s".to_owned(),
+            y_label: y_label.to_owned(),
+            curves,
+            mark: Some((self.plan.release_time_s, "release".to_owned())),
+            is_time: true,
+            ..Chart::default()
+        }
+    }
+}

@@ -1,0 +1,195 @@
+//! Errors against the bounds of the paper, references against measurements, currents per supply.
+
+use super::super::chart::{Chart, Curve, Pen};
+use super::super::page::{Page, Tone, cell};
+use super::RunReport;
+use crate::analysis::collect::Reading;
+use crate::analysis::tracking::JointTracking;
+use crate::analysis::{AFTER_S, BEFORE_S, POSITION_BOUND_RAD, SPEED_BOUND_RAD_S, TRANSIENT_S};
+use crate::plan::throw::JOINTS;
+
+impl RunReport<'_> {
+    pub(super) fn tracking(&self, page: &mut Page) {
+        page.section(
+            "Tracking",
+            "Reference minus measurement. The green bands are the bounds that the paper reports for its arm after a \
+             transient of 0.1 s (figure 3): 0.05 rad and 0.1 rad/s. Speeds are estimated from the change of the errors.",
+        );
+        let end = self.plan.end_time_s;
+        let joints = &self.analysis.joints;
+        let overview = |title: &str,
+                        y_label: &str,
+                        bound: f64,
+                        value: &dyn Fn(&JointTracking) -> Vec<(f64, f64)>| {
+            let curves =
+                joints.iter().enumerate().map(|(j, joint)| Curve::line(joint.name.clone(), j, value(joint)));
+            let mut chart = self.time_chart(title, y_label, curves.collect());
+            chart.band = Some([TRANSIENT_S, end, -bound, bound]);
+            chart
+        };
+        page.charts(&[
+            overview("Position errors", "error in rad", POSITION_BOUND_RAD, &|joint| {
+                joint.samples.iter().map(|s| (s.t_s, s.error_rad)).collect()
+            }),
+            overview("Speed errors", "error in rad/s", SPEED_BOUND_RAD_S, &|joint| {
+                joint.samples.iter().map(|s| (s.t_s, s.error_rad_s)).collect()
+            }),
+        ]);
+        let tone = |value: f64, bound: f64| if value <= bound { Tone::Good } else { Tone::Bad };
+        let rows: Vec<Vec<(String, Tone)>> = joints
+            .iter()
+            .map(|joint| {
+                let (q, v) = (&joint.position_error_rad, &joint.speed_error_rad_s);
+                let release = |at: Option<f64>, digits: usize| {
+                    cell(at.map_or("–".to_owned(), |e| format!("{:+.digits$}", e * 1e3).replace('-', "−")))
+                };
+                vec![
+                    cell(format!("{} (drive {})", joint.name, joint.module)),
+                    cell(format!("{:.2}", q.max * 1e3)),
+                    (
+                        format!("{:.2}", q.max_after_transient * 1e3),
+                        tone(q.max_after_transient, POSITION_BOUND_RAD),
+                    ),
+                    cell(format!("{:.2}", q.rms * 1e3)),
+                    release(q.at_release, 2),
+                    cell(format!("{:.0}", v.max * 1e3)),
+                    (
+                        format!("{:.0}", v.max_after_transient * 1e3),
+                        tone(v.max_after_transient, SPEED_BOUND_RAD_S),
+                    ),
+                    cell(format!("{:.0}", v.rms * 1e3)),
+                    release(v.at_release, 0),
+                    cell(joint.samples_in_plan.to_string()),
+                    cell(joint.commands_at_limit.to_string()),
+                ]
+            })
+            .collect();
+        page.html("<p></p>");
+        page.table(
+            &[
+                "joint",
+                "position max mrad",
+                "after 0.1 s",
+                "rms",
+                "at release",
+                "speed max mrad/s",
+                "after 0.1 s",
+                "rms",
+                "at release",
+                "answers",
+                "commands at limit",
+            ],
+            &rows,
+        );
+        page.html("<p></p>");
+        page.charts(&(0..JOINTS).map(|j| self.error_chart(j)).collect::<Vec<_>>());
+        let motions: Vec<Chart> = (0..JOINTS).flat_map(|j| self.motion_charts(j)).collect();
+        page.folded("References against measurements, each joint", &motions);
+    }
+
+    /// Position error of one joint at its own scale, mrad.
+    fn error_chart(&self, j: usize) -> Chart {
+        let joint = &self.analysis.joints[j];
+        let points = joint.samples.iter().map(|s| (s.t_s, s.error_rad * 1e3)).collect();
+        let mut chart = self.time_chart(
+            &format!("{}: position error", joint.name),
+            "error in mrad",
+            vec![Curve::line("", j, points)],
+        );
+        chart.small = true;
+        chart
+    }
+
+    fn motion_charts(&self, j: usize) -> [Chart; 2] {
+        let joint = &self.analysis.joints[j];
+        let limits = self.arm.joints()[j].limits;
+        let samples = || joint.samples.iter();
+        let target = joint.commands.iter().map(|c| (c.t_s, c.target_rad)).collect();
+        let shown = (-BEFORE_S, self.plan.end_time_s + AFTER_S);
+        let q = self.time_chart(
+            &format!("{}: position", joint.name),
+            "angle in rad",
+            vec![
+                Curve::line("target of the ramps", 7, target),
+                Curve::line("reference", 6, samples().map(|s| (s.t_s, s.q_ref_rad)).collect())
+                    .drawn(Pen::Dashed),
+                Curve::line("measured", j, samples().map(|s| (s.t_s, s.q_rad)).collect()),
+            ],
+        );
+        let v = self.time_chart(
+            &format!("{}: speed", joint.name),
+            "speed in rad/s",
+            vec![
+                Curve::line("reference", 6, samples().map(|s| (s.t_s, s.qd_ref_rad_s)).collect())
+                    .drawn(Pen::Dashed),
+                Curve::line("estimated", j, samples().map(|s| (s.t_s, s.qd_rad_s)).collect()),
+                Curve::limit(shown, limits.v_max_rad_s),
+                Curve::limit(shown, -limits.v_max_rad_s),
+            ],
+        );
+        [q, v]
+    }
+
+    pub(super) fn currents(&self, page: &mut Page) {
+        if self.analysis.supplies.is_empty() {
+            return;
+        }
+        page.section(
+            "Currents",
+            "Sum of the magnitudes of the motors on each supply: dashed as the model of the robot file predicts them for \
+             the plan (eq. 8 and 9), dots as read from the drives during the run. The model knows no friction.",
+        );
+        let points = |readings: &[Reading]| readings.iter().map(|r| (r.t_s, r.value)).collect::<Vec<_>>();
+        let charts: Vec<Chart> = self
+            .analysis
+            .supplies
+            .iter()
+            .enumerate()
+            .map(|(i, supply)| {
+                let mut curves = vec![
+                    Curve::line("predicted", 6, points(&supply.predicted)).drawn(Pen::Dashed),
+                    Curve::line("measured", i, points(&supply.measured)).drawn(Pen::Dots),
+                ];
+                // A limit far away would make the curves flat; the heading names it anyway.
+                let peak = supply.measured_peak_a.unwrap_or(0.0).max(supply.predicted_peak_a);
+                if peak > 0.25 * supply.limit_a {
+                    let shown = (-BEFORE_S, self.plan.end_time_s + AFTER_S);
+                    curves.push(Curve::limit(shown, supply.limit_a));
+                }
+                self.time_chart(
+                    &format!(
+                        "Supply \"{}\" ({}), limit {:.0} A",
+                        supply.name,
+                        supply.joints.join(", "),
+                        supply.limit_a
+                    ),
+                    "current in A",
+                    curves,
+                )
+            })
+            .collect();
+        page.charts(&charts);
+        let rows: Vec<Vec<(String, Tone)>> = self
+            .analysis
+            .supplies
+            .iter()
+            .map(|s| {
+                let a = |value: Option<f64>| value.map_or("–".to_owned(), |a| format!("{a:.2}"));
+                let over = s.measured_peak_a.is_some_and(|peak| peak > s.limit_a);
+                vec![
+                    cell(s.name.clone()),
+                    cell(format!("{:.2}", s.predicted_peak_a)),
+                    (a(s.measured_peak_a), if over { Tone::Bad } else { Tone::Plain }),
+                    cell(a(s.difference_rms_a)),
+                    cell(format!("{:.0}", s.limit_a)),
+                    cell(s.readings.to_string()),
+                ]
+            })
+            .collect();
+        page.html("<p></p>");
+        page.table(
+            &["supply", "predicted peak A", "measured peak A", "rms difference A", "limit A", "readings"],
+            &rows,
+        );
+    }
+}

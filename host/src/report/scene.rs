@@ -1,0 +1,139 @@
+//! What the picture in space shows: the arm over time, the path of the ball in the hand, the flight, the target.
+
+use nalgebra::{Matrix2, Vector3};
+
+use crate::flight::landing;
+use crate::plan::file::PlanFile;
+use crate::plan::throw::{Arm, Joints};
+
+/// Steps of the animation.
+const STEPS: u32 = 90;
+/// Points of a flight.
+const FLIGHT_STEPS: u32 = 40;
+
+/// How the arm moves and where the ball flies.
+pub struct Motion<'a> {
+    /// Joint angles at a time of the plan, rad.
+    pub q_at: &'a dyn Fn(f64) -> Joints,
+    /// Begin of the animation, s.
+    pub from_s: f64,
+    /// When the arm stands, s.
+    pub to_s: f64,
+    /// When the ball leaves, s.
+    pub release_s: f64,
+    /// Position of the ball a time after the release, m.
+    pub ball_after: &'a dyn Fn(f64) -> Vector3<f64>,
+    /// Time of flight, s.
+    pub flight_s: f64,
+    /// Path that the hand should take, to compare.
+    pub planned: Option<Vec<Vector3<f64>>>,
+}
+
+/// The data as a JavaScript object.
+#[must_use]
+pub fn data(arm: &Arm, plan: &PlanFile, motion: &Motion<'_>) -> String {
+    let last_s = motion.to_s.max(motion.release_s + motion.flight_s) + 0.05;
+    let time = |i: u32| motion.from_s + (last_s - motion.from_s) * f64::from(i) / f64::from(STEPS);
+    let landed_s = motion.release_s + motion.flight_s;
+    // The release and the landing are points of the animation, whatever its steps.
+    let mut times: Vec<f64> = (0..=STEPS).map(time).collect();
+    times.extend([motion.release_s, landed_s]);
+    times.sort_by(f64::total_cmp);
+    let mut steps = Vec::new();
+    let mut hand = Vec::new();
+    for t_s in times {
+        let frames = arm.fk(&(motion.q_at)(t_s));
+        let held = arm.ball(&frames).pos;
+        if t_s <= motion.to_s {
+            hand.push(held);
+        }
+        let ball = if t_s > motion.release_s {
+            (motion.ball_after)((t_s - motion.release_s).min(motion.flight_s))
+        } else {
+            held
+        };
+        let links: Vec<String> = frames
+            .x_w
+            .iter()
+            .map(|x| {
+                let numbers: Vec<String> =
+                    x.rot.transpose().iter().chain(x.pos.iter()).map(|v| format!("{v:.4}")).collect();
+                format!("[{}]", numbers.join(","))
+            })
+            .collect();
+        steps.push(format!("{{\"t\":{t_s:.4},\"ball\":{},\"links\":[{}]}}", point(&ball), links.join(",")));
+    }
+    let boxes: Vec<String> = arm
+        .collision()
+        .boxes()
+        .iter()
+        .map(|b| {
+            let corners: Vec<Vector3<f64>> = (0..8_u8)
+                .map(|k| {
+                    let sign = |bit: u8| if k & bit == 0 { -1.0 } else { 1.0 };
+                    let corner = Vector3::new(sign(1), sign(2), sign(4)).component_mul(&b.half_m);
+                    b.x_lb.transform_point(&corner)
+                })
+                .collect();
+            format!("{{\"link\":{},\"corners\":{}}}", b.link, list(&corners))
+        })
+        .collect();
+    let flown: Vec<Vector3<f64>> = (0..=FLIGHT_STEPS)
+        .map(|i| (motion.ball_after)(motion.flight_s * f64::from(i) / f64::from(FLIGHT_STEPS)))
+        .collect();
+    let planned = motion.planned.as_ref().map_or("null".to_owned(), |points| list(points));
+    let joints = steps_top(arm, motion);
+    let top = hand.iter().map(|p| p.z).fold(joints, f64::max);
+    format!(
+        "{{\"floor\":{},\"top\":{top:.3},\"radius\":{},\"last\":{},\"release\":{},\"target\":{},\"hand\":{},\"planned\":{planned},\"flight\":{},\"ellipse\":{},\"boxes\":[{}],\"steps\":[{}]}}",
+        arm.world().floor_z_m,
+        arm.gripper().ball_radius_m,
+        arm.joints().len(),
+        motion.release_s,
+        point(&Vector3::from(plan.target.position_m)),
+        list(&hand),
+        list(&flown),
+        list(&ellipse_in_space(plan)),
+        boxes.join(","),
+        steps.join(",")
+    )
+}
+
+/// Height of the highest joint over the motion, m.
+fn steps_top(arm: &Arm, motion: &Motion<'_>) -> f64 {
+    let span = motion.to_s - motion.from_s;
+    let heights = (0..=20).flat_map(|i| {
+        let frames = arm.fk(&(motion.q_at)(motion.from_s + span * f64::from(i) / 20.0));
+        frames.x_w.map(|x| x.pos.z)
+    });
+    heights.fold(0.0, f64::max) + 0.06
+}
+
+/// 2σ ellipse of the predicted landing, in the plane of the target.
+fn ellipse_in_space(plan: &PlanFile) -> Vec<Vector3<f64>> {
+    ellipse(plan, 2.0).into_iter().map(|(x, y)| Vector3::new(x, y, plan.target.position_m[2])).collect()
+}
+
+/// Ellipse of `sigmas` about the predicted mean, x and y in m.
+#[must_use]
+pub fn ellipse(plan: &PlanFile, sigmas: f64) -> Vec<(f64, f64)> {
+    let l = &plan.landing;
+    let c = &l.covariance_m2;
+    let (a, b, angle) = landing::ellipse(&Matrix2::new(c[0][0], c[0][1], c[1][0], c[1][1]));
+    let (sin, cos) = angle.sin_cos();
+    (0..72)
+        .map(|i| {
+            let (s, co) = (f64::from(i) * std::f64::consts::TAU / 72.0).sin_cos();
+            let (u, v) = (sigmas * a * co, sigmas * b * s);
+            (l.mean_m[0] + u * cos - v * sin, l.mean_m[1] + u * sin + v * cos)
+        })
+        .collect()
+}
+
+fn point(p: &Vector3<f64>) -> String {
+    format!("[{:.4},{:.4},{:.4}]", p.x, p.y, p.z)
+}
+
+fn list(points: &[Vector3<f64>]) -> String {
+    format!("[{}]", points.iter().map(point).collect::<Vec<_>>().join(","))
+}
