@@ -13,7 +13,7 @@ use crate::exit;
 use crate::plan::file::PlanFile;
 use crate::plan::search::{Best, Budget, NoThrow, Planner, Watch};
 use crate::plan::statistics::{Noise, Region};
-use crate::plan::{Problem, Throw};
+use crate::plan::{Found, Problem};
 use crate::report::plan as plan_report;
 use crate::store::Index;
 
@@ -99,8 +99,6 @@ impl Args {
 /// If input is refused, no throw reaches the target, or a file cannot be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let arm = crate::cmd::arm(&args.options.robot)?;
-    let problem = Problem::new(&arm, Vector3::from(args.target), args.options.resolve())
-        .map_err(|e| ExpectedError::bad_input(&e))?;
     let (region, noise) = (args.region()?, args.noise()?);
     let (index, mut store) = args.options.starts(&arm)?;
     let time = match args.time_budget {
@@ -110,13 +108,31 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
                 .map_err(|_| ExpectedError::bad_input(&format!("time budget of {t} s is not a duration")))?,
         ),
     };
-    let planner = Planner::new(&problem);
     let budget = Budget { starts: args.starts, time, seed: args.seed };
     let began = Instant::now();
-    let best = find(args, &planner, &index, &budget, &noise)?;
+    let mut rungs = args.options.ladder().into_iter().peekable();
+    let (problem, best) = loop {
+        let Some(rung) = rungs.next() else {
+            return Err(ExpectedError::new(exit::BUG, "the ladder of options ended without a last rung"));
+        };
+        let problem = Problem::new(&arm, Vector3::from(args.target), rung.options)
+            .map_err(|e| ExpectedError::bad_input(&e))?;
+        let last = rungs.peek().is_none();
+        let found = find(args, &Planner::new(&problem), &index, &budget, &noise, last);
+        match found.map_err(|e| (e.interrupted, no_throw(&e))) {
+            Ok(best) => {
+                if let Some(note) = rung.note {
+                    eprintln!("cubectl: {note}");
+                }
+                break (problem, best);
+            }
+            Err((interrupted, e)) if last || interrupted => return Err(e),
+            Err(_) => {}
+        }
+    };
     let took = began.elapsed();
     if let Some(store) = &mut store {
-        let record = planner.record(&best.throw, best.objective);
+        let record = Planner::new(&problem).record(&best.found);
         if let Err(e) = store.append(&record) {
             eprintln!("cubectl: the throw was not stored: {e}");
         }
@@ -139,35 +155,28 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     Ok(())
 }
 
+/// Searches; only the last rung of the ladder is worth the nearest reachable target.
 fn find(
     args: &Args,
     planner: &Planner<'_, '_>,
     index: &Index,
     budget: &Budget,
     noise: &Noise,
-) -> Result<Best, ExpectedError> {
+    last: bool,
+) -> Result<Best, NoThrow> {
     if args.fast
-        && let Some(found) = planner.from_index(index, 4)
+        && let Some(found) = planner.from_index(index, FAST_TRIES)
     {
-        return Ok(Best {
-            throw: found.throw,
-            objective: found.objective,
-            starts: 1,
-            solved: 1,
-            interrupted: false,
-            others: Vec::new(),
-        });
+        return Ok(Best { found, starts: 1, solved: 1, interrupted: false, others: vec![found] });
     }
     let watch = Watch::default();
-    let result = watched(&watch, budget, || planner.search(index, budget, &watch));
-    let mut best = result.map_err(|e| no_throw(&e))?;
+    let mut best = watched(&watch, budget, || {
+        if last { planner.search(index, budget, &watch) } else { planner.attempt(index, budget, &watch) }
+    })?;
     if args.most_exact {
-        let miss = |t: &Throw| planner.rms_miss_m(t, noise).unwrap_or(f64::INFINITY);
-        if let Some((throw, objective)) =
-            best.others.iter().copied().min_by(|a, b| miss(&a.0).total_cmp(&miss(&b.0)))
-            && miss(&throw) < miss(&best.throw)
-        {
-            (best.throw, best.objective) = (throw, objective);
+        let miss = |f: &Found| planner.rms_miss_m(&f.throw, noise).unwrap_or(f64::INFINITY);
+        if let Some(exact) = best.others.iter().min_by(|a, b| miss(a).total_cmp(&miss(b))) {
+            best.found = *exact;
         }
     }
     if best.interrupted && watch.stop.load(Ordering::Relaxed) {
@@ -175,6 +184,9 @@ fn find(
     }
     Ok(best)
 }
+
+/// Stored throws that `--fast` tries.
+const FAST_TRIES: usize = 6;
 
 fn no_throw(e: &NoThrow) -> ExpectedError {
     if e.interrupted && e.nearest.is_none() {
