@@ -26,7 +26,7 @@ if [ -z "$(panic_symbols)" ]; then
     exit 1
 fi
 
-all=powercube,cyphal,text,bits
+all=powercube,cyphal,nodes,text,bits
 for features in $all cyphal-node; do
     link $features
     found=$(panic_symbols)
@@ -41,7 +41,7 @@ link ""
 start=$(flash)
 echo "flash of a program for $target, optimised for size, in bytes"
 echo "  start-up code and compiler runtime   $start"
-for part in powercube cyphal text bits; do
+for part in powercube cyphal nodes text bits; do
     link $part
     printf '  %-36s %d\n' "$part, both directions" $(($(flash) - start))
 done

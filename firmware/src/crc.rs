@@ -1,9 +1,5 @@
-//! The two checksums of stored things.
-//!
-//! CRC-32 (ISO-HDLC: reflected polynomial 0xEDB88320, all ones before and after) ends every file and
-//! record. CRC-64/WE, the checksum of software images in Cyphal, names a file on the wire; it is `protocol`'s.
-
-pub use protocol::cyphal::crc::Crc64;
+//! CRC-32 (ISO-HDLC: reflected polynomial 0xEDB88320, all ones before and after): ends every file and record. The
+//! checksum that *names* a file on the wire is Cyphal's, [`protocol::cyphal::crc::Crc64`].
 
 /// CRC-32 of what came so far; takes data in pieces.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -130,6 +130,8 @@ pub struct Drive {
     main: Option<Pending>,
     side: Option<Pending>,
     abandoned: [Option<Abandoned>; ABANDONED_MAX],
+    /// Nothing is abandoned from then on: spares the search in all cycles without a lost reply.
+    quarantine_end: Instant,
     answered: Option<(Key, Instant)>,
     number: u32,
     /// Requests missed in a row.
@@ -157,9 +159,9 @@ pub struct Drive {
 }
 
 impl Drive {
-    /// Request on the main lane.
-    pub fn in_flight(&self) -> Option<Request> {
-        self.main.map(|pending| pending.request)
+    /// True while a request of the main lane waits for its answer.
+    pub const fn is_asked(&self) -> bool {
+        self.main.is_some()
     }
 
     /// True if a request may go out on this lane now.
@@ -174,10 +176,14 @@ impl Drive {
 
     /// True while a reply with this key could belong to an earlier request.
     pub fn is_barred(&self, key: Key, now: Instant) -> bool {
+        let repeated = self.answered.is_some_and(|(last, at)| last == key && now < at + DUPLICATE_WINDOW);
+        repeated || (now < self.quarantine_end && self.is_quarantined(key, now))
+    }
+
+    fn is_quarantined(&self, key: Key, now: Instant) -> bool {
         let abandoned = self.abandoned.iter().flatten().any(|old| old.key == key && now < old.until);
         let full = self.abandoned.iter().flatten().filter(|old| now < old.until).count() == ABANDONED_MAX;
-        let repeated = self.answered.is_some_and(|(last, at)| last == key && now < at + DUPLICATE_WINDOW);
-        abandoned || full || repeated
+        abandoned || full
     }
 
     /// Time at which a key that is barred now gets free by itself.
@@ -210,12 +216,7 @@ impl Drive {
             None
         };
         if let Some((lane, pending)) = answered {
-            for place in &mut self.abandoned {
-                // Serial comparison: numbers wrap after four thousand million requests.
-                if place.is_some_and(|old| pending.number.wrapping_sub(old.number) < u32::MAX / 2) {
-                    *place = None;
-                }
-            }
+            self.forget_before(pending.number);
             self.answered = Some((key, now));
             self.missed_in_row = 0;
             return Matched::Answer(lane, pending.request);
@@ -230,6 +231,22 @@ impl Drive {
         }
         self.counters.unasked = self.counters.unasked.saturating_add(1);
         Matched::Unasked
+    }
+
+    /// Replies to requests before this one are past.
+    fn forget_before(&mut self, number: u32) {
+        if self.quarantine_end == Instant::ZERO {
+            return;
+        }
+        for place in &mut self.abandoned {
+            // Serial comparison: numbers wrap after four thousand million requests.
+            if place.is_some_and(|old| number.wrapping_sub(old.number) < u32::MAX / 2) {
+                *place = None;
+            }
+        }
+        if self.abandoned.iter().all(Option::is_none) {
+            self.quarantine_end = Instant::ZERO;
+        }
     }
 
     /// Gives up a request whose deadline has come; the main lane's first.
@@ -252,7 +269,9 @@ impl Drive {
     fn bar(&mut self, now: Instant, pending: &Pending) {
         let free = self.abandoned.iter_mut().find(|place| place.is_none_or(|old| old.until <= now));
         if let Some(place) = free {
-            *place = Some(Abandoned { key: pending.key, number: pending.number, until: now + QUARANTINE });
+            let until = now + QUARANTINE;
+            *place = Some(Abandoned { key: pending.key, number: pending.number, until });
+            self.quarantine_end = self.quarantine_end.max(until);
         }
     }
 

@@ -130,7 +130,7 @@ causes! {
     602 FileChecksum Refuse "a checksum of the file is wrong", "upload it again";
     603 FileVersion Refuse "not a trajectory file of a version this controller reads", "make it with a host of the same version";
     604 FileJoints Refuse "the file is for another number of joints", "plan for this robot";
-    605 FileKnots Refuse "the file has too few or too many knots, or its length does not fit their number", "at least two knots, at most 256";
+    605 FileKnots Refuse "the file has too few or too many knots, or its length does not fit their number", "at least two knots, at most 256 (seven joints 221, eight 195)";
     606 FileNumbers Refuse "the file has a number that is not finite", "plan again";
     607 FileTime Refuse "knot times do not grow by at least the shortest segment, or the plan is too long", "at least 2 ms per segment";
     608 FileEnds Refuse "the plan does not begin and end at rest", "first and last knot with zero velocity";

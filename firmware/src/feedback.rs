@@ -156,6 +156,11 @@ impl BlendedGains {
         (self.left, self.of) = (cycles, cycles);
     }
 
+    /// The gains that are in force in the end.
+    pub const fn target(&self) -> Gains {
+        self.to
+    }
+
     /// The mix in force.
     pub fn current(&self) -> Gains {
         if self.left == 0 {

@@ -103,6 +103,7 @@ impl<S: Storage, M: BorrowMut<Spline>> ControllerNode<S, M> {
     pub fn with_spline(now: Instant, storage: S, spline: M, defaults: &Settings, identity: Identity) -> Self {
         const UNSET: SubjectId = SubjectId::from_low_bits(0);
         let valid = Duration::from_millis(200);
+        // Filled in place: each copy of it on the stack would be 12 KB.
         let mut node = Self {
             link: ControllerCore::new(now, NodeId::from_low_bits(0)),
             app: App {
@@ -123,22 +124,37 @@ impl<S: Storage, M: BorrowMut<Spline>> ControllerNode<S, M> {
             held: None,
             now,
         };
-        let settings = node.app.controller.settings();
+        let Settings { node_id, stop_subject, group_state_subject, joint_state_subject, .. } =
+            *node.app.controller.settings();
         let subject = |number: u32| SubjectId::from_low_bits(number as u16);
-        let subjects = [subject(settings.group_state_subject), subject(settings.joint_state_subject)];
-        let address = NodeId::from_low_bits(settings.node_id as u8);
-        node.app.ports = [stop::port(subject(settings.stop_subject)), heartbeat::PORT];
+        let subjects = [subject(group_state_subject), subject(joint_state_subject)];
+        node.app.ports = [stop::port(subject(stop_subject)), heartbeat::PORT];
         node.app.subjects = subjects;
-        let [group_state, joint_state] = subjects;
-        node.group_state.subject = group_state;
-        node.joint_state.subject = joint_state;
-        node.link = ControllerCore::new(now, address);
+        [node.group_state.subject, node.joint_state.subject] = subjects;
+        node.link.set_address(NodeId::from_low_bits(node_id as u8));
         node
     }
 
     /// The controller behind the link.
     pub const fn controller(&self) -> &Controller<S, M> {
         &self.app.controller
+    }
+
+    /// An order of whoever runs this node, such as a stop before it is switched off. Not through the host link: who is the
+    /// host stays as it is.
+    ///
+    /// # Errors
+    ///
+    /// As [`Controller::order`].
+    pub fn order(&mut self, now: Instant, order: Order) -> Result<Done, Refusal> {
+        self.now = now;
+        self.app.controller.order(now, order)
+    }
+
+    /// As a stop message on the bus: the halt broadcast is the next frame out.
+    pub fn stop_now(&mut self, now: Instant) {
+        self.now = now;
+        self.app.controller.stop_now(now);
     }
 
     /// Level to put on the board's gripper output, once per change.
@@ -170,11 +186,12 @@ impl<S: Storage, M: BorrowMut<Spline>> ControllerNode<S, M> {
         message.bus_load_permille = load.min(1_000) as u16;
         let _ = self.link.publish(now, &mut self.group_state, &message);
         if due {
-            let mut joints = [joint_state::JointSample::default(); JOINTS_MAX];
-            let count = self.app.controller.settings().joints as usize;
-            for (to, from) in joints.iter_mut().zip(&sample.joints.0) {
-                *to = joint_message(from);
+            let controller = &self.app.controller;
+            let mut joints = [JointSample::default(); JOINTS_MAX];
+            for (to, joint) in joints.iter_mut().zip(controller.joints()) {
+                *to = controller.joint_sample(joint);
             }
+            let count = controller.settings().joints as usize;
             let joints = joints.get(..count).unwrap_or(&joints);
             let cycle = sample.counters.cycles as u16;
             let message = joint_state::JointState::new(now.as_micros(), cycle, joints);
@@ -223,9 +240,8 @@ impl<S: Storage, M: BorrowMut<Spline>> Node for ControllerNode<S, M> {
 
     fn handle_timeout(&mut self, now: Instant) {
         self.now = now;
-        if self.app.controller.poll_timeout().is_some_and(|due| due <= now) {
-            self.app.controller.handle_timeout(now);
-        }
+        // Harmless where nothing is due, and cheaper than the question.
+        self.app.controller.handle_timeout(now);
         self.publish(now);
         if self.link.poll_timeout() <= now {
             self.link.handle_timeout(now, &self.app);
@@ -303,7 +319,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Application for App<S, M> {
     fn register_read(&self, index: u16) -> Option<Register> {
         let index = usize::from(index);
         if let Some(info) = registers::TABLE.get(index) {
-            let numbers = self.controller.register(info.name)?;
+            let numbers = self.controller.register(index)?;
             let value = to_value(info.name, info.kind, numbers.as_slice())?;
             return Some(Register { mutable: true, persistent: true, value });
         }
@@ -313,7 +329,8 @@ impl<S: Storage, M: BorrowMut<Spline>> Application for App<S, M> {
     }
 
     fn register_write(&mut self, now: Instant, index: u16, value: &Value<'_>) {
-        let Some(info) = registers::TABLE.get(usize::from(index)) else { return };
+        let index = usize::from(index);
+        let Some(info) = registers::TABLE.get(index) else { return };
         let mut numbers = [Number::Bit(false); JOINTS_MAX];
         let mut count = 0;
         for (place, at) in numbers.iter_mut().zip(0..value.len()) {
@@ -330,7 +347,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Application for App<S, M> {
         if value.len() == count
             && let Some(numbers) = numbers.get(..count)
         {
-            let _ = self.controller.write_register(now, info.name, numbers);
+            let _ = self.controller.write_register_at(now, index, numbers);
         }
     }
 
@@ -519,7 +536,7 @@ fn group_message(sample: &GroupSample, sequence: u16, complete: bool) -> group_s
     group_state::GroupState {
         uptime_us: sample.at.as_micros(),
         sequence,
-        state: group_state::State::from_number(sample.state as u8).unwrap_or_default(),
+        state: sample.state,
         fault_joint: sample.fault.and_then(|fault| fault.joint).map_or(0, |joint| joint.get() as u8 + 1),
         fault_cause: sample.fault.map_or(0, |fault| fault.cause.code()),
         homed_mask: sample.homed_mask,
@@ -537,31 +554,5 @@ fn group_message(sample: &GroupSample, sequence: u16, complete: bool) -> group_s
         trajectory_crc64: sample.committed.map_or(0, |name| name.crc64),
         trajectory_time_us: sample.path_us,
         arming_left_ms: u16::try_from(ms).unwrap_or(u16::MAX),
-    }
-}
-
-fn joint_message(sample: &JointSample) -> joint_state::JointSample {
-    use joint_state::JointFlags;
-    let flags = [
-        (sample.saturated, JointFlags::ACCELERATION_CLIPPED),
-        (sample.speed_limited, JointFlags::SPEED_LIMITED),
-        (sample.position_limited, JointFlags::POSITION_LIMITED),
-        (sample.reply_missed, JointFlags::REPLY_MISSED),
-        (sample.homed, JointFlags::HOMED),
-        (sample.drive_error, JointFlags::DRIVE_ERROR),
-        (sample.halted, JointFlags::HALTED),
-    ];
-    joint_state::JointSample {
-        q_rad: sample.q_rad,
-        qd_rad_s: sample.qd_rad_s,
-        error_q_rad: sample.error_q_rad,
-        error_qd_rad_s: sample.error_qd_rad_s,
-        qdd_command_rad_s2: sample.qdd_command_rad_s2,
-        current_a: sample.current_a.unwrap_or(f32::NAN),
-        drive_short_state: sample.short_state.bits(),
-        flags: flags
-            .into_iter()
-            .filter(|(on, _)| *on)
-            .fold(JointFlags::NONE, |all, (_, flag)| all.with(flag)),
     }
 }

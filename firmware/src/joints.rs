@@ -6,6 +6,10 @@ use protocol::{JOINTS_MAX, JointIndex};
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PerJoint<T>(pub [T; JOINTS_MAX]);
 
+/// Keeps an index below [`JOINTS_MAX`], a power of two.
+const MASK: usize = JOINTS_MAX - 1;
+const _: () = assert!(JOINTS_MAX.is_power_of_two());
+
 impl<T: Copy> PerJoint<T> {
     /// The same value for every joint.
     pub const fn splat(value: T) -> Self {
@@ -25,34 +29,16 @@ impl<T: Copy> PerJoint<T> {
 
 impl<T> PerJoint<T> {
     /// Value of a joint.
+    // A `JointIndex` is below `JOINTS_MAX`, and the mask tells the compiler: no check, no panic path.
+    #[allow(clippy::indexing_slicing)]
     pub const fn at(&self, joint: JointIndex) -> &T {
-        let [a, b, c, d, e, f, g, h] = &self.0;
-        // A `JointIndex` is below `JOINTS_MAX`; spelled out because indexing would be a panic path.
-        match joint.get() {
-            0 => a,
-            1 => b,
-            2 => c,
-            3 => d,
-            4 => e,
-            5 => f,
-            6 => g,
-            _ => h,
-        }
+        &self.0[joint.get() & MASK]
     }
 
     /// Value of a joint, to change.
+    #[allow(clippy::indexing_slicing)]
     pub const fn at_mut(&mut self, joint: JointIndex) -> &mut T {
-        let [a, b, c, d, e, f, g, h] = &mut self.0;
-        match joint.get() {
-            0 => a,
-            1 => b,
-            2 => c,
-            3 => d,
-            4 => e,
-            5 => f,
-            6 => g,
-            _ => h,
-        }
+        &mut self.0[joint.get() & MASK]
     }
 }
 

@@ -44,11 +44,16 @@ impl PathClock {
     pub fn at(&self, t: Instant) -> (i64, f32) {
         if let Some(before) = self.at.checked_since(t) {
             let back_us = before.as_micros().min(i64::MAX as u64) as i64;
-            let back_us = if self.rate == 1.0 { back_us } else { (self.rate * back_us as f32) as i64 };
+            // A step back is at most a few cycles, also through 32 bits; 64-bit conversions are software on a Cortex-M4.
+            let back_us = if self.rate == 1.0 {
+                back_us
+            } else {
+                i64::from((self.rate * u32::try_from(back_us).unwrap_or(u32::MAX) as f32) as i32)
+            };
             return (self.s_us.saturating_sub(back_us), self.rate);
         }
         let dt = t.saturating_since(self.at);
-        if self.rate == 1.0 && self.rate_dot_1_s == 0.0 {
+        if self.runs_freely() {
             return (self.s_us.saturating_add(dt.as_micros().min(i64::MAX as u64) as i64), 1.0);
         }
         let dt_s = span::seconds(dt);
@@ -56,11 +61,14 @@ impl PathClock {
         let dt_s = dt_s.min(left_s);
         let rate = (self.rate + self.rate_dot_1_s * dt_s).max(0.0);
         let s_us = 0.5 * (self.rate + rate) * dt_s * 1e6;
-        (self.s_us.saturating_add(libm::roundf(s_us) as i64), rate)
+        (self.s_us.saturating_add(i64::from(libm::roundf(s_us) as i32)), rate)
     }
 
     /// Reference in time from the one along the path.
     pub fn in_time(&self, t: Instant, along: Setpoint) -> Setpoint {
+        if self.runs_freely() {
+            return along;
+        }
         let (_, rate) = self.at(t);
         let slowing = if t < self.at || rate == 0.0 { 0.0 } else { self.rate_dot_1_s };
         Setpoint {
@@ -68,6 +76,11 @@ impl PathClock {
             qd_rad_s: along.qd_rad_s * rate,
             qdd_rad_s2: along.qdd_rad_s2 * rate * rate + along.qd_rad_s * slowing,
         }
+    }
+
+    /// Time along the path and time are the same but for an offset.
+    const fn runs_freely(&self) -> bool {
+        self.rate == 1.0 && self.rate_dot_1_s == 0.0
     }
 
     /// Moves the origin to `t` and goes on with another slowing down.

@@ -7,7 +7,7 @@ use protocol::{JOINTS_MAX, JointIndex};
 
 use crate::crc::Crc32;
 use crate::fault::{Cause, Refusal};
-use crate::settings::{JointSettings, Settings};
+use crate::settings::Settings;
 
 /// Type of a register's numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,6 +59,28 @@ pub struct RegisterInfo {
     pub max: f32,
     /// When it may be written.
     pub writable: Writable,
+    place: Place,
+}
+
+/// Where a register's numbers are.
+#[derive(Clone, Copy, Debug)]
+enum Place {
+    Group(Group),
+    Joint(Joint),
+}
+
+impl RegisterInfo {
+    /// Numbers the register has.
+    const fn count(&self, settings: &Settings) -> usize {
+        if self.per_joint { settings.joints as usize } else { 1 }
+    }
+
+    /// True if the number may stand here.
+    fn allows(&self, number: Number) -> bool {
+        let x = number.magnitude();
+        // Written so that NaN fails.
+        number.kind() == self.kind && x >= self.min && x <= self.max
+    }
 }
 
 /// Numbers of one register.
@@ -69,24 +91,6 @@ pub struct Numbers {
 }
 
 impl Numbers {
-    /// One number.
-    pub const fn one(number: Number) -> Self {
-        Self { numbers: [number; JOINTS_MAX], count: 1 }
-    }
-
-    /// Up to eight numbers; `None` for more or none.
-    pub fn of(numbers: &[Number]) -> Option<Self> {
-        let first = *numbers.first()?;
-        let mut all = Self { numbers: [first; JOINTS_MAX], count: numbers.len() };
-        if numbers.len() > JOINTS_MAX {
-            return None;
-        }
-        for (to, from) in all.numbers.iter_mut().zip(numbers) {
-            *to = *from;
-        }
-        Some(all)
-    }
-
     /// The numbers.
     pub fn as_slice(&self) -> &[Number] {
         self.numbers.get(..self.count).unwrap_or(&[])
@@ -155,43 +159,42 @@ field!(bool, Bit);
 macro_rules! registers {
     (group { $($gname:literal $gfield:ident: $gtype:ty, $gmin:expr, $gmax:expr, $gwhen:ident, $gtext:literal;)* }
      joint { $($jname:literal $jfield:ident: $jtype:ty, $jmin:expr, $jmax:expr, $jwhen:ident, $jtext:literal;)* }) => {
+        /// Fields of [`Settings`].
+        #[derive(Clone, Copy, Debug)]
+        #[allow(non_camel_case_types)]
+        enum Group { $($gfield,)* }
+
+        /// Fields of [`JointSettings`](crate::settings::JointSettings).
+        #[derive(Clone, Copy, Debug)]
+        #[allow(non_camel_case_types)]
+        enum Joint { $($jfield,)* }
+
         /// All registers; the index in this table is the register's number.
         pub const TABLE: &[RegisterInfo] = &[
             $(RegisterInfo { name: $gname, kind: <$gtype as Field>::KIND, per_joint: false, min: $gmin, max: $gmax,
-                writable: Writable::$gwhen },)*
+                writable: Writable::$gwhen, place: Place::Group(Group::$gfield) },)*
             $(RegisterInfo { name: $jname, kind: <$jtype as Field>::KIND, per_joint: true, min: $jmin, max: $jmax,
-                writable: Writable::$jwhen },)*
+                writable: Writable::$jwhen, place: Place::Joint(Joint::$jfield) },)*
         ];
 
         /// What each register is, in the order of [`TABLE`]; apart from it because a board has no use for the texts.
         pub const MEANINGS: &[&str] = &[$($gtext,)* $($jtext,)*];
 
-        fn get_group(settings: &Settings, name: &str) -> Option<Number> {
-            match name {
-                $($gname => Some(settings.$gfield.number()),)*
-                _ => None,
+        /// One number of a register.
+        fn get(settings: &Settings, place: Place, joint: JointIndex) -> Number {
+            let joint = settings.joint.at(joint);
+            match place {
+                $(Place::Group(Group::$gfield) => settings.$gfield.number(),)*
+                $(Place::Joint(Joint::$jfield) => joint.$jfield.number(),)*
             }
         }
 
-        fn set_group(settings: &mut Settings, name: &str, number: Number) -> Option<()> {
-            match name {
-                $($gname => settings.$gfield = Field::of(number)?,)*
-                _ => return None,
-            }
-            Some(())
-        }
-
-        fn get_joint(joint: &JointSettings, name: &str) -> Option<Number> {
-            match name {
-                $($jname => Some(joint.$jfield.number()),)*
-                _ => None,
-            }
-        }
-
-        fn set_joint(joint: &mut JointSettings, name: &str, number: Number) -> Option<()> {
-            match name {
-                $($jname => joint.$jfield = Field::of(number)?,)*
-                _ => return None,
+        /// Sets one number; `None` for one of another type.
+        fn set(settings: &mut Settings, place: Place, joint: JointIndex, number: Number) -> Option<()> {
+            let joint = settings.joint.at_mut(joint);
+            match place {
+                $(Place::Group(Group::$gfield) => settings.$gfield = Field::of(number)?,)*
+                $(Place::Joint(Joint::$jfield) => joint.$jfield = Field::of(number)?,)*
             }
             Some(())
         }
@@ -260,53 +263,46 @@ pub fn find(name: &str) -> Option<usize> {
     TABLE.iter().position(|info| info.name == name)
 }
 
-/// Numbers of a register; `None` for an unknown one.
-pub fn read(settings: &Settings, name: &str) -> Option<Numbers> {
-    if let Some(number) = get_group(settings, name) {
-        return Some(Numbers::one(number));
-    }
-    let mut numbers = Numbers::one(get_joint(settings.joint.at(JointIndex::new(0).ok()?), name)?);
-    numbers.count = 0;
-    for joint in settings.joints() {
-        let number = get_joint(settings.joint.at(joint), name)?;
-        *numbers.numbers.get_mut(joint.get())? = number;
-        numbers.count += 1;
+/// Numbers of register number `index`; `None` if there is none.
+pub fn read(settings: &Settings, index: usize) -> Option<Numbers> {
+    let info = TABLE.get(index)?;
+    let mut numbers = Numbers { numbers: [Number::Natural32(0); JOINTS_MAX], count: info.count(settings) };
+    for (joint, number) in JointIndex::first(numbers.count).zip(&mut numbers.numbers) {
+        *number = get(settings, info.place, joint);
     }
     Some(numbers)
 }
 
-/// Writes a register: all numbers or none.
+/// Writes register number `index`: all numbers or none.
 ///
 /// # Errors
 ///
-/// [`Cause::BadValue`] for an unknown name, another type, another count or a number out of the
+/// [`Cause::BadValue`] for an unknown register, another type, another count or a number out of the
 /// register's range (index: which number); [`Cause::SettingsInvalid`] if it does not go with the
 /// other settings.
-pub fn write(settings: &mut Settings, name: &str, numbers: &[Number]) -> Result<(), Refusal> {
-    let bad = |index| Refusal::in_file(Cause::BadValue, JointIndex::new(index).ok(), index);
-    let info = find(name).and_then(|index| TABLE.get(index)).ok_or(Refusal::of(Cause::BadValue))?;
-    let count = if info.per_joint { settings.joints as usize } else { 1 };
-    if numbers.len() != count {
+pub fn write(settings: &mut Settings, index: usize, numbers: &[Number]) -> Result<(), Refusal> {
+    let info = TABLE.get(index).ok_or(Refusal::of(Cause::BadValue))?;
+    let before = read(settings, index).ok_or(Refusal::of(Cause::BadValue))?;
+    if numbers.len() != info.count(settings) {
         return Err(Refusal::of(Cause::BadValue));
     }
-    let mut changed = *settings;
-    for (index, &number) in numbers.iter().enumerate() {
-        let x = number.magnitude();
-        // Written so that NaN fails.
-        if number.kind() != info.kind || !(x >= info.min && x <= info.max) {
-            return Err(bad(index));
-        }
-        let set = if info.per_joint {
-            let joint = JointIndex::new(index).map_err(|_| bad(index))?;
-            set_joint(changed.joint.at_mut(joint), name, number)
-        } else {
-            set_group(&mut changed, name, number)
-        };
-        set.ok_or(bad(index))?;
+    if let Some(wrong) = numbers.iter().position(|number| !info.allows(*number)) {
+        return Err(Refusal::in_file(Cause::BadValue, JointIndex::new(wrong).ok(), wrong));
     }
-    changed.check()?;
-    *settings = changed;
-    Ok(())
+    put(settings, info, numbers);
+    let outcome = settings.check();
+    if outcome.is_err() {
+        put(settings, info, before.as_slice());
+    }
+    outcome
+}
+
+/// Sets numbers of the register's type.
+fn put(settings: &mut Settings, info: &RegisterInfo, numbers: &[Number]) {
+    for (joint, number) in JointIndex::first(numbers.len()).zip(numbers) {
+        // Of another type it stays as it is; the callers have looked.
+        let _ = set(settings, info.place, joint, *number);
+    }
 }
 
 /// Bytes of one stored register: key, count, eight numbers.
@@ -323,7 +319,7 @@ fn key(info: &RegisterInfo) -> u32 {
 /// Stored form of register number `index`.
 pub fn to_row(settings: &Settings, index: usize) -> Option<[u8; ROW_LEN]> {
     let info = TABLE.get(index)?;
-    let numbers = read(settings, info.name)?;
+    let numbers = read(settings, index)?;
     let mut row = [0; ROW_LEN];
     let (head, tail) = row.split_first_chunk_mut::<8>()?;
     let [k0, k1, k2, k3] = key(info).to_le_bytes();
@@ -345,18 +341,12 @@ pub fn take_row(settings: &mut Settings, row: &[u8; ROW_LEN]) -> bool {
     for (number, bytes) in numbers.iter_mut().zip(tail.as_chunks::<4>().0) {
         *number = Number::from_bits(info.kind, u32::from_le_bytes(*bytes));
     }
-    // Cross-checks come after the last row: limits may pass through a state out of order.
     let Some(numbers) = numbers.get(..usize::from(count)) else { return false };
-    let mut taken = !numbers.is_empty();
-    for (index, &number) in numbers.iter().enumerate() {
-        let x = number.magnitude();
-        let in_range = x >= info.min && x <= info.max;
-        taken &= in_range
-            && match (info.per_joint, JointIndex::new(index)) {
-                (true, Ok(joint)) => set_joint(settings.joint.at_mut(joint), info.name, number).is_some(),
-                (false, _) => index == 0 && set_group(settings, info.name, number).is_some(),
-                (true, Err(_)) => false,
-            };
+    let fits = !numbers.is_empty() && (info.per_joint || numbers.len() == 1);
+    let taken = fits && numbers.iter().all(|number| info.allows(*number));
+    // Cross-checks come after the last row: limits may pass through a state out of order.
+    if taken {
+        put(settings, info, numbers);
     }
     taken
 }
@@ -365,13 +355,17 @@ pub fn take_row(settings: &mut Settings, row: &[u8; ROW_LEN]) -> bool {
 mod tests {
     use super::*;
 
+    fn write_named(settings: &mut Settings, name: &str, numbers: &[Number]) -> Result<(), Refusal> {
+        write(settings, find(name).unwrap_or(usize::MAX), numbers)
+    }
+
     #[test]
     fn every_register_reads_writes_back_and_has_its_default_in_range() {
         let mut settings = Settings::powercube6();
         for info in TABLE {
-            let numbers = read(&settings, info.name).unwrap();
+            let numbers = read(&settings, find(info.name).unwrap()).unwrap();
             assert_eq!(numbers.as_slice().len(), if info.per_joint { 6 } else { 1 }, "{}", info.name);
-            assert_eq!(write(&mut settings, info.name, numbers.as_slice()), Ok(()), "{}", info.name);
+            assert_eq!(write_named(&mut settings, info.name, numbers.as_slice()), Ok(()), "{}", info.name);
         }
         assert_eq!(settings, Settings::powercube6());
     }
@@ -411,20 +405,20 @@ mod tests {
         let before = settings;
         let mut six = [Number::Real32(1.0); 6];
         six[4] = Number::Real32(f32::NAN);
-        let refused = write(&mut settings, "joint.v_max_rad_s", &six).unwrap_err();
+        let refused = write_named(&mut settings, "joint.v_max_rad_s", &six).unwrap_err();
         assert_eq!((refused.cause, refused.index), (Cause::BadValue, 4));
         assert_eq!(settings, before);
         for wrong in [
-            write(&mut settings, "joint.v_max_rad_s", &six[..3]),
-            write(&mut settings, "no.such", &[Number::Bit(true)]),
-            write(&mut settings, "cycle.period_us", &[Number::Real32(3000.0)]),
-            write(&mut settings, "cycle.period_us", &[Number::Natural32(999)]),
+            write_named(&mut settings, "joint.v_max_rad_s", &six[..3]),
+            write_named(&mut settings, "no.such", &[Number::Bit(true)]),
+            write_named(&mut settings, "cycle.period_us", &[Number::Real32(3000.0)]),
+            write_named(&mut settings, "cycle.period_us", &[Number::Natural32(999)]),
         ] {
             assert_eq!(wrong.unwrap_err().cause, Cause::BadValue);
         }
         let crossed = [Number::Real32(3.2); 6];
         assert_eq!(
-            write(&mut settings, "joint.q_min_rad", &crossed).unwrap_err().cause,
+            write_named(&mut settings, "joint.q_min_rad", &crossed).unwrap_err().cause,
             Cause::SettingsInvalid
         );
         assert_eq!(settings, before);

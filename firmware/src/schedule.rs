@@ -28,56 +28,56 @@ use crate::joints::PerJoint;
 pub const AGENDA_MAX: usize = 4;
 
 /// What one drive is still to be asked in this cycle.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Agenda {
+    /// Those from `next` to `len` are still to be sent; what lies outside is old.
     requests: [Option<Request>; AGENDA_MAX],
-    next: usize,
+    next: u8,
+    len: u8,
 }
 
 impl Agenda {
     /// Nothing.
-    pub const EMPTY: Self = Self { requests: [None; AGENDA_MAX], next: 0 };
+    pub const EMPTY: Self = Self { requests: [None; AGENDA_MAX], next: 0, len: 0 };
 
     /// These, in order; more than [`AGENDA_MAX`] are cut off.
     pub fn of(requests: &[Request]) -> Self {
         let mut agenda = Self::EMPTY;
-        for (place, request) in agenda.requests.iter_mut().zip(requests) {
-            *place = Some(*request);
+        for request in requests {
+            agenda.push(*request);
         }
         agenda
     }
 
     /// Appends one; false if there is no place.
     pub fn push(&mut self, request: Request) -> bool {
-        if self.head().is_none() {
+        if self.is_done() {
             self.clear();
         }
-        let free = self.requests.iter_mut().skip(self.next).find(|place| place.is_none());
-        match free {
-            Some(place) => {
-                *place = Some(request);
-                true
-            }
-            None => false,
-        }
+        let Some(place) = self.requests.get_mut(usize::from(self.len)) else { return false };
+        *place = Some(request);
+        self.len += 1;
+        true
     }
 
     /// Drops all.
-    pub fn clear(&mut self) {
-        for place in &mut self.requests {
-            *place = None;
-        }
-        self.next = 0;
+    pub const fn clear(&mut self) {
+        (self.next, self.len) = (0, 0);
+    }
+
+    /// True if nothing is left to be sent.
+    pub const fn is_done(&self) -> bool {
+        self.next >= self.len
     }
 
     /// Next request.
     pub fn head(&self) -> Option<Request> {
-        self.requests.get(self.next).copied().flatten()
+        if self.is_done() { None } else { *self.requests.get(usize::from(self.next))? }
     }
 
     /// Requests sent so far.
     pub const fn sent(&self) -> usize {
-        self.next
+        self.next as usize
     }
 
     const fn advance(&mut self) {
@@ -92,6 +92,14 @@ pub struct Next {
     pub joint: JointIndex,
     /// What to ask it.
     pub request: Request,
+}
+
+/// How far a search for requests to send has got.
+#[derive(Clone, Copy, Debug)]
+pub struct Round {
+    level: usize,
+    first: usize,
+    busy: usize,
 }
 
 /// Agendas of all drives.
@@ -125,7 +133,7 @@ impl Schedule {
 
     /// True if a drive has nothing on its agenda and no request on its way.
     pub fn is_done(&self, joint: JointIndex, drive: &Drive) -> bool {
-        self.agenda.at(joint).head().is_none() && drive.in_flight().is_none()
+        self.agenda.at(joint).is_done() && !drive.is_asked()
     }
 
     /// Adds to a drive's agenda.
@@ -133,35 +141,48 @@ impl Schedule {
         self.agenda.at_mut(joint).push(request)
     }
 
+    /// Begins a round of [`Self::next`].
+    pub fn round(&self, joints: impl Iterator<Item = JointIndex>, drives: &PerJoint<Drive>) -> Round {
+        let busy = joints.filter(|&joint| drives.at(joint).is_asked()).count();
+        Round { level: 0, first: 0, busy }
+    }
+
     /// Next request to send now, if the number of drives asked at the same time allows one. Takes it off the
     /// agenda unless a barrier has to go before it.
+    ///
+    /// Within a round nothing but what this returns may be sent. The order is that of the map above: least sent first,
+    /// then base first. A round visits each drive once per place of an agenda.
     pub fn next(
         &mut self,
+        round: &mut Round,
         now: Instant,
-        joints: impl Iterator<Item = JointIndex> + Clone,
+        joints: &(impl Iterator<Item = JointIndex> + Clone),
         drives: &PerJoint<Drive>,
         in_flight_max: usize,
     ) -> Option<Next> {
-        let busy = joints.clone().filter(|&joint| drives.at(joint).in_flight().is_some()).count();
-        if busy >= in_flight_max {
-            return None;
-        }
-        let (mut best, mut best_sent) = (None, usize::MAX);
-        for joint in joints {
-            let (agenda, drive) = (self.agenda.at(joint), drives.at(joint));
-            let Some(wanted) = agenda.head() else { continue };
-            if drive.in_flight().is_some() || agenda.sent() >= best_sent {
-                continue;
+        while round.level < AGENDA_MAX && round.busy < in_flight_max {
+            for joint in joints.clone().filter(|joint| joint.get() >= round.first) {
+                let agenda = self.agenda.at_mut(joint);
+                let drive = drives.at(joint);
+                if agenda.sent() != round.level || agenda.is_done() || drive.is_asked() {
+                    continue;
+                }
+                let Some(wanted) = agenda.head() else { continue };
+                let request = if drive.can_send(Lane::Main, &wanted, now) {
+                    agenda.advance();
+                    wanted
+                } else if let Some(barrier) = barrier(drive, &wanted, now) {
+                    barrier
+                } else {
+                    continue;
+                };
+                round.first = joint.get() + 1;
+                round.busy += 1;
+                return Some(Next { joint, request });
             }
-            if let Some(request) = sendable(drive, wanted, now) {
-                (best, best_sent) = (Some((Next { joint, request }, request == wanted)), agenda.sent());
-            }
+            (round.level, round.first) = (round.level + 1, 0);
         }
-        let (next, from_agenda) = best?;
-        if from_agenda {
-            self.agenda.at_mut(next.joint).advance();
-        }
-        Some(next)
+        None
     }
 
     /// Earliest time at which a request that has to wait for its key can go out.
@@ -171,20 +192,16 @@ impl Schedule {
         joints: impl Iterator<Item = JointIndex>,
         drives: &PerJoint<Drive>,
     ) -> Option<Instant> {
-        let waiting = joints.filter(|&joint| {
-            self.agenda.at(joint).head().is_some() && drives.at(joint).in_flight().is_none()
-        });
+        let waiting =
+            joints.filter(|&joint| !self.agenda.at(joint).is_done() && !drives.at(joint).is_asked());
         waiting.filter_map(|joint| drives.at(joint).barred_until(now)).min()
     }
 }
 
-/// The wanted request if its key is free, else a read that makes it free by being answered.
-fn sendable(drive: &Drive, wanted: Request, now: Instant) -> Option<Request> {
-    if drive.can_send(Lane::Main, &wanted, now) {
-        return Some(wanted);
-    }
+/// A read that makes the key of the wanted request free by being answered.
+fn barrier(drive: &Drive, wanted: &Request, now: Instant) -> Option<Request> {
     let barriers = [Parameter::CubeState, Parameter::ActPos, Parameter::DefVersion].map(Request::Get);
-    let is_other = |barrier: &Request| Key::of_request(barrier) != Key::of_request(&wanted);
+    let is_other = |barrier: &Request| Key::of_request(barrier) != Key::of_request(wanted);
     barriers.into_iter().find(|barrier| is_other(barrier) && drive.can_send(Lane::Main, barrier, now))
 }
 
@@ -220,7 +237,8 @@ mod tests {
         let mut waiting = Vec::new();
         for k in 0..40u64 {
             let now = Instant::from_micros(100 * k);
-            while let Some(next) = schedule.next(now, joints(), &drives, 4) {
+            let mut round = schedule.round(joints(), &drives);
+            while let Some(next) = schedule.next(&mut round, now, &joints(), &drives, 4) {
                 drives.at_mut(next.joint).begin(Lane::Main, module(), next.request, Instant::FAR_FUTURE);
                 order.push((next.joint.get(), next.request == set_a()));
                 waiting.push((next.joint, next.request));
@@ -246,12 +264,15 @@ mod tests {
         drive.give_up_due(Instant::from_micros(2_000));
         let now = Instant::from_micros(3_000);
         schedule.set(joint, Agenda::of(&[set_a()]));
-        let barrier = schedule.next(now, joints(), &drives, 4).unwrap();
+        let ask = |schedule: &mut Schedule, drives: &PerJoint<Drive>| {
+            schedule.next(&mut schedule.round(joints(), drives), now, &joints(), drives, 4).unwrap()
+        };
+        let barrier = ask(&mut schedule, &drives);
         assert_eq!(barrier.request, Request::Get(Parameter::CubeState));
         let drive = drives.at_mut(joint);
         drive.begin(Lane::Main, module(), barrier.request, now + Duration::from_millis(2));
         drive.match_reply(now, &Reply::Value(Parameter::CubeState, Value::U32(2)));
-        assert_eq!(schedule.next(now, joints(), &drives, 4).unwrap().request, set_a());
+        assert_eq!(ask(&mut schedule, &drives).request, set_a());
         assert!(schedule.is_done(joint, &Drive::default()));
     }
 }

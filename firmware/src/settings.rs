@@ -155,8 +155,14 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// The PowerCube arm (`powercube6`), gains of the discrete design at 3 ms.
+    /// [`Self::powercube6`] as a constant: made by the compiler, not by code on a board.
+    pub const POWERCUBE6: Self = Self::powercube6();
+
+    /// The PowerCube arm (`powercube6`), gains of the certified saturated design at 3 ms.
     ///
+    /// Gains and certificate: `host/gains/powercube6-3ms.toml`, made by `cubectl tune --design saturated --period 0.003
+    /// --error-position 0.02 --error-velocity 0.02`. Its initial errors are the start tolerance here: from farther away no
+    /// plan starts.
     /// Speeds, accelerations and currents: paper 002, table II and eq. (11). Following error,
     /// tolerance and slow speeds are chosen.
     pub const fn powercube6() -> Self {
@@ -167,6 +173,7 @@ impl Settings {
             v_deg_s: f32,
             a_rad_s2: f32,
             current_a: f32,
+            gains: (f32, f32, f32),
         ) -> JointSettings {
             const RAD: f32 = core::f32::consts::PI / 180.0;
             JointSettings {
@@ -184,19 +191,22 @@ impl Settings {
                 jog_a_rad_s2: 1.0,
                 slow_current_a: 0.5 * current_a,
                 home_v_rad_s: -0.1,
-                k_error_1_s2: -700.0,
-                k_rate_1_s: -48.0,
-                k_last: -0.15,
+                k_error_1_s2: gains.0,
+                k_rate_1_s: gains.1,
+                k_last: gains.2,
             }
         }
-        let j1 = joint(1, (-180.0, 180.0), 149.0, 10.4, 30.0);
-        let j2 = joint(2, (-240.0, 60.0), 149.0, 10.4, 30.0);
-        let j3 = joint(3, (-230.0, 50.0), 149.0, 10.4, 30.0);
-        let j4 = joint(4, (-180.0, 180.0), 149.0, 10.4, 15.0);
-        let j5 = joint(5, (-115.0, 115.0), 248.0, 16.6, 15.0);
-        let j6 = joint(6, (-180.0, 180.0), 320.0, 22.3, 15.0);
-        let (j7, j8) =
-            (joint(7, (-180.0, 180.0), 149.0, 10.4, 15.0), joint(8, (-180.0, 180.0), 149.0, 10.4, 15.0));
+        const PR: (f32, f32, f32) = (-450.905_64, -35.425_236, -0.314_363);
+        const PW_1: (f32, f32, f32) = (-739.712_3, -46.658_7, -0.407_735_85);
+        const PW_2: (f32, f32, f32) = (-947.439_4, -53.679_21, -0.464_911_6);
+        let j1 = joint(1, (-180.0, 180.0), 149.0, 10.4, 30.0, PR);
+        let j2 = joint(2, (-240.0, 60.0), 149.0, 10.4, 30.0, PR);
+        let j3 = joint(3, (-230.0, 50.0), 149.0, 10.4, 30.0, PR);
+        let j4 = joint(4, (-180.0, 180.0), 149.0, 10.4, 15.0, PR);
+        let j5 = joint(5, (-115.0, 115.0), 248.0, 16.6, 15.0, PW_1);
+        let j6 = joint(6, (-180.0, 180.0), 320.0, 22.3, 15.0, PW_2);
+        let j7 = joint(7, (-180.0, 180.0), 149.0, 10.4, 15.0, PR);
+        let j8 = joint(8, (-180.0, 180.0), 149.0, 10.4, 15.0, PR);
         Self {
             joints: 6,
             robot_crc32: 0,
@@ -215,7 +225,7 @@ impl Settings {
             watchdog_refresh_us: 20_000,
             watchdog_timeout_us: 50_000,
             gains_period_us: 3_000,
-            gains_certificate_crc32: 0,
+            gains_certificate_crc32: 0xEFDA_8B49,
             gains_blend_us: 200_000,
             estimator_alpha: 0.6,
             estimator_beta: 0.2,
@@ -243,6 +253,7 @@ impl Settings {
         let mut settings = Self::powercube6();
         settings.cycle_period_us = 17_000;
         settings.gains_period_us = 17_000;
+        settings.gains_certificate_crc32 = 0;
         settings.reply_deadline_us = 6_000;
         settings.estimator_alpha = 1.0;
         settings.estimator_beta = 1.0;

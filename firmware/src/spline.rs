@@ -19,8 +19,10 @@ use protocol::JointIndex;
 
 use crate::joints::PerJoint;
 
-/// Most knots of a trajectory: one more than segments.
+/// Most knots of a trajectory: one more than segments. With more than six joints fewer fit ([`knots_max`]).
 pub const KNOTS_MAX: usize = 256;
+/// Words of all knots together: [`KNOTS_MAX`] knots of six joints.
+pub const WORDS_MAX: usize = KNOTS_MAX * knot_words(6);
 /// Shortest segment, µs. Shorter ones would turn the rounding of a position (0.2 µrad) into
 /// noticeable acceleration, and no drive follows them.
 pub const SEGMENT_MIN_US: u32 = 2_000;
@@ -133,21 +135,33 @@ pub struct Knot {
 
 /// Knots in ascending time; empty until one is loaded.
 ///
-/// Before the first knot the reference stands at its position, after the last one at that.
+/// Before the first knot the reference stands at its position, after the last one at that. Knots lie side by side, each as
+/// long as its joints need: most of a controller's RAM is here.
 #[derive(Clone, Debug)]
 pub struct Spline {
-    knots: [Knot; KNOTS_MAX],
+    /// Per knot: time, then position and velocity of each joint as the bits of their floats.
+    words: [u32; WORDS_MAX],
     count: usize,
     joints: usize,
     /// Segment of the last question: times asked for are close to each other.
     cursor: usize,
 }
 
+/// Words of one knot.
+const fn knot_words(joints: usize) -> usize {
+    1 + 2 * joints
+}
+
+/// Most knots of a trajectory of so many joints.
+pub const fn knots_max(joints: usize) -> usize {
+    let fit = WORDS_MAX / knot_words(joints);
+    if fit < KNOTS_MAX { fit } else { KNOTS_MAX }
+}
+
 impl Spline {
     /// No knots.
     pub const fn empty() -> Self {
-        const ZERO: Knot = Knot { t_us: 0, state: PerJoint::splat((0.0, 0.0)) };
-        Self { knots: [ZERO; KNOTS_MAX], count: 0, joints: 0, cursor: 0 }
+        Self { words: [0; WORDS_MAX], count: 0, joints: 0, cursor: 0 }
     }
 
     /// Forgets all knots; the next ones are for this many joints.
@@ -159,24 +173,34 @@ impl Spline {
 
     /// Appends a knot; false (and nothing changed) if it is full or time does not grow.
     #[must_use]
-    pub fn push(&mut self, knot: Knot) -> bool {
-        let grows = match self.last() {
-            Some(last) => knot.t_us > last.t_us,
-            None => true,
-        };
-        match self.knots.get_mut(self.count) {
-            Some(place) if grows => {
-                *place = knot;
-                self.count += 1;
-                true
-            }
-            _ => false,
+    pub fn push(&mut self, knot: &Knot) -> bool {
+        let grows = self.last().is_none_or(|last| knot.t_us > last.t_us);
+        let len = knot_words(self.joints);
+        if !grows || self.count >= knots_max(self.joints) {
+            return false;
         }
+        let start = self.count * len;
+        let Some((time, states)) =
+            self.words.get_mut(start..start + len).and_then(|row| row.split_first_mut())
+        else {
+            return false;
+        };
+        *time = knot.t_us;
+        for (place, (q_rad, qd_rad_s)) in states.as_chunks_mut::<2>().0.iter_mut().zip(knot.state.0) {
+            *place = [q_rad.to_bits(), qd_rad_s.to_bits()];
+        }
+        self.count += 1;
+        true
     }
 
-    /// The knots.
-    pub fn knots(&self) -> &[Knot] {
-        self.knots.get(..self.count).unwrap_or(&[])
+    /// Number of knots.
+    pub const fn len(&self) -> usize {
+        self.count
+    }
+
+    /// True without knots.
+    pub const fn is_empty(&self) -> bool {
+        self.count == 0
     }
 
     /// Joints described.
@@ -184,27 +208,61 @@ impl Spline {
         self.joints
     }
 
-    fn last(&self) -> Option<&Knot> {
-        self.knots().last()
+    fn row(&self, index: usize) -> Option<(&u32, &[u32])> {
+        let len = knot_words(self.joints);
+        if index >= self.count {
+            return None;
+        }
+        self.words.get(index * len..(index + 1) * len)?.split_first()
+    }
+
+    fn t_us(&self, index: usize) -> Option<u32> {
+        self.row(index).map(|(time, _)| *time)
+    }
+
+    /// Position (rad) and velocity (rad/s) of a joint at a knot.
+    fn state(&self, index: usize, joint: JointIndex) -> Option<(f32, f32)> {
+        let (_, states) = self.row(index)?;
+        let [q, qd] = *states.as_chunks::<2>().0.get(joint.get())?;
+        Some((f32::from_bits(q), f32::from_bits(qd)))
+    }
+
+    /// Knot `index`, counted from 0; joints that are not described are at zero.
+    pub fn knot(&self, index: usize) -> Option<Knot> {
+        let (time, states) = self.row(index)?;
+        let mut knot = Knot { t_us: *time, ..Knot::default() };
+        for (place, [q, qd]) in knot.state.0.iter_mut().zip(states.as_chunks::<2>().0) {
+            *place = (f32::from_bits(*q), f32::from_bits(*qd));
+        }
+        Some(knot)
+    }
+
+    /// The last knot.
+    pub fn last(&self) -> Option<Knot> {
+        self.knot(self.count.checked_sub(1)?)
     }
 
     /// Time of the last knot, µs.
     pub fn duration_us(&self) -> u32 {
-        self.last().map_or(0, |knot| knot.t_us)
+        self.count.checked_sub(1).and_then(|last| self.t_us(last)).unwrap_or(0)
     }
 
     /// Position of a joint at the first knot, rad.
     pub fn start_rad(&self, joint: JointIndex) -> f32 {
-        self.knots().first().map_or(0.0, |knot| knot.state.at(joint).0)
+        self.state(0, joint).map_or(0.0, |(q_rad, _)| q_rad)
+    }
+
+    /// Position of a joint at the last knot, rad.
+    pub fn end_rad(&self, joint: JointIndex) -> f32 {
+        self.count.checked_sub(1).and_then(|last| self.state(last, joint)).map_or(0.0, |(q_rad, _)| q_rad)
     }
 
     /// Cubic of a joint on segment `index`, counted from 0.
     pub fn segment(&self, index: usize, joint: JointIndex) -> Option<Cubic> {
-        let from = self.knots().get(index)?;
-        let to = self.knots().get(index + 1)?;
-        let ((q0_rad, qd0_rad_s), (q1_rad, qd1_rad_s)) = (*from.state.at(joint), *to.state.at(joint));
-        let h_s = to.t_us.saturating_sub(from.t_us) as f32 * 1e-6;
-        Some(Cubic { h_s, q0_rad, qd0_rad_s, q1_rad, qd1_rad_s })
+        let h_us = self.t_us(index + 1)?.saturating_sub(self.t_us(index)?);
+        let (q0_rad, qd0_rad_s) = self.state(index, joint)?;
+        let (q1_rad, qd1_rad_s) = self.state(index + 1, joint)?;
+        Some(Cubic { h_s: h_us as f32 * 1e-6, q0_rad, qd0_rad_s, q1_rad, qd1_rad_s })
     }
 
     /// Reference of a joint at `t_us` since the start of the plan; negative times are before it.
@@ -212,27 +270,24 @@ impl Spline {
     /// Takes `&mut self` for the cursor only. At a knot the acceleration is that of the segment that
     /// begins there.
     pub fn at(&mut self, joint: JointIndex, t_us: i64) -> Setpoint {
-        let (Some(first), Some(last)) = (self.knots().first(), self.last()) else {
-            return Setpoint::default();
-        };
         let standing = |q_rad| Setpoint { q_rad, qd_rad_s: 0.0, qdd_rad_s2: 0.0 };
-        if t_us < i64::from(first.t_us) {
-            return standing(first.state.at(joint).0);
+        if t_us < i64::from(self.t_us(0).unwrap_or(0)) {
+            return standing(self.start_rad(joint));
         }
-        if t_us >= i64::from(last.t_us) {
-            return standing(last.state.at(joint).0);
+        if t_us >= i64::from(self.duration_us()) {
+            return standing(self.end_rad(joint));
         }
         let t_us = t_us as u32;
         self.seek(t_us);
-        match (self.knots().get(self.cursor), self.segment(self.cursor, joint)) {
-            (Some(from), Some(cubic)) => cubic.at(t_us.saturating_sub(from.t_us) as f32 * 1e-6 / cubic.h_s),
+        match (self.t_us(self.cursor), self.segment(self.cursor, joint)) {
+            (Some(from_us), Some(cubic)) => cubic.at(t_us.saturating_sub(from_us) as f32 * 1e-6 / cubic.h_s),
             _ => Setpoint::default(),
         }
     }
 
     /// Moves the cursor to the segment that holds `t_us`; at most [`KNOTS_MAX`] steps each way.
     fn seek(&mut self, t_us: u32) {
-        let starts_at = |index: usize| self.knots().get(index).map(|knot| knot.t_us);
+        let starts_at = |index: usize| self.t_us(index);
         let mut cursor = self.cursor;
         for _ in 0..KNOTS_MAX {
             match (starts_at(cursor), starts_at(cursor + 1)) {
@@ -316,7 +371,7 @@ mod tests {
             spline.clear(1);
             for i in 0..50u32 {
                 let state = PerJoint::splat((libm::sinf(i as f32), libm::cosf(i as f32)));
-                let pushed = spline.push(Knot { t_us: i * 10_000, state });
+                let pushed = spline.push(&Knot { t_us: i * 10_000, state });
                 prop_assert!(pushed);
             }
             for t in times {
@@ -332,9 +387,9 @@ mod tests {
         let mut spline = Spline::empty();
         assert_eq!(spline.at(joint(0), 5), Setpoint::default());
         spline.clear(1);
-        assert!(spline.push(Knot { t_us: 0, state: PerJoint::splat((1.0, 0.5)) }));
-        assert!(!spline.push(Knot { t_us: 0, state: PerJoint::default() }), "time must grow");
-        assert!(spline.push(Knot { t_us: 10_000, state: PerJoint::splat((2.0, 0.5)) }));
+        assert!(spline.push(&Knot { t_us: 0, state: PerJoint::splat((1.0, 0.5)) }));
+        assert!(!spline.push(&Knot { t_us: 0, state: PerJoint::default() }), "time must grow");
+        assert!(spline.push(&Knot { t_us: 10_000, state: PerJoint::splat((2.0, 0.5)) }));
         let standing = |q_rad| Setpoint { q_rad, ..Setpoint::default() };
         assert_eq!(spline.at(joint(0), -1), standing(1.0));
         assert_eq!(spline.at(joint(0), 10_000), standing(2.0));
@@ -345,12 +400,16 @@ mod tests {
     #[test]
     fn a_full_spline_takes_no_more_knots() {
         let mut spline = Spline::empty();
-        spline.clear(1);
-        for i in 0..KNOTS_MAX as u32 {
-            assert!(spline.push(Knot { t_us: i * 5_000, ..Knot::default() }));
+        for (joints, most) in [(1, 256), (6, 256), (7, 221), (8, 195)] {
+            spline.clear(joints);
+            for i in 0..most {
+                let state = PerJoint::splat((i as f32, -1.0));
+                assert!(spline.push(&Knot { t_us: i * 5_000, state }), "{joints} joints, knot {i}");
+            }
+            assert!(!spline.push(&Knot { t_us: u32::MAX, ..Knot::default() }));
+            assert_eq!((spline.len(), knots_max(joints)), (most as usize, most as usize));
+            assert_eq!(spline.knot(100).map(|knot| knot.state.0[joints - 1]), Some((100.0, -1.0)));
         }
-        assert!(!spline.push(Knot { t_us: u32::MAX, ..Knot::default() }));
-        assert_eq!(spline.knots().len(), KNOTS_MAX);
     }
 
     #[test]

@@ -30,51 +30,7 @@ use crate::path::PathClock;
 use crate::trace::{Event, Trace};
 
 /// A state without its data; the numbers go over the wire.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u8)]
-pub enum StateKind {
-    /// Looking for the drives.
-    Boot = 0,
-    /// Drives answer, not all have found their zero.
-    Idle = 1,
-    /// A joint looks for its zero.
-    Homing = 2,
-    /// All joints know where they are.
-    Ready = 3,
-    /// Waits for a run; expires.
-    Armed = 4,
-    /// Follows a trajectory.
-    Running = 5,
-    /// Comes to rest.
-    Stopping = 6,
-    /// At rest and halted after a stop.
-    Stopped = 7,
-    /// At rest and halted after a fault.
-    Fault = 8,
-    /// One joint moves while somebody asks for it.
-    Jogging = 9,
-}
-
-impl StateKind {
-    /// All of them.
-    pub const ALL: [Self; 10] = [
-        Self::Boot,
-        Self::Idle,
-        Self::Homing,
-        Self::Ready,
-        Self::Armed,
-        Self::Running,
-        Self::Stopping,
-        Self::Stopped,
-        Self::Fault,
-        Self::Jogging,
-    ];
-
-    /// True if motion commands may be on the bus.
-    pub const fn may_move(self) -> bool {
-        matches!(self, Self::Homing | Self::Running | Self::Stopping | Self::Jogging)
-    }
-}
+pub use protocol::cyphal::cubecell::group_state::State as StateKind;
 
 /// Stage of start-up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,46 +1,13 @@
 //! What a host sees: samples of the joints and of the group, ready to be put on the wire by whoever links the
-//! controller to a host.
+//! controller to a host. A joint's sample is the wire's own type, so that nothing is copied twice.
 
-use protocol::powercube::ShortState;
+/// One joint at the end of a control cycle, as it goes over the wire.
+pub use protocol::cyphal::cubecell::joint_state::{JointFlags, JointSample};
 use protocol::{Duration, Instant};
 
 use crate::fault::Fault;
-use crate::joints::PerJoint;
 use crate::state::StateKind;
 use crate::store::FileName;
-
-/// One joint at the end of a control cycle.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct JointSample {
-    /// Measured position, rad.
-    pub q_rad: f32,
-    /// Velocity from the reference and the change of the error, rad/s.
-    pub qd_rad_s: f32,
-    /// Reference minus measured position, rad.
-    pub error_q_rad: f32,
-    /// Reference velocity minus velocity, rad/s.
-    pub error_qd_rad_s: f32,
-    /// Commanded acceleration after clipping, rad/s².
-    pub qdd_command_rad_s2: f32,
-    /// Current as last read, A.
-    pub current_a: Option<f32>,
-    /// Short state as it came.
-    pub short_state: ShortState,
-    /// The acceleration was clipped in this cycle.
-    pub saturated: bool,
-    /// The speed limit acted.
-    pub speed_limited: bool,
-    /// A soft limit acted.
-    pub position_limited: bool,
-    /// No reply in this cycle.
-    pub reply_missed: bool,
-    /// Has found its zero.
-    pub homed: bool,
-    /// Reports an error.
-    pub drive_error: bool,
-    /// Is halted.
-    pub halted: bool,
-}
 
 /// Counts since start-up; they stay at their largest value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -92,6 +59,4 @@ pub struct GroupSample {
     pub path_us: u32,
     /// Time until the arming or the offer expires.
     pub arming_left: Duration,
-    /// Joints.
-    pub joints: PerJoint<JointSample>,
 }

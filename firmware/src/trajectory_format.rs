@@ -5,7 +5,7 @@
 //! | 0 | 4 | `CTRJ` |
 //! | 4 | 1 | version, 1 |
 //! | 5 | 1 | joints J, 1..=8 |
-//! | 6 | 2 | number of knots N, 2..=256 |
+//! | 6 | 2 | number of knots N, 2..=256; at most 221 with seven joints, 195 with eight |
 //! | 8 | 4 | control period the plan and gains were checked for, µs |
 //! | 12 | 4 | time of release since the start, µs; 0xFFFFFFFF: no release |
 //! | 16 | 4 | CRC-32 of the robot file |
@@ -22,7 +22,7 @@ use crate::crc::Crc32;
 use crate::fault::{Cause, Refusal};
 use crate::joints::PerJoint;
 use crate::settings::Settings;
-use crate::spline::{DURATION_MAX_US, KNOTS_MAX, Knot, SEGMENT_MIN_US, Spline};
+use crate::spline::{DURATION_MAX_US, Knot, SEGMENT_MIN_US, Spline, WORDS_MAX, knots_max};
 
 /// First four bytes.
 pub const MAGIC: [u8; 4] = *b"CTRJ";
@@ -33,7 +33,7 @@ pub const HEADER_LEN: usize = 24;
 /// Bytes after the last knot.
 pub const TRAILER_LEN: usize = 4;
 /// Bytes of the longest file.
-pub const FILE_LEN_MAX: usize = HEADER_LEN + KNOTS_MAX * knot_len(JOINTS_MAX) + TRAILER_LEN;
+pub const FILE_LEN_MAX: usize = HEADER_LEN + 4 * WORDS_MAX + TRAILER_LEN;
 /// Largest speed at the ends of a plan that counts as rest, rad/s.
 pub const REST_RAD_S: f32 = 1e-3;
 /// Share above a limit that is put down to the rounding to single precision.
@@ -69,7 +69,7 @@ pub const fn file_len(joints: usize, knots: usize) -> usize {
 pub fn encode(header: &Header, knots: &[Knot], out: &mut [u8]) -> Option<usize> {
     let joints = usize::from(header.joints);
     let count = u16::try_from(knots.len()).ok()?;
-    if !(1..=JOINTS_MAX).contains(&joints) || !(2..=KNOTS_MAX).contains(&knots.len()) {
+    if !(1..=JOINTS_MAX).contains(&joints) || !(2..=knots_max(joints)).contains(&knots.len()) {
         return None;
     }
     let len = file_len(joints, knots.len());
@@ -133,7 +133,7 @@ pub fn decode(
         return Err(Refusal::of(Cause::FileJoints));
     }
     let knots = usize::from(u16::from_le_bytes([n0, n1]));
-    if !(2..=KNOTS_MAX).contains(&knots) || len != file_len(joint_count, knots) {
+    if !(2..=knots_max(joint_count)).contains(&knots) || len != file_len(joint_count, knots) {
         return Err(Refusal::of(Cause::FileKnots));
     }
     let release_us = u32::from_le_bytes([r0, r1, r2, r3]);
@@ -184,17 +184,17 @@ fn push_checked(spline: &mut Spline, knot: &Knot, index: usize) -> Result<(), Re
             return Err(Refusal::in_file(Cause::FileNumbers, Some(joint), index));
         }
     }
-    let follows = match spline.knots().last() {
-        Some(last) => knot.t_us >= last.t_us.saturating_add(SEGMENT_MIN_US) && knot.t_us <= DURATION_MAX_US,
-        None => knot.t_us == 0,
+    let follows = if spline.is_empty() {
+        knot.t_us == 0
+    } else {
+        knot.t_us >= spline.duration_us().saturating_add(SEGMENT_MIN_US) && knot.t_us <= DURATION_MAX_US
     };
-    if follows && spline.push(*knot) { Ok(()) } else { Err(Refusal::in_file(Cause::FileTime, None, index)) }
+    if follows && spline.push(knot) { Ok(()) } else { Err(Refusal::in_file(Cause::FileTime, None, index)) }
 }
 
 fn check_ends(header: &Header, spline: &Spline) -> Result<(), Refusal> {
-    let ends = [(spline.knots().first(), 0), (spline.knots().last(), spline.knots().len().saturating_sub(1))];
-    for (knot, index) in ends {
-        let Some(knot) = knot else { return Err(Refusal::of(Cause::FileKnots)) };
+    for index in [0, spline.len().saturating_sub(1)] {
+        let Some(knot) = spline.knot(index) else { return Err(Refusal::of(Cause::FileKnots)) };
         for joint in JointIndex::first(spline.joints()) {
             if knot.state.at(joint).1.abs() > REST_RAD_S {
                 return Err(Refusal::in_file(Cause::FileEnds, Some(joint), index));
@@ -224,7 +224,7 @@ pub fn check(header: &Header, spline: &Spline, settings: &Settings) -> Result<()
     if header.period_us != settings.cycle_period_us {
         return Err(Refusal::of(Cause::FilePeriod));
     }
-    for segment in 0..spline.knots().len().saturating_sub(1) {
+    for segment in 0..spline.len().saturating_sub(1) {
         for joint in settings.joints() {
             let limits = settings.joint.at(joint);
             let refuse = |cause| Err(Refusal::in_file(cause, Some(joint), segment));
@@ -295,7 +295,7 @@ mod tests {
         let bytes = file(&header, &knots);
         assert_eq!(bytes.len(), 184);
         let (got, spline) = read(&bytes).unwrap();
-        assert_eq!((got, spline.knots()[1].t_us), (header, 560_000));
+        assert_eq!((got, spline.knot(1).map(|knot| knot.t_us)), (header, Some(560_000)));
         assert_eq!(check(&got, &spline, &Settings::powercube6()), Ok(()));
     }
 

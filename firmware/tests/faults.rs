@@ -219,7 +219,7 @@ fn nothing_moves_after_a_stop_until_armed_again_and_then_only_from_the_start_of_
     bench.run_until(1_500_000, |bench| bench.kind() == StateKind::Stopped);
     let stopped = bench.now;
     let file = throw_file(3_000, true);
-    let name = FileName { crc64: firmware::crc::Crc64::of(&file), len: file.len() as u32 };
+    let name = FileName { crc64: protocol::cyphal::crc::Crc64::of(&file), len: file.len() as u32 };
     assert_eq!(bench.order(Order::Run(name)).unwrap_err().cause, Cause::OrderNotNow);
     bench.run_for(100_000);
     let valid = Duration::from_secs(5);

@@ -11,8 +11,7 @@ use std::collections::VecDeque;
 use std::hint::black_box;
 use std::time::Instant as WallClock;
 
-use hil_sim::bus::medium::QuietWire;
-use hil_sim::bus::{Bus, BusConfig, encode};
+use hil_sim::bus::{Bus, BusConfig, QuietWire, encode};
 use hil_sim::crew::Solo;
 use hil_sim::record::CandumpLog;
 use hil_sim::scenario::Scenario;

@@ -133,7 +133,8 @@ fn modes() -> Vec<Mode> {
         },
         Mode {
             title: "Current",
-            text: "FCUR of 9 A, then -12 A: friction and gravity first, then the running current K_B v limits the speed.",
+            text: "FCUR of 9 A, then -12 A: friction and gravity first, then the running current K_B v limits the speed. Modules \
+                   report the magnitude.",
             homed: true,
             length_ms: 1_100,
             script: vec![

@@ -4,6 +4,7 @@
 //! senseless things; the result is an ordinary [`Scenario`], printed before its run, so that any failure is
 //! repeated with `hil-sim swarm --first SEED --seeds 1`.
 
+use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use protocol::powercube::{Parameter, Reply, Value};
@@ -11,8 +12,8 @@ use protocol::{Duration, Frame, Instant, ModuleId, StandardId};
 
 use crate::cell::CellOptions;
 use crate::drive::options::{
-    BeyondMaximum, BeyondSoftLimit, HomeWhenHalted, InternalCommand, Refusal, SignOfLife, StateFrames,
-    StepPath,
+    BeyondMaximum, BeyondSoftLimit, HomeWhenHalted, InternalCommand, Persistence, Refusal, SignOfLife,
+    StateFrames, StepPath, UnknownRequest,
 };
 use crate::fault::{Fault, FaultKind, IdFilter, PhysicalFault, Place, Target, WireFault, WrongPart};
 use crate::report::{DriveRow, ThrowRow};
@@ -29,7 +30,7 @@ pub fn scenario(base: &Scenario, seed: u64, modules: &[ModuleId]) -> Scenario {
         seed,
         cell: cell_options(&base.cell, rng),
         actions: (0..rng.within(5, 40)).map(|_| action(rng, end_us, modules)).collect(),
-        faults: (0..rng.within(0, 6)).map(|index| fault(rng, index, end_us, modules)).collect(),
+        faults: faults(rng, end_us, modules),
         ..base.clone()
     }
 }
@@ -48,6 +49,8 @@ fn cell_options(base: &CellOptions, rng: &mut Rng) -> CellOptions {
     d.beyond_maximum = pick(rng, &[BeyondMaximum::Clip, BeyondMaximum::Refuse]);
     d.beyond_soft_limit = pick(rng, &[BeyondSoftLimit::Clip, BeyondSoftLimit::Refuse, BeyondSoftLimit::Run]);
     d.refusal = pick(rng, &[Refusal::Silence, Refusal::Code(0), Refusal::Code(0x65)]);
+    d.unknown = pick(rng, &[UnknownRequest::Silence, UnknownRequest::Echo]);
+    d.persistence = pick(rng, &[Persistence::OnSave, Persistence::AtOnce]);
     d.internal = pick(rng, &[InternalCommand::Echo, InternalCommand::Silence]);
     d.home_when_halted = pick(rng, &[HomeWhenHalted::Accept, HomeWhenHalted::Refuse]);
     d.sign_of_life = pick(rng, &[SignOfLife::Refresh, SignOfLife::AnyFrame]);
@@ -62,6 +65,8 @@ fn cell_options(base: &CellOptions, rng: &mut Rng) -> CellOptions {
     d.processing_jitter = micros(rng, 0, 1_000);
     d.queue_depth = rng.within(1, 16) as usize;
     d.boot_time = micros(rng, 0, 100_000);
+    d.position_resolution_rad = pick(rng, &[None, Some(0.0), Some(0.02_f64.to_radians())]);
+    d.home_switch_noise_rad = 0.01 * rng.unit();
     d.starts_homed = rng.chance(0.5);
     d.absolute_encoder = rng.chance(0.2);
     d.brake = rng.chance(0.7);
@@ -72,7 +77,9 @@ fn cell_options(base: &CellOptions, rng: &mut Rng) -> CellOptions {
     o.scatter.friction_share = 0.5 * rng.unit();
     o.scatter.delay_share = 0.5 * rng.unit();
     o.scatter.home_rad = 0.02 * rng.unit();
+    o.scatter.gripper_delay = micros(rng, 0, 10_000);
     o.gripper.delay = micros(rng, 0, 50_000);
+    o.gripper.jitter = micros(rng, 0, 5_000);
     o.gripper.drag_1_m = 0.1 * rng.unit();
     o
 }
@@ -136,14 +143,30 @@ fn action(rng: &mut Rng, end_us: u64, modules: &[ModuleId]) -> Action {
     Action { at: Instant::from_micros(rng.below(end_us)), frames, every, count }
 }
 
-fn fault(rng: &mut Rng, index: u64, end_us: u64, modules: &[ModuleId]) -> Fault {
+/// One seed in four gets every kind of fault there is, the others a few of any.
+fn faults(rng: &mut Rng, end_us: u64, modules: &[ModuleId]) -> Vec<Fault> {
+    if rng.chance(0.25) {
+        return (0..FAULT_KINDS).map(|kind| fault(rng, kind, kind, end_us, modules)).collect();
+    }
+    (0..rng.within(0, 6))
+        .map(|index| {
+            let kind = rng.below(FAULT_KINDS);
+            fault(rng, index, kind, end_us, modules)
+        })
+        .collect()
+}
+
+/// Kinds that [`fault`] knows, by number.
+const FAULT_KINDS: u64 = 20;
+
+fn fault(rng: &mut Rng, index: u64, kind: u64, end_us: u64, modules: &[ModuleId]) -> Fault {
     let module = if modules.is_empty() { ModuleId::MIN } else { pick(rng, modules) };
     let place = Place::Module(module);
     let by = micros(rng, 1, 20_000);
     let physical = |fault| (FaultKind::Physical(place, fault), Target::Module(module));
     let wire = |fault, target| (FaultKind::Wire(fault), target);
     let line = if rng.chance(0.5) { Target::Bus } else { Target::Module(module) };
-    let (kind, target) = match rng.below(20) {
+    let (kind, target) = match kind {
         0 => wire(WireFault::Drop, line),
         1 => wire(WireFault::Delay(by), line),
         2 => wire(WireFault::Duplicate, line),
@@ -176,7 +199,7 @@ fn fault(rng: &mut Rng, index: u64, end_us: u64, modules: &[ModuleId]) -> Fault 
             let fault = PhysicalFault::SupplyLoss { remaining: rng.unit() };
             (FaultKind::Physical(Place::Supply(supply), fault), Target::Supply(supply))
         }
-        18 => (FaultKind::Physical(Place::Gripper, PhysicalFault::GripperStuck), Target::Gripper),
+        18 => (FaultKind::Physical(Place::Gripper, PhysicalFault::StuckGripper), Target::Gripper),
         _ => (FaultKind::Physical(Place::Gripper, PhysicalFault::LateRelease(by)), Target::Gripper),
     };
     let filter = rng.chance(0.2).then(|| IdFilter {
@@ -229,8 +252,8 @@ pub struct SeedResult {
     pub seed: u64,
     /// Frames on the bus.
     pub frames: u64,
-    /// Faults that started.
-    pub faults: u64,
+    /// Faults that started, by kind.
+    pub faults: BTreeMap<&'static str, u64>,
     /// Share of the time that was lost to errors.
     pub error_share: f64,
     /// What went wrong: a panic, a broken contract, a number that is none.
@@ -239,8 +262,13 @@ pub struct SeedResult {
 
 /// Runs one scenario of a swarm and judges it.
 pub fn run(scenario: &Scenario) -> SeedResult {
-    let mut result =
-        SeedResult { seed: scenario.seed, frames: 0, faults: 0, error_share: 0.0, failure: None };
+    let mut result = SeedResult {
+        seed: scenario.seed,
+        frames: 0,
+        faults: BTreeMap::new(),
+        error_share: 0.0,
+        failure: None,
+    };
     let ended = catch_unwind(AssertUnwindSafe(|| run_inner(scenario, &mut result)));
     match ended {
         Ok(Ok(())) => {}
@@ -263,7 +291,9 @@ fn run_inner(scenario: &Scenario, result: &mut SeedResult) -> Result<(), String>
     });
     let ended = world.run_until(Instant::ZERO + scenario.duration, &mut nan);
     result.frames = world.stats().frames;
-    result.faults = world.faults().counts().iter().map(|count| count.occurrences).sum();
+    for (fault, count) in scenario.faults.iter().zip(world.faults().counts()) {
+        *result.faults.entry(fault.kind_name()).or_default() += count.occurrences;
+    }
     result.error_share = world.bus().error_ns() as f64 / world.bus().now_ns().max(1) as f64;
     ended.map_err(|error| error.to_string())?;
     if let Some(what) = nan.0.filter(|_| !lies) {

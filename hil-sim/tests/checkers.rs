@@ -2,8 +2,7 @@
 
 use hil_sim::Observer;
 use hil_sim::checker::{Checkers, ModuleLimits};
-use hil_sim::scenario::Expect;
-use hil_sim::scenario::reader::parse_frame;
+use hil_sim::scenario::{Expect, parse_frame};
 use protocol::{Duration, Instant, ModuleId};
 
 fn limits() -> Vec<ModuleLimits> {

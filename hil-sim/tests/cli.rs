@@ -118,7 +118,7 @@ fn every_mistake_has_its_code_and_says_where() {
     for (args, code, message) in [
         (vec!["run".to_owned(), "/no/such.toml".into()], 4, "/no/such.toml: cannot read the file"),
         (vec!["run".into(), p(&bad_key)], 4, "bad_key.toml:4: bus.speed: unknown key"),
-        (vec!["run".into(), p(&bad_drive)], 4, "bad_drive.toml:4: drive.boot_time_s: -1 is not within 0"),
+        (vec!["run".into(), p(&bad_drive)], 4, "bad_drive.toml:4: drive.boot_time_s: -1 is outside 0"),
         (vec!["run".into(), p(&no_module)], 4, "no module 20 on this bus"),
         (vec!["run".into(), p(&no_supply)], 4, "the robot has no such supply"),
         (vec!["run".into(), p(&no_robot)], 4, "r2d2"),
@@ -175,7 +175,7 @@ fn serve_answers_a_socketcand_client_takes_typed_faults_and_ends_cleanly() {
     assert!(taken.contains("silent module-6"), "{taken}");
     writeln!(input, "fault kind = \"gremlin\"").unwrap();
     let refused = lines.by_ref().map(Result::unwrap).find(|line| line.contains("\"refused\"")).unwrap();
-    assert!(refused.contains("'gremlin' is none of"), "{refused}");
+    assert!(refused.contains("unknown value `gremlin`"), "{refused}");
     client.write_all(b"< send 0C6 2 0A 1D >< send 0C5 2 0A 1D >").unwrap();
     // Module 5 answers, module 6 does not.
     until(&mut client, "< frame 0A5");

@@ -294,7 +294,7 @@ fn stuck_gripper_keeps_the_ball_and_late_release_moves_the_landing() {
         rig.cell.throw().landing
     };
     let normal = landing(None).unwrap();
-    assert_eq!(landing(Some(PhysicalFault::GripperStuck)), None);
+    assert_eq!(landing(Some(PhysicalFault::StuckGripper)), None);
     let late = landing(Some(PhysicalFault::LateRelease(Duration::from_millis(5)))).unwrap();
     let moved = (late.p_m - normal.p_m).norm();
     // About 1.5 m/s for 5 ms, and the direction turns.

@@ -402,7 +402,7 @@ fn faults_that_do_not_apply_are_refused_with_a_reason() {
     let now = rig.now;
     for (place, fault) in [
         (Place::Module(id(7)), PhysicalFault::Frozen),
-        (Place::Module(id(1)), PhysicalFault::GripperStuck),
+        (Place::Module(id(1)), PhysicalFault::StuckGripper),
         (Place::Supply(0), PhysicalFault::SupplyLoss { remaining: 0.0 }),
         (Place::Gripper, PhysicalFault::Frozen),
     ] {

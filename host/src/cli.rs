@@ -17,6 +17,8 @@ pub struct Cli {
 /// The verbs.
 #[derive(Debug, Subcommand)]
 pub enum Verb {
+    /// Plan a throw, run it on the arm or the simulated cell, and tell where the ball landed.
+    Throw(Box<cmd::throw::Args>),
     /// Plan motions.
     #[command(subcommand)]
     Plan(Box<cmd::plan::PlanVerb>),
@@ -40,6 +42,8 @@ pub enum Verb {
     Upload(cmd::upload::Args),
     /// Upload a trajectory, arm, run it and follow it to its end.
     Run(cmd::run::Args),
+    /// Run the controller as a program on this machine, on any bus.
+    Controller(cmd::controller::Args),
     /// Serve the simulated cell to other programs, in real time.
     Sim(cmd::sim::Args),
     /// Write what passes on the bus to a candump and an MCAP file.
@@ -63,6 +67,7 @@ pub enum Verb {
 /// [`ExpectedError`] with the exit code.
 pub fn run(cli: Cli) -> Result<(), ExpectedError> {
     match cli.verb {
+        Verb::Throw(args) => cmd::throw::run(&args),
         Verb::Plan(verb) => cmd::plan::run(*verb),
         Verb::Check(args) => cmd::check::run(&args),
         Verb::Export(args) => cmd::export::run(&args),
@@ -74,6 +79,7 @@ pub fn run(cli: Cli) -> Result<(), ExpectedError> {
         Verb::Stop(args) => cmd::stop::run(&args),
         Verb::Upload(args) => cmd::upload::run(&args),
         Verb::Run(args) => cmd::run::run(&args),
+        Verb::Controller(args) => cmd::controller::run(&args),
         Verb::Sim(args) => cmd::sim::run(&args),
         Verb::Record(args) => cmd::record::run(&args),
         Verb::Replay(args) => cmd::replay::run(&args),

@@ -11,9 +11,12 @@
 //! | [`report`] | summaries, HTML reports, pictures |
 //! | [`flight`] | ball after the release: vacuum, drag, spin; landing and its Jacobian |
 //! | [`bus`] | access to a bus: sessions in virtual and real time, requests to drives, bounded motions |
-//! | [`log`] | recordings: candump text and MCAP |
+//! | [`mod@throw`] | the main job: from a plan to where the ball landed |
+//! | [`log`] | recordings: candump text and MCAP; what their frames say |
+//! | [`analysis`] | a recorded run against its plan: tracking, currents, timing, bus, events |
 //! | [`tune`], [`identify`] | gain design with certificates, plant constants from samples |
 
+pub mod analysis;
 pub mod bus;
 pub mod cli;
 pub mod cmd;
@@ -25,5 +28,6 @@ pub mod log;
 pub mod plan;
 pub mod report;
 pub mod store;
+pub mod throw;
 pub mod tune;
 pub mod verify;

@@ -47,7 +47,7 @@ fn a_trajectory_is_uploaded_committed_armed_run_and_followed_to_its_end() {
     session.arm(node, &name).unwrap();
     let mut states = Vec::new();
     let end = session
-        .run_trajectory(node, &name, Duration::from_secs(5), &mut |group| states.push(group.state))
+        .run_trajectory(node, &name, Duration::from_secs(5), &mut |_, group| states.push(group.state))
         .unwrap();
     assert_eq!(end.state, State::Ready);
     assert!(states.contains(&State::Running), "{states:?}");
@@ -60,7 +60,7 @@ fn a_plan_that_begins_elsewhere_and_a_damaged_file_are_refused_with_cause_and_ne
     let name = session.upload(node, &file, &mut |_, _| {}).unwrap();
     let refused = session
         .arm(node, &name)
-        .and_then(|()| session.run_trajectory(node, &name, Duration::from_secs(5), &mut |_| {}).map(drop));
+        .and_then(|()| session.run_trajectory(node, &name, Duration::from_secs(5), &mut |_, _| {}).map(drop));
     let text = refused.unwrap_err().to_string();
     assert!(
         text.contains("is not where the plan begins") && text.contains("next: move there first"),

@@ -1,1 +1,3 @@
-//! Rig of the integration suites (in work).
+//! What the integration suites share.
+
+pub mod published_throw;

@@ -13,7 +13,7 @@ use protocol::{Duration, Instant, JointIndex};
 use super::{BootProgress, Controller};
 use crate::fault::{Cause, Fault};
 use crate::spline::Spline;
-use crate::state::{BootStage, StateKind};
+use crate::state::BootStage;
 use crate::store::Storage;
 
 /// Attempts of one step.
@@ -242,7 +242,6 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         } else {
             self.machine.transition_to_idle(now, &mut self.trace);
         }
-        debug_assert!(matches!(self.kind(), StateKind::Idle | StateKind::Ready));
         self.judge_standing(now);
     }
 }

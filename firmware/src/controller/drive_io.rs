@@ -24,9 +24,10 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     pub(super) fn pump(&mut self, now: Instant) {
         self.pump_gripper(now);
         let window = self.settings.in_flight_max as usize;
+        let joints = self.joints();
+        let mut round = self.schedule.round(joints.clone(), &self.drives);
         // Each turn puts one more drive in flight, so it ends after at most `joints` turns.
-        for _ in 0..self.settings.joints {
-            let Some(next) = self.schedule.next(now, self.joints(), &self.drives, window) else { break };
+        while let Some(next) = self.schedule.next(&mut round, now, &joints, &self.drives, window) {
             self.ask(now, next.joint, Lane::Main, next.request);
         }
     }
@@ -236,8 +237,13 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     fn take_state(&mut self, now: Instant, joint: JointIndex, state: CubeState) {
         let homed_before = self.drive_is_homed(joint);
         self.drives.at_mut(joint).state = Some((state, now));
-        if matches!(self.machine.state(), State::Running { .. } | State::Stopping { .. } | State::Jogging(_))
-        {
+        let watched = match self.machine.state() {
+            State::Running { .. } | State::Stopping { .. } | State::Jogging(_) => true,
+            // The joint at work is judged by its homing: it has no zero and may report what it does.
+            State::Homing(homing) => homing.joint != joint,
+            _ => false,
+        };
+        if watched {
             let cause = supervisor::check_state_word(state, false);
             let lost = homed_before && !state.contains(CubeState::HOME_OK);
             if let Some(cause) = cause.or(lost.then_some(Cause::DriveLostHome)) {

@@ -111,53 +111,68 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         self.count_bits(frame);
     }
 
-    /// Numbers of a register; `None` for an unknown name.
-    pub fn register(&self, name: &str) -> Option<Numbers> {
-        registers::read(&self.settings, name)
+    /// Numbers of register number `index` ([`registers::TABLE`]); `None` if there is none.
+    pub fn register(&self, index: usize) -> Option<Numbers> {
+        registers::read(&self.settings, index)
+    }
+
+    /// [`Self::write_register_at`], by name.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::write_register_at`]; [`Cause::BadValue`] for an unknown name.
+    pub fn write_register(&mut self, now: Instant, name: &str, numbers: &[Number]) -> Result<(), Refusal> {
+        let index = registers::find(name).ok_or(Refusal::of(Cause::BadValue))?;
+        self.write_register_at(now, index, numbers)
     }
 
     /// Writes a register: all numbers or none. Gains take over without a bump, also during a motion.
     ///
     /// # Errors
     ///
-    /// As [`registers::write`]; [`Cause::OrderNotNow`] while the register must not change.
-    pub fn write_register(&mut self, now: Instant, name: &str, numbers: &[Number]) -> Result<(), Refusal> {
+    /// As [`registers::write`]; [`Cause::OrderNotNow`] while the register must not change; [`Cause::GainPeriod`] for gains
+    /// of another period during a motion.
+    pub fn write_register_at(
+        &mut self,
+        now: Instant,
+        index: usize,
+        numbers: &[Number],
+    ) -> Result<(), Refusal> {
         self.now = now;
-        let writable =
-            registers::find(name).and_then(|index| registers::TABLE.get(index)).map(|info| info.writable);
+        let unknown = Refusal::of(Cause::BadValue);
+        let writable = registers::TABLE.get(index).map(|info| info.writable).ok_or(unknown)?;
         let at_rest = matches!(
             self.kind(),
             StateKind::Boot | StateKind::Idle | StateKind::Ready | StateKind::Stopped | StateKind::Fault
         );
-        match writable {
-            None => return Err(Refusal::of(Cause::BadValue)),
-            Some(Writable::AtRest | Writable::NextStart | Writable::NextPowerOn) if !at_rest => {
-                return Err(Refusal::of(Cause::OrderNotNow));
-            }
-            Some(Writable::Always | Writable::AtRest | Writable::NextStart | Writable::NextPowerOn) => {}
+        if writable != Writable::Always && !at_rest {
+            return Err(Refusal::of(Cause::OrderNotNow));
         }
-        let mut changed = self.settings;
-        registers::write(&mut changed, name, numbers)?;
+        let before = registers::read(&self.settings, index).ok_or(unknown)?;
+        registers::write(&mut self.settings, index, numbers)?;
         let running = matches!(self.kind(), StateKind::Running | StateKind::Stopping);
-        if running && changed.gains_period_us != changed.cycle_period_us {
+        if running && self.settings.gains_period_us != self.settings.cycle_period_us {
+            // What was there fits.
+            let _ = registers::write(&mut self.settings, index, before.as_slice());
             return Err(Refusal::of(Cause::GainPeriod));
         }
-        let blend = if running { changed.gains_blend_us / changed.cycle_period_us.max(1) } else { 0 };
+        let blend = if running {
+            self.settings.gains_blend_us.checked_div(self.settings.cycle_period_us).unwrap_or(0)
+        } else {
+            0
+        };
         for joint in self.joints() {
-            let (old, new) = (self.settings.joint.at(joint).gains(), changed.joint.at(joint).gains());
-            if old != new {
-                let cycles = u16::try_from(blend).unwrap_or(u16::MAX);
-                self.track.at_mut(joint).gains.change(new, cycles);
+            let gains = self.settings.joint.at(joint).gains();
+            let track = self.track.at_mut(joint);
+            if track.gains.target() != gains {
+                track.gains.change(gains, u16::try_from(blend).unwrap_or(u16::MAX));
             }
         }
-        if writable == Some(Writable::NextStart) && changed != self.settings {
+        if writable == Writable::NextStart && before.as_slice() != numbers {
             // Drives and joints are assigned at start-up: look for them again with the new assignment.
-            self.settings = changed;
             self.watchdog_proven = false;
             self.start_boot(now, false);
-            return Ok(());
         }
-        self.settings = changed;
         Ok(())
     }
 

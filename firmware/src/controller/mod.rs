@@ -168,8 +168,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// `spline` is where the trajectory is kept; a board gives a static place, because 17 KB on their way through the
     /// stack are too much. `defaults` must pass [`Settings::check`]; others are replaced by [`Settings::powercube6`].
     pub fn with_spline(storage: S, spline: M, defaults: &Settings) -> Self {
-        let built_in = Settings::powercube6();
-        let defaults = if defaults.check().is_ok() { defaults } else { &built_in };
+        let defaults = if defaults.check().is_ok() { defaults } else { &Settings::POWERCUBE6 };
         let settings = store::load_settings(&storage, defaults);
         let mut controller = Self {
             settings,

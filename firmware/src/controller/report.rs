@@ -6,11 +6,10 @@ use protocol::powercube::CubeState;
 use protocol::{Duration, Instant, JointIndex};
 
 use super::Controller;
-use crate::joints::PerJoint;
 use crate::spline::Spline;
 use crate::state::{State, StateKind};
 use crate::store::Storage;
-use crate::telemetry::{GroupSample, JointSample};
+use crate::telemetry::{GroupSample, JointFlags, JointSample};
 
 impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// True once per telemetry period; ask after each `handle_*` call.
@@ -35,13 +34,10 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// The group now; the jitter counts anew from here.
     pub fn take_sample(&mut self, now: Instant) -> GroupSample {
         let jitter = core::mem::take(&mut self.jitter);
-        let mut joints = PerJoint::default();
-        let mut homed_mask = 0;
-        for joint in self.joints() {
-            let sample = self.joint_sample(joint);
-            homed_mask |= u8::from(sample.homed) << joint.get();
-            joints.set(joint, sample);
-        }
+        let homed_mask = self
+            .joints()
+            .filter(|&joint| self.drive_is_homed(joint))
+            .fold(0, |mask: u8, joint| mask | 1 << joint.get());
         let path_us = match *self.machine.state() {
             State::Running { clock, .. } | State::Stopping { clock, .. } => clock.at(now).0,
             _ => 0,
@@ -61,7 +57,6 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             bus_bits: self.bus_bits,
             path_us: u32::try_from(path_us.max(0)).unwrap_or(u32::MAX),
             arming_left: self.arming_left(now),
-            joints,
         }
     }
 
@@ -69,16 +64,24 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     pub fn joint_sample(&self, joint: JointIndex) -> JointSample {
         let (drive, track) = (self.drives.at(joint), self.track.at(joint));
         let state = drive.state.map_or(CubeState::EMPTY, |(state, _)| state);
-        let q_rad = drive.position.map_or(0.0, |position| position.q_rad);
         let tracking = matches!(self.kind(), StateKind::Running | StateKind::Stopping);
+        let flags = [
+            (track.missed, JointFlags::REPLY_MISSED),
+            (state.contains(CubeState::HOME_OK), JointFlags::HOMED),
+            (state.intersects(CubeState::ERROR), JointFlags::DRIVE_ERROR),
+            (state.intersects(CubeState::HALTED), JointFlags::HALTED),
+            (tracking && track.saturated, JointFlags::ACCELERATION_CLIPPED),
+            (tracking && track.command.speed_limited, JointFlags::SPEED_LIMITED),
+            (tracking && track.command.position_limited, JointFlags::POSITION_LIMITED),
+        ];
         let mut sample = JointSample {
-            q_rad,
-            current_a: drive.current_a,
-            short_state: drive.short_state,
-            reply_missed: track.missed,
-            homed: state.contains(CubeState::HOME_OK),
-            drive_error: state.intersects(CubeState::ERROR),
-            halted: state.intersects(CubeState::HALTED),
+            q_rad: drive.position.map_or(0.0, |position| position.q_rad),
+            current_a: drive.current_a.unwrap_or(f32::NAN),
+            drive_short_state: drive.short_state.bits(),
+            flags: flags
+                .into_iter()
+                .filter(|(on, _)| *on)
+                .fold(JointFlags::NONE, |all, (_, flag)| all.with(flag)),
             ..JointSample::default()
         };
         if tracking {
@@ -86,9 +89,6 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             sample.error_q_rad = -track.estimator.e_rad();
             sample.error_qd_rad_s = -track.estimator.de_rad_s();
             sample.qdd_command_rad_s2 = track.command.qdd_rad_s2;
-            sample.saturated = track.saturated;
-            sample.speed_limited = track.command.speed_limited;
-            sample.position_limited = track.command.position_limited;
         }
         sample
     }

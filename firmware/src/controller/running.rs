@@ -114,7 +114,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         let guest = JointIndex::new((self.ticks % self.settings.joints.max(1)) as usize).ok();
         let (mut any_saturated, mut near_limit, mut extra_write) = (false, None, false);
         for joint in self.joints() {
-            let command = self.decide(now, joint, clock);
+            let mut command = self.decide(now, joint, clock);
             let track = self.track.at_mut(joint);
             (track.fresh, track.missed) = (false, false);
             any_saturated |= track.saturated;
@@ -123,7 +123,6 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             if track.near_limit_in_row >= NEAR_LIMIT_ROW {
                 near_limit = near_limit.or(Some(joint));
             }
-            let mut command = command;
             let both = command.velocity_rad_s.is_some() && command.acceleration_rad_s2.is_some();
             // A low speed is raised ahead of need, one joint per cycle, when the bus has room.
             if command.velocity_stale && !both && !extra_write && guest == Some(joint) {
@@ -249,7 +248,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     fn park(&mut self, now: Instant) {
         for joint in self.joints() {
             let limits = *self.settings.joint.at(joint);
-            let end_rad = self.spline.borrow().knots().last().map_or(0.0, |knot| knot.state.at(joint).0);
+            let end_rad = self.spline.borrow().end_rad(joint);
             let command = ramp::Command {
                 target_rad: crate::joints::clamp(end_rad, limits.q_min_rad, limits.q_max_rad),
                 velocity_rad_s: Some(limits.jog_v_rad_s),

@@ -224,28 +224,26 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             State::Running { clock, .. } | State::Stopping { clock, .. } => clock.at(now).0,
             _ => 0,
         };
-        let mut joints = PerJoint::<FrozenJoint>::default();
-        for joint in self.joints() {
+        let (state, joints): (StateKind, _) = (self.kind(), self.joints());
+        let blank = FreezeFrame { at: now, fault, state, path_us, joints: PerJoint::default() };
+        // Filled in place: it is 400 bytes.
+        let frame = self.freeze.insert(blank);
+        for joint in joints {
             let (drive, track) = (self.drives.at(joint), self.track.at(joint));
             let age = drive.position.map(|position| now.saturating_since(position.at).as_micros());
-            joints.set(
-                joint,
-                FrozenJoint {
-                    q_rad: drive.position.map_or(0.0, |position| position.q_rad),
-                    e_rad: track.estimator.e_rad(),
-                    de_rad_s: track.estimator.de_rad_s(),
-                    qd_ref_rad_s: track.reference.qd_rad_s,
-                    qdd_command_rad_s2: track.command.qdd_rad_s2,
-                    current_a: drive.current_a,
-                    short_state: drive.short_state,
-                    state: drive.state.map(|(state, _)| state),
-                    missed_in_row: drive.missed_in_row,
-                    age_us: age.and_then(|age| u32::try_from(age).ok()).unwrap_or(u32::MAX),
-                },
-            );
+            *frame.joints.at_mut(joint) = FrozenJoint {
+                q_rad: drive.position.map_or(0.0, |position| position.q_rad),
+                e_rad: track.estimator.e_rad(),
+                de_rad_s: track.estimator.de_rad_s(),
+                qd_ref_rad_s: track.reference.qd_rad_s,
+                qdd_command_rad_s2: track.command.qdd_rad_s2,
+                current_a: drive.current_a,
+                short_state: drive.short_state,
+                state: drive.state.map(|(state, _)| state),
+                missed_in_row: drive.missed_in_row,
+                age_us: age.and_then(|age| u32::try_from(age).ok()).unwrap_or(u32::MAX),
+            };
         }
-        let state: StateKind = self.kind();
-        self.freeze = Some(FreezeFrame { at: now, fault, state, path_us, joints });
     }
 }
 

@@ -206,7 +206,7 @@ impl Host {
         let bytes = throw_file(3_000, false);
         self.upload(&bytes);
         let name = Trajectory {
-            trajectory_crc64: firmware::crc::Crc64::of(&bytes),
+            trajectory_crc64: protocol::cyphal::crc::Crc64::of(&bytes),
             length_bytes: bytes.len() as u32,
         };
         assert_eq!(self.command(command::COMMIT_TRAJECTORY, &name).0, Status::SUCCESS);

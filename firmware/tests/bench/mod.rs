@@ -6,7 +6,6 @@
 use std::collections::VecDeque;
 
 use firmware::Controller;
-use firmware::crc::Crc64;
 use firmware::joints::PerJoint;
 use firmware::orders::{Done, Order};
 use firmware::settings::Settings;
@@ -14,6 +13,7 @@ use firmware::spline::Knot;
 use firmware::state::StateKind;
 use firmware::store::{FileName, RamStorage};
 use firmware::trajectory_format::{self, FILE_LEN_MAX, Header};
+use protocol::cyphal::crc::Crc64;
 use protocol::powercube::{
     AddressedRequest, Broadcast, Config, CubeState, Dio, MotionCommand, MotionKind, MotionPosition,
     Parameter, PosStateDio, Reply, Request, SimpleCommand, Value,

@@ -21,9 +21,10 @@
 //! | [`encode`] | frame to bits: fields, checksum, stuffing |
 //! | [`parse`] | bits to frame, one bit at a time, as a receiver does it |
 //! | [`counters`] | TEC, REC, error-active, error-passive, bus-off |
-//! | [`controller`] | one node's protocol machine, bit by bit |
+//! | [`controller`] | one node's protocol machine, bit by bit; error signalling in a file of its own |
 //! | [`queue`] | frames waiting in a node |
-//! | [`medium`] | the bus: arbitration, both gears, events |
+//! | [`config`], [`event`] | options of a bus; what it tells, what disturbs it |
+//! | [`medium`] | the bus; each gear in a file of its own |
 //! | [`stats`], [`report`] | figures per id and per node, as table and JSON |
 //!
 //! # What is not modelled
@@ -31,16 +32,20 @@
 //! Sub-bit timing: propagation, sample point and clock tolerance are taken as good. Bit rates other
 //! than the bus's own: see [`crate::Link::OtherRate`]. CAN FD.
 
+pub mod config;
 pub mod controller;
 pub mod counters;
 pub mod encode;
+pub mod event;
 pub mod medium;
 pub mod parse;
 pub mod queue;
 pub mod report;
 pub mod stats;
 
+pub use config::{BitRateError, BusConfig, Recovery};
 pub use counters::{Confinement, Counters};
-pub use medium::{BitRateError, Bus, BusConfig, BusEvent, Disturbance, Recovery, Wire};
+pub use event::{BusEvent, Disturbance, QuietWire, Wire};
+pub use medium::Bus;
 pub use queue::{TxOrder, TxQueue};
 pub use stats::{ErrorKind, IdStats, PortStats};

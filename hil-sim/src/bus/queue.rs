@@ -3,11 +3,9 @@
 use std::collections::VecDeque;
 
 use protocol::Frame;
-use serde::Deserialize;
 
 /// In which order a node offers its waiting frames.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum TxOrder {
     /// First in, first out: one mailbox, or a driver that keeps the order.
     #[default]

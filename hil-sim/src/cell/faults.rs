@@ -32,11 +32,11 @@ impl FaultTarget for Cell {
                     None => return refused("the robot has no such supply"),
                 }
             }
-            (Place::Gripper, PhysicalFault::GripperStuck) => self.throw.set_stuck(now, true),
+            (Place::Gripper, PhysicalFault::StuckGripper) => self.throw.set_stuck(now, true),
             (Place::Gripper, PhysicalFault::LateRelease(by)) => self.throw.set_late(*by),
             (Place::Supply(_), _) => return refused("only supply-loss happens to a supply"),
             (Place::Gripper, _) => {
-                return refused("only gripper-stuck and late-release happen to the gripper");
+                return refused("only stuck-gripper and late-release happen to the gripper");
             }
         }
         Ok(())
@@ -59,7 +59,7 @@ impl FaultTarget for Cell {
                     supply.set_remaining(1.0);
                 }
             }
-            (Place::Gripper, PhysicalFault::GripperStuck) => self.throw.set_stuck(now, false),
+            (Place::Gripper, PhysicalFault::StuckGripper) => self.throw.set_stuck(now, false),
             (Place::Gripper, PhysicalFault::LateRelease(_)) => self.throw.set_late(Duration::ZERO),
             // `begin_fault` refused these.
             (Place::Supply(_) | Place::Gripper, _) => {}

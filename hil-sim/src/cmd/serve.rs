@@ -4,10 +4,10 @@ use std::io::{BufRead, IsTerminal};
 use std::path::PathBuf;
 use std::sync::mpsc::{self, Receiver, TryRecvError};
 
-use can_link::{BusSpec, Clock, Relay, ServerOptions};
+use can_link::{BusSpec, Clock};
 use hil_sim::cell::Cell;
 use hil_sim::crew::Solo;
-use hil_sim::realtime::{Door, Gateway, Realtime, RealtimeError, Visit};
+use hil_sim::realtime::{Door, Realtime, RealtimeError, Visit};
 use hil_sim::report::{DriveRow, ThrowRow};
 use hil_sim::scenario::{Scenario, ScriptedHost, fault_from_line};
 use protocol::{Duration, Instant};
@@ -25,9 +25,9 @@ length_s = 1), report, quit";
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// Where: socketcand://127.0.0.1:29536/can0 and slcan://127.0.0.1:3333 serve that port, slcan:/dev/ptmx makes a
-    /// pseudo-terminal, vcan0 joins that interface.
+    /// pseudo-terminal, vcan0 joins that interface. Given several times, all of them lead to the same bus.
     #[arg(long, default_value = "socketcand://127.0.0.1:29536/can0")]
-    bus: BusSpec,
+    bus: Vec<BusSpec>,
     /// Robot: a built-in name or a file.
     #[arg(long)]
     robot: Option<String>,
@@ -60,34 +60,27 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     }
     let cell = scenario.cell()?;
     let host = Solo::new("script", ScriptedHost::new(&scenario.actions));
-    let crew = ((cell, host), Solo::new("clients", Gateway::default()));
-    let world = hil_sim::World::new(crew, scenario.bus, scenario.seed, scenario.faults.clone())
-        .map_err(|error| Failure::new(Code::BadFile, &error))?;
     let clock = Clock::start();
-    let door = open(&args.bus, clock)?;
+    let doors: Vec<Door> = args
+        .bus
+        .iter()
+        .map(|spec| Door::open(spec, clock).map_err(|error| Failure::new(Code::Bus, &error)))
+        .collect::<Result<_, _>>()?;
+    let faults = scenario.faults.clone();
+    let mut realtime = Realtime::new((cell, host), scenario.bus, scenario.seed, faults, doors, clock)
+        .map_err(|error| Failure::new(Code::BadFile, &error))?;
     let interrupt = Interrupt::listen();
     let commands = commands();
     let end = args.duration_s.map(|s| Instant::ZERO + Duration::from_secs_f64(s));
-    say(args, "serving", &format!("{} (robot {}, seed {})", door.name(), scenario.robot, scenario.seed));
+    for door in realtime.doors() {
+        say(args, "serving", &format!("{} (robot {}, seed {})", door.name(), scenario.robot, scenario.seed));
+    }
     if !args.json && std::io::stdin().is_terminal() {
         eprintln!("{COMMANDS}; Ctrl-C ends");
     }
-    let mut realtime = Realtime::new(world, door, clock);
     let result = live(args, &mut realtime, &interrupt, &commands, end);
     report(args, &scenario, &realtime)?;
     result
-}
-
-fn open(spec: &BusSpec, clock: Clock) -> Result<Door, Failure> {
-    let door = match spec {
-        // An interface is a bus already; everything else is served.
-        BusSpec::SocketCan { .. } => can_link::open(spec, clock).map(Door::Member),
-        _ => {
-            let options = ServerOptions { relay: Relay::ByOwner, ..ServerOptions::default() };
-            can_link::serve(spec, clock, options).map(Door::Server)
-        }
-    };
-    door.map_err(|error| Failure::new(Code::Bus, &error))
 }
 
 /// Lines from standard input; ends silently where there is none.
@@ -174,7 +167,7 @@ fn status(args: &Args, realtime: &Realtime<Cells>) {
     eprint!(
         "\r\x1b[K{} s, {} clients, {} frames, bus {:.1} %{faults}",
         world.now().as_micros() / 1_000_000,
-        realtime.door().clients(),
+        realtime.doors().map(Door::clients).sum::<usize>(),
         world.stats().frames,
         100.0 * world.bus().busy_ns() as f64 / world.bus().now_ns().max(1) as f64,
     );

@@ -1,5 +1,6 @@
 //! `hil-sim swarm --seeds N`: many random situations.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Instant as WallClock;
 
@@ -90,11 +91,16 @@ fn print(args: &Args, results: &[(SeedResult, f64)], wall_s: f64) -> Result<(), 
         }
     }
     let frames: u64 = results.iter().map(|(result, _)| result.frames).sum();
-    let faults: u64 = results.iter().map(|(result, _)| result.faults).sum();
+    let mut kinds: BTreeMap<&str, u64> = BTreeMap::new();
+    for (kind, count) in results.iter().flat_map(|(result, _)| &result.faults) {
+        *kinds.entry(kind).or_default() += count;
+    }
+    let kinds: Vec<String> = kinds.iter().map(|(kind, count)| format!("{kind} {count}")).collect();
+    println!("faults: {}", kinds.join(", "));
     let failed = results.iter().filter(|(result, _)| result.failure.is_some()).count();
     let slowest = results.iter().max_by(|a, b| a.1.total_cmp(&b.1));
     println!(
-        "{} seeds of {} s, {frames} frames, {faults} faults, {failed} failed; {wall_s:.1} s in all, slowest seed {} took {:.2} s",
+        "{} seeds of {} s, {frames} frames, {failed} failed; {wall_s:.1} s in all, slowest seed {} took {:.2} s",
         results.len(),
         args.duration_s,
         slowest.map_or(0, |(result, _)| result.seed),

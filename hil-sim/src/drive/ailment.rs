@@ -21,7 +21,7 @@ impl Drive {
             PhysicalFault::EncoderOffset { .. } => {}
             PhysicalFault::Blocked
             | PhysicalFault::SupplyLoss { .. }
-            | PhysicalFault::GripperStuck
+            | PhysicalFault::StuckGripper
             | PhysicalFault::LateRelease(_) => return false,
         }
         true
@@ -38,7 +38,7 @@ impl Drive {
             | PhysicalFault::EncoderOffset { .. }
             | PhysicalFault::Blocked
             | PhysicalFault::SupplyLoss { .. }
-            | PhysicalFault::GripperStuck
+            | PhysicalFault::StuckGripper
             | PhysicalFault::LateRelease(_) => {}
         }
     }

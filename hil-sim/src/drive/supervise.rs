@@ -53,13 +53,18 @@ pub(super) struct Timers {
 }
 
 impl Drive {
+    /// Most that the power stage gives, A.
+    fn current_limit_a(&self) -> f64 {
+        self.store.number(Parameter::MaxCur).min(self.store.number(Parameter::CurrentLimit))
+    }
+
     /// What the power stage does in the step whose middle is `middle`.
     pub fn input(&self, middle: Instant) -> AxisInput {
         let brake = self.has_brake_fitted() && !matches!(self.brake, Brake::Open);
         if self.power != Power::Up || self.is_stage_off() {
             return AxisInput { brake, ..AxisInput::default() };
         }
-        let limit_a = self.store.number(Parameter::MaxCur).min(self.store.number(Parameter::CurrentLimit));
+        let limit_a = self.current_limit_a();
         let torque_max_nm =
             torque_max_nm(&self.plate, limit_a, self.axis.v_rad_s, self.motor_v / self.plate.supply_v);
         match self.generator.program() {
@@ -222,7 +227,8 @@ impl Drive {
             Program::Current(current_a) => current_a.abs(),
             _ => {
                 let (v, torque) = (self.axis.v_rad_s.abs(), self.axis.output_torque_nm.abs());
-                self.plate.k_b_a_s_rad * v + self.plate.k_m_a_nm * torque
+                // A blow from outside goes into gear and rotor; the stage gives no more than its limit.
+                (self.plate.k_b_a_s_rad * v + self.plate.k_m_a_nm * torque).min(self.current_limit_a())
             }
         };
         self.current_limited |= driving && self.axis.saturated;

@@ -55,7 +55,7 @@ pub enum PhysicalFault {
         remaining: f64,
     },
     /// Gripper: does not open while the fault lasts; opens at its end if still commanded.
-    GripperStuck,
+    StuckGripper,
     /// Gripper: opens later than commanded by this much.
     LateRelease(Duration),
 }
@@ -84,7 +84,7 @@ impl PhysicalFault {
             Self::HallError => "hall-error",
             Self::EncoderOffset { .. } => "encoder-error",
             Self::SupplyLoss { .. } => "supply-loss",
-            Self::GripperStuck => "stuck-gripper",
+            Self::StuckGripper => "stuck-gripper",
             Self::LateRelease(_) => "late-release",
         }
     }

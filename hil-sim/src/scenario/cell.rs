@@ -1,67 +1,77 @@
 //! `[cell]`, `[drive]`, `[mechanics]`, `[supply]`, `[gripper]`, `[scatter]`: options of the simulated cell.
 //!
-//! Every key is optional; what is left out keeps the default that its type documents.
+//! Every key is optional; what is left out keeps the default that its type documents. Options are built as whole
+//! structs, so that a field nobody can write in a file does not compile.
 
 use protocol::Duration;
 use protocol::powercube::{BaudRate, Config};
+use toml_reader::Value;
 
-use super::reader::{Problem, ScenarioError, Table};
+use super::values::{degrees, seconds};
+use super::{Problem, ScenarioError, Section};
 use crate::cell::CellOptions;
 use crate::drive::options::{
-    BeyondMaximum, BeyondSoftLimit, DriveOptions, HomeWhenHalted, InternalCommand, Refusal, SignOfLife,
-    StateFrames, StepPath,
+    BeyondMaximum, BeyondSoftLimit, DriveOptions, HomeWhenHalted, InternalCommand, Persistence, Refusal,
+    SignOfLife, StateFrames, StepPath, UnknownRequest,
 };
 use crate::mechanics::{Elasticity, GripperOptions, MechanicsOptions, Scatter, SupplyOptions};
 
 const MAX_S: f64 = 1e6;
-const MAX: f64 = f64::MAX;
 
 /// Reads the tables of the cell from the root; `bit_rate_bit_s` is that of the bus.
-pub(super) fn cell(root: &Table<'_>, bit_rate_bit_s: u32) -> Result<CellOptions, ScenarioError> {
-    let mut options = CellOptions::default();
+pub(super) fn cell(root: &Section<'_>, bit_rate_bit_s: u32) -> Result<CellOptions, ScenarioError> {
+    let default = CellOptions::default();
     let rates = [BaudRate::Kbit125, BaudRate::Kbit250, BaudRate::Kbit500, BaudRate::Kbit1000];
-    options.bit_rate =
-        rates.into_iter().find(|rate| rate.bit_per_s() == bit_rate_bit_s).ok_or_else(|| {
-            let problem =
-                format!("{bit_rate_bit_s} bit/s: the drives know 125 000, 250 000, 500 000 and 1 000 000");
-            root.error("bus", Problem::Invalid(problem))
-        })?;
-    if let Some(table) = root.table("cell")? {
-        if let Some(step) = table.seconds("step_s", 0.005)? {
-            options.step = step;
-        }
+    let bit_rate = rates.into_iter().find(|rate| rate.bit_per_s() == bit_rate_bit_s).ok_or_else(|| {
+        let problem =
+            format!("{bit_rate_bit_s} bit/s: the drives know 125 000, 250 000, 500 000 and 1 000 000");
+        root.error("bus", Problem::Invalid(problem))
+    })?;
+    let mut options = CellOptions {
+        drive: part(root, "drive", drive)?,
+        mechanics: part(root, "mechanics", mechanics)?,
+        supply: part(root, "supply", supply)?,
+        gripper: part(root, "gripper", gripper)?,
+        scatter: part(root, "scatter", scatter)?,
+        step: default.step,
+        start_q_rad: default.start_q_rad,
+        bit_rate,
+        cold_start: default.cold_start,
+        logic_on_motor_supply: default.logic_on_motor_supply,
+    };
+    if let Some(table) = root.optional("cell", Value::section)? {
+        options.step = table.or("step_s", options.step, |v| seconds(v, 0.005))?;
         options.start_q_rad = start_pose(&table)?;
-        set(&mut options.cold_start, table.boolean("cold_start")?);
-        set(&mut options.logic_on_motor_supply, table.boolean("logic_on_motor_supply")?);
+        options.cold_start = table.or("cold_start", options.cold_start, Value::boolean)?;
+        options.logic_on_motor_supply =
+            table.or("logic_on_motor_supply", options.logic_on_motor_supply, Value::boolean)?;
         table.finish()?;
-    }
-    if let Some(table) = root.table("drive")? {
-        options.drive = drive(&table)?;
-    }
-    if let Some(table) = root.table("mechanics")? {
-        options.mechanics = mechanics(&table)?;
-    }
-    if let Some(table) = root.table("supply")? {
-        options.supply = supply(&table)?;
-    }
-    if let Some(table) = root.table("gripper")? {
-        options.gripper = gripper(&table)?;
-    }
-    if let Some(table) = root.table("scatter")? {
-        options.scatter = scatter(&table)?;
     }
     Ok(options)
 }
 
-fn set<T>(place: &mut T, value: Option<T>) {
-    if let Some(value) = value {
-        *place = value;
+/// Options of one table; the default if it is not there.
+fn part<T: Default>(
+    root: &Section<'_>,
+    key: &'static str,
+    read: fn(&Section<'_>) -> Result<T, ScenarioError>,
+) -> Result<T, ScenarioError> {
+    match root.optional(key, Value::section)? {
+        None => Ok(T::default()),
+        Some(table) => {
+            let options = read(&table)?;
+            table.finish()?;
+            Ok(options)
+        }
     }
 }
 
-fn start_pose(table: &Table<'_>) -> Result<Option<Vec<f64>>, ScenarioError> {
-    let deg = table.numbers("start_q_deg", -7200.0, 7200.0)?;
-    let rad = table.numbers("start_q_rad", -125.0, 125.0)?;
+fn start_pose(table: &Section<'_>) -> Result<Option<Vec<f64>>, ScenarioError> {
+    let list = |value: &Value<'_>, max: f64| -> Result<Vec<f64>, ScenarioError> {
+        value.items()?.iter().map(|item| item.number_in(-max, max)).collect()
+    };
+    let deg = table.optional("start_q_deg", |v| list(v, 7200.0))?;
+    let rad = table.optional("start_q_rad", |v| list(v, 125.0))?;
     match (deg, rad) {
         (Some(_), Some(_)) => {
             Err(table.error("start_q_deg", Problem::Invalid("start_q_rad is given too".to_owned())))
@@ -71,131 +81,117 @@ fn start_pose(table: &Table<'_>) -> Result<Option<Vec<f64>>, ScenarioError> {
     }
 }
 
-fn drive(table: &Table<'_>) -> Result<DriveOptions, ScenarioError> {
-    let mut o = DriveOptions::default();
-    let clip = [("clip", BeyondMaximum::Clip), ("refuse", BeyondMaximum::Refuse)];
-    set(&mut o.beyond_maximum, table.word("beyond_maximum", &clip)?);
-    let soft =
+fn drive(table: &Section<'_>) -> Result<DriveOptions, ScenarioError> {
+    const CLIP: [(&str, BeyondMaximum); 2] =
+        [("clip", BeyondMaximum::Clip), ("refuse", BeyondMaximum::Refuse)];
+    const SOFT: [(&str, BeyondSoftLimit); 3] =
         [("clip", BeyondSoftLimit::Clip), ("refuse", BeyondSoftLimit::Refuse), ("run", BeyondSoftLimit::Run)];
-    set(&mut o.beyond_soft_limit, table.word("beyond_soft_limit", &soft)?);
-    if let Some(code) = table.integer("refusal_code", 0, 255)? {
-        o.refusal = Refusal::Code(code as u8);
-    }
-    let internal = [("echo", InternalCommand::Echo), ("silence", InternalCommand::Silence)];
-    set(&mut o.internal, table.word("internal_command", &internal)?);
-    let home = [("accept", HomeWhenHalted::Accept), ("refuse", HomeWhenHalted::Refuse)];
-    set(&mut o.home_when_halted, table.word("home_when_halted", &home)?);
-    let life = [("refresh", SignOfLife::Refresh), ("any-frame", SignOfLife::AnyFrame)];
-    set(&mut o.sign_of_life, table.word("sign_of_life", &life)?);
-    let path = [("linear", StepPath::Linear), ("cubic", StepPath::Cubic)];
-    set(&mut o.step_path, table.word("step_path", &path)?);
-    o.state_frames = state_frames(table)?;
-    set(&mut o.watchdog_timeout, table.seconds("watchdog_timeout_s", MAX_S)?);
-    set(&mut o.processing_delay, table.seconds("processing_delay_s", 1.0)?);
-    set(&mut o.processing_jitter, table.seconds("processing_jitter_s", 1.0)?);
-    set(&mut o.queue_depth, table.integer("queue_depth", 1, 4_096)?.map(|depth| depth as usize));
-    set(&mut o.boot_time, table.seconds("boot_time_s", MAX_S)?);
-    if let Some(deg) = table.number("position_resolution_deg", 0.0, 10.0)? {
-        o.position_resolution_rad = Some(deg.to_radians());
-    }
-    if let Some(deg) = table.number("home_switch_noise_deg", 0.0, 10.0)? {
-        o.home_switch_noise_rad = deg.to_radians();
-    }
-    set(&mut o.absolute_encoder, table.boolean("absolute_encoder")?);
-    set(&mut o.starts_homed, table.boolean("starts_homed")?);
-    set(&mut o.brake, table.boolean("brake")?);
-    set(
-        &mut o.config,
-        table.integer("config", 0, u32::MAX.into())?.map(|bits| Config::from_bits(bits as u32)),
-    );
-    set(&mut o.ambient_c, table.number("ambient_c", -50.0, 150.0)?);
-    table.finish()?;
-    Ok(o)
-}
-
-fn state_frames(table: &Table<'_>) -> Result<StateFrames, ScenarioError> {
-    #[derive(Clone, Copy)]
-    enum When {
-        Never,
-        OnChange,
-        Sync,
-    }
-    let words = [("never", When::Never), ("on-change", When::OnChange), ("sync-transmit", When::Sync)];
-    let when = table.word("state_frames", &words)?.unwrap_or(When::Never);
-    let every_s = table.number("state_frames_every_s", 100e-6, MAX_S)?;
-    let every = Duration::from_secs_f64(every_s.unwrap_or(0.01));
-    Ok(match when {
-        When::Never => StateFrames::Never,
-        When::OnChange => StateFrames::OnChange { every },
-        When::Sync => StateFrames::SyncTransmit { every },
+    const UNKNOWN: [(&str, UnknownRequest); 2] =
+        [("silence", UnknownRequest::Silence), ("echo", UnknownRequest::Echo)];
+    const PERSISTENCE: [(&str, Persistence); 2] =
+        [("on-save", Persistence::OnSave), ("at-once", Persistence::AtOnce)];
+    const INTERNAL: [(&str, InternalCommand); 2] =
+        [("echo", InternalCommand::Echo), ("silence", InternalCommand::Silence)];
+    const HOME: [(&str, HomeWhenHalted); 2] =
+        [("accept", HomeWhenHalted::Accept), ("refuse", HomeWhenHalted::Refuse)];
+    const LIFE: [(&str, SignOfLife); 2] =
+        [("refresh", SignOfLife::Refresh), ("any-frame", SignOfLife::AnyFrame)];
+    const PATH: [(&str, StepPath); 2] = [("linear", StepPath::Linear), ("cubic", StepPath::Cubic)];
+    let d = DriveOptions::default();
+    Ok(DriveOptions {
+        beyond_maximum: table.or("beyond_maximum", d.beyond_maximum, |v| v.word(&CLIP))?,
+        beyond_soft_limit: table.or("beyond_soft_limit", d.beyond_soft_limit, |v| v.word(&SOFT))?,
+        refusal: table.or("refusal_code", d.refusal, |v| Ok(Refusal::Code(v.integer(0..=255)? as u8)))?,
+        unknown: table.or("unknown_request", d.unknown, |v| v.word(&UNKNOWN))?,
+        persistence: table.or("persistence", d.persistence, |v| v.word(&PERSISTENCE))?,
+        internal: table.or("internal_command", d.internal, |v| v.word(&INTERNAL))?,
+        home_when_halted: table.or("home_when_halted", d.home_when_halted, |v| v.word(&HOME))?,
+        sign_of_life: table.or("sign_of_life", d.sign_of_life, |v| v.word(&LIFE))?,
+        state_frames: state_frames(table)?,
+        step_path: table.or("step_path", d.step_path, |v| v.word(&PATH))?,
+        watchdog_timeout: table.or("watchdog_timeout_s", d.watchdog_timeout, |v| seconds(v, MAX_S))?,
+        processing_delay: table.or("processing_delay_s", d.processing_delay, |v| seconds(v, 1.0))?,
+        processing_jitter: table.or("processing_jitter_s", d.processing_jitter, |v| seconds(v, 1.0))?,
+        queue_depth: table.or("queue_depth", d.queue_depth, |v| Ok(v.integer(1..=4_096)? as usize))?,
+        boot_time: table.or("boot_time_s", d.boot_time, |v| seconds(v, MAX_S))?,
+        position_resolution_rad: table.optional("position_resolution_deg", |v| degrees(v, 10.0))?,
+        home_switch_noise_rad: table
+            .or("home_switch_noise_deg", d.home_switch_noise_rad, |v| degrees(v, 10.0))?,
+        absolute_encoder: table.or("absolute_encoder", d.absolute_encoder, Value::boolean)?,
+        starts_homed: table.or("starts_homed", d.starts_homed, Value::boolean)?,
+        brake: table.or("brake", d.brake, Value::boolean)?,
+        config: table
+            .or("config", d.config, |v| Ok(Config::from_bits(v.integer(0..=u32::MAX.into())? as u32)))?,
+        ambient_c: table.or("ambient_c", d.ambient_c, |v| v.number_in(-50.0, 150.0))?,
     })
 }
 
-fn mechanics(table: &Table<'_>) -> Result<MechanicsOptions, ScenarioError> {
-    let mut o = MechanicsOptions::default();
-    set(&mut o.rotor_share, table.number("rotor_share", 1e-3, 10.0)?);
-    set(&mut o.viscous_share, table.number("viscous_share", 0.0, 10.0)?);
-    if let Some(coulomb) = table.number("coulomb_rad_s2", 0.0, 1e3)? {
-        o.coulomb_rad_s2 = Some(coulomb);
-    }
-    set(&mut o.brake_share, table.number("brake_share", 0.0, 100.0)?);
-    set(&mut o.stop_margin_rad, table.number("stop_margin_deg", 0.0, 90.0)?.map(f64::to_radians));
-    set(&mut o.stop_stiffness_nm_rad, table.number("stop_stiffness_nm_rad", 1.0, 1e6)?);
-    let stiffness = table.number("elasticity_stiffness_nm_rad", 1.0, 1e9)?;
-    let damping = table.number("elasticity_damping_nms_rad", 0.0, 1e6)?;
-    o.elasticity = match (stiffness, damping) {
-        (Some(stiffness_nm_rad), damping) => {
-            Some(Elasticity { stiffness_nm_rad, damping_nms_rad: damping.unwrap_or(0.0) })
-        }
-        (None, None) => None,
-        (None, Some(_)) => {
-            let problem = Problem::Invalid("needs elasticity_stiffness_nm_rad".to_owned());
-            return Err(table.error("elasticity_damping_nms_rad", problem));
-        }
-    };
-    table.finish()?;
-    Ok(o)
+fn state_frames(table: &Section<'_>) -> Result<StateFrames, ScenarioError> {
+    type When = fn(Duration) -> StateFrames;
+    const WORDS: [(&str, When); 3] = [
+        ("never", |_| StateFrames::Never),
+        ("on-change", |every| StateFrames::OnChange { every }),
+        ("sync-transmit", |every| StateFrames::SyncTransmit { every }),
+    ];
+    let when = table.or("state_frames", WORDS[0].1, |v| v.word(&WORDS))?;
+    let every_s = table.or("state_frames_every_s", 0.01, |v| v.number_in(100e-6, MAX_S))?;
+    Ok(when(Duration::from_secs_f64(every_s)))
 }
 
-fn supply(table: &Table<'_>) -> Result<SupplyOptions, ScenarioError> {
-    let mut o = SupplyOptions::default();
-    set(&mut o.resistance_ohm, table.number("resistance_ohm", 0.0, 100.0)?);
-    set(&mut o.trip_charge_as, table.number("trip_charge_as", 0.0, MAX)?);
-    set(&mut o.restore_s, table.number("restore_s", 0.0, MAX_S)?);
-    table.finish()?;
-    Ok(o)
+fn mechanics(table: &Section<'_>) -> Result<MechanicsOptions, ScenarioError> {
+    let d = MechanicsOptions::default();
+    let stiffness = table.optional("elasticity_stiffness_nm_rad", |v| v.number_in(1.0, 1e9))?;
+    let damping = table.optional("elasticity_damping_nms_rad", |v| v.number_in(0.0, 1e6))?;
+    if stiffness.is_none() && damping.is_some() {
+        let problem = Problem::Invalid("needs elasticity_stiffness_nm_rad".to_owned());
+        return Err(table.error("elasticity_damping_nms_rad", problem));
+    }
+    Ok(MechanicsOptions {
+        rotor_share: table.or("rotor_share", d.rotor_share, |v| v.number_in(1e-3, 10.0))?,
+        viscous_share: table.or("viscous_share", d.viscous_share, |v| v.number_in(0.0, 10.0))?,
+        coulomb_rad_s2: table.optional("coulomb_rad_s2", |v| v.number_in(0.0, 1e3))?,
+        brake_share: table.or("brake_share", d.brake_share, |v| v.number_in(0.0, 100.0))?,
+        stop_margin_rad: table.or("stop_margin_deg", d.stop_margin_rad, |v| degrees(v, 90.0))?,
+        stop_stiffness_nm_rad: table
+            .or("stop_stiffness_nm_rad", d.stop_stiffness_nm_rad, |v| v.number_in(1.0, 1e6))?,
+        elasticity: stiffness
+            .map(|stiffness_nm_rad| Elasticity { stiffness_nm_rad, damping_nms_rad: damping.unwrap_or(0.0) }),
+    })
 }
 
-fn gripper(table: &Table<'_>) -> Result<GripperOptions, ScenarioError> {
-    let mut o = GripperOptions::default();
-    let axis = table.integer("output_axis", 1, 7)?;
-    let line = table.integer("output_line", 0, 3)?;
-    if axis.is_some() || line.is_some() {
-        let (default_axis, default_line) = o.output.unwrap_or((5, 0));
-        let axis = axis.map_or(default_axis, |axis| axis as usize - 1);
-        o.output = Some((axis, line.map_or(default_line, |line| line as u8)));
-    }
-    set(&mut o.delay, table.seconds("delay_s", 10.0)?);
-    set(&mut o.jitter, table.seconds("jitter_s", 10.0)?);
-    set(&mut o.drag_1_m, table.number("drag_1_m", 0.0, 100.0)?);
-    if let Some(z) = table.number("landing_z_m", -100.0, 100.0)? {
-        o.landing_z_m = Some(z);
-    }
-    table.finish()?;
-    Ok(o)
+fn supply(table: &Section<'_>) -> Result<SupplyOptions, ScenarioError> {
+    let d = SupplyOptions::default();
+    Ok(SupplyOptions {
+        resistance_ohm: table.or("resistance_ohm", d.resistance_ohm, |v| v.number_in(0.0, 100.0))?,
+        trip_charge_as: table.or("trip_charge_as", d.trip_charge_as, Value::non_negative)?,
+        restore_s: table.or("restore_s", d.restore_s, |v| v.number_in(0.0, MAX_S))?,
+    })
 }
 
-fn scatter(table: &Table<'_>) -> Result<Scatter, ScenarioError> {
-    let share = |key| table.number(key, 0.0, 0.9);
-    let mut o = Scatter::default();
-    set(&mut o.mass_share, share("mass_share")?);
-    set(&mut o.com_m, table.number("com_m", 0.0, 0.1)?);
-    set(&mut o.friction_share, share("friction_share")?);
-    set(&mut o.rotor_share, share("rotor_share")?);
-    set(&mut o.current_share, share("current_share")?);
-    set(&mut o.delay_share, share("delay_share")?);
-    set(&mut o.home_rad, table.number("home_deg", 0.0, 10.0)?.map(f64::to_radians));
-    set(&mut o.gripper_delay, table.seconds("gripper_delay_s", 1.0)?);
-    table.finish()?;
-    Ok(o)
+fn gripper(table: &Section<'_>) -> Result<GripperOptions, ScenarioError> {
+    let d = GripperOptions::default();
+    let (axis, line) = d.output.unwrap_or((5, 0));
+    let axis = table.or("output_axis", axis, |v| Ok(v.integer(1..=7)? as usize - 1))?;
+    let line = table.or("output_line", line, |v| Ok(v.integer(0..=3)? as u8))?;
+    Ok(GripperOptions {
+        output: Some((axis, line)),
+        delay: table.or("delay_s", d.delay, |v| seconds(v, 10.0))?,
+        jitter: table.or("jitter_s", d.jitter, |v| seconds(v, 10.0))?,
+        drag_1_m: table.or("drag_1_m", d.drag_1_m, |v| v.number_in(0.0, 100.0))?,
+        landing_z_m: table.optional("landing_z_m", |v| v.number_in(-100.0, 100.0))?,
+    })
+}
+
+fn scatter(table: &Section<'_>) -> Result<Scatter, ScenarioError> {
+    let share = |key| table.or(key, 0.0, |v| v.number_in(0.0, 0.9));
+    Ok(Scatter {
+        mass_share: share("mass_share")?,
+        com_m: table.or("com_m", 0.0, |v| v.number_in(0.0, 0.1))?,
+        friction_share: share("friction_share")?,
+        rotor_share: share("rotor_share")?,
+        current_share: share("current_share")?,
+        delay_share: share("delay_share")?,
+        home_rad: table.or("home_deg", 0.0, |v| degrees(v, 10.0))?,
+        gripper_delay: table.or("gripper_delay_s", Duration::ZERO, |v| seconds(v, 1.0))?,
+    })
 }

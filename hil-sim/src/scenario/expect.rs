@@ -2,7 +2,10 @@
 
 use protocol::Duration;
 
-use super::reader::{ScenarioError, Table};
+use toml_reader::Value;
+
+use super::values::seconds;
+use super::{ScenarioError, Section};
 
 /// Names of the checkers, as in `trips`.
 pub const CHECKS: [(&str, Check); 5] = [
@@ -55,26 +58,18 @@ pub struct Expect {
     pub trips: Vec<Check>,
 }
 
-pub(super) fn expect(table: &Table<'_>) -> Result<Expect, ScenarioError> {
-    let mut trips = Vec::new();
-    for name in table.texts("trips")?.unwrap_or_default() {
-        match CHECKS.iter().find(|(known, _)| *known == name) {
-            Some((_, check)) => trips.push(*check),
-            None => {
-                let known = CHECKS.iter().map(|(name, _)| *name).collect();
-                let problem = super::Problem::UnknownWord { found: name.to_owned(), known };
-                return Err(table.error("trips", problem));
-            }
-        }
-    }
+pub(super) fn expect(table: &Section<'_>) -> Result<Expect, ScenarioError> {
+    let span = |value: &Value<'_>| seconds(value, 1e6);
     let expect = Expect {
-        answers_within: table.seconds("answers_within_s", 1e6)?,
-        limits: table.boolean("limits")?.unwrap_or(false),
-        homing: table.boolean("no_motion_before_reference")?.unwrap_or(false),
-        stop_within: table.seconds("stop_within_s", 1e6)?,
-        frames_min: table.integer("frames_min", 0, i64::MAX)?.map(|count| count as u64),
-        utilisation_max: table.number("utilisation_max", 0.0, 1.0)?,
-        trips,
+        answers_within: table.optional("answers_within_s", span)?,
+        limits: table.or("limits", false, Value::boolean)?,
+        homing: table.or("no_motion_before_reference", false, Value::boolean)?,
+        stop_within: table.optional("stop_within_s", span)?,
+        frames_min: table.optional("frames_min", Value::count)?,
+        utilisation_max: table.optional("utilisation_max", |v| v.number_in(0.0, 1.0))?,
+        trips: table.or("trips", Vec::new(), |value| {
+            value.one_or_more().iter().map(|item| item.word(&CHECKS)).collect()
+        })?,
     };
     table.finish()?;
     Ok(expect)

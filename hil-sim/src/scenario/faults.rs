@@ -1,8 +1,10 @@
 //! `[[fault]]` tables: every kind, the places it can act on and the keys it takes.
 
 use protocol::{Duration, ExtendedId, Id, Instant, ModuleId, StandardId};
+use toml_reader::Value;
 
-use super::reader::{Problem, ScenarioError, Table};
+use super::values::{frames, period, seconds};
+use super::{Problem, ScenarioError, Section};
 use crate::fault::{Fault, FaultKind, IdFilter, PhysicalFault, Place, Target, WireFault, WrongPart};
 
 /// Longest time a scenario can name: eleven days.
@@ -85,13 +87,13 @@ late-release   gripper           opens later                                    
 ";
 
 /// Reads one `[[fault]]` table; `index` makes the label if none is given.
-pub fn fault(table: &Table<'_>, index: usize) -> Result<Fault, ScenarioError> {
-    let kind = table.word("kind", &KINDS)?.ok_or_else(|| table.error("kind", Problem::Missing))?;
+pub fn fault(table: &Section<'_>, index: usize) -> Result<Fault, ScenarioError> {
+    let kind = table.required("kind", |v| v.word(&KINDS))?;
     let target = target(table, kind)?;
     let filter = filter(table, kind)?;
     let kind = fault_kind(table, kind, target)?;
     let fault = Fault {
-        label: match table.text("label")? {
+        label: match table.optional("label", Value::text)? {
             Some("") => {
                 return Err(table.error("label", Problem::Invalid("a label cannot be empty".to_owned())));
             }
@@ -101,14 +103,11 @@ pub fn fault(table: &Table<'_>, index: usize) -> Result<Fault, ScenarioError> {
         kind,
         target,
         filter,
-        start: Instant::ZERO + table.seconds("start_s", MAX_S)?.unwrap_or(Duration::ZERO),
-        length: table.seconds("length_s", MAX_S)?,
-        every: table.seconds("every_s", MAX_S)?,
-        probability: table.number("probability", 0.0, 1.0)?.unwrap_or(1.0),
+        start: Instant::ZERO + table.or("start_s", Duration::ZERO, |v| seconds(v, MAX_S))?,
+        length: table.optional("length_s", |v| seconds(v, MAX_S))?,
+        every: table.optional("every_s", |v| period(v, MAX_S))?,
+        probability: table.or("probability", 1.0, |v| v.number_in(0.0, 1.0))?,
     };
-    if fault.every.is_some_and(Duration::is_zero) {
-        return Err(table.error("every_s", Problem::Invalid("a period is above zero".to_owned())));
-    }
     table.finish()?;
     Ok(fault)
 }
@@ -121,9 +120,8 @@ fn name_of(kind: &FaultKind) -> &'static str {
 }
 
 /// `target = "bus"`, `"module 3"`, `"supply 0"`, `"gripper"`; each kind allows some of them.
-fn target(table: &Table<'_>, kind: Kind) -> Result<Target, ScenarioError> {
-    let text = table.text("target")?;
-    let target = match text {
+fn target(table: &Section<'_>, kind: Kind) -> Result<Target, ScenarioError> {
+    let target = match table.optional("target", Value::text)? {
         None => default_target(kind).ok_or_else(|| table.error("target", Problem::Missing))?,
         Some(text) => parse_target(text).ok_or_else(|| {
             let problem =
@@ -176,7 +174,7 @@ fn parse_target(text: &str) -> Option<Target> {
 }
 
 /// `id = "0A3"` with `id_mask = 0x7FF`, for kinds that act on frames.
-fn filter(table: &Table<'_>, kind: Kind) -> Result<Option<IdFilter>, ScenarioError> {
+fn filter(table: &Section<'_>, kind: Kind) -> Result<Option<IdFilter>, ScenarioError> {
     let acts_on_frames = matches!(
         kind,
         Kind::Drop | Kind::Delay | Kind::Duplicate | Kind::Corrupt | Kind::WrongAnswer | Kind::Silent
@@ -184,20 +182,20 @@ fn filter(table: &Table<'_>, kind: Kind) -> Result<Option<IdFilter>, ScenarioErr
     if !acts_on_frames {
         return Ok(None);
     }
-    let Some(text) = table.text("id")? else {
-        if table.has("id_mask") {
-            return Err(table.error("id_mask", Problem::Invalid("needs id".to_owned())));
-        }
-        table.integer("id_mask", 0, 0x1FFF_FFFF)?;
-        return Ok(None);
-    };
-    let id = parse_id(text).ok_or_else(|| {
-        let problem =
-            format!("'{text}' is no id; write three hexadecimal digits (11 bit) or eight (29 bit), as 0A3");
-        table.error("id", Problem::Invalid(problem))
+    let id = table.optional("id", |value| {
+        let text = value.text()?;
+        parse_id(text).ok_or_else(|| {
+            let problem = format!(
+                "'{text}' is no id; write three hexadecimal digits (11 bit) or eight (29 bit), as 0A3"
+            );
+            value.error(Problem::Invalid(problem))
+        })
     })?;
-    let mask = table.integer("id_mask", 0, 0x1FFF_FFFF)?.unwrap_or(0x1FFF_FFFF) as u32;
-    Ok(Some(IdFilter { id, mask }))
+    let mask = table.optional("id_mask", |v| Ok(v.integer(0..=0x1FFF_FFFF)? as u32))?;
+    match (id, mask) {
+        (None, Some(_)) => Err(table.error("id_mask", Problem::Invalid("needs id".to_owned()))),
+        (id, mask) => Ok(id.map(|id| IdFilter { id, mask: mask.unwrap_or(0x1FFF_FFFF) })),
+    }
 }
 
 fn parse_id(text: &str) -> Option<Id> {
@@ -209,10 +207,8 @@ fn parse_id(text: &str) -> Option<Id> {
     }
 }
 
-fn fault_kind(table: &Table<'_>, kind: Kind, target: Target) -> Result<FaultKind, ScenarioError> {
-    let span = |key| -> Result<Duration, ScenarioError> {
-        table.seconds(key, MAX_S)?.ok_or_else(|| table.error(key, Problem::Missing))
-    };
+fn fault_kind(table: &Section<'_>, kind: Kind, target: Target) -> Result<FaultKind, ScenarioError> {
+    let span = |key| table.required(key, |v| seconds(v, MAX_S));
     let wire = match kind {
         Kind::Drop => WireFault::Drop,
         Kind::Delay => WireFault::Delay(span("by_s")?),
@@ -227,17 +223,17 @@ fn fault_kind(table: &Table<'_>, kind: Kind, target: Target) -> Result<FaultKind
                 ("command", WrongPart::Command),
                 ("length", WrongPart::Length),
             ];
-            WireFault::WrongAnswer(table.word("part", &parts)?.unwrap_or_default())
+            WireFault::WrongAnswer(table.or("part", WrongPart::default(), |v| v.word(&parts))?)
         }
         Kind::Intermittent => {
             WireFault::Intermittent { on_mean: span("on_mean_s")?, off_mean: span("off_mean_s")? }
         }
         Kind::Babble => {
-            let frames = table.frames("frame")?.ok_or_else(|| table.error("frame", Problem::Missing))?;
-            let [frame] = frames[..] else {
-                return Err(table.error("frame", Problem::Invalid("one frame, not a list".to_owned())));
-            };
-            let period_s = table.number("period_s", BABBLE_PERIOD_MIN_S, MAX_S)?.unwrap_or(1e-4);
+            let frame = table.required("frame", |value| match frames(value)?[..] {
+                [frame] => Ok(frame),
+                _ => Err(value.error(Problem::Invalid("one frame, not a list".to_owned()))),
+            })?;
+            let period_s = table.or("period_s", 1e-4, |v| v.number_in(BABBLE_PERIOD_MIN_S, MAX_S))?;
             WireFault::Babble { frame, period: Duration::from_secs_f64(period_s) }
         }
         Kind::Stuck if target == Target::Bus => WireFault::StuckDominant,
@@ -246,7 +242,7 @@ fn fault_kind(table: &Table<'_>, kind: Kind, target: Target) -> Result<FaultKind
     Ok(FaultKind::Wire(wire))
 }
 
-fn physical(table: &Table<'_>, kind: Kind, target: Target) -> Result<FaultKind, ScenarioError> {
+fn physical(table: &Section<'_>, kind: Kind, target: Target) -> Result<FaultKind, ScenarioError> {
     let place = match target {
         Target::Module(module) => Place::Module(module),
         Target::Supply(index) => Place::Supply(index),
@@ -255,24 +251,22 @@ fn physical(table: &Table<'_>, kind: Kind, target: Target) -> Result<FaultKind, 
             return Err(table.error("target", Problem::Invalid("this kind needs a module".to_owned())));
         }
     };
-    let by = || -> Result<Duration, ScenarioError> {
-        table.seconds("by_s", MAX_S)?.ok_or_else(|| table.error("by_s", Problem::Missing))
-    };
+    let by = || table.required("by_s", |v| seconds(v, MAX_S));
     let fault = match kind {
         Kind::Slow => PhysicalFault::Slow(by()?),
         Kind::LateRelease => PhysicalFault::LateRelease(by()?),
         Kind::Restart => PhysicalFault::Restart,
         Kind::SupplyLoss => {
-            PhysicalFault::SupplyLoss { remaining: table.number("remaining", 0.0, 1.0)?.unwrap_or(0.0) }
+            PhysicalFault::SupplyLoss { remaining: table.or("remaining", 0.0, |v| v.number_in(0.0, 1.0))? }
         }
         Kind::OverCurrent => PhysicalFault::OverCurrent,
         Kind::TowError => PhysicalFault::Blocked,
         Kind::HallError => PhysicalFault::HallError,
         Kind::EncoderError => {
-            let offset_deg = table.required_number("offset_deg", -360.0, 360.0)?;
+            let offset_deg = table.required("offset_deg", |v| v.number_in(-360.0, 360.0))?;
             PhysicalFault::EncoderOffset { offset_rad: offset_deg.to_radians() }
         }
-        Kind::StuckGripper => PhysicalFault::GripperStuck,
+        Kind::StuckGripper => PhysicalFault::StuckGripper,
         // "stuck" at a module: what it reports no longer changes.
         _ => PhysicalFault::Frozen,
     };

@@ -42,11 +42,13 @@ mod cell;
 pub mod expect;
 pub mod faults;
 pub mod host;
-pub mod reader;
+mod values;
 
 use std::path::Path;
 
 use protocol::{Duration, Frame, Instant};
+pub use toml_reader::Problem;
+use toml_reader::{Refusal, Section, Source, Value};
 
 use crate::bus::{BusConfig, Recovery, TxOrder};
 use crate::cell::CellOptions;
@@ -54,7 +56,11 @@ use crate::fault::Fault;
 pub use build::BuildError;
 pub use expect::Expect;
 pub use host::ScriptedHost;
-pub use reader::{Problem, ScenarioError, Table};
+pub use values::parse_frame;
+use values::{frames, period, seconds};
+
+/// A scenario was refused: where, and why.
+pub type ScenarioError = Refusal;
 
 /// Version of scenario files that this program reads.
 pub const SCHEMA_VERSION: i64 = 1;
@@ -119,86 +125,87 @@ impl Default for Scenario {
 
 impl Scenario {
     /// Reads a file.
+    ///
+    /// # Errors
+    /// The file cannot be read, or says something that no scenario can.
     pub fn load(path: &Path) -> Result<Self, ScenarioError> {
         let file = path.display().to_string();
         match std::fs::read_to_string(path) {
             Ok(text) => Self::from_toml(&file, &text),
-            Err(error) => {
-                let problem = Problem::Unreadable(error.to_string());
-                Err(ScenarioError { file, line: None, key: String::new(), problem })
-            }
+            Err(error) => Err(Refusal::of_file(&file, Problem::Unreadable(error.to_string()))),
         }
     }
 
     /// Reads a text; `file` is what errors call it.
+    ///
+    /// # Errors
+    /// The text says something that no scenario can.
     pub fn from_toml(file: &str, text: &str) -> Result<Self, ScenarioError> {
-        let document = reader::parse(file, text)?;
-        let root = Table::root(file, text, &document);
-        let version = root
-            .integer("schema_version", 0, i64::MAX)?
-            .ok_or_else(|| root.error("schema_version", Problem::Missing))?;
-        if version != SCHEMA_VERSION {
-            let problem = Problem::Schema { found: version, supported: SCHEMA_VERSION };
-            return Err(root.error("schema_version", problem));
-        }
+        let source = Source { file, text };
+        let document = source.parse()?;
+        let root: Section<'_> = source.root(&document);
+        root.schema("schema_version", SCHEMA_VERSION)?;
         let default = Self::default();
-        let duration_s = root.required_number("duration_s", 1e-6, MAX_S)?;
-        let bus = root.table("bus")?.map_or(Ok(default.bus), |table| bus(&table))?;
+        let duration_s = root.required("duration_s", |v| v.number_in(1e-6, MAX_S))?;
+        let bus = match root.optional("bus", Value::section)? {
+            Some(table) => bus(&table)?,
+            None => default.bus,
+        };
         let scenario = Self {
             file: file.to_owned(),
-            name: root.text("name")?.unwrap_or(&default.name).to_owned(),
-            robot: root.text("robot")?.unwrap_or(&default.robot).to_owned(),
-            seed: root.integer("seed", 0, i64::MAX)?.unwrap_or(0) as u64,
+            name: root.or("name", &*default.name, Value::text)?.to_owned(),
+            robot: root.or("robot", &*default.robot, Value::text)?.to_owned(),
+            seed: root.or("seed", default.seed, Value::count)?,
             duration: Duration::from_secs_f64(duration_s),
             bus,
             cell: cell::cell(&root, bus.bit_rate_bit_s)?,
-            actions: root.tables("action")?.iter().map(action).collect::<Result<_, _>>()?,
+            actions: root.sections("action")?.iter().map(action).collect::<Result<_, _>>()?,
             faults: faults_of(&root)?,
-            expect: root.table("expect")?.map_or(Ok(Expect::default()), |table| expect::expect(&table))?,
+            expect: match root.optional("expect", Value::section)? {
+                Some(table) => expect::expect(&table)?,
+                None => Expect::default(),
+            },
         };
         root.finish()?;
         Ok(scenario)
     }
 }
 
-fn bus(table: &Table<'_>) -> Result<BusConfig, ScenarioError> {
-    let default = BusConfig::default();
-    let rate = table.integer("bit_rate_bit_s", 10_000, 1_000_000)?.unwrap_or(1_000_000);
-    if 1_000_000_000 % rate != 0 {
+fn bus(table: &Section<'_>) -> Result<BusConfig, ScenarioError> {
+    const ORDER: [(&str, TxOrder); 2] = [("fifo", TxOrder::Fifo), ("priority", TxOrder::Priority)];
+    const RECOVERY: [(&str, Recovery); 2] =
+        [("automatic", Recovery::Automatic), ("on-request", Recovery::OnRequest)];
+    let d = BusConfig::default();
+    let rate = |value: &Value<'_>| {
+        let rate = value.integer(10_000..=1_000_000)?;
+        if 1_000_000_000 % rate == 0 {
+            return Ok(rate as u32);
+        }
         let problem = format!("{rate} bit/s: a bit must last a whole number of nanoseconds");
-        return Err(table.error("bit_rate_bit_s", Problem::Invalid(problem)));
-    }
+        Err(value.error(Problem::Invalid(problem)))
+    };
     let config = BusConfig {
-        bit_rate_bit_s: rate as u32,
-        queue_depth: table
-            .integer("queue_depth", 1, 65_536)?
-            .map_or(default.queue_depth, |depth| depth as usize),
-        tx_order: table
-            .word("tx_order", &[("fifo", TxOrder::Fifo), ("priority", TxOrder::Priority)])?
-            .unwrap_or_default(),
-        recovery: table
-            .word("recovery", &[("automatic", Recovery::Automatic), ("on-request", Recovery::OnRequest)])?
-            .unwrap_or_default(),
-        bit_by_bit: table.boolean("bit_by_bit")?.unwrap_or(false),
+        bit_rate_bit_s: table.or("bit_rate_bit_s", d.bit_rate_bit_s, rate)?,
+        queue_depth: table.or("queue_depth", d.queue_depth, |v| Ok(v.integer(1..=65_536)? as usize))?,
+        tx_order: table.or("tx_order", d.tx_order, |v| v.word(&ORDER))?,
+        recovery: table.or("recovery", d.recovery, |v| v.word(&RECOVERY))?,
+        bit_by_bit: table.or("bit_by_bit", d.bit_by_bit, Value::boolean)?,
     };
     table.finish()?;
     Ok(config)
 }
 
-fn action(table: &Table<'_>) -> Result<Action, ScenarioError> {
-    let frames = table.frames("send")?.ok_or_else(|| table.error("send", Problem::Missing))?;
-    if frames.is_empty() {
-        return Err(table.error("send", Problem::Invalid("at least one frame".to_owned())));
-    }
+fn action(table: &Section<'_>) -> Result<Action, ScenarioError> {
+    let frames = table.required("send", |value| match frames(value)? {
+        frames if frames.is_empty() => Err(value.error(Problem::Invalid("at least one frame".to_owned()))),
+        frames => Ok(frames),
+    })?;
     let action = Action {
-        at: Instant::ZERO + table.seconds("at_s", MAX_S)?.unwrap_or(Duration::ZERO),
+        at: Instant::ZERO + table.or("at_s", Duration::ZERO, |v| seconds(v, MAX_S))?,
         frames,
-        every: table.seconds("every_s", MAX_S)?,
-        count: table.integer("count", 1, i64::MAX)?.map(|count| count as u64),
+        every: table.optional("every_s", |v| period(v, MAX_S))?,
+        count: table.optional("count", |v| Ok(v.integer(1..=1_000_000_000)? as u64))?,
     };
-    if action.every.is_some_and(Duration::is_zero) {
-        return Err(table.error("every_s", Problem::Invalid("a period is above zero".to_owned())));
-    }
     if action.count.is_some() && action.every.is_none() {
         return Err(table.error("count", Problem::Invalid("needs every_s".to_owned())));
     }
@@ -207,9 +214,9 @@ fn action(table: &Table<'_>) -> Result<Action, ScenarioError> {
 }
 
 /// All `[[fault]]` tables; labels must differ, because they name the random streams.
-fn faults_of(root: &Table<'_>) -> Result<Vec<Fault>, ScenarioError> {
+fn faults_of(root: &Section<'_>) -> Result<Vec<Fault>, ScenarioError> {
     let mut faults: Vec<Fault> = Vec::new();
-    for (index, table) in root.tables("fault")?.iter().enumerate() {
+    for (index, table) in root.sections("fault")?.iter().enumerate() {
         let fault = faults::fault(table, index)?;
         if faults.iter().any(|other| other.label == fault.label) {
             let problem = format!("'{}' is taken by an earlier fault", fault.label);
@@ -224,10 +231,7 @@ fn faults_of(root: &Table<'_>) -> Result<Vec<Fault>, ScenarioError> {
 /// `kind = "drop", target = "module 3", length_s = 2`.
 pub fn fault_from_line(line: &str, index: usize) -> Result<Fault, ScenarioError> {
     let text = format!("fault = {{ {line} }}");
-    let document = reader::parse("<command>", &text)?;
-    let root = Table::root("<command>", &text, &document);
-    match root.table("fault")? {
-        Some(table) => faults::fault(&table, index),
-        None => Err(root.error("fault", Problem::Missing)),
-    }
+    let source = Source { file: "<command>", text: &text };
+    let document = source.parse()?;
+    faults::fault(&source.root(&document).required("fault", Value::section)?, index)
 }

@@ -1,6 +1,6 @@
 //! A robot whose number of joints is known only when its file has been read.
 
-use crate::error::{LoadError, Problem};
+use crate::error::LoadError;
 use crate::load;
 use crate::model::RobotModel;
 
@@ -38,12 +38,10 @@ impl AnyRobot {
             5 => RobotModel::from_toml(file, text).map(|m| Self::Five(Box::new(m))),
             6 => RobotModel::from_toml(file, text).map(|m| Self::Six(Box::new(m))),
             7 => RobotModel::from_toml(file, text).map(|m| Self::Seven(Box::new(m))),
-            found => Err(LoadError {
-                file: file.to_owned(),
-                line: None,
-                key: "joint".to_owned(),
-                problem: Problem::OutOfRange { value: found as f64, min: 4.0, max: 7.0 },
-            }),
+            found => {
+                let problem = toml_reader::Problem::OutOfRange { value: found as f64, min: 4.0, max: 7.0 };
+                Err(LoadError { key: "joint".to_owned(), ..LoadError::of_file(file, problem) })
+            }
         }
     }
 

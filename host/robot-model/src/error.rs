@@ -1,103 +1,24 @@
 //! What can be wrong with a robot file, with the data needed to put it right.
 
-use std::fmt;
+use toml_reader::Refusal;
 
 /// A robot file was refused: where, and why.
 ///
-/// The text reads `file:line: key: reason`, so that an editor can jump to it.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub struct LoadError {
-    /// File name as given by the caller, or `<builtin>/name.toml`.
-    pub file: String,
-    /// Line (from 1) the reason refers to; `None` if the file could not be read at all.
-    pub line: Option<usize>,
-    /// Key path, for example `joint[2].range_deg`; empty for the file as a whole.
-    pub key: String,
-    /// The reason.
-    pub problem: Problem,
-}
-
-impl fmt::Display for LoadError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.file)?;
-        if let Some(line) = self.line {
-            write!(f, ":{line}")?;
-        }
-        if !self.key.is_empty() {
-            write!(f, ": {}", self.key)?;
-        }
-        write!(f, ": {}", self.problem)
-    }
-}
+/// The text reads `file:line: key: reason`, so that an editor can jump to it; the file of a built-in robot is
+/// `<builtin>/name.toml`.
+pub type LoadError = Refusal<Problem>;
 
 /// Reason for refusing a robot file.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Problem {
-    /// The file could not be read.
-    #[error("cannot read the file: {0}")]
-    Unreadable(String),
+    /// What can be wrong with any document.
+    #[error(transparent)]
+    Document(#[from] toml_reader::Problem),
     /// There is no built-in robot of this name and no such file.
     #[error("no such file, and no built-in robot of this name (built in: {})", .known.join(", "))]
     UnknownRobot {
         /// Names of the built-in robots.
         known: Vec<&'static str>,
-    },
-    /// Not TOML.
-    #[error("not valid TOML: {0}")]
-    Syntax(String),
-    /// The file was written for another schema version.
-    #[error("schema version {found} is not supported (this program reads version {supported})")]
-    Schema {
-        /// Version in the file.
-        found: i64,
-        /// Version this program reads.
-        supported: i64,
-    },
-    /// The key is not part of the schema here.
-    #[error("unknown key{}", hint(.same_quantity, .expected))]
-    UnknownKey {
-        /// A known key for the same quantity in another unit.
-        same_quantity: Option<&'static str>,
-        /// All keys known here.
-        expected: Vec<&'static str>,
-    },
-    /// The key must be there.
-    #[error("missing")]
-    Missing,
-    /// The value has another type.
-    #[error("expected {expected}, found {found}")]
-    WrongType {
-        /// What the schema asks for.
-        expected: &'static str,
-        /// What the file has.
-        found: &'static str,
-    },
-    /// A list has another length.
-    #[error("expected {expected} values, found {found}")]
-    WrongLength {
-        /// Number of values the schema asks for.
-        expected: usize,
-        /// Number of values in the file.
-        found: usize,
-    },
-    /// NaN or infinite.
-    #[error("{0} is not a finite number")]
-    NotFinite(f64),
-    /// Must be greater than zero.
-    #[error("{0} must be greater than zero")]
-    NotPositive(f64),
-    /// Must not be negative.
-    #[error("{0} must not be negative")]
-    Negative(f64),
-    /// Outside the range that makes sense for this quantity.
-    #[error("{value} is outside {min} to {max}")]
-    OutOfRange {
-        /// Value in the file.
-        value: f64,
-        /// Smallest value accepted.
-        min: f64,
-        /// Largest value accepted.
-        max: f64,
     },
     /// Lower limit at or above the upper one.
     #[error("limits reversed: {min} is not below {max}")]
@@ -151,14 +72,6 @@ pub enum Problem {
     /// Some joints have a drive and some have none.
     #[error("joint `{0}` has no drive, though others have: all or none")]
     DriveMissing(String),
-    /// The name of the kinematic family is not known.
-    #[error("unknown value `{found}` (known: {})", .known.join(", "))]
-    UnknownChoice {
-        /// Text in the file.
-        found: String,
-        /// Accepted texts.
-        known: Vec<&'static str>,
-    },
     /// The frames do not have the geometry of the declared family.
     #[error("the joint frames do not fit this family: {0}")]
     FamilyMismatch(FamilyMismatch),
@@ -244,11 +157,4 @@ pub enum FamilyMismatch {
         /// The last joint.
         joint: usize,
     },
-}
-
-fn hint(same_quantity: &Option<&'static str>, expected: &[&'static str]) -> String {
-    match same_quantity {
-        Some(key) => format!("; this file gives that quantity as `{key}` (mind the unit)"),
-        None => format!(" (known here: {})", expected.join(", ")),
-    }
 }

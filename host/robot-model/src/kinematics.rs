@@ -73,7 +73,8 @@ pub(crate) fn turned(x: &Pose, q_rad: f64) -> Pose {
 /// `r · Rz(q)`.
 #[inline]
 pub(crate) fn turned_rot(r: &Matrix3<f64>, q_rad: f64) -> Matrix3<f64> {
-    let (s, c) = q_rad.sin_cos();
+    // Of libm, not of the system: the same bits on every host, so that simulations can be compared.
+    let (s, c) = libm::sincos(q_rad);
     let [x, y, z] = &r.data.0;
     Matrix3::from_data(ArrayStorage([
         std::array::from_fn(|i| x[i] * c + y[i] * s),

@@ -7,7 +7,7 @@
 //! | module | holds |
 //! |---|---|
 //! | `model` | the validated robot and its parts |
-//! | `load` | robot file → model: a reader that knows line and key, one function per table |
+//! | `load` | robot file → model, one function per table; `toml_reader` knows line and key |
 //! | `error` | why a file is refused |
 //! | `pose` | rigid poses `X_AB` |
 //! | `kinematics` | frames of all links |

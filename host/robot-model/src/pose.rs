@@ -147,7 +147,7 @@ fn exact_sin_cos(angle_rad: f64) -> (f64, f64) {
             _ => (-1.0, 0.0),
         }
     } else {
-        angle_rad.sin_cos()
+        libm::sincos(angle_rad)
     }
 }
 

@@ -114,7 +114,10 @@ fn a_robot_of_thousands_of_boxes_is_refused_before_its_pairs_are_built() {
         .collect();
     let error = refused(&with("[base]\nbox = [\n", &format!("[base]\nbox = [\n{many}")));
     assert_eq!(error.key, "base.box");
-    assert_eq!(error.problem, Problem::OutOfRange { value: 501.0, min: 0.0, max: 500.0 });
+    assert_eq!(
+        error.problem,
+        Problem::Document(toml_reader::Problem::OutOfRange { value: 501.0, min: 0.0, max: 500.0 })
+    );
 }
 
 #[test]
@@ -149,7 +152,7 @@ fn a_missing_file_names_the_built_in_robots() {
     assert_eq!(error.problem, Problem::UnknownRobot { known: built_in_robots() });
     assert!(error.to_string().contains("powercube6, kr16_2, pincher4"), "{error}");
     let error = RobotModel::<6>::load("/").expect_err("a folder");
-    assert!(matches!(error.problem, Problem::Unreadable(_)), "{error}");
+    assert!(matches!(error.problem, Problem::Document(toml_reader::Problem::Unreadable(_))), "{error}");
 }
 
 #[test]

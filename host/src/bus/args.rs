@@ -1,17 +1,22 @@
 //! Options of every verb that touches a bus.
 
 use std::path::PathBuf;
+use std::rc::Rc;
+use std::str::FromStr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use can_link::BusSpec;
-use hil_sim::CellOptions;
+use firmware::settings::Settings;
+use hil_sim::scenario::Scenario;
 use protocol::ModuleId;
+use protocol::cyphal::id::NodeId;
 use robot_model::AnyRobot;
 
 use super::live::LiveBus;
 use super::session::{BusFailure, Medium, Session};
-use super::sim::{Guests, SimBus, no_guests, soft_controller_guest};
+use super::settings::settings_of;
+use super::sim::{SimBus, SimSetup, controller_guest, no_guests};
 use crate::log::Recorder;
 
 /// Which bus, and what to keep of it.
@@ -21,12 +26,9 @@ pub struct BusArgs {
     /// slcan:/dev/ttyACM0 or slcan://host:port.
     #[arg(long, default_value = "sim", value_name = "SPEC")]
     pub bus: BusSpec,
-    /// Robot of the simulated cell: a built-in name or a file.
-    #[arg(long, default_value = "powercube6", value_name = "ROBOT")]
-    pub robot: String,
-    /// Seed of the simulated cell.
-    #[arg(long, default_value_t = 1)]
-    pub seed: u64,
+    /// The simulated cell.
+    #[command(flatten)]
+    pub cell: CellArgs,
     /// Record every frame to PATH.candump and PATH.mcap.
     #[arg(long, value_name = "PATH")]
     pub record: Option<PathBuf>,
@@ -36,9 +38,78 @@ pub struct BusArgs {
     pub beside: bool,
 }
 
+/// The cell behind the bus `sim`; the robot matters to other buses too where a controller runs in this program.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct CellArgs {
+    /// Robot: a built-in name or a file [default: the scenario's, or powercube6].
+    #[arg(long, value_name = "ROBOT")]
+    pub robot: Option<String>,
+    /// Seed of the simulated cell [default: the scenario's, or 1].
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// Scenario of the simulated cell: its options, and what goes wrong (`hil-sim faults` lists the kinds).
+    #[arg(long, value_name = "FILE")]
+    pub scenario: Option<PathBuf>,
+}
+
+/// A robot with its simulated cell, read and checked.
+pub struct Cell {
+    /// What was given for the robot.
+    pub robot_source: String,
+    /// The robot.
+    pub robot: AnyRobot,
+    /// Seed.
+    pub seed: u64,
+    /// Options of the cell.
+    pub setup: SimSetup,
+}
+
+impl CellArgs {
+    /// Reads robot and scenario.
+    ///
+    /// # Errors
+    /// A file cannot be read or is refused.
+    pub fn load(&self) -> Result<Cell, BusFailure> {
+        let scenario = self.scenario.as_deref().map(Scenario::load).transpose();
+        let scenario = scenario.map_err(|error| BusFailure::Scenario(Box::new(error)))?;
+        let named = self.robot.clone().or(scenario.as_ref().map(|scenario| scenario.robot.clone()));
+        let robot_source = named.unwrap_or_else(|| "powercube6".to_owned());
+        let robot = AnyRobot::load(&robot_source)?;
+        let seed = self.seed.or(scenario.as_ref().map(|scenario| scenario.seed)).unwrap_or(1);
+        let setup = scenario.map_or_else(SimSetup::default, |scenario| SimSetup {
+            cell: scenario.cell,
+            bus: scenario.bus,
+            faults: scenario.faults,
+            actions: scenario.actions,
+        });
+        Ok(Cell { robot_source, robot, seed, setup })
+    }
+}
+
+/// Who controls the group.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Controller {
+    /// A controller in this program, in the simulated cell or in a thread on the bus.
+    Soft,
+    /// One that is on the bus already.
+    Node(NodeId),
+}
+
+impl FromStr for Controller {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "soft" {
+            return Ok(Self::Soft);
+        }
+        let node = text.parse::<u8>().ok().and_then(|id| NodeId::new(id).ok());
+        node.map(Self::Node).ok_or_else(|| "must be `soft` or a Cyphal node-ID from 0 to 127".to_owned())
+    }
+}
+
 impl Default for BusArgs {
     fn default() -> Self {
-        Self { bus: BusSpec::Sim, robot: "powercube6".to_owned(), seed: 1, record: None, beside: false }
+        Self { bus: BusSpec::Sim, cell: CellArgs::default(), record: None, beside: false }
     }
 }
 
@@ -48,7 +119,7 @@ impl BusArgs {
     /// # Errors
     /// The bus cannot be reached, the cell not be built, or the recording not be created.
     pub fn open(&self) -> Result<Session, BusFailure> {
-        self.open_with(&CellOptions::default(), no_guests())
+        self.open_cell(&self.cell.load()?, None)
     }
 
     /// As [`BusArgs::open`]; on the bus `sim` with the soft controller in the cell.
@@ -56,34 +127,40 @@ impl BusArgs {
     /// # Errors
     /// As [`BusArgs::open`].
     pub fn open_with_controller(&self) -> Result<Session, BusFailure> {
-        self.open_with(&CellOptions::default(), soft_controller_guest())
+        let cell = self.cell.load()?;
+        let settings = (self.bus == BusSpec::Sim).then(|| settings_of(&cell.robot)).transpose()?;
+        self.open_cell(&cell, settings.as_ref())
     }
 
-    /// As [`BusArgs::open`], with options of the cell and other nodes on its bus; both matter to `sim` only.
+    /// Opens the session; on the bus `sim` with `cell` behind it. With `settings` a soft controller is on the bus: in
+    /// the cell, or in a thread of this program.
     ///
     /// # Errors
     /// As [`BusArgs::open`].
-    pub fn open_with(&self, options: &CellOptions, guests: Guests) -> Result<Session, BusFailure> {
-        let recorder = match &self.record {
-            Some(path) => Some(
-                Recorder::create(path, &self.bus)
-                    .map_err(|source| BusFailure::Recording { source, halted: false })?,
-            ),
-            None => None,
-        };
+    pub fn open_cell(&self, cell: &Cell, settings: Option<&Settings>) -> Result<Session, BusFailure> {
+        let off = Rc::default();
         let medium = match &self.bus {
             BusSpec::Sim => {
-                let robot = AnyRobot::load(&self.robot)?;
-                Medium::Sim(Box::new(SimBus::new(&robot, options, self.seed, guests)?))
+                let guests =
+                    settings.map_or_else(no_guests, |settings| controller_guest(settings, Rc::clone(&off)));
+                Medium::Sim(Box::new(SimBus::new(&cell.robot, &cell.setup, cell.seed, guests)?))
             }
-            spec => Medium::Live(Box::new(LiveBus::open(spec)?)),
+            spec => {
+                let live = LiveBus::open(spec)?;
+                Medium::Live(Box::new(match settings {
+                    Some(settings) => live.start_controller(*settings)?,
+                    None => live,
+                }))
+            }
         };
         let name = match &self.bus {
-            BusSpec::Sim => format!("sim (robot {}, seed {})", self.robot, self.seed),
+            BusSpec::Sim => format!("sim (robot {}, seed {})", cell.robot_source, cell.seed),
             spec => spec.to_string(),
         };
-        let mut session = Session::new(medium, name, interrupt());
-        if let Some(recorder) = recorder {
+        let mut session = Session::new(medium, name, interrupt(), off);
+        if let Some(path) = &self.record {
+            let recorder = Recorder::create(path, &self.bus)
+                .map_err(|source| BusFailure::Recording { source, halted: false })?;
             session.add_tap(Box::new(recorder));
         }
         Ok(session)

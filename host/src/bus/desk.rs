@@ -61,7 +61,14 @@ pub struct Desk {
     stop_transfer: TransferId,
     /// The host link to a controller, once somebody wants it.
     link: Option<Box<Link>>,
+    /// The host link hears, but says nothing.
+    mute: bool,
+    /// Questions and answers of each module, by whomever it was asked.
+    talks: BTreeMap<ModuleId, (u32, u32)>,
 }
+
+/// Answers that one module may have given beyond the questions that were heard: some were asked before we listened.
+const EXTRA_ANSWERS_MAX: u32 = 3;
 
 impl Default for Desk {
     fn default() -> Self {
@@ -73,6 +80,8 @@ impl Default for Desk {
             tally: Tally::default(),
             stop_transfer: TransferId::ZERO,
             link: None,
+            mute: false,
+            talks: BTreeMap::new(),
         }
     }
 }
@@ -118,6 +127,26 @@ impl Desk {
     pub(super) fn link(&mut self) -> (&mut Link, Instant) {
         let now = self.now;
         (self.link.get_or_insert_with(|| Box::new(super::operator::link(now))), now)
+    }
+
+    /// Hears a controller without being a node: no heartbeat, which would keep a motion of another host alive.
+    pub fn listen_only(&mut self) {
+        self.link();
+        self.mute = true;
+    }
+
+    /// Modules that gave more answers than they were asked: two drives have the address.
+    pub fn double_answers(&self) -> Vec<ModuleId> {
+        let doubled = self.talks.iter().filter(|(_, (asked, told))| *told > *asked + EXTRA_ANSWERS_MAX);
+        doubled.map(|(module, _)| *module).collect()
+    }
+
+    fn asked(&mut self, frame: &Frame) {
+        if !frame.is_extended()
+            && let Some(Address::Module(Channel::Get | Channel::Put, module)) = Address::of(frame.id())
+        {
+            self.talks.entry(module).or_default().0 += 1;
+        }
     }
 
     /// What the host link received.
@@ -185,6 +214,7 @@ impl Node for Desk {
             Some(Address::Module(Channel::Ack | Channel::State, _)) => {}
             Some(Address::Module(Channel::Get | Channel::Put, _) | Address::Broadcast) => {
                 self.tally.foreign_requests += 1;
+                self.asked(frame);
                 return;
             }
             None => return,
@@ -193,6 +223,7 @@ impl Node for Desk {
             Ok((module, reply)) => {
                 self.note(module, &reply);
                 if !matches!(reply, Reply::State(_)) {
+                    self.talks.entry(module).or_default().1 += 1;
                     self.drives.take_reply(self.now, module, &reply);
                 }
             }
@@ -211,8 +242,14 @@ impl Node for Desk {
     fn poll_frame(&mut self) -> Option<Frame> {
         let frame = match self.out.pop_front().or_else(|| self.drives.poll_frame()) {
             Some(frame) => frame,
-            None => self.link.as_mut()?.poll_frame()?,
+            None => loop {
+                let frame = self.link.as_mut()?.poll_frame()?;
+                if !self.mute {
+                    break frame;
+                }
+            },
         };
+        self.asked(&frame);
         self.tally.sent += 1;
         self.count(&frame);
         Some(frame)

@@ -1,10 +1,12 @@
 //! A link of the operating system in real time.
 
 use can_link::{BusSpec, Clock, Event, Link, SendError};
+use firmware::settings::Settings;
 use protocol::{Duration, Instant, Node};
 
 use super::desk::Desk;
 use super::session::{BusFailure, Seen, Way};
+use super::soft::{SoftController, SoftReport};
 
 /// Longest sleep, so that Ctrl-C is seen.
 const NAP: Duration = Duration::from_millis(20);
@@ -14,6 +16,7 @@ const EVENTS_PER_STEP: usize = 64;
 /// See the [module](self).
 pub struct LiveBus {
     link: Box<dyn Link + Send>,
+    soft: Option<SoftController>,
     clock: Clock,
     desk: Desk,
     last: Instant,
@@ -28,7 +31,28 @@ impl LiveBus {
     pub fn open(spec: &BusSpec) -> Result<Self, BusFailure> {
         let clock = Clock::start();
         let link = can_link::open(spec, clock)?;
-        Ok(Self { link, clock, desk: Desk::default(), last: Instant::ZERO, dropped: 0 })
+        Ok(Self { link, soft: None, clock, desk: Desk::default(), last: Instant::ZERO, dropped: 0 })
+    }
+
+    /// Puts a soft controller on the bus, in a thread of its own.
+    ///
+    /// # Errors
+    /// The operating system gives no thread.
+    pub(super) fn start_controller(self, settings: Settings) -> Result<Self, BusFailure> {
+        let (soft, door) = SoftController::start(self.link, self.clock, settings)?;
+        Ok(Self { link: Box::new(door), soft: Some(soft), ..self })
+    }
+
+    /// Takes the soft controller off the bus; the link stays.
+    pub(super) fn switch_controller_off(&mut self) {
+        if let Some(soft) = &self.soft {
+            soft.switch_off();
+        }
+    }
+
+    /// How the soft controller's thread did; ends it, and with it the link.
+    pub(super) fn finish_controller(&mut self) -> Option<SoftReport> {
+        self.soft.as_mut()?.finish()
     }
 
     pub(super) fn now(&self) -> Instant {

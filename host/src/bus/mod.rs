@@ -6,8 +6,9 @@
 //! |---|---|---|---|
 //! | options | [`args`] | what every verb that touches a bus takes on its command line | open anything |
 //! | nodes | [`drive_client`], [`desk`] | the host's side of the bus, without IO: requests to drives with deadlines; what was heard | read a clock |
-//! | session | [`session`], [`sim`], [`live`] | supplies time and frames to the desk: the embedded cell in virtual time, or a link in real time | know what a verb wants |
-//! | dialogue | [`ask`], [`survey`], [`motion`], [`operator`] | questions, rounds of questions, bounded motions of single drives; orders to a controller | print |
+//! | storage | [`storage`] | what a controller on this machine keeps, in a file | know what it means |
+//! | session | [`session`], [`sim`], [`live`], [`soft`] | supplies time and frames to the desk: the embedded cell in virtual time, or a link in real time; and a controller where the bus has none | know what a verb wants |
+//! | dialogue | [`ask`], [`survey`], [`motion`], [`operator`], [`registers`] | questions, rounds of questions, bounded motions of single drives; orders to a controller, its settings | print |
 //!
 //! # Invariants
 //!
@@ -24,8 +25,12 @@ pub mod drive_client;
 pub mod live;
 pub mod motion;
 pub mod operator;
+pub mod registers;
 pub mod session;
+pub mod settings;
 pub mod sim;
+pub mod soft;
+pub mod storage;
 pub mod survey;
 
 pub use args::BusArgs;

@@ -18,6 +18,7 @@ use protocol::cyphal::cubecell::command::{
     self, ArmConfirm, ArmOffer, ArmPrepare, Home, Refusal, Trajectory,
 };
 use protocol::cyphal::cubecell::group_state::{self, GroupState, State};
+use protocol::cyphal::cubecell::joint_state::{self, JointState};
 use protocol::cyphal::host::{HostNode, Listener, RESPONSES};
 use protocol::cyphal::id::{NodeId, Route, ServiceId};
 use protocol::cyphal::rx::{Port, Transfer};
@@ -56,6 +57,8 @@ pub struct Inbox {
     answers: VecDeque<(Ticket, Result<Vec<u8>, NoAnswer>)>,
     /// State of the controller heard last, when, and whose.
     pub group: Option<(Instant, NodeId, GroupState)>,
+    /// State of its joints heard last, when, and whose.
+    pub joints: Option<(Instant, NodeId, JointState)>,
 }
 
 impl Listener for Inbox {
@@ -78,11 +81,16 @@ impl Listener for Inbox {
     }
 
     fn message(&mut self, now: Instant, transfer: &Transfer<'_>) {
-        if let Route::Message { subject, source } = transfer.route
-            && subject == group_state::SUBJECT
+        let Route::Message { subject, source } = transfer.route else { return };
+        if subject == group_state::SUBJECT
             && let Ok(state) = GroupState::from_bytes(transfer.payload)
         {
             self.group = Some((now, source, state));
+        }
+        if subject == joint_state::SUBJECT
+            && let Ok(state) = JointState::from_bytes(transfer.payload)
+        {
+            self.joints = Some((now, source, state));
         }
     }
 
@@ -95,7 +103,9 @@ impl Listener for Inbox {
 pub(super) fn link(now: Instant) -> Link {
     let mut ports = RESPONSES.to_vec();
     ports.push(Port::message(group_state::SUBJECT, group_state::EXTENT));
-    let mut link = HostNode::new(now, NODE_ID, Inbox { ports, answers: VecDeque::new(), group: None });
+    ports.push(Port::message(joint_state::SUBJECT, joint_state::EXTENT));
+    let inbox = Inbox { ports, answers: VecDeque::new(), group: None, joints: None };
+    let mut link = HostNode::new(now, NODE_ID, inbox);
     link.set_heartbeat_period(HEARTBEAT);
     link
 }
@@ -146,6 +156,27 @@ pub enum OperatorError {
     /// The file is longer than a file can be.
     #[error("a file of {0} bytes is too long for a controller")]
     TooLong(usize),
+    /// It has no such register.
+    #[error(
+        "the controller has no register {name}\n  next: use a cubectl and a controller of the same version"
+    )]
+    NoRegister {
+        /// Name asked for.
+        name: &'static str,
+    },
+    /// It keeps another value.
+    #[error(
+        "the controller does not take {name} = {wanted}, it keeps {found}\n  next: the value must be in the register's \
+         range, go with the other settings, and nothing may move or be armed"
+    )]
+    RegisterRefused {
+        /// Name.
+        name: &'static str,
+        /// Written.
+        wanted: String,
+        /// Read back.
+        found: String,
+    },
     /// It stopped, or reports a fault.
     #[error("the controller {}: {}", if *.state == State::Fault { "reports a fault" } else { "has stopped" }, fault_text(.cause, .joint))]
     Stopped {
@@ -217,6 +248,30 @@ impl Session {
     /// State of the controller heard last.
     pub fn group(&mut self) -> Option<GroupState> {
         self.desk().inbox().and_then(|inbox| inbox.group).map(|(_, _, state)| state)
+    }
+
+    /// Joint angles of the controller's next message, rad: what it measures from now on.
+    ///
+    /// # Errors
+    /// [`OperatorError::NoAnswer`] if none comes within [`PRESENCE`], and the others.
+    pub fn measured_pose(&mut self, node: NodeId) -> Result<Vec<f64>, OperatorError> {
+        let now = self.now();
+        let mut pose = None;
+        let ended = self.run(now + PRESENCE, &mut |desk| {
+            let heard = desk.inbox().and_then(|inbox| inbox.joints.as_ref());
+            if let Some((at, source, state)) = heard
+                && *at > now
+                && *source == node
+            {
+                pose = Some(state.joints().iter().map(|joint| f64::from(joint.q_rad)).collect());
+            }
+            pose.is_some()
+        })?;
+        match (ended, pose) {
+            (Ended::Interrupted, _) => Err(OperatorError::Interrupted),
+            (_, Some(pose)) => Ok(pose),
+            (_, None) => Err(OperatorError::NoAnswer { node }),
+        }
     }
 
     /// One request, with all its attempts.
@@ -349,7 +404,8 @@ impl Session {
         self.order(node, "to disarm", command::DISARM, &()).map(drop)
     }
 
-    /// Runs the armed trajectory and follows it to its end. Ctrl-C orders a stop along the path, and a halt if the
+    /// Runs the armed trajectory and follows it to its end; `progress` gets each message of the controller's state with
+    /// the time of its arrival. Ctrl-C orders a stop along the path, and a halt if the
     /// controller does not obey.
     ///
     /// # Errors
@@ -359,17 +415,17 @@ impl Session {
         node: NodeId,
         name: &Trajectory,
         limit: Duration,
-        progress: &mut dyn FnMut(&GroupState),
+        progress: &mut dyn FnMut(Instant, &GroupState),
     ) -> Result<GroupState, OperatorError> {
         self.guard_motion();
         self.order(node, "to run", command::RUN, name)?;
         let until = self.now() + limit;
         let (mut last, mut seen_running) = (None, false);
         let ended = self.run(until, &mut |desk| {
-            let Some((_, _, state)) = desk.inbox().and_then(|inbox| inbox.group) else { return false };
+            let Some((at, _, state)) = desk.inbox().and_then(|inbox| inbox.group) else { return false };
             if last != Some(state.sequence) {
                 last = Some(state.sequence);
-                progress(&state);
+                progress(at, &state);
             }
             seen_running |= state.state == State::Running;
             seen_running && !matches!(state.state, State::Running | State::Stopping)

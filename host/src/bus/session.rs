@@ -1,6 +1,8 @@
 //! A session on a bus: supplies time and frames to the [`Desk`], whatever the bus is.
 
+use std::cell::Cell;
 use std::io;
+use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -11,6 +13,7 @@ use protocol::{Duration, Frame, Instant};
 use super::desk::Desk;
 use super::live::LiveBus;
 use super::sim::SimBus;
+use super::soft::SoftReport;
 
 /// Time that a halt gets to reach the bus before a session is given up.
 const HALT_TIME: Duration = Duration::from_millis(20);
@@ -65,6 +68,12 @@ pub enum BusFailure {
     /// The robot of the simulated cell cannot be loaded.
     #[error("{0}\n  next: name a built-in robot (powercube6) or the path of a robot file")]
     Robot(#[from] robot_model::LoadError),
+    /// The scenario of the simulated cell cannot be used.
+    #[error(transparent)]
+    Scenario(Box<hil_sim::scenario::ScenarioError>),
+    /// No controller can be made for the robot.
+    #[error(transparent)]
+    Settings(#[from] super::settings::NoSettings),
     /// The simulated cell cannot be built.
     #[error(transparent)]
     Cell(#[from] hil_sim::cell::CellError),
@@ -120,6 +129,8 @@ pub struct Session {
     /// This session may have set something in motion.
     moves: bool,
     bus_errors: Vec<(Instant, BusError)>,
+    /// Set: the soft controller of the simulated cell is silent.
+    controller_off: Rc<Cell<bool>>,
 }
 
 /// Most bus errors that are kept for a report; more are only counted by the link.
@@ -155,8 +166,30 @@ impl Seen<'_> {
 }
 
 impl Session {
-    pub(super) fn new(medium: Medium, name: String, interrupt: Arc<AtomicBool>) -> Self {
-        Self { medium, taps: Vec::new(), interrupt, name, moves: false, bus_errors: Vec::new() }
+    pub(super) fn new(
+        medium: Medium,
+        name: String,
+        interrupt: Arc<AtomicBool>,
+        controller_off: Rc<Cell<bool>>,
+    ) -> Self {
+        let bus_errors = Vec::new();
+        Self { medium, taps: Vec::new(), interrupt, name, moves: false, bus_errors, controller_off }
+    }
+
+    /// Takes the soft controller of this session off the bus, so that the host may ask the drives itself.
+    pub fn switch_controller_off(&mut self) {
+        self.controller_off.set(true);
+        if let Medium::Live(live) = &mut self.medium {
+            live.switch_controller_off();
+        }
+    }
+
+    /// How the soft controller's thread did, on a live bus; ends it, and with it the session's link.
+    pub fn finish_controller(&mut self) -> Option<SoftReport> {
+        match &mut self.medium {
+            Medium::Sim(_) => None,
+            Medium::Live(live) => live.finish_controller(),
+        }
     }
 
     /// The bus as a person would name it.

@@ -1,12 +1,17 @@
 //! The embedded cell in virtual time: the bus behind `--bus sim`.
 
+use std::cell::Cell;
+use std::rc::Rc;
+
 use firmware::ControllerNode;
 use firmware::host_link::Identity;
 use firmware::settings::Settings;
 use firmware::store::RamStorage;
 use hil_sim::bus::{BusConfig, ErrorKind};
 use hil_sim::crew::{Crew, Solo};
-use hil_sim::{Cell, CellOptions, Observer, World};
+use hil_sim::fault::Fault;
+use hil_sim::scenario::{Action, ScriptedHost};
+use hil_sim::{Cell as SimCell, CellOptions, Observer, World};
 use protocol::{Duration, Frame, Instant, Node};
 use robot_model::AnyRobot;
 
@@ -23,21 +28,35 @@ const CLASS_BUS_OFF: u32 = 0x40;
 /// Anything that sits on the bus beside cell and desk: a soft controller, a second cell.
 pub type Guests = Box<dyn Crew>;
 
-/// A node behind a pointer, as a guest.
-pub struct Guest(pub Box<dyn Node>);
+/// A node behind a pointer, as a guest, that can be switched off from outside.
+pub struct Guest {
+    node: Box<dyn Node>,
+    off: Rc<Cell<bool>>,
+}
+
+impl Guest {
+    /// A guest that takes part until `off` is set.
+    pub fn new(node: Box<dyn Node>, off: Rc<Cell<bool>>) -> Self {
+        Self { node, off }
+    }
+}
 
 impl Node for Guest {
     fn handle_frame(&mut self, now: Instant, frame: &Frame) {
-        self.0.handle_frame(now, frame);
+        if !self.off.get() {
+            self.node.handle_frame(now, frame);
+        }
     }
     fn handle_timeout(&mut self, now: Instant) {
-        self.0.handle_timeout(now);
+        if !self.off.get() {
+            self.node.handle_timeout(now);
+        }
     }
     fn poll_frame(&mut self) -> Option<Frame> {
-        self.0.poll_frame()
+        if self.off.get() { None } else { self.node.poll_frame() }
     }
     fn poll_timeout(&self) -> Option<Instant> {
-        self.0.poll_timeout()
+        if self.off.get() { None } else { self.node.poll_timeout() }
     }
 }
 
@@ -47,19 +66,40 @@ pub fn no_guests() -> Guests {
 }
 
 /// The controller of the firmware, as a program on this machine: starts at time 0 and forgets when it ends.
-pub fn soft_controller() -> ControllerNode<RamStorage> {
-    ControllerNode::new(Instant::ZERO, RamStorage::new(), &Settings::powercube6(), Identity::default())
+pub fn soft_controller(settings: &Settings) -> ControllerNode<RamStorage> {
+    ControllerNode::new(Instant::ZERO, RamStorage::new(), settings, Identity::default())
 }
 
-/// The soft controller as a guest.
+/// The soft controller with its built-in settings as a guest.
 pub fn soft_controller_guest() -> Guests {
-    Box::new(vec![Solo::new("controller", Guest(Box::new(soft_controller())))])
+    controller_guest(&Settings::powercube6(), Rc::default())
 }
+
+/// The soft controller with `settings` as a guest, on the bus until `off` is set.
+pub fn controller_guest(settings: &Settings, off: Rc<Cell<bool>>) -> Guests {
+    Box::new(vec![Solo::new("controller", Guest::new(Box::new(soft_controller(settings)), off))])
+}
+
+/// Everything about a simulated cell beside its robot and seed; by default the nominal cell on a good bus.
+#[derive(Clone, Debug, Default)]
+pub struct SimSetup {
+    /// Drives, mechanics, supplies, gripper.
+    pub cell: CellOptions,
+    /// Bus.
+    pub bus: BusConfig,
+    /// What goes wrong.
+    pub faults: Vec<Fault>,
+    /// What a scripted host sends.
+    pub actions: Vec<Action>,
+}
+
+/// Who is on the simulated bus: the cell, a scripted host, guests, and the desk last.
+pub type SimCrew = (((SimCell, Solo<ScriptedHost>), Guests), Solo<Desk>);
 
 /// See the [module](self).
 pub struct SimBus {
     /// The desk is taken out of its place while a verb talks to it.
-    world: World<((Cell, Guests), Solo<Desk>)>,
+    world: World<SimCrew>,
     lent: Option<Desk>,
     desk_port: usize,
 }
@@ -89,20 +129,16 @@ impl Observer for Tapped<'_, '_> {
 }
 
 impl SimBus {
-    /// The cell of `robot`, with chances from `seed` and `guests` on its bus.
+    /// The cell of `robot` as `setup` wants it, with chances from `seed` and `guests` on its bus.
     ///
     /// # Errors
     /// The robot has no drives, or there are more nodes than a bus has ports.
-    pub fn new(
-        robot: &AnyRobot,
-        options: &CellOptions,
-        seed: u64,
-        guests: Guests,
-    ) -> Result<Self, BusFailure> {
-        let cell = Cell::new(robot, options, seed)?;
-        let desk_port = cell.len() + guests.len();
-        let crew = ((cell, guests), Solo::new("cubectl", Desk::default()));
-        let world = World::new(crew, BusConfig::default(), seed, Vec::new())?;
+    pub fn new(robot: &AnyRobot, setup: &SimSetup, seed: u64, guests: Guests) -> Result<Self, BusFailure> {
+        let cell = SimCell::new(robot, &setup.cell, seed)?;
+        let script = Solo::new("script", ScriptedHost::new(&setup.actions));
+        let desk_port = cell.len() + script.len() + guests.len();
+        let crew = (((cell, script), guests), Solo::new("cubectl", Desk::default()));
+        let world = World::new(crew, setup.bus, seed, setup.faults.clone())?;
         Ok(Self { world, lent: None, desk_port })
     }
 
@@ -112,13 +148,13 @@ impl SimBus {
     }
 
     /// The world, to look at and to add faults.
-    pub fn world(&mut self) -> &mut World<((Cell, Guests), Solo<Desk>)> {
+    pub fn world(&mut self) -> &mut World<SimCrew> {
         &mut self.world
     }
 
     /// The cell.
-    pub fn cell(&self) -> &Cell {
-        &self.world.crew().0.0
+    pub fn cell(&self) -> &SimCell {
+        &self.world.crew().0.0.0
     }
 
     pub(super) fn desk(&mut self) -> &mut Desk {

@@ -17,7 +17,10 @@ use crate::exit;
 impl From<BusFailure> for ExpectedError {
     fn from(failure: BusFailure) -> Self {
         let code = match failure {
-            BusFailure::Robot(_) | BusFailure::Cell(_) => exit::BAD_INPUT,
+            BusFailure::Robot(_)
+            | BusFailure::Cell(_)
+            | BusFailure::Scenario(_)
+            | BusFailure::Settings(_) => exit::BAD_INPUT,
             BusFailure::Recording { .. } => exit::OUTPUT,
             BusFailure::Sim(_) => exit::BUG,
             BusFailure::Open(_) | BusFailure::Link(_) | BusFailure::Wait(_) | BusFailure::World(_) => {

@@ -45,7 +45,8 @@ pub(super) fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
-fn share(text: &str) -> Result<f64, String> {
+/// A number above zero, at most one.
+pub(super) fn share(text: &str) -> Result<f64, String> {
     positive(text)
         .and_then(|value| if value <= 1.0 { Ok(value) } else { Err(String::new()) })
         .map_err(|_| "must be above 0 and at most 1".to_owned())

@@ -2,6 +2,7 @@
 
 pub mod check;
 pub mod config;
+pub mod controller;
 pub mod doctor;
 pub mod explain;
 pub mod export;
@@ -16,6 +17,7 @@ pub mod scan;
 pub mod sim;
 pub mod status;
 pub mod stop;
+pub mod throw;
 pub mod tune;
 pub mod upload;
 

@@ -2,6 +2,7 @@
 
 use std::io::{IsTerminal, Write};
 
+use firmware::fault::Cause;
 use protocol::powercube::{CubeState, Parameter, Request};
 use protocol::{Duration, Instant, ModuleId};
 
@@ -57,6 +58,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         )?;
         found.iter().map(|report| report.module).collect()
     };
+    session.desk().listen_only();
     let table = !args.plain && std::io::stdout().is_terminal();
     let span = args.time.or(session.is_simulated().then_some(1.0));
     let end = span.map_or(Instant::FAR_FUTURE, |s| session.now() + Duration::from_secs_f64(s));
@@ -102,6 +104,7 @@ fn ask(desk: &mut Desk, modules: &[ModuleId]) {
 fn picture(session: &mut Session, before: crate::bus::desk::Tally, span: Duration, table: bool) -> String {
     use std::fmt::Write as _;
     let (now, errors, name) = (session.now(), session.bus_errors().len(), session.name().to_owned());
+    let group = controller(session.desk(), table);
     let desk = session.desk();
     let mut tally = desk.tally();
     let frames = tally.received + tally.sent - before.received - before.sent;
@@ -112,6 +115,8 @@ fn picture(session: &mut Session, before: crate::bus::desk::Tally, span: Duratio
         let _ = writeln!(text, "\x1b[2J\x1b[H{name}  {:.1} s", now.as_secs_f64());
         let _ = writeln!(text, "{frames} frames, load about {load:.1} % of 1 Mbit/s, {errors} bus errors\n");
         let _ = writeln!(text, "id  position_rad  current_a  heard_ms_ago  state");
+    } else if !group.is_empty() {
+        let _ = write!(text, "t_s={:.3} {group}", now.as_secs_f64());
     }
     for (module, heard) in desk.heard() {
         let number =
@@ -127,6 +132,60 @@ fn picture(session: &mut Session, before: crate::bus::desk::Tally, span: Duratio
                 "t_s={:.3} module={module} position_rad={position} current_a={current} age_ms={age_ms} state={state} \
                  load_percent={load:.1} bus_errors={errors}",
                 now.as_secs_f64()
+            );
+        }
+    }
+    if table {
+        text.push_str(&group);
+    }
+    text
+}
+
+/// What a controller told last: the group, then its joints; empty if none is heard.
+fn controller(desk: &mut Desk, table: bool) -> String {
+    use std::fmt::Write as _;
+    let Some(inbox) = desk.inbox() else { return String::new() };
+    let Some((_, node, group)) = inbox.group else { return String::new() };
+    let cause = Cause::from_code(group.fault_cause).map_or("none", Cause::name);
+    let mut text = String::new();
+    let gap = if table { "\n" } else { "" };
+    let _ = writeln!(
+        text,
+        "{gap}controller={} state={:?} fault={cause} fault_joint={} plan_s={:.3} period_us={} jitter_us={} late={} \
+         missed={} saturated={} load_percent={:.1} host={}",
+        node.get(),
+        group.state,
+        group.fault_joint,
+        f64::from(group.trajectory_time_us) * 1e-6,
+        group.cycle_us,
+        group.cycle_jitter_us,
+        group.cycles_late,
+        group.replies_missed,
+        group.cycles_saturated,
+        f64::from(group.bus_load_permille) / 10.0,
+        if group.host_alive { "alive" } else { "silent" },
+    );
+    let Some((_, source, state)) = &inbox.joints else { return text };
+    if table {
+        let _ = writeln!(text, "\njoint     q_rad  qd_rad_s  error_mrad  current_a");
+    }
+    for (index, joint) in state.joints().iter().enumerate() {
+        let number = index + 1;
+        let error_mrad = 1e3 * joint.error_q_rad;
+        if table {
+            let _ = writeln!(
+                text,
+                "{number:>5}  {:>8.4}  {:>8.4}  {error_mrad:>10.2}  {:>9.2}",
+                joint.q_rad, joint.qd_rad_s, joint.current_a
+            );
+        } else {
+            let _ = writeln!(
+                text,
+                "controller={} joint={number} q_rad={:.4} qd_rad_s={:.4} error_mrad={error_mrad:.2} current_a={:.2}",
+                source.get(),
+                joint.q_rad,
+                joint.qd_rad_s,
+                joint.current_a
             );
         }
     }

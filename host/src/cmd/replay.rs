@@ -6,8 +6,10 @@ use std::path::PathBuf;
 use protocol::cyphal::id::{NodeId, Route};
 use protocol::powercube::{Address, Channel};
 use protocol::{Frame, Id, Instant, Node};
+use robot_model::AnyRobot;
 
 use super::bus_errors::print_json;
+use crate::bus::settings::settings_of;
 use crate::bus::sim::soft_controller;
 use crate::error::ExpectedError;
 use crate::exit;
@@ -24,6 +26,9 @@ const FRAMES_MAX: usize = 4_096;
 pub struct Args {
     /// Candump log of a run with a controller.
     pub log: PathBuf,
+    /// Robot of the recorded cell: a built-in name or a file.
+    #[arg(long, default_value = "powercube6", value_name = "ROBOT")]
+    pub robot: String,
     /// Print JSON.
     #[arg(long)]
     pub json: bool,
@@ -67,7 +72,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             path.display()
         )));
     }
-    let mut controller = soft_controller();
+    let robot = AnyRobot::load(&args.robot).map_err(|error| ExpectedError::bad_input(&error))?;
+    let settings = settings_of(&robot).map_err(|error| ExpectedError::bad_input(&error))?;
+    let mut controller = soft_controller(&settings);
     let replayed = replay(&lines, &mut controller);
     if args.json {
         print_json(&serde_json::json!({

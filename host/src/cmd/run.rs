@@ -7,7 +7,7 @@ use protocol::cyphal::cubecell::group_state::State;
 use protocol::cyphal::id::NodeId;
 
 use super::bus_errors::print_json;
-use super::upload::{node_id, read, send, settle};
+use super::upload::{bytes_for, node_id, read, send, settle};
 use crate::bus::BusArgs;
 use crate::error::ExpectedError;
 use crate::exit;
@@ -15,10 +15,10 @@ use crate::exit;
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  cubectl run throw.ctrj --bus can0 --record throw1\n\nThe arm must be homed and stand where the plan begins. Ctrl-C stops it along its path."
+    after_help = "Example:\n  cubectl run plan.json --bus can0 --record throw1\n\nThe arm must be homed and stand where the plan begins (`cubectl throw --plan` moves it\nthere). Ctrl-C stops it along its path."
 )]
 pub struct Args {
-    /// Trajectory file of a controller.
+    /// Plan (JSON), or trajectory file of a controller.
     pub file: PathBuf,
     /// Bus options; on the bus `sim` a soft controller is in the cell.
     #[command(flatten)]
@@ -42,7 +42,7 @@ pub struct Args {
 /// # Errors
 /// The file, the bus, no controller, its refusal, or a stop or fault on the way.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    let bytes = read(&args.file)?;
+    let source = read(&args.file, args.bus.cell.robot.as_deref())?;
     let mut session = args.bus.open_with_controller()?;
     let node = session.find_controller(args.controller)?;
     settle(&mut session)?;
@@ -54,8 +54,11 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
                 "not all joints are homed; nothing moved\n  next: `cubectl run --home`, or `cubectl home` first",
             ));
         }
-        session.home_group(node, !group.homed_mask, Duration::from_secs(120))?;
+        let joints = session.measured_pose(node)?.len().min(protocol::JOINTS_MAX);
+        let all = ((1_u16 << joints) - 1) as u8;
+        session.home_group(node, all & !group.homed_mask, Duration::from_secs(120))?;
     }
+    let bytes = bytes_for(&mut session, node, &source)?;
     let name = send(&mut session, node, &bytes)?;
     session.arm(node, &name)?;
     if !args.json {
@@ -66,7 +69,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         );
     }
     let begun = session.now();
-    let end = session.run_trajectory(node, &name, Duration::from_secs_f64(args.timeout), &mut |_| {})?;
+    let end = session.run_trajectory(node, &name, Duration::from_secs_f64(args.timeout), &mut |_, _| {})?;
     let took_s = session.now().saturating_since(begun).as_secs_f64();
     session.finish()?;
     if args.json {

@@ -2,10 +2,9 @@
 
 use std::path::PathBuf;
 
-use can_link::{BusSpec, Clock, Relay, ServerOptions};
-use hil_sim::World;
+use can_link::{BusSpec, Clock};
 use hil_sim::crew::Solo;
-use hil_sim::realtime::{Door, Gateway, Realtime, RealtimeError, Visit};
+use hil_sim::realtime::{Door, Realtime, RealtimeError, Visit};
 use hil_sim::scenario::{Scenario, ScriptedHost};
 use protocol::{Duration, Instant};
 
@@ -25,9 +24,9 @@ const LOOK: Duration = Duration::from_millis(50);
 )]
 pub struct Args {
     /// Where: socketcand://127.0.0.1:29536/can0 and slcan://127.0.0.1:3333 serve that port, slcan:/dev/ptmx makes a
-    /// pseudo-terminal, vcan0 joins that interface.
+    /// pseudo-terminal, vcan0 joins that interface. Given several times, all of them lead to the same bus.
     #[arg(long, default_value = "socketcand://127.0.0.1:29536/can0", value_name = "SPEC")]
-    pub bus: BusSpec,
+    pub bus: Vec<BusSpec>,
     /// Robot: a built-in name or a file.
     #[arg(long, value_name = "ROBOT")]
     pub robot: Option<String>,
@@ -61,23 +60,21 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let cell = scenario.cell().map_err(|error| ExpectedError::bad_input(&error))?;
     let guests = if args.controller { soft_controller_guest() } else { no_guests() };
     let script = Solo::new("script", ScriptedHost::new(&scenario.actions));
-    let crew = (((cell, script), guests), Solo::new("clients", Gateway::default()));
-    let world = World::new(crew, scenario.bus, scenario.seed, scenario.faults.clone())
-        .map_err(|error| ExpectedError::bad_input(&error))?;
     let clock = Clock::start();
-    let door = match &args.bus {
-        // An interface is a bus already; everything else is served.
-        BusSpec::SocketCan { .. } => can_link::open(&args.bus, clock).map(Door::Member),
-        _ => {
-            let options = ServerOptions { relay: Relay::ByOwner, ..ServerOptions::default() };
-            can_link::serve(&args.bus, clock, options).map(Door::Server)
-        }
-    }
-    .map_err(BusFailure::from)?;
+    let doors: Vec<Door> = args
+        .bus
+        .iter()
+        .map(|spec| Door::open(spec, clock).map_err(BusFailure::from))
+        .collect::<Result<_, _>>()?;
+    let crew = ((cell, script), guests);
+    let faults = scenario.faults.clone();
+    let mut realtime = Realtime::new(crew, scenario.bus, scenario.seed, faults, doors, clock)
+        .map_err(|error| ExpectedError::bad_input(&error))?;
     let stop = interrupt();
-    println!("serving {} (robot {}, seed {}); Ctrl-C ends", door.name(), scenario.robot, scenario.seed);
+    for door in realtime.doors() {
+        println!("serving {} (robot {}, seed {}); Ctrl-C ends", door.name(), scenario.robot, scenario.seed);
+    }
     let end = args.time.map_or(Instant::FAR_FUTURE, |s| Instant::ZERO + Duration::from_secs_f64(s));
-    let mut realtime = Realtime::new(world, door, clock);
     while !stop.load(std::sync::atomic::Ordering::Relaxed) && realtime.world().now() < end {
         let until = (realtime.world().now() + LOOK).min(end);
         realtime.turn(until, &mut ()).map_err(|error| {

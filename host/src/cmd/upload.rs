@@ -10,14 +10,16 @@ use protocol::cyphal::id::NodeId;
 use crate::bus::operator::OperatorError;
 use crate::bus::{BusArgs, Session};
 use crate::error::ExpectedError;
+use crate::plan::file::PlanFile;
+use crate::throw::trajectory::{Motion, robot_crc32};
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  cubectl upload throw.ctrj --bus can0\n\nThe file is the controller's binary form of a plan. It is checked in the controller before it is committed."
+    after_help = "Example:\n  cubectl upload plan.json --bus can0\n\nThe file is a plan, or the controller's binary form of one. It is checked in the controller before it is committed."
 )]
 pub struct Args {
-    /// Trajectory file of a controller.
+    /// Plan (JSON), or trajectory file of a controller.
     pub file: PathBuf,
     /// Bus options; on the bus `sim` a soft controller is in the cell.
     #[command(flatten)]
@@ -40,10 +42,11 @@ pub(super) fn node_id(text: &str) -> Result<NodeId, String> {
 /// # Errors
 /// The file, the bus, no controller, or its refusal with the cause.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    let bytes = read(&args.file)?;
+    let source = read(&args.file, args.bus.cell.robot.as_deref())?;
     let mut session = args.bus.open_with_controller()?;
     let node = session.find_controller(args.controller)?;
     settle(&mut session)?;
+    let bytes = bytes_for(&mut session, node, &source)?;
     let name = send(&mut session, node, &bytes)?;
     session.finish()?;
     println!(
@@ -55,16 +58,49 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     Ok(())
 }
 
-/// The bytes of a file, which must not be empty.
-pub(super) fn read(path: &Path) -> Result<Vec<u8>, ExpectedError> {
+/// What a file holds that can be run.
+pub(super) enum Source {
+    /// A controller's trajectory file, as it is.
+    Controller(Vec<u8>),
+    /// A plan: its motion, and the fingerprint of its robot.
+    Plan(Box<Motion>, String),
+}
+
+/// Reads a trajectory file of a controller or a plan; a plan must be for `robot`, if that is given.
+pub(super) fn read(path: &Path, robot: Option<&str>) -> Result<Source, ExpectedError> {
     let bytes = std::fs::read(path).map_err(|error| ExpectedError::io(path, &error))?;
-    if !bytes.starts_with(&firmware::trajectory_format::MAGIC) {
+    if bytes.starts_with(&firmware::trajectory_format::MAGIC) {
+        return Ok(Source::Controller(bytes));
+    }
+    if !bytes.trim_ascii_start().starts_with(b"{") {
         return Err(ExpectedError::bad_input(&format!(
-            "{}: not a trajectory file of a controller (it does not begin with CTRJ)",
+            "{}: neither a plan (JSON) nor a trajectory file of a controller (it does not begin with CTRJ)\n  next: \
+             `cubectl plan throw --out FILE` makes a plan",
             path.display()
         )));
     }
-    Ok(bytes)
+    let plan = PlanFile::read(path).map_err(|error| ExpectedError::bad_input(&error))?;
+    let arm = super::arm(robot.unwrap_or(&plan.robot.source))?;
+    plan.require_robot(path, &arm).map_err(|error| ExpectedError::bad_input(&error))?;
+    let motion = Motion::of_plan(&plan).map_err(|error| ExpectedError::bad_input(&error))?;
+    Ok(Source::Plan(Box::new(motion), plan.robot.fingerprint))
+}
+
+/// The controller's form of it: a plan is made into one for the period of `node`.
+pub(super) fn bytes_for(
+    session: &mut Session,
+    node: NodeId,
+    source: &Source,
+) -> Result<Vec<u8>, ExpectedError> {
+    match source {
+        Source::Controller(bytes) => Ok(bytes.clone()),
+        Source::Plan(motion, fingerprint) => {
+            let period_us = session.natural(node, "cycle.period_us")? as u32;
+            motion
+                .encode(period_us, robot_crc32(fingerprint), None)
+                .map_err(|error| ExpectedError::bad_input(&error))
+        }
+    }
 }
 
 /// Waits until the controller has found its drives.

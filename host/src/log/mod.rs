@@ -3,6 +3,7 @@
 //! | module | holds |
 //! |---|---|
 //! | [`candump`] | text log: written line by line, read with line numbers in errors |
+//! | [`facts`] | what frames say: requests, answers, messages, orders |
 //! | [`mcap`] | the same frames and the joints' state decoded from them, as protobuf channels |
 //! | [`schema`] | the protobuf messages and their self-description |
 //!
@@ -11,6 +12,7 @@
 //! unfinished files.
 
 pub mod candump;
+pub mod facts;
 pub mod mcap;
 pub mod schema;
 
@@ -73,9 +75,12 @@ pub fn files_of(path: &Path) -> [PathBuf; 2] {
     })
 }
 
+/// A new file, or what is there already if that is a device or a pipe.
 fn create_new(path: &Path) -> io::Result<std::fs::File> {
-    std::fs::File::create_new(path)
-        .map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", path.display())))
+    let special = std::fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir());
+    let mut options = std::fs::OpenOptions::new();
+    options.write(true).create_new(!special);
+    options.open(path).map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", path.display())))
 }
 
 impl Tap for Recorder {

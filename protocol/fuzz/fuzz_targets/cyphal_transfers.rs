@@ -5,11 +5,11 @@
 use libfuzzer_sys::fuzz_target;
 use protocol::Instant;
 use protocol::cyphal::bits::{Decode, Encode, Writer};
-use protocol::cyphal::cubecell::{command as cell, group_state, joint_state, stop};
 use protocol::cyphal::id::{NodeId, Priority, Route, ServiceId, TransferId};
 use protocol::cyphal::rx::{Port, Receiver};
 use protocol::cyphal::tx::{TxMeta, TxQueue};
-use protocol::cyphal::uavcan::{command, diagnostic, file, heartbeat, info, port_list, register};
+use protocol::cyphal::uavcan::register;
+use protocol::for_every_cyphal_type;
 
 /// Longest payload the target sends; more than the largest message.
 const LEN_MAX: usize = 400;
@@ -62,37 +62,7 @@ fuzz_target!(|bytes: &[u8]| {
     // A port list can grow when it is written in the plain form.
     let (mut first, mut second) = ([0; 4096], [0; 4096]);
     for payload in [sent.as_slice(), padded.as_slice()] {
-        check!(
-            payload,
-            first,
-            second,
-            heartbeat::Heartbeat,
-            diagnostic::Record<'_>,
-            port_list::PortList<'_>,
-            info::NodeInfo<'_>,
-            register::AccessRequest<'_>,
-            register::AccessResponse<'_>,
-            register::ListRequest,
-            register::ListResponse<'_>,
-            command::CommandRequest<'_>,
-            command::CommandResponse<'_>,
-            file::ReadRequest<'_>,
-            file::ReadResponse<'_>,
-            file::WriteRequest<'_>,
-            file::WriteResponse,
-            stop::Stop,
-            group_state::GroupState,
-            joint_state::JointState,
-            cell::ArmPrepare,
-            cell::ArmOffer,
-            cell::ArmConfirm,
-            cell::Trajectory,
-            cell::ClearFault,
-            cell::Home,
-            cell::Jog,
-            cell::Gripper,
-            cell::Refusal,
-        );
+        for_every_cyphal_type!(check, payload, first, second);
         if let Ok(request) = register::AccessRequest::from_bytes(payload) {
             let value = request.value;
             for index in 0..=value.len() {

@@ -4,12 +4,11 @@ use core::hint::black_box;
 
 use protocol::cyphal::bits::{Decode, DecodeError, Encode, Reader, Writer};
 use protocol::cyphal::crc::Crc64;
-use protocol::cyphal::cubecell::{command as cell, group_state, joint_state, stop};
+use protocol::cyphal::cubecell::stop;
 use protocol::cyphal::id::{NodeId, ServiceId, SubjectId};
 use protocol::cyphal::rx::{Port, Receiver, Transfer};
 use protocol::cyphal::tx::{TxMeta, TxQueue};
 use protocol::cyphal::uavcan::value::Value;
-use protocol::cyphal::uavcan::{command, diagnostic, file, heartbeat, info, port_list, register};
 use protocol::{Duration, Frame, Instant};
 
 /// Largest payload kept: a `GetInfo` response.
@@ -106,45 +105,21 @@ fn messages(meta: &TxMeta, payload: &[u8], queue: &mut Queue) {
             }),*]
         };
     }
-    /// Every message and service, both halves.
-    static TYPES: [fn(&TxMeta, &[u8], &mut Queue); 27] = turn_around![
-        heartbeat::Heartbeat,
-        diagnostic::Record<'_>,
-        port_list::PortList<'_>,
-        info::NodeInfo<'_>,
-        register::AccessRequest<'_>,
-        register::AccessResponse<'_>,
-        register::ListRequest,
-        register::ListResponse<'_>,
-        command::CommandRequest<'_>,
-        command::CommandResponse<'_>,
-        file::ReadRequest<'_>,
-        file::ReadResponse<'_>,
-        file::WriteRequest<'_>,
-        file::WriteResponse,
-        stop::Stop,
-        group_state::GroupState,
-        joint_state::JointState,
-        cell::ArmPrepare,
-        cell::ArmOffer,
-        cell::ArmConfirm,
-        cell::Trajectory,
-        cell::ClearFault,
-        cell::Home,
-        cell::Jog,
-        cell::Gripper,
-        cell::Refusal,
-        Values<'_>,
-    ];
-    if let Some(turn_around) = TYPES.get(black_box(0)) {
+    /// Every message and both halves of every service.
+    static TYPES: &[fn(&TxMeta, &[u8], &mut Queue)] = &protocol::for_every_cyphal_type!(turn_around);
+    if let Some(turn_around) = TYPES.get(black_box(0_usize)) {
         turn_around(meta, payload, queue);
     }
+    black_box(Values::from_bytes(payload).is_ok_and(|values| queue.push(meta, &values).is_ok()));
 }
 
 /// What a controller needs: it publishes, and it serves requests.
 #[cfg(not(feature = "cyphal"))]
 #[inline(never)]
 fn messages(meta: &TxMeta, payload: &[u8], queue: &mut Queue) {
+    use protocol::cyphal::cubecell::{command as cell, group_state, joint_state};
+    use protocol::cyphal::uavcan::{command, diagnostic, file, heartbeat, info, port_list, register};
+
     macro_rules! take {
         ($($message:ty),* $(,)?) => {
             [$(|payload| {

@@ -12,6 +12,8 @@ use protocol::{ExtendedId, Frame, Id, Instant, StandardId};
 
 #[cfg(any(feature = "cyphal", feature = "cyphal-node"))]
 mod cyphal;
+#[cfg(feature = "nodes")]
+mod nodes;
 #[cfg(feature = "powercube")]
 mod powercube;
 #[cfg(feature = "text")]
@@ -65,6 +67,8 @@ fn runtime() {
 fn main() -> ! {
     #[cfg(any(feature = "cyphal", feature = "cyphal-node"))]
     let mut station = cyphal::Station::new();
+    #[cfg(feature = "nodes")]
+    let mut nodes = nodes::Nodes::new();
     loop {
         let frame = any_frame();
         let now = Instant::from_micros(black_box(0));
@@ -72,6 +76,8 @@ fn main() -> ! {
         powercube::exercise(&frame);
         #[cfg(any(feature = "cyphal", feature = "cyphal-node"))]
         station.exercise(now, &frame);
+        #[cfg(feature = "nodes")]
+        nodes.exercise(now, &frame);
         #[cfg(feature = "text")]
         text::exercise(now, &frame);
         #[cfg(feature = "bits")]

@@ -30,3 +30,40 @@ pub mod server;
 pub mod tx;
 pub mod uavcan;
 pub mod upload;
+
+/// Calls the macro `$then` with its own arguments and then every message and both halves of every
+/// service, as a list of types: for checks and measurements that must not miss one.
+#[macro_export]
+macro_rules! for_every_cyphal_type {
+    ($then:ident $(, $argument:expr)*) => {
+        $then!(
+            $($argument,)*
+            $crate::cyphal::uavcan::heartbeat::Heartbeat,
+            $crate::cyphal::uavcan::diagnostic::Record<'_>,
+            $crate::cyphal::uavcan::port_list::PortList<'_>,
+            $crate::cyphal::uavcan::info::NodeInfo<'_>,
+            $crate::cyphal::uavcan::register::AccessRequest<'_>,
+            $crate::cyphal::uavcan::register::AccessResponse<'_>,
+            $crate::cyphal::uavcan::register::ListRequest,
+            $crate::cyphal::uavcan::register::ListResponse<'_>,
+            $crate::cyphal::uavcan::command::CommandRequest<'_>,
+            $crate::cyphal::uavcan::command::CommandResponse<'_>,
+            $crate::cyphal::uavcan::file::ReadRequest<'_>,
+            $crate::cyphal::uavcan::file::ReadResponse<'_>,
+            $crate::cyphal::uavcan::file::WriteRequest<'_>,
+            $crate::cyphal::uavcan::file::WriteResponse,
+            $crate::cyphal::cubecell::stop::Stop,
+            $crate::cyphal::cubecell::group_state::GroupState,
+            $crate::cyphal::cubecell::joint_state::JointState,
+            $crate::cyphal::cubecell::command::ArmPrepare,
+            $crate::cyphal::cubecell::command::ArmOffer,
+            $crate::cyphal::cubecell::command::ArmConfirm,
+            $crate::cyphal::cubecell::command::Trajectory,
+            $crate::cyphal::cubecell::command::ClearFault,
+            $crate::cyphal::cubecell::command::Home,
+            $crate::cyphal::cubecell::command::Jog,
+            $crate::cyphal::cubecell::command::Gripper,
+            $crate::cyphal::cubecell::command::Refusal,
+        )
+    };
+}

@@ -228,6 +228,11 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const RX: usize, const SLOTS: 
         self.address
     }
 
+    /// Gives the node another address; before the first frame.
+    pub const fn set_address(&mut self, address: NodeId) {
+        self.address = address;
+    }
+
     /// What the receiver dropped, and why.
     pub const fn rx_counters(&self) -> &RxCounters {
         self.rx.counters()

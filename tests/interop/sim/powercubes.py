@@ -1,6 +1,7 @@
 """python-can, unmodified, against `hil-sim serve`: scan, read, home, move; everything the protocol reference demands.
 
-    python powercubes.py HOST PORT
+    python powercubes.py socketcand HOST PORT
+    python powercubes.py slcan DEVICE
 
 Written from the protocol's description alone; shares no line with the simulator.
 """
@@ -12,11 +13,10 @@ import time
 
 import can
 
-HOST, PORT = sys.argv[1], int(sys.argv[2])
 GET, PUT, ACK, ALL = 0x0C0, 0x0E0, 0x0A0, 0x100
 ACCEPTED = 0x64
 NOT_OK, MOTION, RAMP_END = 0x01, 0x10, 0x20
-HOME_OK, ERROR = 0x2, 0x1
+HOME_OK, ERROR, HALTED = 0x2, 0x1, 0x4
 PATIENCE_S = 2.0
 
 latencies_ms = []
@@ -104,8 +104,17 @@ def ramp_extended(bus, module, target, velocity, acceleration):
     return struct.unpack("<fBB", data[2:])
 
 
+def connect(arguments):
+    match arguments:
+        case ["socketcand", host, port]:
+            return can.Bus(interface="socketcand", channel="can0", host=host, port=int(port))
+        case ["slcan", device]:
+            return can.Bus(interface="slcan", channel=device, bitrate=1_000_000, sleep_after_open=0)
+    raise SystemExit(__doc__)
+
+
 def main():
-    bus = can.Bus(interface="socketcand", channel="can0", host=HOST, port=PORT)
+    bus = connect(sys.argv[1:])
     found = scan(bus)
     assert sorted(found) == [1, 2, 3, 4, 5, 6], found
     print("found", {module: f"{version:#06x}" for module, version in found.items()})
@@ -118,7 +127,8 @@ def main():
         assert low <= q <= high and v_max > 0 and a_max > 0 and get(bus, module, 0x20, "B") == module
         position, short, _ = position_state(bus, module)
         assert abs(position - q) < 0.01, (position, q)
-        assert short & NOT_OK, "a module that is not homed shows NOT_OK"
+        not_ok = state & (ERROR | HALTED) or not state & HOME_OK
+        assert bool(short & NOT_OK) == bool(not_ok), f"short state {short:#04x} beside state {state:#010x}"
         print(f"module {module}: serial {serial}, {q:+.4f} rad in [{low:+.3f}, {high:+.3f}], state {state:#010x}")
 
     module = 6
@@ -148,9 +158,9 @@ def main():
     bus.send(frame(ALL, [0x02]))
     time.sleep(0.1)
     state = get(bus, module, 0x27, "I")
-    assert state & 0x4, f"HALTED after the broadcast, state {state:#010x}"
+    assert state & HALTED, f"HALTED after the broadcast, state {state:#010x}"
     simple(bus, module, 0x00)
-    assert not get(bus, module, 0x27, "I") & 0x4, "RESET clears HALTED"
+    assert not get(bus, module, 0x27, "I") & HALTED, "RESET clears HALTED"
 
     latencies_ms.sort()
     count = len(latencies_ms)

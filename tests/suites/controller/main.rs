@@ -3,52 +3,19 @@
 
 use std::borrow::Cow;
 
+use cell_tests::published_throw::{self, HA_S, HB_S, reference};
 use firmware::Controller;
-use firmware::crc::Crc64;
-use firmware::joints::PerJoint;
 use firmware::orders::{Done, Order};
 use firmware::settings::Settings;
-use firmware::spline::Knot;
 use firmware::state::StateKind;
 use firmware::store::{FileName, RamStorage};
-use firmware::trajectory_format::{self, FILE_LEN_MAX, Header};
 use hil_sim::bus::BusConfig;
 use hil_sim::crew::Crew;
 use hil_sim::world::{Observer, World};
 use hil_sim::{Cell, CellOptions};
+use protocol::cyphal::crc::Crc64;
 use protocol::{Duration, Frame, Instant, JointIndex, Node};
 use robot_model::AnyRobot;
-
-/// Position and velocity at release, and the times before and after it.
-const Q_RELEASE: [f64; 6] = [0.199_999, 0.125_428, -1.856_562, 1.004_064, 1.387_908, 1.654_417];
-const QD_RELEASE: [f64; 6] = [1.358_402, -1.675_786, 0.482_325, -0.010_697, -0.986_023, 2.548_397];
-const HA_S: f64 = 0.920 * (1.0 - 0.391);
-const HB_S: f64 = 0.920 * 0.391;
-const TARGET_M: [f64; 3] = [1.0, 1.0, -1.0];
-
-fn reference(i: usize, t: f64) -> (f64, f64) {
-    let (s, qd) = (t.clamp(0.0, HA_S + HB_S) - HA_S, QD_RELEASE[i]);
-    let h = if s < 0.0 { HA_S } else { HB_S };
-    (Q_RELEASE[i] + qd * (s - s * s * s / (3.0 * h * h)), qd * (1.0 - s * s / (h * h)))
-}
-
-fn throw_file(period_us: u32) -> Vec<u8> {
-    let (a_us, b_us) = ((HA_S * 1e6).round() as u32, (HB_S * 1e6).round() as u32);
-    let knot = |t_us, t_s: f64| {
-        let mut state = PerJoint::default();
-        for joint in JointIndex::first(6) {
-            let (q, qd) = reference(joint.get(), t_s);
-            state.set(joint, (q as f32, qd as f32));
-        }
-        Knot { t_us, state }
-    };
-    let knots = [knot(0, 0.0), knot(a_us, HA_S), knot(a_us + b_us, HA_S + HB_S)];
-    let header = Header { joints: 6, period_us, release_us: Some(a_us), robot_crc32: 0 };
-    let mut out = vec![0; FILE_LEN_MAX];
-    let len = trajectory_format::encode(&header, &knots, &mut out).unwrap();
-    out.truncate(len);
-    out
-}
 
 /// The controller as a crew of one.
 struct Desk(Box<Controller<RamStorage>>);
@@ -86,7 +53,7 @@ impl Lab {
         options.drive.processing_delay = Duration::from_micros(200);
         options.drive.processing_jitter = Duration::from_micros(100);
         options.gripper.jitter = Duration::ZERO;
-        options.start_q_rad = Some((0..6).map(|i| reference(i, 0.0).0 + offset_rad).collect());
+        options.start_q_rad = Some(published_throw::start_rad().iter().map(|q| q + offset_rad).collect());
         let cell = Cell::new(&robot, &options, seed).unwrap();
         let desk = Desk(Box::new(Controller::new(RamStorage::new(), settings)));
         let world = World::new((cell, desk), BusConfig::default(), seed, Vec::new()).unwrap();
@@ -127,7 +94,7 @@ impl Lab {
         }
         assert_eq!(self.kind(), StateKind::Ready, "{:?}", self.controller().state());
         self.run(60_000);
-        let file = throw_file(settings.cycle_period_us);
+        let file = published_throw::file(settings.cycle_period_us);
         let upload = |crew: &mut (Cell, Desk), now| crew.1.0.upload(now, 0, &file);
         self.world.with_crew(upload).unwrap().unwrap();
         let name = FileName { crc64: Crc64::of(&file), len: file.len() as u32 };
@@ -201,8 +168,7 @@ fn throw(mut settings: Settings, offset_rad: f64, seed: u64) -> Outcome {
     assert_eq!(lab.kind(), StateKind::Ready, "{:?}", lab.controller().state());
     outcome.cycles_late = lab.controller().counters().cycles_late;
     let landing = lab.world.crew().0.throw().landing.expect("the ball was released");
-    let away: f64 = (0..2).map(|k| (landing.p_m[k] - TARGET_M[k]).powi(2)).sum();
-    outcome.landing_mm = 1e3 * away.sqrt();
+    outcome.landing_mm = 1e3 * published_throw::miss_m([landing.p_m.x, landing.p_m.y]);
     outcome
 }
 

@@ -1,79 +1,128 @@
-//! Live: frames as SLCAN lines on the UART, time from SysTick.
+//! Live: frames as SLCAN lines on the UART, time from a free-running timer.
 //!
 //! The other end is an SLCAN adapter (the simulated bus) or a client of one: both send frames as the same lines. As client
 //! of an adapter the board opens the channel; commands of a client are acknowledged.
-
-use core::sync::atomic::{AtomicU32, Ordering};
+//!
+//! # Time
+//!
+//! Without `-icount` the emulator's timers follow the clock of the machine it runs on, so the board lives in real time like
+//! everybody else on the simulated bus, and instructions take whatever the machine needs. With `-icount` time would
+//! follow the instructions, which is what a repeatable script wants and a live bus does not. Timer 2 is read, not
+//! counted by interrupts: a machine that stops for a while loses no time, only calls come late. SysTick does nothing but
+//! end a sleep at the next deadline.
+//!
+//! # Period
+//!
+//! A control cycle of six joints is 460 bytes on the UART, which carries 40 to 55 kB/s because the emulated receiver
+//! holds one byte: 10 ms, and 15 ms on a busy machine. So the period here is twice the paper's. Sent bytes are a segment each: QEMU needs
+//! `nodelay=on` on its TCP port, or they wait 40 ms for each other.
 
 use cortex_m::Peripherals;
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_rt::exception;
+use firmware::settings::Settings;
 use protocol::text::slcan::{Assembled, Assembler, CR, Reply};
-use protocol::{Instant, Node as _};
+use protocol::{Duration, Frame, Instant, Node as _};
 
 use crate::{CORE_MHZ, Node, serial};
 
-/// SysTick runs once per millisecond.
-const RELOAD: u32 = CORE_MHZ * 1_000 - 1;
-/// Wraps after 49 days; `now` counts the wraps.
-static MILLIS: AtomicU32 = AtomicU32::new(0);
+/// Timer 2: control, prescaler, count.
+const TIMER: usize = 0x4000_0000;
+const TIMER_CONTROL: *mut u32 = TIMER as *mut u32;
+const TIMER_COUNT: *mut u32 = (TIMER + 0x24) as *mut u32;
+const TIMER_PRESCALER: *mut u32 = (TIMER + 0x28) as *mut u32;
+/// Control period.
+const PERIOD_US: u32 = 34_000;
+/// The emulated timer is fed with 1 GHz whatever the clock tree says; one count shall be a microsecond.
+const PRESCALE: u32 = 1_000 - 1;
 
+/// Longest sleep: fits the 24 bits of SysTick.
+const SLEEP_MAX: Duration = Duration::from_millis(50);
+
+/// End of a sleep.
 #[exception]
-fn SysTick() {
-    MILLIS.store(MILLIS.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
-}
+fn SysTick() {}
 
+/// Microseconds since the start; the count wraps after 71 minutes and is read far more often.
 struct Clock {
-    last_ms: u32,
+    last: u32,
     wraps: u32,
 }
 
 impl Clock {
+    fn start() -> Self {
+        // SAFETY: nothing else uses timer 2.
+        unsafe {
+            TIMER_PRESCALER.write_volatile(PRESCALE);
+            // What was counted before had another unit.
+            TIMER_COUNT.write_volatile(0);
+            TIMER_CONTROL.write_volatile(1);
+        }
+        Self { last: 0, wraps: 0 }
+    }
+
     fn now(&mut self) -> Instant {
-        // Read twice: the counter may wrap between the two reads.
-        let (ms, ticks) = loop {
-            let before = MILLIS.load(Ordering::Relaxed);
-            let ticks = RELOAD - SYST::get_current();
-            if MILLIS.load(Ordering::Relaxed) == before {
-                break (before, ticks);
-            }
-        };
-        if ms < self.last_ms {
+        // SAFETY: reading the count has no effect.
+        let count = unsafe { TIMER_COUNT.read_volatile() };
+        if count < self.last {
             self.wraps += 1;
         }
-        self.last_ms = ms;
-        let ms = u64::from(self.wraps) << 32 | u64::from(ms);
-        Instant::from_micros(ms * 1_000 + u64::from(ticks / CORE_MHZ))
+        self.last = count;
+        Instant::from_micros(u64::from(self.wraps) << 32 | u64::from(count))
     }
 }
 
+/// Settings for an arm at the end of a UART: a reply takes about a millisecond on it, and all of a cycle's wait for each other
+/// and for telemetry.
+///
+/// Gains: `cubectl tune --design saturated --period 0.034`.
+pub const SETTINGS: Settings = {
+    const GAINS: [(f32, f32, f32); 6] = {
+        let pr = (-65.80, -14.678, -0.7189);
+        [pr, pr, pr, pr, (-95.38, -18.288, -0.8773), (-107.95, -16.586, -0.7661)]
+    };
+    let mut settings = Settings::powercube6_paper();
+    settings.cycle_period_us = PERIOD_US;
+    settings.gains_period_us = PERIOD_US;
+    settings.cycle_guest = false;
+    settings.reply_age_us = 1_500;
+    // One at a time: several replies would wait for each other on the line, and look older than they are.
+    settings.in_flight_max = 1;
+    // The write to the gripper's drive takes its time on the UART too.
+    settings.gripper_opening_us += 1_500;
+    settings.reply_deadline_us = 16_000;
+    settings.monitor_period_us = 40_000;
+    settings.telemetry_period_us = 500_000;
+    let mut i = 0;
+    while i < GAINS.len() {
+        let joint = &mut settings.joint.0[i];
+        (joint.k_error_1_s2, joint.k_rate_1_s, joint.k_last) = GAINS[i];
+        i += 1;
+    }
+    settings
+};
+
 /// The loop of the node contract, for ever.
-pub fn run(node: &mut Node, mut peripherals: Peripherals) -> ! {
+pub fn run(mut node: Node, mut peripherals: Peripherals) -> ! {
     peripherals.SYST.set_clock_source(SystClkSource::Core);
-    peripherals.SYST.set_reload(RELOAD);
-    peripherals.SYST.clear_current();
-    peripherals.SYST.enable_counter();
     peripherals.SYST.enable_interrupt();
+    let mut clock = Clock::start();
     serial::start();
     // 1 Mbit/s, open.
     serial::send(b"S8\rO\r");
-    let (mut clock, mut lines, mut last) = (Clock { last_ms: 0, wraps: 0 }, Assembler::new(), Instant::ZERO);
+    let mut lines = Assembler::new();
     loop {
-        // Time never goes back, not even by the microsecond of a counter that wraps.
-        let now = clock.now().max(last);
-        last = now;
-        if node.poll_timeout().is_some_and(|due| due <= now) {
-            node.handle_timeout(now);
-        } else if let Some(byte) = serial::receive() {
-            take_byte(node, &mut lines, now, byte);
+        // What has come goes before what is due: a reply that waits here is not missed.
+        if let Some(frame) = next_frame(&mut lines) {
+            node.handle_frame(clock.now(), &frame);
         } else {
-            // SysTick wakes at the latest after a millisecond; deadlines in between are waited for awake.
-            let soon = node.poll_timeout().is_some_and(|due| due.saturating_since(now).as_micros() < 1_000);
-            if !soon {
-                cortex_m::asm::wfi();
+            let (now, due) = (clock.now(), node.poll_timeout());
+            if due.is_none_or(|due| due > now) {
+                sleep(&mut peripherals.SYST, due.map_or(SLEEP_MAX, |due| due.saturating_since(now)));
+                continue;
             }
-            continue;
+            node.handle_timeout(now);
         }
         while let Some(frame) = node.poll_frame() {
             serial::send(Reply::Frame { frame, timestamp_ms: None }.encode().as_bytes());
@@ -82,12 +131,26 @@ pub fn run(node: &mut Node, mut peripherals: Peripherals) -> ! {
     }
 }
 
-fn take_byte(node: &mut Node, lines: &mut Assembler, now: Instant, byte: u8) {
-    let Some(Assembled::Line(line)) = lines.push(byte) else { return };
-    match (Reply::parse(line), line.first()) {
-        (Ok(Reply::Frame { frame, .. }), _) => node.handle_frame(now, &frame),
-        // Set-up commands of a client.
-        (_, Some(b'S' | b'O' | b'C' | b'L' | b'Z')) => serial::send(&[CR]),
-        _ => {}
+/// Sleeps so long, or until a byte comes. Waiting awake is no choice: each look at a register keeps the emulator from moving
+/// bytes.
+fn sleep(timer: &mut SYST, span: Duration) {
+    let us = u32::try_from(span.min(SLEEP_MAX).as_micros()).unwrap_or(0).max(1);
+    timer.set_reload(us * CORE_MHZ);
+    timer.clear_current();
+    timer.enable_counter();
+    serial::sleep_unless_received();
+    timer.disable_counter();
+}
+
+/// Next whole frame of the UART; set-up commands of a client are acknowledged on the way.
+fn next_frame(lines: &mut Assembler) -> Option<Frame> {
+    while let Some(byte) = serial::receive() {
+        let Some(Assembled::Line(line)) = lines.push(byte) else { continue };
+        match (Reply::parse(line), line.first()) {
+            (Ok(Reply::Frame { frame, .. }), _) => return Some(frame),
+            (_, Some(b'S' | b'O' | b'C' | b'L' | b'Z')) => serial::send(&[CR]),
+            _ => {}
+        }
     }
+    None
 }

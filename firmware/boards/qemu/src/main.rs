@@ -3,7 +3,7 @@
 //! * **Lockstep**, if the folder QEMU was started in holds `script.bin` (see `firmware/examples/record_throw.rs`): plays
 //!   the calls of the script, writes the frames sent to `frames.bin`, prints instructions per call and the deepest stack,
 //!   and ends.
-//! * **Live** otherwise: SLCAN on the first UART, SysTick for time, as a board at the end of a serial line.
+//! * **Live** otherwise: SLCAN on the first UART, a timer for time, as a board at the end of a serial line.
 #![no_std]
 #![no_main]
 
@@ -11,8 +11,6 @@ mod live;
 mod lockstep;
 mod serial;
 mod stack;
-
-use core::mem::MaybeUninit;
 
 use cortex_m_rt::entry;
 use firmware::ControllerNode;
@@ -40,19 +38,26 @@ fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
 fn main() -> ! {
     static mut STORAGE: RamStorage = RamStorage::new();
     static mut SPLINE: Spline = Spline::empty();
-    // Uninitialised: an `Option` would be 12 KB of initial values in flash.
-    static mut NODE: MaybeUninit<Node> = MaybeUninit::uninit();
     stack::paint();
     #[cfg(feature = "planted-panic")]
     assert!(core::hint::black_box(false), "planted");
     let Some(peripherals) = cortex_m::Peripherals::take() else { exit(false) };
-    let identity = Identity { unique_id: *b"emulated-board\0\0", hardware: (0, 1) };
-    let node =
-        NODE.write(Node::with_spline(Instant::ZERO, STORAGE, SPLINE, &Settings::powercube6(), identity));
+    // On the stack of a function that does not return: in a static place it would be made on the stack first and copied, and
+    // RAM for both would be needed.
     match lockstep::Script::open() {
-        Some(script) => exit(script.play(node, peripherals.SYST)),
-        None => live::run(node, peripherals),
+        Some(script) => play(script, node(STORAGE, SPLINE, &Settings::POWERCUBE6), peripherals),
+        None => live::run(node(STORAGE, SPLINE, &live::SETTINGS), peripherals),
     }
+}
+
+#[inline(never)]
+fn node(storage: &'static mut RamStorage, spline: &'static mut Spline, settings: &Settings) -> Node {
+    let identity = Identity { unique_id: *b"emulated-board\0\0", hardware: (0, 1) };
+    Node::with_spline(Instant::ZERO, storage, spline, settings, identity)
+}
+
+fn play(script: lockstep::Script, mut node: Node, peripherals: cortex_m::Peripherals) -> ! {
+    exit(script.play(&mut node, peripherals.SYST))
 }
 
 /// Ends the emulator.

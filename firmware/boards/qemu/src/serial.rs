@@ -74,6 +74,16 @@ pub fn receive() -> Option<u8> {
     Some(byte)
 }
 
+/// Sleeps until an interrupt, unless a byte is there.
+pub fn sleep_unless_received() {
+    // With interrupts masked one that comes between the look and the sleep stays pending, and ends the sleep at once.
+    cortex_m::interrupt::free(|_| {
+        if TAIL.load(Ordering::Relaxed) == HEAD.load(Ordering::Acquire) {
+            cortex_m::asm::wfi();
+        }
+    });
+}
+
 /// Sends bytes; waits for the transmitter.
 pub fn send(bytes: &[u8]) {
     for byte in bytes {

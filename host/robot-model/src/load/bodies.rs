@@ -1,9 +1,9 @@
 //! Boxes and masses of the base and the links.
 
 use nalgebra::{Matrix3, Vector3};
+use toml_reader::{Problem as DocumentProblem, Value};
 
-use super::exactly;
-use super::reader::Section;
+use super::{Section, exactly};
 use crate::collision::BodyBox;
 use crate::error::{LoadError, Problem};
 use crate::model::{Link, LinkInertia};
@@ -15,7 +15,7 @@ pub(super) fn read<const N: usize>(
     x_jl: &[Pose; N],
 ) -> Result<([Link; N], Vec<BodyBox>), LoadError> {
     let mut boxes = Vec::new();
-    if let Some(base) = root.section_if_given("base")? {
+    if let Some(base) = root.optional("base", Value::section)? {
         read_boxes(&base, 0, &Pose::identity(), &mut boxes)?;
         base.finish()?;
     }
@@ -25,7 +25,7 @@ pub(super) fn read<const N: usize>(
     }
     let mut links: Vec<Link> = Vec::with_capacity(N);
     for (i, section) in sections.iter().enumerate() {
-        let name = section.text("name")?.to_owned();
+        let name = section.required("name", Value::text)?.to_owned();
         if links.iter().any(|l| l.name == name) {
             return Err(section.error("name", Problem::Duplicate(name)));
         }
@@ -56,20 +56,20 @@ fn read_boxes(
     for part in section.sections("box")? {
         if boxes.len() == BOXES_MAX {
             let (value, max) = (boxes.len() as f64 + 1.0, BOXES_MAX as f64);
-            return Err(section.error("box", Problem::OutOfRange { value, min: 0.0, max }));
+            return Err(section.error("box", DocumentProblem::OutOfRange { value, min: 0.0, max }));
         }
-        let name = part.text("name")?.to_owned();
+        let name = part.required("name", Value::text)?.to_owned();
         if boxes.iter().any(|b| b.name == name) {
             return Err(part.error("name", Problem::Duplicate(name)));
         }
-        let center = Vector3::from(part.numbers::<3>("center_m")?);
-        let rpy = part.numbers_or::<3>("rpy_deg", [0.0; 3])?;
-        let half_m = Vector3::from(part.numbers::<3>("half_m")?);
+        let center = Vector3::from(part.required("center_m", Value::numbers::<3>)?);
+        let rpy = part.or("rpy_deg", [0.0; 3], Value::numbers)?;
+        let half_m = Vector3::from(part.required("half_m", Value::numbers::<3>)?);
         if let Some(bad) = half_m.iter().find(|h| **h <= 0.0) {
-            return Err(part.error("half_m", Problem::NotPositive(*bad)));
+            return Err(part.error("half_m", DocumentProblem::NotPositive(*bad)));
         }
         // The base does not move, so a mass there would be a number without effect.
-        let mass_kg = if link == 0 { None } else { part.positive_if_given("mass_kg")? };
+        let mass_kg = if link == 0 { None } else { part.optional("mass_kg", Value::positive)? };
         part.finish()?;
         let x_jb = *x_jl * Pose::from_rpy(rpy.map(f64::to_radians), center);
         masses.push(BoxMass { mass_kg, x_jb, half_m });
@@ -79,14 +79,14 @@ fn read_boxes(
 }
 
 fn read_inertia(section: &Section<'_>, x_jl: &Pose, boxes: &[BoxMass]) -> Result<LinkInertia, LoadError> {
-    if let Some(part) = section.section_if_given("inertial")? {
+    if let Some(part) = section.optional("inertial", Value::section)? {
         if boxes.iter().any(|b| b.mass_kg.is_some()) {
             return Err(section.error("inertial", Problem::MassTwice));
         }
-        let mass_kg = part.positive("mass_kg")?;
-        let com = Vector3::from(part.numbers::<3>("com_m")?);
-        let moments = part.numbers::<3>("moments_kg_m2")?;
-        let [xy, xz, yz] = part.numbers_or::<3>("products_kg_m2", [0.0; 3])?;
+        let mass_kg = part.required("mass_kg", Value::positive)?;
+        let com = Vector3::from(part.required("com_m", Value::numbers::<3>)?);
+        let moments = part.required("moments_kg_m2", Value::numbers::<3>)?;
+        let [xy, xz, yz] = part.or("products_kg_m2", [0.0; 3], Value::numbers)?;
         part.finish()?;
         let [xx, yy, zz] = moments;
         let tensor = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);

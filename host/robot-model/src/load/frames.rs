@@ -5,8 +5,9 @@
 //! in the joint frame is kept: boxes and inertias of the file are given in it.
 
 use nalgebra::{Matrix3, Vector3};
+use toml_reader::Value;
 
-use super::reader::Section;
+use super::Section;
 use crate::error::{LoadError, Problem};
 use crate::pose::Pose;
 
@@ -32,19 +33,17 @@ pub(super) fn read<const N: usize>(
     root: &Section<'_>,
     joints: &[Section<'_>],
 ) -> Result<JointFrames<N>, LoadError> {
-    let convention = root.choice(
-        "frame_convention",
-        &[
-            ("modified_dh", Convention::ModifiedDh),
-            ("standard_dh", Convention::StandardDh),
-            ("fixed_axis", Convention::FixedAxis),
-        ],
-    )?;
+    const CONVENTIONS: [(&str, Convention); 3] = [
+        ("modified_dh", Convention::ModifiedDh),
+        ("standard_dh", Convention::StandardDh),
+        ("fixed_axis", Convention::FixedAxis),
+    ];
+    let convention = root.required("frame_convention", |v| v.word(&CONVENTIONS))?;
     let mut frames = JointFrames { x_pj: [Pose::identity(); N], x_jl: [Pose::identity(); N] };
     // The file's frame of the link before, in the joint frame before.
     let mut x_before = Pose::identity();
     for (i, joint) in joints.iter().enumerate().take(N) {
-        let section = joint.section("frame")?;
+        let section = joint.required("frame", Value::section)?;
         let (x_lj, x_jl) = match convention {
             Convention::ModifiedDh => {
                 let dh = read_dh(&section)?;
@@ -75,8 +74,8 @@ pub(super) fn read_pose(section: &Section<'_>) -> Result<Pose, LoadError> {
 }
 
 fn read_pose_keys(section: &Section<'_>) -> Result<Pose, LoadError> {
-    let xyz = section.numbers_or::<3>("xyz_m", [0.0; 3])?;
-    let rpy = section.numbers_or::<3>("rpy_deg", [0.0; 3])?;
+    let xyz = section.or("xyz_m", [0.0; 3], Value::numbers)?;
+    let rpy = section.or("rpy_deg", [0.0; 3], Value::numbers)?;
     Ok(Pose::from_rpy(rpy.map(f64::to_radians), xyz.into()))
 }
 
@@ -89,15 +88,15 @@ struct Dh {
 
 fn read_dh(section: &Section<'_>) -> Result<Dh, LoadError> {
     Ok(Dh {
-        rot_x: Pose::rot_x(section.f64("alpha_deg")?.to_radians()),
-        trans_x: Pose::translation(section.f64("a_m")?, 0.0, 0.0),
-        trans_z: Pose::translation(0.0, 0.0, section.f64("d_m")?),
-        rot_z: Pose::rot_z(section.f64_or("offset_deg", 0.0)?.to_radians()),
+        rot_x: Pose::rot_x(section.required("alpha_deg", Value::number)?.to_radians()),
+        trans_x: Pose::translation(section.required("a_m", Value::number)?, 0.0, 0.0),
+        trans_z: Pose::translation(0.0, 0.0, section.required("d_m", Value::number)?),
+        rot_z: Pose::rot_z(section.or("offset_deg", 0.0, Value::number)?.to_radians()),
     })
 }
 
 fn z_to(section: &Section<'_>) -> Result<Pose, LoadError> {
-    let axis = Vector3::from(section.numbers::<3>("axis")?);
+    let axis = Vector3::from(section.required("axis", Value::numbers::<3>)?);
     turn_z_to(&axis).ok_or_else(|| section.error("axis", Problem::ZeroAxis))
 }
 

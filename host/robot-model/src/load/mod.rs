@@ -4,21 +4,22 @@
 
 mod bodies;
 mod frames;
-mod reader;
 
 pub(crate) use frames::turn_z_to;
 
 use std::path::Path;
 
 use nalgebra::Matrix3;
-use toml::de::DeTable;
+use toml_reader::{Problem as DocumentProblem, Source, Value};
 
 use crate::collision::{CollisionModel, PairRule};
 use crate::error::{LoadError, Problem};
 use crate::family::{Family, FamilyName};
 use crate::model::{Drive, DriveLoop, Gripper, Joint, JointLimits, RobotModel, Supply, World};
 use crate::pose::Pose;
-use reader::{Section, Source};
+
+/// A table of a robot file.
+type Section<'a> = toml_reader::Section<'a, Problem>;
 
 /// Version of the robot file that this program reads.
 pub const SCHEMA_VERSION: i64 = 1;
@@ -53,9 +54,9 @@ pub(crate) fn text_of(name_or_path: &str) -> Result<(String, String), LoadError>
             let problem = if e.kind() == std::io::ErrorKind::NotFound {
                 Problem::UnknownRobot { known: built_in_robots() }
             } else {
-                Problem::Unreadable(e.to_string())
+                DocumentProblem::Unreadable(e.to_string()).into()
             };
-            Err(LoadError { file: name_or_path.to_owned(), line: None, key: String::new(), problem })
+            Err(LoadError::of_file(name_or_path, problem))
         }
     }
 }
@@ -63,15 +64,9 @@ pub(crate) fn text_of(name_or_path: &str) -> Result<(String, String), LoadError>
 /// Number of joints a robot text describes, without checking the rest.
 pub(crate) fn joint_count(file: &str, text: &str) -> Result<usize, LoadError> {
     let source = Source { file, text };
-    let document = parse(source)?;
-    Ok(Section::root(source, &document).sections("joint")?.len())
-}
-
-fn parse<'a>(source: Source<'a>) -> Result<toml::Spanned<DeTable<'a>>, LoadError> {
-    DeTable::parse(source.text).map_err(|e| {
-        let at = e.span().map_or(0, |s| s.start);
-        source.error(at, String::new(), Problem::Syntax(e.message().to_owned()))
-    })
+    let document = source.parse()?;
+    let root: Section<'_> = source.root(&document);
+    Ok(root.sections("joint")?.len())
 }
 
 impl<const N: usize> RobotModel<N> {
@@ -90,30 +85,27 @@ impl<const N: usize> RobotModel<N> {
     /// As [`RobotModel::load`].
     pub fn from_toml(file: &str, text: &str) -> Result<Self, LoadError> {
         let source = Source { file, text };
-        let document = parse(source)?;
-        read_model(&Section::root(source, &document))
+        let document = source.parse()?;
+        read_model(&source.root(&document))
     }
 }
 
 fn read_model<const N: usize>(root: &Section<'_>) -> Result<RobotModel<N>, LoadError> {
-    let found = root.any_integer("schema")?;
-    if found != SCHEMA_VERSION {
-        return Err(root.error("schema", Problem::Schema { found, supported: SCHEMA_VERSION }));
-    }
-    let name = root.text("name")?.to_owned();
-    let description = root.text_or("description", "")?.to_owned();
-    let world = read_world(&root.section("world")?)?;
+    root.schema("schema", SCHEMA_VERSION)?;
+    let name = root.required("name", Value::text)?.to_owned();
+    let description = root.or("description", "", Value::text)?.to_owned();
+    let world = read_world(&root.required("world", Value::section)?)?;
 
     let joint_sections = root.sections("joint")?;
     if joint_sections.is_empty() {
-        return Err(root.error("joint", Problem::Missing));
+        return Err(root.error("joint", DocumentProblem::Missing));
     }
     if joint_sections.len() != N {
         return Err(root.error("joint", Problem::JointCount { expected: N, found: joint_sections.len() }));
     }
     let frames = frames::read::<N>(root, &joint_sections)?;
     let joints = read_joints::<N>(&joint_sections, &frames.x_pj)?;
-    let x_le = match root.section_if_given("end_effector")? {
+    let x_le = match root.optional("end_effector", Value::section)? {
         Some(section) => frames::read_pose(&section)?,
         None => Pose::identity(),
     };
@@ -124,15 +116,15 @@ fn read_model<const N: usize>(root: &Section<'_>) -> Result<RobotModel<N>, LoadE
     for section in &joint_sections {
         section.finish()?;
     }
-    let drive_loop = root.section_if_given("drive_loop")?.map(|s| read_drive_loop(&s)).transpose()?;
-    let gripper = read_gripper(&root.section("gripper")?)?;
+    let drive_loop = root.optional("drive_loop", Value::section)?.map(|s| read_drive_loop(&s)).transpose()?;
+    let gripper = read_gripper(&root.required("gripper", Value::section)?)?;
 
     let (links, boxes) = bodies::read::<N>(root, &frames.x_jl)?;
-    let rule = read_pair_rule(&root.section("collision")?, N)?;
+    let rule = read_pair_rule(&root.required("collision", Value::section)?, N)?;
     let ball_n = x_ne.transform_point(&gripper.x_eb.pos);
     let collision = CollisionModel::new(boxes, rule, &frames.x_pj, &ball_n);
 
-    let family_name = root.choice("family", &FamilyName::WORDS)?;
+    let family_name = root.required("family", |v| v.word(&FamilyName::WORDS))?;
     let family = Family::fit(family_name, &frames.x_pj, &x_ne)
         .map_err(|why| root.error("family", Problem::FamilyMismatch(why)))?;
     root.finish()?;
@@ -153,8 +145,10 @@ fn read_model<const N: usize>(root: &Section<'_>) -> Result<RobotModel<N>, LoadE
 }
 
 fn read_world(section: &Section<'_>) -> Result<World, LoadError> {
-    let world =
-        World { gravity_m_s2: section.non_negative("gravity_m_s2")?, floor_z_m: section.f64("floor_z_m")? };
+    let world = World {
+        gravity_m_s2: section.required("gravity_m_s2", Value::non_negative)?,
+        floor_z_m: section.required("floor_z_m", Value::number)?,
+    };
     section.finish()?;
     Ok(world)
 }
@@ -162,7 +156,7 @@ fn read_world(section: &Section<'_>) -> Result<World, LoadError> {
 fn read_joints<const N: usize>(sections: &[Section<'_>], x_pj: &[Pose; N]) -> Result<[Joint; N], LoadError> {
     let mut joints: Vec<Joint> = Vec::with_capacity(N);
     for (section, x_pj) in sections.iter().zip(x_pj) {
-        let name = section.text("name")?.to_owned();
+        let name = section.required("name", Value::text)?.to_owned();
         if joints.iter().any(|j| j.name == name) {
             return Err(section.error("name", Problem::Duplicate(name)));
         }
@@ -172,30 +166,32 @@ fn read_joints<const N: usize>(sections: &[Section<'_>], x_pj: &[Pose; N]) -> Re
 }
 
 fn read_limits(section: &Section<'_>) -> Result<JointLimits, LoadError> {
-    let [min, max] = section.numbers("range_deg")?;
+    let [min, max] = section.required("range_deg", Value::numbers)?;
     if min >= max {
         return Err(section.error("range_deg", Problem::LimitsReversed { min, max }));
     }
     // More than two turns either way is a number in another unit, or a joint without limits, which no cable allows.
     for value in [min, max] {
         if value.abs() > 720.0 {
-            return Err(section.error("range_deg", Problem::OutOfRange { value, min: -720.0, max: 720.0 }));
+            return Err(
+                section.error("range_deg", DocumentProblem::OutOfRange { value, min: -720.0, max: 720.0 })
+            );
         }
     }
-    let a_max_rad_s2 = section.positive("acceleration_max_deg_s2")?.to_radians();
+    let a_max_rad_s2 = section.required("acceleration_max_deg_s2", Value::positive)?.to_radians();
     Ok(JointLimits {
         q_min_rad: min.to_radians(),
         q_max_rad: max.to_radians(),
-        v_max_rad_s: section.positive("velocity_max_deg_s")?.to_radians(),
+        v_max_rad_s: section.required("velocity_max_deg_s", Value::positive)?.to_radians(),
         a_max_rad_s2,
         a_control_max_rad_s2: section
-            .positive_if_given("control_acceleration_max_rad_s2")?
+            .optional("control_acceleration_max_rad_s2", Value::positive)?
             .unwrap_or(a_max_rad_s2),
         a_follow_max_rad_s2: section
-            .positive_if_given("follow_acceleration_max_deg_s2")?
+            .optional("follow_acceleration_max_deg_s2", Value::positive)?
             .map(f64::to_radians),
-        j_max_rad_s3: section.positive("jerk_max_deg_s3")?.to_radians(),
-        torque_max_nm: section.positive_if_given("torque_max_nm")?,
+        j_max_rad_s3: section.required("jerk_max_deg_s3", Value::positive)?.to_radians(),
+        torque_max_nm: section.optional("torque_max_nm", Value::positive)?,
     })
 }
 
@@ -203,30 +199,31 @@ fn read_drives<const N: usize>(sections: &[Section<'_>]) -> Result<Option<[Drive
     let mut drives: Vec<Drive> = Vec::new();
     let mut bare = None;
     for section in sections {
-        let Some(part) = section.section_if_given("drive")? else {
+        let Some(part) = section.optional("drive", Value::section)? else {
             bare = bare.or(Some(section));
             continue;
         };
-        let address = part.integer("address", 1..32)?;
+        let address = part.required("address", |v| v.integer(1..=31))?;
         if let Some(k) = drives.iter().position(|d| i64::from(d.address) == address) {
-            let owner = sections[k].text("name")?.to_owned();
+            let owner = sections[k].required("name", Value::text)?.to_owned();
             return Err(part.error("address", Problem::DuplicateAddress { address, owner }));
         }
         drives.push(Drive {
-            module: part.text("module")?.to_owned(),
+            module: part.required("module", Value::text)?.to_owned(),
             address: address as u8,
-            firmware: part.integer("firmware", 0..0x1_0000)? as u16,
-            gear_ratio: part.positive("gear_ratio")?,
-            encoder_slots: part.integer("encoder_slots", 1..1 << 24)? as u32,
-            current_max_a: part.positive("current_max_a")?,
-            k_b_a_s_rad: part.non_negative("k_b_a_s_rad")?,
-            k_m_a_nm: part.non_negative("k_m_a_nm")?,
+            firmware: part.required("firmware", |v| v.integer(0..=0xFFFF))? as u16,
+            gear_ratio: part.required("gear_ratio", Value::positive)?,
+            encoder_slots: part.required("encoder_slots", |v| v.integer(1..=0xFF_FFFF))? as u32,
+            current_max_a: part.required("current_max_a", Value::positive)?,
+            k_b_a_s_rad: part.required("k_b_a_s_rad", Value::non_negative)?,
+            k_m_a_nm: part.required("k_m_a_nm", Value::non_negative)?,
         });
         part.finish()?;
     }
     match bare {
         Some(section) if !drives.is_empty() => {
-            Err(section.error("drive", Problem::DriveMissing(section.text("name")?.to_owned())))
+            Err(section
+                .error("drive", Problem::DriveMissing(section.required("name", Value::text)?.to_owned())))
         }
         Some(_) => Ok(None),
         None => Ok(Some(exactly(drives))),
@@ -240,23 +237,27 @@ fn read_supplies<const N: usize>(
 ) -> Result<Vec<Supply<N>>, LoadError> {
     let mut supplies: Vec<Supply<N>> = Vec::new();
     for section in root.sections("supply")? {
-        let name = section.text("name")?.to_owned();
+        let name = section.required("name", Value::text)?.to_owned();
         if supplies.iter().any(|s| s.name == name) {
             return Err(section.error("name", Problem::Duplicate(name)));
         }
         let mut feeds = [false; N];
-        for item in section.texts("joints")? {
+        for item in section.required("joints", Value::items)? {
+            let joint = item.text()?;
             let index = joints
                 .iter()
-                .position(|j| j.name == item.text)
-                .ok_or_else(|| item.error(Problem::UnknownJoint(item.text.to_owned())))?;
+                .position(|j| j.name == joint)
+                .ok_or_else(|| item.error(Problem::UnknownJoint(joint.to_owned())))?;
             let owner = supplies.iter().find(|s| s.feeds[index]).map(|s| s.name.clone());
             if let Some(owner) = owner.or_else(|| feeds[index].then(|| name.clone())) {
-                return Err(item.error(Problem::JointInTwoSupplies { joint: item.text.to_owned(), owner }));
+                return Err(item.error(Problem::JointInTwoSupplies { joint: joint.to_owned(), owner }));
             }
             feeds[index] = true;
         }
-        let (voltage_v, current_max_a) = (section.positive("voltage_v")?, section.positive("current_max_a")?);
+        let (voltage_v, current_max_a) = (
+            section.required("voltage_v", Value::positive)?,
+            section.required("current_max_a", Value::positive)?,
+        );
         section.finish()?;
         supplies.push(Supply { name, voltage_v, current_max_a, feeds });
     }
@@ -271,30 +272,30 @@ fn read_supplies<const N: usize>(
 
 fn read_drive_loop(section: &Section<'_>) -> Result<DriveLoop, LoadError> {
     let out = DriveLoop {
-        natural_frequency_rad_s: section.positive("natural_frequency_rad_s")?,
-        damping_ratio: section.positive("damping_ratio")?,
-        coulomb_friction_rad_s2: section.non_negative("coulomb_friction_rad_s2")?,
-        position_resolution_rad: section.positive("position_resolution_deg")?.to_radians(),
-        delay_periods: section.integer("delay_periods", 0..100)? as u32,
+        natural_frequency_rad_s: section.required("natural_frequency_rad_s", Value::positive)?,
+        damping_ratio: section.required("damping_ratio", Value::positive)?,
+        coulomb_friction_rad_s2: section.required("coulomb_friction_rad_s2", Value::non_negative)?,
+        position_resolution_rad: section.required("position_resolution_deg", Value::positive)?.to_radians(),
+        delay_periods: section.required("delay_periods", |v| v.integer(0..=99))? as u32,
     };
     section.finish()?;
     Ok(out)
 }
 
 fn read_gripper(section: &Section<'_>) -> Result<Gripper, LoadError> {
-    let x = section.numbers::<3>("release_x_axis")?;
-    let y = section.numbers::<3>("release_y_axis")?;
-    let z = section.numbers::<3>("release_z_axis")?;
+    let x = section.required("release_x_axis", Value::numbers::<3>)?;
+    let y = section.required("release_y_axis", Value::numbers::<3>)?;
+    let z = section.required("release_z_axis", Value::numbers::<3>)?;
     let rot = Matrix3::from_columns(&[x.into(), y.into(), z.into()]);
-    let x_eb = Pose::new(rot, section.numbers::<3>("release_origin_m")?.into());
+    let x_eb = Pose::new(rot, section.required("release_origin_m", Value::numbers::<3>)?.into());
     let error = x_eb.rotation_error();
     if error > 1e-9 {
         return Err(section.error("release_x_axis", Problem::NotARotation(error)));
     }
     let gripper = Gripper {
         x_eb,
-        ball_radius_m: section.positive("ball_radius_m")?,
-        ball_mass_kg: section.non_negative("ball_mass_kg")?,
+        ball_radius_m: section.required("ball_radius_m", Value::positive)?,
+        ball_mass_kg: section.required("ball_mass_kg", Value::non_negative)?,
     };
     section.finish()?;
     Ok(gripper)
@@ -303,8 +304,8 @@ fn read_gripper(section: &Section<'_>) -> Result<Gripper, LoadError> {
 fn read_pair_rule(section: &Section<'_>, joints: usize) -> Result<PairRule, LoadError> {
     let links = joints as i64 + 1;
     let rule = PairRule {
-        link_distance_min: section.integer("link_distance_min", 1..links)? as usize,
-        floor_from_link: section.integer("floor_from_link", 1..links + 1)? as usize,
+        link_distance_min: section.required("link_distance_min", |v| v.integer(1..=links - 1))? as usize,
+        floor_from_link: section.required("floor_from_link", |v| v.integer(1..=links))? as usize,
     };
     section.finish()?;
     Ok(rule)

@@ -8,12 +8,13 @@ use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::Vector3;
 
 use super::options::{PlanOptions, point};
+use crate::bus::args::interrupt;
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::plan::file::PlanFile;
 use crate::plan::search::{Best, Budget, NoThrow, Planner, Watch};
 use crate::plan::statistics::{Noise, Region};
-use crate::plan::{Found, Problem};
+use crate::plan::{Arm, Found, Problem};
 use crate::report::plan as plan_report;
 use crate::store::Index;
 
@@ -23,8 +24,9 @@ pub struct Args {
     /// Target in m, world frame (arm base, z up).
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
     pub target: [f64; 3],
+    /// How to look for the throw.
     #[command(flatten)]
-    options: PlanOptions,
+    pub search: SearchOptions,
     /// Plan file to write.
     #[arg(long)]
     pub out: Option<PathBuf>,
@@ -34,18 +36,26 @@ pub struct Args {
     /// Print the plan as JSON.
     #[arg(long)]
     pub json: bool,
-    /// Random starts after the stored ones; with a seed and no time budget the result is always the same.
-    #[arg(long, default_value_t = 96)]
-    pub starts: usize,
-    /// Stop starting after this many seconds.
-    #[arg(long)]
-    pub time_budget: Option<f64>,
     /// Seed of the random starts.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Answer from stored throws alone if they suffice, in about a millisecond.
     #[arg(long)]
     pub fast: bool,
+}
+
+/// How to look for a throw: shared by `plan throw` and `throw`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct SearchOptions {
+    /// What may be thrown how.
+    #[command(flatten)]
+    pub options: PlanOptions,
+    /// Random starts after the stored ones; with a seed and no time budget the result is always the same.
+    #[arg(long, default_value_t = 96)]
+    pub starts: usize,
+    /// Stop starting after this many seconds.
+    #[arg(long)]
+    pub time_budget: Option<f64>,
     /// Radius of the disc about the target that counts as a hit, in m.
     #[arg(long, conflicts_with = "hit_box")]
     pub hit_radius_m: Option<f64>,
@@ -60,7 +70,18 @@ pub struct Args {
     pub most_exact: bool,
 }
 
-impl Args {
+/// A plan with what it took to find it.
+#[derive(Debug, Clone)]
+pub struct Planned {
+    /// The robot it is for.
+    pub arm: Arm,
+    /// The plan.
+    pub plan: PlanFile,
+    /// Time of the search.
+    pub took: Duration,
+}
+
+impl SearchOptions {
     fn region(&self) -> Result<Option<Region>, ExpectedError> {
         let positive = |v: f64| {
             if v > 0.0 && v.is_finite() {
@@ -91,6 +112,57 @@ impl Args {
         }
         Ok(noise)
     }
+
+    /// Plans the throw to `target` (m, world frame), with progress on a terminal; keeps it in the store. With `fast`
+    /// stored throws are enough, if one of them leads there.
+    ///
+    /// # Errors
+    /// If input is refused or no throw reaches the target.
+    pub fn plan(&self, target: [f64; 3], seed: u64, fast: bool) -> Result<Planned, ExpectedError> {
+        let arm = crate::cmd::arm(&self.options.robot)?;
+        let (region, noise) = (self.region()?, self.noise()?);
+        let (index, mut store) = self.options.starts(&arm)?;
+        let time =
+            match self.time_budget {
+                None => None,
+                Some(t) => Some(Duration::try_from_secs_f64(t).map_err(|_| {
+                    ExpectedError::bad_input(&format!("time budget of {t} s is not a duration"))
+                })?),
+            };
+        let budget = Budget { starts: self.starts, time, seed };
+        let began = Instant::now();
+        let mut rungs = self.options.ladder().into_iter().peekable();
+        let (problem, best) = loop {
+            let Some(rung) = rungs.next() else {
+                return Err(ExpectedError::new(exit::BUG, "the ladder of options ended without a last rung"));
+            };
+            let problem = Problem::new(&arm, Vector3::from(target), rung.options)
+                .map_err(|e| ExpectedError::bad_input(&e))?;
+            let last = rungs.peek().is_none();
+            match find(self, &Planner::new(&problem), &index, &budget, &noise, fast, last) {
+                Ok(best) => {
+                    if let Some(note) = rung.note {
+                        eprintln!("cubectl: {note}");
+                    }
+                    break (problem, best);
+                }
+                Err(e) if last || e.interrupted => return Err(no_throw(&e)),
+                Err(_) => {}
+            }
+        };
+        let took = began.elapsed();
+        if let Some(store) = &mut store {
+            let record = Planner::new(&problem).record(&best.found);
+            if let Err(e) = store.append(&record) {
+                eprintln!("cubectl: the throw was not stored: {e}");
+            }
+        }
+        let plan = PlanFile::of(&problem, &best, &self.options.robot, seed, &noise, region);
+        let plan = plan.ok_or_else(|| {
+            ExpectedError::new(exit::BUG, "the planned ball does not come down on the plane of the target")
+        })?;
+        Ok(Planned { arm, plan, took })
+    }
 }
 
 /// Runs the verb.
@@ -98,49 +170,7 @@ impl Args {
 /// # Errors
 /// If input is refused, no throw reaches the target, or a file cannot be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    let arm = crate::cmd::arm(&args.options.robot)?;
-    let (region, noise) = (args.region()?, args.noise()?);
-    let (index, mut store) = args.options.starts(&arm)?;
-    let time = match args.time_budget {
-        None => None,
-        Some(t) => Some(
-            Duration::try_from_secs_f64(t)
-                .map_err(|_| ExpectedError::bad_input(&format!("time budget of {t} s is not a duration")))?,
-        ),
-    };
-    let budget = Budget { starts: args.starts, time, seed: args.seed };
-    let began = Instant::now();
-    let mut rungs = args.options.ladder().into_iter().peekable();
-    let (problem, best) = loop {
-        let Some(rung) = rungs.next() else {
-            return Err(ExpectedError::new(exit::BUG, "the ladder of options ended without a last rung"));
-        };
-        let problem = Problem::new(&arm, Vector3::from(args.target), rung.options)
-            .map_err(|e| ExpectedError::bad_input(&e))?;
-        let last = rungs.peek().is_none();
-        let found = find(args, &Planner::new(&problem), &index, &budget, &noise, last);
-        match found.map_err(|e| (e.interrupted, no_throw(&e))) {
-            Ok(best) => {
-                if let Some(note) = rung.note {
-                    eprintln!("cubectl: {note}");
-                }
-                break (problem, best);
-            }
-            Err((interrupted, e)) if last || interrupted => return Err(e),
-            Err(_) => {}
-        }
-    };
-    let took = began.elapsed();
-    if let Some(store) = &mut store {
-        let record = Planner::new(&problem).record(&best.found);
-        if let Err(e) = store.append(&record) {
-            eprintln!("cubectl: the throw was not stored: {e}");
-        }
-    }
-    let plan =
-        PlanFile::of(&problem, &best, &args.options.robot, args.seed, &noise, region).ok_or_else(|| {
-            ExpectedError::new(exit::BUG, "the planned ball does not come down on the plane of the target")
-        })?;
+    let Planned { arm, plan, took } = args.search.plan(args.target, args.seed, args.fast)?;
     if let Some(path) = &args.out {
         plan.write(path).map_err(|e| ExpectedError::bad_input(&e))?;
     }
@@ -157,23 +187,22 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 
 /// Searches; only the last rung of the ladder is worth the nearest reachable target.
 fn find(
-    args: &Args,
+    search: &SearchOptions,
     planner: &Planner<'_, '_>,
     index: &Index,
     budget: &Budget,
     noise: &Noise,
+    fast: bool,
     last: bool,
 ) -> Result<Best, NoThrow> {
-    if args.fast
-        && let Some(found) = planner.from_index(index, FAST_TRIES)
-    {
+    if fast && let Some(found) = planner.from_index(index, FAST_TRIES) {
         return Ok(Best { found, starts: 1, solved: 1, interrupted: false, others: vec![found] });
     }
     let watch = Watch::default();
     let mut best = watched(&watch, budget, || {
         if last { planner.search(index, budget, &watch) } else { planner.attempt(index, budget, &watch) }
     })?;
-    if args.most_exact {
+    if search.most_exact {
         let miss = |f: &Found| planner.rms_miss_m(&f.throw, noise).unwrap_or(f64::INFINITY);
         if let Some(exact) = best.others.iter().min_by(|a, b| miss(a).total_cmp(&miss(b))) {
             best.found = *exact;
@@ -185,7 +214,7 @@ fn find(
     Ok(best)
 }
 
-/// Stored throws that `--fast` tries.
+/// Stored throws that `fast` tries.
 const FAST_TRIES: usize = 6;
 
 fn no_throw(e: &NoThrow) -> ExpectedError {
@@ -195,19 +224,13 @@ fn no_throw(e: &NoThrow) -> ExpectedError {
             format!("stopped after {} starts without a throw; more starts may find one", e.starts),
         );
     }
-    ExpectedError::new(exit::NO_THROW, e.to_string())
+    let next = "choose a target in reach; `cubectl plan sweep` draws what is";
+    ExpectedError::new(exit::NO_THROW, format!("{e}\n  next: {next}"))
 }
 
 /// Runs a search with a progress bar once it takes longer than a second; Ctrl-C keeps the best so far.
 pub(super) fn watched<T: Send>(watch: &Watch, budget: &Budget, work: impl FnOnce() -> T + Send) -> T {
-    // The handler lives as long as the program; the flag it sets is handed on to the search below.
-    static INTERRUPT: AtomicBool = AtomicBool::new(false);
-    let _ = ctrlc::set_handler(|| {
-        // A second Ctrl-C ends at once.
-        if INTERRUPT.swap(true, Ordering::Relaxed) {
-            std::process::exit(i32::from(exit::INTERRUPTED));
-        }
-    });
+    let interrupt = interrupt();
     let finished = AtomicBool::new(false);
     std::thread::scope(|scope| {
         scope.spawn(|| {
@@ -215,7 +238,7 @@ pub(super) fn watched<T: Send>(watch: &Watch, budget: &Budget, work: impl FnOnce
             let mut bar: Option<ProgressBar> = None;
             while !finished.load(Ordering::Relaxed) {
                 std::thread::sleep(Duration::from_millis(20));
-                if INTERRUPT.load(Ordering::Relaxed) {
+                if interrupt.load(Ordering::Relaxed) {
                     watch.stop.store(true, Ordering::Relaxed);
                 }
                 if began.elapsed() > Duration::from_secs(1) {

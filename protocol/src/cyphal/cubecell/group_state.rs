@@ -40,6 +40,25 @@ pub enum State {
 }
 
 impl State {
+    /// All of them.
+    pub const ALL: [Self; 10] = [
+        Self::Boot,
+        Self::Idle,
+        Self::Homing,
+        Self::Ready,
+        Self::Armed,
+        Self::Running,
+        Self::Stopping,
+        Self::Stopped,
+        Self::Fault,
+        Self::Jogging,
+    ];
+
+    /// True if the controller may have motion commands on the bus.
+    pub const fn may_move(self) -> bool {
+        matches!(self, Self::Homing | Self::Running | Self::Stopping | Self::Jogging)
+    }
+
     /// State of a number.
     pub const fn from_number(number: u8) -> Option<Self> {
         Some(match number {

@@ -1,0 +1,203 @@
+//! What a board has to offer: areas that are erased as a whole and written once.
+
+use super::seal::RECORD_LEN;
+use crate::fault::{Cause, Refusal};
+use crate::registers;
+use crate::trajectory_format::FILE_LEN_MAX;
+
+/// One of two.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Slot {
+    /// The first.
+    #[default]
+    A,
+    /// The second.
+    B,
+}
+
+impl Slot {
+    /// The other one.
+    #[must_use]
+    pub const fn other(self) -> Self {
+        match self {
+            Self::A => Self::B,
+            Self::B => Self::A,
+        }
+    }
+}
+
+/// Part of the storage that is erased as a whole.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Area {
+    /// Trajectory file, [`FILE_LEN_MAX`] bytes.
+    Bank(Slot),
+    /// Seal of a trajectory bank, [`RECORD_LEN`] bytes.
+    BankSeal(Slot),
+    /// Settings, [`registers::STORED_LEN`] bytes.
+    Settings(Slot),
+    /// Seal of a settings slot, [`RECORD_LEN`] bytes.
+    SettingsSeal(Slot),
+}
+
+impl Area {
+    /// All of them.
+    pub const ALL: [Self; 8] = [
+        Self::Bank(Slot::A),
+        Self::Bank(Slot::B),
+        Self::BankSeal(Slot::A),
+        Self::BankSeal(Slot::B),
+        Self::Settings(Slot::A),
+        Self::Settings(Slot::B),
+        Self::SettingsSeal(Slot::A),
+        Self::SettingsSeal(Slot::B),
+    ];
+
+    /// Bytes.
+    pub const fn len(self) -> usize {
+        match self {
+            Self::Bank(_) => FILE_LEN_MAX,
+            Self::Settings(_) => registers::STORED_LEN,
+            Self::BankSeal(_) | Self::SettingsSeal(_) => RECORD_LEN,
+        }
+    }
+
+    /// No area is empty.
+    pub const fn is_empty(self) -> bool {
+        false
+    }
+}
+
+/// Storage could not do it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StorageError;
+
+impl From<StorageError> for Refusal {
+    fn from(_: StorageError) -> Self {
+        Self::of(Cause::StorageFailed)
+    }
+}
+
+/// Permanent storage of a board.
+///
+/// Semantics like flash: an area is erased as a whole and then written once, in ascending order, in
+/// pieces. If power fails during a call, any part of what the call should have written may have been
+/// written, and the rest of the area it touches may read as anything.
+pub trait Storage {
+    /// Makes an area ready to be written; its content is lost.
+    ///
+    /// # Errors
+    ///
+    /// The device failed; the area may hold anything.
+    fn erase(&mut self, area: Area) -> Result<(), StorageError>;
+
+    /// Writes `data` at `offset` of an area that was erased and not written there since.
+    ///
+    /// # Errors
+    ///
+    /// The device failed or the data ends outside the area; the area may hold anything.
+    fn write(&mut self, area: Area, offset: usize, data: &[u8]) -> Result<(), StorageError>;
+
+    /// Fills `out` from `offset` of an area.
+    ///
+    /// # Errors
+    ///
+    /// The device failed or `out` ends outside the area.
+    fn read(&self, area: Area, offset: usize, out: &mut [u8]) -> Result<(), StorageError>;
+}
+
+/// Storage that forgets: for boards without any, simulation and tests.
+#[derive(Clone)]
+pub struct RamStorage {
+    banks: [[u8; FILE_LEN_MAX]; 2],
+    settings: [[u8; registers::STORED_LEN]; 2],
+    seals: [[u8; RECORD_LEN]; 4],
+}
+
+impl RamStorage {
+    /// Holds nothing. Zeros, not the 0xFF of erased flash: a board keeps it out of its start-up data.
+    pub const fn new() -> Self {
+        Self {
+            banks: [[0; FILE_LEN_MAX]; 2],
+            settings: [[0; registers::STORED_LEN]; 2],
+            seals: [[0; RECORD_LEN]; 4],
+        }
+    }
+
+    /// Content of an area.
+    pub const fn bytes(&self, area: Area) -> &[u8] {
+        let ([bank_a, bank_b], [settings_a, settings_b], [a, b, c, d]) =
+            (&self.banks, &self.settings, &self.seals);
+        match area {
+            Area::Bank(Slot::A) => bank_a,
+            Area::Bank(Slot::B) => bank_b,
+            Area::Settings(Slot::A) => settings_a,
+            Area::Settings(Slot::B) => settings_b,
+            Area::BankSeal(Slot::A) => a,
+            Area::BankSeal(Slot::B) => b,
+            Area::SettingsSeal(Slot::A) => c,
+            Area::SettingsSeal(Slot::B) => d,
+        }
+    }
+
+    /// Content of an area, to change.
+    pub const fn bytes_mut(&mut self, area: Area) -> &mut [u8] {
+        let ([bank_a, bank_b], [settings_a, settings_b], [a, b, c, d]) =
+            (&mut self.banks, &mut self.settings, &mut self.seals);
+        match area {
+            Area::Bank(Slot::A) => bank_a,
+            Area::Bank(Slot::B) => bank_b,
+            Area::Settings(Slot::A) => settings_a,
+            Area::Settings(Slot::B) => settings_b,
+            Area::BankSeal(Slot::A) => a,
+            Area::BankSeal(Slot::B) => b,
+            Area::SettingsSeal(Slot::A) => c,
+            Area::SettingsSeal(Slot::B) => d,
+        }
+    }
+}
+
+impl Default for RamStorage {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Storage for RamStorage {
+    fn erase(&mut self, area: Area) -> Result<(), StorageError> {
+        self.bytes_mut(area).fill(0xFF);
+        Ok(())
+    }
+
+    fn write(&mut self, area: Area, offset: usize, data: &[u8]) -> Result<(), StorageError> {
+        let end = offset.checked_add(data.len()).ok_or(StorageError)?;
+        let place = self.bytes_mut(area).get_mut(offset..end).ok_or(StorageError)?;
+        for (to, from) in place.iter_mut().zip(data) {
+            *to = *from;
+        }
+        Ok(())
+    }
+
+    fn read(&self, area: Area, offset: usize, out: &mut [u8]) -> Result<(), StorageError> {
+        let end = offset.checked_add(out.len()).ok_or(StorageError)?;
+        let from = self.bytes(area).get(offset..end).ok_or(StorageError)?;
+        for (to, from) in out.iter_mut().zip(from) {
+            *to = *from;
+        }
+        Ok(())
+    }
+}
+
+/// A board's storage may live in a static place of its own.
+impl<S: Storage> Storage for &mut S {
+    fn erase(&mut self, area: Area) -> Result<(), StorageError> {
+        (**self).erase(area)
+    }
+
+    fn write(&mut self, area: Area, offset: usize, data: &[u8]) -> Result<(), StorageError> {
+        (**self).write(area, offset, data)
+    }
+
+    fn read(&self, area: Area, offset: usize, out: &mut [u8]) -> Result<(), StorageError> {
+        (**self).read(area, offset, out)
+    }
+}

@@ -1,0 +1,239 @@
+//! The two banks: upload into the inactive one, checks, commit by name.
+
+use protocol::cyphal::crc::Crc64;
+
+use super::seal::Seal;
+use super::storage::{Area, Slot, Storage};
+use crate::fault::{Cause, Refusal};
+use crate::settings::Settings;
+use crate::spline::Spline;
+use crate::trajectory_format::{self, FILE_LEN_MAX, Header};
+
+/// Name of a trajectory file: what a commit and a run refer to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FileName {
+    /// CRC-64/WE of the whole file.
+    pub crc64: u64,
+    /// Bytes.
+    pub len: u32,
+}
+
+/// The trajectory that may run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Committed {
+    slot: Slot,
+    sequence: u32,
+    /// Its name.
+    pub name: FileName,
+    /// What its header says.
+    pub header: Header,
+}
+
+/// File on its way in.
+#[derive(Clone, Copy, Debug)]
+struct Upload {
+    len: usize,
+    crc64: Crc64,
+}
+
+/// The two banks.
+#[derive(Debug)]
+pub struct TrajectoryStore {
+    committed: Option<Committed>,
+    upload: Option<Upload>,
+}
+
+impl TrajectoryStore {
+    /// Nothing known yet.
+    pub const fn new() -> Self {
+        Self { committed: None, upload: None }
+    }
+
+    /// The trajectory that may run.
+    pub const fn committed(&self) -> Option<&Committed> {
+        self.committed.as_ref()
+    }
+
+    /// Name of what is in the upload bank so far.
+    pub fn uploaded(&self) -> Option<FileName> {
+        self.upload.map(|upload| FileName { crc64: upload.crc64.get(), len: upload.len as u32 })
+    }
+
+    /// Looks for the committed trajectory after power on and loads it into `spline`.
+    pub fn find(&mut self, storage: &impl Storage, settings: &Settings, spline: &mut Spline) {
+        (self.committed, self.upload) = (None, None);
+        let [a, b] = [Slot::A, Slot::B].map(|slot| (slot, Seal::read(storage, Area::BankSeal(slot))));
+        let newest_first = match (a.1, b.1) {
+            (Some(one), Some(two)) if two.sequence > one.sequence => [b, a],
+            _ => [a, b],
+        };
+        for (slot, seal) in newest_first {
+            let Some(Seal { sequence, len, crc64 }) = seal else { continue };
+            let name = FileName { crc64, len };
+            if let Ok(header) = load(storage, slot, name, settings, spline) {
+                self.committed = Some(Committed { slot, sequence, name, header });
+                return;
+            }
+        }
+        spline.clear(0);
+    }
+
+    /// The bank an upload goes to.
+    fn upload_slot(&self) -> Slot {
+        self.committed.map_or(Slot::A, |committed| committed.slot.other())
+    }
+
+    /// Takes the next piece of a file. A piece that came before is compared and passes again, so a
+    /// lost answer does no harm; offset 0 with other content begins a new file.
+    ///
+    /// # Errors
+    ///
+    /// [`Cause::UploadOutOfOrder`], [`Cause::FileTooLong`], [`Cause::StorageFailed`].
+    pub fn write(&mut self, storage: &mut impl Storage, offset: usize, data: &[u8]) -> Result<(), Refusal> {
+        let slot = self.upload_slot();
+        let bank = Area::Bank(slot);
+        let end = offset.checked_add(data.len()).filter(|&end| end <= FILE_LEN_MAX);
+        let Some(end) = end else { return Err(Refusal::of(Cause::FileTooLong)) };
+        let have = self.upload.map_or(0, |upload| upload.len);
+        if self.upload.is_some() && end <= have && same(storage, bank, offset, data)? {
+            return Ok(());
+        }
+        if offset == 0 {
+            self.upload = None;
+            storage.erase(Area::BankSeal(slot))?;
+            storage.erase(bank)?;
+            self.upload = Some(Upload { len: 0, crc64: Crc64::new() });
+        }
+        let Some(upload) = self.upload.as_mut().filter(|upload| upload.len == offset) else {
+            return Err(Refusal::of(Cause::UploadOutOfOrder));
+        };
+        match storage.write(bank, offset, data) {
+            Ok(()) => {
+                upload.len = end;
+                upload.crc64.update(data);
+                Ok(())
+            }
+            Err(error) => {
+                self.upload = None;
+                Err(error.into())
+            }
+        }
+    }
+
+    /// Reads back from the upload bank, else from the committed file; returns the bytes filled.
+    ///
+    /// # Errors
+    ///
+    /// [`Cause::StorageFailed`].
+    pub fn read(&self, storage: &impl Storage, offset: usize, out: &mut [u8]) -> Result<usize, Refusal> {
+        let (slot, len) = match (self.upload, self.committed) {
+            (Some(upload), _) => (self.upload_slot(), upload.len),
+            (None, Some(committed)) => (committed.slot, committed.name.len as usize),
+            (None, None) => return Ok(0),
+        };
+        let count = len.saturating_sub(offset).min(out.len());
+        let Some(out) = out.get_mut(..count) else { return Ok(0) };
+        if count > 0 {
+            storage.read(Area::Bank(slot), offset, out)?;
+        }
+        Ok(count)
+    }
+
+    /// Checks the uploaded file and makes it the one that may run; loads it into `spline`. A repeated
+    /// commit of the committed file passes.
+    ///
+    /// # Errors
+    ///
+    /// Whatever check fails; the trajectory that was committed before then stays, and is loaded.
+    pub fn commit(
+        &mut self,
+        storage: &mut impl Storage,
+        name: FileName,
+        settings: &Settings,
+        spline: &mut Spline,
+    ) -> Result<(), Refusal> {
+        if self.upload.is_none() && self.committed.is_some_and(|committed| committed.name == name) {
+            return Ok(());
+        }
+        let outcome = self.seal(storage, name, settings, spline);
+        if outcome.is_err() {
+            self.reload(storage, settings, spline);
+        }
+        outcome
+    }
+
+    fn seal(
+        &mut self,
+        storage: &mut impl Storage,
+        name: FileName,
+        settings: &Settings,
+        spline: &mut Spline,
+    ) -> Result<(), Refusal> {
+        let uploaded = self.uploaded().ok_or(Refusal::of(Cause::FileIncomplete))?;
+        if uploaded.len != name.len {
+            return Err(Refusal::of(Cause::FileIncomplete));
+        }
+        if uploaded.crc64 != name.crc64 {
+            return Err(Refusal::of(Cause::FileChecksum));
+        }
+        let slot = self.upload_slot();
+        let header = load(storage, slot, name, settings, spline)?;
+        let sequence = self.committed.map_or(1, |committed| committed.sequence.saturating_add(1));
+        let seal = Seal { sequence, len: name.len, crc64: name.crc64 };
+        seal.write(storage, Area::BankSeal(slot))?;
+        self.committed = Some(Committed { slot, sequence, name, header });
+        self.upload = None;
+        Ok(())
+    }
+
+    fn reload(&mut self, storage: &impl Storage, settings: &Settings, spline: &mut Spline) {
+        let loaded = self
+            .committed
+            .is_some_and(|committed| load(storage, committed.slot, committed.name, settings, spline).is_ok());
+        if !loaded {
+            self.committed = None;
+            spline.clear(0);
+        }
+    }
+}
+
+impl Default for TrajectoryStore {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+fn same(storage: &impl Storage, area: Area, offset: usize, data: &[u8]) -> Result<bool, Refusal> {
+    let mut bytes = [0; 64];
+    for (index, piece) in data.chunks(64).enumerate() {
+        let Some(bytes) = bytes.get_mut(..piece.len()) else { return Ok(false) };
+        storage.read(area, offset + 64 * index, bytes)?;
+        if bytes != piece {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
+/// Reads, names and checks the file of a bank.
+fn load(
+    storage: &impl Storage,
+    slot: Slot,
+    name: FileName,
+    settings: &Settings,
+    spline: &mut Spline,
+) -> Result<Header, Refusal> {
+    let len = name.len as usize;
+    let mut crc64 = Crc64::new();
+    let read = |offset: usize, out: &mut [u8]| -> Result<(), Refusal> {
+        storage.read(Area::Bank(slot), offset, out)?;
+        crc64.update(out);
+        Ok(())
+    };
+    let header = trajectory_format::decode(len, read, spline)?;
+    if crc64.get() != name.crc64 {
+        return Err(Refusal::of(Cause::FileChecksum));
+    }
+    trajectory_format::check(&header, spline, settings)?;
+    Ok(header)
+}

@@ -1,0 +1,251 @@
+//! The fault table: cause × state → reaction, and the time from the cause to the halt broadcast on the bus.
+//!
+//! A row is a cause; for each state it says how the group ends and how long the halt may take. The table is printed with
+//! what was measured (`cargo test -p firmware --test fault_table -- --nocapture`).
+
+mod bench;
+
+use bench::*;
+use firmware::fault::Cause;
+use firmware::orders::Order;
+use firmware::state::StateKind;
+use protocol::powercube::CubeState;
+use protocol::{Duration, Frame};
+
+/// What goes wrong.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Trouble {
+    StopMessage,
+    StopOrder,
+    HostLost,
+    /// Drive 3 falls silent.
+    Silent,
+    /// Drive 3 reports an under-voltage of its motor supply.
+    Supply,
+    /// Drive 3 reports a following error.
+    Tow,
+    /// Drive 3's watchdog has expired.
+    Watchdog,
+    /// Drive 3 draws more than it may.
+    Current,
+}
+
+/// How the group ends, and the longest time to the halt broadcast, ms; `None`: no halt, and nothing moves because of it.
+type Outcome = (StateKind, Option<u64>);
+
+const SICK: usize = 2;
+const JOG: Order = Order::Jog { joint: JOGGED, qd_rad_s: 0.2, hold: Duration::from_millis(500) };
+const JOGGED: protocol::JointIndex = match protocol::JointIndex::new(4) {
+    Ok(joint) => joint,
+    Err(_) => panic!("a joint"),
+};
+
+fn bench_in(state: StateKind) -> Bench {
+    let mut bench = match state {
+        StateKind::Homing => {
+            let mut bench = Bench::new(Options { homed: false, ..Options::default() });
+            bench.run_until(3_000_000, |bench| bench.kind() == StateKind::Idle);
+            bench.run_for(50_000);
+            bench
+        }
+        _ => Bench::ready(Options::default(), &throw_start()),
+    };
+    match state {
+        StateKind::Armed => {
+            let name = bench.upload(&throw_file(3_000, true));
+            bench.arm(name);
+        }
+        StateKind::Running => {
+            bench.start(&throw_file(3_000, true));
+            bench.run_for(306_000);
+        }
+        StateKind::Jogging => {
+            bench.order(JOG).unwrap();
+            bench.run_for(150_000);
+            bench.order(JOG).unwrap();
+        }
+        StateKind::Homing => {
+            bench.drives[5].home_takes_us = 5_000_000;
+            bench.order(Order::Home { mask: 0x3F }).unwrap();
+            bench.run_for(100_000);
+        }
+        _ => {}
+    }
+    assert_eq!(bench.kind(), state);
+    bench
+}
+
+fn strike(bench: &mut Bench, trouble: Trouble) {
+    let drive = &mut bench.drives[SICK];
+    let error = drive.state.union(CubeState::ERROR);
+    match trouble {
+        Trouble::StopMessage => bench.stop_now(),
+        Trouble::StopOrder => {
+            bench.order(Order::Stop).unwrap();
+        }
+        Trouble::HostLost => bench.heartbeat = false,
+        Trouble::Silent => drive.silent = true,
+        Trouble::Supply => drive.state = error.union(CubeState::POWERFAULT).union(CubeState::POW_VOLT_ERR),
+        Trouble::Tow => drive.state = error.union(CubeState::TOW_ERROR),
+        Trouble::Watchdog => drive.state = error.union(CubeState::COMM_ERROR).union(CubeState::HALTED),
+        Trouble::Current => drive.current_a = 31.0,
+    }
+}
+
+const STATES: [StateKind; 5] =
+    [StateKind::Ready, StateKind::Armed, StateKind::Homing, StateKind::Jogging, StateKind::Running];
+
+/// Bounds: a stop message within 1 ms; what is read while nothing moves, within the round of four 10 ms ticks; a lost host
+/// within 100 ms, plus coming to rest: 25 ms to 1 s along the path, a jog 0.25 s and its slack.
+fn table() -> Vec<(Trouble, [Outcome; 5])> {
+    use StateKind::{Armed, Fault, Ready, Running, Stopped};
+    vec![
+        (Trouble::StopMessage, [(Stopped, Some(1)); 5]),
+        (
+            Trouble::StopOrder,
+            [
+                (Stopped, Some(1)),
+                (Stopped, Some(1)),
+                (Stopped, Some(1)),
+                (Stopped, Some(350)),
+                (Stopped, Some(1_100)),
+            ],
+        ),
+        (
+            Trouble::HostLost,
+            [
+                (Ready, None),
+                (Ready, None),
+                (Fault, Some(115)),
+                (Fault, Some(115 + 350)),
+                (Fault, Some(104 + 1_100)),
+            ],
+        ),
+        (
+            Trouble::Silent,
+            [
+                (Fault, Some(60)),
+                (Fault, Some(60)),
+                (Fault, Some(60)),
+                (Fault, Some(60 + 350)),
+                (Fault, Some(9 + 400)),
+            ],
+        ),
+        (
+            Trouble::Supply,
+            [
+                (Fault, Some(45)),
+                (Fault, Some(45)),
+                (Fault, Some(45)),
+                (Fault, Some(45 + 350)),
+                (Fault, Some(6 + 400)),
+            ],
+        ),
+        (
+            Trouble::Tow,
+            [
+                (Fault, Some(45)),
+                (Fault, Some(45)),
+                (Fault, Some(45)),
+                (Fault, Some(45 + 350)),
+                (Fault, Some(6 + 400)),
+            ],
+        ),
+        (
+            Trouble::Watchdog,
+            [
+                (Fault, Some(45)),
+                (Fault, Some(45)),
+                (Fault, Some(45)),
+                (Fault, Some(45)),
+                (Fault, Some(6 + 400)),
+            ],
+        ),
+        // Nothing moves in the first two; the others read each current in turn, three readings count.
+        (
+            Trouble::Current,
+            [
+                (Ready, None),
+                (Armed, None),
+                (Fault, Some(130)),
+                (Fault, Some(130 + 350)),
+                (Fault, Some(3 * 2 * 6 * 3 + 400)),
+            ],
+        ),
+    ]
+    .into_iter()
+    .inspect(|(_, outcomes)| assert!(outcomes.iter().all(|(end, _)| *end != Running)))
+    .collect()
+}
+
+#[test]
+fn every_cause_in_every_state_has_its_reaction_in_its_time() {
+    let mut wrong = Vec::new();
+    for (trouble, outcomes) in table() {
+        for (state, (end, bound_ms)) in STATES.into_iter().zip(outcomes) {
+            let mut bench = bench_in(state);
+            let at = bench.now;
+            strike(&mut bench, trouble);
+            let quiet = bound_ms.is_none();
+            bench.run_until(2_000_000, |bench| {
+                let kind = bench.kind();
+                matches!(kind, StateKind::Stopped | StateKind::Fault) || (quiet && bench.now > at + 300_000)
+            });
+            bench.run_for(3_000);
+            let halted = bench.sent_after(at, is_halt).map(|halt| halt.as_micros() - at);
+            let cause = bench.controller.state().fault().map(|fault| fault.cause);
+            println!("{trouble:?} in {state:?}: {:?} {cause:?}, halt after {halted:?} us", bench.kind());
+            let fits = match (bound_ms, halted) {
+                (None, None) => true,
+                (Some(bound), Some(us)) => us <= 1_000 * bound,
+                _ => false,
+            };
+            if bench.kind() != end || !fits {
+                wrong.push(format!("{trouble:?} in {state:?}: {:?} after {halted:?} us", bench.kind()));
+            }
+            // After the halt nothing is asked to move.
+            if let Some(us) = halted {
+                assert!(bench.sent_after(at + us, is_motion).is_none(), "{trouble:?} in {state:?}");
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn supply_loss_names_its_cause_where_the_state_word_is_read() {
+    let mut bench = bench_in(StateKind::Ready);
+    strike(&mut bench, Trouble::Supply);
+    bench.run_until(100_000, |bench| bench.kind() == StateKind::Fault);
+    let fault = bench.controller.state().fault().unwrap();
+    assert_eq!((fault.cause, fault.joint), (Cause::DriveSupply, Some(joint(SICK))));
+}
+
+#[test]
+fn ready_comes_only_after_every_drive_was_read_again() {
+    let mut bench = bench_in(StateKind::Ready);
+    strike(&mut bench, Trouble::Tow);
+    bench.run_until(100_000, |bench| bench.kind() == StateKind::Fault);
+    bench.run_for(20_000);
+    let cleared = bench.now;
+    let code = bench.controller.state().fault().unwrap().cause.code();
+    bench.order(Order::ClearFault { code }).unwrap();
+    bench.run_until(2_000_000, |bench| bench.kind() == StateKind::Ready);
+    let ready = bench.now;
+    assert_eq!(bench.kind(), StateKind::Ready);
+    for module in 1..=6u16 {
+        // State word and position with short state, as answers of this drive between the reset and Ready.
+        for read in [[0x0A, 0x27], [0x0A, 0x62]] {
+            let answered = bench.log.iter().any(|entry| {
+                let between = entry.at.as_micros() > cleared && entry.at.as_micros() <= ready;
+                between && is_answer(&entry.frame, module, &read)
+            });
+            assert!(answered, "drive {module} was not asked {read:02X?} before Ready");
+        }
+    }
+}
+
+fn is_answer(frame: &Frame, module: u16, begins: &[u8]) -> bool {
+    matches!(frame.id(), protocol::Id::Standard(id) if id.get() == 0x0A0 + module)
+        && frame.data().starts_with(begins)
+}

@@ -1,0 +1,50 @@
+//! Options of a bus.
+
+use super::queue::TxOrder;
+
+/// What ends bus-off.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Recovery {
+    /// The controller counts 128 sequences of eleven recessive bits at once.
+    #[default]
+    Automatic,
+    /// It begins to count when its software asks ([`Bus::request_recovery`](super::Bus::request_recovery)).
+    OnRequest,
+}
+
+/// Bit rate that the model cannot represent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "{bit_rate_bit_s} bit/s: a bit must last a whole number of nanoseconds, from 1 us (1 Mbit/s) to 100 us"
+)]
+pub struct BitRateError {
+    /// The refused rate.
+    pub bit_rate_bit_s: u32,
+}
+
+/// Options of a bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BusConfig {
+    /// Bits per second, 10 000 to 1 000 000, such that a bit is a whole number of nanoseconds.
+    pub bit_rate_bit_s: u32,
+    /// Frames that can wait in each node.
+    pub queue_depth: usize,
+    /// Order in which each node offers them.
+    pub tx_order: TxOrder,
+    /// What ends bus-off.
+    pub recovery: Recovery,
+    /// Never change to the frame-by-frame gear. Slower, same events; for cross-checks.
+    pub bit_by_bit: bool,
+}
+
+impl Default for BusConfig {
+    fn default() -> Self {
+        Self {
+            bit_rate_bit_s: 1_000_000,
+            queue_depth: 32,
+            tx_order: TxOrder::Fifo,
+            recovery: Recovery::Automatic,
+            bit_by_bit: false,
+        }
+    }
+}

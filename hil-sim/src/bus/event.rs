@@ -1,0 +1,83 @@
+//! What a bus tells its owner, and what disturbs it.
+
+use protocol::Frame;
+
+use super::stats::ErrorKind;
+
+/// Levels read wrongly during one frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Disturbance {
+    /// First wrong bit, counted from start of frame (0), stuff bits included.
+    pub first_bit: u32,
+    /// Number of wrong bits in a row.
+    pub bits: u32,
+    /// Ports that read the inverted level; all ones: everybody, the sender too.
+    pub seen_by: u64,
+}
+
+/// Decides at each start of frame whether the line disturbs it.
+pub trait Wire {
+    /// `from` has won the right to send `frame`, `bits` long up to the end of frame.
+    fn disturb(&mut self, now_ns: u64, from: usize, frame: &Frame, bits: u32) -> Option<Disturbance>;
+}
+
+/// A line without disturbances.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct QuietWire;
+
+impl Wire for QuietWire {
+    fn disturb(&mut self, _: u64, _: usize, _: &Frame, _: u32) -> Option<Disturbance> {
+        None
+    }
+}
+
+/// Something that happened on the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BusEvent {
+    /// A frame became valid for its receivers.
+    Frame {
+        /// When, nanoseconds.
+        at_ns: u64,
+        /// Port of the transmitter; `None` if it was disconnected in the last bits.
+        from: Option<usize>,
+        /// The frame.
+        frame: Frame,
+        /// Ports that accepted it.
+        receivers: u64,
+    },
+    /// A node began an error flag.
+    Error {
+        /// When, nanoseconds.
+        at_ns: u64,
+        /// Which node.
+        port: usize,
+        /// Why.
+        kind: ErrorKind,
+    },
+    /// A node counted itself out.
+    BusOff {
+        /// When, nanoseconds.
+        at_ns: u64,
+        /// Which node.
+        port: usize,
+    },
+    /// A node came (back) on the bus.
+    Joined {
+        /// When, nanoseconds.
+        at_ns: u64,
+        /// Which node.
+        port: usize,
+    },
+}
+
+impl BusEvent {
+    /// When it happened, nanoseconds.
+    pub const fn at_ns(&self) -> u64 {
+        match self {
+            Self::Frame { at_ns, .. }
+            | Self::Error { at_ns, .. }
+            | Self::BusOff { at_ns, .. }
+            | Self::Joined { at_ns, .. } => *at_ns,
+        }
+    }
+}

@@ -1,0 +1,229 @@
+//! The same world in real time, with links of the operating system as further nodes.
+//!
+//! ```text
+//!   clients ── door ──▶ Gateway ──▶ simulated bus ──▶ drives, gateways of the other doors
+//!           ◀── door ── Gateway ◀── (bit times, arbitration, faults) ◀──
+//! ```
+//!
+//! The world's clock follows the machine's: each turn runs it up to the present. A frame of a client is queued at
+//! the simulated bus when it arrives, wins its arbitration, takes its bits, and is then seen by the drives and by
+//! all other clients; answers come back the same way, after the drive's processing time. Every door is a node of
+//! its own, as an adapter on a real bus is: clients of one door share its queue, clients of two doors arbitrate
+//! against each other. What the machine adds is measured: how late frames leave ([`Realtime::lateness`]), and how
+//! long clients wait for answers.
+
+mod door;
+
+use std::io;
+
+use can_link::{Clock, Lateness, LinkError};
+use protocol::{Duration, Frame, Instant};
+
+pub use door::{Door, Gateway, Visit};
+
+use crate::bus::{BusConfig, ErrorKind};
+use crate::crew::{Crew, Solo};
+use crate::fault::Fault;
+use crate::world::{BuildError, Observer, RunError, World};
+use door::Port;
+
+/// Frames of one door's clients that can wait for the simulated bus; beyond it nothing more is read from the link.
+const BACKLOG_MAX: usize = 1_024;
+/// Longest sleep, so that the owner looks at its own business now and then.
+const NAP_MAX: Duration = Duration::from_millis(50);
+/// Error classes of Linux `can/error.h`: protocol violation, no acknowledge, bus-off.
+const CLASS_PROTOCOL: u32 = 0x08;
+const CLASS_ACK: u32 = 0x20;
+const CLASS_BUS_OFF: u32 = 0x40;
+
+/// Why real time ended.
+#[derive(Debug, thiserror::Error)]
+pub enum RealtimeError {
+    /// A node broke its contract.
+    #[error(transparent)]
+    Run(#[from] RunError),
+    /// A bus that was joined is gone.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// Waiting failed.
+    #[error("cannot wait for the link: {0}")]
+    Wait(#[from] io::Error),
+}
+
+/// What the doors must be told: frames of gateways, for the other clients of the same door; errors, for all.
+#[derive(Debug, Default)]
+struct Seen {
+    /// Node of the first gateway; all further ones follow.
+    first_gateway: usize,
+    own: Vec<(usize, Instant, Frame)>,
+    errors: Vec<(Instant, u32)>,
+}
+
+impl Observer for Seen {
+    fn on_frame(&mut self, at: Instant, from: Option<usize>, frame: &Frame) {
+        if let Some(port) = from.and_then(|node| node.checked_sub(self.first_gateway)) {
+            self.own.push((port, at, *frame));
+        }
+    }
+
+    fn on_error(&mut self, at: Instant, _: usize, kind: ErrorKind) {
+        self.errors.push((at, if kind == ErrorKind::Ack { CLASS_ACK } else { CLASS_PROTOCOL }));
+    }
+
+    fn on_bus_off(&mut self, at: Instant, _: usize, off: bool) {
+        if off {
+            self.errors.push((at, CLASS_BUS_OFF));
+        }
+    }
+}
+
+/// A world that keeps up with the machine's clock.
+pub struct Realtime<A> {
+    world: World<(A, Vec<Solo<Gateway>>)>,
+    ports: Vec<Port>,
+    clock: Clock,
+    seen: Seen,
+    latency: Lateness,
+    lateness: Lateness,
+}
+
+impl<A: Crew> Realtime<A> {
+    /// Puts `crew` on a bus whose time 0 is that of `clock`, with a gateway behind each of `doors`. `seed` feeds the
+    /// faults' random streams.
+    ///
+    /// # Errors
+    ///
+    /// As [`World::new`].
+    pub fn new(
+        crew: A,
+        config: BusConfig,
+        seed: u64,
+        plan: Vec<Fault>,
+        doors: Vec<Door>,
+        clock: Clock,
+    ) -> Result<Self, BuildError> {
+        let first_gateway = crew.len();
+        let gateways = doors.iter().map(|door| Solo::new(door.name(), Gateway::default())).collect();
+        let mut world = World::new((crew, gateways), config, seed, plan)?;
+        for port in 0..doors.len() {
+            world.set_queue_depth(first_gateway + port, BACKLOG_MAX);
+        }
+        Ok(Self {
+            world,
+            ports: doors.into_iter().map(Port::new).collect(),
+            clock,
+            seen: Seen { first_gateway, ..Seen::default() },
+            latency: Lateness::default(),
+            lateness: Lateness::default(),
+        })
+    }
+
+    /// The world, for reports and faults.
+    pub fn world(&self) -> &World<(A, Vec<Solo<Gateway>>)> {
+        &self.world
+    }
+
+    /// The world, to add faults.
+    pub fn world_mut(&mut self) -> &mut World<(A, Vec<Solo<Gateway>>)> {
+        &mut self.world
+    }
+
+    /// The doors, as given.
+    pub fn doors(&self) -> impl Iterator<Item = &Door> {
+        self.ports.iter().map(|port| &port.door)
+    }
+
+    /// Time from a client's request to the answer's leaving through its door. Where two doors ask the same module
+    /// at once, each may count the other's answer.
+    pub fn latency(&self) -> &Lateness {
+        &self.latency
+    }
+
+    /// How late frames leave, against the time they had on the simulated bus: what the machine adds.
+    pub fn lateness(&self) -> &Lateness {
+        &self.lateness
+    }
+
+    /// Frames that a joined bus did not take.
+    pub fn lost(&self) -> u64 {
+        self.ports.iter().map(|port| port.lost).sum()
+    }
+
+    /// Clients that came and went since the last call, door by door.
+    pub fn visits(&mut self) -> Vec<Visit> {
+        self.ports.iter_mut().flat_map(|port| std::mem::take(&mut port.visits)).collect()
+    }
+
+    /// One turn: take what came in, run up to the present, hand out, then sleep until something is due, `until` or
+    /// 50 ms.
+    ///
+    /// # Errors
+    ///
+    /// A node broke its contract, or a joined bus is gone. Clients that leave are no error.
+    pub fn turn(&mut self, until: Instant, observer: &mut impl Observer) -> Result<(), RealtimeError> {
+        for index in 0..self.ports.len() {
+            self.take_in(index, observer)?;
+        }
+        self.catch_up(observer)?;
+        self.hand_out()?;
+        let mut wake = until.min(self.clock.now() + NAP_MAX);
+        if let Some(due) = self.world.next_wake() {
+            wake = wake.min(due);
+        }
+        let links: Vec<_> = self.ports.iter().map(|port| port.door.link()).collect();
+        can_link::wait(&links, &self.clock, Some(wake))?;
+        Ok(())
+    }
+
+    /// Runs the world up to the present and returns that.
+    fn catch_up(&mut self, observer: &mut impl Observer) -> Result<Instant, RunError> {
+        let now = self.clock.now().max(self.world.now());
+        self.world.run_until(now, &mut (&mut self.seen, &mut *observer))?;
+        Ok(now)
+    }
+
+    fn take_in(&mut self, index: usize, observer: &mut impl Observer) -> Result<(), RealtimeError> {
+        while self.ports[index].backlog() < BACKLOG_MAX {
+            let Some(frame) = self.ports[index].next_frame()? else { break };
+            let now = self.catch_up(observer)?;
+            self.world.with_crew(|crew, _| crew.1[index].node.out.push_back(frame))?;
+            self.ports[index].note_request(&frame, now);
+        }
+        Ok(())
+    }
+
+    /// Passes on what happened on the simulated bus, in the order of its times.
+    fn hand_out(&mut self) -> Result<(), RealtimeError> {
+        for (port, at, frame) in self.seen.own.drain(..) {
+            self.ports[port].own.push((at, frame));
+        }
+        let idle = self.world.bus().quiet_until_ns().is_none();
+        for index in 0..self.ports.len() {
+            let received =
+                self.world.with_crew(|crew, _| std::mem::take(&mut crew.1[index].node.received))?;
+            let port = &mut self.ports[index];
+            let mut own = std::mem::take(&mut port.own).into_iter().peekable();
+            let now = self.clock.now();
+            for (at, frame) in received {
+                while let Some((own_at, own_frame)) = own.next_if(|(own_at, _)| *own_at <= at) {
+                    port.put_own(own_at, &own_frame);
+                }
+                if let Some(asked) = port.asked_at(&frame) {
+                    self.latency.record(now.saturating_since(asked));
+                }
+                self.lateness.record(now.saturating_since(at));
+                port.put(at, &frame);
+            }
+            for (at, frame) in own {
+                port.put_own(at, &frame);
+            }
+            if idle && self.world.bus().queue(self.seen.first_gateway + index).is_empty() {
+                port.forget_backlog();
+            }
+        }
+        for (at, class) in self.seen.errors.drain(..) {
+            self.ports.iter_mut().for_each(|port| port.put_error(at, class));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,105 @@
+//! `hil-sim serve` with several doors to one bus, and clients that come, go and misbehave.
+
+mod served;
+
+use std::io::Write;
+use std::net::TcpStream;
+use std::process::{Command, Stdio};
+
+use can_link::Clock;
+use protocol::Instant;
+use served::{Client, Server, is_version, version_request};
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_hil-sim");
+const SOCKETCAND: &str = "socketcand://127.0.0.1:0/can0";
+const SLCAN_TCP: &str = "slcan://127.0.0.1:0";
+const SLCAN_PTY: &str = "slcan:/dev/ptmx";
+
+#[test]
+fn clients_of_all_doors_share_one_bus_with_the_drives() {
+    let server = Server::start(PROGRAM, &[SOCKETCAND, SLCAN_TCP, SLCAN_PTY]);
+    let mut clients: Vec<Client> = (0..3).map(|door| server.client(door)).collect();
+    // A neighbour behind the first door.
+    clients.push(server.client(0));
+    // Everybody is listening before the first frame counts: a drive answers each of them.
+    for client in &mut clients {
+        assert!(client.asks_version(6));
+    }
+    for (sender, module) in [(0, 1), (1, 2), (2, 3), (3, 4)] {
+        let request = version_request(module);
+        clients[sender].send(request);
+        for (index, client) in clients.iter_mut().enumerate() {
+            let heard = client.hear_until(|frame| is_version(module, frame));
+            let requests = heard.iter().filter(|frame| **frame == request).count();
+            // All others hear the request once, before its answer; the sender does not hear itself.
+            assert_eq!(requests, usize::from(index != sender), "client {index}: {heard:?}");
+        }
+    }
+    let report = server.finish();
+    let names: Vec<&str> = report["bus"]["nodes"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|node| node["name"].as_str().unwrap())
+        .collect();
+    assert_eq!(names.len(), 6 + 1 + 3, "{names:?}");
+    assert!(names[7].starts_with("socketcand://127.0.0.1:"), "{names:?}");
+    assert!(names[9].starts_with("slcan:/dev/pts/"), "{names:?}");
+    let sent: Vec<u64> = report["bus"]["nodes"].as_array().unwrap()[7..]
+        .iter()
+        .map(|node| node["sent"].as_u64().unwrap())
+        .collect();
+    assert_eq!(sent, [4, 2, 2]);
+    assert_eq!(report["latency_us"]["count"], 8);
+}
+
+#[test]
+fn clients_that_vanish_or_talk_nonsense_disturb_nobody() {
+    let server = Server::start(PROGRAM, &[SOCKETCAND, SLCAN_TCP]);
+    let mut steady = server.client(0);
+    assert!(steady.asks_version(1));
+    let address = |door: &str| door.split("//").nth(1).unwrap().split(['/', '?']).next().unwrap().to_owned();
+    let (socketcand, slcan) = (address(&server.doors[0]), address(&server.doors[1]));
+    for round in 0..10 {
+        // Half a frame, then gone; data unread, so that the connection is reset.
+        let mut rude = TcpStream::connect(&socketcand).unwrap();
+        rude.write_all(b"< open can0 >< rawmode >< send 0C1 2 0A").unwrap();
+        let mut vandal = TcpStream::connect(&slcan).unwrap();
+        vandal.write_all(b"O\rt0C120A1D\rt0C1\r\xFF\x00garbage without an end").unwrap();
+        assert!(steady.asks_version(1 + round % 6));
+        drop(rude);
+        drop(vandal);
+        // Whoever comes next finds a working adapter.
+        assert!(server.client(1).asks_version(2));
+        assert!(steady.asks_version(3));
+    }
+    let report = server.finish();
+    assert_eq!(report["bus"]["nodes"].as_array().map(Vec::len), Some(6 + 1 + 2));
+    assert_eq!(report["lost"], 0);
+}
+
+#[test]
+fn one_place_that_cannot_be_had_ends_the_program_with_its_name() {
+    let out = Command::new(PROGRAM)
+        .args(["serve", "--bus", SOCKETCAND, "--bus", "novcan9"])
+        .stdin(Stdio::null())
+        .output()
+        .unwrap();
+    assert_eq!(out.status.code(), Some(5));
+    assert!(String::from_utf8_lossy(&out.stderr).contains("novcan9"));
+}
+
+#[test]
+fn a_run_without_clients_ends_at_its_time() {
+    let clock = Clock::start();
+    let out = Command::new(PROGRAM)
+        .args(["serve", "--bus", SOCKETCAND, "--bus", SLCAN_PTY, "--json", "--duration-s", "0.3"])
+        .stdin(Stdio::null())
+        .output()
+        .unwrap();
+    assert!(out.status.success());
+    assert!(clock.now() >= Instant::from_micros(300_000));
+    let report = String::from_utf8(out.stdout).unwrap().lines().last().unwrap().to_owned();
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    assert!(report["simulated_s"].as_f64().is_some_and(|s| (0.3..1.0).contains(&s)), "{report}");
+}

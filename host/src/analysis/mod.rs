@@ -1,0 +1,209 @@
+//! What a recorded run was like: motion against plan, currents, timing, bus, events. Pure functions of a log.
+//!
+//! # Map
+//! | module | holds |
+//! |---|---|
+//! | [`collect`] | one pass over the log: what each drive and the controller said, in time of the plan |
+//! | [`start`] | when the plan began, in time of the log |
+//! | [`tracking`] | measured motion against the plan's polynomials |
+//! | [`currents`] | measured currents against the robot model's |
+//! | [`timing`] | control cycles and answer times |
+//! | [`bus`] | bus time taken, over time and per identifier |
+//! | [`events`] | what happened, in words; the first fault with everything known at that moment |
+//! | [`distribution`] | median, 99th percentile, extremes |
+//!
+//! # Conventions
+//!
+//! Times named `t_s` are in time of the plan: zero is its start, negative before it. Joints are in the order of the
+//! robot file and found by the addresses of their drives; zero and direction of a drive are those of its joint.
+//! Errors are reference minus measurement, as in the controller's telemetry.
+
+pub mod bus;
+pub mod collect;
+pub mod currents;
+pub mod distribution;
+pub mod events;
+pub mod start;
+pub mod timing;
+pub mod tracking;
+
+use protocol::{Duration, Instant};
+use serde::Serialize;
+
+use crate::log::candump::Line;
+use crate::plan::file::PlanFile;
+use crate::plan::throw::{Arm, JOINTS};
+
+use bus::BusUse;
+use currents::SupplyCurrents;
+use events::{Event, FirstFault};
+use start::StartFrom;
+use timing::{Answers, Cycles};
+use tracking::{JointTracking, ReleaseMotion};
+
+/// Before the plan begins, this much of the log is kept for pictures, s.
+pub const BEFORE_S: f64 = 0.1;
+/// After the plan has ended, this much of the log is kept for pictures, s.
+pub const AFTER_S: f64 = 0.25;
+/// The transient that the throwing paper allows before its bounds hold (figure 3), s.
+pub const TRANSIENT_S: f64 = 0.1;
+/// Its bound on the position error after that, rad.
+pub const POSITION_BOUND_RAD: f64 = 0.05;
+/// Its bound on the speed error after that, rad/s.
+pub const SPEED_BOUND_RAD_S: f64 = 0.1;
+
+/// What to analyse.
+#[derive(Clone, Copy)]
+pub struct Run<'a> {
+    /// The log, in ascending time.
+    pub lines: &'a [Line],
+    /// The plan that was run.
+    pub plan: &'a PlanFile,
+    /// The arm that ran it.
+    pub arm: &'a Arm,
+    /// When the plan began, in time of the log; `None`: found by [`start::find`].
+    pub start: Option<Instant>,
+    /// Bit rate of the bus, bit/s.
+    pub bit_rate_bit_s: u32,
+}
+
+/// Why a log cannot be analysed.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum AnalysisError {
+    /// Nothing in it.
+    #[error(
+        "the log has no frames\n  next: record the run with `--record`, or use the folder of a `cubectl throw`"
+    )]
+    Empty,
+    /// No run in it.
+    #[error(
+        "no run of a plan is in the log: no controller tells that it follows one\n  next: record from before the run is \
+         ordered until it has ended"
+    )]
+    NoRun,
+    /// The robot file does not say which drive is which joint.
+    #[error("robot \"{robot}\" has no drives in its file, so nobody knows which address is which joint")]
+    NoDrives {
+        /// Name of the robot.
+        robot: String,
+    },
+    /// A drive that is never heard during the run.
+    #[error(
+        "drive {module} (joint {joint}) tells no position during the run\n  next: is the log of this robot? \
+         `cubectl record` must hear all drives"
+    )]
+    Silent {
+        /// Joint, by name.
+        joint: String,
+        /// Address of its drive.
+        module: u8,
+    },
+}
+
+/// What a run was like.
+#[derive(Clone, Debug, Serialize)]
+pub struct RunAnalysis {
+    /// When the plan began, in time of the log, s.
+    pub start_log_s: f64,
+    /// How that was found.
+    pub start_from: StartFrom,
+    /// Release of the plan, in its time, s.
+    pub release_t_s: f64,
+    /// End of the plan, in its time, s.
+    pub end_t_s: f64,
+    /// The controller said that it came to the end of the plan.
+    pub completed: bool,
+    /// One per joint, in the order of the robot file.
+    pub joints: Vec<JointTracking>,
+    /// The release, from the measured motion.
+    pub release: Option<ReleaseMotion>,
+    /// One per supply of the robot file.
+    pub supplies: Vec<SupplyCurrents>,
+    /// Control cycles during the plan.
+    pub cycles: Cycles,
+    /// Answers of the drives during the plan.
+    pub answers: Answers,
+    /// Bus time taken.
+    pub bus: BusUse,
+    /// What the controller counted between begin and end of the run.
+    pub counts: Counts,
+    /// What happened, in order.
+    #[serde(skip)]
+    pub events: Vec<Event>,
+    /// The first fault, if there was one.
+    pub fault: Option<FirstFault>,
+}
+
+/// What the controller counted during the run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Counts {
+    /// Control cycles in which a joint's acceleration was clipped.
+    pub cycles_saturated: u16,
+    /// Control cycles that began late.
+    pub cycles_late: u16,
+    /// Answers that did not come in time.
+    pub replies_missed: u16,
+}
+
+/// Times of a log as times of a plan.
+#[derive(Clone, Copy, Debug)]
+pub struct PlanClock {
+    start: Instant,
+}
+
+impl PlanClock {
+    /// Clock of a plan that began at `start`.
+    #[must_use]
+    pub const fn starting(start: Instant) -> Self {
+        Self { start }
+    }
+
+    /// Time of the plan at a time of the log, s.
+    #[must_use]
+    pub fn t_s(self, at: Instant) -> f64 {
+        at.saturating_since(self.start).as_secs_f64() - self.start.saturating_since(at).as_secs_f64()
+    }
+}
+
+/// Analyses the last run in a log.
+///
+/// # Errors
+/// [`AnalysisError`].
+pub fn analyse(run: &Run<'_>) -> Result<RunAnalysis, AnalysisError> {
+    let plan = run.plan;
+    let drives =
+        run.arm.drives().ok_or_else(|| AnalysisError::NoDrives { robot: run.arm.name().to_owned() })?;
+    if run.lines.is_empty() {
+        return Err(AnalysisError::Empty);
+    }
+    let (start, start_from) = match run.start {
+        Some(at) => (at, StartFrom::Given),
+        None => start::find(run.lines).ok_or(AnalysisError::NoRun)?,
+    };
+    let clock = PlanClock::starting(start);
+    let addresses: [u8; JOINTS] = std::array::from_fn(|j| drives[j].address);
+    let bit_s = 1.0 / f64::from(run.bit_rate_bit_s.max(1));
+    let heard = collect::collect(run.lines, &addresses, clock, bit_s);
+    let joints = tracking::joints(plan, run.arm, &addresses, &heard)?;
+    Ok(RunAnalysis {
+        start_log_s: start.as_secs_f64(),
+        start_from,
+        release_t_s: plan.release_time_s,
+        end_t_s: plan.end_time_s,
+        completed: heard.completed(plan.end_time_s),
+        release: tracking::release(plan, run.arm, &joints, &heard),
+        joints,
+        supplies: currents::supplies(plan, run.arm, &heard),
+        cycles: timing::cycles(&heard, plan.end_time_s),
+        answers: timing::answers(run.lines, clock, plan.end_time_s),
+        bus: bus::usage(run.lines, clock, plan.end_time_s, bit_s),
+        counts: heard.counts(plan.end_time_s),
+        fault: events::first_fault(run.lines, plan, &heard, clock),
+        events: events::events(run.lines, run.arm, &addresses, clock),
+    })
+}
+
+/// Time that `bits` take on the bus.
+fn span_of(bits: u32, bit_s: f64) -> Duration {
+    Duration::from_secs_f64(f64::from(bits) * bit_s)
+}

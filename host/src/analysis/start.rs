@@ -1,0 +1,51 @@
+//! When the plan began, in time of the log.
+//!
+//! While it runs, each state message of the controller carries its own clock and the time along the plan, so their
+//! difference is the start in the controller's clock, to the microsecond. The two clocks are tied together by the
+//! message that came through fastest: nothing arrives before it was sent, so the smallest difference between
+//! arrival and time stamp, less the time of its first frame on the wire, is the offset. Only messages near the run are
+//! used, because clocks drift (50 µs/s for a poor crystal).
+
+use protocol::cyphal::cubecell::group_state::{GroupState, State};
+use protocol::{Instant, bits};
+use serde::Serialize;
+
+use crate::log::candump::Line;
+use crate::log::facts::{Decoder, Fact};
+
+/// How the start was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum StartFrom {
+    /// The caller knew it.
+    Given,
+    /// From the state messages of the controller.
+    Telemetry,
+}
+
+/// Messages this long before and after the run tie the clocks together, µs.
+const NEAR_US: i64 = 2_000_000;
+/// Wire time of the first frame of a state message at 1 Mbit/s, µs: extended, eight bytes, few stuff bits.
+const FIRST_FRAME_US: i64 = bits::best_case(true, 8).frame() as i64;
+
+/// Start of the last run in the log; `None` if no controller tells of one.
+#[must_use]
+pub fn find(lines: &[Line]) -> Option<(Instant, StartFrom)> {
+    let mut decoder = Decoder::default();
+    let mut messages: Vec<(i64, GroupState)> = Vec::new();
+    for line in lines {
+        if let Some(Fact::Group { first_at, state, .. }) = decoder.take(line.at, &line.frame) {
+            messages.push((first_at.as_micros() as i64, state));
+        }
+    }
+    let (ran_us, run) = messages.iter().rev().find(|(_, group)| is_on_path(group))?;
+    let start_us = run.uptime_us as i64 - i64::from(run.trajectory_time_us);
+    let near = messages.iter().filter(|(at_us, _)| (at_us - ran_us).abs() <= NEAR_US);
+    let offset_us = near.map(|(at_us, group)| at_us - FIRST_FRAME_US - group.uptime_us as i64).min()?;
+    u64::try_from(start_us + offset_us).ok().map(|us| (Instant::from_micros(us), StartFrom::Telemetry))
+}
+
+/// The path runs as planned: in Stopping it is slowed down.
+fn is_on_path(group: &GroupState) -> bool {
+    group.state == State::Running && group.trajectory_time_us > 0
+}

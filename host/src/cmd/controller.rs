@@ -1,0 +1,184 @@
+//! `cubectl controller`
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use can_link::{BusSpec, Clock, RunError, Runner};
+use firmware::ControllerNode;
+use firmware::host_link::Identity;
+use firmware::orders::Order;
+use firmware::settings::Settings;
+use firmware::store::{RamStorage, Storage};
+use protocol::Duration;
+use protocol::cyphal::crc::Crc64;
+use protocol::cyphal::id::NodeId;
+
+use super::upload::node_id;
+use crate::bus::BusFailure;
+use crate::bus::args::interrupt;
+use crate::bus::storage::FileStorage;
+use crate::error::ExpectedError;
+use crate::exit;
+
+/// Time between two looks at the state of the group.
+const LOOK: Duration = Duration::from_millis(20);
+/// Longest time that a stop gets after Ctrl-C; the longest path stop and a quick stop after it fit.
+const STOP_TIME: Duration = Duration::from_secs(3);
+/// Time for the halt to leave.
+const HALT_TIME: Duration = Duration::from_millis(50);
+/// Priority that is asked for, as of `nice`; the lowest number is the highest priority.
+const NICENESS: i32 = -20;
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  cubectl controller --bus can0 --storage arm.storage\n  chrt -f 50 cubectl controller --bus can0 --storage arm.storage   # real-time priority, for 3 ms\n  cubectl controller --bus socketcand://127.0.0.1:29536/can0 --paper\n\nCtrl-C stops the arm along its path and halts the drives; a second Ctrl-C ends at once, the drives' watchdogs then stop them."
+)]
+pub struct Args {
+    /// Bus: can0, socketcand://host:port/bus, slcan:/dev/ttyACM0 or slcan://host:port.
+    #[arg(long, value_name = "SPEC")]
+    pub bus: BusSpec,
+    /// Cyphal node-ID. Default: the stored one, else 10.
+    #[arg(long, value_name = "NODE-ID", value_parser = node_id)]
+    pub node_id: Option<NodeId>,
+    /// File for settings and trajectories; made if it is not there. Without it they are forgotten in the end.
+    #[arg(long, value_name = "FILE")]
+    pub storage: Option<PathBuf>,
+    /// Begin with the paper's settings, 17 ms, instead of 3 ms. What is stored goes before.
+    #[arg(long)]
+    pub paper: bool,
+    /// End after so many seconds, as by Ctrl-C.
+    #[arg(long = "for", value_name = "SECONDS", value_parser = super::home::positive)]
+    pub time: Option<f64>,
+}
+
+/// Runs the verb.
+///
+/// # Errors
+/// The bus cannot be reached or is lost, the storage cannot be opened, or it names another node-ID.
+pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    match &args.storage {
+        None => with_storage(args, RamStorage::new()),
+        Some(path) => {
+            let storage = FileStorage::open(path).map_err(|error| ExpectedError::io(path, &error))?;
+            with_storage(args, storage)
+        }
+    }
+}
+
+fn with_storage(args: &Args, storage: impl Storage) -> Result<(), ExpectedError> {
+    let mut defaults = if args.paper { Settings::powercube6_paper() } else { Settings::powercube6() };
+    if let Some(id) = args.node_id {
+        defaults.node_id = id.get().into();
+    }
+    let clock = Clock::start();
+    let mut node = ControllerNode::new(clock.now(), storage, &defaults, identity());
+    let settings = *node.controller().settings();
+    if args.node_id.is_some_and(|id| u32::from(id.get()) != settings.node_id) {
+        return Err(ExpectedError::bad_input(&format!(
+            "the storage says node-ID {}, --node-id another one\n  next: leave --node-id out, or write register uavcan.node.id and save",
+            settings.node_id
+        )));
+    }
+    let mut link = can_link::open(&args.bus, clock).map_err(BusFailure::from)?;
+    let raised = rustix::process::setpriority_process(None, NICENESS).is_ok();
+    eprintln!(
+        "controller {} on {}: {} joints, {} us; {} scheduling priority; Ctrl-C stops the arm and ends",
+        settings.node_id,
+        args.bus,
+        settings.joints,
+        settings.cycle_period_us,
+        if raised { "raised" } else { "ordinary (not allowed to raise it)" },
+    );
+    let until = args.time.map(|s| clock.now() + Duration::from_secs_f64(s));
+    let stop = interrupt();
+    let mut runner = Runner::new(&mut *link, clock);
+    let mut shown = None;
+    while !stop.load(Ordering::Relaxed) && until.is_none_or(|until| clock.now() < until) {
+        let look = clock.now() + LOOK;
+        runner.run(&mut [&mut node], &stop, Some(look)).map_err(failure)?;
+        show(&node, &mut shown);
+    }
+    come_to_rest(&mut runner, &mut node, clock)?;
+    show(&node, &mut shown);
+    let stats = runner.stats();
+    println!(
+        "{} frames received, {} sent, {} not taken by the bus",
+        stats.received, stats.sent, stats.dropped
+    );
+    println!("deadlines served late by: {}", stats.deadlines);
+    println!("frames answered after:    {}", stats.answers);
+    let counters = node.controller().counters();
+    println!(
+        "{} control cycles, {} late, {} replies missed",
+        counters.cycles, counters.cycles_late, counters.replies_missed
+    );
+    Ok(())
+}
+
+/// A moving arm stops along its path; in the end the drives are halted.
+fn come_to_rest<S: Storage>(
+    runner: &mut Runner<'_>,
+    node: &mut ControllerNode<S>,
+    clock: Clock,
+) -> Result<(), ExpectedError> {
+    let never = AtomicBool::new(false);
+    let limit = clock.now() + STOP_TIME;
+    // A stop is taken in every state.
+    let _ = node.order(clock.now(), Order::Stop);
+    while node.controller().state().kind().may_move() && clock.now() < limit {
+        runner.run(&mut [&mut *node], &never, Some(clock.now() + LOOK)).map_err(failure)?;
+    }
+    if node.controller().state().kind().may_move() {
+        node.stop_now(clock.now());
+    }
+    runner.run(&mut [node], &never, Some(clock.now() + HALT_TIME)).map_err(failure)
+}
+
+fn failure(error: RunError) -> ExpectedError {
+    match error {
+        RunError::Link(_) | RunError::Wait(_) => ExpectedError::new(
+            exit::BUS,
+            format!("{error}\n  the drives stop by their watchdogs; next: restore the bus and start again"),
+        ),
+        other => ExpectedError::new(exit::BUG, other.to_string()),
+    }
+}
+
+/// A line for each new state.
+fn show<S: Storage>(node: &ControllerNode<S>, shown: &mut Option<firmware::state::State>) {
+    let state = *node.controller().state();
+    if shown.is_some_and(|last| last.kind() == state.kind() && last.fault() == state.fault()) {
+        return;
+    }
+    let why = match state.fault() {
+        Some(fault) => {
+            let joint = fault.joint.map_or(String::new(), |joint| format!(" at joint {}", joint.get() + 1));
+            format!(
+                ": {} ({}){joint}; `cubectl explain {}`",
+                fault.cause.name(),
+                fault.cause.code(),
+                fault.cause.code()
+            )
+        }
+        None => String::new(),
+    };
+    eprintln!("{:?}{why}", state.kind());
+    *shown = Some(state);
+}
+
+/// The same computer is the same node each time; another one another.
+fn identity() -> Identity {
+    let machine = std::fs::read("/etc/machine-id").unwrap_or_default();
+    let (mut low, mut high) = (Crc64::new(), Crc64::new());
+    low.update(&machine);
+    high.update(b"cubectl controller");
+    high.update(&machine);
+    let mut unique_id = [0; 16];
+    for (to, from) in
+        unique_id.iter_mut().zip(low.get().to_le_bytes().into_iter().chain(high.get().to_le_bytes()))
+    {
+        *to = from;
+    }
+    Identity { unique_id, hardware: (1, 0) }
+}

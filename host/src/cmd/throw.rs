@@ -1,0 +1,503 @@
+//! `cubectl throw`
+
+use std::io::{IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::time::{Instant as WallTime, SystemTime, UNIX_EPOCH};
+
+use can_link::BusSpec;
+use firmware::settings::Settings;
+use indicatif::ProgressBar;
+use nalgebra::Vector3;
+use protocol::ModuleId;
+use robot_model::Pose;
+use robot_model::collision::{Obb, Scene};
+
+use super::bus_errors::print_json;
+use super::doctor::{Level, examine};
+use super::home::share;
+use super::plan::options::point;
+use super::plan::throw::{Planned, SearchOptions};
+use crate::analysis::{Run, analyse};
+use crate::bus::args::{CellArgs, Controller, interrupt};
+use crate::bus::settings::settings_of;
+use crate::bus::{BusArgs, Session};
+use crate::error::ExpectedError;
+use crate::exit;
+use crate::log::candump::read;
+use crate::plan::Arm;
+use crate::plan::file::PlanFile;
+use crate::throw::job::{News, Step};
+use crate::throw::summary::{Circumstances, summary};
+use crate::throw::{Job, JobError, Record, job};
+use crate::tune::gains_file::GainsFile;
+use crate::verify;
+
+/// Rate of the bus, bit/s.
+const BIT_RATE_BIT_S: u32 = 1_000_000;
+/// How long is listened for a controller before a soft one is started, on a live bus.
+const LISTEN: protocol::Duration = protocol::Duration::from_millis(400);
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  cubectl throw --target 1.0,1.0,-1.0                      # in the simulated cell\n  cubectl throw --target 1.0,1.0,-1.0 --bus can0            # a controller that is heard there, else one in this program\n  cubectl throw --plan plan.json --bus can0 --controller 10\n\nWrites plan.json, gains.toml, log.candump, log.mcap and summary.json into a new folder. Ctrl-C stops the arm along its\npath, then ends the program with code 6. On a terminal and a live bus it asks before the ball is thrown.\n\nThe landing is where the simulated ball meets the plane of the target; on a live bus it is computed from the\nmeasured motion at the release."
+)]
+pub struct Args {
+    /// Target in m, world frame (arm base, z up).
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, required_unless_present = "plan")]
+    pub target: Option<[f64; 3]>,
+    /// Throw this plan instead of making one.
+    #[arg(long, value_name = "FILE", conflicts_with = "target")]
+    pub plan: Option<PathBuf>,
+    /// Bus: sim (the cell inside this program, in virtual time), can0, socketcand://host:port/bus,
+    /// slcan:/dev/ttyACM0 or slcan://host:port.
+    #[arg(long, default_value = "sim", value_name = "SPEC")]
+    pub bus: BusSpec,
+    /// `soft`: a controller in this program. A number: the one with this Cyphal node-ID. Default: the one that is
+    /// heard, else a soft one.
+    #[arg(long, value_name = "soft|NODE-ID")]
+    pub controller: Option<Controller>,
+    /// Gains with their certificate, from `cubectl tune`. Default: those of the controller.
+    #[arg(long, value_name = "FILE")]
+    pub gains: Option<PathBuf>,
+    /// Seed of the planner and of the simulated cell [default: the scenario's, or 1].
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// Scenario of the simulated cell: its options, and what goes wrong (`hil-sim faults` lists the kinds).
+    #[arg(long, value_name = "FILE")]
+    pub scenario: Option<PathBuf>,
+    /// Folder for the results [default: throw-DATE-TIME].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Print the summary as JSON.
+    #[arg(long)]
+    pub json: bool,
+    /// Look for the cheapest throw with random starts too, for some seconds.
+    #[arg(long)]
+    pub thorough: bool,
+    /// Share of the robot's speeds and accelerations on the way to the start.
+    #[arg(long, default_value_t = 0.3, value_name = "SHARE", value_parser = share)]
+    pub approach_share: f64,
+    /// Afterwards go back to where the arm stood. Default: stay where the throw ends.
+    #[arg(long)]
+    pub back: bool,
+    /// Do not ask before the ball is thrown.
+    #[arg(long)]
+    pub yes: bool,
+    /// How to look for a throw.
+    #[command(flatten)]
+    pub search: SearchOptions,
+}
+
+/// Runs the verb.
+///
+/// # Errors
+/// As each step: no throw, a plan that does not fit, the bus, the controller, the disk; or Ctrl-C. The exit code says
+/// which.
+pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    let stop = interrupt();
+    let begun = WallTime::now();
+    let cell_args = CellArgs {
+        robot: Some(args.search.options.robot.clone()),
+        seed: args.seed,
+        scenario: args.scenario.clone(),
+    };
+    let mut cell = cell_args.load()?;
+    let Planned { arm, plan, took } = planned(args, cell.seed)?;
+    let plan_s = took.as_secs_f64();
+    if stop.load(std::sync::atomic::Ordering::Relaxed) {
+        return Err(ExpectedError::new(exit::INTERRUPTED, "interrupted; nothing has moved"));
+    }
+    preflight(&arm, &plan)?;
+    let mut settings = settings_of(&cell.robot).map_err(|error| ExpectedError::bad_input(&error))?;
+    let gains = args.gains.as_deref().map(|path| read_gains(path, &arm)).transpose()?;
+    if let Some(gains) = &gains {
+        set_period(&mut settings, gains);
+    }
+    // On the bus `sim` the ball lands where the target is, not only on the floor.
+    cell.setup.cell.gripper.landing_z_m = Some(plan.target.position_m[2]);
+
+    let folder = Folder::create(args.out.as_deref())?;
+    plan.write(&folder.file("plan.json")).map_err(|error| output(&error))?;
+    let bus =
+        BusArgs { bus: args.bus.clone(), cell: cell_args, record: Some(folder.file("log")), beside: false };
+    let mut voice = Voice::new(args.json);
+    voice.planned(&plan, plan_s);
+    let soft = wants_soft(args)?;
+    let mut session = bus.open_cell(&cell, soft.then_some(&settings))?;
+
+    let scene = scene(&args.search);
+    let job = Job {
+        arm: &arm,
+        plan: &plan,
+        gains: gains.as_ref(),
+        controller: match args.controller {
+            Some(Controller::Node(node)) => Some(node),
+            Some(Controller::Soft) | None => None,
+        },
+        scene: &scene,
+        approach_share: args.approach_share,
+        seed: cell.seed,
+        go_back: args.back,
+    };
+    let asks = !args.yes && !session.is_simulated() && std::io::stdin().is_terminal();
+    let mut record = Record::default();
+    let ended = job::run(&mut session, &job, &mut record, &mut |news| match news {
+        News::MayThrow => !asks || voice.may_throw(),
+        other => {
+            voice.tell(other);
+            true
+        }
+    });
+    voice.quiet();
+    let mut failed = ended.err().map(|error| failure(error, &record));
+    if let Some(error) = &mut failed
+        && soft
+        && record.at_work.is_some_and(|(step, _)| step == Step::Drives)
+        && error.code == exit::DRIVE
+        && let Some(found) = diagnosis(&mut session, &arm)
+    {
+        error.message = format!("{}: {found}", Step::Drives.name());
+    }
+    let gains_text = gains_toml(&plan, &record, gains.as_ref());
+    let (name, simulated, bus_errors) =
+        (session.name().to_owned(), session.is_simulated(), session.bus_errors().len());
+    let thread = session.finish_controller();
+    let closed = session.finish().map_err(ExpectedError::from);
+
+    let controller = if soft { "soft".to_owned() } else { "node".to_owned() };
+    let outcome = failed.as_ref().map_or("landed", |error| error.message.lines().next().unwrap_or("failed"));
+    let circumstances = Circumstances {
+        bus: &name,
+        time: if simulated { "virtual time" } else { "real time" },
+        controller: &controller,
+        seed: cell.seed,
+        outcome,
+        bus_errors,
+        wall_s: &voice.wall_s,
+        plan_s,
+        gains_crc32: firmware::crc::Crc32::of(gains_text.as_bytes()),
+        soft: thread.as_ref(),
+    };
+    let mut value = summary(&job, &record, &circumstances);
+    value["analysis"] = analysed(&folder, &plan, &arm, record.start);
+    folder.write("gains.toml", &gains_text)?;
+    folder.write("summary.json", &format!("{value:#}\n"))?;
+    if args.json {
+        print_json(&value);
+    }
+    match (failed, closed) {
+        (Some(error), _) | (None, Err(error)) => Err(error),
+        (None, Ok(())) => {
+            voice.closing(&record, &folder.path, begun);
+            Ok(())
+        }
+    }
+}
+
+/// The plan of a file, or a new one.
+fn planned(args: &Args, seed: u64) -> Result<Planned, ExpectedError> {
+    let Some(path) = &args.plan else {
+        let target = args.target.ok_or_else(|| ExpectedError::bad_input(&"give --target or --plan"))?;
+        return args.search.plan(target, seed, !args.thorough);
+    };
+    let began = WallTime::now();
+    let plan = PlanFile::read(path).map_err(|error| ExpectedError::bad_input(&error))?;
+    let arm = super::arm(&args.search.options.robot)?;
+    plan.require_robot(path, &arm).map_err(|error| ExpectedError::bad_input(&error))?;
+    Ok(Planned { arm, plan, took: began.elapsed() })
+}
+
+/// Checks the plan by other means than the planner's.
+fn preflight(arm: &Arm, plan: &PlanFile) -> Result<(), ExpectedError> {
+    let report = verify::check(arm, plan);
+    if report.ok() {
+        return Ok(());
+    }
+    let failed = report.findings.iter().filter(|f| !f.ok && f.enforced);
+    let list: Vec<String> = failed.map(|f| format!("{}: {}", f.what, f.worst)).collect();
+    Err(ExpectedError::new(
+        exit::CHECK_FAILED,
+        format!(
+            "the plan does not hold what it claims: {}\n  next: plan again; nothing has moved",
+            list.join("; ")
+        ),
+    ))
+}
+
+fn read_gains(path: &Path, arm: &Arm) -> Result<GainsFile, ExpectedError> {
+    let text = std::fs::read_to_string(path).map_err(|error| ExpectedError::io(path, &error))?;
+    GainsFile::from_toml(&text, arm.name())
+        .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", path.display())))
+}
+
+/// A controller of this program runs at the period of its gains.
+fn set_period(settings: &mut Settings, gains: &GainsFile) {
+    let period_us = (gains.period_s * 1e6).round() as u32;
+    settings.cycle_period_us = period_us;
+    settings.gains_period_us = period_us;
+    settings.reply_deadline_us = (period_us * 2 / 3).clamp(500, 20_000);
+}
+
+/// Whether the controller runs in this program.
+fn wants_soft(args: &Args) -> Result<bool, ExpectedError> {
+    match (args.controller, &args.bus) {
+        (Some(Controller::Node(_)), BusSpec::Sim) => Err(ExpectedError::bad_input(
+            &"the bus sim has no controller but the soft one\n  next: leave --controller out, or name another bus",
+        )),
+        (Some(Controller::Node(_)), _) => Ok(false),
+        (_, BusSpec::Sim) => Ok(true),
+        (wanted, spec) => {
+            let listener = BusArgs { bus: spec.clone(), ..BusArgs::default() };
+            let mut session = listener.open()?;
+            let found = speaker(&mut session)?;
+            session.finish()?;
+            match (found, wanted) {
+                (true, Some(Controller::Soft)) => Err(ExpectedError::new(
+                    exit::BUS,
+                    format!(
+                        "{spec}: a controller or host speaks to the modules already; two of them destroy each other's \
+                         frames\n  next: leave --controller out to use it, or end it"
+                    ),
+                )),
+                (found, _) => Ok(!found),
+            }
+        }
+    }
+}
+
+/// Whether a controller or another host is heard.
+fn speaker(session: &mut Session) -> Result<bool, ExpectedError> {
+    let until = session.now() + LISTEN;
+    session.run(until, &mut |desk| desk.tally().foreign_requests > 0)?;
+    Ok(session.desk().tally().foreign_requests > 0)
+}
+
+fn scene(search: &SearchOptions) -> Scene {
+    let obstacles = search.options.obstacle.iter().enumerate().map(|(i, b)| {
+        let half = Vector3::new(b[3], b[4], b[5]);
+        (format!("obstacle {}", i + 1), Obb::new(Pose::translation(b[0], b[1], b[2]), half))
+    });
+    Scene { obstacles: obstacles.collect(), ball_held: true }
+}
+
+/// From what ended the job to what people read: the step, what happened, what to do.
+fn failure(error: JobError, record: &Record) -> ExpectedError {
+    let step = record.at_work.map_or("throw", |(step, _)| step.name());
+    let expected = match error {
+        JobError::Operator(error) => ExpectedError::from(error),
+        JobError::Approach(error) => ExpectedError::new(exit::DRIVE, error.to_string()),
+        JobError::Declined => {
+            ExpectedError::new(exit::INTERRUPTED, "not thrown; the arm stands at the start")
+        }
+        other => ExpectedError::bad_input(&other),
+    };
+    ExpectedError::new(expected.code, format!("{step}: {}", expected.message))
+}
+
+/// What is wrong with the drives, asked by the host itself with the controller out of the way.
+fn diagnosis(session: &mut Session, arm: &Arm) -> Option<String> {
+    session.switch_controller_off();
+    let wanted: Vec<ModuleId> =
+        arm.drives()?.iter().filter_map(|drive| ModuleId::new(drive.address).ok()).collect();
+    let (modules, findings) = examine(session, Some(&wanted), false, true).ok()?;
+    // What was heard before was our own controller.
+    let problems = findings.iter().filter(|f| f.level == Level::Problem && f.check != "traffic");
+    let shown = if modules.is_empty() { 1 } else { usize::MAX };
+    let list: Vec<String> = problems.take(shown).map(|f| format!("{}\n  next: {}", f.what, f.next)).collect();
+    (!list.is_empty()).then(|| list.join("\n"))
+}
+
+fn output(error: &impl std::fmt::Display) -> ExpectedError {
+    ExpectedError::new(exit::OUTPUT, error.to_string())
+}
+
+/// The gains in force: the file that was given, or what the controller's registers held.
+fn gains_toml(plan: &PlanFile, record: &Record, gains: Option<&GainsFile>) -> String {
+    use std::fmt::Write as _;
+    if let Some(gains) = gains {
+        return gains.to_toml();
+    }
+    let mut text = format!(
+        "# Gains in force during this run, read from the controller; its own, without a certificate.\nrobot = \"{}\"\n\
+         period_s = {}\ncertificate_crc32 = {}\n",
+        plan.robot.name,
+        record.period_us as f64 * 1e-6,
+        record.certificate_crc32
+    );
+    let [error, rate, last] = &record.gains;
+    for (i, ((error, rate), last)) in error.iter().zip(rate).zip(last).enumerate() {
+        let number = i + 1;
+        let _ = write!(
+            text,
+            "\n[[joint]]\nnumber = {number}\nk_pos_1_s2 = {error}\nk_vel_1_s = {rate}\nk_last = {last}\n"
+        );
+    }
+    text
+}
+
+/// What the recording says of the run; why it says nothing, if so.
+fn analysed(
+    folder: &Folder,
+    plan: &PlanFile,
+    arm: &Arm,
+    start: Option<protocol::Instant>,
+) -> serde_json::Value {
+    let found = std::fs::File::open(folder.file("log.candump"))
+        .map_err(|error| error.to_string())
+        .and_then(|file| read(std::io::BufReader::new(file)).map_err(|error| error.to_string()))
+        .and_then(|lines| {
+            let run = Run { lines: &lines, plan, arm, start, bit_rate_bit_s: BIT_RATE_BIT_S };
+            analyse(&run).map_err(|error| error.to_string())
+        });
+    match found {
+        Ok(analysis) => serde_json::to_value(analysis).unwrap_or_default(),
+        Err(reason) => serde_json::json!({ "none_because": reason }),
+    }
+}
+
+/// Where the results go.
+struct Folder {
+    path: PathBuf,
+}
+
+impl Folder {
+    fn create(wanted: Option<&Path>) -> Result<Self, ExpectedError> {
+        let path = wanted.map_or_else(|| PathBuf::from(format!("throw-{}", date_and_time())), Path::to_owned);
+        std::fs::create_dir_all(&path).map_err(|error| {
+            output(&format!("{}: {error}\n  next: name another folder with --out", path.display()))
+        })?;
+        let this = Self { path };
+        for name in ["summary.json", "log.candump"] {
+            if this.file(name).is_file() {
+                return Err(output(&format!(
+                    "{} holds the results of another throw\n  next: name another folder with --out",
+                    this.path.display()
+                )));
+            }
+        }
+        Ok(this)
+    }
+
+    fn file(&self, name: &str) -> PathBuf {
+        self.path.join(name)
+    }
+
+    fn write(&self, name: &str, text: &str) -> Result<(), ExpectedError> {
+        let path = self.file(name);
+        std::fs::write(&path, text).map_err(|error| output(&format!("{}: {error}", path.display())))
+    }
+}
+
+/// `20261121-025700` in UTC.
+fn date_and_time() -> String {
+    let s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+    let (days, s) = (s / 86_400, s % 86_400);
+    // Days since 1 March of year 0 in the proleptic Gregorian calendar, in eras of 400 years.
+    let days = days + 719_468;
+    let (era, of_era) = (days / 146_097, days % 146_097);
+    let year_of_era = (of_era - of_era / 1_460 + of_era / 36_524 - of_era / 146_096) / 365;
+    let of_year = of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let (month, day) = ((5 * of_year + 2) / 153, of_year - (153 * ((5 * of_year + 2) / 153) + 2) / 5 + 1);
+    let (year, month) = (era * 400 + year_of_era + u64::from(month >= 10), (month + 2) % 12 + 1);
+    format!("{year:04}{month:02}{day:02}-{:02}{:02}{:02}", s / 3_600, s / 60 % 60, s % 60)
+}
+
+/// What people see while it works.
+struct Voice {
+    silent: bool,
+    bar: ProgressBar,
+    begun: WallTime,
+    wall_s: Vec<f64>,
+}
+
+impl Voice {
+    fn new(silent: bool) -> Self {
+        Self { silent, bar: ProgressBar::hidden(), begun: WallTime::now(), wall_s: Vec::new() }
+    }
+
+    fn line(&self, what: &str, wall_s: f64, found: &str) {
+        if !self.silent {
+            self.bar.suspend(|| eprintln!("{what:<20} {wall_s:7.3} s  {found}"));
+        }
+    }
+
+    fn planned(&self, plan: &PlanFile, took_s: f64) {
+        let [x, y, z] = plan.target.position_m;
+        let found = format!(
+            "to ({x}, {y}, {z}) m in {:.2} s, released at {:.2} m/s",
+            plan.end_time_s,
+            Vector3::from(plan.release.velocity_m_s).norm()
+        );
+        self.line("plan", took_s, &found);
+    }
+
+    fn tell(&mut self, news: News<'_>) {
+        match news {
+            News::Begin(step) => {
+                self.begun = WallTime::now();
+                if !self.silent && std::io::stderr().is_terminal() {
+                    self.bar = ProgressBar::new_spinner().with_message(step.name());
+                    self.bar.enable_steady_tick(std::time::Duration::from_millis(200));
+                }
+            }
+            News::Part(done, all) => {
+                self.bar.set_length(all as u64);
+                self.bar.set_position(done as u64);
+            }
+            News::End(step, found) => {
+                self.bar.finish_and_clear();
+                let took_s = self.begun.elapsed().as_secs_f64();
+                self.wall_s.push(took_s);
+                self.line(step.name(), took_s, found);
+            }
+            News::MayThrow => {}
+        }
+    }
+
+    fn quiet(&self) {
+        self.bar.finish_and_clear();
+    }
+
+    /// Asks the person at the terminal.
+    fn may_throw(&self) -> bool {
+        self.bar.suspend(|| {
+            eprint!("The arm stands at the start. Ball in the hand, nobody near? Enter throws, anything else ends: ");
+            let _ = std::io::stderr().flush();
+            let mut answer = String::new();
+            matches!(std::io::stdin().read_line(&mut answer), Ok(n) if n > 0 && answer.trim().is_empty())
+        })
+    }
+
+    fn closing(&self, record: &Record, folder: &Path, begun: WallTime) {
+        if self.silent {
+            return;
+        }
+        if let Some(landed) = record.landing {
+            let how = match landed.source {
+                job::LandingSource::Cell => "the simulated ball",
+                job::LandingSource::Measured => "computed from the measured motion at the release",
+            };
+            let [x, y, z] = landed.position_m.into();
+            println!(
+                "landed {:.1} mm from the target, at ({x:.4}, {y:.4}, {z:.4}) m ({how})",
+                1e3 * landed.error_m
+            );
+        }
+        if let Some(tracking) = &record.tracking {
+            let mrad: Vec<String> =
+                tracking.error_max_rad.iter().map(|e| format!("{:.1}", 1e3 * e)).collect();
+            println!("largest tracking errors {} mrad", mrad.join(" "));
+        }
+        println!("{:.2} s in all; results in {}", begun.elapsed().as_secs_f64(), folder.display());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_default_folder_is_named_after_a_date_of_this_century() {
+        let name = super::date_and_time();
+        assert!(name.len() == 15 && name.starts_with("20") && name.as_bytes()[8] == b'-', "{name}");
+    }
+}

@@ -1,0 +1,26 @@
+//! The main job: from a plan and a bus to where the ball landed.
+//!
+//! ```text
+//! plan ─▶ find the controller ─▶ drives ─▶ home ─▶ gains ─▶ to the start ─▶ upload ─▶ arm ─▶ throw ─▶ landing
+//! ```
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`trajectory`] | motions, and the one place where they become a controller's file |
+//! | [`approach`] | motions from rest to rest around everything in the way |
+//! | [`job`] | the steps above, in order, on a session |
+//! | [`measured`] | what the drives said on the way: tracking errors, release, predicted landing |
+//! | [`mod@summary`] | the run in numbers, as JSON |
+//!
+//! # Invariants
+//!
+//! * Nothing here prints or asks a person; whoever calls is told what begins and ends.
+//! * Whatever ends a step early, the arm stands when it returns.
+
+pub mod approach;
+pub mod job;
+pub mod measured;
+pub mod summary;
+pub mod trajectory;
+
+pub use job::{Job, JobError, Record, Step};

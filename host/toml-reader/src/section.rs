@@ -1,0 +1,202 @@
+//! Documents and their tables.
+
+use std::cell::RefCell;
+use std::marker::PhantomData;
+
+use toml::Spanned;
+use toml::de::DeTable;
+
+use crate::refusal::{Problem, Refusal};
+use crate::value::Value;
+
+/// The text being read.
+#[derive(Clone, Copy, Debug)]
+pub struct Source<'a> {
+    /// What refusals call it.
+    pub file: &'a str,
+    /// All of it.
+    pub text: &'a str,
+}
+
+impl<'a> Source<'a> {
+    /// Parses the text.
+    ///
+    /// # Errors
+    /// [`Problem::Syntax`] with its line.
+    pub fn parse<P: From<Problem>>(&self) -> Result<Spanned<DeTable<'a>>, Refusal<P>> {
+        DeTable::parse(self.text).map_err(|error| {
+            let at = error.span().map_or(0, |span| span.start);
+            self.refusal(at, String::new(), Problem::Syntax(error.message().to_owned()).into())
+        })
+    }
+
+    /// The document itself, as parsed from this text.
+    pub fn root<P>(&self, document: &'a Spanned<DeTable<'a>>) -> Section<'a, P> {
+        Section::new(*self, String::new(), 0, document.get_ref())
+    }
+
+    pub(crate) fn refusal<P>(&self, at: usize, key: String, problem: P) -> Refusal<P> {
+        let line = 1 + self.text.as_bytes().iter().take(at).filter(|byte| **byte == b'\n').count();
+        Refusal { file: self.file.to_owned(), line: Some(line), key, problem }
+    }
+}
+
+/// One table of the document. It remembers which keys were asked for.
+#[derive(Debug)]
+pub struct Section<'a, P = Problem> {
+    source: Source<'a>,
+    path: String,
+    start: usize,
+    table: &'a DeTable<'a>,
+    asked: RefCell<Vec<&'static str>>,
+    problem: PhantomData<P>,
+}
+
+impl<'a, P> Section<'a, P> {
+    pub(crate) fn new(source: Source<'a>, path: String, start: usize, table: &'a DeTable<'a>) -> Self {
+        Self { source, path, start, table, asked: RefCell::default(), problem: PhantomData }
+    }
+
+    fn path_of(&self, key: &str) -> String {
+        if self.path.is_empty() { key.to_owned() } else { format!("{}.{key}", self.path) }
+    }
+
+    fn get(&self, key: &'static str) -> Option<Value<'a, P>> {
+        let mut asked = self.asked.borrow_mut();
+        if !asked.contains(&key) {
+            asked.push(key);
+        }
+        self.table.get(key).map(|value| Value::new(self.source, self.path_of(key), value))
+    }
+
+    /// Refusal at `key` of this table, or at the table if the key is absent or empty.
+    pub fn error(&self, key: &str, problem: impl Into<P>) -> Refusal<P> {
+        let at = self.table.get(key).map_or(self.start, |value| value.span().start);
+        let path = if key.is_empty() { self.path.clone() } else { self.path_of(key) };
+        self.source.refusal(at, path, problem.into())
+    }
+
+    /// True if the key is there; does not count as asked for.
+    #[must_use]
+    pub fn has(&self, key: &str) -> bool {
+        self.table.contains_key(key)
+    }
+}
+
+impl<'a, P: From<Problem>> Section<'a, P> {
+    /// What `read` makes of the value, or `None` if the key is absent.
+    ///
+    /// # Errors
+    /// What `read` refuses.
+    pub fn optional<T>(
+        &self,
+        key: &'static str,
+        read: impl FnOnce(&Value<'a, P>) -> Result<T, Refusal<P>>,
+    ) -> Result<Option<T>, Refusal<P>> {
+        self.get(key).map(|value| read(&value)).transpose()
+    }
+
+    /// What `read` makes of the value, or `default` if the key is absent.
+    ///
+    /// # Errors
+    /// What `read` refuses.
+    pub fn or<T>(
+        &self,
+        key: &'static str,
+        default: T,
+        read: impl FnOnce(&Value<'a, P>) -> Result<T, Refusal<P>>,
+    ) -> Result<T, Refusal<P>> {
+        Ok(self.optional(key, read)?.unwrap_or(default))
+    }
+
+    /// What `read` makes of the value.
+    ///
+    /// # Errors
+    /// What `read` refuses, and an absent key.
+    pub fn required<T>(
+        &self,
+        key: &'static str,
+        read: impl FnOnce(&Value<'a, P>) -> Result<T, Refusal<P>>,
+    ) -> Result<T, Refusal<P>> {
+        self.optional(key, read)?.ok_or_else(|| self.error(key, Problem::Missing))
+    }
+
+    /// The tables of an array of tables (`[[key]]`); none if the key is absent.
+    ///
+    /// # Errors
+    /// The value is something else.
+    pub fn sections(&self, key: &'static str) -> Result<Vec<Self>, Refusal<P>> {
+        self.or(key, Vec::new(), |value| {
+            let items = value.items().map_err(|_| value.wrong_type("an array of tables ([[..]])"))?;
+            items.iter().map(Value::section).collect()
+        })
+    }
+
+    /// Refuses another version of the schema than `supported`.
+    ///
+    /// # Errors
+    /// [`Problem::Schema`], or the key is absent or no number.
+    pub fn schema(&self, key: &'static str, supported: i64) -> Result<(), Refusal<P>> {
+        let found = self.required(key, Value::any_integer)?;
+        if found == supported {
+            return Ok(());
+        }
+        Err(self.error(key, Problem::Schema { found, supported }))
+    }
+
+    /// Refuses keys that nobody has asked for.
+    ///
+    /// # Errors
+    /// [`Problem::UnknownKey`] for the first of them.
+    pub fn finish(&self) -> Result<(), Refusal<P>> {
+        let asked = self.asked.borrow();
+        for key in self.table.keys() {
+            let name = key.get_ref().as_ref();
+            if !asked.contains(&name) {
+                let same_quantity = asked.iter().copied().find(|known| quantity(known) == quantity(name));
+                let problem = Problem::UnknownKey { same_quantity, known: asked.clone() };
+                return Err(self.source.refusal(key.span().start, self.path_of(name), problem.into()));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Key without its unit: `range_deg` and `range_rad` are the same quantity.
+fn quantity(key: &str) -> &str {
+    const UNITS: [&str; 20] = [
+        "_deg_s3", "_rad_s3", "_deg_s2", "_rad_s2", "_m_s2", "_deg_s", "_rad_s", "_kg_m2", "_deg", "_rad",
+        "_mm", "_cm", "_kg", "_nm", "_ms", "_us", "_m", "_g", "_a", "_s",
+    ];
+    UNITS.iter().find_map(|unit| key.strip_suffix(unit)).unwrap_or(key)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_key_is_the_same_quantity_in_another_unit_and_nothing_else() {
+        for (a, b) in [("range_deg", "range_rad"), ("v_max_deg_s", "v_max_rad_s"), ("by_s", "by_ms")] {
+            assert_eq!(quantity(a), quantity(b));
+        }
+        for (a, b) in [("range_deg", "range_deg_s"), ("mass_kg", "length_m"), ("joint", "joint_s")] {
+            assert_ne!(quantity(a), b, "{a}");
+        }
+        assert_ne!(quantity("range_deg"), quantity("speed_deg"));
+    }
+
+    #[test]
+    fn refusals_count_lines_from_one_and_name_nested_keys() {
+        let source = Source { file: "x.toml", text: "a = 1\n[[b]]\n[[b]]\n[b.c]\nd_deg = 2\n" };
+        let document = source.parse::<Problem>().unwrap();
+        let root: Section<'_> = source.root(&document);
+        let c = root.sections("b").unwrap()[1].required("c", Value::section).unwrap();
+        assert_eq!(c.optional("d_rad", Value::number), Ok(None));
+        let refusal = c.finish().unwrap_err();
+        assert_eq!((refusal.line, refusal.key.as_str()), (Some(5), "b[1].c.d_deg"));
+        assert!(refusal.to_string().ends_with("as `d_rad` (mind the unit)"), "{refusal}");
+        // `b` was asked for, `a` was not.
+        assert_eq!(root.finish().unwrap_err().key, "a");
+    }
+}
