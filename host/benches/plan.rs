@@ -1,7 +1,10 @@
 //! Figures of the throw planner: `cargo bench -p host --bench plan [-- section …]`.
 //!
-//! Sections: `parts`, `starts`, `targets`, `store`, `delay`, `landing`, `reach`; all without arguments. Times are CPU
-//! time of one thread, so that other work on the machine counts less; targets and starts follow from the seeds below.
+//! Sections: `parts`, `starts`, `targets`, `tail`, `store`, `delay`, `landing`, `reach`; all without arguments. Times are
+//! CPU time of one thread, so that other work on the machine counts less; targets and starts follow from the seeds below.
+//!
+//! The targets and their reference objectives are in `plan_targets.csv`; the section `reference` (only when named) makes
+//! the file again: a target is in reach if a multi-start without any table finds a throw to it, or the table does.
 
 use std::time::Duration;
 
@@ -9,10 +12,11 @@ use host::plan::problem::{Options, Problem};
 use host::plan::rng::SplitMix64;
 use host::plan::search::{Budget, Planner, Watch};
 use host::plan::statistics::{Noise, landing_with_delay, monte_carlo, predict};
-use host::plan::{Arm, PaperParameters, Throw, seeds};
+use host::plan::{Arm, Found, Margins, PaperParameters, Throw, seeds};
 use host::store::Index;
 use nalgebra::{Matrix2, Vector2, Vector3};
 use nix::time::{ClockId, clock_gettime};
+use rayon::prelude::*;
 
 /// Seed of the targets: range 0.4 to 2.2 m, height -1 to 0.5 m, any azimuth, uniform.
 const TARGET_SEED: u64 = 77;
@@ -59,13 +63,19 @@ fn main() {
         starts(&arm, count("starts", 400));
     }
     if run("targets") {
-        targets(&arm, &index, count("targets", 1000), count("reference_starts", 32) as usize);
+        targets(&arm, &index, count("targets", 1000) as usize);
+    }
+    if wanted.iter().any(|w| w == "reference") {
+        reference(&arm, &index, count("targets", 1000) as usize, count("reference_starts", 64));
+    }
+    if run("tail") {
+        tail(&arm, count("tail", 10) as usize);
     }
     if run("store") {
         store(&arm, &index);
     }
     if run("delay") {
-        delay(&arm, &index, count("delay", 100));
+        delay(&arm, &index, count("delay", 30));
     }
     if run("landing") {
         landing(&arm, &index, 20, 100_000);
@@ -139,52 +149,137 @@ fn starts(arm: &Arm, n: u64) {
     }
 }
 
-/// Seeded reachable targets from the table alone, against a search with many starts.
-fn targets(arm: &Arm, index: &Index, n: u64, reference_starts: usize) {
-    println!(
-        "\n{n} reachable targets (seed {TARGET_SEED}), paper's form, table alone; reference: table + {reference_starts} random starts"
-    );
-    let (mut times, mut gaps, mut missed, mut tried, mut k) = (Vec::new(), Vec::new(), 0, 0, 0);
-    let mut wall = Vec::new();
-    while tried < n {
-        let at = target(k);
-        k += 1;
-        let Ok(problem) = Problem::new(arm, at, Options::paper()) else { continue };
-        let began = std::time::Instant::now();
+/// A target with the best objective that a long search found.
+struct Reference {
+    target: Vector3<f64>,
+    objective: f64,
+}
+
+fn references() -> Vec<Reference> {
+    include_str!("plan_targets.csv")
+        .lines()
+        .filter_map(|line| {
+            let n: Vec<f64> = line.split(',').filter_map(|f| f.parse().ok()).collect();
+            let [x, y, z, objective, ..] = n[..] else { return None };
+            Some(Reference { target: Vector3::new(x, y, z), objective })
+        })
+        .collect()
+}
+
+/// Makes the file of reference objectives: `n` targets in reach, `starts` random starts each, table on top.
+fn reference(arm: &Arm, index: &Index, n: usize, starts: u64) {
+    let draws: Vec<u64> = (0..2 * n as u64).collect();
+    let mut rows: Vec<Option<String>> = Vec::new();
+    for chunk in draws.chunks(64) {
+        if rows.iter().flatten().count() >= n {
+            break;
+        }
+        let done: Vec<Option<String>> = chunk
+            .par_iter()
+            .map(|k| {
+                let at = target(*k);
+                let problem = Problem::new(arm, at, Options::paper()).ok()?;
+                let planner = Planner::new(&problem);
+                let random: Vec<f64> = (0..starts)
+                    .filter_map(|s| planner.random_start(START_SEED ^ k << 8, s))
+                    .map(|f| f.objective)
+                    .collect();
+                let budget = Budget { starts: 0, time: None, seed: START_SEED };
+                let stored = planner.search(index, &budget, &Watch::default()).map(|b| b.found.objective);
+                let best = random.iter().copied().chain(stored.ok()).fold(f64::INFINITY, f64::min);
+                let hits = random.iter().filter(|j| **j <= best * 1.001).count();
+                best.is_finite().then(|| format!("{},{},{},{best},{},{hits}", at.x, at.y, at.z, random.len()))
+            })
+            .collect();
+        rows.extend(done);
+        eprintln!("{} drawn, {} in reach", rows.len(), rows.iter().flatten().count());
+    }
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/plan_targets.csv");
+    let head = "x_m,y_m,z_m,objective,random_starts_solved,random_starts_at_best";
+    let body: Vec<String> = rows.into_iter().flatten().take(n).collect();
+    match std::fs::write(&path, format!("{head}\n{}\n", body.join("\n"))) {
+        Ok(()) => println!("{} targets in {}", body.len(), path.display()),
+        Err(e) => println!("{}: {e}", path.display()),
+    }
+}
+
+/// Seeded reachable targets from the table alone, against the reference.
+fn targets(arm: &Arm, index: &Index, n: usize) {
+    let references = references();
+    let n = n.min(references.len());
+    println!("\n{n} reachable targets (seed {TARGET_SEED}), paper's form, from the table alone");
+    let (mut times, mut gaps, mut missed, mut worst) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    for r in &references[..n] {
+        let problem = Problem::new(arm, r.target, Options::paper()).expect("valid");
         let (found, s) = timed(|| Planner::new(&problem).from_index(index, TRIES));
-        let elapsed = began.elapsed().as_secs_f64();
-        let budget = Budget { starts: reference_starts, time: None, seed: START_SEED };
-        let Ok(reference) = Planner::new(&problem).search(index, &budget, &Watch::default()) else {
-            continue;
-        };
-        tried += 1;
         times.push(s * 1e3);
-        wall.push(elapsed * 1e3);
+        worst.push((s * 1e3, r.target, found.map(|f| f.objective), r.objective));
         match found {
-            Some(f) => gaps.push(f.objective / reference.objective.min(f.objective) - 1.0),
-            None => missed += 1,
+            Some(f) => gaps.push(f.objective / r.objective - 1.0),
+            None => missed.push(r.target),
         }
     }
-    for v in [&mut times, &mut gaps, &mut wall] {
-        v.sort_by(f64::total_cmp);
-    }
-    println!("  solved {:.1} % ({missed} missed; {k} drawn)", 100.0 * (n - missed) as f64 / n as f64);
+    times.sort_by(f64::total_cmp);
+    gaps.sort_by(f64::total_cmp);
+    println!("  solved {} of {n}", n - missed.len());
     println!(
-        "  time p50 {:.3} ms, p90 {:.3} ms, p99 {:.3} ms (wall: {:.3}, {:.3}, {:.3})",
+        "  time p50 {:.3} ms, p90 {:.3} ms, p99 {:.3} ms, worst {:.2} ms",
         quantile(&times, 0.5),
         quantile(&times, 0.9),
         quantile(&times, 0.99),
-        quantile(&wall, 0.5),
-        quantile(&wall, 0.9),
-        quantile(&wall, 0.99)
+        quantile(&times, 1.0)
     );
     println!(
-        "  gap p50 {:.4} %, p90 {:.3} %, p99 {:.2} %; within 2 %: {:.1} %",
+        "  gap to the reference: p50 {:.4} %, p90 {:.3} %, p99 {:.2} %, worst {:.2} %; within 2 %: {:.1} %; better than it: {}",
         quantile(&gaps, 0.5) * 100.0,
         quantile(&gaps, 0.9) * 100.0,
         quantile(&gaps, 0.99) * 100.0,
-        100.0 * gaps.iter().filter(|g| **g <= 0.02).count() as f64 / n as f64
+        quantile(&gaps, 1.0) * 100.0,
+        100.0 * gaps.iter().filter(|g| **g <= 0.02).count() as f64 / n as f64,
+        gaps.iter().filter(|g| **g < -1e-3).count()
     );
+    for at in missed {
+        println!("  missed: range {:.3} m, height {:.3} m", at.xy().norm(), at.z);
+    }
+    if std::env::var_os("PLAN_BENCH_WORST").is_some() {
+        worst.sort_by(|a, b| b.0.total_cmp(&a.0));
+        for (ms, at, found, best) in worst.iter().take(25) {
+            println!(
+                "  {ms:.2} ms: range {:.3} m, height {:.3} m: {found:.2?}, reference {best:.2}",
+                at.xy().norm(),
+                at.z
+            );
+        }
+        worst.sort_by(|a, b| (b.2.unwrap_or(0.0) / b.3).total_cmp(&(a.2.unwrap_or(0.0) / a.3)));
+        for (ms, at, found, best) in worst.iter().take(25) {
+            println!(
+                "  {ms:.2} ms: range {:.3} m, height {:.3} m: {found:.2?}, reference {best:.2}",
+                at.xy().norm(),
+                at.z
+            );
+        }
+    }
+}
+
+/// The reference against multi-starts of ten seconds, on the first `n` targets.
+fn tail(arm: &Arm, n: usize) {
+    println!("\nten seconds of random starts on one core, for {n} of the targets");
+    for r in references().iter().take(n) {
+        let problem = Problem::new(arm, r.target, Options::paper()).expect("valid");
+        let planner = Planner::new(&problem);
+        let (began, mut best, mut k) = (cpu(), f64::INFINITY, 0);
+        while cpu() - began < Duration::from_secs(10) {
+            best = planner.random_start(START_SEED, k).map_or(best, |f| best.min(f.objective));
+            k += 1;
+        }
+        println!(
+            "  range {:.3} m, height {:.3} m: {best:.4} from {k} starts, reference {:.4} ({:+.3} %)",
+            r.target.xy().norm(),
+            r.target.z,
+            r.objective,
+            (r.objective / best - 1.0) * 100.0
+        );
+    }
 }
 
 /// Local solves from stored throws before a target counts as missed.
@@ -196,7 +291,7 @@ fn store(arm: &Arm, index: &Index) {
     let planner = Planner::new(&first);
     let found = planner.from_index(index, TRIES).expect("in reach");
     let mut own = Index::default();
-    own.insert(planner.record(&found.throw, found.objective));
+    own.insert(planner.record(&found));
     let mut times = Vec::new();
     let mut rng = SplitMix64::new(9);
     for _ in 0..200 {
@@ -228,58 +323,82 @@ fn worst_shift(problem: &Problem<'_>, throw: &Throw, ms: f64) -> f64 {
         .fold(0.0, f64::max)
 }
 
+/// One way of throwing in the comparison of late releases.
+struct Late {
+    objective: f64,
+    slope_mm_ms: f64,
+    shift_10_mm: f64,
+    shift_25_mm: f64,
+}
+
+impl Late {
+    fn new(problem: &Problem<'_>, found: &Found) -> Self {
+        let slope = predict(problem, &found.throw, &Noise::default());
+        Self {
+            objective: found.objective,
+            slope_mm_ms: slope.map_or(f64::INFINITY, |p| p.delay_sensitivity_m_s.norm()),
+            shift_10_mm: worst_shift(problem, &found.throw, 10.0) * 1e3,
+            shift_25_mm: worst_shift(problem, &found.throw, 25.0) * 1e3,
+        }
+    }
+
+    fn kept(&self) -> bool {
+        self.slope_mm_ms <= 0.1 && self.shift_10_mm <= 2.0 && self.shift_25_mm <= 10.0
+    }
+}
+
 /// Release-delay nulling side by side with the plain cubic, all else as in our form.
 fn delay(arm: &Arm, index: &Index, n: u64) {
     println!("\nrelease delay, {n} seeded targets that the plain cubic (free spin, our limits) reaches");
-    let plain = Options { null_delay: false, ..Options::best() };
-    let (mut throwable, mut nulled, mut kept, mut k) = (0, 0, 0, 0);
-    let mut rows: [Vec<f64>; 6] = Default::default();
-    let noise = Noise::default();
-    while throwable < n {
+    println!(
+        "range  height |  plain J  mm/ms   10 ms   25 ms |   ours J  mm/ms   10 ms   25 ms  (shifts in mm)"
+    );
+    let plain = Options { null_delay: false, delay_windows: Vec::new(), ..Options::best() };
+    let best = |problem: &Problem<'_>, starts: usize| {
+        let budget = Budget { starts, time: None, seed: START_SEED };
+        Planner::new(problem).attempt(index, &budget, &Watch::default()).ok().map(|b| b.found)
+    };
+    let (mut cubics, mut ours, mut kept, mut k) = (Vec::new(), Vec::new(), 0, 0);
+    while (cubics.len() as u64) < n {
         let at = target(k);
         k += 1;
-        let budget = Budget { starts: 12, time: None, seed: START_SEED };
         let Ok(a) = Problem::new(arm, at, plain.clone()) else { continue };
-        let Ok(cubic) = Planner::new(&a).search(index, &budget, &Watch::default()) else { continue };
-        throwable += 1;
-        let Ok(b) = Problem::new(arm, at, Options::best()) else { continue };
-        let Ok(ours) = Planner::new(&b).search(index, &budget, &Watch::default()) else { continue };
-        nulled += 1;
-        let slope =
-            predict(&b, &ours.throw, &noise).map_or(f64::INFINITY, |p| p.delay_sensitivity_m_s.norm());
-        let (s10, s25) = (worst_shift(&b, &ours.throw, 10.0), worst_shift(&b, &ours.throw, 25.0));
-        kept += u64::from(slope <= 0.1 && s10 <= 2e-3 && s25 <= 10e-3);
-        let slope_plain =
-            predict(&a, &cubic.throw, &noise).map_or(f64::INFINITY, |p| p.delay_sensitivity_m_s.norm());
-        let values = [
-            slope_plain,
-            slope,
-            worst_shift(&a, &cubic.throw, 10.0) * 1e3,
-            s10 * 1e3,
-            worst_shift(&a, &cubic.throw, 25.0) * 1e3,
-            s25 * 1e3,
-        ];
-        for (row, value) in rows.iter_mut().zip(values) {
-            row.push(value);
+        let Some(cubic) = best(&a, 8).map(|f| Late::new(&a, &f)) else { continue };
+        let b = Problem::new(arm, at, Options::best()).expect("the target was accepted before");
+        let nulled = best(&b, 16).map(|f| (Late::new(&b, &f), Margins::of(&b, &f.throw).violation()));
+        let text = |l: &Late| {
+            let (slope, short, long) = (l.slope_mm_ms, l.shift_10_mm, l.shift_25_mm);
+            format!("{:8.2} {slope:6.3} {short:7.2} {long:7.2}", l.objective)
+        };
+        let right = nulled.as_ref().map_or_else(|| "none".to_owned(), |(l, _)| text(l));
+        println!("{:5.2} {:7.2} | {} | {right}", at.xy().norm(), at.z, text(&cubic));
+        cubics.push(cubic);
+        if let Some((late, violation)) = nulled {
+            kept += u64::from(late.kept() && violation <= 1e-6);
+            ours.push(late);
         }
     }
     println!(
-        "  nulled within all limits: {nulled} of {throwable}; |dL/d delay| <= 0.1 mm/ms, <= 2 mm over 10 ms and <= 10 mm over 25 ms: {kept}"
+        "  within all limits, <= 0.1 mm/ms, <= 2 mm over 10 ms and <= 10 mm over 25 ms: ours {kept} of {n}, plain {} of {n}",
+        cubics.iter().filter(|l| l.kept()).count()
     );
-    for (name, at) in [
-        ("|dL/d delay| in mm/ms", 0),
-        ("worst shift over 10 ms in mm", 2),
-        ("worst shift over 25 ms in mm", 4),
+    for (name, of) in [
+        ("|dL/d delay| in mm/ms", (|l| l.slope_mm_ms) as fn(&Late) -> f64),
+        ("worst shift over 10 ms in mm", |l| l.shift_10_mm),
+        ("worst shift over 25 ms in mm", |l| l.shift_25_mm),
     ] {
-        for row in &mut rows[at..at + 2] {
-            row.sort_by(f64::total_cmp);
-        }
+        let sorted = |from: &[Late]| {
+            let mut values: Vec<f64> = from.iter().map(of).collect();
+            values.sort_by(f64::total_cmp);
+            values
+        };
+        let (a, b) = (sorted(&cubics), sorted(&ours));
         println!(
-            "  {name}: plain p50 {:.3} p90 {:.3}, nulled p50 {:.4} p90 {:.4}",
-            quantile(&rows[at], 0.5),
-            quantile(&rows[at], 0.9),
-            quantile(&rows[at + 1], 0.5),
-            quantile(&rows[at + 1], 0.9)
+            "  {name}: plain p50 {:.3} p90 {:.3}, ours p50 {:.4} p90 {:.4}",
+            quantile(&a, 0.5),
+            quantile(&a, 0.9),
+            quantile(&b, 0.5),
+            quantile(&b, 0.9)
         );
     }
 }
@@ -324,16 +443,24 @@ fn reach(arm: &Arm, index: &Index) {
             let mut start: Option<Throw> = None;
             if let Ok(problem) = Problem::new(arm, point(from), options.clone()) {
                 let budget = Budget { starts: 64, time: None, seed: START_SEED };
-                if let Ok(found) = Planner::new(&problem).search(index, &budget, &Watch::default()) {
+                if let Ok(found) = Planner::new(&problem).attempt(index, &budget, &Watch::default()) {
                     best = from;
-                    start = Some(found.throw);
-                    // Every throw to the near target is pulled outwards; the farthest counts.
-                    for (throw, _) in found.others.iter().take(24) {
-                        let Ok(far) = Problem::new(arm, point(from + 4.0), options.clone()) else { continue };
-                        let axes = [c.abs() > 0.5, s.abs() > 0.5, false];
-                        if let Some(n) = Planner::new(&far).nearest_from_throw(throw, axes) {
-                            best = best.max((far.target() + n.shift_m).xy().norm());
+                    start = Some(found.found.throw);
+                    // Every throw to the near target is pulled outwards step by step; the farthest counts.
+                    let axes = [c.abs() > 0.5, s.abs() > 0.5, false];
+                    for other in found.others.iter().take(12) {
+                        let (mut throw, mut reached) = (other.throw, from);
+                        for _ in 0..20 {
+                            let far =
+                                Problem::new(arm, point(reached + 0.2), options.clone()).expect("valid");
+                            let Some(n) = Planner::new(&far).nearest_from_throw(&throw, axes) else { break };
+                            let now = (far.target() + n.shift_m).xy().norm();
+                            if now < reached + 1e-4 {
+                                break;
+                            }
+                            (throw, reached) = (n.throw, now);
                         }
+                        best = best.max(reached);
                     }
                 }
             }

@@ -22,7 +22,7 @@ fn best(problem: &Problem<'_>, starts: usize) -> Result<f64, String> {
     let budget = Budget { starts, time: None, seed: 1 };
     Planner::new(problem)
         .search(&index, &budget, &Watch::default())
-        .map(|b| b.objective)
+        .map(|b| b.found.objective)
         .map_err(|e| e.to_string())
 }
 
@@ -144,6 +144,7 @@ fn the_farthest_floor_target_is_where_it_is_known_to_be() {
     let throw = Planner::new(&near)
         .search(&seeds::built_in(&arm), &budget, &Watch::default())
         .expect("in reach")
+        .found
         .throw;
     let far = problem(&arm, [2.3, 0.0, -1.0], Options::paper());
     let nearest =

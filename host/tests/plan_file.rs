@@ -87,8 +87,13 @@ fn bad_files_are_refused_with_the_reason() {
     let (arm, file) = plan(Options::paper());
     let path = Path::new("p.json");
     let text = file.to_json();
-    let newer = text.replacen("\"version\": 1", "\"version\": 2", 1);
-    assert!(matches!(PlanFile::from_json(path, &newer), Err(PlanFileError::Newer { found: 2, .. })));
+    let newer = text.replacen("\"version\": 2", "\"version\": 3", 1);
+    let e = PlanFile::from_json(path, &newer).expect_err("newer");
+    assert!(matches!(e, PlanFileError::Newer { found: 3, .. }));
+    assert_eq!(
+        e.to_string(),
+        "plan p.json has version 3, this program reads up to 2: update cubectl or plan again"
+    );
     for broken in [&text[..text.len() / 2], "", "[]", "{\"format\": \"something\"}"] {
         assert!(matches!(PlanFile::from_json(path, broken), Err(PlanFileError::Damaged { .. })), "{broken}");
     }

@@ -5,9 +5,9 @@ use nalgebra::Vector3;
 use super::cuts::Cut;
 use super::paper::PaperParameters;
 use super::problem::Problem;
-use super::rows::{CUTS_MAX, INEQUALITIES, Layout, describe};
-use super::scan::{Scan, Scanner};
-use super::sqp::{self, Settings};
+use super::rows::{CUTS_MAX, Layout, describe};
+use super::scan::Scanner;
+use super::sqp::{self, Multipliers, Settings};
 use super::throw::{JOINTS, Joints, Throw};
 
 /// A feasible throw and its price.
@@ -19,6 +19,22 @@ pub struct Found {
     pub objective: f64,
     /// Steps of the local solver, all rounds together.
     pub iterations: usize,
+    /// How the objective changes with the target, in 1/m.
+    pub slope_per_m: Vector3<f64>,
+    /// Whether a clearance or a current over the motion had to be kept by a row of its own.
+    pub touches: bool,
+}
+
+/// What is known about a start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Begin {
+    /// Nothing.
+    Anywhere,
+    /// It is the best throw to a target near this one.
+    Optimal {
+        /// As [`Found::touches`].
+        touches: bool,
+    },
 }
 
 /// Why a start ended without a throw.
@@ -35,21 +51,36 @@ const ROUNDS_MAX: usize = 12;
 /// A throw whose scaled rows are violated by no more than this is feasible; the exact checks decide afterwards.
 pub(crate) const FEASIBLE: f64 = 1e-7;
 
-/// Solves locally from a throw.
+/// Solves locally from a throw, in at most `iterations_max` steps of all rounds together.
 pub(crate) fn solve_from(
     problem: &Problem<'_>,
     scanner: &Scanner,
     start: &Throw,
+    begin: Begin,
     settings: &Settings,
+    iterations_max: usize,
 ) -> Result<Found, Blocked> {
     let layout = Layout::new(problem, None);
     let mut x = layout.variables(start);
     let mut cuts: Vec<Cut> = Vec::new();
     let mut iterations = 0;
+    let mut multipliers = None;
+    if let Begin::Optimal { touches } = begin {
+        if touches {
+            let scan = scanner.scan(problem, start);
+            add(&mut cuts, &scan.cuts);
+            add(&mut cuts, &scan.near);
+        }
+        multipliers = sqp::multipliers_at(problem, &layout, &x, &cuts);
+    }
     for _ in 0..ROUNDS_MAX {
-        let local = sqp::solve(problem, &layout, &x, &cuts, settings);
+        let left = Settings {
+            iterations_max: settings.iterations_max.min(iterations_max.saturating_sub(iterations)),
+            ..*settings
+        };
+        let local = sqp::solve(problem, &layout, &x, &cuts, &left, multipliers.take());
         iterations += local.iterations;
-        if local.violation > FEASIBLE || !local.objective.is_finite() {
+        if local.violation.is_nan() || local.violation > FEASIBLE || !local.objective.is_finite() {
             return Err(Blocked {
                 violation: local.violation,
                 constraint: blocking(problem, &local.multipliers, &cuts),
@@ -62,14 +93,27 @@ pub(crate) fn solve_from(
         let throw = layout.throw(&x);
         let scan = scanner.scan(problem, &throw);
         if scan.cuts.is_empty() {
-            return Ok(Found { throw, objective: local.objective, iterations });
+            let slope_per_m = slope(problem, &throw, &local.multipliers);
+            let touches = !cuts.is_empty();
+            return Ok(Found { throw, objective: local.objective, iterations, slope_per_m, touches });
         }
-        if !add(&mut cuts, &scan) {
+        if !add(&mut cuts, &scan.cuts) {
             break;
         }
+        multipliers = Some(local.multipliers);
     }
     let constraint = cuts.last().map_or_else(String::new, |c| c.describe(problem));
     Err(Blocked { violation: f64::INFINITY, constraint })
+}
+
+/// `dJ/d(target) = -λᵀ ∂c/∂(target)`; the target enters through the launch velocity only.
+fn slope(problem: &Problem<'_>, throw: &Throw, multipliers: &Multipliers) -> Vector3<f64> {
+    let (p, _) = throw.ball_at_release(problem.arm);
+    let [x, y, z, ..] = multipliers.eq;
+    problem
+        .flight
+        .launch(&p, &problem.target, throw.flight_s)
+        .map_or_else(|_| Vector3::zeros(), |launch| -launch.by_p0.tr_mul(&Vector3::new(x, y, z)))
 }
 
 /// The point nearest to the target that a throw can reach, looked for from one start.
@@ -95,9 +139,9 @@ pub(crate) fn nearest_from(
     let mut x = layout.variables(start);
     let mut cuts: Vec<Cut> = Vec::new();
     for _ in 0..ROUNDS_MAX {
-        let local = sqp::solve(problem, &layout, &x, &cuts, settings);
+        let local = sqp::solve(problem, &layout, &x, &cuts, settings, None);
         let constraint = blocking(problem, &local.multipliers, &cuts);
-        if local.violation > FEASIBLE || !local.objective.is_finite() {
+        if local.violation.is_nan() || local.violation > FEASIBLE || !local.objective.is_finite() {
             return Err(Blocked { violation: local.violation, constraint });
         }
         x = local.x;
@@ -107,7 +151,7 @@ pub(crate) fn nearest_from(
             let shift_m = layout.target(problem, &x) - problem.target;
             return Ok(Nearest { throw, shift_m, constraint });
         }
-        if !add(&mut cuts, &scan) {
+        if !add(&mut cuts, &scan.cuts) {
             break;
         }
     }
@@ -116,8 +160,9 @@ pub(crate) fn nearest_from(
 }
 
 /// The constraint with the largest multiplier.
-pub(crate) fn blocking(problem: &Problem<'_>, multipliers: &[f64; INEQUALITIES], cuts: &[Cut]) -> String {
+pub(crate) fn blocking(problem: &Problem<'_>, multipliers: &Multipliers, cuts: &[Cut]) -> String {
     let largest = multipliers
+        .ineq
         .iter()
         .enumerate()
         .fold((0, 0.0), |best, (id, m)| if *m > best.1 { (id, *m) } else { best });
@@ -125,8 +170,8 @@ pub(crate) fn blocking(problem: &Problem<'_>, multipliers: &[f64; INEQUALITIES],
 }
 
 /// Adds what a scan found; false if there is no room left.
-pub(crate) fn add(cuts: &mut Vec<Cut>, scan: &Scan) -> bool {
-    for cut in &scan.cuts {
+pub(crate) fn add(cuts: &mut Vec<Cut>, found: &[Cut]) -> bool {
+    for cut in found {
         let near = cuts.iter().position(|c| c.kind == cut.kind && (c.sigma - cut.sigma).abs() < 0.012);
         match near {
             Some(at) => cuts[at].sigma = cut.sigma,

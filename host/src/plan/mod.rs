@@ -40,7 +40,7 @@ pub mod throw;
 pub use local::{Blocked, Found, Nearest};
 pub use margins::Margins;
 pub use paper::PaperParameters;
-pub use problem::{Form, Options, Problem, ProblemError};
+pub use problem::{DelayWindow, Form, Options, Problem, ProblemError};
 pub use scan::RELEASE_BLIND_S;
 pub use search::{Best, Budget, NoThrow, Planner, Watch};
 pub use throw::{Arm, JOINTS, Joints, Throw};

@@ -5,6 +5,7 @@ use std::ops::RangeInclusive;
 use nalgebra::Vector3;
 use robot_model::Pose;
 
+use super::rows::DELAY_WINDOWS_MAX;
 use super::throw::{Arm, JOINTS};
 use crate::flight::{FlightModel, FlightModelError};
 
@@ -94,6 +95,15 @@ pub struct Arrival {
     pub descent_rad: Option<RangeInclusive<f64>>,
 }
 
+/// A limit of the landing's shift for a release that is late or early.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DelayWindow {
+    /// Delay, and equally advance, of the release in s.
+    pub delay_s: f64,
+    /// Largest shift of the landing in m.
+    pub shift_m: f64,
+}
+
 /// What to plan besides the target.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
@@ -111,6 +121,8 @@ pub struct Options {
     pub free_spin: bool,
     /// Whether the landing must not move, to first order, when the gripper opens late.
     pub null_delay: bool,
+    /// How far the landing may move when the gripper opens late or early; needs `null_delay`, at most four.
+    pub delay_windows: Vec<DelayWindow>,
     /// Whether currents are limited over the whole motion instead of at the release only.
     pub current_over_motion: bool,
     /// Whether arm and surroundings must stay clear of each other.
@@ -141,6 +153,7 @@ impl Options {
             range_margin_rad: 0.0,
             free_spin: false,
             null_delay: false,
+            delay_windows: Vec::new(),
             current_over_motion: false,
             avoid_collisions: true,
             clean_release: false,
@@ -165,6 +178,10 @@ impl Options {
             range_margin_rad: 0.02,
             free_spin: true,
             null_delay: true,
+            delay_windows: vec![
+                DelayWindow { delay_s: 0.010, shift_m: 0.002 },
+                DelayWindow { delay_s: 0.025, shift_m: 0.010 },
+            ],
             current_over_motion: true,
             clean_release: true,
             ..Self::paper()
@@ -237,6 +254,14 @@ pub enum ProblemError {
         min: f64,
         /// Upper end.
         max: f64,
+    },
+    /// Shift limits without nulling, or too many.
+    #[error(
+        "{count} limits of the landing's shift: at most {DELAY_WINDOWS_MAX}, and only together with release-delay nulling"
+    )]
+    DelayWindows {
+        /// How many were given.
+        count: usize,
     },
     /// Drag or spin cannot be.
     #[error(transparent)]
@@ -381,6 +406,13 @@ fn check_options(o: &Options) -> Result<(), ProblemError> {
     scalar("weight of time", o.weights.k_t, 0.0, 1e6)?;
     scalar("weight of the braking ratio", o.weights.k_b, 0.0, 1e6)?;
     scalar("weight of jerk", o.weights.k_j, positive, 1e6)?;
+    if o.delay_windows.len() > DELAY_WINDOWS_MAX || !o.null_delay && !o.delay_windows.is_empty() {
+        return Err(ProblemError::DelayWindows { count: o.delay_windows.len() });
+    }
+    for window in &o.delay_windows {
+        scalar("delay of a shift limit in s", window.delay_s, 1e-3, 0.1)?;
+        scalar("shift limit in m", window.shift_m, 5e-4, 1.0)?;
+    }
     let b = &o.bounds;
     let range = |option, r: &RangeInclusive<f64>, least: f64, most: f64| {
         let (min, max) = (*r.start(), *r.end());

@@ -5,12 +5,12 @@
 //! row at a time and proves infeasibility when there is none. Source: D. Goldfarb, A. Idnani, "A numerically stable
 //! dual method for solving strictly convex quadratic programs", Mathematical Programming 27, 1983.
 //!
-//! Fixed-size arrays on the stack: a program of the planner has at most 25 variables, and it is solved some ten times
+//! Fixed-size arrays on the stack: a program of the planner has at most 24 variables, and it is solved some ten times
 //! per local solve, so allocation would cost more than the arithmetic.
 
-/// Largest number of variables.
-pub(crate) const DIM: usize = 25;
-/// A row of coefficients.
+/// Largest number of variables; a multiple of [`LANES`].
+pub(crate) const DIM: usize = 24;
+/// A row of coefficients; entries beyond the number of variables are zero.
 pub(crate) type Row = [f64; DIM];
 /// A square matrix, row by row.
 pub(crate) type Square = [Row; DIM];
@@ -31,48 +31,97 @@ pub(crate) enum QpFailure {
     Numerical,
 }
 
-/// Minimiser and multipliers; `multipliers[i]` belongs to constraint `i`, equalities first.
+/// Minimiser, and multipliers in the order of the constraints.
 #[derive(Debug, Clone)]
 pub(crate) struct QpSolution {
     pub(crate) d: Row,
-    pub(crate) multipliers: Vec<f64>,
+    pub(crate) eq: Vec<f64>,
+    pub(crate) ineq: Vec<f64>,
 }
 
-/// Lower Cholesky factor of the leading `n × n` block; `None` if it is not positive definite.
-pub(crate) fn cholesky(h: &Square, n: usize) -> Option<Square> {
-    let mut l = [[0.0; DIM]; DIM];
-    for j in 0..n {
-        let mut d = h[j][j];
-        for k in 0..j {
-            d -= l[j][k] * l[j][k];
-        }
-        // A pivot that lost all digits to cancellation is as good as a negative one.
-        let sound = d > 1e-10 * h[j][j].abs().max(1e-8) && d.is_finite();
-        if !sound {
-            return None;
-        }
-        let root = d.sqrt();
-        l[j][j] = root;
-        for i in j + 1..n {
-            let mut v = h[i][j];
-            for k in 0..j {
-                v -= l[i][k] * l[j][k];
-            }
-            l[i][j] = v / root;
+/// Sums and rotations run over this many numbers at once, up to the next multiple beyond n.
+const LANES: usize = 4;
+
+fn padded(n: usize) -> usize {
+    n.next_multiple_of(LANES)
+}
+
+/// Scalar product of the first `m` entries, `m` a multiple of [`LANES`].
+#[inline]
+fn dot(a: &[f64], b: &[f64], m: usize) -> f64 {
+    let mut sums = [0.0; LANES];
+    for (x, y) in a[..m].chunks_exact(LANES).zip(b[..m].chunks_exact(LANES)) {
+        for lane in 0..LANES {
+            sums[lane] += x[lane] * y[lane];
         }
     }
-    Some(l)
+    (sums[0] + sums[1]) + (sums[2] + sums[3])
 }
 
-fn dot(a: &Row, b: &Row, n: usize) -> f64 {
-    a.iter().zip(b).take(n).map(|(x, y)| x * y).sum()
+/// `y += t x` on the first `m` entries.
+#[inline]
+fn add_scaled(y: &mut [f64], t: f64, x: &[f64], m: usize) {
+    for (y, x) in y[..m].iter_mut().zip(&x[..m]) {
+        *y += t * x;
+    }
+}
+
+/// A positive definite matrix H, as the columns of `J = L⁻ᵀ` with `H = L Lᵀ`: what the dual method works with.
+#[derive(Debug, Clone)]
+pub(crate) struct Factor {
+    columns: Square,
+}
+
+impl Factor {
+    /// Of the unit matrix.
+    pub(crate) fn identity() -> Self {
+        let mut columns = [[0.0; DIM]; DIM];
+        for (k, column) in columns.iter_mut().enumerate() {
+            column[k] = 1.0;
+        }
+        Self { columns }
+    }
+
+    /// Factorises the leading `n × n` block; `None` if it is not positive definite.
+    pub(crate) fn new(h: &Square, n: usize) -> Option<Self> {
+        let mut l = [[0.0; DIM]; DIM];
+        for i in 0..n {
+            let (above, rest) = l.split_at_mut(i);
+            let row = &mut rest[0];
+            for (k, other) in above.iter().enumerate() {
+                // Entries of `other` beyond k are zero.
+                row[k] = (h[i][k] - dot(row, other, padded(k))) / other[k];
+            }
+            let pivot = h[i][i] - dot(row, row, padded(i));
+            // A pivot that lost all digits to cancellation is as good as a negative one.
+            let sound = pivot > 1e-10 * h[i][i].abs().max(1e-8) && pivot.is_finite();
+            if !sound {
+                return None;
+            }
+            row[i] = pivot.sqrt();
+        }
+        // Column k of J is row k of L⁻¹.
+        let mut columns = [[0.0; DIM]; DIM];
+        for k in 0..n {
+            let (above, rest) = columns.split_at_mut(k);
+            let column = &mut rest[0];
+            for (other, factor) in above.iter().zip(&l[k]) {
+                add_scaled(column, -factor, other, padded(k));
+            }
+            column[k] = 1.0;
+            let scale = 1.0 / l[k][k];
+            column.iter_mut().take(k + 1).for_each(|c| *c *= scale);
+        }
+        Some(Self { columns })
+    }
 }
 
 struct ActiveSet {
     n: usize,
-    /// J = L⁻ᵀ Q, row by row.
+    m: usize,
+    /// J = L⁻ᵀ Q, column by column.
     j: Square,
-    /// Upper triangular R of the active normals.
+    /// Upper triangular R of the active normals, column by column.
     r: Square,
     count: usize,
     /// Constraint numbers and their multipliers.
@@ -84,12 +133,8 @@ impl ActiveSet {
     /// `d = Jᵀ a`.
     fn project(&self, a: &Row) -> Row {
         let mut d = [0.0; DIM];
-        for (row, ai) in self.j.iter().zip(a).take(self.n) {
-            if *ai != 0.0 {
-                for (dk, jk) in d.iter_mut().zip(row).take(self.n) {
-                    *dk += jk * ai;
-                }
-            }
+        for (dk, column) in d.iter_mut().zip(&self.j).take(self.n) {
+            *dk = dot(column, a, self.m);
         }
         d
     }
@@ -97,8 +142,8 @@ impl ActiveSet {
     /// Step direction in primal space `z = J₂ d₂`.
     fn primal(&self, d: &Row) -> Row {
         let mut z = [0.0; DIM];
-        for (zi, row) in z.iter_mut().zip(&self.j).take(self.n) {
-            *zi = row[self.count..self.n].iter().zip(&d[self.count..self.n]).map(|(a, b)| a * b).sum();
+        for (column, dk) in self.j[self.count..self.n].iter().zip(&d[self.count..self.n]) {
+            add_scaled(&mut z, *dk, column, self.m);
         }
         z
     }
@@ -106,41 +151,44 @@ impl ActiveSet {
     /// Step direction in dual space `R⁻¹ d₁`.
     fn dual(&self, d: &Row) -> Row {
         let mut r = [0.0; DIM];
+        r[..self.count].copy_from_slice(&d[..self.count]);
         for i in (0..self.count).rev() {
-            let mut v = d[i];
-            for k in i + 1..self.count {
-                v -= self.r[i][k] * r[k];
+            let column = &self.r[i];
+            let v = r[i] / column[i];
+            r[i] = v;
+            for (rk, ck) in r[..i].iter_mut().zip(&column[..i]) {
+                *rk -= v * ck;
             }
-            r[i] = v / self.r[i][i];
         }
         r
     }
 
+    /// Turns columns k - 1 and k of J by the rotation (c, s).
+    fn rotate(&mut self, k: usize, c: f64, s: f64) {
+        let (left, right) = self.j.split_at_mut(k);
+        let (a, b) = (&mut left[k - 1], &mut right[0]);
+        for (p, q) in a[..self.m].iter_mut().zip(&mut b[..self.m]) {
+            (*p, *q) = (c * *p + s * *q, c * *q - s * *p);
+        }
+    }
+
     /// Adds a constraint whose projection is `d`; false if its normal depends on the active ones.
     fn add(&mut self, mut d: Row, constraint: usize, u: f64) -> bool {
-        let n = self.n;
         // Givens rotations of the last entries of d into entry `count`.
-        for k in (self.count + 1..n).rev() {
+        for k in (self.count + 1..self.n).rev() {
             let (a, b) = (d[k - 1], d[k]);
             if b == 0.0 {
                 continue;
             }
             let h = (a * a + b * b).sqrt();
-            let (c, s) = (a / h, b / h);
             d[k - 1] = h;
             d[k] = 0.0;
-            for row in self.j.iter_mut().take(n) {
-                let (p, q) = (row[k - 1], row[k]);
-                row[k - 1] = c * p + s * q;
-                row[k] = c * q - s * p;
-            }
+            self.rotate(k, a / h, b / h);
         }
         if d[self.count].abs() <= 1e-12 {
             return false;
         }
-        for i in 0..=self.count {
-            self.r[i][self.count] = d[i];
-        }
+        self.r[self.count][..=self.count].copy_from_slice(&d[..=self.count]);
         self.index[self.count] = constraint;
         self.u[self.count] = u;
         self.count += 1;
@@ -149,84 +197,60 @@ impl ActiveSet {
 
     /// Drops active constraint number `position`.
     fn drop(&mut self, position: usize) {
-        let n = self.n;
         for k in position..self.count - 1 {
             self.index[k] = self.index[k + 1];
             self.u[k] = self.u[k + 1];
-            for i in 0..self.count {
-                self.r[i][k] = self.r[i][k + 1];
-            }
+            self.r[k] = self.r[k + 1];
         }
         self.count -= 1;
         for k in position..self.count {
-            let (a, b) = (self.r[k][k], self.r[k + 1][k]);
+            let (a, b) = (self.r[k][k], self.r[k][k + 1]);
             if b == 0.0 {
                 continue;
             }
             let h = (a * a + b * b).sqrt();
             let (c, s) = (a / h, b / h);
-            for col in k..self.count {
-                let (p, q) = (self.r[k][col], self.r[k + 1][col]);
-                self.r[k][col] = c * p + s * q;
-                self.r[k + 1][col] = c * q - s * p;
+            for column in &mut self.r[k..self.count] {
+                let (p, q) = (column[k], column[k + 1]);
+                column[k] = c * p + s * q;
+                column[k + 1] = c * q - s * p;
             }
-            for row in self.j.iter_mut().take(n) {
-                let (p, q) = (row[k], row[k + 1]);
-                row[k] = c * p + s * q;
-                row[k + 1] = c * q - s * p;
-            }
+            self.rotate(k + 1, c, s);
         }
     }
 }
 
-/// Solves the program of `n` variables; the first `equalities` of `constraints` are equalities.
+/// Solves the program of `n` variables.
 ///
-/// `l` is the Cholesky factor of H from [`cholesky`].
+/// `likely` are positions of inequalities that were active in a similar program; they are looked at first.
 pub(crate) fn solve(
-    l: &Square,
+    factor: &Factor,
     g: &Row,
     n: usize,
-    constraints: &[Constraint],
-    equalities: usize,
+    eq: &[Constraint],
+    ineq: &[Constraint],
+    likely: &[usize],
 ) -> Result<QpSolution, QpFailure> {
-    // J = L⁻ᵀ by columns of L⁻¹.
-    let mut j = [[0.0; DIM]; DIM];
-    for k in 0..n {
-        // Column k of L⁻¹ becomes row k of J.
-        let row = &mut j[k];
-        row[k] = 1.0 / l[k][k];
-        for i in k + 1..n {
-            let mut v = 0.0;
-            for m in k..i {
-                v -= l[i][m] * row[m];
-            }
-            row[i] = v / l[i][i];
-        }
-    }
-    let mut set = ActiveSet { n, j, r: [[0.0; DIM]; DIM], count: 0, index: [0; DIM], u: [0.0; DIM] };
-    // x = -J Jᵀ g.
-    let jg = set.project(g);
-    let mut x = [0.0; DIM];
-    for (xi, row) in x.iter_mut().zip(&set.j).take(n) {
-        *xi = -dot(row, &jg, n);
-    }
+    let m = padded(n);
+    let mut set =
+        ActiveSet { n, m, j: factor.columns, r: [[0.0; DIM]; DIM], count: 0, index: [0; DIM], u: [0.0; DIM] };
+    // x = -J Jᵀ g: no constraint is active yet, so all columns count.
+    let mut x = set.primal(&set.project(g)).map(|z| -z);
 
-    for (number, constraint) in constraints.iter().enumerate().take(equalities) {
+    for (number, constraint) in eq.iter().enumerate() {
         let d = set.project(&constraint.a);
         let z = set.primal(&d);
         let r = set.dual(&d);
-        let zn = dot(&z, &constraint.a, n);
+        let zn = dot(&z, &constraint.a, m);
         if zn <= 1e-13 {
             // Depends on the equalities before it: harmless if it holds already.
-            if (dot(&constraint.a, &x, n) + constraint.c).abs() > 1e-9 {
+            if (dot(&constraint.a, &x, m) + constraint.c).abs() > 1e-9 {
                 return Err(QpFailure::Infeasible);
             }
             continue;
         }
-        let t = -(dot(&constraint.a, &x, n) + constraint.c) / zn;
-        for (xi, zi) in x.iter_mut().zip(&z).take(n) {
-            *xi += t * zi;
-        }
+        let t = -(dot(&constraint.a, &x, m) + constraint.c) / zn;
+        add_scaled(&mut x, t, &z, m);
         for k in 0..set.count {
             set.u[k] -= t * r[k];
         }
@@ -236,29 +260,30 @@ pub(crate) fn solve(
     }
     let fixed = set.count;
 
-    let mut is_active = vec![false; constraints.len()];
-    for _ in 0..MAX_CHANGES {
-        // The most violated row, measured in its own length.
-        let mut worst = None;
-        let mut worst_value = -1e-11;
-        for (number, constraint) in constraints.iter().enumerate().skip(equalities) {
-            if is_active[number] {
-                continue;
-            }
-            let value = dot(&constraint.a, &x, n) + constraint.c;
-            if value < worst_value {
-                worst_value = value;
-                worst = Some(number);
-            }
+    let mut is_active = vec![false; ineq.len()];
+    // The most violated row, measured in its own length.
+    let most_violated = |x: &Row, is_active: &[bool]| {
+        let value = |number: usize| (dot(&ineq[number].a, x, m) + ineq[number].c, number);
+        let pick = |worst: (f64, usize), now: (f64, usize)| if now.0 < worst.0 { now } else { worst };
+        let none = (-1e-11, usize::MAX);
+        let first = likely.iter().filter(|k| !is_active[**k]).map(|k| value(*k)).fold(none, pick);
+        if first.1 != usize::MAX {
+            return Some(first);
         }
-        let Some(number) = worst else {
-            let mut multipliers = vec![0.0; constraints.len()];
+        let all = (0..ineq.len()).filter(|k| !is_active[*k]).map(value).fold(none, pick);
+        (all.1 != usize::MAX).then_some(all)
+    };
+    for _ in 0..MAX_CHANGES {
+        let Some((worst_value, number)) = most_violated(&x, &is_active) else {
+            let mut solution = QpSolution { d: x, eq: vec![0.0; eq.len()], ineq: vec![0.0; ineq.len()] };
             for k in 0..set.count {
-                multipliers[set.index[k]] = set.u[k];
+                // A dependent equality is not in the set, so positions say nothing; `fixed` does.
+                let into = if k < fixed { &mut solution.eq } else { &mut solution.ineq };
+                into[set.index[k]] = set.u[k];
             }
-            return Ok(QpSolution { d: x, multipliers });
+            return Ok(solution);
         };
-        let constraint = &constraints[number];
+        let constraint = &ineq[number];
         let mut u_new = 0.0;
         let mut s = worst_value;
         let mut inner = 0;
@@ -282,8 +307,8 @@ pub(crate) fn solve(
                     }
                 }
             }
-            let zn = dot(&z, &constraint.a, n);
-            let scale = dot(&d, &d, n);
+            let zn = dot(&z, &constraint.a, m);
+            let scale = dot(&d, &d, m);
             let t2 = if zn > 1e-13 * scale.max(1e-12) { -s / zn } else { f64::INFINITY };
             let t = t1.min(t2);
             if t == f64::INFINITY {
@@ -298,9 +323,7 @@ pub(crate) fn solve(
                 set.drop(blocking);
                 continue;
             }
-            for (xi, zi) in x.iter_mut().zip(&z).take(n) {
-                *xi += t * zi;
-            }
+            add_scaled(&mut x, t, &z, m);
             if t2 <= t1 {
                 if !set.add(d, number, u_new) {
                     return Err(QpFailure::Numerical);
@@ -310,7 +333,7 @@ pub(crate) fn solve(
             }
             is_active[set.index[blocking]] = false;
             set.drop(blocking);
-            s = dot(&constraint.a, &x, n) + constraint.c;
+            s = dot(&constraint.a, &x, m) + constraint.c;
         }
     }
     Err(QpFailure::Numerical)
@@ -361,17 +384,20 @@ mod tests {
                     }
                 })
                 .collect();
-            let l = cholesky(&h, n).expect("positive definite");
-            let solution = solve(&l, &g, n, &constraints, equalities).expect("feasible");
+            let factor = Factor::new(&h, n).expect("positive definite");
+            let (eq, ineq) = constraints.split_at(equalities);
+            let likely: Vec<usize> = (0..ineq.len()).filter(|k| (case + k) % 3 == 0).collect();
+            let solution = solve(&factor, &g, n, eq, ineq, &likely).expect("feasible");
+            let multipliers: Vec<f64> = solution.eq.iter().chain(&solution.ineq).copied().collect();
             for i in 0..n {
                 let mut gradient = g[i] + (0..n).map(|k| h[i][k] * solution.d[k]).sum::<f64>();
-                for (constraint, u) in constraints.iter().zip(&solution.multipliers) {
+                for (constraint, u) in constraints.iter().zip(&multipliers) {
                     gradient -= u * constraint.a[i];
                 }
                 assert!(gradient.abs() < 1e-8, "case {case}: stationarity {gradient}");
             }
-            for (i, (constraint, u)) in constraints.iter().zip(&solution.multipliers).enumerate() {
-                let value = dot(&constraint.a, &solution.d, n) + constraint.c;
+            for (i, (constraint, u)) in constraints.iter().zip(&multipliers).enumerate() {
+                let value = dot(&constraint.a, &solution.d, padded(n)) + constraint.c;
                 if i < equalities {
                     assert!(value.abs() < 1e-9);
                 } else {
@@ -386,10 +412,11 @@ mod tests {
         let mut h = [[0.0; DIM]; DIM];
         h[0][0] = 1.0;
         h[1][1] = 1.0;
-        let l = cholesky(&h, 2).expect("positive definite");
+        let factor = Factor::new(&h, 2).expect("positive definite");
         let rows =
             [Constraint { a: row(&[1.0, 1.0]), c: -1.0 }, Constraint { a: row(&[-1.0, -1.0]), c: 0.5 }];
-        assert_eq!(solve(&l, &row(&[0.0, 0.0]), 2, &rows, 0).unwrap_err(), QpFailure::Infeasible);
+        let failure = solve(&factor, &row(&[0.0, 0.0]), 2, &[], &rows, &[]).unwrap_err();
+        assert_eq!(failure, QpFailure::Infeasible);
     }
 
     #[test]
@@ -397,6 +424,6 @@ mod tests {
         let mut h = [[0.0; DIM]; DIM];
         h[0][0] = 1.0;
         h[1][1] = -1.0;
-        assert!(cholesky(&h, 2).is_none());
+        assert!(Factor::new(&h, 2).is_none());
     }
 }

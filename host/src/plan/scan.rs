@@ -3,6 +3,7 @@
 //! Distances are not taken everywhere: how fast two bodies can approach follows from the joint travel and from how far
 //! a body can be from each joint axis, so a pair that is far apart is left alone until it could have come near.
 
+use nalgebra::Vector3;
 use robot_model::Frames;
 use robot_model::collision::Obb;
 
@@ -10,7 +11,7 @@ use super::cuts::{CURRENT_EXTRA, Cut, CutKind, placed};
 use super::problem::Problem;
 use super::throw::{JOINTS, Joints, Throw};
 
-/// Grid of phases: this many steps before the release, and as many after it.
+/// Instants before the release; after it as many as make steps of the same length.
 const STEPS: usize = 25;
 /// Between instants a distance can dip by about an eighth of the relative acceleration times the step squared: 2 mm.
 const REFINE_BELOW_M: f64 = 4e-3;
@@ -18,11 +19,17 @@ const REFINE_HALVINGS: usize = 4;
 /// The ball leaves the fingers for this long without being tested against them (robot-models 1.9).
 pub const RELEASE_BLIND_S: f64 = 0.02;
 
+/// What is this close to a limit is worth a row from the beginning when a throw like this one is solved for again.
+const NEAR_M: f64 = 5e-3;
+const NEAR_SHARE: f64 = 0.97;
+
 /// Result of a scan.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Scan {
     /// Worst instants of every violated constraint.
     pub(crate) cuts: Vec<Cut>,
+    /// Worst instants of constraints that hold with little to spare.
+    pub(crate) near: Vec<Cut>,
     /// Smallest clearance between tested bodies that was measured, in m (bodies known to be far are not measured).
     pub(crate) clearance_m: f64,
     /// Smallest clearance of the released ball, in m.
@@ -31,11 +38,28 @@ pub(crate) struct Scan {
 
 /// A pair of bodies whose distance is followed along the motion.
 #[derive(Debug, Clone, Copy)]
-struct Tracked {
+struct Pair {
     kind: CutKind,
+    /// Which [`Group`] says how fast they approach.
+    group: usize,
+    /// Boxes that must be placed: none for what does not move or is not a box.
+    boxes: [Option<usize>; 2],
+    held: bool,
+}
+
+/// Pairs whose distance is changed by the same joints.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Group {
     /// Joints `from..to` (from 0) change the distance.
     from: usize,
     to: usize,
+    /// How far a turn of joint k by 1 rad moves the second body, at most, in m.
+    swing_m: [f64; JOINTS],
+}
+
+/// What is known about a pair so far.
+#[derive(Debug, Clone, Copy)]
+struct Track {
     /// Lower bound of the distance above the clearance asked for, in m.
     slack_m: f64,
     worst_m: f64,
@@ -45,9 +69,66 @@ struct Tracked {
 /// Everything about the pairs of a problem that does not depend on the throw.
 #[derive(Debug, Clone)]
 pub(crate) struct Scanner {
-    pairs: Vec<Tracked>,
-    /// `swing[p][k]`: how far a turn of joint k by 1 rad moves the second body of pair p, at most, in m.
-    swing_m: Vec<[f64; JOINTS]>,
+    pairs: Vec<Pair>,
+    groups: Vec<Group>,
+    obstacles: Vec<Obb>,
+}
+
+/// The arm at one instant; boxes are placed when they are asked for.
+struct Placed<'a> {
+    problem: &'a Problem<'a>,
+    obstacles: &'a [Obb],
+    boxes: Vec<Obb>,
+    /// Instant at which each box was placed.
+    stamps: Vec<usize>,
+    now: usize,
+    frames: Option<Frames<JOINTS>>,
+    ball: Option<Vector3<f64>>,
+}
+
+impl Placed<'_> {
+    fn move_to(&mut self) {
+        self.now += 1;
+        self.frames = None;
+        self.ball = None;
+    }
+
+    /// A lower bound of the distance of a pair above the clearance: spheres when far, separating axes when near.
+    fn distance(&mut self, pair: &Pair, q: &Joints) -> f64 {
+        let problem = self.problem;
+        let arm = problem.arm;
+        let frames = self.frames.get_or_insert_with(|| arm.fk(q));
+        for k in pair.boxes.into_iter().flatten() {
+            let body = &arm.collision().boxes()[k];
+            if self.stamps[k] != self.now
+                && let Some(i) = body.link.checked_sub(1)
+            {
+                self.boxes[k].pose = frames.x_w[i] * body.x_lb;
+                self.stamps[k] = self.now;
+            }
+        }
+        let ball = |memory: &mut Option<Vector3<f64>>| *memory.get_or_insert_with(|| arm.ball(frames).pos);
+        let radius_m = arm.gripper().ball_radius_m;
+        let floor = arm.world().floor_z_m;
+        let of_boxes = |a: &Obb, b: &Obb| {
+            let gap = (a.pose.pos - b.pose.pos).norm() - a.radius_m() - b.radius_m();
+            if gap > 0.05 { gap } else { a.separation(b) }
+        };
+        let distance_m = match pair.kind {
+            CutKind::Boxes(a, b) => of_boxes(&self.boxes[a], &self.boxes[b]),
+            CutKind::Obstacle(b, o) => of_boxes(&self.obstacles[o], &self.boxes[b]),
+            CutKind::Floor(b) => self.boxes[b].proximity_to_floor(floor).distance_m,
+            CutKind::HeldBall(a) => {
+                self.boxes[a].proximity_to_sphere(&ball(&mut self.ball), radius_m).distance_m
+            }
+            CutKind::HeldBallObstacle(o) => {
+                self.obstacles[o].proximity_to_sphere(&ball(&mut self.ball), radius_m).distance_m
+            }
+            CutKind::HeldBallFloor => ball(&mut self.ball).z - radius_m - floor,
+            _ => f64::INFINITY,
+        };
+        distance_m - problem.options.clearance_m
+    }
 }
 
 impl Scanner {
@@ -55,6 +136,7 @@ impl Scanner {
         let arm = problem.arm;
         let model = arm.collision();
         let boxes = model.boxes();
+        let obstacles = problem.options.obstacles.len();
         let mut kinds: Vec<(CutKind, usize, usize)> = Vec::new();
         for &(a, b) in model.pairs() {
             let (mut a, mut b) = (usize::from(a), usize::from(b));
@@ -67,7 +149,7 @@ impl Scanner {
             if body.link >= model.rule().floor_from_link {
                 kinds.push((CutKind::Floor(b), 0, body.link));
             }
-            for o in 0..problem.options.obstacles.len() {
+            for o in 0..obstacles {
                 kinds.push((CutKind::Obstacle(b, o), 0, body.link));
             }
         }
@@ -76,43 +158,39 @@ impl Scanner {
             kinds.push((CutKind::HeldBall(a), body.link, JOINTS));
         }
         kinds.push((CutKind::HeldBallFloor, 0, JOINTS));
-        for o in 0..problem.options.obstacles.len() {
+        for o in 0..obstacles {
             kinds.push((CutKind::HeldBallObstacle(o), 0, JOINTS));
         }
-        let pairs = kinds
-            .iter()
-            .map(|&(kind, from, to)| Tracked {
-                kind,
-                from,
-                to,
-                slack_m: 0.0,
-                worst_m: f64::INFINITY,
-                worst_sigma: 0.0,
-            })
-            .collect();
         // The held ball is a little farther out than the hand.
         let ball_beyond =
             arm.gripper().x_eb.pos.norm() + arm.gripper().ball_radius_m + arm.end_effector().pos.norm();
-        let swing_m = kinds
-            .iter()
-            .map(|(kind, _, to)| {
-                std::array::from_fn(|k| {
-                    let beyond = match kind {
-                        CutKind::HeldBall(_) | CutKind::HeldBallObstacle(_) | CutKind::HeldBallFloor => {
-                            ball_beyond
-                        }
-                        _ => 0.0,
-                    };
-                    model.swing_m(k, *to) + beyond
-                })
+        let mut groups: Vec<Group> = Vec::new();
+        let pairs = kinds
+            .into_iter()
+            .map(|(kind, from, to)| {
+                let (boxes, held) = match kind {
+                    CutKind::Boxes(a, b) => ([Some(a), Some(b)], false),
+                    CutKind::Floor(b) | CutKind::Obstacle(b, _) => ([Some(b), None], false),
+                    CutKind::HeldBall(a) => ([Some(a), None], true),
+                    _ => ([None, None], true),
+                };
+                let beyond = if held { ball_beyond } else { 0.0 };
+                let swing_m = std::array::from_fn(|k| model.swing_m(k, to) + beyond);
+                let wanted = Group { from, to, swing_m };
+                let group = groups.iter().position(|g| *g == wanted).unwrap_or_else(|| {
+                    groups.push(wanted);
+                    groups.len() - 1
+                });
+                Pair { kind, group, boxes, held }
             })
             .collect();
-        Self { pairs, swing_m }
+        let obstacles = problem.options.obstacles.iter().map(|o| Obb::new(o.x_wo, o.half_m)).collect();
+        Self { pairs, groups, obstacles }
     }
 
     /// Scans a throw.
     pub(crate) fn scan(&self, problem: &Problem<'_>, throw: &Throw) -> Scan {
-        let mut out = Scan { cuts: Vec::new(), clearance_m: f64::INFINITY, ball_clearance_m: f64::INFINITY };
+        let mut out = Scan { clearance_m: f64::INFINITY, ball_clearance_m: f64::INFINITY, ..Scan::default() };
         if problem.options.avoid_collisions {
             self.bodies(problem, throw, &mut out);
         }
@@ -128,110 +206,68 @@ impl Scanner {
     fn bodies(&self, problem: &Problem<'_>, throw: &Throw, out: &mut Scan) {
         let arm = problem.arm;
         let clearance_m = problem.options.clearance_m;
-        let mut pairs = self.pairs.clone();
+        let start = Track { slack_m: 0.0, worst_m: f64::INFINITY, worst_sigma: 0.0 };
+        let mut tracks = vec![start; self.pairs.len()];
+        let mut approach = vec![0.0; self.groups.len()];
+        let boxes: Vec<Obb> = arm.collision().boxes().iter().map(|b| Obb::new(b.x_lb, b.half_m)).collect();
+        let stamps = vec![0; boxes.len()];
+        let obstacles = &self.obstacles;
+        let mut placed = Placed { problem, obstacles, boxes, stamps, now: 0, frames: None, ball: None };
         let turns = throw.qdd_rad_s2 != Joints::zeros();
         let peak = throw.peak_speed();
         let mut before = throw.start();
-        let base: Vec<Obb> = arm.collision().boxes().iter().map(|b| Obb::new(b.x_lb, b.half_m)).collect();
-        let mut boxes = base;
-        for step in 0..=2 * STEPS {
-            let sigma = (step as f64 - STEPS as f64) / STEPS as f64;
+        let steps_after = (STEPS as f64 * throw.hb_s / throw.ha_s).ceil().clamp(6.0, 50.0) as usize;
+        for step in 0..=STEPS + steps_after {
+            let share = if step <= STEPS { STEPS } else { steps_after } as f64;
+            let sigma = (step as f64 - STEPS as f64) / share;
             let q = throw.at_phase(sigma).q;
             let mut travel = (q - before).abs();
             if turns {
                 // Joints may turn round between two instants: speed times time is always enough.
-                let dt = throw.phase_s(sigma - 1e-9) / STEPS as f64;
+                let dt = throw.phase_s(sigma - 1e-9) / share;
                 travel = travel.sup(&(peak * dt));
             }
             before = q;
-            let mut frames: Option<Frames<JOINTS>> = None;
-            for (pair, swing) in pairs.iter_mut().zip(&self.swing_m) {
-                let held = matches!(
-                    pair.kind,
-                    CutKind::HeldBall(_) | CutKind::HeldBallObstacle(_) | CutKind::HeldBallFloor
-                );
-                if held && sigma > 0.0 {
+            placed.move_to();
+            for (way, g) in approach.iter_mut().zip(&self.groups) {
+                *way = (g.from..g.to).map(|k| travel[k] * g.swing_m[k]).sum();
+            }
+            for (pair, track) in self.pairs.iter().zip(&mut tracks) {
+                track.slack_m -= approach[pair.group];
+                if track.slack_m > 0.0 || pair.held && sigma > 0.0 {
                     continue;
                 }
-                let approach: f64 = (pair.from..pair.to).map(|k| travel[k] * swing[k]).sum();
-                pair.slack_m -= approach;
-                if pair.slack_m > 0.0 && step > 0 {
-                    continue;
-                }
-                let frames = frames.get_or_insert_with(|| {
-                    let frames = arm.fk(&q);
-                    for (placed, body) in boxes.iter_mut().zip(arm.collision().boxes()) {
-                        if let Some(i) = body.link.checked_sub(1) {
-                            placed.pose = frames.x_w[i] * body.x_lb;
-                        }
-                    }
-                    frames
-                });
-                let distance = distance(problem, pair.kind, &boxes, frames) - clearance_m;
-                pair.slack_m = distance;
-                if distance < pair.worst_m {
-                    pair.worst_m = distance;
-                    pair.worst_sigma = sigma;
+                track.slack_m = placed.distance(pair, &q);
+                if track.slack_m < track.worst_m {
+                    track.worst_m = track.slack_m;
+                    track.worst_sigma = sigma;
                 }
             }
         }
         // Between two instants a near pair can be nearer still: look there.
-        for pair in pairs.iter_mut().filter(|p| p.worst_m < REFINE_BELOW_M) {
-            let mut step = 0.5 / STEPS as f64;
-            for _ in 0..REFINE_HALVINGS {
-                for sigma in [pair.worst_sigma - step, pair.worst_sigma + step] {
-                    let held = matches!(
-                        pair.kind,
-                        CutKind::HeldBall(_) | CutKind::HeldBallObstacle(_) | CutKind::HeldBallFloor
-                    );
-                    let sigma = sigma.clamp(-1.0, if held { 0.0 } else { 1.0 });
-                    let frames = arm.fk(&throw.at_phase(sigma).q);
-                    for (placed, body) in boxes.iter_mut().zip(arm.collision().boxes()) {
-                        if let Some(i) = body.link.checked_sub(1) {
-                            placed.pose = frames.x_w[i] * body.x_lb;
+        for (pair, track) in self.pairs.iter().zip(&mut tracks) {
+            if track.worst_m < REFINE_BELOW_M {
+                let last = if pair.held { 0.0 } else { 1.0 };
+                let mut step = 0.5 / STEPS as f64;
+                for _ in 0..REFINE_HALVINGS {
+                    for sigma in [track.worst_sigma - step, track.worst_sigma + step] {
+                        let sigma = sigma.clamp(-1.0, last);
+                        placed.move_to();
+                        let distance = placed.distance(pair, &throw.at_phase(sigma).q);
+                        if distance < track.worst_m {
+                            track.worst_m = distance;
+                            track.worst_sigma = sigma;
                         }
                     }
-                    let distance = distance(problem, pair.kind, &boxes, &frames) - clearance_m;
-                    if distance < pair.worst_m {
-                        pair.worst_m = distance;
-                        pair.worst_sigma = sigma;
-                    }
+                    step *= 0.5;
                 }
-                step *= 0.5;
+            }
+            out.clearance_m = out.clearance_m.min(track.worst_m + clearance_m);
+            if track.worst_m < NEAR_M {
+                let cut = Cut { kind: pair.kind, sigma: track.worst_sigma };
+                if track.worst_m < 0.0 { out.cuts.push(cut) } else { out.near.push(cut) }
             }
         }
-        for pair in &pairs {
-            out.clearance_m = out.clearance_m.min(pair.worst_m + clearance_m);
-            if pair.worst_m < 0.0 {
-                out.cuts.push(Cut { kind: pair.kind, sigma: pair.worst_sigma });
-            }
-        }
-    }
-}
-
-/// A lower bound of the distance: spheres when far, separating axes when near.
-fn distance(problem: &Problem<'_>, kind: CutKind, boxes: &[Obb], frames: &Frames<JOINTS>) -> f64 {
-    let arm = problem.arm;
-    let radius_m = arm.gripper().ball_radius_m;
-    let floor = arm.world().floor_z_m;
-    let obstacle = |o: usize| {
-        let o = &problem.options.obstacles[o];
-        Obb::new(o.x_wo, o.half_m)
-    };
-    let of_boxes = |a: &Obb, b: &Obb| {
-        let gap = (a.pose.pos - b.pose.pos).norm() - a.radius_m() - b.radius_m();
-        if gap > 0.05 { gap } else { a.separation(b) }
-    };
-    match kind {
-        CutKind::Boxes(a, b) => of_boxes(&boxes[a], &boxes[b]),
-        CutKind::Obstacle(b, o) => of_boxes(&obstacle(o), &boxes[b]),
-        CutKind::Floor(b) => boxes[b].proximity_to_floor(floor).distance_m,
-        CutKind::HeldBall(a) => boxes[a].proximity_to_sphere(&arm.ball(frames).pos, radius_m).distance_m,
-        CutKind::HeldBallObstacle(o) => {
-            obstacle(o).proximity_to_sphere(&arm.ball(frames).pos, radius_m).distance_m
-        }
-        CutKind::HeldBallFloor => arm.ball(frames).pos.z - radius_m - floor,
-        _ => f64::INFINITY,
     }
 }
 
@@ -274,10 +310,11 @@ fn flying_ball(problem: &Problem<'_>, throw: &Throw, out: &mut Scan) {
     }
     for (k, (distance, sigma)) in worst.into_iter().enumerate() {
         out.ball_clearance_m = out.ball_clearance_m.min(distance);
-        if distance < clearance_m {
+        if distance < clearance_m + NEAR_M {
             let kind =
                 if k < bodies { CutKind::FlyingBall(k) } else { CutKind::FlyingBallObstacle(k - bodies) };
-            out.cuts.push(Cut { kind, sigma });
+            let into = if distance < clearance_m { &mut out.cuts } else { &mut out.near };
+            into.push(Cut { kind, sigma });
         }
     }
 }
@@ -308,9 +345,10 @@ fn currents(problem: &Problem<'_>, throw: &Throw, out: &mut Scan) {
         }
     }
     for (k, (share, sigma)) in worst.into_iter().enumerate() {
-        if share > 1.0 - 0.2 * CURRENT_EXTRA {
+        if share > NEAR_SHARE {
             let kind = if k < JOINTS { CutKind::Motor(k) } else { CutKind::Supply(k - JOINTS) };
-            out.cuts.push(Cut { kind, sigma });
+            let into = if share > 1.0 - 0.2 * CURRENT_EXTRA { &mut out.cuts } else { &mut out.near };
+            into.push(Cut { kind, sigma });
         }
     }
 }

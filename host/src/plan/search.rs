@@ -4,11 +4,11 @@ use std::f64::consts::{PI, TAU};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 use rayon::prelude::*;
 use robot_model::jacobian::joint_rates;
 
-use super::local::{Found, Nearest, nearest_from, solve_from};
+use super::local::{Begin, Found, Nearest, nearest_from, solve_from};
 use super::paper::PaperParameters;
 use super::problem::{Options, Problem};
 use super::rng::SplitMix64;
@@ -48,18 +48,16 @@ pub struct Watch {
 /// The best throw of a search.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Best {
-    /// The throw.
-    pub throw: Throw,
-    /// Objective (1).
-    pub objective: f64,
+    /// The throw with its price.
+    pub found: Found,
     /// Starts that were run, stored ones included.
     pub starts: usize,
     /// Starts that ended in a throw.
     pub solved: usize,
     /// Whether the search was stopped before its budget was used.
     pub interrupted: bool,
-    /// All throws that were found, with their objectives, cheapest first; equal ones once.
-    pub others: Vec<(Throw, f64)>,
+    /// All throws that were found, cheapest first; equal ones once.
+    pub others: Vec<Found>,
 }
 
 /// No start ended in a throw.
@@ -103,6 +101,7 @@ pub fn kind_of(options: &Options) -> u32 {
         | u32::from(options.null_delay) << 1
         | u32::from(options.clean_release) << 2
         | u32::from(!options.avoid_collisions) << 3
+        | u32::from(!options.delay_windows.is_empty()) << 4
 }
 
 /// Plans throws for one problem; holds what depends on the problem but not on the start.
@@ -135,83 +134,83 @@ impl<'p, 'a> Planner<'p, 'a> {
         let mut rng = SplitMix64::stream(seed, index);
         let unit = std::array::from_fn(|_| rng.unit());
         let h = PaperParameters::in_bounds(&self.problem.options.bounds, self.azimuth_rad, unit);
-        solve_from(self.problem, &self.scanner, &h.start(self.problem), &Settings::default()).ok()
+        self.solve(&h.start(self.problem), Begin::Anywhere, &Settings::default(), usize::MAX)
     }
 
     /// One local solve from a throw for a near target.
     #[must_use]
     pub fn from_throw(&self, start: &Throw) -> Option<Found> {
-        solve_from(self.problem, &self.scanner, start, &Settings::default()).ok()
+        self.solve(start, Begin::Anywhere, &Settings::default(), usize::MAX)
+    }
+
+    /// One local solve from a stored throw.
+    #[must_use]
+    pub fn from_record(&self, record: &Record) -> Option<Found> {
+        self.polish(record, &Settings::default(), usize::MAX)
+    }
+
+    fn solve(&self, start: &Throw, begin: Begin, settings: &Settings, most: usize) -> Option<Found> {
+        solve_from(self.problem, &self.scanner, start, begin, settings, most).ok()
+    }
+
+    fn polish(&self, record: &Record, settings: &Settings, most: usize) -> Option<Found> {
+        let begin = Begin::Optimal { touches: record.touches };
+        self.solve(&self.place(&record.throw)?, begin, settings, most)
     }
 
     /// The best throw from stored throws alone; this is what answers in well under a millisecond.
     ///
-    /// `tries` bounds the local solves.
+    /// Stored throws are taken in the order of what they promise: their price, carried on to this target by their own
+    /// slope, and a charge for the distance. The first pass gives each only a few steps, because a good start needs no
+    /// more and a bad one would need hundreds; a second pass is patient with the best few, if the first one found nothing.
+    /// `tries` bounds the local solves of the first pass.
     #[must_use]
     pub fn from_index(&self, index: &Index, tries: usize) -> Option<Found> {
-        let mut near = Vec::new();
-        index.near(kind_of(&self.problem.options), self.range_m, self.problem.target.z, 3, &mut near);
-        self.polish(&near, tries)
+        let order = self.promising(index, tries);
+        self.first_pass(&order).or_else(|| {
+            let patient = Settings { objective: 1e-4, feasibility: 1e-7, ..Settings::default() };
+            order.iter().find_map(|(_, record)| self.polish(record, &patient, PATIENT_STEPS))
+        })
     }
 
-    fn polish(&self, near: &[&Record], tries: usize) -> Option<Found> {
+    /// As [`Planner::from_index`], but gives up after the quick pass.
+    #[must_use]
+    pub fn from_index_quickly(&self, index: &Index, tries: usize) -> Option<Found> {
+        self.first_pass(&self.promising(index, tries))
+    }
+
+    fn first_pass(&self, order: &[(f64, &Record)]) -> Option<Found> {
         let mut best: Option<Found> = None;
-        let mut used = 0;
-        let expected = self.expected_objective(near);
-        for record in near {
-            if used >= tries {
+        for (at, (promise, record)) in order.iter().enumerate() {
+            let bound = best.map_or(f64::INFINITY, |b| b.objective * 0.999);
+            if promise * WORTH_TRYING > bound && at > 0 {
                 break;
             }
-            // A neighbour this much dearer than what is known will not become cheaper within one cell.
-            if best.is_some_and(|b: Found| record.objective > b.objective * DEARER) {
-                continue;
-            }
-            let Some(start) = self.place(&record.throw) else { continue };
-            used += 1;
-            let settings = Settings {
-                objective: 1e-4,
-                feasibility: 1e-7,
-                iterations_max: 40,
-                give_up_above: best.map_or(f64::INFINITY, |b| b.objective * 0.999),
-            };
-            if let Ok(found) = solve_from(self.problem, &self.scanner, &start, &settings) {
-                if found.objective <= expected * AS_EXPECTED {
-                    return Some(found);
-                }
-                if best.is_none_or(|b| found.objective < b.objective) {
-                    best = Some(found);
-                }
+            let settings = Settings { give_up_above: bound, ..QUICK };
+            if let Some(found) = self.polish(record, &settings, QUICK_STEPS) {
+                best = Some(found);
             }
         }
         best
     }
 
-    /// What the best throw should cost, from a plane through the cheapest stored throws around; negative infinity if
-    /// they do not make a plane. A guess that only decides when to stop looking.
-    fn expected_objective(&self, near: &[&Record]) -> f64 {
-        // Cheapest of each cell, in coordinates about the target.
-        let mut cells: Vec<&Record> = Vec::with_capacity(9);
-        for record in near {
-            let same = |c: &&mut &Record| c.range_m == record.range_m && c.height_m == record.height_m;
-            match cells.iter_mut().find(same) {
-                Some(c) if record.objective < c.objective => *c = record,
-                Some(_) => {}
-                None => cells.push(record),
-            }
-        }
-        let mut normal = Matrix3::identity() * 1e-9;
-        let mut right = Vector3::zeros();
-        for c in &cells {
-            let row = Vector3::new(1.0, c.range_m - self.range_m, c.height_m - self.problem.target.z);
-            // The four cells around the target count most.
-            let weight = 1.0 / (2e-3 + row.y * row.y + row.z * row.z);
-            normal += row * row.transpose() * weight;
-            right += row * (c.objective * weight);
-        }
-        if cells.len() < 4 {
-            return f64::NEG_INFINITY;
-        }
-        normal.try_inverse().map_or(f64::NEG_INFINITY, |i| (i * right).x)
+    /// Stored throws around the target with what they promise, the best promise first.
+    fn promising<'i>(&self, index: &'i Index, most: usize) -> Vec<(f64, &'i Record)> {
+        let mut near = Vec::new();
+        index.near(kind_of(&self.problem.options), self.range_m, self.problem.target.z, RINGS, &mut near);
+        let mut order: Vec<(f64, &Record)> = near
+            .into_iter()
+            .map(|r| {
+                let (dr, dz) = (self.range_m - r.range_m, self.problem.target.z - r.height_m);
+                let carried = r.objective + r.slope_per_m[0] * dr + r.slope_per_m[1] * dz;
+                // No throw is cheaper than the cheapest of all; slopes end somewhere.
+                let carried = carried.max(0.5 * r.objective);
+                (carried * (1.0 + DISTANCE_CHARGE * (dr * dr + dz * dz)), r)
+            })
+            .collect();
+        order.sort_by(|a, b| a.0.total_cmp(&b.0));
+        order.truncate(most);
+        order
     }
 
     /// A stored throw turned to this target; mirrored or in another posture if joint 1 does not reach otherwise.
@@ -294,16 +293,39 @@ impl<'p, 'a> Planner<'p, 'a> {
     /// # Errors
     /// [`NoThrow`] with the nearest reachable target if no start ends in a throw.
     pub fn search(&self, index: &Index, budget: &Budget, watch: &Watch) -> Result<Best, NoThrow> {
+        let none = match self.attempt(index, budget, watch) {
+            Ok(best) => return Ok(best),
+            Err(none) => none,
+        };
+        if watch.stop.load(Ordering::Relaxed) {
+            return Err(none);
+        }
+        let Some((nearest, throw)) = self.nearest(index, budget) else { return Err(none) };
+        // Looking for the nearest target is itself a way in: it may end at the target.
+        if nearest.distance_m < REACHED_M
+            && let Some(found) = self.from_throw(&throw)
+        {
+            let (starts, interrupted) = (none.starts, none.interrupted);
+            return Ok(Best { found, starts, solved: 1, interrupted, others: vec![found] });
+        }
+        Err(NoThrow { nearest: Some(nearest), ..none })
+    }
+
+    /// As [`Planner::search`], without looking for the nearest reachable target if there is no throw.
+    ///
+    /// # Errors
+    /// [`NoThrow`] if no start ends in a throw.
+    pub fn attempt(&self, index: &Index, budget: &Budget, watch: &Watch) -> Result<Best, NoThrow> {
         let began = Instant::now();
         let out_of_time = || budget.time.is_some_and(|t| began.elapsed() >= t);
         let stopped = || watch.stop.load(Ordering::Relaxed) || out_of_time();
         let mut near = Vec::new();
-        index.near(kind_of(&self.problem.options), self.range_m, self.problem.target.z, 3, &mut near);
+        index.near(kind_of(&self.problem.options), self.range_m, self.problem.target.z, RINGS, &mut near);
         near.truncate(STORED_TRIES);
         let warm: Vec<Option<Found>> = near
             .par_iter()
             .map(|record| {
-                let found = self.place(&record.throw).and_then(|t| self.from_throw(&t));
+                let found = self.from_record(record);
                 watch.done.fetch_add(1, Ordering::Relaxed);
                 watch.solved.fetch_add(usize::from(found.is_some()), Ordering::Relaxed);
                 found
@@ -328,44 +350,14 @@ impl<'p, 'a> Planner<'p, 'a> {
         let interrupted = skipped > 0;
         let solved: Vec<Found> = warm.into_iter().chain(cold).flatten().collect();
         // The first of equal ones, so that the order of threads does not matter.
-        let mut others: Vec<(Throw, f64)> = solved.iter().map(|f| (f.throw, f.objective)).collect();
-        others.sort_by(|a, b| a.1.total_cmp(&b.1));
-        others.dedup_by(|a, b| (a.1 - b.1).abs() < 1e-6 * b.1);
-        let best = solved.iter().fold(None::<&Found>, |b, f| match b {
-            Some(b) if b.objective <= f.objective => Some(b),
-            _ => Some(f),
-        });
-        match best {
-            Some(found) => Ok(Best {
-                throw: found.throw,
-                objective: found.objective,
-                starts,
-                solved: solved.len(),
-                interrupted,
-                others,
-            }),
-            None => {
-                let nearest =
-                    if watch.stop.load(Ordering::Relaxed) { None } else { self.nearest(index, budget) };
-                // Looking for the nearest target is itself a way in: it may end at the target.
-                let reached = nearest.as_ref().filter(|n| n.0.distance_m < REACHED_M);
-                if let Some(found) = reached.and_then(|n| self.from_throw(&n.1)) {
-                    return Ok(Best {
-                        throw: found.throw,
-                        objective: found.objective,
-                        starts,
-                        solved: 1,
-                        interrupted,
-                        others,
-                    });
-                }
-                Err(NoThrow {
-                    target: self.problem.target,
-                    nearest: nearest.map(|n| n.0),
-                    starts,
-                    interrupted,
-                })
-            }
+        let count = solved.len();
+        // The sort is stable.
+        let mut others = solved;
+        others.sort_by(|a, b| a.objective.total_cmp(&b.objective));
+        others.dedup_by(|a, b| (a.objective - b.objective).abs() < 1e-6 * b.objective);
+        match others.first() {
+            Some(found) => Ok(Best { found: *found, starts, solved: count, interrupted, others }),
+            None => Err(NoThrow { target: self.problem.target, nearest: None, starts, interrupted }),
         }
     }
 
@@ -415,9 +407,9 @@ impl<'p, 'a> Planner<'p, 'a> {
 
     /// The throw as a record of the store.
     #[must_use]
-    pub fn record(&self, found: &Throw, objective: f64) -> Record {
+    pub fn record(&self, found: &Found) -> Record {
         let axis_up = self.problem.arm.joints()[0].x_pj.rot[(2, 2)].signum();
-        let mut throw = *found;
+        let mut throw = found.throw;
         let q = throw.q_rad[0] - axis_up * self.azimuth_rad;
         throw.q_rad[0] = if q > PI {
             q - TAU
@@ -430,7 +422,12 @@ impl<'p, 'a> Planner<'p, 'a> {
             kind: kind_of(&self.problem.options),
             range_m: self.range_m,
             height_m: self.problem.target.z,
-            objective,
+            objective: found.objective,
+            slope_per_m: [
+                found.slope_per_m.x * self.azimuth_rad.cos() + found.slope_per_m.y * self.azimuth_rad.sin(),
+                found.slope_per_m.z,
+            ],
+            touches: found.touches,
             throw,
         }
     }
@@ -438,10 +435,23 @@ impl<'p, 'a> Planner<'p, 'a> {
 
 /// A nearest target this close is the target: the pull of the objective on the shift is of this size.
 const REACHED_M: f64 = 1e-3;
-/// A throw that costs no more than this times what is expected ends the search among stored throws.
-const AS_EXPECTED: f64 = 1.004;
-/// A stored throw for a neighbouring target is not tried if it costs more than this times the best so far.
-const DEARER: f64 = 1.05;
+/// Cells of the index that are looked through, at most, in every direction.
+const RINGS: i32 = 6;
+/// What distance takes off a promise, per m²: 2 % at 5 cm, where slopes begin to be wrong.
+const DISTANCE_CHARGE: f64 = 8.0;
+/// A stored throw is not tried if it promises more than this share of the best price so far.
+const WORTH_TRYING: f64 = 1.01;
+/// Steps for one stored throw in the second pass.
+const PATIENT_STEPS: usize = 60;
+/// Steps for one stored throw in the first pass, and its tolerances.
+const QUICK_STEPS: usize = 16;
+const QUICK: Settings = Settings {
+    iterations_max: QUICK_STEPS,
+    feasibility: 1e-7,
+    objective: 1e-4,
+    give_up_above: f64::INFINITY,
+    patience: 4,
+};
 /// Stored throws that a full search polishes.
 const STORED_TRIES: usize = 16;
 

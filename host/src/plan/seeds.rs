@@ -10,6 +10,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::problem::{Options, Problem};
+use super::rng::SplitMix64;
 use super::search::Planner;
 use super::throw::Arm;
 use crate::store::{Index, Record, file, robot_fingerprint};
@@ -43,6 +44,8 @@ pub struct Grid {
     pub keep: usize,
     /// Rounds in which neighbours pass on their throws.
     pub sweeps: usize,
+    /// Random targets at which the finished table is tried; where it does badly, a throw is added.
+    pub trials: u64,
 }
 
 /// Makes the table of one set of options. `progress` hears the share that is done.
@@ -71,7 +74,7 @@ pub fn make(
             let mut kept = Vec::new();
             for k in 0..grid.starts {
                 if let Some(found) = planner.random_start(seed, (i as u64) << 16 | k) {
-                    keep(&mut kept, planner.record(&found.throw, found.objective), grid.keep);
+                    keep(&mut kept, planner.record(&found), grid.keep);
                 }
             }
             if i % 16 == 0 {
@@ -97,8 +100,8 @@ pub fn make(
                 for (dc, dr) in [(-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, 1), (-1, 1), (1, -1)] {
                     let Some(neighbour) = at((c + dc, r + dr)) else { continue };
                     for record in &before[neighbour] {
-                        if let Some(found) = planner.from_throw(&record.throw) {
-                            keep(&mut kept, planner.record(&found.throw, found.objective), grid.keep);
+                        if let Some(found) = planner.from_record(record) {
+                            keep(&mut kept, planner.record(&found), grid.keep);
                         }
                     }
                 }
@@ -109,11 +112,93 @@ pub fn make(
             })
             .collect();
     }
-    table.into_iter().flatten().collect()
+    let edge = edge(arm, options, &cells, &table, &target, &at);
+    let records = table.into_iter().flatten().chain(edge).collect();
+    improve(arm, options, grid, seed, Index::new(records))
 }
+
+/// Tries the table at random targets and adds a throw where the quick pass finds none or a dearer one than a search.
+///
+/// The price has cliffs (from letting the ball drop to really throwing it), where a uniform grid is too coarse.
+#[must_use]
+pub fn improve(arm: &Arm, options: &Options, grid: &Grid, seed: u64, mut index: Index) -> Vec<Record> {
+    let floor = arm.world().floor_z_m;
+    let mut trial = 0;
+    while trial < grid.trials {
+        let next = (trial + TRIALS_PER_ROUND).min(grid.trials);
+        let found: Vec<Record> = (trial..next)
+            .into_par_iter()
+            .filter_map(|k| {
+                let mut rng = SplitMix64::stream(seed ^ 0x7472_6961_6C73, k);
+                let range_m = grid.range_max_m * rng.unit();
+                let height_m = floor + (grid.height_max_m - floor) * rng.unit();
+                let problem =
+                    Problem::new(arm, Vector3::new(range_m, 0.0, height_m), options.clone()).ok()?;
+                let planner = Planner::new(&problem);
+                let quick = planner.from_index_quickly(&index, TRIAL_TRIES);
+                let patient = planner.from_index(&index, 2 * TRIAL_TRIES)?;
+                let random = (0..TRIAL_STARTS).filter_map(|s| planner.random_start(seed ^ k << 16, s));
+                let best = random.chain([patient]).min_by(|a, b| a.objective.total_cmp(&b.objective))?;
+                let good = quick.is_some_and(|q| q.objective <= TRIAL_GAP * best.objective);
+                (!good).then(|| planner.record(&best))
+            })
+            .collect();
+        for record in found {
+            index.insert(record);
+        }
+        trial = next;
+    }
+    index.records().to_vec()
+}
+
+/// See [`improve`]: targets between two updates of the table, stored throws and random starts per target, and the
+/// share of the price that is not worth another throw.
+const TRIALS_PER_ROUND: u64 = 128;
+const TRIAL_TRIES: usize = 3;
+const TRIAL_STARTS: u64 = 8;
+const TRIAL_GAP: f64 = 1.005;
+
+/// Throws on the edge of the reach: cells beyond it are pulled in from their neighbours' throws until they are reached.
+///
+/// Without them a target between the last cell in reach and the edge has starts on one side only.
+fn edge(
+    arm: &Arm,
+    options: &Options,
+    cells: &[(i32, i32)],
+    table: &[Vec<Record>],
+    target: &(dyn Fn((i32, i32)) -> Vector3<f64> + Sync),
+    at: &(dyn Fn((i32, i32)) -> Option<usize> + Sync),
+) -> Vec<Record> {
+    cells
+        .par_iter()
+        .zip(table)
+        .filter(|(_, own)| own.is_empty())
+        .filter_map(|(&(c, r), _)| {
+            let problem = Problem::new(arm, target((c, r)), options.clone()).ok()?;
+            let planner = Planner::new(&problem);
+            let steps = [(-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, 1), (-1, 1), (1, -1)];
+            let starts = steps.into_iter().filter_map(|(dc, dr)| table.get(at((c + dc, r + dr))?)?.first());
+            let nearest = starts
+                .filter_map(|record| planner.nearest_from_throw(&record.throw, [true, false, true]))
+                .min_by(|a, b| a.shift_m.norm().total_cmp(&b.shift_m.norm()))?;
+            // A hair inside, where the price has a slope.
+            let inside = problem.target() + nearest.shift_m * (1.0 + 2e-3 / nearest.shift_m.norm().max(1e-6));
+            let problem = Problem::new(arm, inside, options.clone()).ok()?;
+            let planner = Planner::new(&problem);
+            Some(planner.record(&planner.from_throw(&nearest.throw)?))
+        })
+        .collect()
+}
+
+/// See [`keep`].
+const DEARER: f64 = 1.06;
 
 /// Keeps the best few throws that differ by more than rounding.
 fn keep(kept: &mut Vec<Record>, new: Record, most: usize) {
+    // Much dearer ones will not be the best in the neighbouring cell either.
+    if kept.first().is_some_and(|best| new.objective > DEARER * best.objective) {
+        return;
+    }
     // Mirror images and wrist twins have the same price; one of them is enough.
     if let Some(same) = kept.iter_mut().find(|k| (k.objective - new.objective).abs() < 1e-3 * new.objective) {
         if new.objective < same.objective - 1e-6 {

@@ -10,11 +10,12 @@
 //! is (A_E d is fixed) and makes the matrix positive definite where W is so on the null space of A_E. If the linearised
 //! constraints contradict each other, the violated ones become a quadratic price for that step, which is a damped
 //! Gauss-Newton step towards feasibility within the rows that hold. Steps are accepted by an l1 merit function over
-//! the last few values, so that curved constraints do not shorten good steps.
+//! the last few values, so that curved constraints do not shorten good steps. After a short full step the factors of
+//! the matrix are used again (a chord step): the Hessian is the costliest part.
 
 use super::cuts::Cut;
 use super::problem::Problem;
-use super::qp::{self, Constraint, DIM, QpFailure, Row, Square};
+use super::qp::{self, Constraint, DIM, Factor, QpFailure, Row, Square};
 use super::rows::{
     EQUALITIES, F, Gradient, HA, HB, INEQUALITIES, Layout, Q, QD, Sink, evaluate, kinematic_rows, spline_rows,
 };
@@ -23,6 +24,7 @@ use super::throw::JOINTS;
 /// Tolerances and bounds of a local solve.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Settings {
+    /// Steps of one solve.
     pub(crate) iterations_max: usize,
     /// Largest violation of a scaled row at a solution.
     pub(crate) feasibility: f64,
@@ -30,11 +32,48 @@ pub(crate) struct Settings {
     pub(crate) objective: f64,
     /// Stop early when the objective cannot get below this any more (feasible point, small steps).
     pub(crate) give_up_above: f64,
+    /// A run whose violation has not halved within this many steps is at a stationary point of the violation.
+    pub(crate) patience: usize,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { iterations_max: 60, feasibility: 1e-8, objective: 1e-7, give_up_above: f64::INFINITY }
+        Self {
+            iterations_max: 60,
+            feasibility: 1e-8,
+            objective: 1e-7,
+            give_up_above: f64::INFINITY,
+            patience: 25,
+        }
+    }
+}
+
+/// Multipliers by row number.
+#[derive(Debug, Clone)]
+pub(crate) struct Multipliers {
+    pub(crate) eq: [f64; EQUALITIES],
+    pub(crate) ineq: Box<[f64; INEQUALITIES]>,
+}
+
+impl Multipliers {
+    fn zero() -> Self {
+        Self { eq: [0.0; EQUALITIES], ineq: Box::new([0.0; INEQUALITIES]) }
+    }
+
+    /// Takes over those of a program; bounded, since the curvature that huge ones bring is noise. Returns the largest.
+    fn set(&mut self, rows: &Rows, eq: &[f64], ineq: &[f64]) -> f64 {
+        self.eq = [0.0; EQUALITIES];
+        self.ineq.fill(0.0);
+        let mut largest = 0.0_f64;
+        for (id, m) in rows.eq_id.iter().zip(eq) {
+            self.eq[*id] = m.clamp(-CURVATURE_CAP, CURVATURE_CAP);
+            largest = largest.max(m.abs());
+        }
+        for (id, m) in rows.ineq_id.iter().zip(ineq) {
+            self.ineq[*id] = m.min(CURVATURE_CAP);
+            largest = largest.max(m.abs());
+        }
+        largest
     }
 }
 
@@ -46,36 +85,54 @@ pub(crate) struct Local {
     /// Largest violation of a scaled row.
     pub(crate) violation: f64,
     pub(crate) iterations: usize,
-    /// Multipliers of the inequalities.
-    pub(crate) multipliers: Box<[f64; INEQUALITIES]>,
+    pub(crate) multipliers: Multipliers,
 }
 
 /// Rows of one evaluation.
+#[derive(Default)]
 struct Rows {
-    n: usize,
     objective: f64,
     gradient: Row,
-    eq: Vec<(usize, Constraint)>,
-    ineq: Vec<(usize, Constraint)>,
+    eq_id: Vec<usize>,
+    eq: Vec<Constraint>,
+    ineq_id: Vec<usize>,
+    ineq: Vec<Constraint>,
 }
 
 impl Rows {
-    fn new(n: usize) -> Self {
-        Self {
-            n,
-            objective: 0.0,
-            gradient: [0.0; DIM],
-            eq: Vec::with_capacity(EQUALITIES),
-            ineq: Vec::with_capacity(96),
-        }
-    }
-
-    fn clear(&mut self) {
+    fn evaluate(&mut self, problem: &Problem<'_>, layout: &Layout, x: &Row, cuts: &[Cut]) {
         self.objective = 0.0;
         self.gradient = [0.0; DIM];
+        self.eq_id.clear();
         self.eq.clear();
+        self.ineq_id.clear();
         self.ineq.clear();
+        evaluate(problem, layout, x, cuts, self);
     }
+
+    /// Largest violation; NaN if a row has no value.
+    fn worst(&self) -> f64 {
+        let mut worst = 0.0_f64;
+        for v in self.eq.iter().map(|r| r.c.abs()).chain(self.ineq.iter().map(|r| -r.c)) {
+            if v.is_nan() {
+                return f64::NAN;
+            }
+            worst = worst.max(v);
+        }
+        worst
+    }
+
+    fn total(&self) -> f64 {
+        // Written so that NaN counts as violated.
+        let short = |c: f64| if c >= 0.0 { 0.0 } else { -c };
+        self.eq.iter().map(|r| r.c.abs()).sum::<f64>() + self.ineq.iter().map(|r| short(r.c)).sum::<f64>()
+    }
+}
+
+fn constraint(value: f64, gradient: impl FnOnce(&mut Gradient<'_>)) -> Constraint {
+    let mut a = [0.0; DIM];
+    gradient(&mut Gradient { row: &mut a, factor: 1.0 });
+    Constraint { a, c: value }
 }
 
 impl Sink for Rows {
@@ -90,51 +147,18 @@ impl Sink for Rows {
         gradient(&mut Gradient { row: &mut self.gradient, factor: 1.0 });
     }
     fn eq(&mut self, id: usize, value: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
-        let mut a = [0.0; DIM];
-        gradient(&mut Gradient { row: &mut a, factor: 1.0 });
-        self.eq.push((id, Constraint { a, c: value }));
+        self.eq_id.push(id);
+        self.eq.push(constraint(value, gradient));
     }
     fn ineq(&mut self, id: usize, value: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
-        let mut a = [0.0; DIM];
-        gradient(&mut Gradient { row: &mut a, factor: 1.0 });
-        self.ineq.push((id, Constraint { a, c: value }));
-    }
-}
-
-/// Objective and violations only.
-#[derive(Default)]
-struct Values {
-    objective: f64,
-    sum: f64,
-    worst: f64,
-}
-
-impl Sink for Values {
-    fn wants(&self, _: usize) -> bool {
-        true
-    }
-    fn wants_eq(&self, _: usize) -> bool {
-        true
-    }
-    fn objective(&mut self, value: f64, _: impl FnOnce(&mut Gradient<'_>)) {
-        self.objective = value;
-    }
-    fn eq(&mut self, _: usize, value: f64, _: impl FnOnce(&mut Gradient<'_>)) {
-        self.sum += value.abs();
-        self.worst = self.worst.max(value.abs());
-    }
-    fn ineq(&mut self, _: usize, value: f64, _: impl FnOnce(&mut Gradient<'_>)) {
-        // Written so that NaN counts as violated.
-        let violation = if value >= 0.0 { 0.0 } else { -value };
-        self.sum += violation;
-        self.worst = self.worst.max(violation);
+        self.ineq_id.push(id);
+        self.ineq.push(constraint(value, gradient));
     }
 }
 
 /// Gradient of the Lagrangian `f - Σ λ c` for fixed multipliers.
 struct Lagrangian<'a> {
-    eq: &'a [f64; EQUALITIES],
-    ineq: &'a [f64; INEQUALITIES],
+    at: &'a Multipliers,
     gradient: Row,
 }
 
@@ -148,19 +172,19 @@ impl Lagrangian<'_> {
 
 impl Sink for Lagrangian<'_> {
     fn wants(&self, id: usize) -> bool {
-        self.ineq[id] != 0.0
+        self.at.ineq[id] != 0.0
     }
     fn wants_eq(&self, id: usize) -> bool {
-        self.eq[id] != 0.0
+        self.at.eq[id] != 0.0
     }
     fn objective(&mut self, _: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
         gradient(&mut Gradient { row: &mut self.gradient, factor: 1.0 });
     }
     fn eq(&mut self, id: usize, _: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
-        self.add(self.eq[id], gradient);
+        self.add(self.at.eq[id], gradient);
     }
     fn ineq(&mut self, id: usize, _: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
-        self.add(self.ineq[id], gradient);
+        self.add(self.at.ineq[id], gradient);
     }
 }
 
@@ -173,37 +197,36 @@ fn hessian(
     layout: &Layout,
     x: &Row,
     cuts: &[Cut],
-    eq: &[f64; EQUALITIES],
-    ineq: &[f64; INEQUALITIES],
+    at: &Multipliers,
     out: &mut Square,
 ) {
     let n = layout.n;
     for row in out.iter_mut().take(n) {
         row[..n].fill(0.0);
     }
-    let sink = || Lagrangian { eq, ineq, gradient: [0.0; DIM] };
+    let sink = || Lagrangian { at, gradient: [0.0; DIM] };
     let mut base = sink();
     spline_rows(problem, layout, x, &mut base);
     let mut moved = *x;
     for k in (QD..n).filter(|k| *k != F) {
         let eps = DIFFERENCE_STEP * x[k].abs().max(1.0);
         moved[k] = x[k] + eps;
-        let mut at = sink();
-        spline_rows(problem, layout, &moved, &mut at);
+        let mut there = sink();
+        spline_rows(problem, layout, &moved, &mut there);
         moved[k] = x[k];
         for i in QD..n {
-            let second = 0.5 * (at.gradient[i] - base.gradient[i]) / eps;
+            let second = 0.5 * (there.gradient[i] - base.gradient[i]) / eps;
             out[k][i] += second;
             out[i][k] += second;
         }
         // q enters the spline rows linearly: only its coupling is left.
         for i in Q..QD {
-            let second = (at.gradient[i] - base.gradient[i]) / eps;
+            let second = (there.gradient[i] - base.gradient[i]) / eps;
             out[k][i] += second;
             out[i][k] += second;
         }
     }
-    if eq.iter().all(|l| *l == 0.0) {
+    if at.eq.iter().all(|l| *l == 0.0) {
         return;
     }
     let mut base = sink();
@@ -213,11 +236,11 @@ fn hessian(
     for k in (0..n).filter(|k| bends(*k)) {
         let eps = DIFFERENCE_STEP * x[k].abs().max(1.0);
         moved[k] = x[k] + eps;
-        let mut at = sink();
-        kinematic_rows(problem, layout, &moved, cuts, &mut at);
+        let mut there = sink();
+        kinematic_rows(problem, layout, &moved, cuts, &mut there);
         moved[k] = x[k];
         for i in 0..n {
-            let second = (at.gradient[i] - base.gradient[i]) / eps;
+            let second = (there.gradient[i] - base.gradient[i]) / eps;
             if bends(i) {
                 out[k][i] += 0.5 * second;
                 out[i][k] += 0.5 * second;
@@ -241,60 +264,100 @@ const CURVATURE_CAP: f64 = 300.0;
 const RELAX_PRICE: f64 = 1e4;
 const RELAX_DAMPING: f64 = 30.0;
 const RELAX_CAP: f64 = 1e2;
-/// A run whose violation has not halved within this many steps is at a stationary point of the violation.
-const PATIENCE: usize = 25;
+/// After a full step shorter than this in every variable the factors are used again, unless that has just failed to
+/// bring the violation down to the given share.
+const CHORD_STEP: f64 = 0.04;
+const CHORD_SHARE: f64 = 0.2;
+/// Below this violation one step back into the constraints suffices.
+const NEARLY_FEASIBLE: f64 = 1e-4;
+/// Smallest shift of an indefinite matrix.
+const TAU_MIN: f64 = 1e-3;
 /// Merit values remembered.
 const MEMORY: usize = 4;
 
-/// Solves from `x`; always returns the best point of the run, feasible or not (see [`Local::violation`]).
+/// Multipliers at a throw that is optimal for a target near this one (a stored throw).
+///
+/// At an optimum a program with any positive definite matrix has the step zero and the multipliers of the optimum. The
+/// launch is taken as if it hit: only the target has changed since.
+pub(crate) fn multipliers_at(
+    problem: &Problem<'_>,
+    layout: &Layout,
+    x: &Row,
+    cuts: &[Cut],
+) -> Option<Multipliers> {
+    let mut rows = Rows::default();
+    rows.evaluate(problem, layout, x, cuts);
+    for row in &mut rows.eq {
+        row.c = 0.0;
+    }
+    for row in &mut rows.ineq {
+        row.c = row.c.max(0.0);
+    }
+    if !rows.objective.is_finite() || rows.worst().is_nan() {
+        return None;
+    }
+    let solution =
+        qp::solve(&Factor::identity(), &rows.gradient, layout.n, &rows.eq, &rows.ineq, &[]).ok()?;
+    let mut out = Multipliers::zero();
+    out.set(&rows, &solution.eq, &solution.ineq);
+    Some(out)
+}
+
+/// Solves from `start`; always returns the last point of the run, feasible or not (see [`Local::violation`]).
+///
+/// `warm` are multipliers to begin with, from a near solution.
 pub(crate) fn solve(
     problem: &Problem<'_>,
     layout: &Layout,
     start: &Row,
     cuts: &[Cut],
     settings: &Settings,
+    warm: Option<Multipliers>,
 ) -> Local {
     let n = layout.n;
     let mut x = *start;
-    let mut rows = Rows::new(n);
-    let mut lambda_eq = [0.0; EQUALITIES];
-    let mut lambda = Box::new([0.0; INEQUALITIES]);
+    let (mut rows, mut next) = (Rows::default(), Rows::default());
+    rows.evaluate(problem, layout, &x, cuts);
+    let mut believed = warm.is_some();
+    let mut multipliers = warm.unwrap_or_else(Multipliers::zero);
     let mut penalty = 10.0_f64;
     let mut memory: Vec<(f64, f64)> = Vec::with_capacity(MEMORY);
     let mut iterations = 0;
-    let mut constraints: Vec<Constraint> = Vec::with_capacity(128);
-    let mut violation = f64::INFINITY;
+    let mut likely: Vec<usize> = Vec::new();
+    let mut violation = rows.worst();
     let mut stalls = 0;
     let mut w = [[0.0; DIM]; DIM];
+    let mut factor: Option<Factor> = None;
+    let mut tau = TAU_MIN;
     let mut mark = (f64::INFINITY, 0);
-    while iterations < settings.iterations_max {
+    while iterations < settings.iterations_max && violation.is_finite() && rows.objective.is_finite() {
         iterations += 1;
-        rows.clear();
-        evaluate(problem, layout, &x, cuts, &mut rows);
-        violation = worst(&rows);
-        if !violation.is_finite() || !rows.objective.is_finite() {
-            break;
-        }
-        hessian(problem, layout, &x, cuts, &lambda_eq, &lambda, &mut w);
-        constraints.clear();
-        constraints.extend(rows.eq.iter().map(|r| r.1));
-        constraints.extend(rows.ineq.iter().map(|r| r.1));
-        // Variables that do not matter (a shift along a fixed axis) need some curvature.
-        for (k, row) in w.iter_mut().enumerate().take(n) {
-            row[k] += 1e-6;
-        }
         if violation < 0.5 * mark.0 || violation <= 1e-5 {
             mark = (violation, iterations);
-        } else if iterations - mark.1 > PATIENCE {
+        } else if iterations - mark.1 > settings.patience {
             break;
         }
-        let Some(l) = convexify(&mut w, &constraints[..rows.eq.len()], n) else { break };
+        if factor.is_none() {
+            hessian(problem, layout, &x, cuts, &multipliers, &mut w);
+            // Variables that do not matter (a shift along a fixed axis) need some curvature.
+            for (k, row) in w.iter_mut().enumerate().take(n) {
+                row[k] += 1e-6;
+            }
+            factor = convexify(&mut w, &rows.eq, n, &mut tau);
+        }
+        let Some(used) = factor.take() else { break };
+        likely.clear();
+        likely.extend((0..rows.ineq.len()).filter(|k| multipliers.ineq[rows.ineq_id[*k]] > 0.0));
         // A program that is feasible only by a huge step says nothing about here: treat it like an infeasible one.
         let far = |d: &Row| d[Q..QD].iter().any(|d| d.abs() > STEP_FAR_RAD);
-        let (d, multipliers) = match qp::solve(&l, &rows.gradient, n, &constraints, rows.eq.len()) {
-            Ok(s) if !far(&s.d) => (s.d, s.multipliers),
-            Ok(_) | Err(QpFailure::Infeasible | QpFailure::Numerical) => match relaxed(&w, &rows) {
-                Some(found) => found,
+        let mut plain = true;
+        let (d, eq, ineq) = match qp::solve(&used, &rows.gradient, n, &rows.eq, &rows.ineq, &likely) {
+            Ok(s) if !far(&s.d) => (s.d, s.eq, s.ineq),
+            Ok(_) | Err(QpFailure::Infeasible | QpFailure::Numerical) => match relaxed(&w, &rows, n) {
+                Some(found) => {
+                    plain = false;
+                    found
+                }
                 None => break,
             },
         };
@@ -305,23 +368,13 @@ pub(crate) fn solve(
                 step_limit = step_limit.min(STEP_MAX_RAD / big);
             }
         }
-        lambda_eq = [0.0; EQUALITIES];
-        lambda.fill(0.0);
-        let mut largest = 0.0_f64;
-        for ((id, _), m) in rows.eq.iter().zip(&multipliers) {
-            lambda_eq[*id] = m.clamp(-CURVATURE_CAP, CURVATURE_CAP);
-            largest = largest.max(m.abs());
-        }
-        for ((id, _), m) in rows.ineq.iter().zip(&multipliers[rows.eq.len()..]) {
-            lambda[*id] = m.min(CURVATURE_CAP);
-            largest = largest.max(m.abs());
-        }
+        let largest = multipliers.set(&rows, &eq, &ineq);
         let wanted = (1.5 * largest + 1.0).min(1e6);
         // The penalty follows the multipliers up at once and down slowly.
         penalty = if wanted > penalty { wanted } else { (0.7 * penalty + 0.3 * wanted).max(1.0) };
 
         let slope: f64 = rows.gradient.iter().zip(&d).take(n).map(|(g, d)| g * d).sum();
-        let total = total_violation(&rows);
+        let total = rows.total();
         let predicted = slope - penalty * total;
         let small_change = slope.abs() <= settings.objective * rows.objective.abs().max(1e-3);
         if violation <= settings.feasibility && small_change {
@@ -329,6 +382,15 @@ pub(crate) fn solve(
         }
         if violation <= 1e-6 && rows.objective + 4.0 * slope > settings.give_up_above && slope.abs() < 0.5 {
             break;
+        }
+        // Nothing left to gain but not feasible yet: steps along a nearly flat valley would bend out of the constraints
+        // again and again, so only go back into them, the shortest way.
+        let mut d = d;
+        if believed && small_change && violation < NEARLY_FEASIBLE {
+            match qp::solve(&used, &[0.0; DIM], n, &rows.eq, &rows.ineq, &likely) {
+                Ok(back) => d = back.d,
+                Err(QpFailure::Infeasible | QpFailure::Numerical) => {}
+            }
         }
         let reference =
             memory.iter().map(|(f, v)| f + penalty * v).fold(rows.objective + penalty * total, f64::max);
@@ -344,9 +406,8 @@ pub(crate) fn solve(
                 trial[k] += alpha * d[k];
             }
             if trial[F] > 1e-3 && trial[HA] > 1e-3 && trial[HB] > 1e-3 {
-                let mut values = Values::default();
-                evaluate(problem, layout, &trial, cuts, &mut values);
-                let merit = values.objective + penalty * values.sum;
+                next.evaluate(problem, layout, &trial, cuts);
+                let merit = next.objective + penalty * next.total();
                 if merit <= reference + 1e-4 * alpha * predicted.min(0.0) + 1e-12 * reference.abs() {
                     x = trial;
                     accepted = true;
@@ -355,7 +416,9 @@ pub(crate) fn solve(
             }
             alpha *= 0.5;
         }
-        if !accepted {
+        if accepted {
+            std::mem::swap(&mut rows, &mut next);
+        } else {
             stalls += 1;
             memory.clear();
             if stalls > 1 {
@@ -365,39 +428,35 @@ pub(crate) fn solve(
             for k in 0..n {
                 x[k] += alpha * d[k];
             }
+            rows.evaluate(problem, layout, &x, cuts);
         }
+        let before = violation;
+        violation = rows.worst();
+        let full = accepted && alpha >= 1.0 && plain;
+        // The step that has just been taken was the last one needed.
+        if full && believed && small_change && violation <= settings.feasibility {
+            break;
+        }
+        let short = d.iter().take(n).all(|d| d.abs() < CHORD_STEP);
+        if full && believed && short && violation <= (CHORD_SHARE * before).max(1e-7) {
+            factor = Some(used);
+        }
+        believed = plain;
     }
-    rows.clear();
-    evaluate(problem, layout, &x, cuts, &mut rows);
-    if worst(&rows).is_finite() {
-        violation = worst(&rows);
-    }
-    Local { x, objective: rows.objective, violation, iterations, multipliers: lambda }
+    Local { x, objective: rows.objective, violation, iterations, multipliers }
 }
 
 /// Evaluates all rows with gradients once; the largest violation.
 pub(crate) fn evaluate_once(problem: &Problem<'_>, throw: &super::throw::Throw) -> f64 {
     let layout = Layout::new(problem, None);
-    let mut rows = Rows::new(layout.n);
-    evaluate(problem, &layout, &layout.variables(throw), &[], &mut rows);
-    worst(&rows)
+    let mut rows = Rows::default();
+    rows.evaluate(problem, &layout, &layout.variables(throw), &[]);
+    rows.worst()
 }
 
-fn worst(rows: &Rows) -> f64 {
-    let eq = rows.eq.iter().map(|r| r.1.c.abs()).fold(0.0, f64::max);
-    let ineq = rows.ineq.iter().map(|r| -r.1.c).fold(0.0, f64::max);
-    if rows.eq.iter().chain(&rows.ineq).any(|r| r.1.c.is_nan()) { f64::NAN } else { eq.max(ineq) }
-}
-
-fn total_violation(rows: &Rows) -> f64 {
-    rows.eq.iter().map(|r| r.1.c.abs()).sum::<f64>()
-        + rows.ineq.iter().map(|r| (-r.1.c).max(0.0)).sum::<f64>()
-}
-
-/// Turns W into `W + ρ A_EᵀA_E + τ I`, as little as makes it positive definite, and returns its Cholesky factor.
-fn convexify(w: &mut Square, equalities: &[Constraint], n: usize) -> Option<Square> {
-    let scale = (0..n).map(|k| w[k][k].abs()).fold(1.0, f64::max);
-    for add in [1.0, 9.0, 90.0] {
+/// Turns W into `W + ρ A_EᵀA_E (+ τ I)`, as little as makes it positive definite, and factorises it.
+fn convexify(w: &mut Square, equalities: &[Constraint], n: usize, tau: &mut f64) -> Option<Factor> {
+    for add in [10.0, 90.0] {
         for constraint in equalities {
             for i in 0..n {
                 let ai = add * constraint.a[i];
@@ -408,26 +467,27 @@ fn convexify(w: &mut Square, equalities: &[Constraint], n: usize) -> Option<Squa
                 }
             }
         }
-        if let Some(l) = qp::cholesky(w, n) {
-            return Some(l);
+        if let Some(factor) = Factor::new(w, n) {
+            return Some(factor);
         }
     }
-    let mut tau = 1e-3;
-    while tau <= 1e4 * scale {
+    // The last shift is a good guess of this one.
+    *tau = (0.1 * *tau).max(TAU_MIN);
+    let scale = (0..n).map(|k| w[k][k].abs()).fold(1.0, f64::max);
+    while *tau <= 1e4 * scale {
         for (k, row) in w.iter_mut().enumerate().take(n) {
-            row[k] += tau;
+            row[k] += *tau;
         }
-        if let Some(l) = qp::cholesky(w, n) {
-            return Some(l);
+        if let Some(factor) = Factor::new(w, n) {
+            return Some(factor);
         }
-        tau *= 4.0;
+        *tau *= 4.0;
     }
     None
 }
 
 /// The program with the violated constraints as a quadratic price instead of rows: always feasible at d = 0.
-fn relaxed(w: &Square, rows: &Rows) -> Option<(Row, Vec<f64>)> {
-    let n = rows.n;
+fn relaxed(w: &Square, rows: &Rows, n: usize) -> Option<(Row, Vec<f64>, Vec<f64>)> {
     let mut h = *w;
     let mut g = rows.gradient;
     let mut hard: Vec<Constraint> = Vec::with_capacity(rows.ineq.len());
@@ -441,34 +501,31 @@ fn relaxed(w: &Square, rows: &Rows) -> Option<(Row, Vec<f64>)> {
             }
         }
     };
-    for (_, c) in &rows.eq {
+    for c in &rows.eq {
         soften(c);
     }
-    for (_, c) in &rows.ineq {
+    for c in &rows.ineq {
         if c.c < 0.0 { soften(c) } else { hard.push(*c) }
     }
     for (k, row) in h.iter_mut().enumerate().take(n) {
         row[k] += RELAX_DAMPING;
     }
-    let mut l = qp::cholesky(&h, n);
+    let mut factor = Factor::new(&h, n);
     let mut tau = 1.0;
-    while l.is_none() && tau < 1e9 {
+    while factor.is_none() && tau < 1e9 {
         for (k, row) in h.iter_mut().enumerate().take(n) {
             row[k] += tau;
         }
         tau *= 4.0;
-        l = qp::cholesky(&h, n);
+        factor = Factor::new(&h, n);
     }
-    let l = l?;
-    let d = qp::solve(&l, &g, n, &hard, 0).ok()?.d;
+    let factor = factor?;
+    let d = qp::solve(&factor, &g, n, &[], &hard, &[]).ok()?.d;
     // First-order multipliers of the priced rows.
     let along = |c: &Constraint| c.a.iter().zip(&d).take(n).map(|(a, d)| a * d).sum::<f64>() + c.c;
-    let mut multipliers: Vec<f64> =
-        rows.eq.iter().map(|r| (-RELAX_PRICE * along(&r.1)).clamp(-RELAX_CAP, RELAX_CAP)).collect();
-    multipliers.extend(
-        rows.ineq
-            .iter()
-            .map(|r| if r.1.c < 0.0 { (-RELAX_PRICE * along(&r.1)).clamp(0.0, RELAX_CAP) } else { 0.0 }),
-    );
-    Some((d, multipliers))
+    let eq = rows.eq.iter().map(|r| (-RELAX_PRICE * along(r)).clamp(-RELAX_CAP, RELAX_CAP)).collect();
+    let priced =
+        |r: &Constraint| if r.c < 0.0 { (-RELAX_PRICE * along(r)).clamp(0.0, RELAX_CAP) } else { 0.0 };
+    let ineq = rows.ineq.iter().map(priced).collect();
+    Some((d, eq, ineq))
 }

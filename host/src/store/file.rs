@@ -11,7 +11,7 @@ use super::record::{Record, SIZE, crc32};
 
 const MAGIC: &[u8; 8] = b"CUBESTOR";
 /// Version of the file format.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 const HEADER: usize = 8 + 4 + 8 + 4;
 
 /// The store could not be opened or written.
@@ -80,7 +80,7 @@ fn header(robot: u64) -> [u8; HEADER] {
 /// Reads the bytes of a store: records, and how many were damaged.
 ///
 /// # Errors
-/// If the bytes are of a newer version or another robot. A damaged header is not an error here: it counts as damage,
+/// If the bytes are of a newer version or another robot. An older version counts as damage. A damaged header is not an error here: it counts as damage,
 /// and records are still looked for behind it.
 pub fn parse(path: &Path, bytes: &[u8], robot: u64) -> Result<(Vec<Record>, usize), StoreError> {
     let mut damaged = 0;
@@ -90,6 +90,10 @@ pub fn parse(path: &Path, bytes: &[u8], robot: u64) -> Result<(Vec<Record>, usiz
         let found = u32::from_le_bytes([head[8], head[9], head[10], head[11]]);
         if found > VERSION {
             return Err(StoreError::Newer { path: path.to_owned(), found });
+        }
+        if found < VERSION {
+            // Records of another length: starts can be found again, so they are not worth a second reader.
+            return Ok((Vec::new(), 1));
         }
         let found = u64::from_le_bytes(std::array::from_fn(|i| head[12 + i]));
         if found != robot {
@@ -207,7 +211,15 @@ mod tests {
             ha_s: 0.5,
             hb_s: 0.25,
         };
-        Record { kind: 1, range_m, height_m: 0.0, objective: 1.0, throw }
+        Record {
+            kind: 1,
+            range_m,
+            height_m: 0.0,
+            objective: 1.0,
+            slope_per_m: [0.0; 2],
+            touches: false,
+            throw,
+        }
     }
 
     fn folder(name: &str) -> PathBuf {

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use super::record::Record;
 
 /// Edge of an index cell in m.
-const CELL_M: f64 = 0.1;
+const CELL_M: f64 = 0.05;
 
 /// Records sorted into cells of (range, height).
 #[derive(Debug, Clone, Default)]
@@ -63,10 +63,10 @@ impl Index {
                 break;
             }
         }
-        // One cell of distance is worth about a tenth of the objective.
+        // A metre of distance is worth as much as the objective.
         let key = |x: &Record| {
-            let d = (x.range_m - range_m).hypot(x.height_m - height_m) / CELL_M;
-            x.objective * (1.0 + 0.1 * d)
+            let d = (x.range_m - range_m).hypot(x.height_m - height_m);
+            x.objective * (1.0 + d)
         };
         out.sort_by(|a, b| key(a).total_cmp(&key(b)));
     }

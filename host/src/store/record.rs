@@ -13,12 +13,20 @@ pub struct Record {
     pub height_m: f64,
     /// Objective (1).
     pub objective: f64,
+    /// Change of the objective with range and height of the target, in 1/m.
+    pub slope_per_m: [f64; 2],
+    /// Whether a clearance or a current over the motion is at its limit.
+    pub touches: bool,
     /// The throw; joint 1 counted from the direction of the target.
     pub throw: Throw,
 }
 
-/// Bytes of a record without its checksum: kind and 24 numbers.
-pub(super) const BODY: usize = 4 + 24 * 4;
+/// Numbers of a record.
+const NUMBERS: usize = 26;
+/// Bytes of a record without its checksum: kind and numbers.
+pub(super) const BODY: usize = 4 + NUMBERS * 4;
+/// Bit of the first word beside the kind.
+const TOUCHES: u32 = 1 << 31;
 /// Bytes of a record.
 pub(super) const SIZE: usize = BODY + 4;
 
@@ -29,7 +37,8 @@ impl Record {
     #[must_use]
     pub fn to_bytes(&self) -> [u8; SIZE] {
         let mut out = [0; SIZE];
-        out[..4].copy_from_slice(&self.kind.to_le_bytes());
+        let head = self.kind | if self.touches { TOUCHES } else { 0 };
+        out[..4].copy_from_slice(&head.to_le_bytes());
         for (i, value) in self.numbers().into_iter().enumerate() {
             out[4 + 4 * i..8 + 4 * i].copy_from_slice(&(value as f32).to_le_bytes());
         }
@@ -48,8 +57,8 @@ impl Record {
         if u32::from_le_bytes(word(BODY / 4)?) != crc32(&bytes[..BODY]) {
             return None;
         }
-        let kind = u32::from_le_bytes(word(0)?);
-        let mut n = [0.0; 24];
+        let head = u32::from_le_bytes(word(0)?);
+        let mut n = [0.0; NUMBERS];
         for (i, value) in n.iter_mut().enumerate() {
             *value = f64::from(f32::from_le_bytes(word(1 + i)?));
             if !value.is_finite() {
@@ -58,10 +67,12 @@ impl Record {
         }
         let joints = |at: usize| Joints::from_column_slice(&n[at..at + JOINTS]);
         Some(Self {
-            kind,
+            kind: head & !TOUCHES,
             range_m: n[0],
             height_m: n[1],
             objective: n[2],
+            slope_per_m: [n[24], n[25]],
+            touches: head & TOUCHES != 0,
             throw: Throw {
                 flight_s: n[3],
                 ha_s: n[4],
@@ -73,13 +84,14 @@ impl Record {
         })
     }
 
-    fn numbers(&self) -> [f64; 24] {
+    fn numbers(&self) -> [f64; NUMBERS] {
         let t = &self.throw;
-        let mut n = [0.0; 24];
+        let mut n = [0.0; NUMBERS];
         n[..6].copy_from_slice(&[self.range_m, self.height_m, self.objective, t.flight_s, t.ha_s, t.hb_s]);
         n[6..12].copy_from_slice(t.q_rad.as_slice());
         n[12..18].copy_from_slice(t.qd_rad_s.as_slice());
         n[18..24].copy_from_slice(t.qdd_rad_s2.as_slice());
+        n[24..].copy_from_slice(&self.slope_per_m);
         n
     }
 }
@@ -129,6 +141,8 @@ mod tests {
             range_m: 1.5,
             height_m: -0.25,
             objective: 31.25,
+            slope_per_m: [12.5, -3.0],
+            touches: true,
             throw: Throw {
                 q_rad: Joints::from_element(0.5),
                 qd_rad_s: Joints::from_element(-1.25),

@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 use robot_model::Pose;
 
+use super::ball::{self, Ball};
 use super::boxes::{distance_m, lowest_m, point_distance_m};
 use super::chain::Chain;
 use super::{forces, motion};
@@ -16,6 +17,9 @@ const STEP_S: f64 = 1e-3;
 const SHARE_TOLERANCE: f64 = 1e-6;
 /// Overshoot of a joint range that counts as kept, in rad.
 const RANGE_TOLERANCE_RAD: f64 = 1e-6;
+/// Delay of the central difference, and slope that counts as none in m/s (mm per ms).
+const SLOPE_DELAY_S: f64 = 1e-3;
+const SLOPE_TOLERANCE_M_S: f64 = 0.01;
 /// Miss that counts as a hit, in m.
 const LANDING_TOLERANCE_M: f64 = 1e-4;
 
@@ -146,14 +150,16 @@ pub fn check(arm: &Arm, plan: &PlanFile) -> Report {
     currents(arm, &chain, plan, &mut motor, &mut supply);
 
     // The release: position of the ball by the chain, its velocity by differences in time.
-    let ball = |t: f64| place(t).1.pos;
-    let dt = 1e-5;
-    let p = ball(plan.release_time_s);
-    let v = (ball(plan.release_time_s + dt) - ball(plan.release_time_s - dt)) / (2.0 * dt);
+    let release = |t: f64| {
+        let ball = |t: f64| place(t).1.pos;
+        let dt = 1e-5;
+        (ball(t), (ball(t + dt) - ball(t - dt)) / (2.0 * dt))
+    };
+    let (p, v) = release(plan.release_time_s);
     let (miss, ball_near) = flight(arm, plan, &place, &p, &v);
 
     let over_motion = claims("currents over the motion");
-    let findings = vec![
+    let mut findings = vec![
         range.finding("joint ranges", RANGE_TOLERANCE_RAD, "rad beyond", true),
         speed.finding("joint speeds", 1.0 + SHARE_TOLERANCE, "of the limit", true),
         acceleration.finding("joint accelerations", 1.0 + SHARE_TOLERANCE, "of the limit", true),
@@ -189,6 +195,7 @@ pub fn check(arm: &Arm, plan: &PlanFile) -> Report {
             enforced: claims("clearance of the released ball"),
         },
     ];
+    findings.extend(delays(plan, &release));
     Report { findings, samples: steps + 1 }
 }
 
@@ -242,7 +249,7 @@ fn currents(arm: &Arm, chain: &Chain, plan: &PlanFile, motor: &mut Worst, supply
     }
 }
 
-/// Flies the ball in small steps of its own (Heun) and returns the miss and the nearest box on the way.
+/// Flies the ball and returns the miss and the nearest box on the way.
 fn flight(
     arm: &Arm,
     plan: &PlanFile,
@@ -250,35 +257,61 @@ fn flight(
     p: &Vector3<f64>,
     v: &Vector3<f64>,
 ) -> (Option<f64>, Worst) {
-    let l = &plan.landing;
-    let magnus = Vector3::from(l.magnus_rad_s);
-    let acceleration = |v: &Vector3<f64>| {
-        Vector3::new(0.0, 0.0, -l.gravity_m_s2) - v * (l.drag_per_m * v.norm()) + magnus.cross(v)
-    };
-    let (mut p, mut v) = (*p, *v);
     let target = Vector3::from(plan.target.position_m);
     let boxes = arm.collision().boxes();
     let radius_m = arm.gripper().ball_radius_m;
     let mut near = Worst::new();
-    let (mut s, dt) = (0.0, 2e-4);
-    while s < 10.0 {
-        let a = acceleration(&v);
-        let b = acceleration(&(v + a * dt));
-        let (p1, v1) = (p + v * dt + a * (0.5 * dt * dt), v + (a + b) * (0.5 * dt));
-        if p1.z <= target.z && v1.z < 0.0 && p.z >= target.z {
-            let share = (p.z - target.z) / (p.z - p1.z);
-            let at = p + (p1 - p) * share;
-            return (Some((at - target).norm()), near);
-        }
-        (p, v) = (p1, v1);
-        s += dt;
-        if s >= RELEASE_BLIND_S && s <= l.flight_s && ((s / dt).round() as u64).is_multiple_of(10) {
+    let landed = Ball::new(&plan.landing).land(p, v, target.z, |s, p| {
+        let due = ((s / ball::STEP_S).round() as u64).is_multiple_of(10);
+        if s >= RELEASE_BLIND_S && s <= plan.landing.flight_s && due {
             let (placed, _) = place(plan.release_time_s + s);
             for (k, body) in boxes.iter().enumerate() {
-                let distance = point_distance_m(&placed[k], &body.half_m, &p) - radius_m;
+                let distance = point_distance_m(&placed[k], &body.half_m, p) - radius_m;
                 near.see(-distance, plan.release_time_s + s, || format!("\"{}\"", body.name));
             }
         }
+    });
+    (landed.map(|at| (at - target).norm()), near)
+}
+
+/// Landings of late and early releases: to first order, and at the delays the plan states.
+fn delays(plan: &PlanFile, release: &dyn Fn(f64) -> (Vector3<f64>, Vector3<f64>)) -> Vec<Finding> {
+    let z_m = plan.target.position_m[2];
+    let ball = Ball::new(&plan.landing);
+    let landing = |delay_s: f64| {
+        let (p, v) = release(plan.release_time_s + delay_s);
+        ball.land(&p, &v, z_m, |_, _| {})
+    };
+    let slope = landing(SLOPE_DELAY_S)
+        .zip(landing(-SLOPE_DELAY_S))
+        .map(|(late, early)| (late - early).norm() / (2.0 * SLOPE_DELAY_S));
+    let mut findings = vec![Finding {
+        what: "landing unmoved by a late release, to first order".to_owned(),
+        ok: slope.is_some_and(|s| s <= SLOPE_TOLERANCE_M_S),
+        worst: slope
+            .map_or_else(|| "the ball does not come down".to_owned(), |s| format!("{s:.4} mm per ms")),
+        at_s: None,
+        enforced: plan.checks.iter().any(|c| c.enforced && c.what.contains("unmoved by a late release")),
+    }];
+    let on_time = landing(0.0);
+    for shift in &plan.landing.delay_shifts {
+        let worst = landing(shift.delay_s)
+            .zip(landing(-shift.delay_s))
+            .zip(on_time)
+            .map(|((late, early), on_time)| (late - on_time).norm().max((early - on_time).norm()));
+        findings.push(Finding {
+            what: format!("shift of the landing over ±{:.0} ms of release time", shift.delay_s * 1e3),
+            ok: worst.is_some_and(|w| w <= shift.limit_m.unwrap_or(f64::INFINITY)),
+            worst: worst.map_or_else(
+                || "the ball does not come down".to_owned(),
+                |w| {
+                    let limit = shift.limit_m.map_or_else(String::new, |l| format!(" of {:.1} mm", l * 1e3));
+                    format!("{:.2} mm{limit}", w * 1e3)
+                },
+            ),
+            at_s: None,
+            enforced: shift.limit_m.is_some(),
+        });
     }
-    (None, near)
+    findings
 }

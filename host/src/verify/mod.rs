@@ -7,10 +7,12 @@
 //! | [`chain`] | frame by frame, Jacobians | product of exponentials; velocities by differences in time |
 //! | [`forces`] | recursive Newton-Euler | momentum of every body by differences in time, summed in the world frame |
 //! | [`boxes`] | separating axes, features | alternating projections between convex sets |
+//! | [`ball`] | closed form, Runge-Kutta with variations | Heun in small steps |
 //! | [`mod@check`] | rows and margins | one pass over the grid, findings with time and place |
 //!
 //! Slow on purpose (a tenth of a second): nothing here is clever, so that it can be believed.
 
+pub mod ball;
 pub mod boxes;
 pub mod chain;
 pub mod check;

@@ -149,18 +149,15 @@ impl Rig {
         Problem::new(&self.arm, Vector3::from(target_m), Options::best()).ok()
     }
 
-    /// The throw that the stored ones lead to; `None` if the target is beyond them.
+    /// A throw to the target; `None` if it is out of reach.
     pub(crate) fn plan(&self, target_m: [f64; 3]) -> Option<PlanFile> {
         let problem = self.problem(target_m)?;
-        let found = Planner::new(&problem).from_index(&self.index, 4)?;
-        let best = Best {
-            throw: found.throw,
-            objective: found.objective,
-            starts: 1,
-            solved: 1,
-            interrupted: false,
-            others: Vec::new(),
-        };
+        let planner = Planner::new(&problem);
+        let budget = Budget { starts: 12, time: None, seed: 1 };
+        // Between the stored throws a few random starts may be needed.
+        let search = || planner.attempt(&self.index, &budget, &Watch::default()).ok().map(|best| best.found);
+        let found = planner.from_index(&self.index, 6).or_else(search)?;
+        let best = Best { found, starts: 1, solved: 1, interrupted: false, others: vec![found] };
         PlanFile::of(&problem, &best, "powercube6", 1, &Noise::default(), None)
     }
 

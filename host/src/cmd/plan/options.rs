@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use robot_model::Pose;
 
 use crate::error::ExpectedError;
-use crate::plan::problem::{Arrival, Form, Obstacle, Options, Weights};
+use crate::plan::problem::{Arrival, DelayWindow, Form, Obstacle, Options, Weights};
 use crate::plan::{Arm, seeds};
 use crate::store::{Index, StoreFile, robot_fingerprint};
 
@@ -28,6 +28,10 @@ pub struct PlanOptions {
     /// Whether a late release must not move the landing [paper: no, best: yes].
     #[arg(long)]
     pub null_delay: Option<bool>,
+    /// How far the landing may move when the gripper opens late or early: ms and mm, up to four times [paper: none,
+    /// best: 10,2 and 25,10].
+    #[arg(long, value_name = "MS,MM", value_parser = two_numbers)]
+    pub delay_window: Vec<[f64; 2]>,
     /// Whether the released ball must stay clear of the arm [paper: no, best: yes].
     #[arg(long)]
     pub clean_release: Option<bool>,
@@ -40,6 +44,9 @@ pub struct PlanOptions {
     /// Drag of the ball in 1/m.
     #[arg(long, default_value_t = 0.0)]
     pub drag_per_m: f64,
+    /// Spin of the ball times its lift constant (Magnus force m × v), in 1/s.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, default_value = "0,0,0")]
+    pub magnus_rad_s: [f64; 3],
     /// Weights of time, braking ratio and jerk in the objective.
     #[arg(long, value_name = "T,B,J", value_delimiter = ',', num_args = 3)]
     pub weights: Option<Vec<f64>>,
@@ -58,6 +65,15 @@ pub struct PlanOptions {
     /// Neither read nor write a store.
     #[arg(long, conflicts_with = "store")]
     pub no_store: bool,
+}
+
+/// Options to try, and what to say if the throw was found with them.
+#[derive(Debug, Clone)]
+pub struct Rung {
+    /// Options.
+    pub options: Options,
+    /// What was given up.
+    pub note: Option<&'static str>,
 }
 
 /// Name of a form.
@@ -105,10 +121,20 @@ impl PlanOptions {
         o.acceleration_use = self.acceleration_use.unwrap_or(o.acceleration_use);
         o.free_spin = self.free_spin.unwrap_or(o.free_spin);
         o.null_delay = self.null_delay.unwrap_or(o.null_delay);
+        if !self.delay_window.is_empty() {
+            o.delay_windows = self
+                .delay_window
+                .iter()
+                .map(|[ms, mm]| DelayWindow { delay_s: ms * 1e-3, shift_m: mm * 1e-3 })
+                .collect();
+        } else if !o.null_delay {
+            o.delay_windows.clear();
+        }
         o.clean_release = self.clean_release.unwrap_or(o.clean_release);
         o.range_margin_rad = self.range_margin_rad.unwrap_or(o.range_margin_rad);
         o.clearance_m = self.clearance_m;
         o.drag_per_m = self.drag_per_m;
+        o.magnus_rad_s = Vector3::from(self.magnus_rad_s);
         if let Some([k_t, k_b, k_j]) = self.weights.as_deref() {
             o.weights = Weights { k_t: *k_t, k_b: *k_b, k_j: *k_j };
         }
@@ -127,6 +153,27 @@ impl PlanOptions {
             descent_rad: self.arrival_descent_deg.map(|[a, b]| a.to_radians()..=b.to_radians()),
         };
         o
+    }
+
+    /// The options, and behind them what is tried if they leave no throw: without limits of the landing's shift, then
+    /// without nulling. What was asked for by name is not given up.
+    #[must_use]
+    pub fn ladder(&self) -> Vec<Rung> {
+        let asked = self.resolve();
+        let mut rungs = vec![Rung { options: asked.clone(), note: None }];
+        if self.delay_window.is_empty() && !asked.delay_windows.is_empty() {
+            rungs.push(Rung {
+                options: Options { delay_windows: Vec::new(), ..asked.clone() },
+                note: Some("no throw keeps the landing in place for a gripper that opens 25 ms late; this one does to first order"),
+            });
+            if self.null_delay.is_none() {
+                rungs.push(Rung {
+                    options: Options { delay_windows: Vec::new(), null_delay: false, ..asked },
+                    note: Some("no throw keeps the landing in place for a gripper that opens late; here it moves with the delay"),
+                });
+            }
+        }
+        rungs
     }
 
     /// Built-in and stored throws, and the store to append to.

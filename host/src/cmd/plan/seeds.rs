@@ -34,6 +34,9 @@ pub struct Args {
     /// Rounds in which neighbours pass on their throws.
     #[arg(long, default_value_t = 4)]
     pub sweeps: usize,
+    /// Random targets at which the table is tried and, where it does badly, completed.
+    #[arg(long, default_value_t = 1024)]
+    pub trials: u64,
     /// Seed.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -62,6 +65,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         starts: args.starts,
         keep: 3,
         sweeps: args.sweeps,
+        trials: args.trials,
     };
     let bar = ProgressBar::new(1000);
     let made = make(&arm, &options, &grid, args.seed, &|share| {

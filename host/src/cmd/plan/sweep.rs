@@ -11,7 +11,7 @@ use std::sync::atomic::Ordering;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::options::PlanOptions;
+use super::options::{PlanOptions, Rung};
 use super::throw::watched;
 use crate::error::ExpectedError;
 use crate::plan::Problem;
@@ -96,7 +96,7 @@ pub struct Row {
 /// If input is refused or the table cannot be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let arm = crate::cmd::arm(&args.options.robot)?;
-    let options = args.options.resolve();
+    let rungs = args.options.ladder();
     let (index, _) = args.options.starts(&arm)?;
     let mut rows = read(&args.out)?;
     let mut targets = Vec::new();
@@ -129,7 +129,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             .par_iter()
             .filter(|_| !watch.stop.load(Ordering::Relaxed))
             .map(|target| {
-                let row = plan(&arm, target, &options, &index, args);
+                let row = plan(&arm, target, &rungs, &index, args);
                 watch.done.fetch_add(1, Ordering::Relaxed);
                 watch.solved.fetch_add(usize::from(row.objective.is_some()), Ordering::Relaxed);
                 append(&file, &row)?;
@@ -161,45 +161,46 @@ fn key(t: &[f64; 3]) -> [i64; 3] {
     t.map(|v| (v * 1e6).round() as i64)
 }
 
-fn plan(
-    arm: &crate::plan::Arm,
-    target: &[f64; 3],
-    options: &crate::plan::Options,
-    index: &Index,
-    args: &Args,
-) -> Row {
+fn plan(arm: &crate::plan::Arm, target: &[f64; 3], rungs: &[Rung], index: &Index, args: &Args) -> Row {
     let [x, y, z] = *target;
     let mut text = format!("{x},{y},{z}");
-    let mut objective = None;
-    match Problem::new(arm, Vector3::from(*target), options.clone()) {
-        Ok(problem) => {
-            let planner = Planner::new(&problem);
-            let budget = Budget { starts: args.starts, time: None, seed: args.seed };
-            match planner.search(index, &budget, &Watch::default()) {
-                Ok(best) => {
-                    objective = Some(best.objective);
-                    let speed = best.throw.ball_at_release(arm).1.norm();
-                    let _ = write!(
-                        text,
-                        ",1,{},{},{},{speed},",
-                        best.objective,
-                        best.throw.flight_s,
-                        best.throw.duration_s()
-                    );
-                }
-                Err(e) => {
-                    let note = e.nearest.map_or_else(String::new, |n| {
-                        format!("{:.3} m short: {}", n.distance_m, n.constraint)
-                    });
-                    let _ = write!(text, ",0,,,,,{}", note.replace([',', '"'], " "));
-                }
+    let clean = |note: &str| note.replace([',', '"'], " ");
+    for (at, rung) in rungs.iter().enumerate() {
+        let problem = match Problem::new(arm, Vector3::from(*target), rung.options.clone()) {
+            Ok(problem) => problem,
+            Err(e) => {
+                let _ = write!(text, ",0,,,,,{}", clean(&e.to_string()));
+                break;
             }
-        }
-        Err(e) => {
-            let _ = write!(text, ",0,,,,,{}", e.to_string().replace([',', '"'], " "));
+        };
+        let planner = Planner::new(&problem);
+        let budget = Budget { starts: args.starts, time: None, seed: args.seed };
+        let watch = Watch::default();
+        let last = at + 1 == rungs.len();
+        let result = if last {
+            planner.search(index, &budget, &watch)
+        } else {
+            planner.attempt(index, &budget, &watch)
+        };
+        match result {
+            Ok(best) => {
+                let (throw, objective) = (best.found.throw, best.found.objective);
+                let speed = throw.ball_at_release(arm).1.norm();
+                let note = clean(rung.note.unwrap_or_default());
+                let (flight_s, duration_s) = (throw.flight_s, throw.duration_s());
+                let _ = write!(text, ",1,{objective},{flight_s},{duration_s},{speed},{note}");
+                return Row { target: *target, objective: Some(objective), text };
+            }
+            Err(e) if last => {
+                let note = e
+                    .nearest
+                    .map_or_else(String::new, |n| format!("{:.3} m short: {}", n.distance_m, n.constraint));
+                let _ = write!(text, ",0,,,,,{}", clean(&note));
+            }
+            Err(_) => {}
         }
     }
-    Row { target: *target, objective, text }
+    Row { target: *target, objective: None, text }
 }
 
 /// Rows of an earlier run; a torn last line is left out and planned again.

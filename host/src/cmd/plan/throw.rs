@@ -14,7 +14,7 @@ use crate::exit;
 use crate::plan::file::PlanFile;
 use crate::plan::search::{Best, Budget, NoThrow, Planner, Watch};
 use crate::plan::statistics::{Noise, Region};
-use crate::plan::{Arm, Problem, Throw};
+use crate::plan::{Arm, Found, Problem};
 use crate::report::plan as plan_report;
 use crate::store::Index;
 
@@ -123,8 +123,6 @@ impl SearchOptions {
     /// If input is refused or no throw reaches the target.
     pub fn plan(&self, target: [f64; 3], seed: u64, fast: bool) -> Result<Planned, ExpectedError> {
         let arm = crate::cmd::arm(&self.options.robot)?;
-        let problem = Problem::new(&arm, Vector3::from(target), self.options.resolve())
-            .map_err(|e| ExpectedError::bad_input(&e))?;
         let (region, noise) = (self.region()?, self.noise()?);
         let (index, mut store) = self.options.starts(&arm)?;
         let time =
@@ -134,13 +132,30 @@ impl SearchOptions {
                     ExpectedError::bad_input(&format!("time budget of {t} s is not a duration"))
                 })?),
             };
-        let planner = Planner::new(&problem);
         let budget = Budget { starts: self.starts, time, seed };
         let began = Instant::now();
-        let best = find(self, &planner, &index, &budget, &noise, fast)?;
+        let mut rungs = self.options.ladder().into_iter().peekable();
+        let (problem, best) = loop {
+            let Some(rung) = rungs.next() else {
+                return Err(ExpectedError::new(exit::BUG, "the ladder of options ended without a last rung"));
+            };
+            let problem = Problem::new(&arm, Vector3::from(target), rung.options)
+                .map_err(|e| ExpectedError::bad_input(&e))?;
+            let last = rungs.peek().is_none();
+            match find(self, &Planner::new(&problem), &index, &budget, &noise, fast, last) {
+                Ok(best) => {
+                    if let Some(note) = rung.note {
+                        eprintln!("cubectl: {note}");
+                    }
+                    break (problem, best);
+                }
+                Err(e) if last || e.interrupted => return Err(no_throw(&e)),
+                Err(_) => {}
+            }
+        };
         let took = began.elapsed();
         if let Some(store) = &mut store {
-            let record = planner.record(&best.throw, best.objective);
+            let record = Planner::new(&problem).record(&best.found);
             if let Err(e) = store.append(&record) {
                 eprintln!("cubectl: the throw was not stored: {e}");
             }
@@ -173,6 +188,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     Ok(())
 }
 
+/// Searches; only the last rung of the ladder is worth the nearest reachable target.
 fn find(
     search: &SearchOptions,
     planner: &Planner<'_, '_>,
@@ -180,27 +196,19 @@ fn find(
     budget: &Budget,
     noise: &Noise,
     fast: bool,
-) -> Result<Best, ExpectedError> {
-    if fast && let Some(found) = planner.from_index(index, 4) {
-        return Ok(Best {
-            throw: found.throw,
-            objective: found.objective,
-            starts: 1,
-            solved: 1,
-            interrupted: false,
-            others: Vec::new(),
-        });
+    last: bool,
+) -> Result<Best, NoThrow> {
+    if fast && let Some(found) = planner.from_index(index, FAST_TRIES) {
+        return Ok(Best { found, starts: 1, solved: 1, interrupted: false, others: vec![found] });
     }
     let watch = Watch::default();
-    let result = watched(&watch, budget, || planner.search(index, budget, &watch));
-    let mut best = result.map_err(|e| no_throw(&e))?;
+    let mut best = watched(&watch, budget, || {
+        if last { planner.search(index, budget, &watch) } else { planner.attempt(index, budget, &watch) }
+    })?;
     if search.most_exact {
-        let miss = |t: &Throw| planner.rms_miss_m(t, noise).unwrap_or(f64::INFINITY);
-        if let Some((throw, objective)) =
-            best.others.iter().copied().min_by(|a, b| miss(&a.0).total_cmp(&miss(&b.0)))
-            && miss(&throw) < miss(&best.throw)
-        {
-            (best.throw, best.objective) = (throw, objective);
+        let miss = |f: &Found| planner.rms_miss_m(&f.throw, noise).unwrap_or(f64::INFINITY);
+        if let Some(exact) = best.others.iter().min_by(|a, b| miss(a).total_cmp(&miss(b))) {
+            best.found = *exact;
         }
     }
     if best.interrupted && watch.stop.load(Ordering::Relaxed) {
@@ -208,6 +216,9 @@ fn find(
     }
     Ok(best)
 }
+
+/// Stored throws that `fast` tries.
+const FAST_TRIES: usize = 6;
 
 fn no_throw(e: &NoThrow) -> ExpectedError {
     if e.interrupted && e.nearest.is_none() {
