@@ -86,9 +86,6 @@ pub fn run(cli: Cli) -> Result<(), ExpectedError> {
         Verb::Monitor(args) => cmd::monitor::run(&args),
         Verb::Config(verb) => cmd::config::run(&verb),
         Verb::Explain(args) => cmd::explain::run(&args),
-        Verb::Tune(args) => {
-            print!("{}", cmd::tune::run(&args).map_err(|error| ExpectedError::bad_input(&error))?);
-            Ok(())
-        }
+        Verb::Tune(args) => cmd::tune::run(&args),
     }
 }
