@@ -57,6 +57,8 @@ pub enum Verb {
     Config(cmd::config::ConfigVerb),
     /// Explain a fault number of the controller, or an exit code.
     Explain(cmd::explain::Args),
+    /// Measure the constants of a joint's drive: current per speed and torque, friction, lag, delay.
+    Identify(cmd::identify::Args),
     /// Design gains with a certificate.
     Tune(cmd::tune::Args),
 }
@@ -86,6 +88,7 @@ pub fn run(cli: Cli) -> Result<(), ExpectedError> {
         Verb::Monitor(args) => cmd::monitor::run(&args),
         Verb::Config(verb) => cmd::config::run(&verb),
         Verb::Explain(args) => cmd::explain::run(&args),
+        Verb::Identify(args) => cmd::identify::run(&args),
         Verb::Tune(args) => cmd::tune::run(&args),
     }
 }

@@ -7,6 +7,7 @@ pub mod doctor;
 pub mod explain;
 pub mod export;
 pub mod home;
+pub mod identify;
 pub mod jog;
 pub mod monitor;
 pub mod plan;
