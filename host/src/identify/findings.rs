@@ -11,6 +11,8 @@ use crate::tune::model::DriveLag;
 
 /// Relative half width beyond which a load is not worth measuring.
 const WORTH: f64 = 0.25;
+/// Relative half width up to which natural frequency and damping go into the patch.
+const SHARP: f64 = 0.05;
 
 /// The joint and what its robot file says.
 #[derive(Clone, Debug, PartialEq)]
@@ -257,7 +259,10 @@ impl Findings {
         if let Some(k_m) = k_m {
             key(&mut t, "k_m_a_nm", &k_m.k);
         }
-        if let Ok(answer) = &self.answer {
+        // Friction, which the model of the step leaves out, bends the two: only a sharp result may replace the file's.
+        if let Ok(answer) = &self.answer
+            && answer.wn_rad_s.half_width < SHARP * answer.wn_rad_s.value
+        {
             t += "\n[drive_loop]\n";
             key(&mut t, "natural_frequency_rad_s", &answer.wn_rad_s);
             key(&mut t, "damping_ratio", &answer.zeta);
