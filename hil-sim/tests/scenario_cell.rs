@@ -55,6 +55,7 @@ fn every_key_changes_what_it_names_and_nothing_else() {
                 "queue_depth = 2",
                 "boot_time_s = 0",
                 "position_resolution_deg = 0.02",
+                "current_noise_a = 0.05",
                 "home_switch_noise_deg = 0.1",
                 "absolute_encoder = true",
                 "starts_homed = true",

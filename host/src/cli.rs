@@ -64,6 +64,8 @@ pub enum Verb {
     Completions(cmd::completions::Args),
     /// Show the manual page, or write the pages of all verbs.
     Man(cmd::man::Args),
+    /// Measure the constants of a joint's drive: current per speed and torque, friction, lag, delay.
+    Identify(cmd::identify::Args),
     /// Design gains with a certificate.
     Tune(cmd::tune::Args),
 }
@@ -115,9 +117,7 @@ pub fn run(cli: Cli) -> Result<(), ExpectedError> {
         Verb::Completions(args) => cmd::completions::run(&args),
         Verb::Man(args) => cmd::man::run(&args),
         Verb::Explain(args) => cmd::explain::run(&args),
-        Verb::Tune(args) => {
-            print!("{}", cmd::tune::run(&args).map_err(|error| ExpectedError::bad_input(&error))?);
-            Ok(())
-        }
+        Verb::Identify(args) => cmd::identify::run(&args),
+        Verb::Tune(args) => cmd::tune::run(&args),
     }
 }

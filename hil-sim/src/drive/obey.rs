@@ -103,9 +103,23 @@ impl Drive {
         if !parameter.info().readable(self.version()) {
             return None;
         }
-        let value = self.read(now, parameter)?;
+        let value = match (parameter, self.read(now, parameter)?) {
+            (Parameter::Cur | Parameter::MotorCurrent, Value::F32(current_a)) => {
+                Value::F32(current_a + self.current_noise_a() as f32)
+            }
+            (_, value) => value,
+        };
         debug_assert_eq!(value.kind(), parameter.kind(), "{parameter}");
         Some(Reply::Value(parameter, value))
+    }
+
+    /// Normal noise (Box-Muller); draws nothing where there is none, so that such runs stay what they were.
+    fn current_noise_a(&mut self) -> f64 {
+        if self.options.current_noise_a <= 0.0 {
+            return 0.0;
+        }
+        let radius = (-2.0 * (1.0 - self.rng.unit()).ln()).sqrt();
+        self.options.current_noise_a * radius * (std::f64::consts::TAU * self.rng.unit()).cos()
     }
 
     fn set(&mut self, now: Instant, parameter: Parameter, value: Value) -> Option<Reply> {

@@ -157,6 +157,8 @@ pub struct DriveOptions {
     pub boot_time: Duration,
     /// Step of the reported position, rad; zero reports encoder ticks, `None` takes the machine's.
     pub position_resolution_rad: Option<f64>,
+    /// Standard deviation of a current reading, A: ripple of motor and power stage, new for every answer.
+    pub current_noise_a: f64,
     /// Standard deviation of the home switch's edge, rad; homing to the encoder index (the default) is free of it.
     pub home_switch_noise_rad: f64,
     /// Known position at power-on, as absolute encoders have it; otherwise the module wants homing.
@@ -190,6 +192,7 @@ impl Default for DriveOptions {
             queue_depth: 8,
             boot_time: Duration::from_millis(500),
             position_resolution_rad: None,
+            current_noise_a: 0.0,
             home_switch_noise_rad: 2e-4,
             absolute_encoder: false,
             starts_homed: false,

@@ -115,6 +115,7 @@ fn drive(table: &Section<'_>) -> Result<DriveOptions, ScenarioError> {
         queue_depth: table.or("queue_depth", d.queue_depth, |v| Ok(v.integer(1..=4_096)? as usize))?,
         boot_time: table.or("boot_time_s", d.boot_time, |v| seconds(v, MAX_S))?,
         position_resolution_rad: table.optional("position_resolution_deg", |v| degrees(v, 10.0))?,
+        current_noise_a: table.or("current_noise_a", d.current_noise_a, |v| v.number_in(0.0, 100.0))?,
         home_switch_noise_rad: table
             .or("home_switch_noise_deg", d.home_switch_noise_rad, |v| degrees(v, 10.0))?,
         absolute_encoder: table.or("absolute_encoder", d.absolute_encoder, Value::boolean)?,

@@ -8,6 +8,7 @@ pub mod doctor;
 pub mod explain;
 pub mod export;
 pub mod home;
+pub mod identify;
 pub mod jog;
 pub mod man;
 pub mod monitor;

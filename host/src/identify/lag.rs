@@ -39,7 +39,7 @@ const SAMPLES_MIN: usize = 20;
 const STEPS_MAX: usize = 100;
 
 /// Position `t_s` after the effect begins: closed form of the second-order answer to a t^2 / 2.
-fn answer(drive: &DriveLag, acceleration_rad_s2: f64, t_s: f64) -> f64 {
+pub(super) fn answer(drive: &DriveLag, acceleration_rad_s2: f64, t_s: f64) -> f64 {
     if t_s <= 0.0 {
         return 0.0;
     }

@@ -1,19 +1,21 @@
-//! Drive parameters from measurements, with confidence intervals, or a refusal.
+//! Drive parameters from measurements, with confidence intervals, or a refusal (paper section VI-C).
 //!
-//! Pure functions over samples that have been taken already; the experiment itself (bus, bounds,
-//! progress) is elsewhere.
-//!
-//! | file | holds |
-//! |---|---|
-//! | [`regression`] | least squares with standard errors; what makes data too poor to conclude from |
-//! | [`student`] | quantiles of Student's t distribution |
-//! | [`current`] | K_B, K_M and friction current (paper section VI-C, eq. 9) |
-//! | [`lag`] | delay, natural frequency and damping of a drive from an acceleration step |
+//! | layer | files | is | must not |
+//! |---|---|---|---|
+//! | conclusions | [`regression`], [`student`], [`current`], [`lag`] | pure functions over samples: estimates with intervals, or why there are none | know a bus |
+//! | planning | [`poses`] | free ways and poses that load a joint, from the robot model | move |
+//! | experiment | [`experiment`], [`joint`] | turns the joint within bounds and takes the samples | conclude |
+//! | result | [`findings`], [`report`] | text, patch of the robot file, HTML | measure |
 
 pub mod current;
+pub mod experiment;
+pub mod findings;
+pub mod joint;
 pub mod lag;
+mod noise;
+pub mod poses;
 pub mod regression;
+pub mod report;
 pub mod student;
-
 #[cfg(test)]
-pub(crate) mod noise;
+mod tests;

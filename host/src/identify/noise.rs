@@ -1,4 +1,4 @@
-//! Seeded normal noise for the tests.
+//! Seeded samples: poses to look at, noise for the tests.
 
 /// xorshift64* with Box-Muller.
 pub(crate) struct Noise(u64);
@@ -13,7 +13,8 @@ impl Noise {
         noise
     }
 
-    fn unit(&mut self) -> f64 {
+    /// Uniform in [0, 1).
+    pub(crate) fn unit(&mut self) -> f64 {
         self.0 ^= self.0 >> 12;
         self.0 ^= self.0 << 25;
         self.0 ^= self.0 >> 27;
@@ -21,6 +22,7 @@ impl Noise {
     }
 
     /// Zero mean, unit variance.
+    #[cfg(test)]
     pub(crate) fn normal(&mut self) -> f64 {
         (-2.0 * (1.0 - self.unit()).ln()).sqrt() * (std::f64::consts::TAU * self.unit()).cos()
     }

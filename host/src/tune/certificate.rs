@@ -3,12 +3,12 @@
 //! The check shares with the design only the sampled model; definiteness is proven by
 //! [`super::rigor`], on the gains as rounded to f32.
 
-use super::lmi::bordered;
-use super::model::{STATES, sampled};
+use super::model::{STATES, Sampled, sampled};
 use super::problem::Problem;
-use super::rigor::{min_eigenvalue_bound, product_error};
-use super::saturated::{Gains, Weights, row, scaled_loop, time_unit_s};
-use nalgebra::{DMatrix, DVector, RowVector6, Vector6};
+use super::region::scaled_loop;
+use super::rigor::{min_eigenvalue_bound, min_eigenvalue_bound_below, product_error};
+use super::saturated::{Gains, Weights, row, time_unit_s};
+use nalgebra::{DMatrix, Matrix6, RowVector6, SMatrix, Vector6};
 
 /// Certified ellipsoid {x : x' S^-1 P S^-1 x <= 1} of one phase.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,8 +19,8 @@ pub struct Region {
     pub scales: Vector6<f64>,
     /// H: the row that stays within the bound on the ellipsoid, unscaled.
     pub slow: RowVector6<f64>,
-    /// P, 6 x 6, scaled.
-    pub p: DMatrix<f64>,
+    /// P, scaled.
+    pub p: Matrix6<f64>,
     /// t: the cost over the ellipsoid is at most 1/t (time units).
     pub cost_rate: f64,
     /// Decay rate: sqrt(V) falls at least like e^(-decay t) from sample to sample, saturated or not, 1/s.
@@ -90,20 +90,15 @@ impl Region {
 
     /// Largest |x_i| in the ellipsoid, in the unit of the state.
     pub fn extent(&self, i: usize) -> Option<f64> {
-        let inverse = self.p.clone().cholesky()?.inverse();
+        let inverse = self.p.cholesky()?.inverse();
         Some(inverse[(i, i)].sqrt() * self.scales[i])
     }
 
     /// V(x) for an unscaled state.
     pub fn value(&self, x: &Vector6<f64>) -> f64 {
-        let z = dynamic(&x.component_div(&self.scales));
-        (z.transpose() * &self.p * z)[(0, 0)]
+        let z = x.component_div(&self.scales);
+        z.dot(&(self.p * z))
     }
-}
-
-/// As a dynamic vector.
-pub(crate) fn dynamic(v: &Vector6<f64>) -> DVector<f64> {
-    DVector::from_column_slice(v.as_slice())
 }
 
 impl SaturatedCertificate {
@@ -123,13 +118,21 @@ impl SaturatedCertificate {
             SaturatedMargins { decay: f64::INFINITY, input: f64::INFINITY, initial_set: f64::INFINITY };
         let g = problem.error_generators();
         let mut inside = Inside::Generators(g);
+        let models: Vec<Model> = problem
+            .grid(GRID)
+            .into_iter()
+            .map(|(period_s, delay_s)| Model {
+                period_s,
+                sampled: sampled(&problem.drive(), period_s, delay_s),
+            })
+            .collect();
         for (i, (region, phase)) in self.regions.iter().zip(problem.phases()).enumerate() {
             let number = i + 1;
             // A region for a smaller bound also holds for a larger one, not the other way round.
             if region.u_max_rad_s2.is_nan() || region.u_max_rad_s2 > phase.u_max_rad_s2 * (1.0 + 1e-12) {
                 return foreign("the acceleration bound", number);
             }
-            if region.p.shape() != (STATES, STATES) || region.scales.iter().any(|s| s.is_nan() || *s <= 0.0) {
+            if region.scales.iter().any(|s| s.is_nan() || *s <= 0.0) {
                 return foreign("the ellipsoid", number);
             }
             let refuse =
@@ -145,7 +148,7 @@ impl SaturatedCertificate {
             if !proven(input) {
                 return refuse("the bound of the slow row", input);
             }
-            let decay = self.decay_margin(problem, region);
+            let decay = self.decay_margin(&models, region);
             if !proven(decay) {
                 return refuse("the decay", decay);
             }
@@ -153,42 +156,43 @@ impl SaturatedCertificate {
             worst.input = worst.input.min(input);
             worst.initial_set = worst.initial_set.min(initial_set);
             if let Some(duration) = phase.duration_s {
-                inside = Inside::Ellipsoid(region.clone(), region.shrinkage(problem, duration));
+                inside = Inside::Ellipsoid(Box::new(region.clone()), region.shrinkage(problem, duration));
             }
         }
         Ok(worst)
     }
 
     fn input_margin(&self, region: &Region) -> f64 {
-        let h = DMatrix::from_fn(STATES, 1, |j, _| region.slow[j] * region.scales[j] / region.u_max_rad_s2);
-        let block = bordered(&region.p, &h, &DMatrix::from_element(1, 1, 1.0));
+        let h = region.slow.transpose().component_mul(&region.scales) / region.u_max_rad_s2;
+        let mut block = SMatrix::<f64, 7, 7>::identity();
+        block.fixed_view_mut::<STATES, STATES>(0, 0).copy_from(&region.p);
+        block.fixed_view_mut::<STATES, 1>(0, STATES).copy_from(&h);
+        block.fixed_view_mut::<1, STATES>(STATES, 0).copy_from(&h.transpose());
         min_eigenvalue_bound(&block, 4.0 * f64::EPSILON * h.amax())
     }
 
     /// Proven margin of the decay over the grid, less the allowance between its points.
-    fn decay_margin(&self, problem: &Problem, region: &Region) -> f64 {
+    fn decay_margin(&self, models: &[Model], region: &Region) -> f64 {
         let unit = time_unit_s(region.scales[0], region.u_max_rad_s2);
         let w = self.weights.state();
-        let points = problem.grid(GRID);
         let mut worst = f64::INFINITY;
         for f in [&row(self.gains), &region.slow] {
-            let mut falls: Vec<DMatrix<f64>> = Vec::with_capacity(points.len());
+            let mut falls: Vec<Matrix6<f64>> = Vec::with_capacity(models.len());
             let mut margin = f64::INFINITY;
-            for &(period, delay) in &points {
-                let model = sampled(&problem.drive(), period, delay);
-                let (closed, fs) = scaled_loop(&model, f, &region.scales, region.u_max_rad_s2);
+            for Model { period_s, sampled } in models {
+                let (closed, fs) = scaled_loop(sampled, f, &region.scales, region.u_max_rad_s2);
                 // Scaling and the product B F each round once more on top of the model's own error.
-                let e_closed = (model.relative_error + 8.0 * f64::EPSILON) * closed.amax().max(1.0);
-                let pc = &region.p * &closed;
+                let e_closed = (sampled.relative_error + 8.0 * f64::EPSILON) * closed.amax().max(1.0);
+                let pc = region.p * closed;
                 let e_pc = product_error((&region.p, 0.0), (&closed, e_closed));
-                let image = closed.transpose() * &pc;
+                let image = closed.transpose() * pc;
                 let e_image = product_error((&closed.transpose(), e_closed), (&pc, e_pc));
                 let stage =
-                    (&w + fs.transpose() * &fs * self.weights.input) * (period / unit * region.cost_rate);
-                let keep = (-2.0 * region.decay_1_s * period).exp();
+                    (w + fs.transpose() * fs * self.weights.input) * (period_s / unit * region.cost_rate);
+                let keep = (-2.0 * region.decay_1_s * period_s).exp();
                 let error = e_image + 8.0 * f64::EPSILON * (region.p.amax() + stage.amax() + image.amax());
-                let fall = &region.p * keep - image - stage;
-                margin = margin.min(min_eigenvalue_bound(&fall, error));
+                let fall = region.p * keep - image - stage;
+                margin = min_eigenvalue_bound_below(margin, &fall, error);
                 falls.push(fall);
             }
             // NaN must not pass: `min` would drop it, and the eigenvalue iteration must not meet it.
@@ -199,6 +203,12 @@ impl SaturatedCertificate {
         }
         worst
     }
+}
+
+/// The sampled loop at one point of the grid.
+struct Model {
+    period_s: f64,
+    sampled: Sampled,
 }
 
 /// Whether a proven bound of an eigenvalue is one to rely on; NaN is not.
@@ -213,13 +223,16 @@ fn proven(margin: f64) -> bool {
 /// curvature brings it below the interpolant. The differences are taken from the grid itself, their
 /// largest eigenvalue, and doubled for their variation within a cell. A grid that collapsed to a
 /// line has the second difference along it only.
-fn between_points(falls: &[DMatrix<f64>]) -> f64 {
-    let second = |a: usize, b: usize, c: usize| {
-        let difference = &falls[a] - &falls[b] * 2.0 + &falls[c];
-        ((&difference + difference.transpose()) * 0.5).symmetric_eigenvalues().max()
-    };
+fn between_points(falls: &[Matrix6<f64>]) -> f64 {
     let largest = |stride: usize, starts: &mut dyn Iterator<Item = usize>| {
-        starts.map(|a| second(a, a + stride, a + 2 * stride)).fold(0.0, f64::max)
+        starts.fold(0.0f64, |largest, a| {
+            let difference = falls[a] - falls[a + stride] * 2.0 + falls[a + 2 * stride];
+            // No eigenvalue exceeds the norm: most differences need no eigenvalues.
+            if difference.norm() <= largest {
+                return largest;
+            }
+            largest.max(((difference + difference.transpose()) * 0.5).symmetric_eigenvalues().max())
+        })
     };
     let sum = if falls.len() == GRID * GRID {
         largest(1, &mut (0..falls.len()).filter(|a| a % GRID + 2 < GRID))
@@ -237,7 +250,7 @@ enum Inside {
     /// {G z, |z| <= 1}, unscaled.
     Generators(DMatrix<f64>),
     /// The ellipsoid of the phase before, shrunk by a factor.
-    Ellipsoid(Region, f64),
+    Ellipsoid(Box<Region>, f64),
 }
 
 impl Inside {
@@ -247,7 +260,7 @@ impl Inside {
             Self::Generators(g) => {
                 let g = DMatrix::from_fn(STATES, g.ncols(), |i, j| g[(i, j)] / region.scales[i]);
                 let m = g.ncols();
-                let pg = &region.p * &g;
+                let pg = DMatrix::from_column_slice(STATES, STATES, region.p.as_slice()) * &g;
                 let error =
                     product_error((&g.transpose(), f64::EPSILON * g.amax()), (&pg, 1e-14 * pg.amax()));
                 min_eigenvalue_bound(&(DMatrix::identity(m, m) - g.transpose() * pg), error)
@@ -255,10 +268,9 @@ impl Inside {
             Self::Ellipsoid(before, sigma) => {
                 // P_before / sigma^2 >= P in common coordinates: those of the new region.
                 let d: Vec<f64> = (0..STATES).map(|i| region.scales[i] / before.scales[i]).collect();
-                let outer =
-                    DMatrix::from_fn(STATES, STATES, |i, j| before.p[(i, j)] * d[i] * d[j] / (sigma * sigma));
+                let outer = Matrix6::from_fn(|i, j| before.p[(i, j)] * d[i] * d[j] / (sigma * sigma));
                 let error = 16.0 * f64::EPSILON * outer.amax();
-                min_eigenvalue_bound(&(outer - &region.p), error)
+                min_eigenvalue_bound(&(outer - region.p), error)
             }
         }
     }

@@ -1,10 +1,10 @@
 //! The saturated loop simulated: what the certificate bounds, seen happening.
 
 use super::certificate::SaturatedCertificate;
-use super::model::{STATES, Sampled, sampled, steady_state};
+use super::model::{Sampled, sampled, steady_state};
 use super::problem::Problem;
 use super::saturated::{Gains, Weights, row, scales, time_unit_s};
-use nalgebra::{DVector, RowVector6, Vector6};
+use nalgebra::{RowVector6, Vector6};
 
 /// One step of the saturated loop.
 fn step(model: &Sampled, k: &RowVector6<f64>, u_max: f64, x: &Vector6<f64>) -> (Vector6<f64>, f64) {
@@ -17,9 +17,17 @@ const DIRECTIONS: usize = 8;
 /// Time units after which the cost is taken to be complete.
 const COST_HORIZON: f64 = 6.0;
 
-/// Simulated cost (time units) of the worst initial error at the nominal period and delay, with the
-/// command bounded by `u_max`; infinite if the loop has not settled by the end.
-pub fn worst_cost(problem: &Problem, gains: Gains, u_max: f64, weights: Weights) -> f64 {
+/// What a simulated loop does with the worst initial error.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Response {
+    /// Cost, time units; infinite if the loop has not settled by the end.
+    pub cost: f64,
+    /// Until the position error stays below half of its initial radius, s, between samples too.
+    pub halved_s: f64,
+}
+
+/// Simulates the worst initial error at the nominal period and delay, with the command bounded by `u_max`.
+pub fn response(problem: &Problem, gains: Gains, u_max: f64, weights: Weights) -> Response {
     let (e0, v0) = problem.error_set();
     let (period, delay) = problem.grid(1)[0];
     let model = sampled(&problem.drive(), period, delay);
@@ -28,19 +36,25 @@ pub fn worst_cost(problem: &Problem, gains: Gains, u_max: f64, weights: Weights)
     let unit = time_unit_s(e0, u_max);
     let h = period / unit;
     let steps = (COST_HORIZON / h).ceil() as usize + 4;
-    let mut worst = 0.0f64;
+    let mut worst = Response { cost: 0.0, halved_s: 0.0 };
     for i in 0..DIRECTIONS {
         let angle = std::f64::consts::PI * i as f64 / DIRECTIONS as f64;
         let mut x = steady_state(e0 * angle.cos(), v0 * angle.sin());
-        let mut cost = 0.0;
-        for _ in 0..steps {
+        let (mut cost, mut halved_s) = (0.0, 0.0f64);
+        for n in 0..steps {
             let (next, u) = step(&model, &k, u_max, &x);
             let (e, w, u) = (x[0] / s[0], x[1] / s[1], u / u_max);
             cost += h * (e * e + weights.velocity * w * w + weights.input * u * u);
+            let (before, after) = (x[0].abs() / e0 - 0.5, next[0].abs() / e0 - 0.5);
+            if before > 0.0 {
+                let share = if after < 0.0 { before / (before - after) } else { 1.0 };
+                halved_s = (n as f64 + share) * period;
+            }
             x = next;
         }
         let settled = (x[0] / s[0]).abs() < 0.01 && (x[1] / s[1]).abs() < 0.05;
-        worst = worst.max(if settled { cost } else { f64::INFINITY });
+        worst.cost = worst.cost.max(if settled { cost } else { f64::INFINITY });
+        worst.halved_s = worst.halved_s.max(halved_s);
     }
     worst
 }
@@ -97,7 +111,7 @@ pub fn gather(
 ) -> Option<Evidence> {
     let region = certificate.regions.first()?;
     let k = row(certificate.gains);
-    let l = region.p.clone().cholesky()?.l();
+    let l = region.p.cholesky()?.l();
     let to_state = l.transpose().try_inverse()?;
     let models: Vec<Sampled> =
         problem.grid(5).iter().map(|&(period, delay)| sampled(&problem.drive(), period, delay)).collect();
@@ -123,9 +137,8 @@ pub fn gather(
         as usize
         + 10;
     for i in 0..states {
-        let z = DVector::from_fn(STATES, |_, _| rng.normal());
-        let z = &to_state * (&z / z.norm());
-        let mut x = Vector6::from_fn(|r, _| z[r] * region.scales[r]);
+        let z = Vector6::from_fn(|_, _| rng.normal()).normalize();
+        let mut x = (to_state * z).component_mul(&region.scales);
         let run = if i % 10 == 0 { steps } else { 1 };
         found.trajectories += usize::from(run > 1);
         for n in 0..run {

@@ -5,7 +5,8 @@ use super::model::{DriveLag, STATES};
 use super::paper::{PaperCertificate, PaperRefusal, System};
 use super::problem::{JointInput, PhaseInput, Problem, ProblemError};
 use super::saturated::Weights;
-use nalgebra::{DMatrix, RowVector6, Vector6};
+use nalgebra::allocator::Allocator;
+use nalgebra::{DMatrix, DefaultAllocator, Dim, OMatrix, RowVector6, SMatrix, Vector6};
 use serde::{Deserialize, Serialize};
 
 /// Version this program writes and reads.
@@ -165,16 +166,25 @@ pub enum GainsFileError {
     },
 }
 
-fn upper(m: &DMatrix<f64>) -> Vec<f64> {
+/// Upper triangle by columns.
+fn upper<D: Dim>(m: &OMatrix<f64, D, D>) -> Vec<f64>
+where
+    DefaultAllocator: Allocator<D, D>,
+{
     (0..m.ncols()).flat_map(|j| (0..=j).map(move |i| m[(i, j)])).collect()
 }
 
-fn symmetric(joint: usize, what: &'static str, v: &[f64], n: usize) -> Result<DMatrix<f64>, GainsFileError> {
-    let expected = n * (n + 1) / 2;
+/// The symmetric matrix of an upper triangle.
+fn symmetric<const N: usize>(
+    joint: usize,
+    what: &'static str,
+    v: &[f64],
+) -> Result<SMatrix<f64, N, N>, GainsFileError> {
+    let expected = N * (N + 1) / 2;
     if v.len() != expected {
         return Err(GainsFileError::Size { joint, what, found: v.len(), expected });
     }
-    Ok(DMatrix::from_fn(n, n, |i, j| v[i.max(j) * (i.max(j) + 1) / 2 + i.min(j)]))
+    Ok(SMatrix::from_fn(|i, j| v[i.max(j) * (i.max(j) + 1) / 2 + i.min(j)]))
 }
 
 impl JointGains {
@@ -276,7 +286,7 @@ impl JointGains {
                         u_max_rad_s2: r.u_max_rad_s2,
                         scales: Vector6::from(r.scale),
                         slow: RowVector6::from_row_slice(&r.slow_row),
-                        p: symmetric(joint, "p", &r.p, STATES)?,
+                        p: symmetric(joint, "p", &r.p)?,
                         cost_rate: r.cost_rate,
                         decay_1_s: r.decay_1_s,
                     })
@@ -301,7 +311,7 @@ impl JointGains {
                 }
                 let certificate = PaperCertificate {
                     alpha: *alpha_1_s,
-                    q: symmetric(joint, "q", q, 2)?,
+                    q: DMatrix::from_column_slice(2, 2, symmetric::<2>(joint, "q", q)?.as_slice()),
                     y: DMatrix::from_row_slice(1, 2, y_rad_s2),
                 };
                 let system = paper_system(&problem);

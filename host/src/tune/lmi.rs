@@ -3,7 +3,9 @@
 //! maximise c'x subject to F_b(x) = F_b0 + sum_i x_i F_bi >= 0 (positive semidefinite) for each block b.
 
 use clarabel::algebra::CscMatrix;
-use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
+use clarabel::solver::{
+    DefaultInfo, DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT,
+};
 use nalgebra::{DMatrix, DVector};
 
 /// One block F0 + sum x_i F_i >= 0, all matrices symmetric n x n.
@@ -31,12 +33,18 @@ pub struct Lmi {
     pub blocks: Vec<Block>,
 }
 
+/// Relative dual residual below which a dual point counts as feasible.
+const DUAL_FEASIBLE: f64 = 1e-6;
+
 /// Why a program has no trustworthy solution.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SolveError {
     /// Proven: no x satisfies the blocks.
     #[error("the inequalities have no solution (proven by the solver)")]
     Infeasible,
+    /// Proven by the dual: the objective stays below what was asked for.
+    #[error("the objective stays below the value asked for (bounded by the dual)")]
+    TooLow,
     /// The solver stopped in another state; its numbers are not used.
     #[error("the conic solver ended with {0}; only a fully solved program is accepted")]
     NotSolved(String),
@@ -74,6 +82,15 @@ impl Lmi {
     /// # Errors
     /// [`SolveError`].
     pub fn solve(&self, tolerance: f64) -> Result<DVector<f64>, SolveError> {
+        self.solve_above(f64::NEG_INFINITY, tolerance)
+    }
+
+    /// As [`Lmi::solve`], but gives up with [`SolveError::TooLow`] as soon as a dual feasible point shows that
+    /// the objective cannot reach `floor`.
+    ///
+    /// # Errors
+    /// [`SolveError`].
+    pub fn solve_above(&self, floor: f64, tolerance: f64) -> Result<DVector<f64>, SolveError> {
         lapack_shim::link();
         let n = self.objective.len();
         let rows: usize = self.blocks.iter().map(|b| triangle(b.constant.nrows())).sum();
@@ -109,12 +126,18 @@ impl Lmi {
             .tol_gap_rel(tolerance)
             .tol_feas(tolerance)
             .max_iter(100)
+            .presolve_enable(false)
             .build()
             .map_err(|e| SolveError::NotSolved(format!("settings: {e}")))?;
         let mut solver = DefaultSolver::new(&CscMatrix::zeros((n, n)), &q, &a, &rhs, &cones, settings)
             .map_err(|e| SolveError::NotSolved(format!("set-up: {e}")))?;
+        // Minimised is the negative objective, so the dual cost bounds the objective from above.
+        solver.set_termination_callback(move |info: &DefaultInfo<f64>| {
+            info.res_dual < DUAL_FEASIBLE && -info.cost_dual < floor
+        });
         solver.solve();
         match solver.solution.status {
+            SolverStatus::CallbackTerminated => Err(SolveError::TooLow),
             SolverStatus::Solved => Ok(DVector::from_column_slice(&solver.solution.x)),
             SolverStatus::PrimalInfeasible => Err(SolveError::Infeasible),
             other => Err(SolveError::NotSolved(format!("{other:?}"))),

@@ -4,14 +4,11 @@
 //! delay later, no drive lag, saturation ignored in the design. No certificate comes with it.
 
 use super::model::exponential;
-use nalgebra::{DMatrix, Matrix3, RowVector3, Vector3};
+use nalgebra::{Matrix3, RowVector3, Vector3};
 
 /// x+ = A x + B u over one period, the last command acting until `delay_s`.
 fn plant(period_s: f64, delay_s: f64) -> (Matrix3<f64>, Vector3<f64>) {
-    let integrator = |t: f64| {
-        let m = DMatrix::from_row_slice(3, 3, &[0.0, t, 0.0, 0.0, 0.0, t, 0.0, 0.0, 0.0]);
-        exponential(&m)
-    };
+    let integrator = |t: f64| exponential(&Matrix3::new(0.0, t, 0.0, 0.0, 0.0, t, 0.0, 0.0, 0.0));
     let (before, after) = (integrator(delay_s), integrator(period_s - delay_s));
     // The third state of each part is the acceleration held in it.
     let last = after.fixed_view::<2, 2>(0, 0) * before.fixed_view::<2, 1>(0, 2);

@@ -1,9 +1,9 @@
 //! Linear figures of a loop: how fast it decays unsaturated, and how much more delay it bears.
 
-use super::model::{STATES, sampled};
+use super::model::{Sampled, sampled};
 use super::problem::Problem;
 use super::saturated::{Gains, row};
-use nalgebra::{Complex, DMatrix, DVector};
+use nalgebra::{Complex, Matrix6};
 
 /// Figures at the nominal period and delay.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,20 +27,18 @@ pub fn linear_figures(problem: &Problem, gains: Gains) -> LinearFigures {
 }
 
 /// Smallest (phase margin / frequency) over the crossings |L| = 1 of the loop -K (zI - A)^-1 B.
-fn delay_margin(model: &super::model::Sampled, gains: Gains, period: f64) -> f64 {
-    let k = row(gains);
+fn delay_margin(model: &Sampled, gains: Gains, period: f64) -> f64 {
+    let complex = |x: f64| Complex::new(x, 0.0);
+    let (k, a, b) = (row(gains).map(complex), model.a.map(complex), model.b.map(complex));
     let loop_gain = |omega: f64| -> Complex<f64> {
         let z = Complex::from_polar(1.0, omega * period);
-        let a = model.a.map(|x| Complex::new(x, 0.0));
-        let m = DMatrix::from_fn(STATES, STATES, |i, j| if i == j { z - a[(i, j)] } else { -a[(i, j)] });
-        let b = DVector::from_fn(STATES, |i, _| Complex::new(model.b[i], 0.0));
-        match m.lu().solve(&b) {
-            Some(x) => -(0..STATES).map(|i| x[i] * k[i]).sum::<Complex<f64>>(),
-            None => Complex::new(f64::INFINITY, 0.0),
+        match (Matrix6::from_diagonal_element(z) - a).lu().solve(&b) {
+            Some(x) => -(k * x)[0],
+            None => complex(f64::INFINITY),
         }
     };
     let nyquist = std::f64::consts::PI / period;
-    let points = 2000;
+    let points = 1000;
     // Logarithmic from a thousandth of Nyquist: crossings lie around the bandwidth.
     let omega = |i: i32| nyquist * 10f64.powf(-3.0 * (1.0 - f64::from(i) / f64::from(points)));
     let mut margin = f64::INFINITY;

@@ -9,11 +9,13 @@
 //! | [`rigor`] | definiteness proven with rounding bounds |
 //! | [`paper`] | design A: Theorem 1, continuous, with `Q >= I` added |
 //! | [`saturated`] | design B: sampled, delay and lag as states, saturation certified |
+//! | `region` | its semidefinite program for one phase of the motion |
 //! | [`certificate`] | what design B claims, and its check |
 //! | [`evidence`] | the saturated loop simulated from the certified region |
 //! | [`lqr`] | plain LQR, to compare with |
 //! | [`margins`] | eigenvalues and delay margin |
 //! | [`plant`], [`compare`] | joint with friction and encoder following a throw |
+//! | [`trial`] | gains on the simulated cell with the firmware's controller |
 //! | [`design`] | one joint, all of the above |
 //! | [`gains_file`] | `gains.toml`, proven again when read |
 //! | [`picture`] | region and trajectories as SVG |
@@ -36,7 +38,9 @@ pub mod paper;
 pub mod picture;
 pub mod plant;
 pub mod problem;
+mod region;
 pub mod rigor;
 pub mod saturated;
 #[cfg(test)]
 mod saturated_tests;
+pub mod trial;

@@ -28,7 +28,7 @@
 //!
 //! The controller knows the first three only; its gain row is [k_pos, k_vel, k_last].
 
-use nalgebra::{DMatrix, Matrix6, RowVector6, SMatrix, SVector, Vector6};
+use nalgebra::{Matrix6, RowVector6, SMatrix, SVector, Vector6};
 
 /// Number of states of the sampled model.
 pub const STATES: usize = 6;
@@ -127,7 +127,7 @@ fn hold(drive: &DriveLag, t_s: f64) -> (SMatrix<f64, 4, 4>, SVector<f64, 4>) {
     let (wn, zeta) = (drive.wn_rad_s, drive.zeta);
     // Time in units of 1/wn, velocities as v/wn, acceleration as a/wn^2: all entries of order one.
     #[rustfmt::skip]
-    let m = DMatrix::from_row_slice(5, 5, &[
+    let m = SMatrix::<f64, 5, 5>::from_row_slice(&[
         0.0, 1.0,  0.0,         0.0, 0.0,
         0.0, 0.0,  0.0,         0.0, 1.0,
         0.0, 0.0,  0.0,         1.0, 0.0,
@@ -142,19 +142,18 @@ fn hold(drive: &DriveLag, t_s: f64) -> (SMatrix<f64, 4, 4>, SVector<f64, 4>) {
 }
 
 /// Matrix exponential: Taylor series of the argument scaled below 1/4, then squaring.
-pub fn exponential(m: &DMatrix<f64>) -> DMatrix<f64> {
-    let n = m.nrows();
-    let norm = (0..n).map(|j| m.column(j).abs().sum()).fold(0.0, f64::max);
+pub fn exponential<const N: usize>(m: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
+    let norm = m.column_iter().map(|column| column.abs().sum()).fold(0.0, f64::max);
     let squarings = if norm > 0.25 { (norm / 0.25).log2().ceil() as i32 } else { 0 };
     let scaled = m / 2f64.powi(squarings);
-    let (mut sum, mut term) = (DMatrix::identity(n, n), DMatrix::identity(n, n));
+    let (mut sum, mut term) = (SMatrix::identity(), SMatrix::identity());
     // 0.25^18 / 18! < 1e-26: beyond f64.
     for k in 1..=18 {
-        term = &term * &scaled / f64::from(k);
-        sum += &term;
+        term = term * scaled / f64::from(k);
+        sum += term;
     }
     for _ in 0..squarings {
-        sum = &sum * &sum;
+        sum *= sum;
     }
     sum
 }

@@ -70,7 +70,7 @@ fn boundary(tuned: &Tuned) -> Vec<(f64, f64)> {
     let c = match &tuned.proof {
         Proof::Saturated(certificate, _) => {
             let Some(region) = certificate.regions.first() else { return Vec::new() };
-            let Some(inverse) = region.p.clone().cholesky().map(|l| l.inverse()) else { return Vec::new() };
+            let Some(inverse) = region.p.cholesky().map(|l| l.inverse()) else { return Vec::new() };
             // Velocity is w + p in the model's states.
             let s = region.scales;
             let rows = [(0, 1.0), (1, 1.0), (4, 1.0)];

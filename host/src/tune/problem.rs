@@ -291,28 +291,17 @@ impl Problem {
     /// (period, delay) on an n x n grid over the stated ranges, corners included; duplicates of a
     /// degenerate range are left out. n >= 1; n = 1 gives the nominal pair.
     pub fn grid(&self, n: usize) -> Vec<(f64, f64)> {
-        self.grid_of(n, n)
-    }
-
-    /// (period, delay) where the inequalities of a design are posed: corners, and the middle of the
-    /// delay, along which the drive's transient bends most.
-    pub fn certified_points(&self) -> Vec<(f64, f64)> {
-        self.grid_of(2, 3)
-    }
-
-    /// `n` periods by `m` delays.
-    fn grid_of(&self, n: usize, m: usize) -> Vec<(f64, f64)> {
         let (t, d) = (self.period(), self.delay);
         if n <= 1 {
             return vec![(self.period_s, d.centre().min(self.period_s))];
         }
         let at = |r: Interval, i: usize, of: usize| r.low + (r.high - r.low) * i as f64 / (of - 1) as f64;
         let mut points: Vec<(f64, f64)> = Vec::new();
-        for i in 0..n * m {
-            let period = at(t, i / m, n);
+        for i in 0..n * n {
+            let period = at(t, i / n, n);
             // A delay of a full period means "with the next command", whenever that is.
             let stretch = if d.high >= self.period_s { period / self.period_s } else { 1.0 };
-            let delay = (at(d, i % m, m) * stretch).min(period);
+            let delay = (at(d, i % n, n) * stretch).min(period);
             if !points.contains(&(period, delay)) {
                 points.push((period, delay));
             }

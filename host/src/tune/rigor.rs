@@ -4,7 +4,8 @@
 //! the factorisation, then A is positive definite (S. M. Rump, "Verification of positive
 //! definiteness", BIT 46, 2006). The bound used here is (n + 1) u / (1 - (n + 1) u) tr A, doubled.
 
-use nalgebra::DMatrix;
+use nalgebra::allocator::Allocator;
+use nalgebra::{Cholesky, DefaultAllocator, Dim, OMatrix};
 
 /// Unit roundoff of binary64.
 const UNIT_ROUNDOFF: f64 = f64::EPSILON / 2.0;
@@ -14,7 +15,19 @@ const UNIT_ROUNDOFF: f64 = f64::EPSILON / 2.0;
 ///
 /// Proven by a Cholesky run, not by an eigenvalue routine: a bisection looks for the largest shift
 /// whose run completes, and only completed runs count.
-pub fn min_eigenvalue_bound(a: &DMatrix<f64>, entry_error: f64) -> f64 {
+pub fn min_eigenvalue_bound<D: Dim>(a: &OMatrix<f64, D, D>, entry_error: f64) -> f64
+where
+    DefaultAllocator: Allocator<D, D>,
+{
+    min_eigenvalue_bound_below(f64::INFINITY, a, entry_error)
+}
+
+/// As [`min_eigenvalue_bound`], but at most `ceiling`: for the worst of many matrices, of which most
+/// need a single Cholesky run.
+pub fn min_eigenvalue_bound_below<D: Dim>(ceiling: f64, a: &OMatrix<f64, D, D>, entry_error: f64) -> f64
+where
+    DefaultAllocator: Allocator<D, D>,
+{
     let n = a.nrows();
     if n == 0 || a.iter().any(|x| !x.is_finite()) || entry_error.is_nan() || entry_error < 0.0 {
         return f64::NEG_INFINITY;
@@ -23,7 +36,11 @@ pub fn min_eigenvalue_bound(a: &DMatrix<f64>, entry_error: f64) -> f64 {
     let asymmetry = (a - a.transpose()).amax();
     let perturbation = n as f64 * (entry_error + asymmetry);
     let symmetric = (a + a.transpose()) * 0.5;
-    let (mut low, mut high) = (-(n as f64) * symmetric.amax() - 1.0, symmetric.diagonal().min());
+    if ceiling.is_finite() && provably_above(&symmetric, ceiling + perturbation) {
+        return ceiling;
+    }
+    let top = (0..n).map(|i| symmetric[(i, i)]).fold(f64::INFINITY, f64::min);
+    let (mut low, mut high) = (-(n as f64) * symmetric.amax() - 1.0, top);
     // Largest provable shift: 60 halvings reach the resolution of the numbers themselves.
     for _ in 0..60 {
         let shift = 0.5 * (low + high);
@@ -33,11 +50,14 @@ pub fn min_eigenvalue_bound(a: &DMatrix<f64>, entry_error: f64) -> f64 {
             high = shift;
         }
     }
-    low - perturbation
+    (low - perturbation).min(ceiling)
 }
 
 /// Whether every eigenvalue of the symmetric `a` is proven to exceed `shift`.
-fn provably_above(a: &DMatrix<f64>, shift: f64) -> bool {
+fn provably_above<D: Dim>(a: &OMatrix<f64, D, D>, shift: f64) -> bool
+where
+    DefaultAllocator: Allocator<D, D>,
+{
     let n = a.nrows();
     let trace: f64 = (0..n).map(|i| (a[(i, i)] - shift).abs()).sum();
     let k = (n + 1) as f64 * UNIT_ROUNDOFF;
@@ -48,12 +68,18 @@ fn provably_above(a: &DMatrix<f64>, shift: f64) -> bool {
     for i in 0..n {
         shifted[(i, i)] -= shift + backward_error + subtraction;
     }
-    shifted.cholesky().is_some()
+    Cholesky::new(shifted).is_some()
 }
 
 /// Entrywise bound of the rounding error of the product x y computed in f64, plus what errors
 /// `ex`, `ey` (per entry) of its factors contribute.
-pub fn product_error((x, ex): (&DMatrix<f64>, f64), (y, ey): (&DMatrix<f64>, f64)) -> f64 {
+pub fn product_error<R: Dim, K: Dim, C: Dim>(
+    (x, ex): (&OMatrix<f64, R, K>, f64),
+    (y, ey): (&OMatrix<f64, K, C>, f64),
+) -> f64
+where
+    DefaultAllocator: Allocator<R, K> + Allocator<K, C>,
+{
     let k = x.ncols() as f64;
     let (mx, my) = (x.amax(), y.amax());
     k * (mx * ey + my * ex + ex * ey) + 2.0 * k * k * UNIT_ROUNDOFF * mx * my
@@ -62,6 +88,7 @@ pub fn product_error((x, ex): (&DMatrix<f64>, f64), (y, ey): (&DMatrix<f64>, f64
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::DMatrix;
     use proptest::prelude::*;
 
     /// Integer matrices have exact determinants: the Hilbert-like worst case is checked against them.

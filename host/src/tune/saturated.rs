@@ -26,11 +26,11 @@
 //! is the ellipsoid {V <= sigma^2} that the decay e^(-beta) per time unit leaves.
 
 use super::certificate::{Region, SaturatedCertificate};
-use super::evidence::worst_cost;
-use super::lmi::{Lmi, SolveError, bordered, symmetric_at, symmetric_unknowns};
-use super::model::{STATES, sampled, target_row};
-use super::problem::{Phase, Problem};
-use nalgebra::{DMatrix, RowVector6, Vector6};
+use super::evidence::{Response, response};
+use super::model::{STATES, target_row};
+use super::problem::Problem;
+use super::region::{Ask, region};
+use nalgebra::{DMatrix, Matrix6, RowVector6, Vector6};
 
 /// Gain row [k_pos 1/s2, k_vel 1/s, k_last -] as the firmware holds it.
 pub type Gains = [f32; 3];
@@ -50,9 +50,9 @@ impl Weights {
     /// Mostly position: the throw is lost by position errors; the rest keeps the loop damped.
     pub const DEFAULT: Self = Self { velocity: 0.02, input: 1e-3, floor: 1e-3 };
 
-    /// W, 6 x 6.
-    pub fn state(&self) -> DMatrix<f64> {
-        let mut w = DMatrix::identity(STATES, STATES) * self.floor;
+    /// W.
+    pub fn state(&self) -> Matrix6<f64> {
+        let mut w = Matrix6::from_diagonal_element(self.floor);
         w[(0, 0)] += 1.0;
         w[(1, 1)] += self.velocity;
         w
@@ -163,10 +163,23 @@ const OMEGA_MIN_RAD_S: f64 = 3.0;
 /// Step of the search along the bandwidth.
 const OMEGA_RATIO: f64 = 0.94;
 /// Damping ratios tried.
-const ZETAS: [f64; 3] = [0.6, 0.75, 0.9];
-/// Slow rows tried: share of u_max / error radius that its stiffness takes, and its damping. Optima
-/// of the full program (H free, ten times slower to solve) lie along this line.
-const SLOW: [(f64, f64); 3] = [(0.8, 0.45), (0.75, 0.475), (0.6, 0.55)];
+const ZETAS: [f64; 3] = [0.65, 0.7, 0.8];
+/// beta: guaranteed decay per time unit, in what range. A clipped double integrator cannot be asked for
+/// more than its slow row has; less than the lower end is hardly a decay.
+const DECAY: (f64, f64) = (0.06, 0.2);
+
+/// The decay that shrinks the region in time for phases that leave less to correct with, by a fifth
+/// more than the bounds differ.
+pub(crate) fn decay(problem: &Problem) -> f64 {
+    let first = problem.phases()[0].u_max_rad_s2;
+    let unit = time_unit_s(problem.error_set().0, first);
+    let (mut elapsed_s, mut needed) = (0.0, 0.0f64);
+    for pair in problem.phases().windows(2) {
+        elapsed_s += pair[0].duration_s.unwrap_or(0.0);
+        needed = needed.max((1.2 * first / pair[1].u_max_rad_s2).ln() * unit / elapsed_s);
+    }
+    needed.clamp(DECAY.0, DECAY.1)
+}
 
 /// Designs the gains of one joint and certifies them.
 ///
@@ -185,8 +198,7 @@ pub fn design(problem: &Problem) -> Result<SaturatedCertificate, SaturatedError>
 
 /// Certifies given gains for the problem, e.g. those in a controller; `None` if not provable here.
 pub fn certify(problem: &Problem, gains: Gains) -> Option<SaturatedCertificate> {
-    certify_with(problem, gains, Weights::DEFAULT, &problem.certified_points())
-        .filter(|c| c.check(problem).is_ok())
+    certify_with(problem, gains, Weights::DEFAULT, decay(problem))
 }
 
 /// Horizon over which the cost predicts, for the family: delay plus drive lag.
@@ -194,222 +206,146 @@ fn horizon(problem: &Problem) -> (f64, f64) {
     (problem.delay().centre() + problem.drive().lag_s(), 0.5 * problem.period_s())
 }
 
-/// The certified member of the family with the smallest simulated worst cost.
-///
-/// Along each damping ratio the fastest member that is provable at the nominal period is found
-/// by bisection; the cheapest of these is then slowed down until everything is proven.
-fn search(problem: &Problem, weights: Weights, ratio: f64) -> Option<SaturatedCertificate> {
-    let (theta, late) = horizon(problem);
-    // Beyond one radian of phase over the delay no member is stable.
-    let omega_top = 1.0 / (theta + late);
-    if omega_top < OMEGA_MIN_RAD_S {
-        return None;
+/// Members of the family from the fastest down, in steps of `ratio`.
+struct Ladder {
+    omega_top: f64,
+    ratio: f64,
+    /// Number of the slowest.
+    last: i32,
+    horizon: (f64, f64),
+}
+
+impl Ladder {
+    /// `None` if not even the slowest bandwidth worth having is stable.
+    fn new(problem: &Problem, ratio: f64) -> Option<Self> {
+        let horizon = horizon(problem);
+        // Beyond one radian of phase over the delay no member is stable.
+        let omega_top = 1.0 / (horizon.0 + horizon.1);
+        let last = ((omega_top / OMEGA_MIN_RAD_S).ln() / -ratio.ln()).floor();
+        (last >= 0.0).then_some(Self { omega_top, ratio, last: last as i32, horizon })
     }
-    let steps = ((omega_top / OMEGA_MIN_RAD_S).ln() / -ratio.ln()).floor().max(0.0) as i32;
-    let member = |step: i32, zeta: f64| {
-        Family { omega: omega_top * ratio.powi(step), zeta }.gains(theta, late).map(|k| k as f32)
-    };
-    let nominal = problem.grid(1);
-    let u_max = problem.phases()[0].u_max_rad_s2;
-    let exists = |gains: Gains| certify_with(problem, gains, weights, &nominal).is_some();
-    let mut tops: Vec<(f64, i32, f64)> = Vec::new();
-    for zeta in ZETAS {
-        // Neither end need be provable: the slow one may miss the decay that is asked for.
-        let Some(first) =
-            [4, 6, 3, 8, 5, 2, 7].iter().map(|i| steps * i / 8).find(|&s| exists(member(s, zeta)))
-        else {
-            continue;
-        };
-        let (mut unproven, mut proven) = (-1, first);
-        while proven - unproven > 1 {
-            let middle = (proven + unproven).div_euclid(2);
-            if exists(member(middle, zeta)) {
-                proven = middle;
-            } else {
-                unproven = middle;
+
+    fn gains(&self, step: i32, zeta: f64) -> Gains {
+        let omega = self.omega_top * self.ratio.powi(step);
+        Family { omega, zeta }.gains(self.horizon.0, self.horizon.1).map(|k| k as f32)
+    }
+
+    /// The step nearest to a bandwidth.
+    fn step_of(&self, omega: f64) -> i32 {
+        (((omega / self.omega_top).ln() / self.ratio.ln()).round() as i32).clamp(0, self.last)
+    }
+
+    /// The fastest step for which `proven` gives something, looked for from `guess` on with strides
+    /// that double, then by bisection.
+    fn fastest<T>(&self, guess: i32, mut proven: impl FnMut(i32) -> Option<T>) -> Option<(i32, T)> {
+        let (mut unproven, mut best, mut stride) = (-1, None, 1);
+        let mut step = guess;
+        // Downwards to something that is proven; upwards from there until nothing is.
+        while best.is_none() && step <= self.last {
+            match proven(step) {
+                Some(found) => best = Some((step, found)),
+                None => {
+                    unproven = step;
+                    step = if step < self.last { (step + stride).min(self.last) } else { step + 1 };
+                    stride *= 2;
+                }
             }
         }
-        tops.push((worst_cost(problem, member(proven, zeta), u_max, weights), proven, zeta));
-    }
-    tops.sort_by(|a, b| a.0.total_cmp(&b.0));
-    // Jitter and later phases cost a little more; strides double so that few programs are solved.
-    let points = problem.certified_points();
-    for &(_, top, zeta) in &tops {
-        let (mut step, mut stride) = (top, 1);
-        while step <= steps {
-            let found = certify_with(problem, member(step, zeta), weights, &points);
-            if let Some(found) = found.filter(|c| c.check(problem).is_ok()) {
-                return Some(refine(problem, weights, &points, found, (step - stride / 2, step), |s| {
-                    member(s, zeta)
-                }));
+        let mut best = best?;
+        let mut stride = 1;
+        while unproven < 0 && best.0 > 0 {
+            let step = (best.0 - stride).max(0);
+            match proven(step) {
+                Some(found) => best = (step, found),
+                None => unproven = step,
             }
-            step += stride;
             stride *= 2;
+        }
+        while best.0 - unproven > 1 {
+            let middle = (best.0 + unproven).div_euclid(2);
+            match proven(middle) {
+                Some(found) => best = (middle, found),
+                None => unproven = middle,
+            }
+        }
+        Some(best)
+    }
+}
+
+/// Square of a provable bandwidth over u_max / error radius: without delay, and what each time unit of
+/// prediction takes away. Observed over joints and periods; only where the search begins.
+const GUESS: (f64, f64) = (4.3, 7.0);
+/// Dampings whose simulated cost is within this factor of the best count as equally good.
+const NEAR_TIE: f64 = 1.01;
+
+/// The fastest certified member along one damping ratio.
+///
+/// The damping is chosen by simulation at a bandwidth that is likely to be provable: among those whose worst
+/// cost is nearly the best, the one that halves an error first. Should nothing be provable along it, the next one is
+/// tried.
+fn search(problem: &Problem, weights: Weights, ratio: f64) -> Option<SaturatedCertificate> {
+    let ladder = Ladder::new(problem, ratio)?;
+    let (radius, u_max) = (problem.error_set().0, problem.phases()[0].u_max_rad_s2);
+    let decay = decay(problem);
+    let late = (ladder.horizon.0 + ladder.horizon.1) / time_unit_s(radius, u_max);
+    let share = (GUESS.0 - GUESS.1 * late).max(1.0);
+    let guess = ladder.step_of((share * u_max / radius).sqrt());
+    let mut dampings: Vec<(Response, f64)> = ZETAS
+        .iter()
+        .map(|&zeta| (response(problem, ladder.gains(guess, zeta), u_max, weights), zeta))
+        .collect();
+    let best = dampings.iter().map(|(r, _)| r.cost).fold(f64::INFINITY, f64::min);
+    // Near ties first and by speed, then the others by cost; infinite costs compare as equal.
+    dampings.sort_by(|(a, _), (b, _)| {
+        let key = |r: &Response| {
+            (r.cost > NEAR_TIE * best, if r.cost > NEAR_TIE * best { r.cost } else { r.halved_s })
+        };
+        let ((late_a, x), (late_b, y)) = (key(a), key(b));
+        late_a.cmp(&late_b).then(x.total_cmp(&y))
+    });
+    dampings.into_iter().find_map(|(_, zeta)| {
+        let proven = |step| certify_with(problem, ladder.gains(step, zeta), weights, decay);
+        ladder.fastest(guess, proven).map(|(_, certificate)| certificate)
+    })
+}
+
+/// One region per phase, each starting where the contraction of the one before has led; only what the
+/// check proves over the whole box of periods and delays counts.
+///
+/// The inequalities are posed at as few periods and delays as will do: first in the middle of the box,
+/// then at two opposite corners.
+pub(crate) fn certify_with(
+    problem: &Problem,
+    gains: Gains,
+    weights: Weights,
+    decay: f64,
+) -> Option<SaturatedCertificate> {
+    let corners = problem.corners();
+    let ends = [*corners.first()?, *corners.last()?];
+    for points in [&problem.grid(1)[..], &ends] {
+        let certificate = regions(problem, gains, &Ask { weights, decay, points })?;
+        if certificate.check(problem).is_ok() {
+            return Some(certificate);
         }
     }
     None
 }
 
-/// Bisects between an unproven and a proven member for the fastest proven one.
-fn refine(
-    problem: &Problem,
-    weights: Weights,
-    points: &[(f64, f64)],
-    mut best: SaturatedCertificate,
-    (mut unproven, mut proven): (i32, i32),
-    member: impl Fn(i32) -> Gains,
-) -> SaturatedCertificate {
-    while proven - unproven > 1 {
-        let middle = (proven + unproven).div_euclid(2);
-        match certify_with(problem, member(middle), weights, points).filter(|c| c.check(problem).is_ok()) {
-            Some(found) => (best, proven) = (found, middle),
-            None => unproven = middle,
-        }
-    }
-    best
-}
-
-/// One region per phase, each starting where the contraction of the one before has led.
-fn certify_with(
-    problem: &Problem,
-    gains: Gains,
-    weights: Weights,
-    vertices: &[(f64, f64)],
-) -> Option<SaturatedCertificate> {
+fn regions(problem: &Problem, gains: Gains, ask: &Ask<'_>) -> Option<SaturatedCertificate> {
     let mut regions: Vec<Region> = Vec::new();
     let mut generators = problem.error_generators();
     for phase in problem.phases() {
-        let region = region(problem, gains, *phase, &generators, weights, vertices)?;
+        let region = region(problem, gains, *phase, &generators, ask)?;
         if let Some(duration) = phase.duration_s {
             let sigma = region.shrinkage(problem, duration);
             // {V <= sigma^2} = {S L^-T z sigma, |z| <= 1} with P = L L' in scaled coordinates.
-            let l = region.p.clone().cholesky()?.l();
-            let back = l.transpose().try_inverse()? * sigma;
-            generators = DMatrix::from_diagonal(&super::certificate::dynamic(&region.scales)) * back;
+            let l = region.p.cholesky()?.l();
+            let back = Matrix6::from_diagonal(&region.scales) * l.transpose().try_inverse()? * sigma;
+            generators = DMatrix::from_column_slice(STATES, STATES, back.as_slice());
         }
         regions.push(region);
     }
-    Some(SaturatedCertificate { gains, weights, regions })
-}
-
-/// Solves for P and t with the first slow row for which there is a solution.
-fn region(
-    problem: &Problem,
-    gains: Gains,
-    phase: Phase,
-    generators: &DMatrix<f64>,
-    weights: Weights,
-    vertices: &[(f64, f64)],
-) -> Option<Region> {
-    // Extent of the initial set along the drive's target, which is what H acts on.
-    let target = DMatrix::from_row_slice(1, STATES, target_row(&problem.drive(), [1.0, 0.0, 0.0]).as_slice());
-    let extent = (target * generators).norm().max(generators.row(0).norm());
-    let u_max = phase.u_max_rad_s2;
-    let scales = scales(problem, extent, u_max);
-    let fast = row(gains);
-    // The slow row must be slower than the gains themselves, or it bounds nothing.
-    let omega_max = 0.9 * f64::from(-gains[0]).max(0.0).sqrt();
-    SLOW.iter().find_map(|&(share, zeta)| {
-        let omega = (share * u_max / extent).sqrt().min(omega_max);
-        let slow = slow_row(problem, Family { omega, zeta });
-        let (p, t) = solve(problem, (&fast, &slow), (u_max, &scales), generators, weights, vertices).ok()?;
-        let decay_1_s = DECAY / time_unit_s(extent, u_max);
-        Some(Region { u_max_rad_s2: u_max, scales, slow, p, cost_rate: t, decay_1_s })
-    })
-}
-
-/// beta: guaranteed decay per time unit. A clipped double integrator cannot be asked for more than
-/// its slow row has; at 0.25 an error at the rim of the region has lost two thirds after 0.6 s.
-const DECAY: f64 = 0.12;
-/// Margin of the decay inequality per time unit: covers periods and delays between the corners.
-const DECAY_MARGIN: f64 = 2e-3;
-/// Largest eigenvalue of P, scaled.
-const P_MAX: f64 = 10.0;
-/// Margin asked of every inequality, in scaled coordinates; the check proves it is not all rounding.
-const MARGIN: f64 = 1e-4;
-/// Tolerances of the solver, tried in turn: near the end of the feasible gains the last digits are
-/// not always reached. The loosest is a tenth of the margin, and the check does not depend on it.
-const TOLERANCES: [f64; 2] = [1e-7, 1e-5];
-/// Share of the solver's cost rate that is claimed; the rest keeps the inequalities strict.
-const CLAIM: f64 = 0.99;
-/// Slower costs than this are no use: V would need a thousand time units to fall.
-const COST_RATE_MIN: f64 = 1e-3;
-
-/// The program of the module head in (P, t) for given K and H.
-pub(crate) fn program(
-    problem: &Problem,
-    (fast, slow): (&RowVector6<f64>, &RowVector6<f64>),
-    (u_max, scales): (f64, &Vector6<f64>),
-    generators: &DMatrix<f64>,
-    weights: Weights,
-    vertices: &[(f64, f64)],
-) -> Lmi {
-    let n = STATES;
-    let t = symmetric_unknowns(n);
-    let mut lmi = Lmi::new(t + 1);
-    lmi.objective[t] = 1.0;
-    let unit = time_unit_s(scales[0], u_max);
-    let w = weights.state();
-    let identity = DMatrix::identity(n, n);
-    for &(period, delay) in vertices {
-        let model = sampled(&problem.drive(), period, delay);
-        for f in [fast, slow] {
-            let (closed, f) = scaled_loop(&model, f, scales, u_max);
-            let h = period / unit;
-            let stage = (&w + f.transpose() * &f * weights.input) * h;
-            let keep = (-2.0 * DECAY * h).exp();
-            lmi.require(|x| {
-                let p = symmetric_at(x, 0, n);
-                &p * keep - closed.transpose() * &p * &closed - &stage * x[t] - &identity * (DECAY_MARGIN * h)
-            });
-        }
-    }
-    let h = DMatrix::from_fn(1, n, |_, j| slow[j] * scales[j] / u_max);
-    lmi.require(|x| {
-        let p = symmetric_at(x, 0, n);
-        bordered(&p, &h.transpose(), &DMatrix::from_element(1, 1, 1.0))
-            - DMatrix::identity(n + 1, n + 1) * MARGIN
-    });
-    // Bounded above as well: nothing else keeps P finite in directions the initial set lacks.
-    lmi.require(|x| &identity * P_MAX - symmetric_at(x, 0, n));
-    let g = DMatrix::from_fn(n, generators.ncols(), |i, j| generators[(i, j)] / scales[i]);
-    let m = generators.ncols();
-    lmi.require(|x| DMatrix::identity(m, m) * (1.0 - MARGIN) - g.transpose() * symmetric_at(x, 0, n) * &g);
-    lmi
-}
-
-pub(crate) fn solve(
-    problem: &Problem,
-    rows: (&RowVector6<f64>, &RowVector6<f64>),
-    (u_max, scales): (f64, &Vector6<f64>),
-    generators: &DMatrix<f64>,
-    weights: Weights,
-    vertices: &[(f64, f64)],
-) -> Result<(DMatrix<f64>, f64), SolveError> {
-    let lmi = program(problem, rows, (u_max, scales), generators, weights, vertices);
-    let x = match lmi.solve(TOLERANCES[0]) {
-        Err(SolveError::NotSolved(_)) => lmi.solve(TOLERANCES[1])?,
-        other => other?,
-    };
-    let t = CLAIM * x[symmetric_unknowns(STATES)];
-    if t < COST_RATE_MIN {
-        return Err(SolveError::Infeasible);
-    }
-    Ok((symmetric_at(&x, 0, STATES), t))
-}
-
-/// (A + B F) and F in scaled coordinates.
-pub(crate) fn scaled_loop(
-    model: &super::model::Sampled,
-    f: &RowVector6<f64>,
-    scales: &Vector6<f64>,
-    u_max: f64,
-) -> (DMatrix<f64>, DMatrix<f64>) {
-    let closed = model.a + model.b * f;
-    (
-        DMatrix::from_fn(STATES, STATES, |i, j| closed[(i, j)] * scales[j] / scales[i]),
-        DMatrix::from_fn(1, STATES, |_, j| f[j] * scales[j] / u_max),
-    )
+    Some(SaturatedCertificate { gains, weights: ask.weights, regions })
 }
 
 /// Finds out what binds by solving relaxed problems: without saturation first, then smaller sets.

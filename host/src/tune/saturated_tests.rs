@@ -9,8 +9,9 @@ use super::model::{STATES, sampled};
 use super::plant::{Plant, Throw};
 use super::problem::tests::joint_1;
 use super::problem::{JointInput, PhaseInput, Problem};
-use super::saturated::{self, SaturatedError, Weights, certify, design, row, scaled_loop};
-use nalgebra::{DMatrix, DVector};
+use super::region::{Ask, program, scaled_loop};
+use super::saturated::{self, SaturatedError, Weights, certify, design, row};
+use nalgebra::{DVector, Matrix6, Vector6};
 use std::sync::OnceLock;
 
 /// Joint 2 of the reference throw (robot-models 1.6, re-optimised): the joint the paper shows.
@@ -145,13 +146,13 @@ fn plain_lqr_gains_get_no_certificate_for_the_same_errors() {
 fn barrier_method_confirms_the_smallest_cost() {
     let tuned = at_17_ms();
     let region = &certificate().regions[0];
-    let lmi = saturated::program(
+    let points = tuned.problem.grid(1);
+    let lmi = program(
         &tuned.problem,
         (&row(tuned.gains), &region.slow),
         (region.u_max_rad_s2, &region.scales),
         &tuned.problem.error_generators(),
-        Weights::DEFAULT,
-        &tuned.problem.grid(1),
+        &Ask { weights: Weights::DEFAULT, decay: saturated::decay(&tuned.problem), points: &points },
     );
     let conic = lmi.solve(1e-7).unwrap()[lmi.objective.len() - 1];
     let barrier = barrier::maximise_from(&lmi, &start(), 1).unwrap();
@@ -255,7 +256,7 @@ fn varying_bounds_and_signs_stay_inside_the_certified_region() {
     // The clip of the firmware is unsymmetric and varies: lower and upper bound drawn apart.
     let tuned = at_17_ms();
     let region = &certificate().regions[0];
-    let inverse = region.p.clone().cholesky().unwrap().l().transpose().try_inverse().unwrap();
+    let inverse = region.p.cholesky().unwrap().l().transpose().try_inverse().unwrap();
     let mut state = 7u64;
     let mut random = || {
         state ^= state << 13;
@@ -266,9 +267,8 @@ fn varying_bounds_and_signs_stay_inside_the_certified_region() {
     let models: Vec<_> =
         tuned.problem.grid(4).iter().map(|&(t, d)| sampled(&tuned.problem.drive(), t, d)).collect();
     for _ in 0..300 {
-        let z = DVector::from_fn(STATES, |_, _| random() - 0.5);
-        let z = &inverse * (&z / z.norm());
-        let mut x = nalgebra::Vector6::from_fn(|i, _| z[i] * region.scales[i]);
+        let z = Vector6::from_fn(|_, _| random() - 0.5).normalize();
+        let mut x = (inverse * z).component_mul(&region.scales);
         for _ in 0..30 {
             let model = &models[(random() * models.len() as f64) as usize];
             let (low, high) =
@@ -289,7 +289,6 @@ fn scaled_loop_is_a_change_of_coordinates() {
     let scales = saturated::scales(&problem, 0.1, 5.0);
     let (closed, _) = scaled_loop(&model, &k, &scales, 5.0);
     let plain = model.a + model.b * k;
-    let plain = DMatrix::from_fn(STATES, STATES, |i, j| plain[(i, j)]);
-    let radius = |m: &DMatrix<f64>| m.complex_eigenvalues().iter().map(|z| z.norm()).fold(0.0, f64::max);
+    let radius = |m: &Matrix6<f64>| m.complex_eigenvalues().iter().map(|z| z.norm()).fold(0.0, f64::max);
     assert!((radius(&closed) - radius(&plain)).abs() < 1e-9);
 }

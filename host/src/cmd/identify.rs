@@ -1,0 +1,195 @@
+//! `cubectl identify`
+
+use std::io::IsTerminal;
+use std::path::PathBuf;
+
+use can_link::BusSpec;
+use indicatif::{ProgressBar, ProgressStyle};
+use robot_model::AnyRobot;
+
+use super::bus_errors::{modules_on, print_json};
+use super::home::positive;
+use crate::bus::motion::{HomingBounds, home};
+use crate::bus::{BusArgs, Session};
+use crate::error::ExpectedError;
+use crate::exit;
+use crate::identify::experiment::{Bounds, ExperimentError};
+use crate::identify::findings::Findings;
+use crate::identify::joint::{JointError, Wish, identify};
+use crate::identify::report;
+use protocol::powercube::Parameter;
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  cubectl identify --joint 2\n  cubectl identify --joint 2 --bus can0 --home --out joint2.toml --report joint2.html\n\nThe joint turns to and fro at up to --speed of its largest speed, within its soft limits and where the robot model shows\nno collision; for K_M the others may be brought to a pose in which gravity loads it. Keep clear. Ctrl-C halts everything.\nExit code 9: something could not be concluded; the text says what and why."
+)]
+pub struct Args {
+    /// Joint number from 1.
+    #[arg(long)]
+    pub joint: usize,
+    /// Bus options; `--robot` names the model of the arm.
+    #[command(flatten)]
+    pub bus: BusArgs,
+    /// Home what is not homed first.
+    #[arg(long)]
+    pub home: bool,
+    /// Confidence level of the intervals.
+    #[arg(long, default_value_t = 0.95, value_name = "SHARE", value_parser = below_one)]
+    pub level: f64,
+    /// Fastest run, as a share of the joint's largest speed.
+    #[arg(long, default_value_t = 0.8, value_name = "SHARE", value_parser = share)]
+    pub speed: f64,
+    /// Largest current, as a share of the module's own maximum.
+    #[arg(long, default_value_t = 0.8, value_name = "SHARE", value_parser = share)]
+    pub current: f64,
+    /// Bit rate of the bus in bit/s, for the length of frames in the answer delay.
+    #[arg(long, default_value_t = 1e6, value_name = "BIT_S", value_parser = positive)]
+    pub bit_rate: f64,
+    /// Noise of the current readings on the bus `sim`, standard deviation in A.
+    #[arg(long, default_value_t = 0.05, value_name = "A", value_parser = not_negative)]
+    pub sim_noise: f64,
+    /// Write the changed keys of the robot file here (TOML).
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Write a report with scatter plots and residuals here (HTML).
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    positive(text).ok().filter(|value| *value <= 1.0).ok_or("must be above 0 and at most 1".to_owned())
+}
+
+fn below_one(text: &str) -> Result<f64, String> {
+    positive(text).ok().filter(|value| *value < 1.0).ok_or("must be above 0 and below 1".to_owned())
+}
+
+fn not_negative(text: &str) -> Result<f64, String> {
+    let value = text.parse::<f64>().ok();
+    value.filter(|v| v.is_finite() && *v >= 0.0).ok_or("must be a number, 0 or above".to_owned())
+}
+
+impl From<JointError> for ExpectedError {
+    fn from(error: JointError) -> Self {
+        match error {
+            JointError::Experiment(ExperimentError::Ask(crate::bus::ask::AskError::Interrupted)) => {
+                Self::new(exit::INTERRUPTED, "interrupted; everything on the bus was halted")
+            }
+            JointError::Experiment(ExperimentError::Ask(error)) => error.into(),
+            JointError::Experiment(error) => Self::new(exit::DRIVE, error.to_string()),
+            JointError::NoDrives { .. } | JointError::NoSuchJoint { .. } => Self::bad_input(&error),
+        }
+    }
+}
+
+/// Runs the verb.
+///
+/// # Errors
+/// Robot or joint, the bus, a drive, a blocked joint; or data that are too poor to conclude from (after the
+/// report is written).
+pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    let (mut session, robot) = open(args)?;
+    let found = modules_on(&mut session, None, args.bus.beside)?;
+    if args.home {
+        for report in found.iter().filter(|report| !report.is_homed() && !report.is_absolute()) {
+            eprintln!("module {}: homing", report.module);
+            let settable = Parameter::HomeVel.info().writable(report.version);
+            home(&mut session, report.module, &HomingBounds::default(), settable)?;
+        }
+    }
+    let wish = Wish {
+        joint: args.joint,
+        bounds: Bounds {
+            current_share: args.current,
+            speed_share: args.speed,
+            bit_rate_bit_s: args.bit_rate,
+        },
+        level: args.level,
+    };
+    let bar = progress_bar(args.json);
+    let findings = identify(&mut session, &robot, &wish, &mut |what, parts| {
+        bar.set_length(parts as u64);
+        bar.set_message(what.to_owned());
+        bar.inc(1);
+    });
+    bar.finish_and_clear();
+    let findings = findings?;
+    session.finish()?;
+    tell(args, &findings)?;
+    let refusals = findings.refusals();
+    if refusals.is_empty() { Ok(()) } else { Err(ExpectedError::new(exit::FINDINGS, refusals.join("\n"))) }
+}
+
+/// The session and the robot; drives of the simulated cell are homed.
+fn open(args: &Args) -> Result<(Session, AnyRobot), ExpectedError> {
+    let mut cell = args.bus.cell.load()?;
+    if args.bus.bus == BusSpec::Sim {
+        cell.setup.cell.drive.starts_homed = true;
+        cell.setup.cell.drive.current_noise_a = args.sim_noise;
+    }
+    let session = args.bus.open_cell(&cell, None)?;
+    Ok((session, cell.robot))
+}
+
+fn progress_bar(quiet: bool) -> ProgressBar {
+    if quiet || !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let bar = ProgressBar::new(0);
+    if let Ok(style) = ProgressStyle::with_template("{bar:31} {pos}/{len} {msg}") {
+        bar.set_style(style);
+    }
+    bar
+}
+
+/// Text or JSON, patch and report.
+fn tell(args: &Args, findings: &Findings) -> Result<(), ExpectedError> {
+    let write = |path: &PathBuf, text: &str| {
+        std::fs::write(path, text)
+            .map_err(|cause| ExpectedError::new(exit::OUTPUT, format!("{}: {cause}", path.display())))
+    };
+    if args.json {
+        print_json(&json(findings));
+    } else {
+        print!("{}", findings.text());
+    }
+    if let Some(path) = &args.out {
+        write(path, &findings.patch())?;
+        eprintln!("wrote {}", path.display());
+    }
+    if let Some(path) = &args.report {
+        let html = report::html(findings).map_err(|cause| ExpectedError::new(exit::BUG, cause))?;
+        write(path, &html)?;
+        eprintln!("wrote {}", path.display());
+    }
+    Ok(())
+}
+
+fn json(findings: &Findings) -> serde_json::Value {
+    let estimate = |e: Option<&crate::identify::regression::Estimate>| {
+        e.map(|e| serde_json::json!({ "value": e.value, "half_width": e.half_width }))
+    };
+    let k_m = findings.k_m.as_ref().and_then(|k_m| k_m.as_ref().ok());
+    let answer = findings.answer.as_ref().ok();
+    serde_json::json!({
+        "joint": findings.subject.joint,
+        "level": findings.level,
+        "k_b_a_s_rad": estimate(findings.k_b.as_ref().ok().map(|k_b| &k_b.k)),
+        "k_m_a_nm": estimate(k_m.map(|k_m| &k_m.k)),
+        "friction_moving_a": estimate(findings.friction_a().as_ref()),
+        "friction_holding_a": estimate(k_m.map(|k_m| &k_m.friction_a)),
+        "natural_frequency_rad_s": estimate(answer.map(|a| &a.wn_rad_s)),
+        "damping_ratio": estimate(answer.map(|a| &a.zeta)),
+        "command_delay_s": estimate(answer.map(|a| &a.delay_s)),
+        "total_lag_s": estimate(answer.map(|a| &a.total_lag_s)),
+        "answer_delay_s": findings.answer_time.map(|t| serde_json::json!({
+            "min": t.min_s, "mean": t.mean_s, "max": t.max_s, "count": t.count,
+        })),
+        "k_m_not_measured": findings.no_load(),
+        "refused": findings.refusals(),
+    })
+}

@@ -1,0 +1,385 @@
+//! Gains into the registers of a controller: read, write, read back, and back again if anything is wrong.
+//!
+//! The controller takes new gains over without a bump: it blends them in over `gains.blend_us`. The registers of the
+//! joints hold the gains of all of them, so three writes change all joints.
+
+use firmware::crc::Crc32;
+use protocol::cyphal::bits::Decode;
+use protocol::cyphal::client::Policy;
+use protocol::cyphal::id::NodeId;
+use protocol::cyphal::uavcan::register::{ACCESS, AccessRequest, AccessResponse};
+use protocol::cyphal::uavcan::value::ValueBuf;
+use serde::{Deserialize, Serialize};
+
+use crate::bus::Session;
+use crate::bus::operator::OperatorError;
+use crate::tune::gains_file::GainsFile;
+
+/// Registers of the gain row, in its order.
+const GAINS: [&str; 3] = ["joint.k_error_1_s2", "joint.k_rate_1_s", "joint.k_last"];
+/// Period the gains are for, µs.
+const GAINS_PERIOD: &str = "gains.period_us";
+/// Checksum of their certificate.
+const CERTIFICATE: &str = "gains.certificate_crc32";
+/// Period at which the controller runs, µs.
+const CYCLE_PERIOD: &str = "cycle.period_us";
+
+/// Named numbers of a controller.
+pub(super) trait Registers {
+    /// What goes wrong on the way.
+    type Error: std::fmt::Display;
+    /// Numbers of a register; empty for an unknown one.
+    ///
+    /// # Errors
+    /// Of the transport.
+    fn floats(&mut self, name: &str) -> Result<Vec<f32>, Self::Error>;
+    /// Writes numbers; returns what the register holds then.
+    ///
+    /// # Errors
+    /// Of the transport.
+    fn set_floats(&mut self, name: &str, values: &[f32]) -> Result<Vec<f32>, Self::Error>;
+    /// A whole number; `None` for an unknown register.
+    ///
+    /// # Errors
+    /// Of the transport.
+    fn natural(&mut self, name: &str) -> Result<Option<u32>, Self::Error>;
+    /// Writes a whole number; returns what the register holds then.
+    ///
+    /// # Errors
+    /// Of the transport.
+    fn set_natural(&mut self, name: &str, value: u32) -> Result<Option<u32>, Self::Error>;
+}
+
+/// Registers of a controller on a bus.
+pub(super) struct OnBus<'a> {
+    /// The bus.
+    pub(super) session: &'a mut Session,
+    /// The controller.
+    pub(super) node: NodeId,
+}
+
+impl OnBus<'_> {
+    fn access(&mut self, name: &str, value: &ValueBuf) -> Result<ValueBuf, OperatorError> {
+        let request = AccessRequest { name: name.as_bytes(), value: value.as_value() };
+        let payload = self.session.request(self.node, ACCESS, Policy::default(), &request)?;
+        let response = AccessResponse::from_bytes(&payload)
+            .map_err(|_| OperatorError::Unreadable { node: self.node })?;
+        Ok(response.value.into())
+    }
+}
+
+fn floats_of(value: &ValueBuf) -> Vec<f32> {
+    let value = value.as_value();
+    (0..value.len()).filter_map(|i| value.f32(i)).collect()
+}
+
+fn natural_of(value: &ValueBuf) -> Option<u32> {
+    value.as_value().u64(0).and_then(|x| u32::try_from(x).ok())
+}
+
+impl Registers for OnBus<'_> {
+    type Error = OperatorError;
+
+    fn floats(&mut self, name: &str) -> Result<Vec<f32>, OperatorError> {
+        Ok(floats_of(&self.access(name, &ValueBuf::EMPTY)?))
+    }
+
+    fn set_floats(&mut self, name: &str, values: &[f32]) -> Result<Vec<f32>, OperatorError> {
+        // Eight numbers at most fit in any case.
+        let value = ValueBuf::try_from(values).unwrap_or(ValueBuf::EMPTY);
+        Ok(floats_of(&self.access(name, &value)?))
+    }
+
+    fn natural(&mut self, name: &str) -> Result<Option<u32>, OperatorError> {
+        Ok(natural_of(&self.access(name, &ValueBuf::EMPTY)?))
+    }
+
+    fn set_natural(&mut self, name: &str, value: u32) -> Result<Option<u32>, OperatorError> {
+        Ok(natural_of(&self.access(name, &ValueBuf::from(value))?))
+    }
+}
+
+/// Gains of a controller, as its registers hold them; also the form of the file that rolls back.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct InForce {
+    /// Period they are for, µs.
+    pub(super) period_us: u32,
+    /// Checksum of their certificate, 0 for none.
+    pub(super) certificate_crc32: u32,
+    /// On the position error, joint by joint, 1/s2.
+    pub(super) k_pos_1_s2: Vec<f32>,
+    /// On its rate, 1/s.
+    pub(super) k_vel_1_s: Vec<f32>,
+    /// On the last command.
+    pub(super) k_last: Vec<f32>,
+}
+
+/// Why gains are not in force.
+#[derive(Debug, PartialEq, thiserror::Error)]
+pub(super) enum ApplyError {
+    /// The controller runs at another period.
+    #[error(
+        "the controller runs at {found_us} us, the gains are for {wanted_us} us; nothing was changed\n  next: tune with that \
+         --period, or change cycle.period_us of the controller"
+    )]
+    Period {
+        /// Of the controller.
+        found_us: u32,
+        /// Of the gains.
+        wanted_us: u32,
+    },
+    /// Gains for some joints only, at another period than the rest.
+    #[error(
+        "the gains in the controller are for {found_us} us, the new ones for {wanted_us} us and not for all joints; nothing \
+         was changed\n  next: tune all joints"
+    )]
+    SomeJoints {
+        /// Of the gains in force.
+        found_us: u32,
+        /// Of the new ones.
+        wanted_us: u32,
+    },
+    /// The controller has other joints.
+    #[error("the controller has {found} joints, the gains are for joint {wanted}; nothing was changed")]
+    Joints {
+        /// In the controller.
+        found: usize,
+        /// Number in the file.
+        wanted: usize,
+    },
+    /// Nothing was written.
+    #[error("nothing was changed: {0}")]
+    Untouched(String),
+    /// Writing or reading back failed; the gains from before are in force again, as read back.
+    #[error("{cause}; the gains from before are in force again")]
+    RolledBack {
+        /// What happened.
+        cause: String,
+    },
+    /// As before, and the way back failed too.
+    #[error(
+        "{cause}; rolling back failed as well ({second})\n  next: the registers may hold mixed gains: do not arm; restore them \
+         with --rollback"
+    )]
+    Mixed {
+        /// What happened first.
+        cause: String,
+        /// What happened on the way back.
+        second: String,
+    },
+}
+
+impl InForce {
+    /// Reads them.
+    ///
+    /// # Errors
+    /// In words.
+    pub(super) fn read<T: Registers>(target: &mut T) -> Result<Self, String> {
+        let mut rows: Vec<Vec<f32>> = Vec::new();
+        for name in GAINS {
+            let row = target.floats(name).map_err(|e| e.to_string())?;
+            if row.is_empty() || rows.first().is_some_and(|first| first.len() != row.len()) {
+                return Err(format!(
+                    "the controller's register {name} does not hold the gains of its joints"
+                ));
+            }
+            rows.push(row);
+        }
+        let mut natural = |name: &str| match target.natural(name) {
+            Ok(Some(value)) => Ok(value),
+            Ok(None) => Err(format!("the controller has no register {name}")),
+            Err(e) => Err(e.to_string()),
+        };
+        let (period_us, certificate_crc32) = (natural(GAINS_PERIOD)?, natural(CERTIFICATE)?);
+        let mut rows = rows.into_iter();
+        let mut next = || rows.next().unwrap_or_default();
+        let (k_pos_1_s2, k_vel_1_s, k_last) = (next(), next(), next());
+        Ok(Self { period_us, certificate_crc32, k_pos_1_s2, k_vel_1_s, k_last })
+    }
+
+    /// These gains with those of a verified file in place of its joints.
+    ///
+    /// # Errors
+    /// [`ApplyError::Joints`], [`ApplyError::SomeJoints`].
+    pub(super) fn with(&self, file: &GainsFile) -> Result<Self, ApplyError> {
+        let wanted_us = (file.period_s * 1e6).round() as u32;
+        let joints = self.k_pos_1_s2.len();
+        if file.joint.len() < joints && wanted_us != self.period_us {
+            return Err(ApplyError::SomeJoints { found_us: self.period_us, wanted_us });
+        }
+        let mut new = self.clone();
+        new.period_us = wanted_us;
+        new.certificate_crc32 = Crc32::of(file.to_toml().as_bytes());
+        for joint in &file.joint {
+            let unknown = ApplyError::Joints { found: joints, wanted: joint.number };
+            let Some(i) = joint.number.checked_sub(1).filter(|i| *i < joints) else { return Err(unknown) };
+            [new.k_pos_1_s2[i], new.k_vel_1_s[i], new.k_last[i]] = joint.gains();
+        }
+        Ok(new)
+    }
+
+    /// TOML text with a heading.
+    pub(super) fn to_toml(&self) -> String {
+        let body = toml::to_string(self).unwrap_or_default();
+        format!(
+            "# Gains that a controller held; `cubectl tune --rollback` with this file puts them back.\n{body}"
+        )
+    }
+
+    /// Reads the file of [`InForce::to_toml`].
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub(super) fn from_toml(text: &str) -> Result<Self, String> {
+        let read: Self = toml::from_str(text).map_err(|e| e.to_string())?;
+        let n = read.k_pos_1_s2.len();
+        let all = || read.k_pos_1_s2.iter().chain(&read.k_vel_1_s).chain(&read.k_last);
+        if n == 0 || read.k_vel_1_s.len() != n || read.k_last.len() != n || !all().all(|k| k.is_finite()) {
+            return Err(
+                "the lists of gains differ in length, are empty, or hold what is no number".to_owned()
+            );
+        }
+        Ok(read)
+    }
+
+    /// Writes every register and compares what each holds then, bit for bit.
+    fn write<T: Registers>(&self, target: &mut T) -> Result<(), String> {
+        let rows = [&self.k_pos_1_s2, &self.k_vel_1_s, &self.k_last];
+        for (name, row) in GAINS.into_iter().zip(rows) {
+            let back = target.set_floats(name, row).map_err(|e| e.to_string())?;
+            if back != *row {
+                return Err(format!("{name} reads back {back:?} instead of {row:?}"));
+            }
+        }
+        for (name, value) in [(GAINS_PERIOD, self.period_us), (CERTIFICATE, self.certificate_crc32)] {
+            let back = target.set_natural(name, value).map_err(|e| e.to_string())?;
+            if back != Some(value) {
+                return Err(format!("{name} reads back {back:?} instead of {value}"));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Puts `wanted` in force, all of it or nothing: every register is read back, at once and all together at the end;
+/// on any difference `before` is written back.
+///
+/// # Errors
+/// [`ApplyError`] says what is in force.
+pub(super) fn put<T: Registers>(
+    target: &mut T,
+    before: &InForce,
+    wanted: &InForce,
+) -> Result<(), ApplyError> {
+    let found = target.natural(CYCLE_PERIOD).map_err(|e| ApplyError::Untouched(e.to_string()))?;
+    match found {
+        Some(found_us) if found_us != wanted.period_us => {
+            return Err(ApplyError::Period { found_us, wanted_us: wanted.period_us });
+        }
+        _ => {}
+    }
+    let outcome = wanted.write(target).and_then(|()| match InForce::read(target)? {
+        all if all == *wanted => Ok(()),
+        all => Err(format!("the controller holds {all:?} instead of {wanted:?}")),
+    });
+    let Err(cause) = outcome else { return Ok(()) };
+    match before.write(target) {
+        Ok(()) => Err(ApplyError::RolledBack { cause }),
+        Err(second) => Err(ApplyError::Mixed { cause, second }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeMap;
+
+    /// Registers in memory with faults on demand.
+    struct Memory {
+        floats: BTreeMap<String, Vec<f32>>,
+        naturals: BTreeMap<String, u32>,
+        /// Writes left before the link breaks.
+        writes_left: usize,
+        /// Register that does not take what is written.
+        deaf: &'static str,
+    }
+
+    fn memory() -> Memory {
+        let floats = GAINS.map(|name| (name.to_owned(), vec![-1.0, -2.0])).into();
+        let naturals = [(GAINS_PERIOD, 3000), (CERTIFICATE, 7), (CYCLE_PERIOD, 3000)]
+            .map(|(n, v)| (n.to_owned(), v))
+            .into();
+        Memory { floats, naturals, writes_left: 99, deaf: "" }
+    }
+
+    impl Registers for Memory {
+        type Error = String;
+
+        fn floats(&mut self, name: &str) -> Result<Vec<f32>, String> {
+            Ok(self.floats.get(name).cloned().unwrap_or_default())
+        }
+
+        fn set_floats(&mut self, name: &str, values: &[f32]) -> Result<Vec<f32>, String> {
+            self.writes_left = self.writes_left.checked_sub(1).ok_or("no answer")?;
+            if name != self.deaf {
+                self.floats.insert(name.to_owned(), values.to_vec());
+            }
+            self.floats(name)
+        }
+
+        fn natural(&mut self, name: &str) -> Result<Option<u32>, String> {
+            Ok(self.naturals.get(name).copied())
+        }
+
+        fn set_natural(&mut self, name: &str, value: u32) -> Result<Option<u32>, String> {
+            self.writes_left = self.writes_left.checked_sub(1).ok_or("no answer")?;
+            if name != self.deaf {
+                self.naturals.insert(name.to_owned(), value);
+            }
+            self.natural(name)
+        }
+    }
+
+    fn wanted() -> InForce {
+        let (k_pos_1_s2, k_vel_1_s) = (vec![-400.0, -500.0], vec![-30.0, -35.0]);
+        InForce { period_us: 3000, certificate_crc32: 9, k_pos_1_s2, k_vel_1_s, k_last: vec![-0.2, -0.3] }
+    }
+
+    #[test]
+    fn gains_go_in_together_or_not_at_all() {
+        let mut target = memory();
+        let before = InForce::read(&mut target).unwrap();
+        put(&mut target, &before, &wanted()).unwrap();
+        assert_eq!(InForce::read(&mut target), Ok(wanted()));
+
+        for deaf in [GAINS[0], GAINS[2], CERTIFICATE] {
+            let mut target = Memory { deaf, ..memory() };
+            let refused = put(&mut target, &before, &wanted());
+            assert!(matches!(refused, Err(ApplyError::RolledBack { .. })), "{deaf}: {refused:?}");
+            assert_eq!(InForce::read(&mut target), Ok(before.clone()), "{deaf}");
+        }
+        // The link breaks for good after two writes: nobody can roll back, and it is said.
+        let mut target = Memory { writes_left: 2, ..memory() };
+        assert!(matches!(put(&mut target, &before, &wanted()), Err(ApplyError::Mixed { .. })));
+    }
+
+    #[test]
+    fn another_period_is_refused_before_anything_is_written() {
+        let mut target = memory();
+        let before = InForce::read(&mut target).unwrap();
+        let slow = InForce { period_us: 17_000, ..wanted() };
+        let refused = put(&mut target, &before, &slow);
+        assert_eq!(refused, Err(ApplyError::Period { found_us: 3000, wanted_us: 17_000 }));
+        assert_eq!(InForce::read(&mut target), Ok(before));
+    }
+
+    #[test]
+    fn file_for_rolling_back_survives_and_damaged_ones_are_refused() {
+        let text = wanted().to_toml();
+        assert_eq!(InForce::from_toml(&text), Ok(wanted()));
+        assert!(InForce::from_toml(&text.replace("-400.0, ", "")).is_err());
+        assert!(InForce::from_toml(&text.replace("-0.2", "nan")).is_err());
+        assert!(InForce::from_toml("period_us = 1").is_err());
+    }
+}

@@ -1,0 +1,488 @@
+//! `cubectl tune`: feedback gains with a certificate.
+
+mod apply;
+mod trial;
+
+use std::fmt::Write as _;
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+
+use can_link::BusSpec;
+use indicatif::ProgressBar;
+use protocol::cyphal::id::NodeId;
+use rayon::prelude::*;
+use robot_model::AnyRobot;
+
+use crate::bus::{BusArgs, Session};
+use crate::error::ExpectedError;
+use crate::exit;
+use crate::plan::file::PlanFile;
+use crate::tune::design::{Design, Tuned, tune};
+use crate::tune::gains_file::{FORMAT, GainsFile, GainsFileError};
+use crate::tune::machine::{Demand, Machine, MachineError, Motion, inputs};
+use crate::tune::picture;
+use crate::tune::trial::TrialMotion;
+use apply::{ApplyError, InForce, OnBus, put};
+use trial::built_in;
+
+/// Which design to use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum DesignArg {
+    /// Theorem 1 of the paper: continuous time, never saturates.
+    Paper,
+    /// Discrete time with delay and drive lag, saturation certified.
+    Saturated,
+}
+
+/// Joints to tune: `all` or a number from 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Joints {
+    /// Every joint.
+    All,
+    /// One, from 1.
+    One(usize),
+}
+
+impl std::str::FromStr for Joints {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "all" => Ok(Self::All),
+            _ => match text.parse() {
+                Ok(n) if n >= 1 => Ok(Self::One(n)),
+                _ => Err("expected `all` or a joint number from 1".into()),
+            },
+        }
+    }
+}
+
+/// Arguments of `cubectl tune`.
+#[derive(Clone, Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  cubectl tune --plan throw.json --out gains.toml --pictures .\n  cubectl tune --period 0.017 --joint 2 --design paper\n  cubectl tune --plan throw.json --apply --bus can0\n  cubectl tune --rollback gains-before.toml --bus can0\n\n--apply keeps the gains from before in --backup; the controller blends new gains in without a bump."
+)]
+pub struct Args {
+    /// Bus of the controller; `--robot` names the robot model.
+    #[command(flatten)]
+    pub bus: BusArgs,
+    /// Joint number from 1, or `all`.
+    #[arg(long, default_value = "all")]
+    pub joint: Joints,
+    /// Command period in s; the firmware refuses gains for another one.
+    #[arg(long, default_value_t = 0.003, value_name = "S")]
+    pub period: f64,
+    /// Relative jitter of the period.
+    #[arg(long, default_value_t = 0.02, value_name = "RATIO")]
+    pub jitter: f64,
+    /// Largest delay from position sample to action of the command in s [default: one period].
+    #[arg(long, value_name = "S")]
+    pub delay: Option<f64>,
+    /// Smallest delay in s [default: 95 % of the largest].
+    #[arg(long, value_name = "S")]
+    pub delay_min: Option<f64>,
+    /// Plan whose accelerations are set aside for the reference (file of `cubectl plan throw`).
+    #[arg(long, value_name = "PLAN", conflicts_with = "reference_share")]
+    pub plan: Option<PathBuf>,
+    /// Without a plan: share of the acceleration for control that a motion uses.
+    #[arg(long, default_value_t = 0.8, value_name = "RATIO")]
+    pub reference_share: f64,
+    /// Initial position error to recover from, in rad.
+    #[arg(long, default_value_t = 0.1, value_name = "RAD")]
+    pub error_position: f64,
+    /// Initial velocity error to recover from, in rad/s.
+    #[arg(long, default_value_t = 0.1, value_name = "RAD_S")]
+    pub error_velocity: f64,
+    /// Design.
+    #[arg(long, value_enum, default_value_t = DesignArg::Saturated)]
+    pub design: DesignArg,
+    /// Gains file to write.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Folder for one picture per joint (SVG).
+    #[arg(long, value_name = "FOLDER")]
+    pub pictures: Option<PathBuf>,
+    /// Do not try the gains on the simulated cell.
+    #[arg(long)]
+    pub no_trial: bool,
+    /// Write the gains to the controller on the bus, and read them back.
+    #[arg(long)]
+    pub apply: bool,
+    /// Cyphal node-ID of the controller. Default: the one that is heard.
+    #[arg(long, value_name = "NODE-ID", value_parser = super::upload::node_id)]
+    pub controller: Option<NodeId>,
+    /// Where --apply keeps the gains from before.
+    #[arg(long, value_name = "FILE", default_value = "gains-before.toml")]
+    pub backup: PathBuf,
+    /// Put the gains of such a file back; nothing is designed.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["apply", "out", "pictures", "plan"])]
+    pub rollback: Option<PathBuf>,
+}
+
+/// Why `cubectl tune` stops.
+#[derive(Debug, thiserror::Error)]
+pub enum TuneError {
+    /// Robot and motion.
+    #[error(transparent)]
+    Machine(#[from] MachineError),
+    /// No such joint.
+    #[error("robot {robot} has joints 1 to {joints}, not {asked}")]
+    NoSuchJoint {
+        /// Robot.
+        robot: String,
+        /// Joints it has.
+        joints: usize,
+        /// Asked for.
+        asked: usize,
+    },
+    /// The share of the motion.
+    #[error("--reference-share is {0}; it must be at least 0 and below 1")]
+    Share(f64),
+    /// A joint.
+    #[error(transparent)]
+    Design(#[from] crate::tune::design::DesignError),
+    /// The file just written does not read back.
+    #[error("the gains do not verify after rounding to text: {0}; please report this")]
+    File(#[from] GainsFileError),
+    /// Writing.
+    #[error("cannot write {path}: {cause}")]
+    Write {
+        /// File.
+        path: PathBuf,
+        /// From the system.
+        cause: std::io::Error,
+    },
+    /// Drawing.
+    #[error("cannot draw joint {joint}: {cause}")]
+    Picture {
+        /// Joint number.
+        joint: usize,
+        /// From the library.
+        cause: String,
+    },
+}
+
+impl From<TuneError> for ExpectedError {
+    fn from(error: TuneError) -> Self {
+        match error {
+            TuneError::Write { .. } => Self::new(exit::OUTPUT, error.to_string()),
+            TuneError::File(_) | TuneError::Picture { .. } => Self::new(exit::BUG, error.to_string()),
+            _ => Self::bad_input(&error),
+        }
+    }
+}
+
+impl From<ApplyError> for ExpectedError {
+    fn from(error: ApplyError) -> Self {
+        Self::new(exit::DRIVE, error.to_string())
+    }
+}
+
+/// Runs the verb.
+///
+/// # Errors
+/// Bad input, a joint that cannot be tuned with the binding condition, files, or the controller.
+pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    if let Some(path) = &args.rollback {
+        return roll_back(args, path);
+    }
+    let work = Work::new(args)?;
+    let tuned = work.design(args)?;
+    print!("{}", table(&work.machine.robot, &work.demand, &tuned));
+    let file = GainsFile {
+        format: FORMAT,
+        robot: work.machine.robot.clone(),
+        period_s: work.demand.period_s,
+        joint: tuned.iter().map(Tuned::entry).collect(),
+    };
+    write_files(args, &file, &tuned)?;
+    let mut link = if args.apply || args.bus.bus != BusSpec::Sim { Some(Link::open(args)?) } else { None };
+    let before = match &mut link {
+        Some(link) => link.gains()?,
+        None => built_in(),
+    };
+    if !args.no_trial {
+        match trial::compare(&work.robot, &before, &file, &work.trial) {
+            Ok(text) => print!("{text}"),
+            Err(why) => println!("not tried on the simulated cell: {why}"),
+        }
+    }
+    match link {
+        Some(mut link) if args.apply => {
+            link.apply(&before, &before.with(&file)?, &args.backup)?;
+            Ok(link.session.finish()?)
+        }
+        Some(link) => Ok(link.session.finish()?),
+        None => Ok(()),
+    }
+}
+
+/// What is designed for.
+struct Work {
+    robot: AnyRobot,
+    machine: Machine,
+    motion: Motion,
+    demand: Demand,
+    trial: TrialMotion,
+}
+
+impl Work {
+    fn new(args: &Args) -> Result<Self, ExpectedError> {
+        let cell = args.bus.cell.load()?;
+        let (robot, source) = (cell.robot, cell.robot_source);
+        let machine = Machine::from_robot(&robot).map_err(|e| ExpectedError::bad_input(&e))?;
+        if !(0.0..1.0).contains(&args.reference_share) {
+            return Err(TuneError::Share(args.reference_share).into());
+        }
+        if let Joints::One(asked) = args.joint
+            && asked > machine.joints.len()
+        {
+            let (robot, joints) = (machine.robot, machine.joints.len());
+            return Err(TuneError::NoSuchJoint { robot, joints, asked }.into());
+        }
+        let (motion, trial) = match &args.plan {
+            Some(path) => {
+                let plan = PlanFile::read(path).map_err(|e| ExpectedError::bad_input(&e))?;
+                let arm = super::arm(&source)?;
+                plan.require_robot(path, &arm).map_err(|e| ExpectedError::bad_input(&e))?;
+                (trial::demands(&plan), trial::of_plan(&plan))
+            }
+            None => {
+                let motion = Motion::with_share(&machine, args.reference_share);
+                let trial = trial::of_share(&robot, args.reference_share);
+                (motion, trial)
+            }
+        };
+        let high = args.delay.unwrap_or(args.period);
+        let demand = Demand {
+            period_s: args.period,
+            period_jitter: args.jitter,
+            delay_s: (args.delay_min.unwrap_or(0.95 * high), high),
+            error_position_rad: args.error_position,
+            error_velocity_rad_s: args.error_velocity,
+        };
+        Ok(Self { robot, machine, motion, demand, trial })
+    }
+
+    /// Designs the joints asked for, with a bar on a terminal.
+    fn design(&self, args: &Args) -> Result<Vec<Tuned>, TuneError> {
+        let design = match args.design {
+            DesignArg::Paper => Design::Paper,
+            DesignArg::Saturated => Design::Saturated,
+        };
+        let wanted = |joint: usize| matches!(args.joint, Joints::All) || args.joint == Joints::One(joint);
+        let all = inputs(&self.machine, &self.motion, &self.demand)?;
+        let chosen: Vec<_> = all.iter().filter(|input| wanted(input.joint)).collect();
+        let bar = if std::io::stderr().is_terminal() {
+            ProgressBar::new(chosen.len() as u64).with_message("designing")
+        } else {
+            ProgressBar::hidden()
+        };
+        let tuned = chosen.into_par_iter().map(|input| {
+            let tuned = tune(input, design);
+            bar.inc(1);
+            tuned
+        });
+        // All are awaited, so that the first joint that fails is the one reported.
+        let tuned: Vec<_> = tuned.collect();
+        bar.finish_and_clear();
+        Ok(tuned.into_iter().collect::<Result<Vec<_>, _>>()?)
+    }
+}
+
+/// Gains file and pictures.
+fn write_files(args: &Args, file: &GainsFile, tuned: &[Tuned]) -> Result<(), TuneError> {
+    if let Some(path) = &args.out {
+        let toml = file.to_toml();
+        // What is on disk must prove, not what was in memory.
+        GainsFile::from_toml(&toml, &file.robot)?;
+        std::fs::write(path, toml).map_err(|cause| TuneError::Write { path: path.clone(), cause })?;
+        println!("wrote {} ({} joints, certificates verified)", path.display(), tuned.len());
+    }
+    if let Some(folder) = &args.pictures {
+        for joint in tuned {
+            let number = joint.input.joint;
+            let svg = picture::svg(joint).map_err(|cause| TuneError::Picture { joint: number, cause })?;
+            let path = folder.join(format!("joint{number}.svg"));
+            std::fs::write(&path, svg).map_err(|cause| TuneError::Write { path: path.clone(), cause })?;
+            println!("wrote {}", path.display());
+        }
+    }
+    Ok(())
+}
+
+/// A controller on the bus.
+struct Link {
+    session: Session,
+    node: NodeId,
+}
+
+impl Link {
+    fn open(args: &Args) -> Result<Self, ExpectedError> {
+        let mut session = args.bus.open_with_controller()?;
+        let node = session.find_controller(args.controller)?;
+        super::upload::settle(&mut session)?;
+        Ok(Self { session, node })
+    }
+
+    fn registers(&mut self) -> OnBus<'_> {
+        OnBus { session: &mut self.session, node: self.node }
+    }
+
+    fn gains(&mut self) -> Result<InForce, ExpectedError> {
+        InForce::read(&mut self.registers()).map_err(|cause| ApplyError::Untouched(cause).into())
+    }
+
+    /// Keeps `before` in a file, then puts `wanted` in force.
+    fn apply(&mut self, before: &InForce, wanted: &InForce, backup: &Path) -> Result<(), ExpectedError> {
+        std::fs::write(backup, before.to_toml()).map_err(|cause| {
+            let cause = format!("{}: {cause}; nothing was changed", backup.display());
+            ExpectedError::new(exit::OUTPUT, cause)
+        })?;
+        put(&mut self.registers(), before, wanted)?;
+        println!(
+            "controller {}: gains in force and read back; from before: {} (--rollback {})",
+            self.node.get(),
+            backup.display(),
+            backup.display()
+        );
+        Ok(())
+    }
+}
+
+fn roll_back(args: &Args, path: &Path) -> Result<(), ExpectedError> {
+    let text = std::fs::read_to_string(path).map_err(|cause| ExpectedError::io(path, &cause))?;
+    let wanted = InForce::from_toml(&text)
+        .map_err(|cause| ExpectedError::bad_input(&format!("{}: {cause}", path.display())))?;
+    let mut link = Link::open(args)?;
+    let before = link.gains()?;
+    put(&mut link.registers(), &before, &wanted)?;
+    println!("controller {}: the gains of {} are in force and read back", link.node.get(), path.display());
+    Ok(link.session.finish()?)
+}
+
+/// Table for the terminal.
+pub fn table(robot: &str, demand: &Demand, tuned: &[Tuned]) -> String {
+    let mut t = format!(
+        "{robot}, period {} ms +-{} %, delay {:.2} to {:.2} ms, initial errors {} rad and {} rad/s\n",
+        demand.period_s * 1e3,
+        demand.period_jitter * 1e2,
+        demand.delay_s.0 * 1e3,
+        demand.delay_s.1 * 1e3,
+        demand.error_position_rad,
+        demand.error_velocity_rad_s
+    );
+    t += "joint    k_pos    k_vel   k_last  left rad/s2  decay 1/s  overshoot  settles s  delay margin ms   margin\n";
+    for joint in tuned {
+        let left = joint.problem.phases().iter().map(|p| p.u_max_rad_s2).fold(f64::INFINITY, f64::min);
+        let (overshoot, settling) = match &joint.evidence {
+            Some(e) => (format!("{:.1} %", 100.0 * e.overshoot), format!("{:.3}", e.settling_s)),
+            None => ("-".into(), "-".into()),
+        };
+        let _ = writeln!(
+            t,
+            "{:>5} {:>8.2} {:>8.3} {:>8.4} {:>12.2} {:>10.2} {:>10} {:>10} {:>16.1} {:>8.1e}",
+            joint.input.joint,
+            joint.gains[0],
+            joint.gains[1],
+            joint.gains[2],
+            left,
+            joint.decay_1_s(),
+            overshoot,
+            settling,
+            1e3 * joint.figures.delay_margin_s,
+            joint.margin()
+        );
+    }
+    t
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(clap::Parser)]
+    struct Cli {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    fn args(line: &str) -> Args {
+        Cli::try_parse_from(std::iter::once("tune").chain(line.split_whitespace())).unwrap().args
+    }
+
+    /// Design and files, without a trial; the table.
+    fn run_files(args: &Args) -> Result<String, ExpectedError> {
+        let work = Work::new(args)?;
+        let tuned = work.design(args)?;
+        let (robot, period_s) = (work.machine.robot.clone(), work.demand.period_s);
+        let joint = tuned.iter().map(Tuned::entry).collect();
+        write_files(args, &GainsFile { format: FORMAT, robot, period_s, joint }, &tuned)?;
+        Ok(table(&work.machine.robot, &work.demand, &tuned))
+    }
+
+    #[test]
+    fn bad_arguments_end_in_a_sentence_that_names_them() {
+        let table = [
+            ("--period 0", "period is 0"),
+            ("--period NaN", "period is not a finite number"),
+            ("--period 0.01 --delay 0.011", "longer than the period"),
+            ("--reference-share 1", "--reference-share is 1"),
+            ("--reference-share NaN", "--reference-share is NaN"),
+            ("--joint 7", "has joints 1 to 6, not 7"),
+            ("--error-position=-0.1", "initial position error is -0.1"),
+            ("--jitter=-1", "period jitter is -1"),
+            ("--robot nowhere.toml", "nowhere"),
+        ];
+        for (line, want) in table {
+            let args = args(line);
+            let message = match Work::new(&args) {
+                Ok(work) => work.design(&args).unwrap_err().to_string(),
+                Err(error) => error.to_string(),
+            };
+            assert!(message.contains(want), "{line}: {message}");
+        }
+        for line in ["--joint 0", "--joint x", "--design best", "--period fast"] {
+            assert!(Cli::try_parse_from(std::iter::once("tune").chain(line.split(' '))).is_err(), "{line}");
+        }
+    }
+
+    #[test]
+    fn one_joint_is_tuned_written_and_drawn() {
+        let folder = std::env::temp_dir().join(format!("cubectl-tune-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let out = folder.join("gains.toml");
+        let mut args = args("--joint 1 --period 0.017 --design paper --reference-share 0.5");
+        (args.out, args.pictures) = (Some(out.clone()), Some(folder.clone()));
+        let text = run_files(&args).unwrap();
+        assert_eq!(text.lines().filter(|l| l.trim_start().starts_with("1 ")).count(), 1, "{text}");
+        let file = GainsFile::from_toml(&std::fs::read_to_string(&out).unwrap(), "powercube6").unwrap();
+        assert_eq!(file.joint.len(), 1);
+        assert!(std::fs::read_to_string(folder.join("joint1.svg")).unwrap().starts_with("<svg"));
+        args.out = Some(folder.join("missing").join("gains.toml"));
+        assert_eq!(run_files(&args).unwrap_err().code, exit::OUTPUT);
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn gains_reach_the_soft_controller_and_the_old_ones_are_kept() {
+        let folder = std::env::temp_dir().join(format!("cubectl-apply-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let backup = folder.join("before.toml");
+        let mut args = args("--joint 4 --design paper --reference-share 0.5 --no-trial --apply");
+        args.backup = backup.clone();
+        run(&args).unwrap();
+        let before = InForce::from_toml(&std::fs::read_to_string(&backup).unwrap()).unwrap();
+        assert_eq!(before, built_in());
+        // Another cell: what is put back there is what it holds.
+        args.rollback = Some(backup);
+        run(&args).unwrap();
+        // The soft controller runs at 3 ms.
+        args.rollback = None;
+        (args.period, args.joint) = (0.017, Joints::All);
+        let refused = run(&args).unwrap_err();
+        assert!(refused.code == exit::DRIVE && refused.message.contains("3000 us"), "{refused}");
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+}

@@ -1,0 +1,208 @@
+//! Motions for trials, and the table that compares gains on the simulated cell.
+
+use std::fmt::Write as _;
+
+use firmware::settings::Settings;
+use protocol::JointIndex;
+use robot_model::AnyRobot;
+
+use super::apply::InForce;
+use crate::plan::file::{JointPlan, PlanFile, Segment};
+use crate::tune::gains_file::GainsFile;
+use crate::tune::machine::Motion;
+use crate::tune::problem::PhaseInput;
+use crate::tune::saturated::Gains;
+use crate::tune::trial::{JOINTS, Trial, TrialMotion, run, settings};
+
+/// Error at the start of a trial, rad: the paper's.
+const OFFSET_RAD: f64 = 0.1;
+/// Seed of the simulated cell.
+const SEED: u64 = 1;
+/// Run-up and braking of the motion without a plan, s.
+const HA_HB_S: (f64, f64) = (0.7, 0.5);
+
+/// Position, velocity and acceleration of a segment, rad, rad/s, rad/s2.
+fn at(segment: &Segment, t: f64) -> [f64; 3] {
+    let c = |i: usize| segment.coefficients_rad.get(i).copied().unwrap_or(0.0);
+    let (c0, c1, c2, c3) = (c(0), c(1), c(2), c(3));
+    [((c0 * t + c1) * t + c2) * t + c3, (3.0 * c0 * t + 2.0 * c1) * t + c2, 6.0 * c0 * t + 2.0 * c1]
+}
+
+/// Largest accelerations of a plan before and after its release.
+pub(super) fn demands(plan: &PlanFile) -> Motion {
+    // The acceleration of a cubic is largest at an end.
+    let largest = |joint: &JointPlan, early: bool| {
+        let side = joint.segments.iter().filter(|s| (s.t_start_s < plan.release_time_s - 1e-9) == early);
+        side.flat_map(|s| [at(s, s.t_start_s)[2].abs(), at(s, s.t_end_s)[2].abs()]).fold(0.0, f64::max)
+    };
+    let phases = plan.joints.iter().map(|joint| {
+        vec![
+            PhaseInput { duration_s: Some(plan.release_time_s), reference_max_rad_s2: largest(joint, true) },
+            PhaseInput { duration_s: None, reference_max_rad_s2: largest(joint, false) },
+        ]
+    });
+    Motion { robot: plan.robot.name.clone(), phases: phases.collect() }
+}
+
+/// The throw of a plan.
+pub(super) fn of_plan(plan: &PlanFile) -> TrialMotion {
+    let mut times: Vec<f64> =
+        plan.joints.iter().flat_map(|j| j.segments.iter().flat_map(|s| [s.t_start_s, s.t_end_s])).collect();
+    times.sort_by(f64::total_cmp);
+    times.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
+    let state = |joint: &JointPlan, t: f64| {
+        let segment = joint.segments.iter().find(|s| t <= s.t_end_s + 1e-9).or(joint.segments.last());
+        segment.map_or((0.0, 0.0), |s| {
+            let [q, v, _] = at(s, t);
+            (q, v)
+        })
+    };
+    let knots = times
+        .iter()
+        .map(|&t| (t, std::array::from_fn(|i| plan.joints.get(i).map_or((0.0, 0.0), |j| state(j, t)))));
+    TrialMotion {
+        knots: knots.collect(),
+        release_s: Some(plan.release_time_s),
+        target_m: Some(plan.target.position_m),
+    }
+}
+
+/// Without a plan: every joint swings through the middle of its range and uses `share` of its acceleration.
+pub(super) fn of_share(robot: &AnyRobot, share: f64) -> TrialMotion {
+    let (ha, hb) = HA_HB_S;
+    let mut through = [(0.0, 0.0); JOINTS];
+    if let AnyRobot::Six(model) = robot {
+        for (state, joint) in through.iter_mut().zip(model.joints()) {
+            let limits = &joint.limits;
+            let v = (0.5 * share * limits.a_control_max_rad_s2 * hb).min(0.9 * limits.v_max_rad_s);
+            *state = (0.5 * (limits.q_min_rad + limits.q_max_rad), v);
+        }
+    }
+    let rest = |way: f64| through.map(|(q, v)| (q + 2.0 / 3.0 * v * way, 0.0));
+    let knots = vec![(0.0, rest(-ha)), (ha, through), (ha + hb, rest(hb))];
+    TrialMotion { knots, release_s: None, target_m: None }
+}
+
+/// Gains of the firmware's built-in settings.
+pub(super) fn built_in() -> InForce {
+    let settings = Settings::powercube6();
+    let of = |pick: fn(&firmware::settings::JointSettings) -> f32| {
+        JointIndex::first(JOINTS).map(|joint| pick(settings.joint.at(joint))).collect()
+    };
+    InForce {
+        period_us: settings.gains_period_us,
+        certificate_crc32: settings.gains_certificate_crc32,
+        k_pos_1_s2: of(|j| j.k_error_1_s2),
+        k_vel_1_s: of(|j| j.k_rate_1_s),
+        k_last: of(|j| j.k_last),
+    }
+}
+
+fn rows(gains: &InForce) -> Option<[Gains; JOINTS]> {
+    let row = |i: usize| Some([*gains.k_pos_1_s2.get(i)?, *gains.k_vel_1_s.get(i)?, *gains.k_last.get(i)?]);
+    let rows: Vec<Gains> = (0..JOINTS).filter_map(row).collect();
+    rows.try_into().ok()
+}
+
+/// Both sets of gains on the simulated cell: beside the path and on it.
+///
+/// # Errors
+/// In words, why there is nothing to compare.
+pub(super) fn compare(
+    robot: &AnyRobot,
+    before: &InForce,
+    file: &GainsFile,
+    motion: &TrialMotion,
+) -> Result<String, String> {
+    if !matches!(robot, AnyRobot::Six(_)) {
+        return Err("the firmware's built-in settings are for an arm of six joints".to_owned());
+    }
+    let after = before.with(file).map_err(|e| e.to_string())?;
+    let mut text = format!(
+        "on the simulated cell (seed {SEED}), every joint {OFFSET_RAD} rad beside its start | on its start\n\
+         gains                period ms  below {} rad after s, joint 1 to 6     after 0.35 s mrad  release mrad, mrad/s  \
+         landing mm\n",
+        0.5 * OFFSET_RAD
+    );
+    for (name, gains) in [("A in the controller", before), ("B this design", &after)] {
+        let rows = rows(gains).ok_or("the controller does not hold gains of six joints")?;
+        let settings = settings(&rows, f64::from(gains.period_us) * 1e-6);
+        let beside = run(robot, &settings, motion, OFFSET_RAD, SEED);
+        let on = run(robot, &settings, motion, 0.0, SEED);
+        let _ = match (beside, on) {
+            (Ok(beside), Ok(on)) => {
+                writeln!(
+                    text,
+                    "{name:<20} {:>9.1}  {}",
+                    f64::from(gains.period_us) * 1e-3,
+                    cells(&beside, &on)
+                )
+            }
+            (Err(e), _) | (_, Err(e)) => writeln!(text, "{name:<20} {e}"),
+        };
+    }
+    Ok(text)
+}
+
+fn cells(beside: &Trial, on: &Trial) -> String {
+    let times: Vec<String> = beside.halved_s.iter().map(|t| format!("{t:.3}")).collect();
+    let pair = |a: f64, b: f64, digits: usize| format!("{a:.digits$} | {b:.digits$}");
+    let landing = match (beside.landing_m, on.landing_m) {
+        (Some(a), Some(b)) => pair(1e3 * a, 1e3 * b, 1),
+        _ => "-".to_owned(),
+    };
+    let release = if beside.release.0.is_nan() {
+        "-".to_owned()
+    } else {
+        format!(
+            "{:.2}, {:.1} | {:.2}, {:.1}",
+            1e3 * beside.release.0,
+            1e3 * beside.release.1,
+            1e3 * on.release.0,
+            1e3 * on.release.1
+        )
+    };
+    format!(
+        "{}  {:>16}  {release:>20}  {landing:>10}",
+        times.join(" "),
+        pair(1e3 * beside.late_max_rad, 1e3 * on.late_max_rad, 2)
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tune::design::{Design, tune};
+    use crate::tune::gains_file::FORMAT;
+    use crate::tune::machine::{Demand, Machine, inputs};
+
+    #[test]
+    fn motion_without_a_plan_uses_its_share_of_the_acceleration_and_begins_and_ends_at_rest() {
+        let robot = AnyRobot::load("powercube6").unwrap();
+        let motion = of_share(&robot, 0.5);
+        assert!(motion.knots[0].1.iter().chain(&motion.knots[2].1).all(|(_, v)| *v == 0.0));
+        // Joint 1 brakes with half of 10.4 rad/s2: 2 v / hb.
+        let v = motion.knots[1].1[0].1;
+        assert!((2.0 * v / HA_HB_S.1 - 5.2).abs() < 1e-12, "{v}");
+    }
+
+    #[test]
+    fn certified_gains_hold_in_the_simulated_cell_with_the_firmware_at_either_period() {
+        let robot = AnyRobot::load("powercube6").unwrap();
+        let machine = Machine::from_robot(&robot).unwrap();
+        let motion = Motion::with_share(&machine, 0.5);
+        for period_s in [0.017, 0.003] {
+            let data = inputs(&machine, &motion, &Demand::with_period(period_s)).unwrap();
+            let joint = data.iter().map(|i| tune(i, Design::Saturated).unwrap().entry()).collect();
+            let file = GainsFile { format: FORMAT, robot: "powercube6".into(), period_s, joint };
+            let text = compare(&robot, &built_in(), &file, &of_share(&robot, 0.5)).unwrap();
+            println!("{text}");
+            let rows = rows(&built_in().with(&file).unwrap()).unwrap();
+            let found =
+                run(&robot, &settings(&rows, period_s), &of_share(&robot, 0.5), OFFSET_RAD, SEED).unwrap();
+            // With all of 22.3 rad/s2 and the reference's help joint 6 needs 0.055 s.
+            assert!(found.halved_s.iter().all(|t| (0.04..0.25).contains(t)), "{found:?}");
+            assert!((1e-5..0.05).contains(&found.late_max_rad), "{found:?}");
+        }
+    }
+}

@@ -1,0 +1,272 @@
+//! What the measurements of one joint say: constants with intervals or the reason why there is none, as text
+//! and as a patch of the robot file.
+
+use std::fmt::Write as _;
+
+use super::current::{CurrentConstant, HoldSample, k_b, k_m};
+use super::experiment::{Speeds, Steps};
+use super::lag::{DriveAnswer, identify};
+use super::regression::{Estimate, Refusal};
+use crate::tune::model::DriveLag;
+
+/// Relative half width beyond which a load is not worth measuring.
+const WORTH: f64 = 0.25;
+/// Relative half width up to which natural frequency and damping go into the patch.
+const SHARP: f64 = 0.05;
+
+/// The joint and what its robot file says.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Subject {
+    /// Robot.
+    pub robot: String,
+    /// Bus on which was measured.
+    pub bus: String,
+    /// Joint number from 1.
+    pub joint: usize,
+    /// Its name.
+    pub name: String,
+    /// Module type.
+    pub module: String,
+    /// Address of the module.
+    pub address: u8,
+    /// K_B of the file, A s/rad.
+    pub k_b_a_s_rad: f64,
+    /// K_M of the file, A/(N m).
+    pub k_m_a_nm: f64,
+    /// Position loop of the file.
+    pub drive: DriveLag,
+}
+
+/// Holding currents, or why there are none.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Holds {
+    /// Measured.
+    Measured {
+        /// The samples.
+        samples: Vec<HoldSample>,
+        /// Largest load that the arm can put on the joint, N m.
+        largest_nm: f64,
+    },
+    /// Gravity does not load this joint.
+    NotLoaded,
+    /// It does, but the current of that load drowns in the noise.
+    BelowNoise {
+        /// Largest load that the arm can put on the joint, N m.
+        largest_nm: f64,
+        /// Current of that load by the robot file, A.
+        expected_a: f64,
+        /// Standard deviation of a reading, A.
+        scatter_a: f64,
+    },
+}
+
+impl Holds {
+    /// Whether loads of up to `largest_nm` are worth measuring with a mean of `readings` readings of `scatter_a`
+    /// each: a rough forecast of the interval of K_M.
+    pub fn are_worth(largest_nm: f64, k_m_a_nm: f64, scatter_a: f64, holds: usize) -> bool {
+        // Loads spread evenly from end to end have a standard deviation of 0.6 of the largest; Student's factor is 2.3.
+        let error_a = scatter_a / (super::experiment::HOLD_READINGS as f64).sqrt();
+        2.3 * error_a / (0.6 * largest_nm * (holds as f64).sqrt()) < WORTH * k_m_a_nm
+    }
+}
+
+/// All that was measured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Measured {
+    /// Steady speeds.
+    pub speeds: Speeds,
+    /// Mean |load| over the stretch of the steady speeds, N m.
+    pub speed_load_nm: f64,
+    /// Largest speed of the joint, rad/s.
+    pub speed_max_rad_s: f64,
+    /// Holding currents.
+    pub holds: Holds,
+    /// Steps of acceleration.
+    pub steps: Steps,
+}
+
+/// Smallest, mean and largest time from a question to its answer, s.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AnswerTime {
+    /// Smallest.
+    pub min_s: f64,
+    /// Mean.
+    pub mean_s: f64,
+    /// Largest.
+    pub max_s: f64,
+    /// Answers.
+    pub count: usize,
+}
+
+/// Conclusions.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Findings {
+    /// About what.
+    pub subject: Subject,
+    /// Confidence level of every interval.
+    pub level: f64,
+    /// From what.
+    pub measured: Measured,
+    /// K_B, A s/rad.
+    pub k_b: Result<CurrentConstant, Refusal>,
+    /// K_M, A/(N m); `None` where the arm cannot load the joint.
+    pub k_m: Option<Result<CurrentConstant, Refusal>>,
+    /// Position loop.
+    pub answer: Result<DriveAnswer, Refusal>,
+    /// Answer delay; `None` without answers.
+    pub answer_time: Option<AnswerTime>,
+}
+
+impl Findings {
+    /// Concludes with confidence `level`.
+    pub fn of(subject: Subject, measured: Measured, level: f64) -> Self {
+        let k_b = k_b(&measured.speeds.samples, measured.speed_max_rad_s, level);
+        let k_m = match &measured.holds {
+            Holds::Measured { samples, largest_nm } => Some(k_m(samples, *largest_nm, level)),
+            Holds::NotLoaded | Holds::BelowNoise { .. } => None,
+        };
+        let steps = &measured.steps;
+        let answer = identify(&steps.samples, steps.acceleration_rad_s2, (1e-3, subject.drive), level);
+        let answers = &steps.answers_s;
+        let answer_time = (!answers.is_empty()).then(|| AnswerTime {
+            min_s: answers.iter().copied().fold(f64::INFINITY, f64::min),
+            mean_s: answers.iter().sum::<f64>() / answers.len() as f64,
+            max_s: answers.iter().copied().fold(0.0, f64::max),
+            count: answers.len(),
+        });
+        Self { subject, level, measured, k_b, k_m, answer, answer_time }
+    }
+
+    /// Current that overcomes friction, A: what the regression of the steady speeds leaves at speed zero, less the
+    /// mean load.
+    pub fn friction_a(&self) -> Option<Estimate> {
+        let k_b = self.k_b.as_ref().ok()?;
+        let k_m = match &self.k_m {
+            Some(Ok(k_m)) => k_m.k.value,
+            _ => self.subject.k_m_a_nm,
+        };
+        let value = k_b.friction_a.value - k_m * self.measured.speed_load_nm;
+        Some(Estimate { value, ..k_b.friction_a })
+    }
+
+    /// Why the loads were not measured.
+    pub fn no_load(&self) -> Option<String> {
+        match self.measured.holds {
+            Holds::Measured { .. } => None,
+            Holds::NotLoaded => Some(
+                "gravity does not load this joint in any pose; K_M of the file stays (measure a module of the same \
+                 type at a joint that carries load)"
+                    .to_owned(),
+            ),
+            Holds::BelowNoise { largest_nm, expected_a, scatter_a } => Some(format!(
+                "gravity loads this joint with at most {largest_nm:.2} N m, {expected_a:.4} A, while a reading scatters \
+                 by {scatter_a:.3} A; K_M of the file stays (mount a known mass on the hand and put it into the robot \
+                 file to measure it)"
+            )),
+        }
+    }
+
+    /// Everything that was to be concluded and was not.
+    pub fn refusals(&self) -> Vec<String> {
+        let mut list = Vec::new();
+        let mut add = |what: &str, refusal: Option<&Refusal>| {
+            list.extend(refusal.map(|refusal| format!("{what}: {refusal}")));
+        };
+        add("K_B", self.k_b.as_ref().err());
+        add("K_M", self.k_m.as_ref().and_then(|k_m| k_m.as_ref().err()));
+        add("position loop", self.answer.as_ref().err());
+        list
+    }
+
+    /// For the terminal.
+    pub fn text(&self) -> String {
+        let s = &self.subject;
+        let mut t = format!(
+            "{}: joint {} ({}, module {}) on {}; intervals hold with {:.0} %\n",
+            s.robot,
+            s.joint,
+            s.module,
+            s.address,
+            s.bus,
+            100.0 * self.level
+        );
+        let mut line = |name: &str, e: &Estimate, unit: &str, file: Option<f64>| {
+            let in_file = file.map_or(String::new(), |f| format!("   robot file {f}"));
+            let _ = writeln!(t, "  {name:<22} {:>10.5} +- {:.5} {unit:<9}{in_file}", e.value, e.half_width);
+        };
+        if let Ok(k_b) = &self.k_b {
+            line("K_B", &k_b.k, "A s/rad", Some(s.k_b_a_s_rad));
+        }
+        if let Some(Ok(k_m)) = &self.k_m {
+            line("K_M", &k_m.k, "A/(N m)", Some(s.k_m_a_nm));
+        }
+        if let Some(friction) = self.friction_a() {
+            line("friction, moving", &friction, "A", None);
+        }
+        if let Some(Ok(k_m)) = &self.k_m {
+            line("friction, holding", &k_m.friction_a, "A", None);
+        }
+        if let Ok(answer) = &self.answer {
+            let ms = |e: &Estimate| Estimate { value: 1e3 * e.value, half_width: 1e3 * e.half_width };
+            line("natural frequency", &answer.wn_rad_s, "rad/s", Some(s.drive.wn_rad_s));
+            line("damping ratio", &answer.zeta, "", Some(s.drive.zeta));
+            line("delay of the command", &ms(&answer.delay_s), "ms", None);
+            line("delay + lag", &ms(&answer.total_lag_s), "ms", None);
+        }
+        if let Some(time) = self.answer_time {
+            let _ = writeln!(
+                t,
+                "  {:<22} {:>10.3} ms mean, {:.3} to {:.3} ms, {} answers",
+                "answer delay",
+                1e3 * time.mean_s,
+                1e3 * time.min_s,
+                1e3 * time.max_s,
+                time.count
+            );
+        }
+        if let Some(why) = self.no_load() {
+            let _ = writeln!(t, "  K_M not measured: {why}");
+        }
+        for refusal in self.refusals() {
+            let _ = writeln!(t, "  refused: {refusal}");
+        }
+        t
+    }
+
+    /// Keys of the robot file that the measurements change, with their intervals as comments.
+    pub fn patch(&self) -> String {
+        let s = &self.subject;
+        let mut t = format!(
+            "# Measured by `cubectl identify` on {}: joint {} ({}), {:.0} % intervals.\n# Replace the same keys in the \
+             file of robot {}.\n\n[[joint]]\nname = \"{}\"\n",
+            s.bus,
+            s.joint,
+            s.module,
+            100.0 * self.level,
+            s.robot,
+            s.name
+        );
+        let key = |t: &mut String, name: &str, e: &Estimate| {
+            let _ = writeln!(t, "{name} = {:.6} # +- {:.6}", e.value, e.half_width);
+        };
+        let k_m = self.k_m.as_ref().and_then(|k_m| k_m.as_ref().ok());
+        if self.k_b.is_ok() || k_m.is_some() {
+            t += "\n[joint.drive]\n";
+        }
+        if let Ok(k_b) = &self.k_b {
+            key(&mut t, "k_b_a_s_rad", &k_b.k);
+        }
+        if let Some(k_m) = k_m {
+            key(&mut t, "k_m_a_nm", &k_m.k);
+        }
+        // Friction, which the model of the step leaves out, bends the two: only a sharp result may replace the file's.
+        if let Ok(answer) = &self.answer
+            && answer.wn_rad_s.half_width < SHARP * answer.wn_rad_s.value
+        {
+            t += "\n[drive_loop]\n";
+            key(&mut t, "natural_frequency_rad_s", &answer.wn_rad_s);
+            key(&mut t, "damping_ratio", &answer.zeta);
+        }
+        t
+    }
+}

@@ -1,0 +1,152 @@
+//! All experiments on one joint, in order, and the way back.
+
+use protocol::ModuleId;
+use robot_model::collision::Scene;
+use robot_model::{AnyRobot, RobotModel};
+
+use super::experiment::{Bounds, Experiment, ExperimentError};
+use super::findings::{Findings, Holds, Measured, Subject};
+use super::poses::{HOLDS, Ways};
+use crate::bus::Session;
+use crate::tune::model::DriveLag;
+
+/// What is asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wish {
+    /// Joint number from 1.
+    pub joint: usize,
+    /// Bounds of the motion.
+    pub bounds: Bounds,
+    /// Confidence level of the intervals.
+    pub level: f64,
+}
+
+/// Why nothing was measured.
+#[derive(Debug, thiserror::Error)]
+pub enum JointError {
+    /// On the bus.
+    #[error(transparent)]
+    Experiment(#[from] ExperimentError),
+    /// No drives in the robot file.
+    #[error("robot {robot} has no drives; give each [[joint]] of its file a [joint.drive] table")]
+    NoDrives {
+        /// Robot.
+        robot: String,
+    },
+    /// No such joint.
+    #[error("robot {robot} has joints 1 to {joints}, not {asked}")]
+    NoSuchJoint {
+        /// Robot.
+        robot: String,
+        /// Joints it has.
+        joints: usize,
+        /// Asked for.
+        asked: usize,
+    },
+}
+
+/// Measures and concludes; `progress` hears the part that begins and how many there are at most.
+///
+/// The arm ends where it began. Positions of joints and modules must be the same (no offset, not inverted).
+///
+/// # Errors
+/// [`JointError`]; what moved was halted.
+pub fn identify(
+    session: &mut Session,
+    robot: &AnyRobot,
+    wish: &Wish,
+    progress: &mut dyn FnMut(&str, usize),
+) -> Result<Findings, JointError> {
+    match robot {
+        AnyRobot::Four(model) => of_model(session, model, wish, progress),
+        AnyRobot::Five(model) => of_model(session, model, wish, progress),
+        AnyRobot::Six(model) => of_model(session, model, wish, progress),
+        AnyRobot::Seven(model) => of_model(session, model, wish, progress),
+        other => Err(JointError::NoDrives { robot: other.name().to_owned() }),
+    }
+}
+
+fn of_model<const N: usize>(
+    session: &mut Session,
+    model: &RobotModel<N>,
+    wish: &Wish,
+    progress: &mut dyn FnMut(&str, usize),
+) -> Result<Findings, JointError> {
+    let robot = model.name().to_owned();
+    let no_drives = || JointError::NoDrives { robot: robot.clone() };
+    let drives = model.drives().ok_or_else(no_drives)?;
+    if !(1..=N).contains(&wish.joint) {
+        return Err(JointError::NoSuchJoint { robot, joints: N, asked: wish.joint });
+    }
+    let joint = wish.joint - 1;
+    let mut modules = [ModuleId::MIN; N];
+    for (module, drive) in modules.iter_mut().zip(drives) {
+        *module = ModuleId::new(drive.address).map_err(|_| no_drives())?;
+    }
+    let bus = session.name().to_owned();
+    let mut parts = Experiment::<N>::parts(true, N);
+    let mut told = 0;
+    let mut tell = |what: &str| {
+        told += 1;
+        parts = parts.max(told);
+        progress(what, parts);
+    };
+    let mut experiment = Experiment::new(session, model, modules, joint, wish.bounds, &mut tell)?;
+    let measured = match measure(&mut experiment, model, joint) {
+        Ok(measured) => {
+            experiment.finish();
+            measured
+        }
+        Err(error) => return Err(experiment.abort(error).into()),
+    };
+    let drive = model.drive_loop().map_or(DriveLag::POWERCUBE, |servo| DriveLag {
+        wn_rad_s: servo.natural_frequency_rad_s,
+        zeta: servo.damping_ratio,
+    });
+    let subject = Subject {
+        robot,
+        bus,
+        joint: wish.joint,
+        name: model.joints()[joint].name.clone(),
+        module: drives[joint].module.clone(),
+        address: drives[joint].address,
+        k_b_a_s_rad: drives[joint].k_b_a_s_rad,
+        k_m_a_nm: drives[joint].k_m_a_nm,
+        drive,
+    };
+    Ok(Findings::of(subject, measured, wish.level))
+}
+
+fn measure<const N: usize>(
+    experiment: &mut Experiment<'_, N>,
+    model: &RobotModel<N>,
+    joint: usize,
+) -> Result<Measured, ExperimentError> {
+    let scene = Scene::default();
+    let mut ways = Ways::new(model, &scene);
+    let start = experiment.positions()?;
+    let sweep = ways.sweep(&start, joint);
+    let scatter_a = experiment.scatter_a()?;
+    let steps = experiment.steps(&sweep)?;
+    let speeds = experiment.speeds(&sweep)?;
+    let speed_load_nm = ways.mean_load_nm(&start, joint, &speeds.stretch);
+    experiment.go(&start, &[joint])?;
+    let k_m_a_nm = model.drives().map_or(0.0, |drives| drives[joint].k_m_a_nm);
+    let (loading, largest_nm) = ways.loading(&start, joint);
+    let holds = match loading {
+        None => Holds::NotLoaded,
+        Some(_) if !Holds::are_worth(largest_nm, k_m_a_nm, scatter_a, 2 * HOLDS) => {
+            Holds::BelowNoise { largest_nm, expected_a: k_m_a_nm * largest_nm, scatter_a }
+        }
+        Some(loading) => {
+            experiment.go(&loading.pose, &loading.order)?;
+            let samples = experiment.holds(&loading.holds_rad)?;
+            experiment.go(&start, &[joint])?;
+            let back: Vec<usize> = loading.order.iter().rev().copied().collect();
+            experiment.go(&start, &back)?;
+            Holds::Measured { samples, largest_nm }
+        }
+    };
+    let speed_max_rad_s = model.joints()[joint].limits.v_max_rad_s;
+    Ok(Measured { speeds, speed_load_nm, speed_max_rad_s, holds, steps })
+}

@@ -1,0 +1,268 @@
+//! Gains tried on the simulated cell: the controller of the firmware, drives, arm and ball in virtual time.
+//!
+//! What [`super::compare`] does with one joint and an idealised drive, with all joints, gravity, coupling, bus and the
+//! firmware's own estimator: evidence, not proof.
+
+use firmware::Controller;
+use firmware::joints::PerJoint;
+use firmware::orders::{Done, Order};
+use firmware::settings::Settings;
+use firmware::spline::Knot;
+use firmware::state::StateKind;
+use firmware::store::{FileName, RamStorage};
+use firmware::trajectory_format::{self, FILE_LEN_MAX, Header};
+use hil_sim::bus::BusConfig;
+use hil_sim::crew::Solo;
+use hil_sim::world::{Observer, World};
+use hil_sim::{Cell, CellOptions};
+use protocol::cyphal::crc::Crc64;
+use protocol::{Duration, Frame, Instant, JointIndex};
+use robot_model::AnyRobot;
+
+use super::saturated::Gains;
+
+/// Joints of the arms that the firmware has settings for.
+pub const JOINTS: usize = 6;
+/// From this period on measurements are so far apart that differencing them needs no filter, µs.
+const PLAIN_PERIOD_US: u32 = 10_000;
+/// After this the start is over, s.
+const LATE_S: f64 = 0.35;
+/// Time for start-up, self-test of the watchdogs included.
+const START_UP: Duration = Duration::from_secs(5);
+/// Longest wait for the ball to land.
+const FLIGHT: Duration = Duration::from_millis(600);
+
+/// A motion through points with given velocities, cubic in between.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrialMotion {
+    /// Time, s; position, rad, and velocity, rad/s, of each joint.
+    pub knots: Vec<(f64, [(f64, f64); JOINTS])>,
+    /// When the gripper lets go, s.
+    pub release_s: Option<f64>,
+    /// Where the ball shall land, m.
+    pub target_m: Option<[f64; 3]>,
+}
+
+impl TrialMotion {
+    /// Position, rad, and velocity, rad/s, of a joint.
+    fn at(&self, joint: usize, t_s: f64) -> (f64, f64) {
+        let (first, last) = (&self.knots[0], &self.knots[self.knots.len() - 1]);
+        let t_s = t_s.clamp(first.0, last.0);
+        let after = self.knots.partition_point(|knot| knot.0 < t_s).clamp(1, self.knots.len() - 1);
+        let ((t0, from), (t1, to)) = (&self.knots[after - 1], &self.knots[after]);
+        let (h, (q0, v0), (q1, v1)) = (t1 - t0, from[joint], to[joint]);
+        // Cubic Hermite polynomial in s = (t - t0) / h.
+        let s = (t_s - t0) / h;
+        let (a, b) = (2.0 * (q0 - q1) + h * (v0 + v1), 3.0 * (q1 - q0) - h * (2.0 * v0 + v1));
+        let q = q0 + s * (h * v0 + s * (b + s * a));
+        (q, v0 + s * (2.0 * b + 3.0 * s * a) / h)
+    }
+
+    fn file(&self, period_us: u32) -> Option<Vec<u8>> {
+        let us = |t_s: f64| (t_s * 1e6).round() as u32;
+        let knots: Vec<Knot> = self
+            .knots
+            .iter()
+            .map(|(t_s, states)| {
+                let mut state = PerJoint::default();
+                for (joint, (q, v)) in JointIndex::first(JOINTS).zip(states) {
+                    state.set(joint, (*q as f32, *v as f32));
+                }
+                Knot { t_us: us(*t_s), state }
+            })
+            .collect();
+        let release_us = self.release_s.map(us);
+        let header = Header { joints: JOINTS as u8, period_us, release_us, robot_crc32: 0 };
+        let mut out = vec![0; FILE_LEN_MAX];
+        let len = trajectory_format::encode(&header, &knots, &mut out)?;
+        out.truncate(len);
+        Some(out)
+    }
+}
+
+/// What happened.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Trial {
+    /// From the order to run until the position error of each joint stays below half of the initial one, s (NaN
+    /// without initial error). The plan itself begins two periods after the order.
+    pub halved_s: [f64; JOINTS],
+    /// Largest position error of any joint after 0.35 s, rad.
+    pub late_max_rad: f64,
+    /// Largest position and velocity error at the release, rad and rad/s.
+    pub release: (f64, f64),
+    /// Distance of the landing from the target, m.
+    pub landing_m: Option<f64>,
+}
+
+/// Why a trial has no result.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum TrialError {
+    /// Cell or bus.
+    #[error("the simulated cell: {0}")]
+    Cell(String),
+    /// The controller refuses, stops or does not get ready.
+    #[error("the controller in the simulated cell {0}")]
+    Controller(String),
+}
+
+/// Sees nothing.
+struct Quiet;
+
+impl Observer for Quiet {
+    fn on_frame(&mut self, _: Instant, _: Option<usize>, _: &Frame) {}
+}
+
+/// Settings of the soft controller with these gains: built-in ones for everything else.
+pub fn settings(gains: &[Gains; JOINTS], period_s: f64) -> Settings {
+    let mut settings = Settings::powercube6();
+    let period_us = (period_s * 1e6).round() as u32;
+    (settings.cycle_period_us, settings.gains_period_us) = (period_us, period_us);
+    if period_us >= PLAIN_PERIOD_US {
+        let paper = Settings::powercube6_paper();
+        settings.reply_deadline_us = paper.reply_deadline_us;
+        (settings.estimator_alpha, settings.estimator_beta) = (paper.estimator_alpha, paper.estimator_beta);
+    }
+    for (joint, [k_pos, k_vel, k_last]) in JointIndex::first(JOINTS).zip(*gains) {
+        let joint = settings.joint.at_mut(joint);
+        (joint.k_error_1_s2, joint.k_rate_1_s, joint.k_last) = (k_pos, k_vel, k_last);
+        // Beside the path is where a trial starts.
+        joint.start_tolerance_rad = 0.15;
+    }
+    settings
+}
+
+type Node = Solo<Controller<RamStorage>>;
+
+struct Lab {
+    world: World<(Cell, Node)>,
+    beat: Instant,
+}
+
+impl Lab {
+    fn pass(&mut self, span: Duration) -> Result<(), TrialError> {
+        let cell = |e: hil_sim::world::RunError| TrialError::Cell(e.to_string());
+        let end = self.world.now() + span;
+        while self.world.now() < end {
+            if self.world.now() >= self.beat {
+                self.beat = self.world.now() + Duration::from_millis(20);
+                self.world.with_crew(|crew, now| crew.1.node.host_heartbeat(now)).map_err(cell)?;
+            }
+            self.world.run_until(end.min(self.beat), &mut Quiet).map_err(cell)?;
+        }
+        Ok(())
+    }
+
+    fn order(&mut self, order: Order) -> Result<Done, TrialError> {
+        let done = self.world.with_crew(|crew, now| crew.1.node.order(now, order));
+        done.map_err(|e| TrialError::Cell(e.to_string()))?
+            .map_err(|refusal| TrialError::Controller(format!("refuses: {refusal:?}")))
+    }
+
+    fn controller(&self) -> &Controller<RamStorage> {
+        &self.world.crew().1.node
+    }
+
+    fn wait_for(&mut self, kind: StateKind, limit: Duration) -> Result<(), TrialError> {
+        let until = self.world.now() + limit;
+        while self.controller().state().kind() != kind {
+            if self.world.now() >= until {
+                let state = self.controller().state().kind();
+                return Err(TrialError::Controller(format!("is {state:?} after {limit}")));
+            }
+            self.pass(Duration::from_millis(10))?;
+        }
+        Ok(())
+    }
+
+    /// Uploads, arms and starts; the time at which the plan begins.
+    fn start(&mut self, file: &[u8], period_us: u32) -> Result<Instant, TrialError> {
+        self.wait_for(StateKind::Ready, START_UP)?;
+        self.pass(Duration::from_millis(60))?;
+        let upload = self.world.with_crew(|crew, now| crew.1.node.upload(now, 0, file));
+        upload
+            .map_err(|e| TrialError::Cell(e.to_string()))?
+            .map_err(|refusal| TrialError::Controller(format!("refuses the motion: {refusal:?}")))?;
+        let name = FileName { crc64: Crc64::of(file), len: file.len() as u32 };
+        self.order(Order::Commit(name))?;
+        let valid = Duration::from_secs(5);
+        let Done::Offer { token, .. } = self.order(Order::ArmPrepare { crc64: name.crc64, valid })? else {
+            return Err(TrialError::Controller("makes no offer to arm".to_owned()));
+        };
+        self.order(Order::ArmConfirm { token, valid })?;
+        self.pass(Duration::from_millis(60))?;
+        self.order(Order::Run(name))?;
+        Ok(self.world.now() + Duration::from_micros(2 * u64::from(period_us)))
+    }
+}
+
+/// Runs `motion` with every joint `offset_rad` beside its start.
+///
+/// # Errors
+/// [`TrialError`].
+pub fn run(
+    robot: &AnyRobot,
+    settings: &Settings,
+    motion: &TrialMotion,
+    offset_rad: f64,
+    seed: u64,
+) -> Result<Trial, TrialError> {
+    let cell = |e: &dyn std::fmt::Display| TrialError::Cell(e.to_string());
+    let mut options = CellOptions::default();
+    options.drive.starts_homed = true;
+    options.gripper.jitter = Duration::ZERO;
+    options.start_q_rad = Some((0..JOINTS).map(|i| motion.at(i, 0.0).0 + offset_rad).collect());
+    let plant = Cell::new(robot, &options, seed).map_err(|e| cell(&e))?;
+    let node = Solo::new("controller", Controller::new(RamStorage::new(), settings));
+    let world = World::new((plant, node), BusConfig::default(), seed, Vec::new()).map_err(|e| cell(&e))?;
+    let mut lab = Lab { world, beat: Instant::ZERO };
+    let file = motion
+        .file(settings.cycle_period_us)
+        .ok_or_else(|| TrialError::Controller("cannot hold a motion of so many points".to_owned()))?;
+    let start = lab.start(&file, settings.cycle_period_us)?;
+    let mut trial = Trial {
+        halved_s: [if offset_rad == 0.0 { f64::NAN } else { 0.0 }; JOINTS],
+        late_max_rad: 0.0,
+        release: (f64::NAN, f64::NAN),
+        landing_m: None,
+    };
+    let lead_s = 2e-6 * f64::from(settings.cycle_period_us);
+    let end_s = motion.knots.last().map_or(0.0, |knot| knot.0);
+    loop {
+        lab.pass(Duration::from_millis(1))?;
+        let t_s = lab.world.crew().0.grid().as_secs_f64() - start.as_secs_f64();
+        if t_s > end_s {
+            break;
+        }
+        if lab.controller().state().kind() != StateKind::Running {
+            return Err(TrialError::Controller(format!("stops: {:?}", lab.controller().state().kind())));
+        }
+        observe(&lab.world.crew().0, motion, (t_s, lead_s), offset_rad, &mut trial);
+    }
+    lab.pass(FLIGHT)?;
+    let landing = lab.world.crew().0.throw().landing;
+    trial.landing_m = motion
+        .target_m
+        .zip(landing)
+        .map(|(target, landing)| (landing.p_m[0] - target[0]).hypot(landing.p_m[1] - target[1]));
+    Ok(trial)
+}
+
+/// `lead_s` lies between the order to run and time 0 of the motion.
+fn observe(cell: &Cell, motion: &TrialMotion, (t_s, lead_s): (f64, f64), offset_rad: f64, trial: &mut Trial) {
+    let (mut e_max, mut v_max) = (0.0f64, 0.0f64);
+    for i in 0..JOINTS {
+        let (q, v) = motion.at(i, t_s);
+        let e = (cell.plant().link_q_rad(i) - q).abs();
+        (e_max, v_max) = (e_max.max(e), v_max.max((cell.plant().axis(i).v_rad_s - v).abs()));
+        if e > 0.5 * offset_rad.abs() && offset_rad != 0.0 {
+            trial.halved_s[i] = t_s + lead_s;
+        }
+    }
+    if t_s > LATE_S {
+        trial.late_max_rad = trial.late_max_rad.max(e_max);
+    }
+    // The grid of the cell is 1 ms.
+    if motion.release_s.is_some_and(|release_s| (t_s - release_s).abs() <= 6e-4) {
+        trial.release = (e_max, v_max);
+    }
+}
