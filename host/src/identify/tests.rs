@@ -73,7 +73,7 @@ fn drowned_currents_are_refused_with_the_reason() {
     // Readings beyond the bound end the experiment first, or the regression refuses: nothing is concluded either way.
     match findings {
         Ok(findings) => {
-            assert!(findings.k_b.is_err() && !findings.refusals().is_empty(), "{}", findings.text())
+            assert!(findings.k_b.is_err() && !findings.refusals().is_empty(), "{}", findings.text());
         }
         Err(JointError::Experiment(ExperimentError::OverCurrent { joint: 6, .. })) => {}
         Err(other) => panic!("{other}"),
