@@ -253,7 +253,7 @@ impl Session {
     /// Joint angles of the controller's next message, rad: what it measures from now on.
     ///
     /// # Errors
-    /// [`OperatorError::NoAnswer`] if none comes within [`PRESENCE`], and the others.
+    /// [`OperatorError::NoAnswer`] if none comes within 1.5 s, and the others.
     pub fn measured_pose(&mut self, node: NodeId) -> Result<Vec<f64>, OperatorError> {
         let now = self.now();
         let mut pose = None;

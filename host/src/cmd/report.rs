@@ -97,6 +97,13 @@ pub fn read(
     robot: Option<&str>,
     bit_rate_bit_s: u32,
 ) -> Result<Recorded, ExpectedError> {
+    // A device, to which a recording can be written, has no end to read to.
+    if log.exists() && !log.is_file() {
+        return Err(ExpectedError::bad_input(&format!(
+            "{}: not a file that can be read again",
+            log.display()
+        )));
+    }
     let mut files = vec![checksum(plan)?, checksum(log)?];
     let plan_file = PlanFile::read(plan).map_err(|error| ExpectedError::bad_input(&error))?;
     let arm = super::arm(robot.unwrap_or(&plan_file.robot.source))?;
