@@ -12,7 +12,7 @@ use crate::settings::Settings;
 ///
 /// # Errors
 ///
-/// [`Cause::StorageFailed`]; what was stored before is still found.
+/// [`Cause::StorageFailed`](crate::fault::Cause::StorageFailed); what was stored before is still found.
 pub fn save_settings(storage: &mut impl Storage, settings: &Settings) -> Result<(), Refusal> {
     let [a, b] = [Slot::A, Slot::B].map(|slot| valid_settings(storage, slot));
     let (slot, sequence) = match (a, b) {
