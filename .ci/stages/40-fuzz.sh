@@ -1,5 +1,5 @@
-# Fuzzing of everything in `protocol` that reads foreign bytes, and of the whole controller under scripts of frames: at least ten million executions in all,
-# from the committed seeds. A found input is left in protocol/fuzz/artifacts.
+# Fuzzing of everything in `protocol` that reads foreign bytes, and of the whole controller under scripts of frames: at
+# least ten million executions in all, from the committed seeds. A found input is left in protocol/fuzz/artifacts.
 #   FUZZ_LONG=1 .ci/run fuzz     a thousand million executions: about two hours of one core
 fuzz_version=0.13.2
 rustup toolchain list | grep -q '^nightly' || rustup toolchain install nightly --profile minimal

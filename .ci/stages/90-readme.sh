@@ -3,7 +3,7 @@
 # The word after `sh` says what a block needs; what this machine lacks is replaced as follows, and by nothing else:
 #   hardware    an arm on can0: the simulated cell on a socketcand port, whose name replaces `can0`
 #   vcan        kernel modules and root: `ip` and `modprobe` are said, not run, and `vcan0` is that port as well
-#               (stage 55-vcan runs on a kernel that has them)
+#               (the stages vcan and sim-vcan run on a kernel that has them)
 #   background  runs until the blocks are done
 # The clone builds with nothing but cargo and a compiler; only the tests share compiled libraries with this tree.
 root=$PWD
