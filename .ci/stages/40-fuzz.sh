@@ -22,7 +22,8 @@ cyphal_transfers 700 5000 400
 candump 2500 345000 80
 slcan 1000 30000 160
 socketcand 1000 15000 160
-bits 1500 15000 13'
+bits 1500 15000 13
+controller 100 2000 2000'
 if [ -n "${FUZZ_LONG:-}" ]; then least=1000000000; else least=10000000; fi
 plan=$(awk -v long="${FUZZ_LONG:-}" '{ print $1, long ? $3 : $2, $4 }' <<<"$table")
 
