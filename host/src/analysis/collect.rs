@@ -1,14 +1,16 @@
 //! One pass over the log: what each drive and the controller said, in time of the plan.
 
+use protocol::bits;
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::cyphal::cubecell::joint_state::JointSample;
 use protocol::powercube::{MotionCommand, Parameter, Reply, Request, Value};
-use protocol::{ModuleId, bits};
 use serde::Serialize;
 
+use super::drives::Drives;
 use super::{Counts, PlanClock, span_of};
 use crate::log::candump::Line;
 use crate::log::facts::{Decoder, Fact, position};
+use crate::plan::throw::JOINTS;
 
 /// A number at a time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -24,7 +26,7 @@ pub struct Reading {
 pub struct Commanded {
     /// Time of the plan at which the order was on the bus, s.
     pub t_s: f64,
-    /// Position to ramp to, rad.
+    /// Angle of the joint to ramp to, rad.
     pub target_rad: f64,
     /// Speed of the ramp as last written, rad/s.
     pub v_rad_s: Option<f64>,
@@ -35,9 +37,9 @@ pub struct Commanded {
 /// What one drive said and was told.
 #[derive(Clone, Debug, Default)]
 pub struct DriveLog {
-    /// Position in rad, at the time at which the answer that carries it began: drives measure just before they answer.
+    /// Angle of the joint in rad, at the time at which the answer that carries it began: drives measure just before they answer.
     pub positions: Vec<Reading>,
-    /// Current in A as the drive tells it, with its sign.
+    /// Current in A, positive if it turns the joint forwards.
     pub currents: Vec<Reading>,
     /// Ramps ordered.
     pub commands: Vec<Commanded>,
@@ -93,12 +95,11 @@ impl Heard {
     }
 }
 
-/// Reads the whole log. `addresses` are those of the joints' drives, `bit_s` the time of a bit.
+/// Reads the whole log. `bit_s` is the time of a bit.
 #[must_use]
-pub fn collect(lines: &[Line], addresses: &[u8], clock: PlanClock, bit_s: f64) -> Heard {
+pub fn collect(lines: &[Line], drives: &Drives, clock: PlanClock, bit_s: f64) -> Heard {
     let mut decoder = Decoder::default();
-    let mut heard = Heard { drives: vec![DriveLog::default(); addresses.len()], ..Heard::default() };
-    let joint_of = |module: ModuleId| addresses.iter().position(|address| *address == module.get());
+    let mut heard = Heard { drives: vec![DriveLog::default(); JOINTS], ..Heard::default() };
     for line in lines {
         let Some(fact) = decoder.take(line.at, &line.frame) else { continue };
         let t_s = clock.t_s(line.at);
@@ -107,14 +108,14 @@ pub fn collect(lines: &[Line], addresses: &[u8], clock: PlanClock, bit_s: f64) -
                 if let Request::Set(Parameter::DioData, _) = request {
                     heard.output_written_t_s.push(t_s);
                 }
-                if let Some(joint) = joint_of(module) {
-                    heard.drives[joint].ordered(t_s, request);
+                if let Some(joint) = drives.joint_of(module) {
+                    heard.drives[joint].ordered(t_s, request, Mounting { drives, joint });
                 }
             }
             Fact::Reply { module, reply } => {
                 let begun = line.at.saturating_sub(span_of(bits::length(&line.frame).frame(), bit_s));
-                if let Some(joint) = joint_of(module) {
-                    heard.drives[joint].answered(clock.t_s(begun), &reply);
+                if let Some(joint) = drives.joint_of(module) {
+                    heard.drives[joint].answered(clock.t_s(begun), &reply, Mounting { drives, joint });
                 }
             }
             Fact::Group { state, .. } => heard.group.push((t_s, state)),
@@ -129,14 +130,21 @@ pub fn collect(lines: &[Line], addresses: &[u8], clock: PlanClock, bit_s: f64) -
     heard
 }
 
+/// How one drive is mounted.
+#[derive(Clone, Copy)]
+struct Mounting<'a> {
+    drives: &'a Drives,
+    joint: usize,
+}
+
 impl DriveLog {
-    fn ordered(&mut self, t_s: f64, request: Request) {
+    fn ordered(&mut self, t_s: f64, request: Request, mounting: Mounting<'_>) {
         match request {
             Request::Set(Parameter::TargetVel, Value::F32(v)) => self.v_rad_s = Some(v.into()),
             Request::Set(Parameter::TargetAcc, Value::F32(a)) => self.a_rad_s2 = Some(a.into()),
             Request::Move(motion) => {
                 if let MotionCommand::Ramp { target } = motion.command() {
-                    let target_rad = target.get().into();
+                    let target_rad = mounting.drives.joint_rad(mounting.joint, target.get().into());
                     let (v_rad_s, a_rad_s2) = (self.v_rad_s, self.a_rad_s2);
                     self.commands.push(Commanded { t_s, target_rad, v_rad_s, a_rad_s2 });
                 }
@@ -145,12 +153,12 @@ impl DriveLog {
         }
     }
 
-    fn answered(&mut self, t_s: f64, reply: &Reply) {
+    fn answered(&mut self, t_s: f64, reply: &Reply, Mounting { drives, joint }: Mounting<'_>) {
         if let Some((q_rad, _)) = position(reply) {
-            self.positions.push(Reading { t_s, value: q_rad });
+            self.positions.push(Reading { t_s, value: drives.joint_rad(joint, q_rad) });
         }
         if let Reply::Value(Parameter::Cur, Value::F32(a)) = reply {
-            self.currents.push(Reading { t_s, value: f64::from(*a) });
+            self.currents.push(Reading { t_s, value: drives.turned(joint, f64::from(*a)) });
         }
     }
 }

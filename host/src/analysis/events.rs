@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 use firmware::fault::Cause;
 use serde::Serialize;
 
+use super::drives::Drives;
 use super::{PlanClock, Run};
 use crate::log::watch::{FreezeFrame, Severity, Watch};
-use crate::plan::throw::JOINTS;
 use crate::verify::motion;
 
 /// Something that happened.
@@ -63,8 +63,9 @@ pub struct FrozenJoint {
 
 /// Everything that happened in the log, and the first fault after the start of the plan.
 #[must_use]
-pub fn events(run: &Run<'_>, addresses: &[u8; JOINTS], clock: PlanClock) -> (Vec<Event>, Option<FirstFault>) {
-    let names = addresses.iter().zip(run.arm.joints()).map(|(address, joint)| (*address, joint.name.clone()));
+pub fn events(run: &Run<'_>, drives: &Drives, clock: PlanClock) -> (Vec<Event>, Option<FirstFault>) {
+    let names =
+        drives.address.iter().zip(run.arm.joints()).map(|(address, joint)| (*address, joint.name.clone()));
     let mut watch = Watch::new(names.collect::<BTreeMap<_, _>>());
     let (mut events, mut fault) = (Vec::new(), None);
     for line in run.lines {
@@ -76,34 +77,30 @@ pub fn events(run: &Run<'_>, addresses: &[u8; JOINTS], clock: PlanClock) -> (Vec
             text: event.text,
         }));
         if let Some(freeze) = notes.freeze.filter(|freeze| clock.t_s(freeze.at) > 0.0) {
-            fault.get_or_insert_with(|| first_fault(run, addresses, clock, &freeze));
+            fault.get_or_insert_with(|| first_fault(run, drives, clock, &freeze));
         }
     }
     (events, fault)
 }
 
-fn first_fault(
-    run: &Run<'_>,
-    addresses: &[u8; JOINTS],
-    clock: PlanClock,
-    freeze: &FreezeFrame,
-) -> FirstFault {
+fn first_fault(run: &Run<'_>, drives: &Drives, clock: PlanClock, freeze: &FreezeFrame) -> FirstFault {
     let t_s = clock.t_s(freeze.at);
     let group = &freeze.group;
     let info = Cause::from_code(group.fault_cause).and_then(Cause::info);
-    let joints = addresses
+    let joints = drives
+        .address
         .iter()
         .enumerate()
         .map(|(j, address)| {
             let heard = freeze.drives.get(address).copied().unwrap_or_default();
-            let position = heard.position.map(|(at, q_rad)| (clock.t_s(at), q_rad));
+            let position = heard.position.map(|(at, rad)| (clock.t_s(at), drives.joint_rad(j, rad)));
             FrozenJoint {
                 q_rad: position.map(|(_, q_rad)| q_rad),
                 error_rad: position.map(|(at_s, q_rad)| motion::at(run.plan, at_s).q[j] - q_rad),
                 age_s: position.map(|(at_s, _)| t_s - at_s),
-                current_a: heard.current_a,
+                current_a: heard.current_a.map(|a| drives.turned(j, a)),
                 ramp_a_rad_s2: heard.ramp_a_rad_s2,
-                ramp_target_rad: heard.ramp_target_rad,
+                ramp_target_rad: heard.ramp_target_rad.map(|rad| drives.joint_rad(j, rad)),
             }
         })
         .collect();

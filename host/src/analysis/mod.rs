@@ -4,6 +4,7 @@
 //! | module | holds |
 //! |---|---|
 //! | [`collect`] | one pass over the log: what each drive and the controller said, in time of the plan |
+//! | [`drives`] | which drive is which joint, and how it is mounted |
 //! | [`start`] | when runs began, in time of the log |
 //! | [`tracking`] | measured motion against the plan's polynomials |
 //! | [`currents`] | measured currents against the robot model's |
@@ -15,13 +16,14 @@
 //! # Conventions
 //!
 //! Times named `t_s` are in time of the plan: zero is its start, negative before it. Joints are in the order of the
-//! robot file and found by the addresses of their drives; zero and direction of a drive are those of its joint.
+//! robot file; drives are found by their addresses and turned to joints by their mounting ([`drives::Drives`]).
 //! Errors are reference minus measurement, as in the controller's telemetry.
 
 pub mod bus;
 pub mod collect;
 pub mod currents;
 pub mod distribution;
+pub mod drives;
 pub mod events;
 pub mod start;
 pub mod timing;
@@ -32,10 +34,11 @@ use serde::Serialize;
 
 use crate::log::candump::Line;
 use crate::plan::file::PlanFile;
-use crate::plan::throw::{Arm, JOINTS};
+use crate::plan::throw::Arm;
 
 use bus::BusUse;
 use currents::SupplyCurrents;
+use drives::Drives;
 use events::{Event, FirstFault};
 use start::StartFrom;
 use timing::{Answers, Cycles};
@@ -64,6 +67,10 @@ pub struct Run<'a> {
     /// When the plan began, in time of the log; `None`: of the runs that [`start::find`] finds, the one that begins
     /// most like the plan.
     pub start: Option<Instant>,
+    /// The drives of its joints; `None`: those of the robot file.
+    pub drives: Option<Drives>,
+    /// From the order to open to the free ball; `None`: not known, the ball is taken to be free when planned.
+    pub gripper_opening: Option<Duration>,
     /// Bit rate of the bus, bit/s.
     pub bit_rate_bit_s: u32,
 }
@@ -172,12 +179,13 @@ impl PlanClock {
 /// [`AnalysisError`].
 pub fn analyse(run: &Run<'_>) -> Result<RunAnalysis, AnalysisError> {
     let plan = run.plan;
-    let drives =
-        run.arm.drives().ok_or_else(|| AnalysisError::NoDrives { robot: run.arm.name().to_owned() })?;
+    let drives = run
+        .drives
+        .or_else(|| Drives::of(run.arm))
+        .ok_or_else(|| AnalysisError::NoDrives { robot: run.arm.name().to_owned() })?;
     if run.lines.is_empty() {
         return Err(AnalysisError::Empty);
     }
-    let addresses: [u8; JOINTS] = std::array::from_fn(|j| drives[j].address);
     let bit_s = 1.0 / f64::from(run.bit_rate_bit_s.max(1));
     let (starts, start_from) = match run.start {
         Some(at) => (vec![at], StartFrom::Given),
@@ -185,19 +193,19 @@ pub fn analyse(run: &Run<'_>) -> Result<RunAnalysis, AnalysisError> {
     };
     let (start, heard) = starts
         .into_iter()
-        .map(|at| (at, collect::collect(run.lines, &addresses, PlanClock::starting(at), bit_s)))
+        .map(|at| (at, collect::collect(run.lines, &drives, PlanClock::starting(at), bit_s)))
         .min_by(|(_, a), (_, b)| tracking::unlike(plan, a).total_cmp(&tracking::unlike(plan, b)))
         .ok_or(AnalysisError::NoRun)?;
     let clock = PlanClock::starting(start);
-    let joints = tracking::joints(plan, run.arm, &addresses, &heard)?;
-    let (events, fault) = events::events(run, &addresses, clock);
+    let joints = tracking::joints(plan, run.arm, &drives, &heard)?;
+    let (events, fault) = events::events(run, &drives, clock);
     Ok(RunAnalysis {
         start_log_s: start.as_secs_f64(),
         start_from,
         release_t_s: plan.release_time_s,
         end_t_s: plan.end_time_s,
         completed: heard.completed(plan.end_time_s),
-        release: tracking::release(plan, run.arm, &joints, &heard),
+        release: tracking::release(run, &joints, &heard),
         joints,
         supplies: currents::supplies(plan, run.arm, &heard),
         cycles: timing::cycles(&heard, plan.end_time_s),

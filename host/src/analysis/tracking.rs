@@ -9,7 +9,8 @@ use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::collect::{Commanded, Heard, Reading};
-use super::{AFTER_S, AnalysisError, BEFORE_S, TRANSIENT_S};
+use super::drives::Drives;
+use super::{AFTER_S, AnalysisError, BEFORE_S, Run, TRANSIENT_S};
 use crate::flight::FlightModel;
 use crate::plan::file::PlanFile;
 use crate::plan::throw::{Arm, JOINTS, Joints};
@@ -75,9 +76,11 @@ pub struct JointTracking {
     pub commands: Vec<Commanded>,
 }
 
-/// The release as the measured motion has it, at the plan's release time.
+/// The release as the measured motion has it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ReleaseMotion {
+    /// When the ball was free, in time of the plan, s.
+    pub t_s: f64,
     /// Ball in the hand, m.
     pub position_m: [f64; 3],
     /// Its velocity, m/s.
@@ -97,7 +100,7 @@ pub struct ReleaseMotion {
 pub fn joints(
     plan: &PlanFile,
     arm: &Arm,
-    addresses: &[u8; JOINTS],
+    drives: &Drives,
     heard: &Heard,
 ) -> Result<Vec<JointTracking>, AnalysisError> {
     let end = plan.end_time_s;
@@ -113,7 +116,7 @@ pub fn joints(
         let mut samples = samples(plan, j, &positions);
         samples.retain(|sample| shown(sample.t_s));
         let in_plan = samples.iter().filter(|sample| (0.0..=end).contains(&sample.t_s)).count();
-        let silent = AnalysisError::Silent { joint: name.clone(), module: addresses[j] };
+        let silent = AnalysisError::Silent { joint: name.clone(), module: drives.address[j] };
         let position = error_size(&samples, plan, |sample| sample.error_rad).ok_or_else(|| silent.clone())?;
         let speed = error_size(&samples, plan, |sample| sample.error_rad_s).ok_or(silent)?;
         let a_max = arm.joints()[j].limits.a_control_max_rad_s2;
@@ -121,7 +124,7 @@ pub fn joints(
             |c: &&Commanded| (0.0..=end).contains(&c.t_s) && c.a_rad_s2.is_some_and(|a| a >= 0.999 * a_max);
         all.push(JointTracking {
             name,
-            module: addresses[j],
+            module: drives.address[j],
             samples_in_plan: in_plan,
             position_error_rad: position,
             speed_error_rad_s: speed,
@@ -188,12 +191,17 @@ fn slope_at(readings: &[Reading], i: usize) -> Option<f64> {
     // The same number on both sides: then the line's slope is that of the middle of a parabola, too.
     let side = before.min(after);
     let window = readings.get(i.checked_sub(side)?..=i + side)?;
-    let n = window.len() as f64;
-    let (t_mean, e_mean) =
-        (window.iter().map(|r| r.t_s).sum::<f64>() / n, window.iter().map(|r| r.value).sum::<f64>() / n);
-    let tt: f64 = window.iter().map(|r| (r.t_s - t_mean).powi(2)).sum();
-    let te: f64 = window.iter().map(|r| (r.t_s - t_mean) * (r.value - e_mean)).sum();
-    (tt > 0.0).then(|| te / tt)
+    line(window).map(|(_, _, slope)| slope)
+}
+
+/// Least-squares line: mean time, mean value, slope; `None` if all are of one time.
+fn line(readings: &[Reading]) -> Option<(f64, f64, f64)> {
+    let n = readings.len() as f64;
+    let t_mean = readings.iter().map(|r| r.t_s).sum::<f64>() / n;
+    let mean = readings.iter().map(|r| r.value).sum::<f64>() / n;
+    let tt: f64 = readings.iter().map(|r| (r.t_s - t_mean).powi(2)).sum();
+    let te: f64 = readings.iter().map(|r| (r.t_s - t_mean) * (r.value - mean)).sum();
+    (tt > 0.0).then(|| (t_mean, mean, te / tt))
 }
 
 fn error_size(samples: &[Sample], plan: &PlanFile, error: impl Fn(&Sample) -> f64) -> Option<ErrorSize> {
@@ -233,16 +241,26 @@ pub fn interpolate<T>(
 }
 
 /// Ball and landing from the measured motion; `None` if a joint was not heard on both sides of the release.
+///
+/// The ball is free the gripper's opening time after the order that is on the bus; if either is not known, when planned.
 #[must_use]
-pub fn release(plan: &PlanFile, arm: &Arm, joints: &[JointTracking], heard: &Heard) -> Option<ReleaseMotion> {
+pub fn release(run: &Run<'_>, joints: &[JointTracking], heard: &Heard) -> Option<ReleaseMotion> {
+    let Run { plan, arm, .. } = run;
+    let gripper_ordered_t_s = heard
+        .output_written_t_s
+        .iter()
+        .copied()
+        .filter(|t_s| (0.0..=plan.end_time_s).contains(t_s))
+        .min_by(|a, b| (a - plan.release_time_s).abs().total_cmp(&(b - plan.release_time_s).abs()));
+    let t_s = gripper_ordered_t_s
+        .zip(run.gripper_opening)
+        .map_or(plan.release_time_s, |(ordered, opening)| ordered + opening.as_secs_f64());
+    let reference = motion::at(plan, t_s);
     let (mut q, mut qd) = (Joints::zeros(), Joints::zeros());
-    // Errors are interpolated, not positions: they are straighter.
-    let reference = motion::at(plan, plan.release_time_s);
     for (j, joint) in joints.iter().enumerate() {
-        let at =
-            |value: fn(&Sample) -> f64| interpolate(&joint.samples, plan.release_time_s, |s| s.t_s, value);
-        q[j] = reference.q[j] - at(|s| s.error_rad)?;
-        qd[j] = reference.qd[j] - at(|s| s.error_rad_s)?;
+        let (error_rad, error_rad_s) = error_at(&joint.samples, t_s)?;
+        q[j] = reference.q[j] - error_rad;
+        qd[j] = reference.qd[j] - error_rad_s;
     }
     let frames = arm.fk(&q);
     let p = arm.ball(&frames).pos;
@@ -250,20 +268,28 @@ pub fn release(plan: &PlanFile, arm: &Arm, joints: &[JointTracking], heard: &Hea
     let v = Vector3::new(twist[0], twist[1], twist[2]);
     let landing = flight(plan).and_then(|flight| flight.land(&p, &v, plan.target.position_m[2]));
     let [x, y, _] = plan.target.position_m;
-    let window = (0.0..=plan.end_time_s, plan.release_time_s);
-    let gripper = heard
-        .output_written_t_s
-        .iter()
-        .copied()
-        .filter(|t_s| window.0.contains(t_s))
-        .min_by(|a, b| (a - window.1).abs().total_cmp(&(b - window.1).abs()));
     Some(ReleaseMotion {
+        t_s,
         position_m: p.into(),
         velocity_m_s: v.into(),
         landing_m: landing.map(|l| l.p.into()),
         landing_error_m: landing.map(|l| (l.p.x - x).hypot(l.p.y - y)),
-        gripper_ordered_t_s: gripper,
+        gripper_ordered_t_s,
     })
+}
+
+/// Error and its rate at `t_s` on the least-squares line through the samples around: finer than the steps of a
+/// drive. `None` unless there are [`SIDE_MIN`] samples on both sides.
+fn error_at(samples: &[Sample], t_s: f64) -> Option<(f64, f64)> {
+    let middle = samples.partition_point(|sample| sample.t_s < t_s);
+    let near = |sample: &&Sample| (sample.t_s - t_s).abs() <= HALF_WINDOW_S;
+    let before = samples[..middle].iter().rev().take_while(near).count().max(SIDE_MIN);
+    let after = samples[middle..].iter().take_while(near).count().max(SIDE_MIN);
+    let window = samples.get(middle.checked_sub(before)?..middle + after)?;
+    let readings: Vec<Reading> =
+        window.iter().map(|sample| Reading { t_s: sample.t_s, value: sample.error_rad }).collect();
+    let (mean_t_s, mean, slope) = line(&readings)?;
+    Some((mean + slope * (t_s - mean_t_s), slope))
 }
 
 /// The flight that the plan reckons with.
@@ -292,6 +318,24 @@ mod tests {
         // One neighbour on a side is too few for a window of two.
         assert_eq!(slope_at(&readings, 1), None);
         assert!(slope_at(&readings, 2).is_some());
+    }
+
+    #[test]
+    fn the_error_between_samples_is_finer_than_the_steps_in_which_it_is_measured() {
+        let step = 0.02_f64.to_radians();
+        let reading = |t_s: f64| {
+            let q_rad = ((1.0 + 2.0 * t_s) / step).round() * step;
+            let (q_ref_rad, qd_ref_rad_s) = (1.002 + 2.01 * t_s, 2.01);
+            let error_rad = q_ref_rad - q_rad;
+            Sample { t_s, q_rad, qd_rad_s: 2.0, q_ref_rad, qd_ref_rad_s, error_rad, error_rad_s: 0.0 }
+        };
+        let samples: Vec<Sample> = (0..300).map(|i| reading(0.003 * f64::from(i))).collect();
+        let (error_rad, error_rad_s) = error_at(&samples, 0.4).unwrap();
+        assert!((error_rad - 6e-3).abs() < 1e-4, "{error_rad}");
+        assert!((error_rad_s - 0.01).abs() < 4e-3, "{error_rad_s}");
+        // One sample before, or none after, is too little.
+        assert_eq!(error_at(&samples, 0.002), None);
+        assert_eq!(error_at(&samples, 9.0), None);
     }
 
     #[test]

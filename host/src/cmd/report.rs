@@ -3,6 +3,7 @@
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
+use protocol::Duration;
 use protocol::cyphal::crc::Crc64;
 use serde_json::Value;
 
@@ -122,7 +123,16 @@ pub fn read(
         }
         None => None,
     };
-    let run = Run { lines: &lines, plan: &plan_file, arm: &arm, start: None, bit_rate_bit_s };
+    let told = |key: &str| summary.as_ref().and_then(|value: &Value| value.get(key)).cloned();
+    let run = Run {
+        lines: &lines,
+        plan: &plan_file,
+        arm: &arm,
+        start: None,
+        drives: told("drives").and_then(|drives| serde_json::from_value(drives).ok()),
+        gripper_opening: told("gripper_opening_us").and_then(|us| us.as_u64()).map(Duration::from_micros),
+        bit_rate_bit_s,
+    };
     let analysis = analyse(&run).map_err(|error| named(&error))?;
     Ok(Recorded { arm, plan: plan_file, analysis, summary, files })
 }

@@ -18,6 +18,7 @@ use super::home::share;
 use super::plan::options::point;
 use super::plan::throw::{Planned, SearchOptions};
 use super::report;
+use crate::analysis::tracking::JointTracking;
 use crate::bus::args::{CellArgs, Controller, interrupt};
 use crate::bus::settings::settings_of;
 use crate::bus::{BusArgs, Session};
@@ -143,6 +144,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         approach_share: args.approach_share,
         seed: cell.seed,
         go_back: args.back,
+        bit_rate_bit_s: report::BIT_RATE,
     };
     let asks = !args.yes && !session.is_simulated() && std::io::stdin().is_terminal();
     let mut record = Record::default();
@@ -190,18 +192,17 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     folder.write("gains.toml", &gains_text)?;
     // From the files, as `cubectl report` makes it; a throw that never began has none.
     let robot = Some(args.search.options.robot.as_str());
-    let recorded =
-        report::read(&folder.file("plan.json"), &folder.file("log.candump"), None, robot, report::BIT_RATE);
-    value["analysis"] = match &recorded {
-        Ok(recorded) => serde_json::to_value(&recorded.analysis).unwrap_or_default(),
-        Err(error) => serde_json::json!({ "none_because": error.message }),
-    };
+    let summary_file = folder.file("summary.json");
     folder.write("summary.json", &format!("{value:#}\n"))?;
+    let recorded = report::read(
+        &folder.file("plan.json"),
+        &folder.file("log.candump"),
+        Some(&summary_file),
+        robot,
+        report::BIT_RATE,
+    );
     match recorded {
-        Ok(mut recorded) => {
-            recorded.summary = Some(value.clone());
-            report::write(&recorded, &folder.file("report.html"))?;
-        }
+        Ok(recorded) => report::write(&recorded, &folder.file("report.html"))?,
         Err(error) if failed.is_none() => eprintln!("cubectl: no report: {error}"),
         Err(_) => {}
     }
@@ -486,9 +487,9 @@ impl Voice {
                 1e3 * landed.error_m
             );
         }
-        if let Some(tracking) = &record.tracking {
-            let mrad: Vec<String> =
-                tracking.error_max_rad.iter().map(|e| format!("{:.1}", 1e3 * e)).collect();
+        if let Some(analysis) = &record.analysis {
+            let largest = |joint: &JointTracking| format!("{:.1}", 1e3 * joint.position_error_rad.max);
+            let mrad: Vec<String> = analysis.joints.iter().map(largest).collect();
             println!("largest tracking errors {} mrad", mrad.join(" "));
         }
         println!("{:.2} s in all; results in {}", begun.elapsed().as_secs_f64(), folder.display());

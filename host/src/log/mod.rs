@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`candump`] | text log: written line by line, read with line numbers in errors |
 //! | [`facts`] | what frames say: requests, answers, messages, orders |
+//! | [`keep`] | the frames of a session, kept in memory |
 //! | [`mcap`] | the same frames and the joints' state decoded from them, as protobuf channels |
 //! | [`watch`] | what happened, in words; freeze frames at faults |
 //! | [`schema`] | the protobuf messages and their self-description |
@@ -14,6 +15,7 @@
 
 pub mod candump;
 pub mod facts;
+pub mod keep;
 pub mod mcap;
 pub mod schema;
 pub mod watch;

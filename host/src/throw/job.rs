@@ -4,17 +4,19 @@ use nalgebra::Vector3;
 use protocol::cyphal::cubecell::command::{GRIPPER, Gripper, Trajectory};
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::cyphal::id::NodeId;
-use protocol::{Duration, Instant, ModuleId};
+use protocol::{Duration, Instant};
 use robot_model::collision::Scene;
 
 use super::approach::{ApproachError, rest_to_rest};
-use super::measured::{self, Collector, JointMap, Tracking};
 use super::trajectory::{Motion, TrajectoryError, robot_crc32};
+use crate::analysis::drives::Drives;
+use crate::analysis::{Run, RunAnalysis, analyse};
 use crate::bus::Session;
 use crate::bus::operator::OperatorError;
 use crate::bus::registers::Numbers;
 use crate::bus::session::BusFailure;
-use crate::flight::FlightModel;
+use crate::log::candump::Line;
+use crate::log::keep::Keeper;
 use crate::plan::file::PlanFile;
 use crate::plan::{Arm, JOINTS, Joints};
 use crate::tune::gains_file::GainsFile;
@@ -45,6 +47,8 @@ pub struct Job<'a> {
     pub seed: u64,
     /// Afterwards back to where the arm stood before.
     pub go_back: bool,
+    /// Bit rate of the bus, for times on it, bit/s.
+    pub bit_rate_bit_s: u32,
 }
 
 /// A step of the job.
@@ -185,10 +189,12 @@ pub struct Record {
     pub before: GroupState,
     /// During the run.
     pub states: Vec<(Instant, GroupState)>,
-    /// When the plan's time was 0, by the session's clock.
-    pub start: Option<Instant>,
-    /// How well the joints followed, as the drives told.
-    pub tracking: Option<Tracking>,
+    /// Drives of the joints, as the controller's registers say.
+    pub drives: Option<Drives>,
+    /// From the order to open the gripper to the free ball, as the controller's registers say.
+    pub gripper_opening: Option<Duration>,
+    /// What the frames of the run say of it.
+    pub analysis: Option<RunAnalysis>,
     /// Where the ball landed.
     pub landing: Option<Landed>,
     /// Frames during the throw.
@@ -229,8 +235,8 @@ pub fn run(
     record: &mut Record,
     told: Told<'_>,
 ) -> Result<(), JobError> {
-    let collector = Collector::default();
-    session.add_tap(Box::new(collector.clone()));
+    let keeper = Keeper::default();
+    session.add_tap(Box::new(keeper.clone()));
     let mut steps = Steps { session, record, told };
 
     steps.begin(Step::Controller);
@@ -259,7 +265,7 @@ pub fn run(
     }
 
     steps.begin(Step::Gains);
-    let map = agree(steps.session, node, job, steps.record)?;
+    agree(steps.session, node, job, steps.record)?;
     steps.end(if job.gains.is_some() { "written and read back" } else { "those of the controller" });
 
     let throw = Motion::of_plan(job.plan)?;
@@ -287,21 +293,20 @@ pub fn run(
     steps.record.trajectory = Some(name);
     steps.end(&format!("{} bytes, hash {:016x}", bytes.len(), name.trajectory_crc64));
 
+    keeper.start();
     steps.begin(Step::Arm);
     steps.session.arm(node, &name)?;
     steps.end("offered and confirmed");
 
     steps.begin(Step::Throw);
-    collector.clear();
+    let before_run = keeper.frames();
     steps.record.before = steps.session.group().unwrap_or_default();
     let limit = Duration::from_secs_f64(throw.duration_s()) + RUN_EXTRA;
     let states = &mut steps.record.states;
     let ended = steps.session.run_trajectory(node, &name, limit, &mut |at, group| states.push((at, *group)));
-    let heard = collector.heard();
-    steps.record.frames = heard.frames;
-    steps.record.start = start_of(&steps.record.states);
-    if let Some(start) = steps.record.start {
-        steps.record.tracking = Some(measured::tracking(&heard, &map, &throw, start));
+    steps.record.frames = (keeper.frames() - before_run) as u64;
+    if ended.is_err() {
+        steps.record.analysis = analysed(job, steps.record, &keeper.stop());
     }
     ended?;
     steps.end(&format!("{:.3} s", throw.duration_s()));
@@ -309,7 +314,8 @@ pub fn run(
     steps.begin(Step::Flight);
     let flight_left = job.plan.release_time_s + job.plan.landing.flight_s - throw.duration_s();
     steps.session.pass(Duration::from_secs_f64(flight_left.max(0.0) + 0.05))?;
-    let landed = landing(steps.session, job, (&throw, steps.record.start), &heard, &map);
+    steps.record.analysis = analysed(job, steps.record, &keeper.stop());
+    let landed = landing(steps.session, job, steps.record.analysis.as_ref());
     steps.record.landing = landed;
     steps.end(&landed.map_or_else(
         || "the ball did not land".to_owned(),
@@ -366,12 +372,7 @@ fn drive(
 }
 
 /// Gains, robot and period: written where the job says so, read back, kept in the record.
-fn agree(
-    session: &mut Session,
-    node: NodeId,
-    job: &Job<'_>,
-    record: &mut Record,
-) -> Result<JointMap, JobError> {
+fn agree(session: &mut Session, node: NodeId, job: &Job<'_>, record: &mut Record) -> Result<(), JobError> {
     const GAINS: [&str; 3] = ["joint.k_error_1_s2", "joint.k_rate_1_s", "joint.k_last"];
     record.period_us = session.natural(node, "cycle.period_us")?;
     let crc = robot_crc32(&job.plan.robot.fingerprint);
@@ -399,10 +400,13 @@ fn agree(
         }
     }
     record.certificate_crc32 = session.natural(node, "gains.certificate_crc32")?;
-    joint_map(session, node)
+    record.drives = Some(drives_of(session, node)?);
+    record.gripper_opening = Some(Duration::from_micros(session.natural(node, "gripper.opening_us")?));
+    Ok(())
 }
 
-fn joint_map(session: &mut Session, node: NodeId) -> Result<JointMap, JobError> {
+/// As the controller knows its drives.
+fn drives_of(session: &mut Session, node: NodeId) -> Result<Drives, JobError> {
     let unreadable = || JobError::Operator(OperatorError::Unreadable { node });
     let (Numbers::Natural(addresses), Numbers::Bit(inverted), Numbers::Real(offset_rad)) = (
         session.register(node, "joint.address")?,
@@ -411,68 +415,53 @@ fn joint_map(session: &mut Session, node: NodeId) -> Result<JointMap, JobError> 
     ) else {
         return Err(unreadable());
     };
-    let modules: Option<Vec<ModuleId>> =
-        addresses.iter().map(|n| ModuleId::new(u8::try_from(*n).ok()?).ok()).collect();
-    let modules = modules.and_then(|all| all.try_into().ok()).ok_or_else(unreadable)?;
+    let address: Option<Vec<u8>> = addresses.iter().map(|n| u8::try_from(*n).ok()).collect();
     let offset_rad: Vec<f64> = offset_rad.into_iter().map(f64::from).collect();
-    Ok(JointMap {
-        modules,
+    Ok(Drives {
+        address: address.and_then(|all| all.try_into().ok()).ok_or_else(unreadable)?,
         inverted: inverted.try_into().map_err(|_| unreadable())?,
         offset_rad: offset_rad.try_into().map_err(|_| unreadable())?,
-        reply_age: Duration::from_micros(session.natural(node, "reply.age_us")?),
-        gripper_opening: Duration::from_micros(session.natural(node, "gripper.opening_us")?),
     })
 }
 
-/// When the plan's time was 0, by the session's clock.
-///
-/// A message says how far the plan was when it was made, by the controller's clock; it arrives later. The one that
-/// took the shortest way tells the offset of the two clocks best.
-fn start_of(states: &[(Instant, GroupState)]) -> Option<Instant> {
-    let running =
-        states.iter().filter(|(_, group)| group.state == State::Running && group.trajectory_time_us > 0);
-    let offset = |(at, group): &(Instant, GroupState)| at.as_micros() as i64 - group.uptime_us as i64;
-    let shortest = running.clone().map(offset).min()?;
-    let (_, first) = running.clone().next()?;
-    let start = first.uptime_us as i64 - i64::from(first.trajectory_time_us) + shortest;
-    u64::try_from(start).ok().map(Instant::from_micros)
+/// What the frames say of the run; `None` if it never began, or a drive was not heard.
+fn analysed(job: &Job<'_>, record: &Record, lines: &[Line]) -> Option<RunAnalysis> {
+    let run = Run {
+        lines,
+        plan: job.plan,
+        arm: job.arm,
+        start: None,
+        drives: record.drives,
+        gripper_opening: record.gripper_opening,
+        bit_rate_bit_s: job.bit_rate_bit_s,
+    };
+    analyse(&run).ok()
 }
 
 /// Where the ball landed: the cell knows, or the measured motion says.
-fn landing(
-    session: &mut Session,
-    job: &Job<'_>,
-    (motion, start): (&Motion, Option<Instant>),
-    heard: &measured::Heard,
-    map: &JointMap,
-) -> Option<Landed> {
+fn landing(session: &mut Session, job: &Job<'_>, analysis: Option<&RunAnalysis>) -> Option<Landed> {
     let target = Vector3::from(job.plan.target.position_m);
-    let planned = start.map(|start| start + Duration::from_secs_f64(job.plan.release_time_s));
-    let late_s =
-        |free: Instant| planned.map(|planned| (free.as_micros() as f64 - planned.as_micros() as f64) * 1e-6);
+    let analysis = analysis?;
     let error_m = |p: &Vector3<f64>| (p - target).norm();
     if let Some(sim) = session.sim() {
         let report = sim.cell().throw();
         let landing = report.landing?;
+        let planned_log_s = analysis.start_log_s + job.plan.release_time_s;
         return Some(Landed {
             source: LandingSource::Cell,
             position_m: landing.p_m,
             error_m: error_m(&landing.p_m),
-            release_late_s: report.released_at.and_then(late_s),
+            release_late_s: report.released_at.map(|free| free.as_secs_f64() - planned_log_s),
             touch_after_s: report.touch.as_ref().map(|(t_s, _)| *t_s),
         });
     }
-    let info = &job.plan.landing;
-    let flight = FlightModel::vacuum(info.gravity_m_s2).and_then(|f| f.with_drag(info.drag_per_m)).ok()?;
-    let flight = flight.with_magnus(Vector3::from(info.magnus_rad_s)).ok()?;
-    let free = heard.gripper_ordered_at.map_or(planned, |ordered| Some(ordered + map.gripper_opening))?;
-    let state = measured::state_at(heard, map, (motion, start?), free)?;
-    let position_m = measured::landing(job.arm, &flight, &state, target.z)?;
+    let release = analysis.release?;
+    let position_m = Vector3::from(release.landing_m?);
     Some(Landed {
         source: LandingSource::Measured,
         position_m,
         error_m: error_m(&position_m),
-        release_late_s: late_s(free),
+        release_late_s: Some(release.t_s - job.plan.release_time_s),
         touch_after_s: None,
     })
 }

@@ -9,7 +9,6 @@
 //! | [`trajectory`] | motions, and the one place where they become a controller's file |
 //! | [`approach`] | motions from rest to rest around everything in the way |
 //! | [`job`] | the steps above, in order, on a session |
-//! | [`measured`] | what the drives said on the way: tracking errors, release, predicted landing |
 //! | [`mod@summary`] | the run in numbers, as JSON |
 //!
 //! # Invariants
@@ -19,7 +18,6 @@
 
 pub mod approach;
 pub mod job;
-pub mod measured;
 pub mod summary;
 pub mod trajectory;
 

@@ -1,10 +1,13 @@
 //! A run in numbers: `summary.json`. Units are in the names of the keys.
 
+use protocol::Duration;
 use protocol::cyphal::cubecell::group_state::State;
 use protocol::cyphal::id::NodeId;
 use serde_json::{Value, json};
 
 use super::job::{Job, LandingSource, Record};
+use crate::analysis::RunAnalysis;
+use crate::analysis::tracking::ErrorSize;
 use crate::bus::soft::SoftReport;
 use crate::plan::file::VERSION as PLAN_VERSION;
 
@@ -75,11 +78,13 @@ pub fn summary(job: &Job<'_>, record: &Record, about: &Circumstances<'_>) -> Val
             "predicted_mean_m": plan.landing.mean_m,
             "predicted_covariance_m2": plan.landing.covariance_m2,
         })),
-        "tracking": record.tracking.map(|tracking| json!({
-            "error_max_rad": tracking.error_max_rad,
-            "error_rms_rad": tracking.error_rms_rad,
-            "answers": tracking.samples,
+        "drives": record.drives,
+        "gripper_opening_us": record.gripper_opening.map(Duration::as_micros),
+        "tracking": record.analysis.as_ref().map(|analysis| json!({
+            "error_max_rad": of_joints(analysis, |error| error.max),
+            "error_rms_rad": of_joints(analysis, |error| error.rms),
         })),
+        "analysis": record.analysis,
         "cycle": cycle(record, about.soft),
         "bus_load": load(record),
         "bus_errors": about.bus_errors,
@@ -106,6 +111,10 @@ pub fn summary(job: &Job<'_>, record: &Record, about: &Circumstances<'_>) -> Val
     })
 }
 
+fn of_joints(analysis: &RunAnalysis, number: impl Fn(&ErrorSize) -> f64) -> Vec<f64> {
+    analysis.joints.iter().map(|joint| number(&joint.position_error_rad)).collect()
+}
+
 fn cycle(record: &Record, soft: Option<&SoftReport>) -> Value {
     let states = record.states.iter().filter(|(_, group)| group.state == State::Running);
     let last = record.states.last().map(|(_, group)| *group).unwrap_or_default();
@@ -117,9 +126,9 @@ fn cycle(record: &Record, soft: Option<&SoftReport>) -> Value {
         "saturated": last.cycles_saturated.saturating_sub(record.before.cycles_saturated),
         "thread": soft.map(|soft| json!({
             "real_time_priority": soft.real_time,
-            "deadline_late_mean_us": soft.deadlines.mean().map(protocol::Duration::as_micros),
-            "deadline_late_p99_us": soft.deadlines.percentile(0.99).map(protocol::Duration::as_micros),
-            "deadline_late_max_us": soft.deadlines.max().map(protocol::Duration::as_micros),
+            "deadline_late_mean_us": soft.deadlines.mean().map(Duration::as_micros),
+            "deadline_late_p99_us": soft.deadlines.percentile(0.99).map(Duration::as_micros),
+            "deadline_late_max_us": soft.deadlines.max().map(Duration::as_micros),
             "frames_unseen": soft.unseen,
         })),
     })

@@ -200,6 +200,7 @@ impl Rig {
             approach_share: 0.3,
             seed,
             go_back: false,
+            bit_rate_bit_s: 1_000_000,
         };
         let mut record = Record::default();
         job::run(&mut session, &job, &mut record, &mut |_| true)?;

@@ -1,0 +1,67 @@
+//! Which drive is which joint, and how it is mounted.
+
+use protocol::ModuleId;
+use serde::{Deserialize, Serialize};
+
+use crate::plan::throw::{Arm, JOINTS};
+
+/// The drives of the joints, in the order of the robot file.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Drives {
+    /// Address of each joint's drive.
+    pub address: [u8; JOINTS],
+    /// The joint turns against the drive.
+    pub inverted: [bool; JOINTS],
+    /// Joint angle where the drive reads zero, rad.
+    pub offset_rad: [f64; JOINTS],
+}
+
+impl Drives {
+    /// Those of the robot file, mounted so that each drive reads its joint's angle; `None` if the file has none.
+    #[must_use]
+    pub fn of(arm: &Arm) -> Option<Self> {
+        let drives = arm.drives()?;
+        Some(Self {
+            address: std::array::from_fn(|j| drives[j].address),
+            inverted: [false; JOINTS],
+            offset_rad: [0.0; JOINTS],
+        })
+    }
+
+    /// Joint that a drive moves.
+    #[must_use]
+    pub fn joint_of(&self, module: ModuleId) -> Option<usize> {
+        self.address.iter().position(|address| *address == module.get())
+    }
+
+    /// Angle of a joint whose drive reads `drive_rad`, rad.
+    #[must_use]
+    pub fn joint_rad(&self, joint: usize, drive_rad: f64) -> f64 {
+        self.turned(joint, drive_rad) + self.offset_rad[joint]
+    }
+
+    /// A speed or a current of a drive as one of its joint.
+    #[must_use]
+    pub fn turned(&self, joint: usize, value: f64) -> f64 {
+        if self.inverted[joint] { -value } else { value }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_drive_that_is_mounted_the_other_way_round_reads_the_joint_turned_and_shifted() {
+        let mut drives = Drives {
+            address: [1, 2, 3, 4, 5, 9],
+            inverted: [false; JOINTS],
+            offset_rad: [0.0, 0.0, 0.0, 0.0, 0.0, -1.5],
+        };
+        drives.inverted[5] = true;
+        let joint = drives.joint_of(ModuleId::new(9).unwrap()).unwrap();
+        assert_eq!((joint, drives.joint_rad(joint, 0.5), drives.turned(joint, 0.5)), (5, -2.0, -0.5));
+        assert_eq!(drives.joint_of(ModuleId::new(6).unwrap()), None);
+        assert_eq!(drives.joint_rad(0, 0.5), 0.5);
+    }
+}
