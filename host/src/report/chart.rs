@@ -63,7 +63,7 @@ pub struct Chart {
     pub y_label: String,
     /// Curves.
     pub curves: Vec<Curve>,
-    /// Position and name of a vertical mark.
+    /// Position and name of a vertical mark; not drawn outside the curves.
     pub mark: Option<(f64, String)>,
     /// Region that is allowed: x from, x to, y from, y to.
     pub band: Option<[f64; 4]>,
@@ -208,7 +208,7 @@ impl Chart {
             top + 0.5 * h,
             escape(&self.y_label)
         );
-        if let Some((at, name)) = &self.mark {
+        if let Some((at, name)) = self.mark.as_ref().filter(|(at, _)| (x.0..=x.1).contains(at)) {
             let sx = f.sx(*at);
             let _ = write!(
                 o,
@@ -283,5 +283,16 @@ mod tests {
         let bad = vec![(0.0, f64::NAN), (1.0, 2.0), (f64::INFINITY, 1.0), (2.0, 3.0)];
         let svg = Chart { curves: vec![Curve::line("x", 0, bad)], ..Chart::default() }.svg();
         assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+    }
+
+    #[test]
+    fn a_mark_outside_the_curves_is_not_drawn() {
+        let chart = |at| Chart {
+            curves: vec![Curve::line("", 0, vec![(0.0, 1.0), (0.5, 2.0)])],
+            mark: Some((at, "release".to_owned())),
+            ..Chart::default()
+        };
+        assert!(chart(0.4).svg().contains("release"));
+        assert!(!chart(0.7).svg().contains("release"));
     }
 }

@@ -264,9 +264,11 @@ fn space(arm: &Arm, plan: &PlanFile) -> String {
             q_at: &|t_s| motion::at(plan, t_s).q,
             from_s: 0.0,
             to_s: plan.end_time_s,
-            release_s: plan.release_time_s,
-            ball_after: &ball_after,
-            flight_s: plan.landing.flight_s,
+            flight: Some(scene::Flight {
+                release_s: plan.release_time_s,
+                ball_after: &ball_after,
+                flight_s: plan.landing.flight_s,
+            }),
             planned: None,
         },
     )

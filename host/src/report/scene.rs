@@ -19,25 +19,42 @@ pub struct Motion<'a> {
     pub from_s: f64,
     /// When the arm stands, s.
     pub to_s: f64,
-    /// When the ball leaves, s.
-    pub release_s: f64,
-    /// Position of the ball a time after the release, m.
-    pub ball_after: &'a dyn Fn(f64) -> Vector3<f64>,
-    /// Time of flight, s.
-    pub flight_s: f64,
+    /// Flight of the ball; `None`: it stays in the hand.
+    pub flight: Option<Flight<'a>>,
     /// Path that the hand should take, to compare.
     pub planned: Option<Vec<Vector3<f64>>>,
+}
+
+/// The ball after it left the hand.
+#[derive(Clone, Copy)]
+pub struct Flight<'a> {
+    /// When it leaves, s.
+    pub release_s: f64,
+    /// Its position a time after that, m.
+    pub ball_after: &'a dyn Fn(f64) -> Vector3<f64>,
+    /// Time until it lands, s.
+    pub flight_s: f64,
+}
+
+impl Flight<'_> {
+    fn landing_s(&self) -> f64 {
+        self.release_s + self.flight_s
+    }
+
+    /// Where the ball is at `t_s`, once it left; it stays where it landed.
+    fn ball_at(&self, t_s: f64) -> Option<Vector3<f64>> {
+        (t_s > self.release_s).then(|| (self.ball_after)((t_s - self.release_s).min(self.flight_s)))
+    }
 }
 
 /// The data as a JavaScript object.
 #[must_use]
 pub fn data(arm: &Arm, plan: &PlanFile, motion: &Motion<'_>) -> String {
-    let last_s = motion.to_s.max(motion.release_s + motion.flight_s) + 0.05;
+    let last_s = motion.flight.map_or(motion.to_s, |flight| motion.to_s.max(flight.landing_s())) + 0.05;
     let time = |i: u32| motion.from_s + (last_s - motion.from_s) * f64::from(i) / f64::from(STEPS);
-    let landed_s = motion.release_s + motion.flight_s;
     // The release and the landing are points of the animation, whatever its steps.
     let mut times: Vec<f64> = (0..=STEPS).map(time).collect();
-    times.extend([motion.release_s, landed_s]);
+    times.extend(motion.flight.iter().flat_map(|flight| [flight.release_s, flight.landing_s()]));
     times.sort_by(f64::total_cmp);
     let mut steps = Vec::new();
     let mut hand = Vec::new();
@@ -47,11 +64,7 @@ pub fn data(arm: &Arm, plan: &PlanFile, motion: &Motion<'_>) -> String {
         if t_s <= motion.to_s {
             hand.push(held);
         }
-        let ball = if t_s > motion.release_s {
-            (motion.ball_after)((t_s - motion.release_s).min(motion.flight_s))
-        } else {
-            held
-        };
+        let ball = motion.flight.and_then(|flight| flight.ball_at(t_s)).unwrap_or(held);
         let links: Vec<String> = frames
             .x_w
             .iter()
@@ -78,18 +91,19 @@ pub fn data(arm: &Arm, plan: &PlanFile, motion: &Motion<'_>) -> String {
             format!("{{\"link\":{},\"corners\":{}}}", b.link, list(&corners))
         })
         .collect();
-    let flown: Vec<Vector3<f64>> = (0..=FLIGHT_STEPS)
-        .map(|i| (motion.ball_after)(motion.flight_s * f64::from(i) / f64::from(FLIGHT_STEPS)))
-        .collect();
+    let flown = motion.flight.map_or_else(Vec::new, |flight| {
+        let time = |i: u32| flight.flight_s * f64::from(i) / f64::from(FLIGHT_STEPS);
+        (0..=FLIGHT_STEPS).map(|i| (flight.ball_after)(time(i))).collect()
+    });
+    let release = motion.flight.map_or("null".to_owned(), |flight| flight.release_s.to_string());
     let planned = motion.planned.as_ref().map_or("null".to_owned(), |points| list(points));
     let joints = steps_top(arm, motion);
     let top = hand.iter().map(|p| p.z).fold(joints, f64::max);
     format!(
-        "{{\"floor\":{},\"top\":{top:.3},\"radius\":{},\"last\":{},\"release\":{},\"target\":{},\"hand\":{},\"planned\":{planned},\"flight\":{},\"ellipse\":{},\"boxes\":[{}],\"steps\":[{}]}}",
+        "{{\"floor\":{},\"top\":{top:.3},\"radius\":{},\"last\":{},\"release\":{release},\"target\":{},\"hand\":{},\"planned\":{planned},\"flight\":{},\"ellipse\":{},\"boxes\":[{}],\"steps\":[{}]}}",
         arm.world().floor_z_m,
         arm.gripper().ball_radius_m,
         arm.joints().len(),
-        motion.release_s,
         point(&Vector3::from(plan.target.position_m)),
         list(&hand),
         list(&flown),

@@ -106,11 +106,11 @@
     area(ring(step.ball, scene.radius * 1.1, z + 0.001), '#000', 0.25);
     if (scene.planned) line(scene.planned, css('--soft'), 1.2, [4, 4]);
     line(scene.hand, css('--path'), 1.6, [5, 3]);
-    line(scene.flight, css('--fly'), 1.2, [2, 4]);
-    const flown = scene.steps.filter(s => s.t >= scene.release && s.t <= now).map(s => s.ball);
+    if (scene.flight.length) line(scene.flight, css('--fly'), 1.2, [2, 4]);
+    const flown = scene.release === null ? [] : scene.steps.filter(s => s.t >= scene.release && s.t <= now).map(s => s.ball);
     if (flown.length) line(flown.concat([step.ball]), css('--fly'), 2.4);
     arm(step);
-    label(scene.target, 'target', 12, -8); label(scene.flight[0], 'release', -52, 4);
+    label(scene.target, 'target', 12, -8); if (scene.flight.length) label(scene.flight[0], 'release', -52, 4);
     shown.textContent = `t = ${now.toFixed(3)} s`;
     slider.value = Math.round(1000 * (now - t0) / (t1 - t0));
     window.dispatchEvent(new CustomEvent('plan-time', {detail: now}));
@@ -133,5 +133,5 @@
   canvas.onwheel = e => { e.preventDefault(); view.zoom *= Math.exp(-e.deltaY * 0.001); draw(); };
   addEventListener('resize', draw); matchMedia('(prefers-color-scheme: dark)').addEventListener('change', draw);
   addEventListener('chart-time', e => { if (!running && e.detail >= t0 && e.detail <= t1) { now = e.detail; draw(); } });
-  now = Math.min(t1, scene.release + 0.35 * (t1 - scene.release)); draw();
+  now = scene.release === null ? t1 : Math.min(t1, scene.release + 0.35 * (t1 - scene.release)); draw();
 })();

@@ -62,12 +62,14 @@ impl RunReport<'_> {
             .map(|joint| (joint.module, format!("{} (drive {})", joint.name, joint.module)))
             .collect();
         let period = self.analysis.cycles.period_s.map_or(3e-3, |p| p.median).clamp(1e-3, 40e-3);
-        let (from, to) = (self.plan.release_time_s - 2.0 * period, self.plan.release_time_s + 1.0 * period);
+        let fault = self.analysis.fault.as_ref();
+        let (middle, what) = fault.map_or((self.plan.release_time_s, "release"), |f| (f.t_s, "first fault"));
+        let (from, to) = (middle - 2.0 * period, middle + 1.0 * period);
         page.html(&format!(
             "<p></p><figure class=\"card\">{}</figure>",
             timeline::svg(&bus.slots, from, to, &lanes)
         ));
-        page.note("Three control cycles about the release. Point at a frame to read it.");
+        page.note(&format!("Three control cycles about the {what}. Point at a frame to read it."));
     }
 
     pub(super) fn timing(&self, page: &mut Page) {

@@ -12,7 +12,7 @@ use serde_json::Value;
 use super::chart::{Chart, Curve};
 use super::page::{Page, Tone};
 use super::{landing, scene};
-use crate::analysis::tracking::{JointTracking, flight, interpolate};
+use crate::analysis::tracking::{JointTracking, ReleaseMotion, flight, interpolate};
 use crate::analysis::{POSITION_BOUND_RAD, RunAnalysis, SPEED_BOUND_RAD_S};
 use crate::plan::file::PlanFile;
 use crate::plan::throw::{Arm, Joints};
@@ -81,6 +81,11 @@ impl RunReport<'_> {
         Some(([position.first()?.as_f64()?, position.get(1)?.as_f64()?], source.to_owned()))
     }
 
+    /// The release; `None` for a run that was stopped before the gripper was told to open.
+    fn thrown(&self) -> Option<ReleaseMotion> {
+        self.analysis.release.filter(|release| release.gripper_ordered_t_s.is_some())
+    }
+
     fn landing_error_m(&self) -> Option<f64> {
         self.in_summary("/landing_error_m").and_then(Value::as_f64)
     }
@@ -92,7 +97,7 @@ impl RunReport<'_> {
         if !self.analysis.completed {
             return ("not seen to its end".to_owned(), Tone::Warn);
         }
-        let measured = self.analysis.release.and_then(|release| release.landing_error_m);
+        let measured = self.thrown().and_then(|release| release.landing_error_m);
         match (self.landing_error_m(), measured) {
             (Some(m), _) => {
                 let tone = if m <= NEAR_M { Tone::Good } else { Tone::Warn };
@@ -190,7 +195,7 @@ impl RunReport<'_> {
         if let Some((xy_m, name)) = self.landed() {
             marks.push(landing::Mark { name, colour: 1, xy_m });
         }
-        if let Some(p) = self.analysis.release.and_then(|release| release.landing_m) {
+        if let Some(p) = self.thrown().and_then(|release| release.landing_m) {
             marks.push(landing::Mark { name: "measured motion".to_owned(), colour: 0, xy_m: [p[0], p[1]] });
         }
         marks
@@ -209,9 +214,9 @@ impl RunReport<'_> {
 
     fn space(&self) -> String {
         let plan = self.plan;
-        let released = self.analysis.release;
-        let p0 = Vector3::from(released.map_or(plan.release.position_m, |r| r.position_m));
-        let v0 = Vector3::from(released.map_or(plan.release.velocity_m_s, |r| r.velocity_m_s));
+        let thrown = self.thrown();
+        let p0 = thrown.map_or_else(Vector3::zeros, |release| Vector3::from(release.position_m));
+        let v0 = thrown.map_or_else(Vector3::zeros, |release| Vector3::from(release.velocity_m_s));
         let model = flight(plan);
         let landed = model.as_ref().and_then(|flight| flight.land(&p0, &v0, plan.target.position_m[2]));
         let flight_s = landed.map_or(plan.landing.flight_s, |landed| landed.time_s);
@@ -235,9 +240,11 @@ impl RunReport<'_> {
                 q_at: &|t_s| self.q_at(t_s),
                 from_s: 0.0,
                 to_s: plan.end_time_s,
-                release_s: plan.release_time_s,
-                ball_after: &ball_after,
-                flight_s,
+                flight: thrown.map(|release| scene::Flight {
+                    release_s: release.t_s,
+                    ball_after: &ball_after,
+                    flight_s,
+                }),
                 planned: Some(planned),
             },
         )
