@@ -48,6 +48,9 @@ pub enum MessageError {
     Syntax(SyntaxError),
 }
 
+/// Ends the words of a refusal that are too many for a message.
+const CUT: &str = "...";
+
 impl<'a> Message<'a> {
     /// Reads one message from `<` to `>`, as the [`super::Assembler`] cuts it.
     ///
@@ -100,7 +103,10 @@ impl<'a> Message<'a> {
             }
             Self::Refused { reason } => {
                 text.push_str("< error ");
-                for byte in reason.bytes().take(MESSAGE_MAX - "< error  >".len()) {
+                let room = MESSAGE_MAX - "< error  >".len();
+                // What is cut says so: else it could end in a blank, or look like a bus error.
+                let (kept, mark) = if reason.len() > room { (room - CUT.len(), CUT) } else { (room, "") };
+                for byte in reason.bytes().take(kept) {
                     text.push(match byte {
                         b'<' => b'(',
                         b'>' => b')',
@@ -108,6 +114,7 @@ impl<'a> Message<'a> {
                         _ => b'?',
                     });
                 }
+                text.push_str(mark);
             }
         }
         text.push_str(" >");
@@ -278,8 +285,23 @@ mod tests {
         assert_eq!(text.as_str(), "< frame 1FFFFFFF 18446744073709.551615 FFFFFFFFFFFFFFFF >");
         let reason = "x".repeat(500);
         let text = Message::Refused { reason: &reason }.encode();
-        assert!(!text.is_truncated() && text.as_str().ends_with("x >"));
+        assert!(!text.is_truncated() && text.as_str().ends_with("x... >"));
         assert_eq!(text.as_bytes().len(), MESSAGE_MAX);
+    }
+
+    #[test]
+    fn words_that_are_cut_stay_the_same_words_when_they_are_written_again() {
+        // Found by fuzzing: a blank where the words were cut is trimmed when they are read, and not written again.
+        let blank_at_the_cut = "?".repeat(117) + " 0";
+        // Cut to a class and a time they would be a bus error.
+        let number = "40 1.".to_owned() + &"5".repeat(120);
+        let gap = "40 1.5".to_owned() + &" ".repeat(120) + "x";
+        for reason in [blank_at_the_cut.as_str(), &number, &gap] {
+            let text = Message::Refused { reason }.encode();
+            let again = Message::parse(text.as_bytes()).unwrap();
+            assert!(matches!(again, Message::Refused { .. }), "{again:?}");
+            assert_eq!(again.encode().as_bytes(), text.as_bytes());
+        }
     }
 
     #[test]
