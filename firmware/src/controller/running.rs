@@ -17,6 +17,7 @@ use super::{Controller, Generator};
 use crate::drives::PositionSample;
 use crate::fault::{Cause, Fault};
 use crate::feedback::{self, ErrorState};
+use crate::joints::at_most;
 use crate::path::PathClock;
 use crate::ramp::{self, RampState};
 use crate::span;
@@ -236,7 +237,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             track.phase_us = sample.at.saturating_since(tick_at).as_micros().min(40_000) as u32;
             let qd_rad_s = reference.qd_rad_s + track.estimator.de_rad_s();
             let mut v_rad_s = track.generator.v_at(sample.at);
-            v_rad_s += (GENERATOR_PULL_1_S * span::seconds(dt)).min(0.2) * (qd_rad_s - v_rad_s);
+            v_rad_s += at_most(GENERATOR_PULL_1_S * span::seconds(dt), 0.2) * (qd_rad_s - v_rad_s);
             track.u_in_force = track.u_sent;
             track.generator =
                 Generator { v_rad_s, a_rad_s2: track.command.qdd_rad_s2, cap_rad_s: loaded_v, at: sample.at };
