@@ -79,6 +79,14 @@ macro_rules! causes {
                 }
             }
 
+            /// [`Self::name`] of a cause that can be latched; empty for a refusal, whose name a board need not hold.
+            pub const fn latched_name(self) -> &'static str {
+                match self {
+                    $(Self::$name if !matches!(Reaction::$reaction, Reaction::Refuse) => stringify!($name),)*
+                    _ => "",
+                }
+            }
+
             /// What the group does.
             pub const fn reaction(self) -> Reaction {
                 match self {
@@ -242,6 +250,7 @@ mod tests {
     fn bands_hold_what_they_say() {
         for info in Cause::TABLE {
             let refused = info.reaction == Reaction::Refuse;
+            assert_eq!(info.cause.latched_name(), if refused { "" } else { info.name });
             assert!(!refused || info.code >= 500, "{} moves nothing but is in a band that stops", info.name);
             assert!(refused || info.code < 600, "{} stops but is in a band of refusals", info.name);
         }

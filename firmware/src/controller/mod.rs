@@ -39,7 +39,7 @@ use crate::fault::{Cause, Fault};
 use crate::feedback::{BlendedGains, ErrorEstimator};
 use crate::freeze::FreezeFrame;
 use crate::gripper::Gripper;
-use crate::joints::PerJoint;
+use crate::joints::{PerJoint, at_least, clamp};
 use crate::ramp;
 use crate::schedule::Schedule;
 use crate::settings::Settings;
@@ -70,8 +70,8 @@ impl Generator {
         let dt_s = span::seconds(t.saturating_since(self.at));
         let v = self.v_rad_s + self.a_rad_s2 * dt_s;
         if v * self.a_rad_s2 > 0.0 {
-            let cap = self.cap_rad_s.max(self.v_rad_s.abs());
-            crate::joints::clamp(v, -cap, cap)
+            let cap = at_least(self.v_rad_s.abs(), self.cap_rad_s);
+            clamp(v, -cap, cap)
         } else {
             v
         }
@@ -154,6 +154,11 @@ pub struct Controller<S, M = Spline> {
     now: Instant,
 }
 
+#[inline(never)]
+fn made<T: Default>() -> T {
+    T::default()
+}
+
 impl<S: Storage> Controller<S> {
     /// [`Self::with_spline`] with a spline of its own.
     pub fn new(storage: S, defaults: &Settings) -> Self {
@@ -168,21 +173,28 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// `spline` is where the trajectory is kept; a board gives a static place, because 17 KB on their way through the
     /// stack are too much. `defaults` must pass [`Settings::check`]; others are replaced by [`Settings::powercube6`].
     pub fn with_spline(storage: S, spline: M, defaults: &Settings) -> Self {
-        let defaults = if defaults.check().is_ok() { defaults } else { &Settings::POWERCUBE6 };
-        let settings = store::load_settings(&storage, defaults);
-        let mut controller = Self {
-            settings,
+        let mut controller = Self::asleep(storage, spline);
+        controller.wake(defaults);
+        controller
+    }
+
+    /// Nothing looked up yet. A call of its own for each large part, and no decision in between: so the compiler makes them
+    /// where they stay, instead of making and moving them (12 KB more of a board's stack).
+    #[inline(never)]
+    pub(crate) fn asleep(storage: S, spline: M) -> Self {
+        Self {
+            settings: Settings::POWERCUBE6,
             storage,
             store: TrajectoryStore::new(),
             spline,
             machine: Machine::new(),
-            drives: PerJoint::default(),
-            schedule: Schedule::default(),
-            track: PerJoint::default(),
+            drives: made(),
+            schedule: made(),
+            track: made(),
             boot: PerJoint::default(),
             gripper: Gripper::default(),
-            transmit: TransmitQueue::default(),
-            trace: Trace::default(),
+            transmit: made(),
+            trace: made(),
             freeze: None,
             counters: Counters::default(),
             bus_bits: 0,
@@ -200,13 +212,19 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             telemetry_due: Instant::ZERO,
             gripper_write: None,
             now: Instant::ZERO,
-        };
-        controller.store.find(&controller.storage, &controller.settings, controller.spline.borrow_mut());
-        for joint in controller.joints() {
-            let gains = BlendedGains::fixed(controller.settings.joint.at(joint).gains());
-            controller.track.at_mut(joint).gains = gains;
         }
-        controller
+    }
+
+    /// Takes over what is stored.
+    #[inline(never)]
+    pub(crate) fn wake(&mut self, defaults: &Settings) {
+        let defaults = if defaults.check().is_ok() { defaults } else { &Settings::POWERCUBE6 };
+        self.settings = store::load_settings(&self.storage, defaults);
+        self.store.find(&self.storage, &self.settings, self.spline.borrow_mut());
+        for joint in self.joints() {
+            let gains = BlendedGains::fixed(self.settings.joint.at(joint).gains());
+            self.track.at_mut(joint).gains = gains;
+        }
     }
 
     /// Joints in use, base first.
