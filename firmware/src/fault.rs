@@ -164,6 +164,7 @@ causes! {
     710 BadValue Refuse "a value of the order is out of range", "see the order's description";
     711 DriveNotReady Refuse "a drive is silent, in error or halted", "look at the drive; clear the fault";
     712 GripperBusy Refuse "the gripper cannot be operated during a run", "the release is part of the plan";
+    713 CycleTooShort Refuse "the drives' answers of a cycle do not fit into the control period; the index is the period that would do, in us", "tune and plan for that period, or set the drives to answer faster";
 }
 
 impl Cause {

@@ -255,8 +255,7 @@ impl<S: Storage, M: BorrowMut<Spline>> ControllerNode<S, M> {
     /// When a Cyphal frame may be handed out.
     fn may_send_at(&self) -> Instant {
         let settings = self.app.controller.settings();
-        let tracking = matches!(self.app.controller.state().kind(), StateKind::Running | StateKind::Stopping);
-        if tracking && !self.app.controller.is_cycle_done() {
+        if self.app.controller.is_keeping_time() && !self.app.controller.is_cycle_done() {
             self.last_frame + settings.cycle_period() * 2
         } else {
             self.last_frame + SPACING

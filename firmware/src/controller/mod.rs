@@ -40,6 +40,7 @@ use crate::feedback::{BlendedGains, ErrorEstimator};
 use crate::freeze::FreezeFrame;
 use crate::gripper::Gripper;
 use crate::joints::{PerJoint, at_least, clamp};
+use crate::pace::{CycleTimes, Pace};
 use crate::ramp;
 use crate::schedule::Schedule;
 use crate::settings::Settings;
@@ -124,6 +125,7 @@ pub struct Controller<S, M = Spline> {
     machine: Machine,
     drives: PerJoint<Drive>,
     schedule: Schedule,
+    pace: Pace,
     track: PerJoint<Track>,
     boot: PerJoint<BootProgress>,
     gripper: Gripper,
@@ -190,6 +192,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             machine: Machine::new(),
             drives: made(),
             schedule: made(),
+            pace: Pace::default(),
             track: made(),
             boot: PerJoint::default(),
             gripper: Gripper::default(),
@@ -252,6 +255,12 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         self.freeze.as_ref()
     }
 
+    /// Durations of the control cycles of the last run; and how long one takes by the last rehearsals, µs
+    /// ([`crate::pace`]), `None` before the first.
+    pub fn cycle_times(&self) -> (CycleTimes, Option<u32>) {
+        (self.pace.times(), self.pace.cycle_us(self.settings.joints))
+    }
+
     /// A drive as the controller knows it.
     pub const fn drive(&self, joint: JointIndex) -> &Drive {
         self.drives.at(joint)
@@ -304,19 +313,38 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             | State::Fault { .. } => {
                 self.monitor_tick(now);
             }
-            State::Homing(homing) => self.homing_tick(now, homing),
-            State::Jogging(jog) => self.jogging_tick(now, jog),
+            State::Homing(homing) => {
+                self.pace.abandon();
+                self.homing_tick(now, homing);
+            }
+            State::Jogging(jog) => {
+                self.pace.abandon();
+                self.jogging_tick(now, jog);
+            }
             State::Running { .. } => self.running_tick(now, late),
             State::Stopping { .. } => self.stopping_tick(now),
         }
         self.pump(now);
     }
 
-    /// States in which nothing moves: look at one thing of each drive, in turn.
+    /// States in which nothing moves: look at one thing of each drive, in turn. Every fourth time at two things, as long
+    /// as a control cycle ([`crate::pace`]).
     fn monitor_tick(&mut self, now: Instant) {
+        let free = self.is_cycle_done();
+        let reads = self.joints().all(|joint| matches!(self.poll_request(joint), Request::Get(_)));
+        let rehearse = free && reads && self.ticks.is_multiple_of(4);
+        if rehearse {
+            self.pace.begin_rehearsal(now);
+        } else if free {
+            // One that is at work may last longer than the time between two looks.
+            self.pace.abandon();
+        }
         for joint in self.joints() {
             let request = self.poll_request(joint);
             if self.schedule.is_done(joint, self.drives.at(joint)) {
+                if rehearse {
+                    self.schedule.push(joint, Request::Get(Parameter::ActPos));
+                }
                 self.schedule.push(joint, request);
             }
         }

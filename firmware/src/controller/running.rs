@@ -62,6 +62,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             self.gripper.plan(start + Duration::from_micros(release_us.into()), opening);
         }
         self.late_in_row = 0;
+        self.pace.begin_run();
         self.machine.transition_to_running(now, &mut self.trace, PathClock::starting(start));
         // The first cycle begins now; a cycle of the monitor may be half way.
         self.tick_due = now + Duration::from_micros(1);
@@ -115,6 +116,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// One control step of all joints.
     pub(super) fn control_step(&mut self, now: Instant, clock: &PathClock) {
         self.counters.cycles = self.counters.cycles.wrapping_add(1);
+        self.pace.begin_cycle(now);
         let guest = JointIndex::new((self.ticks % self.settings.joints.max(1)) as usize).ok();
         let (mut any_saturated, mut near_limit, mut extra_write) = (false, None, false);
         for joint in self.joints() {
@@ -244,6 +246,9 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         }
         let qd_rad_s = if tracking { reference.qd_rad_s + track.estimator.de_rad_s() } else { 0.0 };
         let measured = Measured { q_rad: sample.q_rad, qd_rad_s, e_rad: if tracking { e_rad } else { 0.0 } };
+        if of_motion && self.joints().all(|joint| self.track.at(joint).fresh) {
+            self.pace.end_cycle(now);
+        }
         let cause = supervisor::check_short_state(short).or(supervisor::check_motion(&measured, &limits));
         if let Some(cause) = cause {
             self.fail(now, Fault::at(cause, joint));
