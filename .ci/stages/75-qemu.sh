@@ -8,7 +8,7 @@ rm -rf "$dir"
 cargo run --quiet --locked -p firmware --example record_throw -- "$dir"
 
 elf=$PWD/target/boards/$target/release/firmware-qemu
-(cd firmware/boards/qemu && CARGO_TARGET_DIR=../../../target/boards cargo build --quiet --release --locked --target $target)
+(cd firmware/boards/qemu && CARGO_TARGET_DIR=../../../target/boards cargo build --quiet --release --locked --target $target --features script)
 
 cd "$dir"
 run() {

@@ -79,6 +79,14 @@ macro_rules! causes {
                 }
             }
 
+            /// [`Self::name`] of a cause that can be latched; empty for a refusal, whose name a board need not hold.
+            pub const fn latched_name(self) -> &'static str {
+                match self {
+                    $(Self::$name if !matches!(Reaction::$reaction, Reaction::Refuse) => stringify!($name),)*
+                    _ => "",
+                }
+            }
+
             /// What the group does.
             pub const fn reaction(self) -> Reaction {
                 match self {
@@ -156,6 +164,7 @@ causes! {
     710 BadValue Refuse "a value of the order is out of range", "see the order's description";
     711 DriveNotReady Refuse "a drive is silent, in error or halted", "look at the drive; clear the fault";
     712 GripperBusy Refuse "the gripper cannot be operated during a run", "the release is part of the plan";
+    713 CycleTooShort Refuse "the drives' answers of a cycle do not fit into the control period; the index is the period that would do, in us", "tune and plan for that period, or set the drives to answer faster";
 }
 
 impl Cause {
@@ -242,6 +251,7 @@ mod tests {
     fn bands_hold_what_they_say() {
         for info in Cause::TABLE {
             let refused = info.reaction == Reaction::Refuse;
+            assert_eq!(info.cause.latched_name(), if refused { "" } else { info.name });
             assert!(!refused || info.code >= 500, "{} moves nothing but is in a band that stops", info.name);
             assert!(refused || info.code < 600, "{} stops but is in a band of refusals", info.name);
         }

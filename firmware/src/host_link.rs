@@ -14,6 +14,7 @@
 //! The drives come first. While a control cycle runs, Cyphal frames go out in what is left of it after the last
 //! motion's answer, or one per two cycles if nothing is left. At rest they keep a distance, so that a long answer never
 //! fills a transmit queue before a halt. A stop that is received is acted on at once and needs no frame of this node.
+//! A call that makes a control step makes nothing else: samples are taken in the next call.
 
 use core::borrow::BorrowMut;
 
@@ -53,6 +54,8 @@ const TYPES: [(&str, &str); 3] = [
 
 /// Time between Cyphal frames: a little more than a frame takes at 1 Mbit/s.
 const SPACING: Duration = Duration::from_micros(160);
+/// Longest wait of telemetry behind a control step, if no frame comes before.
+const LATER: Duration = Duration::from_millis(1);
 
 /// Name of the program in `GetInfo`.
 pub const NODE_NAME: &[u8] = b"cubecell.controller";
@@ -79,6 +82,8 @@ pub struct ControllerNode<S, M = Spline> {
     /// When the last Cyphal frame was handed out.
     last_frame: Instant,
     held: Option<Frame>,
+    /// A control step was made in the last call: what is not urgent comes with the next one, at the latest then.
+    later: Option<Instant>,
     now: Instant,
 }
 
@@ -91,6 +96,28 @@ struct App<S, M> {
     complete: bool,
 }
 
+#[inline(never)]
+fn link(now: Instant) -> ControllerCore {
+    ControllerCore::new(now, NodeId::from_low_bits(0))
+}
+
+/// Until the settings are known.
+const UNSET: SubjectId = SubjectId::from_low_bits(0);
+
+impl<S: Storage, M: BorrowMut<Spline>> App<S, M> {
+    #[inline(never)]
+    fn asleep(storage: S, spline: M, identity: Identity) -> Self {
+        Self {
+            identity,
+            ports: [stop::port(UNSET), heartbeat::PORT],
+            subjects: [UNSET; 2],
+            host: None,
+            complete: false,
+            controller: Controller::asleep(storage, spline),
+        }
+    }
+}
+
 impl<S: Storage> ControllerNode<S> {
     /// [`Self::with_spline`] with a spline of its own.
     pub fn new(now: Instant, storage: S, defaults: &Settings, identity: Identity) -> Self {
@@ -101,19 +128,19 @@ impl<S: Storage> ControllerNode<S> {
 impl<S: Storage, M: BorrowMut<Spline>> ControllerNode<S, M> {
     /// Node that starts at `now`; see [`Controller::with_spline`]. Node-ID and subjects are those of the settings.
     pub fn with_spline(now: Instant, storage: S, spline: M, defaults: &Settings, identity: Identity) -> Self {
-        const UNSET: SubjectId = SubjectId::from_low_bits(0);
+        let mut node = Self::asleep(now, storage, spline, identity);
+        node.wake(defaults);
+        node
+    }
+
+    /// First half of [`Self::with_spline`], for a board: what this returns is made in the place it is kept in, and
+    /// [`Self::wake`] must follow before anything else. In one call the node would be made and then moved, with stack for
+    /// two of them.
+    // The large parts come last and from a call each, or they would be made elsewhere (see `Controller::asleep`).
+    #[inline(never)]
+    pub fn asleep(now: Instant, storage: S, spline: M, identity: Identity) -> Self {
         let valid = Duration::from_millis(200);
-        // Filled in place: each copy of it on the stack would be 12 KB.
-        let mut node = Self {
-            link: ControllerCore::new(now, NodeId::from_low_bits(0)),
-            app: App {
-                controller: Controller::with_spline(storage, spline, defaults),
-                identity,
-                ports: [stop::port(UNSET), heartbeat::PORT],
-                subjects: [UNSET; 2],
-                host: None,
-                complete: false,
-            },
+        Self {
             group_state: Publication::new(UNSET, Priority::Nominal, valid),
             joint_state: Publication::new(UNSET, Priority::Low, valid),
             last_state: None,
@@ -122,17 +149,25 @@ impl<S: Storage, M: BorrowMut<Spline>> ControllerNode<S, M> {
             last_at: now,
             last_frame: now,
             held: None,
+            later: None,
             now,
-        };
+            link: link(now),
+            app: App::asleep(storage, spline, identity),
+        }
+    }
+
+    /// Second half of [`Self::with_spline`]: takes over what is stored, over `defaults`.
+    #[inline(never)]
+    pub fn wake(&mut self, defaults: &Settings) {
+        self.app.controller.wake(defaults);
         let Settings { node_id, stop_subject, group_state_subject, joint_state_subject, .. } =
-            *node.app.controller.settings();
+            *self.app.controller.settings();
         let subject = |number: u32| SubjectId::from_low_bits(number as u16);
         let subjects = [subject(group_state_subject), subject(joint_state_subject)];
-        node.app.ports = [stop::port(subject(stop_subject)), heartbeat::PORT];
-        node.app.subjects = subjects;
-        [node.group_state.subject, node.joint_state.subject] = subjects;
-        node.link.set_address(NodeId::from_low_bits(node_id as u8));
-        node
+        self.app.ports = [stop::port(subject(stop_subject)), heartbeat::PORT];
+        self.app.subjects = subjects;
+        [self.group_state.subject, self.joint_state.subject] = subjects;
+        self.link.set_address(NodeId::from_low_bits(node_id as u8));
     }
 
     /// The controller behind the link.
@@ -199,19 +234,28 @@ impl<S: Storage, M: BorrowMut<Spline>> ControllerNode<S, M> {
         }
     }
 
+    /// What a call does once the drives are served.
+    fn after_the_drives(&mut self, now: Instant) {
+        self.later = None;
+        self.publish(now);
+        if self.link.poll_timeout() <= now {
+            self.link.handle_timeout(now, &self.app);
+        }
+        self.refill();
+    }
+
     fn log_change(&mut self, now: Instant, sample: &GroupSample) {
         let Some(fault) = sample.fault else { return };
         if matches!(sample.state, StateKind::Fault | StateKind::Stopped) {
             let severity = if fault.cause.is_plain_stop() { Severity::Notice } else { Severity::Error };
-            self.link.log(now, severity, fault.cause.name());
+            self.link.log(now, severity, fault.cause.latched_name());
         }
     }
 
     /// When a Cyphal frame may be handed out.
     fn may_send_at(&self) -> Instant {
         let settings = self.app.controller.settings();
-        let tracking = matches!(self.app.controller.state().kind(), StateKind::Running | StateKind::Stopping);
-        if tracking && !self.app.controller.is_cycle_done() {
+        if self.app.controller.is_keeping_time() && !self.app.controller.is_cycle_done() {
             self.last_frame + settings.cycle_period() * 2
         } else {
             self.last_frame + SPACING
@@ -234,19 +278,19 @@ impl<S: Storage, M: BorrowMut<Spline>> Node for ControllerNode<S, M> {
         } else {
             self.app.controller.handle_frame(now, frame);
         }
-        self.publish(now);
-        self.refill();
+        self.after_the_drives(now);
     }
 
     fn handle_timeout(&mut self, now: Instant) {
         self.now = now;
+        let cycles = self.app.controller.counters().cycles;
         // Harmless where nothing is due, and cheaper than the question.
         self.app.controller.handle_timeout(now);
-        self.publish(now);
-        if self.link.poll_timeout() <= now {
-            self.link.handle_timeout(now, &self.app);
+        if self.app.controller.counters().cycles == cycles {
+            self.after_the_drives(now);
+        } else {
+            self.later = Some(now + LATER);
         }
-        self.refill();
     }
 
     fn poll_frame(&mut self) -> Option<Frame> {
@@ -266,7 +310,8 @@ impl<S: Storage, M: BorrowMut<Spline>> Node for ControllerNode<S, M> {
 
     fn poll_timeout(&self) -> Option<Instant> {
         let paced = self.held.is_some().then(|| self.may_send_at()).filter(|at| *at > self.now);
-        self.app.controller.poll_timeout().into_iter().chain([self.link.poll_timeout()]).chain(paced).min()
+        let link = self.later.unwrap_or_else(|| self.link.poll_timeout());
+        self.app.controller.poll_timeout().into_iter().chain([link]).chain(paced).min()
     }
 }
 

@@ -3,7 +3,7 @@
 use protocol::{JOINTS_MAX, JointIndex};
 
 /// [`JOINTS_MAX`] values, base first. Entries past the joints in use hold their default and are never read by the law.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PerJoint<T>(pub [T; JOINTS_MAX]);
 
 /// Keeps an index below [`JOINTS_MAX`], a power of two.
@@ -24,6 +24,13 @@ impl<T: Copy> PerJoint<T> {
     /// Replaces the value of a joint.
     pub fn set(&mut self, joint: JointIndex, value: T) {
         *self.at_mut(joint) = value;
+    }
+}
+
+/// One default, copied: an array's own would be written out eight times in flash.
+impl<T: Copy + Default> Default for PerJoint<T> {
+    fn default() -> Self {
+        Self::splat(T::default())
     }
 }
 
@@ -49,6 +56,18 @@ pub const fn clamp(x: f32, low: f32, high: f32) -> f32 {
     if x >= low { if x <= high { x } else { high } } else { low }
 }
 
+/// The larger one; `floor` if `x` is NaN.
+#[must_use]
+pub const fn at_least(x: f32, floor: f32) -> f32 {
+    if x > floor { x } else { floor }
+}
+
+/// The smaller one; `ceiling` if `x` is NaN.
+#[must_use]
+pub const fn at_most(x: f32, ceiling: f32) -> f32 {
+    if x < ceiling { x } else { ceiling }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -67,5 +86,7 @@ mod tests {
     fn clamp_never_lets_a_lost_number_act() {
         assert_eq!(clamp(f32::NAN, -1.0, 1.0), -1.0);
         assert_eq!(clamp(f32::INFINITY, -1.0, 1.0), 1.0);
+        assert_eq!((at_least(f32::NAN, 1.0), at_most(f32::NAN, 1.0)), (1.0, 1.0));
+        assert_eq!((at_least(2.0, 1.0), at_most(2.0, 1.0)), (2.0, 1.0));
     }
 }

@@ -41,7 +41,18 @@ impl PathClock {
 
     /// Path time s in µs and ṡ at a time near the last call of [`Self::advance`]; before it the
     /// clock is taken to have run at the rate it had then.
+    #[inline]
     pub fn at(&self, t: Instant) -> (i64, f32) {
+        if self.runs_freely() {
+            // Either sign; spans are far below 2^63 µs.
+            let since_us = t.as_micros().wrapping_sub(self.at.as_micros()) as i64;
+            return (self.s_us.saturating_add(since_us), 1.0);
+        }
+        self.at_slowed(t)
+    }
+
+    #[inline(never)]
+    fn at_slowed(&self, t: Instant) -> (i64, f32) {
         if let Some(before) = self.at.checked_since(t) {
             let back_us = before.as_micros().min(i64::MAX as u64) as i64;
             // A step back is at most a few cycles, also through 32 bits; 64-bit conversions are software on a Cortex-M4.
@@ -53,9 +64,6 @@ impl PathClock {
             return (self.s_us.saturating_sub(back_us), self.rate);
         }
         let dt = t.saturating_since(self.at);
-        if self.runs_freely() {
-            return (self.s_us.saturating_add(dt.as_micros().min(i64::MAX as u64) as i64), 1.0);
-        }
         let dt_s = span::seconds(dt);
         let left_s = if self.rate_dot_1_s < 0.0 { self.rate / -self.rate_dot_1_s } else { dt_s };
         let dt_s = dt_s.min(left_s);
@@ -65,6 +73,7 @@ impl PathClock {
     }
 
     /// Reference in time from the one along the path.
+    #[inline]
     pub fn in_time(&self, t: Instant, along: Setpoint) -> Setpoint {
         if self.runs_freely() {
             return along;

@@ -33,7 +33,7 @@
 //! ends late: when the way to the limit gets as short as the braking distance with the full acceleration, the
 //! command becomes full braking, whatever was asked for ([`Command::position_limited`]).
 
-use crate::joints::clamp;
+use crate::joints::{at_least, at_most, clamp};
 
 /// Least acceleration that is commanded, rad/s². Over a period of 17 ms it is a change of speed of
 /// 0.2 mrad/s; a generator with zero acceleration would never move again.
@@ -114,7 +114,7 @@ pub fn realise(
     let position_limited = must_brake(wanted, period_s, state, limits);
     if position_limited {
         // Not through zero: the period that stops the joint must not send it back.
-        wanted = -v_rad_s.signum() * a_max.min(v_rad_s.abs() / period_s);
+        wanted = -v_rad_s.signum() * at_most(v_rad_s.abs() / period_s, a_max);
     }
     // The speed limit brakes a joint that is too fast, with no more than it has.
     let v_wanted = v_rad_s + wanted * period_s;
@@ -128,23 +128,23 @@ pub fn realise(
     let standing = v_rad_s.abs() < V_STANDING_RAD_S;
     let side = if wanted == 0.0 && !standing { v_rad_s.signum() } else { wanted.signum() };
     let target_rad = clamp(q_rad + side * limits.reach_rad, limits.q_min_rad, limits.q_max_rad);
-    let a_wanted = wanted.abs().max(A_RESOLUTION_RAD_S2).min(a_max.max(A_RESOLUTION_RAD_S2));
+    let a_wanted = clamp(wanted.abs(), A_RESOLUTION_RAD_S2, at_least(a_max, A_RESOLUTION_RAD_S2));
 
     let with_motion = !standing && side * v_rad_s > 0.0;
-    let way = ((target_rad - q_rad).abs() - 0.5 * (v_rad_s + v_end).abs() * period_s).max(1e-3);
+    let way = at_least((target_rad - q_rad).abs() - 0.5 * (v_rad_s + v_end).abs() * period_s, 1e-3);
     let a_floor = BRAKING_MARGIN * v_end * v_end / (2.0 * way);
     let (velocity, acceleration) = if with_motion && a_wanted < a_floor {
         // Case 3.
-        let a_needed = a_floor.max(a_wanted).min(a_max);
+        let a_needed = at_most(at_least(a_floor, a_wanted), a_max);
         let a_holds = loaded.a_rad_s2.is_some_and(|a| a >= a_needed && a <= a_max);
-        let acceleration = if a_holds { None } else { Some((1.5 * a_needed).min(a_max)) };
+        let acceleration = if a_holds { None } else { Some(at_most(1.5 * a_needed, a_max)) };
         (Some(v_end.abs()), acceleration)
     } else {
         let v_needed = if side * v_end > 0.0 { v_end.abs() } else { 0.0 };
         let v_holds = loaded.v_rad_s.is_some_and(|v| v >= v_needed);
         match loaded.a_rad_s2 {
             // The speed binds, but the acceleration in the drive suffices: one write does, as in case 3.
-            Some(a) if !v_holds && with_motion && a >= a_wanted.max(a_floor) && a <= a_max => {
+            Some(a) if !v_holds && with_motion && a >= at_least(a_floor, a_wanted) && a <= a_max => {
                 (Some(v_end.abs()), None)
             }
             _ => (if v_holds { None } else { Some(limits.v_max_rad_s) }, Some(a_wanted)),
@@ -170,7 +170,7 @@ fn must_brake(qdd_rad_s2: f32, period_s: f32, state: RampState, limits: &RampLim
     let v = if state.v_rad_s.abs() > v_end.abs() { state.v_rad_s } else { v_end };
     let room = if v > 0.0 { limits.q_max_rad - state.q_rad } else { state.q_rad - limits.q_min_rad };
     // One more period passes before the next command can correct this one.
-    let braking = v * v / (2.0 * limits.a_max_rad_s2.max(A_RESOLUTION_RAD_S2)) + v.abs() * period_s;
+    let braking = v * v / (2.0 * at_least(limits.a_max_rad_s2, A_RESOLUTION_RAD_S2)) + v.abs() * period_s;
     // A joint outside its limits may move back in, and so may one that stands exactly on them.
     let outward = v * state.v_rad_s >= 0.0 && v.abs() > V_STANDING_RAD_S;
     let fits = braking <= room;
@@ -185,12 +185,12 @@ pub fn stop(state: RampState, a_rad_s2: f32, limits: &RampLimits) -> Command {
     let RampState { q_rad, v_rad_s } = state;
     let room = if v_rad_s > 0.0 { limits.q_max_rad - q_rad } else { q_rad - limits.q_min_rad };
     // More than asked for where a soft limit is near.
-    let a_needed = a_rad_s2.max(0.5 * v_rad_s * v_rad_s / room.max(1e-3));
-    let a = clamp(a_needed, A_RESOLUTION_RAD_S2, limits.a_max_rad_s2.max(A_RESOLUTION_RAD_S2));
+    let a_needed = at_least(0.5 * v_rad_s * v_rad_s / at_least(room, 1e-3), a_rad_s2);
+    let a = clamp(a_needed, A_RESOLUTION_RAD_S2, at_least(limits.a_max_rad_s2, A_RESOLUTION_RAD_S2));
     let target = q_rad + 0.5 * v_rad_s * v_rad_s.abs() / a;
     Command {
         target_rad: clamp(target, limits.q_min_rad, limits.q_max_rad),
-        velocity_rad_s: Some(limits.v_max_rad_s.min(v_rad_s.abs().max(0.05))),
+        velocity_rad_s: Some(at_most(at_least(v_rad_s.abs(), 0.05), limits.v_max_rad_s)),
         acceleration_rad_s2: Some(a),
         qdd_rad_s2: -v_rad_s.signum() * a,
         ..Command::default()

@@ -85,6 +85,18 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         Ok(())
     }
 
+    /// A control cycle fits into its period: known before a motion, not found out in it.
+    fn require_time(&self) -> Result<(), Refusal> {
+        // Without a rehearsal the drives have not been read since they were found; it comes with the next few looks.
+        let cycle_us = self.pace.cycle_us(self.settings.joints).ok_or(Refusal::of(Cause::DriveNotReady))?;
+        if cycle_us <= self.settings.cycle_period_us {
+            return Ok(());
+        }
+        let period_us = cycle_us.div_ceil(100).saturating_mul(100);
+        let index = u16::try_from(period_us).unwrap_or(u16::MAX);
+        Err(Refusal { cause: Cause::CycleTooShort, joint: None, index })
+    }
+
     /// All that must hold before the arm may move by itself.
     fn require_runnable(&self, now: Instant) -> Result<(), Refusal> {
         self.require_host(now)?;
@@ -94,6 +106,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         if self.settings.gains_period_us != self.settings.cycle_period_us {
             return Err(Refusal::of(Cause::GainPeriod));
         }
+        self.require_time()?;
         for joint in self.joints() {
             let (drive, limits) = (self.drives.at(joint), self.settings.joint.at(joint));
             let Some((state, at)) = drive.state else { return Err(Refusal::at(Cause::DriveNotReady, joint)) };

@@ -34,6 +34,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// Looks for the drives, from the beginning. With `reset` errors and halts are cleared first.
     pub(super) fn start_boot(&mut self, now: Instant, reset: bool) {
         self.schedule.clear_all();
+        self.pace.forget();
         self.boot = Default::default();
         for joint in self.joints() {
             let drive = self.drives.at_mut(joint);

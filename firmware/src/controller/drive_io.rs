@@ -98,6 +98,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
                     self.schedule.clear(joint);
                 }
                 self.counters.replies_missed = self.counters.replies_missed.saturating_add(1);
+                self.pace.abandon();
                 self.track.at_mut(joint).missed = true;
                 self.note(now, Event::Missed(joint));
                 self.on_missed(now, joint, request);
@@ -158,13 +159,16 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             State::Homing(homing) => self.homing_on_answer(now, homing, joint, request),
             State::Jogging(jog) => self.jogging_on_answer(now, jog, joint),
             // Measurements were handed on by `learn`.
-            State::Running { .. }
-            | State::Stopping { .. }
-            | State::Idle
+            State::Running { .. } | State::Stopping { .. } => {}
+            State::Idle
             | State::Ready
             | State::Armed { .. }
             | State::Stopped { .. }
-            | State::Fault { .. } => {}
+            | State::Fault { .. } => {
+                if self.pace.is_rehearsing() && self.is_cycle_done() {
+                    self.pace.end_rehearsal(now);
+                }
+            }
         }
     }
 

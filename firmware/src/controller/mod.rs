@@ -39,7 +39,8 @@ use crate::fault::{Cause, Fault};
 use crate::feedback::{BlendedGains, ErrorEstimator};
 use crate::freeze::FreezeFrame;
 use crate::gripper::Gripper;
-use crate::joints::PerJoint;
+use crate::joints::{PerJoint, at_least, clamp};
+use crate::pace::{CycleTimes, Pace};
 use crate::ramp;
 use crate::schedule::Schedule;
 use crate::settings::Settings;
@@ -70,8 +71,8 @@ impl Generator {
         let dt_s = span::seconds(t.saturating_since(self.at));
         let v = self.v_rad_s + self.a_rad_s2 * dt_s;
         if v * self.a_rad_s2 > 0.0 {
-            let cap = self.cap_rad_s.max(self.v_rad_s.abs());
-            crate::joints::clamp(v, -cap, cap)
+            let cap = at_least(self.v_rad_s.abs(), self.cap_rad_s);
+            clamp(v, -cap, cap)
         } else {
             v
         }
@@ -124,6 +125,7 @@ pub struct Controller<S, M = Spline> {
     machine: Machine,
     drives: PerJoint<Drive>,
     schedule: Schedule,
+    pace: Pace,
     track: PerJoint<Track>,
     boot: PerJoint<BootProgress>,
     gripper: Gripper,
@@ -154,6 +156,11 @@ pub struct Controller<S, M = Spline> {
     now: Instant,
 }
 
+#[inline(never)]
+fn made<T: Default>() -> T {
+    T::default()
+}
+
 impl<S: Storage> Controller<S> {
     /// [`Self::with_spline`] with a spline of its own.
     pub fn new(storage: S, defaults: &Settings) -> Self {
@@ -168,21 +175,29 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// `spline` is where the trajectory is kept; a board gives a static place, because 17 KB on their way through the
     /// stack are too much. `defaults` must pass [`Settings::check`]; others are replaced by [`Settings::powercube6`].
     pub fn with_spline(storage: S, spline: M, defaults: &Settings) -> Self {
-        let defaults = if defaults.check().is_ok() { defaults } else { &Settings::POWERCUBE6 };
-        let settings = store::load_settings(&storage, defaults);
-        let mut controller = Self {
-            settings,
+        let mut controller = Self::asleep(storage, spline);
+        controller.wake(defaults);
+        controller
+    }
+
+    /// Nothing looked up yet. A call of its own for each large part, and no decision in between: so the compiler makes them
+    /// where they stay, instead of making and moving them (12 KB more of a board's stack).
+    #[inline(never)]
+    pub(crate) fn asleep(storage: S, spline: M) -> Self {
+        Self {
+            settings: Settings::POWERCUBE6,
             storage,
             store: TrajectoryStore::new(),
             spline,
             machine: Machine::new(),
-            drives: PerJoint::default(),
-            schedule: Schedule::default(),
-            track: PerJoint::default(),
+            drives: made(),
+            schedule: made(),
+            pace: Pace::default(),
+            track: made(),
             boot: PerJoint::default(),
             gripper: Gripper::default(),
-            transmit: TransmitQueue::default(),
-            trace: Trace::default(),
+            transmit: made(),
+            trace: made(),
             freeze: None,
             counters: Counters::default(),
             bus_bits: 0,
@@ -200,13 +215,19 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             telemetry_due: Instant::ZERO,
             gripper_write: None,
             now: Instant::ZERO,
-        };
-        controller.store.find(&controller.storage, &controller.settings, controller.spline.borrow_mut());
-        for joint in controller.joints() {
-            let gains = BlendedGains::fixed(controller.settings.joint.at(joint).gains());
-            controller.track.at_mut(joint).gains = gains;
         }
-        controller
+    }
+
+    /// Takes over what is stored.
+    #[inline(never)]
+    pub(crate) fn wake(&mut self, defaults: &Settings) {
+        let defaults = if defaults.check().is_ok() { defaults } else { &Settings::POWERCUBE6 };
+        self.settings = store::load_settings(&self.storage, defaults);
+        self.store.find(&self.storage, &self.settings, self.spline.borrow_mut());
+        for joint in self.joints() {
+            let gains = BlendedGains::fixed(self.settings.joint.at(joint).gains());
+            self.track.at_mut(joint).gains = gains;
+        }
     }
 
     /// Joints in use, base first.
@@ -232,6 +253,12 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// The group at the moment of the latched fault.
     pub const fn freeze_frame(&self) -> Option<&FreezeFrame> {
         self.freeze.as_ref()
+    }
+
+    /// Durations of the control cycles of the last run; and how long one takes by the last rehearsals, µs
+    /// ([`crate::pace`]), `None` before the first.
+    pub fn cycle_times(&self) -> (CycleTimes, Option<u32>) {
+        (self.pace.times(), self.pace.cycle_us(self.settings.joints))
     }
 
     /// A drive as the controller knows it.
@@ -286,19 +313,38 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             | State::Fault { .. } => {
                 self.monitor_tick(now);
             }
-            State::Homing(homing) => self.homing_tick(now, homing),
-            State::Jogging(jog) => self.jogging_tick(now, jog),
+            State::Homing(homing) => {
+                self.pace.abandon();
+                self.homing_tick(now, homing);
+            }
+            State::Jogging(jog) => {
+                self.pace.abandon();
+                self.jogging_tick(now, jog);
+            }
             State::Running { .. } => self.running_tick(now, late),
             State::Stopping { .. } => self.stopping_tick(now),
         }
         self.pump(now);
     }
 
-    /// States in which nothing moves: look at one thing of each drive, in turn.
+    /// States in which nothing moves: look at one thing of each drive, in turn. Every fourth time at two things, as long
+    /// as a control cycle ([`crate::pace`]).
     fn monitor_tick(&mut self, now: Instant) {
+        let free = self.is_cycle_done();
+        let reads = self.joints().all(|joint| matches!(self.poll_request(joint), Request::Get(_)));
+        let rehearse = free && reads && self.ticks.is_multiple_of(4);
+        if rehearse {
+            self.pace.begin_rehearsal(now);
+        } else if free {
+            // One that is at work may last longer than the time between two looks.
+            self.pace.abandon();
+        }
         for joint in self.joints() {
             let request = self.poll_request(joint);
             if self.schedule.is_done(joint, self.drives.at(joint)) {
+                if rehearse {
+                    self.schedule.push(joint, Request::Get(Parameter::ActPos));
+                }
                 self.schedule.push(joint, request);
             }
         }

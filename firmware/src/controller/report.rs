@@ -26,6 +26,11 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         &self.counters
     }
 
+    /// True in a control cycle and in its rehearsal: the bus is for the drives until they have answered.
+    pub fn is_keeping_time(&self) -> bool {
+        matches!(self.kind(), StateKind::Running | StateKind::Stopping) || self.pace.is_rehearsing()
+    }
+
     /// True if every drive has answered in this cycle: what is left of it is free for others.
     pub fn is_cycle_done(&self) -> bool {
         self.joints().all(|joint| self.schedule.is_done(joint, self.drives.at(joint)))

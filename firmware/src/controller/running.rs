@@ -17,6 +17,7 @@ use super::{Controller, Generator};
 use crate::drives::PositionSample;
 use crate::fault::{Cause, Fault};
 use crate::feedback::{self, ErrorState};
+use crate::joints::at_most;
 use crate::path::PathClock;
 use crate::ramp::{self, RampState};
 use crate::span;
@@ -61,6 +62,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             self.gripper.plan(start + Duration::from_micros(release_us.into()), opening);
         }
         self.late_in_row = 0;
+        self.pace.begin_run();
         self.machine.transition_to_running(now, &mut self.trace, PathClock::starting(start));
         // The first cycle begins now; a cycle of the monitor may be half way.
         self.tick_due = now + Duration::from_micros(1);
@@ -114,6 +116,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// One control step of all joints.
     pub(super) fn control_step(&mut self, now: Instant, clock: &PathClock) {
         self.counters.cycles = self.counters.cycles.wrapping_add(1);
+        self.pace.begin_cycle(now);
         let guest = JointIndex::new((self.ticks % self.settings.joints.max(1)) as usize).ok();
         let (mut any_saturated, mut near_limit, mut extra_write) = (false, None, false);
         for joint in self.joints() {
@@ -236,13 +239,16 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             track.phase_us = sample.at.saturating_since(tick_at).as_micros().min(40_000) as u32;
             let qd_rad_s = reference.qd_rad_s + track.estimator.de_rad_s();
             let mut v_rad_s = track.generator.v_at(sample.at);
-            v_rad_s += (GENERATOR_PULL_1_S * span::seconds(dt)).min(0.2) * (qd_rad_s - v_rad_s);
+            v_rad_s += at_most(GENERATOR_PULL_1_S * span::seconds(dt), 0.2) * (qd_rad_s - v_rad_s);
             track.u_in_force = track.u_sent;
             track.generator =
                 Generator { v_rad_s, a_rad_s2: track.command.qdd_rad_s2, cap_rad_s: loaded_v, at: sample.at };
         }
         let qd_rad_s = if tracking { reference.qd_rad_s + track.estimator.de_rad_s() } else { 0.0 };
         let measured = Measured { q_rad: sample.q_rad, qd_rad_s, e_rad: if tracking { e_rad } else { 0.0 } };
+        if of_motion && self.joints().all(|joint| self.track.at(joint).fresh) {
+            self.pace.end_cycle(now);
+        }
         let cause = supervisor::check_short_state(short).or(supervisor::check_motion(&measured, &limits));
         if let Some(cause) = cause {
             self.fail(now, Fault::at(cause, joint));

@@ -1,20 +1,23 @@
 //! The controller on an emulated Cortex-M4F. Wiring only: time, frames, storage.
 //!
-//! * **Lockstep**, if the folder QEMU was started in holds `script.bin` (see `firmware/examples/record_throw.rs`): plays
-//!   the calls of the script, writes the frames sent to `frames.bin`, prints instructions per call and the deepest stack,
-//!   and ends.
-//! * **Live** otherwise: SLCAN on the first UART, a timer for time, as a board at the end of a serial line.
+//! * **Live**: SLCAN on the first UART, a timer for time, as a board at the end of a serial line.
+//! * **Lockstep**, with the feature `script` and if the folder QEMU was started in holds `script.bin` (see
+//!   `firmware/examples/record_throw.rs`): plays the calls of the script, writes the frames sent to `frames.bin`, prints
+//!   instructions per call and the deepest stack, and ends.
 #![no_std]
 #![no_main]
 
 mod live;
+#[cfg(feature = "script")]
 mod lockstep;
 mod serial;
+#[cfg(feature = "script")]
 mod stack;
 
 use cortex_m_rt::entry;
 use firmware::ControllerNode;
 use firmware::host_link::Identity;
+#[cfg(feature = "script")]
 use firmware::settings::Settings;
 use firmware::spline::Spline;
 use firmware::store::RamStorage;
@@ -38,26 +41,21 @@ fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
 fn main() -> ! {
     static mut STORAGE: RamStorage = RamStorage::new();
     static mut SPLINE: Spline = Spline::empty();
+    #[cfg(feature = "script")]
     stack::paint();
     #[cfg(feature = "planted-panic")]
     assert!(core::hint::black_box(false), "planted");
     let Some(peripherals) = cortex_m::Peripherals::take() else { exit(false) };
-    // On the stack of a function that does not return: in a static place it would be made on the stack first and copied, and
-    // RAM for both would be needed.
-    match lockstep::Script::open() {
-        Some(script) => play(script, node(STORAGE, SPLINE, &Settings::POWERCUBE6), peripherals),
-        None => live::run(node(STORAGE, SPLINE, &live::SETTINGS), peripherals),
-    }
-}
-
-#[inline(never)]
-fn node(storage: &'static mut RamStorage, spline: &'static mut Spline, settings: &Settings) -> Node {
     let identity = Identity { unique_id: *b"emulated-board\0\0", hardware: (0, 1) };
-    Node::with_spline(Instant::ZERO, storage, spline, settings, identity)
-}
-
-fn play(script: lockstep::Script, mut node: Node, peripherals: cortex_m::Peripherals) -> ! {
-    exit(script.play(&mut node, peripherals.SYST))
+    // On the stack of a function that does not return, in two steps: made where it stays, and never moved.
+    let mut node = Node::asleep(Instant::ZERO, STORAGE, SPLINE, identity);
+    #[cfg(feature = "script")]
+    if let Some(script) = lockstep::Script::open() {
+        node.wake(&Settings::POWERCUBE6);
+        exit(script.play(&mut node, peripherals.SYST))
+    }
+    node.wake(&live::settings());
+    live::run(&mut node, peripherals)
 }
 
 /// Ends the emulator.

@@ -3,8 +3,6 @@
 
 use core::sync::atomic::{AtomicU8, AtomicUsize, Ordering};
 
-use cortex_m_rt::exception;
-
 const BASE: usize = 0x4001_1000;
 const STATUS: *const u32 = BASE as *const u32;
 const DATA: *mut u32 = (BASE + 0x04) as *mut u32;
@@ -15,7 +13,22 @@ const RECEIVE_FULL: u32 = 1 << 5;
 /// USART, transmitter, receiver and its interrupt on.
 const ENABLE: u32 = 1 << 13 | 1 << 5 | 1 << 3 | 1 << 2;
 /// Number of the interrupt.
-const IRQ: i16 = 37;
+const IRQ: u16 = 37;
+/// Interrupts of the chip.
+const IRQS: usize = 82;
+
+unsafe extern "C" {
+    fn DefaultHandler();
+}
+
+/// The chip's part of the vector table: one entry is ours.
+#[unsafe(link_section = ".vector_table.interrupts")]
+#[unsafe(no_mangle)]
+static __INTERRUPTS: [unsafe extern "C" fn(); IRQS] = {
+    let mut table = [DefaultHandler as unsafe extern "C" fn(); IRQS];
+    table[IRQ as usize] = take_bytes;
+    table
+};
 
 const RING: usize = 1024;
 static BYTES: [AtomicU8; RING] = [const { AtomicU8::new(0) }; RING];
@@ -28,7 +41,7 @@ struct Interrupt;
 // SAFETY: the number is that of USART1 on this machine.
 unsafe impl cortex_m::interrupt::InterruptNumber for Interrupt {
     fn number(self) -> u16 {
-        IRQ as u16
+        IRQ
     }
 }
 
@@ -41,12 +54,8 @@ pub fn start() {
     }
 }
 
-/// All interrupts come here; only one is switched on.
-#[exception]
-unsafe fn DefaultHandler(number: i16) {
-    if number != IRQ {
-        return;
-    }
+/// The UART's interrupt.
+unsafe extern "C" fn take_bytes() {
     // SAFETY: reading the data register is what ends the interrupt.
     unsafe {
         while STATUS.read_volatile() & RECEIVE_FULL != 0 {

@@ -55,7 +55,8 @@ fn main() -> ! {
     let mut bus = can::Bus::start();
     let identity = Identity { unique_id: chip::unique_id(), hardware: (1, 0) };
     let mut clock = chip::Clock::default();
-    let node = NODE.write(Node::with_spline(clock.now(), STORAGE, SPLINE, &Settings::powercube6(), identity));
+    let node = NODE.write(Node::asleep(clock.now(), STORAGE, SPLINE, identity));
+    node.wake(&Settings::POWERCUBE6);
     chip::start_watchdog();
     let mut last = Instant::ZERO;
     loop {

@@ -81,6 +81,7 @@ fn push_frame<const N: usize>(text: &mut TextBuf<N>, frame: &Frame) {
         (true, true) => b'R',
     });
     text.push_id(frame.id());
-    text.push_decimal(frame.dlc() as u64, 1);
+    // One digit, at most 8: decimal and hexadecimal are the same, and this one divides nothing.
+    text.push_hex(frame.dlc() as u32, 1);
     text.push_data(frame.data());
 }

@@ -1,0 +1,170 @@
+//! How long a control cycle takes here, with this bus and these drives: known before anything moves.
+//!
+//! # What bounds a cycle
+//!
+//! Per joint four frames: write 95, acknowledge 71, motion 95, answer 111 bits, 372 without stuff bits, up to 450 with them.
+//! Six joints fill 2.2 to 2.7 ms at 1 Mbit/s. Drives think at the same time, so their answer time D shows only at the two ends
+//! of a cycle where the bus waits: before the first acknowledge, and after the last motion. So
+//!
+//! ```text
+//! cycle ≈ joints × bits × bit time + about D       while in_flight_max × (request + answer) > request + D + answer
+//! cycle ≈ 2 joints × (request + D + answer) / in_flight_max      beyond: drives that slow leave the bus idle
+//! ```
+//!
+//! Four in flight at 1 Mbit/s hold the first line up to D = 0.55 ms. What is left of the period is for the guest read, the
+//! watchdog's sign of life and Cyphal; they wait, a joint never waits for them.
+//!
+//! # Rehearsal
+//!
+//! While nothing moves, every fourth look at the drives is a cycle that reads only: two reads per joint in the order and
+//! with the pipelining of the real thing, at 8 % fewer bits. Its duration, with those bits added, must fit into the period
+//! before a motion may begin ([`Cause::CycleTooShort`](crate::fault::Cause::CycleTooShort) names the period that would do).
+
+use protocol::Instant;
+
+/// Bits by which a joint's writes, acknowledge and motion exceed the reads of a rehearsal (40), with stuff bits, µs at 1 Mbit/s.
+const MORE_PER_JOINT_US: u32 = 44;
+/// Rehearsals of which the longest counts, twice over: the last ones and those before.
+const WINDOW: u8 = 8;
+
+/// Durations of control cycles since the run began; zero without any.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CycleTimes {
+    /// Cycles in which every joint answered.
+    pub cycles: u32,
+    /// From the start of a cycle to the last joint's answer: sum of all, µs.
+    pub sum_us: u32,
+    /// The longest, µs.
+    pub worst_us: u32,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Rehearsal,
+    Cycle,
+}
+
+/// Measures cycles.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Pace {
+    begun: Option<(Instant, Kind)>,
+    rehearsed: u8,
+    /// Longest of this window and of the one before, µs.
+    longest_us: [u32; 2],
+    times: CycleTimes,
+}
+
+impl Pace {
+    /// A rehearsal begins.
+    pub const fn begin_rehearsal(&mut self, now: Instant) {
+        self.begun = Some((now, Kind::Rehearsal));
+    }
+
+    /// A control cycle begins.
+    pub const fn begin_cycle(&mut self, now: Instant) {
+        self.begun = Some((now, Kind::Cycle));
+    }
+
+    /// A reply was missed, or something else came in between: the duration says nothing.
+    pub const fn abandon(&mut self) {
+        self.begun = None;
+    }
+
+    /// True during a rehearsal.
+    pub fn is_rehearsing(&self) -> bool {
+        self.begun.is_some_and(|(_, kind)| kind == Kind::Rehearsal)
+    }
+
+    fn end(&mut self, now: Instant, of: Kind) -> Option<u32> {
+        let (begun, _) = self.begun.take().filter(|(_, kind)| *kind == of)?;
+        Some(u32::try_from(now.saturating_since(begun).as_micros()).unwrap_or(u32::MAX))
+    }
+
+    /// The last answer of a rehearsal has come.
+    pub fn end_rehearsal(&mut self, now: Instant) {
+        let Some(us) = self.end(now, Kind::Rehearsal) else { return };
+        let [this, last] = self.longest_us;
+        if self.rehearsed.is_multiple_of(WINDOW) {
+            self.longest_us = [us, this];
+        } else {
+            self.longest_us = [this.max(us), last];
+        }
+        self.rehearsed = self.rehearsed.wrapping_add(1).max(1);
+    }
+
+    /// The last joint's answer of a control cycle has come.
+    pub fn end_cycle(&mut self, now: Instant) {
+        let Some(us) = self.end(now, Kind::Cycle) else { return };
+        self.times.cycles = self.times.cycles.saturating_add(1);
+        self.times.sum_us = self.times.sum_us.saturating_add(us);
+        self.times.worst_us = self.times.worst_us.max(us);
+    }
+
+    /// A run begins: its cycles are counted anew.
+    pub fn begin_run(&mut self) {
+        (self.begun, self.times) = (None, CycleTimes::default());
+    }
+
+    /// Nothing is known about these drives.
+    pub fn forget(&mut self) {
+        *self = Self::default();
+    }
+
+    /// How long a control cycle of so many joints takes, µs; `None` before the first rehearsal.
+    pub fn cycle_us(&self, joints: u32) -> Option<u32> {
+        let [this, last] = self.longest_us;
+        let worst_us = this.max(last);
+        (self.rehearsed > 0).then(|| worst_us.saturating_add(joints * MORE_PER_JOINT_US))
+    }
+
+    /// Cycles of the last run.
+    pub const fn times(&self) -> CycleTimes {
+        self.times
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rehearse(pace: &mut Pace, us: u64) {
+        pace.begin_rehearsal(Instant::from_micros(1_000));
+        pace.end_rehearsal(Instant::from_micros(1_000 + us));
+    }
+
+    #[test]
+    fn the_longest_of_the_last_rehearsals_counts_and_an_old_one_is_forgotten() {
+        let mut pace = Pace::default();
+        assert_eq!(pace.cycle_us(6), None);
+        rehearse(&mut pace, 2_500);
+        assert_eq!(pace.cycle_us(6), Some(2_500 + 6 * MORE_PER_JOINT_US));
+        for _ in 0..2 * WINDOW {
+            assert_eq!(pace.cycle_us(0).map(|us| us >= 2_000), Some(true));
+            rehearse(&mut pace, 2_000);
+        }
+        assert_eq!(pace.cycle_us(0), Some(2_000));
+    }
+
+    #[test]
+    fn a_missed_reply_spoils_a_measurement() {
+        let mut pace = Pace::default();
+        pace.begin_rehearsal(Instant::ZERO);
+        pace.abandon();
+        pace.end_rehearsal(Instant::from_micros(90_000));
+        pace.begin_cycle(Instant::ZERO);
+        pace.end_rehearsal(Instant::from_micros(90_000));
+        assert_eq!(pace.cycle_us(6), None);
+    }
+
+    #[test]
+    fn a_run_counts_its_own_cycles() {
+        let mut pace = Pace::default();
+        for us in [2_000, 2_600] {
+            pace.begin_cycle(Instant::ZERO);
+            pace.end_cycle(Instant::from_micros(us));
+        }
+        assert_eq!(pace.times(), CycleTimes { cycles: 2, sum_us: 4_600, worst_us: 2_600 });
+        pace.begin_run();
+        assert_eq!(pace.times(), CycleTimes::default());
+    }
+}
