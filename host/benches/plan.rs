@@ -211,7 +211,7 @@ fn targets(arm: &Arm, index: &Index, n: usize) {
     let (mut times, mut gaps, mut missed, mut worst) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for r in &references[..n] {
         let problem = Problem::new(arm, r.target, Options::paper()).expect("valid");
-        let (found, s) = timed(|| Planner::new(&problem).from_index(index, TRIES));
+        let (found, s) = timed(|| Planner::new(&problem).from_index_or_random(index, TRIES, 64, START_SEED));
         times.push(s * 1e3);
         worst.push((s * 1e3, r.target, found.map(|f| f.objective), r.objective));
         match found {

@@ -11,6 +11,7 @@
 //! | `cuts`, `scan` | what must hold at every instant: where it is worst, and as rows |
 //! | `qp`, `sqp` | quadratic programs, local solve |
 //! | `local` | one start |
+//! | `promise` | which stored throws to try first |
 //! | [`search`] | stored and random starts on all cores; nearest reachable target |
 //! | [`seeds`] | the stored throws that come with the program |
 //! | [`statistics`] | covariance of the landing, probability of a hit |
@@ -23,6 +24,7 @@ mod local;
 pub mod margins;
 pub mod paper;
 pub mod problem;
+mod promise;
 #[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
 mod qp;
 pub mod rng;
