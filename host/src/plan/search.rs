@@ -8,6 +8,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use robot_model::jacobian::joint_rates;
 
+use super::goal::Goal;
 use super::local::{Begin, Found, Nearest, nearest_from, solve_from};
 use super::paper::PaperParameters;
 use super::problem::{Options, Problem};
@@ -109,6 +110,8 @@ pub fn kind_of(options: &Options) -> u32 {
 #[derive(Debug, Clone)]
 pub struct Planner<'p, 'a> {
     problem: &'p Problem<'a>,
+    /// The problem with the paper's objective, if `problem` has another: what every start is solved for first.
+    effort: Option<Problem<'a>>,
     scanner: Scanner,
     azimuth_rad: f64,
     range_m: f64,
@@ -120,8 +123,14 @@ impl<'p, 'a> Planner<'p, 'a> {
     #[must_use]
     pub fn new(problem: &'p Problem<'a>) -> Self {
         let t = &problem.target;
+        let effort = (problem.options.goal != Goal::Effort).then(|| {
+            let mut effort = problem.clone();
+            effort.options.goal = Goal::Effort;
+            effort
+        });
         Self {
             problem,
+            effort,
             scanner: Scanner::new(problem),
             azimuth_rad: t.y.atan2(t.x),
             range_m: t.x.hypot(t.y),
@@ -132,26 +141,76 @@ impl<'p, 'a> Planner<'p, 'a> {
     /// One local solve from random point number `index` of the search space.
     #[must_use]
     pub fn random_start(&self, seed: u64, index: u64) -> Option<Found> {
+        Some(self.refine(self.solve_random(seed, index)?))
+    }
+
+    fn solve_random(&self, seed: u64, index: u64) -> Option<Found> {
         let mut rng = SplitMix64::stream(seed, index);
         let unit = std::array::from_fn(|_| rng.unit());
         let h = PaperParameters::in_bounds(&self.problem.options.bounds, self.azimuth_rad, unit);
-        self.solve(&h.start(self.problem), Begin::Anywhere, &Settings::default(), usize::MAX)
+        let start = h.start(self.problem);
+        self.solve(&start, Begin::Anywhere, &Settings::default(), usize::MAX)
     }
 
     /// One local solve from a throw for a near target.
     #[must_use]
     pub fn from_throw(&self, start: &Throw) -> Option<Found> {
-        self.solve(start, Begin::Anywhere, &Settings::default(), usize::MAX)
+        Some(self.refine(self.solve(start, Begin::Anywhere, &Settings::default(), usize::MAX)?))
     }
 
     /// One local solve from a stored throw.
     #[must_use]
     pub fn from_record(&self, record: &Record) -> Option<Found> {
-        self.polish(record, &Settings::default(), usize::MAX)
+        Some(self.refine(self.polish(record, &Settings::default(), usize::MAX)?))
     }
 
     fn solve(&self, start: &Throw, begin: Begin, settings: &Settings, most: usize) -> Option<Found> {
-        solve_from(self.problem, &self.scanner, start, begin, settings, most).ok()
+        let problem = self.effort.as_ref().unwrap_or(self.problem);
+        solve_from(problem, &self.scanner, start, begin, settings, most).ok()
+    }
+
+    /// The second stage for a goal other than the paper's objective: from a throw that keeps every limit downhill in
+    /// what counts. Never worse than the throw itself.
+    fn refine(&self, found: Found) -> Found {
+        if self.effort.is_none() {
+            return found;
+        }
+        let as_it_is =
+            Found { objective: self.problem.options.goal.value(self.problem, &found.throw), ..found };
+        let settings = Settings {
+            iterations_max: REFINE_STEPS,
+            objective: 1e-5,
+            // Long ways downhill run beside curved constraints, not on them.
+            patience: REFINE_STEPS,
+            ..Settings::default()
+        };
+        let better = solve_from(
+            self.problem,
+            &self.scanner,
+            &found.throw,
+            Begin::Anywhere,
+            &settings,
+            2 * REFINE_STEPS,
+        );
+        match better {
+            Ok(better) if better.objective < as_it_is.objective => {
+                Found { iterations: better.iterations + found.iterations, ..better }
+            }
+            _ => as_it_is,
+        }
+    }
+
+    /// The second stage for the throws that are best as they are; the others would hardly overtake them.
+    fn refine_best(&self, found: Vec<Found>) -> Vec<Found> {
+        if self.effort.is_none() {
+            return found;
+        }
+        let goal = &self.problem.options.goal;
+        let as_they_are: Vec<Found> =
+            found.par_iter().map(|f| Found { objective: goal.value(self.problem, &f.throw), ..*f }).collect();
+        let mut best = distinct(as_they_are);
+        best.truncate(REFINED_MAX);
+        distinct(best.par_iter().map(|f| self.refine(*f)).collect())
     }
 
     fn polish(&self, record: &Record, settings: &Settings, most: usize) -> Option<Found> {
@@ -172,6 +231,7 @@ impl<'p, 'a> Planner<'p, 'a> {
         self.first_pass(first)
             .or_else(|| self.first_pass(rest))
             .or_else(|| first.iter().find_map(|(_, record)| self.polish(record, &patient, PATIENT_STEPS)))
+            .map(|found| self.refine(found))
     }
 
     /// As [`Planner::from_index`], and if no stored throw leads to the target, the first of at most `starts` random
@@ -184,7 +244,7 @@ impl<'p, 'a> Planner<'p, 'a> {
     /// As [`Planner::from_index`], but gives up after the quick pass.
     #[must_use]
     pub fn from_index_quickly(&self, index: &Index, tries: usize) -> Option<Found> {
-        self.first_pass(&self.promising(index, tries))
+        self.first_pass(&self.promising(index, tries)).map(|found| self.refine(found))
     }
 
     fn promising<'i>(&self, index: &'i Index, most: usize) -> Vec<Promise<'i>> {
@@ -318,7 +378,7 @@ impl<'p, 'a> Planner<'p, 'a> {
         let warm: Vec<Option<Found>> = near
             .par_iter()
             .map(|(_, record)| {
-                let found = self.from_record(record);
+                let found = self.polish(record, &Settings::default(), usize::MAX);
                 watch.done.fetch_add(1, Ordering::Relaxed);
                 watch.solved.fetch_add(usize::from(found.is_some()), Ordering::Relaxed);
                 found
@@ -332,7 +392,7 @@ impl<'p, 'a> Planner<'p, 'a> {
                     skipped.fetch_add(1, Ordering::Relaxed);
                     return None;
                 }
-                let found = self.random_start(budget.seed, k);
+                let found = self.solve_random(budget.seed, k);
                 watch.done.fetch_add(1, Ordering::Relaxed);
                 watch.solved.fetch_add(usize::from(found.is_some()), Ordering::Relaxed);
                 found
@@ -342,12 +402,8 @@ impl<'p, 'a> Planner<'p, 'a> {
         let starts = warm.len() + cold.len() - skipped;
         let interrupted = skipped > 0;
         let solved: Vec<Found> = warm.into_iter().chain(cold).flatten().collect();
-        // The first of equal ones, so that the order of threads does not matter.
         let count = solved.len();
-        // The sort is stable.
-        let mut others = solved;
-        others.sort_by(|a, b| a.objective.total_cmp(&b.objective));
-        others.dedup_by(|a, b| (a.objective - b.objective).abs() < 1e-6 * b.objective);
+        let others = self.refine_best(distinct(solved));
         match others.first() {
             Some(found) => Ok(Best { found: *found, starts, solved: count, interrupted, others }),
             None => Err(NoThrow { target: self.problem.target, nearest: None, starts, interrupted }),
@@ -426,6 +482,10 @@ impl<'p, 'a> Planner<'p, 'a> {
     }
 }
 
+/// Throws that get a second stage.
+const REFINED_MAX: usize = 8;
+/// Steps of the second stage, per round.
+const REFINE_STEPS: usize = 80;
 /// A nearest target this close is the target: the pull of the objective on the shift is of this size.
 const REACHED_M: f64 = 1e-3;
 /// A stored throw is not tried if it promises more than this share of the best price so far.
@@ -449,6 +509,14 @@ const QUICK: Settings = Settings {
 };
 /// Stored throws that a full search polishes.
 const STORED_TRIES: usize = 16;
+
+/// Cheapest first, of equal ones the first, so that the order of threads does not matter.
+fn distinct(mut found: Vec<Found>) -> Vec<Found> {
+    // The sort is stable.
+    found.sort_by(|a, b| a.objective.total_cmp(&b.objective));
+    found.dedup_by(|a, b| (a.objective - b.objective).abs() < 1e-6 * b.objective.abs());
+    found
+}
 
 /// Signs that mirror a posture in the plane of the base axis, if the arm has that symmetry: joints whose axis lies in
 /// the plane at zero change sign, joints across it keep theirs.

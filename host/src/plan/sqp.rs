@@ -20,7 +20,8 @@ use super::cuts::Cut;
 use super::problem::Problem;
 use super::qp::{self, Constraint, DIM, Factor, QpFailure, Row, Square};
 use super::rows::{
-    EQUALITIES, F, Gradient, HA, HB, INEQUALITIES, Layout, Q, QD, Sink, evaluate, kinematic_rows, spline_rows,
+    EQUALITIES, F, Gradient, HA, HB, INEQUALITIES, Layout, Q, QD, Sink, evaluate, goal_rows, has_goal,
+    kinematic_rows, spline_rows,
 };
 use super::throw::JOINTS;
 
@@ -146,7 +147,7 @@ impl Sink for Rows {
         true
     }
     fn objective(&mut self, value: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
-        self.objective = value;
+        self.objective += value;
         gradient(&mut Gradient { row: &mut self.gradient, factor: 1.0 });
     }
     fn eq(&mut self, id: usize, value: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
@@ -227,6 +228,23 @@ fn hessian(
             let second = (there.gradient[i] - base.gradient[i]) / eps;
             out[k][i] += second;
             out[i][k] += second;
+        }
+    }
+    if has_goal(problem, layout) {
+        let mut base = sink();
+        goal_rows(problem, layout, x, &mut base);
+        // The landing does not depend on the time of flight: it follows from the motion at the release.
+        for k in (0..n).filter(|k| *k != F) {
+            let eps = DIFFERENCE_STEP * x[k].abs().max(1.0);
+            moved[k] = x[k] + eps;
+            let mut there = sink();
+            goal_rows(problem, layout, &moved, &mut there);
+            moved[k] = x[k];
+            for i in 0..n {
+                let second = 0.5 * (there.gradient[i] - base.gradient[i]) / eps;
+                out[k][i] += second;
+                out[i][k] += second;
+            }
         }
     }
     if at.eq.iter().all(|l| *l == 0.0) {
