@@ -39,6 +39,15 @@ fn a_plan_reads_back_to_the_same_bits() {
 }
 
 #[test]
+fn plans_of_older_versions_are_read() {
+    let (_, file) = plan(Options::paper());
+    let text = file.to_json().replacen("\"version\": 3", "\"version\": 2", 1);
+    let older: String = text.lines().filter(|l| !l.contains("\"goal\"")).collect();
+    let back = PlanFile::from_json(Path::new("p.json"), &older).expect("reads");
+    assert_eq!((back.version, back.search), (2, file.search));
+}
+
+#[test]
 fn the_second_opinion_agrees_with_both_forms() {
     for options in [Options::paper(), Options::best()] {
         let (arm, file) = plan(options);
@@ -87,12 +96,12 @@ fn bad_files_are_refused_with_the_reason() {
     let (arm, file) = plan(Options::paper());
     let path = Path::new("p.json");
     let text = file.to_json();
-    let newer = text.replacen("\"version\": 2", "\"version\": 3", 1);
+    let newer = text.replacen("\"version\": 3", "\"version\": 4", 1);
     let e = PlanFile::from_json(path, &newer).expect_err("newer");
-    assert!(matches!(e, PlanFileError::Newer { found: 3, .. }));
+    assert!(matches!(e, PlanFileError::Newer { found: 4, .. }));
     assert_eq!(
         e.to_string(),
-        "plan p.json has version 3, this program reads up to 2: update cubectl or plan again"
+        "plan p.json has version 4, this program reads up to 3: update cubectl or plan again"
     );
     for broken in [&text[..text.len() / 2], "", "[]", "{\"format\": \"something\"}"] {
         assert!(matches!(PlanFile::from_json(path, broken), Err(PlanFileError::Damaged { .. })), "{broken}");

@@ -57,7 +57,7 @@ impl FlightModel {
                     let at = self.fly(&before.p, &before.v, dt);
                     let step = (at.p.z - z_m) / at.v.z;
                     dt -= step;
-                    if step.abs() <= 1e-14 {
+                    if step.abs() <= 1e-9 {
                         break;
                     }
                 }
@@ -65,7 +65,11 @@ impl FlightModel {
                 let mut time_s = t + dt;
                 for _ in 0..5 {
                     let at = self.fly(p, v, time_s);
-                    time_s -= (at.p.z - z_m) / at.v.z;
+                    let step = (at.p.z - z_m) / at.v.z;
+                    time_s -= step;
+                    if step.abs() <= 1e-14 {
+                        break;
+                    }
                 }
                 let mut end = self.fly(p, v, time_s);
                 end.p.z = z_m;

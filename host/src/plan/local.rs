@@ -15,7 +15,7 @@ use super::throw::{JOINTS, Joints, Throw};
 pub struct Found {
     /// The throw.
     pub throw: Throw,
-    /// Objective (1).
+    /// What the search makes small, see [`super::Goal`]; objective (1) by default.
     pub objective: f64,
     /// Steps of the local solver, all rounds together.
     pub iterations: usize,

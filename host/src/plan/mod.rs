@@ -5,12 +5,15 @@
 //! |---|---|
 //! | [`throw`] | a throw and the motion of the joints through it |
 //! | [`problem`] | target, form, limits and options, validated |
+//! | [`goal`] | what a search makes small: objective (1), or how badly the ball lands |
 //! | [`paper`] | the paper's eight parameters, release frame, choice of branch |
 //! | [`margins`] | what a throw leaves of every limit |
+//! | `landed`, `spread` | landing of a disturbed throw; mean and covariance with gradients |
 //! | `rows` | objective and constraints with exact gradients |
 //! | `cuts`, `scan` | what must hold at every instant: where it is worst, and as rows |
 //! | `qp`, `sqp` | quadratic programs, local solve |
 //! | `local` | one start |
+//! | `promise` | which stored throws to try first |
 //! | [`search`] | stored and random starts on all cores; nearest reachable target |
 //! | [`seeds`] | the stored throws that come with the program |
 //! | [`statistics`] | covariance of the landing, probability of a hit |
@@ -19,10 +22,13 @@
 
 mod cuts;
 pub mod file;
+pub mod goal;
+mod landed;
 mod local;
 pub mod margins;
 pub mod paper;
 pub mod problem;
+mod promise;
 #[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
 mod qp;
 pub mod rng;
@@ -32,11 +38,13 @@ mod rows;
 pub mod scan;
 pub mod search;
 pub mod seeds;
+mod spread;
 #[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
 mod sqp;
 pub mod statistics;
 pub mod throw;
 
+pub use goal::Goal;
 pub use local::{Blocked, Found, Nearest};
 pub use margins::Margins;
 pub use paper::PaperParameters;

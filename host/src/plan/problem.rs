@@ -5,7 +5,9 @@ use std::ops::RangeInclusive;
 use nalgebra::Vector3;
 use robot_model::Pose;
 
+use super::goal::Goal;
 use super::rows::DELAY_WINDOWS_MAX;
+use super::statistics::Region;
 use super::throw::{Arm, JOINTS};
 use crate::flight::{FlightModel, FlightModelError};
 
@@ -109,7 +111,9 @@ pub struct DelayWindow {
 pub struct Options {
     /// Which throws are allowed.
     pub form: Form,
-    /// Objective.
+    /// What the search makes small.
+    pub goal: Goal,
+    /// Weights of the paper's objective (1).
     pub weights: Weights,
     /// Search space.
     pub bounds: Bounds,
@@ -147,6 +151,7 @@ impl Options {
     pub fn paper() -> Self {
         Self {
             form: Form::Paper,
+            goal: Goal::Effort,
             weights: Weights::default(),
             bounds: Bounds::default(),
             acceleration_use: 1.0,
@@ -391,6 +396,32 @@ impl<'a> Problem<'a> {
     }
 }
 
+fn check_goal(goal: &Goal) -> Result<(), ProblemError> {
+    let scalar = |option, value: f64, min: f64, max: f64| {
+        if value >= min && value <= max {
+            Ok(())
+        } else {
+            Err(ProblemError::Option { option, value, min, max })
+        }
+    };
+    if let Some(noise) = goal.noise() {
+        scalar("standard deviation of the release time in s", noise.release_time_s, 0.0, 0.05)?;
+        scalar("standard deviation of the joint angles in rad", noise.position_rad, 0.0, 0.1)?;
+        scalar("standard deviation of the joint speeds in rad/s", noise.speed_rad_s, 0.0, 1.0)?;
+        scalar("standard deviation of the drag in 1/m", noise.drag_per_m, 0.0, 1.0)?;
+    }
+    if let Goal::Miss(_, region) = goal {
+        let sizes = match *region {
+            Region::Disc { radius_m } => [radius_m; 2],
+            Region::Box { half_x_m, half_y_m } => [half_x_m, half_y_m],
+        };
+        for size in sizes {
+            scalar("size of the hit region in m", size, 1e-4, 100.0)?;
+        }
+    }
+    Ok(())
+}
+
 fn check_options(o: &Options) -> Result<(), ProblemError> {
     let scalar = |option, value: f64, min: f64, max: f64| {
         if value >= min && value <= max {
@@ -413,6 +444,7 @@ fn check_options(o: &Options) -> Result<(), ProblemError> {
         scalar("delay of a shift limit in s", window.delay_s, 1e-3, 0.1)?;
         scalar("shift limit in m", window.shift_m, 5e-4, 1.0)?;
     }
+    check_goal(&o.goal)?;
     let b = &o.bounds;
     let range = |option, r: &RangeInclusive<f64>, least: f64, most: f64| {
         let (min, max) = (*r.start(), *r.end());

@@ -8,9 +8,11 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use robot_model::jacobian::joint_rates;
 
+use super::goal::Goal;
 use super::local::{Begin, Found, Nearest, nearest_from, solve_from};
 use super::paper::PaperParameters;
 use super::problem::{Options, Problem};
+use super::promise::{Promise, promising};
 use super::rng::SplitMix64;
 use super::scan::Scanner;
 use super::sqp::Settings;
@@ -108,6 +110,8 @@ pub fn kind_of(options: &Options) -> u32 {
 #[derive(Debug, Clone)]
 pub struct Planner<'p, 'a> {
     problem: &'p Problem<'a>,
+    /// The problem with the paper's objective, if `problem` has another: what every start is solved for first.
+    effort: Option<Problem<'a>>,
     scanner: Scanner,
     azimuth_rad: f64,
     range_m: f64,
@@ -119,8 +123,14 @@ impl<'p, 'a> Planner<'p, 'a> {
     #[must_use]
     pub fn new(problem: &'p Problem<'a>) -> Self {
         let t = &problem.target;
+        let effort = (problem.options.goal != Goal::Effort).then(|| {
+            let mut effort = problem.clone();
+            effort.options.goal = Goal::Effort;
+            effort
+        });
         Self {
             problem,
+            effort,
             scanner: Scanner::new(problem),
             azimuth_rad: t.y.atan2(t.x),
             range_m: t.x.hypot(t.y),
@@ -131,26 +141,76 @@ impl<'p, 'a> Planner<'p, 'a> {
     /// One local solve from random point number `index` of the search space.
     #[must_use]
     pub fn random_start(&self, seed: u64, index: u64) -> Option<Found> {
+        Some(self.refine(self.solve_random(seed, index)?))
+    }
+
+    fn solve_random(&self, seed: u64, index: u64) -> Option<Found> {
         let mut rng = SplitMix64::stream(seed, index);
         let unit = std::array::from_fn(|_| rng.unit());
         let h = PaperParameters::in_bounds(&self.problem.options.bounds, self.azimuth_rad, unit);
-        self.solve(&h.start(self.problem), Begin::Anywhere, &Settings::default(), usize::MAX)
+        let start = h.start(self.problem);
+        self.solve(&start, Begin::Anywhere, &Settings::default(), usize::MAX)
     }
 
     /// One local solve from a throw for a near target.
     #[must_use]
     pub fn from_throw(&self, start: &Throw) -> Option<Found> {
-        self.solve(start, Begin::Anywhere, &Settings::default(), usize::MAX)
+        Some(self.refine(self.solve(start, Begin::Anywhere, &Settings::default(), usize::MAX)?))
     }
 
     /// One local solve from a stored throw.
     #[must_use]
     pub fn from_record(&self, record: &Record) -> Option<Found> {
-        self.polish(record, &Settings::default(), usize::MAX)
+        Some(self.refine(self.polish(record, &Settings::default(), usize::MAX)?))
     }
 
     fn solve(&self, start: &Throw, begin: Begin, settings: &Settings, most: usize) -> Option<Found> {
-        solve_from(self.problem, &self.scanner, start, begin, settings, most).ok()
+        let problem = self.effort.as_ref().unwrap_or(self.problem);
+        solve_from(problem, &self.scanner, start, begin, settings, most).ok()
+    }
+
+    /// The second stage for a goal other than the paper's objective: from a throw that keeps every limit downhill in
+    /// what counts. Never worse than the throw itself.
+    fn refine(&self, found: Found) -> Found {
+        if self.effort.is_none() {
+            return found;
+        }
+        let as_it_is =
+            Found { objective: self.problem.options.goal.value(self.problem, &found.throw), ..found };
+        let settings = Settings {
+            iterations_max: REFINE_STEPS,
+            objective: 1e-5,
+            // Long ways downhill run beside curved constraints, not on them.
+            patience: REFINE_STEPS,
+            ..Settings::default()
+        };
+        let better = solve_from(
+            self.problem,
+            &self.scanner,
+            &found.throw,
+            Begin::Anywhere,
+            &settings,
+            2 * REFINE_STEPS,
+        );
+        match better {
+            Ok(better) if better.objective < as_it_is.objective => {
+                Found { iterations: better.iterations + found.iterations, ..better }
+            }
+            _ => as_it_is,
+        }
+    }
+
+    /// The second stage for the throws that are best as they are; the others would hardly overtake them.
+    fn refine_best(&self, found: Vec<Found>) -> Vec<Found> {
+        if self.effort.is_none() {
+            return found;
+        }
+        let goal = &self.problem.options.goal;
+        let as_they_are: Vec<Found> =
+            found.par_iter().map(|f| Found { objective: goal.value(self.problem, &f.throw), ..*f }).collect();
+        let mut best = distinct(as_they_are);
+        best.truncate(REFINED_MAX);
+        distinct(best.par_iter().map(|f| self.refine(*f)).collect())
     }
 
     fn polish(&self, record: &Record, settings: &Settings, most: usize) -> Option<Found> {
@@ -158,59 +218,54 @@ impl<'p, 'a> Planner<'p, 'a> {
         self.solve(&self.place(&record.throw)?, begin, settings, most)
     }
 
-    /// The best throw from stored throws alone; this is what answers in well under a millisecond.
+    /// The best throw from stored throws alone; this is what answers in a fraction of a millisecond.
     ///
-    /// Stored throws are taken in the order of what they promise: their price, carried on to this target by their own
-    /// slope, and a charge for the distance. The first pass gives each only a few steps, because a good start needs no
-    /// more and a bad one would need hundreds; a second pass is patient with the best few, if the first one found nothing.
-    /// `tries` bounds the local solves of the first pass.
+    /// Stored throws are taken in the order of what they promise. Each gets only a few steps, because a good start
+    /// needs no more and a bad one would need hundreds; `tries` bounds the local solves. If none of them ends in a
+    /// throw, all the others around have their turn, then the most promising ones with patience.
     #[must_use]
     pub fn from_index(&self, index: &Index, tries: usize) -> Option<Found> {
-        let order = self.promising(index, tries);
-        self.first_pass(&order).or_else(|| {
-            let patient = Settings { objective: 1e-4, feasibility: 1e-7, ..Settings::default() };
-            order.iter().find_map(|(_, record)| self.polish(record, &patient, PATIENT_STEPS))
-        })
+        let order = self.promising(index, MORE_TRIES.max(tries));
+        let (first, rest) = order.split_at(tries.min(order.len()));
+        let patient = Settings { objective: 1e-4, feasibility: 1e-7, ..Settings::default() };
+        self.first_pass(first)
+            .or_else(|| self.first_pass(rest))
+            .or_else(|| first.iter().find_map(|(_, record)| self.polish(record, &patient, PATIENT_STEPS)))
+            .map(|found| self.refine(found))
+    }
+
+    /// As [`Planner::from_index`], and if no stored throw leads to the target, the first of at most `starts` random
+    /// ones that does.
+    #[must_use]
+    pub fn from_index_or_random(&self, index: &Index, tries: usize, starts: u64, seed: u64) -> Option<Found> {
+        self.from_index(index, tries).or_else(|| (0..starts).find_map(|k| self.random_start(seed, k)))
     }
 
     /// As [`Planner::from_index`], but gives up after the quick pass.
     #[must_use]
     pub fn from_index_quickly(&self, index: &Index, tries: usize) -> Option<Found> {
-        self.first_pass(&self.promising(index, tries))
+        self.first_pass(&self.promising(index, tries)).map(|found| self.refine(found))
     }
 
-    fn first_pass(&self, order: &[(f64, &Record)]) -> Option<Found> {
+    fn promising<'i>(&self, index: &'i Index, most: usize) -> Vec<Promise<'i>> {
+        promising(index, kind_of(&self.problem.options), self.range_m, self.problem.target.z, most)
+    }
+
+    fn first_pass(&self, order: &[Promise<'_>]) -> Option<Found> {
         let mut best: Option<Found> = None;
-        for (at, (promise, record)) in order.iter().enumerate() {
-            let bound = best.map_or(f64::INFINITY, |b| b.objective * 0.999);
-            if promise * WORTH_TRYING > bound && at > 0 {
+        let mut in_vain = 0;
+        for (promise, record) in order {
+            let bound = best.map_or(f64::INFINITY, |b| b.objective * WORTH_FINDING);
+            if best.is_some() && (promise * WORTH_TRYING > bound || in_vain == IN_VAIN_MAX) {
                 break;
             }
             let settings = Settings { give_up_above: bound, ..QUICK };
-            if let Some(found) = self.polish(record, &settings, QUICK_STEPS) {
-                best = Some(found);
+            match self.polish(record, &settings, QUICK_STEPS) {
+                Some(found) if found.objective < bound => best = Some(found),
+                _ => in_vain += usize::from(best.is_some()),
             }
         }
         best
-    }
-
-    /// Stored throws around the target with what they promise, the best promise first.
-    fn promising<'i>(&self, index: &'i Index, most: usize) -> Vec<(f64, &'i Record)> {
-        let mut near = Vec::new();
-        index.near(kind_of(&self.problem.options), self.range_m, self.problem.target.z, RINGS, &mut near);
-        let mut order: Vec<(f64, &Record)> = near
-            .into_iter()
-            .map(|r| {
-                let (dr, dz) = (self.range_m - r.range_m, self.problem.target.z - r.height_m);
-                let carried = r.objective + r.slope_per_m[0] * dr + r.slope_per_m[1] * dz;
-                // No throw is cheaper than the cheapest of all; slopes end somewhere.
-                let carried = carried.max(0.5 * r.objective);
-                (carried * (1.0 + DISTANCE_CHARGE * (dr * dr + dz * dz)), r)
-            })
-            .collect();
-        order.sort_by(|a, b| a.0.total_cmp(&b.0));
-        order.truncate(most);
-        order
     }
 
     /// A stored throw turned to this target; mirrored or in another posture if joint 1 does not reach otherwise.
@@ -319,13 +374,11 @@ impl<'p, 'a> Planner<'p, 'a> {
         let began = Instant::now();
         let out_of_time = || budget.time.is_some_and(|t| began.elapsed() >= t);
         let stopped = || watch.stop.load(Ordering::Relaxed) || out_of_time();
-        let mut near = Vec::new();
-        index.near(kind_of(&self.problem.options), self.range_m, self.problem.target.z, RINGS, &mut near);
-        near.truncate(STORED_TRIES);
+        let near = self.promising(index, STORED_TRIES);
         let warm: Vec<Option<Found>> = near
             .par_iter()
-            .map(|record| {
-                let found = self.from_record(record);
+            .map(|(_, record)| {
+                let found = self.polish(record, &Settings::default(), usize::MAX);
                 watch.done.fetch_add(1, Ordering::Relaxed);
                 watch.solved.fetch_add(usize::from(found.is_some()), Ordering::Relaxed);
                 found
@@ -339,7 +392,7 @@ impl<'p, 'a> Planner<'p, 'a> {
                     skipped.fetch_add(1, Ordering::Relaxed);
                     return None;
                 }
-                let found = self.random_start(budget.seed, k);
+                let found = self.solve_random(budget.seed, k);
                 watch.done.fetch_add(1, Ordering::Relaxed);
                 watch.solved.fetch_add(usize::from(found.is_some()), Ordering::Relaxed);
                 found
@@ -349,12 +402,8 @@ impl<'p, 'a> Planner<'p, 'a> {
         let starts = warm.len() + cold.len() - skipped;
         let interrupted = skipped > 0;
         let solved: Vec<Found> = warm.into_iter().chain(cold).flatten().collect();
-        // The first of equal ones, so that the order of threads does not matter.
         let count = solved.len();
-        // The sort is stable.
-        let mut others = solved;
-        others.sort_by(|a, b| a.objective.total_cmp(&b.objective));
-        others.dedup_by(|a, b| (a.objective - b.objective).abs() < 1e-6 * b.objective);
+        let others = self.refine_best(distinct(solved));
         match others.first() {
             Some(found) => Ok(Best { found: *found, starts, solved: count, interrupted, others }),
             None => Err(NoThrow { target: self.problem.target, nearest: None, starts, interrupted }),
@@ -433,27 +482,41 @@ impl<'p, 'a> Planner<'p, 'a> {
     }
 }
 
+/// Throws that get a second stage.
+const REFINED_MAX: usize = 8;
+/// Steps of the second stage, per round.
+const REFINE_STEPS: usize = 80;
 /// A nearest target this close is the target: the pull of the objective on the shift is of this size.
 const REACHED_M: f64 = 1e-3;
-/// Cells of the index that are looked through, at most, in every direction.
-const RINGS: i32 = 6;
-/// What distance takes off a promise, per m²: 2 % at 5 cm, where slopes begin to be wrong.
-const DISTANCE_CHARGE: f64 = 8.0;
 /// A stored throw is not tried if it promises more than this share of the best price so far.
 const WORTH_TRYING: f64 = 1.01;
-/// Steps for one stored throw in the second pass.
+/// A throw that costs more than this share of the best one so far is not another one.
+const WORTH_FINDING: f64 = 0.999;
+/// Stored throws tried without a gain after the first success.
+const IN_VAIN_MAX: usize = 2;
+/// Stored throws that get a few steps each if the first ones lead nowhere.
+const MORE_TRIES: usize = 30;
+/// Steps for one stored throw in the last pass.
 const PATIENT_STEPS: usize = 60;
 /// Steps for one stored throw in the first pass, and its tolerances.
-const QUICK_STEPS: usize = 16;
+const QUICK_STEPS: usize = 12;
 const QUICK: Settings = Settings {
     iterations_max: QUICK_STEPS,
     feasibility: 1e-7,
-    objective: 1e-4,
+    objective: 3e-4,
     give_up_above: f64::INFINITY,
     patience: 4,
 };
 /// Stored throws that a full search polishes.
 const STORED_TRIES: usize = 16;
+
+/// Cheapest first, of equal ones the first, so that the order of threads does not matter.
+fn distinct(mut found: Vec<Found>) -> Vec<Found> {
+    // The sort is stable.
+    found.sort_by(|a, b| a.objective.total_cmp(&b.objective));
+    found.dedup_by(|a, b| (a.objective - b.objective).abs() < 1e-6 * b.objective.abs());
+    found
+}
 
 /// Signs that mirror a posture in the plane of the base axis, if the arm has that symmetry: joints whose axis lies in
 /// the plane at zero change sign, joints across it keep theirs.

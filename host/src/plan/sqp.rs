@@ -3,21 +3,25 @@
 //! `min f(x)` subject to `c_E(x) = 0`, `c_I(x) ≥ 0`. Each step solves
 //!
 //! ```text
-//! min  ½ dᵀ (W + ρ A_EᵀA_E + τ I) d + ∇fᵀ d   subject to  c_E + A_E d = 0,  c_I + A_I d ≥ 0
+//! min  ½ dᵀ |W + ρ A_EᵀA_E| d + ∇fᵀ d   subject to  c_E + A_E d = 0,  c_I + A_I d ≥ 0
 //! ```
 //!
 //! with W the Hessian of the Lagrangian by differences of its exact gradient. The term in ρ leaves the solution as it
-//! is (A_E d is fixed) and makes the matrix positive definite where W is so on the null space of A_E. If the linearised
+//! is (A_E d is fixed) and makes the matrix positive definite where W is so on the null space of A_E; elsewhere the bars
+//! turn negative eigenvalues positive. If the linearised
 //! constraints contradict each other, the violated ones become a quadratic price for that step, which is a damped
 //! Gauss-Newton step towards feasibility within the rows that hold. Steps are accepted by an l1 merit function over
 //! the last few values, so that curved constraints do not shorten good steps. After a short full step the factors of
 //! the matrix are used again (a chord step): the Hessian is the costliest part.
 
+use nalgebra::DMatrix;
+
 use super::cuts::Cut;
 use super::problem::Problem;
 use super::qp::{self, Constraint, DIM, Factor, QpFailure, Row, Square};
 use super::rows::{
-    EQUALITIES, F, Gradient, HA, HB, INEQUALITIES, Layout, Q, QD, Sink, evaluate, kinematic_rows, spline_rows,
+    EQUALITIES, F, Gradient, HA, HB, INEQUALITIES, Layout, Q, QD, Sink, evaluate, goal_rows, has_goal,
+    kinematic_rows, spline_rows,
 };
 use super::throw::JOINTS;
 
@@ -30,7 +34,7 @@ pub(crate) struct Settings {
     pub(crate) feasibility: f64,
     /// Relative change of the objective at which the solve has converged.
     pub(crate) objective: f64,
-    /// Stop early when the objective cannot get below this any more (feasible point, small steps).
+    /// Stop early when the objective will not get below this any more.
     pub(crate) give_up_above: f64,
     /// A run whose violation has not halved within this many steps is at a stationary point of the violation.
     pub(crate) patience: usize,
@@ -143,7 +147,7 @@ impl Sink for Rows {
         true
     }
     fn objective(&mut self, value: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
-        self.objective = value;
+        self.objective += value;
         gradient(&mut Gradient { row: &mut self.gradient, factor: 1.0 });
     }
     fn eq(&mut self, id: usize, value: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
@@ -226,6 +230,23 @@ fn hessian(
             out[i][k] += second;
         }
     }
+    if has_goal(problem, layout) {
+        let mut base = sink();
+        goal_rows(problem, layout, x, &mut base);
+        // The landing does not depend on the time of flight: it follows from the motion at the release.
+        for k in (0..n).filter(|k| *k != F) {
+            let eps = DIFFERENCE_STEP * x[k].abs().max(1.0);
+            moved[k] = x[k] + eps;
+            let mut there = sink();
+            goal_rows(problem, layout, &moved, &mut there);
+            moved[k] = x[k];
+            for i in 0..n {
+                let second = 0.5 * (there.gradient[i] - base.gradient[i]) / eps;
+                out[k][i] += second;
+                out[i][k] += second;
+            }
+        }
+    }
     if at.eq.iter().all(|l| *l == 0.0) {
         return;
     }
@@ -268,10 +289,18 @@ const RELAX_CAP: f64 = 1e2;
 /// bring the violation down to the given share.
 const CHORD_STEP: f64 = 0.04;
 const CHORD_SHARE: f64 = 0.2;
-/// Below this violation one step back into the constraints suffices.
-const NEARLY_FEASIBLE: f64 = 1e-4;
-/// Smallest shift of an indefinite matrix.
-const TAU_MIN: f64 = 1e-3;
+/// Below this violation a step or two back into the constraints suffice.
+const NEARLY_FEASIBLE: f64 = 1e-3;
+/// The last steps of a run only go back into the constraints, if they are no farther away than this.
+const LAST_STEPS: usize = 3;
+const LAST_VIOLATION: f64 = 1e-2;
+/// Where a run ends can be told when it is this near to the constraints and its steps are this short.
+const GIVE_UP_VIOLATION: f64 = 1e-2;
+const GIVE_UP_STEP: f64 = 0.1;
+/// An indefinite matrix is given at least this much curvature in every direction.
+const CURVATURE_MIN: f64 = 1.0;
+/// Bound on the steps of the eigenvalue iteration; matrices of this size need some 40.
+const EIGEN_STEPS_MAX: usize = 1_000;
 /// Merit values remembered.
 const MEMORY: usize = 4;
 
@@ -328,7 +357,6 @@ pub(crate) fn solve(
     let mut stalls = 0;
     let mut w = [[0.0; DIM]; DIM];
     let mut factor: Option<Factor> = None;
-    let mut tau = TAU_MIN;
     let mut mark = (f64::INFINITY, 0);
     while iterations < settings.iterations_max && violation.is_finite() && rows.objective.is_finite() {
         iterations += 1;
@@ -343,7 +371,7 @@ pub(crate) fn solve(
             for (k, row) in w.iter_mut().enumerate().take(n) {
                 row[k] += 1e-6;
             }
-            factor = convexify(&mut w, &rows.eq, n, &mut tau);
+            factor = convexify(&mut w, &rows.eq, n);
         }
         let Some(used) = factor.take() else { break };
         likely.clear();
@@ -380,13 +408,18 @@ pub(crate) fn solve(
         if violation <= settings.feasibility && small_change {
             break;
         }
-        if violation <= 1e-6 && rows.objective + 4.0 * slope > settings.give_up_above && slope.abs() < 0.5 {
+        let short = |most: f64| d.iter().take(n).all(|d| d.abs() < most);
+        let near_the_end = violation <= GIVE_UP_VIOLATION && short(GIVE_UP_STEP);
+        if near_the_end && rows.objective + 2.0 * slope.min(0.0) > settings.give_up_above {
             break;
         }
-        // Nothing left to gain but not feasible yet: steps along a nearly flat valley would bend out of the constraints
-        // again and again, so only go back into them, the shortest way.
+        let chord = short(CHORD_STEP);
+        // Nothing left to gain, or no steps left to gain it, but not feasible yet: steps along a nearly flat valley would
+        // bend out of the constraints again and again, so only go back into them, the shortest way.
+        let out_of_steps = iterations + LAST_STEPS > settings.iterations_max && violation < LAST_VIOLATION;
+        let finish = small_change && violation < NEARLY_FEASIBLE || out_of_steps;
         let mut d = d;
-        if believed && small_change && violation < NEARLY_FEASIBLE {
+        if believed && finish {
             match qp::solve(&used, &[0.0; DIM], n, &rows.eq, &rows.ineq, &likely) {
                 Ok(back) => d = back.d,
                 Err(QpFailure::Infeasible | QpFailure::Numerical) => {}
@@ -434,11 +467,10 @@ pub(crate) fn solve(
         violation = rows.worst();
         let full = accepted && alpha >= 1.0 && plain;
         // The step that has just been taken was the last one needed.
-        if full && believed && small_change && violation <= settings.feasibility {
+        if full && believed && finish && violation <= settings.feasibility {
             break;
         }
-        let short = d.iter().take(n).all(|d| d.abs() < CHORD_STEP);
-        if full && believed && short && violation <= (CHORD_SHARE * before).max(1e-7) {
+        if full && believed && chord && violation <= (CHORD_SHARE * before).max(1e-7) {
             factor = Some(used);
         }
         believed = plain;
@@ -454,8 +486,8 @@ pub(crate) fn evaluate_once(problem: &Problem<'_>, throw: &super::throw::Throw) 
     rows.worst()
 }
 
-/// Turns W into `W + ρ A_EᵀA_E (+ τ I)`, as little as makes it positive definite, and factorises it.
-fn convexify(w: &mut Square, equalities: &[Constraint], n: usize, tau: &mut f64) -> Option<Factor> {
+/// Turns W into `W + ρ A_EᵀA_E`, and if that is not positive definite turns up what is negative; factorises it.
+fn convexify(w: &mut Square, equalities: &[Constraint], n: usize) -> Option<Factor> {
     for add in [10.0, 90.0] {
         for constraint in equalities {
             for i in 0..n {
@@ -471,19 +503,26 @@ fn convexify(w: &mut Square, equalities: &[Constraint], n: usize, tau: &mut f64)
             return Some(factor);
         }
     }
-    // The last shift is a good guess of this one.
-    *tau = (0.1 * *tau).max(TAU_MIN);
-    let scale = (0..n).map(|k| w[k][k].abs()).fold(1.0, f64::max);
-    while *tau <= 1e4 * scale {
-        for (k, row) in w.iter_mut().enumerate().take(n) {
-            row[k] += *tau;
+    turned_up(w, n)
+}
+
+/// Factor of the matrix with its negative eigenvalues turned positive.
+///
+/// A shift of the whole diagonal would do as well, but it also shortens every step along which the curvature is
+/// known and small: where the price of a throw hardly depends on its posture, steps became gradient steps.
+fn turned_up(w: &mut Square, n: usize) -> Option<Factor> {
+    let eigen = DMatrix::from_fn(n, n, |i, k| w[i][k]).try_symmetric_eigen(1e-12, EIGEN_STEPS_MAX)?;
+    for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+        let add = value.abs().max(CURVATURE_MIN) - value;
+        if add > 0.0 {
+            for i in 0..n {
+                for k in 0..n {
+                    w[i][k] += add * vector[i] * vector[k];
+                }
+            }
         }
-        if let Some(factor) = Factor::new(w, n) {
-            return Some(factor);
-        }
-        *tau *= 4.0;
     }
-    None
+    Factor::new(w, n)
 }
 
 /// The program with the violated constraints as a quadratic price instead of rows: always feasible at d = 0.

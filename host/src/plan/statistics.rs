@@ -1,15 +1,15 @@
 //! Where the ball lands when nothing is exact: covariance of the landing and the probability of a hit.
 //!
-//! Late or early release is treated beyond first order, because release-delay nulling leaves nothing of first order:
-//! the landing is evaluated at the nodes of a Gauss-Hermite rule over the jitter. Tracking errors and drag are small
-//! and enter linearly through the landing Jacobian. All sources are independent and normal.
+//! Mean and covariance come from `spread`: sigma points of every source, not a linearisation. The Monte Carlo here is
+//! their oracle. All sources are independent and normal.
 
-use nalgebra::{Matrix2, SMatrix, Vector2, Vector3, Vector6};
+use nalgebra::{Matrix2, Vector2, Vector3, Vector6};
 
 use super::problem::Problem;
 use super::rng::SplitMix64;
-use super::throw::{JOINTS, Joints, Throw};
-use crate::flight::{FlightModel, landing};
+use super::spread::Spread;
+use super::throw::{Joints, Throw};
+use crate::flight::landing;
 
 /// Standard deviations of what is not exact.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -44,17 +44,6 @@ pub struct LandingPrediction {
     pub delay_sensitivity_m_s: Vector2<f64>,
 }
 
-/// Nodes and weights of the 7-point Gauss-Hermite rule for the standard normal.
-const HERMITE: [(f64, f64); 7] = [
-    (-3.750_439_717_725_742, 5.482_688_559_722_184e-4),
-    (-2.366_759_410_734_541, 0.030_757_123_967_586_5),
-    (-1.154_405_394_739_968, 0.240_123_178_605_012_7),
-    (0.0, 0.457_142_857_142_857_1),
-    (1.154_405_394_739_968, 0.240_123_178_605_012_7),
-    (2.366_759_410_734_541, 0.030_757_123_967_586_5),
-    (3.750_439_717_725_742, 5.482_688_559_722_184e-4),
-];
-
 fn xy(p: &Vector3<f64>) -> Vector2<f64> {
     Vector2::new(p.x, p.y)
 }
@@ -66,61 +55,19 @@ pub fn landing_with_delay(problem: &Problem<'_>, throw: &Throw, delay_s: f64) ->
     Some(xy(&problem.flight.land(&p, &v, problem.target.z)?.p))
 }
 
-/// Predicts the landing; `None` if the undisturbed ball does not come down on the plane of the target.
+/// Predicts the landing; `None` if a ball at a node of the rule does not come down on the plane of the target.
 #[must_use]
 pub fn predict(problem: &Problem<'_>, throw: &Throw, noise: &Noise) -> Option<LandingPrediction> {
-    let arm = problem.arm;
-    let frames = arm.fk(&throw.q_rad);
-    let p = arm.ball(&frames).pos;
-    let jac = frames.jacobian(&p);
-    let twist = jac * throw.qd_rad_s;
-    let v = Vector3::new(twist[0], twist[1], twist[2]);
-    let z = problem.target.z;
-    let nominal = problem.flight.land(&p, &v, z)?;
+    let spread = Spread::of(problem, throw, problem.target.z, noise)?;
+    let (p, v) = throw.ball_at_release(problem.arm);
+    let nominal = problem.flight.land(&p, &v, problem.target.z)?;
     let g = problem.flight.landing_jacobian(&p, &v, &nominal);
-
-    let mut mean = Vector2::zeros();
-    let mut second = Matrix2::zeros();
-    for (node, weight) in HERMITE {
-        let at = landing_with_delay(problem, throw, node * noise.release_time_s)? - xy(&nominal.p);
-        mean += at * weight;
-        second += at * at.transpose() * weight;
-    }
-    let mut covariance = second - mean * mean.transpose();
-
-    let by_q = frames.twist_gradient(&jac, &throw.qd_rad_s);
-    let upper = |m: &SMatrix<f64, 6, 6>| m.fixed_rows::<3>(0).into_owned();
-    let (g_p, g_v) = (g.fixed_columns::<3>(0), g.fixed_columns::<3>(3));
-    let by_position = g_p * upper(&jac) + g_v * upper(&by_q);
-    let by_speed = g_v * upper(&jac);
-    covariance += by_position * by_position.transpose() * noise.position_rad.powi(2);
-    covariance += by_speed * by_speed.transpose() * noise.speed_rad_s.powi(2);
-
-    if noise.drag_per_m > 0.0 {
-        let by_drag = drag_sensitivity(&problem.flight, &p, &v, z, noise.drag_per_m)?;
-        covariance += by_drag * by_drag.transpose() * noise.drag_per_m.powi(2);
-    }
-    let a = throw.ball_acceleration_at_release(arm);
+    let a = throw.ball_acceleration_at_release(problem.arm);
     Some(LandingPrediction {
-        mean_m: xy(&nominal.p) + mean,
-        covariance_m2: covariance,
+        mean_m: spread.mean_m,
+        covariance_m2: spread.covariance_m2,
         delay_sensitivity_m_s: landing::delay_sensitivity(&g, &v, &a),
     })
-}
-
-/// `∂L/∂k`. Drag is never negative; in vacuum the one-sided difference stands for both sides.
-fn drag_sensitivity(
-    flight: &FlightModel,
-    p: &Vector3<f64>,
-    v: &Vector3<f64>,
-    z: f64,
-    sigma: f64,
-) -> Option<Vector2<f64>> {
-    let at = |k: f64| Some(xy(&flight.with_drag(k).ok()?.land(p, v, z)?.p));
-    let k = flight.drag_per_m();
-    let step = 0.5 * sigma;
-    let low = (k - step).max(0.0);
-    Some((at(k + step)? - at(low)?) / (k + step - low))
 }
 
 /// Landings of `draws` disturbed throws: the full model, no linearisation. The oracle of [`predict`].
@@ -170,29 +117,48 @@ pub enum Region {
     },
 }
 
+/// Probability of a hit with `dP = by_mean · dμ + tr(by_covariance dC)`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Hit {
+    pub(crate) probability: f64,
+    pub(crate) by_mean: Vector2<f64>,
+    pub(crate) by_covariance: Matrix2<f64>,
+}
+
 impl LandingPrediction {
     /// Probability that a normal landing falls into the region about `target` (x, y in m).
-    ///
-    /// Integrates the density of x given the region's extent in y exactly along y and by Gauss-Legendre panels in x.
     #[must_use]
     pub fn hit_probability(&self, target: &Vector2<f64>, region: &Region) -> f64 {
+        self.hit(target, region).probability
+    }
+
+    /// The probability and its derivatives.
+    ///
+    /// Integrates the density of x times the chance of y given x, exactly along y and by Gauss-Legendre panels in x;
+    /// the derivatives are those of the integrand, so they belong to this very sum.
+    pub(crate) fn hit(&self, target: &Vector2<f64>, region: &Region) -> Hit {
         let offset = self.mean_m - target;
         // A covariance of zero is a point.
         let c = self.covariance_m2 + Matrix2::identity() * 1e-14;
         let sx = c[(0, 0)].sqrt();
+        // y given x: mean offset.y + slope (x - offset.x), standard deviation sy.
         let slope = c[(0, 1)] / c[(0, 0)];
         let sy = (c[(1, 1)] - slope * c[(0, 1)]).max(1e-14).sqrt();
-        let (reach, half_y): (f64, Box<dyn Fn(f64) -> f64>) = match *region {
-            Region::Disc { radius_m } => {
-                (radius_m, Box::new(move |x| (radius_m * radius_m - x * x).max(0.0).sqrt()))
-            }
-            Region::Box { half_x_m, half_y_m } => (half_x_m, Box::new(move |_| half_y_m)),
+        let reach = match *region {
+            Region::Disc { radius_m } => radius_m,
+            Region::Box { half_x_m, .. } => half_x_m,
+        };
+        let half_y = |x: f64| match *region {
+            Region::Disc { radius_m } => (radius_m * radius_m - x * x).max(0.0).sqrt(),
+            Region::Box { half_y_m, .. } => half_y_m,
         };
         let cdf = |t: f64| 0.5 * libm::erfc(-t * std::f64::consts::FRAC_1_SQRT_2);
+        let density = |t: f64| (-0.5 * t * t).exp() / std::f64::consts::TAU.sqrt();
+        let mut hit = Hit { probability: 0.0, by_mean: Vector2::zeros(), by_covariance: Matrix2::zeros() };
         // Only the part within 9 sigma of the mean matters; panels there.
         let (from, to) = ((-reach).max(offset.x - 9.0 * sx), reach.min(offset.x + 9.0 * sx));
         if from >= to {
-            return 0.0;
+            return hit;
         }
         let panels = 200;
         let width = (to - from) / f64::from(panels);
@@ -201,18 +167,31 @@ impl LandingPrediction {
             (0.0, 8.0 / 18.0),
             (0.774_596_669_241_483_4, 5.0 / 18.0),
         ];
-        let mut sum = 0.0;
+        let (mut by_sx, mut by_slope, mut by_sy) = (0.0, 0.0, 0.0);
         for panel in 0..panels {
             for (node, weight) in nodes {
                 let x = from + width * (f64::from(panel) + 0.5 + 0.5 * node);
                 let u = (x - offset.x) / sx;
-                let density = (-0.5 * u * u).exp() / (sx * std::f64::consts::TAU.sqrt());
+                let share = weight * width * density(u) / sx;
                 let mean_y = offset.y + slope * (x - offset.x);
                 let h = half_y(x);
-                sum += weight * width * density * (cdf((h - mean_y) / sy) - cdf((-h - mean_y) / sy));
+                let (upper, lower) = ((h - mean_y) / sy, (-h - mean_y) / sy);
+                let (up, low) = (density(upper), density(lower));
+                let inside = cdf(upper) - cdf(lower);
+                hit.probability += share * inside;
+                hit.by_mean.x += share * (u / sx * inside + slope / sy * (up - low));
+                hit.by_mean.y -= share / sy * (up - low);
+                by_sx += share * (u * u - 1.0) / sx * inside;
+                by_slope -= share * (x - offset.x) / sy * (up - low);
+                by_sy -= share * (upper * up - lower * low) / sy;
             }
         }
-        sum.clamp(0.0, 1.0)
+        hit.probability = hit.probability.clamp(0.0, 1.0);
+        let by_xx = 0.5 * by_sx / sx - by_slope * slope / c[(0, 0)] + 0.5 * by_sy * slope * slope / sy;
+        let by_xy = by_slope / c[(0, 0)] - by_sy * slope / sy;
+        let by_yy = 0.5 * by_sy / sy;
+        hit.by_covariance = Matrix2::new(by_xx, 0.5 * by_xy, 0.5 * by_xy, by_yy);
+        hit
     }
 
     /// Root of the mean squared distance from `target` in m: what σ-optimal planning minimises.
@@ -221,9 +200,6 @@ impl LandingPrediction {
         ((self.mean_m - target).norm_squared() + self.covariance_m2.trace()).sqrt()
     }
 }
-
-/// Joints of the arm; the linear maps above are 2 × 6.
-const _: () = assert!(JOINTS == 6);
 
 #[cfg(test)]
 mod tests {
@@ -248,10 +224,31 @@ mod tests {
     }
 
     #[test]
-    fn hermite_rule_integrates_moments_of_the_normal() {
-        for (power, moment) in [(0, 1.0), (2, 1.0), (4, 3.0), (6, 15.0), (8, 105.0)] {
-            let sum: f64 = HERMITE.iter().map(|(x, w)| w * x.powi(power)).sum();
-            assert!((sum - moment).abs() < 1e-9 * moment, "{power}: {sum}");
+    fn derivatives_of_the_hit_probability_match_differences() {
+        let at = |n: [f64; 5]| LandingPrediction {
+            mean_m: Vector2::new(n[0], n[1]),
+            covariance_m2: Matrix2::new(n[2], n[3], n[3], n[4]),
+            delay_sensitivity_m_s: Vector2::zeros(),
+        };
+        let n = [4e-3, -7e-3, 1.2e-4, 0.5e-4, 2.5e-4];
+        for region in [Region::Disc { radius_m: 0.015 }, Region::Box { half_x_m: 0.01, half_y_m: 0.02 }] {
+            let aim = Vector2::new(1e-3, 2e-3);
+            let hit = at(n).hit(&aim, &region);
+            let c = &hit.by_covariance;
+            let claimed = [hit.by_mean.x, hit.by_mean.y, c[(0, 0)], 2.0 * c[(0, 1)], c[(1, 1)]];
+            for (k, claimed) in claimed.into_iter().enumerate() {
+                let step = if k < 2 { 1e-6 } else { 1e-8 };
+                let moved = |sign: f64| {
+                    let mut m = n;
+                    m[k] += sign * step;
+                    at(m).hit_probability(&aim, &region)
+                };
+                let differenced = (moved(1.0) - moved(-1.0)) / (2.0 * step);
+                assert!(
+                    (claimed - differenced).abs() <= 1e-5 * differenced.abs().max(1.0),
+                    "{region:?} {k}: {claimed}, by differences {differenced}"
+                );
+            }
         }
     }
 }

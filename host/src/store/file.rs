@@ -2,10 +2,13 @@
 //!
 //! A record carries its own checksum, so a torn write or a flipped bit costs that record and nothing else. Damage is
 //! reported, the damaged file is kept beside the store under another name, and the readable records are written anew.
+//! A store of an older format is kept the same way and a new one is begun. Who writes holds the file's advisory lock for
+//! that moment, so that several planners can share a store.
 
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use super::record::{Record, SIZE, crc32};
 
@@ -35,6 +38,24 @@ pub enum StoreError {
         /// Its version.
         found: u32,
     },
+    /// The file was written by an older program; [`StoreFile::open`] keeps it and begins a new one.
+    #[error(
+        "store {path} has format version {found}, this program reads version {VERSION}: name another store, or let `plan throw` begin a new one"
+    )]
+    Older {
+        /// The file.
+        path: PathBuf,
+        /// Its version.
+        found: u32,
+    },
+    /// Another process has held the lock for too long.
+    #[error(
+        "store {path} is locked by another process: wait until it ends, name another store with --store, or plan with --no-store"
+    )]
+    Locked {
+        /// The file.
+        path: PathBuf,
+    },
     /// The file belongs to another robot, or the robot file has changed since.
     #[error(
         "store {path} was made for another robot or another version of its file (fingerprint {found:016x}, now {wanted:016x}): name another store, or remove it"
@@ -56,7 +77,9 @@ pub struct OpenReport {
     pub records: usize,
     /// Records (or a header) that were damaged and left out.
     pub damaged: usize,
-    /// Where the damaged file was kept.
+    /// Version of the format, if it was an older one.
+    pub older: Option<u32>,
+    /// Where the damaged or older file was kept.
     pub kept_as: Option<PathBuf>,
 }
 
@@ -64,7 +87,7 @@ pub struct OpenReport {
 #[derive(Debug)]
 pub struct StoreFile {
     path: PathBuf,
-    file: File,
+    robot: u64,
 }
 
 fn header(robot: u64) -> [u8; HEADER] {
@@ -80,8 +103,8 @@ fn header(robot: u64) -> [u8; HEADER] {
 /// Reads the bytes of a store: records, and how many were damaged.
 ///
 /// # Errors
-/// If the bytes are of a newer version or another robot. An older version counts as damage. A damaged header is not an error here: it counts as damage,
-/// and records are still looked for behind it.
+/// If the bytes are of another version or another robot. A damaged header is not an error here: it counts as damage, and
+/// records are still looked for behind it.
 pub fn parse(path: &Path, bytes: &[u8], robot: u64) -> Result<(Vec<Record>, usize), StoreError> {
     let mut damaged = 0;
     let head = bytes.get(..HEADER).unwrap_or_default();
@@ -93,7 +116,7 @@ pub fn parse(path: &Path, bytes: &[u8], robot: u64) -> Result<(Vec<Record>, usiz
         }
         if found < VERSION {
             // Records of another length: starts can be found again, so they are not worth a second reader.
-            return Ok((Vec::new(), 1));
+            return Err(StoreError::Older { path: path.to_owned(), found });
         }
         let found = u64::from_le_bytes(std::array::from_fn(|i| head[12 + i]));
         if found != robot {
@@ -136,45 +159,74 @@ impl StoreFile {
         if let Some(folder) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
             fs::create_dir_all(folder).map_err(fail)?;
         }
+        let mut file = open_locked(path)?;
         let mut bytes = Vec::new();
-        match File::open(path) {
-            Ok(mut file) => {
-                file.read_to_end(&mut bytes).map_err(fail)?;
-            }
-            Err(e) if e.kind() == io::ErrorKind::NotFound => {}
-            Err(e) => return Err(fail(e)),
-        }
+        file.read_to_end(&mut bytes).map_err(fail)?;
         let mut report = OpenReport::default();
-        let records = if bytes.is_empty() {
-            fs::write(path, header(robot)).map_err(fail)?;
-            Vec::new()
+        let mut records = Vec::new();
+        if bytes.is_empty() {
+            file.write_all(&header(robot)).map_err(fail)?;
         } else {
-            let (records, damaged) = parse(path, &bytes, robot)?;
-            report.damaged = damaged;
-            if damaged > 0 {
-                let kept = free_name(path);
+            let kept_as = match parse(path, &bytes, robot) {
+                Ok((sound, 0)) => {
+                    records = sound;
+                    None
+                }
+                Ok((sound, damaged)) => {
+                    records = sound;
+                    report.damaged = damaged;
+                    Some(free_name(path, "damaged"))
+                }
+                Err(StoreError::Older { found, .. }) => {
+                    report.older = Some(found);
+                    Some(free_name(path, &format!("version{found}")))
+                }
+                Err(e) => return Err(e),
+            };
+            if let Some(kept) = kept_as {
                 fs::rename(path, &kept).map_err(fail)?;
                 write_all(path, robot, &records).map_err(fail)?;
                 report.kept_as = Some(kept);
             }
-            records
-        };
+        }
         report.records = records.len();
-        let file = OpenOptions::new().append(true).open(path).map_err(fail)?;
-        Ok((Self { path: path.to_owned(), file }, records, report))
+        Ok((Self { path: path.to_owned(), robot }, records, report))
     }
 
     /// Appends a record and hands it to the system in one write.
     ///
     /// # Errors
-    /// If writing fails.
+    /// If the store stays locked or writing fails.
     pub fn append(&mut self, record: &Record) -> Result<(), StoreError> {
-        self.file
-            .write_all(&record.to_bytes())
-            .and_then(|()| self.file.flush())
+        // Opened anew: another process may have put a repaired file in its place.
+        let mut file = open_locked(&self.path)?;
+        let begun = file.metadata().map(|m| m.len() > 0);
+        begun
+            .and_then(|begun| if begun { Ok(()) } else { file.write_all(&header(self.robot)) })
+            .and_then(|()| file.write_all(&record.to_bytes()))
             .map_err(|source| StoreError::Io { path: self.path.clone(), source })
     }
 }
+
+/// Opens a store to read and append, locked until the file is closed.
+fn open_locked(path: &Path) -> Result<File, StoreError> {
+    let fail = |source| StoreError::Io { path: path.to_owned(), source };
+    for _ in 0..LOCK_TRIES {
+        let file = OpenOptions::new().read(true).append(true).create(true).open(path).map_err(fail)?;
+        match file.try_lock() {
+            Ok(()) => return Ok(file),
+            Err(TryLockError::WouldBlock) => std::thread::sleep(LOCK_PAUSE),
+            // A file system without locks is as good as before there were any.
+            Err(TryLockError::Error(e)) if e.kind() == io::ErrorKind::Unsupported => return Ok(file),
+            Err(TryLockError::Error(e)) => return Err(fail(e)),
+        }
+    }
+    Err(StoreError::Locked { path: path.to_owned() })
+}
+
+/// How long a lock is waited for: two seconds, a hundred times as long as a repair takes.
+const LOCK_TRIES: usize = 100;
+const LOCK_PAUSE: Duration = Duration::from_millis(20);
 
 /// Writes a whole store; the file appears complete or not at all.
 ///
@@ -190,11 +242,12 @@ pub fn write_all(path: &Path, robot: u64, records: &[Record]) -> io::Result<()> 
     fs::rename(part, path)
 }
 
-fn free_name(path: &Path) -> PathBuf {
+/// A name beside the store that is free.
+fn free_name(path: &Path, what: &str) -> PathBuf {
     (1..)
-        .map(|n| path.with_extension(format!("damaged-{n}")))
+        .map(|n| path.with_extension(format!("{what}-{n}")))
         .find(|p| !p.exists())
-        .unwrap_or_else(|| path.with_extension("damaged"))
+        .unwrap_or_else(|| path.with_extension(what))
 }
 
 #[cfg(test)]
@@ -238,7 +291,7 @@ mod tests {
         store.append(&record(2.0)).expect("writes");
         let (_, records, report) = StoreFile::open(&path, 7).expect("opens");
         assert_eq!(records, [record(1.0), record(2.0)]);
-        assert_eq!(report, OpenReport { records: 2, damaged: 0, kept_as: None });
+        assert_eq!(report, OpenReport { records: 2, ..OpenReport::default() });
     }
 
     #[test]
@@ -274,5 +327,37 @@ mod tests {
         bytes[20..].copy_from_slice(&sum);
         fs::write(&path, bytes).expect("writes");
         assert!(matches!(StoreFile::open(&path, 7), Err(StoreError::Newer { found: 9, .. })));
+    }
+    #[test]
+    fn an_older_store_is_kept_and_a_new_one_begun() {
+        let path = folder("older").join("throws.store");
+        let _ = fs::remove_file(&path);
+        let mut bytes = header(7).to_vec();
+        bytes[8] = 1;
+        let sum = crc32(&bytes[..20]).to_le_bytes();
+        bytes[20..].copy_from_slice(&sum);
+        bytes.extend_from_slice(b"records of another length");
+        fs::write(&path, &bytes).expect("writes");
+        let (mut store, none, report) = StoreFile::open(&path, 7).expect("opens");
+        assert!(none.is_empty());
+        assert_eq!((report.older, report.damaged), (Some(1), 0));
+        assert_eq!(fs::read(report.kept_as.expect("kept")).expect("reads"), bytes, "nothing is lost");
+        store.append(&record(1.0)).expect("writes");
+        assert_eq!(StoreFile::open(&path, 7).expect("opens").1, [record(1.0)]);
+    }
+
+    #[test]
+    fn a_locked_store_is_refused_by_name_and_two_planners_can_share_one() {
+        let path = folder("locked").join("throws.store");
+        let _ = fs::remove_file(&path);
+        let (mut one, _, _) = StoreFile::open(&path, 7).expect("opens");
+        let (mut two, _, _) = StoreFile::open(&path, 7).expect("opens");
+        one.append(&record(1.0)).expect("writes");
+        two.append(&record(2.0)).expect("writes");
+        assert_eq!(StoreFile::open(&path, 7).expect("opens").1.len(), 2);
+        let holder = File::open(&path).expect("opens");
+        holder.lock().expect("locks");
+        let refused = one.append(&record(3.0)).expect_err("locked");
+        assert!(refused.to_string().contains("locked by another process"), "{refused}");
     }
 }

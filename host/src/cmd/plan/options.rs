@@ -192,14 +192,20 @@ impl PlanOptions {
         };
         match StoreFile::open(&path, robot_fingerprint(arm)) {
             Ok((store, records, report)) => {
-                if let Some(kept) = &report.kept_as {
-                    eprintln!(
+                match (&report.kept_as, report.older) {
+                    (Some(kept), Some(version)) => eprintln!(
+                        "cubectl: store {} was written by an older cubectl (format version {version}); it is kept as {}, and a new store is begun",
+                        path.display(),
+                        kept.display()
+                    ),
+                    (Some(kept), None) => eprintln!(
                         "cubectl: store {} was damaged in {} place(s); {} throws were recovered, the damaged file is kept as {}",
                         path.display(),
                         report.damaged,
                         report.records,
                         kept.display()
-                    );
+                    ),
+                    (None, _) => {}
                 }
                 for record in records {
                     index.insert(record);

@@ -78,8 +78,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let before = match std::fs::read(&args.out) {
         Ok(bytes) if !bytes.is_empty() => match file::parse(&args.out, &bytes, robot) {
             Ok((records, _)) => records,
-            // A table of an older robot file is replaced as a whole.
-            Err(file::StoreError::OtherRobot { .. }) => Vec::new(),
+            // A table of an older robot file or format is replaced as a whole.
+            Err(file::StoreError::OtherRobot { .. } | file::StoreError::Older { .. }) => Vec::new(),
             Err(e) => return Err(ExpectedError::bad_input(&e)),
         },
         _ => Vec::new(),

@@ -14,6 +14,7 @@ use rayon::prelude::*;
 use super::options::{PlanOptions, Rung};
 use super::throw::watched;
 use crate::error::ExpectedError;
+use crate::exit;
 use crate::plan::Problem;
 use crate::plan::search::{Budget, Planner, Watch};
 use crate::report::reach;
@@ -146,7 +147,14 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let solved = wanted.iter().filter(|r| r.objective.is_some()).count();
     println!("{solved} of {} targets in reach; picture {}", wanted.len(), picture.display());
     if wanted.len() < targets.len() {
-        println!("stopped; the same command continues where this one ended");
+        return Err(ExpectedError::new(
+            exit::INTERRUPTED,
+            format!(
+                "stopped after {} of {} targets; the same command continues there",
+                wanted.len(),
+                targets.len()
+            ),
+        ));
     }
     Ok(())
 }

@@ -14,7 +14,7 @@ use crate::exit;
 use crate::plan::file::PlanFile;
 use crate::plan::search::{Best, Budget, NoThrow, Planner, Watch};
 use crate::plan::statistics::{Noise, Region};
-use crate::plan::{Arm, Found, Problem};
+use crate::plan::{Arm, Goal, Options, Problem};
 use crate::report::plan as plan_report;
 use crate::store::Index;
 
@@ -68,9 +68,20 @@ pub struct SearchOptions {
     /// Standard deviation of the release time in s.
     #[arg(long)]
     pub jitter_s: Option<f64>,
-    /// Among the throws found, choose the one that lands most exactly instead of the cheapest.
-    #[arg(long)]
-    pub most_exact: bool,
+    /// What to make small, under all limits; `hit` needs a region (--hit-radius-m or --hit-box).
+    #[arg(long, value_enum, default_value = "effort")]
+    pub objective: ObjectiveName,
+}
+
+/// Name of an objective.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum ObjectiveName {
+    /// The paper's: time, braking and jerk.
+    Effort,
+    /// The predicted root mean square distance of the landing from the target.
+    Spread,
+    /// The predicted odds against a hit of the region.
+    Hit,
 }
 
 /// A plan with what it took to find it.
@@ -116,6 +127,17 @@ impl SearchOptions {
         Ok(noise)
     }
 
+    fn goal(&self, noise: Noise, region: Option<Region>) -> Result<Goal, ExpectedError> {
+        match (self.objective, region) {
+            (ObjectiveName::Effort, _) => Ok(Goal::Effort),
+            (ObjectiveName::Spread, _) => Ok(Goal::Spread(noise)),
+            (ObjectiveName::Hit, Some(region)) => Ok(Goal::Miss(noise, region)),
+            (ObjectiveName::Hit, None) => Err(ExpectedError::bad_input(
+                &"--objective hit needs to know what a hit is: add --hit-radius-m or --hit-box",
+            )),
+        }
+    }
+
     /// Plans the throw to `target` (m, world frame), with progress on a terminal; keeps it in the store. With `fast`
     /// stored throws are enough, if one of them leads there.
     ///
@@ -124,6 +146,7 @@ impl SearchOptions {
     pub fn plan(&self, target: [f64; 3], seed: u64, fast: bool) -> Result<Planned, ExpectedError> {
         let arm = crate::cmd::arm(&self.options.robot)?;
         let (region, noise) = (self.region()?, self.noise()?);
+        let goal = self.goal(noise, region)?;
         let (index, mut store) = self.options.starts(&arm)?;
         let time =
             match self.time_budget {
@@ -139,10 +162,11 @@ impl SearchOptions {
             let Some(rung) = rungs.next() else {
                 return Err(ExpectedError::new(exit::BUG, "the ladder of options ended without a last rung"));
             };
-            let problem = Problem::new(&arm, Vector3::from(target), rung.options)
+            let options = Options { goal, ..rung.options };
+            let problem = Problem::new(&arm, Vector3::from(target), options)
                 .map_err(|e| ExpectedError::bad_input(&e))?;
             let last = rungs.peek().is_none();
-            match find(self, &Planner::new(&problem), &index, &budget, &noise, fast, last) {
+            match find(&Planner::new(&problem), &index, &budget, fast, last) {
                 Ok(best) => {
                     if let Some(note) = rung.note {
                         eprintln!("cubectl: {note}");
@@ -154,7 +178,10 @@ impl SearchOptions {
             }
         };
         let took = began.elapsed();
-        if let Some(store) = &mut store {
+        // The table is of throws that are best in effort: others would promise what they cannot keep.
+        if goal == Goal::Effort
+            && let Some(store) = &mut store
+        {
             let record = Planner::new(&problem).record(&best.found);
             if let Err(e) = store.append(&record) {
                 eprintln!("cubectl: the throw was not stored: {e}");
@@ -190,11 +217,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 
 /// Searches; only the last rung of the ladder is worth the nearest reachable target.
 fn find(
-    search: &SearchOptions,
     planner: &Planner<'_, '_>,
     index: &Index,
     budget: &Budget,
-    noise: &Noise,
     fast: bool,
     last: bool,
 ) -> Result<Best, NoThrow> {
@@ -202,15 +227,9 @@ fn find(
         return Ok(Best { found, starts: 1, solved: 1, interrupted: false, others: vec![found] });
     }
     let watch = Watch::default();
-    let mut best = watched(&watch, budget, || {
+    let best = watched(&watch, budget, || {
         if last { planner.search(index, budget, &watch) } else { planner.attempt(index, budget, &watch) }
     })?;
-    if search.most_exact {
-        let miss = |f: &Found| planner.rms_miss_m(&f.throw, noise).unwrap_or(f64::INFINITY);
-        if let Some(exact) = best.others.iter().min_by(|a, b| miss(a).total_cmp(&miss(b))) {
-            best.found = *exact;
-        }
-    }
     if best.interrupted && watch.stop.load(Ordering::Relaxed) {
         eprintln!("cubectl: stopped; this is the best of {} starts", best.starts);
     }

@@ -19,6 +19,7 @@
 //! | `kinematic` | launch, direction of the throw, release point, arrival |
 //! | `delay` | landing of a late or early release |
 //! | `current` | currents at the release |
+//! | `goal` | the part of the objective that looks at the landing |
 //!
 //! Why not the paper's `h` as variables: there, every evaluation solves the inverse kinematics, has eight branches
 //! and no value where the pose is out of reach, and `q̇ = J⁻¹ [v0; ω]` blows up at the straight wrist on which the
@@ -26,11 +27,13 @@
 
 mod current;
 mod delay;
+mod goal;
 mod kinematic;
 mod spline;
 
 use nalgebra::Vector3;
 
+pub(crate) use self::goal::{goal_rows, has_goal};
 pub(crate) use self::kinematic::kinematic_rows;
 pub(crate) use self::spline::spline_rows;
 use super::cuts::Cut;
@@ -149,6 +152,7 @@ pub(crate) trait Sink {
     fn wants(&self, id: usize) -> bool;
     /// Whether this equality is of interest.
     fn wants_eq(&self, id: usize) -> bool;
+    /// A summand of the objective.
     fn objective(&mut self, value: f64, gradient: impl FnOnce(&mut Gradient<'_>));
     fn eq(&mut self, id: usize, value: f64, gradient: impl FnOnce(&mut Gradient<'_>));
     fn ineq(&mut self, id: usize, value: f64, gradient: impl FnOnce(&mut Gradient<'_>));
@@ -202,4 +206,5 @@ pub(crate) fn describe(problem: &Problem<'_>, id: usize, cuts: &[Cut]) -> String
 pub(crate) fn evaluate<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &Row, cuts: &[Cut], sink: &mut S) {
     kinematic_rows(problem, layout, x, cuts, sink);
     spline_rows(problem, layout, x, sink);
+    goal_rows(problem, layout, x, sink);
 }

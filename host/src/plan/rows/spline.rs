@@ -4,8 +4,9 @@ use nalgebra::Vector3;
 
 use super::{
     ACC_RELEASE, ACC_START, ACC_STOP, F, HA, HB, JERK_A, JERK_B, Layout, PEAK, Q, QD, QDD, RANGE, SPEED,
-    Sink, TIMES, TURN, WINDOW,
+    Sink, TIMES, TURN, WINDOW, has_goal,
 };
+use crate::plan::goal::EFFORT_SHARE;
 use crate::plan::problem::Problem;
 use crate::plan::qp::Row;
 use crate::plan::throw::{Basis, JOINTS};
@@ -34,13 +35,16 @@ pub(crate) fn spline_rows<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &R
     let k = 4.0 * w.k_j;
     let total = ha + hb;
     let (ia, ib) = (1.0 / (ha * ha * ha), 1.0 / (hb * hb * hb));
-    let mut value = w.k_t * total + w.k_b * hb / total + k * (sa * ia + sb * ib);
+    let share = match layout.shift {
+        Some(_) => SHIFT_COST_SHARE,
+        None if has_goal(problem, layout) => EFFORT_SHARE,
+        None => 1.0,
+    };
+    let mut value = share * (w.k_t * total + w.k_b * hb / total + k * (sa * ia + sb * ib));
     if let Some((at, _)) = layout.shift {
-        let u = Vector3::new(x[at], x[at + 1], x[at + 2]);
-        value = value * SHIFT_COST_SHARE + SHIFT_WEIGHT * u.norm_squared();
+        value += SHIFT_WEIGHT * Vector3::new(x[at], x[at + 1], x[at + 2]).norm_squared();
     }
     sink.objective(value, |g| {
-        let share = if layout.shift.is_some() { SHIFT_COST_SHARE } else { 1.0 };
         g.add(HA, share * (w.k_t - w.k_b * hb / (total * total) + k * (sa_h * ia - 3.0 * sa * ia / ha)));
         g.add(HB, share * (w.k_t + w.k_b * ha / (total * total) + k * (sb_h * ib - 3.0 * sb * ib / hb)));
         for j in 0..JOINTS {
