@@ -14,9 +14,12 @@ use serde::{Deserialize, Serialize};
 use crate::bus::Session;
 use crate::bus::operator::OperatorError;
 use crate::tune::gains_file::GainsFile;
+use crate::tune::model::Estimator;
 
 /// Registers of the gain row, in its order.
 const GAINS: [&str; 3] = ["joint.k_error_1_s2", "joint.k_rate_1_s", "joint.k_last"];
+/// Weights of the estimator that the gains count on.
+const ESTIMATOR: [&str; 2] = ["estimator.alpha", "estimator.beta"];
 /// Period the gains are for, µs.
 const GAINS_PERIOD: &str = "gains.period_us";
 /// Checksum of their certificate.
@@ -107,6 +110,10 @@ pub(super) struct InForce {
     pub(super) period_us: u32,
     /// Checksum of their certificate, 0 for none.
     pub(super) certificate_crc32: u32,
+    /// Weight of a measurement on the position error.
+    pub(super) estimator_alpha: f32,
+    /// Weight on its rate.
+    pub(super) estimator_beta: f32,
     /// On the position error, joint by joint, 1/s2.
     pub(super) k_pos_1_s2: Vec<f32>,
     /// On its rate, 1/s.
@@ -139,6 +146,18 @@ pub(super) enum ApplyError {
         found_us: u32,
         /// Of the new ones.
         wanted_us: u32,
+    },
+    /// Gains for some joints only, for another estimator than the rest.
+    #[error(
+        "the gains in the controller are for estimator weights {} and {}, the new ones for {} and {} and not for all joints; \
+         nothing was changed\n  next: tune all joints, or with the --estimator-alpha and --estimator-beta of the controller",
+        found.alpha, found.beta, wanted.alpha, wanted.beta
+    )]
+    SomeEstimators {
+        /// Of the gains in force.
+        found: Estimator,
+        /// Of the new ones.
+        wanted: Estimator,
     },
     /// The controller has other joints.
     #[error("the controller has {found} joints, the gains are for joint {wanted}; nothing was changed")]
@@ -186,6 +205,13 @@ impl InForce {
             }
             rows.push(row);
         }
+        let [mut estimator_alpha, mut estimator_beta] = [0.0; 2];
+        for (name, weight) in ESTIMATOR.into_iter().zip([&mut estimator_alpha, &mut estimator_beta]) {
+            *weight = match target.floats(name).map_err(|e| e.to_string())?.as_slice() {
+                [weight] => *weight,
+                _ => return Err(format!("the controller has no register {name}")),
+            };
+        }
         let mut natural = |name: &str| match target.natural(name) {
             Ok(Some(value)) => Ok(value),
             Ok(None) => Err(format!("the controller has no register {name}")),
@@ -195,7 +221,15 @@ impl InForce {
         let mut rows = rows.into_iter();
         let mut next = || rows.next().unwrap_or_default();
         let (k_pos_1_s2, k_vel_1_s, k_last) = (next(), next(), next());
-        Ok(Self { period_us, certificate_crc32, k_pos_1_s2, k_vel_1_s, k_last })
+        Ok(Self {
+            period_us,
+            certificate_crc32,
+            estimator_alpha,
+            estimator_beta,
+            k_pos_1_s2,
+            k_vel_1_s,
+            k_last,
+        })
     }
 
     /// These gains with those of a verified file in place of its joints.
@@ -210,6 +244,11 @@ impl InForce {
         }
         let mut new = self.clone();
         new.period_us = wanted_us;
+        (new.estimator_alpha, new.estimator_beta) = (file.estimator.alpha as f32, file.estimator.beta as f32);
+        if file.joint.len() < joints && new.estimator() != self.estimator() {
+            let (found, wanted) = (self.estimator(), new.estimator());
+            return Err(ApplyError::SomeEstimators { found, wanted });
+        }
         new.certificate_crc32 = Crc32::of(file.to_toml().as_bytes());
         for joint in &file.joint {
             let unknown = ApplyError::Joints { found: joints, wanted: joint.number };
@@ -217,6 +256,11 @@ impl InForce {
             [new.k_pos_1_s2[i], new.k_vel_1_s[i], new.k_last[i]] = joint.gains();
         }
         Ok(new)
+    }
+
+    /// The estimator they count on.
+    pub(super) fn estimator(&self) -> Estimator {
+        Estimator { alpha: self.estimator_alpha.into(), beta: self.estimator_beta.into() }
     }
 
     /// TOML text with a heading.
@@ -243,8 +287,20 @@ impl InForce {
         Ok(read)
     }
 
-    /// Writes every register and compares what each holds then, bit for bit.
+    /// Writes every register and compares what each holds then, bit for bit. Weights of the estimator that are right
+    /// already are left alone: they can only be changed while nothing moves, gains at any time.
     fn write<T: Registers>(&self, target: &mut T) -> Result<(), String> {
+        for (name, weight) in ESTIMATOR.into_iter().zip([self.estimator_alpha, self.estimator_beta]) {
+            let mut held = target.floats(name).map_err(|e| e.to_string())?;
+            if held != [weight] {
+                held = target.set_floats(name, &[weight]).map_err(|e| e.to_string())?;
+            }
+            if held != [weight] {
+                return Err(format!(
+                    "{name} reads back {held:?} instead of {weight}; it is only taken at rest"
+                ));
+            }
+        }
         let rows = [&self.k_pos_1_s2, &self.k_vel_1_s, &self.k_last];
         for (name, row) in GAINS.into_iter().zip(rows) {
             let back = target.set_floats(name, row).map_err(|e| e.to_string())?;
@@ -306,7 +362,8 @@ mod tests {
     }
 
     fn memory() -> Memory {
-        let floats = GAINS.map(|name| (name.to_owned(), vec![-1.0, -2.0])).into();
+        let mut floats: BTreeMap<_, _> = GAINS.map(|name| (name.to_owned(), vec![-1.0, -2.0])).into();
+        floats.extend(ESTIMATOR.map(|name| (name.to_owned(), vec![0.5])));
         let naturals = [(GAINS_PERIOD, 3000), (CERTIFICATE, 7), (CYCLE_PERIOD, 3000)]
             .map(|(n, v)| (n.to_owned(), v))
             .into();
@@ -343,7 +400,15 @@ mod tests {
 
     fn wanted() -> InForce {
         let (k_pos_1_s2, k_vel_1_s) = (vec![-400.0, -500.0], vec![-30.0, -35.0]);
-        InForce { period_us: 3000, certificate_crc32: 9, k_pos_1_s2, k_vel_1_s, k_last: vec![-0.2, -0.3] }
+        InForce {
+            period_us: 3000,
+            certificate_crc32: 9,
+            estimator_alpha: 0.6,
+            estimator_beta: 0.25,
+            k_pos_1_s2,
+            k_vel_1_s,
+            k_last: vec![-0.2, -0.3],
+        }
     }
 
     #[test]
@@ -353,13 +418,13 @@ mod tests {
         put(&mut target, &before, &wanted()).unwrap();
         assert_eq!(InForce::read(&mut target), Ok(wanted()));
 
-        for deaf in [GAINS[0], GAINS[2], CERTIFICATE] {
+        for deaf in [ESTIMATOR[1], GAINS[0], GAINS[2], CERTIFICATE] {
             let mut target = Memory { deaf, ..memory() };
             let refused = put(&mut target, &before, &wanted());
             assert!(matches!(refused, Err(ApplyError::RolledBack { .. })), "{deaf}: {refused:?}");
             assert_eq!(InForce::read(&mut target), Ok(before.clone()), "{deaf}");
         }
-        // The link breaks for good after two writes: nobody can roll back, and it is said.
+        // The link breaks for good after some writes: nobody can roll back, and it is said.
         let mut target = Memory { writes_left: 2, ..memory() };
         assert!(matches!(put(&mut target, &before, &wanted()), Err(ApplyError::Mixed { .. })));
     }
@@ -379,7 +444,7 @@ mod tests {
         let text = wanted().to_toml();
         assert_eq!(InForce::from_toml(&text), Ok(wanted()));
         assert!(InForce::from_toml(&text.replace("-400.0, ", "")).is_err());
-        assert!(InForce::from_toml(&text.replace("-0.2", "nan")).is_err());
+        assert!(InForce::from_toml(&text.replace("-0.2,", "nan,")).is_err());
         assert!(InForce::from_toml("period_us = 1").is_err());
     }
 }
