@@ -178,15 +178,43 @@ pub(super) enum ApplyError {
     },
     /// As before, and the way back failed too.
     #[error(
-        "{cause}; rolling back failed as well ({second})\n  next: the registers may hold mixed gains: do not arm; restore them \
-         with --rollback"
+        "{cause}; rolling back failed as well: {second}\n  registers: {held}\n  next: do not arm; `cubectl tune --rollback` with \
+         the gains from before, once the controller answers again (after a restart it holds what it has stored)"
     )]
     Mixed {
         /// What happened first.
         cause: String,
         /// What happened on the way back.
         second: String,
+        /// What is where.
+        held: String,
     },
+}
+
+/// A write that ended early.
+struct Broken {
+    /// Registers that were read back as wanted.
+    done: Vec<&'static str>,
+    /// Register at which it ended; what it holds is not known.
+    at: &'static str,
+    /// Why.
+    cause: String,
+}
+
+/// All registers of gains.
+const ALL: [&str; 7] = [ESTIMATOR[0], ESTIMATOR[1], GAINS[0], GAINS[1], GAINS[2], GAINS_PERIOD, CERTIFICATE];
+
+/// What each register holds after a write and the way back both ended early.
+fn held(forth: &Broken, back: &Broken) -> String {
+    let is = |name: &str| match name {
+        _ if name == back.at => "unknown",
+        _ if back.done.contains(&name) => "old",
+        _ if name == forth.at => "unknown",
+        CERTIFICATE if forth.done.contains(&name) => "none",
+        _ if forth.done.contains(&name) => "new",
+        _ => "old",
+    };
+    ALL.map(|name| format!("{name} {}", is(name))).join(", ")
 }
 
 impl InForce {
@@ -287,35 +315,45 @@ impl InForce {
         Ok(read)
     }
 
-    /// Writes every register and compares what each holds then, bit for bit. Weights of the estimator that are right
-    /// already are left alone: they can only be changed while nothing moves, gains at any time.
-    fn write<T: Registers>(&self, target: &mut T) -> Result<(), String> {
+    /// Writes every register and compares what each holds then, bit for bit. The certificate goes first and comes back
+    /// last: a mixture has none. Weights of the estimator that are right already are left alone: they can only be changed
+    /// while nothing moves, gains at any time.
+    fn write<T: Registers>(&self, target: &mut T) -> Result<(), Broken> {
+        let mut done = Vec::new();
+        let mut step = |at: &'static str, outcome: Result<(), String>| match outcome {
+            Ok(()) => {
+                done.push(at);
+                Ok(())
+            }
+            Err(cause) => Err(Broken { done: std::mem::take(&mut done), at, cause }),
+        };
+        step(CERTIFICATE, write_natural(target, CERTIFICATE, 0))?;
         for (name, weight) in ESTIMATOR.into_iter().zip([self.estimator_alpha, self.estimator_beta]) {
-            let mut held = target.floats(name).map_err(|e| e.to_string())?;
-            if held != [weight] {
-                held = target.set_floats(name, &[weight]).map_err(|e| e.to_string())?;
-            }
-            if held != [weight] {
-                return Err(format!(
-                    "{name} reads back {held:?} instead of {weight}; it is only taken at rest"
-                ));
-            }
+            let right = target.floats(name).is_ok_and(|held| held == [weight]);
+            step(name, if right { Ok(()) } else { write_floats(target, name, &[weight]) })?;
         }
-        let rows = [&self.k_pos_1_s2, &self.k_vel_1_s, &self.k_last];
-        for (name, row) in GAINS.into_iter().zip(rows) {
-            let back = target.set_floats(name, row).map_err(|e| e.to_string())?;
-            if back != *row {
-                return Err(format!("{name} reads back {back:?} instead of {row:?}"));
-            }
+        for (name, row) in GAINS.into_iter().zip([&self.k_pos_1_s2, &self.k_vel_1_s, &self.k_last]) {
+            step(name, write_floats(target, name, row))?;
         }
-        for (name, value) in [(GAINS_PERIOD, self.period_us), (CERTIFICATE, self.certificate_crc32)] {
-            let back = target.set_natural(name, value).map_err(|e| e.to_string())?;
-            if back != Some(value) {
-                return Err(format!("{name} reads back {back:?} instead of {value}"));
-            }
-        }
-        Ok(())
+        step(GAINS_PERIOD, write_natural(target, GAINS_PERIOD, self.period_us))?;
+        step(CERTIFICATE, write_natural(target, CERTIFICATE, self.certificate_crc32))
     }
+}
+
+/// What happened, without the advice that comes with it: there is better advice here.
+#[allow(clippy::needless_pass_by_value)]
+fn first_line(error: impl std::fmt::Display) -> String {
+    error.to_string().lines().next().unwrap_or_default().to_owned()
+}
+
+fn write_floats<T: Registers>(target: &mut T, name: &str, wanted: &[f32]) -> Result<(), String> {
+    let back = target.set_floats(name, wanted).map_err(first_line)?;
+    if back == wanted { Ok(()) } else { Err(format!("{name} reads back {back:?} instead of {wanted:?}")) }
+}
+
+fn write_natural<T: Registers>(target: &mut T, name: &str, wanted: u32) -> Result<(), String> {
+    let back = target.set_natural(name, wanted).map_err(first_line)?;
+    if back == Some(wanted) { Ok(()) } else { Err(format!("{name} reads back {back:?} instead of {wanted}")) }
 }
 
 /// Puts `wanted` in force, all of it or nothing: every register is read back, at once and all together at the end;
@@ -335,14 +373,21 @@ pub(super) fn put<T: Registers>(
         }
         _ => {}
     }
-    let outcome = wanted.write(target).and_then(|()| match InForce::read(target)? {
-        all if all == *wanted => Ok(()),
-        all => Err(format!("the controller holds {all:?} instead of {wanted:?}")),
+    let outcome = wanted.write(target).and_then(|()| {
+        let cause = match InForce::read(target) {
+            Ok(all) if all == *wanted => return Ok(()),
+            Ok(all) => format!("the controller holds {all:?} instead of {wanted:?}"),
+            Err(cause) => cause,
+        };
+        Err(Broken { done: ALL.to_vec(), at: CERTIFICATE, cause })
     });
-    let Err(cause) = outcome else { return Ok(()) };
+    let Err(forth) = outcome else { return Ok(()) };
     match before.write(target) {
-        Ok(()) => Err(ApplyError::RolledBack { cause }),
-        Err(second) => Err(ApplyError::Mixed { cause, second }),
+        Ok(()) => Err(ApplyError::RolledBack { cause: forth.cause }),
+        Err(back) => {
+            let held = held(&forth, &back);
+            Err(ApplyError::Mixed { cause: forth.cause, second: back.cause, held })
+        }
     }
 }
 
@@ -418,15 +463,28 @@ mod tests {
         put(&mut target, &before, &wanted()).unwrap();
         assert_eq!(InForce::read(&mut target), Ok(wanted()));
 
-        for deaf in [ESTIMATOR[1], GAINS[0], GAINS[2], CERTIFICATE] {
+        for deaf in [ESTIMATOR[1], GAINS[0], GAINS[2]] {
             let mut target = Memory { deaf, ..memory() };
             let refused = put(&mut target, &before, &wanted());
             assert!(matches!(refused, Err(ApplyError::RolledBack { .. })), "{deaf}: {refused:?}");
             assert_eq!(InForce::read(&mut target), Ok(before.clone()), "{deaf}");
         }
         // The link breaks for good after some writes: nobody can roll back, and it is said.
-        let mut target = Memory { writes_left: 2, ..memory() };
-        assert!(matches!(put(&mut target, &before, &wanted()), Err(ApplyError::Mixed { .. })));
+        let mut target = Memory { writes_left: 4, ..memory() };
+        let Err(ApplyError::Mixed { held, .. }) = put(&mut target, &before, &wanted()) else {
+            panic!("nobody can roll back")
+        };
+        // Certificate, two weights and the first row were written; the second row may have been.
+        for said in [
+            "certificate_crc32 unknown",
+            "estimator.beta new",
+            "k_error_1_s2 new",
+            "k_rate_1_s unknown",
+            "k_last old",
+        ] {
+            assert!(held.contains(said), "{said}: {held}");
+        }
+        assert_eq!(target.naturals[CERTIFICATE], 0, "a mixture has no certificate");
     }
 
     #[test]
