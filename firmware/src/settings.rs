@@ -198,9 +198,9 @@ impl Settings {
                 k_last: gains.2,
             }
         }
-        const PR: (f32, f32, f32) = (-450.905_64, -35.425_236, -0.314_363);
-        const PW_1: (f32, f32, f32) = (-739.712_3, -46.658_7, -0.407_735_85);
-        const PW_2: (f32, f32, f32) = (-947.439_4, -53.679_21, -0.464_911_6);
+        const PR: (f32, f32, f32) = (-475.693_82, -34.304_443, -0.256_924_57);
+        const PW_1: (f32, f32, f32) = (-715.509_1, -43.119_01, -0.319_249_18);
+        const PW_2: (f32, f32, f32) = (-991.848_4, -51.951_473, -0.380_568_6);
         let j1 = joint(1, (-180.0, 180.0), 149.0, 10.4, 30.0, PR);
         let j2 = joint(2, (-240.0, 60.0), 149.0, 10.4, 30.0, PR);
         let j3 = joint(3, (-230.0, 50.0), 149.0, 10.4, 30.0, PR);
@@ -228,7 +228,7 @@ impl Settings {
             watchdog_refresh_us: 20_000,
             watchdog_timeout_us: 50_000,
             gains_period_us: 3_000,
-            gains_certificate_crc32: 0xEFDA_8B49,
+            gains_certificate_crc32: 0xB97A_74E3,
             gains_blend_us: 200_000,
             estimator_alpha: 0.6,
             estimator_beta: 0.2,

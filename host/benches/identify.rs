@@ -1,72 +1,100 @@
-//! Identification measured: how often the stated interval holds the constant that the simulator was given.
+//! Identification measured: how often the stated interval holds the constant that the simulator was given, and
+//! whether the estimates lie evenly about it.
 //!
-//! `cargo bench -p host --bench identify [-- SEEDS]`, 100 seeds by default. Prints a table; nothing is asserted.
+//! `cargo bench -p host --bench identify [-- SEEDS [JOINT ...]]`, 100 seeds and every joint by default. Each seed is one
+//! whole `cubectl identify` on the simulated cell, in virtual time. Prints a table; nothing is asserted.
 
 use std::time::Instant;
 
 use host::bus::BusArgs;
 use host::bus::args::CellArgs;
+use host::identify::current::CurrentConstant;
 use host::identify::experiment::Bounds;
 use host::identify::joint::{Wish, identify};
+use host::identify::regression::Estimate;
 use rayon::prelude::*;
 use robot_model::AnyRobot;
 
 const LEVEL: f64 = 0.95;
 const NOISE_A: f64 = 0.05;
-/// Joint, K_B and K_M of Table III. Joints 1, 5 and 6 carry no load that could be measured.
-const JOINTS: [(usize, f64, Option<f64>); 3] =
-    [(2, 2.9116, Some(0.1419)), (4, 0.7347, Some(0.0567)), (6, 0.1572, None)];
+/// K_B and K_M of each joint's drive, Table III. Where gravity loads a joint too little, K_M is not measured.
+const DRIVES: [(f64, f64); 6] = [
+    (2.9116, 0.1419),
+    (2.9116, 0.1419),
+    (2.9116, 0.1419),
+    (0.7347, 0.0567),
+    (0.4871, 0.013),
+    (0.1572, 0.025),
+];
 
-/// Per seed: K_B covered and its relative half width, the same for K_M.
-type Row = (Option<(bool, f64)>, Option<(bool, f64)>);
+/// What one seed brought: K_B and K_M, where they were concluded; `None` for a refusal.
+#[derive(Clone, Copy, Default)]
+struct Run {
+    k_b: Option<Estimate>,
+    /// `Some(None)`: loads were measured and the conclusion refused.
+    k_m: Option<Option<Estimate>>,
+}
 
-fn one(robot: &AnyRobot, joint: usize, truth: (f64, Option<f64>), seed: u64) -> Row {
-    let loaded = CellArgs { seed: Some(seed), ..CellArgs::default() }.load();
-    let Ok(mut cell) = loaded else { return (None, None) };
+fn one(robot: &AnyRobot, joint: usize, seed: u64) -> Option<Run> {
+    let mut cell = CellArgs { seed: Some(seed), ..CellArgs::default() }.load().ok()?;
     cell.setup.cell.drive.starts_homed = true;
     cell.setup.cell.drive.current_noise_a = NOISE_A;
-    let Ok(mut session) = BusArgs::default().open_cell(&cell, None) else { return (None, None) };
+    let mut session = BusArgs::default().open_cell(&cell, None).ok()?;
     let bounds = Bounds { current_share: 0.8, speed_share: 0.8, bit_rate_bit_s: 1e6 };
-    let wish = Wish { joint, bounds, level: LEVEL };
-    let Ok(found) = identify(&mut session, robot, &wish, &mut |_, _| {}) else { return (None, None) };
-    let b = found.k_b.ok().map(|k| (k.k.covers(truth.0), k.k.half_width / k.k.value));
-    let m = match (found.k_m, truth.1) {
-        (Some(Ok(k)), Some(truth)) => Some((k.k.covers(truth), k.k.half_width / k.k.value)),
-        _ => None,
-    };
-    (b, m)
+    let found = identify(&mut session, robot, &Wish { joint, bounds, level: LEVEL }, &mut |_, _| {}).ok()?;
+    let of = |constant: CurrentConstant| constant.k;
+    Some(Run { k_b: found.k_b.ok().map(of), k_m: found.k_m.map(|k_m| k_m.ok().map(of)) })
+}
+
+/// One row of the table: `asked` runs, of which these concluded.
+fn row(joint: usize, name: &str, truth: f64, asked: usize, found: &[Estimate]) {
+    if asked == 0 {
+        println!("| {joint} | {name} | not loaded | | | | | |");
+        return;
+    }
+    let n = found.len().max(1) as f64;
+    let covered = found.iter().filter(|e| e.covers(truth)).count();
+    let sigma = (LEVEL * (1.0 - LEVEL) * n).sqrt();
+    let mean = found.iter().map(|e| e.value).sum::<f64>() / n;
+    let scatter = (found.iter().map(|e| (e.value - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0)).sqrt();
+    let width = found.iter().map(|e| e.half_width).sum::<f64>() / n;
+    let percent = |x: f64| 100.0 * x / truth;
+    println!(
+        "| {joint} | {name} | {}/{asked} | {covered} | {:.0} +- {:.1} | {:+.3} +- {:.3} | {:.3} | {:.3} |",
+        found.len(),
+        LEVEL * n,
+        2.0 * sigma,
+        percent(mean - truth),
+        percent(2.0 * scatter / n.sqrt()),
+        percent(scatter),
+        percent(width)
+    );
 }
 
 fn main() {
-    let seeds = std::env::args().filter_map(|a| a.parse::<u64>().ok()).next().unwrap_or(100);
+    let numbers: Vec<u64> = std::env::args().filter_map(|a| a.parse().ok()).collect();
+    let seeds = numbers.first().copied().unwrap_or(100);
+    let wanted = |joint: usize| numbers.len() < 2 || numbers[1..].contains(&(joint as u64));
     let robot = match AnyRobot::load("powercube6") {
         Ok(robot) => robot,
         Err(error) => panic!("built-in robot: {error}"),
     };
     println!("{seeds} seeds, noise {NOISE_A} A per reading, intervals of {:.0} %", 100.0 * LEVEL);
-    println!("| joint | constant | concluded | interval holds the truth | expected | mean half width |");
-    println!("|---|---|---|---|---|---|");
+    println!(
+        "| joint | constant | concluded | interval holds the truth | expected (2 sigma) | bias % (2 sigma) | scatter % | \
+         half width % |"
+    );
+    println!("|---|---|---|---|---|---|---|---|");
     let start = Instant::now();
-    for (joint, k_b, k_m) in JOINTS {
-        let rows: Vec<Row> =
-            (0..seeds).into_par_iter().map(|seed| one(&robot, joint, (k_b, k_m), seed)).collect();
-        for (name, cells) in [
-            ("K_B", rows.iter().filter_map(|r| r.0).collect::<Vec<_>>()),
-            ("K_M", rows.iter().filter_map(|r| r.1).collect()),
-        ] {
-            if name == "K_M" && k_m.is_none() {
-                continue;
-            }
-            let (n, covered) = (cells.len(), cells.iter().filter(|c| c.0).count());
-            let expected = LEVEL * n as f64;
-            let sigma = (expected * (1.0 - LEVEL)).sqrt();
-            let width = cells.iter().map(|c| c.1).sum::<f64>() / n.max(1) as f64;
-            println!(
-                "| {joint} | {name} | {n}/{seeds} | {covered} | {expected:.0} +- {:.1} (2 sigma) | {:.2} % |",
-                2.0 * sigma,
-                100.0 * width
-            );
-        }
+    let mut lost = 0;
+    for (joint, (k_b, k_m)) in (1..).zip(DRIVES).filter(|(joint, _)| wanted(*joint)) {
+        let runs: Vec<Run> = (0..seeds).into_par_iter().filter_map(|seed| one(&robot, joint, seed)).collect();
+        lost += seeds as usize - runs.len();
+        let found: Vec<Estimate> = runs.iter().filter_map(|r| r.k_b).collect();
+        row(joint, "K_B", k_b, runs.len(), &found);
+        let loaded: Vec<Option<Estimate>> = runs.iter().filter_map(|r| r.k_m).collect();
+        let found: Vec<Estimate> = loaded.iter().copied().flatten().collect();
+        row(joint, "K_M", k_m, loaded.len(), &found);
     }
-    println!("{:.1} s", start.elapsed().as_secs_f64());
+    println!("experiments that did not end: {lost}; {:.1} s", start.elapsed().as_secs_f64());
 }

@@ -254,11 +254,13 @@ fn read_gains(path: &Path, arm: &Arm) -> Result<GainsFile, ExpectedError> {
         .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", path.display())))
 }
 
-/// A controller of this program runs at the period of its gains.
+/// A controller of this program runs at the period of its gains, with the estimator they were proven for.
 fn set_period(settings: &mut Settings, gains: &GainsFile) {
     let period_us = (gains.period_s * 1e6).round() as u32;
     settings.cycle_period_us = period_us;
     settings.gains_period_us = period_us;
+    (settings.estimator_alpha, settings.estimator_beta) =
+        (gains.estimator.alpha as f32, gains.estimator.beta as f32);
     settings.reply_deadline_us = (period_us * 2 / 3).clamp(500, 20_000);
 }
 

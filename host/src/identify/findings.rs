@@ -141,12 +141,15 @@ impl Findings {
     /// mean load.
     pub fn friction_a(&self) -> Option<Estimate> {
         let k_b = self.k_b.as_ref().ok()?;
-        let k_m = match &self.k_m {
-            Some(Ok(k_m)) => k_m.k.value,
-            _ => self.subject.k_m_a_nm,
+        let (k_m, k_m_half_width) = match &self.k_m {
+            Some(Ok(k_m)) => (k_m.k.value, k_m.k.half_width),
+            _ => (self.subject.k_m_a_nm, 0.0),
         };
-        let value = k_b.friction_a.value - k_m * self.measured.speed_load_nm;
-        Some(Estimate { value, ..k_b.friction_a })
+        let load_nm = self.measured.speed_load_nm;
+        Some(Estimate {
+            value: k_b.friction_a.value - k_m * load_nm,
+            half_width: k_b.friction_a.half_width.hypot(k_m_half_width * load_nm),
+        })
     }
 
     /// Why the loads were not measured.
@@ -192,7 +195,7 @@ impl Findings {
         );
         let mut line = |name: &str, e: &Estimate, unit: &str, file: Option<f64>| {
             let in_file = file.map_or(String::new(), |f| format!("   robot file {f}"));
-            let _ = writeln!(t, "  {name:<22} {:>10.5} +- {:.5} {unit:<9}{in_file}", e.value, e.half_width);
+            let _ = writeln!(t, "  {name:<22} {:>10.5} +- {:<9.5} {unit:<8}{in_file}", e.value, e.half_width);
         };
         if let Ok(k_b) = &self.k_b {
             line("K_B", &k_b.k, "A s/rad", Some(s.k_b_a_s_rad));
@@ -212,6 +215,8 @@ impl Findings {
             line("damping ratio", &answer.zeta, "", Some(s.drive.zeta));
             line("delay of the command", &ms(&answer.delay_s), "ms", None);
             line("delay + lag", &ms(&answer.total_lag_s), "ms", None);
+            t += "  (friction and the pose's inertia bend natural frequency and damping; delay + lag, which the control counts \
+                  on, stays)\n";
         }
         if let Some(time) = self.answer_time {
             let _ = writeln!(

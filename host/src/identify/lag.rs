@@ -182,6 +182,7 @@ fn conclude(
 mod tests {
     use super::super::noise::Noise;
     use super::*;
+    use crate::tune::model::Estimator;
 
     const TRUE: (f64, DriveLag) = (0.0021, DriveLag { wn_rad_s: 320.0, zeta: 0.8 });
     const GUESS: (f64, DriveLag) = (0.0, DriveLag { wn_rad_s: 200.0, zeta: 1.0 });
@@ -205,7 +206,7 @@ mod tests {
         for zeta in [0.3, 0.8, 1.0, 1.7] {
             let drive = DriveLag { wn_rad_s: 320.0, zeta };
             for t in [1e-4, 0.003, 0.02, 0.1] {
-                let model = crate::tune::model::sampled(&drive, t, 0.0);
+                let model = crate::tune::model::sampled(&drive, &Estimator::PLAIN, t, 0.0);
                 let want = model.b[0] * 30.0;
                 let found = answer(&drive, 30.0, t);
                 assert!((found - want).abs() < 1e-12 + 1e-9 * want.abs(), "{zeta} {t}: {found} {want}");

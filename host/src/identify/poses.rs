@@ -19,6 +19,8 @@ const CHECKED: usize = 40;
 const ENOUGH: f64 = 0.6;
 /// Points of a joint's range at which its load is computed.
 const GRID: usize = 25;
+/// Points over which a load is averaged.
+const MEAN_POINTS: usize = 200;
 /// Poses in which a holding current is measured.
 pub const HOLDS: usize = 6;
 /// Way from which a pose is approached, rad.
@@ -117,8 +119,13 @@ impl<'m, const N: usize> Ways<'m, N> {
 
     /// Mean |load| of `joint` over `sweep`, N m.
     pub fn mean_load_nm(&self, q: &JointVec<N>, joint: usize, sweep: &Sweep) -> f64 {
-        let loads = self.loads(q, joint, sweep);
-        loads.iter().map(|(_, torque)| torque.abs()).sum::<f64>() / loads.len() as f64
+        // Midpoint rule: the ends count as little as they do for a joint that passes at a steady speed.
+        let mut q = *q;
+        let torques = (0..MEAN_POINTS).map(|i| {
+            q[joint] = sweep.low_rad + sweep.length_rad() * (i as f64 + 0.5) / MEAN_POINTS as f64;
+            self.model.gravity_torques(&q)[joint].abs()
+        });
+        torques.sum::<f64>() / MEAN_POINTS as f64
     }
 
     /// Poses that load `joint` differently, reached from `q` one joint at a time; with the largest load that was

@@ -13,6 +13,8 @@ use crate::tune::model::DriveLag;
 const SIZE: (u32, u32) = (640, 420);
 /// Share of its height that the fit takes; below it are the residuals.
 const FIT_HEIGHT: i32 = 290;
+/// Samples beyond which their marks are small.
+const MANY: usize = 50;
 const DATA: RGBColor = RGBColor(0, 114, 178);
 const LINE: RGBColor = RGBColor(213, 94, 0);
 
@@ -60,8 +62,10 @@ impl Scatter<'_> {
             .y_label_area_size(62)
             .build_cartesian_2d(around(all().map(|p| p.0)), around(all().map(|p| p.1)))?;
         chart.configure_mesh().x_desc(self.x).y_desc(self.y).light_line_style(WHITE).draw()?;
+        // Many samples would hide the line below them.
+        let radius = if self.points.len() > MANY { 1 } else { 3 };
+        chart.draw_series(self.points.iter().map(|p| Circle::new(*p, radius, DATA.filled())))?;
         chart.draw_series(LineSeries::new(self.fit.iter().copied(), LINE.stroke_width(2)))?;
-        chart.draw_series(self.points.iter().map(|p| Circle::new(*p, 3, DATA.filled())))?;
         Ok(())
     }
 

@@ -386,6 +386,10 @@ fn agree(session: &mut Session, node: NodeId, job: &Job<'_>, record: &mut Record
             let numbers: Vec<String> = file.joint.iter().map(|joint| joint.number.to_string()).collect();
             return Err(JobError::GainsJoints { found: numbers.join(", ") });
         }
+        let estimator = [("estimator.alpha", file.estimator.alpha), ("estimator.beta", file.estimator.beta)];
+        for (name, weight) in estimator {
+            session.set_register(node, name, &Numbers::Real(vec![weight as f32]))?;
+        }
         for (which, name) in GAINS.into_iter().enumerate() {
             let numbers = file.joint.iter().map(|joint| joint.gains()[which]).collect();
             session.set_register(node, name, &Numbers::Real(numbers))?;

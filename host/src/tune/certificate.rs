@@ -3,12 +3,12 @@
 //! The check shares with the design only the sampled model; definiteness is proven by
 //! [`super::rigor`], on the gains as rounded to f32.
 
-use super::model::{STATES, Sampled, sampled};
+use super::model::{STATES, Sampled, StateMatrix, StateRow, StateVector};
 use super::problem::Problem;
 use super::region::scaled_loop;
 use super::rigor::{min_eigenvalue_bound, min_eigenvalue_bound_below, product_error};
 use super::saturated::{Gains, Weights, row, time_unit_s};
-use nalgebra::{DMatrix, Matrix6, RowVector6, SMatrix, Vector6};
+use nalgebra::{DMatrix, SMatrix};
 
 /// Certified ellipsoid {x : x' S^-1 P S^-1 x <= 1} of one phase.
 #[derive(Clone, Debug, PartialEq)]
@@ -16,11 +16,11 @@ pub struct Region {
     /// Bound of the correcting acceleration it holds for, rad/s2.
     pub u_max_rad_s2: f64,
     /// S: scale of each state, in the unit of the state.
-    pub scales: Vector6<f64>,
+    pub scales: StateVector,
     /// H: the row that stays within the bound on the ellipsoid, unscaled.
-    pub slow: RowVector6<f64>,
+    pub slow: StateRow,
     /// P, scaled.
-    pub p: Matrix6<f64>,
+    pub p: StateMatrix,
     /// t: the cost over the ellipsoid is at most 1/t (time units).
     pub cost_rate: f64,
     /// Decay rate: sqrt(V) falls at least like e^(-decay t) from sample to sample, saturated or not, 1/s.
@@ -95,7 +95,7 @@ impl Region {
     }
 
     /// V(x) for an unscaled state.
-    pub fn value(&self, x: &Vector6<f64>) -> f64 {
+    pub fn value(&self, x: &StateVector) -> f64 {
         let z = x.component_div(&self.scales);
         z.dot(&(self.p * z))
     }
@@ -121,10 +121,7 @@ impl SaturatedCertificate {
         let models: Vec<Model> = problem
             .grid(GRID)
             .into_iter()
-            .map(|(period_s, delay_s)| Model {
-                period_s,
-                sampled: sampled(&problem.drive(), period_s, delay_s),
-            })
+            .map(|(period_s, delay_s)| Model { period_s, sampled: problem.sampled(period_s, delay_s) })
             .collect();
         for (i, (region, phase)) in self.regions.iter().zip(problem.phases()).enumerate() {
             let number = i + 1;
@@ -164,7 +161,7 @@ impl SaturatedCertificate {
 
     fn input_margin(&self, region: &Region) -> f64 {
         let h = region.slow.transpose().component_mul(&region.scales) / region.u_max_rad_s2;
-        let mut block = SMatrix::<f64, 7, 7>::identity();
+        let mut block = SMatrix::<f64, { STATES + 1 }, { STATES + 1 }>::identity();
         block.fixed_view_mut::<STATES, STATES>(0, 0).copy_from(&region.p);
         block.fixed_view_mut::<STATES, 1>(0, STATES).copy_from(&h);
         block.fixed_view_mut::<1, STATES>(STATES, 0).copy_from(&h.transpose());
@@ -177,7 +174,7 @@ impl SaturatedCertificate {
         let w = self.weights.state();
         let mut worst = f64::INFINITY;
         for f in [&row(self.gains), &region.slow] {
-            let mut falls: Vec<Matrix6<f64>> = Vec::with_capacity(models.len());
+            let mut falls: Vec<StateMatrix> = Vec::with_capacity(models.len());
             let mut margin = f64::INFINITY;
             for Model { period_s, sampled } in models {
                 let (closed, fs) = scaled_loop(sampled, f, &region.scales, region.u_max_rad_s2);
@@ -223,7 +220,7 @@ fn proven(margin: f64) -> bool {
 /// curvature brings it below the interpolant. The differences are taken from the grid itself, their
 /// largest eigenvalue, and doubled for their variation within a cell. A grid that collapsed to a
 /// line has the second difference along it only.
-fn between_points(falls: &[Matrix6<f64>]) -> f64 {
+fn between_points(falls: &[StateMatrix]) -> f64 {
     let largest = |stride: usize, starts: &mut dyn Iterator<Item = usize>| {
         starts.fold(0.0f64, |largest, a| {
             let difference = falls[a] - falls[a + stride] * 2.0 + falls[a + 2 * stride];
@@ -268,7 +265,7 @@ impl Inside {
             Self::Ellipsoid(before, sigma) => {
                 // P_before / sigma^2 >= P in common coordinates: those of the new region.
                 let d: Vec<f64> = (0..STATES).map(|i| region.scales[i] / before.scales[i]).collect();
-                let outer = Matrix6::from_fn(|i, j| before.p[(i, j)] * d[i] * d[j] / (sigma * sigma));
+                let outer = StateMatrix::from_fn(|i, j| before.p[(i, j)] * d[i] * d[j] / (sigma * sigma));
                 let error = 16.0 * f64::EPSILON * outer.amax();
                 min_eigenvalue_bound(&(outer - region.p), error)
             }

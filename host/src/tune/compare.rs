@@ -1,5 +1,6 @@
 //! Designs side by side on a plant with everything the design leaves out, following a motion.
 
+use super::model::Estimator;
 use super::plant::{Law, Plant, Reference, Setup, track};
 use super::saturated::Gains;
 
@@ -21,7 +22,7 @@ pub struct Tracking {
 /// After this the start is over and the errors are the loop's own, s (a third of a throw's run-up).
 const LATE_S: f64 = 0.35;
 
-/// Runs `gains` from +-`error_rad` and from zero; `event_s` is the release.
+/// Runs `gains` from +-`error_rad` and from zero with the estimator usual at the period; `event_s` is the release.
 pub fn tracking(
     plant: &Plant,
     reference: &impl Reference,
@@ -31,7 +32,9 @@ pub fn tracking(
     event_s: f64,
 ) -> Tracking {
     let run = |start_error_rad: f64| {
-        track(plant, reference, gains, &Setup { period_s, delay_s, law: Law::Aligned, start_error_rad })
+        let estimator = Estimator::usual(period_s);
+        let setup = Setup { period_s, delay_s, law: Law::Aligned, estimator, start_error_rad };
+        track(plant, reference, gains, &setup)
     };
     let mut worst = Tracking {
         halved_after_s: 0.0,

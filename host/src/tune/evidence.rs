@@ -1,60 +1,47 @@
 //! The saturated loop simulated: what the certificate bounds, seen happening.
 
 use super::certificate::SaturatedCertificate;
-use super::model::{Sampled, sampled, steady_state};
+use super::model::{Sampled, StateRow, StateVector, steady_state};
 use super::problem::Problem;
-use super::saturated::{Gains, Weights, row, scales, time_unit_s};
-use nalgebra::{RowVector6, Vector6};
+use super::saturated::{Gains, row, time_unit_s};
 
 /// One step of the saturated loop.
-fn step(model: &Sampled, k: &RowVector6<f64>, u_max: f64, x: &Vector6<f64>) -> (Vector6<f64>, f64) {
+fn step(model: &Sampled, k: &StateRow, u_max: f64, x: &StateVector) -> (StateVector, f64) {
     let u = (k * x)[0].clamp(-u_max, u_max);
     (model.a * x + model.b * u, u)
 }
 
-/// Directions in which the initial set is sampled for the cost; the loop is odd, so half a circle.
+/// Directions in which the initial set is sampled for the settling time; the loop is odd, so half a circle.
 const DIRECTIONS: usize = 8;
-/// Time units after which the cost is taken to be complete.
-const COST_HORIZON: f64 = 6.0;
+/// Time units after which a loop has settled if it ever does.
+const HORIZON: f64 = 6.0;
+/// Share of the initial radius below which a position error counts as settled.
+const SETTLED: f64 = 0.05;
 
-/// What a simulated loop does with the worst initial error.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Response {
-    /// Cost, time units; infinite if the loop has not settled by the end.
-    pub cost: f64,
-    /// Until the position error stays below half of its initial radius, s, between samples too.
-    pub halved_s: f64,
-}
-
-/// Simulates the worst initial error at the nominal period and delay, with the command bounded by `u_max`.
-pub fn response(problem: &Problem, gains: Gains, u_max: f64, weights: Weights) -> Response {
+/// Until the position error of the worst initial state stays below a twentieth of the initial radius, s, at the
+/// nominal period and delay with the command bounded by `u_max`; infinite if it does not.
+pub fn settling_s(problem: &Problem, gains: Gains, u_max: f64) -> f64 {
     let (e0, v0) = problem.error_set();
     let (period, delay) = problem.grid(1)[0];
-    let model = sampled(&problem.drive(), period, delay);
+    let model = problem.sampled(period, delay);
     let k = row(gains);
-    let s = scales(problem, e0, u_max);
-    let unit = time_unit_s(e0, u_max);
-    let h = period / unit;
-    let steps = (COST_HORIZON / h).ceil() as usize + 4;
-    let mut worst = Response { cost: 0.0, halved_s: 0.0 };
+    let steps = (HORIZON * time_unit_s(e0, u_max) / period).ceil() as usize + 4;
+    let mut worst = 0.0f64;
     for i in 0..DIRECTIONS {
         let angle = std::f64::consts::PI * i as f64 / DIRECTIONS as f64;
         let mut x = steady_state(e0 * angle.cos(), v0 * angle.sin());
-        let (mut cost, mut halved_s) = (0.0, 0.0f64);
+        let mut settled_s = 0.0;
         for n in 0..steps {
-            let (next, u) = step(&model, &k, u_max, &x);
-            let (e, w, u) = (x[0] / s[0], x[1] / s[1], u / u_max);
-            cost += h * (e * e + weights.velocity * w * w + weights.input * u * u);
-            let (before, after) = (x[0].abs() / e0 - 0.5, next[0].abs() / e0 - 0.5);
+            let (next, _) = step(&model, &k, u_max, &x);
+            let (before, after) = (x[0].abs() / e0 - SETTLED, next[0].abs() / e0 - SETTLED);
             if before > 0.0 {
+                // Between the samples too, or long periods make everything equal.
                 let share = if after < 0.0 { before / (before - after) } else { 1.0 };
-                halved_s = (n as f64 + share) * period;
+                settled_s = (n as f64 + share) * period;
             }
             x = next;
         }
-        let settled = (x[0] / s[0]).abs() < 0.01 && (x[1] / s[1]).abs() < 0.05;
-        worst.cost = worst.cost.max(if settled { cost } else { f64::INFINITY });
-        worst.halved_s = worst.halved_s.max(halved_s);
+        worst = worst.max(if x[0].abs() < SETTLED * e0 { settled_s } else { f64::INFINITY });
     }
     worst
 }
@@ -80,6 +67,11 @@ pub struct Evidence {
     pub saturated_share: f64,
 }
 
+/// Of so many boundary states one is run to rest.
+const RUN: usize = 20;
+/// Points of half the boundary of the initial set from which the loop is run; the other half is its mirror image.
+const STARTS: usize = 16;
+
 /// Deterministic generator for the samples (xorshift64*): a report must not change between runs.
 struct Samples(u64);
 
@@ -99,7 +91,7 @@ impl Samples {
     }
 }
 
-/// Samples `states` states on the boundary of the first region and runs one in ten to rest, with
+/// Samples `states` states on the boundary of the first region and runs one in [`RUN`] to rest, with
 /// period, delay and the momentary bound (u_max to the full acceleration) drawn anew in each step.
 ///
 /// `None` if the ellipsoid is not positive definite (a refused certificate).
@@ -114,7 +106,7 @@ pub fn gather(
     let l = region.p.cholesky()?.l();
     let to_state = l.transpose().try_inverse()?;
     let models: Vec<Sampled> =
-        problem.grid(5).iter().map(|&(period, delay)| sampled(&problem.drive(), period, delay)).collect();
+        problem.grid(5).iter().map(|&(period, delay)| problem.sampled(period, delay)).collect();
     let mut rng = Samples(seed | 1);
     let draw = |rng: &mut Samples| {
         let model = &models[(rng.unit() * models.len() as f64) as usize % models.len()];
@@ -133,13 +125,12 @@ pub fn gather(
         overshoot: 0.0,
         saturated_share: 0.0,
     };
-    let steps = (COST_HORIZON * time_unit_s(region.scales[0], region.u_max_rad_s2) / problem.period_s())
-        as usize
-        + 10;
+    let steps =
+        (HORIZON * time_unit_s(region.scales[0], region.u_max_rad_s2) / problem.period_s()) as usize + 10;
     for i in 0..states {
-        let z = Vector6::from_fn(|_, _| rng.normal()).normalize();
+        let z = StateVector::from_fn(|_, _| rng.normal()).normalize();
         let mut x = (to_state * z).component_mul(&region.scales);
-        let run = if i % 10 == 0 { steps } else { 1 };
+        let run = if i % RUN == 0 { steps } else { 1 };
         found.trajectories += usize::from(run > 1);
         for n in 0..run {
             let (model, bound) = draw(&mut rng);
@@ -157,7 +148,7 @@ pub fn gather(
     Some(found)
 }
 
-/// From 64 points of the boundary of the initial set, at every corner of period and delay, at u_max.
+/// From points of half the boundary of the initial set, at every corner of period and delay, at u_max.
 fn initial_set_runs(
     problem: &Problem,
     certificate: &SaturatedCertificate,
@@ -169,9 +160,9 @@ fn initial_set_runs(
     let u_max = certificate.regions[0].u_max_rad_s2;
     let (mut clipped, mut all) = (0usize, 0usize);
     for (period, delay) in problem.corners() {
-        let model = sampled(&problem.drive(), period, delay);
-        for i in 0..64 {
-            let angle = std::f64::consts::TAU * f64::from(i) / 64.0;
+        let model = problem.sampled(period, delay);
+        for i in 0..STARTS {
+            let angle = std::f64::consts::PI * i as f64 / STARTS as f64;
             let mut x = steady_state(e0 * angle.cos(), v0 * angle.sin());
             let mut last_outside = 0;
             for n in 0..2 * steps {

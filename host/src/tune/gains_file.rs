@@ -1,16 +1,16 @@
 //! `gains.toml`: gains with their certificates, versioned, refused unless everything proves again.
 
 use super::certificate::{Region, SaturatedCertificate, SaturatedRefusal};
-use super::model::{DriveLag, STATES};
+use super::model::{DriveLag, Estimator, STATES, StateRow, StateVector};
 use super::paper::{PaperCertificate, PaperRefusal, System};
 use super::problem::{JointInput, PhaseInput, Problem, ProblemError};
 use super::saturated::Weights;
 use nalgebra::allocator::Allocator;
-use nalgebra::{DMatrix, DefaultAllocator, Dim, OMatrix, RowVector6, SMatrix, Vector6};
+use nalgebra::{DMatrix, DefaultAllocator, Dim, OMatrix, SMatrix};
 use serde::{Deserialize, Serialize};
 
 /// Version this program writes and reads.
-pub const FORMAT: u32 = 1;
+pub const FORMAT: u32 = 2;
 
 /// The file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -22,8 +22,25 @@ pub struct GainsFile {
     pub robot: String,
     /// Period the firmware must run at, s.
     pub period_s: f64,
+    /// Weights of the estimator that the firmware must use.
+    pub estimator: EstimatorTable,
     /// One per joint, in order; joints that were not tuned are missing.
     pub joint: Vec<JointGains>,
+}
+
+/// [`Estimator`] in a file: registers `estimator.alpha` and `estimator.beta` of the firmware.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(missing_docs)]
+pub struct EstimatorTable {
+    pub alpha: f64,
+    pub beta: f64,
+}
+
+impl From<Estimator> for EstimatorTable {
+    fn from(Estimator { alpha, beta }: Estimator) -> Self {
+        Self { alpha, beta }
+    }
 }
 
 /// One joint: gains, the problem they solve, the proof.
@@ -251,7 +268,7 @@ impl JointGains {
     ///
     /// # Errors
     /// [`ProblemError`] for numbers no problem can have.
-    pub fn problem(&self, period_s: f64) -> Result<Problem, ProblemError> {
+    pub fn problem(&self, period_s: f64, estimator: EstimatorTable) -> Result<Problem, ProblemError> {
         let t = &self.problem;
         let phase = |p: &PhaseTable| PhaseInput {
             duration_s: p.duration_s,
@@ -263,6 +280,7 @@ impl JointGains {
             period_jitter: t.period_jitter_ratio,
             delay_s: (t.delay_min_s, t.delay_max_s),
             drive: DriveLag { wn_rad_s: t.drive_wn_rad_s, zeta: t.drive_zeta },
+            estimator: Estimator { alpha: estimator.alpha, beta: estimator.beta },
             acceleration_max_rad_s2: t.acceleration_max_rad_s2,
             phases: t.phase.iter().map(phase).collect(),
             error_position_rad: t.error_position_rad,
@@ -271,21 +289,21 @@ impl JointGains {
     }
 
     /// Proves the entry again.
-    fn verify(&self, period_s: f64) -> Result<(), GainsFileError> {
+    fn verify(&self, period_s: f64, estimator: EstimatorTable) -> Result<(), GainsFileError> {
         let joint = self.number;
         for (what, value) in ["k_pos_1_s2", "k_vel_1_s", "k_last"].into_iter().zip(self.gains()) {
             if !value.is_finite() || value > 0.0 {
                 return Err(GainsFileError::Gain { joint, what, value });
             }
         }
-        let problem = self.problem(period_s)?;
+        let problem = self.problem(period_s, estimator)?;
         match &self.certificate {
             CertificateTable::Saturated { weight_velocity, weight_input, weight_floor, region } => {
                 let regions = region.iter().map(|r| {
                     Ok(Region {
                         u_max_rad_s2: r.u_max_rad_s2,
-                        scales: Vector6::from(r.scale),
-                        slow: RowVector6::from_row_slice(&r.slow_row),
+                        scales: StateVector::from(r.scale),
+                        slow: StateRow::from_row_slice(&r.slow_row),
                         p: symmetric(joint, "p", &r.p)?,
                         cost_rate: r.cost_rate,
                         decay_1_s: r.decay_1_s,
@@ -367,7 +385,7 @@ impl GainsFile {
                 return Err(GainsFileError::JointOrder(joint.number));
             }
             before = joint.number;
-            joint.verify(file.period_s)?;
+            joint.verify(file.period_s, file.estimator)?;
         }
         Ok(file)
     }

@@ -1,6 +1,6 @@
 //! Problem data from a robot model and, where there is one, the motion it shall follow.
 
-use super::model::DriveLag;
+use super::model::{DriveLag, Estimator};
 use super::plant::Plant;
 use super::problem::{JointInput, PhaseInput};
 use robot_model::{AnyRobot, RobotModel};
@@ -117,6 +117,8 @@ pub struct Demand {
     pub period_jitter: f64,
     /// Smallest and largest delay, s.
     pub delay_s: (f64, f64),
+    /// The controller's estimator.
+    pub estimator: Estimator,
     /// Initial position error, rad.
     pub error_position_rad: f64,
     /// Initial velocity error, rad/s.
@@ -124,13 +126,14 @@ pub struct Demand {
 }
 
 impl Demand {
-    /// A command that acts with the next one (one period of delay, at most 5 % early), 2 % jitter,
-    /// errors of 0.1 rad and 0.1 rad/s (the paper's figures, section VI-B).
+    /// A command that acts with the next one (one period of delay, at most 5 % early), 2 % jitter, the
+    /// estimator usual at the period, errors of 0.1 rad and 0.1 rad/s (the paper's figures, section VI-B).
     pub fn with_period(period_s: f64) -> Self {
         Self {
             period_s,
             period_jitter: 0.02,
             delay_s: (0.95 * period_s, period_s),
+            estimator: Estimator::usual(period_s),
             error_position_rad: 0.1,
             error_velocity_rad_s: 0.1,
         }
@@ -161,6 +164,7 @@ pub fn inputs(machine: &Machine, motion: &Motion, demand: &Demand) -> Result<Vec
             period_jitter: demand.period_jitter,
             delay_s: demand.delay_s,
             drive: plant.drive,
+            estimator: demand.estimator,
             acceleration_max_rad_s2: plant.acceleration_max_rad_s2,
             phases: phases.clone(),
             error_position_rad: demand.error_position_rad,

@@ -1,9 +1,9 @@
 //! Linear figures of a loop: how fast it decays unsaturated, and how much more delay it bears.
 
-use super::model::{Sampled, sampled};
+use super::model::{STATES, Sampled};
 use super::problem::Problem;
 use super::saturated::{Gains, row};
-use nalgebra::{Complex, Matrix6};
+use nalgebra::{Complex, SMatrix};
 
 /// Figures at the nominal period and delay.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,7 +19,7 @@ pub struct LinearFigures {
 /// Computes them.
 pub fn linear_figures(problem: &Problem, gains: Gains) -> LinearFigures {
     let (period, delay) = problem.grid(1)[0];
-    let model = sampled(&problem.drive(), period, delay);
+    let model = problem.sampled(period, delay);
     let k = row(gains);
     let radius = (model.a + model.b * k).complex_eigenvalues().iter().map(|z| z.norm()).fold(0.0, f64::max);
     let delay_margin_s = if radius < 1.0 { delay_margin(&model, gains, period) } else { 0.0 };
@@ -32,7 +32,7 @@ fn delay_margin(model: &Sampled, gains: Gains, period: f64) -> f64 {
     let (k, a, b) = (row(gains).map(complex), model.a.map(complex), model.b.map(complex));
     let loop_gain = |omega: f64| -> Complex<f64> {
         let z = Complex::from_polar(1.0, omega * period);
-        match (Matrix6::from_diagonal_element(z) - a).lu().solve(&b) {
+        match (SMatrix::<Complex<f64>, STATES, STATES>::from_diagonal_element(z) - a).lu().solve(&b) {
             Some(x) => -(k * x)[0],
             None => complex(f64::INFINITY),
         }

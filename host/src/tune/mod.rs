@@ -20,6 +20,12 @@
 //! | [`gains_file`] | `gains.toml`, proven again when read |
 //! | [`picture`] | region and trajectories as SVG |
 //!
+//! What the certificate of design B covers: the firmware's law as it runs, that is its estimator with its weights, gains as
+//! the f32 it holds, the clip to what the reference leaves, the command that acts a delay later, the drive's position loop,
+//! every period and delay of the stated ranges, changing from cycle to cycle. What it does not: friction, positions in
+//! steps of 0.02 degrees, the velocity limit of the ramp generator, lost replies, torque limits and coupling between joints,
+//! the time in which the firmware blends new gains in, and f32 rounding of the law itself. Those are in [`trial`] only.
+//!
 //! What may be trusted: `rigor` and the two checks. Solver, search and simulation only propose.
 
 #[cfg(test)]

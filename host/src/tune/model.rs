@@ -11,27 +11,46 @@
 //! With a = u + (mean reference acceleration over the interval in which the command acts, seen
 //! 2 zeta/wn later) the reference drops out and the same equations hold for the errors: for a
 //! reference of piecewise linear acceleration the ideal target has r'' = q_ref''(t + 2 zeta/wn).
-//! At the k-th sample the controller sees y, forms u_k, which acts from `delay` on; until then
-//! u_(k-1) still acts. State, in this order (see [`STATES`]):
+//! At the k-th sample the controller measures y, and its estimator (`firmware::feedback`, there `e_rad` and `de_rad_s`)
+//! takes it:
+//!
+//! ```text
+//!   e~- = e~ + T w + T^2/2 u_last    w- = w + T u_last      as if u_last had acted all the time
+//!   e~  = e~- + alpha (y - e~-)      w  = w- + beta/T (y - e~-)
+//! ```
+//!
+//! Then it forms u_k = sat(k_pos e~ + k_vel w + k_last u_last), which acts from `delay` on; until then u_last = u_(k-1)
+//! still acts. State, in this order (see [`STATES`]):
 //!
 //! | entry | meaning | unit |
 //! |---|---|---|
 //! | e | position error | rad |
-//! | w | its difference over the last period | rad/s |
+//! | w | estimated rate of it | rad/s |
 //! | u_last | last command | rad/s2 |
 //! | s | lead of the target beyond the steady lag, r - y - (2 zeta/wn) y' | rad |
-//! | p | velocity error beyond its difference, y' - w | rad/s |
+//! | p | velocity error beyond its estimate, y' - w | rad/s |
 //! | d | r' - y' | rad/s |
+//! | c | error of the estimated position, e~ - e | rad |
 //!
-//! s, p and d vanish in steady motion; written like this the states are nearly independent, which
+//! s, p, d and c vanish in steady motion; written like this the states are nearly independent, which
 //! the semidefinite programs need (with r - y and y' themselves the solver lost its way).
 //!
-//! The controller knows the first three only; its gain row is [k_pos, k_vel, k_last].
+//! The controller knows e + c, w and u_last only; its gain row is [k_pos, k_vel, k_last].
+//!
+//! Left out: friction, the rounding of positions (0.02 degrees), the velocity limit of the ramp generator, lost replies,
+//! coupling between joints. They are in the trials on the simulated cell ([`super::trial`]), which are evidence, not proof.
 
-use nalgebra::{Matrix6, RowVector6, SMatrix, SVector, Vector6};
+use nalgebra::{RowSVector, SMatrix, SVector};
 
 /// Number of states of the sampled model.
-pub const STATES: usize = 6;
+pub const STATES: usize = 7;
+
+/// A state.
+pub type StateVector = SVector<f64, STATES>;
+/// A matrix on states.
+pub type StateMatrix = SMatrix<f64, STATES, STATES>;
+/// A row on states.
+pub type StateRow = RowSVector<f64, STATES>;
 
 /// Position loop of a drive, y/r = wn^2 / (s^2 + 2 zeta wn s + wn^2).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,13 +71,37 @@ impl DriveLag {
     }
 }
 
+/// Weights of the controller's estimator of the error (registers `estimator.alpha` and `estimator.beta`).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimator {
+    /// Of a measurement on the position error, 0..=1.
+    pub alpha: f64,
+    /// On its rate, 0..=1.
+    pub beta: f64,
+}
+
+/// From this period on, s, measurements are so far apart that their differences need no averaging.
+const PLAIN_PERIOD_S: f64 = 0.01;
+
+impl Estimator {
+    /// Every measurement as it is: difference of the errors, carried on to the sample by the command.
+    pub const PLAIN: Self = Self { alpha: 1.0, beta: 1.0 };
+    /// The firmware's built-in weights: positions come in steps of 0.02 degrees, which a short period makes 0.1 rad/s.
+    pub const AVERAGING: Self = Self { alpha: 0.6, beta: 0.2 };
+
+    /// What the firmware's settings use at a period.
+    pub fn usual(period_s: f64) -> Self {
+        if period_s >= PLAIN_PERIOD_S { Self::PLAIN } else { Self::AVERAGING }
+    }
+}
+
 /// x_(k+1) = A x_k + B u_k over one period.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sampled {
-    /// 6 x 6.
-    pub a: Matrix6<f64>,
-    /// 6 x 1.
-    pub b: Vector6<f64>,
+    /// 7 x 7.
+    pub a: StateMatrix,
+    /// 7 x 1.
+    pub b: StateVector,
     /// Bound of the rounding error of each entry, relative to the largest entry of `a` and `b`.
     pub relative_error: f64,
 }
@@ -70,56 +113,66 @@ const SAMPLED_RELATIVE_ERROR: f64 = 1e-12;
 /// Exact discretisation for a period and a delay of its command, 0 <= delay <= period, both in s.
 ///
 /// Arguments outside give the model of the nearest delay inside.
-pub fn sampled(drive: &DriveLag, period_s: f64, delay_s: f64) -> Sampled {
+pub fn sampled(drive: &DriveLag, estimator: &Estimator, period_s: f64, delay_s: f64) -> Sampled {
     let delay_s = delay_s.clamp(0.0, period_s);
     // z = [r, r', y, y'], driven by a constant acceleration for each part of the period.
     let (f1, g1) = hold(drive, delay_s);
     let (f2, g2) = hold(drive, period_s - delay_s);
     let f = f2 * f1;
     let g_last = f2 * g1;
-    // x from z = [r r' y y' w u_last], first in the order of z, then permuted and differenced.
-    let mut a = Matrix6::zeros();
+    // In the order z = [r r' y y' e~ w u_last] first.
+    let mut a = StateMatrix::zeros();
     a.fixed_view_mut::<4, 4>(0, 0).copy_from(&f);
-    a.fixed_view_mut::<4, 1>(0, 5).copy_from(&g_last);
-    let mut b = Vector6::zeros();
+    a.fixed_view_mut::<4, 1>(0, 6).copy_from(&g_last);
+    let mut b = StateVector::zeros();
     b.fixed_rows_mut::<4>(0).copy_from(&g2);
-    b[5] = 1.0;
-    // w+ = (y+ - y) / T.
-    let y_row = a.row(2) / period_s;
-    a.row_mut(4).copy_from(&y_row);
-    a[(4, 2)] -= 1.0 / period_s;
-    b[4] = b[2] / period_s;
+    b[6] = 1.0;
+    let t = period_s;
+    let predicted_e = StateRow::from_row_slice(&[0.0, 0.0, 0.0, 0.0, 1.0, t, 0.5 * t * t]);
+    let predicted_w = StateRow::from_row_slice(&[0.0, 0.0, 0.0, 0.0, 0.0, 1.0, t]);
+    let innovation = a.row(2) - predicted_e;
+    a.set_row(4, &(predicted_e + innovation * estimator.alpha));
+    a.set_row(5, &(predicted_w + innovation * (estimator.beta / t)));
+    b[4] = estimator.alpha * b[2];
+    b[5] = estimator.beta / t * b[2];
     let (to_x, from_x) = coordinates(drive.lag_s());
     Sampled { a: to_x * a * from_x, b: to_x * b, relative_error: SAMPLED_RELATIVE_ERROR }
 }
 
-/// x = S z and z = S^-1 x for z = [r, r', y, y', w, u_last].
+/// x = S z and z = S^-1 x for z = [r, r', y, y', e~, w, u_last].
 #[rustfmt::skip]
-fn coordinates(lag_s: f64) -> (Matrix6<f64>, Matrix6<f64>) {
+fn coordinates(lag_s: f64) -> (StateMatrix, StateMatrix) {
     let l = lag_s;
-    let to_x = Matrix6::new(
-        0.0, 0.0,  1.0,  0.0,  0.0, 0.0,
-        0.0, 0.0,  0.0,  0.0,  1.0, 0.0,
-        0.0, 0.0,  0.0,  0.0,  0.0, 1.0,
-        1.0, 0.0, -1.0,   -l,  0.0, 0.0,
-        0.0, 0.0,  0.0,  1.0, -1.0, 0.0,
-        0.0, 1.0,  0.0, -1.0,  0.0, 0.0,
-    );
-    let from_x = Matrix6::new(
-        1.0,   l, 0.0, 1.0,   l, 0.0,
-        0.0, 1.0, 0.0, 0.0, 1.0, 1.0,
-        1.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-        0.0, 1.0, 0.0, 0.0, 1.0, 0.0,
-        0.0, 1.0, 0.0, 0.0, 0.0, 0.0,
-        0.0, 0.0, 1.0, 0.0, 0.0, 0.0,
-    );
+    let to_x = StateMatrix::from_row_slice(&[
+        0.0, 0.0,  1.0,  0.0, 0.0,  0.0, 0.0,
+        0.0, 0.0,  0.0,  0.0, 0.0,  1.0, 0.0,
+        0.0, 0.0,  0.0,  0.0, 0.0,  0.0, 1.0,
+        1.0, 0.0, -1.0,   -l, 0.0,  0.0, 0.0,
+        0.0, 0.0,  0.0,  1.0, 0.0, -1.0, 0.0,
+        0.0, 1.0,  0.0, -1.0, 0.0,  0.0, 0.0,
+        0.0, 0.0, -1.0,  0.0, 1.0,  0.0, 0.0,
+    ]);
+    let from_x = StateMatrix::from_row_slice(&[
+        1.0,   l, 0.0, 1.0,   l, 0.0, 0.0,
+        0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0,
+        1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0,
+        1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0,
+        0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0,
+    ]);
     (to_x, from_x)
 }
 
 /// Row on the state for feedback u = k_r r + k_v r' + k_u u_last of the drive's target.
-pub fn target_row(drive: &DriveLag, [k_r, k_v, k_u]: [f64; 3]) -> RowVector6<f64> {
+pub fn target_row(drive: &DriveLag, [k_r, k_v, k_u]: [f64; 3]) -> StateRow {
     let v = k_r * drive.lag_s() + k_v;
-    RowVector6::new(k_r, v, k_u, k_r, v, k_v)
+    StateRow::from_row_slice(&[k_r, v, k_u, k_r, v, k_v, 0.0])
+}
+
+/// Row on the state for feedback of what the controller knows: its estimates and its last command.
+pub fn known_row([k_pos, k_vel, k_last]: [f64; 3]) -> StateRow {
+    StateRow::from_row_slice(&[k_pos, k_vel, k_last, 0.0, 0.0, 0.0, k_pos])
 }
 
 /// z(t) = F z(0) + G a for constant a; z = [r, r', y, y'].
@@ -161,9 +214,10 @@ pub fn exponential<const N: usize>(m: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N>
 /// State of a joint whose target and position move together at constant velocity error.
 ///
 /// Such a joint has run long enough for the drive's transient to be over: the position lags the
-/// target by 2 zeta/wn times the velocity.
-pub fn steady_state(position_rad: f64, velocity_rad_s: f64) -> Vector6<f64> {
-    Vector6::new(position_rad, velocity_rad_s, 0.0, 0.0, 0.0, 0.0)
+/// target by 2 zeta/wn times the velocity, and the estimator knows both. A joint that stands at the start of a plan is
+/// in this state.
+pub fn steady_state(position_rad: f64, velocity_rad_s: f64) -> StateVector {
+    StateVector::from_column_slice(&[position_rad, velocity_rad_s, 0.0, 0.0, 0.0, 0.0, 0.0])
 }
 
 #[cfg(test)]
@@ -192,25 +246,27 @@ mod tests {
     fn sampled_model_equals_the_integrated_drive() {
         let drive = DriveLag::POWERCUBE;
         for (period, delay) in [(0.017, 0.017), (0.017, 0.009), (0.002, 0.0015), (0.003, 0.0)] {
-            let model = sampled(&drive, period, delay);
-            let x = Vector6::new(0.08, -0.3, 2.0, 0.004, -0.25, 0.1);
-            let u = -1.5;
-            let (y, dy) = (x[0], x[1] + x[4]);
-            let r = y + drive.lag_s() * dy + x[3];
-            let z = integrate(&drive, [r, dy + x[5], y, dy], x[2], delay);
-            let z = integrate(&drive, z, u, period - delay);
-            let next = model.a * x + model.b * u;
-            let w = (z[2] - y) / period;
-            let want = [z[2], w, u, z[0] - z[2] - drive.lag_s() * z[3], z[3] - w, z[1] - z[3]];
-            let row = target_row(&drive, [2.0, 3.0, 5.0]);
-            assert!(((row * next)[0] - (2.0 * z[0] + 3.0 * z[1] + 5.0 * u)).abs() < 1e-9);
-            for i in 0..6 {
-                assert!(
-                    (next[i] - want[i]).abs() < 1e-9 * (1.0 + want[i].abs()),
-                    "{i}: {} {}",
-                    next[i],
-                    want[i]
-                );
+            for estimator in [Estimator::PLAIN, Estimator::AVERAGING] {
+                let model = sampled(&drive, &estimator, period, delay);
+                let x = StateVector::from_column_slice(&[0.08, -0.3, 2.0, 0.004, -0.25, 0.1, 0.003]);
+                let (u, u_last) = (-1.5, x[2]);
+                let (y, dy) = (x[0], x[1] + x[4]);
+                let r = y + drive.lag_s() * dy + x[3];
+                let z = integrate(&drive, [r, dy + x[5], y, dy], u_last, delay);
+                let z = integrate(&drive, z, u, period - delay);
+                let next = model.a * x + model.b * u;
+                let (e, w) = (x[0] + x[6] + period * (x[1] + 0.5 * period * u_last), x[1] + period * u_last);
+                let (e, w) = (e + estimator.alpha * (z[2] - e), w + estimator.beta / period * (z[2] - e));
+                let lead = z[0] - z[2] - drive.lag_s() * z[3];
+                let want = [z[2], w, u, lead, z[3] - w, z[1] - z[3], e - z[2]];
+                let row = target_row(&drive, [2.0, 3.0, 5.0]);
+                assert!(((row * next)[0] - (2.0 * z[0] + 3.0 * z[1] + 5.0 * u)).abs() < 1e-9);
+                let row = known_row([2.0, 3.0, 5.0]);
+                assert!(((row * next)[0] - (2.0 * e + 3.0 * w + 5.0 * u)).abs() < 1e-9);
+                for i in 0..STATES {
+                    let (found, want) = (next[i], want[i]);
+                    assert!((found - want).abs() < 1e-9 * (1.0 + want.abs()), "{i}: {found} {want}");
+                }
             }
         }
     }
@@ -231,8 +287,10 @@ mod tests {
     fn steady_error_moves_on_without_a_transient() {
         let drive = DriveLag::POWERCUBE;
         let x = steady_state(0.02, 0.4);
-        let next = sampled(&drive, 0.01, 0.005).a * x;
-        let want = steady_state(0.02 + 0.4 * 0.01, 0.4);
-        assert!((next - want).amax() < 1e-12);
+        for estimator in [Estimator::PLAIN, Estimator::AVERAGING] {
+            let next = sampled(&drive, &estimator, 0.01, 0.005).a * x;
+            let want = steady_state(0.02 + 0.4 * 0.01, 0.4);
+            assert!((next - want).amax() < 1e-12);
+        }
     }
 }

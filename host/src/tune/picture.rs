@@ -1,9 +1,8 @@
 //! Picture of a tuned joint: certified region with trajectories, and errors over time.
 
 use super::design::{Proof, Tuned};
-use super::model::{sampled, steady_state};
+use super::model::{StateVector, steady_state};
 use super::saturated::row;
-use nalgebra::Vector6;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
@@ -13,7 +12,14 @@ const SIZE: (u32, u32) = (1100, 480);
 const STARTS: usize = 12;
 const REGION: RGBColor = RGBColor(31, 119, 180);
 const CLIPPED: RGBColor = RGBColor(214, 39, 40);
+const INITIAL: RGBColor = RGBColor(127, 127, 127);
 const FREE: RGBColor = RGBColor(44, 160, 44);
+
+/// A number on an axis; zero without a sign.
+fn label(x: &f64) -> String {
+    let text = format!("{x:.2}");
+    if text == "-0.00" { "0.00".to_owned() } else { text }
+}
 
 /// A trajectory of the saturated loop: (time s, position rad, velocity rad/s, clipped).
 type Points = Vec<(f64, f64, f64, bool)>;
@@ -41,11 +47,11 @@ fn run(tuned: &Tuned, i: usize) -> Points {
     let problem = &tuned.problem;
     let (e0, v0) = problem.error_set();
     let (period, delay) = problem.grid(1)[0];
-    let model = sampled(&problem.drive(), period, delay);
+    let model = problem.sampled(period, delay);
     let k = row(tuned.gains);
     let u_max = problem.phases()[0].u_max_rad_s2;
     let angle = std::f64::consts::TAU * i as f64 / STARTS as f64;
-    let mut x: Vector6<f64> = steady_state(e0 * angle.cos(), v0 * angle.sin());
+    let mut x: StateVector = steady_state(e0 * angle.cos(), v0 * angle.sin());
     let steps = (horizon(tuned) / period).ceil() as usize;
     (0..=steps)
         .map(|n| {
@@ -108,11 +114,27 @@ fn phase_plane<'a>(area: &Area<'a, '_>, tuned: &Tuned, runs: &[Points]) -> Drawn
         .x_label_area_size(40)
         .y_label_area_size(55)
         .build_cartesian_2d(-1.1 * x..1.1 * x, -1.1 * y..1.1 * y)?;
-    chart.configure_mesh().x_desc("position error (rad)").y_desc("velocity error (rad/s)").draw()?;
+    chart
+        .configure_mesh()
+        .x_desc("position error (rad)")
+        .y_desc("velocity error (rad/s)")
+        .light_line_style(WHITE)
+        .x_label_formatter(&label)
+        .y_label_formatter(&label)
+        .draw()?;
     chart
         .draw_series(LineSeries::new(ellipse, REGION.stroke_width(2)))?
         .label("certified region")
         .legend(|(x, y)| PathElement::new([(x, y), (x + 18, y)], REGION.stroke_width(2)));
+    let (e0, v0) = tuned.problem.error_set();
+    let initial = (0..=90).map(|i| {
+        let (s, k) = (std::f64::consts::TAU * f64::from(i) / 90.0).sin_cos();
+        (e0 * k, v0 * s)
+    });
+    chart
+        .draw_series(LineSeries::new(initial, INITIAL.stroke_width(2)))?
+        .label("initial errors")
+        .legend(|(x, y)| PathElement::new([(x, y), (x + 18, y)], INITIAL.stroke_width(2)));
     for (clipped, colour, label) in
         [(false, FREE, "command within bound"), (true, CLIPPED, "command clipped")]
     {
@@ -140,14 +162,28 @@ fn over_time<'a>(area: &Area<'a, '_>, tuned: &Tuned, runs: &[Points]) -> Drawn<'
     let top = runs.iter().flatten().map(|p| p.1.abs()).fold(e0, f64::max) * 1.1;
     let mut chart = ChartBuilder::on(area)
         .caption(
-            format!("K = [{:.1}, {:.2}, {:.3}]", tuned.gains[0], tuned.gains[1], tuned.gains[2]),
-            ("sans-serif", 18),
+            format!(
+                "error over time (grey: half of it), K = [{:.1} 1/s², {:.2} 1/s, {:.3}]",
+                tuned.gains[0], tuned.gains[1], tuned.gains[2]
+            ),
+            ("sans-serif", 16),
         )
         .margin(12)
         .x_label_area_size(40)
         .y_label_area_size(60)
         .build_cartesian_2d(0.0..horizon(tuned), -top..top)?;
-    chart.configure_mesh().x_desc("time (s)").y_desc("position error (rad)").draw()?;
+    chart
+        .configure_mesh()
+        .x_desc("time (s)")
+        .y_desc("position error (rad)")
+        .light_line_style(WHITE)
+        .x_label_formatter(&label)
+        .y_label_formatter(&label)
+        .draw()?;
+    for half in [-0.5 * e0, 0.5 * e0] {
+        let line = PathElement::new([(0.0, half), (horizon(tuned), half)], INITIAL.stroke_width(1));
+        chart.draw_series([line])?;
+    }
     for run in runs {
         chart.draw_series(LineSeries::new(run.iter().map(|p| (p.0, p.1)), FREE.mix(0.8)))?;
         let clipped = run.windows(2).filter(|w| w[0].3);

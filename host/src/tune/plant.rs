@@ -3,7 +3,8 @@
 //! Integrated in steps of 50 us, unlike the exact discretisation that the design rests on, and with
 //! what the design leaves out: Coulomb friction, position resolution, velocity clip.
 
-use super::model::DriveLag;
+use super::model::{DriveLag, Estimator};
+use firmware::feedback::{ErrorEstimator, ErrorState, Gains, Weights, clip_to_remaining};
 
 /// Integration step, s: a sixtieth of the drive's time constant 1/wn at 320 rad/s.
 const STEP_S: f64 = 5e-5;
@@ -78,7 +79,7 @@ impl Reference for Throw {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Law {
     /// Mean reference acceleration over the interval in which the command acts, shifted by the drive
-    /// lag; velocity from the difference of the error. What the firmware does.
+    /// lag; the firmware's own estimator, feedback and clip.
     Aligned,
     /// Reference acceleration and velocity at the sample: the paper's error system taken literally.
     Naive,
@@ -93,6 +94,8 @@ pub struct Setup {
     pub delay_s: f64,
     /// Feed-forward.
     pub law: Law,
+    /// Weights of the estimator ([`Law::Aligned`]).
+    pub estimator: Estimator,
     /// Initial position error, rad.
     pub start_error_rad: f64,
 }
@@ -132,11 +135,13 @@ impl Track {
     }
 }
 
-/// Tracks `reference` with u = clip(k_pos e + k_vel w + k_last u_last).
+/// Tracks `reference` with u = clip(k_pos e + k_vel w + k_last u_last) in the firmware's own arithmetic.
 ///
 /// The clip leaves the total, feed-forward included, within the acceleration for control.
 pub fn track(plant: &Plant, reference: &impl Reference, gains: [f32; 3], setup: &Setup) -> Track {
-    let [k_pos, k_vel, k_last] = gains.map(f64::from);
+    let [k_error_1_s2, k_rate_1_s, k_last] = gains;
+    let gains = Gains { k_error_1_s2, k_rate_1_s, k_last };
+    let weights = Weights { alpha: setup.estimator.alpha as f32, beta: setup.estimator.beta as f32 };
     let (wn, zeta) = (plant.drive.wn_rad_s, plant.drive.zeta);
     let round = |q: f64| {
         if plant.resolution_rad > 0.0 { (q / plant.resolution_rad).round() * plant.resolution_rad } else { q }
@@ -146,7 +151,9 @@ pub fn track(plant: &Plant, reference: &impl Reference, gains: [f32; 3], setup: 
     let steps = (reference.duration_s() / STEP_S).ceil() as usize;
     let (mut r, mut dr) = (reference.position_rad(0.0) + setup.start_error_rad, 0.0f64);
     let (mut y, mut dy) = (r, 0.0f64);
-    let (mut acceleration, mut u_last, mut last_error) = (0.0, 0.0, None);
+    let mut estimator = ErrorEstimator::default();
+    // The command in force since the last sample, and the one that follows it from this sample on.
+    let (mut acceleration, mut u_before, mut u_last) = (0.0, 0.0f32, 0.0f32);
     let mut pending: Option<(usize, f64)> = None;
     let mut out = Track::default();
     for i in 0..steps {
@@ -158,11 +165,11 @@ pub fn track(plant: &Plant, reference: &impl Reference, gains: [f32; 3], setup: 
         }
         if i % period == 0 {
             let e = round(y) - reference.position_rad(t);
-            let w = match setup.law {
-                Law::Aligned => last_error.map_or(0.0, |before| (e - before) / setup.period_s),
-                Law::Naive => dy - reference.velocity_rad_s(t),
+            estimator.update(e as f32, setup.period_s as f32, u_before, weights);
+            let (e_rad, de_rad_s) = match setup.law {
+                Law::Aligned => (estimator.e_rad(), estimator.de_rad_s()),
+                Law::Naive => (e as f32, (dy - reference.velocity_rad_s(t)) as f32),
             };
-            last_error = Some(e);
             let feed_forward = match setup.law {
                 Law::Aligned => {
                     let from = t + setup.delay_s + lag;
@@ -172,14 +179,14 @@ pub fn track(plant: &Plant, reference: &impl Reference, gains: [f32; 3], setup: 
                 }
                 Law::Naive => (reference.velocity_rad_s(t + 1e-4) - reference.velocity_rad_s(t)) / 1e-4,
             };
-            let a_max = plant.acceleration_max_rad_s2;
-            let u =
-                (k_pos * e + k_vel * w + k_last * u_last).clamp(-a_max - feed_forward, a_max - feed_forward);
-            u_last = u;
+            let wanted = gains.apply(&ErrorState { e_rad, de_rad_s, u_last_rad_s2: u_last });
+            let action = clip_to_remaining(wanted, feed_forward as f32, plant.acceleration_max_rad_s2 as f32);
+            (u_before, u_last) = (u_last, action.u_rad_s2);
+            let command = f64::from(action.qdd_rad_s2);
             if delay == 0 {
-                acceleration = u + feed_forward;
+                acceleration = command;
             } else {
-                pending = Some((i + delay, u + feed_forward));
+                pending = Some((i + delay, command));
             }
         }
         let next = (dr + acceleration * STEP_S).clamp(-plant.velocity_max_rad_s, plant.velocity_max_rad_s);
@@ -232,7 +239,13 @@ mod tests {
     #[test]
     fn naive_feed_forward_tracks_several_times_worse() {
         let run = |law| {
-            let setup = Setup { period_s: 0.017, delay_s: 0.017, law, start_error_rad: 0.0 };
+            let setup = Setup {
+                period_s: 0.017,
+                delay_s: 0.017,
+                law,
+                estimator: Estimator::PLAIN,
+                start_error_rad: 0.0,
+            };
             track(&PLANT, &THROW, [-417.0, -38.8, -0.6], &setup).position_max_rad(0.35)
         };
         let (aligned, naive) = (run(Law::Aligned), run(Law::Naive));
@@ -243,7 +256,13 @@ mod tests {
     #[test]
     fn stuck_joint_stays_put_and_a_free_one_follows() {
         let rest = Throw { release_rad_s: 0.0, ..THROW };
-        let setup = Setup { period_s: 0.01, delay_s: 0.005, law: Law::Aligned, start_error_rad: 1e-5 };
+        let setup = Setup {
+            period_s: 0.01,
+            delay_s: 0.005,
+            law: Law::Aligned,
+            estimator: Estimator::PLAIN,
+            start_error_rad: 1e-5,
+        };
         let held = track(&PLANT, &rest, [-100.0, -15.0, -0.1], &setup);
         // Below the encoder's resolution nothing is seen and nothing moves.
         assert!(held.position_rad.iter().all(|e| (e - 1e-5).abs() < 1e-12));

@@ -1,6 +1,6 @@
 //! What a gain design starts from, checked once: inside, the type is the proof.
 
-use super::model::{DriveLag, steady_state};
+use super::model::{DriveLag, Estimator, STATES, Sampled, sampled, steady_state};
 use nalgebra::DMatrix;
 
 /// Closed interval low..=high.
@@ -42,6 +42,8 @@ pub struct JointInput {
     pub delay_s: (f64, f64),
     /// The drive's position loop.
     pub drive: DriveLag,
+    /// The controller's estimator.
+    pub estimator: Estimator,
     /// Acceleration for control (paper eq. 11), rad/s2: what the command may reach in all.
     pub acceleration_max_rad_s2: f64,
     /// Reference acceleration over the motion (paper eq. 12, symmetrised), at least one phase.
@@ -114,6 +116,16 @@ pub enum ProblemError {
         /// As given.
         jitter: f64,
     },
+    /// A weight of the estimator above one.
+    #[error("joint {joint}: {what} is {value}, it must be above 0 and at most 1")]
+    Weight {
+        /// Joint number.
+        joint: usize,
+        /// Name of the datum.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+    },
     /// The reference takes all of the acceleration.
     #[error(
         "joint {joint}: the reference uses {reference} rad/s2 of the {available} rad/s2 for control in phase \
@@ -156,6 +168,7 @@ pub struct Problem {
     jitter: f64,
     delay: Interval,
     drive: DriveLag,
+    estimator: Estimator,
     acceleration_max_rad_s2: f64,
     phases: Vec<Phase>,
     error_position_rad: f64,
@@ -197,6 +210,14 @@ impl Problem {
         }
         positive("natural frequency of the drive", input.drive.wn_rad_s)?;
         positive("damping of the drive", input.drive.zeta)?;
+        for (what, value) in [
+            ("weight alpha of the estimator", input.estimator.alpha),
+            ("weight beta of the estimator", input.estimator.beta),
+        ] {
+            if positive(what, value)? > 1.0 {
+                return Err(ProblemError::Weight { joint, what, value });
+            }
+        }
         let available = positive("acceleration for control", input.acceleration_max_rad_s2)?;
         let mut phases = Vec::new();
         for (i, phase) in input.phases.iter().enumerate() {
@@ -220,6 +241,7 @@ impl Problem {
             jitter,
             delay,
             drive: input.drive,
+            estimator: input.estimator,
             acceleration_max_rad_s2: available,
             phases,
             error_position_rad: positive("initial position error", input.error_position_rad)?,
@@ -252,6 +274,16 @@ impl Problem {
         self.drive
     }
 
+    /// The estimator.
+    pub fn estimator(&self) -> Estimator {
+        self.estimator
+    }
+
+    /// The sampled loop at a period and a delay, s.
+    pub fn sampled(&self, period_s: f64, delay_s: f64) -> Sampled {
+        sampled(&self.drive, &self.estimator, period_s, delay_s)
+    }
+
     /// Acceleration for control, rad/s2.
     pub fn acceleration_max_rad_s2(&self) -> f64 {
         self.acceleration_max_rad_s2
@@ -267,11 +299,11 @@ impl Problem {
         (self.error_position_rad, self.error_velocity_rad_s)
     }
 
-    /// 6 x 2 matrix G: the initial states are G z with |z| <= 1 (drive in its steady state).
+    /// 7 x 2 matrix G: the initial states are G z with |z| <= 1 (drive in its steady state).
     pub fn error_generators(&self) -> DMatrix<f64> {
         let columns =
             [steady_state(self.error_position_rad, 0.0), steady_state(0.0, self.error_velocity_rad_s)];
-        DMatrix::from_fn(6, 2, |i, j| columns[j][i])
+        DMatrix::from_fn(STATES, 2, |i, j| columns[j][i])
     }
 
     /// The same problem with the error set scaled by `factor` (> 0).
@@ -322,6 +354,7 @@ pub(crate) mod tests {
             period_jitter: 0.02,
             delay_s: (0.95 * period_s, period_s),
             drive: DriveLag::POWERCUBE,
+            estimator: Estimator::usual(period_s),
             acceleration_max_rad_s2: 10.4,
             phases: vec![
                 PhaseInput { duration_s: Some(0.71), reference_max_rad_s2: 4.79 },
@@ -344,7 +377,7 @@ pub(crate) mod tests {
     #[test]
     fn bad_data_are_refused_with_the_datum_named() {
         type Change = fn(&mut JointInput);
-        let table: [(&str, Change, &str); 17] = [
+        let table: [(&str, Change, &str); 19] = [
             ("period 0", |i| i.period_s = 0.0, "period is 0"),
             ("period negative", |i| i.period_s = -0.017, "period is -0.017"),
             ("period NaN", |i| i.period_s = f64::NAN, "period is not a finite number"),
@@ -352,6 +385,8 @@ pub(crate) mod tests {
             ("delay negative", |i| i.delay_s = (-0.001, 0.01), "smallest delay is -0.001"),
             ("delay reversed", |i| i.delay_s = (0.01, 0.005), "above the largest"),
             ("delay NaN", |i| i.delay_s = (0.0, f64::NAN), "largest delay is not"),
+            ("weight zero", |i| i.estimator.beta = 0.0, "weight beta of the estimator is 0"),
+            ("weight above one", |i| i.estimator.alpha = 1.1, "at most 1"),
             ("jitter half", |i| i.period_jitter = 0.5, "below 0.5"),
             ("jitter negative", |i| i.period_jitter = -0.1, "period jitter is -0.1"),
             ("bound negative", |i| i.acceleration_max_rad_s2 = -1.0, "acceleration for control is -1"),

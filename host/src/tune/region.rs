@@ -2,14 +2,14 @@
 
 use super::certificate::Region;
 use super::lmi::{Lmi, SolveError, symmetric_at, symmetric_unknowns};
-use super::model::{STATES, Sampled, sampled, target_row};
+use super::model::{STATES, Sampled, StateMatrix, StateRow, StateVector, target_row};
 use super::problem::{Phase, Problem};
 use super::saturated::{Family, Gains, Weights, row, scales, slow_row, time_unit_s};
-use nalgebra::{DMatrix, Matrix6, RowVector6, Vector6};
+use nalgebra::DMatrix;
 
 /// Slow rows tried: share of u_max / error radius that its stiffness takes, and its damping. Optima
 /// of the full program (H free, ten times slower to solve) lie along this line.
-const SLOW: [(f64, f64); 3] = [(0.8, 0.45), (0.75, 0.475), (0.6, 0.55)];
+const SLOW: [(f64, f64); 2] = [(0.8, 0.45), (0.75, 0.475)];
 
 /// Margin of the decay inequality per time unit: covers periods and delays between the points.
 const DECAY_MARGIN: f64 = 2e-3;
@@ -64,8 +64,8 @@ pub(super) fn region(
 /// The program of [`super::saturated`] in (P, t) for given K and H.
 pub(super) fn program(
     problem: &Problem,
-    (fast, slow): (&RowVector6<f64>, &RowVector6<f64>),
-    (u_max, scales): (f64, &Vector6<f64>),
+    (fast, slow): (&StateRow, &StateRow),
+    (u_max, scales): (f64, &StateVector),
     generators: &DMatrix<f64>,
     ask: &Ask<'_>,
 ) -> Lmi {
@@ -76,7 +76,7 @@ pub(super) fn program(
     let unit = time_unit_s(scales[0], u_max);
     let identity = DMatrix::identity(n, n);
     for &(period, delay) in ask.points {
-        let model = sampled(&problem.drive(), period, delay);
+        let model = problem.sampled(period, delay);
         for f in [fast, slow] {
             let (closed, f) = scaled_loop(&model, f, scales, u_max);
             let h = period / unit;
@@ -105,34 +105,34 @@ pub(super) fn program(
 
 fn solve(
     problem: &Problem,
-    rows: (&RowVector6<f64>, &RowVector6<f64>),
-    (u_max, scales): (f64, &Vector6<f64>),
+    rows: (&StateRow, &StateRow),
+    (u_max, scales): (f64, &StateVector),
     generators: &DMatrix<f64>,
     ask: &Ask<'_>,
-) -> Result<(Matrix6<f64>, f64), SolveError> {
+) -> Result<(StateMatrix, f64), SolveError> {
     let lmi = program(problem, rows, (u_max, scales), generators, ask);
     let x = lmi.solve_above(COST_RATE_MIN, TOLERANCE)?;
     let t = CLAIM * x[symmetric_unknowns(STATES)];
     if t < CLAIM * COST_RATE_MIN {
         return Err(SolveError::TooLow);
     }
-    Ok((Matrix6::from_column_slice(symmetric_at(&x, 0, STATES).as_slice()), t))
+    Ok((StateMatrix::from_column_slice(symmetric_at(&x, 0, STATES).as_slice()), t))
 }
 
 /// (A + B F) and F in scaled coordinates.
 pub(super) fn scaled_loop(
     model: &Sampled,
-    f: &RowVector6<f64>,
-    scales: &Vector6<f64>,
+    f: &StateRow,
+    scales: &StateVector,
     u_max: f64,
-) -> (Matrix6<f64>, RowVector6<f64>) {
+) -> (StateMatrix, StateRow) {
     let closed = model.a + model.b * f;
     (
-        Matrix6::from_fn(|i, j| closed[(i, j)] * scales[j] / scales[i]),
-        RowVector6::from_fn(|_, j| f[j] * scales[j] / u_max),
+        StateMatrix::from_fn(|i, j| closed[(i, j)] * scales[j] / scales[i]),
+        StateRow::from_fn(|_, j| f[j] * scales[j] / u_max),
     )
 }
 
-fn dynamic(m: &Matrix6<f64>) -> DMatrix<f64> {
+fn dynamic(m: &StateMatrix) -> DMatrix<f64> {
     DMatrix::from_column_slice(STATES, STATES, m.as_slice())
 }

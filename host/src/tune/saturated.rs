@@ -18,19 +18,19 @@
 //! t is maximised for given K and H, which is a small semidefinite program in P and t.
 //!
 //! K is searched for in the two-parameter family of a double integrator whose state is predicted
-//! over the delay ([`Family`]), from the member with the smallest simulated worst cost downwards,
-//! until the inequalities hold; H is a slow member of the same family acting on the drive's target.
+//! over the delay ([`Family`]): the damping with which the simulated loop settles first, and along it the largest
+//! bandwidth for which the inequalities hold; H is a slow member of the same family acting on the drive's target.
 //!
 //! A plan whose braking is harder than its start leaves less to correct with later on, when the
 //! errors are long gone. So each phase has a certificate of its own; the initial set of the next one
 //! is the ellipsoid {V <= sigma^2} that the decay e^(-beta) per time unit leaves.
 
 use super::certificate::{Region, SaturatedCertificate};
-use super::evidence::{Response, response};
-use super::model::{STATES, target_row};
+use super::evidence::settling_s;
+use super::model::{STATES, StateMatrix, StateRow, StateVector, known_row, target_row};
 use super::problem::Problem;
 use super::region::{Ask, region};
-use nalgebra::{DMatrix, Matrix6, RowVector6, Vector6};
+use nalgebra::DMatrix;
 
 /// Gain row [k_pos 1/s2, k_vel 1/s, k_last -] as the firmware holds it.
 pub type Gains = [f32; 3];
@@ -51,8 +51,8 @@ impl Weights {
     pub const DEFAULT: Self = Self { velocity: 0.02, input: 1e-3, floor: 1e-3 };
 
     /// W.
-    pub fn state(&self) -> Matrix6<f64> {
-        let mut w = Matrix6::from_diagonal_element(self.floor);
+    pub fn state(&self) -> StateMatrix {
+        let mut w = StateMatrix::from_diagonal_element(self.floor);
         w[(0, 0)] += 1.0;
         w[(1, 1)] += self.velocity;
         w
@@ -62,17 +62,18 @@ impl Weights {
 /// Scales of the state (see [`super::model`] for its order) for errors up to `position_rad` under
 /// commands up to `u_max`: velocity and time as a double integrator relates them, the transients as
 /// large as a full command makes them within lag and period.
-pub fn scales(problem: &Problem, position_rad: f64, u_max: f64) -> Vector6<f64> {
+pub fn scales(problem: &Problem, position_rad: f64, u_max: f64) -> StateVector {
     let velocity = (position_rad * u_max).sqrt();
     let (lag, period) = (problem.drive().lag_s(), problem.period_s());
-    Vector6::new(
+    StateVector::from_column_slice(&[
         position_rad,
         velocity,
         u_max,
         u_max * lag * lag,
         u_max * (lag + 0.5 * period),
         u_max * 2.0 * lag,
-    )
+        u_max * lag * (lag + period),
+    ])
 }
 
 /// Time unit of the cost: how long u_max needs for a velocity of the scale, s.
@@ -93,22 +94,21 @@ pub struct Family {
 }
 
 impl Family {
-    /// [k_pos, k_vel, k_last] for a prediction over `theta_s` (position) and `theta_s + late_s`
-    /// (velocity, whose estimate is `late_s` old).
-    pub fn gains(&self, theta_s: f64, late_s: f64) -> [f64; 3] {
+    /// [k_pos, k_vel, k_last] for a prediction over `theta_s`.
+    pub fn gains(&self, theta_s: f64) -> [f64; 3] {
         let (w2, d) = (self.omega * self.omega, 2.0 * self.zeta * self.omega);
-        [-w2, -(w2 * theta_s + d), -(0.5 * w2 * theta_s * theta_s + d * (theta_s + late_s))]
+        [-w2, -(w2 * theta_s + d), -(0.5 * w2 * theta_s * theta_s + d * theta_s)]
     }
 }
 
 /// K as a row on the state.
-pub fn row(gains: Gains) -> RowVector6<f64> {
-    RowVector6::new(f64::from(gains[0]), f64::from(gains[1]), f64::from(gains[2]), 0.0, 0.0, 0.0)
+pub fn row(gains: Gains) -> StateRow {
+    known_row(gains.map(f64::from))
 }
 
 /// H: slow feedback of the drive's target and its velocity, predicted over the delay.
-pub(crate) fn slow_row(problem: &Problem, family: Family) -> RowVector6<f64> {
-    target_row(&problem.drive(), family.gains(problem.delay().centre(), 0.0))
+pub(crate) fn slow_row(problem: &Problem, family: Family) -> StateRow {
+    target_row(&problem.drive(), family.gains(problem.delay().centre()))
 }
 
 /// Why no saturated design exists for the data.
@@ -161,24 +161,30 @@ pub enum SaturatedError {
 /// Slowest bandwidth worth tuning: at 3 rad/s an error halves in about half a second.
 const OMEGA_MIN_RAD_S: f64 = 3.0;
 /// Step of the search along the bandwidth.
-const OMEGA_RATIO: f64 = 0.94;
+const OMEGA_RATIO: f64 = 0.96;
 /// Damping ratios tried.
 const ZETAS: [f64; 3] = [0.65, 0.7, 0.8];
-/// beta: guaranteed decay per time unit, in what range. A clipped double integrator cannot be asked for
+/// beta: guaranteed decay per time unit of a phase, in what range. A clipped double integrator cannot be asked for
 /// more than its slow row has; less than the lower end is hardly a decay.
 const DECAY: (f64, f64) = (0.06, 0.2);
+/// Share by which a region has to be smaller than the bounds of a weaker phase ask for.
+const SHRINK_SPARE: f64 = 1.2;
 
-/// The decay that shrinks the region in time for phases that leave less to correct with, by a fifth
-/// more than the bounds differ.
-pub(crate) fn decay(problem: &Problem) -> f64 {
-    let first = problem.phases()[0].u_max_rad_s2;
-    let unit = time_unit_s(problem.error_set().0, first);
-    let (mut elapsed_s, mut needed) = (0.0, 0.0f64);
-    for pair in problem.phases().windows(2) {
-        elapsed_s += pair[0].duration_s.unwrap_or(0.0);
-        needed = needed.max((1.2 * first / pair[1].u_max_rad_s2).ln() * unit / elapsed_s);
-    }
-    needed.clamp(DECAY.0, DECAY.1)
+/// The decay of each phase: what shrinks the region in time for the phases that leave less to correct with.
+pub(crate) fn decays(problem: &Problem) -> Vec<f64> {
+    let phases = problem.phases();
+    let (radius, first) = (problem.error_set().0, phases[0].u_max_rad_s2);
+    let mut shrunk = 0.0f64;
+    let decays = phases.iter().enumerate().map(|(i, phase)| {
+        let Some(duration_s) = phase.duration_s else { return DECAY.0 };
+        let units = duration_s / time_unit_s(radius * (-shrunk).exp(), phase.u_max_rad_s2);
+        let weakest = phases[i + 1..].iter().map(|p| p.u_max_rad_s2).fold(f64::INFINITY, f64::min);
+        let needed = ((SHRINK_SPARE * first / weakest).ln() - shrunk) / units;
+        let decay = needed.clamp(DECAY.0, DECAY.1);
+        shrunk += decay * units;
+        decay
+    });
+    decays.collect()
 }
 
 /// Designs the gains of one joint and certifies them.
@@ -198,12 +204,12 @@ pub fn design(problem: &Problem) -> Result<SaturatedCertificate, SaturatedError>
 
 /// Certifies given gains for the problem, e.g. those in a controller; `None` if not provable here.
 pub fn certify(problem: &Problem, gains: Gains) -> Option<SaturatedCertificate> {
-    certify_with(problem, gains, Weights::DEFAULT, decay(problem))
+    certify_with(problem, gains, Weights::DEFAULT, &decays(problem))
 }
 
 /// Horizon over which the cost predicts, for the family: delay plus drive lag.
-fn horizon(problem: &Problem) -> (f64, f64) {
-    (problem.delay().centre() + problem.drive().lag_s(), 0.5 * problem.period_s())
+fn horizon_s(problem: &Problem) -> f64 {
+    problem.delay().centre() + problem.drive().lag_s()
 }
 
 /// Members of the family from the fastest down, in steps of `ratio`.
@@ -212,22 +218,22 @@ struct Ladder {
     ratio: f64,
     /// Number of the slowest.
     last: i32,
-    horizon: (f64, f64),
+    horizon_s: f64,
 }
 
 impl Ladder {
     /// `None` if not even the slowest bandwidth worth having is stable.
     fn new(problem: &Problem, ratio: f64) -> Option<Self> {
-        let horizon = horizon(problem);
+        let horizon_s = horizon_s(problem);
         // Beyond one radian of phase over the delay no member is stable.
-        let omega_top = 1.0 / (horizon.0 + horizon.1);
+        let omega_top = 1.0 / horizon_s;
         let last = ((omega_top / OMEGA_MIN_RAD_S).ln() / -ratio.ln()).floor();
-        (last >= 0.0).then_some(Self { omega_top, ratio, last: last as i32, horizon })
+        (last >= 0.0).then_some(Self { omega_top, ratio, last: last as i32, horizon_s })
     }
 
     fn gains(&self, step: i32, zeta: f64) -> Gains {
         let omega = self.omega_top * self.ratio.powi(step);
-        Family { omega, zeta }.gains(self.horizon.0, self.horizon.1).map(|k| k as f32)
+        Family { omega, zeta }.gains(self.horizon_s).map(|k| k as f32)
     }
 
     /// The step nearest to a bandwidth.
@@ -274,37 +280,23 @@ impl Ladder {
 
 /// Square of a provable bandwidth over u_max / error radius: without delay, and what each time unit of
 /// prediction takes away. Observed over joints and periods; only where the search begins.
-const GUESS: (f64, f64) = (4.3, 7.0);
-/// Dampings whose simulated cost is within this factor of the best count as equally good.
-const NEAR_TIE: f64 = 1.01;
+const GUESS: (f64, f64) = (5.1, 9.5);
 
 /// The fastest certified member along one damping ratio.
 ///
-/// The damping is chosen by simulation at a bandwidth that is likely to be provable: among those whose worst
-/// cost is nearly the best, the one that halves an error first. Should nothing be provable along it, the next one is
-/// tried.
+/// The damping is chosen by simulation at a bandwidth that is likely to be provable: the one with which the worst initial
+/// error settles first. Should nothing be provable along it, the next one is tried.
 fn search(problem: &Problem, weights: Weights, ratio: f64) -> Option<SaturatedCertificate> {
     let ladder = Ladder::new(problem, ratio)?;
     let (radius, u_max) = (problem.error_set().0, problem.phases()[0].u_max_rad_s2);
-    let decay = decay(problem);
-    let late = (ladder.horizon.0 + ladder.horizon.1) / time_unit_s(radius, u_max);
+    let decays = decays(problem);
+    let late = ladder.horizon_s / time_unit_s(radius, u_max);
     let share = (GUESS.0 - GUESS.1 * late).max(1.0);
     let guess = ladder.step_of((share * u_max / radius).sqrt());
-    let mut dampings: Vec<(Response, f64)> = ZETAS
-        .iter()
-        .map(|&zeta| (response(problem, ladder.gains(guess, zeta), u_max, weights), zeta))
-        .collect();
-    let best = dampings.iter().map(|(r, _)| r.cost).fold(f64::INFINITY, f64::min);
-    // Near ties first and by speed, then the others by cost; infinite costs compare as equal.
-    dampings.sort_by(|(a, _), (b, _)| {
-        let key = |r: &Response| {
-            (r.cost > NEAR_TIE * best, if r.cost > NEAR_TIE * best { r.cost } else { r.halved_s })
-        };
-        let ((late_a, x), (late_b, y)) = (key(a), key(b));
-        late_a.cmp(&late_b).then(x.total_cmp(&y))
-    });
+    let mut dampings = ZETAS.map(|zeta| (settling_s(problem, ladder.gains(guess, zeta), u_max), zeta));
+    dampings.sort_by(|(a, _), (b, _)| a.total_cmp(b));
     dampings.into_iter().find_map(|(_, zeta)| {
-        let proven = |step| certify_with(problem, ladder.gains(step, zeta), weights, decay);
+        let proven = |step| certify_with(problem, ladder.gains(step, zeta), weights, &decays);
         ladder.fastest(guess, proven).map(|(_, certificate)| certificate)
     })
 }
@@ -312,40 +304,41 @@ fn search(problem: &Problem, weights: Weights, ratio: f64) -> Option<SaturatedCe
 /// One region per phase, each starting where the contraction of the one before has led; only what the
 /// check proves over the whole box of periods and delays counts.
 ///
-/// The inequalities are posed at as few periods and delays as will do: first in the middle of the box,
-/// then at two opposite corners.
+/// The inequalities are posed at two opposite corners of the box; in its middle alone they never held all over it.
 pub(crate) fn certify_with(
     problem: &Problem,
     gains: Gains,
     weights: Weights,
-    decay: f64,
+    decays: &[f64],
 ) -> Option<SaturatedCertificate> {
     let corners = problem.corners();
-    let ends = [*corners.first()?, *corners.last()?];
-    for points in [&problem.grid(1)[..], &ends] {
-        let certificate = regions(problem, gains, &Ask { weights, decay, points })?;
-        if certificate.check(problem).is_ok() {
-            return Some(certificate);
-        }
-    }
-    None
+    let mut points = vec![*corners.first()?, *corners.last()?];
+    points.dedup();
+    let regions = regions(problem, gains, (weights, decays), &points)?;
+    let certificate = SaturatedCertificate { gains, weights, regions };
+    certificate.check(problem).is_ok().then_some(certificate)
 }
 
-fn regions(problem: &Problem, gains: Gains, ask: &Ask<'_>) -> Option<SaturatedCertificate> {
+fn regions(
+    problem: &Problem,
+    gains: Gains,
+    (weights, decays): (Weights, &[f64]),
+    points: &[(f64, f64)],
+) -> Option<Vec<Region>> {
     let mut regions: Vec<Region> = Vec::new();
     let mut generators = problem.error_generators();
-    for phase in problem.phases() {
-        let region = region(problem, gains, *phase, &generators, ask)?;
+    for (phase, &decay) in problem.phases().iter().zip(decays) {
+        let region = region(problem, gains, *phase, &generators, &Ask { weights, decay, points })?;
         if let Some(duration) = phase.duration_s {
             let sigma = region.shrinkage(problem, duration);
             // {V <= sigma^2} = {S L^-T z sigma, |z| <= 1} with P = L L' in scaled coordinates.
             let l = region.p.cholesky()?.l();
-            let back = Matrix6::from_diagonal(&region.scales) * l.transpose().try_inverse()? * sigma;
+            let back = StateMatrix::from_diagonal(&region.scales) * l.transpose().try_inverse()? * sigma;
             generators = DMatrix::from_column_slice(STATES, STATES, back.as_slice());
         }
         regions.push(region);
     }
-    Some(SaturatedCertificate { gains, weights: ask.weights, regions })
+    Some(regions)
 }
 
 /// Finds out what binds by solving relaxed problems: without saturation first, then smaller sets.

@@ -5,13 +5,13 @@ use super::certificate::{SaturatedCertificate, SaturatedRefusal};
 use super::compare::tracking;
 use super::design::{Design, Proof, Tuned, tune};
 use super::gains_file::{FORMAT, GainsFile, GainsFileError};
-use super::model::{STATES, sampled};
-use super::plant::{Plant, Throw};
+use super::model::{Estimator, STATES, StateMatrix, StateVector, steady_state};
+use super::plant::{Law, Plant, Setup, Throw, Track, track};
 use super::problem::tests::joint_1;
 use super::problem::{JointInput, PhaseInput, Problem};
 use super::region::{Ask, program, scaled_loop};
 use super::saturated::{self, SaturatedError, Weights, certify, design, row};
-use nalgebra::{DVector, Matrix6, Vector6};
+use nalgebra::DVector;
 use std::sync::OnceLock;
 
 /// Joint 2 of the reference throw (robot-models 1.6, re-optimised): the joint the paper shows.
@@ -71,6 +71,43 @@ fn shorter_period_recovers_faster() {
     let slow = tracking(&plant(&tuned.input), &JOINT_2_THROW, at_17_ms().gains, (0.017, 0.017), 0.1, 0.71);
     assert!(fast.halved_after_s < slow.halved_after_s && fast.halved_after_s > 0.08, "{fast:?} {slow:?}");
     assert!(fast.late_max_from_rest_rad < slow.late_max_from_rest_rad, "{fast:?} {slow:?}");
+}
+
+/// Without friction and rounding, standing reference, from 0.1 rad; the design's model sees nothing else.
+fn firmware_from_a_tenth(gains: saturated::Gains, period_s: f64, estimator: Estimator) -> Track {
+    let plant = Plant { friction_rad_s2: 0.0, resolution_rad: 0.0, ..plant(&joint_2(period_s)) };
+    let rest = Throw { release_rad_s: 0.0, ha_s: 0.5, hb_s: 0.5 };
+    let setup = Setup { period_s, delay_s: period_s, law: Law::Aligned, estimator, start_error_rad: 0.1 };
+    track(&plant, &rest, gains, &setup)
+}
+
+/// Largest distance between the firmware's law on an integrated drive and the model of the certificate, rad.
+fn distance_rad(track: &Track, problem: &Problem, gains: saturated::Gains) -> f64 {
+    let model = problem.sampled(problem.period_s(), problem.period_s());
+    let mut x = steady_state(0.1, 0.0);
+    let mut worst = 0.0f64;
+    for n in 1..(1.0 / problem.period_s()) as usize {
+        let u = (row(gains) * x)[0].clamp(-10.4, 10.4);
+        x = model.a * x + model.b * u;
+        worst = worst.max((track.at(n as f64 * problem.period_s()).0 - x[0]).abs());
+    }
+    worst
+}
+
+#[test]
+fn certificate_is_about_the_law_that_the_firmware_runs() {
+    for (period_s, gains) in [(0.017, [-172.0, -19.0, -0.45]), (0.003, [-450.0, -35.0, -0.31])] {
+        let input = joint_2(period_s);
+        let found = firmware_from_a_tenth(gains, period_s, input.estimator);
+        assert!(found.command_rad_s2.iter().any(|a| a.abs() > 10.3), "it has to saturate");
+        let same = distance_rad(&found, &Problem::new(&input).unwrap(), gains);
+        assert!(same < 1e-4, "{period_s}: {same}");
+        // Another estimator is another loop: the test can tell.
+        let other = Estimator { alpha: 0.8, beta: 0.5 };
+        let other =
+            distance_rad(&found, &Problem::new(&JointInput { estimator: other, ..input }).unwrap(), gains);
+        assert!(other > 2e-4 && other > 3.0 * same, "{period_s}: {other} {same}");
+    }
 }
 
 #[test]
@@ -152,7 +189,7 @@ fn barrier_method_confirms_the_smallest_cost() {
         (&row(tuned.gains), &region.slow),
         (region.u_max_rad_s2, &region.scales),
         &tuned.problem.error_generators(),
-        &Ask { weights: Weights::DEFAULT, decay: saturated::decay(&tuned.problem), points: &points },
+        &Ask { weights: Weights::DEFAULT, decay: saturated::decays(&tuned.problem)[0], points: &points },
     );
     let conic = lmi.solve(1e-7).unwrap()[lmi.objective.len() - 1];
     let barrier = barrier::maximise_from(&lmi, &start(), 1).unwrap();
@@ -231,7 +268,8 @@ fn paper_design_is_certified_and_slower() {
 #[test]
 fn gains_file_survives_the_round_trip_and_refuses_changes() {
     let joint = vec![at_17_ms().entry()];
-    let file = GainsFile { format: FORMAT, robot: "powercube6".into(), period_s: 0.017, joint };
+    let estimator = Estimator::PLAIN.into();
+    let file = GainsFile { format: FORMAT, robot: "powercube6".into(), period_s: 0.017, estimator, joint };
     let text = file.to_toml();
     assert_eq!(GainsFile::from_toml(&text, "powercube6").unwrap(), file);
     let line = text.lines().find(|l| l.starts_with("k_pos_1_s2")).unwrap();
@@ -242,9 +280,10 @@ fn gains_file_survives_the_round_trip_and_refuses_changes() {
     assert!(matches!(change(line, "k_pos_1_s2 = -900.0"), GainsFileError::Saturated { joint: 2, .. }));
     assert!(matches!(change(line, "k_pos_1_s2 = 195.0"), GainsFileError::Gain { joint: 2, .. }));
     assert!(matches!(change(line, "k_pos_1_s2 = nan"), GainsFileError::Gain { joint: 2, .. }));
-    assert!(matches!(change("format = 1", "format = 9"), GainsFileError::Format { found: 9 }));
+    assert!(matches!(change("format = 2", "format = 9"), GainsFileError::Format { found: 9 }));
     assert!(matches!(change("period_s = 0.017", "period_s = 0.0"), GainsFileError::Problem(_)));
     assert!(matches!(change("period_s = 0.017", "period_s = 0.03"), GainsFileError::Saturated { .. }));
+    assert!(matches!(change("beta = 1.0", "beta = 0.1"), GainsFileError::Saturated { .. }));
     assert!(matches!(change("number = 2", "number = 0"), GainsFileError::JointOrder(0)));
     assert!(matches!(change("design = \"saturated\"", "design = \"x\""), GainsFileError::Syntax(_)));
     let other = GainsFile::from_toml(&text, "kr16_2").unwrap_err();
@@ -264,10 +303,9 @@ fn varying_bounds_and_signs_stay_inside_the_certified_region() {
         state ^= state << 17;
         (state >> 11) as f64 / (1u64 << 53) as f64
     };
-    let models: Vec<_> =
-        tuned.problem.grid(4).iter().map(|&(t, d)| sampled(&tuned.problem.drive(), t, d)).collect();
+    let models: Vec<_> = tuned.problem.grid(4).iter().map(|&(t, d)| tuned.problem.sampled(t, d)).collect();
     for _ in 0..300 {
-        let z = Vector6::from_fn(|_, _| random() - 0.5).normalize();
+        let z = StateVector::from_fn(|_, _| random() - 0.5).normalize();
         let mut x = (inverse * z).component_mul(&region.scales);
         for _ in 0..30 {
             let model = &models[(random() * models.len() as f64) as usize];
@@ -284,11 +322,11 @@ fn varying_bounds_and_signs_stay_inside_the_certified_region() {
 #[test]
 fn scaled_loop_is_a_change_of_coordinates() {
     let problem = Problem::new(&joint_1(0.017)).unwrap();
-    let model = sampled(&problem.drive(), 0.017, 0.016);
+    let model = problem.sampled(0.017, 0.016);
     let k = row([-100.0, -15.0, -0.4]);
     let scales = saturated::scales(&problem, 0.1, 5.0);
     let (closed, _) = scaled_loop(&model, &k, &scales, 5.0);
     let plain = model.a + model.b * k;
-    let radius = |m: &Matrix6<f64>| m.complex_eigenvalues().iter().map(|z| z.norm()).fold(0.0, f64::max);
+    let radius = |m: &StateMatrix| m.complex_eigenvalues().iter().map(|z| z.norm()).fold(0.0, f64::max);
     assert!((radius(&closed) - radius(&plain)).abs() < 1e-9);
 }

@@ -19,12 +19,13 @@ use protocol::cyphal::crc::Crc64;
 use protocol::{Duration, Frame, Instant, JointIndex};
 use robot_model::AnyRobot;
 
+use super::model::Estimator;
 use super::saturated::Gains;
 
 /// Joints of the arms that the firmware has settings for.
 pub const JOINTS: usize = 6;
-/// From this period on measurements are so far apart that differencing them needs no filter, µs.
-const PLAIN_PERIOD_US: u32 = 10_000;
+/// From this period on replies may take as long as in the paper, µs.
+const LONG_PERIOD_US: u32 = 10_000;
 /// After this the start is over, s.
 const LATE_S: f64 = 0.35;
 /// Time for start-up, self-test of the watchdogs included.
@@ -113,14 +114,13 @@ impl Observer for Quiet {
 }
 
 /// Settings of the soft controller with these gains: built-in ones for everything else.
-pub fn settings(gains: &[Gains; JOINTS], period_s: f64) -> Settings {
+pub fn settings(gains: &[Gains; JOINTS], period_s: f64, estimator: Estimator) -> Settings {
     let mut settings = Settings::powercube6();
     let period_us = (period_s * 1e6).round() as u32;
     (settings.cycle_period_us, settings.gains_period_us) = (period_us, period_us);
-    if period_us >= PLAIN_PERIOD_US {
-        let paper = Settings::powercube6_paper();
-        settings.reply_deadline_us = paper.reply_deadline_us;
-        (settings.estimator_alpha, settings.estimator_beta) = (paper.estimator_alpha, paper.estimator_beta);
+    (settings.estimator_alpha, settings.estimator_beta) = (estimator.alpha as f32, estimator.beta as f32);
+    if period_us >= LONG_PERIOD_US {
+        settings.reply_deadline_us = Settings::powercube6_paper().reply_deadline_us;
     }
     for (joint, [k_pos, k_vel, k_last]) in JointIndex::first(JOINTS).zip(*gains) {
         let joint = settings.joint.at_mut(joint);

@@ -14,9 +14,12 @@ use serde::{Deserialize, Serialize};
 use crate::bus::Session;
 use crate::bus::operator::OperatorError;
 use crate::tune::gains_file::GainsFile;
+use crate::tune::model::Estimator;
 
 /// Registers of the gain row, in its order.
 const GAINS: [&str; 3] = ["joint.k_error_1_s2", "joint.k_rate_1_s", "joint.k_last"];
+/// Weights of the estimator that the gains count on.
+const ESTIMATOR: [&str; 2] = ["estimator.alpha", "estimator.beta"];
 /// Period the gains are for, µs.
 const GAINS_PERIOD: &str = "gains.period_us";
 /// Checksum of their certificate.
@@ -107,6 +110,10 @@ pub(super) struct InForce {
     pub(super) period_us: u32,
     /// Checksum of their certificate, 0 for none.
     pub(super) certificate_crc32: u32,
+    /// Weight of a measurement on the position error.
+    pub(super) estimator_alpha: f32,
+    /// Weight on its rate.
+    pub(super) estimator_beta: f32,
     /// On the position error, joint by joint, 1/s2.
     pub(super) k_pos_1_s2: Vec<f32>,
     /// On its rate, 1/s.
@@ -140,6 +147,18 @@ pub(super) enum ApplyError {
         /// Of the new ones.
         wanted_us: u32,
     },
+    /// Gains for some joints only, for another estimator than the rest.
+    #[error(
+        "the gains in the controller are for estimator weights {} and {}, the new ones for {} and {} and not for all joints; \
+         nothing was changed\n  next: tune all joints, or with the --estimator-alpha and --estimator-beta of the controller",
+        found.alpha, found.beta, wanted.alpha, wanted.beta
+    )]
+    SomeEstimators {
+        /// Of the gains in force.
+        found: Estimator,
+        /// Of the new ones.
+        wanted: Estimator,
+    },
     /// The controller has other joints.
     #[error("the controller has {found} joints, the gains are for joint {wanted}; nothing was changed")]
     Joints {
@@ -159,15 +178,43 @@ pub(super) enum ApplyError {
     },
     /// As before, and the way back failed too.
     #[error(
-        "{cause}; rolling back failed as well ({second})\n  next: the registers may hold mixed gains: do not arm; restore them \
-         with --rollback"
+        "{cause}; rolling back failed as well: {second}\n  registers: {held}\n  next: do not arm; `cubectl tune --rollback` with \
+         the gains from before, once the controller answers again (after a restart it holds what it has stored)"
     )]
     Mixed {
         /// What happened first.
         cause: String,
         /// What happened on the way back.
         second: String,
+        /// What is where.
+        held: String,
     },
+}
+
+/// A write that ended early.
+struct Broken {
+    /// Registers that were read back as wanted.
+    done: Vec<&'static str>,
+    /// Register at which it ended; what it holds is not known.
+    at: &'static str,
+    /// Why.
+    cause: String,
+}
+
+/// All registers of gains.
+const ALL: [&str; 7] = [ESTIMATOR[0], ESTIMATOR[1], GAINS[0], GAINS[1], GAINS[2], GAINS_PERIOD, CERTIFICATE];
+
+/// What each register holds after a write and the way back both ended early.
+fn held(forth: &Broken, back: &Broken) -> String {
+    let is = |name: &str| match name {
+        _ if name == back.at => "unknown",
+        _ if back.done.contains(&name) => "old",
+        _ if name == forth.at => "unknown",
+        CERTIFICATE if forth.done.contains(&name) => "none",
+        _ if forth.done.contains(&name) => "new",
+        _ => "old",
+    };
+    ALL.map(|name| format!("{name} {}", is(name))).join(", ")
 }
 
 impl InForce {
@@ -186,6 +233,13 @@ impl InForce {
             }
             rows.push(row);
         }
+        let [mut estimator_alpha, mut estimator_beta] = [0.0; 2];
+        for (name, weight) in ESTIMATOR.into_iter().zip([&mut estimator_alpha, &mut estimator_beta]) {
+            *weight = match target.floats(name).map_err(|e| e.to_string())?.as_slice() {
+                [weight] => *weight,
+                _ => return Err(format!("the controller has no register {name}")),
+            };
+        }
         let mut natural = |name: &str| match target.natural(name) {
             Ok(Some(value)) => Ok(value),
             Ok(None) => Err(format!("the controller has no register {name}")),
@@ -195,7 +249,15 @@ impl InForce {
         let mut rows = rows.into_iter();
         let mut next = || rows.next().unwrap_or_default();
         let (k_pos_1_s2, k_vel_1_s, k_last) = (next(), next(), next());
-        Ok(Self { period_us, certificate_crc32, k_pos_1_s2, k_vel_1_s, k_last })
+        Ok(Self {
+            period_us,
+            certificate_crc32,
+            estimator_alpha,
+            estimator_beta,
+            k_pos_1_s2,
+            k_vel_1_s,
+            k_last,
+        })
     }
 
     /// These gains with those of a verified file in place of its joints.
@@ -210,6 +272,11 @@ impl InForce {
         }
         let mut new = self.clone();
         new.period_us = wanted_us;
+        (new.estimator_alpha, new.estimator_beta) = (file.estimator.alpha as f32, file.estimator.beta as f32);
+        if file.joint.len() < joints && new.estimator() != self.estimator() {
+            let (found, wanted) = (self.estimator(), new.estimator());
+            return Err(ApplyError::SomeEstimators { found, wanted });
+        }
         new.certificate_crc32 = Crc32::of(file.to_toml().as_bytes());
         for joint in &file.joint {
             let unknown = ApplyError::Joints { found: joints, wanted: joint.number };
@@ -217,6 +284,11 @@ impl InForce {
             [new.k_pos_1_s2[i], new.k_vel_1_s[i], new.k_last[i]] = joint.gains();
         }
         Ok(new)
+    }
+
+    /// The estimator they count on.
+    pub(super) fn estimator(&self) -> Estimator {
+        Estimator { alpha: self.estimator_alpha.into(), beta: self.estimator_beta.into() }
     }
 
     /// TOML text with a heading.
@@ -243,23 +315,45 @@ impl InForce {
         Ok(read)
     }
 
-    /// Writes every register and compares what each holds then, bit for bit.
-    fn write<T: Registers>(&self, target: &mut T) -> Result<(), String> {
-        let rows = [&self.k_pos_1_s2, &self.k_vel_1_s, &self.k_last];
-        for (name, row) in GAINS.into_iter().zip(rows) {
-            let back = target.set_floats(name, row).map_err(|e| e.to_string())?;
-            if back != *row {
-                return Err(format!("{name} reads back {back:?} instead of {row:?}"));
+    /// Writes every register and compares what each holds then, bit for bit. The certificate goes first and comes back
+    /// last: a mixture has none. Weights of the estimator that are right already are left alone: they can only be changed
+    /// while nothing moves, gains at any time.
+    fn write<T: Registers>(&self, target: &mut T) -> Result<(), Broken> {
+        let mut done = Vec::new();
+        let mut step = |at: &'static str, outcome: Result<(), String>| match outcome {
+            Ok(()) => {
+                done.push(at);
+                Ok(())
             }
+            Err(cause) => Err(Broken { done: std::mem::take(&mut done), at, cause }),
+        };
+        step(CERTIFICATE, write_natural(target, CERTIFICATE, 0))?;
+        for (name, weight) in ESTIMATOR.into_iter().zip([self.estimator_alpha, self.estimator_beta]) {
+            let right = target.floats(name).is_ok_and(|held| held == [weight]);
+            step(name, if right { Ok(()) } else { write_floats(target, name, &[weight]) })?;
         }
-        for (name, value) in [(GAINS_PERIOD, self.period_us), (CERTIFICATE, self.certificate_crc32)] {
-            let back = target.set_natural(name, value).map_err(|e| e.to_string())?;
-            if back != Some(value) {
-                return Err(format!("{name} reads back {back:?} instead of {value}"));
-            }
+        for (name, row) in GAINS.into_iter().zip([&self.k_pos_1_s2, &self.k_vel_1_s, &self.k_last]) {
+            step(name, write_floats(target, name, row))?;
         }
-        Ok(())
+        step(GAINS_PERIOD, write_natural(target, GAINS_PERIOD, self.period_us))?;
+        step(CERTIFICATE, write_natural(target, CERTIFICATE, self.certificate_crc32))
     }
+}
+
+/// What happened, without the advice that comes with it: there is better advice here.
+#[allow(clippy::needless_pass_by_value)]
+fn first_line(error: impl std::fmt::Display) -> String {
+    error.to_string().lines().next().unwrap_or_default().to_owned()
+}
+
+fn write_floats<T: Registers>(target: &mut T, name: &str, wanted: &[f32]) -> Result<(), String> {
+    let back = target.set_floats(name, wanted).map_err(first_line)?;
+    if back == wanted { Ok(()) } else { Err(format!("{name} reads back {back:?} instead of {wanted:?}")) }
+}
+
+fn write_natural<T: Registers>(target: &mut T, name: &str, wanted: u32) -> Result<(), String> {
+    let back = target.set_natural(name, wanted).map_err(first_line)?;
+    if back == Some(wanted) { Ok(()) } else { Err(format!("{name} reads back {back:?} instead of {wanted}")) }
 }
 
 /// Puts `wanted` in force, all of it or nothing: every register is read back, at once and all together at the end;
@@ -279,14 +373,21 @@ pub(super) fn put<T: Registers>(
         }
         _ => {}
     }
-    let outcome = wanted.write(target).and_then(|()| match InForce::read(target)? {
-        all if all == *wanted => Ok(()),
-        all => Err(format!("the controller holds {all:?} instead of {wanted:?}")),
+    let outcome = wanted.write(target).and_then(|()| {
+        let cause = match InForce::read(target) {
+            Ok(all) if all == *wanted => return Ok(()),
+            Ok(all) => format!("the controller holds {all:?} instead of {wanted:?}"),
+            Err(cause) => cause,
+        };
+        Err(Broken { done: ALL.to_vec(), at: CERTIFICATE, cause })
     });
-    let Err(cause) = outcome else { return Ok(()) };
+    let Err(forth) = outcome else { return Ok(()) };
     match before.write(target) {
-        Ok(()) => Err(ApplyError::RolledBack { cause }),
-        Err(second) => Err(ApplyError::Mixed { cause, second }),
+        Ok(()) => Err(ApplyError::RolledBack { cause: forth.cause }),
+        Err(back) => {
+            let held = held(&forth, &back);
+            Err(ApplyError::Mixed { cause: forth.cause, second: back.cause, held })
+        }
     }
 }
 
@@ -306,7 +407,8 @@ mod tests {
     }
 
     fn memory() -> Memory {
-        let floats = GAINS.map(|name| (name.to_owned(), vec![-1.0, -2.0])).into();
+        let mut floats: BTreeMap<_, _> = GAINS.map(|name| (name.to_owned(), vec![-1.0, -2.0])).into();
+        floats.extend(ESTIMATOR.map(|name| (name.to_owned(), vec![0.5])));
         let naturals = [(GAINS_PERIOD, 3000), (CERTIFICATE, 7), (CYCLE_PERIOD, 3000)]
             .map(|(n, v)| (n.to_owned(), v))
             .into();
@@ -343,7 +445,15 @@ mod tests {
 
     fn wanted() -> InForce {
         let (k_pos_1_s2, k_vel_1_s) = (vec![-400.0, -500.0], vec![-30.0, -35.0]);
-        InForce { period_us: 3000, certificate_crc32: 9, k_pos_1_s2, k_vel_1_s, k_last: vec![-0.2, -0.3] }
+        InForce {
+            period_us: 3000,
+            certificate_crc32: 9,
+            estimator_alpha: 0.6,
+            estimator_beta: 0.25,
+            k_pos_1_s2,
+            k_vel_1_s,
+            k_last: vec![-0.2, -0.3],
+        }
     }
 
     #[test]
@@ -353,15 +463,28 @@ mod tests {
         put(&mut target, &before, &wanted()).unwrap();
         assert_eq!(InForce::read(&mut target), Ok(wanted()));
 
-        for deaf in [GAINS[0], GAINS[2], CERTIFICATE] {
+        for deaf in [ESTIMATOR[1], GAINS[0], GAINS[2]] {
             let mut target = Memory { deaf, ..memory() };
             let refused = put(&mut target, &before, &wanted());
             assert!(matches!(refused, Err(ApplyError::RolledBack { .. })), "{deaf}: {refused:?}");
             assert_eq!(InForce::read(&mut target), Ok(before.clone()), "{deaf}");
         }
-        // The link breaks for good after two writes: nobody can roll back, and it is said.
-        let mut target = Memory { writes_left: 2, ..memory() };
-        assert!(matches!(put(&mut target, &before, &wanted()), Err(ApplyError::Mixed { .. })));
+        // The link breaks for good after some writes: nobody can roll back, and it is said.
+        let mut target = Memory { writes_left: 4, ..memory() };
+        let Err(ApplyError::Mixed { held, .. }) = put(&mut target, &before, &wanted()) else {
+            panic!("nobody can roll back")
+        };
+        // Certificate, two weights and the first row were written; the second row may have been.
+        for said in [
+            "certificate_crc32 unknown",
+            "estimator.beta new",
+            "k_error_1_s2 new",
+            "k_rate_1_s unknown",
+            "k_last old",
+        ] {
+            assert!(held.contains(said), "{said}: {held}");
+        }
+        assert_eq!(target.naturals[CERTIFICATE], 0, "a mixture has no certificate");
     }
 
     #[test]
@@ -379,7 +502,7 @@ mod tests {
         let text = wanted().to_toml();
         assert_eq!(InForce::from_toml(&text), Ok(wanted()));
         assert!(InForce::from_toml(&text.replace("-400.0, ", "")).is_err());
-        assert!(InForce::from_toml(&text.replace("-0.2", "nan")).is_err());
+        assert!(InForce::from_toml(&text.replace("-0.2,", "nan,")).is_err());
         assert!(InForce::from_toml("period_us = 1").is_err());
     }
 }

@@ -20,6 +20,7 @@ use crate::plan::file::PlanFile;
 use crate::tune::design::{Design, Tuned, tune};
 use crate::tune::gains_file::{FORMAT, GainsFile, GainsFileError};
 use crate::tune::machine::{Demand, Machine, MachineError, Motion, inputs};
+use crate::tune::model::Estimator;
 use crate::tune::picture;
 use crate::tune::trial::TrialMotion;
 use apply::{ApplyError, InForce, OnBus, put};
@@ -81,6 +82,13 @@ pub struct Args {
     /// Smallest delay in s [default: 95 % of the largest].
     #[arg(long, value_name = "S")]
     pub delay_min: Option<f64>,
+    /// Weight of a measurement on the position error in the controller's estimator, above 0 to 1 [default: 0.6, from a
+    /// period of 10 ms on 1].
+    #[arg(long, value_name = "WEIGHT")]
+    pub estimator_alpha: Option<f64>,
+    /// Weight on the rate of the error [default: 0.2, from a period of 10 ms on 1].
+    #[arg(long, value_name = "WEIGHT")]
+    pub estimator_beta: Option<f64>,
     /// Plan whose accelerations are set aside for the reference (file of `cubectl plan throw`).
     #[arg(long, value_name = "PLAN", conflicts_with = "reference_share")]
     pub plan: Option<PathBuf>,
@@ -193,6 +201,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         format: FORMAT,
         robot: work.machine.robot.clone(),
         period_s: work.demand.period_s,
+        estimator: work.demand.estimator.into(),
         joint: tuned.iter().map(Tuned::entry).collect(),
     };
     write_files(args, &file, &tuned)?;
@@ -254,10 +263,15 @@ impl Work {
             }
         };
         let high = args.delay.unwrap_or(args.period);
+        let usual = Estimator::usual(args.period);
         let demand = Demand {
             period_s: args.period,
             period_jitter: args.jitter,
             delay_s: (args.delay_min.unwrap_or(0.95 * high), high),
+            estimator: Estimator {
+                alpha: args.estimator_alpha.unwrap_or(usual.alpha),
+                beta: args.estimator_beta.unwrap_or(usual.beta),
+            },
             error_position_rad: args.error_position,
             error_velocity_rad_s: args.error_velocity,
         };
@@ -416,9 +430,10 @@ mod tests {
     fn run_files(args: &Args) -> Result<String, ExpectedError> {
         let work = Work::new(args)?;
         let tuned = work.design(args)?;
-        let (robot, period_s) = (work.machine.robot.clone(), work.demand.period_s);
+        let (robot, demand) = (work.machine.robot.clone(), &work.demand);
+        let (period_s, estimator) = (demand.period_s, demand.estimator.into());
         let joint = tuned.iter().map(Tuned::entry).collect();
-        write_files(args, &GainsFile { format: FORMAT, robot, period_s, joint }, &tuned)?;
+        write_files(args, &GainsFile { format: FORMAT, robot, period_s, estimator, joint }, &tuned)?;
         Ok(table(&work.machine.robot, &work.demand, &tuned))
     }
 
@@ -433,6 +448,7 @@ mod tests {
             ("--joint 7", "has joints 1 to 6, not 7"),
             ("--error-position=-0.1", "initial position error is -0.1"),
             ("--jitter=-1", "period jitter is -1"),
+            ("--estimator-beta 1.5", "weight beta of the estimator is 1.5"),
             ("--robot nowhere.toml", "nowhere"),
         ];
         for (line, want) in table {

@@ -8,8 +8,10 @@ use robot_model::AnyRobot;
 
 use super::apply::InForce;
 use crate::plan::file::{JointPlan, PlanFile, Segment};
-use crate::tune::gains_file::GainsFile;
+use crate::tune::gains_file::{GainsFile, JointGains, certificate_gains, paper_system};
+use crate::tune::lqr;
 use crate::tune::machine::Motion;
+use crate::tune::paper::largest_decay;
 use crate::tune::problem::PhaseInput;
 use crate::tune::saturated::Gains;
 use crate::tune::trial::{JOINTS, Trial, TrialMotion, run, settings};
@@ -20,6 +22,8 @@ const OFFSET_RAD: f64 = 0.1;
 const SEED: u64 = 1;
 /// Run-up and braking of the motion without a plan, s.
 const HA_HB_S: (f64, f64) = (0.7, 0.5);
+/// Weights of the plain LQR: rad/s and rad/s2 that cost as much as a radian.
+const LQR_WEIGHTS: (f64, f64) = (20.0, 600.0);
 
 /// Position, velocity and acceleration of a segment, rad, rad/s, rad/s2.
 fn at(segment: &Segment, t: f64) -> [f64; 3] {
@@ -91,6 +95,8 @@ pub(super) fn built_in() -> InForce {
     };
     InForce {
         period_us: settings.gains_period_us,
+        estimator_alpha: settings.estimator_alpha,
+        estimator_beta: settings.estimator_beta,
         certificate_crc32: settings.gains_certificate_crc32,
         k_pos_1_s2: of(|j| j.k_error_1_s2),
         k_vel_1_s: of(|j| j.k_rate_1_s),
@@ -104,7 +110,30 @@ fn rows(gains: &InForce) -> Option<[Gains; JOINTS]> {
     rows.try_into().ok()
 }
 
-/// Both sets of gains on the simulated cell: beside the path and on it.
+/// What the design is compared with, for gains of all joints: Theorem 1 of the paper for the same data, and plain LQR,
+/// which the drives clip.
+fn yardsticks(after: &InForce, file: &GainsFile) -> Vec<(&'static str, InForce)> {
+    let with = |rows: Vec<Gains>| {
+        let column = |which: usize| rows.iter().map(|row| row[which]).collect();
+        let (k_pos_1_s2, k_vel_1_s, k_last) = (column(0), column(1), column(2));
+        let whole = rows.len() == JOINTS;
+        whole.then(|| InForce { certificate_crc32: 0, k_pos_1_s2, k_vel_1_s, k_last, ..after.clone() })
+    };
+    let theorem_1 = |joint: &JointGains| {
+        let problem = joint.problem(file.period_s, file.estimator).ok()?;
+        certificate_gains(&problem, &largest_decay(&paper_system(&problem)).ok()?)
+    };
+    let paper = with(file.joint.iter().filter_map(theorem_1).collect());
+    let (velocity_per_rad, input_per_rad) = LQR_WEIGHTS;
+    let row = lqr::gains(file.period_s, file.period_s, velocity_per_rad, input_per_rad);
+    let lqr = row.and_then(|row| with(vec![row; JOINTS]));
+    [("Theorem 1", paper), ("LQR, no certificate", lqr)]
+        .into_iter()
+        .filter_map(|(name, gains)| Some((name, gains?)))
+        .collect()
+}
+
+/// Both sets of gains and the yardsticks on the simulated cell: beside the path and on it.
 ///
 /// # Errors
 /// In words, why there is nothing to compare.
@@ -124,9 +153,11 @@ pub(super) fn compare(
          landing mm\n",
         0.5 * OFFSET_RAD
     );
-    for (name, gains) in [("A in the controller", before), ("B this design", &after)] {
+    let mut table = vec![("in the controller", before.clone()), ("this design", after.clone())];
+    table.extend(yardsticks(&after, file));
+    for (name, gains) in &table {
         let rows = rows(gains).ok_or("the controller does not hold gains of six joints")?;
-        let settings = settings(&rows, f64::from(gains.period_us) * 1e-6);
+        let settings = settings(&rows, f64::from(gains.period_us) * 1e-6, gains.estimator());
         let beside = run(robot, &settings, motion, OFFSET_RAD, SEED);
         let on = run(robot, &settings, motion, 0.0, SEED);
         let _ = match (beside, on) {
@@ -175,6 +206,14 @@ mod tests {
     use crate::tune::design::{Design, tune};
     use crate::tune::gains_file::FORMAT;
     use crate::tune::machine::{Demand, Machine, inputs};
+    use crate::tune::model::Estimator;
+
+    #[test]
+    fn built_in_gains_are_the_certified_ones_of_their_file() {
+        let file = include_str!("../../../gains/powercube6-3ms.toml");
+        let file = GainsFile::from_toml(file, "powercube6").unwrap();
+        assert_eq!(built_in().with(&file).unwrap(), built_in());
+    }
 
     #[test]
     fn motion_without_a_plan_uses_its_share_of_the_acceleration_and_begins_and_ends_at_rest() {
@@ -194,12 +233,20 @@ mod tests {
         for period_s in [0.017, 0.003] {
             let data = inputs(&machine, &motion, &Demand::with_period(period_s)).unwrap();
             let joint = data.iter().map(|i| tune(i, Design::Saturated).unwrap().entry()).collect();
-            let file = GainsFile { format: FORMAT, robot: "powercube6".into(), period_s, joint };
+            let estimator = Estimator::usual(period_s);
+            let file = GainsFile {
+                format: FORMAT,
+                robot: "powercube6".into(),
+                period_s,
+                estimator: estimator.into(),
+                joint,
+            };
             let text = compare(&robot, &built_in(), &file, &of_share(&robot, 0.5)).unwrap();
             println!("{text}");
             let rows = rows(&built_in().with(&file).unwrap()).unwrap();
             let found =
-                run(&robot, &settings(&rows, period_s), &of_share(&robot, 0.5), OFFSET_RAD, SEED).unwrap();
+                run(&robot, &settings(&rows, period_s, estimator), &of_share(&robot, 0.5), OFFSET_RAD, SEED)
+                    .unwrap();
             // With all of 22.3 rad/s2 and the reference's help joint 6 needs 0.055 s.
             assert!(found.halved_s.iter().all(|t| (0.04..0.25).contains(t)), "{found:?}");
             assert!((1e-5..0.05).contains(&found.late_max_rad), "{found:?}");
