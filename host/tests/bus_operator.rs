@@ -74,18 +74,15 @@ fn a_plan_that_begins_elsewhere_and_a_damaged_file_are_refused_with_cause_and_ne
 
 #[test]
 fn a_run_that_is_stopped_in_its_first_moments_ends_with_its_fault_which_can_be_cleared() {
-    let bus = BusArgs::default();
-    let mut cell = bus.cell.load().unwrap();
-    // Far too slow for a cycle of 3 ms, and fast enough for everything else.
-    cell.setup.cell.drive.processing_delay = Duration::from_millis(4);
-    let settings = settings_of(&cell.robot).unwrap();
-    let mut session = bus.open_cell(&cell, Some(&settings)).unwrap();
-    let node = session.find_controller(None).unwrap();
-    session.wait_for(Duration::from_secs(10), &|state| state != State::Boot).unwrap();
-    session.home_group(node, 0x3F, Duration::from_secs(120)).unwrap();
+    let (mut session, node) = homed();
     let file = standing(&mut session, 0.0);
     let name = session.upload(node, &file, &mut |_, _| {}).unwrap();
     session.arm(node, &name).unwrap();
+    let mut silent =
+        hil_sim::scenario::fault_from_line("kind = \"silent\", target = \"module 3\", length_s = 0.5", 0)
+            .unwrap();
+    silent.start = session.now();
+    session.sim().unwrap().world().add_fault(silent).unwrap();
     let begun = session.now();
     let error = session.run_trajectory(node, &name, Duration::from_secs(60), &mut |_, _| {}).unwrap_err();
     let OperatorError::Stopped { state: State::Fault, cause, .. } = error else { panic!("{error}") };
@@ -93,6 +90,7 @@ fn a_run_that_is_stopped_in_its_first_moments_ends_with_its_fault_which_can_be_c
 
     let other = session.clear_fault(node, cause + 1).unwrap_err();
     assert!(matches!(other, OperatorError::Refused { .. }), "{other}");
+    session.pass(Duration::from_secs(1)).unwrap();
     session.clear_fault(node, cause).unwrap();
     assert_eq!(session.group().unwrap().state, State::Ready);
     assert_eq!(session.group().unwrap().fault_cause, 0);
@@ -102,7 +100,7 @@ fn a_run_that_is_stopped_in_its_first_moments_ends_with_its_fault_which_can_be_c
 fn a_controller_that_homes_bears_answers_that_get_lost_now_and_then() {
     let bus = BusArgs::default();
     let mut cell = bus.cell.load().unwrap();
-    let lossy = "kind = \"drop\", target = \"bus\", probability = 0.02";
+    let lossy = "kind = \"silent\", target = \"module 3\", probability = 0.05";
     cell.setup.faults.push(hil_sim::scenario::fault_from_line(lossy, 0).unwrap());
     let settings = settings_of(&cell.robot).unwrap();
     let mut session = bus.open_cell(&cell, Some(&settings)).unwrap();

@@ -303,17 +303,17 @@ mod tests {
         let mut probe = Probe::new(Instant::ZERO, &modules);
         let mut wire: Vec<(Instant, ModuleId, Reply)> = Vec::new();
         let end = Instant::ZERO + SPAN;
-        while probe.poll_timeout().is_some_and(|due| due < end) {
-            let due = probe.poll_timeout().unwrap();
+        while let Some(due) = probe.poll_timeout().filter(|due| *due < end) {
             wire.sort_by_key(|(at, ..)| *at);
-            if let Some((at, module, reply)) = wire.first().copied().filter(|(at, ..)| *at <= due) {
+            let arrived = wire.first().copied().filter(|(at, ..)| *at <= due);
+            let now = arrived.map_or(due, |(at, ..)| at);
+            if let Some((at, module, reply)) = arrived {
                 wire.remove(0);
                 probe.client.take_reply(at, module, &reply);
                 probe.collect(at);
             } else {
                 probe.handle_timeout(due);
             }
-            let now = wire.first().map_or(due, |(at, ..)| (*at).min(due));
             while let Some(frame) = probe.poll_frame() {
                 let Some(Address::Module(_, module)) = Address::of(frame.id()) else { panic!("{frame:?}") };
                 let reply = match AddressedRequest::decode(&frame).unwrap().request {

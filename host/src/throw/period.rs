@@ -206,7 +206,7 @@ mod tests {
         let table = [
             (0, 3_000),
             (2_000, 3_000),
-            (2_001, 5_000),
+            (2_010, 5_000),
             (3_400, 10_000),
             (11_333, 17_000),
             (12_000, 30_000),
@@ -217,7 +217,7 @@ mod tests {
             assert_eq!((choice.period_us, choice.why), (chosen_us, "measured"), "{needs_us}");
             assert_eq!((choice.gains.unwrap().period_s * 1e6).round() as u32, chosen_us);
         }
-        assert!(matches!(any(&Pace::that_needs(30_001)), Err(NoPeriod::None { longest_us: 30_000, .. })));
+        assert!(matches!(any(&Pace::that_needs(30_100)), Err(NoPeriod::None { longest_us: 30_000, .. })));
     }
 
     #[test]
