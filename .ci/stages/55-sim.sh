@@ -2,7 +2,7 @@
 # speed; how its drives move.
 # Programs and examples in one go, as in the other stages: on their own their libraries would be built twice.
 cargo build --locked -p hil-sim --bins --examples
-cargo build --release --locked -p hil-sim --bins --examples
+cargo build --release --locked -p host -p hil-sim --bins --examples
 out=target/sim-stage
 rm -rf "$out" && mkdir -p "$out"
 for scenario in hil-sim/scenarios/*.toml; do

@@ -285,6 +285,13 @@ impl Drive {
         }
     }
 
+    /// No request on its way is waited for beyond `deadline`.
+    pub fn hasten(&mut self, deadline: Instant) {
+        for pending in [&mut self.main, &mut self.side].into_iter().flatten() {
+            pending.deadline = pending.deadline.min(deadline);
+        }
+    }
+
     /// Earliest deadline of a request on its way.
     pub fn deadline(&self) -> Option<Instant> {
         [&self.main, &self.side].into_iter().flatten().map(|pending| pending.deadline).min()

@@ -95,7 +95,8 @@ fn strike(bench: &mut Bench, trouble: Trouble) {
 const STATES: [StateKind; 5] =
     [StateKind::Ready, StateKind::Armed, StateKind::Homing, StateKind::Jogging, StateKind::Running];
 
-/// Bounds: a stop message within 1 ms; what is read while nothing moves, within the round of four 10 ms ticks; a lost host
+/// Bounds: a stop message within 1 ms; a silent drive that is only looked at or homes, after the patience that such a drive
+/// deserves; what is read while nothing moves, within the round of four 10 ms ticks; a lost host
 /// within 100 ms, plus coming to rest: 25 ms to 1 s along the path, a jog 0.25 s and its slack.
 fn table() -> Vec<(Trouble, [Outcome; 5])> {
     use StateKind::{Armed, Fault, Ready, Running, Stopped};
@@ -124,9 +125,9 @@ fn table() -> Vec<(Trouble, [Outcome; 5])> {
         (
             Trouble::Silent,
             [
-                (Fault, Some(60)),
-                (Fault, Some(60)),
-                (Fault, Some(60)),
+                (Fault, Some(350)),
+                (Fault, Some(350)),
+                (Fault, Some(450)),
                 (Fault, Some(60 + 350)),
                 (Fault, Some(9 + 400)),
             ],

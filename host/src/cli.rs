@@ -39,6 +39,8 @@ pub enum Verb {
     Jog(cmd::jog::Args),
     /// Halt everything on the bus.
     Stop(cmd::stop::Args),
+    /// Let the controller forget a latched fault and look at the drives anew; nothing moves.
+    Clear(cmd::clear::Args),
     /// Store a trajectory file in the controller and commit it; nothing moves.
     Upload(cmd::upload::Args),
     /// Upload a trajectory, arm, run it and follow it to its end.
@@ -105,6 +107,7 @@ pub fn run(cli: Cli) -> Result<(), ExpectedError> {
         Verb::Home(args) => cmd::home::run(&args),
         Verb::Jog(args) => cmd::jog::run(&args),
         Verb::Stop(args) => cmd::stop::run(&args),
+        Verb::Clear(args) => cmd::clear::run(&args),
         Verb::Upload(args) => cmd::upload::run(&args),
         Verb::Run(args) => cmd::run::run(&args),
         Verb::Controller(args) => cmd::controller::run(&args),

@@ -76,6 +76,35 @@ fn modules_that_a_controller_speaks_to_are_not_disturbed() {
 }
 
 #[test]
+fn a_control_period_that_does_not_hold_is_refused_before_anything_moves() {
+    let mut options = CellOptions::default();
+    options.drive.starts_homed = true;
+    // Whatever the machine does: a cycle of 3 ms waits 2 ms for an answer.
+    options.drive.processing_delay = protocol::Duration::from_millis(4);
+    let served = Served::arm(options);
+    let folder = bus_common::Folder::new("period");
+    let throw = ["throw", "--target", "1,1,-1", "--no-store", "--controller", "soft", "--bus", &served.spec];
+    let output = cubectl(&[&throw[..], &["--period", "3", "--out", &folder.file("a")]].concat());
+    assert_eq!(code(&output), 7, "{}", err(&output));
+    for part in
+        ["a control period of 3 ms does not hold here", "at worst", "ms would hold", "nothing has moved"]
+    {
+        assert!(err(&output).contains(part), "{part}: {}", err(&output));
+    }
+    assert!(!folder.0.join("a").exists(), "refused before anything was written");
+    let doctor = cubectl(&["doctor", "--bus", &served.spec]);
+    assert!(out(&doctor).contains("control period: a controller in this program needs"), "{}", out(&doctor));
+    assert!(out(&doctor).contains("real time: "), "{}", out(&doctor));
+    let clear = cubectl(&["clear", "--bus", &served.spec]);
+    assert_eq!(code(&clear), 0, "{}", err(&clear));
+    assert!(
+        out(&clear).contains("no controller is heard; 6 modules answer, 0 of them reset"),
+        "{}",
+        out(&clear)
+    );
+}
+
+#[test]
 fn two_modules_with_one_address_are_found_by_doctor() {
     let served = Served::new(|| {
         let options = CellOptions::default();

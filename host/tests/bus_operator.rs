@@ -4,6 +4,7 @@ use firmware::joints::PerJoint;
 use firmware::settings::Settings;
 use firmware::trajectory_format::{FILE_LEN_MAX, Header, encode, rest};
 use host::bus::operator::OperatorError;
+use host::bus::settings::settings_of;
 use host::bus::{BusArgs, Session};
 use protocol::cyphal::cubecell::group_state::State;
 use protocol::cyphal::id::NodeId;
@@ -69,6 +70,45 @@ fn a_plan_that_begins_elsewhere_and_a_damaged_file_are_refused_with_cause_and_ne
     file[30] ^= 1;
     let text = session.upload(node, &file, &mut |_, _| {}).unwrap_err().to_string();
     assert!(text.contains("checksum") && text.contains("(fault 602)"), "{text}");
+}
+
+#[test]
+fn a_run_that_is_stopped_in_its_first_moments_ends_with_its_fault_which_can_be_cleared() {
+    let (mut session, node) = homed();
+    let file = standing(&mut session, 0.0);
+    let name = session.upload(node, &file, &mut |_, _| {}).unwrap();
+    session.arm(node, &name).unwrap();
+    let mut silent =
+        hil_sim::scenario::fault_from_line("kind = \"silent\", target = \"module 3\", length_s = 0.5", 0)
+            .unwrap();
+    silent.start = session.now();
+    session.sim().unwrap().world().add_fault(silent).unwrap();
+    let begun = session.now();
+    let error = session.run_trajectory(node, &name, Duration::from_secs(60), &mut |_, _| {}).unwrap_err();
+    let OperatorError::Stopped { state: State::Fault, cause, .. } = error else { panic!("{error}") };
+    assert!(session.now().saturating_since(begun) < Duration::from_secs(2));
+
+    let other = session.clear_fault(node, cause + 1).unwrap_err();
+    assert!(matches!(other, OperatorError::Refused { .. }), "{other}");
+    session.pass(Duration::from_secs(1)).unwrap();
+    session.clear_fault(node, cause).unwrap();
+    assert_eq!(session.group().unwrap().state, State::Ready);
+    assert_eq!(session.group().unwrap().fault_cause, 0);
+}
+
+#[test]
+fn a_controller_that_homes_bears_answers_that_get_lost_now_and_then() {
+    let bus = BusArgs::default();
+    let mut cell = bus.cell.load().unwrap();
+    let lossy = "kind = \"silent\", target = \"module 3\", probability = 0.05";
+    cell.setup.faults.push(hil_sim::scenario::fault_from_line(lossy, 0).unwrap());
+    let settings = settings_of(&cell.robot).unwrap();
+    let mut session = bus.open_cell(&cell, Some(&settings)).unwrap();
+    let node = session.find_controller(None).unwrap();
+    session.wait_for(Duration::from_secs(10), &|state| state != State::Boot).unwrap();
+    session.home_group(node, 0x3F, Duration::from_secs(120)).unwrap();
+    assert_eq!(session.group().unwrap().state, State::Ready);
+    assert!(session.group().unwrap().replies_missed > 0, "nothing was lost");
 }
 
 #[test]

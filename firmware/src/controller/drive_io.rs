@@ -19,6 +19,12 @@ use crate::store::Storage;
 use crate::supervisor;
 use crate::trace::Event;
 
+/// Deadline for answers while the drives are only looked at or home. With the repetitions that follow, a silent drive is
+/// told after 0.3 to 0.45 s.
+const SLOW_DEADLINE: Duration = Duration::from_millis(100);
+/// A homing goes on until so many times the missed replies that stop a path: it needs none of them at a time.
+const HOMING_PATIENCE: u32 = 2;
+
 impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// Sends what may be sent now.
     pub(super) fn pump(&mut self, now: Instant) {
@@ -40,10 +46,21 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             }
             self.counters.motions = self.counters.motions.wrapping_add(1);
         }
-        let deadline = now + Duration::from_micros(self.settings.reply_deadline_us.into());
+        let deadline = now + self.reply_deadline();
         let module = self.settings.joint.at(joint).module();
         let frame = self.drives.at_mut(joint).begin(lane, module, request, deadline);
         self.send(frame);
+    }
+
+    /// How long an answer may take: what the cycle allows where a drive is led by the cycle; else what a bus and a
+    /// computer need that are held up for a moment, because nothing is lost by waiting.
+    const fn reply_deadline(&self) -> Duration {
+        match self.machine.state() {
+            State::Running { .. } | State::Stopping { .. } | State::Jogging(_) => {
+                Duration::from_micros(self.settings.reply_deadline_us as u64)
+            }
+            _ => SLOW_DEADLINE,
+        }
     }
 
     fn pump_gripper(&mut self, now: Instant) {
@@ -110,9 +127,12 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         let row = self.drives.at(joint).missed_in_row;
         match *self.machine.state() {
             State::Boot(stage) => self.boot_on_missed(now, stage, joint),
-            State::Running { .. } | State::Stopping { .. } | State::Homing(_) | State::Jogging(_)
+            State::Running { .. } | State::Stopping { .. } | State::Jogging(_)
                 if row >= self.settings.reply_missed_max =>
             {
+                self.fail(now, Fault::at(Cause::DriveSilent, joint));
+            }
+            State::Homing(_) if row >= HOMING_PATIENCE * self.settings.reply_missed_max => {
                 self.fail(now, Fault::at(Cause::DriveSilent, joint));
             }
             // A step of homing or of a jog that got no answer is asked again.

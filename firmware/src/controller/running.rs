@@ -43,7 +43,9 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         let period = self.settings.cycle_period();
         let start = now + period * START_CYCLES;
         self.schedule.clear_all();
+        let hurry = now + Duration::from_micros(self.settings.reply_deadline_us.into());
         for joint in self.joints() {
+            self.drives.at_mut(joint).hasten(hurry);
             let q_start_rad = self.spline.borrow().start_rad(joint);
             let q_rad = self.drives.at(joint).position.map_or(q_start_rad, |position| position.q_rad);
             let track = self.track.at_mut(joint);

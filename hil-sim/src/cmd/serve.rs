@@ -4,7 +4,7 @@ use std::io::{BufRead, IsTerminal};
 use std::path::PathBuf;
 use std::sync::mpsc::{self, Receiver, TryRecvError};
 
-use can_link::{BusSpec, Clock};
+use can_link::{BusSpec, Clock, Role, Urgent};
 use hil_sim::cell::Cell;
 use hil_sim::crew::Solo;
 use hil_sim::realtime::{Door, Realtime, RealtimeError, Visit};
@@ -17,6 +17,9 @@ use super::progress::Interrupt;
 
 /// Time between two status lines.
 const STATUS_EVERY: Duration = Duration::from_secs(1);
+
+/// Falling behind by this much is told when it happens: a controller with a cycle of 3 ms loses two answers in a row.
+const LAG_TOLD: Duration = Duration::from_millis(5);
 
 /// What can be typed while it runs.
 const COMMANDS: &str = "commands: fault KEYS (as in a scenario, on one line: fault kind = \"silent\", target = \"module 3\", \
@@ -75,6 +78,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     for door in realtime.doors() {
         say(args, "serving", &format!("{} (robot {}, seed {})", door.name(), scenario.robot, scenario.seed));
     }
+    let urgent = Urgent::request(Role::Plant);
+    say(args, "real time", &urgent.granted().to_string());
     if !args.json && std::io::stdin().is_terminal() {
         eprintln!("{COMMANDS}; Ctrl-C ends");
     }
@@ -124,6 +129,10 @@ fn live(
             Err(TryRecvError::Empty | TryRecvError::Disconnected) => {}
         }
         if realtime.world().now() >= status_at {
+            let worst = realtime.take_worst_lag();
+            if worst > LAG_TOLD {
+                say(args, "late", &format!("the machine held the simulation up for {worst}"));
+            }
             status(args, realtime);
             status_at = realtime.world().now() + STATUS_EVERY;
         }
@@ -165,11 +174,12 @@ fn status(args: &Args, realtime: &Realtime<Cells>) {
     let active: Vec<&str> = world.faults().active().collect();
     let faults = if active.is_empty() { String::new() } else { format!(", faults: {}", active.join(", ")) };
     eprint!(
-        "\r\x1b[K{} s, {} clients, {} frames, bus {:.1} %{faults}",
+        "\r\x1b[K{} s, {} clients, {} frames, bus {:.1} %, behind by {}{faults}",
         world.now().as_micros() / 1_000_000,
         realtime.doors().map(Door::clients).sum::<usize>(),
         world.stats().frames,
         100.0 * world.bus().busy_ns() as f64 / world.bus().now_ns().max(1) as f64,
+        realtime.lag(),
     );
 }
 
@@ -207,6 +217,12 @@ fn report(args: &Args, scenario: &Scenario, realtime: &Realtime<Cells>) -> Resul
                 "median": realtime.lateness().percentile(0.5).map(Duration::as_micros),
                 "max": realtime.lateness().max().map(Duration::as_micros),
             },
+            "lag_us": {
+                "p99": realtime.lag().turns.percentile(0.99).map(Duration::as_micros),
+                "max": realtime.lag().turns.max().map(Duration::as_micros),
+                "turns": realtime.lag().turns.count(),
+                "turns_late": realtime.lag().late,
+            },
             "lost": realtime.lost(),
         });
         println!("{}", serde_json::to_string(&report).map_err(|e| Failure::new(Code::Output, &e))?);
@@ -216,6 +232,7 @@ fn report(args: &Args, scenario: &Scenario, realtime: &Realtime<Cells>) -> Resul
     print!("{}", world.bus_report());
     println!("answers: {}", realtime.latency());
     println!("late against the simulated bus: {}", realtime.lateness());
+    println!("behind the clock: {}", realtime.lag());
     if realtime.lost() > 0 {
         println!("{} frames lost: the link did not take them", realtime.lost());
     }

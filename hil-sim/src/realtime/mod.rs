@@ -31,6 +31,8 @@ use door::Port;
 const BACKLOG_MAX: usize = 1_024;
 /// Longest sleep, so that the owner looks at its own business now and then.
 const NAP_MAX: Duration = Duration::from_millis(50);
+/// A turn that begins this long after its time is counted as late: drives answer a third of that earlier or later anyway.
+const LATE: Duration = Duration::from_millis(1);
 /// Error classes of Linux `can/error.h`: protocol violation, no acknowledge, bus-off.
 const CLASS_PROTOCOL: u32 = 0x08;
 const CLASS_ACK: u32 = 0x20;
@@ -85,6 +87,42 @@ pub struct Realtime<A> {
     seen: Seen,
     latency: Lateness,
     lateness: Lateness,
+    /// When the next turn should begin.
+    wake_at: Option<Instant>,
+    lag: Lag,
+}
+
+/// How far the simulation fell behind the machine's clock: each turn begins when something is due, and what is due waits
+/// until the machine lets the program run.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Lag {
+    /// How late turns began that had something due.
+    pub turns: Lateness,
+    /// Those that were more than 1 ms late.
+    pub late: u64,
+    /// The worst since [`Realtime::take_worst_lag`] was last called.
+    worst: Duration,
+}
+
+impl Lag {
+    fn record(&mut self, late: Duration) {
+        self.turns.record(late);
+        self.late += u64::from(late > LATE);
+        self.worst = self.worst.max(late);
+    }
+}
+
+/// `0.3 ms at worst, 0 of 2000 turns more than 1 ms late`
+impl std::fmt::Display for Lag {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let worst_ms = 1e3 * self.turns.max().unwrap_or_default().as_secs_f64();
+        write!(
+            f,
+            "{worst_ms:.1} ms at worst, {} of {} turns more than 1 ms late",
+            self.late,
+            self.turns.count()
+        )
+    }
 }
 
 impl<A: Crew> Realtime<A> {
@@ -115,6 +153,8 @@ impl<A: Crew> Realtime<A> {
             seen: Seen { first_gateway, ..Seen::default() },
             latency: Lateness::default(),
             lateness: Lateness::default(),
+            wake_at: None,
+            lag: Lag::default(),
         })
     }
 
@@ -144,6 +184,16 @@ impl<A: Crew> Realtime<A> {
         &self.lateness
     }
 
+    /// How far the simulation fell behind the clock. Whoever misses an answer of a drive can see here who was late.
+    pub const fn lag(&self) -> &Lag {
+        &self.lag
+    }
+
+    /// The worst lag since the last call of this.
+    pub const fn take_worst_lag(&mut self) -> Duration {
+        std::mem::replace(&mut self.lag.worst, Duration::ZERO)
+    }
+
     /// Frames that a joined bus did not take.
     pub fn lost(&self) -> u64 {
         self.ports.iter().map(|port| port.lost).sum()
@@ -161,6 +211,11 @@ impl<A: Crew> Realtime<A> {
     ///
     /// A node broke its contract, or a joined bus is gone. Clients that leave are no error.
     pub fn turn(&mut self, until: Instant, observer: &mut impl Observer) -> Result<(), RealtimeError> {
+        let now = self.clock.now();
+        // Woken by a client before the time, it is not late.
+        if let Some(late) = self.wake_at.filter(|due| *due <= now).map(|due| now.saturating_since(due)) {
+            self.lag.record(late);
+        }
         for index in 0..self.ports.len() {
             self.take_in(index, observer)?;
         }
@@ -170,6 +225,7 @@ impl<A: Crew> Realtime<A> {
         if let Some(due) = self.world.next_wake() {
             wake = wake.min(due);
         }
+        self.wake_at = Some(wake);
         let links: Vec<_> = self.ports.iter().map(|port| port.door.link()).collect();
         can_link::wait(&links, &self.clock, Some(wake))?;
         Ok(())

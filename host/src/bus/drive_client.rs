@@ -34,11 +34,18 @@ pub struct Policy {
 }
 
 impl Default for Policy {
-    /// 50 ms covers the slowest adapter (SLCAN at 115 200 baud: some 10 ms for eight requests) and drives that
-    /// their makers' hosts wait up to 13 ms for.
+    /// To find out who is there. 50 ms covers the slowest adapter (SLCAN at 115 200 baud: some 10 ms for eight requests) and
+    /// drives that their makers' hosts wait up to 13 ms for.
     fn default() -> Self {
         Self { deadline: Duration::from_millis(50), tries: 2, window: 8, linger: Duration::ZERO }
     }
+}
+
+impl Policy {
+    /// To speak with a drive that is known to be there: frames that get lost and a host that is held up for a while are
+    /// borne, a dead drive is told after half a second.
+    pub const PATIENT: Self =
+        Self { deadline: Duration::from_millis(100), tries: 5, window: 8, linger: Duration::ZERO };
 }
 
 /// Names one request; never reused.

@@ -2,9 +2,10 @@
 
 use can_link::{BusSpec, Clock, Event, Link, SendError};
 use firmware::settings::Settings;
-use protocol::{Duration, Instant, Node};
+use protocol::{Duration, Instant, ModuleId, Node};
 
 use super::desk::Desk;
+use super::pace::{self, Pace};
 use super::session::{BusFailure, Seen, Way};
 use super::soft::{SoftController, SoftReport};
 
@@ -41,6 +42,14 @@ impl LiveBus {
     pub(super) fn start_controller(self, settings: Settings) -> Result<Self, BusFailure> {
         let (soft, door) = SoftController::start(self.link, self.clock, settings)?;
         Ok(Self { link: Box::new(door), soft: Some(soft), ..self })
+    }
+
+    /// Measures what the machine and the bus hold, with questions to `modules`; the desk hears nothing meanwhile.
+    ///
+    /// # Errors
+    /// The bus is gone.
+    pub(super) fn measure_pace(&mut self, modules: &[ModuleId]) -> Result<Pace, BusFailure> {
+        Ok(pace::measure(&mut *self.link, self.clock, modules)?)
     }
 
     /// Takes the soft controller off the bus; the link stays.
@@ -108,8 +117,10 @@ impl LiveBus {
 
     fn send_out(&mut self, seen: &mut Seen<'_>) -> Result<(), BusFailure> {
         while let Some(frame) = self.desk.poll_frame() {
+            // What comes in later may carry an earlier time, that of its arrival elsewhere; the record goes on in order.
+            self.last = self.now();
             match self.link.send(&frame) {
-                Ok(()) => seen.frame(self.now(), Way::Sent, &frame),
+                Ok(()) => seen.frame(self.last, Way::Sent, &frame),
                 Err(SendError::QueueFull { .. }) => self.dropped += 1,
                 Err(SendError::Link(error)) => return Err(error.into()),
                 Err(_) => self.dropped += 1,

@@ -15,7 +15,7 @@ use protocol::cyphal::client::{NoAnswer, Policy, StartError, Ticket};
 use protocol::cyphal::crc::Crc64;
 use protocol::cyphal::cubecell::TRAJECTORY_PATH;
 use protocol::cyphal::cubecell::command::{
-    self, ArmConfirm, ArmOffer, ArmPrepare, Home, Refusal, Trajectory,
+    self, ArmConfirm, ArmOffer, ArmPrepare, ClearFault, Home, Refusal, Trajectory,
 };
 use protocol::cyphal::cubecell::group_state::{self, GroupState, State};
 use protocol::cyphal::cubecell::joint_state::{self, JointState};
@@ -40,6 +40,8 @@ const ARMING_VALID_MS: u16 = 5_000;
 const FRESH: Duration = Duration::from_millis(500);
 /// Time between two confirmations while it does.
 const FRESH_LOOK: Duration = Duration::from_millis(50);
+/// Longest time for a controller to look at its drives anew.
+const CLEAR_MAX: Duration = Duration::from_secs(10);
 /// A controller that is there has sent its state by then.
 const PRESENCE: Duration = Duration::from_millis(1_500);
 /// Longest time for one request with all its attempts.
@@ -396,6 +398,29 @@ impl Session {
         self.wait_for(Duration::from_secs(2), &|state| state == State::Armed)
     }
 
+    /// Lets the controller forget its latched fault, which is `cause`, and look at every drive anew. Errors and halts of
+    /// the drives are reset by it; nothing moves.
+    ///
+    /// # Errors
+    /// [`OperatorError::Stopped`] if a cause is still there, and the others.
+    pub fn clear_fault(&mut self, node: NodeId, cause: u16) -> Result<(), OperatorError> {
+        self.order(node, "to forget the fault", command::CLEAR_FAULT, &ClearFault { fault_cause: cause })?;
+        let cleared_at = self.now();
+        // Its next message may still tell the state of before.
+        let ended = self.run(cleared_at + CLEAR_MAX, &mut |desk| {
+            let group =
+                desk.inbox().and_then(|inbox| inbox.group).filter(|(at, ..)| *at > cleared_at + FRESH);
+            group.is_some_and(|(_, _, group)| group.state != State::Boot)
+        })?;
+        let group = self.group().unwrap_or_default();
+        match (ended, group.state) {
+            (Ended::Interrupted, _) => Err(OperatorError::Interrupted),
+            (_, State::Fault) => Err(stopped(&group)),
+            (Ended::TimedOut, state) => Err(OperatorError::NoProgress { state, limit: CLEAR_MAX }),
+            (Ended::Done, _) => Ok(()),
+        }
+    }
+
     /// Back to Ready.
     ///
     /// # Errors
@@ -419,7 +444,8 @@ impl Session {
     ) -> Result<GroupState, OperatorError> {
         self.guard_motion();
         self.order(node, "to run", command::RUN, name)?;
-        let until = self.now() + limit;
+        let ordered_at = self.now();
+        let until = ordered_at + limit;
         let (mut last, mut seen_running) = (None, false);
         let ended = self.run(until, &mut |desk| {
             let Some((at, _, state)) = desk.inbox().and_then(|inbox| inbox.group) else { return false };
@@ -428,7 +454,9 @@ impl Session {
                 progress(at, &state);
             }
             seen_running |= state.state == State::Running;
-            seen_running && !matches!(state.state, State::Running | State::Stopping)
+            // States come ten times a second: a run that was stopped within the first of them was never seen to run.
+            let ended_early = at > ordered_at && matches!(state.state, State::Fault | State::Stopped);
+            ended_early || (seen_running && !matches!(state.state, State::Running | State::Stopping))
         })?;
         if ended == Ended::Interrupted {
             self.stop_after_interrupt(node)?;

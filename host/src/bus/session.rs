@@ -6,12 +6,13 @@ use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use can_link::BusError;
+use can_link::{BusError, Role, Urgent};
 use protocol::cyphal::cubecell::stop::Reason;
-use protocol::{Duration, Frame, Instant};
+use protocol::{Duration, Frame, Instant, ModuleId};
 
 use super::desk::Desk;
 use super::live::LiveBus;
+use super::pace::Pace;
 use super::sim::SimBus;
 use super::soft::SoftReport;
 
@@ -65,6 +66,9 @@ pub enum BusFailure {
     /// Waiting for the bus failed.
     #[error("cannot wait for the bus: {0}")]
     Wait(#[source] io::Error),
+    /// The runner of a node ended.
+    #[error(transparent)]
+    Runner(#[from] can_link::RunError),
     /// The robot of the simulated cell cannot be loaded.
     #[error("{0}\n  next: name a built-in robot (powercube6) or the path of a robot file")]
     Robot(#[from] robot_model::LoadError),
@@ -128,6 +132,8 @@ pub struct Session {
     name: String,
     /// This session may have set something in motion.
     moves: bool,
+    /// While it does, this thread is not late: without the host's heartbeat a controller stops.
+    urgent: Option<Urgent>,
     bus_errors: Vec<(Instant, BusError)>,
     /// Set: the soft controller of the simulated cell is silent.
     controller_off: Rc<Cell<bool>>,
@@ -173,7 +179,8 @@ impl Session {
         controller_off: Rc<Cell<bool>>,
     ) -> Self {
         let bus_errors = Vec::new();
-        Self { medium, taps: Vec::new(), interrupt, name, moves: false, bus_errors, controller_off }
+        let (taps, moves, urgent) = (Vec::new(), false, None);
+        Self { medium, taps, interrupt, name, moves, urgent, bus_errors, controller_off }
     }
 
     /// Takes the soft controller of this session off the bus, so that the host may ask the drives itself.
@@ -189,6 +196,19 @@ impl Session {
         match &mut self.medium {
             Medium::Sim(_) => None,
             Medium::Live(live) => live.finish_controller(),
+        }
+    }
+
+    /// Measures for [`super::pace::SPAN`] which control period this machine and this bus hold, with questions to
+    /// `modules` only; `None` in virtual time, which holds every one. Recorders do not see the questions, and no soft
+    /// controller may be on the bus yet.
+    ///
+    /// # Errors
+    /// The bus is gone.
+    pub fn measure_pace(&mut self, modules: &[ModuleId]) -> Result<Option<Pace>, BusFailure> {
+        match &mut self.medium {
+            Medium::Sim(_) => Ok(None),
+            Medium::Live(live) => live.measure_pace(modules).map(Some),
         }
     }
 
@@ -238,13 +258,17 @@ impl Session {
     }
 
     /// Declares that from now on something may move because of this session: whatever ends it sends a halt first.
-    pub const fn guard_motion(&mut self) {
+    pub fn guard_motion(&mut self) {
         self.moves = true;
+        if let (Medium::Live(_), None) = (&self.medium, &self.urgent) {
+            self.urgent = Some(Urgent::request(Role::Host));
+        }
     }
 
     /// The motion has ended in order.
-    pub const fn release_motion(&mut self) {
+    pub fn release_motion(&mut self) {
         self.moves = false;
+        self.urgent = None;
     }
 
     /// Ctrl-C has come.

@@ -19,16 +19,15 @@ use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_cha
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
-use can_link::{Clock, Event, Lateness, Link, LinkError, LinkStats, PollSet, RunError, Runner, SendError};
+use can_link::{
+    Clock, Event, Granted, Lateness, Link, LinkError, LinkStats, PollSet, Role, RunError, RunStats, Runner,
+    SendError, Urgent,
+};
 use firmware::ControllerNode;
 use firmware::host_link::Identity;
 use firmware::settings::Settings;
 use firmware::store::RamStorage;
 use protocol::{Frame, Node};
-use thread_priority::{
-    RealtimeThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy, set_thread_priority_and_policy,
-    thread_native_id,
-};
 
 use super::session::BusFailure;
 
@@ -36,10 +35,8 @@ use super::session::BusFailure;
 const TO_SESSION_MAX: usize = 16_384;
 /// Frames that wait for the thread.
 const TO_BUS_MAX: usize = 1_024;
-/// Real-time priority, 1 to 99: above everything of a desktop, below the kernel's own interrupt threads (50).
-const PRIORITY: u8 = 40;
 
-/// How the controller's thread did.
+/// How a controller as a program kept time.
 #[derive(Clone, Debug, Default)]
 pub struct SoftReport {
     /// How late its deadlines were served.
@@ -48,8 +45,24 @@ pub struct SoftReport {
     pub answers: Lateness,
     /// Frames that the session did not fetch in time.
     pub unseen: u64,
-    /// The operating system granted a real-time priority.
-    pub real_time: bool,
+    /// What the operating system granted.
+    pub granted: Granted,
+}
+
+impl SoftReport {
+    /// From what its runner counted.
+    #[must_use]
+    pub fn of(stats: &RunStats, unseen: u64, granted: Granted) -> Self {
+        Self { deadlines: stats.deadlines.clone(), answers: stats.answers.clone(), unseen, granted }
+    }
+}
+
+impl std::fmt::Display for SoftReport {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        writeln!(f, "{}", self.granted)?;
+        writeln!(f, "deadlines served late by: {}", self.deadlines)?;
+        write!(f, "frames answered after:    {}", self.answers)
+    }
 }
 
 /// Wakes the other side out of its sleep.
@@ -243,7 +256,7 @@ impl SoftController {
             let counter = Arc::clone(&unseen);
             let mut shared =
                 Shared { wire, clock, frames, events: to_session, bell: theirs, unseen: counter };
-            let real_time = raise_priority();
+            let urgent = Urgent::request(Role::Controller);
             let (result, stats) = serve(&mut shared, clock, &settings, &off, &stop);
             if let (Err(error), Ok(mut place)) = (result, ending.lock()) {
                 *place = Some(match error {
@@ -255,12 +268,7 @@ impl SoftController {
                     },
                 });
             }
-            SoftReport {
-                deadlines: stats.deadlines,
-                answers: stats.answers,
-                unseen: unseen.load(Ordering::Relaxed),
-                real_time,
-            }
+            SoftReport::of(&stats, unseen.load(Ordering::Relaxed), urgent.granted())
         };
         let thread = std::thread::Builder::new().name("controller".to_owned()).spawn(work);
         this.thread = Some(thread.map_err(BusFailure::Wait)?);
@@ -292,7 +300,7 @@ fn serve(
     settings: &Settings,
     off: &AtomicBool,
     stop: &AtomicBool,
-) -> (Result<(), RunError>, can_link::RunStats) {
+) -> (Result<(), RunError>, RunStats) {
     let mut controller = ControllerNode::new(clock.now(), RamStorage::new(), settings, Identity::default());
     let mut runner = Runner::new(shared, clock);
     let mut nodes: [&mut dyn Node; 1] = [&mut controller];
@@ -302,12 +310,4 @@ fn serve(
         result = runner.run(&mut [], stop, None);
     }
     (result, stats)
-}
-
-/// First in, first out above all ordinary threads, where the system allows it (root, CAP_SYS_NICE, or a limit
-/// `rtprio` in limits.conf).
-fn raise_priority() -> bool {
-    let Ok(value) = PRIORITY.try_into() else { return false };
-    let policy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
-    set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Crossplatform(value), policy).is_ok()
 }

@@ -4,7 +4,11 @@ use protocol::ModuleId;
 use protocol::powercube::{Config, CubeState, FirmwareVersion, Parameter, Reply, Request, Setup, Value};
 
 use super::ask::AskError;
+use super::drive_client::Policy;
 use super::session::Session;
+
+/// How often a module that may not be there is asked: a second of silence for all 31 addresses.
+const SCAN_TRIES: u8 = 3;
 
 /// What is known of one module; `None` for what its firmware does not have or it did not answer.
 #[derive(Clone, Debug, PartialEq)]
@@ -91,6 +95,8 @@ pub fn survey(
     candidates: impl IntoIterator<Item = ModuleId>,
     progress: Progress<'_>,
 ) -> Result<Vec<ModuleReport>, AskError> {
+    let linger = session.desk().drives.policy().linger;
+    session.desk().drives.set_policy(Policy { linger, tries: SCAN_TRIES, ..Policy::default() });
     let questions: Vec<_> =
         candidates.into_iter().map(|module| (module, Request::Get(Parameter::DefVersion))).collect();
     let answers =
@@ -117,6 +123,8 @@ pub fn survey(
         let readable = DETAILS.into_iter().filter(|parameter| parameter.info().readable(*version));
         details.extend(readable.map(|parameter| (*module, Request::Get(parameter))));
     }
+    // Whoever has answered is there.
+    session.desk().drives.set_policy(Policy { linger, ..Policy::PATIENT });
     let answers = session.ask_all_with(&details, &mut |done, all| progress("asking them", done, all))?;
     let mut reports: Vec<ModuleReport> = found
         .into_iter()

@@ -22,10 +22,15 @@ impl From<BusFailure> for ExpectedError {
             | BusFailure::Scenario(_)
             | BusFailure::Settings(_) => exit::BAD_INPUT,
             BusFailure::Recording { .. } => exit::OUTPUT,
-            BusFailure::Sim(_) => exit::BUG,
-            BusFailure::Open(_) | BusFailure::Link(_) | BusFailure::Wait(_) | BusFailure::World(_) => {
-                exit::BUS
-            }
+            BusFailure::Sim(_)
+            | BusFailure::Runner(
+                can_link::RunError::StuckDeadline { .. } | can_link::RunError::Babble { .. },
+            ) => exit::BUG,
+            BusFailure::Open(_)
+            | BusFailure::Link(_)
+            | BusFailure::Wait(_)
+            | BusFailure::Runner(_)
+            | BusFailure::World(_) => exit::BUS,
         };
         Self::new(code, failure.to_string())
     }

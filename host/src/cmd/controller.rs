@@ -3,22 +3,28 @@
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use can_link::{BusSpec, Clock, RunError, Runner};
+use can_link::{BusSpec, Clock, Link, Role, RunError, Runner, Urgent};
 use firmware::ControllerNode;
 use firmware::host_link::Identity;
 use firmware::orders::Order;
 use firmware::settings::Settings;
-use firmware::store::{RamStorage, Storage};
+use firmware::store::{RamStorage, Storage, load_settings};
 use protocol::Duration;
 use protocol::cyphal::crc::Crc64;
 use protocol::cyphal::id::NodeId;
+use robot_model::AnyRobot;
 
+use super::throw::{period_us, wish};
 use super::upload::node_id;
 use crate::bus::BusFailure;
 use crate::bus::args::interrupt;
+use crate::bus::pace;
+use crate::bus::settings::settings_of;
+use crate::bus::soft::SoftReport;
 use crate::bus::storage::FileStorage;
 use crate::error::ExpectedError;
 use crate::exit;
+use crate::throw::period::{NoPeriod, apply, choose};
 
 /// Time between two looks at the state of the group.
 const LOOK: Duration = Duration::from_millis(20);
@@ -26,13 +32,11 @@ const LOOK: Duration = Duration::from_millis(20);
 const STOP_TIME: Duration = Duration::from_secs(3);
 /// Time for the halt to leave.
 const HALT_TIME: Duration = Duration::from_millis(50);
-/// Priority that is asked for, as of `nice`; the lowest number is the highest priority.
-const NICENESS: i32 = -20;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl controller --bus can0 --storage arm.storage\n  chrt -f 50 cubectl controller --bus can0 --storage arm.storage   # real-time priority, for 3 ms\n  cubectl controller --bus socketcand://127.0.0.1:29536/can0 --paper\n\nCtrl-C stops the arm along its path and halts the drives; a second Ctrl-C ends at once, the drives' watchdogs then stop them."
+    after_help = "Examples:\n  cubectl controller --bus can0 --storage arm.storage\n  cubectl controller --bus socketcand://127.0.0.1:29536/can0 --period 17\n  cubectl throw --target 1,1,-1 --bus can0 --controller 10   # in another terminal\n\nThe period is that of the storage, or --period, or the shortest one that this machine and this bus hold: a second of\nquestions to the drives tells. One that does not hold is refused before anything moves. A real-time priority is\nasked for and used where the system allows it (limits.conf: rtprio, memlock).\n\nCtrl-C stops the arm along its path and halts the drives; a second Ctrl-C ends at once, the drives' watchdogs then stop them."
 )]
 pub struct Args {
     /// Bus: can0, socketcand://host:port/bus, slcan:/dev/ttyACM0 or slcan://host:port.
@@ -44,8 +48,14 @@ pub struct Args {
     /// File for settings and trajectories; made if it is not there. Without it they are forgotten in the end.
     #[arg(long, value_name = "FILE")]
     pub storage: Option<PathBuf>,
-    /// Begin with the paper's settings, 17 ms, instead of 3 ms. What is stored goes before.
-    #[arg(long)]
+    /// Robot: a built-in name or a file.
+    #[arg(long, value_name = "ROBOT", default_value = "powercube6")]
+    pub robot: String,
+    /// Control period, ms: 3, 5, 10, 17 or 30. What is stored goes before.
+    #[arg(long, value_name = "MS", value_parser = period_us)]
+    pub period: Option<u32>,
+    /// Begin with the paper's settings, 17 ms, whatever the machine holds. What is stored goes before.
+    #[arg(long, conflicts_with = "period")]
     pub paper: bool,
     /// End after so many seconds, as by Ctrl-C.
     #[arg(long = "for", value_name = "SECONDS", value_parser = super::home::positive)]
@@ -67,11 +77,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 }
 
 fn with_storage(args: &Args, storage: impl Storage) -> Result<(), ExpectedError> {
-    let mut defaults = if args.paper { Settings::powercube6_paper() } else { Settings::powercube6() };
-    if let Some(id) = args.node_id {
-        defaults.node_id = id.get().into();
-    }
     let clock = Clock::start();
+    let mut link = can_link::open(&args.bus, clock).map_err(BusFailure::from)?;
+    let defaults = defaults(args, &storage, &mut *link, clock)?;
     let mut node = ControllerNode::new(clock.now(), storage, &defaults, identity());
     let settings = *node.controller().settings();
     if args.node_id.is_some_and(|id| u32::from(id.get()) != settings.node_id) {
@@ -80,18 +88,15 @@ fn with_storage(args: &Args, storage: impl Storage) -> Result<(), ExpectedError>
             settings.node_id
         )));
     }
-    let mut link = can_link::open(&args.bus, clock).map_err(BusFailure::from)?;
-    let raised = rustix::process::setpriority_process(None, NICENESS).is_ok();
+    let urgent = Urgent::request(Role::Controller);
     eprintln!(
-        "controller {} on {}: {} joints, {} us; {} scheduling priority; Ctrl-C stops the arm and ends",
-        settings.node_id,
-        args.bus,
-        settings.joints,
-        settings.cycle_period_us,
-        if raised { "raised" } else { "ordinary (not allowed to raise it)" },
+        "controller {} on {}: {} joints, {} us; Ctrl-C stops the arm and ends",
+        settings.node_id, args.bus, settings.joints, settings.cycle_period_us,
     );
     let until = args.time.map(|s| clock.now() + Duration::from_secs_f64(s));
     let stop = interrupt();
+    // Its first deadline lies before the measurement and says nothing about lateness.
+    Runner::new(&mut *link, clock).step(&mut [&mut node], Some(clock.now())).map_err(failure)?;
     let mut runner = Runner::new(&mut *link, clock);
     let mut shown = None;
     while !stop.load(Ordering::Relaxed) && until.is_none_or(|until| clock.now() < until) {
@@ -106,14 +111,62 @@ fn with_storage(args: &Args, storage: impl Storage) -> Result<(), ExpectedError>
         "{} frames received, {} sent, {} not taken by the bus",
         stats.received, stats.sent, stats.dropped
     );
-    println!("deadlines served late by: {}", stats.deadlines);
-    println!("frames answered after:    {}", stats.answers);
+    println!("{}", SoftReport::of(stats, 0, urgent.granted()));
     let counters = node.controller().counters();
     println!(
         "{} control cycles, {} late, {} replies missed",
         counters.cycles, counters.cycles_late, counters.replies_missed
     );
     Ok(())
+}
+
+/// Settings to begin with, at a period that holds here.
+fn defaults(
+    args: &Args,
+    storage: &impl Storage,
+    link: &mut dyn Link,
+    clock: Clock,
+) -> Result<Settings, ExpectedError> {
+    let robot = AnyRobot::load(&args.robot).map_err(|error| ExpectedError::bad_input(&error))?;
+    let mut settings = settings_of(&robot).map_err(|error| ExpectedError::bad_input(&error))?;
+    if args.paper {
+        settings = Settings::powercube6_paper();
+    }
+    if let Some(id) = args.node_id {
+        settings.node_id = id.get().into();
+    }
+    if args.paper {
+        return Ok(settings);
+    }
+    let modules: Vec<_> = settings.joints().map(|joint| settings.joint.at(joint).module()).collect();
+    let pace = pace::measure(link, clock, &modules).map_err(failure)?;
+    if pace.foreign_requests > 0 {
+        return Err(ExpectedError::new(
+            exit::BUS,
+            format!(
+                "{}: another controller or host speaks to the modules; two of them destroy each other's frames\n  next: \
+                 end it; nothing has moved",
+                args.bus
+            ),
+        ));
+    }
+    eprintln!("{pace}; {}", pace.granted);
+    let stored = load_settings(storage, &settings);
+    if stored != settings {
+        let period = stored.cycle_period();
+        // Its gains are stored too, and need no others.
+        return if pace.holds(period) {
+            Ok(settings)
+        } else {
+            let next =
+                "write register cycle.period_us and gains for it, or begin with another --storage".to_owned();
+            Err(NoPeriod::TooShort { period_us: stored.cycle_period_us, pace: Box::new(pace), next }.into())
+        };
+    }
+    let choice = choose(wish(None, args.period), Some(&pace), robot.name(), settings.cycle_period_us)?;
+    eprintln!("control period {} ms ({})", f64::from(choice.period_us) * 1e-3, choice.why);
+    apply(&choice, &mut settings);
+    Ok(settings)
 }
 
 /// A moving arm stops along its path; in the end the drives are halted.

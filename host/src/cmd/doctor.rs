@@ -143,6 +143,7 @@ pub fn examine(
     for report in &modules {
         findings.extend(module_findings(report));
     }
+    findings.extend(pace(session, &modules)?);
     findings.push(if probe {
         probe_29_bit(session, &modules)?
     } else {
@@ -383,6 +384,28 @@ fn module_findings(report: &ModuleReport) -> Vec<Finding> {
         ));
     }
     findings
+}
+
+/// Whether a controller in this program would keep its cycle here; nothing in virtual time.
+fn pace(session: &mut Session, modules: &[ModuleReport]) -> Result<Vec<Finding>, ExpectedError> {
+    const NAME: &str = "control period";
+    if modules.is_empty() {
+        return Ok(Vec::new());
+    }
+    let asked: Vec<ModuleId> = modules.iter().map(|report| report.module).collect();
+    let Some(pace) = session.measure_pace(&asked)? else { return Ok(Vec::new()) };
+    let shortest_ms = 1e3 * pace.shortest().as_secs_f64();
+    let what = format!("a controller in this program needs {shortest_ms:.1} ms or more: {pace}");
+    let next = "`cubectl throw` chooses a period that holds; a quieter machine or real-time priority makes it shorter";
+    let system = if pace.granted.priority.is_some() && pace.granted.memory { Level::Ok } else { Level::Note };
+    Ok(vec![
+        if shortest_ms <= 3.0 {
+            finding(Level::Ok, NAME, what, "")
+        } else {
+            finding(Level::Note, NAME, what, next)
+        },
+        finding(system, "real time", pace.granted.to_string(), ""),
+    ])
 }
 
 /// Sends frames with 29-bit ids of the lowest priority and looks whether the bus and the modules bear it.

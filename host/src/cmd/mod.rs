@@ -1,6 +1,7 @@
 //! One verb of `cubectl` per file: arguments and `run`.
 
 pub mod check;
+pub mod clear;
 pub mod completions;
 pub mod config;
 pub mod controller;

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use can_link::{BusSpec, Clock};
+use can_link::{BusSpec, Clock, Role, Urgent};
 use hil_sim::crew::Solo;
 use hil_sim::realtime::{Door, Realtime, RealtimeError, Visit};
 use hil_sim::scenario::{Scenario, ScriptedHost};
@@ -14,6 +14,10 @@ use crate::bus::sim::{no_guests, soft_controller_guest};
 use crate::error::ExpectedError;
 use crate::exit;
 
+/// Time between two looks at how late the machine was, and the lag that is told when it happens: a controller with a cycle
+/// of 3 ms loses two answers in a row.
+const LAG_LOOK: Duration = Duration::from_secs(1);
+const LAG_TOLD: Duration = Duration::from_millis(5);
 /// Time between two looks at Ctrl-C.
 const LOOK: Duration = Duration::from_millis(50);
 
@@ -74,6 +78,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     for door in realtime.doors() {
         println!("serving {} (robot {}, seed {}); Ctrl-C ends", door.name(), scenario.robot, scenario.seed);
     }
+    let urgent = Urgent::request(Role::Plant);
+    eprintln!("simulated drives in real time: {}", urgent.granted());
+    let mut lag_at = realtime.world().now() + LAG_LOOK;
     let end = args.time.map_or(Instant::FAR_FUTURE, |s| Instant::ZERO + Duration::from_secs_f64(s));
     while !stop.load(std::sync::atomic::Ordering::Relaxed) && realtime.world().now() < end {
         let until = (realtime.world().now() + LOOK).min(end);
@@ -81,6 +88,13 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             let code = if matches!(error, RealtimeError::Run(_)) { exit::BUG } else { exit::BUS };
             ExpectedError::new(code, error.to_string())
         })?;
+        if realtime.world().now() >= lag_at {
+            lag_at = realtime.world().now() + LAG_LOOK;
+            let worst = realtime.take_worst_lag();
+            if worst > LAG_TOLD {
+                eprintln!("late: the machine held the simulation up for {worst}");
+            }
+        }
         for visit in realtime.visits() {
             match visit {
                 Visit::Joined(peer) => eprintln!("client {peer} connected"),
@@ -89,5 +103,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         }
     }
     print!("{}", realtime.world().bus_report());
+    println!("answers: {}", realtime.latency());
+    println!("behind the clock: {}", realtime.lag());
     Ok(())
 }

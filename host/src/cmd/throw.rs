@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use std::time::{Instant as WallTime, SystemTime, UNIX_EPOCH};
 
 use can_link::BusSpec;
-use firmware::settings::Settings;
 use indicatif::ProgressBar;
 use nalgebra::Vector3;
 use protocol::ModuleId;
@@ -20,6 +19,7 @@ use super::plan::throw::{Planned, SearchOptions};
 use super::report;
 use crate::analysis::tracking::JointTracking;
 use crate::bus::args::{CellArgs, Controller, interrupt};
+use crate::bus::pace::Pace;
 use crate::bus::settings::settings_of;
 use crate::bus::{BusArgs, Session};
 use crate::error::ExpectedError;
@@ -27,13 +27,12 @@ use crate::exit;
 use crate::plan::Arm;
 use crate::plan::file::PlanFile;
 use crate::throw::job::{News, Step};
+use crate::throw::period::{Choice, NoPeriod, Wish, apply, choose};
 use crate::throw::summary::{Circumstances, summary};
 use crate::throw::{Job, JobError, Record, job};
 use crate::tune::gains_file::GainsFile;
 use crate::verify;
 
-/// Gains of `powercube6` at the period of the firmware's settings.
-const BUILT_IN_GAINS: &str = include_str!("../../gains/powercube6-3ms.toml");
 /// How long is listened for a controller before a soft one is started, on a live bus.
 const LISTEN: protocol::Duration = protocol::Duration::from_millis(400);
 
@@ -61,6 +60,10 @@ pub struct Args {
     /// those that come with the program for its own controller, else those that the controller has.
     #[arg(long, value_name = "FILE")]
     pub gains: Option<PathBuf>,
+    /// Control period of a controller in this program, ms: 3, 5, 10, 17 or 30. Default: the shortest one that this machine
+    /// and this bus hold, which is measured first.
+    #[arg(long, value_name = "MS", conflicts_with = "gains", value_parser = period_us)]
+    pub period: Option<u32>,
     /// Seed of the planner and of the simulated cell [default: the scenario's, or 1].
     #[arg(long)]
     pub seed: Option<u64>,
@@ -110,16 +113,19 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         return Err(ExpectedError::new(exit::INTERRUPTED, "interrupted; nothing has moved"));
     }
     preflight(&arm, &plan)?;
-    let soft = wants_soft(args)?;
+    let Ground { soft, pace } = look(args, &arm)?;
     let mut settings = settings_of(&cell.robot).map_err(|error| ExpectedError::bad_input(&error))?;
-    // A controller that is on the bus already keeps its own.
-    let gains = match &args.gains {
-        Some(path) => Some(read_gains(path, &arm)?),
-        None => soft.then(|| GainsFile::from_toml(BUILT_IN_GAINS, arm.name()).ok()).flatten(),
+    let given = args.gains.as_ref().map(|path| read_gains(path, &arm)).transpose()?;
+    let choice = if soft {
+        let wish = wish(given.clone(), args.period);
+        let choice = choose(wish, pace.as_ref(), arm.name(), settings.cycle_period_us)?;
+        apply(&choice, &mut settings);
+        Some(choice)
+    } else {
+        None
     };
-    if let Some(gains) = &gains {
-        set_period(&mut settings, gains);
-    }
+    // A controller that is on the bus already keeps its own, unless some are given.
+    let gains = choice.as_ref().map_or(given, |choice| choice.gains.clone());
     // On the bus `sim` the ball lands where the target is, not only on the floor.
     cell.setup.cell.gripper.landing_z_m = Some(plan.target.position_m[2]);
 
@@ -129,6 +135,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         BusArgs { bus: args.bus.clone(), cell: cell_args, record: Some(folder.file("log")), beside: false };
     let mut voice = Voice::new(args.json);
     voice.planned(&plan, plan_s);
+    if let (Some(choice), Some(pace)) = (&choice, &pace) {
+        voice.paced(choice, pace);
+    }
     let mut session = bus.open_cell(&cell, soft.then_some(&settings))?;
 
     let scene = scene(&args.search);
@@ -186,6 +195,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         plan_s,
         gains_crc32: firmware::crc::Crc32::of(gains_text.as_bytes()),
         soft: thread.as_ref(),
+        period_why: choice.as_ref().map_or("the controller's", |choice| choice.why),
+        pace: pace.as_ref(),
     };
     let mut value = summary(&job, &record, &circumstances);
     value["command_line"] = std::env::args().collect::<Vec<_>>().join(" ").into();
@@ -254,41 +265,80 @@ fn read_gains(path: &Path, arm: &Arm) -> Result<GainsFile, ExpectedError> {
         .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", path.display())))
 }
 
-/// A controller of this program runs at the period of its gains, with the estimator they were proven for.
-fn set_period(settings: &mut Settings, gains: &GainsFile) {
-    let period_us = (gains.period_s * 1e6).round() as u32;
-    settings.cycle_period_us = period_us;
-    settings.gains_period_us = period_us;
-    (settings.estimator_alpha, settings.estimator_beta) =
-        (gains.estimator.alpha as f32, gains.estimator.beta as f32);
-    settings.reply_deadline_us = (period_us * 2 / 3).clamp(500, 20_000);
+/// `3`, `5`, … as µs.
+pub(super) fn period_us(text: &str) -> Result<u32, String> {
+    let ms = super::home::positive(text)?;
+    if (0.5..=40.0).contains(&ms) {
+        Ok((1e3 * ms).round() as u32)
+    } else {
+        Err("must be from 0.5 to 40 ms".to_owned())
+    }
 }
 
-/// Whether the controller runs in this program.
-fn wants_soft(args: &Args) -> Result<bool, ExpectedError> {
+/// Who decides the period.
+pub(super) fn wish(gains: Option<GainsFile>, period_us: Option<u32>) -> Wish {
+    match (gains, period_us) {
+        (Some(gains), _) => Wish::Gains(Box::new(gains)),
+        (None, Some(period_us)) => Wish::Period(period_us),
+        (None, None) => Wish::Any,
+    }
+}
+
+impl From<NoPeriod> for ExpectedError {
+    fn from(error: NoPeriod) -> Self {
+        match error {
+            NoPeriod::NoGains { .. } => Self::bad_input(&error),
+            NoPeriod::TooShort { .. } | NoPeriod::None { .. } => Self::new(exit::BUS, error.to_string()),
+        }
+    }
+}
+
+/// What is known before the first step.
+struct Ground {
+    /// The controller runs in this program.
+    soft: bool,
+    /// What machine and bus hold then; `None` in virtual time.
+    pace: Option<Pace>,
+}
+
+/// Looks who is on the bus; where a controller in this program shall close the loop, measures whether it can.
+fn look(args: &Args, arm: &Arm) -> Result<Ground, ExpectedError> {
+    let node_given = matches!(args.controller, Some(Controller::Node(_)));
+    if node_given && args.period.is_some() {
+        return Err(ExpectedError::bad_input(
+            &"--period is for a controller in this program\n  next: `cubectl controller --period`, or register cycle.period_us",
+        ));
+    }
     match (args.controller, &args.bus) {
         (Some(Controller::Node(_)), BusSpec::Sim) => Err(ExpectedError::bad_input(
             &"the bus sim has no controller but the soft one\n  next: leave --controller out, or name another bus",
         )),
-        (Some(Controller::Node(_)), _) => Ok(false),
-        (_, BusSpec::Sim) => Ok(true),
+        (Some(Controller::Node(_)), _) => Ok(Ground { soft: false, pace: None }),
+        (_, BusSpec::Sim) => Ok(Ground { soft: true, pace: None }),
         (wanted, spec) => {
             let listener = BusArgs { bus: spec.clone(), ..BusArgs::default() };
             let mut session = listener.open()?;
             let found = speaker(&mut session)?;
-            session.finish()?;
-            match (found, wanted) {
-                (true, Some(Controller::Soft)) => Err(ExpectedError::new(
+            if found && wanted == Some(Controller::Soft) {
+                return Err(ExpectedError::new(
                     exit::BUS,
                     format!(
                         "{spec}: a controller or host speaks to the modules already; two of them destroy each other's \
                          frames\n  next: leave --controller out to use it, or end it"
                     ),
-                )),
-                (found, _) => Ok(!found),
+                ));
             }
+            let pace = if found { None } else { session.measure_pace(&modules(arm))? };
+            session.finish()?;
+            Ok(Ground { soft: !found, pace })
         }
     }
+}
+
+/// Addresses of the arm's drives.
+fn modules(arm: &Arm) -> Vec<ModuleId> {
+    let drives = arm.drives().into_iter().flatten();
+    drives.filter_map(|drive| ModuleId::new(drive.address).ok()).collect()
 }
 
 /// Whether a controller or another host is heard.
@@ -323,9 +373,7 @@ fn failure(error: JobError, record: &Record) -> ExpectedError {
 /// What is wrong with the drives, asked by the host itself with the controller out of the way.
 fn diagnosis(session: &mut Session, arm: &Arm) -> Option<String> {
     session.switch_controller_off();
-    let wanted: Vec<ModuleId> =
-        arm.drives()?.iter().filter_map(|drive| ModuleId::new(drive.address).ok()).collect();
-    let (modules, findings) = examine(session, Some(&wanted), false, true).ok()?;
+    let (modules, findings) = examine(session, Some(&modules(arm)), false, true).ok()?;
     // What was heard before was our own controller.
     let problems = findings.iter().filter(|f| f.level == Level::Problem && f.check != "traffic");
     let shown = if modules.is_empty() { 1 } else { usize::MAX };
@@ -437,6 +485,12 @@ impl Voice {
         self.line("plan", took_s, &found);
     }
 
+    fn paced(&self, choice: &Choice, pace: &Pace) {
+        let found = format!("{} ms ({}): {pace}", f64::from(choice.period_us) * 1e-3, choice.why);
+        self.line("control period", crate::bus::pace::SPAN.as_secs_f64(), &found);
+        self.line("", 0.0, &pace.granted.to_string());
+    }
+
     fn tell(&mut self, news: News<'_>) {
         match news {
             News::Begin(step) => {
@@ -500,16 +554,6 @@ impl Voice {
 
 #[cfg(test)]
 mod tests {
-    use super::{BUILT_IN_GAINS, GainsFile};
-    use firmware::settings::Settings;
-
-    #[test]
-    fn the_gains_that_come_with_the_program_prove_and_go_with_the_built_in_settings() {
-        let gains = GainsFile::from_toml(BUILT_IN_GAINS, "powercube6").unwrap();
-        assert_eq!((gains.period_s * 1e6).round() as u32, Settings::powercube6().cycle_period_us);
-        assert!(gains.joint.iter().map(|joint| joint.number).eq(1..=6));
-    }
-
     #[test]
     fn the_default_folder_is_named_after_a_date_of_this_century() {
         let name = super::date_and_time();

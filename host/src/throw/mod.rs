@@ -7,6 +7,7 @@
 //! | module | holds |
 //! |---|---|
 //! | [`trajectory`] | motions, and the one place where they become a controller's file |
+//! | [`period`] | the control period of a controller in this program: measured, given, or refused |
 //! | [`approach`] | motions from rest to rest around everything in the way |
 //! | [`job`] | the steps above, in order, on a session |
 //! | [`mod@summary`] | the run in numbers, as JSON |
@@ -18,6 +19,7 @@
 
 pub mod approach;
 pub mod job;
+pub mod period;
 pub mod summary;
 pub mod trajectory;
 

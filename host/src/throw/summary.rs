@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use super::job::{Job, LandingSource, Record};
 use crate::analysis::RunAnalysis;
 use crate::analysis::tracking::ErrorSize;
+use crate::bus::pace::Pace;
 use crate::bus::soft::SoftReport;
 use crate::plan::file::VERSION as PLAN_VERSION;
 
@@ -37,6 +38,10 @@ pub struct Circumstances<'a> {
     pub gains_crc32: u32,
     /// The soft controller's thread.
     pub soft: Option<&'a SoftReport>,
+    /// Why the control period is what it is: `measured`, `given`, `virtual time`, `the controller's`.
+    pub period_why: &'a str,
+    /// What machine and bus held before the run.
+    pub pace: Option<&'a Pace>,
 }
 
 /// The summary.
@@ -85,7 +90,7 @@ pub fn summary(job: &Job<'_>, record: &Record, about: &Circumstances<'_>) -> Val
             "error_rms_rad": of_joints(analysis, |error| error.rms),
         })),
         "analysis": record.analysis,
-        "cycle": cycle(record, about.soft),
+        "cycle": cycle(record, about),
         "bus_load": load(record),
         "bus_errors": about.bus_errors,
         "frames_during_throw": record.frames,
@@ -115,17 +120,20 @@ fn of_joints(analysis: &RunAnalysis, number: impl Fn(&ErrorSize) -> f64) -> Vec<
     analysis.joints.iter().map(|joint| number(&joint.position_error_rad)).collect()
 }
 
-fn cycle(record: &Record, soft: Option<&SoftReport>) -> Value {
+fn cycle(record: &Record, about: &Circumstances<'_>) -> Value {
     let states = record.states.iter().filter(|(_, group)| group.state == State::Running);
     let last = record.states.last().map(|(_, group)| *group).unwrap_or_default();
     json!({
         "period_us": record.period_us,
+        "period_why": about.period_why,
+        "measured_before": about.pace.map(Pace::to_json),
         "jitter_max_us": states.map(|(_, group)| group.cycle_jitter_us).max(),
         "late": last.cycles_late.saturating_sub(record.before.cycles_late),
         "replies_missed": last.replies_missed.saturating_sub(record.before.replies_missed),
         "saturated": last.cycles_saturated.saturating_sub(record.before.cycles_saturated),
-        "thread": soft.map(|soft| json!({
-            "real_time_priority": soft.real_time,
+        "thread": about.soft.map(|soft| json!({
+            "real_time_priority": soft.granted.priority,
+            "memory_locked": soft.granted.memory,
             "deadline_late_mean_us": soft.deadlines.mean().map(Duration::as_micros),
             "deadline_late_p99_us": soft.deadlines.percentile(0.99).map(Duration::as_micros),
             "deadline_late_max_us": soft.deadlines.max().map(Duration::as_micros),

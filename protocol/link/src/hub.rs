@@ -86,7 +86,7 @@ pub enum Action<'a> {
     Answer(&'a [u8]),
     /// The peer puts this frame on the bus.
     Frame(Frame),
-    /// Queue all output to this peer for a while.
+    /// Queue all output to this peer for a while, or until it puts a frame on the bus.
     Hold(Duration),
     /// Count something that could not be read.
     Malformed,
@@ -414,7 +414,13 @@ impl Line {
     ) {
         match *action {
             Action::Answer(text) => self.answer(text, now),
-            Action::Frame(frame) => events.push_back(ServerEvent::Frame { client: self.id, at: now, frame }),
+            Action::Frame(frame) => {
+                events.push_back(ServerEvent::Frame { client: self.id, at: now, frame });
+                // Whoever speaks has read the answer that the hold keeps apart, and waits for the next one.
+                if self.hold_until.take().is_some() {
+                    self.flush(now);
+                }
+            }
             Action::Hold(span) => self.hold_until = Some(now + span),
             Action::Malformed => stats.malformed_in += 1,
             Action::Leave(reason) => self.leave(reason),

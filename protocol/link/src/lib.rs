@@ -11,6 +11,7 @@
 //! | | [`SocketCan`] | a CAN interface of Linux | |
 //! | doors | [`open`], [`serve`] | from the spec to a link, as participant or as the bus | |
 //! | runner | [`Runner`], [`Lateness`] | the loop of the [`protocol::Node`] contract on a link, with the monotonic clock | interpret a frame |
+//! | system | [`Urgent`] | what a thread that must not be late asks of the operating system | fail when it is refused |
 //!
 //! # Invariants of the crate
 //!
@@ -40,6 +41,7 @@ pub mod socketcand;
 mod spec;
 mod station;
 mod stream;
+mod urgent;
 
 pub use bus_error::{BusError, Cause};
 pub use clock::Clock;
@@ -53,3 +55,4 @@ pub use runner::{Direction, RunError, RunStats, Runner};
 pub use socket_can::SocketCan;
 pub use spec::{BusSpec, SlcanPort, SpecError};
 pub use station::Station;
+pub use urgent::{Granted, Role, Urgent};

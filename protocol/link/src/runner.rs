@@ -85,11 +85,13 @@ pub struct RunStats {
 /// The loop of the [`Node`] contract: earliest of (frame, deadline), one `handle_*`, drain.
 ///
 /// A node's `now` is the arrival time for frames and the time of the call for deadlines, and never
-/// decreases. Nodes on the same runner see each other's frames at once, without bus time; put a bus
+/// decreases. What has arrived goes before what is due: a link that carries text knows no arrival time but that of
+/// its reading, so after a late awakening an answer that lies in the queue would else be taken for one that came after
+/// its deadline. Nodes on the same runner see each other's frames at once, without bus time; put a bus
 /// model between them if that matters. The call takes whatever time the nodes take: nothing runs in
 /// the background.
 ///
-/// For the smallest lateness run the process with a real-time priority (`chrt -f 50 …`).
+/// For the smallest lateness its thread asks to be [`crate::Urgent`].
 pub struct Runner<'a> {
     link: &'a mut dyn Link,
     clock: Clock,
@@ -130,7 +132,6 @@ impl<'a> Runner<'a> {
         stop: &AtomicBool,
         until: Option<Instant>,
     ) -> Result<(), RunError> {
-        let _precise = PreciseTimers::request();
         while !stop.load(Ordering::Relaxed) && until.is_none_or(|until| self.clock.now() < until) {
             self.step(nodes, until)?;
         }
@@ -145,23 +146,17 @@ impl<'a> Runner<'a> {
     /// The link is gone, or a node breaks its contract.
     pub fn step(&mut self, nodes: &mut [&mut dyn Node], until: Option<Instant>) -> Result<(), RunError> {
         for _ in 0..EVENTS_PER_STEP {
-            let event = self.link.receive()?;
-            // What was due before the frame came goes first.
-            let due = match event {
-                Some(Event::Frame { at, .. } | Event::BusError { at, .. }) => at,
-                None => self.clock.now(),
-            };
-            self.serve_deadlines(nodes, due)?;
-            match event {
+            match self.link.receive()? {
                 Some(Event::Frame { at, frame, .. }) => self.serve_frame(nodes, at, &frame)?,
                 Some(Event::BusError { .. }) => self.stats.bus_errors += 1,
                 None => {
-                    self.sleep(nodes, until)?;
-                    break;
+                    self.serve_deadlines(nodes, self.clock.now())?;
+                    return self.sleep(nodes, until);
                 }
             }
         }
-        Ok(())
+        // However much arrives, deadlines are served.
+        self.serve_deadlines(nodes, self.clock.now())
     }
 
     fn sleep(&self, nodes: &[&mut dyn Node], until: Option<Instant>) -> Result<(), RunError> {
@@ -253,36 +248,5 @@ impl<'a> Runner<'a> {
         if let Some(observer) = &mut self.observer {
             observer(now, direction, frame);
         }
-    }
-}
-
-/// While this lives, sleeps of this thread end when asked for.
-///
-/// Linux delays the end of a sleep by up to 50 µs ("timer slack") to wake for several things at once.
-struct PreciseTimers {
-    #[cfg(target_os = "linux")]
-    slack_before_ns: Option<std::num::NonZeroU64>,
-}
-
-impl PreciseTimers {
-    #[cfg(target_os = "linux")]
-    fn request() -> Self {
-        use rustix::thread::{current_timer_slack, set_current_timer_slack};
-        let slack_before_ns = current_timer_slack().ok().and_then(std::num::NonZeroU64::new);
-        // Refused, the runner still works, only later.
-        let _ = set_current_timer_slack(Some(std::num::NonZeroU64::MIN));
-        Self { slack_before_ns }
-    }
-
-    #[cfg(not(target_os = "linux"))]
-    fn request() -> Self {
-        Self {}
-    }
-}
-
-#[cfg(target_os = "linux")]
-impl Drop for PreciseTimers {
-    fn drop(&mut self) {
-        let _ = rustix::thread::set_current_timer_slack(self.slack_before_ns);
     }
 }

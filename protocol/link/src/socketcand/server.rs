@@ -12,7 +12,8 @@ use crate::hub::{Action, Dialect, Hub, ServerOptions};
 /// How long frames wait after the answer to `rawmode`.
 ///
 /// python-can compares everything one `recv()` returns with `< ok >`, so a frame that arrives in the
-/// same read ends its handshake with an error. Waiting lets the client pick up the answer alone.
+/// same read ends its handshake with an error. Waiting lets the client pick up the answer alone; its first frame says that
+/// it has.
 const RAWMODE_HOLD: Duration = Duration::from_millis(50);
 
 /// Bytes outside of messages after which a connection that never opened a bus is taken for another

@@ -1,0 +1,105 @@
+# Every command block of the README, in order; each is timed.
+#   README_CLONE=1 .ci/run readme     in a fresh clone of what is committed, so that the build from clean is timed too
+#
+# The word after `sh` says what a block needs; what this machine lacks is replaced as follows, and by nothing else:
+#   hardware    an arm on can0: the simulated cell in real time on a socketcand port, whose name replaces `can0`
+#   realtime    the same; a machine that was held up is asked again, twice
+#   vcan        kernel modules and root: `ip` and `modprobe` are said, not run, and `vcan0` is that port as well
+#               (the stages vcan, sim-vcan and throw run on a kernel that has them)
+#   background  runs until the blocks are done
+# The block of all tests is what the stage test runs: it is run here only if that has not passed on this very tree.
+# A clone builds with nothing but cargo and a compiler; only the tests share compiled libraries with this tree.
+. .ci/tree-state.sh
+root=$PWD
+work=$root/target/readme
+rm -rf "$work" && mkdir -p "$work"
+
+seconds() { date +%s.%N; }
+told() { awk -v what="$1" -v from="$2" -v to="$(seconds)" 'BEGIN { printf "%-56s %8.2f s\n", what, to - from }'; }
+
+if [ -n "${README_CLONE:-}" ]; then
+    git diff --quiet HEAD || echo "uncommitted changes are not in the clone"
+    begun=$(seconds)
+    git clone --quiet --local --no-hardlinks . "$work/clone"
+    told "clone" "$begun"
+    cd "$work/clone"
+fi
+unset CARGO_TARGET_DIR
+awk -v dir="$work" '
+    /^```sh/ { n += 1; kind = $2 == "" ? "plain" : $2; file = sprintf("%s/%02d-%s.sh", dir, n, kind); next }
+    /^```$/ { file = "" }
+    file { print > file }' README.md
+blocks=("$work"/[0-9]*.sh)
+[ ${#blocks[@]} -ge 8 ] || { echo "only ${#blocks[@]} command blocks found in the README"; exit 1; }
+grep -q -- '-- throw --target' "${blocks[0]}" || { echo "the first block is not the throw"; exit 1; }
+
+begun=$(seconds)
+cargo build --quiet --release --locked
+told "build (part of the first command)" "$begun"
+export PATH="$PWD/target/release:$PATH"
+
+cells=()
+end_cells() {
+    [ ${#cells[@]} -eq 0 ] || kill -INT "${cells[@]}" 2>/dev/null || true
+    cells=()
+}
+trap end_cells EXIT
+serve() { # serve PORT: a simulated cell that is ready when this returns
+    cubectl sim --bus "socketcand://127.0.0.1:$1/can0" >"$work/cell-$1.log" 2>&1 </dev/null &
+    cells+=($!)
+    for _ in $(seq 100); do
+        if (exec 3<>"/dev/tcp/127.0.0.1/$1") 2>/dev/null; then return; fi
+        sleep 0.1
+    done
+    cat "$work/cell-$1.log"
+    return 1
+}
+serve 29540
+arm=socketcand://127.0.0.1:29540/can0
+cat >"$work/stand-in.sh" <<'STAND_IN'
+sudo() { "$@"; }
+ip() { echo "not run here: ip $*"; }
+modprobe() { echo "not run here: modprobe $*"; }
+STAND_IN
+for block in "${blocks[@]}"; do
+    name=$(basename "$block" .sh)
+    tries=1
+    case $name in
+    *-background)
+        port=$(sed -n 's|.*127\.0\.0\.1:\([0-9]*\)/.*|\1|p' "$block" | head -n 1)
+        serve "$port"
+        continue
+        ;;
+    *-hardware | *-realtime | *-vcan)
+        # The cell is served already: the line that would serve one on vcan0 is said, not run.
+        sed -e 's|^\(cubectl sim .*\) &$|echo "not run here: \1"|' -e "s|--bus v\{0,1\}can0\b|--bus $arm|g" \
+            "$block" >"$work/$name.here"
+        case $name in *-realtime) tries=3 ;; esac
+        ;;
+    *) cp "$block" "$work/$name.here" ;;
+    esac
+    here=()
+    if grep -q '^cargo test' "$block"; then
+        if (cd "$root" && [ "$(cat target/tests-passed 2>/dev/null)" = "$(tree_state)" ]); then
+            echo "$name: passed on this tree in the stage test"
+            continue
+        fi
+        here=(env CARGO_TARGET_DIR="$root/target")
+    fi
+    for try in $(seq $tries); do
+        begun=$(seconds)
+        status=0
+        "${here[@]}" bash -euxo pipefail -c ". '$work/stand-in.sh'; . '$work/$name.here'" \
+            >"$work/$name.log" 2>&1 </dev/null || status=$?
+        [ $status -ne 0 ] && [ "$try" -lt $tries ] || break
+        tail -n 5 "$work/$name.log"
+        rm -rf throw1
+        # The arm stands where it was stopped.
+        cubectl clear --bus "$arm" || true
+    done
+    [ $status -eq 0 ] || { tail -n 60 "$work/$name.log"; echo "README block $name failed"; exit 1; }
+    told "$name: $(head -n 1 "$block" | cut -c1-34)$([ "$try" -eq 1 ] || echo ", try $try")" "$begun"
+done
+rm -rf throw1 throw-[0-9]*
+echo "--- what the first command says"
+cat "$work"/01-plain.log
