@@ -483,7 +483,7 @@ impl<'p, 'a> Planner<'p, 'a> {
 }
 
 /// Throws that get a second stage.
-const REFINED_MAX: usize = 8;
+const REFINED_MAX: usize = 16;
 /// Steps of the second stage, per round.
 const REFINE_STEPS: usize = 80;
 /// A nearest target this close is the target: the pull of the objective on the shift is of this size.
