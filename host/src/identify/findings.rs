@@ -85,6 +85,11 @@ pub struct Measured {
     pub steps: Steps,
 }
 
+/// A share in percent, to a tenth.
+fn percent(share: f64) -> f64 {
+    (1e3 * share).round() / 10.0
+}
+
 /// Smallest, mean and largest time from a question to its answer, s.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AnswerTime {
@@ -185,13 +190,13 @@ impl Findings {
     pub fn text(&self) -> String {
         let s = &self.subject;
         let mut t = format!(
-            "{}: joint {} ({}, module {}) on {}; intervals hold with {:.0} %\n",
+            "{}: joint {} ({}, module {}) on {}; intervals hold with {} %\n",
             s.robot,
             s.joint,
             s.module,
             s.address,
             s.bus,
-            100.0 * self.level
+            percent(self.level)
         );
         let mut line = |name: &str, e: &Estimate, unit: &str, file: Option<f64>| {
             let in_file = file.map_or(String::new(), |f| format!("   robot file {f}"));
@@ -242,12 +247,12 @@ impl Findings {
     pub fn patch(&self) -> String {
         let s = &self.subject;
         let mut t = format!(
-            "# Measured by `cubectl identify` on {}: joint {} ({}), {:.0} % intervals.\n# Replace the same keys in the \
+            "# Measured by `cubectl identify` on {}: joint {} ({}), {} % intervals.\n# Replace the same keys in the \
              file of robot {}.\n\n[[joint]]\nname = \"{}\"\n",
             s.bus,
             s.joint,
             s.module,
-            100.0 * self.level,
+            percent(self.level),
             s.robot,
             s.name
         );

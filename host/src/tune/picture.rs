@@ -17,8 +17,8 @@ const FREE: RGBColor = RGBColor(44, 160, 44);
 
 /// A number on an axis; zero without a sign.
 fn label(x: &f64) -> String {
-    let text = format!("{x:.2}");
-    if text == "-0.00" { "0.00".to_owned() } else { text }
+    let text = format!("{x:.3}");
+    if text == "-0.000" { "0.000".to_owned() } else { text }
 }
 
 /// A trajectory of the saturated loop: (time s, position rad, velocity rad/s, clipped).
