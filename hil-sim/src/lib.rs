@@ -55,6 +55,8 @@
 //!    else decides by chance, no map with random iteration order decides anything.
 //! 3. Queues and loops are bounded; what does not fit is counted and reported.
 
+#![warn(clippy::print_stdout, clippy::print_stderr)]
+
 pub mod bus;
 pub mod cell;
 pub mod checker;

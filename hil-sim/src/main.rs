@@ -1,5 +1,7 @@
 //! `hil-sim`: the simulated cell as a program.
 
+#![warn(clippy::print_stdout, clippy::print_stderr)]
+
 mod cmd;
 
 use std::process::ExitCode;

@@ -91,6 +91,21 @@ Exit codes:
     text + "`cubectl explain exit` tells what to do next."
 }
 
+/// Whether everything that was written to standard output is there.
+///
+/// # Errors
+/// Part of it could not be written, as to a full disk. A reader that left is none.
+pub fn output_is_whole() -> Result<(), ExpectedError> {
+    say::lost().map_or(Ok(()), |error| {
+        Err(ExpectedError::new(
+            exit::OUTPUT,
+            format!(
+                "standard output is not whole: {error}\n  next: free space where it goes to, and run again"
+            ),
+        ))
+    })
+}
+
 /// Runs the verb.
 ///
 /// # Errors

@@ -16,6 +16,8 @@
 //! | [`analysis`] | a recorded run against its plan: tracking, currents, timing, bus, events |
 //! | [`tune`], [`identify`] | gain design with certificates, plant constants from samples |
 
+#![warn(clippy::print_stdout, clippy::print_stderr)]
+
 pub mod analysis;
 pub mod bus;
 pub mod cli;

@@ -1,14 +1,17 @@
 //! `cubectl`: wiring only; the work is in the library.
 
+#![warn(clippy::print_stdout, clippy::print_stderr)]
+
 use std::process::ExitCode;
 
 use clap::Parser;
 
 fn main() -> ExitCode {
-    match host::cli::run(host::cli::Cli::parse()) {
+    let ended = host::cli::run(host::cli::Cli::parse());
+    match ended.and_then(|()| host::cli::output_is_whole()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("cubectl: {error}");
+            say::note!("cubectl: {error}");
             ExitCode::from(error.code)
         }
     }

@@ -3,6 +3,6 @@
 use super::exit::Failure;
 
 pub(super) fn run() -> Result<(), Failure> {
-    print!("{}", hil_sim::scenario::faults::HELP);
+    say::text!("{}", hil_sim::scenario::faults::HELP);
     Ok(())
 }

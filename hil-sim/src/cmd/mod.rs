@@ -47,7 +47,7 @@ pub(crate) fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             if let Some(text) = &failure.text {
-                eprintln!("error: {text}");
+                say::note!("error: {text}");
             }
             failure.code.into()
         }

@@ -46,21 +46,25 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         ReplayError::Run(error) => Failure::from(error),
     })?;
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&outcome).map_err(|e| Failure::new(Code::Output, &e))?);
+        say::line!("{}", serde_json::to_string_pretty(&outcome).map_err(|e| Failure::new(Code::Output, &e))?);
     } else {
-        println!(
+        say::line!(
             "{} frames sent again; {} answers in the log, {} now, {} agree, times differ by at most {} us",
-            outcome.sent, outcome.logged, outcome.replayed, outcome.agreed, outcome.time_difference_max_us
+            outcome.sent,
+            outcome.logged,
+            outcome.replayed,
+            outcome.agreed,
+            outcome.time_difference_max_us
         );
         if log.left_out > 0 {
-            println!("{} error or CAN FD frames of the log were left out", log.left_out);
+            say::line!("{} error or CAN FD frames of the log were left out", log.left_out);
         }
     }
     match outcome.first_difference {
         None => Ok(()),
         Some(difference) => {
             if !args.json {
-                println!("first difference: {difference}");
+                say::line!("first difference: {difference}");
             }
             Err(Failure::silent(Code::NotAsExpected))
         }

@@ -64,9 +64,12 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let interrupt = Interrupt::listen();
     let bar = progress::bar(scenario.duration.as_micros(), args.quiet || args.json);
     if !args.quiet && !args.json {
-        eprintln!(
+        say::note!(
             "{}: robot {}, seed {}, {}",
-            scenario.name, scenario.robot, scenario.seed, scenario.duration
+            scenario.name,
+            scenario.robot,
+            scenario.seed,
+            scenario.duration
         );
     }
     let start = WallClock::now();
@@ -97,11 +100,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         checks: checkers.finish(world.now(), &scenario.expect),
     };
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&report).map_err(|e| Failure::new(Code::Output, &e))?);
+        say::line!("{}", serde_json::to_string_pretty(&report).map_err(|e| Failure::new(Code::Output, &e))?);
     } else if !args.quiet {
-        print!("{report}");
+        say::text!("{report}");
         if interrupt.came() {
-            println!("stopped by Ctrl-C at {} s", world.now());
+            say::line!("stopped by Ctrl-C at {} s", world.now());
         }
     }
     if let Some(what) = report.not_finite() {

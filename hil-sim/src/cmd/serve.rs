@@ -81,7 +81,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let urgent = Urgent::request(Role::Plant);
     say(args, "real time", &urgent.granted().to_string());
     if !args.json && std::io::stdin().is_terminal() {
-        eprintln!("{COMMANDS}; Ctrl-C ends");
+        say::note!("{COMMANDS}; Ctrl-C ends");
     }
     let result = live(args, &mut realtime, &interrupt, &commands, end);
     report(args, &scenario, &realtime)?;
@@ -160,7 +160,7 @@ fn command(args: &Args, realtime: &mut Realtime<Cells>, line: &str, faults_typed
                 Err(error) => say(args, "refused", &error),
             }
         }
-        ("report", _) => println!("{}", realtime.world().bus_report()),
+        ("report", _) => say::line!("{}", realtime.world().bus_report()),
         _ => say(args, "refused", &format!("'{line}'; {COMMANDS}")),
     }
 }
@@ -173,7 +173,7 @@ fn status(args: &Args, realtime: &Realtime<Cells>) {
     let world = realtime.world();
     let active: Vec<&str> = world.faults().active().collect();
     let faults = if active.is_empty() { String::new() } else { format!(", faults: {}", active.join(", ")) };
-    eprint!(
+    say::note_text!(
         "\r\x1b[K{} s, {} clients, {} frames, bus {:.1} %, behind by {}{faults}",
         world.now().as_micros() / 1_000_000,
         realtime.doors().map(Door::clients).sum::<usize>(),
@@ -185,11 +185,11 @@ fn status(args: &Args, realtime: &Realtime<Cells>) {
 
 fn say(args: &Args, what: &str, text: &str) {
     if args.json {
-        println!("{}", serde_json::json!({ "event": what, "text": text }));
+        say::line!("{}", serde_json::json!({ "event": what, "text": text }));
     } else {
         // Over the status line, if there is one.
         let clear = if std::io::stderr().is_terminal() { "\r\x1b[K" } else { "" };
-        eprintln!("{clear}{what}: {text}");
+        say::note!("{clear}{what}: {text}");
     }
 }
 
@@ -225,16 +225,16 @@ fn report(args: &Args, scenario: &Scenario, realtime: &Realtime<Cells>) -> Resul
             },
             "lost": realtime.lost(),
         });
-        println!("{}", serde_json::to_string(&report).map_err(|e| Failure::new(Code::Output, &e))?);
+        say::line!("{}", serde_json::to_string(&report).map_err(|e| Failure::new(Code::Output, &e))?);
         return Ok(());
     }
-    println!();
-    print!("{}", world.bus_report());
-    println!("answers: {}", realtime.latency());
-    println!("late against the simulated bus: {}", realtime.lateness());
-    println!("behind the clock: {}", realtime.lag());
+    say::line!();
+    say::text!("{}", world.bus_report());
+    say::line!("answers: {}", realtime.latency());
+    say::line!("late against the simulated bus: {}", realtime.lateness());
+    say::line!("behind the clock: {}", realtime.lag());
     if realtime.lost() > 0 {
-        println!("{} frames lost: the link did not take them", realtime.lost());
+        say::line!("{} frames lost: the link did not take them", realtime.lost());
     }
     Ok(())
 }

@@ -151,7 +151,7 @@ pub(super) fn modules_on(
 
 /// Prints a value as JSON.
 pub(super) fn print_json(value: &serde_json::Value) {
-    println!("{value:#}");
+    say::line!("{value:#}");
 }
 
 /// A report of a module as JSON, units in the keys.

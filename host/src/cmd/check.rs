@@ -31,7 +31,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     plan.require_robot(&args.plan, &arm).map_err(|e| ExpectedError::bad_input(&e))?;
     let report = verify::check(&arm, &plan);
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&report).unwrap_or_default());
+        say::line!("{}", serde_json::to_string_pretty(&report).unwrap_or_default());
     } else {
         for f in &report.findings {
             let mark = match (f.ok, f.enforced) {
@@ -40,9 +40,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
                 (false, false) => "note",
             };
             let when = f.at_s.map_or_else(String::new, |t| format!(" at {t:.3} s"));
-            println!("{mark}  {}: {}{when}", f.what, f.worst);
+            say::line!("{mark}  {}: {}{when}", f.what, f.worst);
         }
-        println!("{} instants", report.samples);
+        say::line!("{} instants", report.samples);
     }
     if report.ok() {
         return Ok(());

@@ -43,7 +43,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         Err(error) => return Err(error.into()),
     };
     session.finish()?;
-    println!("{text}");
+    say::line!("{text}");
     Ok(())
 }
 

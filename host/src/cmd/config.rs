@@ -177,7 +177,7 @@ fn dump(args: &DumpArgs) -> Result<(), ExpectedError> {
     let text = toml::to_string(&file)
         .map_err(|error| ExpectedError::new(exit::BUG, format!("settings do not fit into TOML: {error}")))?;
     if args.file == Path::new("-") {
-        print!("{text}");
+        say::text!("{text}");
         return Ok(());
     }
     let failed = |error: std::io::Error| {
@@ -191,7 +191,7 @@ fn dump(args: &DumpArgs) -> Result<(), ExpectedError> {
     };
     let mut out = std::fs::File::create_new(&args.file).map_err(failed)?;
     std::io::Write::write_all(&mut out, text.as_bytes()).and_then(|()| out.sync_all()).map_err(failed)?;
-    println!("{}: {} modules", args.file.display(), file.module.len());
+    say::line!("{}: {} modules", args.file.display(), file.module.len());
     Ok(())
 }
 
@@ -264,15 +264,15 @@ fn diff(args: &FileArgs) -> Result<(), ExpectedError> {
     for module in &wanted.module {
         let serial = found.iter().find(|report| report.module.get() == module.address).and_then(|r| r.serial);
         if serial.is_some_and(|serial| serial != module.serial) {
-            println!("module {}: serial {} (file: {})", module.address, serial.unwrap_or(0), module.serial);
+            say::line!("module {}: serial {} (file: {})", module.address, serial.unwrap_or(0), module.serial);
             differences += 1;
         }
     }
     for (module, parameter, actual, file) in &changes {
-        println!("module {module}: {} {actual} (file: {file})", key(*parameter));
+        say::line!("module {module}: {} {actual} (file: {file})", key(*parameter));
     }
     if differences == 0 {
-        println!("{}: all {} modules as in the file", args.file.display(), wanted.module.len());
+        say::line!("{}: all {} modules as in the file", args.file.display(), wanted.module.len());
         return Ok(());
     }
     Err(ExpectedError::new(
@@ -337,7 +337,7 @@ fn restore(args: &RestoreArgs) -> Result<(), ExpectedError> {
             ),
         ));
     }
-    println!(
+    say::line!(
         "{} settings written to {} modules, read back{}",
         changes.len(),
         touched.len(),

@@ -89,9 +89,12 @@ fn with_storage(args: &Args, storage: impl Storage) -> Result<(), ExpectedError>
         )));
     }
     let urgent = Urgent::request(Role::Controller);
-    eprintln!(
+    say::note!(
         "controller {} on {}: {} joints, {} us; Ctrl-C stops the arm and ends",
-        settings.node_id, args.bus, settings.joints, settings.cycle_period_us,
+        settings.node_id,
+        args.bus,
+        settings.joints,
+        settings.cycle_period_us,
     );
     let until = args.time.map(|s| clock.now() + Duration::from_secs_f64(s));
     let stop = interrupt();
@@ -107,15 +110,19 @@ fn with_storage(args: &Args, storage: impl Storage) -> Result<(), ExpectedError>
     come_to_rest(&mut runner, &mut node, clock)?;
     show(&node, &mut shown);
     let stats = runner.stats();
-    println!(
+    say::line!(
         "{} frames received, {} sent, {} not taken by the bus",
-        stats.received, stats.sent, stats.dropped
+        stats.received,
+        stats.sent,
+        stats.dropped
     );
-    println!("{}", SoftReport::of(stats, 0, urgent.granted()));
+    say::line!("{}", SoftReport::of(stats, 0, urgent.granted()));
     let counters = node.controller().counters();
-    println!(
+    say::line!(
         "{} control cycles, {} late, {} replies missed",
-        counters.cycles, counters.cycles_late, counters.replies_missed
+        counters.cycles,
+        counters.cycles_late,
+        counters.replies_missed
     );
     Ok(())
 }
@@ -150,7 +157,7 @@ fn defaults(
             ),
         ));
     }
-    eprintln!("{pace}; {}", pace.granted);
+    say::note!("{pace}; {}", pace.granted);
     let stored = load_settings(storage, &settings);
     if stored != settings {
         let period = stored.cycle_period();
@@ -164,7 +171,7 @@ fn defaults(
         };
     }
     let choice = choose(wish(None, args.period), Some(&pace), robot.name(), settings.cycle_period_us)?;
-    eprintln!("control period {} ms ({})", f64::from(choice.period_us) * 1e-3, choice.why);
+    say::note!("control period {} ms ({})", f64::from(choice.period_us) * 1e-3, choice.why);
     apply(&choice, &mut settings);
     Ok(settings)
 }
@@ -216,7 +223,7 @@ fn show<S: Storage>(node: &ControllerNode<S>, shown: &mut Option<firmware::state
         }
         None => String::new(),
     };
-    eprintln!("{:?}{why}", state.kind());
+    say::note!("{:?}{why}", state.kind());
     *shown = Some(state);
 }
 

@@ -101,11 +101,11 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         let modules: Vec<_> = modules.iter().map(module_json).collect();
         print_json(&serde_json::json!({ "bus": name, "modules": modules, "findings": rows }));
     } else {
-        println!("{name}");
+        say::line!("{name}");
         for f in &findings {
-            println!("{:<7}  {}: {}", f.level.word(), f.check, f.what);
+            say::line!("{:<7}  {}: {}", f.level.word(), f.check, f.what);
             if !f.next.is_empty() {
-                println!("         next: {}", f.next);
+                say::line!("         next: {}", f.next);
             }
         }
     }

@@ -22,7 +22,7 @@ pub struct Args {
 /// No such number or name.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let words: Vec<&str> = args.code.iter().map(String::as_str).collect();
-    print!("{}", explain(&words)?);
+    say::text!("{}", explain(&words)?);
     Ok(())
 }
 

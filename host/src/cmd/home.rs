@@ -75,18 +75,18 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         };
         if let Some(why) = skip {
             if !args.json {
-                println!("module {}: {why}", report.module);
+                say::line!("module {}: {why}", report.module);
             }
             rows.push(serde_json::json!({ "module": report.module.get(), "skipped": why }));
             continue;
         }
         if !args.json {
-            eprintln!("module {}: homing at up to {} rad/s; Ctrl-C halts", report.module, args.speed);
+            say::note!("module {}: homing at up to {} rad/s; Ctrl-C halts", report.module, args.speed);
         }
         let has_home_vel = Parameter::HomeVel.info().writable(report.version);
         let homed = home(&mut session, report.module, &bounds, has_home_vel)?;
         if !args.json {
-            println!(
+            say::line!(
                 "module {}: zero found in {:.1} s, stands at {:.4} rad, at most {:.1} A",
                 report.module,
                 homed.took.as_secs_f64(),

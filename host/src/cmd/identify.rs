@@ -96,7 +96,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let found = modules_on(&mut session, None, args.bus.beside)?;
     if args.home {
         for report in found.iter().filter(|report| !report.is_homed() && !report.is_absolute()) {
-            eprintln!("module {}: homing", report.module);
+            say::note!("module {}: homing", report.module);
             let settable = Parameter::HomeVel.info().writable(report.version);
             home(&mut session, report.module, &HomingBounds::default(), settable)?;
         }
@@ -155,16 +155,16 @@ fn tell(args: &Args, findings: &Findings) -> Result<(), ExpectedError> {
     if args.json {
         print_json(&json(findings));
     } else {
-        print!("{}", findings.text());
+        say::text!("{}", findings.text());
     }
     if let Some(path) = &args.out {
         write(path, &findings.patch())?;
-        eprintln!("wrote {}", path.display());
+        say::note!("wrote {}", path.display());
     }
     if let Some(path) = &args.report {
         let html = report::html(findings).map_err(|cause| ExpectedError::new(exit::BUG, cause))?;
         write(path, &html)?;
-        eprintln!("wrote {}", path.display());
+        say::note!("wrote {}", path.display());
     }
     Ok(())
 }

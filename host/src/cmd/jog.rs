@@ -96,7 +96,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 
 fn report(module: ModuleId, jogged: &crate::bus::motion::Jogged) {
     let limit = if jogged.at_limit { ", at its soft limit" } else { "" };
-    println!("module {module}: {:.4} rad -> {:.4} rad{limit}", jogged.from_rad, jogged.to_rad);
+    say::line!("module {module}: {:.4} rad -> {:.4} rad{limit}", jogged.from_rad, jogged.to_rad);
 }
 
 /// Which way a key means; `None` for a key that ends.
@@ -120,7 +120,7 @@ fn keys() -> Receiver<u8> {
 
 fn by_keys(args: &Args, mut session: crate::bus::Session) -> Result<(), ExpectedError> {
     let raw = RawTerminal::enter();
-    eprintln!("module {}: hold + or l to move up, - or h to move down; any other key ends\r", args.module);
+    say::note!("module {}: hold + or l to move up, - or h to move down; any other key ends\r", args.module);
     let keys = keys();
     loop {
         // While nothing is held the session still listens, so that it sees Ctrl-C and the bus.

@@ -35,7 +35,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     };
     std::fs::create_dir_all(dir).map_err(|error| unwritten(dir, &error))?;
     let count = write_pages(dir, &command)?;
-    println!("{count} pages in {}", dir.display());
+    say::line!("{count} pages in {}", dir.display());
     Ok(())
 }
 

@@ -40,7 +40,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let mut session = if args.controller { bus.open_with_controller()? } else { bus.open()? };
     let span = args.time.or(session.is_simulated().then_some(1.0));
     let [text, viewer] = files_of(&args.path);
-    eprintln!("recording {} to {} and {}; Ctrl-C ends", session.name(), text.display(), viewer.display());
+    say::note!("recording {} to {} and {}; Ctrl-C ends", session.name(), text.display(), viewer.display());
     let until = span.map_or(protocol::Instant::FAR_FUTURE, |s| session.now() + Duration::from_secs_f64(s));
     let ended = session.run(until, &mut |_| false)?;
     let frames = session.desk().tally().received;
@@ -48,6 +48,6 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let took = session.now().as_secs_f64();
     session.finish().map_err(|failure: BusFailure| ExpectedError::from(failure))?;
     let why = if ended == Ended::Interrupted { " (ended by Ctrl-C)" } else { "" };
-    println!("{frames} frames and {errors} bus errors in {took:.3} s{why}");
+    say::line!("{frames} frames and {errors} bus errors in {took:.3} s{why}");
     Ok(())
 }

@@ -91,9 +91,10 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     match replayed.difference {
         None => {
             if !args.json {
-                println!(
+                say::line!(
                     "identical: {} frames of the controller after {} received ones",
-                    replayed.same, replayed.received
+                    replayed.same,
+                    replayed.received
                 );
             }
             Ok(())

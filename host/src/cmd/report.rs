@@ -83,7 +83,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     let out = needed(place(&args.out, "report.html"), "--out")?;
     write(&recorded, &out)?;
-    println!("{}", out.display());
+    say::line!("{}", out.display());
     Ok(())
 }
 

@@ -62,7 +62,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let name = send(&mut session, node, &bytes)?;
     session.arm(node, &name)?;
     if !args.json {
-        eprintln!(
+        say::note!(
             "controller {}: armed for {:016x}; running, Ctrl-C stops",
             node.get(),
             name.trajectory_crc64
@@ -85,9 +85,11 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             "bus_load_permille": end.bus_load_permille,
         }));
     } else {
-        println!(
+        say::line!(
             "done in {took_s:.2} s; {} late cycles, {} missed replies, {} saturated cycles",
-            end.cycles_late, end.replies_missed, end.cycles_saturated
+            end.cycles_late,
+            end.replies_missed,
+            end.cycles_saturated
         );
     }
     Ok(())

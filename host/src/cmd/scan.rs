@@ -38,12 +38,12 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         let modules: Vec<_> = found.iter().map(module_json).collect();
         print_json(&serde_json::json!({ "bus": name, "modules": modules }));
     } else if !found.is_empty() {
-        println!("{name}: {} module{}", found.len(), if found.len() == 1 { "" } else { "s" });
-        println!("id  serial      firmware  kind    position_rad  state");
+        say::line!("{name}: {} module{}", found.len(), if found.len() == 1 { "" } else { "s" });
+        say::line!("id  serial      firmware  kind    position_rad  state");
         for report in &found {
             let serial = report.serial.map_or("?".to_owned(), |serial| serial.to_string());
             let position = report.position_rad.map_or("?".to_owned(), |rad| format!("{rad:.4}"));
-            println!(
+            say::line!(
                 "{:>2}  {serial:<10}  {:<8}  {:<6}  {position:>12}  {}",
                 report.module,
                 report.version.to_string(),

@@ -76,10 +76,10 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         .map_err(|error| ExpectedError::bad_input(&error))?;
     let stop = interrupt();
     for door in realtime.doors() {
-        println!("serving {} (robot {}, seed {}); Ctrl-C ends", door.name(), scenario.robot, scenario.seed);
+        say::line!("serving {} (robot {}, seed {}); Ctrl-C ends", door.name(), scenario.robot, scenario.seed);
     }
     let urgent = Urgent::request(Role::Plant);
-    eprintln!("simulated drives in real time: {}", urgent.granted());
+    say::note!("simulated drives in real time: {}", urgent.granted());
     let mut lag_at = realtime.world().now() + LAG_LOOK;
     let end = args.time.map_or(Instant::FAR_FUTURE, |s| Instant::ZERO + Duration::from_secs_f64(s));
     while !stop.load(std::sync::atomic::Ordering::Relaxed) && realtime.world().now() < end {
@@ -92,18 +92,18 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             lag_at = realtime.world().now() + LAG_LOOK;
             let worst = realtime.take_worst_lag();
             if worst > LAG_TOLD {
-                eprintln!("late: the machine held the simulation up for {worst}");
+                say::note!("late: the machine held the simulation up for {worst}");
             }
         }
         for visit in realtime.visits() {
             match visit {
-                Visit::Joined(peer) => eprintln!("client {peer} connected"),
-                Visit::Left(reason) => eprintln!("client gone: {reason}"),
+                Visit::Joined(peer) => say::note!("client {peer} connected"),
+                Visit::Left(reason) => say::note!("client gone: {reason}"),
             }
         }
     }
-    print!("{}", realtime.world().bus_report());
-    println!("answers: {}", realtime.latency());
-    println!("behind the clock: {}", realtime.lag());
+    say::text!("{}", realtime.world().bus_report());
+    say::line!("answers: {}", realtime.latency());
+    say::line!("behind the clock: {}", realtime.lag());
     Ok(())
 }

@@ -36,9 +36,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     let number =
         |value: Option<f64>, digits: usize| value.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
-    println!("id  position_rad  current_a  motor_v  logic_v  temp_c  state");
+    say::line!("id  position_rad  current_a  motor_v  logic_v  temp_c  state");
     for report in &found {
-        println!(
+        say::line!(
             "{:>2}  {:>12}  {:>9}  {:>7}  {:>7}  {:>6}  {}",
             report.module,
             number(report.position_rad, 4),

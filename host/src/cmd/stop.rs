@@ -37,7 +37,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         // Our questions would destroy its frames.
         let name = session.name().to_owned();
         session.finish()?;
-        println!(
+        say::line!(
             "{name}: halt and stop message sent {TIMES} times; a controller or host is on the bus and was not disturbed further"
         );
         return Ok(());
@@ -62,7 +62,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         ));
     }
     let halted = found.iter().filter(|report| report.is_stopped()).count();
-    println!(
+    say::line!(
         "{name}: halt sent {TIMES} times; {} modules answer, {halted} of them halted, none moves",
         found.len()
     );

@@ -214,7 +214,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     );
     match recorded {
         Ok(recorded) => report::write(&recorded, &folder.file("report.html"))?,
-        Err(error) if failed.is_none() => eprintln!("cubectl: no report: {error}"),
+        Err(error) if failed.is_none() => say::note!("cubectl: no report: {error}"),
         Err(_) => {}
     }
     if args.json {
@@ -471,7 +471,7 @@ impl Voice {
 
     fn line(&self, what: &str, wall_s: f64, found: &str) {
         if !self.silent {
-            self.bar.suspend(|| eprintln!("{what:<20} {wall_s:7.3} s  {found}"));
+            self.bar.suspend(|| say::note!("{what:<20} {wall_s:7.3} s  {found}"));
         }
     }
 
@@ -521,7 +521,7 @@ impl Voice {
     /// Asks the person at the terminal.
     fn may_throw(&self) -> bool {
         self.bar.suspend(|| {
-            eprint!("The arm stands at the start. Ball in the hand, nobody near? Enter throws, anything else ends: ");
+            say::note_text!("The arm stands at the start. Ball in the hand, nobody near? Enter throws, anything else ends: ");
             let _ = std::io::stderr().flush();
             let mut answer = String::new();
             matches!(std::io::stdin().read_line(&mut answer), Ok(n) if n > 0 && answer.trim().is_empty())
@@ -538,7 +538,7 @@ impl Voice {
                 job::LandingSource::Measured => "computed from the measured motion at the release",
             };
             let [x, y, z] = landed.position_m.into();
-            println!(
+            say::line!(
                 "landed {:.1} mm from the target, at ({x:.4}, {y:.4}, {z:.4}) m ({how})",
                 1e3 * landed.error_m
             );
@@ -546,9 +546,9 @@ impl Voice {
         if let Some(analysis) = &record.analysis {
             let largest = |joint: &JointTracking| format!("{:.1}", 1e3 * joint.position_error_rad.max);
             let mrad: Vec<String> = analysis.joints.iter().map(largest).collect();
-            println!("largest tracking errors {} mrad", mrad.join(" "));
+            say::line!("largest tracking errors {} mrad", mrad.join(" "));
         }
-        println!("{:.2} s in all; results in {}", begun.elapsed().as_secs_f64(), folder.display());
+        say::line!("{:.2} s in all; results in {}", begun.elapsed().as_secs_f64(), folder.display());
     }
 }
 

@@ -49,7 +49,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let bytes = bytes_for(&mut session, node, &source)?;
     let name = send(&mut session, node, &bytes)?;
     session.finish()?;
-    println!(
+    say::line!(
         "controller {}: {} bytes stored and committed, hash {:016x}",
         node.get(),
         bytes.len(),

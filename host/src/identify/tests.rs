@@ -52,7 +52,7 @@ fn constants_of_the_simulator_come_back_within_the_interval() {
     assert!((4e-3..8e-3).contains(&lag_s.value), "{lag_s:?}");
     let patch = findings.patch();
     assert!(patch.contains("name = \"joint2\"") && toml::from_str::<toml::Table>(&patch).is_ok(), "{patch}");
-    println!("{}", findings.text());
+    say::line!("{}", findings.text());
     let html = super::report::html(&findings).unwrap();
     if let Ok(path) = std::env::var("IDENTIFY_REPORT") {
         std::fs::write(path, &html).unwrap();

@@ -193,12 +193,12 @@ impl PlanOptions {
         match StoreFile::open(&path, robot_fingerprint(arm)) {
             Ok((store, records, report)) => {
                 match (&report.kept_as, report.older) {
-                    (Some(kept), Some(version)) => eprintln!(
+                    (Some(kept), Some(version)) => say::note!(
                         "cubectl: store {} was written by an older cubectl (format version {version}); it is kept as {}, and a new store is begun",
                         path.display(),
                         kept.display()
                     ),
-                    (Some(kept), None) => eprintln!(
+                    (Some(kept), None) => say::note!(
                         "cubectl: store {} was damaged in {} place(s); {} throws were recovered, the damaged file is kept as {}",
                         path.display(),
                         report.damaged,
@@ -214,7 +214,7 @@ impl PlanOptions {
             }
             Err(e) if self.store.is_some() => Err(ExpectedError::bad_input(&e)),
             Err(e) => {
-                eprintln!("cubectl: planning without the store: {e}");
+                say::note!("cubectl: planning without the store: {e}");
                 Ok((index, None))
             }
         }

@@ -88,6 +88,6 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let count = made.len();
     let all: Vec<_> = before.into_iter().filter(|r| r.kind != kind).chain(made).collect();
     file::write_all(&args.out, robot, &all).map_err(|e| ExpectedError::io(&args.out, &e))?;
-    println!("{count} throws made, {} in {}", all.len(), args.out.display());
+    say::line!("{count} throws made, {} in {}", all.len(), args.out.display());
     Ok(())
 }

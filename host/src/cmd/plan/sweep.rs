@@ -107,7 +107,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         }
     }
     let missing: Vec<[f64; 3]> = targets.iter().copied().filter(|t| !rows.contains_key(&key(t))).collect();
-    println!(
+    say::line!(
         "{} targets, {} already in {}",
         targets.len(),
         targets.len() - missing.len(),
@@ -145,7 +145,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let wanted: Vec<Row> = targets.iter().filter_map(|t| rows.get(&key(t)).cloned()).collect();
     std::fs::write(&picture, reach::svg(&wanted, arm.name())).map_err(|e| ExpectedError::io(&picture, &e))?;
     let solved = wanted.iter().filter(|r| r.objective.is_some()).count();
-    println!("{solved} of {} targets in reach; picture {}", wanted.len(), picture.display());
+    say::line!("{solved} of {} targets in reach; picture {}", wanted.len(), picture.display());
     if wanted.len() < targets.len() {
         return Err(ExpectedError::new(
             exit::INTERRUPTED,

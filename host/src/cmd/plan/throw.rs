@@ -169,7 +169,7 @@ impl SearchOptions {
             match find(&Planner::new(&problem), &index, &budget, fast, last) {
                 Ok(best) => {
                     if let Some(note) = rung.note {
-                        eprintln!("cubectl: {note}");
+                        say::note!("cubectl: {note}");
                     }
                     break (problem, best);
                 }
@@ -184,7 +184,7 @@ impl SearchOptions {
         {
             let record = Planner::new(&problem).record(&best.found);
             if let Err(e) = store.append(&record) {
-                eprintln!("cubectl: the throw was not stored: {e}");
+                say::note!("cubectl: the throw was not stored: {e}");
             }
         }
         let plan = PlanFile::of(&problem, &best, &self.options.robot, seed, &noise, region);
@@ -208,9 +208,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         std::fs::write(path, plan_report::html(&arm, &plan)).map_err(|e| ExpectedError::io(path, &e))?;
     }
     if args.json {
-        println!("{}", plan.to_json());
+        say::line!("{}", plan.to_json());
     } else {
-        print!("{}", plan_report::summary(&plan, took));
+        say::text!("{}", plan_report::summary(&plan, took));
     }
     Ok(())
 }
@@ -231,7 +231,7 @@ fn find(
         if last { planner.search(index, budget, &watch) } else { planner.attempt(index, budget, &watch) }
     })?;
     if best.interrupted && watch.stop.load(Ordering::Relaxed) {
-        eprintln!("cubectl: stopped; this is the best of {} starts", best.starts);
+        say::note!("cubectl: stopped; this is the best of {} starts", best.starts);
     }
     Ok(best)
 }

@@ -196,7 +196,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     let work = Work::new(args)?;
     let tuned = work.design(args)?;
-    print!("{}", table(&work.machine.robot, &work.demand, &tuned));
+    say::text!("{}", table(&work.machine.robot, &work.demand, &tuned));
     let file = GainsFile {
         format: FORMAT,
         robot: work.machine.robot.clone(),
@@ -212,8 +212,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     };
     if !args.no_trial {
         match trial::compare(&work.robot, &before, &file, &work.trial) {
-            Ok(text) => print!("{text}"),
-            Err(why) => println!("not tried on the simulated cell: {why}"),
+            Ok(text) => say::text!("{text}"),
+            Err(why) => say::line!("not tried on the simulated cell: {why}"),
         }
     }
     match link {
@@ -311,7 +311,7 @@ fn write_files(args: &Args, file: &GainsFile, tuned: &[Tuned]) -> Result<(), Tun
         // What is on disk must prove, not what was in memory.
         GainsFile::from_toml(&toml, &file.robot)?;
         std::fs::write(path, toml).map_err(|cause| TuneError::Write { path: path.clone(), cause })?;
-        println!("wrote {} ({} joints, certificates verified)", path.display(), tuned.len());
+        say::line!("wrote {} ({} joints, certificates verified)", path.display(), tuned.len());
     }
     if let Some(folder) = &args.pictures {
         for joint in tuned {
@@ -319,7 +319,7 @@ fn write_files(args: &Args, file: &GainsFile, tuned: &[Tuned]) -> Result<(), Tun
             let svg = picture::svg(joint).map_err(|cause| TuneError::Picture { joint: number, cause })?;
             let path = folder.join(format!("joint{number}.svg"));
             std::fs::write(&path, svg).map_err(|cause| TuneError::Write { path: path.clone(), cause })?;
-            println!("wrote {}", path.display());
+            say::line!("wrote {}", path.display());
         }
     }
     Ok(())
@@ -354,7 +354,7 @@ impl Link {
             ExpectedError::new(exit::OUTPUT, cause)
         })?;
         put(&mut self.registers(), before, wanted)?;
-        println!(
+        say::line!(
             "controller {}: gains in force and read back; from before: {} (--rollback {})",
             self.node.get(),
             backup.display(),
@@ -371,7 +371,7 @@ fn roll_back(args: &Args, path: &Path) -> Result<(), ExpectedError> {
     let mut link = Link::open(args)?;
     let before = link.gains()?;
     put(&mut link.registers(), &before, &wanted)?;
-    println!("controller {}: the gains of {} are in force and read back", link.node.get(), path.display());
+    say::line!("controller {}: the gains of {} are in force and read back", link.node.get(), path.display());
     Ok(link.session.finish()?)
 }
 

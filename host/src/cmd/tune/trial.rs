@@ -242,7 +242,7 @@ mod tests {
                 joint,
             };
             let text = compare(&robot, &built_in(), &file, &of_share(&robot, 0.5)).unwrap();
-            println!("{text}");
+            say::line!("{text}");
             let rows = rows(&built_in().with(&file).unwrap()).unwrap();
             let found =
                 run(&robot, &settings(&rows, period_s, estimator), &of_share(&robot, 0.5), OFFSET_RAD, SEED)
