@@ -11,8 +11,9 @@
 //! cycle ≈ 2 joints × (request + D + answer) / in_flight_max      beyond: drives that slow leave the bus idle
 //! ```
 //!
-//! Four in flight at 1 Mbit/s hold the first line up to D = 0.55 ms. What is left of the period is for the guest read, the
-//! watchdog's sign of life and Cyphal; they wait, a joint never waits for them.
+//! Four in flight at 1 Mbit/s hold the first line up to D = 0.55 ms. What is left of the period is for the watchdog's sign of
+//! life and Cyphal; they wait, a joint never waits for them. The guest read has its place in the cycle, and is left out after
+//! a late one.
 //!
 //! # Rehearsal
 //!
@@ -26,6 +27,8 @@ use protocol::Instant;
 
 /// Bits by which a joint's writes, acknowledge and motion exceed the reads of a rehearsal (40), with stuff bits, µs at 1 Mbit/s.
 const MORE_PER_JOINT_US: u32 = 44;
+/// The guest read of a cycle: request and answer, 158 bits and stuff bits, µs at 1 Mbit/s.
+const GUEST_US: u32 = 175;
 /// Rehearsals looked back at.
 const WINDOW: usize = 8;
 /// Of so many the longest is left out.
@@ -115,13 +118,14 @@ impl Pace {
         *self = Self::default();
     }
 
-    /// How long a control cycle of so many joints takes, µs; `None` before the first rehearsal.
-    pub fn cycle_us(&self, joints: u32) -> Option<u32> {
+    /// How long a control cycle of so many joints takes, with a guest read or without, µs; `None` before the first
+    /// rehearsal.
+    pub fn cycle_us(&self, joints: u32, guest: bool) -> Option<u32> {
         let last_us = self.last_us.get(..self.rehearsed.min(WINDOW)).unwrap_or(&self.last_us);
         let outliers = last_us.len() / SHARE;
         let as_long = |us: u32| last_us.iter().filter(|other| **other >= us).count();
         let longest_us = last_us.iter().copied().filter(|us| as_long(*us) > outliers).max()?;
-        Some(longest_us.saturating_add(joints * MORE_PER_JOINT_US))
+        Some(longest_us.saturating_add(joints * MORE_PER_JOINT_US + if guest { GUEST_US } else { 0 }))
     }
 
     /// Cycles of the last run.
@@ -142,17 +146,17 @@ mod tests {
     #[test]
     fn the_longest_of_the_last_rehearsals_counts_but_for_two_outliers() {
         let mut pace = Pace::default();
-        assert_eq!(pace.cycle_us(6), None);
+        assert_eq!(pace.cycle_us(6, true), None);
         rehearse(&mut pace, 2_500);
-        assert_eq!(pace.cycle_us(6), Some(2_500 + 6 * MORE_PER_JOINT_US));
+        assert_eq!(pace.cycle_us(6, true), Some(2_500 + 6 * MORE_PER_JOINT_US + GUEST_US));
         for us in [9_000, 2_100, 2_000, 2_600, 2_050, 2_200, 2_300] {
             rehearse(&mut pace, us);
         }
-        assert_eq!(pace.cycle_us(0), Some(2_500), "9 and 2.6 ms are left out");
+        assert_eq!(pace.cycle_us(0, false), Some(2_500), "9 and 2.6 ms are left out");
         for _ in 0..3 * WINDOW {
             rehearse(&mut pace, 2_000);
         }
-        assert_eq!(pace.cycle_us(0), Some(2_000), "what is old is forgotten");
+        assert_eq!(pace.cycle_us(0, false), Some(2_000), "what is old is forgotten");
     }
 
     #[test]
@@ -163,7 +167,7 @@ mod tests {
         pace.end_rehearsal(Instant::from_micros(90_000));
         pace.begin_cycle(Instant::ZERO);
         pace.end_rehearsal(Instant::from_micros(90_000));
-        assert_eq!(pace.cycle_us(6), None);
+        assert_eq!(pace.cycle_us(6, true), None);
     }
 
     #[test]

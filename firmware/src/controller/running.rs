@@ -143,7 +143,9 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         if any_saturated {
             self.counters.cycles_saturated = self.counters.cycles_saturated.saturating_add(1);
         }
-        if let Some(joint) = guest.filter(|_| self.settings.cycle_guest && !extra_write) {
+        // After a late cycle the time is for catching up.
+        let has_room = !extra_write && self.late_in_row == 0;
+        if let Some(joint) = guest.filter(|_| self.settings.cycle_guest && has_room) {
             let turn = self.ticks / self.settings.joints.max(1);
             let parameter = if turn.is_multiple_of(2) { Parameter::Cur } else { Parameter::CubeState };
             self.schedule.push(joint, Request::Get(parameter));
