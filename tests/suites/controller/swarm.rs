@@ -76,7 +76,7 @@ fn throw(seed: u64) -> Outcome {
         home_rad: 0.002,
         gripper_delay: Duration::from_millis(2),
     };
-    let answer_us = (100 + rng.below(250), rng.below(100));
+    let answer_us = (100 + rng.below(200), rng.below(100));
     let offset_rad = (rng.below(60) as f64 - 30.0) * 1e-3;
     let mut lab = Lab::new(&settings, &Situation { offset_rad, answer_us, scatter, seed });
     let mut outcome = Outcome {
