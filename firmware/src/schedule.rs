@@ -6,7 +6,7 @@
 //! Per joint: write acceleration (or speed), wait for its acknowledge, send the motion, wait for its
 //! answer: four frames, 372 to 450 bits, so six joints fill 2.2 to 2.7 ms at 1 Mbit/s. A drive thinks for 0.1 to
 //! 0.3 ms before it answers; that time is free only if other drives use it. With W drives asked at
-//! once the bus is full as soon as W · (request + answer) > request + answer + thinking, about three at
+//! once the bus is full ([`crate::pace`] has the whole count) as soon as W · (request + answer) > request + answer + thinking, about three at
 //! 0.3 ms; [`Settings::in_flight_max`] is four. More would only put frames into transmit queues, where a
 //! halt could wait behind them.
 //!

@@ -19,6 +19,11 @@
 //!                                 ▲────────────────────────────────────────────────┘
 //! ```
 //!
+//! *clear* is [`Order::ClearFault`](crate::orders::Order::ClearFault), `ExecuteCommand`
+//! [`CLEAR_FAULT`](protocol::cyphal::cubecell::command::CLEAR_FAULT) (6) with the number of the fault that was seen. It goes
+//! through Boot: drives are reset, looked for and read anew, and the group ends in Idle or Ready if the cause is gone, else
+//! in Fault again. Nothing moves by it.
+//!
 //! Homing and Jogging begin in Idle, Ready and Stopped and end in Idle or Ready. A jog that is released
 //! ramps down within Jogging. Motion commands are sent in Homing, Jogging, Running and Stopping, and nowhere else.
 //! The first cause is latched: it is carried through Stopping into Stopped (a plain stop) or Fault.

@@ -1,7 +1,8 @@
 //! The fault table: cause × state → reaction, and the time from the cause to the halt broadcast on the bus.
 //!
 //! A row is a cause; for each state it says how the group ends and how long the halt may take. The table is printed with
-//! what was measured (`cargo test -p firmware --test fault_table -- --nocapture`).
+//! what was measured (`cargo test -p firmware --test fault_table -- --nocapture`): when the group began to react, and the end
+//! of the halt broadcast on the bus.
 
 mod bench;
 
@@ -26,6 +27,12 @@ enum Trouble {
     Tow,
     /// Drive 3's watchdog has expired.
     Watchdog,
+    /// Drive 3 has passed its hard limit.
+    HardLimit,
+    /// Drive 3 has passed its soft limit.
+    SoftLimit,
+    /// Drive 3 has lost its zero.
+    LostHome,
     /// Drive 3 draws more than it may.
     Current,
 }
@@ -34,6 +41,7 @@ enum Trouble {
 type Outcome = (StateKind, Option<u64>);
 
 const SICK: usize = 2;
+const PERIOD_US: u64 = 3_000;
 const JOG: Order = Order::Jog { joint: JOGGED, qd_rad_s: 0.2, hold: Duration::from_millis(500) };
 const JOGGED: protocol::JointIndex = match protocol::JointIndex::new(4) {
     Ok(joint) => joint,
@@ -88,6 +96,9 @@ fn strike(bench: &mut Bench, trouble: Trouble) {
         Trouble::Supply => drive.state = error.union(CubeState::POWERFAULT).union(CubeState::POW_VOLT_ERR),
         Trouble::Tow => drive.state = error.union(CubeState::TOW_ERROR),
         Trouble::Watchdog => drive.state = error.union(CubeState::COMM_ERROR).union(CubeState::HALTED),
+        Trouble::HardLimit => drive.state = error.union(CubeState::BEYOND_HARD).union(CubeState::HALTED),
+        Trouble::SoftLimit => drive.state = error.union(CubeState::BEYOND_SOFT),
+        Trouble::LostHome => drive.state = drive.state.with(CubeState::HOME_OK, false),
         Trouble::Current => drive.current_a = 31.0,
     }
 }
@@ -99,7 +110,7 @@ const STATES: [StateKind; 5] =
 /// deserves; what is read while nothing moves, within the round of four 10 ms ticks; a lost host
 /// within 100 ms, plus coming to rest: 25 ms to 1 s along the path, a jog 0.25 s and its slack.
 fn table() -> Vec<(Trouble, [Outcome; 5])> {
-    use StateKind::{Armed, Fault, Ready, Running, Stopped};
+    use StateKind::{Armed, Fault, Homing, Idle, Ready, Running, Stopped};
     vec![
         (Trouble::StopMessage, [(Stopped, Some(1)); 5]),
         (
@@ -162,6 +173,37 @@ fn table() -> Vec<(Trouble, [Outcome; 5])> {
                 (Fault, Some(6 + 400)),
             ],
         ),
+        (
+            Trouble::HardLimit,
+            [
+                (Fault, Some(45)),
+                (Fault, Some(45)),
+                (Fault, Some(45)),
+                (Fault, Some(45)),
+                (Fault, Some(6 + 400)),
+            ],
+        ),
+        (
+            Trouble::SoftLimit,
+            [
+                (Fault, Some(45)),
+                (Fault, Some(45)),
+                (Fault, Some(45)),
+                (Fault, Some(45 + 350)),
+                (Fault, Some(6 + 400)),
+            ],
+        ),
+        // No motion needs a zero in the first and third: the group is Idle, and homing gives the drive a new one.
+        (
+            Trouble::LostHome,
+            [
+                (Idle, None),
+                (Fault, Some(45)),
+                (Homing, None),
+                (Fault, Some(45 + 350)),
+                (Fault, Some(6 + 400)),
+            ],
+        ),
         // Nothing moves in the first two; the others read each current in turn, three readings count.
         (
             Trouble::Current,
@@ -182,6 +224,10 @@ fn table() -> Vec<(Trouble, [Outcome; 5])> {
 #[test]
 fn every_cause_in_every_state_has_its_reaction_in_its_time() {
     let mut wrong = Vec::new();
+    println!(
+        "{:<12} {:<8} {:<8} {:<16} {:>10} {:>10} {:>10}",
+        "cause", "in", "ends in", "latched", "reacts, ms", "halt, ms", "at most"
+    );
     for (trouble, outcomes) in table() {
         for (state, (end, bound_ms)) in STATES.into_iter().zip(outcomes) {
             let mut bench = bench_in(state);
@@ -195,7 +241,30 @@ fn every_cause_in_every_state_has_its_reaction_in_its_time() {
             bench.run_for(3_000);
             let halted = bench.sent_after(at, is_halt).map(|halt| halt.as_micros() - at);
             let cause = bench.controller.state().fault().map(|fault| fault.cause);
-            println!("{trouble:?} in {state:?}: {:?} {cause:?}, halt after {halted:?} us", bench.kind());
+            let left = bench.left(state, at).map(|left| left - at);
+            let ms = |us: Option<u64>| us.map_or("-".to_owned(), |us| format!("{:.1}", us as f64 / 1e3));
+            println!(
+                "{:<12} {:<8} {:<8} {:<16} {:>10} {:>10} {:>10}",
+                format!("{trouble:?}"),
+                format!("{state:?}"),
+                format!("{:?}", bench.kind()),
+                cause.map_or("-".to_owned(), |cause| format!("{} {}", cause.code(), cause.name())),
+                ms(left),
+                ms(halted),
+                ms(bound_ms.map(|ms| 1_000 * ms)),
+            );
+            // The three times that are promised by number.
+            let promised_us = match (trouble, state) {
+                (Trouble::StopMessage, _) => Some(1_000),
+                (Trouble::HostLost, StateKind::Running) => {
+                    Some(100_000 + PERIOD_US - (at - bench.last_heartbeat()))
+                }
+                (Trouble::Silent, StateKind::Running) => Some(2 * PERIOD_US + PERIOD_US),
+                _ => None,
+            };
+            if promised_us.is_some_and(|promised| left.is_none_or(|left| left > promised)) {
+                wrong.push(format!("{trouble:?} in {state:?}: reacts after {left:?} us"));
+            }
             let fits = match (bound_ms, halted) {
                 (None, None) => true,
                 (Some(bound), Some(us)) => us <= 1_000 * bound,
@@ -211,6 +280,28 @@ fn every_cause_in_every_state_has_its_reaction_in_its_time() {
         }
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn clear_while_the_cause_stays_ends_in_fault_again_and_moves_nothing() {
+    let mut bench = bench_in(StateKind::Running);
+    bench.drives[SICK].silent = true;
+    bench.run_until(2_000_000, |bench| bench.kind() == StateKind::Fault);
+    let at = bench.now;
+    for latched in [Cause::DriveSilent, Cause::DriveMissing] {
+        assert_eq!(bench.controller.state().fault().map(|fault| fault.cause), Some(latched));
+        bench.order(Order::ClearFault { code: latched.code() }).unwrap();
+        assert_eq!(bench.kind(), StateKind::Boot);
+        bench.run_until(3_000_000, |bench| bench.kind() != StateKind::Boot);
+        assert_eq!(bench.kind(), StateKind::Fault);
+    }
+    bench.drives[SICK].silent = false;
+    bench.order(Order::ClearFault { code: Cause::DriveMissing.code() }).unwrap();
+    bench.run_until(3_000_000, |bench| bench.kind() == StateKind::Ready);
+    assert_eq!((bench.kind(), bench.sent_after(at, is_motion)), (StateKind::Ready, None));
+    // Cleared already: said again, nothing happens.
+    bench.order(Order::ClearFault { code: Cause::DriveMissing.code() }).unwrap();
+    assert_eq!(bench.kind(), StateKind::Ready);
 }
 
 #[test]

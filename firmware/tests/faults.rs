@@ -133,6 +133,26 @@ fn single_lost_reply_does_not_stop_the_throw() {
     assert!(bench.distance_from_path() < 5e-3);
 }
 
+/// Found by a swarm of throws with lost frames: the group was Ready, and a joint went on for three radians.
+#[test]
+fn lost_park_command_is_repeated_until_the_joint_stands_at_its_end() {
+    let mut bench = thrown(800_000);
+    bench.run_until(300_000, |bench| {
+        matches!(bench.controller.state(), State::Running { parking: Some(_), .. })
+    });
+    bench.drives[0].silent = true;
+    bench.run_for(1_500);
+    bench.drives[0].silent = false;
+    bench.run_until(600_000, |bench| bench.kind() == StateKind::Ready);
+    assert_eq!(bench.kind(), StateKind::Ready);
+    assert_eq!(bench.controller.drive(joint(0)).counters.missed, 1);
+    let (end, _) = throw_reference(0, 1.0);
+    let target = bench.drives[0].target.unwrap_or(bench.drives[0].q_gen);
+    assert!((target - end).abs() < 1e-3, "goes to {target} instead of {end}");
+    bench.run_for(300_000);
+    assert!(bench.drives[0].v.abs() < 0.01 && (bench.drives[0].q - end).abs() < 2e-3);
+}
+
 #[test]
 fn error_of_one_drive_stops_all_and_the_first_cause_stays() {
     for (bits, cause) in [

@@ -28,8 +28,13 @@ pub fn start_rad() -> [f64; 6] {
     core::array::from_fn(|i| reference(i, 0.0).0)
 }
 
-/// The throw as a trajectory file for a control period.
+/// The throw as a trajectory file for a control period, for any robot.
 pub fn file(period_us: u32) -> Vec<u8> {
+    file_for(period_us, 0)
+}
+
+/// As [`file`], for the robot whose file has this CRC-32.
+pub fn file_for(period_us: u32, robot_crc32: u32) -> Vec<u8> {
     let (a_us, b_us) = ((HA_S * 1e6).round() as u32, (HB_S * 1e6).round() as u32);
     let knot = |t_us, t_s: f64| {
         let mut state = PerJoint::default();
@@ -40,7 +45,7 @@ pub fn file(period_us: u32) -> Vec<u8> {
         Knot { t_us, state }
     };
     let knots = [knot(0, 0.0), knot(a_us, HA_S), knot(a_us + b_us, HA_S + HB_S)];
-    let header = Header { joints: 6, period_us, release_us: Some(a_us), robot_crc32: 0 };
+    let header = Header { joints: 6, period_us, release_us: Some(a_us), robot_crc32 };
     let mut out = vec![0; FILE_LEN_MAX];
     let len = trajectory_format::encode(&header, &knots, &mut out).unwrap_or(0);
     out.truncate(len);

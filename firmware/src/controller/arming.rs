@@ -88,7 +88,8 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// A control cycle fits into its period: known before a motion, not found out in it.
     fn require_time(&self) -> Result<(), Refusal> {
         // Without a rehearsal the drives have not been read since they were found; it comes with the next few looks.
-        let cycle_us = self.pace.cycle_us(self.settings.joints).ok_or(Refusal::of(Cause::DriveNotReady))?;
+        let (_, cycle_us) = self.cycle_times();
+        let cycle_us = cycle_us.ok_or(Refusal::of(Cause::DriveNotReady))?;
         if cycle_us <= self.settings.cycle_period_us {
             return Ok(());
         }

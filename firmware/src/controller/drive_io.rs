@@ -135,6 +135,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             State::Homing(_) if row >= HOMING_PATIENCE * self.settings.reply_missed_max => {
                 self.fail(now, Fault::at(Cause::DriveSilent, joint));
             }
+            State::Running { parking: Some(_), .. } => self.park_joint(joint),
             // A step of homing or of a jog that got no answer is asked again.
             State::Homing(homing) if homing.joint == joint => self.homing_on_missed(joint, homing, request),
             State::Jogging(jog) if jog.joint == joint => self.jogging_on_missed(joint, jog, request),

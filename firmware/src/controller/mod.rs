@@ -258,7 +258,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// Durations of the control cycles of the last run; and how long one takes by the last rehearsals, µs
     /// ([`crate::pace`]), `None` before the first.
     pub fn cycle_times(&self) -> (CycleTimes, Option<u32>) {
-        (self.pace.times(), self.pace.cycle_us(self.settings.joints))
+        (self.pace.times(), self.pace.cycle_us(self.settings.joints, self.settings.cycle_guest))
     }
 
     /// A drive as the controller knows it.

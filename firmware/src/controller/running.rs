@@ -143,7 +143,9 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         if any_saturated {
             self.counters.cycles_saturated = self.counters.cycles_saturated.saturating_add(1);
         }
-        if let Some(joint) = guest.filter(|_| self.settings.cycle_guest && !extra_write) {
+        // After a late cycle the time is for catching up.
+        let has_room = !extra_write && self.late_in_row == 0;
+        if let Some(joint) = guest.filter(|_| self.settings.cycle_guest && has_room) {
             let turn = self.ticks / self.settings.joints.max(1);
             let parameter = if turn.is_multiple_of(2) { Parameter::Cur } else { Parameter::CubeState };
             self.schedule.push(joint, Request::Get(parameter));
@@ -260,19 +262,24 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// The plan is at its end: each joint ramps to its last position and stays.
     fn park(&mut self, now: Instant) {
         for joint in self.joints() {
-            let limits = *self.settings.joint.at(joint);
-            let end_rad = self.spline.borrow().end_rad(joint);
-            let command = ramp::Command {
-                target_rad: crate::joints::clamp(end_rad, limits.q_min_rad, limits.q_max_rad),
-                velocity_rad_s: Some(limits.jog_v_rad_s),
-                acceleration_rad_s2: Some(limits.jog_a_rad_s2),
-                ..ramp::Command::default()
-            };
-            self.plan(joint, &command);
+            self.park_joint(joint);
         }
         if let State::Running { parking, .. } = self.machine.data() {
             *parking = Some(now + PARKING);
         }
+    }
+
+    /// A lost one is repeated: without it the drive would go on to the target of its last command.
+    pub(super) fn park_joint(&mut self, joint: JointIndex) {
+        let limits = *self.settings.joint.at(joint);
+        let end_rad = self.spline.borrow().end_rad(joint);
+        let command = ramp::Command {
+            target_rad: crate::joints::clamp(end_rad, limits.q_min_rad, limits.q_max_rad),
+            velocity_rad_s: Some(limits.jog_v_rad_s),
+            acceleration_rad_s2: Some(limits.jog_a_rad_s2),
+            ..ramp::Command::default()
+        };
+        self.plan(joint, &command);
     }
 
     pub(super) fn park_poll(&mut self) {

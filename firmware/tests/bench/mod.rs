@@ -155,6 +155,11 @@ impl<C: Controlled> Bench<C> {
         self.controller.core().state().kind()
     }
 
+    /// When the last heartbeat went out.
+    pub(crate) fn last_heartbeat(&self) -> u64 {
+        self.heartbeat_due.saturating_sub(20_000)
+    }
+
     pub(crate) fn instant(&self) -> Instant {
         Instant::from_micros(self.now)
     }
@@ -387,6 +392,15 @@ impl<C: Controlled> Bench<C> {
             _ => None,
         });
         entries.last()
+    }
+
+    /// When the trace says that a state was left after `at`.
+    pub(crate) fn left(&self, state: StateKind, after: u64) -> Option<u64> {
+        let mut entries = self.controller.core().trace().iter().filter_map(|(at, event)| match event {
+            firmware::trace::Event::State { from, .. } if from == state => Some(at.as_micros()),
+            _ => None,
+        });
+        entries.find(|at| *at >= after)
     }
 
     /// Largest distance of the joints from the nearest point of the throw's path, rad.

@@ -8,114 +8,16 @@
 //! whatever the law. In between it is the step of the measured position, 0.35 mrad: its difference over 17 ms is 20 mrad/s,
 //! and k_rate T of it, two thirds, reach the next command.
 
-use std::borrow::Cow;
+mod cycle;
+mod lab;
+mod refusals;
+mod swarm;
 
 use cell_tests::published_throw::{self, HA_S, HB_S, reference};
-use firmware::Controller;
-use firmware::orders::{Done, Order};
 use firmware::settings::Settings;
 use firmware::state::StateKind;
-use firmware::store::{FileName, RamStorage};
-use hil_sim::bus::BusConfig;
-use hil_sim::crew::Crew;
-use hil_sim::world::{Observer, World};
-use hil_sim::{Cell, CellOptions};
-use protocol::cyphal::crc::Crc64;
-use protocol::{Duration, Frame, Instant, JointIndex, Node};
-use robot_model::AnyRobot;
-
-/// The controller as a crew of one.
-struct Desk(Box<Controller<RamStorage>>);
-
-impl Crew for Desk {
-    fn len(&self) -> usize {
-        1
-    }
-    fn node(&mut self, _: usize) -> &mut dyn Node {
-        &mut *self.0
-    }
-    fn name(&self, _: usize) -> Cow<'_, str> {
-        "controller".into()
-    }
-}
-
-/// Counts frames.
-#[derive(Default)]
-struct Quiet;
-
-impl Observer for Quiet {
-    fn on_frame(&mut self, _: Instant, _: Option<usize>, _: &Frame) {}
-}
-
-struct Lab {
-    world: World<(Cell, Desk)>,
-    beat: Instant,
-}
-
-impl Lab {
-    fn new(settings: &Settings, offset_rad: f64, seed: u64) -> Self {
-        let robot = AnyRobot::load("powercube6").unwrap();
-        let mut options = CellOptions::default();
-        options.drive.starts_homed = true;
-        options.drive.processing_delay = Duration::from_micros(200);
-        options.drive.processing_jitter = Duration::from_micros(100);
-        options.gripper.jitter = Duration::ZERO;
-        options.start_q_rad = Some(published_throw::start_rad().iter().map(|q| q + offset_rad).collect());
-        let cell = Cell::new(&robot, &options, seed).unwrap();
-        let desk = Desk(Box::new(Controller::new(RamStorage::new(), settings)));
-        let world = World::new((cell, desk), BusConfig::default(), seed, Vec::new()).unwrap();
-        Self { world, beat: Instant::ZERO }
-    }
-
-    fn run(&mut self, us: u64) {
-        let end = self.world.now() + Duration::from_micros(us);
-        while self.world.now() < end {
-            if self.world.now() >= self.beat {
-                self.beat = self.world.now() + Duration::from_millis(20);
-                self.world.with_crew(|crew, now| crew.1.0.host_heartbeat(now)).unwrap();
-            }
-            self.world.run_until(end.min(self.beat), &mut Quiet).unwrap();
-        }
-    }
-
-    fn order(&mut self, order: Order) -> Done {
-        let outcome = self.world.with_crew(|crew, now| crew.1.0.order(now, order)).unwrap();
-        outcome.unwrap_or_else(|refusal| panic!("{order:?}: {refusal:?}"))
-    }
-
-    fn controller(&self) -> &Controller<RamStorage> {
-        &self.world.crew().1.0
-    }
-
-    fn kind(&self) -> StateKind {
-        self.controller().state().kind()
-    }
-
-    /// Ready, uploaded, armed, started; the time at which the plan begins.
-    fn start(&mut self, settings: &Settings) -> Instant {
-        for _ in 0..300 {
-            if self.kind() == StateKind::Ready {
-                break;
-            }
-            self.run(10_000);
-        }
-        assert_eq!(self.kind(), StateKind::Ready, "{:?}", self.controller().state());
-        self.run(60_000);
-        let file = published_throw::file(settings.cycle_period_us);
-        let upload = |crew: &mut (Cell, Desk), now| crew.1.0.upload(now, 0, &file);
-        self.world.with_crew(upload).unwrap().unwrap();
-        let name = FileName { crc64: Crc64::of(&file), len: file.len() as u32 };
-        self.order(Order::Commit(name));
-        let valid = Duration::from_secs(5);
-        let Done::Offer { token, .. } = self.order(Order::ArmPrepare { crc64: name.crc64, valid }) else {
-            panic!("no offer")
-        };
-        self.order(Order::ArmConfirm { token, valid });
-        self.run(60_000);
-        self.order(Order::Run(name));
-        self.world.now() + Duration::from_micros(2 * u64::from(settings.cycle_period_us))
-    }
-}
+use lab::{Lab, Situation};
+use protocol::JointIndex;
 
 #[derive(Debug, Default)]
 struct Outcome {
@@ -135,8 +37,8 @@ fn throw(mut settings: Settings, offset_rad: f64, seed: u64) -> Outcome {
     for joint in JointIndex::first(6) {
         settings.joint.at_mut(joint).start_tolerance_rad = 0.15;
     }
-    let mut lab = Lab::new(&settings, offset_rad, seed);
-    let t0 = lab.start(&settings);
+    let mut lab = Lab::new(&settings, &Situation { offset_rad, ..Situation::nominal(seed) });
+    let t0 = lab.start();
     let mut outcome = Outcome::default();
     loop {
         lab.run(1_000);
@@ -176,6 +78,7 @@ fn throw(mut settings: Settings, offset_rad: f64, seed: u64) -> Outcome {
     assert_eq!(lab.kind(), StateKind::Ready, "{:?}", lab.controller().state());
     outcome.cycles_late = lab.controller().counters().cycles_late;
     let landing = lab.world.crew().0.throw().landing.expect("the ball was released");
+    assert_eq!(lab.findings(), Vec::<String>::new());
     outcome.landing_mm = 1e3 * published_throw::miss_m([landing.p_m.x, landing.p_m.y]);
     outcome
 }

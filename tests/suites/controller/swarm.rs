@@ -1,0 +1,234 @@
+//! Many throws that are never the nominal one: masses, friction, motors, answer times and the start pose drawn from a seed,
+//! and in most of them something happens. Invariants are judged from the bus and from the plant, not by the controller.
+//!
+//! `cargo test --release -p cell-tests --test controller -- --ignored --nocapture`; `SEEDS` sets how many.
+
+use std::collections::BTreeMap;
+
+use firmware::fault::Cause;
+use firmware::orders::Order;
+use firmware::settings::Settings;
+use firmware::state::StateKind;
+use hil_sim::fault::{Fault, FaultKind, Target, WireFault};
+use hil_sim::mechanics::Scatter;
+use protocol::{Duration, JointIndex, ModuleId};
+use rayon::prelude::*;
+
+use super::lab::{Lab, Situation};
+
+/// What happens in a throw.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Event {
+    Nothing,
+    LostFrames,
+    StopOrder,
+    StopMessage,
+    HostLost,
+    SilentDrive,
+}
+
+const EVENTS: [Event; 6] = [
+    Event::Nothing,
+    Event::LostFrames,
+    Event::StopOrder,
+    Event::StopMessage,
+    Event::HostLost,
+    Event::SilentDrive,
+];
+
+/// SplitMix64.
+struct Rng(u64);
+
+impl Rng {
+    fn below(&mut self, n: u64) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        (z ^ (z >> 31)) % n
+    }
+}
+
+struct Outcome {
+    event: Event,
+    end: StateKind,
+    cause: Option<Cause>,
+    /// From the event to the halt broadcast, µs.
+    halt_us: Option<u64>,
+    refused: bool,
+    wrong: Vec<String>,
+}
+
+fn throw(seed: u64) -> Outcome {
+    let mut rng = Rng(seed);
+    let event = EVENTS[seed as usize % EVENTS.len()];
+    let mut settings = Settings::powercube6();
+    for joint in JointIndex::first(6) {
+        settings.joint.at_mut(joint).start_tolerance_rad = 0.05;
+    }
+    let scatter = Scatter {
+        mass_share: 0.2,
+        com_m: 0.01,
+        friction_share: 0.5,
+        rotor_share: 0.2,
+        current_share: 0.1,
+        delay_share: 0.3,
+        home_rad: 0.002,
+        gripper_delay: Duration::from_millis(2),
+    };
+    let answer_us = (100 + rng.below(200), rng.below(100));
+    let offset_rad = (rng.below(60) as f64 - 30.0) * 1e-3;
+    let mut lab = Lab::new(&settings, &Situation { offset_rad, answer_us, scatter, seed });
+    let mut outcome = Outcome {
+        event,
+        end: StateKind::Boot,
+        cause: None,
+        halt_us: None,
+        refused: false,
+        wrong: Vec::new(),
+    };
+    let started = lab.try_start();
+    if let Err(refusal) = started {
+        outcome.refused = true;
+        if refusal.cause != Cause::CycleTooShort || lab.watch.motions > 0 {
+            outcome.wrong.push(format!("refused: {refusal:?}, {} motions", lab.watch.motions));
+        }
+    } else {
+        let drive = 1 + rng.below(6) as u8;
+        let at_ms = 20 + rng.below(850);
+        let mut struck = None;
+        for ms in 0..2_500 {
+            if ms == at_ms {
+                struck = Some(lab.world.now());
+                strike(&mut lab, event, drive);
+            }
+            lab.run(1_000);
+            judge_plant(&lab, &settings, &mut outcome.wrong);
+            if !lab.kind().may_move() {
+                break;
+            }
+        }
+        outcome.end = lab.kind();
+        outcome.cause = lab.controller().state().fault().map(|fault| fault.cause);
+        // Whatever comes after the motion is none.
+        lab.run(5_000);
+        lab.watch.allowed = false;
+        lab.run(600_000);
+        let halt_at = lab.watch.halt_at;
+        outcome.halt_us = struck.zip(halt_at).map(|(from, to)| to.saturating_since(from).as_micros());
+        let cell = &lab.world.crew().0;
+        for i in 0..6 {
+            let v = cell.plant().axis(i).v_rad_s;
+            if v.abs() > 0.02 {
+                outcome.wrong.push(format!("axis {} at {v} rad/s in the end", i + 1));
+            }
+        }
+    }
+    judge_end(&mut outcome);
+    outcome.wrong.extend(lab.findings());
+    outcome
+}
+
+fn strike(lab: &mut Lab, event: Event, drive: u8) {
+    // The watchdog test of start-up halted, too.
+    lab.watch.halt_at = None;
+    let mut plan = |wire, target, probability| {
+        lab.world
+            .add_fault(Fault {
+                label: "struck".to_owned(),
+                kind: FaultKind::Wire(wire),
+                target,
+                filter: None,
+                start: lab.world.now(),
+                length: None,
+                every: None,
+                probability,
+            })
+            .unwrap();
+    };
+    match event {
+        Event::Nothing => {}
+        Event::LostFrames => plan(WireFault::Drop, Target::Bus, 5e-4),
+        Event::SilentDrive => plan(WireFault::Silent, Target::Module(ModuleId::new(drive).unwrap()), 1.0),
+        Event::StopOrder => {
+            lab.order(Order::Stop);
+        }
+        Event::StopMessage => lab.stop_now(),
+        Event::HostLost => lab.heartbeat = false,
+    }
+}
+
+/// Where the arm really is, and how fast.
+fn judge_plant(lab: &Lab, settings: &Settings, wrong: &mut Vec<String>) {
+    let cell = &lab.world.crew().0;
+    for joint in JointIndex::first(6) {
+        let limits = settings.joint.at(joint);
+        let (q, v) = (cell.plant().link_q_rad(joint.get()), cell.plant().axis(joint.get()).v_rad_s);
+        let (low, high) = (f64::from(limits.q_min_rad) - 0.02, f64::from(limits.q_max_rad) + 0.02);
+        if !(low..=high).contains(&q) || v.abs() > 1.1 * f64::from(limits.v_max_rad_s) + 0.05 {
+            wrong.push(format!("{}: joint {} at {q} rad, {v} rad/s", lab.world.now(), joint.get() + 1));
+        }
+    }
+}
+
+/// The end that the event leads to, in its time.
+fn judge_end(outcome: &mut Outcome) {
+    use StateKind::{Fault, Ready, Stopped};
+    if outcome.refused {
+        return;
+    }
+    let (ends, halt_max_us): (&[(StateKind, Option<Cause>)], _) = match outcome.event {
+        Event::Nothing => (&[(Ready, None)], None),
+        // Two losses in a row at one drive are possible, and then right.
+        Event::LostFrames => (&[(Ready, None), (Fault, Some(Cause::DriveSilent))], None),
+        Event::StopOrder => (&[(Stopped, Some(Cause::StopOrdered))], Some(1_200_000)),
+        Event::StopMessage => (&[(Stopped, Some(Cause::StopMessage))], Some(1_000)),
+        Event::HostLost => (&[(Fault, Some(Cause::HostLost)), (Ready, None)], Some(1_303_000)),
+        Event::SilentDrive => (&[(Fault, Some(Cause::DriveSilent))], Some(500_000)),
+    };
+    if !ends.contains(&(outcome.end, outcome.cause)) {
+        outcome.wrong.push(format!("ended in {:?} by {:?}", outcome.end, outcome.cause));
+    }
+    let late = halt_max_us.is_some_and(|most| outcome.halt_us.is_some_and(|us| us > most));
+    let missing = matches!(outcome.end, Fault | Stopped) && outcome.halt_us.is_none();
+    if late || missing {
+        outcome.wrong.push(format!("halt after {:?} us", outcome.halt_us));
+    }
+}
+
+fn swarm(seeds: u64) {
+    let outcomes: Vec<(u64, Outcome)> = (0..seeds).into_par_iter().map(|seed| (seed, throw(seed))).collect();
+    let mut table: BTreeMap<Event, (u32, u32, u64)> = BTreeMap::new();
+    for (_, outcome) in &outcomes {
+        let (count, refused, halt_us) = table.entry(outcome.event).or_default();
+        *count += 1;
+        *refused += u32::from(outcome.refused);
+        *halt_us = (*halt_us).max(outcome.halt_us.unwrap_or(0));
+    }
+    for (event, (count, refused, halt_us)) in table {
+        println!(
+            "{event:?}: {count} throws, {refused} refused for slow answers, halt after at most {halt_us} us"
+        );
+    }
+    let wrong: Vec<String> = outcomes
+        .iter()
+        .flat_map(|(seed, outcome)| {
+            let event = outcome.event;
+            outcome.wrong.iter().take(3).map(move |what| format!("seed {seed} ({event:?}): {what}"))
+        })
+        .collect();
+    assert!(wrong.is_empty(), "{wrong:#?}");
+    let refused = outcomes.iter().filter(|(_, outcome)| outcome.refused).count() as u64;
+    assert!(refused * 4 < seeds, "{refused} of {seeds} refused: the swarm shows little");
+}
+
+#[test]
+fn perturbed_throws_keep_limits_and_states_whatever_happens() {
+    swarm(12);
+}
+
+#[test]
+#[ignore = "minutes: run in release"]
+fn hundreds_of_perturbed_throws_keep_limits_and_states_whatever_happens() {
+    swarm(std::env::var("SEEDS").ok().and_then(|text| text.parse().ok()).unwrap_or(200));
+}
