@@ -202,8 +202,19 @@ pub enum OperatorError {
 fn refusal_text(status: &Status, refusal: &Option<Refusal>) -> String {
     match refusal {
         Some(refusal) => {
-            let place = if refusal.index > 0 { format!(" (place {})", refusal.index) } else { String::new() };
-            fault_text(&refusal.cause, &refusal.joint) + &place
+            let index = refusal.index;
+            let detail = match Cause::from_code(refusal.cause) {
+                _ if index == 0 => String::new(),
+                Some(Cause::CycleTooShort) => {
+                    format!(
+                        "; {:.1} ms would do: `cubectl tune --period {}`",
+                        f64::from(index) / 1e3,
+                        f64::from(index) / 1e6
+                    )
+                }
+                _ => format!(" (place {index})"),
+            };
+            fault_text(&refusal.cause, &refusal.joint) + &detail
         }
         None => format!("status {}", status.0),
     }

@@ -206,14 +206,14 @@ impl Lab {
     ///
     /// # Errors
     ///
-    /// Why the group was not armed.
+    /// Why the group was not armed, or not started.
     pub(crate) fn try_start(&mut self) -> Result<Instant, Refusal> {
         let period_us = self.controller().settings().cycle_period_us;
         let (name, token) = self.offered(&published_throw::file(period_us));
         self.try_order(Order::ArmConfirm { token, valid: Duration::from_secs(5) })?;
         self.run(60_000);
         self.watch.allowed = true;
-        self.order(Order::Run(name));
+        self.try_order(Order::Run(name))?;
         Ok(self.world.now() + Duration::from_micros(2 * u64::from(period_us)))
     }
 
