@@ -19,6 +19,9 @@ pub struct PlanOptions {
     /// Which throws are allowed.
     #[arg(long, value_enum, default_value = "best")]
     pub form: FormName,
+    /// Part of the speed limits a plan may use [paper: 1, best: 0.98].
+    #[arg(long)]
+    pub speed_use: Option<f64>,
     /// Part of the acceleration limits a plan may use; the rest is the controller's [paper: 1, best: 0.8].
     #[arg(long)]
     pub acceleration_use: Option<f64>,
@@ -118,6 +121,7 @@ impl PlanOptions {
             FormName::Paper => Form::Paper,
             FormName::Best => Form::Best,
         });
+        o.speed_use = self.speed_use.unwrap_or(o.speed_use);
         o.acceleration_use = self.acceleration_use.unwrap_or(o.acceleration_use);
         o.free_spin = self.free_spin.unwrap_or(o.free_spin);
         o.null_delay = self.null_delay.unwrap_or(o.null_delay);

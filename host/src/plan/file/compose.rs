@@ -60,6 +60,7 @@ impl PlanFile {
                 solved: best.solved,
                 seed,
                 interrupted: best.interrupted,
+                speed_use: problem.options.speed_use,
                 acceleration_use: problem.options.acceleration_use,
             },
             parameters: PaperParameters::of(arm, &problem.shoulder, throw),

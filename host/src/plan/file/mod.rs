@@ -105,8 +105,15 @@ pub struct Search {
     pub seed: u64,
     /// Whether it was stopped early.
     pub interrupted: bool,
+    /// Part of the speed limits that was available; older files have none and used all.
+    #[serde(default = "whole")]
+    pub speed_use: f64,
     /// Part of the acceleration limits that was available.
     pub acceleration_use: f64,
+}
+
+fn whole() -> f64 {
+    1.0
 }
 
 /// What a search made small.
