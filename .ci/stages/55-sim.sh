@@ -1,5 +1,5 @@
-# The simulated cell: same seed, same log, in both build profiles and on every host; a thousand random situations; its
-# speed; how its drives move.
+# The simulated cell: same seed, same log, in both build profiles and on every host; a thousand random situations; how
+# its drives move. Its speed: `cargo bench -p hil-sim`.
 # Programs and examples in one go, as in the other stages: on their own their libraries would be built twice.
 cargo build --locked -p hil-sim --bins --examples
 cargo build --release --locked -p host -p hil-sim --bins --examples
@@ -34,6 +34,3 @@ if grep -qE '(src|href)="?https?:' "$out/drive-modes.html"; then
     echo "the report needs a network" >&2
     exit 1
 fi
-# Speed: printed, never asserted.
-cargo bench --locked -p hil-sim --bench virtual_time
-cargo bench --locked -p hil-sim --bench latency
