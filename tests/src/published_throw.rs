@@ -33,7 +33,7 @@ pub fn file(period_us: u32) -> Vec<u8> {
     file_for(period_us, 0)
 }
 
-/// As [`file`], for the robot whose file has this CRC-32.
+/// As [`file()`], for the robot whose file has this CRC-32.
 pub fn file_for(period_us: u32, robot_crc32: u32) -> Vec<u8> {
     let (a_us, b_us) = ((HA_S * 1e6).round() as u32, (HB_S * 1e6).round() as u32);
     let knot = |t_us, t_s: f64| {
