@@ -187,3 +187,17 @@ fn serve_answers_a_socketcand_client_takes_typed_faults_and_ends_cleanly() {
     assert_eq!(report["latency_us"]["count"], 2);
     assert!(server.wait().unwrap().success());
 }
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_behind_standard_output_is_told_with_the_code_of_output() {
+    let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
+    let ended = Command::new(env!("CARGO_BIN_EXE_hil-sim"))
+        .arg("faults")
+        .stdout(full)
+        .stderr(Stdio::piped())
+        .output()
+        .unwrap();
+    assert_eq!(ended.status.code(), Some(7));
+    assert!(String::from_utf8_lossy(&ended.stderr).contains("standard output is not whole"), "{ended:?}");
+}

@@ -137,19 +137,16 @@ fn log_by_hand(arm: &Arm, plan: &PlanFile) -> Vec<Line> {
     maker.lines
 }
 
+/// A whole log, its start to be found, its drives as in the robot file.
+fn whole<'a>(lines: &'a [Line], plan: &'a PlanFile, arm: &'a Arm) -> Run<'a> {
+    Run { lines, plan, arm, start: None, drives: None, gripper_opening: None, bit_rate_bit_s: 1_000_000 }
+}
+
 #[test]
 fn a_log_made_from_closed_forms_gives_them_back() {
     let (arm, plan) = plan();
     let lines = log_by_hand(&arm, &plan);
-    let run = Run {
-        lines: &lines,
-        plan: &plan,
-        arm: &arm,
-        start: None,
-        drives: None,
-        gripper_opening: None,
-        bit_rate_bit_s: 1_000_000,
-    };
+    let run = whole(&lines, &plan, &arm);
     let analysis = analysis::analyse(&run).unwrap();
 
     assert_eq!(analysis.start_from, StartFrom::Telemetry);
@@ -204,15 +201,7 @@ fn a_log_without_a_run_or_without_a_drive_says_so() {
     let (arm, plan) = plan();
     let mut lines = log_by_hand(&arm, &plan);
     let analyse = |lines: &[Line], start| {
-        let run = Run {
-            lines,
-            plan: &plan,
-            arm: &arm,
-            start,
-            drives: None,
-            gripper_opening: None,
-            bit_rate_bit_s: 1_000_000,
-        };
+        let run = Run { start, ..whole(lines, &plan, &arm) };
         analysis::analyse(&run).map(drop)
     };
     assert_eq!(analyse(&[], None), Err(AnalysisError::Empty));
@@ -306,15 +295,7 @@ fn a_throw_in_the_cell_is_measured_as_the_cell_itself_has_it() {
 
     let log = std::fs::File::open(folder.join("log.candump")).unwrap();
     let lines = read(std::io::BufReader::new(log)).unwrap();
-    let run = Run {
-        lines: &lines,
-        plan: &plan,
-        arm: &arm,
-        start: None,
-        drives: None,
-        gripper_opening: None,
-        bit_rate_bit_s: 1_000_000,
-    };
+    let run = whole(&lines, &plan, &arm);
     let analysis = analysis::analyse(&run).unwrap();
     assert!(analysis.completed && analysis.fault.is_none(), "{:#?}", analysis.events);
 

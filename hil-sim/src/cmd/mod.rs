@@ -43,7 +43,7 @@ pub(crate) fn main() -> ExitCode {
         Verb::Swarm(args) => swarm::run(&args),
         Verb::Faults => faults::run(),
     };
-    match result {
+    match result.and_then(|()| output_is_whole()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             if let Some(text) = &failure.text {
@@ -52,4 +52,16 @@ pub(crate) fn main() -> ExitCode {
             failure.code.into()
         }
     }
+}
+
+/// Whether everything that was written to standard output is there; a reader that left is no failure.
+fn output_is_whole() -> Result<(), exit::Failure> {
+    say::lost().map_or(Ok(()), |error| {
+        Err(exit::Failure::new(
+            exit::Code::Output,
+            &format!(
+                "standard output is not whole: {error}\n  next: free space where it goes to, and run again"
+            ),
+        ))
+    })
 }

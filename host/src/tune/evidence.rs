@@ -91,7 +91,7 @@ impl Samples {
     }
 }
 
-/// Samples `states` states on the boundary of the first region and runs one in 20 to rest, with
+/// Samples `states` states on the boundary of the first region and runs one in `RUN` to rest, with
 /// period, delay and the momentary bound (u_max to the full acceleration) drawn anew in each step.
 ///
 /// `None` if the ellipsoid is not positive definite (a refused certificate).
