@@ -1,0 +1,123 @@
+//! Commands, refusals, register values and samples between the wire and the controller.
+
+use protocol::cyphal::bits::Decode;
+use protocol::cyphal::cubecell::command::{self, ArmConfirm, ArmPrepare, ClearFault, Gripper, Home, Jog};
+use protocol::cyphal::cubecell::group_state;
+use protocol::cyphal::uavcan::command::{Status, standard};
+use protocol::cyphal::uavcan::value::ValueBuf;
+use protocol::{Duration, JOINTS_MAX, JointIndex};
+
+use crate::fault::{Cause, Refusal};
+use crate::orders::Order;
+use crate::registers::{Kind, Number};
+use crate::store::FileName;
+use crate::telemetry::GroupSample;
+
+/// Order of a command; an error if there is none or its parameter cannot be read.
+pub(super) fn order_of(number: u16, parameter: &[u8]) -> Result<Order, Status> {
+    fn read<'a, T: Decode<'a>>(parameter: &'a [u8]) -> Result<T, Status> {
+        T::from_bytes(parameter).map_err(|_| Status::BAD_PARAMETER)
+    }
+    let ms = |ms: u16| Duration::from_millis(ms.into());
+    let name = |parameter| {
+        read::<command::Trajectory>(parameter)
+            .map(|file| FileName { crc64: file.trajectory_crc64, len: file.length_bytes })
+    };
+    Ok(match number {
+        command::ARM_PREPARE => {
+            let ArmPrepare { trajectory_crc64, valid_ms } = read(parameter)?;
+            Order::ArmPrepare { crc64: trajectory_crc64, valid: ms(valid_ms) }
+        }
+        command::ARM_CONFIRM => {
+            let ArmConfirm { token, valid_ms } = read(parameter)?;
+            Order::ArmConfirm { token, valid: ms(valid_ms) }
+        }
+        command::DISARM => Order::Disarm,
+        command::RUN => Order::Run(name(parameter)?),
+        command::STOP => Order::Stop,
+        command::CLEAR_FAULT => {
+            let ClearFault { fault_cause } = read(parameter)?;
+            Order::ClearFault { code: fault_cause }
+        }
+        command::HOME => {
+            let Home { joint_mask } = read(parameter)?;
+            Order::Home { mask: joint_mask }
+        }
+        command::JOG => {
+            let Jog { joint, qd_rad_s, hold_ms } = read(parameter)?;
+            let joint = JointIndex::new(joint.into()).map_err(|_| Status::BAD_PARAMETER)?;
+            Order::Jog { joint, qd_rad_s, hold: ms(hold_ms) }
+        }
+        command::COMMIT_TRAJECTORY => Order::Commit(name(parameter)?),
+        command::GRIPPER => {
+            let Gripper { open } = read(parameter)?;
+            Order::Gripper { open }
+        }
+        standard::STORE_PERSISTENT_STATES => Order::SaveSettings,
+        _ => return Err(Status::BAD_COMMAND),
+    })
+}
+
+pub(super) const fn status_of(cause: Cause) -> Status {
+    match cause {
+        Cause::OrderNotNow | Cause::GripperBusy | Cause::BankBusy => Status::BAD_STATE,
+        Cause::BadValue | Cause::JointUnknown => Status::BAD_PARAMETER,
+        _ => Status::FAILURE,
+    }
+}
+
+pub(super) fn to_message(refusal: &Refusal) -> command::Refusal {
+    command::Refusal {
+        cause: refusal.cause.code(),
+        joint: refusal.joint.map_or(0, |joint| joint.get() as u8 + 1),
+        index: refusal.index,
+    }
+}
+
+/// Port numbers are 16 bits wide in the standard, all others as wide as they are here.
+pub(super) fn to_value(name: &str, kind: Kind, numbers: &[Number]) -> Option<ValueBuf> {
+    let (mut floats, mut naturals, mut bits) =
+        ([0.0f32; JOINTS_MAX], [0u32; JOINTS_MAX], [false; JOINTS_MAX]);
+    let places = floats.iter_mut().zip(&mut naturals).zip(&mut bits);
+    for (((float, natural), bit), number) in places.zip(numbers) {
+        match *number {
+            Number::Real32(x) => *float = x,
+            Number::Natural32(x) => *natural = x,
+            Number::Bit(x) => *bit = x,
+        }
+    }
+    let count = numbers.len();
+    match kind {
+        Kind::Real32 => ValueBuf::try_from(floats.get(..count)?).ok(),
+        Kind::Natural32 if name.starts_with("uavcan.") => Some(ValueBuf::from(*naturals.first()? as u16)),
+        Kind::Natural32 => ValueBuf::try_from(naturals.get(..count)?).ok(),
+        Kind::Bit => ValueBuf::bits(bits.get(..count)?).ok(),
+    }
+}
+
+pub(super) fn group_message(sample: &GroupSample, sequence: u16, complete: bool) -> group_state::GroupState {
+    let us16 = |span: Duration| u16::try_from(span.as_micros()).unwrap_or(u16::MAX);
+    let ms = (sample.arming_left.as_micros().min(u64::from(u32::MAX)) as u32) / 1_000;
+    group_state::GroupState {
+        uptime_us: sample.at.as_micros(),
+        sequence,
+        state: sample.state,
+        fault_joint: sample.fault.and_then(|fault| fault.joint).map_or(0, |joint| joint.get() as u8 + 1),
+        fault_cause: sample.fault.map_or(0, |fault| fault.cause.code()),
+        homed_mask: sample.homed_mask,
+        trajectory_stored: complete,
+        trajectory_committed: sample.committed.is_some(),
+        host_alive: sample.host_alive,
+        gripper_open: sample.gripper_open,
+        bus_warning: false,
+        cycle_us: us16(sample.cycle),
+        cycle_jitter_us: us16(sample.jitter),
+        cycles_late: sample.counters.cycles_late,
+        replies_missed: sample.counters.replies_missed,
+        cycles_saturated: sample.counters.cycles_saturated,
+        bus_load_permille: 0,
+        trajectory_crc64: sample.committed.map_or(0, |name| name.crc64),
+        trajectory_time_us: sample.path_us,
+        arming_left_ms: u16::try_from(ms).unwrap_or(u16::MAX),
+    }
+}

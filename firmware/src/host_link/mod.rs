@@ -1,0 +1,281 @@
+//! The controller with its host link: one [`Node`] that speaks PowerCube on 11-bit ids and Cyphal on 29-bit ids.
+//!
+//! Only translation lives here: `app` answers what the node is asked for, `messages` turns commands into [`Order`]s,
+//! register values into numbers and samples into messages; this file keeps the pace. The numbers, parameters and
+//! messages are those of [`protocol::cyphal::cubecell`].
+//!
+//! # Who is the host
+//!
+//! The node that gave the last accepted order. Its heartbeats and its commands keep a motion alive; those of
+//! others do not. While armed or moving, others may only stop. A host must send its heartbeat faster than
+//! `host.timeout_us`, not once a second as the standard asks at least.
+//!
+//! # Pace
+//!
+//! The drives come first. While a control cycle runs, Cyphal frames go out in what is left of it after the last
+//! motion's answer, or one per two cycles if nothing is left. At rest they keep a distance, so that a long answer never
+//! fills a transmit queue before a halt. A stop that is received is acted on at once and needs no frame of this node.
+//! A call that makes a control step makes nothing else: samples are taken in the next call.
+
+mod app;
+mod messages;
+
+use core::borrow::BorrowMut;
+
+use protocol::cyphal::cubecell::{joint_state, stop};
+use protocol::cyphal::id::{NodeId, Priority, SubjectId};
+use protocol::cyphal::server::{ControllerCore, Publication};
+use protocol::cyphal::uavcan::diagnostic::Severity;
+use protocol::cyphal::uavcan::heartbeat;
+use protocol::{Duration, Frame, Instant, JOINTS_MAX, Node};
+
+use self::app::App;
+use self::messages::group_message;
+use crate::controller::Controller;
+use crate::fault::Refusal;
+use crate::orders::{Done, Order};
+use crate::settings::Settings;
+use crate::spline::Spline;
+use crate::state::StateKind;
+use crate::store::Storage;
+use crate::telemetry::{GroupSample, JointSample};
+
+/// Time between Cyphal frames: a little more than a frame takes at 1 Mbit/s.
+const SPACING: Duration = Duration::from_micros(160);
+/// Longest wait of telemetry behind a control step, if no frame comes before.
+const LATER: Duration = Duration::from_millis(1);
+
+/// Name of the program in `GetInfo`.
+pub const NODE_NAME: &[u8] = b"cubecell.controller";
+
+/// What a board knows about itself.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Identity {
+    /// Number of this very board in the world.
+    pub unique_id: [u8; 16],
+    /// Board, major and minor version.
+    pub hardware: (u8, u8),
+}
+
+/// Controller and host link.
+pub struct ControllerNode<S, M = Spline> {
+    link: ControllerCore,
+    app: App<S, M>,
+    group_state: Publication,
+    joint_state: Publication,
+    last_state: Option<StateKind>,
+    sequence: u16,
+    last_bits: u32,
+    last_at: Instant,
+    /// When the last Cyphal frame was handed out.
+    last_frame: Instant,
+    held: Option<Frame>,
+    /// A control step was made in the last call: what is not urgent comes with the next one, at the latest then.
+    later: Option<Instant>,
+    now: Instant,
+}
+
+#[inline(never)]
+fn link(now: Instant) -> ControllerCore {
+    ControllerCore::new(now, NodeId::from_low_bits(0))
+}
+
+/// Until the settings are known.
+const UNSET: SubjectId = SubjectId::from_low_bits(0);
+
+impl<S: Storage> ControllerNode<S> {
+    /// [`Self::with_spline`] with a spline of its own.
+    pub fn new(now: Instant, storage: S, defaults: &Settings, identity: Identity) -> Self {
+        Self::with_spline(now, storage, Spline::empty(), defaults, identity)
+    }
+}
+
+impl<S: Storage, M: BorrowMut<Spline>> ControllerNode<S, M> {
+    /// Node that starts at `now`; see [`Controller::with_spline`]. Node-ID and subjects are those of the settings.
+    pub fn with_spline(now: Instant, storage: S, spline: M, defaults: &Settings, identity: Identity) -> Self {
+        let mut node = Self::asleep(now, storage, spline, identity);
+        node.wake(defaults);
+        node
+    }
+
+    /// First half of [`Self::with_spline`], for a board: what this returns is made in the place it is kept in, and
+    /// [`Self::wake`] must follow before anything else. In one call the node would be made and then moved, with stack for
+    /// two of them.
+    // The large parts come last and from a call each, or they would be made elsewhere (see `Controller::asleep`).
+    #[inline(never)]
+    pub fn asleep(now: Instant, storage: S, spline: M, identity: Identity) -> Self {
+        let valid = Duration::from_millis(200);
+        Self {
+            group_state: Publication::new(UNSET, Priority::Nominal, valid),
+            joint_state: Publication::new(UNSET, Priority::Low, valid),
+            last_state: None,
+            sequence: 0,
+            last_bits: 0,
+            last_at: now,
+            last_frame: now,
+            held: None,
+            later: None,
+            now,
+            link: link(now),
+            app: App::asleep(storage, spline, identity),
+        }
+    }
+
+    /// Second half of [`Self::with_spline`]: takes over what is stored, over `defaults`.
+    #[inline(never)]
+    pub fn wake(&mut self, defaults: &Settings) {
+        self.app.controller.wake(defaults);
+        let Settings { node_id, stop_subject, group_state_subject, joint_state_subject, .. } =
+            *self.app.controller.settings();
+        let subject = |number: u32| SubjectId::from_low_bits(number as u16);
+        let subjects = [subject(group_state_subject), subject(joint_state_subject)];
+        self.app.ports = [stop::port(subject(stop_subject)), heartbeat::PORT];
+        self.app.subjects = subjects;
+        [self.group_state.subject, self.joint_state.subject] = subjects;
+        self.link.set_address(NodeId::from_low_bits(node_id as u8));
+    }
+
+    /// The controller behind the link.
+    pub const fn controller(&self) -> &Controller<S, M> {
+        &self.app.controller
+    }
+
+    /// An order of whoever runs this node, such as a stop before it is switched off. Not through the host link: who is the
+    /// host stays as it is.
+    ///
+    /// # Errors
+    ///
+    /// As [`Controller::order`].
+    pub fn order(&mut self, now: Instant, order: Order) -> Result<Done, Refusal> {
+        self.now = now;
+        self.app.controller.order(now, order)
+    }
+
+    /// As a stop message on the bus: the halt broadcast is the next frame out.
+    pub fn stop_now(&mut self, now: Instant) {
+        self.now = now;
+        self.app.controller.stop_now(now);
+    }
+
+    /// Level to put on the board's gripper output, once per change.
+    pub const fn take_gripper_level(&mut self) -> Option<bool> {
+        self.app.controller.take_gripper_level()
+    }
+
+    /// Messages that are due: at once when the state changes, else with the period of the telemetry.
+    fn publish(&mut self, now: Instant) {
+        let state = self.app.controller.state().kind();
+        let changed = self.last_state != Some(state);
+        let due = self.app.controller.take_telemetry_due(now);
+        if !changed && !due {
+            return;
+        }
+        let sample = self.app.controller.take_sample(now);
+        if changed {
+            self.last_state = Some(state);
+            self.log_change(now, &sample);
+        }
+        let elapsed_us = now.saturating_since(self.last_at).as_micros().max(1);
+        let bits = sample.bus_bits.wrapping_sub(self.last_bits);
+        (self.last_bits, self.last_at) = (sample.bus_bits, now);
+        // At 1 Mbit/s a bit is a microsecond. 32-bit arithmetic: 64 bits would bring in a long division.
+        let elapsed_us = u32::try_from(elapsed_us).unwrap_or(u32::MAX);
+        let load = u32::min(bits, 4_000_000).saturating_mul(1_000).checked_div(elapsed_us).unwrap_or(0);
+        self.sequence = self.sequence.wrapping_add(1);
+        let mut message = group_message(&sample, self.sequence, self.app.complete);
+        message.bus_load_permille = load.min(1_000) as u16;
+        let _ = self.link.publish(now, &mut self.group_state, &message);
+        if due {
+            let controller = &self.app.controller;
+            let mut joints = [JointSample::default(); JOINTS_MAX];
+            for (to, joint) in joints.iter_mut().zip(controller.joints()) {
+                *to = controller.joint_sample(joint);
+            }
+            let count = controller.settings().joints as usize;
+            let joints = joints.get(..count).unwrap_or(&joints);
+            let cycle = sample.counters.cycles as u16;
+            let message = joint_state::JointState::new(now.as_micros(), cycle, joints);
+            let _ = self.link.publish(now, &mut self.joint_state, &message);
+        }
+    }
+
+    /// What a call does once the drives are served.
+    fn after_the_drives(&mut self, now: Instant) {
+        self.later = None;
+        self.publish(now);
+        if self.link.poll_timeout() <= now {
+            self.link.handle_timeout(now, &self.app);
+        }
+        self.refill();
+    }
+
+    fn log_change(&mut self, now: Instant, sample: &GroupSample) {
+        let Some(fault) = sample.fault else { return };
+        if matches!(sample.state, StateKind::Fault | StateKind::Stopped) {
+            let severity = if fault.cause.is_plain_stop() { Severity::Notice } else { Severity::Error };
+            self.link.log(now, severity, fault.cause.latched_name());
+        }
+    }
+
+    /// When a Cyphal frame may be handed out.
+    fn may_send_at(&self) -> Instant {
+        let settings = self.app.controller.settings();
+        if self.app.controller.is_keeping_time() && !self.app.controller.is_cycle_done() {
+            self.last_frame + settings.cycle_period() * 2
+        } else {
+            self.last_frame + SPACING
+        }
+    }
+
+    fn refill(&mut self) {
+        if self.held.is_none() {
+            self.held = self.link.poll_frame();
+        }
+    }
+}
+
+impl<S: Storage, M: BorrowMut<Spline>> Node for ControllerNode<S, M> {
+    fn handle_frame(&mut self, now: Instant, frame: &Frame) {
+        self.now = now;
+        if frame.is_extended() {
+            self.app.controller.count_foreign(frame);
+            self.link.handle_frame(now, frame, &mut self.app);
+        } else {
+            self.app.controller.handle_frame(now, frame);
+        }
+        self.after_the_drives(now);
+    }
+
+    fn handle_timeout(&mut self, now: Instant) {
+        self.now = now;
+        let cycles = self.app.controller.counters().cycles;
+        // Harmless where nothing is due, and cheaper than the question.
+        self.app.controller.handle_timeout(now);
+        if self.app.controller.counters().cycles == cycles {
+            self.after_the_drives(now);
+        } else {
+            self.later = Some(now + LATER);
+        }
+    }
+
+    fn poll_frame(&mut self) -> Option<Frame> {
+        if let Some(frame) = self.app.controller.poll_frame() {
+            return Some(frame);
+        }
+        self.refill();
+        if self.may_send_at() > self.now {
+            return None;
+        }
+        let frame = self.held.take()?;
+        self.last_frame = self.now;
+        self.app.controller.count_foreign(&frame);
+        self.refill();
+        Some(frame)
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        let paced = self.held.is_some().then(|| self.may_send_at()).filter(|at| *at > self.now);
+        let link = self.later.unwrap_or_else(|| self.link.poll_timeout());
+        self.app.controller.poll_timeout().into_iter().chain([link]).chain(paced).min()
+    }
+}
