@@ -40,6 +40,20 @@ fn one_command_plans_homes_uploads_throws_and_tells_where_the_ball_landed() {
 }
 
 #[test]
+fn a_throw_at_another_period_is_repeated_from_its_folder_bit_for_bit() {
+    let folder = Folder::new("throw-replay");
+    let thrown = folder.file("a");
+    let target = ["throw", "--target", "1.0,1.0,-1.0", "--no-store", "--period", "10", "--out", &thrown];
+    assert_eq!(code(&cubectl(&target)), 0);
+    let replayed = cubectl(&["replay", &thrown]);
+    assert_eq!(code(&replayed), 0, "{}{}", out(&replayed), err(&replayed));
+    // Without its gains it is another controller, and that is seen.
+    std::fs::remove_file(folder.file("a/gains.toml")).unwrap();
+    let replayed = cubectl(&["replay", &thrown]);
+    assert_eq!(code(&replayed), 9, "{}{}", out(&replayed), err(&replayed));
+}
+
+#[test]
 fn a_stored_plan_is_thrown_and_the_arm_goes_back_if_asked() {
     let folder = Folder::new("throw-plan");
     let plan = folder.file("plan.json");

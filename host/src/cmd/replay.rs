@@ -9,11 +9,13 @@ use protocol::{Frame, Id, Instant, Node};
 use robot_model::AnyRobot;
 
 use super::bus_errors::print_json;
+use super::throw::read_gains;
 use crate::bus::settings::settings_of;
 use crate::bus::sim::soft_controller;
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::log::candump::{Line, read};
+use crate::throw::period::{Wish, apply, choose};
 
 /// Frames that a controller may send at one deadline; more is taken for a defect.
 const FRAMES_MAX: usize = 4_096;
@@ -21,11 +23,14 @@ const FRAMES_MAX: usize = 4_096;
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  cubectl record boot --controller --for 2 && cubectl replay boot.candump\n\nThe times of the log must be the controller's own clock, beginning at its start, as recordings of the simulated\ncell are."
+    after_help = "Examples:\n  cubectl record boot --controller --for 2 && cubectl replay boot.candump\n  cubectl throw --target 1,1,-1 --period 10 --out throw1 && cubectl replay throw1\n\nThe times of the log must be the controller's own clock, beginning at its start, as recordings of the simulated\ncell are; in real time the clock of the bus is another one."
 )]
 pub struct Args {
-    /// Candump log of a run with a controller.
+    /// Candump log of a run with a controller, or the folder of a throw.
     pub log: PathBuf,
+    /// Gains the controller began with [default: gains.toml beside the log, or the built-in ones].
+    #[arg(long, value_name = "FILE")]
+    pub gains: Option<PathBuf>,
     /// Robot of the recorded cell: a built-in name or a file.
     #[arg(long, default_value = "powercube6", value_name = "ROBOT")]
     pub robot: String,
@@ -61,7 +66,7 @@ pub struct Replayed {
 /// # Errors
 /// The log cannot be read, or the controller sends something else than recorded.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    let path = &args.log;
+    let path = &if args.log.is_dir() { args.log.join("log.candump") } else { args.log.clone() };
     let file = std::fs::File::open(path).map_err(|error| ExpectedError::io(path, &error))?;
     let lines = read(BufReader::new(file))
         .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", path.display())))?;
@@ -73,7 +78,15 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         )));
     }
     let robot = AnyRobot::load(&args.robot).map_err(|error| ExpectedError::bad_input(&error))?;
-    let settings = settings_of(&robot).map_err(|error| ExpectedError::bad_input(&error))?;
+    let mut settings = settings_of(&robot).map_err(|error| ExpectedError::bad_input(&error))?;
+    let beside = path.with_file_name("gains.toml");
+    if let Some(path) = args.gains.as_ref().or_else(|| beside.is_file().then_some(&beside)) {
+        let gains = read_gains(path, robot.name())?;
+        apply(
+            &choose(Wish::Gains(Box::new(gains)), None, robot.name(), settings.cycle_period_us)?,
+            &mut settings,
+        );
+    }
     let mut controller = soft_controller(&settings);
     let replayed = replay(&lines, &mut controller);
     if args.json {

@@ -115,7 +115,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     preflight(&arm, &plan)?;
     let Ground { soft, pace } = look(args, &arm)?;
     let mut settings = settings_of(&cell.robot).map_err(|error| ExpectedError::bad_input(&error))?;
-    let given = args.gains.as_ref().map(|path| read_gains(path, &arm)).transpose()?;
+    let given = args.gains.as_ref().map(|path| read_gains(path, arm.name())).transpose()?;
     let choice = if soft {
         let wish = wish(given.clone(), args.period);
         let choice = choose(wish, pace.as_ref(), arm.name(), settings.cycle_period_us)?;
@@ -259,9 +259,9 @@ fn preflight(arm: &Arm, plan: &PlanFile) -> Result<(), ExpectedError> {
     ))
 }
 
-fn read_gains(path: &Path, arm: &Arm) -> Result<GainsFile, ExpectedError> {
+pub(super) fn read_gains(path: &Path, robot: &str) -> Result<GainsFile, ExpectedError> {
     let text = std::fs::read_to_string(path).map_err(|error| ExpectedError::io(path, &error))?;
-    GainsFile::from_toml(&text, arm.name())
+    GainsFile::from_toml(&text, robot)
         .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", path.display())))
 }
 
