@@ -2,7 +2,8 @@
 //!
 //! Sections: `parts`, `starts`, `cold`, `targets`, `tail`, `store`, `delay`, `landing`, `spread`, `reach`; all without
 //! arguments. Times are CPU time of one thread, so that other work on the machine counts less; targets and starts
-//! follow from the seeds below.
+//! follow from the seeds below. `PLAN_BENCH_NAME=n` makes a section shorter or longer (`STARTS`, `COLD`, `TARGETS`,
+//! `TAIL`, `DELAY`, `DRAWS`, `SPREAD`, `FREE`, `REFERENCE_STARTS`); `PLAN_BENCH_WORST=1` lists the worst targets.
 //!
 //! The targets and their reference objectives are in `plan_targets.csv` (the planner was tuned with them) and
 //! `plan_targets_held_out.csv` (it was not); the sections `reference` and `reference-held-out` (only when named) make
@@ -15,7 +16,7 @@ mod reach;
 #[path = "plan/speed.rs"]
 mod speed;
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use host::plan::rng::SplitMix64;
 use host::plan::{Arm, seeds};
@@ -64,43 +65,34 @@ fn main() {
     let arm = Arm::load("powercube6").expect("built in");
     let index = seeds::built_in(&arm);
     println!("{} built-in throws; times are CPU time of one thread", index.records().len());
-    if run("parts") {
-        speed::parts(&arm);
-    }
-    if run("starts") {
-        speed::starts(&arm, count("starts", 400));
-    }
-    if run("cold") {
-        speed::cold(&arm, count("cold", 40));
-    }
-    if run("targets") {
+    let section = |name: &str, work: &dyn Fn()| {
+        if run(name) {
+            let began = Instant::now();
+            work();
+            println!("  [{name}: {:.1} s]", began.elapsed().as_secs_f64());
+        }
+    };
+    section("parts", &|| speed::parts(&arm));
+    section("starts", &|| speed::starts(&arm, count("starts", 400)));
+    section("cold", &|| speed::cold(&arm, count("cold", 40)));
+    section("targets", &|| {
         for set in [speed::TUNED, speed::HELD_OUT] {
             speed::targets(&arm, &index, &set, count("targets", 1000) as usize);
         }
-    }
+    });
     for (name, set) in [("reference", speed::TUNED), ("reference-held-out", speed::HELD_OUT)] {
         if named(name) {
             let (targets, starts) = (count("targets", 1000) as usize, count("reference_starts", 64));
             speed::reference(&arm, &index, &set, targets, starts);
         }
     }
-    if run("tail") {
-        speed::tail(&arm, &index, count("tail", 5) as usize);
-    }
-    if run("store") {
-        speed::store(&arm, &index);
-    }
-    if run("delay") {
-        landing::delay(&arm, &index, count("delay", 30));
-    }
-    if run("landing") {
-        landing::landing_statistics(&arm, &index, 20, 100_000);
-    }
-    if run("spread") {
-        landing::spread(&arm, &index, count("spread", 6));
-    }
-    if run("reach") {
+    section("tail", &|| speed::tail(&arm, &index, count("tail", 4) as usize));
+    section("store", &|| speed::store(&arm, &index));
+    section("delay", &|| landing::delay(&arm, &index, count("delay", 30)));
+    section("landing", &|| landing::landing_statistics(&arm, &index, 20, count("draws", 100_000) as usize));
+    section("spread", &|| landing::spread(&arm, &index, count("spread", 6)));
+    section("reach", &|| {
         reach::free_spin(&arm, &index, count("free", 320) as usize);
         reach::reach(&arm, &index);
-    }
+    });
 }

@@ -34,7 +34,13 @@ impl ExpectedError {
         Self::new(exit::BAD_INPUT, cause.to_string())
     }
 
-    /// A file that cannot be read or written.
+    /// A result that cannot be written.
+    #[must_use]
+    pub fn output(path: &std::path::Path, cause: &std::io::Error) -> Self {
+        Self::new(exit::OUTPUT, format!("{}: {cause}", path.display()))
+    }
+
+    /// A file that cannot be read.
     #[must_use]
     pub fn io(path: &std::path::Path, cause: &std::io::Error) -> Self {
         Self::new(exit::BAD_INPUT, format!("{}: {cause}", path.display()))

@@ -3,17 +3,22 @@
 use std::path::Path;
 
 use host::plan::file::{PlanFile, PlanFileError};
-use host::plan::problem::{Options, Problem};
+use host::plan::problem::{Obstacle, Options, Problem};
 use host::plan::search::{Budget, Planner, Watch};
 use host::plan::statistics::{Noise, Region};
 use host::plan::{Arm, seeds};
 use host::verify;
 use nalgebra::Vector3;
+use robot_model::Pose;
 
 fn plan(options: Options) -> (Arm, PlanFile) {
+    plan_to(Vector3::new(1.0, 1.0, -1.0), options)
+}
+
+fn plan_to(target: Vector3<f64>, options: Options) -> (Arm, PlanFile) {
     let arm = Arm::load("powercube6").expect("built in");
     let file = {
-        let problem = Problem::new(&arm, Vector3::new(1.0, 1.0, -1.0), options).expect("valid");
+        let problem = Problem::new(&arm, target, options).expect("valid");
         let budget = Budget { starts: 6, time: None, seed: 1 };
         let best = Planner::new(&problem)
             .search(&seeds::built_in(&arm), &budget, &Watch::default())
@@ -40,11 +45,19 @@ fn a_plan_reads_back_to_the_same_bits() {
 
 #[test]
 fn plans_of_older_versions_are_read() {
-    let (_, file) = plan(Options::paper());
-    let text = file.to_json().replacen("\"version\": 3", "\"version\": 2", 1);
-    let older: String = text.lines().filter(|l| !l.contains("\"goal\"")).collect();
-    let back = PlanFile::from_json(Path::new("p.json"), &older).expect("reads");
-    assert_eq!((back.version, back.search), (2, file.search));
+    let (arm, file) = plan(Options::paper());
+    for (version, younger) in
+        [(3, &["obstacles", "clearance_m"][..]), (2, &["obstacles", "clearance_m", "speed_use", "goal"])]
+    {
+        let text = file.to_json().replacen("\"version\": 4", &format!("\"version\": {version}"), 1);
+        // A field that was the last of its list leaves a comma behind.
+        let keep = |l: &&str| !younger.iter().any(|key| l.trim_start().starts_with(&format!("\"{key}\"")));
+        let lines: Vec<&str> = text.lines().filter(keep).collect();
+        let older = lines.join("").replace(",  }", "  }");
+        let back = PlanFile::from_json(Path::new("p.json"), &older).expect("reads");
+        assert_eq!((back.version, &back.search), (version, &file.search));
+        assert!(verify::check(&arm, &back).ok());
+    }
 }
 
 #[test]
@@ -55,6 +68,50 @@ fn the_second_opinion_agrees_with_both_forms() {
         assert!(report.ok(), "{:#?}", report.findings);
         assert!(report.findings.len() >= 10);
     }
+}
+
+#[test]
+fn obstacles_are_in_the_file_and_the_second_opinion_sees_them() {
+    let wall = Obstacle {
+        name: "wall".to_owned(),
+        x_wo: Pose::translation(0.9, 0.0, -0.8),
+        half_m: Vector3::new(0.3, 0.02, 0.2),
+    };
+    let (arm, good) = plan(Options { obstacles: vec![wall], clearance_m: 0.01, ..Options::best() });
+    let good = PlanFile::from_json(Path::new("p.json"), &good.to_json()).expect("reads");
+    let report = verify::check(&arm, &good);
+    assert!(report.ok(), "{:#?}", report.findings);
+    // Moved into the flight, and into the arm.
+    for (to, what) in [
+        ([0.97, 0.97, -0.85], "released ball clear of the obstacles"),
+        ([0.3, 0.2, 0.0], "arm and held ball"),
+    ] {
+        let mut file = good.clone();
+        for (row, value) in file.obstacles[0].x_wo.iter_mut().zip(to) {
+            row[3] = value;
+        }
+        let failed = verify::check(&arm, &file).findings.into_iter().find(|f| !f.ok && f.enforced);
+        let failed = failed.expect("an obstacle in the way");
+        assert!(failed.what.starts_with(what), "{failed:?}");
+    }
+    let mut file = good;
+    file.obstacles[0].half_m[1] = 0.0;
+    let e = PlanFile::from_json(Path::new("p.json"), &file.to_json()).expect_err("flat");
+    assert!(e.to_string().contains("obstacle \"wall\" is not a box"), "{e}");
+}
+
+#[test]
+fn our_form_keeps_bodies_apart_and_the_second_opinion_holds_it_to_that() {
+    // Without a clearance the best throw to this target passes the column at 0.2 mm.
+    let (arm, good) = plan_to(Vector3::new(1.5, 0.0, -0.5), Options::best());
+    assert!(verify::check(&arm, &good).ok());
+    let kept_m = good.margins.clearance_m.expect("measured");
+    assert!((0.005..0.006).contains(&kept_m), "{kept_m}");
+    let mut file = good;
+    file.search.clearance_m = 0.006;
+    let failed = verify::check(&arm, &file).findings.into_iter().find(|f| !f.ok && f.enforced);
+    let failed = failed.expect("a clearance that is claimed and not kept");
+    assert!(failed.worst.contains(" of 6.0 mm"), "{failed:?}");
 }
 
 #[test]
@@ -96,12 +153,12 @@ fn bad_files_are_refused_with_the_reason() {
     let (arm, file) = plan(Options::paper());
     let path = Path::new("p.json");
     let text = file.to_json();
-    let newer = text.replacen("\"version\": 3", "\"version\": 4", 1);
+    let newer = text.replacen("\"version\": 4", "\"version\": 5", 1);
     let e = PlanFile::from_json(path, &newer).expect_err("newer");
-    assert!(matches!(e, PlanFileError::Newer { found: 4, .. }));
+    assert!(matches!(e, PlanFileError::Newer { found: 5, .. }));
     assert_eq!(
         e.to_string(),
-        "plan p.json has version 4, this program reads up to 3: update cubectl or plan again"
+        "plan p.json has version 5, this program reads up to 4: update cubectl or plan again"
     );
     for broken in [&text[..text.len() / 2], "", "[]", "{\"format\": \"something\"}"] {
         assert!(matches!(PlanFile::from_json(path, broken), Err(PlanFileError::Damaged { .. })), "{broken}");

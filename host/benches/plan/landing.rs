@@ -10,6 +10,7 @@ use host::plan::statistics::{Noise, Region, landing_with_delay, monte_carlo, pre
 use host::plan::{Arm, Found, Goal, Margins, Throw};
 use host::store::Index;
 use nalgebra::{Matrix2, Vector2};
+use rayon::prelude::*;
 
 use super::{START_SEED, TARGET_SEED, TRIES, quantile, target};
 
@@ -109,18 +110,26 @@ pub(crate) fn landing_statistics(arm: &Arm, index: &Index, n: usize, draws: usiz
     println!(
         "range  height form  | semi-axes in mm     ratios         turned   covariance off | hit of a disc of 1.5 x the rms"
     );
-    let (mut off, mut k) = (Vec::new(), 0);
     let noise = Noise::default();
-    while off.len() < n {
+    let (mut throws, mut k) = (Vec::new(), 0);
+    while throws.len() < n {
         let (form, options) =
-            if off.len() % 2 == 0 { ("best", Options::best()) } else { ("paper", Options::paper()) };
+            if throws.len() % 2 == 0 { ("best", Options::best()) } else { ("paper", Options::paper()) };
         let at = target(TARGET_SEED, k);
         k += 1;
         let Ok(problem) = Problem::new(arm, at, options) else { continue };
         let Some(found) = Planner::new(&problem).from_index(index, TRIES) else { continue };
         let Some(predicted) = predict(&problem, &found.throw, &noise) else { continue };
-        let landings = monte_carlo(&problem, &found.throw, &noise, draws, 1000 + k);
-        let (_, c) = moments(&landings);
+        throws.push((form, problem, found.throw, predicted, 1000 + k));
+    }
+    let drawn: Vec<Vec<Vector2<f64>>> = throws
+        .par_iter()
+        .map(|(_, problem, throw, _, seed)| monte_carlo(problem, throw, &noise, draws, *seed))
+        .collect();
+    let mut off = Vec::new();
+    for ((form, problem, _, predicted, _), landings) in throws.iter().zip(&drawn) {
+        let at = problem.target();
+        let (_, c) = moments(landings);
         let (a, b, turn) = landing::ellipse(&predicted.covariance_m2);
         let (ma, mb, mturn) = landing::ellipse(&c);
         let mut turned = (turn - mturn).abs() % PI;

@@ -217,24 +217,28 @@ pub(crate) fn tail(arm: &Arm, index: &Index, n: usize) {
     println!(
         "\nten seconds of random starts on one core, for {n} of the targets, against the reference and the table"
     );
-    for r in references(&TUNED).iter().take(n) {
-        let problem = Problem::new(arm, r.target, Options::paper()).expect("valid");
-        let planner = Planner::new(&problem);
-        let (began, mut best, mut k) = (cpu(), f64::INFINITY, 0);
-        while cpu() - began < Duration::from_secs(10) {
-            best = planner.random_start(START_SEED, k).map_or(best, |f| best.min(f.objective));
-            k += 1;
-        }
-        let table = planner.from_index(index, TRIES).map_or(f64::NAN, |f| f.objective);
-        let gap = |j: f64| (j / best - 1.0) * 100.0;
-        println!(
-            "  range {:.3} m, height {:.3} m: {best:.4} from {k} starts, reference {:+.3} %, table {:+.3} %",
-            r.target.xy().norm(),
-            r.target.z,
-            gap(r.objective),
-            gap(table)
-        );
-    }
+    let lines: Vec<String> = references(&TUNED)[..n]
+        .par_iter()
+        .map(|r| {
+            let problem = Problem::new(arm, r.target, Options::paper()).expect("valid");
+            let planner = Planner::new(&problem);
+            let (began, mut best, mut k) = (cpu(), f64::INFINITY, 0);
+            while cpu() - began < Duration::from_secs(10) {
+                best = planner.random_start(START_SEED, k).map_or(best, |f| best.min(f.objective));
+                k += 1;
+            }
+            let table = planner.from_index(index, TRIES).map_or(f64::NAN, |f| f.objective);
+            let gap = |j: f64| (j / best - 1.0) * 100.0;
+            format!(
+                "  range {:.3} m, height {:.3} m: {best:.4} from {k} starts, reference {:+.3} %, table {:+.3} %",
+                r.target.xy().norm(),
+                r.target.z,
+                gap(r.objective),
+                gap(table)
+            )
+        })
+        .collect();
+    println!("{}", lines.join("\n"));
 }
 
 /// From nothing to within 0.1 % of the best known objective: random starts one after the other.

@@ -43,12 +43,12 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let plan = PlanFile::read(&args.plan).map_err(|e| ExpectedError::bad_input(&e))?;
     let text = table(&plan, args.step_s);
     match &args.out {
-        Some(path) => std::fs::write(path, text).map_err(|e| ExpectedError::io(path, &e)),
+        Some(path) => std::fs::write(path, text).map_err(|e| ExpectedError::output(path, &e)),
         None => {
             // A reader that has seen enough (`| head`) is not an error.
             match std::io::stdout().write_all(text.as_bytes()) {
                 Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
-                    Err(ExpectedError::new(crate::exit::BAD_INPUT, format!("terminal: {e}")))
+                    Err(ExpectedError::new(crate::exit::OUTPUT, format!("terminal: {e}")))
                 }
                 _ => Ok(()),
             }

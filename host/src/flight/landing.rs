@@ -46,16 +46,16 @@ impl FlightModel {
         }
         // March until the ball is below the plane and falling, then Newton on the height inside the last step.
         let march_s = 0.05;
-        let (mut before, mut t) = (self.fly(p, v, 0.0), 0.0);
-        let mut reached = before.p.z >= z_m;
+        let (mut p1, mut v1, mut t) = (*p, *v, 0.0);
+        let mut reached = p1.z >= z_m;
         for _ in 0..2_000 {
-            let after = self.fly(&before.p, &before.v, march_s);
-            reached |= after.p.z >= z_m;
-            if after.p.z < z_m && after.v.z < 0.0 && reached {
-                let mut dt = march_s * (before.p.z - z_m) / (before.p.z - after.p.z);
+            let (p2, v2) = self.coast(&p1, &v1, march_s);
+            reached |= p2.z >= z_m;
+            if p2.z < z_m && v2.z < 0.0 && reached {
+                let mut dt = march_s * (p1.z - z_m) / (p1.z - p2.z);
                 for _ in 0..30 {
-                    let at = self.fly(&before.p, &before.v, dt);
-                    let step = (at.p.z - z_m) / at.v.z;
+                    let (at, speed) = self.coast(&p1, &v1, dt);
+                    let step = (at.z - z_m) / speed.z;
                     dt -= step;
                     if step.abs() <= 1e-9 {
                         break;
@@ -64,21 +64,21 @@ impl FlightModel {
                 // One integration over the whole time, so that landing and Jacobian are of the same flight.
                 let mut time_s = t + dt;
                 for _ in 0..5 {
-                    let at = self.fly(p, v, time_s);
-                    let step = (at.p.z - z_m) / at.v.z;
+                    let (at, speed) = self.coast(p, v, time_s);
+                    let step = (at.z - z_m) / speed.z;
                     time_s -= step;
                     if step.abs() <= 1e-14 {
                         break;
                     }
                 }
-                let mut end = self.fly(p, v, time_s);
-                end.p.z = z_m;
-                return Some(Landing { p: end.p, v: end.v, time_s });
+                let (mut p_end, v_end) = self.coast(p, v, time_s);
+                p_end.z = z_m;
+                return Some(Landing { p: p_end, v: v_end, time_s });
             }
-            if after.p.z < z_m && after.v.z < 0.0 {
+            if p2.z < z_m && v2.z < 0.0 {
                 return None;
             }
-            before = after;
+            (p1, v1) = (p2, v2);
             t += march_s;
         }
         None

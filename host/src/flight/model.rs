@@ -121,33 +121,82 @@ impl FlightModel {
                 v_by_v0: Matrix3::identity(),
             };
         }
-        // RK4 at 10 ms: the local error of a ball at 5 m/s with k = 0.1/m is below 1e-10 m.
-        let steps = (duration_s.abs() / STEP_S).ceil().max(1.0);
-        let h = duration_s / steps;
+        let (steps, h) = steps_of(duration_s);
         let mut state = FlightState { p: *p, v: *v, p_by_v0: Matrix3::zeros(), v_by_v0: Matrix3::identity() };
-        for _ in 0..steps as usize {
+        for _ in 0..steps {
             state = self.rk4(&state, h);
         }
         state
     }
 
+    /// Position and velocity after `duration_s`: those of [`FlightModel::fly`] to the bit, at a fraction of its price.
+    #[must_use]
+    pub fn coast(&self, p: &Vector3<f64>, v: &Vector3<f64>, duration_s: f64) -> (Vector3<f64>, Vector3<f64>) {
+        if self.is_vacuum() {
+            let end = self.fly(p, v, duration_s);
+            return (end.p, end.v);
+        }
+        let (steps, h) = steps_of(duration_s);
+        let (mut p, mut v) = (*p, *v);
+        for _ in 0..steps {
+            let stages = self.stages(&v, h);
+            (p, v) = (stages.position(&p, h), stages.velocity(&v, h));
+        }
+        (p, v)
+    }
+
+    /// The stages of a Runge-Kutta step; forces do not depend on position, so velocities are all they need.
+    fn stages(&self, v: &Vector3<f64>, h: f64) -> Stages {
+        let a1 = self.acceleration(v);
+        let v2 = v + a1 * (h / 2.0);
+        let a2 = self.acceleration(&v2);
+        let v3 = v + a2 * (h / 2.0);
+        let a3 = self.acceleration(&v3);
+        let v4 = v + a3 * h;
+        Stages { v: [*v, v2, v3, v4], a: [a1, a2, a3, self.acceleration(&v4)] }
+    }
+
     fn rk4(&self, x: &FlightState, h: f64) -> FlightState {
-        let slope =
-            |v: &Vector3<f64>, by: &Matrix3<f64>| (self.acceleration(v), self.acceleration_by_v(v) * by);
-        let (a1, b1) = slope(&x.v, &x.v_by_v0);
-        let (v2, w2) = (x.v + a1 * (h / 2.0), x.v_by_v0 + b1 * (h / 2.0));
-        let (a2, b2) = slope(&v2, &w2);
-        let (v3, w3) = (x.v + a2 * (h / 2.0), x.v_by_v0 + b2 * (h / 2.0));
-        let (a3, b3) = slope(&v3, &w3);
-        let (v4, w4) = (x.v + a3 * h, x.v_by_v0 + b3 * h);
-        let (a4, b4) = slope(&v4, &w4);
+        let stages = self.stages(&x.v, h);
+        let [v1, v2, v3, v4] = &stages.v;
+        let b1 = self.acceleration_by_v(v1) * x.v_by_v0;
+        let w2 = x.v_by_v0 + b1 * (h / 2.0);
+        let b2 = self.acceleration_by_v(v2) * w2;
+        let w3 = x.v_by_v0 + b2 * (h / 2.0);
+        let b3 = self.acceleration_by_v(v3) * w3;
+        let w4 = x.v_by_v0 + b3 * h;
+        let b4 = self.acceleration_by_v(v4) * w4;
         FlightState {
-            p: x.p + (x.v + (v2 + v3) * 2.0 + v4) * (h / 6.0),
-            v: x.v + (a1 + (a2 + a3) * 2.0 + a4) * (h / 6.0),
+            p: stages.position(&x.p, h),
+            v: stages.velocity(&x.v, h),
             p_by_v0: x.p_by_v0 + (x.v_by_v0 + (w2 + w3) * 2.0 + w4) * (h / 6.0),
             v_by_v0: x.v_by_v0 + (b1 + (b2 + b3) * 2.0 + b4) * (h / 6.0),
         }
     }
+}
+
+/// Velocities and accelerations of the four stages of a Runge-Kutta step.
+struct Stages {
+    v: [Vector3<f64>; 4],
+    a: [Vector3<f64>; 4],
+}
+
+impl Stages {
+    fn position(&self, p: &Vector3<f64>, h: f64) -> Vector3<f64> {
+        let [v1, v2, v3, v4] = &self.v;
+        p + (v1 + (v2 + v3) * 2.0 + v4) * (h / 6.0)
+    }
+
+    fn velocity(&self, v: &Vector3<f64>, h: f64) -> Vector3<f64> {
+        let [a1, a2, a3, a4] = &self.a;
+        v + (a1 + (a2 + a3) * 2.0 + a4) * (h / 6.0)
+    }
+}
+
+/// Number and length of the steps: at 10 ms the local error of a ball at 5 m/s with k = 0.1/m is below 1e-10 m.
+fn steps_of(duration_s: f64) -> (usize, f64) {
+    let steps = (duration_s.abs() / STEP_S).ceil().max(1.0);
+    (steps as usize, duration_s / steps)
 }
 
 /// Longest integration step in s.

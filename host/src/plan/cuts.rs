@@ -72,6 +72,17 @@ pub(crate) fn placed(problem: &Problem<'_>, frames: &Frames<JOINTS>, index: usiz
     Obb::new(pose, body.half_m)
 }
 
+impl CutKind {
+    /// Clearance that is kept between the two bodies, in m. The released ball comes out of the hand: from there it has
+    /// to be free, not far.
+    pub(crate) fn clearance_m(self, problem: &Problem<'_>) -> f64 {
+        match self {
+            Self::FlyingBall(k) if problem.arm.collision().boxes()[k].link == JOINTS => 0.0,
+            _ => problem.options.clearance_m,
+        }
+    }
+}
+
 impl Cut {
     pub(crate) fn describe(&self, problem: &Problem<'_>) -> String {
         let name = |k: usize| problem.arm.collision().boxes()[k].name.as_str();
@@ -191,7 +202,7 @@ impl Cut {
             g[HB] += n.dot(&state.v) * self.sigma;
         }
         debug_assert!(g[F] == 0.0);
-        (near.distance_m - problem.options.clearance_m - CLEARANCE_EXTRA_M) * CLEARANCE_SCALE
+        (near.distance_m - self.kind.clearance_m(problem) - CLEARANCE_EXTRA_M) * CLEARANCE_SCALE
     }
 
     fn current(

@@ -127,7 +127,7 @@ impl Placed<'_> {
             CutKind::HeldBallFloor => ball(&mut self.ball).z - radius_m - floor,
             _ => f64::INFINITY,
         };
-        distance_m - problem.options.clearance_m
+        distance_m - pair.kind.clearance_m(problem)
     }
 }
 
@@ -205,7 +205,6 @@ impl Scanner {
 
     fn bodies(&self, problem: &Problem<'_>, throw: &Throw, out: &mut Scan) {
         let arm = problem.arm;
-        let clearance_m = problem.options.clearance_m;
         let start = Track { slack_m: 0.0, worst_m: f64::INFINITY, worst_sigma: 0.0 };
         let mut tracks = vec![start; self.pairs.len()];
         let mut approach = vec![0.0; self.groups.len()];
@@ -262,7 +261,7 @@ impl Scanner {
                     step *= 0.5;
                 }
             }
-            out.clearance_m = out.clearance_m.min(track.worst_m + clearance_m);
+            out.clearance_m = out.clearance_m.min(track.worst_m + pair.kind.clearance_m(problem));
             if track.worst_m < NEAR_M {
                 let cut = Cut { kind: pair.kind, sigma: track.worst_sigma };
                 if track.worst_m < 0.0 { out.cuts.push(cut) } else { out.near.push(cut) }
@@ -276,7 +275,6 @@ fn flying_ball(problem: &Problem<'_>, throw: &Throw, out: &mut Scan) {
     let arm = problem.arm;
     let (p0, v0) = throw.ball_at_release(arm);
     let radius_m = arm.gripper().ball_radius_m;
-    let clearance_m = problem.options.clearance_m;
     let bodies = arm.collision().boxes().len();
     let obstacles = problem.options.obstacles.len();
     let mut worst = vec![(f64::INFINITY, 0.0); bodies + obstacles];
@@ -310,9 +308,9 @@ fn flying_ball(problem: &Problem<'_>, throw: &Throw, out: &mut Scan) {
     }
     for (k, (distance, sigma)) in worst.into_iter().enumerate() {
         out.ball_clearance_m = out.ball_clearance_m.min(distance);
+        let kind = if k < bodies { CutKind::FlyingBall(k) } else { CutKind::FlyingBallObstacle(k - bodies) };
+        let clearance_m = kind.clearance_m(problem);
         if distance < clearance_m + NEAR_M {
-            let kind =
-                if k < bodies { CutKind::FlyingBall(k) } else { CutKind::FlyingBallObstacle(k - bodies) };
             let into = if distance < clearance_m { &mut out.cuts } else { &mut out.near };
             into.push(Cut { kind, sigma });
         }

@@ -1,6 +1,7 @@
 //! What the picture in space shows: the arm over time, the path of the ball in the hand, the flight, the target.
 
 use nalgebra::{Matrix2, Vector3};
+use robot_model::Pose;
 
 use crate::flight::landing;
 use crate::plan::file::PlanFile;
@@ -76,21 +77,10 @@ pub fn data(arm: &Arm, plan: &PlanFile, motion: &Motion<'_>) -> String {
             .collect();
         steps.push(format!("{{\"t\":{t_s:.4},\"ball\":{},\"links\":[{}]}}", point(&ball), links.join(",")));
     }
-    let boxes: Vec<String> = arm
-        .collision()
-        .boxes()
-        .iter()
-        .map(|b| {
-            let corners: Vec<Vector3<f64>> = (0..8_u8)
-                .map(|k| {
-                    let sign = |bit: u8| if k & bit == 0 { -1.0 } else { 1.0 };
-                    let corner = Vector3::new(sign(1), sign(2), sign(4)).component_mul(&b.half_m);
-                    b.x_lb.transform_point(&corner)
-                })
-                .collect();
-            format!("{{\"link\":{},\"corners\":{}}}", b.link, list(&corners))
-        })
-        .collect();
+    let boxes = arm.collision().boxes().iter().map(|b| body(b.link, &b.x_lb, &b.half_m));
+    // Obstacles stand in the world like the base.
+    let obstacles = plan.obstacles.iter().map(|o| body(0, &o.pose(), &Vector3::from(o.half_m)));
+    let boxes: Vec<String> = boxes.chain(obstacles).collect();
     let flown = motion.flight.map_or_else(Vec::new, |flight| {
         let time = |i: u32| flight.flight_s * f64::from(i) / f64::from(FLIGHT_STEPS);
         (0..=FLIGHT_STEPS).map(|i| (flight.ball_after)(time(i))).collect()
@@ -111,6 +101,17 @@ pub fn data(arm: &Arm, plan: &PlanFile, motion: &Motion<'_>) -> String {
         boxes.join(","),
         steps.join(",")
     )
+}
+
+/// A box with its corners in the frame of its link.
+fn body(link: usize, x_lb: &Pose, half_m: &Vector3<f64>) -> String {
+    let corners: Vec<Vector3<f64>> = (0..8_u8)
+        .map(|k| {
+            let sign = |bit: u8| if k & bit == 0 { -1.0 } else { 1.0 };
+            x_lb.transform_point(&Vector3::new(sign(1), sign(2), sign(4)).component_mul(half_m))
+        })
+        .collect();
+    format!("{{\"link\":{link},\"corners\":{}}}", list(&corners))
 }
 
 /// Height of the highest joint over the motion, m.

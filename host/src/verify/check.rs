@@ -20,6 +20,8 @@ const RANGE_TOLERANCE_RAD: f64 = 1e-6;
 /// Delay of the central difference, and slope that counts as none in m/s (mm per ms).
 const SLOPE_DELAY_S: f64 = 1e-3;
 const SLOPE_TOLERANCE_M_S: f64 = 0.01;
+/// Shortfall of a clearance that counts as kept, in m; bodies that touch never pass.
+const CLEARANCE_TOLERANCE_M: f64 = 2e-4;
 /// Miss that counts as a hit, in m.
 const LANDING_TOLERANCE_M: f64 = 1e-4;
 
@@ -100,7 +102,8 @@ pub fn check(arm: &Arm, plan: &PlanFile) -> Report {
     let (mut range, mut speed, mut acceleration, mut jerk) =
         (Worst::new(), Worst::new(), Worst::new(), Worst::new());
     let (mut jump, mut motor, mut supply) = (Worst::new(), Worst::new(), Worst::new());
-    let (mut near, mut floor) = (Worst::new(), Worst::new());
+    let (mut near, mut floor, mut obstacle) = (Worst::new(), Worst::new(), Worst::new());
+    let obstacles = Obstacles::new(plan);
     let boxes = arm.collision().boxes();
     let radius_m = arm.gripper().ball_radius_m;
     let place = |t: f64| -> (Vec<Pose>, Pose) {
@@ -138,7 +141,11 @@ pub fn check(arm: &Arm, plan: &PlanFile) -> Report {
         {
             floor.see(arm.world().floor_z_m - lowest_m(&placed[k], &body.half_m), t, || body.name.clone());
         }
+        for (k, body) in boxes.iter().enumerate().filter(|(_, b)| b.link > 0) {
+            obstacles.see_box(&placed[k], &body.half_m, &body.name, t, &mut obstacle);
+        }
         if t <= plan.release_time_s {
+            obstacles.see_ball(&ball.pos, radius_m, "held ball", t, &mut obstacle);
             for (k, body) in boxes.iter().enumerate().filter(|(_, b)| b.link + 2 <= JOINTS) {
                 let distance = point_distance_m(&placed[k], &body.half_m, &ball.pos) - radius_m;
                 near.see(-distance, t, || format!("held ball and \"{}\"", body.name));
@@ -156,7 +163,7 @@ pub fn check(arm: &Arm, plan: &PlanFile) -> Report {
         (ball(t), (ball(t + dt) - ball(t - dt)) / (2.0 * dt))
     };
     let (p, v) = release(plan.release_time_s);
-    let (miss, ball_near) = flight(arm, plan, &place, &p, &v);
+    let flown = flight(arm, plan, &place, &obstacles, &p, &v);
 
     let over_motion = claims("currents over the motion");
     let mut findings = vec![
@@ -170,40 +177,71 @@ pub fn check(arm: &Arm, plan: &PlanFile) -> Report {
             "rad, rad/s or rad/s²",
             true,
         ),
-        near_finding(&near, claims("clearance of arm")),
-        Finding {
-            worst: format!("{:.4} m above ({})", -floor.value, floor.what),
-            ..floor.finding("clear of the floor", 0.0, "m", claims("clearance of arm"))
-        },
+        clear_finding(
+            "arm clear of itself, its base and the held ball",
+            &near,
+            plan.search.clearance_m,
+            claims("clearance of arm"),
+        ),
+        clear_finding("clear of the floor", &floor, plan.search.clearance_m, claims("clearance of arm")),
         motor.finding("motor currents over the motion", 1.0 + 2e-3, "of the limit", over_motion),
         supply.finding("supply currents over the motion", 1.0 + 2e-3, "of the limit", over_motion),
         Finding {
             what: "landing on the target".to_owned(),
-            ok: miss.is_some_and(|m| m <= LANDING_TOLERANCE_M),
-            worst: miss.map_or_else(
+            ok: flown.miss_m.is_some_and(|m| m <= LANDING_TOLERANCE_M),
+            worst: flown.miss_m.map_or_else(
                 || "the ball does not come down there".to_owned(),
                 |m| format!("{m:.2e} m beside it"),
             ),
             at_s: None,
             enforced: true,
         },
-        Finding {
-            what: "released ball clear of the arm".to_owned(),
-            ok: -ball_near.value > 0.0,
-            worst: format!("{:.4} m from {}", -ball_near.value, ball_near.what),
-            at_s: Some(ball_near.at_s),
-            enforced: claims("clearance of the released ball"),
-        },
+        clear_finding(
+            "released ball free of the hand",
+            &flown.hand,
+            0.0,
+            claims("clearance of the released ball"),
+        ),
+        clear_finding(
+            "released ball clear of the arm",
+            &flown.others,
+            plan.search.clearance_m,
+            claims("clearance of the released ball"),
+        ),
     ];
+    if !plan.obstacles.is_empty() {
+        let wanted_m = plan.search.clearance_m;
+        findings.extend([
+            clear_finding(
+                "arm and held ball clear of the obstacles",
+                &obstacle,
+                wanted_m,
+                claims("clearance of arm"),
+            ),
+            clear_finding(
+                "released ball clear of the obstacles",
+                &flown.obstacles,
+                wanted_m,
+                claims("clearance of the released ball"),
+            ),
+        ]);
+    }
     findings.extend(delays(plan, &release));
     Report { findings, samples: steps + 1 }
 }
 
-fn near_finding(near: &Worst, enforced: bool) -> Finding {
+/// Whether bodies keep a clearance; `near` has seen their distances with the sign turned.
+fn clear_finding(what: &str, near: &Worst, wanted_m: f64, enforced: bool) -> Finding {
+    let distance_m = -near.value;
+    let of = if wanted_m > 0.0 { format!(" of {:.1} mm", wanted_m * 1e3) } else { String::new() };
     Finding {
-        what: "arm clear of itself, its base and the held ball".to_owned(),
-        ok: -near.value > 0.0,
-        worst: format!("{:.4} m between {}", -near.value, near.what),
+        what: what.to_owned(),
+        ok: distance_m > (wanted_m - CLEARANCE_TOLERANCE_M).max(0.0),
+        worst: if near.what.is_empty() {
+            "nothing to check".to_owned()
+        } else {
+            format!("{:.1} mm{of} ({})", distance_m * 1e3, near.what)
+        },
         at_s: Some(near.at_s),
         enforced,
     }
@@ -249,29 +287,71 @@ fn currents(arm: &Arm, chain: &Chain, plan: &PlanFile, motor: &mut Worst, supply
     }
 }
 
-/// Flies the ball and returns the miss and the nearest box on the way.
+/// The obstacles of a plan.
+struct Obstacles<'p>(Vec<(&'p str, Pose, Vector3<f64>)>);
+
+impl<'p> Obstacles<'p> {
+    fn new(plan: &'p PlanFile) -> Self {
+        Self(plan.obstacles.iter().map(|o| (o.name.as_str(), o.pose(), Vector3::from(o.half_m))).collect())
+    }
+
+    fn see_box(&self, x: &Pose, half_m: &Vector3<f64>, what: &str, t: f64, worst: &mut Worst) {
+        for (name, pose, half_o_m) in &self.0 {
+            let distance = distance_m(x, half_m, pose, half_o_m);
+            worst.see(-distance, t, || format!("\"{what}\" and obstacle \"{name}\""));
+        }
+    }
+
+    fn see_ball(&self, p: &Vector3<f64>, radius_m: f64, what: &str, t: f64, worst: &mut Worst) {
+        for (name, pose, half_m) in &self.0 {
+            let distance = point_distance_m(pose, half_m, p) - radius_m;
+            worst.see(-distance, t, || format!("{what} and obstacle \"{name}\""));
+        }
+    }
+}
+
+/// The flight as it was seen.
+struct Flown {
+    /// Distance of the landing from the target; none if the ball does not come down there.
+    miss_m: Option<f64>,
+    /// Nearest box of the hand.
+    hand: Worst,
+    /// Nearest box of the other links.
+    others: Worst,
+    /// Nearest obstacle.
+    obstacles: Worst,
+}
+
+/// Flies the ball.
 fn flight(
     arm: &Arm,
     plan: &PlanFile,
     place: &dyn Fn(f64) -> (Vec<Pose>, Pose),
+    obstacles: &Obstacles<'_>,
     p: &Vector3<f64>,
     v: &Vector3<f64>,
-) -> (Option<f64>, Worst) {
+) -> Flown {
     let target = Vector3::from(plan.target.position_m);
     let boxes = arm.collision().boxes();
     let radius_m = arm.gripper().ball_radius_m;
-    let mut near = Worst::new();
+    let (mut hand, mut others, mut obstacle) = (Worst::new(), Worst::new(), Worst::new());
     let landed = Ball::new(&plan.landing).land(p, v, target.z, |s, p| {
         let due = ((s / ball::STEP_S).round() as u64).is_multiple_of(10);
         if s >= RELEASE_BLIND_S && s <= plan.landing.flight_s && due {
-            let (placed, _) = place(plan.release_time_s + s);
+            let t = plan.release_time_s + s;
+            let (placed, _) = place(t);
             for (k, body) in boxes.iter().enumerate() {
                 let distance = point_distance_m(&placed[k], &body.half_m, p) - radius_m;
-                near.see(-distance, plan.release_time_s + s, || format!("\"{}\"", body.name));
+                let near = if body.link == JOINTS { &mut hand } else { &mut others };
+                near.see(-distance, t, || format!("\"{}\"", body.name));
+            }
+            // An obstacle that holds the target (a table, a bin) is met at the end of the flight.
+            if s < plan.landing.flight_s - RELEASE_BLIND_S {
+                obstacles.see_ball(p, radius_m, "ball", t, &mut obstacle);
             }
         }
     });
-    (landed.map(|at| (at - target).norm()), near)
+    Flown { miss_m: landed.map(|at| (at - target).norm()), hand, others, obstacles: obstacle }
 }
 
 /// Landings of late and early releases: to first order, and at the delays the plan states.

@@ -5,6 +5,8 @@ pub mod seeds;
 pub mod sweep;
 pub mod throw;
 
+use std::path::Path;
+
 use crate::error::ExpectedError;
 
 /// Kinds of planning.
@@ -16,6 +18,18 @@ pub enum PlanVerb {
     Sweep(sweep::Args),
     /// Make the table of starting throws of a robot again.
     Seeds(seeds::Args),
+}
+
+/// Refuses a file that could not be written after the search, before it.
+fn require_writable(path: &Path) -> Result<(), ExpectedError> {
+    let there = path.exists();
+    let opened = std::fs::OpenOptions::new().append(true).create(true).open(path);
+    opened.map_err(|e| ExpectedError::output(path, &e))?;
+    if !there {
+        // Nothing was in it.
+        std::fs::remove_file(path).map_err(|e| ExpectedError::output(path, &e))?;
+    }
+    Ok(())
 }
 
 /// Runs the verb.

@@ -38,9 +38,9 @@ pub struct PlanOptions {
     /// Whether the released ball must stay clear of the arm [paper: no, best: yes].
     #[arg(long)]
     pub clean_release: Option<bool>,
-    /// Clearance of arm, base, floor and obstacles in m.
-    #[arg(long, default_value_t = 0.0)]
-    pub clearance_m: f64,
+    /// Clearance of arm, base, floor, obstacles and ball in m [paper: 0, best: 0.005].
+    #[arg(long)]
+    pub clearance_m: Option<f64>,
     /// Distance kept from both ends of every joint range in rad [paper: 0, best: 0.02].
     #[arg(long)]
     pub range_margin_rad: Option<f64>,
@@ -136,7 +136,7 @@ impl PlanOptions {
         }
         o.clean_release = self.clean_release.unwrap_or(o.clean_release);
         o.range_margin_rad = self.range_margin_rad.unwrap_or(o.range_margin_rad);
-        o.clearance_m = self.clearance_m;
+        o.clearance_m = self.clearance_m.unwrap_or(o.clearance_m);
         o.drag_per_m = self.drag_per_m;
         o.magnus_rad_s = Vector3::from(self.magnus_rad_s);
         if let Some([k_t, k_b, k_j]) = self.weights.as_deref() {

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use indicatif::ProgressBar;
 
 use super::options::PlanOptions;
+use super::require_writable;
 use crate::error::ExpectedError;
 use crate::plan::search::kind_of;
 use crate::plan::seeds::{Grid, make};
@@ -57,6 +58,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             &"the grid needs a step of at least 0.02 m and a range and height of at most 20 m",
         ));
     }
+    require_writable(&args.out)?;
     let options = args.options.resolve();
     let grid = Grid {
         step_m: args.step_m,
@@ -87,7 +89,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let kind = kind_of(&options);
     let count = made.len();
     let all: Vec<_> = before.into_iter().filter(|r| r.kind != kind).chain(made).collect();
-    file::write_all(&args.out, robot, &all).map_err(|e| ExpectedError::io(&args.out, &e))?;
+    file::write_all(&args.out, robot, &all).map_err(|e| ExpectedError::output(&args.out, &e))?;
     say::line!("{count} throws made, {} in {}", all.len(), args.out.display());
     Ok(())
 }

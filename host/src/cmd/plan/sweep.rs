@@ -12,6 +12,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::options::{PlanOptions, Rung};
+use super::require_writable;
 use super::throw::watched;
 use crate::error::ExpectedError;
 use crate::exit;
@@ -99,6 +100,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let arm = crate::cmd::arm(&args.options.robot)?;
     let rungs = args.options.ladder();
     let (index, _) = args.options.starts(&arm)?;
+    let picture = args.picture.clone().unwrap_or_else(|| args.out.with_extension("svg"));
+    require_writable(&picture)?;
     let mut rows = read(&args.out)?;
     let mut targets = Vec::new();
     for z in args.z.values() {
@@ -118,9 +121,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         .create(true)
         .append(true)
         .open(&args.out)
-        .map_err(|e| ExpectedError::io(&args.out, &e))?;
+        .map_err(|e| ExpectedError::output(&args.out, &e))?;
     if fresh {
-        writeln!(file, "{HEADER}").map_err(|e| ExpectedError::io(&args.out, &e))?;
+        writeln!(file, "{HEADER}").map_err(|e| ExpectedError::output(&args.out, &e))?;
     }
     let file = Mutex::new(file);
     let watch = Watch::default();
@@ -138,12 +141,12 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             })
             .collect()
     });
-    for row in done.map_err(|e| ExpectedError::io(&args.out, &e))? {
+    for row in done.map_err(|e| ExpectedError::output(&args.out, &e))? {
         rows.insert(key(&row.target), row);
     }
-    let picture = args.picture.clone().unwrap_or_else(|| args.out.with_extension("svg"));
     let wanted: Vec<Row> = targets.iter().filter_map(|t| rows.get(&key(t)).cloned()).collect();
-    std::fs::write(&picture, reach::svg(&wanted, arm.name())).map_err(|e| ExpectedError::io(&picture, &e))?;
+    std::fs::write(&picture, reach::svg(&wanted, arm.name()))
+        .map_err(|e| ExpectedError::output(&picture, &e))?;
     let solved = wanted.iter().filter(|r| r.objective.is_some()).count();
     say::line!("{solved} of {} targets in reach; picture {}", wanted.len(), picture.display());
     if wanted.len() < targets.len() {
@@ -249,7 +252,7 @@ fn read(path: &Path) -> Result<BTreeMap<[i64; 3], Row>, ExpectedError> {
             .chain(rows.values().map(|r| r.text.clone()))
             .map(|l| l + "\n")
             .collect();
-        std::fs::write(path, kept).map_err(|e| ExpectedError::io(path, &e))?;
+        std::fs::write(path, kept).map_err(|e| ExpectedError::output(path, &e))?;
     }
     Ok(rows)
 }

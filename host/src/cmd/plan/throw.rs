@@ -8,6 +8,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::Vector3;
 
 use super::options::{PlanOptions, point};
+use super::require_writable;
 use crate::bus::args::interrupt;
 use crate::error::ExpectedError;
 use crate::exit;
@@ -200,12 +201,15 @@ impl SearchOptions {
 /// # Errors
 /// If input is refused, no throw reaches the target, or a file cannot be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    for path in args.out.iter().chain(&args.report) {
+        require_writable(path)?;
+    }
     let Planned { arm, plan, took } = args.search.plan(args.target, args.seed, args.fast)?;
     if let Some(path) = &args.out {
-        plan.write(path).map_err(|e| ExpectedError::bad_input(&e))?;
+        plan.write(path).map_err(|e| ExpectedError::new(exit::OUTPUT, e.to_string()))?;
     }
     if let Some(path) = &args.report {
-        std::fs::write(path, plan_report::html(&arm, &plan)).map_err(|e| ExpectedError::io(path, &e))?;
+        std::fs::write(path, plan_report::html(&arm, &plan)).map_err(|e| ExpectedError::output(path, &e))?;
     }
     if args.json {
         say::line!("{}", plan.to_json());

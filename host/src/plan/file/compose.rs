@@ -4,13 +4,13 @@ use nalgebra::{Matrix4, Vector2};
 
 use super::{
     CheckInfo, Currents, DelayShift, FORMAT, GoalName, JointPlan, LandingInfo, MarginsInfo, Objective,
-    PlanFile, Release, RobotId, Search, Segment, SupplyPeak, Target, VERSION,
+    ObstacleInfo, PlanFile, Release, RobotId, Search, Segment, SupplyPeak, Target, VERSION,
 };
 use crate::plan::cuts::CLEARANCE_EXTRA_M;
 use crate::plan::goal::Goal;
 use crate::plan::margins::Margins;
 use crate::plan::paper::PaperParameters;
-use crate::plan::problem::Problem;
+use crate::plan::problem::{Obstacle, Problem};
 use crate::plan::scan::{RELEASE_BLIND_S, Scanner};
 use crate::plan::search::Best;
 use crate::plan::statistics::{Noise, Region, landing_with_delay, predict};
@@ -53,6 +53,7 @@ impl PlanFile {
                 fingerprint: format!("{:016x}", robot_fingerprint(arm)),
             },
             target: Target { position_m: problem.target.into(), region },
+            obstacles: problem.options.obstacles.iter().map(obstacle).collect(),
             search: Search {
                 form: problem.options.form,
                 goal: goal_name(&problem.options.goal),
@@ -62,6 +63,7 @@ impl PlanFile {
                 interrupted: best.interrupted,
                 speed_use: problem.options.speed_use,
                 acceleration_use: problem.options.acceleration_use,
+                clearance_m: problem.options.clearance_m,
             },
             parameters: PaperParameters::of(arm, &problem.shoulder, throw),
             joints: (0..JOINTS).map(|j| joint_plan(arm, throw, j)).collect(),
@@ -110,6 +112,10 @@ impl PlanFile {
             checks: checks(problem),
         })
     }
+}
+
+fn obstacle(o: &Obstacle) -> ObstacleInfo {
+    ObstacleInfo { name: o.name.clone(), x_wo: rows_of(&o.x_wo.to_matrix()), half_m: o.half_m.into() }
 }
 
 fn goal_name(goal: &Goal) -> GoalName {

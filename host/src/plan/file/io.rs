@@ -2,7 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{FORMAT, PlanFile, VERSION};
+use nalgebra::{Matrix3, Vector3};
+use robot_model::Pose;
+
+use super::{FORMAT, ObstacleInfo, PlanFile, VERSION};
 use crate::plan::throw::{Arm, JOINTS};
 use crate::store::robot_fingerprint;
 
@@ -53,6 +56,14 @@ pub enum PlanFileError {
     },
 }
 
+impl ObstacleInfo {
+    /// Centre and axes in the world.
+    #[must_use]
+    pub fn pose(&self) -> Pose {
+        Pose { rot: Matrix3::from_fn(|i, j| self.x_wo[i][j]), pos: Vector3::from_fn(|i, _| self.x_wo[i][3]) }
+    }
+}
+
 impl PlanFile {
     /// Writes the file; it appears complete or not at all.
     ///
@@ -62,7 +73,11 @@ impl PlanFile {
         let fail = |source| PlanFileError::Io { path: path.to_owned(), source };
         let part = path.with_extension("part");
         std::fs::write(&part, self.to_json() + "\n").map_err(fail)?;
-        std::fs::rename(&part, path).map_err(fail)
+        std::fs::rename(&part, path).map_err(|source| {
+            // What is half done is not left behind; that it cannot be removed would change nothing.
+            let _ = std::fs::remove_file(&part);
+            fail(source)
+        })
     }
 
     /// As JSON.
@@ -134,6 +149,14 @@ impl PlanFile {
                 "release at {} s is not inside the motion of {} s",
                 self.release_time_s, self.end_time_s
             ));
+        }
+        for obstacle in &self.obstacles {
+            let pose = obstacle.pose();
+            let turned = (pose.rot * pose.rot.transpose() - Matrix3::identity()).amax();
+            let sizes = obstacle.half_m.iter().all(|h| *h > 0.0 && h.is_finite());
+            if !sizes || turned.is_nan() || turned > 1e-6 {
+                return Err(format!("obstacle \"{}\" is not a box", obstacle.name));
+            }
         }
         for joint in &self.joints {
             let mut t = 0.0;

@@ -22,7 +22,7 @@ use super::statistics::{Noise, Region};
 use super::throw::JOINTS;
 
 /// Version of the format that this program writes, and the newest it reads.
-pub const VERSION: u32 = 3;
+pub const VERSION: u32 = 4;
 /// First field of every plan file.
 pub const FORMAT: &str = "cubectl-plan";
 
@@ -40,6 +40,9 @@ pub struct PlanFile {
     pub robot: RobotId,
     /// What the throw is for.
     pub target: Target,
+    /// Boxes in the way; files before version 4 do not name them.
+    #[serde(default)]
+    pub obstacles: Vec<ObstacleInfo>,
     /// How it was found.
     pub search: Search,
     /// The paper's parameters of the throw; for a free spin ω is the part about the throw.
@@ -88,6 +91,18 @@ pub struct Target {
     pub region: Option<Region>,
 }
 
+/// A box that arm and ball keep clear of.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ObstacleInfo {
+    /// Name for messages.
+    pub name: String,
+    /// Centre and axes of the box in the world, row by row.
+    pub x_wo: [[f64; 4]; 4],
+    /// Half edge lengths in m.
+    pub half_m: [f64; 3],
+}
+
 /// How a throw was found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -110,6 +125,9 @@ pub struct Search {
     pub speed_use: f64,
     /// Part of the acceleration limits that was available.
     pub acceleration_use: f64,
+    /// Clearance that was kept in m; files before version 4 do not say, and claim that bodies do not touch.
+    #[serde(default)]
+    pub clearance_m: f64,
 }
 
 fn whole() -> f64 {
