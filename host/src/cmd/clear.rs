@@ -5,7 +5,7 @@ use protocol::cyphal::cubecell::group_state::State;
 use protocol::cyphal::id::NodeId;
 use protocol::powercube::SimpleCommand;
 
-use super::bus_errors::{look, require_alone};
+use super::modules::{look, require_alone};
 use super::upload::node_id;
 use crate::bus::operator::OperatorError;
 use crate::bus::{BusArgs, Session};
@@ -66,7 +66,7 @@ fn of_modules(session: &mut Session, beside: bool) -> Result<String, ExpectedErr
     let all: Vec<ModuleId> = ModuleId::all().collect();
     let found = look(session, &all)?;
     if found.is_empty() {
-        return Err(super::bus_errors::nobody(session.name()));
+        return Err(super::modules::nobody(session.name()));
     }
     let stopped: Vec<ModuleId> =
         found.iter().filter(|report| report.is_stopped()).map(|report| report.module).collect();

@@ -7,7 +7,7 @@ use protocol::powercube::{Parameter, Reply, Request, SimpleCommand, Value, Value
 use protocol::{Duration, ModuleId};
 use serde::{Deserialize, Serialize};
 
-use super::bus_errors::{Modules, modules_on};
+use super::modules::{Modules, modules_on};
 use crate::bus::survey::ModuleReport;
 use crate::bus::{BusArgs, Session};
 use crate::error::ExpectedError;

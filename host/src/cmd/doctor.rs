@@ -4,7 +4,8 @@ use can_link::Cause;
 use protocol::powercube::{Address, Config, CubeState, Parameter, Request};
 use protocol::{Duration, Frame, ModuleId};
 
-use super::bus_errors::{look, module_json, print_json};
+use super::modules::{look, module_json};
+use super::print_json;
 use crate::bus::ask::AskError;
 use crate::bus::desk::NODE_ID;
 use crate::bus::drive_client::Policy;
@@ -35,7 +36,7 @@ pub struct Args {
     pub bus: BusArgs,
     /// Modules that must be there.
     #[arg(long)]
-    pub modules: Option<super::bus_errors::Modules>,
+    pub modules: Option<super::modules::Modules>,
     /// Also find out whether frames with 29-bit ids (the host link) disturb the modules. Switch the motor supply off
     /// first: very old CAN chips answer them with error frames.
     #[arg(long = "probe-29-bit")]

@@ -3,7 +3,8 @@
 use protocol::Duration;
 use protocol::powercube::Parameter;
 
-use super::bus_errors::{Modules, open, print_json};
+use super::modules::{Modules, open};
+use super::print_json;
 use crate::bus::BusArgs;
 use crate::bus::motion::{HomingBounds, home};
 use crate::error::ExpectedError;

@@ -7,8 +7,9 @@ use can_link::BusSpec;
 use indicatif::{ProgressBar, ProgressStyle};
 use robot_model::AnyRobot;
 
-use super::bus_errors::{modules_on, print_json};
 use super::home::positive;
+use super::modules::modules_on;
+use super::print_json;
 use crate::bus::motion::{HomingBounds, home};
 use crate::bus::{BusArgs, Session};
 use crate::error::ExpectedError;

@@ -7,7 +7,8 @@ use std::time::{Duration as WallSpan, Instant as WallTime};
 use protocol::powercube::Parameter;
 use protocol::{Duration, ModuleId};
 
-use super::bus_errors::{modules_on, print_json};
+use super::modules::modules_on;
+use super::print_json;
 use crate::bus::BusArgs;
 use crate::bus::motion::jog;
 use crate::error::ExpectedError;

@@ -27,6 +27,7 @@ pub mod tune;
 pub mod upload;
 
 mod bus_errors;
+mod modules;
 
 use robot_model::AnyRobot;
 
@@ -43,4 +44,9 @@ pub(crate) fn arm(robot: &str) -> Result<Arm, ExpectedError> {
             other.joints()
         ))),
     }
+}
+
+/// Prints a value as JSON.
+pub(crate) fn print_json(value: &serde_json::Value) {
+    say::line!("{value:#}");
 }

@@ -6,7 +6,7 @@ use firmware::fault::Cause;
 use protocol::powercube::{CubeState, Parameter, Request};
 use protocol::{Duration, Instant, ModuleId};
 
-use super::bus_errors::{Modules, modules_on};
+use super::modules::{Modules, modules_on};
 use crate::bus::desk::{Desk, utilisation};
 use crate::bus::session::Ended;
 use crate::bus::{BusArgs, Session};

@@ -8,7 +8,7 @@ use protocol::powercube::{Address, Channel};
 use protocol::{Frame, Id, Instant, Node};
 use robot_model::AnyRobot;
 
-use super::bus_errors::print_json;
+use super::print_json;
 use super::throw::read_gains;
 use crate::bus::settings::settings_of;
 use crate::bus::sim::soft_controller;

@@ -7,7 +7,7 @@ use protocol::Duration;
 use protocol::cyphal::crc::Crc64;
 use serde_json::Value;
 
-use super::bus_errors::print_json;
+use super::print_json;
 use crate::analysis::{Run, RunAnalysis, analyse};
 use crate::error::ExpectedError;
 use crate::exit;

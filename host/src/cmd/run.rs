@@ -6,7 +6,7 @@ use protocol::Duration;
 use protocol::cyphal::cubecell::group_state::State;
 use protocol::cyphal::id::NodeId;
 
-use super::bus_errors::print_json;
+use super::print_json;
 use super::upload::{bytes_for, node_id, read, send, settle};
 use crate::bus::BusArgs;
 use crate::error::ExpectedError;

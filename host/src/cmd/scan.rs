@@ -2,7 +2,8 @@
 
 use protocol::ModuleId;
 
-use super::bus_errors::{Modules, look, module_json, nobody, print_json, require_alone};
+use super::modules::{Modules, look, module_json, nobody, require_alone};
+use super::print_json;
 use crate::bus::BusArgs;
 use crate::error::ExpectedError;
 

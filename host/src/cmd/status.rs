@@ -1,6 +1,7 @@
 //! `cubectl status`
 
-use super::bus_errors::{Modules, module_json, open, print_json};
+use super::modules::{Modules, module_json, open};
+use super::print_json;
 use crate::bus::BusArgs;
 use crate::error::ExpectedError;
 

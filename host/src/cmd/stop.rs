@@ -4,7 +4,7 @@ use protocol::cyphal::cubecell::stop::Reason;
 use protocol::powercube::CubeState;
 use protocol::{Duration, ModuleId};
 
-use super::bus_errors::look;
+use super::modules::look;
 use crate::bus::BusArgs;
 use crate::error::ExpectedError;
 use crate::exit;

@@ -11,11 +11,11 @@ use protocol::ModuleId;
 use robot_model::Pose;
 use robot_model::collision::{Obb, Scene};
 
-use super::bus_errors::print_json;
 use super::doctor::{Level, examine};
 use super::home::share;
 use super::plan::options::point;
 use super::plan::throw::{Planned, SearchOptions};
+use super::print_json;
 use super::report;
 use crate::analysis::tracking::JointTracking;
 use crate::bus::args::{CellArgs, Controller, interrupt};
