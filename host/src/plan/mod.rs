@@ -14,7 +14,8 @@
 //! | `qp`, `curvature`, `sqp` | quadratic programs, their matrices, local solve |
 //! | `local` | one start |
 //! | `promise` | which stored throws to try first |
-//! | [`search`] | stored and random starts on all cores; nearest reachable target |
+//! | [`search`] | stored and random starts on all cores |
+//! | [`nearest`] | the nearest reachable target, for one that is not |
 //! | [`seeds`] | the stored throws that come with the program |
 //! | [`statistics`] | covariance of the landing, probability of a hit |
 //! | [`mod@file`] | the plan file |
@@ -28,6 +29,7 @@ pub mod goal;
 mod landed;
 mod local;
 pub mod margins;
+pub mod nearest;
 pub mod paper;
 pub mod problem;
 mod promise;
