@@ -74,7 +74,7 @@ fn main() {
     };
     section("parts", &|| speed::parts(&arm));
     section("starts", &|| speed::starts(&arm, count("starts", 400)));
-    section("cold", &|| speed::cold(&arm, count("cold", 40)));
+    section("cold", &|| speed::cold(&arm, count("cold", 20)));
     section("targets", &|| {
         for set in [speed::TUNED, speed::HELD_OUT] {
             speed::targets(&arm, &index, &set, count("targets", 1000) as usize);
@@ -87,7 +87,7 @@ fn main() {
             speed::reference(&arm, &index, &set, targets, starts);
         }
     }
-    section("tail", &|| speed::tail(&arm, &index, count("tail", 4) as usize));
+    section("tail", &|| speed::tail(&arm, &index, count("tail", 2) as usize));
     section("store", &|| speed::store(&arm, &index));
     section("delay", &|| landing::delay(&arm, &index, count("delay", 30)));
     section("landing", &|| landing::landing_statistics(&arm, &index, 20, count("draws", 100_000) as usize));
