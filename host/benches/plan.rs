@@ -1,8 +1,8 @@
 //! Figures of the throw planner: `cargo bench -p host --bench plan [-- section …]`.
 //!
-//! Sections: `parts`, `starts`, `cold`, `targets`, `tail`, `store`, `delay`, `landing`, `spread`, `reach`; all without
+//! Sections: `parts`, `starts`, `cold`, `targets`, `best`, `tail`, `store`, `delay`, `landing`, `spread`, `reach`; all without
 //! arguments. Times are CPU time of one thread, so that other work on the machine counts less; targets and starts
-//! follow from the seeds below. `PLAN_BENCH_NAME=n` makes a section shorter or longer (`STARTS`, `COLD`, `TARGETS`,
+//! follow from the seeds below. `PLAN_BENCH_NAME=n` makes a section shorter or longer (`STARTS`, `COLD`, `TARGETS`, `BEST`,
 //! `TAIL`, `DELAY`, `DRAWS`, `SPREAD`, `FREE`, `REFERENCE_STARTS`); `PLAN_BENCH_WORST=1` lists the worst targets.
 //!
 //! The targets and their reference objectives are in `plan_targets.csv` (the planner was tuned with them) and
@@ -74,19 +74,20 @@ fn main() {
     };
     section("parts", &|| speed::parts(&arm));
     section("starts", &|| speed::starts(&arm, count("starts", 400)));
-    section("cold", &|| speed::cold(&arm, count("cold", 40)));
+    section("cold", &|| speed::cold(&arm, count("cold", 20)));
     section("targets", &|| {
         for set in [speed::TUNED, speed::HELD_OUT] {
             speed::targets(&arm, &index, &set, count("targets", 1000) as usize);
         }
     });
+    section("best", &|| speed::best_form(&arm, &index, count("best", 60) as usize));
     for (name, set) in [("reference", speed::TUNED), ("reference-held-out", speed::HELD_OUT)] {
         if named(name) {
             let (targets, starts) = (count("targets", 1000) as usize, count("reference_starts", 64));
             speed::reference(&arm, &index, &set, targets, starts);
         }
     }
-    section("tail", &|| speed::tail(&arm, &index, count("tail", 4) as usize));
+    section("tail", &|| speed::tail(&arm, &index, count("tail", 2) as usize));
     section("store", &|| speed::store(&arm, &index));
     section("delay", &|| landing::delay(&arm, &index, count("delay", 30)));
     section("landing", &|| landing::landing_statistics(&arm, &index, 20, count("draws", 100_000) as usize));

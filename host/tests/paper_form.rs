@@ -111,6 +111,21 @@ fn random_starts_succeed_without_any_table() {
 }
 
 #[test]
+fn a_target_beyond_all_throws_has_a_nearest_one_in_both_forms() {
+    let arm = arm();
+    let index = seeds::built_in(&arm);
+    let free = Options { delay_windows: Vec::new(), null_delay: false, ..Options::best() };
+    for (options, away) in [(Options::paper(), 2.7..3.2), (free, 1.0..1.8)] {
+        let problem = Problem::new(&arm, Vector3::new(5.0, 0.0, 0.0), options).expect("valid");
+        let budget = Budget { starts: 0, time: None, seed: 1 };
+        let none = Planner::new(&problem).search(&index, &budget, &Watch::default()).expect_err("too far");
+        let nearest = none.nearest.expect("the arm throws somewhere");
+        assert!(away.contains(&nearest.distance_m), "{nearest:?}");
+        assert!(!nearest.constraint.is_empty());
+    }
+}
+
+#[test]
 fn unreachable_targets_are_refused_with_the_nearest_reachable_one() {
     let arm = arm();
     let text = best(&problem(&arm, [2.0, 0.0, 0.0], Options::paper()), 4).expect_err("out of reach");

@@ -212,6 +212,38 @@ pub(crate) fn targets(arm: &Arm, index: &Index, set: &Set, n: usize) {
     }
 }
 
+/// Our form from the table, against a search of stored and 16 random starts, which decides what is in reach.
+pub(crate) fn best_form(arm: &Arm, index: &Index, n: usize) {
+    println!("\nour form, {n} of the targets in reach, from the table");
+    let (mut times, mut gaps, mut missed, mut k) = (Vec::new(), Vec::new(), 0, 0);
+    while times.len() < n {
+        let at = target(TARGET_SEED, k);
+        k += 1;
+        let Ok(problem) = Problem::new(arm, at, Options::best()) else { continue };
+        let planner = Planner::new(&problem);
+        let budget = Budget { starts: 16, time: None, seed: START_SEED };
+        let Ok(best) = planner.attempt(index, &budget, &Watch::default()) else { continue };
+        let (found, s) = timed(|| planner.from_index(index, TRIES));
+        times.push(s * 1e3);
+        match found {
+            Some(f) => gaps.push(f.objective / best.found.objective - 1.0),
+            None => missed += 1,
+        }
+    }
+    times.sort_by(f64::total_cmp);
+    gaps.sort_by(f64::total_cmp);
+    println!(
+        "  solved {} of {n}; time p50 {:.2} ms, p90 {:.2} ms, worst {:.2} ms; gap to the search p50 {:.3} %, p90 {:.2} %, worst {:.2} %",
+        n - missed,
+        quantile(&times, 0.5),
+        quantile(&times, 0.9),
+        quantile(&times, 1.0),
+        quantile(&gaps, 0.5) * 100.0,
+        quantile(&gaps, 0.9) * 100.0,
+        quantile(&gaps, 1.0) * 100.0
+    );
+}
+
 /// Reference and table against multi-starts of ten seconds, on the first `n` targets.
 pub(crate) fn tail(arm: &Arm, index: &Index, n: usize) {
     println!(

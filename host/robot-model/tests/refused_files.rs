@@ -47,6 +47,8 @@ fn every_mistake_is_named_with_its_key() {
         ("limits reversed", with("range_deg = [-240, 60]", "range_deg = [60, -240]"), "joint[1].range_deg", "limits reversed: 60 is not below -240"),
         ("range of 3 values", with("range_deg = [-240, 60]", "range_deg = [-240, 0, 60]"), "joint[1].range_deg", "expected 2 values, found 3"),
         ("range in another unit", with("range_deg = [-240, 60]", "range_deg = [-240000, 60]"), "joint[1].range_deg", "outside -720 to 720"),
+        ("length in millimetres", with("a_m = 0.29", "a_m = 290"), "joint[2].frame.a_m", "290 is outside -20 to 20"),
+        ("speed of the motor", with("velocity_max_deg_s = 149", "velocity_max_deg_s = 23989"), "joint[0].velocity_max_deg_s", "23989 is outside 0 to 3600"),
         ("zero speed", with("velocity_max_deg_s = 149", "velocity_max_deg_s = 0"), "joint[0].velocity_max_deg_s", "greater than zero"),
         ("negative mass", with("mass_kg = 0.40", "mass_kg = -0.40"), "link[0].box[0].mass_kg", "greater than zero"),
         ("flat box", with("half_m = [0.045, 0.045, 0.05]", "half_m = [0.045, 0, 0.05]"), "link[0].box[0].half_m", "greater than zero"),

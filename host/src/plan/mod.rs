@@ -11,21 +11,25 @@
 //! | `landed`, `spread` | landing of a disturbed throw; mean and covariance with gradients |
 //! | `rows` | objective and constraints with exact gradients |
 //! | `cuts`, `scan` | what must hold at every instant: where it is worst, and as rows |
-//! | `qp`, `sqp` | quadratic programs, local solve |
+//! | `qp`, `curvature`, `sqp` | quadratic programs, their matrices, local solve |
 //! | `local` | one start |
 //! | `promise` | which stored throws to try first |
-//! | [`search`] | stored and random starts on all cores; nearest reachable target |
+//! | [`search`] | stored and random starts on all cores |
+//! | [`nearest`] | the nearest reachable target, for one that is not |
 //! | [`seeds`] | the stored throws that come with the program |
 //! | [`statistics`] | covariance of the landing, probability of a hit |
 //! | [`mod@file`] | the plan file |
 //! | [`rng`] | seeded numbers |
 
+#[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
+mod curvature;
 mod cuts;
 pub mod file;
 pub mod goal;
 mod landed;
 mod local;
 pub mod margins;
+pub mod nearest;
 pub mod paper;
 pub mod problem;
 mod promise;

@@ -93,26 +93,9 @@ fn refutation(record: &Record, way: &Vector2<f64>, known: &[&Record]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::throw::{Joints, Throw};
 
     fn record(range_m: f64, objective: f64, slope: f64) -> Record {
-        let throw = Throw {
-            q_rad: Joints::zeros(),
-            qd_rad_s: Joints::zeros(),
-            qdd_rad_s2: Joints::zeros(),
-            flight_s: 0.5,
-            ha_s: 0.5,
-            hb_s: 0.25,
-        };
-        Record {
-            kind: 0,
-            range_m,
-            height_m: 0.0,
-            objective,
-            slope_per_m: [slope, 0.0],
-            touches: false,
-            throw,
-        }
+        Record { objective, slope_per_m: [slope, 0.0], ..Record::example(range_m) }
     }
 
     #[test]

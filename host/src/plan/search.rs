@@ -9,7 +9,8 @@ use rayon::prelude::*;
 use robot_model::jacobian::joint_rates;
 
 use super::goal::Goal;
-use super::local::{Begin, Found, Nearest, nearest_from, solve_from};
+use super::local::{Begin, Found, solve_from};
+use super::nearest::{NearestTarget, nearest_text};
 use super::paper::PaperParameters;
 use super::problem::{Options, Problem};
 use super::promise::{Promise, promising};
@@ -76,26 +77,6 @@ pub struct NoThrow {
     pub interrupted: bool,
 }
 
-/// A reachable target near one that is not.
-#[derive(Debug, Clone, PartialEq)]
-pub struct NearestTarget {
-    /// The point in m.
-    pub point: Vector3<f64>,
-    /// Distance from the target asked for in m.
-    pub distance_m: f64,
-    /// The constraint that blocks the rest of the way.
-    pub constraint: String,
-}
-
-fn nearest_text(nearest: Option<&NearestTarget>) -> String {
-    nearest.map_or_else(String::new, |n| {
-        format!(
-            "; the nearest target in reach is ({:.3}, {:.3}, {:.3}) m, {:.3} m away, blocked by: {}",
-            n.point.x, n.point.y, n.point.z, n.distance_m, n.constraint
-        )
-    })
-}
-
 /// Which constraints a stored throw was made for; only the same kind is offered as a start first.
 #[must_use]
 pub fn kind_of(options: &Options) -> u32 {
@@ -109,12 +90,12 @@ pub fn kind_of(options: &Options) -> u32 {
 /// Plans throws for one problem; holds what depends on the problem but not on the start.
 #[derive(Debug, Clone)]
 pub struct Planner<'p, 'a> {
-    problem: &'p Problem<'a>,
+    pub(super) problem: &'p Problem<'a>,
     /// The problem with the paper's objective, if `problem` has another: what every start is solved for first.
     effort: Option<Problem<'a>>,
-    scanner: Scanner,
-    azimuth_rad: f64,
-    range_m: f64,
+    pub(super) scanner: Scanner,
+    pub(super) azimuth_rad: f64,
+    pub(super) range_m: f64,
     mirror: Option<[f64; JOINTS]>,
 }
 
@@ -269,7 +250,7 @@ impl<'p, 'a> Planner<'p, 'a> {
     }
 
     /// A stored throw turned to this target; mirrored or in another posture if joint 1 does not reach otherwise.
-    fn place(&self, stored: &Throw) -> Option<Throw> {
+    pub(super) fn place(&self, stored: &Throw) -> Option<Throw> {
         let mut turned = self.turned(stored);
         if self.fits(&turned) {
             return Some(turned);
@@ -408,35 +389,6 @@ impl<'p, 'a> Planner<'p, 'a> {
             Some(found) => Ok(Best { found: *found, starts, solved: count, interrupted, others }),
             None => Err(NoThrow { target: self.problem.target, nearest: None, starts, interrupted }),
         }
-    }
-
-    /// The nearest reachable target: from stored throws in the direction of the target, and from random starts.
-    #[must_use]
-    pub fn nearest(&self, index: &Index, budget: &Budget) -> Option<(NearestTarget, Throw)> {
-        let kind = kind_of(&self.problem.options);
-        let mut stored: Vec<&Record> = index.records().iter().filter(|r| r.kind == kind).collect();
-        let away = |r: &Record| (r.range_m - self.range_m).hypot(r.height_m - self.problem.target.z);
-        stored.sort_by(|a, b| away(a).total_cmp(&away(b)));
-        stored.truncate(12);
-        let mut starts: Vec<Throw> = stored.iter().filter_map(|r| self.place(&r.throw)).collect();
-        for k in 0..48 {
-            let mut rng = SplitMix64::stream(budget.seed ^ 0x6E65_6172, k);
-            let unit = std::array::from_fn(|_| rng.unit());
-            let h = PaperParameters::in_bounds(&self.problem.options.bounds, self.azimuth_rad, unit);
-            starts.push(h.start(self.problem));
-        }
-        let found: Vec<Nearest> =
-            starts.par_iter().filter_map(|s| self.nearest_from_throw(s, [true; 3])).collect();
-        found.into_iter().min_by(|a, b| a.shift_m.norm().total_cmp(&b.shift_m.norm())).map(|n| {
-            let point = self.problem.target + n.shift_m;
-            (NearestTarget { point, distance_m: n.shift_m.norm(), constraint: n.constraint }, n.throw)
-        })
-    }
-
-    /// The nearest reachable target along some axes, from one throw.
-    #[must_use]
-    pub fn nearest_from_throw(&self, start: &Throw, axes: [bool; 3]) -> Option<Nearest> {
-        nearest_from(self.problem, &self.scanner, start, axes, &Settings::default()).ok()
     }
 
     /// Expected distance of the landing from the target, root mean square in m; `None` if the ball does not come down.

@@ -38,7 +38,7 @@ pub struct Grid {
     pub range_max_m: f64,
     /// Largest height in m; the lowest is the floor.
     pub height_max_m: f64,
-    /// Random starts per cell.
+    /// Random starts per cell and per trial.
     pub starts: u64,
     /// Distinct throws kept per cell.
     pub keep: usize,
@@ -64,7 +64,7 @@ pub fn make(
     let target = |(c, r): (i32, i32)| {
         Vector3::new(f64::from(c) * grid.step_m, 0.0, floor + f64::from(r) * grid.step_m)
     };
-    let passes = 1 + grid.sweeps;
+    let passes = 2 + grid.sweeps;
     let mut table: Vec<Vec<Record>> = cells
         .par_iter()
         .enumerate()
@@ -114,14 +114,23 @@ pub fn make(
     }
     let edge = edge(arm, options, &cells, &table, &target, &at);
     let records = table.into_iter().flatten().chain(edge).collect();
-    improve(arm, options, grid, seed, Index::new(records))
+    let last = |share| progress((1.0 + grid.sweeps as f64 + share) / passes as f64);
+    improve(arm, options, grid, seed, Index::new(records), &last)
 }
 
 /// Tries the table at random targets and adds a throw where the quick pass finds none or a dearer one than a search.
 ///
 /// The price has cliffs (from letting the ball drop to really throwing it), where a uniform grid is too coarse.
+/// `progress` hears the share that is done.
 #[must_use]
-pub fn improve(arm: &Arm, options: &Options, grid: &Grid, seed: u64, mut index: Index) -> Vec<Record> {
+pub fn improve(
+    arm: &Arm,
+    options: &Options,
+    grid: &Grid,
+    seed: u64,
+    mut index: Index,
+    progress: &(dyn Fn(f64) + Sync),
+) -> Vec<Record> {
     let floor = arm.world().floor_z_m;
     let mut trial = 0;
     while trial < grid.trials {
@@ -137,7 +146,7 @@ pub fn improve(arm: &Arm, options: &Options, grid: &Grid, seed: u64, mut index: 
                 let planner = Planner::new(&problem);
                 let quick = planner.from_index_quickly(&index, TRIAL_TRIES);
                 let patient = planner.from_index(&index, 2 * TRIAL_TRIES)?;
-                let random = (0..TRIAL_STARTS).filter_map(|s| planner.random_start(seed ^ k << 16, s));
+                let random = (0..grid.starts).filter_map(|s| planner.random_start(seed ^ k << 16, s));
                 let best = random.chain([patient]).min_by(|a, b| a.objective.total_cmp(&b.objective))?;
                 let good = quick.is_some_and(|q| q.objective <= TRIAL_GAP * best.objective);
                 (!good).then(|| planner.record(&best))
@@ -147,15 +156,15 @@ pub fn improve(arm: &Arm, options: &Options, grid: &Grid, seed: u64, mut index: 
             index.insert(record);
         }
         trial = next;
+        progress(trial as f64 / grid.trials as f64);
     }
     index.records().to_vec()
 }
 
-/// See [`improve`]: targets between two updates of the table, stored throws and random starts per target, and the
-/// share of the price that is not worth another throw.
+/// See [`improve`]: targets between two updates of the table, stored throws per target, and the share of the price that
+/// is not worth another throw.
 const TRIALS_PER_ROUND: u64 = 128;
 const TRIAL_TRIES: usize = 3;
-const TRIAL_STARTS: u64 = 8;
 const TRIAL_GAP: f64 = 1.005;
 
 /// Throws on the edge of the reach: cells beyond it are pulled in from their neighbours' throws until they are reached.

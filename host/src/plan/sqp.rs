@@ -8,21 +8,18 @@
 //!
 //! with W the Hessian of the Lagrangian by differences of its exact gradient. The term in ρ leaves the solution as it
 //! is (A_E d is fixed) and makes the matrix positive definite where W is so on the null space of A_E; elsewhere the bars
-//! turn negative eigenvalues positive. If the linearised
-//! constraints contradict each other, the violated ones become a quadratic price for that step, which is a damped
+//! turn negative eigenvalues positive. Near a solution the inequalities that hold with a multiplier are priced like the
+//! equalities, `½ ρ (A d + c)²`: that is zero at the solution too, and there W curves upwards along all of them. If the
+//! linearised constraints contradict each other, the violated ones become a quadratic price for that step, which is a damped
 //! Gauss-Newton step towards feasibility within the rows that hold. Steps are accepted by an l1 merit function over
 //! the last few values, so that curved constraints do not shorten good steps. After a short full step the factors of
 //! the matrix are used again (a chord step): the Hessian is the costliest part.
 
-use nalgebra::DMatrix;
-
+use super::curvature::{Matrix, hessian};
 use super::cuts::Cut;
 use super::problem::Problem;
 use super::qp::{self, Constraint, DIM, Factor, QpFailure, Row, Square};
-use super::rows::{
-    EQUALITIES, F, Gradient, HA, HB, INEQUALITIES, Layout, Q, QD, Sink, evaluate, goal_rows, has_goal,
-    kinematic_rows, spline_rows,
-};
+use super::rows::{EQUALITIES, F, Gradient, HA, HB, INEQUALITIES, Layout, Q, QD, Sink, evaluate};
 use super::throw::JOINTS;
 
 /// Tolerances and bounds of a local solve.
@@ -94,13 +91,13 @@ pub(crate) struct Local {
 
 /// Rows of one evaluation.
 #[derive(Default)]
-struct Rows {
+pub(crate) struct Rows {
     objective: f64,
-    gradient: Row,
+    pub(crate) gradient: Row,
     eq_id: Vec<usize>,
-    eq: Vec<Constraint>,
-    ineq_id: Vec<usize>,
-    ineq: Vec<Constraint>,
+    pub(crate) eq: Vec<Constraint>,
+    pub(crate) ineq_id: Vec<usize>,
+    pub(crate) ineq: Vec<Constraint>,
 }
 
 impl Rows {
@@ -160,121 +157,6 @@ impl Sink for Rows {
     }
 }
 
-/// Gradient of the Lagrangian `f - Σ λ c` for fixed multipliers.
-struct Lagrangian<'a> {
-    at: &'a Multipliers,
-    gradient: Row,
-}
-
-impl Lagrangian<'_> {
-    fn add(&mut self, multiplier: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
-        if multiplier != 0.0 {
-            gradient(&mut Gradient { row: &mut self.gradient, factor: -multiplier });
-        }
-    }
-}
-
-impl Sink for Lagrangian<'_> {
-    fn wants(&self, id: usize) -> bool {
-        self.at.ineq[id] != 0.0
-    }
-    fn wants_eq(&self, id: usize) -> bool {
-        self.at.eq[id] != 0.0
-    }
-    fn objective(&mut self, _: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
-        gradient(&mut Gradient { row: &mut self.gradient, factor: 1.0 });
-    }
-    fn eq(&mut self, id: usize, _: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
-        self.add(self.at.eq[id], gradient);
-    }
-    fn ineq(&mut self, id: usize, _: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
-        self.add(self.at.ineq[id], gradient);
-    }
-}
-
-/// Hessian of the Lagrangian by forward differences of its gradient.
-///
-/// The kinematic rows are functions of (q, q̇, F[, q̈]), the spline rows of (q̇, h_a, h_b[, q̈]) and linear in q; so each
-/// is differenced only along the variables it bends with, and the rest follows from symmetry.
-fn hessian(
-    problem: &Problem<'_>,
-    layout: &Layout,
-    x: &Row,
-    cuts: &[Cut],
-    at: &Multipliers,
-    out: &mut Square,
-) {
-    let n = layout.n;
-    for row in out.iter_mut().take(n) {
-        row[..n].fill(0.0);
-    }
-    let sink = || Lagrangian { at, gradient: [0.0; DIM] };
-    let mut base = sink();
-    spline_rows(problem, layout, x, &mut base);
-    let mut moved = *x;
-    for k in (QD..n).filter(|k| *k != F) {
-        let eps = DIFFERENCE_STEP * x[k].abs().max(1.0);
-        moved[k] = x[k] + eps;
-        let mut there = sink();
-        spline_rows(problem, layout, &moved, &mut there);
-        moved[k] = x[k];
-        for i in QD..n {
-            let second = 0.5 * (there.gradient[i] - base.gradient[i]) / eps;
-            out[k][i] += second;
-            out[i][k] += second;
-        }
-        // q enters the spline rows linearly: only its coupling is left.
-        for i in Q..QD {
-            let second = (there.gradient[i] - base.gradient[i]) / eps;
-            out[k][i] += second;
-            out[i][k] += second;
-        }
-    }
-    if has_goal(problem, layout) {
-        let mut base = sink();
-        goal_rows(problem, layout, x, &mut base);
-        // The landing does not depend on the time of flight: it follows from the motion at the release.
-        for k in (0..n).filter(|k| *k != F) {
-            let eps = DIFFERENCE_STEP * x[k].abs().max(1.0);
-            moved[k] = x[k] + eps;
-            let mut there = sink();
-            goal_rows(problem, layout, &moved, &mut there);
-            moved[k] = x[k];
-            for i in 0..n {
-                let second = 0.5 * (there.gradient[i] - base.gradient[i]) / eps;
-                out[k][i] += second;
-                out[i][k] += second;
-            }
-        }
-    }
-    if at.eq.iter().all(|l| *l == 0.0) {
-        return;
-    }
-    let mut base = sink();
-    kinematic_rows(problem, layout, x, cuts, &mut base);
-    // Without nulling the kinematic rows are linear in q̇ (J q̇) apart from currents, so q and F are enough.
-    let bends = |k: usize| k < QD || k == F || layout.qdd && k != HA && k != HB;
-    for k in (0..n).filter(|k| bends(*k)) {
-        let eps = DIFFERENCE_STEP * x[k].abs().max(1.0);
-        moved[k] = x[k] + eps;
-        let mut there = sink();
-        kinematic_rows(problem, layout, &moved, cuts, &mut there);
-        moved[k] = x[k];
-        for i in 0..n {
-            let second = (there.gradient[i] - base.gradient[i]) / eps;
-            if bends(i) {
-                out[k][i] += 0.5 * second;
-                out[i][k] += 0.5 * second;
-            } else {
-                out[k][i] += second;
-                out[i][k] += second;
-            }
-        }
-    }
-}
-
-/// Truncation and rounding of a forward difference of gradients balance here.
-const DIFFERENCE_STEP: f64 = 1e-7;
 /// Joint angles move at most this far in one step, in rad.
 const STEP_MAX_RAD: f64 = 0.5;
 /// Beyond this a step is not believed.
@@ -297,10 +179,8 @@ const LAST_VIOLATION: f64 = 1e-2;
 /// Where a run ends can be told when it is this near to the constraints and its steps are this short.
 const GIVE_UP_VIOLATION: f64 = 1e-2;
 const GIVE_UP_STEP: f64 = 0.1;
-/// An indefinite matrix is given at least this much curvature in every direction.
-const CURVATURE_MIN: f64 = 1.0;
-/// Bound on the steps of the eigenvalue iteration; matrices of this size need some 40.
-const EIGEN_STEPS_MAX: usize = 1_000;
+/// Below this violation multipliers say which inequalities a solution rests on.
+const PRICED_VIOLATION: f64 = 0.1;
 /// Merit values remembered.
 const MEMORY: usize = 4;
 
@@ -356,7 +236,7 @@ pub(crate) fn solve(
     let mut violation = rows.worst();
     let mut stalls = 0;
     let mut w = [[0.0; DIM]; DIM];
-    let mut factor: Option<Factor> = None;
+    let mut factor: Option<Matrix> = None;
     let mut mark = (f64::INFINITY, 0);
     while iterations < settings.iterations_max && violation.is_finite() && rows.objective.is_finite() {
         iterations += 1;
@@ -365,21 +245,23 @@ pub(crate) fn solve(
         } else if iterations - mark.1 > settings.patience {
             break;
         }
+        likely.clear();
+        likely.extend((0..rows.ineq.len()).filter(|k| multipliers.ineq[rows.ineq_id[*k]] > 0.0));
         if factor.is_none() {
             hessian(problem, layout, &x, cuts, &multipliers, &mut w);
             // Variables that do not matter (a shift along a fixed axis) need some curvature.
             for (k, row) in w.iter_mut().enumerate().take(n) {
                 row[k] += 1e-6;
             }
-            factor = convexify(&mut w, &rows.eq, n);
+            let near = believed && violation <= PRICED_VIOLATION;
+            factor = Matrix::convex(&mut w, &rows, if near { &likely } else { &[] }, n);
         }
         let Some(used) = factor.take() else { break };
-        likely.clear();
-        likely.extend((0..rows.ineq.len()).filter(|k| multipliers.ineq[rows.ineq_id[*k]] > 0.0));
+        let gradient = used.gradient(&rows, n);
         // A program that is feasible only by a huge step says nothing about here: treat it like an infeasible one.
         let far = |d: &Row| d[Q..QD].iter().any(|d| d.abs() > STEP_FAR_RAD);
         let mut plain = true;
-        let (d, eq, ineq) = match qp::solve(&used, &rows.gradient, n, &rows.eq, &rows.ineq, &likely) {
+        let (d, eq, ineq) = match qp::solve(&used.factor, &gradient, n, &rows.eq, &rows.ineq, &likely) {
             Ok(s) if !far(&s.d) => (s.d, s.eq, s.ineq),
             Ok(_) | Err(QpFailure::Infeasible | QpFailure::Numerical) => match relaxed(&w, &rows, n) {
                 Some(found) => {
@@ -420,7 +302,7 @@ pub(crate) fn solve(
         let finish = small_change && violation < NEARLY_FEASIBLE || out_of_steps;
         let mut d = d;
         if believed && finish {
-            match qp::solve(&used, &[0.0; DIM], n, &rows.eq, &rows.ineq, &likely) {
+            match qp::solve(&used.factor, &[0.0; DIM], n, &rows.eq, &rows.ineq, &likely) {
                 Ok(back) => d = back.d,
                 Err(QpFailure::Infeasible | QpFailure::Numerical) => {}
             }
@@ -484,45 +366,6 @@ pub(crate) fn evaluate_once(problem: &Problem<'_>, throw: &super::throw::Throw) 
     let mut rows = Rows::default();
     rows.evaluate(problem, &layout, &layout.variables(throw), &[]);
     rows.worst()
-}
-
-/// Turns W into `W + ρ A_EᵀA_E`, and if that is not positive definite turns up what is negative; factorises it.
-fn convexify(w: &mut Square, equalities: &[Constraint], n: usize) -> Option<Factor> {
-    for add in [10.0, 90.0] {
-        for constraint in equalities {
-            for i in 0..n {
-                let ai = add * constraint.a[i];
-                if ai != 0.0 {
-                    for (wk, ak) in w[i].iter_mut().zip(&constraint.a).take(n) {
-                        *wk += ai * ak;
-                    }
-                }
-            }
-        }
-        if let Some(factor) = Factor::new(w, n) {
-            return Some(factor);
-        }
-    }
-    turned_up(w, n)
-}
-
-/// Factor of the matrix with its negative eigenvalues turned positive.
-///
-/// A shift of the whole diagonal would do as well, but it also shortens every step along which the curvature is
-/// known and small: where the price of a throw hardly depends on its posture, steps became gradient steps.
-fn turned_up(w: &mut Square, n: usize) -> Option<Factor> {
-    let eigen = DMatrix::from_fn(n, n, |i, k| w[i][k]).try_symmetric_eigen(1e-12, EIGEN_STEPS_MAX)?;
-    for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
-        let add = value.abs().max(CURVATURE_MIN) - value;
-        if add > 0.0 {
-            for i in 0..n {
-                for k in 0..n {
-                    w[i][k] += add * vector[i] * vector[k];
-                }
-            }
-        }
-    }
-    Factor::new(w, n)
 }
 
 /// The program with the violated constraints as a quadratic price instead of rows: always feasible at d = 0.

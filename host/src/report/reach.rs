@@ -5,11 +5,13 @@ use std::fmt::Write as _;
 use super::chart::escape;
 use crate::cmd::plan::sweep::Row;
 
-/// The map as an SVG file; axes are the two coordinates that vary most.
+/// The map as an SVG file of a grid of targets; axes are the two coordinates that vary most.
+///
+/// If the third varies too, a cell shows the cheapest throw along it. Targets without a row are left white.
 #[must_use]
-pub fn svg(rows: &[Row], robot: &str) -> String {
+pub fn svg(targets: &[[f64; 3]], rows: &[Row], robot: &str) -> String {
     let values = |axis: usize| {
-        let mut v: Vec<f64> = rows.iter().map(|r| r.target[axis]).collect();
+        let mut v: Vec<f64> = targets.iter().map(|t| t[axis]).collect();
         v.sort_by(f64::total_cmp);
         v.dedup();
         v
@@ -17,7 +19,7 @@ pub fn svg(rows: &[Row], robot: &str) -> String {
     let axes: [Vec<f64>; 3] = [values(0), values(1), values(2)];
     let mut order = [0, 1, 2];
     order.sort_by_key(|a| std::cmp::Reverse(axes[*a].len()));
-    let (mut a, mut b) = (order[0], order[1]);
+    let (mut a, mut b, c) = (order[0], order[1], order[2]);
     if a > b {
         (a, b) = (b, a);
     }
@@ -25,7 +27,17 @@ pub fn svg(rows: &[Row], robot: &str) -> String {
     let (da, db) = (step(&axes[a]), step(&axes[b]));
     let (da, db) = (if da.is_finite() { da } else { 0.1 }, if db.is_finite() { db } else { da });
     let ends = |v: &[f64]| (v.first().copied().unwrap_or(0.0), v.last().copied().unwrap_or(1.0));
-    let ((a0, a1), (b0, b1)) = (ends(&axes[a]), ends(&axes[b]));
+    let ((a0, a1), (b0, b1), (c0, c1)) = (ends(&axes[a]), ends(&axes[b]), ends(&axes[c]));
+    let name = ["x", "y", "z"];
+    let third = if c1 > c0 {
+        format!("the cheapest of {} = {c0} to {c1} m", name[c])
+    } else {
+        format!("{} = {c0} m", name[c])
+    };
+    // Drawn from the dearest to the cheapest, what is out of reach first.
+    let price = |row: &Row| row.objective.unwrap_or(f64::INFINITY);
+    let mut rows: Vec<&Row> = rows.iter().collect();
+    rows.sort_by(|a, b| price(b).total_cmp(&price(a)));
     let scale = 640.0 / (a1 - a0 + da).max(0.6 * (b1 - b0 + db));
     let (w, h) = ((a1 - a0 + da) * scale, (b1 - b0 + db) * scale);
     let best = rows.iter().filter_map(|r| r.objective).fold(f64::INFINITY, f64::min);
@@ -37,12 +49,12 @@ pub fn svg(rows: &[Row], robot: &str) -> String {
     };
     let (left, top) = (60.0, 46.0);
     let mut o = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {:.0} {:.0}\" font-family=\"sans-serif\" font-size=\"12\"><rect width=\"100%\" height=\"100%\" fill=\"white\"/><text x=\"{left}\" y=\"24\" font-size=\"15\">Reach of {}: objective of the best throw</text>",
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {:.0} {:.0}\" font-family=\"sans-serif\" font-size=\"12\"><rect width=\"100%\" height=\"100%\" fill=\"white\"/><text x=\"{left}\" y=\"24\" font-size=\"15\">Reach of {}: objective of the best throw, {third}</text>",
         left + w + 120.0,
         top + h + 56.0,
         escape(robot)
     );
-    for row in rows {
+    for row in &rows {
         let x = left + (row.target[a] - a0) * scale;
         let y = top + h - (row.target[b] - b0 + db) * scale;
         let (fill, text) = match row.objective {
@@ -57,18 +69,18 @@ pub fn svg(rows: &[Row], robot: &str) -> String {
             db * scale
         );
     }
-    let name = ["x", "y", "z"];
+    // Every so many cells has its value beside it.
+    let labelled = |v: &[f64]| -> Vec<f64> { v.iter().copied().step_by(v.len().div_ceil(10)).collect() };
+    for v in labelled(&axes[a]) {
+        let (x, y) = (left + (v - a0 + 0.5 * da) * scale, top + h + 16.0);
+        let _ = write!(o, "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"middle\">{v:.2}</text>");
+    }
+    for v in labelled(&axes[b]) {
+        let (x, y) = (left - 6.0, top + h - (v - b0 + 0.5 * db) * scale + 4.0);
+        let _ = write!(o, "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"end\">{v:.2}</text>");
+    }
     for i in 0..=5 {
         let t = f64::from(i) / 5.0;
-        let (va, vb) = (a0 + t * (a1 - a0), b0 + t * (b1 - b0));
-        let _ = write!(
-            o,
-            "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{va:.2}</text><text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{vb:.2}</text>",
-            left + (va - a0 + 0.5 * da) * scale,
-            top + h + 16.0,
-            left - 6.0,
-            top + h - (vb - b0 + 0.5 * db) * scale + 4.0
-        );
         if worst >= best {
             let j = best + t * (worst - best);
             let y = top + 20.0 * f64::from(i);

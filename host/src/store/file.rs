@@ -237,9 +237,24 @@ pub fn write_all(path: &Path, robot: u64, records: &[Record]) -> io::Result<()> 
     for record in records {
         bytes.extend_from_slice(&record.to_bytes());
     }
+    write_whole(path, &bytes)
+}
+
+/// Writes a file that appears complete or not at all; what is no ordinary file (a pipe, a terminal) is written as it is.
+///
+/// # Errors
+/// If writing or renaming fails; nothing is left behind then.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    if path.exists() && !path.is_file() {
+        return OpenOptions::new().write(true).open(path)?.write_all(bytes);
+    }
     let part = path.with_extension("part");
-    fs::write(&part, bytes)?;
-    fs::rename(part, path)
+    let written = fs::write(&part, bytes).and_then(|()| fs::rename(&part, path));
+    if written.is_err() {
+        // That it cannot be removed either would change nothing.
+        let _ = fs::remove_file(&part);
+    }
+    written
 }
 
 /// A name beside the store that is free.
@@ -253,27 +268,6 @@ fn free_name(path: &Path, what: &str) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::throw::{Joints, Throw};
-
-    fn record(range_m: f64) -> Record {
-        let throw = Throw {
-            q_rad: Joints::zeros(),
-            qd_rad_s: Joints::zeros(),
-            qdd_rad_s2: Joints::zeros(),
-            flight_s: 0.5,
-            ha_s: 0.5,
-            hb_s: 0.25,
-        };
-        Record {
-            kind: 1,
-            range_m,
-            height_m: 0.0,
-            objective: 1.0,
-            slope_per_m: [0.0; 2],
-            touches: false,
-            throw,
-        }
-    }
 
     fn folder(name: &str) -> PathBuf {
         let path = std::env::temp_dir().join(format!("cubectl-store-{name}-{}", std::process::id()));
@@ -287,10 +281,10 @@ mod tests {
         let _ = fs::remove_file(&path);
         let (mut store, none, _) = StoreFile::open(&path, 7).expect("opens");
         assert!(none.is_empty());
-        store.append(&record(1.0)).expect("writes");
-        store.append(&record(2.0)).expect("writes");
+        store.append(&Record::example(1.0)).expect("writes");
+        store.append(&Record::example(2.0)).expect("writes");
         let (_, records, report) = StoreFile::open(&path, 7).expect("opens");
-        assert_eq!(records, [record(1.0), record(2.0)]);
+        assert_eq!(records, [Record::example(1.0), Record::example(2.0)]);
         assert_eq!(report, OpenReport { records: 2, ..OpenReport::default() });
     }
 
@@ -300,7 +294,7 @@ mod tests {
         let _ = fs::remove_file(&path);
         let (mut store, _, _) = StoreFile::open(&path, 7).expect("opens");
         for r in [1.0, 2.0, 3.0, 4.0] {
-            store.append(&record(r)).expect("writes");
+            store.append(&Record::example(r)).expect("writes");
         }
         let mut bytes = fs::read(&path).expect("reads");
         bytes[HEADER + SIZE + 9] ^= 1;
@@ -308,7 +302,7 @@ mod tests {
         bytes.truncate(bytes.len() - 5);
         fs::write(&path, &bytes).expect("writes");
         let (_, records, report) = StoreFile::open(&path, 7).expect("opens");
-        assert_eq!(records, [record(1.0), record(3.0)]);
+        assert_eq!(records, [Record::example(1.0), Record::example(3.0)]);
         assert_eq!(report.damaged, 2);
         let kept = report.kept_as.expect("kept");
         assert_eq!(fs::read(kept).expect("reads"), bytes, "nothing is lost");
@@ -328,6 +322,19 @@ mod tests {
         fs::write(&path, bytes).expect("writes");
         assert!(matches!(StoreFile::open(&path, 7), Err(StoreError::Newer { found: 9, .. })));
     }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn what_is_no_ordinary_file_is_written_and_not_replaced() {
+        let e = write_whole(Path::new("/dev/full"), b"anything").expect_err("full");
+        assert_eq!(e.kind(), io::ErrorKind::StorageFull);
+        assert!(!Path::new("/dev/full").is_file() && !Path::new("/dev/full.part").exists());
+        let path = folder("whole").join("result");
+        write_whole(&path, b"anything").expect("writes");
+        assert_eq!(fs::read(&path).expect("reads"), b"anything");
+        assert!(!path.with_extension("part").exists());
+    }
+
     #[test]
     fn an_older_store_is_kept_and_a_new_one_begun() {
         let path = folder("older").join("throws.store");
@@ -342,8 +349,8 @@ mod tests {
         assert!(none.is_empty());
         assert_eq!((report.older, report.damaged), (Some(1), 0));
         assert_eq!(fs::read(report.kept_as.expect("kept")).expect("reads"), bytes, "nothing is lost");
-        store.append(&record(1.0)).expect("writes");
-        assert_eq!(StoreFile::open(&path, 7).expect("opens").1, [record(1.0)]);
+        store.append(&Record::example(1.0)).expect("writes");
+        assert_eq!(StoreFile::open(&path, 7).expect("opens").1, [Record::example(1.0)]);
     }
 
     #[test]
@@ -352,12 +359,12 @@ mod tests {
         let _ = fs::remove_file(&path);
         let (mut one, _, _) = StoreFile::open(&path, 7).expect("opens");
         let (mut two, _, _) = StoreFile::open(&path, 7).expect("opens");
-        one.append(&record(1.0)).expect("writes");
-        two.append(&record(2.0)).expect("writes");
+        one.append(&Record::example(1.0)).expect("writes");
+        two.append(&Record::example(2.0)).expect("writes");
         assert_eq!(StoreFile::open(&path, 7).expect("opens").1.len(), 2);
         let holder = File::open(&path).expect("opens");
         holder.lock().expect("locks");
-        let refused = one.append(&record(3.0)).expect_err("locked");
+        let refused = one.append(&Record::example(3.0)).expect_err("locked");
         assert!(refused.to_string().contains("locked by another process"), "{refused}");
     }
 }

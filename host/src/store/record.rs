@@ -126,6 +126,22 @@ pub fn crc32(bytes: &[u8]) -> u32 {
 }
 
 #[cfg(test)]
+impl Record {
+    /// A record to a target at this range and at height 0; its throw is nothing but finite.
+    pub(crate) fn example(range_m: f64) -> Self {
+        let throw = Throw {
+            q_rad: Joints::zeros(),
+            qd_rad_s: Joints::zeros(),
+            qdd_rad_s2: Joints::zeros(),
+            flight_s: 0.5,
+            ha_s: 0.5,
+            hb_s: 0.25,
+        };
+        Self { kind: 0, range_m, height_m: 0.0, objective: 1.0, slope_per_m: [0.0; 2], touches: false, throw }
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
 

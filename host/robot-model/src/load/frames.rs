@@ -89,11 +89,19 @@ struct Dh {
 fn read_dh(section: &Section<'_>) -> Result<Dh, LoadError> {
     Ok(Dh {
         rot_x: Pose::rot_x(section.required("alpha_deg", Value::number)?.to_radians()),
-        trans_x: Pose::translation(section.required("a_m", Value::number)?, 0.0, 0.0),
-        trans_z: Pose::translation(0.0, 0.0, section.required("d_m", Value::number)?),
+        trans_x: Pose::translation(section.required("a_m", length)?, 0.0, 0.0),
+        trans_z: Pose::translation(0.0, 0.0, section.required("d_m", length)?),
         rot_z: Pose::rot_z(section.or("offset_deg", 0.0, Value::number)?.to_radians()),
     })
 }
+
+/// A length between joints; millimetres in a key that says metres are far beyond it.
+fn length(value: &Value<'_, Problem>) -> Result<f64, LoadError> {
+    value.number_in(-LENGTH_MAX_M, LENGTH_MAX_M)
+}
+
+/// Longer than any arm, in m.
+const LENGTH_MAX_M: f64 = 20.0;
 
 fn z_to(section: &Section<'_>) -> Result<Pose, LoadError> {
     let axis = Vector3::from(section.required("axis", Value::numbers::<3>)?);

@@ -182,7 +182,7 @@ fn read_limits(section: &Section<'_>) -> Result<JointLimits, LoadError> {
     Ok(JointLimits {
         q_min_rad: min.to_radians(),
         q_max_rad: max.to_radians(),
-        v_max_rad_s: section.required("velocity_max_deg_s", Value::positive)?.to_radians(),
+        v_max_rad_s: section.required("velocity_max_deg_s", speed)?.to_radians(),
         a_max_rad_s2,
         a_control_max_rad_s2: section
             .optional("control_acceleration_max_rad_s2", Value::positive)?
@@ -194,6 +194,15 @@ fn read_limits(section: &Section<'_>) -> Result<JointLimits, LoadError> {
         torque_max_nm: section.optional("torque_max_nm", Value::positive)?,
     })
 }
+
+/// A joint speed; a motor's speed, or another unit, is far beyond it.
+fn speed(value: &Value<'_, Problem>) -> Result<f64, LoadError> {
+    value.positive()?;
+    value.number_in(0.0, SPEED_MAX_DEG_S)
+}
+
+/// Ten turns a second.
+const SPEED_MAX_DEG_S: f64 = 3600.0;
 
 fn read_drives<const N: usize>(sections: &[Section<'_>]) -> Result<Option<[Drive; N]>, LoadError> {
     let mut drives: Vec<Drive> = Vec::new();

@@ -8,8 +8,8 @@ use super::options::PlanOptions;
 use super::require_writable;
 use crate::error::ExpectedError;
 use crate::plan::search::kind_of;
-use crate::plan::seeds::{Grid, make};
-use crate::store::{file, robot_fingerprint};
+use crate::plan::seeds::{Grid, improve, make};
+use crate::store::{Index, Record, file, robot_fingerprint};
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -29,7 +29,7 @@ pub struct Args {
     /// Largest height in m.
     #[arg(long, default_value_t = 1.6)]
     pub height_max_m: f64,
-    /// Random starts per cell.
+    /// Random starts per cell of the grid and per trial.
     #[arg(long, default_value_t = 10)]
     pub starts: u64,
     /// Rounds in which neighbours pass on their throws.
@@ -38,6 +38,9 @@ pub struct Args {
     /// Random targets at which the table is tried and, where it does badly, completed.
     #[arg(long, default_value_t = 1024)]
     pub trials: u64,
+    /// Keep the throws of this form that the file has, and only try and complete them: needs another seed each time.
+    #[arg(long)]
+    pub complete: bool,
     /// Seed.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -69,13 +72,6 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         sweeps: args.sweeps,
         trials: args.trials,
     };
-    let bar = ProgressBar::new(1000);
-    let made = make(&arm, &options, &grid, args.seed, &|share| {
-        if (share * 1000.0) as u64 > bar.position() {
-            bar.set_position((share * 1000.0) as u64);
-        }
-    });
-    bar.finish_and_clear();
     let robot = robot_fingerprint(&arm);
     let before = match std::fs::read(&args.out) {
         Ok(bytes) if !bytes.is_empty() => match file::parse(&args.out, &bytes, robot) {
@@ -87,8 +83,21 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         _ => Vec::new(),
     };
     let kind = kind_of(&options);
+    let (own, others): (Vec<Record>, Vec<Record>) = before.into_iter().partition(|r| r.kind == kind);
+    let bar = ProgressBar::new(1000);
+    let progress = |share: f64| {
+        if (share * 1000.0) as u64 > bar.position() {
+            bar.set_position((share * 1000.0) as u64);
+        }
+    };
+    let made = if args.complete {
+        improve(&arm, &options, &grid, args.seed, Index::new(own), &progress)
+    } else {
+        make(&arm, &options, &grid, args.seed, &progress)
+    };
+    bar.finish_and_clear();
     let count = made.len();
-    let all: Vec<_> = before.into_iter().filter(|r| r.kind != kind).chain(made).collect();
+    let all: Vec<Record> = others.into_iter().chain(made).collect();
     file::write_all(&args.out, robot, &all).map_err(|e| ExpectedError::output(&args.out, &e))?;
     say::line!("{count} throws made, {} in {}", all.len(), args.out.display());
     Ok(())

@@ -145,7 +145,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         rows.insert(key(&row.target), row);
     }
     let wanted: Vec<Row> = targets.iter().filter_map(|t| rows.get(&key(t)).cloned()).collect();
-    std::fs::write(&picture, reach::svg(&wanted, arm.name()))
+    std::fs::write(&picture, reach::svg(&targets, &wanted, arm.name()))
         .map_err(|e| ExpectedError::output(&picture, &e))?;
     let solved = wanted.iter().filter(|r| r.objective.is_some()).count();
     say::line!("{solved} of {} targets in reach; picture {}", wanted.len(), picture.display());

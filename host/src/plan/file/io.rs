@@ -7,7 +7,7 @@ use robot_model::Pose;
 
 use super::{FORMAT, ObstacleInfo, PlanFile, VERSION};
 use crate::plan::throw::{Arm, JOINTS};
-use crate::store::robot_fingerprint;
+use crate::store::{file::write_whole, robot_fingerprint};
 
 /// A plan file cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -71,13 +71,7 @@ impl PlanFile {
     /// If the folder or file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), PlanFileError> {
         let fail = |source| PlanFileError::Io { path: path.to_owned(), source };
-        let part = path.with_extension("part");
-        std::fs::write(&part, self.to_json() + "\n").map_err(fail)?;
-        std::fs::rename(&part, path).map_err(|source| {
-            // What is half done is not left behind; that it cannot be removed would change nothing.
-            let _ = std::fs::remove_file(&part);
-            fail(source)
-        })
+        write_whole(path, (self.to_json() + "\n").as_bytes()).map_err(fail)
     }
 
     /// As JSON.
