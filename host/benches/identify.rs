@@ -1,9 +1,11 @@
 //! Identification measured: how often the stated interval holds the constant that the simulator was given, and
 //! whether the estimates lie evenly about it.
 //!
-//! `cargo bench -p host --bench identify [-- SEEDS [JOINT ...]]`, 100 seeds and every joint by default. Each seed is one
-//! whole `cubectl identify` on the simulated cell, in virtual time. Prints a table; nothing is asserted.
+//! `cargo bench -p host --bench identify [-- SEEDS [JOINT ...]]`, 100 seeds and every joint by default. SEEDS is a number or a
+//! range as `200..400`: what was suspected on some seeds is to be confirmed on others. Each seed is one whole
+//! `cubectl identify` on the simulated cell, in virtual time. Prints a table; nothing is asserted.
 
+use std::ops::Range;
 use std::time::Instant;
 
 use host::bus::BusArgs;
@@ -71,15 +73,25 @@ fn row(joint: usize, name: &str, truth: f64, asked: usize, found: &[Estimate]) {
     );
 }
 
+/// `N` or `FROM..TO`.
+fn seeds(text: &str) -> Range<u64> {
+    let (from, to) = text.split_once("..").unwrap_or(("0", text));
+    match (from.parse(), to.parse()) {
+        (Ok(from), Ok(to)) => from..to,
+        _ => panic!("seeds are a number or a range as 200..400, not {text:?}"),
+    }
+}
+
 fn main() {
-    let numbers: Vec<u64> = std::env::args().filter_map(|a| a.parse().ok()).collect();
-    let seeds = numbers.first().copied().unwrap_or(100);
-    let wanted = |joint: usize| numbers.len() < 2 || numbers[1..].contains(&(joint as u64));
+    let mut arguments = std::env::args().skip(1).filter(|a| a.starts_with(|c: char| c.is_ascii_digit()));
+    let seeds = seeds(&arguments.next().unwrap_or_else(|| "100".to_owned()));
+    let joints: Vec<usize> = arguments.filter_map(|a| a.parse().ok()).collect();
+    let wanted = |joint: usize| joints.is_empty() || joints.contains(&joint);
     let robot = match AnyRobot::load("powercube6") {
         Ok(robot) => robot,
         Err(error) => panic!("built-in robot: {error}"),
     };
-    println!("{seeds} seeds, noise {NOISE_A} A per reading, intervals of {:.0} %", 100.0 * LEVEL);
+    println!("seeds {seeds:?}, noise {NOISE_A} A per reading, intervals of {:.0} %", 100.0 * LEVEL);
     println!(
         "| joint | constant | concluded | interval holds the truth | expected (2 sigma) | bias % (2 sigma) | scatter % | \
          half width % |"
@@ -88,8 +100,9 @@ fn main() {
     let start = Instant::now();
     let mut lost = 0;
     for (joint, (k_b, k_m)) in (1..).zip(DRIVES).filter(|(joint, _)| wanted(*joint)) {
-        let runs: Vec<Run> = (0..seeds).into_par_iter().filter_map(|seed| one(&robot, joint, seed)).collect();
-        lost += seeds as usize - runs.len();
+        let runs: Vec<Run> =
+            seeds.clone().into_par_iter().filter_map(|seed| one(&robot, joint, seed)).collect();
+        lost += seeds.clone().count() - runs.len();
         let found: Vec<Estimate> = runs.iter().filter_map(|r| r.k_b).collect();
         row(joint, "K_B", k_b, runs.len(), &found);
         let loaded: Vec<Option<Estimate>> = runs.iter().filter_map(|r| r.k_m).collect();

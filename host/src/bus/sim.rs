@@ -98,9 +98,11 @@ pub type SimCrew = (((SimCell, Solo<ScriptedHost>), Guests), Solo<Desk>);
 
 /// See the [module](self).
 pub struct SimBus {
-    /// The desk is taken out of its place while a verb talks to it.
     world: World<SimCrew>,
-    lent: Option<Desk>,
+    /// The desk while a verb talks to it, otherwise an empty one: the two change places, for making one takes longer
+    /// than a question.
+    aside: Box<Desk>,
+    is_lent: bool,
     desk_port: usize,
 }
 
@@ -139,7 +141,7 @@ impl SimBus {
         let desk_port = cell.len() + script.len() + guests.len();
         let crew = (((cell, script), guests), Solo::new("cubectl", Desk::default()));
         let world = World::new(crew, setup.bus, seed, setup.faults.clone())?;
-        Ok(Self { world, lent: None, desk_port })
+        Ok(Self { world, aside: Box::default(), is_lent: false, desk_port })
     }
 
     /// Virtual time.
@@ -159,19 +161,24 @@ impl SimBus {
 
     pub(super) fn desk(&mut self) -> &mut Desk {
         let now = self.world.now();
-        if self.lent.is_none() {
-            let taken = self.world.with_crew(|crew, _| std::mem::take(&mut crew.1.node));
-            // Only a node that floods makes this fail, and an emptied desk sends nothing.
-            self.lent = Some(taken.unwrap_or_default());
+        if !self.is_lent {
+            // Only a node that floods makes this fail, after the desks have changed places.
+            let _ = self.swap_desks();
         }
-        let desk = self.lent.get_or_insert_default();
-        desk.wake(now);
-        desk
+        self.aside.wake(now);
+        &mut self.aside
+    }
+
+    fn swap_desks(&mut self) -> Result<(), BusFailure> {
+        self.is_lent = !self.is_lent;
+        let aside = &mut *self.aside;
+        self.world.with_crew(|crew, _| std::mem::swap(&mut crew.1.node, aside))?;
+        Ok(())
     }
 
     pub(super) fn step(&mut self, until: Instant, seen: &mut Seen<'_>) -> Result<(), BusFailure> {
-        if let Some(desk) = self.lent.take() {
-            self.world.with_crew(|crew, _| crew.1.node = desk)?;
+        if self.is_lent {
+            self.swap_desks()?;
         }
         let to = (self.world.now() + SLICE).min(until);
         let desk_port = self.desk_port;

@@ -220,7 +220,7 @@ impl Findings {
             line("damping ratio", &answer.zeta, "", Some(s.drive.zeta));
             line("delay of the command", &ms(&answer.delay_s), "ms", None);
             line("delay + lag", &ms(&answer.total_lag_s), "ms", None);
-            t += "  (friction and the pose's inertia bend natural frequency and damping; delay + lag, which the control counts \
+            t += "  (friction and the pose's inertia bend natural frequency and damping;\n   delay + lag, which the control counts \
                   on, stays)\n";
         }
         if let Some(time) = self.answer_time {

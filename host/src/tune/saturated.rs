@@ -258,14 +258,18 @@ impl Ladder {
             }
         }
         let mut best = best?;
+        // The guess is seldom more than two steps too slow, and what cannot be proven costs most: two single steps first.
         let mut stride = 1;
-        while unproven < 0 && best.0 > 0 {
+        for strides in 0.. {
+            if unproven >= 0 || best.0 == 0 {
+                break;
+            }
             let step = (best.0 - stride).max(0);
             match proven(step) {
                 Some(found) => best = (step, found),
                 None => unproven = step,
             }
-            stride *= 2;
+            stride = if strides == 0 { 1 } else { 2 * stride };
         }
         while best.0 - unproven > 1 {
             let middle = (best.0 + unproven).div_euclid(2);

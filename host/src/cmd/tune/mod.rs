@@ -71,35 +71,35 @@ pub struct Args {
     #[arg(long, default_value = "all")]
     pub joint: Joints,
     /// Command period in s; the firmware refuses gains for another one.
-    #[arg(long, default_value_t = 0.003, value_name = "S")]
+    #[arg(long, default_value_t = 0.003, value_name = "S", allow_negative_numbers = true)]
     pub period: f64,
     /// Relative jitter of the period.
-    #[arg(long, default_value_t = 0.02, value_name = "RATIO")]
+    #[arg(long, default_value_t = 0.02, value_name = "RATIO", allow_negative_numbers = true)]
     pub jitter: f64,
     /// Largest delay from position sample to action of the command in s [default: one period].
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub delay: Option<f64>,
     /// Smallest delay in s [default: 95 % of the largest].
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub delay_min: Option<f64>,
     /// Weight of a measurement on the position error in the controller's estimator, above 0 to 1 [default: 0.6, from a
     /// period of 10 ms on 1].
-    #[arg(long, value_name = "WEIGHT")]
+    #[arg(long, value_name = "WEIGHT", allow_negative_numbers = true)]
     pub estimator_alpha: Option<f64>,
     /// Weight on the rate of the error [default: 0.2, from a period of 10 ms on 1].
-    #[arg(long, value_name = "WEIGHT")]
+    #[arg(long, value_name = "WEIGHT", allow_negative_numbers = true)]
     pub estimator_beta: Option<f64>,
     /// Plan whose accelerations are set aside for the reference (file of `cubectl plan throw`).
     #[arg(long, value_name = "PLAN", conflicts_with = "reference_share")]
     pub plan: Option<PathBuf>,
     /// Without a plan: share of the acceleration for control that a motion uses.
-    #[arg(long, default_value_t = 0.8, value_name = "RATIO")]
+    #[arg(long, default_value_t = 0.8, value_name = "RATIO", allow_negative_numbers = true)]
     pub reference_share: f64,
     /// Initial position error to recover from, in rad.
-    #[arg(long, default_value_t = 0.1, value_name = "RAD")]
+    #[arg(long, default_value_t = 0.1, value_name = "RAD", allow_negative_numbers = true)]
     pub error_position: f64,
     /// Initial velocity error to recover from, in rad/s.
-    #[arg(long, default_value_t = 0.1, value_name = "RAD_S")]
+    #[arg(long, default_value_t = 0.1, value_name = "RAD_S", allow_negative_numbers = true)]
     pub error_velocity: f64,
     /// Design.
     #[arg(long, value_enum, default_value_t = DesignArg::Saturated)]
@@ -446,8 +446,8 @@ mod tests {
             ("--reference-share 1", "--reference-share is 1"),
             ("--reference-share NaN", "--reference-share is NaN"),
             ("--joint 7", "has joints 1 to 6, not 7"),
-            ("--error-position=-0.1", "initial position error is -0.1"),
-            ("--jitter=-1", "period jitter is -1"),
+            ("--error-position -0.1", "initial position error is -0.1"),
+            ("--jitter -1", "period jitter is -1"),
             ("--estimator-beta 1.5", "weight beta of the estimator is 1.5"),
             ("--robot nowhere.toml", "nowhere"),
         ];
