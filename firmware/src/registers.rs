@@ -255,7 +255,7 @@ registers! {
         "joint.home_v_rad_s" home_v_rad_s: f32, -0.5, 0.5, AtRest, "speed of homing with its direction, of the drive";
         "joint.k_error_1_s2" k_error_1_s2: f32, -20_000.0, 0.0, Always, "feedback on the position error";
         "joint.k_rate_1_s" k_rate_1_s: f32, -1_000.0, 0.0, Always, "feedback on the rate of the error";
-        "joint.k_last" k_last: f32, -1.0, 1.0, Always, "feedback on the input that acts meanwhile";
+        "joint.k_last" k_last: f32, -2.5, 2.5, Always, "feedback on the input that acts meanwhile";
     }
 }
 

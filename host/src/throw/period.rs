@@ -185,6 +185,7 @@ pub fn apply(choice: &Choice, settings: &mut Settings) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use firmware::registers;
 
     const ROBOT: &str = "powercube6";
 
@@ -253,6 +254,25 @@ mod tests {
             apply(&choice, &mut settings);
             assert_eq!(settings.check(), Ok(()), "{us}");
             assert_eq!((settings.cycle_period_us, settings.gains_period_us), (us, us));
+        }
+    }
+
+    #[test]
+    fn a_controller_takes_the_gains_of_a_choice_through_its_registers() {
+        for (us, _) in BUILT_IN {
+            let choice = choose(Wish::Period(us), None, ROBOT, 3_000).unwrap();
+            let (mut wanted, mut written) = (Settings::powercube6(), Settings::powercube6());
+            apply(&choice, &mut wanted);
+            for name in ["joint.k_error_1_s2", "joint.k_rate_1_s", "joint.k_last"] {
+                let index = registers::find(name).unwrap();
+                let numbers = registers::read(&wanted, index).unwrap();
+                assert_eq!(
+                    registers::write(&mut written, index, numbers.as_slice()),
+                    Ok(()),
+                    "{name} at {us} us"
+                );
+                assert_eq!(registers::read(&written, index).unwrap().as_slice(), numbers.as_slice());
+            }
         }
     }
 }
