@@ -11,8 +11,13 @@ use crate::tune::model::DriveLag;
 
 /// Relative half width beyond which a load is not worth measuring.
 const WORTH: f64 = 0.25;
-/// Relative half width up to which natural frequency and damping go into the patch.
+/// Relative half width of the natural frequency up to which it and the damping are stated and go into the patch.
 const SHARP: f64 = 0.05;
+
+/// Whether natural frequency and damping may be relied on.
+fn is_sharp(answer: &DriveAnswer) -> bool {
+    answer.wn_rad_s.half_width < SHARP * answer.wn_rad_s.value
+}
 
 /// The joint and what its robot file says.
 #[derive(Clone, Debug, PartialEq)]
@@ -216,12 +221,21 @@ impl Findings {
         }
         if let Ok(answer) = &self.answer {
             let ms = |e: &Estimate| Estimate { value: 1e3 * e.value, half_width: 1e3 * e.half_width };
-            line("natural frequency", &answer.wn_rad_s, "rad/s", Some(s.drive.wn_rad_s));
-            line("damping ratio", &answer.zeta, "", Some(s.drive.zeta));
+            if is_sharp(answer) {
+                line("natural frequency", &answer.wn_rad_s, "rad/s", Some(s.drive.wn_rad_s));
+                line("damping ratio", &answer.zeta, "", Some(s.drive.zeta));
+            }
             line("delay of the command", &ms(&answer.delay_s), "ms", None);
             line("delay + lag", &ms(&answer.total_lag_s), "ms", None);
-            t += "  (friction and the pose's inertia bend natural frequency and damping;\n   delay + lag, which the control counts \
-                  on, stays)\n";
+            if !is_sharp(answer) {
+                let _ = writeln!(
+                    t,
+                    "  (a natural frequency of {:.1} rad/s and a damping ratio of {:.2} fit best, but friction and the\n   \
+                     pose's inertia, which the fit leaves out, bend both: no interval is stated for them;\n   \
+                     delay + lag, which the control counts on, stays)",
+                    answer.wn_rad_s.value, answer.zeta.value
+                );
+            }
         }
         if let Some(time) = self.answer_time {
             let _ = writeln!(
@@ -269,9 +283,9 @@ impl Findings {
         if let Some(k_m) = k_m {
             key(&mut t, "k_m_a_nm", &k_m.k);
         }
-        // Friction, which the model of the step leaves out, bends the two: only a sharp result may replace the file's.
+        // Only a sharp result may replace the file's.
         if let Ok(answer) = &self.answer
-            && answer.wn_rad_s.half_width < SHARP * answer.wn_rad_s.value
+            && is_sharp(answer)
         {
             t += "\n[drive_loop]\n";
             key(&mut t, "natural_frequency_rad_s", &answer.wn_rad_s);
