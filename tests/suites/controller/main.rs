@@ -9,6 +9,7 @@
 //! and k_rate T of it, two thirds, reach the next command.
 
 mod cycle;
+mod gains_change;
 mod lab;
 mod refusals;
 mod swarm;
