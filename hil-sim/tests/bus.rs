@@ -249,11 +249,19 @@ proptest! {
         prop_assert_eq!(play(&sends, every, false, order), play(&sends, every, true, order));
     }
 
+    // With ids of its own for each sender, as CAN wants it; what happens without is the test below.
     #[test]
     fn every_queued_frame_arrives_once_at_everybody_else_on_a_quiet_bus(
         mut sends in proptest::collection::vec((0_u64..8_000, 0_usize..4, any_frame()), 1..60),
     ) {
         sends.sort_by_key(|(at, ..)| *at);
+        for (_, port, frame) in &mut sends {
+            let id = match frame.id() {
+                Id::Standard(id) => Id::Standard(StandardId::from_low_bits(id.get() & !3 | *port as u16)),
+                Id::Extended(id) => Id::Extended(ExtendedId::from_low_bits(id.get() & !3 | *port as u32)),
+            };
+            *frame = Frame::new(id, frame.data()).unwrap();
+        }
         let (events, ..) = play(&sends, 0, false, TxOrder::Fifo);
         let mut got: Vec<(usize, String)> = frames(&events).iter()
             .map(|(_, from, frame, receivers)| {
@@ -266,4 +274,15 @@ proptest! {
         sent.sort();
         prop_assert_eq!(got, sent);
     }
+}
+
+/// Found by the property above before its senders had ids of their own.
+#[test]
+fn equal_frames_that_two_nodes_begin_at_once_are_one_frame_that_both_have_sent() {
+    let frame = Frame::new(Id::Standard(StandardId::from_low_bits(0x6B)), &[]).unwrap();
+    let (events, nodes, ..) = play(&[(7_283, 1, frame), (7_283, 0, frame)], 0, false, TxOrder::Fifo);
+    let seen: Vec<u64> = frames(&events).iter().map(|(.., receivers)| *receivers).collect();
+    assert_eq!(seen, [0b1100]);
+    let (sent, received): (Vec<u64>, Vec<u64>) = nodes.iter().map(|(s, r, ..)| (*s, *r)).unzip();
+    assert_eq!((sent, received), (vec![1, 1, 0, 0], vec![0, 0, 1, 1]));
 }
