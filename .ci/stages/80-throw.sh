@@ -4,7 +4,8 @@
 # targets, and many arms that are not the model.
 #
 # Real time needs a machine that is not busy elsewhere. cubectl measures what holds, chooses its period, and refuses if
-# none does; a controller that is held up later stops the arm. Either is tried again; the table says how often.
+# none does; a controller that is held up later stops the arm. Either is tried again, later each time, because a machine
+# that others share is held up for a while; the table says how often.
 #
 # By hand, from the root (after the builds below):
 #   target/release/hil-sim serve --bus socketcand://127.0.0.1:29536/can0 --bus slcan://127.0.0.1:3333 &
@@ -77,12 +78,14 @@ throw() { # name, words for the table, options of throw...
     local name=$1 words=$2
     shift 2
     echo "--- $words"
-    for try in 1 2 3 4 5; do
+    local pauses=(5 10 20 40 60)
+    for try in 1 2 3 4 5 6; do
         if attempt "$name" "$@"; then
             rows+=("$words=$out/$name/summary.json#$try,$out/$name.cell.json")
             return
         fi
         cat "$out/$name.controller.log" 2>/dev/null || true
+        sleep "${pauses[try - 1]:-0}"
     done
     echo "$name: no throw came to its end" >&2
     return 1

@@ -3,7 +3,7 @@
 #
 # The word after `sh` says what a block needs; what this machine lacks is replaced as follows, and by nothing else:
 #   hardware    an arm on can0: the simulated cell in real time on a socketcand port, whose name replaces `can0`
-#   realtime    the same; a machine that was held up is asked again, twice
+#   realtime    the same; a machine that was held up is asked again, later, up to four times
 #   vcan        kernel modules and root: `ip` and `modprobe` are said, not run, and `vcan0` is that port as well
 #               (the stages vcan, sim-vcan and throw run on a kernel that has them)
 #   background  runs until the blocks are done
@@ -74,7 +74,7 @@ for block in "${blocks[@]}"; do
         # The cell is served already: the line that would serve one on vcan0 is said, not run.
         sed -e 's|^\(cubectl sim .*\) &$|echo "not run here: \1"|' -e "s|--bus v\{0,1\}can0\b|--bus $arm|g" \
             "$block" >"$work/$name.here"
-        case $name in *-realtime) tries=3 ;; esac
+        case $name in *-realtime) tries=5 ;; esac
         ;;
     *) cp "$block" "$work/$name.here" ;;
     esac
@@ -95,6 +95,7 @@ for block in "${blocks[@]}"; do
         tail -n 5 "$work/$name.log"
         rm -rf throw1
         # The arm stands where it was stopped.
+        sleep $((10 * try))
         cubectl clear --bus "$arm" || true
     done
     [ $status -eq 0 ] || { tail -n 60 "$work/$name.log"; echo "README block $name failed"; exit 1; }

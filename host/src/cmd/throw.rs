@@ -118,7 +118,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let given = args.gains.as_ref().map(|path| read_gains(path, arm.name())).transpose()?;
     let choice = if soft {
         let wish = wish(given.clone(), args.period);
-        let choice = choose(wish, pace.as_ref(), arm.name(), settings.cycle_period_us)?;
+        let choice = choose(wish, pace.as_ref(), arm.name(), settings.cycle_period_us)
+            .map_err(|refused| without_period(refused, args, &arm))?;
         apply(&choice, &mut settings);
         Some(choice)
     } else {
@@ -172,7 +173,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         && by_controller
         && record.at_work.is_some_and(|(step, _)| step == Step::Drives)
         && error.code == exit::DRIVE
-        && let Some(found) = diagnosis(&mut session, &arm)
+        // What was heard before was our own controller.
+        && let Some(found) = diagnosis(&mut session, &arm, |check| check != "traffic")
     {
         error.message = format!("{}: {found}", Step::Drives.name());
     }
@@ -370,12 +372,27 @@ fn failure(error: JobError, record: &Record) -> ExpectedError {
     ExpectedError::new(expected.code, format!("{step}: {}", expected.message))
 }
 
-/// What is wrong with the drives, asked by the host itself with the controller out of the way.
-fn diagnosis(session: &mut Session, arm: &Arm) -> Option<String> {
+/// No period holds; drives with something wrong are named first, because double or silent ones make every round long.
+fn without_period(refused: NoPeriod, args: &Args, arm: &Arm) -> ExpectedError {
+    if matches!(refused, NoPeriod::NoGains { .. }) {
+        return refused.into();
+    }
+    let ask = BusArgs { bus: args.bus.clone(), ..BusArgs::default() };
+    let found = ask.open().ok().and_then(|mut session| {
+        diagnosis(&mut session, arm, |check| matches!(check, "modules" | "addresses" | "bus errors"))
+    });
+    let refused = ExpectedError::from(refused);
+    match found {
+        Some(found) => ExpectedError::new(exit::DRIVE, format!("{found}\n{}", refused.message)),
+        None => refused,
+    }
+}
+
+/// What is wrong with the drives, asked by the host itself with the controller out of the way; only checks that count.
+fn diagnosis(session: &mut Session, arm: &Arm, counts: impl Fn(&str) -> bool) -> Option<String> {
     session.switch_controller_off();
     let (modules, findings) = examine(session, Some(&modules(arm)), false, true).ok()?;
-    // What was heard before was our own controller.
-    let problems = findings.iter().filter(|f| f.level == Level::Problem && f.check != "traffic");
+    let problems = findings.iter().filter(|f| f.level == Level::Problem && counts(f.check));
     let shown = if modules.is_empty() { 1 } else { usize::MAX };
     let list: Vec<String> = problems.take(shown).map(|f| format!("{}\n  next: {}", f.what, f.next)).collect();
     (!list.is_empty()).then(|| list.join("\n"))
