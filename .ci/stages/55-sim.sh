@@ -1,8 +1,9 @@
 # The simulated cell: same seed, same log, in both build profiles and on every host; a thousand random situations; how
 # its drives move. Its speed: `cargo bench -p hil-sim`.
-# Programs and examples in one go, as in the other stages: on their own their libraries would be built twice.
+# Programs and examples in one go: on their own their libraries would be built twice. Released are programs only, as the
+# README builds them: with examples the libraries would have other features, and be built once more for it.
 cargo build --locked -p hil-sim --bins --examples
-cargo build --release --locked -p host -p hil-sim --bins --examples
+cargo build --release --locked -p host -p hil-sim --bins
 out=target/sim-stage
 rm -rf "$out" && mkdir -p "$out"
 for scenario in hil-sim/scenarios/*.toml; do
@@ -26,7 +27,7 @@ fi
 target/release/hil-sim replay "$out/cycle.release.log" --scenario hil-sim/scenarios/cycle.toml
 target/release/hil-sim swarm --seeds 1000 --duration-s 0.5
 # Position, velocity and current over time in each mode: three charts a mode, in one file that needs no network.
-target/release/examples/drive-modes "$out/drive-modes.html"
+target/debug/examples/drive-modes "$out/drive-modes.html"
 modes=$(grep -o '<section' "$out/drive-modes.html" | wc -l)
 charts=$(grep -o '<svg' "$out/drive-modes.html" | wc -l)
 [ "$modes" -ge 10 ] && [ "$charts" -eq $((3 * modes)) ]

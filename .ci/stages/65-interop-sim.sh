@@ -1,7 +1,7 @@
 # The simulated drives against a client that is not ours: python-can, unmodified, pinned; over socketcand and as an
 # SLCAN adapter at a pseudo-terminal, both at the same time on one simulated bus.
 . .ci/venv.sh sim tests/interop/sim/requirements.txt
-cargo build --release --locked -p host -p hil-sim --bins --examples
+cargo build --release --locked -p host -p hil-sim --bins
 log=target/interop-sim.log
 # Port 0: any free one; the program says which it got, and which pseudo-terminal.
 target/release/hil-sim serve --bus socketcand://127.0.0.1:0/can0 --bus slcan:/dev/ptmx --json >"$log" </dev/null &

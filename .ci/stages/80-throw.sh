@@ -15,7 +15,7 @@
 # QEMU runs without -icount: its timers are then the machine's clock. Start it in a folder without `script.bin`.
 . .ci/vcan-packages.sh
 command -v qemu-system-arm >/dev/null || { apt-get update -qq && apt-get install -y -qq qemu-system-arm; }
-cargo build --quiet --release --locked -p host -p hil-sim --bins --examples
+cargo build --quiet --release --locked -p host -p hil-sim --bins
 target=thumbv7em-none-eabihf
 elf=$PWD/target/boards/$target/release/firmware-qemu
 (cd firmware/boards/qemu && CARGO_TARGET_DIR=../../../target/boards cargo build --quiet --release --locked --target $target)
