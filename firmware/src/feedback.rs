@@ -20,8 +20,12 @@
 //! no noise and no lag, and adds the known change of speed since the middle of the interval. With
 //! both weights at one that is all; smaller weights average over several measurements, which fast
 //! cycles need because position comes in steps.
+//!
+//! An answer may come after the control step that needed it. The state has then been carried to a time of
+//! its own, but the difference still spans the time since the last *measurement*: over the short rest alone a
+//! step of the encoder would look like a leap in speed.
 
-use crate::joints::clamp;
+use crate::joints::{at_least, clamp};
 
 /// Feedback row k of one joint: 1/s², 1/s, 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -88,8 +92,13 @@ pub fn mean_acceleration(qd_from_rad_s: f32, qd_to_rad_s: f32, dt_s: f32) -> f32
 pub struct ErrorEstimator {
     e_rad: f32,
     de_rad_s: f32,
+    /// From the last measurement to the time of the state, s.
+    since_s: f32,
     started: bool,
 }
+
+/// Shortest time between measurements that counts for the rate, in periods: closer ones say little of it.
+const SHORTEST_DIFFERENCE: f32 = 0.5;
 
 /// Weights of a new measurement, 0..=1 each; both one: plain difference.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -111,12 +120,12 @@ impl ErrorEstimator {
         self.de_rad_s
     }
 
-    /// Takes a measured error `e_rad`, `dt_s` after the previous one, with input `u_rad_s2` in force
-    /// in between. The first measurement, and one without time in between, sets the error and keeps the rate.
-    pub fn update(&mut self, e_rad: f32, dt_s: f32, u_rad_s2: f32, weights: Weights) {
-        if !self.started || dt_s <= 0.0 {
-            self.e_rad = e_rad;
-            self.started = true;
+    /// Takes an error `e_rad` measured `dt_s` after the time of the state, or before it if the state was carried
+    /// past it meanwhile; input `u_rad_s2` was in force in between. The first measurement, and a second one of the
+    /// same time, sets the error and keeps the rate.
+    pub fn update(&mut self, e_rad: f32, dt_s: f32, u_rad_s2: f32, period_s: f32, weights: Weights) {
+        if !self.started || self.since_s + dt_s <= 0.0 {
+            (self.e_rad, self.since_s, self.started) = (e_rad, 0.0, true);
             return;
         }
         self.predict(dt_s, u_rad_s2);
@@ -124,13 +133,15 @@ impl ErrorEstimator {
         self.e_rad += weights.alpha * innovation;
         // e_k - e_{k-1} = T ė + T² u / 2: the difference is the rate in the middle of the interval
         // and the prediction has already carried it to the end.
-        self.de_rad_s += weights.beta * innovation / dt_s;
+        self.de_rad_s += weights.beta * innovation / at_least(self.since_s, SHORTEST_DIFFERENCE * period_s);
+        self.since_s = 0.0;
     }
 
-    /// Lets `dt_s` pass without a measurement (a lost reply).
+    /// Lets `dt_s` pass without a measurement (a lost reply); less than zero goes back.
     pub fn predict(&mut self, dt_s: f32, u_rad_s2: f32) {
         self.e_rad += dt_s * (self.de_rad_s + 0.5 * dt_s * u_rad_s2);
         self.de_rad_s += dt_s * u_rad_s2;
+        self.since_s += dt_s;
     }
 }
 
@@ -233,9 +244,35 @@ mod tests {
             let dt = 0.017;
             let mut estimator = ErrorEstimator::default();
             for k in 0..6 {
-                estimator.update(e(k as f32 * dt), dt, u, PLAIN);
+                estimator.update(e(k as f32 * dt), dt, u, dt, PLAIN);
             }
             prop_assert!((estimator.de_rad_s() - (v0 + u * 5.0 * dt)).abs() < 1e-4);
+        }
+    }
+
+    proptest! {
+        /// The state was carried over the control step; the answer came up to a third of a period before or after that.
+        #[test]
+        fn late_answer_gives_the_rate_of_the_whole_interval(
+            e0 in -0.1f32..0.1, v0 in -0.5f32..0.5, u in -10f32..10.0, late in -0.001f32..0.001,
+        ) {
+            let e = |t: f32| e0 + v0 * t + 0.5 * u * t * t;
+            let dt = 0.003;
+            let mut estimator = ErrorEstimator { e_rad: e0, de_rad_s: 0.0, since_s: 0.0, started: true };
+            estimator.predict(dt, u);
+            estimator.update(e(dt + late), late, u, dt, PLAIN);
+            prop_assert!((estimator.e_rad() - e(dt + late)).abs() < 1e-6);
+            prop_assert!((estimator.de_rad_s() - (v0 + u * (dt + late))).abs() < 1e-3);
+        }
+
+        /// One step of the encoder, whenever it is read, moves the rate by no more than over half a period.
+        #[test]
+        fn step_of_the_encoder_is_no_leap_in_speed(wait in 0f32..0.004, late in -0.004f32..0.004) {
+            let (step, dt, weights) = (0.02f32.to_radians(), 0.003, Weights { alpha: 0.6, beta: 0.2 });
+            let mut estimator = ErrorEstimator { started: true, ..ErrorEstimator::default() };
+            estimator.predict(wait, 0.0);
+            estimator.update(step, late, 0.0, dt, weights);
+            prop_assert!(estimator.de_rad_s().abs() <= 1.001 * weights.beta * step / (0.5 * dt));
         }
     }
 
@@ -247,7 +284,7 @@ mod tests {
             for k in 0..400 {
                 // A slow drift seen through a coarse scale.
                 let e = (0.01 * k as f32 * 0.003 / step).round() * step;
-                estimator.update(e, 0.003, 0.0, weights);
+                estimator.update(e, 0.003, 0.0, 0.003, weights);
                 if k > 100 {
                     worst = worst.max((estimator.de_rad_s() - 0.01).abs());
                 }
@@ -261,7 +298,7 @@ mod tests {
 
     #[test]
     fn lost_measurement_is_bridged_by_the_model() {
-        let mut estimator = ErrorEstimator { e_rad: 0.01, de_rad_s: 0.1, started: true };
+        let mut estimator = ErrorEstimator { e_rad: 0.01, de_rad_s: 0.1, since_s: 0.0, started: true };
         estimator.predict(0.1, 2.0);
         assert!((estimator.e_rad() - 0.03).abs() < 1e-7 && (estimator.de_rad_s() - 0.3).abs() < 1e-7);
     }

@@ -17,7 +17,7 @@ use super::{Controller, Generator};
 use crate::drives::PositionSample;
 use crate::fault::{Cause, Fault};
 use crate::feedback::{self, ErrorState};
-use crate::joints::at_most;
+use crate::joints::clamp;
 use crate::path::PathClock;
 use crate::ramp::{self, RampState};
 use crate::span;
@@ -50,7 +50,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             let q_rad = self.drives.at(joint).position.map_or(q_start_rad, |position| position.q_rad);
             let track = self.track.at_mut(joint);
             track.estimator = feedback::ErrorEstimator::default();
-            track.estimator.update(q_rad - q_start_rad, 0.0, 0.0, self.settings.weights());
+            track.estimator.update(q_rad - q_start_rad, 0.0, 0.0, 0.0, self.settings.weights());
             track.generator = Generator { at: now, ..Generator::default() };
             track.measured_at = now;
             // Not a measurement of a motion, but as good: the joint stands.
@@ -229,21 +229,21 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         let limits = *self.settings.joint.at(joint);
         let weights = self.settings.weights();
         let loaded_v = self.drives.at(joint).loaded.v_rad_s.unwrap_or(limits.v_max_rad_s);
-        let tick_at = self.tick_at;
+        let (tick_at, period_s) = (self.tick_at, self.settings.cycle_period_s());
         let short = self.drives.at(joint).short_state;
         let track = self.track.at_mut(joint);
         track.reference = reference;
-        let dt = sample.at.saturating_since(track.measured_at);
+        let dt_s = span::seconds_between(track.measured_at, sample.at);
         let e_rad = sample.q_rad - reference.q_rad;
         if tracking && of_motion {
-            track.estimator.update(e_rad, span::seconds(dt), track.u_in_force, weights);
+            track.estimator.update(e_rad, dt_s, track.u_in_force, period_s, weights);
             track.measured_at = sample.at;
             track.fresh = true;
             track.missed = false;
             track.phase_us = sample.at.saturating_since(tick_at).as_micros().min(40_000) as u32;
             let qd_rad_s = reference.qd_rad_s + track.estimator.de_rad_s();
             let mut v_rad_s = track.generator.v_at(sample.at);
-            v_rad_s += at_most(GENERATOR_PULL_1_S * span::seconds(dt), 0.2) * (qd_rad_s - v_rad_s);
+            v_rad_s += clamp(GENERATOR_PULL_1_S * dt_s, 0.0, 0.2) * (qd_rad_s - v_rad_s);
             track.u_in_force = track.u_sent;
             track.generator =
                 Generator { v_rad_s, a_rad_s2: track.command.qdd_rad_s2, cap_rad_s: loaded_v, at: sample.at };
@@ -274,7 +274,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         let limits = *self.settings.joint.at(joint);
         let end_rad = self.spline.borrow().end_rad(joint);
         let command = ramp::Command {
-            target_rad: crate::joints::clamp(end_rad, limits.q_min_rad, limits.q_max_rad),
+            target_rad: clamp(end_rad, limits.q_min_rad, limits.q_max_rad),
             velocity_rad_s: Some(limits.jog_v_rad_s),
             acceleration_rad_s2: Some(limits.jog_a_rad_s2),
             ..ramp::Command::default()

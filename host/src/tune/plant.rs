@@ -165,7 +165,7 @@ pub fn track(plant: &Plant, reference: &impl Reference, gains: [f32; 3], setup: 
         }
         if i % period == 0 {
             let e = round(y) - reference.position_rad(t);
-            estimator.update(e as f32, setup.period_s as f32, u_before, weights);
+            estimator.update(e as f32, setup.period_s as f32, u_before, setup.period_s as f32, weights);
             let (e_rad, de_rad_s) = match setup.law {
                 Law::Aligned => (estimator.e_rad(), estimator.de_rad_s()),
                 Law::Naive => (e as f32, (dy - reference.velocity_rad_s(t)) as f32),
