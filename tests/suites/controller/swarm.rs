@@ -56,6 +56,8 @@ struct Outcome {
     /// From the event to the halt broadcast, µs.
     halt_us: Option<u64>,
     refused: bool,
+    /// Mean answer time of the drives and its jitter, µs.
+    answer_us: (u64, u64),
     wrong: Vec<String>,
 }
 
@@ -85,6 +87,7 @@ fn throw(seed: u64) -> Outcome {
         cause: None,
         halt_us: None,
         refused: false,
+        answer_us,
         wrong: Vec::new(),
     };
     let started = lab.try_start();
@@ -210,13 +213,17 @@ fn swarm(seeds: u64) {
             "{event:?}: {count} throws, {refused} refused for slow answers, halt after at most {halt_us} us"
         );
     }
-    let wrong: Vec<String> = outcomes
-        .iter()
-        .flat_map(|(seed, outcome)| {
-            let event = outcome.event;
-            outcome.wrong.iter().take(3).map(move |what| format!("seed {seed} ({event:?}): {what}"))
-        })
-        .collect();
+    let wrong: Vec<String> =
+        outcomes
+            .iter()
+            .flat_map(|(seed, outcome)| {
+                let event = outcome.event;
+                let answer_us = outcome.answer_us;
+                outcome.wrong.iter().take(3).map(move |what| {
+                    format!("seed {seed} ({event:?}, answers after {answer_us:?} us): {what}")
+                })
+            })
+            .collect();
     assert!(wrong.is_empty(), "{wrong:#?}");
     let refused = outcomes.iter().filter(|(_, outcome)| outcome.refused).count() as u64;
     assert!(refused * 4 < seeds, "{refused} of {seeds} refused: the swarm shows little");
