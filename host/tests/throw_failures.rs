@@ -5,7 +5,7 @@ mod bus_common;
 use std::io::Write;
 use std::process::{Child, Command, Stdio};
 
-use bus_common::{Folder, Served, code, cubectl, err, out};
+use bus_common::{Folder, Served, code, cubectl, err, in_real_time, out};
 use hil_sim::{Cell, CellOptions};
 use robot_model::AnyRobot;
 
@@ -50,27 +50,29 @@ fn buses_that_are_not_there() {
 
 #[test]
 fn drives_that_are_missing_double_or_too_old() {
-    let folder = Folder::new("fail-drives");
-    let empty = Served::new(Vec::<hil_sim::crew::Solo<hil_sim::scenario::ScriptedHost>>::new);
-    refused(&throw(&folder, &["--bus", &empty.spec]), 8, &["no module answers"]);
-    drop(empty);
-    let silent = scenario(&folder, "[[fault]]\nkind = \"silent\"\ntarget = \"module 3\"\n");
-    refused(&throw(&folder, &["--scenario", &silent]), 8, &["module 3 does not answer"]);
-    let twins = Served::new(|| {
-        let robot = AnyRobot::load("powercube6").unwrap();
-        let (options, mut other) = (CellOptions::default(), CellOptions::default());
-        other.drive.processing_delay = protocol::Duration::from_micros(900);
-        (Cell::new(&robot, &options, 1).unwrap(), Cell::bench::<1>(0x4614, &other, 2).unwrap())
+    in_real_time(|| {
+        let folder = Folder::new("fail-drives");
+        let empty = Served::new(Vec::<hil_sim::crew::Solo<hil_sim::scenario::ScriptedHost>>::new);
+        refused(&throw(&folder, &["--bus", &empty.spec]), 8, &["no module answers"]);
+        drop(empty);
+        let silent = scenario(&folder, "[[fault]]\nkind = \"silent\"\ntarget = \"module 3\"\n");
+        refused(&throw(&folder, &["--scenario", &silent]), 8, &["module 3 does not answer"]);
+        let twins = Served::new(|| {
+            let robot = AnyRobot::load("powercube6").unwrap();
+            let (options, mut other) = (CellOptions::default(), CellOptions::default());
+            other.drive.processing_delay = protocol::Duration::from_micros(900);
+            (Cell::new(&robot, &options, 1).unwrap(), Cell::bench::<1>(0x4614, &other, 2).unwrap())
+        });
+        refused(&throw(&folder, &["--bus", &twins.spec]), 8, &["two modules answer at address 1"]);
+        drop(twins);
+        let text = robot_model::built_in_text("powercube6").unwrap().replacen(
+            "firmware = 0x3519",
+            "firmware = 0x3500",
+            1,
+        );
+        std::fs::write(folder.file("old.toml"), text).unwrap();
+        refused(&throw(&folder, &["--robot", &folder.file("old.toml")]), 8, &["module 5: firmware 3500"]);
     });
-    refused(&throw(&folder, &["--bus", &twins.spec]), 8, &["two modules answer at address 1"]);
-    drop(twins);
-    let text = robot_model::built_in_text("powercube6").unwrap().replacen(
-        "firmware = 0x3519",
-        "firmware = 0x3500",
-        1,
-    );
-    std::fs::write(folder.file("old.toml"), text).unwrap();
-    refused(&throw(&folder, &["--robot", &folder.file("old.toml")]), 8, &["module 5: firmware 3500"]);
 }
 
 #[test]
@@ -203,21 +205,23 @@ fn signal(child: &Child, name: &str) {
 
 #[test]
 fn a_host_that_dies_or_is_interrupted_in_mid_throw_leaves_a_standing_arm() {
-    let folder = Folder::new("fail-host");
-    let lab = Lab::new(&folder);
-    let mut killed = lab.throwing(&folder);
-    signal(&killed, "KILL");
-    killed.wait().unwrap();
-    std::thread::sleep(std::time::Duration::from_millis(800));
-    let text = lab.state();
-    std::io::stderr().write_all(text.as_bytes()).unwrap();
-    assert!(text.contains("state=Fault") && text.contains("HostLost"), "{text}");
-    drop(lab);
-    let lab = Lab::new(&folder);
-    std::fs::remove_dir_all(folder.file("out")).unwrap();
-    let mut interrupted = lab.throwing(&folder);
-    signal(&interrupted, "INT");
-    assert_eq!(interrupted.wait().unwrap().code(), Some(6));
-    let text = lab.state();
-    assert!(text.contains("state=Stopped"), "{text}");
+    in_real_time(|| {
+        let folder = Folder::new("fail-host");
+        let lab = Lab::new(&folder);
+        let mut killed = lab.throwing(&folder);
+        signal(&killed, "KILL");
+        killed.wait().unwrap();
+        std::thread::sleep(std::time::Duration::from_millis(800));
+        let text = lab.state();
+        std::io::stderr().write_all(text.as_bytes()).unwrap();
+        assert!(text.contains("state=Fault") && text.contains("HostLost"), "{text}");
+        drop(lab);
+        let lab = Lab::new(&folder);
+        std::fs::remove_dir_all(folder.file("out")).unwrap();
+        let mut interrupted = lab.throwing(&folder);
+        signal(&interrupted, "INT");
+        assert_eq!(interrupted.wait().unwrap().code(), Some(6));
+        let text = lab.state();
+        assert!(text.contains("state=Stopped"), "{text}");
+    });
 }
