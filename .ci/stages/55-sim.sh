@@ -1,8 +1,8 @@
 # The simulated cell: same seed, same log, in both build profiles and on every host; a thousand random situations; how
 # its drives move. Its speed: `cargo bench -p hil-sim`.
-# Programs and examples in one go: on their own their libraries would be built twice. Released are programs only, as the
-# README builds them: with examples the libraries would have other features, and be built once more for it.
-cargo build --locked -p hil-sim --bins --examples
+. .ci/debug-build.sh
+# Released are programs only, as the README builds them: with examples the libraries would have other features, and be
+# built once more for it.
 cargo build --release --locked -p host -p hil-sim --bins
 out=target/sim-stage
 rm -rf "$out" && mkdir -p "$out"

@@ -1,4 +1,4 @@
 # The SocketCAN link on a kernel that has CAN, in an emulated machine.
 . .ci/vcan-packages.sh
-cargo build --release --locked -p can-link --example vcan_check
-.ci/vcan-vm target/release/examples/vcan_check
+. .ci/debug-build.sh
+.ci/vcan-vm target/debug/examples/vcan_check

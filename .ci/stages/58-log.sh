@@ -1,6 +1,6 @@
 # The viewer's log against readers that are not ours: the public MCAP and protobuf packages, unmodified, pinned.
 . .ci/venv.sh log tests/interop/log/requirements.txt
-cargo build --locked -p host --bin cubectl
+. .ci/debug-build.sh
 out=target/log-stage
 rm -rf "$out" && mkdir -p "$out"
 # A controller starts up and homes, in virtual time; then what stops it.

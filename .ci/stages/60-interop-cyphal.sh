@@ -3,12 +3,11 @@
 # The public regulated data types come with a crate (they are on no Python index); cargo checks its hash.
 here=tests/interop/cyphal
 work=target/interop-cyphal
-venv=$work/venv
 mkdir -p $work/dsdl/src
-# The node is built while the packages come from the net; what is imported is compiled when it is, not all of it.
-cargo build --quiet --locked -p can-link --example cyphal_node & build=$!
-[ -x $venv/bin/python ] || python3 -m venv $venv
-$venv/bin/pip install --quiet --disable-pip-version-check --no-compile -r $here/requirements.txt
+# The node is built while the packages come from the net.
+bash -e .ci/debug-build.sh & build=$!
+. .ci/again.sh
+. .ci/venv.sh cyphal $here/requirements.txt
 
 cat >$work/dsdl/Cargo.toml <<'TOML'
 [package]
@@ -19,7 +18,7 @@ canadensis_dsdl_frontend = "=0.6.0"
 [workspace]
 TOML
 touch $work/dsdl/src/lib.rs
-regulated=$(cargo metadata --format-version 1 --manifest-path $work/dsdl/Cargo.toml | $venv/bin/python -c '
+regulated=$(cargo metadata --format-version 1 --manifest-path $work/dsdl/Cargo.toml | python -c '
 import json, pathlib, sys
 package = next(p for p in json.load(sys.stdin)["packages"] if p["name"] == "canadensis_dsdl_frontend")
 print(pathlib.Path(package["manifest_path"]).parent / "tests/public_regulated_data_types")')
@@ -28,7 +27,7 @@ rm -rf "$PYCYPHAL_PATH"
 
 echo "--- golden vectors"
 for name in vectors transport_vectors; do
-    $venv/bin/python $here/make_$name.py >$work/$name.txt 2>$work/$name.log || { cat $work/$name.log; exit 1; }
+    python $here/make_$name.py >$work/$name.txt 2>$work/$name.log || { cat $work/$name.log; exit 1; }
     cmp $work/$name.txt protocol/tests/cyphal_$name.txt
 done
 
@@ -47,7 +46,7 @@ good_port=$(port_of $work/node.log)
 lossy_port=$(port_of $work/lossy.log)
 
 echo "--- pycyphal"
-check() { timeout 120 $venv/bin/python $here/check.py 127.0.0.1 "$@"; }
+check() { again 3 timeout 120 python $here/check.py 127.0.0.1 "$@"; }
 # Most of its time the upload over the lossy bus waits; meanwhile the other node is asked.
 check "$lossy_port" upload-lossy >$work/lossy-check.log 2>&1 & lossy_check=$!
 check "$good_port" services
@@ -63,11 +62,11 @@ expect() { # expect WHAT GOT WANTED
     echo "$1: $2"
 }
 : >$work/yakut.log
-expect "registers listed" "$(yakut register-list 42 | $venv/bin/python -c 'import json, sys; print(len(json.load(sys.stdin)))')" 19
+expect "registers listed" "$(yakut register-list 42 | python -c 'import json, sys; print(len(json.load(sys.stdin)))')" 19
 expect "register written" "$(yakut register-access 42 demo.natural16 7 65535)" "[7,65535]"
 expect "register read" "$(yakut register-access 42 demo.natural16)" "[7,65535]"
 expect "command" "$(yakut execute-command 42 100 olleh)" '{"status":0,"output":"hello"}'
 crc=$(yakut execute-command 42 101)
 expect "file crc by command and register" \
-    "$(echo "$crc" | $venv/bin/python -c 'import json, sys; print(int.from_bytes(json.load(sys.stdin)["output"], "little"))')" \
+    "$(echo "$crc" | python -c 'import json, sys; print(int.from_bytes(json.load(sys.stdin)["output"], "little"))')" \
     "$(yakut register-access 42 file.crc64)"

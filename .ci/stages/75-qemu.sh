@@ -5,7 +5,8 @@ command -v qemu-system-arm >/dev/null || { apt-get update -qq && apt-get install
 target=thumbv7em-none-eabihf
 dir=$PWD/target/qemu
 rm -rf "$dir"
-cargo run --quiet --locked -p firmware --example record_throw -- "$dir"
+. .ci/debug-build.sh
+target/debug/examples/record_throw "$dir"
 
 elf=$PWD/target/boards/$target/release/firmware-qemu
 (cd firmware/boards/qemu && CARGO_TARGET_DIR=../../../target/boards cargo build --quiet --release --locked --target $target --features script)

@@ -2,8 +2,8 @@
 #   README_CLONE=1 .ci/run readme     in a fresh clone of what is committed, so that the build from clean is timed too
 #
 # The word after `sh` says what a block needs; what this machine lacks is replaced as follows, and by nothing else:
-#   hardware    an arm on can0: the simulated cell in real time on a socketcand port, whose name replaces `can0`
-#   realtime    the same; a machine that was held up is asked again, later, up to four times
+#   hardware    an arm on can0: the simulated cell in real time on a socketcand port, whose name replaces `can0`;
+#               a machine that was held up is asked again, later, up to four times
 #   vcan        kernel modules and root: `ip` and `modprobe` are said, not run, and `vcan0` is that port as well
 #               (the stages vcan, sim-vcan and throw run on a kernel that has them)
 #   background  runs until the blocks are done
@@ -70,11 +70,11 @@ for block in "${blocks[@]}"; do
         serve "$port"
         continue
         ;;
-    *-hardware | *-realtime | *-vcan)
+    *-hardware | *-vcan)
         # The cell is served already: the line that would serve one on vcan0 is said, not run.
         sed -e 's|^\(cubectl sim .*\) &$|echo "not run here: \1"|' -e "s|--bus v\{0,1\}can0\b|--bus $arm|g" \
             "$block" >"$work/$name.here"
-        case $name in *-realtime) tries=5 ;; esac
+        tries=5
         ;;
     *) cp "$block" "$work/$name.here" ;;
     esac
