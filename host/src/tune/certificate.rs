@@ -102,6 +102,11 @@ impl Region {
 }
 
 impl SaturatedCertificate {
+    /// Smallest cost rate of all regions, per time unit.
+    pub fn cost_rate(&self) -> f64 {
+        self.regions.iter().map(|region| region.cost_rate).fold(f64::INFINITY, f64::min)
+    }
+
     /// Checks every claim for `problem`, with bounds on all rounding, whatever produced the numbers.
     ///
     /// Periods and delays: a grid of 9 x 9 over the stated box, corners included, with an allowance
