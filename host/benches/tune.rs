@@ -6,12 +6,15 @@
 use host::tune::compare::{Tracking, tracking};
 use host::tune::design::{Design, Tuned, tune};
 use host::tune::machine::{Demand, Machine, Motion, inputs};
-use host::tune::plant::Throw;
+use host::tune::model::Estimator;
+use host::tune::plant::{Law, Plant, Setup, Throw, track};
 use host::tune::problem::PhaseInput;
 use host::tune::{lqr, saturated::Gains};
 use nix::time::{ClockId, clock_gettime};
 use robot_model::AnyRobot;
 
+/// Position feedback that is always at the bound of the command.
+const FULL: Gains = [-1e5, 0.0, 0.0];
 /// Release velocities of the joints, rad/s.
 const RELEASE_RAD_S: [f64; 6] = [1.701605, -1.384494, 0.476686, -0.159952, -0.78971, 2.545101];
 /// Run-up and braking, s.
@@ -50,6 +53,19 @@ fn row(name: &str, period_s: f64, joints: &[Tracking]) {
         1e3 * worst(|t| t.event_velocity_rad_s),
         1e3 * landing_bound_m(joints)
     );
+}
+
+/// Until half of `error_rad` is first passed if the command is at its bound from the first sample on, the worse sign: delay,
+/// lag and what the reference leaves allow no law more, s.
+fn bound_s(plant: &Plant, throw: &Throw, period_s: f64, error_rad: f64) -> f64 {
+    let one_way = |start_error_rad: f64| {
+        let estimator = Estimator::usual(period_s);
+        let setup = Setup { period_s, delay_s: period_s, law: Law::Aligned, estimator, start_error_rad };
+        let run = track(plant, throw, FULL, &setup);
+        let passed = run.position_rad.iter().position(|e| e.abs() < 0.5 * error_rad);
+        passed.map_or(f64::INFINITY, |i| run.t_s[i])
+    };
+    one_way(error_rad).max(one_way(-error_rad))
 }
 
 /// Time that this thread has had of a processor, s: other programs on the machine do not count.
@@ -101,6 +117,14 @@ fn main() {
                 Err(e) => println!("| {name} | {:.1} | {e} |", period_s * 1e3),
             }
         }
+        let bounds: Vec<f64> =
+            (0..6).map(|j| bound_s(&machine.joints[j], &throws[j], period_s, 0.1)).collect();
+        let worst = bounds.iter().copied().fold(0.0, f64::max);
+        println!(
+            "| full command from the first sample, cannot stop | {:.1} | {:.3} / {worst:.3} | | | | |",
+            period_s * 1e3,
+            bounds[1]
+        );
         let reference = if period_s > 0.01 { [-417.0, -38.8, -0.6] } else { [-947.0, -54.7, -0.11] };
         row("LQR + clip, published row, no certificate", period_s, &follow(&[reference; 6], period_s));
         if let Some(own) = lqr::gains(period_s, period_s, 20.0, 600.0) {

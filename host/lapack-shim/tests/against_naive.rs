@@ -108,7 +108,7 @@ proptest! {
 
     #[test]
     fn dgemm_equals_the_triple_loop(
-        (m, n, k) in (0usize..9, 0usize..9, 0usize..9), pads in (0usize..3, 0usize..3, 0usize..3),
+        (m, n, k) in (0usize..12, 0usize..12, 0usize..12), pads in (0usize..3, 0usize..3, 0usize..3),
         ta in trans(), tb in trans(), alpha in factor(), beta in factor(), seed in 1u64..u64::MAX,
     ) {
         let a = if ta.1 { random(k, m, seed) } else { random(m, k, seed) };
@@ -163,7 +163,7 @@ proptest! {
 
     #[test]
     fn rank_k_updates_write_one_triangle_and_leave_the_other(
-        (n, k) in (0usize..8, 0usize..8), pad in 0usize..3, ta in trans(), upper in any::<bool>(),
+        (n, k) in (0usize..12, 0usize..12), pad in 0usize..3, ta in trans(), upper in any::<bool>(),
         alpha in factor(), beta in factor(), seed in 1u64..u64::MAX,
     ) {
         let shape = |t: bool| if t { (k, n) } else { (n, k) };
@@ -273,6 +273,10 @@ proptest! {
         let a = symmetric(n, seed) * scale;
         let (w, z) = eigen(&a, upper, pad, b'A', (0, 0), (0.0, 0.0));
         prop_assert_eq!(w.len(), n);
+        // Without vectors another routine runs.
+        let alone = eigenvalues(&a, upper, pad);
+        prop_assert!(alone.windows(2).all(|p| p[0] <= p[1]));
+        prop_assert!(w.iter().zip(&alone).all(|(x, y)| (x - y).abs() < 1e-14 * scale * (n as f64 + 1.0)));
         prop_assert!(w.windows(2).all(|p| p[0] <= p[1]));
         let residual = &a * &z - &z * DMatrix::from_diagonal(&DVector::from_vec(w));
         prop_assert!(residual.iter().all(|r| r.abs() < 1e-13 * scale * (n as f64 + 1.0)));
@@ -303,7 +307,24 @@ proptest! {
     }
 }
 
+/// Eigenvalues without vectors (`jobz = 'N'`).
+fn eigenvalues(a: &DMatrix<f64>, upper: bool, pad: usize) -> Vec<f64> {
+    eigen_of(b'N', a, upper, pad, b'A', (0, 0), (0.0, 0.0)).0
+}
+
 fn eigen(
+    a: &DMatrix<f64>,
+    upper: bool,
+    pad: usize,
+    range: u8,
+    indices: (i32, i32),
+    values: (f64, f64),
+) -> (Vec<f64>, DMatrix<f64>) {
+    eigen_of(b'V', a, upper, pad, range, indices, values)
+}
+
+fn eigen_of(
+    job: u8,
     a: &DMatrix<f64>,
     upper: bool,
     pad: usize,
@@ -322,7 +343,7 @@ fn eigen(
         // SAFETY: all pointers are to live values and storage of the stated shapes.
         unsafe {
             dsyevr_(
-                &ch(b'V'),
+                &ch(job),
                 &ch(range),
                 &uplo,
                 &ni,
@@ -418,6 +439,31 @@ fn dsyevr_selects_by_index_and_by_value() {
     // (vl, vu]: open below, closed above.
     assert_eq!(eigen(&a, false, 0, b'V', (0, 0), (2.0, 5.0)).0, vec![3.0, 5.0]);
     assert_eq!(eigen(&DMatrix::zeros(4, 4), true, 0, b'A', (0, 0), (0.0, 0.0)).0, vec![0.0; 4]);
+}
+
+/// What the closed forms and the shift of the iteration meet at their edges: clusters, zeros, halves that do not touch.
+#[test]
+fn eigenvalues_of_special_matrices_are_exact() {
+    let repeated = DMatrix::from_fn(9, 9, |i, j| if i == j { 2.0 } else { 0.0 });
+    assert_eq!(eigenvalues(&repeated, true, 0), vec![2.0; 9]);
+    // All ones: n and zeros. Swap of two halves: pairs of +1 and -1 with a zero diagonal.
+    let ones = eigenvalues(&DMatrix::from_element(6, 6, 1.0), false, 1);
+    assert!(ones[..5].iter().all(|x| x.abs() < 1e-14) && (ones[5] - 6.0).abs() < 1e-14, "{ones:?}");
+    let swap = DMatrix::from_fn(8, 8, |i, j| if (i + 4) % 8 == j { 1.0 } else { 0.0 });
+    let swap = eigenvalues(&swap, true, 0);
+    assert!(swap[..4].iter().all(|x| (x + 1.0).abs() < 1e-14), "{swap:?}");
+    assert!(swap[4..].iter().all(|x| (x - 1.0).abs() < 1e-14), "{swap:?}");
+    // Second difference: 2 - 2 cos(k pi / (n + 1)).
+    let n = 10;
+    let difference = DMatrix::from_fn(n, n, |i, j| match i.abs_diff(j) {
+        0 => 2.0,
+        1 => -1.0,
+        _ => 0.0,
+    });
+    for (k, x) in (1..).zip(eigenvalues(&difference, true, 2)) {
+        let want = 2.0 - 2.0 * (f64::from(k) * std::f64::consts::PI / 11.0).cos();
+        assert!((x - want).abs() < 1e-14, "{k}: {x} {want}");
+    }
 }
 
 #[test]

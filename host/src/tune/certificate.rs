@@ -102,6 +102,11 @@ impl Region {
 }
 
 impl SaturatedCertificate {
+    /// Smallest cost rate of all regions, per time unit.
+    pub fn cost_rate(&self) -> f64 {
+        self.regions.iter().map(|region| region.cost_rate).fold(f64::INFINITY, f64::min)
+    }
+
     /// Checks every claim for `problem`, with bounds on all rounding, whatever produced the numbers.
     ///
     /// Periods and delays: a grid of 9 x 9 over the stated box, corners included, with an allowance
@@ -224,11 +229,15 @@ fn between_points(falls: &[StateMatrix]) -> f64 {
     let largest = |stride: usize, starts: &mut dyn Iterator<Item = usize>| {
         starts.fold(0.0f64, |largest, a| {
             let difference = falls[a] - falls[a + stride] * 2.0 + falls[a + 2 * stride];
-            // No eigenvalue exceeds the norm: most differences need no eigenvalues.
+            // No eigenvalue exceeds the norm, nor what a Cholesky run can take: few differences need eigenvalues.
             if difference.norm() <= largest {
                 return largest;
             }
-            largest.max(((difference + difference.transpose()) * 0.5).symmetric_eigenvalues().max())
+            let difference = (difference + difference.transpose()) * 0.5;
+            if (StateMatrix::from_diagonal_element(largest) - difference).cholesky().is_some() {
+                return largest;
+            }
+            largest.max(difference.symmetric_eigenvalues().max())
         })
     };
     let sum = if falls.len() == GRID * GRID {

@@ -134,11 +134,10 @@ pub fn gather(
         found.trajectories += usize::from(run > 1);
         for n in 0..run {
             let (model, bound) = draw(&mut rng);
-            let before = region.value(&x);
             let (next, _) = step(model, &k, bound, &x);
             let after = region.value(&next);
             if n == 0 {
-                found.step_ratio_max = found.step_ratio_max.max(after / before);
+                found.step_ratio_max = found.step_ratio_max.max(after / region.value(&x));
             }
             found.v_max = found.v_max.max(after);
             x = next;

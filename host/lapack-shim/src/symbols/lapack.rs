@@ -175,7 +175,12 @@ pub unsafe extern "C" fn dsyevr_(
     }
     // SAFETY: shape checked; `a` holds the matrix (module contract).
     let a = unsafe { view(a, n, n, lda) };
-    let (values, vectors) = match lapack::syev(uplo, &a) {
+    let found = if vectors_wanted {
+        lapack::syev(uplo, &a).map(|(values, vectors)| (values, Some(vectors)))
+    } else {
+        lapack::syev_values(uplo, &a).map(|values| (values, None))
+    };
+    let (values, vectors) = match found {
         Ok(found) => found,
         Err(code) => {
             // SAFETY: `info` is valid for one write (module contract).
@@ -201,7 +206,7 @@ pub unsafe extern "C" fn dsyevr_(
     for (out, &i) in w.iter_mut().zip(&chosen) {
         *out = values[i];
     }
-    if vectors_wanted {
+    if let Some(vectors) = vectors {
         // SAFETY: `ldz >= n` was checked; `z` has a column per chosen eigenvalue (module contract).
         let mut z = unsafe { view_mut(z, n, chosen.len() as i32, ldz) };
         // SAFETY: `isuppz` is valid for two entries per chosen eigenvalue (module contract).
