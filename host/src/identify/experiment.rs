@@ -1,4 +1,4 @@
-//! A joint turned within bounds, and what is measured on it meanwhile ([`samples`]).
+//! A joint turned within bounds, and what is measured on it meanwhile (`samples`).
 //!
 //! Every order is a ramp to a checked position, so a drive that hears no more stands at its end. Whatever
 //! goes wrong, Ctrl-C included, halts everything on the bus.

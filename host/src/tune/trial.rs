@@ -229,6 +229,8 @@ pub fn run(
     let end_s = motion.knots.last().map_or(0.0, |knot| knot.0);
     loop {
         lab.pass(Duration::from_millis(1))?;
+        // The plant moves on when somebody asks it; between the commands of a long period nobody does.
+        lab.world.with_crew(|_, _| ()).map_err(|e| cell(&e))?;
         let t_s = lab.world.crew().0.grid().as_secs_f64() - start.as_secs_f64();
         if t_s > end_s {
             break;
@@ -264,5 +266,28 @@ fn observe(cell: &Cell, motion: &TrialMotion, (t_s, lead_s): (f64, f64), offset_
     // The grid of the cell is 1 ms.
     if motion.release_s.is_some_and(|release_s| (t_s - release_s).abs() <= 6e-4) {
         trial.release = (e_max, v_max);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn motion_is_watched_between_the_commands_of_a_long_period_too() {
+        let upright = [0.1, -1.47, -1.47, 0.1, 0.1, 0.1];
+        let all = |way_rad: f64, v_rad_s: f64| upright.map(|q| (q + way_rad, v_rad_s));
+        let knots = vec![(0.0, all(0.0, 0.0)), (0.6, all(0.12, 0.3)), (1.0, all(0.2, 0.0))];
+        // The release lies between two commands.
+        let motion = TrialMotion { knots, release_s: Some(0.6), target_m: None };
+        let settings = settings(&[[-185.5, -23.07, -0.4546]; JOINTS], 0.017, Estimator::PLAIN);
+        let robot = AnyRobot::load("powercube6").unwrap();
+        let found = run(&robot, &settings, &motion, 0.05, 1).unwrap();
+        assert!(found.release.0 > 1e-6 && found.release.0 < 5e-3, "{found:?}");
+        assert!(found.release.1 > 1e-6 && found.release.1 < 0.1, "{found:?}");
+        // Errors that fall alike are halved within a few milliseconds, not within one period.
+        let (first, last) =
+            found.halved_s.iter().fold((f64::INFINITY, 0.0f64), |(a, b), t| (a.min(*t), b.max(*t)));
+        assert!(first > 0.06 && last < 0.2 && last - first < 0.012, "{found:?}");
     }
 }
