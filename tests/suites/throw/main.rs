@@ -175,7 +175,9 @@ fn the_spread_over_perturbed_arms_is_the_predicted_one() {
             1e3 * rms(&predicted),
             1e3 * worst
         );
-        assert!((0.75..1.25).contains(&ratio), "{target:?}: {ratio}");
+        // 25 % is asked of 200 arms; the ratio of fewer is less certain.
+        let tolerance = 0.25 * (200.0 / seeds as f64).sqrt().max(1.0);
+        assert!((ratio - 1.0).abs() < tolerance, "{target:?}: {ratio}");
         assert!(stopped * 20 <= seeds, "{target:?}: {stopped} of {seeds} refused");
     }
 }
