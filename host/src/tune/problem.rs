@@ -198,10 +198,9 @@ impl Problem {
         if jitter >= 0.5 {
             return Err(ProblemError::JitterTooLarge { joint, jitter });
         }
-        let delay = Interval {
-            low: not_negative("smallest delay", input.delay_s.0)?,
-            high: not_negative("largest delay", input.delay_s.1)?,
-        };
+        // The largest first: the smallest may have been derived from it.
+        let high = not_negative("largest delay", input.delay_s.1)?;
+        let delay = Interval { low: not_negative("smallest delay", input.delay_s.0)?, high };
         if delay.low > delay.high {
             return Err(ProblemError::DelayReversed { joint, low: delay.low, high: delay.high });
         }

@@ -443,6 +443,8 @@ mod tests {
             ("--period 0", "period is 0"),
             ("--period NaN", "period is not a finite number"),
             ("--period 0.01 --delay 0.011", "longer than the period"),
+            ("--delay NaN", "largest delay is not a finite number"),
+            ("--delay -0.001", "largest delay is -0.001"),
             ("--reference-share 1", "--reference-share is 1"),
             ("--reference-share NaN", "--reference-share is NaN"),
             ("--joint 7", "has joints 1 to 6, not 7"),
