@@ -1,6 +1,7 @@
 # The simulated drives against a client that is not ours: python-can, unmodified, pinned; over socketcand and as an
 # SLCAN adapter at a pseudo-terminal, both at the same time on one simulated bus.
 . .ci/again.sh
+. .ci/serve.sh
 . .ci/venv.sh sim tests/interop/sim/requirements.txt
 cargo build --release --locked -p host -p hil-sim --bins
 log=target/interop-sim.log
@@ -8,15 +9,10 @@ server=
 trap '[ -z "$server" ] || kill $server 2>/dev/null || true' EXIT
 # Its steps are tied by && where `again` asks for its outcome: there `set -e` does not end it.
 clients() {
-    # Port 0: any free one; the program says which it got, and which pseudo-terminal.
-    target/release/hil-sim serve --bus socketcand://127.0.0.1:0/can0 --bus slcan:/dev/ptmx --json >"$log" </dev/null &
-    server=$!
-    for _ in $(seq 100); do
-        port=$(sed -n 's|.*socketcand://127.0.0.1:\([0-9]*\)/can0.*|\1|p' "$log" | head -n 1)
-        device=$(sed -n 's|.*slcan:\(/dev/pts/[0-9]*\).*|\1|p' "$log" | head -n 1)
-        [ -n "$port" ] && [ -n "$device" ] && break
-        sleep 0.1
-    done
+    serve "$log" socketcand://127.0.0.1:0/can0 slcan:/dev/ptmx || return 1
+    local port device
+    port=$(place "$log" socketcand: | sed 's|.*:\([0-9]*\)/.*|\1|')
+    device=$(place "$log" slcan: | sed 's|^slcan:||')
     local status=0
     echo "--- python-can over socketcand" &&
         timeout 180 python tests/interop/sim/powercubes.py socketcand 127.0.0.1 "$port" &&

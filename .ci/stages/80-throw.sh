@@ -14,6 +14,8 @@
 #       -monitor none -semihosting-config enable=on,target=native -serial tcp:127.0.0.1:3333,nodelay=on &
 #   target/release/cubectl throw --target 1,1,-1 --bus socketcand://127.0.0.1:29536/can0 --controller 10
 # QEMU runs without -icount: its timers are then the machine's clock. Start it in a folder without `script.bin`.
+. .ci/again.sh
+. .ci/serve.sh
 . .ci/vcan-packages.sh
 command -v qemu-system-arm >/dev/null || { apt-get update -qq && apt-get install -y -qq qemu-system-arm; }
 cargo build --quiet --release --locked -p host -p hil-sim --bins
@@ -39,19 +41,14 @@ attempt() { # name, options of throw...
     local name=$1 dir=$out/$1 socketcand= slcan=
     shift
     rm -rf "$dir" "$dir.cell.json"
-    "$bin/hil-sim" serve --bus socketcand://127.0.0.1:0/can0 --bus slcan://127.0.0.1:0 --json \
-        >"$dir.cell.json" </dev/null &
-    pids+=($!)
-    for _ in $(seq 100); do
-        socketcand=$(sed -n 's|.*\(socketcand://127.0.0.1:[0-9]*/can0\).*|\1|p' "$dir.cell.json" | head -n 1)
-        slcan=$(sed -n 's|.*slcan://127.0.0.1:\([0-9]*\).*|\1|p' "$dir.cell.json" | head -n 1)
-        [ -n "$socketcand" ] && [ -n "$slcan" ] && break
-        sleep 0.1
-    done
+    serve "$dir.cell.json" socketcand://127.0.0.1:0/can0 slcan://127.0.0.1:0 || return 1
+    pids+=("$server")
+    socketcand=$(place "$dir.cell.json" socketcand:)
+    slcan=$(place "$dir.cell.json" slcan: | sed 's|^slcan://||')
     case $name in
     qemu)
         (cd "$out" && exec qemu-system-arm -M netduinoplus2 -kernel "$elf" -display none -monitor none \
-            -semihosting-config enable=on,target=native -serial "tcp:127.0.0.1:$slcan,nodelay=on" </dev/null) &
+            -semihosting-config enable=on,target=native -serial "tcp:$slcan,nodelay=on" </dev/null) &
         pids+=($!)
         # Real-time priority where it is allowed, as our own programs ask for.
         chrt -a -f -p 35 $! 2>/dev/null || true
@@ -72,26 +69,18 @@ attempt() { # name, options of throw...
     # The ball is still in the air.
     sleep 1
     end_all
-    [ $status -eq 0 ] || return $status
     # The row of the table to come: it ends with 1 if the ball landed too far off.
-    .ci/throw-table "$name=$dir/summary.json,$dir.cell.json"
+    [ $status -ne 0 ] || .ci/throw-table "$name=$dir/summary.json,$dir.cell.json" || status=$?
+    [ $status -eq 0 ] || cat "$dir.controller.log" 2>/dev/null || true
+    return $status
 }
 rows=("virtual time=$out/sim/summary.json")
 throw() { # name, words for the table, options of throw...
     local name=$1 words=$2
     shift 2
     echo "--- $words"
-    local pauses=(5 10 20 40 60)
-    for try in 1 2 3 4 5 6; do
-        if attempt "$name" "$@"; then
-            rows+=("$words=$out/$name/summary.json#$try,$out/$name.cell.json")
-            return
-        fi
-        cat "$out/$name.controller.log" 2>/dev/null || true
-        sleep "${pauses[try - 1]:-0}"
-    done
-    echo "$name: no throw came to its end" >&2
-    return 1
+    again 6 attempt "$name" "$@" || { echo "$name: no throw came to its end" >&2; return 1; }
+    rows+=("$words=$out/$name/summary.json#$tried,$out/$name.cell.json")
 }
 throw socketcand "socketcand, inside cubectl" --controller soft
 throw process "socketcand, own process" --controller 10

@@ -9,6 +9,7 @@
 #   background  runs until the blocks are done
 # The block of all tests is what the stage test runs: it is run here only if that has not passed on this very tree.
 # A clone builds with nothing but cargo and a compiler; only the tests share compiled libraries with this tree.
+. .ci/again.sh
 . .ci/tree-state.sh
 root=$PWD
 work=$root/target/readme
@@ -61,6 +62,16 @@ sudo() { "$@"; }
 ip() { echo "not run here: ip $*"; }
 modprobe() { echo "not run here: modprobe $*"; }
 STAND_IN
+run_block() {
+    if [ "$tried" -gt 1 ]; then
+        tail -n 5 "$work/$name.log"
+        rm -rf throw1
+        # The arm stands where it was stopped.
+        cubectl clear --bus "$arm" || true
+    fi
+    begun=$(seconds)
+    "${here[@]}" bash -euxo pipefail -c ". '$work/stand-in.sh'; . '$work/$name.here'" >"$work/$name.log" 2>&1 </dev/null
+}
 for block in "${blocks[@]}"; do
     name=$(basename "$block" .sh)
     tries=1
@@ -86,20 +97,8 @@ for block in "${blocks[@]}"; do
         fi
         here=(env CARGO_TARGET_DIR="$root/target")
     fi
-    for try in $(seq $tries); do
-        begun=$(seconds)
-        status=0
-        "${here[@]}" bash -euxo pipefail -c ". '$work/stand-in.sh'; . '$work/$name.here'" \
-            >"$work/$name.log" 2>&1 </dev/null || status=$?
-        [ $status -ne 0 ] && [ "$try" -lt $tries ] || break
-        tail -n 5 "$work/$name.log"
-        rm -rf throw1
-        # The arm stands where it was stopped.
-        sleep $((10 * try))
-        cubectl clear --bus "$arm" || true
-    done
-    [ $status -eq 0 ] || { tail -n 60 "$work/$name.log"; echo "README block $name failed"; exit 1; }
-    told "$name: $(head -n 1 "$block" | cut -c1-34)$([ "$try" -eq 1 ] || echo ", try $try")" "$begun"
+    again $tries run_block || { tail -n 60 "$work/$name.log"; echo "README block $name failed"; exit 1; }
+    told "$name: $(head -n 1 "$block" | cut -c1-34)$([ "$tried" -eq 1 ] || echo ", try $tried")" "$begun"
 done
 rm -rf throw1 throw-[0-9]*
 echo "--- what the first command says"

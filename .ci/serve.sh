@@ -1,0 +1,19 @@
+# Sourced by stages whose clients need the simulated cell at free places:
+#   serve LOG BUS…       starts `hil-sim serve --json` as $server, its lines into LOG; returns when all its doors are open
+#   place LOG PREFIX     where the door is whose name begins so: the program says which port or pseudo-terminal it got
+serve() {
+    local log=$1 buses=()
+    shift
+    for bus in "$@"; do buses+=(--bus "$bus"); done
+    target/release/hil-sim serve "${buses[@]}" --json >"$log" </dev/null &
+    server=$!
+    for _ in $(seq 100); do
+        [ "$(grep -c '"event":"serving"' "$log")" -lt $# ] || return 0
+        sleep 0.1
+    done
+    echo "the simulated cell does not open its doors:" >&2
+    cat "$log" >&2
+    kill "$server" 2>/dev/null || true
+    return 1
+}
+place() { sed -n "s|.*\"\($2[^ \"]*\).*|\1|p" "$1" | head -n 1; }
