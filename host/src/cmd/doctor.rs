@@ -119,10 +119,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 }
 
 /// Looks at everything; if somebody else speaks to the modules, only listens unless `beside`.
-///
-/// # Errors
-/// The bus is gone, or Ctrl-C; what is wrong with modules is in the findings.
-pub fn examine(
+fn examine(
     session: &mut Session,
     wanted: Option<&[ModuleId]>,
     probe: bool,
@@ -136,14 +133,8 @@ pub fn examine(
         findings.extend(errors(session));
         return Ok((Vec::new(), findings));
     }
-    let all: Vec<ModuleId> = ModuleId::all().collect();
-    let modules = look(session, &all)?;
-    findings.extend(presence(session, &modules, wanted));
-    findings.extend(errors(session));
-    findings.push(duplicates(session, &modules)?);
-    for report in &modules {
-        findings.extend(module_findings(report));
-    }
+    let (modules, found) = examine_modules(session, wanted)?;
+    findings.extend(found);
     findings.extend(pace(session, &modules)?);
     findings.push(if probe {
         probe_29_bit(session, &modules)?
@@ -155,6 +146,25 @@ pub fn examine(
             "with the motors off: `cubectl doctor --probe-29-bit`",
         )
     });
+    Ok((modules, findings))
+}
+
+/// Looks at the modules alone, whoever else is on the bus: which answer, collisions, errors, and what each says of itself.
+///
+/// # Errors
+/// The bus is gone, or Ctrl-C; what is wrong with modules is in the findings.
+pub fn examine_modules(
+    session: &mut Session,
+    wanted: Option<&[ModuleId]>,
+) -> Result<(Vec<ModuleReport>, Vec<Finding>), ExpectedError> {
+    let all: Vec<ModuleId> = ModuleId::all().collect();
+    let modules = look(session, &all)?;
+    let mut findings = presence(session, &modules, wanted);
+    findings.extend(errors(session));
+    findings.push(duplicates(session, &modules)?);
+    for report in &modules {
+        findings.extend(module_findings(report));
+    }
     Ok((modules, findings))
 }
 

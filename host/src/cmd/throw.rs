@@ -11,7 +11,7 @@ use protocol::ModuleId;
 use robot_model::Pose;
 use robot_model::collision::{Obb, Scene};
 
-use super::doctor::{Level, examine};
+use super::doctor::{Level, examine_modules};
 use super::home::share;
 use super::plan::options::point;
 use super::plan::throw::{Planned, SearchOptions};
@@ -173,8 +173,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         && by_controller
         && record.at_work.is_some_and(|(step, _)| step == Step::Drives)
         && error.code == exit::DRIVE
-        // What was heard before was our own controller.
-        && let Some(found) = diagnosis(&mut session, &arm, |check| check != "traffic")
+        && let Some(found) = diagnosis(&mut session, &arm, |_| true)
     {
         error.message = format!("{}: {found}", Step::Drives.name());
     }
@@ -318,8 +317,7 @@ fn look(args: &Args, arm: &Arm) -> Result<Ground, ExpectedError> {
         (Some(Controller::Node(_)), _) => Ok(Ground { soft: false, pace: None }),
         (_, BusSpec::Sim) => Ok(Ground { soft: true, pace: None }),
         (wanted, spec) => {
-            let listener = BusArgs { bus: spec.clone(), ..BusArgs::default() };
-            let mut session = listener.open()?;
+            let mut session = asking(spec).open()?;
             let found = speaker(&mut session)?;
             if found && wanted == Some(Controller::Soft) {
                 return Err(ExpectedError::new(
@@ -335,6 +333,11 @@ fn look(args: &Args, arm: &Arm) -> Result<Ground, ExpectedError> {
             Ok(Ground { soft: !found, pace })
         }
     }
+}
+
+/// The bus alone, for a look before the throw: nothing is simulated and nothing recorded.
+fn asking(bus: &BusSpec) -> BusArgs {
+    BusArgs { bus: bus.clone(), ..BusArgs::default() }
 }
 
 /// Addresses of the arm's drives.
@@ -377,8 +380,7 @@ fn without_period(refused: NoPeriod, args: &Args, arm: &Arm) -> ExpectedError {
     if matches!(refused, NoPeriod::NoGains { .. }) {
         return refused.into();
     }
-    let ask = BusArgs { bus: args.bus.clone(), ..BusArgs::default() };
-    let found = ask.open().ok().and_then(|mut session| {
+    let found = asking(&args.bus).open().ok().and_then(|mut session| {
         diagnosis(&mut session, arm, |check| matches!(check, "modules" | "addresses" | "bus errors"))
     });
     let refused = ExpectedError::from(refused);
@@ -391,7 +393,9 @@ fn without_period(refused: NoPeriod, args: &Args, arm: &Arm) -> ExpectedError {
 /// What is wrong with the drives, asked by the host itself with the controller out of the way; only checks that count.
 fn diagnosis(session: &mut Session, arm: &Arm, counts: impl Fn(&str) -> bool) -> Option<String> {
     session.switch_controller_off();
-    let (modules, findings) = examine(session, Some(&modules(arm)), false, true).ok()?;
+    // Answers to it may still be under way.
+    session.sleep_until(session.now() + LISTEN).ok()?;
+    let (modules, findings) = examine_modules(session, Some(&modules(arm))).ok()?;
     let problems = findings.iter().filter(|f| f.level == Level::Problem && counts(f.check));
     let shown = if modules.is_empty() { 1 } else { usize::MAX };
     let list: Vec<String> = problems.take(shown).map(|f| format!("{}\n  next: {}", f.what, f.next)).collect();
