@@ -1,5 +1,6 @@
 //! New gains in the middle of a motion: `cubectl tune --apply` on a moving arm.
 
+use firmware::feedback::Gains;
 use firmware::registers::Number;
 use firmware::settings::Settings;
 use firmware::state::StateKind;
@@ -14,9 +15,15 @@ const BEFORE: usize = 12;
 /// Cycles looked at after it.
 const AFTER: usize = 100;
 
-/// What the new gains are of the old ones.
-const SOFTER: [(&str, f32); 3] =
-    [("joint.k_error_1_s2", 0.5), ("joint.k_rate_1_s", 0.7), ("joint.k_last", 1.0)];
+/// One of the gains of a row.
+type Pick = fn(Gains) -> f32;
+
+/// Registers, the gain that each holds, and what the new one is of the old one.
+const SOFTER: [(&str, Pick, f32); 3] = [
+    ("joint.k_error_1_s2", |gains| gains.k_error_1_s2, 0.5),
+    ("joint.k_rate_1_s", |gains| gains.k_rate_1_s, 0.7),
+    ("joint.k_last", |gains| gains.k_last, 1.0),
+];
 
 /// Commanded accelerations per cycle and joint, rad/s²; the gains change after [`BEFORE`] cycles if asked for.
 fn commands(blend_us: u32, change: bool) -> Vec<[f32; 6]> {
@@ -41,15 +48,9 @@ fn commands(blend_us: u32, change: bool) -> Vec<[f32; 6]> {
         }
         commands.push(row);
         if change && commands.len() == BEFORE {
-            for (name, share) in SOFTER {
+            for (name, gain, share) in SOFTER {
                 let gains: Vec<Number> = JointIndex::first(6)
-                    .map(|joint| settings.joint.at(joint).gains())
-                    .map(|gains| match name {
-                        "joint.k_error_1_s2" => gains.k_error_1_s2,
-                        "joint.k_rate_1_s" => gains.k_rate_1_s,
-                        _ => gains.k_last,
-                    })
-                    .map(|gain| Number::Real32(share * gain))
+                    .map(|joint| Number::Real32(share * gain(settings.joint.at(joint).gains())))
                     .collect();
                 lab.write(name, &gains).unwrap();
             }

@@ -213,17 +213,13 @@ fn swarm(seeds: u64) {
             "{event:?}: {count} throws, {refused} refused for slow answers, halt after at most {halt_us} us"
         );
     }
-    let wrong: Vec<String> =
-        outcomes
-            .iter()
-            .flat_map(|(seed, outcome)| {
-                let event = outcome.event;
-                let answer_us = outcome.answer_us;
-                outcome.wrong.iter().take(3).map(move |what| {
-                    format!("seed {seed} ({event:?}, answers after {answer_us:?} us): {what}")
-                })
-            })
-            .collect();
+    let wrong: Vec<String> = outcomes
+        .iter()
+        .flat_map(|(seed, Outcome { event, answer_us, wrong, .. })| {
+            let whose = format!("seed {seed} ({event:?}, answers after {answer_us:?} us)");
+            wrong.iter().take(3).map(move |what| format!("{whose}: {what}"))
+        })
+        .collect();
     assert!(wrong.is_empty(), "{wrong:#?}");
     let refused = outcomes.iter().filter(|(_, outcome)| outcome.refused).count() as u64;
     assert!(refused * 4 < seeds, "{refused} of {seeds} refused: the swarm shows little");
