@@ -106,6 +106,7 @@ causes! {
     101 DriveSilent QuickStop "a drive missed more replies in a row than allowed", "check the cable and supply of the drive; look at the bus load and error counters";
     102 DriveRefused QuickStop "a drive did not accept a parameter or a motion", "read the drive's state word and limits: its own limits may be narrower than the settings";
     103 ReplyImplausible QuickStop "positions from a drive jumped farther than it can move", "check the encoder, and that no two drives share an address";
+    108 MovesUnordered Halt "a joint was measured moving although nobody had ordered a motion", "look for another controller or a person at the arm; read the drive's state word; clear the fault when the arm stands";
 
     200 DriveError QuickStop "a drive reports an error or is halted while it should move", "read the drive's state word; clear the fault when its cause is gone";
     201 DriveTowError QuickStop "a drive's following error was too large", "less acceleration or load, free the joint, check the drive's own limit";

@@ -40,25 +40,37 @@ pub use protocol::cyphal::cubecell::group_state::State as StateKind;
 /// Stage of start-up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BootStage {
-    /// Waits after a reset broadcast.
+    /// Waits after a reset broadcast, or until halted drives have come to rest.
     Settle {
-        /// Until.
+        /// End of the wait.
         until: Instant,
+        /// As in [`Self::Scan`].
+        waits_left: u8,
     },
     /// Each drive is asked and set up, step by step.
-    Scan,
-    /// No sign of life is sent: the watchdogs shall expire.
+    Scan {
+        /// How often the scan may be repeated because a drive is halted or in error; 0 after a reset.
+        waits_left: u8,
+    },
+    /// Signs of life go out; each drive must report no error, no halt and no motion.
+    Check,
+    /// No sign of life is sent, so the watchdogs must expire.
     Starve {
-        /// Until.
+        /// End of the silence.
         until: Instant,
     },
     /// Each drive's state word is read: its watchdog must have stopped it.
     Judge,
-    /// The reset was broadcast, state words are read once more.
+    /// The reset was broadcast; state words are read once more.
     Recover {
-        /// Until.
+        /// End of the wait.
         until: Instant,
     },
+}
+
+impl BootStage {
+    /// A scan that may wait for halted drives to come to rest.
+    pub(crate) const FIRST_SCAN: Self = Self::Scan { waits_left: 5 };
 }
 
 /// Homing in work.
@@ -208,7 +220,7 @@ pub struct Machine {
 impl Machine {
     /// At power on.
     pub const fn new() -> Self {
-        Self { state: State::Boot(BootStage::Scan) }
+        Self { state: State::Boot(BootStage::FIRST_SCAN) }
     }
 
     /// The state.

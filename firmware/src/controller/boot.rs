@@ -1,9 +1,26 @@
-//! Start-up: find each drive, see what it is, switch its watchdog on, and prove once that the watchdog
-//! stops it.
+//! Start-up: find each drive, see what it is, switch its watchdog on, and prove that the watchdog stops it.
 //!
-//! A drive is asked in steps; a step without answer is tried again. The watchdogs are proven together: one sign of
-//! life starts them, then none is sent until they must have expired, and every drive has to report that it stopped. A
-//! reset ends the test. Nothing has moved, and nothing may before.
+//! A drive is asked in steps; a step without an answer is tried again. A drive that is halted or in error is reset
+//! once, after it has come to rest; if it stays so, the start ends with the drive's cause. A drive that moves although it
+//! is not halted is moved by somebody else: the start ends with a halt broadcast.
+//!
+//! # Proof of the watchdogs
+//!
+//! The watchdogs of all drives are proven together:
+//!
+//! 1. Signs of life go out. They start the watchdogs.
+//! 2. Each drive's state word is read after the first sign of life: no error, no halt, no motion.
+//! 3. No sign of life and no request is sent for twice the watchdog time.
+//! 4. Each drive must report COMM_ERROR, and ERROR or HALTED with it. Step 2 shows that these bits are new. ERROR or HALTED
+//!    alone may come from a stop button; COMM_ERROR alone may be a transmission error, and the drive goes on.
+//! 5. A reset ends the test. Each drive must report no error, no halt and no motion again.
+//!
+//! It does not matter whether a drive counts other frames as signs of life (step 3 sends none), whether it shows HALTED,
+//! or whether a reset ends a running watchdog (`powercube-protocol` section 7).
+//!
+//! A proof is never kept: each pass through Boot proves again, at power on and at each clearing of a fault. A drive may have
+//! been exchanged or switched off meanwhile, and nothing that it reports excludes this. A proof holds until the next
+//! pass through Boot, because nothing else writes the configuration of the drives.
 
 use core::borrow::BorrowMut;
 
@@ -15,6 +32,7 @@ use crate::fault::{Cause, Fault};
 use crate::spline::Spline;
 use crate::state::BootStage;
 use crate::store::Storage;
+use crate::supervisor;
 
 /// Attempts of one step.
 const TRIES: u8 = 5;
@@ -40,32 +58,41 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             let drive = self.drives.at_mut(joint);
             (drive.state, drive.position, drive.missed_in_row, drive.over_current) = (None, None, 0, 0);
         }
+        if self.settings.watchdog_enable {
+            // A watchdog that still runs from before must not expire during the search.
+            self.send_watchdog(now);
+        }
         if reset {
             self.send_reset(now);
-            if self.watchdog_proven {
-                self.send_watchdog(now);
-            }
-            self.machine.transition_to_boot(
-                now,
-                &mut self.trace,
-                BootStage::Settle { until: now + RESET_SETTLE },
-            );
+            self.settle(now, 0);
         } else {
-            self.machine.transition_to_boot(now, &mut self.trace, BootStage::Scan);
+            self.machine.transition_to_boot(now, &mut self.trace, BootStage::FIRST_SCAN);
         }
+    }
+
+    fn settle(&mut self, now: Instant, waits_left: u8) {
+        let stage = BootStage::Settle { until: now + RESET_SETTLE, waits_left };
+        self.machine.transition_to_boot(now, &mut self.trace, stage);
     }
 
     pub(super) fn boot_tick(&mut self, now: Instant, stage: BootStage) {
         match stage {
-            BootStage::Settle { until } => {
+            BootStage::Settle { until, waits_left } => {
                 if until <= now {
                     self.boot = Default::default();
-                    self.machine.transition_to_boot(now, &mut self.trace, BootStage::Scan);
+                    self.machine.transition_to_boot(now, &mut self.trace, BootStage::Scan { waits_left });
                 }
             }
-            BootStage::Scan => {
-                if self.joints().all(|joint| self.boot.at(joint).step == DONE) {
-                    self.end_scan(now);
+            BootStage::Scan { waits_left } => {
+                if self.is_boot_done() {
+                    self.end_scan(now, waits_left);
+                } else {
+                    self.ask_all(now);
+                }
+            }
+            BootStage::Check => {
+                if self.is_boot_done() {
+                    self.end_check(now);
                 } else {
                     self.ask_all(now);
                 }
@@ -87,13 +114,17 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
                 if until > now {
                     return;
                 }
-                if self.joints().all(|joint| self.boot.at(joint).step == DONE) {
+                if self.is_boot_done() {
                     self.end_boot(now);
                 } else {
                     self.ask_all(now);
                 }
             }
         }
+    }
+
+    fn is_boot_done(&self) -> bool {
+        self.joints().all(|joint| self.boot.at(joint).step == DONE)
     }
 
     fn restart_at(&mut self, step: u8) {
@@ -145,18 +176,16 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         (wanted != config).then_some(wanted.bits())
     }
 
-    pub(super) fn boot_on_missed(&mut self, now: Instant, stage: BootStage, joint: JointIndex) {
+    pub(super) fn boot_on_missed(&mut self, stage: BootStage, joint: JointIndex) {
         // A drive that answers no writes takes this one without an answer; the configuration is read again.
-        if stage == BootStage::Scan && self.boot.at(joint).step == SET_CONFIG {
+        if matches!(stage, BootStage::Scan { .. }) && self.boot.at(joint).step == SET_CONFIG {
             let BootProgress { tries, .. } = *self.boot.at(joint);
             self.boot.set(joint, BootProgress { step: CONFIG, tries });
         }
-        let _ = now;
     }
 
     pub(super) fn boot_on_answer(
         &mut self,
-        now: Instant,
         stage: BootStage,
         joint: JointIndex,
         request: Request,
@@ -193,39 +222,77 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             self.boot.at_mut(joint).tries += 1;
             self.schedule.push(joint, request);
         }
-        let _ = now;
     }
 
-    fn end_scan(&mut self, now: Instant) {
+    fn end_scan(&mut self, now: Instant, waits_left: u8) {
         let old = self.joints().find(|&joint| !self.has_pos_state(joint));
         if let Some(joint) = old {
             self.fail(now, Fault::at(Cause::FirmwareTooOld, joint));
             return;
         }
-        if !self.settings.watchdog_enable {
-            self.end_boot(now);
-        } else if self.settings.watchdog_prove && !self.watchdog_proven {
-            // The one sign of life that starts them.
+        if let Some(fault) = self.unfit_drive() {
+            let is = |bits| self.joints().any(|joint| self.state_word(joint).intersects(bits));
+            if waits_left == 0 || fault.cause == Cause::MovesUnordered {
+                self.fail(now, fault);
+            } else if is(CubeState::MOTION) {
+                self.settle(now, waits_left - 1);
+            } else {
+                self.send_reset(now);
+                if self.settings.watchdog_enable {
+                    // As in `start_boot`.
+                    self.send_watchdog(now);
+                }
+                self.settle(now, 0);
+            }
+            return;
+        }
+        if self.settings.watchdog_enable {
             self.send_watchdog(now);
-            self.watchdog_due = None;
-            let wait = Duration::from_micros(2 * u64::from(self.settings.watchdog_timeout_us));
-            self.machine.transition_to_boot(now, &mut self.trace, BootStage::Starve { until: now + wait });
+        }
+        if self.settings.watchdog_enable && self.settings.watchdog_prove {
+            self.restart_at(STATE);
+            self.machine.transition_to_boot(now, &mut self.trace, BootStage::Check);
         } else {
-            self.send_watchdog(now);
             self.end_boot(now);
         }
     }
 
+    fn end_check(&mut self, now: Instant) {
+        if let Some(fault) = self.unfit_drive() {
+            self.fail(now, fault);
+            return;
+        }
+        self.watchdog_due = None;
+        let wait = Duration::from_micros(2 * u64::from(self.settings.watchdog_timeout_us));
+        self.machine.transition_to_boot(now, &mut self.trace, BootStage::Starve { until: now + wait });
+    }
+
+    /// The state word as last read; empty if none was read.
+    fn state_word(&self, joint: JointIndex) -> CubeState {
+        self.drives.at(joint).state.map_or(CubeState::EMPTY, |(state, _)| state)
+    }
+
+    /// The first drive that moves by itself; else the first one that is halted or in error.
+    fn unfit_drive(&self) -> Option<Fault> {
+        let stopped = CubeState::ERROR.union(CubeState::HALTED);
+        let moves = |word: CubeState| word.intersects(CubeState::MOTION) && !word.intersects(stopped);
+        if let Some(joint) = self.joints().find(|&joint| moves(self.state_word(joint))) {
+            return Some(Fault::at(Cause::MovesUnordered, joint));
+        }
+        self.joints().find_map(|joint| {
+            let cause = supervisor::check_state_word(self.state_word(joint), false)?;
+            Some(Fault::at(cause, joint))
+        })
+    }
+
     fn judge_watchdogs(&mut self, now: Instant) {
-        let stopped = CubeState::ERROR.union(CubeState::COMM_ERROR).union(CubeState::HALTED);
-        let running = self
-            .joints()
-            .find(|&joint| self.drives.at(joint).state.is_none_or(|(state, _)| !state.intersects(stopped)));
-        if let Some(joint) = running {
+        let stopped = CubeState::ERROR.union(CubeState::HALTED);
+        let proven = |word: CubeState| word.contains(CubeState::COMM_ERROR) && word.intersects(stopped);
+        let unproven = self.joints().find(|&joint| !proven(self.state_word(joint)));
+        if let Some(joint) = unproven {
             self.fail(now, Fault::at(Cause::WatchdogUnproven, joint));
             return;
         }
-        self.watchdog_proven = true;
         self.send_reset(now);
         self.send_watchdog(now);
         self.restart_at(STATE);
@@ -237,12 +304,12 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     }
 
     fn end_boot(&mut self, now: Instant) {
-        let homed = self.all_homed();
-        if homed {
+        if let Some(fault) = self.unfit_drive() {
+            self.fail(now, fault);
+        } else if self.all_homed() {
             self.machine.transition_to_ready(now, &mut self.trace);
         } else {
             self.machine.transition_to_idle(now, &mut self.trace);
         }
-        self.judge_standing(now);
     }
 }

@@ -126,7 +126,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     fn on_missed(&mut self, now: Instant, joint: JointIndex, request: Request) {
         let row = self.drives.at(joint).missed_in_row;
         match *self.machine.state() {
-            State::Boot(stage) => self.boot_on_missed(now, stage, joint),
+            State::Boot(stage) => self.boot_on_missed(stage, joint),
             State::Running { .. } | State::Stopping { .. } | State::Jogging(_)
                 if row >= self.settings.reply_missed_max =>
             {
@@ -176,7 +176,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             return;
         }
         match *self.machine.state() {
-            State::Boot(stage) => self.boot_on_answer(now, stage, joint, request, reply),
+            State::Boot(stage) => self.boot_on_answer(stage, joint, request, reply),
             State::Homing(homing) => self.homing_on_answer(now, homing, joint, request),
             State::Jogging(jog) => self.jogging_on_answer(now, jog, joint),
             // Measurements were handed on by `learn`.

@@ -170,7 +170,6 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         }
         if writable == Writable::NextStart && before.as_slice() != numbers {
             // Drives and joints are assigned at start-up: look for them again with the new assignment.
-            self.watchdog_proven = false;
             self.start_boot(now, false);
         }
         Ok(())

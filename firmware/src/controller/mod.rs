@@ -137,7 +137,6 @@ pub struct Controller<S, M = Spline> {
     offer: Option<Offer>,
     last_token: u32,
     host_seen: Option<Instant>,
-    watchdog_proven: bool,
     /// Next sign of life to the drives; `None` while they get none.
     watchdog_due: Option<Instant>,
     /// Next step of whatever the state does.
@@ -204,7 +203,6 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             offer: None,
             last_token: 0,
             host_seen: None,
-            watchdog_proven: false,
             watchdog_due: None,
             tick_due: Instant::ZERO,
             tick_at: Instant::ZERO,

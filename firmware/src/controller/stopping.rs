@@ -94,7 +94,11 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
                 self.ramp_down(now, jog.joint, jog.qd_rad_s, limits.jog_a_rad_s2);
                 self.halt_silent(now, fault);
             }
-            (State::Boot(_), _) if fault.cause.is_plain_stop() => self.halt(now),
+            (State::Boot(_), _) if fault.cause.is_plain_stop() => {
+                self.halt(now);
+                // The halt spoils the proof of the watchdogs that may be at work.
+                self.start_boot(now, false);
+            }
             (
                 State::Running { .. }
                 | State::Jogging(_)

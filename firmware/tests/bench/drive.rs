@@ -28,6 +28,14 @@ pub(crate) struct Drive {
     pub drop_replies: u32,
     pub watchdog_seen: Option<u64>,
     pub watchdog_us: u64,
+    /// Every frame to the drive keeps its watchdog quiet, not only the sign of life.
+    pub any_frame_is_life: bool,
+    /// A watchdog that runs goes on after a reset. Otherwise the next sign of life starts it.
+    pub reset_keeps_watchdog: bool,
+    /// What the drive shows once its watchdog has expired.
+    pub watchdog_shows: CubeState,
+    /// Stays halted whatever is sent.
+    pub stays_halted: bool,
     /// Homing ends then.
     homing_until: Option<u64>,
     pub home_takes_us: u64,
@@ -56,6 +64,10 @@ impl Drive {
             drop_replies: 0,
             watchdog_seen: None,
             watchdog_us: 50_000,
+            any_frame_is_life: false,
+            reset_keeps_watchdog: false,
+            watchdog_shows: CubeState::ERROR.union(CubeState::COMM_ERROR).union(CubeState::HALTED),
+            stays_halted: false,
             homing_until: None,
             home_takes_us: 300_000,
             max_cur: 30.0,
@@ -66,6 +78,12 @@ impl Drive {
 
     pub(crate) fn place(&mut self, q: f64) {
         (self.q, self.q_gen, self.v, self.v_gen) = (q, q, 0.0, 0.0);
+    }
+
+    /// A new bench begins at zero; a watchdog that runs keeps running.
+    pub(crate) fn restart_clock(&mut self) {
+        self.at_us = 0;
+        self.watchdog_seen = self.watchdog_seen.map(|_| 0);
     }
 
     fn stop_hard(&mut self) {
@@ -113,8 +131,8 @@ impl Drive {
         let expired = self.config.contains(Config::WATCHDOG_ENABLE)
             && self.watchdog_seen.is_some_and(|seen| to_us > seen + self.watchdog_us);
         if expired && !self.state.contains(CubeState::COMM_ERROR) {
-            self.state =
-                self.state.union(CubeState::ERROR).union(CubeState::COMM_ERROR).union(CubeState::HALTED);
+            self.state = self.state.union(self.watchdog_shows);
+            self.watchdog_seen = None;
             self.stop_hard();
         }
     }
@@ -125,6 +143,13 @@ impl Drive {
         }
         let step = 0.02f64.to_radians();
         ((self.q / step).round() * step) as f32
+    }
+
+    /// A frame to this drive or to all has come.
+    pub(super) fn hear(&mut self, now_us: u64) {
+        if self.any_frame_is_life && self.watchdog_seen.is_some() {
+            self.watchdog_seen = Some(now_us);
+        }
     }
 
     pub(super) fn broadcast(&mut self, now_us: u64, broadcast: Broadcast) {
@@ -144,9 +169,10 @@ impl Drive {
             .union(CubeState::HALTED)
             .union(CubeState::COMM_ERROR)
             .union(CubeState::TOW_ERROR);
-        self.state = self.state.difference(gone);
-        // Armed again by the next sign of life.
-        self.watchdog_seen = None;
+        self.state = self.state.difference(gone).with(CubeState::HALTED, self.stays_halted);
+        if !self.reset_keeps_watchdog {
+            self.watchdog_seen = None;
+        }
     }
 
     fn refuses(&self) -> bool {

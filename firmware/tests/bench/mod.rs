@@ -254,6 +254,7 @@ impl<C: Controlled> Bench<C> {
                 continue;
             }
             if let Ok(broadcast) = Broadcast::decode(&frame) {
+                drive.hear(now);
                 drive.broadcast(now, broadcast);
                 continue;
             }
@@ -261,6 +262,7 @@ impl<C: Controlled> Bench<C> {
             if request.module != drive.module {
                 continue;
             }
+            drive.hear(now);
             let delay = self.answer_us.0 + self.rng.below(self.answer_us.1 - self.answer_us.0 + 1);
             let earliest = self.from_drive[i].back().map_or(0, |(ready, _)| *ready);
             if let Some(reply) = drive.answer(now, request.request) {
