@@ -186,6 +186,8 @@ pub struct World<C> {
     /// Microseconds, `u64::MAX` for none; one per node of the crew.
     deadlines: Vec<u64>,
     links: Vec<Link>,
+    /// A node is asked for frames only while fewer of its own wait at the bus.
+    asked_below: Vec<usize>,
     /// Ports cut off by an intermittent plug, apart from what the crew says.
     unplugged: u64,
     delayed: BinaryHeap<Reverse<Delayed>>,
@@ -232,6 +234,7 @@ impl<C: Crew> World<C> {
         Ok(Self {
             deadlines: vec![u64::MAX; crew.len()],
             links: vec![Link::On; crew.len()],
+            asked_below: vec![usize::MAX; crew.len()],
             crew,
             bus,
             faults,
@@ -327,6 +330,12 @@ impl<C: Crew> World<C> {
         self.bus.set_queue_depth(node, depth);
     }
 
+    /// From now on the node keeps its frames itself: it is asked for the next one only while fewer than `waiting_max`
+    /// of them wait at the bus, and asked again when one has been sent.
+    pub fn keep_queue_short(&mut self, node: usize, waiting_max: usize) {
+        self.asked_below[node] = waiting_max.max(1);
+    }
+
     /// Acts on the crew at the present time, then takes what its nodes want to send.
     pub fn with_crew<R>(&mut self, act: impl FnOnce(&mut C, Instant) -> R) -> Result<R, RunError> {
         self.crew.advance(self.now);
@@ -397,6 +406,9 @@ impl<C: Crew> World<C> {
                 let from = from.filter(|port| *port < self.crew.len());
                 observer.on_frame(self.now, from, &frame);
                 self.crew.advance(self.now);
+                if let Some(sender) = from.filter(|sender| self.asked_below[*sender] < usize::MAX) {
+                    self.settle(sender)?;
+                }
                 self.deliver(&frame, receivers)
             }
             BusEvent::Error { port, kind, .. } => {
@@ -539,7 +551,9 @@ impl<C: Crew> World<C> {
         let now_ns = self.now.as_micros() * NANOS_PER_MICRO;
         let node = self.crew.node(index);
         let mut count = 0;
-        while let Some(frame) = node.poll_frame() {
+        while self.bus.queue(index).len() < self.asked_below[index]
+            && let Some(frame) = node.poll_frame()
+        {
             count += 1;
             if count > FRAMES_PER_EVENT_MAX {
                 return Err(RunError::Flood { node: self.crew.name(index).into_owned(), now: self.now });

@@ -79,6 +79,41 @@ fn clients_that_vanish_or_talk_nonsense_disturb_nobody() {
 }
 
 #[test]
+fn client_that_floods_neither_starves_others_nor_keeps_the_server_awake() {
+    let server = Server::start(PROGRAM, &[SOCKETCAND]);
+    let address = server.doors[0].split('/').nth(2).unwrap().to_owned();
+    let mut flood = TcpStream::connect(address).unwrap();
+    flood.write_all(b"< open can0 >< rawmode >").unwrap();
+    // What the drives say to it is read, as a client that is in a hurry does.
+    let mut ear = flood.try_clone().unwrap();
+    let reader = std::thread::spawn(move || std::io::copy(&mut ear, &mut std::io::sink()));
+    let writer = std::thread::spawn(move || {
+        let text = "< send 300 8 1 2 3 4 5 6 7 8 >".repeat(100);
+        let mut frames = 0_u64;
+        while flood.write_all(text.as_bytes()).is_ok() {
+            frames += 100;
+        }
+        frames
+    });
+    let mut steady = server.client(0);
+    for round in 0..51 {
+        assert!(steady.asks_version(1 + round % 6));
+    }
+    let report = server.finish();
+    let offered = writer.join().unwrap();
+    let _ = reader.join();
+    let frames = report["world"]["frames"].as_u64().unwrap();
+    assert_eq!(report["latency_us"]["count"], 51, "{report}");
+    // The flood was carried, and slowed down to what the bus takes.
+    assert!((51 * 2 + 51..=51 * 2 + offered).contains(&frames), "{frames} frames, {offered} offered");
+    let turns = report["turns"].as_u64().unwrap();
+    // A turn for the start and the end of each frame, one for each read of a client, and looks at the own business.
+    let naps = 1 + (report["simulated_s"].as_f64().unwrap() / 0.05) as u64;
+    let reads = frames / 50 + 3 * 51;
+    assert!((51..=2 * frames + reads + 2 * naps).contains(&turns), "{turns} turns for {frames} frames");
+}
+
+#[test]
 fn one_place_that_cannot_be_had_ends_the_program_with_its_name() {
     let out = Command::new(PROGRAM)
         .args(["serve", "--bus", SOCKETCAND, "--bus", "novcan9"])

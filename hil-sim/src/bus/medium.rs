@@ -18,6 +18,9 @@ use bit_gear::BitGear;
 /// Most nodes on one bus: ports are sets of bits in a `u64`.
 pub const PORTS_MAX: usize = 64;
 
+/// No frame is valid sooner after its start: one without data and stuff bits, up to the last bit but one of its end.
+const FRAME_BITS_MIN: u64 = 43;
+
 #[derive(Clone, Debug)]
 struct Port {
     queue: TxQueue,
@@ -189,13 +192,17 @@ impl Bus {
         self.ports[port].queue.set_depth(depth);
     }
 
-    /// A time up to which [`Bus::run_until`] has nothing to tell unless something is sent; `None` while nothing is
-    /// under way. For runners that sleep in between.
+    /// A time up to which [`Bus::run_until`] has nothing to tell but errors, unless something is sent; `None` while
+    /// nothing is under way. For runners that sleep in between: one awakening per frame.
     pub fn quiet_until_ns(&self) -> Option<u64> {
         match self.gear {
             Gear::Frame(flight) => {
                 let end_ns = flight.start_ns + u64::from(flight.bits) * self.bit_ns;
-                Some(if flight.delivered { end_ns } else { end_ns - self.bit_ns })
+                if !flight.delivered {
+                    return Some(end_ns - self.bit_ns);
+                }
+                let next = (self.pending & self.online != 0).then(|| end_ns + FRAME_BITS_MIN * self.bit_ns);
+                next.or_else(|| (self.waiting != 0).then_some(end_ns))
             }
             // Error frames last at least this long; looking more often would only cost time.
             Gear::Bits(gear) => Some(gear.next_ns + 20 * self.bit_ns),
@@ -203,8 +210,7 @@ impl Bus {
                 let starts =
                     indices(self.pending & self.online).map(|port| self.ready_to_send_ns(port, ready_ns));
                 let joins = (self.waiting != 0).then(|| self.next_join().0);
-                // One bit more, because a frame starts only once its time has passed.
-                starts.map(|start_ns| start_ns + self.bit_ns).chain(joins).min()
+                starts.map(|start_ns| start_ns + FRAME_BITS_MIN * self.bit_ns).chain(joins).min()
             }
         }
     }

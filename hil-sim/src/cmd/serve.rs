@@ -28,7 +28,9 @@ length_s = 1), report, quit";
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// Where: socketcand://127.0.0.1:29536/can0 and slcan://127.0.0.1:3333 serve that port, slcan:/dev/ptmx makes a
-    /// pseudo-terminal, vcan0 joins that interface. Given several times, all of them lead to the same bus.
+    /// pseudo-terminal, vcan0 joins that interface. Given several times, all of them lead to the same bus. A port takes 32
+    /// clients; one more is told so and disconnected (SLCAN: BELL). A client that has not opened the bus within 5 s, or
+    /// reads nothing for 10 s while frames wait for it, is disconnected.
     #[arg(long, default_value = "socketcand://127.0.0.1:29536/can0")]
     bus: Vec<BusSpec>,
     /// Robot: a built-in name or a file.
@@ -224,6 +226,7 @@ fn report(args: &Args, scenario: &Scenario, realtime: &Realtime<Cells>) -> Resul
                 "turns_late": realtime.lag().late,
             },
             "lost": realtime.lost(),
+            "turns": realtime.turns(),
         });
         say::line!("{}", serde_json::to_string(&report).map_err(|e| Failure::new(Code::Output, &e))?);
         return Ok(());

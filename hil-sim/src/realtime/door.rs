@@ -10,11 +10,55 @@ use protocol::{Duration, Frame, Instant, ModuleId, Node};
 /// A request without answer is forgotten after this.
 const REQUEST_AGE_MAX: Duration = Duration::from_secs(1);
 
+/// Frames of one client that can wait in the gateway; beyond it nothing more is taken from the client.
+pub(super) const CLIENT_BACKLOG_MAX: usize = 64;
+/// Frames of the gateway that wait at the simulated bus: the one being sent, and one that follows without a gap.
+pub(super) const AT_BUS_MAX: usize = 2;
+
 /// The node that stands for everybody behind one door.
+///
+/// Each client has a queue of its own. The bus gets their frames in rotation, one of each, so that a client with many
+/// frames delays the others by one frame each time.
 #[derive(Clone, Debug, Default)]
 pub struct Gateway {
-    pub(super) out: VecDeque<Frame>,
+    lanes: Vec<Lane>,
+    next_lane: usize,
+    /// Who sent the frames that wait at the simulated bus, in order.
+    at_bus: VecDeque<(Option<ClientId>, Frame)>,
     pub(super) received: Vec<(Instant, Frame)>,
+}
+
+/// Frames of one client; `None` stands for everybody on a bus that was joined.
+#[derive(Clone, Debug)]
+struct Lane {
+    client: Option<ClientId>,
+    frames: VecDeque<Frame>,
+}
+
+impl Gateway {
+    /// Queues a frame of a client.
+    pub(super) fn take(&mut self, client: Option<ClientId>, frame: Frame) {
+        match self.lanes.iter_mut().find(|lane| lane.client == client) {
+            Some(lane) => lane.frames.push_back(frame),
+            None => self.lanes.push(Lane { client, frames: VecDeque::from([frame]) }),
+        }
+    }
+
+    /// Clients with their frames that wait in the gateway.
+    pub(super) fn waiting(&self) -> Vec<(Option<ClientId>, usize)> {
+        self.lanes.iter().map(|lane| (lane.client, lane.frames.len())).collect()
+    }
+
+    /// Who sent `frame`, which was on the bus just now.
+    pub(super) fn sender_of(&mut self, frame: &Frame) -> Option<ClientId> {
+        let index = self.at_bus.iter().position(|(_, sent)| sent == frame)?;
+        self.at_bus.remove(index).and_then(|(client, _)| client)
+    }
+
+    /// Nothing waits at the bus: what is still listed there was thrown away by a fault.
+    pub(super) fn forget_lost(&mut self) {
+        self.at_bus.clear();
+    }
 }
 
 impl Node for Gateway {
@@ -25,7 +69,16 @@ impl Node for Gateway {
     fn handle_timeout(&mut self, _: Instant) {}
 
     fn poll_frame(&mut self) -> Option<Frame> {
-        self.out.pop_front()
+        // A client without frames leaves the rotation; it comes back at its end.
+        self.lanes.retain(|lane| !lane.frames.is_empty());
+        if self.next_lane >= self.lanes.len() {
+            self.next_lane = 0;
+        }
+        let lane = self.lanes.get_mut(self.next_lane)?;
+        let frame = lane.frames.pop_front()?;
+        self.at_bus.push_back((lane.client, frame));
+        self.next_lane += 1;
+        Some(frame)
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
@@ -87,13 +140,36 @@ pub enum Visit {
     Left(&'static str),
 }
 
+/// How many frames each client may still queue in the gateway.
+pub(super) struct Room {
+    /// Clients that have frames there already.
+    taken: Vec<(Option<ClientId>, usize)>,
+}
+
+impl Room {
+    pub(super) const fn beside(taken: Vec<(Option<ClientId>, usize)>) -> Self {
+        Self { taken }
+    }
+
+    pub(super) fn is_for(&self, client: Option<ClientId>) -> bool {
+        self.taken.iter().all(|(other, waiting)| *other != client || *waiting < CLIENT_BACKLOG_MAX)
+    }
+
+    pub(super) fn use_one(&mut self, client: Option<ClientId>) {
+        match self.taken.iter_mut().find(|(other, _)| *other == client) {
+            Some((_, waiting)) => *waiting += 1,
+            None => self.taken.push((client, 1)),
+        }
+    }
+}
+
 /// A door with what is under way through it.
 pub(super) struct Port {
     pub(super) door: Door,
-    /// Who sent the frames that wait at the simulated bus, in order.
-    senders: VecDeque<(Option<ClientId>, Frame)>,
     /// Frames of this door's clients that were on the bus, for its other clients.
-    pub(super) own: Vec<(Instant, Frame)>,
+    pub(super) own: Vec<(Instant, Option<ClientId>, Frame)>,
+    /// A bus that was joined brings more than the simulated one carries.
+    pub(super) is_full: bool,
     /// When each module was asked through this door, by address.
     requests: Vec<VecDeque<Instant>>,
     pub(super) visits: Vec<Visit>,
@@ -105,48 +181,41 @@ impl Port {
     pub(super) fn new(door: Door) -> Self {
         Self {
             door,
-            senders: VecDeque::new(),
             own: Vec::new(),
+            is_full: false,
             requests: vec![VecDeque::new(); usize::from(ModuleId::MAX.get()) + 1],
             visits: Vec::new(),
             lost: 0,
         }
     }
 
-    /// Frames of clients that have not been on the simulated bus yet.
-    pub(super) fn backlog(&self) -> usize {
-        self.senders.len()
-    }
-
-    /// What is still listed was thrown away by a fault.
-    pub(super) fn forget_backlog(&mut self) {
-        self.senders.clear();
-    }
-
-    /// Next frame of a client; comings and goings are kept as visits.
-    pub(super) fn next_frame(&mut self) -> Result<Option<Frame>, LinkError> {
+    /// Next frame of a client that has room for it in the gateway; comings and goings are kept as visits.
+    pub(super) fn next_frame(&mut self, room: &Room) -> Result<Option<(Option<ClientId>, Frame)>, LinkError> {
         loop {
-            let (client, frame) = match &mut self.door {
-                Door::Server(server) => match server.next_event() {
+            match &mut self.door {
+                Door::Server(server) => match server.next_event_from(&mut |client| room.is_for(Some(client)))
+                {
                     None => return Ok(None),
-                    Some(ServerEvent::Joined { peer, .. }) => {
-                        self.visits.push(Visit::Joined(peer));
-                        continue;
-                    }
-                    Some(ServerEvent::Left { reason, .. }) => {
-                        self.visits.push(Visit::Left(reason));
-                        continue;
-                    }
-                    Some(ServerEvent::Frame { client, frame, .. }) => (Some(client), frame),
+                    Some(ServerEvent::Joined { peer, .. }) => self.visits.push(Visit::Joined(peer)),
+                    Some(ServerEvent::Left { reason, .. }) => self.visits.push(Visit::Left(reason)),
+                    Some(ServerEvent::Frame { client, frame, .. }) => return Ok(Some((Some(client), frame))),
                 },
+                Door::Member(_) if !room.is_for(None) => return Ok(None),
                 Door::Member(link) => match link.receive()? {
                     None => return Ok(None),
-                    Some(Event::BusError { .. }) => continue,
-                    Some(Event::Frame { frame, .. }) => (None, frame),
+                    Some(Event::BusError { .. }) => {}
+                    Some(Event::Frame { frame, .. }) => return Ok(Some((None, frame))),
                 },
-            };
-            self.senders.push_back((client, frame));
-            return Ok(Some(frame));
+            }
+        }
+    }
+
+    /// The link, if something that arrives there now can be taken: waiting for anything else would only end the sleep
+    /// again and again. A server keeps its clients apart by itself.
+    pub(super) fn waits_for(&self) -> Option<&dyn Link> {
+        match &self.door {
+            Door::Member(_) if self.is_full => None,
+            door => Some(door.link()),
         }
     }
 
@@ -180,9 +249,7 @@ impl Port {
     }
 
     /// A client's frame has been on the bus: the other clients of this door see it now.
-    pub(super) fn put_own(&mut self, at: Instant, frame: &Frame) {
-        let sender = self.senders.iter().position(|(_, sent)| sent == frame);
-        let client = sender.and_then(|index| self.senders.remove(index)).and_then(|(client, _)| client);
+    pub(super) fn put_own(&mut self, at: Instant, client: Option<ClientId>, frame: &Frame) {
         if let Door::Server(server) = &mut self.door {
             server.broadcast(at, frame, client);
         }

@@ -9,7 +9,8 @@
 //! the simulated bus when it arrives, wins its arbitration, takes its bits, and is then seen by the drives and by
 //! all other clients; answers come back the same way, after the drive's processing time. Every door is a node of
 //! its own, as an adapter on a real bus is: clients of one door share its queue, clients of two doors arbitrate
-//! against each other. What the machine adds is measured: how late frames leave ([`Realtime::lateness`]), and how
+//! against each other. Within a door the clients take turns, one frame each, and each can have 64 frames under way: one
+//! that floods delays the others by a frame at a time. What the machine adds is measured: how late frames leave ([`Realtime::lateness`]), and how
 //! long clients wait for answers.
 
 mod door;
@@ -25,10 +26,8 @@ use crate::bus::{BusConfig, ErrorKind};
 use crate::crew::{Crew, Solo};
 use crate::fault::Fault;
 use crate::world::{BuildError, Observer, RunError, World};
-use door::Port;
+use door::{AT_BUS_MAX, Port, Room};
 
-/// Frames of one door's clients that can wait for the simulated bus; beyond it nothing more is read from the link.
-const BACKLOG_MAX: usize = 1_024;
 /// Longest sleep, so that the owner looks at its own business now and then.
 const NAP_MAX: Duration = Duration::from_millis(50);
 /// A turn that begins this long after its time is counted as late: drives answer a third of that earlier or later anyway.
@@ -90,6 +89,7 @@ pub struct Realtime<A> {
     /// When the next turn should begin.
     wake_at: Option<Instant>,
     lag: Lag,
+    turns: u64,
 }
 
 /// How far the simulation fell behind the machine's clock: each turn begins when something is due, and what is due waits
@@ -144,7 +144,7 @@ impl<A: Crew> Realtime<A> {
         let gateways = doors.iter().map(|door| Solo::new(door.name(), Gateway::default())).collect();
         let mut world = World::new((crew, gateways), config, seed, plan)?;
         for port in 0..doors.len() {
-            world.set_queue_depth(first_gateway + port, BACKLOG_MAX);
+            world.keep_queue_short(first_gateway + port, AT_BUS_MAX);
         }
         Ok(Self {
             world,
@@ -155,6 +155,7 @@ impl<A: Crew> Realtime<A> {
             lateness: Lateness::default(),
             wake_at: None,
             lag: Lag::default(),
+            turns: 0,
         })
     }
 
@@ -189,6 +190,11 @@ impl<A: Crew> Realtime<A> {
         &self.lag
     }
 
+    /// Turns so far: how often the system was asked to wait.
+    pub const fn turns(&self) -> u64 {
+        self.turns
+    }
+
     /// The worst lag since the last call of this.
     pub const fn take_worst_lag(&mut self) -> Duration {
         std::mem::replace(&mut self.lag.worst, Duration::ZERO)
@@ -211,6 +217,7 @@ impl<A: Crew> Realtime<A> {
     ///
     /// A node broke its contract, or a joined bus is gone. Clients that leave are no error.
     pub fn turn(&mut self, until: Instant, observer: &mut impl Observer) -> Result<(), RealtimeError> {
+        self.turns += 1;
         let now = self.clock.now();
         // Woken by a client before the time, it is not late.
         if let Some(late) = self.wake_at.filter(|due| *due <= now).map(|due| now.saturating_since(due)) {
@@ -226,7 +233,7 @@ impl<A: Crew> Realtime<A> {
             wake = wake.min(due);
         }
         self.wake_at = Some(wake);
-        let links: Vec<_> = self.ports.iter().map(|port| port.door.link()).collect();
+        let links: Vec<_> = self.ports.iter().filter_map(Port::waits_for).collect();
         can_link::wait(&links, &self.clock, Some(wake))?;
         Ok(())
     }
@@ -238,20 +245,30 @@ impl<A: Crew> Realtime<A> {
         Ok(now)
     }
 
+    /// Takes what the clients of a door have sent, as far as each has room in the gateway.
     fn take_in(&mut self, index: usize, observer: &mut impl Observer) -> Result<(), RealtimeError> {
-        while self.ports[index].backlog() < BACKLOG_MAX {
-            let Some(frame) = self.ports[index].next_frame()? else { break };
+        let gateway = |crew: &(A, Vec<Solo<Gateway>>)| crew.1[index].node.waiting();
+        let mut room = Room::beside(gateway(self.world.crew()));
+        while let Some((client, frame)) = self.ports[index].next_frame(&room)? {
+            room.use_one(client);
             let now = self.catch_up(observer)?;
-            self.world.with_crew(|crew, _| crew.1[index].node.out.push_back(frame))?;
+            self.world.with_crew(|crew, _| crew.1[index].node.take(client, frame))?;
             self.ports[index].note_request(&frame, now);
         }
+        self.ports[index].is_full = !room.is_for(None);
         Ok(())
     }
 
     /// Passes on what happened on the simulated bus, in the order of its times.
     fn hand_out(&mut self) -> Result<(), RealtimeError> {
-        for (port, at, frame) in self.seen.own.drain(..) {
-            self.ports[port].own.push((at, frame));
+        let (own, ports) = (&mut self.seen.own, &mut self.ports);
+        if !own.is_empty() {
+            self.world.with_crew(|crew, _| {
+                for (port, at, frame) in own.drain(..) {
+                    let client = crew.1[port].node.sender_of(&frame);
+                    ports[port].own.push((at, client, frame));
+                }
+            })?;
         }
         let idle = self.world.bus().quiet_until_ns().is_none();
         for index in 0..self.ports.len() {
@@ -261,8 +278,8 @@ impl<A: Crew> Realtime<A> {
             let mut own = std::mem::take(&mut port.own).into_iter().peekable();
             let now = self.clock.now();
             for (at, frame) in received {
-                while let Some((own_at, own_frame)) = own.next_if(|(own_at, _)| *own_at <= at) {
-                    port.put_own(own_at, &own_frame);
+                while let Some((own_at, client, own_frame)) = own.next_if(|(own_at, ..)| *own_at <= at) {
+                    port.put_own(own_at, client, &own_frame);
                 }
                 if let Some(asked) = port.asked_at(&frame) {
                     self.latency.record(now.saturating_since(asked));
@@ -270,11 +287,11 @@ impl<A: Crew> Realtime<A> {
                 self.lateness.record(now.saturating_since(at));
                 port.put(at, &frame);
             }
-            for (at, frame) in own {
-                port.put_own(at, &frame);
+            for (at, client, frame) in own {
+                port.put_own(at, client, &frame);
             }
             if idle && self.world.bus().queue(self.seen.first_gateway + index).is_empty() {
-                port.forget_backlog();
+                self.world.with_crew(|crew, _| crew.1[index].node.forget_lost())?;
             }
         }
         for (at, class) in self.seen.errors.drain(..) {

@@ -28,7 +28,9 @@ const LOOK: Duration = Duration::from_millis(50);
 )]
 pub struct Args {
     /// Where: socketcand://127.0.0.1:29536/can0 and slcan://127.0.0.1:3333 serve that port, slcan:/dev/ptmx makes a
-    /// pseudo-terminal, vcan0 joins that interface. Given several times, all of them lead to the same bus.
+    /// pseudo-terminal, vcan0 joins that interface. Given several times, all of them lead to the same bus. A port takes 32
+    /// clients; one more is told so and disconnected (SLCAN: BELL). A client that has not opened the bus within 5 s, or
+    /// reads nothing for 10 s while frames wait for it, is disconnected.
     #[arg(long, default_value = "socketcand://127.0.0.1:29536/can0", value_name = "SPEC")]
     pub bus: Vec<BusSpec>,
     /// Robot: a built-in name or a file.

@@ -39,7 +39,7 @@ pub enum OpenError {
         found: String,
     },
     /// The server does not give access to the bus.
-    #[error("{address} refuses the bus '{bus}': {reason}\n  next: ask for a bus that this server has")]
+    #[error("{address} refuses the bus '{bus}': {reason}\n  next: {}", refusal_advice(.reason))]
     Refused {
         /// Host and port.
         address: String,
@@ -149,6 +149,14 @@ fn listen_advice(source: &io::Error) -> &'static str {
         io::ErrorKind::AddrNotAvailable => "this machine does not have that address; 127.0.0.1 always works",
         io::ErrorKind::PermissionDenied => "ports below 1024 belong to root: take a higher one",
         _ => "take another address or port",
+    }
+}
+
+fn refusal_advice(reason: &str) -> &'static str {
+    if reason.contains("too many clients") {
+        "end a client that is not needed any more, then connect again"
+    } else {
+        "ask for a bus that this server has"
     }
 }
 

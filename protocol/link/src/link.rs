@@ -121,6 +121,11 @@ impl<'a> PollSet<'a> {
         self.add_borrowed(fd.as_fd(), true, write);
     }
 
+    /// Wakes when `fd` can be written or is closed.
+    pub fn add_for_writing(&mut self, fd: &'a impl AsFd) {
+        self.add_borrowed(fd.as_fd(), false, true);
+    }
+
     /// As [`add`](Self::add), with a choice of what wakes; an `fd` with neither wakes only when closed.
     pub fn add_borrowed(&mut self, fd: BorrowedFd<'a>, read: bool, write: bool) {
         let mut flags = PollFlags::empty();
@@ -131,6 +136,9 @@ impl<'a> PollSet<'a> {
 }
 
 /// Sleeps until one of `links` has something to do, `until` has come, or a signal arrives.
+///
+/// With a [manual](Clock::manual) clock nobody sleeps until a time comes: if no link has something to do, the clock is
+/// set to the earliest deadline.
 ///
 /// May return early without a reason; the caller looks at its links and its clock anyway. `None`
 /// sleeps without limit.
@@ -148,6 +156,9 @@ pub fn wait(links: &[&dyn Link], clock: &Clock, until: Option<Instant>) -> std::
             (a, b) => a.or(b),
         };
     }
+    if clock.is_manual() {
+        return wait_manually(&mut set, clock, earliest);
+    }
     let timeout = earliest.map(|until| {
         let span = clock.remaining(until);
         Timespec {
@@ -158,5 +169,17 @@ pub fn wait(links: &[&dyn Link], clock: &Clock, until: Option<Instant>) -> std::
     match poll(&mut set.fds, timeout.as_ref()) {
         Ok(_) | Err(Errno::INTR) => Ok(()),
         Err(error) => Err(error.into()),
+    }
+}
+
+fn wait_manually(set: &mut PollSet<'_>, clock: &Clock, until: Option<Instant>) -> std::io::Result<()> {
+    let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
+    match (poll(&mut set.fds, until.is_some().then_some(&at_once)), until) {
+        (Ok(0), Some(until)) => {
+            clock.set(until);
+            Ok(())
+        }
+        (Ok(_) | Err(Errno::INTR), _) => Ok(()),
+        (Err(error), _) => Err(error.into()),
     }
 }

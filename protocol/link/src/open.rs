@@ -42,6 +42,8 @@ pub fn open(spec: &BusSpec, clock: Clock) -> Result<Box<dyn Link + Send>, OpenEr
 pub trait BusServer: Link {
     /// As [`Hub::next_event`].
     fn next_event(&mut self) -> Option<ServerEvent>;
+    /// As [`Hub::next_event_from`].
+    fn next_event_from(&mut self, has_room: &mut dyn FnMut(ClientId) -> bool) -> Option<ServerEvent>;
     /// As [`Hub::broadcast`].
     fn broadcast(&mut self, at: Instant, frame: &Frame, except: Option<ClientId>);
     /// As [`Hub::broadcast_bus_error`].
@@ -53,6 +55,9 @@ pub trait BusServer: Link {
 impl<D: Dialect> BusServer for Hub<D> {
     fn next_event(&mut self) -> Option<ServerEvent> {
         Self::next_event(self)
+    }
+    fn next_event_from(&mut self, has_room: &mut dyn FnMut(ClientId) -> bool) -> Option<ServerEvent> {
+        Self::next_event_from(self, has_room)
     }
     fn broadcast(&mut self, at: Instant, frame: &Frame, except: Option<ClientId>) {
         Self::broadcast(self, at, frame, except);

@@ -4,9 +4,18 @@ use std::fs::File;
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::TcpStream;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::time::Duration;
+
+use rustix::net::sockopt;
 
 /// Bytes of output that wait for a slow reader: about 1 100 frames in socketcand's text.
 pub(crate) const OUTPUT_QUEUE_BYTES: usize = 64 * 1024;
+
+/// A connection on which nothing came for so long is probed; so often; and given up after so many probes without an
+/// answer: 11 s after the far side was last heard.
+const PROBE_AFTER: Duration = Duration::from_secs(5);
+const PROBE_EVERY: Duration = Duration::from_secs(2);
+const PROBES: u32 = 3;
 
 /// What carries the bytes.
 pub(crate) enum Medium {
@@ -54,10 +63,15 @@ impl Stream {
         Self { medium, queue: Vec::new(), sent: 0 }
     }
 
-    /// A TCP connection without Nagle's delay: an answer leaves at once and on its own.
+    /// A TCP connection without Nagle's delay: an answer leaves at once and on its own. A far side that is gone without
+    /// a word (no power, no network) is noticed: its system no longer answers the probes.
     pub(crate) fn tcp(stream: TcpStream) -> io::Result<Self> {
         stream.set_nonblocking(true)?;
         stream.set_nodelay(true)?;
+        sockopt::set_socket_keepalive(&stream, true)?;
+        sockopt::set_tcp_keepidle(&stream, PROBE_AFTER)?;
+        sockopt::set_tcp_keepintvl(&stream, PROBE_EVERY)?;
+        sockopt::set_tcp_keepcnt(&stream, PROBES)?;
         Ok(Self::new(Medium::Tcp(stream)))
     }
 
@@ -137,5 +151,24 @@ impl Stream {
 impl AsFd for Stream {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.medium.as_fd()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::net::TcpListener;
+
+    /// The system does the probing; a test on one machine can only see that it was asked to.
+    #[test]
+    fn connection_whose_far_side_vanishes_is_probed_and_given_up_within_11_s() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let far = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        let stream = Stream::tcp(far).unwrap();
+        assert!(sockopt::socket_keepalive(&stream).unwrap());
+        let (idle, every) =
+            (sockopt::tcp_keepidle(&stream).unwrap(), sockopt::tcp_keepintvl(&stream).unwrap());
+        let given_up = idle + every * sockopt::tcp_keepcnt(&stream).unwrap();
+        assert_eq!(given_up, Duration::from_secs(11));
     }
 }

@@ -282,5 +282,5 @@ fn clients_beyond_the_limit_are_refused_with_a_message() {
         stream.read_to_string(&mut text).unwrap();
         text
     });
-    assert_eq!(answer, "< error too many clients >");
+    assert_eq!(answer, "< error too many clients, this server takes 1; end one and connect again >");
 }

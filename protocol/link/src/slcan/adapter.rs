@@ -129,8 +129,12 @@ impl Dialect for Slcan {
         Session { assembler: Assembler::new(), channel: Channel::Closed, timestamps: false, flags: 0 }
     }
 
-    fn crowded(&self) -> &'static [u8] {
-        b"\x07"
+    fn crowded(&self, _: usize) -> Vec<u8> {
+        Reply::Refused.encode().as_bytes().to_vec()
+    }
+
+    fn is_open(&self, session: &Session) -> bool {
+        session.channel != Channel::Closed
     }
 
     fn take(&self, session: &mut Session, byte: u8, act: &mut dyn FnMut(Action<'_>)) {

@@ -79,8 +79,13 @@ impl Dialect for Socketcand {
         Session { assembler: Assembler::new(), mode: Mode::NoBus }
     }
 
-    fn crowded(&self) -> &'static [u8] {
-        b"< error too many clients >"
+    fn crowded(&self, clients_max: usize) -> Vec<u8> {
+        let reason = format!("too many clients, this server takes {clients_max}; end one and connect again");
+        Message::Refused { reason: &reason }.encode().as_bytes().to_vec()
+    }
+
+    fn is_open(&self, session: &Session) -> bool {
+        session.mode == Mode::Raw
     }
 
     fn take(&self, session: &mut Session, byte: u8, act: &mut dyn FnMut(Action<'_>)) {

@@ -1,0 +1,58 @@
+//! What a text protocol adds to a server: the words.
+
+use protocol::{Duration, Frame, Instant};
+
+/// What a [`Dialect`] wants done with a peer.
+pub enum Action<'a> {
+    /// Send these bytes in a write of their own; never dropped.
+    Answer(&'a [u8]),
+    /// The peer puts this frame on the bus.
+    Frame(Frame),
+    /// Queue all output to this peer for a while, or until it puts a frame on the bus.
+    Hold(Duration),
+    /// Count something that could not be read.
+    Malformed,
+    /// Disconnect; the first reason counts.
+    Leave(&'static str),
+}
+
+/// What is said on the server side of a protocol. Implementations keep no clock and no socket.
+pub trait Dialect {
+    /// State of one peer.
+    type Session;
+
+    /// A peer has connected.
+    fn greet(&self, act: &mut dyn FnMut(Action<'_>)) -> Self::Session;
+
+    /// What a peer beyond the limit of `clients_max` is told.
+    fn crowded(&self, clients_max: usize) -> Vec<u8>;
+
+    /// True once the peer has opened the bus: its handshake is over.
+    fn is_open(&self, session: &Self::Session) -> bool;
+
+    /// The next byte from the peer.
+    fn take(&self, session: &mut Self::Session, byte: u8, act: &mut dyn FnMut(Action<'_>));
+
+    /// Text of a frame for this peer, given to `put`, if it listens; `unix` and `at` are the time of
+    /// the frame.
+    fn render(
+        &self,
+        session: &Self::Session,
+        at: Instant,
+        unix: Instant,
+        frame: &Frame,
+        put: &mut dyn FnMut(&[u8]),
+    );
+
+    /// Text of a bus error for this peer, given to `put`, if it listens.
+    fn render_bus_error(
+        &self,
+        session: &mut Self::Session,
+        unix: Instant,
+        class: u32,
+        put: &mut dyn FnMut(&[u8]),
+    );
+
+    /// A frame for this peer was dropped because its output queue was full.
+    fn note_loss(&self, session: &mut Self::Session);
+}

@@ -1,0 +1,77 @@
+//! Settings of a server, and what it tells its owner.
+
+use protocol::{Duration, Frame, Instant};
+
+/// Who passes a peer's frame on to the other peers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Relay {
+    /// The server, when its owner takes the frame: the server is the bus.
+    #[default]
+    AtOnce,
+    /// The owner, with [`Hub::broadcast`](super::Hub::broadcast): the bus is a model that decides when, and whether, a
+    /// frame gets through.
+    ByOwner,
+}
+
+/// Settings of a [`Hub`](super::Hub).
+#[derive(Clone, Copy, Debug)]
+pub struct ServerOptions {
+    /// Who passes a peer's frame on to the other peers.
+    pub relay: Relay,
+    /// Connections beyond this number are told so and closed.
+    pub clients_max: usize,
+    /// A peer that has not opened the bus this long after it connected is disconnected.
+    pub handshake_max: Duration,
+    /// A peer that reads nothing for this long while output waits for it is disconnected.
+    pub stall_max: Duration,
+}
+
+impl Default for ServerOptions {
+    fn default() -> Self {
+        Self {
+            relay: Relay::AtOnce,
+            clients_max: 32,
+            handshake_max: Duration::from_secs(5),
+            stall_max: Duration::from_secs(10),
+        }
+    }
+}
+
+/// A peer for as long as it is connected; numbers are never used again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct ClientId(pub(super) u64);
+
+impl ClientId {
+    /// An id for servers that are not a [`Hub`](super::Hub), such as those of tests.
+    pub const fn from_number(number: u64) -> Self {
+        Self(number)
+    }
+}
+
+/// What happens at the port.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ServerEvent {
+    /// A peer has connected.
+    Joined {
+        /// The new peer.
+        client: ClientId,
+        /// Its address, or the device it is at.
+        peer: String,
+    },
+    /// A peer sent a frame.
+    Frame {
+        /// The sender.
+        client: ClientId,
+        /// Arrival by the server's clock.
+        at: Instant,
+        /// The frame.
+        frame: Frame,
+    },
+    /// A peer is gone; all its frames were told before.
+    Left {
+        /// The former peer.
+        client: ClientId,
+        /// Why, for people.
+        reason: &'static str,
+    },
+}
