@@ -12,7 +12,7 @@ pub const NO_THROW: u8 = 3;
 pub const BAD_INPUT: u8 = 4;
 /// A plan does not hold what it claims.
 pub const CHECK_FAILED: u8 = 5;
-/// Interrupted before there was a result.
+/// Interrupted by a signal before there was a result; what moved was stopped.
 pub const INTERRUPTED: u8 = 6;
 /// The bus cannot be reached, or was lost.
 pub const BUS: u8 = 7;
@@ -23,9 +23,20 @@ pub const FINDINGS: u8 = 9;
 /// A result or a recording cannot be written.
 pub const OUTPUT: u8 = 10;
 
+/// The throw ran to its end; the ball landed beyond the tolerance, or touched the arm.
+pub const MISSED: u8 = 11;
+/// The throw ran to its end; the ball did not leave the hand.
+pub const NOT_RELEASED: u8 = 12;
+/// The controller stopped the arm while it moved.
+pub const STOPPED: u8 = 13;
+
 /// Code, meaning and next step of each, for `cubectl explain` and the help.
 pub const TABLE: &[(u8, &str, &str)] = &[
-    (OK, "done", "nothing"),
+    (
+        OK,
+        "done; of a throw: the ball was seen to land within the tolerance, or nobody watched it",
+        "read which of the two",
+    ),
     (BUG, "a bug in cubectl", "report it with the command line and the recording"),
     (USAGE, "the command line makes no sense", "see `cubectl help VERB`"),
     (NO_THROW, "no throw reaches the target", "choose a nearer target or relax a limit"),
@@ -36,6 +47,21 @@ pub const TABLE: &[(u8, &str, &str)] = &[
     (DRIVE, "a drive does not answer, refuses or is in error", "`cubectl doctor` names module and cause"),
     (FINDINGS, "it was looked at, and something is wrong", "the output lists what and where"),
     (OUTPUT, "a result or a recording cannot be written", "free space, or write to another place"),
+    (
+        MISSED,
+        "the ball landed beyond the tolerance or touched the arm",
+        "`cubectl report` on the folder shows tracking and release; `cubectl home` finds the zeros anew",
+    ),
+    (
+        NOT_RELEASED,
+        "the ball did not leave the hand",
+        "take the ball out; check the gripper, its supply and its output",
+    ),
+    (
+        STOPPED,
+        "the controller stopped the arm while it moved",
+        "the message names joint, cause and folder; `cubectl explain CODE`, then `cubectl clear`",
+    ),
 ];
 
 #[cfg(test)]
@@ -43,6 +69,6 @@ mod tests {
     #[test]
     fn every_code_is_in_the_table_once_and_in_order() {
         let codes: Vec<u8> = super::TABLE.iter().map(|row| row.0).collect();
-        assert_eq!(codes, (0..=10).collect::<Vec<u8>>());
+        assert_eq!(codes, (0..=13).collect::<Vec<u8>>());
     }
 }

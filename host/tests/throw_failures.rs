@@ -99,7 +99,7 @@ fn a_homing_that_fails_and_a_drive_lost_in_mid_throw_stop_the_arm() {
     let lost =
         scenario(&folder, "[[fault]]\nkind = \"encoder-error\"\ntarget = \"module 6\"\noffset_deg = 30.0\n");
     let output = throw(&folder, &["--scenario", &lost]);
-    refused(&output, 8, &["joint 6"]);
+    refused(&output, 13, &["joint 6"]);
     // When the throw begins in virtual time, from an undisturbed run of the same seed.
     let good = throw(&folder, &["--json"]);
     let report: serde_json::Value = serde_json::from_str(&out(&good)).unwrap();
@@ -110,7 +110,7 @@ fn a_homing_that_fails_and_a_drive_lost_in_mid_throw_stop_the_arm() {
         .sum();
     let text = format!("[[fault]]\nkind = \"silent\"\ntarget = \"module 2\"\nstart_s = {}\n", begin_s + 0.4);
     let output = throw(&folder, &["--scenario", &scenario(&folder, &text)]);
-    refused(&output, 8, &["throw: ", "joint 2: a drive missed more replies", "(fault 101)"]);
+    refused(&output, 13, &["throw: ", "joint 2: a drive missed more replies", "(fault 101)"]);
     let text = std::fs::read_to_string(folder.file("out/summary.json")).unwrap();
     let report: serde_json::Value = serde_json::from_str(&text).unwrap();
     assert_eq!(

@@ -7,6 +7,7 @@
 //! | [`drives`] | which drive is which joint, and how it is mounted |
 //! | [`start`] | when runs began, in time of the log |
 //! | [`tracking`] | measured motion against the plan's polynomials |
+//! | [`release`] | where the ball leaves the hand and lands, by the measured motion |
 //! | [`currents`] | measured currents against the robot model's |
 //! | [`timing`] | control cycles and answer times |
 //! | [`bus`] | bus time taken, over time and per identifier |
@@ -25,6 +26,7 @@ pub mod currents;
 pub mod distribution;
 pub mod drives;
 pub mod events;
+pub mod release;
 pub mod start;
 pub mod timing;
 pub mod tracking;
@@ -40,9 +42,10 @@ use bus::BusUse;
 use currents::SupplyCurrents;
 use drives::Drives;
 use events::{Event, FirstFault};
+use release::ReleaseMotion;
 use start::StartFrom;
 use timing::{Answers, Cycles};
-use tracking::{JointTracking, ReleaseMotion};
+use tracking::JointTracking;
 
 /// Before the plan begins, this much of the log is kept for pictures, s.
 pub const BEFORE_S: f64 = 0.1;
@@ -205,7 +208,7 @@ pub fn analyse(run: &Run<'_>) -> Result<RunAnalysis, AnalysisError> {
         release_t_s: plan.release_time_s,
         end_t_s: plan.end_time_s,
         completed: heard.completed(plan.end_time_s),
-        release: tracking::release(run, &joints, &heard),
+        release: release::release(run, &joints, &heard),
         joints,
         supplies: currents::supplies(plan, run.arm, &heard),
         cycles: timing::cycles(&heard, plan.end_time_s),

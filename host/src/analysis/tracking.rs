@@ -5,21 +5,19 @@
 //! [`HALF_WINDOW_S`] on both sides, and the speed is the reference's less that slope. Nothing is asked to be causal
 //! here, so the estimate does not lag; what is faster than the window is smoothed.
 
-use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::collect::{Commanded, Heard, Reading};
 use super::drives::Drives;
-use super::{AFTER_S, AnalysisError, BEFORE_S, Run, TRANSIENT_S};
-use crate::flight::FlightModel;
+use super::{AFTER_S, AnalysisError, BEFORE_S, TRANSIENT_S};
 use crate::plan::file::PlanFile;
-use crate::plan::throw::{Arm, JOINTS, Joints};
+use crate::plan::throw::{Arm, JOINTS};
 use crate::verify::motion;
 
 /// Half of the time over which the slope of an error is taken, s: at 3 ms and 0.02° it leaves 2 mrad/s of noise.
 pub const HALF_WINDOW_S: f64 = 0.025;
 /// Fewest samples on each side of the middle.
-const SIDE_MIN: usize = 2;
+pub(super) const SIDE_MIN: usize = 2;
 
 /// One measured position and what belongs to it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -74,23 +72,6 @@ pub struct JointTracking {
     /// Ramps ordered in the same time.
     #[serde(skip)]
     pub commands: Vec<Commanded>,
-}
-
-/// The release as the measured motion has it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct ReleaseMotion {
-    /// When the ball was free, in time of the plan, s.
-    pub t_s: f64,
-    /// Ball in the hand, m.
-    pub position_m: [f64; 3],
-    /// Its velocity, m/s.
-    pub velocity_m_s: [f64; 3],
-    /// Where a ball released so lands, m.
-    pub landing_m: Option<[f64; 3]>,
-    /// Distance of that point from the target, m.
-    pub landing_error_m: Option<f64>,
-    /// When the gripper was told to open, in time of the plan, s; `None` if that is not on the bus.
-    pub gripper_ordered_t_s: Option<f64>,
 }
 
 /// Tracking of all joints.
@@ -195,7 +176,7 @@ fn slope_at(readings: &[Reading], i: usize) -> Option<f64> {
 }
 
 /// Least-squares line: mean time, mean value, slope; `None` if all are of one time.
-fn line(readings: &[Reading]) -> Option<(f64, f64, f64)> {
+pub(super) fn line(readings: &[Reading]) -> Option<(f64, f64, f64)> {
     let n = readings.len() as f64;
     let t_mean = readings.iter().map(|r| r.t_s).sum::<f64>() / n;
     let mean = readings.iter().map(|r| r.value).sum::<f64>() / n;
@@ -240,67 +221,6 @@ pub fn interpolate<T>(
     Some(value(a) + share * (value(b) - value(a)))
 }
 
-/// Ball and landing from the measured motion; `None` if a joint was not heard on both sides of the release.
-///
-/// The ball is free the gripper's opening time after the order that is on the bus; if either is not known, when planned.
-#[must_use]
-pub fn release(run: &Run<'_>, joints: &[JointTracking], heard: &Heard) -> Option<ReleaseMotion> {
-    let Run { plan, arm, .. } = run;
-    let gripper_ordered_t_s = heard
-        .output_written_t_s
-        .iter()
-        .copied()
-        .filter(|t_s| (0.0..=plan.end_time_s).contains(t_s))
-        .min_by(|a, b| (a - plan.release_time_s).abs().total_cmp(&(b - plan.release_time_s).abs()));
-    let t_s = gripper_ordered_t_s
-        .zip(run.gripper_opening)
-        .map_or(plan.release_time_s, |(ordered, opening)| ordered + opening.as_secs_f64());
-    let reference = motion::at(plan, t_s);
-    let (mut q, mut qd) = (Joints::zeros(), Joints::zeros());
-    for (j, joint) in joints.iter().enumerate() {
-        let (error_rad, error_rad_s) = error_at(&joint.samples, t_s)?;
-        q[j] = reference.q[j] - error_rad;
-        qd[j] = reference.qd[j] - error_rad_s;
-    }
-    let frames = arm.fk(&q);
-    let p = arm.ball(&frames).pos;
-    let twist = frames.jacobian(&p) * qd;
-    let v = Vector3::new(twist[0], twist[1], twist[2]);
-    let landing = flight(plan).and_then(|flight| flight.land(&p, &v, plan.target.position_m[2]));
-    let [x, y, _] = plan.target.position_m;
-    Some(ReleaseMotion {
-        t_s,
-        position_m: p.into(),
-        velocity_m_s: v.into(),
-        landing_m: landing.map(|l| l.p.into()),
-        landing_error_m: landing.map(|l| (l.p.x - x).hypot(l.p.y - y)),
-        gripper_ordered_t_s,
-    })
-}
-
-/// Error and its rate at `t_s` on the least-squares line through the samples around: finer than the steps of a
-/// drive. `None` unless there are [`SIDE_MIN`] samples on both sides.
-fn error_at(samples: &[Sample], t_s: f64) -> Option<(f64, f64)> {
-    let middle = samples.partition_point(|sample| sample.t_s < t_s);
-    let near = |sample: &&Sample| (sample.t_s - t_s).abs() <= HALF_WINDOW_S;
-    let before = samples[..middle].iter().rev().take_while(near).count().max(SIDE_MIN);
-    let after = samples[middle..].iter().take_while(near).count().max(SIDE_MIN);
-    let window = samples.get(middle.checked_sub(before)?..middle + after)?;
-    let readings: Vec<Reading> =
-        window.iter().map(|sample| Reading { t_s: sample.t_s, value: sample.error_rad }).collect();
-    let (mean_t_s, mean, slope) = line(&readings)?;
-    Some((mean + slope * (t_s - mean_t_s), slope))
-}
-
-/// The flight that the plan reckons with.
-#[must_use]
-pub fn flight(plan: &PlanFile) -> Option<FlightModel> {
-    FlightModel::vacuum(plan.landing.gravity_m_s2)
-        .and_then(|f| f.with_drag(plan.landing.drag_per_m))
-        .and_then(|f| f.with_magnus(Vector3::from(plan.landing.magnus_rad_s)))
-        .ok()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -318,24 +238,6 @@ mod tests {
         // One neighbour on a side is too few for a window of two.
         assert_eq!(slope_at(&readings, 1), None);
         assert!(slope_at(&readings, 2).is_some());
-    }
-
-    #[test]
-    fn the_error_between_samples_is_finer_than_the_steps_in_which_it_is_measured() {
-        let step = 0.02_f64.to_radians();
-        let reading = |t_s: f64| {
-            let q_rad = ((1.0 + 2.0 * t_s) / step).round() * step;
-            let (q_ref_rad, qd_ref_rad_s) = (1.002 + 2.01 * t_s, 2.01);
-            let error_rad = q_ref_rad - q_rad;
-            Sample { t_s, q_rad, qd_rad_s: 2.0, q_ref_rad, qd_ref_rad_s, error_rad, error_rad_s: 0.0 }
-        };
-        let samples: Vec<Sample> = (0..300).map(|i| reading(0.003 * f64::from(i))).collect();
-        let (error_rad, error_rad_s) = error_at(&samples, 0.4).unwrap();
-        assert!((error_rad - 6e-3).abs() < 1e-4, "{error_rad}");
-        assert!((error_rad_s - 0.01).abs() < 4e-3, "{error_rad_s}");
-        // One sample before, or none after, is too little.
-        assert_eq!(error_at(&samples, 0.002), None);
-        assert_eq!(error_at(&samples, 9.0), None);
     }
 
     #[test]

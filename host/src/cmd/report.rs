@@ -3,18 +3,20 @@
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-use protocol::Duration;
 use protocol::cyphal::crc::Crc64;
+use protocol::{Duration, Instant};
 use serde_json::Value;
 
 use super::print_json;
-use crate::analysis::{Run, RunAnalysis, analyse};
+use crate::analysis::drives::Drives;
+use crate::analysis::events::{self, Event};
+use crate::analysis::{PlanClock, Run, RunAnalysis, analyse};
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::log::candump;
 use crate::plan::file::PlanFile;
 use crate::plan::throw::Arm;
-use crate::report::run::RunReport;
+use crate::report::run::{EarlyReport, RunReport};
 
 /// Bit rate of a bus nobody says otherwise of, bit/s.
 pub const BIT_RATE: u32 = 1_000_000;
@@ -54,8 +56,10 @@ pub struct Recorded {
     pub arm: Arm,
     /// The plan.
     pub plan: PlanFile,
-    /// What the log says.
-    pub analysis: RunAnalysis,
+    /// What the log says, or why it does not suffice.
+    pub analysis: Result<RunAnalysis, String>,
+    /// What happened, in time of the log; empty if there is an analysis, which has them in time of the plan.
+    pub events: Vec<Event>,
     /// `summary.json`.
     pub summary: Option<Value>,
     /// Files: name, bytes, checksum.
@@ -78,7 +82,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let summary = place(&None, "summary.json").filter(|path| path.exists());
     let recorded = read(&plan, &log, summary.as_deref(), args.robot.as_deref(), args.bit_rate)?;
     if args.json {
-        print_json(&serde_json::to_value(&recorded.analysis).unwrap_or_default());
+        let analysis = recorded.analysis.map_err(|why| not_analysed(&log, &why))?;
+        print_json(&serde_json::to_value(&analysis).unwrap_or_default());
         return Ok(());
     }
     let out = needed(place(&args.out, "report.html"), "--out")?;
@@ -133,8 +138,22 @@ pub fn read(
         gripper_opening: told("gripper_opening_us").and_then(|us| us.as_u64()).map(Duration::from_micros),
         bit_rate_bit_s,
     };
-    let analysis = analyse(&run).map_err(|error| named(&error))?;
-    Ok(Recorded { arm, plan: plan_file, analysis, summary, files })
+    let (analysis, events) = match analyse(&run) {
+        Ok(analysis) => (Ok(analysis), Vec::new()),
+        // A throw that ended early has a report all the same.
+        Err(error) if summary.is_some() => {
+            let drives = run.drives.or_else(|| Drives::of(&arm));
+            let zero = PlanClock::starting(Instant::ZERO);
+            let told = drives.map(|drives| events::events(&run, &drives, zero).0);
+            (Err(error.to_string()), told.unwrap_or_default())
+        }
+        Err(error) => return Err(not_analysed(log, &error.to_string())),
+    };
+    Ok(Recorded { arm, plan: plan_file, analysis, events, summary, files })
+}
+
+fn not_analysed(log: &Path, why: &str) -> ExpectedError {
+    ExpectedError::bad_input(&format!("{}: {why}", log.display()))
 }
 
 /// Writes the report.
@@ -142,14 +161,16 @@ pub fn read(
 /// # Errors
 /// The file cannot be written.
 pub fn write(recorded: &Recorded, out: &Path) -> Result<(), ExpectedError> {
-    let report = RunReport {
-        arm: &recorded.arm,
-        plan: &recorded.plan,
-        analysis: &recorded.analysis,
-        summary: recorded.summary.as_ref(),
-        files: &recorded.files,
+    let Recorded { arm, plan, analysis, events, summary, files } = recorded;
+    let html = match (analysis, summary) {
+        (Ok(analysis), summary) => RunReport { arm, plan, analysis, summary: summary.as_ref(), files }.html(),
+        (Err(why), Some(summary)) => {
+            let why = why.lines().next().unwrap_or_default();
+            EarlyReport { plan, summary, why, events, files }.html()
+        }
+        (Err(why), None) => return Err(ExpectedError::bad_input(why)),
     };
-    std::fs::write(out, report.html())
+    std::fs::write(out, html)
         .map_err(|error| ExpectedError::new(exit::OUTPUT, format!("{}: {error}", out.display())))
 }
 

@@ -8,7 +8,7 @@ use nalgebra::{Matrix2, Vector3};
 use super::chart::{Chart, Curve, Pen};
 use super::page::{Page, Tone, cell};
 use super::{landing as landing_chart, scene};
-use crate::analysis::tracking::flight;
+use crate::analysis::release::flight;
 use crate::flight::landing;
 use crate::plan::file::PlanFile;
 use crate::plan::throw::{Arm, JOINTS};

@@ -8,6 +8,7 @@ use protocol::{Duration, Instant};
 use robot_model::collision::Scene;
 
 use super::approach::{ApproachError, rest_to_rest};
+use super::outcome::{Ball, Landing, LandingSource};
 use super::trajectory::{Motion, TrajectoryError, robot_crc32};
 use crate::analysis::drives::Drives;
 use crate::analysis::{Run, RunAnalysis, analyse};
@@ -28,6 +29,11 @@ const HOMING_MAX: Duration = Duration::from_secs(180);
 /// Room after the planned end of a run.
 const RUN_EXTRA: Duration = Duration::from_secs(5);
 
+/// A ball that is still in the hand this long after the end of a run stays there.
+const BALL_MAX: Duration = Duration::from_secs(1);
+/// Time between two looks at the simulated ball.
+const BALL_LOOK: Duration = Duration::from_millis(10);
+
 /// What a throw is made of.
 #[derive(Clone, Copy)]
 pub struct Job<'a> {
@@ -45,6 +51,8 @@ pub struct Job<'a> {
     pub approach_share: f64,
     /// Seed for ways around obstacles.
     pub seed: u64,
+    /// A landing farther from the target than this counts as missed, m.
+    pub tolerance_m: f64,
     /// Afterwards back to where the arm stood before.
     pub go_back: bool,
     /// Bit rate of the bus, for times on it, bit/s.
@@ -195,34 +203,12 @@ pub struct Record {
     pub gripper_opening: Option<Duration>,
     /// What the frames of the run say of it.
     pub analysis: Option<RunAnalysis>,
-    /// Where the ball landed.
-    pub landing: Option<Landed>,
+    /// Where the ball is, as far as somebody watches it.
+    pub ball: Ball,
+    /// Where it landed, or where the measured motion sends it.
+    pub landing: Option<Landing>,
     /// Frames during the throw.
     pub frames: u64,
-}
-
-/// Where the landing comes from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LandingSource {
-    /// The simulated ball.
-    Cell,
-    /// Computed from the measured motion of the joints at the release.
-    Measured,
-}
-
-/// Where the ball landed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Landed {
-    /// How it is known.
-    pub source: LandingSource,
-    /// Where, m.
-    pub position_m: Vector3<f64>,
-    /// Distance from the target, m.
-    pub error_m: f64,
-    /// By how much the ball was free later than planned, s.
-    pub release_late_s: Option<f64>,
-    /// First contact of the flying ball with the arm, s after the release.
-    pub touch_after_s: Option<f64>,
 }
 
 /// Does the job; `record` holds what is known, however it ends.
@@ -237,6 +223,25 @@ pub fn run(
 ) -> Result<(), JobError> {
     let keeper = Keeper::default();
     session.add_tap(Box::new(keeper.clone()));
+    let ended = all_steps(session, job, record, told, &keeper);
+    if ended.is_err() && record.ball == Ball::NotObserved {
+        // The ball may have left the hand before a stop, or leave it after: that is told too.
+        record.ball = watch_ball(session);
+        record.analysis = analysed(job, record, &keeper.stop());
+        if record.ball == Ball::Released {
+            record.landing = landing(session, job, record.analysis.as_ref());
+        }
+    }
+    ended
+}
+
+fn all_steps(
+    session: &mut Session,
+    job: &Job<'_>,
+    record: &mut Record,
+    told: Told<'_>,
+    keeper: &Keeper,
+) -> Result<(), JobError> {
     let mut steps = Steps { session, record, told };
 
     steps.begin(Step::Controller);
@@ -305,24 +310,27 @@ pub fn run(
     let states = &mut steps.record.states;
     let ended = steps.session.run_trajectory(node, &name, limit, &mut |at, group| states.push((at, *group)));
     steps.record.frames = (keeper.frames() - before_run) as u64;
-    if ended.is_err() {
-        steps.record.analysis = analysed(job, steps.record, &keeper.stop());
-    }
     ended?;
     steps.end(&format!("{:.3} s", throw.duration_s()));
 
     steps.begin(Step::Flight);
     let flight_left = job.plan.release_time_s + job.plan.landing.flight_s - throw.duration_s();
     steps.session.pass(Duration::from_secs_f64(flight_left.max(0.0) + 0.05))?;
+    steps.record.ball = watch_ball(steps.session);
     steps.record.analysis = analysed(job, steps.record, &keeper.stop());
-    let landed = landing(steps.session, job, steps.record.analysis.as_ref());
-    steps.record.landing = landed;
-    steps.end(&landed.map_or_else(
-        || "the ball did not land".to_owned(),
-        |landed| format!("landed {:.1} mm from the target", 1e3 * landed.error_m),
-    ));
+    let landing = landing(steps.session, job, steps.record.analysis.as_ref());
+    steps.record.landing = landing;
+    steps.end(&match (steps.record.ball, landing) {
+        (Ball::InHand, _) => "the ball is still in the hand".to_owned(),
+        (_, Some(landing)) if landing.source.is_observed() => {
+            format!("the ball came down {:.1} mm from the target", 1e3 * landing.error_m)
+        }
+        (Ball::Released, _) => "the ball does not come down on the plane of the target".to_owned(),
+        (Ball::NotObserved, _) => "nobody watches the ball".to_owned(),
+    });
 
-    if job.go_back {
+    // A ball that hangs in an open hand may fall at any time: the arm stays where it is.
+    if job.go_back && steps.record.ball != Ball::InHand {
         let here = Joints::from_iterator(steps.session.measured_pose(node)?);
         let empty = Scene { ball_held: false, ..job.scene.clone() };
         if let Some(motion) = rest_to_rest(job.arm, &empty, (&here, &before), job.approach_share, job.seed)? {
@@ -442,29 +450,62 @@ fn analysed(job: &Job<'_>, record: &Record, lines: &[Line]) -> Option<RunAnalysi
     analyse(&run).ok()
 }
 
-/// Where the ball landed: the cell knows, or the measured motion says.
-fn landing(session: &mut Session, job: &Job<'_>, analysis: Option<&RunAnalysis>) -> Option<Landed> {
+/// Follows the ball of the simulated cell until it has landed, or for [`BALL_MAX`] if it stays in the hand.
+fn watch_ball(session: &mut Session) -> Ball {
+    let until = session.now() + BALL_MAX;
+    loop {
+        let now = session.now();
+        let Some(sim) = session.sim() else { return Ball::NotObserved };
+        let report = sim.cell().throw();
+        let left = match (report.released_at, report.landing) {
+            (None, _) if now >= until => return Ball::InHand,
+            (None, _) => BALL_LOOK,
+            (Some(_), None) => return Ball::Released,
+            (Some(at), Some(landing)) => {
+                let landed_at = at + Duration::from_secs_f64(landing.t_s);
+                if now >= landed_at {
+                    return Ball::Released;
+                }
+                landed_at.saturating_since(now).min(BALL_LOOK)
+            }
+        };
+        // A bus that failed has told nothing about the ball so far.
+        if session.pass(left).is_err() {
+            return Ball::NotObserved;
+        }
+    }
+}
+
+/// Where the ball landed: the cell knows, or the measured motion says where it should.
+fn landing(session: &mut Session, job: &Job<'_>, analysis: Option<&RunAnalysis>) -> Option<Landing> {
     let target = Vector3::from(job.plan.target.position_m);
-    let analysis = analysis?;
-    let error_m = |p: &Vector3<f64>| (p - target).norm();
     if let Some(sim) = session.sim() {
         let report = sim.cell().throw();
         let landing = report.landing?;
-        let planned_log_s = analysis.start_log_s + job.plan.release_time_s;
-        return Some(Landed {
+        let planned_log_s = analysis.map(|analysis| analysis.start_log_s + job.plan.release_time_s);
+        return Some(Landing {
             source: LandingSource::Cell,
             position_m: landing.p_m,
-            error_m: error_m(&landing.p_m),
-            release_late_s: report.released_at.map(|free| free.as_secs_f64() - planned_log_s),
+            error_m: (landing.p_m - target).norm(),
+            uncertainty_m: None,
+            release_late_s: report.released_at.zip(planned_log_s).map(|(free, s)| free.as_secs_f64() - s),
             touch_after_s: report.touch.as_ref().map(|(t_s, _)| *t_s),
         });
     }
+    computed_landing(job, analysis?)
+}
+
+/// Where the measured motion sends the ball; `None` if it was not measured about the release, or the ball does not come
+/// down on the plane of the target.
+#[must_use]
+pub fn computed_landing(job: &Job<'_>, analysis: &RunAnalysis) -> Option<Landing> {
     let release = analysis.release?;
     let position_m = Vector3::from(release.landing_m?);
-    Some(Landed {
+    Some(Landing {
         source: LandingSource::Measured,
         position_m,
-        error_m: error_m(&position_m),
+        error_m: (position_m - Vector3::from(job.plan.target.position_m)).norm(),
+        uncertainty_m: release.landing_uncertainty_m,
         release_late_s: Some(release.t_s - job.plan.release_time_s),
         touch_after_s: None,
     })

@@ -10,6 +10,7 @@
 //! | [`period`] | the control period of a controller in this program: measured, given, or refused |
 //! | [`approach`] | motions from rest to rest around everything in the way |
 //! | [`job`] | the steps above, in order, on a session |
+//! | [`outcome`] | how a throw ended: landed, missed, not released, stopped, and what is known where nobody watches |
 //! | [`mod@summary`] | the run in numbers, as JSON |
 //!
 //! # Invariants
@@ -19,8 +20,10 @@
 
 pub mod approach;
 pub mod job;
+pub mod outcome;
 pub mod period;
 pub mod summary;
 pub mod trajectory;
 
 pub use job::{Job, JobError, Record, Step};
+pub use outcome::{Outcome, Verdict};

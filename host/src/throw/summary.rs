@@ -5,7 +5,8 @@ use protocol::cyphal::cubecell::group_state::State;
 use protocol::cyphal::id::NodeId;
 use serde_json::{Value, json};
 
-use super::job::{Job, LandingSource, Record};
+use super::job::{Job, Record};
+use super::outcome::Verdict;
 use crate::analysis::RunAnalysis;
 use crate::analysis::tracking::ErrorSize;
 use crate::bus::pace::Pace;
@@ -13,7 +14,7 @@ use crate::bus::soft::SoftReport;
 use crate::plan::file::VERSION as PLAN_VERSION;
 
 /// Version of the file.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 /// What only the caller knows.
 #[derive(Clone, Debug, Default)]
@@ -26,8 +27,10 @@ pub struct Circumstances<'a> {
     pub controller: &'a str,
     /// Seed of planner and cell.
     pub seed: u64,
-    /// How it ended: `landed`, or what went wrong.
-    pub outcome: &'a str,
+    /// Exit code of the program.
+    pub exit_code: u8,
+    /// What ended the job early, as people read it.
+    pub cause: Option<&'a str>,
     /// Errors that the bus reported.
     pub bus_errors: usize,
     /// Time of each step by the wall, in the order of the record.
@@ -46,7 +49,7 @@ pub struct Circumstances<'a> {
 
 /// The summary.
 #[must_use]
-pub fn summary(job: &Job<'_>, record: &Record, about: &Circumstances<'_>) -> Value {
+pub fn summary(job: &Job<'_>, record: &Record, verdict: &Verdict, about: &Circumstances<'_>) -> Value {
     let plan = job.plan;
     let landing = record.landing;
     let steps: Vec<Value> = record
@@ -64,7 +67,12 @@ pub fn summary(job: &Job<'_>, record: &Record, about: &Circumstances<'_>) -> Val
     json!({
         "format": "cubectl-throw",
         "version": VERSION,
-        "outcome": about.outcome,
+        "outcome": verdict.outcome.json_name(),
+        "outcome_text": verdict.text,
+        "exit_code": about.exit_code,
+        "cause": about.cause,
+        "tolerance_m": verdict.tolerance_m,
+        "ball": record.ball.json_name(),
         "ended_in_step": record.at_work.map(|(step, _)| step.name()),
         "bus": about.bus,
         "time": about.time,
@@ -73,10 +81,9 @@ pub fn summary(job: &Job<'_>, record: &Record, about: &Circumstances<'_>) -> Val
         "target_m": plan.target.position_m,
         "landing_error_m": landing.map(|landed| landed.error_m),
         "landing": landing.map(|landed| json!({
-            "source": match landed.source {
-                LandingSource::Cell => "simulated ball",
-                LandingSource::Measured => "measured motion at the release",
-            },
+            "source": landed.source.json_name(),
+            "observed": landed.source.is_observed(),
+            "uncertainty_m": landed.uncertainty_m,
             "position_m": [landed.position_m.x, landed.position_m.y, landed.position_m.z],
             "release_late_s": landed.release_late_s,
             "touched_arm_after_s": landed.touch_after_s,

@@ -199,6 +199,7 @@ impl Rig {
             scene: &scene,
             approach_share: 0.3,
             seed,
+            tolerance_m: 0.01,
             go_back: false,
             bit_rate_bit_s: 1_000_000,
         };

@@ -1,21 +1,26 @@
 //! HTML report of a recorded run against its plan.
 //!
-//! `tracking`, `bus` and `record` hold the sections of the page.
+//! `tracking`, `bus` and `record` hold the sections of the page; `early` is the page of a throw that ended before there
+//! was a motion to show.
 
 mod bus;
+mod early;
 mod record;
 mod tracking;
 
+pub use early::EarlyReport;
 use nalgebra::Vector3;
 use serde_json::Value;
 
 use super::chart::{Chart, Curve};
 use super::page::{Page, Tone};
 use super::{landing, scene};
-use crate::analysis::tracking::{JointTracking, ReleaseMotion, flight, interpolate};
+use crate::analysis::release::{ReleaseMotion, flight};
+use crate::analysis::tracking::{JointTracking, interpolate};
 use crate::analysis::{POSITION_BOUND_RAD, RunAnalysis, SPEED_BOUND_RAD_S};
 use crate::plan::file::PlanFile;
 use crate::plan::throw::{Arm, Joints};
+use crate::throw::outcome::{Outcome, default_tolerance_m};
 use crate::verify::motion;
 
 /// What a report is about.
@@ -31,9 +36,6 @@ pub struct RunReport<'a> {
     /// Files behind the report: name, bytes, checksum.
     pub files: &'a [(String, u64, String)],
 }
-
-/// A landing nearer than this counts as good, m.
-const NEAR_M: f64 = 0.02;
 
 impl RunReport<'_> {
     /// One self-contained HTML file.
@@ -90,25 +92,32 @@ impl RunReport<'_> {
         self.in_summary("/landing_error_m").and_then(Value::as_f64)
     }
 
+    /// What the throw itself judged; without its summary, what the log says.
     fn verdict(&self) -> (String, Tone) {
+        if let Some((outcome, text)) = self.summary.and_then(told_outcome) {
+            return (text, tone(outcome));
+        }
         if let Some(fault) = &self.analysis.fault {
             return (format!("stopped: {}", fault.what), Tone::Bad);
         }
         if !self.analysis.completed {
             return ("not seen to its end".to_owned(), Tone::Warn);
         }
-        let measured = self.thrown().and_then(|release| release.landing_error_m);
-        match (self.landing_error_m(), measured) {
-            (Some(m), _) => {
-                let tone = if m <= NEAR_M { Tone::Good } else { Tone::Warn };
-                (format!("landed {:.1} mm from the target", m * 1e3), tone)
+        match self.thrown().and_then(|release| release.landing_error_m) {
+            Some(m) if m <= self.tolerance_m() => (
+                format!("the measured motion sends the ball {:.1} mm from the target; not observed", m * 1e3),
+                Tone::Plain,
+            ),
+            Some(m) => {
+                (format!("missed, by the measured motion: {:.1} mm from the target", m * 1e3), Tone::Bad)
             }
-            (None, Some(m)) => {
-                let tone = if m <= NEAR_M { Tone::Good } else { Tone::Warn };
-                (format!("released for {:.1} mm from the target", m * 1e3), tone)
-            }
-            (None, None) => ("ran to its end".to_owned(), Tone::Good),
+            None => ("ran to its end; no release was ordered".to_owned(), Tone::Warn),
         }
+    }
+
+    fn tolerance_m(&self) -> f64 {
+        let told = self.in_summary("/tolerance_m").and_then(Value::as_f64);
+        told.unwrap_or_else(|| default_tolerance_m(self.plan))
     }
 
     fn circumstances(&self) -> String {
@@ -130,8 +139,14 @@ impl RunReport<'_> {
         let mut tiles = Vec::new();
         let largest = |size: &dyn Fn(&JointTracking) -> f64| a.joints.iter().map(size).fold(0.0, f64::max);
         if let Some(m) = self.landing_error_m() {
-            let tone = if m <= NEAR_M { Tone::Good } else { Tone::Warn };
-            tiles.push((format!("{:.1}", m * 1e3), "mm", "landing error".to_owned(), tone));
+            let observed = self.in_summary("/landing/observed").and_then(Value::as_bool).unwrap_or(false);
+            let (tone, what) = match (m <= self.tolerance_m(), observed) {
+                (true, true) => (Tone::Good, "landing error, observed"),
+                (true, false) => (Tone::Plain, "landing error by the measured motion, not observed"),
+                (false, true) => (Tone::Bad, "landing error, observed"),
+                (false, false) => (Tone::Bad, "landing error by the measured motion, not observed"),
+            };
+            tiles.push((format!("{:.1}", m * 1e3), "mm", what.to_owned(), tone));
         }
         let bounded = |value: f64, bound: f64| if value <= bound { Tone::Good } else { Tone::Bad };
         let q = largest(&|j| j.position_error_rad.max_after_transient);
@@ -260,5 +275,38 @@ impl RunReport<'_> {
             is_time: true,
             ..Chart::default()
         }
+    }
+}
+
+/// Outcome and sentence of a `summary.json`.
+fn told_outcome(summary: &Value) -> Option<(Outcome, String)> {
+    let outcome = summary.get("outcome").and_then(Value::as_str).and_then(Outcome::from_json_name)?;
+    let text = summary.get("outcome_text").and_then(Value::as_str).unwrap_or(outcome.words());
+    Some((outcome, text.to_owned()))
+}
+
+fn tone(outcome: Outcome) -> Tone {
+    match outcome {
+        Outcome::Landed => Tone::Good,
+        Outcome::NotObserved => Tone::Plain,
+        Outcome::NotThrown => Tone::Warn,
+        Outcome::Missed | Outcome::NotReleased | Outcome::Stopped => Tone::Bad,
+    }
+}
+
+/// What is needed to repeat a run, beside what its plan and log say: the leaves of its summary, and its files.
+fn repeat_rows(
+    summary: Option<&Value>,
+    files: &[(String, u64, String)],
+    rows: &mut Vec<Vec<(String, Tone)>>,
+) {
+    if let Some(summary) = summary {
+        record::flatten("", summary, rows);
+    }
+    for (name, bytes, checksum) in files {
+        rows.push(vec![
+            super::page::cell(format!("file {name}")),
+            super::page::cell(format!("{bytes} bytes, CRC-64 {checksum}")),
+        ]);
     }
 }

@@ -4,7 +4,7 @@ use serde_json::Value;
 
 use super::super::chart::escape;
 use super::super::page::{Page, Tone, cell, table};
-use super::RunReport;
+use super::{RunReport, repeat_rows};
 use crate::analysis::events::{Event, FirstFault};
 use crate::log::watch::Severity;
 
@@ -61,18 +61,13 @@ impl RunReport<'_> {
                 ),
             ],
         ];
-        if let Some(summary) = self.summary {
-            flatten("", summary, &mut rows);
-        }
-        for (name, bytes, checksum) in self.files {
-            rows.push(vec![cell(format!("file {name}")), cell(format!("{bytes} bytes, CRC-64 {checksum}"))]);
-        }
+        repeat_rows(self.summary, self.files, &mut rows);
         page.table(&["", "value"], &rows);
     }
 }
 
-/// Leaves of a JSON document as rows; long lists are left out, they are shown elsewhere.
-fn flatten(path: &str, value: &Value, rows: &mut Vec<Vec<(String, Tone)>>) {
+/// Leaves of a JSON document as rows. Long lists are left out: the rest of the page shows them.
+pub(super) fn flatten(path: &str, value: &Value, rows: &mut Vec<Vec<(String, Tone)>>) {
     match value {
         Value::Object(map) => {
             // The analysis is what the rest of the page shows.

@@ -1,24 +1,28 @@
 //! `cubectl throw`
 
-use std::io::{IsTerminal, Write};
+mod folder;
+mod voice;
+
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
-use std::time::{Instant as WallTime, SystemTime, UNIX_EPOCH};
+use std::time::Instant as WallTime;
 
 use can_link::BusSpec;
-use indicatif::ProgressBar;
 use nalgebra::Vector3;
 use protocol::ModuleId;
 use robot_model::Pose;
 use robot_model::collision::{Obb, Scene};
 
+use self::folder::Folder;
+use self::voice::Voice;
 use super::doctor::{Level, examine_modules};
 use super::home::share;
 use super::plan::options::point;
 use super::plan::throw::{Planned, SearchOptions};
 use super::print_json;
 use super::report;
-use crate::analysis::tracking::JointTracking;
 use crate::bus::args::{CellArgs, Controller, interrupt};
+use crate::bus::operator::OperatorError;
 use crate::bus::pace::Pace;
 use crate::bus::settings::settings_of;
 use crate::bus::{BusArgs, Session};
@@ -27,9 +31,10 @@ use crate::exit;
 use crate::plan::Arm;
 use crate::plan::file::PlanFile;
 use crate::throw::job::{News, Step};
-use crate::throw::period::{Choice, NoPeriod, Wish, apply, choose};
+use crate::throw::outcome::{Outcome, default_tolerance_m, judge};
+use crate::throw::period::{NoPeriod, Wish, apply, choose};
 use crate::throw::summary::{Circumstances, summary};
-use crate::throw::{Job, JobError, Record, job};
+use crate::throw::{Job, JobError, Record, Verdict, job};
 use crate::tune::gains_file::GainsFile;
 use crate::verify;
 
@@ -39,7 +44,7 @@ const LISTEN: protocol::Duration = protocol::Duration::from_millis(400);
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl throw --target 1.0,1.0,-1.0                      # in the simulated cell\n  cubectl throw --target 1.0,1.0,-1.0 --bus can0            # a controller that is heard there, else one in this program\n  cubectl throw --plan plan.json --bus can0 --controller 10\n\nWrites plan.json, gains.toml, log.candump, log.mcap, summary.json and report.html into a new folder. Ctrl-C stops the arm along its\npath, then ends the program with code 6. On a terminal and a live bus it asks before the ball is thrown.\n\nThe landing is where the simulated ball meets the plane of the target; on a live bus it is computed from the\nmeasured motion at the release."
+    after_help = "Examples:\n  cubectl throw --target 1.0,1.0,-1.0                      # in the simulated cell\n  cubectl throw --target 1.0,1.0,-1.0 --bus can0            # a controller that is heard there, else one in this program\n  cubectl throw --plan plan.json --bus can0 --controller 10\n\nWrites plan.json, gains.toml, log.candump, log.mcap, summary.json and report.html into a new folder. Ctrl-C, SIGTERM and\nSIGHUP stop the arm along its path, then end the program with code 6. On a terminal and a live bus it asks before the ball\nis thrown.\n\nOutcomes and exit codes: landed 0, missed 11, not released 12, stopped 13. Only the bus `sim` sees the ball. On every\nother bus the outcome is \"thrown, not observed\" (0): the program then says when the release was ordered and where the\nmeasured motion sends the ball. A drive that has lost encoder counts tells a wrong position without knowing it; nothing\nin its answers shows that."
 )]
 pub struct Args {
     /// Target in m, world frame (arm base, z up).
@@ -82,6 +87,10 @@ pub struct Args {
     /// Share of the robot's speeds and accelerations on the way to the start.
     #[arg(long, default_value_t = 0.3, value_name = "SHARE", value_parser = share)]
     pub approach_share: f64,
+    /// A landing farther from the target than this is a miss, m [default: the distance within which 99 % of the landings
+    /// that the plan predicts lie, at least 0.010].
+    #[arg(long, value_name = "M", value_parser = super::home::positive)]
+    pub tolerance: Option<f64>,
     /// Afterwards go back to where the arm stood. Default: stay where the throw ends.
     #[arg(long)]
     pub back: bool,
@@ -153,6 +162,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         scene: &scene,
         approach_share: args.approach_share,
         seed: cell.seed,
+        tolerance_m: args.tolerance.unwrap_or_else(|| default_tolerance_m(&plan)),
         go_back: args.back,
         bit_rate_bit_s: report::BIT_RATE,
     };
@@ -166,8 +176,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         }
     });
     voice.quiet();
+    let verdict = judge(&job, &record, ended.as_ref().map(|()| ()));
     let by_controller = matches!(ended, Err(JobError::Operator(_)));
-    let mut failed = ended.err().map(|error| failure(error, &record));
+    let mut failed = ended.err().map(|error| failure(error, &record, verdict.outcome));
     if let Some(error) = &mut failed
         && soft
         && by_controller
@@ -182,15 +193,16 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         (session.name().to_owned(), session.is_simulated(), session.bus_errors().len());
     let thread = session.finish_controller();
     let closed = session.finish().map_err(ExpectedError::from);
+    let wrong = failed.or_else(|| off_target(&verdict)).or(closed.err());
 
     let controller = if soft { "soft".to_owned() } else { "node".to_owned() };
-    let outcome = failed.as_ref().map_or("landed", |error| error.message.lines().next().unwrap_or("failed"));
     let circumstances = Circumstances {
         bus: &name,
         time: if simulated { "virtual time" } else { "real time" },
         controller: &controller,
         seed: cell.seed,
-        outcome,
+        exit_code: wrong.as_ref().map_or(exit::OK, |error| error.code),
+        cause: wrong.as_ref().map(|error| error.message.as_str()),
         bus_errors,
         wall_s: &voice.wall_s,
         plan_s,
@@ -199,35 +211,54 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         period_why: choice.as_ref().map_or("the controller's", |choice| choice.why),
         pace: pace.as_ref(),
     };
-    let mut value = summary(&job, &record, &circumstances);
+    let mut value = summary(&job, &record, &verdict, &circumstances);
     value["command_line"] = std::env::args().collect::<Vec<_>>().join(" ").into();
-    folder.write("gains.toml", &gains_text)?;
-    // From the files, as `cubectl report` makes it; a throw that never began has none.
-    let robot = Some(args.search.options.robot.as_str());
-    let summary_file = folder.file("summary.json");
-    folder.write("summary.json", &format!("{value:#}\n"))?;
-    let recorded = report::read(
-        &folder.file("plan.json"),
-        &folder.file("log.candump"),
-        Some(&summary_file),
-        robot,
-        report::BIT_RATE,
-    );
-    match recorded {
-        Ok(recorded) => report::write(&recorded, &folder.file("report.html"))?,
-        Err(error) if failed.is_none() => say::note!("cubectl: no report: {error}"),
-        Err(_) => {}
-    }
+    let written = write_results(&folder, &value, &gains_text, &args.search.options.robot);
     if args.json {
         print_json(&value);
     }
-    match (failed, closed) {
-        (Some(error), _) | (None, Err(error)) => Err(error),
-        (None, Ok(())) => {
-            voice.closing(&record, &folder.path, begun);
-            Ok(())
-        }
+    let Some(mut error) = wrong else {
+        written?;
+        voice.closing(&record, Some(&verdict), &folder.path, begun);
+        return Ok(());
+    };
+    voice.closing(&record, None, &folder.path, begun);
+    error.message += &format!("\n  results in {}", folder.path.display());
+    if let Err(lost) = written {
+        error.message += &format!("; not all of them: {}", lost.message);
     }
+    Err(error)
+}
+
+/// Gains, summary and report. The report is made from the files, as `cubectl report` makes it.
+fn write_results(
+    folder: &Folder,
+    summary: &serde_json::Value,
+    gains: &str,
+    robot: &str,
+) -> Result<(), ExpectedError> {
+    folder.write("summary.json", &format!("{summary:#}\n"))?;
+    folder.write("gains.toml", gains)?;
+    let files = ["plan.json", "log.candump", "summary.json"].map(|name| folder.file(name));
+    let [plan, log, summary] = &files;
+    let recorded = report::read(plan, log, Some(summary), Some(robot), report::BIT_RATE)?;
+    report::write(&recorded, &folder.file("report.html"))
+}
+
+/// The error that a verdict about the ball makes; `None` if it is where it should be, as far as is known.
+fn off_target(verdict: &Verdict) -> Option<ExpectedError> {
+    let next = match verdict.outcome {
+        Outcome::Missed => {
+            "`cubectl report` on the folder shows tracking and release; home the arm anew before the next throw: a drive \
+             that has lost counts does not know it"
+        }
+        Outcome::NotReleased => {
+            "take the ball out of the hand before anything moves; check the gripper, its supply and its output"
+        }
+        _ => return None,
+    };
+    let code = verdict.outcome.exit_code()?;
+    Some(ExpectedError::new(code, format!("{}\n  next: {next}", verdict.text)))
 }
 
 /// The plan of a file, or a new one.
@@ -362,9 +393,12 @@ fn scene(search: &SearchOptions) -> Scene {
 }
 
 /// From what ended the job to what people read: the step, what happened, what to do.
-fn failure(error: JobError, record: &Record) -> ExpectedError {
+fn failure(error: JobError, record: &Record, outcome: Outcome) -> ExpectedError {
     let step = record.at_work.map_or("throw", |(step, _)| step.name());
     let expected = match error {
+        JobError::Operator(error @ OperatorError::Stopped { .. }) if outcome == Outcome::Stopped => {
+            ExpectedError::new(exit::STOPPED, error.to_string())
+        }
         JobError::Operator(error) => ExpectedError::from(error),
         JobError::Approach(_) | JobError::Double { .. } => ExpectedError::new(exit::DRIVE, error.to_string()),
         JobError::Declined => {
@@ -428,156 +462,4 @@ fn gains_toml(plan: &PlanFile, record: &Record, gains: Option<&GainsFile>) -> St
         );
     }
     text
-}
-
-/// Where the results go.
-struct Folder {
-    path: PathBuf,
-}
-
-impl Folder {
-    fn create(wanted: Option<&Path>) -> Result<Self, ExpectedError> {
-        let path = wanted.map_or_else(|| PathBuf::from(format!("throw-{}", date_and_time())), Path::to_owned);
-        std::fs::create_dir_all(&path).map_err(|error| {
-            output(&format!("{}: {error}\n  next: name another folder with --out", path.display()))
-        })?;
-        let this = Self { path };
-        for name in ["summary.json", "log.candump"] {
-            if this.file(name).is_file() {
-                return Err(output(&format!(
-                    "{} holds the results of another throw\n  next: name another folder with --out",
-                    this.path.display()
-                )));
-            }
-        }
-        Ok(this)
-    }
-
-    fn file(&self, name: &str) -> PathBuf {
-        self.path.join(name)
-    }
-
-    fn write(&self, name: &str, text: &str) -> Result<(), ExpectedError> {
-        let path = self.file(name);
-        std::fs::write(&path, text).map_err(|error| output(&format!("{}: {error}", path.display())))
-    }
-}
-
-/// `20261121-025700` in UTC.
-fn date_and_time() -> String {
-    let s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
-    let (days, s) = (s / 86_400, s % 86_400);
-    // Days since 1 March of year 0 in the proleptic Gregorian calendar, in eras of 400 years.
-    let days = days + 719_468;
-    let (era, of_era) = (days / 146_097, days % 146_097);
-    let year_of_era = (of_era - of_era / 1_460 + of_era / 36_524 - of_era / 146_096) / 365;
-    let of_year = of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let (month, day) = ((5 * of_year + 2) / 153, of_year - (153 * ((5 * of_year + 2) / 153) + 2) / 5 + 1);
-    let (year, month) = (era * 400 + year_of_era + u64::from(month >= 10), (month + 2) % 12 + 1);
-    format!("{year:04}{month:02}{day:02}-{:02}{:02}{:02}", s / 3_600, s / 60 % 60, s % 60)
-}
-
-/// What people see while it works.
-struct Voice {
-    silent: bool,
-    bar: ProgressBar,
-    begun: WallTime,
-    wall_s: Vec<f64>,
-}
-
-impl Voice {
-    fn new(silent: bool) -> Self {
-        Self { silent, bar: ProgressBar::hidden(), begun: WallTime::now(), wall_s: Vec::new() }
-    }
-
-    fn line(&self, what: &str, wall_s: f64, found: &str) {
-        if !self.silent {
-            self.bar.suspend(|| say::note!("{what:<20} {wall_s:7.3} s  {found}"));
-        }
-    }
-
-    fn planned(&self, plan: &PlanFile, took_s: f64) {
-        let [x, y, z] = plan.target.position_m;
-        let found = format!(
-            "to ({x}, {y}, {z}) m in {:.2} s, released at {:.2} m/s",
-            plan.end_time_s,
-            Vector3::from(plan.release.velocity_m_s).norm()
-        );
-        self.line("plan", took_s, &found);
-    }
-
-    fn paced(&self, choice: &Choice, pace: &Pace) {
-        let found = format!("{} ms ({}): {pace}", f64::from(choice.period_us) * 1e-3, choice.why);
-        self.line("control period", crate::bus::pace::SPAN.as_secs_f64(), &found);
-        self.line("", 0.0, &pace.granted.to_string());
-    }
-
-    fn tell(&mut self, news: News<'_>) {
-        match news {
-            News::Begin(step) => {
-                self.begun = WallTime::now();
-                if !self.silent && std::io::stderr().is_terminal() {
-                    self.bar = ProgressBar::new_spinner().with_message(step.name());
-                    self.bar.enable_steady_tick(std::time::Duration::from_millis(200));
-                }
-            }
-            News::Part(done, all) => {
-                self.bar.set_length(all as u64);
-                self.bar.set_position(done as u64);
-            }
-            News::End(step, found) => {
-                self.bar.finish_and_clear();
-                let took_s = self.begun.elapsed().as_secs_f64();
-                self.wall_s.push(took_s);
-                self.line(step.name(), took_s, found);
-            }
-            News::MayThrow => {}
-        }
-    }
-
-    fn quiet(&self) {
-        self.bar.finish_and_clear();
-    }
-
-    /// Asks the person at the terminal.
-    fn may_throw(&self) -> bool {
-        self.bar.suspend(|| {
-            say::note_text!("The arm stands at the start. Ball in the hand, nobody near? Enter throws, anything else ends: ");
-            let _ = std::io::stderr().flush();
-            let mut answer = String::new();
-            matches!(std::io::stdin().read_line(&mut answer), Ok(n) if n > 0 && answer.trim().is_empty())
-        })
-    }
-
-    fn closing(&self, record: &Record, folder: &Path, begun: WallTime) {
-        if self.silent {
-            return;
-        }
-        if let Some(landed) = record.landing {
-            let how = match landed.source {
-                job::LandingSource::Cell => "the simulated ball",
-                job::LandingSource::Measured => "computed from the measured motion at the release",
-            };
-            let [x, y, z] = landed.position_m.into();
-            say::line!(
-                "landed {:.1} mm from the target, at ({x:.4}, {y:.4}, {z:.4}) m ({how})",
-                1e3 * landed.error_m
-            );
-        }
-        if let Some(analysis) = &record.analysis {
-            let largest = |joint: &JointTracking| format!("{:.1}", 1e3 * joint.position_error_rad.max);
-            let mrad: Vec<String> = analysis.joints.iter().map(largest).collect();
-            say::line!("largest tracking errors {} mrad", mrad.join(" "));
-        }
-        say::line!("{:.2} s in all; results in {}", begun.elapsed().as_secs_f64(), folder.display());
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    #[test]
-    fn the_default_folder_is_named_after_a_date_of_this_century() {
-        let name = super::date_and_time();
-        assert!(name.len() == 15 && name.starts_with("20") && name.as_bytes()[8] == b'-', "{name}");
-    }
 }

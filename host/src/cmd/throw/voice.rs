@@ -1,0 +1,105 @@
+//! What a person at the terminal reads during a throw.
+
+use std::io::{IsTerminal, Write};
+use std::path::Path;
+use std::time::Instant as WallTime;
+
+use indicatif::ProgressBar;
+use nalgebra::Vector3;
+
+use crate::analysis::tracking::JointTracking;
+use crate::bus::pace::Pace;
+use crate::plan::file::PlanFile;
+use crate::throw::job::News;
+use crate::throw::period::Choice;
+use crate::throw::{Record, Verdict};
+
+/// What people see while it works.
+pub(super) struct Voice {
+    silent: bool,
+    bar: ProgressBar,
+    begun: WallTime,
+    /// Time of each step by the wall, s.
+    pub(super) wall_s: Vec<f64>,
+}
+
+impl Voice {
+    pub(super) fn new(silent: bool) -> Self {
+        Self { silent, bar: ProgressBar::hidden(), begun: WallTime::now(), wall_s: Vec::new() }
+    }
+
+    fn line(&self, what: &str, wall_s: f64, found: &str) {
+        if !self.silent {
+            self.bar.suspend(|| say::note!("{what:<20} {wall_s:7.3} s  {found}"));
+        }
+    }
+
+    pub(super) fn planned(&self, plan: &PlanFile, took_s: f64) {
+        let [x, y, z] = plan.target.position_m;
+        let found = format!(
+            "to ({x}, {y}, {z}) m in {:.2} s, released at {:.2} m/s",
+            plan.end_time_s,
+            Vector3::from(plan.release.velocity_m_s).norm()
+        );
+        self.line("plan", took_s, &found);
+    }
+
+    pub(super) fn paced(&self, choice: &Choice, pace: &Pace) {
+        let found = format!("{} ms ({}): {pace}", f64::from(choice.period_us) * 1e-3, choice.why);
+        self.line("control period", crate::bus::pace::SPAN.as_secs_f64(), &found);
+        self.line("", 0.0, &pace.granted.to_string());
+    }
+
+    pub(super) fn tell(&mut self, news: News<'_>) {
+        match news {
+            News::Begin(step) => {
+                self.begun = WallTime::now();
+                if !self.silent && std::io::stderr().is_terminal() {
+                    self.bar = ProgressBar::new_spinner().with_message(step.name());
+                    self.bar.enable_steady_tick(std::time::Duration::from_millis(200));
+                }
+            }
+            News::Part(done, all) => {
+                self.bar.set_length(all as u64);
+                self.bar.set_position(done as u64);
+            }
+            News::End(step, found) => {
+                self.bar.finish_and_clear();
+                let took_s = self.begun.elapsed().as_secs_f64();
+                self.wall_s.push(took_s);
+                self.line(step.name(), took_s, found);
+            }
+            News::MayThrow => {}
+        }
+    }
+
+    pub(super) fn quiet(&self) {
+        self.bar.finish_and_clear();
+    }
+
+    /// Asks the person at the terminal.
+    pub(super) fn may_throw(&self) -> bool {
+        self.bar.suspend(|| {
+            say::note_text!("The arm stands at the start. Ball in the hand, nobody near? Enter throws, anything else ends: ");
+            let _ = std::io::stderr().flush();
+            let mut answer = String::new();
+            matches!(std::io::stdin().read_line(&mut answer), Ok(n) if n > 0 && answer.trim().is_empty())
+        })
+    }
+
+    /// The last lines: the verdict if it is good (else it is the error's text), tracking, and where the results are.
+    pub(super) fn closing(&self, record: &Record, verdict: Option<&Verdict>, folder: &Path, begun: WallTime) {
+        if self.silent {
+            return;
+        }
+        if let Some(verdict) = verdict {
+            say::line!("{}", verdict.text);
+        }
+        if let Some(analysis) = &record.analysis {
+            let largest = |joint: &JointTracking| format!("{:.1}", 1e3 * joint.position_error_rad.max);
+            let mrad: Vec<String> = analysis.joints.iter().map(largest).collect();
+            say::line!("largest tracking errors {} mrad", mrad.join(" "));
+        }
+        say::line!("{:.2} s in all; results in {}", begun.elapsed().as_secs_f64(), folder.display());
+    }
+}

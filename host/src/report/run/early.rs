@@ -1,0 +1,70 @@
+//! Page of a throw that ended before its plan ran, or whose log does not suffice for an analysis.
+
+use serde_json::Value;
+
+use super::super::chart::escape;
+use super::super::page::{Page, Tone, cell};
+use super::{record, repeat_rows, told_outcome, tone};
+use crate::analysis::events::Event;
+use crate::plan::file::PlanFile;
+use crate::throw::Outcome;
+
+/// See the [module](self).
+pub struct EarlyReport<'a> {
+    /// The plan.
+    pub plan: &'a PlanFile,
+    /// `summary.json` of the throw.
+    pub summary: &'a Value,
+    /// Why there is no analysis.
+    pub why: &'a str,
+    /// Everything that happened, in time of the log.
+    pub events: &'a [Event],
+    /// Files behind the report: name, bytes, checksum.
+    pub files: &'a [(String, u64, String)],
+}
+
+impl EarlyReport<'_> {
+    /// One self-contained HTML file.
+    #[must_use]
+    pub fn html(&self) -> String {
+        let [x, y, z] = self.plan.target.position_m;
+        let (outcome, text) =
+            told_outcome(self.summary).unwrap_or((Outcome::NotThrown, "no outcome is recorded".to_owned()));
+        let text_of = |key: &str| self.summary.get(key).and_then(Value::as_str);
+        let mut under = vec![self.plan.robot.name.clone()];
+        under.extend(text_of("bus").map(|bus| format!("bus {bus}")));
+        under.extend(text_of("time").map(str::to_owned));
+        let mut page = Page::new(
+            &format!("Throw to ({x}, {y}, {z}) m").replace('-', "−"),
+            &under.join(" · "),
+            Some((&text, tone(outcome))),
+        );
+        page.section("What happened", "");
+        let cause = text_of("cause").unwrap_or("The summary names no cause.");
+        page.html(&format!("<div class=\"card\"><pre>{}</pre></div>", escape(cause)));
+        let steps: Vec<Vec<(String, Tone)>> = self
+            .summary
+            .get("steps")
+            .and_then(Value::as_array)
+            .into_iter()
+            .flatten()
+            .map(|step| {
+                let took_s = step.get("bus_time_s").and_then(Value::as_f64).unwrap_or_default();
+                let name = step.get("step").and_then(Value::as_str).unwrap_or_default();
+                vec![cell(name), cell(format!("{took_s:.3}"))]
+            })
+            .chain(
+                text_of("ended_in_step").map(|step| vec![cell(step), ("ended here".to_owned(), Tone::Bad)]),
+            )
+            .collect();
+        page.table(&["step", "time of the bus, s"], &steps);
+        page.note(&format!("No motion is shown: {}.", self.why));
+        page.section("Events", "What controller, host and drives said. Times are those of the log.");
+        page.html(&record::events_table(self.events));
+        page.section("To repeat this run", "Seeds, versions, checksums and files.");
+        let mut rows = Vec::new();
+        repeat_rows(Some(self.summary), self.files, &mut rows);
+        page.table(&["", "value"], &rows);
+        page.finish()
+    }
+}
