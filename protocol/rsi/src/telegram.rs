@@ -105,6 +105,10 @@ impl Telegram {
         });
         for node in flattened.filter(roxmltree::Node::is_element) {
             let name = node.tag_name().name();
+            if name == "Dat" {
+                // Inside another one; no program writes this.
+                continue;
+            }
             if name == "IPOC" {
                 let number = node.text().unwrap_or_default().trim().parse()?;
                 if ipoc.replace(number).is_some() {
@@ -115,9 +119,10 @@ impl Telegram {
             if elements.iter().any(|element| element.name == name) {
                 return Err(ReadError::Twice(name.to_owned()));
             }
+            let own = node.attributes().filter(|attribute| attribute.namespace().is_none());
             elements.push(Element {
                 name: name.to_owned(),
-                attributes: node.attributes().map(|a| (a.name().to_owned(), a.value().to_owned())).collect(),
+                attributes: own.map(|a| (a.name().to_owned(), a.value().to_owned())).collect(),
                 text: node.text().unwrap_or_default().to_owned(),
             });
         }

@@ -109,6 +109,16 @@ fn older_form_of_the_answer_is_read() {
     assert_eq!(values[config.scalar("DiO").unwrap()], Some(Value::Long(125)));
 }
 
+/// Found by fuzzing: the inner `<Dat>` was read as an element that cannot be written back.
+#[test]
+fn container_inside_a_container_and_attributes_of_other_name_spaces_are_skipped() {
+    let text = "<Sen Type=\"ImFree\" xmlns:x=\"u\"><Dat><Dat TaskType=\"b\"><IPOC>7</IPOC></Dat><DiO x:a=\"1\" \
+                a=\"2\">5</DiO><IPOC>1</IPOC></Dat></Sen>";
+    let telegram = Telegram::parse(text.as_bytes(), Root::Sen).unwrap();
+    assert_eq!(telegram.ipoc.value(), 1);
+    assert_eq!(telegram.write().unwrap(), br#"<Sen Type="ImFree"><DiO a="2">5</DiO><IPOC>1</IPOC></Sen>"#);
+}
+
 #[test]
 fn echoed_ipoc_keeps_its_digits() {
     let telegram = Telegram::parse(br#"<Rob Type="KUKA"><IPOC>0000000099</IPOC></Rob>"#, Root::Rob).unwrap();
