@@ -71,6 +71,7 @@ pub mod report;
 pub mod rng;
 pub mod scenario;
 pub mod swarm;
+pub mod witness;
 pub mod world;
 
 pub use cell::{Cell, CellOptions};

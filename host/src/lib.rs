@@ -14,6 +14,7 @@
 //! | [`mod@throw`] | the main job: from a plan to where the ball landed |
 //! | [`log`] | recordings: candump text and MCAP; what their frames say |
 //! | [`analysis`] | a recorded run against its plan: tracking, currents, timing, bus, events |
+//! | [`trust`] | throws with faults in the simulated cell, judged from the plant itself |
 //! | [`tune`], [`identify`] | gain design with certificates, plant constants from samples |
 
 #![warn(clippy::print_stdout, clippy::print_stderr)]
@@ -31,5 +32,6 @@ pub mod plan;
 pub mod report;
 pub mod store;
 pub mod throw;
+pub mod trust;
 pub mod tune;
 pub mod verify;

@@ -226,6 +226,7 @@ impl Cell {
             logic_on_motor_supply: options.logic_on_motor_supply,
             step: options.step,
             grid: Instant::ZERO,
+            trace: None,
         })
     }
 }

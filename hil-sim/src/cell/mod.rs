@@ -30,6 +30,7 @@ use crate::crew::{Crew, Link};
 use crate::drive::Drive;
 use crate::fault::FaultTarget;
 use crate::mechanics::{AxisInput, Plant, Supply};
+use crate::witness::Trace;
 use throw::Throw;
 
 /// Below this share of the nominal voltage the electronics of a drive that hang on the motor supply are off.
@@ -49,6 +50,7 @@ pub struct Cell {
     grid: Instant,
     inputs: Vec<AxisInput>,
     loads_a: Vec<f64>,
+    trace: Option<Box<Trace>>,
 }
 
 impl Cell {
@@ -102,6 +104,21 @@ impl Cell {
         self.step
     }
 
+    /// Records the plant from now on, for a judge outside the bus.
+    pub fn record_trace(&mut self) {
+        self.trace = Some(Box::new(Trace::new(self.plant.axes(), self.step, self.grid)));
+    }
+
+    /// The record since [`Cell::record_trace`].
+    pub fn trace(&self) -> Option<&Trace> {
+        self.trace.as_deref()
+    }
+
+    /// Gives the record away and ends it.
+    pub fn take_trace(&mut self) -> Option<Trace> {
+        self.trace.take().map(|trace| *trace)
+    }
+
     fn index_of(&self, module: ModuleId) -> Option<usize> {
         self.drives.iter().position(|drive| drive.address() == module)
     }
@@ -136,6 +153,12 @@ impl Cell {
         }
         self.throw.step(&self.drives, &*self.plant, end);
         self.grid = end;
+        if let Some(trace) = &mut self.trace {
+            for axis in 0..self.plant.axes() {
+                trace.push([self.plant.link_q_rad(axis), self.plant.axis(axis).v_rad_s]);
+            }
+            trace.note_gripper(end, self.throw.is_told_to_open());
+        }
     }
 }
 

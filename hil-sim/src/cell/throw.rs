@@ -66,6 +66,10 @@ impl Throw {
         self.gripper.order(at, open);
     }
 
+    pub(super) fn is_told_to_open(&self) -> bool {
+        self.gripper.is_ordered_open()
+    }
+
     pub(super) fn set_stuck(&mut self, now: Instant, stuck: bool) {
         self.gripper.set_stuck(now, stuck);
     }

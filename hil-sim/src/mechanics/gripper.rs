@@ -100,6 +100,11 @@ impl Gripper {
         self.fingers == Fingers::Open
     }
 
+    /// The last order was to open.
+    pub fn is_ordered_open(&self) -> bool {
+        self.ordered_open
+    }
+
     /// Does not open while stuck; opens when freed if the order still stands, after its usual delay.
     pub fn set_stuck(&mut self, now: Instant, stuck: bool) {
         self.stuck = stuck;

@@ -43,6 +43,7 @@ pub mod expect;
 pub mod faults;
 pub mod host;
 mod values;
+pub mod write;
 
 use std::path::Path;
 

@@ -1,0 +1,207 @@
+//! One throw in the simulated cell, as a scenario wants it, with the real host job and the real controller.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use firmware::settings::Settings;
+use hil_sim::scenario::Scenario;
+use nalgebra::Vector3;
+use protocol::{Duration, Instant};
+use robot_model::AnyRobot;
+use robot_model::collision::Scene;
+
+use super::evidence::{BusTap, Evidence, Seen, Told};
+use crate::bus::BusArgs;
+use crate::bus::args::Cell;
+use crate::bus::operator::OperatorError;
+use crate::bus::session::{BusFailure, Session};
+use crate::bus::settings::settings_of;
+use crate::bus::sim::SimSetup;
+use crate::plan::file::PlanFile;
+use crate::plan::search::{Best, Planner};
+use crate::plan::statistics::Noise;
+use crate::plan::{Arm, Options, Problem, seeds};
+use crate::throw::job::Step;
+use crate::throw::outcome::{self, Outcome, default_tolerance_m};
+use crate::throw::period::{Wish, apply, choose};
+use crate::throw::trajectory::Motion;
+use crate::throw::{Job, JobError, Record, job};
+use crate::tune::gains_file::GainsFile;
+
+/// Robot of the bench.
+pub const ROBOT: &str = "powercube6";
+/// Target of the published throw, m.
+pub const TARGET_M: [f64; 3] = [1.0, 1.0, -1.0];
+/// The cell runs on after the job, so that what still moves is seen.
+const AFTER: Duration = Duration::from_millis(1_500);
+/// The arm starts this far from the start of the plan, towards the middle of the ranges, so that there is an approach.
+const START_OFFSET_RAD: f64 = 0.15;
+
+/// What all throws have in common.
+pub struct Bench {
+    /// The arm.
+    pub arm: Arm,
+    robot: AnyRobot,
+    settings: Settings,
+    gains: Option<GainsFile>,
+    /// The throw.
+    pub plan: PlanFile,
+    /// A landing farther from the target counts as missed, m.
+    pub tolerance_m: f64,
+}
+
+impl Bench {
+    /// Plans the published throw.
+    ///
+    /// # Errors
+    /// In words; only a broken installation leads to one.
+    pub fn new() -> Result<Self, String> {
+        let robot = AnyRobot::load(ROBOT).map_err(|error| error.to_string())?;
+        let AnyRobot::Six(arm) = robot.clone() else { return Err(format!("{ROBOT} has not six joints")) };
+        let problem = Problem::new(&arm, Vector3::from(TARGET_M), Options::best())
+            .map_err(|error| error.to_string())?;
+        let found = Planner::new(&problem)
+            .from_index(&seeds::built_in(&arm), 6)
+            .ok_or("no throw reaches the target of the bench")?;
+        let best = Best { found, starts: 1, solved: 1, interrupted: false, others: vec![found] };
+        let plan = PlanFile::of(&problem, &best, ROBOT, 1, &Noise::default(), None)
+            .ok_or("the plan of the bench cannot be written")?;
+        let mut settings = settings_of(&robot).map_err(|error| error.to_string())?;
+        let choice =
+            choose(Wish::Any, None, ROBOT, settings.cycle_period_us).map_err(|error| error.to_string())?;
+        apply(&choice, &mut settings);
+        Ok(Self {
+            arm: *arm,
+            robot,
+            settings,
+            gains: choice.gains,
+            tolerance_m: default_tolerance_m(&plan),
+            plan,
+        })
+    }
+
+    /// A cell whose arm stands homed beside the start of the plan.
+    #[must_use]
+    pub fn scenario(&self, seed: u64) -> Scenario {
+        let mut scenario = Scenario { name: "trust".to_owned(), seed, ..Scenario::default() };
+        scenario.duration = Duration::from_secs(60);
+        scenario.cell.drive.starts_homed = true;
+        let start = Motion::of_plan(&self.plan).map(|motion| motion.start_rad()).unwrap_or_default();
+        scenario.cell.start_q_rad = Some(start.iter().map(|q| q - START_OFFSET_RAD.copysign(*q)).collect());
+        scenario
+    }
+
+    /// A cell whose joints have to find their zeros first.
+    #[must_use]
+    pub fn scenario_without_zeros(&self, seed: u64) -> Scenario {
+        let mut scenario = self.scenario(seed);
+        scenario.cell.drive.starts_homed = false;
+        // Beside the home switches.
+        scenario.cell.start_q_rad = None;
+        scenario
+    }
+
+    /// Throws.
+    #[must_use]
+    pub fn throw(&self, scenario: &Scenario) -> Evidence {
+        match catch_unwind(AssertUnwindSafe(|| self.try_throw(scenario))) {
+            Ok(Ok(evidence)) => evidence,
+            Ok(Err(failure)) => nothing(Told::Failed(failure.to_string())),
+            Err(panic) => {
+                let text = panic.downcast_ref::<String>().map(String::as_str);
+                let text = text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("unknown");
+                nothing(Told::Panicked(text.to_owned()))
+            }
+        }
+    }
+
+    fn try_throw(&self, scenario: &Scenario) -> Result<Evidence, BusFailure> {
+        let mut setup = SimSetup {
+            cell: scenario.cell.clone(),
+            bus: scenario.bus,
+            faults: scenario.faults.clone(),
+            actions: scenario.actions.clone(),
+        };
+        setup.cell.gripper.landing_z_m = Some(self.plan.target.position_m[2]);
+        let cell =
+            Cell { robot_source: ROBOT.to_owned(), robot: self.robot.clone(), seed: scenario.seed, setup };
+        let mut session = BusArgs::default().open_cell(&cell, Some(&self.settings))?;
+        let tap = BusTap::new(&self.arm);
+        session.add_tap(Box::new(tap.clone()));
+        record_trace(&mut session)?;
+
+        let scene = Scene { ball_held: true, ..Scene::default() };
+        let job = Job {
+            arm: &self.arm,
+            plan: &self.plan,
+            gains: self.gains.as_ref(),
+            controller: None,
+            scene: &scene,
+            approach_share: 0.3,
+            seed: scenario.seed,
+            tolerance_m: self.tolerance_m,
+            go_back: false,
+            bit_rate_bit_s: scenario.bus.bit_rate_bit_s,
+        };
+        let mut record = Record::default();
+        let ended = job::run(&mut session, &job, &mut record, &mut |_| true);
+        let job_end = session.now();
+        let mut broken = match &ended {
+            Err(JobError::Operator(OperatorError::Bus(failure))) => Some(failure.to_string()),
+            _ => None,
+        };
+        if broken.is_none()
+            && let Err(failure) = session.pass(AFTER)
+        {
+            broken = Some(failure.to_string());
+        }
+        let end = session.now();
+        let mut steps = record.steps.clone();
+        steps.extend(record.at_work.map(|(step, begun): (Step, Instant)| (step, begun, job_end)));
+        let told = told(&job, ended, &record);
+        let Some(sim) = session.sim() else { return Ok(nothing(told)) };
+        let ball = sim.cell().throw().clone();
+        let trace = sim.cell().trace().cloned().unwrap_or_default();
+        let target = Vector3::from(self.plan.target.position_m);
+        let (seen, told_ball) = (Seen::of(&ball, &target, self.tolerance_m), record.ball);
+        Ok(Evidence { told, told_ball, seen, ball, trace, bus: tap.take(), steps, job_end, end, broken })
+    }
+}
+
+fn record_trace(session: &mut Session) -> Result<(), BusFailure> {
+    if let Some(sim) = session.sim() {
+        sim.world().with_crew(|crew, _| crew.0.0.0.record_trace())?;
+    }
+    Ok(())
+}
+
+/// As the program tells it: exit code and text.
+fn told(job: &Job<'_>, ended: Result<(), JobError>, record: &Record) -> Told {
+    let verdict = outcome::judge(job, record, ended.as_ref().map(|()| ()));
+    match (verdict.outcome, ended) {
+        (Outcome::Landed, _) => Told::Landed,
+        (Outcome::Missed, _) => Told::Missed,
+        (Outcome::NotReleased, _) => Told::NotReleased,
+        (_, Err(JobError::Operator(OperatorError::Stopped { cause, joint, .. }))) => {
+            Told::Cause { cause, joint }
+        }
+        (_, Err(JobError::Operator(OperatorError::Refused { refusal: Some(refusal), .. }))) => {
+            Told::Cause { cause: refusal.cause, joint: refusal.joint }
+        }
+        _ => Told::Failed(verdict.text),
+    }
+}
+
+fn nothing(told: Told) -> Evidence {
+    Evidence {
+        told,
+        told_ball: Default::default(),
+        seen: Seen::NotReleased,
+        ball: Default::default(),
+        trace: Default::default(),
+        bus: Default::default(),
+        steps: Vec::new(),
+        job_end: Instant::ZERO,
+        end: Instant::ZERO,
+        broken: None,
+    }
+}

@@ -1,0 +1,296 @@
+//! The rules that every run has to keep, with their bounds.
+
+use hil_sim::fault::{Fault, FaultKind, PhysicalFault, WireFault};
+use hil_sim::scenario::Scenario;
+use hil_sim::witness::Trace;
+use protocol::cyphal::cubecell::group_state::State;
+use protocol::{Duration, Instant};
+
+use super::evidence::{Evidence, Seen, Told};
+use crate::plan::Arm;
+use crate::throw::job::Step;
+use crate::throw::outcome::Ball;
+
+/// A joint slower than this rests, rad/s.
+const REST_RAD_S: f64 = 0.01;
+/// The end of a run in which all joints must rest.
+const REST_SPAN: Duration = Duration::from_millis(200);
+/// A drive that brakes at the rate of its commands stands after 0.26 s; a halt, a watchdog and the controller's reaction
+/// take less than 0.2 s.
+const FAULT_TO_REST: Duration = Duration::from_millis(500);
+/// The drives' position loops overshoot the speed of a ramp by this share.
+const SPEED_SHARE: f64 = 0.05;
+/// A loop at rest swings by this much, rad/s.
+const SPEED_SLACK_RAD_S: f64 = 0.05;
+/// Position loops overshoot by this much, rad.
+const POSITION_SLACK_RAD: f64 = 0.005;
+/// Largest distance from the path of the nominal run, rad: a joint that brakes on its own at the rate of its commands from
+/// the top speed of the throw needs v²/(2a), 0.2 to 0.3 rad, while the others stop elsewhere.
+pub const EXCURSION_MAX_RAD: f64 = 0.35;
+
+/// A rule.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Rule {
+    /// No panic, no livelock, no world broken down.
+    Runs,
+    /// Every joint stays in its range.
+    Position,
+    /// Every joint stays below its top speed.
+    Speed,
+    /// No command exceeds the limits.
+    Command,
+    /// The joints stay near the path of the nominal run.
+    Excursion,
+    /// All joints rest at the end.
+    Rest,
+    /// Nothing moves while the controller tells a standing state.
+    Supervised,
+    /// The gripper is not told to open after a stop.
+    Ball,
+    /// The outcome told is the outcome seen.
+    Outcome,
+}
+
+/// A rule that was broken.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Finding {
+    /// Which.
+    pub rule: Rule,
+    /// How, in words.
+    pub what: String,
+}
+
+/// The judgement of a run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Verdict {
+    /// Rules broken; empty if all is well.
+    pub findings: Vec<Finding>,
+    /// What was told, in few words.
+    pub told: String,
+    /// Something is wrong and the program does not tell it.
+    pub silent: bool,
+    /// Largest distance from the nominal path, rad.
+    pub excursion_rad: f64,
+}
+
+impl Verdict {
+    /// All rules were kept.
+    #[must_use]
+    pub fn ok(&self) -> bool {
+        self.findings.is_empty()
+    }
+}
+
+/// What is compared with.
+pub struct Judge<'a> {
+    /// The robot.
+    pub arm: &'a Arm,
+    /// Trace of the same cell without faults.
+    pub nominal: &'a Trace,
+}
+
+impl Judge<'_> {
+    /// Judges a run of a scenario.
+    #[must_use]
+    pub fn judge(&self, scenario: &Scenario, run: &Evidence) -> Verdict {
+        let mut findings = Vec::new();
+        let mut found = |rule, what: String| findings.push(Finding { rule, what });
+        if let Told::Panicked(text) = &run.told {
+            found(Rule::Runs, format!("panic: {text}"));
+        }
+        if let Some(broken) = &run.broken {
+            found(Rule::Runs, broken.clone());
+        }
+        if let Some(first) = run.bus.beyond.first().filter(|_| !forges_frames(&scenario.faults)) {
+            found(Rule::Command, first.clone());
+        }
+        self.limits(scenario, run, &mut found);
+        let excursion_rad = excursion(&run.trace, self.nominal);
+        if excursion_rad > EXCURSION_MAX_RAD + encoder_slack_rad(&scenario.faults) {
+            found(Rule::Excursion, format!("{excursion_rad:.3} rad from the path"));
+        }
+        rest(run, &mut found);
+        supervised(run, &mut found);
+        ball(run, &mut found);
+        if let Some(what) = outcome(run) {
+            found(Rule::Outcome, what);
+        }
+        // A miss that is told does not tell of an arm that went astray.
+        let tells_of_arm = matches!(run.told, Told::Cause { .. } | Told::Failed(_) | Told::Panicked(_));
+        let silent = findings.iter().any(|finding| !tells_of_arm || finding.rule == Rule::Outcome);
+        Verdict { findings, told: in_words(&run.told), silent, excursion_rad }
+    }
+
+    fn limits(&self, scenario: &Scenario, run: &Evidence, found: &mut impl FnMut(Rule, String)) {
+        let slack_rad = POSITION_SLACK_RAD + encoder_slack_rad(&scenario.faults);
+        let (mut worst_q, mut worst_v) = ((0.0, String::new()), (0.0, String::new()));
+        for index in 0..run.trace.len() {
+            for (j, (joint, [q, v])) in self.arm.joints().iter().zip(run.trace.sample(index)).enumerate() {
+                let limits = &joint.limits;
+                let beyond_q = (limits.q_min_rad - slack_rad - q).max(q - limits.q_max_rad - slack_rad);
+                if beyond_q > worst_q.0 {
+                    worst_q = (beyond_q, format!("joint {} at {q:.3} rad at {}", j + 1, run.trace.at(index)));
+                }
+                let beyond_v = v.abs() - (1.0 + SPEED_SHARE) * limits.v_max_rad_s - SPEED_SLACK_RAD_S;
+                if beyond_v > worst_v.0 {
+                    worst_v =
+                        (beyond_v, format!("joint {} at {v:.3} rad/s at {}", j + 1, run.trace.at(index)));
+                }
+            }
+        }
+        if worst_q.0 > 0.0 {
+            found(Rule::Position, worst_q.1);
+        }
+        if worst_v.0 > 0.0 {
+            found(Rule::Speed, worst_v.1);
+        }
+    }
+}
+
+/// Frames on the bus that no controller sent.
+fn forges_frames(faults: &[Fault]) -> bool {
+    faults.iter().any(|fault| matches!(fault.kind, FaultKind::Wire(WireFault::Babble { .. })))
+}
+
+/// Lost encoder counts move the true range by as much as was lost.
+fn encoder_slack_rad(faults: &[Fault]) -> f64 {
+    let lost = |fault: &Fault| match fault.kind {
+        FaultKind::Physical(_, PhysicalFault::EncoderOffset { offset_rad }) => offset_rad.abs(),
+        _ => 0.0,
+    };
+    faults.iter().map(lost).sum()
+}
+
+/// Largest distance of any joint from the nearest pose of the nominal run.
+///
+/// The nearest pose is looked for around the last one, because both runs pass the path in the same order.
+#[must_use]
+pub fn excursion(run: &Trace, nominal: &Trace) -> f64 {
+    /// Samples between two comparisons.
+    const STRIDE: usize = 10;
+    /// Samples looked at before and behind the last nearest pose.
+    const WINDOW: usize = 400;
+    if nominal.is_empty() {
+        return 0.0;
+    }
+    let distance = |a: &[[f64; 2]], b: &[[f64; 2]]| {
+        a.iter().zip(b).map(|(a, b)| (a[0] - b[0]).abs()).fold(0.0, f64::max)
+    };
+    let (mut near, mut largest) = (0_usize, 0.0_f64);
+    for index in (0..run.len()).step_by(STRIDE) {
+        let here = run.sample(index);
+        let (from, to) = (near.saturating_sub(WINDOW), (near + WINDOW).min(nominal.len() - 1));
+        let mut best = (f64::INFINITY, near);
+        for other in (from..=to).step_by(STRIDE) {
+            let d = distance(here, nominal.sample(other));
+            if d <= best.0 {
+                best = (d, other);
+            }
+        }
+        near = best.1;
+        largest = largest.max(best.0);
+    }
+    largest
+}
+
+fn fastest(trace: &Trace, index: usize) -> (usize, f64) {
+    let speeds = trace.sample(index).iter().map(|[_, v]| v.abs()).enumerate();
+    speeds.fold((0, 0.0), |best, next| if next.1 > best.1 { next } else { best })
+}
+
+fn rest(run: &Evidence, found: &mut impl FnMut(Rule, String)) {
+    let trace = &run.trace;
+    let span = REST_SPAN.as_micros() / trace.step().as_micros().max(1);
+    let from = trace.len().saturating_sub(span as usize);
+    if let Some((joint, v)) = (from..trace.len()).map(|i| fastest(trace, i)).find(|(_, v)| *v > REST_RAD_S) {
+        found(Rule::Rest, format!("joint {} still moves at {v:.3} rad/s", joint + 1));
+    }
+}
+
+/// Between two messages that both tell a standing state nothing may have moved; after a fault no longer than it takes to
+/// brake.
+fn supervised(run: &Evidence, found: &mut impl FnMut(Rule, String)) {
+    let trace = &run.trace;
+    let mut fault_since = None;
+    for (k, (at, group)) in run.bus.states.iter().enumerate() {
+        if group.state == State::Fault {
+            fault_since = fault_since.or(Some(*at));
+        } else {
+            fault_since = None;
+        }
+        let next = run.bus.states.get(k + 1);
+        // Without further messages the state stands until the end.
+        let (until, next_state) = next.map_or((run.end, group.state), |(at, group)| (*at, group.state));
+        if group.state.may_move() || next_state.may_move() {
+            continue;
+        }
+        let from = match fault_since {
+            Some(since) => (since + FAULT_TO_REST).max(*at),
+            None => *at,
+        };
+        let (from, to) = (trace.index_at(from), trace.index_at(until));
+        if let Some((i, (joint, v))) =
+            (from..to).map(|i| (i, fastest(trace, i))).find(|(_, (_, v))| *v > REST_RAD_S)
+        {
+            let what =
+                format!("{:?}: joint {} moves at {v:.3} rad/s at {}", group.state, joint + 1, trace.at(i));
+            found(Rule::Supervised, what);
+            return;
+        }
+    }
+}
+
+/// When the throw was stopped: the first halt or message of it.
+fn stopped_at(run: &Evidence) -> Option<Instant> {
+    let (from, _) = run.step(Step::Throw)?;
+    let halt = run.bus.halts.iter().copied().find(|at| *at >= from);
+    let told = run.bus.first(from, |state| matches!(state, State::Stopping | State::Stopped | State::Fault));
+    match (halt, told) {
+        (Some(a), Some(b)) => Some(a.min(b)),
+        (a, b) => a.or(b),
+    }
+}
+
+fn ball(run: &Evidence, found: &mut impl FnMut(Rule, String)) {
+    let Some(stop) = stopped_at(run) else { return };
+    let opened = run.trace.gripper_orders().iter().find(|(at, open)| *open && *at > stop);
+    if let Some((at, _)) = opened {
+        found(Rule::Ball, format!("the gripper is told to open at {at}, after the stop at {stop}"));
+    }
+}
+
+fn outcome(run: &Evidence) -> Option<String> {
+    let seen = match run.seen {
+        Seen::Landed { error_m } => format!("landed {:.1} mm from the target", 1e3 * error_m),
+        Seen::Missed { error_m } => format!("missed by {:.1} mm", 1e3 * error_m),
+        Seen::Touched => "the ball touched the arm".to_owned(),
+        Seen::Away => "the ball does not come down".to_owned(),
+        Seen::NotReleased => "the ball is in the hand".to_owned(),
+    };
+    let ball = match run.told_ball {
+        Ball::NotObserved => true,
+        Ball::InHand => run.seen == Seen::NotReleased,
+        Ball::Released => run.seen != Seen::NotReleased,
+    };
+    let right = match &run.told {
+        Told::Landed => matches!(run.seen, Seen::Landed { .. }),
+        Told::Missed => matches!(run.seen, Seen::Missed { .. } | Seen::Touched | Seen::Away),
+        Told::NotReleased => run.seen == Seen::NotReleased,
+        // A stop says nothing of the target; the other rules judge the arm.
+        Told::Cause { .. } | Told::Failed(_) | Told::Panicked(_) => true,
+    };
+    (!right || !ball)
+        .then(|| format!("told: {}, ball {}; seen: {seen}", in_words(&run.told), run.told_ball.json_name()))
+}
+
+fn in_words(told: &Told) -> String {
+    match told {
+        Told::Landed => "landed".to_owned(),
+        Told::Missed => "missed".to_owned(),
+        Told::NotReleased => "not released".to_owned(),
+        Told::Cause { cause, joint: 0 } => format!("cause {cause}"),
+        Told::Cause { cause, joint } => format!("cause {cause} joint {joint}"),
+        Told::Failed(text) => format!("failed: {}", text.lines().next().unwrap_or_default()),
+        Told::Panicked(text) => format!("panic: {text}"),
+    }
+}

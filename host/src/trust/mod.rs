@@ -1,0 +1,25 @@
+//! Throws with faults in the simulated cell, judged from the plant itself.
+//!
+//! ```text
+//!   scenario ──▶ bench::throw ──▶ evidence ──▶ judge ──▶ verdict
+//!                 real host job    what was told (job, group state)
+//!                 real controller  what was seen (trace of the plant)
+//! ```
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`bench`] | one throw of a scenario: plan, host job and controller are the real ones |
+//! | [`evidence`] | what a run leaves: what was told, what was seen |
+//! | [`judge`] | the rules, with their bounds |
+//! | [`phases`] | instants of a nominal run, from its own events |
+//! | [`matrix`] | every kind of fault, in every phase, at every joint |
+
+pub mod bench;
+pub mod evidence;
+pub mod judge;
+pub mod matrix;
+pub mod phases;
+
+pub use bench::Bench;
+pub use evidence::{Evidence, Seen, Told};
+pub use judge::{Finding, Rule, Verdict};

@@ -1,0 +1,164 @@
+//! The matrix: kinds of faults x phases x joints, lasting and short.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::time::Instant as WallTime;
+
+use hil_sim::scenario::Scenario;
+use hil_sim::scenario::write::fault_lines;
+use host::trust::judge::Judge;
+use host::trust::matrix::{Entry, entries};
+use host::trust::phases::{Phase, Phases};
+use host::trust::{Bench, Evidence, Told, Verdict};
+use rayon::prelude::*;
+
+/// Cell and nominal run of one kind of start.
+struct Start {
+    scenario: Scenario,
+    nominal: Evidence,
+    phases: Phases,
+}
+
+impl Start {
+    fn new(bench: &Bench, scenario: Scenario) -> Self {
+        let nominal = bench.throw(&scenario);
+        let phases = Phases::of(&nominal, &bench.plan).unwrap();
+        Self { scenario, nominal, phases }
+    }
+}
+
+struct Matrix {
+    bench: Bench,
+    homed: Start,
+    unhomed: Start,
+}
+
+impl Matrix {
+    fn new() -> Self {
+        let bench = Bench::new().unwrap();
+        let homed = Start::new(&bench, bench.scenario(1));
+        let unhomed = Start::new(&bench, bench.scenario_without_zeros(1));
+        Self { bench, homed, unhomed }
+    }
+
+    fn start(&self, phase: Phase) -> &Start {
+        if phase.needs_homing() { &self.unhomed } else { &self.homed }
+    }
+
+    fn entries(&self) -> Vec<Entry> {
+        entries(|phase| self.start(phase).phases.at(phase))
+    }
+
+    fn run(&self, entry: &Entry) -> (Verdict, Told) {
+        let start = self.start(entry.phase);
+        let mut scenario = start.scenario.clone();
+        scenario.faults.push(entry.fault.clone());
+        let run = self.bench.throw(&scenario);
+        let judge = Judge { arm: &self.bench.arm, nominal: &start.nominal.trace };
+        (judge.judge(&scenario, &run), run.told)
+    }
+}
+
+/// Runs by outcome.
+#[derive(Default)]
+struct Row {
+    runs: usize,
+    landed: usize,
+    missed: usize,
+    stopped: usize,
+    failed: usize,
+    wrong: usize,
+    silent: usize,
+    excursion_rad: f64,
+}
+
+fn table<'a>(results: impl Iterator<Item = (&'a str, &'a (Verdict, Told))>) -> String {
+    let mut rows: BTreeMap<&str, Row> = BTreeMap::new();
+    for (name, (verdict, told)) in results {
+        for name in [name, "~ all"] {
+            let row = rows.entry(name).or_default();
+            row.runs += 1;
+            row.excursion_rad = row.excursion_rad.max(verdict.excursion_rad);
+            row.silent += usize::from(verdict.silent);
+            if !verdict.ok() {
+                row.wrong += 1;
+                continue;
+            }
+            match told {
+                Told::Landed => row.landed += 1,
+                Told::Missed | Told::NotReleased => row.missed += 1,
+                Told::Cause { .. } => row.stopped += 1,
+                Told::Failed(_) | Told::Panicked(_) => row.failed += 1,
+            }
+        }
+    }
+    let mut text = format!(
+        "{:<20} {:>6} {:>7} {:>7} {:>8} {:>7} {:>6} {:>7} {:>10}\n",
+        "", "runs", "landed", "missed", "stopped", "failed", "wrong", "silent", "excursion"
+    );
+    for (name, row) in rows {
+        let _ = writeln!(
+            text,
+            "{name:<20} {:>6} {:>7} {:>7} {:>8} {:>7} {:>6} {:>7} {:>6.3} rad",
+            row.runs,
+            row.landed,
+            row.missed,
+            row.stopped,
+            row.failed,
+            row.wrong,
+            row.silent,
+            row.excursion_rad
+        );
+    }
+    text
+}
+
+/// Runs the entries, prints the tables and returns the lines of the runs that went wrong.
+fn run(matrix: &Matrix, entries: &[Entry]) -> Vec<String> {
+    let begun = WallTime::now();
+    let results: Vec<(Verdict, Told)> = entries.par_iter().map(|entry| matrix.run(entry)).collect();
+    let took_s = begun.elapsed().as_secs_f64();
+    println!("{}", table(entries.iter().map(|entry| entry.variant).zip(&results)));
+    println!("{}", table(entries.iter().map(|entry| entry.phase.name()).zip(&results)));
+    let mut wrong = Vec::new();
+    for (entry, (verdict, _)) in entries.iter().zip(&results) {
+        if verdict.ok() {
+            continue;
+        }
+        let rules: Vec<String> =
+            verdict.findings.iter().map(|finding| format!("{:?}: {}", finding.rule, finding.what)).collect();
+        wrong.push(format!(
+            "{}{} | {} | told {} | {}",
+            if verdict.silent { "SILENT " } else { "" },
+            entry.phase.name(),
+            fault_lines(&entry.fault).join(", "),
+            verdict.told,
+            rules.join("; ")
+        ));
+    }
+    let silent = results.iter().filter(|(verdict, _)| verdict.silent).count();
+    println!("{} runs in {took_s:.1} s; {} wrong, {silent} of them silent", entries.len(), wrong.len());
+    wrong
+}
+
+/// Every so many runs of the matrix.
+fn sample(all: Vec<Entry>, step: usize) -> Vec<Entry> {
+    all.into_iter().step_by(step).collect()
+}
+
+#[test]
+fn a_sample_of_the_matrix_is_told_as_it_is_seen() {
+    let matrix = Matrix::new();
+    let wrong = run(&matrix, &sample(matrix.entries(), 41));
+    println!("{}", wrong.join("\n"));
+}
+
+#[test]
+#[ignore = "minutes: run by its CI stage"]
+fn every_fault_in_every_phase_is_told_as_it_is_seen() {
+    let matrix = Matrix::new();
+    let wrong = run(&matrix, &matrix.entries());
+    let file = concat!(env!("CARGO_TARGET_TMPDIR"), "/trust-wrong.txt");
+    std::fs::write(file, wrong.join("\n") + "\n").unwrap();
+    println!("runs that went wrong: {file}");
+}
