@@ -25,6 +25,8 @@ const LEAD_IN: Duration = Duration::from_millis(1);
 const LEAD_OUT: Duration = Duration::from_millis(500);
 /// Frames kept for the comparison.
 const TRACE_MAX: usize = 50_000_000;
+/// Longest log that is read, bytes.
+const LOG_MAX_BYTES: u64 = 1 << 30;
 
 /// A log was refused.
 #[derive(Debug, thiserror::Error)]
@@ -60,7 +62,7 @@ pub enum LogError {
 pub struct Log {
     /// In the order of the file.
     pub frames: Vec<(Instant, Frame)>,
-    /// Error frames and CAN FD frames that were left out.
+    /// Error frames, CAN FD frames and a last line without its end, which were left out.
     pub left_out: usize,
 }
 
@@ -68,7 +70,8 @@ impl Log {
     /// Reads a candump file.
     pub fn load(path: &Path) -> Result<Self, LogError> {
         let file = path.display().to_string();
-        let text = std::fs::read(path).map_err(|error| LogError::Unreadable { file: file.clone(), error })?;
+        let text = toml_reader::read_bytes(path, LOG_MAX_BYTES)
+            .map_err(|error| LogError::Unreadable { file: file.clone(), error })?;
         Self::parse(&file, &text)
     }
 
@@ -76,7 +79,8 @@ impl Log {
     pub fn parse(file: &str, text: &[u8]) -> Result<Self, LogError> {
         let mut frames = Vec::new();
         let mut left_out = 0;
-        for (index, line) in text.split(|byte| *byte == b'\n').enumerate() {
+        let mut lines = text.split(|byte| *byte == b'\n').enumerate().peekable();
+        while let Some((index, line)) = lines.next() {
             let line = line.trim_ascii();
             if line.is_empty() || line.starts_with(b"#") {
                 continue;
@@ -84,6 +88,8 @@ impl Log {
             match Record::parse(line) {
                 Ok(record) => frames.push((record.at, record.frame)),
                 Err(ParseError::NotADataFrame { .. } | ParseError::CanFd { .. }) => left_out += 1,
+                // The last line of a log that was cut off.
+                Err(_) if lines.peek().is_none() => left_out += 1,
                 Err(error) => {
                     let reason = error.to_string();
                     return Err(LogError::Line { file: file.to_owned(), line: index + 1, reason });

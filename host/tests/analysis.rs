@@ -294,7 +294,7 @@ fn a_throw_in_the_cell_is_measured_as_the_cell_itself_has_it() {
     session.finish().unwrap();
 
     let log = std::fs::File::open(folder.join("log.candump")).unwrap();
-    let lines = read(std::io::BufReader::new(log)).unwrap();
+    let lines = read(std::io::BufReader::new(log)).unwrap().lines;
     let run = whole(&lines, &plan, &arm);
     let analysis = analysis::analyse(&run).unwrap();
     assert!(analysis.completed && analysis.fault.is_none(), "{:#?}", analysis.events);

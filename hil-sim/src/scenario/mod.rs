@@ -131,7 +131,7 @@ impl Scenario {
     /// The file cannot be read, or says something that no scenario can.
     pub fn load(path: &Path) -> Result<Self, ScenarioError> {
         let file = path.display().to_string();
-        match std::fs::read_to_string(path) {
+        match toml_reader::read_text(path, toml_reader::DESCRIPTION_MAX_BYTES) {
             Ok(text) => Self::from_toml(&file, &text),
             Err(error) => Err(Refusal::of_file(&file, Problem::Unreadable(error.to_string()))),
         }

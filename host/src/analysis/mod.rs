@@ -34,7 +34,7 @@ pub mod tracking;
 use protocol::{Duration, Instant};
 use serde::Serialize;
 
-use crate::log::candump::Line;
+use crate::log::candump::{Line, Tear};
 use crate::plan::file::PlanFile;
 use crate::plan::throw::Arm;
 
@@ -114,6 +114,8 @@ pub enum AnalysisError {
 /// What a run was like.
 #[derive(Clone, Debug, Serialize)]
 pub struct RunAnalysis {
+    /// Where the log was cut off; who reads the log fills it in.
+    pub torn: Option<Tear>,
     /// When the plan began, in time of the log, s.
     pub start_log_s: f64,
     /// How that was found.
@@ -203,6 +205,7 @@ pub fn analyse(run: &Run<'_>) -> Result<RunAnalysis, AnalysisError> {
     let joints = tracking::joints(plan, run.arm, &drives, &heard)?;
     let (events, fault) = events::events(run, &drives, clock);
     Ok(RunAnalysis {
+        torn: None,
         start_log_s: start.as_secs_f64(),
         start_from,
         release_t_s: plan.release_time_s,

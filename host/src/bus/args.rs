@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::rc::Rc;
 use std::str::FromStr;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 use can_link::BusSpec;
 use firmware::settings::Settings;
@@ -12,6 +12,7 @@ use hil_sim::scenario::Scenario;
 use protocol::ModuleId;
 use protocol::cyphal::id::NodeId;
 use robot_model::AnyRobot;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use super::live::LiveBus;
 use super::session::{BusFailure, Medium, Session};
@@ -167,20 +168,31 @@ impl BusArgs {
     }
 }
 
-/// The flag that Ctrl-C sets. The handler is installed once per process; a second Ctrl-C ends it at once.
+/// The flag that Ctrl-C, SIGTERM and SIGHUP set. The handlers are installed once per process; a second signal ends it at
+/// once. A SIGHUP that the parent has chosen to ignore (`nohup`) stays ignored.
 pub fn interrupt() -> Arc<AtomicBool> {
     static FLAG: std::sync::OnceLock<Arc<AtomicBool>> = std::sync::OnceLock::new();
     Arc::clone(FLAG.get_or_init(|| {
         let flag = Arc::new(AtomicBool::new(false));
-        let shared = Arc::clone(&flag);
-        // Another handler can only be there inside a foreign program, which then decides itself.
-        let _ = ctrlc::set_handler(move || {
-            if shared.swap(true, Ordering::Relaxed) {
-                std::process::exit(i32::from(crate::exit::INTERRUPTED));
+        let code = i32::from(crate::exit::INTERRUPTED);
+        for signal in [SIGINT, SIGTERM, SIGHUP] {
+            if signal == SIGHUP && is_ignored(SIGHUP) {
+                continue;
             }
-        });
+            // In this order: the first signal finds the flag unset and sets it, the second one ends the program.
+            let _ = signal_hook::flag::register_conditional_shutdown(signal, code, Arc::clone(&flag));
+            let _ = signal_hook::flag::register(signal, Arc::clone(&flag));
+        }
         flag
     }))
+}
+
+/// The process was started with this signal ignored, as far as the system tells.
+fn is_ignored(signal: i32) -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok())
+        .is_some_and(|mask| mask >> (signal - 1) & 1 != 0)
 }
 
 /// `3`, `1-6` or `1,2,5-7` as addresses.

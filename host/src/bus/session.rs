@@ -45,6 +45,15 @@ pub trait Tap {
         Ok(())
     }
 
+    /// Time passes, with frames or without.
+    ///
+    /// # Errors
+    /// As [`Tap::frame`].
+    fn time(&mut self, now: Instant) -> io::Result<()> {
+        let _ = now;
+        Ok(())
+    }
+
     /// The session ends: everything must be on the disk when this returns.
     ///
     /// # Errors
@@ -114,7 +123,7 @@ pub enum Ended {
     Done,
     /// The time was up.
     TimedOut,
-    /// Ctrl-C.
+    /// Ctrl-C, SIGTERM or SIGHUP.
     Interrupted,
 }
 
@@ -271,7 +280,7 @@ impl Session {
         self.urgent = None;
     }
 
-    /// Ctrl-C has come.
+    /// Ctrl-C, SIGTERM or SIGHUP has come.
     pub fn is_interrupted(&self) -> bool {
         self.interrupt.load(Ordering::Relaxed)
     }
@@ -344,6 +353,15 @@ impl Session {
         match &mut self.medium {
             Medium::Sim(sim) => sim.step(until, &mut seen)?,
             Medium::Live(live) => live.step(until, &mut seen)?,
+        }
+        let now = match &self.medium {
+            Medium::Sim(sim) => sim.now(),
+            Medium::Live(live) => live.now(),
+        };
+        for tap in &mut *seen.taps {
+            if let Err(error) = tap.time(now) {
+                seen.failed.get_or_insert(error);
+            }
         }
         match seen.failed {
             Some(source) => Err(BusFailure::Recording { source, halted: false }),

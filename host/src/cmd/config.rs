@@ -197,7 +197,8 @@ fn dump(args: &DumpArgs) -> Result<(), ExpectedError> {
 
 /// Reads and checks a file.
 fn load(path: &Path) -> Result<ConfigFile, ExpectedError> {
-    let text = std::fs::read_to_string(path).map_err(|error| ExpectedError::io(path, &error))?;
+    let text = toml_reader::read_text(path, toml_reader::DESCRIPTION_MAX_BYTES)
+        .map_err(|error| ExpectedError::io(path, &error))?;
     let file: ConfigFile = toml::from_str(&text)
         .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", path.display())))?;
     if file.schema_version != SCHEMA_VERSION {

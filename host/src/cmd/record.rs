@@ -47,7 +47,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let errors = session.bus_errors().len();
     let took = session.now().as_secs_f64();
     session.finish().map_err(|failure: BusFailure| ExpectedError::from(failure))?;
-    let why = if ended == Ended::Interrupted { " (ended by Ctrl-C)" } else { "" };
+    let why = if ended == Ended::Interrupted { " (ended by a signal)" } else { "" };
     say::line!("{frames} frames and {errors} bus errors in {took:.3} s{why}");
     Ok(())
 }

@@ -1,6 +1,5 @@
 //! `cubectl replay`
 
-use std::io::BufReader;
 use std::path::PathBuf;
 
 use protocol::cyphal::id::{NodeId, Route};
@@ -14,7 +13,7 @@ use crate::bus::settings::settings_of;
 use crate::bus::sim::soft_controller;
 use crate::error::ExpectedError;
 use crate::exit;
-use crate::log::candump::{Line, read};
+use crate::log::candump::{Line, Recording, read_file};
 use crate::throw::period::{Wish, apply, choose};
 
 /// Frames that a controller may send at one deadline; more is taken for a defect.
@@ -67,9 +66,10 @@ pub struct Replayed {
 /// The log cannot be read, or the controller sends something else than recorded.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let path = &if args.log.is_dir() { args.log.join("log.candump") } else { args.log.clone() };
-    let file = std::fs::File::open(path).map_err(|error| ExpectedError::io(path, &error))?;
-    let lines = read(BufReader::new(file))
-        .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", path.display())))?;
+    let Recording { lines, tear } = read_file(path)?;
+    if let Some(tear) = &tear {
+        say::note!("{}: {tear}", path.display());
+    }
     if !lines.iter().any(is_from_controller) {
         return Err(ExpectedError::bad_input(&format!(
             "{}: no frame of a controller in it\n  next: record a run with one, for example `cubectl record boot \
@@ -93,6 +93,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         print_json(&serde_json::json!({
             "received": replayed.received,
             "same": replayed.same,
+            "torn": tear,
             "identical": replayed.difference.is_none(),
             "difference": replayed.difference.map(|difference| serde_json::json!({
                 "line": difference.line,

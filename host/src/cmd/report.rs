@@ -1,6 +1,6 @@
 //! `cubectl report`
 
-use std::io::BufReader;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use protocol::cyphal::crc::Crc64;
@@ -13,13 +13,16 @@ use crate::analysis::events::{self, Event};
 use crate::analysis::{PlanClock, Run, RunAnalysis, analyse};
 use crate::error::ExpectedError;
 use crate::exit;
-use crate::log::candump;
+use crate::log::candump::{self, Tear};
 use crate::plan::file::PlanFile;
 use crate::plan::throw::Arm;
 use crate::report::run::{EarlyReport, RunReport};
 
 /// Bit rate of a bus nobody says otherwise of, bit/s.
 pub const BIT_RATE: u32 = 1_000_000;
+
+/// Longest `summary.json` that is read, bytes.
+const SUMMARY_MAX_BYTES: u64 = 64 << 20;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -60,6 +63,8 @@ pub struct Recorded {
     pub analysis: Result<RunAnalysis, String>,
     /// What happened, in time of the log; empty if there is an analysis, which has them in time of the plan.
     pub events: Vec<Event>,
+    /// Where the log was cut off.
+    pub torn: Option<Tear>,
     /// `summary.json`.
     pub summary: Option<Value>,
     /// Files: name, bytes, checksum.
@@ -81,6 +86,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let log = needed(place(&args.log, "log.candump"), "--log")?;
     let summary = place(&None, "summary.json").filter(|path| path.exists());
     let recorded = read(&plan, &log, summary.as_deref(), args.robot.as_deref(), args.bit_rate)?;
+    if let Some(tear) = &recorded.torn {
+        say::note!("{}: {tear}", log.display());
+    }
     if args.json {
         let analysis = recorded.analysis.map_err(|why| not_analysed(&log, &why))?;
         print_json(&serde_json::to_value(&analysis).unwrap_or_default());
@@ -103,25 +111,16 @@ pub fn read(
     robot: Option<&str>,
     bit_rate_bit_s: u32,
 ) -> Result<Recorded, ExpectedError> {
-    // A device, to which a recording can be written, has no end to read to.
-    if log.exists() && !log.is_file() {
-        return Err(ExpectedError::bad_input(&format!(
-            "{}: not a file that can be read again",
-            log.display()
-        )));
-    }
+    let recording = candump::read_file(log)?;
     let mut files = vec![checksum(plan)?, checksum(log)?];
     let plan_file = PlanFile::read(plan).map_err(|error| ExpectedError::bad_input(&error))?;
     let arm = super::arm(robot.unwrap_or(&plan_file.robot.source))?;
     plan_file.require_robot(plan, &arm).map_err(|error| ExpectedError::bad_input(&error))?;
-    let file = std::fs::File::open(log).map_err(|error| ExpectedError::io(log, &error))?;
-    let named =
-        |error: &dyn std::fmt::Display| ExpectedError::bad_input(&format!("{}: {error}", log.display()));
-    let lines = candump::read(BufReader::new(file)).map_err(|error| named(&error))?;
     let summary = match summary {
         Some(path) => {
             files.push(checksum(path)?);
-            let text = std::fs::read_to_string(path).map_err(|error| ExpectedError::io(path, &error))?;
+            let text = toml_reader::read_text(path, SUMMARY_MAX_BYTES)
+                .map_err(|error| ExpectedError::io(path, &error))?;
             let value = serde_json::from_str(&text)
                 .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", path.display())))?;
             Some(value)
@@ -130,7 +129,7 @@ pub fn read(
     };
     let told = |key: &str| summary.as_ref().and_then(|value: &Value| value.get(key)).cloned();
     let run = Run {
-        lines: &lines,
+        lines: &recording.lines,
         plan: &plan_file,
         arm: &arm,
         start: None,
@@ -149,7 +148,8 @@ pub fn read(
         }
         Err(error) => return Err(not_analysed(log, &error.to_string())),
     };
-    Ok(Recorded { arm, plan: plan_file, analysis, events, summary, files })
+    let analysis = analysis.map(|analysis| RunAnalysis { torn: recording.tear, ..analysis });
+    Ok(Recorded { arm, plan: plan_file, analysis, events, torn: recording.tear, summary, files })
 }
 
 fn not_analysed(log: &Path, why: &str) -> ExpectedError {
@@ -161,12 +161,12 @@ fn not_analysed(log: &Path, why: &str) -> ExpectedError {
 /// # Errors
 /// The file cannot be written.
 pub fn write(recorded: &Recorded, out: &Path) -> Result<(), ExpectedError> {
-    let Recorded { arm, plan, analysis, events, summary, files } = recorded;
+    let Recorded { arm, plan, analysis, events, torn, summary, files } = recorded;
     let html = match (analysis, summary) {
         (Ok(analysis), summary) => RunReport { arm, plan, analysis, summary: summary.as_ref(), files }.html(),
         (Err(why), Some(summary)) => {
             let why = why.lines().next().unwrap_or_default();
-            EarlyReport { plan, summary, why, events, files }.html()
+            EarlyReport { plan, summary, why, events, torn: *torn, files }.html()
         }
         (Err(why), None) => return Err(ExpectedError::bad_input(why)),
     };
@@ -174,9 +174,21 @@ pub fn write(recorded: &Recorded, out: &Path) -> Result<(), ExpectedError> {
         .map_err(|error| ExpectedError::new(exit::OUTPUT, format!("{}: {error}", out.display())))
 }
 
+/// Name, length and CRC-64 of a file.
 fn checksum(path: &Path) -> Result<(String, u64, String), ExpectedError> {
-    let bytes = std::fs::read(path).map_err(|error| ExpectedError::io(path, &error))?;
+    let failed = |error| ExpectedError::io(path, &error);
+    let mut file = std::fs::File::open(path).map_err(failed)?;
+    let (mut crc, mut bytes, mut piece) = (Crc64::new(), 0, vec![0; 1 << 16]);
+    loop {
+        match file.read(&mut piece).map_err(failed)? {
+            0 => break,
+            n => {
+                crc.update(&piece[..n]);
+                bytes += n as u64;
+            }
+        }
+    }
     let name =
         path.file_name().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned());
-    Ok((name, bytes.len() as u64, format!("{:016x}", Crc64::of(&bytes))))
+    Ok((name, bytes, format!("{:016x}", crc.get())))
 }

@@ -68,7 +68,8 @@ pub(super) enum Source {
 
 /// Reads a trajectory file of a controller or a plan; a plan must be for `robot`, if that is given.
 pub(super) fn read(path: &Path, robot: Option<&str>) -> Result<Source, ExpectedError> {
-    let bytes = std::fs::read(path).map_err(|error| ExpectedError::io(path, &error))?;
+    let bytes = toml_reader::read_bytes(path, crate::plan::file::FILE_MAX_BYTES)
+        .map_err(|error| ExpectedError::io(path, &error))?;
     if bytes.starts_with(&firmware::trajectory_format::MAGIC) {
         return Ok(Source::Controller(bytes));
     }

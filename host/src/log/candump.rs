@@ -1,13 +1,16 @@
 //! The text log, `candump -L` with directions.
 
 use std::io::{self, BufRead, Write};
+use std::path::Path;
 
 use can_link::BusError;
 use protocol::text::BusName;
 use protocol::text::candump::{Direction, ParseError, Record};
 use protocol::{Frame, Instant};
+use serde::Serialize;
 
 use crate::bus::session::Way;
+use crate::error::ExpectedError;
 
 /// Name used where the bus has none that the format can carry.
 const FALLBACK_BUS: &str = "can0";
@@ -73,6 +76,42 @@ pub struct Line {
     pub sent: Option<bool>,
 }
 
+/// Longest line that is read, bytes. The longest line of a classical frame has less than a hundred.
+pub const LINE_MAX_BYTES: usize = 1_024;
+/// Most frames that are read: an hour of a full bus. They take about a gigabyte of memory.
+pub const FRAMES_MAX: usize = 30_000_000;
+
+/// What is left of a line at the end of a log that was cut off, by a kill or a loss of power.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Tear {
+    /// Number of the line, from 1.
+    pub line: usize,
+    /// Where it begins in the file.
+    pub offset_bytes: u64,
+    /// Bytes of it that are there.
+    pub left_bytes: usize,
+}
+
+impl std::fmt::Display for Tear {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { line, offset_bytes, left_bytes } = self;
+        write!(
+            f,
+            "the log is cut off in line {line} (byte {offset_bytes}, {left_bytes} bytes left of it); everything before is \
+             read"
+        )
+    }
+}
+
+/// A log that was read.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Recording {
+    /// Its frames, in ascending time.
+    pub lines: Vec<Line>,
+    /// Where it was cut off.
+    pub tear: Option<Tear>,
+}
+
 /// Why a log cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
@@ -95,32 +134,87 @@ pub enum ReadError {
         /// Its time stamp.
         at: Instant,
     },
+    /// No line of a log is that long.
+    #[error(
+        "line {line} has more than {LINE_MAX_BYTES} bytes\n  next: name a candump log (`candump -L`, `cubectl record`)"
+    )]
+    LongLine {
+        /// Number, from 1.
+        line: usize,
+    },
+    /// More than fits in memory.
+    #[error(
+        "the log has more than {FRAMES_MAX} frames\n  next: cut the part of interest out of it (`split -l`)"
+    )]
+    TooMany,
 }
 
-/// Reads the frames of a log; error frames and empty lines are left out.
+/// Reads the frames of a log; error frames and empty lines are left out. A last line without its end is not an error:
+/// everything before it is read, and it is told as [`Recording::tear`].
 ///
 /// # Errors
 /// [`ReadError`] with the number of the line.
-pub fn read(input: impl BufRead) -> Result<Vec<Line>, ReadError> {
-    let mut lines = Vec::new();
-    let mut last = Instant::ZERO;
-    for (index, text) in input.split(b'\n').enumerate() {
-        let (text, line) = (text?, index + 1);
+pub fn read(mut input: impl BufRead) -> Result<Recording, ReadError> {
+    let mut recording = Recording::default();
+    let (mut last, mut offset_bytes) = (Instant::ZERO, 0_u64);
+    let mut text = Vec::new();
+    for line in 1.. {
+        text.clear();
+        let most = LINE_MAX_BYTES as u64 + 1;
+        let read_bytes = io::Read::take(&mut input, most).read_until(b'\n', &mut text)?;
+        if read_bytes == 0 {
+            break;
+        }
+        let tear = Tear { line, offset_bytes, left_bytes: read_bytes };
+        offset_bytes += read_bytes as u64;
+        let ended = text.last() == Some(&b'\n');
+        // After a loss of power some file systems leave zeros at the end.
+        let cut_off = !ended && (input.fill_buf()?.is_empty() || text.contains(&0));
+        if !ended && !cut_off {
+            return Err(ReadError::LongLine { line });
+        }
         if text.trim_ascii().is_empty() {
             continue;
         }
         match Record::parse(&text) {
+            // Only a direction shows that the data before it is whole.
+            Ok(record) if cut_off && (record.direction.is_none() || record.at < last) => {
+                recording.tear = Some(tear);
+                break;
+            }
             Ok(record) if record.at < last => return Err(ReadError::Backwards { line, at: record.at }),
             Ok(record) => {
                 last = record.at;
                 let sent = record.direction.map(|direction| direction == Direction::Sent);
-                lines.push(Line { number: line, at: record.at, frame: record.frame, sent });
+                recording.lines.push(Line { number: line, at: record.at, frame: record.frame, sent });
+            }
+            Err(_) if cut_off => {
+                recording.tear = Some(tear);
+                break;
             }
             Err(ParseError::NotADataFrame { .. }) => {}
             Err(error) => return Err(ReadError::Line { line, error }),
         }
+        if recording.lines.len() > FRAMES_MAX {
+            return Err(ReadError::TooMany);
+        }
     }
-    Ok(lines)
+    Ok(recording)
+}
+
+/// Reads the log at `path`.
+///
+/// # Errors
+/// The file and what is wrong with it.
+pub fn read_file(path: &Path) -> Result<Recording, ExpectedError> {
+    let file = std::fs::File::open(path).map_err(|error| ExpectedError::io(path, &error))?;
+    // A device, to which a recording can be written, has no end to read to.
+    if file.metadata().is_ok_and(|found| !found.is_file()) {
+        let what = format!("{}: not a file that can be read again", path.display());
+        return Err(ExpectedError::bad_input(&what));
+    }
+    read(io::BufReader::new(file))
+        .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", path.display())))
 }
 
 #[cfg(test)]
@@ -137,7 +231,7 @@ mod tests {
         log.bus_error(Instant::from_micros(18), &BusError::from_class(0x20)).unwrap();
         log.flush().unwrap();
         drop(log);
-        let lines = read(bytes.as_slice()).unwrap();
+        let lines = read(bytes.as_slice()).unwrap().lines;
         assert_eq!(lines, [Line { number: 1, at: Instant::from_micros(17), frame, sent: Some(false) }]);
         assert!(String::from_utf8(bytes).unwrap().contains("20000020#0000000000000000"));
     }
@@ -148,5 +242,48 @@ mod tests {
         assert!(read(text.as_bytes()).unwrap_err().to_string().starts_with("line 3: "));
         let text = "(0.000002) can0 0A5#00\n(0.000001) can0 0A5#00\n";
         assert!(read(text.as_bytes()).unwrap_err().to_string().contains("line 2: time 0.000001 is before"));
+    }
+
+    #[test]
+    fn a_log_that_is_cut_off_anywhere_is_read_up_to_there_and_the_tear_is_told() {
+        let text = "(0.000001) can0 0A5#0102030405060708 R\n(0.000002) can0 0A5#0A0B T\n";
+        let whole = read(text.as_bytes()).unwrap();
+        assert_eq!((whole.lines.len(), whole.tear), (2, None));
+        let first = text.find('\n').unwrap() + 1;
+        for cut in 1..text.len() {
+            let found = read(&text.as_bytes()[..cut]).unwrap();
+            // A frame whose line is there up to its direction is whole; nothing else is taken.
+            let lines = usize::from(cut + 1 >= first) + usize::from(cut + 1 >= text.len());
+            assert_eq!(found.lines, whole.lines[..lines], "cut at {cut}");
+            let is_torn = !(cut + 1 == first || cut == first || cut + 1 >= text.len());
+            let begin = if cut < first { 0 } else { first };
+            let tear = Tear {
+                line: if begin == 0 { 1 } else { 2 },
+                offset_bytes: begin as u64,
+                left_bytes: cut - begin,
+            };
+            assert_eq!(found.tear, is_torn.then_some(tear), "cut at {cut}");
+        }
+        // What some file systems leave after a loss of power.
+        let zeros = [text.as_bytes(), &[0; 70_000]].concat();
+        let found = read(zeros.as_slice()).unwrap();
+        assert_eq!((found.lines.len(), found.tear.unwrap().line), (2, 3));
+        // In the middle it is an error.
+        assert!(read("(0.000001) can0 0A5#01\n(0.0\n(0.000002) can0 0A5#0A0B T\n".as_bytes()).is_err());
+    }
+
+    #[test]
+    fn a_line_that_is_too_long_is_refused_without_reading_it() {
+        struct Endless(u64);
+        impl io::Read for Endless {
+            fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
+                out.fill(b'a');
+                self.0 += out.len() as u64;
+                assert!(self.0 < 100_000, "read on");
+                Ok(out.len())
+            }
+        }
+        let error = read(io::BufReader::new(Endless(0))).unwrap_err();
+        assert!(error.to_string().starts_with("line 1 has more than 1024 bytes\n  next: "), "{error}");
     }
 }

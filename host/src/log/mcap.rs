@@ -17,7 +17,7 @@ use std::io::{self, BufWriter, Seek, Write};
 use can_link::BusError;
 use mcap::records::MessageHeader;
 use mcap::{McapError, WriteOptions, Writer};
-use protocol::cyphal::cubecell::group_state::GroupState;
+use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::cyphal::cubecell::joint_state::{JointFlags, JointSample};
 use protocol::powercube::{CubeState, Parameter, Reply, ShortState, Value};
 use protocol::{Frame, Instant};
@@ -34,6 +34,8 @@ pub struct Log<W: Write + Seek> {
     schemas: Schemas,
     channels: BTreeMap<String, u16>,
     sequence: u32,
+    /// State of the controller heard last.
+    state: Option<State>,
 }
 
 #[derive(Clone, Copy)]
@@ -70,8 +72,14 @@ impl<W: Write + Seek> Log<W> {
             event: schema(schema::EVENT, &event)?,
             freeze: schema(schema::FREEZE_FRAME, &own)?,
         };
-        let mut log =
-            Self { writer, watch: Watch::default(), schemas, channels: BTreeMap::new(), sequence: 0 };
+        let mut log = Self {
+            writer,
+            watch: Watch::default(),
+            schemas,
+            channels: BTreeMap::new(),
+            sequence: 0,
+            state: None,
+        };
         // There from the start, so that a viewer lists them although nothing came.
         for (topic, schema) in
             [("/bus/frames", schemas.frame), ("/bus/errors", schemas.error), ("/events", schemas.event)]
@@ -81,11 +89,12 @@ impl<W: Write + Seek> Log<W> {
         Ok(log)
     }
 
-    /// Writes a frame, and what it says.
+    /// Writes a frame, and what it says; true if by it the state of the controller has changed.
     ///
     /// # Errors
     /// The medium's.
-    pub fn frame(&mut self, at: Instant, way: Way, frame: &Frame) -> io::Result<()> {
+    pub fn frame(&mut self, at: Instant, way: Way, frame: &Frame) -> io::Result<bool> {
+        let before = self.state;
         let sent = way == Way::Sent;
         self.put("/bus/frames", self.schemas.frame, at, frame_message(at, sent, frame))?;
         let notes = self.watch.take(at, frame);
@@ -98,6 +107,7 @@ impl<W: Write + Seek> Log<W> {
                 }
             }
             Some(Fact::Group { from, state, .. }) => {
+                self.state = Some(state.state);
                 self.put("/group", self.schemas.group, at, group_message(at, from.get(), &state))?;
             }
             Some(Fact::Joints { state, .. }) => {
@@ -111,10 +121,10 @@ impl<W: Write + Seek> Log<W> {
         for event in &notes.events {
             self.put("/events", self.schemas.event, at, event_message(event))?;
         }
-        match notes.freeze {
-            Some(freeze) => self.put("/freeze", self.schemas.freeze, at, freeze_message(&freeze)),
-            None => Ok(()),
+        if let Some(freeze) = notes.freeze {
+            self.put("/freeze", self.schemas.freeze, at, freeze_message(&freeze))?;
         }
+        Ok(self.state != before)
     }
 
     /// Writes an error of the bus.

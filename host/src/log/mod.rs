@@ -9,9 +9,10 @@
 //! | [`watch`] | what happened, in words; freeze frames at faults |
 //! | [`schema`] | the protobuf messages and their self-description |
 //!
-//! Both are written at once by [`Recorder`]. What was seen is on the disk at most [`FLUSH_EVERY`] later, so that a
-//! crash loses little; the text log is readable up to its last line, and the MCAP file by any reader that recovers
-//! unfinished files.
+//! [`Recorder`] writes both at once. It hands everything to the operating system at each change of the controller's state,
+//! and otherwise at most [`FLUSH_EVERY`] after it was seen, whether more frames come or not. A program that is killed loses
+//! no more than that; a loss of power also loses what the operating system had not written yet. The text log can then
+//! be read up to its last whole line, and the MCAP file by every reader that recovers unfinished files.
 
 pub mod candump;
 pub mod facts;
@@ -37,6 +38,8 @@ pub struct Recorder {
     text: candump::Log<std::fs::File>,
     viewer: mcap::Log<std::fs::File>,
     flushed: Instant,
+    /// Something was written since.
+    waits: bool,
 }
 
 impl Recorder {
@@ -56,14 +59,16 @@ impl Recorder {
             text: candump::Log::new(create_new(&text)?, bus),
             viewer: mcap::Log::new(create_new(&viewer)?)?,
             flushed: Instant::ZERO,
+            waits: false,
         })
     }
 
     fn flush_if_due(&mut self, at: Instant) -> io::Result<()> {
-        if at.saturating_since(self.flushed) < FLUSH_EVERY {
-            return Ok(());
-        }
-        self.flushed = at;
+        if self.waits && at.saturating_since(self.flushed) >= FLUSH_EVERY { self.flush(at) } else { Ok(()) }
+    }
+
+    fn flush(&mut self, at: Instant) -> io::Result<()> {
+        (self.flushed, self.waits) = (at, false);
         self.text.flush()?;
         self.viewer.flush()
     }
@@ -90,14 +95,20 @@ fn create_new(path: &Path) -> io::Result<std::fs::File> {
 impl Tap for Recorder {
     fn frame(&mut self, at: Instant, way: Way, frame: &Frame) -> io::Result<()> {
         self.text.frame(at, way, frame)?;
-        self.viewer.frame(at, way, frame)?;
-        self.flush_if_due(at)
+        self.waits = true;
+        let state_changed = self.viewer.frame(at, way, frame)?;
+        if state_changed { self.flush(at) } else { self.flush_if_due(at) }
     }
 
     fn bus_error(&mut self, at: Instant, error: &BusError) -> io::Result<()> {
         self.text.bus_error(at, error)?;
+        self.waits = true;
         self.viewer.bus_error(at, error)?;
         self.flush_if_due(at)
+    }
+
+    fn time(&mut self, now: Instant) -> io::Result<()> {
+        self.flush_if_due(now)
     }
 
     fn finish(&mut self) -> io::Result<()> {

@@ -28,6 +28,7 @@
 //!
 //! | file | holds |
 //! |---|---|
+//! | `bounded` | [`read_text`], [`read_bytes`]: files of bounded size |
 //! | `refusal` | [`Refusal`]: where and why; [`Problem`]: what can be wrong with any document |
 //! | `section` | [`Source`] and [`Section`]: tables, and which of their keys were asked for |
 //! | `value` | [`Value`]: what a value must be |
@@ -35,10 +36,12 @@
 //! A reader with problems of its own wraps [`Problem`] in its own type `P: From<Problem>`; all refusals are then
 //! [`Refusal<P>`].
 
+mod bounded;
 mod refusal;
 mod section;
 mod value;
 
+pub use bounded::{DESCRIPTION_MAX_BYTES, read_bytes, read_text};
 pub use refusal::{Problem, Refusal};
 pub use section::{Section, Source};
 pub use value::Value;

@@ -10,7 +10,7 @@ pub(crate) use frames::turn_z_to;
 use std::path::Path;
 
 use nalgebra::Matrix3;
-use toml_reader::{Problem as DocumentProblem, Source, Value};
+use toml_reader::{DESCRIPTION_MAX_BYTES, Problem as DocumentProblem, Source, Value};
 
 use crate::collision::{CollisionModel, PairRule};
 use crate::error::{LoadError, Problem};
@@ -48,7 +48,7 @@ pub(crate) fn text_of(name_or_path: &str) -> Result<(String, String), LoadError>
     if let Some(text) = built_in_text(name_or_path) {
         return Ok((format!("<builtin>/{name_or_path}.toml"), text.to_owned()));
     }
-    match std::fs::read_to_string(Path::new(name_or_path)) {
+    match toml_reader::read_text(Path::new(name_or_path), DESCRIPTION_MAX_BYTES) {
         Ok(text) => Ok((name_or_path.to_owned(), text)),
         Err(e) => {
             let problem = if e.kind() == std::io::ErrorKind::NotFound {

@@ -80,6 +80,9 @@ fn axis(text: &str) -> Result<Axis, String> {
     }
 }
 
+/// Longest table that is read, bytes: a million targets.
+const TABLE_MAX_BYTES: u64 = 256 << 20;
+
 const HEADER: &str = "x_m,y_m,z_m,solved,objective,flight_s,duration_s,speed_m_s,note";
 
 /// One row of the table.
@@ -216,7 +219,7 @@ fn plan(arm: &crate::plan::Arm, target: &[f64; 3], rungs: &[Rung], index: &Index
 
 /// Rows of an earlier run; a torn last line is left out and planned again.
 fn read(path: &Path) -> Result<BTreeMap<[i64; 3], Row>, ExpectedError> {
-    let text = match std::fs::read_to_string(path) {
+    let text = match toml_reader::read_text(path, TABLE_MAX_BYTES) {
         Ok(text) => text,
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(BTreeMap::new()),
         Err(e) => return Err(ExpectedError::io(path, &e)),

@@ -12,6 +12,7 @@ use nalgebra::Vector3;
 use protocol::ModuleId;
 use robot_model::Pose;
 use robot_model::collision::{Obb, Scene};
+use toml_reader::{DESCRIPTION_MAX_BYTES, read_text};
 
 use self::folder::Folder;
 use self::voice::Voice;
@@ -169,14 +170,14 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let asks = !args.yes && !session.is_simulated() && std::io::stdin().is_terminal();
     let mut record = Record::default();
     let ended = job::run(&mut session, &job, &mut record, &mut |news| match news {
-        News::MayThrow => !asks || voice.may_throw(),
+        News::MayThrow => !asks || voice.may_throw(&stop),
         other => {
             voice.tell(other);
             true
         }
     });
     voice.quiet();
-    let verdict = judge(&job, &record, ended.as_ref().map(|()| ()));
+    let verdict = judge(&job, &record, ended.as_ref().copied());
     let by_controller = matches!(ended, Err(JobError::Operator(_)));
     let mut failed = ended.err().map(|error| failure(error, &record, verdict.outcome));
     if let Some(error) = &mut failed
@@ -292,7 +293,7 @@ fn preflight(arm: &Arm, plan: &PlanFile) -> Result<(), ExpectedError> {
 }
 
 pub(super) fn read_gains(path: &Path, robot: &str) -> Result<GainsFile, ExpectedError> {
-    let text = std::fs::read_to_string(path).map_err(|error| ExpectedError::io(path, &error))?;
+    let text = read_text(path, DESCRIPTION_MAX_BYTES).map_err(|error| ExpectedError::io(path, &error))?;
     GainsFile::from_toml(&text, robot)
         .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", path.display())))
 }

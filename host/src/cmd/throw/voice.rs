@@ -1,11 +1,13 @@
 //! What a person at the terminal reads during a throw.
 
-use std::io::{IsTerminal, Write};
+use std::io::{BufRead, IsTerminal, Read, Write};
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant as WallTime;
 
 use indicatif::ProgressBar;
 use nalgebra::Vector3;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use crate::analysis::tracking::JointTracking;
 use crate::bus::pace::Pace;
@@ -13,6 +15,9 @@ use crate::plan::file::PlanFile;
 use crate::throw::job::News;
 use crate::throw::period::Choice;
 use crate::throw::{Record, Verdict};
+
+/// Longest answer that is read.
+const ANSWER_MAX_BYTES: u64 = 256;
 
 /// What people see while it works.
 pub(super) struct Voice {
@@ -77,13 +82,26 @@ impl Voice {
         self.bar.finish_and_clear();
     }
 
-    /// Asks the person at the terminal.
-    pub(super) fn may_throw(&self) -> bool {
+    /// Asks the person at the terminal; a signal is a no.
+    pub(super) fn may_throw(&self, stop: &AtomicBool) -> bool {
         self.bar.suspend(|| {
             say::note_text!("The arm stands at the start. Ball in the hand, nobody near? Enter throws, anything else ends: ");
             let _ = std::io::stderr().flush();
-            let mut answer = String::new();
-            matches!(std::io::stdin().read_line(&mut answer), Ok(n) if n > 0 && answer.trim().is_empty())
+            let stdin = std::io::stdin();
+            while !stop.load(Ordering::Relaxed) {
+                let mut asked = [PollFd::new(&stdin, PollFlags::IN)];
+                let look = Timespec { tv_sec: 0, tv_nsec: 100_000_000 };
+                match poll(&mut asked, Some(&look)) {
+                    Ok(0) | Err(rustix::io::Errno::INTR) => {}
+                    Ok(_) => {
+                        let mut answer = String::new();
+                        let read = stdin.lock().take(ANSWER_MAX_BYTES).read_line(&mut answer);
+                        return matches!(read, Ok(n) if n > 0 && answer.trim().is_empty());
+                    }
+                    Err(_) => return false,
+                }
+            }
+            false
         })
     }
 

@@ -12,6 +12,7 @@ use indicatif::ProgressBar;
 use protocol::cyphal::id::NodeId;
 use rayon::prelude::*;
 use robot_model::AnyRobot;
+use toml_reader::{DESCRIPTION_MAX_BYTES, read_text};
 
 use crate::bus::{BusArgs, Session};
 use crate::error::ExpectedError;
@@ -365,7 +366,7 @@ impl Link {
 }
 
 fn roll_back(args: &Args, path: &Path) -> Result<(), ExpectedError> {
-    let text = std::fs::read_to_string(path).map_err(|cause| ExpectedError::io(path, &cause))?;
+    let text = read_text(path, DESCRIPTION_MAX_BYTES).map_err(|cause| ExpectedError::io(path, &cause))?;
     let wanted = InForce::from_toml(&text)
         .map_err(|cause| ExpectedError::bad_input(&format!("{}: {cause}", path.display())))?;
     let mut link = Link::open(args)?;

@@ -4,10 +4,14 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::{Matrix3, Vector3};
 use robot_model::Pose;
+use toml_reader::read_text;
 
 use super::{FORMAT, ObstacleInfo, PlanFile, VERSION};
 use crate::plan::throw::{Arm, JOINTS};
 use crate::store::{file::write_whole, robot_fingerprint};
+
+/// Longest plan file that is read, bytes. Six joints and a few segments take 20 kB.
+pub const FILE_MAX_BYTES: u64 = 16 << 20;
 
 /// A plan file cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -86,7 +90,7 @@ impl PlanFile {
     /// # Errors
     /// [`PlanFileError`] for a file that cannot be read, is damaged, or is of a newer version.
     pub fn read(path: &Path) -> Result<Self, PlanFileError> {
-        let text = std::fs::read_to_string(path)
+        let text = read_text(path, FILE_MAX_BYTES)
             .map_err(|source| PlanFileError::Io { path: path.to_owned(), source })?;
         Self::from_json(path, &text)
     }

@@ -15,7 +15,7 @@ mod io;
 
 use serde::{Deserialize, Serialize};
 
-pub use self::io::PlanFileError;
+pub use self::io::{FILE_MAX_BYTES, PlanFileError};
 use super::paper::PaperParameters;
 use super::problem::{Form, Weights};
 use super::statistics::{Noise, Region};

@@ -6,6 +6,7 @@ use super::super::chart::escape;
 use super::super::page::{Page, Tone, cell};
 use super::{record, repeat_rows, told_outcome, tone};
 use crate::analysis::events::Event;
+use crate::log::candump::Tear;
 use crate::plan::file::PlanFile;
 use crate::throw::Outcome;
 
@@ -19,6 +20,8 @@ pub struct EarlyReport<'a> {
     pub why: &'a str,
     /// Everything that happened, in time of the log.
     pub events: &'a [Event],
+    /// Where the log was cut off.
+    pub torn: Option<Tear>,
     /// Files behind the report: name, bytes, checksum.
     pub files: &'a [(String, u64, String)],
 }
@@ -59,6 +62,9 @@ impl EarlyReport<'_> {
             .collect();
         page.table(&["step", "time of the bus, s"], &steps);
         page.note(&format!("No motion is shown: {}.", self.why));
+        if let Some(tear) = &self.torn {
+            page.note(&format!("Attention: {tear}."));
+        }
         page.section("Events", "What controller, host and drives said. Times are those of the log.");
         page.html(&record::events_table(self.events));
         page.section("To repeat this run", "Seeds, versions, checksums and files.");

@@ -66,6 +66,9 @@ impl RunReport<'_> {
         self.currents(&mut page);
         self.bus(&mut page);
         self.timing(&mut page);
+        if let Some(tear) = &self.analysis.torn {
+            page.note(&format!("Attention: {tear}."));
+        }
         page.section("Events", "What controller, host and drives said. Time zero is the start of the plan.");
         page.html(&record::events_table(&self.analysis.events));
         self.repeat(&mut page);
