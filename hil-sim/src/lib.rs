@@ -16,6 +16,7 @@
 //! | real time | [`realtime`] | the same world behind a link of the operating system | change what the world does |
 //! | again | [`replay`] | requests of a log against the drives of today | know who asked |
 //! | seen from the bus | [`record`], [`checker`] | candump log, trace, invariants that only use frames | look into a node |
+//! | industrial robot | [`krc`] | a robot controller behind Ethernet RSI, in virtual time, lock step or real time | know who leads it |
 //! | results | [`report`] | a run in numbers, as table and JSON | judge |
 //! | situations | [`scenario`], [`swarm`] | TOML and seeds to options; printed before a run | act on their own |
 //!
@@ -63,6 +64,7 @@ pub mod checker;
 pub mod crew;
 pub mod drive;
 pub mod fault;
+pub mod krc;
 pub mod mechanics;
 pub mod realtime;
 pub mod record;

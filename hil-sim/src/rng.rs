@@ -72,6 +72,12 @@ impl Rng {
         // 1 - u lies in (0, 1], so the logarithm is finite. `libm` gives the same bits everywhere.
         -mean * libm::log(1.0 - self.unit())
     }
+
+    /// Normally distributed with mean 0 and standard deviation 1 (Box and Muller); draws two numbers.
+    pub fn normal(&mut self) -> f64 {
+        let radius = libm::sqrt(-2.0 * libm::log(1.0 - self.unit()));
+        radius * libm::cos(core::f64::consts::TAU * self.unit())
+    }
 }
 
 #[cfg(test)]
@@ -112,6 +118,18 @@ mod tests {
         let hits = (0..100_000).filter(|_| rng.chance(0.25)).count();
         // Five standard deviations of a binomial with n = 1e5, p = 1/4 are 685.
         assert!((24_315..=25_685).contains(&hits), "{hits}");
+    }
+
+    #[test]
+    fn normal_has_its_mean_and_deviation() {
+        let mut rng = Rng::stream(7, "normal");
+        let draws: Vec<f64> = (0..100_000).map(|_| rng.normal()).collect();
+        let mean = draws.iter().sum::<f64>() / draws.len() as f64;
+        let variance = draws.iter().map(|x| x * x).sum::<f64>() / draws.len() as f64;
+        // Five standard deviations: 0.0158 of the mean, 0.0224 of the variance.
+        assert!(mean.abs() < 0.0158 && (variance - 1.0).abs() < 0.0224, "{mean} {variance}");
+        let beyond = draws.iter().filter(|x| x.abs() > 1.959_964).count();
+        assert!((4_655..=5_345).contains(&beyond), "{beyond}");
     }
 
     #[test]

@@ -1,0 +1,59 @@
+//! A simulated robot controller (KR C) behind KUKA.Ethernet RSI XML: it sends one telegram per cycle and follows the
+//! corrections of the answers.
+//!
+//! Written from the description of the interface and from what others measured, never from our own client.
+//!
+//! # One cycle
+//!
+//! ```text
+//! (1) set point = start pose + accepted correction, clamped to the limits of the correction object
+//! (2) overall limit, axis range, velocity, acceleration, jerk          -> FAULT
+//! (3) the actual axes follow with dead time and a first-order lag
+//! (4) send <Rob>
+//! (5) until the window ends: take the first answer with the right Type and IPOC, drop all others
+//! (6) none: count it as late, hold or zero each value; over the limit  -> FAULT
+//! ```
+//!
+//! # States
+//!
+//! ```text
+//! Off --start--> Open --connected--> Run --Stop = 1--> Off
+//!  ^              |                   |
+//!  |<--refused----+                   +--step 2 or 6, connection lost--> Fault --start--> Open
+//! ```
+//!
+//! In `Fault` the arm brakes and nothing more is sent: the client is not told why. A new start takes the pose where the
+//! arm stands as its start pose.
+//!
+//! # Map
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`options`] | parameters; generation defaults |
+//! | [`controller`] | [`Krc`]: the state machine, sans-IO, time as an argument |
+//! | `check` | whether options, configuration file and robot fit together |
+//! | [`correction`] | values of an answer to a set point |
+//! | [`monitor`] | what stops the robot |
+//! | [`late`] | the counter of late answers |
+//! | [`drives`] | from set points to actual axes: dead time, lag, smoothing |
+//! | [`hand`] | gripper and ball at the actual tool |
+//! | [`link`] | telegrams lost, late, doubled, reordered, torn, or with a wrong IPOC |
+//! | [`bench`] | controller, link and a client in virtual time: same seed, same log |
+
+pub mod bench;
+mod check;
+pub mod controller;
+pub mod correction;
+pub mod drives;
+pub mod event;
+pub mod hand;
+pub mod late;
+pub mod link;
+pub mod monitor;
+pub mod options;
+
+pub use bench::{Bench, Client, Reply, RobotFault};
+pub use controller::{Krc, KrcError, State};
+pub use event::{CycleRecord, Event, FaultCause, Refused};
+pub use link::{Direction, Link, LinkFault, LinkFaultKind, LinkOptions};
+pub use options::KrcOptions;

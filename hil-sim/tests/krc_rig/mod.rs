@@ -1,0 +1,180 @@
+//! A controller on the bench, and a client written for these tests only.
+#![allow(dead_code, unreachable_pub)]
+
+use std::sync::LazyLock;
+
+use hil_sim::krc::options::{KrcOptions, Space};
+use hil_sim::krc::{
+    Bench, Client, Event, FaultCause, Krc, Link, LinkFault, LinkOptions, Reply, RobotFault, State,
+};
+use protocol::{Duration, Instant};
+use robot_model::RobotModel;
+use rsi_protocol::{Config, Generation};
+
+pub static ARM: LazyLock<RobotModel<6>> = LazyLock::new(|| RobotModel::load("kr16_2").expect("built in"));
+
+pub const MS: fn(u64) -> Instant = |ms| Instant::from_micros(ms * 1000);
+
+/// A configuration file with axis or Cartesian corrections.
+pub fn config(protocol: &str, space: Space, hold: bool) -> Config {
+    let (name, names) = match space {
+        Space::Axes => ("AK", ["A1", "A2", "A3", "A4", "A5", "A6"]),
+        Space::Base | Space::Tool => ("RKorr", ["X", "Y", "Z", "A", "B", "C"]),
+    };
+    let hold = u8::from(hold);
+    let corrections: String = (1..)
+        .zip(names)
+        .map(|(n, axis)| {
+            format!("<ELEMENT TAG=\"{name}.{axis}\" TYPE=\"DOUBLE\" INDX=\"{n}\" HOLDON=\"{hold}\"/>")
+        })
+        .collect();
+    let sent: String = ["RIst", "RSol", "AIPos", "ASPos", "Delay"]
+        .map(|tag| format!("<ELEMENT TAG=\"DEF_{tag}\" TYPE=\"DOUBLE\" INDX=\"INTERNAL\"/>"))
+        .concat();
+    let text = format!(
+        "<ROOT><CONFIG><IP_NUMBER>127.0.0.1</IP_NUMBER><PORT>49152</PORT><PROTOCOL>{protocol}</PROTOCOL>\
+         <SENTYPE>ImFree</SENTYPE><ONLYSEND>FALSE</ONLYSEND></CONFIG>\
+         <SEND><ELEMENTS>{sent}</ELEMENTS></SEND><RECEIVE><ELEMENTS>\
+         <ELEMENT TAG=\"DEF_EStr\" TYPE=\"STRING\" INDX=\"INTERNAL\"/>{corrections}\
+         <ELEMENT TAG=\"DiO\" TYPE=\"LONG\" INDX=\"7\" HOLDON=\"1\"/>\
+         <ELEMENT TAG=\"Stop\" TYPE=\"BOOL\" INDX=\"8\" HOLDON=\"0\"/></ELEMENTS></RECEIVE></ROOT>"
+    );
+    Config::parse(&text).expect("valid")
+}
+
+/// Options with everything that limits motion wide open, so that a test turns on what it is about.
+pub fn wide(generation: Generation) -> KrcOptions {
+    let mut options = KrcOptions::new(generation);
+    options.correction.lower = [-300.0; 6];
+    options.correction.upper = [300.0; 6];
+    options.correction.overall_axis_deg = 1e6;
+    options.correction.overall_mm = 1e6;
+    options.correction.overall_rotation_deg = 1e6;
+    options.cut_out.velocity_deg_s = Some([1e9; 6]);
+    options.cut_out.acceleration_deg_s2 = [1e12; 6];
+    options.cut_out.jerk_deg_s3 = [1e15; 6];
+    options
+}
+
+/// Reads a number between two marks.
+pub fn between<'a>(text: &'a str, before: &str, after: &str) -> Option<&'a str> {
+    text.split_once(before)?.1.split_once(after).map(|(found, _)| found)
+}
+
+/// What the scripted client answers in one cycle.
+#[derive(Clone, Debug, Default)]
+pub struct Answer {
+    pub correction: [f64; 6],
+    pub outputs: i32,
+    pub stop: bool,
+    pub after: Duration,
+    pub silent: bool,
+    pub ipoc_off: i64,
+    pub text: Option<&'static str>,
+}
+
+/// Answers each telegram with what `script` gives for the number of full telegrams so far (from 0).
+pub struct Scripted<F> {
+    pub element: &'static str,
+    pub names: [&'static str; 6],
+    pub script: F,
+    pub received: Vec<(Instant, String)>,
+    pub full: u64,
+    pub bytes: Vec<u8>,
+}
+
+impl<F: FnMut(u64) -> Answer> Client for Scripted<F> {
+    fn handle(&mut self, now: Instant, bytes: &[u8]) -> Vec<Reply> {
+        self.bytes.extend_from_slice(bytes);
+        let text = String::from_utf8_lossy(bytes).into_owned();
+        let ipoc = between(&text, "<IPOC>", "</IPOC>").map(str::to_owned);
+        let full = text.contains("<AIPos");
+        self.received.push((now, text));
+        let Some(ipoc) = ipoc.and_then(|digits| digits.parse::<u64>().ok()) else { return Vec::new() };
+        if !full {
+            return Vec::new();
+        }
+        let answer = (self.script)(self.full);
+        self.full += 1;
+        if answer.silent {
+            return Vec::new();
+        }
+        let values: String = self
+            .names
+            .iter()
+            .zip(answer.correction)
+            .map(|(name, value)| format!(" {name}=\"{value:.6}\""))
+            .collect();
+        let text = answer.text.map(|text| format!("<EStr>{text}</EStr>")).unwrap_or_default();
+        let bytes = format!(
+            "<Sen Type=\"ImFree\">{text}<{}{values}/><DiO>{}</DiO><Stop>{}</Stop><IPOC>{}</IPOC></Sen>",
+            self.element,
+            answer.outputs,
+            u8::from(answer.stop),
+            ipoc.wrapping_add_signed(answer.ipoc_off),
+        );
+        vec![Reply { after: answer.after, bytes: bytes.into_bytes() }]
+    }
+}
+
+pub struct Rig {
+    pub options: KrcOptions,
+    pub config: Config,
+    pub link: LinkOptions,
+    pub link_faults: Vec<LinkFault>,
+    pub robot_faults: Vec<RobotFault>,
+    pub seed: u64,
+}
+
+impl Rig {
+    pub fn new(options: KrcOptions) -> Self {
+        let config = config("UDP", options.correction.space, true);
+        Self {
+            options,
+            config,
+            link: LinkOptions::default(),
+            link_faults: Vec::new(),
+            robot_faults: Vec::new(),
+            seed: 1,
+        }
+    }
+
+    /// On the bench, program started at time zero.
+    pub fn start<F: FnMut(u64) -> Answer>(self, script: F) -> Bench<Scripted<F>> {
+        let space = self.options.correction.space;
+        let krc = Krc::new(ARM.clone(), self.config, self.options, self.seed).expect("the options fit");
+        let (element, names) = match space {
+            Space::Axes => ("AK", ["A1", "A2", "A3", "A4", "A5", "A6"]),
+            Space::Base | Space::Tool => ("RKorr", ["X", "Y", "Z", "A", "B", "C"]),
+        };
+        let client = Scripted { element, names, script, received: Vec::new(), full: 0, bytes: Vec::new() };
+        let link = Link::new(self.link, &self.link_faults, self.seed);
+        let mut bench = Bench::new(krc, link, &self.robot_faults, client);
+        bench.start();
+        bench
+    }
+}
+
+/// The first fault and its time.
+pub fn fault(events: &[Event]) -> Option<(Instant, FaultCause)> {
+    events.iter().find_map(|event| match event {
+        Event::Fault { at, cause } => Some((*at, *cause)),
+        _ => None,
+    })
+}
+
+/// Words of all refused answers, in order.
+pub fn refused(events: &[Event]) -> Vec<&'static str> {
+    let word = |event: &Event| match event {
+        Event::Refused { why, .. } => Some(why.name()),
+        _ => None,
+    };
+    events.iter().filter_map(word).collect()
+}
+
+pub fn running<C>(bench: &Bench<C>) -> bool
+where
+    C: Client,
+{
+    bench.krc.state() == State::Run
+}
