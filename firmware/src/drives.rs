@@ -25,6 +25,7 @@ use protocol::powercube::{
 use protocol::{Duration, Frame, Instant, ModuleId};
 
 use crate::ramp::Loaded;
+use crate::rest::Rest;
 
 /// Longest time an answer may still be under way. Hosts of the field wait up to 100 ms.
 pub const QUARANTINE: Duration = Duration::from_millis(100);
@@ -150,6 +151,10 @@ pub struct Drive {
     pub dio: Dio,
     /// Position as last seen.
     pub position: Option<PositionSample>,
+    /// Whether the position stands.
+    pub rest: Rest,
+    /// State words in a row that showed MOTION.
+    pub motion_words: u8,
     /// Current as last read, A.
     pub current_a: Option<f32>,
     /// Readings above the current limit in a row.

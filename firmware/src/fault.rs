@@ -125,6 +125,7 @@ causes! {
 
     400 HostLost PathStop "the host's heartbeat stayed away", "start the host again; check its load and the bus load";
     401 CycleOverrun QuickStop "control cycles could not be finished in time, several in a row", "longer period, fewer other frames on the bus, or a quieter computer";
+    402 RestNotReached Halt "a joint was not measured at rest in time after a motion or a stop", "look whether the arm stands; read the drive's state word and position; clear the fault when it does";
 
     500 WatchdogUnproven Halt "a drive's watchdog did not stop it when it was tested", "check the drive's configuration word; a drive without watchdog must not be run";
     501 HomingTimeout Halt "a joint did not find its zero in time", "check the home switch and the direction of homing";
@@ -166,6 +167,7 @@ causes! {
     711 DriveNotReady Refuse "a drive is silent, in error or halted", "look at the drive; clear the fault";
     712 GripperBusy Refuse "the gripper cannot be operated during a run", "the release is part of the plan";
     713 CycleTooShort Refuse "the drives' answers of a cycle do not fit into the control period; the index is the period that would do, in us", "tune and plan for that period, or set the drives to answer faster";
+    714 StillMoving Refuse "a joint still moves", "wait until the arm stands";
 }
 
 impl Cause {

@@ -8,7 +8,7 @@
 //! | ground | [`joints`], [`span`], [`crc`] | one value per joint, time as f32, checksums | know anything else |
 //! | maths | [`spline`], [`feedback`], [`ramp`], [`path`] | reference, control law, acceleration in the words of a ramp drive, slowing down along the path; a host simulates with the same code | keep bus or state, know time but as an argument |
 //! | facts | [`fault`], [`settings`], [`registers`], [`trajectory_format`] | numbered causes, what can be set, the file a host uploads | act |
-//! | bus | [`drives`], [`schedule`], [`pace`], [`transmit`] | which reply belongs to which request, who is asked next, how long a cycle takes, frames out | decide about motion |
+//! | bus | [`drives`], [`rest`], [`schedule`], [`pace`], [`transmit`] | which reply belongs to which request, whether a joint stands, who is asked next, how long a cycle takes, frames out | decide about motion |
 //! | group | [`state`], [`orders`], [`supervisor`], [`gripper`], [`store`] | states, what is legal when, what must hold, the release, power-proof storage | send frames |
 //! | view | [`telemetry`], [`trace`], [`freeze`] | what people see, now and afterwards | influence anything |
 //! | whole | [`controller`] | the [`protocol::Node`]; all control flow | know Cyphal, a board or a clock |
@@ -55,6 +55,7 @@ pub mod pace;
 pub mod path;
 pub mod ramp;
 pub mod registers;
+pub mod rest;
 pub mod schedule;
 pub mod settings;
 pub mod span;

@@ -61,7 +61,7 @@ pub enum BootStage {
     },
     /// Each drive's state word is read: its watchdog must have stopped it.
     Judge,
-    /// The reset was broadcast; state words are read once more.
+    /// The reset was broadcast; each drive is read until it stands.
     Recover {
         /// End of the wait.
         until: Instant,
@@ -117,9 +117,9 @@ pub enum JogStep {
     Starting,
     /// Moves.
     Moving,
-    /// Ramps down.
+    /// Ramps down, and is watched until it stands.
     Releasing {
-        /// At rest then.
+        /// The joint must be measured at rest by then.
         until: Instant,
     },
     /// The current limit is put back.
@@ -133,6 +133,8 @@ pub enum StopWay {
     Path,
     /// Each joint on its own.
     Quick,
+    /// The halt broadcast is out: the drives brake by themselves, and are watched until they stand.
+    Halted,
 }
 
 /// State with what exists in it only.
@@ -159,7 +161,7 @@ pub enum State {
     Running {
         /// Time along the plan.
         clock: PathClock,
-        /// The plan is at its end: joints are brought to rest at the last knot until then.
+        /// The plan is at its end: the joints are brought to the last knot. They must be measured at rest by then.
         parking: Option<Instant>,
     },
     /// See [`StateKind::Stopping`].

@@ -290,6 +290,8 @@ fn clear_while_the_cause_stays_ends_in_fault_again_and_moves_nothing() {
     let at = bench.now;
     for latched in [Cause::DriveSilent, Cause::DriveMissing] {
         assert_eq!(bench.controller.state().fault().map(|fault| fault.cause), Some(latched));
+        // The arm comes to rest.
+        bench.run_for(300_000);
         bench.order(Order::ClearFault { code: latched.code() }).unwrap();
         assert_eq!(bench.kind(), StateKind::Boot);
         bench.run_until(3_000_000, |bench| bench.kind() != StateKind::Boot);

@@ -76,6 +76,7 @@ fn stop_message_puts_the_halt_on_the_bus_within_a_millisecond_at_any_moment_of_t
         bench.run_for(5_000);
         let halted = bench.sent_after(at, is_halt).unwrap().as_micros() - at;
         worst = worst.max(halted);
+        bench.run_until(1_000_000, |bench| bench.kind() != StateKind::Stopping);
         assert_eq!(bench.kind(), StateKind::Stopped);
         assert!(bench.sent_after(at + halted, is_motion).is_none(), "no motion after the halt");
     }
@@ -246,16 +247,20 @@ fn nothing_moves_after_a_stop_until_armed_again_and_then_only_from_the_start_of_
     let Ok(Done::Offer { token, .. }) = bench.order(Order::ArmPrepare { crc64: name.crc64, valid }) else {
         panic!()
     };
-    bench.run_for(100_000);
+    bench.run_for(250_000);
     let refused = bench.order(Order::ArmConfirm { token, valid }).unwrap_err();
     assert_eq!(refused.cause, Cause::NotAtStart);
     assert!(bench.sent_after(stopped, is_motion).is_none());
-    // Somebody brings the arm back.
+    // Somebody brings the arm back: not without a fault, and not without a look at the drives.
     for (drive, q) in bench.drives.iter_mut().zip(throw_start()) {
         drive.place(q);
     }
+    bench.run_for(250_000);
+    assert_eq!(fault_of(&bench), Some(Cause::MovesUnordered));
+    bench.order(Order::ClearFault { code: Cause::MovesUnordered.code() }).unwrap();
+    bench.run_until(2_000_000, |bench| bench.kind() == StateKind::Ready);
     bench.run_for(100_000);
-    bench.order(Order::ArmConfirm { token, valid }).unwrap();
+    bench.arm(name);
     bench.order(Order::Run(name)).unwrap();
     bench.run_until(2_000_000, |bench| bench.kind() == StateKind::Ready);
     assert!(bench.distance_from_path() < 2e-3, "the throw was repeated");

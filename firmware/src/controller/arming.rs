@@ -5,6 +5,7 @@ use core::borrow::BorrowMut;
 use protocol::powercube::{CubeState, ShortState};
 use protocol::{Duration, Instant};
 
+use super::boot::RESET_SETTLE;
 use super::{Controller, Offer};
 use crate::fault::{Cause, Refusal};
 use crate::orders::{ARMING_VALID_MAX, Done};
@@ -108,6 +109,13 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             return Err(Refusal::of(Cause::GainPeriod));
         }
         self.require_time()?;
+        if let Some(joint) = self.not_at_rest(now) {
+            return Err(Refusal::at(Cause::DriveNotReady, joint));
+        }
+        // A drive that was reset opens its brake first; a motion ordered before begins later than ordered.
+        if now < self.reset_at + RESET_SETTLE {
+            return Err(Refusal::of(Cause::DriveNotReady));
+        }
         for joint in self.joints() {
             let (drive, limits) = (self.drives.at(joint), self.settings.joint.at(joint));
             let Some((state, at)) = drive.state else { return Err(Refusal::at(Cause::DriveNotReady, joint)) };

@@ -27,8 +27,10 @@ use core::borrow::BorrowMut;
 use protocol::powercube::{Config, CubeState, Parameter, Reply, Request, Value};
 use protocol::{Duration, Instant, JointIndex};
 
+use super::standing::HALT_REST_MAX;
 use super::{BootProgress, Controller};
 use crate::fault::{Cause, Fault};
+use crate::rest::Rest;
 use crate::spline::Spline;
 use crate::state::BootStage;
 use crate::store::Storage;
@@ -57,6 +59,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         for joint in self.joints() {
             let drive = self.drives.at_mut(joint);
             (drive.state, drive.position, drive.missed_in_row, drive.over_current) = (None, None, 0, 0);
+            (drive.rest, drive.motion_words) = (Rest::default(), 0);
         }
         if self.settings.watchdog_enable {
             // A watchdog that still runs from before must not expire during the search.
@@ -115,7 +118,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
                     return;
                 }
                 if self.is_boot_done() {
-                    self.end_boot(now);
+                    self.end_boot(now, until);
                 } else {
                     self.ask_all(now);
                 }
@@ -253,7 +256,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             self.restart_at(STATE);
             self.machine.transition_to_boot(now, &mut self.trace, BootStage::Check);
         } else {
-            self.end_boot(now);
+            self.recover(now, now);
         }
     }
 
@@ -295,21 +298,25 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         }
         self.send_reset(now);
         self.send_watchdog(now);
-        self.restart_at(STATE);
-        self.machine.transition_to_boot(
-            now,
-            &mut self.trace,
-            BootStage::Recover { until: now + RESET_SETTLE },
-        );
+        self.recover(now, now + RESET_SETTLE);
     }
 
-    fn end_boot(&mut self, now: Instant) {
+    fn recover(&mut self, now: Instant, until: Instant) {
+        self.restart_at(STATE);
+        self.machine.transition_to_boot(now, &mut self.trace, BootStage::Recover { until });
+    }
+
+    /// All drives have been read since `read_from`: they are fit, and are read on until they stand.
+    fn end_boot(&mut self, now: Instant, read_from: Instant) {
         if let Some(fault) = self.unfit_drive() {
             self.fail(now, fault);
-        } else if self.all_homed() {
-            self.machine.transition_to_ready(now, &mut self.trace);
+        } else if self.all_at_rest(now) {
+            self.stand(now);
+        } else if now >= read_from + HALT_REST_MAX {
+            self.fail(now, Fault { cause: Cause::RestNotReached, joint: self.not_at_rest(now) });
         } else {
-            self.machine.transition_to_idle(now, &mut self.trace);
+            self.restart_at(STATE);
+            self.ask_all(now);
         }
     }
 }

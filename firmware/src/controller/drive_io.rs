@@ -14,7 +14,7 @@ use crate::drives::{Lane, Matched, PositionSample, is_foreign_request};
 use crate::fault::{Cause, Fault};
 use crate::gripper::{self, Output};
 use crate::spline::Spline;
-use crate::state::{State, StateKind};
+use crate::state::{State, StateKind, StopWay};
 use crate::store::Storage;
 use crate::supervisor;
 use crate::trace::Event;
@@ -251,7 +251,9 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             }
             return;
         }
-        self.drives.at_mut(joint).position = Some(PositionSample { q_rad, at });
+        let drive = self.drives.at_mut(joint);
+        drive.position = Some(PositionSample { q_rad, at });
+        drive.rest.take(PositionSample { q_rad, at });
         if matches!(self.machine.state(), State::Running { .. } | State::Stopping { .. }) {
             self.take_measurement(now, joint, PositionSample { q_rad, at }, of_motion);
         } else {
@@ -261,8 +263,12 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
 
     fn take_state(&mut self, now: Instant, joint: JointIndex, state: CubeState) {
         let homed_before = self.drive_is_homed(joint);
-        self.drives.at_mut(joint).state = Some((state, now));
+        let drive = self.drives.at_mut(joint);
+        drive.state = Some((state, now));
+        let moves = state.intersects(CubeState::MOTION);
+        drive.motion_words = if moves { drive.motion_words.saturating_add(1) } else { 0 };
         let watched = match self.machine.state() {
+            State::Stopping { way: StopWay::Halted, .. } => false,
             State::Running { .. } | State::Stopping { .. } | State::Jogging(_) => true,
             // The joint at work is judged by its homing: it has no zero and may report what it does.
             State::Homing(homing) => homing.joint != joint,

@@ -39,11 +39,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     fn home_next(&mut self, now: Instant, mask: u8) {
         let next = self.joints().rev().find(|joint| mask & (1 << joint.get()) != 0);
         let Some(joint) = next else {
-            if self.all_homed() {
-                self.machine.transition_to_ready(now, &mut self.trace);
-            } else {
-                self.machine.transition_to_idle(now, &mut self.trace);
-            }
+            self.stand(now);
             return;
         };
         let deadline = now + Duration::from_micros(self.settings.home_timeout_us.into());
@@ -75,9 +71,10 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             if !self.schedule.is_done(joint, self.drives.at(joint)) {
                 continue;
             }
-            // The joint at work: mostly its state word, sometimes its current.
+            // The joint at work: its state word, its position and sometimes its current.
             let request = match (joint == homing.joint, self.ticks % 4) {
                 (true, 0) => Request::Get(Parameter::Cur),
+                (true, 2) => Request::Get(Parameter::PosStateDio),
                 (true, _) => Request::Get(Parameter::CubeState),
                 (false, _) => self.poll_request(joint),
             };
@@ -118,8 +115,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
                     self.fail(now, Fault::at(Cause::HomingFailed, joint));
                     return;
                 }
-                let found = state.contains(CubeState::HOME_OK) && !state.intersects(CubeState::MOTION);
-                if !found {
+                if !state.contains(CubeState::HOME_OK) || !self.all_at_rest(now) {
                     return;
                 }
                 self.restore_current(joint);

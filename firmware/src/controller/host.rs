@@ -67,6 +67,9 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         if fault.cause.code() != code {
             return Err(Refusal { cause: Cause::OtherFault, joint: fault.joint, index: fault.cause.code() });
         }
+        if self.any_moves(now) {
+            return Err(Refusal::of(Cause::StillMoving));
+        }
         self.freeze = None;
         self.start_boot(now, true);
         Ok(())

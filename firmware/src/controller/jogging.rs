@@ -10,6 +10,7 @@ use protocol::units::Radians;
 use protocol::{Duration, Instant, JointIndex};
 
 use super::Controller;
+use super::standing::REST_SLACK;
 use crate::fault::{Cause, Fault, Refusal};
 use crate::joints::clamp;
 use crate::orders::JOG_HOLD_MAX;
@@ -92,11 +93,25 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
                     }
                 }
             }
-            JogStep::Releasing { until } if until <= now => {
+            JogStep::Releasing { .. } if self.all_at_rest(now) => {
                 self.restore_current(jog.joint);
                 self.set_jog_step(JogStep::Restoring);
             }
-            JogStep::Starting | JogStep::Releasing { .. } | JogStep::Restoring => {}
+            JogStep::Releasing { until } if until <= now => {
+                self.fail(now, Fault { cause: Cause::RestNotReached, joint: self.not_at_rest(now) });
+                return;
+            }
+            JogStep::Releasing { .. } => {
+                if self.schedule.is_done(jog.joint, self.drives.at(jog.joint)) {
+                    let parameter = if self.ticks.is_multiple_of(2) {
+                        Parameter::PosStateDio
+                    } else {
+                        Parameter::CubeState
+                    };
+                    self.schedule.push(jog.joint, Request::Get(parameter));
+                }
+            }
+            JogStep::Starting | JogStep::Restoring => {}
         }
         for joint in self.joints().filter(|&joint| joint != jog.joint) {
             if self.schedule.is_done(joint, self.drives.at(joint)) {
@@ -145,8 +160,8 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         } else {
             self.schedule.clear(jog.joint);
         }
-        let rest_s = 2.0 * limits.jog_v_rad_s / limits.jog_a_rad_s2 + 0.05;
-        let until = now + span::of_seconds(rest_s);
+        let rest_s = 2.0 * limits.jog_v_rad_s / limits.jog_a_rad_s2;
+        let until = now + span::of_seconds(rest_s) + REST_SLACK;
         self.set_jog_step(JogStep::Releasing { until });
     }
 
@@ -170,13 +185,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         }
         match jog.step {
             JogStep::Starting => self.set_jog_step(JogStep::Moving),
-            JogStep::Restoring => {
-                if self.all_homed() {
-                    self.machine.transition_to_ready(now, &mut self.trace);
-                } else {
-                    self.machine.transition_to_idle(now, &mut self.trace);
-                }
-            }
+            JogStep::Restoring => self.stand(now),
             JogStep::Moving | JogStep::Releasing { .. } => {}
         }
     }

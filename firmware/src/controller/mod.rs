@@ -11,7 +11,8 @@
 //! # Files
 //!
 //! `drive_io` sends and matches; `boot`, `homing`, `jogging`, `running`, `stopping` are the states that do
-//! something; `arming` and `host` take orders; `report` makes samples.
+//! something; `standing` says whether the joints stand and watches that they do; `arming` and `host`
+//! take orders; `report` makes samples.
 //!
 //! # Bounded work
 //!
@@ -27,6 +28,7 @@ mod host;
 mod jogging;
 mod report;
 mod running;
+mod standing;
 mod stopping;
 
 use core::borrow::BorrowMut;
@@ -35,7 +37,6 @@ use protocol::powercube::{Broadcast, Gate, Parameter, Request, Value};
 use protocol::{Duration, Frame, Instant, JointIndex, Node};
 
 use crate::drives::Drive;
-use crate::fault::{Cause, Fault};
 use crate::feedback::{BlendedGains, ErrorEstimator};
 use crate::freeze::FreezeFrame;
 use crate::gripper::Gripper;
@@ -149,6 +150,10 @@ pub struct Controller<S, M = Spline> {
     /// Drives' state words read before this are from before the last reset.
     reset_at: Instant,
     telemetry_due: Instant,
+    /// Where each joint stood when the group came to rest, rad.
+    stood_at_rad: PerJoint<f32>,
+    /// Next repetition of the halt broadcast if something still moves.
+    halt_due: Instant,
     /// Gripper write that waits for its lane.
     gripper_write: Option<bool>,
     /// Time of the last call.
@@ -211,6 +216,8 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             jitter: Duration::ZERO,
             reset_at: Instant::ZERO,
             telemetry_due: Instant::ZERO,
+            stood_at_rad: made(),
+            halt_due: Instant::ZERO,
             gripper_write: None,
             now: Instant::ZERO,
         }
@@ -384,34 +391,6 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     fn host_is_alive(&self, now: Instant) -> bool {
         let timeout = Duration::from_micros(self.settings.host_timeout_us.into());
         self.host_seen.is_some_and(|seen| now.saturating_since(seen) <= timeout)
-    }
-
-    /// Faults and state changes while nothing moves.
-    fn judge_standing(&mut self, now: Instant) {
-        let kind = self.kind();
-        let halted_is_fine = kind == StateKind::Stopped;
-        if matches!(kind, StateKind::Idle | StateKind::Ready | StateKind::Armed | StateKind::Stopped) {
-            for joint in self.joints() {
-                let drive = self.drives.at(joint);
-                let silent = drive.missed_in_row > self.settings.reply_missed_max;
-                let word = drive.state.filter(|(_, at)| *at >= self.reset_at);
-                let cause =
-                    word.and_then(|(state, _)| crate::supervisor::check_state_word(state, halted_is_fine));
-                if let Some(cause) = if silent { Some(Cause::DriveSilent) } else { cause } {
-                    self.fail(now, Fault::at(cause, joint));
-                    return;
-                }
-            }
-        }
-        match (kind, self.all_homed()) {
-            (StateKind::Idle, true) => self.machine.transition_to_ready(now, &mut self.trace),
-            (StateKind::Ready, false) => self.machine.transition_to_idle(now, &mut self.trace),
-            (StateKind::Armed, false) => {
-                let lost = self.joints().find(|&joint| !self.drive_is_homed(joint));
-                self.fail(now, Fault { cause: Cause::DriveLostHome, joint: lost });
-            }
-            _ => {}
-        }
     }
 
     /// Offers and armings that end by themselves.

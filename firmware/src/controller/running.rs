@@ -13,11 +13,12 @@ use protocol::powercube::{Motion, MotionCommand, Parameter, Request, Value};
 use protocol::units::Radians;
 use protocol::{Duration, Instant, JointIndex};
 
+use super::standing::REST_SLACK;
 use super::{Controller, Generator};
 use crate::drives::PositionSample;
 use crate::fault::{Cause, Fault};
 use crate::feedback::{self, ErrorState};
-use crate::joints::clamp;
+use crate::joints::{at_least, clamp};
 use crate::path::PathClock;
 use crate::ramp::{self, RampState};
 use crate::span;
@@ -29,8 +30,6 @@ use crate::trace::Event;
 
 /// Cycles between the order and the start of the plan: the loop settles on the standing reference.
 const START_CYCLES: u64 = 2;
-/// Time for the last ramps to end before the run counts as done.
-const PARKING: Duration = Duration::from_millis(300);
 /// Pull of the generator model to the measured speed, 1/s: against drift by jitter of the slots; slow,
 /// because the measured speed lags by the drive's position loop.
 const GENERATOR_PULL_1_S: f32 = 5.0;
@@ -79,7 +78,10 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         let State::Running { clock, parking } = *self.machine.state() else { return };
         self.watch_overrun(now, late);
         match parking {
-            Some(until) if until <= now => self.machine.transition_to_ready(now, &mut self.trace),
+            Some(_) if self.all_at_rest(now) => self.stand(now),
+            Some(until) if until <= now => {
+                self.fail(now, Fault { cause: Cause::RestNotReached, joint: self.not_at_rest(now) });
+            }
             Some(_) => self.park_poll(),
             None => {
                 let (s_us, _) = clock.at(now);
@@ -222,6 +224,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     ) {
         let (clock, tracking) = match *self.machine.state() {
             State::Running { clock, parking } => (clock, parking.is_none()),
+            State::Stopping { way: StopWay::Halted, .. } => return,
             State::Stopping { clock, way, .. } => (clock, way == StopWay::Path),
             _ => return,
         };
@@ -261,12 +264,26 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
 
     /// The plan is at its end: each joint ramps to its last position and stays.
     fn park(&mut self, now: Instant) {
+        let mut longest_s = 0.0;
         for joint in self.joints() {
             self.park_joint(joint);
+            longest_s = at_least(self.park_time_s(joint), longest_s);
         }
         if let State::Running { parking, .. } = self.machine.data() {
-            *parking = Some(now + PARKING);
+            *parking = Some(now + span::of_seconds(longest_s) + REST_SLACK);
         }
+    }
+
+    /// Longest time that the ramp to the last knot takes, s.
+    fn park_time_s(&self, joint: JointIndex) -> f32 {
+        let limits = self.settings.joint.at(joint);
+        let end_rad = self.spline.borrow().end_rad(joint);
+        let way_rad = self.drives.at(joint).position.map_or(0.0, |position| (position.q_rad - end_rad).abs());
+        // Brakes from the speed it has, and goes back and the rest of the way at the speed of a jog.
+        let v_rad_s = self.track.at(joint).generator.v_rad_s.abs();
+        let braking_s = v_rad_s / limits.jog_a_rad_s2;
+        let back_rad = way_rad + 0.5 * v_rad_s * braking_s;
+        braking_s + back_rad / limits.jog_v_rad_s + 2.0 * limits.jog_v_rad_s / limits.jog_a_rad_s2
     }
 
     /// A lost one is repeated: without it the drive would go on to the target of its last command.

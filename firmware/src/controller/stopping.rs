@@ -7,13 +7,15 @@
 //! | halt | halt broadcast at once | halt | halt | halt |
 //!
 //! At rest the halt broadcast goes out in every case: drives then refuse motion until a reset, which only an
-//! explicit new start sends.
+//! explicit new start sends. Stopped is entered when all joints are measured at rest; until then the group is Stopping, and
+//! the halt broadcast is repeated.
 
 use core::borrow::BorrowMut;
 
 use protocol::{Duration, Instant};
 
 use super::Controller;
+use super::standing::{HALT_REPEAT, HALT_REST_MAX};
 use crate::fault::{Cause, Fault, Reaction};
 use crate::freeze::{FreezeFrame, FrozenJoint};
 use crate::joints::PerJoint;
@@ -49,7 +51,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             // The first cause stays; a fault takes the place of a plain stop.
             (State::Fault { .. }, _) => self.note(now, Event::FurtherFault(fault)),
             (State::Stopped { .. }, _) if fault.cause.is_plain_stop() => {}
-            (State::Stopping { fault: first, way, clock, deadline }, _) => {
+            (State::Stopping { fault: first, way, clock, .. }, _) => {
                 let first = first_cause(first, fault);
                 if first != fault {
                     self.note(now, Event::FurtherFault(fault));
@@ -65,9 +67,9 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
                     (Reaction::QuickStop, StopWay::Quick) => {
                         // Ramps are out; a drive that does not listen gets its halt now.
                         self.halt_silent(now, fault);
-                        let _ = deadline;
                     }
-                    (Reaction::PathStop | Reaction::Refuse, _) => {}
+                    (_, StopWay::Halted) if !first.cause.is_plain_stop() => self.end_stop(now, first),
+                    (Reaction::QuickStop | Reaction::PathStop | Reaction::Refuse, _) => {}
                 }
             }
             (State::Running { clock, parking: None }, Reaction::PathStop) => {
@@ -84,7 +86,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             (State::Running { clock, parking: None }, Reaction::QuickStop) => {
                 self.quick_stop(now, fault, clock);
             }
-            // Parked joints move by millimetres, on ramps that end by themselves.
+            // Parked joints move no faster than a jog.
             (State::Running { parking: Some(_), .. }, _) => self.end_stop(now, fault),
             (State::Jogging(jog), Reaction::PathStop | Reaction::QuickStop) => {
                 let limits = *self.settings.joint.at(jog.joint);
@@ -113,22 +115,47 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         }
     }
 
-    fn halt(&mut self, now: Instant) {
+    pub(super) fn halt(&mut self, now: Instant) {
         self.schedule.clear_all();
+        self.halt_due = now + HALT_REPEAT;
         self.transmit.halt();
         self.counters.halts = self.counters.halts.saturating_add(1);
         self.note(now, Event::Halt);
     }
 
-    /// The halt broadcast and the state after it.
+    /// The halt broadcast and the state after it: Fault at once, Stopped when all joints stand.
     fn end_stop(&mut self, now: Instant, fault: Fault) {
         self.halt(now);
-        if fault.cause.is_plain_stop() {
-            self.machine.transition_to_stopped(now, &mut self.trace, fault);
-        } else {
+        if !fault.cause.is_plain_stop() {
             // No more signs of life: a drive that missed the halt stops by its watchdog.
             self.watchdog_due = None;
             self.machine.transition_to_fault(now, &mut self.trace, fault);
+        } else if self.all_at_rest(now) {
+            self.keep_places();
+            self.machine.transition_to_stopped(now, &mut self.trace, fault);
+        } else {
+            let (clock, deadline) = (PathClock::starting(now), now + HALT_REST_MAX);
+            self.machine.transition_to_stopping(
+                now,
+                &mut self.trace,
+                fault,
+                StopWay::Halted,
+                clock,
+                deadline,
+            );
+        }
+    }
+
+    /// The drives brake by themselves until they stand.
+    fn watch_halted(&mut self, now: Instant, fault: Fault, deadline: Instant) {
+        if self.all_at_rest(now) {
+            self.keep_places();
+            self.machine.transition_to_stopped(now, &mut self.trace, fault);
+        } else if deadline <= now {
+            self.fail(now, Fault { cause: Cause::RestNotReached, joint: self.not_at_rest(now) });
+        } else {
+            self.repeat_halt(now);
+            self.park_poll();
         }
     }
 
@@ -174,6 +201,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     pub(super) fn stopping_tick(&mut self, now: Instant) {
         let State::Stopping { fault, way, mut clock, deadline } = *self.machine.state() else { return };
         match way {
+            StopWay::Halted => self.watch_halted(now, fault, deadline),
             StopWay::Quick if deadline <= now => self.end_stop(now, fault),
             StopWay::Quick => self.park_poll(),
             StopWay::Path if deadline <= now => {

@@ -34,6 +34,12 @@ pub(crate) struct Drive {
     pub reset_keeps_watchdog: bool,
     /// What the drive shows once its watchdog has expired.
     pub watchdog_shows: CubeState,
+    /// Speed of a motion nobody ordered, rad/s; a halt ends it.
+    pub creep_rad_s: f64,
+    /// Speed of a motion from outside, which the drive does not report, rad/s: a hand, or a brake that slips.
+    pub slips_rad_s: f64,
+    /// Halts that have no effect, counted down.
+    pub deaf_to_halts: u32,
     /// Stays halted whatever is sent.
     pub stays_halted: bool,
     /// Homing ends then.
@@ -67,6 +73,9 @@ impl Drive {
             any_frame_is_life: false,
             reset_keeps_watchdog: false,
             watchdog_shows: CubeState::ERROR.union(CubeState::COMM_ERROR).union(CubeState::HALTED),
+            creep_rad_s: 0.0,
+            slips_rad_s: 0.0,
+            deaf_to_halts: 0,
             stays_halted: false,
             homing_until: None,
             home_takes_us: 300_000,
@@ -86,8 +95,14 @@ impl Drive {
         self.watchdog_seen = self.watchdog_seen.map(|_| 0);
     }
 
+    /// True speed, rad/s.
+    pub(crate) fn speed(&self) -> f64 {
+        self.v + self.slips_rad_s + if self.refuses() { 0.0 } else { self.creep_rad_s }
+    }
+
     fn stop_hard(&mut self) {
-        // Emergency stop: brakes with what its own limit allows.
+        // Emergency stop: brakes with what its own limit allows, and ends a homing.
+        self.homing_until = None;
         self.a_ramp = 20.0;
         self.target = Some(self.q_gen + 0.5 * self.v_gen * self.v_gen.abs() / self.a_ramp);
     }
@@ -109,7 +124,10 @@ impl Drive {
                     (self.q_gen, self.v_gen, self.target) = (target, 0.0, None);
                 }
             }
-            let moving = self.v_gen.abs() > 1e-4;
+            let creeps = if self.refuses() { 0.0 } else { self.creep_rad_s };
+            let pushed = dt * (creeps + self.slips_rad_s);
+            (self.q, self.q_gen) = (self.q + pushed, self.q_gen + pushed);
+            let moving = self.v_gen.abs() > 1e-4 || creeps != 0.0;
             self.state = self.state.with(CubeState::MOTION, moving).with(CubeState::RAMP_END, !moving);
             if self.ideal {
                 (self.q, self.v) = (self.q_gen, self.v_gen);
@@ -154,6 +172,7 @@ impl Drive {
 
     pub(super) fn broadcast(&mut self, now_us: u64, broadcast: Broadcast) {
         match broadcast {
+            Broadcast::Halt if self.deaf_to_halts > 0 => self.deaf_to_halts -= 1,
             Broadcast::Halt => {
                 self.state = self.state.union(CubeState::HALTED);
                 self.stop_hard();
