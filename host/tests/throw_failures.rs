@@ -96,10 +96,12 @@ fn targets_plans_and_gains_that_do_not_fit() {
 #[test]
 fn a_homing_that_fails_and_a_drive_lost_in_mid_throw_stop_the_arm() {
     let folder = Folder::new("fail-moving");
+    // Counts that get lost while the drive holds its joint make it move: nobody ordered that.
     let lost =
         scenario(&folder, "[[fault]]\nkind = \"encoder-error\"\ntarget = \"module 6\"\noffset_deg = 30.0\n");
-    let output = throw(&folder, &["--scenario", &lost]);
-    refused(&output, 13, &["joint 6"]);
+    refused(&throw(&folder, &["--scenario", &lost]), 8, &["joint 6", "(fault 108)"]);
+    let held = scenario(&folder, "[[fault]]\nkind = \"tow-error\"\ntarget = \"module 6\"\nstart_s = 0.7\n");
+    refused(&throw(&folder, &["--scenario", &held]), 13, &["home: ", "joint 6", "(fault 502)"]);
     // When the throw begins in virtual time, from an undisturbed run of the same seed.
     let good = throw(&folder, &["--json"]);
     let report: serde_json::Value = serde_json::from_str(&out(&good)).unwrap();

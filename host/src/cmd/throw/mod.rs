@@ -187,7 +187,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         && error.code == exit::DRIVE
         && let Some(found) = diagnosis(&mut session, &arm, |_| true)
     {
-        error.message = format!("{}: {found}", Step::Drives.name());
+        error.message = format!("{}\n{found}", error.message);
     }
     let gains_text = gains_toml(&plan, &record, gains.as_ref());
     let (name, simulated, bus_errors) =
