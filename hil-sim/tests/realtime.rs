@@ -164,6 +164,10 @@ impl BusServer for Crowd {
 
     fn broadcast(&mut self, _: Instant, _: &Frame, _: Option<ClientId>) {}
 
+    fn send_to(&mut self, _: ClientId, _: Instant, _: &Frame) {}
+
+    fn give_turn(&mut self, _: ClientId, _: Instant) {}
+
     fn broadcast_bus_error(&mut self, _: Instant, _: u32) {}
 
     fn client_count(&self) -> usize {

@@ -4,10 +4,10 @@ use std::io::{BufRead, IsTerminal};
 use std::path::PathBuf;
 use std::sync::mpsc::{self, Receiver, TryRecvError};
 
-use can_link::{BusSpec, Clock, Role, Urgent};
+use can_link::{BusSpec, Role, Urgent};
 use hil_sim::cell::Cell;
 use hil_sim::crew::Solo;
-use hil_sim::realtime::{Door, Realtime, RealtimeError, Visit};
+use hil_sim::realtime::{Door, Realtime, RealtimeError, Visit, shared_time};
 use hil_sim::report::{DriveRow, ThrowRow};
 use hil_sim::scenario::{Scenario, ScriptedHost, fault_from_line};
 use protocol::{Duration, Instant};
@@ -28,7 +28,8 @@ length_s = 1), report, quit";
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// Where: socketcand://127.0.0.1:29536/can0 and slcan://127.0.0.1:3333 serve that port, slcan:/dev/ptmx makes a
-    /// pseudo-terminal, vcan0 joins that interface. Given several times, all of them lead to the same bus. A port takes 32
+    /// pseudo-terminal, vcan0 joins that interface; lockstep://127.0.0.1:29536/can0?clients=2 serves programs in virtual
+    /// time, which stands while fewer than two take part. Given several times, all of them lead to the same bus. A port takes 32
     /// clients; one more is told so and disconnected (SLCAN: BELL). A client that has not opened the bus within 5 s, or
     /// reads nothing for 10 s while frames wait for it, is disconnected.
     #[arg(long, default_value = "socketcand://127.0.0.1:29536/can0")]
@@ -65,7 +66,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     }
     let cell = scenario.cell()?;
     let host = Solo::new("script", ScriptedHost::new(&scenario.actions));
-    let clock = Clock::start();
+    let (clock, in_step) = shared_time(&args.bus).map_err(|error| Failure::new(Code::BadFile, &error))?;
     let doors: Vec<Door> = args
         .bus
         .iter()
@@ -74,6 +75,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let faults = scenario.faults.clone();
     let mut realtime = Realtime::new((cell, host), scenario.bus, scenario.seed, faults, doors, clock)
         .map_err(|error| Failure::new(Code::BadFile, &error))?;
+    if let Some(clients) = in_step {
+        realtime = realtime.in_lock_step(clients);
+    }
     let interrupt = Interrupt::listen();
     let commands = commands();
     let end = args.duration_s.map(|s| Instant::ZERO + Duration::from_secs_f64(s));

@@ -168,6 +168,8 @@ pub(super) struct Port {
     pub(super) door: Door,
     /// Frames of this door's clients that were on the bus, for its other clients.
     pub(super) own: Vec<(Instant, Option<ClientId>, Frame)>,
+    /// What clients beside lock step sent.
+    pub(super) unasked: Vec<(ClientId, Frame)>,
     /// A bus that was joined brings more than the simulated one carries.
     pub(super) is_full: bool,
     /// When each module was asked through this door, by address.
@@ -182,6 +184,7 @@ impl Port {
         Self {
             door,
             own: Vec::new(),
+            unasked: Vec::new(),
             is_full: false,
             requests: vec![VecDeque::new(); usize::from(ModuleId::MAX.get()) + 1],
             visits: Vec::new(),
@@ -199,6 +202,8 @@ impl Port {
                     Some(ServerEvent::Joined { peer, .. }) => self.visits.push(Visit::Joined(peer)),
                     Some(ServerEvent::Left { reason, .. }) => self.visits.push(Visit::Left(reason)),
                     Some(ServerEvent::Frame { client, frame, .. }) => return Ok(Some((Some(client), frame))),
+                    // Refused in real time.
+                    Some(ServerEvent::InStep { .. } | ServerEvent::Waits { .. }) => {}
                 },
                 Door::Member(_) if !room.is_for(None) => return Ok(None),
                 Door::Member(link) => match link.receive()? {

@@ -14,6 +14,7 @@
 //! long clients wait for answers.
 
 mod door;
+mod lockstep;
 
 use std::io;
 
@@ -21,6 +22,7 @@ use can_link::{Clock, Lateness, LinkError};
 use protocol::{Duration, Frame, Instant};
 
 pub use door::{Door, Gateway, Visit};
+pub use lockstep::{MixedTime, shared_time};
 
 use crate::bus::{BusConfig, ErrorKind};
 use crate::crew::{Crew, Solo};
@@ -90,6 +92,8 @@ pub struct Realtime<A> {
     wake_at: Option<Instant>,
     lag: Lag,
     turns: u64,
+    /// The clients share virtual time.
+    lock_step: Option<lockstep::LockStep>,
 }
 
 /// How far the simulation fell behind the machine's clock: each turn begins when something is due, and what is due waits
@@ -156,7 +160,15 @@ impl<A: Crew> Realtime<A> {
             wake_at: None,
             lag: Lag::default(),
             turns: 0,
+            lock_step: None,
         })
+    }
+
+    /// The same in virtual time that all clients share; it stands while fewer than `clients_min` take part. The clock is
+    /// manual, and clients are at servers only.
+    #[must_use]
+    pub fn in_lock_step(self, clients_min: usize) -> Self {
+        Self { lock_step: Some(lockstep::LockStep::new(clients_min)), ..self }
     }
 
     /// The world, for reports and faults.
@@ -190,7 +202,7 @@ impl<A: Crew> Realtime<A> {
         &self.lag
     }
 
-    /// Turns so far: how often the system was asked to wait.
+    /// Turns so far: how often the system was asked to wait, or a client in lock step was given its turn.
     pub const fn turns(&self) -> u64 {
         self.turns
     }
@@ -217,6 +229,11 @@ impl<A: Crew> Realtime<A> {
     ///
     /// A node broke its contract, or a joined bus is gone. Clients that leave are no error.
     pub fn turn(&mut self, until: Instant, observer: &mut impl Observer) -> Result<(), RealtimeError> {
+        if let Some(mut step) = self.lock_step.take() {
+            let result = self.take_turns(&mut step, until, observer);
+            self.lock_step = Some(step);
+            return result;
+        }
         self.turns += 1;
         let now = self.clock.now();
         // Woken by a client before the time, it is not late.
@@ -270,7 +287,6 @@ impl<A: Crew> Realtime<A> {
                 }
             })?;
         }
-        let idle = self.world.bus().quiet_until_ns().is_none();
         for index in 0..self.ports.len() {
             let received =
                 self.world.with_crew(|crew, _| std::mem::take(&mut crew.1[index].node.received))?;
@@ -290,12 +306,21 @@ impl<A: Crew> Realtime<A> {
             for (at, client, frame) in own {
                 port.put_own(at, client, &frame);
             }
-            if idle && self.world.bus().queue(self.seen.first_gateway + index).is_empty() {
-                self.world.with_crew(|crew, _| crew.1[index].node.forget_lost())?;
-            }
         }
         for (at, class) in self.seen.errors.drain(..) {
             self.ports.iter_mut().for_each(|port| port.put_error(at, class));
+        }
+        self.forget_lost()
+    }
+
+    /// On an idle bus, what a gateway still believes to be waiting there was thrown away by a fault.
+    fn forget_lost(&mut self) -> Result<(), RealtimeError> {
+        let first = self.seen.first_gateway;
+        let bus = self.world.bus();
+        let waiting = (0..self.ports.len()).any(|index| !bus.queue(first + index).is_empty());
+        if bus.quiet_until_ns().is_none() && !waiting {
+            self.world
+                .with_crew(|crew, _| crew.1.iter_mut().for_each(|gateway| gateway.node.forget_lost()))?;
         }
         Ok(())
     }

@@ -1,8 +1,8 @@
 //! A link of the operating system in real time.
 
-use can_link::{BusSpec, Clock, Event, Link, SendError};
+use can_link::{BusSpec, Clock, Event, Link, LinkError, LinkStats, PollSet, SendError};
 use firmware::settings::Settings;
-use protocol::{Duration, Instant, ModuleId, Node};
+use protocol::{Duration, Frame, Instant, ModuleId, Node};
 
 use super::desk::Desk;
 use super::pace::{self, Pace};
@@ -11,6 +11,8 @@ use super::soft::{SoftController, SoftReport};
 
 /// Longest sleep, so that Ctrl-C is seen.
 const NAP: Duration = Duration::from_millis(20);
+/// In lock step this program hears frames up to so much late: a host reacts to none at once.
+const FRAME_DELAY: Duration = Duration::from_millis(2);
 /// Events taken before deadlines are looked at again.
 const EVENTS_PER_STEP: usize = 64;
 
@@ -19,6 +21,7 @@ pub struct LiveBus {
     link: Box<dyn Link + Send>,
     soft: Option<SoftController>,
     clock: Clock,
+    spec: BusSpec,
     desk: Desk,
     last: Instant,
     dropped: u64,
@@ -30,9 +33,11 @@ impl LiveBus {
     /// # Errors
     /// The bus cannot be reached.
     pub fn open(spec: &BusSpec) -> Result<Self, BusFailure> {
-        let clock = Clock::start();
-        let link = can_link::open(spec, clock)?;
-        Ok(Self { link, soft: None, clock, desk: Desk::default(), last: Instant::ZERO, dropped: 0 })
+        let clock = spec.clock();
+        let mut link = can_link::open(spec, clock)?;
+        link.bear_late_frames(FRAME_DELAY);
+        let last = clock.now();
+        Ok(Self { link, soft: None, clock, spec: spec.clone(), desk: Desk::default(), last, dropped: 0 })
     }
 
     /// Puts a soft controller on the bus, in a thread of its own.
@@ -40,6 +45,13 @@ impl LiveBus {
     /// # Errors
     /// The operating system gives no thread.
     pub(super) fn start_controller(self, settings: Settings) -> Result<Self, BusFailure> {
+        if self.clock.is_manual() {
+            // Each thread has its own turns, and so its own connection.
+            let clock = self.spec.clock();
+            let wire = can_link::open(&self.spec, clock)?;
+            let (soft, _) = SoftController::start(wire, clock, settings)?;
+            return Ok(Self { soft: Some(soft), ..self });
+        }
         let (soft, door) = SoftController::start(self.link, self.clock, settings)?;
         Ok(Self { link: Box::new(door), soft: Some(soft), ..self })
     }
@@ -49,7 +61,10 @@ impl LiveBus {
     /// # Errors
     /// The bus is gone.
     pub(super) fn measure_pace(&mut self, modules: &[ModuleId]) -> Result<Pace, BusFailure> {
-        Ok(pace::measure(&mut *self.link, self.clock, modules)?)
+        self.link.bear_late_frames(Duration::ZERO);
+        let pace = pace::measure(&mut *self.link, self.clock, modules);
+        self.link.bear_late_frames(FRAME_DELAY);
+        Ok(pace?)
     }
 
     /// Takes the soft controller off the bus; the link stays.
@@ -61,7 +76,12 @@ impl LiveBus {
 
     /// How the soft controller's thread did; ends it, and with it the link.
     pub(super) fn finish_controller(&mut self) -> Option<SoftReport> {
-        self.soft.as_mut()?.finish()
+        let soft = self.soft.as_mut()?;
+        if self.clock.is_manual() {
+            // Time would wait for this side while this side waits for the thread.
+            self.link = Box::new(Closed(self.spec.to_string()));
+        }
+        soft.finish()
     }
 
     pub(super) fn now(&self) -> Instant {
@@ -127,5 +147,28 @@ impl LiveBus {
             }
         }
         Ok(())
+    }
+}
+
+/// A link that was given up.
+struct Closed(String);
+
+impl Link for Closed {
+    fn name(&self) -> &str {
+        &self.0
+    }
+
+    fn send(&mut self, _: &Frame) -> Result<(), SendError> {
+        Err(LinkError::Closed { link: self.0.clone() }.into())
+    }
+
+    fn receive(&mut self) -> Result<Option<Event>, LinkError> {
+        Err(LinkError::Closed { link: self.0.clone() })
+    }
+
+    fn register<'a>(&'a self, _: &mut PollSet<'a>) {}
+
+    fn stats(&self) -> LinkStats {
+        LinkStats::default()
     }
 }

@@ -159,6 +159,8 @@ impl Link for Door {
 struct Shared {
     wire: Box<dyn Link + Send>,
     clock: Clock,
+    /// The session has a connection of its own, and nobody uses the door.
+    apart: bool,
     frames: Receiver<Frame>,
     events: SyncSender<Event>,
     bell: Bell,
@@ -167,6 +169,9 @@ struct Shared {
 
 impl Shared {
     fn tell(&self, event: Event) {
+        if self.apart {
+            return;
+        }
         if self.events.try_send(event).is_err() {
             self.unseen.fetch_add(1, Ordering::Relaxed);
         }
@@ -207,7 +212,13 @@ impl Link for Shared {
 
     fn register<'a>(&'a self, set: &mut PollSet<'a>) {
         self.wire.register(set);
-        set.add(&self.bell.0, false);
+        if !self.apart {
+            set.add(&self.bell.0, false);
+        }
+    }
+
+    fn end_turn(&self, until: protocol::Instant) -> bool {
+        self.wire.end_turn(until)
     }
 
     fn deadline(&self) -> Option<protocol::Instant> {
@@ -227,7 +238,8 @@ pub(super) struct SoftController {
 }
 
 impl SoftController {
-    /// Starts the controller on `wire`; the door is the session's link from now on.
+    /// Starts the controller on `wire`; the door is the session's link from now on. In lock step the thread has its own
+    /// turns, and the session a connection of its own: the door then leads nowhere.
     ///
     /// # Errors
     /// The operating system gives no thread or no pipe.
@@ -251,11 +263,12 @@ impl SoftController {
         };
         let mut this = Self { off: Arc::default(), stop: Arc::default(), thread: None };
         let (off, stop) = (Arc::clone(&this.off), Arc::clone(&this.stop));
+        let apart = clock.is_manual();
         let work = move || {
             let unseen = Arc::new(AtomicU64::new(0));
             let counter = Arc::clone(&unseen);
             let mut shared =
-                Shared { wire, clock, frames, events: to_session, bell: theirs, unseen: counter };
+                Shared { wire, clock, apart, frames, events: to_session, bell: theirs, unseen: counter };
             let urgent = Urgent::request(Role::Controller);
             let (result, stats) = serve(&mut shared, clock, &settings, &off, &stop);
             if let (Err(error), Ok(mut place)) = (result, ending.lock()) {

@@ -77,7 +77,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 }
 
 fn with_storage(args: &Args, storage: impl Storage) -> Result<(), ExpectedError> {
-    let clock = Clock::start();
+    let clock = args.bus.clock();
     let mut link = can_link::open(&args.bus, clock).map_err(BusFailure::from)?;
     let defaults = defaults(args, &storage, &mut *link, clock)?;
     let mut node = ControllerNode::new(clock.now(), storage, &defaults, identity());

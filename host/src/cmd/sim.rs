@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use can_link::{BusSpec, Clock, Role, Urgent};
+use can_link::{BusSpec, Role, Urgent};
 use hil_sim::crew::Solo;
-use hil_sim::realtime::{Door, Realtime, RealtimeError, Visit};
+use hil_sim::realtime::{Door, Realtime, RealtimeError, Visit, shared_time};
 use hil_sim::scenario::{Scenario, ScriptedHost};
 use protocol::{Duration, Instant};
 
@@ -28,7 +28,8 @@ const LOOK: Duration = Duration::from_millis(50);
 )]
 pub struct Args {
     /// Where: socketcand://127.0.0.1:29536/can0 and slcan://127.0.0.1:3333 serve that port, slcan:/dev/ptmx makes a
-    /// pseudo-terminal, vcan0 joins that interface. Given several times, all of them lead to the same bus. A port takes 32
+    /// pseudo-terminal, vcan0 joins that interface; lockstep://127.0.0.1:29536/can0?clients=2 serves programs in virtual
+    /// time, which stands while fewer than two take part. Given several times, all of them lead to the same bus. A port takes 32
     /// clients; one more is told so and disconnected (SLCAN: BELL). A client that has not opened the bus within 5 s, or
     /// reads nothing for 10 s while frames wait for it, is disconnected.
     #[arg(long, default_value = "socketcand://127.0.0.1:29536/can0", value_name = "SPEC")]
@@ -66,7 +67,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let cell = scenario.cell().map_err(|error| ExpectedError::bad_input(&error))?;
     let guests = if args.controller { soft_controller_guest() } else { no_guests() };
     let script = Solo::new("script", ScriptedHost::new(&scenario.actions));
-    let clock = Clock::start();
+    let (clock, in_step) = shared_time(&args.bus).map_err(|error| ExpectedError::bad_input(&error))?;
     let doors: Vec<Door> = args
         .bus
         .iter()
@@ -76,6 +77,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let faults = scenario.faults.clone();
     let mut realtime = Realtime::new(crew, scenario.bus, scenario.seed, faults, doors, clock)
         .map_err(|error| ExpectedError::bad_input(&error))?;
+    if let Some(clients) = in_step {
+        realtime = realtime.in_lock_step(clients);
+    }
     let stop = interrupt();
     for door in realtime.doors() {
         say::line!("serving {} (robot {}, seed {}); Ctrl-C ends", door.name(), scenario.robot, scenario.seed);

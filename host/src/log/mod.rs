@@ -50,7 +50,7 @@ impl Recorder {
     pub fn create(path: &Path, spec: &BusSpec) -> io::Result<Self> {
         let bus = match spec {
             BusSpec::SocketCan { interface } => interface.clone(),
-            BusSpec::Socketcand { bus, .. } => bus.clone(),
+            BusSpec::Socketcand { bus, .. } | BusSpec::Lockstep { bus, .. } => bus.clone(),
             BusSpec::Sim => "sim".to_owned(),
             BusSpec::Slcan { .. } => "slcan".to_owned(),
         };

@@ -2,7 +2,7 @@
 
 use std::os::fd::{AsFd, BorrowedFd};
 
-use protocol::{Frame, Instant};
+use protocol::{Duration, Frame, Instant};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 
@@ -84,6 +84,18 @@ pub trait Link {
         None
     }
 
+    /// Tells the far side of a link in lock step that this side has nothing to do before `until`; true if there is such a
+    /// far side, which then moves the clock.
+    fn end_turn(&self, until: Instant) -> bool {
+        let _ = until;
+        false
+    }
+
+    /// In lock step, frames may come up to `delay` late, with their own times. It saves turns where nobody reacts at once.
+    fn bear_late_frames(&mut self, delay: Duration) {
+        let _ = delay;
+    }
+
     /// Counters since the link was opened.
     fn stats(&self) -> LinkStats;
 }
@@ -103,6 +115,12 @@ impl<L: Link + ?Sized> Link for Box<L> {
     }
     fn deadline(&self) -> Option<Instant> {
         (**self).deadline()
+    }
+    fn end_turn(&self, until: Instant) -> bool {
+        (**self).end_turn(until)
+    }
+    fn bear_late_frames(&mut self, delay: Duration) {
+        (**self).bear_late_frames(delay);
     }
     fn stats(&self) -> LinkStats {
         (**self).stats()
@@ -137,8 +155,9 @@ impl<'a> PollSet<'a> {
 
 /// Sleeps until one of `links` has something to do, `until` has come, or a signal arrives.
 ///
-/// With a [manual](Clock::manual) clock nobody sleeps until a time comes: if no link has something to do, the clock is
-/// set to the earliest deadline.
+/// With a [manual](Clock::manual) clock nobody sleeps until a time comes. The far side of a link in lock step is told the
+/// earliest deadline, and says when it is. Without such a link, and if no link has something to do, the clock is set to
+/// the deadline.
 ///
 /// May return early without a reason; the caller looks at its links and its clock anyway. `None`
 /// sleeps without limit.
@@ -157,7 +176,9 @@ pub fn wait(links: &[&dyn Link], clock: &Clock, until: Option<Instant>) -> std::
         };
     }
     if clock.is_manual() {
-        return wait_manually(&mut set, clock, earliest);
+        let until = earliest.unwrap_or(Instant::FAR_FUTURE);
+        let others = links.iter().fold(false, |others, link| link.end_turn(until) || others);
+        return wait_manually(&mut set, clock, earliest.filter(|_| !others));
     }
     let timeout = earliest.map(|until| {
         let span = clock.remaining(until);
@@ -173,8 +194,9 @@ pub fn wait(links: &[&dyn Link], clock: &Clock, until: Option<Instant>) -> std::
 }
 
 fn wait_manually(set: &mut PollSet<'_>, clock: &Clock, until: Option<Instant>) -> std::io::Result<()> {
-    let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
-    match (poll(&mut set.fds, until.is_some().then_some(&at_once)), until) {
+    // Whoever waits for others looks at its own business now and then.
+    let timeout = Timespec { tv_sec: 0, tv_nsec: if until.is_some() { 0 } else { 100_000_000 } };
+    match (poll(&mut set.fds, Some(&timeout)), until) {
         (Ok(0), Some(until)) => {
             clock.set(until);
             Ok(())

@@ -11,7 +11,7 @@ use crate::slcan::{Adapter, Host};
 use crate::socketcand::{Client, Server};
 use crate::spec::{BusSpec, SlcanPort};
 
-/// Joins the bus that `spec` names, as one participant.
+/// Joins the bus that `spec` names, as one participant. `clock` is of the kind that [`BusSpec::clock`] makes.
 ///
 /// # Errors
 ///
@@ -21,13 +21,17 @@ pub fn open(spec: &BusSpec, clock: Clock) -> Result<Box<dyn Link + Send>, OpenEr
     Ok(match spec {
         BusSpec::Sim => return Err(OpenError::Embedded),
         BusSpec::SocketCan { interface } => socket_can(interface, clock)?,
-        BusSpec::Socketcand { host, port, bus } => {
+        BusSpec::Socketcand { host, port, bus } | BusSpec::Lockstep { host, port, bus, .. } => {
             let name = BusName::new(bus).map_err(|error| OpenError::Refused {
                 address: host.clone(),
                 bus: bus.clone(),
                 reason: error.to_string(),
             })?;
-            Box::new(Client::connect(host, *port, name, clock)?)
+            let client = Client::connect(host, *port, name, clock)?;
+            match spec {
+                BusSpec::Lockstep { .. } => Box::new(client.in_step()?),
+                _ => Box::new(client),
+            }
         }
         BusSpec::Slcan { port: SlcanPort::Device { path, baud }, bitrate } => {
             Box::new(Host::open_device(path, *baud, *bitrate, clock)?)
@@ -46,6 +50,10 @@ pub trait BusServer: Link {
     fn next_event_from(&mut self, has_room: &mut dyn FnMut(ClientId) -> bool) -> Option<ServerEvent>;
     /// As [`Hub::broadcast`].
     fn broadcast(&mut self, at: Instant, frame: &Frame, except: Option<ClientId>);
+    /// As [`Hub::send_to`].
+    fn send_to(&mut self, client: ClientId, at: Instant, frame: &Frame);
+    /// As [`Hub::give_turn`].
+    fn give_turn(&mut self, client: ClientId, now: Instant);
     /// As [`Hub::broadcast_bus_error`].
     fn broadcast_bus_error(&mut self, at: Instant, class: u32);
     /// As [`Hub::client_count`].
@@ -61,6 +69,12 @@ impl<D: Dialect> BusServer for Hub<D> {
     }
     fn broadcast(&mut self, at: Instant, frame: &Frame, except: Option<ClientId>) {
         Self::broadcast(self, at, frame, except);
+    }
+    fn send_to(&mut self, client: ClientId, at: Instant, frame: &Frame) {
+        Self::send_to(self, client, at, frame);
+    }
+    fn give_turn(&mut self, client: ClientId, now: Instant) {
+        Self::give_turn(self, client, now);
     }
     fn broadcast_bus_error(&mut self, at: Instant, class: u32) {
         Self::broadcast_bus_error(self, at, class);
@@ -87,7 +101,7 @@ pub fn serve(
         BusSpec::SocketCan { interface } => {
             return Err(OpenError::NotServable { interface: interface.clone() });
         }
-        BusSpec::Socketcand { host, port, bus } => {
+        BusSpec::Socketcand { host, port, bus } | BusSpec::Lockstep { host, port, bus, .. } => {
             Box::new(Server::listen(host, *port, bus, clock, options)?)
         }
         BusSpec::Slcan { port: SlcanPort::Tcp { host, port }, bitrate } => {

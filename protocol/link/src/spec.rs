@@ -8,6 +8,8 @@ use protocol::text::BusName;
 use protocol::text::slcan::Bitrate;
 use protocol::text::socketcand::DEFAULT_PORT;
 
+use crate::clock::Clock;
+
 /// Longest name of a Linux network interface (`IFNAMSIZ` without the end mark).
 const INTERFACE_NAME_MAX: usize = 15;
 
@@ -18,6 +20,7 @@ const INTERFACE_NAME_MAX: usize = 15;
 /// | `sim` | the cell simulated inside the program |
 /// | `can0`, `vcan0` | Linux SocketCAN interface |
 /// | `socketcand://host:port/bus` | socketcand protocol over TCP; without a host 127.0.0.1, without a port 29536, without a bus `can0` |
+/// | `lockstep://host:port/bus` | the same in virtual time, with a simulated cell that was told so; a server takes `?clients=2`: time stands while fewer take part |
 /// | `slcan:/dev/ttyACM0` | SLCAN adapter at a serial device |
 /// | `slcan://host:port` | SLCAN over TCP |
 ///
@@ -42,6 +45,18 @@ pub enum BusSpec {
         port: u16,
         /// Name of the bus at the server; a [`BusName`].
         bus: String,
+    },
+    /// A bus of a socketcand server in virtual time that all share: `hil-sim serve` or `cubectl sim`. What a busy machine
+    /// does to the programs changes nothing.
+    Lockstep {
+        /// Name or address; IPv6 without brackets.
+        host: String,
+        /// As of [`Self::Socketcand`].
+        port: u16,
+        /// As of [`Self::Socketcand`].
+        bus: String,
+        /// For a server: time stands while fewer clients take part.
+        clients: usize,
     },
     /// An SLCAN adapter.
     Slcan {
@@ -86,6 +101,7 @@ pub struct SpecError {
 const ANY: &str =
     "sim, can0, socketcand://127.0.0.1:29536/can0, slcan:/dev/ttyACM0 or slcan://127.0.0.1:3333";
 const SOCKETCAND: &str = "socketcand://127.0.0.1:29536/can0";
+const LOCKSTEP: &str = "lockstep://127.0.0.1:29536/can0?clients=2";
 const SLCAN_TCP: &str = "slcan://127.0.0.1:3333";
 const SLCAN_DEVICE: &str = "slcan:/dev/ttyACM0";
 const SLCAN_OPTIONS: &str = "slcan:/dev/ttyUSB0?bitrate=1000000&baud=115200";
@@ -102,6 +118,12 @@ impl FromStr for BusSpec {
                     fail(SOCKETCAND, "two slashes are missing after 'socketcand:'".to_owned())
                 })?;
                 socketcand(rest).map_err(|problem| fail(SOCKETCAND, problem))
+            }
+            Some(("lockstep", rest)) => {
+                let rest = rest
+                    .strip_prefix("//")
+                    .ok_or_else(|| fail(LOCKSTEP, "two slashes are missing after 'lockstep:'".to_owned()))?;
+                lockstep(rest).map_err(|problem| fail(LOCKSTEP, problem))
             }
             Some(("slcan", rest)) => {
                 let (place, query) = rest.split_once('?').unwrap_or((rest, ""));
@@ -151,6 +173,20 @@ fn socketcand(rest: &str) -> Result<BusSpec, String> {
     let bus = if bus.is_empty() { "can0" } else { bus };
     let bus = BusName::new(bus).map_err(|error| error.to_string())?;
     Ok(BusSpec::Socketcand { host, port: port.unwrap_or(DEFAULT_PORT), bus: bus.as_str().to_owned() })
+}
+
+/// As `socketcand`, with `?clients=2`.
+fn lockstep(rest: &str) -> Result<BusSpec, String> {
+    let (place, query) = rest.split_once('?').unwrap_or((rest, "clients=1"));
+    let clients = query
+        .strip_prefix("clients=")
+        .and_then(|number| number.parse().ok())
+        .filter(|clients| (1..=32).contains(clients))
+        .ok_or_else(|| format!("'{query}' is no option of lock step (clients, from 1 to 32)"))?;
+    match socketcand(place)? {
+        BusSpec::Socketcand { host, port, bus } => Ok(BusSpec::Lockstep { host, port, bus, clients }),
+        other => Ok(other),
+    }
 }
 
 /// `host`, `host:port`, `[::1]:port`; an empty host is 127.0.0.1.
@@ -210,6 +246,13 @@ fn slcan_options(query: &str) -> Result<SlcanOptions, String> {
     Ok(options)
 }
 
+impl BusSpec {
+    /// The clock for programs on this bus: one that the bus moves, or the monotonic one, started now.
+    pub fn clock(&self) -> Clock {
+        if matches!(self, Self::Lockstep { .. }) { Clock::manual() } else { Clock::start() }
+    }
+}
+
 impl fmt::Display for BusSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let host_port = crate::net::host_port;
@@ -218,6 +261,10 @@ impl fmt::Display for BusSpec {
             Self::SocketCan { interface } => f.write_str(interface),
             Self::Socketcand { host, port, bus } => {
                 write!(f, "socketcand://{}/{bus}", host_port(host, *port))
+            }
+            Self::Lockstep { host, port, bus, clients } => {
+                write!(f, "lockstep://{}/{bus}", host_port(host, *port))?;
+                if *clients > 1 { write!(f, "?clients={clients}") } else { Ok(()) }
             }
             Self::Slcan { port: SlcanPort::Tcp { host, port }, bitrate } => {
                 write!(f, "slcan://{}?bitrate={}", host_port(host, *port), bitrate.bits_per_second())
@@ -236,6 +283,10 @@ mod tests {
 
     fn socketcand(host: &str, port: u16, bus: &str) -> BusSpec {
         BusSpec::Socketcand { host: host.into(), port, bus: bus.into() }
+    }
+
+    fn lockstep(host: &str, port: u16, bus: &str, clients: usize) -> BusSpec {
+        BusSpec::Lockstep { host: host.into(), port, bus: bus.into(), clients }
     }
 
     fn device(path: &str, bitrate: Bitrate, baud: Option<u32>) -> BusSpec {
@@ -259,6 +310,8 @@ mod tests {
             ("socketcand:///vcan3", socketcand("127.0.0.1", 29_536, "vcan3")),
             ("socketcand://[::1]:29536/can0", socketcand("::1", 29_536, "can0")),
             ("socketcand://[::1]/can0", socketcand("::1", 29_536, "can0")),
+            ("lockstep://lab:1234/can1", lockstep("lab", 1234, "can1", 1)),
+            ("lockstep:///can0?clients=2", lockstep("127.0.0.1", 29_536, "can0", 2)),
             ("slcan:/dev/ttyACM0", device("/dev/ttyACM0", Bitrate::M1, None)),
             (
                 "slcan:/dev/ttyUSB0?baud=115200&bitrate=500000",
@@ -289,6 +342,9 @@ mod tests {
             ("socketcand://::1:29536/can0", "an IPv6 address needs brackets"),
             ("socketcand://[::1/can0", "not closed"),
             ("socketcand://[::1]x/can0", "'x' after the address"),
+            ("lockstep:lab", "two slashes are missing"),
+            ("lockstep://lab/can0?clients=0", "'clients=0' is no option"),
+            ("lockstep://lab/can0?wait=2", "'wait=2' is no option"),
             ("slcan:", "the device is missing"),
             ("slcan://lab", "the port is missing"),
             ("slcan://lab:3333?baud=9600", "a TCP connection has no baud rate"),

@@ -1,9 +1,10 @@
 //! The client side of a text protocol: one connection to one bus. What is said is the [`Speech`]'s
 //! business; socket, queues and counters are the same for all.
 
+use std::cell::Cell;
 use std::collections::VecDeque;
 
-use protocol::{Frame, Instant};
+use protocol::{Duration, Frame, Instant};
 
 use crate::bus_error::BusError;
 use crate::clock::Clock;
@@ -17,10 +18,12 @@ const READ_CHUNK: usize = 4096;
 pub enum Heard {
     /// A frame, with the far side's time stamp if it has one.
     Frame(Frame, Option<Instant>),
-    /// An error of the bus.
-    BusError(BusError),
+    /// An error of the bus, with the far side's time stamp if it has one.
+    BusError(BusError, Option<Instant>),
     /// The far side refused something.
     Refused,
+    /// It is this virtual time, and this side's turn.
+    Turn(Instant),
     /// Something that could not be read.
     Malformed,
 }
@@ -32,6 +35,11 @@ pub trait Speech {
 
     /// Text that puts `frame` on the bus, given to `put`.
     fn render(&self, frame: &Frame, put: &mut dyn FnMut(&[u8]));
+
+    /// Text that ends a turn in lock step until `until` or the first frame from `frames_from` on, given to `put`.
+    fn end_turn(&self, until: Instant, frames_from: Instant, put: &mut dyn FnMut(&[u8])) {
+        let _ = (until, frames_from, put);
+    }
 
     /// Last words before the connection is closed.
     fn farewell(&self) -> &'static [u8] {
@@ -49,6 +57,10 @@ pub struct Station<S: Speech> {
     stream: Stream,
     speech: S,
     events: VecDeque<Event>,
+    /// In lock step; else always this side's turn.
+    in_step: bool,
+    has_turn: Cell<bool>,
+    frame_delay: Duration,
     /// Set once, when the connection is gone.
     failure: Option<LinkError>,
     stats: LinkStats,
@@ -57,7 +69,18 @@ pub struct Station<S: Speech> {
 impl<S: Speech> Station<S> {
     pub(crate) fn new(name: String, stream: Stream, speech: S, clock: Clock) -> Self {
         let (events, stats) = (VecDeque::new(), LinkStats::default());
-        Self { name, clock, stream, speech, events, failure: None, stats }
+        Self {
+            name,
+            clock,
+            stream,
+            speech,
+            events,
+            in_step: false,
+            has_turn: Cell::new(true),
+            frame_delay: Duration::ZERO,
+            failure: None,
+            stats,
+        }
     }
 
     pub(crate) fn speech(&mut self) -> &mut S {
@@ -73,17 +96,24 @@ impl<S: Speech> Station<S> {
         self.flush();
     }
 
-    /// Works until `done` is true (returns true), the link is gone or the time is `until`.
-    pub(crate) fn work_until(&mut self, until: Instant, done: impl Fn(&S) -> bool) -> std::io::Result<bool> {
+    /// From now on time is virtual and comes from the far side.
+    pub(crate) const fn keep_in_step(&mut self) {
+        self.in_step = true;
+    }
+
+    /// Works until `done` is true (returns true), the link is gone or `span` of real time has passed.
+    pub(crate) fn work_for(&mut self, span: Duration, done: impl Fn(&S) -> bool) -> std::io::Result<bool> {
+        let clock = Clock::start();
+        let until = clock.now() + span;
         loop {
             self.service();
             if done(&self.speech) {
                 return Ok(true);
             }
-            if self.failure.is_some() || self.clock.now() >= until {
+            if self.failure.is_some() || clock.now() >= until {
                 return Ok(false);
             }
-            wait(&[&*self], &self.clock, Some(until))?;
+            wait(&[&*self], &clock, Some(until))?;
         }
     }
 
@@ -94,7 +124,8 @@ impl<S: Speech> Station<S> {
     }
 
     fn flush(&mut self) {
-        if let Err(error) = self.stream.flush() {
+        let flushed = if self.in_step { self.stream.flush_all() } else { self.stream.flush().map(|_| ()) };
+        if let Err(error) = flushed {
             self.failure.get_or_insert_with(|| LinkError::io(&self.name, &error));
         }
     }
@@ -117,12 +148,23 @@ impl<S: Speech> Station<S> {
                 return;
             }
         };
-        let at = self.clock.now();
+        let (clock, has_turn) = (self.clock, &self.has_turn);
+        let (in_step, now) = (self.in_step, clock.now());
+        // In lock step the frames of a time come before it is told.
+        let arrival = |stamp: Option<Instant>| stamp.filter(|_| in_step).unwrap_or(now);
         let (events, stats) = (&mut self.events, &mut self.stats);
         for byte in received {
             self.speech.take(*byte, &mut |heard| match heard {
-                Heard::Frame(frame, stamp) => events.push_back(Event::Frame { at, stamp, frame }),
-                Heard::BusError(error) => events.push_back(Event::BusError { at, error }),
+                Heard::Frame(frame, stamp) => {
+                    events.push_back(Event::Frame { at: arrival(stamp), stamp, frame });
+                }
+                Heard::BusError(error, stamp) => {
+                    events.push_back(Event::BusError { at: arrival(stamp), error });
+                }
+                Heard::Turn(now) => {
+                    clock.set(now);
+                    has_turn.set(true);
+                }
                 Heard::Refused => stats.refused_out += 1,
                 Heard::Malformed => stats.malformed_in += 1,
             });
@@ -151,8 +193,11 @@ impl<S: Speech> Link for Station<S> {
     }
 
     fn receive(&mut self) -> Result<Option<Event>, LinkError> {
-        if self.events.is_empty() {
+        if self.events.is_empty() || !self.has_turn.get() {
             self.service();
+        }
+        if !self.has_turn.get() {
+            return self.failure.clone().map_or(Ok(None), Err);
         }
         match self.events.pop_front() {
             Some(event) => {
@@ -165,6 +210,21 @@ impl<S: Speech> Link for Station<S> {
 
     fn register<'a>(&'a self, set: &mut PollSet<'a>) {
         set.add(&self.stream, self.stream.pending() > 0);
+    }
+
+    fn end_turn(&self, until: Instant) -> bool {
+        if self.in_step && self.has_turn.get() && self.failure.is_none() {
+            // A connection that is gone shows at the next read.
+            let frames_from = self.clock.now() + self.frame_delay;
+            self.speech.end_turn(until, frames_from, &mut |text| {
+                self.has_turn.set(self.stream.write_now(text).is_err());
+            });
+        }
+        self.in_step
+    }
+
+    fn bear_late_frames(&mut self, delay: Duration) {
+        self.frame_delay = delay;
     }
 
     fn stats(&self) -> LinkStats {

@@ -6,6 +6,8 @@ use std::net::TcpStream;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::time::Duration;
 
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::io::Errno;
 use rustix::net::sockopt;
 
 /// Bytes of output that wait for a slow reader: about 1 100 frames in socketcand's text.
@@ -117,6 +119,42 @@ impl Stream {
     pub(crate) fn discard_output(&mut self) {
         self.queue.clear();
         self.sent = 0;
+    }
+
+    /// Writes all of `message`; blocks while the medium is full. Nothing else may wait to be written.
+    pub(crate) fn write_now(&self, message: &[u8]) -> io::Result<()> {
+        let mut sent = 0;
+        while sent < message.len() {
+            let result = match &self.medium {
+                Medium::Tcp(stream) => (&mut &*stream).write(message.get(sent..).unwrap_or(&[])),
+                Medium::Serial { file, .. } => (&mut &*file).write(message.get(sent..).unwrap_or(&[])),
+            };
+            match result {
+                Ok(0) => return Err(ErrorKind::WriteZero.into()),
+                Ok(count) => sent += count,
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) if error.kind() == ErrorKind::WouldBlock => self.wait_for_room()?,
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes all that waits; blocks while the medium is full.
+    pub(crate) fn flush_all(&mut self) -> io::Result<()> {
+        self.flush()?;
+        while self.pending() > 0 {
+            self.wait_for_room()?;
+            self.flush()?;
+        }
+        Ok(())
+    }
+
+    fn wait_for_room(&self) -> io::Result<()> {
+        match poll(&mut [PollFd::from_borrowed_fd(self.as_fd(), PollFlags::OUT)], None) {
+            Ok(_) | Err(Errno::INTR) => Ok(()),
+            Err(error) => Err(error.into()),
+        }
     }
 
     /// Writes what the medium takes now; true if that was anything.

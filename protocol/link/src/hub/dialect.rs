@@ -10,6 +10,15 @@ pub enum Action<'a> {
     Frame(Frame),
     /// Queue all output to this peer for a while, or until it puts a frame on the bus.
     Hold(Duration),
+    /// Virtual time waits for the peer from now on.
+    InStep,
+    /// The peer's turn is over.
+    Wait {
+        /// As of [`ServerEvent::Waits`](super::ServerEvent::Waits).
+        until: Instant,
+        /// As of [`ServerEvent::Waits`](super::ServerEvent::Waits).
+        frames_from: Instant,
+    },
     /// Count something that could not be read.
     Malformed,
     /// Disconnect; the first reason counts.
@@ -52,6 +61,11 @@ pub trait Dialect {
         class: u32,
         put: &mut dyn FnMut(&[u8]),
     );
+
+    /// Text that gives this peer its turn at the virtual time `now`; nothing in a protocol without lock step.
+    fn render_turn(&self, now: Instant, put: &mut dyn FnMut(&[u8])) {
+        let _ = (now, put);
+    }
 
     /// A frame for this peer was dropped because its output queue was full.
     fn note_loss(&self, session: &mut Self::Session);

@@ -124,32 +124,47 @@ impl<D: Dialect> Hub<D> {
             self.service();
             self.served = true;
         }
-        let event = self.events.pop_front().or_else(|| self.next_frame(has_room));
+        let event = self.events.pop_front().or_else(|| self.next_said(has_room));
         self.served = event.is_some();
         event
     }
 
-    fn next_frame(&mut self, has_room: &mut dyn FnMut(ClientId) -> bool) -> Option<ServerEvent> {
+    fn next_said(&mut self, has_room: &mut dyn FnMut(ClientId) -> bool) -> Option<ServerEvent> {
         let count = self.peers.len();
         let index = (0..count).map(|step| (self.next_peer + step) % count).find(|index| {
             self.peers.get(*index).is_some_and(|peer| !peer.line.inbox.is_empty() && has_room(peer.line.id))
         })?;
         self.next_peer = index + 1;
         let peer = self.peers.get_mut(index)?;
-        let (client, (at, frame)) = (peer.line.id, peer.line.inbox.pop_front()?);
+        let event = peer.line.inbox.pop_front()?;
         peer.understand(&self.dialect, self.clock.now(), &self.options, &mut self.stats);
-        self.stats.frames_in += 1;
-        if self.options.relay == Relay::AtOnce {
-            self.deliver(at, &frame, Some(client));
+        if let ServerEvent::Frame { client, at, frame } = &event {
+            self.stats.frames_in += 1;
+            if self.options.relay == Relay::AtOnce {
+                self.deliver(*at, frame, |peer| peer != *client);
+            }
         }
         self.dismiss();
-        Some(ServerEvent::Frame { client, at, frame })
+        Some(event)
     }
 
     /// Sends a frame that was on the bus at `at` to all receiving peers but `except`, its sender.
     pub fn broadcast(&mut self, at: Instant, frame: &Frame, except: Option<ClientId>) {
         self.stats.frames_out += 1;
-        self.deliver(at, frame, except);
+        self.deliver(at, frame, |peer| Some(peer) != except);
+    }
+
+    /// Sends a frame that was on the bus at `at` to one peer, if it receives.
+    pub fn send_to(&mut self, client: ClientId, at: Instant, frame: &Frame) {
+        self.stats.frames_out += 1;
+        self.deliver(at, frame, |peer| peer == client);
+    }
+
+    /// Tells a peer in lock step that it is `now`, and its turn.
+    pub fn give_turn(&mut self, client: ClientId, now: Instant) {
+        for Peer { line, .. } in self.peers.iter_mut().filter(|peer| peer.line.id == client) {
+            self.dialect.render_turn(now, &mut |text| line.answer(text, now, &self.options));
+        }
     }
 
     /// Reports an error of the bus (class bits of Linux `can/error.h`) to all receiving peers.
@@ -163,10 +178,10 @@ impl<D: Dialect> Hub<D> {
         }
     }
 
-    fn deliver(&mut self, at: Instant, frame: &Frame, except: Option<ClientId>) {
+    fn deliver(&mut self, at: Instant, frame: &Frame, to: impl Fn(ClientId) -> bool) {
         let (now, unix) = (self.clock.now(), self.clock.to_unix(at));
         for Peer { session, line, .. } in &mut self.peers {
-            if Some(line.id) == except || line.leaving.is_some() {
+            if !to(line.id) || line.leaving.is_some() {
                 continue;
             }
             let mut lost = false;
@@ -261,7 +276,7 @@ impl<D: Dialect> Link for Hub<D> {
                 Some(ServerEvent::Frame { at, frame, .. }) => {
                     return Ok(Some(Event::Frame { at, stamp: None, frame }));
                 }
-                Some(ServerEvent::Joined { .. } | ServerEvent::Left { .. }) => {}
+                Some(_) => {}
                 None if self.listener.is_none() && self.peers.is_empty() => {
                     return Err(LinkError::closed(&self.name));
                 }

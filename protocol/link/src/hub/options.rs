@@ -67,6 +67,20 @@ pub enum ServerEvent {
         /// The frame.
         frame: Frame,
     },
+    /// From now on virtual time waits for this peer; it is the peer's turn.
+    InStep {
+        /// The peer.
+        client: ClientId,
+    },
+    /// The turn of a peer is over.
+    Waits {
+        /// The peer.
+        client: ClientId,
+        /// When it wants the next turn, if no frame comes before.
+        until: Instant,
+        /// Frames that come before this time wait until then.
+        frames_from: Instant,
+    },
     /// A peer is gone; all its frames were told before.
     Left {
         /// The former peer.

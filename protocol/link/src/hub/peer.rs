@@ -3,10 +3,10 @@
 use std::collections::VecDeque;
 use std::io::{self, ErrorKind};
 
-use protocol::{Frame, Instant};
+use protocol::Instant;
 
 use super::dialect::{Action, Dialect};
-use super::options::{ClientId, ServerOptions};
+use super::options::{ClientId, ServerEvent, ServerOptions};
 use crate::link::{LinkStats, PollSet};
 use crate::stream::{Chunk, Stream};
 
@@ -28,7 +28,7 @@ pub(super) struct Peer<S> {
 pub(super) struct Line {
     pub(super) id: ClientId,
     pub(super) stream: Stream,
-    pub(super) inbox: VecDeque<(Instant, Frame)>,
+    pub(super) inbox: VecDeque<ServerEvent>,
     joined_at: Instant,
     /// The peer has opened the bus.
     open: bool,
@@ -143,16 +143,25 @@ impl Line {
         match *action {
             Action::Answer(text) => self.answer(text, now, options),
             Action::Frame(frame) => {
-                self.open = true;
-                self.inbox.push_back((now, frame));
-                // Whoever speaks has read the answer that the hold keeps apart, and waits for the next one.
-                if self.hold_until.take().is_some() {
-                    self.flush(now, options);
-                }
+                let client = self.id;
+                self.tell(ServerEvent::Frame { client, at: now, frame }, now, options);
+            }
+            Action::InStep => self.tell(ServerEvent::InStep { client: self.id }, now, options),
+            Action::Wait { until, frames_from } => {
+                self.tell(ServerEvent::Waits { client: self.id, until, frames_from }, now, options);
             }
             Action::Hold(span) => self.hold_until = Some(now + span),
             Action::Malformed => stats.malformed_in += 1,
             Action::Leave(reason) => self.leave(reason),
+        }
+    }
+
+    /// Whoever speaks has read the answer that a hold keeps apart, and waits for the next one.
+    fn tell(&mut self, event: ServerEvent, now: Instant, options: &ServerOptions) {
+        self.open = true;
+        self.inbox.push_back(event);
+        if self.hold_until.take().is_some() {
+            self.flush(now, options);
         }
     }
 

@@ -76,14 +76,14 @@ impl Host {
         let mut host = Self::new(name, stream, speech, clock);
         // End whatever the adapter has half read, and close a channel that was left open.
         host.say(b"\r\r\rC\r");
-        host.work_until(clock.now() + SETTLE, |_| false).map_err(setup)?;
+        host.work_for(SETTLE, |_| false).map_err(setup)?;
         for command in [Command::SetBitrate(bitrate), Command::Open] {
             host.forget();
             let speech = host.speech();
             (speech.done, speech.refused) = (0, 0);
             host.say(command.encode().as_bytes());
             let answered = |speech: &Slcan| speech.done + speech.refused > 0;
-            let in_time = host.work_until(clock.now() + ANSWER_TIMEOUT, answered).map_err(setup)?;
+            let in_time = host.work_for(ANSWER_TIMEOUT, answered).map_err(setup)?;
             let line = command.encode();
             let line = line.as_str().trim_end();
             if !in_time {

@@ -2,17 +2,18 @@
 
 use protocol::text::BusName;
 use protocol::text::socketcand::{Assembled, Assembler, Command, Message};
-use protocol::{Duration, Frame};
+use protocol::{Duration, Frame, Instant};
 
 use crate::bus_error::BusError;
 use crate::clock::Clock;
 use crate::error::OpenError;
+use crate::link::Link;
 use crate::net::{dial, host_port};
 use crate::station::{Heard, Speech, Station};
 use crate::stream::Stream;
 
-/// From the connection to the last `< ok >`.
-const HANDSHAKE_TIMEOUT: Duration = Duration::from_secs(3);
+/// For each answer of the handshake. A server that does not answer is another program, or hangs.
+const HANDSHAKE_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// A connection in raw mode to one bus of a socketcand server; see [`Station`].
 ///
@@ -34,6 +35,7 @@ enum Step {
     Greeted,
     Opened,
     Raw,
+    InStep,
 }
 
 impl Client {
@@ -53,30 +55,59 @@ impl Client {
         let stream = Stream::tcp(dial(host, port, &name)?).map_err(setup("the connection"))?;
         let speech = Socketcand { assembler: Assembler::new(), step: Step::Start, refusal: None };
         let mut client = Self::new(name, stream, speech, clock);
-        let until = clock.now() + HANDSHAKE_TIMEOUT;
         for (question, step, wanted) in [
             (None, Step::Greeted, "the greeting"),
             (Some(Command::Open(bus)), Step::Opened, "the answer to open"),
             (Some(Command::RawMode), Step::Raw, "the answer to rawmode"),
         ] {
-            if let Some(question) = question {
-                client.say(question.encode().as_bytes());
-            }
-            let done = |speech: &Socketcand| speech.step >= step || speech.refusal.is_some();
-            let in_time = client.work_until(until, done).map_err(setup("waiting"))?;
-            let address = address.clone();
-            if let Some(reason) = client.speech().refusal.take() {
-                return Err(OpenError::Refused { address, bus: bus.to_string(), reason });
-            }
-            if !in_time {
-                let found = match client.failure() {
-                    Some(error) => error.to_string(),
-                    None => format!("no answer within {HANDSHAKE_TIMEOUT} while waiting for {wanted}"),
-                };
-                return Err(OpenError::Protocol { address, protocol: "socketcand", found });
-            }
+            client.ask(question, step, wanted, &address, bus.as_str())?;
         }
         Ok(client)
+    }
+
+    /// Asks the server for lock step: from now on `clock`, which must be manual, shows the server's virtual time, and
+    /// that waits for this client.
+    ///
+    /// # Errors
+    ///
+    /// The server runs in real time.
+    pub fn in_step(mut self) -> Result<Self, OpenError> {
+        self.keep_in_step();
+        let address = Link::name(&self).to_owned();
+        self.ask(Some(Command::LockStep), Step::InStep, "the first turn", &address, "in lock step")?;
+        Ok(self)
+    }
+
+    /// Sends `question` and waits until the handshake is at `step`.
+    fn ask(
+        &mut self,
+        question: Option<Command<'_>>,
+        step: Step,
+        wanted: &str,
+        address: &str,
+        bus: &str,
+    ) -> Result<(), OpenError> {
+        if let Some(question) = question {
+            self.say(question.encode().as_bytes());
+        }
+        let done = |speech: &Socketcand| speech.step >= step || speech.refusal.is_some();
+        let in_time = self.work_for(HANDSHAKE_TIMEOUT, done).map_err(|source| OpenError::Setup {
+            what: "waiting",
+            address: address.to_owned(),
+            source,
+        })?;
+        let address = address.to_owned();
+        if let Some(reason) = self.speech().refusal.take() {
+            return Err(OpenError::Refused { address, bus: bus.to_owned(), reason });
+        }
+        if !in_time {
+            let found = match self.failure() {
+                Some(error) => error.to_string(),
+                None => format!("no answer within {HANDSHAKE_TIMEOUT} while waiting for {wanted}"),
+            };
+            return Err(OpenError::Protocol { address, protocol: "socketcand", found });
+        }
+        Ok(())
     }
 
     /// Words of the server's last refusal of something this client sent.
@@ -94,7 +125,9 @@ impl Speech for Socketcand {
         };
         match (self.step, message) {
             (_, Ok(Message::Frame { at, frame })) => hear(Heard::Frame(frame, Some(at))),
-            (_, Ok(Message::BusError { class, .. })) => hear(Heard::BusError(BusError::from_class(class))),
+            (_, Ok(Message::BusError { at, class })) => {
+                hear(Heard::BusError(BusError::from_class(class), Some(at)))
+            }
             (_, Ok(Message::Refused { reason })) => {
                 self.refusal = Some(reason.to_owned());
                 hear(Heard::Refused);
@@ -102,6 +135,10 @@ impl Speech for Socketcand {
             (Step::Start, Ok(Message::Hi)) => self.step = Step::Greeted,
             (Step::Greeted, Ok(Message::Ok)) => self.step = Step::Opened,
             (Step::Opened, Ok(Message::Ok)) => self.step = Step::Raw,
+            (_, Ok(Message::Time(now))) => {
+                self.step = Step::InStep;
+                hear(Heard::Turn(now));
+            }
             (_, Ok(Message::Hi | Message::Ok | Message::Echo)) => {}
             (_, Err(_)) => hear(Heard::Malformed),
         }
@@ -109,5 +146,9 @@ impl Speech for Socketcand {
 
     fn render(&self, frame: &Frame, put: &mut dyn FnMut(&[u8])) {
         put(Command::Send(*frame).encode().as_bytes());
+    }
+
+    fn end_turn(&self, until: Instant, frames_from: Instant, put: &mut dyn FnMut(&[u8])) {
+        put(Command::Wait { until, frames_from }.encode().as_bytes());
     }
 }

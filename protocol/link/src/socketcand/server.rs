@@ -26,7 +26,7 @@ const FOREIGN_BYTES_MAX: u64 = 1024;
 pub type Server = Hub<Socketcand>;
 
 impl Server {
-    /// Listens at `host:port` (port 0: any free one) as the bus `bus`.
+    /// Listens at `host:port` (port 0: any free one) as the bus `bus`. With a manual clock clients may ask for lock step.
     ///
     /// # Errors
     ///
@@ -39,7 +39,9 @@ impl Server {
         options: ServerOptions,
     ) -> Result<Self, OpenError> {
         Self::at_port(host, port, clock, options, |address| {
-            (format!("socketcand://{address}/{bus}"), Socketcand { bus: bus.to_owned(), address })
+            let in_step = clock.is_manual();
+            let scheme = if in_step { "lockstep" } else { "socketcand" };
+            (format!("{scheme}://{address}/{bus}"), Socketcand { bus: bus.to_owned(), address, in_step })
         })
     }
 
@@ -53,6 +55,8 @@ impl Server {
 pub struct Socketcand {
     bus: String,
     address: SocketAddr,
+    /// Clients may ask for lock step: the server's clock is one that its owner moves.
+    in_step: bool,
 }
 
 /// One client.
@@ -129,6 +133,10 @@ impl Dialect for Socketcand {
         }
     }
 
+    fn render_turn(&self, now: Instant, put: &mut dyn FnMut(&[u8])) {
+        put(Message::Time(now).encode().as_bytes());
+    }
+
     fn note_loss(&self, _: &mut Session) {}
 }
 
@@ -155,6 +163,15 @@ impl Socketcand {
                 answer(Message::Ok, act);
                 *mode = Mode::Raw;
                 act(Action::Hold(RAWMODE_HOLD));
+            }
+            (Mode::Raw, Command::LockStep) if self.in_step => act(Action::InStep),
+            (Mode::Raw, Command::Wait { until, frames_from }) if self.in_step => {
+                act(Action::Wait { until, frames_from });
+            }
+            (_, Command::LockStep | Command::Wait { .. }) => {
+                let reason =
+                    if self.in_step { "rawmode comes first" } else { "this server runs in real time" };
+                answer(Message::Refused { reason }, act);
             }
             (Mode::Silent | Mode::Raw, Command::BcmMode) => {
                 *mode = Mode::Silent;

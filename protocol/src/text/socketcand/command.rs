@@ -6,6 +6,7 @@ use super::MESSAGE_MAX;
 use crate::frame::Frame;
 use crate::text::buffer::{BusName, TextBuf};
 use crate::text::cursor::{Cursor, Expected, Payload, SyntaxError, remote_frame};
+use crate::time::Instant;
 
 /// What a client asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,6 +19,15 @@ pub enum Command<'a> {
     BcmMode,
     /// `< echo >`: the server repeats it, which proves the connection and measures its latency.
     Echo,
+    /// `< lockstep >`, of this project: from now on virtual time waits for this client.
+    LockStep,
+    /// `< wait 23.424242 23.400000 >`, of this project: the client's turn in lock step is over.
+    Wait {
+        /// When it wants the next turn, if no frame comes before.
+        until: Instant,
+        /// Frames that come before this time wait until then.
+        frames_from: Instant,
+    },
     /// `< send 0A5 3 8 4f 64 >`, `< sendrtr 0A5 3 >`: put this frame on the bus.
     Send(Frame),
 }
@@ -68,6 +78,13 @@ impl<'a> Command<'a> {
             b"rawmode" => Self::RawMode,
             b"bcmmode" => Self::BcmMode,
             b"echo" => Self::Echo,
+            b"lockstep" => Self::LockStep,
+            b"wait" => {
+                cursor.blanks()?;
+                let until = cursor.seconds()?;
+                cursor.blanks()?;
+                Self::Wait { until, frames_from: cursor.seconds()? }
+            }
             b"open" => Self::Open(open_arguments(&mut cursor)?),
             b"" => return Err(CommandError::Syntax(cursor.error(Expected::Verb))),
             word if UNSUPPORTED.contains(&word) => {
@@ -91,6 +108,13 @@ impl<'a> Command<'a> {
             Self::RawMode => text.push_str("< rawmode"),
             Self::BcmMode => text.push_str("< bcmmode"),
             Self::Echo => text.push_str("< echo"),
+            Self::LockStep => text.push_str("< lockstep"),
+            Self::Wait { until, frames_from } => {
+                text.push_str("< wait ");
+                text.push_seconds(*until, 1);
+                text.push(b' ');
+                text.push_seconds(*frames_from, 1);
+            }
             Self::Send(frame) => {
                 text.push_str(if frame.is_remote() { "< sendrtr " } else { "< send " });
                 text.push_id(frame.id());
@@ -199,6 +223,14 @@ mod tests {
             ("< rawmode >", Command::RawMode),
             ("< bcmmode >", Command::BcmMode),
             ("< echo >", Command::Echo),
+            ("< lockstep >", Command::LockStep),
+            (
+                "< wait 1.5 0.25 >",
+                Command::Wait {
+                    until: Instant::from_micros(1_500_000),
+                    frames_from: Instant::from_micros(250_000),
+                },
+            ),
             // From the description.
             ("< send 123 0 >", Command::Send(standard(0x123, &[]))),
             ("< send 1AAAAAAA 2 1 F1 >", Command::Send(extended)),
@@ -243,6 +275,8 @@ mod tests {
             ("< open a_name_that_is_too_long >", 8, Expected::BusName),
             ("< send 20000000 0 >", 8, Expected::ExtendedId),
             ("< send xyz 0 >", 8, Expected::HexDigit),
+            ("< wait soon >", 8, Expected::Digit),
+            ("< wait 1.5 >", 12, Expected::Digit),
             ("< send 123 9 >", 12, Expected::Dlc),
             ("< send 123 2 1 >", 16, Expected::BytesOfDlc(2)),
             ("< send 123 2 1 2 3 >", 20, Expected::BytesOfDlc(2)),
@@ -279,6 +313,14 @@ mod tests {
             let text = Command::Send(frame).encode();
             prop_assert!(!text.is_truncated());
             prop_assert_eq!(Command::parse(text.as_bytes()), Ok(Command::Send(frame)));
+        }
+
+        #[test]
+        fn every_wait_survives_the_round_trip(until_us: u64, frames_us: u64) {
+            let until = Instant::from_micros(until_us);
+            let command = Command::Wait { until, frames_from: Instant::from_micros(frames_us) };
+            let text = command.encode();
+            prop_assert_eq!(Command::parse(text.as_bytes()), Ok(command));
         }
 
         #[test]

@@ -24,6 +24,8 @@ pub enum Message<'a> {
         /// The frame.
         frame: Frame,
     },
+    /// `< time 23.424242 >`, of this project: the virtual time in lock step, and the client's turn.
+    Time(Instant),
     /// `< error 040 23.424242 >`: the controller of the server reports a bus error.
     BusError {
         /// When the server saw it.
@@ -66,6 +68,10 @@ impl<'a> Message<'a> {
             b"hi" => Self::Hi,
             b"ok" => Self::Ok,
             b"echo" => Self::Echo,
+            b"time" => {
+                cursor.blanks()?;
+                Self::Time(cursor.seconds()?)
+            }
             _ => return Err(MessageError::Unknown),
         };
         close(&mut cursor)?;
@@ -82,6 +88,10 @@ impl<'a> Message<'a> {
             Self::Hi => text.push_str("< hi"),
             Self::Ok => text.push_str("< ok"),
             Self::Echo => text.push_str("< echo"),
+            Self::Time(now) => {
+                text.push_str("< time ");
+                text.push_seconds(*now, 1);
+            }
             Self::Frame { at, frame } => {
                 text.push_str(if frame.is_remote() { "< rtr " } else { "< frame " });
                 text.push_id(frame.id());
@@ -220,6 +230,7 @@ mod tests {
             ("< hi >", Message::Hi),
             ("< ok >", Message::Ok),
             ("< echo >", Message::Echo),
+            ("< time 23.424242 >", Message::Time(AT)),
             // As the description has it, and as the reference server writes it.
             ("< frame 123 23.424242 11 22 33 44 >", frame),
             ("< frame 123 23.424242 11223344 >", frame),
@@ -317,6 +328,13 @@ mod tests {
         #[test]
         fn every_frame_survives_the_round_trip(frame in arbitrary::frame(), us: u64) {
             let message = Message::Frame { at: Instant::from_micros(us), frame };
+            let text = message.encode();
+            prop_assert_eq!(Message::parse(text.as_bytes()), Ok(message));
+        }
+
+        #[test]
+        fn every_time_survives_the_round_trip(us: u64) {
+            let message = Message::Time(Instant::from_micros(us));
             let text = message.encode();
             prop_assert_eq!(Message::parse(text.as_bytes()), Ok(message));
         }

@@ -20,6 +20,21 @@
 //! * a remote frame is `sendrtr`/`rtr`; python-can sends `send` with a length and no bytes, which is
 //!   read as a remote frame too.
 //!
+//! # Lock step
+//!
+//! An addition of this project, for programs that share virtual time over a socket. What a busy machine does to them
+//! then changes nothing: the same programs exchange the same frames at the same times in each run.
+//!
+//! | who | message | meaning |
+//! |---|---|---|
+//! | client | `< lockstep >` | after `rawmode`: from now on time waits for this client |
+//! | server | `< time T >` | it is T; the frames of T came before; it is the client's turn |
+//! | client | `< wait T F >` | its turn is over; it wants the next one at T, or when a frame comes, but for that not before F |
+//!
+//! During its turn a client sends what it wants to send at that time. The server lets time pass only while it is nobody's
+//! turn, up to the next frame or the earliest T. Clients that have a turn at the same time get it one after the
+//! other, in the order in which they joined. Times are seconds since the server began, with microseconds.
+//!
 //! Source: `doc/protocol.md` of the socketcand project; `can/interfaces/socketcand` of python-can.
 
 mod assembler;

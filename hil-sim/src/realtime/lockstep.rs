@@ -1,0 +1,245 @@
+//! Virtual time that programs share over sockets: it passes only while each of them has said when it wants to go on.
+//!
+//! ```text
+//!   client ── send… wait T ──▶ gateway ──▶ world ── runs to the next frame or the earliest T
+//!          ◀── frames, time T ──
+//! ```
+//!
+//! What the clients send during their turns reaches the simulated bus in the order in which they joined, whoever was
+//! faster. A machine that holds a program up, however long, changes nothing: a run depends on the programs and on the
+//! seed alone. The messages are described at [`protocol::text::socketcand`].
+//!
+//! A client that did not ask for lock step gets the frames at once and is not waited for; what it sends comes when it comes,
+//! and a run with it repeats only if it stays silent.
+
+use can_link::{BusSpec, ClientId, Clock, Link, ServerEvent};
+use protocol::{Frame, Instant};
+
+use super::door::{Door, Visit};
+use super::{NAP_MAX, Realtime, RealtimeError};
+use crate::crew::Crew;
+use crate::world::Observer;
+
+/// The time that the servers at `specs` share: their clock, and for lock step the fewest clients; `None` in real time.
+///
+/// # Errors
+///
+/// Some are in lock step and others not.
+pub fn shared_time(specs: &[BusSpec]) -> Result<(Clock, Option<usize>), MixedTime> {
+    let clients = |spec: &BusSpec| match spec {
+        BusSpec::Lockstep { clients, .. } => Some(*clients),
+        _ => None,
+    };
+    let least: Vec<usize> = specs.iter().filter_map(clients).collect();
+    match least.iter().max() {
+        None => Ok((Clock::start(), None)),
+        Some(clients) if least.len() == specs.len() => Ok((Clock::manual(), Some(*clients))),
+        Some(_) => Err(MixedTime),
+    }
+}
+
+/// Real and virtual time on one bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "a bus has one time: lock step or the machine's, not both\n  next: give --bus lockstep:// for all places or for none"
+)]
+pub struct MixedTime;
+
+/// Clients in lock step.
+pub(super) struct LockStep {
+    /// Time stands while fewer take part.
+    clients_min: usize,
+    /// In the order in which they joined.
+    members: Vec<Member>,
+    others: Vec<(usize, ClientId)>,
+}
+
+struct Member {
+    port: usize,
+    client: ClientId,
+    /// What it sent during its turn.
+    said: Vec<Frame>,
+    /// Frames that it has not heard.
+    unheard: Vec<(Instant, Frame)>,
+    /// `None` during its turn.
+    waits: Option<Wait>,
+}
+
+#[derive(Clone, Copy)]
+struct Wait {
+    until: Instant,
+    frames_from: Instant,
+}
+
+impl Member {
+    /// When its next turn is due; `None` during a turn.
+    fn due(&self) -> Option<Instant> {
+        let wait = self.waits?;
+        Some(match self.unheard.first() {
+            Some((at, _)) => wait.until.min(wait.frames_from.max(*at)),
+            None => wait.until,
+        })
+    }
+}
+
+impl LockStep {
+    pub(super) const fn new(clients_min: usize) -> Self {
+        Self { clients_min, members: Vec::new(), others: Vec::new() }
+    }
+
+    fn member(&mut self, port: usize, client: ClientId) -> Option<&mut Member> {
+        self.members.iter_mut().find(|member| (member.port, member.client) == (port, client))
+    }
+
+    /// Someone must speak before time may pass.
+    fn waits_for_clients(&self) -> bool {
+        self.members.len() < self.clients_min || self.members.iter().any(|member| member.waits.is_none())
+    }
+}
+
+impl<A: Crew> Realtime<A> {
+    /// As [`Realtime::turn`]: lets the clients and the world take turns until `until`, or for 50 ms of real time.
+    pub(super) fn take_turns(
+        &mut self,
+        step: &mut LockStep,
+        until: Instant,
+        observer: &mut impl Observer,
+    ) -> Result<(), RealtimeError> {
+        let real = Clock::start();
+        let end = real.now() + NAP_MAX;
+        loop {
+            self.hear(step);
+            if step.waits_for_clients() {
+                let links: Vec<&dyn Link> = self.ports.iter().map(|port| port.door.link()).collect();
+                can_link::wait(&links, &real, Some(end))?;
+            } else {
+                self.send_said(step)?;
+                let now = self.world.now();
+                if let Some(member) =
+                    step.members.iter_mut().find(|member| member.due().is_some_and(|due| due <= now))
+                {
+                    self.give_turn(member, now);
+                } else if now >= until {
+                    return Ok(());
+                } else {
+                    let turns = step.members.iter().filter_map(Member::due);
+                    let next = turns.chain(self.world.next_wake()).chain([until]).min().unwrap_or(until);
+                    // What was due at this time has been done.
+                    let next = next.max(Instant::from_micros(now.as_micros() + 1)).min(until);
+                    self.world.run_until(next, &mut (&mut self.seen, &mut *observer))?;
+                    self.clock.set(next);
+                    self.hand_to(step)?;
+                }
+            }
+            if real.now() >= end {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Takes in what the clients have said.
+    fn hear(&mut self, step: &mut LockStep) {
+        let now = self.world.now();
+        for (index, port) in self.ports.iter_mut().enumerate() {
+            let Door::Server(server) = &mut port.door else { continue };
+            while let Some(event) = server.next_event() {
+                match event {
+                    ServerEvent::Joined { client, peer } => {
+                        step.others.push((index, client));
+                        port.visits.push(Visit::Joined(peer));
+                    }
+                    ServerEvent::Left { client, reason } => {
+                        step.others.retain(|other| *other != (index, client));
+                        step.members.retain(|member| (member.port, member.client) != (index, client));
+                        port.visits.push(Visit::Left(reason));
+                    }
+                    ServerEvent::InStep { client } if step.member(index, client).is_none() => {
+                        step.others.retain(|other| *other != (index, client));
+                        let (said, unheard) = (Vec::new(), Vec::new());
+                        step.members.push(Member { port: index, client, said, unheard, waits: None });
+                        server.give_turn(client, now);
+                    }
+                    ServerEvent::InStep { .. } => {}
+                    ServerEvent::Waits { client, until, frames_from } => {
+                        if let Some(member) = step.member(index, client) {
+                            member.waits = Some(Wait { until, frames_from });
+                        }
+                    }
+                    ServerEvent::Frame { client, frame, .. } => match step.member(index, client) {
+                        Some(member) => member.said.push(frame),
+                        None => port.unasked.push((client, frame)),
+                    },
+                }
+            }
+        }
+    }
+
+    /// Puts what was said during the turns into the gateways, in the order of the clients.
+    fn send_said(&mut self, step: &mut LockStep) -> Result<(), RealtimeError> {
+        let mut said: Vec<(usize, ClientId, Frame)> = Vec::new();
+        for member in &mut step.members {
+            said.extend(member.said.drain(..).map(|frame| (member.port, member.client, frame)));
+        }
+        for (index, port) in self.ports.iter_mut().enumerate() {
+            said.extend(port.unasked.drain(..).map(|(client, frame)| (index, client, frame)));
+        }
+        if !said.is_empty() {
+            self.world.with_crew(|crew, _| {
+                for (port, client, frame) in said {
+                    crew.1[port].node.take(Some(client), frame);
+                }
+            })?;
+        }
+        Ok(())
+    }
+
+    /// The member hears its frames, and may speak.
+    fn give_turn(&mut self, member: &mut Member, now: Instant) {
+        if let Door::Server(server) = &mut self.ports[member.port].door {
+            for (at, frame) in member.unheard.drain(..) {
+                server.send_to(member.client, at, &frame);
+            }
+            server.give_turn(member.client, now);
+        }
+        member.waits = None;
+        self.turns += 1;
+    }
+
+    /// Passes on what happened on the simulated bus.
+    fn hand_to(&mut self, step: &mut LockStep) -> Result<(), RealtimeError> {
+        let own = &mut self.seen.own;
+        let ports = self.ports.len();
+        // For each door: when, which frame, and which client sent it.
+        let heard = self.world.with_crew(|crew, _| {
+            let mut heard = vec![Vec::new(); ports];
+            for (port, at, frame) in own.drain(..) {
+                let sender = crew.1[port].node.sender_of(&frame);
+                heard[port].push((at, frame, sender));
+            }
+            for (port, gateway) in crew.1.iter_mut().enumerate() {
+                heard[port].extend(gateway.node.received.drain(..).map(|(at, frame)| (at, frame, None)));
+                heard[port].sort_by_key(|(at, ..)| *at);
+            }
+            heard
+        })?;
+        for (index, heard) in heard.into_iter().enumerate() {
+            for (at, frame, sender) in heard {
+                for member in step.members.iter_mut().filter(|member| member.port == index) {
+                    if sender != Some(member.client) {
+                        member.unheard.push((at, frame));
+                    }
+                }
+                let Door::Server(server) = &mut self.ports[index].door else { continue };
+                for (_, client) in step.others.iter().filter(|(port, _)| *port == index) {
+                    if sender != Some(*client) {
+                        server.send_to(*client, at, &frame);
+                    }
+                }
+            }
+        }
+        for (at, class) in self.seen.errors.drain(..) {
+            self.ports.iter_mut().for_each(|port| port.put_error(at, class));
+        }
+        self.forget_lost()
+    }
+}
