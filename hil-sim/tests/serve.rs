@@ -136,5 +136,6 @@ fn a_run_without_clients_ends_at_its_time() {
     assert!(clock.now() >= Instant::from_micros(300_000));
     let report = String::from_utf8(out.stdout).unwrap().lines().last().unwrap().to_owned();
     let report: serde_json::Value = serde_json::from_str(&report).unwrap();
-    assert!(report["simulated_s"].as_f64().is_some_and(|s| (0.3..10.0).contains(&s)), "{report}");
+    // However late the machine is.
+    assert_eq!(report["simulated_s"], 0.3, "{report}");
 }

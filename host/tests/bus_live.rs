@@ -1,166 +1,162 @@
-//! The verbs in real time, over socketcand, and what people see when the bus is not as it should be.
+//! The verbs over a socket, and what people see when the bus is not as it should be.
 
 mod bus_common;
 
-use bus_common::{Served, code, cubectl, err, in_real_time, out};
+use bus_common::{Served, code, cubectl, err, out};
 use hil_sim::{Cell, CellOptions};
+use host::bus::desk::Desk;
+use host::bus::{BusArgs, Ended};
+use protocol::{Duration, ModuleId};
 
 #[test]
-fn scan_home_jog_and_stop_work_over_socketcand() {
-    in_real_time(|| {
-        let mut options = CellOptions::default();
-        options.drive.starts_homed = true;
-        let served = Served::arm(options);
-        let bus = ["--bus", &served.spec];
-        let scan = cubectl(&["scan", bus[0], bus[1]]);
-        assert_eq!(code(&scan), 0, "{}", err(&scan));
-        assert!(out(&scan).contains("6 modules"), "{}", out(&scan));
-        let jog = cubectl(&["jog", "6", "--for", "0.3", bus[0], bus[1], "--json"]);
-        assert_eq!(code(&jog), 0, "{}", err(&jog));
-        let report: serde_json::Value = serde_json::from_str(&out(&jog)).unwrap();
-        let moved = report["to_rad"].as_f64().unwrap() - report["from_rad"].as_f64().unwrap();
-        assert!((0.005..0.08).contains(&moved), "{moved}");
-        let home = cubectl(&["home", bus[0], bus[1]]);
-        assert_eq!(code(&home), 0, "{}", err(&home));
-        assert_eq!(out(&home).matches("homed already").count(), 6, "{}", out(&home));
-        let stop = cubectl(&["stop", bus[0], bus[1]]);
-        assert_eq!(code(&stop), 0, "{}", err(&stop));
-        assert!(out(&stop).contains("6 of them halted"), "{}", out(&stop));
-    });
+fn scan_home_jog_and_stop_work_over_a_socket() {
+    let mut options = CellOptions::default();
+    options.drive.starts_homed = true;
+    let served = Served::arm(options);
+    let bus = ["--bus", &served.spec];
+    let scan = cubectl(&["scan", bus[0], bus[1]]);
+    assert_eq!(code(&scan), 0, "{}", err(&scan));
+    assert!(out(&scan).contains("6 modules"), "{}", out(&scan));
+    let jog = cubectl(&["jog", "6", "--for", "0.3", bus[0], bus[1], "--json"]);
+    assert_eq!(code(&jog), 0, "{}", err(&jog));
+    let report: serde_json::Value = serde_json::from_str(&out(&jog)).unwrap();
+    let moved = report["to_rad"].as_f64().unwrap() - report["from_rad"].as_f64().unwrap();
+    assert!((0.005..0.08).contains(&moved), "{moved}");
+    let home = cubectl(&["home", bus[0], bus[1]]);
+    assert_eq!(code(&home), 0, "{}", err(&home));
+    assert_eq!(out(&home).matches("homed already").count(), 6, "{}", out(&home));
+    let stop = cubectl(&["stop", bus[0], bus[1]]);
+    assert_eq!(code(&stop), 0, "{}", err(&stop));
+    assert!(out(&stop).contains("6 of them halted"), "{}", out(&stop));
 }
 
 #[test]
 fn ctrl_c_in_a_jog_stops_the_module_before_the_program_ends() {
-    in_real_time(|| {
-        let mut options = CellOptions::default();
-        options.drive.starts_homed = true;
-        let served = Served::arm(options);
-        let mut jog = std::process::Command::new(env!("CARGO_BIN_EXE_cubectl"))
-            .args(["jog", "6", "--for", "60", "--bus", &served.spec])
-            .stdout(std::process::Stdio::piped())
-            .stderr(std::process::Stdio::piped())
-            .spawn()
-            .unwrap();
-        let position = || -> f64 {
-            let status = cubectl(&["status", "--modules", "6", "--json", "--bus", &served.spec]);
-            let report: serde_json::Value = serde_json::from_str(&out(&status)).unwrap();
-            report["modules"][0]["position_rad"].as_f64().unwrap()
-        };
-        let start = position();
-        let mut waits = 0;
-        while (position() - start).abs() < 0.01 {
-            waits += 1;
-            assert!(waits < 200, "the jog never began");
-        }
-        let killed =
-            std::process::Command::new("sh").args(["-c", &format!("kill -INT {}", jog.id())]).status();
-        assert!(killed.unwrap().success());
-        assert_eq!(jog.wait().unwrap().code(), Some(6));
-        let (first, second) = (position(), position());
-        assert!((first - second).abs() < 1e-3, "still moving: {first} -> {second}");
+    let mut options = CellOptions::default();
+    options.drive.starts_homed = true;
+    let served = Served::arm(options);
+    // Whoever looks on takes part in lock step: while it does nothing, time stands.
+    let mut watch = BusArgs { bus: served.spec.parse().unwrap(), ..BusArgs::default() }.open().unwrap();
+    let mut jog = std::process::Command::new(env!("CARGO_BIN_EXE_cubectl"))
+        .args(["jog", "6", "--for", "60", "--bus", &served.spec])
+        .stdout(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    let six = ModuleId::new(6).unwrap();
+    let position = |desk: &Desk| desk.heard().get(&six).and_then(|heard| heard.position_rad);
+    let until = watch.now() + Duration::from_secs(600);
+    let mut start = None;
+    let moves = watch.run(until, &mut |desk| {
+        let now = position(desk);
+        start = start.or(now);
+        now.zip(start).is_some_and(|(now, start)| (now - start).abs() > 0.01)
     });
+    assert_eq!(moves.unwrap(), Ended::Done, "the jog never began");
+    let interrupted_at = watch.now();
+    let killed = std::process::Command::new("sh").args(["-c", &format!("kill -INT {}", jog.id())]).status();
+    assert!(killed.unwrap().success());
+    let status = loop {
+        watch.pass(Duration::from_millis(20)).unwrap();
+        if let Some(status) = jog.try_wait().unwrap() {
+            break status;
+        }
+        assert!(watch.now().saturating_since(interrupted_at) < Duration::from_secs(30), "the jog goes on");
+    };
+    assert_eq!(status.code(), Some(6));
+    drop(watch);
+    let position = || -> f64 {
+        let status = cubectl(&["status", "--modules", "6", "--json", "--bus", &served.spec]);
+        let report: serde_json::Value = serde_json::from_str(&out(&status)).unwrap();
+        report["modules"][0]["position_rad"].as_f64().unwrap()
+    };
+    let (first, second) = (position(), position());
+    assert!((first - second).abs() < 1e-3, "still moving: {first} -> {second}");
 }
 
 #[test]
 fn modules_that_a_controller_speaks_to_are_not_disturbed() {
-    in_real_time(|| {
-        let served = Served::new(|| {
-            let cell =
-                Cell::new(&robot_model::AnyRobot::load("powercube6").unwrap(), &CellOptions::default(), 1);
-            (cell.unwrap(), host::bus::sim::soft_controller_guest())
-        });
-        for verb in ["scan", "status", "home"] {
-            let output = cubectl(&[verb, "--bus", &served.spec]);
-            assert_eq!(code(&output), 7, "{verb}: {}", out(&output));
-            assert!(err(&output).contains("nothing was sent"), "{verb}: {}", err(&output));
-        }
-        let output = cubectl(&["doctor", "--bus", &served.spec]);
-        assert_eq!(code(&output), 9, "{}", out(&output));
-        assert!(out(&output).contains("requests to modules"), "{}", out(&output));
-        let output = cubectl(&["stop", "--bus", &served.spec]);
-        assert_eq!(code(&output), 0, "{}", err(&output));
-        assert!(out(&output).contains("was not disturbed further"), "{}", out(&output));
+    let served = Served::new(|| {
+        let cell = Cell::new(&robot_model::AnyRobot::load("powercube6").unwrap(), &CellOptions::default(), 1);
+        (cell.unwrap(), host::bus::sim::soft_controller_guest())
     });
+    for verb in ["scan", "status", "home"] {
+        let output = cubectl(&[verb, "--bus", &served.spec]);
+        assert_eq!(code(&output), 7, "{verb}: {}", out(&output));
+        assert!(err(&output).contains("nothing was sent"), "{verb}: {}", err(&output));
+    }
+    let output = cubectl(&["doctor", "--bus", &served.spec]);
+    assert_eq!(code(&output), 9, "{}", out(&output));
+    assert!(out(&output).contains("requests to modules"), "{}", out(&output));
+    let output = cubectl(&["stop", "--bus", &served.spec]);
+    assert_eq!(code(&output), 0, "{}", err(&output));
+    assert!(out(&output).contains("was not disturbed further"), "{}", out(&output));
 }
 
 #[test]
 fn a_control_period_that_does_not_hold_is_refused_before_anything_moves() {
-    in_real_time(|| {
-        let mut options = CellOptions::default();
-        options.drive.starts_homed = true;
-        // Whatever the machine does: a cycle of 3 ms waits 2 ms for an answer.
-        options.drive.processing_delay = protocol::Duration::from_millis(4);
-        let served = Served::arm(options);
-        let folder = bus_common::Folder::new("period");
-        let throw =
-            ["throw", "--target", "1,1,-1", "--no-store", "--controller", "soft", "--bus", &served.spec];
-        let output = cubectl(&[&throw[..], &["--period", "3", "--out", &folder.file("a")]].concat());
-        assert_eq!(code(&output), 7, "{}", err(&output));
-        for part in
-            ["a control period of 3 ms does not hold here", "at worst", "ms would hold", "nothing has moved"]
-        {
-            assert!(err(&output).contains(part), "{part}: {}", err(&output));
-        }
-        assert!(!folder.0.join("a").exists(), "refused before anything was written");
-        let doctor = cubectl(&["doctor", "--bus", &served.spec]);
-        assert!(
-            out(&doctor).contains("control period: a controller in this program needs"),
-            "{}",
-            out(&doctor)
-        );
-        assert!(out(&doctor).contains("real time: "), "{}", out(&doctor));
-        let clear = cubectl(&["clear", "--bus", &served.spec]);
-        assert_eq!(code(&clear), 0, "{}", err(&clear));
-        assert!(
-            out(&clear).contains("no controller is heard; 6 modules answer, 0 of them reset"),
-            "{}",
-            out(&clear)
-        );
-    });
+    let mut options = CellOptions::default();
+    options.drive.starts_homed = true;
+    // Whatever the machine does: a cycle of 3 ms waits 2 ms for an answer.
+    options.drive.processing_delay = Duration::from_millis(4);
+    let served = Served::arm(options);
+    let folder = bus_common::Folder::new("period");
+    let throw = ["throw", "--target", "1,1,-1", "--no-store", "--controller", "soft", "--bus", &served.spec];
+    let output = cubectl(&[&throw[..], &["--period", "3", "--out", &folder.file("a")]].concat());
+    assert_eq!(code(&output), 7, "{}", err(&output));
+    for part in
+        ["a control period of 3 ms does not hold here", "at worst", "ms would hold", "nothing has moved"]
+    {
+        assert!(err(&output).contains(part), "{part}: {}", err(&output));
+    }
+    assert!(!folder.0.join("a").exists(), "refused before anything was written");
+    let doctor = cubectl(&["doctor", "--bus", &served.spec]);
+    assert!(out(&doctor).contains("control period: a controller in this program needs"), "{}", out(&doctor));
+    assert!(out(&doctor).contains("real time: "), "{}", out(&doctor));
+    let clear = cubectl(&["clear", "--bus", &served.spec]);
+    assert_eq!(code(&clear), 0, "{}", err(&clear));
+    assert!(
+        out(&clear).contains("no controller is heard; 6 modules answer, 0 of them reset"),
+        "{}",
+        out(&clear)
+    );
 }
 
 #[test]
 fn two_modules_with_one_address_are_found_by_doctor() {
-    in_real_time(|| {
-        let served = Served::new(|| {
-            let options = CellOptions::default();
-            let other = CellOptions {
-                drive: hil_sim::drive::DriveOptions {
-                    processing_delay: protocol::Duration::from_micros(900),
-                    ..options.drive.clone()
-                },
-                ..options.clone()
-            };
-            (Cell::bench::<2>(0x4614, &options, 1).unwrap(), Cell::bench::<1>(0x4614, &other, 2).unwrap())
-        });
-        let output = cubectl(&["doctor", "--bus", &served.spec]);
-        assert_eq!(code(&output), 9, "{}{}", out(&output), err(&output));
-        assert!(out(&output).contains("two modules answer at address 1"), "{}", out(&output));
+    let served = Served::new(|| {
+        let options = CellOptions::default();
+        let other = CellOptions {
+            drive: hil_sim::drive::DriveOptions {
+                processing_delay: Duration::from_micros(900),
+                ..options.drive.clone()
+            },
+            ..options.clone()
+        };
+        (Cell::bench::<2>(0x4614, &options, 1).unwrap(), Cell::bench::<1>(0x4614, &other, 2).unwrap())
     });
+    let output = cubectl(&["doctor", "--bus", &served.spec]);
+    assert_eq!(code(&output), 9, "{}{}", out(&output), err(&output));
+    assert!(out(&output).contains("two modules answer at address 1"), "{}", out(&output));
 }
 
 #[test]
 fn firmware_without_position_and_state_in_one_answer_is_a_finding() {
-    in_real_time(|| {
-        let served = Served::new(|| Cell::bench::<1>(0x3500, &CellOptions::default(), 1).unwrap());
-        let output = cubectl(&["doctor", "--bus", &served.spec]);
-        assert_eq!(code(&output), 9, "{}", out(&output));
-        assert!(out(&output).contains("firmware 3500 does not report position"), "{}", out(&output));
-    });
+    let served = Served::new(|| Cell::bench::<1>(0x3500, &CellOptions::default(), 1).unwrap());
+    let output = cubectl(&["doctor", "--bus", &served.spec]);
+    assert_eq!(code(&output), 9, "{}", out(&output));
+    assert!(out(&output).contains("firmware 3500 does not report position"), "{}", out(&output));
 }
 
 #[test]
 fn a_bus_without_drives_and_a_missing_drive_are_told_apart() {
-    in_real_time(|| {
-        let empty = Served::new(Vec::<hil_sim::crew::Solo<protocol_node::Silent>>::new);
-        let output = cubectl(&["scan", "--bus", &empty.spec]);
-        assert_eq!(code(&output), 8);
-        assert!(err(&output).contains("no module answers"), "{}", err(&output));
-        let two = Served::new(|| Cell::bench::<2>(0x4614, &CellOptions::default(), 1).unwrap());
-        let output = cubectl(&["doctor", "--bus", &two.spec, "--modules", "1-3"]);
-        assert_eq!(code(&output), 9);
-        assert!(out(&output).contains("module 3 does not answer"), "{}", out(&output));
-    });
+    let empty = Served::new(Vec::<hil_sim::crew::Solo<protocol_node::Silent>>::new);
+    let output = cubectl(&["scan", "--bus", &empty.spec]);
+    assert_eq!(code(&output), 8);
+    assert!(err(&output).contains("no module answers"), "{}", err(&output));
+    let two = Served::new(|| Cell::bench::<2>(0x4614, &CellOptions::default(), 1).unwrap());
+    let output = cubectl(&["doctor", "--bus", &two.spec, "--modules", "1-3"]);
+    assert_eq!(code(&output), 9);
+    assert!(out(&output).contains("module 3 does not answer"), "{}", out(&output));
 }
 
 #[test]

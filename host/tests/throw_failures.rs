@@ -2,11 +2,17 @@
 
 mod bus_common;
 
-use std::io::Write;
 use std::process::{Child, Command, Stdio};
 
-use bus_common::{Folder, Served, code, cubectl, err, in_real_time, out};
+use bus_common::{Folder, Served, code, cubectl, err, out};
+use firmware::fault::Cause;
+use hil_sim::crew::Solo;
+use hil_sim::scenario::ScriptedHost;
 use hil_sim::{Cell, CellOptions};
+use host::bus::desk::Desk;
+use host::bus::{BusArgs, Ended, Session};
+use protocol::Duration;
+use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use robot_model::AnyRobot;
 
 /// A throw to a near target; more words may be added.
@@ -50,29 +56,28 @@ fn buses_that_are_not_there() {
 
 #[test]
 fn drives_that_are_missing_double_or_too_old() {
-    in_real_time(|| {
-        let folder = Folder::new("fail-drives");
-        let empty = Served::new(Vec::<hil_sim::crew::Solo<hil_sim::scenario::ScriptedHost>>::new);
-        refused(&throw(&folder, &["--bus", &empty.spec]), 8, &["no module answers"]);
-        drop(empty);
-        let silent = scenario(&folder, "[[fault]]\nkind = \"silent\"\ntarget = \"module 3\"\n");
-        refused(&throw(&folder, &["--scenario", &silent]), 8, &["module 3 does not answer"]);
-        let twins = Served::new(|| {
-            let robot = AnyRobot::load("powercube6").unwrap();
-            let (options, mut other) = (CellOptions::default(), CellOptions::default());
-            other.drive.processing_delay = protocol::Duration::from_micros(900);
-            (Cell::new(&robot, &options, 1).unwrap(), Cell::bench::<1>(0x4614, &other, 2).unwrap())
-        });
-        refused(&throw(&folder, &["--bus", &twins.spec]), 8, &["two modules answer at address 1"]);
-        drop(twins);
-        let text = robot_model::built_in_text("powercube6").unwrap().replacen(
-            "firmware = 0x3519",
-            "firmware = 0x3500",
-            1,
-        );
-        std::fs::write(folder.file("old.toml"), text).unwrap();
-        refused(&throw(&folder, &["--robot", &folder.file("old.toml")]), 8, &["module 5: firmware 3500"]);
+    let folder = Folder::new("fail-drives");
+    // Somebody listens, or no frame would be acknowledged.
+    let empty = Served::new(|| Solo::new("listener", ScriptedHost::new(&[])));
+    refused(&throw(&folder, &["--bus", &empty.spec]), 8, &["no module answers"]);
+    drop(empty);
+    let silent = scenario(&folder, "[[fault]]\nkind = \"silent\"\ntarget = \"module 3\"\n");
+    refused(&throw(&folder, &["--scenario", &silent]), 8, &["module 3 does not answer"]);
+    let twins = Served::new(|| {
+        let robot = AnyRobot::load("powercube6").unwrap();
+        let (options, mut other) = (CellOptions::default(), CellOptions::default());
+        other.drive.processing_delay = Duration::from_micros(900);
+        (Cell::new(&robot, &options, 1).unwrap(), Cell::bench::<1>(0x4614, &other, 2).unwrap())
     });
+    refused(&throw(&folder, &["--bus", &twins.spec]), 8, &["two modules answer at address 1"]);
+    drop(twins);
+    let text = robot_model::built_in_text("powercube6").unwrap().replacen(
+        "firmware = 0x3519",
+        "firmware = 0x3500",
+        1,
+    );
+    std::fs::write(folder.file("old.toml"), text).unwrap();
+    refused(&throw(&folder, &["--robot", &folder.file("old.toml")]), 8, &["module 5: firmware 3500"]);
 }
 
 #[test]
@@ -129,74 +134,66 @@ fn a_disk_that_is_full_ends_the_throw_before_anything_is_lost_unseen() {
     refused(&throw(&folder, &[]), 10, &["recording cannot be written", "free space"]);
 }
 
-/// A served cell with a controller of its own, as another machine would have it.
+/// A served cell with a controller of its own, as another machine would have it, and somebody who looks on.
+///
+/// Whoever looks on takes part in lock step: while it does nothing, time stands.
 struct Lab {
-    child: Child,
-    spec: String,
+    served: Served,
+    watch: Session,
 }
 
+/// Longer than any throw in virtual time.
+const THROW_MAX: Duration = Duration::from_secs(600);
+
 impl Lab {
-    fn new(folder: &Folder) -> Self {
-        let robot = AnyRobot::load("powercube6").unwrap();
-        let middle: Vec<String> = match &robot {
-            AnyRobot::Six(arm) => {
-                ((arm.q_min() + arm.q_max()) * 0.5).iter().map(ToString::to_string).collect()
-            }
-            _ => unreachable!("six joints"),
-        };
-        let text = format!("[drive]\nstarts_homed = true\n[cell]\nstart_q_rad = [{}]\n", middle.join(", "));
-        let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-        let spec = format!("socketcand://127.0.0.1:{port}/can0");
-        let child = Command::new(env!("CARGO_BIN_EXE_cubectl"))
-            .args(["sim", "--controller", "--bus", &spec, "--scenario", &scenario(folder, &text)])
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        for _ in 0..100 {
-            if std::net::TcpStream::connect(("127.0.0.1", port)).is_ok() {
-                break;
-            }
-            std::thread::sleep(std::time::Duration::from_millis(50));
-        }
-        Self { child, spec }
+    fn new() -> Self {
+        let served = Served::new(|| {
+            let robot = AnyRobot::load("powercube6").unwrap();
+            let AnyRobot::Six(arm) = &robot else { unreachable!("six joints") };
+            let mut options = CellOptions::default();
+            options.drive.starts_homed = true;
+            options.start_q_rad = Some(((arm.q_min() + arm.q_max()) * 0.5).as_slice().to_vec());
+            (Cell::new(&robot, &options, 1).unwrap(), host::bus::sim::soft_controller_guest())
+        });
+        let mut watch = BusArgs { bus: served.spec.parse().unwrap(), ..BusArgs::default() }.open().unwrap();
+        watch.desk().listen_only();
+        Self { served, watch }
     }
 
-    /// Starts a throw and waits until the arm follows the plan.
-    fn throwing(&self, folder: &Folder) -> Child {
+    /// Starts a throw and waits until the arm has followed the plan for a quarter of a second.
+    fn throwing(&mut self, folder: &Folder) -> Child {
         let out = folder.file("out");
-        let mut child = Command::new(env!("CARGO_BIN_EXE_cubectl"))
-            .args(["throw", "--target", "1,1,-1", "--no-store", "--bus", &self.spec, "--controller", "10"])
+        let child = Command::new(env!("CARGO_BIN_EXE_cubectl"))
+            .args([
+                "throw",
+                "--target",
+                "1,1,-1",
+                "--no-store",
+                "--bus",
+                &self.served.spec,
+                "--controller",
+                "10",
+            ])
             .args(["--out", &out])
             .stdin(Stdio::null())
             .stdout(Stdio::null())
-            .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        let mut errors = std::io::BufReader::new(child.stderr.take().unwrap());
-        let mut line = String::new();
-        while !line.starts_with("arm ") {
-            line.clear();
-            let n = std::io::BufRead::read_line(&mut errors, &mut line).unwrap();
-            assert_ne!(n, 0, "the throw ended before it began");
+        let until = self.watch.now() + THROW_MAX;
+        // The arm goes to the start, stands there, and throws.
+        for runs in [true, false, true] {
+            let seen = &mut |desk: &mut Desk| {
+                let group = desk.inbox().and_then(|inbox| inbox.group);
+                group.is_some_and(|(_, _, group)| (group.state == State::Running) == runs)
+            };
+            assert_eq!(self.watch.run(until, seen).unwrap(), Ended::Done);
         }
-        std::thread::sleep(std::time::Duration::from_millis(250));
-        child.stderr = Some(errors.into_inner());
+        self.watch.pass(Duration::from_millis(250)).unwrap();
         child
     }
 
-    /// What the controller says for a second.
-    fn state(&self) -> String {
-        out(&cubectl(&[
-            "monitor", "--listen", "--plain", "--for", "1", "--period", "0.5", "--bus", &self.spec,
-        ]))
-    }
-}
-
-impl Drop for Lab {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+    fn group(&mut self) -> GroupState {
+        self.watch.group().expect("the controller is heard")
     }
 }
 
@@ -206,24 +203,32 @@ fn signal(child: &Child, name: &str) {
 }
 
 #[test]
-fn a_host_that_dies_or_is_interrupted_in_mid_throw_leaves_a_standing_arm() {
-    in_real_time(|| {
-        let folder = Folder::new("fail-host");
-        let lab = Lab::new(&folder);
-        let mut killed = lab.throwing(&folder);
-        signal(&killed, "KILL");
-        killed.wait().unwrap();
-        std::thread::sleep(std::time::Duration::from_millis(800));
-        let text = lab.state();
-        std::io::stderr().write_all(text.as_bytes()).unwrap();
-        assert!(text.contains("state=Fault") && text.contains("HostLost"), "{text}");
-        drop(lab);
-        let lab = Lab::new(&folder);
-        std::fs::remove_dir_all(folder.file("out")).unwrap();
-        let mut interrupted = lab.throwing(&folder);
-        signal(&interrupted, "INT");
-        assert_eq!(interrupted.wait().unwrap().code(), Some(6));
-        let text = lab.state();
-        assert!(text.contains("state=Stopped"), "{text}");
-    });
+fn a_host_that_is_killed_in_mid_throw_leaves_a_standing_arm_and_a_fault_with_that_name() {
+    let folder = Folder::new("fail-killed");
+    let mut lab = Lab::new();
+    let mut killed = lab.throwing(&folder);
+    signal(&killed, "KILL");
+    killed.wait().unwrap();
+    assert_eq!(lab.group().state, State::Running, "time stood while the host died");
+    lab.watch.pass(Duration::from_millis(800)).unwrap();
+    let group = lab.group();
+    assert_eq!((group.state, group.fault_cause), (State::Fault, Cause::HostLost.code()), "{group:?}");
+}
+
+#[test]
+fn a_host_that_is_interrupted_in_mid_throw_stops_the_arm_before_it_ends() {
+    let folder = Folder::new("fail-interrupted");
+    let mut lab = Lab::new();
+    let mut interrupted = lab.throwing(&folder);
+    signal(&interrupted, "INT");
+    let begun = lab.watch.now();
+    let status = loop {
+        lab.watch.pass(Duration::from_millis(20)).unwrap();
+        if let Some(status) = interrupted.try_wait().unwrap() {
+            break status;
+        }
+        assert!(lab.watch.now().saturating_since(begun) < THROW_MAX, "the interrupted throw goes on");
+    };
+    assert_eq!(status.code(), Some(6));
+    assert_eq!(lab.group().state, State::Stopped);
 }

@@ -72,15 +72,18 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         .iter()
         .map(|spec| Door::open(spec, clock).map_err(|error| Failure::new(Code::Bus, &error)))
         .collect::<Result<_, _>>()?;
+    let end = args.duration_s.map(|s| Instant::ZERO + Duration::from_secs_f64(s));
     let faults = scenario.faults.clone();
     let mut realtime = Realtime::new((cell, host), scenario.bus, scenario.seed, faults, doors, clock)
         .map_err(|error| Failure::new(Code::BadFile, &error))?;
+    if let Some(end) = end {
+        realtime = realtime.ending_at(end);
+    }
     if let Some(clients) = in_step {
         realtime = realtime.in_lock_step(clients);
     }
     let interrupt = Interrupt::listen();
     let commands = commands();
-    let end = args.duration_s.map(|s| Instant::ZERO + Duration::from_secs_f64(s));
     for door in realtime.doors() {
         say(args, "serving", &format!("{} (robot {}, seed {})", door.name(), scenario.robot, scenario.seed));
     }

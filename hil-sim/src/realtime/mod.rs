@@ -92,6 +92,8 @@ pub struct Realtime<A> {
     wake_at: Option<Instant>,
     lag: Lag,
     turns: u64,
+    /// The world goes no further.
+    end: Instant,
     /// The clients share virtual time.
     lock_step: Option<lockstep::LockStep>,
 }
@@ -160,6 +162,7 @@ impl<A: Crew> Realtime<A> {
             wake_at: None,
             lag: Lag::default(),
             turns: 0,
+            end: Instant::FAR_FUTURE,
             lock_step: None,
         })
     }
@@ -169,6 +172,12 @@ impl<A: Crew> Realtime<A> {
     #[must_use]
     pub fn in_lock_step(self, clients_min: usize) -> Self {
         Self { lock_step: Some(lockstep::LockStep::new(clients_min)), ..self }
+    }
+
+    /// The same, of which the world stands from `end` on, however late the machine is.
+    #[must_use]
+    pub fn ending_at(self, end: Instant) -> Self {
+        Self { end, ..self }
     }
 
     /// The world, for reports and faults.
@@ -230,7 +239,7 @@ impl<A: Crew> Realtime<A> {
     /// A node broke its contract, or a joined bus is gone. Clients that leave are no error.
     pub fn turn(&mut self, until: Instant, observer: &mut impl Observer) -> Result<(), RealtimeError> {
         if let Some(mut step) = self.lock_step.take() {
-            let result = self.take_turns(&mut step, until, observer);
+            let result = self.take_turns(&mut step, until.min(self.end), observer);
             self.lock_step = Some(step);
             return result;
         }
@@ -257,7 +266,7 @@ impl<A: Crew> Realtime<A> {
 
     /// Runs the world up to the present and returns that.
     fn catch_up(&mut self, observer: &mut impl Observer) -> Result<Instant, RunError> {
-        let now = self.clock.now().max(self.world.now());
+        let now = self.clock.now().max(self.world.now()).min(self.end);
         self.world.run_until(now, &mut (&mut self.seen, &mut *observer))?;
         Ok(now)
     }

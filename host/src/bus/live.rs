@@ -78,6 +78,7 @@ impl LiveBus {
     pub(super) fn finish_controller(&mut self) -> Option<SoftReport> {
         let soft = self.soft.as_mut()?;
         if self.clock.is_manual() {
+            soft.ask_to_end();
             // Time would wait for this side while this side waits for the thread.
             self.link = Box::new(Closed(self.spec.to_string()));
         }

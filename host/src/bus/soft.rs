@@ -293,10 +293,15 @@ impl SoftController {
         self.off.store(true, Ordering::Relaxed);
     }
 
-    /// Ends the thread and tells how it did; `None` at the second call.
-    pub(super) fn finish(&mut self) -> Option<SoftReport> {
+    /// The thread ends when it looks next.
+    pub(super) fn ask_to_end(&self) {
         self.off.store(true, Ordering::Relaxed);
         self.stop.store(true, Ordering::Relaxed);
+    }
+
+    /// Ends the thread and tells how it did; `None` at the second call.
+    pub(super) fn finish(&mut self) -> Option<SoftReport> {
+        self.ask_to_end();
         self.thread.take()?.join().ok()
     }
 }

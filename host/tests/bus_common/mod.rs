@@ -1,7 +1,6 @@
-//! A cell behind a socketcand port of this process, in real time, and the program that is tested.
+//! A simulated cell behind a port of this process, in virtual time that its clients share, and the program that is tested.
 //!
-//! Other processes and other machines on the same computer hold a test up now and then. What happens on the wire is then
-//! not what the test is about: [`in_real_time`] measures that, and asks again.
+//! Programs and cell are in lock step: a busy machine makes a test slower and changes nothing else.
 #![allow(dead_code, reason = "each test file uses its own part")]
 
 use std::process::{Command, Output};
@@ -9,32 +8,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 
-use can_link::{Clock, Link, Relay, ServerEvent, ServerOptions, wait};
+use can_link::BusSpec;
 use hil_sim::bus::BusConfig;
-use hil_sim::crew::{Crew, Solo};
-use hil_sim::{Cell, CellOptions, World};
-use protocol::{Duration, Frame, Instant, Node};
+use hil_sim::crew::Crew;
+use hil_sim::realtime::{Door, Realtime, shared_time};
+use hil_sim::{Cell, CellOptions};
+use protocol::Instant;
 use robot_model::AnyRobot;
-
-/// Stands for all clients on the simulated bus.
-#[derive(Default)]
-struct Gateway {
-    out: std::collections::VecDeque<Frame>,
-    received: Vec<Frame>,
-}
-
-impl Node for Gateway {
-    fn handle_frame(&mut self, _: Instant, frame: &Frame) {
-        self.received.push(*frame);
-    }
-    fn handle_timeout(&mut self, _: Instant) {}
-    fn poll_frame(&mut self) -> Option<Frame> {
-        self.out.pop_front()
-    }
-    fn poll_timeout(&self) -> Option<Instant> {
-        None
-    }
-}
 
 /// A served cell; ends when dropped.
 pub(crate) struct Served {
@@ -44,32 +24,20 @@ pub(crate) struct Served {
 }
 
 impl Served {
-    /// Serves what `make` builds; it is built in the serving thread.
+    /// Serves what `make` builds; it is built in the serving thread. Time passes while at least one client takes part.
     pub(crate) fn new<C: Crew + 'static>(make: impl FnOnce() -> C + Send + 'static) -> Self {
-        let clock = Clock::start();
-        let options = ServerOptions { relay: Relay::ByOwner, ..ServerOptions::default() };
-        let mut server =
-            can_link::socketcand::Server::listen("127.0.0.1", 0, "can0", clock, options).unwrap();
-        let spec = format!("socketcand://{}/can0", server.local_addr());
+        let spec: BusSpec = "lockstep://127.0.0.1:0/can0".parse().unwrap();
+        let (clock, clients_min) = shared_time(std::slice::from_ref(&spec)).unwrap();
+        let door = Door::open(&spec, clock).unwrap();
+        let spec = door.name().to_owned();
         let stop = Arc::new(AtomicBool::new(false));
         let flag = Arc::clone(&stop);
         let thread = std::thread::spawn(move || {
-            let crew = (make(), Solo::new("clients", Gateway::default()));
-            let mut world = World::new(crew, BusConfig::default(), 1, Vec::new()).unwrap();
+            let world =
+                Realtime::new(make(), BusConfig::default(), 1, Vec::new(), vec![door], clock).unwrap();
+            let mut world = world.in_lock_step(clients_min.unwrap());
             while !flag.load(Ordering::Relaxed) {
-                while let Some(event) = server.next_event() {
-                    if let ServerEvent::Frame { frame, .. } = event {
-                        world.with_crew(|crew, _| crew.1.node.out.push_back(frame)).unwrap();
-                    }
-                }
-                let now = clock.now().max(world.now());
-                world.run_until(now, &mut ()).unwrap();
-                let frames = world.with_crew(|crew, _| std::mem::take(&mut crew.1.node.received)).unwrap();
-                for frame in frames {
-                    server.broadcast(now, &frame, None);
-                }
-                let nap = clock.now() + Duration::from_millis(1);
-                wait(&[&server as &dyn Link], &clock, Some(nap)).unwrap();
+                world.turn(Instant::FAR_FUTURE, &mut ()).unwrap();
             }
         });
         Self { spec, stop, thread: Some(thread) }
@@ -105,41 +73,6 @@ pub(crate) fn err(output: &Output) -> String {
 
 pub(crate) fn code(output: &Output) -> i32 {
     output.status.code().unwrap()
-}
-
-/// From here on a failure is one of the program's, ms: clients wait longer for answers.
-const HELD_UP_MS: u128 = 20;
-/// Waits before the next try, s.
-const PAUSES_S: [u64; 5] = [1, 3, 9, 27, 27];
-
-/// Runs a check that needs real time. If it fails while the machine was held up, that proves nothing: it is tried again
-/// after a pause, five times. A failure on a machine that kept time is one at once.
-pub(crate) fn in_real_time(check: impl Fn() + std::panic::RefUnwindSafe) {
-    for pause_s in PAUSES_S {
-        let done = Arc::new(AtomicBool::new(false));
-        let watch = std::thread::spawn({
-            let done = Arc::clone(&done);
-            move || {
-                let mut longest_ms = 0;
-                while !done.load(Ordering::Relaxed) {
-                    let from = std::time::Instant::now();
-                    std::thread::sleep(std::time::Duration::from_millis(1));
-                    longest_ms = longest_ms.max(from.elapsed().as_millis());
-                }
-                longest_ms
-            }
-        });
-        let outcome = std::panic::catch_unwind(&check);
-        done.store(true, Ordering::Relaxed);
-        let longest_ms = watch.join().unwrap();
-        match outcome {
-            Ok(()) => return,
-            Err(panic) if longest_ms < HELD_UP_MS => std::panic::resume_unwind(panic),
-            Err(_) => println!("this machine was held up for {longest_ms} ms: again in {pause_s} s"),
-        }
-        std::thread::sleep(std::time::Duration::from_secs(pause_s));
-    }
-    check();
 }
 
 /// A fresh folder that is removed when dropped.

@@ -130,6 +130,7 @@ fn covariance_2(points: &[Vector2<f64>]) -> Matrix2<f64> {
 #[ignore = "minutes: run by its CI stage"]
 fn the_spread_over_perturbed_arms_is_the_predicted_one() {
     let seeds = count("SEEDS", 200);
+    assert!(seeds >= 200, "the ratio of fewer than 200 arms is too uncertain for a bound of 25 %");
     let rig = Rig::perturbed();
     for target in [TARGETS_M[0], TARGETS_M[3]] {
         let plan = rig.plan(target).unwrap_or_else(|| panic!("{target:?} is in reach"));
@@ -175,9 +176,8 @@ fn the_spread_over_perturbed_arms_is_the_predicted_one() {
             1e3 * rms(&predicted),
             1e3 * worst
         );
-        // 25 % is asked of 200 arms; the ratio of fewer is less certain.
-        let tolerance = 0.25 * (200.0 / seeds as f64).sqrt().max(1.0);
-        assert!((ratio - 1.0).abs() < tolerance, "{target:?}: {ratio}");
+        // 200 points leave the ratio uncertain by 5 %, the 100 of the calibration add up to 7 %: three of their sum.
+        assert!((ratio - 1.0).abs() < 0.25, "{target:?}: {ratio}");
         assert!(stopped * 20 <= seeds, "{target:?}: {stopped} of {seeds} refused");
     }
 }

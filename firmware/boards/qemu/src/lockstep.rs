@@ -9,33 +9,33 @@ use protocol::{ExtendedId, Frame, Id, Instant, Node as _, StandardId};
 
 use crate::{CORE_MHZ, Node, stack};
 
-const RECORD: usize = 24;
+pub(crate) const RECORD: usize = 24;
 /// Records per read and write: the buffers are on the stack that is measured.
 const RECORDS: usize = 8;
-const DEADLINE: u32 = 1 << 29;
+pub(crate) const DEADLINE: u32 = 1 << 29;
 
 /// Emulated time of an instruction with `-icount shift=3`, ns.
 const INSTRUCTION_NS: u32 = 8;
 
 /// File of the host.
-struct File(usize);
+pub(crate) struct File(usize);
 
 impl File {
     /// `name` ends with a zero byte. Mode as in the semihosting specification: 1 reads, 5 writes bytes.
-    fn open(name: &[u8], mode: usize) -> Option<Self> {
+    pub(crate) fn open(name: &[u8], mode: usize) -> Option<Self> {
         // SAFETY: the block is the one OPEN wants: name, mode, length without the zero.
         let handle = unsafe { syscall!(OPEN, name.as_ptr(), mode, name.len() - 1) };
         (handle as isize >= 0).then_some(Self(handle))
     }
 
     /// Bytes read.
-    fn read(&self, buffer: &mut [u8]) -> usize {
+    pub(crate) fn read(&self, buffer: &mut [u8]) -> usize {
         // SAFETY: READ fills at most the length given, and returns how much it did not.
         let left = unsafe { syscall!(READ, self.0, buffer.as_mut_ptr(), buffer.len()) };
         buffer.len().saturating_sub(left)
     }
 
-    fn write(&self, buffer: &[u8]) -> bool {
+    pub(crate) fn write(&self, buffer: &[u8]) -> bool {
         // SAFETY: WRITE reads the length given, and returns how much it did not take.
         unsafe { syscall!(WRITE, self.0, buffer.as_ptr(), buffer.len()) == 0 }
     }
@@ -45,6 +45,12 @@ impl File {
 pub struct Script {
     script: File,
     frames: File,
+}
+
+/// Instructions that take so many SysTick periods.
+pub(crate) const fn instructions(ticks: u32) -> u32 {
+    const { assert!(1_000 / INSTRUCTION_NS == 125) };
+    ticks.saturating_mul(125) / CORE_MHZ
 }
 
 /// Costs of one kind of call, in SysTick periods.
@@ -63,8 +69,6 @@ impl Cost {
     }
 
     fn print(&self, name: &[u8]) {
-        let instructions = |ticks: u32| ticks.saturating_mul(125) / CORE_MHZ;
-        const { assert!(1_000 / INSTRUCTION_NS == 125) };
         print(name);
         print_number(self.calls);
         print(b" calls, instructions mean ");
@@ -141,7 +145,7 @@ impl Script {
     }
 }
 
-fn parse(record: &[u8; RECORD]) -> Option<(Instant, Option<Frame>)> {
+pub(crate) fn parse(record: &[u8; RECORD]) -> Option<(Instant, Option<Frame>)> {
     let (at, rest) = record.split_first_chunk::<8>()?;
     let (id, rest) = rest.split_first_chunk::<4>()?;
     let (dlc, data) = (*rest.first()?, rest.get(4..)?);
@@ -158,7 +162,7 @@ fn parse(record: &[u8; RECORD]) -> Option<(Instant, Option<Frame>)> {
     Some((now, Some(frame)))
 }
 
-fn emit(now: Instant, frame: &Frame) -> [u8; RECORD] {
+pub(crate) fn emit(now: Instant, frame: &Frame) -> [u8; RECORD] {
     let id = match frame.id() {
         Id::Standard(id) => u32::from(id.get()),
         Id::Extended(id) => id.get() | 1 << 31,

@@ -1,12 +1,16 @@
 //! The controller on an emulated Cortex-M4F. Wiring only: time, frames, storage.
 //!
 //! * **Live**: SLCAN on the first UART, a timer for time, as a board at the end of a serial line.
+//! * **Coupled**, with the feature `script` and if that folder holds the pipes `cell.in` and `cell.out`: a node of a
+//!   simulated cell in virtual time.
 //! * **Lockstep**, with the feature `script` and if the folder QEMU was started in holds `script.bin` (see
 //!   `firmware/examples/record_throw.rs`): plays the calls of the script, writes the frames sent to `frames.bin`, prints
 //!   instructions per call and the deepest stack, and ends.
 #![no_std]
 #![no_main]
 
+#[cfg(feature = "script")]
+mod coupled;
 mod live;
 #[cfg(feature = "script")]
 mod lockstep;
@@ -49,6 +53,11 @@ fn main() -> ! {
     let identity = Identity { unique_id: *b"emulated-board\0\0", hardware: (0, 1) };
     // On the stack of a function that does not return, in two steps: made where it stays, and never moved.
     let mut node = Node::asleep(Instant::ZERO, STORAGE, SPLINE, identity);
+    #[cfg(feature = "script")]
+    if let Some(pipes) = coupled::Pipes::open() {
+        node.wake(&Settings::POWERCUBE6);
+        exit(pipes.serve(&mut node, peripherals.SYST))
+    }
     #[cfg(feature = "script")]
     if let Some(script) = lockstep::Script::open() {
         node.wake(&Settings::POWERCUBE6);
