@@ -157,9 +157,10 @@ fn faults(rng: &mut Rng, end_us: u64, modules: &[ModuleId]) -> Vec<Fault> {
 }
 
 /// Kinds that [`fault`] knows, by number.
-const FAULT_KINDS: u64 = 20;
+pub const FAULT_KINDS: u64 = 20;
 
-fn fault(rng: &mut Rng, index: u64, kind: u64, end_us: u64, modules: &[ModuleId]) -> Fault {
+/// A fault of a kind somewhere before `end_us`; `index` makes its label.
+pub fn fault(rng: &mut Rng, index: u64, kind: u64, end_us: u64, modules: &[ModuleId]) -> Fault {
     let module = if modules.is_empty() { ModuleId::MIN } else { pick(rng, modules) };
     let place = Place::Module(module);
     let by = micros(rng, 1, 20_000);

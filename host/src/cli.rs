@@ -49,6 +49,8 @@ pub enum Verb {
     Controller(cmd::controller::Args),
     /// Serve the simulated cell to other programs, in real time.
     Sim(cmd::sim::Args),
+    /// Throw in random simulated cells with faults, and judge each throw from the plant.
+    Swarm(cmd::swarm::Args),
     /// Write what passes on the bus to a candump and an MCAP file.
     Record(cmd::record::Args),
     /// Run the controller on a recording: it must send the recorded frames, bit for bit.
@@ -127,6 +129,7 @@ pub fn run(cli: Cli) -> Result<(), ExpectedError> {
         Verb::Run(args) => cmd::run::run(&args),
         Verb::Controller(args) => cmd::controller::run(&args),
         Verb::Sim(args) => cmd::sim::run(&args),
+        Verb::Swarm(args) => cmd::swarm::run(&args),
         Verb::Record(args) => cmd::record::run(&args),
         Verb::Replay(args) => cmd::replay::run(&args),
         Verb::Report(args) => cmd::report::run(&args),

@@ -1,9 +1,12 @@
-//! Faults as the text of a scenario file, so that a run that was found can be repeated.
+//! Scenarios as text, so that a run that was found can be repeated from a file.
+//!
+//! Written are faults, actions, and the options of the cell that a swarm varies. Other options must be the default.
 
 use std::fmt::Write as _;
 
-use protocol::{Duration, Frame, Id};
+use protocol::{Duration, Id, Instant};
 
+use super::{Action, Scenario};
 use crate::fault::{Fault, FaultKind, PhysicalFault, Target, WireFault, WrongPart};
 
 /// Seconds that read back as the same microseconds.
@@ -21,11 +24,6 @@ fn id(id: Id) -> String {
     if id.is_extended() { format!("{:08X}", id.raw()) } else { format!("{:03X}", id.raw()) }
 }
 
-/// A frame as candump writes it.
-pub fn frame(frame: &Frame) -> String {
-    frame.to_string()
-}
-
 fn target(target: Target) -> String {
     match target {
         Target::Bus => "bus".to_owned(),
@@ -41,7 +39,7 @@ pub fn fault_lines(fault: &Fault) -> Vec<String> {
         format!("kind = \"{}\"", fault.kind_name()),
         format!("target = \"{}\"", target(fault.target)),
         format!("label = {}", quoted(&fault.label)),
-        format!("start_s = {}", seconds(fault.start.saturating_since(protocol::Instant::ZERO))),
+        format!("start_s = {}", seconds(fault.start.saturating_since(Instant::ZERO))),
     ];
     let mut key = |name: &str, value: String| lines.push(format!("{name} = {value}"));
     if let Some(length) = fault.length {
@@ -72,8 +70,8 @@ pub fn fault_lines(fault: &Fault) -> Vec<String> {
             key("on_mean_s", seconds(*on_mean));
             key("off_mean_s", seconds(*off_mean));
         }
-        FaultKind::Wire(WireFault::Babble { frame: sent, period }) => {
-            key("frame", format!("\"{}\"", frame(sent)));
+        FaultKind::Wire(WireFault::Babble { frame, period }) => {
+            key("frame", format!("\"{frame}\""));
             key("period_s", real(period.as_secs_f64()));
         }
         FaultKind::Physical(_, PhysicalFault::Slow(by) | PhysicalFault::LateRelease(by)) => {
@@ -88,11 +86,90 @@ pub fn fault_lines(fault: &Fault) -> Vec<String> {
     lines
 }
 
-/// A `[[fault]]` table.
-pub fn fault_table(fault: &Fault) -> String {
-    let mut text = "[[fault]]\n".to_owned();
-    for line in fault_lines(fault) {
-        let _ = writeln!(text, "{line}");
+fn action_lines(action: &Action) -> Vec<String> {
+    let frames: Vec<String> = action.frames.iter().map(|frame| format!("\"{frame}\"")).collect();
+    let mut lines = vec![
+        format!("at_s = {}", seconds(action.at.saturating_since(Instant::ZERO))),
+        format!("send = [{}]", frames.join(", ")),
+    ];
+    lines.extend(action.every.map(|every| format!("every_s = {}", seconds(every))));
+    lines.extend(action.count.map(|count| format!("count = {count}")));
+    lines
+}
+
+/// Options of the cell that differ from the default, by table.
+fn tables(scenario: &Scenario) -> Vec<(&'static str, Vec<String>)> {
+    let (cell, default) = (&scenario.cell, Scenario::default().cell);
+    let mut own = Vec::new();
+    if let Some(q) = &cell.start_q_rad {
+        let list: Vec<String> = q.iter().map(|q| real(*q)).collect();
+        own.push(format!("start_q_rad = [{}]", list.join(", ")));
+    }
+    let flag = |lines: &mut Vec<String>, key: &str, value: bool, default: bool| {
+        if value != default {
+            lines.push(format!("{key} = {value}"));
+        }
+    };
+    let span = |lines: &mut Vec<String>, key: &str, value: Duration, default: Duration| {
+        if value != default {
+            lines.push(format!("{key} = {}", seconds(value)));
+        }
+    };
+    let number = |lines: &mut Vec<String>, key: &str, value: f64, default: f64| {
+        if value != default {
+            lines.push(format!("{key} = {}", real(value)));
+        }
+    };
+    flag(&mut own, "cold_start", cell.cold_start, default.cold_start);
+    flag(&mut own, "logic_on_motor_supply", cell.logic_on_motor_supply, default.logic_on_motor_supply);
+    let (mut drive, d) = (Vec::new(), &default.drive);
+    flag(&mut drive, "starts_homed", cell.drive.starts_homed, d.starts_homed);
+    span(&mut drive, "processing_delay_s", cell.drive.processing_delay, d.processing_delay);
+    span(&mut drive, "processing_jitter_s", cell.drive.processing_jitter, d.processing_jitter);
+    span(&mut drive, "watchdog_timeout_s", cell.drive.watchdog_timeout, d.watchdog_timeout);
+    let (mut gripper, d) = (Vec::new(), &default.gripper);
+    span(&mut gripper, "delay_s", cell.gripper.delay, d.delay);
+    span(&mut gripper, "jitter_s", cell.gripper.jitter, d.jitter);
+    let (mut scatter, d) = (Vec::new(), &default.scatter);
+    let s = &cell.scatter;
+    number(&mut scatter, "mass_share", s.mass_share, d.mass_share);
+    number(&mut scatter, "com_m", s.com_m, d.com_m);
+    number(&mut scatter, "friction_share", s.friction_share, d.friction_share);
+    number(&mut scatter, "rotor_share", s.rotor_share, d.rotor_share);
+    number(&mut scatter, "current_share", s.current_share, d.current_share);
+    number(&mut scatter, "delay_share", s.delay_share, d.delay_share);
+    number(&mut scatter, "home_deg", s.home_rad.to_degrees(), d.home_rad.to_degrees());
+    span(&mut scatter, "gripper_delay_s", s.gripper_delay, d.gripper_delay);
+    vec![("cell", own), ("drive", drive), ("gripper", gripper), ("scatter", scatter)]
+}
+
+/// A whole scenario file; `comments` come first, one line each.
+pub fn scenario(scenario: &Scenario, comments: &[String]) -> String {
+    let mut text = String::new();
+    for comment in comments {
+        let _ = writeln!(text, "# {}", comment.replace(['\n', '\r'], " "));
+    }
+    let _ = writeln!(text, "schema_version = {}", super::SCHEMA_VERSION);
+    let _ = writeln!(text, "name = {}", quoted(&scenario.name));
+    let _ = writeln!(text, "robot = {}", quoted(&scenario.robot));
+    let _ = writeln!(text, "seed = {}", scenario.seed);
+    let _ = writeln!(text, "duration_s = {}", seconds(scenario.duration));
+    let mut table = |header: &str, lines: &[String]| {
+        let _ = writeln!(text, "\n{header}");
+        for line in lines {
+            let _ = writeln!(text, "{line}");
+        }
+    };
+    for (name, lines) in tables(scenario) {
+        if !lines.is_empty() {
+            table(&format!("[{name}]"), &lines);
+        }
+    }
+    for action in &scenario.actions {
+        table("[[action]]", &action_lines(action));
+    }
+    for fault in &scenario.faults {
+        table("[[fault]]", &fault_lines(fault));
     }
     text
 }
@@ -114,7 +191,6 @@ fn quoted(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario::Scenario;
     use crate::swarm;
     use protocol::ModuleId;
 

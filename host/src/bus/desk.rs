@@ -154,6 +154,12 @@ impl Desk {
         self.link.as_mut().map(|link| &mut link.listener)
     }
 
+    /// Time without a word of the controller, not counting what was before `since`; zero if it was never heard.
+    pub fn silence(&self, since: Instant) -> Duration {
+        let heard = self.link.as_ref().and_then(|link| link.listener.group);
+        heard.map_or(Duration::ZERO, |(at, ..)| self.now.saturating_since(at.max(since)))
+    }
+
     /// What was heard of each module.
     pub const fn heard(&self) -> &BTreeMap<ModuleId, Heard> {
         &self.heard

@@ -189,6 +189,12 @@ pub enum OperatorError {
         /// Joint, from 1; 0 = the group.
         joint: u8,
     },
+    /// The controller fell silent.
+    #[error(
+        "the controller has not been heard for {} s; it may be without power, or the bus may be broken\n  next: `cubectl doctor`, \
+         then start the controller again", PRESENCE.as_secs_f64()
+    )]
+    Lost,
     /// A state did not come.
     #[error("the controller is still {state:?} after {limit}\n  next: `cubectl monitor`")]
     NoProgress {
@@ -457,8 +463,9 @@ impl Session {
         self.order(node, "to run", command::RUN, name)?;
         let ordered_at = self.now();
         let until = ordered_at + limit;
-        let (mut last, mut seen_running) = (None, false);
+        let (mut last, mut seen_running, mut lost) = (None, false, false);
         let ended = self.run(until, &mut |desk| {
+            lost = desk.silence(ordered_at) > PRESENCE;
             let Some((at, _, state)) = desk.inbox().and_then(|inbox| inbox.group) else { return false };
             if last != Some(state.sequence) {
                 last = Some(state.sequence);
@@ -467,11 +474,14 @@ impl Session {
             seen_running |= state.state == State::Running;
             // States come ten times a second: a run that was stopped within the first of them was never seen to run.
             let ended_early = at > ordered_at && matches!(state.state, State::Fault | State::Stopped);
-            ended_early || (seen_running && !matches!(state.state, State::Running | State::Stopping))
+            lost || ended_early || (seen_running && !matches!(state.state, State::Running | State::Stopping))
         })?;
         if ended == Ended::Interrupted {
             self.stop_after_interrupt(node)?;
             return Err(OperatorError::Interrupted);
+        }
+        if lost {
+            return Err(OperatorError::Lost);
         }
         let state = self.group().unwrap_or_default();
         match (ended, state.state) {
@@ -506,16 +516,18 @@ impl Session {
     /// Waits until the controller tells a state that `wanted` takes. A fault or a stop on the way is an error.
     ///
     /// # Errors
-    /// [`OperatorError::Stopped`], [`OperatorError::NoProgress`] and the others.
+    /// [`OperatorError::Stopped`], [`OperatorError::NoProgress`], [`OperatorError::Lost`] and the others.
     pub fn wait_for(&mut self, limit: Duration, wanted: &dyn Fn(State) -> bool) -> Result<(), OperatorError> {
-        let until = self.now() + limit;
-        let ended = self.run(until, &mut |desk| {
+        let (begun, mut lost) = (self.now(), false);
+        let ended = self.run(begun + limit, &mut |desk| {
+            lost = desk.silence(begun) > PRESENCE;
             let state = desk.inbox().and_then(|inbox| inbox.group).map(|(_, _, group)| group.state);
-            state.is_some_and(|state| wanted(state) || matches!(state, State::Fault | State::Stopped))
+            lost || state.is_some_and(|state| wanted(state) || matches!(state, State::Fault | State::Stopped))
         })?;
         let group = self.group().unwrap_or_default();
         match ended {
             Ended::Interrupted => Err(OperatorError::Interrupted),
+            Ended::Done if lost => Err(OperatorError::Lost),
             Ended::Done if wanted(group.state) => Ok(()),
             Ended::Done => Err(stopped(&group)),
             Ended::TimedOut => Err(OperatorError::NoProgress { state: group.state, limit }),

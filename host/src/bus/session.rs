@@ -333,6 +333,14 @@ impl Session {
         self.pass(HALT_TIME)
     }
 
+    /// Halts everything if this session may have left something moving, as its end does.
+    ///
+    /// # Errors
+    /// As [`Session::run`].
+    pub fn halt_if_moving(&mut self) -> Result<(), BusFailure> {
+        if self.moves { self.halt(Reason::SHUTDOWN) } else { Ok(()) }
+    }
+
     /// Ends the session: recordings are complete on the disk when this returns.
     ///
     /// # Errors
@@ -386,9 +394,7 @@ impl Session {
 impl Drop for Session {
     /// Whoever leaves without [`Session::release_motion`], be it by a panic, leaves a standing arm.
     fn drop(&mut self) {
-        if self.moves {
-            let _ = self.halt(Reason::SHUTDOWN);
-        }
+        let _ = self.halt_if_moving();
         for tap in &mut self.taps {
             let _ = tap.finish();
         }

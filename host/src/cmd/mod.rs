@@ -22,6 +22,7 @@ pub mod scan;
 pub mod sim;
 pub mod status;
 pub mod stop;
+pub mod swarm;
 pub mod throw;
 pub mod tune;
 pub mod upload;

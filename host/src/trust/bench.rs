@@ -5,6 +5,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use firmware::settings::Settings;
 use hil_sim::scenario::Scenario;
 use nalgebra::Vector3;
+use protocol::cyphal::id::NodeId;
 use protocol::{Duration, Instant};
 use robot_model::AnyRobot;
 use robot_model::collision::Scene;
@@ -79,6 +80,12 @@ impl Bench {
         })
     }
 
+    /// Node number of the controller.
+    #[must_use]
+    pub fn controller(&self) -> NodeId {
+        NodeId::from_low_bits(self.settings.node_id as u8)
+    }
+
     /// A cell whose arm stands homed beside the start of the plan.
     #[must_use]
     pub fn scenario(&self, seed: u64) -> Scenario {
@@ -149,10 +156,10 @@ impl Bench {
             Err(JobError::Operator(OperatorError::Bus(failure))) => Some(failure.to_string()),
             _ => None,
         };
-        if broken.is_none()
-            && let Err(failure) = session.pass(AFTER)
-        {
-            broken = Some(failure.to_string());
+        if broken.is_none() {
+            // A program ends its session here; the cell goes on.
+            let after = session.halt_if_moving().and_then(|()| session.pass(AFTER));
+            broken = after.err().map(|failure| failure.to_string());
         }
         let end = session.now();
         let mut steps = record.steps.clone();
@@ -176,7 +183,7 @@ fn record_trace(session: &mut Session) -> Result<(), BusFailure> {
 
 /// As the program tells it: exit code and text.
 fn told(job: &Job<'_>, ended: Result<(), JobError>, record: &Record) -> Told {
-    let verdict = outcome::judge(job, record, ended.as_ref().map(|()| ()));
+    let verdict = outcome::judge(job, record, ended.as_ref().copied());
     match (verdict.outcome, ended) {
         (Outcome::Landed, _) => Told::Landed,
         (Outcome::Missed, _) => Told::Missed,

@@ -13,13 +13,18 @@
 //! | [`judge`] | the rules, with their bounds |
 //! | [`phases`] | instants of a nominal run, from its own events |
 //! | [`matrix`] | every kind of fault, in every phase, at every joint |
+//! | [`swarm`] | random combinations of faults, arms and strangers |
+//! | [`mod@shrink`] | the smallest scenario that still breaks a rule |
 
 pub mod bench;
 pub mod evidence;
 pub mod judge;
 pub mod matrix;
 pub mod phases;
+pub mod shrink;
+pub mod swarm;
 
 pub use bench::Bench;
 pub use evidence::{Evidence, Seen, Told};
 pub use judge::{Finding, Rule, Verdict};
+pub use swarm::Swarm;

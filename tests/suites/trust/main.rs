@@ -1,5 +1,6 @@
 //! Every kind of fault in every phase of a throw, judged from the plant.
 //!
-//! The whole matrix: `cargo test --release -p cell-tests --test trust -- --ignored --nocapture`.
+//! The whole matrix: `cargo test --release -p cell-tests --test trust -- --ignored --nocapture`. In the environment,
+//! `KIND=encoder` and `PHASE=brake` choose a part of it, `STEP=10` every tenth run.
 
 mod matrix;
