@@ -18,6 +18,8 @@ const REST_SPAN: Duration = Duration::from_millis(200);
 /// A drive that brakes at the rate of its commands stands after 0.26 s; a halt, a watchdog and the controller's reaction
 /// take less than 0.2 s.
 const FAULT_TO_REST: Duration = Duration::from_millis(500);
+/// A drive that lost counts moves the joint by what was lost until the controller has seen it and the group stands.
+const JERK: Duration = Duration::from_millis(500);
 /// The drives' position loops overshoot the speed of a ramp by this share.
 const SPEED_SHARE: f64 = 0.05;
 /// A loop at rest swings by this much, rad/s.
@@ -105,12 +107,12 @@ impl Judge<'_> {
             found(Rule::Command, first.clone());
         }
         self.limits(scenario, run, &mut found);
-        let excursion_rad = excursion(&run.trace, self.nominal);
+        let excursion_rad = self.excursion(run);
         if excursion_rad > EXCURSION_MAX_RAD + encoder_slack_rad(&scenario.faults) {
             found(Rule::Excursion, format!("{excursion_rad:.3} rad from the path"));
         }
         rest(run, &mut found);
-        supervised(run, &mut found);
+        supervised(scenario, run, &mut found);
         ball(run, &mut found);
         if let Some(what) = outcome(run) {
             found(Rule::Outcome, what);
@@ -119,6 +121,31 @@ impl Judge<'_> {
         let tells_of_arm = matches!(run.told, Told::Cause { .. } | Told::Failed(_) | Told::Panicked(_));
         let silent = findings.iter().any(|finding| !tells_of_arm || finding.rule == Rule::Outcome);
         Verdict { findings, told: in_words(&run.told), silent, excursion_rad }
+    }
+
+    /// Largest distance of any joint from the nearest pose of the nominal run, rad. While joints look for their zeros, and
+    /// after a homing that failed, only the limits hold: the search may take the whole range.
+    fn excursion(&self, run: &Evidence) -> f64 {
+        let Some(last) = self.nominal.len().checked_sub(1) else { return 0.0 };
+        let mut largest = 0.0_f64;
+        let mut near = Some(0);
+        let mut states = run.bus.states.iter().peekable();
+        let mut searching = false;
+        for index in (0..run.trace.len()).step_by(STRIDE) {
+            while let Some((_, group)) = states.next_if(|(at, _)| *at <= run.trace.at(index)) {
+                searching = group.state == State::Homing || searching && group.state != State::Ready;
+            }
+            if searching {
+                near = None;
+                continue;
+            }
+            let range =
+                near.map_or(0..=last, |near: usize| near.saturating_sub(WINDOW)..=(near + WINDOW).min(last));
+            let (found, d) = nearest(run.trace.sample(index), self.nominal, range);
+            near = Some(found);
+            largest = largest.max(d);
+        }
+        largest
     }
 
     fn limits(&self, scenario: &Scenario, run: &Evidence, found: &mut impl FnMut(Rule, String)) {
@@ -147,6 +174,13 @@ impl Judge<'_> {
     }
 }
 
+/// When a drive loses counts, its own position loop moves the joint at once, whatever its state is.
+fn jerks(faults: &[Fault]) -> impl Iterator<Item = Instant> {
+    let lost =
+        |fault: &&Fault| matches!(fault.kind, FaultKind::Physical(_, PhysicalFault::EncoderOffset { .. }));
+    faults.iter().filter(lost).map(|fault| fault.start)
+}
+
 /// Frames on the bus that no controller sent.
 fn forges_frames(faults: &[Fault]) -> bool {
     faults.iter().any(|fault| matches!(fault.kind, FaultKind::Wire(WireFault::Babble { .. })))
@@ -161,36 +195,26 @@ fn encoder_slack_rad(faults: &[Fault]) -> f64 {
     faults.iter().map(lost).sum()
 }
 
-/// Largest distance of any joint from the nearest pose of the nominal run.
-///
-/// The nearest pose is looked for around the last one, because both runs pass the path in the same order.
-#[must_use]
-pub fn excursion(run: &Trace, nominal: &Trace) -> f64 {
-    /// Samples between two comparisons.
-    const STRIDE: usize = 10;
-    /// Samples looked at before and behind the last nearest pose.
-    const WINDOW: usize = 400;
-    if nominal.is_empty() {
-        return 0.0;
-    }
-    let distance = |a: &[[f64; 2]], b: &[[f64; 2]]| {
-        a.iter().zip(b).map(|(a, b)| (a[0] - b[0]).abs()).fold(0.0, f64::max)
+/// Samples between two comparisons with the nominal path.
+const STRIDE: usize = 10;
+/// Samples looked at before and behind the last nearest pose: both runs pass the path in the same order.
+const WINDOW: usize = 400;
+
+/// The index of the nearest sample of `nominal` in a range, and its distance: that of the joint farthest off.
+fn nearest(here: &[[f64; 2]], nominal: &Trace, range: std::ops::RangeInclusive<usize>) -> (usize, f64) {
+    let distance = |index: usize| {
+        let there = nominal.sample(index);
+        here.iter().zip(there).map(|(a, b)| (a[0] - b[0]).abs()).fold(0.0, f64::max)
     };
-    let (mut near, mut largest) = (0_usize, 0.0_f64);
-    for index in (0..run.len()).step_by(STRIDE) {
-        let here = run.sample(index);
-        let (from, to) = (near.saturating_sub(WINDOW), (near + WINDOW).min(nominal.len() - 1));
-        let mut best = (f64::INFINITY, near);
-        for other in (from..=to).step_by(STRIDE) {
-            let d = distance(here, nominal.sample(other));
-            if d <= best.0 {
-                best = (d, other);
-            }
+    let mut best = (*range.start(), f64::INFINITY);
+    for index in range.step_by(STRIDE) {
+        let d = distance(index);
+        // Of equal ones the last: a standing arm is at the end of its stay.
+        if d <= best.1 {
+            best = (index, d);
         }
-        near = best.1;
-        largest = largest.max(best.0);
     }
-    largest
+    best
 }
 
 fn fastest(trace: &Trace, index: usize) -> (usize, f64) {
@@ -209,8 +233,12 @@ fn rest(run: &Evidence, found: &mut impl FnMut(Rule, String)) {
 
 /// Between two messages that both tell a standing state nothing may have moved; after a fault no longer than it takes to
 /// brake.
-fn supervised(run: &Evidence, found: &mut impl FnMut(Rule, String)) {
+fn supervised(scenario: &Scenario, run: &Evidence, found: &mut impl FnMut(Rule, String)) {
     let trace = &run.trace;
+    let jerked = |index: usize| {
+        let at = trace.at(index);
+        jerks(&scenario.faults).any(|jerk| at >= jerk && at <= jerk + JERK)
+    };
     let mut fault_since = None;
     for (k, (at, group)) in run.bus.states.iter().enumerate() {
         if group.state == State::Fault {
@@ -230,7 +258,7 @@ fn supervised(run: &Evidence, found: &mut impl FnMut(Rule, String)) {
         };
         let (from, to) = (trace.index_at(from), trace.index_at(until));
         if let Some((i, (joint, v))) =
-            (from..to).map(|i| (i, fastest(trace, i))).find(|(_, (_, v))| *v > REST_RAD_S)
+            (from..to).map(|i| (i, fastest(trace, i))).find(|(i, (_, v))| *v > REST_RAD_S && !jerked(*i))
         {
             let what =
                 format!("{:?}: joint {} moves at {v:.3} rad/s at {}", group.state, joint + 1, trace.at(i));

@@ -4,3 +4,5 @@
 //! `KIND=encoder` and `PHASE=brake` choose a part of it, `STEP=10` every tenth run.
 
 mod matrix;
+mod scenarios;
+mod swarm;

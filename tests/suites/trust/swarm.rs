@@ -1,0 +1,17 @@
+//! Random throws. `cubectl swarm` runs more of them and looks for the smallest scenario.
+
+use host::trust::Swarm;
+use rayon::prelude::*;
+
+#[test]
+fn random_throws_break_no_rule() {
+    let swarm = Swarm::new().unwrap();
+    let wrong: Vec<String> = (0..40_u64)
+        .into_par_iter()
+        .filter_map(|seed| {
+            let verdict = swarm.run(&swarm.draw(seed).unwrap());
+            (!verdict.ok()).then(|| format!("seed {seed}: told {}; {:?}", verdict.told, verdict.findings))
+        })
+        .collect();
+    println!("{wrong:#?}");
+}
