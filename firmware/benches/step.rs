@@ -14,6 +14,7 @@ use std::time::Instant as Clock;
 
 use bench::Options;
 use firmware::ControllerNode;
+use firmware::authority::Seed;
 use firmware::state::StateKind;
 use firmware::store::RamStorage;
 use host::{Call, Host};
@@ -30,7 +31,13 @@ enum Kind {
 }
 
 fn node() -> ControllerNode<RamStorage> {
-    ControllerNode::new(Instant::ZERO, RamStorage::new(), &Options::default().settings, Default::default())
+    ControllerNode::new(
+        Instant::ZERO,
+        RamStorage::new(),
+        &Options::default().settings,
+        Default::default(),
+        Seed::FORESEEABLE,
+    )
 }
 
 /// Time of each call, ns, and of which kind it is.

@@ -168,6 +168,14 @@ causes! {
     712 GripperBusy Refuse "the gripper cannot be operated during a run", "the release is part of the plan";
     713 CycleTooShort Refuse "the drives' answers of a cycle do not fit into the control period; the index is the period that would do, in us", "tune and plan for that period, or set the drives to answer faster";
     714 StillMoving Refuse "a joint still moves", "wait until the arm stands";
+    715 OtherHost Refuse "another node holds the session: it asked for an offer to arm, armed the group, or moves it", "wait until it has ended, or disarm (any node may), then begin again";
+    716 GainsUncertified Refuse "the gains have no certificate", "tune for this robot and period, then write the gains with their certificate";
+    717 GainsOtherRobot Refuse "the gains were designed for another robot than the one of the plan", "tune for the robot of the plan, or plan for the robot of the gains";
+    718 LimitCeiling Refuse "the limit is wider than that of the robot the controller was started for", "stay within it, or unlock the limits by naming the robot's checksum";
+    719 WrongRobot Refuse "the unlock names another robot than the one whose limits are in force", "read register limits.robot_crc32";
+    720 CodeMissing Refuse "the controller has a key, and the order came without an authentication code", "name the key file";
+    721 CodeWrong Refuse "the authentication code does not fit the key, the challenge, the node or the order, or came too late", "look at the key file; send the order again";
+    722 NoKey Refuse "an authentication code was given, but the controller has no key", "set a key, or leave the key file out";
 }
 
 impl Cause {

@@ -145,53 +145,6 @@ impl ErrorEstimator {
     }
 }
 
-/// Gains that change without a bump: for a while the input is a mix of old and new law.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct BlendedGains {
-    from: Gains,
-    to: Gains,
-    left: u16,
-    of: u16,
-}
-
-impl BlendedGains {
-    /// The given gains at once.
-    pub const fn fixed(gains: Gains) -> Self {
-        Self { from: gains, to: gains, left: 0, of: 0 }
-    }
-
-    /// Goes over to `gains` within `cycles` steps, from wherever a previous change has got to.
-    pub fn change(&mut self, gains: Gains, cycles: u16) {
-        self.from = self.current();
-        self.to = gains;
-        (self.left, self.of) = (cycles, cycles);
-    }
-
-    /// The gains that are in force in the end.
-    pub const fn target(&self) -> Gains {
-        self.to
-    }
-
-    /// The mix in force.
-    pub fn current(&self) -> Gains {
-        if self.left == 0 {
-            return self.to;
-        }
-        let old = f32::from(self.left) / f32::from(self.of.max(1));
-        let mix = |from: f32, to: f32| to + old * (from - to);
-        Gains {
-            k_error_1_s2: mix(self.from.k_error_1_s2, self.to.k_error_1_s2),
-            k_rate_1_s: mix(self.from.k_rate_1_s, self.to.k_rate_1_s),
-            k_last: mix(self.from.k_last, self.to.k_last),
-        }
-    }
-
-    /// One cycle passes.
-    pub const fn advance(&mut self) {
-        self.left = self.left.saturating_sub(1);
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -211,24 +164,6 @@ mod tests {
     fn lost_number_leaves_the_reference_alone_and_is_reported() {
         let action = clip_to_remaining(f32::NAN, 3.0, 10.0);
         assert_eq!((action.qdd_rad_s2, action.saturated), (3.0, true));
-    }
-
-    #[test]
-    fn gain_change_has_no_bump() {
-        let old = Gains { k_error_1_s2: -400.0, k_rate_1_s: -40.0, k_last: -0.6 };
-        let new = Gains { k_error_1_s2: -900.0, k_rate_1_s: -50.0, k_last: -0.1 };
-        let x = ErrorState { e_rad: 0.01, de_rad_s: -0.05, u_last_rad_s2: 0.3 };
-        let mut blend = BlendedGains::fixed(old);
-        blend.change(new, 50);
-        let whole = (new.apply(&x) - old.apply(&x)).abs();
-        let mut last = old.apply(&x);
-        for _ in 0..50 {
-            blend.advance();
-            let u = blend.current().apply(&x);
-            assert!((u - last).abs() <= 1.01 * whole / 50.0);
-            last = u;
-        }
-        assert_eq!(blend.current(), new);
     }
 
     proptest! {

@@ -41,6 +41,7 @@
     )
 )]
 
+pub mod authority;
 pub mod controller;
 pub mod crc;
 pub mod drives;

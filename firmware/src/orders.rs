@@ -4,11 +4,14 @@
 
 use protocol::{Duration, JointIndex};
 
+use crate::authority::{Code, Nonce};
 use crate::state::StateKind;
 use crate::store::FileName;
 
 /// Longest time an offer or an arming may hold.
 pub const ARMING_VALID_MAX: Duration = Duration::from_secs(30);
+/// Longest time that limits may be unlocked.
+pub const UNLOCK_VALID_MAX: Duration = Duration::from_secs(3_600);
 /// Longest time a jog goes on without repetition.
 pub const JOG_HOLD_MAX: Duration = Duration::from_millis(500);
 
@@ -63,6 +66,22 @@ pub enum Order {
     },
     /// Writes the settings into permanent storage.
     SaveSettings,
+    /// Asks for a challenge, to make an authentication code with.
+    Challenge,
+    /// Gives the authentication code of the next order of this node.
+    Authorize {
+        /// Of the challenge.
+        nonce: Nonce,
+        /// The code.
+        code: Code,
+    },
+    /// Lets this node set limits beyond those of the robot.
+    Unlock {
+        /// The robot whose limits are to be exceeded.
+        robot_crc32: u32,
+        /// For how long, at most [`UNLOCK_VALID_MAX`]; zero puts the limits of the robot back at once.
+        valid: Duration,
+    },
 }
 
 /// What an order had to say.
@@ -77,6 +96,8 @@ pub enum Done {
         /// Time left.
         valid: Duration,
     },
+    /// A challenge; it holds for [`CHALLENGE_VALID`](crate::authority::CHALLENGE_VALID).
+    Challenge(Nonce),
 }
 
 /// An order without its values.
@@ -104,11 +125,17 @@ pub enum OrderKind {
     Gripper,
     /// [`Order::SaveSettings`].
     SaveSettings,
+    /// [`Order::Challenge`].
+    Challenge,
+    /// [`Order::Authorize`].
+    Authorize,
+    /// [`Order::Unlock`].
+    Unlock,
 }
 
 impl OrderKind {
     /// All of them.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 14] = [
         Self::ArmPrepare,
         Self::ArmConfirm,
         Self::Disarm,
@@ -120,6 +147,9 @@ impl OrderKind {
         Self::Commit,
         Self::Gripper,
         Self::SaveSettings,
+        Self::Challenge,
+        Self::Authorize,
+        Self::Unlock,
     ];
 
     /// States in which the order is looked at; in all others it is refused.
@@ -140,6 +170,35 @@ impl OrderKind {
             Self::Commit => &[Idle, Ready, Stopped, Fault],
             Self::Gripper => &[Idle, Ready, Stopped, Armed, Jogging, Homing],
             Self::SaveSettings => &[Idle, Ready, Stopped, Fault],
+            // Computing a code takes longer than a control step may: never during a motion.
+            Self::Challenge | Self::Authorize => &[Idle, Ready, Armed, Stopped, Fault],
+            Self::Unlock => &[Idle, Ready, Stopped, Fault],
+        }
+    }
+
+    /// True if any node may give the order at any time it is legal, whoever holds the session: it moves nothing, or ends
+    /// what moves.
+    pub const fn is_free(self) -> bool {
+        matches!(self, Self::Stop | Self::Disarm | Self::Challenge | Self::Authorize)
+    }
+
+    /// True if a controller with a key wants a code for it.
+    pub const fn needs_code(self) -> bool {
+        match self {
+            Self::ArmConfirm
+            | Self::Run
+            | Self::Home
+            | Self::Jog
+            | Self::Commit
+            | Self::Gripper
+            | Self::SaveSettings
+            | Self::Unlock => true,
+            Self::ArmPrepare
+            | Self::Disarm
+            | Self::Stop
+            | Self::ClearFault
+            | Self::Challenge
+            | Self::Authorize => false,
         }
     }
 
@@ -164,6 +223,9 @@ impl Order {
             Self::Commit(_) => OrderKind::Commit,
             Self::Gripper { .. } => OrderKind::Gripper,
             Self::SaveSettings => OrderKind::SaveSettings,
+            Self::Challenge => OrderKind::Challenge,
+            Self::Authorize { .. } => OrderKind::Authorize,
+            Self::Unlock { .. } => OrderKind::Unlock,
         }
     }
 }
@@ -190,6 +252,13 @@ mod tests {
                 assert!(!order.is_legal_in(state), "{order:?} in {state:?}");
             }
         }
+    }
+
+    #[test]
+    fn whatever_can_start_a_motion_or_change_one_needs_a_code() {
+        let free: Vec<OrderKind> = OrderKind::ALL.into_iter().filter(|kind| !kind.needs_code()).collect();
+        use OrderKind::{ArmPrepare, Authorize, Challenge, ClearFault, Disarm, Stop};
+        assert_eq!(free, [ArmPrepare, Disarm, Stop, ClearFault, Challenge, Authorize]);
     }
 
     #[test]

@@ -34,10 +34,18 @@ pub enum Number {
 /// When a register may be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Writable {
-    /// Also during a motion: takes effect without a bump.
+    /// Never: it tells what the controller was started with.
+    Never,
+    /// Also during a motion: it does not shape motion.
     Always,
     /// Only while nothing moves and nothing is armed.
     AtRest,
+    /// As [`Self::AtRest`]; a change voids the certificate of the gains.
+    Gain,
+    /// As [`Self::AtRest`]; more than the controller was started with only while the limits are unlocked.
+    Limit,
+    /// As [`Self::Limit`], but less is wider.
+    LowerLimit,
     /// Makes the controller look for its drives anew; writable while nothing moves.
     NextStart,
     /// Takes effect when the controller is switched on the next time, if it was saved.
@@ -75,11 +83,30 @@ impl RegisterInfo {
         if self.per_joint { settings.joints as usize } else { 1 }
     }
 
-    /// True if the number may stand here.
+    /// True if the number may stand here. Subnormal numbers mean nothing in any unit, and cost time in arithmetic.
     fn allows(&self, number: Number) -> bool {
         let x = number.magnitude();
         // Written so that NaN fails.
-        number.kind() == self.kind && x >= self.min && x <= self.max
+        number.kind() == self.kind && x >= self.min && x <= self.max && !x.is_subnormal()
+    }
+
+    /// True for a limit of motion or of its supervision.
+    pub const fn is_limit(&self) -> bool {
+        matches!(self.writable, Writable::Limit | Writable::LowerLimit)
+    }
+
+    /// True if motion depends on it.
+    pub const fn shapes_motion(&self) -> bool {
+        !matches!(self.writable, Writable::Never | Writable::Always)
+    }
+
+    /// True if a limit is wider than another one.
+    fn is_wider(&self, number: Number, ceiling: Number) -> bool {
+        match self.writable {
+            Writable::Limit => number.magnitude() > ceiling.magnitude(),
+            Writable::LowerLimit => number.magnitude() < ceiling.magnitude(),
+            _ => false,
+        }
     }
 }
 
@@ -220,11 +247,12 @@ registers! {
         "watchdog.prove" watchdog_prove: bool, 0.0, 1.0, NextStart, "let the watchdogs expire once at start-up";
         "watchdog.refresh_us" watchdog_refresh_us: u32, 2_000.0, 100_000.0, AtRest, "time between signs of life to the drives";
         "watchdog.timeout_us" watchdog_timeout_us: u32, 10_000.0, 1_000_000.0, AtRest, "time after which the drives' watchdogs expire";
-        "gains.period_us" gains_period_us: u32, 1_000.0, 40_000.0, Always, "period the gains were designed for";
-        "gains.certificate_crc32" gains_certificate_crc32: u32, 0.0, 4_294_967_295.0, Always, "checksum of the certificate of the gains, 0 for none";
-        "gains.blend_us" gains_blend_us: u32, 0.0, 2_000_000.0, AtRest, "time over which new gains take over";
-        "estimator.alpha" estimator_alpha: f32, 0.05, 1.0, AtRest, "weight of a measurement on the error, 1 takes it as it is";
-        "estimator.beta" estimator_beta: f32, 0.01, 1.0, AtRest, "weight of a measurement on the rate of the error, 1 is the plain difference";
+        "gains.period_us" gains_period_us: u32, 1_000.0, 40_000.0, Gain, "period the gains were designed for";
+        "gains.robot_crc32" gains_robot_crc32: u32, 0.0, 4_294_967_295.0, Gain, "checksum of the robot file the gains were designed for";
+        "gains.certificate_crc32" gains_certificate_crc32: u32, 0.0, 4_294_967_295.0, AtRest, "checksum of the certificate of the gains, 0 for none; write it after the gains";
+        "limits.robot_crc32" limits_robot_crc32: u32, 0.0, 4_294_967_295.0, Never, "checksum of the robot file whose limits the controller was started with";
+        "estimator.alpha" estimator_alpha: f32, 0.05, 1.0, Gain, "weight of a measurement on the error, 1 takes it as it is";
+        "estimator.beta" estimator_beta: f32, 0.01, 1.0, Gain, "weight of a measurement on the rate of the error, 1 is the plain difference";
         "stop.share" stop_share: f32, 0.1, 1.0, AtRest, "share of the acceleration that a stop along the path may use";
         "stop.path_max_us" stop_path_max_us: u32, 50_000.0, 5_000_000.0, AtRest, "a stop along the path that takes longer becomes a quick stop";
         "gripper.address" gripper_address: u32, 0.0, 31.0, AtRest, "module whose output drives the gripper, 0 for the board's own output";
@@ -242,20 +270,20 @@ registers! {
         "joint.address" address: u32, 1.0, 31.0, NextStart, "address of the drive";
         "joint.inverted" inverted: bool, 0.0, 1.0, NextStart, "joint turns against the drive";
         "joint.offset_rad" offset_rad: f32, -6.3, 6.3, NextStart, "position of the joint where the drive reads zero";
-        "joint.q_min_rad" q_min_rad: f32, -9.5, 9.5, AtRest, "lower soft limit";
-        "joint.q_max_rad" q_max_rad: f32, -9.5, 9.5, AtRest, "upper soft limit";
-        "joint.v_max_rad_s" v_max_rad_s: f32, 0.01, 10.0, AtRest, "highest speed, commanded and measured";
-        "joint.a_max_rad_s2" a_max_rad_s2: f32, 0.1, 50.0, AtRest, "highest commanded acceleration";
-        "joint.error_max_rad" error_max_rad: f32, 0.001, 1.0, AtRest, "largest following error";
-        "joint.start_tolerance_rad" start_tolerance_rad: f32, 0.001, 0.5, AtRest, "largest distance from the start of a plan at which it may start";
-        "joint.current_max_a" current_max_a: f32, 0.1, 60.0, AtRest, "largest current";
-        "joint.jog_v_rad_s" jog_v_rad_s: f32, 0.005, 0.5, AtRest, "speed of jogging";
-        "joint.jog_a_rad_s2" jog_a_rad_s2: f32, 0.05, 5.0, AtRest, "acceleration of jogging";
-        "joint.slow_current_a" slow_current_a: f32, 0.1, 60.0, AtRest, "current limit of the drive while homing and jogging";
+        "joint.q_min_rad" q_min_rad: f32, -9.5, 9.5, LowerLimit, "lower soft limit";
+        "joint.q_max_rad" q_max_rad: f32, -9.5, 9.5, Limit, "upper soft limit";
+        "joint.v_max_rad_s" v_max_rad_s: f32, 0.01, 10.0, Limit, "highest speed, commanded and measured";
+        "joint.a_max_rad_s2" a_max_rad_s2: f32, 0.1, 50.0, Limit, "highest commanded acceleration";
+        "joint.error_max_rad" error_max_rad: f32, 0.001, 1.0, Limit, "largest following error";
+        "joint.start_tolerance_rad" start_tolerance_rad: f32, 0.001, 0.5, Limit, "largest distance from the start of a plan at which it may start";
+        "joint.current_max_a" current_max_a: f32, 0.1, 60.0, Limit, "largest current";
+        "joint.jog_v_rad_s" jog_v_rad_s: f32, 0.005, 0.5, Limit, "speed of jogging";
+        "joint.jog_a_rad_s2" jog_a_rad_s2: f32, 0.05, 5.0, Limit, "acceleration of jogging";
+        "joint.slow_current_a" slow_current_a: f32, 0.1, 60.0, Limit, "current limit of the drive while homing and jogging";
         "joint.home_v_rad_s" home_v_rad_s: f32, -0.5, 0.5, AtRest, "speed of homing with its direction, of the drive";
-        "joint.k_error_1_s2" k_error_1_s2: f32, -20_000.0, 0.0, Always, "feedback on the position error";
-        "joint.k_rate_1_s" k_rate_1_s: f32, -1_000.0, 0.0, Always, "feedback on the rate of the error";
-        "joint.k_last" k_last: f32, -2.5, 2.5, Always, "feedback on the input that acts meanwhile";
+        "joint.k_error_1_s2" k_error_1_s2: f32, -20_000.0, 0.0, Gain, "feedback on the position error";
+        "joint.k_rate_1_s" k_rate_1_s: f32, -1_000.0, 0.0, Gain, "feedback on the rate of the error";
+        "joint.k_last" k_last: f32, -2.5, 2.5, Gain, "feedback on the input that acts meanwhile";
     }
 }
 
@@ -296,6 +324,71 @@ pub fn write(settings: &mut Settings, index: usize, numbers: &[Number]) -> Resul
         put(settings, info, before.as_slice());
     }
     outcome
+}
+
+/// True if every number of every register is in its range.
+///
+/// # Errors
+///
+/// [`Cause::SettingsInvalid`] with the joint of the first number that is not (none: of the group); index: the register.
+pub fn check_ranges(settings: &Settings) -> Result<(), Refusal> {
+    for (index, info) in TABLE.iter().enumerate() {
+        for joint in JointIndex::first(info.count(settings)) {
+            if !info.allows(get(settings, info.place, joint)) {
+                let joint = info.per_joint.then_some(joint);
+                return Err(Refusal::in_file(Cause::SettingsInvalid, joint, index));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// First joint with a limit that is wider than in `ceiling`; index: the register.
+///
+/// # Errors
+///
+/// [`Cause::LimitCeiling`].
+pub fn check_ceiling(settings: &Settings, ceiling: &Settings) -> Result<(), Refusal> {
+    for (index, info) in TABLE.iter().enumerate() {
+        for joint in JointIndex::first(info.count(settings)) {
+            if info.is_wider(get(settings, info.place, joint), get(ceiling, info.place, joint)) {
+                return Err(Refusal::in_file(Cause::LimitCeiling, Some(joint), index));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// True if no number of register `index` is wider than it was in `old`.
+pub fn is_narrower(settings: &Settings, old: &Settings, index: usize) -> bool {
+    TABLE.get(index).is_some_and(|info| {
+        JointIndex::first(info.count(settings))
+            .all(|joint| !info.is_wider(get(settings, info.place, joint), get(old, info.place, joint)))
+    })
+}
+
+/// Puts every limit that is wider than in `ceiling` back to it; true if there was one. Where the limits of a joint do not go
+/// together then, all limits are those of `ceiling`.
+pub fn narrow(settings: &mut Settings, ceiling: &Settings) -> bool {
+    let put_back = |settings: &mut Settings, all: bool| {
+        let mut any = false;
+        for info in TABLE.iter().filter(|info| info.is_limit()) {
+            for joint in JointIndex::first(info.count(settings)) {
+                let limit = get(ceiling, info.place, joint);
+                if all || info.is_wider(get(settings, info.place, joint), limit) {
+                    any = true;
+                    // Of the same register, so of its type.
+                    let _ = set(settings, info.place, joint, limit);
+                }
+            }
+        }
+        any
+    };
+    let any = put_back(settings, false);
+    if any && settings.check().is_err() {
+        put_back(settings, true);
+    }
+    any
 }
 
 /// Sets numbers of the register's type.
@@ -344,7 +437,7 @@ pub fn take_row(settings: &mut Settings, row: &[u8; ROW_LEN]) -> bool {
     }
     let Some(numbers) = numbers.get(..usize::from(count)) else { return false };
     let fits = !numbers.is_empty() && (info.per_joint || numbers.len() == 1);
-    let taken = fits && numbers.iter().all(|number| info.allows(*number));
+    let taken = fits && info.writable != Writable::Never && numbers.iter().all(|number| info.allows(*number));
     // Cross-checks come after the last row: limits may pass through a state out of order.
     if taken {
         put(settings, info, numbers);
@@ -425,6 +518,87 @@ mod tests {
         assert_eq!(settings, before);
     }
 
+    /// NaN, infinities, numbers far outside, and numbers too small to mean anything.
+    #[test]
+    fn no_register_takes_a_number_without_a_physical_meaning() {
+        let hostile = [
+            f32::NAN,
+            f32::INFINITY,
+            f32::NEG_INFINITY,
+            1e9,
+            -1e9,
+            f32::MAX,
+            f32::MIN,
+            1e-40,
+            -1e-40,
+            f32::from_bits(1),
+        ];
+        let mut settings = Settings::powercube6();
+        let before = settings;
+        for (index, info) in TABLE.iter().enumerate() {
+            let count = read(&settings, index).unwrap().as_slice().len();
+            for x in hostile.into_iter().filter(|_| info.kind == Kind::Real32) {
+                for at in 0..count {
+                    let mut numbers = read(&before, index).unwrap();
+                    numbers.numbers[at] = Number::Real32(x);
+                    let refused = write(&mut settings, index, numbers.as_slice()).unwrap_err();
+                    assert_eq!(
+                        (refused.cause, refused.index),
+                        (Cause::BadValue, at as u16),
+                        "{} {x}",
+                        info.name
+                    );
+                    // The same number in settings that do not come through the register.
+                    let mut loaded = before;
+                    put(&mut loaded, info, numbers.as_slice());
+                    assert_eq!(
+                        loaded.check().unwrap_err().cause,
+                        Cause::SettingsInvalid,
+                        "{} {x}",
+                        info.name
+                    );
+                }
+            }
+            // A checksum holds any number.
+            let open = info.name.ends_with("_crc32") || info.kind != Kind::Natural32;
+            for x in [u32::MAX, 1_000_000_000].into_iter().filter(|_| !open) {
+                let numbers = vec![Number::Natural32(x); count];
+                assert!(write(&mut settings, index, &numbers).is_err(), "{} {x}", info.name);
+            }
+            assert_eq!(settings, before, "{}", info.name);
+        }
+    }
+
+    #[test]
+    fn limits_beyond_the_ceiling_are_found_and_put_back_to_it() {
+        let ceiling = Settings::powercube6();
+        let joint = JointIndex::new(2).unwrap();
+        for info in TABLE.iter().filter(|info| info.is_limit()) {
+            let Number::Real32(limit) = get(&ceiling, info.place, joint) else { panic!("{}", info.name) };
+            let wide = if info.writable == Writable::Limit { limit + 0.01 } else { limit - 0.01 };
+            let narrow_one = if info.writable == Writable::Limit { limit - 0.001 } else { limit + 0.001 };
+            let mut settings = ceiling;
+            set(&mut settings, info.place, joint, Number::Real32(wide)).unwrap();
+            let found = check_ceiling(&settings, &ceiling).unwrap_err();
+            assert_eq!((found.cause, found.joint), (Cause::LimitCeiling, Some(joint)), "{}", info.name);
+            assert!(narrow(&mut settings, &ceiling));
+            assert_eq!(settings, ceiling, "{}", info.name);
+            set(&mut settings, info.place, joint, Number::Real32(narrow_one)).unwrap();
+            assert_eq!(check_ceiling(&settings, &ceiling), Ok(()), "{}", info.name);
+            assert!(!narrow(&mut settings, &ceiling), "{}", info.name);
+        }
+    }
+
+    #[test]
+    fn a_range_wholly_outside_the_ceiling_is_replaced_by_the_ceiling() {
+        let ceiling = Settings::powercube6();
+        let mut settings = ceiling;
+        let joint = JointIndex::new(4).unwrap();
+        (settings.joint.at_mut(joint).q_min_rad, settings.joint.at_mut(joint).q_max_rad) = (2.5, 3.0);
+        assert!(narrow(&mut settings, &ceiling));
+        assert_eq!(settings, ceiling);
+    }
+
     #[test]
     fn stored_rows_restore_every_setting() {
         let mut changed = Settings::powercube6();
@@ -432,8 +606,9 @@ mod tests {
         changed.watchdog_prove = false;
         changed.joint.at_mut(JointIndex::new(3).unwrap()).k_error_1_s2 = -123.5;
         let mut restored = Settings::powercube6();
-        for index in 0..TABLE.len() {
-            assert!(take_row(&mut restored, &to_row(&changed, index).unwrap()));
+        for (index, info) in TABLE.iter().enumerate() {
+            let taken = take_row(&mut restored, &to_row(&changed, index).unwrap());
+            assert_eq!(taken, info.writable != Writable::Never, "{}", info.name);
         }
         assert_eq!(restored, changed);
     }

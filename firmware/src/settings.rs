@@ -7,6 +7,7 @@ use crate::fault::{Cause, Refusal};
 use crate::feedback::{Gains, Weights};
 use crate::joints::PerJoint;
 use crate::ramp::RampLimits;
+use crate::registers;
 
 /// Settings of one joint. Positions are of the joint: q_joint = ±q_drive + offset.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -121,10 +122,12 @@ pub struct Settings {
     pub watchdog_timeout_us: u32,
     /// Period the gains were designed for, µs.
     pub gains_period_us: u32,
-    /// CRC-32 of the certificate of the gains; 0: none.
+    /// CRC-32 of the robot file the gains were designed for.
+    pub gains_robot_crc32: u32,
+    /// CRC-32 of the certificate of the gains; 0: none, and nothing can be armed.
     pub gains_certificate_crc32: u32,
-    /// Time over which new gains take over, µs.
-    pub gains_blend_us: u32,
+    /// CRC-32 of the robot file whose limits these are: the widest that may be set without an unlock.
+    pub limits_robot_crc32: u32,
     /// Weight of a measurement on the error.
     pub estimator_alpha: f32,
     /// Weight of a measurement on the rate of the error.
@@ -156,6 +159,9 @@ pub struct Settings {
     /// Per joint.
     pub joint: PerJoint<JointSettings>,
 }
+
+/// Checksum of the robot file `powercube6`, as `host` computes it.
+const POWERCUBE6_CRC32: u32 = 0x5FBA_17F9;
 
 impl Settings {
     /// [`Self::powercube6`] as a constant: made by the compiler, not by code on a board.
@@ -229,8 +235,9 @@ impl Settings {
             watchdog_refresh_us: 20_000,
             watchdog_timeout_us: 50_000,
             gains_period_us: 3_000,
+            gains_robot_crc32: POWERCUBE6_CRC32,
             gains_certificate_crc32: 0xB97A_74E3,
-            gains_blend_us: 200_000,
+            limits_robot_crc32: POWERCUBE6_CRC32,
             estimator_alpha: 0.6,
             estimator_beta: 0.2,
             stop_share: 0.9,
@@ -249,28 +256,37 @@ impl Settings {
         }
     }
 
-    /// The same arm as the paper ran it: 17 ms, every number of the error used as it is measured.
+    /// The same arm at the paper's period of 17 ms, every number of the error used as it is measured.
     ///
-    /// The paper does not print its gains; these are a design by its theorem 1 with `Q ≥ I` for the
-    /// period, with the delay as a state (`robot-models` 1.10).
+    /// The paper does not print its gains. These are the certified saturated design for the period,
+    /// `host/gains/powercube6-17ms.toml`.
     pub const fn powercube6_paper() -> Self {
         let mut settings = Self::powercube6();
         settings.cycle_period_us = 17_000;
         settings.gains_period_us = 17_000;
-        settings.gains_certificate_crc32 = 0;
+        settings.gains_certificate_crc32 = 0xDF51_8E7B;
         settings.reply_deadline_us = 6_000;
         settings.estimator_alpha = 1.0;
         settings.estimator_beta = 1.0;
         let PerJoint([a, b, c, d, e, f, g, h]) = &mut settings.joint;
         let joints = [a, b, c, d, e, f, g, h];
+        const PR: (f32, f32, f32) = (-356.477_94, -34.123_882, -0.653_256);
+        const GAINS: [(f32, f32, f32); 8] = [
+            PR,
+            PR,
+            PR,
+            PR,
+            (-536.191_96, -48.617_653, -0.924_132_4),
+            (-631.299_44, -53.821_36, -1.014_267_1),
+            PR,
+            PR,
+        ];
         let mut i = 0;
         while i < joints.len() {
             // Const evaluation: an index out of range would not compile.
             #[allow(clippy::indexing_slicing)]
-            let joint = &mut *joints[i];
-            joint.k_error_1_s2 = -417.0;
-            joint.k_rate_1_s = -38.8;
-            joint.k_last = -0.6;
+            let (joint, gains) = (&mut *joints[i], GAINS[i]);
+            (joint.k_error_1_s2, joint.k_rate_1_s, joint.k_last) = gains;
             i += 1;
         }
         settings
@@ -301,12 +317,13 @@ impl Settings {
         Weights { alpha: self.estimator_alpha, beta: self.estimator_beta }
     }
 
-    /// What must hold between values; each value's own range is the register's.
+    /// Each value is in the range of its register, and what must hold between values does.
     ///
     /// # Errors
     ///
-    /// The first joint whose limits are not in order or whose address is taken.
+    /// The first joint with a value out of range, whose limits are not in order or whose address is taken.
     pub fn check(&self) -> Result<(), Refusal> {
+        registers::check_ranges(self)?;
         for joint in self.joints() {
             let j = self.joint.at(joint);
             // Written so that NaN fails.
@@ -346,7 +363,8 @@ mod tests {
         let third = JointIndex::new(2).unwrap();
         let mut settings = Settings::powercube6();
         settings.joint.at_mut(third).q_min_rad = f32::NAN;
-        assert_eq!(settings.check(), Err(Refusal::at(Cause::SettingsInvalid, third)));
+        let refused = settings.check().unwrap_err();
+        assert_eq!((refused.cause, refused.joint), (Cause::SettingsInvalid, Some(third)));
         let mut settings = Settings::powercube6();
         settings.joint.at_mut(third).address = 1;
         assert_eq!(settings.check().unwrap_err().cause, Cause::DuplicateAddress);

@@ -47,6 +47,10 @@ pub struct GroupSample {
     pub host_alive: bool,
     /// Gripper output set to open.
     pub gripper_open: bool,
+    /// Limits may be, or are, wider than those of the robot.
+    pub limits_unlocked: bool,
+    /// Orders that can move the arm need a code.
+    pub keyed: bool,
     /// Control period.
     pub cycle: Duration,
     /// Largest lateness of a cycle since the last sample was taken.

@@ -2,6 +2,7 @@
 
 use protocol::{Instant, JointIndex};
 
+use crate::authority::Peer;
 use crate::fault::{Cause, Fault};
 use crate::orders::OrderKind;
 use crate::state::StateKind;
@@ -37,6 +38,16 @@ pub enum Event {
     Gripper(bool),
     /// The halt broadcast went out.
     Halt,
+    /// A node unlocked the limits.
+    Unlocked(Peer),
+    /// Limits beyond those of the robot were put back, or can no longer be set.
+    LimitsPutBack,
+    /// A limit was changed: the committed trajectory has to be committed again.
+    LimitsChanged,
+    /// A key was set (true) or removed.
+    Key(bool),
+    /// A register write was refused: its number.
+    RegisterRefused(u8, Cause),
 }
 
 /// The last [`TRACE_LEN`] events.

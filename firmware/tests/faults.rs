@@ -281,10 +281,26 @@ fn arming_needs_its_token_in_time_a_live_host_homed_joints_and_gains_for_the_per
     assert_eq!(refused(bench.order(Order::ArmConfirm { token, valid })), Cause::TokenWrong, "expired");
     let Ok(Done::Offer { token: second, .. }) = bench.order(prepare(name.crc64)) else { panic!() };
     assert_ne!(token, second);
-    let period = bench.instant();
-    bench.controller.write_register(period, "gains.period_us", &[Number::Natural32(17_000)]).unwrap();
-    assert_eq!(refused(bench.order(Order::ArmConfirm { token: second, valid })), Cause::GainPeriod);
-    bench.controller.write_register(period, "gains.period_us", &[Number::Natural32(3_000)]).unwrap();
+    // Gains change the certificate, and both void the offer.
+    let write = |bench: &mut Bench, name: &str, number| {
+        let now = bench.instant();
+        bench.controller.write_register(now, HOST, name, &[Number::Natural32(number)]).unwrap();
+    };
+    let offer = |bench: &mut Bench| match bench.order(prepare(name.crc64)) {
+        Ok(Done::Offer { token, .. }) => token,
+        other => panic!("{other:?}"),
+    };
+    let certificate = bench.controller.settings().gains_certificate_crc32;
+    write(&mut bench, "gains.period_us", 17_000);
+    assert_eq!(refused(bench.order(Order::ArmConfirm { token: second, valid })), Cause::TokenWrong);
+    let token = offer(&mut bench);
+    assert_eq!(refused(bench.order(Order::ArmConfirm { token, valid })), Cause::GainsUncertified);
+    write(&mut bench, "gains.certificate_crc32", certificate);
+    let token = offer(&mut bench);
+    assert_eq!(refused(bench.order(Order::ArmConfirm { token, valid })), Cause::GainPeriod);
+    write(&mut bench, "gains.period_us", 3_000);
+    write(&mut bench, "gains.certificate_crc32", certificate);
+    let second = offer(&mut bench);
     bench.order(Order::ArmConfirm { token: second, valid }).unwrap();
     bench.order(Order::ArmConfirm { token: second, valid }).unwrap();
     bench.run_for(1_100_000);
@@ -411,34 +427,12 @@ fn release_through_a_drives_output_is_on_the_bus_within_half_a_millisecond() {
 }
 
 #[test]
-fn gains_change_during_the_throw_without_a_bump() {
-    let mut plain = thrown(200_000);
-    let mut changed = thrown(200_000);
-    let now = changed.instant();
-    changed.controller.write_register(now, "joint.k_error_1_s2", &[Number::Real32(-500.0); 6]).unwrap();
-    let refused =
-        changed.controller.write_register(now, "gains.period_us", &[Number::Natural32(5_000)]).unwrap_err();
-    assert_eq!(refused.cause, Cause::GainPeriod);
-    let refused =
-        changed.controller.write_register(now, "joint.a_max_rad_s2", &[Number::Real32(5.0); 6]).unwrap_err();
-    assert_eq!(refused.cause, Cause::OrderNotNow);
-    for _ in 0..100 {
-        plain.run_for(1_000);
-        changed.run_for(1_000);
-        for (a, b) in plain.drives.iter().zip(&changed.drives) {
-            assert!((a.q - b.q).abs() < 5e-4);
-        }
-    }
-    assert!(matches!(changed.controller.state(), State::Running { .. }));
-}
-
-#[test]
 fn trajectory_cannot_be_changed_once_armed() {
     let mut bench = Bench::ready(Options::default(), &throw_start());
     let file = throw_file(3_000, false);
     let name = bench.upload(&file);
     bench.arm(name);
     let now = bench.instant();
-    assert_eq!(bench.controller.upload(now, 0, &file[..10]).unwrap_err().cause, Cause::BankBusy);
+    assert_eq!(bench.controller.upload(now, HOST, 0, &file[..10]).unwrap_err().cause, Cause::BankBusy);
     assert_eq!(bench.order(Order::Commit(name)).unwrap_err().cause, Cause::OrderNotNow);
 }

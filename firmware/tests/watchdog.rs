@@ -197,7 +197,7 @@ fn without_the_proof_a_halted_drive_is_reset_and_one_that_stays_halted_is_refuse
     assert_eq!(boot(&mut bench), None);
     assert_eq!(bench.kind(), StateKind::Ready);
     let mut bench = Bench::with(
-        Controller::new(RamStorage::new(), &settings),
+        Controller::new(RamStorage::new(), &settings, firmware::authority::Seed::FORESEEABLE),
         Options { settings, ..Options::default() },
     );
     bench.drives[0].stays_halted = true;

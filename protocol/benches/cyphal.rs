@@ -47,7 +47,7 @@ impl Application for Sink {
     fn status(&self) -> NodeStatus {
         NodeStatus::default()
     }
-    fn file_write(&mut self, _: Instant, _: &[u8], _: u64, data: &[u8]) -> Result<(), FileError> {
+    fn file_write(&mut self, _: Instant, _: NodeId, _: &[u8], _: u64, data: &[u8]) -> Result<(), FileError> {
         black_box(data);
         Ok(())
     }

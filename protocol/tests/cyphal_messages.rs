@@ -3,7 +3,8 @@
 use proptest::prelude::*;
 use protocol::cyphal::bits::{BufferTooSmall, Decode, DecodeError, Encode};
 use protocol::cyphal::cubecell::command::{
-    ArmConfirm, ArmOffer, ArmPrepare, ClearFault, Gripper, Home, Jog, Refusal, Trajectory,
+    ArmConfirm, ArmOffer, ArmPrepare, Authorization, Challenge, ClearFault, Gripper, Home, Jog, Refusal,
+    Trajectory, Unlock,
 };
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::cyphal::cubecell::joint_state::{JointFlags, JointSample, JointState};
@@ -34,7 +35,7 @@ fn reread<'a, T: Decode<'a> + Encode>(data: &'a [u8]) -> Result<Vec<u8>, DecodeE
 /// Reads and writes again the bytes of the named type.
 type Reread = fn(&[u8]) -> Result<Vec<u8>, DecodeError>;
 
-const TYPES: [(&str, Reread); 27] = [
+const TYPES: [(&str, Reread); 30] = [
     ("Heartbeat", |b| reread::<Heartbeat>(b)),
     ("GetInfo.Response", |b| reread::<NodeInfo>(b)),
     ("port.List", |b| reread::<PortList>(b)),
@@ -58,6 +59,9 @@ const TYPES: [(&str, Reread); 27] = [
     ("ArmConfirm", |b| reread::<ArmConfirm>(b)),
     ("Trajectory", |b| reread::<Trajectory>(b)),
     ("ClearFault", |b| reread::<ClearFault>(b)),
+    ("Challenge", |b| reread::<Challenge>(b)),
+    ("Authorization", |b| reread::<Authorization>(b)),
+    ("Unlock", |b| reread::<Unlock>(b)),
     ("Home", |b| reread::<Home>(b)),
     ("Jog", |b| reread::<Jog>(b)),
     ("Gripper", |b| reread::<Gripper>(b)),

@@ -34,11 +34,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             // Drives are halted; nothing moves by a reset. Their state words are read anew before the second step.
             self.send_reset(now);
         }
-        // Different for each offer, and not guessed from the last one by counting.
-        let mixed = (u64::from(self.last_token) << 32 ^ now.as_micros()).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-        let token = ((mixed >> 32) as u32).max(1);
-        let token = if token == self.last_token { token ^ 1 } else { token };
-        self.last_token = token;
+        let token = self.tokens.next_token();
         self.offer = Some(Offer { token, until: now + valid });
         Ok(Done::Offer { token, valid })
     }
@@ -105,6 +101,14 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         let committed = self.store.committed().ok_or(Refusal::of(Cause::NoTrajectory))?;
         // Settings may have changed since the commit.
         trajectory_format::check(&committed.header, self.spline.borrow(), &self.settings)?;
+        if self.settings.gains_certificate_crc32 == 0 {
+            return Err(Refusal::of(Cause::GainsUncertified));
+        }
+        // 0: a motion that names no robot.
+        let robot_crc32 = committed.header.robot_crc32;
+        if robot_crc32 != 0 && robot_crc32 != self.settings.gains_robot_crc32 {
+            return Err(Refusal::of(Cause::GainsOtherRobot));
+        }
         if self.settings.gains_period_us != self.settings.cycle_period_us {
             return Err(Refusal::of(Cause::GainPeriod));
         }

@@ -5,9 +5,10 @@ use core::borrow::BorrowMut;
 use protocol::{Duration, Instant};
 
 use super::Controller;
+use crate::authority::{Peer, Source, Verdict};
 use crate::fault::{Cause, Fault, Reaction, Refusal};
 use crate::orders::{Done, Order, OrderKind};
-use crate::registers::{self, Number, Numbers, Writable};
+use crate::registers::{self, Number, Numbers, RegisterInfo, Writable};
 use crate::spline::Spline;
 use crate::state::{State, StateKind};
 use crate::store::{self, Storage};
@@ -19,17 +20,18 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// # Errors
     ///
     /// Why it was refused; nothing has changed then.
-    pub fn order(&mut self, now: Instant, order: Order) -> Result<Done, Refusal> {
+    pub fn order<'a>(
+        &mut self,
+        now: Instant,
+        source: impl Into<Source<'a>>,
+        order: Order,
+    ) -> Result<Done, Refusal> {
         self.now = now;
         let kind = order.kind();
-        let outcome = if kind.is_legal_in(self.kind()) {
-            self.take_order(now, order)
-        } else {
-            Err(Refusal::of(Cause::OrderNotNow))
-        };
+        let outcome = self.admit(now, &source.into(), &order);
         match outcome {
-            // A jog comes many times a second.
-            Ok(_) if kind == OrderKind::Jog => {}
+            // A jog comes many times a second; challenges and codes belong to the order that follows.
+            Ok(_) if matches!(kind, OrderKind::Jog | OrderKind::Challenge | OrderKind::Authorize) => {}
             Ok(_) => self.note(now, Event::Order(kind)),
             Err(refusal) => self.note(now, Event::Refused(kind, refusal.cause)),
         }
@@ -37,7 +39,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         outcome
     }
 
-    fn take_order(&mut self, now: Instant, order: Order) -> Result<Done, Refusal> {
+    pub(super) fn take_order(&mut self, now: Instant, peer: Peer, order: Order) -> Result<Done, Refusal> {
         match order {
             Order::ArmPrepare { crc64, valid } => return self.order_prepare(now, crc64, valid),
             Order::ArmConfirm { token, valid } => return self.order_confirm(now, token, valid),
@@ -58,6 +60,9 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             }
             Order::Gripper { open } => self.set_gripper(now, open),
             Order::SaveSettings => store::save_settings(&mut self.storage, &self.settings)?,
+            Order::Challenge => return self.order_challenge(now, peer),
+            Order::Authorize { nonce, code } => self.order_authorize(now, peer, nonce, code)?,
+            Order::Unlock { robot_crc32, valid } => self.order_unlock(now, peer, robot_crc32, valid)?,
         }
         Ok(Done::Taken)
     }
@@ -89,19 +94,27 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         }
     }
 
-    /// Sign of life of the host that gives orders.
-    pub const fn host_heartbeat(&mut self, now: Instant) {
-        self.host_seen = Some(now);
+    /// Sign of life of a node. Only the host's keep a motion alive.
+    pub fn host_heartbeat(&mut self, now: Instant, peer: Peer) {
+        self.session.hear(now, peer);
     }
 
-    /// When the host's last sign of life came.
-    pub(crate) const fn host_heartbeat_at(&self) -> Option<Instant> {
-        self.host_seen
-    }
-
-    /// Puts back what [`Self::host_heartbeat_at`] said.
-    pub(crate) const fn set_host_heartbeat_at(&mut self, at: Option<Instant>) {
-        self.host_seen = at;
+    /// A node has started anew. If it is the host, its session ends: an offer and an arming are void, a motion stops.
+    pub fn host_restarted(&mut self, now: Instant, peer: Peer) {
+        self.now = now;
+        if self.session.host() != Some(peer) {
+            return;
+        }
+        self.session.forget_host();
+        self.offer = None;
+        match self.kind() {
+            StateKind::Armed => self.machine.transition_to_ready(now, &mut self.trace),
+            StateKind::Homing | StateKind::Jogging | StateKind::Running => {
+                self.fail(now, Fault::group(Cause::HostLost));
+            }
+            _ => {}
+        }
+        self.pump(now);
     }
 
     /// Name of what is in the upload bank so far.
@@ -124,56 +137,105 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// # Errors
     ///
     /// As [`Self::write_register_at`]; [`Cause::BadValue`] for an unknown name.
-    pub fn write_register(&mut self, now: Instant, name: &str, numbers: &[Number]) -> Result<(), Refusal> {
+    pub fn write_register<'a>(
+        &mut self,
+        now: Instant,
+        source: impl Into<Source<'a>>,
+        name: &str,
+        numbers: &[Number],
+    ) -> Result<(), Refusal> {
         let index = registers::find(name).ok_or(Refusal::of(Cause::BadValue))?;
-        self.write_register_at(now, index, numbers)
+        self.write_register_at(now, source, index, numbers)
     }
 
-    /// Writes a register: all numbers or none. Gains take over without a bump, also during a motion.
+    /// Writes a register: all numbers or none.
+    ///
+    /// Gains and limits change only while nothing moves and nothing is armed. A changed gain voids the certificate, a
+    /// changed limit the commit, and both an offer to arm.
     ///
     /// # Errors
     ///
-    /// As [`registers::write`]; [`Cause::OrderNotNow`] while the register must not change; [`Cause::GainPeriod`] for gains
-    /// of another period during a motion.
-    pub fn write_register_at(
+    /// As [`registers::write`]; [`Cause::OrderNotNow`] while the register must not change; [`Cause::OtherHost`] while
+    /// another node holds the session; [`Cause::LimitCeiling`] for a limit wider than the robot's; those of a code.
+    pub fn write_register_at<'a>(
         &mut self,
         now: Instant,
+        source: impl Into<Source<'a>>,
         index: usize,
         numbers: &[Number],
     ) -> Result<(), Refusal> {
         self.now = now;
+        let outcome = self.take_register(now, &source.into(), index, numbers);
+        if let Err(refusal) = outcome {
+            let index = u8::try_from(index).unwrap_or(u8::MAX);
+            self.note(now, Event::RegisterRefused(index, refusal.cause));
+        }
+        outcome
+    }
+
+    fn take_register(
+        &mut self,
+        now: Instant,
+        source: &Source<'_>,
+        index: usize,
+        numbers: &[Number],
+    ) -> Result<(), Refusal> {
         let unknown = Refusal::of(Cause::BadValue);
-        let writable = registers::TABLE.get(index).map(|info| info.writable).ok_or(unknown)?;
-        let at_rest = matches!(
-            self.kind(),
-            StateKind::Boot | StateKind::Idle | StateKind::Ready | StateKind::Stopped | StateKind::Fault
-        );
-        if writable != Writable::Always && !at_rest {
+        let info = registers::TABLE.get(index).ok_or(unknown)?;
+        if info.writable == Writable::Never {
             return Err(Refusal::of(Cause::OrderNotNow));
         }
-        let before = registers::read(&self.settings, index).ok_or(unknown)?;
-        registers::write(&mut self.settings, index, numbers)?;
-        let running = matches!(self.kind(), StateKind::Running | StateKind::Stopping);
-        if running && self.settings.gains_period_us != self.settings.cycle_period_us {
-            // What was there fits.
-            let _ = registers::write(&mut self.settings, index, before.as_slice());
-            return Err(Refusal::of(Cause::GainPeriod));
+        self.require_session(now, source.peer)?;
+        if info.shapes_motion() && !self.is_disengaged() {
+            return Err(Refusal::of(Cause::OrderNotNow));
         }
-        let blend = if running {
-            self.settings.gains_blend_us.checked_div(self.settings.cycle_period_us).unwrap_or(0)
-        } else {
-            0
-        };
-        for joint in self.joints() {
-            let gains = self.settings.joint.at(joint).gains();
-            let track = self.track.at_mut(joint);
-            if track.gains.target() != gains {
-                track.gains.change(gains, u16::try_from(blend).unwrap_or(u16::MAX));
+        if info.shapes_motion()
+            && let Verdict::Repeat(outcome) = self.keyring.judge(now, source.peer, source.content)?
+        {
+            return outcome.map(drop);
+        }
+        let outcome = self.change_register(now, source.peer, index, info, numbers);
+        if info.shapes_motion() {
+            self.keyring.close(now, source.peer, outcome.map(|()| Done::Taken));
+        }
+        outcome
+    }
+
+    fn change_register(
+        &mut self,
+        now: Instant,
+        peer: Peer,
+        index: usize,
+        info: &RegisterInfo,
+        numbers: &[Number],
+    ) -> Result<(), Refusal> {
+        let old = self.settings;
+        registers::write(&mut self.settings, index, numbers)?;
+        if self.settings == old {
+            return Ok(());
+        }
+        if info.is_limit() && !self.is_unlocked_by(now, peer) {
+            let within = registers::check_ceiling(&self.settings, &self.ceiling);
+            // Another limit may be wide already, unlocked by another node; this one may still be narrowed.
+            if within.is_err() && !registers::is_narrower(&self.settings, &old, index) {
+                self.settings = old;
+                return within;
             }
         }
-        if writable == Writable::NextStart && before.as_slice() != numbers {
+        match info.writable {
+            Writable::Gain => self.settings.gains_certificate_crc32 = 0,
+            Writable::Limit | Writable::LowerLimit => {
+                self.store.void_commit();
+                self.note(now, Event::LimitsChanged);
+            }
             // Drives and joints are assigned at start-up: look for them again with the new assignment.
-            self.start_boot(now, false);
+            Writable::NextStart => {
+                self.start_boot(now, false);
+            }
+            _ => {}
+        }
+        if info.shapes_motion() {
+            self.offer = None;
         }
         Ok(())
     }
@@ -182,10 +244,13 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     ///
     /// # Errors
     ///
-    /// As [`store::TrajectoryStore::write`]; [`Cause::BankBusy`] while armed or moving.
-    pub fn upload(&mut self, now: Instant, offset: usize, data: &[u8]) -> Result<(), Refusal> {
+    /// As [`store::TrajectoryStore::write`]; [`Cause::BankBusy`] while armed, moving, or offered to another node.
+    pub fn upload(&mut self, now: Instant, peer: Peer, offset: usize, data: &[u8]) -> Result<(), Refusal> {
         self.now = now;
-        if self.kind().may_move() || self.kind() == StateKind::Armed {
+        if self.kind().may_move()
+            || self.kind() == StateKind::Armed
+            || self.require_session(now, peer).is_err()
+        {
             return Err(Refusal::of(Cause::BankBusy));
         }
         self.offer = None;

@@ -11,8 +11,8 @@
 //! # Files
 //!
 //! `drive_io` sends and matches; `boot`, `homing`, `jogging`, `running`, `stopping` are the states that do
-//! something; `standing` says whether the joints stand and watches that they do; `arming` and `host`
-//! take orders; `report` makes samples.
+//! something; `standing` says whether the joints stand and watches that they do; `authority` says who may order what,
+//! `arming` and `host` take orders; `report` makes samples.
 //!
 //! # Bounded work
 //!
@@ -21,6 +21,7 @@
 //! a few milliseconds on a Cortex-M4 for the longest file, and it is refused while anything is armed or moves.
 
 mod arming;
+mod authority;
 mod boot;
 mod drive_io;
 mod homing;
@@ -36,13 +37,15 @@ use core::borrow::BorrowMut;
 use protocol::powercube::{Broadcast, Gate, Parameter, Request, Value};
 use protocol::{Duration, Frame, Instant, JointIndex, Node};
 
+use crate::authority::{Keyring, Peer, Seed, Session, Tokens};
 use crate::drives::Drive;
-use crate::feedback::{BlendedGains, ErrorEstimator};
+use crate::feedback::ErrorEstimator;
 use crate::freeze::FreezeFrame;
 use crate::gripper::Gripper;
 use crate::joints::{PerJoint, at_least, clamp};
 use crate::pace::{CycleTimes, Pace};
 use crate::ramp;
+use crate::registers;
 use crate::schedule::Schedule;
 use crate::settings::Settings;
 use crate::span;
@@ -84,7 +87,6 @@ impl Generator {
 #[derive(Clone, Copy, Debug, Default)]
 struct Track {
     estimator: ErrorEstimator,
-    gains: BlendedGains,
     generator: Generator,
     /// Time of the state in the estimator.
     measured_at: Instant,
@@ -107,6 +109,13 @@ struct Track {
 #[derive(Clone, Copy, Debug)]
 struct Offer {
     token: u32,
+    until: Instant,
+}
+
+/// Limits may be wider than those of the robot.
+#[derive(Clone, Copy, Debug)]
+struct Unlock {
+    peer: Peer,
     until: Instant,
 }
 
@@ -136,8 +145,12 @@ pub struct Controller<S, M = Spline> {
     counters: Counters,
     bus_bits: u32,
     offer: Option<Offer>,
-    last_token: u32,
-    host_seen: Option<Instant>,
+    session: Session,
+    tokens: Tokens,
+    keyring: Keyring,
+    /// Settings the controller was started with: no limit may be wider unless unlocked.
+    ceiling: Settings,
+    unlock: Option<Unlock>,
     /// Next sign of life to the drives; `None` while they get none.
     watchdog_due: Option<Instant>,
     /// Next step of whatever the state does.
@@ -167,8 +180,8 @@ fn made<T: Default>() -> T {
 
 impl<S: Storage> Controller<S> {
     /// [`Self::with_spline`] with a spline of its own.
-    pub fn new(storage: S, defaults: &Settings) -> Self {
-        Self::with_spline(storage, Spline::empty(), defaults)
+    pub fn new(storage: S, defaults: &Settings, seed: Seed) -> Self {
+        Self::with_spline(storage, Spline::empty(), defaults, seed)
     }
 }
 
@@ -177,9 +190,10 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// the drives at its first deadline.
     ///
     /// `spline` is where the trajectory is kept; a board gives a static place, because 17 KB on their way through the
-    /// stack are too much. `defaults` must pass [`Settings::check`]; others are replaced by [`Settings::powercube6`].
-    pub fn with_spline(storage: S, spline: M, defaults: &Settings) -> Self {
-        let mut controller = Self::asleep(storage, spline);
+    /// stack are too much. `defaults` must pass [`Settings::check`]; others are replaced by [`Settings::powercube6`]. Their
+    /// limits are the widest that are taken without an unlock. Tokens are drawn from `seed`.
+    pub fn with_spline(storage: S, spline: M, defaults: &Settings, seed: Seed) -> Self {
+        let mut controller = Self::asleep(storage, spline, seed);
         controller.wake(defaults);
         controller
     }
@@ -187,7 +201,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// Nothing looked up yet. A call of its own for each large part, and no decision in between: so the compiler makes them
     /// where they stay, instead of making and moving them (12 KB more of a board's stack).
     #[inline(never)]
-    pub(crate) fn asleep(storage: S, spline: M) -> Self {
+    pub(crate) fn asleep(storage: S, spline: M, seed: Seed) -> Self {
         Self {
             settings: Settings::POWERCUBE6,
             storage,
@@ -206,8 +220,11 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             counters: Counters::default(),
             bus_bits: 0,
             offer: None,
-            last_token: 0,
-            host_seen: None,
+            session: Session::default(),
+            tokens: Tokens::new(seed),
+            keyring: Keyring::default(),
+            ceiling: Settings::POWERCUBE6,
+            unlock: None,
             watchdog_due: None,
             tick_due: Instant::ZERO,
             tick_at: Instant::ZERO,
@@ -227,12 +244,14 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     #[inline(never)]
     pub(crate) fn wake(&mut self, defaults: &Settings) {
         let defaults = if defaults.check().is_ok() { defaults } else { &Settings::POWERCUBE6 };
+        self.ceiling = *defaults;
         self.settings = store::load_settings(&self.storage, defaults);
-        self.store.find(&self.storage, &self.settings, self.spline.borrow_mut());
-        for joint in self.joints() {
-            let gains = BlendedGains::fixed(self.settings.joint.at(joint).gains());
-            self.track.at_mut(joint).gains = gains;
+        // An unlock ends with the power: limits that were saved meanwhile are put back.
+        if registers::narrow(&mut self.settings, &self.ceiling) {
+            self.note(Instant::ZERO, Event::LimitsPutBack);
         }
+        self.keyring.set(store::load_key(&self.storage));
+        self.store.find(&self.storage, &self.settings, self.spline.borrow_mut());
     }
 
     /// Joints in use, base first.
@@ -390,7 +409,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
 
     fn host_is_alive(&self, now: Instant) -> bool {
         let timeout = Duration::from_micros(self.settings.host_timeout_us.into());
-        self.host_seen.is_some_and(|seen| now.saturating_since(seen) <= timeout)
+        self.session.heard_at().is_some_and(|seen| now.saturating_since(seen) <= timeout)
     }
 
     /// Offers and armings that end by themselves.
@@ -402,6 +421,9 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             && (until <= now || !self.host_is_alive(now))
         {
             self.machine.transition_to_ready(now, &mut self.trace);
+        }
+        if self.unlock.is_some_and(|unlock| unlock.until <= now) {
+            self.lock_limits(now);
         }
     }
 

@@ -56,6 +56,8 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             committed: self.store.committed().map(|committed| committed.name),
             host_alive: self.host_is_alive(now),
             gripper_open: self.gripper.is_open(),
+            limits_unlocked: self.is_unlocked(),
+            keyed: self.is_keyed(),
             cycle: self.settings.cycle_period(),
             jitter,
             counters: self.counters,

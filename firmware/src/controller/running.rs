@@ -161,6 +161,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     fn decide(&mut self, now: Instant, joint: JointIndex, clock: &PathClock) -> ramp::Command {
         let limits = self.settings.joint.at(joint);
         let (a_max_rad_s2, ramp_limits) = (limits.a_max_rad_s2, limits.ramp_limits(self.settings.reach_rad));
+        let gains = limits.gains();
         let period = self.settings.cycle_period();
         let period_s = self.settings.cycle_period_s();
         let track = self.track.at_mut(joint);
@@ -172,8 +173,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         let lead_s = span::seconds(t_act.saturating_since(track.measured_at));
         let (e_rad, de_rad_s) = (track.estimator.e_rad(), track.estimator.de_rad_s());
         let x = ErrorState { e_rad, de_rad_s, u_last_rad_s2: track.u_in_force };
-        let u_rad_s2 = track.gains.current().apply(&x);
-        track.gains.advance();
+        let u_rad_s2 = gains.apply(&x);
         let e_act_rad = e_rad + lead_s * (de_rad_s + 0.5 * lead_s * track.u_in_force);
         let v_rad_s = track.generator.v_at(t_act);
 

@@ -2,25 +2,27 @@
 
 use core::borrow::BorrowMut;
 
-use protocol::cyphal::bits::{Encode, Writer};
-use protocol::cyphal::cubecell::command::ArmOffer;
+use protocol::cyphal::bits::{Decode, Encode, Writer};
+use protocol::cyphal::cubecell::authorization::{Content, KEY_REGISTER, KEYED_REGISTER};
+use protocol::cyphal::cubecell::command::{ArmOffer, Challenge};
 use protocol::cyphal::cubecell::{TRAJECTORY_PATH, group_state, joint_state, stop};
 use protocol::cyphal::id::{NodeId, Route, SubjectId};
 use protocol::cyphal::rx::{Port, Transfer};
 use protocol::cyphal::server::{Application, NodeStatus, Register};
 use protocol::cyphal::uavcan::command::{Status, standard};
 use protocol::cyphal::uavcan::file::FileError;
-use protocol::cyphal::uavcan::heartbeat::{self, Health, Mode};
+use protocol::cyphal::uavcan::heartbeat::{self, Health, Heartbeat, Mode};
 use protocol::cyphal::uavcan::info::{NodeInfo, Version};
-use protocol::cyphal::uavcan::value::Value;
-use protocol::{Instant, JOINTS_MAX};
+use protocol::cyphal::uavcan::value::{Value, ValueBuf, ValueType};
+use protocol::{Duration, Instant, JOINTS_MAX};
 
 use super::messages::{order_of, status_of, to_message, to_value};
 use super::{Identity, NODE_NAME, UNSET};
+use crate::authority::{CHALLENGE_VALID, KEY_LEN, Key, Peer, Seed, Source};
 use crate::controller::Controller;
 use crate::fault::Cause;
-use crate::orders::{Done, Order};
-use crate::registers::{self, Kind, Number};
+use crate::orders::Done;
+use crate::registers::{self, Kind, Number, Writable};
 use crate::spline::Spline;
 use crate::state::StateKind;
 use crate::store::Storage;
@@ -32,26 +34,67 @@ const TYPES: [(&str, &str); 3] = [
     ("uavcan.pub.joint_state.type", joint_state::TYPE),
 ];
 
-/// The application behind the node: the controller, and who its host is.
+/// Registers of the key, after those.
+const KEYS: [&str; 2] = [KEY_REGISTER, KEYED_REGISTER];
+
+/// A node as the controller knows it.
+const fn peer(node: NodeId) -> Peer {
+    Peer::new(node.get())
+}
+
+fn ms(span: Duration) -> u16 {
+    (span.as_micros().min(60_000_000) as u32 / 1_000) as u16
+}
+
+/// The application behind the node.
 pub(super) struct App<S, M> {
     pub(super) controller: Controller<S, M>,
     identity: Identity,
     pub(super) ports: [Port; 2],
     pub(super) subjects: [SubjectId; 2],
-    host: Option<NodeId>,
+    /// Node whose heartbeat was heard last as the host's, and its uptime, s.
+    beat: Option<(NodeId, u32)>,
     pub(super) complete: bool,
 }
 
 impl<S: Storage, M: BorrowMut<Spline>> App<S, M> {
     #[inline(never)]
-    pub(super) fn asleep(storage: S, spline: M, identity: Identity) -> Self {
+    pub(super) fn asleep(storage: S, spline: M, identity: Identity, seed: Seed) -> Self {
         Self {
             identity,
             ports: [stop::port(UNSET), heartbeat::PORT],
             subjects: [UNSET; 2],
-            host: None,
+            beat: None,
             complete: false,
-            controller: Controller::asleep(storage, spline),
+            controller: Controller::asleep(storage, spline, seed),
+        }
+    }
+
+    /// Heartbeat of a node. One that starts anew counts its uptime from zero: what it ordered before is void.
+    fn take_heartbeat(&mut self, now: Instant, source: NodeId, payload: &[u8]) {
+        let Ok(beat) = Heartbeat::from_bytes(payload) else { return };
+        let peer = peer(source);
+        if self.controller.host() == Some(peer) {
+            let restarted =
+                self.beat.is_some_and(|(node, uptime_s)| node == source && beat.uptime_s < uptime_s);
+            self.beat = Some((source, beat.uptime_s));
+            if restarted {
+                self.controller.host_restarted(now, peer);
+                return;
+            }
+        }
+        self.controller.host_heartbeat(now, peer);
+    }
+
+    /// Takes the key, or its removal by no bytes. What is refused shows in register `security.keyed`, and in the trace.
+    fn write_key(&mut self, now: Instant, source: Source<'_>, value: &Value<'_>) {
+        if value.kind() != ValueType::Unstructured {
+            return;
+        }
+        let bytes = value.bytes();
+        let key = <[u8; KEY_LEN]>::try_from(bytes).ok().map(Key::new);
+        if key.is_some() || bytes.is_empty() {
+            let _ = self.controller.set_key(now, source, key);
         }
     }
 }
@@ -91,14 +134,16 @@ impl<S: Storage, M: BorrowMut<Spline>> Application for App<S, M> {
     }
 
     fn register_count(&self) -> u16 {
-        (registers::TABLE.len() + TYPES.len()) as u16
+        (registers::TABLE.len() + TYPES.len() + KEYS.len()) as u16
     }
 
     fn register_name(&self, index: u16) -> &[u8] {
         let index = usize::from(index);
         let own = registers::TABLE.get(index).map(|info| info.name);
-        let name =
-            own.or_else(|| TYPES.get(index.checked_sub(registers::TABLE.len())?).map(|(name, _)| *name));
+        let name = own.or_else(|| {
+            let mut others = TYPES.iter().map(|(name, _)| *name).chain(KEYS);
+            others.nth(index.checked_sub(registers::TABLE.len())?)
+        });
         name.unwrap_or("").as_bytes()
     }
 
@@ -107,16 +152,33 @@ impl<S: Storage, M: BorrowMut<Spline>> Application for App<S, M> {
         if let Some(info) = registers::TABLE.get(index) {
             let numbers = self.controller.register(index)?;
             let value = to_value(info.name, info.kind, numbers.as_slice())?;
+            let mutable = info.writable != Writable::Never;
+            return Some(Register { mutable, persistent: mutable, value });
+        }
+        let index = index.checked_sub(registers::TABLE.len())?;
+        if let Some((_, text)) = TYPES.get(index) {
+            let value = Value::string(text).ok()?.into();
+            return Some(Register { mutable: false, persistent: true, value });
+        }
+        if KEYS.get(index.checked_sub(TYPES.len())?) == Some(&KEY_REGISTER) {
+            // Never the key itself.
+            let value = Value::unstructured(&[]).ok()?.into();
             return Some(Register { mutable: true, persistent: true, value });
         }
-        let (_, text) = TYPES.get(index.checked_sub(registers::TABLE.len())?)?;
-        let value = Value::string(text).ok()?.into();
+        let value = ValueBuf::bits(&[self.controller.is_keyed()]).ok()?;
         Some(Register { mutable: false, persistent: true, value })
     }
 
-    fn register_write(&mut self, now: Instant, index: u16, value: &Value<'_>) {
+    fn register_write(&mut self, now: Instant, client: NodeId, index: u16, value: &Value<'_>) {
+        let content = Content::of_register(self.register_name(index), value).ok();
+        let content = content.as_ref().map_or(&[][..], Content::as_slice);
+        let source = Source { peer: peer(client), content };
         let index = usize::from(index);
-        let Some(info) = registers::TABLE.get(index) else { return };
+        let Some(info) = registers::TABLE.get(index) else {
+            // The only other one that can be written.
+            self.write_key(now, source, value);
+            return;
+        };
         let mut numbers = [Number::Bit(false); JOINTS_MAX];
         let mut count = 0;
         for (place, at) in numbers.iter_mut().zip(0..value.len()) {
@@ -133,7 +195,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Application for App<S, M> {
         if value.len() == count
             && let Some(numbers) = numbers.get(..count)
         {
-            let _ = self.controller.write_register_at(now, index, numbers);
+            let _ = self.controller.write_register_at(now, source, index, numbers);
         }
     }
 
@@ -153,37 +215,36 @@ impl<S: Storage, M: BorrowMut<Spline>> Application for App<S, M> {
             Ok(order) => order,
             Err(status) => return status,
         };
-        let kind = self.controller.state().kind();
-        let engaged = kind.may_move() || kind == StateKind::Armed;
-        if engaged && self.host.is_some_and(|host| host != client) && order != Order::Stop {
-            return Status::NOT_AUTHORIZED;
-        }
-        let before = (self.host, self.controller.host_heartbeat_at());
-        if order != Order::Stop {
-            self.host = Some(client);
-            // A command is a sign of life too.
-            self.controller.host_heartbeat(now);
-        }
-        match self.controller.order(now, order) {
+        let peer = peer(client);
+        // A command is a sign of life too.
+        self.controller.host_heartbeat(now, peer);
+        let content = Content::of_command(number, parameter).ok();
+        let content = content.as_ref().map_or(&[][..], Content::as_slice);
+        match self.controller.order(now, Source { peer, content }, order) {
             Ok(Done::Taken) => Status::SUCCESS,
             Ok(Done::Offer { token, valid }) => {
-                let valid_ms = (valid.as_micros().min(60_000_000) as u32 / 1_000) as u16;
-                ArmOffer { token, valid_ms }.encode(output);
+                ArmOffer { token, valid_ms: ms(valid) }.encode(output);
+                Status::SUCCESS
+            }
+            Ok(Done::Challenge(nonce)) => {
+                Challenge { nonce, valid_ms: ms(CHALLENGE_VALID) }.encode(output);
                 Status::SUCCESS
             }
             Err(refusal) => {
-                // Whoever was the host stays it.
-                if engaged || before.0.is_some_and(|host| host != client) {
-                    self.host = before.0;
-                    self.controller.set_host_heartbeat_at(before.1);
-                }
                 to_message(&refusal).encode(output);
                 status_of(refusal.cause)
             }
         }
     }
 
-    fn file_write(&mut self, now: Instant, path: &[u8], offset: u64, data: &[u8]) -> Result<(), FileError> {
+    fn file_write(
+        &mut self,
+        now: Instant,
+        client: NodeId,
+        path: &[u8],
+        offset: u64,
+        data: &[u8],
+    ) -> Result<(), FileError> {
         if path != TRAJECTORY_PATH {
             return Err(FileError::NOT_FOUND);
         }
@@ -195,7 +256,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Application for App<S, M> {
             return if whole { Ok(()) } else { Err(FileError::INVALID_VALUE) };
         }
         let before = self.controller.uploaded();
-        let outcome = self.controller.upload(now, offset, data);
+        let outcome = self.controller.upload(now, peer(client), offset, data);
         if self.controller.uploaded() != before {
             self.complete = false;
         }
@@ -224,10 +285,8 @@ impl<S: Storage, M: BorrowMut<Spline>> Application for App<S, M> {
             {
                 self.controller.stop_now(now);
             }
-            Route::Message { subject, source }
-                if subject == heartbeat::SUBJECT && self.host == Some(source) =>
-            {
-                self.controller.host_heartbeat(now);
+            Route::Message { subject, source } if subject == heartbeat::SUBJECT => {
+                self.take_heartbeat(now, source, transfer.payload);
             }
             _ => {}
         }

@@ -1,7 +1,9 @@
 //! Commands, refusals, register values and samples between the wire and the controller.
 
 use protocol::cyphal::bits::Decode;
-use protocol::cyphal::cubecell::command::{self, ArmConfirm, ArmPrepare, ClearFault, Gripper, Home, Jog};
+use protocol::cyphal::cubecell::command::{
+    self, ArmConfirm, ArmPrepare, Authorization, ClearFault, Gripper, Home, Jog, Unlock,
+};
 use protocol::cyphal::cubecell::group_state;
 use protocol::cyphal::uavcan::command::{Status, standard};
 use protocol::cyphal::uavcan::value::ValueBuf;
@@ -53,6 +55,15 @@ pub(super) fn order_of(number: u16, parameter: &[u8]) -> Result<Order, Status> {
             let Gripper { open } = read(parameter)?;
             Order::Gripper { open }
         }
+        command::CHALLENGE => Order::Challenge,
+        command::AUTHORIZE => {
+            let Authorization { nonce, code } = read(parameter)?;
+            Order::Authorize { nonce, code }
+        }
+        command::UNLOCK => {
+            let Unlock { robot_crc32, valid_s } = read(parameter)?;
+            Order::Unlock { robot_crc32, valid: Duration::from_secs(valid_s.into()) }
+        }
         standard::STORE_PERSISTENT_STATES => Order::SaveSettings,
         _ => return Err(Status::BAD_COMMAND),
     })
@@ -62,6 +73,7 @@ pub(super) const fn status_of(cause: Cause) -> Status {
     match cause {
         Cause::OrderNotNow | Cause::GripperBusy | Cause::BankBusy => Status::BAD_STATE,
         Cause::BadValue | Cause::JointUnknown => Status::BAD_PARAMETER,
+        Cause::OtherHost | Cause::CodeMissing | Cause::CodeWrong => Status::NOT_AUTHORIZED,
         _ => Status::FAILURE,
     }
 }
@@ -110,6 +122,8 @@ pub(super) fn group_message(sample: &GroupSample, sequence: u16, complete: bool)
         host_alive: sample.host_alive,
         gripper_open: sample.gripper_open,
         bus_warning: false,
+        limits_unlocked: sample.limits_unlocked,
+        keyed: sample.keyed,
         cycle_us: us16(sample.cycle),
         cycle_jitter_us: us16(sample.jitter),
         cycles_late: sample.counters.cycles_late,

@@ -7,7 +7,8 @@
 //! # Who is the host
 //!
 //! The node that gave the last accepted order. Its heartbeats and its commands keep a motion alive; those of
-//! others do not. While armed or moving, others may only stop. A host must send its heartbeat faster than
+//! others do not. While an offer to arm is out, and while the group is armed or moves, others may only stop and disarm. A
+//! host whose uptime falls back has started anew: its offer and arming are void, and its motion stops. A host must send its heartbeat faster than
 //! `host.timeout_us`, not once a second as the standard asks at least.
 //!
 //! # Pace
@@ -31,6 +32,7 @@ use protocol::{Duration, Frame, Instant, JOINTS_MAX, Node};
 
 use self::app::App;
 use self::messages::group_message;
+use crate::authority::{Peer, Seed};
 use crate::controller::Controller;
 use crate::fault::Refusal;
 use crate::orders::{Done, Order};
@@ -64,6 +66,7 @@ pub struct ControllerNode<S, M = Spline> {
     group_state: Publication,
     joint_state: Publication,
     last_state: Option<StateKind>,
+    was_unlocked: bool,
     sequence: u16,
     last_bits: u32,
     last_at: Instant,
@@ -85,15 +88,22 @@ const UNSET: SubjectId = SubjectId::from_low_bits(0);
 
 impl<S: Storage> ControllerNode<S> {
     /// [`Self::with_spline`] with a spline of its own.
-    pub fn new(now: Instant, storage: S, defaults: &Settings, identity: Identity) -> Self {
-        Self::with_spline(now, storage, Spline::empty(), defaults, identity)
+    pub fn new(now: Instant, storage: S, defaults: &Settings, identity: Identity, seed: Seed) -> Self {
+        Self::with_spline(now, storage, Spline::empty(), defaults, identity, seed)
     }
 }
 
 impl<S: Storage, M: BorrowMut<Spline>> ControllerNode<S, M> {
     /// Node that starts at `now`; see [`Controller::with_spline`]. Node-ID and subjects are those of the settings.
-    pub fn with_spline(now: Instant, storage: S, spline: M, defaults: &Settings, identity: Identity) -> Self {
-        let mut node = Self::asleep(now, storage, spline, identity);
+    pub fn with_spline(
+        now: Instant,
+        storage: S,
+        spline: M,
+        defaults: &Settings,
+        identity: Identity,
+        seed: Seed,
+    ) -> Self {
+        let mut node = Self::asleep(now, storage, spline, identity, seed);
         node.wake(defaults);
         node
     }
@@ -103,12 +113,13 @@ impl<S: Storage, M: BorrowMut<Spline>> ControllerNode<S, M> {
     /// two of them.
     // The large parts come last and from a call each, or they would be made elsewhere (see `Controller::asleep`).
     #[inline(never)]
-    pub fn asleep(now: Instant, storage: S, spline: M, identity: Identity) -> Self {
+    pub fn asleep(now: Instant, storage: S, spline: M, identity: Identity, seed: Seed) -> Self {
         let valid = Duration::from_millis(200);
         Self {
             group_state: Publication::new(UNSET, Priority::Nominal, valid),
             joint_state: Publication::new(UNSET, Priority::Low, valid),
             last_state: None,
+            was_unlocked: false,
             sequence: 0,
             last_bits: 0,
             last_at: now,
@@ -117,7 +128,7 @@ impl<S: Storage, M: BorrowMut<Spline>> ControllerNode<S, M> {
             later: None,
             now,
             link: link(now),
-            app: App::asleep(storage, spline, identity),
+            app: App::asleep(storage, spline, identity, seed),
         }
     }
 
@@ -148,7 +159,7 @@ impl<S: Storage, M: BorrowMut<Spline>> ControllerNode<S, M> {
     /// As [`Controller::order`].
     pub fn order(&mut self, now: Instant, order: Order) -> Result<Done, Refusal> {
         self.now = now;
-        self.app.controller.order(now, order)
+        self.app.controller.order(now, Peer::LOCAL, order)
     }
 
     /// As a stop message on the bus: the halt broadcast is the next frame out.
@@ -167,7 +178,12 @@ impl<S: Storage, M: BorrowMut<Spline>> ControllerNode<S, M> {
         let state = self.app.controller.state().kind();
         let changed = self.last_state != Some(state);
         let due = self.app.controller.take_telemetry_due(now);
-        if !changed && !due {
+        let unlocked = self.app.controller.is_unlocked();
+        if self.was_unlocked != unlocked {
+            self.was_unlocked = unlocked;
+            let text = if unlocked { "limits unlocked" } else { "limits of the robot hold again" };
+            self.link.log(now, Severity::Warning, text);
+        } else if !changed && !due {
             return;
         }
         let sample = self.app.controller.take_sample(now);

@@ -1,6 +1,6 @@
 //! Permanent things: two trajectory banks, two settings slots, and what happens when power fails.
 //!
-//! `storage` is what a board offers, `seal` the record that makes an area count, `trajectories` and `settings` the things.
+//! `storage` is what a board offers, `seal` the record that makes an area count, `trajectories`, `settings` and `key` the things.
 //!
 //! # Rule
 //!
@@ -8,8 +8,9 @@
 //! and a sequence number, written last. The seal of a bank is erased before the bank is touched. At
 //! start-up the valid seal with the highest number wins, and its file is checked again. So power may fail between
 //! or within any two writes: the old trajectory is found, or the new one, or none, never half of one.
-//! Settings go the same way: the slot not in use is erased and written, its record last.
+//! Settings and the key go the same way: the slot not in use is erased and written, its record last.
 
+mod key;
 mod seal;
 mod settings;
 mod storage;
@@ -17,6 +18,7 @@ mod storage;
 mod tests;
 mod trajectories;
 
+pub use key::{load_key, save_key};
 pub use seal::RECORD_LEN;
 pub use settings::{load_settings, save_settings};
 pub use storage::{Area, RamStorage, Slot, Storage, StorageError};

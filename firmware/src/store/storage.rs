@@ -1,6 +1,7 @@
 //! What a board has to offer: areas that are erased as a whole and written once.
 
 use super::seal::RECORD_LEN;
+use crate::authority::KEY_LEN;
 use crate::fault::{Cause, Refusal};
 use crate::registers;
 use crate::trajectory_format::FILE_LEN_MAX;
@@ -37,11 +38,15 @@ pub enum Area {
     Settings(Slot),
     /// Seal of a settings slot, [`RECORD_LEN`] bytes.
     SettingsSeal(Slot),
+    /// Key, [`KEY_LEN`] bytes.
+    Key(Slot),
+    /// Seal of a key slot, [`RECORD_LEN`] bytes.
+    KeySeal(Slot),
 }
 
 impl Area {
     /// All of them.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 12] = [
         Self::Bank(Slot::A),
         Self::Bank(Slot::B),
         Self::BankSeal(Slot::A),
@@ -50,6 +55,10 @@ impl Area {
         Self::Settings(Slot::B),
         Self::SettingsSeal(Slot::A),
         Self::SettingsSeal(Slot::B),
+        Self::Key(Slot::A),
+        Self::Key(Slot::B),
+        Self::KeySeal(Slot::A),
+        Self::KeySeal(Slot::B),
     ];
 
     /// Bytes.
@@ -57,7 +66,8 @@ impl Area {
         match self {
             Self::Bank(_) => FILE_LEN_MAX,
             Self::Settings(_) => registers::STORED_LEN,
-            Self::BankSeal(_) | Self::SettingsSeal(_) => RECORD_LEN,
+            Self::BankSeal(_) | Self::SettingsSeal(_) | Self::KeySeal(_) => RECORD_LEN,
+            Self::Key(_) => KEY_LEN,
         }
     }
 
@@ -110,7 +120,8 @@ pub trait Storage {
 pub struct RamStorage {
     banks: [[u8; FILE_LEN_MAX]; 2],
     settings: [[u8; registers::STORED_LEN]; 2],
-    seals: [[u8; RECORD_LEN]; 4],
+    keys: [[u8; KEY_LEN]; 2],
+    seals: [[u8; RECORD_LEN]; 6],
 }
 
 impl RamStorage {
@@ -119,14 +130,15 @@ impl RamStorage {
         Self {
             banks: [[0; FILE_LEN_MAX]; 2],
             settings: [[0; registers::STORED_LEN]; 2],
-            seals: [[0; RECORD_LEN]; 4],
+            keys: [[0; KEY_LEN]; 2],
+            seals: [[0; RECORD_LEN]; 6],
         }
     }
 
     /// Content of an area.
     pub const fn bytes(&self, area: Area) -> &[u8] {
-        let ([bank_a, bank_b], [settings_a, settings_b], [a, b, c, d]) =
-            (&self.banks, &self.settings, &self.seals);
+        let ([bank_a, bank_b], [settings_a, settings_b]) = (&self.banks, &self.settings);
+        let ([key_a, key_b], [a, b, c, d, e, f]) = (&self.keys, &self.seals);
         match area {
             Area::Bank(Slot::A) => bank_a,
             Area::Bank(Slot::B) => bank_b,
@@ -136,13 +148,17 @@ impl RamStorage {
             Area::BankSeal(Slot::B) => b,
             Area::SettingsSeal(Slot::A) => c,
             Area::SettingsSeal(Slot::B) => d,
+            Area::Key(Slot::A) => key_a,
+            Area::Key(Slot::B) => key_b,
+            Area::KeySeal(Slot::A) => e,
+            Area::KeySeal(Slot::B) => f,
         }
     }
 
     /// Content of an area, to change.
     pub const fn bytes_mut(&mut self, area: Area) -> &mut [u8] {
-        let ([bank_a, bank_b], [settings_a, settings_b], [a, b, c, d]) =
-            (&mut self.banks, &mut self.settings, &mut self.seals);
+        let ([bank_a, bank_b], [settings_a, settings_b]) = (&mut self.banks, &mut self.settings);
+        let ([key_a, key_b], [a, b, c, d, e, f]) = (&mut self.keys, &mut self.seals);
         match area {
             Area::Bank(Slot::A) => bank_a,
             Area::Bank(Slot::B) => bank_b,
@@ -152,6 +168,10 @@ impl RamStorage {
             Area::BankSeal(Slot::B) => b,
             Area::SettingsSeal(Slot::A) => c,
             Area::SettingsSeal(Slot::B) => d,
+            Area::Key(Slot::A) => key_a,
+            Area::Key(Slot::B) => key_b,
+            Area::KeySeal(Slot::A) => e,
+            Area::KeySeal(Slot::B) => f,
         }
     }
 }

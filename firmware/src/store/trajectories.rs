@@ -40,18 +40,26 @@ struct Upload {
 #[derive(Debug)]
 pub struct TrajectoryStore {
     committed: Option<Committed>,
+    /// Limits have changed since the commit.
+    is_void: bool,
     upload: Option<Upload>,
 }
 
 impl TrajectoryStore {
     /// Nothing known yet.
     pub const fn new() -> Self {
-        Self { committed: None, upload: None }
+        Self { committed: None, is_void: false, upload: None }
     }
 
     /// The trajectory that may run.
     pub const fn committed(&self) -> Option<&Committed> {
-        self.committed.as_ref()
+        if self.is_void { None } else { self.committed.as_ref() }
+    }
+
+    /// The committed trajectory may not run until it is committed again: then it is checked against the limits of that
+    /// time. The file stays.
+    pub const fn void_commit(&mut self) {
+        self.is_void = true;
     }
 
     /// Name of what is in the upload bank so far.
@@ -61,7 +69,7 @@ impl TrajectoryStore {
 
     /// Looks for the committed trajectory after power on and loads it into `spline`.
     pub fn find(&mut self, storage: &impl Storage, settings: &Settings, spline: &mut Spline) {
-        (self.committed, self.upload) = (None, None);
+        (self.committed, self.is_void, self.upload) = (None, false, None);
         let [a, b] = [Slot::A, Slot::B].map(|slot| (slot, Seal::read(storage, Area::BankSeal(slot))));
         let newest_first = match (a.1, b.1) {
             (Some(one), Some(two)) if two.sequence > one.sequence => [b, a],
@@ -152,7 +160,13 @@ impl TrajectoryStore {
         settings: &Settings,
         spline: &mut Spline,
     ) -> Result<(), Refusal> {
-        if self.upload.is_none() && self.committed.is_some_and(|committed| committed.name == name) {
+        if self.upload.is_none()
+            && let Some(committed) = self.committed.filter(|committed| committed.name == name)
+        {
+            if self.is_void {
+                load(storage, committed.slot, name, settings, spline)?;
+                self.is_void = false;
+            }
             return Ok(());
         }
         let outcome = self.seal(storage, name, settings, spline);
@@ -182,7 +196,7 @@ impl TrajectoryStore {
         let seal = Seal { sequence, len: name.len, crc64: name.crc64 };
         seal.write(storage, Area::BankSeal(slot))?;
         self.committed = Some(Committed { slot, sequence, name, header });
-        self.upload = None;
+        (self.upload, self.is_void) = (None, false);
         Ok(())
     }
 

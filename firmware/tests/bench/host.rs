@@ -1,6 +1,7 @@
 //! Host with node-ID 42 at the other end of the controller's Cyphal link, in the hands of a test.
 #![allow(dead_code)]
 
+use firmware::authority::Seed;
 use firmware::state::StateKind;
 use firmware::store::RamStorage;
 use firmware::{Controller, ControllerNode};
@@ -86,10 +87,14 @@ pub(crate) const PORTS: [Port; 5] = [
 ];
 
 impl Host {
+    fn node(storage: RamStorage, options: &Options) -> ControllerNode<RamStorage> {
+        let (identity, seed) = (Default::default(), Seed::FORESEEABLE);
+        ControllerNode::new(Instant::ZERO, storage, &options.settings, identity, seed)
+    }
+
     pub(crate) fn new() -> Self {
         let options = Options::default();
-        let node =
-            ControllerNode::new(Instant::ZERO, RamStorage::new(), &options.settings, Default::default());
+        let node = Self::node(RamStorage::new(), &options);
         let node = Recorder { node, calls: Vec::new(), frames: Vec::new() };
         let mut bench = Bench::with(node, options);
         bench.heartbeat = false;

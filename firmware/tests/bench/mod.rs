@@ -10,6 +10,7 @@ use std::collections::VecDeque;
 pub(crate) use drive::Drive;
 
 use firmware::Controller;
+use firmware::authority::{Peer, Seed};
 use firmware::joints::PerJoint;
 use firmware::orders::{Done, Order};
 use firmware::settings::Settings;
@@ -22,6 +23,9 @@ use protocol::powercube::{
     AddressedRequest, Broadcast, CubeState, MotionCommand, Parameter, Request, SimpleCommand, Value,
 };
 use protocol::{Duration, Frame, Instant, JointIndex, Node};
+
+/// The node that gives the orders.
+pub(crate) const HOST: Peer = Peer::new(42);
 
 /// Numerical Recipes' LCG: seeded, good enough for delays.
 #[derive(Clone)]
@@ -106,7 +110,7 @@ fn frame_us(frame: &Frame) -> u64 {
 
 impl Bench {
     pub(crate) fn new(options: Options) -> Self {
-        Self::with(Controller::new(RamStorage::new(), &options.settings), options)
+        Self::with(Controller::new(RamStorage::new(), &options.settings, Seed::FORESEEABLE), options)
     }
 
     /// Started, all homed, at `q`.
@@ -290,7 +294,7 @@ impl<C: Controlled> Bench<C> {
         self.now = next;
         if beat == next {
             let at = self.instant();
-            self.controller.core_mut().host_heartbeat(at);
+            self.controller.core_mut().host_heartbeat(at, HOST);
             self.heartbeat_due = next + 20_000;
         } else if bus == next {
             let (_, frame, sender) = self.on_bus.take().unwrap();
@@ -326,9 +330,14 @@ impl<C: Controlled> Bench<C> {
     }
 
     pub(crate) fn order(&mut self, order: Order) -> Result<Done, firmware::fault::Refusal> {
+        self.order_of(HOST, order)
+    }
+
+    /// Order of a certain node.
+    pub(crate) fn order_of(&mut self, peer: Peer, order: Order) -> Result<Done, firmware::fault::Refusal> {
         let outcome = {
             let at = self.instant();
-            self.controller.core_mut().order(at, order)
+            self.controller.core_mut().order(at, peer, order)
         };
         self.drain();
         outcome
@@ -343,7 +352,7 @@ impl<C: Controlled> Bench<C> {
     pub(crate) fn upload(&mut self, file: &[u8]) -> FileName {
         for (i, piece) in file.chunks(256).enumerate() {
             let at = self.instant();
-            self.controller.core_mut().upload(at, 256 * i, piece).unwrap();
+            self.controller.core_mut().upload(at, HOST, 256 * i, piece).unwrap();
         }
         let name = FileName { crc64: Crc64::of(file), len: file.len() as u32 };
         self.order(Order::Commit(name)).unwrap();
@@ -456,6 +465,11 @@ pub(crate) fn throw_reference(i: usize, t: f64) -> (f64, f64) {
 }
 
 pub(crate) fn throw_file(period_us: u32, release: bool) -> Vec<u8> {
+    throw_file_of(0, period_us, release)
+}
+
+/// The throw, planned for a certain robot.
+pub(crate) fn throw_file_of(robot_crc32: u32, period_us: u32, release: bool) -> Vec<u8> {
     let (a_us, b_us) = ((HA * 1e6).round() as u32, (HB * 1e6).round() as u32);
     let knot = |t_us, f: &dyn Fn(usize) -> (f64, f64)| {
         let mut state = PerJoint::default();
@@ -470,7 +484,7 @@ pub(crate) fn throw_file(period_us: u32, release: bool) -> Vec<u8> {
         knot(a_us, &|i| (Q_RELEASE[i], QD_RELEASE[i])),
         knot(a_us + b_us, &|i| (Q_RELEASE[i] + 2.0 / 3.0 * QD_RELEASE[i] * HB, 0.0)),
     ];
-    file(&Header { joints: 6, period_us, release_us: release.then_some(a_us), robot_crc32: 0 }, &knots)
+    file(&Header { joints: 6, period_us, release_us: release.then_some(a_us), robot_crc32 }, &knots)
 }
 
 pub(crate) fn file(header: &Header, knots: &[Knot]) -> Vec<u8> {

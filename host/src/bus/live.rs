@@ -43,7 +43,7 @@ impl LiveBus {
     /// Puts a soft controller on the bus, in a thread of its own.
     ///
     /// # Errors
-    /// The operating system gives no thread.
+    /// The operating system gives no thread or no random bytes.
     pub(super) fn start_controller(self, settings: Settings) -> Result<Self, BusFailure> {
         if self.clock.is_manual() {
             // Each thread has its own turns, and so its own connection.

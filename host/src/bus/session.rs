@@ -87,6 +87,9 @@ pub enum BusFailure {
     /// No controller can be made for the robot.
     #[error(transparent)]
     Settings(#[from] super::settings::NoSettings),
+    /// The operating system gives no random bytes.
+    #[error("no random bytes for tokens: {0}\n  next: check that /dev/urandom can be read")]
+    Entropy(String),
     /// The simulated cell cannot be built.
     #[error(transparent)]
     Cell(#[from] hil_sim::cell::CellError),

@@ -1,9 +1,12 @@
 //! Settings of a soft controller, from a robot file.
 
+use firmware::crc::Crc32;
 use firmware::joints::PerJoint;
 use firmware::settings::{JointSettings, Settings};
 use protocol::JOINTS_MAX;
 use robot_model::{AnyRobot, RobotModel};
+
+use crate::store::robot_fingerprint;
 
 /// Share of a drive's current that homing and jogging may use.
 const SLOW_CURRENT_SHARE: f64 = 0.5;
@@ -37,8 +40,35 @@ pub enum NoSettings {
     },
 }
 
-/// Settings for `robot`: addresses, ranges, limits and currents from its file; the rest, gains included, as the
-/// firmware has it built in.
+/// Checksum by which plan, gains and controller agree on the robot: of the fingerprint in the plan file; never 0, which
+/// stands for any robot.
+#[must_use]
+pub fn robot_crc32(fingerprint: &str) -> u32 {
+    Crc32::of(fingerprint.as_bytes()).max(1)
+}
+
+/// [`robot_crc32`] of a model.
+#[must_use]
+pub fn crc32_of<const N: usize>(model: &RobotModel<N>) -> u32 {
+    robot_crc32(&format!("{:016x}", robot_fingerprint(model)))
+}
+
+/// [`robot_crc32`] of a robot with as many joints as a controller can have.
+#[must_use]
+pub fn crc32_of_any(robot: &AnyRobot) -> Option<u32> {
+    Some(match robot {
+        AnyRobot::Four(model) => crc32_of(model),
+        AnyRobot::Five(model) => crc32_of(model),
+        AnyRobot::Six(model) => crc32_of(model),
+        AnyRobot::Seven(model) => crc32_of(model),
+        _ => return None,
+    })
+}
+
+/// Settings for `robot`: addresses, ranges, limits and currents from its file; the rest as the firmware has it built in.
+///
+/// Gains are a matter of the robot. The built-in ones are kept for the robot that they were designed for, known by its
+/// fingerprint. Any other one gets no gains and no certificate, so that it cannot be armed before it was tuned.
 ///
 /// # Errors
 /// [`NoSettings`].
@@ -80,6 +110,13 @@ pub fn of_model<const N: usize>(model: &RobotModel<N>) -> Result<Settings, NoSet
             ..*place
         };
     }
+    settings.limits_robot_crc32 = crc32_of(model);
+    if settings.limits_robot_crc32 != settings.gains_robot_crc32 {
+        (settings.gains_robot_crc32, settings.gains_certificate_crc32) = (0, 0);
+        for joint in &mut settings.joint.0 {
+            (joint.k_error_1_s2, joint.k_rate_1_s, joint.k_last) = (0.0, 0.0, 0.0);
+        }
+    }
     // The gripper hangs on the last drive, as in the simulated cell.
     settings.gripper_address = drives.last().map_or(0, |drive| drive.address.into());
     match settings.check() {
@@ -112,6 +149,38 @@ mod tests {
             settings
         };
         assert_eq!(rounded(&settings), rounded(&built_in));
+    }
+
+    /// The repeat of defect 5: another name, or another limit, is another robot.
+    #[test]
+    fn only_the_robot_that_the_built_in_gains_are_for_gets_them() {
+        let text =
+            std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/robots/powercube6.toml")).unwrap();
+        let limit = "control_acceleration_max_rad_s2 = 10.4";
+        assert!(text.contains(limit));
+        let slower =
+            AnyRobot::from_toml("edited.toml", &text.replace(limit, "control_acceleration_max_rad_s2 = 8.0"))
+                .unwrap();
+        let settings = settings_of(&slower).unwrap();
+        assert_eq!((settings.gains_certificate_crc32, settings.gains_robot_crc32), (0, 0));
+        assert!(settings.joint.0.iter().all(|joint| joint.gains() == firmware::feedback::Gains::default()));
+        assert_eq!(settings.limits_robot_crc32, crc32_of_any(&slower).unwrap());
+        let same = settings_of(&AnyRobot::load("powercube6").unwrap()).unwrap();
+        assert_ne!(same.gains_certificate_crc32, 0);
+        assert_ne!(same.limits_robot_crc32, settings.limits_robot_crc32);
+    }
+
+    #[test]
+    fn a_limit_that_no_drive_can_have_makes_no_settings() {
+        let text =
+            std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/robots/powercube6.toml")).unwrap();
+        let limit = "control_acceleration_max_rad_s2 = 10.4";
+        let wild =
+            AnyRobot::from_toml("edited.toml", &text.replace(limit, "control_acceleration_max_rad_s2 = 1e9"));
+        // A stricter reader of robot files may refuse it first.
+        if let Ok(wild) = wild {
+            assert!(matches!(settings_of(&wild), Err(NoSettings::Invalid { .. })));
+        }
     }
 
     #[test]

@@ -4,6 +4,7 @@ use std::cell::Cell;
 use std::rc::Rc;
 
 use firmware::ControllerNode;
+use firmware::authority::Seed;
 use firmware::host_link::Identity;
 use firmware::settings::Settings;
 use firmware::store::RamStorage;
@@ -67,7 +68,9 @@ pub fn no_guests() -> Guests {
 
 /// The controller of the firmware, as a program on this machine: starts at time 0 and forgets when it ends.
 pub fn soft_controller(settings: &Settings) -> ControllerNode<RamStorage> {
-    ControllerNode::new(Instant::ZERO, RamStorage::new(), settings, Identity::default())
+    // Equal runs give equal logs, tokens included.
+    let seed = Seed::FORESEEABLE;
+    ControllerNode::new(Instant::ZERO, RamStorage::new(), settings, Identity::default(), seed)
 }
 
 /// The soft controller with its built-in settings as a guest.

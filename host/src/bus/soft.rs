@@ -24,11 +24,13 @@ use can_link::{
     SendError, Urgent,
 };
 use firmware::ControllerNode;
+use firmware::authority::Seed;
 use firmware::host_link::Identity;
 use firmware::settings::Settings;
 use firmware::store::RamStorage;
 use protocol::{Frame, Node};
 
+use super::entropy;
 use super::session::BusFailure;
 
 /// Frames that wait for the session: two seconds of a busy bus.
@@ -242,12 +244,13 @@ impl SoftController {
     /// turns, and the session a connection of its own: the door then leads nowhere.
     ///
     /// # Errors
-    /// The operating system gives no thread or no pipe.
+    /// The operating system gives no thread, no pipe or no random bytes.
     pub(super) fn start(
         wire: Box<dyn Link + Send>,
         clock: Clock,
         settings: Settings,
     ) -> Result<(Self, Door), BusFailure> {
+        let seed = entropy::seed()?;
         let (ours, theirs) = Bell::pair().map_err(BusFailure::Wait)?;
         let (to_session, events) = sync_channel(TO_SESSION_MAX);
         let (to_bus, frames) = sync_channel(TO_BUS_MAX);
@@ -270,7 +273,7 @@ impl SoftController {
             let mut shared =
                 Shared { wire, clock, apart, frames, events: to_session, bell: theirs, unseen: counter };
             let urgent = Urgent::request(Role::Controller);
-            let (result, stats) = serve(&mut shared, clock, &settings, &off, &stop);
+            let (result, stats) = serve(&mut shared, clock, (&settings, seed), &off, &stop);
             if let (Err(error), Ok(mut place)) = (result, ending.lock()) {
                 *place = Some(match error {
                     RunError::Link(error) => error,
@@ -315,11 +318,12 @@ impl Drop for SoftController {
 fn serve(
     shared: &mut Shared,
     clock: Clock,
-    settings: &Settings,
+    (settings, seed): (&Settings, Seed),
     off: &AtomicBool,
     stop: &AtomicBool,
 ) -> (Result<(), RunError>, RunStats) {
-    let mut controller = ControllerNode::new(clock.now(), RamStorage::new(), settings, Identity::default());
+    let (storage, identity) = (RamStorage::new(), Identity::default());
+    let mut controller = ControllerNode::new(clock.now(), storage, settings, identity, seed);
     let mut runner = Runner::new(shared, clock);
     let mut nodes: [&mut dyn Node; 1] = [&mut controller];
     let mut result = runner.run(&mut nodes, off, None);

@@ -22,6 +22,7 @@ impl From<BusFailure> for ExpectedError {
             BusFailure::Open(_)
             | BusFailure::Link(_)
             | BusFailure::Wait(_)
+            | BusFailure::Entropy(_)
             | BusFailure::Runner(_)
             | BusFailure::World(_) => exit::BUS,
         };

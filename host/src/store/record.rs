@@ -1,6 +1,8 @@
 //! One stored throw.
 
-use crate::plan::throw::{Arm, JOINTS, Joints, Throw};
+use robot_model::RobotModel;
+
+use crate::plan::throw::{JOINTS, Joints, Throw};
 
 /// A throw in the frame in which the target is at azimuth 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -98,7 +100,7 @@ impl Record {
 
 /// Fingerprint of everything about a robot that a throw depends on (FNV-1a over its description).
 #[must_use]
-pub fn robot_fingerprint(arm: &Arm) -> u64 {
+pub fn robot_fingerprint<const N: usize>(arm: &RobotModel<N>) -> u64 {
     let text = format!(
         "{:?}{:?}{:?}{:?}{:?}{:?}{:?}{:?}",
         arm.joints(),

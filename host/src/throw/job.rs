@@ -20,7 +20,7 @@ use crate::log::candump::Line;
 use crate::log::keep::Keeper;
 use crate::plan::file::PlanFile;
 use crate::plan::{Arm, JOINTS, Joints};
-use crate::tune::gains_file::GainsFile;
+use crate::tune::gains_file::{GainsFile, GainsFileError};
 
 /// Longest start-up of a controller.
 const BOOT_MAX: Duration = Duration::from_secs(20);
@@ -147,6 +147,9 @@ pub enum JobError {
         /// Numbers in the file.
         found: String,
     },
+    /// Gains of another robot.
+    #[error("{0}\n  next: `cubectl tune --robot ROBOT --joint all`")]
+    GainsRobot(GainsFileError),
     /// The controller was started for another number of joints.
     #[error(
         "the controller has {found} joints, the robot {JOINTS}\n  next: name the robot of this controller with --robot"
@@ -394,6 +397,7 @@ fn agree(session: &mut Session, node: NodeId, job: &Job<'_>, record: &mut Record
             let numbers: Vec<String> = file.joint.iter().map(|joint| joint.number.to_string()).collect();
             return Err(JobError::GainsJoints { found: numbers.join(", ") });
         }
+        file.check_robot(job.arm).map_err(JobError::GainsRobot)?;
         let estimator = [("estimator.alpha", file.estimator.alpha), ("estimator.beta", file.estimator.beta)];
         for (name, weight) in estimator {
             session.set_register(node, name, &Numbers::Real(vec![weight as f32]))?;
@@ -403,6 +407,8 @@ fn agree(session: &mut Session, node: NodeId, job: &Job<'_>, record: &mut Record
             session.set_register(node, name, &Numbers::Real(numbers))?;
         }
         session.set_register(node, "gains.period_us", &(gains_us as u32).into())?;
+        session.set_register(node, "gains.robot_crc32", &crc.into())?;
+        // Last: every change of a gain voids the certificate.
         let certificate = firmware::crc::Crc32::of(file.to_toml().as_bytes());
         session.set_register(node, "gains.certificate_crc32", &certificate.into())?;
     }

@@ -173,6 +173,13 @@ pub fn apply(choice: &Choice, settings: &mut Settings) {
     (settings.estimator_alpha, settings.estimator_beta) =
         (gains.estimator.alpha as f32, gains.estimator.beta as f32);
     settings.gains_certificate_crc32 = firmware::crc::Crc32::of(gains.to_toml().as_bytes());
+    // Gains for other accelerations are for another robot, whatever its name; the controller refuses to arm with them.
+    let fits = gains.joint.iter().all(|tuned| {
+        let index = tuned.number.checked_sub(1).and_then(|n| JointIndex::new(n).ok());
+        let a_max = index.map(|index| f64::from(settings.joint.at(index).a_max_rad_s2));
+        a_max.is_some_and(|a_max| (a_max - tuned.problem.acceleration_max_rad_s2).abs() < 1e-4)
+    });
+    settings.gains_robot_crc32 = if fits { settings.limits_robot_crc32 } else { 0 };
     for tuned in &gains.joint {
         let Some(index) = tuned.number.checked_sub(1).and_then(|n| JointIndex::new(n).ok()) else { continue };
         let joint = settings.joint.at_mut(index);

@@ -6,6 +6,7 @@ use firmware::spline::{Knot, Spline};
 use firmware::trajectory_format::{self, FILE_LEN_MAX, Header};
 use protocol::JointIndex;
 
+pub use crate::bus::settings::robot_crc32;
 use crate::plan::file::{JointPlan, PlanFile};
 use crate::plan::{JOINTS, Joints};
 
@@ -214,13 +215,6 @@ fn state_at(joint: &JointPlan, t_s: f64) -> (f64, f64) {
     let Some(segment) = segment.or(joint.segments.first()) else { return (0.0, 0.0) };
     // Horner, highest power first, with the derivative beside it.
     segment.coefficients_rad.iter().fold((0.0, 0.0), |(q, qd), c| (q * t_s + c, qd * t_s + q))
-}
-
-/// Checksum by which plan and controller agree on the robot: of the fingerprint in the plan file; never 0, which
-/// would stand for any robot.
-#[must_use]
-pub fn robot_crc32(fingerprint: &str) -> u32 {
-    firmware::crc::Crc32::of(fingerprint.as_bytes()).max(1)
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@ use super::problem::{JointInput, PhaseInput, Problem, ProblemError};
 use super::saturated::Weights;
 use nalgebra::allocator::Allocator;
 use nalgebra::{DMatrix, DefaultAllocator, Dim, OMatrix, SMatrix};
+use robot_model::RobotModel;
 use serde::{Deserialize, Serialize};
 
 /// Version this program writes and reads.
@@ -131,6 +132,20 @@ pub enum GainsFileError {
         /// Wanted.
         expected: String,
     },
+    /// The robot has this name, but its file says something else than the one the gains were designed for.
+    #[error(
+        "joint {joint}: the gains were designed for {what} = {found}, the robot file says {expected}; tune for this robot"
+    )]
+    OtherMachine {
+        /// Joint number.
+        joint: usize,
+        /// Key of the gains file.
+        what: &'static str,
+        /// In the gains file.
+        found: f64,
+        /// Of the robot.
+        expected: f64,
+    },
     /// Joint numbers must rise from 1.
     #[error("joint {0} is listed twice or out of order")]
     JointOrder(usize),
@@ -202,6 +217,41 @@ fn symmetric<const N: usize>(
         return Err(GainsFileError::Size { joint, what, found: v.len(), expected });
     }
     Ok(SMatrix::from_fn(|i, j| v[i.max(j) * (i.max(j) + 1) / 2 + i.min(j)]))
+}
+
+impl GainsFile {
+    /// The gains were designed for what the file of this robot says: a robot is known by its numbers, not by its name.
+    ///
+    /// # Errors
+    /// [`GainsFileError::OtherMachine`] for the first number that differs.
+    pub fn check_robot<const N: usize>(&self, model: &RobotModel<N>) -> Result<(), GainsFileError> {
+        for tuned in &self.joint {
+            let joint = tuned.number;
+            let Some(limits) = joint.checked_sub(1).and_then(|i| model.joints().get(i)) else {
+                return Err(GainsFileError::JointOrder(joint));
+            };
+            let problem = &tuned.problem;
+            let (wn, zeta) = model
+                .drive_loop()
+                .map_or((f64::NAN, f64::NAN), |drive| (drive.natural_frequency_rad_s, drive.damping_ratio));
+            for (what, found, expected) in [
+                (
+                    "acceleration_max_rad_s2",
+                    problem.acceleration_max_rad_s2,
+                    limits.limits.a_control_max_rad_s2,
+                ),
+                ("drive_wn_rad_s", problem.drive_wn_rad_s, wn),
+                ("drive_zeta", problem.drive_zeta, zeta),
+            ] {
+                // Written so that NaN fails.
+                let same = (found - expected).abs() <= 1e-9 * expected.abs();
+                if !same {
+                    return Err(GainsFileError::OtherMachine { joint, what, found, expected });
+                }
+            }
+        }
+        Ok(())
+    }
 }
 
 impl JointGains {

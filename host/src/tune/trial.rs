@@ -4,6 +4,7 @@
 //! firmware's own estimator: evidence, not proof.
 
 use firmware::Controller;
+use firmware::authority::{Peer, Seed};
 use firmware::joints::PerJoint;
 use firmware::orders::{Done, Order};
 use firmware::settings::Settings;
@@ -145,7 +146,7 @@ impl Lab {
         while self.world.now() < end {
             if self.world.now() >= self.beat {
                 self.beat = self.world.now() + Duration::from_millis(20);
-                self.world.with_crew(|crew, now| crew.1.node.host_heartbeat(now)).map_err(cell)?;
+                self.world.with_crew(|crew, now| crew.1.node.host_heartbeat(now, HOST)).map_err(cell)?;
             }
             self.world.run_until(end.min(self.beat), &mut Quiet).map_err(cell)?;
         }
@@ -153,7 +154,7 @@ impl Lab {
     }
 
     fn order(&mut self, order: Order) -> Result<Done, TrialError> {
-        let done = self.world.with_crew(|crew, now| crew.1.node.order(now, order));
+        let done = self.world.with_crew(|crew, now| crew.1.node.order(now, HOST, order));
         done.map_err(|e| TrialError::Cell(e.to_string()))?
             .map_err(|refusal| TrialError::Controller(format!("refuses: {refusal:?}")))
     }
@@ -178,7 +179,7 @@ impl Lab {
     fn start(&mut self, file: &[u8], period_us: u32) -> Result<Instant, TrialError> {
         self.wait_for(StateKind::Ready, START_UP)?;
         self.pass(Duration::from_millis(60))?;
-        let upload = self.world.with_crew(|crew, now| crew.1.node.upload(now, 0, file));
+        let upload = self.world.with_crew(|crew, now| crew.1.node.upload(now, HOST, 0, file));
         upload
             .map_err(|e| TrialError::Cell(e.to_string()))?
             .map_err(|refusal| TrialError::Controller(format!("refuses the motion: {refusal:?}")))?;
@@ -194,6 +195,9 @@ impl Lab {
         Ok(self.world.now() + Duration::from_micros(2 * u64::from(period_us)))
     }
 }
+
+/// The node that gives the orders of a trial.
+const HOST: Peer = Peer::new(42);
 
 /// Runs `motion` with every joint `offset_rad` beside its start.
 ///
@@ -212,7 +216,7 @@ pub fn run(
     options.gripper.jitter = Duration::ZERO;
     options.start_q_rad = Some((0..JOINTS).map(|i| motion.at(i, 0.0).0 + offset_rad).collect());
     let plant = Cell::new(robot, &options, seed).map_err(|e| cell(&e))?;
-    let node = Solo::new("controller", Controller::new(RamStorage::new(), settings));
+    let node = Solo::new("controller", Controller::new(RamStorage::new(), settings, Seed::FORESEEABLE));
     let world = World::new((plant, node), BusConfig::default(), seed, Vec::new()).map_err(|e| cell(&e))?;
     let mut lab = Lab { world, beat: Instant::ZERO };
     let file = motion

@@ -13,6 +13,7 @@ use firmware::settings::Settings;
 use firmware::state::StateKind;
 use firmware::store::{FileName, RamStorage};
 use firmware::trajectory_format::{self, Header};
+use firmware::authority::{Peer, Seed};
 use firmware::transmit::QUEUE_LEN;
 use libfuzzer_sys::fuzz_target;
 use protocol::cyphal::crc::Crc64;
@@ -23,6 +24,9 @@ use protocol::powercube::{
 use protocol::units::Radians;
 use protocol::{Duration, Frame, Instant, JointIndex, Node};
 use protocol_fuzz::Input;
+
+/// The node that gives the orders.
+const HOST: Peer = Peer::new(42);
 
 struct Bench {
     controller: Box<Controller<RamStorage>>,
@@ -38,7 +42,7 @@ impl Bench {
     fn new() -> Self {
         let mut settings = Settings::powercube6();
         settings.watchdog_prove = false;
-        let controller = Box::new(Controller::new(RamStorage::new(), &settings));
+        let controller = Box::new(Controller::new(RamStorage::new(), &settings, Seed::FORESEEABLE));
         let name = FileName { crc64: 0, len: 0 };
         let mut bench =
             Self { controller, now: Instant::ZERO, open: Vec::new(), last_reply: None, token: 0, name };
@@ -48,9 +52,9 @@ impl Bench {
         let mut file = [0; 200];
         let len = trajectory_format::encode(&header, &knots, &mut file).unwrap();
         let file = &file[..len];
-        bench.controller.upload(bench.now, 0, file).unwrap();
+        bench.controller.upload(bench.now, HOST, 0, file).unwrap();
         bench.name = FileName { crc64: Crc64::of(file), len: len as u32 };
-        bench.controller.order(bench.now, Order::Commit(bench.name)).unwrap();
+        bench.controller.order(bench.now, HOST, Order::Commit(bench.name)).unwrap();
         bench
     }
 
@@ -172,7 +176,7 @@ impl Bench {
     }
 
     fn order(&mut self, order: Order) {
-        if let Ok(Done::Offer { token, .. }) = self.controller.order(self.now, order) {
+        if let Ok(Done::Offer { token, .. }) = self.controller.order(self.now, HOST, order) {
             self.token = token;
         }
         self.drain();
@@ -188,7 +192,7 @@ fuzz_target!(|bytes: &[u8]| {
         match what {
             0..=4 => bench.pass(40 * u64::from(a), false, StateKind::Boot),
             5..=8 => {
-                bench.controller.host_heartbeat(bench.now);
+                bench.controller.host_heartbeat(bench.now, HOST);
                 bench.pass(1_000 * u64::from(a), true, StateKind::Boot);
             }
             9 => bench.answer(0, 0),
@@ -202,7 +206,7 @@ fuzz_target!(|bytes: &[u8]| {
                 let frame = input.frame();
                 bench.give(&frame);
             }
-            13 => bench.controller.host_heartbeat(bench.now),
+            13 => bench.controller.host_heartbeat(bench.now, HOST),
             14 => bench.order(Order::ArmPrepare { crc64: bench.name.crc64, valid }),
             15 => bench.order(Order::ArmConfirm { token: bench.token, valid }),
             16 => bench.order(Order::Run(bench.name)),

@@ -99,7 +99,7 @@ impl Application for App {
         let value = ValueBuf::bits(black_box(&[true])).ok()?;
         black_box(Some(Register { mutable: true, persistent: true, value }))
     }
-    fn register_write(&mut self, now: Instant, index: u16, value: &Value<'_>) {
+    fn register_write(&mut self, now: Instant, _: NodeId, index: u16, value: &Value<'_>) {
         black_box((now, index, value));
     }
     fn execute(
@@ -114,7 +114,7 @@ impl Application for App {
         black_box((now, client));
         Status(black_box(command) as u8)
     }
-    fn file_write(&mut self, _: Instant, path: &[u8], offset: u64, data: &[u8]) -> Result<(), FileError> {
+    fn file_write(&mut self, _: Instant, _: NodeId, path: &[u8], offset: u64, data: &[u8]) -> Result<(), FileError> {
         black_box(path);
         self.bank.write(offset, data)
     }

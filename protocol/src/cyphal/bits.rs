@@ -213,6 +213,13 @@ impl<'a> Writer<'a> {
         self.bit = (start + data.len()) << 3;
     }
 
+    /// Array of bytes with a fixed length: no prefix.
+    pub fn array<const N: usize>(&mut self, data: [u8; N]) {
+        for byte in data {
+            self.u8(byte);
+        }
+    }
+
     /// Bytes written so far, a started one included; may be above the buffer's length.
     pub fn len(&self) -> usize {
         (self.bit + 7) >> 3
@@ -344,6 +351,15 @@ impl<'a> Reader<'a> {
         let data = rest.get(..len).ok_or(DecodeError::ArrayCut { needed: len, present: rest.len() })?;
         self.bit = (self.data.len() - rest.len() + len) << 3;
         Ok(data)
+    }
+
+    /// Array of bytes with a fixed length; missing bytes read as zero, as the standard wants.
+    pub fn array<const N: usize>(&mut self) -> [u8; N] {
+        let mut data = [0; N];
+        for byte in &mut data {
+            *byte = self.u8();
+        }
+        data
     }
 
     /// Byte array with a length prefix of `prefix_bits` and at most `capacity` bytes.

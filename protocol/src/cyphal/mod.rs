@@ -63,6 +63,9 @@ macro_rules! for_every_cyphal_type {
             $crate::cyphal::cubecell::command::Home,
             $crate::cyphal::cubecell::command::Jog,
             $crate::cyphal::cubecell::command::Gripper,
+            $crate::cyphal::cubecell::command::Challenge,
+            $crate::cyphal::cubecell::command::Authorization,
+            $crate::cyphal::cubecell::command::Unlock,
             $crate::cyphal::cubecell::command::Refusal,
         )
     };

@@ -102,8 +102,8 @@ pub trait Application {
 
     /// Writes a register that said it is mutable. What does not fit (type, number of elements,
     /// range, state) leaves the old value; the client sees it in the answer.
-    fn register_write(&mut self, now: Instant, index: u16, value: &Value<'_>) {
-        let _ = (now, index, value);
+    fn register_write(&mut self, now: Instant, client: NodeId, index: u16, value: &Value<'_>) {
+        let _ = (now, client, index, value);
     }
 
     /// Carries out a command; `output` has [`command::OUTPUT_LEN_MAX`] bytes.
@@ -122,8 +122,15 @@ pub trait Application {
     }
 
     /// Stores a piece of a file; no data = the file ends at `offset`. The same piece may come twice.
-    fn file_write(&mut self, now: Instant, path: &[u8], offset: u64, data: &[u8]) -> Result<(), FileError> {
-        let _ = (now, path, offset, data);
+    fn file_write(
+        &mut self,
+        now: Instant,
+        client: NodeId,
+        path: &[u8],
+        offset: u64,
+        data: &[u8],
+    ) -> Result<(), FileError> {
+        let _ = (now, client, path, offset, data);
         Err(FileError::NOT_SUPPORTED)
     }
 
@@ -401,7 +408,7 @@ fn serve(
         Some(reply(&app.info()))
     } else if service == register::ACCESS {
         let request = AccessRequest::from_bytes(payload).ok()?;
-        let register = access(now, &request, app);
+        let register = access(now, client, &request, app);
         let (mutable, persistent) = register.as_ref().map_or((false, false), |r| (r.mutable, r.persistent));
         let value = register.as_ref().map_or(Value::EMPTY, |r| r.value.as_value());
         Some(reply(&AccessResponse { timestamp_us: 0, mutable, persistent, value }))
@@ -425,7 +432,7 @@ fn serve(
         Some(reply(&ReadResponse { result: read.map(|_| ()), data }))
     } else if service == file::WRITE {
         let request = WriteRequest::from_bytes(payload).ok()?;
-        let result = app.file_write(now, request.path, request.offset, request.data);
+        let result = app.file_write(now, client, request.path, request.offset, request.data);
         Some(reply(&WriteResponse { result }))
     } else {
         None
@@ -433,13 +440,18 @@ fn serve(
 }
 
 /// Writes if there is something to write, then reads.
-fn access(now: Instant, request: &AccessRequest<'_>, app: &mut dyn Application) -> Option<Register> {
+fn access(
+    now: Instant,
+    client: NodeId,
+    request: &AccessRequest<'_>,
+    app: &mut dyn Application,
+) -> Option<Register> {
     let index = (0..app.register_count()).find(|index| app.register_name(*index) == request.name)?;
     let register = app.register_read(index)?;
     if request.value.kind() == ValueType::Empty || !register.mutable {
         return Some(register);
     }
-    app.register_write(now, index, &request.value);
+    app.register_write(now, client, index, &request.value);
     app.register_read(index)
 }
 

@@ -139,7 +139,7 @@ impl Application for DemoApp {
         Some(Register { mutable: entry.mutable, persistent: entry.persistent, value })
     }
 
-    fn register_write(&mut self, _: Instant, index: u16, value: &Value<'_>) {
+    fn register_write(&mut self, _: Instant, _: NodeId, index: u16, value: &Value<'_>) {
         let Some(entry) = self.registers.get_mut(usize::from(index)) else { return };
         let old = entry.value.as_value();
         let free_length = matches!(value.kind(), ValueType::String | ValueType::Unstructured);
@@ -177,7 +177,14 @@ impl Application for DemoApp {
         }
     }
 
-    fn file_write(&mut self, _: Instant, path: &[u8], offset: u64, data: &[u8]) -> Result<(), FileError> {
+    fn file_write(
+        &mut self,
+        _: Instant,
+        _: NodeId,
+        path: &[u8],
+        offset: u64,
+        data: &[u8],
+    ) -> Result<(), FileError> {
         Self::path(path)?;
         self.file.write(offset, data)
     }

@@ -55,6 +55,9 @@ TYPES = {
     "Jog": cubecell.command.Jog_1_0,
     "Gripper": cubecell.command.Gripper_1_0,
     "Refusal": cubecell.command.Refusal_1_0,
+    "Challenge": cubecell.command.Challenge_1_0,
+    "Authorization": cubecell.command.Authorization_1_0,
+    "Unlock": cubecell.command.Unlock_1_0,
 }
 
 # What the schema allows and the meaning does not: states of the group that are not defined.

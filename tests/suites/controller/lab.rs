@@ -4,6 +4,7 @@ use std::borrow::Cow;
 
 use cell_tests::published_throw;
 use firmware::Controller;
+use firmware::authority::{Peer, Seed};
 use firmware::fault::Refusal;
 use firmware::orders::{Done, Order};
 use firmware::registers::Number;
@@ -90,6 +91,9 @@ impl Situation {
     }
 }
 
+/// The node that gives the orders.
+pub(crate) const HOST: Peer = Peer::new(42);
+
 pub(crate) struct Lab {
     pub(crate) world: World<(Cell, Desk)>,
     pub(crate) watch: Watch,
@@ -121,7 +125,7 @@ impl Lab {
             stop_within: Some(Duration::from_millis(400)),
             ..Expect::default()
         };
-        let desk = Desk(Box::new(Controller::new(RamStorage::new(), settings)));
+        let desk = Desk(Box::new(Controller::new(RamStorage::new(), settings, Seed::FORESEEABLE)));
         let config = BusConfig::default();
         let watch = Watch {
             checkers: Checkers::new(&expect, &limits, config.bit_rate_bit_s),
@@ -141,7 +145,7 @@ impl Lab {
             if self.world.now() >= self.beat {
                 self.beat = self.world.now() + Duration::from_millis(20);
                 if self.heartbeat {
-                    self.world.with_crew(|crew, now| crew.1.0.host_heartbeat(now)).unwrap();
+                    self.world.with_crew(|crew, now| crew.1.0.host_heartbeat(now, HOST)).unwrap();
                 }
             }
             self.world.run_until(end.min(self.beat), &mut self.watch).unwrap();
@@ -149,7 +153,7 @@ impl Lab {
     }
 
     pub(crate) fn try_order(&mut self, order: Order) -> Result<Done, Refusal> {
-        self.world.with_crew(|crew, now| crew.1.0.order(now, order)).unwrap()
+        self.world.with_crew(|crew, now| crew.1.0.order(now, HOST, order)).unwrap()
     }
 
     pub(crate) fn order(&mut self, order: Order) -> Done {
@@ -169,11 +173,11 @@ impl Lab {
     }
 
     pub(crate) fn write(&mut self, name: &str, numbers: &[Number]) -> Result<(), Refusal> {
-        self.world.with_crew(|crew, now| crew.1.0.write_register(now, name, numbers)).unwrap()
+        self.world.with_crew(|crew, now| crew.1.0.write_register(now, HOST, name, numbers)).unwrap()
     }
 
     pub(crate) fn upload(&mut self, file: &[u8]) {
-        self.world.with_crew(|crew, now| crew.1.0.upload(now, 0, file)).unwrap().unwrap();
+        self.world.with_crew(|crew, now| crew.1.0.upload(now, HOST, 0, file)).unwrap().unwrap();
     }
 
     /// Runs until the group is ready and every drive was read.

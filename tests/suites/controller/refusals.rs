@@ -79,6 +79,13 @@ fn gains_of_another_period_are_refused_when_the_group_is_armed() {
     let mut lab = ready(&gains());
     let name = commit(&mut lab, &published_throw::file(3_000)).unwrap();
     lab.write("gains.period_us", &[Number::Natural32(4_000)]).unwrap();
+    assert_eq!(
+        arm(&mut lab, name).unwrap_err().cause,
+        Cause::GainsUncertified,
+        "no certificate covers the change"
+    );
+    let certificate = Settings::powercube6().gains_certificate_crc32;
+    lab.write("gains.certificate_crc32", &[Number::Natural32(certificate)]).unwrap();
     assert_eq!(arm(&mut lab, name).unwrap_err().cause, Cause::GainPeriod);
     // The controller's own period moved away from under gains and plan: the plan says so first.
     lab.write("cycle.period_us", &[Number::Natural32(4_000)]).unwrap();
@@ -99,6 +106,10 @@ fn plan_for_another_robot_or_period_or_damaged_is_refused() {
     lab.write("group.robot_crc32", &[Number::Natural32(0x8765_4321)]).unwrap();
     assert_eq!(arm(&mut lab, name).unwrap_err().cause, Cause::FileOtherRobot);
     lab.write("group.robot_crc32", &[Number::Natural32(0x1234_5678)]).unwrap();
+    assert_eq!(arm(&mut lab, name).unwrap_err().cause, Cause::GainsOtherRobot);
+    let certificate = lab.controller().settings().gains_certificate_crc32;
+    lab.write("gains.robot_crc32", &[Number::Natural32(0x1234_5678)]).unwrap();
+    lab.write("gains.certificate_crc32", &[Number::Natural32(certificate)]).unwrap();
     assert_eq!(arm(&mut lab, name), Ok(Done::Taken));
     assert_eq!(lab.watch.motions, 0);
 }

@@ -20,6 +20,7 @@ mod stack;
 
 use cortex_m_rt::entry;
 use firmware::ControllerNode;
+use firmware::authority::Seed;
 use firmware::host_link::Identity;
 #[cfg(feature = "script")]
 use firmware::settings::Settings;
@@ -52,7 +53,8 @@ fn main() -> ! {
     let Some(peripherals) = cortex_m::Peripherals::take() else { exit(false) };
     let identity = Identity { unique_id: *b"emulated-board\0\0", hardware: (0, 1) };
     // On the stack of a function that does not return, in two steps: made where it stays, and never moved.
-    let mut node = Node::asleep(Instant::ZERO, STORAGE, SPLINE, identity);
+    // The emulated chip has no random number generator, and a script must play the same way each time.
+    let mut node = Node::asleep(Instant::ZERO, STORAGE, SPLINE, identity, Seed::FORESEEABLE);
     #[cfg(feature = "script")]
     if let Some(pipes) = coupled::Pipes::open() {
         node.wake(&Settings::POWERCUBE6);

@@ -1,5 +1,6 @@
 //! Registers of the STM32F405 that are used, by their address (RM0090): clocks, pins, timer, watchdog.
 
+use firmware::authority::{SEED_LEN, Seed};
 use protocol::Instant;
 
 const RCC: usize = 0x4002_3800;
@@ -8,6 +9,7 @@ const GPIOB: usize = 0x4002_0400;
 const GPIOC: usize = 0x4002_0800;
 const TIM2: usize = 0x4000_0000;
 const IWDG: usize = 0x4000_3000;
+const RNG: usize = 0x5006_0800;
 const UNIQUE_ID: usize = 0x1FFF_7A10;
 
 /// Pin of the gripper on port C.
@@ -106,6 +108,41 @@ pub fn start_watchdog() {
 
 pub fn feed_watchdog() {
     write(IWDG, 0xAAAA);
+}
+
+/// Random bytes of the chip's generator (RM0090, 24). The first number after its start is not used, and no number equals
+/// the one before, as FIPS 140-2 wants.
+pub fn seed() -> Seed {
+    let mut bytes = [0; SEED_LEN];
+    // Clock of the generator, then the generator.
+    modify(RCC + 0x34, 0, 1 << 6);
+    write(RNG, 1 << 2);
+    let mut last = next_random();
+    for place in bytes.as_chunks_mut::<4>().0 {
+        let mut number = next_random();
+        while number == last {
+            number = next_random();
+        }
+        *place = number.to_le_bytes();
+        last = number;
+    }
+    write(RNG, 0);
+    Seed::from_entropy(bytes)
+}
+
+fn next_random() -> u32 {
+    loop {
+        let status = read(RNG + 0x04);
+        if status & (1 << 5 | 1 << 6) != 0 {
+            // Error of the clock or of the source: the generator is started anew. One that never recovers keeps the board
+            // here.
+            write(RNG + 0x04, 0);
+            write(RNG, 0);
+            write(RNG, 1 << 2);
+        } else if status & 1 != 0 {
+            return read(RNG + 0x08);
+        }
+    }
 }
 
 /// The chip's 96-bit number.

@@ -9,8 +9,11 @@
 //! * Received frames are taken by interrupt into a ring: the peripheral holds three, a control step lasts longer than that.
 //! * The independent watchdog (100 ms) is fed only while deadlines are served in time; a loop that hangs resets the
 //!   board, and the drives stop by their own watchdogs.
-//! * Trajectory and settings live in RAM: erasing the chip's flash stalls the processor for up to two seconds, longer than
-//!   the drives' watchdogs wait. After power on there is no trajectory, and the settings are the built-in ones.
+//! * Tokens and challenges are drawn from the chip's random number generator. A generator that fails keeps the board from
+//!   starting: the drives get no sign of life.
+//! * Trajectory, settings and key live in RAM: erasing the chip's flash stalls the processor for up to two seconds, longer than
+//!   the drives' watchdogs wait. After power on there is no trajectory and no
+//!   key, and the settings are the built-in ones.
 //!
 //! It has never run on hardware. What is known is that it builds, that the same core runs bit for bit on the emulated
 //! processor, and what the reference manual (RM0090) says about the registers used here.
@@ -55,7 +58,7 @@ fn main() -> ! {
     let mut bus = can::Bus::start();
     let identity = Identity { unique_id: chip::unique_id(), hardware: (1, 0) };
     let mut clock = chip::Clock::default();
-    let node = NODE.write(Node::asleep(clock.now(), STORAGE, SPLINE, identity));
+    let node = NODE.write(Node::asleep(clock.now(), STORAGE, SPLINE, identity, chip::seed()));
     node.wake(&Settings::POWERCUBE6);
     chip::start_watchdog();
     let mut last = Instant::ZERO;

@@ -1,7 +1,7 @@
 //! Gains into the registers of a controller: read, write, read back, and back again if anything is wrong.
 //!
-//! The controller takes new gains over without a bump: it blends them in over `gains.blend_us`. The registers of the
-//! joints hold the gains of all of them, so three writes change all joints.
+//! The controller takes gains only while nothing moves and nothing is armed. The registers of the joints hold the gains of
+//! all of them, so three writes change all joints. Each change voids the certificate, which is written last.
 
 use firmware::crc::Crc32;
 use protocol::cyphal::bits::Decode;
@@ -22,6 +22,8 @@ const GAINS: [&str; 3] = ["joint.k_error_1_s2", "joint.k_rate_1_s", "joint.k_las
 const ESTIMATOR: [&str; 2] = ["estimator.alpha", "estimator.beta"];
 /// Period the gains are for, µs.
 const GAINS_PERIOD: &str = "gains.period_us";
+/// Checksum of the robot they are for.
+const ROBOT: &str = "gains.robot_crc32";
 /// Checksum of their certificate.
 const CERTIFICATE: &str = "gains.certificate_crc32";
 /// Period at which the controller runs, µs.
@@ -108,6 +110,9 @@ impl Registers for OnBus<'_> {
 pub(super) struct InForce {
     /// Period they are for, µs.
     pub(super) period_us: u32,
+    /// Checksum of the robot they are for; 0 in files of earlier versions: not known.
+    #[serde(default)]
+    pub(super) robot_crc32: u32,
     /// Checksum of their certificate, 0 for none.
     pub(super) certificate_crc32: u32,
     /// Weight of a measurement on the position error.
@@ -202,7 +207,8 @@ struct Broken {
 }
 
 /// All registers of gains.
-const ALL: [&str; 7] = [ESTIMATOR[0], ESTIMATOR[1], GAINS[0], GAINS[1], GAINS[2], GAINS_PERIOD, CERTIFICATE];
+const ALL: [&str; 8] =
+    [ESTIMATOR[0], ESTIMATOR[1], GAINS[0], GAINS[1], GAINS[2], GAINS_PERIOD, ROBOT, CERTIFICATE];
 
 /// What each register holds after a write and the way back both ended early.
 fn held(forth: &Broken, back: &Broken) -> String {
@@ -245,12 +251,14 @@ impl InForce {
             Ok(None) => Err(format!("the controller has no register {name}")),
             Err(e) => Err(e.to_string()),
         };
-        let (period_us, certificate_crc32) = (natural(GAINS_PERIOD)?, natural(CERTIFICATE)?);
+        let (period_us, robot_crc32, certificate_crc32) =
+            (natural(GAINS_PERIOD)?, natural(ROBOT)?, natural(CERTIFICATE)?);
         let mut rows = rows.into_iter();
         let mut next = || rows.next().unwrap_or_default();
         let (k_pos_1_s2, k_vel_1_s, k_last) = (next(), next(), next());
         Ok(Self {
             period_us,
+            robot_crc32,
             certificate_crc32,
             estimator_alpha,
             estimator_beta,
@@ -260,11 +268,11 @@ impl InForce {
         })
     }
 
-    /// These gains with those of a verified file in place of its joints.
+    /// These gains with those of a verified file for the robot `robot_crc32` in place of its joints.
     ///
     /// # Errors
     /// [`ApplyError::Joints`], [`ApplyError::SomeJoints`].
-    pub(super) fn with(&self, file: &GainsFile) -> Result<Self, ApplyError> {
+    pub(super) fn with(&self, file: &GainsFile, robot_crc32: u32) -> Result<Self, ApplyError> {
         let wanted_us = (file.period_s * 1e6).round() as u32;
         let joints = self.k_pos_1_s2.len();
         if file.joint.len() < joints && wanted_us != self.period_us {
@@ -278,6 +286,7 @@ impl InForce {
             return Err(ApplyError::SomeEstimators { found, wanted });
         }
         new.certificate_crc32 = Crc32::of(file.to_toml().as_bytes());
+        new.robot_crc32 = robot_crc32;
         for joint in &file.joint {
             let unknown = ApplyError::Joints { found: joints, wanted: joint.number };
             let Some(i) = joint.number.checked_sub(1).filter(|i| *i < joints) else { return Err(unknown) };
@@ -316,8 +325,7 @@ impl InForce {
     }
 
     /// Writes every register and compares what each holds then, bit for bit. The certificate goes first and comes back
-    /// last: a mixture has none. Weights of the estimator that are right already are left alone: they can only be changed
-    /// while nothing moves, gains at any time.
+    /// last: a mixture has none.
     fn write<T: Registers>(&self, target: &mut T) -> Result<(), Broken> {
         let mut done = Vec::new();
         let mut step = |at: &'static str, outcome: Result<(), String>| match outcome {
@@ -336,6 +344,7 @@ impl InForce {
             step(name, write_floats(target, name, row))?;
         }
         step(GAINS_PERIOD, write_natural(target, GAINS_PERIOD, self.period_us))?;
+        step(ROBOT, write_natural(target, ROBOT, self.robot_crc32))?;
         step(CERTIFICATE, write_natural(target, CERTIFICATE, self.certificate_crc32))
     }
 }
@@ -409,7 +418,7 @@ mod tests {
     fn memory() -> Memory {
         let mut floats: BTreeMap<_, _> = GAINS.map(|name| (name.to_owned(), vec![-1.0, -2.0])).into();
         floats.extend(ESTIMATOR.map(|name| (name.to_owned(), vec![0.5])));
-        let naturals = [(GAINS_PERIOD, 3000), (CERTIFICATE, 7), (CYCLE_PERIOD, 3000)]
+        let naturals = [(GAINS_PERIOD, 3000), (ROBOT, 5), (CERTIFICATE, 7), (CYCLE_PERIOD, 3000)]
             .map(|(n, v)| (n.to_owned(), v))
             .into();
         Memory { floats, naturals, writes_left: 99, deaf: "" }
@@ -447,6 +456,7 @@ mod tests {
         let (k_pos_1_s2, k_vel_1_s) = (vec![-400.0, -500.0], vec![-30.0, -35.0]);
         InForce {
             period_us: 3000,
+            robot_crc32: 5,
             certificate_crc32: 9,
             estimator_alpha: 0.6,
             estimator_beta: 0.25,

@@ -14,6 +14,7 @@ use rayon::prelude::*;
 use robot_model::AnyRobot;
 use toml_reader::{DESCRIPTION_MAX_BYTES, read_text};
 
+use crate::bus::settings::crc32_of_any;
 use crate::bus::{BusArgs, Session};
 use crate::error::ExpectedError;
 use crate::exit;
@@ -62,7 +63,7 @@ impl std::str::FromStr for Joints {
 /// Arguments of `cubectl tune`.
 #[derive(Clone, Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl tune --plan throw.json --out gains.toml --pictures .\n  cubectl tune --period 0.017 --joint 2 --design paper\n  cubectl tune --plan throw.json --apply --bus can0\n  cubectl tune --rollback gains-before.toml --bus can0\n\n--apply keeps the gains from before in --backup; the controller blends new gains in without a bump."
+    after_help = "Examples:\n  cubectl tune --plan throw.json --out gains.toml --pictures .\n  cubectl tune --period 0.017 --joint 2 --design paper\n  cubectl tune --plan throw.json --apply --bus can0\n  cubectl tune --rollback gains-before.toml --bus can0\n\n--apply keeps the gains from before in --backup; the controller takes gains only while nothing moves\nand nothing is armed."
 )]
 pub struct Args {
     /// Bus of the controller; `--robot` names the robot model.
@@ -219,7 +220,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     match link {
         Some(mut link) if args.apply => {
-            link.apply(&before, &before.with(&file)?, &args.backup)?;
+            let robot_crc32 = crc32_of_any(&work.robot).unwrap_or(0);
+            link.apply(&before, &before.with(&file, robot_crc32)?, &args.backup)?;
             Ok(link.session.finish()?)
         }
         Some(link) => Ok(link.session.finish()?),

@@ -7,6 +7,7 @@ use protocol::JointIndex;
 use robot_model::AnyRobot;
 
 use super::apply::InForce;
+use crate::bus::settings::crc32_of_any;
 use crate::plan::file::{JointPlan, PlanFile, Segment};
 use crate::tune::gains_file::{GainsFile, JointGains, certificate_gains, paper_system};
 use crate::tune::lqr;
@@ -97,6 +98,7 @@ pub(super) fn built_in() -> InForce {
         period_us: settings.gains_period_us,
         estimator_alpha: settings.estimator_alpha,
         estimator_beta: settings.estimator_beta,
+        robot_crc32: settings.gains_robot_crc32,
         certificate_crc32: settings.gains_certificate_crc32,
         k_pos_1_s2: of(|j| j.k_error_1_s2),
         k_vel_1_s: of(|j| j.k_rate_1_s),
@@ -146,7 +148,7 @@ pub(super) fn compare(
     if !matches!(robot, AnyRobot::Six(_)) {
         return Err("the firmware's built-in settings are for an arm of six joints".to_owned());
     }
-    let after = before.with(file).map_err(|e| e.to_string())?;
+    let after = before.with(file, crc32_of_any(robot).unwrap_or(0)).map_err(|e| e.to_string())?;
     let mut text = format!(
         "on the simulated cell (seed {SEED}), every joint {OFFSET_RAD} rad beside its start | on its start\n\
          gains                period ms  below {} rad after s, joint 1 to 6     after 0.35 s mrad  release mrad, mrad/s  \
@@ -212,7 +214,7 @@ mod tests {
     fn built_in_gains_are_the_certified_ones_of_their_file() {
         let file = include_str!("../../../gains/powercube6-3ms.toml");
         let file = GainsFile::from_toml(file, "powercube6").unwrap();
-        assert_eq!(built_in().with(&file).unwrap(), built_in());
+        assert_eq!(built_in().with(&file, built_in().robot_crc32).unwrap(), built_in());
     }
 
     #[test]
@@ -243,7 +245,7 @@ mod tests {
             };
             let text = compare(&robot, &built_in(), &file, &of_share(&robot, 0.5)).unwrap();
             say::line!("{text}");
-            let rows = rows(&built_in().with(&file).unwrap()).unwrap();
+            let rows = rows(&built_in().with(&file, built_in().robot_crc32).unwrap()).unwrap();
             let found =
                 run(&robot, &settings(&rows, period_s, estimator), &of_share(&robot, 0.5), OFFSET_RAD, SEED)
                     .unwrap();

@@ -15,8 +15,11 @@
 //! | 8 | [`JOG`] | [`Jog`] | none | Idle, Ready, Stopped, Jogging |
 //! | 9 | [`COMMIT_TRAJECTORY`] | [`Trajectory`] | none | not Armed, Running, Stopping |
 //! | 10 | [`GRIPPER`] | [`Gripper`] | none | not Running |
+//! | 11 | [`CHALLENGE`] | none | [`Challenge`] | nothing moves, not Boot |
+//! | 12 | [`AUTHORIZE`] | [`Authorization`] | none | while the challenge holds |
+//! | 13 | [`UNLOCK`] | [`Unlock`] | none | nothing is armed or moves |
 //!
-//! A command that is refused answers `BAD_STATE`, `BAD_PARAMETER` or `FAILURE` with a [`Refusal`] as
+//! A command that is refused answers `BAD_STATE`, `BAD_PARAMETER`, `NOT_AUTHORIZED` or `FAILURE` with a [`Refusal`] as
 //! output. The standard `EMERGENCY_STOP` is treated as [`STOP`].
 //!
 //! # Repetition
@@ -29,10 +32,20 @@
 //!
 //! # Arming
 //!
-//! Two steps, so that no single frame, stray or repeated, ever sets the arm in motion: the offer
-//! names a token that only the sender of `ARM_PREPARE` learns, and both steps expire by themselves.
+//! Two steps, so that no single frame, stray or repeated, sets the arm in motion. The offer belongs to the node that sent
+//! `ARM_PREPARE`: the controller takes `ARM_CONFIRM` and `RUN` from that node only, and both steps expire. `STOP` and
+//! `DISARM` are taken from any node at any time.
+//!
+//! # What this does not protect against
+//!
+//! The bus is open: every node reads every frame, tokens included, and a node can send frames with the node-ID of another
+//! one. Node-IDs and tokens protect against mistakes, not against an intruder. Against an intruder set a key: the controller
+//! then wants an authentication code ([`authorization`](super::authorization)) for each of [`COMMIT_TRAJECTORY`],
+//! [`ARM_CONFIRM`], [`RUN`], [`HOME`], [`GRIPPER`], [`UNLOCK`], the first [`JOG`] of a jog, and each write of a register that
+//! shapes motion. `SECURITY.md` says what is left.
 
 use super::super::bits::{Decode, DecodeError, Encode, Reader, Writer};
+use super::authorization::{CODE_LEN, NONCE_LEN};
 
 /// Asks for an offer to arm.
 pub const ARM_PREPARE: u16 = 1;
@@ -55,6 +68,15 @@ pub const COMMIT_TRAJECTORY: u16 = 9;
 /// Sets the gripper output.
 pub const GRIPPER: u16 = 10;
 
+/// Asks for a challenge, to make an authentication code with.
+pub const CHALLENGE: u16 = 11;
+/// Gives the authentication code of the next order of this node.
+pub const AUTHORIZE: u16 = 12;
+/// Lets this node set limits beyond those of the robot for a while.
+pub const UNLOCK: u16 = 13;
+
+/// Longest time that limits may be unlocked for, s.
+pub const UNLOCK_VALID_S_MAX: u16 = 3_600;
 /// Longest time an offer or an arming may be asked to hold, ms.
 pub const ARMING_VALID_MS_MAX: u16 = 30_000;
 /// Longest time a jog may be asked to go on without repetition, ms.
@@ -142,6 +164,30 @@ parameters! {
     Gripper {
         /// Open or closed.
         open: bool as bool,
+    }
+
+    /// Output of [`CHALLENGE`].
+    Challenge {
+        /// To be covered by the code; good for one order.
+        nonce: [u8; NONCE_LEN] as array,
+        /// Time left, ms.
+        valid_ms: u16 as u16,
+    }
+
+    /// Parameter of [`AUTHORIZE`].
+    Authorization {
+        /// Of the challenge.
+        nonce: [u8; NONCE_LEN] as array,
+        /// [`authorization`](super::authorization) says what it covers.
+        code: [u8; CODE_LEN] as array,
+    }
+
+    /// Parameter of [`UNLOCK`].
+    Unlock {
+        /// Register `limits.robot_crc32`: the robot whose limits are to be exceeded.
+        robot_crc32: u32 as u32,
+        /// For how long, s, at most [`UNLOCK_VALID_S_MAX`]; 0 puts the limits of the robot back at once.
+        valid_s: u16 as u16,
     }
 
     /// Output of any command that did not succeed.

@@ -119,6 +119,10 @@ pub struct GroupState {
     pub gripper_open: bool,
     /// The CAN controller is error-passive or was bus-off since the last message.
     pub bus_warning: bool,
+    /// Limits beyond those of the robot may be set, or are set.
+    pub limits_unlocked: bool,
+    /// Orders that can move the arm need an authentication code.
+    pub keyed: bool,
     /// Nominal control period, µs.
     pub cycle_us: u16,
     /// Largest deviation from it since the last message, µs; stays at 65535.
@@ -153,10 +157,12 @@ impl Encode for GroupState {
             self.host_alive,
             self.gripper_open,
             self.bus_warning,
+            self.limits_unlocked,
+            self.keyed,
         ] {
             out.bool(flag);
         }
-        out.void(3);
+        out.void(1);
         for number in [
             self.cycle_us,
             self.cycle_jitter_us,
@@ -182,9 +188,16 @@ impl Decode<'_> for GroupState {
         let state =
             State::from_number(number).ok_or(DecodeError::UnknownValue { value: u32::from(number) })?;
         let (fault_joint, fault_cause, homed_mask) = (input.u8(), input.u16(), input.u8());
-        let [trajectory_stored, trajectory_committed, host_alive, gripper_open, bus_warning] =
-            [(); 5].map(|()| input.bool());
-        input.void(3);
+        let [
+            trajectory_stored,
+            trajectory_committed,
+            host_alive,
+            gripper_open,
+            bus_warning,
+            limits_unlocked,
+            keyed,
+        ] = [(); 7].map(|()| input.bool());
+        input.void(1);
         Ok(Self {
             uptime_us,
             sequence,
@@ -197,6 +210,8 @@ impl Decode<'_> for GroupState {
             host_alive,
             gripper_open,
             bus_warning,
+            limits_unlocked,
+            keyed,
             cycle_us: input.u16(),
             cycle_jitter_us: input.u16(),
             cycles_late: input.u16(),

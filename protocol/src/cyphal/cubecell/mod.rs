@@ -5,6 +5,7 @@
 //! integrator: the constants here are the defaults of the registers `uavcan.pub.*.id` and
 //! `uavcan.sub.*.id`.
 
+pub mod authorization;
 pub mod command;
 pub mod group_state;
 pub mod joint_state;

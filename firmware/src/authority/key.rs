@@ -1,0 +1,183 @@
+//! Keyed orders: a controller with a key takes orders that can move the arm only with a code of that key.
+//!
+//! ```text
+//! node                          controller
+//!  │ challenge ────────────────▶ │
+//!  │ ◀──────────────── nonce ─── │   8 bytes, once, for this node, for 5 s
+//!  │ authorize(nonce, code) ───▶ │   code = HMAC-SHA-256(key, context ‖ nonce ‖ node ‖ content), first 16 bytes
+//!  │ the order itself ─────────▶ │   its bytes are the content; carried out if the code covers them
+//! ```
+//!
+//! A code covers one order of one node. If the answer to the order is lost and the same order comes again, the answer is
+//! given again and nothing is done twice.
+
+use hmac::{Hmac, KeyInit, Mac};
+use protocol::cyphal::cubecell::authorization::CONTEXT;
+pub use protocol::cyphal::cubecell::authorization::{CODE_LEN, KEY_LEN, NONCE_LEN};
+use protocol::{Duration, Instant};
+use sha2::Sha256;
+
+use super::Peer;
+use crate::fault::{Cause, Refusal};
+use crate::orders::Done;
+
+/// How long a challenge holds.
+pub const CHALLENGE_VALID: Duration = Duration::from_secs(5);
+/// Nodes that may hold a challenge at the same time; one more takes the place of the oldest.
+const NODES_MAX: usize = 4;
+
+/// A shared secret.
+#[derive(Clone)]
+pub struct Key([u8; KEY_LEN]);
+
+/// Number of a challenge.
+pub type Nonce = [u8; NONCE_LEN];
+/// Truncated authentication code.
+pub type Code = [u8; CODE_LEN];
+
+impl Key {
+    /// Key of random bytes.
+    pub const fn new(bytes: [u8; KEY_LEN]) -> Self {
+        Self(bytes)
+    }
+
+    /// The bytes, to store them.
+    pub(crate) const fn bytes(&self) -> &[u8; KEY_LEN] {
+        &self.0
+    }
+}
+
+/// Not its bytes.
+impl core::fmt::Debug for Key {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str("Key")
+    }
+}
+
+fn mac(key: &Key, nonce: &Nonce, peer: Peer, content: &[u8]) -> Option<Hmac<Sha256>> {
+    let mut mac = <Hmac<Sha256> as KeyInit>::new_from_slice(&key.0).ok()?;
+    mac.update(CONTEXT);
+    mac.update(nonce);
+    mac.update(&[peer.number()]);
+    mac.update(content);
+    Some(mac)
+}
+
+/// The code of an order.
+pub fn code_of(key: &Key, nonce: &Nonce, peer: Peer, content: &[u8]) -> Code {
+    let mut code = [0; CODE_LEN];
+    if let Some(mac) = mac(key, nonce, peer, content) {
+        for (to, from) in code.iter_mut().zip(mac.finalize().into_bytes()) {
+            *to = from;
+        }
+    }
+    code
+}
+
+/// A challenge that is out.
+#[derive(Clone, Copy)]
+struct Challenge {
+    peer: Peer,
+    nonce: Nonce,
+    until: Instant,
+    /// From the node; not compared with anything yet.
+    code: Option<Code>,
+    /// The order that the code was for has been carried out, with this outcome.
+    outcome: Option<Result<Done, Refusal>>,
+}
+
+/// What a code says about an order.
+pub(crate) enum Verdict {
+    /// Carry it out.
+    Carry,
+    /// It was carried out before: answer this.
+    Repeat(Result<Done, Refusal>),
+}
+
+/// The key, and the challenges that are out.
+#[derive(Default)]
+pub(crate) struct Keyring {
+    key: Option<Key>,
+    challenges: [Option<Challenge>; NODES_MAX],
+}
+
+impl Keyring {
+    /// True if a key is set.
+    pub(crate) const fn is_keyed(&self) -> bool {
+        self.key.is_some()
+    }
+
+    /// Sets or removes the key; challenges of the old one are void.
+    pub(crate) fn set(&mut self, key: Option<Key>) {
+        *self = Self { key, challenges: Default::default() };
+    }
+
+    fn slot(&mut self, now: Instant, peer: Peer) -> Option<&mut Challenge> {
+        self.challenges.iter_mut().flatten().find(|challenge| challenge.peer == peer && challenge.until > now)
+    }
+
+    /// A new challenge for `peer`; its old one is void.
+    pub(crate) fn challenge(&mut self, now: Instant, peer: Peer, nonce: Nonce) {
+        let new = Challenge { peer, nonce, until: now + CHALLENGE_VALID, code: None, outcome: None };
+        let place = self.challenges.iter_mut().min_by_key(|place| match place {
+            Some(old) if old.peer == peer => (0, Instant::ZERO),
+            None => (1, Instant::ZERO),
+            Some(old) => (2, old.until),
+        });
+        if let Some(place) = place {
+            *place = Some(new);
+        }
+    }
+
+    /// Keeps the code for the next order of `peer`.
+    pub(crate) fn authorize(
+        &mut self,
+        now: Instant,
+        peer: Peer,
+        nonce: Nonce,
+        code: Code,
+    ) -> Result<(), Refusal> {
+        let challenge = self.slot(now, peer).filter(|challenge| challenge.nonce == nonce);
+        let Some(challenge) = challenge else { return Err(Refusal::of(Cause::CodeWrong)) };
+        match challenge.code {
+            // The same again: its answer was lost.
+            Some(old) if old == code => Ok(()),
+            // A challenge takes one code.
+            Some(_) => Err(Refusal::of(Cause::CodeWrong)),
+            None => {
+                challenge.code = Some(code);
+                Ok(())
+            }
+        }
+    }
+
+    /// Compares the code of `peer` with `content`, the order as it came. A code that does not fit is used up.
+    pub(crate) fn judge(&mut self, now: Instant, peer: Peer, content: &[u8]) -> Result<Verdict, Refusal> {
+        let Some(key) = self.key.clone() else { return Ok(Verdict::Carry) };
+        let given = self.slot(now, peer).and_then(|challenge| {
+            let code = challenge.code?;
+            Some((challenge, code))
+        });
+        let Some((challenge, code)) = given else { return Err(Refusal::of(Cause::CodeMissing)) };
+        // Compared in constant time.
+        let fits = mac(&key, &challenge.nonce, peer, content)
+            .is_some_and(|mac| mac.verify_truncated_left(&code).is_ok());
+        match (fits, challenge.outcome) {
+            (true, None) => Ok(Verdict::Carry),
+            (true, Some(outcome)) => Ok(Verdict::Repeat(outcome)),
+            // The code was for an order that was carried out: this one has none.
+            (false, Some(_)) => Err(Refusal::of(Cause::CodeMissing)),
+            (false, None) => {
+                challenge.until = now;
+                Err(Refusal::of(Cause::CodeWrong))
+            }
+        }
+    }
+
+    /// The order of `peer` was carried out: its code is used up.
+    pub(crate) fn close(&mut self, now: Instant, peer: Peer, outcome: Result<Done, Refusal>) {
+        if let Some(challenge) = self.slot(now, peer) {
+            challenge.outcome = Some(outcome);
+        }
+    }
+}

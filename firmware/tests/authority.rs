@@ -1,0 +1,537 @@
+//! Who may order what: sessions of nodes, gains and limits, certificates, and keyed orders. The repeats of the issue's
+//! defect 6, each as a test, in the core and over the wire.
+
+mod bench;
+
+use bench::*;
+use firmware::authority::{Code, Key, Nonce, Peer, Seed, Source, code_of};
+use firmware::fault::{Cause, Refusal};
+use firmware::orders::{Done, Order};
+use firmware::registers::Number;
+use firmware::settings::Settings;
+use firmware::state::StateKind;
+use firmware::store::{FileName, RamStorage};
+use firmware::trace::Event;
+use firmware::{Controller, registers};
+use protocol::Duration;
+
+const FIRST: Peer = HOST;
+const SECOND: Peer = Peer::new(43);
+const VALID: Duration = Duration::from_secs(5);
+
+fn cause<T: core::fmt::Debug>(outcome: Result<T, Refusal>) -> Cause {
+    outcome.unwrap_err().cause
+}
+
+fn offer(bench: &mut Bench, peer: Peer, name: FileName) -> u32 {
+    match bench.order_of(peer, Order::ArmPrepare { crc64: name.crc64, valid: VALID }) {
+        Ok(Done::Offer { token, .. }) => token,
+        other => panic!("{other:?}"),
+    }
+}
+
+/// Ready at the start of the throw, the throw committed by the first node.
+fn committed() -> (Bench, FileName) {
+    let mut bench = Bench::ready(Options::default(), &throw_start());
+    let name = bench.upload(&throw_file(3_000, false));
+    (bench, name)
+}
+
+fn write(bench: &mut Bench, peer: Peer, name: &str, numbers: &[Number]) -> Result<(), Refusal> {
+    let now = bench.instant();
+    bench.controller.write_register(now, peer, name, numbers)
+}
+
+fn fault_of(bench: &Bench) -> Option<Cause> {
+    bench.controller.state().fault().map(|fault| fault.cause)
+}
+
+fn hear(bench: &mut Bench, peer: Peer) {
+    let now = bench.instant();
+    bench.controller.host_heartbeat(now, peer);
+}
+
+#[test]
+fn a_second_node_can_neither_confirm_the_offer_of_the_first_nor_take_its_place() {
+    let (mut bench, name) = committed();
+    let token = offer(&mut bench, FIRST, name);
+    hear(&mut bench, SECOND);
+    for order in [
+        Order::ArmConfirm { token, valid: VALID },
+        Order::ArmPrepare { crc64: name.crc64, valid: VALID },
+        Order::Commit(name),
+        Order::Home { mask: 1 },
+        Order::SaveSettings,
+    ] {
+        assert_eq!(cause(bench.order_of(SECOND, order)), Cause::OtherHost, "{order:?}");
+    }
+    let now = bench.instant();
+    assert_eq!(cause(bench.controller.upload(now, SECOND, 0, &[1; 8])), Cause::BankBusy);
+    assert_eq!(bench.kind(), StateKind::Ready);
+    // The first one goes on as if nothing had happened, and only it.
+    bench.run_for(60_000);
+    bench.order_of(FIRST, Order::ArmConfirm { token, valid: VALID }).unwrap();
+    assert_eq!(cause(bench.order_of(SECOND, Order::Run(name))), Cause::OtherHost);
+    assert_eq!(cause(bench.order_of(SECOND, Order::ArmConfirm { token, valid: VALID })), Cause::OtherHost);
+    bench.order_of(FIRST, Order::Run(name)).unwrap();
+    assert_eq!(bench.kind(), StateKind::Running);
+}
+
+#[test]
+fn the_first_node_can_always_disarm_and_so_can_any_other() {
+    for by in [FIRST, SECOND] {
+        let (mut bench, name) = committed();
+        let token = offer(&mut bench, FIRST, name);
+        bench.run_for(60_000);
+        let _ = bench.order_of(SECOND, Order::ArmConfirm { token, valid: VALID });
+        bench.order_of(FIRST, Order::ArmConfirm { token, valid: VALID }).unwrap();
+        let _ = bench.order_of(SECOND, Order::ArmPrepare { crc64: name.crc64, valid: VALID });
+        bench.order_of(by, Order::Disarm).unwrap();
+        assert_eq!(bench.kind(), StateKind::Ready);
+        // An offer too.
+        let token = offer(&mut bench, FIRST, name);
+        bench.order_of(by, Order::Disarm).unwrap();
+        assert_eq!(
+            cause(bench.order_of(FIRST, Order::ArmConfirm { token, valid: VALID })),
+            Cause::TokenWrong
+        );
+    }
+}
+
+#[test]
+fn a_stop_is_taken_from_any_node_while_another_one_runs() {
+    let (mut bench, name) = committed();
+    bench.arm(name);
+    bench.order_of(FIRST, Order::Run(name)).unwrap();
+    bench.run_for(200_000);
+    bench.order_of(SECOND, Order::Stop).unwrap();
+    assert_eq!(bench.kind(), StateKind::Stopping);
+}
+
+#[test]
+fn only_heartbeats_of_the_node_that_armed_keep_a_motion_alive() {
+    let (mut bench, name) = committed();
+    bench.arm(name);
+    bench.order_of(FIRST, Order::Run(name)).unwrap();
+    bench.heartbeat = false;
+    for _ in 0..10 {
+        hear(&mut bench, SECOND);
+        bench.run_for(20_000);
+    }
+    assert_eq!(fault_of(&bench), Some(Cause::HostLost));
+}
+
+#[test]
+fn nobody_writes_gains_limits_or_periods_while_armed_or_running() {
+    let (mut bench, name) = committed();
+    bench.arm(name);
+    for kind in [StateKind::Armed, StateKind::Running] {
+        assert_eq!(bench.kind(), kind);
+        for info in registers::TABLE.iter().filter(|info| info.shapes_motion()) {
+            let held = bench.controller.register(registers::find(info.name).unwrap()).unwrap();
+            assert_eq!(cause(write(&mut bench, FIRST, info.name, held.as_slice())), Cause::OrderNotNow);
+            assert_eq!(cause(write(&mut bench, SECOND, info.name, held.as_slice())), Cause::OtherHost);
+        }
+        if kind == StateKind::Armed {
+            bench.order_of(FIRST, Order::Run(name)).unwrap();
+            bench.run_for(200_000);
+        }
+    }
+    bench.run_until(3_000_000, |bench| bench.kind() == StateKind::Ready);
+    assert_eq!(bench.kind(), StateKind::Ready);
+    assert!(bench.distance_from_path() < 1e-3);
+}
+
+#[test]
+fn another_nodes_offer_locks_the_registers_and_an_own_change_voids_the_own_offer() {
+    let (mut bench, name) = committed();
+    let token = offer(&mut bench, FIRST, name);
+    let slower = [Number::Real32(1.0); 6];
+    assert_eq!(cause(write(&mut bench, SECOND, "joint.v_max_rad_s", &slower)), Cause::OtherHost);
+    write(&mut bench, FIRST, "gains.period_us", &[Number::Natural32(5_000)]).unwrap();
+    assert_eq!(cause(bench.order_of(FIRST, Order::ArmConfirm { token, valid: VALID })), Cause::TokenWrong);
+}
+
+#[test]
+fn a_changed_limit_voids_the_commit_until_the_trajectory_is_checked_again() {
+    let (mut bench, name) = committed();
+    let held: Vec<f32> = bench.controller.settings().joint.0[..6].iter().map(|j| j.error_max_rad).collect();
+    let tighter: Vec<Number> = held.iter().map(|x| Number::Real32(0.5 * x)).collect();
+    write(&mut bench, FIRST, "joint.error_max_rad", &tighter).unwrap();
+    let prepare = Order::ArmPrepare { crc64: name.crc64, valid: VALID };
+    assert_eq!(cause(bench.order_of(FIRST, prepare)), Cause::NoTrajectory);
+    // The file is still there.
+    bench.order_of(FIRST, Order::Commit(name)).unwrap();
+    bench.order_of(FIRST, Order::Disarm).unwrap();
+    // Limits that the plan breaks.
+    write(&mut bench, FIRST, "joint.jog_v_rad_s", &[Number::Real32(0.05); 6]).unwrap();
+    write(&mut bench, FIRST, "joint.home_v_rad_s", &[Number::Real32(-0.05); 6]).unwrap();
+    write(&mut bench, FIRST, "joint.v_max_rad_s", &[Number::Real32(0.1); 6]).unwrap();
+    assert_eq!(cause(bench.order_of(FIRST, Order::Commit(name))), Cause::PlanVelocity);
+    assert_eq!(cause(bench.order_of(FIRST, prepare)), Cause::NoTrajectory);
+}
+
+#[test]
+fn limits_beyond_those_of_the_robot_need_an_unlock_that_names_it_and_ends() {
+    let (mut bench, _) = committed();
+    let wide = [
+        ("joint.v_max_rad_s", 10.0),
+        ("joint.a_max_rad_s2", 50.0),
+        ("joint.q_max_rad", 9.5),
+        ("joint.q_min_rad", -9.5),
+        ("joint.current_max_a", 60.0),
+        ("joint.error_max_rad", 1.0),
+    ];
+    let robot_crc32 = bench.controller.settings().limits_robot_crc32;
+    let before = *bench.controller.settings();
+    let unlock = |robot_crc32| Order::Unlock { robot_crc32, valid: Duration::from_secs(2) };
+    let now = bench.instant();
+    for (name, x) in wide {
+        assert_eq!(
+            cause(write(&mut bench, FIRST, name, &[Number::Real32(x); 6])),
+            Cause::LimitCeiling,
+            "{name}"
+        );
+    }
+    assert_eq!(cause(bench.order_of(FIRST, unlock(robot_crc32 ^ 1))), Cause::WrongRobot);
+    let long = Order::Unlock { robot_crc32, valid: Duration::from_secs(3_601) };
+    assert_eq!(cause(bench.order_of(FIRST, long)), Cause::BadValue);
+    assert!(!bench.controller.take_sample(now).limits_unlocked);
+    bench.order_of(FIRST, unlock(robot_crc32)).unwrap();
+    assert!(bench.controller.take_sample(now).limits_unlocked);
+    let traced = |bench: &Bench, event| bench.controller.trace().iter().any(|(_, e)| e == event);
+    assert!(traced(&bench, Event::Unlocked(FIRST)));
+    for (name, x) in wide {
+        assert_eq!(
+            cause(write(&mut bench, SECOND, name, &[Number::Real32(x); 6])),
+            Cause::LimitCeiling,
+            "{name}"
+        );
+        write(&mut bench, FIRST, name, &[Number::Real32(x); 6]).unwrap();
+    }
+    assert!(!traced(&bench, Event::LimitsPutBack));
+    bench.run_for(2_100_000);
+    assert_eq!(*bench.controller.settings(), before, "the limits of the robot hold again");
+    assert!(traced(&bench, Event::LimitsPutBack));
+    let now = bench.instant();
+    assert!(!bench.controller.take_sample(now).limits_unlocked);
+}
+
+#[test]
+fn an_arming_with_unlocked_limits_ends_with_the_unlock_and_a_motion_is_not_disturbed() {
+    let (mut bench, name) = committed();
+    let robot_crc32 = bench.controller.settings().limits_robot_crc32;
+    let before = *bench.controller.settings();
+    for run in [false, true] {
+        let unlock = Order::Unlock { robot_crc32, valid: Duration::from_millis(500) };
+        bench.order_of(FIRST, unlock).unwrap();
+        write(&mut bench, FIRST, "joint.error_max_rad", &[Number::Real32(0.5); 6]).unwrap();
+        bench.order_of(FIRST, Order::Commit(name)).unwrap();
+        bench.arm(name);
+        if run {
+            bench.order_of(FIRST, Order::Run(name)).unwrap();
+        }
+        bench.run_for(550_000);
+        if run {
+            assert_eq!(bench.kind(), StateKind::Running);
+            assert_eq!(bench.controller.settings().joint.0[0].error_max_rad, 0.5);
+            bench.run_until(3_000_000, |bench| bench.kind() == StateKind::Ready);
+            bench.run_for(50_000);
+        }
+        assert_eq!(bench.kind(), StateKind::Ready);
+        assert_eq!(*bench.controller.settings(), before);
+    }
+}
+
+#[test]
+fn limits_saved_while_unlocked_do_not_survive_a_restart() {
+    let (mut bench, _) = committed();
+    let robot_crc32 = bench.controller.settings().limits_robot_crc32;
+    bench.order_of(FIRST, Order::Unlock { robot_crc32, valid: VALID }).unwrap();
+    write(&mut bench, FIRST, "joint.v_max_rad_s", &[Number::Real32(10.0); 6]).unwrap();
+    write(&mut bench, FIRST, "telemetry.period_us", &[Number::Natural32(50_000)]).unwrap();
+    bench.order_of(FIRST, Order::SaveSettings).unwrap();
+    let storage = bench.controller.storage().clone();
+    let again = Controller::new(storage, &Settings::powercube6(), Seed::FORESEEABLE);
+    assert_eq!(again.settings().telemetry_period_us, 50_000, "what was saved is found");
+    assert_eq!(again.settings().joint, Settings::powercube6().joint);
+    assert!(!again.is_unlocked());
+}
+
+#[test]
+fn gains_without_a_certificate_or_of_another_robot_are_not_armed() {
+    const ROBOT: u32 = 0x1234_5678;
+    let mut settings = Settings::powercube6();
+    (settings.robot_crc32, settings.gains_robot_crc32) = (ROBOT, ROBOT);
+    let mut bench = Bench::ready(Options { settings, ..Options::default() }, &throw_start());
+    let name = bench.upload(&throw_file_of(ROBOT, 3_000, false));
+    let certificate = settings.gains_certificate_crc32;
+    let confirm = |bench: &mut Bench| {
+        let token = offer(bench, FIRST, name);
+        bench.run_for(60_000);
+        bench.order_of(FIRST, Order::ArmConfirm { token, valid: VALID })
+    };
+    // A gain by hand: the certificate is not its certificate.
+    write(&mut bench, FIRST, "joint.k_rate_1_s", &[Number::Real32(-30.0); 6]).unwrap();
+    assert_eq!(bench.controller.settings().gains_certificate_crc32, 0);
+    assert_eq!(cause(confirm(&mut bench)), Cause::GainsUncertified);
+    write(&mut bench, FIRST, "gains.robot_crc32", &[Number::Natural32(ROBOT ^ 1)]).unwrap();
+    write(&mut bench, FIRST, "gains.certificate_crc32", &[Number::Natural32(certificate)]).unwrap();
+    assert_eq!(cause(confirm(&mut bench)), Cause::GainsOtherRobot);
+    write(&mut bench, FIRST, "gains.robot_crc32", &[Number::Natural32(ROBOT)]).unwrap();
+    write(&mut bench, FIRST, "gains.certificate_crc32", &[Number::Natural32(certificate)]).unwrap();
+    confirm(&mut bench).unwrap();
+    assert_eq!(bench.count_sent(is_motion), 0);
+}
+
+#[test]
+fn tokens_cannot_be_foreseen_from_the_clock() {
+    let token = |seed: Seed| {
+        let settings = Settings::powercube6();
+        let controller = Controller::new(RamStorage::new(), &settings, seed);
+        let mut bench = Bench::with(controller, Options::default());
+        for (drive, q) in bench.drives.iter_mut().zip(throw_start()) {
+            drive.place(q);
+        }
+        bench.run_until(3_000_000, |bench| bench.kind() == StateKind::Ready);
+        let name = bench.upload(&throw_file(3_000, false));
+        (0..3).map(|_| offer(&mut bench, FIRST, name)).collect::<Vec<u32>>()
+    };
+    // The same clock, the same history.
+    let (one, two) = (token(Seed::from_entropy([1; 32])), token(Seed::from_entropy([2; 32])));
+    assert!(one.iter().all(|token| !two.contains(token)), "{one:?} {two:?}");
+    assert_eq!(token(Seed::from_entropy([1; 32])), one);
+}
+
+#[test]
+fn a_restarted_controller_knows_no_session_and_a_restarted_host_loses_its_own() {
+    let (mut bench, name) = committed();
+    bench.arm(name);
+    let now = bench.instant();
+    bench.controller.host_restarted(now, SECOND);
+    assert_eq!(bench.kind(), StateKind::Armed, "another node");
+    bench.controller.host_restarted(now, FIRST);
+    assert_eq!(bench.kind(), StateKind::Ready);
+    // Its next heartbeat.
+    bench.run_for(30_000);
+    bench.arm(name);
+    bench.order_of(FIRST, Order::Run(name)).unwrap();
+    bench.run_for(200_000);
+    let now = bench.instant();
+    bench.controller.host_restarted(now, FIRST);
+    assert_eq!(fault_of(&bench), Some(Cause::HostLost));
+
+    let (mut bench, name) = committed();
+    let token = offer(&mut bench, FIRST, name);
+    let storage = bench.controller.storage().clone();
+    let again = Controller::new(storage, &Settings::powercube6(), Seed::from_entropy([9; 32]));
+    let mut bench = Bench::with(again, Options::default());
+    for (drive, q) in bench.drives.iter_mut().zip(throw_start()) {
+        drive.place(q);
+    }
+    bench.run_until(3_000_000, |bench| bench.kind() == StateKind::Ready);
+    bench.run_for(60_000);
+    assert_eq!(cause(bench.order_of(FIRST, Order::ArmConfirm { token, valid: VALID })), Cause::TokenWrong);
+    assert_eq!(cause(bench.order_of(FIRST, Order::Run(name))), Cause::OrderNotNow);
+}
+
+// ---- with a key ------------------------------------------------------------------------------------
+
+const KEY: [u8; 32] = *b"a key of thirty two bytes:secret";
+
+/// A node with the key, in a test's hands.
+struct Keyed {
+    bench: Bench,
+    name: FileName,
+}
+
+/// What the link would hand over for an order.
+fn content(order: Order) -> Vec<u8> {
+    format!("{order:?}").into_bytes()
+}
+
+impl Keyed {
+    fn new() -> Self {
+        let (mut bench, name) = committed();
+        let now = bench.instant();
+        bench.controller.set_key(now, FIRST.into(), Some(Key::new(KEY))).unwrap();
+        Self { bench, name }
+    }
+
+    fn challenge(&mut self, peer: Peer) -> Nonce {
+        match self.bench.order_of(peer, Order::Challenge) {
+            Ok(Done::Challenge(nonce)) => nonce,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    fn give(&mut self, peer: Peer, order: Order) -> Result<Done, Refusal> {
+        let (now, content) = (self.bench.instant(), content(order));
+        self.bench.controller.order(now, Source { peer, content: &content }, order)
+    }
+
+    fn authorize(&mut self, peer: Peer, nonce: Nonce, code: Code) -> Result<Done, Refusal> {
+        self.bench.order_of(peer, Order::Authorize { nonce, code })
+    }
+
+    /// Challenge, code and order.
+    fn order(&mut self, peer: Peer, order: Order) -> Result<Done, Refusal> {
+        let nonce = self.challenge(peer);
+        let code = code_of(&Key::new(KEY), &nonce, peer, &content(order));
+        self.authorize(peer, nonce, code)?;
+        self.give(peer, order)
+    }
+
+    fn confirmation(&mut self) -> Order {
+        let token = offer(&mut self.bench, FIRST, self.name);
+        self.bench.run_for(60_000);
+        Order::ArmConfirm { token, valid: VALID }
+    }
+}
+
+#[test]
+fn with_a_key_orders_that_can_move_the_arm_need_a_code() {
+    let mut keyed = Keyed::new();
+    let name = keyed.name;
+    let confirm = keyed.confirmation();
+    let robot_crc32 = keyed.bench.controller.settings().limits_robot_crc32;
+    let jog = Order::Jog { joint: joint(1), qd_rad_s: 0.1, hold: Duration::from_millis(200) };
+    for order in [
+        confirm,
+        Order::Commit(name),
+        Order::Home { mask: 1 },
+        jog,
+        Order::Gripper { open: true },
+        Order::SaveSettings,
+        Order::Unlock { robot_crc32, valid: VALID },
+    ] {
+        assert_eq!(cause(keyed.give(FIRST, order)), Cause::CodeMissing, "{order:?}");
+    }
+    let slower = [Number::Real32(1.0); 6];
+    assert_eq!(cause(write(&mut keyed.bench, FIRST, "joint.v_max_rad_s", &slower)), Cause::CodeMissing);
+    assert_eq!(keyed.bench.kind(), StateKind::Ready);
+    keyed.order(FIRST, confirm).unwrap();
+    assert_eq!(cause(keyed.give(FIRST, Order::Run(name))), Cause::CodeMissing, "a code is for one order");
+    keyed.order(FIRST, Order::Run(name)).unwrap();
+    assert_eq!(keyed.bench.kind(), StateKind::Running);
+    // A stop needs none, of nobody.
+    keyed.give(SECOND, Order::Stop).unwrap();
+    assert_eq!(keyed.bench.kind(), StateKind::Stopping);
+}
+
+#[test]
+fn a_forged_code_is_refused_and_uses_the_challenge_up() {
+    let mut keyed = Keyed::new();
+    let confirm = keyed.confirmation();
+    let nonce = keyed.challenge(FIRST);
+    let good = code_of(&Key::new(KEY), &nonce, FIRST, &content(confirm));
+    let forged = [
+        [0; 16],
+        code_of(&Key::new([0; 32]), &nonce, FIRST, &content(confirm)),
+        code_of(&Key::new(KEY), &[0; 8], FIRST, &content(confirm)),
+        code_of(&Key::new(KEY), &nonce, SECOND, &content(confirm)),
+        code_of(&Key::new(KEY), &nonce, FIRST, &content(Order::Run(keyed.name))),
+    ];
+    for code in forged {
+        assert_ne!(code, good);
+        let nonce = keyed.challenge(FIRST);
+        keyed.authorize(FIRST, nonce, code).unwrap();
+        assert_eq!(cause(keyed.give(FIRST, confirm)), Cause::CodeWrong);
+        assert_eq!(cause(keyed.give(FIRST, confirm)), Cause::CodeMissing, "used up");
+    }
+    // One bit.
+    for bit in 0..128 {
+        let nonce = keyed.challenge(FIRST);
+        let mut code = code_of(&Key::new(KEY), &nonce, FIRST, &content(confirm));
+        code[bit / 8] ^= 1 << (bit % 8);
+        keyed.authorize(FIRST, nonce, code).unwrap();
+        assert_eq!(cause(keyed.give(FIRST, confirm)), Cause::CodeWrong, "bit {bit}");
+    }
+    assert_eq!(keyed.bench.kind(), StateKind::Ready);
+}
+
+#[test]
+fn a_code_does_not_work_for_another_node_another_order_or_a_second_time() {
+    let mut keyed = Keyed::new();
+    let name = keyed.name;
+    let confirm = keyed.confirmation();
+    // Overheard by the second node, which cannot use it under its own number.
+    let nonce = keyed.challenge(FIRST);
+    let code = code_of(&Key::new(KEY), &nonce, FIRST, &content(confirm));
+    assert_eq!(cause(keyed.authorize(SECOND, nonce, code)), Cause::CodeWrong, "a challenge of another node");
+    let own = keyed.challenge(SECOND);
+    keyed.authorize(SECOND, own, code).unwrap();
+    assert_eq!(cause(keyed.give(SECOND, confirm)), Cause::OtherHost);
+    // Another order than the one it was made for.
+    keyed.authorize(FIRST, nonce, code).unwrap();
+    let longer = Order::ArmConfirm { token: 1, valid: VALID };
+    assert_eq!(cause(keyed.give(FIRST, longer)), Cause::CodeWrong);
+    // In its time, then replayed: whole, and step by step.
+    keyed.order(FIRST, confirm).unwrap();
+    keyed.bench.order_of(FIRST, Order::Disarm).unwrap();
+    assert_eq!(keyed.give(FIRST, confirm), Ok(Done::Taken), "the answer again");
+    assert_eq!(keyed.bench.kind(), StateKind::Ready, "but nothing is done again");
+    assert_eq!(cause(keyed.authorize(FIRST, nonce, code)), Cause::CodeWrong);
+    keyed.bench.run_for(5_100_000);
+    assert_eq!(cause(keyed.give(FIRST, confirm)), Cause::CodeMissing);
+    let _ = name;
+}
+
+#[test]
+fn codes_that_come_in_another_order_than_their_challenges_are_refused() {
+    let mut keyed = Keyed::new();
+    let confirm = keyed.confirmation();
+    let older = keyed.challenge(FIRST);
+    let newer = keyed.challenge(FIRST);
+    assert_ne!(older, newer);
+    let code = code_of(&Key::new(KEY), &older, FIRST, &content(confirm));
+    assert_eq!(cause(keyed.authorize(FIRST, older, code)), Cause::CodeWrong, "a newer one is out");
+    let code = code_of(&Key::new(KEY), &newer, FIRST, &content(confirm));
+    keyed.authorize(FIRST, newer, code).unwrap();
+    keyed.authorize(FIRST, newer, code).unwrap();
+    assert_eq!(cause(keyed.authorize(FIRST, newer, [1; 16])), Cause::CodeWrong, "a second code");
+    keyed.give(FIRST, confirm).unwrap();
+}
+
+#[test]
+fn a_challenge_expires() {
+    let mut keyed = Keyed::new();
+    let home = Order::Home { mask: 1 };
+    let nonce = keyed.challenge(FIRST);
+    let code = code_of(&Key::new(KEY), &nonce, FIRST, &content(home));
+    keyed.bench.run_for(5_100_000);
+    assert_eq!(cause(keyed.authorize(FIRST, nonce, code)), Cause::CodeWrong);
+    let nonce = keyed.challenge(FIRST);
+    let code = code_of(&Key::new(KEY), &nonce, FIRST, &content(home));
+    keyed.authorize(FIRST, nonce, code).unwrap();
+    keyed.bench.run_for(5_100_000);
+    assert_eq!(cause(keyed.give(FIRST, home)), Cause::CodeMissing);
+}
+
+#[test]
+fn the_key_changes_and_goes_only_with_a_code_of_the_old_one_and_survives_a_restart() {
+    let mut keyed = Keyed::new();
+    let set = |keyed: &mut Keyed, key: Option<[u8; 32]>, by: [u8; 32]| {
+        let nonce = keyed.challenge(FIRST);
+        let content = key.map_or(b"no key".to_vec(), |key| key.to_vec());
+        let code = code_of(&Key::new(by), &nonce, FIRST, &content);
+        keyed.authorize(FIRST, nonce, code).unwrap();
+        let now = keyed.bench.instant();
+        keyed.bench.controller.set_key(now, Source { peer: FIRST, content: &content }, key.map(Key::new))
+    };
+    let now = keyed.bench.instant();
+    for key in [None, Some(Key::new([1; 32]))] {
+        assert_eq!(cause(keyed.bench.controller.set_key(now, FIRST.into(), key)), Cause::CodeMissing);
+    }
+    assert_eq!(cause(set(&mut keyed, None, [1; 32])), Cause::CodeWrong);
+    set(&mut keyed, Some([2; 32]), KEY).unwrap();
+    assert_eq!(cause(keyed.order(FIRST, Order::SaveSettings)), Cause::CodeWrong, "the old key");
+    let storage = keyed.bench.controller.storage().clone();
+    let again = Controller::new(storage, &Settings::powercube6(), Seed::FORESEEABLE);
+    assert!(again.is_keyed());
+    set(&mut keyed, None, [2; 32]).unwrap();
+    assert!(!keyed.bench.controller.is_keyed());
+    assert_eq!(cause(keyed.bench.order_of(FIRST, Order::Challenge)), Cause::NoKey);
+    let storage = keyed.bench.controller.storage().clone();
+    assert!(!Controller::new(storage, &Settings::powercube6(), Seed::FORESEEABLE).is_keyed());
+}

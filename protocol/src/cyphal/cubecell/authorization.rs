@@ -1,0 +1,76 @@
+//! What an authentication code covers, byte for byte, so that any client can make one.
+//!
+//! A controller with a key carries out an order that can move the arm, or that changes settings of motion, only after
+//! [`CHALLENGE`](super::command::CHALLENGE) and [`AUTHORIZE`](super::command::AUTHORIZE) of the same node:
+//!
+//! ```text
+//! code = first 16 bytes of HMAC-SHA-256(key, CONTEXT ‖ nonce ‖ node-ID of the sender ‖ content)
+//! content of a command        = 1 ‖ number (2 bytes, little endian) ‖ parameter as sent
+//! content of a register write = 2 ‖ length of the name ‖ name ‖ value as sent (tag, count, elements)
+//! ```
+
+use super::super::bits::{BufferTooSmall, Encode, Writer};
+use super::super::uavcan::value::Value;
+
+/// Begins what is hashed: a code made for something else never fits.
+pub const CONTEXT: &[u8] = b"cubecell.authorize.1";
+/// Bytes of a key.
+pub const KEY_LEN: usize = 32;
+/// Bytes of a challenge.
+pub const NONCE_LEN: usize = 8;
+/// Bytes of a code.
+pub const CODE_LEN: usize = 16;
+/// Most bytes of a content: longer orders are not taken by a controller with a key.
+pub const CONTENT_LEN_MAX: usize = 128;
+/// Register that takes the key (`unstructured`, [`KEY_LEN`] bytes; none removes the key). Reads as no bytes.
+pub const KEY_REGISTER: &str = "security.key";
+/// Register that tells whether a key is set (`bit`).
+pub const KEYED_REGISTER: &str = "security.keyed";
+
+/// Content of an order, ready to be hashed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Content {
+    bytes: [u8; CONTENT_LEN_MAX],
+    len: usize,
+}
+
+impl Content {
+    fn of(fill: impl FnOnce(&mut Writer<'_>)) -> Result<Self, BufferTooSmall> {
+        let mut bytes = [0; CONTENT_LEN_MAX];
+        let mut out = Writer::new(&mut bytes);
+        fill(&mut out);
+        let len = out.finish()?;
+        Ok(Self { bytes, len })
+    }
+
+    /// Of a command.
+    ///
+    /// # Errors
+    /// It is longer than [`CONTENT_LEN_MAX`].
+    pub fn of_command(number: u16, parameter: &[u8]) -> Result<Self, BufferTooSmall> {
+        Self::of(|out| {
+            out.u8(1);
+            out.u16(number);
+            out.bytes(parameter);
+        })
+    }
+
+    /// Of a register write.
+    ///
+    /// # Errors
+    /// As [`Self::of_command`].
+    pub fn of_register(name: &[u8], value: &Value<'_>) -> Result<Self, BufferTooSmall> {
+        Self::of(|out| {
+            out.u8(2);
+            // A name has at most 255 bytes on the wire.
+            out.u8(name.len() as u8);
+            out.bytes(name);
+            value.encode(out);
+        })
+    }
+
+    /// The bytes.
+    pub fn as_slice(&self) -> &[u8] {
+        self.bytes.get(..self.len).unwrap_or(&[])
+    }
+}
