@@ -206,6 +206,22 @@ fn each_limit_of_the_drives_cuts_out_just_above_its_value() {
     assert!(running(&bench), "{:?}", fault(&bench.events));
 }
 
+/// The limits are those of the motion, not of the cycle: a constant acceleration trips at the same value at 12 and 4 ms.
+#[test]
+fn acceleration_limit_is_the_same_in_both_generations() {
+    for (generation, cycle_s) in [(C2, 0.012), (C4, 0.004)] {
+        for (acceleration, expected) in [(495.0, None), (505.0, Some("acceleration"))] {
+            let mut options = wide(generation);
+            options.cut_out.acceleration_deg_s2 = [500.0; 6];
+            let path = move |k: u64| on_a1(0.5 * acceleration * (k as f64 * cycle_s).powi(2));
+            let mut bench = Rig::new(options).start(path);
+            bench.run(MS(400));
+            let got = fault(&bench.events).map(|(_, cause)| cause.name());
+            assert_eq!(got, expected, "{generation:?} {acceleration} deg/s2");
+        }
+    }
+}
+
 #[test]
 fn set_point_beyond_the_axis_range_stops_the_robot() {
     let mut bench = Rig::new(wide(C2)).start(|k| Answer {

@@ -6,6 +6,7 @@ mod progress;
 mod replay;
 mod run;
 mod serve;
+mod serve_krc;
 mod swarm;
 
 use std::process::ExitCode;
@@ -24,6 +25,8 @@ struct Args {
 enum Verb {
     /// Serve or join a bus in real time, so that other programs can use the drives.
     Serve(serve::Args),
+    /// Serve a robot controller behind Ethernet RSI, in real time or in lock step with its client.
+    ServeKrc(serve_krc::Args),
     /// Run a scenario in virtual time: same seed, same log.
     Run(run::Args),
     /// Feed the requests of a candump log to the drives and compare the answers.
@@ -38,6 +41,7 @@ enum Verb {
 pub(crate) fn main() -> ExitCode {
     let result = match Args::parse().verb {
         Verb::Serve(args) => serve::run(&args),
+        Verb::ServeKrc(args) => serve_krc::run(&args),
         Verb::Run(args) => run::run(&args),
         Verb::Replay(args) => replay::run(&args),
         Verb::Swarm(args) => swarm::run(&args),

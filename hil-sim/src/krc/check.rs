@@ -10,7 +10,7 @@ use super::options::{KrcOptions, Space};
 pub(super) fn monitor(options: &KrcOptions, model: &RobotModel<6>, start_deg: [f64; 6]) -> Monitor {
     let joints = model.joints();
     let velocity = std::array::from_fn(|i| joints[i].limits.v_max_rad_s.to_degrees());
-    Monitor::new(options.cut_out, velocity, range_deg(model), options.cycle_s(), start_deg)
+    Monitor::new(options.cut_out, velocity, range_deg(model), options.cycle, start_deg)
 }
 
 fn range_deg(model: &RobotModel<6>) -> [(f64, f64); 6] {

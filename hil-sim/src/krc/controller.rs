@@ -65,6 +65,8 @@ enum Sent {
 #[derive(Clone, Debug)]
 struct Exchange {
     sent: Sent,
+    /// The first telegram had `IPOC` only: an answer to it is ignored, whenever it comes.
+    empty_ipoc: Option<u64>,
     next_ipoc: u64,
     /// End of the window for the last telegram; `None` once it has ended.
     window_ends: Option<Instant>,
@@ -179,6 +181,7 @@ impl Krc {
         self.tell(Event::Started { at: now });
         self.exchange = Some(Exchange {
             sent: Sent::Nothing,
+            empty_ipoc: None,
             next_ipoc: self.first_ipoc(now),
             window_ends: None,
             answer: None,
@@ -371,6 +374,9 @@ impl Krc {
         if !right_type {
             return Err(Refused::WrongType);
         }
+        if exchange.empty_ipoc == Some(telegram.ipoc.value()) {
+            return Ok(None);
+        }
         let expected = match exchange.sent {
             Sent::Nothing | Sent::First => return Ok(None),
             Sent::Telegram { ipoc } => ipoc,
@@ -488,6 +494,7 @@ impl Krc {
         let ipoc = exchange.next_ipoc;
         exchange.next_ipoc = ipoc.wrapping_add(step);
         let written = if first {
+            exchange.empty_ipoc = Some(ipoc);
             RobotWriter::first(Ipoc::new(ipoc))
         } else {
             exchange.sent = Sent::Telegram { ipoc };

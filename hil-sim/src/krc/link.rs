@@ -111,7 +111,7 @@ impl Link {
             *count += 1;
             match fault.kind {
                 LinkFaultKind::Lost => copies = 0,
-                LinkFaultKind::Late(by) => delay = delay + by,
+                LinkFaultKind::Late(by) => delay += by,
                 LinkFaultKind::Doubled => copies *= 2,
                 LinkFaultKind::Reordered => hold = true,
                 LinkFaultKind::Torn => bytes.truncate(bytes.len() / 2),

@@ -39,6 +39,8 @@
 //! | [`hand`] | gripper and ball at the actual tool |
 //! | [`link`] | telegrams lost, late, doubled, reordered, torn, or with a wrong IPOC |
 //! | [`bench`] | controller, link and a client in virtual time: same seed, same log |
+//! | [`scenario`] | TOML to options and faults |
+//! | [`serve`], `port` | the same controller behind a UDP or TCP socket, in real time or in lock step |
 
 pub mod bench;
 mod check;
@@ -51,9 +53,13 @@ pub mod late;
 pub mod link;
 pub mod monitor;
 pub mod options;
+mod port;
+pub mod scenario;
+pub mod serve;
 
 pub use bench::{Bench, Client, Reply, RobotFault};
 pub use controller::{Krc, KrcError, State};
 pub use event::{CycleRecord, Event, FaultCause, Refused};
 pub use link::{Direction, Link, LinkFault, LinkFaultKind, LinkOptions};
 pub use options::KrcOptions;
+pub use scenario::KrcScenario;

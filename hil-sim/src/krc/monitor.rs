@@ -1,18 +1,26 @@
 //! What the drives do not follow.
 
+use std::collections::VecDeque;
+
+use protocol::Duration;
+
 use super::event::FaultCause;
 use super::options::CutOut;
 
-/// Watches the set points of all axes by differences over one cycle.
+/// Longest base, cycles.
+const MAX_BASE: u64 = 1000;
+
+/// Watches the set points of all axes by differences over a base of one or more cycles.
 #[derive(Clone, Debug)]
 pub struct Monitor {
     velocity_deg_s: [f64; 6],
     limits: CutOut,
     range_deg: [(f64, f64); 6],
     cycle_s: f64,
-    q_deg: [f64; 6],
-    qd_deg_s: [f64; 6],
-    qdd_deg_s2: [f64; 6],
+    /// Cycles of the base.
+    base: usize,
+    /// Set points, newest last: three bases back.
+    recent: VecDeque<[f64; 6]>,
 }
 
 /// Share by which a value may exceed its limit: differences of decimals on the wire are not exact.
@@ -24,16 +32,25 @@ impl Monitor {
         limits: CutOut,
         velocity_deg_s: [f64; 6],
         range_deg: [(f64, f64); 6],
-        cycle_s: f64,
+        cycle: Duration,
         q_deg: [f64; 6],
     ) -> Self {
-        let velocity_deg_s = limits.velocity_deg_s.unwrap_or(velocity_deg_s);
-        Self { velocity_deg_s, limits, range_deg, cycle_s, q_deg, qd_deg_s: [0.0; 6], qdd_deg_s2: [0.0; 6] }
+        let base = (limits.base.as_micros() / cycle.as_micros().max(1)).clamp(1, MAX_BASE) as usize;
+        Self {
+            velocity_deg_s: limits.velocity_deg_s.unwrap_or(velocity_deg_s),
+            limits,
+            range_deg,
+            cycle_s: cycle.as_secs_f64(),
+            base,
+            recent: VecDeque::from(vec![q_deg; 3 * base]),
+        }
     }
 
-    /// Velocity of the last set point that passed.
+    /// Velocity between the last two set points that passed.
     pub fn qd_deg_s(&self) -> [f64; 6] {
-        self.qd_deg_s
+        let ago = |cycles: usize| self.recent.iter().rev().nth(cycles).copied().unwrap_or_default();
+        let (last, before) = (ago(0), ago(1));
+        std::array::from_fn(|axis| (last[axis] - before[axis]) / self.cycle_s)
     }
 
     /// Takes the set point of the next cycle, or says why the robot stops. A refused set point is not taken.
@@ -41,22 +58,18 @@ impl Monitor {
     /// # Errors
     /// The first limit that it breaks: range, velocity, acceleration, jerk, each over all axes.
     pub fn check(&mut self, q_deg: &[f64; 6]) -> Result<(), FaultCause> {
-        let h = self.cycle_s;
-        let difference = |new: &[f64; 6], old: &[f64; 6]| -> [f64; 6] {
-            let mut out = [0.0; 6];
-            for (d, (n, o)) in out.iter_mut().zip(new.iter().zip(old)) {
-                *d = (n - o) / h;
-            }
-            out
-        };
-        let qd = difference(q_deg, &self.q_deg);
-        let qdd = difference(&qd, &self.qd_deg_s);
-        let qddd = difference(&qdd, &self.qdd_deg_s2);
         for (axis, (q, (low, high))) in q_deg.iter().zip(self.range_deg).enumerate() {
             if !(low..=high).contains(q) {
                 return Err(FaultCause::AxisRange { axis, q_deg: *q });
             }
         }
+        // The new set point and those one, two and three bases before it.
+        let ago = |bases: usize| self.recent.get((3 - bases) * self.base).copied().unwrap_or(*q_deg);
+        let (one, two, three) = (ago(1), ago(2), ago(3));
+        let h = self.base as f64 * self.cycle_s;
+        let qd = std::array::from_fn(|i| (q_deg[i] - one[i]) / h);
+        let qdd = std::array::from_fn(|i| (q_deg[i] - 2.0 * one[i] + two[i]) / (h * h));
+        let qddd = std::array::from_fn(|i| (q_deg[i] - 3.0 * one[i] + 3.0 * two[i] - three[i]) / (h * h * h));
         if let Some((axis, value)) = beyond(&qd, &self.velocity_deg_s) {
             return Err(FaultCause::Velocity { axis, deg_s: value });
         }
@@ -66,7 +79,8 @@ impl Monitor {
         if let Some((axis, value)) = beyond(&qddd, &self.limits.jerk_deg_s3) {
             return Err(FaultCause::Jerk { axis, deg_s3: value });
         }
-        (self.q_deg, self.qd_deg_s, self.qdd_deg_s2) = (*q_deg, qd, qdd);
+        self.recent.pop_front();
+        self.recent.push_back(*q_deg);
         Ok(())
     }
 }

@@ -68,9 +68,11 @@ pub struct LagOptions {
 pub struct CutOut {
     /// Largest velocity of a set point; `None`: the velocities of the robot file.
     pub velocity_deg_s: Option<[f64; 6]>,
-    /// Largest acceleration, from differences over one cycle.
+    /// Acceleration and jerk are differences over this time: one cycle of a KR C2, three of a KR C4.
+    pub base: Duration,
+    /// Largest acceleration.
     pub acceleration_deg_s2: [f64; 6],
-    /// Largest jerk, from differences over one cycle.
+    /// Largest jerk.
     pub jerk_deg_s3: [f64; 6],
     /// Deceleration of the fastest axis after a fault or stop; the others slow down with it.
     pub braking_deg_s2: f64,
@@ -161,6 +163,7 @@ impl KrcOptions {
             },
             cut_out: CutOut {
                 velocity_deg_s: None,
+                base: Duration::from_millis(12),
                 acceleration_deg_s2: [2000.0; 6],
                 jerk_deg_s3: [1.5e5; 6],
                 braking_deg_s2: 600.0,
@@ -178,10 +181,5 @@ impl KrcOptions {
             outputs_name: "DiO".to_owned(),
             stop_name: "Stop".to_owned(),
         }
-    }
-
-    /// The cycle in seconds.
-    pub(crate) fn cycle_s(&self) -> f64 {
-        self.cycle.as_secs_f64()
     }
 }

@@ -42,7 +42,7 @@ mod cell;
 pub mod expect;
 pub mod faults;
 pub mod host;
-mod values;
+pub(crate) mod values;
 pub mod write;
 
 use std::path::Path;

@@ -7,12 +7,12 @@ use toml_reader::Value;
 use super::{Problem, ScenarioError};
 
 /// A span in seconds, 0 to `max_s`, rounded to a microsecond.
-pub(super) fn seconds(value: &Value<'_>, max_s: f64) -> Result<Duration, ScenarioError> {
+pub(crate) fn seconds(value: &Value<'_>, max_s: f64) -> Result<Duration, ScenarioError> {
     value.number_in(0.0, max_s).map(Duration::from_secs_f64)
 }
 
 /// A period in seconds: as [`seconds`], but above zero.
-pub(super) fn period(value: &Value<'_>, max_s: f64) -> Result<Duration, ScenarioError> {
+pub(crate) fn period(value: &Value<'_>, max_s: f64) -> Result<Duration, ScenarioError> {
     let span = seconds(value, max_s)?;
     if span.is_zero() {
         return Err(value.error(Problem::Invalid("a period is above zero".to_owned())));

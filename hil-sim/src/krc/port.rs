@@ -1,0 +1,133 @@
+//! The socket of the controller, and what is seen on it.
+
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::{SocketAddr, TcpStream, UdpSocket};
+use std::os::fd::{AsFd, BorrowedFd};
+use std::time::Duration;
+
+use rsi_protocol::{Framer, Protocol, Root, StreamItem, Telegram};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+
+/// Time for a TCP connection.
+const CONNECT_LIMIT: Duration = Duration::from_secs(3);
+/// Largest datagram that is read.
+const MAX_BYTES: usize = 65_536;
+
+#[derive(Debug)]
+enum Socket {
+    Udp(UdpSocket),
+    Tcp(TcpStream),
+}
+
+/// What a look at the socket gave.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) enum Received {
+    /// Nothing waits.
+    Nothing,
+    /// A datagram, or a piece of the stream.
+    Bytes(Vec<u8>),
+    /// The client closed the connection.
+    Closed,
+}
+
+/// One socket for one program run.
+#[derive(Debug)]
+pub(super) struct Port {
+    socket: Socket,
+    framer: Framer,
+    buffer: Vec<u8>,
+}
+
+impl Port {
+    /// Opens the socket: a datagram socket with a new source port, or a connection.
+    pub(super) fn open(protocol: Protocol, pc: SocketAddr) -> io::Result<Self> {
+        let socket = match protocol {
+            Protocol::Udp => {
+                let any: SocketAddr =
+                    if pc.is_ipv4() { ([0, 0, 0, 0], 0).into() } else { ([0_u16; 8], 0).into() };
+                let socket = UdpSocket::bind(any)?;
+                socket.connect(pc)?;
+                socket.set_nonblocking(true)?;
+                Socket::Udp(socket)
+            }
+            Protocol::Tcp => {
+                let stream = TcpStream::connect_timeout(&pc, CONNECT_LIMIT)?;
+                stream.set_nodelay(true)?;
+                stream.set_nonblocking(true)?;
+                Socket::Tcp(stream)
+            }
+        };
+        Ok(Self { socket, framer: Framer::new(), buffer: vec![0; MAX_BYTES] })
+    }
+
+    /// Sends a telegram; `false` if the connection is gone. Datagrams are lost silently, as on a wire.
+    pub(super) fn send(&mut self, bytes: &[u8]) -> bool {
+        match &mut self.socket {
+            Socket::Udp(socket) => {
+                let _ = socket.send(bytes);
+                true
+            }
+            // A telegram has at most 1 kB: a send buffer that has no room for it belongs to a client that has not read
+            // for thousands of cycles.
+            Socket::Tcp(stream) => stream.write_all(bytes).is_ok(),
+        }
+    }
+
+    /// What has arrived, without waiting.
+    pub(super) fn receive(&mut self) -> Received {
+        let read = match &mut self.socket {
+            Socket::Udp(socket) => socket.recv(&mut self.buffer),
+            Socket::Tcp(stream) => match stream.read(&mut self.buffer) {
+                Ok(0) => return Received::Closed,
+                read => read,
+            },
+        };
+        match (read, &self.socket) {
+            (Ok(count), _) => Received::Bytes(self.buffer.get(..count).unwrap_or_default().to_vec()),
+            (Err(error), _) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {
+                Received::Nothing
+            }
+            // Nobody listens on that port (yet).
+            (Err(_), Socket::Udp(_)) => Received::Nothing,
+            (Err(_), Socket::Tcp(_)) => Received::Closed,
+        }
+    }
+
+    /// Sleeps until something can be read or `limit` has passed.
+    pub(super) fn wait(&self, limit: Duration) {
+        let timeout = Timespec {
+            tv_sec: i64::try_from(limit.as_secs()).unwrap_or(i64::MAX),
+            tv_nsec: limit.subsec_nanos().into(),
+        };
+        let mut set = [PollFd::from_borrowed_fd(self.fd(), PollFlags::IN)];
+        match poll(&mut set, Some(&timeout)) {
+            Ok(_) | Err(Errno::INTR) => {}
+            // No memory for a poll: look again a little later.
+            Err(_) => std::thread::sleep(Duration::from_micros(100)),
+        }
+    }
+
+    fn fd(&self) -> BorrowedFd<'_> {
+        match &self.socket {
+            Socket::Udp(socket) => socket.as_fd(),
+            Socket::Tcp(stream) => stream.as_fd(),
+        }
+    }
+
+    /// Numbers of the answers in `bytes`; `None` for a document that is no answer.
+    pub(super) fn numbers(&mut self, bytes: &[u8]) -> Vec<Option<u64>> {
+        let number =
+            |document: &[u8]| Telegram::parse(document, Root::Sen).ok().map(|answer| answer.ipoc.value());
+        match &self.socket {
+            Socket::Udp(_) => vec![number(bytes)],
+            Socket::Tcp(_) => {
+                let whole = |item: StreamItem| match item {
+                    StreamItem::Document(document) => Some(number(&document)),
+                    StreamItem::Dropped(_) => None,
+                };
+                self.framer.push(bytes).into_iter().filter_map(whole).collect()
+            }
+        }
+    }
+}

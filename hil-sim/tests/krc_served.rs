@@ -1,0 +1,203 @@
+//! The controller behind real sockets of this machine, in lock step: nothing depends on how fast the machine is.
+
+mod krc_rig;
+
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpListener, UdpSocket};
+use std::thread::JoinHandle;
+
+use hil_sim::krc::bench::{RobotFault, RobotFaults};
+use hil_sim::krc::options::Space;
+use hil_sim::krc::serve::{Mode, ServeError, ServeOptions, Served, serve};
+use hil_sim::krc::{Direction, Krc, Link, LinkFault, LinkFaultKind, LinkOptions};
+use krc_rig::{ARM, MS, between, config, wide};
+use rsi_protocol::Generation;
+
+/// What a client of a few lines answers: a sine on A1, by the number in the telegram.
+fn answer(telegram: &str) -> Option<String> {
+    let ipoc = between(telegram, "<IPOC>", "</IPOC>")?;
+    let a1 = 2.0 * (ipoc.parse::<f64>().ok()? * 0.004).sin();
+    Some(format!(
+        "<Sen Type=\"ImFree\"><AK A1=\"{a1:.6}\" A2=\"0\" A3=\"0\" A4=\"0\" A5=\"0\" A6=\"0\"/><IPOC>{ipoc}</IPOC></Sen>"
+    ))
+}
+
+/// Answers telegrams until told to end by an empty datagram, or until the connection is closed.
+fn client(protocol: &str) -> (SocketAddr, JoinHandle<u64>) {
+    if protocol == "TCP" {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap();
+        let run = move || {
+            let (mut stream, _) = listener.accept().unwrap();
+            stream.set_nodelay(true).unwrap();
+            let (mut text, mut buffer, mut answers) = (String::new(), [0; 777], 0);
+            while let Ok(length @ 1..) = stream.read(&mut buffer) {
+                text.push_str(std::str::from_utf8(&buffer[..length]).unwrap());
+                while let Some((telegram, rest)) = text.split_once("</Rob>") {
+                    let Some(answer) = answer(telegram) else { break };
+                    // In two pieces, the second with a line feed.
+                    let (head, tail) = answer.split_at(50);
+                    let sent =
+                        stream.write_all(head.as_bytes()).and_then(|()| stream.write_all(tail.as_bytes()));
+                    if sent.and_then(|()| stream.write_all(b"\r\n")).is_err() {
+                        return answers;
+                    }
+                    answers += 1;
+                    text = rest.to_owned();
+                }
+            }
+            answers
+        };
+        return (address, std::thread::spawn(run));
+    }
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let address = socket.local_addr().unwrap();
+    let run = move || {
+        let (mut buffer, mut answers) = ([0; 2048], 0);
+        loop {
+            let (length, from) = socket.recv_from(&mut buffer).unwrap();
+            if length == 0 {
+                return answers;
+            }
+            if let Some(answer) = answer(std::str::from_utf8(&buffer[..length]).unwrap()) {
+                socket.send_to(answer.as_bytes(), from).unwrap();
+                answers += 1;
+            }
+        }
+    };
+    (address, std::thread::spawn(run))
+}
+
+struct Run {
+    generation: Generation,
+    protocol: &'static str,
+    cycles: u64,
+    link_faults: Vec<LinkFault>,
+    robot_faults: Vec<RobotFault>,
+}
+
+impl Run {
+    fn new(generation: Generation, protocol: &'static str, cycles: u64) -> Self {
+        Self { generation, protocol, cycles, link_faults: Vec::new(), robot_faults: Vec::new() }
+    }
+
+    /// Figures, log, and the number of answers that the client gave.
+    fn go(&self) -> (Result<Served, ServeError>, String, u64) {
+        let mut options = wide(self.generation);
+        options.late.limit = 100_000;
+        let mut krc = Krc::new(ARM.clone(), config(self.protocol, Space::Axes, true), options, 7).unwrap();
+        let (pc, client) = client(self.protocol);
+        let options = ServeOptions {
+            pc,
+            mode: Mode::LockStep,
+            cycles: Some(self.cycles),
+            // Only a hung client takes as long.
+            answer_limit: protocol::Duration::from_secs(120),
+        };
+        let mut link = Link::new(
+            LinkOptions { in_order: self.protocol == "TCP", ..LinkOptions::default() },
+            &self.link_faults,
+            7,
+        );
+        let mut log = String::new();
+        let mut observe = |event: &hil_sim::krc::Event| log.push_str(&format!("{event}\n"));
+        let mut faults = RobotFaults::new(&self.robot_faults);
+        let served = serve(&mut krc, &mut link, &mut faults, &options, &|| true, &mut observe);
+        if self.protocol == "UDP" {
+            UdpSocket::bind("127.0.0.1:0").unwrap().send_to(&[], pc).unwrap();
+        }
+        drop(krc);
+        (served, log, client.join().unwrap())
+    }
+}
+
+const ALL: [(Generation, &str); 3] =
+    [(Generation::KrC2, "UDP"), (Generation::KrC2, "TCP"), (Generation::KrC4, "UDP")];
+
+#[test]
+fn ten_thousand_cycles_over_loopback_have_no_late_answer() {
+    for (generation, protocol) in ALL {
+        let (served, _, answers) = Run::new(generation, protocol, 10_000).go();
+        let served = served.unwrap();
+        let case = format!("{generation:?} {protocol}");
+        assert_eq!(
+            (served.telegrams, served.late, served.refused, served.fault),
+            (10_000, 0, 0, None),
+            "{case}"
+        );
+        assert_eq!(answers, 10_000, "{case}");
+    }
+}
+
+#[test]
+fn same_seed_gives_the_same_log_over_loopback() {
+    for (generation, protocol) in ALL {
+        let fault = |kind, direction, from, until, probability| LinkFault {
+            kind,
+            direction,
+            from: MS(from),
+            until: MS(until),
+            probability,
+        };
+        let late = LinkFaultKind::Late(protocol::Duration::from_millis(5));
+        let mut run = Run::new(generation, protocol, 1500);
+        run.link_faults = vec![
+            fault(LinkFaultKind::Lost, Direction::ToRobot, 500, 1000, 0.1),
+            fault(late, Direction::ToClient, 800, 1500, 0.2),
+            fault(LinkFaultKind::Doubled, Direction::ToClient, 1000, 2000, 0.2),
+            fault(LinkFaultKind::WrongIpoc(-3), Direction::ToRobot, 2000, 2500, 0.1),
+        ];
+        let (first, log, _) = run.go();
+        let (second, again, _) = run.go();
+        let (first, second) = (first.unwrap(), second.unwrap());
+        assert_eq!((first.late, first.refused), (second.late, second.refused));
+        assert!(first.late >= 5 && first.fault.is_none(), "{first:?}");
+        assert_eq!(log, again);
+    }
+}
+
+#[test]
+fn new_program_run_has_a_new_socket_and_goes_on() {
+    let mut run = Run::new(Generation::KrC2, "UDP", 600);
+    run.robot_faults =
+        vec![RobotFault::Restart { at: MS(2000), pause: protocol::Duration::from_millis(100) }];
+    let (served, log, _) = run.go();
+    assert_eq!(served.unwrap().late, 0);
+    assert_eq!(log.matches(" started\n").count(), 2, "{log}");
+}
+
+#[test]
+fn fault_ends_the_exchange_and_the_run() {
+    let mut run = Run::new(Generation::KrC2, "TCP", 100_000);
+    run.robot_faults = vec![RobotFault::CutOut { at: MS(1206) }];
+    let (served, log, answers) = run.go();
+    let served = served.unwrap();
+    assert_eq!(served.fault.map(hil_sim::krc::FaultCause::name), Some("cut-out"));
+    assert_eq!((served.telegrams, answers), (101, 101));
+    assert!(log.contains(" standing\n"), "{log}");
+}
+
+#[test]
+fn robot_says_so_when_nobody_listens_or_nobody_answers() {
+    let mut krc = Krc::new(ARM.clone(), config("TCP", Space::Axes, true), wide(Generation::KrC2), 1).unwrap();
+    let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let mut options = ServeOptions {
+        pc: port,
+        mode: Mode::LockStep,
+        cycles: Some(10),
+        answer_limit: protocol::Duration::from_millis(50),
+    };
+    let run = |krc: &mut Krc, options: &ServeOptions| {
+        let mut link = Link::new(LinkOptions::default(), &[], 1);
+        serve(krc, &mut link, &mut RobotFaults::default(), options, &|| true, &mut |_| {})
+    };
+    let error = run(&mut krc, &options).unwrap_err();
+    assert!(matches!(error, ServeError::Unreachable { .. }), "{error}");
+    assert!(error.to_string().contains("start the client first"), "{error}");
+    assert_eq!(krc.state(), hil_sim::krc::State::Off);
+    let silent = UdpSocket::bind("127.0.0.1:0").unwrap();
+    options.pc = silent.local_addr().unwrap();
+    let mut krc = Krc::new(ARM.clone(), config("UDP", Space::Axes, true), wide(Generation::KrC4), 1).unwrap();
+    let error = run(&mut krc, &options).unwrap_err();
+    assert!(matches!(error, ServeError::NoAnswer { ipoc: 4710, .. }), "{error}");
+}
