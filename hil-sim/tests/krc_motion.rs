@@ -45,7 +45,7 @@ fn step_response_is_dead_time_line_and_first_order_lag() {
 #[test]
 fn ramp_lags_by_dead_time_plus_time_constant_in_both_generations() {
     for (generation, cycle_ms) in [(C2, 12), (C4, 4)] {
-        let step = 30.0 * cycle_ms as f64 * 1e-3;
+        let step = 30.0 * f64::from(cycle_ms) * 1e-3;
         let mut bench = Rig::new(wide(generation)).start(move |k| on_a1(step * (k as f64 + 1.0)));
         bench.run(MS(1200));
         let (set, actual) = (bench.krc.set_deg()[0], bench.krc.actual(bench.now()).q_deg[0]);
@@ -226,7 +226,7 @@ fn acceleration_limit_is_the_same_in_both_generations() {
 fn set_point_beyond_the_axis_range_stops_the_robot() {
     let mut bench = Rig::new(wide(C2)).start(|k| Answer {
         // A2 starts at -90 deg; its range ends at -155 and 35.
-        correction: [0.0, -1.0 * k as f64, 0.0, 0.0, 0.0, 0.0],
+        correction: [0.0, -(k as f64), 0.0, 0.0, 0.0, 0.0],
         ..Answer::default()
     });
     bench.run_cycles(100);

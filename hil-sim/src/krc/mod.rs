@@ -38,7 +38,7 @@
 //! | [`drives`] | from set points to actual axes: dead time, lag, smoothing |
 //! | [`hand`] | gripper and ball at the actual tool |
 //! | [`link`] | telegrams lost, late, doubled, reordered, torn, or with a wrong IPOC |
-//! | [`bench`] | controller, link and a client in virtual time: same seed, same log |
+//! | [`mod@bench`] | controller, link and a client in virtual time: same seed, same log |
 //! | [`scenario`] | TOML to options and faults |
 //! | [`serve`], `port` | the same controller behind a UDP or TCP socket, in real time or in lock step |
 
