@@ -16,9 +16,9 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use super::live::LiveBus;
 use super::session::{BusFailure, Medium, Session};
-use super::settings::settings_of;
 use super::sim::{SimBus, SimSetup, controller_guest, no_guests};
 use crate::log::Recorder;
+use crate::throw::period::settings_with_gains;
 
 /// Which bus, and what to keep of it.
 #[derive(Clone, Debug, clap::Args)]
@@ -129,7 +129,7 @@ impl BusArgs {
     /// As [`BusArgs::open`].
     pub fn open_with_controller(&self) -> Result<Session, BusFailure> {
         let cell = self.cell.load()?;
-        let settings = (self.bus == BusSpec::Sim).then(|| settings_of(&cell.robot)).transpose()?;
+        let settings = (self.bus == BusSpec::Sim).then(|| settings_with_gains(&cell.robot)).transpose()?;
         self.open_cell(&cell, settings.as_ref())
     }
 

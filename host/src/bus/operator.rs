@@ -30,6 +30,7 @@ use protocol::{Duration, Instant};
 
 use super::desk::NODE_ID;
 use super::session::{BusFailure, Ended, Session};
+use crate::throw::period::PERIOD_MAX_US;
 
 /// Time between two heartbeats of the host: a third of the time-out that controllers have by default.
 pub const HEARTBEAT: Duration = Duration::from_millis(30);
@@ -211,6 +212,12 @@ fn refusal_text(status: &Status, refusal: &Option<Refusal>) -> String {
             let index = refusal.index;
             let detail = match Cause::from_code(refusal.cause) {
                 _ if index == 0 => String::new(),
+                Some(Cause::CycleTooShort) if u32::from(index) > PERIOD_MAX_US => format!(
+                    "; it needs {:.1} ms, and the longest control period is {} ms: take drives off the bus, or raise its bit \
+                     rate",
+                    f64::from(index) / 1e3,
+                    PERIOD_MAX_US / 1_000
+                ),
                 Some(Cause::CycleTooShort) => {
                     format!(
                         "; {:.1} ms would do: `cubectl tune --period {}`",

@@ -14,7 +14,7 @@ use protocol::cyphal::crc::Crc64;
 use protocol::cyphal::id::NodeId;
 use robot_model::AnyRobot;
 
-use super::throw::{period_us, wish};
+use super::throw::{period_us, read_gains, wish};
 use super::upload::node_id;
 use crate::bus::BusFailure;
 use crate::bus::args::interrupt;
@@ -37,7 +37,7 @@ const HALT_TIME: Duration = Duration::from_millis(50);
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl controller --bus can0 --storage arm.storage\n  cubectl controller --bus socketcand://127.0.0.1:29536/can0 --period 17\n  cubectl throw --target 1,1,-1 --bus can0 --controller 10   # in another terminal\n\nThe period is that of the storage, or --period, or the shortest one that this machine and this bus hold: a second of\nquestions to the drives tells. One that does not hold is refused before anything moves. A real-time priority is\nasked for and used where the system allows it (limits.conf: rtprio, memlock).\n\nCtrl-C stops the arm along its path and halts the drives; a second Ctrl-C ends at once, the drives' watchdogs then stop them."
+    after_help = "Examples:\n  cubectl controller --bus can0 --storage arm.storage\n  cubectl controller --bus socketcand://127.0.0.1:29536/can0 --period 17\n  cubectl controller --bus can0 --robot my_arm.toml --gains gains.toml\n  cubectl throw --target 1,1,-1 --bus can0 --controller 10   # in another terminal\n\nThe period is that of the storage, or --period, or the shortest one that this machine and this bus hold: a second of\nquestions to the drives tells. One that does not hold is refused before anything moves. A real-time priority is\nasked for and used where the system allows it (limits.conf: rtprio, memlock).\n\nCtrl-C stops the arm along its path and halts the drives; a second Ctrl-C ends at once, the drives' watchdogs then stop them."
 )]
 pub struct Args {
     /// Bus: can0, socketcand://host:port/bus, slcan:/dev/ttyACM0 or slcan://host:port.
@@ -55,8 +55,13 @@ pub struct Args {
     /// Control period, ms: 3, 5, 10, 17 or 30. What is stored goes before.
     #[arg(long, value_name = "MS", value_parser = period_us)]
     pub period: Option<u32>,
-    /// Begin with the paper's settings, 17 ms, whatever the machine holds. What is stored goes before.
-    #[arg(long, conflicts_with = "period")]
+    /// Gains with their certificate, from `cubectl tune`; the controller runs at their period. What is stored goes before.
+    /// Default: those that come with the program for powercube6, and a design made on the way for any other robot.
+    #[arg(long, value_name = "FILE", conflicts_with = "period")]
+    pub gains: Option<PathBuf>,
+    /// Begin with period and gains of the paper, 17 ms, whatever the machine holds; only for powercube6. What is stored
+    /// goes before.
+    #[arg(long, conflicts_with_all = ["period", "gains"])]
     pub paper: bool,
     /// End after so many seconds, as by Ctrl-C.
     #[arg(long = "for", value_name = "SECONDS", value_parser = super::home::positive)]
@@ -137,14 +142,12 @@ fn defaults(
 ) -> Result<Settings, ExpectedError> {
     let robot = AnyRobot::load(&args.robot).map_err(|error| ExpectedError::bad_input(&error))?;
     let mut settings = settings_of(&robot).map_err(|error| ExpectedError::bad_input(&error))?;
+    let given = args.gains.as_ref().map(|path| read_gains(path, robot.name())).transpose()?;
     if args.paper {
-        settings = Settings::powercube6_paper();
+        settings = paper(&settings)?;
     }
     if let Some(id) = args.node_id {
         settings.node_id = id.get().into();
-    }
-    if args.paper {
-        return Ok(settings);
     }
     let modules: Vec<_> = settings.joints().map(|joint| settings.joint.at(joint).module()).collect();
     let pace = pace::measure(link, clock, &modules).map_err(failure)?;
@@ -159,6 +162,9 @@ fn defaults(
         ));
     }
     say::note!("{pace}; {}", pace.granted);
+    if args.paper {
+        return Ok(settings);
+    }
     let stored = load_settings(storage, &settings);
     if stored != settings {
         let period = stored.cycle_period();
@@ -171,10 +177,32 @@ fn defaults(
             Err(NoPeriod::TooShort { period_us: stored.cycle_period_us, pace: Box::new(pace), next }.into())
         };
     }
-    let choice = choose(wish(None, args.period), Some(&pace), robot.name(), settings.cycle_period_us)?;
+    let choice = choose(wish(given, args.period), Some(&pace), &robot, settings.cycle_period_us)?;
     say::note!("control period {} ms ({})", f64::from(choice.period_us) * 1e-3, choice.why);
     apply(&choice, &mut settings);
     Ok(settings)
+}
+
+/// The settings of the paper, for the robot they are for.
+fn paper(settings: &Settings) -> Result<Settings, ExpectedError> {
+    let paper = Settings::powercube6_paper();
+    let near = |a: f32, b: f32| (a - b).abs() <= 1e-4 * b.abs();
+    let same = settings.joints == paper.joints
+        && settings.joints().all(|joint| {
+            let (a, b) = (settings.joint.at(joint), paper.joint.at(joint));
+            a.address == b.address
+                && near(a.a_max_rad_s2, b.a_max_rad_s2)
+                && near(a.v_max_rad_s, b.v_max_rad_s)
+                && near(a.q_min_rad, b.q_min_rad)
+                && near(a.q_max_rad, b.q_max_rad)
+        });
+    if same {
+        return Ok(paper);
+    }
+    Err(ExpectedError::bad_input(
+        &"the settings of the paper are for powercube6, and this robot has other joints\n  next: leave --paper out, then \
+          gains are designed for the robot, or --robot",
+    ))
 }
 
 /// A moving arm stops along its path; in the end the drives are halted.

@@ -1,14 +1,17 @@
 //! `cubectl replay`
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use firmware::settings::Settings;
 use protocol::cyphal::id::{NodeId, Route};
 use protocol::powercube::{Address, Channel};
 use protocol::{Frame, Id, Instant, Node};
 use robot_model::AnyRobot;
+use toml_reader::{DESCRIPTION_MAX_BYTES, read_text};
 
 use super::print_json;
 use super::throw::read_gains;
+use super::tune::InForce;
 use crate::bus::settings::settings_of;
 use crate::bus::sim::soft_controller;
 use crate::error::ExpectedError;
@@ -81,11 +84,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let mut settings = settings_of(&robot).map_err(|error| ExpectedError::bad_input(&error))?;
     let beside = path.with_file_name("gains.toml");
     if let Some(path) = args.gains.as_ref().or_else(|| beside.is_file().then_some(&beside)) {
-        let gains = read_gains(path, robot.name())?;
-        apply(
-            &choose(Wish::Gains(Box::new(gains)), None, robot.name(), settings.cycle_period_us)?,
-            &mut settings,
-        );
+        begin_with(path, &robot, &mut settings)?;
     }
     let mut controller = soft_controller(&settings);
     let replayed = replay(&lines, &mut controller);
@@ -129,6 +128,18 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             ))
         }
     }
+}
+
+/// Lets the controller begin with the gains of a file: a certified one, or what a controller held during a throw.
+fn begin_with(path: &Path, robot: &AnyRobot, settings: &mut Settings) -> Result<(), ExpectedError> {
+    let text = read_text(path, DESCRIPTION_MAX_BYTES).map_err(|error| ExpectedError::io(path, &error))?;
+    if let Ok(in_force) = InForce::from_toml(&text) {
+        in_force.begin(settings);
+        return Ok(());
+    }
+    let gains = read_gains(path, robot.name())?;
+    apply(&choose(Wish::Gains(Box::new(gains)), None, robot, settings.cycle_period_us)?, settings);
+    Ok(())
 }
 
 /// Cyphal node-ID of the controller, as its settings have it from the start.

@@ -7,12 +7,14 @@ use hil_sim::crew::Solo;
 use hil_sim::realtime::{Door, Realtime, RealtimeError, Visit, shared_time};
 use hil_sim::scenario::{Scenario, ScriptedHost};
 use protocol::{Duration, Instant};
+use robot_model::AnyRobot;
 
 use crate::bus::args::interrupt;
 use crate::bus::session::BusFailure;
-use crate::bus::sim::{no_guests, soft_controller_guest};
+use crate::bus::sim::{controller_guest, no_guests};
 use crate::error::ExpectedError;
 use crate::exit;
+use crate::throw::period::settings_with_gains;
 
 /// Time between two looks at how late the machine was, and the lag that is told when it happens: a controller with a cycle
 /// of 3 ms loses two answers in a row.
@@ -65,7 +67,13 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     scenario.seed = args.seed.unwrap_or(scenario.seed);
     let cell = scenario.cell().map_err(|error| ExpectedError::bad_input(&error))?;
-    let guests = if args.controller { soft_controller_guest() } else { no_guests() };
+    let guests = if args.controller {
+        let robot = AnyRobot::load(&scenario.robot).map_err(|error| ExpectedError::bad_input(&error))?;
+        let settings = settings_with_gains(&robot).map_err(|error| ExpectedError::bad_input(&error))?;
+        controller_guest(&settings, std::rc::Rc::default())
+    } else {
+        no_guests()
+    };
     let script = Solo::new("script", ScriptedHost::new(&scenario.actions));
     let (clock, in_step) = shared_time(&args.bus).map_err(|error| ExpectedError::bad_input(&error))?;
     let doors: Vec<Door> = args

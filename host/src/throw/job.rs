@@ -190,6 +190,10 @@ pub struct Record {
     pub period_us: u64,
     /// Gains in force: on error, rate and last command, one per joint.
     pub gains: [Vec<f32>; 3],
+    /// Weights of the controller's estimator, alpha and beta.
+    pub estimator: Option<[f32; 2]>,
+    /// Checksum of the robot they are for; 0: not known.
+    pub gains_robot_crc32: u64,
     /// Checksum of their certificate; 0: none.
     pub certificate_crc32: u64,
     /// Duration of the way to the start, s; `None`: it stood there.
@@ -417,6 +421,12 @@ fn agree(session: &mut Session, node: NodeId, job: &Job<'_>, record: &mut Record
             *numbers = found;
         }
     }
+    if let (Numbers::Real(alpha), Numbers::Real(beta)) =
+        (session.register(node, "estimator.alpha")?, session.register(node, "estimator.beta")?)
+    {
+        record.estimator = alpha.first().copied().zip(beta.first().copied()).map(Into::into);
+    }
+    record.gains_robot_crc32 = session.natural(node, "gains.robot_crc32")?;
     record.certificate_crc32 = session.natural(node, "gains.certificate_crc32")?;
     record.drives = Some(drives_of(session, node)?);
     record.gripper_opening = Some(Duration::from_micros(session.natural(node, "gripper.opening_us")?));

@@ -2,26 +2,17 @@
 
 use firmware::settings::Settings;
 use protocol::{Duration, JointIndex};
+use robot_model::AnyRobot;
 
+use super::gains::{GainsFrom, NoGains, PERIODS_US, gains_for};
 use crate::bus::pace::Pace;
+use crate::bus::settings::{NoSettings, settings_of};
 use crate::tune::gains_file::GainsFile;
 
-/// Gains of `powercube6` that come with the program, shortest period first. Each is the certified saturated design of
-/// `cubectl tune --period …` for the initial errors of the firmware's start tolerance.
-const BUILT_IN: [(u32, &str); 5] = [
-    (3_000, include_str!("../../gains/powercube6-3ms.toml")),
-    (5_000, include_str!("../../gains/powercube6-5ms.toml")),
-    (10_000, include_str!("../../gains/powercube6-10ms.toml")),
-    (17_000, include_str!("../../gains/powercube6-17ms.toml")),
-    (30_000, include_str!("../../gains/powercube6-30ms.toml")),
-];
-
-/// The gains for a period of exactly `period_us`, if the program has some for the robot.
-#[must_use]
-pub fn built_in_gains(robot: &str, period_us: u32) -> Option<GainsFile> {
-    let (_, text) = BUILT_IN.iter().find(|(us, _)| *us == period_us)?;
-    GainsFile::from_toml(text, robot).ok()
-}
+/// Shortest and longest control period of a controller, µs: the range of its register `cycle.period_us`.
+pub const PERIOD_MIN_US: u32 = 1_000;
+/// See [`PERIOD_MIN_US`].
+pub const PERIOD_MAX_US: u32 = 40_000;
 
 /// Who decides the period.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,8 +30,10 @@ pub enum Wish {
 pub struct Choice {
     /// Control period, µs.
     pub period_us: u32,
-    /// Gains for it; `None` if the program has none for the robot and the settings' own are used.
-    pub gains: Option<GainsFile>,
+    /// Gains for it.
+    pub gains: GainsFile,
+    /// Where they come from.
+    pub gains_from: GainsFrom,
     /// `measured`, `given` or `virtual time`.
     pub why: &'static str,
 }
@@ -61,10 +54,11 @@ pub enum NoPeriod {
         /// What would hold.
         next: String,
     },
-    /// None that the program has gains for.
+    /// None up to the longest one.
     #[error(
-        "no control period holds here: {pace}; the longest one with gains is {} ms\n  {granted}\n  next: end what else \
-         runs on this machine, or let a controller of its own close the loop (`--controller NODE-ID`); nothing has moved",
+        "no control period holds here: {pace}; the longest one is {} ms\n  {granted}\n  next: end what else \
+         runs on this machine, or let a controller of its own close the loop (`cubectl throw --controller NODE-ID`); \
+         nothing has moved",
         f64::from(*.longest_us) * 1e-3, pace = .pace, granted = .pace.granted
     )]
     None {
@@ -73,103 +67,96 @@ pub enum NoPeriod {
         /// Measured.
         pace: Box<Pace>,
     },
-    /// No gains for the period that was asked for.
-    #[error("the program has no gains for {} ms and {robot}\n  next: {}", f64::from(*.period_us) * 1e-3, tune(*.period_us))]
-    NoGains {
-        /// Asked for, µs.
-        period_us: u32,
-        /// The robot.
-        robot: String,
-    },
+    /// No gains for the period.
+    #[error(transparent)]
+    NoGains(#[from] NoGains),
 }
 
-fn tune(period_us: u32) -> String {
-    let s = f64::from(period_us) * 1e-6;
-    format!("`cubectl tune --period {s} --out gains.toml`, then --gains gains.toml")
-}
-
-/// Decides. `usual_us` is the period of the settings, used in virtual time and for robots without gains of the program.
+/// Decides. `usual_us` is the period of the settings, used in virtual time.
 ///
 /// # Errors
 /// [`NoPeriod`].
-pub fn choose(wish: Wish, pace: Option<&Pace>, robot: &str, usual_us: u32) -> Result<Choice, NoPeriod> {
-    let fixed = match wish {
-        Wish::Gains(gains) => Some(((gains.period_s * 1e6).round() as u32, Some(*gains))),
-        Wish::Period(period_us) => {
-            let gains = built_in_gains(robot, period_us);
-            if gains.is_none() && period_us != usual_us {
-                return Err(NoPeriod::NoGains { period_us, robot: robot.to_owned() });
-            }
-            Some((period_us, gains))
-        }
-        Wish::Any => None,
-    };
+pub fn choose(wish: Wish, pace: Option<&Pace>, robot: &AnyRobot, usual_us: u32) -> Result<Choice, NoPeriod> {
     let holds = |period_us: u32| pace.is_none_or(|pace| pace.holds(Duration::from_micros(period_us.into())));
-    if let Some((period_us, gains)) = fixed {
-        return match pace {
-            Some(pace) if !holds(period_us) => {
-                Err(NoPeriod::TooShort { period_us, pace: Box::new(pace.clone()), next: advice(pace, robot) })
-            }
-            _ => Ok(Choice { period_us, gains, why: "given" }),
-        };
-    }
-    let usual = || (usual_us, built_in_gains(robot, usual_us));
-    let Some(pace) = pace else {
-        let (period_us, gains) = usual();
-        return Ok(Choice { period_us, gains, why: "virtual time" });
+    let too_short = |period_us: u32, pace: &Pace| NoPeriod::TooShort {
+        period_us,
+        pace: Box::new(pace.clone()),
+        next: advice(pace),
     };
-    let candidates = BUILT_IN.iter().filter_map(|(us, _)| Some((*us, Some(built_in_gains(robot, *us)?))));
-    let mut candidates = candidates.peekable();
-    let comfortable = |us: u32| pace.comfortable() <= Duration::from_micros(us.into());
-    // Without a comfortable one the longest, if it holds.
-    let mut last = None;
-    let (period_us, gains) = match candidates.peek() {
-        Some(_) => candidates.find(|(us, gains)| {
-            last = Some((*us, gains.clone()));
-            comfortable(*us)
-        }),
-        None => Some(usual()),
-    }
-    .or(last)
-    .filter(|(us, _)| holds(*us))
-    .ok_or_else(|| {
-        let longest_us = if built_in_gains(robot, usual_us).is_some() { longest_us() } else { usual_us };
-        NoPeriod::None { longest_us, pace: Box::new(pace.clone()) }
-    })?;
-    Ok(Choice { period_us, gains, why: "measured" })
-}
-
-fn longest_us() -> u32 {
-    BUILT_IN.iter().map(|(us, _)| *us).max().unwrap_or(0)
+    let (period_us, why) = match (wish, pace) {
+        (Wish::Gains(gains), pace) => {
+            let period_us = (gains.period_s * 1e6).round() as u32;
+            if let Some(pace) = pace.filter(|_| !holds(period_us)) {
+                return Err(too_short(period_us, pace));
+            }
+            return Ok(Choice { period_us, gains: *gains, gains_from: GainsFrom::Given, why: "given" });
+        }
+        (Wish::Period(period_us), Some(pace)) if !holds(period_us) => return Err(too_short(period_us, pace)),
+        (Wish::Period(period_us), _) => (period_us, "given"),
+        (Wish::Any, None) => (usual_us, "virtual time"),
+        (Wish::Any, Some(pace)) => {
+            let comfortable = |us: &u32| pace.comfortable() <= Duration::from_micros((*us).into());
+            // Without a comfortable one the longest, if it holds.
+            let chosen = PERIODS_US.iter().copied().find(comfortable).or(PERIODS_US.last().copied());
+            let period_us = chosen.filter(|us| holds(*us)).ok_or_else(|| NoPeriod::None {
+                longest_us: PERIODS_US.last().copied().unwrap_or(PERIOD_MAX_US),
+                pace: Box::new(pace.clone()),
+            })?;
+            (period_us, "measured")
+        }
+    };
+    let (gains, gains_from) = gains_for(robot, period_us)?;
+    Ok(Choice { period_us, gains, gains_from, why })
 }
 
 /// What would hold instead, with the word that says it.
-fn advice(pace: &Pace, robot: &str) -> String {
+fn advice(pace: &Pace) -> String {
     let shortest_us = pace.shortest().as_micros();
-    let built_in = BUILT_IN.iter().map(|(us, _)| *us).find(|us| u64::from(*us) >= shortest_us);
-    match built_in.filter(|us| built_in_gains(robot, *us).is_some()) {
-        Some(us) => format!(
-            "{} ms would hold: `--period {}`, or neither --period nor --gains to let it be chosen",
-            us / 1_000,
-            us / 1_000
-        ),
-        None => {
-            // Whole milliseconds, with a fifth of room.
-            let us = (shortest_us * 6 / 5).div_ceil(1_000) * 1_000;
-            let us = u32::try_from(us).unwrap_or(u32::MAX);
-            format!("{} ms would hold: {}", us / 1_000, tune(us))
-        }
+    if let Some(us) = PERIODS_US.into_iter().find(|us| u64::from(*us) >= shortest_us) {
+        let ms = us / 1_000;
+        return format!("{ms} ms would hold: `--period {ms}`, or leave the period out to let it be chosen");
     }
+    // Whole milliseconds, with a fifth of room.
+    let us = (shortest_us * 6 / 5).div_ceil(1_000) * 1_000;
+    match u32::try_from(us).ok().filter(|us| *us <= PERIOD_MAX_US) {
+        Some(us) => format!(
+            "{} ms would hold: `cubectl tune --period {} --out gains.toml`, then `--gains gains.toml`",
+            us / 1_000,
+            f64::from(us) * 1e-6
+        ),
+        None => format!(
+            "no control period up to {} ms, the longest one, would hold: end what else runs on this machine, or let a \
+             controller of its own close the loop (`cubectl throw --controller NODE-ID`)",
+            PERIOD_MAX_US / 1_000
+        ),
+    }
+}
+
+/// Settings for `robot` with gains for it. Without any, if its file does not say enough to design them, a controller
+/// cannot be armed.
+///
+/// # Errors
+/// [`NoSettings`].
+pub fn settings_with_gains(robot: &AnyRobot) -> Result<Settings, NoSettings> {
+    let mut settings = settings_of(robot)?;
+    if let Ok(choice) = choose(Wish::Any, None, robot, settings.cycle_period_us) {
+        apply(&choice, &mut settings);
+    }
+    Ok(settings)
+}
+
+/// Sets the control period, the period of the gains, and the deadline for replies that follows from it.
+pub fn set_period(settings: &mut Settings, period_us: u32) {
+    settings.cycle_period_us = period_us;
+    settings.gains_period_us = period_us;
+    settings.reply_deadline_us = (period_us * 2 / 3).clamp(500, 20_000);
 }
 
 /// Lets a controller of this program begin with the choice: its period, the deadlines that follow from it, gains with the
 /// estimator and the certificate they were proven for, and no start from farther away than that is for.
 pub fn apply(choice: &Choice, settings: &mut Settings) {
-    let period_us = choice.period_us;
-    settings.cycle_period_us = period_us;
-    settings.gains_period_us = period_us;
-    settings.reply_deadline_us = (period_us * 2 / 3).clamp(500, 20_000);
-    let Some(gains) = &choice.gains else { return };
+    set_period(settings, choice.period_us);
+    let gains = &choice.gains;
     (settings.estimator_alpha, settings.estimator_beta) =
         (gains.estimator.alpha as f32, gains.estimator.beta as f32);
     settings.gains_certificate_crc32 = firmware::crc::Crc32::of(gains.to_toml().as_bytes());
@@ -194,21 +181,12 @@ mod tests {
     use super::*;
     use firmware::registers;
 
-    const ROBOT: &str = "powercube6";
-
-    fn any(pace: &Pace) -> Result<Choice, NoPeriod> {
-        choose(Wish::Any, Some(pace), ROBOT, 3_000)
+    fn robot() -> AnyRobot {
+        AnyRobot::load("powercube6").unwrap()
     }
 
-    #[test]
-    fn every_built_in_file_proves_and_is_for_its_period_and_all_joints() {
-        for (us, _) in BUILT_IN {
-            let gains = built_in_gains(ROBOT, us).unwrap();
-            assert_eq!((gains.period_s * 1e6).round() as u32, us);
-            assert!(gains.joint.iter().map(|joint| joint.number).eq(1..=6));
-        }
-        assert_eq!(BUILT_IN[0].0, Settings::powercube6().cycle_period_us);
-        assert!(BUILT_IN.is_sorted_by_key(|(us, _)| *us));
+    fn any(pace: &Pace) -> Result<Choice, NoPeriod> {
+        choose(Wish::Any, Some(pace), &robot(), 3_000)
     }
 
     #[test]
@@ -225,7 +203,7 @@ mod tests {
         for (needs_us, chosen_us) in table {
             let choice = any(&Pace::that_needs(needs_us)).unwrap();
             assert_eq!((choice.period_us, choice.why), (chosen_us, "measured"), "{needs_us}");
-            assert_eq!((choice.gains.unwrap().period_s * 1e6).round() as u32, chosen_us);
+            assert_eq!((choice.gains.period_s * 1e6).round() as u32, chosen_us);
         }
         assert!(matches!(any(&Pace::that_needs(30_100)), Err(NoPeriod::None { longest_us: 30_000, .. })));
     }
@@ -233,30 +211,29 @@ mod tests {
     #[test]
     fn a_wish_that_does_not_hold_is_refused_with_what_was_measured_and_what_would_hold() {
         let pace = Pace::that_needs(4_800);
-        let text = choose(Wish::Period(3_000), Some(&pace), ROBOT, 3_000).unwrap_err().to_string();
+        let text = choose(Wish::Period(3_000), Some(&pace), &robot(), 3_000).unwrap_err().to_string();
         for part in
             ["3 ms does not hold", "4.0 ms at worst", "5 ms would hold", "--period 5", "nothing has moved"]
         {
             assert!(text.contains(part), "{part}: {text}");
         }
-        let gains = built_in_gains(ROBOT, 3_000).unwrap();
-        assert!(choose(Wish::Gains(Box::new(gains.clone())), Some(&pace), ROBOT, 3_000).is_err());
-        let choice = choose(Wish::Gains(Box::new(gains)), None, ROBOT, 3_000).unwrap();
+        let gains = gains_for(&robot(), 3_000).unwrap().0;
+        assert!(choose(Wish::Gains(Box::new(gains.clone())), Some(&pace), &robot(), 3_000).is_err());
+        let choice = choose(Wish::Gains(Box::new(gains)), None, &robot(), 3_000).unwrap();
         assert_eq!((choice.period_us, choice.why), (3_000, "given"));
-        assert!(matches!(choose(Wish::Period(4_000), None, ROBOT, 3_000), Err(NoPeriod::NoGains { .. })));
+        assert!(matches!(choose(Wish::Period(4_000), None, &robot(), 3_000), Err(NoPeriod::NoGains(_))));
     }
 
     #[test]
     fn in_virtual_time_the_usual_period_is_kept() {
-        let choice = choose(Wish::Any, None, ROBOT, 3_000).unwrap();
+        let choice = choose(Wish::Any, None, &robot(), 3_000).unwrap();
         assert_eq!((choice.period_us, choice.why), (3_000, "virtual time"));
-        assert!(choose(Wish::Any, None, "another", 3_000).unwrap().gains.is_none());
     }
 
     #[test]
     fn the_settings_of_a_choice_pass_their_own_check() {
-        for (us, _) in BUILT_IN {
-            let choice = choose(Wish::Period(us), None, ROBOT, 3_000).unwrap();
+        for us in PERIODS_US {
+            let choice = choose(Wish::Period(us), None, &robot(), 3_000).unwrap();
             let mut settings = Settings::powercube6();
             apply(&choice, &mut settings);
             assert_eq!(settings.check(), Ok(()), "{us}");
@@ -266,8 +243,8 @@ mod tests {
 
     #[test]
     fn a_controller_takes_the_gains_of_a_choice_through_its_registers() {
-        for (us, _) in BUILT_IN {
-            let choice = choose(Wish::Period(us), None, ROBOT, 3_000).unwrap();
+        for us in PERIODS_US {
+            let choice = choose(Wish::Period(us), None, &robot(), 3_000).unwrap();
             let (mut wanted, mut written) = (Settings::powercube6(), Settings::powercube6());
             apply(&choice, &mut wanted);
             for name in ["joint.k_error_1_s2", "joint.k_rate_1_s", "joint.k_last"] {
@@ -279,6 +256,31 @@ mod tests {
                     "{name} at {us} us"
                 );
                 assert_eq!(registers::read(&written, index).unwrap().as_slice(), numbers.as_slice());
+            }
+        }
+    }
+
+    #[test]
+    fn no_advice_names_a_period_that_a_controller_does_not_take() {
+        let register = registers::find("cycle.period_us").unwrap();
+        for needs_us in (500..200_000).step_by(500) {
+            let pace = Pace::that_needs(needs_us);
+            for wish in [Wish::Any, Wish::Period(3_000), Wish::Period(30_000)] {
+                let Err(refused) = choose(wish, Some(&pace), &robot(), 3_000) else { continue };
+                let text = refused.to_string();
+                let next = text.split("next: ").nth(1).unwrap();
+                let named = next.split(" ms would hold").next().unwrap().parse::<f64>();
+                let option =
+                    next.split("--period ").nth(1).map(|rest| rest.split([' ', '`']).next().unwrap());
+                let Ok(ms) = named else {
+                    assert!(option.is_none(), "{needs_us}: {text}");
+                    continue;
+                };
+                let us = (ms * 1e3).round() as u32;
+                assert!(u64::from(us) >= pace.shortest().as_micros(), "{needs_us}: {text}");
+                let number = registers::Number::Natural32(us);
+                let mut settings = Settings::powercube6();
+                assert_eq!(registers::write(&mut settings, register, &[number]), Ok(()), "{text}");
             }
         }
     }

@@ -5,6 +5,7 @@ use protocol::cyphal::cubecell::group_state::State;
 use protocol::cyphal::id::NodeId;
 use serde_json::{Value, json};
 
+use super::gains::GainsFrom;
 use super::job::{Job, Record};
 use super::outcome::Verdict;
 use crate::analysis::RunAnalysis;
@@ -37,8 +38,10 @@ pub struct Circumstances<'a> {
     pub wall_s: &'a [f64],
     /// Time of planning by the wall, s.
     pub plan_s: f64,
-    /// Checksum of the gains file as written.
-    pub gains_crc32: u32,
+    /// Where the gains come from.
+    pub gains_from: GainsFrom,
+    /// Checksum of the gains file as written; `None` if there is none.
+    pub gains_crc32: Option<u32>,
     /// The soft controller's thread.
     pub soft: Option<&'a SoftReport>,
     /// Why the control period is what it is: `measured`, `given`, `virtual time`, `the controller's`.
@@ -109,6 +112,7 @@ pub fn summary(job: &Job<'_>, record: &Record, verdict: &Verdict, about: &Circum
             "objective": plan.objective.value,
             "took_s": about.plan_s,
         },
+        "gains_from": about.gains_from.json_name(),
         "approach_s": record.approach_s,
         "steps": steps,
         "seed": about.seed,
@@ -116,7 +120,7 @@ pub fn summary(job: &Job<'_>, record: &Record, verdict: &Verdict, about: &Circum
         "hashes": {
             "robot_fingerprint": plan.robot.fingerprint,
             "trajectory_crc64": record.trajectory.map(|name| format!("{:016x}", name.trajectory_crc64)),
-            "gains_crc32": format!("{:08x}", about.gains_crc32),
+            "gains_crc32": about.gains_crc32.map(|crc| format!("{crc:08x}")),
             "certificate_crc32": format!("{:08x}", record.certificate_crc32),
         },
         "fault": fault(record),

@@ -68,13 +68,13 @@ impl Bench {
             .ok_or("the plan of the bench cannot be written")?;
         let mut settings = settings_of(&robot).map_err(|error| error.to_string())?;
         let choice =
-            choose(Wish::Any, None, ROBOT, settings.cycle_period_us).map_err(|error| error.to_string())?;
+            choose(Wish::Any, None, &robot, settings.cycle_period_us).map_err(|error| error.to_string())?;
         apply(&choice, &mut settings);
         Ok(Self {
             arm: *arm,
             robot,
             settings,
-            gains: choice.gains,
+            gains: Some(choice.gains),
             tolerance_m: default_tolerance_m(&plan),
             plan,
         })

@@ -22,6 +22,7 @@ use super::plan::options::point;
 use super::plan::throw::{Planned, SearchOptions};
 use super::print_json;
 use super::report;
+use super::tune::InForce;
 use crate::bus::args::{CellArgs, Controller, interrupt};
 use crate::bus::operator::OperatorError;
 use crate::bus::pace::Pace;
@@ -31,9 +32,10 @@ use crate::error::ExpectedError;
 use crate::exit;
 use crate::plan::Arm;
 use crate::plan::file::PlanFile;
+use crate::throw::gains::GainsFrom;
 use crate::throw::job::{News, Step};
 use crate::throw::outcome::{Outcome, default_tolerance_m, judge};
-use crate::throw::period::{NoPeriod, Wish, apply, choose};
+use crate::throw::period::{NoPeriod, PERIOD_MAX_US, PERIOD_MIN_US, Wish, apply, choose};
 use crate::throw::summary::{Circumstances, summary};
 use crate::throw::{Job, JobError, Record, Verdict, job};
 use crate::tune::gains_file::GainsFile;
@@ -62,8 +64,9 @@ pub struct Args {
     /// heard, else a soft one.
     #[arg(long, value_name = "soft|NODE-ID")]
     pub controller: Option<Controller>,
-    /// Gains with their certificate, from `cubectl tune`; a controller in this program runs at their period. Default:
-    /// those that come with the program for its own controller, else those that the controller has.
+    /// Gains with their certificate, from `cubectl tune`; a controller in this program runs at their period. Default: for
+    /// a controller in this program those that come with it for powercube6, and a design made on the way for any other
+    /// robot; else those that the controller on the bus has.
     #[arg(long, value_name = "FILE")]
     pub gains: Option<PathBuf>,
     /// Control period of a controller in this program, ms: 3, 5, 10, 17 or 30. Default: the shortest one that this machine
@@ -128,7 +131,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let given = args.gains.as_ref().map(|path| read_gains(path, arm.name())).transpose()?;
     let choice = if soft {
         let wish = wish(given.clone(), args.period);
-        let choice = choose(wish, pace.as_ref(), arm.name(), settings.cycle_period_us)
+        let choice = choose(wish, pace.as_ref(), &cell.robot, settings.cycle_period_us)
             .map_err(|refused| without_period(refused, args, &arm))?;
         apply(&choice, &mut settings);
         Some(choice)
@@ -136,7 +139,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         None
     };
     // A controller that is on the bus already keeps its own, unless some are given.
-    let gains = choice.as_ref().map_or(given, |choice| choice.gains.clone());
+    let gains = choice.as_ref().map_or(given, |choice| Some(choice.gains.clone()));
     // On the bus `sim` the ball lands where the target is, not only on the floor.
     cell.setup.cell.gripper.landing_z_m = Some(plan.target.position_m[2]);
 
@@ -146,6 +149,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         BusArgs { bus: args.bus.clone(), cell: cell_args, record: Some(folder.file("log")), beside: false };
     let mut voice = Voice::new(args.json);
     voice.planned(&plan, plan_s);
+    if let Some(choice) = &choice {
+        voice.gains(choice);
+    }
     if let (Some(choice), Some(pace)) = (&choice, &pace) {
         voice.paced(choice, pace);
     }
@@ -189,7 +195,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     {
         error.message = format!("{}\n{found}", error.message);
     }
-    let gains_text = gains_toml(&plan, &record, gains.as_ref());
+    let gains_text = gains_toml(&record, gains.as_ref());
     let (name, simulated, bus_errors) =
         (session.name().to_owned(), session.is_simulated(), session.bus_errors().len());
     let thread = session.finish_controller();
@@ -207,14 +213,19 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         bus_errors,
         wall_s: &voice.wall_s,
         plan_s,
-        gains_crc32: firmware::crc::Crc32::of(gains_text.as_bytes()),
+        gains_from: match (&choice, args.gains.is_some()) {
+            (Some(choice), _) => choice.gains_from,
+            (None, true) => GainsFrom::Given,
+            (None, false) => GainsFrom::Controller,
+        },
+        gains_crc32: gains_text.as_ref().map(|text| firmware::crc::Crc32::of(text.as_bytes())),
         soft: thread.as_ref(),
         period_why: choice.as_ref().map_or("the controller's", |choice| choice.why),
         pace: pace.as_ref(),
     };
     let mut value = summary(&job, &record, &verdict, &circumstances);
     value["command_line"] = std::env::args().collect::<Vec<_>>().join(" ").into();
-    let written = write_results(&folder, &value, &gains_text, &args.search.options.robot);
+    let written = write_results(&folder, &value, gains_text.as_deref(), &args.search.options.robot);
     if args.json {
         print_json(&value);
     }
@@ -235,11 +246,13 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 fn write_results(
     folder: &Folder,
     summary: &serde_json::Value,
-    gains: &str,
+    gains: Option<&str>,
     robot: &str,
 ) -> Result<(), ExpectedError> {
     folder.write("summary.json", &format!("{summary:#}\n"))?;
-    folder.write("gains.toml", gains)?;
+    if let Some(gains) = gains {
+        folder.write("gains.toml", gains)?;
+    }
     let files = ["plan.json", "log.candump", "summary.json"].map(|name| folder.file(name));
     let [plan, log, summary] = &files;
     let recorded = report::read(plan, log, Some(summary), Some(robot), report::BIT_RATE)?;
@@ -301,10 +314,11 @@ pub(super) fn read_gains(path: &Path, robot: &str) -> Result<GainsFile, Expected
 /// `3`, `5`, … as µs.
 pub(super) fn period_us(text: &str) -> Result<u32, String> {
     let ms = super::home::positive(text)?;
-    if (0.5..=40.0).contains(&ms) {
-        Ok((1e3 * ms).round() as u32)
+    let us = (1e3 * ms).round();
+    if (f64::from(PERIOD_MIN_US)..=f64::from(PERIOD_MAX_US)).contains(&us) {
+        Ok(us as u32)
     } else {
-        Err("must be from 0.5 to 40 ms".to_owned())
+        Err(format!("must be from {} to {} ms", PERIOD_MIN_US / 1_000, PERIOD_MAX_US / 1_000))
     }
 }
 
@@ -320,7 +334,7 @@ pub(super) fn wish(gains: Option<GainsFile>, period_us: Option<u32>) -> Wish {
 impl From<NoPeriod> for ExpectedError {
     fn from(error: NoPeriod) -> Self {
         match error {
-            NoPeriod::NoGains { .. } => Self::bad_input(&error),
+            NoPeriod::NoGains(_) => Self::bad_input(&error),
             NoPeriod::TooShort { .. } | NoPeriod::None { .. } => Self::new(exit::BUS, error.to_string()),
         }
     }
@@ -412,7 +426,7 @@ fn failure(error: JobError, record: &Record, outcome: Outcome) -> ExpectedError 
 
 /// No period holds; drives with something wrong are named first, because double or silent ones make every round long.
 fn without_period(refused: NoPeriod, args: &Args, arm: &Arm) -> ExpectedError {
-    if matches!(refused, NoPeriod::NoGains { .. }) {
+    if matches!(refused, NoPeriod::NoGains(_)) {
         return refused.into();
     }
     let found = asking(&args.bus).open().ok().and_then(|mut session| {
@@ -441,26 +455,23 @@ fn output(error: &impl std::fmt::Display) -> ExpectedError {
     ExpectedError::new(exit::OUTPUT, error.to_string())
 }
 
-/// The gains in force: the file that was given, or what the controller's registers held.
-fn gains_toml(plan: &PlanFile, record: &Record, gains: Option<&GainsFile>) -> String {
-    use std::fmt::Write as _;
+/// The gains in force: the file that was given, or what the controller's registers held, in the form that
+/// `cubectl tune --rollback` and `cubectl replay` read; `None` if they were not read.
+fn gains_toml(record: &Record, gains: Option<&GainsFile>) -> Option<String> {
     if let Some(gains) = gains {
-        return gains.to_toml();
+        return Some(gains.to_toml());
     }
-    let mut text = format!(
-        "# Gains in force during this run, read from the controller; its own, without a certificate.\nrobot = \"{}\"\n\
-         period_s = {}\ncertificate_crc32 = {}\n",
-        plan.robot.name,
-        record.period_us as f64 * 1e-6,
-        record.certificate_crc32
-    );
-    let [error, rate, last] = &record.gains;
-    for (i, ((error, rate), last)) in error.iter().zip(rate).zip(last).enumerate() {
-        let number = i + 1;
-        let _ = write!(
-            text,
-            "\n[[joint]]\nnumber = {number}\nk_pos_1_s2 = {error}\nk_vel_1_s = {rate}\nk_last = {last}\n"
-        );
-    }
-    text
+    let [k_pos_1_s2, k_vel_1_s, k_last] = record.gains.clone();
+    let [estimator_alpha, estimator_beta] = record.estimator?;
+    let in_force = InForce {
+        period_us: u32::try_from(record.period_us).ok()?,
+        robot_crc32: u32::try_from(record.gains_robot_crc32).ok()?,
+        certificate_crc32: u32::try_from(record.certificate_crc32).ok()?,
+        estimator_alpha,
+        estimator_beta,
+        k_pos_1_s2,
+        k_vel_1_s,
+        k_last,
+    };
+    Some(in_force.to_toml())
 }

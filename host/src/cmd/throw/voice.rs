@@ -12,6 +12,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use crate::analysis::tracking::JointTracking;
 use crate::bus::pace::Pace;
 use crate::plan::file::PlanFile;
+use crate::throw::gains::GainsFrom;
 use crate::throw::job::News;
 use crate::throw::period::Choice;
 use crate::throw::{Record, Verdict};
@@ -47,6 +48,18 @@ impl Voice {
             Vector3::from(plan.release.velocity_m_s).norm()
         );
         self.line("plan", took_s, &found);
+    }
+
+    /// Says so if the gains were designed on the way.
+    pub(super) fn gains(&self, choice: &Choice) {
+        if choice.gains_from == GainsFrom::Designed {
+            let (robot, ms) = (&choice.gains.robot, f64::from(choice.period_us) * 1e-3);
+            self.line(
+                "gains",
+                0.0,
+                &format!("designed and certified for {robot} at {ms} ms; kept in gains.toml"),
+            );
+        }
     }
 
     pub(super) fn paced(&self, choice: &Choice, pace: &Pace) {

@@ -4,6 +4,7 @@
 //! all of them, so three writes change all joints. Each change voids the certificate, which is written last.
 
 use firmware::crc::Crc32;
+use firmware::settings::Settings;
 use protocol::cyphal::bits::Decode;
 use protocol::cyphal::client::Policy;
 use protocol::cyphal::id::NodeId;
@@ -13,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::bus::Session;
 use crate::bus::operator::OperatorError;
+use crate::throw::period::set_period;
 use crate::tune::gains_file::GainsFile;
 use crate::tune::model::Estimator;
 
@@ -107,24 +109,24 @@ impl Registers for OnBus<'_> {
 /// Gains of a controller, as its registers hold them; also the form of the file that rolls back.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct InForce {
+pub(in crate::cmd) struct InForce {
     /// Period they are for, µs.
-    pub(super) period_us: u32,
+    pub(in crate::cmd) period_us: u32,
     /// Checksum of the robot they are for; 0 in files of earlier versions: not known.
     #[serde(default)]
-    pub(super) robot_crc32: u32,
+    pub(in crate::cmd) robot_crc32: u32,
     /// Checksum of their certificate, 0 for none.
-    pub(super) certificate_crc32: u32,
+    pub(in crate::cmd) certificate_crc32: u32,
     /// Weight of a measurement on the position error.
-    pub(super) estimator_alpha: f32,
+    pub(in crate::cmd) estimator_alpha: f32,
     /// Weight on its rate.
-    pub(super) estimator_beta: f32,
+    pub(in crate::cmd) estimator_beta: f32,
     /// On the position error, joint by joint, 1/s2.
-    pub(super) k_pos_1_s2: Vec<f32>,
+    pub(in crate::cmd) k_pos_1_s2: Vec<f32>,
     /// On its rate, 1/s.
-    pub(super) k_vel_1_s: Vec<f32>,
+    pub(in crate::cmd) k_vel_1_s: Vec<f32>,
     /// On the last command.
-    pub(super) k_last: Vec<f32>,
+    pub(in crate::cmd) k_last: Vec<f32>,
 }
 
 /// Why gains are not in force.
@@ -296,12 +298,24 @@ impl InForce {
     }
 
     /// The estimator they count on.
-    pub(super) fn estimator(&self) -> Estimator {
+    pub(in crate::cmd) fn estimator(&self) -> Estimator {
         Estimator { alpha: self.estimator_alpha.into(), beta: self.estimator_beta.into() }
     }
 
+    /// Lets a controller begin with these gains, at their period.
+    pub(in crate::cmd) fn begin(&self, settings: &mut Settings) {
+        set_period(settings, self.period_us);
+        settings.gains_certificate_crc32 = self.certificate_crc32;
+        settings.gains_robot_crc32 = self.robot_crc32;
+        (settings.estimator_alpha, settings.estimator_beta) = (self.estimator_alpha, self.estimator_beta);
+        let rows = self.k_pos_1_s2.iter().zip(&self.k_vel_1_s).zip(&self.k_last);
+        for (joint, ((k_pos, k_vel), k_last)) in settings.joint.0.iter_mut().zip(rows) {
+            (joint.k_error_1_s2, joint.k_rate_1_s, joint.k_last) = (*k_pos, *k_vel, *k_last);
+        }
+    }
+
     /// TOML text with a heading.
-    pub(super) fn to_toml(&self) -> String {
+    pub(in crate::cmd) fn to_toml(&self) -> String {
         let body = toml::to_string(self).unwrap_or_default();
         format!(
             "# Gains that a controller held; `cubectl tune --rollback` with this file puts them back.\n{body}"
@@ -312,7 +326,7 @@ impl InForce {
     ///
     /// # Errors
     /// What is wrong with it.
-    pub(super) fn from_toml(text: &str) -> Result<Self, String> {
+    pub(in crate::cmd) fn from_toml(text: &str) -> Result<Self, String> {
         let read: Self = toml::from_str(text).map_err(|e| e.to_string())?;
         let n = read.k_pos_1_s2.len();
         let all = || read.k_pos_1_s2.iter().chain(&read.k_vel_1_s).chain(&read.k_last);

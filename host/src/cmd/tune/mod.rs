@@ -25,7 +25,8 @@ use crate::tune::machine::{Demand, Machine, MachineError, Motion, inputs};
 use crate::tune::model::Estimator;
 use crate::tune::picture;
 use crate::tune::trial::TrialMotion;
-use apply::{ApplyError, InForce, OnBus, put};
+pub(in crate::cmd) use apply::InForce;
+use apply::{ApplyError, OnBus, put};
 use trial::built_in;
 
 /// Which design to use.

@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Vector3};
 use robot_model::Pose;
 use toml_reader::read_text;
 
-use super::{FORMAT, ObstacleInfo, PlanFile, VERSION};
+use super::{FORMAT, KIND, ObstacleInfo, PlanFile, VERSION};
 use crate::plan::throw::{Arm, JOINTS};
 use crate::store::{file::write_whole, robot_fingerprint};
 
@@ -138,6 +138,12 @@ impl PlanFile {
 
     /// What the types cannot say.
     fn sound(&self) -> Result<(), String> {
+        if self.kind != KIND {
+            return Err(format!(
+                "its kind is \"{}\"; this program runs plans of kind \"{KIND}\" only",
+                self.kind
+            ));
+        }
         if self.joints.len() != JOINTS {
             return Err(format!("{} joints, expected {JOINTS}", self.joints.len()));
         }

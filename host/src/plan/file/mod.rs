@@ -26,6 +26,9 @@ pub const VERSION: u32 = 4;
 /// First field of every plan file.
 pub const FORMAT: &str = "cubectl-plan";
 
+/// Kind of motion that this program makes and runs.
+pub const KIND: &str = "throw";
+
 /// A plan file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -34,7 +37,7 @@ pub struct PlanFile {
     pub format: String,
     /// Version of the format.
     pub version: u32,
-    /// Kind of motion; always `throw` so far.
+    /// Kind of motion; [`KIND`].
     pub kind: String,
     /// Which robot.
     pub robot: RobotId,

@@ -1,0 +1,183 @@
+//! Gains for a robot at a period: those that come with the program, or a design made on the way.
+
+use robot_model::AnyRobot;
+
+use crate::tune::design::{Design, DesignError, Tuned, tune};
+use crate::tune::gains_file::{FORMAT, GainsFile};
+use crate::tune::machine::{Demand, Machine, MachineError, Motion, inputs};
+
+/// Gains of `powercube6` that come with the program, shortest period first. Each is the certified saturated design of
+/// `cubectl tune --period …` for the initial errors of the firmware's start tolerance.
+const BUILT_IN: [(u32, &str); 5] = [
+    (3_000, include_str!("../../gains/powercube6-3ms.toml")),
+    (5_000, include_str!("../../gains/powercube6-5ms.toml")),
+    (10_000, include_str!("../../gains/powercube6-10ms.toml")),
+    (17_000, include_str!("../../gains/powercube6-17ms.toml")),
+    (30_000, include_str!("../../gains/powercube6-30ms.toml")),
+];
+
+/// Control periods for which there are gains, µs, shortest first.
+pub const PERIODS_US: [u32; 5] = [BUILT_IN[0].0, BUILT_IN[1].0, BUILT_IN[2].0, BUILT_IN[3].0, BUILT_IN[4].0];
+
+/// Initial errors that a design on the way recovers from, as those of the built-in gains, rad and rad/s.
+const INITIAL_ERROR: f64 = 0.02;
+/// Share of the acceleration for control that it sets aside for the motion.
+const REFERENCE_SHARE: f64 = 0.8;
+
+/// Where gains come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum GainsFrom {
+    /// They come with the program, for this robot.
+    BuiltIn,
+    /// Designed and certified just now, for this robot.
+    Designed,
+    /// From a file.
+    Given,
+    /// The controller on the bus has its own.
+    #[default]
+    Controller,
+}
+
+impl GainsFrom {
+    /// Field `gains_from` of `summary.json`.
+    #[must_use]
+    pub const fn json_name(self) -> &'static str {
+        match self {
+            Self::BuiltIn => "built_in",
+            Self::Designed => "designed",
+            Self::Given => "given",
+            Self::Controller => "controller",
+        }
+    }
+}
+
+/// Why there are no gains.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum NoGains {
+    /// The program designs for its own periods only.
+    #[error(
+        "the program has no gains for {} ms and {robot}\n  next: `cubectl tune --robot FILE --period {} --out gains.toml`, \
+         then `--gains gains.toml`; or one of its periods: 3, 5, 10, 17 or 30 ms",
+        f64::from(*.period_us) * 1e-3, f64::from(*.period_us) * 1e-6
+    )]
+    Period {
+        /// Asked for, µs.
+        period_us: u32,
+        /// The robot.
+        robot: String,
+    },
+    /// The robot file does not say enough.
+    #[error(
+        "{0}\n  next: describe the drives in the robot file; without gains of its own the arm cannot be armed"
+    )]
+    Machine(#[from] MachineError),
+    /// The design fails.
+    #[error(
+        "no gains for {robot} at {} ms: {cause}\n  next: try the options of `cubectl tune --robot FILE --period {} --out \
+         gains.toml` that the cause names, then `--gains gains.toml`",
+        f64::from(*.period_us) * 1e-3, f64::from(*.period_us) * 1e-6
+    )]
+    Design {
+        /// Period, µs.
+        period_us: u32,
+        /// The robot.
+        robot: String,
+        /// Binding condition.
+        cause: Box<DesignError>,
+    },
+}
+
+/// Certified gains for `robot` at a period: the built-in ones if they were designed for exactly what its file says, else
+/// a design made now.
+///
+/// # Errors
+/// [`NoGains`].
+pub fn gains_for(robot: &AnyRobot, period_us: u32) -> Result<(GainsFile, GainsFrom), NoGains> {
+    let (_, text) = BUILT_IN
+        .iter()
+        .find(|(us, _)| *us == period_us)
+        .ok_or_else(|| NoGains::Period { period_us, robot: robot.name().to_owned() })?;
+    let machine = Machine::from_robot(robot)?;
+    let built_in = GainsFile::from_toml(text, robot.name()).ok();
+    if let Some(gains) = built_in.filter(|gains| is_for(gains, &machine)) {
+        return Ok((gains, GainsFrom::BuiltIn));
+    }
+    let period_s = f64::from(period_us) * 1e-6;
+    let demand = Demand {
+        error_position_rad: INITIAL_ERROR,
+        error_velocity_rad_s: INITIAL_ERROR,
+        ..Demand::with_period(period_s)
+    };
+    let all = inputs(&machine, &Motion::with_share(&machine, REFERENCE_SHARE), &demand)?;
+    let mut joint = Vec::new();
+    for input in &all {
+        let tuned = tune(input, Design::Saturated).map_err(|cause| NoGains::Design {
+            period_us,
+            robot: machine.robot.clone(),
+            cause: Box::new(cause),
+        })?;
+        joint.push(Tuned::entry(&tuned));
+    }
+    let estimator = demand.estimator.into();
+    let file = GainsFile { format: FORMAT, robot: machine.robot, period_s, estimator, joint };
+    Ok((file, GainsFrom::Designed))
+}
+
+/// The gains were designed for the accelerations and drives of this machine, joint by joint.
+fn is_for(gains: &GainsFile, machine: &Machine) -> bool {
+    let same = |a: f64, b: f64| (a - b).abs() <= 1e-9 * b.abs();
+    gains.joint.len() == machine.joints.len()
+        && gains.joint.iter().zip(&machine.joints).all(|(tuned, plant)| {
+            same(tuned.problem.acceleration_max_rad_s2, plant.acceleration_max_rad_s2)
+                && same(tuned.problem.drive_wn_rad_s, plant.drive.wn_rad_s)
+                && same(tuned.problem.drive_zeta, plant.drive.zeta)
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use firmware::settings::Settings;
+
+    fn powercube6() -> AnyRobot {
+        AnyRobot::load("powercube6").unwrap()
+    }
+
+    #[test]
+    fn every_built_in_file_proves_and_is_for_its_period_and_all_joints() {
+        for us in PERIODS_US {
+            let (gains, from) = gains_for(&powercube6(), us).unwrap();
+            assert_eq!((from, (gains.period_s * 1e6).round() as u32), (GainsFrom::BuiltIn, us));
+            assert!(gains.joint.iter().map(|joint| joint.number).eq(1..=6));
+        }
+        assert_eq!(PERIODS_US[0], Settings::powercube6().cycle_period_us);
+        assert!(PERIODS_US.is_sorted());
+    }
+
+    #[test]
+    fn a_robot_that_differs_in_name_or_acceleration_gets_a_certified_design_of_its_own() {
+        let text = robot_model::built_in_text("powercube6").unwrap();
+        let renamed = text.replacen("name = \"powercube6\"", "name = \"my_arm\"", 1);
+        let slower =
+            text.replace("control_acceleration_max_rad_s2 = 10.4", "control_acceleration_max_rad_s2 = 8.0");
+        let (built_in, _) = gains_for(&powercube6(), 3_000).unwrap();
+        for (text, a_max) in [(renamed, 10.4), (slower, 8.0)] {
+            let robot = AnyRobot::from_toml("my_arm.toml", &text).unwrap();
+            for us in PERIODS_US {
+                let (gains, from) = gains_for(&robot, us).unwrap();
+                assert_eq!(from, GainsFrom::Designed);
+                assert_eq!(gains.joint[0].problem.acceleration_max_rad_s2, a_max);
+                // What goes into the folder proves again when it is read.
+                let read = GainsFile::from_toml(&gains.to_toml(), robot.name()).unwrap();
+                assert_eq!(read, gains);
+                assert_ne!(gains.to_toml(), built_in.to_toml());
+            }
+        }
+    }
+
+    #[test]
+    fn a_robot_without_drives_is_refused_with_the_next_step() {
+        let error = gains_for(&AnyRobot::load("kr16_2").unwrap(), 3_000).unwrap_err();
+        assert!(matches!(error, NoGains::Machine(_)) && error.to_string().contains("next: "), "{error}");
+    }
+}

@@ -1,0 +1,147 @@
+//! Which gains a robot gets, and files that are read back by the verbs that take them.
+
+mod bus_common;
+
+use bus_common::{Folder, code, cubectl, err, out};
+use serde_json::Value;
+
+/// A robot file made of the built-in one with replacements.
+fn robot(folder: &Folder, name: &str, changes: &[(&str, &str)]) -> String {
+    let mut text = robot_model::built_in_text("powercube6").unwrap().to_owned();
+    for (from, to) in changes {
+        assert!(text.contains(from), "{from}");
+        text = text.replace(from, to);
+    }
+    let path = folder.file(name);
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+fn summary(folder: &Folder, name: &str) -> Value {
+    let text = std::fs::read_to_string(folder.0.join(name).join("summary.json")).unwrap();
+    serde_json::from_str(&text).unwrap()
+}
+
+const NAME: (&str, &str) = ("name = \"powercube6\"", "name = \"my_arm\"");
+const SLOWER: (&str, &str) =
+    ("control_acceleration_max_rad_s2 = 10.4", "control_acceleration_max_rad_s2 = 8.0");
+
+#[test]
+fn another_robot_gets_gains_that_are_designed_for_it_and_the_report_names_their_certificate() {
+    let folder = Folder::new("robots-own-gains");
+    let built_in = std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/gains/powercube6-3ms.toml")).unwrap();
+    let foreign = format!("{:08x}", firmware::crc::Crc32::of(&built_in));
+    let my_arm = robot(&folder, "my_arm.toml", &[NAME, SLOWER]);
+    let dir = folder.file("a");
+    let thrown =
+        cubectl(&["throw", "--robot", &my_arm, "--target", "0.9,0.9,-1", "--no-store", "--out", &dir]);
+    assert_eq!(code(&thrown), 0, "{}{}", out(&thrown), err(&thrown));
+    assert!(err(&thrown).contains("designed and certified for my_arm at 3 ms"), "{}", err(&thrown));
+    let told = summary(&folder, "a");
+    assert_eq!((&told["outcome"], &told["gains_from"]), (&"landed".into(), &"designed".into()));
+    let file = std::fs::read(folder.0.join("a/gains.toml")).unwrap();
+    let own = format!("{:08x}", firmware::crc::Crc32::of(&file));
+    assert_eq!(told["hashes"]["certificate_crc32"], own);
+    assert_ne!(own, foreign);
+    let report = std::fs::read_to_string(folder.0.join("a/report.html")).unwrap();
+    assert!(report.contains(&own) && !report.contains(&foreign));
+    let gains = String::from_utf8(file).unwrap();
+    assert!(gains.contains("robot = \"my_arm\"") && gains.contains("acceleration_max_rad_s2 = 8.0"));
+    // The recording is of these gains.
+    let replayed = cubectl(&["replay", &dir, "--robot", &my_arm]);
+    assert_eq!(code(&replayed), 0, "{}{}", out(&replayed), err(&replayed));
+}
+
+#[test]
+fn gains_in_force_that_a_throw_writes_are_taken_by_replay() {
+    let folder = Folder::new("robots-in-force");
+    let dir = folder.file("a");
+    let thrown = cubectl(&["throw", "--target", "1,1,-1", "--no-store", "--period", "10", "--out", &dir]);
+    assert_eq!(code(&thrown), 0, "{}", err(&thrown));
+    // The form in which a throw with a controller of its own writes what that controller held.
+    let file: toml::Table = std::fs::read_to_string(folder.0.join("a/gains.toml")).unwrap().parse().unwrap();
+    let column = |key: &str| -> Vec<toml::Value> {
+        file["joint"].as_array().unwrap().iter().map(|joint| joint[key].clone()).collect()
+    };
+    let mut in_force = toml::Table::new();
+    in_force.insert("period_us".to_owned(), 10_000.into());
+    let crc = summary(&folder, "a")["hashes"]["certificate_crc32"].as_str().unwrap().to_owned();
+    in_force.insert("certificate_crc32".to_owned(), i64::from_str_radix(&crc, 16).unwrap().into());
+    let robot = robot_model::AnyRobot::load("powercube6").unwrap();
+    let robot_crc32 = host::bus::settings::crc32_of_any(&robot).unwrap();
+    in_force.insert("robot_crc32".to_owned(), i64::from(robot_crc32).into());
+    in_force.insert("estimator_alpha".to_owned(), file["estimator"]["alpha"].clone());
+    in_force.insert("estimator_beta".to_owned(), file["estimator"]["beta"].clone());
+    for key in ["k_pos_1_s2", "k_vel_1_s", "k_last"] {
+        in_force.insert(key.to_owned(), column(key).into());
+    }
+    std::fs::write(folder.0.join("a/gains.toml"), in_force.to_string()).unwrap();
+    let replayed = cubectl(&["replay", &dir]);
+    assert_eq!(code(&replayed), 0, "{}{}", out(&replayed), err(&replayed));
+    // Other gains are another controller, and that is seen.
+    in_force.insert("estimator_alpha".to_owned(), 0.5.into());
+    std::fs::write(folder.0.join("a/gains.toml"), in_force.to_string()).unwrap();
+    assert_eq!(code(&cubectl(&["replay", &dir])), 9);
+}
+
+#[test]
+fn a_plan_of_unknown_kind_is_refused_by_every_verb_that_reads_plans() {
+    let folder = Folder::new("robots-kind");
+    let plan = folder.file("plan.json");
+    let planned = cubectl(&["plan", "throw", "--target", "1,1,-1", "--fast", "--no-store", "--out", &plan]);
+    assert_eq!(code(&planned), 0, "{}", err(&planned));
+    assert_eq!(code(&cubectl(&["check", &plan])), 0);
+    let text = std::fs::read_to_string(&plan).unwrap();
+    assert!(text.contains("\"kind\": \"throw\""));
+    std::fs::write(&plan, text.replacen("\"kind\": \"throw\"", "\"kind\": \"dance\"", 1)).unwrap();
+    for words in [
+        &["check", &plan][..],
+        &["throw", "--plan", &plan, "--out", &folder.file("out")],
+        &["export", &plan, "--csv"],
+        &["upload", &plan],
+        &["tune", "--plan", &plan],
+    ] {
+        let refused = cubectl(words);
+        assert_eq!(code(&refused), 4, "{words:?}: {}", err(&refused));
+        assert!(err(&refused).contains("its kind is \"dance\""), "{words:?}: {}", err(&refused));
+    }
+}
+
+#[test]
+fn the_paper_settings_are_refused_for_another_robot() {
+    let folder = Folder::new("robots-paper");
+    let nobody = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let bus = format!("socketcand://{}/can0", nobody.local_addr().unwrap());
+    drop(nobody);
+    let served = bus_common::Served::arm(hil_sim::CellOptions::default());
+    let slower = robot(&folder, "slower.toml", &[SLOWER]);
+    let refused =
+        cubectl(&["controller", "--paper", "--robot", &slower, "--bus", &served.spec, "--for", "1"]);
+    assert_eq!(code(&refused), 4, "{}", err(&refused));
+    assert!(err(&refused).contains("the settings of the paper are for powercube6"), "{}", err(&refused));
+    // Without a bus nothing is settled.
+    assert_eq!(code(&cubectl(&["controller", "--paper", "--bus", &bus, "--for", "1"])), 7);
+}
+
+#[test]
+fn a_second_controller_does_not_start_with_the_paper_settings_either() {
+    let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let bus = format!("socketcand://127.0.0.1:{port}/can0");
+    let mut first = std::process::Command::new(env!("CARGO_BIN_EXE_cubectl"))
+        .args(["sim", "--controller", "--bus", &bus])
+        .stdout(std::process::Stdio::null())
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    for _ in 0..600 {
+        if std::net::TcpStream::connect(("127.0.0.1", port)).is_ok() {
+            break;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    }
+    let second = cubectl(&["controller", "--paper", "--bus", &bus, "--for", "1"]);
+    let _ = first.kill();
+    let _ = first.wait();
+    assert_eq!(code(&second), 7, "{}{}", out(&second), err(&second));
+    assert!(err(&second).contains("another controller or host speaks to the modules"), "{}", err(&second));
+}
