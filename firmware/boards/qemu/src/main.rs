@@ -57,7 +57,7 @@ fn main() -> ! {
     let mut node = Node::asleep(Instant::ZERO, STORAGE, SPLINE, identity, Seed::FORESEEABLE);
     #[cfg(feature = "script")]
     if let Some(pipes) = coupled::Pipes::open() {
-        node.wake(&Settings::POWERCUBE6);
+        node.wake(&coupled::settings());
         exit(pipes.serve(&mut node, peripherals.SYST))
     }
     #[cfg(feature = "script")]
