@@ -1,4 +1,5 @@
 # Format, lints as errors, documentation without a warning.
+. .ci/toolchain.sh
 cargo fmt --all --check
 cargo clippy --workspace --all-targets --locked -- -D warnings
 RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked

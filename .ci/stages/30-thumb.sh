@@ -1,5 +1,6 @@
 # The no_std rooms compile for the target of the boards; a linked program that uses all of `protocol`
 # has no path to a panic; and its size is told, part by part.
+. .ci/toolchain.sh
 target=thumbv7em-none-eabihf
 cargo build --release --locked --target $target -p protocol -p firmware
 

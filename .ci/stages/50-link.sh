@@ -1,6 +1,6 @@
 # The links against a client that is not ours: python-can, unmodified, pinned; over socketcand, and over
 # SLCAN through TCP and through a pseudo-terminal.
-. .ci/again.sh
+. .ci/timed.sh
 . .ci/venv.sh sim tests/interop/sim/requirements.txt
 . .ci/debug-build.sh
 server=
@@ -16,7 +16,7 @@ for spec in socketcand://127.0.0.1:0/can0 slcan://127.0.0.1:0 slcan:/dev/ptmx; d
         sleep 0.1
     done
     echo "--- $(cat $log)"
-    again 3 timeout 120 python protocol/link/tests/python_can.py "$(cat $log)" 2>target/python_can.log ||
+    timed timeout 120 python protocol/link/tests/python_can.py "$(cat $log)" 2>target/python_can.log ||
         { cat target/python_can.log; exit 1; }
     kill $server
     server=

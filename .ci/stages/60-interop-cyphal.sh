@@ -6,7 +6,7 @@ work=target/interop-cyphal
 mkdir -p $work/dsdl/src
 # The node is built while the packages come from the net.
 bash -e .ci/debug-build.sh & build=$!
-. .ci/again.sh
+. .ci/timed.sh
 . .ci/venv.sh cyphal $here/requirements.txt
 
 cat >$work/dsdl/Cargo.toml <<'TOML'
@@ -46,7 +46,7 @@ good_port=$(port_of $work/node.log)
 lossy_port=$(port_of $work/lossy.log)
 
 echo "--- pycyphal"
-check() { again 3 timeout 120 python $here/check.py 127.0.0.1 "$@"; }
+check() { timed timeout 120 python $here/check.py 127.0.0.1 "$@"; }
 # Most of its time the upload over the lossy bus waits; meanwhile the other node is asked.
 check "$lossy_port" upload-lossy >$work/lossy-check.log 2>&1 & lossy_check=$!
 check "$good_port" services

@@ -1,13 +1,13 @@
 # The simulated drives against a client that is not ours: python-can, unmodified, pinned; over socketcand and as an
 # SLCAN adapter at a pseudo-terminal, both at the same time on one simulated bus.
-. .ci/again.sh
+. .ci/timed.sh
 . .ci/serve.sh
 . .ci/venv.sh sim tests/interop/sim/requirements.txt
 cargo build --release --locked -p host -p hil-sim --bins
 log=target/interop-sim.log
 server=
 trap '[ -z "$server" ] || kill $server 2>/dev/null || true' EXIT
-# Its steps are tied by && where `again` asks for its outcome: there `set -e` does not end it.
+# Its steps are tied by && where `timed` asks for its outcome: there `set -e` does not end it.
 clients() {
     serve "$log" socketcand://127.0.0.1:0/can0 slcan:/dev/ptmx || return 1
     local port device
@@ -23,7 +23,7 @@ clients() {
     server=
     return $status
 }
-again 4 clients
+timed clients
 tail -n 1 "$log" | python -c '
 import json, sys
 report = json.load(sys.stdin)

@@ -1,4 +1,5 @@
 # The controller's image for a Cortex-M4F: it links without a way to a panic, without a heap, and its sizes are told.
+. .ci/toolchain.sh
 target=thumbv7em-none-eabihf
 cargo build --release --locked --target $target -p firmware
 

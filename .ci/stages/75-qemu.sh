@@ -1,5 +1,6 @@
 # The same calls to the library on this machine and to the image on an emulated Cortex-M4F: the frames must be the
 # same, byte for byte. A whole throw over the host link: start-up, upload, arming, run.
+. .ci/toolchain.sh
 command -v qemu-system-arm >/dev/null || { apt-get update -qq && apt-get install -y -qq qemu-system-arm; }
 
 target=thumbv7em-none-eabihf

@@ -2,14 +2,12 @@
 #   README_CLONE=1 .ci/run readme     in a fresh clone of what is committed, so that the build from clean is timed too
 #
 # The word after `sh` says what a block needs; what this machine lacks is replaced as follows, and by nothing else:
-#   hardware    an arm on can0: the simulated cell in real time on a socketcand port, whose name replaces `can0`;
-#               a machine that was held up is asked again, later, up to four times
+#   hardware    an arm on can0: the simulated cell in lock step (virtual time), whose name replaces `can0`
 #   vcan        kernel modules and root: `ip` and `modprobe` are said, not run, and `vcan0` is that port as well
 #               (the stages vcan, sim-vcan and throw run on a kernel that has them)
 #   background  runs until the blocks are done
 # The block of all tests is what the stage test runs: it is run here only if that has not passed on this very tree.
 # A clone builds with nothing but cargo and a compiler; only the tests share compiled libraries with this tree.
-. .ci/again.sh
 . .ci/tree-state.sh
 root=$PWD
 work=$root/target/readme
@@ -45,8 +43,10 @@ end_cells() {
     cells=()
 }
 trap end_cells EXIT
-serve() { # serve PORT: a simulated cell that is ready when this returns
-    cubectl sim --bus "socketcand://127.0.0.1:$1/can0" >"$work/cell-$1.log" 2>&1 </dev/null &
+serve() { # serve SCHEME PORT: a simulated cell that is ready when this returns
+    local scheme=$1
+    shift
+    cubectl sim --bus "$scheme://127.0.0.1:$1/can0" >"$work/cell-$1.log" 2>&1 </dev/null &
     cells+=($!)
     for _ in $(seq 100); do
         if (exec 3<>"/dev/tcp/127.0.0.1/$1") 2>/dev/null; then return; fi
@@ -55,37 +55,29 @@ serve() { # serve PORT: a simulated cell that is ready when this returns
     cat "$work/cell-$1.log"
     return 1
 }
-serve 29540
-arm=socketcand://127.0.0.1:29540/can0
+serve lockstep 29540
+arm=lockstep://127.0.0.1:29540/can0
 cat >"$work/stand-in.sh" <<'STAND_IN'
 sudo() { "$@"; }
 ip() { echo "not run here: ip $*"; }
 modprobe() { echo "not run here: modprobe $*"; }
 STAND_IN
 run_block() {
-    if [ "$tried" -gt 1 ]; then
-        tail -n 5 "$work/$name.log"
-        rm -rf throw1
-        # The arm stands where it was stopped.
-        cubectl clear --bus "$arm" || true
-    fi
     begun=$(seconds)
     "${here[@]}" bash -euxo pipefail -c ". '$work/stand-in.sh'; . '$work/$name.here'" >"$work/$name.log" 2>&1 </dev/null
 }
 for block in "${blocks[@]}"; do
     name=$(basename "$block" .sh)
-    tries=1
     case $name in
     *-background)
         port=$(sed -n 's|.*127\.0\.0\.1:\([0-9]*\)/.*|\1|p' "$block" | head -n 1)
-        serve "$port"
+        serve socketcand "$port"
         continue
         ;;
     *-hardware | *-vcan)
         # The cell is served already: the line that would serve one on vcan0 is said, not run.
         sed -e 's|^\(cubectl sim .*\) &$|echo "not run here: \1"|' -e "s|--bus v\{0,1\}can0\b|--bus $arm|g" \
             "$block" >"$work/$name.here"
-        tries=5
         ;;
     *) cp "$block" "$work/$name.here" ;;
     esac
@@ -97,8 +89,8 @@ for block in "${blocks[@]}"; do
         fi
         here=(env CARGO_TARGET_DIR="$root/target")
     fi
-    again $tries run_block || { tail -n 60 "$work/$name.log"; echo "README block $name failed"; exit 1; }
-    told "$name: $(head -n 1 "$block" | cut -c1-34)$([ "$tried" -eq 1 ] || echo ", try $tried")" "$begun"
+    run_block || { tail -n 60 "$work/$name.log"; echo "README block $name failed"; exit 1; }
+    told "$name: $(head -n 1 "$block" | cut -c1-34)" "$begun"
 done
 rm -rf throw1 throw-[0-9]*
 echo "--- what the first command says"
