@@ -177,7 +177,8 @@ pub fn wait(links: &[&dyn Link], clock: &Clock, until: Option<Instant>) -> std::
     }
     if clock.is_manual() {
         let until = earliest.unwrap_or(Instant::FAR_FUTURE);
-        let others = links.iter().fold(false, |others, link| link.end_turn(until) || others);
+        // Each is told, also after the first.
+        let others = links.iter().filter(|link| link.end_turn(until)).count() > 0;
         return wait_manually(&mut set, clock, earliest.filter(|_| !others));
     }
     let timeout = earliest.map(|until| {

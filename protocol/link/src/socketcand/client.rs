@@ -35,7 +35,7 @@ enum Step {
     Greeted,
     Opened,
     Raw,
-    InStep,
+    Turns,
 }
 
 impl Client {
@@ -74,7 +74,7 @@ impl Client {
     pub fn in_step(mut self) -> Result<Self, OpenError> {
         self.keep_in_step();
         let address = Link::name(&self).to_owned();
-        self.ask(Some(Command::LockStep), Step::InStep, "the first turn", &address, "in lock step")?;
+        self.ask(Some(Command::LockStep), Step::Turns, "the first turn", &address, "in lock step")?;
         Ok(self)
     }
 
@@ -126,7 +126,7 @@ impl Speech for Socketcand {
         match (self.step, message) {
             (_, Ok(Message::Frame { at, frame })) => hear(Heard::Frame(frame, Some(at))),
             (_, Ok(Message::BusError { at, class })) => {
-                hear(Heard::BusError(BusError::from_class(class), Some(at)))
+                hear(Heard::BusError(BusError::from_class(class), Some(at)));
             }
             (_, Ok(Message::Refused { reason })) => {
                 self.refusal = Some(reason.to_owned());
@@ -136,7 +136,7 @@ impl Speech for Socketcand {
             (Step::Greeted, Ok(Message::Ok)) => self.step = Step::Opened,
             (Step::Opened, Ok(Message::Ok)) => self.step = Step::Raw,
             (_, Ok(Message::Time(now))) => {
-                self.step = Step::InStep;
+                self.step = Step::Turns;
                 hear(Heard::Turn(now));
             }
             (_, Ok(Message::Hi | Message::Ok | Message::Echo)) => {}
