@@ -59,6 +59,7 @@ pub mod registers;
 pub mod rest;
 pub mod schedule;
 pub mod settings;
+pub mod slots;
 pub mod span;
 pub mod spline;
 pub mod state;

@@ -29,7 +29,7 @@ use protocol::Instant;
 /// Bits by which a joint's writes, acknowledge and motion exceed the reads of a rehearsal (40), with stuff bits, µs at 1 Mbit/s.
 const MORE_PER_JOINT_US: u32 = 44;
 /// The guest read of a cycle: request and answer, 158 bits and stuff bits, µs at 1 Mbit/s.
-const GUEST_US: u32 = 175;
+pub(crate) const GUEST_US: u32 = 175;
 /// Rehearsals looked back at.
 const WINDOW: usize = 32;
 /// Of so many one is left out, the longest; and two more, because there may be few at first.

@@ -10,22 +10,26 @@
 //! 0.3 ms; [`Settings::in_flight_max`] is four. More would only put frames into transmit queues, where a
 //! halt could wait behind them.
 //!
-//! Order: all first requests before any second one, base first. Done joint by joint, the last joint's
-//! two answers would both be waited for with an idle bus; this way it is one.
+//! Order: the writes of all drives before any motion, base first. Done joint by joint, the last joint's
+//! two answers would both be waited for with an idle bus; this way it is one. A drive that needs two writes sends both
+//! in this first part.
 //!
-//! A joint keeps its place in the cycle from cycle to cycle, so its commands come one period apart although
-//! the joints' times differ.
+//! A motion has a slot ([`crate::slots`]): it is not sent before, even if the bus is free, so the commands of a drive
+//! come one period apart. Reads that are no part of the control ("guests") wait until the last motion is on the bus.
 //!
 //! [`Settings::in_flight_max`]: crate::settings::Settings::in_flight_max
 
 use protocol::powercube::{Parameter, Request};
-use protocol::{Instant, JointIndex};
+use protocol::{Duration, Instant, JointIndex};
 
 use crate::drives::{Drive, Key, Lane};
 use crate::joints::PerJoint;
 
 /// Requests of one drive in one cycle: speed, acceleration, motion, guest.
 pub const AGENDA_MAX: usize = 4;
+
+/// Longest request with all stuff bits, at 1 Mbit/s.
+const GUARD: Duration = Duration::from_micros(115);
 
 /// What one drive is still to be asked in this cycle.
 #[derive(Clone, Copy, Debug, Default)]
@@ -34,11 +38,24 @@ pub struct Agenda {
     requests: [Option<Request>; AGENDA_MAX],
     next: u8,
     len: u8,
+    /// Place of the first request in the order of all drives.
+    first: u8,
+    /// Place of the motion that has a slot.
+    motion: u8,
+    /// It is not sent before.
+    slot: Instant,
 }
 
 impl Agenda {
     /// Nothing.
-    pub const EMPTY: Self = Self { requests: [None; AGENDA_MAX], next: 0, len: 0 };
+    pub const EMPTY: Self = Self {
+        requests: [None; AGENDA_MAX],
+        next: 0,
+        len: 0,
+        first: 0,
+        motion: AGENDA_MAX as u8,
+        slot: Instant::ZERO,
+    };
 
     /// These, in order; more than [`AGENDA_MAX`] are cut off.
     pub fn of(requests: &[Request]) -> Self {
@@ -60,9 +77,21 @@ impl Agenda {
         true
     }
 
-    /// Drops all.
+    /// Drops all, and the slot.
     pub const fn clear(&mut self) {
-        (self.next, self.len) = (0, 0);
+        (self.next, self.len, self.first, self.motion) = (0, 0, 0, AGENDA_MAX as u8);
+    }
+
+    /// Gives the motion at the end of this agenda its slot. A drive with two writes begins before those with one.
+    pub const fn hold_motion(&mut self, slot: Instant) {
+        self.slot = slot;
+        self.motion = self.len.saturating_sub(1);
+        self.first = if self.len > 2 { 0 } else { 1 };
+    }
+
+    /// The slot of the next request, if it has one.
+    fn slot(&self) -> Option<Instant> {
+        (self.next == self.motion && !self.is_done()).then_some(self.slot)
     }
 
     /// True if nothing is left to be sent.
@@ -71,13 +100,13 @@ impl Agenda {
     }
 
     /// Next request.
-    pub fn head(&self) -> Option<Request> {
-        if self.is_done() { None } else { *self.requests.get(usize::from(self.next))? }
+    pub fn head(&self) -> Option<&Request> {
+        if self.is_done() { None } else { self.requests.get(usize::from(self.next))?.as_ref() }
     }
 
-    /// Requests sent so far.
-    pub const fn sent(&self) -> usize {
-        self.next as usize
+    /// Place of the next request in the order of all drives; zero is for motions whose slot has come.
+    const fn level(&self) -> u8 {
+        1 + self.first + self.next
     }
 
     const fn advance(&mut self) {
@@ -97,15 +126,24 @@ pub struct Next {
 /// How far a search for requests to send has got.
 #[derive(Clone, Copy, Debug)]
 pub struct Round {
-    level: usize,
-    first: usize,
+    level: u8,
+    /// Next drive to look at in this level.
+    index: usize,
+    /// Drives.
+    count: usize,
     busy: usize,
+    /// Only motions go out: a slot is near, and another request could occupy the bus in it.
+    clear_for_motion: bool,
 }
 
 /// Agendas of all drives.
 #[derive(Clone, Debug, Default)]
 pub struct Schedule {
     agenda: PerJoint<Agenda>,
+    /// Before this no slot of the cycle is near.
+    slots_from: Instant,
+    /// Guests wait until then.
+    guests_from: Instant,
 }
 
 impl Schedule {
@@ -141,60 +179,129 @@ impl Schedule {
         self.agenda.at_mut(joint).push(request)
     }
 
+    /// Begins a cycle whose first slot comes at `first`; guests wait until `guests_from`.
+    pub fn begin_cycle(&mut self, first: Instant, guests_from: Instant) {
+        (self.slots_from, self.guests_from) = (first.saturating_sub(GUARD), guests_from);
+    }
+
+    /// Gives the motion on a drive's agenda its slot.
+    pub fn hold_motion(&mut self, joint: JointIndex, slot: Instant) {
+        self.agenda.at_mut(joint).hold_motion(slot);
+    }
+
+    /// When the next request of a drive may go out.
+    fn opens(&self, agenda: &Agenda) -> Instant {
+        match agenda.head() {
+            Some(Request::Get(_)) => self.guests_from,
+            _ => agenda.slot().unwrap_or(Instant::ZERO),
+        }
+    }
+
     /// Begins a round of [`Self::next`].
-    pub fn round(&self, joints: impl Iterator<Item = JointIndex>, drives: &PerJoint<Drive>) -> Round {
-        let busy = joints.filter(|&joint| drives.at(joint).is_asked()).count();
-        Round { level: 0, first: 0, busy }
+    pub fn round(
+        &self,
+        now: Instant,
+        joints: impl Iterator<Item = JointIndex>,
+        drives: &PerJoint<Drive>,
+    ) -> Round {
+        let mut round = Round { level: u8::MAX, index: 0, count: 0, busy: 0, clear_for_motion: false };
+        let near = self.slots_from <= now;
+        for joint in joints {
+            round.count += 1;
+            if drives.at(joint).is_asked() {
+                round.busy += 1;
+                continue;
+            }
+            let agenda = self.agenda.at(joint);
+            if agenda.is_done() {
+                continue;
+            }
+            round.level = round.level.min(agenda.level());
+            if near && let Some(slot) = agenda.slot() {
+                if slot <= now {
+                    round.level = 0;
+                } else {
+                    round.clear_for_motion |= slot < now + GUARD;
+                }
+            }
+        }
+        round
     }
 
     /// Next request to send now, if the number of drives asked at the same time allows one. Takes it off the
     /// agenda unless a barrier has to go before it.
     ///
-    /// Within a round nothing but what this returns may be sent. The order is that of the map above: least sent first,
-    /// then base first. A round visits each drive once per place of an agenda.
+    /// Within a round nothing but what this returns may be sent. The order is that of the map above: motions whose slot
+    /// has come, then least sent first, base first. A round visits each drive once per place of an agenda.
     pub fn next(
         &mut self,
         round: &mut Round,
         now: Instant,
-        joints: &(impl Iterator<Item = JointIndex> + Clone),
         drives: &PerJoint<Drive>,
         in_flight_max: usize,
     ) -> Option<Next> {
-        while round.level < AGENDA_MAX && round.busy < in_flight_max {
-            for joint in joints.clone().filter(|joint| joint.get() >= round.first) {
-                let agenda = self.agenda.at_mut(joint);
+        while round.level <= AGENDA_MAX as u8 && round.busy < in_flight_max {
+            while round.index < round.count {
+                let Ok(joint) = JointIndex::new(round.index) else { break };
+                round.index += 1;
+                let agenda = self.agenda.at(joint);
                 let drive = drives.at(joint);
-                if agenda.sent() != round.level || agenda.is_done() || drive.is_asked() {
+                if agenda.is_done() || drive.is_asked() {
                     continue;
                 }
-                let Some(wanted) = agenda.head() else { continue };
+                let its_turn = match round.level {
+                    0 => agenda.slot().is_some_and(|slot| slot <= now),
+                    level => agenda.level() == level,
+                };
+                if !its_turn {
+                    continue;
+                }
+                let Some(wanted) = agenda.head().copied() else { continue };
                 let request = if drive.can_send(Lane::Main, &wanted, now) {
-                    agenda.advance();
+                    let waits = match agenda.slot() {
+                        Some(slot) => now < slot,
+                        None => {
+                            let is_guest = matches!(wanted, Request::Get(_));
+                            round.clear_for_motion || (is_guest && now < self.guests_from)
+                        }
+                    };
+                    if waits {
+                        continue;
+                    }
+                    self.agenda.at_mut(joint).advance();
                     wanted
                 } else if let Some(barrier) = barrier(drive, &wanted, now) {
                     barrier
                 } else {
                     continue;
                 };
-                round.first = joint.get() + 1;
                 round.busy += 1;
                 return Some(Next { joint, request });
             }
-            (round.level, round.first) = (round.level + 1, 0);
+            (round.level, round.index) = (round.level + 1, 0);
         }
         None
     }
 
-    /// Earliest time at which a request that has to wait for its key can go out.
+    /// Earliest time at which a request that has to wait for its slot or its key can go out.
     pub fn wake_up(
         &self,
         now: Instant,
         joints: impl Iterator<Item = JointIndex>,
         drives: &PerJoint<Drive>,
     ) -> Option<Instant> {
-        let waiting =
-            joints.filter(|&joint| !self.agenda.at(joint).is_done() && !drives.at(joint).is_asked());
-        waiting.filter_map(|joint| drives.at(joint).barred_until(now)).min()
+        let mut earliest: Option<Instant> = None;
+        for joint in joints {
+            let (agenda, drive) = (self.agenda.at(joint), drives.at(joint));
+            if agenda.is_done() || drive.is_asked() {
+                continue;
+            }
+            let opens = Some(self.opens(agenda)).filter(|opens| *opens > now);
+            for wake_up in [opens, drive.barred_until(now)].into_iter().flatten() {
+                earliest = Some(earliest.map_or(wake_up, |other| other.min(wake_up)));
+            }
+        }
+        earliest
     }
 }
 
@@ -208,8 +315,8 @@ fn barrier(drive: &Drive, wanted: &Request, now: Instant) -> Option<Request> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use protocol::ModuleId;
     use protocol::powercube::{Reply, Value};
-    use protocol::{Duration, ModuleId};
 
     fn joints() -> impl Iterator<Item = JointIndex> + Clone {
         JointIndex::first(6)
@@ -237,8 +344,8 @@ mod tests {
         let mut waiting = Vec::new();
         for k in 0..40u64 {
             let now = Instant::from_micros(100 * k);
-            let mut round = schedule.round(joints(), &drives);
-            while let Some(next) = schedule.next(&mut round, now, &joints(), &drives, 4) {
+            let mut round = schedule.round(now, joints(), &drives);
+            while let Some(next) = schedule.next(&mut round, now, &drives, 4) {
                 drives.at_mut(next.joint).begin(Lane::Main, module(), next.request, Instant::FAR_FUTURE);
                 order.push((next.joint.get(), next.request == set_a()));
                 waiting.push((next.joint, next.request));
@@ -255,6 +362,76 @@ mod tests {
         assert_eq!(order, [firsts, seconds].concat());
     }
 
+    fn motion() -> Request {
+        use protocol::powercube::{Motion, MotionCommand};
+        Request::Move(Motion::extended(MotionCommand::Ramp { target: protocol::units::Radians::new(1.0) }))
+    }
+
+    fn ask(schedule: &mut Schedule, drives: &mut PerJoint<Drive>, us: u64) -> Vec<(usize, Request)> {
+        let now = Instant::from_micros(us);
+        let mut round = schedule.round(now, joints(), drives);
+        let mut asked = Vec::new();
+        while let Some(next) = schedule.next(&mut round, now, drives, 4) {
+            drives.at_mut(next.joint).begin(Lane::Main, module(), next.request, Instant::FAR_FUTURE);
+            asked.push((next.joint.get(), next.request));
+        }
+        asked
+    }
+
+    fn acknowledge(drives: &mut PerJoint<Drive>, joint: usize, parameter: Parameter, us: u64) {
+        let reply = Reply::SetAck { parameter, code: Some(0x64) };
+        drives.at_mut(JointIndex::new(joint).unwrap()).match_reply(Instant::from_micros(us), &reply);
+    }
+
+    #[test]
+    fn motion_waits_for_its_slot_and_the_wake_up_is_the_slot() {
+        let (mut schedule, mut drives) = (Schedule::default(), PerJoint::<Drive>::default());
+        let joint = JointIndex::new(0).unwrap();
+        schedule.set(joint, Agenda::of(&[set_a(), motion()]));
+        schedule.hold_motion(joint, Instant::from_micros(1_000));
+        assert_eq!(ask(&mut schedule, &mut drives, 0), [(0, set_a())]);
+        acknowledge(&mut drives, 0, Parameter::TargetAcc, 400);
+        assert_eq!(ask(&mut schedule, &mut drives, 999), []);
+        let wake_up = schedule.wake_up(Instant::from_micros(999), joints(), &drives);
+        assert_eq!(wake_up, Some(Instant::from_micros(1_000)));
+        assert_eq!(ask(&mut schedule, &mut drives, 1_000), [(0, motion())]);
+        // A motion without a slot, of a stop for example, goes at once.
+        schedule.set(joint, Agenda::of(&[motion()]));
+        assert_eq!(ask(&mut schedule, &mut PerJoint::default(), 1_001), [(0, motion())]);
+    }
+
+    #[test]
+    fn drive_with_two_writes_sends_both_before_the_others_send_their_one() {
+        let (mut schedule, mut drives) = (Schedule::default(), PerJoint::<Drive>::default());
+        for joint in joints() {
+            let both = joint.get() == 3;
+            let agenda = if both { vec![set_v(), set_a(), motion()] } else { vec![set_a(), motion()] };
+            schedule.set(joint, Agenda::of(&agenda));
+            schedule.hold_motion(joint, Instant::from_micros(1_000));
+        }
+        let first: Vec<usize> = ask(&mut schedule, &mut drives, 0).iter().map(|(joint, _)| *joint).collect();
+        assert_eq!(first, [3, 0, 1, 2]);
+        acknowledge(&mut drives, 3, Parameter::TargetVel, 400);
+        assert_eq!(ask(&mut schedule, &mut drives, 400), [(3, set_a())]);
+    }
+
+    #[test]
+    fn nothing_but_a_motion_goes_out_just_before_a_slot_and_guests_wait_for_theirs() {
+        let (mut schedule, mut drives) = (Schedule::default(), PerJoint::<Drive>::default());
+        let [first, second] = [0, 1].map(|joint| JointIndex::new(joint).unwrap());
+        schedule.begin_cycle(Instant::from_micros(1_000), Instant::from_micros(2_000));
+        schedule.set(first, Agenda::of(&[motion()]));
+        schedule.hold_motion(first, Instant::from_micros(1_000));
+        schedule.set(second, Agenda::of(&[set_a()]));
+        assert_eq!(ask(&mut schedule, &mut drives, 900), []);
+        assert_eq!(ask(&mut schedule, &mut drives, 1_000), [(0, motion()), (1, set_a())]);
+        let third = JointIndex::new(2).unwrap();
+        let guest = Request::Get(Parameter::Cur);
+        schedule.push(third, guest);
+        assert_eq!(ask(&mut schedule, &mut drives, 1_999), []);
+        assert_eq!(ask(&mut schedule, &mut drives, 2_000), [(2, guest)]);
+    }
+
     #[test]
     fn barred_request_is_preceded_by_a_read() {
         let (mut schedule, mut drives) = (Schedule::default(), PerJoint::<Drive>::default());
@@ -265,7 +442,7 @@ mod tests {
         let now = Instant::from_micros(3_000);
         schedule.set(joint, Agenda::of(&[set_a()]));
         let ask = |schedule: &mut Schedule, drives: &PerJoint<Drive>| {
-            schedule.next(&mut schedule.round(joints(), drives), now, &joints(), drives, 4).unwrap()
+            schedule.next(&mut schedule.round(now, joints(), drives), now, drives, 4).unwrap()
         };
         let barrier = ask(&mut schedule, &drives);
         assert_eq!(barrier.request, Request::Get(Parameter::CubeState));

@@ -9,7 +9,7 @@ use protocol::powercube::{
 };
 use protocol::{Duration, Frame, Instant, JointIndex};
 
-use super::Controller;
+use super::{Controller, Sent};
 use crate::drives::{Lane, Matched, PositionSample, is_foreign_request};
 use crate::fault::{Cause, Fault};
 use crate::gripper::{self, Output};
@@ -30,10 +30,9 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     pub(super) fn pump(&mut self, now: Instant) {
         self.pump_gripper(now);
         let window = self.settings.in_flight_max as usize;
-        let joints = self.joints();
-        let mut round = self.schedule.round(joints.clone(), &self.drives);
+        let mut round = self.schedule.round(now, self.joints(), &self.drives);
         // Each turn puts one more drive in flight, so it ends after at most `joints` turns.
-        while let Some(next) = self.schedule.next(&mut round, now, &joints, &self.drives, window) {
+        while let Some(next) = self.schedule.next(&mut round, now, &self.drives, window) {
             self.ask(now, next.joint, Lane::Main, next.request);
         }
     }
@@ -45,6 +44,9 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
                 return;
             }
             self.counters.motions = self.counters.motions.wrapping_add(1);
+            let track = self.track.at_mut(joint);
+            track.sent =
+                Sent { cycle_at: self.tick_at, u_rad_s2: track.u_sent, qdd_rad_s2: track.command.qdd_rad_s2 };
         }
         let deadline = now + self.reply_deadline();
         let module = self.settings.joint.at(joint).module();

@@ -48,6 +48,7 @@ use crate::ramp;
 use crate::registers;
 use crate::schedule::Schedule;
 use crate::settings::Settings;
+use crate::slots::Slots;
 use crate::span;
 use crate::spline::{Setpoint, Spline};
 use crate::state::{Machine, State, StateKind};
@@ -83,6 +84,15 @@ impl Generator {
     }
 }
 
+/// A motion on its way: an answer after the next control step belongs to this one, not to the one decided meanwhile.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sent {
+    /// Start of its cycle.
+    cycle_at: Instant,
+    u_rad_s2: f32,
+    qdd_rad_s2: f32,
+}
+
 /// Tracking of one joint.
 #[derive(Clone, Copy, Debug, Default)]
 struct Track {
@@ -94,9 +104,11 @@ struct Track {
     fresh: bool,
     /// Input of the error system in force since the last answered motion.
     u_in_force: f32,
-    /// Input and command of this cycle, in force once answered.
+    /// Input and command of this cycle.
     u_sent: f32,
     command: ramp::Command,
+    /// The motion last sent, in force once answered.
+    sent: Sent,
     /// From the start of a cycle to the drive's measurement, µs.
     phase_us: u32,
     reference: Setpoint,
@@ -136,6 +148,7 @@ pub struct Controller<S, M = Spline> {
     drives: PerJoint<Drive>,
     schedule: Schedule,
     pace: Pace,
+    slots: Slots,
     track: PerJoint<Track>,
     boot: PerJoint<BootProgress>,
     gripper: Gripper,
@@ -155,7 +168,7 @@ pub struct Controller<S, M = Spline> {
     watchdog_due: Option<Instant>,
     /// Next step of whatever the state does.
     tick_due: Instant,
-    /// Start of the running cycle.
+    /// Start of the running cycle: when it was due, not when the runner came to it.
     tick_at: Instant,
     ticks: u32,
     late_in_row: u32,
@@ -211,6 +224,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             drives: made(),
             schedule: made(),
             pace: Pace::default(),
+            slots: Slots::default(),
             track: made(),
             boot: PerJoint::default(),
             gripper: Gripper::default(),
@@ -320,12 +334,10 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     fn tick(&mut self, now: Instant) {
         let period = self.tick_period();
         let late = now.saturating_since(self.tick_due);
-        self.tick_at = now;
-        self.tick_due += period;
-        if self.tick_due <= now {
-            // A whole period was slept through: go on from here instead of catching up.
-            self.tick_due = now + period;
-        }
+        // Commands keep their distance after a late start as long as their slots are ahead. After a later one they are
+        // all moved: one long interval, and no short ones to catch up.
+        self.tick_at = if late * 4 > period { now } else { self.tick_due };
+        self.tick_due = self.tick_at + period;
         self.ticks = self.ticks.wrapping_add(1);
         self.jitter = self.jitter.max(late);
         match *self.machine.state() {
@@ -427,6 +439,17 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         }
     }
 
+    /// Sends a sign of life that is due. One that falls due in a control cycle goes with the writes at its beginning:
+    /// later it could take a motion's slot.
+    fn refresh_watchdog(&mut self, now: Instant) {
+        let Some(due) = self.watchdog_due else { return };
+        let in_cycle = matches!(self.machine.state(), State::Running { .. } | State::Stopping { .. });
+        let early = in_cycle && due < self.tick_due && now < self.tick_at + self.slots.writes();
+        if due <= now || early {
+            self.send_watchdog(now);
+        }
+    }
+
     fn send_watchdog(&mut self, now: Instant) {
         let refresh = Duration::from_micros(self.settings.watchdog_refresh_us.into());
         self.watchdog_due = Some(now + refresh);
@@ -460,6 +483,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Node for Controller<S, M> {
         self.now = now;
         self.count_bits(frame);
         self.take_drive_frame(now, frame);
+        self.refresh_watchdog(now);
         self.pump(now);
     }
 
@@ -469,9 +493,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Node for Controller<S, M> {
             self.set_gripper(now, true);
         }
         self.give_up_due(now);
-        if self.watchdog_due.is_some_and(|due| due <= now) {
-            self.send_watchdog(now);
-        }
+        self.refresh_watchdog(now);
         if self.tick_due <= now {
             self.tick(now);
         } else {

@@ -21,6 +21,7 @@ use crate::feedback::{self, ErrorState};
 use crate::joints::{at_least, clamp};
 use crate::path::PathClock;
 use crate::ramp::{self, RampState};
+use crate::slots::Slots;
 use crate::span;
 use crate::spline::{Setpoint, Spline};
 use crate::state::{State, StopWay};
@@ -42,6 +43,9 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         let period = self.settings.cycle_period();
         let start = now + period * START_CYCLES;
         self.schedule.clear_all();
+        // Arming has asked for a rehearsal; without one the period is all that is known.
+        let cycle_us = self.cycle_times().1.unwrap_or(self.settings.cycle_period_us);
+        self.slots = Slots::plan(&self.settings, cycle_us);
         let hurry = now + Duration::from_micros(self.settings.reply_deadline_us.into());
         for joint in self.joints() {
             self.drives.at_mut(joint).hasten(hurry);
@@ -56,7 +60,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             track.fresh = true;
             (track.u_in_force, track.u_sent) = (0.0, 0.0);
             (track.missed, track.near_limit_in_row) = (false, 0);
-            track.phase_us = self.settings.cycle_period_us / 2;
+            track.phase_us = self.slots.expected_phase_us(joint);
         }
         if let Some(release_us) = release_us {
             let opening = Duration::from_micros(self.settings.gripper_opening_us.into());
@@ -121,10 +125,11 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     pub(super) fn control_step(&mut self, now: Instant, clock: &PathClock) {
         self.counters.cycles = self.counters.cycles.wrapping_add(1);
         self.pace.begin_cycle(now);
+        self.schedule.begin_cycle(self.tick_at + self.slots.first(), self.tick_at + self.slots.guests());
         let guest = JointIndex::new((self.ticks % self.settings.joints.max(1)) as usize).ok();
         let (mut any_saturated, mut near_limit, mut extra_write) = (false, None, false);
         for joint in self.joints() {
-            let mut command = self.decide(now, joint, clock);
+            let mut command = self.decide(joint, clock);
             let track = self.track.at_mut(joint);
             (track.fresh, track.missed) = (false, false);
             any_saturated |= track.saturated;
@@ -141,6 +146,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             extra_write |= command.velocity_rad_s.is_some() && command.acceleration_rad_s2.is_some();
             self.track.at_mut(joint).command = command;
             self.plan(joint, &command);
+            self.schedule.hold_motion(joint, self.tick_at + self.slots.of(joint));
         }
         if any_saturated {
             self.counters.cycles_saturated = self.counters.cycles_saturated.saturating_add(1);
@@ -158,7 +164,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     }
 
     /// The law of one joint: pure but for the track it updates.
-    fn decide(&mut self, now: Instant, joint: JointIndex, clock: &PathClock) -> ramp::Command {
+    fn decide(&mut self, joint: JointIndex, clock: &PathClock) -> ramp::Command {
         let limits = self.settings.joint.at(joint);
         let (a_max_rad_s2, ramp_limits) = (limits.a_max_rad_s2, limits.ramp_limits(self.settings.reach_rad));
         let gains = limits.gains();
@@ -169,7 +175,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             track.estimator.predict(period_s, track.u_in_force);
             track.measured_at += period;
         }
-        let t_act = now + Duration::from_micros(track.phase_us.into());
+        let t_act = self.tick_at + Duration::from_micros(track.phase_us.into());
         let lead_s = span::seconds(t_act.saturating_since(track.measured_at));
         let (e_rad, de_rad_s) = (track.estimator.e_rad(), track.estimator.de_rad_s());
         let x = ErrorState { e_rad, de_rad_s, u_last_rad_s2: track.u_in_force };
@@ -203,13 +209,11 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     pub(super) fn plan(&mut self, joint: JointIndex, command: &ramp::Command) {
         let target = Radians::new(self.settings.joint.at(joint).to_drive_rad(command.target_rad));
         let agenda = self.schedule.restart(joint);
-        for (parameter, value) in [
-            (Parameter::TargetVel, command.velocity_rad_s),
-            (Parameter::TargetAcc, command.acceleration_rad_s2),
-        ] {
-            if let Some(value) = value {
-                agenda.push(Request::Set(parameter, Value::F32(value)));
-            }
+        if let Some(v) = command.velocity_rad_s {
+            agenda.push(Request::Set(Parameter::TargetVel, Value::F32(v)));
+        }
+        if let Some(a) = command.acceleration_rad_s2 {
+            agenda.push(Request::Set(Parameter::TargetAcc, Value::F32(a)));
         }
         agenda.push(Request::Move(Motion::extended(MotionCommand::Ramp { target })));
     }
@@ -241,15 +245,16 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         if tracking && of_motion {
             track.estimator.update(e_rad, dt_s, track.u_in_force, period_s, weights);
             track.measured_at = sample.at;
-            track.fresh = true;
+            // After the next control step it is the answer of the cycle before: that step is still to be answered.
+            track.fresh = track.sent.cycle_at == tick_at;
             track.missed = false;
-            track.phase_us = sample.at.saturating_since(tick_at).as_micros().min(40_000) as u32;
+            track.phase_us = sample.at.saturating_since(track.sent.cycle_at).as_micros().min(40_000) as u32;
             let qd_rad_s = reference.qd_rad_s + track.estimator.de_rad_s();
             let mut v_rad_s = track.generator.v_at(sample.at);
             v_rad_s += clamp(GENERATOR_PULL_1_S * dt_s, 0.0, 0.2) * (qd_rad_s - v_rad_s);
-            track.u_in_force = track.u_sent;
+            track.u_in_force = track.sent.u_rad_s2;
             track.generator =
-                Generator { v_rad_s, a_rad_s2: track.command.qdd_rad_s2, cap_rad_s: loaded_v, at: sample.at };
+                Generator { v_rad_s, a_rad_s2: track.sent.qdd_rad_s2, cap_rad_s: loaded_v, at: sample.at };
         }
         let qd_rad_s = if tracking { reference.qd_rad_s + track.estimator.de_rad_s() } else { 0.0 };
         let measured = Measured { q_rad: sample.q_rad, qd_rad_s, e_rad: if tracking { e_rad } else { 0.0 } };
