@@ -17,6 +17,7 @@
 //! | again | [`replay`] | requests of a log against the drives of today | know who asked |
 //! | seen from the bus | [`record`], [`checker`] | candump log, trace, invariants that only use frames | look into a node |
 //! | industrial robot | [`krc`] | a robot controller behind Ethernet RSI, in virtual time, lock step or real time | know who leads it |
+//! | tracker | [`tracker`] | an optical tracker: DTrack data and commands | know who looks |
 //! | results | [`report`] | a run in numbers, as table and JSON | judge |
 //! | situations | [`scenario`], [`swarm`] | TOML and seeds to options; printed before a run | act on their own |
 //!
@@ -73,6 +74,7 @@ pub mod report;
 pub mod rng;
 pub mod scenario;
 pub mod swarm;
+pub mod tracker;
 pub mod witness;
 pub mod world;
 

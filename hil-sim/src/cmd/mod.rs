@@ -7,6 +7,7 @@ mod replay;
 mod run;
 mod serve;
 mod serve_krc;
+mod serve_tracker;
 mod swarm;
 
 use std::process::ExitCode;
@@ -27,6 +28,8 @@ enum Verb {
     Serve(serve::Args),
     /// Serve a robot controller behind Ethernet RSI, in real time or in lock step with its client.
     ServeKrc(serve_krc::Args),
+    /// Serve an optical tracker: DTrack data over UDP, commands over TCP.
+    ServeTracker(serve_tracker::Args),
     /// Run a scenario in virtual time: same seed, same log.
     Run(run::Args),
     /// Feed the requests of a candump log to the drives and compare the answers.
@@ -42,6 +45,7 @@ pub(crate) fn main() -> ExitCode {
     let result = match Args::parse().verb {
         Verb::Serve(args) => serve::run(&args),
         Verb::ServeKrc(args) => serve_krc::run(&args),
+        Verb::ServeTracker(args) => serve_tracker::run(&args),
         Verb::Run(args) => run::run(&args),
         Verb::Replay(args) => replay::run(&args),
         Verb::Swarm(args) => swarm::run(&args),
