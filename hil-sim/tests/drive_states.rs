@@ -365,6 +365,24 @@ fn lost_counts_shift_the_position_without_any_bit() {
 }
 
 #[test]
+fn a_halted_drive_that_loses_counts_closes_its_brake_because_it_sees_no_motion() {
+    let mut rig = Rig::homed(|_| ());
+    // Two seconds of losing counts.
+    begin(&mut rig, &PhysicalFault::EncoderOffset { offset_rad: 1.0 });
+    rig.run_ms(200);
+    let (before, seen) = (rig.q(0), rig.get(Parameter::ActVel).abs());
+    rig.run_ms(100);
+    // The position loop follows the counts; the module sees a joint at rest.
+    assert!((0.045..0.055).contains(&(before - rig.q(0)).abs()), "{}", before - rig.q(0));
+    assert!(seen < 0.02, "{seen}");
+    rig.simple(SimpleCommand::Halt);
+    rig.run_ms(100);
+    let halted = rig.q(0);
+    rig.run_ms(1_000);
+    assert!((rig.q(0) - halted).abs() < 1e-3, "moved on by {} rad", rig.q(0) - halted);
+}
+
+#[test]
 fn blocked_axis_shows_in_a_current_motion_as_standing() {
     let mut rig = Rig::homed(|_| ());
     begin(&mut rig, &PhysicalFault::Blocked);

@@ -44,7 +44,7 @@ impl Drive {
     pub(super) fn snapshot(&self, now: Instant) -> Snapshot {
         Snapshot {
             q_rad: self.measured_rad(now),
-            v_rad_s: self.axis.v_rad_s,
+            v_rad_s: self.measured_rad_s(),
             current_a: self.current_a,
             state: self.state(now),
         }

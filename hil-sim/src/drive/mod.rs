@@ -56,3 +56,4 @@ mod supervise;
 
 pub use module::{Drive, DriveCounters};
 pub use options::{DriveOptions, Nameplate};
+pub use supervise::COUNT_LOSS_RAD_S;

@@ -65,6 +65,8 @@ pub(super) struct Afflictions {
     /// Angle lost so far, and the angle to lose.
     pub(super) encoder_offset_rad: f64,
     pub(super) encoder_offset_target_rad: f64,
+    /// Speed with which it was lost in the last step.
+    pub(super) count_loss_rad_s: f64,
 }
 
 /// One PowerCube behind the wire.
@@ -284,6 +286,7 @@ impl Drive {
         let q_rad = self.true_q_rad(now);
         self.counter_zero_rad = q_rad;
         self.afflictions.encoder_offset_rad = 0.0;
+        self.afflictions.encoder_offset_target_rad = 0.0;
         self.home_ok = knows_position;
         self.shift_rad = if knows_position { -self.plate.home_error_rad } else { -q_rad };
         self.halted = false;

@@ -15,7 +15,7 @@ const STANDING_RAD_S: f64 = 0.02;
 /// A limit is passed when the axis is this far beyond it, rad: more than a settling position loop overshoots.
 const LIMIT_SLACK_RAD: f64 = 2e-3;
 /// Speed with which lost encoder counts add up, rad/s; slow enough not to look like a following error.
-const COUNT_LOSS_RAD_S: f64 = 0.5;
+pub const COUNT_LOSS_RAD_S: f64 = 0.5;
 
 /// Time constant of the motor's winding, s, and its rise at nominal current, °C. Chosen: small geared servo motors.
 const THERMAL_TIME_S: f64 = 300.0;
@@ -240,7 +240,9 @@ impl Drive {
     fn lose_counts(&mut self, dt_s: f64) {
         let a = &mut self.afflictions;
         let rest = a.encoder_offset_target_rad - a.encoder_offset_rad;
-        a.encoder_offset_rad += rest.clamp(-COUNT_LOSS_RAD_S * dt_s, COUNT_LOSS_RAD_S * dt_s);
+        let lost = rest.clamp(-COUNT_LOSS_RAD_S * dt_s, COUNT_LOSS_RAD_S * dt_s);
+        a.encoder_offset_rad += lost;
+        a.count_loss_rad_s = if dt_s > 0.0 { lost / dt_s } else { 0.0 };
     }
 
     fn move_brake(&mut self, now: Instant) {
@@ -422,7 +424,7 @@ impl Drive {
     }
 
     pub(super) fn axis_setpoint(&self, now: Instant) -> Setpoint {
-        Setpoint { q_rad: self.measured_rad(now), v_rad_s: self.axis.v_rad_s, a_rad_s2: 0.0 }
+        Setpoint { q_rad: self.measured_rad(now), v_rad_s: self.measured_rad_s(), a_rad_s2: 0.0 }
     }
 
     /// From where the next motion starts: the set-point, or the axis where there is none.
@@ -441,9 +443,14 @@ impl Drive {
         }
     }
 
-    /// The set-point has ended and the axis follows no more.
+    /// Speed as the module knows it: an encoder that loses counts hides part of the motion.
+    pub(super) fn measured_rad_s(&self) -> f64 {
+        self.axis.v_rad_s + self.afflictions.count_loss_rad_s
+    }
+
+    /// The set-point has ended and the axis follows no more, as far as the module can tell.
     pub(super) fn is_standing(&self, now: Instant) -> bool {
-        !self.generator.is_active(now) && self.axis.v_rad_s.abs() < STANDING_RAD_S
+        !self.generator.is_active(now) && self.measured_rad_s().abs() < STANDING_RAD_S
     }
 
     pub(super) fn ramp_phase(&self, now: Instant) -> Option<RampPhase> {
