@@ -280,7 +280,7 @@ impl Work<'_> {
         if !self.args.json {
             let what = last.findings.iter().find(|finding| finding.rule == rule).map_or("", |f| &f.what);
             self.bar.suspend(|| {
-                say::line!("seed {seed}: {rule:?}: {what}; told {}; {}", last.told, file.display())
+                say::line!("seed {seed}: {rule:?}: {what}; told {}; {}", last.told, file.display());
             });
         }
         if let Ok(found) = &mut *self.result.lock().unwrap_or_else(PoisonError::into_inner) {

@@ -1,6 +1,7 @@
 //! The rules that every run has to keep, with their bounds.
 
-use hil_sim::fault::{Fault, FaultKind, PhysicalFault, WireFault};
+use hil_sim::drive::COUNT_LOSS_RAD_S;
+use hil_sim::fault::{Fault, FaultKind, PhysicalFault, Target, WireFault};
 use hil_sim::scenario::Scenario;
 use hil_sim::witness::Trace;
 use protocol::cyphal::cubecell::group_state::State;
@@ -18,8 +19,10 @@ const REST_SPAN: Duration = Duration::from_millis(200);
 /// A drive that brakes at the rate of its commands stands after 0.26 s; a halt, a watchdog and the controller's reaction
 /// take less than 0.2 s.
 const FAULT_TO_REST: Duration = Duration::from_millis(500);
-/// A drive that lost counts moves the joint by what was lost until the controller has seen it and the group stands.
-const JERK: Duration = Duration::from_millis(500);
+/// After the last lost count the joint settles.
+const HIDDEN_EXTRA: Duration = Duration::from_millis(100);
+/// A standing controller looks at each drive every 60 ms; a motion that begins unasked is told after one look more.
+const DETECTION_MAX: Duration = Duration::from_millis(100);
 /// The drives' position loops overshoot the speed of a ramp by this share.
 const SPEED_SHARE: f64 = 0.05;
 /// A loop at rest swings by this much, rad/s.
@@ -107,12 +110,18 @@ impl Judge<'_> {
             found(Rule::Command, first.clone());
         }
         self.limits(scenario, run, &mut found);
-        let excursion_rad = self.excursion(run);
+        let excursion = self.excursion(run);
+        let excursion_rad = excursion.rad;
         if excursion_rad > EXCURSION_MAX_RAD + encoder_slack_rad(&scenario.faults) {
-            found(Rule::Excursion, format!("{excursion_rad:.3} rad from the path"));
+            let Excursion { joint, at, .. } = excursion;
+            found(
+                Rule::Excursion,
+                format!("joint {} {excursion_rad:.3} rad from the path at {at}", joint + 1),
+            );
         }
-        rest(run, &mut found);
-        supervised(scenario, run, &mut found);
+        let hidden = Hidden::all(self.arm, &scenario.faults);
+        rest(run, &hidden, &mut found);
+        supervised(run, &hidden, &mut found);
         ball(run, &mut found);
         if let Some(what) = outcome(run) {
             found(Rule::Outcome, what);
@@ -125,9 +134,9 @@ impl Judge<'_> {
 
     /// Largest distance of any joint from the nearest pose of the nominal run, rad. While joints look for their zeros, and
     /// after a homing that failed, only the limits hold: the search may take the whole range.
-    fn excursion(&self, run: &Evidence) -> f64 {
-        let Some(last) = self.nominal.len().checked_sub(1) else { return 0.0 };
-        let mut largest = 0.0_f64;
+    fn excursion(&self, run: &Evidence) -> Excursion {
+        let mut largest = Excursion::default();
+        let Some(last) = self.nominal.len().checked_sub(1) else { return largest };
         let mut near = Some(0);
         let mut states = run.bus.states.iter().peekable();
         let mut searching = false;
@@ -141,9 +150,11 @@ impl Judge<'_> {
             }
             let range =
                 near.map_or(0..=last, |near: usize| near.saturating_sub(WINDOW)..=(near + WINDOW).min(last));
-            let (found, d) = nearest(run.trace.sample(index), self.nominal, range);
+            let (found, joint, rad) = nearest(run.trace.sample(index), self.nominal, range);
             near = Some(found);
-            largest = largest.max(d);
+            if rad > largest.rad {
+                largest = Excursion { rad, joint, at: run.trace.at(index) };
+            }
         }
         largest
     }
@@ -174,11 +185,37 @@ impl Judge<'_> {
     }
 }
 
-/// When a drive loses counts, its own position loop moves the joint at once, whatever its state is.
-fn jerks(faults: &[Fault]) -> impl Iterator<Item = Instant> {
-    let lost =
-        |fault: &&Fault| matches!(fault.kind, FaultKind::Physical(_, PhysicalFault::EncoderOffset { .. }));
-    faults.iter().filter(lost).map(|fault| fault.start)
+/// When and at which joint a drive loses counts: its position loop then moves the joint although the drive sees it at
+/// rest, until all is lost or the brake is closed. Nobody on the bus can see this motion.
+struct Hidden {
+    joint: usize,
+    from: Instant,
+    to: Instant,
+}
+
+impl Hidden {
+    fn all(arm: &Arm, faults: &[Fault]) -> Vec<Self> {
+        let joint_of = |target: Target| {
+            let Target::Module(module) = target else { return None };
+            arm.drives()?.iter().position(|drive| drive.address == module.get())
+        };
+        let hidden = |fault: &Fault| {
+            let FaultKind::Physical(_, PhysicalFault::EncoderOffset { offset_rad }) = fault.kind else {
+                return None;
+            };
+            let lasts = Duration::from_secs_f64(offset_rad.abs() / COUNT_LOSS_RAD_S) + HIDDEN_EXTRA;
+            Some(Self { joint: joint_of(fault.target)?, from: fault.start, to: fault.start + lasts })
+        };
+        faults.iter().filter_map(hidden).collect()
+    }
+}
+
+/// The fastest joint whose motion the bus can show.
+fn fastest(trace: &Trace, index: usize, hidden: &[Hidden]) -> (usize, f64) {
+    let at = trace.at(index);
+    let is_hidden = |joint| hidden.iter().any(|h| h.joint == joint && at >= h.from && at <= h.to);
+    let speeds = trace.sample(index).iter().map(|[_, v]| v.abs()).enumerate();
+    speeds.fold((0, 0.0), |best, next| if next.1 > best.1 && !is_hidden(next.0) { next } else { best })
 }
 
 /// Frames on the bus that no controller sent.
@@ -200,45 +237,47 @@ const STRIDE: usize = 10;
 /// Samples looked at before and behind the last nearest pose: both runs pass the path in the same order.
 const WINDOW: usize = 400;
 
-/// The index of the nearest sample of `nominal` in a range, and its distance: that of the joint farthest off.
-fn nearest(here: &[[f64; 2]], nominal: &Trace, range: std::ops::RangeInclusive<usize>) -> (usize, f64) {
-    let distance = |index: usize| {
-        let there = nominal.sample(index);
-        here.iter().zip(there).map(|(a, b)| (a[0] - b[0]).abs()).fold(0.0, f64::max)
-    };
-    let mut best = (*range.start(), f64::INFINITY);
+/// The largest distance from the path.
+#[derive(Clone, Copy, Debug, Default)]
+struct Excursion {
+    rad: f64,
+    joint: usize,
+    at: Instant,
+}
+
+/// The index of the nearest sample of `nominal` in a range, the joint farthest off it, and by how much.
+fn nearest(
+    here: &[[f64; 2]],
+    nominal: &Trace,
+    range: std::ops::RangeInclusive<usize>,
+) -> (usize, usize, f64) {
+    let mut best = (*range.start(), 0, f64::INFINITY);
     for index in range.step_by(STRIDE) {
-        let d = distance(index);
+        let distances = here.iter().zip(nominal.sample(index)).map(|(a, b)| (a[0] - b[0]).abs()).enumerate();
+        let (joint, d) = distances.fold((0, 0.0), |best, next| if next.1 > best.1 { next } else { best });
         // Of equal ones the last: a standing arm is at the end of its stay.
-        if d <= best.1 {
-            best = (index, d);
+        if d <= best.2 {
+            best = (index, joint, d);
         }
     }
     best
 }
 
-fn fastest(trace: &Trace, index: usize) -> (usize, f64) {
-    let speeds = trace.sample(index).iter().map(|[_, v]| v.abs()).enumerate();
-    speeds.fold((0, 0.0), |best, next| if next.1 > best.1 { next } else { best })
-}
-
-fn rest(run: &Evidence, found: &mut impl FnMut(Rule, String)) {
+fn rest(run: &Evidence, hidden: &[Hidden], found: &mut impl FnMut(Rule, String)) {
     let trace = &run.trace;
     let span = REST_SPAN.as_micros() / trace.step().as_micros().max(1);
     let from = trace.len().saturating_sub(span as usize);
-    if let Some((joint, v)) = (from..trace.len()).map(|i| fastest(trace, i)).find(|(_, v)| *v > REST_RAD_S) {
+    if let Some((joint, v)) =
+        (from..trace.len()).map(|i| fastest(trace, i, hidden)).find(|(_, v)| *v > REST_RAD_S)
+    {
         found(Rule::Rest, format!("joint {} still moves at {v:.3} rad/s", joint + 1));
     }
 }
 
 /// Between two messages that both tell a standing state nothing may have moved; after a fault no longer than it takes to
 /// brake.
-fn supervised(scenario: &Scenario, run: &Evidence, found: &mut impl FnMut(Rule, String)) {
+fn supervised(run: &Evidence, hidden: &[Hidden], found: &mut impl FnMut(Rule, String)) {
     let trace = &run.trace;
-    let jerked = |index: usize| {
-        let at = trace.at(index);
-        jerks(&scenario.faults).any(|jerk| at >= jerk && at <= jerk + JERK)
-    };
     let mut fault_since = None;
     for (k, (at, group)) in run.bus.states.iter().enumerate() {
         if group.state == State::Fault {
@@ -257,8 +296,15 @@ fn supervised(scenario: &Scenario, run: &Evidence, found: &mut impl FnMut(Rule, 
             None => *at,
         };
         let (from, to) = (trace.index_at(from), trace.index_at(until));
+        // What begins to move is a fault, and told within the time of a look at all drives.
+        let to = match run.bus.first(*at, |state| state == State::Fault) {
+            Some(told) if group.state != State::Fault => {
+                to.min(trace.index_at(told.saturating_sub(DETECTION_MAX)))
+            }
+            _ => to,
+        };
         if let Some((i, (joint, v))) =
-            (from..to).map(|i| (i, fastest(trace, i))).find(|(i, (_, v))| *v > REST_RAD_S && !jerked(*i))
+            (from..to).map(|i| (i, fastest(trace, i, hidden))).find(|(_, (_, v))| *v > REST_RAD_S)
         {
             let what =
                 format!("{:?}: joint {} moves at {v:.3} rad/s at {}", group.state, joint + 1, trace.at(i));
