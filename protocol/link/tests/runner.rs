@@ -86,7 +86,7 @@ fn server(clock: Clock) -> Server {
 
 #[test]
 fn two_nodes_on_one_runner_hear_each_other_and_the_observer_hears_both() {
-    let clock = Clock::start();
+    let clock = Clock::manual();
     let mut link = server(clock);
     let (mut metronome, mut echo) = (Metronome::default(), Echo::default());
     let mut seen = Vec::new();
@@ -97,7 +97,7 @@ fn two_nodes_on_one_runner_hear_each_other_and_the_observer_hears_both() {
     let stats = runner.stats().clone();
     drop(runner);
     let ticks = metronome.ticks;
-    assert!((2..=26).contains(&ticks), "{ticks} ticks of 2 ms in 50 ms");
+    assert!((24..=25).contains(&ticks), "{ticks} ticks of 2 ms in 50 ms");
     assert_eq!(metronome.answers, (0..ticks).collect::<Vec<_>>());
     assert_eq!((stats.sent, stats.received), (2 * u64::from(ticks), 0));
     assert_eq!(stats.deadlines.count(), u64::from(ticks));
@@ -123,7 +123,7 @@ fn a_metronome_here_and_an_echo_across_a_socket_keep_time_together() {
         let mut runner = Runner::new(&mut link, clock);
         while runner.stats().received < 20 {
             runner.step(&mut [&mut metronome], None).unwrap();
-            assert!(clock.now() < Instant::from_micros(20_000_000), "{:?}", runner.stats());
+            assert!(clock.now() < Instant::from_micros(120_000_000), "{:?}", runner.stats());
         }
         stop.store(true, Ordering::Relaxed);
         let far = far.join().unwrap();
@@ -156,14 +156,14 @@ fn a_lost_link_ends_a_run_with_its_reason() {
     let clock = Clock::start();
     let mut far = server(clock);
     let port = far.local_addr().port();
-    let stop = AtomicBool::new(false);
+    let (stop, joined) = (AtomicBool::new(false), AtomicBool::new(false));
     let error = thread::scope(|scope| {
         let run = scope.spawn(|| {
             let mut link = Client::connect("127.0.0.1", port, BusName::new("can0").unwrap(), clock).unwrap();
+            joined.store(true, Ordering::Relaxed);
             Runner::new(&mut link, clock).run(&mut [&mut Echo::default()], &stop, None).unwrap_err()
         });
-        let joined = clock.now() + Duration::from_millis(200);
-        while clock.now() < joined {
+        while !joined.load(Ordering::Relaxed) {
             assert!(far.receive().unwrap().is_none());
             thread::sleep(std::time::Duration::from_millis(1));
         }

@@ -15,8 +15,8 @@ use crate::stream::Stream;
 /// How long answers of an earlier session may straggle in before ours begins.
 const SETTLE: Duration = Duration::from_millis(100);
 
-/// For the answer to one command; adapters need some milliseconds.
-const ANSWER_TIMEOUT: Duration = Duration::from_secs(1);
+/// For the answer to one command; adapters need some milliseconds, a busy machine more.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// A bus behind an SLCAN adapter; see [`Station`].
 ///
