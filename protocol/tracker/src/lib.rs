@@ -19,8 +19,10 @@
 //! |---|---|
 //! | [`pose`] | [`TrackedPose`]: m, unit quaternion, time stamp |
 //! | [`dtrack`] | A.R.T. DTrack: datagrams with data, commands over TCP |
+//! | [`vrpn`] | VRPN, for every other tracker: poses over TCP, as a client |
 
 pub mod dtrack;
 pub mod pose;
+pub mod vrpn;
 
 pub use pose::{NotARotation, TrackedPose};
