@@ -113,13 +113,12 @@ impl Drive {
         Some(Reply::Value(parameter, value))
     }
 
-    /// Normal noise (Box-Muller); draws nothing where there is none, so that such runs stay what they were.
+    /// Normal noise; draws nothing where there is none, so that such runs stay what they were.
     fn current_noise_a(&mut self) -> f64 {
         if self.options.current_noise_a <= 0.0 {
             return 0.0;
         }
-        let radius = (-2.0 * (1.0 - self.rng.unit()).ln()).sqrt();
-        self.options.current_noise_a * radius * (std::f64::consts::TAU * self.rng.unit()).cos()
+        self.options.current_noise_a * self.rng.normal()
     }
 
     fn set(&mut self, now: Instant, parameter: Parameter, value: Value) -> Option<Reply> {
