@@ -62,6 +62,11 @@ pub enum Verb {
     /// Save, compare and restore the parameters of modules.
     #[command(subcommand)]
     Config(cmd::config::ConfigVerb),
+    /// Make, set and remove the key of a controller.
+    #[command(subcommand)]
+    Key(cmd::key::KeyVerb),
+    /// Let a controller take limits beyond those of its robot for a while.
+    Unlock(cmd::unlock::Args),
     /// Explain a fault number of the controller, or an exit code.
     Explain(cmd::explain::Args),
     /// Write a completion script for a shell.
@@ -135,6 +140,8 @@ pub fn run(cli: Cli) -> Result<(), ExpectedError> {
         Verb::Report(args) => cmd::report::run(&args),
         Verb::Monitor(args) => cmd::monitor::run(&args),
         Verb::Config(verb) => cmd::config::run(&verb),
+        Verb::Key(verb) => cmd::key::run(&verb),
+        Verb::Unlock(args) => cmd::unlock::run(&args),
         Verb::Completions(args) => cmd::completions::run(&args),
         Verb::Man(args) => cmd::man::run(&args),
         Verb::Explain(args) => cmd::explain::run(&args),

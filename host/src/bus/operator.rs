@@ -334,7 +334,7 @@ impl Session {
         }
     }
 
-    /// Gives an order; returns its output.
+    /// Gives an order, with its code if the session has a key; returns its output.
     ///
     /// # Errors
     /// [`OperatorError::Refused`] with the cause, and the others.
@@ -347,7 +347,20 @@ impl Session {
     ) -> Result<Vec<u8>, OperatorError> {
         let mut bytes = [0; PARAMETER_MAX];
         let len = to_bytes(parameter, &mut bytes).map_err(|_| OperatorError::Unreadable { node })?;
-        let request = CommandRequest { command: number, parameter: bytes.get(..len).unwrap_or_default() };
+        let parameter = bytes.get(..len).unwrap_or_default();
+        self.authorize_command(node, number, parameter)?;
+        self.order_plain(node, what, number, parameter)
+    }
+
+    /// As [`Session::order`], without a code.
+    pub(super) fn order_plain(
+        &mut self,
+        node: NodeId,
+        what: &'static str,
+        number: u16,
+        parameter: &[u8],
+    ) -> Result<Vec<u8>, OperatorError> {
+        let request = CommandRequest { command: number, parameter };
         let payload = self.request(node, SERVICE, Policy::default(), &request)?;
         let response =
             CommandResponse::from_bytes(&payload).map_err(|_| OperatorError::Unreadable { node })?;

@@ -101,6 +101,7 @@ impl Session {
             return Ok(());
         }
         let value = wanted.to_value().ok_or(OperatorError::Unreadable { node })?;
+        self.authorize_register(node, name, &value.as_value())?;
         let found = self.access(node, name, value.as_value())?;
         if found == *wanted {
             return Ok(());

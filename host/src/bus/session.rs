@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use can_link::{BusError, Role, Urgent};
+use firmware::authority::Key;
 use protocol::cyphal::cubecell::stop::Reason;
 use protocol::{Duration, Frame, Instant, ModuleId};
 
@@ -87,6 +88,9 @@ pub enum BusFailure {
     /// No controller can be made for the robot.
     #[error(transparent)]
     Settings(#[from] super::settings::NoSettings),
+    /// The key file cannot be used.
+    #[error(transparent)]
+    Key(#[from] super::key::KeyFileError),
     /// The operating system gives no random bytes.
     #[error("no random bytes for tokens: {0}\n  next: check that /dev/urandom can be read")]
     Entropy(String),
@@ -149,6 +153,8 @@ pub struct Session {
     bus_errors: Vec<(Instant, BusError)>,
     /// Set: the soft controller of the simulated cell is silent.
     controller_off: Rc<Cell<bool>>,
+    /// Key of the controller, if it has one.
+    pub(super) key: Option<Key>,
 }
 
 /// Most bus errors that are kept for a report; more are only counted by the link.
@@ -192,7 +198,7 @@ impl Session {
     ) -> Self {
         let bus_errors = Vec::new();
         let (taps, moves, urgent) = (Vec::new(), false, None);
-        Self { medium, taps, interrupt, name, moves, urgent, bus_errors, controller_off }
+        Self { medium, taps, interrupt, name, moves, urgent, bus_errors, controller_off, key: None }
     }
 
     /// Takes the soft controller of this session off the bus, so that the host may ask the drives itself.

@@ -13,6 +13,7 @@ impl From<BusFailure> for ExpectedError {
             BusFailure::Robot(_)
             | BusFailure::Cell(_)
             | BusFailure::Scenario(_)
+            | BusFailure::Key(_)
             | BusFailure::Settings(_) => exit::BAD_INPUT,
             BusFailure::Recording { .. } => exit::OUTPUT,
             BusFailure::Sim(_)

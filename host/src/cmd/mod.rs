@@ -11,6 +11,7 @@ pub mod export;
 pub mod home;
 pub mod identify;
 pub mod jog;
+pub mod key;
 pub mod man;
 pub mod monitor;
 pub mod plan;
@@ -25,6 +26,7 @@ pub mod stop;
 pub mod swarm;
 pub mod throw;
 pub mod tune;
+pub mod unlock;
 pub mod upload;
 
 mod bus_errors;

@@ -9,6 +9,7 @@ use protocol::cyphal::id::NodeId;
 use super::print_json;
 use super::upload::{bytes_for, node_id, read, send, settle};
 use crate::bus::BusArgs;
+use crate::bus::key::KeyArgs;
 use crate::error::ExpectedError;
 use crate::exit;
 
@@ -23,6 +24,9 @@ pub struct Args {
     /// Bus options; on the bus `sim` a soft controller is in the cell.
     #[command(flatten)]
     pub bus: BusArgs,
+    /// Key of the controller.
+    #[command(flatten)]
+    pub key: KeyArgs,
     /// Cyphal node-ID of the controller. Default: the one that is heard.
     #[arg(long, value_name = "NODE-ID", value_parser = node_id)]
     pub controller: Option<NodeId>,
@@ -43,7 +47,9 @@ pub struct Args {
 /// The file, the bus, no controller, its refusal, or a stop or fault on the way.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let source = read(&args.file, args.bus.cell.robot.as_deref())?;
+    let key = args.key.load()?;
     let mut session = args.bus.open_with_controller()?;
+    session.set_key(key);
     let node = session.find_controller(args.controller)?;
     settle(&mut session)?;
     let group = session.group().unwrap_or_default();

@@ -7,6 +7,7 @@ use indicatif::ProgressBar;
 use protocol::cyphal::cubecell::command::Trajectory;
 use protocol::cyphal::id::NodeId;
 
+use crate::bus::key::KeyArgs;
 use crate::bus::operator::OperatorError;
 use crate::bus::{BusArgs, Session};
 use crate::error::ExpectedError;
@@ -24,6 +25,9 @@ pub struct Args {
     /// Bus options; on the bus `sim` a soft controller is in the cell.
     #[command(flatten)]
     pub bus: BusArgs,
+    /// Key of the controller.
+    #[command(flatten)]
+    pub key: KeyArgs,
     /// Cyphal node-ID of the controller. Default: the one that is heard.
     #[arg(long, value_name = "NODE-ID", value_parser = node_id)]
     pub controller: Option<NodeId>,
@@ -43,7 +47,9 @@ pub(super) fn node_id(text: &str) -> Result<NodeId, String> {
 /// The file, the bus, no controller, or its refusal with the cause.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let source = read(&args.file, args.bus.cell.robot.as_deref())?;
+    let key = args.key.load()?;
     let mut session = args.bus.open_with_controller()?;
+    session.set_key(key);
     let node = session.find_controller(args.controller)?;
     settle(&mut session)?;
     let bytes = bytes_for(&mut session, node, &source)?;

@@ -24,6 +24,7 @@ use super::print_json;
 use super::report;
 use super::tune::InForce;
 use crate::bus::args::{CellArgs, Controller, interrupt};
+use crate::bus::key::KeyArgs;
 use crate::bus::operator::OperatorError;
 use crate::bus::pace::Pace;
 use crate::bus::settings::settings_of;
@@ -60,6 +61,9 @@ pub struct Args {
     /// slcan:/dev/ttyACM0 or slcan://host:port.
     #[arg(long, default_value = "sim", value_name = "SPEC")]
     pub bus: BusSpec,
+    /// Key of the controller.
+    #[command(flatten)]
+    pub key: KeyArgs,
     /// `soft`: a controller in this program. A number: the one with this Cyphal node-ID. Default: the one that is
     /// heard, else a soft one.
     #[arg(long, value_name = "soft|NODE-ID")]
@@ -155,7 +159,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if let (Some(choice), Some(pace)) = (&choice, &pace) {
         voice.paced(choice, pace);
     }
+    let key = args.key.load()?;
     let mut session = bus.open_cell(&cell, soft.then_some(&settings))?;
+    session.set_key(key);
 
     let scene = scene(&args.search);
     let job = Job {

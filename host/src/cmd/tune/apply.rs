@@ -9,7 +9,7 @@ use protocol::cyphal::bits::Decode;
 use protocol::cyphal::client::Policy;
 use protocol::cyphal::id::NodeId;
 use protocol::cyphal::uavcan::register::{ACCESS, AccessRequest, AccessResponse};
-use protocol::cyphal::uavcan::value::ValueBuf;
+use protocol::cyphal::uavcan::value::{ValueBuf, ValueType};
 use serde::{Deserialize, Serialize};
 
 use crate::bus::Session;
@@ -67,7 +67,11 @@ pub(super) struct OnBus<'a> {
 
 impl OnBus<'_> {
     fn access(&mut self, name: &str, value: &ValueBuf) -> Result<ValueBuf, OperatorError> {
-        let request = AccessRequest { name: name.as_bytes(), value: value.as_value() };
+        let value = value.as_value();
+        if value.kind() != ValueType::Empty {
+            self.session.authorize_register(self.node, name, &value)?;
+        }
+        let request = AccessRequest { name: name.as_bytes(), value };
         let payload = self.session.request(self.node, ACCESS, Policy::default(), &request)?;
         let response = AccessResponse::from_bytes(&payload)
             .map_err(|_| OperatorError::Unreadable { node: self.node })?;

@@ -14,6 +14,7 @@ use rayon::prelude::*;
 use robot_model::AnyRobot;
 use toml_reader::{DESCRIPTION_MAX_BYTES, read_text};
 
+use crate::bus::key::KeyArgs;
 use crate::bus::settings::crc32_of_any;
 use crate::bus::{BusArgs, Session};
 use crate::error::ExpectedError;
@@ -70,6 +71,9 @@ pub struct Args {
     /// Bus of the controller; `--robot` names the robot model.
     #[command(flatten)]
     pub bus: BusArgs,
+    /// Key of the controller.
+    #[command(flatten)]
+    pub key: KeyArgs,
     /// Joint number from 1, or `all`.
     #[arg(long, default_value = "all")]
     pub joint: Joints,
@@ -337,7 +341,9 @@ struct Link {
 
 impl Link {
     fn open(args: &Args) -> Result<Self, ExpectedError> {
+        let key = args.key.load()?;
         let mut session = args.bus.open_with_controller()?;
+        session.set_key(key);
         let node = session.find_controller(args.controller)?;
         super::upload::settle(&mut session)?;
         Ok(Self { session, node })

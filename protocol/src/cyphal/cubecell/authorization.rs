@@ -10,7 +10,9 @@
 //! ```
 
 use super::super::bits::{BufferTooSmall, Encode, Writer};
+use super::super::uavcan::command::standard;
 use super::super::uavcan::value::Value;
+use super::command;
 
 /// Begins what is hashed: a code made for something else never fits.
 pub const CONTEXT: &[u8] = b"cubecell.authorize.1";
@@ -26,6 +28,21 @@ pub const CONTENT_LEN_MAX: usize = 128;
 pub const KEY_REGISTER: &str = "security.key";
 /// Register that tells whether a key is set (`bit`).
 pub const KEYED_REGISTER: &str = "security.keyed";
+
+/// True for commands that a controller with a key takes only with a code. A [`JOG`](command::JOG) needs one when it begins.
+pub const fn needs_code(number: u16) -> bool {
+    matches!(
+        number,
+        command::ARM_CONFIRM
+            | command::RUN
+            | command::HOME
+            | command::JOG
+            | command::COMMIT_TRAJECTORY
+            | command::GRIPPER
+            | command::UNLOCK
+            | standard::STORE_PERSISTENT_STATES
+    )
+}
 
 /// Content of an order, ready to be hashed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

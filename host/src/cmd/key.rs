@@ -1,0 +1,156 @@
+//! `cubectl key make|set|remove`
+
+use std::path::PathBuf;
+
+use protocol::Duration;
+use protocol::cyphal::client::Policy;
+use protocol::cyphal::cubecell::authorization::{KEY_REGISTER, KEYED_REGISTER};
+use protocol::cyphal::cubecell::command::{UNLOCK, Unlock};
+use protocol::cyphal::id::NodeId;
+use protocol::cyphal::uavcan::register::{ACCESS, AccessRequest};
+use protocol::cyphal::uavcan::value::Value;
+
+use super::upload::node_id;
+use crate::bus::key::{KeyArgs, make, read_bytes};
+use crate::bus::registers::Numbers;
+use crate::bus::{BusArgs, BusFailure, Session};
+use crate::error::ExpectedError;
+use crate::exit;
+
+/// What to do with the key of a controller.
+#[derive(Debug, clap::Subcommand)]
+pub enum KeyVerb {
+    /// Make a file with a new random key, for its owner only.
+    Make(MakeArgs),
+    /// Give a controller a key. From then on it wants a code of it for every order that can move the arm.
+    Set(SetArgs),
+    /// Take the key away. Needs the key.
+    Remove(RemoveArgs),
+}
+
+/// Arguments of `make`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  cubectl key make arm.key")]
+pub struct MakeArgs {
+    /// Where to. A file that exists is not overwritten.
+    pub file: PathBuf,
+}
+
+/// Arguments of `set`.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  cubectl key set arm.key --bus can0\n  cubectl key set new.key --key-file arm.key --bus can0\n\nThe key goes over the bus as it is: set it on a bus with nobody else on it. SECURITY.md says what a key protects\nagainst."
+)]
+pub struct SetArgs {
+    /// File with the new key.
+    pub file: PathBuf,
+    /// Bus and controller.
+    #[command(flatten)]
+    pub target: Target,
+}
+
+/// Arguments of `remove`.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Example:\n  cubectl key remove --key-file arm.key --bus can0\n\nA lost key: delete the storage file of a controller that runs as a program; the STM32 board forgets its key when\nit is switched off."
+)]
+pub struct RemoveArgs {
+    /// Bus and controller.
+    #[command(flatten)]
+    pub target: Target,
+}
+
+/// Which controller.
+#[derive(Debug, clap::Args)]
+pub struct Target {
+    /// Bus options.
+    #[command(flatten)]
+    pub bus: BusArgs,
+    /// The key that the controller has now.
+    #[command(flatten)]
+    pub key: KeyArgs,
+    /// Cyphal node-ID of the controller. Default: the one that is heard.
+    #[arg(long, value_name = "NODE-ID", value_parser = node_id)]
+    pub controller: Option<NodeId>,
+}
+
+impl Target {
+    /// The session with the key, and the controller.
+    pub(super) fn open(&self) -> Result<(Session, NodeId), ExpectedError> {
+        let key = self.key.load()?;
+        let mut session = self.bus.open_with_controller()?;
+        session.set_key(key);
+        let node = session.find_controller(self.controller)?;
+        super::upload::settle(&mut session)?;
+        Ok((session, node))
+    }
+}
+
+/// Runs the verb.
+///
+/// # Errors
+/// A key file, the bus, or a controller that refuses.
+pub fn run(verb: &KeyVerb) -> Result<(), ExpectedError> {
+    match verb {
+        KeyVerb::Make(args) => {
+            make(&args.file)?;
+            say::line!("{}: a new key, for its owner only", args.file.display());
+            Ok(())
+        }
+        KeyVerb::Set(args) => {
+            let bytes = read_bytes(&args.file).map_err(BusFailure::from)?;
+            let (mut session, node) = args.target.open()?;
+            write(&mut session, node, &bytes)?;
+            session.set_key(Some(firmware::authority::Key::new(bytes)));
+            let fits = is_keyed(&mut session, node)? && proves(&mut session, node).is_ok();
+            session.finish()?;
+            if !fits {
+                return Err(refused("the controller did not take the key; it has the one it had"));
+            }
+            say::line!("controller {}: the key of {} is set", node.get(), args.file.display());
+            Ok(())
+        }
+        KeyVerb::Remove(args) => {
+            let (mut session, node) = args.target.open()?;
+            write(&mut session, node, &[])?;
+            let keyed = is_keyed(&mut session, node)?;
+            session.finish()?;
+            if keyed {
+                return Err(refused("the controller kept its key"));
+            }
+            say::line!("controller {}: has no key; any node may give it orders", node.get());
+            Ok(())
+        }
+    }
+}
+
+fn refused(what: &str) -> ExpectedError {
+    ExpectedError::new(
+        exit::DRIVE,
+        format!(
+            "{what}\n  next: name the key it has with --key-file; nothing may be armed or move, and no other node may \
+             hold an offer to arm"
+        ),
+    )
+}
+
+fn write(session: &mut Session, node: NodeId, bytes: &[u8]) -> Result<(), ExpectedError> {
+    // 32 bytes fit into any value.
+    let value = Value::unstructured(bytes).unwrap_or(Value::EMPTY);
+    session.authorize_register(node, KEY_REGISTER, &value)?;
+    let request = AccessRequest { name: KEY_REGISTER.as_bytes(), value };
+    session.request(node, ACCESS, Policy::default(), &request)?;
+    Ok(session.pass(Duration::from_millis(1))?)
+}
+
+fn is_keyed(session: &mut Session, node: NodeId) -> Result<bool, ExpectedError> {
+    Ok(session.register(node, KEYED_REGISTER)? == Numbers::Bit(vec![true]))
+}
+
+/// An order that changes nothing, with a code of the session's key: the controller takes it only if it has that key.
+fn proves(session: &mut Session, node: NodeId) -> Result<(), ExpectedError> {
+    let robot_crc32 = session.natural(node, "limits.robot_crc32")?;
+    let unlock = Unlock { robot_crc32: robot_crc32 as u32, valid_s: 0 };
+    session.order(node, "the key", UNLOCK, &unlock)?;
+    Ok(())
+}
