@@ -75,12 +75,15 @@ pub(crate) struct Host {
     pub joints: usize,
     pub beat_due: u64,
     pub beating: bool,
+    /// In the heartbeats, s.
+    pub uptime_s: u32,
 }
 
 pub(crate) const SERVER: NodeId = NodeId::from_low_bits(10);
-pub(crate) const PORTS: [Port; 5] = [
+pub(crate) const PORTS: [Port; 6] = [
     Port::response(commands::SERVICE, commands::RESPONSE_EXTENT),
     Port::response(file::WRITE, file::WRITE_RESPONSE_EXTENT),
+    Port::response(file::READ, file::READ_RESPONSE_EXTENT),
     Port::response(register::ACCESS, register::ACCESS_RESPONSE_EXTENT),
     Port::message(group_state::SUBJECT, group_state::EXTENT),
     Port::message(joint_state::SUBJECT, joint_state::EXTENT),
@@ -112,6 +115,7 @@ impl Host {
             joints: 0,
             beat_due: 0,
             beating: true,
+            uptime_s: 7,
         }
     }
 
@@ -131,7 +135,7 @@ impl Host {
             if self.beating && self.bench.now >= self.beat_due {
                 self.beat_due = self.bench.now + 30_000;
                 let beat = Heartbeat {
-                    uptime_s: 0,
+                    uptime_s: self.uptime_s,
                     health: Health::Nominal,
                     mode: Mode::OPERATIONAL,
                     vendor_status: 0,
@@ -186,7 +190,7 @@ impl Host {
     }
 
     pub(crate) fn command(&mut self, number: u16, parameter: &dyn Encode) -> (Status, Vec<u8>) {
-        let mut bytes = [0; 32];
+        let mut bytes = [0; 64];
         let mut writer = Writer::new(&mut bytes);
         parameter.encode(&mut writer);
         let len = writer.finish().unwrap();
