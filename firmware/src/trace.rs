@@ -79,6 +79,16 @@ impl Trace {
         self.total
     }
 
+    /// What is kept, at its place in the ring, with the number of the event since start-up.
+    pub fn places(&self) -> impl Iterator<Item = Option<(u32, Instant, Event)>> + '_ {
+        let next = self.next;
+        self.events.iter().enumerate().map(move |(place, entry)| {
+            // The place before `next` holds the newest event.
+            let older = (next + TRACE_LEN - 1 - place) % TRACE_LEN;
+            entry.map(|(at, event)| (self.total.wrapping_sub(older as u32), at, event))
+        })
+    }
+
     /// What is kept, oldest first.
     pub fn iter(&self) -> impl Iterator<Item = (Instant, Event)> + '_ {
         let (newer, older) = self.events.split_at_checked(self.next).unwrap_or((&self.events, &[]));
@@ -99,5 +109,9 @@ mod tests {
         let times: Vec<u64> = trace.iter().map(|(at, _)| at.as_micros()).collect();
         assert_eq!(times, (36..100).collect::<Vec<u64>>());
         assert_eq!(trace.total(), 100);
+        let mut numbered: Vec<(u32, u64)> =
+            trace.places().flatten().map(|(sequence, at, _)| (sequence, at.as_micros())).collect();
+        numbered.sort_unstable();
+        assert_eq!(numbered, (36..100).map(|k| (k as u32 + 1, k)).collect::<Vec<_>>());
     }
 }

@@ -5,6 +5,7 @@ use core::borrow::BorrowMut;
 use protocol::cyphal::bits::{Decode, Encode, Writer};
 use protocol::cyphal::cubecell::authorization::{Content, KEY_REGISTER, KEYED_REGISTER};
 use protocol::cyphal::cubecell::command::{ArmOffer, Challenge};
+use protocol::cyphal::cubecell::history::{FREEZE_PATH, TRACE_PATH};
 use protocol::cyphal::cubecell::{TRAJECTORY_PATH, group_state, joint_state, stop};
 use protocol::cyphal::id::{NodeId, Route, SubjectId};
 use protocol::cyphal::rx::{Port, Transfer};
@@ -16,6 +17,7 @@ use protocol::cyphal::uavcan::info::{NodeInfo, Version};
 use protocol::cyphal::uavcan::value::{Value, ValueBuf, ValueType};
 use protocol::{Duration, Instant, JOINTS_MAX};
 
+use super::history;
 use super::messages::{order_of, status_of, to_message, to_value};
 use super::{Identity, NODE_NAME, UNSET};
 use crate::authority::{CHALLENGE_VALID, KEY_LEN, Key, Peer, Seed, Source};
@@ -269,11 +271,13 @@ impl<S: Storage, M: BorrowMut<Spline>> Application for App<S, M> {
     }
 
     fn file_read(&mut self, path: &[u8], offset: u64, data: &mut [u8]) -> Result<usize, FileError> {
-        if path != TRAJECTORY_PATH {
-            return Err(FileError::NOT_FOUND);
-        }
         let offset = usize::try_from(offset).map_err(|_| FileError::INVALID_VALUE)?;
-        self.controller.download(offset, data).map_err(|_| FileError::IO_ERROR)
+        match path {
+            TRAJECTORY_PATH => self.controller.download(offset, data).map_err(|_| FileError::IO_ERROR),
+            FREEZE_PATH => Ok(history::read_freeze(&self.controller, offset, data)),
+            TRACE_PATH => Ok(history::read_trace(&self.controller, offset, data)),
+            _ => Err(FileError::NOT_FOUND),
+        }
     }
 
     fn message(&mut self, now: Instant, transfer: &Transfer<'_>) {

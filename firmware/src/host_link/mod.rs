@@ -1,7 +1,8 @@
 //! The controller with its host link: one [`Node`] that speaks PowerCube on 11-bit ids and Cyphal on 29-bit ids.
 //!
 //! Only translation lives here: `app` answers what the node is asked for, `messages` turns commands into [`Order`]s,
-//! register values into numbers and samples into messages; this file keeps the pace. The numbers, parameters and
+//! register values into numbers and samples into messages, `history` freeze frame and trace into files; this file keeps the
+//! pace. The numbers, parameters and
 //! messages are those of [`protocol::cyphal::cubecell`].
 //!
 //! # Who is the host
@@ -19,6 +20,7 @@
 //! A call that makes a control step makes nothing else: samples are taken in the next call.
 
 mod app;
+mod history;
 mod messages;
 
 use core::borrow::BorrowMut;

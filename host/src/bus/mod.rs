@@ -10,7 +10,7 @@
 //! | entropy, key | [`entropy`], [`key`] | random bytes of the operating system; key files, and the codes of orders | be used for tokens in virtual time |
 //! | storage | [`storage`] | what a controller on this machine keeps, in a file | know what it means |
 //! | session | [`session`], [`sim`], [`live`], [`soft`] | supplies time and frames to the desk: the embedded cell in virtual time, or a link in real time; and a controller where the bus has none | know what a verb wants |
-//! | dialogue | [`ask`], [`survey`], [`motion`], [`operator`], [`registers`] | questions, rounds of questions, bounded motions of single drives; orders to a controller, its settings | print |
+//! | dialogue | [`ask`], [`survey`], [`motion`], [`operator`], [`registers`], [`history`] | questions, rounds of questions, bounded motions of single drives; orders to a controller, its settings, its past | print |
 //!
 //! # Invariants
 //!
@@ -25,6 +25,7 @@ pub mod ask;
 pub mod desk;
 pub mod drive_client;
 pub mod entropy;
+pub mod history;
 pub mod key;
 pub mod live;
 pub mod motion;

@@ -1,29 +1,66 @@
 //! `cubectl explain`
 
 use firmware::fault::{Cause, Reaction};
+use protocol::cyphal::id::NodeId;
 
+use super::upload::node_id;
+use crate::bus::BusArgs;
+use crate::bus::history::{describe, table};
 use crate::error::ExpectedError;
 use crate::exit;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl explain 502\n  cubectl explain DriveTowError\n  cubectl explain exit 7\n  cubectl explain all"
+    after_help = "Examples:\n  cubectl explain 502\n  cubectl explain DriveTowError\n  cubectl explain exit 7\n  cubectl explain all\n  cubectl explain --last --bus can0    # freeze frame and last events of the controller"
 )]
 pub struct Args {
     /// Number or name of a fault, `exit` (with or without a code), or `all`.
-    #[arg(required = true, num_args = 1..=2, value_name = "CODE")]
+    #[arg(required_unless_present = "last", num_args = 1..=2, value_name = "CODE")]
     pub code: Vec<String>,
+    /// What happened last: the latched fault of the controller with every joint at that moment, and the last events.
+    #[arg(long, conflicts_with = "code")]
+    pub last: bool,
+    /// Bus options.
+    #[command(flatten)]
+    pub bus: BusArgs,
+    /// Cyphal node-ID of the controller. Default: the one that is heard.
+    #[arg(long, value_name = "NODE-ID", value_parser = node_id)]
+    pub controller: Option<NodeId>,
 }
 
 /// Runs the verb.
 ///
 /// # Errors
-/// No such number or name.
+/// No such number or name; with `--last` the bus, or no controller.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    if args.last {
+        say::text!("{}", last(args)?);
+        return Ok(());
+    }
     let words: Vec<&str> = args.code.iter().map(String::as_str).collect();
     say::text!("{}", explain(&words)?);
     Ok(())
+}
+
+fn last(args: &Args) -> Result<String, ExpectedError> {
+    let mut session = args.bus.open_with_controller()?;
+    let node = session.find_controller(args.controller)?;
+    let frozen = session.freeze_frame(node)?;
+    let trace = session.trace(node)?;
+    session.finish()?;
+    let mut text = match &frozen {
+        Some(frozen) => {
+            let code = frozen.head.fault_cause.to_string();
+            table(frozen) + &explain(&[&code]).unwrap_or_default()
+        }
+        None => format!("controller {}: no fault is latched\n", node.get()),
+    };
+    text += "last events, s after the start of the controller:\n";
+    for entry in &trace {
+        text += &format!("{:>14.6}  {}\n", entry.at_us as f64 * 1e-6, describe(entry));
+    }
+    Ok(text)
 }
 
 /// The text for `words`.

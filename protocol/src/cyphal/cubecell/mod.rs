@@ -8,6 +8,7 @@
 pub mod authorization;
 pub mod command;
 pub mod group_state;
+pub mod history;
 pub mod joint_state;
 pub mod stop;
 
