@@ -13,6 +13,7 @@ use firmware::state::StateKind;
 use firmware::store::{FileName, RamStorage};
 use firmware::trace::Event;
 use firmware::{Controller, registers};
+use proptest::prelude::*;
 use protocol::Duration;
 
 const FIRST: Peer = HOST;
@@ -333,6 +334,83 @@ fn a_restarted_controller_knows_no_session_and_a_restarted_host_loses_its_own() 
     bench.run_for(60_000);
     assert_eq!(cause(bench.order_of(FIRST, Order::ArmConfirm { token, valid: VALID })), Cause::TokenWrong);
     assert_eq!(cause(bench.order_of(FIRST, Order::Run(name))), Cause::OrderNotNow);
+}
+
+/// Any order of a stranger but those that end a motion, with numbers that may mean something.
+fn strange(kind: u8, x: u64, name: FileName) -> Order {
+    let valid = Duration::from_micros(x % 40_000_000);
+    match kind {
+        0 => Order::ArmPrepare { crc64: name.crc64, valid },
+        1 => Order::ArmConfirm { token: x as u32, valid },
+        2 => Order::Run(name),
+        3 => Order::Home { mask: x as u8 },
+        4 => Order::Jog { joint: joint(x as usize % 6), qd_rad_s: 0.2, hold: Duration::from_millis(300) },
+        5 => Order::Commit(name),
+        6 => Order::Gripper { open: x.is_multiple_of(2) },
+        7 => Order::SaveSettings,
+        8 => Order::Challenge,
+        9 => Order::Authorize { nonce: x.to_le_bytes(), code: [x as u8; 16] },
+        10 => Order::ClearFault { code: x as u16 % 800 },
+        _ => Order::Unlock { robot_crc32: Settings::powercube6().limits_robot_crc32, valid },
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+
+    /// What strangers order, write and upload between the steps of the first node changes neither its settings nor its
+    /// throw.
+    #[test]
+    fn strangers_change_nothing_between_the_offer_and_the_end_of_a_throw(
+        acts in proptest::collection::vec((0u8..14, 43u8..46, any::<u64>()), 0..60),
+    ) {
+        let (mut bench, name) = committed();
+        let before = *bench.controller.settings();
+        let token = offer(&mut bench, FIRST, name);
+        let steps = acts.chunks(acts.len() / 3 + 1).map(<[_]>::to_vec).chain([vec![], vec![], vec![]]);
+        for (step, acts) in steps.take(3).enumerate() {
+            for (kind, peer, x) in acts {
+                let peer = Peer::new(peer);
+                let now = bench.instant();
+                match kind {
+                    12 => {
+                        let info = &registers::TABLE[x as usize % registers::TABLE.len()];
+                        let number = match info.kind {
+                            registers::Kind::Real32 => Number::Real32(f32::from_bits(x as u32)),
+                            registers::Kind::Natural32 => Number::Natural32(x as u32),
+                            registers::Kind::Bit => Number::Bit(x & 1 == 1),
+                        };
+                        let count = if info.per_joint { 6 } else { 1 };
+                        let _ = bench.controller.write_register(now, peer, info.name, &vec![number; count]);
+                    }
+                    13 => {
+                        let _ = bench.controller.upload(now, peer, x as usize % 64, &x.to_le_bytes());
+                    }
+                    kind => {
+                        let _ = bench.order_of(peer, strange(kind, x, name));
+                    }
+                }
+                bench.controller.host_heartbeat(now, peer);
+                bench.run_for(x % 1_500);
+            }
+            match step {
+                0 => {
+                    bench.run_for(60_000);
+                    bench.order_of(FIRST, Order::ArmConfirm { token, valid: VALID }).unwrap();
+                }
+                1 => {
+                    bench.run_for(10_000);
+                    bench.order_of(FIRST, Order::Run(name)).unwrap();
+                }
+                _ => bench.run_until(3_000_000, |bench| bench.kind() == StateKind::Ready),
+            }
+        }
+        prop_assert_eq!(bench.kind(), StateKind::Ready, "{:?}", bench.controller.state());
+        prop_assert_eq!(*bench.controller.settings(), before);
+        prop_assert!(bench.distance_from_path() < 1e-3);
+        let end: f64 = bench.drives.iter().enumerate().map(|(i, drive)| (drive.q - throw_reference(i, 9.0).0).abs()).fold(0.0, f64::max);
+        prop_assert!(end < 2e-3, "{} rad beside the end of the plan", end);
+    }
 }
 
 // ---- with a key ------------------------------------------------------------------------------------

@@ -1,11 +1,16 @@
 //! Orders to the soft controller over the wire: boot, home, upload, commit, arm, run, follow.
 
+use firmware::authority::Key;
+use firmware::fault::Cause;
 use firmware::joints::PerJoint;
 use firmware::settings::Settings;
 use firmware::trajectory_format::{FILE_LEN_MAX, Header, encode, rest};
+use host::bus::history::{describe, table};
 use host::bus::operator::OperatorError;
+use host::bus::registers::Numbers;
 use host::bus::settings::settings_of;
 use host::bus::{BusArgs, Session};
+use protocol::cyphal::cubecell::command::STOP;
 use protocol::cyphal::cubecell::group_state::State;
 use protocol::cyphal::id::NodeId;
 use protocol::{Duration, JointIndex};
@@ -117,4 +122,64 @@ fn without_a_controller_the_operator_is_told_what_still_works() {
     let error = session.find_controller(None).unwrap_err();
     assert!(matches!(error, OperatorError::NoController));
     assert!(error.to_string().contains("only scan, home, jog and stop work"));
+}
+
+/// The cause with which the controller refused.
+fn cause<T: std::fmt::Debug>(outcome: Result<T, OperatorError>) -> Cause {
+    match outcome {
+        Err(OperatorError::Refused { refusal: Some(refusal), .. }) => {
+            Cause::from_code(refusal.cause).unwrap()
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_controller_with_a_key_runs_for_the_session_with_the_key_and_for_no_other() {
+    let (mut session, node) = homed();
+    let file = standing(&mut session, 0.0);
+    let key = [0x42; 32];
+    assert!(!session.is_keyed(node).unwrap());
+    session.write_key(node, &key).unwrap();
+    assert!(session.is_keyed(node).unwrap());
+
+    assert_eq!(cause(session.upload(node, &file, &mut |_, _| {})), Cause::CodeMissing);
+    session.set_key(Some(Key::new([0x43; 32])));
+    assert_eq!(cause(session.upload(node, &file, &mut |_, _| {})), Cause::CodeWrong);
+    let narrow = Numbers::Real(vec![1.0; 6]);
+    let refused = session.set_register(node, "joint.v_max_rad_s", &narrow);
+    assert!(matches!(refused, Err(OperatorError::RegisterRefused { .. })), "{refused:?}");
+    session.write_key(node, &[]).unwrap();
+    assert!(session.is_keyed(node).unwrap(), "a wrong key removes nothing");
+
+    session.set_key(Some(Key::new(key)));
+    let name = session.upload(node, &file, &mut |_, _| {}).unwrap();
+    session.arm(node, &name).unwrap();
+    let end = session.run_trajectory(node, &name, Duration::from_secs(5), &mut |_, _| {}).unwrap();
+    assert_eq!(end.state, State::Ready);
+    session.set_register(node, "joint.v_max_rad_s", &narrow).unwrap();
+    session.write_key(node, &[]).unwrap();
+    assert!(!session.is_keyed(node).unwrap());
+    // A code for a controller without a key: not silently without one.
+    assert_eq!(cause(session.arm(node, &name)), Cause::NoTrajectory, "the limit changed");
+    assert_eq!(cause(session.upload(node, &file, &mut |_, _| {})), Cause::NoKey);
+}
+
+#[test]
+fn freeze_frame_and_trace_of_a_stop_are_told_in_words() {
+    let (mut session, node) = homed();
+    assert_eq!(session.freeze_frame(node).unwrap(), None);
+    session.order(node, "a stop", STOP, &()).unwrap();
+    session.pass(Duration::from_millis(300)).unwrap();
+    let frozen = session.freeze_frame(node).unwrap().unwrap();
+    assert_eq!(frozen.head.fault_cause, Cause::StopOrdered.code());
+    assert_eq!(frozen.joints.len(), 6);
+    let text = table(&frozen);
+    assert!(text.contains("StopOrdered (1)") && text.lines().count() == 8, "{text}");
+    let words: Vec<String> = session.trace(node).unwrap().iter().map(describe).collect();
+    for part in
+        ["boot -> idle", "order taken: home", "homing -> ready", "order taken: stop", "halt broadcast"]
+    {
+        assert!(words.iter().any(|words| words.contains(part)), "{part}: {words:#?}");
+    }
 }

@@ -5,6 +5,7 @@ use core::borrow::BorrowMut;
 use protocol::JointIndex;
 use protocol::cyphal::bits::{Encode, to_bytes};
 use protocol::cyphal::cubecell::history::{FrozenHead, FrozenJoint, TraceEntry, TraceHead, VERSION, kind};
+use protocol::powercube::CubeState;
 
 use crate::controller::Controller;
 use crate::fault::Fault;
@@ -78,7 +79,7 @@ pub(super) fn read_freeze<S: Storage, M: BorrowMut<Spline>>(
             qd_ref_rad_s: joint.qd_ref_rad_s,
             qdd_command_rad_s2: joint.qdd_command_rad_s2,
             current_a: joint.current_a.unwrap_or(f32::NAN),
-            drive_state: joint.state.map_or(u32::MAX, |state| state.bits()),
+            drive_state: joint.state.map_or(u32::MAX, CubeState::bits),
             age_us: joint.age_us,
             drive_short_state: joint.short_state.bits(),
             missed_in_row: u8::try_from(joint.missed_in_row).unwrap_or(u8::MAX),

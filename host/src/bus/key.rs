@@ -6,14 +6,17 @@ use std::path::{Path, PathBuf};
 
 use firmware::authority::{Key, Peer, code_of};
 use protocol::cyphal::bits::Decode;
-use protocol::cyphal::cubecell::authorization::{Content, KEY_LEN, needs_code};
+use protocol::cyphal::client::Policy;
+use protocol::cyphal::cubecell::authorization::{Content, KEY_LEN, KEY_REGISTER, KEYED_REGISTER, needs_code};
 use protocol::cyphal::cubecell::command::{AUTHORIZE, Authorization, CHALLENGE, Challenge};
 use protocol::cyphal::id::NodeId;
+use protocol::cyphal::uavcan::register::{ACCESS, AccessRequest};
 use protocol::cyphal::uavcan::value::Value;
 
 use super::desk::NODE_ID;
 use super::entropy;
 use super::operator::OperatorError;
+use super::registers::Numbers;
 use super::session::{BusFailure, Session};
 
 /// Names the key file where `--key-file` does not.
@@ -131,6 +134,25 @@ impl Session {
     /// Orders from now on carry codes of this key, where a controller with a key wants one.
     pub fn set_key(&mut self, key: Option<Key>) {
         self.key = key;
+    }
+
+    /// Writes the key of a controller, or removes it with no bytes. The answer does not tell whether it was taken.
+    ///
+    /// # Errors
+    /// [`OperatorError`].
+    pub fn write_key(&mut self, node: NodeId, bytes: &[u8]) -> Result<(), OperatorError> {
+        let value = Value::unstructured(bytes).map_err(|_| OperatorError::Unreadable { node })?;
+        self.authorize_register(node, KEY_REGISTER, &value)?;
+        let request = AccessRequest { name: KEY_REGISTER.as_bytes(), value };
+        self.request(node, ACCESS, Policy::default(), &request).map(drop)
+    }
+
+    /// True if the controller has a key.
+    ///
+    /// # Errors
+    /// [`OperatorError`].
+    pub fn is_keyed(&mut self, node: NodeId) -> Result<bool, OperatorError> {
+        Ok(self.register(node, KEYED_REGISTER)? == Numbers::Bit(vec![true]))
     }
 
     /// Gives the code for a command, if there is a key and the command needs one.

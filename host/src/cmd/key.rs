@@ -2,17 +2,11 @@
 
 use std::path::PathBuf;
 
-use protocol::Duration;
-use protocol::cyphal::client::Policy;
-use protocol::cyphal::cubecell::authorization::{KEY_REGISTER, KEYED_REGISTER};
 use protocol::cyphal::cubecell::command::{UNLOCK, Unlock};
 use protocol::cyphal::id::NodeId;
-use protocol::cyphal::uavcan::register::{ACCESS, AccessRequest};
-use protocol::cyphal::uavcan::value::Value;
 
 use super::upload::node_id;
 use crate::bus::key::{KeyArgs, make, read_bytes};
-use crate::bus::registers::Numbers;
 use crate::bus::{BusArgs, BusFailure, Session};
 use crate::error::ExpectedError;
 use crate::exit;
@@ -100,9 +94,9 @@ pub fn run(verb: &KeyVerb) -> Result<(), ExpectedError> {
         KeyVerb::Set(args) => {
             let bytes = read_bytes(&args.file).map_err(BusFailure::from)?;
             let (mut session, node) = args.target.open()?;
-            write(&mut session, node, &bytes)?;
+            session.write_key(node, &bytes)?;
             session.set_key(Some(firmware::authority::Key::new(bytes)));
-            let fits = is_keyed(&mut session, node)? && proves(&mut session, node).is_ok();
+            let fits = session.is_keyed(node)? && proves(&mut session, node).is_ok();
             session.finish()?;
             if !fits {
                 return Err(refused("the controller did not take the key; it has the one it had"));
@@ -112,8 +106,8 @@ pub fn run(verb: &KeyVerb) -> Result<(), ExpectedError> {
         }
         KeyVerb::Remove(args) => {
             let (mut session, node) = args.target.open()?;
-            write(&mut session, node, &[])?;
-            let keyed = is_keyed(&mut session, node)?;
+            session.write_key(node, &[])?;
+            let keyed = session.is_keyed(node)?;
             session.finish()?;
             if keyed {
                 return Err(refused("the controller kept its key"));
@@ -132,19 +126,6 @@ fn refused(what: &str) -> ExpectedError {
              hold an offer to arm"
         ),
     )
-}
-
-fn write(session: &mut Session, node: NodeId, bytes: &[u8]) -> Result<(), ExpectedError> {
-    // 32 bytes fit into any value.
-    let value = Value::unstructured(bytes).unwrap_or(Value::EMPTY);
-    session.authorize_register(node, KEY_REGISTER, &value)?;
-    let request = AccessRequest { name: KEY_REGISTER.as_bytes(), value };
-    session.request(node, ACCESS, Policy::default(), &request)?;
-    Ok(session.pass(Duration::from_millis(1))?)
-}
-
-fn is_keyed(session: &mut Session, node: NodeId) -> Result<bool, ExpectedError> {
-    Ok(session.register(node, KEYED_REGISTER)? == Numbers::Bit(vec![true]))
 }
 
 /// An order that changes nothing, with a code of the session's key: the controller takes it only if it has that key.
