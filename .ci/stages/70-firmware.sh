@@ -29,7 +29,10 @@ flash=$(($(section .vector_table) + $(section .text) + $(section .rodata) + $(se
 ram=$(($(section .data) + $(section .bss) + $(section .uninit)))
 storage=$(symbol STORAGE)
 echo "image for $target, bytes:"
-echo "  flash (code, constants, initial values)  $flash, aim 65536"
+echo "  flash (code, constants, initial values)  $flash, budget 131072"
+echo "    of it: codes and tokens (SHA-256, HMAC)  $(symbol 'sha2|authority')"
+echo "           freeze frame, trace on the wire   $(symbol history)"
+echo "           registers, limits, ceiling        $(symbol registers)"
 echo "  static RAM without the emulated storage  $((ram - storage))"
 echo "  emulated storage (flash on a board)      $storage"
 echo "  (the node, 12 kB, is on the stack: stage qemu tells how deep that gets; static RAM and stack together: aim 32768)"

@@ -5,7 +5,7 @@ use firmware::fault::Cause;
 use firmware::joints::PerJoint;
 use firmware::settings::Settings;
 use firmware::trajectory_format::{FILE_LEN_MAX, Header, encode, rest};
-use host::bus::history::{describe, table};
+use host::bus::history::describe;
 use host::bus::operator::OperatorError;
 use host::bus::registers::Numbers;
 use host::bus::settings::settings_of;
@@ -166,16 +166,12 @@ fn a_controller_with_a_key_runs_for_the_session_with_the_key_and_for_no_other() 
 }
 
 #[test]
-fn freeze_frame_and_trace_of_a_stop_are_told_in_words() {
+fn the_trace_of_a_stop_is_told_in_words() {
     let (mut session, node) = homed();
     assert_eq!(session.freeze_frame(node).unwrap(), None);
     session.order(node, "a stop", STOP, &()).unwrap();
     session.pass(Duration::from_millis(300)).unwrap();
-    let frozen = session.freeze_frame(node).unwrap().unwrap();
-    assert_eq!(frozen.head.fault_cause, Cause::StopOrdered.code());
-    assert_eq!(frozen.joints.len(), 6);
-    let text = table(&frozen);
-    assert!(text.contains("StopOrdered (1)") && text.lines().count() == 8, "{text}");
+    assert_eq!(session.freeze_frame(node).unwrap(), None, "a plain stop is no fault");
     let words: Vec<String> = session.trace(node).unwrap().iter().map(describe).collect();
     for part in
         ["boot -> idle", "order taken: home", "homing -> ready", "order taken: stop", "halt broadcast"]

@@ -162,3 +162,45 @@ pub fn table(frozen: &Frozen) -> String {
     }
     text
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_freeze_frame_is_a_table_with_its_cause_and_a_row_per_joint() {
+        let head = FrozenHead {
+            version: VERSION,
+            joints: 2,
+            state: State::Running as u8,
+            fault_joint: 2,
+            fault_cause: Cause::DriveSilent.code(),
+            at_us: 12_500_000,
+            path_us: 250_000,
+        };
+        let unread = FrozenJoint {
+            current_a: f32::NAN,
+            drive_state: u32::MAX,
+            age_us: u32::MAX,
+            ..FrozenJoint::default()
+        };
+        let joints = vec![FrozenJoint { q_rad: 0.5, drive_state: 0x11, ..FrozenJoint::default() }, unread];
+        let text = table(&Frozen { head, joints });
+        for part in
+            ["DriveSilent (101) at joint 2", "in state running", "12.500000 s", "0.250000 s", "00000011"]
+        {
+            assert!(text.contains(part), "{part}: {text}");
+        }
+        assert_eq!(text.lines().count(), 4);
+        assert!(text.lines().last().unwrap().ends_with('-'), "what was never read is not a number: {text}");
+    }
+
+    #[test]
+    fn every_kind_of_event_has_words() {
+        for number in kind::STATE..=kind::REGISTER_REFUSED {
+            let text = describe(&TraceEntry { kind: number, joint: 3, cause: 101, ..TraceEntry::default() });
+            assert!(!text.starts_with("event") && text.contains("joint 3: DriveSilent (101)"), "{text}");
+        }
+        assert_eq!(describe(&TraceEntry { kind: 200, ..TraceEntry::default() }), "event 200");
+    }
+}
