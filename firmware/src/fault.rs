@@ -106,6 +106,10 @@ causes! {
     101 DriveSilent QuickStop "a drive missed more replies in a row than allowed", "check the cable and supply of the drive; look at the bus load and error counters";
     102 DriveRefused QuickStop "a drive did not accept a parameter or a motion", "read the drive's state word and limits: its own limits may be narrower than the settings";
     103 ReplyImplausible QuickStop "positions from a drive jumped farther than it can move", "check the encoder, and that no two drives share an address";
+    104 PositionFrozen QuickStop "positions from a drive stand still although its commands move it", "look whether the joint moved: if not, free it; if it did, its encoder or the drive's electronics hang: switch it off and on";
+    105 MotionReversed QuickStop "positions from a drive run against its commands", "check the direction of the encoder and the sign in the settings";
+    106 PositionJumped QuickStop "positions from a drive jumped away from where its commands lead", "check the encoder and the clamping of the joint; home the group again";
+    107 MotionNotFollowed QuickStop "positions from a drive do not follow its commands", "free the joint, check load, current limit and supply; look for another controller";
     108 MovesUnordered Halt "a joint was measured moving although nobody had ordered a motion", "look for another controller or a person at the arm; read the drive's state word; clear the fault when the arm stands";
 
     200 DriveError QuickStop "a drive reports an error or is halted while it should move", "read the drive's state word; clear the fault when its cause is gone";

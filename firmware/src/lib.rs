@@ -6,7 +6,7 @@
 //! | layer | modules | is | must not |
 //! |---|---|---|---|
 //! | ground | [`joints`], [`span`], [`crc`] | one value per joint, time as f32, checksums | know anything else |
-//! | maths | [`spline`], [`feedback`], [`ramp`], [`path`] | reference, control law, acceleration in the words of a ramp drive, slowing down along the path; a host simulates with the same code | keep bus or state, know time but as an argument |
+//! | maths | [`spline`], [`feedback`], [`ramp`], [`path`], [`drive_model`] | reference, control law, acceleration in the words of a ramp drive, slowing down along the path, what a drive should do; a host simulates with the same code | keep bus or state, know time but as an argument |
 //! | facts | [`fault`], [`settings`], [`registers`], [`trajectory_format`] | numbered causes, what can be set, the file a host uploads | act |
 //! | bus | [`drives`], [`rest`], [`schedule`], [`pace`], [`transmit`] | which reply belongs to which request, whether a joint stands, who is asked next, how long a cycle takes, frames out | decide about motion |
 //! | group | [`state`], [`orders`], [`supervisor`], [`gripper`], [`store`] | states, what is legal when, what must hold, the release, power-proof storage | send frames |
@@ -44,6 +44,7 @@
 pub mod authority;
 pub mod controller;
 pub mod crc;
+pub mod drive_model;
 pub mod drives;
 pub mod fault;
 pub mod feedback;

@@ -59,7 +59,7 @@ pub struct RampLimits {
 }
 
 /// State of the drive's generator when the command starts to act.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RampState {
     /// Position, rad.
     pub q_rad: f32,

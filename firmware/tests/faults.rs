@@ -186,7 +186,7 @@ fn joint_that_is_pushed_away_or_overloaded_stops_the_group() {
     bench.run_until(500_000, |bench| bench.kind() == StateKind::Fault);
     let cause = fault_of(&bench).unwrap();
     assert!(
-        matches!(cause, Cause::ReplyImplausible | Cause::FollowingError | Cause::VelocityLimit),
+        matches!(cause, Cause::ReplyImplausible | Cause::PositionJumped | Cause::MotionNotFollowed),
         "{cause:?}"
     );
 

@@ -4,8 +4,8 @@
 use core::borrow::BorrowMut;
 
 use protocol::powercube::{
-    ACCEPTED, Address, Channel, CubeState, MotionPosition, Parameter, PosStateDio, Reply, Request,
-    SimpleCommand, Value,
+    ACCEPTED, Address, Channel, CubeState, MotionCommand, MotionPosition, Parameter, PosStateDio, Reply,
+    Request, SimpleCommand, Value,
 };
 use protocol::{Duration, Frame, Instant, JointIndex};
 
@@ -119,6 +119,11 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
                 self.counters.replies_missed = self.counters.replies_missed.saturating_add(1);
                 self.pace.abandon();
                 self.track.at_mut(joint).missed = true;
+                if matches!(request, Request::Move(_)) {
+                    let a_rad_s2 = self.drives.at(joint).loaded.a_rad_s2;
+                    let a_max_rad_s2 = self.settings.joint.at(joint).a_max_rad_s2;
+                    self.track.at_mut(joint).model.doubt(a_rad_s2.unwrap_or(a_max_rad_s2));
+                }
                 self.note(now, Event::Missed(joint));
                 self.on_missed(now, joint, request);
             }
@@ -204,10 +209,10 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             ) => {
                 let drive = self.drives.at_mut(joint);
                 (drive.short_state, drive.dio) = (short_state, dio);
-                self.take_position(now, joint, position_rad, false);
+                self.take_position(now, joint, position_rad, None);
             }
             Reply::Value(Parameter::ActPos, Value::F32(position_rad)) => {
-                self.take_position(now, joint, position_rad, false);
+                self.take_position(now, joint, position_rad, None);
             }
             Reply::Value(Parameter::CubeState, Value::U32(bits)) => {
                 self.take_state(now, joint, CubeState::from_bits(bits));
@@ -222,13 +227,14 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             } => {
                 let drive = self.drives.at_mut(joint);
                 (drive.short_state, drive.dio) = (short_state, dio);
-                self.take_position(now, joint, position.get(), true);
+                self.take_position(now, joint, position.get(), ramp_target(&request));
             }
             _ => {}
         }
     }
 
-    fn take_position(&mut self, now: Instant, joint: JointIndex, q_drive_rad: f32, of_motion: bool) {
+    /// A position, answered to a ramp to `target_rad` (drive side) or to a read.
+    fn take_position(&mut self, now: Instant, joint: JointIndex, q_drive_rad: f32, target_rad: Option<f32>) {
         let limits = *self.settings.joint.at(joint);
         let at = now.saturating_sub(Duration::from_micros(self.settings.reply_age_us.into()));
         let q_rad = limits.to_joint_rad(q_drive_rad);
@@ -244,8 +250,9 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             let drive = self.drives.at_mut(joint);
             drive.counters.implausible = drive.counters.implausible.saturating_add(1);
             drive.missed_in_row = drive.missed_in_row.saturating_add(1);
-            let row = self.track.at(joint).missed;
-            self.track.at_mut(joint).missed = true;
+            let track = self.track.at_mut(joint);
+            let row = track.implausible;
+            (track.missed, track.implausible) = (true, true);
             self.note(now, Event::Implausible(joint));
             // One may be a mix-up on the bus; the next one must be right.
             if row {
@@ -253,14 +260,48 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             }
             return;
         }
+        self.track.at_mut(joint).implausible = false;
         let drive = self.drives.at_mut(joint);
         drive.position = Some(PositionSample { q_rad, at });
         drive.rest.take(PositionSample { q_rad, at });
+        let cause = self.compare_with_model(joint, PositionSample { q_rad, at });
+        if let Some(target_rad) = target_rad {
+            self.model_command(joint, target_rad);
+        }
+        if let Some(cause) = cause {
+            self.fail(now, Fault::at(cause, joint));
+        }
         if matches!(self.machine.state(), State::Running { .. } | State::Stopping { .. }) {
-            self.take_measurement(now, joint, PositionSample { q_rad, at }, of_motion);
+            self.take_measurement(now, joint, PositionSample { q_rad, at }, target_rad.is_some());
         } else {
             self.track.at_mut(joint).missed = false;
         }
+    }
+
+    /// What the drive's model says about a measured position, while the drive follows commands of this controller.
+    fn compare_with_model(&mut self, joint: JointIndex, sample: PositionSample) -> Option<Cause> {
+        let follows = match self.machine.state() {
+            State::Running { .. } => true,
+            State::Stopping { way, .. } => *way != StopWay::Halted,
+            State::Jogging(jog) => jog.joint == joint,
+            _ => false,
+        };
+        if !follows {
+            return None;
+        }
+        let lag_s = self.settings.drive_lag_us as f32 * 1e-6;
+        self.track.at_mut(joint).model.compare(sample.at, sample.q_rad, lag_s)
+    }
+
+    /// The drive has answered a ramp: it goes to `target_rad` (drive side) with the speed and acceleration that it holds.
+    fn model_command(&mut self, joint: JointIndex, target_rad: f32) {
+        let limits = self.settings.joint.at(joint);
+        // A write without an answer is repeated before the next motion, so both are known.
+        let loaded = self.drives.at(joint).loaded;
+        let v_rad_s = loaded.v_rad_s.unwrap_or(limits.v_max_rad_s);
+        let a_rad_s2 = loaded.a_rad_s2.unwrap_or(limits.a_max_rad_s2);
+        let target_rad = limits.to_joint_rad(target_rad);
+        self.track.at_mut(joint).model.command(target_rad, v_rad_s, a_rad_s2);
     }
 
     fn take_state(&mut self, now: Instant, joint: JointIndex, state: CubeState) {
@@ -321,5 +362,16 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         if !accepted && self.kind().may_move() {
             self.fail(now, Fault::at(Cause::DriveRefused, joint));
         }
+    }
+}
+
+/// Target of a ramp, drive side, rad; none for what is no ramp.
+fn ramp_target(request: &Request) -> Option<f32> {
+    match request {
+        Request::Move(motion) => match motion.command() {
+            MotionCommand::Ramp { target } => Some(target.get()),
+            _ => None,
+        },
+        _ => None,
     }
 }

@@ -29,6 +29,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         if matches!(self.machine.state(), State::Stopped { .. }) {
             self.send_reset(now);
         }
+        self.keep_places();
         self.schedule.clear_all();
         self.offer = None;
         self.home_next(now, mask);
@@ -67,6 +68,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             self.fail(now, Fault::at(Cause::HomingTimeout, homing.joint));
             return;
         }
+        self.judge_places(now, Some(homing.joint));
         for joint in self.joints() {
             if !self.schedule.is_done(joint, self.drives.at(joint)) {
                 continue;
@@ -122,6 +124,8 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
                 HomingStep::Restoring
             }
             (HomingStep::Restoring, Request::Set(Parameter::MaxCur, _)) => {
+                // Its position counts from its zero now.
+                self.keep_places();
                 self.home_next(now, homing.mask & !(1 << joint.get()));
                 return;
             }

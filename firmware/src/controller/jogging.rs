@@ -10,7 +10,9 @@ use protocol::units::Radians;
 use protocol::{Duration, Instant, JointIndex};
 
 use super::Controller;
+use super::boot::RESET_SETTLE;
 use super::standing::REST_SLACK;
+use crate::drive_model::DriveModel;
 use crate::fault::{Cause, Fault, Refusal};
 use crate::joints::clamp;
 use crate::orders::JOG_HOLD_MAX;
@@ -53,6 +55,8 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         if matches!(self.machine.state(), State::Stopped { .. }) {
             self.send_reset(now);
         }
+        let q_rad = self.drives.at(joint).position.map_or(0.0, |position| position.q_rad);
+        self.track.at_mut(joint).model = DriveModel::at_rest(now, q_rad);
         self.schedule.clear_all();
         self.offer = None;
         self.machine.transition_to_jogging(
@@ -111,8 +115,12 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
                     self.schedule.push(jog.joint, Request::Get(parameter));
                 }
             }
+            JogStep::Starting if self.schedule.is_done(jog.joint, self.drives.at(jog.joint)) => {
+                self.begin_to_move(now);
+            }
             JogStep::Starting | JogStep::Restoring => {}
         }
+        self.judge_places(now, Some(jog.joint));
         for joint in self.joints().filter(|&joint| joint != jog.joint) {
             if self.schedule.is_done(joint, self.drives.at(joint)) {
                 self.schedule.push(joint, self.poll_request(joint));
@@ -165,6 +173,13 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         self.set_jog_step(JogStep::Releasing { until });
     }
 
+    /// Current limit, speed and acceleration are set. A drive that was reset opens its brake first.
+    fn begin_to_move(&mut self, now: Instant) {
+        if now >= self.reset_at + RESET_SETTLE {
+            self.set_jog_step(JogStep::Moving);
+        }
+    }
+
     fn set_jog_step(&mut self, step: JogStep) {
         if let State::Jogging(jog) = self.machine.data() {
             jog.step = step;
@@ -184,7 +199,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             return;
         }
         match jog.step {
-            JogStep::Starting => self.set_jog_step(JogStep::Moving),
+            JogStep::Starting => self.begin_to_move(now),
             JogStep::Restoring => self.stand(now),
             JogStep::Moving | JogStep::Releasing { .. } => {}
         }

@@ -38,6 +38,7 @@ use protocol::powercube::{Broadcast, Gate, Parameter, Request, Value};
 use protocol::{Duration, Frame, Instant, JointIndex, Node};
 
 use crate::authority::{Keyring, Peer, Seed, Session, Tokens};
+use crate::drive_model::DriveModel;
 use crate::drives::Drive;
 use crate::feedback::ErrorEstimator;
 use crate::freeze::FreezeFrame;
@@ -98,6 +99,7 @@ struct Sent {
 struct Track {
     estimator: ErrorEstimator,
     generator: Generator,
+    model: DriveModel,
     /// Time of the state in the estimator.
     measured_at: Instant,
     /// A motion was answered since the last control step.
@@ -114,6 +116,8 @@ struct Track {
     reference: Setpoint,
     saturated: bool,
     missed: bool,
+    /// The last position could not be.
+    implausible: bool,
     near_limit_in_row: u8,
 }
 

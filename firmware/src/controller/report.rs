@@ -6,6 +6,7 @@ use protocol::powercube::CubeState;
 use protocol::{Duration, Instant, JointIndex};
 
 use super::Controller;
+use crate::drive_model::DriveModel;
 use crate::spline::Spline;
 use crate::state::{State, StateKind};
 use crate::store::Storage;
@@ -19,6 +20,11 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             self.telemetry_due = now + Duration::from_micros(self.settings.telemetry_period_us.into());
         }
         due
+    }
+
+    /// What a drive should have done with its commands by now, and how far its last answer was from it.
+    pub const fn drive_model(&self, joint: JointIndex) -> &DriveModel {
+        &self.track.at(joint).model
     }
 
     /// Counts since start-up.

@@ -15,6 +15,7 @@ use protocol::{Duration, Instant, JointIndex};
 
 use super::standing::REST_SLACK;
 use super::{Controller, Generator};
+use crate::drive_model::DriveModel;
 use crate::drives::PositionSample;
 use crate::fault::{Cause, Fault};
 use crate::feedback::{self, ErrorState};
@@ -55,6 +56,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             track.estimator = feedback::ErrorEstimator::default();
             track.estimator.update(q_rad - q_start_rad, 0.0, 0.0, 0.0, self.settings.weights());
             track.generator = Generator { at: now, ..Generator::default() };
+            track.model = DriveModel::at_rest(now, q_rad);
             track.measured_at = now;
             // Not a measurement of a motion, but as good: the joint stands.
             track.fresh = true;

@@ -14,6 +14,7 @@
 //! |---|---|
 //! | Ready, Armed, Stopped | fault MovesUnordered, halt broadcast |
 //! | Idle | the same, unless the drive shows BRAKEACTIVE: its position loop is open, and people may move the joint by hand |
+//! | Homing, Jogging | as in Ready, for the joints that are not at work |
 //! | Fault | the halt broadcast is repeated every [`HALT_REPEAT`] until the joint stands; the first cause stays |
 //!
 //! In Fault people may move joints by hand: the repeated halt does not hinder them. In Stopped they may not, although the
@@ -115,7 +116,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
                     return;
                 }
             }
-            self.judge_places(now);
+            self.judge_places(now, None);
         } else if kind == StateKind::Fault {
             self.repeat_halt(now);
         }
@@ -130,9 +131,9 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         }
     }
 
-    /// A joint that moves although the group stands.
-    fn judge_places(&mut self, now: Instant) {
-        for joint in self.joints() {
+    /// A joint that moves although the group stands, or although another one is at work.
+    pub(super) fn judge_places(&mut self, now: Instant, at_work: Option<JointIndex>) {
+        for joint in self.joints().filter(|&joint| Some(joint) != at_work) {
             let drive = self.drives.at(joint);
             let Some(position) = drive.position else { continue };
             // Written so that a position that is no number counts as motion.

@@ -93,7 +93,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
                 let clock = PathClock::starting(now);
                 self.machine.transition_to_stopping(now, &mut self.trace, fault, StopWay::Quick, clock, now);
                 self.schedule.clear_all();
-                self.ramp_down(now, jog.joint, jog.qd_rad_s, limits.jog_a_rad_s2);
+                self.ramp_down(now, jog.joint, limits.jog_a_rad_s2);
                 self.halt_silent(now, fault);
             }
             (State::Boot(_), _) if fault.cause.is_plain_stop() => {
@@ -118,6 +118,9 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     pub(super) fn halt(&mut self, now: Instant) {
         self.schedule.clear_all();
         self.halt_due = now + HALT_REPEAT;
+        for joint in self.joints() {
+            self.track.at_mut(joint).model.stop_watching();
+        }
         self.transmit.halt();
         self.counters.halts = self.counters.halts.saturating_add(1);
         self.note(now, Event::Halt);
@@ -172,20 +175,16 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         self.schedule.clear_all();
         for joint in self.joints() {
             let a_rad_s2 = self.settings.joint.at(joint).a_max_rad_s2;
-            let v_rad_s = self.track.at(joint).generator.v_at(now + STOP_LEAD);
-            self.ramp_down(now, joint, v_rad_s, a_rad_s2);
+            self.ramp_down(now, joint, a_rad_s2);
         }
         self.halt_silent(now, fault);
     }
 
-    /// Ramp of one joint from velocity `v_rad_s` to rest; the stop lasts at least as long.
-    fn ramp_down(&mut self, now: Instant, joint: protocol::JointIndex, v_rad_s: f32, a_rad_s2: f32) {
+    /// Ramp of one joint to rest, from where its generator is by the model of its commands: no measured position leads it,
+    /// because one that is wrong may be the reason to stop. The stop lasts at least as long as the ramp.
+    fn ramp_down(&mut self, now: Instant, joint: protocol::JointIndex, a_rad_s2: f32) {
         let limits = *self.settings.joint.at(joint);
-        let track = self.track.at(joint);
-        let Some(position) = self.drives.at(joint).position else { return };
-        let since_s = span::seconds((now + STOP_LEAD).saturating_since(position.at));
-        let v_then = if track.generator.at >= position.at { track.generator.v_rad_s } else { v_rad_s };
-        let q_rad = position.q_rad + 0.5 * (v_then + v_rad_s) * since_s;
+        let RampState { q_rad, v_rad_s } = self.track.at(joint).model.generator_at(now + STOP_LEAD);
         let ramp_limits = limits.ramp_limits(self.settings.reach_rad);
         let mut command = ramp::stop(RampState { q_rad, v_rad_s }, a_rad_s2, &ramp_limits);
         // The speed in the drive is at least the present one; writing it would cost time.

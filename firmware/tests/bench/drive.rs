@@ -7,6 +7,21 @@ use protocol::powercube::{
 };
 use protocol::units::Radians;
 
+/// What is wrong with the positions of a drive, or with the drive.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Wrong {
+    /// Answers stand still at this position.
+    Frozen(f64),
+    /// Answers run the other way from this position on.
+    Reversed(f64),
+    /// Answers move with this share of the speed from this position on.
+    Creeping(f64, f64),
+    /// Answers are off by this much.
+    Offset(f64),
+    /// Motions are answered and not done: the joint brakes and stays.
+    Deaf,
+}
+
 /// Ramp generator in front of a position loop (wn 320 rad/s, zeta 0.8), position in steps of 0.02 degrees.
 #[derive(Clone, Debug)]
 pub(crate) struct Drive {
@@ -18,6 +33,8 @@ pub(crate) struct Drive {
     pub v_ramp: f64,
     pub a_ramp: f64,
     pub target: Option<f64>,
+    /// Speed and acceleration as written; the next motion takes them.
+    written: (f64, f64),
     pub state: CubeState,
     pub config: Config,
     pub dio: u8,
@@ -34,6 +51,7 @@ pub(crate) struct Drive {
     pub reset_keeps_watchdog: bool,
     /// What the drive shows once its watchdog has expired.
     pub watchdog_shows: CubeState,
+    pub wrong: Option<Wrong>,
     /// Speed of a motion nobody ordered, rad/s; a halt ends it.
     pub creep_rad_s: f64,
     /// Speed of a motion from outside, which the drive does not report, rad/s: a hand, or a brake that slips.
@@ -62,6 +80,7 @@ impl Drive {
             v_ramp: 0.5,
             a_ramp: 1.0,
             target: None,
+            written: (0.5, 1.0),
             state: CubeState::HOME_OK.union(CubeState::RAMP_END),
             config: Config::EMPTY,
             dio: 0,
@@ -73,6 +92,7 @@ impl Drive {
             any_frame_is_life: false,
             reset_keeps_watchdog: false,
             watchdog_shows: CubeState::ERROR.union(CubeState::COMM_ERROR).union(CubeState::HALTED),
+            wrong: None,
             creep_rad_s: 0.0,
             slips_rad_s: 0.0,
             deaf_to_halts: 0,
@@ -133,7 +153,8 @@ impl Drive {
                 (self.q, self.v) = (self.q_gen, self.v_gen);
             } else {
                 let (wn, zeta) = (320.0, 0.8);
-                let a = wn * wn * (self.q_gen - self.q) + 2.0 * zeta * wn * (self.v_gen - self.v);
+                // Damping on the speed itself: the position runs 2 zeta / wn behind, as `drive_lag_us` says.
+                let a = wn * wn * (self.q_gen - self.q) - 2.0 * zeta * wn * self.v;
                 self.v += dt * a;
                 self.q += dt * self.v;
             }
@@ -160,7 +181,14 @@ impl Drive {
             return self.q as f32;
         }
         let step = 0.02f64.to_radians();
-        ((self.q / step).round() * step) as f32
+        let q = match self.wrong {
+            Some(Wrong::Frozen(at)) => at,
+            Some(Wrong::Reversed(at)) => 2.0 * at - self.q,
+            Some(Wrong::Creeping(at, share)) => at + share * (self.q - at),
+            Some(Wrong::Offset(by)) => self.q + by,
+            Some(Wrong::Deaf) | None => self.q,
+        };
+        ((q / step).round() * step) as f32
     }
 
     /// A frame to this drive or to all has come.
@@ -231,10 +259,8 @@ impl Drive {
             ),
             Request::Set(parameter, value) => {
                 match (parameter, value) {
-                    (Parameter::TargetVel, Value::F32(v)) => self.v_ramp = v.into(),
-                    (Parameter::TargetAcc, Value::F32(a)) => {
-                        self.a_ramp = if self.refuses() { self.a_ramp } else { a.into() }
-                    }
+                    (Parameter::TargetVel, Value::F32(v)) => self.written.0 = v.into(),
+                    (Parameter::TargetAcc, Value::F32(a)) => self.written.1 = a.into(),
                     (Parameter::Config, Value::U32(bits)) => self.config = Config::from_bits(bits),
                     (Parameter::MaxCur, Value::F32(a)) => self.max_cur = a,
                     (Parameter::DioData, Value::U32(bits)) => self.dio = bits as u8 & 0xF0,
@@ -245,7 +271,10 @@ impl Drive {
             Request::Move(motion) => {
                 let MotionCommand::Ramp { target } = motion.command() else { return None };
                 let position = MotionPosition::Radians(Radians::new(self.q_reported()));
-                if !self.refuses() {
+                if self.wrong == Some(Wrong::Deaf) {
+                    self.target = Some(self.q_gen + 0.5 * self.v_gen * self.v_gen.abs() / self.a_ramp);
+                } else if !self.refuses() {
+                    (self.v_ramp, self.a_ramp) = self.written;
                     self.target = Some(target.get().into());
                 }
                 Reply::MotionExtended {

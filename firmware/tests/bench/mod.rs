@@ -7,7 +7,8 @@ mod drive;
 
 use std::collections::VecDeque;
 
-pub(crate) use drive::Drive;
+#[allow(unused_imports)]
+pub(crate) use drive::{Drive, Wrong};
 
 use firmware::Controller;
 use firmware::authority::{Peer, Seed};

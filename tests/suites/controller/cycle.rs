@@ -65,7 +65,8 @@ fn default_period_holds_with_drives_that_answer_in_200_us_give_or_take_100() {
         let Cycles::Ran { worst_us, late, cycles } = throw(&Settings::powercube6(), (200, 100), seed) else {
             panic!("refused")
         };
-        assert!((2_000..3_000).contains(&worst_us), "{worst_us}");
+        // Late cycles are counted, not measured: what is measured ends with its period at the latest.
+        assert!((2_000..=3_000).contains(&worst_us), "{worst_us}");
         assert!(u32::from(late) * 50 <= cycles, "{late} of {cycles} late");
     }
 }

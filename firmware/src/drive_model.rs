@@ -1,0 +1,435 @@
+//! What a drive should do with its commands, and how far its answers are from it (pure).
+//!
+//! # Model
+//!
+//! A drive has a ramp generator (speed V, acceleration A, target) and a position loop behind it. The position follows
+//! the generator by a lag of 2ζ/ω: a first-order lag of the same time differs from the real loop by less than
+//! 1e-5 s² of the acceleration, 0.2 mrad. A drive takes over a command at the moment at which it measures the position that
+//! it answers with, so one time serves for both. The model takes V and A from acknowledged writes and the target from answered
+//! motions; it never sees the law, so a law that is misled by a wrong position does not mislead the model.
+//!
+//! # Residual
+//!
+//! ```text
+//! r  = q_measured - q_model                              position residual, rad
+//! q_generator += 2κ r,  v_generator += κ² r / dt         κ = dt / 0.1 s: a slow observer; r limited to its bound
+//! d' = κ² r / dt - d / 0.3 s                             speed residual, rad/s: what the observer had to add lately
+//! ```
+//!
+//! The observer takes out what adds up: each command begins some tenths of a millisecond earlier or later than the answer
+//! tells, and leaves an error of speed of that time times the change of acceleration.
+//!
+//! # Gate
+//!
+//! ```text
+//! |r| <= R0 + |v| T_J + loose · 0.05 s       in two answers in a row, else the drive does not do what it should
+//! |d| <= D0 + loose                          in each answer
+//! ```
+//!
+//! `loose` is the speed that is not known because a motion was not answered: the drive has taken it, or has not. It is the
+//! difference of the two accelerations times the time until the next answer, and fades as `d` does.
+//!
+//! # What follows from the gate
+//!
+//! A drive whose answers stand still, run backwards or ignore the commands is found at the second answer after its model has
+//! moved by `R0 + |v| T_J`, two cycles. [`excursion_max_rad`] bounds how far the joint moves from the moment its answers
+//! stand still until it is at rest. Answers that depart from the model more slowly than `D0` are not found here: positions that
+//! are true but slow are the control law's business; positions that are false cannot be told from true ones by one encoder.
+
+use protocol::Instant;
+
+use crate::fault::Cause;
+use crate::joints::{at_least, at_most, clamp};
+use crate::ramp::RampState;
+use crate::span;
+
+/// Largest position residual of a drive at rest, rad: eight and a half steps of the encoder (0.35 mrad). Healthy drives of 200
+/// perturbed arms use a quarter of the gate (`tests/suites/controller/residual.rs`); the rest is for drives whose position
+/// loop is not the one in the settings: one without lag reaches three quarters.
+pub const R0_RAD: f32 = 3e-3;
+/// Uncertainty of the time of an answer, s: it waits for the bus up to five answers of other drives and a frame of Cyphal.
+pub const T_JITTER_S: f32 = 0.8e-3;
+/// Largest speed residual, rad/s.
+pub const D0_RAD_S: f32 = 0.06;
+/// Position residuals above the bound in a row that stop the group: one may be an answer that was mixed up on the bus.
+pub const OVER_ROW: u8 = 2;
+
+/// Time constant of the observer, s.
+const OBSERVER_S: f32 = 0.1;
+/// Time over which the speed residual is looked at, s.
+const DRIFT_S: f32 = 0.3;
+
+/// A drive as its commands should have left it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct DriveModel {
+    /// Generator at `at`.
+    generator: RampState,
+    target_rad: f32,
+    v_ramp_rad_s: f32,
+    a_ramp_rad_s2: f32,
+    at: Instant,
+    /// How far the position is behind the generator, rad.
+    behind_rad: f32,
+    r_rad: f32,
+    drift_rad_s: f32,
+    /// Acceleration by which the two possible motions differ after a motion without an answer, rad/s².
+    doubt_rad_s2: f32,
+    loose_rad_s: f32,
+    /// Measured position when the residual was last small, and how far the model has moved since, rad.
+    calm_rad: f32,
+    moved_rad: f32,
+    /// Last answer, and how far the model has moved while the answers were this one, rad.
+    answer_rad: f32,
+    still_rad: f32,
+    /// The first residual above the bound came in one step of this size, rad.
+    step_rad: f32,
+    over: u8,
+    /// Answers are compared.
+    watching: bool,
+}
+
+impl DriveModel {
+    /// A drive that stands at the measured position.
+    pub fn at_rest(at: Instant, q_rad: f32) -> Self {
+        Self {
+            generator: RampState { q_rad, v_rad_s: 0.0 },
+            target_rad: q_rad,
+            at,
+            calm_rad: q_rad,
+            watching: true,
+            ..Self::default()
+        }
+    }
+
+    /// The drive got a command that is not modelled (a halt), or it was found wrong: no answer is compared until the next
+    /// [`Self::at_rest`].
+    pub const fn stop_watching(&mut self) {
+        self.watching = false;
+    }
+
+    /// Last position residual, rad.
+    pub const fn r_rad(&self) -> f32 {
+        self.r_rad
+    }
+
+    /// Last speed residual, rad/s.
+    pub const fn drift_rad_s(&self) -> f32 {
+        self.drift_rad_s
+    }
+
+    /// Largest position residual of a healthy drive at present, rad.
+    pub fn r_max_rad(&self) -> f32 {
+        R0_RAD + self.generator.v_rad_s.abs() * T_JITTER_S + 0.5 * OBSERVER_S * self.loose_rad_s
+    }
+
+    /// Largest speed residual of a healthy drive at present, rad/s.
+    pub const fn drift_max_rad_s(&self) -> f32 {
+        D0_RAD_S + self.loose_rad_s
+    }
+
+    /// The generator at a time after the last answer.
+    pub fn generator_at(&self, t: Instant) -> RampState {
+        let dt_s = span::seconds(t.saturating_since(self.at));
+        after(self.generator, self.target_rad, self.v_ramp_rad_s, self.a_ramp_rad_s2, dt_s)
+    }
+
+    /// The drive has answered a motion: this is what it does from the last compared answer on.
+    pub const fn command(&mut self, target_rad: f32, v_ramp_rad_s: f32, a_ramp_rad_s2: f32) {
+        (self.target_rad, self.v_ramp_rad_s, self.a_ramp_rad_s2) = (target_rad, v_ramp_rad_s, a_ramp_rad_s2);
+        self.doubt_rad_s2 = 0.0;
+    }
+
+    /// A motion was not answered: the drive may have taken it or not.
+    pub fn doubt(&mut self, a_rad_s2: f32) {
+        self.doubt_rad_s2 = at_least(self.a_ramp_rad_s2 + a_rad_s2.abs(), self.doubt_rad_s2);
+    }
+
+    /// Compares an answer with the model: the cause, if the drive does not do what it should.
+    pub fn compare(&mut self, at: Instant, q_rad: f32, lag_s: f32) -> Option<Cause> {
+        if !self.watching {
+            return None;
+        }
+        let dt_s = span::seconds(at.saturating_since(self.at));
+        let moved_rad = self.advance(at, dt_s, lag_s);
+        let r_before = self.r_rad;
+        self.r_rad = q_rad - (self.generator.q_rad - self.behind_rad);
+        self.correct(dt_s);
+
+        let r_max_rad = self.r_max_rad();
+        // Each written so that a number that is none is a fault.
+        let near = self.r_rad.abs() <= r_max_rad;
+        let slow = self.drift_rad_s.abs() <= self.drift_max_rad_s();
+        if self.r_rad.abs() <= 0.25 * r_max_rad {
+            (self.calm_rad, self.moved_rad) = (q_rad, 0.0);
+        } else {
+            self.moved_rad += moved_rad;
+        }
+        self.still_rad = if q_rad == self.answer_rad { self.still_rad + moved_rad } else { 0.0 };
+        self.answer_rad = q_rad;
+        if near {
+            self.over = 0;
+        } else {
+            if self.over == 0 {
+                self.step_rad = self.r_rad - r_before;
+            }
+            self.over = self.over.saturating_add(1);
+        }
+        if self.over < OVER_ROW && slow {
+            return None;
+        }
+        let stepped = self.over > 0
+            && self.step_rad.abs() > 0.7 * r_max_rad
+            && (self.r_rad - r_before).abs() < 0.5 * self.step_rad.abs();
+        self.watching = false;
+        Some(self.name(q_rad, r_max_rad, stepped))
+    }
+
+    fn name(&self, q_rad: f32, r_max_rad: f32, stepped: bool) -> Cause {
+        let (measured_rad, modelled_rad) = (q_rad - self.calm_rad, self.moved_rad);
+        let modelled = modelled_rad.abs() > 0.5 * r_max_rad;
+        if self.still_rad.abs() > 0.25 * r_max_rad {
+            Cause::PositionFrozen
+        } else if stepped {
+            Cause::PositionJumped
+        } else if !modelled && self.generator.v_rad_s.abs() < D0_RAD_S {
+            Cause::MovesUnordered
+        } else if measured_rad * modelled_rad < 0.0 {
+            Cause::MotionReversed
+        } else {
+            Cause::MotionNotFollowed
+        }
+    }
+
+    /// Lets the time up to an answer pass; returns how far the position has moved.
+    fn advance(&mut self, at: Instant, dt_s: f32, lag_s: f32) -> f32 {
+        let before = self.generator;
+        self.generator = self.generator_at(at);
+        self.at = at;
+        let behind_before = self.behind_rad;
+        if lag_s > 0.0 && dt_s > 0.0 {
+            let (v0, v1) = (before.v_rad_s, self.generator.v_rad_s);
+            let bend = lag_s * lag_s * (v1 - v0) / dt_s;
+            let x = dt_s / lag_s;
+            // e^-x, good to 7 % of it at one period of 17 ms, better below.
+            let left = 1.0 / (1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0))));
+            self.behind_rad = lag_s * v1 - bend + (behind_before - lag_s * v0 + bend) * left;
+        }
+        self.loose_rad_s += self.doubt_rad_s2 * dt_s;
+        self.generator.q_rad - before.q_rad - self.behind_rad + behind_before
+    }
+
+    fn correct(&mut self, dt_s: f32) {
+        let k = at_most(dt_s / OBSERVER_S, 0.5);
+        // One answer that was mixed up on the bus does not lead the model away.
+        let r_max_rad = self.r_max_rad();
+        let r_rad = clamp(self.r_rad, -r_max_rad, r_max_rad);
+        let dv_rad_s = k * k * r_rad / at_least(dt_s, 1e-4);
+        self.generator.q_rad += 2.0 * k * r_rad;
+        self.generator.v_rad_s += dv_rad_s;
+        let fade = 1.0 - at_most(dt_s / DRIFT_S, 1.0);
+        self.drift_rad_s = self.drift_rad_s * fade + dv_rad_s;
+        // As slowly as what it explains.
+        self.loose_rad_s *= fade;
+    }
+}
+
+/// How far a joint moves from the moment its answers stand still until it rests, at most, rad.
+///
+/// The joint has the speed `v_rad_s` then, and the worst command accelerates it with `a_max` until the gate has seen
+/// enough. Way until the gate acts: its bound, a half more for what the observer takes out meanwhile, two answers and one
+/// more period until all drives have their stop. Then a ramp to rest with `a_max`.
+pub fn excursion_max_rad(v_rad_s: f32, v_max_rad_s: f32, a_max_rad_s2: f32, period_s: f32) -> f32 {
+    let wait_s = (f32::from(OVER_ROW) + 1.0) * period_s;
+    // Speed after a way w from v with a: sqrt(v² + 2 a w).
+    let way_rad = 1.5 * (R0_RAD + v_max_rad_s * T_JITTER_S);
+    let v_gate = at_most(libm::sqrtf(v_rad_s * v_rad_s + 2.0 * a_max_rad_s2 * way_rad), v_max_rad_s);
+    let v_stop = at_most(v_gate + a_max_rad_s2 * wait_s, v_max_rad_s);
+    way_rad + v_stop * wait_s + 0.5 * v_stop * v_stop / a_max_rad_s2
+}
+
+/// Ramp generator `dt_s` later: towards the target with at most `v_ramp`, changing its speed with `a`.
+fn after(from: RampState, target_rad: f32, v_ramp_rad_s: f32, a_rad_s2: f32, dt_s: f32) -> RampState {
+    let RampState { q_rad, v_rad_s } = from;
+    if a_rad_s2 <= 0.0 {
+        // No motion was commanded yet.
+        return RampState { q_rad: q_rad + v_rad_s * dt_s, v_rad_s };
+    }
+    let a = a_rad_s2;
+    let rest_rad = target_rad - (q_rad + 0.5 * v_rad_s * v_rad_s.abs() / a);
+    let s = if rest_rad > 0.0 || (rest_rad == 0.0 && v_rad_s > 0.0) { 1.0 } else { -1.0 };
+    // All in the direction of travel from here on.
+    let (d, u, v_max) = (s * (target_rad - q_rad), s * v_rad_s, at_least(v_ramp_rad_s, 1e-6));
+    let give = |way: f32, v: f32| RampState { q_rad: q_rad + s * way, v_rad_s: s * v };
+    let way_of = |a: f32, t: f32| t * (u + 0.5 * a * t);
+
+    // Mostly it still changes its speed after the whole time.
+    let (first_a, w, t1) = if u > v_max {
+        (-a, v_max, (u - v_max) / a)
+    } else {
+        let u1 = u + a * dt_s;
+        if u1 <= v_max && d - way_of(a, dt_s) >= 0.5 * u1 * u1.abs() / a {
+            return give(way_of(a, dt_s), u1);
+        }
+        let peak = libm::sqrtf(at_least(a * d + 0.5 * u * u, 0.0));
+        let w = at_most(peak, v_max);
+        (a, w, at_least((w - u) / a, 0.0))
+    };
+    if dt_s <= t1 {
+        return give(way_of(first_a, dt_s), u + first_a * dt_s);
+    }
+    let (way1, t) = (way_of(first_a, t1), dt_s - t1);
+    let cruise = at_least(d - way1 - 0.5 * w * w / a, 0.0);
+    if w * t <= cruise {
+        return give(way1 + w * t, w);
+    }
+    let t3 = t - cruise / at_least(w, 1e-6);
+    if a * t3 < w {
+        return give(way1 + cruise + t3 * (w - 0.5 * a * t3), w - a * t3);
+    }
+    RampState { q_rad: target_rad, v_rad_s: 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Generator in small steps in double precision: an oracle that switches by itself.
+    fn by_steps(from: RampState, target: f64, v_ramp: f64, a: f64, seconds: f64) -> (f64, f64) {
+        let (mut q, mut v, dt) = (f64::from(from.q_rad), f64::from(from.v_rad_s), 2e-6);
+        for _ in 0..(seconds / dt).round() as usize {
+            let d = target - q;
+            let towards = d * v > 0.0;
+            let wanted = if towards && v * v / (2.0 * a) >= d.abs() { 0.0 } else { d.signum() * v_ramp };
+            let dv = (wanted - v).clamp(-a * dt, a * dt);
+            q += dt * (v + 0.5 * dv);
+            v += dv;
+        }
+        (q, v)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(60))]
+        #[test]
+        fn generator_in_closed_form_agrees_with_small_steps(
+            v in -2.5f32..2.5, target in -1.0f32..1.0, v_ramp in 0.05f32..2.6, a in 0.3f32..10.0, t in 0.0f32..0.4,
+        ) {
+            let from = RampState { q_rad: 0.1, v_rad_s: v };
+            let (q, speed) = by_steps(from, target.into(), v_ramp.into(), a.into(), t.into());
+            let model = after(from, target, v_ramp, a, t);
+            prop_assert!((f64::from(model.q_rad) - q).abs() < 2e-4, "{model:?}, {q} {speed}");
+            prop_assert!((f64::from(model.v_rad_s) - speed).abs() < 8e-3, "{model:?}, {q} {speed}");
+        }
+
+        /// Many short looks see what one long one sees.
+        #[test]
+        fn generator_does_not_depend_on_how_often_it_is_looked_at(
+            v in -2.5f32..2.5, target in -1.0f32..1.0, a in 0.3f32..10.0, looks in 2u16..60,
+        ) {
+            let from = RampState { q_rad: 0.1, v_rad_s: v };
+            let once = after(from, target, 1.5, a, 0.3);
+            let mut often = from;
+            for _ in 0..looks {
+                often = after(often, target, 1.5, a, 0.3 / f32::from(looks));
+            }
+            prop_assert!((once.q_rad - often.q_rad).abs() < 1e-4, "{once:?} {often:?}");
+        }
+    }
+
+    /// A joint on a ramp of 2 rad/s2 to 1 rad/s, answers every 3 ms; the reported position is what `report` makes of the
+    /// true one. The time at which the model objects, and how.
+    fn watched(report: impl Fn(f32, f32) -> f32) -> Option<(u64, Cause)> {
+        let mut model = DriveModel::at_rest(Instant::ZERO, 0.0);
+        model.command(3.0, 1.0, 2.0);
+        let start = RampState { q_rad: 0.0, v_rad_s: 0.0 };
+        for k in 1..300u64 {
+            let t = k as f32 * 0.003;
+            // The loop's lag after its transient.
+            let truth = after(start, 3.0, 1.0, 2.0, (t - 0.005).max(0.0)).q_rad;
+            let step = 0.02f32.to_radians();
+            let reported = (report(t, truth) / step).round() * step;
+            if let Some(cause) = model.compare(Instant::from_micros(3_000 * k), reported, 0.005) {
+                return Some((3 * k, cause));
+            }
+        }
+        None
+    }
+
+    #[test]
+    fn healthy_drive_is_never_objected_to() {
+        assert_eq!(watched(|_, q| q), None);
+    }
+
+    #[test]
+    fn each_way_to_be_wrong_has_its_name_and_is_found_in_its_time() {
+        let frozen_at = |t: f32, q: f32, from: f32, kept: f32| if t > from { kept } else { q };
+        // From 0.3 s on with 0.6 rad/s: 5 mrad are gone in 8 ms, two answers more.
+        let (at, cause) = watched(|t, q| frozen_at(t, q, 0.3, 0.087)).unwrap();
+        assert!((303..=318).contains(&at) && cause == Cause::PositionFrozen, "{at} {cause:?}");
+        let (at, cause) = watched(|t, q| if t > 0.3 { 2.0 * 0.087 - q } else { q }).unwrap();
+        assert!((303..=315).contains(&at) && cause == Cause::MotionReversed, "{at} {cause:?}");
+        let (at, cause) = watched(|t, q| if t > 0.6 { q + 0.012 } else { q }).unwrap();
+        assert!((603..=609).contains(&at) && cause == Cause::PositionJumped, "{at} {cause:?}");
+        let (at, cause) = watched(|_, q| 0.4 * q).unwrap();
+        assert!((60..=150).contains(&at) && cause == Cause::MotionNotFollowed, "{at} {cause:?}");
+        let (at, cause) = watched(|_, q| 0.0 * q).unwrap();
+        assert!((60..=100).contains(&at) && cause == Cause::PositionFrozen, "{at} {cause:?}");
+        assert!(watched(|t, q| if t > 0.3 { f32::NAN } else { q }).is_some());
+    }
+
+    #[test]
+    fn drive_that_moves_while_it_is_commanded_to_rest_is_found() {
+        for speed in [0.2f32, -0.5, 1.5] {
+            let mut model = DriveModel::at_rest(Instant::ZERO, 1.0);
+            model.command(1.0, 0.5, 1.0);
+            let found = (1..200u64).find_map(|k| {
+                let q_rad = 1.0 + speed * k as f32 * 0.003;
+                Some((k, model.compare(Instant::from_micros(3_000 * k), q_rad, 0.005)?))
+            });
+            let (cycle, cause) = found.unwrap();
+            assert_eq!(cause, Cause::MovesUnordered, "{speed}");
+            let bound = (1.3 * R0_RAD / (speed.abs() * 0.003)) as u64 + 3;
+            assert!((2..=bound).contains(&cycle), "{speed}: {cycle} of {bound}");
+        }
+    }
+
+    /// Whether the drive has taken the motion that it did not answer, or not: no objection.
+    #[test]
+    fn motion_without_an_answer_is_no_reason_to_object() {
+        for period_us in [3_000u64, 17_000] {
+            for (taken, a) in [(true, 10.0), (false, 10.0), (true, 2.0), (false, 2.0)] {
+                let mut model = DriveModel::at_rest(Instant::ZERO, 0.0);
+                let mut truth = RampState { q_rad: 0.0, v_rad_s: 0.0 };
+                let dt = period_us as f32 * 1e-6;
+                let (mut believed, mut real) = (3.0f32, 3.0f32);
+                model.command(believed, 2.0, a);
+                for k in 1..100u64 {
+                    truth = after(truth, real, 2.0, a, dt);
+                    let lost = k == 10;
+                    let next = if (k / 10) % 2 == 0 { 3.0 } else { -3.0 };
+                    if lost {
+                        model.doubt(a);
+                        real = if taken { next } else { real };
+                        continue;
+                    }
+                    let q_rad = truth.q_rad - 0.005 * truth.v_rad_s;
+                    let cause = model.compare(Instant::from_micros(period_us * k), q_rad, 0.005);
+                    assert_eq!(
+                        cause, None,
+                        "{period_us} us, taken {taken}, {a} rad/s2, answer {k}: {model:?}"
+                    );
+                    (believed, real) = (next, next);
+                    model.command(believed, 2.0, a);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn excursion_grows_with_speed_and_stays_below_a_tenth_of_a_turn() {
+        let bound = |v| excursion_max_rad(v, 2.6, 10.4, 0.003);
+        assert!(bound(0.0) < bound(1.0) && bound(1.0) < bound(2.6));
+        assert!((0.01..0.03).contains(&bound(0.0)), "{}", bound(0.0));
+        assert!((0.33..0.40).contains(&bound(2.6)), "{}", bound(2.6));
+    }
+}
