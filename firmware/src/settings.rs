@@ -169,8 +169,7 @@ impl Settings {
 
     /// The PowerCube arm (`powercube6`), gains of the certified saturated design at 3 ms.
     ///
-    /// Gains and certificate: `host/gains/powercube6-3ms.toml`, made by `cubectl tune --design saturated --period 0.003
-    /// --error-position 0.02 --error-velocity 0.02`. Its initial errors are the start tolerance here: from farther away no
+    /// Gains and certificate: `host/gains/powercube6-3ms.toml`, made by `host/gains/make`. Its initial errors are the start tolerance here: from farther away no
     /// plan starts.
     /// Speeds, accelerations and currents: paper 002, table II and eq. (11). Following error,
     /// tolerance and slow speeds are chosen.
@@ -205,9 +204,9 @@ impl Settings {
                 k_last: gains.2,
             }
         }
-        const PR: (f32, f32, f32) = (-475.693_82, -34.304_443, -0.256_924_57);
-        const PW_1: (f32, f32, f32) = (-715.509_1, -43.119_01, -0.319_249_18);
-        const PW_2: (f32, f32, f32) = (-991.848_4, -51.951_473, -0.380_568_6);
+        const PR: (f32, f32, f32) = (-314.848_14, -27.242_262, -0.198_569_52);
+        const PW_1: (f32, f32, f32) = (-513.861_8, -35.654_125, -0.256_924_57);
+        const PW_2: (f32, f32, f32) = (-656.476_14, -40.876_137, -0.292_596_58);
         let j1 = joint(1, (-180.0, 180.0), 149.0, 10.4, 30.0, PR);
         let j2 = joint(2, (-240.0, 60.0), 149.0, 10.4, 30.0, PR);
         let j3 = joint(3, (-230.0, 50.0), 149.0, 10.4, 30.0, PR);
@@ -236,7 +235,7 @@ impl Settings {
             watchdog_timeout_us: 50_000,
             gains_period_us: 3_000,
             gains_robot_crc32: POWERCUBE6_CRC32,
-            gains_certificate_crc32: 0xB97A_74E3,
+            gains_certificate_crc32: 0x8C40_7B24,
             limits_robot_crc32: POWERCUBE6_CRC32,
             estimator_alpha: 0.6,
             estimator_beta: 0.2,
@@ -264,20 +263,20 @@ impl Settings {
         let mut settings = Self::powercube6();
         settings.cycle_period_us = 17_000;
         settings.gains_period_us = 17_000;
-        settings.gains_certificate_crc32 = 0xDF51_8E7B;
+        settings.gains_certificate_crc32 = 0x1405_71AB;
         settings.reply_deadline_us = 6_000;
         settings.estimator_alpha = 1.0;
         settings.estimator_beta = 1.0;
         let PerJoint([a, b, c, d, e, f, g, h]) = &mut settings.joint;
         let joints = [a, b, c, d, e, f, g, h];
-        const PR: (f32, f32, f32) = (-356.477_94, -34.123_882, -0.653_256);
+        const PR: (f32, f32, f32) = (-294.525_6, -30.211_485, -0.569_498_3);
         const GAINS: [(f32, f32, f32); 8] = [
             PR,
             PR,
             PR,
             PR,
-            (-536.191_96, -48.617_653, -0.924_132_4),
-            (-631.299_44, -53.821_36, -1.014_267_1),
+            (-480.693_5, -45.174_12, -0.842_663_65),
+            (-614.102_5, -52.545_9, -0.968_054_3),
             PR,
             PR,
         ];

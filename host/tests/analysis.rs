@@ -139,7 +139,16 @@ fn log_by_hand(arm: &Arm, plan: &PlanFile) -> Vec<Line> {
 
 /// A whole log, its start to be found, its drives as in the robot file.
 fn whole<'a>(lines: &'a [Line], plan: &'a PlanFile, arm: &'a Arm) -> Run<'a> {
-    Run { lines, plan, arm, start: None, drives: None, gripper_opening: None, bit_rate_bit_s: 1_000_000 }
+    Run {
+        lines,
+        plan,
+        arm,
+        start: None,
+        drives: None,
+        gripper_opening: None,
+        bit_rate_bit_s: 1_000_000,
+        certified: None,
+    }
 }
 
 #[test]

@@ -91,3 +91,44 @@ fn upload_and_run_take_plans_too_and_run_refuses_an_arm_that_stands_elsewhere() 
     assert_eq!(code(&refused), 4);
     assert!(err(&refused).contains("neither a plan (JSON) nor a trajectory file"), "{}", err(&refused));
 }
+
+/// Longest frame of a drive, 111 bits and all stuff bits, s at 1 Mbit/s.
+const FRAME_S: f64 = 133e-6;
+
+/// The frames on the bus are the witness: a command waits for the frame that occupies the bus at its slot and for answers of
+/// the other drives in flight, four in all. At 17 ms drives do not meet; a frame of the host link may, and one answer.
+#[test]
+fn commands_to_a_drive_keep_their_slots_and_the_certificate_covers_them() {
+    for (period, period_s, frames) in [("3", 0.003, 4.0), ("17", 0.017, 2.0)] {
+        let folder = Folder::new("throw-slots");
+        let thrown = folder.file("a");
+        let target =
+            ["throw", "--target", "1.0,1.0,-1.0", "--no-store", "--period", period, "--out", &thrown];
+        let output = cubectl(&target);
+        assert_eq!(code(&output), 0, "{}", err(&output));
+        assert!(out(&output).contains("timing inside the certificate"), "{}", out(&output));
+        let report = summary(&folder, "a");
+        assert_eq!(report["timing"]["verdict"], "inside the certificate", "{:#}", report["timing"]);
+        let coverage = &report["analysis"]["coverage"];
+        let number = |value: &serde_json::Value| value.as_f64().unwrap();
+        println!(
+            "{period} ms: {} intervals, beyond 2, 5, 10 %: {}, landing error {} m",
+            coverage["intervals"], coverage["beyond_2_5_10_percent"], report["landing_error_m"]
+        );
+        let mut largest_s = 0.0f64;
+        for joint in coverage["joints"].as_array().unwrap() {
+            println!(
+                "  commands {} measurements {}",
+                joint["command_interval_s"], joint["measurement_interval_s"]
+            );
+            let range = &joint["command_interval_s"];
+            let off_s = (number(&range["max_s"]) - period_s).max(period_s - number(&range["min_s"]));
+            assert!(off_s <= frames * FRAME_S, "{off_s}: {joint:#}");
+            largest_s = largest_s.max(off_s);
+        }
+        assert!(largest_s > 5e-6, "no frame ever met another: {largest_s}");
+        let beyond_ten_percent = number(&coverage["beyond_2_5_10_percent"][2]);
+        let share = beyond_ten_percent / number(&coverage["intervals"]);
+        assert!(share <= 0.01, "{share} of the commands more than 10 % off");
+    }
+}

@@ -22,6 +22,7 @@
 
 pub mod bus;
 pub mod collect;
+pub mod coverage;
 pub mod currents;
 pub mod distribution;
 pub mod drives;
@@ -39,6 +40,7 @@ use crate::plan::file::PlanFile;
 use crate::plan::throw::Arm;
 
 use bus::BusUse;
+use coverage::{Certified, Coverage};
 use currents::SupplyCurrents;
 use drives::Drives;
 use events::{Event, FirstFault};
@@ -76,6 +78,8 @@ pub struct Run<'a> {
     pub gripper_opening: Option<Duration>,
     /// Bit rate of the bus, bit/s.
     pub bit_rate_bit_s: u32,
+    /// Timing that the gains of the run are certified for; `None` if nobody knows.
+    pub certified: Option<Certified>,
 }
 
 /// Why a log cannot be analysed.
@@ -134,6 +138,8 @@ pub struct RunAnalysis {
     pub supplies: Vec<SupplyCurrents>,
     /// Control cycles during the plan.
     pub cycles: Cycles,
+    /// Whether their timing stayed within the certificate of the gains.
+    pub coverage: Option<Coverage>,
     /// Answers of the drives during the plan.
     pub answers: Answers,
     /// Bus time taken.
@@ -215,6 +221,7 @@ pub fn analyse(run: &Run<'_>) -> Result<RunAnalysis, AnalysisError> {
         joints,
         supplies: currents::supplies(plan, run.arm, &heard),
         cycles: timing::cycles(&heard, plan.end_time_s),
+        coverage: run.certified.map(|certified| coverage::coverage(&heard, plan.end_time_s, certified)),
         answers: timing::answers(run.lines, clock, plan.end_time_s),
         bus: bus::usage(run.lines, clock, plan.end_time_s, bit_s),
         counts: heard.counts(plan.end_time_s),

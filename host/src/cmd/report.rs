@@ -136,6 +136,7 @@ pub fn read(
         drives: told("drives").and_then(|drives| serde_json::from_value(drives).ok()),
         gripper_opening: told("gripper_opening_us").and_then(|us| us.as_u64()).map(Duration::from_micros),
         bit_rate_bit_s,
+        certified: told("certified_timing").and_then(|timing| serde_json::from_value(timing).ok()),
     };
     let (analysis, events) = match analyse(&run) {
         Ok(analysis) => (Ok(analysis), Vec::new()),

@@ -16,6 +16,18 @@ const BUILT_IN: [(u32, &str); 5] = [
     (30_000, include_str!("../../gains/powercube6-30ms.toml")),
 ];
 
+/// Gains of the emulated board, which has them built in.
+const EMULATED_BOARD: &str = include_str!("../../gains/powercube6-34ms.toml");
+
+/// The file of a certificate, by its checksum, if it came with the program.
+#[must_use]
+pub fn built_in_of(certificate_crc32: u64) -> Option<GainsFile> {
+    let texts = BUILT_IN.iter().map(|(_, text)| *text).chain([EMULATED_BOARD]);
+    texts
+        .filter_map(|text| GainsFile::from_toml(text, "powercube6").ok())
+        .find(|file| u64::from(firmware::crc::Crc32::of(file.to_toml().as_bytes())) == certificate_crc32)
+}
+
 /// Control periods for which there are gains, µs, shortest first.
 pub const PERIODS_US: [u32; 5] = [BUILT_IN[0].0, BUILT_IN[1].0, BUILT_IN[2].0, BUILT_IN[3].0, BUILT_IN[4].0];
 

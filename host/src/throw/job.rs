@@ -8,8 +8,10 @@ use protocol::{Duration, Instant};
 use robot_model::collision::Scene;
 
 use super::approach::{ApproachError, rest_to_rest};
+use super::gains::built_in_of;
 use super::outcome::{Ball, Landing, LandingSource};
 use super::trajectory::{Motion, TrajectoryError, robot_crc32};
+use crate::analysis::coverage::Certified;
 use crate::analysis::drives::Drives;
 use crate::analysis::{Run, RunAnalysis, analyse};
 use crate::bus::Session;
@@ -196,6 +198,8 @@ pub struct Record {
     pub gains_robot_crc32: u64,
     /// Checksum of their certificate; 0: none.
     pub certificate_crc32: u64,
+    /// Timing that it covers; `None` if the file of the certificate is not known.
+    pub certified: Option<Certified>,
     /// Duration of the way to the start, s; `None`: it stood there.
     pub approach_s: Option<f64>,
     /// Name of the throw's file in the controller.
@@ -428,6 +432,10 @@ fn agree(session: &mut Session, node: NodeId, job: &Job<'_>, record: &mut Record
     }
     record.gains_robot_crc32 = session.natural(node, "gains.robot_crc32")?;
     record.certificate_crc32 = session.natural(node, "gains.certificate_crc32")?;
+    record.certified = match job.gains {
+        Some(file) => Certified::of(file),
+        None => built_in_of(record.certificate_crc32).and_then(|file| Certified::of(&file)),
+    };
     record.drives = Some(drives_of(session, node)?);
     record.gripper_opening = Some(Duration::from_micros(session.natural(node, "gripper.opening_us")?));
     Ok(())
@@ -462,6 +470,7 @@ fn analysed(job: &Job<'_>, record: &Record, lines: &[Line]) -> Option<RunAnalysi
         drives: record.drives,
         gripper_opening: record.gripper_opening,
         bit_rate_bit_s: job.bit_rate_bit_s,
+        certified: record.certified,
     };
     analyse(&run).ok()
 }

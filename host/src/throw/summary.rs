@@ -17,6 +17,9 @@ use crate::plan::file::VERSION as PLAN_VERSION;
 /// Version of the file.
 pub const VERSION: u32 = 2;
 
+/// Text for a run whose timing nobody can judge.
+pub const NOT_COMPARED: &str = "the timing is not compared with a certificate: none is known for the gains of this controller, or the run was not heard";
+
 /// What only the caller knows.
 #[derive(Clone, Debug, Default)]
 pub struct Circumstances<'a> {
@@ -100,6 +103,8 @@ pub fn summary(job: &Job<'_>, record: &Record, verdict: &Verdict, about: &Circum
             "error_rms_rad": of_joints(analysis, |error| error.rms),
         })),
         "analysis": record.analysis,
+        "certified_timing": record.certified,
+        "timing": timing(record),
         "cycle": cycle(record, about),
         "bus_load": load(record),
         "bus_errors": about.bus_errors,
@@ -129,6 +134,21 @@ pub fn summary(job: &Job<'_>, record: &Record, verdict: &Verdict, about: &Circum
 
 fn of_joints(analysis: &RunAnalysis, number: impl Fn(&ErrorSize) -> f64) -> Vec<f64> {
     analysis.joints.iter().map(|joint| number(&joint.position_error_rad)).collect()
+}
+
+/// Whether the run stayed within what its gains are certified for.
+fn timing(record: &Record) -> Value {
+    let coverage = record.analysis.as_ref().and_then(|analysis| analysis.coverage.as_ref());
+    match coverage {
+        Some(coverage) => json!({
+            "verdict": if coverage.inside { "inside the certificate" } else { "outside the certificate" },
+            "intervals": coverage.intervals,
+            "outside": coverage.outside,
+            "worst": coverage.worst,
+            "text": coverage.sentence(),
+        }),
+        None => json!({ "verdict": "not compared", "text": NOT_COMPARED }),
+    }
 }
 
 fn cycle(record: &Record, about: &Circumstances<'_>) -> Value {

@@ -318,16 +318,15 @@ fn search(problem: &Problem, weights: Weights, ratio: f64) -> Option<SaturatedCe
 /// One region per phase, each starting where the contraction of the one before has led; only what the
 /// check proves over the whole box of periods and delays counts.
 ///
-/// The inequalities are posed at two opposite corners of the box; in its middle alone they never held all over it.
+/// The inequalities are posed at the corners of the box. Two opposite ones suffice for a jitter of a few percent; at 20 % their
+/// certificates often failed the check in between.
 pub(crate) fn certify_with(
     problem: &Problem,
     gains: Gains,
     weights: Weights,
     decays: &[f64],
 ) -> Option<SaturatedCertificate> {
-    let corners = problem.corners();
-    let mut points = vec![*corners.first()?, *corners.last()?];
-    points.dedup();
+    let points = problem.corners();
     let regions = regions(problem, gains, (weights, decays), &points)?;
     let certificate = SaturatedCertificate { gains, weights, regions };
     certificate.check(problem).is_ok().then_some(certificate)

@@ -132,7 +132,7 @@ fn every_changed_number_is_refused() {
         ("larger ellipsoid", |c| c.regions[0].p *= 0.9),
         ("smaller ellipsoid", |c| c.regions[0].p *= 1.1),
         ("decay", |c| c.regions[0].decay_1_s *= 4.0),
-        ("cost", |c| c.regions[1].cost_rate *= 1.5),
+        ("cost", |c| c.regions[1].cost_rate *= 4.0),
         ("faster slow row", |c| c.regions[0].slow *= 1.3),
         ("higher bound", |c| c.regions[0].u_max_rad_s2 *= 1.01),
         ("lost number", |c| c.regions[1].p[(2, 2)] = f64::NAN),

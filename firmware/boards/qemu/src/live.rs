@@ -76,17 +76,17 @@ impl Clock {
 /// Settings for an arm at the end of a UART: a reply takes about a millisecond on it, and all of a cycle's wait for each other
 /// and for telemetry.
 ///
-/// Gains and certificate: `host/gains/powercube6-34ms.toml`, made by `cubectl tune --design saturated --period 0.034`.
+/// Gains and certificate: `host/gains/powercube6-34ms.toml`, made by `host/gains/make`.
 #[inline(never)]
 pub fn settings() -> Settings {
     const GAINS: [(f32, f32, f32); 6] = {
-        let pr = (-75.79796, -15.080375, -0.5201573);
-        [pr, pr, pr, pr, (-114.01058, -19.298107, -0.653256), (-145.65244, -22.452759, -0.7505798)]
+        let pr = (-86.03724, -16.195065, -0.54422456);
+        [pr, pr, pr, pr, (-152.3664, -25.433151, -0.84266365), (-194.6533, -29.583483, -0.9680543)]
     };
     // Changed here, not in a constant of its own: that would be 700 bytes more of flash.
     let mut settings = Settings::POWERCUBE6;
     (settings.estimator_alpha, settings.estimator_beta) = (1.0, 1.0);
-    settings.gains_certificate_crc32 = 0x6A3C_C0DA;
+    settings.gains_certificate_crc32 = 0xCF99_8C3C;
     settings.cycle_period_us = PERIOD_US;
     settings.gains_period_us = PERIOD_US;
     settings.cycle_guest = false;

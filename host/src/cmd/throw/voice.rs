@@ -130,6 +130,10 @@ impl Voice {
             let largest = |joint: &JointTracking| format!("{:.1}", 1e3 * joint.position_error_rad.max);
             let mrad: Vec<String> = analysis.joints.iter().map(largest).collect();
             say::line!("largest tracking errors {} mrad", mrad.join(" "));
+            match &analysis.coverage {
+                Some(coverage) => say::line!("{}", coverage.sentence()),
+                None => say::line!("{}", crate::throw::summary::NOT_COMPARED),
+            }
         }
         say::line!("{:.2} s in all; results in {}", begun.elapsed().as_secs_f64(), folder.display());
     }

@@ -22,7 +22,7 @@ use crate::exit;
 use crate::plan::file::PlanFile;
 use crate::tune::design::{Design, Tuned, tune};
 use crate::tune::gains_file::{FORMAT, GainsFile, GainsFileError};
-use crate::tune::machine::{Demand, Machine, MachineError, Motion, inputs};
+use crate::tune::machine::{Demand, Machine, MachineError, Motion, inputs, usual_jitter};
 use crate::tune::model::Estimator;
 use crate::tune::picture;
 use crate::tune::trial::TrialMotion;
@@ -80,13 +80,13 @@ pub struct Args {
     /// Command period in s; the firmware refuses gains for another one.
     #[arg(long, default_value_t = 0.003, value_name = "S", allow_negative_numbers = true)]
     pub period: f64,
-    /// Relative jitter of the period.
-    #[arg(long, default_value_t = 0.02, value_name = "RATIO", allow_negative_numbers = true)]
-    pub jitter: f64,
+    /// Relative jitter of the period that the certificate covers [default: 2 ms, at least 0.1 and at most 0.25].
+    #[arg(long, value_name = "RATIO", allow_negative_numbers = true)]
+    pub jitter: Option<f64>,
     /// Largest delay from position sample to action of the command in s [default: one period].
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub delay: Option<f64>,
-    /// Smallest delay in s [default: 95 % of the largest].
+    /// Smallest delay in s [default: the largest less the jitter].
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub delay_min: Option<f64>,
     /// Weight of a measurement on the position error in the controller's estimator, above 0 to 1 [default: 0.6, from a
@@ -271,11 +271,12 @@ impl Work {
             }
         };
         let high = args.delay.unwrap_or(args.period);
+        let jitter = args.jitter.unwrap_or_else(|| usual_jitter(args.period));
         let usual = Estimator::usual(args.period);
         let demand = Demand {
             period_s: args.period,
-            period_jitter: args.jitter,
-            delay_s: (args.delay_min.unwrap_or(0.95 * high), high),
+            period_jitter: jitter,
+            delay_s: (args.delay_min.unwrap_or((1.0 - jitter.clamp(0.0, 0.5)) * high), high),
             estimator: Estimator {
                 alpha: args.estimator_alpha.unwrap_or(usual.alpha),
                 beta: args.estimator_beta.unwrap_or(usual.beta),
@@ -388,7 +389,7 @@ fn roll_back(args: &Args, path: &Path) -> Result<(), ExpectedError> {
 /// Table for the terminal.
 pub fn table(robot: &str, demand: &Demand, tuned: &[Tuned]) -> String {
     let mut t = format!(
-        "{robot}, period {} ms +-{} %, delay {:.2} to {:.2} ms, initial errors {} rad and {} rad/s\n",
+        "{robot}, period {} ms +-{:.0} %, delay {:.2} to {:.2} ms, initial errors {} rad and {} rad/s\n",
         demand.period_s * 1e3,
         demand.period_jitter * 1e2,
         demand.delay_s.0 * 1e3,

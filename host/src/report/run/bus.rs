@@ -101,6 +101,10 @@ impl RunReport<'_> {
             row(format!("answers of {} (drive {})", joint.name, joint.module), of_module);
         }
         page.table(&["what", "number", "least ms", "median ms", "99 % ms", "largest ms"], &rows);
+        match &a.coverage {
+            Some(coverage) => page.note(&coverage.sentence()),
+            None => page.note(crate::throw::summary::NOT_COMPARED),
+        }
         let nominal = a.cycles.nominal_s.map_or(String::new(), |s| format!("Set period {} ms. ", ms(s)));
         page.note(&format!(
             "{nominal}{} requests without an answer, {} answers nobody had asked for.",
