@@ -23,7 +23,7 @@ fn answer(telegram: &str) -> Option<String> {
 }
 
 /// Answers telegrams until told to end by an empty datagram, or until the connection is closed.
-fn client(protocol: &str) -> (SocketAddr, JoinHandle<u64>) {
+fn client(protocol: &str, piece: usize) -> (SocketAddr, JoinHandle<u64>) {
     if protocol == "TCP" {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap();
@@ -35,11 +35,8 @@ fn client(protocol: &str) -> (SocketAddr, JoinHandle<u64>) {
                 text.push_str(std::str::from_utf8(&buffer[..length]).unwrap());
                 while let Some((telegram, rest)) = text.split_once("</Rob>") {
                     let Some(answer) = answer(telegram) else { break };
-                    // In two pieces, the second with a line feed.
-                    let (head, tail) = answer.split_at(50);
-                    let sent =
-                        stream.write_all(head.as_bytes()).and_then(|()| stream.write_all(tail.as_bytes()));
-                    if sent.and_then(|()| stream.write_all(b"\r\n")).is_err() {
+                    let answer = format!("{answer}\r\n");
+                    if answer.as_bytes().chunks(piece).any(|piece| stream.write_all(piece).is_err()) {
                         return answers;
                     }
                     answers += 1;
@@ -74,11 +71,13 @@ struct Run {
     cycles: u64,
     link_faults: Vec<LinkFault>,
     robot_faults: Vec<RobotFault>,
+    /// The client writes its answers to a stream in pieces of so many bytes.
+    piece: usize,
 }
 
 impl Run {
     fn new(generation: Generation, protocol: &'static str, cycles: u64) -> Self {
-        Self { generation, protocol, cycles, link_faults: Vec::new(), robot_faults: Vec::new() }
+        Self { generation, protocol, cycles, link_faults: Vec::new(), robot_faults: Vec::new(), piece: 50 }
     }
 
     /// Figures, log, and the number of answers that the client gave.
@@ -86,7 +85,7 @@ impl Run {
         let mut options = wide(self.generation);
         options.late.limit = 100_000;
         let mut krc = Krc::new(ARM.clone(), config(self.protocol, Space::Axes, true), options, 7).unwrap();
-        let (pc, client) = client(self.protocol);
+        let (pc, client) = client(self.protocol, self.piece);
         let options = ServeOptions {
             pc,
             mode: Mode::LockStep,
@@ -154,6 +153,28 @@ fn same_seed_gives_the_same_log_over_loopback() {
         assert!(first.late >= 5 && first.fault.is_none(), "{first:?}");
         assert_eq!(log, again);
     }
+}
+
+/// Faults strike whole answers, however the stream is cut.
+#[test]
+fn size_of_the_pieces_of_a_stream_changes_nothing() {
+    let run = |piece| {
+        let mut run = Run::new(Generation::KrC2, "TCP", 300);
+        run.piece = piece;
+        run.link_faults = vec![LinkFault {
+            kind: LinkFaultKind::Lost,
+            direction: Direction::ToRobot,
+            from: MS(0),
+            until: MS(10_000),
+            probability: 0.2,
+        }];
+        let (served, log, _) = run.go();
+        (served.unwrap().late, log)
+    };
+    let (late, log) = run(1000);
+    assert!((40..=80).contains(&late), "{late} of 300 at 20 %");
+    assert_eq!(run(1), (late, log.clone()));
+    assert_eq!(run(37), (late, log));
 }
 
 #[test]

@@ -132,6 +132,7 @@ fn report(args: &Args, krc: &Krc, served: &Served) -> Result<(), Failure> {
             "late": served.late,
             "refused": served.refused,
             "held_up": served.held_up,
+            "events_lost": served.events_lost,
             "fault": served.fault.map(hil_sim::krc::FaultCause::name),
             "answer_us": { "count": served.answer_times_us.len(), "median": us(0.5), "p99": us(0.99), "p999": us(0.999), "max": us(1.0) },
             "landing_m": landing.map(|landing| [landing.p_m.x, landing.p_m.y, landing.p_m.z]),
@@ -150,6 +151,9 @@ fn report(args: &Args, krc: &Krc, served: &Served) -> Result<(), Failure> {
             "the machine held this program up {} times; the robot's time stood still meanwhile",
             served.held_up
         );
+    }
+    if served.events_lost > 0 {
+        say::line!("{} events are not in the log: the client sent too much at once", served.events_lost);
     }
     if let Some(landing) = landing {
         let p = landing.p_m;

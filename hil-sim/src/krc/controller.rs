@@ -91,7 +91,6 @@ pub struct Krc {
     config: Config,
     options: KrcOptions,
     axis_places: [usize; 6],
-    seed: u64,
     state: State,
     next_cycle: Option<Instant>,
     /// Without an exchange: cycles go on until then, so that braking and gripper come to their ends.
@@ -127,7 +126,6 @@ impl Krc {
         let start = options.start_deg;
         Ok(Self {
             axis_places,
-            seed,
             state: State::Off,
             next_cycle: None,
             quiet_at: Instant::ZERO,
@@ -235,6 +233,11 @@ impl Krc {
         }
     }
 
+    /// The runner found bytes in the stream that belong to no document.
+    pub fn stream_torn(&mut self, now: Instant, bytes: usize) {
+        self.refuse(now, Refused::Torn { bytes });
+    }
+
     /// The next deadline.
     pub fn poll_timeout(&self) -> Option<Instant> {
         let window = self.exchange.as_ref().and_then(|exchange| exchange.window_ends);
@@ -274,11 +277,6 @@ impl Krc {
     /// Where the controller is.
     pub fn state(&self) -> State {
         self.state
-    }
-
-    /// Whether the set points stand still and no exchange runs.
-    pub fn is_standing(&self) -> bool {
-        self.exchange.is_none() && self.braking.is_none()
     }
 
     /// The true axes at `now`, not before the last cycle.
@@ -324,11 +322,6 @@ impl Krc {
     /// The robot.
     pub fn model(&self) -> &RobotModel<6> {
         &self.model
-    }
-
-    /// The seed.
-    pub fn seed(&self) -> u64 {
-        self.seed
     }
 
     /// A KR C2 counts from the start of the program; the number of a KR C4 is a time and goes on.

@@ -25,8 +25,8 @@ enum Socket {
 pub(super) enum Received {
     /// Nothing waits.
     Nothing,
-    /// A datagram, or a piece of the stream.
-    Bytes(Vec<u8>),
+    /// Whole documents, and how much belongs to none; empty for a piece of a document.
+    Items(Vec<StreamItem>),
     /// The client closed the connection.
     Closed,
 }
@@ -84,7 +84,13 @@ impl Port {
             },
         };
         match (read, &self.socket) {
-            (Ok(count), _) => Received::Bytes(self.buffer.get(..count).unwrap_or_default().to_vec()),
+            (Ok(count), socket) => {
+                let bytes = self.buffer.get(..count).unwrap_or_default();
+                Received::Items(match socket {
+                    Socket::Udp(_) => vec![StreamItem::Document(bytes.to_vec())],
+                    Socket::Tcp(_) => self.framer.push(bytes),
+                })
+            }
             (Err(error), _) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {
                 Received::Nothing
             }
@@ -114,20 +120,9 @@ impl Port {
             Socket::Tcp(stream) => stream.as_fd(),
         }
     }
+}
 
-    /// Numbers of the answers in `bytes`; `None` for a document that is no answer.
-    pub(super) fn numbers(&mut self, bytes: &[u8]) -> Vec<Option<u64>> {
-        let number =
-            |document: &[u8]| Telegram::parse(document, Root::Sen).ok().map(|answer| answer.ipoc.value());
-        match &self.socket {
-            Socket::Udp(_) => vec![number(bytes)],
-            Socket::Tcp(_) => {
-                let whole = |item: StreamItem| match item {
-                    StreamItem::Document(document) => Some(number(&document)),
-                    StreamItem::Dropped(_) => None,
-                };
-                self.framer.push(bytes).into_iter().filter_map(whole).collect()
-            }
-        }
-    }
+/// Number of the answer; `None` for a document that is no answer.
+pub(super) fn number_of(document: &[u8]) -> Option<u64> {
+    Telegram::parse(document, Root::Sen).ok().map(|answer| answer.ipoc.value())
 }

@@ -10,13 +10,13 @@ use std::net::SocketAddr;
 
 use can_link::Clock;
 use protocol::{Duration, Instant};
-use rsi_protocol::{Root, Telegram};
+use rsi_protocol::{Root, StreamItem, Telegram};
 
 use super::bench::RobotFaults;
 use super::controller::{Krc, KrcError, State};
 use super::event::{Event, FaultCause};
 use super::link::{Direction, Link};
-use super::port::{Port, Received};
+use super::port::{Port, Received, number_of};
 
 /// Longest sleep, so that an interrupt is seen.
 const LONGEST_SLEEP: Duration = Duration::from_millis(50);
@@ -84,6 +84,8 @@ pub struct Served {
     pub answer_times_us: Vec<u32>,
     /// How often this program was held up for more than half a cycle.
     pub held_up: u64,
+    /// Events that are not in the log because too many came at once: a client that floods the robot.
+    pub events_lost: u64,
     /// The last fault.
     pub fault: Option<FaultCause>,
 }
@@ -150,6 +152,7 @@ pub fn serve(
     }
     session.krc.stop(session.now);
     session.tell();
+    session.served.events_lost = session.krc.events_lost();
     Ok(session.served)
 }
 
@@ -215,12 +218,17 @@ impl Session<'_> {
                 std::thread::sleep(std::time::Duration::from_millis(1));
                 false
             }
-            Received::Bytes(bytes) => {
+            Received::Items(items) => {
                 let at = self.clock.now();
-                for number in self.port.numbers(&bytes) {
-                    self.note_answer(number, at);
+                for item in items {
+                    match item {
+                        StreamItem::Document(document) => {
+                            self.note_answer(number_of(&document), at);
+                            self.link.send(self.now, Direction::ToRobot, document);
+                        }
+                        StreamItem::Dropped(bytes) => self.krc.stream_torn(self.now, bytes),
+                    }
                 }
-                self.link.send(self.now, Direction::ToRobot, bytes);
                 true
             }
         }
