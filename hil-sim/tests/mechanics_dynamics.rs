@@ -388,3 +388,27 @@ fn scatter_changes_the_arm_and_the_same_seed_changes_it_the_same_way() {
     assert_eq!(fall(3), fall(3));
     assert!((fall(3) - fall(4)).amax() > 1e-6);
 }
+
+/// Torques that hold the arm with its ball let it accelerate without: the difference is the weight of a point mass.
+#[test]
+fn the_ball_weighs_on_the_arm_until_it_leaves_the_hand() {
+    let text = robot_model::built_in_text("powercube6").unwrap();
+    let heavy =
+        RobotModel::<6>::from_toml("heavy", &text.replacen("ball_mass_kg = 0", "ball_mass_kg = 0.4", 1))
+            .unwrap();
+    let bare_model = model();
+    let q = deg([30.0, -40.0, -110.0, 50.0, 70.0, -20.0]);
+    let frames = bare_model.fk(&q);
+    let jacobian = frames.jacobian(&bare_model.ball(&frames).pos);
+    let weight = jacobian.row(2).transpose() * (0.4 * bare_model.world().gravity_m_s2);
+    let holds = bare_model.gravity_torques(&q) + weight;
+    let mut arm = bare(&heavy, q, V6::zeros());
+    arm.step(1e-4, &torques(&holds));
+    assert!(arm.link_acceleration().amax() < 1e-9, "{}", arm.link_acceleration());
+    arm.set_state(q, V6::zeros());
+    arm.set_ball_held(false);
+    arm.step(1e-4, &torques(&holds));
+    let expected = bare_model.forward_dynamics(&q, &V6::zeros(), &holds);
+    assert!(expected.amax() > 1.0);
+    assert!((arm.link_acceleration() - expected).amax() < 1e-2 * expected.amax());
+}

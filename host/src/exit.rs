@@ -50,7 +50,7 @@ pub const TABLE: &[(u8, &str, &str)] = &[
     (
         MISSED,
         "the ball landed beyond the tolerance or touched the arm",
-        "`cubectl report` on the folder shows tracking and release; `cubectl home` finds the zeros anew",
+        "`cubectl report` on the folder shows tracking and release; `cubectl home --verify` looks for lost counts",
     ),
     (
         NOT_RELEASED,

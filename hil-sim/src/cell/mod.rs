@@ -152,6 +152,7 @@ impl Cell {
             drive.tick(end, self.plant.axis(index), motor_v, logic_v);
         }
         self.throw.step(&self.drives, &*self.plant, end);
+        self.plant.set_ball_held(self.throw.report().released_at.is_none());
         self.grid = end;
         if let Some(trace) = &mut self.trace {
             for axis in 0..self.plant.axes() {

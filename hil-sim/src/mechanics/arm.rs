@@ -36,6 +36,9 @@ impl<const N: usize> Body<N> {
 #[derive(Clone, Debug)]
 pub struct Mechanism<const N: usize> {
     body: Body<N>,
+    /// The arm with the ball in its hand; `None` without a ball that weighs something.
+    holding: Option<Box<RobotModel<N>>>,
+    ball_held: bool,
     joints: [JointMechanics; N],
     blocked: [bool; N],
     // Rotor side, seen through the gear.
@@ -55,8 +58,14 @@ pub struct Mechanism<const N: usize> {
 impl<const N: usize> Mechanism<N> {
     /// At rest in `q` (rad), nothing twisted.
     pub fn new(body: Body<N>, joints: [JointMechanics; N], q: JointVec<N>) -> Self {
+        let holding = match &body {
+            Body::Arm(model) => model.holding_ball().map(Box::new),
+            Body::Wheels(_) => None,
+        };
         Self {
             body,
+            holding,
+            ball_held: true,
             joints,
             blocked: [false; N],
             q,
@@ -127,7 +136,10 @@ impl<const N: usize> Plant for Mechanism<N> {
         // The middle of the step as the last step's acceleration predicts it: second order for free motion.
         let q_mid = self.link_q + self.link_v * (0.5 * h) + self.link_a * (0.125 * h * h);
         let v_mid = self.link_v + self.link_a * (0.5 * h);
-        let (mass, bias) = self.body.dynamics(&q_mid, &v_mid);
+        let (mass, bias) = match self.holding.as_deref().filter(|_| self.ball_held) {
+            Some(model) => (model.mass_matrix(&q_mid), model.bias_torques(&q_mid, &v_mid)),
+            None => self.body.dynamics(&q_mid, &v_mid),
+        };
         let start = Start {
             dt_s: h,
             q: &self.q,
@@ -178,6 +190,10 @@ impl<const N: usize> Plant for Mechanism<N> {
         self.blocked[index] = blocked;
     }
 
+    fn set_ball_held(&mut self, held: bool) {
+        self.ball_held = held;
+    }
+
     fn hand(&self, ahead_s: f64) -> Option<HandPoint> {
         let Body::Arm(model) = &self.body else { return None };
         let q = self.link_q + self.link_v * ahead_s + self.link_a * (0.5 * ahead_s * ahead_s);
@@ -220,6 +236,7 @@ impl<const N: usize> Plant for Mechanism<N> {
             .sum();
         let (links, height) = match &self.body {
             Body::Arm(model) => {
+                let model = self.holding.as_ref().filter(|_| self.ball_held).unwrap_or(model);
                 (model.kinetic_energy_j(&self.link_q, &self.link_v), model.potential_energy_j(&self.link_q))
             }
             Body::Wheels(inertia) => (0.5 * inertia.dot(&self.link_v.component_mul(&self.link_v)), 0.0),

@@ -109,6 +109,11 @@ pub trait Plant {
     /// Clamps the axis from outside, or lets it go.
     fn set_blocked(&mut self, index: usize, blocked: bool);
 
+    /// Takes the ball into the hand or out of it: its mass moves with the last link while it is there.
+    fn set_ball_held(&mut self, held: bool) {
+        let _ = held;
+    }
+
     /// The ball's place in the hand `ahead_s` seconds after the last step (negative: before); `None` without a hand.
     fn hand(&self, ahead_s: f64) -> Option<HandPoint>;
 

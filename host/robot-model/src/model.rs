@@ -213,7 +213,7 @@ pub struct Gripper {
     pub x_eb: Pose,
     /// Radius of the ball in m.
     pub ball_radius_m: f64,
-    /// Mass of the ball in kg; zero means that it is neglected.
+    /// Mass of the ball in kg, part of the dynamics until the release; zero means that it is neglected.
     pub ball_mass_kg: f64,
 }
 
@@ -227,6 +227,19 @@ pub struct World {
 }
 
 impl<const N: usize> RobotModel<N> {
+    /// The same arm with its ball in the hand, as a point mass bolted to the last link at the release frame; `None` for a
+    /// ball without mass, which changes nothing.
+    #[must_use]
+    pub fn holding_ball(&self) -> Option<Self> {
+        let mass_kg = self.gripper.ball_mass_kg;
+        let last = self.links.last().filter(|_| mass_kg > 0.0)?;
+        let at_m = (self.x_ne * self.gripper.x_eb).pos;
+        let inertia = last.inertia.with_point_mass(mass_kg, &at_m)?;
+        let mut holding = self.clone();
+        holding.links[N - 1].inertia = inertia;
+        Some(holding)
+    }
+
     /// Name of the robot.
     #[must_use]
     pub fn name(&self) -> &str {

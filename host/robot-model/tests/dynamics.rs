@@ -134,3 +134,49 @@ fn impossible_point_masses_are_refused() {
     assert!(hand.with_point_mass(f64::NAN, &Vector3::zeros()).is_none());
     assert!(hand.with_point_mass(0.0, &Vector3::zeros()).is_some());
 }
+
+/// The arm with a ball of this mass in its hand.
+fn holding(mass_kg: f64) -> RobotModel<6> {
+    let text = robot_model::built_in_text("powercube6").expect("built in");
+    let text = text.replacen("ball_mass_kg = 0", &format!("ball_mass_kg = {mass_kg}"), 1);
+    RobotModel::from_toml("heavy.toml", &text)
+        .expect("loads")
+        .holding_ball()
+        .expect("a ball that weighs something")
+}
+
+proptest! {
+    /// A point mass m at the end of the linear Jacobian J adds `m Jᵀ (a - g)` to the torques, and `m Jᵀ J` to the mass matrix.
+    #[test]
+    fn a_ball_in_the_hand_adds_the_torque_of_a_point_mass(
+        q in six(3.0), qd in six(2.0), qdd in six(10.0), mass_kg in 0.01..5.0_f64
+    ) {
+        let (bare, loaded) = (arm(), holding(mass_kg));
+        let ball = |t: f64| bare.ball(&bare.fk(&(q + qd * t + qdd * (0.5 * t * t)))).pos;
+        let h = 1e-4;
+        let acceleration = (ball(h) - ball(0.0) * 2.0 + ball(-h)) / (h * h);
+        let force = (acceleration + Vector3::new(0.0, 0.0, bare.world().gravity_m_s2)) * mass_kg;
+        let frames = bare.fk(&q);
+        let jacobian = frames.jacobian(&bare.ball(&frames).pos);
+        let linear = jacobian.fixed_rows::<3>(0);
+        let more = loaded.inverse_dynamics(&q, &qd, &qdd) - bare.inverse_dynamics(&q, &qd, &qdd);
+        let expected = linear.transpose() * force;
+        prop_assert!((more - expected).amax() < 1e-5 * (1.0 + expected.amax()), "{more} against {expected}");
+        let more = loaded.mass_matrix(&q) - bare.mass_matrix(&q);
+        prop_assert!((more - linear.transpose() * linear * mass_kg).amax() < 1e-12 * (1.0 + mass_kg));
+        let exact = loaded.inverse_dynamics_gradient(&q, &qd, &qdd).tau;
+        prop_assert!((exact - loaded.inverse_dynamics(&q, &qd, &qdd)).amax() < 1e-10);
+    }
+}
+
+#[test]
+fn a_ball_without_mass_changes_nothing() {
+    assert!(arm().holding_ball().is_none());
+    // The published numbers are those of an empty hand, also for the machine whose ball weighs something.
+    let kr16: RobotModel<6> = RobotModel::load("kr16_2").expect("loads");
+    assert_eq!(kr16.gripper().ball_mass_kg, 0.058);
+    let q = JointVec::<6>::repeat(0.3);
+    assert!(
+        kr16.holding_ball().expect("it weighs something").gravity_torques(&q) != kr16.gravity_torques(&q)
+    );
+}

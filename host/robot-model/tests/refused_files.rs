@@ -51,6 +51,8 @@ fn every_mistake_is_named_with_its_key() {
         ("speed of the motor", with("velocity_max_deg_s = 149", "velocity_max_deg_s = 23989"), "joint[0].velocity_max_deg_s", "23989 is outside 0 to 3600"),
         ("zero speed", with("velocity_max_deg_s = 149", "velocity_max_deg_s = 0"), "joint[0].velocity_max_deg_s", "greater than zero"),
         ("negative mass", with("mass_kg = 0.40", "mass_kg = -0.40"), "link[0].box[0].mass_kg", "greater than zero"),
+        ("ball lighter than nothing", with("ball_mass_kg = 0", "ball_mass_kg = -0.1"), "gripper.ball_mass_kg", "-0.1 is outside 0 to 5"),
+        ("ball in grams", with("ball_mass_kg = 0", "ball_mass_kg = 58"), "gripper.ball_mass_kg", "58 is outside 0 to 5"),
         ("flat box", with("half_m = [0.045, 0.045, 0.05]", "half_m = [0.045, 0, 0.05]"), "link[0].box[0].half_m", "greater than zero"),
         ("mass missing", with("mass_kg = 0.40, ", ""), "link[0].box", "needs a mass on every box"),
         (

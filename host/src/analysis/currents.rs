@@ -45,11 +45,13 @@ pub struct SupplyCurrents {
 pub fn supplies(plan: &PlanFile, arm: &Arm, heard: &Heard) -> Vec<SupplyCurrents> {
     let from_s = -BEFORE_S;
     let steps = ((plan.end_time_s + AFTER_S - from_s) / STEP_S).ceil() as u32;
+    let holding = arm.holding_ball();
     let motors: Option<Vec<(f64, _)>> = (0..=steps)
         .map(|i| {
             let t_s = from_s + STEP_S * f64::from(i);
             let s = motion::at(plan, t_s);
-            arm.motor_currents(&s.qd, &arm.inverse_dynamics(&s.q, &s.qd, &s.qdd)).map(|i_a| (t_s, i_a))
+            let moved = holding.as_ref().filter(|_| t_s <= plan.release_time_s).unwrap_or(arm);
+            arm.motor_currents(&s.qd, &moved.inverse_dynamics(&s.q, &s.qd, &s.qdd)).map(|i_a| (t_s, i_a))
         })
         .collect();
     let Some(motors) = motors else { return Vec::new() };

@@ -38,6 +38,7 @@ pub mod sim;
 pub mod soft;
 pub mod storage;
 pub mod survey;
+pub mod zero_check;
 
 pub use args::BusArgs;
 pub use session::{BusFailure, Ended, Session};

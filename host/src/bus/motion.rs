@@ -11,11 +11,14 @@ use protocol::{Duration, Instant, ModuleId};
 
 use super::ask::AskError;
 use super::session::{BusFailure, Session};
+use super::zero_check::{ZeroCheck, ZeroOffset};
 
 /// How far ahead of itself a jogged drive is sent.
 pub const JOG_HORIZON: Duration = Duration::from_millis(200);
 /// Time between two orders of a jog.
 const JOG_PERIOD: Duration = Duration::from_millis(40);
+/// Time between two readings of the position while the zero is compared.
+const ZERO_PERIOD: Duration = Duration::from_millis(2);
 /// Time between two looks at a drive that moves.
 const LOOK_PERIOD: Duration = Duration::from_millis(20);
 /// A current above the bound this long ends a homing.
@@ -105,9 +108,12 @@ pub struct Homed {
     pub position_rad: f64,
     /// Largest current seen, A.
     pub current_max_a: f64,
+    /// How far its reading was off before, if that was looked at and can be said.
+    pub zero: Option<ZeroOffset>,
 }
 
-/// Homes one module: reduced speed, bounded in time and current. `has_home_vel` says whether its firmware lets the
+/// Homes one module. With `looks_at_zero` its reading before is compared with the zero that is found: reduced speed,
+/// bounded in time and current. `has_home_vel` says whether its firmware lets the
 /// speed be set; the value it had is put back. An interruption halts it.
 ///
 /// # Errors
@@ -117,6 +123,7 @@ pub fn home(
     module: ModuleId,
     bounds: &HomingBounds,
     has_home_vel: bool,
+    looks_at_zero: bool,
 ) -> Result<Homed, MotionError> {
     recover(session, module)?;
     let bound_a = bounds.current_share * session.get_f64(module, Parameter::MaxCur)?;
@@ -129,7 +136,8 @@ pub fn home(
         }
     }
     session.guard_motion();
-    let result = watch_homing(session, module, bounds, bound_a);
+    let zero = looks_at_zero.then(|| ZeroCheck::new(bounds.speed_max_rad_s));
+    let result = watch_homing(session, module, bounds, bound_a, zero);
     if result.is_err() {
         session.halt(Reason::HOST)?;
     }
@@ -145,6 +153,7 @@ fn watch_homing(
     module: ModuleId,
     bounds: &HomingBounds,
     bound_a: f64,
+    mut zero: Option<ZeroCheck>,
 ) -> Result<Homed, MotionError> {
     session.command(module, SimpleCommand::Home)?;
     let begun = session.now();
@@ -166,7 +175,14 @@ fn watch_homing(
         let may_be_done = seen_unhomed || now.saturating_since(begun) > BEGIN_TIME;
         if may_be_done && state.contains(CubeState::HOME_OK) && !state.contains(CubeState::MOTION) {
             let position_rad = session.get_f64(module, Parameter::ActPos)?;
-            return Ok(Homed { module, took: now.saturating_since(begun), position_rad, current_max_a });
+            let zero = zero.and_then(ZeroCheck::finish);
+            return Ok(Homed {
+                module,
+                took: now.saturating_since(begun),
+                position_rad,
+                current_max_a,
+                zero,
+            });
         }
         let current_a = session.get_f64(module, Parameter::Cur)?.abs();
         current_max_a = current_max_a.max(current_a);
@@ -177,7 +193,15 @@ fn watch_homing(
         if now.saturating_since(begun) >= bounds.time {
             return Err(MotionError::HomingTimeout { module, limit: bounds.time });
         }
-        session.sleep_until(now + LOOK_PERIOD)?;
+        let Some(zero) = &mut zero else {
+            session.sleep_until(now + LOOK_PERIOD)?;
+            continue;
+        };
+        while session.now() < now + LOOK_PERIOD {
+            let q_rad = session.get_f64(module, Parameter::ActPos)?;
+            zero.take(session.now(), q_rad);
+            session.sleep_until(session.now() + ZERO_PERIOD)?;
+        }
     }
 }
 

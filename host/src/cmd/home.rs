@@ -6,13 +6,14 @@ use protocol::powercube::Parameter;
 use super::modules::{Modules, open};
 use super::print_json;
 use crate::bus::BusArgs;
-use crate::bus::motion::{HomingBounds, home};
+use crate::bus::motion::{Homed, HomingBounds, home};
 use crate::error::ExpectedError;
+use crate::exit;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl home\n  cubectl home --bus can0 --modules 6\n  cubectl home --bus can0 --speed 0.1 --force\n\nOne module after the other, highest address first (the hand before the base).\nModules with absolute encoders and modules that are homed already are left alone.\nCtrl-C halts everything."
+    after_help = "Examples:\n  cubectl home\n  cubectl home --bus can0 --modules 6\n  cubectl home --bus can0 --speed 0.1 --force\n  cubectl home --bus can0 --verify             # have drives lost encoder counts?\n\nOne module after the other, highest address first (the hand before the base).\nModules with absolute encoders and modules that are homed already are left alone.\nCtrl-C halts everything.\n\nA drive knows its position only from counting. If counts are lost (a loose encoder cable, a dip of its supply) it tells a\nwrong position, follows every path with small errors, and its limits are off by as much. Nothing in its answers shows\nthat until the switch is found again: --verify compares then. With an offset the exit code is 9."
 )]
 pub struct Args {
     /// Bus options.
@@ -24,6 +25,13 @@ pub struct Args {
     /// Home also what is homed.
     #[arg(long)]
     pub force: bool,
+    /// Home also what is homed, and compare each reading before with the zero that the switch gives: a drive that has lost
+    /// encoder counts shows it here, and only here.
+    #[arg(long)]
+    pub verify: bool,
+    /// An offset above this is a finding of --verify, rad; at least the resolution of the comparison counts.
+    #[arg(long, default_value_t = 0.005, value_name = "RAD", value_parser = positive)]
+    pub offset_max: f64,
     /// Largest speed, rad/s.
     #[arg(long, default_value_t = 0.2, value_name = "RAD_S", value_parser = positive)]
     pub speed: f64,
@@ -65,11 +73,11 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         current_share: args.current,
         time: Duration::from_secs_f64(args.timeout),
     };
-    let mut rows = Vec::new();
+    let (mut rows, mut findings) = (Vec::new(), Vec::new());
     for report in &found {
         let skip = if report.is_absolute() {
             Some("absolute encoder")
-        } else if report.is_homed() && !args.force {
+        } else if report.is_homed() && !args.force && !args.verify {
             Some("homed already")
         } else {
             None
@@ -85,7 +93,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             say::note!("module {}: homing at up to {} rad/s; Ctrl-C halts", report.module, args.speed);
         }
         let has_home_vel = Parameter::HomeVel.info().writable(report.version);
-        let homed = home(&mut session, report.module, &bounds, has_home_vel)?;
+        // Without a zero before there is nothing to compare; without a known speed no step stands out.
+        let looks_at_zero = args.verify && report.is_homed() && has_home_vel;
+        let homed = home(&mut session, report.module, &bounds, has_home_vel, looks_at_zero)?;
         if !args.json {
             say::line!(
                 "module {}: zero found in {:.1} s, stands at {:.4} rad, at most {:.1} A",
@@ -95,7 +105,16 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
                 homed.current_max_a
             );
         }
+        let verdict = if args.verify { compared(&homed, args.offset_max) } else { Compared::default() };
+        if let Some(text) = &verdict.text
+            && !args.json
+        {
+            say::line!("module {}: {text}", report.module);
+        }
+        findings.extend(verdict.finding.map(|text| format!("module {}: {text}", report.module)));
         rows.push(serde_json::json!({
+            "zero_offset_rad": homed.zero.map(|zero| zero.offset_rad),
+            "zero_resolution_rad": homed.zero.map(|zero| zero.resolution_rad),
             "module": report.module.get(),
             "took_s": homed.took.as_secs_f64(),
             "position_rad": homed.position_rad,
@@ -106,5 +125,37 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if args.json {
         print_json(&serde_json::json!({ "modules": rows }));
     }
-    Ok(())
+    if findings.is_empty() {
+        return Ok(());
+    }
+    Err(ExpectedError::new(
+        exit::FINDINGS,
+        format!(
+            "{}\n  next: what was thrown or taught since that zero is off by as much. Home once more with --verify: the second \
+             run must agree. Look at the encoder's cable and supply if it comes again",
+            findings.join("\n")
+        ),
+    ))
+}
+
+/// What `--verify` says of one module.
+#[derive(Default)]
+struct Compared {
+    text: Option<String>,
+    finding: Option<String>,
+}
+
+fn compared(homed: &Homed, offset_max_rad: f64) -> Compared {
+    let Some(zero) = homed.zero else {
+        let text =
+            "the reading before cannot be compared: there was no zero, or its homing speed is not known";
+        return Compared { text: Some(text.to_owned()), finding: None };
+    };
+    let (off, least) = (zero.offset_rad.to_degrees(), zero.resolution_rad.to_degrees());
+    if zero.offset_rad.abs() > offset_max_rad.max(zero.resolution_rad) {
+        let text = format!("its reading was off by {off:.2}° (± {least:.2}°): it had lost encoder counts");
+        return Compared { text: None, finding: Some(text) };
+    }
+    let text = format!("the reading before agrees with the zero within {:.2}°", off.abs().max(least));
+    Compared { text: Some(text), finding: None }
 }

@@ -99,7 +99,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         for report in found.iter().filter(|report| !report.is_homed() && !report.is_absolute()) {
             say::note!("module {}: homing", report.module);
             let settable = Parameter::HomeVel.info().writable(report.version);
-            home(&mut session, report.module, &HomingBounds::default(), settable)?;
+            home(&mut session, report.module, &HomingBounds::default(), settable, false)?;
         }
     }
     let wish = Wish {

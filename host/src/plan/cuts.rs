@@ -219,7 +219,7 @@ impl Cut {
         let q = c.throw.q_rad + qd_r * basis.pos.0 + qdd_r * basis.pos.1;
         let qd = qd_r * basis.vel.0 + qdd_r * basis.vel.1;
         let qdd = qd_r * basis.acc.0 + qdd_r * basis.acc.1;
-        let d = arm.inverse_dynamics_gradient(&q, &qd, &qdd);
+        let d = c.problem.arm_at(self.sigma).inverse_dynamics_gradient(&q, &qd, &qdd);
         let (limit_a, feeds) = match self.kind {
             CutKind::Motor(j) => (drives[j].current_max_a, std::array::from_fn(|k| k == j)),
             CutKind::Supply(k) => (arm.supplies()[k].current_max_a, arm.supplies()[k].feeds),

@@ -43,7 +43,7 @@ impl Margins {
             }
             nearest
         });
-        let tau = arm.bias_torques(&throw.q_rad, &throw.qd_rad_s);
+        let tau = problem.holding().bias_torques(&throw.q_rad, &throw.qd_rad_s);
         let release_currents_a = arm.motor_currents(&throw.qd_rad_s, &tau);
         let motor = release_currents_a.and_then(|i| {
             let drives = arm.drives()?;
@@ -83,5 +83,53 @@ impl Margins {
         }
         self.supply.iter().copied().for_each(see);
         worst
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::problem::Options;
+    use crate::plan::throw::Arm;
+    use nalgebra::Vector3;
+
+    #[test]
+    fn a_heavier_ball_raises_the_currents_at_the_release_by_the_closed_form() {
+        let arm = |mass_kg: f64| {
+            let text = robot_model::built_in_text("powercube6").unwrap();
+            Arm::from_toml("a", &text.replacen("ball_mass_kg = 0", &format!("ball_mass_kg = {mass_kg}"), 1))
+                .unwrap()
+        };
+        let (bare, heavy) = (arm(0.0), arm(0.5));
+        let throw = Throw {
+            q_rad: Joints::from([0.3, -1.2, -1.4, 0.2, 0.7, 0.1]),
+            qd_rad_s: Joints::zeros(),
+            qdd_rad_s2: Joints::zeros(),
+            flight_s: 0.5,
+            ha_s: 0.5,
+            hb_s: 0.3,
+        };
+        let currents = |arm: &Arm| {
+            let problem = Problem::new(arm, Vector3::new(1.0, 1.0, -1.0), Options::best()).unwrap();
+            Margins::of(&problem, &throw).release_currents_a.unwrap()
+        };
+        let (light_a, heavy_a) = (currents(&bare), currents(&heavy));
+        // At rest the ball adds m g times the height that its point gains per radian.
+        let frames = bare.fk(&throw.q_rad);
+        let jacobian = frames.jacobian(&bare.ball(&frames).pos);
+        let bare_nm = bare.gravity_torques(&throw.q_rad);
+        let mut more = 0;
+        for j in 0..JOINTS {
+            let nm = bare_nm[j] + 0.5 * bare.world().gravity_m_s2 * jacobian[(2, j)];
+            let expected_a = bare.drives().unwrap()[j].k_m_a_nm * nm.abs();
+            assert!(
+                (heavy_a[j] - expected_a).abs() < 1e-12,
+                "joint {}: {} against {expected_a}",
+                j + 1,
+                heavy_a[j]
+            );
+            more += usize::from(heavy_a[j] > light_a[j] + 0.1);
+        }
+        assert!(more >= 2, "{light_a} {heavy_a}");
     }
 }

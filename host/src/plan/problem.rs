@@ -290,6 +290,8 @@ pub enum ProblemError {
 #[derive(Debug, Clone)]
 pub struct Problem<'a> {
     pub(crate) arm: &'a Arm,
+    /// The same with the ball in the hand; `None` for a ball without mass.
+    holding: Option<Box<Arm>>,
     pub(crate) target: Vector3<f64>,
     pub(crate) options: Options,
     pub(crate) flight: FlightModel,
@@ -309,6 +311,16 @@ pub(crate) struct Limits {
 }
 
 impl<'a> Problem<'a> {
+    /// The arm before the release, with the ball in its hand.
+    pub(crate) fn holding(&self) -> &Arm {
+        self.holding.as_deref().unwrap_or(self.arm)
+    }
+
+    /// The arm as its dynamics are at phase `sigma` of a throw: the ball is in the hand up to the release at 0.
+    pub(crate) fn arm_at(&self, sigma: f64) -> &Arm {
+        if sigma <= 0.0 { self.holding() } else { self.arm }
+    }
+
     /// States and checks a problem; `target` in m, world.
     ///
     /// # Errors
@@ -363,7 +375,8 @@ impl<'a> Problem<'a> {
             *min += margin;
             *max -= margin;
         }
-        Ok(Self { arm, target, options, flight, shoulder, limits })
+        let holding = arm.holding_ball().map(Box::new);
+        Ok(Self { arm, holding, target, options, flight, shoulder, limits })
     }
 
     /// The arm.

@@ -327,7 +327,7 @@ fn currents(problem: &Problem<'_>, throw: &Throw, out: &mut Scan) {
     for step in 0..=2 * CURRENT_STEPS {
         let sigma = (step as f64 - CURRENT_STEPS as f64) / CURRENT_STEPS as f64;
         let s = throw.at_phase(sigma);
-        let tau = arm.inverse_dynamics(&s.q, &s.qd, &s.qdd);
+        let tau = problem.arm_at(sigma).inverse_dynamics(&s.q, &s.qd, &s.qdd);
         let Some(motor) = arm.motor_currents(&s.qd, &tau) else { return };
         for j in 0..JOINTS {
             let share = motor[j] / drives[j].current_max_a;

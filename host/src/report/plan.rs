@@ -220,11 +220,13 @@ fn joint_charts(arm: &Arm, plan: &PlanFile) -> Vec<Chart> {
 
 fn current_charts(arm: &Arm, plan: &PlanFile) -> Vec<Chart> {
     let t = times(plan, 200);
+    let holding = arm.holding_ball();
     let motor: Option<Vec<_>> = t
         .iter()
         .map(|t| {
             let s = motion::at(plan, *t);
-            arm.motor_currents(&s.qd, &arm.inverse_dynamics(&s.q, &s.qd, &s.qdd))
+            let moved = holding.as_ref().filter(|_| *t <= plan.release_time_s).unwrap_or(arm);
+            arm.motor_currents(&s.qd, &moved.inverse_dynamics(&s.q, &s.qd, &s.qdd))
         })
         .collect();
     let Some(motor) = motor else { return Vec::new() };

@@ -44,6 +44,18 @@ pub fn torques(arm: &Arm, chain: &Chain, plan: &PlanFile, t_s: f64) -> Joints {
             tau[j] += axis.dot(&((c1 - point).cross(&force) + moment));
         }
     }
+    // The ball in the hand, by itself: a point that the last link carries until the release.
+    let mass_kg = arm.gripper().ball_mass_kg;
+    if mass_kg > 0.0 && t_s <= plan.release_time_s {
+        let at_m = (*arm.end_effector() * arm.gripper().x_eb).pos;
+        let place = |d| chain.link(d, JOINTS - 1).transform_point(&at_m);
+        let (p0, p1, p2) = (place(&before), place(&now), place(&after));
+        let force = ((p2 - p1 * 2.0 + p0) / (DT * DT) - gravity) * mass_kg;
+        for j in 0..JOINTS {
+            let (axis, point) = chain.axis(&now, j);
+            tau[j] += axis.dot(&(p1 - point).cross(&force));
+        }
+    }
     tau
 }
 

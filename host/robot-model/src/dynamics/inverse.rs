@@ -16,7 +16,7 @@ struct Wrench {
 impl<const N: usize> RobotModel<N> {
     /// Joint torques in N·m that produce `qdd` in state `(q, qd)`: `τ = M q̈ + C q̇ + g`.
     ///
-    /// Angles in rad, rates in rad/s and rad/s². Gravity as in the robot file; the ball's mass is not included.
+    /// Angles in rad, rates in rad/s and rad/s². Gravity as in the robot file; the hand is empty ([`RobotModel::holding_ball`]).
     /// Source: Luh, Walker, Paul 1980; Craig, "Introduction to Robotics", section 6.5.
     #[must_use]
     pub fn inverse_dynamics(&self, q: &JointVec<N>, qd: &JointVec<N>, qdd: &JointVec<N>) -> JointVec<N> {

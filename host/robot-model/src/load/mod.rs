@@ -201,6 +201,9 @@ fn speed(value: &Value<'_, Problem>) -> Result<f64, LoadError> {
     value.number_in(0.0, SPEED_MAX_DEG_S)
 }
 
+/// Heaviest ball, kg: more than the hand of any arm of this size carries.
+const BALL_MASS_MAX_KG: f64 = 5.0;
+
 /// Ten turns a second.
 const SPEED_MAX_DEG_S: f64 = 3600.0;
 
@@ -304,7 +307,7 @@ fn read_gripper(section: &Section<'_>) -> Result<Gripper, LoadError> {
     let gripper = Gripper {
         x_eb,
         ball_radius_m: section.required("ball_radius_m", Value::positive)?,
-        ball_mass_kg: section.required("ball_mass_kg", Value::non_negative)?,
+        ball_mass_kg: section.required("ball_mass_kg", |v| v.number_in(0.0, BALL_MASS_MAX_KG))?,
     };
     section.finish()?;
     Ok(gripper)

@@ -269,8 +269,8 @@ fn write_results(
 fn off_target(verdict: &Verdict) -> Option<ExpectedError> {
     let next = match verdict.outcome {
         Outcome::Missed => {
-            "`cubectl report` on the folder shows tracking and release; home the arm anew before the next throw: a drive \
-             that has lost counts does not know it"
+            "`cubectl report` on the folder shows tracking and release; `cubectl home --verify` tells whether a drive \
+             has lost encoder counts"
         }
         Outcome::NotReleased => {
             "take the ball out of the hand before anything moves; check the gripper, its supply and its output"

@@ -174,8 +174,9 @@ fn currents(problem: &Problem<'_>, throw: &Throw, margins: &Margins) -> Currents
     let mut supply_peak = vec![0.0_f64; arm.supplies().len()];
     let mut known = false;
     for i in 0..=400 {
-        let s = throw.at_phase(f64::from(i) / 200.0 - 1.0);
-        let tau = arm.inverse_dynamics(&s.q, &s.qd, &s.qdd);
+        let sigma = f64::from(i) / 200.0 - 1.0;
+        let s = throw.at_phase(sigma);
+        let tau = problem.arm_at(sigma).inverse_dynamics(&s.q, &s.qd, &s.qdd);
         let Some(motor) = arm.motor_currents(&s.qd, &tau) else { break };
         known = true;
         for (peak, a) in motor_peak.iter_mut().zip(motor.iter()) {

@@ -28,7 +28,7 @@ pub(super) fn release_current_rows<S: Sink>(
         return;
     }
     let (q, qd) = (&throw.q_rad, &throw.qd_rad_s);
-    let tau = arm.bias_torques(q, qd);
+    let tau = problem.holding().bias_torques(q, qd);
     let motor: [f64; JOINTS] = std::array::from_fn(|j| {
         drives[j].k_b_a_s_rad * abs_eps(qd[j]).0 + drives[j].k_m_a_nm * abs_eps(tau[j]).0
     });
@@ -42,7 +42,7 @@ pub(super) fn release_current_rows<S: Sink>(
     if !any {
         return;
     }
-    let gradient = arm.inverse_dynamics_gradient_at(frames, qd, &Joints::zeros());
+    let gradient = problem.holding().inverse_dynamics_gradient_at(frames, qd, &Joints::zeros());
     let add = |g: &mut Gradient<'_>, j: usize, scale: f64| {
         let by_tau = scale * drives[j].k_m_a_nm * abs_eps(tau[j]).1;
         for k in 0..JOINTS {
