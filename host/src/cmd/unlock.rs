@@ -15,6 +15,7 @@ use crate::error::ExpectedError;
 )]
 pub struct Args {
     /// Robot whose limits are to be exceeded: a built-in name or a file. It must be the one of the controller.
+    #[arg(id = "unlock_robot", value_name = "ROBOT")]
     pub robot: String,
     /// For how long, s; 0 puts the limits of the robot back.
     #[arg(long = "for", value_name = "SECONDS", value_parser = clap::value_parser!(u16).range(..=i64::from(UNLOCK_VALID_S_MAX)))]
