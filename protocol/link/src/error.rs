@@ -155,6 +155,8 @@ fn listen_advice(source: &io::Error) -> &'static str {
 fn refusal_advice(reason: &str) -> &'static str {
     if reason.contains("too many clients") {
         "end a client that is not needed any more, then connect again"
+    } else if reason.contains("real time") {
+        "name the bus socketcand:// and not lockstep://, or serve it as lockstep://"
     } else {
         "ask for a bus that this server has"
     }

@@ -188,6 +188,18 @@ fn asking_for_another_bus_is_refused_with_the_name_of_this_one() {
 }
 
 #[test]
+fn a_server_in_real_time_refuses_lock_step_and_says_what_to_write() {
+    let mut server = server(ServerOptions::default());
+    let port = server.local_addr().port();
+    let (error, _) = serve_while(&mut server, move || {
+        let spec: can_link::BusSpec = format!("lockstep://127.0.0.1:{port}/can0").parse().unwrap();
+        can_link::open(&spec, spec.clock()).map(|_| ()).unwrap_err()
+    });
+    assert!(error.to_string().contains("this server runs in real time"), "{error}");
+    assert!(error.to_string().contains("next: name the bus socketcand://"), "{error}");
+}
+
+#[test]
 fn a_port_nobody_listens_at_says_so() {
     let free = Server::listen("127.0.0.1", 0, "can0", Clock::start(), ServerOptions::default()).unwrap();
     let port = free.local_addr().port();
