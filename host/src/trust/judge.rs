@@ -19,8 +19,8 @@ const REST_SPAN: Duration = Duration::from_millis(200);
 /// A drive that brakes at the rate of its commands stands after 0.26 s; a halt, a watchdog and the controller's reaction
 /// take less than 0.2 s.
 const FAULT_TO_REST: Duration = Duration::from_millis(500);
-/// After the last lost count the joint settles.
-const HIDDEN_EXTRA: Duration = Duration::from_millis(100);
+/// After a disturbance the drive's position loop settles.
+const SETTLING: Duration = Duration::from_millis(100);
 /// A standing controller looks at each drive every 60 ms; a motion that begins unasked is told after one look more.
 const DETECTION_MAX: Duration = Duration::from_millis(100);
 /// The drives' position loops overshoot the speed of a ramp by this share.
@@ -119,7 +119,7 @@ impl Judge<'_> {
                 format!("joint {} {excursion_rad:.3} rad from the path at {at}", joint + 1),
             );
         }
-        let hidden = Hidden::all(self.arm, &scenario.faults);
+        let hidden = Window::hidden(self.arm, &scenario.faults);
         rest(run, &hidden, &mut found);
         supervised(run, &hidden, &mut found);
         ball(run, &mut found);
@@ -161,6 +161,7 @@ impl Judge<'_> {
 
     fn limits(&self, scenario: &Scenario, run: &Evidence, found: &mut impl FnMut(Rule, String)) {
         let slack_rad = POSITION_SLACK_RAD + encoder_slack_rad(&scenario.faults);
+        let released = Window::released(self.arm, &scenario.faults);
         let (mut worst_q, mut worst_v) = ((0.0, String::new()), (0.0, String::new()));
         for index in 0..run.trace.len() {
             for (j, (joint, [q, v])) in self.arm.joints().iter().zip(run.trace.sample(index)).enumerate() {
@@ -168,6 +169,9 @@ impl Judge<'_> {
                 let beyond_q = (limits.q_min_rad - slack_rad - q).max(q - limits.q_max_rad - slack_rad);
                 if beyond_q > worst_q.0 {
                     worst_q = (beyond_q, format!("joint {} at {q:.3} rad at {}", j + 1, run.trace.at(index)));
+                }
+                if released.iter().any(|r| r.joint == j && r.covers(run.trace.at(index))) {
+                    continue;
                 }
                 let beyond_v = v.abs() - (1.0 + SPEED_SHARE) * limits.v_max_rad_s - SPEED_SLACK_RAD_S;
                 if beyond_v > worst_v.0 {
@@ -185,35 +189,52 @@ impl Judge<'_> {
     }
 }
 
-/// When and at which joint a drive loses counts: its position loop then moves the joint although the drive sees it at
-/// rest, until all is lost or the brake is closed. Nobody on the bus can see this motion.
-struct Hidden {
+/// A joint, and a time in which it moves as the physics of its fault wants.
+struct Window {
     joint: usize,
     from: Instant,
     to: Instant,
 }
 
-impl Hidden {
-    fn all(arm: &Arm, faults: &[Fault]) -> Vec<Self> {
-        let joint_of = |target: Target| {
-            let Target::Module(module) = target else { return None };
-            arm.drives()?.iter().position(|drive| drive.address == module.get())
-        };
+impl Window {
+    fn covers(&self, at: Instant) -> bool {
+        at >= self.from && at <= self.to
+    }
+
+    /// When a drive loses counts its position loop moves the joint although the drive sees it at rest, until all is lost
+    /// or the brake is closed. Nobody on the bus can see this motion.
+    fn hidden(arm: &Arm, faults: &[Fault]) -> Vec<Self> {
         let hidden = |fault: &Fault| {
             let FaultKind::Physical(_, PhysicalFault::EncoderOffset { offset_rad }) = fault.kind else {
                 return None;
             };
-            let lasts = Duration::from_secs_f64(offset_rad.abs() / COUNT_LOSS_RAD_S) + HIDDEN_EXTRA;
-            Some(Self { joint: joint_of(fault.target)?, from: fault.start, to: fault.start + lasts })
+            let lasts = Duration::from_secs_f64(offset_rad.abs() / COUNT_LOSS_RAD_S) + SETTLING;
+            Some(Self { joint: joint_of(arm, fault.target)?, from: fault.start, to: fault.start + lasts })
         };
         faults.iter().filter_map(hidden).collect()
     }
+
+    /// An axis that was held and is let go is thrown back to its set-point by the drive's own position loop. The first
+    /// time only: one that is held again and again is stopped before.
+    fn released(arm: &Arm, faults: &[Fault]) -> Vec<Self> {
+        let released = |fault: &Fault| {
+            let FaultKind::Physical(_, PhysicalFault::Blocked) = fault.kind else { return None };
+            let from = fault.start + fault.length?;
+            Some(Self { joint: joint_of(arm, fault.target)?, from, to: from + SETTLING })
+        };
+        faults.iter().filter_map(released).collect()
+    }
+}
+
+fn joint_of(arm: &Arm, target: Target) -> Option<usize> {
+    let Target::Module(module) = target else { return None };
+    arm.drives()?.iter().position(|drive| drive.address == module.get())
 }
 
 /// The fastest joint whose motion the bus can show.
-fn fastest(trace: &Trace, index: usize, hidden: &[Hidden]) -> (usize, f64) {
+fn fastest(trace: &Trace, index: usize, hidden: &[Window]) -> (usize, f64) {
     let at = trace.at(index);
-    let is_hidden = |joint| hidden.iter().any(|h| h.joint == joint && at >= h.from && at <= h.to);
+    let is_hidden = |joint| hidden.iter().any(|window| window.joint == joint && window.covers(at));
     let speeds = trace.sample(index).iter().map(|[_, v]| v.abs()).enumerate();
     speeds.fold((0, 0.0), |best, next| if next.1 > best.1 && !is_hidden(next.0) { next } else { best })
 }
@@ -263,7 +284,7 @@ fn nearest(
     best
 }
 
-fn rest(run: &Evidence, hidden: &[Hidden], found: &mut impl FnMut(Rule, String)) {
+fn rest(run: &Evidence, hidden: &[Window], found: &mut impl FnMut(Rule, String)) {
     let trace = &run.trace;
     let span = REST_SPAN.as_micros() / trace.step().as_micros().max(1);
     let from = trace.len().saturating_sub(span as usize);
@@ -276,7 +297,7 @@ fn rest(run: &Evidence, hidden: &[Hidden], found: &mut impl FnMut(Rule, String))
 
 /// Between two messages that both tell a standing state nothing may have moved; after a fault no longer than it takes to
 /// brake.
-fn supervised(run: &Evidence, hidden: &[Hidden], found: &mut impl FnMut(Rule, String)) {
+fn supervised(run: &Evidence, hidden: &[Window], found: &mut impl FnMut(Rule, String)) {
     let trace = &run.trace;
     let mut fault_since = None;
     for (k, (at, group)) in run.bus.states.iter().enumerate() {
