@@ -12,8 +12,10 @@ use crate::plan::Arm;
 use crate::throw::job::Step;
 use crate::throw::outcome::Ball;
 
-/// A joint slower than this rests, rad/s.
-const REST_RAD_S: f64 = 0.01;
+/// A run that lasts longer than the nominal one by more than this hangs: start-up may take 20 s.
+const LONGER_MAX: Duration = Duration::from_secs(30);
+/// A joint slower than this rests, rad/s: the drives themselves tell a slower one as standing.
+const REST_RAD_S: f64 = 0.02;
 /// The end of a run in which all joints must rest.
 const REST_SPAN: Duration = Duration::from_millis(200);
 /// A drive that brakes at the rate of its commands stands after 0.26 s; a halt, a watchdog and the controller's reaction
@@ -30,8 +32,9 @@ const SPEED_SLACK_RAD_S: f64 = 0.05;
 /// Position loops overshoot by this much, rad.
 const POSITION_SLACK_RAD: f64 = 0.005;
 /// Largest distance from the path of the nominal run, rad: a joint that brakes on its own at the rate of its commands from
-/// the top speed of the throw needs v²/(2a), 0.2 to 0.3 rad, while the others stop elsewhere.
-pub const EXCURSION_MAX_RAD: f64 = 0.35;
+/// the top speeds of the throw (1.7 rad/s at 10.4 rad/s², 2.5 rad/s at 22.3 rad/s²) needs v²/(2a), 0.14 rad, while the
+/// others may stop elsewhere.
+pub const EXCURSION_MAX_RAD: f64 = 0.15;
 
 /// A rule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -105,6 +108,10 @@ impl Judge<'_> {
         }
         if let Some(broken) = &run.broken {
             found(Rule::Runs, broken.clone());
+        }
+        let limit = self.nominal.at(self.nominal.len()) + LONGER_MAX;
+        if run.end > limit {
+            found(Rule::Runs, format!("ends at {}, long after {limit}", run.end));
         }
         if let Some(first) = run.bus.beyond.first().filter(|_| !forges_frames(&scenario.faults)) {
             found(Rule::Command, first.clone());
@@ -266,22 +273,26 @@ struct Excursion {
     at: Instant,
 }
 
-/// The index of the nearest sample of `nominal` in a range, the joint farthest off it, and by how much.
+/// The index of the nearest sample of `nominal` in a range, the joint farthest off it, and by how much. The sum of the
+/// squares decides what is nearest: of the largest distance alone, one joint that is off by a constant would hide the
+/// others.
 fn nearest(
     here: &[[f64; 2]],
     nominal: &Trace,
     range: std::ops::RangeInclusive<usize>,
 ) -> (usize, usize, f64) {
-    let mut best = (*range.start(), 0, f64::INFINITY);
+    let mut best = (*range.start(), f64::INFINITY);
     for index in range.step_by(STRIDE) {
-        let distances = here.iter().zip(nominal.sample(index)).map(|(a, b)| (a[0] - b[0]).abs()).enumerate();
-        let (joint, d) = distances.fold((0, 0.0), |best, next| if next.1 > best.1 { next } else { best });
+        let there = nominal.sample(index);
+        let squares: f64 = here.iter().zip(there).map(|(a, b)| (a[0] - b[0]).powi(2)).sum();
         // Of equal ones the last: a standing arm is at the end of its stay.
-        if d <= best.2 {
-            best = (index, joint, d);
+        if squares <= best.1 {
+            best = (index, squares);
         }
     }
-    best
+    let distances = here.iter().zip(nominal.sample(best.0)).map(|(a, b)| (a[0] - b[0]).abs()).enumerate();
+    let (joint, rad) = distances.fold((0, 0.0), |best, next| if next.1 > best.1 { next } else { best });
+    (best.0, joint, rad)
 }
 
 fn rest(run: &Evidence, hidden: &[Window], found: &mut impl FnMut(Rule, String)) {
