@@ -191,7 +191,7 @@ fn bad_targets_are_refused_by_name() {
     assert!(refused([1.0, 0.0, -1.5]).contains("below the floor"));
     assert!(refused([0.0, 0.0, -0.5]).contains("inside \"column\""));
     let reversed = Options {
-        bounds: host::plan::problem::Bounds { flight_s: 2.0..=1.0, ..Default::default() },
+        bounds: host::plan::AskedBounds { flight_s: Some(2.0..=1.0), ..Default::default() },
         ..Options::paper()
     };
     let e = Problem::new(&arm, Vector3::new(1.0, 0.0, 0.0), reversed).expect_err("refused");

@@ -58,6 +58,9 @@ pub(crate) struct CutContext<'a, 'p> {
 
 /// Clearances count in decimetres, so that they weigh like the other scaled rows.
 pub(crate) const CLEARANCE_SCALE: f64 = 10.0;
+/// Shortly after the release the ball moves away from the hand by `½ a t²` and no more, so their distance hardly changes
+/// with the throw. Before this time it counts as much more as makes it change like the other rows.
+const PARTING_S: f64 = 0.1;
 /// Cuts aim a little beyond the clearance asked for, so that the proof of the motion has room for its tolerance.
 pub(crate) const CLEARANCE_EXTRA_M: f64 = 2e-4;
 /// Currents over the motion keep this share of the limit free for the same reason.
@@ -167,7 +170,13 @@ impl Cut {
         };
         // d(distance) = n · (v_second - v_first) at the nearest point: joints between the two bodies move the second,
         // a flying ball moves by itself and joints up to the first body move the first.
-        let n = near.normal * CLEARANCE_SCALE;
+        let scale = match self.kind {
+            CutKind::FlyingBall(k) if link(k) == JOINTS => {
+                CLEARANCE_SCALE * (PARTING_S / flight_s).powi(2).max(1.0)
+            }
+            _ => CLEARANCE_SCALE,
+        };
+        let n = near.normal * scale;
         let mut by_angle = Joints::zeros();
         let (from, to, sign) = match second {
             Some(last) => (first, last, 1.0),
@@ -202,7 +211,7 @@ impl Cut {
             g[HB] += n.dot(&state.v) * self.sigma;
         }
         debug_assert!(g[F] == 0.0);
-        (near.distance_m - self.kind.clearance_m(problem) - CLEARANCE_EXTRA_M) * CLEARANCE_SCALE
+        (near.distance_m - self.kind.clearance_m(problem) - CLEARANCE_EXTRA_M) * scale
     }
 
     fn current(

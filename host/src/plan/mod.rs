@@ -5,6 +5,7 @@
 //! |---|---|
 //! | [`throw`] | a throw and the motion of the joints through it |
 //! | [`problem`] | target, form, limits and options, validated |
+//! | [`bounds`] | search space: the paper's, the robot's, or as asked for |
 //! | [`goal`] | what a search makes small: objective (1), or how badly the ball lands |
 //! | [`paper`] | the paper's eight parameters, release frame, choice of branch |
 //! | [`margins`] | what a throw leaves of every limit |
@@ -23,6 +24,7 @@
 
 #[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
 mod curvature;
+pub mod bounds;
 mod cuts;
 pub mod file;
 pub mod goal;
@@ -48,6 +50,7 @@ mod sqp;
 pub mod statistics;
 pub mod throw;
 
+pub use bounds::{AskedBounds, Bounds};
 pub use goal::Goal;
 pub use local::{Blocked, Found, Nearest};
 pub use margins::Margins;

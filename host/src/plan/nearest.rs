@@ -56,7 +56,7 @@ impl Planner<'_, '_> {
         for k in 0..RANDOM_STARTS {
             let mut rng = SplitMix64::stream(budget.seed ^ 0x6E65_6172, k);
             let unit = std::array::from_fn(|_| rng.unit());
-            let h = PaperParameters::in_bounds(&self.problem.options.bounds, self.azimuth_rad, unit);
+            let h = PaperParameters::in_bounds(&self.problem.bounds, self.azimuth_rad, unit);
             starts.push(h.start(self.problem));
         }
         let direct: Vec<(NearestTarget, Throw)> = starts

@@ -5,7 +5,8 @@ use robot_model::jacobian::joint_rates;
 use robot_model::{Branch, Pose};
 
 use super::margins::Margins;
-use super::problem::{Bounds, Problem};
+use super::bounds::Bounds;
+use super::problem::Problem;
 use super::throw::{Arm, Joints, Throw};
 
 /// `h = [θ, φ, r, γ, ω, F, H_s, d_r]` of the paper (section IV).

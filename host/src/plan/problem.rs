@@ -5,6 +5,7 @@ use std::ops::RangeInclusive;
 use nalgebra::Vector3;
 use robot_model::Pose;
 
+use super::bounds::{AskedBounds, Bounds};
 use super::goal::Goal;
 use super::rows::DELAY_WINDOWS_MAX;
 use super::statistics::Region;
@@ -38,42 +39,6 @@ impl Default for Weights {
     /// The paper's: 15, 20, 0.01.
     fn default() -> Self {
         Self { k_t: 15.0, k_b: 20.0, k_j: 0.01 }
-    }
-}
-
-/// Search space of the release: the paper's `h_min`, `h_max`.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Bounds {
-    /// Azimuth θ of the ball seen from the shoulder in rad; `None`: any.
-    pub azimuth_rad: Option<RangeInclusive<f64>>,
-    /// Elevation φ of the ball seen from the shoulder in rad.
-    pub elevation_rad: RangeInclusive<f64>,
-    /// Distance r of the ball from the shoulder in m.
-    pub radius_m: RangeInclusive<f64>,
-    /// Angular velocity ω of the hand about the throw in rad/s (paper's form only).
-    pub spin_rad_s: RangeInclusive<f64>,
-    /// Time of flight F in s.
-    pub flight_s: RangeInclusive<f64>,
-    /// Duration H_s of the movement in s.
-    pub duration_s: RangeInclusive<f64>,
-    /// Braking ratio d_r.
-    pub braking_ratio: RangeInclusive<f64>,
-}
-
-impl Default for Bounds {
-    /// The paper's; with its θ in [-π/2, π/2] replaced by any azimuth, so that targets behind the arm are not lost
-    /// (joint 1 limits the azimuth anyway). No optimum of the published targets lies on that bound.
-    fn default() -> Self {
-        use std::f64::consts::{FRAC_PI_2, PI};
-        Self {
-            azimuth_rad: None,
-            elevation_rad: -PI / 2.5..=FRAC_PI_2,
-            radius_m: 0.5..=1.0,
-            spin_rad_s: -FRAC_PI_2..=FRAC_PI_2,
-            flight_s: 0.3..=3.0,
-            duration_s: 0.2..=2.0,
-            braking_ratio: 0.04..=0.4,
-        }
     }
 }
 
@@ -115,8 +80,8 @@ pub struct Options {
     pub goal: Goal,
     /// Weights of the paper's objective (1).
     pub weights: Weights,
-    /// Search space.
-    pub bounds: Bounds,
+    /// Bounds of the search space that replace those of the form and the robot.
+    pub bounds: AskedBounds,
     /// Part of the speed limit a plan may use, in (0, 1].
     pub speed_use: f64,
     /// Part of the acceleration limit a plan may use, in (0, 1].
@@ -155,7 +120,7 @@ impl Options {
             form: Form::Paper,
             goal: Goal::Effort,
             weights: Weights::default(),
-            bounds: Bounds::default(),
+            bounds: AskedBounds::default(),
             speed_use: 1.0,
             acceleration_use: 1.0,
             range_margin_rad: 0.0,
@@ -297,6 +262,7 @@ pub struct Problem<'a> {
     pub(crate) flight: FlightModel,
     /// Centre of the paper's spherical coordinates: where axis 2 passes axis 1.
     pub(crate) shoulder: Vector3<f64>,
+    pub(crate) bounds: Bounds,
     pub(crate) limits: Limits,
 }
 
@@ -355,6 +321,8 @@ impl<'a> Problem<'a> {
         let frames = arm.fk(&super::throw::Joints::zeros());
         let (axis, base, second) = (frames.axis(0), frames.origin(0), frames.origin(1));
         let shoulder = base + axis * axis.dot(&(second - base));
+        let bounds = Bounds::of(options.form, arm, &shoulder).with(&options.bounds);
+        check_bounds(&bounds)?;
         let of = |pick: fn(&robot_model::JointLimits) -> f64| arm.limit(pick).into();
         let mut limits = Limits {
             q_min: of(|l| l.q_min_rad),
@@ -376,7 +344,7 @@ impl<'a> Problem<'a> {
             *max -= margin;
         }
         let holding = arm.holding_ball().map(Box::new);
-        Ok(Self { arm, holding, target, options, flight, shoulder, limits })
+        Ok(Self { arm, holding, target, options, flight, shoulder, bounds, limits })
     }
 
     /// The arm.
@@ -445,6 +413,30 @@ fn check_goal(goal: &Goal) -> Result<(), ProblemError> {
     Ok(())
 }
 
+fn range(option: &'static str, r: &RangeInclusive<f64>, least: f64, most: f64) -> Result<(), ProblemError> {
+    let (min, max) = (*r.start(), *r.end());
+    if min <= max && min >= least && max <= most {
+        Ok(())
+    } else {
+        Err(ProblemError::Range { option, min, max })
+    }
+}
+
+/// No length, time or speed of an arm is as large.
+const FAR: f64 = 1e6;
+
+fn check_bounds(b: &Bounds) -> Result<(), ProblemError> {
+    if let Some(r) = &b.azimuth_rad {
+        range("the release azimuth", r, -FAR, FAR)?;
+    }
+    range("the release elevation", &b.elevation_rad, -FAR, FAR)?;
+    range("the release radius", &b.radius_m, 0.0, FAR)?;
+    range("the spin", &b.spin_rad_s, -FAR, FAR)?;
+    range("the time of flight", &b.flight_s, 1e-3, FAR)?;
+    range("the duration", &b.duration_s, 1e-2, FAR)?;
+    range("the braking ratio", &b.braking_ratio, 1e-3, 0.999)
+}
+
 fn check_options(o: &Options) -> Result<(), ProblemError> {
     let scalar = |option, value: f64, min: f64, max: f64| {
         if value >= min && value <= max {
@@ -469,27 +461,8 @@ fn check_options(o: &Options) -> Result<(), ProblemError> {
         scalar("shift limit in m", window.shift_m, 5e-4, 1.0)?;
     }
     check_goal(&o.goal)?;
-    let b = &o.bounds;
-    let range = |option, r: &RangeInclusive<f64>, least: f64, most: f64| {
-        let (min, max) = (*r.start(), *r.end());
-        if min <= max && min >= least && max <= most {
-            Ok(())
-        } else {
-            Err(ProblemError::Range { option, min, max })
-        }
-    };
-    let far = 1e6;
-    if let Some(r) = &b.azimuth_rad {
-        range("the release azimuth", r, -far, far)?;
-    }
-    range("the release elevation", &b.elevation_rad, -far, far)?;
-    range("the release radius", &b.radius_m, 0.0, far)?;
-    range("the spin", &b.spin_rad_s, -far, far)?;
-    range("the time of flight", &b.flight_s, 1e-3, far)?;
-    range("the duration", &b.duration_s, 1e-2, far)?;
-    range("the braking ratio", &b.braking_ratio, 1e-3, 0.999)?;
     if let Some(r) = &o.arrival.speed_m_s {
-        range("the arrival speed", r, 0.0, far)?;
+        range("the arrival speed", r, 0.0, FAR)?;
     }
     if let Some(r) = &o.arrival.descent_rad {
         range("the arrival steepness", r, -std::f64::consts::FRAC_PI_2, std::f64::consts::FRAC_PI_2)?;
@@ -500,7 +473,7 @@ fn check_options(o: &Options) -> Result<(), ProblemError> {
                 option: "half edge length of an obstacle in m",
                 value: obstacle.half_m.min(),
                 min: positive,
-                max: far,
+                max: FAR,
             });
         }
     }

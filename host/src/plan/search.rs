@@ -128,7 +128,7 @@ impl<'p, 'a> Planner<'p, 'a> {
     fn solve_random(&self, seed: u64, index: u64) -> Option<Found> {
         let mut rng = SplitMix64::stream(seed, index);
         let unit = std::array::from_fn(|_| rng.unit());
-        let h = PaperParameters::in_bounds(&self.problem.options.bounds, self.azimuth_rad, unit);
+        let h = PaperParameters::in_bounds(&self.problem.bounds, self.azimuth_rad, unit);
         let start = h.start(self.problem);
         self.solve(&start, Begin::Anywhere, &Settings::default(), usize::MAX)
     }

@@ -33,7 +33,8 @@ pub(crate) struct Settings {
     pub(crate) objective: f64,
     /// Stop early when the objective will not get below this any more.
     pub(crate) give_up_above: f64,
-    /// A run whose violation has not halved within this many steps is at a stationary point of the violation.
+    /// A run that is far from the constraints and has not halved its violation within this many steps is at a stationary
+    /// point of the violation.
     pub(crate) patience: usize,
 }
 
@@ -176,6 +177,11 @@ const NEARLY_FEASIBLE: f64 = 1e-3;
 /// The last steps of a run only go back into the constraints, if they are no farther away than this.
 const LAST_STEPS: usize = 3;
 const LAST_VIOLATION: f64 = 1e-2;
+/// Below this violation a run descends along the constraints. Its violation follows the length of its steps and need
+/// not halve.
+const DESCENDING_VIOLATION: f64 = 1e-3;
+/// Steps back into the constraints after the last step of a run.
+const RETURN_STEPS: usize = 8;
 /// Where a run ends can be told when it is this near to the constraints and its steps are this short.
 const GIVE_UP_VIOLATION: f64 = 1e-2;
 const GIVE_UP_STEP: f64 = 0.1;
@@ -240,7 +246,7 @@ pub(crate) fn solve(
     let mut mark = (f64::INFINITY, 0);
     while iterations < settings.iterations_max && violation.is_finite() && rows.objective.is_finite() {
         iterations += 1;
-        if violation < 0.5 * mark.0 || violation <= 1e-5 {
+        if violation < 0.5 * mark.0 || violation <= DESCENDING_VIOLATION {
             mark = (violation, iterations);
         } else if iterations - mark.1 > settings.patience {
             break;
@@ -356,6 +362,29 @@ pub(crate) fn solve(
             factor = Some(used);
         }
         believed = plain;
+    }
+    // A run that ends without steps left is a little outside the constraints it descended along. The shortest way back
+    // makes a throw of it, which a later run can continue.
+    for _ in 0..RETURN_STEPS {
+        if !(violation > settings.feasibility && violation < LAST_VIOLATION) {
+            break;
+        }
+        let Ok(back) = qp::solve(&Factor::identity(), &[0.0; DIM], n, &rows.eq, &rows.ineq, &[]) else { break };
+        let mut trial = x;
+        for (x, d) in trial.iter_mut().zip(&back.d).take(n) {
+            *x += d;
+        }
+        if !(trial[F] > 1e-3 && trial[HA] > 1e-3 && trial[HB] > 1e-3) {
+            break;
+        }
+        next.evaluate(problem, layout, &trial, cuts);
+        iterations += 1;
+        let after = next.worst();
+        if after.is_nan() || after >= violation {
+            break;
+        }
+        (x, violation) = (trial, after);
+        std::mem::swap(&mut rows, &mut next);
     }
     Local { x, objective: rows.objective, violation, iterations, multipliers }
 }

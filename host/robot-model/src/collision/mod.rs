@@ -104,7 +104,8 @@ impl CollisionModel {
         if i == 0 || k >= i { 0.0 } else { self.swing_m[k][i - 1] }
     }
 
-    pub(crate) fn ball_swing_m(&self, k: usize) -> f64 {
+    #[must_use]
+    pub fn ball_swing_m(&self, k: usize) -> f64 {
         self.ball_swing_m[k]
     }
 }

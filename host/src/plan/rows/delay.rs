@@ -22,7 +22,7 @@ const SHIFT_EPS_M: f64 = 1e-4;
 /// Windows aim a little inside, so that another integration of the flight agrees.
 const WINDOW_SHARE: f64 = 0.98;
 
-/// `dL/dδ = 0` (equalities 7 and 8) and `|L(δ) - target| ≤ window` for late and early release.
+/// `dL/dδ = 0` (equalities 7 and 8) and `|L(δ) - L(0)| ≤ window` for late and early release.
 pub(super) fn delay_rows<S: Sink>(
     problem: &Problem<'_>,
     layout: &Layout,
@@ -54,6 +54,12 @@ pub(super) fn delay_rows<S: Sink>(
             }
         }
     }
+    if problem.options.delay_windows.is_empty() {
+        return;
+    }
+    // Measured from where this throw lands, not from the target: whether it hits is another row's business, and a row
+    // that mixes both is stiff wherever the throw still misses by metres.
+    let on_time = late(0.0);
     for (k, window) in problem.options.delay_windows.iter().enumerate() {
         for (side, sign) in [(0, 1.0), (1, -1.0)] {
             let id = DELAY + 2 * k + side;
@@ -66,25 +72,20 @@ pub(super) fn delay_rows<S: Sink>(
                 sink.ineq(id, (h - window.delay_s) * SHIFT_SCALE - 1.0, |g| g.add(h_index, SHIFT_SCALE));
                 continue;
             }
-            let Some(end) = late(sign * window.delay_s) else {
+            let (Some(end), Some(on_time)) = (late(sign * window.delay_s), &on_time) else {
                 sink.ineq(id, -1e3, |_| {});
                 continue;
             };
-            let off = end.xy - target.xy();
+            let off = end.xy - on_time.xy;
             let distance_m = (off.norm_squared() + SHIFT_EPS_M * SHIFT_EPS_M).sqrt();
             let value = (window.shift_m * WINDOW_SHARE - distance_m) * SHIFT_SCALE;
             if value < WINDOW {
                 sink.ineq(id, value, |g| {
                     let along = off * (-SHIFT_SCALE / distance_m);
                     end.add_gradient(g, layout, &along);
-                    if let Some((at, axes)) = layout.shift {
-                        for (axis, by) in
-                            [-along.x, -along.y, along.dot(&end.by_plane)].into_iter().enumerate()
-                        {
-                            if axes[axis] {
-                                g.add(at + axis, by);
-                            }
-                        }
+                    on_time.add_gradient(g, layout, &-along);
+                    if let Some((at, [_, _, true])) = layout.shift {
+                        g.add(at + 2, along.dot(&(end.by_plane - on_time.by_plane)));
                     }
                 });
             }

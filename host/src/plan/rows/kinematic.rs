@@ -84,7 +84,7 @@ pub(crate) fn kinematic_rows<S: Sink>(
     if !problem.options.free_spin {
         across(sink, 5, &x_rf, &w, false);
         across(sink, 6, &y_rf, &w, false);
-        let bounds = &problem.options.bounds.spin_rad_s;
+        let bounds = &problem.bounds.spin_rad_s;
         let spin = z_rf.dot(&w);
         for (id, value, sign) in [(SPIN, spin - bounds.start(), 1.0), (SPIN + 1, bounds.end() - spin, -1.0)] {
             if value < WINDOW && sink.wants(id) {
@@ -130,7 +130,7 @@ pub(crate) fn kinematic_rows<S: Sink>(
 
 /// Spherical bounds of the release point.
 fn point_rows<S: Sink>(problem: &Problem<'_>, p: &Vector3<f64>, jac: &Jacobian<JOINTS>, sink: &mut S) {
-    let b = &problem.options.bounds;
+    let b = &problem.bounds;
     let d = p - problem.shoulder;
     let r = d.norm();
     let unit = d / r;

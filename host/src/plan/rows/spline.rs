@@ -181,7 +181,7 @@ fn extreme_rows<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &Row, sink: 
 
 /// Bounds of times, braking ratio and the shift of the target; all linear.
 fn time_rows<S: Sink>(problem: &Problem<'_>, x: &Row, sink: &mut S) {
-    let b = &problem.options.bounds;
+    let b = &problem.bounds;
     let (ha, hb) = (x[HA], x[HB]);
     let total = ha + hb;
     let (r_min, r_max) = (*b.braking_ratio.start(), *b.braking_ratio.end());
