@@ -31,7 +31,7 @@ use protocol::{Duration, Frame, Instant, JointIndex, ModuleId, bits};
 fn plan() -> (Arm, PlanFile) {
     let arm = Arm::load("powercube6").expect("built in");
     let problem = Problem::new(&arm, Vector3::new(1.0, 1.0, -1.0), Options::best()).expect("valid");
-    let budget = Budget { starts: 2, time: None, seed: 1 };
+    let budget = Budget { starts: 2, all: false, time: None, seed: 1 };
     let best =
         Planner::new(&problem).search(&seeds::built_in(&arm), &budget, &Watch::default()).expect("in reach");
     let file = PlanFile::of(&problem, &best, "powercube6", 1, &Noise::default(), None).expect("lands");

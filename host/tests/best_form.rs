@@ -13,7 +13,7 @@ fn arm() -> Arm {
 
 fn search(problem: &Problem<'_>, starts: usize) -> Best {
     let index = seeds::built_in(problem.arm());
-    let budget = Budget { starts, time: None, seed: 1 };
+    let budget = Budget { starts, all: false, time: None, seed: 1 };
     Planner::new(problem).search(&index, &budget, &Watch::default()).expect("in reach")
 }
 

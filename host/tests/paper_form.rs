@@ -19,7 +19,7 @@ fn problem<'a>(arm: &'a Arm, target: [f64; 3], options: Options) -> Problem<'a> 
 /// Stored throws and a few random ones.
 fn best(problem: &Problem<'_>, starts: usize) -> Result<f64, String> {
     let index = seeds::built_in(problem.arm());
-    let budget = Budget { starts, time: None, seed: 1 };
+    let budget = Budget { starts, all: false, time: None, seed: 1 };
     Planner::new(problem)
         .search(&index, &budget, &Watch::default())
         .map(|b| b.found.objective)
@@ -117,7 +117,7 @@ fn a_target_beyond_all_throws_has_a_nearest_one_in_both_forms() {
     let free = Options { delay_windows: Vec::new(), null_delay: false, ..Options::best() };
     for (options, away) in [(Options::paper(), 2.7..3.2), (free, 1.0..1.8)] {
         let problem = Problem::new(&arm, Vector3::new(5.0, 0.0, 0.0), options).expect("valid");
-        let budget = Budget { starts: 0, time: None, seed: 1 };
+        let budget = Budget { starts: 0, all: false, time: None, seed: 1 };
         let none = Planner::new(&problem).search(&index, &budget, &Watch::default()).expect_err("too far");
         let nearest = none.nearest.expect("the arm throws somewhere");
         assert!(away.contains(&nearest.distance_m), "{nearest:?}");
@@ -155,7 +155,7 @@ fn the_farthest_floor_target_is_where_it_is_known_to_be() {
     }
     // From a throw to 2.18 m, the target is pulled outwards along x until something blocks.
     let near = problem(&arm, [2.18, 0.0, -1.0], Options::paper());
-    let budget = Budget { starts: 0, time: None, seed: 1 };
+    let budget = Budget { starts: 0, all: false, time: None, seed: 1 };
     let throw = Planner::new(&near)
         .search(&seeds::built_in(&arm), &budget, &Watch::default())
         .expect("in reach")
@@ -174,7 +174,7 @@ fn the_same_seed_gives_the_same_throw_on_any_number_of_threads() {
     let p = problem(&arm, [1.2, 0.4, -0.8], Options::paper());
     let run = |threads: usize| {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("pool").install(|| {
-            let budget = Budget { starts: 24, time: None, seed: 3 };
+            let budget = Budget { starts: 24, all: false, time: None, seed: 3 };
             Planner::new(&p).search(&Index::default(), &budget, &Watch::default()).expect("in reach")
         })
     };

@@ -19,7 +19,7 @@ fn plan_to(target: Vector3<f64>, options: Options) -> (Arm, PlanFile) {
     let arm = Arm::load("powercube6").expect("built in");
     let file = {
         let problem = Problem::new(&arm, target, options).expect("valid");
-        let budget = Budget { starts: 6, time: None, seed: 1 };
+        let budget = Budget { starts: 6, all: false, time: None, seed: 1 };
         let best = Planner::new(&problem)
             .search(&seeds::built_in(&arm), &budget, &Watch::default())
             .expect("in reach");
@@ -46,10 +46,12 @@ fn a_plan_reads_back_to_the_same_bits() {
 #[test]
 fn plans_of_older_versions_are_read() {
     let (arm, file) = plan(Options::paper());
-    for (version, younger) in
-        [(3, &["obstacles", "clearance_m"][..]), (2, &["obstacles", "clearance_m", "speed_use", "goal"])]
-    {
-        let text = file.to_json().replacen("\"version\": 4", &format!("\"version\": {version}"), 1);
+    for (version, younger) in [
+        (4, &["stored"][..]),
+        (3, &["stored", "obstacles", "clearance_m"]),
+        (2, &["stored", "obstacles", "clearance_m", "speed_use", "goal"]),
+    ] {
+        let text = file.to_json().replacen("\"version\": 5", &format!("\"version\": {version}"), 1);
         // A field that was the last of its list leaves a comma behind.
         let keep = |l: &&str| !younger.iter().any(|key| l.trim_start().starts_with(&format!("\"{key}\"")));
         let lines: Vec<&str> = text.lines().filter(keep).collect();
@@ -153,12 +155,12 @@ fn bad_files_are_refused_with_the_reason() {
     let (arm, file) = plan(Options::paper());
     let path = Path::new("p.json");
     let text = file.to_json();
-    let newer = text.replacen("\"version\": 4", "\"version\": 5", 1);
+    let newer = text.replacen("\"version\": 5", "\"version\": 6", 1);
     let e = PlanFile::from_json(path, &newer).expect_err("newer");
-    assert!(matches!(e, PlanFileError::Newer { found: 5, .. }));
+    assert!(matches!(e, PlanFileError::Newer { found: 6, .. }));
     assert_eq!(
         e.to_string(),
-        "plan p.json has version 5, this program reads up to 4: update cubectl or plan again"
+        "plan p.json has version 6, this program reads up to 5: update cubectl or plan again"
     );
     for broken in [&text[..text.len() / 2], "", "[]", "{\"format\": \"something\"}"] {
         assert!(matches!(PlanFile::from_json(path, broken), Err(PlanFileError::Damaged { .. })), "{broken}");

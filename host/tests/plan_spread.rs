@@ -13,7 +13,7 @@ fn problem(arm: &Arm, options: Options) -> Problem<'_> {
 }
 
 fn search(problem: &Problem<'_>) -> Best {
-    let budget = Budget { starts: 4, time: None, seed: 1 };
+    let budget = Budget { starts: 4, all: false, time: None, seed: 1 };
     Planner::new(problem)
         .search(&seeds::built_in(problem.arm()), &budget, &Watch::default())
         .expect("in reach")
@@ -32,11 +32,15 @@ fn planning_for_the_spread_lands_more_exactly_than_any_throw_that_is_best_in_eff
         let effort = problem(&arm, form.clone());
         let planner = Planner::new(&effort);
         let miss = |f: &Found| planner.rms_miss_m(&f.throw, &noise).expect("lands");
-        let exact = search(&effort).others.iter().map(miss).fold(f64::INFINITY, f64::min);
+        let best = search(&effort);
+        let exact = best.others.iter().map(miss).fold(f64::INFINITY, f64::min);
+        let cheapest = miss(&best.found);
         let spread = problem(&arm, Options { goal: Goal::Spread(noise), ..form });
         let found = search(&spread).found;
         let predicted = miss(&found);
-        assert!(predicted < 0.85 * exact, "{predicted} m, the most exact of the others {exact} m");
+        // Some of the others cost twice as much as the cheapest and happen to be exact.
+        assert!(predicted < 0.95 * exact, "{predicted} m, the most exact of the others {exact} m");
+        assert!(predicted < 0.8 * cheapest, "{predicted} m, the cheapest {cheapest} m");
         let landings = drawn(&spread, &found, &noise);
         let rms = (landings.iter().map(Vector2::norm_squared).sum::<f64>() / landings.len() as f64).sqrt();
         assert!((rms / predicted - 1.0).abs() < 0.05, "drawn {rms} m, predicted {predicted} m");

@@ -56,7 +56,7 @@ pub(crate) fn delay(arm: &Arm, index: &Index, n: u64) {
     );
     let plain = Options { null_delay: false, delay_windows: Vec::new(), ..Options::best() };
     let best = |problem: &Problem<'_>, starts: usize| {
-        let budget = Budget { starts, time: None, seed: START_SEED };
+        let budget = Budget { starts, all: false, time: None, seed: START_SEED };
         Planner::new(problem).attempt(index, &budget, &Watch::default()).ok().map(|b| b.found)
     };
     let (mut cubics, mut ours, mut kept, mut k) = (Vec::new(), Vec::new(), 0, 0);
@@ -188,7 +188,7 @@ pub(crate) fn spread(arm: &Arm, index: &Index, n: u64) {
             let at = target(TARGET_SEED, k);
             k += 1;
             let Ok(effort) = Problem::new(arm, at, options.clone()) else { continue };
-            let budget = Budget { starts: 16, time: None, seed: START_SEED };
+            let budget = Budget { starts: 16, all: false, time: None, seed: START_SEED };
             let planner = Planner::new(&effort);
             let Ok(best) = planner.attempt(index, &budget, &Watch::default()) else { continue };
             let miss = |f: &Found| planner.rms_miss_m(&f.throw, &noise).unwrap_or(f64::INFINITY) * 1e3;

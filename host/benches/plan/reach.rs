@@ -24,7 +24,7 @@ pub(crate) fn reach(arm: &Arm, index: &Index) {
             let mut best = 0.0_f64;
             let mut start: Option<Throw> = None;
             if let Ok(problem) = Problem::new(arm, point(from), options.clone()) {
-                let budget = Budget { starts: 64, time: None, seed: START_SEED };
+                let budget = Budget { starts: 64, all: false, time: None, seed: START_SEED };
                 if let Ok(found) = Planner::new(&problem).attempt(index, &budget, &Watch::default()) {
                     best = from;
                     start = Some(found.found.throw);
@@ -60,7 +60,7 @@ pub(crate) fn free_spin(arm: &Arm, index: &Index, starts: usize) {
     let options = Options { free_spin: true, avoid_collisions: false, ..Options::paper() };
     for (t, known) in [([1.0, 1.0, -1.0], 22.66), ([2.0, 0.0, 0.0], 29.65)] {
         let problem = Problem::new(arm, Vector3::from(t), options.clone()).expect("valid");
-        let budget = Budget { starts, time: None, seed: START_SEED };
+        let budget = Budget { starts, all: false, time: None, seed: START_SEED };
         match Planner::new(&problem).attempt(index, &budget, &Watch::default()) {
             Ok(best) => println!(
                 "  {t:?}: J = {:.3}, known {known}; {} of {} starts ended in a throw",

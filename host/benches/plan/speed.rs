@@ -135,7 +135,7 @@ pub(crate) fn reference(arm: &Arm, index: &Index, set: &Set, n: usize, starts: u
                     .filter_map(|s| planner.random_start(START_SEED ^ k << 8, s))
                     .map(|f| f.objective)
                     .collect();
-                let budget = Budget { starts: 0, time: None, seed: START_SEED };
+                let budget = Budget { starts: 0, all: false, time: None, seed: START_SEED };
                 let stored = planner.attempt(index, &budget, &Watch::default()).map(|b| b.found.objective);
                 let best = random.iter().copied().chain(stored.ok()).fold(f64::INFINITY, f64::min);
                 let hits = random.iter().filter(|j| **j <= best * 1.001).count();
@@ -221,7 +221,7 @@ pub(crate) fn best_form(arm: &Arm, index: &Index, n: usize) {
         k += 1;
         let Ok(problem) = Problem::new(arm, at, Options::best()) else { continue };
         let planner = Planner::new(&problem);
-        let budget = Budget { starts: 16, time: None, seed: START_SEED };
+        let budget = Budget { starts: 16, all: false, time: None, seed: START_SEED };
         let Ok(best) = planner.attempt(index, &budget, &Watch::default()) else { continue };
         let (found, s) = timed(|| planner.from_index(index, TRIES));
         times.push(s * 1e3);

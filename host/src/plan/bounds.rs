@@ -46,8 +46,8 @@ pub struct AskedBounds {
     pub braking_ratio: Option<RangeInclusive<f64>>,
 }
 
-/// Distance of the ball from the shoulder of the paper's arm when it is stretched, in m.
-const PAPER_REACH_M: f64 = 1.057;
+/// Reach of the paper's arm as [`reach_m`] bounds it, in m.
+const PAPER_REACH_M: f64 = 1.102;
 /// An arm whose reach is this near to that of the paper's arm has the paper's bounds in the paper's form.
 const PAPER_REACH_SHARE: f64 = 0.05;
 /// A release nearer to the shoulder than this share of the reach has no use: the hand hardly moves there.
@@ -131,7 +131,7 @@ impl Bounds {
     }
 }
 
-/// Largest distance of the ball from the axis of joint 2, in m.
+/// Bound on the distance of the ball from the axis of joint 2, in m: the links in a row.
 fn reach_m(arm: &Arm) -> f64 {
     arm.collision().ball_swing_m(1)
 }

@@ -73,22 +73,6 @@ impl Landed {
         })
     }
 
-    /// The point on the other side of `centre`, with its derivatives; both of a release on time.
-    pub(crate) fn mirrored_in(&self, centre: &Self) -> Self {
-        let flip = |a: &[Vector2<f64>; JOINTS], c: &[Vector2<f64>; JOINTS]| {
-            std::array::from_fn(|k| c[k] * 2.0 - a[k])
-        };
-        Self {
-            xy: centre.xy * 2.0 - self.xy,
-            by_q: flip(&self.by_q, &centre.by_q),
-            by_qd: flip(&self.by_qd, &centre.by_qd),
-            by_qdd: flip(&self.by_qdd, &centre.by_qdd),
-            by_h: centre.by_h * 2.0 - self.by_h,
-            h_index: self.h_index,
-            by_plane: centre.by_plane * 2.0 - self.by_plane,
-        }
-    }
-
     /// Adds the gradient of `weight · xy` by the variables of the throw.
     pub(crate) fn add_gradient(&self, g: &mut Gradient<'_>, layout: &Layout, weight: &Vector2<f64>) {
         for k in 0..JOINTS {

@@ -15,16 +15,21 @@
 //! | `qp`, `curvature`, `sqp` | quadratic programs, their matrices, local solve |
 //! | `local` | one start |
 //! | `promise` | which stored throws to try first |
+//! | `place` | stored throws turned to a target |
+//! | `continuation` | stored throws carried to a target in steps |
+//! | `basins` | where the starts ended, and when more of them hardly pay |
 //! | [`search`] | stored and random starts on all cores |
 //! | [`nearest`] | the nearest reachable target, for one that is not |
-//! | [`seeds`] | the stored throws that come with the program |
+//! | [`seeds`], [`prepare`] | the stored throws that come with the program, and how tables are made |
 //! | [`statistics`] | covariance of the landing, probability of a hit |
 //! | [`mod@file`] | the plan file |
 //! | [`rng`] | seeded numbers |
 
+mod basins;
+pub mod bounds;
+mod continuation;
 #[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
 mod curvature;
-pub mod bounds;
 mod cuts;
 pub mod file;
 pub mod goal;
@@ -33,6 +38,8 @@ mod local;
 pub mod margins;
 pub mod nearest;
 pub mod paper;
+mod place;
+pub mod prepare;
 pub mod problem;
 mod promise;
 #[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
@@ -50,6 +57,7 @@ mod sqp;
 pub mod statistics;
 pub mod throw;
 
+pub use basins::Confidence;
 pub use bounds::{AskedBounds, Bounds};
 pub use goal::Goal;
 pub use local::{Blocked, Found, Nearest};

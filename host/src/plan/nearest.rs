@@ -36,6 +36,8 @@ pub(super) fn nearest_text(nearest: Option<&NearestTarget>) -> String {
 /// Stored throws, and random points, from which the nearest target is looked for.
 const STORED_STARTS: usize = 12;
 const RANDOM_STARTS: u64 = 48;
+/// A nearest target within this distance is believed at once, in m.
+const DIRECT_MAX_M: f64 = 0.5;
 /// Where that fails, because the target is too far for it, throws are walked towards it from so many stored targets.
 const WALKED: usize = 12;
 /// Random starts for a stored target to which the stored throw does not lead under the options at hand.
@@ -64,13 +66,18 @@ impl Planner<'_, '_> {
             .filter_map(|s| self.nearest_from_throw(s, [true; 3]))
             .map(|n| (self.nearest_target(self.problem.target + n.shift_m, n.constraint), n.throw))
             .collect();
-        least(direct).or_else(|| {
+        let direct = least(direct);
+        if direct.as_ref().is_some_and(|(n, _)| n.distance_m < DIRECT_MAX_M) {
+            return direct;
+        }
+        let walked = {
             // The nearest ones may lie on the edge of the reach of other options: some of the nearer half of all.
             let stored = self.stored_near(index, |_| true, index.records().len().div_ceil(2));
             let apart = stored.len().div_ceil(WALKED).max(1);
             let some: Vec<&Record> = stored.into_iter().step_by(apart).collect();
-            least(some.par_iter().filter_map(|record| self.walk(record, budget.seed)).collect())
-        })
+            some.par_iter().filter_map(|record| self.walk(record, budget.seed)).collect::<Vec<_>>()
+        };
+        least(walked.into_iter().chain(direct).collect())
     }
 
     /// The nearest reachable target along some axes, from one throw.

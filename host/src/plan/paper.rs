@@ -4,8 +4,8 @@ use nalgebra::{Matrix3, Vector3, Vector6};
 use robot_model::jacobian::joint_rates;
 use robot_model::{Branch, Pose};
 
-use super::margins::Margins;
 use super::bounds::Bounds;
+use super::margins::Margins;
 use super::problem::Problem;
 use super::throw::{Arm, Joints, Throw};
 

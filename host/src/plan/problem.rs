@@ -175,11 +175,17 @@ impl Options {
     }
 }
 
+/// A number for people: without hundreds of digits.
+fn short(value: f64) -> String {
+    let plain = value == 0.0 || (1e-4..1e7).contains(&value.abs()) || !value.is_finite();
+    if plain { value.to_string() } else { format!("{value:.3e}") }
+}
+
 /// A problem that cannot be stated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ProblemError {
     /// A coordinate of the target is not a number.
-    #[error("target ({x}, {y}, {z}) m is not a point: every coordinate must be a finite number")]
+    #[error("target ({}, {}, {}) m is not a point: every coordinate must be a finite number", short(*x), short(*y), short(*z))]
     TargetNotFinite {
         /// Coordinates as given.
         x: f64,
@@ -190,7 +196,8 @@ pub enum ProblemError {
     },
     /// The target is below the floor.
     #[error(
-        "target height {z_m} m is below the floor at {floor_m} m: raise the target or move the floor in the robot file"
+        "target height {} m is below the floor at {floor_m} m: raise the target or move the floor in the robot file",
+        short(*z_m)
     )]
     TargetBelowFloor {
         /// Height asked for.
@@ -211,7 +218,7 @@ pub enum ProblemError {
         name: String,
     },
     /// An option is outside its range.
-    #[error("{option} = {value} is outside {min} to {max}")]
+    #[error("{option} = {} is outside {} to {}", short(*value), short(*min), short(*max))]
     Option {
         /// Name of the option.
         option: &'static str,
@@ -223,7 +230,7 @@ pub enum ProblemError {
         max: f64,
     },
     /// A range has its ends reversed, or is not finite.
-    #[error("range of {option} runs from {min} to {max}: the lower end must not be above the upper one")]
+    #[error("range of {option} runs from {} to {}: the lower end must not be above the upper one", short(*min), short(*max))]
     Range {
         /// Name of the range.
         option: &'static str,
@@ -305,13 +312,13 @@ impl<'a> Problem<'a> {
                 return Err(ProblemError::TargetInArm { part: part.name.clone() });
             }
         }
+        check_options(&options)?;
         for obstacle in &options.obstacles {
             let p = obstacle.x_wo.inverse_transform_point(&target);
             if p.iter().zip(obstacle.half_m.iter()).all(|(c, h)| c.abs() < *h) {
                 return Err(ProblemError::TargetInObstacle { name: obstacle.name.clone() });
             }
         }
-        check_options(&options)?;
         if arm.ik(&Pose::identity()).is_err() {
             return Err(ProblemError::NoClosedForm { robot: arm.name().to_owned() });
         }
@@ -452,7 +459,7 @@ fn check_options(o: &Options) -> Result<(), ProblemError> {
     scalar("range margin in rad", o.range_margin_rad, 0.0, 1.0)?;
     scalar("weight of time", o.weights.k_t, 0.0, 1e6)?;
     scalar("weight of the braking ratio", o.weights.k_b, 0.0, 1e6)?;
-    scalar("weight of jerk", o.weights.k_j, positive, 1e6)?;
+    scalar("weight of jerk", o.weights.k_j, 0.0, 1e6)?;
     if o.delay_windows.len() > DELAY_WINDOWS_MAX || !o.null_delay && !o.delay_windows.is_empty() {
         return Err(ProblemError::DelayWindows { count: o.delay_windows.len() });
     }
@@ -468,6 +475,9 @@ fn check_options(o: &Options) -> Result<(), ProblemError> {
         range("the arrival steepness", r, -std::f64::consts::FRAC_PI_2, std::f64::consts::FRAC_PI_2)?;
     }
     for obstacle in &o.obstacles {
+        for c in &obstacle.x_wo.pos {
+            scalar("coordinate of an obstacle in m", *c, -FAR, FAR)?;
+        }
         if !obstacle.half_m.iter().all(|h| *h > 0.0 && h.is_finite()) {
             return Err(ProblemError::Option {
                 option: "half edge length of an obstacle in m",

@@ -194,7 +194,7 @@ impl Scanner {
         if problem.options.avoid_collisions {
             self.bodies(problem, throw, &mut out);
         }
-        if problem.options.clean_release {
+        if problem.options.clean_release || !problem.options.obstacles.is_empty() {
             flying_ball(problem, throw, &mut out);
         }
         if problem.options.current_over_motion {
@@ -270,52 +270,70 @@ impl Scanner {
     }
 }
 
-/// The released ball against arm and obstacles until it lands.
+/// The released ball against obstacles, and for a clean release against the arm, until it lands.
 fn flying_ball(problem: &Problem<'_>, throw: &Throw, out: &mut Scan) {
     let arm = problem.arm;
     let (p0, v0) = throw.ball_at_release(arm);
     let radius_m = arm.gripper().ball_radius_m;
-    let bodies = arm.collision().boxes().len();
-    let obstacles = problem.options.obstacles.len();
-    let mut worst = vec![(f64::INFINITY, 0.0); bodies + obstacles];
-    // The arm stops after h_b; the ball can still fall on it afterwards.
-    let steps = 40_usize;
-    let last_s = throw.flight_s;
-    for step in 0..=steps {
-        let s = RELEASE_BLIND_S + (last_s - RELEASE_BLIND_S) * step as f64 / steps as f64;
-        let sigma = s / throw.hb_s;
-        let p = problem.flight.fly(&p0, &v0, s).p;
-        let frames = arm.fk(&throw.at_phase(sigma).q);
-        for k in 0..bodies {
-            let obb = placed(problem, &frames, k);
+    let bodies = if problem.options.clean_release { arm.collision().boxes().len() } else { 0 };
+    let obstacles: Vec<Obb> = problem.options.obstacles.iter().map(|o| Obb::new(o.x_wo, o.half_m)).collect();
+    // Distance of body k at a time; what is far is not measured exactly.
+    let distance = |k: usize, s: f64, frames: &Frames<JOINTS>, p: &Vector3<f64>| -> f64 {
+        let Some(o) = k.checked_sub(bodies) else {
+            let obb = placed(problem, frames, k);
             let gap = (obb.pose.pos - p).norm() - obb.radius_m() - radius_m;
-            if gap > worst[k].0 || gap > 0.3 {
-                continue;
-            }
-            let distance = obb.proximity_to_sphere(&p, radius_m).distance_m;
-            if distance < worst[k].0 {
-                worst[k] = (distance, sigma);
-            }
+            return if gap > 0.3 { gap } else { obb.proximity_to_sphere(p, radius_m).distance_m };
+        };
+        // An obstacle that holds the target (a table, a bin) is met at the end of the flight.
+        if s >= throw.flight_s - RELEASE_BLIND_S {
+            return f64::INFINITY;
         }
-        for (o, obstacle) in problem.options.obstacles.iter().enumerate() {
-            let distance =
-                Obb::new(obstacle.x_wo, obstacle.half_m).proximity_to_sphere(&p, radius_m).distance_m;
-            // An obstacle that holds the target (a table, a bin) is met at the end of the flight.
-            if distance < worst[bodies + o].0 && s < last_s - RELEASE_BLIND_S {
-                worst[bodies + o] = (distance, sigma);
+        obstacles[o].proximity_to_sphere(p, radius_m).distance_m
+    };
+    let at = |s: f64| (arm.fk(&throw.at_phase(s / throw.hb_s).q), problem.flight.fly(&p0, &v0, s).p);
+    let mut worst = vec![(f64::INFINITY, RELEASE_BLIND_S); bodies + obstacles.len()];
+    // The arm stops after h_b; the ball can still fall on it afterwards.
+    let step_s = (throw.flight_s - RELEASE_BLIND_S) / BALL_STEPS as f64;
+    for step in 0..=BALL_STEPS {
+        let s = RELEASE_BLIND_S + step_s * step as f64;
+        let (frames, p) = at(s);
+        for (k, worst) in worst.iter_mut().enumerate() {
+            let d = distance(k, s, &frames, &p);
+            if d < worst.0 {
+                *worst = (d, s);
             }
         }
     }
-    for (k, (distance, sigma)) in worst.into_iter().enumerate() {
-        out.ball_clearance_m = out.ball_clearance_m.min(distance);
+    for (k, (mut least_m, mut at_s)) in worst.into_iter().enumerate() {
+        // The ball flies centimetres between two instants: look between them.
+        if least_m < BALL_REFINE_BELOW_M {
+            let mut half_s = 0.5 * step_s;
+            for _ in 0..BALL_HALVINGS {
+                for s in [at_s - half_s, at_s + half_s] {
+                    let s = s.clamp(RELEASE_BLIND_S, throw.flight_s.max(RELEASE_BLIND_S));
+                    let (frames, p) = at(s);
+                    let d = distance(k, s, &frames, &p);
+                    if d < least_m {
+                        (least_m, at_s) = (d, s);
+                    }
+                }
+                half_s *= 0.5;
+            }
+        }
+        out.ball_clearance_m = out.ball_clearance_m.min(least_m);
         let kind = if k < bodies { CutKind::FlyingBall(k) } else { CutKind::FlyingBallObstacle(k - bodies) };
         let clearance_m = kind.clearance_m(problem);
-        if distance < clearance_m + NEAR_M {
-            let into = if distance < clearance_m { &mut out.cuts } else { &mut out.near };
-            into.push(Cut { kind, sigma });
+        if least_m < clearance_m + NEAR_M {
+            let into = if least_m < clearance_m { &mut out.cuts } else { &mut out.near };
+            into.push(Cut { kind, sigma: at_s / throw.hb_s });
         }
     }
 }
+
+/// Instants of the flight, what is near enough to look between them, and how often a step is halved there.
+const BALL_STEPS: usize = 40;
+const BALL_REFINE_BELOW_M: f64 = 0.1;
+const BALL_HALVINGS: usize = 8;
 
 /// Currents of motors and supplies over the motion.
 fn currents(problem: &Problem<'_>, throw: &Throw, out: &mut Scan) {

@@ -1,17 +1,17 @@
-//! Search over starts: stored throws first, then seeded random ones, on all cores.
+//! Search: stored throws, continuation from their neighbours, then seeded random starts until more hardly pay.
 
-use std::f64::consts::{PI, TAU};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
-use robot_model::jacobian::joint_rates;
 
+use super::basins::{Basins, Confidence};
 use super::goal::Goal;
 use super::local::{Begin, Found, solve_from};
 use super::nearest::{NearestTarget, nearest_text};
 use super::paper::PaperParameters;
+use super::place::mirror_signs;
 use super::problem::{Options, Problem};
 use super::promise::{Promise, promising};
 use super::rng::SplitMix64;
@@ -23,8 +23,10 @@ use crate::store::{Index, Record};
 /// How long to search.
 #[derive(Debug, Clone, Copy)]
 pub struct Budget {
-    /// Random starts after the stored ones.
+    /// Random starts after the stored ones, at most.
     pub starts: usize,
+    /// Whether all of these starts are run, instead of as many as are likely to find a better throw.
+    pub all: bool,
     /// No new start after this time.
     pub time: Option<Duration>,
     /// Seed of the random starts; same seed and same starts give the same throw on any number of cores.
@@ -33,7 +35,7 @@ pub struct Budget {
 
 impl Default for Budget {
     fn default() -> Self {
-        Self { starts: 96, time: None, seed: 1 }
+        Self { starts: 96, all: false, time: None, seed: 1 }
     }
 }
 
@@ -59,7 +61,9 @@ pub struct Best {
     pub solved: usize,
     /// Whether the search was stopped before its budget was used.
     pub interrupted: bool,
-    /// All throws that were found, cheapest first; equal ones once.
+    /// What the starts say about throws that were not found.
+    pub confidence: Confidence,
+    /// The cheapest throws that were found, cheapest first; equal ones once.
     pub others: Vec<Found>,
 }
 
@@ -87,6 +91,17 @@ pub fn kind_of(options: &Options) -> u32 {
         | u32::from(!options.delay_windows.is_empty()) << 4
 }
 
+/// What the stored throws around a target say.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Surroundings {
+    /// There are too few of them to say anything.
+    Unknown,
+    /// A table says that no throw comes near the target.
+    Empty,
+    /// A table has throws to targets around.
+    Stored,
+}
+
 /// Plans throws for one problem; holds what depends on the problem but not on the start.
 #[derive(Debug, Clone)]
 pub struct Planner<'p, 'a> {
@@ -96,7 +111,7 @@ pub struct Planner<'p, 'a> {
     pub(super) scanner: Scanner,
     pub(super) azimuth_rad: f64,
     pub(super) range_m: f64,
-    mirror: Option<[f64; JOINTS]>,
+    pub(super) mirror: Option<[f64; JOINTS]>,
 }
 
 impl<'p, 'a> Planner<'p, 'a> {
@@ -125,7 +140,7 @@ impl<'p, 'a> Planner<'p, 'a> {
         Some(self.refine(self.solve_random(seed, index)?))
     }
 
-    fn solve_random(&self, seed: u64, index: u64) -> Option<Found> {
+    pub(super) fn solve_random(&self, seed: u64, index: u64) -> Option<Found> {
         let mut rng = SplitMix64::stream(seed, index);
         let unit = std::array::from_fn(|_| rng.unit());
         let h = PaperParameters::in_bounds(&self.problem.bounds, self.azimuth_rad, unit);
@@ -139,13 +154,26 @@ impl<'p, 'a> Planner<'p, 'a> {
         Some(self.refine(self.solve(start, Begin::Anywhere, &Settings::default(), usize::MAX)?))
     }
 
+    /// A local solve from a throw with steps enough to end where it leads.
+    #[must_use]
+    pub fn finished(&self, start: &Throw) -> Option<Found> {
+        let settings = Settings { iterations_max: FINISH_STEPS, ..Settings::default() };
+        self.solve(start, Begin::Anywhere, &settings, FINISH_STEPS)
+    }
+
     /// One local solve from a stored throw.
     #[must_use]
     pub fn from_record(&self, record: &Record) -> Option<Found> {
         Some(self.refine(self.polish(record, &Settings::default(), usize::MAX)?))
     }
 
-    fn solve(&self, start: &Throw, begin: Begin, settings: &Settings, most: usize) -> Option<Found> {
+    pub(super) fn solve(
+        &self,
+        start: &Throw,
+        begin: Begin,
+        settings: &Settings,
+        most: usize,
+    ) -> Option<Found> {
         let problem = self.effort.as_ref().unwrap_or(self.problem);
         solve_from(problem, &self.scanner, start, begin, settings, most).ok()
     }
@@ -194,7 +222,7 @@ impl<'p, 'a> Planner<'p, 'a> {
         distinct(best.par_iter().map(|f| self.refine(*f)).collect())
     }
 
-    fn polish(&self, record: &Record, settings: &Settings, most: usize) -> Option<Found> {
+    pub(super) fn polish(&self, record: &Record, settings: &Settings, most: usize) -> Option<Found> {
         let begin = Begin::Optimal { touches: record.touches };
         self.solve(&self.place(&record.throw)?, begin, settings, most)
     }
@@ -249,82 +277,10 @@ impl<'p, 'a> Planner<'p, 'a> {
         best
     }
 
-    /// A stored throw turned to this target; mirrored or in another posture if joint 1 does not reach otherwise.
-    pub(super) fn place(&self, stored: &Throw) -> Option<Throw> {
-        let mut turned = self.turned(stored);
-        if self.fits(&turned) {
-            return Some(turned);
-        }
-        if let Some(signs) = self.mirror {
-            let mut mirrored = *stored;
-            for (j, sign) in signs.iter().enumerate() {
-                mirrored.q_rad[j] *= sign;
-                mirrored.qd_rad_s[j] *= sign;
-                mirrored.qdd_rad_s2[j] *= sign;
-            }
-            let mirrored = self.turned(&mirrored);
-            if self.fits(&mirrored) {
-                return Some(mirrored);
-            }
-            if let Some(other) = self.other_posture(&mirrored) {
-                return Some(other);
-            }
-        }
-        if let Some(other) = self.other_posture(&turned) {
-            return Some(other);
-        }
-        // The solver may still bend it into the range.
-        turned.q_rad[0] = turned.q_rad[0].clamp(self.problem.limits.q_min[0], self.problem.limits.q_max[0]);
-        Some(turned)
-    }
-
-    fn turned(&self, stored: &Throw) -> Throw {
-        let mut throw = *stored;
-        let l = &self.problem.limits;
-        let axis_up = self.problem.arm.joints()[0].x_pj.rot[(2, 2)].signum();
-        let middle = 0.5 * (l.q_min[0] + l.q_max[0]);
-        let q = throw.q_rad[0] + axis_up * self.azimuth_rad;
-        throw.q_rad[0] = q - TAU * ((q - middle) / TAU).round();
-        throw
-    }
-
-    fn fits(&self, throw: &Throw) -> bool {
-        let l = &self.problem.limits;
-        let inside = |q: f64| q >= l.q_min[0] - 1e-3 && q <= l.q_max[0] + 1e-3;
-        inside(throw.start()[0]) && inside(throw.stop()[0])
-    }
-
-    /// The same release in another posture of the arm that keeps the ranges.
-    fn other_posture(&self, throw: &Throw) -> Option<Throw> {
-        let arm = self.problem.arm;
-        let frames = arm.fk(&throw.q_rad);
-        let jac = frames.jacobian(&arm.ball(&frames).pos);
-        let twist = jac * throw.qd_rad_s;
-        let acceleration = jac * throw.qdd_rad_s2 + frames.bias_acceleration(&jac, &throw.qd_rad_s);
-        let solutions = arm.ik(&arm.ee(&frames)).ok()?;
-        solutions.in_range().find_map(|s| {
-            let frames = arm.fk(&s.q);
-            let jac = frames.jacobian(&arm.ball(&frames).pos);
-            let qd = joint_rates(&jac, &twist)?;
-            let mut other = Throw { q_rad: s.q, qd_rad_s: qd, ..*throw };
-            if self.problem.options.null_delay {
-                let bias = frames.bias_acceleration(&jac, &qd);
-                other.qdd_rad_s2 = joint_rates(&jac, &(acceleration - bias))?;
-            }
-            let l = &self.problem.limits;
-            let (start, stop) = (other.start(), other.stop());
-            (0..JOINTS)
-                .all(|j| {
-                    start[j].min(stop[j]) >= l.q_min[j] - 1e-3 && start[j].max(stop[j]) <= l.q_max[j] + 1e-3
-                })
-                .then_some(other)
-        })
-    }
-
     /// The best throw within a budget.
     ///
-    /// Stored throws are polished first, then random starts run on all cores. The result depends only on the index, the
-    /// seed and the number of starts, unless time or `watch.stop` ends the search.
+    /// Stored throws are polished first, then random starts run on all cores until more of them hardly pay. The result
+    /// depends only on the index, the seed and the number of starts, unless time or `watch.stop` ends the search.
     ///
     /// # Errors
     /// [`NoThrow`] with the nearest reachable target if no start ends in a throw.
@@ -338,11 +294,13 @@ impl<'p, 'a> Planner<'p, 'a> {
         }
         let Some((nearest, throw)) = self.nearest(index, budget) else { return Err(none) };
         // Looking for the nearest target is itself a way in: it may end at the target.
-        if nearest.distance_m < REACHED_M
-            && let Some(found) = self.from_throw(&throw)
-        {
+        if nearest.distance_m < REACHED_M {
+            let Some(found) = self.from_throw(&throw) else { return Err(none) };
+            let mut basins = Basins::default();
+            basins.add_random(Some(found));
             let (starts, interrupted) = (none.starts, none.interrupted);
-            return Ok(Best { found, starts, solved: 1, interrupted, others: vec![found] });
+            let confidence = basins.confidence();
+            return Ok(Best { found, starts, solved: 1, interrupted, confidence, others: vec![found] });
         }
         Err(NoThrow { nearest: Some(nearest), ..none })
     }
@@ -355,40 +313,95 @@ impl<'p, 'a> Planner<'p, 'a> {
         let began = Instant::now();
         let out_of_time = || budget.time.is_some_and(|t| began.elapsed() >= t);
         let stopped = || watch.stop.load(Ordering::Relaxed) || out_of_time();
-        let near = self.promising(index, STORED_TRIES);
-        let warm: Vec<Option<Found>> = near
-            .par_iter()
-            .map(|(_, record)| {
-                let found = self.polish(record, &Settings::default(), usize::MAX);
-                watch.done.fetch_add(1, Ordering::Relaxed);
-                watch.solved.fetch_add(usize::from(found.is_some()), Ordering::Relaxed);
-                found
-            })
-            .collect();
-        let skipped = AtomicUsize::new(0);
-        let cold: Vec<Option<Found>> = (0..budget.starts as u64)
-            .into_par_iter()
-            .map(|k| {
-                if stopped() {
-                    skipped.fetch_add(1, Ordering::Relaxed);
-                    return None;
-                }
-                let found = self.solve_random(budget.seed, k);
-                watch.done.fetch_add(1, Ordering::Relaxed);
-                watch.solved.fetch_add(usize::from(found.is_some()), Ordering::Relaxed);
-                found
-            })
-            .collect();
-        let skipped = skipped.into_inner();
-        let starts = warm.len() + cold.len() - skipped;
-        let interrupted = skipped > 0;
-        let solved: Vec<Found> = warm.into_iter().chain(cold).flatten().collect();
-        let count = solved.len();
-        let others = self.refine_best(distinct(solved));
-        match others.first() {
-            Some(found) => Ok(Best { found: *found, starts, solved: count, interrupted, others }),
-            None => Err(NoThrow { target: self.problem.target, nearest: None, starts, interrupted }),
+        let mut basins = Basins::default();
+        let surroundings = self.from_stored(index, &mut basins, &stopped, watch);
+        let mut begun = 0;
+        while begun < budget.starts
+            && !stopped()
+            && (budget.all || !basins.enough(surroundings, self.problem.options.null_delay))
+        {
+            let batch = (begun as u64)..(budget.starts.min(begun + BATCH) as u64);
+            begun += batch.clone().count();
+            let ended: Vec<Option<Option<Found>>> = batch
+                .into_par_iter()
+                .map(|k| (!stopped()).then(|| counted(watch, self.solve_random(budget.seed, k))))
+                .collect();
+            ended.into_iter().flatten().for_each(|found| basins.add_random(found));
         }
+        let interrupted = stopped() && (begun < budget.starts || basins.random() < begun);
+        let starts = basins.starts();
+        let best = self.finish(&basins, &stopped);
+        let Some(found) = best.first().copied() else {
+            return Err(NoThrow { target: self.problem.target, nearest: None, starts, interrupted });
+        };
+        let confidence = basins.confidence();
+        Ok(Best { found, starts, solved: basins.solved(), interrupted, confidence, others: best })
+    }
+
+    /// Polishes the stored throws around the target. If none of them leads there, walks from their targets to this one,
+    /// and from throws that were stored for other constraints.
+    fn from_stored(
+        &self,
+        index: &Index,
+        basins: &mut Basins,
+        stopped: &(dyn Fn() -> bool + Sync),
+        watch: &Watch,
+    ) -> Surroundings {
+        let kind = kind_of(&self.problem.options);
+        let near = self.promising(index, STORED_TRIES);
+        let solve = |work: &(dyn Fn() -> Option<Found> + Sync)| (!stopped()).then(|| counted(watch, work()));
+        let polished: Vec<_> = near
+            .par_iter()
+            .map(|(_, record)| solve(&|| self.polish(record, &Settings::default(), usize::MAX)))
+            .collect();
+        polished.into_iter().flatten().for_each(|found| basins.add_stored(found));
+        // What answers at once must not be better than a search.
+        if let Some(found) = self.first_pass(&near) {
+            basins.add_stored(Some(found));
+        }
+        if basins.solved() == 0 {
+            let walked: Vec<_> = near
+                .par_iter()
+                .take(WALKED)
+                .map(|(_, record)| solve(&|| self.walk_to_target(record, stopped)))
+                .collect();
+            walked.into_iter().flatten().for_each(|found| basins.add_stored(found));
+        }
+        if basins.solved() == 0 {
+            let others: Vec<_> = self
+                .other_kinds(index, kind)
+                .par_iter()
+                .map(|start| solve(&|| self.solve(start, Begin::Anywhere, &Settings::default(), usize::MAX)))
+                .collect();
+            others.into_iter().flatten().for_each(|found| basins.add_stored(found));
+        }
+        let of_kind = index.records().iter().filter(|r| r.kind == kind).count();
+        match near.len() {
+            _ if of_kind < TABLE_MIN => Surroundings::Unknown,
+            0 => Surroundings::Empty,
+            _ => Surroundings::Stored,
+        }
+    }
+
+    /// More steps for the best few throws: a start has steps enough to tell where it will end, not to end there.
+    fn finish(&self, basins: &Basins, stopped: &(dyn Fn() -> bool + Sync)) -> Vec<Found> {
+        let finished = basins
+            .found()
+            .iter()
+            .enumerate()
+            .map(|(rank, found)| {
+                if rank >= FINISHED_MAX || stopped() {
+                    return *found;
+                }
+                match self.finished(&found.throw) {
+                    Some(better) if better.objective < found.objective => {
+                        Found { iterations: found.iterations + better.iterations, ..better }
+                    }
+                    _ => *found,
+                }
+            })
+            .collect();
+        self.refine_best(distinct(finished))
     }
 
     /// Expected distance of the landing from the target, root mean square in m; `None` if the ball does not come down.
@@ -404,33 +417,6 @@ impl<'p, 'a> Planner<'p, 'a> {
     #[must_use]
     pub fn evaluate(&self, throw: &Throw) -> f64 {
         super::sqp::evaluate_once(self.problem, throw)
-    }
-
-    /// The throw as a record of the store.
-    #[must_use]
-    pub fn record(&self, found: &Found) -> Record {
-        let axis_up = self.problem.arm.joints()[0].x_pj.rot[(2, 2)].signum();
-        let mut throw = found.throw;
-        let q = throw.q_rad[0] - axis_up * self.azimuth_rad;
-        throw.q_rad[0] = if q > PI {
-            q - TAU
-        } else if q < -PI {
-            q + TAU
-        } else {
-            q
-        };
-        Record {
-            kind: kind_of(&self.problem.options),
-            range_m: self.range_m,
-            height_m: self.problem.target.z,
-            objective: found.objective,
-            slope_per_m: [
-                found.slope_per_m.x * self.azimuth_rad.cos() + found.slope_per_m.y * self.azimuth_rad.sin(),
-                found.slope_per_m.z,
-            ],
-            touches: found.touches,
-            throw,
-        }
     }
 }
 
@@ -460,7 +446,22 @@ const QUICK: Settings = Settings {
     patience: 4,
 };
 /// Stored throws that a full search polishes.
-const STORED_TRIES: usize = 16;
+const STORED_TRIES: usize = 12;
+/// Stored throws that are walked to the target if none leads there at once.
+const WALKED: usize = 4;
+/// Fewer stored throws than this say nothing about the targets they are not for.
+const TABLE_MIN: usize = 200;
+/// Random starts between two looks at what they have found; a fixed number, so that cores do not matter.
+const BATCH: usize = 8;
+/// Throws that get more steps in the end, and how many.
+const FINISHED_MAX: usize = 2;
+const FINISH_STEPS: usize = 200;
+
+fn counted(watch: &Watch, found: Option<Found>) -> Option<Found> {
+    watch.done.fetch_add(1, Ordering::Relaxed);
+    watch.solved.fetch_add(usize::from(found.is_some()), Ordering::Relaxed);
+    found
+}
 
 /// Cheapest first, of equal ones the first, so that the order of threads does not matter.
 fn distinct(mut found: Vec<Found>) -> Vec<Found> {
@@ -468,19 +469,4 @@ fn distinct(mut found: Vec<Found>) -> Vec<Found> {
     found.sort_by(|a, b| a.objective.total_cmp(&b.objective));
     found.dedup_by(|a, b| (a.objective - b.objective).abs() < 1e-6 * b.objective.abs());
     found
-}
-
-/// Signs that mirror a posture in the plane of the base axis, if the arm has that symmetry: joints whose axis lies in
-/// the plane at zero change sign, joints across it keep theirs.
-fn mirror_signs(problem: &Problem<'_>) -> Option<[f64; JOINTS]> {
-    let arm = problem.arm;
-    let zero = arm.fk(&super::throw::Joints::zeros());
-    let signs: [f64; JOINTS] = std::array::from_fn(|j| if zero.axis(j).y.abs() > 0.5 { 1.0 } else { -1.0 });
-    let q = super::throw::Joints::from_fn(|j, _| 0.3 + 0.37 * j as f64);
-    let mirrored = super::throw::Joints::from_fn(|j, _| q[j] * signs[j]);
-    let (a, b) = (arm.ball(&arm.fk(&q)), arm.ball(&arm.fk(&mirrored)));
-    let flip = |v: Vector3<f64>| Vector3::new(v.x, -v.y, v.z);
-    let same_point = (flip(a.pos) - b.pos).norm() < 1e-9;
-    let same_throw = (flip(a.rot.column(2).into()) - Vector3::from(b.rot.column(2))).norm() < 1e-9;
-    (same_point && same_throw).then_some(signs)
 }

@@ -72,21 +72,14 @@ impl Spread {
             }
         }
         if noise.drag_per_m > 0.0 {
-            let with = |k: f64| Landed::of(problem, &flight.with_drag(k).ok()?, throw, z_m, 0.0);
-            let (least, most) = (
-                flight.drag_per_m() - THREE_NODE * noise.drag_per_m,
-                flight.drag_per_m() + THREE_NODE * noise.drag_per_m,
-            );
-            let high = with(most)?;
-            // Drag is never negative; the mirrored landing stands for the other side of the uncertainty.
-            let low = if least >= 0.0 {
-                with(least)?
-            } else if flight.drag_per_m() == 0.0 {
-                high.mirrored_in(&centre)
-            } else {
-                with(-least)?.mirrored_in(&with(0.0)?)
-            };
-            sources.push(vec![(THREE[0].1, low), (THREE[1].1, high)]);
+            let source: Option<Source> = drag_nodes(flight.drag_per_m(), noise.drag_per_m)
+                .into_iter()
+                .map(|(k, weight)| {
+                    let flight = flight.with_drag(k).ok()?;
+                    Some((weight, Landed::of(problem, &flight, throw, z_m, 0.0)?))
+                })
+                .collect();
+            sources.push(source?);
         }
         let (mut mean_m, mut covariance_m2) = (centre.xy, Matrix2::zeros());
         let mut shifts = Vec::with_capacity(sources.len());
@@ -127,6 +120,26 @@ impl Spread {
     }
 }
 
+/// Nodes and weights for a drag constant `|k + σ n|`, n standard normal: drag is never negative.
+///
+/// Two nodes with the mean, variance and skewness of the folded normal distribution.
+fn drag_nodes(drag_per_m: f64, sigma_per_m: f64) -> [(f64, f64); 2] {
+    let (m, s) = (drag_per_m, sigma_per_m);
+    let bell = (2.0 / std::f64::consts::PI).sqrt() * s * (-0.5 * (m / s).powi(2)).exp();
+    let both = libm::erf(m / (s * std::f64::consts::SQRT_2));
+    let first = bell + m * both;
+    let variance = m * m + s * s - first * first;
+    let third = (m * m * m + 3.0 * m * s * s) * both + (m * m + 2.0 * s * s) * bell;
+    let deviation = variance.sqrt();
+    let skew = (third - 3.0 * first * variance - first.powi(3)) / (variance * deviation);
+    let half = 0.5 * skew;
+    let root = (1.0 + half * half).sqrt();
+    [
+        (first + deviation * (half - root), 0.5 * (1.0 + half / root)),
+        (first + deviation * (half + root), 0.5 * (1.0 - half / root)),
+    ]
+}
+
 fn at_nodes(rule: &[(f64, f64)], landing: impl Fn(f64) -> Option<Landed>) -> Option<Source> {
     rule.iter().map(|(node, weight)| Some((*weight, landing(*node)?))).collect()
 }
@@ -134,6 +147,23 @@ fn at_nodes(rule: &[(f64, f64)], landing: impl Fn(f64) -> Option<Landed>) -> Opt
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::plan::rng::SplitMix64;
+
+    #[test]
+    fn drag_nodes_have_the_moments_of_drawn_drag_and_are_not_negative() {
+        let mut rng = SplitMix64::new(4);
+        for (k, sigma) in [(0.0, 5e-3), (2e-3, 5e-3), (0.05, 5e-3)] {
+            let nodes = drag_nodes(k, sigma);
+            assert!(nodes.iter().all(|(k, w)| *k > 0.0 && *w > 0.0), "{nodes:?}");
+            let draws = 200_000;
+            for power in [0, 1, 2, 3] {
+                let of_nodes: f64 = nodes.iter().map(|(k, w)| w * k.powi(power)).sum();
+                let drawn = (0..draws).map(|_| (k + sigma * rng.normal()).abs().powi(power)).sum::<f64>()
+                    / f64::from(draws);
+                assert!((of_nodes / drawn - 1.0).abs() < 0.02, "{k} {power}: {of_nodes}, drawn {drawn}");
+            }
+        }
+    }
 
     #[test]
     fn rules_integrate_moments_of_the_normal() {

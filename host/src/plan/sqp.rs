@@ -326,7 +326,7 @@ pub(crate) fn solve(
             for k in 0..n {
                 trial[k] += alpha * d[k];
             }
-            if trial[F] > 1e-3 && trial[HA] > 1e-3 && trial[HB] > 1e-3 {
+            if has_times(&trial) {
                 next.evaluate(problem, layout, &trial, cuts);
                 let merit = next.objective + penalty * next.total();
                 if merit <= reference + 1e-4 * alpha * predicted.min(0.0) + 1e-12 * reference.abs() {
@@ -346,9 +346,14 @@ pub(crate) fn solve(
                 break;
             }
             // The model is useless here: take a short step along it and see.
+            let mut trial = x;
             for k in 0..n {
-                x[k] += alpha * d[k];
+                trial[k] += alpha * d[k];
             }
+            if !has_times(&trial) {
+                break;
+            }
+            x = trial;
             rows.evaluate(problem, layout, &x, cuts);
         }
         let before = violation;
@@ -369,12 +374,14 @@ pub(crate) fn solve(
         if !(violation > settings.feasibility && violation < LAST_VIOLATION) {
             break;
         }
-        let Ok(back) = qp::solve(&Factor::identity(), &[0.0; DIM], n, &rows.eq, &rows.ineq, &[]) else { break };
+        let Ok(back) = qp::solve(&Factor::identity(), &[0.0; DIM], n, &rows.eq, &rows.ineq, &[]) else {
+            break;
+        };
         let mut trial = x;
         for (x, d) in trial.iter_mut().zip(&back.d).take(n) {
             *x += d;
         }
-        if !(trial[F] > 1e-3 && trial[HA] > 1e-3 && trial[HB] > 1e-3) {
+        if !has_times(&trial) {
             break;
         }
         next.evaluate(problem, layout, &trial, cuts);
@@ -387,6 +394,11 @@ pub(crate) fn solve(
         std::mem::swap(&mut rows, &mut next);
     }
     Local { x, objective: rows.objective, violation, iterations, multipliers }
+}
+
+/// Whether all times are positive: without that there is no motion to evaluate.
+fn has_times(x: &Row) -> bool {
+    x[F] > 1e-3 && x[HA] > 1e-3 && x[HB] > 1e-3
 }
 
 /// Evaluates all rows with gradients once; the largest violation.

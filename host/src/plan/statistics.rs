@@ -1,7 +1,7 @@
 //! Where the ball lands when nothing is exact: covariance of the landing and the probability of a hit.
 //!
 //! Mean and covariance come from `spread`: sigma points of every source, not a linearisation. The Monte Carlo here is
-//! their oracle. All sources are independent and normal.
+//! their oracle. All sources are independent and normal; the drag is folded at zero.
 
 use nalgebra::{Matrix2, Vector2, Vector3, Vector6};
 
@@ -21,7 +21,7 @@ pub struct Noise {
     pub position_rad: f64,
     /// Joint speeds at the release in rad/s, each joint.
     pub speed_rad_s: f64,
-    /// Drag constant in 1/m.
+    /// Drag constant in 1/m; drag is never negative, so what would be counts with its absolute value.
     pub drag_per_m: f64,
 }
 
@@ -89,12 +89,10 @@ pub fn monte_carlo(
             let frames = arm.fk(&state.q);
             let p = arm.ball(&frames).pos;
             let twist: Vector6<f64> = frames.jacobian(&p) * state.qd;
-            // In vacuum a negative drag stands for the other side of an uncertainty that is really one-sided.
-            let k = problem.flight.drag_per_m() + noise.drag_per_m * rng.normal();
+            // Drag is never negative.
+            let k = (problem.flight.drag_per_m() + noise.drag_per_m * rng.normal()).abs();
             let v = Vector3::new(twist[0], twist[1], twist[2]);
-            let land =
-                |k: f64| Some(xy(&problem.flight.with_drag(k).ok()?.land(&p, &v, problem.target.z)?.p));
-            if k >= 0.0 { land(k) } else { Some(land(0.0)? * 2.0 - land(-k)?) }
+            Some(xy(&problem.flight.with_drag(k).ok()?.land(&p, &v, problem.target.z)?.p))
         })
         .collect()
 }

@@ -68,6 +68,18 @@ pub fn summary(plan: &PlanFile, took: Duration) -> String {
         plan.search.starts,
         took.as_secs_f64() * 1e3
     );
+    if let Some(c) = plan.search.confidence.filter(|c| c.random_starts > 0) {
+        let _ = writeln!(
+            out,
+            "  {} starts ended at this price; chance that one more random start finds a better throw: about {:.1} %, expected gain {:.2} %",
+            c.at_best,
+            c.better_chance * 1e2,
+            c.gap_share * 1e2
+        );
+    }
+    if !plan.search.stored.is_empty() {
+        let _ = writeln!(out, "  started from {}", plan.search.stored.join(", "));
+    }
     out
 }
 

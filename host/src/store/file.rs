@@ -233,11 +233,17 @@ const LOCK_PAUSE: Duration = Duration::from_millis(20);
 /// # Errors
 /// If writing or renaming fails.
 pub fn write_all(path: &Path, robot: u64, records: &[Record]) -> io::Result<()> {
+    write_whole(path, &to_bytes(robot, records))
+}
+
+/// A whole store as bytes.
+#[must_use]
+pub fn to_bytes(robot: u64, records: &[Record]) -> Vec<u8> {
     let mut bytes = header(robot).to_vec();
     for record in records {
         bytes.extend_from_slice(&record.to_bytes());
     }
-    write_whole(path, &bytes)
+    bytes
 }
 
 /// Writes a file that appears complete or not at all; what is no ordinary file (a pipe, a terminal) is written as it is.

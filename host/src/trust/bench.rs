@@ -20,7 +20,7 @@ use crate::bus::sim::SimSetup;
 use crate::plan::file::PlanFile;
 use crate::plan::search::{Best, Planner};
 use crate::plan::statistics::Noise;
-use crate::plan::{Arm, Options, Problem, seeds};
+use crate::plan::{Arm, Confidence, Options, Problem, seeds};
 use crate::throw::job::Step;
 use crate::throw::outcome::{self, Outcome, default_tolerance_m};
 use crate::throw::period::{Wish, apply, choose};
@@ -63,7 +63,14 @@ impl Bench {
         let found = Planner::new(&problem)
             .from_index(&seeds::built_in(&arm), 6)
             .ok_or("no throw reaches the target of the bench")?;
-        let best = Best { found, starts: 1, solved: 1, interrupted: false, others: vec![found] };
+        let best = Best {
+            found,
+            starts: 1,
+            solved: 1,
+            interrupted: false,
+            confidence: Confidence::default(),
+            others: vec![found],
+        };
         let plan = PlanFile::of(&problem, &best, ROBOT, 1, &Noise::default(), None)
             .ok_or("the plan of the bench cannot be written")?;
         let mut settings = settings_of(&robot).map_err(|error| error.to_string())?;

@@ -153,7 +153,7 @@ impl Rig {
     pub(crate) fn plan(&self, target_m: [f64; 3]) -> Option<PlanFile> {
         let problem = self.problem(target_m)?;
         let planner = Planner::new(&problem);
-        let budget = Budget { starts: 12, time: None, seed: 1 };
+        let budget = Budget { starts: 12, all: false, time: None, seed: 1 };
         // Between the stored throws a few random starts may be needed.
         let search = || planner.attempt(&self.index, &budget, &Watch::default()).ok().map(|best| best.found);
         let found = planner.from_index(&self.index, 6).or_else(search)?;
@@ -165,7 +165,7 @@ impl Rig {
     pub(crate) fn plan_thoroughly(&self, target_m: [f64; 3]) -> Option<PlanFile> {
         let search = || {
             let problem = self.problem(target_m)?;
-            let budget = Budget { starts: 24, time: None, seed: 1 };
+            let budget = Budget { starts: 24, all: false, time: None, seed: 1 };
             let best = Planner::new(&problem).search(&self.index, &budget, &Watch::default()).ok()?;
             PlanFile::of(&problem, &best, "powercube6", 1, &Noise::default(), None)
         };

@@ -104,6 +104,7 @@ impl CollisionModel {
         if i == 0 || k >= i { 0.0 } else { self.swing_m[k][i - 1] }
     }
 
+    /// The same for the centre of the held ball.
     #[must_use]
     pub fn ball_swing_m(&self, k: usize) -> f64 {
         self.ball_swing_m[k]

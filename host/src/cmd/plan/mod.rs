@@ -1,7 +1,7 @@
 //! `cubectl plan …`
 
 pub mod options;
-pub mod seeds;
+pub mod prepare;
 pub mod sweep;
 pub mod throw;
 
@@ -16,8 +16,8 @@ pub enum PlanVerb {
     Throw(throw::Args),
     /// Plan throws to a grid of targets: a table and a picture of the reach.
     Sweep(sweep::Args),
-    /// Make the table of starting throws of a robot again.
-    Seeds(seeds::Args),
+    /// Make the table of stored throws of a robot: plans for it are then found at once.
+    Prepare(prepare::Args),
 }
 
 /// Refuses a file that could not be written after the search, before it.
@@ -40,6 +40,6 @@ pub fn run(verb: PlanVerb) -> Result<(), ExpectedError> {
     match verb {
         PlanVerb::Throw(args) => throw::run(&args),
         PlanVerb::Sweep(args) => sweep::run(&args),
-        PlanVerb::Seeds(args) => seeds::run(&args),
+        PlanVerb::Prepare(args) => prepare::run(&args),
     }
 }

@@ -7,8 +7,8 @@ use robot_model::Pose;
 
 use crate::error::ExpectedError;
 use crate::plan::problem::{Arrival, DelayWindow, Form, Obstacle, Options, Weights};
-use crate::plan::{Arm, seeds};
-use crate::store::{Index, StoreFile, robot_fingerprint};
+use crate::plan::{Arm, AskedBounds, seeds};
+use crate::store::{Index, Record, StoreError, StoreFile, file, robot_fingerprint};
 
 /// What is thrown how.
 #[derive(Debug, Clone, clap::Args)]
@@ -51,8 +51,8 @@ pub struct PlanOptions {
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, default_value = "0,0,0")]
     pub magnus_rad_s: [f64; 3],
     /// Weights of time, braking ratio and jerk in the objective.
-    #[arg(long, value_name = "T,B,J", value_delimiter = ',', num_args = 3)]
-    pub weights: Option<Vec<f64>>,
+    #[arg(long, value_name = "T,B,J", value_parser = point)]
+    pub weights: Option<[f64; 3]>,
     /// A box in the way: centre and half edges in m; may be given several times.
     #[arg(long, value_name = "X,Y,Z,HX,HY,HZ", allow_hyphen_values = true, value_parser = six_numbers)]
     pub obstacle: Vec<[f64; 6]>,
@@ -62,10 +62,25 @@ pub struct PlanOptions {
     /// Range of the steepness at the target in degrees below the horizontal.
     #[arg(long, value_name = "MIN,MAX", allow_hyphen_values = true, value_parser = two_numbers)]
     pub arrival_descent_deg: Option<[f64; 2]>,
-    /// File that keeps found throws for later starts; by default in the user's data folder.
+    /// Range of the release's distance from the shoulder in m [default: from the robot; paper: 0.5,1].
+    #[arg(long, value_name = "MIN,MAX", value_parser = two_numbers)]
+    pub radius_m: Option<[f64; 2]>,
+    /// Range of the release's elevation seen from the shoulder in degrees [default: any; paper: -72,90].
+    #[arg(long, value_name = "MIN,MAX", allow_hyphen_values = true, value_parser = two_numbers)]
+    pub elevation_deg: Option<[f64; 2]>,
+    /// Range of the time of flight in s [default: from the robot; paper: 0.3,3].
+    #[arg(long, value_name = "MIN,MAX", value_parser = two_numbers)]
+    pub flight_s: Option<[f64; 2]>,
+    /// Range of the duration of the motion in s [default: from the robot; paper: 0.2,2].
+    #[arg(long, value_name = "MIN,MAX", value_parser = two_numbers)]
+    pub duration_s: Option<[f64; 2]>,
+    /// Range of braking time over the duration of the motion [default: 0.04,0.6; paper: 0.04,0.4].
+    #[arg(long, value_name = "MIN,MAX", value_parser = two_numbers)]
+    pub braking_ratio: Option<[f64; 2]>,
+    /// File that keeps found throws for later plans. It changes what later plans start from, so it must be named.
     #[arg(long)]
     pub store: Option<PathBuf>,
-    /// Neither read nor write a store.
+    /// Neither read nor write a store: the default.
     #[arg(long, conflicts_with = "store")]
     pub no_store: bool,
 }
@@ -97,7 +112,11 @@ fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     parts.try_into().map_err(|_| format!("{count} numbers, expected {N} separated by commas"))
 }
 
-fn two_numbers(text: &str) -> Result<[f64; 2], String> {
+/// Two numbers given as `a,b`.
+///
+/// # Errors
+/// If there are not two numbers.
+pub fn two_numbers(text: &str) -> Result<[f64; 2], String> {
     numbers(text)
 }
 
@@ -139,8 +158,8 @@ impl PlanOptions {
         o.clearance_m = self.clearance_m.unwrap_or(o.clearance_m);
         o.drag_per_m = self.drag_per_m;
         o.magnus_rad_s = Vector3::from(self.magnus_rad_s);
-        if let Some([k_t, k_b, k_j]) = self.weights.as_deref() {
-            o.weights = Weights { k_t: *k_t, k_b: *k_b, k_j: *k_j };
+        if let Some([k_t, k_b, k_j]) = self.weights {
+            o.weights = Weights { k_t, k_b, k_j };
         }
         o.obstacles = self
             .obstacle
@@ -152,6 +171,16 @@ impl PlanOptions {
                 half_m: Vector3::new(b[3], b[4], b[5]),
             })
             .collect();
+        let range = |r: Option<[f64; 2]>| r.map(|[a, b]| a..=b);
+        o.bounds = AskedBounds {
+            azimuth_rad: None,
+            elevation_rad: self.elevation_deg.map(|[a, b]| a.to_radians()..=b.to_radians()),
+            radius_m: range(self.radius_m),
+            spin_rad_s: None,
+            flight_s: range(self.flight_s),
+            duration_s: range(self.duration_s),
+            braking_ratio: range(self.braking_ratio),
+        };
         o.arrival = Arrival {
             speed_m_s: self.arrival_speed.map(|[a, b]| a..=b),
             descent_rad: self.arrival_descent_deg.map(|[a, b]| a.to_radians()..=b.to_radians()),
@@ -180,21 +209,22 @@ impl PlanOptions {
         rungs
     }
 
-    /// Built-in and stored throws, and the store to append to.
+    /// Throws to start from, and the store to append to.
+    ///
+    /// They are those that come with the program, the table that `plan prepare` has made for this robot, and those of a
+    /// store if one was named.
     ///
     /// # Errors
-    /// If a store was named and cannot be used; the default store is left aside with a warning instead.
-    pub fn starts(&self, arm: &Arm) -> Result<(Index, Option<StoreFile>), ExpectedError> {
+    /// If a store was named and cannot be used.
+    pub fn starts(&self, arm: &Arm) -> Result<Starts, ExpectedError> {
         let mut index = seeds::built_in(arm);
-        if self.no_store {
-            return Ok((index, None));
+        let mut sources = vec![format!("{} built-in throws", index.records().len())];
+        if let Some((path, records)) = prepared(arm) {
+            sources.push(format!("{} throws of {}", records.len(), path.display()));
+            records.into_iter().for_each(|record| index.insert(record));
         }
-        let path = match (&self.store, default_store(arm.name())) {
-            (Some(path), _) => path.clone(),
-            (None, Some(path)) => path,
-            (None, None) => return Ok((index, None)),
-        };
-        match StoreFile::open(&path, robot_fingerprint(arm)) {
+        let Some(path) = &self.store else { return Ok(Starts { index, store: None, sources }) };
+        match StoreFile::open(path, robot_fingerprint(arm)) {
             Ok((store, records, report)) => {
                 match (&report.kept_as, report.older) {
                     (Some(kept), Some(version)) => say::note!(
@@ -211,23 +241,58 @@ impl PlanOptions {
                     ),
                     (None, _) => {}
                 }
+                sources.push(format!("{} throws of {}", records.len(), path.display()));
                 for record in records {
                     index.insert(record);
                 }
-                Ok((index, Some(store)))
+                Ok(Starts { index, store: Some(store), sources })
             }
-            Err(e) if self.store.is_some() => Err(ExpectedError::bad_input(&e)),
-            Err(e) => {
-                say::note!("cubectl: planning without the store: {e}");
-                Ok((index, None))
+            // A plan is worth more than its place in the store.
+            Err(StoreError::Io { path, source }) if source.kind() == std::io::ErrorKind::StorageFull => {
+                say::note!("cubectl: planning without store {}: {source}", path.display());
+                Ok(Starts { index, store: None, sources })
             }
+            Err(e) => Err(ExpectedError::bad_input(&e)),
         }
     }
 }
 
-fn default_store(robot: &str) -> Option<PathBuf> {
+/// Throws to start from.
+#[derive(Debug)]
+pub struct Starts {
+    /// The throws.
+    pub index: Index,
+    /// The store to append to, if one was named.
+    pub store: Option<StoreFile>,
+    /// Where the throws come from, for people.
+    pub sources: Vec<String>,
+}
+
+/// Where `plan prepare` puts the table of a robot, and plans look for it.
+#[must_use]
+pub fn default_table(arm: &Arm) -> Option<PathBuf> {
     let data = std::env::var_os("XDG_DATA_HOME")
         .map(PathBuf::from)
         .or_else(|| std::env::var_os("HOME").map(|h| PathBuf::from(h).join(".local/share")))?;
-    Some(data.join("cubectl").join(format!("{robot}.store")))
+    Some(data.join("cubectl").join(format!("{}-{:016x}.table", arm.name(), robot_fingerprint(arm))))
+}
+
+/// The prepared table of a robot. One that cannot be read is left aside with a note.
+fn prepared(arm: &Arm) -> Option<(PathBuf, Vec<Record>)> {
+    let path = default_table(arm)?;
+    let bytes = std::fs::read(&path).ok()?;
+    match file::parse(&path, &bytes, robot_fingerprint(arm)) {
+        Ok((records, 0)) => Some((path, records)),
+        Ok((_, damaged)) => {
+            say::note!(
+                "cubectl: table {} is damaged in {damaged} place(s) and not used: make it again with `cubectl plan prepare`",
+                path.display()
+            );
+            None
+        }
+        Err(e) => {
+            say::note!("cubectl: planning without the prepared table: {e}");
+            None
+        }
+    }
 }

@@ -95,6 +95,26 @@ pub struct Row {
     text: String,
 }
 
+impl Row {
+    /// Whether the throw was found without some of what was asked for.
+    fn relaxed(&self) -> bool {
+        self.objective.is_some() && self.text.splitn(9, ',').nth(8).is_some_and(|note| !note.is_empty())
+    }
+}
+
+/// Writes the table again: rows of this grid in its order, then those of other grids in theirs.
+fn write_in_order(path: &Path, targets: &[[f64; 3]], rows: &BTreeMap<[i64; 3], Row>) -> std::io::Result<()> {
+    let own: std::collections::BTreeSet<[i64; 3]> = targets.iter().map(key).collect();
+    let others = rows.iter().filter(|(k, _)| !own.contains(*k)).map(|(_, row)| row);
+    let wanted = targets.iter().filter_map(|t| rows.get(&key(t)));
+    let mut text = format!("{HEADER}\n");
+    for row in wanted.chain(others) {
+        text.push_str(&row.text);
+        text.push('\n');
+    }
+    crate::store::file::write_whole(path, text.as_bytes())
+}
+
 /// Runs the verb.
 ///
 /// # Errors
@@ -102,7 +122,7 @@ pub struct Row {
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let arm = crate::cmd::arm(&args.options.robot)?;
     let rungs = args.options.ladder();
-    let (index, _) = args.options.starts(&arm)?;
+    let index = args.options.starts(&arm)?.index;
     let picture = args.picture.clone().unwrap_or_else(|| args.out.with_extension("svg"));
     require_writable(&picture)?;
     let mut rows = read(&args.out)?;
@@ -130,7 +150,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     let file = Mutex::new(file);
     let watch = Watch::default();
-    let bar = Budget { starts: missing.len(), time: None, seed: args.seed };
+    let bar = Budget { starts: missing.len(), all: false, time: None, seed: args.seed };
     let done: Result<Vec<Row>, std::io::Error> = watched(&watch, &bar, || {
         missing
             .par_iter()
@@ -148,10 +168,17 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         rows.insert(key(&row.target), row);
     }
     let wanted: Vec<Row> = targets.iter().filter_map(|t| rows.get(&key(t)).cloned()).collect();
+    write_in_order(&args.out, &targets, &rows).map_err(|e| ExpectedError::output(&args.out, &e))?;
     std::fs::write(&picture, reach::svg(&targets, &wanted, arm.name()))
         .map_err(|e| ExpectedError::output(&picture, &e))?;
     let solved = wanted.iter().filter(|r| r.objective.is_some()).count();
-    say::line!("{solved} of {} targets in reach; picture {}", wanted.len(), picture.display());
+    let relaxed = wanted.iter().filter(|r| r.relaxed()).count();
+    say::line!(
+        "{} of {} targets in reach with all that was asked for, {relaxed} more without some of it (see the notes); picture {}",
+        solved - relaxed,
+        wanted.len(),
+        picture.display()
+    );
     if wanted.len() < targets.len() {
         return Err(ExpectedError::new(
             exit::INTERRUPTED,
@@ -188,7 +215,7 @@ fn plan(arm: &crate::plan::Arm, target: &[f64; 3], rungs: &[Rung], index: &Index
             }
         };
         let planner = Planner::new(&problem);
-        let budget = Budget { starts: args.starts, time: None, seed: args.seed };
+        let budget = Budget { starts: args.starts, all: false, time: None, seed: args.seed };
         let watch = Watch::default();
         let last = at + 1 == rungs.len();
         let result = if last {

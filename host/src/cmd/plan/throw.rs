@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::Vector3;
 
-use super::options::{PlanOptions, point};
+use super::options::{PlanOptions, Starts, point, two_numbers};
 use super::require_writable;
 use crate::bus::args::interrupt;
 use crate::error::ExpectedError;
@@ -15,7 +15,7 @@ use crate::exit;
 use crate::plan::file::PlanFile;
 use crate::plan::search::{Best, Budget, NoThrow, Planner, Watch};
 use crate::plan::statistics::{Noise, Region};
-use crate::plan::{Arm, Goal, Options, Problem};
+use crate::plan::{Arm, Confidence, Goal, Options, Problem};
 use crate::report::plan as plan_report;
 use crate::store::Index;
 
@@ -25,7 +25,7 @@ use crate::store::Index;
     after_help = "Examples:\n  cubectl plan throw --target 1.0,1.0,-1.0 --out plan.json --report plan.html\n  cubectl plan throw --target 2.0,0,0 --starts 400 --json"
 )]
 pub struct Args {
-    /// Target in m, world frame (arm base, z up).
+    /// Where the centre of the ball shall come down, in m, world frame (arm base, z up).
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
     pub target: [f64; 3],
     /// How to look for the throw.
@@ -54,9 +54,10 @@ pub struct SearchOptions {
     /// What may be thrown how.
     #[command(flatten)]
     pub options: PlanOptions,
-    /// Random starts after the stored ones; with a seed and no time budget the result is always the same.
-    #[arg(long, default_value_t = 96)]
-    pub starts: usize,
+    /// Random starts after the stored ones, all of them [default: as many of 96 as are likely to find a better throw].
+    /// With a seed and no time budget the result is always the same.
+    #[arg(long)]
+    pub starts: Option<usize>,
     /// Stop starting after this many seconds.
     #[arg(long)]
     pub time_budget: Option<f64>,
@@ -64,8 +65,8 @@ pub struct SearchOptions {
     #[arg(long, conflicts_with = "hit_box")]
     pub hit_radius_m: Option<f64>,
     /// Half edges of the rectangle about the target that counts as a hit, in m.
-    #[arg(long, value_name = "HX,HY", value_delimiter = ',', num_args = 2)]
-    pub hit_box: Option<Vec<f64>>,
+    #[arg(long, value_name = "HX,HY", value_parser = two_numbers)]
+    pub hit_box: Option<[f64; 2]>,
     /// Standard deviation of the release time in s.
     #[arg(long)]
     pub jitter_s: Option<f64>,
@@ -73,6 +74,9 @@ pub struct SearchOptions {
     #[arg(long, value_enum, default_value = "effort")]
     pub objective: ObjectiveName,
 }
+
+/// Random starts, at most, if no number is asked for.
+const STARTS: usize = 96;
 
 /// Name of an objective.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -105,11 +109,9 @@ impl SearchOptions {
                 Err(ExpectedError::bad_input(&format!("a hit region needs positive sizes, got {v} m")))
             }
         };
-        match (self.hit_radius_m, self.hit_box.as_deref()) {
+        match (self.hit_radius_m, self.hit_box) {
             (Some(r), _) => Ok(Some(Region::Disc { radius_m: positive(r)? })),
-            (None, Some([x, y])) => {
-                Ok(Some(Region::Box { half_x_m: positive(*x)?, half_y_m: positive(*y)? }))
-            }
+            (None, Some([x, y])) => Ok(Some(Region::Box { half_x_m: positive(x)?, half_y_m: positive(y)? })),
             _ => Ok(None),
         }
     }
@@ -148,7 +150,7 @@ impl SearchOptions {
         let arm = crate::cmd::arm(&self.options.robot)?;
         let (region, noise) = (self.region()?, self.noise()?);
         let goal = self.goal(noise, region)?;
-        let (index, mut store) = self.options.starts(&arm)?;
+        let Starts { index, mut store, sources } = self.options.starts(&arm)?;
         let time =
             match self.time_budget {
                 None => None,
@@ -156,7 +158,7 @@ impl SearchOptions {
                     ExpectedError::bad_input(&format!("time budget of {t} s is not a duration"))
                 })?),
             };
-        let budget = Budget { starts: self.starts, time, seed };
+        let budget = Budget { starts: self.starts.unwrap_or(STARTS), all: self.starts.is_some(), time, seed };
         let began = Instant::now();
         let mut rungs = self.options.ladder().into_iter().peekable();
         let (problem, best) = loop {
@@ -189,9 +191,10 @@ impl SearchOptions {
             }
         }
         let plan = PlanFile::of(&problem, &best, &self.options.robot, seed, &noise, region);
-        let plan = plan.ok_or_else(|| {
+        let mut plan = plan.ok_or_else(|| {
             ExpectedError::new(exit::BUG, "the planned ball does not come down on the plane of the target")
         })?;
+        plan.search.stored = sources;
         Ok(Planned { arm, plan, took })
     }
 }
@@ -228,7 +231,8 @@ fn find(
     last: bool,
 ) -> Result<Best, NoThrow> {
     if fast && let Some(found) = planner.from_index(index, FAST_TRIES) {
-        return Ok(Best { found, starts: 1, solved: 1, interrupted: false, others: vec![found] });
+        let confidence = Confidence { at_best: 1, distinct: 1, ..Confidence::default() };
+        return Ok(Best { found, starts: 1, solved: 1, interrupted: false, confidence, others: vec![found] });
     }
     let watch = Watch::default();
     let best = watched(&watch, budget, || {

@@ -64,6 +64,8 @@ impl PlanFile {
                 speed_use: problem.options.speed_use,
                 acceleration_use: problem.options.acceleration_use,
                 clearance_m: problem.options.clearance_m,
+                confidence: Some(best.confidence),
+                stored: Vec::new(),
             },
             parameters: PaperParameters::of(arm, &problem.shoulder, throw),
             joints: (0..JOINTS).map(|j| joint_plan(arm, throw, j)).collect(),

@@ -16,13 +16,14 @@ mod io;
 use serde::{Deserialize, Serialize};
 
 pub use self::io::{FILE_MAX_BYTES, PlanFileError};
+use super::basins::Confidence;
 use super::paper::PaperParameters;
 use super::problem::{Form, Weights};
 use super::statistics::{Noise, Region};
 use super::throw::JOINTS;
 
 /// Version of the format that this program writes, and the newest it reads.
-pub const VERSION: u32 = 4;
+pub const VERSION: u32 = 5;
 /// First field of every plan file.
 pub const FORMAT: &str = "cubectl-plan";
 
@@ -131,6 +132,12 @@ pub struct Search {
     /// Clearance that was kept in m; files before version 4 do not say, and claim that bodies do not touch.
     #[serde(default)]
     pub clearance_m: f64,
+    /// What the starts say about throws that were not found; files before version 5 do not say.
+    #[serde(default)]
+    pub confidence: Option<Confidence>,
+    /// Stored throws that were at hand, by where they come from; files before version 5 do not say.
+    #[serde(default)]
+    pub stored: Vec<String>,
 }
 
 fn whole() -> f64 {

@@ -72,8 +72,10 @@ const DELAY: usize = 149;
 /// Most limits of the landing's shift, each for late and for early release.
 pub(crate) const DELAY_WINDOWS_MAX: usize = 4;
 const CUT: usize = DELAY + 2 * DELAY_WINDOWS_MAX;
+/// A target that may shift stays above the floor.
+const TARGET_FLOOR: usize = CUT + CUTS_MAX;
 /// Number of inequality numbers.
-pub(crate) const INEQUALITIES: usize = CUT + CUTS_MAX;
+pub(crate) const INEQUALITIES: usize = TARGET_FLOOR + 1;
 
 /// Rows whose scaled value is above this cannot become active within one step and are left out.
 const WINDOW: f64 = 0.8;
@@ -198,6 +200,7 @@ pub(crate) fn describe(problem: &Problem<'_>, id: usize, cuts: &[Cut]) -> String
                 format!("shift of the landing when the gripper opens {:.0} ms {side}", w.delay_s * 1e3)
             })
         }
+        TARGET_FLOOR => "the floor".to_owned(),
         _ => cuts.get(id.wrapping_sub(CUT)).map_or_else(|| "target".to_owned(), |c| c.describe(problem)),
     }
 }

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::{
     ACC_RELEASE, ACC_START, ACC_STOP, F, HA, HB, JERK_A, JERK_B, Layout, PEAK, Q, QD, QDD, RANGE, SPEED,
-    Sink, TIMES, TURN, WINDOW, has_goal,
+    Sink, TARGET_FLOOR, TIMES, TURN, WINDOW, has_goal,
 };
 use crate::plan::goal::EFFORT_SHARE;
 use crate::plan::problem::Problem;
@@ -136,6 +136,12 @@ pub(crate) fn spline_rows<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &R
         extreme_rows(problem, layout, x, sink);
     }
     time_rows(problem, x, sink);
+    if let Some((at, [_, _, true])) = layout.shift {
+        let above_m = problem.target.z + x[at + 2] - problem.arm.world().floor_z_m;
+        if above_m < WINDOW && sink.wants(TARGET_FLOOR) {
+            sink.ineq(TARGET_FLOOR, above_m, |g| g.add(at + 2, 1.0));
+        }
+    }
 }
 /// With joint acceleration at the release, speed and position can peak inside a phase.
 fn extreme_rows<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &Row, sink: &mut S) {
