@@ -14,7 +14,7 @@ use host::flight::FlightModel;
 use host::plan::file::PlanFile;
 use host::plan::search::{Best, Budget, Planner, Watch};
 use host::plan::statistics::{Noise, predict};
-use host::plan::{Arm, Joints, Options, Problem, seeds};
+use host::plan::{Arm, Confidence, Joints, Options, Problem, seeds};
 use host::store::Index;
 use host::throw::trajectory::Motion;
 use host::throw::{Job, JobError, Record, job};
@@ -157,7 +157,14 @@ impl Rig {
         // Between the stored throws a few random starts may be needed.
         let search = || planner.attempt(&self.index, &budget, &Watch::default()).ok().map(|best| best.found);
         let found = planner.from_index(&self.index, 6).or_else(search)?;
-        let best = Best { found, starts: 1, solved: 1, interrupted: false, others: vec![found] };
+        let best = Best {
+            found,
+            starts: 1,
+            solved: 1,
+            interrupted: false,
+            confidence: Confidence::default(),
+            others: vec![found],
+        };
         PlanFile::of(&problem, &best, "powercube6", 1, &Noise::default(), None)
     }
 
