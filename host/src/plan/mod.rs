@@ -47,7 +47,6 @@ mod qp;
 pub mod rng;
 #[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
 mod rows;
-#[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
 pub mod scan;
 pub mod search;
 pub mod seeds;

@@ -112,7 +112,7 @@ impl<'a> Preparation<'a> {
         let made = match *what {
             Work::Starts(chunk) => task.starts(chunk, own),
             Work::Sweep => task.sweep(own),
-            Work::Finish => task.finish(own),
+            Work::Finish => task.finish(&own),
             Work::Edge => task.edge(own),
             Work::Trials(round) => task.trials(round, own),
         };
@@ -230,7 +230,7 @@ impl Task<'_, '_> {
         made.into_iter().flatten().chain(rest).collect()
     }
 
-    fn finish(&self, own: Vec<Record>) -> Vec<Record> {
+    fn finish(&self, own: &[Record]) -> Vec<Record> {
         own.par_iter()
             .map(|record| {
                 let Some(problem) = self.problem(Vector3::new(record.range_m, 0.0, record.height_m)) else {

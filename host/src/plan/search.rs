@@ -314,7 +314,7 @@ impl<'p, 'a> Planner<'p, 'a> {
         let out_of_time = || budget.time.is_some_and(|t| began.elapsed() >= t);
         let stopped = || watch.stop.load(Ordering::Relaxed) || out_of_time();
         let mut basins = Basins::default();
-        let surroundings = self.from_stored(index, &mut basins, &stopped, watch);
+        let surroundings = self.polish_stored(index, &mut basins, &stopped, watch);
         let mut begun = 0;
         while begun < budget.starts
             && !stopped()
@@ -340,7 +340,7 @@ impl<'p, 'a> Planner<'p, 'a> {
 
     /// Polishes the stored throws around the target. If none of them leads there, walks from their targets to this one,
     /// and from throws that were stored for other constraints.
-    fn from_stored(
+    fn polish_stored(
         &self,
         index: &Index,
         basins: &mut Basins,
