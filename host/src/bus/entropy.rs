@@ -1,14 +1,19 @@
 //! Random bytes of the operating system, for tokens and keys.
 
+use can_link::Clock;
 use firmware::authority::{SEED_LEN, Seed};
 
 use super::session::BusFailure;
 
-/// Seed of a controller on a live bus.
+/// Seed of a controller that runs on `clock`: random bytes, or [`Seed::FORESEEABLE`] on a manual clock. In virtual time
+/// nothing real moves, and a run must repeat byte for byte.
 ///
 /// # Errors
 /// The operating system gives no random bytes.
-pub fn seed() -> Result<Seed, BusFailure> {
+pub fn seed(clock: Clock) -> Result<Seed, BusFailure> {
+    if clock.is_manual() {
+        return Ok(Seed::FORESEEABLE);
+    }
     Ok(Seed::from_entropy(bytes::<SEED_LEN>()?))
 }
 

@@ -250,7 +250,7 @@ impl SoftController {
         clock: Clock,
         settings: Settings,
     ) -> Result<(Self, Door), BusFailure> {
-        let seed = entropy::seed()?;
+        let seed = entropy::seed(clock)?;
         let (ours, theirs) = Bell::pair().map_err(BusFailure::Wait)?;
         let (to_session, events) = sync_channel(TO_SESSION_MAX);
         let (to_bus, frames) = sync_channel(TO_BUS_MAX);

@@ -86,7 +86,7 @@ fn with_storage(args: &Args, storage: impl Storage) -> Result<(), ExpectedError>
     let clock = args.bus.clock();
     let mut link = can_link::open(&args.bus, clock).map_err(BusFailure::from)?;
     let defaults = defaults(args, &storage, &mut *link, clock)?;
-    let mut node = ControllerNode::new(clock.now(), storage, &defaults, identity(), entropy::seed()?);
+    let mut node = ControllerNode::new(clock.now(), storage, &defaults, identity(), entropy::seed(clock)?);
     let settings = *node.controller().settings();
     if args.node_id.is_some_and(|id| u32::from(id.get()) != settings.node_id) {
         return Err(ExpectedError::bad_input(&format!(
