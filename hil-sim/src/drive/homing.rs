@@ -7,6 +7,9 @@
 //!              limit switch: once ────┘──┘  twice: failed
 //! ```
 //!
+//! A limit switch in Search means that the joint started beyond the home switch: the drive goes back across the switch
+//! (Leave) and searches again. So it takes the same edge from wherever it starts.
+//!
 //! The direction is the sign of HomeVel. The counter is latched by the switch itself, so the result does not depend on
 //! the speed. What the module reads at the edge is HomeOffset (not stated by any source; it makes the factory offset
 //! the place of the edge in joint coordinates).
@@ -16,7 +19,7 @@ use protocol::powercube::Config;
 /// How far homing got.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum HomingPhase {
-    /// Off the switch, against the search direction.
+    /// Off the switch, or back across it from a limit, against the search direction.
     Leave,
     /// Towards the edge.
     Search,
@@ -28,7 +31,7 @@ pub(super) enum HomingPhase {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Homing {
     pub(super) phase: HomingPhase,
-    /// Search direction, +1 or -1; turns around at a limit switch.
+    /// Search direction, +1 or -1.
     pub(super) direction: f64,
     turned: bool,
     was_active: bool,
@@ -81,8 +84,8 @@ impl Homing {
                     return HomingEvent::Failed;
                 }
                 self.turned = true;
-                self.direction = -self.travel();
-                self.phase = HomingPhase::Search;
+                self.phase =
+                    if self.phase == HomingPhase::Leave { HomingPhase::Search } else { HomingPhase::Leave };
                 HomingEvent::Turn
             }
             HomingPhase::Leave | HomingPhase::Search => HomingEvent::Continue,
@@ -123,6 +126,16 @@ mod tests {
         assert_eq!(homing.look(false, true), HomingEvent::Turn);
         assert_eq!(homing.travel(), 1.0);
         assert_eq!(homing.look(false, true), HomingEvent::Failed);
+    }
+
+    #[test]
+    fn from_beyond_the_cam_it_takes_the_same_edge_as_from_before_it() {
+        let mut homing = Homing::new(-1.0, false, Config::EMPTY);
+        assert_eq!(homing.look(false, true), HomingEvent::Turn);
+        // Onto the cam and off it again, away from the limit.
+        assert_eq!((homing.look(true, false), homing.travel()), (HomingEvent::Continue, 1.0));
+        assert_eq!((homing.look(false, false), homing.travel()), (HomingEvent::Turn, -1.0));
+        assert_eq!(homing.look(true, false), HomingEvent::Edge);
     }
 
     #[test]

@@ -43,6 +43,8 @@ const FRESH: Duration = Duration::from_millis(500);
 const FRESH_LOOK: Duration = Duration::from_millis(50);
 /// Longest time for a controller to look at its drives anew.
 const CLEAR_MAX: Duration = Duration::from_secs(10);
+/// A halted arm is at rest after a few tenths of a second; one that still moves then is moved by somebody.
+const REST_MAX: Duration = Duration::from_secs(2);
 /// A controller that is there has sent its state by then.
 const PRESENCE: Duration = Duration::from_millis(1_500);
 /// Longest time for one request with all its attempts.
@@ -352,6 +354,26 @@ impl Session {
         self.order_plain(node, what, number, parameter)
     }
 
+    /// As [`Session::order`]; while the controller refuses with `cause`, the order is given again, for `patience` at most.
+    fn order_until_accepted(
+        &mut self,
+        (node, what, number): (NodeId, &'static str, u16),
+        parameter: &dyn Encode,
+        (cause, patience): (Cause, Duration),
+    ) -> Result<Vec<u8>, OperatorError> {
+        let until = self.now() + patience;
+        loop {
+            match self.order(node, what, number, parameter) {
+                Err(OperatorError::Refused { refusal: Some(refusal), .. })
+                    if refusal.cause == cause.code() && self.now() < until =>
+                {
+                    self.pass(FRESH_LOOK)?;
+                }
+                answer => return answer,
+            }
+        }
+    }
+
     /// As [`Session::order`], without a code.
     pub(super) fn order_plain(
         &mut self,
@@ -420,28 +442,26 @@ impl Session {
         let offer = ArmOffer::from_bytes(&output).map_err(|_| OperatorError::Unreadable { node })?;
         let confirm = ArmConfirm { token: offer.token, valid_ms: ARMING_VALID_MS };
         // After homing or a reset the controller reads the drives anew before it trusts them.
-        let until = self.now() + FRESH;
-        loop {
-            match self.order(node, "the arming", command::ARM_CONFIRM, &confirm) {
-                Err(OperatorError::Refused { refusal: Some(refusal), .. })
-                    if refusal.cause == Cause::DriveNotReady.code() && self.now() < until =>
-                {
-                    self.pass(FRESH_LOOK)?;
-                }
-                Err(refused) => return Err(refused),
-                Ok(_) => break,
-            }
-        }
+        self.order_until_accepted(
+            (node, "the arming", command::ARM_CONFIRM),
+            &confirm,
+            (Cause::DriveNotReady, FRESH),
+        )?;
         self.wait_for(Duration::from_secs(2), &|state| state == State::Armed)
     }
 
     /// Lets the controller forget its latched fault, which is `cause`, and look at every drive anew. Errors and halts of
-    /// the drives are reset by it; nothing moves.
+    /// the drives are reset by it; nothing moves. A controller that still measures a motion refuses, and is asked again for
+    /// two seconds at most.
     ///
     /// # Errors
     /// [`OperatorError::Stopped`] if a cause is still there, and the others.
     pub fn clear_fault(&mut self, node: NodeId, cause: u16) -> Result<(), OperatorError> {
-        self.order(node, "to forget the fault", command::CLEAR_FAULT, &ClearFault { fault_cause: cause })?;
+        self.order_until_accepted(
+            (node, "to forget the fault", command::CLEAR_FAULT),
+            &ClearFault { fault_cause: cause },
+            (Cause::StillMoving, REST_MAX),
+        )?;
         let cleared_at = self.now();
         // Its next message may still tell the state of before.
         let ended = self.run(cleared_at + CLEAR_MAX, &mut |desk| {
