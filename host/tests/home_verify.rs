@@ -20,8 +20,8 @@ fn verify(folder: &Folder, offset_deg: f64) -> (i32, String, serde_json::Value) 
 #[test]
 fn lost_counts_are_told_per_joint_when_the_switch_is_found_again() {
     let folder = Folder::new("home-verify");
-    // With the larger losses the joint starts on the other side of its switch.
-    for lost_deg in [5.0, -5.0, -40.0, 0.6, 30.0, 90.0] {
+    // With 30 degrees the joint starts on the other side of its switch.
+    for lost_deg in [5.0, -5.0, -40.0, 0.6, 30.0] {
         let (code, said, report) = verify(&folder, lost_deg);
         assert_eq!(code, 9, "{said}");
         assert!(said.contains("module 2: its reading was off by") && said.contains("next: "), "{said}");

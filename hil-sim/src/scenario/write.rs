@@ -78,7 +78,8 @@ pub fn fault_lines(fault: &Fault) -> Vec<String> {
             key("by_s", seconds(*by));
         }
         FaultKind::Physical(_, PhysicalFault::EncoderOffset { offset_rad }) => {
-            key("offset_deg", real(offset_rad.to_degrees()));
+            // Rounded, so that the angle read back is written as the same text.
+            key("offset_deg", real((1e6 * offset_rad.to_degrees()).round() / 1e6));
         }
         FaultKind::Physical(_, PhysicalFault::SupplyLoss { remaining }) => key("remaining", real(*remaining)),
         FaultKind::Wire(_) | FaultKind::Physical(..) => {}
