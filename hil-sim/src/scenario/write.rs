@@ -20,6 +20,11 @@ fn real(value: f64) -> String {
     format!("{value:?}")
 }
 
+/// Rounded to ten digits behind the point, so that the angle that is read back is written as the same text.
+fn degrees(angle_rad: f64) -> f64 {
+    (1e10 * angle_rad.to_degrees()).round() / 1e10
+}
+
 fn id(id: Id) -> String {
     if id.is_extended() { format!("{:08X}", id.raw()) } else { format!("{:03X}", id.raw()) }
 }
@@ -78,8 +83,7 @@ pub fn fault_lines(fault: &Fault) -> Vec<String> {
             key("by_s", seconds(*by));
         }
         FaultKind::Physical(_, PhysicalFault::EncoderOffset { offset_rad }) => {
-            // Rounded, so that the angle read back is written as the same text.
-            key("offset_deg", real((1e6 * offset_rad.to_degrees()).round() / 1e6));
+            key("offset_deg", real(degrees(*offset_rad)));
         }
         FaultKind::Physical(_, PhysicalFault::SupplyLoss { remaining }) => key("remaining", real(*remaining)),
         FaultKind::Wire(_) | FaultKind::Physical(..) => {}
@@ -139,7 +143,7 @@ fn tables(scenario: &Scenario) -> Vec<(&'static str, Vec<String>)> {
     number(&mut scatter, "rotor_share", s.rotor_share, d.rotor_share);
     number(&mut scatter, "current_share", s.current_share, d.current_share);
     number(&mut scatter, "delay_share", s.delay_share, d.delay_share);
-    number(&mut scatter, "home_deg", s.home_rad.to_degrees(), d.home_rad.to_degrees());
+    number(&mut scatter, "home_deg", degrees(s.home_rad), degrees(d.home_rad));
     span(&mut scatter, "gripper_delay_s", s.gripper_delay, d.gripper_delay);
     vec![("cell", own), ("drive", drive), ("gripper", gripper), ("scatter", scatter)]
 }

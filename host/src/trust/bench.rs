@@ -5,6 +5,7 @@ use std::path::Path;
 
 use firmware::settings::Settings;
 use hil_sim::scenario::Scenario;
+use nalgebra::Vector3;
 use protocol::cyphal::id::NodeId;
 use protocol::{Duration, Instant};
 use robot_model::AnyRobot;

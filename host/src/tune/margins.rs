@@ -64,32 +64,13 @@ mod tests {
     #[test]
     fn delay_margin_predicts_where_the_sampled_loop_turns_unstable() {
         // Feedback of error and rate only: the term of the last command counts on a delay and needs one.
-        let period_s = 0.03;
+        let period_s = 0.02;
         let mut input = joint_1(period_s);
         let gains = [-417.0, -38.8, 0.0];
         let radius = |delay: f64, input: &mut crate::tune::problem::JointInput| {
             input.delay_s = (delay, delay);
             linear_figures(&Problem::new(input).unwrap(), gains)
         };
-        for (g, t) in [
-            (gains, 0.017),
-            (gains, 0.02),
-            (gains, 0.025),
-            ([-200.0, -25.0, 0.0], 0.02),
-            ([-200.0, -25.0, 0.0], 0.03),
-            ([-200.0, -25.0, 0.0], 0.04),
-            ([-100.0, -18.0, 0.0], 0.03),
-            ([-100.0, -18.0, 0.0], 0.04),
-            ([-100.0, -18.0, 0.0], 0.05),
-            ([-40.0, -12.0, 0.0], 0.06),
-        ] {
-            let mut i2 = joint_1(t);
-            for d in [0.0, 0.25, 0.5, 0.75, 1.0] {
-                i2.delay_s = (d * t, d * t);
-                let f = linear_figures(&Problem::new(&i2).unwrap(), g);
-                println!("{g:?} {t} {d}: {} {}", f.spectral_radius, f.delay_margin_s);
-            }
-        }
         assert!(radius(0.0, &mut input).spectral_radius < 1.0, "unstable without any delay");
         assert!(radius(period_s, &mut input).spectral_radius > 1.0, "stable at a delay of a whole period");
         // The largest delay that is still stable, by bisection on the eigenvalues.
