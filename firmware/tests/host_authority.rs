@@ -45,9 +45,9 @@ fn offer(host: &mut Host, name: &Trajectory) -> ArmConfirm {
     ArmConfirm { token: ArmOffer::from_bytes(&output).unwrap().token, valid_ms: 5_000 }
 }
 
-fn refused(answer: (Status, Vec<u8>)) -> Cause {
-    assert_ne!(answer.0, Status::SUCCESS);
-    Cause::from_code(Refusal::from_bytes(&answer.1).unwrap().cause).unwrap()
+fn refused((status, output): &(Status, Vec<u8>)) -> Cause {
+    assert_ne!(*status, Status::SUCCESS);
+    Cause::from_code(Refusal::from_bytes(output).unwrap().cause).unwrap()
 }
 
 /// What the register reads after the access, and its number of bytes.
@@ -64,9 +64,9 @@ fn two_nodes_race_for_the_arm_and_exactly_the_first_one_gets_it() {
     host.address = SECOND;
     let answer = host.command(command::ARM_CONFIRM, &confirm);
     assert_eq!(answer.0, Status::NOT_AUTHORIZED);
-    assert_eq!(refused(answer), Cause::OtherHost);
+    assert_eq!(refused(&answer), Cause::OtherHost);
     let prepare = ArmPrepare { trajectory_crc64: name.trajectory_crc64, valid_ms: 5_000 };
-    assert_eq!(refused(host.command(command::ARM_PREPARE, &prepare)), Cause::OtherHost);
+    assert_eq!(refused(&host.command(command::ARM_PREPARE, &prepare)), Cause::OtherHost);
     let slower = ValueBuf::try_from(&[1.0f32; 6][..]).unwrap();
     let (_, kept, _) = access(&mut host, "joint.v_max_rad_s", slower.as_value());
     assert!(kept.unwrap() > 2.0);
@@ -90,7 +90,7 @@ fn orders_whose_answers_were_lost_come_again_and_do_no_harm() {
     }
     let voided = offer(&mut host, &name);
     let confirm = offer(&mut host, &name);
-    assert_eq!(refused(host.command(command::ARM_CONFIRM, &voided)), Cause::TokenWrong);
+    assert_eq!(refused(&host.command(command::ARM_CONFIRM, &voided)), Cause::TokenWrong);
     for _ in 0..3 {
         assert_eq!(host.command(command::ARM_CONFIRM, &confirm).0, Status::SUCCESS);
     }
@@ -139,7 +139,7 @@ fn an_unlock_shows_in_the_group_state_and_ends() {
     assert!(!host.group.unwrap().limits_unlocked);
     assert!(access(&mut host, "joint.v_max_rad_s", Value::EMPTY).1.unwrap() < 3.0);
     assert_eq!(
-        refused(host.command(command::UNLOCK, &Unlock { robot_crc32: 1, valid_s: 1 })),
+        refused(&host.command(command::UNLOCK, &Unlock { robot_crc32: 1, valid_s: 1 })),
         Cause::WrongRobot
     );
 }
@@ -177,9 +177,9 @@ fn a_key_set_over_the_wire_is_never_read_back_and_locks_strangers_out() {
     for address in [SECOND, FIRST] {
         host.address = address;
         let confirm = offer(&mut host, &name);
-        assert_eq!(refused(host.command(command::ARM_CONFIRM, &confirm)), Cause::CodeMissing);
+        assert_eq!(refused(&host.command(command::ARM_CONFIRM, &confirm)), Cause::CodeMissing);
         assert_eq!(
-            refused(host.command(command::HOME, &command::Home { joint_mask: 1 })),
+            refused(&host.command(command::HOME, &command::Home { joint_mask: 1 })),
             Cause::CodeMissing
         );
         for key in [other_key, Value::unstructured(&[]).unwrap()] {
@@ -195,14 +195,14 @@ fn a_key_set_over_the_wire_is_never_read_back_and_locks_strangers_out() {
     let confirm = offer(&mut host, &name);
     let heard = authorize(&mut host, &content(command::ARM_CONFIRM, &confirm));
     let longer = ArmConfirm { valid_ms: 30_000, ..confirm };
-    assert_eq!(refused(host.command(command::ARM_CONFIRM, &longer)), Cause::CodeWrong, "another content");
+    assert_eq!(refused(&host.command(command::ARM_CONFIRM, &longer)), Cause::CodeWrong, "another content");
     assert_eq!(host.bench.kind(), StateKind::Ready);
-    assert_eq!(refused(host.command(command::AUTHORIZE, &heard)), Cause::CodeWrong, "used up");
+    assert_eq!(refused(&host.command(command::AUTHORIZE, &heard)), Cause::CodeWrong, "used up");
     authorize(&mut host, &content(command::ARM_CONFIRM, &confirm));
     assert_eq!(host.command(command::ARM_CONFIRM, &confirm).0, Status::SUCCESS);
     assert_eq!(host.command(command::ARM_CONFIRM, &confirm).0, Status::SUCCESS, "its answer was lost");
     assert_eq!(host.bench.kind(), StateKind::Armed);
-    assert_eq!(refused(host.command(command::RUN, &name)), Cause::CodeMissing);
+    assert_eq!(refused(&host.command(command::RUN, &name)), Cause::CodeMissing);
     authorize(&mut host, &content(command::RUN, &name));
     assert_eq!(host.command(command::RUN, &name).0, Status::SUCCESS);
     host.run(1_700_000, |_, _| {});

@@ -93,8 +93,8 @@ impl Verdict {
 pub struct Judge<'a> {
     /// The robot.
     pub arm: &'a Arm,
-    /// Trace of the same cell without faults.
-    pub nominal: &'a Trace,
+    /// The run of the same cell without faults.
+    pub nominal: &'a Evidence,
 }
 
 impl Judge<'_> {
@@ -109,7 +109,7 @@ impl Judge<'_> {
         if let Some(broken) = &run.broken {
             found(Rule::Runs, broken.clone());
         }
-        let limit = self.nominal.at(self.nominal.len()) + LONGER_MAX;
+        let limit = self.nominal.trace.at(self.nominal.trace.len()) + LONGER_MAX;
         if run.end > limit {
             found(Rule::Runs, format!("ends at {}, long after {limit}", run.end));
         }
@@ -143,7 +143,11 @@ impl Judge<'_> {
     /// after a homing that failed, only the limits hold: the search may take the whole range.
     fn excursion(&self, run: &Evidence) -> Excursion {
         let mut largest = Excursion::default();
-        let Some(last) = self.nominal.len().checked_sub(1) else { return largest };
+        let path = &self.nominal.trace;
+        let Some(last) = path.len().checked_sub(1) else { return largest };
+        // What comes after a search for zeros is compared with what comes after it in the nominal run.
+        let ready = self.nominal.bus.states.iter().find(|(_, group)| group.state == State::Ready);
+        let homed = ready.map_or(0, |(at, _)| path.index_at(*at)).min(last);
         let mut near = Some(0);
         let mut states = run.bus.states.iter().peekable();
         let mut searching = false;
@@ -155,9 +159,9 @@ impl Judge<'_> {
                 near = None;
                 continue;
             }
-            let range =
-                near.map_or(0..=last, |near: usize| near.saturating_sub(WINDOW)..=(near + WINDOW).min(last));
-            let (found, joint, rad) = nearest(run.trace.sample(index), self.nominal, range);
+            let range = near
+                .map_or(homed..=last, |near: usize| near.saturating_sub(WINDOW)..=(near + WINDOW).min(last));
+            let (found, joint, rad) = nearest(run.trace.sample(index), path, range);
             near = Some(found);
             if rad > largest.rad {
                 largest = Excursion { rad, joint, at: run.trace.at(index) };

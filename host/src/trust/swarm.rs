@@ -90,7 +90,7 @@ impl Swarm {
     /// Throws and judges.
     #[must_use]
     pub fn run(&self, scenario: &Scenario) -> Verdict {
-        let judge = Judge { arm: &self.bench.arm, nominal: &self.nominal(scenario).trace };
+        let judge = Judge { arm: &self.bench.arm, nominal: self.nominal(scenario) };
         judge.judge(scenario, &self.bench.throw(scenario))
     }
 }
