@@ -8,7 +8,7 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`bench`] | one throw of a scenario: plan, host job and controller are the real ones |
+//! | [`mod@bench`] | one throw of a scenario: plan, host job and controller are the real ones |
 //! | [`evidence`] | what a run leaves: what was told, what was seen |
 //! | [`judge`] | the rules, with their bounds |
 //! | [`phases`] | instants of a nominal run, from its own events |

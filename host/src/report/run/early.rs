@@ -10,7 +10,7 @@ use crate::log::candump::Tear;
 use crate::plan::file::PlanFile;
 use crate::throw::Outcome;
 
-/// See the [module](self).
+/// Page of a throw that ended before the arm moved.
 pub struct EarlyReport<'a> {
     /// The plan.
     pub plan: &'a PlanFile,
