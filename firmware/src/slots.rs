@@ -57,19 +57,20 @@ impl Slots {
         let lanes = settings.in_flight_max.clamp(1, n);
         let others_us = (n - 1) * DRIVE_US + if settings.cycle_guest { crate::pace::GUEST_US } else { 0 };
         let by_bus_us = cycle_us.saturating_sub(others_us).max(DRIVE_US);
-        let by_drives_us = cycle_us.saturating_mul(lanes) / (2 * n);
+        let by_drives_us = cycle_us.saturating_mul(lanes).checked_div(2 * n).unwrap_or(0);
         let reply_us = by_bus_us.min(by_drives_us.max(DRIVE_US));
 
         // A short period leaves the drives closer together and the first one less time.
         let room_us = settings.cycle_period_us.saturating_sub(reply_us + SPARE_US);
-        let closest_us = MOTION_US.max(reply_us / lanes).min(room_us / n);
+        let closest_us =
+            MOTION_US.max(reply_us.checked_div(lanes).unwrap_or(0)).min(room_us.checked_div(n).unwrap_or(0));
         // Up to the first slot the bus is busy with the writes: one frame less at the end is better than a slot among them.
         let usual_us = room_us - (n - 1) * closest_us;
         let latest_us = usual_us + (SPARE_US - FRAME_US).min(settings.cycle_period_us - room_us);
         let first_us = (2 * (reply_us + FRAME_US)).min(usual_us.max(latest_us.min(n * WRITE_US)));
         // A long period lets each motion have its answer before the next one, as long as a quarter of it stays free.
         let end_us = settings.cycle_period_us - settings.cycle_period_us / 4;
-        let spread_us = end_us.saturating_sub(first_us + reply_us) / (n - 1).max(1);
+        let spread_us = end_us.saturating_sub(first_us + reply_us).checked_div(n - 1).unwrap_or(0);
         let spacing_us = spread_us.min(reply_us).max(closest_us);
         Self { first_us, spacing_us, reply_us, joints: n }
     }

@@ -13,7 +13,7 @@
 //! and a run with it repeats only if it stays silent.
 
 use can_link::{BusSpec, ClientId, Clock, Link, ServerEvent};
-use protocol::{Frame, Instant};
+use protocol::{Duration, Frame, Instant};
 
 use super::door::{Door, Visit};
 use super::{NAP_MAX, Realtime, RealtimeError};
@@ -45,6 +45,9 @@ pub fn shared_time(specs: &[BusSpec]) -> Result<(Clock, Option<usize>), MixedTim
 )]
 pub struct MixedTime;
 
+/// Drives answer within a few milliseconds, and the queue of a gateway is empty after as many.
+const QUIET: Duration = Duration::from_millis(20);
+
 /// Clients in lock step.
 pub(super) struct LockStep {
     /// Time stands while fewer take part.
@@ -52,6 +55,8 @@ pub(super) struct LockStep {
     /// In the order in which they joined.
     members: Vec<Member>,
     others: Vec<(usize, ClientId)>,
+    /// The last member has left: time passes until then, so that the next one does not hear the answers to its questions.
+    quiet_until: Option<Instant>,
 }
 
 struct Member {
@@ -84,7 +89,7 @@ impl Member {
 
 impl LockStep {
     pub(super) const fn new(clients_min: usize) -> Self {
-        Self { clients_min, members: Vec::new(), others: Vec::new() }
+        Self { clients_min, members: Vec::new(), others: Vec::new(), quiet_until: None }
     }
 
     fn member(&mut self, port: usize, client: ClientId) -> Option<&mut Member> {
@@ -109,7 +114,10 @@ impl<A: Crew> Realtime<A> {
         let end = real.now() + NAP_MAX;
         loop {
             self.hear(step);
-            if step.waits_for_clients() {
+            if let Some(quiet) = step.quiet_until.take() {
+                self.world.run_until(quiet, &mut (&mut self.seen, &mut *observer))?;
+                self.clock.set(quiet);
+            } else if step.waits_for_clients() {
                 let links: Vec<&dyn Link> = self.ports.iter().map(|port| port.door.link()).collect();
                 can_link::wait(&links, &real, Some(end))?;
             } else {
@@ -137,7 +145,7 @@ impl<A: Crew> Realtime<A> {
         }
     }
 
-    /// Takes in what the clients have said.
+    /// Takes in what the clients have said, up to the leave of the last member.
     fn hear(&mut self, step: &mut LockStep) {
         let now = self.world.now();
         for (index, port) in self.ports.iter_mut().enumerate() {
@@ -150,8 +158,13 @@ impl<A: Crew> Realtime<A> {
                     }
                     ServerEvent::Left { client, reason } => {
                         step.others.retain(|other| *other != (index, client));
+                        let members = step.members.len();
                         step.members.retain(|member| (member.port, member.client) != (index, client));
                         port.visits.push(Visit::Left(reason));
+                        if members > 0 && step.members.is_empty() {
+                            step.quiet_until = Some(now + QUIET);
+                            return;
+                        }
                     }
                     ServerEvent::InStep { client } if step.member(index, client).is_none() => {
                         step.others.retain(|other| *other != (index, client));

@@ -139,28 +139,31 @@ impl Judge<'_> {
         Verdict { findings, told: in_words(&run.told), silent, excursion_rad }
     }
 
-    /// Largest distance of any joint from the nearest pose of the nominal run, rad. While joints look for their zeros, and
-    /// after a homing that failed, only the limits hold: the search may take the whole range.
+    /// Largest distance of any joint from the nearest pose of the nominal run, rad. From a homing to the throw only the limits
+    /// hold: the search may take the whole range, and the way to the start of the throw is chosen anew from where it ends.
     fn excursion(&self, run: &Evidence) -> Excursion {
         let mut largest = Excursion::default();
         let path = &self.nominal.trace;
         let Some(last) = path.len().checked_sub(1) else { return largest };
-        // What comes after a search for zeros is compared with what comes after it in the nominal run.
-        let ready = self.nominal.bus.states.iter().find(|(_, group)| group.state == State::Ready);
-        let homed = ready.map_or(0, |(at, _)| path.index_at(*at)).min(last);
+        let mut throw = SinceHoming::default();
+        let begin = self.nominal.bus.states.iter().find(|(_, group)| throw.passed_after(group.state));
+        let throw_begin = begin.map_or(0, |(at, _)| path.index_at(*at)).min(last);
+
         let mut near = Some(0);
         let mut states = run.bus.states.iter().peekable();
-        let mut searching = false;
+        let (mut since_homing, mut searching) = (SinceHoming::default(), false);
         for index in (0..run.trace.len()).step_by(STRIDE) {
             while let Some((_, group)) = states.next_if(|(at, _)| *at <= run.trace.at(index)) {
-                searching = group.state == State::Homing || searching && group.state != State::Ready;
+                let throws = since_homing.passed_after(group.state);
+                searching = group.state == State::Homing || searching && !throws;
             }
             if searching {
                 near = None;
                 continue;
             }
-            let range = near
-                .map_or(homed..=last, |near: usize| near.saturating_sub(WINDOW)..=(near + WINDOW).min(last));
+            let range = near.map_or(throw_begin..=last, |near: usize| {
+                near.saturating_sub(WINDOW)..=(near + WINDOW).min(last)
+            });
             let (found, joint, rad) = nearest(run.trace.sample(index), path, range);
             near = Some(found);
             if rad > largest.rad {
@@ -268,6 +271,27 @@ fn encoder_slack_rad(faults: &[Fault]) -> f64 {
 const STRIDE: usize = 10;
 /// Samples looked at before and behind the last nearest pose: both runs pass the path in the same order.
 const WINDOW: usize = 400;
+
+/// Runs of trajectories since the last homing: the first goes to the start of the throw, the second is the throw.
+#[derive(Clone, Copy, Debug, Default)]
+struct SinceHoming {
+    homed: bool,
+    running: bool,
+    runs: u32,
+}
+
+impl SinceHoming {
+    /// Takes the next state; true once the throw after a homing has begun.
+    fn passed_after(&mut self, state: State) -> bool {
+        if state == State::Homing {
+            *self = Self { homed: true, ..Self::default() };
+        }
+        let runs = state == State::Running;
+        self.runs += u32::from(runs && !self.running);
+        self.running = runs;
+        self.homed && self.runs >= 2
+    }
+}
 
 /// The largest distance from the path.
 #[derive(Clone, Copy, Debug, Default)]
