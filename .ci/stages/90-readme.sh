@@ -55,8 +55,8 @@ serve() { # serve SCHEME PORT: a simulated cell that is ready when this returns
     cat "$work/cell-$1.log"
     return 1
 }
-serve lockstep 29540
-arm=lockstep://127.0.0.1:29540/can0
+serve socketcand 29540
+arm=socketcand://127.0.0.1:29540/can0
 cat >"$work/stand-in.sh" <<'STAND_IN'
 sudo() { "$@"; }
 ip() { echo "not run here: ip $*"; }
