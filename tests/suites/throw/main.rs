@@ -144,10 +144,7 @@ fn the_spread_over_perturbed_arms_is_the_predicted_one() {
                 })
             }
             Err(error) => {
-                // Known defect since the commands have slots: a few such arms are armed and then stopped for late cycles.
-                let told = error.to_string();
-                assert!(told.contains("(fault 713)") || told.contains("(fault 401)"), "seed {seed}: {error}");
-                println!("seed {seed}: {}", told.lines().next().unwrap_or_default());
+                assert!(error.to_string().contains("(fault 713)"), "seed {seed}: {error}");
                 None
             }
         };
