@@ -1,0 +1,1 @@
+//! Catching a flying disc with a four-axis arm (paper 001).
