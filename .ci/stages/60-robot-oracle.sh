@@ -1,7 +1,7 @@
 # The golden vectors of the robot models come from Pinocchio and MuJoCo, through our URDF export: make them again.
-. .ci/venv.sh robot-oracle host/robot-model/oracle/requirements.txt
+. .ci/venv.sh robot-oracle robots/model/oracle/requirements.txt
 . .ci/debug-build.sh
 for robot in powercube6 kr16_2 pincher4; do
     target/debug/examples/to_urdf $robot >target/$robot.urdf
 done
-python host/robot-model/oracle/golden.py target host/robot-model/tests/data --check
+python robots/model/oracle/golden.py target robots/model/tests/data --check

@@ -28,6 +28,8 @@
 //! 5. A reply is never taken for another ([`drives`] says why).
 //! 6. A trajectory runs only after all checks of [`trajectory_format`], from where the joints are, under the
 //!    name the host gave it.
+
+#![warn(missing_docs)]
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 #![cfg_attr(

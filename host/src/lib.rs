@@ -5,11 +5,7 @@
 //! |---|---|
 //! | [`cli`], [`cmd`] | command line; one verb per file |
 //! | [`exit`], [`error`] | documented exit codes, expected errors |
-//! | [`plan`] | throw planner |
-//! | [`verify`] | second opinion on a plan file, sharing nothing with the planner |
-//! | [`store`] | found throws, kept for later starts |
 //! | [`report`] | summaries, HTML reports, pictures |
-//! | [`flight`] | ball after the release: vacuum, drag, spin; landing and its Jacobian |
 //! | [`bus`] | access to a bus: sessions in virtual and real time, requests to drives, bounded motions |
 //! | [`mod@throw`] | the main job: from a plan to where the ball landed |
 //! | [`log`] | recordings: candump text and MCAP; what their frames say |
@@ -25,13 +21,9 @@ pub mod cli;
 pub mod cmd;
 pub mod error;
 pub mod exit;
-pub mod flight;
 pub mod identify;
 pub mod log;
-pub mod plan;
 pub mod report;
-pub mod store;
 pub mod throw;
 pub mod trust;
 pub mod tune;
-pub mod verify;

@@ -132,12 +132,17 @@ fn wrong_lines(cli: &Command, text: &str) -> Vec<String> {
     wrong
 }
 
+/// Packages whose messages `cubectl` prints.
+const SOURCES: [&str; 2] = ["src", "planner/src"];
+
 #[test]
 fn every_command_line_that_is_printed_can_be_given() {
     let cli = cli();
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let (mut files, mut wrong, mut seen) = (Vec::new(), Vec::new(), 0);
-    sources(&root.join("src"), &mut files);
+    for folder in SOURCES {
+        sources(&root.join(folder), &mut files);
+    }
     files.push(root.join("../firmware/src/fault.rs"));
     for file in &files {
         for text in literals(&std::fs::read_to_string(file).unwrap()) {
@@ -156,9 +161,12 @@ fn every_command_line_that_is_printed_can_be_given() {
 #[test]
 fn every_option_that_a_message_names_exists_in_the_verb_that_prints_it() {
     let cli = cli();
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let package = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let root = package.join("src");
     let (mut files, mut wrong, mut seen) = (Vec::new(), Vec::new(), 0);
-    sources(&root, &mut files);
+    for folder in SOURCES {
+        sources(&package.join(folder), &mut files);
+    }
     let all: Vec<&Command> =
         cli.get_subcommands().flat_map(|verb| std::iter::once(verb).chain(verb.get_subcommands())).collect();
     for file in &files {

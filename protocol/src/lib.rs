@@ -18,6 +18,8 @@
 //! * Decoding never fails silently: a value that cannot be represented is an error that carries what
 //!   was found, so that a bad frame can still be shown to a person.
 //! * Numbers with a unit carry it in their type at the borders ([`units`]) and in their name inside.
+
+#![warn(missing_docs)]
 #![cfg_attr(not(test), no_std)]
 #![cfg_attr(
     not(test),

@@ -10,7 +10,7 @@ use super::drives::Drives;
 use super::{Counts, PlanClock, span_of};
 use crate::log::candump::Line;
 use crate::log::facts::{Decoder, Fact, position};
-use crate::plan::throw::JOINTS;
+use planner::throw::JOINTS;
 
 /// A number at a time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]

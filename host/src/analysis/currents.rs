@@ -8,9 +8,9 @@ use serde::Serialize;
 use super::collect::{Heard, Reading};
 use super::tracking::interpolate;
 use super::{AFTER_S, BEFORE_S};
-use crate::plan::file::PlanFile;
-use crate::plan::throw::{Arm, JOINTS};
-use crate::verify::motion;
+use planner::plan::file::PlanFile;
+use planner::throw::{Arm, JOINTS};
+use planner::verify::motion;
 
 /// Distance of the points of predicted curves, s.
 const STEP_S: f64 = 0.005;

@@ -3,7 +3,7 @@
 use protocol::ModuleId;
 use serde::{Deserialize, Serialize};
 
-use crate::plan::throw::{Arm, JOINTS};
+use planner::throw::{Arm, JOINTS};
 
 /// The drives of the joints, in the order of the robot file.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::drives::Drives;
 use super::{PlanClock, Run};
 use crate::log::watch::{FreezeFrame, Severity, Watch};
-use crate::verify::motion;
+use planner::verify::motion;
 
 /// Something that happened.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -36,8 +36,8 @@ use protocol::{Duration, Instant};
 use serde::Serialize;
 
 use crate::log::candump::{Line, Tear};
-use crate::plan::file::PlanFile;
-use crate::plan::throw::Arm;
+use planner::plan::file::PlanFile;
+use planner::throw::Arm;
 
 use bus::BusUse;
 use coverage::{Certified, Coverage};

@@ -6,10 +6,10 @@ use serde::Serialize;
 use super::Run;
 use super::collect::{Heard, Reading};
 use super::tracking::{HALF_WINDOW_S, JointTracking, SIDE_MIN, Sample, line};
-use crate::flight::FlightModel;
-use crate::plan::file::PlanFile;
-use crate::plan::throw::Joints;
-use crate::verify::motion;
+use planner::flight::FlightModel;
+use planner::plan::file::PlanFile;
+use planner::throw::Joints;
+use planner::verify::motion;
 
 /// Standard deviations of a normal distribution within which 99 % lie.
 const SIGMAS_99: f64 = 2.575_829_303_548_901;

@@ -10,9 +10,9 @@ use serde::Serialize;
 use super::collect::{Commanded, Heard, Reading};
 use super::drives::Drives;
 use super::{AFTER_S, AnalysisError, BEFORE_S, TRANSIENT_S};
-use crate::plan::file::PlanFile;
-use crate::plan::throw::{Arm, JOINTS};
-use crate::verify::motion;
+use planner::plan::file::PlanFile;
+use planner::throw::{Arm, JOINTS};
+use planner::verify::motion;
 
 /// Half of the time over which the slope of an error is taken, s: at 3 ms and 0.02° it leaves 2 mrad/s of noise.
 pub const HALF_WINDOW_S: f64 = 0.025;

@@ -6,7 +6,7 @@ use firmware::settings::{JointSettings, Settings};
 use protocol::JOINTS_MAX;
 use robot_model::{AnyRobot, RobotModel};
 
-use crate::store::robot_fingerprint;
+use planner::store::robot_fingerprint;
 
 /// Share of a drive's current that homing and jogging may use.
 const SLOW_CURRENT_SHARE: f64 = 0.5;
@@ -154,8 +154,8 @@ mod tests {
     /// The repeat of defect 5: another name, or another limit, is another robot.
     #[test]
     fn only_the_robot_that_the_built_in_gains_are_for_gets_them() {
-        let text =
-            std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/robots/powercube6.toml")).unwrap();
+        let text = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/powercube6.toml"))
+            .unwrap();
         let limit = "control_acceleration_max_rad_s2 = 10.4";
         assert!(text.contains(limit));
         let slower =
@@ -172,8 +172,8 @@ mod tests {
 
     #[test]
     fn a_limit_that_no_drive_can_have_makes_no_settings() {
-        let text =
-            std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/robots/powercube6.toml")).unwrap();
+        let text = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/powercube6.toml"))
+            .unwrap();
         let limit = "control_acceleration_max_rad_s2 = 10.4";
         let wild =
             AnyRobot::from_toml("edited.toml", &text.replace(limit, "control_acceleration_max_rad_s2 = 1e9"));

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use crate::error::ExpectedError;
 use crate::exit;
-use crate::plan::file::PlanFile;
-use crate::verify;
+use planner::plan::file::PlanFile;
+use planner::verify;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]

@@ -5,8 +5,8 @@ use std::io::Write as _;
 use std::path::PathBuf;
 
 use crate::error::ExpectedError;
-use crate::plan::file::PlanFile;
-use crate::verify::motion;
+use planner::plan::file::PlanFile;
+use planner::verify::motion;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]

@@ -35,7 +35,7 @@ mod modules;
 use robot_model::AnyRobot;
 
 use crate::error::ExpectedError;
-use crate::plan::Arm;
+use planner::plan::Arm;
 
 /// The arm of a robot file, or a reason why the planner cannot use it.
 pub(crate) fn arm(robot: &str) -> Result<Arm, ExpectedError> {

@@ -14,9 +14,9 @@ use crate::analysis::{PlanClock, Run, RunAnalysis, analyse};
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::log::candump::{self, Tear};
-use crate::plan::file::PlanFile;
-use crate::plan::throw::Arm;
 use crate::report::run::{EarlyReport, RunReport};
+use planner::plan::file::PlanFile;
+use planner::throw::Arm;
 
 /// Bit rate of a bus nobody says otherwise of, bit/s.
 pub const BIT_RATE: u32 = 1_000_000;

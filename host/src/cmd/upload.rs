@@ -11,8 +11,8 @@ use crate::bus::key::KeyArgs;
 use crate::bus::operator::OperatorError;
 use crate::bus::{BusArgs, Session};
 use crate::error::ExpectedError;
-use crate::plan::file::PlanFile;
 use crate::throw::trajectory::{Motion, robot_crc32};
+use planner::plan::file::PlanFile;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -74,7 +74,7 @@ pub(super) enum Source {
 
 /// Reads a trajectory file of a controller or a plan; a plan must be for `robot`, if that is given.
 pub(super) fn read(path: &Path, robot: Option<&str>) -> Result<Source, ExpectedError> {
-    let bytes = toml_reader::read_bytes(path, crate::plan::file::FILE_MAX_BYTES)
+    let bytes = toml_reader::read_bytes(path, planner::plan::file::FILE_MAX_BYTES)
         .map_err(|error| ExpectedError::io(path, &error))?;
     if bytes.starts_with(&firmware::trajectory_format::MAGIC) {
         return Ok(Source::Controller(bytes));

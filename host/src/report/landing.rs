@@ -2,7 +2,7 @@
 
 use super::chart::{Chart, Curve, Pen};
 use super::scene::ellipse;
-use crate::plan::file::PlanFile;
+use planner::plan::file::PlanFile;
 
 /// A point on the plane of the target.
 #[derive(Clone, Debug)]

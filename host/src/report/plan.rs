@@ -9,10 +9,10 @@ use super::chart::{Chart, Curve, Pen};
 use super::page::{Page, Tone, cell};
 use super::{landing as landing_chart, scene};
 use crate::analysis::release::flight;
-use crate::flight::landing;
-use crate::plan::file::PlanFile;
-use crate::plan::throw::{Arm, JOINTS};
-use crate::verify::{self, motion};
+use planner::flight::landing;
+use planner::plan::file::PlanFile;
+use planner::throw::{Arm, JOINTS};
+use planner::verify::{self, motion};
 
 /// A few lines for the terminal.
 #[must_use]

@@ -3,9 +3,9 @@
 use nalgebra::{Matrix2, Vector3};
 use robot_model::Pose;
 
-use crate::flight::landing;
-use crate::plan::file::PlanFile;
-use crate::plan::throw::{Arm, Joints};
+use planner::flight::landing;
+use planner::plan::file::PlanFile;
+use planner::throw::{Arm, Joints};
 
 /// Steps of the animation.
 const STEPS: u32 = 90;

@@ -7,8 +7,8 @@
 use robot_model::collision::{Body, CollisionChecker, MotionVerdict, Scene, StraightMove};
 
 use super::trajectory::{Motion, MotionKnot};
-use crate::plan::rng::SplitMix64;
-use crate::plan::{Arm, Joints};
+use planner::plan::rng::SplitMix64;
+use planner::plan::{Arm, Joints};
 
 /// Bodies that come nearer than this count as touching, m.
 const TOLERANCE_M: f64 = 1e-3;

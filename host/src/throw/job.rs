@@ -20,9 +20,9 @@ use crate::bus::registers::Numbers;
 use crate::bus::session::BusFailure;
 use crate::log::candump::Line;
 use crate::log::keep::Keeper;
-use crate::plan::file::PlanFile;
-use crate::plan::{Arm, JOINTS, Joints};
 use crate::tune::gains_file::{GainsFile, GainsFileError};
+use planner::plan::file::PlanFile;
+use planner::plan::{Arm, JOINTS, Joints};
 
 /// Longest start-up of a controller.
 const BOOT_MAX: Duration = Duration::from_secs(20);

@@ -17,7 +17,7 @@ use nalgebra::{Matrix2, Vector2, Vector3};
 use super::job::{Job, JobError, Record, Step};
 use crate::bus::operator::OperatorError;
 use crate::exit;
-use crate::plan::file::PlanFile;
+use planner::plan::file::PlanFile;
 
 /// Smallest default tolerance, m: the steps of encoders and clocks and the tracking of a healthy arm stay below it.
 pub const TOLERANCE_MIN_M: f64 = 0.010;

@@ -12,7 +12,7 @@ use crate::analysis::RunAnalysis;
 use crate::analysis::tracking::ErrorSize;
 use crate::bus::pace::Pace;
 use crate::bus::soft::SoftReport;
-use crate::plan::file::VERSION as PLAN_VERSION;
+use planner::plan::file::VERSION as PLAN_VERSION;
 
 /// Version of the file.
 pub const VERSION: u32 = 2;

@@ -7,8 +7,8 @@ use firmware::trajectory_format::{self, FILE_LEN_MAX, Header};
 use protocol::JointIndex;
 
 pub use crate::bus::settings::robot_crc32;
-use crate::plan::file::{JointPlan, PlanFile};
-use crate::plan::{JOINTS, Joints};
+use planner::plan::file::{JointPlan, PlanFile};
+use planner::plan::{JOINTS, Joints};
 
 /// Breaks of two joints nearer than this are one, s.
 const SAME_TIME_S: f64 = 1e-7;
@@ -220,7 +220,7 @@ fn state_at(joint: &JointPlan, t_s: f64) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::file::Segment;
+    use planner::plan::file::Segment;
 
     fn motion() -> Motion {
         let knot =

@@ -18,14 +18,14 @@ use crate::bus::operator::OperatorError;
 use crate::bus::session::{BusFailure, Session};
 use crate::bus::settings::settings_of;
 use crate::bus::sim::SimSetup;
-use crate::plan::Arm;
-use crate::plan::file::PlanFile;
 use crate::throw::job::Step;
 use crate::throw::outcome::{self, Outcome, default_tolerance_m};
 use crate::throw::period::{Wish, apply, choose};
 use crate::throw::trajectory::Motion;
 use crate::throw::{Job, JobError, Record, job};
 use crate::tune::gains_file::GainsFile;
+use planner::plan::Arm;
+use planner::plan::file::PlanFile;
 
 /// Robot of the bench.
 pub const ROBOT: &str = "powercube6";

@@ -14,9 +14,9 @@ use protocol::{Frame, Instant};
 
 use crate::bus::session::{Tap, Way};
 use crate::log::facts::{Decoder, Fact};
-use crate::plan::Arm;
 use crate::throw::job::Step;
 use crate::throw::outcome::Ball;
+use planner::plan::Arm;
 
 /// Rounding of limits to single precision.
 const ROUNDING: f64 = 1.0 + 1e-5;

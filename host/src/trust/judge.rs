@@ -8,9 +8,9 @@ use protocol::cyphal::cubecell::group_state::State;
 use protocol::{Duration, Instant};
 
 use super::evidence::{Evidence, Seen, Told};
-use crate::plan::Arm;
 use crate::throw::job::Step;
 use crate::throw::outcome::Ball;
+use planner::plan::Arm;
 
 /// A run that lasts longer than the nominal one by more than this hangs: start-up may take 20 s.
 const LONGER_MAX: Duration = Duration::from_secs(30);

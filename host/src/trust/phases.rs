@@ -4,8 +4,8 @@ use protocol::Instant;
 use protocol::cyphal::cubecell::group_state::State;
 
 use super::evidence::{Evidence, Told};
-use crate::plan::file::PlanFile;
 use crate::throw::job::Step;
+use planner::plan::file::PlanFile;
 
 /// Part of a run in which a fault begins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

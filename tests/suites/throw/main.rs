@@ -44,7 +44,7 @@ fn nominal_throws_land_within_five_millimetres_of_the_published_targets_in_the_m
 }
 
 /// Azimuth all around, range and height as far as the stored throws lead.
-fn random_target(rng: &mut host::plan::rng::SplitMix64) -> [f64; 3] {
+fn random_target(rng: &mut planner::plan::rng::SplitMix64) -> [f64; 3] {
     let mut between = |low: f64, high: f64| low + (high - low) * rng.unit();
     let (azimuth, range, z) = (between(-3.1, 3.1), between(0.8, 2.4), between(-1.0, 0.4));
     [range * azimuth.cos(), range * azimuth.sin(), z]
@@ -56,7 +56,7 @@ fn many(throws: usize) {
     let outcomes: Vec<([f64; 3], Outcome)> = (0..throws as u64)
         .into_par_iter()
         .map(|seed| {
-            let mut rng = host::plan::rng::SplitMix64::stream(77, seed);
+            let mut rng = planner::plan::rng::SplitMix64::stream(77, seed);
             let (target, plan) = (0..1_000)
                 .find_map(|_| {
                     let target = random_target(&mut rng);

@@ -10,15 +10,15 @@ use host::bus::args::Cell;
 use host::bus::session::{Tap, Way};
 use host::bus::settings::settings_of;
 use host::bus::sim::SimSetup;
-use host::flight::FlightModel;
-use host::plan::file::PlanFile;
-use host::plan::search::{Best, Budget, Planner, Watch};
-use host::plan::statistics::{Noise, predict};
-use host::plan::{Arm, Confidence, Joints, Options, Problem, seeds};
-use host::store::Index;
 use host::throw::trajectory::Motion;
 use host::throw::{Job, JobError, Record, job};
 use nalgebra::{Matrix2, SMatrix, Vector3, Vector6};
+use planner::flight::FlightModel;
+use planner::plan::file::PlanFile;
+use planner::plan::search::{Best, Budget, Planner, Watch};
+use planner::plan::statistics::{Noise, predict};
+use planner::plan::{Arm, Confidence, Joints, Options, Problem, seeds};
+use planner::store::Index;
 use protocol::powercube::{AddressedRequest, MotionPosition, Parameter, Reply, Request, Value};
 use protocol::{Duration, Frame, Instant};
 use robot_model::AnyRobot;
@@ -261,7 +261,7 @@ impl Rig {
     /// planner's statistics have it (normal, of the same variance).
     pub(crate) fn jitter_covariance(&self, plan: &PlanFile, half: Duration) -> Matrix2<f64> {
         let problem = self.problem(plan.target.position_m).unwrap();
-        let throw = host::plan::Throw {
+        let throw = planner::plan::Throw {
             q_rad: Joints::from(plan.release.q_rad),
             qd_rad_s: Joints::from(plan.release.qd_rad_s),
             qdd_rad_s2: Joints::from(plan.release.qdd_rad_s2),

@@ -6,9 +6,9 @@ use nalgebra::Vector3;
 use robot_model::Pose;
 
 use crate::error::ExpectedError;
-use crate::plan::problem::{Arrival, DelayWindow, Form, Obstacle, Options, Weights};
-use crate::plan::{Arm, AskedBounds, seeds};
-use crate::store::{Index, Record, StoreError, StoreFile, file, robot_fingerprint};
+use planner::plan::problem::{Arrival, DelayWindow, Form, Obstacle, Options, Weights};
+use planner::plan::{Arm, AskedBounds, seeds};
+use planner::store::{Index, Record, StoreError, StoreFile, file, robot_fingerprint};
 
 /// What is thrown how.
 #[derive(Debug, Clone, clap::Args)]

@@ -10,9 +10,9 @@ use super::require_writable;
 use crate::bus::args::interrupt;
 use crate::error::ExpectedError;
 use crate::exit;
-use crate::plan::prepare::{Grid, Preparation};
-use crate::plan::search::kind_of;
-use crate::store::{Record, file, robot_fingerprint};
+use planner::plan::prepare::{Grid, Preparation};
+use planner::plan::search::kind_of;
+use planner::store::{Record, file, robot_fingerprint};
 
 /// Arguments.
 #[derive(Debug, clap::Args)]

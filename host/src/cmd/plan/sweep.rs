@@ -16,10 +16,10 @@ use super::require_writable;
 use super::throw::watched;
 use crate::error::ExpectedError;
 use crate::exit;
-use crate::plan::Problem;
-use crate::plan::search::{Budget, Planner, Watch};
 use crate::report::reach;
-use crate::store::Index;
+use planner::plan::Problem;
+use planner::plan::search::{Budget, Planner, Watch};
+use planner::store::Index;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -112,7 +112,7 @@ fn write_in_order(path: &Path, targets: &[[f64; 3]], rows: &BTreeMap<[i64; 3], R
         text.push_str(&row.text);
         text.push('\n');
     }
-    crate::store::file::write_whole(path, text.as_bytes())
+    planner::store::file::write_whole(path, text.as_bytes())
 }
 
 /// Runs the verb.
@@ -202,7 +202,7 @@ fn key(t: &[f64; 3]) -> [i64; 3] {
     t.map(|v| (v * 1e6).round() as i64)
 }
 
-fn plan(arm: &crate::plan::Arm, target: &[f64; 3], rungs: &[Rung], index: &Index, args: &Args) -> Row {
+fn plan(arm: &planner::plan::Arm, target: &[f64; 3], rungs: &[Rung], index: &Index, args: &Args) -> Row {
     let [x, y, z] = *target;
     let mut text = format!("{x},{y},{z}");
     let clean = |note: &str| note.replace([',', '"'], " ");

@@ -12,12 +12,12 @@ use super::require_writable;
 use crate::bus::args::interrupt;
 use crate::error::ExpectedError;
 use crate::exit;
-use crate::plan::file::PlanFile;
-use crate::plan::search::{Best, Budget, NoThrow, Planner, Watch};
-use crate::plan::statistics::{Noise, Region};
-use crate::plan::{Arm, Confidence, Goal, Options, Problem};
 use crate::report::plan as plan_report;
-use crate::store::Index;
+use planner::plan::file::PlanFile;
+use planner::plan::search::{Best, Budget, NoThrow, Planner, Watch};
+use planner::plan::statistics::{Noise, Region};
+use planner::plan::{Arm, Confidence, Goal, Options, Problem};
+use planner::store::Index;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]

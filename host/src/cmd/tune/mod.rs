@@ -19,7 +19,6 @@ use crate::bus::settings::crc32_of_any;
 use crate::bus::{BusArgs, Session};
 use crate::error::ExpectedError;
 use crate::exit;
-use crate::plan::file::PlanFile;
 use crate::tune::design::{Design, Tuned, tune};
 use crate::tune::gains_file::{FORMAT, GainsFile, GainsFileError};
 use crate::tune::machine::{Demand, Machine, MachineError, Motion, inputs, usual_jitter};
@@ -28,6 +27,7 @@ use crate::tune::picture;
 use crate::tune::trial::TrialMotion;
 pub(in crate::cmd) use apply::InForce;
 use apply::{ApplyError, OnBus, put};
+use planner::plan::file::PlanFile;
 use trial::built_in;
 
 /// Which design to use.

@@ -8,7 +8,6 @@ use robot_model::AnyRobot;
 
 use super::apply::InForce;
 use crate::bus::settings::crc32_of_any;
-use crate::plan::file::{JointPlan, PlanFile, Segment};
 use crate::tune::gains_file::{GainsFile, JointGains, certificate_gains, paper_system};
 use crate::tune::lqr;
 use crate::tune::machine::Motion;
@@ -16,6 +15,7 @@ use crate::tune::paper::largest_decay;
 use crate::tune::problem::PhaseInput;
 use crate::tune::saturated::Gains;
 use crate::tune::trial::{JOINTS, Trial, TrialMotion, run, settings};
+use planner::plan::file::{JointPlan, PlanFile, Segment};
 
 /// Error at the start of a trial, rad: the paper's.
 const OFFSET_RAD: f64 = 0.1;

@@ -7,8 +7,8 @@ use super::super::page::{Page, Tone, cell};
 use super::{record, repeat_rows, told_outcome, tone};
 use crate::analysis::events::Event;
 use crate::log::candump::Tear;
-use crate::plan::file::PlanFile;
 use crate::throw::Outcome;
+use planner::plan::file::PlanFile;
 
 /// Page of a throw that ended before the arm moved.
 pub struct EarlyReport<'a> {

@@ -18,10 +18,10 @@ use super::{landing, scene};
 use crate::analysis::release::{ReleaseMotion, flight};
 use crate::analysis::tracking::{JointTracking, interpolate};
 use crate::analysis::{POSITION_BOUND_RAD, RunAnalysis, SPEED_BOUND_RAD_S};
-use crate::plan::file::PlanFile;
-use crate::plan::throw::{Arm, Joints};
 use crate::throw::outcome::{Outcome, default_tolerance_m};
-use crate::verify::motion;
+use planner::plan::file::PlanFile;
+use planner::throw::{Arm, Joints};
+use planner::verify::motion;
 
 /// What a report is about.
 pub struct RunReport<'a> {

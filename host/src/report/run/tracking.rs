@@ -6,7 +6,7 @@ use super::RunReport;
 use crate::analysis::collect::Reading;
 use crate::analysis::tracking::JointTracking;
 use crate::analysis::{AFTER_S, BEFORE_S, POSITION_BOUND_RAD, SPEED_BOUND_RAD_S, TRANSIENT_S};
-use crate::plan::throw::JOINTS;
+use planner::throw::JOINTS;
 
 impl RunReport<'_> {
     pub(super) fn tracking(&self, page: &mut Page) {

@@ -1,0 +1,313 @@
+//! The plan file: a throw with everything needed to run it and to judge it.
+//!
+//! JSON, versioned, units in the names of the keys; described in `host/planner/schemas/plan.schema.json`. Numbers are written
+//! so that they read back to the same bits.
+//!
+//! # Map
+//! | module | holds |
+//! |---|---|
+//! | here | the keys of the file |
+//! | `compose` | from a throw to its plan |
+//! | `io` | reading, writing, and what is refused |
+
+mod compose;
+mod io;
+
+use serde::{Deserialize, Serialize};
+
+pub use self::io::{FILE_MAX_BYTES, PlanFileError};
+use super::basins::Confidence;
+use super::paper::PaperParameters;
+use super::problem::{Form, Weights};
+use super::statistics::{Noise, Region};
+use crate::throw::JOINTS;
+
+/// Version of the format that this program writes, and the newest it reads.
+pub const VERSION: u32 = 5;
+/// First field of every plan file.
+pub const FORMAT: &str = "cubectl-plan";
+
+/// Kind of motion that this program makes and runs.
+pub const KIND: &str = "throw";
+
+/// A plan file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlanFile {
+    /// Always [`FORMAT`].
+    pub format: String,
+    /// Version of the format.
+    pub version: u32,
+    /// Kind of motion; [`KIND`].
+    pub kind: String,
+    /// Which robot.
+    pub robot: RobotId,
+    /// What the throw is for.
+    pub target: Target,
+    /// Boxes in the way; files before version 4 do not name them.
+    #[serde(default)]
+    pub obstacles: Vec<ObstacleInfo>,
+    /// How it was found.
+    pub search: Search,
+    /// The paper's parameters of the throw; for a free spin ω is the part about the throw.
+    pub parameters: PaperParameters,
+    /// Polynomials, one list per joint.
+    pub joints: Vec<JointPlan>,
+    /// When the gripper opens, in s from the start of the motion.
+    pub release_time_s: f64,
+    /// When the motion ends, in s.
+    pub end_time_s: f64,
+    /// State at the release.
+    pub release: Release,
+    /// Release frame in the end-effector frame, row by row.
+    pub t_ball: [[f64; 4]; 4],
+    /// Objective (1).
+    pub objective: Objective,
+    /// Flight and landing.
+    pub landing: LandingInfo,
+    /// What is left of every limit.
+    pub margins: MarginsInfo,
+    /// Largest currents.
+    pub currents: Currents,
+    /// What was checked, with which tolerance.
+    pub checks: Vec<CheckInfo>,
+}
+
+/// Which robot a plan is for.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RobotId {
+    /// Name in the robot file.
+    pub name: String,
+    /// What was given to `--robot`.
+    pub source: String,
+    /// Fingerprint of everything a throw depends on, hexadecimal.
+    pub fingerprint: String,
+}
+
+/// The target.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Target {
+    /// Point in the world.
+    pub position_m: [f64; 3],
+    /// Region that counts as a hit.
+    pub region: Option<Region>,
+}
+
+/// A box that arm and ball keep clear of.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ObstacleInfo {
+    /// Name for messages.
+    pub name: String,
+    /// Centre and axes of the box in the world, row by row.
+    pub x_wo: [[f64; 4]; 4],
+    /// Half edge lengths in m.
+    pub half_m: [f64; 3],
+}
+
+/// How a throw was found.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Search {
+    /// Form.
+    pub form: Form,
+    /// What was made small; in files before version 3 always the effort.
+    #[serde(default)]
+    pub goal: GoalName,
+    /// Starts that were run.
+    pub starts: usize,
+    /// Starts that found a throw.
+    pub solved: usize,
+    /// Seed.
+    pub seed: u64,
+    /// Whether it was stopped early.
+    pub interrupted: bool,
+    /// Part of the speed limits that was available; older files have none and used all.
+    #[serde(default = "whole")]
+    pub speed_use: f64,
+    /// Part of the acceleration limits that was available.
+    pub acceleration_use: f64,
+    /// Clearance that was kept in m; files before version 4 do not say, and claim that bodies do not touch.
+    #[serde(default)]
+    pub clearance_m: f64,
+    /// What the starts say about throws that were not found; files before version 5 do not say.
+    #[serde(default)]
+    pub confidence: Option<Confidence>,
+    /// Stored throws that were at hand, by where they come from; files before version 5 do not say.
+    #[serde(default)]
+    pub stored: Vec<String>,
+}
+
+fn whole() -> f64 {
+    1.0
+}
+
+/// What a search made small.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum GoalName {
+    /// The paper's objective (1).
+    #[default]
+    Effort,
+    /// The root mean square distance of the landing from the target.
+    Spread,
+    /// The odds against a hit of the region.
+    Miss,
+}
+
+/// The motion of one joint.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JointPlan {
+    /// Name in the robot file.
+    pub name: String,
+    /// Segments without gaps.
+    pub segments: Vec<Segment>,
+}
+
+/// One polynomial.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Segment {
+    /// Begin in s.
+    pub t_start_s: f64,
+    /// End in s.
+    pub t_end_s: f64,
+    /// `q(t) = c₀ t³ + c₁ t² + c₂ t + c₃` in rad, t in s from the start of the motion (absolute).
+    pub coefficients_rad: Vec<f64>,
+}
+
+/// State at the release.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Release {
+    /// Joint angles in rad.
+    pub q_rad: [f64; JOINTS],
+    /// Joint speeds in rad/s.
+    pub qd_rad_s: [f64; JOINTS],
+    /// Joint accelerations in rad/s².
+    pub qdd_rad_s2: [f64; JOINTS],
+    /// Ball in m.
+    pub position_m: [f64; 3],
+    /// Ball in m/s.
+    pub velocity_m_s: [f64; 3],
+}
+
+/// Objective with its terms.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Objective {
+    /// Sum.
+    pub value: f64,
+    /// Weight of time times the duration.
+    pub time: f64,
+    /// Weight of the ratio times the ratio.
+    pub braking: f64,
+    /// Weight of jerk times its squared integral.
+    pub jerk: f64,
+    /// The weights.
+    pub weights: Weights,
+}
+
+/// Flight and landing.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LandingInfo {
+    /// Gravity in m/s².
+    pub gravity_m_s2: f64,
+    /// Drag in 1/m.
+    pub drag_per_m: f64,
+    /// Magnus vector in 1/s.
+    pub magnus_rad_s: [f64; 3],
+    /// Time of flight in s.
+    pub flight_s: f64,
+    /// Where an exact throw lands, in m.
+    pub position_m: [f64; 3],
+    /// Velocity there in m/s.
+    pub velocity_m_s: [f64; 3],
+    /// Mean of the landing with the noise below, x and y in m.
+    pub mean_m: [f64; 2],
+    /// Covariance of the landing in m², row by row.
+    pub covariance_m2: [[f64; 2]; 2],
+    /// `dL/dδ` for a gripper that opens δ late, in mm per ms.
+    pub delay_sensitivity_mm_per_ms: [f64; 2],
+    /// How far the landing moves for a late or early gripper; empty in files of version 1.
+    #[serde(default)]
+    pub delay_shifts: Vec<DelayShift>,
+    /// Noise that the covariance is for.
+    pub noise: Noise,
+    /// Probability of a hit, if a region was given.
+    pub hit_probability: Option<f64>,
+}
+
+/// Shift of the landing when the gripper opens late or early.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DelayShift {
+    /// Delay, and equally advance, of the release in s.
+    pub delay_s: f64,
+    /// Larger of the two shifts in m; none if the ball then does not come down on the plane of the target.
+    pub shift_m: Option<f64>,
+    /// Limit that the plan keeps in m, if there is one.
+    pub limit_m: Option<f64>,
+}
+
+/// What is left of every limit: rad for positions, m for clearances, otherwise a share of the full limit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MarginsInfo {
+    /// Positions.
+    pub position_rad: [f64; JOINTS],
+    /// Speeds.
+    pub speed_share: [f64; JOINTS],
+    /// Accelerations.
+    pub acceleration_share: [f64; JOINTS],
+    /// Jerks.
+    pub jerk_share: [f64; JOINTS],
+    /// Motor currents at the release.
+    pub motor_current_share: Option<[f64; JOINTS]>,
+    /// Supply currents at the release.
+    pub supply_current_share: Vec<f64>,
+    /// Smallest clearance of the arm; bodies that are far apart are not measured.
+    pub clearance_m: Option<f64>,
+    /// Smallest clearance of the released ball.
+    pub ball_clearance_m: f64,
+}
+
+/// Largest currents over the motion.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Currents {
+    /// Motors at the release in A (with the paper's simplification τ(q, q̇, 0)).
+    pub motor_release_a: Option<[f64; JOINTS]>,
+    /// Motors over the motion in A.
+    pub motor_peak_a: Option<[f64; JOINTS]>,
+    /// Supplies over the motion.
+    pub supply_peak: Vec<SupplyPeak>,
+}
+
+/// Largest current of a supply.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SupplyPeak {
+    /// Name.
+    pub name: String,
+    /// Largest current over the motion in A.
+    pub peak_a: f64,
+    /// Limit in A.
+    pub limit_a: f64,
+}
+
+/// One check.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CheckInfo {
+    /// What.
+    pub what: String,
+    /// Whether it was part of the plan's constraints.
+    pub enforced: bool,
+    /// Tolerance with unit.
+    pub tolerance: String,
+}

@@ -1,0 +1,87 @@
+//! Landing of one throw that is not quite as planned, and how that point moves with every variable.
+
+use nalgebra::{Matrix2x3, Vector2};
+
+use super::problem::Problem;
+use super::rows::{Gradient, HA, HB, Layout, Q, QD, QDD};
+use crate::flight::FlightModel;
+use crate::throw::{JOINTS, Throw};
+
+/// A landing and its derivatives by the variables of the planner.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Landed {
+    /// Point on the plane of the target, in m.
+    pub(crate) xy: Vector2<f64>,
+    by_q: [Vector2<f64>; JOINTS],
+    by_qd: [Vector2<f64>; JOINTS],
+    by_qdd: [Vector2<f64>; JOINTS],
+    by_h: Vector2<f64>,
+    /// Variable of the phase in which the release falls.
+    h_index: usize,
+    /// By the height of the plane.
+    pub(crate) by_plane: Vector2<f64>,
+}
+
+impl Landed {
+    /// Landing on the plane at `z_m` of a release `delay_s` late (early if negative) through a given flight.
+    ///
+    /// `None` if the ball does not come down there.
+    pub(crate) fn of(
+        problem: &Problem<'_>,
+        flight: &FlightModel,
+        throw: &Throw,
+        z_m: f64,
+        delay_s: f64,
+    ) -> Option<Self> {
+        let arm = problem.arm;
+        let (h, h_index) = if delay_s < 0.0 { (throw.ha_s, HA) } else { (throw.hb_s, HB) };
+        // At a fixed time, not at a fixed phase: the derivatives by h differ from those of a cut. Beyond its phase the
+        // arm stands.
+        let (s, m) = (delay_s.clamp(-h, h), delay_s.abs().min(h));
+        let (p1, p2) = (s - s * s * s / (3.0 * h * h), s * s / 2.0 - m * m * m / (3.0 * h));
+        let (v1, v2) = (1.0 - s * s / (h * h), s - s * m / h);
+        let (p1_h, p2_h) = (2.0 * s * s * s / (3.0 * h * h * h), m * m * m / (3.0 * h * h));
+        let (v1_h, v2_h) = if m < h { (2.0 * s * s / (h * h * h), s * m / (h * h)) } else { (0.0, 0.0) };
+        let (qd_r, qdd_r) = (&throw.qd_rad_s, &throw.qdd_rad_s2);
+        let q = throw.q_rad + qd_r * p1 + qdd_r * p2;
+        let qd = qd_r * v1 + qdd_r * v2;
+        let frames = arm.fk(&q);
+        let p = arm.ball(&frames).pos;
+        let jac = frames.jacobian(&p);
+        let by_q = frames.twist_gradient(&jac, &qd);
+        let v = (jac * qd).fixed_rows::<3>(0).into_owned();
+        let landed = flight.land(&p, &v, z_m)?;
+        let g = flight.landing_jacobian(&p, &v, &landed);
+        let (g_p, g_v): (Matrix2x3<f64>, Matrix2x3<f64>) =
+            (g.fixed_columns::<3>(0).into_owned(), g.fixed_columns::<3>(3).into_owned());
+        let columns: [(Vector2<f64>, Vector2<f64>); JOINTS] = std::array::from_fn(|k| {
+            let column = jac.fixed_view::<3, 1>(0, k);
+            (g_p * column + g_v * by_q.fixed_view::<3, 1>(0, k), g_v * column)
+        });
+        let mut by_h = Vector2::zeros();
+        for (k, (a, b)) in columns.iter().enumerate() {
+            by_h += a * (qd_r[k] * p1_h + qdd_r[k] * p2_h) + b * (qd_r[k] * v1_h + qdd_r[k] * v2_h);
+        }
+        Some(Self {
+            xy: landed.p.xy(),
+            by_q: columns.map(|(a, _)| a),
+            by_qd: columns.map(|(a, b)| a * p1 + b * v1),
+            by_qdd: columns.map(|(a, b)| a * p2 + b * v2),
+            by_h,
+            h_index,
+            by_plane: landed.v.xy() / landed.v.z,
+        })
+    }
+
+    /// Adds the gradient of `weight · xy` by the variables of the throw.
+    pub(crate) fn add_gradient(&self, g: &mut Gradient<'_>, layout: &Layout, weight: &Vector2<f64>) {
+        for k in 0..JOINTS {
+            g.add(Q + k, weight.dot(&self.by_q[k]));
+            g.add(QD + k, weight.dot(&self.by_qd[k]));
+            if layout.qdd {
+                g.add(QDD + k, weight.dot(&self.by_qdd[k]));
+            }
+        }
+        g.add(self.h_index, weight.dot(&self.by_h));
+    }
+}

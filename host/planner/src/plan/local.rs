@@ -1,0 +1,218 @@
+//! One start: from a point of the search space to a throw that keeps every limit at every instant, or to a reason.
+
+use nalgebra::Vector3;
+
+use super::cuts::Cut;
+use super::paper::PaperParameters;
+use super::problem::Problem;
+use super::rows::{CUTS_MAX, Layout, describe};
+use super::scan::Scanner;
+use super::sqp::{self, Multipliers, Settings};
+use crate::throw::{JOINTS, Joints, Throw};
+
+/// A feasible throw and its price.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Found {
+    /// The throw.
+    pub throw: Throw,
+    /// What the search makes small, see [`super::Goal`]; objective (1) by default.
+    pub objective: f64,
+    /// Steps of the local solver, all rounds together.
+    pub iterations: usize,
+    /// How the objective changes with the target, in 1/m.
+    pub slope_per_m: Vector3<f64>,
+    /// Whether a clearance or a current over the motion had to be kept by a row of its own.
+    pub touches: bool,
+}
+
+/// What is known about a start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Begin {
+    /// Nothing.
+    Anywhere,
+    /// It is the best throw to a target near this one.
+    Optimal {
+        /// As [`Found::touches`].
+        touches: bool,
+    },
+}
+
+/// Why a start ended without a throw.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Blocked {
+    /// Largest violation left, scaled.
+    pub violation: f64,
+    /// The constraint that resisted most.
+    pub constraint: String,
+}
+
+/// Rounds of solving and looking along the motion.
+const ROUNDS_MAX: usize = 12;
+/// A throw whose scaled rows are violated by no more than this is feasible; the exact checks decide afterwards.
+pub(crate) const FEASIBLE: f64 = 1e-7;
+
+/// Solves locally from a throw, in at most `iterations_max` steps of all rounds together.
+pub(crate) fn solve_from(
+    problem: &Problem<'_>,
+    scanner: &Scanner,
+    start: &Throw,
+    begin: Begin,
+    settings: &Settings,
+    iterations_max: usize,
+) -> Result<Found, Blocked> {
+    let layout = Layout::new(problem, None);
+    let mut x = layout.variables(start);
+    let mut cuts: Vec<Cut> = Vec::new();
+    let mut iterations = 0;
+    let mut multipliers = None;
+    if let Begin::Optimal { touches } = begin {
+        if touches {
+            let scan = scanner.scan(problem, start);
+            add(&mut cuts, &scan.cuts);
+            add(&mut cuts, &scan.near);
+        }
+        multipliers = sqp::multipliers_at(problem, &layout, &x, &cuts);
+    }
+    for _ in 0..ROUNDS_MAX {
+        let left = Settings {
+            iterations_max: settings.iterations_max.min(iterations_max.saturating_sub(iterations)),
+            ..*settings
+        };
+        let local = sqp::solve(problem, &layout, &x, &cuts, &left, multipliers.take());
+        iterations += local.iterations;
+        if local.violation.is_nan() || local.violation > FEASIBLE || !local.objective.is_finite() {
+            return Err(Blocked {
+                violation: local.violation,
+                constraint: blocking(problem, &local.multipliers, &cuts),
+            });
+        }
+        if local.objective > settings.give_up_above {
+            return Err(Blocked { violation: 0.0, constraint: "a better throw is known".to_owned() });
+        }
+        x = local.x;
+        let throw = layout.throw(&x);
+        let scan = scanner.scan(problem, &throw);
+        if scan.cuts.is_empty() {
+            let slope_per_m = slope(problem, &throw, &local.multipliers);
+            let touches = !cuts.is_empty();
+            return Ok(Found { throw, objective: local.objective, iterations, slope_per_m, touches });
+        }
+        if !add(&mut cuts, &scan.cuts) {
+            break;
+        }
+        multipliers = Some(local.multipliers);
+    }
+    let constraint = cuts.last().map_or_else(String::new, |c| c.describe(problem));
+    Err(Blocked { violation: f64::INFINITY, constraint })
+}
+
+/// `dJ/d(target) = -λᵀ ∂c/∂(target)`; the target enters through the launch velocity only.
+fn slope(problem: &Problem<'_>, throw: &Throw, multipliers: &Multipliers) -> Vector3<f64> {
+    let (p, _) = throw.ball_at_release(problem.arm);
+    let [x, y, z, ..] = multipliers.eq;
+    problem
+        .flight
+        .launch(&p, &problem.target, throw.flight_s)
+        .map_or_else(|_| Vector3::zeros(), |launch| -launch.by_p0.tr_mul(&Vector3::new(x, y, z)))
+}
+
+/// The point nearest to the target that a throw can reach, looked for from one start.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Nearest {
+    /// The throw that reaches it.
+    pub throw: Throw,
+    /// Shift of the target in m.
+    pub shift_m: Vector3<f64>,
+    /// The constraint that blocks the rest of the way.
+    pub constraint: String,
+}
+
+/// Moves the target along `axes` by as little as makes it reachable.
+pub(crate) fn nearest_from(
+    problem: &Problem<'_>,
+    scanner: &Scanner,
+    start: &Throw,
+    axes: [bool; 3],
+    settings: &Settings,
+) -> Result<Nearest, Blocked> {
+    let layout = Layout::new(problem, Some(axes));
+    let mut x = layout.variables(start);
+    let mut cuts: Vec<Cut> = Vec::new();
+    for _ in 0..ROUNDS_MAX {
+        let local = sqp::solve(problem, &layout, &x, &cuts, settings, None);
+        let constraint = blocking(problem, &local.multipliers, &cuts);
+        if local.violation.is_nan() || local.violation > FEASIBLE || !local.objective.is_finite() {
+            return Err(Blocked { violation: local.violation, constraint });
+        }
+        x = local.x;
+        let throw = layout.throw(&x);
+        let scan = scanner.scan(problem, &throw);
+        if scan.cuts.is_empty() {
+            let shift_m = layout.target(problem, &x) - problem.target;
+            return Ok(Nearest { throw, shift_m, constraint });
+        }
+        if !add(&mut cuts, &scan.cuts) {
+            break;
+        }
+    }
+    let constraint = cuts.last().map_or_else(String::new, |c| c.describe(problem));
+    Err(Blocked { violation: f64::INFINITY, constraint })
+}
+
+/// The constraint with the largest multiplier.
+pub(crate) fn blocking(problem: &Problem<'_>, multipliers: &Multipliers, cuts: &[Cut]) -> String {
+    let largest = multipliers
+        .ineq
+        .iter()
+        .enumerate()
+        .fold((0, 0.0), |best, (id, m)| if *m > best.1 { (id, *m) } else { best });
+    describe(problem, largest.0, cuts)
+}
+
+/// Adds what a scan found; false if there is no room left.
+pub(crate) fn add(cuts: &mut Vec<Cut>, found: &[Cut]) -> bool {
+    for cut in found {
+        let near = cuts.iter().position(|c| c.kind == cut.kind && (c.sigma - cut.sigma).abs() < 0.012);
+        match near {
+            Some(at) => cuts[at].sigma = cut.sigma,
+            None if cuts.len() < CUTS_MAX => cuts.push(*cut),
+            None => return false,
+        }
+    }
+    true
+}
+
+impl PaperParameters {
+    /// A throw to start a local solve from; it need not keep any limit.
+    ///
+    /// If the pose is out of reach, the release point is drawn towards the shoulder until it is not; if no radius
+    /// helps, the arm starts from the middle of its ranges.
+    #[must_use]
+    pub(crate) fn start(&self, problem: &Problem<'_>) -> Throw {
+        let mut h = *self;
+        let mut throw = None;
+        for _ in 0..8 {
+            if let Some(best) = h.throws(problem).first() {
+                throw = Some(best.throw);
+                break;
+            }
+            h.radius_m *= 0.88;
+        }
+        let mut throw = throw.unwrap_or_else(|| {
+            let l = &problem.limits;
+            Throw {
+                q_rad: Joints::from_fn(|j, _| 0.5 * (l.q_min[j] + l.q_max[j]) + 0.3),
+                qd_rad_s: Joints::zeros(),
+                qdd_rad_s2: Joints::zeros(),
+                flight_s: self.flight_s,
+                ha_s: (1.0 - self.braking_ratio) * self.duration_s,
+                hb_s: self.braking_ratio * self.duration_s,
+            }
+        });
+        for j in 0..JOINTS {
+            let v = problem.limits.v[j];
+            throw.qd_rad_s[j] = throw.qd_rad_s[j].clamp(-v, v);
+        }
+        throw
+    }
+}

@@ -1,0 +1,66 @@
+//! Throw planner: from a target to the best throw the arm can do, or to the reason why there is none.
+//!
+//! # Map
+//! | module | holds |
+//! |---|---|
+//! | [`problem`] | target, form, limits and options, validated |
+//! | [`bounds`] | search space: the paper's, the robot's, or as asked for |
+//! | [`goal`] | what a search makes small: objective (1), or how badly the ball lands |
+//! | [`paper`] | the paper's eight parameters, release frame, choice of branch |
+//! | [`margins`] | what a throw leaves of every limit |
+//! | `landed`, `spread` | landing of a disturbed throw; mean and covariance with gradients |
+//! | `rows` | objective and constraints with exact gradients |
+//! | `cuts`, `scan` | what must hold at every instant: where it is worst, and as rows |
+//! | `qp`, `curvature`, `sqp` | quadratic programs, their matrices, local solve |
+//! | `local` | one start |
+//! | `promise` | which stored throws to try first |
+//! | `place` | stored throws turned to a target |
+//! | `continuation` | stored throws carried to a target in steps |
+//! | `basins` | where the starts ended, and when more of them hardly pay |
+//! | [`search`] | stored and random starts on all cores |
+//! | [`nearest`] | the nearest reachable target, for one that is not |
+//! | [`seeds`], [`prepare`] | the stored throws that come with the program, and how tables are made |
+//! | [`statistics`] | covariance of the landing, probability of a hit |
+//! | [`mod@file`] | the plan file |
+//! | [`rng`] | seeded numbers |
+
+mod basins;
+pub mod bounds;
+mod continuation;
+#[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
+mod curvature;
+mod cuts;
+pub mod file;
+pub mod goal;
+mod landed;
+mod local;
+pub mod margins;
+pub mod nearest;
+pub mod paper;
+mod place;
+pub mod prepare;
+pub mod problem;
+mod promise;
+#[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
+mod qp;
+pub mod rng;
+#[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
+mod rows;
+pub mod scan;
+pub mod search;
+pub mod seeds;
+mod spread;
+#[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
+mod sqp;
+pub mod statistics;
+
+pub use crate::throw::{Arm, JOINTS, Joints, Throw};
+pub use basins::Confidence;
+pub use bounds::{AskedBounds, Bounds};
+pub use goal::Goal;
+pub use local::{Blocked, Found, Nearest};
+pub use margins::Margins;
+pub use paper::PaperParameters;
+pub use problem::{DelayWindow, Form, Options, Problem, ProblemError};
+pub use scan::RELEASE_BLIND_S;
+pub use search::{Best, Budget, NoThrow, Planner, Watch};

@@ -1,0 +1,491 @@
+//! Statement of one planning problem, validated: what is thrown where, under which limits, and what counts as good.
+
+use std::ops::RangeInclusive;
+
+use nalgebra::Vector3;
+use robot_model::Pose;
+
+use super::bounds::{AskedBounds, Bounds};
+use super::goal::Goal;
+use super::rows::DELAY_WINDOWS_MAX;
+use super::statistics::Region;
+use crate::flight::{FlightModel, FlightModelError};
+use crate::throw::{Arm, JOINTS};
+
+/// Which throws are allowed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Form {
+    /// The paper's: the hand turns only about the throw, the joints do not accelerate at the release, currents are
+    /// checked at the release, and the ball may be met by the hand again later.
+    Paper,
+    /// Ours: free spin of the hand, free joint acceleration at the release such that a late gripper does not move the
+    /// landing, currents over the whole motion, a clean release, and acceleration kept back for the controller.
+    Best,
+}
+
+/// Weights of the objective (1): `J = k_t H_s + k_b d_r + k_j Σ ∫ q⃛² dt`.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Weights {
+    /// Per second of movement.
+    pub k_t: f64,
+    /// For the ratio of braking to the whole movement.
+    pub k_b: f64,
+    /// For the integral of squared jerk.
+    pub k_j: f64,
+}
+
+impl Default for Weights {
+    /// The paper's: 15, 20, 0.01.
+    fn default() -> Self {
+        Self { k_t: 15.0, k_b: 20.0, k_j: 0.01 }
+    }
+}
+
+/// A box that the arm and the ball must not touch.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Obstacle {
+    /// Name for messages.
+    pub name: String,
+    /// Centre and axes in the world.
+    pub x_wo: Pose,
+    /// Half edge lengths in m.
+    pub half_m: Vector3<f64>,
+}
+
+/// A range of arrival speeds or directions.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Arrival {
+    /// Speed at the target in m/s.
+    pub speed_m_s: Option<RangeInclusive<f64>>,
+    /// Steepness at the target in rad below the horizontal: π/2 is straight down.
+    pub descent_rad: Option<RangeInclusive<f64>>,
+}
+
+/// A limit of the landing's shift for a release that is late or early.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DelayWindow {
+    /// Delay, and equally advance, of the release in s.
+    pub delay_s: f64,
+    /// Largest shift of the landing in m.
+    pub shift_m: f64,
+}
+
+/// What to plan besides the target.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Options {
+    /// Which throws are allowed.
+    pub form: Form,
+    /// What the search makes small.
+    pub goal: Goal,
+    /// Weights of the paper's objective (1).
+    pub weights: Weights,
+    /// Bounds of the search space that replace those of the form and the robot.
+    pub bounds: AskedBounds,
+    /// Part of the speed limit a plan may use, in (0, 1].
+    pub speed_use: f64,
+    /// Part of the acceleration limit a plan may use, in (0, 1].
+    pub acceleration_use: f64,
+    /// Distance kept from both ends of every joint range, in rad.
+    pub range_margin_rad: f64,
+    /// Whether the hand may only turn about the throw (8 parameters) or freely (10).
+    pub free_spin: bool,
+    /// Whether the landing must not move, to first order, when the gripper opens late.
+    pub null_delay: bool,
+    /// How far the landing may move when the gripper opens late or early; needs `null_delay`, at most four.
+    pub delay_windows: Vec<DelayWindow>,
+    /// Whether currents are limited over the whole motion instead of at the release only.
+    pub current_over_motion: bool,
+    /// Whether arm and surroundings must stay clear of each other.
+    pub avoid_collisions: bool,
+    /// Whether the ball must stay clear of arm and obstacles after the release.
+    pub clean_release: bool,
+    /// Clearance of arm, base, floor, obstacles and ball in m; from the hand that threw it the ball is only free.
+    pub clearance_m: f64,
+    /// Drag of the ball in 1/m; zero is vacuum.
+    pub drag_per_m: f64,
+    /// Spin of the ball times its lift constant in 1/s.
+    pub magnus_rad_s: Vector3<f64>,
+    /// Boxes in the way.
+    pub obstacles: Vec<Obstacle>,
+    /// Limits at the target.
+    pub arrival: Arrival,
+}
+
+impl Options {
+    /// The paper's form.
+    #[must_use]
+    pub fn paper() -> Self {
+        Self {
+            form: Form::Paper,
+            goal: Goal::Effort,
+            weights: Weights::default(),
+            bounds: AskedBounds::default(),
+            speed_use: 1.0,
+            acceleration_use: 1.0,
+            range_margin_rad: 0.0,
+            free_spin: false,
+            null_delay: false,
+            delay_windows: Vec::new(),
+            current_over_motion: false,
+            avoid_collisions: true,
+            clean_release: false,
+            clearance_m: 0.0,
+            drag_per_m: 0.0,
+            magnus_rad_s: Vector3::zeros(),
+            obstacles: Vec::new(),
+            arrival: Arrival { speed_m_s: None, descent_rad: None },
+        }
+    }
+
+    /// Our form.
+    ///
+    /// 80 % of the acceleration: a plan that uses all of it leaves none for the controller, and the controller may
+    /// command a little less than the planner's table allows (eq. (11) of the paper). 98 % of the speed: arms whose masses
+    /// and friction are not the model's overshoot it by up to 1.2 %. 0.02 rad to the ends of the ranges:
+    /// tracking errors reach 17 mrad (robot-models 1.10), and a drive stops at the end of its range. 5 mm between bodies:
+    /// the cheapest throws pass as near as they may, and neither the boxes nor a tracked motion are as exact as the plan.
+    #[must_use]
+    pub fn best() -> Self {
+        Self {
+            form: Form::Best,
+            speed_use: 0.98,
+            acceleration_use: 0.8,
+            range_margin_rad: 0.02,
+            free_spin: true,
+            null_delay: true,
+            delay_windows: vec![
+                DelayWindow { delay_s: 0.010, shift_m: 0.002 },
+                DelayWindow { delay_s: 0.025, shift_m: 0.010 },
+            ],
+            current_over_motion: true,
+            clean_release: true,
+            clearance_m: 0.005,
+            ..Self::paper()
+        }
+    }
+
+    /// The options of a form.
+    #[must_use]
+    pub fn of(form: Form) -> Self {
+        match form {
+            Form::Paper => Self::paper(),
+            Form::Best => Self::best(),
+        }
+    }
+}
+
+/// A number for people: without hundreds of digits.
+fn short(value: f64) -> String {
+    let plain = value == 0.0 || (1e-4..1e7).contains(&value.abs()) || !value.is_finite();
+    if plain { value.to_string() } else { format!("{value:.3e}") }
+}
+
+/// A problem that cannot be stated.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ProblemError {
+    /// A coordinate of the target is not a number.
+    #[error("target ({}, {}, {}) m is not a point: every coordinate must be a finite number", short(*x), short(*y), short(*z))]
+    TargetNotFinite {
+        /// Coordinates as given.
+        x: f64,
+        /// Coordinates as given.
+        y: f64,
+        /// Coordinates as given.
+        z: f64,
+    },
+    /// The target is below the floor.
+    #[error(
+        "target height {} m is below the floor at {floor_m} m: raise the target or move the floor in the robot file",
+        short(*z_m)
+    )]
+    TargetBelowFloor {
+        /// Height asked for.
+        z_m: f64,
+        /// Height of the floor.
+        floor_m: f64,
+    },
+    /// The target is inside the arm's column or base.
+    #[error("target is inside \"{part}\" of the arm's base: choose a target outside")]
+    TargetInArm {
+        /// Name of the box.
+        part: String,
+    },
+    /// The target is inside an obstacle.
+    #[error("target is inside obstacle \"{name}\": move one of the two")]
+    TargetInObstacle {
+        /// Name of the obstacle.
+        name: String,
+    },
+    /// An option is outside its range.
+    #[error("{option} = {} is outside {} to {}", short(*value), short(*min), short(*max))]
+    Option {
+        /// Name of the option.
+        option: &'static str,
+        /// Value given.
+        value: f64,
+        /// Smallest value.
+        min: f64,
+        /// Largest value.
+        max: f64,
+    },
+    /// A range has its ends reversed, or is not finite.
+    #[error("range of {option} runs from {} to {}: the lower end must not be above the upper one", short(*min), short(*max))]
+    Range {
+        /// Name of the range.
+        option: &'static str,
+        /// Lower end.
+        min: f64,
+        /// Upper end.
+        max: f64,
+    },
+    /// Shift limits without nulling, or too many.
+    #[error(
+        "{count} limits of the landing's shift: at most {DELAY_WINDOWS_MAX}, and only together with release-delay nulling"
+    )]
+    DelayWindows {
+        /// How many were given.
+        count: usize,
+    },
+    /// Drag or spin cannot be.
+    #[error(transparent)]
+    Flight(#[from] FlightModelError),
+    /// The arm's family has no closed-form inverse kinematics, from which local solves start.
+    #[error("robot \"{robot}\" has no closed-form inverse kinematics, which the planner starts from")]
+    NoClosedForm {
+        /// Name of the robot.
+        robot: String,
+    },
+}
+
+/// A planning problem: arm, target and options, checked.
+#[derive(Debug, Clone)]
+pub struct Problem<'a> {
+    pub(crate) arm: &'a Arm,
+    /// The same with the ball in the hand; `None` for a ball without mass.
+    holding: Option<Box<Arm>>,
+    pub(crate) target: Vector3<f64>,
+    pub(crate) options: Options,
+    pub(crate) flight: FlightModel,
+    /// Centre of the paper's spherical coordinates: where axis 2 passes axis 1.
+    pub(crate) shoulder: Vector3<f64>,
+    pub(crate) bounds: Bounds,
+    pub(crate) limits: Limits,
+}
+
+/// Limits as the solver uses them: rates scaled by the share a plan may use.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Limits {
+    pub(crate) q_min: [f64; JOINTS],
+    pub(crate) q_max: [f64; JOINTS],
+    pub(crate) v: [f64; JOINTS],
+    pub(crate) a: [f64; JOINTS],
+    pub(crate) j: [f64; JOINTS],
+}
+
+impl<'a> Problem<'a> {
+    /// The arm before the release, with the ball in its hand.
+    pub(crate) fn holding(&self) -> &Arm {
+        self.holding.as_deref().unwrap_or(self.arm)
+    }
+
+    /// The arm as its dynamics are at phase `sigma` of a throw: the ball is in the hand up to the release at 0.
+    pub(crate) fn arm_at(&self, sigma: f64) -> &Arm {
+        if sigma <= 0.0 { self.holding() } else { self.arm }
+    }
+
+    /// States and checks a problem; `target` in m, world.
+    ///
+    /// # Errors
+    /// [`ProblemError`] names what is wrong; a target that is merely out of reach is not an error here.
+    pub fn new(arm: &'a Arm, target: Vector3<f64>, options: Options) -> Result<Self, ProblemError> {
+        if !target.iter().all(|c| c.is_finite()) {
+            return Err(ProblemError::TargetNotFinite { x: target.x, y: target.y, z: target.z });
+        }
+        let floor_m = arm.world().floor_z_m;
+        if target.z < floor_m - 1e-9 {
+            return Err(ProblemError::TargetBelowFloor { z_m: target.z, floor_m });
+        }
+        for part in arm.collision().boxes().iter().filter(|b| b.link == 0) {
+            let p = part.x_lb.inverse_transform_point(&target);
+            if p.iter().zip(part.half_m.iter()).all(|(c, h)| c.abs() < *h) {
+                return Err(ProblemError::TargetInArm { part: part.name.clone() });
+            }
+        }
+        check_options(&options)?;
+        for obstacle in &options.obstacles {
+            let p = obstacle.x_wo.inverse_transform_point(&target);
+            if p.iter().zip(obstacle.half_m.iter()).all(|(c, h)| c.abs() < *h) {
+                return Err(ProblemError::TargetInObstacle { name: obstacle.name.clone() });
+            }
+        }
+        if arm.ik(&Pose::identity()).is_err() {
+            return Err(ProblemError::NoClosedForm { robot: arm.name().to_owned() });
+        }
+        let flight = FlightModel::vacuum(arm.world().gravity_m_s2)?
+            .with_drag(options.drag_per_m)?
+            .with_magnus(options.magnus_rad_s)?;
+        let frames = arm.fk(&crate::throw::Joints::zeros());
+        let (axis, base, second) = (frames.axis(0), frames.origin(0), frames.origin(1));
+        let shoulder = base + axis * axis.dot(&(second - base));
+        let bounds = Bounds::of(options.form, arm, &shoulder).with(&options.bounds);
+        check_bounds(&bounds)?;
+        let of = |pick: fn(&robot_model::JointLimits) -> f64| arm.limit(pick).into();
+        let mut limits = Limits {
+            q_min: of(|l| l.q_min_rad),
+            q_max: of(|l| l.q_max_rad),
+            v: of(|l| l.v_max_rad_s),
+            a: of(|l| l.a_max_rad_s2),
+            j: of(|l| l.j_max_rad_s3),
+        };
+        for v in &mut limits.v {
+            *v *= options.speed_use;
+        }
+        for a in &mut limits.a {
+            *a *= options.acceleration_use;
+        }
+        for (min, max) in limits.q_min.iter_mut().zip(&mut limits.q_max) {
+            // A range too narrow for the margin keeps its middle.
+            let margin = options.range_margin_rad.min(0.5 * (*max - *min));
+            *min += margin;
+            *max -= margin;
+        }
+        let holding = arm.holding_ball().map(Box::new);
+        Ok(Self { arm, holding, target, options, flight, shoulder, bounds, limits })
+    }
+
+    /// The arm.
+    #[must_use]
+    pub fn arm(&self) -> &'a Arm {
+        self.arm
+    }
+
+    /// The target in m.
+    #[must_use]
+    pub fn target(&self) -> &Vector3<f64> {
+        &self.target
+    }
+
+    /// The options.
+    #[must_use]
+    pub fn options(&self) -> &Options {
+        &self.options
+    }
+
+    /// Forces on the ball.
+    #[must_use]
+    pub fn flight(&self) -> &FlightModel {
+        &self.flight
+    }
+
+    /// Objective (1) of a throw, as its three terms: time, braking ratio, jerk.
+    #[must_use]
+    pub fn objective_terms(&self, throw: &crate::throw::Throw) -> [f64; 3] {
+        let w = &self.options.weights;
+        let (ja, jb) = throw.jerk();
+        let jerk = ja.norm_squared() * throw.ha_s + jb.norm_squared() * throw.hb_s;
+        [w.k_t * throw.duration_s(), w.k_b * throw.braking_ratio(), w.k_j * jerk]
+    }
+
+    /// Objective (1) of a throw.
+    #[must_use]
+    pub fn objective(&self, throw: &crate::throw::Throw) -> f64 {
+        self.objective_terms(throw).iter().sum()
+    }
+}
+
+fn check_goal(goal: &Goal) -> Result<(), ProblemError> {
+    let scalar = |option, value: f64, min: f64, max: f64| {
+        if value >= min && value <= max {
+            Ok(())
+        } else {
+            Err(ProblemError::Option { option, value, min, max })
+        }
+    };
+    if let Some(noise) = goal.noise() {
+        scalar("standard deviation of the release time in s", noise.release_time_s, 0.0, 0.05)?;
+        scalar("standard deviation of the joint angles in rad", noise.position_rad, 0.0, 0.1)?;
+        scalar("standard deviation of the joint speeds in rad/s", noise.speed_rad_s, 0.0, 1.0)?;
+        scalar("standard deviation of the drag in 1/m", noise.drag_per_m, 0.0, 1.0)?;
+    }
+    if let Goal::Miss(_, region) = goal {
+        let sizes = match *region {
+            Region::Disc { radius_m } => [radius_m; 2],
+            Region::Box { half_x_m, half_y_m } => [half_x_m, half_y_m],
+        };
+        for size in sizes {
+            scalar("size of the hit region in m", size, 1e-4, 100.0)?;
+        }
+    }
+    Ok(())
+}
+
+fn range(option: &'static str, r: &RangeInclusive<f64>, least: f64, most: f64) -> Result<(), ProblemError> {
+    let (min, max) = (*r.start(), *r.end());
+    if min <= max && min >= least && max <= most {
+        Ok(())
+    } else {
+        Err(ProblemError::Range { option, min, max })
+    }
+}
+
+/// No length, time or speed of an arm is as large.
+const FAR: f64 = 1e6;
+
+fn check_bounds(b: &Bounds) -> Result<(), ProblemError> {
+    if let Some(r) = &b.azimuth_rad {
+        range("the release azimuth", r, -FAR, FAR)?;
+    }
+    range("the release elevation", &b.elevation_rad, -FAR, FAR)?;
+    range("the release radius", &b.radius_m, 0.0, FAR)?;
+    range("the spin", &b.spin_rad_s, -FAR, FAR)?;
+    range("the time of flight", &b.flight_s, 1e-3, FAR)?;
+    range("the duration", &b.duration_s, 1e-2, FAR)?;
+    range("the braking ratio", &b.braking_ratio, 1e-3, 0.999)
+}
+
+fn check_options(o: &Options) -> Result<(), ProblemError> {
+    let scalar = |option, value: f64, min: f64, max: f64| {
+        if value >= min && value <= max {
+            Ok(())
+        } else {
+            Err(ProblemError::Option { option, value, min, max })
+        }
+    };
+    let positive = f64::MIN_POSITIVE;
+    scalar("speed use", o.speed_use, 0.01, 1.0)?;
+    scalar("acceleration use", o.acceleration_use, 0.01, 1.0)?;
+    scalar("clearance in m", o.clearance_m, 0.0, 1.0)?;
+    scalar("range margin in rad", o.range_margin_rad, 0.0, 1.0)?;
+    scalar("weight of time", o.weights.k_t, 0.0, 1e6)?;
+    scalar("weight of the braking ratio", o.weights.k_b, 0.0, 1e6)?;
+    scalar("weight of jerk", o.weights.k_j, 0.0, 1e6)?;
+    if o.delay_windows.len() > DELAY_WINDOWS_MAX || !o.null_delay && !o.delay_windows.is_empty() {
+        return Err(ProblemError::DelayWindows { count: o.delay_windows.len() });
+    }
+    for window in &o.delay_windows {
+        scalar("delay of a shift limit in s", window.delay_s, 1e-3, 0.1)?;
+        scalar("shift limit in m", window.shift_m, 5e-4, 1.0)?;
+    }
+    check_goal(&o.goal)?;
+    if let Some(r) = &o.arrival.speed_m_s {
+        range("the arrival speed", r, 0.0, FAR)?;
+    }
+    if let Some(r) = &o.arrival.descent_rad {
+        range("the arrival steepness", r, -std::f64::consts::FRAC_PI_2, std::f64::consts::FRAC_PI_2)?;
+    }
+    for obstacle in &o.obstacles {
+        for c in &obstacle.x_wo.pos {
+            scalar("coordinate of an obstacle in m", *c, -FAR, FAR)?;
+        }
+        if !obstacle.half_m.iter().all(|h| *h > 0.0 && h.is_finite()) {
+            return Err(ProblemError::Option {
+                option: "half edge length of an obstacle in m",
+                value: obstacle.half_m.min(),
+                min: positive,
+                max: FAR,
+            });
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,472 @@
+//! Search: stored throws, continuation from their neighbours, then seeded random starts until more hardly pay.
+
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use super::basins::{Basins, Confidence};
+use super::goal::Goal;
+use super::local::{Begin, Found, solve_from};
+use super::nearest::{NearestTarget, nearest_text};
+use super::paper::PaperParameters;
+use super::place::mirror_signs;
+use super::problem::{Options, Problem};
+use super::promise::{Promise, promising};
+use super::rng::SplitMix64;
+use super::scan::Scanner;
+use super::sqp::Settings;
+use crate::store::{Index, Record};
+use crate::throw::{JOINTS, Throw};
+
+/// How long to search.
+#[derive(Debug, Clone, Copy)]
+pub struct Budget {
+    /// Random starts after the stored ones, at most.
+    pub starts: usize,
+    /// Whether all of these starts are run, instead of as many as are likely to find a better throw.
+    pub all: bool,
+    /// No new start after this time.
+    pub time: Option<Duration>,
+    /// Seed of the random starts; same seed and same starts give the same throw on any number of cores.
+    pub seed: u64,
+}
+
+impl Default for Budget {
+    fn default() -> Self {
+        Self { starts: 96, all: false, time: None, seed: 1 }
+    }
+}
+
+/// Shared with whoever watches or stops a search.
+#[derive(Debug, Default)]
+pub struct Watch {
+    /// Set to end the search; the best throw so far is returned.
+    pub stop: AtomicBool,
+    /// Starts that have ended.
+    pub done: AtomicUsize,
+    /// Starts that found a throw.
+    pub solved: AtomicUsize,
+}
+
+/// The best throw of a search.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Best {
+    /// The throw with its price.
+    pub found: Found,
+    /// Starts that were run, stored ones included.
+    pub starts: usize,
+    /// Starts that ended in a throw.
+    pub solved: usize,
+    /// Whether the search was stopped before its budget was used.
+    pub interrupted: bool,
+    /// What the starts say about throws that were not found.
+    pub confidence: Confidence,
+    /// The cheapest throws that were found, cheapest first; equal ones once.
+    pub others: Vec<Found>,
+}
+
+/// No start ended in a throw.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("no throw reaches ({:.3}, {:.3}, {:.3}) m{}", target.x, target.y, target.z, nearest_text(nearest.as_ref()))]
+pub struct NoThrow {
+    /// The target in m.
+    pub target: Vector3<f64>,
+    /// The nearest target that a throw reaches, if one was found.
+    pub nearest: Option<NearestTarget>,
+    /// Starts that were run.
+    pub starts: usize,
+    /// Whether the search was stopped before its budget was used, so that "none" is not proven by it.
+    pub interrupted: bool,
+}
+
+/// Which constraints a stored throw was made for; only the same kind is offered as a start first.
+#[must_use]
+pub fn kind_of(options: &Options) -> u32 {
+    u32::from(options.free_spin)
+        | u32::from(options.null_delay) << 1
+        | u32::from(options.clean_release) << 2
+        | u32::from(!options.avoid_collisions) << 3
+        | u32::from(!options.delay_windows.is_empty()) << 4
+}
+
+/// What the stored throws around a target say.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Surroundings {
+    /// There are too few of them to say anything.
+    Unknown,
+    /// A table says that no throw comes near the target.
+    Empty,
+    /// A table has throws to targets around.
+    Stored,
+}
+
+/// Plans throws for one problem; holds what depends on the problem but not on the start.
+#[derive(Debug, Clone)]
+pub struct Planner<'p, 'a> {
+    pub(super) problem: &'p Problem<'a>,
+    /// The problem with the paper's objective, if `problem` has another: what every start is solved for first.
+    effort: Option<Problem<'a>>,
+    pub(super) scanner: Scanner,
+    pub(super) azimuth_rad: f64,
+    pub(super) range_m: f64,
+    pub(super) mirror: Option<[f64; JOINTS]>,
+}
+
+impl<'p, 'a> Planner<'p, 'a> {
+    /// For a problem.
+    #[must_use]
+    pub fn new(problem: &'p Problem<'a>) -> Self {
+        let t = &problem.target;
+        let effort = (problem.options.goal != Goal::Effort).then(|| {
+            let mut effort = problem.clone();
+            effort.options.goal = Goal::Effort;
+            effort
+        });
+        Self {
+            problem,
+            effort,
+            scanner: Scanner::new(problem),
+            azimuth_rad: t.y.atan2(t.x),
+            range_m: t.x.hypot(t.y),
+            mirror: mirror_signs(problem),
+        }
+    }
+
+    /// One local solve from random point number `index` of the search space.
+    #[must_use]
+    pub fn random_start(&self, seed: u64, index: u64) -> Option<Found> {
+        Some(self.refine(self.solve_random(seed, index)?))
+    }
+
+    pub(super) fn solve_random(&self, seed: u64, index: u64) -> Option<Found> {
+        let mut rng = SplitMix64::stream(seed, index);
+        let unit = std::array::from_fn(|_| rng.unit());
+        let h = PaperParameters::in_bounds(&self.problem.bounds, self.azimuth_rad, unit);
+        let start = h.start(self.problem);
+        self.solve(&start, Begin::Anywhere, &Settings::default(), usize::MAX)
+    }
+
+    /// One local solve from a throw for a near target.
+    #[must_use]
+    pub fn from_throw(&self, start: &Throw) -> Option<Found> {
+        Some(self.refine(self.solve(start, Begin::Anywhere, &Settings::default(), usize::MAX)?))
+    }
+
+    /// A local solve from a throw with steps enough to end where it leads.
+    #[must_use]
+    pub fn finished(&self, start: &Throw) -> Option<Found> {
+        let settings = Settings { iterations_max: FINISH_STEPS, ..Settings::default() };
+        self.solve(start, Begin::Anywhere, &settings, FINISH_STEPS)
+    }
+
+    /// One local solve from a stored throw.
+    #[must_use]
+    pub fn from_record(&self, record: &Record) -> Option<Found> {
+        Some(self.refine(self.polish(record, &Settings::default(), usize::MAX)?))
+    }
+
+    pub(super) fn solve(
+        &self,
+        start: &Throw,
+        begin: Begin,
+        settings: &Settings,
+        most: usize,
+    ) -> Option<Found> {
+        let problem = self.effort.as_ref().unwrap_or(self.problem);
+        solve_from(problem, &self.scanner, start, begin, settings, most).ok()
+    }
+
+    /// The second stage for a goal other than the paper's objective: from a throw that keeps every limit downhill in
+    /// what counts. Never worse than the throw itself.
+    fn refine(&self, found: Found) -> Found {
+        if self.effort.is_none() {
+            return found;
+        }
+        let as_it_is =
+            Found { objective: self.problem.options.goal.value(self.problem, &found.throw), ..found };
+        let settings = Settings {
+            iterations_max: REFINE_STEPS,
+            objective: 1e-5,
+            // Long ways downhill run beside curved constraints, not on them.
+            patience: REFINE_STEPS,
+            ..Settings::default()
+        };
+        let better = solve_from(
+            self.problem,
+            &self.scanner,
+            &found.throw,
+            Begin::Anywhere,
+            &settings,
+            2 * REFINE_STEPS,
+        );
+        match better {
+            Ok(better) if better.objective < as_it_is.objective => {
+                Found { iterations: better.iterations + found.iterations, ..better }
+            }
+            _ => as_it_is,
+        }
+    }
+
+    /// The second stage for the throws that are best as they are; the others would hardly overtake them.
+    fn refine_best(&self, found: Vec<Found>) -> Vec<Found> {
+        if self.effort.is_none() {
+            return found;
+        }
+        let goal = &self.problem.options.goal;
+        let as_they_are: Vec<Found> =
+            found.par_iter().map(|f| Found { objective: goal.value(self.problem, &f.throw), ..*f }).collect();
+        let mut best = distinct(as_they_are);
+        best.truncate(REFINED_MAX);
+        distinct(best.par_iter().map(|f| self.refine(*f)).collect())
+    }
+
+    pub(super) fn polish(&self, record: &Record, settings: &Settings, most: usize) -> Option<Found> {
+        let begin = Begin::Optimal { touches: record.touches };
+        self.solve(&self.place(&record.throw)?, begin, settings, most)
+    }
+
+    /// The best throw from stored throws alone; this is what answers in a fraction of a millisecond.
+    ///
+    /// Stored throws are taken in the order of what they promise. Each gets only a few steps, because a good start
+    /// needs no more and a bad one would need hundreds; `tries` bounds the local solves. If none of them ends in a
+    /// throw, all the others around have their turn, then the most promising ones with patience.
+    #[must_use]
+    pub fn from_index(&self, index: &Index, tries: usize) -> Option<Found> {
+        let order = self.promising(index, MORE_TRIES.max(tries));
+        let (first, rest) = order.split_at(tries.min(order.len()));
+        let patient = Settings { objective: 1e-4, feasibility: 1e-7, ..Settings::default() };
+        self.first_pass(first)
+            .or_else(|| self.first_pass(rest))
+            .or_else(|| first.iter().find_map(|(_, record)| self.polish(record, &patient, PATIENT_STEPS)))
+            .map(|found| self.refine(found))
+    }
+
+    /// As [`Planner::from_index`], and if no stored throw leads to the target, the first of at most `starts` random
+    /// ones that does.
+    #[must_use]
+    pub fn from_index_or_random(&self, index: &Index, tries: usize, starts: u64, seed: u64) -> Option<Found> {
+        self.from_index(index, tries).or_else(|| (0..starts).find_map(|k| self.random_start(seed, k)))
+    }
+
+    /// As [`Planner::from_index`], but gives up after the quick pass.
+    #[must_use]
+    pub fn from_index_quickly(&self, index: &Index, tries: usize) -> Option<Found> {
+        self.first_pass(&self.promising(index, tries)).map(|found| self.refine(found))
+    }
+
+    fn promising<'i>(&self, index: &'i Index, most: usize) -> Vec<Promise<'i>> {
+        promising(index, kind_of(&self.problem.options), self.range_m, self.problem.target.z, most)
+    }
+
+    fn first_pass(&self, order: &[Promise<'_>]) -> Option<Found> {
+        let mut best: Option<Found> = None;
+        let mut in_vain = 0;
+        for (promise, record) in order {
+            let bound = best.map_or(f64::INFINITY, |b| b.objective * WORTH_FINDING);
+            if best.is_some() && (promise * WORTH_TRYING > bound || in_vain == IN_VAIN_MAX) {
+                break;
+            }
+            let settings = Settings { give_up_above: bound, ..QUICK };
+            match self.polish(record, &settings, QUICK_STEPS) {
+                Some(found) if found.objective < bound => best = Some(found),
+                _ => in_vain += usize::from(best.is_some()),
+            }
+        }
+        best
+    }
+
+    /// The best throw within a budget.
+    ///
+    /// Stored throws are polished first, then random starts run on all cores until more of them hardly pay. The result
+    /// depends only on the index, the seed and the number of starts, unless time or `watch.stop` ends the search.
+    ///
+    /// # Errors
+    /// [`NoThrow`] with the nearest reachable target if no start ends in a throw.
+    pub fn search(&self, index: &Index, budget: &Budget, watch: &Watch) -> Result<Best, NoThrow> {
+        let none = match self.attempt(index, budget, watch) {
+            Ok(best) => return Ok(best),
+            Err(none) => none,
+        };
+        if watch.stop.load(Ordering::Relaxed) {
+            return Err(none);
+        }
+        let Some((nearest, throw)) = self.nearest(index, budget) else { return Err(none) };
+        // Looking for the nearest target is itself a way in: it may end at the target.
+        if nearest.distance_m < REACHED_M {
+            let Some(found) = self.from_throw(&throw) else { return Err(none) };
+            let mut basins = Basins::default();
+            basins.add_random(Some(found));
+            let (starts, interrupted) = (none.starts, none.interrupted);
+            let confidence = basins.confidence();
+            return Ok(Best { found, starts, solved: 1, interrupted, confidence, others: vec![found] });
+        }
+        Err(NoThrow { nearest: Some(nearest), ..none })
+    }
+
+    /// As [`Planner::search`], without looking for the nearest reachable target if there is no throw.
+    ///
+    /// # Errors
+    /// [`NoThrow`] if no start ends in a throw.
+    pub fn attempt(&self, index: &Index, budget: &Budget, watch: &Watch) -> Result<Best, NoThrow> {
+        let began = Instant::now();
+        let out_of_time = || budget.time.is_some_and(|t| began.elapsed() >= t);
+        let stopped = || watch.stop.load(Ordering::Relaxed) || out_of_time();
+        let mut basins = Basins::default();
+        let surroundings = self.polish_stored(index, &mut basins, &stopped, watch);
+        let mut begun = 0;
+        while begun < budget.starts
+            && !stopped()
+            && (budget.all || !basins.enough(surroundings, self.problem.options.null_delay))
+        {
+            let batch = (begun as u64)..(budget.starts.min(begun + BATCH) as u64);
+            begun += batch.clone().count();
+            let ended: Vec<Option<Option<Found>>> = batch
+                .into_par_iter()
+                .map(|k| (!stopped()).then(|| counted(watch, self.solve_random(budget.seed, k))))
+                .collect();
+            ended.into_iter().flatten().for_each(|found| basins.add_random(found));
+        }
+        let interrupted = stopped() && (begun < budget.starts || basins.random() < begun);
+        let starts = basins.starts();
+        let best = self.finish(&basins, &stopped);
+        let Some(found) = best.first().copied() else {
+            return Err(NoThrow { target: self.problem.target, nearest: None, starts, interrupted });
+        };
+        let confidence = basins.confidence();
+        Ok(Best { found, starts, solved: basins.solved(), interrupted, confidence, others: best })
+    }
+
+    /// Polishes the stored throws around the target. If none of them leads there, walks from their targets to this one,
+    /// and from throws that were stored for other constraints.
+    fn polish_stored(
+        &self,
+        index: &Index,
+        basins: &mut Basins,
+        stopped: &(dyn Fn() -> bool + Sync),
+        watch: &Watch,
+    ) -> Surroundings {
+        let kind = kind_of(&self.problem.options);
+        let near = self.promising(index, STORED_TRIES);
+        let solve = |work: &(dyn Fn() -> Option<Found> + Sync)| (!stopped()).then(|| counted(watch, work()));
+        let polished: Vec<_> = near
+            .par_iter()
+            .map(|(_, record)| solve(&|| self.polish(record, &Settings::default(), usize::MAX)))
+            .collect();
+        polished.into_iter().flatten().for_each(|found| basins.add_stored(found));
+        // What answers at once must not be better than a search.
+        if let Some(found) = self.first_pass(&near) {
+            basins.add_stored(Some(found));
+        }
+        if basins.solved() == 0 {
+            let walked: Vec<_> = near
+                .par_iter()
+                .take(WALKED)
+                .map(|(_, record)| solve(&|| self.walk_to_target(record, stopped)))
+                .collect();
+            walked.into_iter().flatten().for_each(|found| basins.add_stored(found));
+        }
+        if basins.solved() == 0 {
+            let others: Vec<_> = self
+                .other_kinds(index, kind)
+                .par_iter()
+                .map(|start| solve(&|| self.solve(start, Begin::Anywhere, &Settings::default(), usize::MAX)))
+                .collect();
+            others.into_iter().flatten().for_each(|found| basins.add_stored(found));
+        }
+        let of_kind = index.records().iter().filter(|r| r.kind == kind).count();
+        match near.len() {
+            _ if of_kind < TABLE_MIN => Surroundings::Unknown,
+            0 => Surroundings::Empty,
+            _ => Surroundings::Stored,
+        }
+    }
+
+    /// More steps for the best few throws: a start has steps enough to tell where it will end, not to end there.
+    fn finish(&self, basins: &Basins, stopped: &(dyn Fn() -> bool + Sync)) -> Vec<Found> {
+        let finished = basins
+            .found()
+            .iter()
+            .enumerate()
+            .map(|(rank, found)| {
+                if rank >= FINISHED_MAX || stopped() {
+                    return *found;
+                }
+                match self.finished(&found.throw) {
+                    Some(better) if better.objective < found.objective => {
+                        Found { iterations: found.iterations + better.iterations, ..better }
+                    }
+                    _ => *found,
+                }
+            })
+            .collect();
+        self.refine_best(distinct(finished))
+    }
+
+    /// Expected distance of the landing from the target, root mean square in m; `None` if the ball does not come down.
+    #[must_use]
+    pub fn rms_miss_m(&self, throw: &Throw, noise: &super::statistics::Noise) -> Option<f64> {
+        let aim = nalgebra::Vector2::new(self.problem.target.x, self.problem.target.y);
+        Some(super::statistics::predict(self.problem, throw, noise)?.rms_miss_m(&aim))
+    }
+
+    /// One evaluation of objective and constraints with all gradients at a throw; returns the largest violation.
+    ///
+    /// For benchmarks: it is what a step of the local solver starts with.
+    #[must_use]
+    pub fn evaluate(&self, throw: &Throw) -> f64 {
+        super::sqp::evaluate_once(self.problem, throw)
+    }
+}
+
+/// Throws that get a second stage.
+const REFINED_MAX: usize = 16;
+/// Steps of the second stage, per round.
+const REFINE_STEPS: usize = 80;
+/// A nearest target this close is the target: the pull of the objective on the shift is of this size.
+const REACHED_M: f64 = 1e-3;
+/// A stored throw is not tried if it promises more than this share of the best price so far.
+const WORTH_TRYING: f64 = 1.01;
+/// A throw that costs more than this share of the best one so far is not another one.
+const WORTH_FINDING: f64 = 0.999;
+/// Stored throws tried without a gain after the first success.
+const IN_VAIN_MAX: usize = 2;
+/// Stored throws that get a few steps each if the first ones lead nowhere.
+const MORE_TRIES: usize = 30;
+/// Steps for one stored throw in the last pass.
+const PATIENT_STEPS: usize = 60;
+/// Steps for one stored throw in the first pass, and its tolerances.
+const QUICK_STEPS: usize = 12;
+const QUICK: Settings = Settings {
+    iterations_max: QUICK_STEPS,
+    feasibility: 1e-7,
+    objective: 3e-4,
+    give_up_above: f64::INFINITY,
+    patience: 4,
+};
+/// Stored throws that a full search polishes.
+const STORED_TRIES: usize = 12;
+/// Stored throws that are walked to the target if none leads there at once.
+const WALKED: usize = 4;
+/// Fewer stored throws than this say nothing about the targets they are not for.
+const TABLE_MIN: usize = 200;
+/// Random starts between two looks at what they have found; a fixed number, so that cores do not matter.
+const BATCH: usize = 8;
+/// Throws that get more steps in the end, and how many.
+const FINISHED_MAX: usize = 2;
+const FINISH_STEPS: usize = 200;
+
+fn counted(watch: &Watch, found: Option<Found>) -> Option<Found> {
+    watch.done.fetch_add(1, Ordering::Relaxed);
+    watch.solved.fetch_add(usize::from(found.is_some()), Ordering::Relaxed);
+    found
+}
+
+/// Cheapest first, of equal ones the first, so that the order of threads does not matter.
+fn distinct(mut found: Vec<Found>) -> Vec<Found> {
+    // The sort is stable.
+    found.sort_by(|a, b| a.objective.total_cmp(&b.objective));
+    found.dedup_by(|a, b| (a.objective - b.objective).abs() < 1e-6 * b.objective.abs());
+    found
+}

@@ -1,0 +1,23 @@
+//! The stored throws that come with the program.
+//!
+//! A table is only a set of starts: the planner works without it from random starts, only slower, and every throw is
+//! solved and checked afresh. [`super::prepare`] makes tables.
+
+use std::path::Path;
+
+use crate::store::{Index, file, robot_fingerprint};
+use crate::throw::Arm;
+
+/// The built-in tables, one per robot that has one.
+const TABLES: [&[u8]; 1] = [include_bytes!("../../seeds/powercube6.seeds")];
+
+/// The built-in throws for a robot; empty if there are none for it (or for this version of its file).
+#[must_use]
+pub fn built_in(arm: &Arm) -> Index {
+    let robot = robot_fingerprint(arm);
+    let records = TABLES
+        .iter()
+        .find_map(|bytes| file::parse(Path::new("built-in seeds"), bytes, robot).ok())
+        .map_or_else(Vec::new, |(records, _)| records);
+    Index::new(records)
+}

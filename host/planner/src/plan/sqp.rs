@@ -1,0 +1,454 @@
+//! Local solve: sequential quadratic programming with exact second derivatives.
+//!
+//! `min f(x)` subject to `c_E(x) = 0`, `c_I(x) ≥ 0`. Each step solves
+//!
+//! ```text
+//! min  ½ dᵀ |W + ρ A_EᵀA_E| d + ∇fᵀ d   subject to  c_E + A_E d = 0,  c_I + A_I d ≥ 0
+//! ```
+//!
+//! with W the Hessian of the Lagrangian by differences of its exact gradient. The term in ρ leaves the solution as it
+//! is (A_E d is fixed) and makes the matrix positive definite where W is so on the null space of A_E; elsewhere the bars
+//! turn negative eigenvalues positive. Near a solution the inequalities that hold with a multiplier are priced like the
+//! equalities, `½ ρ (A d + c)²`: that is zero at the solution too, and there W curves upwards along all of them. If the
+//! linearised constraints contradict each other, the violated ones become a quadratic price for that step, which is a damped
+//! Gauss-Newton step towards feasibility within the rows that hold. Steps are accepted by an l1 merit function over
+//! the last few values, so that curved constraints do not shorten good steps. After a short full step the factors of
+//! the matrix are used again (a chord step): the Hessian is the costliest part.
+
+use super::curvature::{Matrix, hessian};
+use super::cuts::Cut;
+use super::problem::Problem;
+use super::qp::{self, Constraint, DIM, Factor, QpFailure, Row, Square};
+use super::rows::{EQUALITIES, F, Gradient, HA, HB, INEQUALITIES, Layout, Q, QD, Sink, evaluate};
+use crate::throw::JOINTS;
+
+/// Tolerances and bounds of a local solve.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Settings {
+    /// Steps of one solve.
+    pub(crate) iterations_max: usize,
+    /// Largest violation of a scaled row at a solution.
+    pub(crate) feasibility: f64,
+    /// Relative change of the objective at which the solve has converged.
+    pub(crate) objective: f64,
+    /// Stop early when the objective will not get below this any more.
+    pub(crate) give_up_above: f64,
+    /// A run that is far from the constraints and has not halved its violation within this many steps is at a stationary
+    /// point of the violation.
+    pub(crate) patience: usize,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            iterations_max: 60,
+            feasibility: 1e-8,
+            objective: 1e-7,
+            give_up_above: f64::INFINITY,
+            patience: 25,
+        }
+    }
+}
+
+/// Multipliers by row number.
+#[derive(Debug, Clone)]
+pub(crate) struct Multipliers {
+    pub(crate) eq: [f64; EQUALITIES],
+    pub(crate) ineq: Box<[f64; INEQUALITIES]>,
+}
+
+impl Multipliers {
+    fn zero() -> Self {
+        Self { eq: [0.0; EQUALITIES], ineq: Box::new([0.0; INEQUALITIES]) }
+    }
+
+    /// Takes over those of a program; bounded, since the curvature that huge ones bring is noise. Returns the largest.
+    fn set(&mut self, rows: &Rows, eq: &[f64], ineq: &[f64]) -> f64 {
+        self.eq = [0.0; EQUALITIES];
+        self.ineq.fill(0.0);
+        let mut largest = 0.0_f64;
+        for (id, m) in rows.eq_id.iter().zip(eq) {
+            self.eq[*id] = m.clamp(-CURVATURE_CAP, CURVATURE_CAP);
+            largest = largest.max(m.abs());
+        }
+        for (id, m) in rows.ineq_id.iter().zip(ineq) {
+            self.ineq[*id] = m.min(CURVATURE_CAP);
+            largest = largest.max(m.abs());
+        }
+        largest
+    }
+}
+
+/// Result of a local solve.
+#[derive(Debug, Clone)]
+pub(crate) struct Local {
+    pub(crate) x: Row,
+    pub(crate) objective: f64,
+    /// Largest violation of a scaled row.
+    pub(crate) violation: f64,
+    pub(crate) iterations: usize,
+    pub(crate) multipliers: Multipliers,
+}
+
+/// Rows of one evaluation.
+#[derive(Default)]
+pub(crate) struct Rows {
+    objective: f64,
+    pub(crate) gradient: Row,
+    eq_id: Vec<usize>,
+    pub(crate) eq: Vec<Constraint>,
+    pub(crate) ineq_id: Vec<usize>,
+    pub(crate) ineq: Vec<Constraint>,
+}
+
+impl Rows {
+    fn evaluate(&mut self, problem: &Problem<'_>, layout: &Layout, x: &Row, cuts: &[Cut]) {
+        self.objective = 0.0;
+        self.gradient = [0.0; DIM];
+        self.eq_id.clear();
+        self.eq.clear();
+        self.ineq_id.clear();
+        self.ineq.clear();
+        evaluate(problem, layout, x, cuts, self);
+    }
+
+    /// Largest violation; NaN if a row has no value.
+    fn worst(&self) -> f64 {
+        let mut worst = 0.0_f64;
+        for v in self.eq.iter().map(|r| r.c.abs()).chain(self.ineq.iter().map(|r| -r.c)) {
+            if v.is_nan() {
+                return f64::NAN;
+            }
+            worst = worst.max(v);
+        }
+        worst
+    }
+
+    fn total(&self) -> f64 {
+        // Written so that NaN counts as violated.
+        let short = |c: f64| if c >= 0.0 { 0.0 } else { -c };
+        self.eq.iter().map(|r| r.c.abs()).sum::<f64>() + self.ineq.iter().map(|r| short(r.c)).sum::<f64>()
+    }
+}
+
+fn constraint(value: f64, gradient: impl FnOnce(&mut Gradient<'_>)) -> Constraint {
+    let mut a = [0.0; DIM];
+    gradient(&mut Gradient { row: &mut a, factor: 1.0 });
+    Constraint { a, c: value }
+}
+
+impl Sink for Rows {
+    fn wants(&self, _: usize) -> bool {
+        true
+    }
+    fn wants_eq(&self, _: usize) -> bool {
+        true
+    }
+    fn objective(&mut self, value: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
+        self.objective += value;
+        gradient(&mut Gradient { row: &mut self.gradient, factor: 1.0 });
+    }
+    fn eq(&mut self, id: usize, value: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
+        self.eq_id.push(id);
+        self.eq.push(constraint(value, gradient));
+    }
+    fn ineq(&mut self, id: usize, value: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
+        self.ineq_id.push(id);
+        self.ineq.push(constraint(value, gradient));
+    }
+}
+
+/// Joint angles move at most this far in one step, in rad.
+const STEP_MAX_RAD: f64 = 0.5;
+/// Beyond this a step is not believed.
+const STEP_FAR_RAD: f64 = 2.5;
+/// Multipliers of nearly contradicting rows are huge; the curvature they would bring is noise.
+const CURVATURE_CAP: f64 = 300.0;
+/// Price of squared violations where the linearised constraints contradict each other, and damping of such steps.
+const RELAX_PRICE: f64 = 1e4;
+const RELAX_DAMPING: f64 = 30.0;
+const RELAX_CAP: f64 = 1e2;
+/// After a full step shorter than this in every variable the factors are used again, unless that has just failed to
+/// bring the violation down to the given share.
+const CHORD_STEP: f64 = 0.04;
+const CHORD_SHARE: f64 = 0.2;
+/// Below this violation a step or two back into the constraints suffice.
+const NEARLY_FEASIBLE: f64 = 1e-3;
+/// The last steps of a run only go back into the constraints, if they are no farther away than this.
+const LAST_STEPS: usize = 3;
+const LAST_VIOLATION: f64 = 1e-2;
+/// Below this violation a run descends along the constraints. Its violation follows the length of its steps and need
+/// not halve.
+const DESCENDING_VIOLATION: f64 = 1e-3;
+/// Steps back into the constraints after the last step of a run.
+const RETURN_STEPS: usize = 8;
+/// Where a run ends can be told when it is this near to the constraints and its steps are this short.
+const GIVE_UP_VIOLATION: f64 = 1e-2;
+const GIVE_UP_STEP: f64 = 0.1;
+/// Below this violation multipliers say which inequalities a solution rests on.
+const PRICED_VIOLATION: f64 = 0.1;
+/// Merit values remembered.
+const MEMORY: usize = 4;
+
+/// Multipliers at a throw that is optimal for a target near this one (a stored throw).
+///
+/// At an optimum a program with any positive definite matrix has the step zero and the multipliers of the optimum. The
+/// launch is taken as if it hit: only the target has changed since.
+pub(crate) fn multipliers_at(
+    problem: &Problem<'_>,
+    layout: &Layout,
+    x: &Row,
+    cuts: &[Cut],
+) -> Option<Multipliers> {
+    let mut rows = Rows::default();
+    rows.evaluate(problem, layout, x, cuts);
+    for row in &mut rows.eq {
+        row.c = 0.0;
+    }
+    for row in &mut rows.ineq {
+        row.c = row.c.max(0.0);
+    }
+    if !rows.objective.is_finite() || rows.worst().is_nan() {
+        return None;
+    }
+    let solution =
+        qp::solve(&Factor::identity(), &rows.gradient, layout.n, &rows.eq, &rows.ineq, &[]).ok()?;
+    let mut out = Multipliers::zero();
+    out.set(&rows, &solution.eq, &solution.ineq);
+    Some(out)
+}
+
+/// Solves from `start`; always returns the last point of the run, feasible or not (see [`Local::violation`]).
+///
+/// `warm` are multipliers to begin with, from a near solution.
+pub(crate) fn solve(
+    problem: &Problem<'_>,
+    layout: &Layout,
+    start: &Row,
+    cuts: &[Cut],
+    settings: &Settings,
+    warm: Option<Multipliers>,
+) -> Local {
+    let n = layout.n;
+    let mut x = *start;
+    let (mut rows, mut next) = (Rows::default(), Rows::default());
+    rows.evaluate(problem, layout, &x, cuts);
+    let mut believed = warm.is_some();
+    let mut multipliers = warm.unwrap_or_else(Multipliers::zero);
+    let mut penalty = 10.0_f64;
+    let mut memory: Vec<(f64, f64)> = Vec::with_capacity(MEMORY);
+    let mut iterations = 0;
+    let mut likely: Vec<usize> = Vec::new();
+    let mut violation = rows.worst();
+    let mut stalls = 0;
+    let mut w = [[0.0; DIM]; DIM];
+    let mut factor: Option<Matrix> = None;
+    let mut mark = (f64::INFINITY, 0);
+    while iterations < settings.iterations_max && violation.is_finite() && rows.objective.is_finite() {
+        iterations += 1;
+        if violation < 0.5 * mark.0 || violation <= DESCENDING_VIOLATION {
+            mark = (violation, iterations);
+        } else if iterations - mark.1 > settings.patience {
+            break;
+        }
+        likely.clear();
+        likely.extend((0..rows.ineq.len()).filter(|k| multipliers.ineq[rows.ineq_id[*k]] > 0.0));
+        if factor.is_none() {
+            hessian(problem, layout, &x, cuts, &multipliers, &mut w);
+            // Variables that do not matter (a shift along a fixed axis) need some curvature.
+            for (k, row) in w.iter_mut().enumerate().take(n) {
+                row[k] += 1e-6;
+            }
+            let near = believed && violation <= PRICED_VIOLATION;
+            factor = Matrix::convex(&mut w, &rows, if near { &likely } else { &[] }, n);
+        }
+        let Some(used) = factor.take() else { break };
+        let gradient = used.gradient(&rows, n);
+        // A program that is feasible only by a huge step says nothing about here: treat it like an infeasible one.
+        let far = |d: &Row| d[Q..QD].iter().any(|d| d.abs() > STEP_FAR_RAD);
+        let mut plain = true;
+        let (d, eq, ineq) = match qp::solve(&used.factor, &gradient, n, &rows.eq, &rows.ineq, &likely) {
+            Ok(s) if !far(&s.d) => (s.d, s.eq, s.ineq),
+            Ok(_) | Err(QpFailure::Infeasible | QpFailure::Numerical) => match relaxed(&w, &rows, n) {
+                Some(found) => {
+                    plain = false;
+                    found
+                }
+                None => break,
+            },
+        };
+        let mut step_limit = 1.0_f64;
+        for k in 0..JOINTS {
+            let big = d[Q + k].abs();
+            if big > STEP_MAX_RAD {
+                step_limit = step_limit.min(STEP_MAX_RAD / big);
+            }
+        }
+        let largest = multipliers.set(&rows, &eq, &ineq);
+        let wanted = (1.5 * largest + 1.0).min(1e6);
+        // The penalty follows the multipliers up at once and down slowly.
+        penalty = if wanted > penalty { wanted } else { (0.7 * penalty + 0.3 * wanted).max(1.0) };
+
+        let slope: f64 = rows.gradient.iter().zip(&d).take(n).map(|(g, d)| g * d).sum();
+        let total = rows.total();
+        let predicted = slope - penalty * total;
+        let small_change = slope.abs() <= settings.objective * rows.objective.abs().max(1e-3);
+        if violation <= settings.feasibility && small_change {
+            break;
+        }
+        let short = |most: f64| d.iter().take(n).all(|d| d.abs() < most);
+        let near_the_end = violation <= GIVE_UP_VIOLATION && short(GIVE_UP_STEP);
+        if near_the_end && rows.objective + 2.0 * slope.min(0.0) > settings.give_up_above {
+            break;
+        }
+        let chord = short(CHORD_STEP);
+        // Nothing left to gain, or no steps left to gain it, but not feasible yet: steps along a nearly flat valley would
+        // bend out of the constraints again and again, so only go back into them, the shortest way.
+        let out_of_steps = iterations + LAST_STEPS > settings.iterations_max && violation < LAST_VIOLATION;
+        let finish = small_change && violation < NEARLY_FEASIBLE || out_of_steps;
+        let mut d = d;
+        if believed && finish {
+            match qp::solve(&used.factor, &[0.0; DIM], n, &rows.eq, &rows.ineq, &likely) {
+                Ok(back) => d = back.d,
+                Err(QpFailure::Infeasible | QpFailure::Numerical) => {}
+            }
+        }
+        let reference =
+            memory.iter().map(|(f, v)| f + penalty * v).fold(rows.objective + penalty * total, f64::max);
+        memory.push((rows.objective, total));
+        if memory.len() > MEMORY {
+            memory.remove(0);
+        }
+        let mut alpha = step_limit;
+        let mut accepted = false;
+        for _ in 0..12 {
+            let mut trial = x;
+            for k in 0..n {
+                trial[k] += alpha * d[k];
+            }
+            if has_times(&trial) {
+                next.evaluate(problem, layout, &trial, cuts);
+                let merit = next.objective + penalty * next.total();
+                if merit <= reference + 1e-4 * alpha * predicted.min(0.0) + 1e-12 * reference.abs() {
+                    x = trial;
+                    accepted = true;
+                    break;
+                }
+            }
+            alpha *= 0.5;
+        }
+        if accepted {
+            std::mem::swap(&mut rows, &mut next);
+        } else {
+            stalls += 1;
+            memory.clear();
+            if stalls > 1 {
+                break;
+            }
+            // The model is useless here: take a short step along it and see.
+            let mut trial = x;
+            for k in 0..n {
+                trial[k] += alpha * d[k];
+            }
+            if !has_times(&trial) {
+                break;
+            }
+            x = trial;
+            rows.evaluate(problem, layout, &x, cuts);
+        }
+        let before = violation;
+        violation = rows.worst();
+        let full = accepted && alpha >= 1.0 && plain;
+        // The step that has just been taken was the last one needed.
+        if full && believed && finish && violation <= settings.feasibility {
+            break;
+        }
+        if full && believed && chord && violation <= (CHORD_SHARE * before).max(1e-7) {
+            factor = Some(used);
+        }
+        believed = plain;
+    }
+    // A run that ends without steps left is a little outside the constraints it descended along. The shortest way back
+    // makes a throw of it, which a later run can continue.
+    for _ in 0..RETURN_STEPS {
+        if !(violation > settings.feasibility && violation < LAST_VIOLATION) {
+            break;
+        }
+        let Ok(back) = qp::solve(&Factor::identity(), &[0.0; DIM], n, &rows.eq, &rows.ineq, &[]) else {
+            break;
+        };
+        let mut trial = x;
+        for (x, d) in trial.iter_mut().zip(&back.d).take(n) {
+            *x += d;
+        }
+        if !has_times(&trial) {
+            break;
+        }
+        next.evaluate(problem, layout, &trial, cuts);
+        iterations += 1;
+        let after = next.worst();
+        if after.is_nan() || after >= violation {
+            break;
+        }
+        (x, violation) = (trial, after);
+        std::mem::swap(&mut rows, &mut next);
+    }
+    Local { x, objective: rows.objective, violation, iterations, multipliers }
+}
+
+/// Whether all times are positive: without that there is no motion to evaluate.
+fn has_times(x: &Row) -> bool {
+    x[F] > 1e-3 && x[HA] > 1e-3 && x[HB] > 1e-3
+}
+
+/// Evaluates all rows with gradients once; the largest violation.
+pub(crate) fn evaluate_once(problem: &Problem<'_>, throw: &crate::throw::Throw) -> f64 {
+    let layout = Layout::new(problem, None);
+    let mut rows = Rows::default();
+    rows.evaluate(problem, &layout, &layout.variables(throw), &[]);
+    rows.worst()
+}
+
+/// The program with the violated constraints as a quadratic price instead of rows: always feasible at d = 0.
+fn relaxed(w: &Square, rows: &Rows, n: usize) -> Option<(Row, Vec<f64>, Vec<f64>)> {
+    let mut h = *w;
+    let mut g = rows.gradient;
+    let mut hard: Vec<Constraint> = Vec::with_capacity(rows.ineq.len());
+    let mut soften = |c: &Constraint| {
+        for i in 0..n {
+            if c.a[i] != 0.0 {
+                g[i] += RELAX_PRICE * c.a[i] * c.c;
+                for k in 0..n {
+                    h[i][k] += RELAX_PRICE * c.a[i] * c.a[k];
+                }
+            }
+        }
+    };
+    for c in &rows.eq {
+        soften(c);
+    }
+    for c in &rows.ineq {
+        if c.c < 0.0 { soften(c) } else { hard.push(*c) }
+    }
+    for (k, row) in h.iter_mut().enumerate().take(n) {
+        row[k] += RELAX_DAMPING;
+    }
+    let mut factor = Factor::new(&h, n);
+    let mut tau = 1.0;
+    while factor.is_none() && tau < 1e9 {
+        for (k, row) in h.iter_mut().enumerate().take(n) {
+            row[k] += tau;
+        }
+        tau *= 4.0;
+        factor = Factor::new(&h, n);
+    }
+    let factor = factor?;
+    let d = qp::solve(&factor, &g, n, &[], &hard, &[]).ok()?.d;
+    // First-order multipliers of the priced rows.
+    let along = |c: &Constraint| c.a.iter().zip(&d).take(n).map(|(a, d)| a * d).sum::<f64>() + c.c;
+    let eq = rows.eq.iter().map(|r| (-RELAX_PRICE * along(r)).clamp(-RELAX_CAP, RELAX_CAP)).collect();
+    let priced =
+        |r: &Constraint| if r.c < 0.0 { (-RELAX_PRICE * along(r)).clamp(0.0, RELAX_CAP) } else { 0.0 };
+    let ineq = rows.ineq.iter().map(priced).collect();
+    Some((d, eq, ineq))
+}

@@ -1,0 +1,397 @@
+//! One pass over a plan file on a dense grid.
+
+use nalgebra::Vector3;
+use robot_model::Pose;
+
+use super::ball::{self, Ball};
+use super::boxes::{distance_m, lowest_m, point_distance_m};
+use super::chain::Chain;
+use super::{forces, motion};
+use crate::plan::file::PlanFile;
+use crate::plan::scan::RELEASE_BLIND_S;
+use crate::throw::{Arm, JOINTS};
+
+/// Distance of grid points in s.
+const STEP_S: f64 = 1e-3;
+/// Relative overshoot of a limit that counts as kept.
+const SHARE_TOLERANCE: f64 = 1e-6;
+/// Overshoot of a joint range that counts as kept, in rad.
+const RANGE_TOLERANCE_RAD: f64 = 1e-6;
+/// Delay of the central difference, and slope that counts as none in m/s (mm per ms).
+const SLOPE_DELAY_S: f64 = 1e-3;
+const SLOPE_TOLERANCE_M_S: f64 = 0.01;
+/// Shortfall of a clearance that counts as kept, in m; bodies that touch never pass.
+const CLEARANCE_TOLERANCE_M: f64 = 2e-4;
+/// Miss that counts as a hit, in m.
+const LANDING_TOLERANCE_M: f64 = 1e-4;
+
+/// One thing that was checked.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Finding {
+    /// What.
+    pub what: String,
+    /// Whether it holds.
+    pub ok: bool,
+    /// Worst value, with what it is measured against, for people.
+    pub worst: String,
+    /// When it is worst, in s, if it depends on time.
+    pub at_s: Option<f64>,
+    /// Whether the plan claims it; other findings are for information.
+    pub enforced: bool,
+}
+
+/// Everything that was checked.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Report {
+    /// In order.
+    pub findings: Vec<Finding>,
+    /// Grid points.
+    pub samples: usize,
+}
+
+impl Report {
+    /// Whether everything the plan claims holds.
+    #[must_use]
+    pub fn ok(&self) -> bool {
+        self.findings.iter().all(|f| f.ok || !f.enforced)
+    }
+}
+
+/// The largest value seen, where and when.
+#[derive(Clone)]
+struct Worst {
+    value: f64,
+    at_s: f64,
+    what: String,
+}
+
+impl Worst {
+    fn new() -> Self {
+        Self { value: f64::NEG_INFINITY, at_s: 0.0, what: String::new() }
+    }
+
+    fn see(&mut self, value: f64, at_s: f64, what: impl FnOnce() -> String) {
+        // NaN must not pass for the best value.
+        if value > self.value || value.is_nan() {
+            *self = Self { value: if value.is_nan() { f64::INFINITY } else { value }, at_s, what: what() };
+        }
+    }
+
+    fn finding(&self, what: &str, limit: f64, unit: &str, enforced: bool) -> Finding {
+        Finding {
+            what: what.to_owned(),
+            ok: self.value <= limit,
+            worst: if self.what.is_empty() {
+                "nothing to check".to_owned()
+            } else {
+                format!("{:.4} {unit} ({})", self.value, self.what)
+            },
+            at_s: Some(self.at_s),
+            enforced,
+        }
+    }
+}
+
+/// Checks a plan for an arm.
+#[must_use]
+pub fn check(arm: &Arm, plan: &PlanFile) -> Report {
+    let chain = Chain::new(arm);
+    let steps = (plan.end_time_s / STEP_S).ceil().max(1.0) as usize;
+    let claims = |word: &str| plan.checks.iter().any(|c| c.enforced && c.what.contains(word));
+    let name = |j: usize| arm.joints()[j].name.clone();
+    let (mut range, mut speed, mut acceleration, mut jerk) =
+        (Worst::new(), Worst::new(), Worst::new(), Worst::new());
+    let (mut jump, mut motor, mut supply) = (Worst::new(), Worst::new(), Worst::new());
+    let (mut near, mut floor, mut obstacle) = (Worst::new(), Worst::new(), Worst::new());
+    let obstacles = Obstacles::new(plan);
+    let boxes = arm.collision().boxes();
+    let radius_m = arm.gripper().ball_radius_m;
+    let place = |t: f64| -> (Vec<Pose>, Pose) {
+        let d = chain.displacements(&motion::at(plan, t).q);
+        let placed = boxes
+            .iter()
+            .map(|b| b.link.checked_sub(1).map_or(b.x_lb, |i| chain.link(&d, i) * b.x_lb))
+            .collect();
+        (placed, chain.link(&d, JOINTS - 1) * *arm.end_effector() * arm.gripper().x_eb)
+    };
+    for step in 0..=steps {
+        let t = (step as f64 * plan.end_time_s / steps as f64).min(plan.end_time_s);
+        let s = motion::at(plan, t);
+        for j in 0..JOINTS {
+            let l = &arm.joints()[j].limits;
+            range.see((l.q_min_rad - s.q[j]).max(s.q[j] - l.q_max_rad), t, || name(j));
+            speed.see(s.qd[j].abs() / l.v_max_rad_s, t, || name(j));
+            acceleration.see(s.qdd[j].abs() / l.a_max_rad_s2, t, || name(j));
+            jerk.see(s.jerk[j].abs() / l.j_max_rad_s3, t, || name(j));
+        }
+        let (placed, ball) = place(t);
+        for &(a, b) in arm.collision().pairs() {
+            let (a, b) = (usize::from(a), usize::from(b));
+            let gap =
+                (placed[a].pos - placed[b].pos).norm() - boxes[a].half_m.norm() - boxes[b].half_m.norm();
+            let distance = if gap > 0.1 {
+                gap
+            } else {
+                distance_m(&placed[a], &boxes[a].half_m, &placed[b], &boxes[b].half_m)
+            };
+            near.see(-distance, t, || format!("\"{}\" and \"{}\"", boxes[a].name, boxes[b].name));
+        }
+        for (k, body) in
+            boxes.iter().enumerate().filter(|(_, b)| b.link >= arm.collision().rule().floor_from_link)
+        {
+            floor.see(arm.world().floor_z_m - lowest_m(&placed[k], &body.half_m), t, || body.name.clone());
+        }
+        for (k, body) in boxes.iter().enumerate().filter(|(_, b)| b.link > 0) {
+            obstacles.see_box(&placed[k], &body.half_m, &body.name, t, &mut obstacle);
+        }
+        if t <= plan.release_time_s {
+            obstacles.see_ball(&ball.pos, radius_m, "held ball", t, &mut obstacle);
+            for (k, body) in boxes.iter().enumerate().filter(|(_, b)| b.link + 2 <= JOINTS) {
+                let distance = point_distance_m(&placed[k], &body.half_m, &ball.pos) - radius_m;
+                near.see(-distance, t, || format!("held ball and \"{}\"", body.name));
+            }
+            floor.see(arm.world().floor_z_m - ball.pos.z + radius_m, t, || "held ball".to_owned());
+        }
+    }
+    segments_meet(plan, &mut jump);
+    currents(arm, &chain, plan, &mut motor, &mut supply);
+
+    // The release: position of the ball by the chain, its velocity by differences in time.
+    let release = |t: f64| {
+        let ball = |t: f64| place(t).1.pos;
+        let dt = 1e-5;
+        (ball(t), (ball(t + dt) - ball(t - dt)) / (2.0 * dt))
+    };
+    let (p, v) = release(plan.release_time_s);
+    let flown = flight(arm, plan, &place, &obstacles, &p, &v);
+
+    let over_motion = claims("currents over the motion");
+    let mut findings = vec![
+        range.finding("joint ranges", RANGE_TOLERANCE_RAD, "rad beyond", true),
+        speed.finding("joint speeds", 1.0 + SHARE_TOLERANCE, "of the limit", true),
+        acceleration.finding("joint accelerations", 1.0 + SHARE_TOLERANCE, "of the limit", true),
+        jerk.finding("joint jerks", 1.0 + SHARE_TOLERANCE, "of the limit", true),
+        jump.finding(
+            "segments meet in position, speed and acceleration; rest at both ends",
+            1e-6,
+            "rad, rad/s or rad/s²",
+            true,
+        ),
+        clear_finding(
+            "arm clear of itself, its base and the held ball",
+            &near,
+            plan.search.clearance_m,
+            claims("clearance of arm"),
+        ),
+        clear_finding("clear of the floor", &floor, plan.search.clearance_m, claims("clearance of arm")),
+        motor.finding("motor currents over the motion", 1.0 + 2e-3, "of the limit", over_motion),
+        supply.finding("supply currents over the motion", 1.0 + 2e-3, "of the limit", over_motion),
+        Finding {
+            what: "landing on the target".to_owned(),
+            ok: flown.miss_m.is_some_and(|m| m <= LANDING_TOLERANCE_M),
+            worst: flown.miss_m.map_or_else(
+                || "the ball does not come down there".to_owned(),
+                |m| format!("{m:.2e} m beside it"),
+            ),
+            at_s: None,
+            enforced: true,
+        },
+        clear_finding(
+            "released ball free of the hand",
+            &flown.hand,
+            0.0,
+            claims("clearance of the released ball"),
+        ),
+        clear_finding(
+            "released ball clear of the arm",
+            &flown.others,
+            plan.search.clearance_m,
+            claims("clearance of the released ball"),
+        ),
+    ];
+    if !plan.obstacles.is_empty() {
+        let wanted_m = plan.search.clearance_m;
+        findings.extend([
+            clear_finding(
+                "arm and held ball clear of the obstacles",
+                &obstacle,
+                wanted_m,
+                claims("clearance of arm"),
+            ),
+            clear_finding(
+                "released ball clear of the obstacles",
+                &flown.obstacles,
+                wanted_m,
+                claims("clearance of the released ball"),
+            ),
+        ]);
+    }
+    findings.extend(delays(plan, &release));
+    Report { findings, samples: steps + 1 }
+}
+
+/// Whether bodies keep a clearance; `near` has seen their distances with the sign turned.
+fn clear_finding(what: &str, near: &Worst, wanted_m: f64, enforced: bool) -> Finding {
+    let distance_m = -near.value;
+    let of = if wanted_m > 0.0 { format!(" of {:.1} mm", wanted_m * 1e3) } else { String::new() };
+    Finding {
+        what: what.to_owned(),
+        ok: distance_m > (wanted_m - CLEARANCE_TOLERANCE_M).max(0.0),
+        worst: if near.what.is_empty() {
+            "nothing to check".to_owned()
+        } else {
+            format!("{:.1} mm{of} ({})", distance_m * 1e3, near.what)
+        },
+        at_s: Some(near.at_s),
+        enforced,
+    }
+}
+
+fn segments_meet(plan: &PlanFile, jump: &mut Worst) {
+    let eps = 1e-9;
+    for (j, joint) in plan.joints.iter().enumerate() {
+        for pair in joint.segments.windows(2) {
+            let t = pair[0].t_end_s;
+            let (a, b) = (motion::at(plan, t), motion::at(plan, t + eps));
+            let what = || joint.name.clone();
+            jump.see((a.q[j] - b.q[j]).abs() - 10.0 * eps, t, what);
+            jump.see((a.qd[j] - b.qd[j]).abs() - 100.0 * eps, t, what);
+            jump.see((a.qdd[j] - b.qdd[j]).abs() - 1e3 * eps, t, what);
+        }
+        for t in [0.0, plan.end_time_s] {
+            jump.see(motion::at(plan, t).qd[j].abs(), t, || format!("{} at rest", joint.name));
+        }
+    }
+}
+
+fn currents(arm: &Arm, chain: &Chain, plan: &PlanFile, motor: &mut Worst, supply: &mut Worst) {
+    let Some(drives) = arm.drives() else { return };
+    let keep_off = 3e-4;
+    let samples = 200;
+    for i in 0..=samples {
+        let t = plan.end_time_s * f64::from(i) / f64::from(samples);
+        let mut t = t.clamp(keep_off, plan.end_time_s - keep_off);
+        if (t - plan.release_time_s).abs() < keep_off {
+            t = plan.release_time_s - keep_off;
+        }
+        let s = motion::at(plan, t);
+        let tau = forces::torques(arm, chain, plan, t);
+        let Some(amps) = forces::motor_currents(arm, &s.qd, &tau) else { return };
+        for j in 0..JOINTS {
+            motor.see(amps[j] / drives[j].current_max_a, t, || arm.joints()[j].name.clone());
+        }
+        for s in arm.supplies() {
+            let sum: f64 = (0..JOINTS).filter(|j| s.feeds[*j]).map(|j| amps[j]).sum();
+            supply.see(sum / s.current_max_a, t, || s.name.clone());
+        }
+    }
+}
+
+/// The obstacles of a plan.
+struct Obstacles<'p>(Vec<(&'p str, Pose, Vector3<f64>)>);
+
+impl<'p> Obstacles<'p> {
+    fn new(plan: &'p PlanFile) -> Self {
+        Self(plan.obstacles.iter().map(|o| (o.name.as_str(), o.pose(), Vector3::from(o.half_m))).collect())
+    }
+
+    fn see_box(&self, x: &Pose, half_m: &Vector3<f64>, what: &str, t: f64, worst: &mut Worst) {
+        for (name, pose, half_o_m) in &self.0 {
+            let distance = distance_m(x, half_m, pose, half_o_m);
+            worst.see(-distance, t, || format!("\"{what}\" and obstacle \"{name}\""));
+        }
+    }
+
+    fn see_ball(&self, p: &Vector3<f64>, radius_m: f64, what: &str, t: f64, worst: &mut Worst) {
+        for (name, pose, half_m) in &self.0 {
+            let distance = point_distance_m(pose, half_m, p) - radius_m;
+            worst.see(-distance, t, || format!("{what} and obstacle \"{name}\""));
+        }
+    }
+}
+
+/// The flight as it was seen.
+struct Flown {
+    /// Distance of the landing from the target; none if the ball does not come down there.
+    miss_m: Option<f64>,
+    /// Nearest box of the hand.
+    hand: Worst,
+    /// Nearest box of the other links.
+    others: Worst,
+    /// Nearest obstacle.
+    obstacles: Worst,
+}
+
+/// Flies the ball.
+fn flight(
+    arm: &Arm,
+    plan: &PlanFile,
+    place: &dyn Fn(f64) -> (Vec<Pose>, Pose),
+    obstacles: &Obstacles<'_>,
+    p: &Vector3<f64>,
+    v: &Vector3<f64>,
+) -> Flown {
+    let target = Vector3::from(plan.target.position_m);
+    let boxes = arm.collision().boxes();
+    let radius_m = arm.gripper().ball_radius_m;
+    let (mut hand, mut others, mut obstacle) = (Worst::new(), Worst::new(), Worst::new());
+    let landed = Ball::new(&plan.landing).land(p, v, target.z, |s, p| {
+        let due = ((s / ball::STEP_S).round() as u64).is_multiple_of(10);
+        if s >= RELEASE_BLIND_S && s <= plan.landing.flight_s && due {
+            let t = plan.release_time_s + s;
+            let (placed, _) = place(t);
+            for (k, body) in boxes.iter().enumerate() {
+                let distance = point_distance_m(&placed[k], &body.half_m, p) - radius_m;
+                let near = if body.link == JOINTS { &mut hand } else { &mut others };
+                near.see(-distance, t, || format!("\"{}\"", body.name));
+            }
+            // An obstacle that holds the target (a table, a bin) is met at the end of the flight.
+            if s < plan.landing.flight_s - RELEASE_BLIND_S {
+                obstacles.see_ball(p, radius_m, "ball", t, &mut obstacle);
+            }
+        }
+    });
+    Flown { miss_m: landed.map(|at| (at - target).norm()), hand, others, obstacles: obstacle }
+}
+
+/// Landings of late and early releases: to first order, and at the delays the plan states.
+fn delays(plan: &PlanFile, release: &dyn Fn(f64) -> (Vector3<f64>, Vector3<f64>)) -> Vec<Finding> {
+    let z_m = plan.target.position_m[2];
+    let ball = Ball::new(&plan.landing);
+    let landing = |delay_s: f64| {
+        let (p, v) = release(plan.release_time_s + delay_s);
+        ball.land(&p, &v, z_m, |_, _| {})
+    };
+    let slope = landing(SLOPE_DELAY_S)
+        .zip(landing(-SLOPE_DELAY_S))
+        .map(|(late, early)| (late - early).norm() / (2.0 * SLOPE_DELAY_S));
+    let mut findings = vec![Finding {
+        what: "landing unmoved by a late release, to first order".to_owned(),
+        ok: slope.is_some_and(|s| s <= SLOPE_TOLERANCE_M_S),
+        worst: slope
+            .map_or_else(|| "the ball does not come down".to_owned(), |s| format!("{s:.4} mm per ms")),
+        at_s: None,
+        enforced: plan.checks.iter().any(|c| c.enforced && c.what.contains("unmoved by a late release")),
+    }];
+    let on_time = landing(0.0);
+    for shift in &plan.landing.delay_shifts {
+        let worst = landing(shift.delay_s)
+            .zip(landing(-shift.delay_s))
+            .zip(on_time)
+            .map(|((late, early), on_time)| (late - on_time).norm().max((early - on_time).norm()));
+        findings.push(Finding {
+            what: format!("shift of the landing over ±{:.0} ms of release time", shift.delay_s * 1e3),
+            ok: worst.is_some_and(|w| w <= shift.limit_m.unwrap_or(f64::INFINITY)),
+            worst: worst.map_or_else(
+                || "the ball does not come down".to_owned(),
+                |w| {
+                    let limit = shift.limit_m.map_or_else(String::new, |l| format!(" of {:.1} mm", l * 1e3));
+                    format!("{:.2} mm{limit}", w * 1e3)
+                },
+            ),
+            at_s: None,
+            enforced: shift.limit_m.is_some(),
+        });
+    }
+    findings
+}

@@ -1,0 +1,49 @@
+//! TOML walked with its places: every refusal names file, line, key path and reason.
+//!
+//! Deserialising into structs loses the key path of type errors and the line of range errors, so the document is
+//! walked with its spans instead: each key is asked for together with what its value must be, and
+//! [`Section::finish`] refuses what nobody asked for.
+//!
+//! ```
+//! use toml_reader::{Problem, Refusal, Source, Value};
+//!
+//! fn read(text: &str) -> Result<(f64, Option<bool>), Refusal<Problem>> {
+//!     let source = Source { file: "arm.toml", text };
+//!     let document = source.parse()?;
+//!     let root = source.root(&document);
+//!     let joint = root.required("joint", Value::section)?;
+//!     let v_max_rad_s = joint.required("v_max_rad_s", Value::positive)?;
+//!     let brake = joint.optional("brake", Value::boolean)?;
+//!     joint.finish()?;
+//!     root.finish()?;
+//!     Ok((v_max_rad_s, brake))
+//! }
+//!
+//! assert_eq!(read("[joint]\nv_max_rad_s = 2.6"), Ok((2.6, None)));
+//! let refusal = read("[joint]\nv_max_deg_s = 149").unwrap_err();
+//! assert_eq!(refusal.to_string(), "arm.toml:1: joint.v_max_rad_s: missing");
+//! ```
+//!
+//! # Map
+//!
+//! | file | holds |
+//! |---|---|
+//! | `bounded` | [`read_text`], [`read_bytes`]: files of bounded size |
+//! | `refusal` | [`Refusal`]: where and why; [`Problem`]: what can be wrong with any document |
+//! | `section` | [`Source`] and [`Section`]: tables, and which of their keys were asked for |
+//! | `value` | [`Value`]: what a value must be |
+//!
+//! A reader with problems of its own wraps [`Problem`] in its own type `P: From<Problem>`; all refusals are then
+//! [`Refusal<P>`].
+
+#![warn(missing_docs)]
+
+mod bounded;
+mod refusal;
+mod section;
+mod value;
+
+pub use bounded::{DESCRIPTION_MAX_BYTES, read_bytes, read_text};
+pub use refusal::{Problem, Refusal};
+pub use section::{Section, Source};
+pub use value::Value;
