@@ -212,7 +212,7 @@ impl<const N: usize> RobotModel<N> {
 ///
 /// If no whole number of turns brings it inside, the value nearest to the middle of the range is returned, which is
 /// the one with the smallest violation.
-fn place(q: f64, q_ref: f64, min: f64, max: f64) -> (f64, bool) {
+pub(crate) fn place(q: f64, q_ref: f64, min: f64, max: f64) -> (f64, bool) {
     use std::f64::consts::TAU;
     let inside = |v: f64| v >= min - RANGE_SLACK_RAD && v <= max + RANGE_SLACK_RAD;
     let near_ref = q + TAU * ((q_ref - q) / TAU).round_ties_even();

@@ -14,6 +14,7 @@
 //! | [`jacobian`] | geometric Jacobian, its rate and its gradient, singular values |
 //! | `family` | classes of arms with closed-form inverse kinematics, measured from the frames |
 //! | `ik` | all solutions with their branches, placed in the joint ranges |
+//! | `ik_numeric` | solutions by damped least squares, for arms of any family |
 //! | `dynamics` | inverse dynamics with exact derivatives, mass matrix, forward dynamics, energies |
 //! | `currents` | motor and supply currents |
 //! | [`collision`] | boxes, pairs |
@@ -39,6 +40,7 @@ mod dynamics;
 mod error;
 mod family;
 mod ik;
+mod ik_numeric;
 pub mod jacobian;
 mod kinematics;
 pub mod linalg;
@@ -53,6 +55,7 @@ pub use dynamics::InverseDynamicsGradient;
 pub use error::{FamilyMismatch, LoadError, Problem};
 pub use family::{Family, OrthoParallel, TurntablePlanar};
 pub use ik::{Branch, IkSolution, IkSolutions, NoClosedForm, RANGE_SLACK_RAD};
+pub use ik_numeric::radical_inverse;
 pub use jacobian::Jacobian;
 pub use kinematics::Frames;
 pub use load::{SCHEMA_VERSION, built_in_robots, built_in_text};
