@@ -6,15 +6,15 @@
 //! | layer | modules | is | must not |
 //! |---|---|---|---|
 //! | ground | [`joints`], [`span`], [`crc`] | one value per joint, time as f32, checksums | know anything else |
-//! | maths | [`spline`], [`feedback`], [`ramp`], [`path`], [`drive_model`] | reference, control law, acceleration in the words of a ramp drive, slowing down along the path, what a drive should do; a host simulates with the same code | keep bus or state, know time but as an argument |
+//! | maths | [`spline`], [`feedback`], [`ramp`](groups::powercube::ramp), [`path`], [`drive_model`](groups::powercube::drive_model) | reference, control law, acceleration in the words of a ramp drive, slowing down along the path, what a drive should do; a host simulates with the same code | keep bus or state, know time but as an argument |
 //! | facts | [`fault`], [`settings`], [`registers`], [`trajectory_format`] | numbered causes, what can be set, the file a host uploads | act |
-//! | bus | [`drives`], [`rest`], [`schedule`], [`pace`], [`transmit`] | which reply belongs to which request, whether a joint stands, who is asked next, how long a cycle takes, frames out | decide about motion |
+//! | bus | [`drives`](groups::powercube::drives), [`rest`], [`schedule`](groups::powercube::schedule), [`pace`](groups::powercube::pace), [`transmit`](groups::powercube::transmit) | which reply belongs to which request, whether a joint stands, who is asked next, how long a cycle takes, frames out | decide about motion |
 //! | group | [`state`], [`orders`], [`supervisor`], [`gripper`], [`store`] | states, what is legal when, what must hold, the release, power-proof storage | send frames |
 //! | view | [`telemetry`], [`trace`], [`freeze`] | what people see, now and afterwards | influence anything |
 //! | whole | [`controller`] | the [`protocol::Node`]; all control flow | know Cyphal, a board or a clock |
 //! | host link | [`host_link`] | the controller as a Cyphal node: orders, registers, upload, samples translated | decide anything |
 //!
-//! A cycle, from left to right: reply → [`drives`] → [`feedback`] (with [`spline`]) → [`ramp`] → [`schedule`] → frames,
+//! A cycle, from left to right: reply → [`drives`](groups::powercube::drives) → [`feedback`] (with [`spline`]) → [`ramp`](groups::powercube::ramp) → [`schedule`](groups::powercube::schedule) → frames,
 //! with [`supervisor`] looking on.
 //!
 //! # Invariants
@@ -25,7 +25,7 @@
 //! 3. A motion command leaves in Homing, Jogging, Running and Stopping only, through one function
 //!    (`Controller::ask`), and never beyond the limits in [`settings`].
 //! 4. The first cause is latched; after a stop nothing moves until somebody arms anew.
-//! 5. A reply is never taken for another ([`drives`] says why).
+//! 5. A reply is never taken for another ([`drives`](groups::powercube::drives) says why).
 //! 6. A trajectory runs only after all checks of [`trajectory_format`], from where the joints are, under the
 //!    name the host gave it.
 
@@ -46,23 +46,18 @@
 pub mod authority;
 pub mod controller;
 pub mod crc;
-pub mod drive_model;
-pub mod drives;
 pub mod fault;
 pub mod feedback;
 pub mod freeze;
 pub mod gripper;
+pub mod groups;
 pub mod host_link;
 pub mod joints;
 pub mod orders;
-pub mod pace;
 pub mod path;
-pub mod ramp;
 pub mod registers;
 pub mod rest;
-pub mod schedule;
 pub mod settings;
-pub mod slots;
 pub mod span;
 pub mod spline;
 pub mod state;
@@ -71,7 +66,6 @@ pub mod supervisor;
 pub mod telemetry;
 pub mod trace;
 pub mod trajectory_format;
-pub mod transmit;
 
 pub use controller::Controller;
 pub use host_link::ControllerNode;

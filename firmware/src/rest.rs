@@ -6,7 +6,7 @@
 
 use protocol::{Duration, Instant};
 
-use crate::drives::PositionSample;
+use crate::groups::powercube::drives::PositionSample;
 
 /// Time for which a position must stay within [`BAND_RAD`]. Positions of a standing group come every two looks at the
 /// drives, 20 ms, so three of them agree.

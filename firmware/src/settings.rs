@@ -5,8 +5,8 @@ use protocol::{Duration, JointIndex, ModuleId};
 
 use crate::fault::{Cause, Refusal};
 use crate::feedback::{Gains, Weights};
+use crate::groups::powercube::ramp::RampLimits;
 use crate::joints::PerJoint;
-use crate::ramp::RampLimits;
 use crate::registers;
 
 /// Settings of one joint. Positions are of the joint: q_joint = ±q_drive + offset.

@@ -4,8 +4,8 @@
 use protocol::Instant;
 use protocol::powercube::{CubeState, ShortState};
 
-use crate::drives::PositionSample;
 use crate::fault::Cause;
+use crate::groups::powercube::drives::PositionSample;
 use crate::settings::JointSettings;
 use crate::span;
 

@@ -4,8 +4,8 @@
 mod bench;
 
 use bench::*;
-use firmware::drive_model::excursion_max_rad;
 use firmware::fault::{Cause, Fault};
+use firmware::groups::powercube::drive_model::excursion_max_rad;
 use firmware::orders::Order;
 use firmware::settings::Settings;
 use firmware::state::StateKind;

@@ -10,9 +10,9 @@ use protocol::powercube::{
 use protocol::{Duration, Frame, Instant, JointIndex};
 
 use super::{Controller, Sent};
-use crate::drives::{Lane, Matched, PositionSample, is_foreign_request};
 use crate::fault::{Cause, Fault};
 use crate::gripper::{self, Output};
+use crate::groups::powercube::drives::{Lane, Matched, PositionSample, is_foreign_request};
 use crate::spline::Spline;
 use crate::state::{State, StateKind, StopWay};
 use crate::store::Storage;

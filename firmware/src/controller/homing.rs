@@ -8,7 +8,7 @@ use protocol::{Duration, Instant, JointIndex};
 
 use super::Controller;
 use crate::fault::{Cause, Fault, Refusal};
-use crate::schedule::Agenda;
+use crate::groups::powercube::schedule::Agenda;
 use crate::spline::Spline;
 use crate::state::{Homing, HomingStep, State};
 use crate::store::Storage;

@@ -17,7 +17,7 @@
 //! # Bounded work
 //!
 //! One call handles one frame or one set of deadlines: at most one control step (a fixed number of
-//! operations per joint) and at most [`QUEUE_LEN`](crate::transmit::QUEUE_LEN) frames out. Only a commit takes longer,
+//! operations per joint) and at most [`QUEUE_LEN`](crate::groups::powercube::transmit::QUEUE_LEN) frames out. Only a commit takes longer,
 //! a few milliseconds on a Cortex-M4 for the longest file, and it is refused while anything is armed or moves.
 
 mod arming;
@@ -38,25 +38,25 @@ use protocol::powercube::{Broadcast, Gate, Parameter, Request, Value};
 use protocol::{Duration, Frame, Instant, JointIndex, Node};
 
 use crate::authority::{Keyring, Peer, Seed, Session, Tokens};
-use crate::drive_model::DriveModel;
-use crate::drives::Drive;
 use crate::feedback::ErrorEstimator;
 use crate::freeze::FreezeFrame;
 use crate::gripper::Gripper;
+use crate::groups::powercube::drive_model::DriveModel;
+use crate::groups::powercube::drives::Drive;
+use crate::groups::powercube::pace::{CycleTimes, Pace};
+use crate::groups::powercube::ramp;
+use crate::groups::powercube::schedule::Schedule;
+use crate::groups::powercube::slots::Slots;
+use crate::groups::powercube::transmit::TransmitQueue;
 use crate::joints::{PerJoint, at_least, clamp};
-use crate::pace::{CycleTimes, Pace};
-use crate::ramp;
 use crate::registers;
-use crate::schedule::Schedule;
 use crate::settings::Settings;
-use crate::slots::Slots;
 use crate::span;
 use crate::spline::{Setpoint, Spline};
 use crate::state::{Machine, State, StateKind};
 use crate::store::{self, Storage, TrajectoryStore};
 use crate::telemetry::Counters;
 use crate::trace::{Event, Trace};
-use crate::transmit::TransmitQueue;
 
 /// Firmware that answers [`Parameter::PosStateDio`].
 const POS_STATE_GATE: Gate = Gate::From2518Or3518;
@@ -298,7 +298,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     }
 
     /// Durations of the control cycles of the last run; and how long one takes by the last rehearsals, µs
-    /// ([`crate::pace`]), `None` before the first.
+    /// ([`crate::groups::powercube::pace`]), `None` before the first.
     pub fn cycle_times(&self) -> (CycleTimes, Option<u32>) {
         (self.pace.times(), self.pace.cycle_us(self.settings.joints, self.settings.cycle_guest))
     }
@@ -368,7 +368,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     }
 
     /// States in which nothing moves: look at one thing of each drive, in turn. Every fourth time at two things, as long
-    /// as a control cycle ([`crate::pace`]).
+    /// as a control cycle ([`crate::groups::powercube::pace`]).
     fn monitor_tick(&mut self, now: Instant) {
         let free = self.is_cycle_done();
         let reads = self.joints().all(|joint| matches!(self.poll_request(joint), Request::Get(_)));

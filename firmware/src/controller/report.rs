@@ -6,7 +6,7 @@ use protocol::powercube::CubeState;
 use protocol::{Duration, Instant, JointIndex};
 
 use super::Controller;
-use crate::drive_model::DriveModel;
+use crate::groups::powercube::drive_model::DriveModel;
 use crate::spline::Spline;
 use crate::state::{State, StateKind};
 use crate::store::Storage;

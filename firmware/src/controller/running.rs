@@ -15,14 +15,14 @@ use protocol::{Duration, Instant, JointIndex};
 
 use super::standing::REST_SLACK;
 use super::{Controller, Generator};
-use crate::drive_model::DriveModel;
-use crate::drives::PositionSample;
 use crate::fault::{Cause, Fault};
 use crate::feedback::{self, ErrorState};
+use crate::groups::powercube::drive_model::DriveModel;
+use crate::groups::powercube::drives::PositionSample;
+use crate::groups::powercube::ramp::{self, RampState};
+use crate::groups::powercube::slots::Slots;
 use crate::joints::{at_least, clamp};
 use crate::path::PathClock;
-use crate::ramp::{self, RampState};
-use crate::slots::Slots;
 use crate::span;
 use crate::spline::{Setpoint, Spline};
 use crate::state::{State, StopWay};

@@ -14,7 +14,7 @@ use firmware::state::StateKind;
 use firmware::store::{FileName, RamStorage};
 use firmware::trajectory_format::{self, Header};
 use firmware::authority::{Peer, Seed};
-use firmware::transmit::QUEUE_LEN;
+use firmware::groups::powercube::transmit::QUEUE_LEN;
 use libfuzzer_sys::fuzz_target;
 use protocol::cyphal::crc::Crc64;
 use protocol::powercube::{

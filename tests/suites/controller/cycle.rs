@@ -2,8 +2,8 @@
 //! found before the throw, not in it.
 
 use firmware::fault::{Cause, Refusal};
+use firmware::groups::powercube::slots::Slots;
 use firmware::settings::Settings;
-use firmware::slots::Slots;
 use firmware::state::StateKind;
 
 use super::lab::{Lab, Situation};

@@ -3,8 +3,8 @@
 //!
 //! `SEEDS` in the environment sets how many arms; the ignored tests run 200.
 
-use firmware::drive_model::excursion_max_rad;
 use firmware::fault::Cause;
+use firmware::groups::powercube::drive_model::excursion_max_rad;
 use firmware::orders::Order;
 use firmware::settings::Settings;
 use firmware::state::StateKind;

@@ -12,7 +12,7 @@
 //! 3. A request that got no reply in time is *abandoned*: its key is barred until a later request of the
 //!    drive is answered (by 2 the old reply is past then) or [`QUARANTINE`] has gone by. A reply that fits a
 //!    barred key is late: it is counted, not used. The schedule puts a read in between when it
-//!    needs a barred key ([`crate::schedule`]).
+//!    needs a barred key ([`crate::groups::powercube::schedule`]).
 //! 4. A bus repeats a frame (a receiver saw its last bit wrong) at once, before the sender's next one. So the key
 //!    of the last answered request is barred for [`DUPLICATE_WINDOW`], or until another request is answered. In the
 //!    control cycle writes and motions alternate, so this never waits.
@@ -24,7 +24,7 @@ use protocol::powercube::{
 };
 use protocol::{Duration, Frame, Instant, ModuleId};
 
-use crate::ramp::Loaded;
+use crate::groups::powercube::ramp::Loaded;
 use crate::rest::Rest;
 
 /// Longest time an answer may still be under way. Hosts of the field wait up to 100 ms.

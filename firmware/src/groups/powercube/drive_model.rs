@@ -39,8 +39,8 @@
 use protocol::Instant;
 
 use crate::fault::Cause;
+use crate::groups::powercube::ramp::RampState;
 use crate::joints::{at_least, at_most, clamp};
-use crate::ramp::RampState;
 use crate::span;
 
 /// Largest position residual of a drive at rest, rad: eight and a half steps of the encoder (0.35 mrad). Healthy drives of 200

@@ -6,7 +6,7 @@
 //! Per joint: write acceleration (or speed), wait for its acknowledge, send the motion, wait for its
 //! answer: four frames, 372 to 450 bits, so six joints fill 2.2 to 2.7 ms at 1 Mbit/s. A drive thinks for 0.1 to
 //! 0.3 ms before it answers; that time is free only if other drives use it. With W drives asked at
-//! once the bus is full ([`crate::pace`] has the whole count) as soon as W · (request + answer) > request + answer + thinking, about three at
+//! once the bus is full ([`crate::groups::powercube::pace`] has the whole count) as soon as W · (request + answer) > request + answer + thinking, about three at
 //! 0.3 ms; [`Settings::in_flight_max`] is four. More would only put frames into transmit queues, where a
 //! halt could wait behind them.
 //!
@@ -14,7 +14,7 @@
 //! two answers would both be waited for with an idle bus; this way it is one. A drive that needs two writes sends both
 //! in this first part.
 //!
-//! A motion has a slot ([`crate::slots`]): it is not sent before, even if the bus is free, so the commands of a drive
+//! A motion has a slot ([`crate::groups::powercube::slots`]): it is not sent before, even if the bus is free, so the commands of a drive
 //! come one period apart. Reads that are no part of the control ("guests") wait until the last motion is on the bus.
 //!
 //! [`Settings::in_flight_max`]: crate::settings::Settings::in_flight_max
@@ -22,7 +22,7 @@
 use protocol::powercube::{Parameter, Request};
 use protocol::{Duration, Instant, JointIndex};
 
-use crate::drives::{Drive, Key, Lane};
+use crate::groups::powercube::drives::{Drive, Key, Lane};
 use crate::joints::PerJoint;
 
 /// Requests of one drive in one cycle: speed, acceleration, motion, guest.

@@ -1,0 +1,3 @@
+//! Groups of drives: each module speaks one family's protocol behind the controller.
+
+pub mod powercube;
