@@ -78,7 +78,7 @@ in_step() { # name, runner
         pids+=($!)
         ;;
     board)
-        words+=(--gains "$PWD/host/gains/powercube6-5ms.toml")
+        words+=(--gains "$PWD/host/tuner/gains/powercube6-5ms.toml")
         mkfifo "$dir/cell.in" "$dir/cell.out"
         (cd "$dir" && emulator "$out/coupled.elf" -serial null -icount shift=3,align=off,sleep=off) &
         pids+=($!)

@@ -169,7 +169,7 @@ impl Settings {
 
     /// The PowerCube arm (`powercube6`), gains of the certified saturated design at 3 ms.
     ///
-    /// Gains and certificate: `host/gains/powercube6-3ms.toml`, made by `host/gains/make`. Its initial errors are the start tolerance here: from farther away no
+    /// Gains and certificate: `host/tuner/gains/powercube6-3ms.toml`, made by `host/tuner/gains/make`. Its initial errors are the start tolerance here: from farther away no
     /// plan starts.
     /// Speeds, accelerations and currents: paper 002, table II and eq. (11). Following error,
     /// tolerance and slow speeds are chosen.
@@ -258,7 +258,7 @@ impl Settings {
     /// The same arm at the paper's period of 17 ms, every number of the error used as it is measured.
     ///
     /// The paper does not print its gains. These are the certified saturated design for the period,
-    /// `host/gains/powercube6-17ms.toml`.
+    /// `host/tuner/gains/powercube6-17ms.toml`.
     pub const fn powercube6_paper() -> Self {
         let mut settings = Self::powercube6();
         settings.cycle_period_us = 17_000;

@@ -10,12 +10,12 @@ use std::time::Instant;
 
 use host::bus::BusArgs;
 use host::bus::args::CellArgs;
-use host::identify::current::CurrentConstant;
 use host::identify::experiment::Bounds;
 use host::identify::joint::{Wish, identify};
-use host::identify::regression::Estimate;
 use rayon::prelude::*;
 use robot_model::AnyRobot;
+use tuner::identify::current::CurrentConstant;
+use tuner::identify::regression::Estimate;
 
 const LEVEL: f64 = 0.95;
 const NOISE_A: f64 = 0.05;

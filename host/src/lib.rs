@@ -11,7 +11,7 @@
 //! | [`log`] | recordings: candump text and MCAP; what their frames say |
 //! | [`analysis`] | a recorded run against its plan: tracking, currents, timing, bus, events |
 //! | [`trust`] | throws with faults in the simulated cell, judged from the plant itself |
-//! | [`tune`], [`identify`] | gain design with certificates, plant constants from samples |
+//! | [`identify`] | experiments that measure the parameters of a drive |
 
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 
@@ -26,4 +26,3 @@ pub mod log;
 pub mod report;
 pub mod throw;
 pub mod trust;
-pub mod tune;

@@ -29,7 +29,8 @@ const SLOWER: (&str, &str) =
 #[test]
 fn another_robot_gets_gains_that_are_designed_for_it_and_the_report_names_their_certificate() {
     let folder = Folder::new("robots-own-gains");
-    let built_in = std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/gains/powercube6-3ms.toml")).unwrap();
+    let built_in =
+        std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/tuner/gains/powercube6-3ms.toml")).unwrap();
     let foreign = format!("{:08x}", firmware::crc::Crc32::of(&built_in));
     let my_arm = robot(&folder, "my_arm.toml", &[NAME, SLOWER]);
     let dir = folder.file("a");

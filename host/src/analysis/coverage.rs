@@ -16,7 +16,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::collect::{DriveLog, Heard};
-use crate::tune::gains_file::{CertificateTable, GainsFile};
+use tuner::gains::gains_file::{CertificateTable, GainsFile};
 
 /// Timing that the certificate of all joints covers.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -15,10 +15,10 @@ use crate::bus::{BusArgs, Session};
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::identify::experiment::{Bounds, ExperimentError};
-use crate::identify::findings::Findings;
 use crate::identify::joint::{JointError, Wish, identify};
-use crate::identify::report;
+use crate::report::identify as report;
 use protocol::powercube::Parameter;
+use tuner::identify::findings::Findings;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -171,7 +171,7 @@ fn tell(args: &Args, findings: &Findings) -> Result<(), ExpectedError> {
 }
 
 fn json(findings: &Findings) -> serde_json::Value {
-    let estimate = |e: Option<&crate::identify::regression::Estimate>| {
+    let estimate = |e: Option<&tuner::identify::regression::Estimate>| {
         e.map(|e| serde_json::json!({ "value": e.value, "half_width": e.half_width }))
     };
     let k_m = findings.k_m.as_ref().and_then(|k_m| k_m.as_ref().ok());

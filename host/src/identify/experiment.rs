@@ -17,9 +17,7 @@ use robot_model::{JointVec, RobotModel};
 use crate::bus::Session;
 use crate::bus::ask::AskError;
 use crate::bus::session::BusFailure;
-pub(super) use samples::HOLD_READINGS;
 use samples::{FrameLog, LogTap};
-pub use samples::{Speeds, Steps};
 
 /// Speed of ways between measurements, rad/s, and its share of the largest speed at most.
 const TRAVEL_RAD_S: f64 = 0.5;

@@ -5,10 +5,10 @@ use robot_model::collision::Scene;
 use robot_model::{AnyRobot, RobotModel};
 
 use super::experiment::{Bounds, Experiment, ExperimentError};
-use super::findings::{Findings, Holds, Measured, Subject};
-use super::poses::{HOLDS, Ways};
 use crate::bus::Session;
-use crate::tune::model::DriveLag;
+use tuner::identify::findings::{Findings, Holds, Measured, Subject};
+use tuner::identify::poses::{HOLDS, Ways};
+use tuner::model::DriveLag;
 
 /// What is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]

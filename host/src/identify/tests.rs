@@ -2,13 +2,13 @@
 //! blocked joint or drowned data are refused.
 
 use super::experiment::{Bounds, ExperimentError};
-use super::findings::Findings;
 use super::joint::{JointError, Wish, identify};
 use crate::bus::args::CellArgs;
 use crate::bus::{BusArgs, Session};
 use hil_sim::fault::{FaultTarget, PhysicalFault, Place};
 use protocol::ModuleId;
 use robot_model::AnyRobot;
+use tuner::identify::findings::Findings;
 
 /// Table III of the paper, joint 2.
 const K_B_A_S_RAD: f64 = 2.9116;
@@ -53,7 +53,7 @@ fn constants_of_the_simulator_come_back_within_the_interval() {
     let patch = findings.patch();
     assert!(patch.contains("name = \"joint2\"") && toml::from_str::<toml::Table>(&patch).is_ok(), "{patch}");
     say::line!("{}", findings.text());
-    let html = super::report::html(&findings).unwrap();
+    let html = crate::report::identify::html(&findings).unwrap();
     if let Ok(path) = std::env::var("IDENTIFY_REPORT") {
         std::fs::write(path, &html).unwrap();
     }

@@ -5,6 +5,7 @@
 //! |---|---|
 //! | [`plan`] | summary and HTML report of a plan file |
 //! | [`run`] | HTML report of a recorded run against its plan |
+//! | [`identify`] | HTML report of an identification |
 //! | [`reach`] | map of what a sweep reached |
 //! | [`page`] | an HTML page: style, scripts, tiles, tables |
 //! | [`chart`] | line charts as SVG |
@@ -13,6 +14,7 @@
 //! | [`timeline`] | frames on the bus |
 
 pub mod chart;
+pub mod identify;
 pub mod landing;
 pub mod page;
 pub mod plan;

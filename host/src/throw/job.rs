@@ -8,7 +8,6 @@ use protocol::{Duration, Instant};
 use robot_model::collision::Scene;
 
 use super::approach::{ApproachError, rest_to_rest};
-use super::gains::built_in_of;
 use super::outcome::{Ball, Landing, LandingSource};
 use super::trajectory::{Motion, TrajectoryError, robot_crc32};
 use crate::analysis::coverage::Certified;
@@ -20,9 +19,10 @@ use crate::bus::registers::Numbers;
 use crate::bus::session::BusFailure;
 use crate::log::candump::Line;
 use crate::log::keep::Keeper;
-use crate::tune::gains_file::{GainsFile, GainsFileError};
 use planner::plan::file::PlanFile;
 use planner::plan::{Arm, JOINTS, Joints};
+use tuner::gains::choose::built_in_of;
+use tuner::gains::gains_file::{GainsFile, GainsFileError};
 
 /// Longest start-up of a controller.
 const BOOT_MAX: Duration = Duration::from_secs(20);

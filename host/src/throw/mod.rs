@@ -8,7 +8,6 @@
 //! |---|---|
 //! | [`trajectory`] | motions, and the one place where they become a controller's file |
 //! | [`period`] | the control period of a controller in this program: measured, given, or refused |
-//! | [`gains`] | gains for a robot at a period: built in, or designed on the way |
 //! | [`approach`] | motions from rest to rest around everything in the way |
 //! | [`job`] | the steps above, in order, on a session |
 //! | [`outcome`] | how a throw ended: landed, missed, not released, stopped, and what is known where nobody watches |
@@ -20,7 +19,6 @@
 //! * Whatever ends a step early, the arm stands when it returns.
 
 pub mod approach;
-pub mod gains;
 pub mod job;
 pub mod outcome;
 pub mod period;

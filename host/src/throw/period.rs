@@ -4,10 +4,10 @@ use firmware::settings::Settings;
 use protocol::{Duration, JointIndex};
 use robot_model::AnyRobot;
 
-use super::gains::{GainsFrom, NoGains, PERIODS_US, gains_for};
 use crate::bus::pace::Pace;
 use crate::bus::settings::{NoSettings, settings_of};
-use crate::tune::gains_file::GainsFile;
+use tuner::gains::choose::{GainsFrom, NoGains, PERIODS_US, gains_for};
+use tuner::gains::gains_file::GainsFile;
 
 /// Shortest and longest control period of a controller, µs: the range of its register `cycle.period_us`.
 pub const PERIOD_MIN_US: u32 = 1_000;

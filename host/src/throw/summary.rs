@@ -5,7 +5,6 @@ use protocol::cyphal::cubecell::group_state::State;
 use protocol::cyphal::id::NodeId;
 use serde_json::{Value, json};
 
-use super::gains::GainsFrom;
 use super::job::{Job, Record};
 use super::outcome::Verdict;
 use crate::analysis::RunAnalysis;
@@ -13,6 +12,7 @@ use crate::analysis::tracking::ErrorSize;
 use crate::bus::pace::Pace;
 use crate::bus::soft::SoftReport;
 use planner::plan::file::VERSION as PLAN_VERSION;
+use tuner::gains::choose::GainsFrom;
 
 /// Version of the file.
 pub const VERSION: u32 = 2;

@@ -23,9 +23,9 @@ use crate::throw::outcome::{self, Outcome, default_tolerance_m};
 use crate::throw::period::{Wish, apply, choose};
 use crate::throw::trajectory::Motion;
 use crate::throw::{Job, JobError, Record, job};
-use crate::tune::gains_file::GainsFile;
 use planner::plan::Arm;
 use planner::plan::file::PlanFile;
+use tuner::gains::gains_file::GainsFile;
 
 /// Robot of the bench.
 pub const ROBOT: &str = "powercube6";

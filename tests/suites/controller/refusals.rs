@@ -6,13 +6,13 @@ use firmware::orders::{Done, Order};
 use firmware::registers::Number;
 use firmware::settings::Settings;
 use firmware::store::FileName;
-use host::tune::gains_file::{GainsFile, GainsFileError};
 use protocol::Duration;
 use protocol::cyphal::crc::Crc64;
+use tuner::gains::gains_file::{GainsFile, GainsFileError};
 
 use super::lab::{Lab, Situation};
 
-const GAINS: &str = include_str!("../../../host/gains/powercube6-3ms.toml");
+const GAINS: &str = include_str!("../../../host/tuner/gains/powercube6-3ms.toml");
 const VALID: Duration = Duration::from_secs(5);
 
 /// A lab that is ready, with the gains of the file written the way a host does it.

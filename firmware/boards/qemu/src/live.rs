@@ -76,7 +76,7 @@ impl Clock {
 /// Settings for an arm at the end of a UART: a reply takes about a millisecond on it, and all of a cycle's wait for each other
 /// and for telemetry.
 ///
-/// Gains and certificate: `host/gains/powercube6-34ms.toml`, made by `host/gains/make`.
+/// Gains and certificate: `host/tuner/gains/powercube6-34ms.toml`, made by `host/tuner/gains/make`.
 #[inline(never)]
 pub fn settings() -> Settings {
     const GAINS: [(f32, f32, f32); 6] = {

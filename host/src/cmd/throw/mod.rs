@@ -31,16 +31,16 @@ use crate::bus::settings::settings_of;
 use crate::bus::{BusArgs, Session};
 use crate::error::ExpectedError;
 use crate::exit;
-use crate::throw::gains::GainsFrom;
 use crate::throw::job::{News, Step};
 use crate::throw::outcome::{Outcome, default_tolerance_m, judge};
 use crate::throw::period::{NoPeriod, PERIOD_MAX_US, PERIOD_MIN_US, Wish, apply, choose};
 use crate::throw::summary::{Circumstances, summary};
 use crate::throw::{Job, JobError, Record, Verdict, job};
-use crate::tune::gains_file::GainsFile;
 use planner::plan::Arm;
 use planner::plan::file::PlanFile;
 use planner::verify;
+use tuner::gains::choose::GainsFrom;
+use tuner::gains::gains_file::GainsFile;
 
 /// How long is listened for a controller before a soft one is started, on a live bus.
 const LISTEN: protocol::Duration = protocol::Duration::from_millis(400);

@@ -11,11 +11,11 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use crate::analysis::tracking::JointTracking;
 use crate::bus::pace::Pace;
-use crate::throw::gains::GainsFrom;
 use crate::throw::job::News;
 use crate::throw::period::Choice;
 use crate::throw::{Record, Verdict};
 use planner::plan::file::PlanFile;
+use tuner::gains::choose::GainsFrom;
 
 /// Longest answer that is read.
 const ANSWER_MAX_BYTES: u64 = 256;

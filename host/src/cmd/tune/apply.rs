@@ -15,8 +15,8 @@ use serde::{Deserialize, Serialize};
 use crate::bus::Session;
 use crate::bus::operator::OperatorError;
 use crate::throw::period::set_period;
-use crate::tune::gains_file::GainsFile;
-use crate::tune::model::Estimator;
+use tuner::gains::gains_file::GainsFile;
+use tuner::model::Estimator;
 
 /// Registers of the gain row, in its order.
 const GAINS: [&str; 3] = ["joint.k_error_1_s2", "joint.k_rate_1_s", "joint.k_last"];

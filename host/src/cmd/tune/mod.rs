@@ -19,16 +19,16 @@ use crate::bus::settings::crc32_of_any;
 use crate::bus::{BusArgs, Session};
 use crate::error::ExpectedError;
 use crate::exit;
-use crate::tune::design::{Design, Tuned, tune};
-use crate::tune::gains_file::{FORMAT, GainsFile, GainsFileError};
-use crate::tune::machine::{Demand, Machine, MachineError, Motion, inputs, usual_jitter};
-use crate::tune::model::Estimator;
-use crate::tune::picture;
-use crate::tune::trial::TrialMotion;
 pub(in crate::cmd) use apply::InForce;
 use apply::{ApplyError, OnBus, put};
 use planner::plan::file::PlanFile;
 use trial::built_in;
+use tuner::gains::design::{Design, Tuned, tune};
+use tuner::gains::gains_file::{FORMAT, GainsFile, GainsFileError};
+use tuner::gains::machine::{Demand, Machine, MachineError, Motion, inputs, usual_jitter};
+use tuner::gains::picture;
+use tuner::gains::trial::TrialMotion;
+use tuner::model::Estimator;
 
 /// Which design to use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -155,7 +155,7 @@ pub enum TuneError {
     Share(f64),
     /// A joint.
     #[error(transparent)]
-    Design(#[from] crate::tune::design::DesignError),
+    Design(#[from] tuner::gains::design::DesignError),
     /// The file just written does not read back.
     #[error("the gains do not verify after rounding to text: {0}; please report this")]
     File(#[from] GainsFileError),

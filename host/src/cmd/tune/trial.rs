@@ -8,14 +8,14 @@ use robot_model::AnyRobot;
 
 use super::apply::InForce;
 use crate::bus::settings::crc32_of_any;
-use crate::tune::gains_file::{GainsFile, JointGains, certificate_gains, paper_system};
-use crate::tune::lqr;
-use crate::tune::machine::Motion;
-use crate::tune::paper::largest_decay;
-use crate::tune::problem::PhaseInput;
-use crate::tune::saturated::Gains;
-use crate::tune::trial::{JOINTS, Trial, TrialMotion, run, settings};
 use planner::plan::file::{JointPlan, PlanFile, Segment};
+use tuner::gains::gains_file::{GainsFile, JointGains, certificate_gains, paper_system};
+use tuner::gains::lqr;
+use tuner::gains::machine::Motion;
+use tuner::gains::paper::largest_decay;
+use tuner::gains::problem::PhaseInput;
+use tuner::gains::saturated::Gains;
+use tuner::gains::trial::{JOINTS, Trial, TrialMotion, run, settings};
 
 /// Error at the start of a trial, rad: the paper's.
 const OFFSET_RAD: f64 = 0.1;
@@ -205,14 +205,14 @@ fn cells(beside: &Trial, on: &Trial) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tune::design::{Design, tune};
-    use crate::tune::gains_file::FORMAT;
-    use crate::tune::machine::{Demand, Machine, inputs};
-    use crate::tune::model::Estimator;
+    use tuner::gains::design::{Design, tune};
+    use tuner::gains::gains_file::FORMAT;
+    use tuner::gains::machine::{Demand, Machine, inputs};
+    use tuner::model::Estimator;
 
     #[test]
     fn built_in_gains_are_the_certified_ones_of_their_file() {
-        let file = include_str!("../../../gains/powercube6-3ms.toml");
+        let file = include_str!("../../../tuner/gains/powercube6-3ms.toml");
         let file = GainsFile::from_toml(file, "powercube6").unwrap();
         assert_eq!(built_in().with(&file, built_in().robot_crc32).unwrap(), built_in());
     }

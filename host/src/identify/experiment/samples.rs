@@ -9,9 +9,10 @@ use protocol::{Duration, Frame, Instant};
 
 use super::{Experiment, ExperimentError, Look};
 use crate::bus::session::{Tap, Way};
-use crate::identify::current::{HoldSample, SpeedSample};
-use crate::identify::lag::StepSample;
-use crate::identify::poses::{APPROACH_RAD, HOLDS, Sweep};
+use tuner::identify::current::{HoldSample, SpeedSample};
+use tuner::identify::lag::StepSample;
+use tuner::identify::poses::{APPROACH_RAD, HOLDS, Sweep};
+use tuner::identify::samples::{HOLD_READINGS, Speeds, Steps};
 
 /// Speeds at which the current is measured, share of the fastest.
 const SPEED_SHARES: [f64; 6] = [0.25, 0.4, 0.55, 0.7, 0.85, 1.0];
@@ -19,8 +20,6 @@ const SPEED_SHARES: [f64; 6] = [0.25, 0.4, 0.55, 0.7, 0.85, 1.0];
 const WINDOW_RAD: (f64, f64) = (0.2, 1.0);
 /// Way that a joint gets to settle on its speed, rad.
 const SETTLE_RAD: f64 = 0.06;
-/// Readings averaged for a holding current.
-pub(in crate::identify) const HOLD_READINGS: usize = 300;
 /// Readings that a steady speed must have at least.
 const SPEED_READINGS_MIN: usize = 20;
 /// A joint stands after a ramp for so long before its holding current counts.
@@ -58,28 +57,6 @@ impl Tap for LogTap {
         }
         Ok(())
     }
-}
-
-/// Steady speeds with their mean load.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Speeds {
-    /// One per run.
-    pub samples: Vec<SpeedSample>,
-    /// Fastest that was asked for, rad/s.
-    pub top_rad_s: f64,
-    /// Stretch over which the currents were averaged.
-    pub stretch: Sweep,
-}
-
-/// Answers to steps of acceleration.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Steps {
-    /// All steps laid over each other, upwards.
-    pub samples: Vec<StepSample>,
-    /// Acceleration commanded, rad/s2.
-    pub acceleration_rad_s2: f64,
-    /// From the end of a question to the begin of its answer, s.
-    pub answers_s: Vec<f64>,
 }
 
 impl<const N: usize> Experiment<'_, N> {

@@ -3,11 +3,11 @@
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use super::current::CurrentConstant;
-use super::findings::{Findings, Holds};
-use super::lag::answer;
 use crate::report::chart::escape;
-use crate::tune::model::DriveLag;
+use tuner::identify::current::CurrentConstant;
+use tuner::identify::findings::{Findings, Holds};
+use tuner::identify::lag::answer;
+use tuner::model::DriveLag;
 
 /// Size of a picture, px.
 const SIZE: (u32, u32) = (640, 420);

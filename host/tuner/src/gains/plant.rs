@@ -3,7 +3,7 @@
 //! Integrated in steps of 50 us, unlike the exact discretisation that the design rests on, and with
 //! what the design leaves out: Coulomb friction, position resolution, velocity clip.
 
-use super::model::{DriveLag, Estimator};
+use crate::model::{DriveLag, Estimator};
 use firmware::feedback::{ErrorEstimator, ErrorState, Gains, Weights, clip_to_remaining};
 
 /// Integration step, s: a sixtieth of the drive's time constant 1/wn at 320 rad/s.

@@ -1,8 +1,8 @@
 //! Designs side by side on a plant with everything the design leaves out, following a motion.
 
-use super::model::Estimator;
 use super::plant::{Law, Plant, Reference, Setup, track};
 use super::saturated::Gains;
+use crate::model::Estimator;
 
 /// Errors of one joint, worst over an initial error of either sign.
 #[derive(Clone, Copy, Debug, PartialEq)]

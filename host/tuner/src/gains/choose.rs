@@ -2,9 +2,9 @@
 
 use robot_model::AnyRobot;
 
-use crate::tune::design::{Design, DesignError, Tuned, tune};
-use crate::tune::gains_file::{FORMAT, GainsFile};
-use crate::tune::machine::{Demand, Machine, MachineError, Motion, inputs};
+use crate::gains::design::{Design, DesignError, Tuned, tune};
+use crate::gains::gains_file::{FORMAT, GainsFile};
+use crate::gains::machine::{Demand, Machine, MachineError, Motion, inputs};
 
 /// Gains of `powercube6` that come with the program, shortest period first. Each is the certified saturated design of
 /// `cubectl tune --period …` for the initial errors of the firmware's start tolerance.

@@ -4,7 +4,6 @@
 //! |---|---|
 //! | [`machine`] | robot model and motion → data per joint |
 //! | [`problem`] | data of one joint, checked |
-//! | [`model`] | exact sampled model of the tracking error: ramp generator, position loop, delay |
 //! | [`lmi`] | matrix inequalities as data, solved by the conic solver |
 //! | [`rigor`] | definiteness proven with rounding bounds |
 //! | [`paper`] | design A: Theorem 1, continuous, with `Q >= I` added |
@@ -18,6 +17,7 @@
 //! | [`trial`] | gains on the simulated cell with the firmware's controller |
 //! | [`design`] | one joint, all of the above |
 //! | [`gains_file`] | `gains.toml`, proven again when read |
+//! | [`choose`] | gains for a robot at a period: built in, or designed on the way |
 //! | [`picture`] | region and trajectories as SVG |
 //!
 //! What the certificate of design B covers: the firmware's law as it runs, that is its estimator with its weights, gains as
@@ -31,6 +31,7 @@
 #[cfg(test)]
 mod barrier;
 pub mod certificate;
+pub mod choose;
 pub mod compare;
 pub mod design;
 pub mod evidence;
@@ -39,7 +40,6 @@ pub mod lmi;
 pub mod lqr;
 pub mod machine;
 pub mod margins;
-pub mod model;
 pub mod paper;
 pub mod picture;
 pub mod plant;

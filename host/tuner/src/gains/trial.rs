@@ -20,8 +20,8 @@ use protocol::cyphal::crc::Crc64;
 use protocol::{Duration, Frame, Instant, JointIndex};
 use robot_model::AnyRobot;
 
-use super::model::Estimator;
 use super::saturated::Gains;
+use crate::model::Estimator;
 
 /// Joints of the arms that the firmware has settings for.
 pub const JOINTS: usize = 6;

@@ -3,11 +3,11 @@
 //! The check shares with the design only the sampled model; definiteness is proven by
 //! [`super::rigor`], on the gains as rounded to f32.
 
-use super::model::{STATES, Sampled, StateMatrix, StateRow, StateVector};
 use super::problem::Problem;
 use super::region::scaled_loop;
 use super::rigor::{min_eigenvalue_bound, min_eigenvalue_bound_below, product_error};
 use super::saturated::{Gains, Weights, row, time_unit_s};
+use crate::model::{STATES, Sampled, StateMatrix, StateRow, StateVector};
 use nalgebra::{DMatrix, SMatrix};
 
 /// Certified ellipsoid {x : x' S^-1 P S^-1 x <= 1} of one phase.

@@ -5,12 +5,12 @@ use super::certificate::{SaturatedCertificate, SaturatedRefusal};
 use super::compare::tracking;
 use super::design::{Design, Proof, Tuned, tune};
 use super::gains_file::{FORMAT, GainsFile, GainsFileError};
-use super::model::{Estimator, STATES, StateMatrix, StateVector, steady_state};
 use super::plant::{Law, Plant, Setup, Throw, Track, track};
 use super::problem::tests::joint_1;
 use super::problem::{JointInput, PhaseInput, Problem};
 use super::region::{Ask, program, scaled_loop};
 use super::saturated::{self, SaturatedError, Weights, certify, design, row};
+use crate::model::{Estimator, STATES, StateMatrix, StateVector, steady_state};
 use nalgebra::DVector;
 use std::sync::OnceLock;
 

@@ -4,10 +4,10 @@
 use std::fmt::Write as _;
 
 use super::current::{CurrentConstant, HoldSample, k_b, k_m};
-use super::experiment::{Speeds, Steps};
 use super::lag::{DriveAnswer, identify};
 use super::regression::{Estimate, Refusal};
-use crate::tune::model::DriveLag;
+use super::samples::{HOLD_READINGS, Speeds, Steps};
+use crate::model::DriveLag;
 
 /// Relative half width beyond which a load is not worth measuring.
 const WORTH: f64 = 0.25;
@@ -70,7 +70,7 @@ impl Holds {
     /// each: a rough forecast of the interval of K_M.
     pub fn are_worth(largest_nm: f64, k_m_a_nm: f64, scatter_a: f64, holds: usize) -> bool {
         // Loads spread evenly from end to end have a standard deviation of 0.6 of the largest; Student's factor is 2.3.
-        let error_a = scatter_a / (super::experiment::HOLD_READINGS as f64).sqrt();
+        let error_a = scatter_a / (HOLD_READINGS as f64).sqrt();
         2.3 * error_a / (0.6 * largest_nm * (holds as f64).sqrt()) < WORTH * k_m_a_nm
     }
 }

@@ -1,8 +1,8 @@
 //! Linear figures of a loop: how fast it decays unsaturated, and how much more delay it bears.
 
-use super::model::{STATES, Sampled};
 use super::problem::Problem;
 use super::saturated::{Gains, row};
+use crate::model::{STATES, Sampled};
 use nalgebra::{Complex, SMatrix};
 
 /// Figures at the nominal period and delay.
@@ -67,7 +67,7 @@ mod tests {
         let period_s = 0.02;
         let mut input = joint_1(period_s);
         let gains = [-417.0, -38.8, 0.0];
-        let radius = |delay: f64, input: &mut crate::tune::problem::JointInput| {
+        let radius = |delay: f64, input: &mut crate::gains::problem::JointInput| {
             input.delay_s = (delay, delay);
             linear_figures(&Problem::new(input).unwrap(), gains)
         };

@@ -6,7 +6,7 @@
 
 use super::regression::{Estimate, Refusal};
 use super::student::two_sided;
-use crate::tune::model::DriveLag;
+use crate::model::DriveLag;
 use nalgebra::{Matrix3, Vector3};
 
 /// A measured position after the step.
@@ -39,7 +39,7 @@ const SAMPLES_MIN: usize = 20;
 const STEPS_MAX: usize = 100;
 
 /// Position `t_s` after the effect begins: closed form of the second-order answer to a t^2 / 2.
-pub(super) fn answer(drive: &DriveLag, acceleration_rad_s2: f64, t_s: f64) -> f64 {
+pub fn answer(drive: &DriveLag, acceleration_rad_s2: f64, t_s: f64) -> f64 {
     if t_s <= 0.0 {
         return 0.0;
     }
@@ -182,7 +182,7 @@ fn conclude(
 mod tests {
     use super::super::noise::Noise;
     use super::*;
-    use crate::tune::model::Estimator;
+    use crate::model::Estimator;
 
     const TRUE: (f64, DriveLag) = (0.0021, DriveLag { wn_rad_s: 320.0, zeta: 0.8 });
     const GUESS: (f64, DriveLag) = (0.0, DriveLag { wn_rad_s: 200.0, zeta: 1.0 });
@@ -206,7 +206,7 @@ mod tests {
         for zeta in [0.3, 0.8, 1.0, 1.7] {
             let drive = DriveLag { wn_rad_s: 320.0, zeta };
             for t in [1e-4, 0.003, 0.02, 0.1] {
-                let model = crate::tune::model::sampled(&drive, &Estimator::PLAIN, t, 0.0);
+                let model = crate::model::sampled(&drive, &Estimator::PLAIN, t, 0.0);
                 let want = model.b[0] * 30.0;
                 let found = answer(&drive, 30.0, t);
                 assert!((found - want).abs() < 1e-12 + 1e-9 * want.abs(), "{zeta} {t}: {found} {want}");

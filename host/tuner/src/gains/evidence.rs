@@ -1,9 +1,9 @@
 //! The saturated loop simulated: what the certificate bounds, seen happening.
 
 use super::certificate::SaturatedCertificate;
-use super::model::{Sampled, StateRow, StateVector, steady_state};
 use super::problem::Problem;
 use super::saturated::{Gains, row, time_unit_s};
+use crate::model::{Sampled, StateRow, StateVector, steady_state};
 
 /// One step of the saturated loop.
 fn step(model: &Sampled, k: &StateRow, u_max: f64, x: &StateVector) -> (StateVector, f64) {

@@ -3,7 +3,7 @@
 //! State (position error, velocity error, last command), double integrator whose command acts a
 //! delay later, no drive lag, saturation ignored in the design. No certificate comes with it.
 
-use super::model::exponential;
+use crate::model::exponential;
 use nalgebra::{Matrix3, RowVector3, Vector3};
 
 /// x+ = A x + B u over one period, the last command acting until `delay_s`.

@@ -1,8 +1,8 @@
 //! Problem data from a robot model and, where there is one, the motion it shall follow.
 
-use super::model::{DriveLag, Estimator};
 use super::plant::Plant;
 use super::problem::{JointInput, PhaseInput};
+use crate::model::{DriveLag, Estimator};
 use robot_model::{AnyRobot, RobotModel};
 
 /// What gain design needs of a machine.

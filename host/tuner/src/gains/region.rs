@@ -2,9 +2,9 @@
 
 use super::certificate::Region;
 use super::lmi::{Lmi, SolveError, symmetric_at, symmetric_unknowns};
-use super::model::{STATES, Sampled, StateMatrix, StateRow, StateVector, target_row};
 use super::problem::{Phase, Problem};
 use super::saturated::{Family, Gains, Weights, row, scales, slow_row, time_unit_s};
+use crate::model::{STATES, Sampled, StateMatrix, StateRow, StateVector, target_row};
 use nalgebra::DMatrix;
 
 /// Slow rows tried: share of u_max / error radius that its stiffness takes, and its damping. Optima

@@ -1,8 +1,8 @@
 //! Picture of a tuned joint: certified region with trajectories, and errors over time.
 
 use super::design::{Proof, Tuned};
-use super::model::{StateVector, steady_state};
 use super::saturated::row;
+use crate::model::{StateVector, steady_state};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 

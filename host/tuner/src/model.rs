@@ -38,7 +38,7 @@
 //! The controller knows e + c, w and u_last only; its gain row is [k_pos, k_vel, k_last].
 //!
 //! Left out: friction, the rounding of positions (0.02 degrees), the velocity limit of the ramp generator, lost replies,
-//! coupling between joints. They are in the trials on the simulated cell ([`super::trial`]), which are evidence, not proof.
+//! coupling between joints. They are in the trials on the simulated cell ([`crate::gains::trial`]), which are evidence, not proof.
 
 use nalgebra::{RowSVector, SMatrix, SVector};
 

@@ -1,17 +1,17 @@
 //! Gain design measured: time of one design per joint, and the designs compared on the reference throw.
 //!
-//! `cargo bench -p host --bench tune`. Prints tables; nothing is asserted. The throw is the published
+//! `cargo bench -p tuner --bench tune`. Prints tables; nothing is asserted. The throw is the published
 //! one re-optimised (tests/oracle/throw_j31699.py prints its numbers).
 
-use host::tune::compare::{Tracking, tracking};
-use host::tune::design::{Design, Tuned, tune};
-use host::tune::machine::{Demand, Machine, Motion, inputs};
-use host::tune::model::Estimator;
-use host::tune::plant::{Law, Plant, Setup, Throw, track};
-use host::tune::problem::PhaseInput;
-use host::tune::{lqr, saturated::Gains};
 use nix::time::{ClockId, clock_gettime};
 use robot_model::AnyRobot;
+use tuner::gains::compare::{Tracking, tracking};
+use tuner::gains::design::{Design, Tuned, tune};
+use tuner::gains::machine::{Demand, Machine, Motion, inputs};
+use tuner::gains::plant::{Law, Plant, Setup, Throw, track};
+use tuner::gains::problem::PhaseInput;
+use tuner::gains::{lqr, saturated::Gains};
+use tuner::model::Estimator;
 
 /// Position feedback that is always at the bound of the command.
 const FULL: Gains = [-1e5, 0.0, 0.0];

@@ -1,6 +1,6 @@
 //! What a gain design starts from, checked once: inside, the type is the proof.
 
-use super::model::{DriveLag, Estimator, STATES, Sampled, sampled, steady_state};
+use crate::model::{DriveLag, Estimator, STATES, Sampled, sampled, steady_state};
 use nalgebra::DMatrix;
 
 /// Closed interval low..=high.

@@ -1,10 +1,10 @@
 //! `gains.toml`: gains with their certificates, versioned, refused unless everything proves again.
 
 use super::certificate::{Region, SaturatedCertificate, SaturatedRefusal};
-use super::model::{DriveLag, Estimator, STATES, StateRow, StateVector};
 use super::paper::{PaperCertificate, PaperRefusal, System};
 use super::problem::{JointInput, PhaseInput, Problem, ProblemError};
 use super::saturated::Weights;
+use crate::model::{DriveLag, Estimator, STATES, StateRow, StateVector};
 use nalgebra::allocator::Allocator;
 use nalgebra::{DMatrix, DefaultAllocator, Dim, OMatrix, SMatrix};
 use robot_model::RobotModel;

@@ -27,9 +27,9 @@
 
 use super::certificate::{Region, SaturatedCertificate};
 use super::evidence::settling_s;
-use super::model::{STATES, StateMatrix, StateRow, StateVector, known_row, target_row};
 use super::problem::Problem;
 use super::region::{Ask, region};
+use crate::model::{STATES, StateMatrix, StateRow, StateVector, known_row, target_row};
 use nalgebra::DMatrix;
 
 /// Gain row [k_pos 1/s2, k_vel 1/s, k_last -] as the firmware holds it.
@@ -59,7 +59,7 @@ impl Weights {
     }
 }
 
-/// Scales of the state (see [`super::model`] for its order) for errors up to `position_rad` under
+/// Scales of the state (see [`crate::model`] for its order) for errors up to `position_rad` under
 /// commands up to `u_max`: velocity and time as a double integrator relates them, the transients as
 /// large as a full command makes them within lag and period.
 pub fn scales(problem: &Problem, position_rad: f64, u_max: f64) -> StateVector {

@@ -1,0 +1,19 @@
+//! Drive parameters from measurements, with confidence intervals, or a refusal (paper section VI-C).
+//!
+//! | layer | files | is | must not |
+//! |---|---|---|---|
+//! | conclusions | [`regression`], [`student`], [`current`], [`lag`] | pure functions over samples: estimates with intervals, or why there are none | know a bus |
+//! | planning | [`poses`] | free ways and poses that load a joint, from the robot model | move |
+//! | data | [`samples`] | what an experiment brings | conclude |
+//! | result | [`findings`] | text, patch of the robot file | measure |
+//!
+//! The experiment that takes the samples needs a bus; it is a room of the host.
+
+pub mod current;
+pub mod findings;
+pub mod lag;
+mod noise;
+pub mod poses;
+pub mod regression;
+pub mod samples;
+pub mod student;
