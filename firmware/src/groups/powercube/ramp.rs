@@ -23,7 +23,11 @@
 //!    for the braking distance and for |a|. The generator reaches V within the period and keeps it: the
 //!    mean acceleration is exact, the position at the end of the period is ahead by at most |a|T²/2.
 //!
-//! Case 3 writes V each cycle and leaves A; cases 1 and 2 write A and leave V: one write and one motion
+//! 4. **Against the motion, weakly**, after a command of case 3: the drive holds an A that is large enough for case 3. Then
+//!    V = |v₁| brakes as well, and A stays. Without this case a joint at constant speed, whose wanted acceleration changes its
+//!    sign from cycle to cycle, needs both writes in each cycle; with three such joints a cycle of 3 ms is too short.
+//!
+//! Cases 3 and 4 write V each cycle and leave A; cases 1 and 2 write A and leave V: one write and one motion
 //! per cycle, as the bus allows. V stays low after a phase of case 3; it is raised again when it would
 //! bind, or earlier when the schedule has a free slot ([`Command::velocity_stale`]).
 //!
@@ -126,13 +130,21 @@ pub fn realise(
     let v_end = v_rad_s + wanted * period_s;
 
     let standing = v_rad_s.abs() < V_STANDING_RAD_S;
-    let side = if wanted == 0.0 && !standing { v_rad_s.signum() } else { wanted.signum() };
-    let target_rad = clamp(q_rad + side * limits.reach_rad, limits.q_min_rad, limits.q_max_rad);
     let a_wanted = clamp(wanted.abs(), A_RESOLUTION_RAD_S2, at_least(a_max, A_RESOLUTION_RAD_S2));
-
+    // The target on a side, and the least acceleration with which the generator does not brake before it.
+    let ahead = |side: f32| {
+        let target_rad = clamp(q_rad + side * limits.reach_rad, limits.q_min_rad, limits.q_max_rad);
+        let way_rad = at_least((target_rad - q_rad).abs() - 0.5 * (v_rad_s + v_end).abs() * period_s, 1e-3);
+        (target_rad, BRAKING_MARGIN * v_end * v_end / (2.0 * way_rad))
+    };
+    let forward = v_rad_s.signum();
+    let brakes_weakly = !standing && !position_limited && wanted * v_rad_s < 0.0 && v_end * v_rad_s > 0.0 && {
+        let (_, a_floor) = ahead(forward);
+        a_wanted < a_floor && loaded.a_rad_s2.is_some_and(|a| a >= a_floor && a <= a_max)
+    };
+    let side = if brakes_weakly || (wanted == 0.0 && !standing) { forward } else { wanted.signum() };
+    let (target_rad, a_floor) = ahead(side);
     let with_motion = !standing && side * v_rad_s > 0.0;
-    let way = at_least((target_rad - q_rad).abs() - 0.5 * (v_rad_s + v_end).abs() * period_s, 1e-3);
-    let a_floor = BRAKING_MARGIN * v_end * v_end / (2.0 * way);
     let (velocity, acceleration) = if with_motion && a_wanted < a_floor {
         // Case 3.
         let a_needed = at_most(at_least(a_floor, a_wanted), a_max);
@@ -338,6 +350,18 @@ mod tests {
         let command = realise(0.1, 0.003, state, &LIMITS, &loaded);
         assert_eq!(command.acceleration_rad_s2, None);
         assert!((command.velocity_rad_s.unwrap() - 2.0003).abs() < 1e-6);
+    }
+
+    #[test]
+    fn weak_braking_after_weak_acceleration_writes_the_speed_only() {
+        let state = RampState { q_rad: 0.0, v_rad_s: 2.0 };
+        let cruising = Loaded { v_rad_s: Some(2.0), a_rad_s2: Some(3.0) };
+        let command = realise(-0.1, 0.003, state, &LIMITS, &cruising);
+        assert_eq!((command.acceleration_rad_s2, command.target_rad), (None, 3.0));
+        assert!((command.velocity_rad_s.unwrap() - 1.9997).abs() < 1e-6);
+        // An acceleration that is too low for the way ahead says the braking itself.
+        let low = Loaded { v_rad_s: Some(2.0), a_rad_s2: Some(0.2) };
+        assert_eq!(realise(-0.1, 0.003, state, &LIMITS, &low).acceleration_rad_s2, Some(0.1));
     }
 
     #[test]
