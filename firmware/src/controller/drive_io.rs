@@ -50,7 +50,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         }
         let deadline = now + self.reply_deadline();
         let module = self.settings.joint.at(joint).module();
-        let frame = self.drives.at_mut(joint).begin(lane, module, request, deadline);
+        let frame = self.drives.at_mut(joint).begin(now, lane, module, request, deadline);
         self.send(frame);
     }
 

@@ -43,6 +43,7 @@ use crate::freeze::FreezeFrame;
 use crate::gripper::Gripper;
 use crate::groups::powercube::drive_model::DriveModel;
 use crate::groups::powercube::drives::Drive;
+use crate::groups::powercube::order::Order;
 use crate::groups::powercube::pace::{CycleTimes, Pace};
 use crate::groups::powercube::ramp;
 use crate::groups::powercube::schedule::Schedule;
@@ -379,6 +380,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             // One that is at work may last longer than the time between two looks.
             self.pace.abandon();
         }
+        self.schedule.set_order(Order::turned(self.settings.joints as usize, self.ticks as usize));
         for joint in self.joints() {
             let request = self.poll_request(joint);
             if self.schedule.is_done(joint, self.drives.at(joint)) {

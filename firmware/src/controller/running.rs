@@ -18,10 +18,11 @@ use super::{Controller, Generator};
 use crate::fault::{Cause, Fault};
 use crate::feedback::{self, ErrorState};
 use crate::groups::powercube::drive_model::DriveModel;
-use crate::groups::powercube::drives::PositionSample;
+use crate::groups::powercube::drives::{Drive, PositionSample};
+use crate::groups::powercube::order::Order;
 use crate::groups::powercube::ramp::{self, RampState};
 use crate::groups::powercube::slots::Slots;
-use crate::joints::{at_least, clamp};
+use crate::joints::{PerJoint, at_least, clamp};
 use crate::path::PathClock;
 use crate::span;
 use crate::spline::{Setpoint, Spline};
@@ -46,7 +47,10 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         self.schedule.clear_all();
         // Arming has asked for a rehearsal; without one the period is all that is known.
         let cycle_us = self.cycle_times().1.unwrap_or(self.settings.cycle_period_us);
-        self.slots = Slots::plan(&self.settings, cycle_us);
+        let answer_us = PerJoint(self.drives.0.each_ref().map(Drive::answer_us));
+        let order = Order::slowest_first(self.settings.joints as usize, &answer_us);
+        self.schedule.set_order(order);
+        self.slots = Slots::plan(&self.settings, cycle_us, &order);
         let hurry = now + Duration::from_micros(self.settings.reply_deadline_us.into());
         for joint in self.joints() {
             self.drives.at_mut(joint).hasten(hurry);

@@ -135,6 +135,10 @@ pub struct Drive {
     quarantine_end: Instant,
     answered: Option<(Key, Instant)>,
     number: u32,
+    /// When the last request of the main lane went out.
+    asked_at: Instant,
+    /// See [`Self::answer_us`].
+    answer_us: u32,
     /// Requests missed in a row.
     pub missed_in_row: u32,
     /// Counts.
@@ -199,11 +203,21 @@ impl Drive {
     }
 
     /// Notes a request as sent and gives its frame.
-    pub fn begin(&mut self, lane: Lane, module: ModuleId, request: Request, deadline: Instant) -> Frame {
+    pub fn begin(
+        &mut self,
+        now: Instant,
+        lane: Lane,
+        module: ModuleId,
+        request: Request,
+        deadline: Instant,
+    ) -> Frame {
         self.number = self.number.wrapping_add(1);
         let pending = Pending { key: Key::of_request(&request), request, number: self.number, deadline };
         match lane {
-            Lane::Main => self.main = Some(pending),
+            Lane::Main => {
+                self.main = Some(pending);
+                self.asked_at = now;
+            }
             Lane::Side => self.side = Some(pending),
         }
         request.encode(module)
@@ -224,6 +238,9 @@ impl Drive {
             self.forget_before(pending.number);
             self.answered = Some((key, now));
             self.missed_in_row = 0;
+            if lane == Lane::Main {
+                self.learn_answer_time(now);
+            }
             return Matched::Answer(lane, pending.request);
         }
         let late = self.abandoned.iter_mut().find(|place| place.is_some_and(|old| old.key == key));
@@ -236,6 +253,18 @@ impl Drive {
         }
         self.counters.unasked = self.counters.unasked.saturating_add(1);
         Matched::Unasked
+    }
+
+    /// How fast this drive answers, µs: the shortest time of late from handing out a request to its answer, in which the
+    /// bus was free. Zero before the first answer.
+    pub const fn answer_us(&self) -> u32 {
+        self.answer_us
+    }
+
+    fn learn_answer_time(&mut self, now: Instant) {
+        let us = u32::try_from(now.saturating_since(self.asked_at).as_micros()).unwrap_or(u32::MAX);
+        // Grows slowly: a drive that has become slower is known after some hundred answers.
+        self.answer_us = if self.answer_us == 0 { us } else { us.min(self.answer_us.saturating_add(1)) };
     }
 
     /// Replies to requests before this one are past.
@@ -345,15 +374,15 @@ mod tests {
     #[test]
     fn late_reply_to_a_motion_is_not_taken_for_the_next_motions() {
         let mut drive = Drive::default();
-        drive.begin(Lane::Main, module(), ramp(), US(2_000));
+        drive.begin(Instant::ZERO, Lane::Main, module(), ramp(), US(2_000));
         assert_eq!(drive.give_up_due(US(2_000)), Some((Lane::Main, ramp())));
         assert!(!drive.can_send(Lane::Main, &ramp(), US(3_000)), "barred");
         assert!(drive.can_send(Lane::Main, &set_a(), US(3_000)));
-        drive.begin(Lane::Main, module(), set_a(), US(5_000));
+        drive.begin(Instant::ZERO, Lane::Main, module(), set_a(), US(5_000));
         // The late one comes now, while the write is on its way.
         assert_eq!(drive.match_reply(US(3_100), &ramp_reply(0.1)), Matched::Late);
         assert_eq!(drive.match_reply(US(3_200), &ack_a()), Matched::Answer(Lane::Main, set_a()));
-        drive.begin(Lane::Main, module(), ramp(), US(7_000));
+        drive.begin(Instant::ZERO, Lane::Main, module(), ramp(), US(7_000));
         assert_eq!(drive.match_reply(US(5_000), &ramp_reply(0.2)), Matched::Answer(Lane::Main, ramp()));
         assert_eq!(drive.counters, ReplyCounters { missed: 1, late: 1, ..ReplyCounters::default() });
     }
@@ -361,9 +390,9 @@ mod tests {
     #[test]
     fn answer_to_a_later_request_lifts_the_bar_because_drives_answer_in_order() {
         let mut drive = Drive::default();
-        drive.begin(Lane::Main, module(), ramp(), US(2_000));
+        drive.begin(Instant::ZERO, Lane::Main, module(), ramp(), US(2_000));
         drive.give_up_due(US(2_000));
-        drive.begin(Lane::Main, module(), set_a(), US(5_000));
+        drive.begin(Instant::ZERO, Lane::Main, module(), set_a(), US(5_000));
         assert!(matches!(drive.match_reply(US(3_200), &ack_a()), Matched::Answer(..)));
         assert!(drive.can_send(Lane::Main, &ramp(), US(3_200)), "the lost reply cannot come any more");
     }
@@ -371,7 +400,7 @@ mod tests {
     #[test]
     fn repeated_frame_is_nobodys_and_its_key_waits() {
         let mut drive = Drive::default();
-        drive.begin(Lane::Main, module(), ramp(), US(2_000));
+        drive.begin(Instant::ZERO, Lane::Main, module(), ramp(), US(2_000));
         assert!(matches!(drive.match_reply(US(400), &ramp_reply(0.1)), Matched::Answer(..)));
         assert!(!drive.can_send(Lane::Main, &ramp(), US(500)));
         assert_eq!(drive.match_reply(US(520), &ramp_reply(0.1)), Matched::Unasked);
@@ -386,7 +415,13 @@ mod tests {
         let keys = [Parameter::CubeState, Parameter::PosStateDio, Parameter::Cur, Parameter::ActPos];
         for parameter in keys {
             assert!(drive.can_send(Lane::Main, &Request::Get(parameter), now));
-            drive.begin(Lane::Main, module(), Request::Get(parameter), now + Duration::from_millis(2));
+            drive.begin(
+                Instant::ZERO,
+                Lane::Main,
+                module(),
+                Request::Get(parameter),
+                now + Duration::from_millis(2),
+            );
             now += Duration::from_millis(2);
             assert!(drive.give_up_due(now).is_some());
         }
@@ -399,7 +434,7 @@ mod tests {
     fn write_without_answer_leaves_the_register_unknown() {
         let mut drive =
             Drive { loaded: Loaded { v_rad_s: Some(1.0), a_rad_s2: Some(1.0) }, ..Drive::default() };
-        drive.begin(Lane::Main, module(), set_a(), US(2_000));
+        drive.begin(Instant::ZERO, Lane::Main, module(), set_a(), US(2_000));
         drive.give_up_due(US(2_000));
         assert_eq!(drive.loaded, Loaded { v_rad_s: Some(1.0), a_rad_s2: None });
     }
@@ -408,9 +443,9 @@ mod tests {
     fn gripper_write_may_overtake_without_confusing_the_main_lane() {
         let mut drive = Drive::default();
         let grip = Request::Set(Parameter::DioData, Value::U32(0x10));
-        drive.begin(Lane::Main, module(), ramp(), US(2_000));
+        drive.begin(Instant::ZERO, Lane::Main, module(), ramp(), US(2_000));
         assert!(drive.can_send(Lane::Side, &grip, US(10)) && !drive.can_send(Lane::Main, &grip, US(10)));
-        drive.begin(Lane::Side, module(), grip, US(2_000));
+        drive.begin(Instant::ZERO, Lane::Side, module(), grip, US(2_000));
         let ack = Reply::SetAck { parameter: Parameter::DioData, code: Some(0x64) };
         assert_eq!(drive.match_reply(US(300), &ramp_reply(0.0)), Matched::Answer(Lane::Main, ramp()));
         assert_eq!(drive.match_reply(US(400), &ack), Matched::Answer(Lane::Side, grip));
@@ -433,7 +468,7 @@ mod tests {
                 let request = [ramp(), set_a(), Request::Get(Parameter::PosStateDio)][usize::from(choice)];
                 if drive.can_send(Lane::Main, &request, US(now)) {
                     number += 1;
-                    drive.begin(Lane::Main, module(), request, US(now + 2_000));
+                    drive.begin(Instant::ZERO, Lane::Main, module(), request, US(now + 2_000));
                     current = Some((choice, number));
                     if luck != 0 {
                         let earliest = wire.last().map_or(0, |reply| reply.0 + 100);

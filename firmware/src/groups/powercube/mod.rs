@@ -3,6 +3,7 @@
 
 pub mod drive_model;
 pub mod drives;
+pub mod order;
 pub mod pace;
 pub mod ramp;
 pub mod schedule;

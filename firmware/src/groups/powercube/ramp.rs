@@ -138,10 +138,11 @@ pub fn realise(
         (target_rad, BRAKING_MARGIN * v_end * v_end / (2.0 * way_rad))
     };
     let forward = v_rad_s.signum();
-    let brakes_weakly = !standing && !position_limited && wanted * v_rad_s < 0.0 && v_end * v_rad_s > 0.0 && {
-        let (_, a_floor) = ahead(forward);
-        a_wanted < a_floor && loaded.a_rad_s2.is_some_and(|a| a >= a_floor && a <= a_max)
-    };
+    let brakes_weakly =
+        !standing && !position_limited && wanted * v_rad_s < 0.0 && v_end * v_rad_s > 0.0 && {
+            let (_, a_floor) = ahead(forward);
+            a_wanted < a_floor && loaded.a_rad_s2.is_some_and(|a| a >= a_floor && a <= a_max)
+        };
     let side = if brakes_weakly || (wanted == 0.0 && !standing) { forward } else { wanted.signum() };
     let (target_rad, a_floor) = ahead(side);
     let with_motion = !standing && side * v_rad_s > 0.0;

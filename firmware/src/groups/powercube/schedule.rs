@@ -23,6 +23,7 @@ use protocol::powercube::{Parameter, Request};
 use protocol::{Duration, Instant, JointIndex};
 
 use crate::groups::powercube::drives::{Drive, Key, Lane};
+use crate::groups::powercube::order::Order;
 use crate::joints::PerJoint;
 
 /// Requests of one drive in one cycle: speed, acceleration, motion, guest.
@@ -137,16 +138,34 @@ pub struct Round {
 }
 
 /// Agendas of all drives.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Schedule {
     agenda: PerJoint<Agenda>,
+    /// Who is looked at first.
+    order: Order,
     /// Before this no slot of the cycle is near.
     slots_from: Instant,
     /// Guests wait until then.
     guests_from: Instant,
 }
 
+impl Default for Schedule {
+    fn default() -> Self {
+        Self {
+            agenda: PerJoint::default(),
+            order: Order::BASE_FIRST,
+            slots_from: Instant::ZERO,
+            guests_from: Instant::ZERO,
+        }
+    }
+}
+
 impl Schedule {
+    /// Sets the order in which drives are asked that have the same number of requests behind them.
+    pub const fn set_order(&mut self, order: Order) {
+        self.order = order;
+    }
+
     /// Replaces what is left of a drive's agenda.
     pub fn set(&mut self, joint: JointIndex, agenda: Agenda) {
         self.agenda.set(joint, agenda);
@@ -232,7 +251,7 @@ impl Schedule {
     /// agenda unless a barrier has to go before it.
     ///
     /// Within a round nothing but what this returns may be sent. The order is that of the map above: motions whose slot
-    /// has come, then least sent first, base first. A round visits each drive once per place of an agenda.
+    /// has come, then least sent first, then [`Order`]. A round visits each drive once per place of an agenda.
     pub fn next(
         &mut self,
         round: &mut Round,
@@ -242,7 +261,8 @@ impl Schedule {
     ) -> Option<Next> {
         while round.level <= AGENDA_MAX as u8 && round.busy < in_flight_max {
             while round.index < round.count {
-                let Ok(joint) = JointIndex::new(round.index) else { break };
+                let Ok(place) = JointIndex::new(round.index) else { break };
+                let joint = self.order.joint_at(place);
                 round.index += 1;
                 let agenda = self.agenda.at(joint);
                 let drive = drives.at(joint);
@@ -346,7 +366,7 @@ mod tests {
             let now = Instant::from_micros(100 * k);
             let mut round = schedule.round(now, joints(), &drives);
             while let Some(next) = schedule.next(&mut round, now, &drives, 4) {
-                drives.at_mut(next.joint).begin(Lane::Main, module(), next.request, Instant::FAR_FUTURE);
+                drives.at_mut(next.joint).begin(now, Lane::Main, module(), next.request, Instant::FAR_FUTURE);
                 order.push((next.joint.get(), next.request == set_a()));
                 waiting.push((next.joint, next.request));
             }
@@ -372,7 +392,7 @@ mod tests {
         let mut round = schedule.round(now, joints(), drives);
         let mut asked = Vec::new();
         while let Some(next) = schedule.next(&mut round, now, drives, 4) {
-            drives.at_mut(next.joint).begin(Lane::Main, module(), next.request, Instant::FAR_FUTURE);
+            drives.at_mut(next.joint).begin(now, Lane::Main, module(), next.request, Instant::FAR_FUTURE);
             asked.push((next.joint.get(), next.request));
         }
         asked
@@ -437,7 +457,7 @@ mod tests {
         let (mut schedule, mut drives) = (Schedule::default(), PerJoint::<Drive>::default());
         let joint = JointIndex::new(0).unwrap();
         let drive = drives.at_mut(joint);
-        drive.begin(Lane::Main, module(), set_a(), Instant::from_micros(2_000));
+        drive.begin(Instant::ZERO, Lane::Main, module(), set_a(), Instant::from_micros(2_000));
         drive.give_up_due(Instant::from_micros(2_000));
         let now = Instant::from_micros(3_000);
         schedule.set(joint, Agenda::of(&[set_a()]));
@@ -447,7 +467,7 @@ mod tests {
         let barrier = ask(&mut schedule, &drives);
         assert_eq!(barrier.request, Request::Get(Parameter::CubeState));
         let drive = drives.at_mut(joint);
-        drive.begin(Lane::Main, module(), barrier.request, now + Duration::from_millis(2));
+        drive.begin(now, Lane::Main, module(), barrier.request, now + Duration::from_millis(2));
         drive.match_reply(now, &Reply::Value(Parameter::CubeState, Value::U32(2)));
         assert_eq!(ask(&mut schedule, &drives).request, set_a());
         assert!(schedule.is_done(joint, &Drive::default()));

@@ -28,6 +28,8 @@
 
 use protocol::{Duration, JointIndex};
 
+use crate::groups::powercube::order::Order;
+use crate::joints::PerJoint;
 use crate::settings::Settings;
 
 /// Bits of write, acknowledge, motion and answer of one drive, without stuff bits; µs at 1 Mbit/s.
@@ -42,17 +44,18 @@ const FRAME_US: u32 = 133;
 const SPARE_US: u32 = 250;
 
 /// Offsets from the start of a cycle, µs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Slots {
     first_us: u32,
     spacing_us: u32,
     reply_us: u32,
     joints: u32,
+    offset_us: PerJoint<u32>,
 }
 
 impl Slots {
-    /// Slots for drives and bus with which a cycle, guest included, takes `cycle_us`.
-    pub fn plan(settings: &Settings, cycle_us: u32) -> Self {
+    /// Slots in this order for drives and bus with which a cycle, guest included, takes `cycle_us`.
+    pub fn plan(settings: &Settings, cycle_us: u32, order: &Order) -> Self {
         let n = settings.joints.max(1);
         let lanes = settings.in_flight_max.clamp(1, n);
         let others_us = (n - 1) * DRIVE_US
@@ -73,7 +76,11 @@ impl Slots {
         let end_us = settings.cycle_period_us - settings.cycle_period_us / 4;
         let spread_us = end_us.saturating_sub(first_us + reply_us).checked_div(n - 1).unwrap_or(0);
         let spacing_us = spread_us.min(reply_us).max(closest_us);
-        Self { first_us, spacing_us, reply_us, joints: n }
+        let mut offset_us = PerJoint::splat(first_us);
+        for place in JointIndex::first(n as usize) {
+            offset_us.set(order.joint_at(place), first_us + place.get() as u32 * spacing_us);
+        }
+        Self { first_us, spacing_us, reply_us, joints: n, offset_us }
     }
 
     /// Slot of the first motion after the start of the cycle.
@@ -83,8 +90,7 @@ impl Slots {
 
     /// Slot of a joint's motion after the start of the cycle.
     pub fn of(&self, joint: JointIndex) -> Duration {
-        let joint = (joint.get() as u32).min(self.joints);
-        Duration::from_micros((self.first_us + joint * self.spacing_us).into())
+        Duration::from_micros(self.offset_us.get(joint).into())
     }
 
     /// Until then the bus is for the writes.
@@ -115,7 +121,7 @@ mod tests {
 
     fn at(period_us: u32, cycle_us: u32) -> Slots {
         let settings = Settings { cycle_period_us: period_us, ..Settings::powercube6() };
-        Slots::plan(&settings, cycle_us)
+        Slots::plan(&settings, cycle_us, &Order::BASE_FIRST)
     }
 
     fn offsets_us(slots: &Slots) -> Vec<u64> {
@@ -148,7 +154,7 @@ mod tests {
                     for cycle_us in [0, 500, 2_000, 2_600, 3_000, 9_000, 39_000, u32::MAX / 8] {
                         let settings =
                             Settings { joints, in_flight_max, cycle_period_us, ..Settings::powercube6() };
-                        let slots = Slots::plan(&settings, cycle_us);
+                        let slots = Slots::plan(&settings, cycle_us, &Order::BASE_FIRST);
                         let us: Vec<u64> =
                             settings.joints().map(|joint| slots.of(joint).as_micros()).collect();
                         assert!(us.is_sorted(), "{settings:?}");
