@@ -220,7 +220,7 @@ impl Settings {
             robot_crc32: 0,
             cycle_period_us: 3_000,
             monitor_period_us: 10_000,
-            cycle_late_max: 5,
+            cycle_late_max: 3,
             cycle_guest: true,
             host_timeout_us: 100_000,
             reply_deadline_us: 2_000,

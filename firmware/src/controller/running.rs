@@ -86,7 +86,10 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             return;
         }
         let State::Running { clock, parking } = *self.machine.state() else { return };
-        self.watch_overrun(now, late);
+        // Only control steps want an answer of each joint per cycle: the ramp to the last knot is sent once.
+        if parking.is_none() {
+            self.watch_overrun(now, late);
+        }
         match parking {
             Some(_) if self.all_at_rest(now) => self.stand(now),
             Some(until) if until <= now => {

@@ -1,11 +1,14 @@
 //! How long a control cycle takes with faster and slower drives, what is left of its period, and that too little is
 //! found before the throw, not in it.
 
+use cell_tests::published_throw::{HA_S, HB_S};
 use firmware::fault::{Cause, Refusal};
 use firmware::groups::powercube::order::Order;
 use firmware::groups::powercube::slots::Slots;
 use firmware::settings::Settings;
 use firmware::state::StateKind;
+use hil_sim::fault::{Fault, FaultKind, PhysicalFault, Place, Target};
+use protocol::{Duration, ModuleId};
 
 use super::lab::{Lab, Situation};
 
@@ -95,4 +98,35 @@ fn the_period_of_the_paper_holds_with_the_slowest_drives() {
     for answer_us in [(400, 100), (1_000, 200), (2_000, 200)] {
         assert!(matches!(throw(&Settings::powercube6_paper(), answer_us, 1), Cycles::Ran { late: 0, .. }));
     }
+}
+
+/// After the last command of a run nothing is answered in each cycle. So an answer that comes late to the last command is one
+/// late cycle, and not one more in each cycle of the ramp to the end.
+#[test]
+fn late_answers_to_the_last_commands_of_a_run_stop_nothing() {
+    let settings = Settings::powercube6();
+    let module = ModuleId::new(6).unwrap();
+    let mut late = 0;
+    for before_end_us in (0..9_000).step_by(500) {
+        let mut lab = Lab::new(&settings, &Situation::nominal(1));
+        let start = lab.start();
+        let end = start
+            + Duration::from_micros(((HA_S + HB_S) * 1e6) as u64 + 2 * u64::from(settings.cycle_period_us));
+        lab.run(end.saturating_since(lab.world.now()).as_micros() - before_end_us);
+        let fault = Fault {
+            label: "slow".to_owned(),
+            kind: FaultKind::Physical(Place::Module(module), PhysicalFault::Slow(Duration::from_micros(900))),
+            target: Target::Module(module),
+            filter: None,
+            start: lab.world.now(),
+            length: Some(Duration::from_micros(5_500)),
+            every: None,
+            probability: 1.0,
+        };
+        lab.world.add_fault(fault).unwrap();
+        lab.run(600_000);
+        assert_eq!(lab.kind(), StateKind::Ready, "{before_end_us}: {:?}", lab.controller().state());
+        late += u32::from(lab.controller().counters().cycles_late);
+    }
+    assert!((5..200).contains(&late), "the fault acts: {late}");
 }
