@@ -1,5 +1,7 @@
 //! Exit codes of `cubectl`, stable across versions.
 
+use operator::throw::Outcome;
+
 /// Done.
 pub const OK: u8 = 0;
 /// A bug in cubectl.
@@ -13,7 +15,7 @@ pub const BAD_INPUT: u8 = 4;
 /// A plan does not hold what it claims.
 pub const CHECK_FAILED: u8 = 5;
 /// Interrupted by a signal before there was a result; what moved was stopped.
-pub const INTERRUPTED: u8 = 6;
+pub const INTERRUPTED: u8 = operator::bus::args::INTERRUPTED;
 /// The bus cannot be reached, or was lost.
 pub const BUS: u8 = 7;
 /// A drive does not answer, refuses, is in error, or did not do what it should.
@@ -64,11 +66,32 @@ pub const TABLE: &[(u8, &str, &str)] = &[
     ),
 ];
 
+/// Exit code of a throw; `None`: that of the cause.
+#[must_use]
+pub const fn of_outcome(outcome: Outcome) -> Option<u8> {
+    match outcome {
+        Outcome::Landed | Outcome::NotObserved => Some(OK),
+        Outcome::Missed => Some(MISSED),
+        Outcome::NotReleased => Some(NOT_RELEASED),
+        Outcome::Stopped => Some(STOPPED),
+        Outcome::NotThrown => None,
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use super::*;
+
+    #[test]
+    fn the_exit_code_of_every_outcome_is_documented() {
+        for code in Outcome::ALL.into_iter().filter_map(of_outcome) {
+            assert!(TABLE.iter().any(|row| row.0 == code), "{code}");
+        }
+    }
+
     #[test]
     fn every_code_is_in_the_table_once_and_in_order() {
-        let codes: Vec<u8> = super::TABLE.iter().map(|row| row.0).collect();
+        let codes: Vec<u8> = TABLE.iter().map(|row| row.0).collect();
         assert_eq!(codes, (0..=13).collect::<Vec<u8>>());
     }
 }

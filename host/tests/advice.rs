@@ -133,7 +133,7 @@ fn wrong_lines(cli: &Command, text: &str) -> Vec<String> {
 }
 
 /// Packages whose messages `cubectl` prints.
-const SOURCES: [&str; 3] = ["src", "planner/src", "tuner/src"];
+const SOURCES: [&str; 4] = ["src", "planner/src", "tuner/src", "operator/src"];
 
 #[test]
 fn every_command_line_that_is_printed_can_be_given() {

@@ -4,8 +4,8 @@ mod bus_common;
 
 use bus_common::{Served, code, cubectl, err, out};
 use hil_sim::{Cell, CellOptions};
-use host::bus::desk::Desk;
-use host::bus::{BusArgs, Ended};
+use operator::bus::{BusArgs, Ended};
+use operator::node::desk::Desk;
 use protocol::{Duration, ModuleId};
 
 #[test]
@@ -77,7 +77,7 @@ fn ctrl_c_in_a_jog_stops_the_module_before_the_program_ends() {
 fn modules_that_a_controller_speaks_to_are_not_disturbed() {
     let served = Served::new(|| {
         let cell = Cell::new(&robot_model::AnyRobot::load("powercube6").unwrap(), &CellOptions::default(), 1);
-        (cell.unwrap(), host::bus::sim::soft_controller_guest())
+        (cell.unwrap(), operator::bus::sim::soft_controller_guest())
     });
     for verb in ["scan", "status", "home"] {
         let output = cubectl(&[verb, "--bus", &served.spec]);

@@ -7,8 +7,8 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
 use bus_common::{Folder, code, cubectl, err, out};
-use host::log::candump;
 use mcap::read::{MessageStream, Options};
+use operator::log::candump;
 
 /// `cubectl record` of a starting controller in the simulated cell, without an end of its own.
 fn recorder(folder: &Folder, name: &str, wrapper: &str) -> Child {

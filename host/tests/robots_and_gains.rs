@@ -69,7 +69,7 @@ fn gains_in_force_that_a_throw_writes_are_taken_by_replay() {
     let crc = summary(&folder, "a")["hashes"]["certificate_crc32"].as_str().unwrap().to_owned();
     in_force.insert("certificate_crc32".to_owned(), i64::from_str_radix(&crc, 16).unwrap().into());
     let robot = robot_model::AnyRobot::load("powercube6").unwrap();
-    let robot_crc32 = host::bus::settings::crc32_of_any(&robot).unwrap();
+    let robot_crc32 = operator::bus::settings::crc32_of_any(&robot).unwrap();
     in_force.insert("robot_crc32".to_owned(), i64::from(robot_crc32).into());
     in_force.insert("estimator_alpha".to_owned(), file["estimator"]["alpha"].clone());
     in_force.insert("estimator_beta".to_owned(), file["estimator"]["beta"].clone());

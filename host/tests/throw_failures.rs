@@ -9,8 +9,8 @@ use firmware::fault::Cause;
 use hil_sim::crew::Solo;
 use hil_sim::scenario::ScriptedHost;
 use hil_sim::{Cell, CellOptions};
-use host::bus::desk::Desk;
-use host::bus::{BusArgs, Ended, Session};
+use operator::bus::{BusArgs, Ended, Session};
+use operator::node::desk::Desk;
 use protocol::Duration;
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use robot_model::AnyRobot;
@@ -153,7 +153,7 @@ impl Lab {
             let mut options = CellOptions::default();
             options.drive.starts_homed = true;
             options.start_q_rad = Some(((arm.q_min() + arm.q_max()) * 0.5).as_slice().to_vec());
-            (Cell::new(&robot, &options, 1).unwrap(), host::bus::sim::soft_controller_guest())
+            (Cell::new(&robot, &options, 1).unwrap(), operator::bus::sim::soft_controller_guest())
         });
         let mut watch = BusArgs { bus: served.spec.parse().unwrap(), ..BusArgs::default() }.open().unwrap();
         watch.desk().listen_only();

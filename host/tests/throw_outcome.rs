@@ -4,9 +4,9 @@ mod bus_common;
 
 use bus_common::{Folder, code, cubectl, err, out};
 use host::cmd::report;
-use host::throw::job::computed_landing;
-use host::throw::outcome::{Ball, Outcome, default_tolerance_m, judge};
-use host::throw::{Job, Record};
+use operator::throw::job::computed_landing;
+use operator::throw::outcome::{Ball, Outcome, default_tolerance_m, judge};
+use operator::throw::{Job, Record};
 use planner::plan::file::PlanFile;
 use robot_model::collision::Scene;
 use serde_json::Value;

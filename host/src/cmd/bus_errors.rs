@@ -1,11 +1,14 @@
 //! From what goes wrong on a bus to exit codes.
 
-use crate::bus::ask::AskError;
-use crate::bus::motion::MotionError;
-use crate::bus::operator::OperatorError;
-use crate::bus::session::BusFailure;
 use crate::error::ExpectedError;
 use crate::exit;
+use operator::bus::BusFailure;
+use operator::bus::entropy::NoEntropy;
+use operator::bus::key_file::KeyFileError;
+use operator::dialogue::ask::AskError;
+use operator::dialogue::motion::MotionError;
+use operator::dialogue::operator::OperatorError;
+use operator::log::candump::UnreadableFile;
 
 impl From<BusFailure> for ExpectedError {
     fn from(failure: BusFailure) -> Self {
@@ -28,6 +31,24 @@ impl From<BusFailure> for ExpectedError {
             | BusFailure::World(_) => exit::BUS,
         };
         Self::new(code, failure.to_string())
+    }
+}
+
+impl From<KeyFileError> for ExpectedError {
+    fn from(error: KeyFileError) -> Self {
+        BusFailure::from(error).into()
+    }
+}
+
+impl From<NoEntropy> for ExpectedError {
+    fn from(error: NoEntropy) -> Self {
+        BusFailure::from(error).into()
+    }
+}
+
+impl From<UnreadableFile> for ExpectedError {
+    fn from(error: UnreadableFile) -> Self {
+        Self::bad_input(&error)
     }
 }
 

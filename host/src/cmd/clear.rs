@@ -7,10 +7,10 @@ use protocol::powercube::SimpleCommand;
 
 use super::modules::{look, require_alone};
 use super::upload::node_id;
-use crate::bus::operator::OperatorError;
-use crate::bus::{BusArgs, Session};
 use crate::error::ExpectedError;
 use crate::exit;
+use operator::bus::{BusArgs, Session};
+use operator::dialogue::operator::OperatorError;
 
 /// Time that a module gets to obey a reset.
 const SETTLE: protocol::Duration = protocol::Duration::from_millis(200);

@@ -8,10 +8,10 @@ use protocol::{Duration, ModuleId};
 use serde::{Deserialize, Serialize};
 
 use super::modules::{Modules, modules_on};
-use crate::bus::survey::ModuleReport;
-use crate::bus::{BusArgs, Session};
 use crate::error::ExpectedError;
 use crate::exit;
+use operator::bus::{BusArgs, Session};
+use operator::dialogue::survey::ModuleReport;
 
 /// Version of the file.
 const SCHEMA_VERSION: u32 = 1;
@@ -152,7 +152,7 @@ fn read_all(session: &mut Session, found: &[ModuleReport]) -> Result<ConfigFile,
             parameters.iter().map(|parameter| (report.module, Request::Get(*parameter))).collect();
         let mut setting = BTreeMap::new();
         for answer in session.ask_all(&questions)? {
-            if let Reply::Value(parameter, value) = answer.map_err(crate::bus::ask::AskError::from)?
+            if let Reply::Value(parameter, value) = answer.map_err(operator::dialogue::ask::AskError::from)?
                 && let Some(number) = value.as_f64()
             {
                 setting.insert(key(parameter), number);

@@ -16,16 +16,16 @@ use robot_model::AnyRobot;
 
 use super::throw::{period_us, read_gains, wish};
 use super::upload::node_id;
-use crate::bus::BusFailure;
-use crate::bus::args::interrupt;
-use crate::bus::entropy;
-use crate::bus::pace;
-use crate::bus::settings::settings_of;
-use crate::bus::soft::SoftReport;
-use crate::bus::storage::FileStorage;
 use crate::error::ExpectedError;
 use crate::exit;
-use crate::throw::period::{NoPeriod, apply, choose};
+use operator::bus::BusFailure;
+use operator::bus::args::interrupt;
+use operator::bus::entropy;
+use operator::bus::pace;
+use operator::bus::period::{NoPeriod, apply, choose};
+use operator::bus::settings::settings_of;
+use operator::bus::soft::SoftReport;
+use operator::bus::storage::FileStorage;
 
 /// Time between two looks at the state of the group.
 const LOOK: Duration = Duration::from_millis(20);

@@ -6,13 +6,13 @@ use protocol::{Duration, Frame, ModuleId};
 
 use super::modules::{look, module_json};
 use super::print_json;
-use crate::bus::ask::AskError;
-use crate::bus::desk::NODE_ID;
-use crate::bus::drive_client::Policy;
-use crate::bus::survey::ModuleReport;
-use crate::bus::{BusArgs, Session};
 use crate::error::ExpectedError;
 use crate::exit;
+use operator::bus::{BusArgs, Session};
+use operator::dialogue::ask::AskError;
+use operator::dialogue::survey::ModuleReport;
+use operator::node::drive_client::Policy;
+use operator::node::inbox::NODE_ID;
 
 /// How long to listen before the first word: another controller or host betrays itself.
 const LISTEN: Duration = Duration::from_millis(300);

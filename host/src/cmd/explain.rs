@@ -4,10 +4,10 @@ use firmware::fault::{Cause, Reaction};
 use protocol::cyphal::id::NodeId;
 
 use super::upload::node_id;
-use crate::bus::BusArgs;
-use crate::bus::history::{describe, table};
 use crate::error::ExpectedError;
 use crate::exit;
+use operator::bus::BusArgs;
+use operator::dialogue::history::{describe, table};
 
 /// Arguments.
 #[derive(Debug, clap::Args)]

@@ -5,10 +5,10 @@ use protocol::powercube::Parameter;
 
 use super::modules::{Modules, open};
 use super::print_json;
-use crate::bus::BusArgs;
-use crate::bus::motion::{Homed, HomingBounds, home};
 use crate::error::ExpectedError;
 use crate::exit;
+use operator::bus::BusArgs;
+use operator::dialogue::motion::{Homed, HomingBounds, home};
 
 /// Arguments.
 #[derive(Debug, clap::Args)]

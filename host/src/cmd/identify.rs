@@ -10,13 +10,13 @@ use robot_model::AnyRobot;
 use super::home::positive;
 use super::modules::modules_on;
 use super::print_json;
-use crate::bus::motion::{HomingBounds, home};
-use crate::bus::{BusArgs, Session};
 use crate::error::ExpectedError;
 use crate::exit;
-use crate::identify::experiment::{Bounds, ExperimentError};
-use crate::identify::joint::{JointError, Wish, identify};
 use crate::report::identify as report;
+use operator::bus::{BusArgs, Session};
+use operator::dialogue::motion::{HomingBounds, home};
+use operator::identify::experiment::{Bounds, ExperimentError};
+use operator::identify::joint::{JointError, Wish, identify};
 use protocol::powercube::Parameter;
 use tuner::identify::findings::Findings;
 
@@ -77,7 +77,7 @@ fn not_negative(text: &str) -> Result<f64, String> {
 impl From<JointError> for ExpectedError {
     fn from(error: JointError) -> Self {
         match error {
-            JointError::Experiment(ExperimentError::Ask(crate::bus::ask::AskError::Interrupted)) => {
+            JointError::Experiment(ExperimentError::Ask(operator::dialogue::ask::AskError::Interrupted)) => {
                 Self::new(exit::INTERRUPTED, "interrupted; everything on the bus was halted")
             }
             JointError::Experiment(ExperimentError::Ask(error)) => error.into(),

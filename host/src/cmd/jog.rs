@@ -9,10 +9,10 @@ use protocol::{Duration, ModuleId};
 
 use super::modules::modules_on;
 use super::print_json;
-use crate::bus::BusArgs;
-use crate::bus::motion::jog;
 use crate::error::ExpectedError;
 use crate::exit;
+use operator::bus::BusArgs;
+use operator::dialogue::motion::jog;
 
 /// Fastest jog, rad/s: slow enough to step aside.
 pub const SPEED_MAX_RAD_S: f64 = 0.25;
@@ -95,7 +95,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     by_keys(args, session)
 }
 
-fn report(module: ModuleId, jogged: &crate::bus::motion::Jogged) {
+fn report(module: ModuleId, jogged: &operator::dialogue::motion::Jogged) {
     let limit = if jogged.at_limit { ", at its soft limit" } else { "" };
     say::line!("module {module}: {:.4} rad -> {:.4} rad{limit}", jogged.from_rad, jogged.to_rad);
 }
@@ -119,7 +119,7 @@ fn keys() -> Receiver<u8> {
     receiver
 }
 
-fn by_keys(args: &Args, mut session: crate::bus::Session) -> Result<(), ExpectedError> {
+fn by_keys(args: &Args, mut session: operator::bus::Session) -> Result<(), ExpectedError> {
     let raw = RawTerminal::enter();
     say::note!("module {}: hold + or l to move up, - or h to move down; any other key ends\r", args.module);
     let keys = keys();

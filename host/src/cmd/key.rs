@@ -6,10 +6,11 @@ use protocol::cyphal::cubecell::command::{UNLOCK, Unlock};
 use protocol::cyphal::id::NodeId;
 
 use super::upload::node_id;
-use crate::bus::key::{KeyArgs, make, read_bytes};
-use crate::bus::{BusArgs, BusFailure, Session};
 use crate::error::ExpectedError;
 use crate::exit;
+use operator::bus::entropy;
+use operator::bus::key_file::{KeyArgs, make, read_bytes};
+use operator::bus::{BusArgs, BusFailure, Session};
 
 /// What to do with the key of a controller.
 #[derive(Debug, clap::Subcommand)]
@@ -87,7 +88,7 @@ impl Target {
 pub fn run(verb: &KeyVerb) -> Result<(), ExpectedError> {
     match verb {
         KeyVerb::Make(args) => {
-            make(&args.file)?;
+            make(&args.file, &entropy::bytes()?)?;
             say::line!("{}: a new key, for its owner only", args.file.display());
             Ok(())
         }

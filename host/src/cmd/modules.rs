@@ -5,10 +5,10 @@ use std::io::IsTerminal;
 use indicatif::{ProgressBar, ProgressStyle};
 use protocol::ModuleId;
 
-use crate::bus::survey::{ModuleReport, survey};
-use crate::bus::{BusArgs, Session};
 use crate::error::ExpectedError;
 use crate::exit;
+use operator::bus::{BusArgs, Session};
+use operator::dialogue::survey::{ModuleReport, survey};
 
 /// The addresses of an option.
 #[derive(Clone, Debug)]
@@ -17,7 +17,7 @@ pub struct Modules(pub Vec<ModuleId>);
 impl std::str::FromStr for Modules {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {
-        crate::bus::args::parse_modules(text).map(Self)
+        operator::bus::args::parse_modules(text).map(Self)
     }
 }
 

@@ -7,11 +7,11 @@ use protocol::powercube::{CubeState, Parameter, Request};
 use protocol::{Duration, Instant, ModuleId};
 
 use super::modules::{Modules, modules_on};
-use crate::bus::desk::{Desk, utilisation};
-use crate::bus::session::Ended;
-use crate::bus::{BusArgs, Session};
 use crate::error::ExpectedError;
 use crate::exit;
+use operator::bus::session::Ended;
+use operator::bus::{BusArgs, Session};
+use operator::node::desk::{Desk, utilisation};
 
 /// Rate that the bus load is computed with, bit/s.
 const BIT_RATE_BIT_S: u32 = 1_000_000;
@@ -101,7 +101,12 @@ fn ask(desk: &mut Desk, modules: &[ModuleId]) {
     }
 }
 
-fn picture(session: &mut Session, before: crate::bus::desk::Tally, span: Duration, table: bool) -> String {
+fn picture(
+    session: &mut Session,
+    before: operator::node::desk::Tally,
+    span: Duration,
+    table: bool,
+) -> String {
     use std::fmt::Write as _;
     let (now, errors, name) = (session.now(), session.bus_errors().len(), session.name().to_owned());
     let group = controller(session.desk(), table);

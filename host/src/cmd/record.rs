@@ -4,10 +4,11 @@ use std::path::PathBuf;
 
 use protocol::Duration;
 
-use crate::bus::BusArgs;
-use crate::bus::session::{BusFailure, Ended};
 use crate::error::ExpectedError;
-use crate::log::files_of;
+use operator::bus::BusArgs;
+use operator::bus::BusFailure;
+use operator::bus::session::Ended;
+use operator::log::files_of;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]

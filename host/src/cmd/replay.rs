@@ -12,12 +12,12 @@ use toml_reader::{DESCRIPTION_MAX_BYTES, read_text};
 use super::print_json;
 use super::throw::read_gains;
 use super::tune::InForce;
-use crate::bus::settings::settings_of;
-use crate::bus::sim::soft_controller;
 use crate::error::ExpectedError;
 use crate::exit;
-use crate::log::candump::{Line, Recording, read_file};
-use crate::throw::period::{Wish, apply, choose};
+use operator::bus::period::{Wish, apply, choose};
+use operator::bus::settings::settings_of;
+use operator::bus::sim::soft_controller;
+use operator::log::candump::{Line, Recording, read_file};
 
 /// Frames that a controller may send at one deadline; more is taken for a defect.
 const FRAMES_MAX: usize = 4_096;

@@ -8,13 +8,13 @@ use protocol::{Duration, Instant};
 use serde_json::Value;
 
 use super::print_json;
-use crate::analysis::drives::Drives;
-use crate::analysis::events::{self, Event};
-use crate::analysis::{PlanClock, Run, RunAnalysis, analyse};
 use crate::error::ExpectedError;
 use crate::exit;
-use crate::log::candump::{self, Tear};
 use crate::report::run::{EarlyReport, RunReport};
+use operator::analysis::drives::Drives;
+use operator::analysis::events::{self, Event};
+use operator::analysis::{PlanClock, Run, RunAnalysis, analyse};
+use operator::log::candump::{self, Tear};
 use planner::plan::file::PlanFile;
 use planner::throw::Arm;
 

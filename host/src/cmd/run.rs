@@ -8,10 +8,10 @@ use protocol::cyphal::id::NodeId;
 
 use super::print_json;
 use super::upload::{bytes_for, node_id, read, send, settle};
-use crate::bus::BusArgs;
-use crate::bus::key::KeyArgs;
 use crate::error::ExpectedError;
 use crate::exit;
+use operator::bus::BusArgs;
+use operator::bus::key_file::KeyArgs;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]

@@ -4,8 +4,8 @@ use protocol::ModuleId;
 
 use super::modules::{Modules, look, module_json, nobody, require_alone};
 use super::print_json;
-use crate::bus::BusArgs;
 use crate::error::ExpectedError;
+use operator::bus::BusArgs;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]

@@ -9,12 +9,12 @@ use hil_sim::scenario::{Scenario, ScriptedHost};
 use protocol::{Duration, Instant};
 use robot_model::AnyRobot;
 
-use crate::bus::args::interrupt;
-use crate::bus::session::BusFailure;
-use crate::bus::sim::{controller_guest, no_guests};
 use crate::error::ExpectedError;
 use crate::exit;
-use crate::throw::period::settings_with_gains;
+use operator::bus::BusFailure;
+use operator::bus::args::interrupt;
+use operator::bus::period::settings_with_gains;
+use operator::bus::sim::{controller_guest, no_guests};
 
 /// Time between two looks at how late the machine was, and the lag that is told when it happens: a controller with a cycle
 /// of 3 ms loses two answers in a row.

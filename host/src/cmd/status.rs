@@ -2,8 +2,8 @@
 
 use super::modules::{Modules, module_json, open};
 use super::print_json;
-use crate::bus::BusArgs;
 use crate::error::ExpectedError;
+use operator::bus::BusArgs;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]

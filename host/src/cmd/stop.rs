@@ -5,9 +5,9 @@ use protocol::powercube::CubeState;
 use protocol::{Duration, ModuleId};
 
 use super::modules::look;
-use crate::bus::BusArgs;
 use crate::error::ExpectedError;
 use crate::exit;
+use operator::bus::BusArgs;
 
 /// How often the halt is said, 5 ms apart: a frame may be lost.
 const TIMES: usize = 3;

@@ -11,11 +11,11 @@ use indicatif::{ProgressBar, ProgressDrawTarget};
 use serde_json::json;
 
 use super::print_json;
-use crate::bus::args::interrupt;
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::trust::shrink::shrink;
 use crate::trust::{Swarm, Verdict};
+use operator::bus::args::interrupt;
 
 /// Runs that one finding may take to become smaller.
 const SHRINK_RUNS_MAX: usize = 150;

@@ -4,9 +4,9 @@ use protocol::cyphal::cubecell::command::{UNLOCK, UNLOCK_VALID_S_MAX, Unlock};
 use robot_model::AnyRobot;
 
 use super::key::Target;
-use crate::bus::registers::Numbers;
-use crate::bus::settings::crc32_of_any;
 use crate::error::ExpectedError;
+use operator::bus::settings::crc32_of_any;
+use operator::dialogue::registers::Numbers;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]

@@ -7,11 +7,11 @@ use indicatif::ProgressBar;
 use protocol::cyphal::cubecell::command::Trajectory;
 use protocol::cyphal::id::NodeId;
 
-use crate::bus::key::KeyArgs;
-use crate::bus::operator::OperatorError;
-use crate::bus::{BusArgs, Session};
 use crate::error::ExpectedError;
-use crate::throw::trajectory::{Motion, robot_crc32};
+use operator::bus::key_file::KeyArgs;
+use operator::bus::{BusArgs, Session};
+use operator::dialogue::operator::OperatorError;
+use operator::throw::trajectory::{Motion, robot_crc32};
 use planner::plan::file::PlanFile;
 
 /// Arguments.

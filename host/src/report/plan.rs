@@ -8,7 +8,7 @@ use nalgebra::{Matrix2, Vector3};
 use super::chart::{Chart, Curve, Pen};
 use super::page::{Page, Tone, cell};
 use super::{landing as landing_chart, scene};
-use crate::analysis::release::flight;
+use operator::analysis::release::flight;
 use planner::flight::landing;
 use planner::plan::file::PlanFile;
 use planner::throw::{Arm, JOINTS};

@@ -5,8 +5,8 @@ use std::fmt::Write as _;
 use protocol::powercube::Address;
 
 use super::chart::escape;
-use crate::analysis::bus::{Slot, Traffic};
-use crate::log::facts::{Decoder, Fact};
+use operator::analysis::bus::{Slot, Traffic};
+use operator::log::facts::{Decoder, Fact};
 
 const WIDTH: f64 = 1200.0;
 const LEFT: f64 = 120.0;

@@ -8,8 +8,8 @@ use protocol::cyphal::cubecell::group_state::State;
 use protocol::{Duration, Instant};
 
 use super::evidence::{Evidence, Seen, Told};
-use crate::throw::job::Step;
-use crate::throw::outcome::Ball;
+use operator::throw::job::Step;
+use operator::throw::outcome::Ball;
 use planner::plan::Arm;
 
 /// A run that lasts longer than the nominal one by more than this hangs: start-up may take 20 s.

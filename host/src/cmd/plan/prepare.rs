@@ -7,9 +7,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::options::{PlanOptions, default_table};
 use super::require_writable;
-use crate::bus::args::interrupt;
 use crate::error::ExpectedError;
 use crate::exit;
+use operator::bus::args::interrupt;
 use planner::plan::prepare::{Grid, Preparation};
 use planner::plan::search::kind_of;
 use planner::store::{Record, file, robot_fingerprint};

@@ -9,10 +9,10 @@ use nalgebra::Vector3;
 
 use super::options::{PlanOptions, Starts, point, two_numbers};
 use super::require_writable;
-use crate::bus::args::interrupt;
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::plan as plan_report;
+use operator::bus::args::interrupt;
 use planner::plan::file::PlanFile;
 use planner::plan::search::{Best, Budget, NoThrow, Planner, Watch};
 use planner::plan::statistics::{Noise, Region};

@@ -23,19 +23,19 @@ use super::plan::throw::{Planned, SearchOptions};
 use super::print_json;
 use super::report;
 use super::tune::InForce;
-use crate::bus::args::{CellArgs, Controller, interrupt};
-use crate::bus::key::KeyArgs;
-use crate::bus::operator::OperatorError;
-use crate::bus::pace::Pace;
-use crate::bus::settings::settings_of;
-use crate::bus::{BusArgs, Session};
 use crate::error::ExpectedError;
 use crate::exit;
-use crate::throw::job::{News, Step};
-use crate::throw::outcome::{Outcome, default_tolerance_m, judge};
-use crate::throw::period::{NoPeriod, PERIOD_MAX_US, PERIOD_MIN_US, Wish, apply, choose};
-use crate::throw::summary::{Circumstances, summary};
-use crate::throw::{Job, JobError, Record, Verdict, job};
+use operator::bus::args::{CellArgs, Controller, interrupt};
+use operator::bus::key_file::KeyArgs;
+use operator::bus::pace::Pace;
+use operator::bus::period::{NoPeriod, PERIOD_MAX_US, PERIOD_MIN_US, Wish, apply, choose};
+use operator::bus::settings::settings_of;
+use operator::bus::{BusArgs, Session};
+use operator::dialogue::operator::OperatorError;
+use operator::throw::job::{News, Step};
+use operator::throw::outcome::{Outcome, default_tolerance_m, judge};
+use operator::throw::summary::{Circumstances, summary};
+use operator::throw::{Job, JobError, Record, Verdict, job};
 use planner::plan::Arm;
 use planner::plan::file::PlanFile;
 use planner::verify;
@@ -277,7 +277,7 @@ fn off_target(verdict: &Verdict) -> Option<ExpectedError> {
         }
         _ => return None,
     };
-    let code = verdict.outcome.exit_code()?;
+    let code = exit::of_outcome(verdict.outcome)?;
     Some(ExpectedError::new(code, format!("{}\n  next: {next}", verdict.text)))
 }
 

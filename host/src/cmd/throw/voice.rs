@@ -9,11 +9,11 @@ use indicatif::ProgressBar;
 use nalgebra::Vector3;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-use crate::analysis::tracking::JointTracking;
-use crate::bus::pace::Pace;
-use crate::throw::job::News;
-use crate::throw::period::Choice;
-use crate::throw::{Record, Verdict};
+use operator::analysis::tracking::JointTracking;
+use operator::bus::pace::Pace;
+use operator::bus::period::Choice;
+use operator::throw::job::News;
+use operator::throw::{Record, Verdict};
 use planner::plan::file::PlanFile;
 use tuner::gains::choose::GainsFrom;
 
@@ -64,7 +64,7 @@ impl Voice {
 
     pub(super) fn paced(&self, choice: &Choice, pace: &Pace) {
         let found = format!("{} ms ({}): {pace}", f64::from(choice.period_us) * 1e-3, choice.why);
-        self.line("control period", crate::bus::pace::SPAN.as_secs_f64(), &found);
+        self.line("control period", operator::bus::pace::SPAN.as_secs_f64(), &found);
         self.line("", 0.0, &pace.granted.to_string());
     }
 
@@ -132,7 +132,7 @@ impl Voice {
             say::line!("largest tracking errors {} mrad", mrad.join(" "));
             match &analysis.coverage {
                 Some(coverage) => say::line!("{}", coverage.sentence()),
-                None => say::line!("{}", crate::throw::summary::NOT_COMPARED),
+                None => say::line!("{}", operator::throw::summary::NOT_COMPARED),
             }
         }
         say::line!("{:.2} s in all; results in {}", begun.elapsed().as_secs_f64(), folder.display());

@@ -12,9 +12,9 @@ use protocol::cyphal::uavcan::register::{ACCESS, AccessRequest, AccessResponse};
 use protocol::cyphal::uavcan::value::{ValueBuf, ValueType};
 use serde::{Deserialize, Serialize};
 
-use crate::bus::Session;
-use crate::bus::operator::OperatorError;
-use crate::throw::period::set_period;
+use operator::bus::Session;
+use operator::bus::period::set_period;
+use operator::dialogue::operator::OperatorError;
 use tuner::gains::gains_file::GainsFile;
 use tuner::model::Estimator;
 

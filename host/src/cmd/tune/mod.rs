@@ -14,13 +14,13 @@ use rayon::prelude::*;
 use robot_model::AnyRobot;
 use toml_reader::{DESCRIPTION_MAX_BYTES, read_text};
 
-use crate::bus::key::KeyArgs;
-use crate::bus::settings::crc32_of_any;
-use crate::bus::{BusArgs, Session};
 use crate::error::ExpectedError;
 use crate::exit;
 pub(in crate::cmd) use apply::InForce;
 use apply::{ApplyError, OnBus, put};
+use operator::bus::key_file::KeyArgs;
+use operator::bus::settings::crc32_of_any;
+use operator::bus::{BusArgs, Session};
 use planner::plan::file::PlanFile;
 use trial::built_in;
 use tuner::gains::design::{Design, Tuned, tune};

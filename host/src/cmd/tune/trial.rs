@@ -7,7 +7,7 @@ use protocol::JointIndex;
 use robot_model::AnyRobot;
 
 use super::apply::InForce;
-use crate::bus::settings::crc32_of_any;
+use operator::bus::settings::crc32_of_any;
 use planner::plan::file::{JointPlan, PlanFile, Segment};
 use tuner::gains::gains_file::{GainsFile, JointGains, certificate_gains, paper_system};
 use tuner::gains::lqr;

@@ -4,8 +4,8 @@ use super::super::chart::Curve;
 use super::super::page::{Page, Tone, cell, table};
 use super::super::timeline;
 use super::RunReport;
-use crate::analysis::bus::STEP_S;
-use crate::analysis::distribution::Distribution;
+use operator::analysis::bus::STEP_S;
+use operator::analysis::distribution::Distribution;
 
 /// Identifiers shown of the bus.
 const IDS_SHOWN: usize = 14;
@@ -103,7 +103,7 @@ impl RunReport<'_> {
         page.table(&["what", "number", "least ms", "median ms", "99 % ms", "largest ms"], &rows);
         match &a.coverage {
             Some(coverage) => page.note(&coverage.sentence()),
-            None => page.note(crate::throw::summary::NOT_COMPARED),
+            None => page.note(operator::throw::summary::NOT_COMPARED),
         }
         let nominal = a.cycles.nominal_s.map_or(String::new(), |s| format!("Set period {} ms. ", ms(s)));
         page.note(&format!(

@@ -5,9 +5,9 @@ use serde_json::Value;
 use super::super::chart::escape;
 use super::super::page::{Page, Tone, cell};
 use super::{record, repeat_rows, told_outcome, tone};
-use crate::analysis::events::Event;
-use crate::log::candump::Tear;
-use crate::throw::Outcome;
+use operator::analysis::events::Event;
+use operator::log::candump::Tear;
+use operator::throw::Outcome;
 use planner::plan::file::PlanFile;
 
 /// Page of a throw that ended before the arm moved.

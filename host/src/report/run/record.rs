@@ -5,8 +5,8 @@ use serde_json::Value;
 use super::super::chart::escape;
 use super::super::page::{Page, Tone, cell, table};
 use super::{RunReport, repeat_rows};
-use crate::analysis::events::{Event, FirstFault};
-use crate::log::watch::Severity;
+use operator::analysis::events::{Event, FirstFault};
+use operator::log::watch::Severity;
 
 impl RunReport<'_> {
     pub(super) fn fault(&self, page: &mut Page, fault: &FirstFault) {

@@ -3,9 +3,9 @@
 use super::super::chart::{Chart, Curve, Pen};
 use super::super::page::{Page, Tone, cell};
 use super::RunReport;
-use crate::analysis::collect::Reading;
-use crate::analysis::tracking::JointTracking;
-use crate::analysis::{AFTER_S, BEFORE_S, POSITION_BOUND_RAD, SPEED_BOUND_RAD_S, TRANSIENT_S};
+use operator::analysis::collect::Reading;
+use operator::analysis::tracking::JointTracking;
+use operator::analysis::{AFTER_S, BEFORE_S, POSITION_BOUND_RAD, SPEED_BOUND_RAD_S, TRANSIENT_S};
 use planner::throw::JOINTS;
 
 impl RunReport<'_> {

@@ -1,0 +1,242 @@
+//! Options of every verb that touches a bus.
+
+use std::path::PathBuf;
+use std::rc::Rc;
+use std::str::FromStr;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use can_link::BusSpec;
+use firmware::settings::Settings;
+use hil_sim::scenario::Scenario;
+use protocol::ModuleId;
+use protocol::cyphal::id::NodeId;
+use robot_model::AnyRobot;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+
+use super::failure::BusFailure;
+use super::live::LiveBus;
+use super::session::{Medium, Session};
+use super::sim::{SimBus, SimSetup, controller_guest, no_guests};
+use crate::bus::period::settings_with_gains;
+use crate::log::Recorder;
+
+/// Which bus, and what to keep of it.
+#[derive(Clone, Debug, clap::Args)]
+pub struct BusArgs {
+    /// Bus: sim (the cell inside this program, in virtual time), can0, socketcand://host:port/bus,
+    /// slcan:/dev/ttyACM0 or slcan://host:port.
+    #[arg(long, default_value = "sim", value_name = "SPEC")]
+    pub bus: BusSpec,
+    /// The simulated cell.
+    #[command(flatten)]
+    pub cell: CellArgs,
+    /// Record every frame to PATH.candump and PATH.mcap.
+    #[arg(long, value_name = "PATH")]
+    pub record: Option<PathBuf>,
+    /// Ask modules although another host or a controller speaks to them. Two that use one id at the same time destroy
+    /// each other's frames: a running motion may be stopped by it.
+    #[arg(long)]
+    pub beside: bool,
+}
+
+/// The cell behind the bus `sim`; the robot matters to other buses too where a controller runs in this program.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct CellArgs {
+    /// Robot: a built-in name or a file [default: the scenario's, or powercube6].
+    #[arg(long, value_name = "ROBOT")]
+    pub robot: Option<String>,
+    /// Seed of the simulated cell [default: the scenario's, or 1].
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// Scenario of the simulated cell: its options, and what goes wrong (`hil-sim faults` lists the kinds).
+    #[arg(long, value_name = "FILE")]
+    pub scenario: Option<PathBuf>,
+}
+
+/// A robot with its simulated cell, read and checked.
+pub struct Cell {
+    /// What was given for the robot.
+    pub robot_source: String,
+    /// The robot.
+    pub robot: AnyRobot,
+    /// Seed.
+    pub seed: u64,
+    /// Options of the cell.
+    pub setup: SimSetup,
+}
+
+impl CellArgs {
+    /// Reads robot and scenario.
+    ///
+    /// # Errors
+    /// A file cannot be read or is refused.
+    pub fn load(&self) -> Result<Cell, BusFailure> {
+        let scenario = self.scenario.as_deref().map(Scenario::load).transpose();
+        let scenario = scenario.map_err(|error| BusFailure::Scenario(Box::new(error)))?;
+        let named = self.robot.clone().or(scenario.as_ref().map(|scenario| scenario.robot.clone()));
+        let robot_source = named.unwrap_or_else(|| "powercube6".to_owned());
+        let robot = AnyRobot::load(&robot_source)?;
+        let seed = self.seed.or(scenario.as_ref().map(|scenario| scenario.seed)).unwrap_or(1);
+        let setup = scenario.map_or_else(SimSetup::default, |scenario| SimSetup {
+            cell: scenario.cell,
+            bus: scenario.bus,
+            faults: scenario.faults,
+            actions: scenario.actions,
+        });
+        Ok(Cell { robot_source, robot, seed, setup })
+    }
+}
+
+/// Who controls the group.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Controller {
+    /// A controller in this program, in the simulated cell or in a thread on the bus.
+    Soft,
+    /// One that is on the bus already.
+    Node(NodeId),
+}
+
+impl FromStr for Controller {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "soft" {
+            return Ok(Self::Soft);
+        }
+        let node = text.parse::<u8>().ok().and_then(|id| NodeId::new(id).ok());
+        node.map(Self::Node).ok_or_else(|| "must be `soft` or a Cyphal node-ID from 0 to 127".to_owned())
+    }
+}
+
+impl Default for BusArgs {
+    fn default() -> Self {
+        Self { bus: BusSpec::Sim, cell: CellArgs::default(), record: None, beside: false }
+    }
+}
+
+impl BusArgs {
+    /// Opens the session, with its recorders.
+    ///
+    /// # Errors
+    /// The bus cannot be reached, the cell not be built, or the recording not be created.
+    pub fn open(&self) -> Result<Session, BusFailure> {
+        self.open_cell(&self.cell.load()?, None)
+    }
+
+    /// As [`BusArgs::open`]; on the bus `sim` with the soft controller in the cell.
+    ///
+    /// # Errors
+    /// As [`BusArgs::open`].
+    pub fn open_with_controller(&self) -> Result<Session, BusFailure> {
+        let cell = self.cell.load()?;
+        let settings = (self.bus == BusSpec::Sim).then(|| settings_with_gains(&cell.robot)).transpose()?;
+        self.open_cell(&cell, settings.as_ref())
+    }
+
+    /// Opens the session; on the bus `sim` with `cell` behind it. With `settings` a soft controller is on the bus: in
+    /// the cell, or in a thread of this program.
+    ///
+    /// # Errors
+    /// As [`BusArgs::open`].
+    pub fn open_cell(&self, cell: &Cell, settings: Option<&Settings>) -> Result<Session, BusFailure> {
+        let off = Rc::default();
+        let medium = match &self.bus {
+            BusSpec::Sim => {
+                let guests =
+                    settings.map_or_else(no_guests, |settings| controller_guest(settings, Rc::clone(&off)));
+                Medium::Sim(Box::new(SimBus::new(&cell.robot, &cell.setup, cell.seed, guests)?))
+            }
+            spec => {
+                let live = LiveBus::open(spec)?;
+                Medium::Live(Box::new(match settings {
+                    Some(settings) => live.start_controller(*settings)?,
+                    None => live,
+                }))
+            }
+        };
+        let name = match &self.bus {
+            BusSpec::Sim => format!("sim (robot {}, seed {})", cell.robot_source, cell.seed),
+            spec => spec.to_string(),
+        };
+        let mut session = Session::new(medium, name, interrupt(), off);
+        if let Some(path) = &self.record {
+            let recorder = Recorder::create(path, &self.bus)
+                .map_err(|source| BusFailure::Recording { source, halted: false })?;
+            session.add_tap(Box::new(recorder));
+        }
+        Ok(session)
+    }
+}
+
+/// Exit code of a process that a second signal ends.
+pub const INTERRUPTED: u8 = 6;
+
+/// The flag that Ctrl-C, SIGTERM and SIGHUP set. The handlers are installed once per process; a second signal ends it at
+/// once. A SIGHUP that the parent has chosen to ignore (`nohup`) stays ignored.
+pub fn interrupt() -> Arc<AtomicBool> {
+    static FLAG: std::sync::OnceLock<Arc<AtomicBool>> = std::sync::OnceLock::new();
+    Arc::clone(FLAG.get_or_init(|| {
+        let flag = Arc::new(AtomicBool::new(false));
+        let code = i32::from(INTERRUPTED);
+        for signal in [SIGINT, SIGTERM, SIGHUP] {
+            if signal == SIGHUP && is_ignored(SIGHUP) {
+                continue;
+            }
+            // In this order: the first signal finds the flag unset and sets it, the second one ends the program.
+            let _ = signal_hook::flag::register_conditional_shutdown(signal, code, Arc::clone(&flag));
+            let _ = signal_hook::flag::register(signal, Arc::clone(&flag));
+        }
+        flag
+    }))
+}
+
+/// The process was started with this signal ignored, as far as the system tells.
+fn is_ignored(signal: i32) -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok())
+        .is_some_and(|mask| mask >> (signal - 1) & 1 != 0)
+}
+
+/// `3`, `1-6` or `1,2,5-7` as addresses.
+///
+/// # Errors
+/// In words, for the command line.
+pub fn parse_modules(text: &str) -> Result<Vec<ModuleId>, String> {
+    let number = |part: &str| -> Result<u8, String> {
+        part.trim().parse().map_err(|_| format!("'{part}' is no address; write 3, 1-6 or 1,2,5-7"))
+    };
+    let mut modules = Vec::new();
+    for part in text.split(',') {
+        let (first, last) = match part.split_once('-') {
+            Some((first, last)) => (number(first)?, number(last)?),
+            None => (number(part)?, number(part)?),
+        };
+        if first > last {
+            return Err(format!("'{part}' runs backwards"));
+        }
+        for address in first..=last {
+            let module = ModuleId::new(address).map_err(|error| format!("address {error}"))?;
+            if !modules.contains(&module) {
+                modules.push(module);
+            }
+        }
+    }
+    Ok(modules)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists_of_addresses_are_read_or_refused_with_the_reason() {
+        let ids = |text| parse_modules(text).map(|m| m.iter().map(|m| m.get()).collect::<Vec<_>>());
+        assert_eq!(ids("3"), Ok(vec![3]));
+        assert_eq!(ids("1-3,3,7"), Ok(vec![1, 2, 3, 7]));
+        assert_eq!(ids("0"), Err("address 0 is outside 1..=31".to_owned()));
+        assert_eq!(ids("4-2"), Err("'4-2' runs backwards".to_owned()));
+        assert!(ids("arm").is_err());
+    }
+}

@@ -1,0 +1,62 @@
+//! Why a bus cannot be opened, or a session on it ended.
+
+use std::io;
+
+/// Why a session ended although nobody asked for it.
+#[derive(Debug, thiserror::Error)]
+pub enum BusFailure {
+    /// The bus cannot be reached.
+    #[error(transparent)]
+    Open(#[from] can_link::OpenError),
+    /// The bus is gone.
+    #[error(transparent)]
+    Link(#[from] can_link::LinkError),
+    /// Waiting for the bus failed.
+    #[error("cannot wait for the bus: {0}")]
+    Wait(#[source] io::Error),
+    /// The runner of a node ended.
+    #[error(transparent)]
+    Runner(#[from] can_link::RunError),
+    /// The robot of the simulated cell cannot be loaded.
+    #[error("{0}\n  next: name a built-in robot (powercube6) or the path of a robot file")]
+    Robot(#[from] robot_model::LoadError),
+    /// The scenario of the simulated cell cannot be used.
+    #[error(transparent)]
+    Scenario(Box<hil_sim::scenario::ScenarioError>),
+    /// No controller can be made for the robot.
+    #[error(transparent)]
+    Settings(#[from] super::settings::NoSettings),
+    /// The key file cannot be used.
+    #[error(transparent)]
+    Key(#[from] super::key_file::KeyFileError),
+    /// The operating system gives no random bytes.
+    #[error(transparent)]
+    Entropy(#[from] super::entropy::NoEntropy),
+    /// The simulated cell cannot be built.
+    #[error(transparent)]
+    Cell(#[from] hil_sim::cell::CellError),
+    /// The simulated world cannot be built.
+    #[error(transparent)]
+    World(#[from] hil_sim::world::BuildError),
+    /// A node of the simulated world broke its contract.
+    #[error("simulated bus: {0}")]
+    Sim(#[from] hil_sim::world::RunError),
+    /// The recording cannot be written; the arm was stopped first where this session moved it.
+    #[error("the recording cannot be written: {source}{}\n  next: {}", if *.halted { " (the arm was halted first)" } else { "" }, disk_advice(.source))]
+    Recording {
+        /// What the disk said.
+        source: io::Error,
+        /// A halt was sent before the session ended.
+        halted: bool,
+    },
+}
+
+fn disk_advice(error: &io::Error) -> &'static str {
+    match error.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+            "free space on that disk, or record to another one"
+        }
+        io::ErrorKind::PermissionDenied => "record to a folder that may be written",
+        _ => "check the disk, or record to another place",
+    }
+}

@@ -1,0 +1,177 @@
+//! A link of the operating system in real time.
+
+use can_link::{BusSpec, Clock, Event, Link, LinkError, LinkStats, PollSet, SendError};
+use firmware::settings::Settings;
+use protocol::{Duration, Frame, Instant, ModuleId, Node};
+
+use super::failure::BusFailure;
+use super::pace::{self, Pace};
+use super::seen::Seen;
+use super::soft::{SoftController, SoftReport};
+use crate::node::desk::Desk;
+use crate::tap::Way;
+
+/// Longest sleep, so that Ctrl-C is seen.
+const NAP: Duration = Duration::from_millis(20);
+/// In lock step this program hears frames up to so much late: a host reacts to none at once.
+const FRAME_DELAY: Duration = Duration::from_millis(2);
+/// Events taken before deadlines are looked at again.
+const EVENTS_PER_STEP: usize = 64;
+
+/// See the [module](self).
+pub struct LiveBus {
+    link: Box<dyn Link + Send>,
+    soft: Option<SoftController>,
+    clock: Clock,
+    spec: BusSpec,
+    desk: Desk,
+    last: Instant,
+    dropped: u64,
+}
+
+impl LiveBus {
+    /// Joins the bus that `spec` names.
+    ///
+    /// # Errors
+    /// The bus cannot be reached.
+    pub fn open(spec: &BusSpec) -> Result<Self, BusFailure> {
+        let clock = spec.clock();
+        let mut link = can_link::open(spec, clock)?;
+        link.bear_late_frames(FRAME_DELAY);
+        let last = clock.now();
+        Ok(Self { link, soft: None, clock, spec: spec.clone(), desk: Desk::default(), last, dropped: 0 })
+    }
+
+    /// Puts a soft controller on the bus, in a thread of its own.
+    ///
+    /// # Errors
+    /// The operating system gives no thread or no random bytes.
+    pub(super) fn start_controller(self, settings: Settings) -> Result<Self, BusFailure> {
+        if self.clock.is_manual() {
+            // Each thread has its own turns, and so its own connection.
+            let clock = self.spec.clock();
+            let wire = can_link::open(&self.spec, clock)?;
+            let (soft, _) = SoftController::start(wire, clock, settings)?;
+            return Ok(Self { soft: Some(soft), ..self });
+        }
+        let (soft, door) = SoftController::start(self.link, self.clock, settings)?;
+        Ok(Self { link: Box::new(door), soft: Some(soft), ..self })
+    }
+
+    /// Measures what the machine and the bus hold, with questions to `modules`; the desk hears nothing meanwhile.
+    ///
+    /// # Errors
+    /// The bus is gone.
+    pub(super) fn measure_pace(&mut self, modules: &[ModuleId]) -> Result<Pace, BusFailure> {
+        self.link.bear_late_frames(Duration::ZERO);
+        let pace = pace::measure(&mut *self.link, self.clock, modules);
+        self.link.bear_late_frames(FRAME_DELAY);
+        Ok(pace?)
+    }
+
+    /// Takes the soft controller off the bus; the link stays.
+    pub(super) fn switch_controller_off(&mut self) {
+        if let Some(soft) = &self.soft {
+            soft.switch_off();
+        }
+    }
+
+    /// How the soft controller's thread did; ends it, and with it the link.
+    pub(super) fn finish_controller(&mut self) -> Option<SoftReport> {
+        let soft = self.soft.as_mut()?;
+        if self.clock.is_manual() {
+            soft.ask_to_end();
+            // Time would wait for this side while this side waits for the thread.
+            self.link = Box::new(Closed(self.spec.to_string()));
+        }
+        soft.finish()
+    }
+
+    pub(super) fn now(&self) -> Instant {
+        self.clock.now().max(self.last)
+    }
+
+    pub(super) fn desk(&mut self) -> &mut Desk {
+        let now = self.now();
+        self.desk.wake(now);
+        &mut self.desk
+    }
+
+    /// Frames that the link did not take because its queue was full.
+    pub const fn dropped(&self) -> u64 {
+        self.dropped
+    }
+
+    pub(super) fn step(&mut self, until: Instant, seen: &mut Seen<'_>) -> Result<(), BusFailure> {
+        self.send_out(seen)?;
+        let mut idle = false;
+        for _ in 0..EVENTS_PER_STEP {
+            match self.link.receive()? {
+                Some(Event::Frame { at, frame, .. }) => {
+                    self.last = self.last.max(at);
+                    self.serve_deadline();
+                    seen.frame(self.last, Way::Received, &frame);
+                    self.desk.handle_frame(self.last, &frame);
+                }
+                Some(Event::BusError { at, error }) => seen.bus_error(at, &error),
+                None => {
+                    idle = true;
+                    break;
+                }
+            }
+            self.send_out(seen)?;
+        }
+        self.last = self.now();
+        self.serve_deadline();
+        self.send_out(seen)?;
+        if idle {
+            let wake = self.desk.poll_timeout().into_iter().chain([until, self.last + NAP]).min();
+            // An answer to what was just sent may have changed what the caller waits for: at most one nap late.
+            can_link::wait(&[&*self.link], &self.clock, wake).map_err(BusFailure::Wait)?;
+        }
+        Ok(())
+    }
+
+    fn serve_deadline(&mut self) {
+        if self.desk.poll_timeout().is_some_and(|due| due <= self.last) {
+            self.desk.handle_timeout(self.last);
+        }
+    }
+
+    fn send_out(&mut self, seen: &mut Seen<'_>) -> Result<(), BusFailure> {
+        while let Some(frame) = self.desk.poll_frame() {
+            // What comes in later may carry an earlier time, that of its arrival elsewhere; the record goes on in order.
+            self.last = self.now();
+            match self.link.send(&frame) {
+                Ok(()) => seen.frame(self.last, Way::Sent, &frame),
+                Err(SendError::QueueFull { .. }) => self.dropped += 1,
+                Err(SendError::Link(error)) => return Err(error.into()),
+                Err(_) => self.dropped += 1,
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A link that was given up.
+struct Closed(String);
+
+impl Link for Closed {
+    fn name(&self) -> &str {
+        &self.0
+    }
+
+    fn send(&mut self, _: &Frame) -> Result<(), SendError> {
+        Err(LinkError::Closed { link: self.0.clone() }.into())
+    }
+
+    fn receive(&mut self) -> Result<Option<Event>, LinkError> {
+        Err(LinkError::Closed { link: self.0.clone() })
+    }
+
+    fn register<'a>(&'a self, _: &mut PollSet<'a>) {}
+
+    fn stats(&self) -> LinkStats {
+        LinkStats::default()
+    }
+}

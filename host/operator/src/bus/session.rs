@@ -1,0 +1,278 @@
+//! A session on a bus: supplies time and frames to the [`Desk`], whatever the bus is.
+
+use std::cell::Cell;
+use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use can_link::{BusError, Role, Urgent};
+use firmware::authority::Key;
+use protocol::cyphal::cubecell::stop::Reason;
+use protocol::{Duration, Instant, ModuleId};
+
+use super::failure::BusFailure;
+use super::live::LiveBus;
+use super::pace::Pace;
+use super::seen::Seen;
+use super::sim::SimBus;
+use super::soft::SoftReport;
+use crate::node::desk::Desk;
+use crate::tap::Tap;
+
+/// Time that a halt gets to reach the bus before a session is given up.
+const HALT_TIME: Duration = Duration::from_millis(20);
+
+/// How [`Session::run`] ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ended {
+    /// The condition came true.
+    Done,
+    /// The time was up.
+    TimedOut,
+    /// Ctrl-C, SIGTERM or SIGHUP.
+    Interrupted,
+}
+
+/// What every kind of bus does for a session.
+pub(super) enum Medium {
+    Sim(Box<SimBus>),
+    Live(Box<LiveBus>),
+}
+
+/// See the [module](self).
+pub struct Session {
+    medium: Medium,
+    pub(super) taps: Vec<Box<dyn Tap>>,
+    interrupt: Arc<AtomicBool>,
+    name: String,
+    /// This session may have set something in motion.
+    moves: bool,
+    /// While it does, this thread is not late: without the host's heartbeat a controller stops.
+    urgent: Option<Urgent>,
+    bus_errors: Vec<(Instant, BusError)>,
+    /// Set: the soft controller of the simulated cell is silent.
+    controller_off: Rc<Cell<bool>>,
+    /// Key of the controller, if it has one.
+    pub(crate) key: Option<Key>,
+}
+
+impl Session {
+    pub(super) fn new(
+        medium: Medium,
+        name: String,
+        interrupt: Arc<AtomicBool>,
+        controller_off: Rc<Cell<bool>>,
+    ) -> Self {
+        let bus_errors = Vec::new();
+        let (taps, moves, urgent) = (Vec::new(), false, None);
+        Self { medium, taps, interrupt, name, moves, urgent, bus_errors, controller_off, key: None }
+    }
+
+    /// Takes the soft controller of this session off the bus, so that the host may ask the drives itself.
+    pub fn switch_controller_off(&mut self) {
+        self.controller_off.set(true);
+        if let Medium::Live(live) = &mut self.medium {
+            live.switch_controller_off();
+        }
+    }
+
+    /// How the soft controller's thread did, on a live bus; ends it, and with it the session's link.
+    pub fn finish_controller(&mut self) -> Option<SoftReport> {
+        match &mut self.medium {
+            Medium::Sim(_) => None,
+            Medium::Live(live) => live.finish_controller(),
+        }
+    }
+
+    /// Measures for [`super::pace::SPAN`] which control period this machine and this bus hold, with questions to
+    /// `modules` only; `None` in virtual time, which holds every one. Recorders do not see the questions, and no soft
+    /// controller may be on the bus yet.
+    ///
+    /// # Errors
+    /// The bus is gone.
+    pub fn measure_pace(&mut self, modules: &[ModuleId]) -> Result<Option<Pace>, BusFailure> {
+        match &mut self.medium {
+            Medium::Sim(_) => Ok(None),
+            Medium::Live(live) => live.measure_pace(modules).map(Some),
+        }
+    }
+
+    /// The bus as a person would name it.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Present time of the session: virtual time of the cell, or the monotonic clock.
+    pub fn now(&self) -> Instant {
+        match &self.medium {
+            Medium::Sim(sim) => sim.now(),
+            Medium::Live(live) => live.now(),
+        }
+    }
+
+    /// True in virtual time.
+    pub const fn is_simulated(&self) -> bool {
+        matches!(self.medium, Medium::Sim(_))
+    }
+
+    /// The embedded cell, if there is one.
+    pub fn sim(&mut self) -> Option<&mut SimBus> {
+        match &mut self.medium {
+            Medium::Sim(sim) => Some(sim),
+            Medium::Live(_) => None,
+        }
+    }
+
+    /// Adds a recorder.
+    pub fn add_tap(&mut self, tap: Box<dyn Tap>) {
+        self.taps.push(tap);
+    }
+
+    /// Errors of the bus so far.
+    pub fn bus_errors(&self) -> &[(Instant, BusError)] {
+        &self.bus_errors
+    }
+
+    /// The node that speaks for the host, at the present time. What it is given to send leaves with the next
+    /// [`Session::run`].
+    pub fn desk(&mut self) -> &mut Desk {
+        match &mut self.medium {
+            Medium::Sim(sim) => sim.desk(),
+            Medium::Live(live) => live.desk(),
+        }
+    }
+
+    /// Declares that from now on something may move because of this session: whatever ends it sends a halt first.
+    pub fn guard_motion(&mut self) {
+        self.moves = true;
+        if let (Medium::Live(_), None) = (&self.medium, &self.urgent) {
+            self.urgent = Some(Urgent::request(Role::Host));
+        }
+    }
+
+    /// The motion has ended in order.
+    pub fn release_motion(&mut self) {
+        self.moves = false;
+        self.urgent = None;
+    }
+
+    /// Ctrl-C, SIGTERM or SIGHUP has come.
+    pub fn is_interrupted(&self) -> bool {
+        self.interrupt.load(Ordering::Relaxed)
+    }
+
+    /// Runs until `done` says so, `until`, or Ctrl-C. `done` is asked after each event.
+    ///
+    /// # Errors
+    /// The bus is gone, or a recording cannot be written. If [`Session::guard_motion`] is on, a halt was sent
+    /// before (as far as the bus still took it).
+    pub fn run(
+        &mut self,
+        until: Instant,
+        done: &mut dyn FnMut(&mut Desk) -> bool,
+    ) -> Result<Ended, BusFailure> {
+        loop {
+            if self.is_interrupted() {
+                return Ok(Ended::Interrupted);
+            }
+            if done(self.desk()) {
+                return Ok(Ended::Done);
+            }
+            if self.now() >= until {
+                return Ok(Ended::TimedOut);
+            }
+            if let Err(failure) = self.step(until) {
+                return Err(self.give_up(failure));
+            }
+        }
+    }
+
+    /// Lets time pass, Ctrl-C or not; for what must happen after an interruption.
+    ///
+    /// # Errors
+    /// As [`Session::run`].
+    pub fn pass(&mut self, span: Duration) -> Result<(), BusFailure> {
+        let until = self.now() + span;
+        while self.now() < until {
+            self.step(until)?;
+        }
+        Ok(())
+    }
+
+    /// Halts everything on the bus and gives the frames time to leave.
+    ///
+    /// # Errors
+    /// As [`Session::run`].
+    pub fn halt(&mut self, reason: Reason) -> Result<(), BusFailure> {
+        self.desk().halt(reason);
+        self.moves = false;
+        self.pass(HALT_TIME)
+    }
+
+    /// Halts everything if this session may have left something moving, as its end does.
+    ///
+    /// # Errors
+    /// As [`Session::run`].
+    pub fn halt_if_moving(&mut self) -> Result<(), BusFailure> {
+        if self.moves { self.halt(Reason::SHUTDOWN) } else { Ok(()) }
+    }
+
+    /// Ends the session: recordings are complete on the disk when this returns.
+    ///
+    /// # Errors
+    /// [`BusFailure::Recording`].
+    pub fn finish(mut self) -> Result<(), BusFailure> {
+        let mut result = Ok(());
+        for tap in &mut self.taps {
+            if let Err(source) = tap.finish() {
+                result = Err(BusFailure::Recording { source, halted: false });
+            }
+        }
+        self.taps.clear();
+        result
+    }
+
+    fn step(&mut self, until: Instant) -> Result<(), BusFailure> {
+        let mut seen = Seen { taps: &mut self.taps, errors: &mut self.bus_errors, failed: None };
+        match &mut self.medium {
+            Medium::Sim(sim) => sim.step(until, &mut seen)?,
+            Medium::Live(live) => live.step(until, &mut seen)?,
+        }
+        let now = match &self.medium {
+            Medium::Sim(sim) => sim.now(),
+            Medium::Live(live) => live.now(),
+        };
+        for tap in &mut *seen.taps {
+            if let Err(error) = tap.time(now) {
+                seen.failed.get_or_insert(error);
+            }
+        }
+        match seen.failed {
+            Some(source) => Err(BusFailure::Recording { source, halted: false }),
+            None => Ok(()),
+        }
+    }
+
+    /// Stops what this session moves, with the recorders out of the way.
+    fn give_up(&mut self, failure: BusFailure) -> BusFailure {
+        if !self.moves {
+            return failure;
+        }
+        self.taps.clear();
+        let halted = self.halt(Reason::HOST).is_ok();
+        match failure {
+            BusFailure::Recording { source, .. } => BusFailure::Recording { source, halted },
+            other => other,
+        }
+    }
+}
+
+impl Drop for Session {
+    /// Whoever leaves without [`Session::release_motion`], be it by a panic, leaves a standing arm.
+    fn drop(&mut self) {
+        let _ = self.halt_if_moving();
+        for tap in &mut self.taps {
+            let _ = tap.finish();
+        }
+    }
+}

@@ -1,0 +1,189 @@
+//! Settings of a soft controller, from a robot file.
+
+use firmware::crc::Crc32;
+use firmware::joints::PerJoint;
+use firmware::settings::{JointSettings, Settings};
+use protocol::JOINTS_MAX;
+use robot_model::{AnyRobot, RobotModel};
+
+use planner::store::robot_fingerprint;
+
+/// Share of a drive's current that homing and jogging may use.
+const SLOW_CURRENT_SHARE: f64 = 0.5;
+
+/// Why there are no settings for a robot.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NoSettings {
+    /// Its file describes no drives.
+    #[error(
+        "robot {robot} has no drives to control\n  next: give each [[joint]] of its file a [joint.drive] table with address and current"
+    )]
+    NoDrives {
+        /// Name.
+        robot: String,
+    },
+    /// It has more joints than a controller.
+    #[error("robot {robot} has {joints} joints, a controller up to {JOINTS_MAX}")]
+    TooManyJoints {
+        /// Name.
+        robot: String,
+        /// How many.
+        joints: usize,
+    },
+    /// Limits that do not go together.
+    #[error("the limits of robot {robot} make no settings of a controller: {cause}")]
+    Invalid {
+        /// Name.
+        robot: String,
+        /// What the controller says.
+        cause: String,
+    },
+}
+
+/// Checksum by which plan, gains and controller agree on the robot: of the fingerprint in the plan file; never 0, which
+/// stands for any robot.
+#[must_use]
+pub fn robot_crc32(fingerprint: &str) -> u32 {
+    Crc32::of(fingerprint.as_bytes()).max(1)
+}
+
+/// [`robot_crc32`] of a model.
+#[must_use]
+pub fn crc32_of<const N: usize>(model: &RobotModel<N>) -> u32 {
+    robot_crc32(&format!("{:016x}", robot_fingerprint(model)))
+}
+
+/// [`robot_crc32`] of a robot with as many joints as a controller can have.
+#[must_use]
+pub fn crc32_of_any(robot: &AnyRobot) -> Option<u32> {
+    Some(match robot {
+        AnyRobot::Four(model) => crc32_of(model),
+        AnyRobot::Five(model) => crc32_of(model),
+        AnyRobot::Six(model) => crc32_of(model),
+        AnyRobot::Seven(model) => crc32_of(model),
+        _ => return None,
+    })
+}
+
+/// Settings for `robot`: addresses, ranges, limits and currents from its file; the rest as the firmware has it built in.
+///
+/// Gains are a matter of the robot. The built-in ones are kept for the robot that they were designed for, known by its
+/// fingerprint. Any other one gets no gains and no certificate, so that it cannot be armed before it was tuned.
+///
+/// # Errors
+/// [`NoSettings`].
+pub fn settings_of(robot: &AnyRobot) -> Result<Settings, NoSettings> {
+    match robot {
+        AnyRobot::Four(model) => of_model(model),
+        AnyRobot::Five(model) => of_model(model),
+        AnyRobot::Six(model) => of_model(model),
+        AnyRobot::Seven(model) => of_model(model),
+        other => Err(NoSettings::TooManyJoints { robot: other.name().to_owned(), joints: other.joints() }),
+    }
+}
+
+/// As [`settings_of`], for a model whose number of joints is known.
+///
+/// # Errors
+/// As [`settings_of`].
+pub fn of_model<const N: usize>(model: &RobotModel<N>) -> Result<Settings, NoSettings> {
+    let robot = || model.name().to_owned();
+    let drives = model.drives().ok_or_else(|| NoSettings::NoDrives { robot: robot() })?;
+    if N > JOINTS_MAX {
+        return Err(NoSettings::TooManyJoints { robot: robot(), joints: N });
+    }
+    let mut settings = Settings::powercube6();
+    settings.joints = N as u32;
+    let PerJoint(places) = &mut settings.joint;
+    for ((place, joint), drive) in places.iter_mut().zip(model.joints()).zip(drives) {
+        let limits = &joint.limits;
+        *place = JointSettings {
+            address: drive.address.into(),
+            q_min_rad: limits.q_min_rad as f32,
+            q_max_rad: limits.q_max_rad as f32,
+            v_max_rad_s: limits.v_max_rad_s as f32,
+            a_max_rad_s2: limits.a_control_max_rad_s2 as f32,
+            current_max_a: drive.current_max_a as f32,
+            slow_current_a: (SLOW_CURRENT_SHARE * drive.current_max_a) as f32,
+            jog_v_rad_s: place.jog_v_rad_s.min(limits.v_max_rad_s as f32),
+            jog_a_rad_s2: place.jog_a_rad_s2.min(limits.a_control_max_rad_s2 as f32),
+            ..*place
+        };
+    }
+    settings.limits_robot_crc32 = crc32_of(model);
+    if settings.limits_robot_crc32 != settings.gains_robot_crc32 {
+        (settings.gains_robot_crc32, settings.gains_certificate_crc32) = (0, 0);
+        for joint in &mut settings.joint.0 {
+            (joint.k_error_1_s2, joint.k_rate_1_s, joint.k_last) = (0.0, 0.0, 0.0);
+        }
+    }
+    // The gripper hangs on the last drive, as in the simulated cell.
+    settings.gripper_address = drives.last().map_or(0, |drive| drive.address.into());
+    match settings.check() {
+        Ok(()) => Ok(settings),
+        Err(refusal) => Err(NoSettings::Invalid {
+            robot: robot(),
+            cause: format!("{:?} at joint {:?}", refusal.cause, refusal.joint.map(|joint| joint.get() + 1)),
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use protocol::JointIndex;
+
+    #[test]
+    fn the_built_in_robot_file_gives_the_built_in_settings() {
+        let settings = settings_of(&AnyRobot::load("powercube6").unwrap()).unwrap();
+        let built_in = Settings::powercube6();
+        let rounded = |settings: &Settings| {
+            let mut settings = *settings;
+            for joint in JointIndex::first(8) {
+                let joint = settings.joint.at_mut(joint);
+                // Degrees become radians in double precision here, in single precision there.
+                for number in [&mut joint.q_min_rad, &mut joint.q_max_rad, &mut joint.v_max_rad_s] {
+                    *number = (*number * 1e5).round();
+                }
+            }
+            settings
+        };
+        assert_eq!(rounded(&settings), rounded(&built_in));
+    }
+
+    /// The repeat of defect 5: another name, or another limit, is another robot.
+    #[test]
+    fn only_the_robot_that_the_built_in_gains_are_for_gets_them() {
+        let text = robot_model::built_in_text("powercube6").unwrap();
+        let limit = "control_acceleration_max_rad_s2 = 10.4";
+        assert!(text.contains(limit));
+        let slower =
+            AnyRobot::from_toml("edited.toml", &text.replace(limit, "control_acceleration_max_rad_s2 = 8.0"))
+                .unwrap();
+        let settings = settings_of(&slower).unwrap();
+        assert_eq!((settings.gains_certificate_crc32, settings.gains_robot_crc32), (0, 0));
+        assert!(settings.joint.0.iter().all(|joint| joint.gains() == firmware::feedback::Gains::default()));
+        assert_eq!(settings.limits_robot_crc32, crc32_of_any(&slower).unwrap());
+        let same = settings_of(&AnyRobot::load("powercube6").unwrap()).unwrap();
+        assert_ne!(same.gains_certificate_crc32, 0);
+        assert_ne!(same.limits_robot_crc32, settings.limits_robot_crc32);
+    }
+
+    #[test]
+    fn a_limit_that_no_drive_can_have_makes_no_settings() {
+        let text = robot_model::built_in_text("powercube6").unwrap();
+        let limit = "control_acceleration_max_rad_s2 = 10.4";
+        let wild =
+            AnyRobot::from_toml("edited.toml", &text.replace(limit, "control_acceleration_max_rad_s2 = 1e9"));
+        // A stricter reader of robot files may refuse it first.
+        if let Ok(wild) = wild {
+            assert!(matches!(settings_of(&wild), Err(NoSettings::Invalid { .. })));
+        }
+    }
+
+    #[test]
+    fn a_robot_without_drives_is_refused_with_the_next_step() {
+        let error = settings_of(&AnyRobot::load("kr16_2").unwrap()).unwrap_err();
+        assert!(error.to_string().contains("next: give each [[joint]]"), "{error}");
+    }
+}

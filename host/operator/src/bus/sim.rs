@@ -1,0 +1,193 @@
+//! The embedded cell in virtual time: the bus behind `--bus sim`.
+
+use std::cell::Cell;
+use std::rc::Rc;
+
+use firmware::ControllerNode;
+use firmware::authority::Seed;
+use firmware::host_link::Identity;
+use firmware::settings::Settings;
+use firmware::store::RamStorage;
+use hil_sim::bus::{BusConfig, ErrorKind};
+use hil_sim::crew::{Crew, Solo};
+use hil_sim::fault::Fault;
+use hil_sim::scenario::{Action, ScriptedHost};
+use hil_sim::{Cell as SimCell, CellOptions, Observer, World};
+use protocol::{Duration, Frame, Instant, Node};
+use robot_model::AnyRobot;
+
+use super::failure::BusFailure;
+use super::seen::Seen;
+use crate::node::desk::Desk;
+use crate::tap::Way;
+
+/// Virtual time between two looks at whether the verb has what it wants.
+const SLICE: Duration = Duration::from_micros(100);
+/// Error classes of Linux `can/error.h`.
+const CLASS_PROTOCOL: u32 = 0x08;
+const CLASS_ACK: u32 = 0x20;
+const CLASS_BUS_OFF: u32 = 0x40;
+
+/// Anything that sits on the bus beside cell and desk: a soft controller, a second cell.
+pub type Guests = Box<dyn Crew>;
+
+/// A node behind a pointer, as a guest, that can be switched off from outside.
+pub struct Guest {
+    node: Box<dyn Node>,
+    off: Rc<Cell<bool>>,
+}
+
+impl Guest {
+    /// A guest that takes part until `off` is set.
+    pub fn new(node: Box<dyn Node>, off: Rc<Cell<bool>>) -> Self {
+        Self { node, off }
+    }
+}
+
+impl Node for Guest {
+    fn handle_frame(&mut self, now: Instant, frame: &Frame) {
+        if !self.off.get() {
+            self.node.handle_frame(now, frame);
+        }
+    }
+    fn handle_timeout(&mut self, now: Instant) {
+        if !self.off.get() {
+            self.node.handle_timeout(now);
+        }
+    }
+    fn poll_frame(&mut self) -> Option<Frame> {
+        if self.off.get() { None } else { self.node.poll_frame() }
+    }
+    fn poll_timeout(&self) -> Option<Instant> {
+        if self.off.get() { None } else { self.node.poll_timeout() }
+    }
+}
+
+/// Nobody beside cell and desk.
+pub fn no_guests() -> Guests {
+    Box::new(Vec::<Solo<Guest>>::new())
+}
+
+/// The controller of the firmware, as a program on this machine: starts at time 0 and forgets when it ends.
+pub fn soft_controller(settings: &Settings) -> ControllerNode<RamStorage> {
+    // Equal runs give equal logs, tokens included.
+    let seed = Seed::FORESEEABLE;
+    ControllerNode::new(Instant::ZERO, RamStorage::new(), settings, Identity::default(), seed)
+}
+
+/// The soft controller with its built-in settings as a guest.
+pub fn soft_controller_guest() -> Guests {
+    controller_guest(&Settings::powercube6(), Rc::default())
+}
+
+/// The soft controller with `settings` as a guest, on the bus until `off` is set.
+pub fn controller_guest(settings: &Settings, off: Rc<Cell<bool>>) -> Guests {
+    Box::new(vec![Solo::new("controller", Guest::new(Box::new(soft_controller(settings)), off))])
+}
+
+/// Everything about a simulated cell beside its robot and seed; by default the nominal cell on a good bus.
+#[derive(Clone, Debug, Default)]
+pub struct SimSetup {
+    /// Drives, mechanics, supplies, gripper.
+    pub cell: CellOptions,
+    /// Bus.
+    pub bus: BusConfig,
+    /// What goes wrong.
+    pub faults: Vec<Fault>,
+    /// What a scripted host sends.
+    pub actions: Vec<Action>,
+}
+
+/// Who is on the simulated bus: the cell, a scripted host, guests, and the desk last.
+pub type SimCrew = (((SimCell, Solo<ScriptedHost>), Guests), Solo<Desk>);
+
+/// See the [module](self).
+pub struct SimBus {
+    world: World<SimCrew>,
+    /// The desk while a verb talks to it, otherwise an empty one: the two change places, for making one takes longer
+    /// than a question.
+    aside: Box<Desk>,
+    is_lent: bool,
+    desk_port: usize,
+}
+
+struct Tapped<'a, 'b> {
+    seen: &'a mut Seen<'b>,
+    desk_port: usize,
+}
+
+impl Observer for Tapped<'_, '_> {
+    fn on_frame(&mut self, at: Instant, from: Option<usize>, frame: &Frame) {
+        // Guests run in this program too, as a soft controller does on a real bus.
+        let way = if from == Some(self.desk_port) { Way::Sent } else { Way::Received };
+        self.seen.frame(at, way, frame);
+    }
+
+    fn on_error(&mut self, at: Instant, _: usize, kind: ErrorKind) {
+        let class = if kind == ErrorKind::Ack { CLASS_ACK } else { CLASS_PROTOCOL };
+        self.seen.bus_error(at, &can_link::BusError::from_class(class));
+    }
+
+    fn on_bus_off(&mut self, at: Instant, _: usize, off: bool) {
+        if off {
+            self.seen.bus_error(at, &can_link::BusError::from_class(CLASS_BUS_OFF));
+        }
+    }
+}
+
+impl SimBus {
+    /// The cell of `robot` as `setup` wants it, with chances from `seed` and `guests` on its bus.
+    ///
+    /// # Errors
+    /// The robot has no drives, or there are more nodes than a bus has ports.
+    pub fn new(robot: &AnyRobot, setup: &SimSetup, seed: u64, guests: Guests) -> Result<Self, BusFailure> {
+        let cell = SimCell::new(robot, &setup.cell, seed)?;
+        let script = Solo::new("script", ScriptedHost::new(&setup.actions));
+        let desk_port = cell.len() + script.len() + guests.len();
+        let crew = (((cell, script), guests), Solo::new("cubectl", Desk::default()));
+        let world = World::new(crew, setup.bus, seed, setup.faults.clone())?;
+        Ok(Self { world, aside: Box::default(), is_lent: false, desk_port })
+    }
+
+    /// Virtual time.
+    pub fn now(&self) -> Instant {
+        self.world.now()
+    }
+
+    /// The world, to look at and to add faults.
+    pub fn world(&mut self) -> &mut World<SimCrew> {
+        &mut self.world
+    }
+
+    /// The cell.
+    pub fn cell(&self) -> &SimCell {
+        &self.world.crew().0.0.0
+    }
+
+    pub(super) fn desk(&mut self) -> &mut Desk {
+        let now = self.world.now();
+        if !self.is_lent {
+            // Only a node that floods makes this fail, after the desks have changed places.
+            let _ = self.swap_desks();
+        }
+        self.aside.wake(now);
+        &mut self.aside
+    }
+
+    fn swap_desks(&mut self) -> Result<(), BusFailure> {
+        self.is_lent = !self.is_lent;
+        let aside = &mut *self.aside;
+        self.world.with_crew(|crew, _| std::mem::swap(&mut crew.1.node, aside))?;
+        Ok(())
+    }
+
+    pub(super) fn step(&mut self, until: Instant, seen: &mut Seen<'_>) -> Result<(), BusFailure> {
+        if self.is_lent {
+            self.swap_desks()?;
+        }
+        let to = (self.world.now() + SLICE).min(until);
+        let desk_port = self.desk_port;
+        self.world.run_until(to, &mut Tapped { seen, desk_port })?;
+        Ok(())
+    }
+}

@@ -1,0 +1,160 @@
+//! Questions to drives, one or many at once, on a session.
+
+use std::collections::BTreeMap;
+
+use protocol::powercube::{Parameter, Reply, Request, SimpleCommand, Value};
+use protocol::{Duration, Instant, ModuleId};
+
+use crate::bus::BusFailure;
+use crate::bus::session::{Ended, Session};
+use crate::node::drive_client::RequestFailed;
+
+/// Why a question has no answer.
+#[derive(Debug, thiserror::Error)]
+pub enum AskError {
+    /// The bus failed.
+    #[error(transparent)]
+    Bus(#[from] BusFailure),
+    /// The module did not answer, or refused.
+    #[error("{0}\n  next: check power, cable and address of the module; `cubectl doctor` looks at the bus")]
+    Request(#[from] RequestFailed),
+    /// Ctrl-C.
+    #[error("interrupted")]
+    Interrupted,
+}
+
+/// Most time that all requests of one round may take; far beyond what the deadlines of the client allow.
+const ROUND_MAX: Duration = Duration::from_secs(60);
+
+/// Hosts known to us poll at least this often; the controller every 10 ms.
+pub const OTHERS_LISTEN: Duration = Duration::from_millis(100);
+
+impl Session {
+    /// Asks several modules at once; answers in the order of the questions.
+    ///
+    /// # Errors
+    /// [`AskError::Bus`], [`AskError::Interrupted`]; what single modules do is in the list.
+    pub fn ask_all(
+        &mut self,
+        questions: &[(ModuleId, Request)],
+    ) -> Result<Vec<Result<Reply, RequestFailed>>, AskError> {
+        self.ask_all_with(questions, &mut |_, _| {})
+    }
+
+    /// As [`Session::ask_all`]; `progress` is told how many of how many have ended.
+    ///
+    /// # Errors
+    /// As [`Session::ask_all`].
+    pub fn ask_all_with(
+        &mut self,
+        questions: &[(ModuleId, Request)],
+        progress: &mut dyn FnMut(usize, usize),
+    ) -> Result<Vec<Result<Reply, RequestFailed>>, AskError> {
+        let mut results: Vec<Option<Result<Reply, RequestFailed>>> = vec![None; questions.len()];
+        let mut open = BTreeMap::new();
+        let desk = self.desk();
+        while desk.poll_outcome().is_some() {}
+        for (index, (module, request)) in questions.iter().enumerate() {
+            match desk.start(*module, *request) {
+                Ok(ticket) => {
+                    open.insert(ticket, index);
+                }
+                Err(failed) => results[index] = Some(Err(failed)),
+            }
+        }
+        let until = self.now() + ROUND_MAX;
+        let ended = self.run(until, &mut |desk| {
+            while let Some(outcome) = desk.poll_outcome() {
+                if let Some(index) = open.remove(&outcome.ticket) {
+                    results[index] = Some(outcome.result);
+                    progress(questions.len() - open.len(), questions.len());
+                }
+            }
+            open.is_empty()
+        })?;
+        if ended == Ended::Interrupted {
+            self.desk().drives.cancel_all();
+            return Err(AskError::Interrupted);
+        }
+        let tries = self.desk().drives.policy().tries;
+        Ok(results
+            .into_iter()
+            .zip(questions)
+            .map(|(result, (module, request))| {
+                result.unwrap_or(Err(RequestFailed::NoAnswer { module: *module, request: *request, tries }))
+            })
+            .collect())
+    }
+
+    /// Asks one module.
+    ///
+    /// # Errors
+    /// [`AskError`].
+    pub fn ask(&mut self, module: ModuleId, request: Request) -> Result<Reply, AskError> {
+        let answer = self.ask_all(&[(module, request)])?.into_iter().next();
+        Ok(answer.unwrap_or(Err(RequestFailed::NoAnswer { module, request, tries: 0 }))?)
+    }
+
+    /// Reads a parameter.
+    ///
+    /// # Errors
+    /// [`AskError`].
+    pub fn get(&mut self, module: ModuleId, parameter: Parameter) -> Result<Value, AskError> {
+        let request = Request::Get(parameter);
+        match self.ask(module, request)? {
+            Reply::Value(_, value) => Ok(value),
+            // `answers` has matched the kind of reply already.
+            _ => Err(RequestFailed::NoAnswer { module, request, tries: 1 }.into()),
+        }
+    }
+
+    /// Reads a number.
+    ///
+    /// # Errors
+    /// [`AskError`].
+    pub fn get_f64(&mut self, module: ModuleId, parameter: Parameter) -> Result<f64, AskError> {
+        Ok(self.get(module, parameter)?.as_f64().unwrap_or(f64::NAN))
+    }
+
+    /// Writes a float parameter.
+    ///
+    /// # Errors
+    /// [`AskError`].
+    pub fn set_f32(&mut self, module: ModuleId, parameter: Parameter, value: f32) -> Result<(), AskError> {
+        self.ask(module, Request::Set(parameter, Value::F32(value))).map(drop)
+    }
+
+    /// Gives a one-byte command.
+    ///
+    /// # Errors
+    /// [`AskError`].
+    pub fn command(&mut self, module: ModuleId, command: SimpleCommand) -> Result<(), AskError> {
+        self.ask(module, Request::Simple(command)).map(drop)
+    }
+
+    /// Listens for [`OTHERS_LISTEN`]: does anybody else speak to the drives?
+    ///
+    /// # Errors
+    /// [`AskError::Bus`], [`AskError::Interrupted`].
+    pub fn hears_other_host(&mut self) -> Result<bool, AskError> {
+        let before = self.desk().tally().foreign_requests;
+        let until = self.now() + OTHERS_LISTEN;
+        let ended = self.run(until, &mut |desk| desk.tally().foreign_requests > before)?;
+        match ended {
+            Ended::Interrupted => Err(AskError::Interrupted),
+            Ended::Done => Ok(true),
+            Ended::TimedOut => Ok(false),
+        }
+    }
+
+    /// Waits until `until`, listening.
+    ///
+    /// # Errors
+    /// [`AskError::Bus`], [`AskError::Interrupted`].
+    pub fn sleep_until(&mut self, until: Instant) -> Result<(), AskError> {
+        match self.run(until, &mut |_| false)? {
+            Ended::Interrupted => Err(AskError::Interrupted),
+            Ended::Done | Ended::TimedOut => Ok(()),
+        }
+    }
+}

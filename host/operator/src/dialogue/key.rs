@@ -1,0 +1,86 @@
+//! Orders and register writes with a code made from the key of a controller.
+
+use firmware::authority::{Key, Peer, code_of};
+use protocol::cyphal::bits::Decode;
+use protocol::cyphal::client::Policy;
+use protocol::cyphal::cubecell::authorization::{Content, KEY_REGISTER, KEYED_REGISTER, needs_code};
+use protocol::cyphal::cubecell::command::{AUTHORIZE, Authorization, CHALLENGE, Challenge};
+use protocol::cyphal::id::NodeId;
+use protocol::cyphal::uavcan::register::{ACCESS, AccessRequest};
+use protocol::cyphal::uavcan::value::Value;
+
+use super::operator::OperatorError;
+use super::registers::Numbers;
+use crate::bus::session::Session;
+use crate::node::inbox::NODE_ID;
+
+impl Session {
+    /// Orders from now on carry codes of this key, where a controller with a key wants one.
+    pub fn set_key(&mut self, key: Option<Key>) {
+        self.key = key;
+    }
+
+    /// Writes the key of a controller, or removes it with no bytes. The answer does not tell whether it was taken.
+    ///
+    /// # Errors
+    /// [`OperatorError`].
+    pub fn write_key(&mut self, node: NodeId, bytes: &[u8]) -> Result<(), OperatorError> {
+        let value = Value::unstructured(bytes).map_err(|_| OperatorError::Unreadable { node })?;
+        self.authorize_register(node, KEY_REGISTER, &value)?;
+        let request = AccessRequest { name: KEY_REGISTER.as_bytes(), value };
+        self.request(node, ACCESS, Policy::default(), &request).map(drop)
+    }
+
+    /// True if the controller has a key.
+    ///
+    /// # Errors
+    /// [`OperatorError`].
+    pub fn is_keyed(&mut self, node: NodeId) -> Result<bool, OperatorError> {
+        Ok(self.register(node, KEYED_REGISTER)? == Numbers::Bit(vec![true]))
+    }
+
+    /// Gives the code for a command, if there is a key and the command needs one.
+    pub(super) fn authorize_command(
+        &mut self,
+        node: NodeId,
+        number: u16,
+        parameter: &[u8],
+    ) -> Result<(), OperatorError> {
+        if self.key.is_none() || !needs_code(number) {
+            return Ok(());
+        }
+        let content =
+            Content::of_command(number, parameter).map_err(|_| OperatorError::Unreadable { node })?;
+        self.authorize(node, &content)
+    }
+
+    /// Gives the code for a register write, if there is a key.
+    ///
+    /// # Errors
+    /// The controller has no key, and the others.
+    pub fn authorize_register(
+        &mut self,
+        node: NodeId,
+        name: &str,
+        value: &Value<'_>,
+    ) -> Result<(), OperatorError> {
+        if self.key.is_none() {
+            return Ok(());
+        }
+        let content =
+            Content::of_register(name.as_bytes(), value).map_err(|_| OperatorError::Unreadable { node })?;
+        self.authorize(node, &content)
+    }
+
+    fn authorize(&mut self, node: NodeId, content: &Content) -> Result<(), OperatorError> {
+        let Some(key) = self.key.clone() else { return Ok(()) };
+        let output = self.order_plain(node, "to give a challenge", CHALLENGE, &[])?;
+        let Challenge { nonce, .. } =
+            Challenge::from_bytes(&output).map_err(|_| OperatorError::Unreadable { node })?;
+        let code = code_of(&key, &nonce, Peer::new(NODE_ID.get()), content.as_slice());
+        let mut bytes = [0; 64];
+        let len = protocol::cyphal::bits::to_bytes(&Authorization { nonce, code }, &mut bytes)
+            .map_err(|_| OperatorError::Unreadable { node })?;
+        self.order_plain(node, "a code", AUTHORIZE, bytes.get(..len).unwrap_or_default()).map(drop)
+    }
+}

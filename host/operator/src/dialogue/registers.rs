@@ -1,0 +1,127 @@
+//! Registers of a controller: settings by name, written and read back.
+
+use protocol::cyphal::bits::Decode;
+use protocol::cyphal::client::Policy;
+use protocol::cyphal::id::NodeId;
+use protocol::cyphal::uavcan::register::{ACCESS, AccessRequest, AccessResponse};
+use protocol::cyphal::uavcan::value::{Value, ValueBuf, ValueType};
+
+use super::operator::OperatorError;
+use crate::bus::session::Session;
+
+/// Numbers of a register, one per joint or one for the group.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Numbers {
+    /// Reals.
+    Real(Vec<f32>),
+    /// Naturals of any width.
+    Natural(Vec<u64>),
+    /// Truth values.
+    Bit(Vec<bool>),
+}
+
+impl Numbers {
+    fn of(value: &Value<'_>) -> Option<Self> {
+        let each = 0..value.len();
+        match value.kind() {
+            ValueType::Bit => each.map(|at| value.bool(at)).collect::<Option<_>>().map(Self::Bit),
+            ValueType::Real64 | ValueType::Real32 | ValueType::Real16 => {
+                each.map(|at| value.f32(at)).collect::<Option<_>>().map(Self::Real)
+            }
+            _ => each.map(|at| value.u64(at)).collect::<Option<_>>().map(Self::Natural),
+        }
+    }
+
+    /// As the wire carries it; `None` for numbers that no register of a controller holds.
+    fn to_value(&self) -> Option<ValueBuf> {
+        match self {
+            Self::Real(numbers) => ValueBuf::try_from(numbers.as_slice()).ok(),
+            Self::Natural(numbers) => {
+                let narrow: Option<Vec<u32>> = numbers.iter().map(|n| u32::try_from(*n).ok()).collect();
+                ValueBuf::try_from(narrow?.as_slice()).ok()
+            }
+            Self::Bit(values) => ValueBuf::bits(values).ok(),
+        }
+    }
+}
+
+impl From<f32> for Numbers {
+    fn from(number: f32) -> Self {
+        Self::Real(vec![number])
+    }
+}
+
+impl From<u32> for Numbers {
+    fn from(number: u32) -> Self {
+        Self::Natural(vec![number.into()])
+    }
+}
+
+impl std::fmt::Display for Numbers {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Real(numbers) => write!(f, "{numbers:?}"),
+            Self::Natural(numbers) => write!(f, "{numbers:?}"),
+            Self::Bit(values) => write!(f, "{values:?}"),
+        }
+    }
+}
+
+impl Session {
+    /// What a register of `node` holds.
+    ///
+    /// # Errors
+    /// [`OperatorError::NoRegister`] for a name that the controller does not know, and the others.
+    pub fn register(&mut self, node: NodeId, name: &'static str) -> Result<Numbers, OperatorError> {
+        self.access(node, name, Value::EMPTY)
+    }
+
+    /// The number of a register of the group.
+    ///
+    /// # Errors
+    /// As [`Session::register`].
+    pub fn natural(&mut self, node: NodeId, name: &'static str) -> Result<u64, OperatorError> {
+        match self.register(node, name)? {
+            Numbers::Natural(numbers) if numbers.len() == 1 => Ok(numbers[0]),
+            _ => Err(OperatorError::Unreadable { node }),
+        }
+    }
+
+    /// Writes a register and looks whether the value was taken. Nothing is sent if it is there already.
+    ///
+    /// # Errors
+    /// [`OperatorError::RegisterRefused`] if the controller keeps another value, and the others.
+    pub fn set_register(
+        &mut self,
+        node: NodeId,
+        name: &'static str,
+        wanted: &Numbers,
+    ) -> Result<(), OperatorError> {
+        if self.register(node, name)? == *wanted {
+            return Ok(());
+        }
+        let value = wanted.to_value().ok_or(OperatorError::Unreadable { node })?;
+        self.authorize_register(node, name, &value.as_value())?;
+        let found = self.access(node, name, value.as_value())?;
+        if found == *wanted {
+            return Ok(());
+        }
+        Err(OperatorError::RegisterRefused { name, wanted: wanted.to_string(), found: found.to_string() })
+    }
+
+    fn access(
+        &mut self,
+        node: NodeId,
+        name: &'static str,
+        value: Value<'_>,
+    ) -> Result<Numbers, OperatorError> {
+        let request = AccessRequest { name: name.as_bytes(), value };
+        let payload = self.request(node, ACCESS, Policy::default(), &request)?;
+        let response =
+            AccessResponse::from_bytes(&payload).map_err(|_| OperatorError::Unreadable { node })?;
+        if response.value.kind() == ValueType::Empty {
+            return Err(OperatorError::NoRegister { name });
+        }
+        Numbers::of(&response.value).ok_or(OperatorError::Unreadable { node })
+    }
+}

@@ -1,0 +1,119 @@
+//! Recordings of a bus: a candump text log, which is also what `replay` reads, and an MCAP file for viewers.
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`candump`] | text log: written line by line, read with line numbers in errors |
+//! | [`facts`] | what frames say: requests, answers, messages, orders |
+//! | [`keep`] | the frames of a session, kept in memory |
+//! | [`mcap`] | the same frames and the joints' state decoded from them, as protobuf channels |
+//! | [`watch`] | what happened, in words; freeze frames at faults |
+//! | [`schema`] | the protobuf messages and their self-description |
+//!
+//! [`Recorder`] writes both at once. It hands everything to the operating system at each change of the controller's state,
+//! and otherwise at most [`FLUSH_EVERY`] after it was seen, whether more frames come or not. A program that is killed loses
+//! no more than that; a loss of power also loses what the operating system had not written yet. The text log can then
+//! be read up to its last whole line, and the MCAP file by every reader that recovers unfinished files.
+
+pub mod candump;
+pub mod facts;
+pub mod keep;
+pub mod mcap;
+pub mod schema;
+pub mod watch;
+
+use std::ffi::OsString;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use can_link::{BusError, BusSpec};
+use protocol::{Duration, Frame, Instant};
+
+use crate::tap::{Tap, Way};
+
+/// Longest time that a frame waits in memory.
+pub const FLUSH_EVERY: Duration = Duration::from_millis(200);
+
+/// Writes both recordings.
+pub struct Recorder {
+    text: candump::Log<std::fs::File>,
+    viewer: mcap::Log<std::fs::File>,
+    flushed: Instant,
+    /// Something was written since.
+    waits: bool,
+}
+
+impl Recorder {
+    /// Creates `path.candump` and `path.mcap` for the bus `spec`. Files that exist are not overwritten.
+    ///
+    /// # Errors
+    /// A file cannot be created; the path is in the text.
+    pub fn create(path: &Path, spec: &BusSpec) -> io::Result<Self> {
+        let bus = match spec {
+            BusSpec::SocketCan { interface } => interface.clone(),
+            BusSpec::Socketcand { bus, .. } | BusSpec::Lockstep { bus, .. } => bus.clone(),
+            BusSpec::Sim => "sim".to_owned(),
+            BusSpec::Slcan { .. } => "slcan".to_owned(),
+        };
+        let [text, viewer] = files_of(path);
+        Ok(Self {
+            text: candump::Log::new(create_new(&text)?, bus),
+            viewer: mcap::Log::new(create_new(&viewer)?)?,
+            flushed: Instant::ZERO,
+            waits: false,
+        })
+    }
+
+    fn flush_if_due(&mut self, at: Instant) -> io::Result<()> {
+        if self.waits && at.saturating_since(self.flushed) >= FLUSH_EVERY { self.flush(at) } else { Ok(()) }
+    }
+
+    fn flush(&mut self, at: Instant) -> io::Result<()> {
+        (self.flushed, self.waits) = (at, false);
+        self.text.flush()?;
+        self.viewer.flush()
+    }
+}
+
+/// The two files of a recording.
+pub fn files_of(path: &Path) -> [PathBuf; 2] {
+    ["candump", "mcap"].map(|extension| {
+        let mut name = OsString::from(path);
+        name.push(".");
+        name.push(extension);
+        PathBuf::from(name)
+    })
+}
+
+/// A new file, or what is there already if that is a device or a pipe.
+fn create_new(path: &Path) -> io::Result<std::fs::File> {
+    let special = std::fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir());
+    let mut options = std::fs::OpenOptions::new();
+    options.write(true).create_new(!special);
+    options.open(path).map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", path.display())))
+}
+
+impl Tap for Recorder {
+    fn frame(&mut self, at: Instant, way: Way, frame: &Frame) -> io::Result<()> {
+        self.text.frame(at, way, frame)?;
+        self.waits = true;
+        let state_changed = self.viewer.frame(at, way, frame)?;
+        if state_changed { self.flush(at) } else { self.flush_if_due(at) }
+    }
+
+    fn bus_error(&mut self, at: Instant, error: &BusError) -> io::Result<()> {
+        self.text.bus_error(at, error)?;
+        self.waits = true;
+        self.viewer.bus_error(at, error)?;
+        self.flush_if_due(at)
+    }
+
+    fn time(&mut self, now: Instant) -> io::Result<()> {
+        self.flush_if_due(now)
+    }
+
+    fn finish(&mut self) -> io::Result<()> {
+        let text = self.text.flush();
+        self.viewer.finish()?;
+        text
+    }
+}

@@ -1,0 +1,81 @@
+//! The host as a Cyphal node: its heartbeat, and what arrives for it.
+
+use std::collections::VecDeque;
+
+use protocol::cyphal::bits::Decode;
+use protocol::cyphal::client::{NoAnswer, Ticket};
+use protocol::cyphal::cubecell::group_state::{self, GroupState};
+use protocol::cyphal::cubecell::joint_state::{self, JointState};
+use protocol::cyphal::host::{HostNode, Listener, RESPONSES};
+use protocol::cyphal::id::{NodeId, Route};
+use protocol::cyphal::rx::{Port, Transfer};
+use protocol::cyphal::uavcan::info::{NodeInfo, Version};
+use protocol::{Duration, Instant};
+
+/// Cyphal node-ID of a host tool; the highest ones are customary for tools.
+pub const NODE_ID: NodeId = NodeId::from_low_bits(126);
+
+/// Time between two heartbeats of the host: a third of the time-out that controllers have by default.
+pub const HEARTBEAT: Duration = Duration::from_millis(30);
+/// The desk's Cyphal half.
+pub(super) type Link = HostNode<Inbox>;
+
+/// What arrived.
+#[derive(Clone, Debug)]
+pub struct Inbox {
+    ports: Vec<Port>,
+    pub(crate) answers: VecDeque<(Ticket, Result<Vec<u8>, NoAnswer>)>,
+    /// State of the controller heard last, when, and whose.
+    pub group: Option<(Instant, NodeId, GroupState)>,
+    /// State of its joints heard last, when, and whose.
+    pub joints: Option<(Instant, NodeId, JointState)>,
+}
+
+impl Listener for Inbox {
+    fn info(&self) -> NodeInfo<'_> {
+        let version = |major, minor| Version { major, minor };
+        NodeInfo {
+            protocol: version(1, 0),
+            hardware: version(0, 0),
+            software: version(0, 1),
+            software_vcs_revision: 0,
+            unique_id: [0; 16],
+            name: b"cubecell.cubectl",
+            software_image_crc: None,
+            certificate: &[],
+        }
+    }
+
+    fn ports(&self) -> &[Port] {
+        &self.ports
+    }
+
+    fn message(&mut self, now: Instant, transfer: &Transfer<'_>) {
+        let Route::Message { subject, source } = transfer.route else { return };
+        if subject == group_state::SUBJECT
+            && let Ok(state) = GroupState::from_bytes(transfer.payload)
+        {
+            self.group = Some((now, source, state));
+        }
+        if subject == joint_state::SUBJECT
+            && let Ok(state) = JointState::from_bytes(transfer.payload)
+        {
+            self.joints = Some((now, source, state));
+        }
+    }
+
+    fn answer(&mut self, _: Instant, ticket: Ticket, answer: Result<&Transfer<'_>, NoAnswer>) {
+        let answer = answer.map(|transfer| transfer.payload.get(..transfer.len).unwrap_or_default().to_vec());
+        self.answers.push_back((ticket, answer));
+    }
+}
+
+pub(super) fn link(now: Instant) -> Link {
+    let mut ports = RESPONSES.to_vec();
+    ports.push(Port::message(group_state::SUBJECT, group_state::EXTENT));
+    ports.push(Port::message(joint_state::SUBJECT, joint_state::EXTENT));
+    let inbox = Inbox { ports, answers: VecDeque::new(), group: None, joints: None };
+    let mut link = HostNode::new(now, NODE_ID, inbox);
+    link.set_heartbeat_period(HEARTBEAT);
+    link
+}

@@ -1,0 +1,11 @@
+//! The host's node on the bus, without IO: frames and times in, frames and deadlines out.
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`desk`] | the node: asks drives, sends what it is told, keeps what it heard |
+//! | [`inbox`] | its Cyphal half: heartbeat, and what arrives from a controller |
+//! | [`drive_client`] | requests to drives with deadlines |
+
+pub mod desk;
+pub mod drive_client;
+pub mod inbox;

@@ -1,0 +1,537 @@
+//! The steps of a throw, in order, on a session.
+
+use nalgebra::Vector3;
+use protocol::cyphal::cubecell::command::{GRIPPER, Gripper, Trajectory};
+use protocol::cyphal::cubecell::group_state::{GroupState, State};
+use protocol::cyphal::id::NodeId;
+use protocol::{Duration, Instant};
+use robot_model::collision::Scene;
+
+use super::approach::{ApproachError, rest_to_rest};
+use super::outcome::{Ball, Landing, LandingSource};
+use super::trajectory::{Motion, TrajectoryError, robot_crc32};
+use crate::analysis::coverage::Certified;
+use crate::analysis::drives::Drives;
+use crate::analysis::{Run, RunAnalysis, analyse};
+use crate::bus::BusFailure;
+use crate::bus::Session;
+use crate::dialogue::operator::OperatorError;
+use crate::dialogue::registers::Numbers;
+use crate::log::candump::Line;
+use crate::log::keep::Keeper;
+use planner::plan::file::PlanFile;
+use planner::plan::{Arm, JOINTS, Joints};
+use tuner::gains::choose::built_in_of;
+use tuner::gains::gains_file::{GainsFile, GainsFileError};
+
+/// Longest start-up of a controller.
+const BOOT_MAX: Duration = Duration::from_secs(20);
+/// Longest homing of a group.
+const HOMING_MAX: Duration = Duration::from_secs(180);
+/// Room after the planned end of a run.
+const RUN_EXTRA: Duration = Duration::from_secs(5);
+
+/// A ball that is still in the hand this long after the end of a run stays there.
+const BALL_MAX: Duration = Duration::from_secs(1);
+/// Time between two looks at the simulated ball.
+const BALL_LOOK: Duration = Duration::from_millis(10);
+
+/// What a throw is made of.
+#[derive(Clone, Copy)]
+pub struct Job<'a> {
+    /// The robot.
+    pub arm: &'a Arm,
+    /// The throw.
+    pub plan: &'a PlanFile,
+    /// Gains to write into the controller; `None` keeps those it has.
+    pub gains: Option<&'a GainsFile>,
+    /// Which controller; `None`: the one that is heard.
+    pub controller: Option<NodeId>,
+    /// What is in the way beside the arm and the floor.
+    pub scene: &'a Scene,
+    /// Share of the robot's speeds and accelerations on the way to the start and back.
+    pub approach_share: f64,
+    /// Seed for ways around obstacles.
+    pub seed: u64,
+    /// A landing farther from the target than this counts as missed, m.
+    pub tolerance_m: f64,
+    /// Afterwards back to where the arm stood before.
+    pub go_back: bool,
+    /// Bit rate of the bus, for times on it, bit/s.
+    pub bit_rate_bit_s: u32,
+}
+
+/// A step of the job.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// A controller is heard.
+    Controller,
+    /// It finds its drives and proves their watchdogs.
+    Drives,
+    /// The joints find their zeros.
+    Home,
+    /// Gains and robot are agreed on.
+    Gains,
+    /// To the start of the plan.
+    Approach,
+    /// The plan goes to the controller, which checks it.
+    Upload,
+    /// Armed in two steps.
+    Arm,
+    /// The throw.
+    Throw,
+    /// The ball flies.
+    Flight,
+    /// Back to where the arm stood.
+    Return,
+}
+
+impl Step {
+    /// In words.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Controller => "find the controller",
+            Self::Drives => "drives, watchdogs",
+            Self::Home => "home",
+            Self::Gains => "gains",
+            Self::Approach => "to the start",
+            Self::Upload => "upload",
+            Self::Arm => "arm",
+            Self::Throw => "throw",
+            Self::Flight => "flight",
+            Self::Return => "back",
+        }
+    }
+}
+
+/// Told to whoever calls.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum News<'a> {
+    /// A step begins.
+    Begin(Step),
+    /// Part of it is done: so much of so much.
+    Part(usize, usize),
+    /// The arm is about to move: an answer of `false` ends the job before.
+    MayThrow,
+    /// A step has ended; what it found.
+    End(Step, &'a str),
+}
+
+/// Whoever is told; the answer matters to [`News::MayThrow`] only.
+pub type Told<'a> = &'a mut dyn FnMut(News<'_>) -> bool;
+
+/// Why the job ended early.
+#[derive(Debug, thiserror::Error)]
+pub enum JobError {
+    /// The bus, the controller, or Ctrl-C.
+    #[error(transparent)]
+    Operator(#[from] OperatorError),
+    /// No way to the start.
+    #[error(transparent)]
+    Approach(#[from] ApproachError),
+    /// A motion is nothing for a controller.
+    #[error(transparent)]
+    Trajectory(#[from] TrajectoryError),
+    /// Gains for another period.
+    #[error(
+        "the controller runs at {controller_us} us, the gains are for {gains_us} us\n  next: tune for its period \
+         (`cubectl tune --period {}`), or set register cycle.period_us", .controller_us / 1e6)]
+    Period {
+        /// Of the controller, µs.
+        controller_us: f64,
+        /// Of the gains, µs.
+        gains_us: f64,
+    },
+    /// Gains for another number of joints.
+    #[error("the gains are for joints {found}, the robot has {JOINTS}\n  next: `cubectl tune --joint all`")]
+    GainsJoints {
+        /// Numbers in the file.
+        found: String,
+    },
+    /// Gains of another robot.
+    #[error("{0}\n  next: `cubectl tune --robot ROBOT --joint all`")]
+    GainsRobot(GainsFileError),
+    /// The controller was started for another number of joints.
+    #[error(
+        "the controller has {found} joints, the robot {JOINTS}\n  next: name the robot of this controller with --robot"
+    )]
+    Joints {
+        /// As it tells.
+        found: usize,
+    },
+    /// Two drives answer where one should.
+    #[error(
+        "two modules answer at address {addresses}\n  next: unplug one of them and give the other a free address (parameter DefAddress, or the maker's tool)"
+    )]
+    Double {
+        /// Where.
+        addresses: String,
+    },
+    /// Somebody said no.
+    #[error("not thrown")]
+    Declined,
+}
+
+impl From<BusFailure> for JobError {
+    fn from(failure: BusFailure) -> Self {
+        Self::Operator(failure.into())
+    }
+}
+
+/// What is known of a run so far; also of one that ended early.
+#[derive(Clone, Debug, Default)]
+pub struct Record {
+    /// Controller.
+    pub node: Option<NodeId>,
+    /// Each step that ended: bus time at its begin and end.
+    pub steps: Vec<(Step, Instant, Instant)>,
+    /// The step at work.
+    pub at_work: Option<(Step, Instant)>,
+    /// Control period, µs.
+    pub period_us: u64,
+    /// Gains in force: on error, rate and last command, one per joint.
+    pub gains: [Vec<f32>; 3],
+    /// Weights of the controller's estimator, alpha and beta.
+    pub estimator: Option<[f32; 2]>,
+    /// Checksum of the robot they are for; 0: not known.
+    pub gains_robot_crc32: u64,
+    /// Checksum of their certificate; 0: none.
+    pub certificate_crc32: u64,
+    /// Timing that it covers; `None` if the file of the certificate is not known.
+    pub certified: Option<Certified>,
+    /// Duration of the way to the start, s; `None`: it stood there.
+    pub approach_s: Option<f64>,
+    /// Name of the throw's file in the controller.
+    pub trajectory: Option<Trajectory>,
+    /// State before the run, and each one during it with the time of its arrival.
+    pub before: GroupState,
+    /// During the run.
+    pub states: Vec<(Instant, GroupState)>,
+    /// Drives of the joints, as the controller's registers say.
+    pub drives: Option<Drives>,
+    /// From the order to open the gripper to the free ball, as the controller's registers say.
+    pub gripper_opening: Option<Duration>,
+    /// What the frames of the run say of it.
+    pub analysis: Option<RunAnalysis>,
+    /// Where the ball is, as far as somebody watches it.
+    pub ball: Ball,
+    /// Where it landed, or where the measured motion sends it.
+    pub landing: Option<Landing>,
+    /// Frames during the throw.
+    pub frames: u64,
+}
+
+/// Does the job; `record` holds what is known, however it ends.
+///
+/// # Errors
+/// [`JobError`]; the arm stands.
+pub fn run(
+    session: &mut Session,
+    job: &Job<'_>,
+    record: &mut Record,
+    told: Told<'_>,
+) -> Result<(), JobError> {
+    let keeper = Keeper::default();
+    session.add_tap(Box::new(keeper.clone()));
+    let ended = all_steps(session, job, record, told, &keeper);
+    if ended.is_err() && record.ball == Ball::NotObserved {
+        // The ball may have left the hand before a stop, or leave it after: that is told too.
+        record.ball = watch_ball(session);
+        record.analysis = analysed(job, record, &keeper.stop());
+        if record.ball == Ball::Released {
+            record.landing = landing(session, job, record.analysis.as_ref());
+        }
+    }
+    ended
+}
+
+fn all_steps(
+    session: &mut Session,
+    job: &Job<'_>,
+    record: &mut Record,
+    told: Told<'_>,
+    keeper: &Keeper,
+) -> Result<(), JobError> {
+    let mut steps = Steps { session, record, told };
+
+    steps.begin(Step::Controller);
+    let node = steps.session.find_controller(job.controller)?;
+    steps.record.node = Some(node);
+    steps.end(&format!("controller {}", node.get()));
+
+    steps.begin(Step::Drives);
+    steps.session.wait_for(BOOT_MAX, &|state| !matches!(state, State::Boot | State::Fault))?;
+    let found = steps.session.measured_pose(node)?;
+    if found.len() != JOINTS {
+        return Err(JobError::Joints { found: found.len() });
+    }
+    let double: Vec<String> = steps.session.desk().double_answers().iter().map(ToString::to_string).collect();
+    if !double.is_empty() {
+        return Err(JobError::Double { addresses: double.join(", ") });
+    }
+    steps.end(&format!("{} drives answer, watchdogs proven", found.len()));
+
+    let group = steps.session.group().unwrap_or_default();
+    if group.state == State::Idle {
+        steps.begin(Step::Home);
+        let mask = !group.homed_mask & ((1 << JOINTS) - 1);
+        steps.session.home_group(node, mask, HOMING_MAX)?;
+        steps.end(&format!("{} joints found their zeros", mask.count_ones()));
+    }
+
+    steps.begin(Step::Gains);
+    agree(steps.session, node, job, steps.record)?;
+    steps.end(if job.gains.is_some() { "written and read back" } else { "those of the controller" });
+
+    let throw = Motion::of_plan(job.plan)?;
+    let before = Joints::from_iterator(steps.session.measured_pose(node)?);
+    steps.session.order(node, "to close the gripper", GRIPPER, &Gripper { open: false })?;
+    let approach =
+        rest_to_rest(job.arm, job.scene, (&before, &throw.start_rad()), job.approach_share, job.seed)?;
+    if let Some(motion) = &approach {
+        steps.begin(Step::Approach);
+        drive(steps.session, node, job, steps.record.period_us, motion)?;
+        steps.record.approach_s = Some(motion.duration_s());
+        steps.end(&format!("{} legs, {:.1} s", motion.knots.len() - 1, motion.duration_s()));
+    }
+    if !(steps.told)(News::MayThrow) {
+        return Err(JobError::Declined);
+    }
+
+    steps.begin(Step::Upload);
+    let bytes =
+        throw.encode(steps.record.period_us as u32, robot_crc32(&job.plan.robot.fingerprint), None)?;
+    let told = &mut *steps.told;
+    let name = steps.session.upload(node, &bytes, &mut |done, all| {
+        told(News::Part(done, all));
+    })?;
+    steps.record.trajectory = Some(name);
+    steps.end(&format!("{} bytes, hash {:016x}", bytes.len(), name.trajectory_crc64));
+
+    keeper.start();
+    steps.begin(Step::Arm);
+    steps.session.arm(node, &name)?;
+    steps.end("offered and confirmed");
+
+    steps.begin(Step::Throw);
+    let before_run = keeper.frames();
+    steps.record.before = steps.session.group().unwrap_or_default();
+    let limit = Duration::from_secs_f64(throw.duration_s()) + RUN_EXTRA;
+    let states = &mut steps.record.states;
+    let ended = steps.session.run_trajectory(node, &name, limit, &mut |at, group| states.push((at, *group)));
+    steps.record.frames = (keeper.frames() - before_run) as u64;
+    ended?;
+    steps.end(&format!("{:.3} s", throw.duration_s()));
+
+    steps.begin(Step::Flight);
+    let flight_left = job.plan.release_time_s + job.plan.landing.flight_s - throw.duration_s();
+    steps.session.pass(Duration::from_secs_f64(flight_left.max(0.0) + 0.05))?;
+    steps.record.ball = watch_ball(steps.session);
+    steps.record.analysis = analysed(job, steps.record, &keeper.stop());
+    let landing = landing(steps.session, job, steps.record.analysis.as_ref());
+    steps.record.landing = landing;
+    steps.end(&match (steps.record.ball, landing) {
+        (Ball::InHand, _) => "the ball is still in the hand".to_owned(),
+        (_, Some(landing)) if landing.source.is_observed() => {
+            format!("the ball came down {:.1} mm from the target", 1e3 * landing.error_m)
+        }
+        (Ball::Released, _) => "the ball does not come down on the plane of the target".to_owned(),
+        (Ball::NotObserved, _) => "nobody watches the ball".to_owned(),
+    });
+
+    // A ball that hangs in an open hand may fall at any time: the arm stays where it is.
+    if job.go_back && steps.record.ball != Ball::InHand {
+        let here = Joints::from_iterator(steps.session.measured_pose(node)?);
+        let empty = Scene { ball_held: false, ..job.scene.clone() };
+        if let Some(motion) = rest_to_rest(job.arm, &empty, (&here, &before), job.approach_share, job.seed)? {
+            steps.begin(Step::Return);
+            drive(steps.session, node, job, steps.record.period_us, &motion)?;
+            steps.end(&format!("{:.1} s", motion.duration_s()));
+        }
+    }
+    Ok(())
+}
+
+/// Keeps the times of the steps.
+struct Steps<'a, 'b> {
+    session: &'a mut Session,
+    record: &'a mut Record,
+    told: Told<'b>,
+}
+
+impl Steps<'_, '_> {
+    fn begin(&mut self, step: Step) {
+        self.record.at_work = Some((step, self.session.now()));
+        (self.told)(News::Begin(step));
+    }
+
+    fn end(&mut self, found: &str) {
+        if let Some((step, begun)) = self.record.at_work.take() {
+            self.record.steps.push((step, begun, self.session.now()));
+            (self.told)(News::End(step, found));
+        }
+    }
+}
+
+/// Runs one motion to its end.
+fn drive(
+    session: &mut Session,
+    node: NodeId,
+    job: &Job<'_>,
+    period_us: u64,
+    motion: &Motion,
+) -> Result<(), JobError> {
+    let bytes = motion.encode(period_us as u32, robot_crc32(&job.plan.robot.fingerprint), None)?;
+    let name = session.upload(node, &bytes, &mut |_, _| {})?;
+    session.arm(node, &name)?;
+    let limit = Duration::from_secs_f64(motion.duration_s()) + RUN_EXTRA;
+    session.run_trajectory(node, &name, limit, &mut |_, _| {})?;
+    Ok(())
+}
+
+/// Gains, robot and period: written where the job says so, read back, kept in the record.
+fn agree(session: &mut Session, node: NodeId, job: &Job<'_>, record: &mut Record) -> Result<(), JobError> {
+    const GAINS: [&str; 3] = ["joint.k_error_1_s2", "joint.k_rate_1_s", "joint.k_last"];
+    record.period_us = session.natural(node, "cycle.period_us")?;
+    let crc = robot_crc32(&job.plan.robot.fingerprint);
+    session.set_register(node, "group.robot_crc32", &crc.into())?;
+    if let Some(file) = job.gains {
+        let gains_us = (file.period_s * 1e6).round();
+        if gains_us != record.period_us as f64 {
+            return Err(JobError::Period { controller_us: record.period_us as f64, gains_us });
+        }
+        if !file.joint.iter().map(|joint| joint.number).eq(1..=JOINTS) {
+            let numbers: Vec<String> = file.joint.iter().map(|joint| joint.number.to_string()).collect();
+            return Err(JobError::GainsJoints { found: numbers.join(", ") });
+        }
+        file.check_robot(job.arm).map_err(JobError::GainsRobot)?;
+        let estimator = [("estimator.alpha", file.estimator.alpha), ("estimator.beta", file.estimator.beta)];
+        for (name, weight) in estimator {
+            session.set_register(node, name, &Numbers::Real(vec![weight as f32]))?;
+        }
+        for (which, name) in GAINS.into_iter().enumerate() {
+            let numbers = file.joint.iter().map(|joint| joint.gains()[which]).collect();
+            session.set_register(node, name, &Numbers::Real(numbers))?;
+        }
+        session.set_register(node, "gains.period_us", &(gains_us as u32).into())?;
+        session.set_register(node, "gains.robot_crc32", &crc.into())?;
+        // Last: every change of a gain voids the certificate.
+        let certificate = firmware::crc::Crc32::of(file.to_toml().as_bytes());
+        session.set_register(node, "gains.certificate_crc32", &certificate.into())?;
+    }
+    for (numbers, name) in record.gains.iter_mut().zip(GAINS) {
+        if let Numbers::Real(found) = session.register(node, name)? {
+            *numbers = found;
+        }
+    }
+    if let (Numbers::Real(alpha), Numbers::Real(beta)) =
+        (session.register(node, "estimator.alpha")?, session.register(node, "estimator.beta")?)
+    {
+        record.estimator = alpha.first().copied().zip(beta.first().copied()).map(Into::into);
+    }
+    record.gains_robot_crc32 = session.natural(node, "gains.robot_crc32")?;
+    record.certificate_crc32 = session.natural(node, "gains.certificate_crc32")?;
+    record.certified = match job.gains {
+        Some(file) => Certified::of(file),
+        None => built_in_of(record.certificate_crc32).and_then(|file| Certified::of(&file)),
+    };
+    record.drives = Some(drives_of(session, node)?);
+    record.gripper_opening = Some(Duration::from_micros(session.natural(node, "gripper.opening_us")?));
+    Ok(())
+}
+
+/// As the controller knows its drives.
+fn drives_of(session: &mut Session, node: NodeId) -> Result<Drives, JobError> {
+    let unreadable = || JobError::Operator(OperatorError::Unreadable { node });
+    let (Numbers::Natural(addresses), Numbers::Bit(inverted), Numbers::Real(offset_rad)) = (
+        session.register(node, "joint.address")?,
+        session.register(node, "joint.inverted")?,
+        session.register(node, "joint.offset_rad")?,
+    ) else {
+        return Err(unreadable());
+    };
+    let address: Option<Vec<u8>> = addresses.iter().map(|n| u8::try_from(*n).ok()).collect();
+    let offset_rad: Vec<f64> = offset_rad.into_iter().map(f64::from).collect();
+    Ok(Drives {
+        address: address.and_then(|all| all.try_into().ok()).ok_or_else(unreadable)?,
+        inverted: inverted.try_into().map_err(|_| unreadable())?,
+        offset_rad: offset_rad.try_into().map_err(|_| unreadable())?,
+    })
+}
+
+/// What the frames say of the run; `None` if it never began, or a drive was not heard.
+fn analysed(job: &Job<'_>, record: &Record, lines: &[Line]) -> Option<RunAnalysis> {
+    let run = Run {
+        lines,
+        plan: job.plan,
+        arm: job.arm,
+        start: None,
+        drives: record.drives,
+        gripper_opening: record.gripper_opening,
+        bit_rate_bit_s: job.bit_rate_bit_s,
+        certified: record.certified,
+    };
+    analyse(&run).ok()
+}
+
+/// Follows the ball of the simulated cell until it has landed, or for [`BALL_MAX`] if it stays in the hand.
+fn watch_ball(session: &mut Session) -> Ball {
+    let until = session.now() + BALL_MAX;
+    loop {
+        let now = session.now();
+        let Some(sim) = session.sim() else { return Ball::NotObserved };
+        let report = sim.cell().throw();
+        let left = match (report.released_at, report.landing) {
+            (None, _) if now >= until => return Ball::InHand,
+            (None, _) => BALL_LOOK,
+            (Some(_), None) => return Ball::Released,
+            (Some(at), Some(landing)) => {
+                let landed_at = at + Duration::from_secs_f64(landing.t_s);
+                if now >= landed_at {
+                    return Ball::Released;
+                }
+                landed_at.saturating_since(now).min(BALL_LOOK)
+            }
+        };
+        // A bus that failed has told nothing about the ball so far.
+        if session.pass(left).is_err() {
+            return Ball::NotObserved;
+        }
+    }
+}
+
+/// Where the ball landed: the cell knows, or the measured motion says where it should.
+fn landing(session: &mut Session, job: &Job<'_>, analysis: Option<&RunAnalysis>) -> Option<Landing> {
+    let target = Vector3::from(job.plan.target.position_m);
+    if let Some(sim) = session.sim() {
+        let report = sim.cell().throw();
+        let landing = report.landing?;
+        let planned_log_s = analysis.map(|analysis| analysis.start_log_s + job.plan.release_time_s);
+        return Some(Landing {
+            source: LandingSource::Cell,
+            position_m: landing.p_m,
+            error_m: (landing.p_m - target).norm(),
+            uncertainty_m: None,
+            release_late_s: report.released_at.zip(planned_log_s).map(|(free, s)| free.as_secs_f64() - s),
+            touch_after_s: report.touch.as_ref().map(|(t_s, _)| *t_s),
+        });
+    }
+    computed_landing(job, analysis?)
+}
+
+/// Where the measured motion sends the ball; `None` if it was not measured about the release, or the ball does not come
+/// down on the plane of the target.
+#[must_use]
+pub fn computed_landing(job: &Job<'_>, analysis: &RunAnalysis) -> Option<Landing> {
+    let release = analysis.release?;
+    let position_m = Vector3::from(release.landing_m?);
+    Some(Landing {
+        source: LandingSource::Measured,
+        position_m,
+        error_m: (position_m - Vector3::from(job.plan.target.position_m)).norm(),
+        uncertainty_m: release.landing_uncertainty_m,
+        release_late_s: Some(release.t_s - job.plan.release_time_s),
+        touch_after_s: None,
+    })
+}

@@ -1,0 +1,27 @@
+//! The main job: from a plan and a bus to where the ball landed.
+//!
+//! ```text
+//! plan ─▶ find the controller ─▶ drives ─▶ home ─▶ gains ─▶ to the start ─▶ upload ─▶ arm ─▶ throw ─▶ landing
+//! ```
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`trajectory`] | motions, and the one place where they become a controller's file |
+//! | [`approach`] | motions from rest to rest around everything in the way |
+//! | [`job`] | the steps above, in order, on a session |
+//! | [`outcome`] | how a throw ended: landed, missed, not released, stopped, and what is known where nobody watches |
+//! | [`mod@summary`] | the run in numbers, as JSON |
+//!
+//! # Invariants
+//!
+//! * Nothing here prints or asks a person; whoever calls is told what begins and ends.
+//! * Whatever ends a step early, the arm stands when it returns.
+
+pub mod approach;
+pub mod job;
+pub mod outcome;
+pub mod summary;
+pub mod trajectory;
+
+pub use job::{Job, JobError, Record, Step};
+pub use outcome::{Outcome, Verdict};
