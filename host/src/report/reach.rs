@@ -3,13 +3,21 @@
 use std::fmt::Write as _;
 
 use super::chart::escape;
-use crate::cmd::plan::sweep::Row;
+
+/// One target of a sweep.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cell {
+    /// Target in m.
+    pub target: [f64; 3],
+    /// Objective, if a throw was found.
+    pub objective: Option<f64>,
+}
 
 /// The map as an SVG file of a grid of targets; axes are the two coordinates that vary most.
 ///
-/// If the third varies too, a cell shows the cheapest throw along it. Targets without a row are left white.
+/// If the third varies too, a cell shows the cheapest throw along it. Targets without a cell are left white.
 #[must_use]
-pub fn svg(targets: &[[f64; 3]], rows: &[Row], robot: &str) -> String {
+pub fn svg(targets: &[[f64; 3]], cells: &[Cell], robot: &str) -> String {
     let values = |axis: usize| {
         let mut v: Vec<f64> = targets.iter().map(|t| t[axis]).collect();
         v.sort_by(f64::total_cmp);
@@ -35,13 +43,13 @@ pub fn svg(targets: &[[f64; 3]], rows: &[Row], robot: &str) -> String {
         format!("{} = {c0} m", name[c])
     };
     // Drawn from the dearest to the cheapest, what is out of reach first.
-    let price = |row: &Row| row.objective.unwrap_or(f64::INFINITY);
-    let mut rows: Vec<&Row> = rows.iter().collect();
-    rows.sort_by(|a, b| price(b).total_cmp(&price(a)));
+    let price = |cell: &Cell| cell.objective.unwrap_or(f64::INFINITY);
+    let mut cells: Vec<&Cell> = cells.iter().collect();
+    cells.sort_by(|a, b| price(b).total_cmp(&price(a)));
     let scale = 640.0 / (a1 - a0 + da).max(0.6 * (b1 - b0 + db));
     let (w, h) = ((a1 - a0 + da) * scale, (b1 - b0 + db) * scale);
-    let best = rows.iter().filter_map(|r| r.objective).fold(f64::INFINITY, f64::min);
-    let worst = rows.iter().filter_map(|r| r.objective).fold(f64::NEG_INFINITY, f64::max);
+    let best = cells.iter().filter_map(|cell| cell.objective).fold(f64::INFINITY, f64::min);
+    let worst = cells.iter().filter_map(|cell| cell.objective).fold(f64::NEG_INFINITY, f64::max);
     let colour = |j: f64| {
         let t = if worst > best { (j - best) / (worst - best) } else { 0.0 };
         // Dark blue through green to yellow: brightness grows with the price, so it survives grey print.
@@ -54,14 +62,14 @@ pub fn svg(targets: &[[f64; 3]], rows: &[Row], robot: &str) -> String {
         top + h + 56.0,
         escape(robot)
     );
-    for row in &rows {
-        let x = left + (row.target[a] - a0) * scale;
-        let y = top + h - (row.target[b] - b0 + db) * scale;
-        let (fill, text) = match row.objective {
+    for cell in &cells {
+        let x = left + (cell.target[a] - a0) * scale;
+        let y = top + h - (cell.target[b] - b0 + db) * scale;
+        let (fill, text) = match cell.objective {
             Some(j) => (colour(j), format!("{j:.2}")),
             None => ("#dddddd".to_owned(), "no throw".to_owned()),
         };
-        let [tx, ty, tz] = row.target;
+        let [tx, ty, tz] = cell.target;
         let _ = write!(
             o,
             "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{:.1}\" height=\"{:.1}\" fill=\"{fill}\" stroke=\"white\" stroke-width=\"0.5\"><title>({tx}, {ty}, {tz}) m: {text}</title></rect>",

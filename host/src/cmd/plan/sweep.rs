@@ -16,7 +16,7 @@ use super::require_writable;
 use super::throw::watched;
 use crate::error::ExpectedError;
 use crate::exit;
-use crate::report::reach;
+use crate::report::reach::{self, Cell};
 use planner::plan::Problem;
 use planner::plan::search::{Budget, Planner, Watch};
 use planner::store::Index;
@@ -87,18 +87,15 @@ const HEADER: &str = "x_m,y_m,z_m,solved,objective,flight_s,duration_s,speed_m_s
 
 /// One row of the table.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Row {
-    /// Target in m.
-    pub target: [f64; 3],
-    /// Objective, if a throw was found.
-    pub objective: Option<f64>,
+struct Row {
+    cell: Cell,
     text: String,
 }
 
 impl Row {
     /// Whether the throw was found without some of what was asked for.
     fn relaxed(&self) -> bool {
-        self.objective.is_some() && self.text.splitn(9, ',').nth(8).is_some_and(|note| !note.is_empty())
+        self.cell.objective.is_some() && self.text.splitn(9, ',').nth(8).is_some_and(|note| !note.is_empty())
     }
 }
 
@@ -158,20 +155,21 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             .map(|target| {
                 let row = plan(&arm, target, &rungs, &index, args);
                 watch.done.fetch_add(1, Ordering::Relaxed);
-                watch.solved.fetch_add(usize::from(row.objective.is_some()), Ordering::Relaxed);
+                watch.solved.fetch_add(usize::from(row.cell.objective.is_some()), Ordering::Relaxed);
                 append(&file, &row)?;
                 Ok(row)
             })
             .collect()
     });
     for row in done.map_err(|e| ExpectedError::output(&args.out, &e))? {
-        rows.insert(key(&row.target), row);
+        rows.insert(key(&row.cell.target), row);
     }
     let wanted: Vec<Row> = targets.iter().filter_map(|t| rows.get(&key(t)).cloned()).collect();
     write_in_order(&args.out, &targets, &rows).map_err(|e| ExpectedError::output(&args.out, &e))?;
-    std::fs::write(&picture, reach::svg(&targets, &wanted, arm.name()))
+    let cells: Vec<Cell> = wanted.iter().map(|row| row.cell.clone()).collect();
+    std::fs::write(&picture, reach::svg(&targets, &cells, arm.name()))
         .map_err(|e| ExpectedError::output(&picture, &e))?;
-    let solved = wanted.iter().filter(|r| r.objective.is_some()).count();
+    let solved = wanted.iter().filter(|r| r.cell.objective.is_some()).count();
     let relaxed = wanted.iter().filter(|r| r.relaxed()).count();
     say::line!(
         "{} of {} targets in reach with all that was asked for, {relaxed} more without some of it (see the notes); picture {}",
@@ -230,7 +228,7 @@ fn plan(arm: &planner::plan::Arm, target: &[f64; 3], rungs: &[Rung], index: &Ind
                 let note = clean(rung.note.unwrap_or_default());
                 let (flight_s, duration_s) = (throw.flight_s, throw.duration_s());
                 let _ = write!(text, ",1,{objective},{flight_s},{duration_s},{speed},{note}");
-                return Row { target: *target, objective: Some(objective), text };
+                return Row { cell: Cell { target: *target, objective: Some(objective) }, text };
             }
             Err(e) if last => {
                 let note = e
@@ -241,7 +239,7 @@ fn plan(arm: &planner::plan::Arm, target: &[f64; 3], rungs: &[Rung], index: &Ind
             Err(_) => {}
         }
     }
-    Row { target: *target, objective: None, text }
+    Row { cell: Cell { target: *target, objective: None }, text }
 }
 
 /// Rows of an earlier run; a torn last line is left out and planned again.
@@ -273,7 +271,10 @@ fn read(path: &Path) -> Result<BTreeMap<[i64; 3], Row>, ExpectedError> {
         let number = |i: usize| fields.get(i).and_then(|f: &&str| f.parse::<f64>().ok());
         if let (9, Some(x), Some(y), Some(z)) = (fields.len(), number(0), number(1), number(2)) {
             let target = [x, y, z];
-            rows.insert(key(&target), Row { target, objective: number(4), text: (*line).to_owned() });
+            rows.insert(
+                key(&target),
+                Row { cell: Cell { target, objective: number(4) }, text: (*line).to_owned() },
+            );
         }
     }
     if !complete {
