@@ -1,6 +1,6 @@
 //! Command line of `cubectl`: which verb, with which arguments.
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::cmd;
 use crate::error::ExpectedError;
@@ -142,8 +142,8 @@ pub fn run(cli: Cli) -> Result<(), ExpectedError> {
         Verb::Config(verb) => cmd::config::run(&verb),
         Verb::Key(verb) => cmd::key::run(&verb),
         Verb::Unlock(args) => cmd::unlock::run(&args),
-        Verb::Completions(args) => cmd::completions::run(&args),
-        Verb::Man(args) => cmd::man::run(&args),
+        Verb::Completions(args) => cmd::completions::run(&args, Cli::command()),
+        Verb::Man(args) => cmd::man::run(&args, Cli::command()),
         Verb::Explain(args) => cmd::explain::run(&args),
         Verb::Identify(args) => cmd::identify::run(&args),
         Verb::Tune(args) => cmd::tune::run(&args),

@@ -1,12 +1,22 @@
 //! Host tools: the verbs of `cubectl`.
 //!
 //! # Map
-//! | module | holds |
-//! |---|---|
-//! | [`cli`], [`cmd`] | command line; one verb per file |
-//! | [`exit`], [`error`] | documented exit codes, expected errors |
-//! | [`report`] | summaries, HTML reports, pictures |
-//! | [`trust`] | throws with faults in the simulated cell, judged from the plant itself |
+//! An arrow goes from user to used; none goes up.
+//!
+//! ```text
+//! cli                 command line: which verb, with which arguments
+//!  |
+//!  v
+//! cmd                 one verb per file
+//!  |   \     \
+//!  v    v     v
+//! report trust error  summaries, HTML reports, pictures; throws with faults, judged from the plant; expected errors
+//!                |
+//!                v
+//!               exit  documented exit codes
+//! ```
+//!
+//! Everything else is in the packages below: `operator` (a throw as a job on a bus), `planner`, `tuner`.
 
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 

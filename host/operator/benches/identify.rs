@@ -1,7 +1,7 @@
 //! Identification measured: how often the stated interval holds the constant that the simulator was given, and
 //! whether the estimates lie evenly about it.
 //!
-//! `cargo bench -p host --bench identify [-- SEEDS [JOINT ...]]`, 100 seeds and every joint by default. SEEDS is a number or a
+//! `cargo bench -p operator --bench identify [-- SEEDS [JOINT ...]]`, 100 seeds and every joint by default. SEEDS is a number or a
 //! range as `200..400`: what was suspected on some seeds is to be confirmed on others. Each seed is one whole
 //! `cubectl identify` on the simulated cell, in virtual time. Prints a table; nothing is asserted.
 

@@ -1,4 +1,4 @@
-//! Figures of the throw planner: `cargo bench -p host --bench plan [-- section …]`.
+//! Figures of the throw planner: `cargo bench -p planner --bench plan [-- section …]`.
 //!
 //! Sections: `parts`, `starts`, `cold`, `targets`, `best`, `tail`, `store`, `delay`, `landing`, `spread`, `reach`; all without
 //! arguments. Times are CPU time of one thread, so that other work on the machine counts less; targets and starts

@@ -2,10 +2,9 @@
 
 use std::io::Write;
 
-use clap::CommandFactory;
+use clap::Command;
 use clap_complete::{Shell, generate};
 
-use crate::cli::Cli;
 use crate::error::ExpectedError;
 use crate::exit;
 
@@ -19,13 +18,13 @@ pub struct Args {
     pub shell: Shell,
 }
 
-/// Runs the verb.
+/// Runs the verb for the command line `cli`.
 ///
 /// # Errors
 /// The terminal cannot be written to.
-pub fn run(args: &Args) -> Result<(), ExpectedError> {
+pub fn run(args: &Args, mut cli: Command) -> Result<(), ExpectedError> {
     let mut script = Vec::new();
-    generate(args.shell, &mut Cli::command(), "cubectl", &mut script);
+    generate(args.shell, &mut cli, "cubectl", &mut script);
     to_terminal(&script)
 }
 

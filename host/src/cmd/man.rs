@@ -4,11 +4,10 @@ use std::fmt::Write as _;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use clap::{Command, CommandFactory};
+use clap::Command;
 use clap_mangen::Man;
 
 use super::completions::to_terminal;
-use crate::cli::Cli;
 use crate::error::ExpectedError;
 use crate::exit;
 
@@ -23,12 +22,11 @@ pub struct Args {
     pub dir: Option<PathBuf>,
 }
 
-/// Runs the verb.
+/// Runs the verb for the command line `command`.
 ///
 /// # Errors
 /// A page cannot be written.
-pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    let mut command = Cli::command();
+pub fn run(args: &Args, mut command: Command) -> Result<(), ExpectedError> {
     command.build();
     let Some(dir) = &args.dir else {
         return to_terminal(&page(&command).map_err(|error| unwritten(Path::new("terminal"), &error))?);
@@ -80,7 +78,10 @@ fn roff(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use clap::CommandFactory;
+
     use super::*;
+    use crate::cli::Cli;
 
     #[test]
     fn every_page_names_the_exit_codes_and_every_verb_shows_an_example() {
