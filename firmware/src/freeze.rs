@@ -1,7 +1,6 @@
 //! Everything about the group at the moment of the first fault, kept until the fault is cleared.
 
 use protocol::Instant;
-use protocol::powercube::{CubeState, ShortState};
 
 use crate::fault::Fault;
 use crate::joints::PerJoint;
@@ -22,10 +21,10 @@ pub struct FrozenJoint {
     pub qdd_command_rad_s2: f32,
     /// Last current read, A.
     pub current_a: Option<f32>,
-    /// Last short state.
-    pub short_state: ShortState,
-    /// Last state word read.
-    pub state: Option<CubeState>,
+    /// State of the drive that comes with each position, as its family says it.
+    pub short_state: u8,
+    /// State of the drive as last read, as its family says it.
+    pub state: Option<u32>,
     /// Missed replies in a row.
     pub missed_in_row: u32,
     /// Age of the last position, µs; `u32::MAX`: none or older.

@@ -4,19 +4,7 @@
 //! before the release of the plan, at its own deadline, between control cycles if need be: half a 17 ms period
 //! late would be 30 mm on the floor.
 
-use protocol::powercube::{Dio, Parameter, Request, Value};
 use protocol::{Duration, Instant};
-
-use crate::settings::Settings;
-
-/// Where the gripper is connected.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Output {
-    /// Own output of the board.
-    Board,
-    /// Output of a drive module, by its address.
-    Module(u32),
-}
 
 /// The gripper.
 #[derive(Clone, Copy, Debug, Default)]
@@ -56,35 +44,20 @@ impl Gripper {
         due
     }
 
-    /// Sets the position; for a board's own output the level is handed over by [`Self::take_board_level`].
-    pub fn set(&mut self, open: bool, settings: &Settings) {
+    /// Remembers the position.
+    pub const fn set(&mut self, open: bool) {
         self.open = open;
-        if output(settings) == Output::Board {
-            self.board = Some(open != settings.gripper_inverted);
-        }
+    }
+
+    /// Sets the board's own output, for [`Self::take_board_level`].
+    pub const fn set_board(&mut self, level: bool) {
+        self.board = Some(level);
     }
 
     /// Level that the board has to put on its output, once per change.
     pub const fn take_board_level(&mut self) -> Option<bool> {
         self.board.take()
     }
-}
-
-/// Where the gripper is.
-pub const fn output(settings: &Settings) -> Output {
-    match settings.gripper_address {
-        0 => Output::Board,
-        address => Output::Module(address),
-    }
-}
-
-/// Write that sets the gripper's line of a module and leaves its other outputs as last seen.
-pub fn write(open: bool, seen: Dio, settings: &Settings) -> Request {
-    let line = 1u8 << (settings.gripper_line & 3);
-    let level = open != settings.gripper_inverted;
-    let outputs = if level { seen.outputs() | line } else { seen.outputs() & !line };
-    // Outputs are bits 4 to 7 of the word; inputs are not written.
-    Request::Set(Parameter::DioData, Value::U32(u32::from(outputs) << 4))
 }
 
 #[cfg(test)]
@@ -102,20 +75,9 @@ mod tests {
     }
 
     #[test]
-    fn module_output_keeps_the_other_lines() {
-        let mut settings = Settings::powercube6();
-        settings.gripper_line = 2;
-        let seen = Dio::new(0b0000, 0b1001);
-        assert_eq!(write(true, seen, &settings), Request::Set(Parameter::DioData, Value::U32(0b1101_0000)));
-        settings.gripper_inverted = true;
-        assert_eq!(write(true, seen, &settings), Request::Set(Parameter::DioData, Value::U32(0b1001_0000)));
-    }
-
-    #[test]
     fn board_output_is_handed_over_once_per_change() {
-        let (mut gripper, mut settings) = (Gripper::default(), Settings::powercube6());
-        settings.gripper_address = 0;
-        gripper.set(true, &settings);
+        let mut gripper = Gripper::default();
+        gripper.set_board(true);
         assert_eq!((gripper.take_board_level(), gripper.take_board_level()), (Some(true), None));
     }
 }

@@ -10,11 +10,11 @@
 //!
 //! An empty intersection, or one in which the path cannot be slowed, means that the path cannot be kept.
 
-use protocol::Instant;
+use protocol::{Instant, JointIndex};
 
 use crate::joints::clamp;
 use crate::span;
-use crate::spline::Setpoint;
+use crate::spline::{Setpoint, Spline};
 
 /// Hardest slowing down of path time, 1/s: from full speed to rest in 25 ms, when the joints hardly move.
 pub const RATE_DROP_MAX_1_S: f32 = 40.0;
@@ -85,6 +85,12 @@ impl PathClock {
             qd_rad_s: along.qd_rad_s * rate,
             qdd_rad_s2: along.qdd_rad_s2 * rate * rate + along.qd_rad_s * slowing,
         }
+    }
+
+    /// Reference of a joint at a time.
+    pub fn reference(&self, spline: &mut Spline, joint: JointIndex, t: Instant) -> Setpoint {
+        let (s_us, _) = self.at(t);
+        self.in_time(t, spline.at(joint, s_us))
     }
 
     /// Time along the path and time are the same but for an offset.

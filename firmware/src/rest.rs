@@ -6,7 +6,7 @@
 
 use protocol::{Duration, Instant};
 
-use crate::groups::powercube::drives::PositionSample;
+use crate::group::PositionSample;
 
 /// Time for which a position must stay within [`BAND_RAD`]. Positions of a standing group come every two looks at the
 /// drives, 20 ms, so three of them agree.
@@ -14,6 +14,11 @@ pub const WINDOW: Duration = Duration::from_millis(50);
 /// Width of a standing position, rad: one and a half steps of the encoder (0.02 degrees, `robot-models` 1.2). A joint that
 /// stands between two steps toggles by one.
 pub const BAND_RAD: f32 = 5.3e-4;
+
+/// Longest time from a halt to measured rest: the slowest drive brakes from its highest speed in less than half of it.
+pub const HALT_REST_MAX: Duration = Duration::from_millis(1_500);
+/// Added to the computed time of a ramp before its end must be measured: the window and what a drive's loop settles.
+pub const REST_SLACK: Duration = Duration::from_millis(250);
 
 /// Since when a joint stands.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

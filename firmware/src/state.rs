@@ -37,42 +37,6 @@ use crate::trace::{Event, Trace};
 /// A state without its data; the numbers go over the wire.
 pub use protocol::cyphal::cubecell::group_state::State as StateKind;
 
-/// Stage of start-up.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum BootStage {
-    /// Waits after a reset broadcast, or until halted drives have come to rest.
-    Settle {
-        /// End of the wait.
-        until: Instant,
-        /// As in [`Self::Scan`].
-        waits_left: u8,
-    },
-    /// Each drive is asked and set up, step by step.
-    Scan {
-        /// How often the scan may be repeated because a drive is halted or in error; 0 after a reset.
-        waits_left: u8,
-    },
-    /// Signs of life go out; each drive must report no error, no halt and no motion.
-    Check,
-    /// No sign of life is sent, so the watchdogs must expire.
-    Starve {
-        /// End of the silence.
-        until: Instant,
-    },
-    /// Each drive's state word is read: its watchdog must have stopped it.
-    Judge,
-    /// The reset was broadcast; each drive is read until it stands.
-    Recover {
-        /// End of the wait.
-        until: Instant,
-    },
-}
-
-impl BootStage {
-    /// A scan that may wait for halted drives to come to rest.
-    pub(crate) const FIRST_SCAN: Self = Self::Scan { waits_left: 5 };
-}
-
 /// Homing in work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Homing {
@@ -80,50 +44,17 @@ pub struct Homing {
     pub mask: u8,
     /// The joint at work.
     pub joint: JointIndex,
-    /// Step of this joint.
-    pub step: HomingStep,
     /// Latest end of this joint's homing.
     pub deadline: Instant,
 }
 
-/// Steps of homing one joint.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum HomingStep {
-    /// Current limit, speed and the order itself are on their way.
-    Starting,
-    /// The drive has taken the order and looks for its zero.
-    Searching,
-    /// The current limit is put back.
-    Restoring,
-}
-
 /// Jog in work.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Jog {
     /// The joint.
     pub joint: JointIndex,
-    /// Wanted velocity, rad/s, already capped.
-    pub qd_rad_s: f32,
-    /// Ends then unless repeated.
-    pub until: Instant,
-    /// Step.
-    pub step: JogStep,
-}
-
-/// Steps of a jog.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum JogStep {
-    /// Current limit, speed and acceleration are on their way.
-    Starting,
-    /// Moves.
-    Moving,
-    /// Ramps down, and is watched until it stands.
-    Releasing {
-        /// The joint must be measured at rest by then.
-        until: Instant,
-    },
-    /// The current limit is put back.
-    Restoring,
+    /// It ramps to rest, and the order can no longer be repeated.
+    pub released: bool,
 }
 
 /// How a group comes to rest.
@@ -141,7 +72,7 @@ pub enum StopWay {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum State {
     /// See [`StateKind::Boot`].
-    Boot(BootStage),
+    Boot,
     /// See [`StateKind::Idle`].
     Idle,
     /// See [`StateKind::Homing`].
@@ -191,7 +122,7 @@ impl State {
     /// The state without its data.
     pub const fn kind(&self) -> StateKind {
         match self {
-            Self::Boot(_) => StateKind::Boot,
+            Self::Boot => StateKind::Boot,
             Self::Idle => StateKind::Idle,
             Self::Homing(_) => StateKind::Homing,
             Self::Jogging(_) => StateKind::Jogging,
@@ -213,7 +144,7 @@ impl State {
     }
 }
 
-/// Holds the state; its `transition_to_*` are the only writers between states.
+/// Holds the state; [`Self::enter`] is the only writer between states.
 #[derive(Clone, Debug)]
 pub struct Machine {
     state: State,
@@ -222,7 +153,7 @@ pub struct Machine {
 impl Machine {
     /// At power on.
     pub const fn new() -> Self {
-        Self { state: State::Boot(BootStage::FIRST_SCAN) }
+        Self { state: State::Boot }
     }
 
     /// The state.
@@ -235,64 +166,11 @@ impl Machine {
         &mut self.state
     }
 
-    fn set(&mut self, now: Instant, trace: &mut Trace, state: State, fault: Option<Fault>) {
+    /// Enters a state: the only writer between states.
+    pub(crate) fn enter(&mut self, now: Instant, trace: &mut Trace, state: State) {
         let from = self.state.kind();
         self.state = state;
-        trace.note(now, Event::State { from, to: self.state.kind(), fault });
-    }
-
-    pub(crate) fn transition_to_boot(&mut self, now: Instant, trace: &mut Trace, stage: BootStage) {
-        self.set(now, trace, State::Boot(stage), None);
-    }
-
-    pub(crate) fn transition_to_idle(&mut self, now: Instant, trace: &mut Trace) {
-        self.set(now, trace, State::Idle, None);
-    }
-
-    pub(crate) fn transition_to_ready(&mut self, now: Instant, trace: &mut Trace) {
-        self.set(now, trace, State::Ready, None);
-    }
-
-    pub(crate) fn transition_to_homing(&mut self, now: Instant, trace: &mut Trace, homing: Homing) {
-        self.set(now, trace, State::Homing(homing), None);
-    }
-
-    pub(crate) fn transition_to_jogging(&mut self, now: Instant, trace: &mut Trace, jog: Jog) {
-        self.set(now, trace, State::Jogging(jog), None);
-    }
-
-    pub(crate) fn transition_to_armed(
-        &mut self,
-        now: Instant,
-        trace: &mut Trace,
-        token: u32,
-        until: Instant,
-    ) {
-        self.set(now, trace, State::Armed { token, until }, None);
-    }
-
-    pub(crate) fn transition_to_running(&mut self, now: Instant, trace: &mut Trace, clock: PathClock) {
-        self.set(now, trace, State::Running { clock, parking: None }, None);
-    }
-
-    pub(crate) fn transition_to_stopping(
-        &mut self,
-        now: Instant,
-        trace: &mut Trace,
-        fault: Fault,
-        way: StopWay,
-        clock: PathClock,
-        deadline: Instant,
-    ) {
-        self.set(now, trace, State::Stopping { fault, way, clock, deadline }, Some(fault));
-    }
-
-    pub(crate) fn transition_to_stopped(&mut self, now: Instant, trace: &mut Trace, fault: Fault) {
-        self.set(now, trace, State::Stopped { fault }, Some(fault));
-    }
-
-    pub(crate) fn transition_to_fault(&mut self, now: Instant, trace: &mut Trace, fault: Fault) {
-        self.set(now, trace, State::Fault { fault }, Some(fault));
+        trace.note(now, Event::State { from, to: state.kind(), fault: state.fault() });
     }
 }
 

@@ -128,7 +128,7 @@ fn single_lost_reply_does_not_stop_the_throw() {
         bench.run_for(30_000);
     }
     assert_eq!(bench.kind(), StateKind::Running);
-    let missed: u16 = (0..6).map(|i| bench.controller.drive(joint(i)).counters.missed).sum();
+    let missed: u16 = (0..6).map(|i| bench.controller.group().drive(joint(i)).counters.missed).sum();
     assert_eq!(missed, 6);
     bench.run_until(300_000, |bench| bench.now >= 1_300_000);
     assert!(bench.distance_from_path() < 5e-3);
@@ -146,7 +146,7 @@ fn lost_park_command_is_repeated_until_the_joint_stands_at_its_end() {
     bench.drives[0].silent = false;
     bench.run_until(600_000, |bench| bench.kind() == StateKind::Ready);
     assert_eq!(bench.kind(), StateKind::Ready);
-    assert_eq!(bench.controller.drive(joint(0)).counters.missed, 1);
+    assert_eq!(bench.controller.group().drive(joint(0)).counters.missed, 1);
     let (end, _) = throw_reference(0, 1.0);
     let target = bench.drives[0].target.unwrap_or(bench.drives[0].q_gen);
     assert!((target - end).abs() < 1e-3, "goes to {target} instead of {end}");

@@ -69,7 +69,7 @@ fn answers_that_stand_still_stop_the_group_within_the_stated_way() {
         for into_us in [20_000, 100_000, 300_000, 500_000, 600_000, 800_000] {
             for index in [0, 1, 2, 4, 5] {
                 let bench = thrown(settings, into_us, into_us + index as u64);
-                let kept = f64::from(bench.controller.drive(joint(index)).position.unwrap().q_rad);
+                let kept = f64::from(bench.controller.group().drive(joint(index)).position.unwrap().q_rad);
                 let found = struck(bench, index, Wrong::Frozen(kept));
                 let limits = settings.joint.at(joint(index));
                 let bound = f64::from(excursion_max_rad(
@@ -216,7 +216,7 @@ fn lost_answers_do_not_make_the_gate_object() {
             }
             bench.run_until(2_000_000, |bench| bench.kind() != StateKind::Running);
             assert_eq!(bench.kind(), StateKind::Ready, "{name}, seed {seed}: {:?}", bench.controller.state());
-            let missed: u16 = (0..6).map(|i| bench.controller.drive(joint(i)).counters.missed).sum();
+            let missed: u16 = (0..6).map(|i| bench.controller.group().drive(joint(i)).counters.missed).sum();
             assert!((6..=8).contains(&missed), "{missed}");
         }
     }
@@ -237,7 +237,7 @@ fn starts_beside_the_path_do_not_make_the_gate_object() {
             for _ in 0..120 {
                 bench.run_for(10_000);
                 for index in 0..6 {
-                    let model = bench.controller.drive_model(joint(index));
+                    let model = bench.controller.group().drive_model(joint(index));
                     worst = worst.max(model.r_rad().abs() / model.r_max_rad());
                     worst = worst.max(model.drift_rad_s().abs() / model.drift_max_rad_s());
                 }

@@ -4,6 +4,7 @@ mod bench;
 
 use bench::*;
 use firmware::fault::{Cause, Fault};
+use firmware::groups::powercube::{Mode, Stage};
 use firmware::orders::Order;
 use firmware::state::{State, StateKind};
 use protocol::Duration;
@@ -211,7 +212,7 @@ fn boot_ends_only_when_every_joint_stands() {
     let mut bench = Bench::new(Options::default());
     // Swings out after the last reset, without a word of it.
     bench.run_until(3_000_000, |bench| {
-        matches!(bench.controller.state(), State::Boot(firmware::state::BootStage::Recover { .. }))
+        matches!(bench.controller.group().mode(), Mode::Finding(Stage::Recover { .. }))
     });
     bench.drives[5].slips_rad_s = 0.05;
     bench.run_for(700_000);

@@ -69,7 +69,7 @@ fn throw_from_rest_on_the_path_stays_close_to_it_at_both_periods() {
     {
         let (errors, bench) = throw(settings, 0.0, 1);
         println!("{name}: {errors:?}");
-        println!("{:?}", bench.controller.drive(joint(5)).counters);
+        println!("{:?}", bench.controller.group().drive(joint(5)).counters);
         let worst = errors.position_max.iter().fold(0.0f64, |a, &b| a.max(b));
         assert!((1e-5..position).contains(&worst), "{name}: {worst}");
         assert!(errors.at_release.1 < speed, "{name}");

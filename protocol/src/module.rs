@@ -89,6 +89,11 @@ impl JointIndex {
         self.0 as usize
     }
 
+    /// A bit of its own: bit n for joint n.
+    pub const fn bit(self) -> u8 {
+        1 << self.0
+    }
+
     /// The first `count` joints, base first; at most [`JOINTS_MAX`].
     pub fn first(count: usize) -> impl DoubleEndedIterator<Item = Self> + Clone {
         (0..count.min(JOINTS_MAX) as u8).map(Self)

@@ -7,14 +7,15 @@ use protocol::{Duration, Instant};
 use super::{Controller, Unlock};
 use crate::authority::{Code, Key, Nonce, Peer, Source, Verdict};
 use crate::fault::{Cause, Refusal};
+use crate::group::DriveGroup;
 use crate::orders::{Done, Order, OrderKind, UNLOCK_VALID_MAX};
 use crate::registers;
 use crate::spline::Spline;
-use crate::state::StateKind;
+use crate::state::{State, StateKind};
 use crate::store::{self, Storage};
 use crate::trace::Event;
 
-impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
+impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     /// Lets an order through if its node, its time and its code allow it, and carries it out.
     pub(super) fn admit(
         &mut self,
@@ -143,7 +144,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             self.store.void_commit();
             self.offer = None;
             if self.kind() == StateKind::Armed {
-                self.machine.transition_to_ready(now, &mut self.trace);
+                self.enter_standing(now, State::Ready);
             }
         }
         self.note(now, Event::LimitsPutBack);

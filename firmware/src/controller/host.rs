@@ -7,6 +7,7 @@ use protocol::{Duration, Instant};
 use super::Controller;
 use crate::authority::{Peer, Source, Verdict};
 use crate::fault::{Cause, Fault, Reaction, Refusal};
+use crate::group::{Command, DriveGroup};
 use crate::orders::{Done, Order, OrderKind};
 use crate::registers::{self, Number, Numbers, RegisterInfo, Writable};
 use crate::spline::Spline;
@@ -14,7 +15,7 @@ use crate::state::{State, StateKind};
 use crate::store::{self, Storage};
 use crate::trace::Event;
 
-impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
+impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     /// Takes an order.
     ///
     /// # Errors
@@ -35,7 +36,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             Ok(_) => self.note(now, Event::Order(kind)),
             Err(refusal) => self.note(now, Event::Refused(kind, refusal.cause)),
         }
-        self.pump(now);
+        self.group.flush(now, &self.settings);
         outcome
     }
 
@@ -47,7 +48,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             Order::Disarm => {
                 self.offer = None;
                 if matches!(self.machine.state(), State::Armed { .. }) {
-                    self.machine.transition_to_ready(now, &mut self.trace);
+                    self.enter_standing(now, State::Ready);
                 }
             }
             Order::Stop => self.fail(now, Fault::group(Cause::StopOrdered)),
@@ -76,7 +77,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             return Err(Refusal::of(Cause::StillMoving));
         }
         self.freeze = None;
-        self.start_boot(now, true);
+        self.find(now, true);
         Ok(())
     }
 
@@ -87,8 +88,8 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         match self.kind() {
             // Said again, because somebody asks again.
             StateKind::Stopped | StateKind::Fault => {
-                self.transmit.halt();
-                self.counters.halts = self.counters.halts.saturating_add(1);
+                self.halt(now);
+                self.group.command(now, &self.settings, Command::Stand { armed: false });
             }
             _ => self.react(now, fault, Reaction::Halt),
         }
@@ -108,13 +109,13 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         self.session.forget_host();
         self.offer = None;
         match self.kind() {
-            StateKind::Armed => self.machine.transition_to_ready(now, &mut self.trace),
+            StateKind::Armed => self.enter_standing(now, State::Ready),
             StateKind::Homing | StateKind::Jogging | StateKind::Running => {
                 self.fail(now, Fault::group(Cause::HostLost));
             }
             _ => {}
         }
-        self.pump(now);
+        self.group.flush(now, &self.settings);
     }
 
     /// Name of what is in the upload bank so far.
@@ -123,8 +124,8 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     }
 
     /// A frame that takes bus time but is not for the drives or from them.
-    pub(crate) const fn count_foreign(&mut self, frame: &protocol::Frame) {
-        self.count_bits(frame);
+    pub(crate) const fn count_foreign(&mut self, bits: u32) {
+        self.foreign_bits = self.foreign_bits.wrapping_add(bits);
     }
 
     /// Numbers of register number `index` ([`registers::TABLE`]); `None` if there is none.
@@ -230,7 +231,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             }
             // Drives and joints are assigned at start-up: look for them again with the new assignment.
             Writable::NextStart => {
-                self.start_boot(now, false);
+                self.find(now, false);
             }
             _ => {}
         }

@@ -2,17 +2,16 @@
 
 use core::borrow::BorrowMut;
 
-use protocol::powercube::CubeState;
 use protocol::{Duration, Instant, JointIndex};
 
 use super::Controller;
-use crate::groups::powercube::drive_model::DriveModel;
+use crate::group::{DriveGroup, GroupCounters};
 use crate::spline::Spline;
 use crate::state::{State, StateKind};
 use crate::store::Storage;
-use crate::telemetry::{GroupSample, JointFlags, JointSample};
+use crate::telemetry::{Counters, GroupSample, JointFlags, JointSample};
 
-impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
+impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     /// True once per telemetry period; ask after each `handle_*` call.
     pub fn take_telemetry_due(&mut self, now: Instant) -> bool {
         let due = self.telemetry_due <= now;
@@ -22,24 +21,25 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         due
     }
 
-    /// What a drive should have done with its commands by now, and how far its last answer was from it.
-    pub const fn drive_model(&self, joint: JointIndex) -> &DriveModel {
-        &self.track.at(joint).model
+    /// Counts since start-up.
+    pub fn counters(&self) -> Counters {
+        let GroupCounters { motions, foreign, .. } = self.group.counters();
+        Counters { motions, foreign_requests: foreign, ..self.counters }
     }
 
-    /// Counts since start-up.
-    pub const fn counters(&self) -> &crate::telemetry::Counters {
-        &self.counters
+    /// Control steps since start-up.
+    pub const fn cycles(&self) -> u32 {
+        self.counters.cycles
     }
 
     /// True in a control cycle and in its rehearsal: the bus is for the drives until they have answered.
     pub fn is_keeping_time(&self) -> bool {
-        matches!(self.kind(), StateKind::Running | StateKind::Stopping) || self.pace.is_rehearsing()
+        self.group.is_keeping_time()
     }
 
     /// True if every drive has answered in this cycle: what is left of it is free for others.
     pub fn is_cycle_done(&self) -> bool {
-        self.joints().all(|joint| self.schedule.is_done(joint, self.drives.at(joint)))
+        self.group.is_cycle_done(&self.settings)
     }
 
     /// The group now; the jitter counts anew from here.
@@ -47,7 +47,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         let jitter = core::mem::take(&mut self.jitter);
         let homed_mask = self
             .joints()
-            .filter(|&joint| self.drive_is_homed(joint))
+            .filter(|&joint| self.group.is_homed(joint))
             .fold(0, |mask: u8, joint| mask | 1 << joint.get());
         let path_us = match *self.machine.state() {
             State::Running { clock, .. } | State::Stopping { clock, .. } => clock.at(now).0,
@@ -66,8 +66,8 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             keyed: self.is_keyed(),
             cycle: self.settings.cycle_period(),
             jitter,
-            counters: self.counters,
-            bus_bits: self.bus_bits,
+            counters: self.counters(),
+            bus_bits: self.group.counters().bits.wrapping_add(self.foreign_bits),
             path_us: u32::try_from(path_us.max(0)).unwrap_or(u32::MAX),
             arming_left: self.arming_left(now),
         }
@@ -75,22 +75,21 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
 
     /// One joint as of its last measurement.
     pub fn joint_sample(&self, joint: JointIndex) -> JointSample {
-        let (drive, track) = (self.drives.at(joint), self.track.at(joint));
-        let state = drive.state.map_or(CubeState::EMPTY, |(state, _)| state);
+        let (tracker, readings) = (self.trackers.at(joint), self.group.readings(joint));
         let tracking = matches!(self.kind(), StateKind::Running | StateKind::Stopping);
         let flags = [
-            (track.missed, JointFlags::REPLY_MISSED),
-            (state.contains(CubeState::HOME_OK), JointFlags::HOMED),
-            (state.intersects(CubeState::ERROR), JointFlags::DRIVE_ERROR),
-            (state.intersects(CubeState::HALTED), JointFlags::HALTED),
-            (tracking && track.saturated, JointFlags::ACCELERATION_CLIPPED),
-            (tracking && track.command.speed_limited, JointFlags::SPEED_LIMITED),
-            (tracking && track.command.position_limited, JointFlags::POSITION_LIMITED),
+            (tracker.is_missed(), JointFlags::REPLY_MISSED),
+            (self.group.is_homed(joint), JointFlags::HOMED),
+            (readings.error, JointFlags::DRIVE_ERROR),
+            (readings.halted, JointFlags::HALTED),
+            (tracking && tracker.is_saturated(), JointFlags::ACCELERATION_CLIPPED),
+            (tracking && readings.speed_limited, JointFlags::SPEED_LIMITED),
+            (tracking && readings.position_limited, JointFlags::POSITION_LIMITED),
         ];
         let mut sample = JointSample {
-            q_rad: drive.position.map_or(0.0, |position| position.q_rad),
-            current_a: drive.current_a.unwrap_or(f32::NAN),
-            drive_short_state: drive.short_state.bits(),
+            q_rad: self.group.position(joint).map_or(0.0, |position| position.q_rad),
+            current_a: readings.current_a.unwrap_or(f32::NAN),
+            drive_short_state: readings.short_state,
             flags: flags
                 .into_iter()
                 .filter(|(on, _)| *on)
@@ -98,10 +97,10 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             ..JointSample::default()
         };
         if tracking {
-            sample.qd_rad_s = track.reference.qd_rad_s + track.estimator.de_rad_s();
-            sample.error_q_rad = -track.estimator.e_rad();
-            sample.error_qd_rad_s = -track.estimator.de_rad_s();
-            sample.qdd_command_rad_s2 = track.command.qdd_rad_s2;
+            sample.qd_rad_s = tracker.qd_rad_s();
+            sample.error_q_rad = -tracker.error().e_rad();
+            sample.error_qd_rad_s = -tracker.error().de_rad_s();
+            sample.qdd_command_rad_s2 = readings.qdd_command_rad_s2;
         }
         sample
     }

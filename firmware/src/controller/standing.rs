@@ -2,101 +2,68 @@
 //!
 //! # When a joint stands
 //!
-//! Its position has stayed within the steps of its encoder for [`rest::WINDOW`], and a state word read in that time shows
-//! no MOTION. Ready and Stopped are entered, and a jog, a homing, a run and Boot end, when all joints stand in this sense.
-//! There is no timer that makes a group stand. A time that passes without it ends in the fault RestNotReached.
+//! Its position has stayed within the steps of its encoder for [`crate::rest::WINDOW`], and the drive reports no motion since
+//! ([`DriveGroup::is_at_rest`]). Ready and Stopped are entered, and a jog, a homing, a run and Boot end, when all joints stand in
+//! this sense. There is no timer that makes a group stand. A time that passes without it ends in the fault RestNotReached.
 //!
 //! # The watch over a group that stands
 //!
-//! A joint that leaves its place by more than [`PLACE_RAD`], or shows MOTION in [`MOTION_WORDS`] state words in a row, moves.
+//! A joint that leaves its place by more than [`PLACE_RAD`], or whose drive reports motion several times in a row, moves.
 //!
 //! | state | a joint that moves |
 //! |---|---|
-//! | Ready, Armed, Stopped | fault MovesUnordered, halt broadcast |
-//! | Idle | the same, unless the drive shows BRAKEACTIVE: its position loop is open, and people may move the joint by hand |
+//! | Ready, Armed, Stopped | fault MovesUnordered, halt |
+//! | Idle | the same, unless the position loop of the drive is open: people may move the joint by hand |
 //! | Homing, Jogging | as in Ready, for the joints that are not at work |
-//! | Fault | the halt broadcast is repeated every [`HALT_REPEAT`] until the joint stands; the first cause stays |
+//! | Fault | the halt is repeated every [`HALT_REPEAT`] until the joint stands; the first cause stays |
 //!
 //! In Fault people may move joints by hand: the repeated halt does not hinder them. In Stopped they may not, although the
 //! drives are halted: a brake that slips looks the same.
 
 use core::borrow::BorrowMut;
 
-use protocol::powercube::CubeState;
 use protocol::{Duration, Instant, JointIndex};
 
 use super::Controller;
 use crate::fault::{Cause, Fault};
-use crate::rest;
+use crate::group::{Command, DriveGroup, Standing};
 use crate::spline::Spline;
-use crate::state::StateKind;
+use crate::state::{State, StateKind};
 use crate::store::Storage;
-use crate::supervisor;
 
 /// Distance from its place at which a standing joint counts as moving, rad: eight steps of the encoder. A joint gives
 /// way by about one step when its brake opens or the ball leaves the hand.
 const PLACE_RAD: f32 = 3e-3;
-/// State words with MOTION in a row at which a standing joint counts as moving.
-const MOTION_WORDS: u8 = 2;
-/// Time between halt broadcasts while something moves that must not.
+/// Time between halts while something moves that must not.
 pub(super) const HALT_REPEAT: Duration = Duration::from_millis(100);
-/// Longest time from a halt broadcast to measured rest: the slowest drive brakes from its highest speed in less than half
-/// of it.
-pub(super) const HALT_REST_MAX: Duration = Duration::from_millis(1_500);
-/// Added to the computed time of a ramp before its end must be measured: the window and what a drive's loop settles.
-pub(super) const REST_SLACK: Duration = Duration::from_millis(250);
 
-impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
-    /// Age at which a position says nothing about now: standing drives are asked every second look.
-    fn rest_age_max(&self) -> Duration {
-        rest::WINDOW + Duration::from_micros(2 * u64::from(self.settings.monitor_period_us))
-    }
-
-    /// The same for a state word: every fourth look.
-    fn word_age_max(&self) -> Duration {
-        rest::WINDOW + Duration::from_micros(4 * u64::from(self.settings.monitor_period_us))
-    }
-
-    /// True if a joint is measured at rest.
-    pub(super) fn is_at_rest(&self, now: Instant, joint: JointIndex) -> bool {
-        let drive = self.drives.at(joint);
-        let Some(since) = drive.rest.since(now, self.rest_age_max()) else { return false };
-        drive.state.is_some_and(|(word, at)| at >= since && !word.intersects(CubeState::MOTION))
-    }
-
+impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     /// True if all joints are measured at rest.
     pub(super) fn all_at_rest(&self, now: Instant) -> bool {
-        self.joints().all(|joint| self.is_at_rest(now, joint))
+        self.not_at_rest(now).is_none()
     }
 
     /// The first joint that is not measured at rest.
     pub(super) fn not_at_rest(&self, now: Instant) -> Option<JointIndex> {
-        self.joints().find(|&joint| !self.is_at_rest(now, joint))
+        self.joints().find(|&joint| !self.group.is_at_rest(now, &self.settings, joint))
     }
 
     /// True if a joint is known to move. A drive that says nothing may move or not.
     pub(super) fn any_moves(&self, now: Instant) -> bool {
-        self.joints().any(|joint| {
-            let drive = self.drives.at(joint);
-            let read = drive.state.is_some_and(|(_, at)| now.saturating_since(at) <= self.word_age_max());
-            (read && drive.motion_words > 0) || drive.rest.is_moving(now, self.rest_age_max())
-        })
+        self.joints().any(|joint| self.group.is_moving(now, &self.settings, joint))
     }
 
     /// A motion has ended and all joints stand: Ready if all are homed, else Idle.
     pub(super) fn stand(&mut self, now: Instant) {
         self.keep_places();
-        if self.all_homed() {
-            self.machine.transition_to_ready(now, &mut self.trace);
-        } else {
-            self.machine.transition_to_idle(now, &mut self.trace);
-        }
+        let state = if self.all_homed() { State::Ready } else { State::Idle };
+        self.enter_standing(now, state);
     }
 
     /// The joints stand where they are now.
     pub(super) fn keep_places(&mut self) {
         for joint in self.joints() {
-            let q_rad = self.drives.at(joint).position.map_or(0.0, |position| position.q_rad);
+            let q_rad = self.group.position(joint).map_or(0.0, |position| position.q_rad);
             self.stood_at_rad.set(joint, q_rad);
         }
     }
@@ -107,10 +74,8 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         let halted_is_fine = kind == StateKind::Stopped;
         if matches!(kind, StateKind::Idle | StateKind::Ready | StateKind::Armed | StateKind::Stopped) {
             for joint in self.joints() {
-                let drive = self.drives.at(joint);
-                let silent = drive.missed_in_row > self.settings.reply_missed_max;
-                let word = drive.state.filter(|(_, at)| *at >= self.reset_at);
-                let cause = word.and_then(|(state, _)| supervisor::check_state_word(state, halted_is_fine));
+                let silent = self.group.readings(joint).missed_in_row > self.settings.reply_missed_max;
+                let cause = self.group.standing(joint, halted_is_fine).trouble;
                 if let Some(cause) = if silent { Some(Cause::DriveSilent) } else { cause } {
                     self.fail(now, Fault::at(cause, joint));
                     return;
@@ -122,9 +87,9 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         }
         match (self.kind(), self.all_homed()) {
             (StateKind::Idle, true) if self.all_at_rest(now) => self.stand(now),
-            (StateKind::Ready, false) => self.machine.transition_to_idle(now, &mut self.trace),
+            (StateKind::Ready, false) => self.enter_standing(now, State::Idle),
             (StateKind::Armed, false) => {
-                let lost = self.joints().find(|&joint| !self.drive_is_homed(joint));
+                let lost = self.joints().find(|&joint| !self.group.is_homed(joint));
                 self.fail(now, Fault { cause: Cause::DriveLostHome, joint: lost });
             }
             _ => {}
@@ -134,15 +99,14 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// A joint that moves although the group stands, or although another one is at work.
     pub(super) fn judge_places(&mut self, now: Instant, at_work: Option<JointIndex>) {
         for joint in self.joints().filter(|&joint| Some(joint) != at_work) {
-            let drive = self.drives.at(joint);
-            let Some(position) = drive.position else { continue };
-            // Written so that a position that is no number counts as motion.
+            let Some(position) = self.group.position(joint) else { continue };
+            let Standing { reports_motion, yields, .. } = self.group.standing(joint, true);
+            // Written so that NaN counts as motion.
             let in_place = (position.q_rad - self.stood_at_rad.get(joint)).abs() <= PLACE_RAD;
-            if in_place && drive.motion_words < MOTION_WORDS {
+            if in_place && !reports_motion {
                 continue;
             }
-            let open = drive.state.is_some_and(|(word, _)| word.intersects(CubeState::BRAKEACTIVE));
-            if self.kind() == StateKind::Idle && open {
+            if self.kind() == StateKind::Idle && yields {
                 self.stood_at_rad.set(joint, position.q_rad);
                 continue;
             }
@@ -155,6 +119,9 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     pub(super) fn repeat_halt(&mut self, now: Instant) {
         if self.halt_due <= now && self.any_moves(now) {
             self.halt(now);
+            if self.kind() == StateKind::Fault {
+                self.group.command(now, &self.settings, Command::Stand { armed: false });
+            }
         }
     }
 }

@@ -4,37 +4,33 @@
 //! |---|---|---|---|---|
 //! | path stop | path time is slowed down; if the path cannot be kept or it takes too long: quick stop | halt | quick stop | halt |
 //! | quick stop | one ramp per joint to where it can just stop | halt | one ramp | halt |
-//! | halt | halt broadcast at once | halt | halt | halt |
+//! | halt | halt at once | halt | halt | halt |
 //!
-//! At rest the halt broadcast goes out in every case: drives then refuse motion until a reset, which only an
+//! At rest the halt goes out in every case: drives then refuse motion until a reset, which only an
 //! explicit new start sends. Stopped is entered when all joints are measured at rest; until then the group is Stopping, and
-//! the halt broadcast is repeated.
+//! the halt is repeated.
 
 use core::borrow::BorrowMut;
 
 use protocol::{Duration, Instant};
 
 use super::Controller;
-use super::standing::{HALT_REPEAT, HALT_REST_MAX};
+use super::standing::HALT_REPEAT;
 use crate::fault::{Cause, Fault, Reaction};
 use crate::freeze::{FreezeFrame, FrozenJoint};
-use crate::groups::powercube::ramp::{self, RampState};
+use crate::group::{Command, DriveGroup};
 use crate::joints::PerJoint;
 use crate::path::{PathClock, Slowing};
-use crate::span;
+use crate::rest::HALT_REST_MAX;
 use crate::spline::Spline;
 use crate::state::{State, StateKind, StopWay};
 use crate::store::Storage;
 use crate::trace::Event;
 
-/// From the order to the drive braking: two requests and their answers.
-const STOP_LEAD: Duration = Duration::from_micros(700);
-/// Added to the computed time of a quick stop before the halt.
-const STOP_SLACK: Duration = Duration::from_millis(40);
 /// Cycles on the standing reference before the halt of a path stop.
 const SETTLE_CYCLES: u64 = 3;
 
-impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
+impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     /// Something is wrong: reacts, unless a graver reaction is already at work.
     pub(super) fn fail(&mut self, now: Instant, fault: Fault) {
         self.react(now, fault, fault.cause.reaction());
@@ -43,7 +39,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// Stop or fault with a chosen reaction.
     pub(super) fn react(&mut self, now: Instant, fault: Fault, reaction: Reaction) {
         self.gripper.cancel();
-        self.gripper_write = None;
+        self.group.cancel_gripper();
         self.offer = None;
         self.freeze_at(now, fault);
         match (*self.machine.state(), reaction) {
@@ -74,37 +70,26 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
             }
             (State::Running { clock, parking: None }, Reaction::PathStop) => {
                 let max = Duration::from_micros(self.settings.stop_path_max_us.into());
-                self.machine.transition_to_stopping(
-                    now,
-                    &mut self.trace,
-                    fault,
-                    StopWay::Path,
-                    clock,
-                    now + max,
-                );
+                let deadline = now + max;
+                self.enter(now, State::Stopping { fault, way: StopWay::Path, clock, deadline });
             }
             (State::Running { clock, parking: None }, Reaction::QuickStop) => {
                 self.quick_stop(now, fault, clock);
             }
             // Parked joints move no faster than a jog.
             (State::Running { parking: Some(_), .. }, _) => self.end_stop(now, fault),
-            (State::Jogging(jog), Reaction::PathStop | Reaction::QuickStop) => {
-                let limits = *self.settings.joint.at(jog.joint);
-                let clock = PathClock::starting(now);
-                self.machine.transition_to_stopping(now, &mut self.trace, fault, StopWay::Quick, clock, now);
-                self.schedule.clear_all();
-                self.ramp_down(now, jog.joint, limits.jog_a_rad_s2);
-                self.halt_silent(now, fault);
+            (State::Jogging(_), Reaction::PathStop | Reaction::QuickStop) => {
+                self.quick_stop(now, fault, PathClock::starting(now));
             }
-            (State::Boot(_), _) if fault.cause.is_plain_stop() => {
+            (State::Boot, _) if fault.cause.is_plain_stop() => {
                 self.halt(now);
                 // The halt spoils the proof of the watchdogs that may be at work.
-                self.start_boot(now, false);
+                self.find(now, false);
             }
             (
                 State::Running { .. }
                 | State::Jogging(_)
-                | State::Boot(_)
+                | State::Boot
                 | State::Idle
                 | State::Homing(_)
                 | State::Ready
@@ -116,98 +101,70 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     }
 
     pub(super) fn halt(&mut self, now: Instant) {
-        self.schedule.clear_all();
         self.halt_due = now + HALT_REPEAT;
-        for joint in self.joints() {
-            self.track.at_mut(joint).model.stop_watching();
-        }
-        self.transmit.halt();
+        self.group.command(now, &self.settings, Command::Halt);
         self.counters.halts = self.counters.halts.saturating_add(1);
         self.note(now, Event::Halt);
     }
 
-    /// The halt broadcast and the state after it: Fault at once, Stopped when all joints stand.
+    /// The halt and the state after it: Fault at once, Stopped when all joints stand.
     fn end_stop(&mut self, now: Instant, fault: Fault) {
         self.halt(now);
         if !fault.cause.is_plain_stop() {
-            // No more signs of life: a drive that missed the halt stops by its watchdog.
-            self.watchdog_due = None;
-            self.machine.transition_to_fault(now, &mut self.trace, fault);
+            self.group.command(now, &self.settings, Command::Abandon);
+            self.enter(now, State::Fault { fault });
         } else if self.all_at_rest(now) {
             self.keep_places();
-            self.machine.transition_to_stopped(now, &mut self.trace, fault);
+            self.enter_standing(now, State::Stopped { fault });
         } else {
             let (clock, deadline) = (PathClock::starting(now), now + HALT_REST_MAX);
-            self.machine.transition_to_stopping(
-                now,
-                &mut self.trace,
-                fault,
-                StopWay::Halted,
-                clock,
-                deadline,
-            );
+            self.enter(now, State::Stopping { fault, way: StopWay::Halted, clock, deadline });
         }
+    }
+
+    /// Looks for the drives, from the beginning. With `reset` errors and halts are cleared first.
+    pub(super) fn find(&mut self, now: Instant, reset: bool) {
+        self.group.command(now, &self.settings, Command::Find { reset });
+        self.enter(now, State::Boot);
     }
 
     /// The drives brake by themselves until they stand.
     fn watch_halted(&mut self, now: Instant, fault: Fault, deadline: Instant) {
         if self.all_at_rest(now) {
             self.keep_places();
-            self.machine.transition_to_stopped(now, &mut self.trace, fault);
+            self.enter_standing(now, State::Stopped { fault });
         } else if deadline <= now {
             self.fail(now, Fault { cause: Cause::RestNotReached, joint: self.not_at_rest(now) });
         } else {
             self.repeat_halt(now);
-            self.park_poll();
         }
     }
 
     fn halt_silent(&mut self, now: Instant, fault: Fault) {
         if let (Cause::DriveSilent | Cause::ReplyImplausible, Some(joint)) = (fault.cause, fault.joint) {
-            self.schedule.clear(joint);
-            self.halt_drive(now, joint);
+            self.group.command(now, &self.settings, Command::HaltJoint(joint));
         }
     }
 
-    /// Every joint on its own: one ramp to where it can just stop.
+    /// Every joint brakes on its own.
     fn quick_stop(&mut self, now: Instant, fault: Fault, clock: PathClock) {
-        self.machine.transition_to_stopping(now, &mut self.trace, fault, StopWay::Quick, clock, now);
-        self.schedule.clear_all();
-        for joint in self.joints() {
-            let a_rad_s2 = self.settings.joint.at(joint).a_max_rad_s2;
-            self.ramp_down(now, joint, a_rad_s2);
-        }
+        let deadline = self.group.brake(now, &self.settings);
+        self.enter(now, State::Stopping { fault, way: StopWay::Quick, clock, deadline });
         self.halt_silent(now, fault);
     }
 
-    /// Ramp of one joint to rest, from where its generator is by the model of its commands: no measured position leads it,
-    /// because one that is wrong may be the reason to stop. The stop lasts at least as long as the ramp.
-    fn ramp_down(&mut self, now: Instant, joint: protocol::JointIndex, a_rad_s2: f32) {
-        let limits = *self.settings.joint.at(joint);
-        let RampState { q_rad, v_rad_s } = self.track.at(joint).model.generator_at(now + STOP_LEAD);
-        let ramp_limits = limits.ramp_limits(self.settings.reach_rad);
-        let mut command = ramp::stop(RampState { q_rad, v_rad_s }, a_rad_s2, &ramp_limits);
-        // The speed in the drive is at least the present one; writing it would cost time.
-        command.velocity_rad_s = None;
-        self.plan(joint, &command);
-        let braking_s = v_rad_s.abs() / command.acceleration_rad_s2.unwrap_or(a_rad_s2).max(0.1);
-        let until = now + STOP_LEAD + span::of_seconds(1.1 * braking_s) + STOP_SLACK;
-        if let State::Stopping { deadline, .. } = self.machine.data() {
-            *deadline = (*deadline).max(until);
-        }
-    }
-
-    pub(super) fn stopping_tick(&mut self, now: Instant) {
+    /// One period of coming to rest.
+    pub(super) fn stopping(&mut self, now: Instant) {
         let State::Stopping { fault, way, mut clock, deadline } = *self.machine.state() else { return };
         match way {
             StopWay::Halted => self.watch_halted(now, fault, deadline),
             StopWay::Quick if deadline <= now => self.end_stop(now, fault),
-            StopWay::Quick => self.park_poll(),
+            StopWay::Quick => {}
             StopWay::Path if deadline <= now => {
                 self.quick_stop(now, fault, clock);
             }
             StopWay::Path if clock.is_standing() => {
-                let settled = clock.since() + self.settings.cycle_period() * SETTLE_CYCLES;
+                let settled = clock.since() + self.group.profile(&self.settings).period * SETTLE_CYCLES;
                 if settled <= now {
                     self.end_stop(now, fault);
                 } else {
@@ -236,7 +193,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
     /// Hardest slowing down of path time that all joints can follow in the next cycle.
     fn slowing(&mut self, now: Instant, clock: &PathClock) -> Option<f32> {
         let mut slowing = Slowing::default();
-        let ahead = now + self.settings.cycle_period();
+        let ahead = now + self.group.profile(&self.settings).period;
         let (s_us, rate) = clock.at(ahead);
         for joint in self.joints() {
             let a_rad_s2 = self.settings.stop_share * self.settings.joint.at(joint).a_max_rad_s2;
@@ -260,18 +217,19 @@ impl<S: Storage, M: BorrowMut<Spline>> Controller<S, M> {
         // Filled in place: it is 400 bytes.
         let frame = self.freeze.insert(blank);
         for joint in joints {
-            let (drive, track) = (self.drives.at(joint), self.track.at(joint));
-            let age = drive.position.map(|position| now.saturating_since(position.at).as_micros());
+            let (position, readings) = (self.group.position(joint), self.group.readings(joint));
+            let tracker = self.trackers.at(joint);
+            let age = position.map(|position| now.saturating_since(position.at).as_micros());
             *frame.joints.at_mut(joint) = FrozenJoint {
-                q_rad: drive.position.map_or(0.0, |position| position.q_rad),
-                e_rad: track.estimator.e_rad(),
-                de_rad_s: track.estimator.de_rad_s(),
-                qd_ref_rad_s: track.reference.qd_rad_s,
-                qdd_command_rad_s2: track.command.qdd_rad_s2,
-                current_a: drive.current_a,
-                short_state: drive.short_state,
-                state: drive.state.map(|(state, _)| state),
-                missed_in_row: drive.missed_in_row,
+                q_rad: position.map_or(0.0, |position| position.q_rad),
+                e_rad: tracker.error().e_rad(),
+                de_rad_s: tracker.error().de_rad_s(),
+                qd_ref_rad_s: tracker.reference().qd_rad_s,
+                qdd_command_rad_s2: readings.qdd_command_rad_s2,
+                current_a: readings.current_a,
+                short_state: readings.short_state,
+                state: readings.state,
+                missed_in_row: readings.missed_in_row,
                 age_us: age.and_then(|age| u32::try_from(age).ok()).unwrap_or(u32::MAX),
             };
         }

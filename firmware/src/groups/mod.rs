@@ -1,3 +1,4 @@
-//! Groups of drives: each module speaks one family's protocol behind the controller.
+//! Groups of drives: one module per family, each behind [`DriveGroup`](crate::group::DriveGroup). A board links those that
+//! its [`Controller`](crate::Controller) names.
 
 pub mod powercube;

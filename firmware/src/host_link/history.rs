@@ -5,7 +5,6 @@ use core::borrow::BorrowMut;
 use protocol::JointIndex;
 use protocol::cyphal::bits::{Encode, to_bytes};
 use protocol::cyphal::cubecell::history::{FrozenHead, FrozenJoint, TraceEntry, TraceHead, VERSION, kind};
-use protocol::powercube::CubeState;
 
 use crate::controller::Controller;
 use crate::fault::Fault;
@@ -79,9 +78,9 @@ pub(super) fn read_freeze<S: Storage, M: BorrowMut<Spline>>(
             qd_ref_rad_s: joint.qd_ref_rad_s,
             qdd_command_rad_s2: joint.qdd_command_rad_s2,
             current_a: joint.current_a.unwrap_or(f32::NAN),
-            drive_state: joint.state.map_or(u32::MAX, CubeState::bits),
+            drive_state: joint.state.unwrap_or(u32::MAX),
             age_us: joint.age_us,
-            drive_short_state: joint.short_state.bits(),
+            drive_short_state: joint.short_state,
             missed_in_row: u8::try_from(joint.missed_in_row).unwrap_or(u8::MAX),
         };
         piece.push(FrozenJoint::LEN, &record);

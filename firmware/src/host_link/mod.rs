@@ -37,6 +37,7 @@ use self::messages::group_message;
 use crate::authority::{Peer, Seed};
 use crate::controller::Controller;
 use crate::fault::Refusal;
+use crate::groups::powercube::nominal_bits;
 use crate::orders::{Done, Order};
 use crate::settings::Settings;
 use crate::spline::Spline;
@@ -256,7 +257,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Node for ControllerNode<S, M> {
     fn handle_frame(&mut self, now: Instant, frame: &Frame) {
         self.now = now;
         if frame.is_extended() {
-            self.app.controller.count_foreign(frame);
+            self.app.controller.count_foreign(nominal_bits(frame));
             self.link.handle_frame(now, frame, &mut self.app);
         } else {
             self.app.controller.handle_frame(now, frame);
@@ -266,10 +267,10 @@ impl<S: Storage, M: BorrowMut<Spline>> Node for ControllerNode<S, M> {
 
     fn handle_timeout(&mut self, now: Instant) {
         self.now = now;
-        let cycles = self.app.controller.counters().cycles;
+        let cycles = self.app.controller.cycles();
         // Harmless where nothing is due, and cheaper than the question.
         self.app.controller.handle_timeout(now);
-        if self.app.controller.counters().cycles == cycles {
+        if self.app.controller.cycles() == cycles {
             self.after_the_drives(now);
         } else {
             self.later = Some(now + LATER);
@@ -286,7 +287,7 @@ impl<S: Storage, M: BorrowMut<Spline>> Node for ControllerNode<S, M> {
         }
         let frame = self.held.take()?;
         self.last_frame = self.now;
-        self.app.controller.count_foreign(&frame);
+        self.app.controller.count_foreign(nominal_bits(&frame));
         self.refill();
         Some(frame)
     }

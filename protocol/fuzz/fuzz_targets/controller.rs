@@ -161,7 +161,7 @@ impl Bench {
 
     fn give(&mut self, frame: &Frame) {
         let known = |bench: &Self| -> Vec<_> {
-            JointIndex::first(6).map(|joint| bench.controller.drive(joint).position).collect()
+            JointIndex::first(6).map(|joint| bench.controller.group().drive(joint).position).collect()
         };
         let before = known(self);
         self.controller.handle_frame(self.now, frame);

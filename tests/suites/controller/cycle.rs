@@ -31,7 +31,8 @@ fn throw(settings: &Settings, answer_us: (u64, u64), seed: u64) -> Cycles {
         assert_eq!(lab.watch.motions, 0);
         return Cycles::Refused { period_us: index };
     }
-    let (_, rehearsed_us) = lab.controller().cycle_times();
+    let controller = lab.controller();
+    let (_, rehearsed_us) = controller.group().cycle_times(controller.settings());
     let before = lab.world.bus_report();
     lab.run(900_000);
     assert_eq!(lab.kind(), StateKind::Running, "{head}: {:?}", lab.controller().state());
@@ -39,7 +40,8 @@ fn throw(settings: &Settings, answer_us: (u64, u64), seed: u64) -> Cycles {
     let busy = after.utilisation * after.elapsed_s - before.utilisation * before.elapsed_s;
     let utilisation = busy / (after.elapsed_s - before.elapsed_s);
     lab.run(500_000);
-    let (times, _) = lab.controller().cycle_times();
+    let controller = lab.controller();
+    let (times, _) = controller.group().cycle_times(controller.settings());
     let mean_us = times.sum_us / times.cycles.max(1);
     let slack = |us: u32| i64::from(period_us) - i64::from(us);
     let late = lab.controller().counters().cycles_late;

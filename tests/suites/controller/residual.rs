@@ -44,7 +44,7 @@ fn healthy(settings: &Settings, seed: u64) -> Option<(f64, f64)> {
             break;
         }
         for joint in JointIndex::first(6) {
-            let model = lab.controller().drive_model(joint);
+            let model = lab.controller().group().drive_model(joint);
             worst.0 = worst.0.max(model.r_rad().abs() / model.r_max_rad());
             worst.1 = worst.1.max(model.drift_rad_s().abs() / model.drift_max_rad_s());
         }

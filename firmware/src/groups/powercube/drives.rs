@@ -24,6 +24,7 @@ use protocol::powercube::{
 };
 use protocol::{Duration, Frame, Instant, ModuleId};
 
+use crate::group::PositionSample;
 use crate::groups::powercube::ramp::Loaded;
 use crate::rest::Rest;
 
@@ -116,15 +117,6 @@ pub struct ReplyCounters {
     pub implausible: u16,
 }
 
-/// A position and when it was measured.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PositionSample {
-    /// Joint side, rad.
-    pub q_rad: f32,
-    /// Time of the measurement.
-    pub at: Instant,
-}
-
 /// A drive: requests on their way, and the last of everything it said.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Drive {
@@ -159,6 +151,8 @@ pub struct Drive {
     pub rest: Rest,
     /// State words in a row that showed MOTION.
     pub motion_words: u8,
+    /// The last position was one that the joint cannot have reached.
+    pub implausible: bool,
     /// Current as last read, A.
     pub current_a: Option<f32>,
     /// Readings above the current limit in a row.
@@ -168,6 +162,11 @@ pub struct Drive {
 }
 
 impl Drive {
+    /// True if the drive has found its zero, by the state word last read.
+    pub fn is_homed(&self) -> bool {
+        self.state.is_some_and(|(state, _)| state.contains(CubeState::HOME_OK))
+    }
+
     /// True while a request of the main lane waits for its answer.
     pub const fn is_asked(&self) -> bool {
         self.main.is_some()

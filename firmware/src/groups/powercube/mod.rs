@@ -1,5 +1,28 @@
-//! PowerCube drives on a CAN bus: requests and replies, the order of requests in a control cycle, commands as ramps, and
-//! what a drive should do with them.
+//! PowerCube drives on a CAN bus.
+//!
+//! # Map
+//!
+//! | module | is |
+//! |---|---|
+//! | [`drives`] | one drive: requests on their way, which reply belongs to which request, what was read last |
+//! | [`words`] | what state words say |
+//! | [`schedule`], [`order`], [`slots`], [`pace`] | who is asked next, in which order, when in the cycle; how long a cycle takes |
+//! | [`ramp`] | acceleration in the words of a ramp drive |
+//! | [`drive_model`] | what a drive should do with its commands, and how far its answers are from it |
+//! | [`transmit`] | frames on their way out |
+//! | `exchange` | requests out, replies in; what each answer says |
+//! | `cycle` | periods: set points become requests; reading while nothing moves; signs of life |
+//! | `finding`, `homing`, `jogging` | what takes several steps |
+//! | `readiness` | what the controller asks before it moves anything |
+//!
+//! A set point goes from `cycle` through [`ramp`] into [`schedule`], from there through `exchange` into [`transmit`]; its
+//! answer comes through `exchange` with [`drives`], [`drive_model`] and [`words`].
+//!
+//! # Invariants
+//!
+//! 1. A motion is sent in a mode that may move only, through one function (`exchange::ask`).
+//! 2. A reply is never taken for another ([`drives`] says why).
+//! 3. After a halt nothing that waited is sent.
 
 pub mod drive_model;
 pub mod drives;
@@ -9,3 +32,349 @@ pub mod ramp;
 pub mod schedule;
 pub mod slots;
 pub mod transmit;
+pub mod words;
+
+mod cycle;
+mod exchange;
+mod finding;
+mod homing;
+mod jogging;
+mod readiness;
+
+use heapless::Deque;
+use protocol::{Duration, Frame, Instant, JointIndex};
+
+pub use self::finding::Stage;
+
+use self::cycle::{Axis, Cycle};
+use self::drive_model::DriveModel;
+use self::drives::Drive;
+use self::finding::BootProgress;
+use self::homing::Homing;
+use self::jogging::Jog;
+use self::pace::{CycleTimes, Pace};
+use self::schedule::Schedule;
+use self::slots::Slots;
+use self::transmit::TransmitQueue;
+use crate::fault::{Fault, Refusal};
+use crate::group::{
+    Command, DriveGroup, GroupCounters, GroupEvent, Law, PositionSample, Profile, Readings, SetPoint,
+    Standing, Taken,
+};
+use crate::joints::PerJoint;
+use crate::settings::Settings;
+
+/// Cycles between the order to run and the start of the plan: the loop settles on the standing reference.
+const LEAD_CYCLES: u64 = 2;
+/// Events of one answer or one deadline: trouble, measurement, end of a step.
+const EVENTS: usize = 4;
+
+/// What the group is at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Mode {
+    /// Looking for the drives.
+    Finding(Stage),
+    /// Reading the drives in turn.
+    Standing {
+        /// A run may follow.
+        armed: bool,
+    },
+    /// A joint looks for its zero.
+    Homing(Homing),
+    /// A joint moves slowly.
+    Jogging(Jog),
+    /// Set points.
+    Tracking,
+    /// Slow ramps to a position.
+    Parking,
+    /// Ramps to rest.
+    Braking,
+    /// The halt is out; the drives brake by themselves.
+    Halted,
+}
+
+impl Mode {
+    /// Joints move, or may still move.
+    const fn may_move(self) -> bool {
+        !matches!(self, Self::Finding(_) | Self::Standing { .. })
+    }
+
+    /// Led by the control cycle.
+    const fn is_cyclic(self) -> bool {
+        matches!(self, Self::Tracking | Self::Parking | Self::Braking | Self::Halted)
+    }
+}
+
+/// What is left to do in a call, in this order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Turn {
+    /// Deadlines: answers, then a sign of life, then the period.
+    Answers,
+    LifeThenPeriod,
+    Period,
+    /// A packet came: a sign of life that is due.
+    Life,
+    Done,
+}
+
+/// See the [module](self).
+pub struct PowerCubes {
+    mode: Mode,
+    turn: Turn,
+    drives: PerJoint<Drive>,
+    axes: PerJoint<Axis>,
+    progress: PerJoint<BootProgress>,
+    schedule: Schedule,
+    slots: Slots,
+    pace: Pace,
+    cycle: Cycle,
+    transmit: TransmitQueue,
+    events: Deque<GroupEvent, EVENTS>,
+    /// Next sign of life to the drives; `None` while they get none.
+    watchdog_due: Option<Instant>,
+    /// What the drives said before this is from before the last reset.
+    reset_at: Instant,
+    /// Gripper write that waits for its lane.
+    gripper_write: Option<bool>,
+    counters: GroupCounters,
+}
+
+#[inline(never)]
+fn default_in_place<T: Default>() -> T {
+    T::default()
+}
+
+impl Default for PowerCubes {
+    fn default() -> Self {
+        Self {
+            mode: Mode::Finding(Stage::FIRST_SCAN),
+            turn: Turn::Done,
+            drives: default_in_place(),
+            axes: default_in_place(),
+            progress: PerJoint::default(),
+            schedule: default_in_place(),
+            slots: Slots::default(),
+            pace: Pace::default(),
+            cycle: Cycle::default(),
+            transmit: default_in_place(),
+            events: Deque::new(),
+            watchdog_due: None,
+            reset_at: Instant::ZERO,
+            gripper_write: None,
+            counters: GroupCounters::default(),
+        }
+    }
+}
+
+impl PowerCubes {
+    /// What the group is at.
+    pub const fn mode(&self) -> Mode {
+        self.mode
+    }
+
+    /// A drive as it is known.
+    pub const fn drive(&self, joint: JointIndex) -> &Drive {
+        self.drives.at(joint)
+    }
+
+    /// What a drive should have done with its commands by now, and how far its last answer was from it.
+    pub const fn drive_model(&self, joint: JointIndex) -> &DriveModel {
+        &self.axes.at(joint).model
+    }
+
+    /// Durations of the control cycles of the last run; and how long one takes by the last rehearsals, µs ([`pace`]), `None`
+    /// before the first.
+    pub fn cycle_times(&self, settings: &Settings) -> (CycleTimes, Option<u32>) {
+        (self.pace.times(), self.pace.cycle_us(settings.joints, settings.cycle_guest))
+    }
+
+    fn push(&mut self, event: GroupEvent) {
+        // No call makes more than there is room for.
+        let _ = self.events.push_back(event);
+    }
+
+    fn fail(&mut self, fault: Fault) {
+        self.push(GroupEvent::Trouble(fault));
+    }
+
+    fn send(&mut self, frame: Frame) {
+        self.counters.bits = self.counters.bits.wrapping_add(nominal_bits(&frame));
+        self.transmit.push(frame);
+    }
+
+    fn halt(&mut self, settings: &Settings) {
+        self.schedule.clear_all();
+        for joint in settings.joints() {
+            self.axes.at_mut(joint).model.stop_watching();
+        }
+        self.transmit.halt();
+        self.mode = Mode::Halted;
+    }
+}
+
+/// Bits of a frame without stuff bits: ISO 11898-1 has 47 or 67 around the data, interframe space included.
+pub const fn nominal_bits(frame: &Frame) -> u32 {
+    let bits = if frame.is_extended() { 67 } else { 47 };
+    bits + if frame.is_remote() { 0 } else { 8 * frame.dlc() as u32 }
+}
+
+impl DriveGroup for PowerCubes {
+    type Packet = Frame;
+
+    fn handle_packet(&mut self, now: Instant, settings: &Settings, frame: &Frame) {
+        self.counters.bits = self.counters.bits.wrapping_add(nominal_bits(frame));
+        self.take_frame(now, settings, frame);
+        self.turn = Turn::Life;
+    }
+
+    fn handle_timeout(&mut self, _now: Instant, _settings: &Settings) {
+        self.turn = Turn::Answers;
+    }
+
+    fn poll_event(&mut self, now: Instant, settings: &Settings) -> Option<GroupEvent> {
+        loop {
+            if let Some(event) = self.events.pop_front() {
+                return Some(event);
+            }
+            match self.turn {
+                Turn::Answers => {
+                    if !self.give_up_next(now, settings) {
+                        self.turn = Turn::LifeThenPeriod;
+                    }
+                }
+                Turn::LifeThenPeriod => {
+                    self.refresh_watchdog(now, settings);
+                    self.turn = Turn::Period;
+                }
+                Turn::Period => {
+                    self.turn = Turn::Done;
+                    self.begin_period(now, settings);
+                }
+                Turn::Life => {
+                    self.refresh_watchdog(now, settings);
+                    self.turn = Turn::Done;
+                }
+                Turn::Done => return None,
+            }
+        }
+    }
+
+    fn flush(&mut self, now: Instant, settings: &Settings) {
+        self.end_period(settings);
+        self.pump(now, settings);
+    }
+
+    fn poll_packet(&mut self) -> Option<Frame> {
+        self.transmit.pop()
+    }
+
+    fn poll_timeout(&self, now: Instant, settings: &Settings) -> Option<Instant> {
+        let replies = settings.joints().filter_map(|joint| self.drives.at(joint).deadline());
+        // A request may wait for its key to get free.
+        let waiting = self.schedule.wake_up(now, settings.joints(), &self.drives);
+        replies.chain([self.cycle.due]).chain(self.watchdog_due).chain(waiting).min()
+    }
+
+    fn command(&mut self, now: Instant, settings: &Settings, command: Command) {
+        match command {
+            Command::Find { reset } => self.find(now, settings, reset),
+            Command::Reset => self.send_reset(now, settings),
+            Command::Stand { armed } => self.mode = Mode::Standing { armed },
+            Command::Abandon => {
+                self.watchdog_due = None;
+                self.mode = Mode::Standing { armed: false };
+            }
+            Command::Home(joint) => self.home(settings, joint),
+            Command::Jog { joint, qd_rad_s, until } => self.jog(now, settings, joint, qd_rad_s, until),
+            Command::Track => self.track(now, settings),
+            Command::MoveTo { joint, q_rad } => self.move_to(settings, joint, q_rad),
+            Command::Halt => self.halt(settings),
+            Command::HaltJoint(joint) => {
+                self.schedule.clear(joint);
+                self.halt_drive(now, settings, joint);
+            }
+        }
+    }
+
+    fn brake(&mut self, now: Instant, settings: &Settings) -> Instant {
+        self.brake_all(now, settings)
+    }
+
+    fn set_point(&mut self, settings: &Settings, joint: JointIndex, set_point: &SetPoint) -> Taken {
+        self.realise(settings, joint, set_point)
+    }
+
+    fn acts_at(&self, joint: JointIndex) -> Instant {
+        self.cycle.at + Duration::from_micros(self.axes.at(joint).phase_us.into())
+    }
+
+    fn observe(&mut self, joint: JointIndex, qd_rad_s: f32, dt_s: f32) {
+        self.axes.at_mut(joint).generator.pull(qd_rad_s, dt_s);
+    }
+
+    fn set_gripper(&mut self, settings: &Settings, open: bool) -> bool {
+        let is_module = settings.gripper_address != 0;
+        if is_module {
+            self.gripper_write = Some(open);
+        }
+        is_module
+    }
+
+    fn cancel_gripper(&mut self) {
+        self.gripper_write = None;
+    }
+
+    fn profile(&self, settings: &Settings) -> Profile {
+        let period = settings.cycle_period();
+        Profile {
+            law: Law::Feedback,
+            period,
+            lag: Duration::from_micros(settings.drive_lag_us.into()),
+            lead: period * LEAD_CYCLES,
+        }
+    }
+
+    fn check_group(&self, now: Instant, settings: &Settings) -> Result<(), Refusal> {
+        self.is_group_ready(now, settings)
+    }
+
+    fn check_drive(&self, now: Instant, settings: &Settings, joint: JointIndex) -> Result<(), Refusal> {
+        self.is_drive_ready(now, settings, joint)
+    }
+
+    fn position(&self, joint: JointIndex) -> Option<PositionSample> {
+        self.drives.at(joint).position
+    }
+
+    fn is_homed(&self, joint: JointIndex) -> bool {
+        self.drives.at(joint).is_homed()
+    }
+
+    fn is_at_rest(&self, now: Instant, settings: &Settings, joint: JointIndex) -> bool {
+        self.stands(now, settings, joint)
+    }
+
+    fn is_moving(&self, now: Instant, settings: &Settings, joint: JointIndex) -> bool {
+        self.moves(now, settings, joint)
+    }
+
+    fn standing(&self, joint: JointIndex, halted_is_fine: bool) -> Standing {
+        self.report_of(joint, halted_is_fine)
+    }
+
+    fn readings(&self, joint: JointIndex) -> Readings {
+        self.read(joint)
+    }
+
+    fn counters(&self) -> GroupCounters {
+        self.counters
+    }
+
+    fn is_keeping_time(&self) -> bool {
+        self.mode.is_cyclic() || self.pace.is_rehearsing()
+    }
+
+    fn is_cycle_done(&self, settings: &Settings) -> bool {
+        settings.joints().all(|joint| self.schedule.is_done(joint, self.drives.at(joint)))
+    }
+}

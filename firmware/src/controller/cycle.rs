@@ -1,0 +1,225 @@
+//! Analyse, decide, act: what the controller does with each event of the group.
+//!
+//! ```text
+//! analyse   an event says what the drives measured, missed or report        serve, analyse
+//! decide    the state says what follows: a path, a wait, a stop             period, running, stopping
+//! act       each joint gets its set point, or the group gets a command      control_step
+//! ```
+//!
+//! The states are those of the diagram in [`crate::state`]. What a stop does is in [`super::stopping`], what standing means
+//! in [`super::standing`], the law of a joint in [`super::tracker`].
+
+use core::borrow::BorrowMut;
+
+use protocol::{Instant, JointIndex};
+
+use super::Controller;
+use crate::fault::{Cause, Fault};
+use crate::group::{Command, DriveGroup, GroupEvent, Measured};
+use crate::joints::at_least;
+use crate::path::PathClock;
+use crate::rest::REST_SLACK;
+use crate::span;
+use crate::spline::Spline;
+use crate::state::{State, StopWay};
+use crate::store::Storage;
+use crate::supervisor;
+use crate::trace::Event;
+
+/// A homing goes on until so many times the missed answers that stop a path: it needs none of them at a time.
+const HOMING_PATIENCE: u32 = 2;
+
+impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
+    /// Reacts to all that a call brought, then lets the group send.
+    pub(super) fn serve(&mut self, now: Instant) {
+        while let Some(event) = self.group.poll_event(now, &self.settings) {
+            match event {
+                GroupEvent::Measured(measured) => self.analyse(now, &measured),
+                GroupEvent::Missed(joint, in_row) => self.analyse_missed(now, joint, in_row),
+                GroupEvent::Implausible(joint, again) => self.analyse_implausible(now, joint, again),
+                GroupEvent::Trouble(fault) => self.fail(now, fault),
+                GroupEvent::Cycle { late, overrun } => {
+                    self.jitter = self.jitter.max(late);
+                    self.period(now, overrun);
+                }
+                GroupEvent::Progress => self.enter(now, State::Boot),
+                GroupEvent::Found if *self.machine.state() == State::Boot => self.stand(now),
+                GroupEvent::Homed(joint) => self.go_on_homing(now, joint),
+                GroupEvent::JogReleased => self.note_jog_released(),
+                GroupEvent::JogEnded if matches!(self.machine.state(), State::Jogging(_)) => self.stand(now),
+                GroupEvent::Found | GroupEvent::JogEnded => {}
+            }
+        }
+        self.group.flush(now, &self.settings);
+    }
+
+    /// A position: what it says about its joint, and what has been in force since.
+    fn analyse(&mut self, now: Instant, measured: &Measured) {
+        let Measured { joint, sample, in_force, trouble } = *measured;
+        let tracker = self.trackers.at_mut(joint);
+        let (clock, tracking) = match *self.machine.state() {
+            State::Running { clock, parking } => (clock, parking.is_none()),
+            State::Stopping { way: StopWay::Halted, .. } => return,
+            State::Stopping { clock, way, .. } => (clock, way == StopWay::Path),
+            _ => {
+                tracker.set_missed(false);
+                return;
+            }
+        };
+        let reference = clock.reference(self.spline.borrow_mut(), joint, sample.at);
+        tracker.set_reference(reference);
+        if let Some(in_force) = in_force.filter(|_| tracking) {
+            let period_s = span::seconds(self.group.profile(&self.settings).period);
+            let weights = self.settings.weights();
+            let (qd_rad_s, dt_s) = tracker.update(sample, in_force, period_s, weights);
+            self.group.observe(joint, qd_rad_s, dt_s);
+        }
+        let (qd_rad_s, e_rad) =
+            if tracking { (tracker.qd_rad_s(), sample.q_rad - reference.q_rad) } else { (0.0, 0.0) };
+        let measured = supervisor::Measured { q_rad: sample.q_rad, qd_rad_s, e_rad };
+        let cause = trouble.or(supervisor::check_motion(&measured, self.settings.joint.at(joint)));
+        if let Some(cause) = cause {
+            self.fail(now, Fault::at(cause, joint));
+        }
+    }
+
+    fn analyse_missed(&mut self, now: Instant, joint: JointIndex, in_row: u32) {
+        self.counters.replies_missed = self.counters.replies_missed.saturating_add(1);
+        self.trackers.at_mut(joint).set_missed(true);
+        self.note(now, Event::Missed(joint));
+        let patience = match self.machine.state() {
+            State::Running { .. } | State::Stopping { .. } | State::Jogging(_) => 1,
+            State::Homing(_) => HOMING_PATIENCE,
+            // While nothing moves, `judge_standing` counts; finding counts its own tries.
+            _ => return,
+        };
+        if in_row >= patience * self.settings.reply_missed_max {
+            self.fail(now, Fault::at(Cause::DriveSilent, joint));
+        } else if matches!(self.machine.state(), State::Running { parking: Some(_), .. }) {
+            // Without it the drive would go on to the target of its last command.
+            self.park_joint(now, joint);
+        }
+    }
+
+    fn analyse_implausible(&mut self, now: Instant, joint: JointIndex, again: bool) {
+        self.trackers.at_mut(joint).set_missed(true);
+        self.note(now, Event::Implausible(joint));
+        // One may be a mix-up on the bus; the next one must be right.
+        if again {
+            self.fail(now, Fault::at(Cause::ReplyImplausible, joint));
+        }
+    }
+
+    /// A period begins: what the state does with it.
+    fn period(&mut self, now: Instant, overrun: bool) {
+        match *self.machine.state() {
+            State::Boot => {}
+            State::Idle
+            | State::Ready
+            | State::Armed { .. }
+            | State::Stopped { .. }
+            | State::Fault { .. } => {
+                self.judge_standing(now);
+                self.expire(now);
+            }
+            State::Homing(homing) => self.watch_homing(now, &homing),
+            State::Jogging(jog) => self.watch_jog(now, &jog),
+            State::Running { .. } => self.running(now, overrun),
+            State::Stopping { .. } => self.stopping(now),
+        }
+    }
+
+    /// Leads the joints along the plan, then to its last knot.
+    fn running(&mut self, now: Instant, overrun: bool) {
+        if !self.host_is_alive(now) {
+            self.fail(now, Fault::group(Cause::HostLost));
+            self.stopping(now);
+            return;
+        }
+        let State::Running { clock, parking } = *self.machine.state() else { return };
+        match parking {
+            Some(_) if self.all_at_rest(now) => self.stand(now),
+            Some(until) if until <= now => {
+                self.fail(now, Fault { cause: Cause::RestNotReached, joint: self.not_at_rest(now) });
+            }
+            Some(_) => {}
+            None if self.is_overrun(now, overrun) => self.fail(now, Fault::group(Cause::CycleOverrun)),
+            None => {
+                let (s_us, _) = clock.at(now);
+                let settled_us = 2 * self.group.profile(&self.settings).period.as_micros() as i64;
+                if s_us >= i64::from(self.spline.borrow().duration_us()) + settled_us {
+                    self.park(now);
+                } else {
+                    self.control_step(now, &clock);
+                }
+            }
+        }
+    }
+
+    /// Counts periods that begin late or while the last one is still at work; true if there were too many in a row.
+    fn is_overrun(&mut self, now: Instant, overrun: bool) -> bool {
+        if !overrun {
+            self.late_in_row = 0;
+            return false;
+        }
+        self.counters.cycles_late = self.counters.cycles_late.saturating_add(1);
+        self.late_in_row = self.late_in_row.saturating_add(1);
+        self.note(now, Event::LateCycle);
+        self.late_in_row >= self.settings.cycle_late_max
+    }
+
+    /// One set point for each joint.
+    pub(super) fn control_step(&mut self, now: Instant, clock: &PathClock) {
+        self.counters.cycles = self.counters.cycles.wrapping_add(1);
+        let profile = self.group.profile(&self.settings);
+        let (spline, period_s) = (self.spline.borrow_mut(), span::seconds(profile.period));
+        let (mut any_saturated, mut near_limit) = (false, None);
+        for joint in self.settings.joints() {
+            let acts_at = self.group.acts_at(joint);
+            let from_at = acts_at + profile.lag;
+            let reference = [from_at, from_at + profile.period].map(|t| clock.reference(spline, joint, t));
+            let (tracker, limits) = (self.trackers.at_mut(joint), self.settings.joint.at(joint));
+            let set_point = tracker.decide(&profile, period_s, limits, acts_at, reference);
+            let taken = self.group.set_point(&self.settings, joint, &set_point);
+            any_saturated |= tracker.is_saturated();
+            if tracker.is_near_limit(taken) {
+                near_limit = near_limit.or(Some(joint));
+            }
+        }
+        if any_saturated {
+            self.counters.cycles_saturated = self.counters.cycles_saturated.saturating_add(1);
+        }
+        if let Some(joint) = near_limit {
+            self.fail(now, Fault::at(Cause::NearLimit, joint));
+        }
+    }
+
+    /// The plan is at its end: each joint ramps to its last position and stays.
+    fn park(&mut self, now: Instant) {
+        let mut longest_s = 0.0;
+        for joint in self.settings.joints() {
+            longest_s = at_least(self.park_time_s(joint), longest_s);
+            self.park_joint(now, joint);
+        }
+        if let State::Running { parking, .. } = self.machine.data() {
+            *parking = Some(now + span::of_seconds(longest_s) + REST_SLACK);
+        }
+    }
+
+    /// Longest time that the ramp to the last knot takes, s.
+    fn park_time_s(&self, joint: JointIndex) -> f32 {
+        let limits = self.settings.joint.at(joint);
+        let end_rad = self.spline.borrow().end_rad(joint);
+        let way_rad = self.group.position(joint).map_or(0.0, |position| (position.q_rad - end_rad).abs());
+        // Brakes from the speed it has, and goes back and the rest of the way at the speed of a jog.
+        let v_rad_s = self.trackers.at(joint).qd_rad_s().abs();
+        let braking_s = v_rad_s / limits.jog_a_rad_s2;
+        let back_rad = way_rad + 0.5 * v_rad_s * braking_s;
+        braking_s + back_rad / limits.jog_v_rad_s + 2.0 * limits.jog_v_rad_s / limits.jog_a_rad_s2
+    }
+
+    fn park_joint(&mut self, now: Instant, joint: JointIndex) {
+        let q_rad = self.spline.borrow().end_rad(joint);
+        self.group.command(now, &self.settings, Command::MoveTo { joint, q_rad });
+    }
+}

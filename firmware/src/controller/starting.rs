@@ -1,0 +1,33 @@
+//! Starting a run.
+
+use core::borrow::BorrowMut;
+
+use protocol::{Duration, Instant};
+
+use super::Controller;
+use super::tracker::Tracker;
+use crate::group::{Command, DriveGroup};
+use crate::path::PathClock;
+use crate::spline::Spline;
+use crate::state::State;
+use crate::store::Storage;
+
+impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
+    /// Begins the committed trajectory. The order has checked that it may run.
+    pub(super) fn start_run(&mut self, now: Instant, release_us: Option<u32>) {
+        let start = now + self.group.profile(&self.settings).lead;
+        self.group.command(now, &self.settings, Command::Track);
+        for joint in self.settings.joints() {
+            let q_start_rad = self.spline.borrow().start_rad(joint);
+            let q_rad = self.group.position(joint).map_or(q_start_rad, |position| position.q_rad);
+            let weights = self.settings.weights();
+            self.trackers.set(joint, Tracker::begin(now, q_rad - q_start_rad, weights));
+        }
+        if let Some(release_us) = release_us {
+            let opening = Duration::from_micros(self.settings.gripper_opening_us.into());
+            self.gripper.plan(start + Duration::from_micros(release_us.into()), opening);
+        }
+        self.late_in_row = 0;
+        self.enter(now, State::Running { clock: PathClock::starting(start), parking: None });
+    }
+}

@@ -1,0 +1,388 @@
+//! Requests out, replies in: sends what the schedule says, and takes over what every answer tells about its drive.
+
+use protocol::powercube::{
+    ACCEPTED, Address, Channel, CubeState, Dio, MotionCommand, MotionPosition, Parameter, PosStateDio, Reply,
+    Request, SimpleCommand, Value,
+};
+use protocol::{Duration, Frame, Instant, JointIndex, ModuleId};
+
+use super::cycle::Sent;
+use super::drives::{Lane, Matched, is_foreign_request};
+use super::words::{check_short_state, check_state_word};
+use super::{Mode, PowerCubes, ramp};
+use crate::fault::{Cause, Fault};
+use crate::group::{GroupEvent, InForce, Measured, PositionSample};
+use crate::settings::Settings;
+use crate::supervisor;
+
+/// Deadline for answers while the drives are only read or home. With the repetitions that follow, a silent drive is
+/// reported after 0.3 to 0.45 s.
+const SLOW_DEADLINE: Duration = Duration::from_millis(100);
+
+impl PowerCubes {
+    /// Sends what may be sent now.
+    pub(super) fn pump(&mut self, now: Instant, settings: &Settings) {
+        self.pump_gripper(now, settings);
+        let window = settings.in_flight_max as usize;
+        let mut round = self.schedule.round(now, settings.joints(), &self.drives);
+        // Each turn puts one more drive in flight, so it ends after at most `joints` turns.
+        while let Some(next) = self.schedule.next(&mut round, now, &self.drives, window) {
+            self.ask(now, settings, next.joint, Lane::Main, next.request);
+        }
+    }
+
+    fn ask(&mut self, now: Instant, settings: &Settings, joint: JointIndex, lane: Lane, request: Request) {
+        // The one place where motion leaves: a mode that must not move cannot make it.
+        if matches!(request, Request::Move(_)) {
+            if !self.mode.may_move() {
+                return;
+            }
+            self.counters.motions = self.counters.motions.wrapping_add(1);
+            let axis = self.axes.at_mut(joint);
+            axis.sent = Sent { cycle_at: self.cycle.at, ..axis.planned };
+        }
+        let deadline = now + self.reply_deadline(settings);
+        let module = settings.joint.at(joint).module();
+        let frame = self.drives.at_mut(joint).begin(now, lane, module, request, deadline);
+        self.send(frame);
+    }
+
+    /// How long an answer may take: what the cycle allows where a drive is led by the cycle; else what a bus and a
+    /// computer need that are held up for a moment, because nothing is lost by waiting.
+    const fn reply_deadline(&self, settings: &Settings) -> Duration {
+        match self.mode {
+            Mode::Tracking | Mode::Parking | Mode::Braking | Mode::Halted | Mode::Jogging(_) => {
+                Duration::from_micros(settings.reply_deadline_us as u64)
+            }
+            Mode::Finding(_) | Mode::Standing { .. } | Mode::Homing(_) => SLOW_DEADLINE,
+        }
+    }
+
+    fn pump_gripper(&mut self, now: Instant, settings: &Settings) {
+        let (Some(open), address @ 1..) = (self.gripper_write, settings.gripper_address) else { return };
+        let joint = settings.joints().find(|&joint| settings.joint.at(joint).address == address);
+        let Some(joint) = joint else {
+            // A module that is no joint: nobody waits for its answer.
+            self.gripper_write = None;
+            if let Some(module) = u8::try_from(address).ok().and_then(|a| ModuleId::new(a).ok()) {
+                self.send(gripper_request(open, Dio(0), settings).encode(module));
+            }
+            return;
+        };
+        let request = gripper_request(open, self.drives.at(joint).dio, settings);
+        if self.drives.at(joint).can_send(Lane::Side, &request, now) {
+            self.gripper_write = None;
+            self.ask(now, settings, joint, Lane::Side, request);
+        }
+    }
+
+    /// Halt of one drive, beside whatever it is asked.
+    pub(super) fn halt_drive(&mut self, now: Instant, settings: &Settings, joint: JointIndex) {
+        let request = Request::Simple(SimpleCommand::Halt);
+        if self.drives.at(joint).can_send(Lane::Side, &request, now) {
+            self.ask(now, settings, joint, Lane::Side, request);
+        } else {
+            // Better unmatched than not sent.
+            self.send(request.encode(settings.joint.at(joint).module()));
+        }
+    }
+
+    /// Gives up the next request whose reply did not come in time; false if there is none.
+    pub(super) fn give_up_next(&mut self, now: Instant, settings: &Settings) -> bool {
+        let due = settings.joints().find_map(|joint| {
+            let (lane, request) = self.drives.at_mut(joint).give_up_due(now)?;
+            Some((joint, lane, request))
+        });
+        let Some((joint, lane, request)) = due else { return false };
+        if lane == Lane::Main {
+            self.schedule.clear(joint);
+        }
+        self.pace.abandon();
+        self.cycle.missed |= joint.bit();
+        if matches!(request, Request::Move(_)) {
+            let a_rad_s2 = self.drives.at(joint).loaded.a_rad_s2;
+            let a_max_rad_s2 = settings.joint.at(joint).a_max_rad_s2;
+            self.axes.at_mut(joint).model.doubt(a_rad_s2.unwrap_or(a_max_rad_s2));
+        }
+        // A step of finding, homing or of a jog that got no answer is asked again.
+        match self.mode {
+            Mode::Finding(stage) => self.finding_on_missed(stage, joint),
+            Mode::Homing(homing) if homing.joint == joint => self.homing_on_missed(settings, homing, request),
+            Mode::Jogging(jog) if jog.joint == joint => self.jogging_on_missed(settings, jog, request),
+            _ => {}
+        }
+        self.push(GroupEvent::Missed(joint, self.drives.at(joint).missed_in_row));
+        true
+    }
+
+    /// Frame of the bus: of a drive, or to one from somebody else.
+    pub(super) fn take_frame(&mut self, now: Instant, settings: &Settings, frame: &Frame) {
+        let Some(Address::Module(channel, _)) = Address::of(frame.id()) else { return };
+        if is_foreign_request(channel) {
+            self.counters.foreign = self.counters.foreign.saturating_add(1);
+            return;
+        }
+        let Ok((module, reply)) = Reply::decode(frame) else { return };
+        let Some(joint) = settings.joint_of(module) else { return };
+        if let (Channel::State, Reply::State(state)) = (channel, reply) {
+            self.take_state(now, joint, state);
+            return;
+        }
+        let Matched::Answer(lane, request) = self.drives.at_mut(joint).match_reply(now, &reply) else {
+            return;
+        };
+        self.learn(now, settings, joint, request, &reply);
+        if lane == Lane::Main {
+            self.go_on(now, settings, joint, request, &reply);
+        }
+    }
+
+    /// What an answer means for what the group is at.
+    fn go_on(
+        &mut self,
+        now: Instant,
+        settings: &Settings,
+        joint: JointIndex,
+        request: Request,
+        reply: &Reply,
+    ) {
+        match self.mode {
+            Mode::Finding(stage) => self.finding_on_answer(settings, stage, joint, request, reply),
+            Mode::Homing(homing) if homing.joint == joint => {
+                self.homing_on_answer(now, settings, homing, request);
+            }
+            Mode::Jogging(jog) if jog.joint == joint => self.jogging_on_answer(now, jog),
+            Mode::Standing { .. } if self.pace.is_rehearsing() && self.all_answered(settings) => {
+                self.pace.end_rehearsal(now);
+            }
+            _ => {}
+        }
+    }
+
+    /// What an answer says about its drive.
+    fn learn(
+        &mut self,
+        now: Instant,
+        settings: &Settings,
+        joint: JointIndex,
+        request: Request,
+        reply: &Reply,
+    ) {
+        match *reply {
+            Reply::Value(
+                Parameter::PosStateDio,
+                Value::PosStateDio(PosStateDio { position_rad, short_state, dio }),
+            ) => {
+                let drive = self.drives.at_mut(joint);
+                (drive.short_state, drive.dio) = (short_state, dio);
+                self.take_position(now, settings, joint, position_rad, None);
+            }
+            Reply::Value(Parameter::ActPos, Value::F32(position_rad)) => {
+                self.take_position(now, settings, joint, position_rad, None);
+            }
+            Reply::Value(Parameter::CubeState, Value::U32(bits)) => {
+                self.take_state(now, joint, CubeState::from_bits(bits));
+            }
+            Reply::Value(Parameter::Cur, Value::F32(current_a)) => {
+                self.take_current(settings, joint, current_a)
+            }
+            Reply::Value(Parameter::DefVersion, Value::U16(version)) => {
+                self.drives.at_mut(joint).version = Some(protocol::powercube::FirmwareVersion(version));
+            }
+            Reply::SetAck { parameter, code } => self.take_ack(joint, request, parameter, code),
+            Reply::MotionExtended {
+                position: MotionPosition::Radians(position), short_state, dio, ..
+            } => {
+                let drive = self.drives.at_mut(joint);
+                (drive.short_state, drive.dio) = (short_state, dio);
+                self.take_position(now, settings, joint, position.get(), ramp_target(&request));
+            }
+            _ => {}
+        }
+    }
+
+    /// A position, answered to a ramp to `target_rad` (drive side) or to a read.
+    fn take_position(
+        &mut self,
+        now: Instant,
+        settings: &Settings,
+        joint: JointIndex,
+        q_drive_rad: f32,
+        target_rad: Option<f32>,
+    ) {
+        let limits = settings.joint.at(joint);
+        let at = now.saturating_sub(Duration::from_micros(settings.reply_age_us.into()));
+        let sample = PositionSample { q_rad: limits.to_joint_rad(q_drive_rad), at };
+        let drive = self.drives.at_mut(joint);
+        let usable = if self.mode.may_move() && !matches!(self.mode, Mode::Homing(_)) {
+            supervisor::is_plausible(sample.q_rad, at, drive.position, limits.v_max_rad_s)
+        } else {
+            // While homing, and while people may move the joints, any finite position is accepted.
+            sample.q_rad.is_finite()
+        };
+        if !usable {
+            drive.counters.implausible = drive.counters.implausible.saturating_add(1);
+            drive.missed_in_row = drive.missed_in_row.saturating_add(1);
+            let again = core::mem::replace(&mut drive.implausible, true);
+            self.cycle.missed |= joint.bit();
+            self.push(GroupEvent::Implausible(joint, again));
+            return;
+        }
+        drive.implausible = false;
+        drive.position = Some(sample);
+        drive.rest.take(sample);
+        let short_state = drive.short_state;
+        if let Some(cause) = self.compare_with_model(settings, joint, sample) {
+            self.fail(Fault::at(cause, joint));
+        }
+        if let Some(target_rad) = target_rad {
+            self.model_command(settings, joint, target_rad);
+        }
+        let in_force = if self.mode == Mode::Tracking && target_rad.is_some() {
+            Some(self.take_in_force(now, settings, joint, sample))
+        } else {
+            None
+        };
+        let trouble = check_short_state(short_state);
+        self.push(GroupEvent::Measured(Measured { joint, sample, in_force, trouble }));
+    }
+
+    /// The answer to a motion of the control cycle: its set point is in force since the measurement.
+    fn take_in_force(
+        &mut self,
+        now: Instant,
+        settings: &Settings,
+        joint: JointIndex,
+        sample: PositionSample,
+    ) -> InForce {
+        let cap_rad_s = self.drives.at(joint).loaded.v_rad_s.unwrap_or(settings.joint.at(joint).v_max_rad_s);
+        let axis = self.axes.at_mut(joint);
+        let in_time = axis.take_over(sample.at, cap_rad_s, self.cycle.at);
+        let u_rad_s2 = axis.sent.u_rad_s2;
+        self.cycle.note_answer(joint, in_time);
+        if self.cycle.has_all_answers(settings) {
+            self.pace.end_cycle(now);
+        }
+        InForce { u_rad_s2, in_time }
+    }
+
+    /// What the drive's model says about a measured position, while the drive follows commands of this group.
+    fn compare_with_model(
+        &mut self,
+        settings: &Settings,
+        joint: JointIndex,
+        sample: PositionSample,
+    ) -> Option<Cause> {
+        let follows = match self.mode {
+            Mode::Tracking | Mode::Parking | Mode::Braking => true,
+            Mode::Jogging(jog) => jog.joint == joint,
+            Mode::Halted | Mode::Homing(_) | Mode::Standing { .. } | Mode::Finding(_) => false,
+        };
+        if !follows {
+            return None;
+        }
+        let lag_s = settings.drive_lag_us as f32 * 1e-6;
+        self.axes.at_mut(joint).model.compare(sample.at, sample.q_rad, lag_s)
+    }
+
+    /// The drive has answered a ramp: it goes to `target_rad` (drive side) with the speed and acceleration that it holds.
+    fn model_command(&mut self, settings: &Settings, joint: JointIndex, target_rad: f32) {
+        let limits = settings.joint.at(joint);
+        // A write without an answer is repeated before the next motion, so both are known.
+        let ramp::Loaded { v_rad_s, a_rad_s2 } = self.drives.at(joint).loaded;
+        self.axes.at_mut(joint).model.command(
+            limits.to_joint_rad(target_rad),
+            v_rad_s.unwrap_or(limits.v_max_rad_s),
+            a_rad_s2.unwrap_or(limits.a_max_rad_s2),
+        );
+    }
+
+    fn take_state(&mut self, now: Instant, joint: JointIndex, state: CubeState) {
+        let drive = self.drives.at_mut(joint);
+        let homed_before = drive.is_homed();
+        drive.state = Some((state, now));
+        let moves = state.intersects(CubeState::MOTION);
+        drive.motion_words = if moves { drive.motion_words.saturating_add(1) } else { 0 };
+        let watched = match self.mode {
+            Mode::Tracking | Mode::Parking | Mode::Braking | Mode::Jogging(_) => true,
+            // The joint at work is judged by its homing: it has no zero and may report what it does.
+            Mode::Homing(homing) => homing.joint != joint,
+            Mode::Halted | Mode::Standing { .. } | Mode::Finding(_) => false,
+        };
+        if watched {
+            let lost = homed_before && !state.contains(CubeState::HOME_OK);
+            let cause = check_state_word(state, false).or(lost.then_some(Cause::DriveLostHome));
+            if let Some(cause) = cause {
+                self.fail(Fault::at(cause, joint));
+            }
+        }
+    }
+
+    fn take_current(&mut self, settings: &Settings, joint: JointIndex, current_a: f32) {
+        let limits = settings.joint.at(joint);
+        let slow = matches!(self.mode, Mode::Jogging(_) | Mode::Homing(_));
+        let limit_a = if slow { 1.2 * limits.slow_current_a } else { limits.current_max_a };
+        let drive = self.drives.at_mut(joint);
+        drive.current_a = Some(current_a);
+        // Written so that NaN counts as too much.
+        let fine = current_a.abs() <= limit_a;
+        drive.over_current = if fine { 0 } else { drive.over_current.saturating_add(1) };
+        if drive.over_current >= supervisor::OVER_CURRENT_READINGS && self.mode.may_move() {
+            self.fail(Fault::at(Cause::OverCurrent, joint));
+        }
+    }
+
+    fn take_ack(&mut self, joint: JointIndex, request: Request, parameter: Parameter, code: Option<u8>) {
+        let accepted = code == Some(ACCEPTED);
+        let value = match request {
+            Request::Set(_, Value::F32(value)) if accepted => Some(value),
+            _ => None,
+        };
+        let loaded = &mut self.drives.at_mut(joint).loaded;
+        match parameter {
+            Parameter::TargetVel => loaded.v_rad_s = value,
+            Parameter::TargetAcc => loaded.a_rad_s2 = value,
+            _ => {}
+        }
+        if !accepted && self.mode.may_move() {
+            self.fail(Fault::at(Cause::DriveRefused, joint));
+        }
+    }
+}
+
+/// Target of a ramp, drive side, rad; none for what is no ramp.
+fn ramp_target(request: &Request) -> Option<f32> {
+    match request {
+        Request::Move(motion) => match motion.command() {
+            MotionCommand::Ramp { target } => Some(target.get()),
+            _ => None,
+        },
+        _ => None,
+    }
+}
+
+/// Write that sets the gripper's line of a module and leaves its other outputs as last seen.
+fn gripper_request(open: bool, seen: Dio, settings: &Settings) -> Request {
+    let line = 1u8 << (settings.gripper_line & 3);
+    let level = open != settings.gripper_inverted;
+    let outputs = if level { seen.outputs() | line } else { seen.outputs() & !line };
+    // Outputs are bits 4 to 7 of the word; inputs are not written.
+    Request::Set(Parameter::DioData, Value::U32(u32::from(outputs) << 4))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gripper_write_keeps_the_other_lines_of_the_module() {
+        let mut settings = Settings::powercube6();
+        settings.gripper_line = 2;
+        let seen = Dio::new(0b0000, 0b1001);
+        let request = gripper_request(true, seen, &settings);
+        assert_eq!(request, Request::Set(Parameter::DioData, Value::U32(0b1101_0000)));
+        settings.gripper_inverted = true;
+        let request = gripper_request(true, seen, &settings);
+        assert_eq!(request, Request::Set(Parameter::DioData, Value::U32(0b1001_0000)));
+    }
+}

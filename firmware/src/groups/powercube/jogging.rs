@@ -1,0 +1,186 @@
+//! Jogging: one joint at reduced speed, acceleration and current, until the time of the order is over.
+//!
+//! Each step sends the drive to where it would be when that time ends, braking included: a controller that falls silent
+//! leaves a joint that stops there by itself.
+
+use protocol::powercube::{Motion, MotionCommand, Parameter, Request, Value};
+use protocol::units::Radians;
+use protocol::{Instant, JointIndex};
+
+use super::drive_model::DriveModel;
+use super::ramp::{self, RampState};
+use super::readiness::RESET_SETTLE;
+use super::{Mode, PowerCubes};
+use crate::fault::{Cause, Fault};
+use crate::group::GroupEvent;
+use crate::joints::clamp;
+use crate::rest::REST_SLACK;
+use crate::settings::Settings;
+use crate::span;
+
+/// Jog in work.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Jog {
+    pub(super) joint: JointIndex,
+    /// Within the speed of a jog.
+    qd_rad_s: f32,
+    until: Instant,
+    step: Step,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Step {
+    /// Current limit, speed and acceleration are on their way.
+    Starting,
+    Moving,
+    /// Ramps down; the joint must be measured at rest by then.
+    Releasing {
+        until: Instant,
+    },
+    /// The current limit is put back.
+    Restoring,
+}
+
+impl PowerCubes {
+    /// Begins a jog, or goes on with the one at work.
+    pub(super) fn jog(
+        &mut self,
+        now: Instant,
+        settings: &Settings,
+        joint: JointIndex,
+        qd_rad_s: f32,
+        until: Instant,
+    ) {
+        if let Mode::Jogging(jog) = &mut self.mode {
+            (jog.qd_rad_s, jog.until) = (qd_rad_s, until);
+            return;
+        }
+        self.axes.at_mut(joint).model = DriveModel::at_rest(now, self.q_rad(joint));
+        self.schedule.clear_all();
+        self.mode = Mode::Jogging(Jog { joint, qd_rad_s, until, step: Step::Starting });
+        self.start_jog(settings, joint);
+    }
+
+    fn start_jog(&mut self, settings: &Settings, joint: JointIndex) {
+        let limits = settings.joint.at(joint);
+        self.set_agenda(
+            joint,
+            &[
+                Request::Set(Parameter::MaxCur, Value::F32(limits.slow_current_a)),
+                Request::Set(Parameter::TargetVel, Value::F32(limits.jog_v_rad_s)),
+                Request::Set(Parameter::TargetAcc, Value::F32(limits.jog_a_rad_s2)),
+            ],
+        );
+    }
+
+    pub(super) fn jogging_period(&mut self, now: Instant, settings: &Settings, jog: Jog) {
+        self.pace.abandon();
+        let is_free = self.schedule.is_done(jog.joint, self.drives.at(jog.joint));
+        match jog.step {
+            Step::Starting | Step::Moving if jog.until <= now || jog.qd_rad_s == 0.0 => {
+                self.release_jog(now, settings, jog);
+            }
+            Step::Moving if is_free => {
+                let target_rad = self.jog_target(now, settings, &jog);
+                self.set_agenda(jog.joint, &jog_requests(settings, &jog, target_rad));
+                // Each tenth step its current, in the same breath.
+                if self.cycle.number.is_multiple_of(10) {
+                    self.schedule.push(jog.joint, Request::Get(Parameter::Cur));
+                }
+            }
+            Step::Releasing { .. } if settings.joints().all(|joint| self.stands(now, settings, joint)) => {
+                self.restore_current(settings, jog.joint);
+                self.set_jog_step(Step::Restoring);
+            }
+            Step::Releasing { until } if until <= now => {
+                let joint = settings.joints().find(|&joint| !self.stands(now, settings, joint));
+                self.fail(Fault { cause: Cause::RestNotReached, joint });
+                return;
+            }
+            Step::Releasing { .. } => self.watch(jog.joint),
+            Step::Starting if is_free => self.begin_to_move(now),
+            Step::Starting | Step::Moving | Step::Restoring => {}
+        }
+        for joint in settings.joints().filter(|&joint| joint != jog.joint) {
+            if self.schedule.is_done(joint, self.drives.at(joint)) {
+                self.schedule.push(joint, self.look_request(settings, joint, false));
+            }
+        }
+    }
+
+    /// Where the joint comes to rest if this is the last command. An unhomed joint has no limits to keep.
+    fn jog_target(&self, now: Instant, settings: &Settings, jog: &Jog) -> f32 {
+        let limits = settings.joint.at(jog.joint);
+        let q_rad = self.q_rad(jog.joint);
+        let left_s = span::seconds(jog.until.saturating_since(now));
+        let way_rad = jog.qd_rad_s * left_s + 0.5 * jog.qd_rad_s * jog.qd_rad_s.abs() / limits.jog_a_rad_s2;
+        let target_rad = q_rad + way_rad;
+        if self.drives.at(jog.joint).is_homed() {
+            clamp(target_rad, limits.q_min_rad.min(q_rad), limits.q_max_rad.max(q_rad))
+        } else {
+            target_rad
+        }
+    }
+
+    /// Ramp to rest from where the joint is.
+    fn release_jog(&mut self, now: Instant, settings: &Settings, jog: Jog) {
+        let limits = settings.joint.at(jog.joint);
+        let Some(position) = self.drives.at(jog.joint).position else { return };
+        let v_rad_s = if jog.step == Step::Moving { jog.qd_rad_s } else { 0.0 };
+        let state = RampState { q_rad: position.q_rad, v_rad_s };
+        let stop = ramp::stop(state, limits.jog_a_rad_s2, &limits.ramp_limits(settings.reach_rad));
+        let free_rad = position.q_rad + 0.5 * v_rad_s * v_rad_s.abs() / limits.jog_a_rad_s2;
+        let target_rad = if self.drives.at(jog.joint).is_homed() { stop.target_rad } else { free_rad };
+        if jog.step == Step::Moving {
+            self.set_agenda(jog.joint, &jog_requests(settings, &jog, target_rad));
+        } else {
+            self.schedule.clear(jog.joint);
+        }
+        let rest_s = 2.0 * limits.jog_v_rad_s / limits.jog_a_rad_s2;
+        self.set_jog_step(Step::Releasing { until: now + span::of_seconds(rest_s) + REST_SLACK });
+        self.push(GroupEvent::JogReleased);
+    }
+
+    /// Current limit, speed and acceleration are set. A drive that was reset opens its brake first.
+    fn begin_to_move(&mut self, now: Instant) {
+        if now >= self.reset_at + RESET_SETTLE {
+            self.set_jog_step(Step::Moving);
+        }
+    }
+
+    fn set_jog_step(&mut self, step: Step) {
+        if let Mode::Jogging(jog) = &mut self.mode {
+            jog.step = step;
+        }
+    }
+
+    pub(super) fn jogging_on_missed(&mut self, settings: &Settings, jog: Jog, request: Request) {
+        match (jog.step, request) {
+            (Step::Starting, _) => self.start_jog(settings, jog.joint),
+            (Step::Restoring, Request::Set(..)) => self.restore_current(settings, jog.joint),
+            (Step::Moving | Step::Releasing { .. } | Step::Restoring, _) => {}
+        }
+    }
+
+    pub(super) fn jogging_on_answer(&mut self, now: Instant, jog: Jog) {
+        if !self.schedule.is_done(jog.joint, self.drives.at(jog.joint)) {
+            return;
+        }
+        match jog.step {
+            Step::Starting => self.begin_to_move(now),
+            Step::Restoring => self.push(GroupEvent::JogEnded),
+            Step::Moving | Step::Releasing { .. } => {}
+        }
+    }
+}
+
+/// Speed as a write before the motion: it keeps the keys alternating, and the cap up to date.
+fn jog_requests(settings: &Settings, jog: &Jog, target_rad: f32) -> [Request; 2] {
+    let limits = settings.joint.at(jog.joint);
+    let target = Radians::new(limits.to_drive_rad(target_rad));
+    let v = jog.qd_rad_s.abs().min(limits.jog_v_rad_s);
+    [
+        Request::Set(Parameter::TargetVel, Value::F32(v)),
+        Request::Move(Motion::extended(MotionCommand::Ramp { target })),
+    ]
+}

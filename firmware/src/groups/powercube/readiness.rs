@@ -1,0 +1,117 @@
+//! What the controller asks before it moves anything, and while nothing may move.
+
+use protocol::powercube::{CubeState, ShortState};
+use protocol::{Duration, Instant, JointIndex};
+
+use super::PowerCubes;
+use super::words::check_state_word;
+use crate::fault::{Cause, Refusal};
+use crate::group::{Readings, Standing};
+use crate::rest;
+use crate::settings::Settings;
+
+/// Drives take time after a reset; hosts of the field wait 0.2 to 0.5 s.
+pub(super) const RESET_SETTLE: Duration = Duration::from_millis(200);
+/// State words with MOTION in a row at which a drive counts as moving.
+const MOTION_WORDS: u8 = 2;
+
+/// Age at which a position says nothing about now: standing drives are asked every second look.
+fn rest_age_max(settings: &Settings) -> Duration {
+    rest::WINDOW + Duration::from_micros(2 * u64::from(settings.monitor_period_us))
+}
+
+/// The same for a state word: every fourth look.
+fn word_age_max(settings: &Settings) -> Duration {
+    rest::WINDOW + Duration::from_micros(4 * u64::from(settings.monitor_period_us))
+}
+
+impl PowerCubes {
+    /// True if a joint is measured at rest, and a state word read in that time shows no MOTION.
+    pub(super) fn stands(&self, now: Instant, settings: &Settings, joint: JointIndex) -> bool {
+        let drive = self.drives.at(joint);
+        let Some(since) = drive.rest.since(now, rest_age_max(settings)) else { return false };
+        drive.state.is_some_and(|(word, at)| at >= since && !word.intersects(CubeState::MOTION))
+    }
+
+    pub(super) fn moves(&self, now: Instant, settings: &Settings, joint: JointIndex) -> bool {
+        let drive = self.drives.at(joint);
+        let read = drive.state.is_some_and(|(_, at)| now.saturating_since(at) <= word_age_max(settings));
+        (read && drive.motion_words > 0) || drive.rest.is_moving(now, rest_age_max(settings))
+    }
+
+    pub(super) fn report_of(&self, joint: JointIndex, halted_is_fine: bool) -> Standing {
+        let drive = self.drives.at(joint);
+        let word = drive.state.filter(|(_, at)| *at >= self.reset_at);
+        Standing {
+            trouble: word.and_then(|(word, _)| check_state_word(word, halted_is_fine)),
+            reports_motion: drive.motion_words >= MOTION_WORDS,
+            yields: drive.state.is_some_and(|(word, _)| word.intersects(CubeState::BRAKEACTIVE)),
+        }
+    }
+
+    pub(super) fn read(&self, joint: JointIndex) -> Readings {
+        let (drive, command) = (self.drives.at(joint), &self.axes.at(joint).command);
+        let word = drive.state.map(|(word, _)| word);
+        let shows = |bits| word.is_some_and(|word| word.intersects(bits));
+        Readings {
+            current_a: drive.current_a,
+            qdd_command_rad_s2: command.qdd_rad_s2,
+            speed_limited: command.speed_limited,
+            position_limited: command.position_limited,
+            error: shows(CubeState::ERROR),
+            halted: shows(CubeState::HALTED),
+            missed_in_row: drive.missed_in_row,
+            state: word.map(CubeState::bits),
+            short_state: drive.short_state.bits(),
+        }
+    }
+
+    /// A control cycle fits into its period: known before a motion, not found out in it.
+    fn require_time(&self, settings: &Settings) -> Result<(), Refusal> {
+        // Without a rehearsal the drives have not been read since they were found; it comes with the next few looks.
+        let (_, cycle_us) = self.cycle_times(settings);
+        let cycle_us = cycle_us.ok_or(Refusal::of(Cause::DriveNotReady))?;
+        if cycle_us <= settings.cycle_period_us {
+            return Ok(());
+        }
+        let period_us = cycle_us.div_ceil(100).saturating_mul(100);
+        let index = u16::try_from(period_us).unwrap_or(u16::MAX);
+        Err(Refusal { cause: Cause::CycleTooShort, joint: None, index })
+    }
+
+    pub(super) fn is_group_ready(&self, now: Instant, settings: &Settings) -> Result<(), Refusal> {
+        self.require_time(settings)?;
+        if let Some(joint) = settings.joints().find(|&joint| !self.stands(now, settings, joint)) {
+            return Err(Refusal::at(Cause::DriveNotReady, joint));
+        }
+        // A drive that was reset opens its brake first; a motion ordered before begins later than ordered.
+        if now < self.reset_at + RESET_SETTLE {
+            return Err(Refusal::of(Cause::DriveNotReady));
+        }
+        Ok(())
+    }
+
+    pub(super) fn is_drive_ready(
+        &self,
+        now: Instant,
+        settings: &Settings,
+        joint: JointIndex,
+    ) -> Result<(), Refusal> {
+        let drive = self.drives.at(joint);
+        let not_ready = Err(Refusal::at(Cause::DriveNotReady, joint));
+        let Some((state, at)) = drive.state else { return not_ready };
+        let bad = CubeState::ERROR.union(CubeState::HALTED).union(CubeState::MOTION);
+        // Four things are read in turn, so nothing is older than four periods and a few.
+        let age_max = Duration::from_micros(8 * u64::from(settings.monitor_period_us));
+        let stale = at < self.reset_at || now.saturating_since(at) > age_max;
+        if stale || state.intersects(bad) || drive.missed_in_row > 0 {
+            return not_ready;
+        }
+        if !state.contains(CubeState::HOME_OK) {
+            return Err(Refusal::at(Cause::NotHomed, joint));
+        }
+        let Some(position) = drive.position else { return not_ready };
+        let old = position.at < self.reset_at || now.saturating_since(position.at) > age_max;
+        if old || drive.short_state.intersects(ShortState::NOT_OK) { not_ready } else { Ok(()) }
+    }
+}
