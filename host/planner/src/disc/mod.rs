@@ -1,1 +1,19 @@
 //! Catching a flying disc with a four-axis arm (paper 001).
+//!
+//! Map:
+//! - [`arm`]: the arm and its gripper, closed-form positions, Jacobian of eq. (5) and its roll-pitch-yaw equivalent.
+//! - [`screws`]: the same kinematics by product of exponentials, a second formulation.
+//! - [`inverse`]: Levenberg-Marquardt inverse kinematics, full (6)-(11) and reduced (12)-(13).
+//! - [`paper`]: the four stages of the paper, step by step, without limits.
+//! - [`witness`]: judges a catch from joint angles and the disc alone.
+//!
+//! SI units and radians. The paper prints centimetres.
+
+pub mod arm;
+pub mod inverse;
+pub mod paper;
+pub mod screws;
+pub mod witness;
+
+/// Joint angles, speeds or accelerations of the four axes.
+pub type Joints = robot_model::JointVec<4>;
