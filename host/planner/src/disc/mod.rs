@@ -5,11 +5,16 @@
 //! - [`screws`]: the same kinematics by product of exponentials, a second formulation.
 //! - [`inverse`]: Levenberg-Marquardt inverse kinematics, full (6)-(11) and reduced (12)-(13).
 //! - [`paper`]: the four stages of the paper, step by step, without limits.
+//! - [`flight`]: flight of a disc: parabola, or spinning disc with lift, drag and wind ([`aero`] holds the coefficients).
+//! - [`estimate`]: flight estimated from noisy views of centre and normal.
 //! - [`witness`]: judges a catch from joint angles and the disc alone.
 //!
 //! SI units and radians. The paper prints centimetres.
 
+pub mod aero;
 pub mod arm;
+pub mod estimate;
+pub mod flight;
 pub mod inverse;
 pub mod paper;
 pub mod screws;
