@@ -7,6 +7,9 @@
 //! - [`paper`]: the four stages of the paper, step by step, without limits.
 //! - [`flight`]: flight of a disc: parabola, or spinning disc with lift, drag and wind ([`aero`] holds the coefficients).
 //! - [`estimate`]: flight estimated from noisy views of centre and normal.
+//! - [`motion`]: joint motion under speed, acceleration and jerk limits.
+//! - [`intercept`]: where and when to catch under limits; declines with a reason.
+//! - [`online`]: a catch in progress: views in, motion out.
 //! - [`witness`]: judges a catch from joint angles and the disc alone.
 //!
 //! SI units and radians. The paper prints centimetres.
@@ -15,7 +18,10 @@ pub mod aero;
 pub mod arm;
 pub mod estimate;
 pub mod flight;
+pub mod intercept;
 pub mod inverse;
+pub mod motion;
+pub mod online;
 pub mod paper;
 pub mod screws;
 pub mod witness;
