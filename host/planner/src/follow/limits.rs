@@ -1,0 +1,76 @@
+//! What the robot and its controller allow.
+
+use robot_model::{JointVec, RobotModel};
+use serde::{Deserialize, Serialize};
+
+/// Six joints: the hand's position and rotation fix them all.
+pub const AXES: usize = 6;
+
+/// One number per joint.
+pub type Axes = JointVec<AXES>;
+
+/// The arm.
+pub type Arm = RobotModel<AXES>;
+
+/// Cut-out of the simulated KR C by acceleration, deg/s² (chosen; lower bound is what the paper's run survived).
+pub const KRC_CUT_OUT_DEG_S2: f64 = 2000.0;
+/// Cut-out of the simulated KR C by jerk, deg/s³ (chosen as above).
+pub const KRC_CUT_OUT_DEG_S3: f64 = 1.5e5;
+
+/// Limits per axis. Speed, acceleration and jerk hold for finite differences of the *commanded* set points.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// Range of the joints in rad.
+    pub q_min_rad: Axes,
+    /// Range of the joints in rad.
+    pub q_max_rad: Axes,
+    /// Speed in rad/s.
+    pub v_max_rad_s: Axes,
+    /// Acceleration of the ramps in rad/s².
+    pub ramp_rad_s2: Axes,
+    /// Acceleration anywhere in rad/s².
+    pub a_max_rad_s2: Axes,
+    /// Jerk anywhere in rad/s³.
+    pub j_max_rad_s3: Axes,
+}
+
+/// Where the limits of acceleration and jerk come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LimitSource {
+    /// The robot file: following acceleration (else the one of plans) and jerk.
+    RobotFile,
+    /// The cut-out of the simulated KR C; ranges, speeds and ramps of the robot file.
+    ControllerModel,
+}
+
+impl Limits {
+    /// The limits of an arm.
+    #[must_use]
+    pub fn of(arm: &Arm, source: LimitSource) -> Self {
+        let (a_max_rad_s2, j_max_rad_s3) = match source {
+            LimitSource::RobotFile => (
+                arm.limit(|l| l.a_follow_max_rad_s2.unwrap_or(l.a_max_rad_s2)),
+                arm.limit(|l| l.j_max_rad_s3),
+            ),
+            LimitSource::ControllerModel => {
+                (Axes::repeat(KRC_CUT_OUT_DEG_S2.to_radians()), Axes::repeat(KRC_CUT_OUT_DEG_S3.to_radians()))
+            }
+        };
+        Self {
+            q_min_rad: arm.q_min(),
+            q_max_rad: arm.q_max(),
+            v_max_rad_s: arm.limit(|l| l.v_max_rad_s),
+            ramp_rad_s2: arm.limit(|l| l.a_max_rad_s2),
+            a_max_rad_s2,
+            j_max_rad_s3,
+        }
+    }
+
+    /// The same with another acceleration of the ramps, in rad/s² for every axis.
+    #[must_use]
+    pub fn with_ramps(mut self, rad_s2: f64) -> Self {
+        self.ramp_rad_s2 = Axes::repeat(rad_s2);
+        self
+    }
+}
