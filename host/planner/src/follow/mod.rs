@@ -4,9 +4,11 @@
 //! speed of the flight, ramps to rest. Inside the window the instant of the opening does not matter.
 //!
 //! # Map
-//! An arrow goes from user to used.
+//! An arrow goes from user to used. `plan` is what leaves this module; `verify` judges it by its steps alone; `landing`
+//! tells what the instant of the opening does to the landing.
 //!
 //! ```text
+//!  best             longest window under the limits of what is commanded
 //!  paper            form of the paper: grid of releases, criteria j1 and j2
 //!    |   \
 //!    v    found     what a search found, or what refused its candidates
@@ -22,6 +24,7 @@
 //!  setting, limits  what is asked, what the robot allows
 //! ```
 
+pub mod best;
 pub mod clear;
 pub mod found;
 pub mod hand;

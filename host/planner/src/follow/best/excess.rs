@@ -1,0 +1,225 @@
+//! How far a window with its ramps is beyond each limit.
+
+use crate::follow::clear::{Clear, Scenes};
+use crate::follow::limits::{AXES, Axes};
+use crate::follow::motion::{Motion, Ramps, differences};
+use crate::follow::parabola::Parabola;
+use crate::follow::posture::{Posture, Reach};
+use crate::follow::setting::Setting;
+
+use super::variables::{HandFreedom, Variables};
+
+/// Limits are aimed at with this share of them to spare, so that rounding does not break them.
+pub(super) const SPARE: f64 = 1e-3;
+/// Instants of each ramp at which contacts are looked for.
+const RAMP_TESTS: usize = 6;
+/// Instants after the window at which the flying ball is tested.
+const BALL_TESTS: usize = 10;
+
+/// Evaluates windows of one setting.
+pub(super) struct Excess<'a> {
+    setting: &'a Setting<'a>,
+    hand: HandFreedom,
+    reach: Reach<'a>,
+    clear: Clear<'a>,
+    /// Time in which ramps change to and from rest, in s.
+    fade_s: f64,
+    /// Longest blend between ramp and window, in s.
+    blend_max_s: f64,
+}
+
+/// A window with its ramps.
+struct Parts {
+    flight: Parabola,
+    window: Vec<Posture>,
+    start: Ramps,
+    stop: Ramps,
+}
+
+impl<'a> Excess<'a> {
+    pub(super) fn new(setting: &'a Setting<'a>, hand: HandFreedom, scenes: &'a Scenes) -> Self {
+        let limits = &setting.limits;
+        // The smoothest part of a fade has 1.5 times its mean jerk; short fades are kept to half of the jerk limit.
+        let fade_s =
+            (limits.ramp_rad_s2.component_div(&limits.j_max_rad_s3).amax() * 3.0).max(2.0 * setting.period_s);
+        Self {
+            setting,
+            hand,
+            reach: Reach::new(setting.arm),
+            clear: Clear::new(setting.arm, scenes, setting.margins),
+            fade_s,
+            blend_max_s: blend_max_s(setting),
+        }
+    }
+
+    /// A blend to start with: long enough for the jerk of the largest change.
+    pub(super) fn blend_s(&self) -> f64 {
+        0.25 * self.blend_max_s
+    }
+
+    /// Longest blend, in s.
+    pub(super) fn blend_max_s(&self) -> f64 {
+        self.blend_max_s
+    }
+
+    pub(super) fn setting(&self) -> &'a Setting<'a> {
+        self.setting
+    }
+
+    pub(super) fn hand(&self) -> HandFreedom {
+        self.hand
+    }
+
+    pub(super) fn clear(&mut self) -> &mut Clear<'a> {
+        &mut self.clear
+    }
+
+    /// Joints in the middle of the window, next to `q_ref`.
+    pub(super) fn center(&self, x: &Variables, q_ref: &Axes) -> Option<Axes> {
+        let state = x.hand().at(&x.flight(self.setting), 0.0);
+        self.reach.near(&state.x_wb, q_ref)
+    }
+
+    fn parts(&self, x: &Variables, q_center: &Axes, points: usize) -> Option<Parts> {
+        let (flight, hand) = (x.flight(self.setting), x.hand());
+        let period_s = self.setting.period_s;
+        // Instants relative to the middle of the window.
+        let time = |k: usize| (k as f64 - 0.5 * (points - 1) as f64) * period_s;
+        let mut window: Vec<Option<Posture>> = vec![None; points];
+        let middle = (points - 1) / 2;
+        let mut q_ref = *q_center;
+        for k in (middle..points).chain((0..middle).rev()) {
+            if k + 1 == middle {
+                q_ref = window[middle]?.q;
+            }
+            let state = hand.at(&flight, time(k));
+            let posture = self.reach.rates(self.reach.near(&state.x_wb, &q_ref)?, &state)?;
+            q_ref = posture.q;
+            window[k] = Some(posture);
+        }
+        let window: Vec<Posture> = window.into_iter().collect::<Option<_>>()?;
+        let [start, stop] = x.ramps(self.fade_s);
+        let limits = &self.setting.limits;
+        Some(Parts {
+            flight: flight.from_time(time(0)),
+            start: Ramps::start(&window[0], start, limits),
+            stop: Ramps::stop(&window[points - 1], stop, limits),
+            window,
+        })
+    }
+
+    /// The motion, and its flight with t = 0 at the first step on the parabola.
+    pub(super) fn motion(&self, x: &Variables, q_center: &Axes, points: usize) -> Option<(Motion, Parabola)> {
+        let parts = self.parts(x, q_center, points)?;
+        let motion = Motion::around(&parts.window, &parts.start, &parts.stop, self.setting.period_s);
+        Some((motion, parts.flight))
+    }
+
+    /// Whether every step is inside the joint ranges.
+    pub(super) fn in_range(&self, motion: &Motion) -> bool {
+        let limits = &self.setting.limits;
+        motion
+            .states
+            .iter()
+            .all(|s| (0..AXES).all(|i| s.q[i] >= limits.q_min_rad[i] && s.q[i] <= limits.q_max_rad[i]))
+    }
+
+    /// Residuals, all less than [`SPARE`] inside the limits; their number depends only on `points`. `None` where the hand cannot be.
+    pub(super) fn residuals(&mut self, x: &Variables, q_center: &Axes, points: usize) -> Option<Vec<f64>> {
+        let parts = self.parts(x, q_center, points)?;
+        let mut out = Vec::with_capacity(40 * (points + 30));
+        self.rates(&parts, &mut out);
+        self.ranges(&parts, &mut out);
+        self.contacts(&parts, x.flight_s() + 0.5 * (points - 1) as f64 * self.setting.period_s, &mut out);
+        self.turn(x, points, &mut out);
+        Some(out)
+    }
+
+    /// Finite differences of what is commanded, in and around the window.
+    fn rates(&self, parts: &Parts, out: &mut Vec<f64>) {
+        let (limits, period_s, lag_s) = (&self.setting.limits, self.setting.period_s, self.setting.lag_s);
+        let around = (self.blend_max_s / period_s).ceil() as usize + 4;
+        let before = (1..=around).rev().map(|k| parts.start.at(k as f64 * period_s));
+        let after = (1..=around).map(|k| parts.stop.at(k as f64 * period_s));
+        let states = before.chain(parts.window.iter().copied()).chain(after);
+        let commands: Vec<Axes> = states.map(|s| s.q + s.qd * lag_s).collect();
+        for k in 1..commands.len() - 2 {
+            let [v, a, j] = differences(&commands, k as isize, period_s);
+            for i in 0..AXES {
+                out.push(over(v[i].abs() / limits.v_max_rad_s[i]));
+                out.push(over(a[i].abs() / limits.a_max_rad_s2[i]));
+                out.push(over(j[i].abs() / limits.j_max_rad_s3[i]));
+            }
+        }
+    }
+
+    fn ranges(&self, parts: &Parts, out: &mut Vec<f64>) {
+        let limits = &self.setting.limits;
+        let mut test = |q: &Axes| {
+            for i in 0..AXES {
+                let outside = (q[i] - limits.q_max_rad[i]).max(limits.q_min_rad[i] - q[i]);
+                out.push((outside + SPARE).max(0.0));
+            }
+        };
+        test(&parts.start.rest());
+        test(&parts.stop.rest());
+        for state in &parts.window {
+            test(&state.q);
+        }
+        for k in 1..RAMP_TESTS {
+            let share = k as f64 / RAMP_TESTS as f64;
+            test(&parts.start.at(share * parts.start.duration_s()).q);
+            test(&parts.stop.at(share * parts.stop.duration_s()).q);
+        }
+    }
+
+    /// Floor, boxes, and the ball after the window; `flight_s` from the first step on the parabola to the target.
+    fn contacts(&mut self, parts: &Parts, flight_s: f64, out: &mut Vec<f64>) {
+        let period_s = self.setting.period_s;
+        let window_s = (parts.window.len() - 1) as f64 * period_s;
+        let (start_s, stop_s) = (parts.start.duration_s(), parts.stop.duration_s());
+        let middle = parts.window[parts.window.len() / 2].q;
+        let mut tests = vec![(middle, true)];
+        for k in 0..=RAMP_TESTS {
+            let share = k as f64 / RAMP_TESTS as f64;
+            tests.push((parts.start.at(share * start_s).q, true));
+            tests.push((parts.stop.at(share * stop_s).q, false));
+        }
+        let margins = *self.clear.margins();
+        for (q, held) in tests {
+            let frames = self.setting.arm.fk(&q);
+            out.push(2.0 * (margins.floor_m + SPARE - self.clear.height_m(&frames)).max(0.0));
+            out.push(5.0 * (margins.boxes_m + SPARE - self.clear.distance_m(&frames, held)).max(0.0));
+        }
+        for k in 1..=BALL_TESTS {
+            // Dense at first: there the ball is nearest to the hand.
+            let s = (k as f64 / BALL_TESTS as f64).powi(2) * stop_s.min(flight_s - window_s).max(0.0);
+            let frames = self.setting.arm.fk(&parts.stop.at(s).q);
+            let center = parts.flight.position(window_s + s);
+            out.push(10.0 * (1e-4 - self.clear.ball_spare_m(&frames, &center)).max(0.0));
+        }
+        // The target must not be reached inside the window.
+        out.push((window_s + 0.05 - flight_s).max(0.0));
+    }
+
+    /// How far the hand is from being across the flight.
+    fn turn(&self, x: &Variables, points: usize, out: &mut Vec<f64>) {
+        let HandFreedom::Tilted(most_rad) = self.hand else { return };
+        let half_s = 0.5 * (points - 1) as f64 * self.setting.period_s;
+        let (flight, hand) = (x.flight(self.setting), x.hand());
+        for t_s in [-half_s, 0.0, half_s] {
+            out.push(2.0 * (hand.off_across_rad(&flight, t_s) + SPARE - most_rad).max(0.0));
+        }
+    }
+}
+
+/// Longest blend: four times what takes the acceleration from zero to its limit with the jerk limit, smoothly.
+fn blend_max_s(setting: &Setting<'_>) -> f64 {
+    let limits = &setting.limits;
+    (6.0 * limits.a_max_rad_s2.component_div(&limits.j_max_rad_s3).amax()).min(1.0)
+}
+
+/// By how much the use of a limit is above one, less what is spared.
+fn over(used: f64) -> f64 {
+    (used - (1.0 - SPARE)).max(0.0)
+}
