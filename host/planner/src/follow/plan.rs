@@ -1,0 +1,296 @@
+//! The plan of a throw that follows the flight: everything needed to command it and to judge it.
+//!
+//! JSON with units in the names of the keys. One step per set point of the controller; times count from the first.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::best::HandFreedom;
+use super::clear::Margins;
+use super::found::{Found, SearchSize};
+use super::limits::{AXES, Axes, LimitSource};
+use super::motion::{Motion, Peaks, differences};
+use super::parabola::Parabola;
+use super::posture::Posture;
+use super::setting::Setting;
+use crate::plan::file::RobotId;
+
+/// First field of every plan of this kind.
+pub const FORMAT: &str = "cubectl-follow-plan";
+/// Version of the format that is written, and the newest that is read.
+pub const VERSION: u32 = 1;
+/// Longest file that is read, bytes; 400 steps take 250 kB.
+pub const FILE_MAX_BYTES: u64 = 16 << 20;
+
+/// What the arm does at a step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Phase {
+    /// From rest to the parabola.
+    Accelerate,
+    /// On the parabola; the gripper opens.
+    Follow,
+    /// To rest.
+    Decelerate,
+}
+
+/// One set point.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Step {
+    /// Time from the first step in s.
+    pub t_s: f64,
+    /// Phase.
+    pub phase: Phase,
+    /// Angles that the arm shall have, in rad.
+    pub q_rad: [f64; AXES],
+    /// Speeds that the arm shall have, in rad/s.
+    pub qd_rad_s: [f64; AXES],
+    /// What is commanded so that a first-order lag executes `q_rad`; equal to it where no lag is planned for.
+    pub command_rad: [f64; AXES],
+}
+
+/// How the plan was made.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Form {
+    /// Grid search of the paper; the hand does not turn.
+    Paper,
+    /// Longest window found without a grid.
+    Best(HandFreedom),
+}
+
+/// The flight of the ball.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FlightInfo {
+    /// Ball centre at the first followed point, in m, world frame.
+    pub p0_m: [f64; 3],
+    /// Its velocity there, in m/s.
+    pub v0_m_s: [f64; 3],
+    /// Gravity in m/s².
+    pub gravity_m_s2: f64,
+    /// Angle of the velocity at the release to the horizontal, in deg.
+    pub beta_release_deg: f64,
+    /// Speed at the release in m/s.
+    pub speed_release_m_s: f64,
+    /// Time from the first step to the target in s.
+    pub landing_time_s: f64,
+}
+
+/// Largest change of the commanded acceleration between two steps.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Leap {
+    /// Size in deg/s².
+    pub size_deg_s2: f64,
+    /// Axis, from 1.
+    pub axis: usize,
+    /// Time of the first of the two steps, in s.
+    pub t_s: f64,
+}
+
+/// How long and how wide the search was.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SearchInfo {
+    /// Time of the search in s.
+    pub time_s: f64,
+    /// What was searched.
+    pub size: SearchSize,
+}
+
+/// A plan.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FollowPlan {
+    /// Always [`FORMAT`].
+    pub format: String,
+    /// Version of the format.
+    pub version: u32,
+    /// Which robot.
+    pub robot: RobotId,
+    /// How it was made.
+    pub form: Form,
+    /// Target in m, world frame.
+    pub target_m: [f64; 3],
+    /// Time between two steps in s.
+    pub period_s: f64,
+    /// First-order lag that the commands allow for, in s.
+    pub lag_s: f64,
+    /// Which limits the commands keep.
+    pub limits: LimitSource,
+    /// Distances that are kept.
+    pub margins: Margins,
+    /// The flight.
+    pub flight: FlightInfo,
+    /// When the gripper shall open (jaws no longer touch the ball), in s: the middle of the window.
+    pub release_time_s: f64,
+    /// Index of the first and the last step on the parabola.
+    pub window: [usize; 2],
+    /// Number of steps on the parabola.
+    pub followed_points: usize,
+    /// First criterion (paper 000, equation 6) at the release of the search, in rad²/s².
+    pub j1: f64,
+    /// Second criterion (equation 8).
+    pub j2: f64,
+    /// Largest leap of the commanded acceleration.
+    pub leap: Leap,
+    /// Largest use of the limits of speed, acceleration and jerk by the commands; 1 is the limit.
+    pub used: [f64; 3],
+    /// The search.
+    pub search: SearchInfo,
+    /// The set points.
+    pub steps: Vec<Step>,
+}
+
+/// A plan file cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum FollowPlanError {
+    /// Not JSON, or not such a plan.
+    #[error("not a plan that follows a flight: {0}")]
+    Damaged(String),
+    /// From a newer program.
+    #[error("the plan has version {0}, this program reads up to {VERSION}: update cubectl or plan again")]
+    Newer(u32),
+    /// Reading failed.
+    #[error("cannot read the plan: {0}")]
+    Io(#[from] std::io::Error),
+}
+
+impl FollowPlan {
+    /// The plan of a found throw; `search_s` is the time of the search.
+    #[must_use]
+    pub fn new(
+        setting: &Setting<'_>,
+        limits: LimitSource,
+        robot: RobotId,
+        form: Form,
+        found: &Found,
+        search_s: f64,
+    ) -> Self {
+        let motion = &found.motion;
+        let time = |step: usize| step as f64 * motion.period_s;
+        let commands = motion.commands(setting.lag_s);
+        let steps = motion.states.iter().zip(&commands).enumerate().map(|(k, (state, command))| Step {
+            t_s: time(k),
+            phase: match k {
+                k if k < motion.first => Phase::Accelerate,
+                k if k <= motion.last => Phase::Follow,
+                _ => Phase::Decelerate,
+            },
+            q_rad: state.q.into(),
+            qd_rad_s: state.qd.into(),
+            command_rad: (*command).into(),
+        });
+        let middle_s = 0.5 * (time(motion.first) + time(motion.last));
+        let at_release = found.flight.from_time(middle_s - time(motion.first));
+        let leap = largest_leap(&commands, motion.period_s);
+        Self {
+            format: FORMAT.to_owned(),
+            version: VERSION,
+            robot,
+            form,
+            target_m: setting.target.into(),
+            period_s: motion.period_s,
+            lag_s: setting.lag_s,
+            limits,
+            margins: setting.margins,
+            flight: FlightInfo {
+                p0_m: found.flight.p0.into(),
+                v0_m_s: found.flight.v0.into(),
+                gravity_m_s2: found.flight.gravity_m_s2,
+                beta_release_deg: at_release.beta_rad().to_degrees(),
+                speed_release_m_s: at_release.v0.norm(),
+                landing_time_s: time(motion.first) + found.flight.time_to(&setting.target),
+            },
+            release_time_s: middle_s,
+            window: [motion.first, motion.last],
+            followed_points: motion.last - motion.first + 1,
+            j1: found.j1,
+            j2: found.j2,
+            leap,
+            used: Peaks::of(&commands, motion.period_s).use_of(&setting.limits),
+            search: SearchInfo { time_s: search_s, size: found.size },
+            steps: steps.collect(),
+        }
+    }
+
+    /// Reads a plan from JSON text.
+    ///
+    /// # Errors
+    /// [`FollowPlanError`] for other text, other formats, newer versions, and windows outside of the steps.
+    pub fn from_json(text: &str) -> Result<Self, FollowPlanError> {
+        let damaged = |e: &dyn std::fmt::Display| FollowPlanError::Damaged(e.to_string());
+        let value: serde_json::Value = serde_json::from_str(text).map_err(|e| damaged(&e))?;
+        if value.get("format").and_then(serde_json::Value::as_str) != Some(FORMAT) {
+            return Err(damaged(&format_args!("its \"format\" is not \"{FORMAT}\"")));
+        }
+        match value.get("version").and_then(serde_json::Value::as_u64) {
+            Some(v) if v <= u64::from(VERSION) => {}
+            Some(v) => return Err(FollowPlanError::Newer(u32::try_from(v).unwrap_or(u32::MAX))),
+            None => return Err(damaged(&"it has no \"version\"")),
+        }
+        let plan: Self = serde_json::from_value(value).map_err(|e| damaged(&e))?;
+        let [first, last] = plan.window;
+        if first > last || last >= plan.steps.len() || plan.followed_points != last - first + 1 {
+            return Err(damaged(&"its window is not inside its steps"));
+        }
+        if !(plan.period_s > 0.0 && plan.period_s.is_finite()) {
+            return Err(damaged(&"its period is not positive"));
+        }
+        Ok(plan)
+    }
+
+    /// Reads a plan file.
+    ///
+    /// # Errors
+    /// As [`FollowPlan::from_json`], and if the file cannot be read.
+    pub fn read(path: &Path) -> Result<Self, FollowPlanError> {
+        Self::from_json(&toml_reader::read_text(path, FILE_MAX_BYTES)?)
+    }
+
+    /// The plan as JSON text.
+    #[must_use]
+    pub fn to_json(&self) -> String {
+        serde_json::to_string_pretty(self).expect("numbers and strings have a JSON form")
+    }
+
+    /// The motion of the plan. Accelerations are those of the differences of the speeds.
+    #[must_use]
+    pub fn motion(&self) -> Motion {
+        let speed = |k: usize| Axes::from(self.steps[k.min(self.steps.len() - 1)].qd_rad_s);
+        let states = self.steps.iter().enumerate().map(|(k, step)| Posture {
+            q: step.q_rad.into(),
+            qd: step.qd_rad_s.into(),
+            qdd: (speed(k + 1) - speed(k.saturating_sub(1))) / (2.0 * self.period_s),
+        });
+        Motion {
+            period_s: self.period_s,
+            states: states.collect(),
+            first: self.window[0],
+            last: self.window[1],
+        }
+    }
+
+    /// The flight with t = 0 at the first followed point.
+    #[must_use]
+    pub fn parabola(&self) -> Parabola {
+        let FlightInfo { p0_m, v0_m_s, gravity_m_s2, .. } = self.flight;
+        Parabola { p0: p0_m.into(), v0: v0_m_s.into(), gravity_m_s2 }
+    }
+}
+
+fn largest_leap(commands: &[Axes], period_s: f64) -> Leap {
+    let mut largest = Leap { size_deg_s2: 0.0, axis: 1, t_s: 0.0 };
+    for k in -2..=commands.len() as isize {
+        let [_, _, jerk] = differences(commands, k, period_s);
+        let axis = jerk.iamax();
+        let size_deg_s2 = (jerk[axis].abs() * period_s).to_degrees();
+        if size_deg_s2 > largest.size_deg_s2 {
+            largest = Leap { size_deg_s2, axis: axis + 1, t_s: k as f64 * period_s };
+        }
+    }
+    largest
+}

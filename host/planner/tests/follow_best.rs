@@ -1,0 +1,137 @@
+//! The form without a grid, on three arms; every plan goes through the verifier and through its JSON text.
+
+use nalgebra::Vector3;
+use planner::follow::best::{BestOptions, HandFreedom, plan};
+use planner::follow::landing;
+use planner::follow::limits::{Arm, LimitSource, Limits};
+use planner::follow::plan::{FollowPlan, Form};
+use planner::follow::setting::Setting;
+use planner::follow::verify::verify;
+use planner::plan::file::RobotId;
+
+fn kr16() -> Arm {
+    Arm::load("kr16_2").expect("built in")
+}
+
+fn robot(arm: &Arm) -> RobotId {
+    RobotId { name: arm.name().to_owned(), source: arm.name().to_owned(), fingerprint: String::new() }
+}
+
+fn short() -> BestOptions {
+    BestOptions { starts: 24, kicks: 3, ..BestOptions::default() }
+}
+
+/// Plans, verifies, and returns the plan.
+fn good_plan(setting: &Setting<'_>, source: LimitSource, options: &BestOptions) -> FollowPlan {
+    let found = plan(setting, options).expect("feasible");
+    let plan = FollowPlan::new(setting, source, robot(setting.arm), Form::Best(options.hand), &found, 0.0);
+    let report = verify(setting.arm, &Limits::of(setting.arm, source), &plan);
+    assert!(report.is_good(), "{} points: {:#?}", plan.followed_points, report);
+    let again = FollowPlan::from_json(&plan.to_json()).expect("its own text is read");
+    assert_eq!(again, plan);
+    plan
+}
+
+fn kr16_plan(arm: &Arm, target: [f64; 3], lag_s: f64) -> FollowPlan {
+    let source = LimitSource::ControllerModel;
+    let setting = Setting { lag_s, ..Setting::new(arm, Vector3::from(target), Limits::of(arm, source)) };
+    good_plan(&setting, source, &short())
+}
+
+#[test]
+fn at_1_m_height_more_points_are_followed_than_by_the_reference_and_the_paper() {
+    // Reference: 19 with tangent and roll; the paper's constant hand: 2 (synchronised), 4 (own ramps).
+    let plan = kr16_plan(&kr16(), [2.5, 0.0, 1.0], 0.0);
+    assert!((20..=60).contains(&plan.followed_points), "{}", plan.followed_points);
+    assert!(
+        plan.leap.size_deg_s2 <= 1800.0 && plan.used.iter().all(|u| *u <= 1.0),
+        "{:?} {:?}",
+        plan.leap,
+        plan.used
+    );
+}
+
+#[test]
+fn the_lag_is_planned_for_in_the_commands() {
+    let arm = kr16();
+    let plan = kr16_plan(&arm, [2.5, 0.0, 0.6], 0.024);
+    assert!((20..=60).contains(&plan.followed_points), "{}", plan.followed_points);
+    let report = verify(&arm, &Limits::of(&arm, LimitSource::ControllerModel), &plan);
+    // Joining set points by straight lines costs a few millimetres; without lead the ball would miss by far more.
+    assert!(
+        report.executed_landing_m > 0.0 && report.executed_landing_m < 0.02,
+        "{}",
+        report.executed_landing_m
+    );
+    let mut late = plan.clone();
+    for step in &mut late.steps {
+        step.command_rad = step.q_rad;
+    }
+    let late = verify(&arm, &Limits::of(&arm, LimitSource::ControllerModel), &late);
+    assert!(late.executed_landing_m > 3.0 * report.executed_landing_m, "{}", late.executed_landing_m);
+}
+
+#[test]
+fn a_long_window_makes_the_landing_independent_of_the_opening() {
+    let arm = kr16();
+    let plan = kr16_plan(&arm, [2.5, 0.0, 0.6], 0.0);
+    let (motion, target) = (plan.motion(), Vector3::from(plan.target_m));
+    let middle_s = 0.5 * (motion.last - motion.first) as f64 * motion.period_s;
+    let with = landing::sensitivity(&arm, &motion, &target, middle_s, 0.010);
+    assert!(with.missed == 0 && with.largest_m < 2e-3, "{with:?}");
+    let limits = Limits::of(&arm, LimitSource::ControllerModel);
+    let through = landing::without_following(&motion, &limits);
+    let without = landing::sensitivity(&arm, &through, &target, 0.0, 0.010);
+    // How much the ramps miss by depends on the throw: 15 mm rms here, 43 mm in the reference example.
+    assert!(without.rms_m > 0.008 && without.largest_m > 10.0 * with.largest_m, "{without:?} {with:?}");
+    assert!(without.rms_m < 0.12, "{without:?}");
+}
+
+#[test]
+fn the_powercube_arm_follows_the_flight_within_the_limits_of_its_file() {
+    let arm = Arm::load("powercube6").expect("built in");
+    let source = LimitSource::RobotFile;
+    let setting = Setting::new(&arm, Vector3::new(1.0, 1.0, -1.0), Limits::of(&arm, source));
+    let plan = good_plan(&setting, source, &short());
+    assert!((4..=60).contains(&plan.followed_points), "{}", plan.followed_points);
+}
+
+#[test]
+fn an_arm_without_closed_form_follows_the_flight() {
+    let text = include_str!("../../../robots/model/tests/data/ur5.toml");
+    let arm = Arm::from_toml("ur5.toml", text).expect("the fixture loads");
+    let source = LimitSource::RobotFile;
+    let setting = Setting::new(&arm, Vector3::new(1.5, 0.0, -0.3), Limits::of(&arm, source));
+    let plan = good_plan(
+        &setting,
+        source,
+        &BestOptions { starts: 12, kicks: 0, draws: 8_000, ..BestOptions::default() },
+    );
+    assert!((4..=80).contains(&plan.followed_points), "{}", plan.followed_points);
+}
+
+#[test]
+fn the_same_options_give_the_same_plan() {
+    let arm = kr16();
+    let setting =
+        Setting::new(&arm, Vector3::new(2.2, 0.3, 0.8), Limits::of(&arm, LimitSource::ControllerModel));
+    let options = BestOptions {
+        starts: 8,
+        kicks: 2,
+        draws: 4000,
+        hand: HandFreedom::Tangent,
+        ..BestOptions::default()
+    };
+    let motion = || plan(&setting, &options).expect("feasible").motion;
+    assert_eq!(motion(), motion());
+}
+
+#[test]
+fn a_target_beyond_all_reach_is_refused_with_numbers() {
+    let arm = kr16();
+    let setting =
+        Setting::new(&arm, Vector3::new(9.0, 0.0, 1.0), Limits::of(&arm, LimitSource::ControllerModel));
+    let options = BestOptions { starts: 8, kicks: 0, draws: 4000, ..BestOptions::default() };
+    let refused = plan(&setting, &options).expect_err("9 m");
+    assert!(refused.size.counts.total() > 0, "{refused}");
+}

@@ -1,0 +1,181 @@
+//! The verifier refuses plans that were broken on purpose, each for its reason, and accepts the plan they came from.
+
+use std::sync::LazyLock;
+
+use nalgebra::Vector3;
+use planner::follow::clear::Margins;
+use planner::follow::limits::{Arm, LimitSource, Limits};
+use planner::follow::paper::{GridAxis, PaperOptions, plan};
+use planner::follow::plan::{FollowPlan, Form, Phase};
+use planner::follow::setting::Setting;
+use planner::follow::verify::{Check, Report, verify};
+use planner::plan::file::RobotId;
+
+static ARM: LazyLock<Arm> = LazyLock::new(|| Arm::load("kr16_2").expect("built in"));
+
+fn limits() -> Limits {
+    Limits::of(&ARM, LimitSource::ControllerModel)
+}
+
+fn options() -> PaperOptions {
+    PaperOptions {
+        radius_m: GridAxis { from: 1.2, to: 1.6, count: 5 },
+        height_m: GridAxis { from: 1.0, to: 1.6, count: 5 },
+        beta_deg: GridAxis { from: 0.0, to: 30.0, count: 5 },
+        ..PaperOptions::covering(1.8, 0.675, 0.0, 1.0)
+    }
+}
+
+fn planned(margins: Margins, target: [f64; 3]) -> Option<FollowPlan> {
+    let setting = Setting { margins, ..Setting::new(&ARM, Vector3::from(target), limits()) };
+    let found = plan(&setting, &options()).ok()?;
+    let robot = RobotId { name: "kr16_2".into(), source: "kr16_2".into(), fingerprint: String::new() };
+    Some(FollowPlan::new(&setting, LimitSource::ControllerModel, robot, Form::Paper, &found, 0.0))
+}
+
+static PLAN: LazyLock<FollowPlan> =
+    LazyLock::new(|| planned(Margins::default(), [2.0, 0.0, 0.6]).expect("feasible"));
+
+fn broken(how: impl FnOnce(&mut FollowPlan)) -> Report {
+    let mut plan = PLAN.clone();
+    how(&mut plan);
+    verify(&ARM, &limits(), &plan)
+}
+
+fn refuses(report: &Report, check: Check) {
+    assert!(
+        report.findings.iter().any(|f| f.check == check),
+        "{check:?} is not among {:#?}",
+        report.findings
+    );
+    assert!(report.findings.iter().all(|f| !f.to_string().is_empty()));
+}
+
+#[test]
+fn the_unbroken_plan_is_good() {
+    let report = verify(&ARM, &limits(), &PLAN);
+    assert!(report.is_good(), "{report:#?}");
+    assert!(report.off_parabola_m < 1e-6 && report.landing_m < 1e-3, "{report:?}");
+    assert!(report.nearest_m > 0.0 && report.nearest_m < 1.0 && report.ball_m > 0.0);
+}
+
+#[test]
+fn a_displaced_set_point_breaks_jerk_and_leaves_the_parabola() {
+    let report = broken(|p| {
+        let k = p.window[0];
+        p.steps[k].q_rad[1] += 2e-3;
+        p.steps[k].command_rad[1] += 2e-3;
+    });
+    refuses(&report, Check::Jerk);
+    refuses(&report, Check::Parabola);
+}
+
+#[test]
+fn a_faster_clock_breaks_the_speeds() {
+    let report = broken(|p| {
+        p.period_s *= 0.8;
+        for (k, step) in p.steps.iter_mut().enumerate() {
+            step.t_s = k as f64 * p.period_s;
+        }
+    });
+    refuses(&report, Check::Speed);
+}
+
+#[test]
+fn another_target_is_not_hit() {
+    refuses(&broken(|p| p.target_m[1] += 0.01), Check::Landing);
+    refuses(&broken(|p| p.target_m[2] = 9.0), Check::Landing);
+}
+
+#[test]
+fn a_whole_motion_turned_about_a1_misses_and_leaves_the_range() {
+    let turned = |by: f64| {
+        broken(|p| {
+            for step in &mut p.steps {
+                step.q_rad[0] += by;
+                step.command_rad[0] += by;
+            }
+        })
+    };
+    refuses(&turned(0.01), Check::Parabola);
+    refuses(&turned(std::f64::consts::TAU), Check::Range);
+}
+
+#[test]
+fn commands_that_do_not_lead_are_not_executed_as_planned() {
+    refuses(&broken(|p| p.lag_s = 0.024), Check::Lag);
+    refuses(&broken(|p| p.steps[40].command_rad[2] += 0.01), Check::Lag);
+}
+
+#[test]
+fn disorder_is_refused_first() {
+    for report in [
+        broken(|p| {
+            p.steps.remove(5);
+        }),
+        broken(|p| p.steps[3].phase = Phase::Follow),
+        broken(|p| p.steps[9].q_rad[4] = f64::NAN),
+        broken(|p| p.window[1] += 1),
+        broken(|p| p.followed_points += 1),
+    ] {
+        refuses(&report, Check::Steps);
+    }
+}
+
+#[test]
+fn a_turning_hand_is_no_plan_of_the_paper() {
+    refuses(
+        &broken(|p| {
+            // The wrist roll leaves the ball where it is only along the tool axis: the hand turns.
+            for (k, step) in p.steps.iter_mut().enumerate() {
+                step.q_rad[5] += 1e-3 * k as f64;
+                step.command_rad[5] += 1e-3 * k as f64;
+            }
+        }),
+        Check::Across,
+    );
+}
+
+#[test]
+fn a_higher_floor_and_a_lower_arm_are_found() {
+    refuses(&broken(|p| p.margins.floor_m = 1.0), Check::Floor);
+    let folded = broken(|p| {
+        for step in &mut p.steps {
+            step.q_rad[1] = 0.5;
+            step.command_rad[1] = 0.5;
+        }
+    });
+    refuses(&folded, Check::Boxes);
+}
+
+/// A grid that is told to ignore the ball after the release finds throws whose ball meets the hand; the verifier,
+/// told to mind it, refuses them.
+#[test]
+fn a_ball_that_meets_the_hand_is_refused() {
+    let careless = Margins { grip_slack_m: 1.0, ..Margins::default() };
+    let mut met = 0;
+    for target in [[2.5, 0.0, 0.6], [2.3, 0.0, 0.6], [2.2, 0.0, 0.8], [2.0, 0.0, 0.6], [2.0, 0.0, 1.0]] {
+        let Some(mut plan) = planned(careless, target) else { continue };
+        plan.margins = Margins::default();
+        let report = verify(&ARM, &limits(), &plan);
+        met += usize::from(report.findings.iter().any(|f| f.check == Check::Ball));
+    }
+    assert!(met > 0, "none of the careless plans has its ball meet the hand");
+}
+
+#[test]
+fn damaged_plan_files_are_refused_with_a_reason() {
+    let text = PLAN.to_json();
+    assert_eq!(FollowPlan::from_json(&text).expect("good"), *PLAN);
+    for (from, to, words) in [
+        ("cubectl-follow-plan", "cubectl-plan", "format"),
+        ("\"version\": 1", "\"version\": 7", "version 7"),
+        ("\"followed_points\": ", "\"followed_points\": 1", "window"),
+        ("\"lag_s\"", "\"lagg_s\"", "lagg_s"),
+    ] {
+        assert!(text.contains(from), "{from}");
+        let error = FollowPlan::from_json(&text.replacen(from, to, 1)).expect_err(to).to_string();
+        assert!(error.contains(words), "{error}");
+    }
+    assert!(FollowPlan::from_json(&text[..text.len() / 2]).is_err());
+}
