@@ -1,0 +1,13 @@
+# The small programs that show how to use the packages from a program of one's own. Each ends with an error if the
+# simulated world, or a second computation, does not agree with what it prints.
+. .ci/debug-build.sh
+target/debug/examples/hello_drive | tee target/hello_drive.log
+grep -q 'the axis stands at 1.0' target/hello_drive.log
+rm -f target/plan_throw.json
+target/debug/examples/plan_throw 1.0 1.0 -1.0 target/plan_throw.json
+target/debug/cubectl check target/plan_throw.json
+# A target that no throw reaches ends with an error.
+if target/debug/examples/plan_throw 90 0 0; then
+    echo "a target 90 m away was planned" >&2
+    exit 1
+fi
