@@ -88,6 +88,7 @@ impl PathClock {
     }
 
     /// Reference of a joint at a time.
+    #[inline]
     pub fn reference(&self, spline: &mut Spline, joint: JointIndex, t: Instant) -> Setpoint {
         let (s_us, _) = self.at(t);
         self.in_time(t, spline.at(joint, s_us))

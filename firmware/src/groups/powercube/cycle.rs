@@ -76,8 +76,9 @@ pub(super) struct Sent {
 pub(super) struct Axis {
     pub(super) generator: Generator,
     pub(super) model: DriveModel,
-    /// The last command.
-    pub(super) command: ramp::Command,
+    /// What bound the last command.
+    pub(super) speed_limited: bool,
+    pub(super) position_limited: bool,
     /// What the next motion amounts to.
     pub(super) planned: Sent,
     /// The motion last sent.
@@ -224,7 +225,7 @@ impl PowerCubes {
 
     fn begin_set_points(&mut self, now: Instant, settings: &Settings, overrun: bool) {
         self.pace.begin_cycle(now);
-        self.schedule.begin_cycle(self.cycle.at + self.slots.first(), self.cycle.at + self.slots.guests());
+        self.schedule.begin_cycle(self.cycle.at, self.slots.first(), self.slots.guests());
         let joints = settings.joints.max(1);
         let guest = JointIndex::new((self.cycle.number % joints) as usize).ok();
         self.cycle.extra = Some(Extra { guest, second_write: false, overrun });
@@ -253,9 +254,9 @@ impl PowerCubes {
             }
             extra.second_write |= command.velocity_rad_s.is_some() && command.acceleration_rad_s2.is_some();
         }
-        axis.command = command;
+        (axis.speed_limited, axis.position_limited) = (command.speed_limited, command.position_limited);
         self.plan(settings, joint, &command);
-        self.schedule.hold_motion(joint, self.cycle.at + self.slots.of(joint));
+        self.schedule.hold_motion(joint, self.slots.of(joint));
         Taken { position_limited: command.position_limited }
     }
 

@@ -50,14 +50,14 @@ impl PowerCubes {
     }
 
     pub(super) fn read(&self, joint: JointIndex) -> Readings {
-        let (drive, command) = (self.drives.at(joint), &self.axes.at(joint).command);
+        let (drive, axis) = (self.drives.at(joint), self.axes.at(joint));
         let word = drive.state.map(|(word, _)| word);
         let shows = |bits| word.is_some_and(|word| word.intersects(bits));
         Readings {
             current_a: drive.current_a,
-            qdd_command_rad_s2: command.qdd_rad_s2,
-            speed_limited: command.speed_limited,
-            position_limited: command.position_limited,
+            qdd_command_rad_s2: axis.planned.qdd_rad_s2,
+            speed_limited: axis.speed_limited,
+            position_limited: axis.position_limited,
             error: shows(CubeState::ERROR),
             halted: shows(CubeState::HALTED),
             missed_in_row: drive.missed_in_row,

@@ -29,8 +29,8 @@ use crate::joints::PerJoint;
 /// Requests of one drive in one cycle: speed, acceleration, motion, guest.
 pub const AGENDA_MAX: usize = 4;
 
-/// Longest request with all stuff bits, at 1 Mbit/s.
-const GUARD: Duration = Duration::from_micros(115);
+/// Longest request with all stuff bits, µs at 1 Mbit/s.
+const GUARD_US: u32 = 115;
 
 /// What one drive is still to be asked in this cycle.
 #[derive(Clone, Copy, Debug, Default)]
@@ -43,8 +43,8 @@ pub struct Agenda {
     first: u8,
     /// Place of the motion that has a slot.
     motion: u8,
-    /// It is not sent before.
-    slot: Instant,
+    /// It is not sent before this time of the cycle, µs.
+    slot_us: u32,
 }
 
 impl Agenda {
@@ -55,7 +55,7 @@ impl Agenda {
         len: 0,
         first: 0,
         motion: AGENDA_MAX as u8,
-        slot: Instant::ZERO,
+        slot_us: 0,
     };
 
     /// These, in order; more than [`AGENDA_MAX`] are cut off.
@@ -84,15 +84,15 @@ impl Agenda {
     }
 
     /// Gives the motion at the end of this agenda its slot. A drive with two writes begins before those with one.
-    pub const fn hold_motion(&mut self, slot: Instant) {
-        self.slot = slot;
+    pub const fn hold_motion(&mut self, slot_us: u32) {
+        self.slot_us = slot_us;
         self.motion = self.len.saturating_sub(1);
         self.first = if self.len > 2 { 0 } else { 1 };
     }
 
-    /// The slot of the next request, if it has one.
-    fn slot(&self) -> Option<Instant> {
-        (self.next == self.motion && !self.is_done()).then_some(self.slot)
+    /// The slot of the next request, if it has one, µs from the start of the cycle.
+    fn slot_us(&self) -> Option<u32> {
+        (self.next == self.motion && !self.is_done()).then_some(self.slot_us)
     }
 
     /// True if nothing is left to be sent.
@@ -143,10 +143,12 @@ pub struct Schedule {
     agenda: PerJoint<Agenda>,
     /// Who is looked at first.
     order: Order,
-    /// Before this no slot of the cycle is near.
-    slots_from: Instant,
-    /// Guests wait until then.
-    guests_from: Instant,
+    /// Start of the cycle; slots count from here.
+    cycle_at: Instant,
+    /// Before this no slot of the cycle is near, µs.
+    first_us: u32,
+    /// Guests wait until then, µs.
+    guests_us: u32,
 }
 
 impl Default for Schedule {
@@ -154,8 +156,9 @@ impl Default for Schedule {
         Self {
             agenda: PerJoint::default(),
             order: Order::BASE_FIRST,
-            slots_from: Instant::ZERO,
-            guests_from: Instant::ZERO,
+            cycle_at: Instant::ZERO,
+            first_us: 0,
+            guests_us: 0,
         }
     }
 }
@@ -198,21 +201,28 @@ impl Schedule {
         self.agenda.at_mut(joint).push(request)
     }
 
-    /// Begins a cycle whose first slot comes at `first`; guests wait until `guests_from`.
-    pub fn begin_cycle(&mut self, first: Instant, guests_from: Instant) {
-        (self.slots_from, self.guests_from) = (first.saturating_sub(GUARD), guests_from);
+    /// Begins a cycle at `cycle_at`: its first slot comes `first` later, and guests wait for `guests`.
+    pub fn begin_cycle(&mut self, cycle_at: Instant, first: Duration, guests: Duration) {
+        self.cycle_at = cycle_at;
+        self.first_us = micros(first).saturating_sub(GUARD_US);
+        self.guests_us = micros(guests);
     }
 
-    /// Gives the motion on a drive's agenda its slot.
-    pub fn hold_motion(&mut self, joint: JointIndex, slot: Instant) {
-        self.agenda.at_mut(joint).hold_motion(slot);
+    /// Gives the motion on a drive's agenda its slot in the cycle.
+    pub fn hold_motion(&mut self, joint: JointIndex, slot: Duration) {
+        self.agenda.at_mut(joint).hold_motion(micros(slot));
     }
 
-    /// When the next request of a drive may go out.
-    fn opens(&self, agenda: &Agenda) -> Instant {
+    /// Time of the cycle, µs.
+    fn since_us(&self, now: Instant) -> u32 {
+        micros(now.saturating_since(self.cycle_at))
+    }
+
+    /// When the next request of a drive may go out, µs from the start of the cycle.
+    fn opens_us(&self, agenda: &Agenda) -> u32 {
         match agenda.head() {
-            Some(Request::Get(_)) => self.guests_from,
-            _ => agenda.slot().unwrap_or(Instant::ZERO),
+            Some(Request::Get(_)) => self.guests_us,
+            _ => agenda.slot_us().unwrap_or(0),
         }
     }
 
@@ -224,7 +234,8 @@ impl Schedule {
         drives: &PerJoint<Drive>,
     ) -> Round {
         let mut round = Round { level: u8::MAX, index: 0, count: 0, busy: 0, clear_for_motion: false };
-        let near = self.slots_from <= now;
+        let since_us = self.since_us(now);
+        let near = self.first_us <= since_us;
         for joint in joints {
             round.count += 1;
             if drives.at(joint).is_asked() {
@@ -236,11 +247,11 @@ impl Schedule {
                 continue;
             }
             round.level = round.level.min(agenda.level());
-            if near && let Some(slot) = agenda.slot() {
-                if slot <= now {
+            if near && let Some(slot_us) = agenda.slot_us() {
+                if slot_us <= since_us {
                     round.level = 0;
                 } else {
-                    round.clear_for_motion |= slot < now + GUARD;
+                    round.clear_for_motion |= slot_us < since_us.saturating_add(GUARD_US);
                 }
             }
         }
@@ -259,6 +270,7 @@ impl Schedule {
         drives: &PerJoint<Drive>,
         in_flight_max: usize,
     ) -> Option<Next> {
+        let since_us = self.since_us(now);
         while round.level <= AGENDA_MAX as u8 && round.busy < in_flight_max {
             while round.index < round.count {
                 let Ok(place) = JointIndex::new(round.index) else { break };
@@ -270,7 +282,7 @@ impl Schedule {
                     continue;
                 }
                 let its_turn = match round.level {
-                    0 => agenda.slot().is_some_and(|slot| slot <= now),
+                    0 => agenda.slot_us().is_some_and(|slot_us| slot_us <= since_us),
                     level => agenda.level() == level,
                 };
                 if !its_turn {
@@ -278,11 +290,11 @@ impl Schedule {
                 }
                 let Some(wanted) = agenda.head().copied() else { continue };
                 let request = if drive.can_send(Lane::Main, &wanted, now) {
-                    let waits = match agenda.slot() {
-                        Some(slot) => now < slot,
+                    let waits = match agenda.slot_us() {
+                        Some(slot_us) => since_us < slot_us,
                         None => {
                             let is_guest = matches!(wanted, Request::Get(_));
-                            round.clear_for_motion || (is_guest && now < self.guests_from)
+                            round.clear_for_motion || (is_guest && since_us < self.guests_us)
                         }
                     };
                     if waits {
@@ -310,19 +322,26 @@ impl Schedule {
         joints: impl Iterator<Item = JointIndex>,
         drives: &PerJoint<Drive>,
     ) -> Option<Instant> {
+        let since_us = self.since_us(now);
         let mut earliest: Option<Instant> = None;
         for joint in joints {
             let (agenda, drive) = (self.agenda.at(joint), drives.at(joint));
             if agenda.is_done() || drive.is_asked() {
                 continue;
             }
-            let opens = Some(self.opens(agenda)).filter(|opens| *opens > now);
+            let opens_us = self.opens_us(agenda);
+            let opens = (opens_us > since_us).then(|| self.cycle_at + Duration::from_micros(opens_us.into()));
             for wake_up in [opens, drive.barred_until(now)].into_iter().flatten() {
                 earliest = Some(earliest.map_or(wake_up, |other| other.min(wake_up)));
             }
         }
         earliest
     }
+}
+
+/// Microseconds; 71 minutes and more count as 71 minutes.
+fn micros(span: Duration) -> u32 {
+    u32::try_from(span.as_micros()).unwrap_or(u32::MAX)
 }
 
 /// A read that makes the key of the wanted request free by being answered.
@@ -408,7 +427,7 @@ mod tests {
         let (mut schedule, mut drives) = (Schedule::default(), PerJoint::<Drive>::default());
         let joint = JointIndex::new(0).unwrap();
         schedule.set(joint, Agenda::of(&[set_a(), motion()]));
-        schedule.hold_motion(joint, Instant::from_micros(1_000));
+        schedule.hold_motion(joint, Duration::from_micros(1_000));
         assert_eq!(ask(&mut schedule, &mut drives, 0), [(0, set_a())]);
         acknowledge(&mut drives, 0, Parameter::TargetAcc, 400);
         assert_eq!(ask(&mut schedule, &mut drives, 999), []);
@@ -427,7 +446,7 @@ mod tests {
             let both = joint.get() == 3;
             let agenda = if both { vec![set_v(), set_a(), motion()] } else { vec![set_a(), motion()] };
             schedule.set(joint, Agenda::of(&agenda));
-            schedule.hold_motion(joint, Instant::from_micros(1_000));
+            schedule.hold_motion(joint, Duration::from_micros(1_000));
         }
         let first: Vec<usize> = ask(&mut schedule, &mut drives, 0).iter().map(|(joint, _)| *joint).collect();
         assert_eq!(first, [3, 0, 1, 2]);
@@ -439,9 +458,9 @@ mod tests {
     fn nothing_but_a_motion_goes_out_just_before_a_slot_and_guests_wait_for_theirs() {
         let (mut schedule, mut drives) = (Schedule::default(), PerJoint::<Drive>::default());
         let [first, second] = [0, 1].map(|joint| JointIndex::new(joint).unwrap());
-        schedule.begin_cycle(Instant::from_micros(1_000), Instant::from_micros(2_000));
+        schedule.begin_cycle(Instant::ZERO, Duration::from_micros(1_000), Duration::from_micros(2_000));
         schedule.set(first, Agenda::of(&[motion()]));
-        schedule.hold_motion(first, Instant::from_micros(1_000));
+        schedule.hold_motion(first, Duration::from_micros(1_000));
         schedule.set(second, Agenda::of(&[set_a()]));
         assert_eq!(ask(&mut schedule, &mut drives, 900), []);
         assert_eq!(ask(&mut schedule, &mut drives, 1_000), [(0, motion()), (1, set_a())]);
