@@ -54,6 +54,8 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     }
 
     /// A position: what it says about its joint, and what has been in force since.
+    // Calls of their own, here and below: in one piece with the loop every event would pay for the registers of all of them.
+    #[inline(never)]
     fn analyse(&mut self, now: Instant, measured: &Measured) {
         let Measured { joint, sample, in_force, trouble } = *measured;
         let tracker = self.trackers.at_mut(joint);
@@ -83,6 +85,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         }
     }
 
+    #[inline(never)]
     fn analyse_missed(&mut self, now: Instant, joint: JointIndex, in_row: u32) {
         self.counters.replies_missed = self.counters.replies_missed.saturating_add(1);
         self.trackers.at_mut(joint).set_missed(true);
@@ -111,6 +114,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     }
 
     /// A period begins: what the state does with it.
+    #[inline(never)]
     fn period(&mut self, now: Instant, overrun: bool) {
         match *self.machine.state() {
             State::Boot => {}

@@ -37,6 +37,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     }
 
     /// Stop or fault with a chosen reaction.
+    #[inline(never)]
     pub(super) fn react(&mut self, now: Instant, fault: Fault, reaction: Reaction) {
         self.gripper.cancel();
         self.group.cancel_gripper();

@@ -23,6 +23,7 @@ use super::{Identity, NODE_NAME, UNSET};
 use crate::authority::{CHALLENGE_VALID, KEY_LEN, Key, Peer, Seed, Source};
 use crate::controller::Controller;
 use crate::fault::Cause;
+use crate::group::DriveGroup;
 use crate::orders::Done;
 use crate::registers::{self, Kind, Number, Writable};
 use crate::spline::Spline;
@@ -49,8 +50,8 @@ fn ms(span: Duration) -> u16 {
 }
 
 /// The application behind the node.
-pub(super) struct App<S, M> {
-    pub(super) controller: Controller<S, M>,
+pub(super) struct App<S, M, G> {
+    pub(super) controller: Controller<S, M, G>,
     identity: Identity,
     pub(super) ports: [Port; 2],
     pub(super) subjects: [SubjectId; 2],
@@ -59,7 +60,7 @@ pub(super) struct App<S, M> {
     pub(super) complete: bool,
 }
 
-impl<S: Storage, M: BorrowMut<Spline>> App<S, M> {
+impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> App<S, M, G> {
     #[inline(never)]
     pub(super) fn asleep(storage: S, spline: M, identity: Identity, seed: Seed) -> Self {
         Self {
@@ -101,7 +102,7 @@ impl<S: Storage, M: BorrowMut<Spline>> App<S, M> {
     }
 }
 
-impl<S: Storage, M: BorrowMut<Spline>> Application for App<S, M> {
+impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Application for App<S, M, G> {
     fn info(&self) -> NodeInfo<'_> {
         let version = |(major, minor)| Version { major, minor };
         NodeInfo {

@@ -8,6 +8,7 @@ use protocol::cyphal::cubecell::history::{FrozenHead, FrozenJoint, TraceEntry, T
 
 use crate::controller::Controller;
 use crate::fault::Fault;
+use crate::group::DriveGroup;
 use crate::spline::Spline;
 use crate::store::Storage;
 use crate::trace::{Event, TRACE_LEN};
@@ -52,8 +53,8 @@ fn joint_number(joint: Option<JointIndex>) -> u8 {
 }
 
 /// Reads the freeze frame; returns the bytes filled.
-pub(super) fn read_freeze<S: Storage, M: BorrowMut<Spline>>(
-    controller: &Controller<S, M>,
+pub(super) fn read_freeze<S: Storage, M: BorrowMut<Spline>, G: DriveGroup>(
+    controller: &Controller<S, M, G>,
     offset: usize,
     out: &mut [u8],
 ) -> usize {
@@ -89,8 +90,8 @@ pub(super) fn read_freeze<S: Storage, M: BorrowMut<Spline>>(
 }
 
 /// Reads the trace; returns the bytes filled.
-pub(super) fn read_trace<S: Storage, M: BorrowMut<Spline>>(
-    controller: &Controller<S, M>,
+pub(super) fn read_trace<S: Storage, M: BorrowMut<Spline>, G: DriveGroup>(
+    controller: &Controller<S, M, G>,
     offset: usize,
     out: &mut [u8],
 ) -> usize {

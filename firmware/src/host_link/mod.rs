@@ -1,9 +1,19 @@
-//! The controller with its host link: one [`Node`] that speaks PowerCube on 11-bit ids and Cyphal on 29-bit ids.
+//! The controller with its host link: Cyphal/CAN beside the drives.
 //!
 //! Only translation lives here: `app` answers what the node is asked for, `messages` turns commands into [`Order`]s,
 //! register values into numbers and samples into messages, `history` freeze frame and trace into files; this file keeps the
-//! pace. The numbers, parameters and
-//! messages are those of [`protocol::cyphal::cubecell`].
+//! pace. The numbers, parameters and messages are those of [`protocol::cyphal::cubecell`].
+//!
+//! # Two ports
+//!
+//! Drives and host link are two [`Port`]s. A board chooses:
+//!
+//! | wiring | how |
+//! |---|---|
+//! | one CAN bus for both (the default) | the node is a [`Node`]; 11-bit ids are the drives', 29-bit ids the host's ([`Port::on_one_bus`]) |
+//! | a bus for each | [`HostBus::Own`]; the runner names the port with each call: [`ControllerNode::handle_host_frame`], [`ControllerNode::handle_packet`], [`ControllerNode::poll_host_frame`], [`ControllerNode::poll_packet`] |
+//! | drives that do not speak CAN | the same; packets are those of the group |
+//! | no host link | [`Controller`] itself, with orders given in the process |
 //!
 //! # Who is the host
 //!
@@ -14,7 +24,7 @@
 //!
 //! # Pace
 //!
-//! The drives come first. While a control cycle runs, Cyphal frames go out in what is left of it after the last
+//! On one bus the drives come first. While a control cycle runs, Cyphal frames go out in what is left of it after the last
 //! motion's answer, or one per two cycles if nothing is left. At rest they keep a distance, so that a long answer never
 //! fills a transmit queue before a halt. A stop that is received is acted on at once and needs no frame of this node.
 //! A call that makes a control step makes nothing else: samples are taken in the next call.
@@ -37,7 +47,8 @@ use self::messages::group_message;
 use crate::authority::{Peer, Seed};
 use crate::controller::Controller;
 use crate::fault::Refusal;
-use crate::groups::powercube::nominal_bits;
+use crate::group::DriveGroup;
+use crate::groups::powercube::{PowerCubes, nominal_bits};
 use crate::orders::{Done, Order};
 use crate::settings::Settings;
 use crate::spline::Spline;
@@ -62,10 +73,36 @@ pub struct Identity {
     pub hardware: (u8, u8),
 }
 
+/// Where a frame comes from, or goes to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Port {
+    /// The drives.
+    Drives,
+    /// The host link.
+    Host,
+}
+
+impl Port {
+    /// The port of a frame where both share a bus: drives have 11-bit ids, Cyphal has 29-bit ids.
+    pub const fn on_one_bus(frame: &Frame) -> Self {
+        if frame.is_extended() { Self::Host } else { Self::Drives }
+    }
+}
+
+/// Whose the bus of the host link is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum HostBus {
+    /// The drives' too: host frames wait for the drives, and count to the load of their bus.
+    #[default]
+    Shared,
+    /// Its own.
+    Own,
+}
+
 /// Controller and host link.
-pub struct ControllerNode<S, M = Spline> {
+pub struct ControllerNode<S, M = Spline, G = PowerCubes> {
     link: ControllerCore,
-    app: App<S, M>,
+    app: App<S, M, G>,
     group_state: Publication,
     joint_state: Publication,
     last_state: Option<StateKind>,
@@ -76,6 +113,7 @@ pub struct ControllerNode<S, M = Spline> {
     /// When the last Cyphal frame was handed out.
     last_frame: Instant,
     held: Option<Frame>,
+    host_bus: HostBus,
     /// A control step was made in the last call: what is not urgent comes with the next one, at the latest then.
     later: Option<Instant>,
     now: Instant,
@@ -96,7 +134,7 @@ impl<S: Storage> ControllerNode<S> {
     }
 }
 
-impl<S: Storage, M: BorrowMut<Spline>> ControllerNode<S, M> {
+impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> ControllerNode<S, M, G> {
     /// Node that starts at `now`; see [`Controller::with_spline`]. Node-ID and subjects are those of the settings.
     pub fn with_spline(
         now: Instant,
@@ -128,6 +166,7 @@ impl<S: Storage, M: BorrowMut<Spline>> ControllerNode<S, M> {
             last_at: now,
             last_frame: now,
             held: None,
+            host_bus: HostBus::Shared,
             later: None,
             now,
             link: link(now),
@@ -149,8 +188,13 @@ impl<S: Storage, M: BorrowMut<Spline>> ControllerNode<S, M> {
         self.link.set_address(NodeId::from_low_bits(node_id as u8));
     }
 
+    /// Says whose the bus of the host link is.
+    pub const fn set_host_bus(&mut self, host_bus: HostBus) {
+        self.host_bus = host_bus;
+    }
+
     /// The controller behind the link.
-    pub const fn controller(&self) -> &Controller<S, M> {
+    pub const fn controller(&self) -> &Controller<S, M, G> {
         &self.app.controller
     }
 
@@ -238,11 +282,15 @@ impl<S: Storage, M: BorrowMut<Spline>> ControllerNode<S, M> {
 
     /// When a Cyphal frame may be handed out.
     fn may_send_at(&self) -> Instant {
-        let settings = self.app.controller.settings();
-        if self.app.controller.is_keeping_time() && !self.app.controller.is_cycle_done() {
-            self.last_frame + settings.cycle_period() * 2
-        } else {
-            self.last_frame + SPACING
+        let controller = &self.app.controller;
+        let waits =
+            self.host_bus == HostBus::Shared && controller.is_keeping_time() && !controller.is_cycle_done();
+        self.last_frame + if waits { controller.settings().cycle_period() * 2 } else { SPACING }
+    }
+
+    fn count(&mut self, frame: &Frame) {
+        if self.host_bus == HostBus::Shared {
+            self.app.controller.count_foreign(nominal_bits(frame));
         }
     }
 
@@ -251,25 +299,33 @@ impl<S: Storage, M: BorrowMut<Spline>> ControllerNode<S, M> {
             self.held = self.link.poll_frame();
         }
     }
-}
 
-impl<S: Storage, M: BorrowMut<Spline>> Node for ControllerNode<S, M> {
-    fn handle_frame(&mut self, now: Instant, frame: &Frame) {
+    /// A frame of the host's port.
+    pub fn handle_host_frame(&mut self, now: Instant, frame: &Frame) {
         self.now = now;
-        if frame.is_extended() {
-            self.app.controller.count_foreign(nominal_bits(frame));
-            self.link.handle_frame(now, frame, &mut self.app);
-        } else {
-            self.app.controller.handle_frame(now, frame);
-        }
+        self.count(frame);
+        self.link.handle_frame(now, frame, &mut self.app);
         self.after_the_drives(now);
     }
 
-    fn handle_timeout(&mut self, now: Instant) {
+    /// A packet of the drives' port. One that makes a control step makes nothing else.
+    pub fn handle_packet(&mut self, now: Instant, packet: &G::Packet) {
+        self.now = now;
+        let cycles = self.app.controller.cycles();
+        self.app.controller.handle_packet(now, packet);
+        self.after_a_call(now, cycles);
+    }
+
+    /// A deadline of [`Self::poll_deadline`] has come. One that makes a control step makes nothing else.
+    pub fn handle_deadline(&mut self, now: Instant) {
         self.now = now;
         let cycles = self.app.controller.cycles();
         // Harmless where nothing is due, and cheaper than the question.
-        self.app.controller.handle_timeout(now);
+        self.app.controller.handle_deadline(now);
+        self.after_a_call(now, cycles);
+    }
+
+    fn after_a_call(&mut self, now: Instant, cycles: u32) {
         if self.app.controller.cycles() == cycles {
             self.after_the_drives(now);
         } else {
@@ -277,24 +333,50 @@ impl<S: Storage, M: BorrowMut<Spline>> Node for ControllerNode<S, M> {
         }
     }
 
-    fn poll_frame(&mut self) -> Option<Frame> {
-        if let Some(frame) = self.app.controller.poll_frame() {
-            return Some(frame);
-        }
+    /// Next packet for the drives' port.
+    pub fn poll_packet(&mut self) -> Option<G::Packet> {
+        self.app.controller.poll_packet()
+    }
+
+    /// Next frame for the host's port. On a shared bus it comes after [`Self::poll_packet`] has returned `None`.
+    pub fn poll_host_frame(&mut self) -> Option<Frame> {
         self.refill();
         if self.may_send_at() > self.now {
             return None;
         }
         let frame = self.held.take()?;
         self.last_frame = self.now;
-        self.app.controller.count_foreign(nominal_bits(&frame));
+        self.count(&frame);
         self.refill();
         Some(frame)
     }
 
-    fn poll_timeout(&self) -> Option<Instant> {
+    /// Next deadline of both ports.
+    pub fn poll_deadline(&self) -> Option<Instant> {
         let paced = self.held.is_some().then(|| self.may_send_at()).filter(|at| *at > self.now);
         let link = self.later.unwrap_or_else(|| self.link.poll_timeout());
-        self.app.controller.poll_timeout().into_iter().chain([link]).chain(paced).min()
+        self.app.controller.poll_deadline().into_iter().chain([link]).chain(paced).min()
+    }
+}
+
+/// Both ports on one CAN bus.
+impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup<Packet = Frame>> Node for ControllerNode<S, M, G> {
+    fn handle_frame(&mut self, now: Instant, frame: &Frame) {
+        match Port::on_one_bus(frame) {
+            Port::Host => self.handle_host_frame(now, frame),
+            Port::Drives => self.handle_packet(now, frame),
+        }
+    }
+
+    fn handle_timeout(&mut self, now: Instant) {
+        self.handle_deadline(now);
+    }
+
+    fn poll_frame(&mut self) -> Option<Frame> {
+        self.poll_packet().or_else(|| self.poll_host_frame())
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        self.poll_deadline()
     }
 }

@@ -148,6 +148,7 @@ impl Cycle {
 impl PowerCubes {
     /// Begins the period that is due. Work that a fault in this call must be able to drop comes before the event, work that
     /// must not follow a fault comes in [`Self::end_period`].
+    #[inline(never)]
     pub(super) fn begin_period(&mut self, now: Instant, settings: &Settings) {
         if self.cycle.due > now {
             return;

@@ -88,6 +88,7 @@ impl PowerCubes {
     }
 
     /// Gives up the next request whose reply did not come in time; false if there is none.
+    #[inline(never)]
     pub(super) fn give_up_next(&mut self, now: Instant, settings: &Settings) -> bool {
         let due = settings.joints().find_map(|joint| {
             let (lane, request) = self.drives.at_mut(joint).give_up_due(now)?;

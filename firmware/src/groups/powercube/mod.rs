@@ -231,6 +231,7 @@ impl DriveGroup for PowerCubes {
         self.turn = Turn::Answers;
     }
 
+    #[inline(never)]
     fn poll_event(&mut self, now: Instant, settings: &Settings) -> Option<GroupEvent> {
         loop {
             if let Some(event) = self.events.pop_front() {
