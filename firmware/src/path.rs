@@ -10,7 +10,7 @@
 //!
 //! An empty intersection, or one in which the path cannot be slowed, means that the path cannot be kept.
 
-use protocol::{Instant, JointIndex};
+use protocol::{Duration, Instant, JointIndex};
 
 use crate::joints::clamp;
 use crate::span;
@@ -87,8 +87,25 @@ impl PathClock {
         }
     }
 
-    /// Reference of a joint at a time.
+    /// Reference of a joint at a time, and its velocity a period later.
     #[inline]
+    pub fn interval(
+        &self,
+        spline: &mut Spline,
+        joint: JointIndex,
+        from: Instant,
+        period: Duration,
+    ) -> (Setpoint, f32) {
+        if self.runs_freely() {
+            let (s_us, _) = self.at(from);
+            let to_us = s_us.saturating_add(period.as_micros() as i64);
+            return (spline.at(joint, s_us), spline.at(joint, to_us).qd_rad_s);
+        }
+        let to = self.reference(spline, joint, from + period);
+        (self.reference(spline, joint, from), to.qd_rad_s)
+    }
+
+    /// Reference of a joint at a time.
     pub fn reference(&self, spline: &mut Spline, joint: JointIndex, t: Instant) -> Setpoint {
         let (s_us, _) = self.at(t);
         self.in_time(t, spline.at(joint, s_us))

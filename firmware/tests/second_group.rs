@@ -136,8 +136,8 @@ impl DriveGroup for Robots {
         (self.last_number, self.unanswered) = (Some(number), Some(number));
         (self.homed, self.halted, self.missed_in_row) = (homed, halted, 0);
         (self.at, self.due) = (now, now + WINDOW);
-        for i in 0..AXES {
-            let sample = PositionSample { q_rad: q_rad[i], at: now };
+        for (i, q_rad) in q_rad.into_iter().enumerate() {
+            let sample = PositionSample { q_rad, at: now };
             self.sample[i] = Some(sample);
             self.rest[i].take(sample);
             let in_force = (self.mode == Mode::Tracking).then_some(InForce { u_rad_s2: 0.0, in_time: true });

@@ -180,8 +180,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         let (mut any_saturated, mut near_limit) = (false, None);
         for joint in self.settings.joints() {
             let acts_at = self.group.acts_at(joint);
-            let from_at = acts_at + profile.lag;
-            let reference = [from_at, from_at + profile.period].map(|t| clock.reference(spline, joint, t));
+            let reference = clock.interval(spline, joint, acts_at + profile.lag, profile.period);
             let (tracker, limits) = (self.trackers.at_mut(joint), self.settings.joint.at(joint));
             let set_point = tracker.decide(&profile, period_s, limits, acts_at, reference);
             let taken = self.group.set_point(&self.settings, joint, &set_point);

@@ -63,8 +63,8 @@ impl Tracker {
         (self.qd_rad_s(), dt_s)
     }
 
-    /// Decides what the joint shall do from `acts_at` on; `from` and `to` are the reference at the beginning and the end of
-    /// that period.
+    /// Decides what the joint shall do from `acts_at` on, with the reference at the beginning of that period and its velocity
+    /// at the end.
     #[inline]
     pub(super) fn decide(
         &mut self,
@@ -72,14 +72,14 @@ impl Tracker {
         period_s: f32,
         limits: &JointSettings,
         acts_at: Instant,
-        [from, to]: [Setpoint; 2],
+        (from, qd_to_rad_s): (Setpoint, f32),
     ) -> SetPoint {
         if !self.fresh {
             self.estimator.predict(period_s, self.u_in_force_rad_s2);
             self.measured_at += profile.period;
         }
         (self.fresh, self.missed) = (false, false);
-        let qdd_reference_rad_s2 = feedback::mean_acceleration(from.qd_rad_s, to.qd_rad_s, period_s);
+        let qdd_reference_rad_s2 = feedback::mean_acceleration(from.qd_rad_s, qd_to_rad_s, period_s);
         let reference = SetPoint {
             acts_at,
             period_s,

@@ -409,7 +409,7 @@ impl PowerCubes {
 
     pub(super) fn send_watchdog(&mut self, now: Instant, settings: &Settings) {
         self.watchdog_due = Some(now + Duration::from_micros(settings.watchdog_refresh_us.into()));
-        self.send(Broadcast::Watchdog.encode());
+        self.send(&Broadcast::Watchdog.encode());
     }
 
     /// Clears errors and halts of all drives; nothing moves by it. What was read before is void.
@@ -418,6 +418,6 @@ impl PowerCubes {
         for joint in settings.joints() {
             self.drives.at_mut(joint).loaded = ramp::Loaded::default();
         }
-        self.send(Broadcast::Reset.encode());
+        self.send(&Broadcast::Reset.encode());
     }
 }

@@ -22,7 +22,7 @@
 use protocol::powercube::{
     Channel, Command, Config, CubeState, Dio, FirmwareVersion, MotionAck, Reply, Request, ShortState,
 };
-use protocol::{Duration, Frame, Instant, ModuleId};
+use protocol::{Duration, Instant};
 
 use crate::group::PositionSample;
 use crate::groups::powercube::ramp::Loaded;
@@ -201,17 +201,11 @@ impl Drive {
         quarantines.chain(repeated).filter(|&until| until > now).min()
     }
 
-    /// Notes a request as sent and gives its frame.
-    pub fn begin(
-        &mut self,
-        now: Instant,
-        lane: Lane,
-        module: ModuleId,
-        request: Request,
-        deadline: Instant,
-    ) -> Frame {
+    /// Notes a request as sent.
+    pub fn begin(&mut self, now: Instant, lane: Lane, request: &Request, deadline: Instant) {
         self.number = self.number.wrapping_add(1);
-        let pending = Pending { key: Key::of_request(&request), request, number: self.number, deadline };
+        let key = Key::of_request(request);
+        let pending = Pending { key, request: *request, number: self.number, deadline };
         match lane {
             Lane::Main => {
                 self.main = Some(pending);
@@ -219,7 +213,6 @@ impl Drive {
             }
             Lane::Side => self.side = Some(pending),
         }
-        request.encode(module)
     }
 
     /// Finds the request that a reply answers.
@@ -345,10 +338,6 @@ mod tests {
 
     const US: fn(u64) -> Instant = Instant::from_micros;
 
-    fn module() -> ModuleId {
-        ModuleId::new(3).unwrap()
-    }
-
     fn ramp() -> Request {
         Request::Move(Motion::extended(MotionCommand::Ramp { target: Radians::new(1.0) }))
     }
@@ -373,15 +362,15 @@ mod tests {
     #[test]
     fn late_reply_to_a_motion_is_not_taken_for_the_next_motions() {
         let mut drive = Drive::default();
-        drive.begin(Instant::ZERO, Lane::Main, module(), ramp(), US(2_000));
+        drive.begin(Instant::ZERO, Lane::Main, &ramp(), US(2_000));
         assert_eq!(drive.give_up_due(US(2_000)), Some((Lane::Main, ramp())));
         assert!(!drive.can_send(Lane::Main, &ramp(), US(3_000)), "barred");
         assert!(drive.can_send(Lane::Main, &set_a(), US(3_000)));
-        drive.begin(Instant::ZERO, Lane::Main, module(), set_a(), US(5_000));
+        drive.begin(Instant::ZERO, Lane::Main, &set_a(), US(5_000));
         // The late one comes now, while the write is on its way.
         assert_eq!(drive.match_reply(US(3_100), &ramp_reply(0.1)), Matched::Late);
         assert_eq!(drive.match_reply(US(3_200), &ack_a()), Matched::Answer(Lane::Main, set_a()));
-        drive.begin(Instant::ZERO, Lane::Main, module(), ramp(), US(7_000));
+        drive.begin(Instant::ZERO, Lane::Main, &ramp(), US(7_000));
         assert_eq!(drive.match_reply(US(5_000), &ramp_reply(0.2)), Matched::Answer(Lane::Main, ramp()));
         assert_eq!(drive.counters, ReplyCounters { missed: 1, late: 1, ..ReplyCounters::default() });
     }
@@ -389,9 +378,9 @@ mod tests {
     #[test]
     fn answer_to_a_later_request_lifts_the_bar_because_drives_answer_in_order() {
         let mut drive = Drive::default();
-        drive.begin(Instant::ZERO, Lane::Main, module(), ramp(), US(2_000));
+        drive.begin(Instant::ZERO, Lane::Main, &ramp(), US(2_000));
         drive.give_up_due(US(2_000));
-        drive.begin(Instant::ZERO, Lane::Main, module(), set_a(), US(5_000));
+        drive.begin(Instant::ZERO, Lane::Main, &set_a(), US(5_000));
         assert!(matches!(drive.match_reply(US(3_200), &ack_a()), Matched::Answer(..)));
         assert!(drive.can_send(Lane::Main, &ramp(), US(3_200)), "the lost reply cannot come any more");
     }
@@ -399,7 +388,7 @@ mod tests {
     #[test]
     fn repeated_frame_is_nobodys_and_its_key_waits() {
         let mut drive = Drive::default();
-        drive.begin(Instant::ZERO, Lane::Main, module(), ramp(), US(2_000));
+        drive.begin(Instant::ZERO, Lane::Main, &ramp(), US(2_000));
         assert!(matches!(drive.match_reply(US(400), &ramp_reply(0.1)), Matched::Answer(..)));
         assert!(!drive.can_send(Lane::Main, &ramp(), US(500)));
         assert_eq!(drive.match_reply(US(520), &ramp_reply(0.1)), Matched::Unasked);
@@ -414,13 +403,7 @@ mod tests {
         let keys = [Parameter::CubeState, Parameter::PosStateDio, Parameter::Cur, Parameter::ActPos];
         for parameter in keys {
             assert!(drive.can_send(Lane::Main, &Request::Get(parameter), now));
-            drive.begin(
-                Instant::ZERO,
-                Lane::Main,
-                module(),
-                Request::Get(parameter),
-                now + Duration::from_millis(2),
-            );
+            drive.begin(Instant::ZERO, Lane::Main, &Request::Get(parameter), now + Duration::from_millis(2));
             now += Duration::from_millis(2);
             assert!(drive.give_up_due(now).is_some());
         }
@@ -433,7 +416,7 @@ mod tests {
     fn write_without_answer_leaves_the_register_unknown() {
         let mut drive =
             Drive { loaded: Loaded { v_rad_s: Some(1.0), a_rad_s2: Some(1.0) }, ..Drive::default() };
-        drive.begin(Instant::ZERO, Lane::Main, module(), set_a(), US(2_000));
+        drive.begin(Instant::ZERO, Lane::Main, &set_a(), US(2_000));
         drive.give_up_due(US(2_000));
         assert_eq!(drive.loaded, Loaded { v_rad_s: Some(1.0), a_rad_s2: None });
     }
@@ -442,9 +425,9 @@ mod tests {
     fn gripper_write_may_overtake_without_confusing_the_main_lane() {
         let mut drive = Drive::default();
         let grip = Request::Set(Parameter::DioData, Value::U32(0x10));
-        drive.begin(Instant::ZERO, Lane::Main, module(), ramp(), US(2_000));
+        drive.begin(Instant::ZERO, Lane::Main, &ramp(), US(2_000));
         assert!(drive.can_send(Lane::Side, &grip, US(10)) && !drive.can_send(Lane::Main, &grip, US(10)));
-        drive.begin(Instant::ZERO, Lane::Side, module(), grip, US(2_000));
+        drive.begin(Instant::ZERO, Lane::Side, &grip, US(2_000));
         let ack = Reply::SetAck { parameter: Parameter::DioData, code: Some(0x64) };
         assert_eq!(drive.match_reply(US(300), &ramp_reply(0.0)), Matched::Answer(Lane::Main, ramp()));
         assert_eq!(drive.match_reply(US(400), &ack), Matched::Answer(Lane::Side, grip));
@@ -467,7 +450,7 @@ mod tests {
                 let request = [ramp(), set_a(), Request::Get(Parameter::PosStateDio)][usize::from(choice)];
                 if drive.can_send(Lane::Main, &request, US(now)) {
                     number += 1;
-                    drive.begin(Instant::ZERO, Lane::Main, module(), request, US(now + 2_000));
+                    drive.begin(Instant::ZERO, Lane::Main, &request, US(now + 2_000));
                     current = Some((choice, number));
                     if luck != 0 {
                         let earliest = wire.last().map_or(0, |reply| reply.0 + 100);

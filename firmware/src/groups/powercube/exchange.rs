@@ -27,11 +27,11 @@ impl PowerCubes {
         let mut round = self.schedule.round(now, settings.joints(), &self.drives);
         // Each turn puts one more drive in flight, so it ends after at most `joints` turns.
         while let Some(next) = self.schedule.next(&mut round, now, &self.drives, window) {
-            self.ask(now, settings, next.joint, Lane::Main, next.request);
+            self.ask(now, settings, next.joint, Lane::Main, &next.request);
         }
     }
 
-    fn ask(&mut self, now: Instant, settings: &Settings, joint: JointIndex, lane: Lane, request: Request) {
+    fn ask(&mut self, now: Instant, settings: &Settings, joint: JointIndex, lane: Lane, request: &Request) {
         // The one place where motion leaves: a mode that must not move cannot make it.
         if matches!(request, Request::Move(_)) {
             if !self.mode.may_move() {
@@ -42,9 +42,8 @@ impl PowerCubes {
             axis.sent = Sent { cycle_at: self.cycle.at, ..axis.planned };
         }
         let deadline = now + self.reply_deadline(settings);
-        let module = settings.joint.at(joint).module();
-        let frame = self.drives.at_mut(joint).begin(now, lane, module, request, deadline);
-        self.send(frame);
+        self.drives.at_mut(joint).begin(now, lane, request, deadline);
+        self.send(&request.encode(settings.joint.at(joint).module()));
     }
 
     /// How long an answer may take: what the cycle allows where a drive is led by the cycle; else what a bus and a
@@ -65,14 +64,14 @@ impl PowerCubes {
             // A module that is no joint: nobody waits for its answer.
             self.gripper_write = None;
             if let Some(module) = u8::try_from(address).ok().and_then(|a| ModuleId::new(a).ok()) {
-                self.send(gripper_request(open, Dio(0), settings).encode(module));
+                self.send(&gripper_request(open, Dio(0), settings).encode(module));
             }
             return;
         };
         let request = gripper_request(open, self.drives.at(joint).dio, settings);
         if self.drives.at(joint).can_send(Lane::Side, &request, now) {
             self.gripper_write = None;
-            self.ask(now, settings, joint, Lane::Side, request);
+            self.ask(now, settings, joint, Lane::Side, &request);
         }
     }
 
@@ -80,10 +79,10 @@ impl PowerCubes {
     pub(super) fn halt_drive(&mut self, now: Instant, settings: &Settings, joint: JointIndex) {
         let request = Request::Simple(SimpleCommand::Halt);
         if self.drives.at(joint).can_send(Lane::Side, &request, now) {
-            self.ask(now, settings, joint, Lane::Side, request);
+            self.ask(now, settings, joint, Lane::Side, &request);
         } else {
             // Better unmatched than not sent.
-            self.send(request.encode(settings.joint.at(joint).module()));
+            self.send(&request.encode(settings.joint.at(joint).module()));
         }
     }
 
@@ -185,7 +184,7 @@ impl PowerCubes {
                 self.take_state(now, joint, CubeState::from_bits(bits));
             }
             Reply::Value(Parameter::Cur, Value::F32(current_a)) => {
-                self.take_current(settings, joint, current_a)
+                self.take_current(settings, joint, current_a);
             }
             Reply::Value(Parameter::DefVersion, Value::U16(version)) => {
                 self.drives.at_mut(joint).version = Some(protocol::powercube::FirmwareVersion(version));

@@ -197,8 +197,8 @@ impl PowerCubes {
         self.push(GroupEvent::Trouble(fault));
     }
 
-    fn send(&mut self, frame: Frame) {
-        self.counters.bits = self.counters.bits.wrapping_add(nominal_bits(&frame));
+    fn send(&mut self, frame: &Frame) {
+        self.counters.bits = self.counters.bits.wrapping_add(nominal_bits(frame));
         self.transmit.push(frame);
     }
 

@@ -354,7 +354,6 @@ fn barrier(drive: &Drive, wanted: &Request, now: Instant) -> Option<Request> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use protocol::ModuleId;
     use protocol::powercube::{Reply, Value};
 
     fn joints() -> impl Iterator<Item = JointIndex> + Clone {
@@ -369,10 +368,6 @@ mod tests {
         Request::Set(Parameter::TargetVel, Value::F32(1.0))
     }
 
-    fn module() -> ModuleId {
-        ModuleId::MIN
-    }
-
     #[test]
     fn first_requests_of_all_joints_go_before_any_second_one_within_the_window() {
         let (mut schedule, mut drives) = (Schedule::default(), PerJoint::<Drive>::default());
@@ -385,7 +380,7 @@ mod tests {
             let now = Instant::from_micros(100 * k);
             let mut round = schedule.round(now, joints(), &drives);
             while let Some(next) = schedule.next(&mut round, now, &drives, 4) {
-                drives.at_mut(next.joint).begin(now, Lane::Main, module(), next.request, Instant::FAR_FUTURE);
+                drives.at_mut(next.joint).begin(now, Lane::Main, &next.request, Instant::FAR_FUTURE);
                 order.push((next.joint.get(), next.request == set_a()));
                 waiting.push((next.joint, next.request));
             }
@@ -411,7 +406,7 @@ mod tests {
         let mut round = schedule.round(now, joints(), drives);
         let mut asked = Vec::new();
         while let Some(next) = schedule.next(&mut round, now, drives, 4) {
-            drives.at_mut(next.joint).begin(now, Lane::Main, module(), next.request, Instant::FAR_FUTURE);
+            drives.at_mut(next.joint).begin(now, Lane::Main, &next.request, Instant::FAR_FUTURE);
             asked.push((next.joint.get(), next.request));
         }
         asked
@@ -476,7 +471,7 @@ mod tests {
         let (mut schedule, mut drives) = (Schedule::default(), PerJoint::<Drive>::default());
         let joint = JointIndex::new(0).unwrap();
         let drive = drives.at_mut(joint);
-        drive.begin(Instant::ZERO, Lane::Main, module(), set_a(), Instant::from_micros(2_000));
+        drive.begin(Instant::ZERO, Lane::Main, &set_a(), Instant::from_micros(2_000));
         drive.give_up_due(Instant::from_micros(2_000));
         let now = Instant::from_micros(3_000);
         schedule.set(joint, Agenda::of(&[set_a()]));
@@ -486,7 +481,7 @@ mod tests {
         let barrier = ask(&mut schedule, &drives);
         assert_eq!(barrier.request, Request::Get(Parameter::CubeState));
         let drive = drives.at_mut(joint);
-        drive.begin(now, Lane::Main, module(), barrier.request, now + Duration::from_millis(2));
+        drive.begin(now, Lane::Main, &barrier.request, now + Duration::from_millis(2));
         drive.match_reply(now, &Reply::Value(Parameter::CubeState, Value::U32(2)));
         assert_eq!(ask(&mut schedule, &drives).request, set_a());
         assert!(schedule.is_done(joint, &Drive::default()));
