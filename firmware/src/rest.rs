@@ -38,6 +38,12 @@ impl Rest {
         self.last = sample.at;
     }
 
+    /// A motion was commanded: what was measured before says nothing about its end. A drive whose answers are frozen would
+    /// stand at once, and a state word from before the motion would agree.
+    pub const fn forget(&mut self) {
+        self.since = None;
+    }
+
     /// The time from which on the joint has stood, if that is long enough and known up to `age_max` ago.
     pub fn since(&self, now: Instant, age_max: Duration) -> Option<Instant> {
         let since = self.since?.at;

@@ -24,6 +24,7 @@
 //! ```text
 //! |r| <= R0 + |v| T_J + loose · 0.05 s       in two answers in a row, else the drive does not do what it should
 //! |d| <= D0 + loose                          in each answer
+//! |m| <= R0 + |v| T_J + loose · 0.05 s       in each answer; m: way by commands since the answer last changed
 //! ```
 //!
 //! `loose` is the speed that is not known because a motion was not answered: the drive has taken it, or has not. It is the
@@ -33,8 +34,9 @@
 //!
 //! A drive whose answers stand still, run backwards or ignore the commands is found at the second answer after its model has
 //! moved by `R0 + |v| T_J`, two cycles. [`excursion_max_rad`] bounds how far the joint moves from the moment its answers
-//! stand still until it is at rest. Answers that depart from the model more slowly than `D0` are not found here: positions that
-//! are true but slow are the control law's business; positions that are false cannot be told from true ones by one encoder.
+//! stand still until it is at rest. Answers that change, and depart from the model more slowly than `D0`, are not
+//! found here: positions that are true but slow are the control law's business; positions that are false cannot be told from true ones by one
+//! encoder.
 
 use protocol::Instant;
 
@@ -174,7 +176,10 @@ impl DriveModel {
             }
             self.over = self.over.saturating_add(1);
         }
-        if self.over < OVER_ROW && slow {
+        // The observer follows answers that stand still, so a slow command never makes a large residual. What the command
+        // amounts to is not corrected.
+        let answers_move = self.still_rad.abs() <= r_max_rad;
+        if self.over < OVER_ROW && slow && answers_move {
             return None;
         }
         let stepped = self.over > 0
@@ -390,6 +395,28 @@ mod tests {
             assert_eq!(cause, Cause::MovesUnordered, "{speed}");
             let bound = (1.3 * R0_RAD / (speed.abs() * 0.003)) as u64 + 3;
             assert!((2..=bound).contains(&cycle), "{speed}: {cycle} of {bound}");
+        }
+    }
+
+    /// The law answers a frozen position with a small acceleration that never ends; the observer follows the answers.
+    #[test]
+    fn answers_that_stand_still_under_a_slow_command_are_found_within_a_hundredth_of_a_radian() {
+        const STEP_RAD: f32 = 3.5e-4;
+        for (a, frozen) in [(0.02f32, true), (0.1, true), (0.02, false), (0.1, false)] {
+            let mut model = DriveModel::at_rest(Instant::ZERO, 0.0);
+            let mut truth = RampState { q_rad: 0.0, v_rad_s: 0.0 };
+            let mut found = None;
+            for k in 1..400u64 {
+                model.command(3.0, 0.02, a);
+                truth = after(truth, 3.0, 0.02, a, 3e-3);
+                let q_rad = if frozen { 0.0 } else { (truth.q_rad / STEP_RAD).round() * STEP_RAD };
+                found = model.compare(Instant::from_micros(3_000 * k), q_rad, 0.0);
+                if found.is_some() {
+                    break;
+                }
+            }
+            assert_eq!(found, frozen.then_some(Cause::PositionFrozen), "{a} rad/s2, frozen {frozen}");
+            assert!(!frozen || (1e-3..0.01).contains(&truth.q_rad), "{}", truth.q_rad);
         }
     }
 

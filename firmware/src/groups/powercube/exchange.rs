@@ -38,6 +38,7 @@ impl PowerCubes {
                 return;
             }
             self.counters.motions = self.counters.motions.wrapping_add(1);
+            self.drives.at_mut(joint).rest.forget();
             let axis = self.axes.at_mut(joint);
             axis.sent = Sent { cycle_at: self.cycle.at, ..axis.planned };
         }
