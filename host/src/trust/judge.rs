@@ -145,24 +145,22 @@ impl Judge<'_> {
         let mut largest = Excursion::default();
         let path = &self.nominal.trace;
         let Some(last) = path.len().checked_sub(1) else { return largest };
-        let mut throw = SinceHoming::default();
-        let begin = self.nominal.bus.states.iter().find(|(_, group)| throw.passed_after(group.state));
-        let throw_begin = begin.map_or(0, |(at, _)| path.index_at(*at)).min(last);
+        let throw_begin = self.nominal.step(Step::Throw).map_or(0, |(at, _)| path.index_at(at)).min(last);
+        let homing = run.bus.states.iter().find(|(_, group)| group.state == State::Homing);
+        let unknown_from = homing.map_or(run.trace.len(), |(at, _)| run.trace.index_at(*at));
+        let known_from = run.step(Step::Throw).map_or(run.trace.len(), |(at, _)| run.trace.index_at(at));
 
         let mut near = Some(0);
-        let mut states = run.bus.states.iter().peekable();
-        let (mut since_homing, mut searching) = (SinceHoming::default(), false);
         for index in (0..run.trace.len()).step_by(STRIDE) {
-            while let Some((_, group)) = states.next_if(|(at, _)| *at <= run.trace.at(index)) {
-                let throws = since_homing.passed_after(group.state);
-                searching = group.state == State::Homing || searching && !throws;
-            }
-            if searching {
+            if (unknown_from..known_from).contains(&index) {
                 near = None;
                 continue;
             }
-            let range = near.map_or(throw_begin..=last, |near: usize| {
-                near.saturating_sub(WINDOW)..=(near + WINDOW).min(last)
+            // The throw is compared with the throw: a joint that has lost counts is off by a constant, and the way to the
+            // start may be nearer.
+            let first = if index >= known_from { throw_begin } else { 0 };
+            let range = near.map_or(first..=last, |near: usize| {
+                near.saturating_sub(WINDOW).max(first)..=(near + WINDOW).min(last)
             });
             let (found, joint, rad) = nearest(run.trace.sample(index), path, range);
             near = Some(found);
@@ -271,27 +269,6 @@ fn encoder_slack_rad(faults: &[Fault]) -> f64 {
 const STRIDE: usize = 10;
 /// Samples looked at before and behind the last nearest pose: both runs pass the path in the same order.
 const WINDOW: usize = 400;
-
-/// Runs of trajectories since the last homing: the first goes to the start of the throw, the second is the throw.
-#[derive(Clone, Copy, Debug, Default)]
-struct SinceHoming {
-    homed: bool,
-    running: bool,
-    runs: u32,
-}
-
-impl SinceHoming {
-    /// Takes the next state; true once the throw after a homing has begun.
-    fn passed_after(&mut self, state: State) -> bool {
-        if state == State::Homing {
-            *self = Self { homed: true, ..Self::default() };
-        }
-        let runs = state == State::Running;
-        self.runs += u32::from(runs && !self.running);
-        self.running = runs;
-        self.homed && self.runs >= 2
-    }
-}
 
 /// The largest distance from the path.
 #[derive(Clone, Copy, Debug, Default)]
