@@ -167,22 +167,38 @@ mod linux {
 
 #[cfg(test)]
 mod tests {
+    #[cfg(target_os = "linux")]
+    use thread_priority::{
+        RealtimeThreadSchedulePolicy, ThreadSchedulePolicy, thread_native_id, thread_schedule_policy_param,
+    };
+
     use super::*;
 
+    /// Policy and priority of this thread, as the system tells it.
+    #[cfg(target_os = "linux")]
+    fn in_force() -> (ThreadSchedulePolicy, i32) {
+        let (policy, params) = thread_schedule_policy_param(thread_native_id()).unwrap();
+        (policy, params.sched_priority)
+    }
+
     #[test]
-    fn a_request_is_granted_or_refused_and_never_fails() {
-        let urgent = Urgent::request(Role::Host);
-        let granted = urgent.granted();
-        assert!(granted.priority.is_none_or(|priority| priority == Role::Host.priority()));
-        drop(urgent);
-        // Nested requests restore what the outer one had.
+    #[cfg(target_os = "linux")]
+    fn what_was_granted_is_in_force_until_the_request_is_dropped() {
+        let fifo = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
+        let before = in_force();
+        let told = |urgent: &Urgent| match urgent.granted().priority {
+            Some(priority) => (fifo, i32::from(priority).max(before.1)),
+            None => before,
+        };
         let outer = Urgent::request(Role::Plant);
+        assert_eq!(in_force(), told(&outer));
+        let with_outer = in_force();
         let inner = Urgent::request(Role::Controller);
+        assert!(in_force().1 >= with_outer.1, "a nested request never lowers the priority");
         drop(inner);
-        assert_eq!(
-            Urgent::request(Role::Host).granted().priority.is_some(),
-            outer.granted().priority.is_some()
-        );
+        assert_eq!(in_force(), with_outer);
+        drop(outer);
+        assert_eq!(in_force(), before);
     }
 
     #[test]
