@@ -9,7 +9,7 @@ use firmware::registers::Number;
 use firmware::settings::Settings;
 use firmware::state::{State, StateKind};
 use firmware::store::FileName;
-use protocol::powercube::{AddressedRequest, CubeState, Parameter, Request, Value};
+use protocol::powercube::{AddressedRequest, Broadcast, CubeState, Parameter, Request, Value};
 use protocol::{Duration, Frame};
 
 const PERIOD_US: u64 = 3_000;
@@ -93,6 +93,25 @@ fn stop_message_halts_in_every_state() {
     bench.stop_now();
     bench.run_for(2_000);
     assert_eq!(bench.count_sent(is_halt), 2, "asked again, said again");
+}
+
+/// Found by a swarm: the gripper opened 0.9 ms after the halt broadcast of another node.
+#[test]
+fn halt_broadcast_of_another_node_ends_the_run_at_once_and_the_ball_is_kept() {
+    // The gripper's output switches 0.536 s after the start of the plan.
+    for before_release_us in (3_500..9_500).step_by(300) {
+        let mut bench = thrown(536_000 - before_release_us);
+        assert_eq!(bench.drives[5].dio, 0);
+        bench.foreign(Broadcast::Halt.encode());
+        // The frame waits for a gap: all others of a cycle have lower identifiers.
+        bench.run_until(3_500, |bench| bench.kind() != StateKind::Running);
+        assert_eq!((bench.kind(), fault_of(&bench)), (StateKind::Fault, Some(Cause::HaltedByOther)));
+        bench.run_for(500_000);
+        let halted = bench.sent_after(0, is_halt).expect("the controller halts too");
+        assert!(bench.sent_after(halted.as_micros(), is_motion).is_none(), "no motion after the halt");
+        assert_eq!(bench.drives[5].dio, 0, "the ball is kept, {before_release_us} us before its release");
+        assert!(speed_max(&bench) < 0.02);
+    }
 }
 
 #[test]

@@ -1,8 +1,8 @@
 //! Requests out, replies in: sends what the schedule says, and takes over what every answer tells about its drive.
 
 use protocol::powercube::{
-    ACCEPTED, Address, Channel, CubeState, Dio, MotionCommand, MotionPosition, Parameter, PosStateDio, Reply,
-    Request, SimpleCommand, Value,
+    ACCEPTED, Address, Broadcast, Channel, CubeState, Dio, MotionCommand, MotionPosition, Parameter,
+    PosStateDio, Reply, Request, SimpleCommand, Value,
 };
 use protocol::{Duration, Frame, Instant, JointIndex, ModuleId};
 
@@ -116,9 +116,24 @@ impl PowerCubes {
         true
     }
 
+    /// Broadcast of another node. A halt stops all drives at once: the ball is kept, and no drive is asked to go on. Halted
+    /// drives that stand are found by their state words.
+    fn take_broadcast(&mut self, frame: &Frame) {
+        if Broadcast::decode(frame) == Ok(Broadcast::Halt) && self.mode.may_move() {
+            self.push(GroupEvent::Trouble(Fault::group(Cause::HaltedByOther)));
+        }
+    }
+
     /// Frame of the bus: of a drive, or to one from somebody else.
     pub(super) fn take_frame(&mut self, now: Instant, settings: &Settings, frame: &Frame) {
-        let Some(Address::Module(channel, _)) = Address::of(frame.id()) else { return };
+        let channel = match Address::of(frame.id()) {
+            Some(Address::Module(channel, _)) => channel,
+            Some(Address::Broadcast) => {
+                self.take_broadcast(frame);
+                return;
+            }
+            None => return,
+        };
         if is_foreign_request(channel) {
             self.counters.foreign = self.counters.foreign.saturating_add(1);
             return;
