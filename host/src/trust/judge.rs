@@ -129,7 +129,7 @@ impl Judge<'_> {
         let hidden = Window::hidden(self.arm, &scenario.faults);
         rest(run, &hidden, &mut found);
         supervised(run, &hidden, &mut found);
-        ball(run, &mut found);
+        ball(scenario, run, &mut found);
         if let Some(what) = outcome(run) {
             found(Rule::Outcome, what);
         }
@@ -362,9 +362,16 @@ fn stopped_at(run: &Evidence) -> Option<Instant> {
     }
 }
 
-fn ball(run: &Evidence, found: &mut impl FnMut(Rule, String)) {
+fn ball(scenario: &Scenario, run: &Evidence, found: &mut impl FnMut(Rule, String)) {
     let Some(stop) = stopped_at(run) else { return };
-    let opened = run.trace.gripper_orders().iter().find(|(at, open)| *open && *at > stop);
+    // An order that was sent before the stop may come after it where the bus holds frames back.
+    let late = |fault: &Fault| match fault.kind {
+        FaultKind::Wire(WireFault::Delay(by)) => by,
+        _ => Duration::ZERO,
+    };
+    // The plant is looked at once per step of its trace, so an order is up to one step older than it seems.
+    let held_back = scenario.faults.iter().map(late).fold(run.trace.step(), |sum, by| sum + by);
+    let opened = run.trace.gripper_orders().iter().find(|(at, open)| *open && *at > stop + held_back);
     if let Some((at, _)) = opened {
         found(Rule::Ball, format!("the gripper is told to open at {at}, after the stop at {stop}"));
     }
