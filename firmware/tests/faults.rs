@@ -134,7 +134,7 @@ fn silent_drive_stops_the_group_after_two_missed_replies_and_one_cycle() {
         // The silent drive got a halt of its own and the broadcast, and its watchdog is starved.
         assert!(bench.sent_after(at, is_halt).is_some());
         bench.run_for(200_000);
-        let watchdog = protocol::powercube::Broadcast::Watchdog.encode();
+        let watchdog = Broadcast::Watchdog.encode();
         assert!(bench.sent_after(bench.now - 150_000, |frame| *frame == watchdog).is_none());
     }
 }
@@ -454,4 +454,17 @@ fn trajectory_cannot_be_changed_once_armed() {
     let now = bench.instant();
     assert_eq!(bench.controller.upload(now, HOST, 0, &file[..10]).unwrap_err().cause, Cause::BankBusy);
     assert_eq!(bench.order(Order::Commit(name)).unwrap_err().cause, Cause::OrderNotNow);
+}
+
+/// Found by random orders of strangers: an order to run that came in the middle of a look at the drives made the first cycles
+/// late, three in a row.
+#[test]
+fn run_ordered_in_the_middle_of_a_look_at_the_drives_comes_to_its_end() {
+    for offset_us in (0..30_000).step_by(130) {
+        let mut bench = Bench::ready(Options::default(), &throw_start());
+        bench.run_for(offset_us);
+        bench.start(&throw_file(3_000, true));
+        bench.run_until(3_000_000, |bench| bench.kind() != StateKind::Running);
+        assert_eq!(bench.kind(), StateKind::Ready, "{offset_us} us: {:?}", bench.controller.state());
+    }
 }

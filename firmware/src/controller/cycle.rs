@@ -141,6 +141,8 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             return;
         }
         let State::Running { clock, parking } = *self.machine.state() else { return };
+        // Before the plan begins the joints stand, and the drives may still answer the looks before the order.
+        let overrun = overrun && clock.at(now).0 > 0;
         match parking {
             Some(_) if self.all_at_rest(now) => self.stand(now),
             Some(until) if until <= now => {
