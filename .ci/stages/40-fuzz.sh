@@ -1,5 +1,6 @@
 # Fuzzing of everything in `protocol` that reads foreign bytes, and of the whole controller under scripts of frames: at
-# least ten million executions in all, from the committed seeds. A found input is left in protocol/fuzz/artifacts.
+# least ten million executions in all, from the committed seeds. A found input is left in the folder `artifacts` beside
+# `seeds`.
 #   FUZZ_LONG=1 .ci/run fuzz     a thousand million executions: about two hours of one core
 export CARGO_TARGET_DIR=$PWD/target/fuzz
 # What `cargo fuzz build --sanitizer none` asks of the compiler: counters at each edge, and the operands of comparisons. No
@@ -7,9 +8,11 @@ export CARGO_TARGET_DIR=$PWD/target/fuzz
 # A target is named, or these flags would hold for build scripts too.
 host=$(rustc -vV | sed -n 's/^host: //p')
 coverage=(level=4 inline-8bit-counters pc-table trace-compares)
-RUSTFLAGS="-Cpasses=sancov-module ${coverage[*]/#/-Cllvm-args=-sanitizer-coverage-} \
-    -Cllvm-args=-simplifycfg-branch-fold-threshold=0 -Ccodegen-units=1 --cfg fuzzing" \
-    cargo build --release --locked --manifest-path protocol/fuzz/Cargo.toml --target "$host"
+for fuzz in protocol/fuzz firmware/fuzz; do
+    RUSTFLAGS="-Cpasses=sancov-module ${coverage[*]/#/-Cllvm-args=-sanitizer-coverage-} \
+        -Cllvm-args=-simplifycfg-branch-fold-threshold=0 -Ccodegen-units=1 --cfg fuzzing" \
+        cargo build --release --locked --manifest-path $fuzz/Cargo.toml --target "$host"
+done
 bin=$CARGO_TARGET_DIR/$host/release
 out=$CARGO_TARGET_DIR/runs
 rm -rf "$out"
@@ -33,10 +36,12 @@ if [ -n "${FUZZ_LONG:-}" ]; then least=1000000000; else least=10000000; fi
 plan=$(awk -v long="${FUZZ_LONG:-}" '{ print $1, long ? $3 : $2, $4 }' <<<"$table")
 
 one() { # target thousands max_len
-    local log=$out/$1.log corpus=$out/$1
-    mkdir -p "$corpus" protocol/fuzz/artifacts/"$1"
-    "$bin/$1" "$corpus" protocol/fuzz/seeds/"$1" -runs="$2"000 -max_len="$3" -timeout=10 \
-        -artifact_prefix=protocol/fuzz/artifacts/"$1"/ -print_final_stats=1 >"$log" 2>&1
+    local log=$out/$1.log corpus=$out/$1 fuzz=protocol/fuzz
+    [ -d $fuzz/seeds/"$1" ] || fuzz=firmware/fuzz
+    local artifacts=$fuzz/artifacts/$1
+    mkdir -p "$corpus" "$artifacts"
+    "$bin/$1" "$corpus" $fuzz/seeds/"$1" -runs="$2"000 -max_len="$3" -timeout=10 \
+        -artifact_prefix="$artifacts"/ -print_final_stats=1 >"$log" 2>&1
 }
 export -f one
 export bin out
