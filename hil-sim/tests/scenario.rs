@@ -1,8 +1,8 @@
 //! Scenario files: what they mean, and every way to get them wrong.
 
 use hil_sim::bus::{Recovery, TxOrder};
+use hil_sim::checker::Check;
 use hil_sim::fault::{FaultKind, PhysicalFault, Place, Target, WireFault, WrongPart};
-use hil_sim::scenario::expect::Check;
 use hil_sim::scenario::{Problem, Scenario, ScriptedHost, fault_from_line};
 use protocol::{Duration, Instant, ModuleId, Node};
 

@@ -2,6 +2,7 @@
 //!
 //! | file | demands |
 //! |---|---|
+//! | [`mod@expect`] | names of the checkers; what a run asks for |
 //! | [`answers`] | every request is answered in time, every answer belongs to a request |
 //! | [`limits`] | targets, velocities, accelerations and currents stay within the robot's limits |
 //! | [`homing`] | no motion before the module has reported its reference |
@@ -11,6 +12,7 @@
 //! A checker is an independent reading of the rules: it shares the codec with the drives, but no state.
 
 pub mod answers;
+pub mod expect;
 pub mod homing;
 pub mod limits;
 pub mod stop;
@@ -21,9 +23,8 @@ use std::fmt;
 use protocol::{Frame, Instant, ModuleId};
 use serde::Serialize;
 
-use crate::scenario::Expect;
-use crate::scenario::expect::Check;
 use crate::world::Observer;
+pub use expect::{Check, Expect};
 pub use limits::ModuleLimits;
 
 /// Violations kept per checker; what comes after is counted only.

@@ -39,7 +39,7 @@
 
 pub mod build;
 mod cell;
-pub mod expect;
+mod expect;
 pub mod faults;
 pub mod host;
 pub(crate) mod values;
@@ -53,9 +53,9 @@ use toml_reader::{Refusal, Section, Source, Value};
 
 use crate::bus::{BusConfig, Recovery, TxOrder};
 use crate::cell::CellOptions;
+pub use crate::checker::Expect;
 use crate::fault::Fault;
 pub use build::BuildError;
-pub use expect::Expect;
 pub use host::ScriptedHost;
 pub use values::parse_frame;
 use values::{frames, period, seconds};
