@@ -4,17 +4,19 @@
 //! An arrow goes from user to used; none goes up.
 //!
 //! ```text
-//! follow   disc     a hand that follows the flight parabola (paper 000); catching a flying disc (paper 001)
-//!     |     |
-//!     |     |    verify   second opinion on a plan file; shares only the file and the form of a throw
-//!     v     v      |
-//!     plan <-------+      throw planner: search, limits, statistics of the landing, plan file
-//!      |    \
-//!      v     v
-//!    store  flight        throws found earlier, as starts; the ball after its release
-//!      |
-//!      v
-//!    throw                one throw: cubic splines of all joints through one release
+//! follow   disc        a hand that follows the flight parabola (paper 000); catching a flying disc (paper 001)
+//!    \      /
+//!     v    v
+//!     verify           second opinion on a plan file; shares only the file and the form of a throw
+//!       |
+//!       v
+//!      plan            throw planner: search, limits, statistics of the landing, plan file
+//!      /  \
+//!     v    v
+//!  store  flight       throws found earlier, as starts; the ball after its release
+//!     |
+//!     v
+//!   throw              one throw: cubic splines of all joints through one release
 //! ```
 
 pub mod disc;
