@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 pub const AXES: usize = 6;
 
 /// One number per joint.
-pub type Axes = JointVec<AXES>;
+pub type Axes = JointVec<6>;
 
 /// The arm.
-pub type Arm = RobotModel<AXES>;
+pub type Arm = RobotModel<6>;
 
 /// Cut-out of the simulated KR C by acceleration, deg/s² (chosen; lower bound is what the paper's run survived).
 pub const KRC_CUT_OUT_DEG_S2: f64 = 2000.0;

@@ -5,7 +5,7 @@
 //!
 //! # Map
 //! An arrow goes from user to used. `plan` is what leaves this module; `verify` judges it by its steps alone; `landing`
-//! tells what the instant of the opening does to the landing.
+//! tells what the instant of the opening does to the landing; `nearest` names a target where there is a plan.
 //!
 //! ```text
 //!  best             longest window under the limits of what is commanded
@@ -31,6 +31,7 @@ pub mod hand;
 pub mod landing;
 pub mod limits;
 pub mod motion;
+pub mod nearest;
 pub mod paper;
 pub mod parabola;
 pub mod plan;

@@ -32,6 +32,12 @@ impl<'m> Setting<'m> {
         Self { arm, target, limits, lag_s: 0.0, period_s: PERIOD_S, margins: Margins::default() }
     }
 
+    /// The same for another target.
+    #[must_use]
+    pub fn at(&self, target: Vector3<f64>) -> Self {
+        Self { target, ..*self }
+    }
+
     /// Gravity in m/s².
     #[must_use]
     pub fn gravity_m_s2(&self) -> f64 {

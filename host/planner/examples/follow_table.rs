@@ -1,0 +1,208 @@
+//! Tables of throws that follow the flight: both forms over targets, and the paper form over resolutions.
+//!
+//! `cargo run -p planner --release --example follow_table -- [targets|resolution|arms] [RESOLUTION] [STARTS]`
+
+use std::time::Instant;
+
+use nalgebra::Vector3;
+use planner::follow::best::{self, BestOptions, HandFreedom};
+use planner::follow::found::{Found, NotFound};
+use planner::follow::landing;
+use planner::follow::limits::{Arm, LimitSource, Limits};
+use planner::follow::nearest::feasible_target;
+use planner::follow::paper::{self, Criterion, PaperOptions, RampTiming};
+use planner::follow::plan::{FollowPlan, Form};
+use planner::follow::setting::Setting;
+use planner::follow::verify::verify;
+use planner::plan::file::RobotId;
+
+/// Targets ahead of the KR 16: distance from A1 and height, in m.
+const TARGETS: [[f64; 2]; 10] = [
+    [2.0, 0.6],
+    [2.0, 1.0],
+    [2.0, 1.53],
+    [2.5, 0.6],
+    [2.5, 1.0],
+    [2.5, 1.17],
+    [2.5, 1.53],
+    [3.0, 0.6],
+    [3.0, 1.0],
+    [3.0, 1.53],
+];
+/// First-order lag that the last column plans for, in s.
+const LAG_S: f64 = 0.024;
+/// Jitter of the gripper for the landing errors, in s.
+const JITTER_S: f64 = 0.010;
+
+fn main() {
+    let mut args = std::env::args().skip(1);
+    let table = args.next().unwrap_or_else(|| "targets".to_owned());
+    let resolution: f64 = args.next().and_then(|a| a.parse().ok()).unwrap_or(1.3);
+    let starts: usize = args.next().and_then(|a| a.parse().ok()).unwrap_or(64);
+    match table.as_str() {
+        "targets" => targets(resolution, starts),
+        "resolution" => resolutions(),
+        "arms" => arms(starts),
+        other => eprintln!("no table \"{other}\": targets, resolution or arms"),
+    }
+}
+
+/// One kind of planning.
+#[derive(Clone)]
+enum Kind {
+    Paper(PaperOptions),
+    Best(BestOptions),
+}
+
+impl Kind {
+    fn plan(&self, setting: &Setting<'_>) -> Result<Found, Box<NotFound>> {
+        match self {
+            Self::Paper(options) => paper::plan(setting, options),
+            Self::Best(options) => best::plan(setting, options),
+        }
+    }
+
+    fn form(&self) -> Form {
+        match self {
+            Self::Paper(_) => Form::Paper,
+            Self::Best(options) => Form::Best(options.hand),
+        }
+    }
+}
+
+fn heading() {
+    println!(
+        "{:<24} {:<26} {:>6} {:>7} {:>9} {:>11} {:>6} {:>6} {:>7} {:>7}  verified; landing rms without and with following",
+        "target m", "form", "points", "j1", "j2", "leap deg/s2", "m/s", "deg", "whole s", "search s"
+    );
+}
+
+fn row(arm: &Arm, source: LimitSource, target: [f64; 3], name: &str, kind: &Kind, lag_s: f64, quick: &Kind) {
+    let limits = Limits::of(arm, source);
+    let setting = Setting { lag_s, ..Setting::new(arm, Vector3::from(target), limits) };
+    let began = Instant::now();
+    let outcome = kind.plan(&setting);
+    let took = began.elapsed().as_secs_f64();
+    let place = format!("{:.2}, {:.2}, {:.2}", target[0], target[1], target[2]);
+    let found = match outcome {
+        Ok(found) => found,
+        Err(none) => {
+            println!("{place:<24} {name:<26} {none} ({took:.1} s)");
+            let floor = arm.world().floor_z_m;
+            let near =
+                feasible_target(&setting.target, floor, |target| quick.plan(&setting.at(*target)).is_ok());
+            match near {
+                Some(p) => println!("{:<51} nearest with a plan: {:.2}, {:.2}, {:.2}", "", p.x, p.y, p.z),
+                None => println!("{:<51} none nearby either", ""),
+            }
+            return;
+        }
+    };
+    let id = RobotId { name: arm.name().into(), source: arm.name().into(), fingerprint: String::new() };
+    let plan = FollowPlan::new(&setting, source, id, kind.form(), &found, took);
+    let report = verify(arm, &limits, &plan);
+    let middle_s = 0.5 * (found.motion.last - found.motion.first) as f64 * setting.period_s;
+    let with = landing::sensitivity(arm, &found.motion, &setting.target, middle_s, JITTER_S);
+    let through = landing::without_following(&found.motion, &limits);
+    let without = landing::sensitivity(arm, &through, &setting.target, 0.0, JITTER_S);
+    println!(
+        "{place:<24} {name:<26} {:>6} {:>7.2} {:>9.2} {:>11.0} {:>6.2} {:>6.1} {:>7.2} {:>7.1}  {}; {:.1} and {:.2} mm",
+        plan.followed_points,
+        plan.j1,
+        plan.j2,
+        plan.leap.size_deg_s2,
+        plan.flight.speed_release_m_s,
+        plan.flight.beta_release_deg,
+        plan.steps.len() as f64 * plan.period_s,
+        took,
+        if report.is_good() { "good".to_owned() } else { format!("REFUSED {:?}", report.findings) },
+        without.rms_m * 1e3,
+        with.rms_m * 1e3,
+    );
+    if lag_s > 0.0 {
+        println!(
+            "{:<51} executed through the lag: landing within {:.1} mm",
+            "",
+            report.executed_landing_m * 1e3
+        );
+    }
+}
+
+fn targets(resolution: f64, starts: usize) {
+    let arm = Arm::load("kr16_2").expect("built in");
+    let source = LimitSource::ControllerModel;
+    let paper = PaperOptions::covering(1.8, 0.675, 0.0, resolution);
+    let coarse = PaperOptions::covering(1.8, 0.675, 0.0, 0.9);
+    let points = PaperOptions { criterion: Criterion::Points, ..paper.clone() };
+    let own = PaperOptions { ramps: RampTiming::Own, ..points.clone() };
+    let best = BestOptions { starts, kicks: 18, ..BestOptions::default() };
+    let quick = Kind::Best(BestOptions { starts: 16, kicks: 0, draws: 8000, ..BestOptions::default() });
+    let tilted = BestOptions { hand: HandFreedom::Tilted(0.35), ..best.clone() };
+    heading();
+    for [x, z] in TARGETS {
+        let target = [x, 0.0, z];
+        let grid = Kind::Paper(coarse.clone());
+        row(&arm, source, target, "paper", &Kind::Paper(paper.clone()), 0.0, &grid);
+        row(&arm, source, target, "paper, most points", &Kind::Paper(points.clone()), 0.0, &grid);
+        let own_grid = Kind::Paper(PaperOptions { ramps: RampTiming::Own, ..coarse.clone() });
+        row(&arm, source, target, "paper, own ramp times", &Kind::Paper(own.clone()), 0.0, &own_grid);
+        row(&arm, source, target, "best", &Kind::Best(best.clone()), 0.0, &quick);
+        row(&arm, source, target, "best, lag 24 ms", &Kind::Best(best.clone()), LAG_S, &quick);
+        row(&arm, source, target, "best, lag, tilt 20 deg", &Kind::Best(tilted.clone()), LAG_S, &quick);
+    }
+}
+
+/// What a finer grid costs and gives.
+fn resolutions() {
+    let arm = Arm::load("kr16_2").expect("built in");
+    let limits = Limits::of(&arm, LimitSource::ControllerModel);
+    let setting = Setting::new(&arm, Vector3::new(2.5, 0.0, 0.6), limits);
+    println!("resolution  releases   postures  points      j1  search s");
+    for resolution in [0.6, 0.8, 1.0, 1.25, 1.6, 2.0] {
+        let options = PaperOptions {
+            criterion: Criterion::Points,
+            ..PaperOptions::covering(1.8, 0.675, 0.0, resolution)
+        };
+        let began = Instant::now();
+        let outcome = paper::plan(&setting, &options);
+        let took = began.elapsed().as_secs_f64();
+        match outcome {
+            Ok(f) => println!(
+                "{resolution:>10.2} {:>9} {:>10} {:>7} {:>7.2} {took:>9.1}",
+                f.size.releases,
+                f.size.counts.total(),
+                f.motion.last - f.motion.first + 1,
+                f.j1,
+            ),
+            Err(e) => println!(
+                "{resolution:>10.2} {:>9} {:>10} {e} ({took:.1} s)",
+                e.size.releases,
+                e.size.counts.total()
+            ),
+        }
+    }
+}
+
+/// Both forms on the arms that are no KR 16.
+fn arms(starts: usize) {
+    let ur5 = include_str!("../../../robots/model/tests/data/ur5.toml");
+    let arms = [
+        (Arm::load("powercube6").expect("built in"), 1.05, [[1.0, 1.0, -1.0], [1.5, 0.0, -0.5]]),
+        (Arm::from_toml("ur5.toml", ur5).expect("fixture"), 1.0, [[1.5, 0.0, -0.3], [2.0, 0.0, 0.0]]),
+    ];
+    heading();
+    for (arm, reach_m, targets) in arms {
+        println!("{}", arm.name());
+        let base_z_m = arm.fk(&planner::follow::limits::Axes::zeros()).origin(0).z;
+        // Postures by iteration take about a thousand times as long, so the grid is coarser.
+        let resolution = if arm.name() == "ur5" { 0.45 } else { 1.0 };
+        let paper = PaperOptions::covering(reach_m, base_z_m, arm.world().floor_z_m, resolution);
+        let paper = Kind::Paper(PaperOptions { criterion: Criterion::Points, ..paper });
+        let best = Kind::Best(BestOptions { starts, kicks: 6, ..BestOptions::default() });
+        let quick = Kind::Best(BestOptions { starts: 8, kicks: 0, draws: 8000, ..BestOptions::default() });
+        for target in targets {
+            row(&arm, LimitSource::RobotFile, target, "paper, most points", &paper, 0.0, &quick);
+            row(&arm, LimitSource::RobotFile, target, "best", &best, 0.0, &quick);
+        }
+    }
+}
