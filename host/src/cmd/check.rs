@@ -1,11 +1,14 @@
 //! `cubectl check PLAN`
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crate::error::ExpectedError;
 use crate::exit;
+use planner::follow::limits::Limits;
+use planner::follow::plan::FollowPlan;
 use planner::plan::file::PlanFile;
-use planner::verify;
+use planner::store::robot_fingerprint;
+use planner::{follow, verify};
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -26,6 +29,9 @@ pub struct Args {
 /// # Errors
 /// If the plan cannot be read, is for another robot, or does not hold what it claims.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    if let Some(plan) = follow_plan(&args.plan)? {
+        return check_follow(args, &plan);
+    }
     let plan = PlanFile::read(&args.plan).map_err(|e| ExpectedError::bad_input(&e))?;
     let arm = super::arm(args.robot.as_deref().unwrap_or(&plan.robot.source))?;
     plan.require_robot(&args.plan, &arm).map_err(|e| ExpectedError::bad_input(&e))?;
@@ -52,5 +58,66 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     Err(ExpectedError::new(
         exit::CHECK_FAILED,
         format!("plan {} does not hold what it claims: {}", args.plan.display(), failed.join("; ")),
+    ))
+}
+
+/// The plan, if the file is one of a throw that follows the flight.
+fn follow_plan(path: &Path) -> Result<Option<FollowPlan>, ExpectedError> {
+    let Ok(text) = toml_reader::read_text(path, follow::plan::FILE_MAX_BYTES) else {
+        // The reader of the other plans says what is wrong with the file.
+        return Ok(None);
+    };
+    if !text.contains(follow::plan::FORMAT) {
+        return Ok(None);
+    }
+    let plan = FollowPlan::from_json(&text);
+    plan.map(Some).map_err(|e| ExpectedError::bad_input(&format!("{}: {e}", path.display())))
+}
+
+/// Checks a throw that follows the flight, from its set points.
+fn check_follow(args: &Args, plan: &FollowPlan) -> Result<(), ExpectedError> {
+    let arm = super::arm(args.robot.as_deref().unwrap_or(&plan.robot.source))?;
+    let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
+    if fingerprint != plan.robot.fingerprint {
+        return Err(ExpectedError::bad_input(&format!(
+            "plan {} is for robot \"{}\" ({}), not for \"{}\" ({fingerprint}): plan again, or name the robot with --robot",
+            args.plan.display(),
+            plan.robot.name,
+            plan.robot.fingerprint,
+            arm.name(),
+        )));
+    }
+    let report = follow::verify::verify(&arm, &Limits::of(&arm, plan.limits), plan);
+    let findings: Vec<String> = report.findings.iter().map(ToString::to_string).collect();
+    if args.json {
+        super::print_json(&serde_json::json!({
+            "good": report.is_good(),
+            "findings": findings,
+            "off_parabola_m": report.off_parabola_m,
+            "landing_m": report.landing_m,
+            "executed_landing_m": report.executed_landing_m,
+            "nearest_m": report.nearest_m,
+            "ball_m": report.ball_m,
+        }));
+    } else {
+        for finding in &findings {
+            say::line!("FAIL  {finding}");
+        }
+        say::line!(
+            "{} steps, {} on the parabola: ball off it by {:.3} mm, landing off by {:.2} mm, nearest bodies {:.1} mm, ball {:.1} mm",
+            plan.steps.len(),
+            plan.followed_points,
+            report.off_parabola_m * 1e3,
+            report.landing_m * 1e3,
+            report.nearest_m * 1e3,
+            report.ball_m * 1e3
+        );
+    }
+    if report.is_good() {
+        return Ok(());
+    }
+    Err(ExpectedError::new(
+        exit::CHECK_FAILED,
+        format!("plan {} does not hold what it claims: {}", args.plan.display(), findings.join("; ")),
     ))
 }

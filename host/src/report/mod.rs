@@ -4,6 +4,7 @@
 //! | module | holds |
 //! |---|---|
 //! | [`plan`] | summary and HTML report of a plan file |
+//! | [`follow`] | the same for a throw that follows the flight |
 //! | [`run`] | HTML report of a recorded run against its plan |
 //! | [`identify`] | HTML report of an identification |
 //! | [`reach`] | map of what a sweep reached |
@@ -14,6 +15,7 @@
 //! | [`timeline`] | frames on the bus |
 
 pub mod chart;
+pub mod follow;
 pub mod identify;
 pub mod landing;
 pub mod page;

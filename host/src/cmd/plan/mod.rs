@@ -1,5 +1,6 @@
 //! `cubectl plan …`
 
+pub mod follow;
 pub mod options;
 pub mod prepare;
 pub mod sweep;

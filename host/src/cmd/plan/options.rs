@@ -133,6 +133,33 @@ pub fn point(text: &str) -> Result<[f64; 3], String> {
 }
 
 impl PlanOptions {
+    /// The first given option that has no meaning where the hand follows the flight.
+    pub(super) fn first_for_drive_modules(&self) -> Option<&'static str> {
+        let given = [
+            (self.speed_use.is_some(), "--speed-use"),
+            (self.acceleration_use.is_some(), "--acceleration-use"),
+            (self.free_spin.is_some(), "--free-spin"),
+            (self.null_delay.is_some(), "--null-delay"),
+            (!self.delay_window.is_empty(), "--delay-window"),
+            (self.clean_release.is_some(), "--clean-release"),
+            (self.clearance_m.is_some(), "--clearance-m"),
+            (self.range_margin_rad.is_some(), "--range-margin-rad"),
+            (self.drag_per_m != 0.0, "--drag-per-m"),
+            (self.magnus_rad_s != [0.0; 3], "--magnus-rad-s"),
+            (self.weights.is_some(), "--weights"),
+            (!self.obstacle.is_empty(), "--obstacle"),
+            (self.arrival_speed.is_some(), "--arrival-speed"),
+            (self.arrival_descent_deg.is_some(), "--arrival-descent-deg"),
+            (self.radius_m.is_some(), "--radius-m"),
+            (self.elevation_deg.is_some(), "--elevation-deg"),
+            (self.flight_s.is_some(), "--flight-s"),
+            (self.duration_s.is_some(), "--duration-s"),
+            (self.braking_ratio.is_some(), "--braking-ratio"),
+            (self.store.is_some(), "--store"),
+        ];
+        given.into_iter().find(|(given, _)| *given).map(|(_, name)| name)
+    }
+
     /// Options of the planner.
     #[must_use]
     pub fn resolve(&self) -> Options {

@@ -6,7 +6,9 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::Vector3;
+use robot_model::AnyRobot;
 
+use super::follow::{self, FollowOptions};
 use super::options::{PlanOptions, Starts, point, two_numbers};
 use super::require_writable;
 use crate::error::ExpectedError;
@@ -22,7 +24,7 @@ use planner::store::Index;
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl plan throw --target 1.0,1.0,-1.0 --out plan.json --report plan.html\n  cubectl plan throw --target 2.0,0,0 --starts 400 --json"
+    after_help = "Examples:\n  cubectl plan throw --target 1.0,1.0,-1.0 --out plan.json --report plan.html\n  cubectl plan throw --target 2.0,0,0 --starts 400 --json\n  cubectl plan throw --robot kr16_2 --target 2.5,0,0.6 --form paper --report plan.html"
 )]
 pub struct Args {
     /// Where the centre of the ball shall come down, in m, world frame (arm base, z up).
@@ -46,6 +48,9 @@ pub struct Args {
     /// Answer from stored throws alone if they suffice, in about a millisecond.
     #[arg(long)]
     pub fast: bool,
+    /// Throws that follow the flight.
+    #[command(flatten)]
+    pub follow: FollowOptions,
 }
 
 /// How to look for a throw: shared by `plan throw` and `throw`.
@@ -101,6 +106,19 @@ pub struct Planned {
 }
 
 impl SearchOptions {
+    /// The first given option that has no meaning where the hand follows the flight.
+    pub(super) fn first_for_drive_modules(&self) -> Option<&'static str> {
+        let given = [
+            (self.time_budget.is_some(), "--time-budget"),
+            (self.hit_radius_m.is_some(), "--hit-radius-m"),
+            (self.hit_box.is_some(), "--hit-box"),
+            (self.jitter_s.is_some(), "--jitter-s"),
+            (self.objective != ObjectiveName::Effort, "--objective"),
+        ];
+        let own = given.into_iter().find(|(given, _)| *given).map(|(_, name)| name);
+        own.or_else(|| self.options.first_for_drive_modules())
+    }
+
     fn region(&self) -> Result<Option<Region>, ExpectedError> {
         let positive = |v: f64| {
             if v > 0.0 && v.is_finite() {
@@ -206,6 +224,22 @@ impl SearchOptions {
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     for path in args.out.iter().chain(&args.report) {
         require_writable(path)?;
+    }
+    let robot = &args.search.options.robot;
+    if let AnyRobot::Six(arm) = AnyRobot::load(robot).map_err(|e| ExpectedError::bad_input(&e))? {
+        if args.follow.apply_to(&arm) {
+            if args.fast {
+                return Err(ExpectedError::bad_input(
+                    &"--fast needs stored throws; none are kept of throws that follow the flight",
+                ));
+            }
+            return follow::run(args, &arm);
+        }
+        if let Some(option) = args.follow.first_given() {
+            return Err(ExpectedError::bad_input(&format!(
+                "{option} is for throws that follow the flight: add --follow, or leave it out for robot \"{robot}\""
+            )));
+        }
     }
     let Planned { arm, plan, took } = args.search.plan(args.target, args.seed, args.fast)?;
     if let Some(path) = &args.out {

@@ -1,0 +1,71 @@
+//! `cubectl plan throw` for robots that follow the flight of the ball: outcome, files, refusals.
+
+use std::path::PathBuf;
+use std::process::{Command, Output};
+
+use planner::follow::plan::{FollowPlan, Form};
+
+fn cubectl(words: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_cubectl")).args(words).output().expect("runs")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn file(name: &str) -> PathBuf {
+    PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name)
+}
+
+const PAPER: [&str; 9] =
+    ["plan", "throw", "--robot", "kr16_2", "--target", "2.0,0,0.6", "--form", "paper", "--resolution=0.7"];
+
+#[test]
+fn a_throw_of_the_industrial_robot_is_planned_written_and_checked() {
+    let (plan, report) = (file("follow.json"), file("follow.html"));
+    let (plan_path, report_path) = (plan.to_string_lossy(), report.to_string_lossy());
+    let out = cubectl(&[&PAPER[..], &["--out", &plan_path, "--report", &report_path]].concat());
+    assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
+    assert!(text(&out.stdout).contains("points of the flight followed"), "{}", text(&out.stdout));
+    let written = FollowPlan::read(&plan).expect("readable");
+    assert_eq!((written.form, written.target_m), (Form::Paper, [2.0, 0.0, 0.6]));
+    let html = std::fs::read_to_string(&report).expect("written");
+    assert!(html.contains("From the side") && html.contains("Axis 6: acceleration"));
+
+    let good = cubectl(&["check", &plan_path]);
+    assert_eq!(good.status.code(), Some(0), "{}", text(&good.stderr));
+    let mut broken = written;
+    broken.target_m[1] = 0.2;
+    std::fs::write(&plan, broken.to_json()).expect("writable");
+    let bad = cubectl(&["check", &plan_path]);
+    assert_eq!(bad.status.code(), Some(5));
+    assert!(text(&bad.stderr).contains("landing away from the target"), "{}", text(&bad.stderr));
+}
+
+#[test]
+fn what_has_no_meaning_is_refused_with_exit_code_4() {
+    for (more, word) in [
+        (&["--objective", "spread"][..], "--objective"),
+        (&["--clearance-m", "0.01"], "--clearance-m"),
+        (&["--lag-ms", "900"], "--lag-ms"),
+        (&["--weights-g", "1,-1"], "weight"),
+        (&["--fast"], "--fast"),
+    ] {
+        let out = cubectl(&[&PAPER[..], more].concat());
+        assert_eq!(out.status.code(), Some(4), "{word}: {}", text(&out.stderr));
+        assert!(text(&out.stderr).contains(word), "{word}: {}", text(&out.stderr));
+    }
+    let out = cubectl(&["plan", "throw", "--target", "1,1,-1", "--lag-ms", "24"]);
+    assert_eq!(out.status.code(), Some(4));
+    assert!(text(&out.stderr).contains("--follow"), "{}", text(&out.stderr));
+}
+
+#[test]
+fn a_target_out_of_reach_ends_with_exit_code_3_the_reason_and_the_nearest_target() {
+    let mut words = PAPER;
+    words[5] = "2.6,0,1.4";
+    let out = cubectl(&words);
+    let said = text(&out.stderr);
+    assert_eq!(out.status.code(), Some(3), "{said}");
+    assert!(said.contains("refused by") && said.contains("next: the nearest target with a plan"), "{said}");
+}
