@@ -15,7 +15,7 @@ use planner::disc::flight::Path;
 use planner::disc::intercept::{self, Decline, Settings};
 use planner::disc::motion::At;
 use planner::disc::paper::{self, Reading, Throw};
-use planner::disc::witness::{Gripper, Moment, Rule, Verdict, judge};
+use planner::disc::witness::{self, Gripper, Rule, Verdict, judge};
 use rayon::prelude::*;
 use robot_model::RobotModel;
 
@@ -85,21 +85,13 @@ fn by_rule(arm: &DiscArm, throw: &Throw) -> (Outcome, bool) {
     if run.captured.is_none() {
         return (Outcome::Never, false);
     }
-    let moment = |s: &paper::Step| Moment { t_s: s.t_s, q: s.q, center_m: s.disc_m, normal: Vector3::z() };
-    let moments: Vec<Moment> = run.steps.iter().map(moment).collect();
-    let verdict = judge(arm, &Gripper::default(), &Rule::of_paper(arm), &moments);
+    let verdict = judge(arm, &Gripper::default(), &Rule::of_paper(arm), &run.moments());
     let outcome = if verdict.caught.is_some() { Outcome::Caught } else { Outcome::Refuted };
     (outcome, verdict.within_limits(arm))
 }
 
 fn witnessed(arm: &DiscArm, plan: &intercept::Plan, path: &Path) -> Verdict {
-    let moments: Vec<Moment> = (0..=(plan.motion.end_s() / 0.001).ceil() as u32)
-        .map(|k| {
-            let t_s = f64::from(k) * 0.001;
-            let disc = path.at(t_s);
-            Moment { t_s, q: plan.motion.q(t_s), center_m: disc.p_m, normal: disc.normal }
-        })
-        .collect();
+    let moments = witness::moments(|t_s| plan.motion.q(t_s), path, plan.motion.end_s());
     judge(arm, &Gripper::default(), &Rule::default(), &moments)
 }
 

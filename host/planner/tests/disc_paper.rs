@@ -6,7 +6,7 @@ use nalgebra::{SMatrix, Vector2};
 use planner::disc::Joints;
 use planner::disc::arm::{DiscArm, LEVEL_SUM_RAD};
 use planner::disc::inverse::{self, HandPose, Settings};
-use planner::disc::paper::{Reading, Run, Stage, Throw, run};
+use planner::disc::paper::{Reading, Stage, Throw, run};
 use planner::disc::screws;
 use planner::disc::witness::{Gripper, Moment, Rule, judge};
 use proptest::prelude::*;
@@ -124,12 +124,6 @@ fn other_arms_are_refused() {
     assert!(error.to_string().contains("from where the equations"), "{error}");
 }
 
-/// The run as the witness sees it: joint angles and the disc, level on its parabola.
-fn seen(run: &Run) -> Vec<Moment> {
-    let level = nalgebra::Vector3::z();
-    run.steps.iter().map(|s| Moment { t_s: s.t_s, q: s.q, center_m: s.disc_m, normal: level }).collect()
-}
-
 #[test]
 fn flat_disc_is_captured_at_step_35_by_the_rule_and_by_the_witness() {
     let run = run(&ARM, &Throw::flat(), &Reading::default());
@@ -141,7 +135,7 @@ fn flat_disc_is_captured_at_step_35_by_the_rule_and_by_the_witness() {
         last.disc_m
     );
     assert!((last.distance_m() - 0.12).abs() < 1e-4 && last.reached);
-    let verdict = judge(&ARM, &Gripper::default(), &Rule::of_paper(&ARM), &seen(&run));
+    let verdict = judge(&ARM, &Gripper::default(), &Rule::of_paper(&ARM), &run.moments());
     assert_eq!(verdict.touched, None);
     let (step, at) = verdict.caught.expect("the tip is at the axis of the disc");
     assert_eq!(step, 35);
@@ -158,7 +152,7 @@ fn oblique_disc_is_captured_at_step_42_by_the_rule_but_the_gripper_is_short_of_i
     let short: Vec<u32> =
         run.steps.iter().filter(|s| s.stage == Stage::Closing && !s.reached).map(|s| s.number).collect();
     assert_eq!(short, [40, 41, 42]);
-    let verdict = judge(&ARM, &Gripper::default(), &Rule::of_paper(&ARM), &seen(&run));
+    let verdict = judge(&ARM, &Gripper::default(), &Rule::of_paper(&ARM), &run.moments());
     assert_eq!(verdict.caught, None, "{:?}", verdict.nearest);
     let touched = verdict.touched.expect("the gripper is too low");
     assert!(touched.body == "finger" && (touched.t_s - 0.42).abs() < 1e-9, "{touched:?}");
@@ -184,7 +178,7 @@ fn waiting_for_70_cm_gives_one_step_more() {
 fn a_disc_far_above_the_hand_is_not_caught() {
     // The oblique disc passes 31 cm above the gripper at step 22, with its axis on the tip.
     let run = run(&ARM, &Throw::oblique(), &Reading::default());
-    let above: Vec<Moment> = seen(&run).into_iter().take(30).collect();
+    let above: Vec<Moment> = run.moments().into_iter().take(30).collect();
     let verdict = judge(&ARM, &Gripper::default(), &Rule::of_paper(&ARM), &above);
     assert!(verdict.nearest.unwrap().tip_to_axis_m < 0.005, "{:?}", verdict.nearest);
     assert_eq!((verdict.caught, verdict.touched), (None, None));

@@ -13,6 +13,7 @@ use nalgebra::{Vector2, Vector3};
 use super::Joints;
 use super::arm::{DiscArm, LEVEL_SUM_RAD};
 use super::inverse::{self, Settings};
+use super::witness::Moment;
 
 /// Gravity of the paper, m/s².
 pub const GRAVITY_M_S2: f64 = 9.81;
@@ -151,6 +152,13 @@ pub struct Run {
 }
 
 impl Run {
+    /// The steps as the witness takes them; the disc is level.
+    #[must_use]
+    pub fn moments(&self) -> Vec<Moment> {
+        let moment = |s: &Step| Moment { t_s: s.t_s, q: s.q, center_m: s.disc_m, normal: Vector3::z() };
+        self.steps.iter().map(moment).collect()
+    }
+
     /// Largest speed of each joint between two steps, rad/s.
     #[must_use]
     pub fn speed_demanded_rad_s(&self) -> Joints {

@@ -9,6 +9,7 @@ use robot_model::collision::{CollisionChecker, Scene};
 
 use super::Joints;
 use super::arm::DiscArm;
+use super::flight::Path;
 
 /// The gripper: two plates along the hand, above and below the disc. The paper gives only its length; width, gap and
 /// thickness are chosen, inside the gripper box of the robot file.
@@ -65,6 +66,18 @@ pub struct Moment {
     pub center_m: Vector3<f64>,
     /// Unit normal of the disc.
     pub normal: Vector3<f64>,
+}
+
+/// Moments of a motion and a flight, every millisecond from 0 to `until_s`.
+#[must_use]
+pub fn moments(q_at: impl Fn(f64) -> Joints, path: &Path, until_s: f64) -> Vec<Moment> {
+    (0..=(until_s.clamp(0.0, 60.0) / 0.001).ceil() as u32)
+        .map(|k| {
+            let t_s = f64::from(k) * 0.001;
+            let disc = path.at(t_s);
+            Moment { t_s, q: q_at(t_s), center_m: disc.p_m, normal: disc.normal }
+        })
+        .collect()
 }
 
 /// Where the disc is, seen from the hand.
