@@ -23,6 +23,8 @@ pub enum Verb {
     /// Plan motions.
     #[command(subcommand)]
     Plan(Box<cmd::plan::PlanVerb>),
+    /// Catch a flying disc with a four-axis arm: the rule of paper 001, and a plan within the joint limits.
+    Catch(Box<cmd::catch::Args>),
     /// Check a plan file again, by other means than the planner's.
     Check(cmd::check::Args),
     /// Write the joint motion of a plan as a table.
@@ -121,6 +123,7 @@ pub fn run(cli: Cli) -> Result<(), ExpectedError> {
     match cli.verb {
         Verb::Throw(args) => cmd::throw::run(&args),
         Verb::Plan(verb) => cmd::plan::run(*verb),
+        Verb::Catch(args) => cmd::catch::run(&args),
         Verb::Check(args) => cmd::check::run(&args),
         Verb::Export(args) => cmd::export::run(&args),
         Verb::Scan(args) => cmd::scan::run(&args),

@@ -8,7 +8,7 @@ pub const OK: u8 = 0;
 pub const BUG: u8 = 1;
 /// The command line makes no sense (given by the argument parser).
 pub const USAGE: u8 = 2;
-/// No throw reaches the target.
+/// No throw reaches the target, or no catch is possible.
 pub const NO_THROW: u8 = 3;
 /// A file cannot be read, is damaged, newer, or for another robot; or a value in it or on the command line is refused.
 pub const BAD_INPUT: u8 = 4;
@@ -41,7 +41,11 @@ pub const TABLE: &[(u8, &str, &str)] = &[
     ),
     (BUG, "a bug in cubectl", "report it with the command line and the recording"),
     (USAGE, "the command line makes no sense", "see `cubectl help VERB`"),
-    (NO_THROW, "no throw reaches the target", "choose a nearer target or relax a limit"),
+    (
+        NO_THROW,
+        "no throw reaches the target, or no catch is possible",
+        "choose a nearer target or relax a limit; throw the disc slower or from farther away",
+    ),
     (BAD_INPUT, "a file or a value is refused", "the message names file, key and what would be right"),
     (CHECK_FAILED, "a plan does not hold what it claims", "plan again; do not run it"),
     (INTERRUPTED, "interrupted before there was a result", "run it again; what moved was stopped first"),

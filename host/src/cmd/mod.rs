@@ -1,5 +1,6 @@
 //! One verb of `cubectl` per file: arguments and `run`.
 
+pub mod catch;
 pub mod check;
 pub mod clear;
 pub mod completions;

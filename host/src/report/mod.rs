@@ -7,6 +7,7 @@
 //! | [`follow`] | the same for a throw that follows the flight |
 //! | [`run`] | HTML report of a recorded run against its plan |
 //! | [`identify`] | HTML report of an identification |
+//! | [`catch`] | HTML report of catching a disc |
 //! | [`reach`] | map of what a sweep reached |
 //! | [`page`] | an HTML page: style, scripts, tiles, tables |
 //! | [`chart`] | line charts as SVG |
@@ -14,6 +15,7 @@
 //! | [`landing`] | landing about the target |
 //! | [`timeline`] | frames on the bus |
 
+pub mod catch;
 pub mod chart;
 pub mod follow;
 pub mod identify;

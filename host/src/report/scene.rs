@@ -66,15 +66,7 @@ pub fn data(arm: &Arm, plan: &PlanFile, motion: &Motion<'_>) -> String {
             hand.push(held);
         }
         let ball = motion.flight.and_then(|flight| flight.ball_at(t_s)).unwrap_or(held);
-        let links: Vec<String> = frames
-            .x_w
-            .iter()
-            .map(|x| {
-                let numbers: Vec<String> =
-                    x.rot.transpose().iter().chain(x.pos.iter()).map(|v| format!("{v:.4}")).collect();
-                format!("[{}]", numbers.join(","))
-            })
-            .collect();
+        let links: Vec<String> = frames.x_w.iter().map(link).collect();
         steps.push(format!("{{\"t\":{t_s:.4},\"ball\":{},\"links\":[{}]}}", point(&ball), links.join(",")));
     }
     let boxes = arm.collision().boxes().iter().map(|b| body(b.link, &b.x_lb, &b.half_m));
@@ -103,8 +95,15 @@ pub fn data(arm: &Arm, plan: &PlanFile, motion: &Motion<'_>) -> String {
     )
 }
 
+/// Pose of a link: rotation by rows, then place.
+pub(super) fn link(x: &Pose) -> String {
+    let numbers: Vec<String> =
+        x.rot.transpose().iter().chain(x.pos.iter()).map(|v| format!("{v:.4}")).collect();
+    format!("[{}]", numbers.join(","))
+}
+
 /// A box with its corners in the frame of its link.
-fn body(link: usize, x_lb: &Pose, half_m: &Vector3<f64>) -> String {
+pub(super) fn body(link: usize, x_lb: &Pose, half_m: &Vector3<f64>) -> String {
     let corners: Vec<Vector3<f64>> = (0..8_u8)
         .map(|k| {
             let sign = |bit: u8| if k & bit == 0 { -1.0 } else { 1.0 };
@@ -145,10 +144,10 @@ pub fn ellipse(plan: &PlanFile, sigmas: f64) -> Vec<(f64, f64)> {
         .collect()
 }
 
-fn point(p: &Vector3<f64>) -> String {
+pub(super) fn point(p: &Vector3<f64>) -> String {
     format!("[{:.4},{:.4},{:.4}]", p.x, p.y, p.z)
 }
 
-fn list(points: &[Vector3<f64>]) -> String {
+pub(super) fn list(points: &[Vector3<f64>]) -> String {
     format!("[{}]", points.iter().map(point).collect::<Vec<_>>().join(","))
 }

@@ -54,7 +54,7 @@
     let i = scene.steps.findIndex(s => s.t >= t); if (i < 0) i = scene.steps.length - 1;
     if (i === 0) return scene.steps[0];
     const a = scene.steps[i - 1], b = scene.steps[i], k = (t - a.t) / (b.t - a.t || 1), mix = (x, y) => x.map((v, n) => v + k * (y[n] - v));
-    return {t, ball: mix(a.ball, b.ball), links: a.links.map((l, n) => mix(l, b.links[n]))};
+    return {t, ball: mix(a.ball, b.ball), normal: a.normal && mix(a.normal, b.normal), links: a.links.map((l, n) => mix(l, b.links[n]))};
   }
   const faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]];
   function shade(hex, light) {
@@ -78,6 +78,7 @@
     const q = turn(step.ball); all.push({ball: step.ball, depth: q[2] + scene.radius});
     all.sort((a, b) => a.depth - b.depth);
     for (const f of all) {
+      if (f.ball && step.normal) { disc(f.ball, step.normal); continue; }
       if (f.ball) {
         const s = project(f.ball), r = Math.max(3.5, s[3] * scene.radius), fill = ctx.createRadialGradient(s[0] - r / 3, s[1] - r / 3, r / 6, s[0], s[1], r);
         fill.addColorStop(0, '#fff'); fill.addColorStop(0.35, css('--fly')); fill.addColorStop(1, css('--fly'));
@@ -87,6 +88,12 @@
       ctx.beginPath(); f.p.forEach((p, i) => { const s = project(p); i ? ctx.lineTo(s[0], s[1]) : ctx.moveTo(s[0], s[1]); });
       ctx.closePath(); ctx.fillStyle = f.colour; ctx.fill(); ctx.strokeStyle = f.colour; ctx.lineWidth = 0.6; ctx.stroke();
     }
+  }
+  function disc(c, n) {
+    const side = Math.abs(n[0]) < 0.9 ? [1, 0, 0] : [0, 1, 0], cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+    const e1 = cross(n, side), l = Math.hypot(...e1), u = e1.map(v => v / l), w = cross(n, u);
+    const rim = Array.from({length: 40}, (_, i) => c.map((v, k) => v + scene.radius * (u[k] * Math.cos(i * Math.PI / 20) + w[k] * Math.sin(i * Math.PI / 20))));
+    area(rim, css('--fly'), 0.8); line(rim.concat([rim[0]]), css('--ink'), 0.8);
   }
   function draw() {
     const ratio = devicePixelRatio || 1; width = canvas.clientWidth; height = canvas.clientHeight;
@@ -110,7 +117,8 @@
     const flown = scene.release === null ? [] : scene.steps.filter(s => s.t >= scene.release && s.t <= now).map(s => s.ball);
     if (flown.length) line(flown.concat([step.ball]), css('--fly'), 2.4);
     arm(step);
-    label(scene.target, 'target', 12, -8); if (scene.flight.length) label(scene.flight[0], 'release', -52, 4);
+    const [there, first] = scene.names || ['target', 'release'];
+    label(scene.target, there, 12, -8); if (scene.flight.length) label(scene.flight[0], first, -52, 4);
     shown.textContent = `t = ${now.toFixed(3)} s`;
     slider.value = Math.round(1000 * (now - t0) / (t1 - t0));
     window.dispatchEvent(new CustomEvent('plan-time', {detail: now}));
@@ -133,5 +141,5 @@
   canvas.onwheel = e => { e.preventDefault(); view.zoom *= Math.exp(-e.deltaY * 0.001); draw(); };
   addEventListener('resize', draw); matchMedia('(prefers-color-scheme: dark)').addEventListener('change', draw);
   addEventListener('chart-time', e => { if (!running && e.detail >= t0 && e.detail <= t1) { now = e.detail; draw(); } });
-  now = scene.release === null ? t1 : Math.min(t1, scene.release + 0.35 * (t1 - scene.release)); draw();
+  now = scene.first !== undefined ? scene.first : scene.release === null ? t1 : Math.min(t1, scene.release + 0.35 * (t1 - scene.release)); draw();
 })();
