@@ -194,8 +194,9 @@ fn spread(stops: &[Stop], of: impl Fn(&Stop) -> u64) -> (f64, f64, f64) {
     (ms(0), ms(all.len() / 2), ms(all.len() - 1))
 }
 
-fn row(name: &str, what: &str, (least, middle, most): (f64, f64, f64), bound: f64) {
-    println!("{name:<6} {what:<40} {least:>9.2} {middle:>9.2} {most:>9.2} {bound:>9.2}");
+fn row(name: &str, what: &str, (least, middle, most): (f64, f64, f64), bound_ms: Option<f64>) {
+    let bound = bound_ms.map_or("its way".to_owned(), |ms| format!("{ms:.2}"));
+    println!("{name:<6} {what:<40} {least:>9.2} {middle:>9.2} {most:>9.2} {bound:>9}");
 }
 
 fn latencies(seeds: u64) {
@@ -223,7 +224,7 @@ fn latencies(seeds: u64) {
         let stops = run(&|lab, _| lab.stop_now());
         check(&stops, &[Cause::StopMessage]);
         let halt = spread(&stops, |stop| stop.halt_us);
-        row(name, "stop message to halt broadcast", halt, 1.0);
+        row(name, "stop message to halt broadcast", halt, Some(1.0));
         assert!(halt.0 > 0.04 && halt.2 <= 1.0, "{halt:?}");
 
         let stops = run(&|lab, _| {
@@ -232,7 +233,7 @@ fn latencies(seeds: u64) {
         check(&stops, &[Cause::StopOrdered]);
         let rest = spread(&stops, |stop| stop.halt_us);
         let bound = f64::from(settings.stop_path_max_us) / 1e3 + 400.0;
-        row(name, "stop order to halt at rest on the path", rest, bound);
+        row(name, "stop order to halt at rest on the path", rest, Some(bound));
         assert!(rest.0 > period_ms && rest.2 <= bound, "{rest:?}");
 
         let stops = run(&|lab, joint| strike(lab, FaultKind::Wire(WireFault::Silent), module(joint)));
@@ -241,14 +242,14 @@ fn latencies(seeds: u64) {
         // A request may have been answered just before; then two are missed, each by its deadline, one in each cycle.
         let deadline_ms = f64::from(settings.reply_deadline_us) / 1e3;
         let bound = f64::from(settings.reply_missed_max) * period_ms + period_ms.max(deadline_ms) + 0.5;
-        row(name, "silent drive to group stop", react, bound);
+        row(name, "silent drive to group stop", react, Some(bound));
         assert!(react.0 > deadline_ms && react.2 <= bound, "{react:?}");
 
         let stops = run(&|lab, _| lab.heartbeat = false);
         check(&stops, &[Cause::HostLost]);
         let react = spread(&stops, |stop| stop.react_us);
         let bound = f64::from(settings.host_timeout_us) / 1e3 + period_ms + 0.5;
-        row(name, "last heartbeat to group stop", react, bound);
+        row(name, "last heartbeat to group stop", react, Some(bound));
         // The last heartbeat went out up to 20 ms before.
         assert!(react.0 >= bound - period_ms - 21.0 && react.2 <= bound, "{react:?}");
 
@@ -259,7 +260,7 @@ fn latencies(seeds: u64) {
         // A joint that is all but at rest has nothing to show; then its state word, frozen in motion, denies the rest.
         check(&stops, &[Cause::PositionFrozen, Cause::RestNotReached]);
         let react = spread(&stops, |stop| stop.react_us);
-        row(name, "frozen answers to group stop", react, f64::NAN);
+        row(name, "frozen answers to group stop", react, None);
         let share = stops.iter().map(|stop| stop.excursion_rad / stop.bound_rad).fold(0.0, f64::max);
         let largest = stops.iter().map(|stop| stop.excursion_rad).fold(0.0, f64::max);
         println!(
