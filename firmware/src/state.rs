@@ -144,7 +144,7 @@ impl State {
     }
 }
 
-/// Holds the state; [`Self::enter`] is the only writer between states.
+/// Holds the state; `enter` is the only writer between states.
 #[derive(Clone, Debug)]
 pub struct Machine {
     state: State,

@@ -468,3 +468,37 @@ fn run_ordered_in_the_middle_of_a_look_at_the_drives_comes_to_its_end() {
         assert_eq!(bench.kind(), StateKind::Ready, "{offset_us} us: {:?}", bench.controller.state());
     }
 }
+
+/// Found when the controller was taken apart: the control step that noticed the late cycles still planned set points, and they
+/// took the place of the ramps to rest.
+#[test]
+fn stop_for_late_cycles_sends_ramps_to_rest_and_no_further_set_points() {
+    let settings = Settings { cycle_late_max: 3, reply_missed_max: 10, ..Settings::powercube6() };
+    let mut bench = Bench::ready(Options { settings, ..Options::default() }, &throw_start());
+    bench.start(&throw_file(3_000, true));
+    bench.run_for(2 * PERIOD_US + 430_000);
+    assert_eq!(bench.kind(), StateKind::Running);
+    // The runner sleeps past the beginning of three cycles, once the drives have answered.
+    for _ in 0..3 {
+        bench.run_until(10_000, |bench| bench.controller.is_cycle_done());
+        bench.now += 5_000;
+        bench.run_until(100, |bench| bench.kind() != StateKind::Running);
+    }
+    assert_eq!(fault_of(&bench), Some(Cause::CycleOverrun));
+    let at = bench.now;
+    let q: Vec<f64> = bench.drives.iter().map(|drive| drive.q_gen).collect();
+    let v: Vec<f64> = bench.drives.iter().map(|drive| drive.v_gen).collect();
+    bench.run_for(20_000);
+    for logged in bench.log.iter().filter(|l| l.by_controller && l.at.as_micros() > at) {
+        let Ok(AddressedRequest { module, request: Request::Move(motion), .. }) =
+            AddressedRequest::decode(&logged.frame)
+        else {
+            continue;
+        };
+        let protocol::powercube::MotionCommand::Ramp { target } = motion.command() else { panic!("a ramp") };
+        let index = settings.joint_of(module).unwrap();
+        let way = f64::from(settings.joint.at(index).to_joint_rad(target.get())) - q[index.get()];
+        let braking = v[index.get()].powi(2) / (2.0 * f64::from(settings.joint.at(index).a_max_rad_s2));
+        assert!(way.abs() < braking + 0.06, "joint {index} is sent {way} rad ahead, it needs {braking} rad to stop");
+    }
+}
