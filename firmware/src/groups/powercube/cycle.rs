@@ -175,7 +175,7 @@ impl PowerCubes {
                 overrun = self.cycle.is_unfinished(settings) || late * 2 > period;
                 self.begin_set_points(now, settings, overrun);
             }
-            Mode::Parking | Mode::Braking | Mode::Halted => {}
+            Mode::Parking | Mode::Braking { .. } | Mode::Halted => {}
         }
         self.push(GroupEvent::Cycle { late, overrun });
     }
@@ -188,7 +188,7 @@ impl PowerCubes {
         }
         match self.mode {
             Mode::Tracking => self.read_guest(settings),
-            Mode::Parking | Mode::Braking | Mode::Halted => {
+            Mode::Parking | Mode::Braking { .. } | Mode::Halted => {
                 for joint in settings.joints() {
                     self.watch(joint);
                 }
@@ -301,21 +301,26 @@ impl PowerCubes {
 
     /// Every joint on its own: one ramp to where it can just stop.
     pub(super) fn brake_all(&mut self, now: Instant, settings: &Settings) -> Instant {
-        let jog = if let Mode::Jogging(jog) = self.mode { Some(jog) } else { None };
+        let jogged = if let Mode::Jogging(jog) = self.mode { Some(jog.joint) } else { None };
         self.schedule.clear_all();
-        self.mode = Mode::Braking;
-        if let Some(jog) = jog {
-            return self.ramp_down(now, settings, jog.joint, settings.joint.at(jog.joint).jog_a_rad_s2);
+        self.mode = Mode::Braking { jogged };
+        if let Some(joint) = jogged {
+            return self.ramp_down(now, settings, joint, jogged);
         }
-        settings.joints().fold(now, |until, joint| {
-            until.max(self.ramp_down(now, settings, joint, settings.joint.at(joint).a_max_rad_s2))
-        })
+        settings.joints().fold(now, |until, joint| until.max(self.ramp_down(now, settings, joint, None)))
     }
 
     /// Ramp of one joint to rest, from where its generator is by the model of its commands: no measured position leads it,
     /// because one that is wrong may be the reason to stop. Returns the end of the ramp.
-    fn ramp_down(&mut self, now: Instant, settings: &Settings, joint: JointIndex, a_rad_s2: f32) -> Instant {
+    pub(super) fn ramp_down(
+        &mut self,
+        now: Instant,
+        settings: &Settings,
+        joint: JointIndex,
+        jogged: Option<JointIndex>,
+    ) -> Instant {
         let limits = settings.joint.at(joint);
+        let a_rad_s2 = if jogged.is_some() { limits.jog_a_rad_s2 } else { limits.a_max_rad_s2 };
         let state = self.axes.at(joint).model.generator_at(now + BRAKE_LEAD);
         let mut command = ramp::stop(state, a_rad_s2, &limits.ramp_limits(settings.reach_rad));
         // The speed in the drive is at least the present one; writing it would cost time.

@@ -51,7 +51,7 @@ impl PowerCubes {
     /// computer need that are held up for a moment, because nothing is lost by waiting.
     const fn reply_deadline(&self, settings: &Settings) -> Duration {
         match self.mode {
-            Mode::Tracking | Mode::Parking | Mode::Braking | Mode::Halted | Mode::Jogging(_) => {
+            Mode::Tracking | Mode::Parking | Mode::Braking { .. } | Mode::Halted | Mode::Jogging(_) => {
                 Duration::from_micros(settings.reply_deadline_us as u64)
             }
             Mode::Finding(_) | Mode::Standing { .. } | Mode::Homing(_) => SLOW_DEADLINE,
@@ -87,14 +87,41 @@ impl PowerCubes {
         }
     }
 
-    /// Gives up the next request whose reply did not come in time; false if there is none.
+    /// Gives up all requests whose replies did not come in time. They are reported afterwards: what the controller does then
+    /// must stay on the agendas.
     #[inline(never)]
-    pub(super) fn give_up_next(&mut self, now: Instant, settings: &Settings) -> bool {
-        let due = settings.joints().find_map(|joint| {
-            let (lane, request) = self.drives.at_mut(joint).give_up_due(now)?;
-            Some((joint, lane, request))
-        });
-        let Some((joint, lane, request)) = due else { return false };
+    pub(super) fn give_up_due(&mut self, now: Instant, settings: &Settings) {
+        for joint in settings.joints() {
+            // Two lanes.
+            for _ in 0..2 {
+                let Some((lane, request)) = self.drives.at_mut(joint).give_up_due(now) else { break };
+                self.give_up(now, settings, joint, lane, request);
+                let [first, second] = &mut self.unreported;
+                *if *first & joint.bit() == 0 { first } else { second } |= joint.bit();
+            }
+        }
+    }
+
+    /// The next answer to be reported as missed.
+    pub(super) fn next_missed(&mut self, settings: &Settings) -> Option<GroupEvent> {
+        let [first, second] = &mut self.unreported;
+        if (*first | *second) == 0 {
+            return None;
+        }
+        let joint = settings.joints().find(|joint| (*first | *second) & joint.bit() != 0)?;
+        let mask = if *first & joint.bit() != 0 { first } else { second };
+        *mask &= !joint.bit();
+        Some(GroupEvent::Missed(joint, self.drives.at(joint).missed_in_row))
+    }
+
+    fn give_up(
+        &mut self,
+        now: Instant,
+        settings: &Settings,
+        joint: JointIndex,
+        lane: Lane,
+        request: Request,
+    ) {
         if lane == Lane::Main {
             self.schedule.clear(joint);
         }
@@ -105,15 +132,21 @@ impl PowerCubes {
             let a_max_rad_s2 = settings.joint.at(joint).a_max_rad_s2;
             self.axes.at_mut(joint).model.doubt(a_rad_s2.unwrap_or(a_max_rad_s2));
         }
-        // A step of finding, homing or of a jog that got no answer is asked again.
+        // A step of finding, homing or of a jog that got no answer is asked again, and so is a ramp to rest.
         match self.mode {
             Mode::Finding(stage) => self.finding_on_missed(stage, joint),
             Mode::Homing(homing) if homing.joint == joint => self.homing_on_missed(settings, homing, request),
             Mode::Jogging(jog) if jog.joint == joint => self.jogging_on_missed(settings, jog, request),
+            // One that stays silent is halted instead.
+            Mode::Braking { jogged }
+                if lane == Lane::Main
+                    && !matches!(request, Request::Get(_))
+                    && self.drives.at(joint).missed_in_row < settings.reply_missed_max =>
+            {
+                self.ramp_down(now, settings, joint, jogged);
+            }
             _ => {}
         }
-        self.push(GroupEvent::Missed(joint, self.drives.at(joint).missed_in_row));
-        true
     }
 
     /// Broadcast of another node. A halt stops all drives at once: the ball is kept, and no drive is asked to go on. Halted
@@ -290,7 +323,7 @@ impl PowerCubes {
         sample: PositionSample,
     ) -> Option<Cause> {
         let follows = match self.mode {
-            Mode::Tracking | Mode::Parking | Mode::Braking => true,
+            Mode::Tracking | Mode::Parking | Mode::Braking { .. } => true,
             Mode::Jogging(jog) => jog.joint == joint,
             Mode::Halted | Mode::Homing(_) | Mode::Standing { .. } | Mode::Finding(_) => false,
         };
@@ -320,7 +353,7 @@ impl PowerCubes {
         let moves = state.intersects(CubeState::MOTION);
         drive.motion_words = if moves { drive.motion_words.saturating_add(1) } else { 0 };
         let watched = match self.mode {
-            Mode::Tracking | Mode::Parking | Mode::Braking | Mode::Jogging(_) => true,
+            Mode::Tracking | Mode::Parking | Mode::Braking { .. } | Mode::Jogging(_) => true,
             // The joint at work is judged by its homing: it has no zero and may report what it does.
             Mode::Homing(homing) => homing.joint != joint,
             Mode::Halted | Mode::Standing { .. } | Mode::Finding(_) => false,

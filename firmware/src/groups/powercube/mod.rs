@@ -88,7 +88,10 @@ pub enum Mode {
     /// Slow ramps to a position.
     Parking,
     /// Ramps to rest.
-    Braking,
+    Braking {
+        /// The joint of a jog, which brakes alone, with the acceleration of jogs.
+        jogged: Option<JointIndex>,
+    },
     /// The halt is out; the drives brake by themselves.
     Halted,
 }
@@ -101,7 +104,7 @@ impl Mode {
 
     /// Led by the control cycle.
     const fn is_cyclic(self) -> bool {
-        matches!(self, Self::Tracking | Self::Parking | Self::Braking | Self::Halted)
+        matches!(self, Self::Tracking | Self::Parking | Self::Braking { .. } | Self::Halted)
     }
 }
 
@@ -130,6 +133,8 @@ pub struct PowerCubes {
     cycle: Cycle,
     transmit: TransmitQueue,
     events: Deque<GroupEvent, EVENTS>,
+    /// Joints whose missed answers are still to be reported: once, and a second time.
+    unreported: [u8; 2],
     /// Next sign of life to the drives; `None` while they get none.
     watchdog_due: Option<Instant>,
     /// What the drives said before this is from before the last reset.
@@ -158,6 +163,7 @@ impl Default for PowerCubes {
             cycle: Cycle::default(),
             transmit: default_in_place(),
             events: Deque::new(),
+            unreported: [0; 2],
             watchdog_due: None,
             reset_at: Instant::ZERO,
             gripper_write: None,
@@ -237,11 +243,13 @@ impl DriveGroup for PowerCubes {
             if let Some(event) = self.events.pop_front() {
                 return Some(event);
             }
+            if let Some(missed) = self.next_missed(settings) {
+                return Some(missed);
+            }
             match self.turn {
                 Turn::Answers => {
-                    if !self.give_up_next(now, settings) {
-                        self.turn = Turn::LifeThenPeriod;
-                    }
+                    self.give_up_due(now, settings);
+                    self.turn = Turn::LifeThenPeriod;
                 }
                 Turn::LifeThenPeriod => {
                     self.refresh_watchdog(now, settings);
