@@ -30,6 +30,8 @@ pub enum Stage {
     StopFloor,
     /// Commanded acceleration or jerk would cut the robot out.
     CutOut,
+    /// A start that the search without a grid could not bring inside all limits.
+    Unsolved,
     /// The arm would meet itself or the floor on its way.
     Contact,
     /// The ball would meet arm or hand.
@@ -42,7 +44,7 @@ pub enum Stage {
 
 impl Stage {
     /// All, in the order of the tests.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Flight,
         Self::Reach,
         Self::Singular,
@@ -52,6 +54,7 @@ impl Stage {
         Self::StopRange,
         Self::StopFloor,
         Self::CutOut,
+        Self::Unsolved,
         Self::Contact,
         Self::Ball,
         Self::Dominated,
@@ -71,6 +74,7 @@ impl Stage {
             Self::StopRange => "stop outside of the joint ranges",
             Self::StopFloor => "stop too near to the floor",
             Self::CutOut => "commanded acceleration or jerk",
+            Self::Unsolved => "no motion from this start keeps all limits at once",
             Self::Contact => "contact of the arm",
             Self::Ball => "ball meets the arm",
             Self::Dominated => "not better than the best",

@@ -44,7 +44,7 @@ pub struct BestOptions {
     pub hand: HandFreedom,
     /// Releases that are drawn.
     pub draws: usize,
-    /// Releases that are optimised.
+    /// Releases that are optimised; up to six times as many if none of the first leads to a throw.
     pub starts: usize,
     /// Disturbed restarts of each of the best results.
     pub kicks: usize,
@@ -75,6 +75,8 @@ impl Default for BestOptions {
 
 /// Results that are disturbed and grown again.
 const KICKED: usize = 4;
+/// Further releases that are kept for the case that none of the first leads to a throw, in multiples of the starts.
+const RESERVE: usize = 5;
 /// First lengthening of a window, in points; halved at each failure.
 const GROWTH: usize = 8;
 
@@ -98,10 +100,18 @@ impl Grown {
 /// # Errors
 /// [`NotFound`] if no start leads to a feasible throw with one point.
 pub fn plan(setting: &Setting<'_>, options: &BestOptions) -> Result<Found, Box<NotFound>> {
-    let (seeds, mut counts) = seeds::draw(setting, options);
-    let grown: Vec<Option<Grown>> = seeds.par_iter().map(|seed| from_seed(setting, options, seed)).collect();
-    counts.add(Stage::CutOut, grown.iter().filter(|g| g.is_none()).count() as u64);
-    let mut grown: Vec<Grown> = grown.into_iter().flatten().collect();
+    let (seeds, mut counts) = seeds::draw(setting, options, options.starts * (1 + RESERVE));
+    let mut grown: Vec<Grown> = Vec::new();
+    // Targets at the edge of what is possible have few good starts: the reserve is only for them.
+    for some in seeds.chunks(options.starts.max(1)) {
+        let tried: Vec<Option<Grown>> =
+            some.par_iter().map(|seed| from_seed(setting, options, seed)).collect();
+        counts.add(Stage::Unsolved, tried.iter().filter(|g| g.is_none()).count() as u64);
+        grown.extend(tried.into_iter().flatten());
+        if !grown.is_empty() {
+            break;
+        }
+    }
     counts.add(Stage::Feasible, grown.len() as u64);
     grown.sort_by(|a, b| {
         (b.points, a.cost_j1).partial_cmp(&(a.points, b.cost_j1)).unwrap_or(std::cmp::Ordering::Equal)

@@ -33,8 +33,8 @@ const SAME_RAD: f64 = 0.25;
 /// Draws that one task handles.
 const CHUNK: usize = 250;
 
-/// The best seeds, and how many draws were refused by what.
-pub(super) fn draw(setting: &Setting<'_>, options: &BestOptions) -> (Vec<Seed>, StageCounts) {
+/// The best seeds, at most `count`, and how many draws were refused by what.
+pub(super) fn draw(setting: &Setting<'_>, options: &BestOptions, count: usize) -> (Vec<Seed>, StageCounts) {
     let numeric = matches!(setting.arm.family(), Family::General);
     let draws = if numeric { options.draws.div_ceil(NUMERIC_SHARE) } else { options.draws };
     let chunks: Vec<_> = (0..draws).step_by(CHUNK).map(|from| from..(from + CHUNK).min(draws)).collect();
@@ -49,7 +49,7 @@ pub(super) fn draw(setting: &Setting<'_>, options: &BestOptions) -> (Vec<Seed>, 
     seeds.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     let mut kept: Vec<Seed> = Vec::new();
     for seed in seeds {
-        if kept.len() >= options.starts {
+        if kept.len() >= count {
             break;
         }
         if kept.iter().all(|k| (k.q - seed.q).amax() > SAME_RAD) {
