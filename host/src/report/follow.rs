@@ -152,18 +152,17 @@ fn path_charts(arm: &Arm, plan: &FollowPlan) -> Vec<Chart> {
     let end_s = flight.time_to(&Vector3::from(plan.target_m));
     let flown: Vec<Vector3<f64>> = (0..=60).map(|k| flight.position(f64::from(k) / 60.0 * end_s)).collect();
     let view = |title: &str, labels: [&str; 2], of: fn(&Vector3<f64>) -> (f64, f64)| {
-        let mut curves: Vec<Curve> = PHASES
-            .into_iter()
-            .map(|(phase, name, colour)| {
-                let points = of_phase(plan, phase, |k| of(&ball[k]));
-                Curve::line(name, colour, points).drawn(if phase == Phase::Follow {
-                    Pen::Dots
-                } else {
-                    Pen::Line
-                })
+        // The flight first: it lies under the points that follow it.
+        let mut curves =
+            vec![Curve::line("flight", PARABOLA, flown.iter().map(of).collect()).drawn(Pen::Dashed)];
+        curves.extend(PHASES.into_iter().map(|(phase, name, colour)| {
+            let points = of_phase(plan, phase, |k| of(&ball[k]));
+            Curve::line(name, colour, points).drawn(if phase == Phase::Follow {
+                Pen::Dots
+            } else {
+                Pen::Line
             })
-            .collect();
-        curves.push(Curve::line("flight", PARABOLA, flown.iter().map(of).collect()).drawn(Pen::Dashed));
+        }));
         Chart {
             title: title.to_owned(),
             x_label: labels[0].to_owned(),
