@@ -131,6 +131,9 @@ causes! {
     401 CycleOverrun QuickStop "control cycles could not be finished in time, several in a row", "longer period, fewer other frames on the bus, or a quieter computer";
     402 RestNotReached Halt "a joint was not measured at rest in time after a motion or a stop", "look whether the arm stands; read the drive's state word and position; clear the fault when it does";
     403 HaltedByOther Halt "another node sent a halt broadcast while the group moved", "find out who stopped the drives and why, then clear the fault";
+    404 AnswersLate PathStop "the robot counted too many late answers during a run", "look at the load of the computer and the network; clear the fault and arm again";
+    405 RobotLags PathStop "the axes stay away from where their set points lead", "identify lag and dead time anew; look at load and overrides of the robot";
+    406 RobotRestarted Halt "the robot began a new program run, or its connection was lost for long", "look at the pendant for the cause; clear the fault to take the new start pose";
 
     500 WatchdogUnproven Halt "a drive's watchdog did not stop it when it was tested", "check the drive's configuration word; a drive without watchdog must not be run";
     501 HomingTimeout Halt "a joint did not find its zero in time", "check the home switch and the direction of homing";

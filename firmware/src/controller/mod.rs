@@ -130,6 +130,14 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         controller
     }
 
+    /// [`Self::with_spline`] with a group that was made with options of its own.
+    pub fn with_group(storage: S, spline: M, group: G, defaults: &Settings, seed: Seed) -> Self {
+        let mut controller = Self::asleep(storage, spline, seed);
+        controller.group = group;
+        controller.wake(defaults);
+        controller
+    }
+
     /// Nothing looked up yet. A call of its own for each large part, and no decision in between: so the compiler makes them
     /// where they stay, instead of making and moving them (12 KB more of a board's stack).
     #[inline(never)]

@@ -18,7 +18,7 @@ use super::Controller;
 use super::standing::HALT_REPEAT;
 use crate::fault::{Cause, Fault, Reaction};
 use crate::freeze::{FreezeFrame, FrozenJoint};
-use crate::group::{Command, DriveGroup};
+use crate::group::{Command, DriveGroup, Law};
 use crate::joints::PerJoint;
 use crate::path::{PathClock, Slowing};
 use crate::rest::HALT_REST_MAX;
@@ -173,11 +173,12 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
                 }
             }
             StopWay::Path => {
-                let (_, rate) = clock.at(now);
-                match self.slowing(now, &clock) {
+                let open = self.first_open(now);
+                let (_, rate) = clock.at(open);
+                match self.slowing(open, &clock) {
                     // Before the start of the plan or at its end the reference stands anyway.
-                    _ if rate <= 0.0 => clock.advance(now, 0.0),
-                    Some(slowing) => clock.advance(now, slowing),
+                    _ if rate <= 0.0 => clock.advance(open, 0.0),
+                    Some(slowing) => clock.advance(open, slowing),
                     None => {
                         self.quick_stop(now, fault, clock);
                         return;
@@ -191,10 +192,16 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         }
     }
 
-    /// Hardest slowing down of path time that all joints can follow in the next cycle.
-    fn slowing(&mut self, now: Instant, clock: &PathClock) -> Option<f32> {
+    /// First time whose reference may still change. Drives that close their own loop were given what lies before it.
+    fn first_open(&self, now: Instant) -> Instant {
+        let profile = self.group.profile(&self.settings);
+        if profile.law == Law::Reference { now + profile.lag } else { now }
+    }
+
+    /// Hardest slowing down of path time that all joints can follow in the cycle from `open` on.
+    fn slowing(&mut self, open: Instant, clock: &PathClock) -> Option<f32> {
         let mut slowing = Slowing::default();
-        let ahead = now + self.group.profile(&self.settings).period;
+        let ahead = open + self.group.profile(&self.settings).period;
         let (s_us, rate) = clock.at(ahead);
         for joint in self.joints() {
             let a_rad_s2 = self.settings.stop_share * self.settings.joint.at(joint).a_max_rad_s2;

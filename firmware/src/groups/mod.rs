@@ -2,3 +2,4 @@
 //! its [`Controller`](crate::Controller) names.
 
 pub mod powercube;
+pub mod rsi;

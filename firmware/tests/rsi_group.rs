@@ -1,0 +1,429 @@
+//! The RSI group behind the controller, led by a robot that is the clock.
+//!
+//! The robot is written from the description of the interface, in double precision: absolute corrections from the start pose,
+//! HOLDON, a counter of late answers, dead time and first-order lag. It is the witness: its axes are compared with the
+//! closed form of the throw, and the acceleration of its set points with the cut-out of a real one.
+
+mod bench;
+
+use bench::{HOST, joint, throw_file, throw_reference, throw_start};
+use firmware::Controller;
+use firmware::authority::Seed;
+use firmware::fault::Cause;
+use firmware::group::DriveGroup;
+use firmware::groups::rsi::{Options, Packet, Rsi, Telegram};
+use firmware::joints::PerJoint;
+use firmware::orders::{Done, Order};
+use firmware::settings::Settings;
+use firmware::spline::Spline;
+use firmware::state::StateKind;
+use firmware::store::{FileName, RamStorage};
+use protocol::cyphal::crc::Crc64;
+use protocol::{Duration, Instant};
+
+const AXES: usize = 6;
+const PERIOD_US: u64 = 12_000;
+const DEAD_CYCLES: usize = 8;
+const LAG_S: f64 = 0.024;
+const CUT_OUT_RAD_S2: f64 = 34.9;
+
+fn settings() -> Settings {
+    Settings { cycle_period_us: PERIOD_US as u32, gains_certificate_crc32: 0, ..Settings::powercube6() }
+}
+
+/// What the network does to the telegram of a cycle, or to its answer.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+enum Wire {
+    #[default]
+    Fine,
+    TelegramLost,
+    AnswerLost,
+    /// The answer comes after the window.
+    AnswerLate,
+    Doubled,
+    /// The telegram comes after the next one.
+    Overtaken,
+    /// The telegram arrives with another number.
+    OtherNumber,
+}
+
+struct Robot {
+    ipoc: u64,
+    start: [f64; AXES],
+    /// Set points by cycle, newest last.
+    set: Vec<[f64; AXES]>,
+    q: [f64; AXES],
+    accepted: Option<[f64; AXES]>,
+    correction: [f64; AXES],
+    late: u32,
+    open: Option<u64>,
+    stopped: bool,
+    a_max: f64,
+}
+
+impl Robot {
+    fn new(start: [f64; AXES]) -> Self {
+        Self {
+            ipoc: 4_710,
+            start,
+            set: vec![start; 2 * DEAD_CYCLES],
+            q: start,
+            accepted: None,
+            correction: [0.0; AXES],
+            late: 0,
+            open: None,
+            stopped: false,
+            a_max: 0.0,
+        }
+    }
+
+    /// A new program run: the start pose is where the set points stand.
+    fn restart(&mut self) {
+        let set = *self.set.last().unwrap();
+        self.set = vec![set; 2 * DEAD_CYCLES];
+        *self = Self {
+            start: set,
+            q: self.q,
+            open: self.open,
+            a_max: self.a_max,
+            set: self.set.clone(),
+            ..Self::new(set)
+        };
+    }
+
+    fn cycle(&mut self, asked: bool) {
+        match self.accepted.take() {
+            Some(correction) => self.correction = correction,
+            None if asked => self.late += 1,
+            None => {}
+        }
+        let n = self.set.len();
+        let (before, last) = (self.set[n - 2], self.set[n - 1]);
+        let set: [f64; AXES] = std::array::from_fn(|i| self.start[i] + self.correction[i]);
+        for i in 0..AXES {
+            let a = (set[i] - 2.0 * last[i] + before[i]) / (PERIOD_US as f64 * 1e-6).powi(2);
+            self.a_max = self.a_max.max(a.abs());
+        }
+        self.set.push(set);
+        // Dead time, then the lag, solved exactly on the line between two delayed set points.
+        let n = self.set.len();
+        let (from, to) = (self.set[n - 2 - DEAD_CYCLES], self.set[n - 1 - DEAD_CYCLES]);
+        let dt = PERIOD_US as f64 * 1e-6;
+        for i in 0..AXES {
+            let slope = (to[i] - from[i]) / dt;
+            let transient = self.q[i] - from[i] + slope * LAG_S;
+            self.q[i] = to[i] - slope * LAG_S + transient * (-dt / LAG_S).exp();
+        }
+        self.ipoc += 1;
+    }
+
+    fn telegram(&self) -> Telegram {
+        let pose = |q: [f64; AXES]| {
+            let mut pose = PerJoint::splat(0.0);
+            for (i, q) in q.into_iter().enumerate() {
+                pose.set(joint(i), q as f32);
+            }
+            Some(pose)
+        };
+        Telegram {
+            ipoc: self.ipoc,
+            q_rad: pose(self.q),
+            start_rad: pose(self.start),
+            late: Some(self.late),
+            new_connection: false,
+        }
+    }
+}
+
+struct Cell {
+    controller: Box<Controller<RamStorage, Spline, Rsi>>,
+    robot: Robot,
+    /// Beginning of the next cycle.
+    next: u64,
+    now: u64,
+    cycle: u64,
+    wire: fn(u64) -> Wire,
+    held_back: Option<Telegram>,
+    answers: Vec<u64>,
+    track: Vec<(u64, [f64; AXES])>,
+    asked: bool,
+    /// The robot sends nothing.
+    silent: bool,
+}
+
+impl Cell {
+    fn new() -> Self {
+        let group = Rsi::new(Options {
+            lower_rad: PerJoint::splat(-6.0),
+            upper_rad: PerJoint::splat(6.0),
+            ..Options::default()
+        });
+        let controller =
+            Controller::with_group(RamStorage::new(), Spline::empty(), group, &settings(), Seed::FORESEEABLE);
+        Self {
+            controller: Box::new(controller),
+            robot: Robot::new(throw_start()),
+            next: 1_000,
+            now: 0,
+            cycle: 0,
+            wire: |_| Wire::Fine,
+            held_back: None,
+            answers: Vec::new(),
+            track: Vec::new(),
+            asked: false,
+            silent: false,
+        }
+    }
+
+    fn kind(&self) -> StateKind {
+        self.controller.state().kind()
+    }
+
+    fn cause(&self) -> Option<Cause> {
+        self.controller.state().fault().map(|fault| fault.cause)
+    }
+
+    fn at(&self) -> Instant {
+        Instant::from_micros(self.now)
+    }
+
+    fn deadlines_until(&mut self, until: u64) {
+        while let Some(due) =
+            self.controller.poll_deadline().map(Instant::as_micros).filter(|due| *due <= until)
+        {
+            self.now = due.max(self.now);
+            self.controller.host_heartbeat(self.at(), HOST);
+            self.controller.handle_deadline(self.at());
+            assert_eq!(self.controller.poll_packet(), None, "nothing is sent unasked");
+        }
+        self.now = until;
+    }
+
+    /// Hands a telegram over; what the controller answers.
+    fn hand_over(&mut self, telegram: &Telegram) -> Option<Packet> {
+        self.controller.host_heartbeat(self.at(), HOST);
+        self.controller.handle_packet(self.at(), &Packet::Robot(*telegram));
+        let answer = self.controller.poll_packet();
+        assert_eq!(self.controller.poll_packet(), None, "one answer at most");
+        if let Some(Packet::Pc(answer)) = answer {
+            self.answers.push(answer.ipoc);
+        }
+        answer
+    }
+
+    fn take(&mut self, packet: Option<Packet>) {
+        let Some(Packet::Pc(answer)) = packet else { return };
+        if answer.ipoc == self.robot.ipoc && self.robot.accepted.is_none() {
+            self.robot.accepted =
+                Some(std::array::from_fn(|i| f64::from(answer.correction_rad.get(joint(i)))));
+            if answer.open && self.robot.open.is_none() {
+                self.robot.open = Some(self.next);
+            }
+            self.robot.stopped |= answer.stop;
+        }
+    }
+
+    fn step(&mut self) {
+        self.deadlines_until(self.next);
+        if self.robot.stopped || self.silent {
+            self.next += PERIOD_US;
+            return;
+        }
+        self.robot.cycle(self.asked);
+        self.asked = true;
+        self.track.push((self.now, self.robot.q));
+        self.next += PERIOD_US;
+        self.cycle += 1;
+        let telegram = self.robot.telegram();
+        let late_one = self.held_back.take();
+        match (self.wire)(self.cycle) {
+            Wire::Fine => {
+                let answer = self.hand_over(&telegram);
+                self.take(answer);
+            }
+            Wire::TelegramLost => {}
+            Wire::AnswerLost | Wire::AnswerLate => {
+                self.hand_over(&telegram);
+            }
+            Wire::Doubled => {
+                let answer = self.hand_over(&telegram);
+                self.take(answer);
+                assert_eq!(self.hand_over(&telegram), None, "no second answer");
+            }
+            Wire::Overtaken => self.held_back = Some(telegram),
+            Wire::OtherNumber => {
+                let answer = self.hand_over(&Telegram { ipoc: telegram.ipoc + 700, ..telegram });
+                self.take(answer);
+            }
+        }
+        if let Some(old) = late_one {
+            assert_eq!(self.hand_over(&old), None, "an overtaken telegram has no answer");
+        }
+    }
+
+    fn run_until(&mut self, cycles: u64, kind: StateKind) {
+        for _ in 0..cycles {
+            if self.kind() == kind {
+                return;
+            }
+            self.step();
+        }
+        assert_eq!(self.kind(), kind, "{:?}", self.controller.state());
+    }
+
+    fn order(&mut self, order: Order) -> Done {
+        self.controller.order(self.at(), HOST, order).unwrap()
+    }
+
+    fn thrown() -> (Self, u64) {
+        let mut cell = Self::new();
+        cell.run_until(100, StateKind::Ready);
+        let file = throw_file(PERIOD_US as u32, true);
+        for (i, piece) in file.chunks(256).enumerate() {
+            cell.controller.upload(cell.at(), HOST, 256 * i, piece).unwrap();
+        }
+        let name = FileName { crc64: Crc64::of(&file), len: file.len() as u32 };
+        cell.order(Order::Commit(name));
+        let valid = Duration::from_secs(5);
+        let Done::Offer { token, .. } = cell.order(Order::ArmPrepare { crc64: name.crc64, valid }) else {
+            panic!("no offer")
+        };
+        cell.step();
+        cell.order(Order::ArmConfirm { token, valid });
+        cell.order(Order::Run(name));
+        let lead = cell.controller.group().profile(cell.controller.settings()).lead;
+        let start = cell.now + lead.as_micros();
+        cell.cycle = 0;
+        (cell, start)
+    }
+
+    /// Largest distance of the robot from the closed form of the throw since `from`, rad.
+    fn away_rad(&self, start: u64, from: u64) -> f64 {
+        let away = |&(at, q): &(u64, [f64; AXES])| {
+            let t = (at as f64 - start as f64) * 1e-6;
+            (0..AXES).map(|i| (q[i] - throw_reference(i, t).0).abs()).fold(0.0, f64::max)
+        };
+        self.track.iter().filter(|(at, _)| *at >= from).map(away).fold(0.0, f64::max)
+    }
+}
+
+/// Cycles of a throw until the arm is well on its way.
+const UNDER_WAY: u64 = 40;
+
+#[test]
+fn robot_behind_dead_time_and_lag_is_on_the_path_at_the_time_of_the_path() {
+    let (mut cell, start) = Cell::thrown();
+    cell.run_until(400, StateKind::Ready);
+    let away = cell.away_rad(start, start);
+    // Straight lines between set points and a jump of the acceleration at the start: both are of the robot.
+    assert!((1e-5..6e-3).contains(&away), "{away}");
+    assert!(cell.robot.open.is_some(), "the gripper opened");
+    assert_eq!(cell.robot.late, 0);
+    let numbers = &cell.answers;
+    assert!(numbers.windows(2).all(|pair| pair[1] == pair[0] + 1), "each telegram has its answer");
+}
+
+#[test]
+fn lost_telegram_at_speed_is_answered_by_a_catch_up_within_the_cap() {
+    for wire in [Wire::TelegramLost, Wire::AnswerLost, Wire::AnswerLate] {
+        let (mut cell, start) = Cell::thrown();
+        cell.wire = match wire {
+            Wire::TelegramLost => |k| if k == UNDER_WAY { Wire::TelegramLost } else { Wire::Fine },
+            Wire::AnswerLost => |k| if k == UNDER_WAY { Wire::AnswerLost } else { Wire::Fine },
+            _ => |k| if k == UNDER_WAY { Wire::AnswerLate } else { Wire::Fine },
+        };
+        for _ in 0..UNDER_WAY + 1 {
+            cell.step();
+        }
+        // The robot itself holds for one cycle; what follows is the group's.
+        cell.robot.a_max = 0.0;
+        let lead_cycles = (start - 1_000) / PERIOD_US;
+        assert!(lead_cycles > 0 && cell.robot.late == 1, "{wire:?}");
+        cell.step();
+        cell.robot.a_max = 0.0;
+        cell.run_until(400, StateKind::Ready);
+        assert!(cell.robot.a_max <= CUT_OUT_RAD_S2, "{wire:?}: {}", cell.robot.a_max);
+        let tail = cell.now - 200_000;
+        assert!(cell.away_rad(start, tail) < 5e-4, "{wire:?}: ends on its path");
+    }
+}
+
+#[test]
+fn late_answers_one_after_another_end_the_path_and_are_told() {
+    let (mut cell, start) = Cell::thrown();
+    cell.wire = |k| if k >= UNDER_WAY && k % 2 == 0 { Wire::AnswerLate } else { Wire::Fine };
+    cell.run_until(400, StateKind::Fault);
+    assert_eq!(cell.cause(), Some(Cause::AnswersLate));
+    assert!(cell.robot.stopped, "the robot is told to leave the sensor motion");
+    assert!(cell.now > start);
+}
+
+#[test]
+fn doubled_and_overtaken_telegrams_have_no_answer_and_do_no_harm() {
+    let (mut cell, _) = Cell::thrown();
+    cell.wire = |k| if k % 3 == 0 { Wire::Doubled } else { Wire::Fine };
+    cell.run_until(400, StateKind::Ready);
+    assert_eq!(cell.robot.late, 0);
+    let (mut cell, _) = Cell::thrown();
+    cell.wire = |k| if k == UNDER_WAY { Wire::Overtaken } else { Wire::Fine };
+    cell.run_until(400, StateKind::Ready);
+    assert_eq!(cell.robot.late, 1);
+}
+
+#[test]
+fn wrong_number_is_echoed_as_it_came_and_the_run_ends_when_numbers_fall_back() {
+    let (mut cell, _) = Cell::thrown();
+    cell.wire = |k| if k == UNDER_WAY { Wire::OtherNumber } else { Wire::Fine };
+    cell.run_until(400, StateKind::Fault);
+    assert_eq!(cell.cause(), Some(Cause::RobotRestarted));
+}
+
+#[test]
+fn restart_in_mid_path_drops_the_path_and_answers_zero_until_the_fault_is_cleared() {
+    let (mut cell, _) = Cell::thrown();
+    for _ in 0..UNDER_WAY {
+        cell.step();
+    }
+    cell.robot.restart();
+    cell.step();
+    assert_eq!((cell.kind(), cell.cause()), (StateKind::Fault, Some(Cause::RobotRestarted)));
+    let start = cell.robot.start;
+    cell.robot.stopped = false;
+    for _ in 0..200 {
+        cell.robot.stopped = false;
+        cell.step();
+        assert_eq!(cell.robot.set.last(), Some(&start), "no target of before");
+    }
+    let fault = cell.controller.state().fault().unwrap();
+    cell.order(Order::ClearFault { code: fault.cause.code() });
+    cell.robot.stopped = false;
+    cell.run_until(100, StateKind::Ready);
+    for _ in 0..50 {
+        cell.step();
+        assert_eq!(cell.robot.set.last(), Some(&start));
+    }
+    assert!(cell.controller.order(cell.at(), HOST, Order::Stop).is_ok());
+    assert!(cell.robot.open.is_none(), "the ball is kept");
+}
+
+#[test]
+fn silent_robot_is_told_and_its_return_resumes_nothing() {
+    let (mut cell, _) = Cell::thrown();
+    for _ in 0..UNDER_WAY {
+        cell.step();
+    }
+    cell.silent = true;
+    cell.run_until(100, StateKind::Fault);
+    assert!(matches!(cell.cause(), Some(Cause::DriveSilent | Cause::CycleOverrun)), "{:?}", cell.cause());
+    // The last answer before the silence comes into force when the robot goes on.
+    (cell.silent, cell.robot.stopped) = (false, false);
+    cell.step();
+    let held = *cell.robot.set.last().unwrap();
+    for _ in 0..20 {
+        cell.robot.stopped = false;
+        cell.step();
+        let set = cell.robot.set.last().unwrap();
+        let away = (0..AXES).map(|i| (set[i] - held[i]).abs()).fold(0.0, f64::max);
+        assert!(away < 1e-6, "{away}");
+    }
+}
