@@ -6,17 +6,19 @@
 //! the gripper free. The first that passes all is the plan; otherwise the plan is declined with the check that stopped the
 //! most promising one.
 //!
-//! The check of the way in uses a coarse disc and a margin. [`super::witness`] judges by other code.
+//! The check of the way in (`way.rs`) uses a coarse disc and a margin. [`super::witness`] judges by other code.
+
+mod way;
 
 use nalgebra::{Matrix3, Matrix4, Vector3};
 use robot_model::Family;
-use robot_model::collision::{CollisionChecker, Scene};
 
 use super::Joints;
 use super::arm::DiscArm;
 use super::flight::{DiscState, Path};
 use super::motion::{self, Approach, At, Impossible, Law, Limit, Motion, Reach};
 use super::witness::{Gripper, HALF_HEIGHT_M, Rule};
+use way::{stays_clear, way_is_free};
 
 /// What the planner may do.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -177,8 +179,6 @@ const LATERALS_M: [f64; 3] = [0.0, 0.03, -0.03];
 const RUN_UPS_S: [f64; 4] = [0.06, 0.10, 0.15, 0.25];
 /// Grid of catch times, s.
 const TIME_STEP_S: f64 = 0.005;
-/// Radius about the middle line of a link that the disc keeps out of, m: half the diagonal of the boxes, and some.
-const LINK_RADIUS_M: f64 = 0.035;
 /// Candidates whose way in is looked at.
 const WAYS_MAX: usize = 1500;
 
@@ -546,88 +546,6 @@ fn gap_used(
         out = (out.0.min(height.min(height + slope)), out.1.max(height.max(height + slope)));
     }
     out
-}
-
-/// Whether the disc comes between the fingers and stays there for the dwell without touching anything, by a coarse disc
-/// and segments for the links.
-fn way_is_free(arm: &DiscArm, path: &Path, motion: &Motion, t_s: f64, settings: &Settings) -> bool {
-    let radius = arm.size.disc_radius_m;
-    let gripper = &settings.gripper;
-    let half_dwell = 0.5 * settings.rule.dwell_s + 0.002;
-    let gap = gripper.half_gap_m - HALF_HEIGHT_M - settings.margin_m;
-    let wide = gripper.half_width_m + settings.margin_m;
-    let outer = gripper.outer_m + HALF_HEIGHT_M + settings.margin_m;
-    let first = settings.now_s;
-    let last = t_s + half_dwell;
-    let steps = ((last - first) / 0.002).ceil() as u32;
-    for k in 0..=steps {
-        let t = last - f64::from(k) * 0.002;
-        let disc = path.at(t);
-        let q = motion.q(t);
-        let chain = arm.chain(&q);
-        let axes = arm.hand_axes(&q);
-        let seen = axes.tr_mul(&(disc.p_m - chain[3]));
-        let in_dwell = t >= t_s - half_dwell;
-        if in_dwell {
-            let half_chord = (radius * radius - seen.z * seen.z).max(0.0).sqrt();
-            let depth = arm.size.gripper_m - (seen.x - half_chord);
-            let ok = depth >= settings.rule.depth_min_m + settings.margin_m
-                && seen.z.abs() <= settings.rule.lateral_max_m
-                && seen.x - half_chord >= settings.margin_m;
-            if !ok {
-                return false;
-            }
-        }
-        // Too far from the hand and from the arm to touch anything?
-        let far = chain.iter().all(|p| (p - disc.p_m).norm() > radius + 0.40);
-        if far {
-            continue;
-        }
-        let normal = axes.tr_mul(&disc.normal);
-        let side = if normal.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
-        let e1 = (side - normal * side.dot(&normal)).normalize();
-        let e2 = normal.cross(&e1);
-        for ring in [1.0, 0.8, 0.55, 0.3, 0.0] {
-            let count = if ring > 0.9 { 48 } else { 24 };
-            for k in 0..count {
-                let (s, c) = (f64::from(k) * std::f64::consts::TAU / f64::from(count)).sin_cos();
-                let p = seen + (e1 * c + e2 * s) * (radius * ring);
-                let in_finger = p.x > 0.0 && p.x < arm.size.gripper_m + settings.margin_m && p.z.abs() < wide;
-                if in_finger && p.y.abs() > gap && p.y.abs() < outer {
-                    return false;
-                }
-                let world = chain[3] + axes * p;
-                let link = LINK_RADIUS_M + HALF_HEIGHT_M;
-                let in_hand = p.x < settings.margin_m && to_segment(&world, &chain[2], &chain[3]) < link;
-                for i in 0..2 {
-                    if in_hand || to_segment(&world, &chain[i], &chain[i + 1]) < link {
-                        return false;
-                    }
-                }
-                if world.z < arm.size.base_m + 0.06 && world.xy().norm() < 0.12 {
-                    return false;
-                }
-            }
-        }
-    }
-    true
-}
-
-fn to_segment(p: &Vector3<f64>, a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
-    let ab = b - a;
-    let u = ((p - a).dot(&ab) / ab.norm_squared()).clamp(0.0, 1.0);
-    (p - a - ab * u).norm()
-}
-
-/// Whether the arm keeps clear of itself and of the floor, every 5 ms to the end.
-fn stays_clear(arm: &DiscArm, motion: &Motion) -> bool {
-    let scene = Scene::default();
-    let mut checker = CollisionChecker::new(&arm.model, &scene);
-    let steps = ((motion.end_s() - motion.from_s) / 0.005).ceil() as u32;
-    (0..=steps).all(|k| {
-        let q = motion.q(motion.from_s + 0.005 * f64::from(k));
-        checker.clearance(&arm.model.fk(&q)).distance_m > 0.004
-    })
 }
 
 /// Largest shares of the robot file's speed and acceleration limits over a motion.
