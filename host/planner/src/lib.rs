@@ -11,18 +11,21 @@
 //!       |
 //!       v
 //!      plan            throw planner: search, limits, statistics of the landing, plan file
-//!      /  \
-//!     v    v
-//!  store  flight       throws found earlier, as starts; the ball after its release
-//!     |
-//!     v
-//!   throw              one throw: cubic splines of all joints through one release
+//!    /   |   \
+//!   v    v    v
+//! store flight solve   throws found earlier, as starts; the ball after its release; local solver of any task
+//!   |
+//!   v
+//! throw                one throw: cubic splines of all joints through one release
 //! ```
+//!
+//! Arms have four to seven joints: the number is a constant parameter `N` of every type; where it is left out, it is six.
 
 pub mod disc;
 pub mod flight;
 pub mod follow;
 pub mod plan;
+mod solve;
 pub mod store;
 pub mod throw;
 pub mod verify;

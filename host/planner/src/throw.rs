@@ -16,22 +16,22 @@
 use nalgebra::Vector3;
 use robot_model::{JointVec, RobotModel};
 
-/// The planner's arms have six joints: a throw fixes six numbers (velocity and two angles of the hand, and its spin).
+/// Joints of the arms that controller, analysis and reports know. The planner takes four to seven.
 pub const JOINTS: usize = 6;
-/// An arm the planner can throw with.
+/// An arm of six joints.
 pub type Arm = RobotModel<JOINTS>;
-/// One number per joint.
+/// One number per joint of such an arm.
 pub type Joints = JointVec<JOINTS>;
 
 /// Motion of all joints through one release.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Throw {
+pub struct Throw<const N: usize = JOINTS> {
     /// Joint angles at the release in rad.
-    pub q_rad: Joints,
+    pub q_rad: JointVec<N>,
     /// Joint speeds at the release in rad/s.
-    pub qd_rad_s: Joints,
+    pub qd_rad_s: JointVec<N>,
     /// Joint accelerations at the release in rad/s²; zero in the paper's form.
-    pub qdd_rad_s2: Joints,
+    pub qdd_rad_s2: JointVec<N>,
     /// Time of flight F in s.
     pub flight_s: f64,
     /// Duration of the acceleration phase h_a in s; the release is at this time.
@@ -42,13 +42,13 @@ pub struct Throw {
 
 /// Joint state at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct JointState {
+pub struct JointState<const N: usize = JOINTS> {
     /// Angles in rad.
-    pub q: Joints,
+    pub q: JointVec<N>,
     /// Speeds in rad/s.
-    pub qd: Joints,
+    pub qd: JointVec<N>,
     /// Accelerations in rad/s².
-    pub qdd: Joints,
+    pub qdd: JointVec<N>,
 }
 
 /// How position, speed and acceleration at a phase depend on `(q̇_r, q̈_r)`: `q = q_r + pos.0 q̇_r + pos.1 q̈_r`, etc.
@@ -65,6 +65,7 @@ pub(crate) struct Basis {
 
 impl Basis {
     /// At phase `sigma` in [-1, 1] of a phase of length `h`.
+    #[inline]
     pub(crate) fn at(sigma: f64, h: f64) -> Self {
         let (s, m) = (sigma, sigma.abs());
         let (p1, p2) = (s - s * s * s / 3.0, s * s / 2.0 - m * m * m / 3.0);
@@ -79,7 +80,7 @@ impl Basis {
     }
 }
 
-impl Throw {
+impl<const N: usize> Throw<N> {
     /// Duration of the whole movement H_s in s.
     #[must_use]
     pub fn duration_s(&self) -> f64 {
@@ -99,7 +100,7 @@ impl Throw {
 
     /// Joint state at phase `sigma`: -1 start, 0 release, 1 stop; held outside.
     #[must_use]
-    pub fn at_phase(&self, sigma: f64) -> JointState {
+    pub fn at_phase(&self, sigma: f64) -> JointState<N> {
         let sigma = sigma.clamp(-1.0, 1.0);
         let b = Basis::at(sigma, self.phase_s(sigma));
         JointState {
@@ -111,32 +112,32 @@ impl Throw {
 
     /// Joint state `time_s` after the start of the motion; at rest outside `[0, H_s]`.
     #[must_use]
-    pub fn at_time(&self, time_s: f64) -> JointState {
+    pub fn at_time(&self, time_s: f64) -> JointState<N> {
         let since = time_s - self.ha_s;
         let sigma = if since < 0.0 { since / self.ha_s } else { since / self.hb_s };
         let mut state = self.at_phase(sigma);
         if !(-1.0..=1.0).contains(&sigma) {
-            state.qd = Joints::zeros();
-            state.qdd = Joints::zeros();
+            state.qd = JointVec::zeros();
+            state.qdd = JointVec::zeros();
         }
         state
     }
 
     /// Joint angles at the start in rad.
     #[must_use]
-    pub fn start(&self) -> Joints {
+    pub fn start(&self) -> JointVec<N> {
         self.at_phase(-1.0).q
     }
 
     /// Joint angles at the stop in rad.
     #[must_use]
-    pub fn stop(&self) -> Joints {
+    pub fn stop(&self) -> JointVec<N> {
         self.at_phase(1.0).q
     }
 
     /// Jerk of the two phases in rad/s³; constant within each.
     #[must_use]
-    pub fn jerk(&self) -> (Joints, Joints) {
+    pub fn jerk(&self) -> (JointVec<N>, JointVec<N>) {
         let (a, b) = (self.ha_s, self.hb_s);
         (
             (self.qdd_rad_s2 * a - self.qd_rad_s) * (2.0 / (a * a)),
@@ -146,8 +147,8 @@ impl Throw {
 
     /// Largest speed of each joint over the motion in rad/s: at the release, or where the acceleration passes zero.
     #[must_use]
-    pub fn peak_speed(&self) -> Joints {
-        Joints::from_fn(|j, _| {
+    pub fn peak_speed(&self) -> JointVec<N> {
+        JointVec::from_fn(|j, _| {
             [-1.0, 1.0]
                 .into_iter()
                 .filter_map(|side| self.speed_peak_phase(j, side))
@@ -161,10 +162,10 @@ impl Throw {
 
     /// Largest acceleration of each joint over the motion in rad/s²: at start, release or stop, as it is linear between.
     #[must_use]
-    pub fn peak_acceleration(&self) -> Joints {
+    pub fn peak_acceleration(&self) -> JointVec<N> {
         let start = self.qd_rad_s * (2.0 / self.ha_s) - self.qdd_rad_s2;
         let stop = self.qd_rad_s * (-2.0 / self.hb_s) - self.qdd_rad_s2;
-        Joints::from_fn(|j, _| start[j].abs().max(stop[j].abs()).max(self.qdd_rad_s2[j].abs()))
+        JointVec::from_fn(|j, _| start[j].abs().max(stop[j].abs()).max(self.qdd_rad_s2[j].abs()))
     }
 
     /// Phase inside (-1, 0) for `side < 0` or (0, 1) where the speed of joint `j` has its extreme, if there is one.
@@ -187,7 +188,7 @@ impl Throw {
 
     /// Ball in the hand at the release: position (m) and velocity (m/s) in the world.
     #[must_use]
-    pub fn ball_at_release(&self, arm: &Arm) -> (Vector3<f64>, Vector3<f64>) {
+    pub fn ball_at_release(&self, arm: &RobotModel<N>) -> (Vector3<f64>, Vector3<f64>) {
         let frames = arm.fk(&self.q_rad);
         let p = arm.ball(&frames).pos;
         let twist = frames.jacobian(&p) * self.qd_rad_s;
@@ -196,7 +197,7 @@ impl Throw {
 
     /// Acceleration of the ball in the hand at the release, `J̇ q̇ + J q̈`, in m/s².
     #[must_use]
-    pub fn ball_acceleration_at_release(&self, arm: &Arm) -> Vector3<f64> {
+    pub fn ball_acceleration_at_release(&self, arm: &RobotModel<N>) -> Vector3<f64> {
         let frames = arm.fk(&self.q_rad);
         let jacobian = frames.jacobian(&arm.ball(&frames).pos);
         let a = frames.bias_acceleration(&jacobian, &self.qd_rad_s) + jacobian * self.qdd_rad_s2;
@@ -205,7 +206,7 @@ impl Throw {
 
     /// Ball in the hand at any time: position and velocity in the world, for releases early or late.
     #[must_use]
-    pub fn ball_at_time(&self, arm: &Arm, time_s: f64) -> (Vector3<f64>, Vector3<f64>) {
+    pub fn ball_at_time(&self, arm: &RobotModel<N>, time_s: f64) -> (Vector3<f64>, Vector3<f64>) {
         let state = self.at_time(time_s);
         let frames = arm.fk(&state.q);
         let p = arm.ball(&frames).pos;
@@ -217,6 +218,7 @@ impl Throw {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::throw::Joints;
 
     fn throw() -> Throw {
         Throw {

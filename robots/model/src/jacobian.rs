@@ -7,7 +7,7 @@
 use nalgebra::{DMatrix, SMatrix, Vector3, Vector6};
 
 use crate::kinematics::Frames;
-use crate::linalg::Lu;
+use crate::linalg::{Cholesky, Lu};
 use crate::mat3;
 use crate::model::JointVec;
 
@@ -97,9 +97,21 @@ impl<const N: usize> Frames<N> {
 }
 
 /// Joint speeds that give the point of `jacobian` the twist `[v; ω]`; `None` at a singularity.
+///
+/// Six joints: the one solution. More: the one of least norm. Fewer: the one that comes nearest in the sum of squares.
 #[must_use]
-pub fn joint_rates(jacobian: &Jacobian<6>, twist: &Vector6<f64>) -> Option<JointVec<6>> {
-    Some(Lu::new(jacobian)?.solve(twist))
+pub fn joint_rates<const N: usize>(jacobian: &Jacobian<N>, twist: &Vector6<f64>) -> Option<JointVec<N>> {
+    if N == 6 {
+        let square = SMatrix::<f64, 6, 6>::from_fn(|i, k| jacobian[(i, k)]);
+        let rates = Lu::new(&square)?.solve(twist);
+        return Some(JointVec::from_fn(|i, _| rates[i]));
+    }
+    if N > 6 {
+        let square = jacobian * jacobian.transpose();
+        return Some(jacobian.tr_mul(&Cholesky::new(&square)?.solve(twist)));
+    }
+    let square: SMatrix<f64, N, N> = jacobian.tr_mul(jacobian);
+    Some(Cholesky::new(&square)?.solve(&jacobian.tr_mul(twist)))
 }
 
 /// Singular values of a Jacobian, largest first; metres and radians are weighed alike.

@@ -24,6 +24,7 @@ impl FlightModel {
     /// `None` if the ball never comes down through the plane (it starts below and does not rise to it), or for
     /// input that is not finite. The time is solved for to rounding.
     #[must_use]
+    #[inline]
     pub fn land(&self, p: &Vector3<f64>, v: &Vector3<f64>, z_m: f64) -> Option<Landing> {
         let finite = p.iter().chain(v.iter()).all(|c| c.is_finite()) && z_m.is_finite();
         if !finite {
@@ -88,6 +89,7 @@ impl FlightModel {
     ///
     /// With the flight `p(T; p0, v0)`, `δL = δp(T) - v(T) δp_z(T)/v_z(T)`: the plane is met earlier or later.
     #[must_use]
+    #[inline]
     pub fn landing_jacobian(&self, p: &Vector3<f64>, v: &Vector3<f64>, landing: &Landing) -> LandingJacobian {
         let end = self.fly(p, v, landing.time_s);
         let slope = Vector2::new(end.v.x, end.v.y) / end.v.z;

@@ -68,30 +68,35 @@ impl FlightModel {
 
     /// Gravity in m/s², positive.
     #[must_use]
+    #[inline]
     pub fn gravity_m_s2(&self) -> f64 {
         self.gravity_m_s2
     }
 
     /// Drag constant in 1/m.
     #[must_use]
+    #[inline]
     pub fn drag_per_m(&self) -> f64 {
         self.drag_per_m
     }
 
     /// Magnus vector in 1/s.
     #[must_use]
+    #[inline]
     pub fn magnus_rad_s(&self) -> &Vector3<f64> {
         &self.magnus_rad_s
     }
 
     /// Whether only gravity acts, so that closed forms hold.
     #[must_use]
+    #[inline]
     pub fn is_vacuum(&self) -> bool {
         self.drag_per_m == 0.0 && self.magnus_rad_s == Vector3::zeros()
     }
 
     /// Acceleration in m/s² at velocity `v` (m/s); it depends on nothing else.
     #[must_use]
+    #[inline]
     pub fn acceleration(&self, v: &Vector3<f64>) -> Vector3<f64> {
         let drag = v * (-self.drag_per_m * v.norm());
         Vector3::new(drag.x, drag.y, drag.z - self.gravity_m_s2) + self.magnus_rad_s.cross(v)
@@ -99,6 +104,7 @@ impl FlightModel {
 
     /// `∂a/∂v` in 1/s.
     #[must_use]
+    #[inline]
     pub fn acceleration_by_v(&self, v: &Vector3<f64>) -> Matrix3<f64> {
         let speed = v.norm();
         let mut by_v = self.magnus_rad_s.cross_matrix();
@@ -110,6 +116,7 @@ impl FlightModel {
 
     /// State after `duration_s` (which may be negative), with the derivatives by the velocity at the start.
     #[must_use]
+    #[inline]
     pub fn fly(&self, p: &Vector3<f64>, v: &Vector3<f64>, duration_s: f64) -> FlightState {
         if self.is_vacuum() {
             let t = duration_s;
@@ -131,6 +138,7 @@ impl FlightModel {
 
     /// Position and velocity after `duration_s`: those of [`FlightModel::fly`] to the bit, at a fraction of its price.
     #[must_use]
+    #[inline]
     pub fn coast(&self, p: &Vector3<f64>, v: &Vector3<f64>, duration_s: f64) -> (Vector3<f64>, Vector3<f64>) {
         if self.is_vacuum() {
             let end = self.fly(p, v, duration_s);

@@ -28,16 +28,16 @@ pub struct Confidence {
 
 /// Ends of starts at one price.
 #[derive(Debug, Clone, Copy)]
-struct Basin {
-    found: Found,
+struct Basin<const N: usize> {
+    found: Found<N>,
     hits: usize,
 }
 
 /// Ends of all starts of a search so far.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Basins {
+pub(super) struct Basins<const N: usize> {
     /// Cheapest first.
-    basins: Vec<Basin>,
+    basins: Vec<Basin<N>>,
     stored: usize,
     random: usize,
     solved: usize,
@@ -58,21 +58,21 @@ const ENOUGH_EMPTY: usize = 8;
 const ENOUGH_ALONE: usize = 32;
 const ENOUGH_HITS: usize = 4;
 
-impl Basins {
+impl<const N: usize> Basins<N> {
     /// A random start has ended.
-    pub(super) fn add_random(&mut self, found: Option<Found>) {
+    pub(super) fn add_random(&mut self, found: Option<Found<N>>) {
         self.random += 1;
         self.since_best += 1;
         self.add(found);
     }
 
     /// A start from a stored throw has ended.
-    pub(super) fn add_stored(&mut self, found: Option<Found>) {
+    pub(super) fn add_stored(&mut self, found: Option<Found<N>>) {
         self.stored += 1;
         self.add(found);
     }
 
-    fn add(&mut self, found: Option<Found>) {
+    fn add(&mut self, found: Option<Found<N>>) {
         let Some(found) = found else { return };
         self.solved += 1;
         let price = found.objective;
@@ -83,7 +83,7 @@ impl Basins {
         {
             self.since_best = 0;
         }
-        let same = |b: &Basin| (b.found.objective - price).abs() <= SAME_SHARE * price.abs();
+        let same = |b: &Basin<N>| (b.found.objective - price).abs() <= SAME_SHARE * price.abs();
         match self.basins.iter_mut().find(|b| same(b)) {
             Some(basin) => {
                 basin.hits += 1;
@@ -110,7 +110,7 @@ impl Basins {
     }
 
     /// The cheapest throw of every basin, cheapest first.
-    pub(super) fn found(&self) -> Vec<Found> {
+    pub(super) fn found(&self) -> Vec<Found<N>> {
         self.basins.iter().map(|b| b.found).collect()
     }
 

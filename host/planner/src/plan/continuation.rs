@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::local::{Begin, Found};
 use super::problem::Problem;
 use super::search::Planner;
-use super::sqp::Settings;
+use crate::solve::sqp::Settings;
 use crate::store::{Index, Record};
 use crate::throw::Throw;
 
@@ -18,9 +18,9 @@ const OTHERS_PER_KIND: usize = 2;
 /// Throws of another kind are taken from targets within this distance, in m.
 const OTHERS_WITHIN_M: f64 = 0.3;
 
-impl Planner<'_, '_> {
+impl<const N: usize> Planner<'_, '_, N> {
     /// From a stored target to this one: a step that fails is halved, one that succeeds doubles the next.
-    pub(super) fn walk_to_target(&self, record: &Record, stopped: &dyn Fn() -> bool) -> Option<Found> {
+    pub(super) fn walk_to_target(&self, record: &Record<N>, stopped: &dyn Fn() -> bool) -> Option<Found<N>> {
         let (sin, cos) = self.azimuth_rad.sin_cos();
         let from = Vector3::new(record.range_m * cos, record.range_m * sin, record.height_m);
         let way = self.problem.target - from;
@@ -49,7 +49,7 @@ impl Planner<'_, '_> {
         None
     }
 
-    fn at_other_target(&self, target: Vector3<f64>, start: &Throw) -> Option<Throw> {
+    fn at_other_target(&self, target: Vector3<f64>, start: &Throw<N>) -> Option<Throw<N>> {
         let problem = Problem::new(self.problem.arm, target, self.problem.options.clone()).ok()?;
         let planner = Planner::new(&problem);
         Some(planner.solve(start, Begin::Anywhere, &Settings::default(), usize::MAX)?.throw)
@@ -57,9 +57,9 @@ impl Planner<'_, '_> {
 
     /// Throws that were stored for other constraints, near this target: a throw that lets the landing move with the delay
     /// is often near one that does not.
-    pub(super) fn other_kinds(&self, index: &Index, kind: u32) -> Vec<Throw> {
-        let away = |r: &Record| (r.range_m - self.range_m).hypot(r.height_m - self.problem.target.z);
-        let mut near: Vec<&Record> =
+    pub(super) fn other_kinds(&self, index: &Index<N>, kind: u32) -> Vec<Throw<N>> {
+        let away = |r: &Record<N>| (r.range_m - self.range_m).hypot(r.height_m - self.problem.target.z);
+        let mut near: Vec<&Record<N>> =
             index.records().iter().filter(|r| r.kind != kind && away(r) <= OTHERS_WITHIN_M).collect();
         near.sort_by(|a, b| a.kind.cmp(&b.kind).then(away(a).total_cmp(&away(b))));
         let mut out = Vec::new();

@@ -6,12 +6,12 @@
 
 use nalgebra::{Matrix3, Vector3};
 use robot_model::collision::{Obb, Proximity};
-use robot_model::{Frames, Jacobian};
+use robot_model::{Frames, Jacobian, JointVec};
 
 use super::problem::Problem;
-use super::qp::{DIM, Row};
-use super::rows::{F, HA, HB, Layout, Q, QD, QDD};
-use crate::throw::{Basis, JOINTS, Joints, Throw};
+use super::rows::Layout;
+use crate::solve::Row;
+use crate::throw::{Basis, Throw};
 
 /// What must hold at an instant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,13 +47,13 @@ pub(crate) struct Cut {
 }
 
 /// Intermediate results at the release that flying balls need.
-pub(crate) struct CutContext<'a, 'p> {
-    pub(crate) problem: &'a Problem<'p>,
-    pub(crate) throw: &'a Throw,
+pub(crate) struct CutContext<'a, 'p, const N: usize> {
+    pub(crate) problem: &'a Problem<'p, N>,
+    pub(crate) throw: &'a Throw<N>,
     pub(crate) p0: Vector3<f64>,
     pub(crate) v0: Vector3<f64>,
-    pub(crate) jac: &'a Jacobian<JOINTS>,
-    pub(crate) by_q: &'a Jacobian<JOINTS>,
+    pub(crate) jac: &'a Jacobian<N>,
+    pub(crate) by_q: &'a Jacobian<N>,
 }
 
 /// Clearances count in decimetres, so that they weigh like the other scaled rows.
@@ -66,7 +66,7 @@ pub(crate) const CLEARANCE_EXTRA_M: f64 = 2e-4;
 /// Currents over the motion keep this share of the limit free for the same reason.
 pub(crate) const CURRENT_EXTRA: f64 = 1e-3;
 
-pub(crate) fn placed(problem: &Problem<'_>, frames: &Frames<JOINTS>, index: usize) -> Obb {
+pub(crate) fn placed<const N: usize>(problem: &Problem<'_, N>, frames: &Frames<N>, index: usize) -> Obb {
     let body = &problem.arm.collision().boxes()[index];
     let pose = match body.link.checked_sub(1) {
         Some(i) => frames.x_w[i] * body.x_lb,
@@ -78,16 +78,16 @@ pub(crate) fn placed(problem: &Problem<'_>, frames: &Frames<JOINTS>, index: usiz
 impl CutKind {
     /// Clearance that is kept between the two bodies, in m. The released ball comes out of the hand: from there it has
     /// to be free, not far.
-    pub(crate) fn clearance_m(self, problem: &Problem<'_>) -> f64 {
+    pub(crate) fn clearance_m<const N: usize>(self, problem: &Problem<'_, N>) -> f64 {
         match self {
-            Self::FlyingBall(k) if problem.arm.collision().boxes()[k].link == JOINTS => 0.0,
+            Self::FlyingBall(k) if problem.arm.collision().boxes()[k].link == N => 0.0,
             _ => problem.options.clearance_m,
         }
     }
 }
 
 impl Cut {
-    pub(crate) fn describe(&self, problem: &Problem<'_>) -> String {
+    pub(crate) fn describe<const N: usize>(&self, problem: &Problem<'_, N>) -> String {
         let name = |k: usize| problem.arm.collision().boxes()[k].name.as_str();
         let obstacle = |k: usize| problem.options.obstacles[k].name.as_str();
         match self.kind {
@@ -113,11 +113,16 @@ impl Cut {
     }
 
     /// Value (≥ 0 wanted) and gradient by the variables.
-    pub(crate) fn evaluate(&self, c: &CutContext<'_, '_>, layout: &Layout) -> (f64, Row) {
+    pub(crate) fn evaluate<const D: usize, const N: usize>(
+        &self,
+        c: &CutContext<'_, '_, N>,
+        layout: &Layout<N>,
+    ) -> (f64, Row<D>) {
+        let var = Layout::<N>::VARIABLES;
         let phase = self.sigma.min(1.0);
-        let h_index = if self.sigma < 0.0 { HA } else { HB };
+        let h_index = if self.sigma < 0.0 { var.ha } else { var.hb };
         let basis = Basis::at(phase, c.throw.phase_s(phase));
-        let mut g = [0.0; DIM];
+        let mut g = [0.0; D];
         let value = match self.kind {
             CutKind::Motor(_) | CutKind::Supply(_) => self.current(c, &basis, h_index, layout, &mut g),
             _ => self.clearance(c, &basis, h_index, layout, &mut g),
@@ -125,14 +130,15 @@ impl Cut {
         (value, g)
     }
 
-    fn clearance(
+    fn clearance<const D: usize, const N: usize>(
         &self,
-        c: &CutContext<'_, '_>,
+        c: &CutContext<'_, '_, N>,
         basis: &Basis,
         h_index: usize,
-        layout: &Layout,
-        g: &mut Row,
+        layout: &Layout<N>,
+        g: &mut Row<D>,
     ) -> f64 {
+        let var = Layout::<N>::VARIABLES;
         let problem = c.problem;
         let arm = problem.arm;
         let (qd, qdd) = (&c.throw.qd_rad_s, &c.throw.qdd_rad_s2);
@@ -154,13 +160,11 @@ impl Cut {
             CutKind::Boxes(a, b) => (obb(a).proximity(&obb(b)), link(a), Some(link(b))),
             CutKind::Floor(b) => (obb(b).proximity_to_floor(floor), 0, Some(link(b))),
             CutKind::Obstacle(b, o) => (obstacle(o).proximity(&obb(b)), 0, Some(link(b))),
-            CutKind::HeldBall(a) => (obb(a).proximity_to_sphere(&held, radius_m), link(a), Some(JOINTS)),
-            CutKind::HeldBallObstacle(o) => {
-                (obstacle(o).proximity_to_sphere(&held, radius_m), 0, Some(JOINTS))
-            }
+            CutKind::HeldBall(a) => (obb(a).proximity_to_sphere(&held, radius_m), link(a), Some(N)),
+            CutKind::HeldBallObstacle(o) => (obstacle(o).proximity_to_sphere(&held, radius_m), 0, Some(N)),
             CutKind::HeldBallFloor => {
                 let point = held - Vector3::z() * radius_m;
-                (Proximity { distance_m: point.z - floor, normal: Vector3::z(), point }, 0, Some(JOINTS))
+                (Proximity { distance_m: point.z - floor, normal: Vector3::z(), point }, 0, Some(N))
             }
             CutKind::FlyingBall(a) => (obb(a).proximity_to_sphere(&flown().p, radius_m), link(a), None),
             CutKind::FlyingBallObstacle(o) => {
@@ -171,13 +175,13 @@ impl Cut {
         // d(distance) = n · (v_second - v_first) at the nearest point: joints between the two bodies move the second,
         // a flying ball moves by itself and joints up to the first body move the first.
         let scale = match self.kind {
-            CutKind::FlyingBall(k) if link(k) == JOINTS => {
+            CutKind::FlyingBall(k) if link(k) == N => {
                 CLEARANCE_SCALE * (PARTING_S / flight_s).powi(2).max(1.0)
             }
             _ => CLEARANCE_SCALE,
         };
         let n = near.normal * scale;
-        let mut by_angle = Joints::zeros();
+        let mut by_angle = JointVec::<N>::zeros();
         let (from, to, sign) = match second {
             Some(last) => (first, last, 1.0),
             None => (0, first, -1.0),
@@ -185,43 +189,44 @@ impl Cut {
         for k in from..to {
             by_angle[k] = sign * n.dot(&frames.axis(k).cross(&(near.point - frames.origin(k))));
         }
-        for k in 0..JOINTS {
-            g[Q + k] += by_angle[k];
-            g[QD + k] += basis.pos.0 * by_angle[k];
+        for k in 0..N {
+            g[var.q + k] += by_angle[k];
+            g[var.qd + k] += basis.pos.0 * by_angle[k];
             if layout.qdd {
-                g[QDD + k] += basis.pos.1 * by_angle[k];
+                g[var.qdd + k] += basis.pos.1 * by_angle[k];
             }
         }
         if self.sigma <= 1.0 {
             g[h_index] += by_angle.dot(&(qd * basis.pos_by_h.0 + qdd * basis.pos_by_h.1));
         } else {
             // The arm stands at its stop: its phase stays 1 whatever h_b.
-            g[HB] += by_angle.dot(&(qd * basis.pos_by_h.0 + qdd * basis.pos_by_h.1));
+            g[var.hb] += by_angle.dot(&(qd * basis.pos_by_h.0 + qdd * basis.pos_by_h.1));
         }
         if second.is_none() {
             let state = flown();
             let by_v0: Matrix3<f64> = state.p_by_v0;
             let nv = by_v0.tr_mul(&n);
-            for k in 0..JOINTS {
+            for k in 0..N {
                 let column = Vector3::new(c.jac[(0, k)], c.jac[(1, k)], c.jac[(2, k)]);
                 let v_by_q = Vector3::new(c.by_q[(0, k)], c.by_q[(1, k)], c.by_q[(2, k)]);
-                g[Q + k] += n.dot(&column) + nv.dot(&v_by_q);
-                g[QD + k] += nv.dot(&column);
+                g[var.q + k] += n.dot(&column) + nv.dot(&v_by_q);
+                g[var.qd + k] += nv.dot(&column);
             }
-            g[HB] += n.dot(&state.v) * self.sigma;
+            g[var.hb] += n.dot(&state.v) * self.sigma;
         }
-        debug_assert!(g[F] == 0.0);
+        debug_assert!(g[var.f] == 0.0);
         (near.distance_m - self.kind.clearance_m(problem) - CLEARANCE_EXTRA_M) * scale
     }
 
-    fn current(
+    fn current<const D: usize, const N: usize>(
         &self,
-        c: &CutContext<'_, '_>,
+        c: &CutContext<'_, '_, N>,
         basis: &Basis,
         h_index: usize,
-        layout: &Layout,
-        g: &mut Row,
+        layout: &Layout<N>,
+        g: &mut Row<D>,
     ) -> f64 {
+        let var = Layout::<N>::VARIABLES;
         let arm = c.problem.arm;
         let Some(drives) = arm.drives() else { return 1.0 };
         let (qd_r, qdd_r) = (&c.throw.qd_rad_s, &c.throw.qdd_rad_s2);
@@ -235,8 +240,8 @@ impl Cut {
             _ => return 1.0,
         };
         let (mut sum, mut by_q, mut by_qd, mut by_qdd) =
-            (0.0, Joints::zeros(), Joints::zeros(), Joints::zeros());
-        for j in (0..JOINTS).filter(|j| feeds[*j]) {
+            (0.0, JointVec::<N>::zeros(), JointVec::<N>::zeros(), JointVec::<N>::zeros());
+        for j in (0..N).filter(|j| feeds[*j]) {
             let (kb, km) = (drives[j].k_b_a_s_rad, drives[j].k_m_a_nm);
             sum += kb * qd[j].abs() + km * d.tau[j].abs();
             by_qd[j] += kb * qd[j].signum();
@@ -246,11 +251,12 @@ impl Cut {
             by_qdd += d.by_qdd.row(j).transpose() * s;
         }
         let scale = -1.0 / limit_a;
-        for k in 0..JOINTS {
-            g[Q + k] += scale * by_q[k];
-            g[QD + k] += scale * (by_q[k] * basis.pos.0 + by_qd[k] * basis.vel.0 + by_qdd[k] * basis.acc.0);
+        for k in 0..N {
+            g[var.q + k] += scale * by_q[k];
+            g[var.qd + k] +=
+                scale * (by_q[k] * basis.pos.0 + by_qd[k] * basis.vel.0 + by_qdd[k] * basis.acc.0);
             if layout.qdd {
-                g[QDD + k] +=
+                g[var.qdd + k] +=
                     scale * (by_q[k] * basis.pos.1 + by_qd[k] * basis.vel.1 + by_qdd[k] * basis.acc.1);
             }
             g[h_index] += scale

@@ -3,18 +3,19 @@
 use nalgebra::{Matrix2x3, Vector2};
 
 use super::problem::Problem;
-use super::rows::{Gradient, HA, HB, Layout, Q, QD, QDD};
+use super::rows::Layout;
 use crate::flight::FlightModel;
-use crate::throw::{JOINTS, Throw};
+use crate::solve::Gradient;
+use crate::throw::Throw;
 
 /// A landing and its derivatives by the variables of the planner.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Landed {
+pub(crate) struct Landed<const N: usize> {
     /// Point on the plane of the target, in m.
     pub(crate) xy: Vector2<f64>,
-    by_q: [Vector2<f64>; JOINTS],
-    by_qd: [Vector2<f64>; JOINTS],
-    by_qdd: [Vector2<f64>; JOINTS],
+    by_q: [Vector2<f64>; N],
+    by_qd: [Vector2<f64>; N],
+    by_qdd: [Vector2<f64>; N],
     by_h: Vector2<f64>,
     /// Variable of the phase in which the release falls.
     h_index: usize,
@@ -22,19 +23,20 @@ pub(crate) struct Landed {
     pub(crate) by_plane: Vector2<f64>,
 }
 
-impl Landed {
+impl<const N: usize> Landed<N> {
     /// Landing on the plane at `z_m` of a release `delay_s` late (early if negative) through a given flight.
     ///
     /// `None` if the ball does not come down there.
     pub(crate) fn of(
-        problem: &Problem<'_>,
+        problem: &Problem<'_, N>,
         flight: &FlightModel,
-        throw: &Throw,
+        throw: &Throw<N>,
         z_m: f64,
         delay_s: f64,
     ) -> Option<Self> {
+        let var = Layout::<N>::VARIABLES;
         let arm = problem.arm;
-        let (h, h_index) = if delay_s < 0.0 { (throw.ha_s, HA) } else { (throw.hb_s, HB) };
+        let (h, h_index) = if delay_s < 0.0 { (throw.ha_s, var.ha) } else { (throw.hb_s, var.hb) };
         // At a fixed time, not at a fixed phase: the derivatives by h differ from those of a cut. Beyond its phase the
         // arm stands.
         let (s, m) = (delay_s.clamp(-h, h), delay_s.abs().min(h));
@@ -54,7 +56,7 @@ impl Landed {
         let g = flight.landing_jacobian(&p, &v, &landed);
         let (g_p, g_v): (Matrix2x3<f64>, Matrix2x3<f64>) =
             (g.fixed_columns::<3>(0).into_owned(), g.fixed_columns::<3>(3).into_owned());
-        let columns: [(Vector2<f64>, Vector2<f64>); JOINTS] = std::array::from_fn(|k| {
+        let columns: [(Vector2<f64>, Vector2<f64>); N] = std::array::from_fn(|k| {
             let column = jac.fixed_view::<3, 1>(0, k);
             (g_p * column + g_v * by_q.fixed_view::<3, 1>(0, k), g_v * column)
         });
@@ -74,12 +76,18 @@ impl Landed {
     }
 
     /// Adds the gradient of `weight · xy` by the variables of the throw.
-    pub(crate) fn add_gradient(&self, g: &mut Gradient<'_>, layout: &Layout, weight: &Vector2<f64>) {
-        for k in 0..JOINTS {
-            g.add(Q + k, weight.dot(&self.by_q[k]));
-            g.add(QD + k, weight.dot(&self.by_qd[k]));
+    pub(crate) fn add_gradient<const D: usize>(
+        &self,
+        g: &mut Gradient<'_, D>,
+        layout: &Layout<N>,
+        weight: &Vector2<f64>,
+    ) {
+        let var = Layout::<N>::VARIABLES;
+        for k in 0..N {
+            g.add(var.q + k, weight.dot(&self.by_q[k]));
+            g.add(var.qd + k, weight.dot(&self.by_qd[k]));
             if layout.qdd {
-                g.add(QDD + k, weight.dot(&self.by_qdd[k]));
+                g.add(var.qdd + k, weight.dot(&self.by_qdd[k]));
             }
         }
         g.add(self.h_index, weight.dot(&self.by_h));

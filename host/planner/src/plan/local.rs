@@ -1,20 +1,21 @@
 //! One start: from a point of the search space to a throw that keeps every limit at every instant, or to a reason.
 
 use nalgebra::Vector3;
+use robot_model::JointVec;
 
 use super::cuts::Cut;
 use super::paper::PaperParameters;
 use super::problem::Problem;
-use super::rows::{CUTS_MAX, Layout, describe};
+use super::rows::{CUTS_MAX, LAUNCH, Layout, ThrowTask, describe, width};
 use super::scan::Scanner;
-use super::sqp::{self, Multipliers, Settings};
-use crate::throw::{JOINTS, Joints, Throw};
+use crate::solve::sqp::{self, Local, Multipliers, Settings};
+use crate::throw::{JOINTS, Throw};
 
 /// A feasible throw and its price.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Found {
+pub struct Found<const N: usize = JOINTS> {
     /// The throw.
-    pub throw: Throw,
+    pub throw: Throw<N>,
     /// What the search makes small, see [`super::Goal`]; objective (1) by default.
     pub objective: f64,
     /// Steps of the local solver, all rounds together.
@@ -51,17 +52,42 @@ const ROUNDS_MAX: usize = 12;
 /// A throw whose scaled rows are violated by no more than this is feasible; the exact checks decide afterwards.
 pub(crate) const FEASIBLE: f64 = 1e-7;
 
+/// Calls a function with rows as wide as the throws of `N` joints need.
+///
+/// Array lengths cannot be computed from `N` in stable Rust, so the width is chosen here, at compile time.
+macro_rules! with_width {
+    ($n:ident, $function:ident($($argument:expr),*)) => {
+        match $n {
+            0..=4 => $function::<$n, { width(4) }>($($argument),*),
+            5 => $function::<$n, { width(5) }>($($argument),*),
+            6 => $function::<$n, { width(6) }>($($argument),*),
+            _ => $function::<$n, { width(7) }>($($argument),*),
+        }
+    };
+}
+
 /// Solves locally from a throw, in at most `iterations_max` steps of all rounds together.
-pub(crate) fn solve_from(
-    problem: &Problem<'_>,
-    scanner: &Scanner,
-    start: &Throw,
+pub(crate) fn solve_from<const N: usize>(
+    problem: &Problem<'_, N>,
+    scanner: &Scanner<N>,
+    start: &Throw<N>,
     begin: Begin,
     settings: &Settings,
     iterations_max: usize,
-) -> Result<Found, Blocked> {
+) -> Result<Found<N>, Blocked> {
+    with_width!(N, solve_wide(problem, scanner, start, begin, settings, iterations_max))
+}
+
+fn solve_wide<const N: usize, const D: usize>(
+    problem: &Problem<'_, N>,
+    scanner: &Scanner<N>,
+    start: &Throw<N>,
+    begin: Begin,
+    settings: &Settings,
+    iterations_max: usize,
+) -> Result<Found<N>, Blocked> {
     let layout = Layout::new(problem, None);
-    let mut x = layout.variables(start);
+    let mut x = layout.variables::<D>(start);
     let mut cuts: Vec<Cut> = Vec::new();
     let mut iterations = 0;
     let mut multipliers = None;
@@ -71,14 +97,15 @@ pub(crate) fn solve_from(
             add(&mut cuts, &scan.cuts);
             add(&mut cuts, &scan.near);
         }
-        multipliers = sqp::multipliers_at(problem, &layout, &x, &cuts);
+        multipliers = sqp::multipliers_at(&ThrowTask { problem, layout, cuts: &cuts }, &x);
     }
     for _ in 0..ROUNDS_MAX {
         let left = Settings {
             iterations_max: settings.iterations_max.min(iterations_max.saturating_sub(iterations)),
             ..*settings
         };
-        let local = sqp::solve(problem, &layout, &x, &cuts, &left, multipliers.take());
+        let local: Local<D> =
+            sqp::solve(&ThrowTask { problem, layout, cuts: &cuts }, &x, &left, multipliers.take());
         iterations += local.iterations;
         if local.violation.is_nan() || local.violation > FEASIBLE || !local.objective.is_finite() {
             return Err(Blocked {
@@ -106,10 +133,24 @@ pub(crate) fn solve_from(
     Err(Blocked { violation: f64::INFINITY, constraint })
 }
 
+/// Evaluates all rows of a throw with gradients once; the largest violation.
+pub(crate) fn evaluate_once<const N: usize>(problem: &Problem<'_, N>, throw: &Throw<N>) -> f64 {
+    with_width!(N, evaluate_wide(problem, throw))
+}
+
+fn evaluate_wide<const N: usize, const D: usize>(problem: &Problem<'_, N>, throw: &Throw<N>) -> f64 {
+    let layout = Layout::new(problem, None);
+    sqp::evaluate_once(&ThrowTask { problem, layout, cuts: &[] }, &layout.variables::<D>(throw))
+}
+
 /// `dJ/d(target) = -λᵀ ∂c/∂(target)`; the target enters through the launch velocity only.
-fn slope(problem: &Problem<'_>, throw: &Throw, multipliers: &Multipliers) -> Vector3<f64> {
+fn slope<const N: usize>(
+    problem: &Problem<'_, N>,
+    throw: &Throw<N>,
+    multipliers: &Multipliers,
+) -> Vector3<f64> {
     let (p, _) = throw.ball_at_release(problem.arm);
-    let [x, y, z, ..] = multipliers.eq;
+    let [x, y, z] = [multipliers.eq[LAUNCH], multipliers.eq[LAUNCH + 1], multipliers.eq[LAUNCH + 2]];
     problem
         .flight
         .launch(&p, &problem.target, throw.flight_s)
@@ -118,9 +159,9 @@ fn slope(problem: &Problem<'_>, throw: &Throw, multipliers: &Multipliers) -> Vec
 
 /// The point nearest to the target that a throw can reach, looked for from one start.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Nearest {
+pub struct Nearest<const N: usize = JOINTS> {
     /// The throw that reaches it.
-    pub throw: Throw,
+    pub throw: Throw<N>,
     /// Shift of the target in m.
     pub shift_m: Vector3<f64>,
     /// The constraint that blocks the rest of the way.
@@ -128,18 +169,28 @@ pub struct Nearest {
 }
 
 /// Moves the target along `axes` by as little as makes it reachable.
-pub(crate) fn nearest_from(
-    problem: &Problem<'_>,
-    scanner: &Scanner,
-    start: &Throw,
+pub(crate) fn nearest_from<const N: usize>(
+    problem: &Problem<'_, N>,
+    scanner: &Scanner<N>,
+    start: &Throw<N>,
     axes: [bool; 3],
     settings: &Settings,
-) -> Result<Nearest, Blocked> {
+) -> Result<Nearest<N>, Blocked> {
+    with_width!(N, nearest_wide(problem, scanner, start, axes, settings))
+}
+
+fn nearest_wide<const N: usize, const D: usize>(
+    problem: &Problem<'_, N>,
+    scanner: &Scanner<N>,
+    start: &Throw<N>,
+    axes: [bool; 3],
+    settings: &Settings,
+) -> Result<Nearest<N>, Blocked> {
     let layout = Layout::new(problem, Some(axes));
-    let mut x = layout.variables(start);
+    let mut x = layout.variables::<D>(start);
     let mut cuts: Vec<Cut> = Vec::new();
     for _ in 0..ROUNDS_MAX {
-        let local = sqp::solve(problem, &layout, &x, &cuts, settings, None);
+        let local: Local<D> = sqp::solve(&ThrowTask { problem, layout, cuts: &cuts }, &x, settings, None);
         let constraint = blocking(problem, &local.multipliers, &cuts);
         if local.violation.is_nan() || local.violation > FEASIBLE || !local.objective.is_finite() {
             return Err(Blocked { violation: local.violation, constraint });
@@ -160,7 +211,11 @@ pub(crate) fn nearest_from(
 }
 
 /// The constraint with the largest multiplier.
-pub(crate) fn blocking(problem: &Problem<'_>, multipliers: &Multipliers, cuts: &[Cut]) -> String {
+pub(crate) fn blocking<const N: usize>(
+    problem: &Problem<'_, N>,
+    multipliers: &Multipliers,
+    cuts: &[Cut],
+) -> String {
     let largest = multipliers
         .ineq
         .iter()
@@ -188,7 +243,7 @@ impl PaperParameters {
     /// If the pose is out of reach, the release point is drawn towards the shoulder until it is not; if no radius
     /// helps, the arm starts from the middle of its ranges.
     #[must_use]
-    pub(crate) fn start(&self, problem: &Problem<'_>) -> Throw {
+    pub(crate) fn start<const N: usize>(&self, problem: &Problem<'_, N>) -> Throw<N> {
         let mut h = *self;
         let mut throw = None;
         for _ in 0..8 {
@@ -201,15 +256,15 @@ impl PaperParameters {
         let mut throw = throw.unwrap_or_else(|| {
             let l = &problem.limits;
             Throw {
-                q_rad: Joints::from_fn(|j, _| 0.5 * (l.q_min[j] + l.q_max[j]) + 0.3),
-                qd_rad_s: Joints::zeros(),
-                qdd_rad_s2: Joints::zeros(),
+                q_rad: JointVec::from_fn(|j, _| 0.5 * (l.q_min[j] + l.q_max[j]) + 0.3),
+                qd_rad_s: JointVec::zeros(),
+                qdd_rad_s2: JointVec::zeros(),
                 flight_s: self.flight_s,
                 ha_s: (1.0 - self.braking_ratio) * self.duration_s,
                 hb_s: self.braking_ratio * self.duration_s,
             }
         });
-        for j in 0..JOINTS {
+        for j in 0..N {
             let v = problem.limits.v[j];
             throw.qd_rad_s[j] = throw.qd_rad_s[j].clamp(-v, v);
         }

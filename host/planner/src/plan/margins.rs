@@ -1,39 +1,40 @@
 //! Margins of every limit of a throw, from the throw itself (not from the optimiser's rows).
 
 use super::problem::Problem;
-use crate::throw::{JOINTS, Joints, Throw};
+use crate::throw::{JOINTS, Throw};
+use robot_model::JointVec;
 
 /// How much of each limit is left, per joint, over the whole motion.
 ///
 /// Positions in rad, the others as a share of the limit (1 unused, 0 at the limit, negative beyond).
 #[derive(Debug, Clone, PartialEq)]
-pub struct Margins {
+pub struct Margins<const N: usize = JOINTS> {
     /// Distance to the nearer end of the range over the motion, in rad: (2), (3).
-    pub position_rad: Joints,
+    pub position_rad: JointVec<N>,
     /// Speed: (4).
-    pub speed: Joints,
+    pub speed: JointVec<N>,
     /// Acceleration: (5).
-    pub acceleration: Joints,
+    pub acceleration: JointVec<N>,
     /// Jerk: (6).
-    pub jerk: Joints,
+    pub jerk: JointVec<N>,
     /// Motor currents at the release in A with `τ(q_r, q̇_r, 0)`, if the robot file describes drives.
-    pub release_currents_a: Option<Joints>,
+    pub release_currents_a: Option<JointVec<N>>,
     /// Motor currents at the release: (7).
-    pub motor: Option<Joints>,
+    pub motor: Option<JointVec<N>>,
     /// Supplies at the release: (8), in the order of the robot file.
     pub supply: Vec<f64>,
 }
 
-impl Margins {
+impl<const N: usize> Margins<N> {
     /// Margins of a throw against the full limits of the robot (not the share a plan may use).
     #[must_use]
-    pub fn of(problem: &Problem<'_>, throw: &Throw) -> Self {
+    pub fn of(problem: &Problem<'_, N>, throw: &Throw<N>) -> Self {
         let arm = problem.arm;
         let l = |j: usize| arm.joints()[j].limits;
         let (ja, jb) = throw.jerk();
         let peak_speed = throw.peak_speed();
         let peak_acceleration = throw.peak_acceleration();
-        let position_rad = Joints::from_fn(|j, _| {
+        let position_rad = JointVec::from_fn(|j, _| {
             let mut nearest = f64::INFINITY;
             let mut phases = vec![-1.0, 0.0, 1.0];
             phases.extend([-1.0, 1.0].into_iter().filter_map(|side| throw.turning_phase(j, side)));
@@ -47,7 +48,7 @@ impl Margins {
         let release_currents_a = arm.motor_currents(&throw.qd_rad_s, &tau);
         let motor = release_currents_a.and_then(|i| {
             let drives = arm.drives()?;
-            Some(Joints::from_fn(|j, _| 1.0 - i[j] / drives[j].current_max_a))
+            Some(JointVec::from_fn(|j, _| 1.0 - i[j] / drives[j].current_max_a))
         });
         let supply = release_currents_a.map_or_else(Vec::new, |i| {
             arm.supplies()
@@ -58,9 +59,9 @@ impl Margins {
         });
         Self {
             position_rad,
-            speed: Joints::from_fn(|j, _| 1.0 - peak_speed[j] / l(j).v_max_rad_s),
-            acceleration: Joints::from_fn(|j, _| 1.0 - peak_acceleration[j] / l(j).a_max_rad_s2),
-            jerk: Joints::from_fn(|j, _| 1.0 - ja[j].abs().max(jb[j].abs()) / l(j).j_max_rad_s3),
+            speed: JointVec::from_fn(|j, _| 1.0 - peak_speed[j] / l(j).v_max_rad_s),
+            acceleration: JointVec::from_fn(|j, _| 1.0 - peak_acceleration[j] / l(j).a_max_rad_s2),
+            jerk: JointVec::from_fn(|j, _| 1.0 - ja[j].abs().max(jb[j].abs()) / l(j).j_max_rad_s3),
             release_currents_a,
             motor,
             supply,
@@ -72,7 +73,7 @@ impl Margins {
     pub fn violation(&self) -> f64 {
         let mut worst = 0.0_f64;
         let mut see = |v: f64| worst = worst.max(if v.is_nan() { f64::INFINITY } else { -v });
-        for j in 0..JOINTS {
+        for j in 0..N {
             see(self.position_rad[j]);
             see(self.speed[j]);
             see(self.acceleration[j]);
@@ -90,7 +91,7 @@ impl Margins {
 mod tests {
     use super::*;
     use crate::plan::problem::Options;
-    use crate::throw::Arm;
+    use crate::throw::{Arm, JOINTS, Joints};
     use nalgebra::Vector3;
 
     #[test]

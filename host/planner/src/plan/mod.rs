@@ -11,9 +11,9 @@
 //! | `landed`, `spread` | landing of a disturbed throw; mean and covariance with gradients |
 //! | `rows` | objective and constraints with exact gradients |
 //! | `cuts`, `scan` | what must hold at every instant: where it is worst, and as rows |
-//! | `qp`, `curvature`, `sqp` | quadratic programs, their matrices, local solve |
 //! | `local` | one start |
 //! | `promise` | which stored throws to try first |
+//! | `posture` | postures of the arm at a release: closed form, numerical, or drawn |
 //! | `place` | stored throws turned to a target |
 //! | `continuation` | stored throws carried to a target in steps |
 //! | `basins` | where the starts ended, and when more of them hardly pay |
@@ -27,8 +27,6 @@
 mod basins;
 pub mod bounds;
 mod continuation;
-#[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
-mod curvature;
 mod cuts;
 pub mod file;
 pub mod goal;
@@ -38,11 +36,10 @@ pub mod margins;
 pub mod nearest;
 pub mod paper;
 mod place;
+mod posture;
 pub mod prepare;
 pub mod problem;
 mod promise;
-#[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
-mod qp;
 pub mod rng;
 #[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
 mod rows;
@@ -50,8 +47,6 @@ pub mod scan;
 pub mod search;
 pub mod seeds;
 mod spread;
-#[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
-mod sqp;
 pub mod statistics;
 
 pub use crate::throw::{Arm, JOINTS, Joints, Throw};

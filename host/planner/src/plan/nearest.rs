@@ -4,11 +4,10 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::local::{Nearest, nearest_from};
-use super::paper::PaperParameters;
 use super::problem::Problem;
 use super::rng::SplitMix64;
 use super::search::{Budget, Planner, kind_of};
-use super::sqp::Settings;
+use crate::solve::sqp::Settings;
 use crate::store::{Index, Record};
 use crate::throw::Throw;
 
@@ -48,20 +47,18 @@ const WALK_STEP_MIN_M: f64 = 0.02;
 const WALK_STEPS_MAX: usize = 40;
 const WALK_GAIN_M: f64 = 1e-3;
 
-impl Planner<'_, '_> {
+impl<const N: usize> Planner<'_, '_, N> {
     /// The nearest reachable target: from stored throws in the direction of the target, and from random starts.
     #[must_use]
-    pub fn nearest(&self, index: &Index, budget: &Budget) -> Option<(NearestTarget, Throw)> {
+    pub fn nearest(&self, index: &Index<N>, budget: &Budget) -> Option<(NearestTarget, Throw<N>)> {
         let kind = kind_of(&self.problem.options);
         let stored = self.stored_near(index, |r| r.kind == kind, STORED_STARTS);
-        let mut starts: Vec<Throw> = stored.iter().filter_map(|r| self.place(&r.throw)).collect();
+        let mut starts: Vec<Throw<N>> = stored.iter().filter_map(|r| self.place(&r.throw)).collect();
         for k in 0..RANDOM_STARTS {
             let mut rng = SplitMix64::stream(budget.seed ^ 0x6E65_6172, k);
-            let unit = std::array::from_fn(|_| rng.unit());
-            let h = PaperParameters::in_bounds(&self.problem.bounds, self.azimuth_rad, unit);
-            starts.push(h.start(self.problem));
+            starts.push(self.start(&mut rng));
         }
-        let direct: Vec<(NearestTarget, Throw)> = starts
+        let direct: Vec<(NearestTarget, Throw<N>)> = starts
             .par_iter()
             .filter_map(|s| self.nearest_from_throw(s, [true; 3]))
             .map(|n| (self.nearest_target(self.problem.target + n.shift_m, n.constraint), n.throw))
@@ -74,7 +71,7 @@ impl Planner<'_, '_> {
             // The nearest ones may lie on the edge of the reach of other options: some of the nearer half of all.
             let stored = self.stored_near(index, |_| true, index.records().len().div_ceil(2));
             let apart = stored.len().div_ceil(WALKED).max(1);
-            let some: Vec<&Record> = stored.into_iter().step_by(apart).collect();
+            let some: Vec<&Record<N>> = stored.into_iter().step_by(apart).collect();
             some.par_iter().filter_map(|record| self.walk(record, budget.seed)).collect::<Vec<_>>()
         };
         least(walked.into_iter().chain(direct).collect())
@@ -82,7 +79,7 @@ impl Planner<'_, '_> {
 
     /// The nearest reachable target along some axes, from one throw.
     #[must_use]
-    pub fn nearest_from_throw(&self, start: &Throw, axes: [bool; 3]) -> Option<Nearest> {
+    pub fn nearest_from_throw(&self, start: &Throw<N>, axes: [bool; 3]) -> Option<Nearest<N>> {
         nearest_from(self.problem, &self.scanner, start, axes, &Settings::default()).ok()
     }
 
@@ -93,19 +90,19 @@ impl Planner<'_, '_> {
     /// Stored throws to the targets nearest to this one, the nearest first.
     fn stored_near<'i>(
         &self,
-        index: &'i Index,
-        wanted: impl Fn(&Record) -> bool,
+        index: &'i Index<N>,
+        wanted: impl Fn(&Record<N>) -> bool,
         most: usize,
-    ) -> Vec<&'i Record> {
-        let away = |r: &Record| (r.range_m - self.range_m).hypot(r.height_m - self.problem.target.z);
-        let mut stored: Vec<&Record> = index.records().iter().filter(|r| wanted(r)).collect();
+    ) -> Vec<&'i Record<N>> {
+        let away = |r: &Record<N>| (r.range_m - self.range_m).hypot(r.height_m - self.problem.target.z);
+        let mut stored: Vec<&Record<N>> = index.records().iter().filter(|r| wanted(r)).collect();
         stored.sort_by(|a, b| away(a).total_cmp(&away(b)));
         stored.truncate(most);
         stored
     }
 
     /// From a stored target, with whatever options it was reached, towards this one.
-    fn walk(&self, record: &Record, seed: u64) -> Option<(NearestTarget, Throw)> {
+    fn walk(&self, record: &Record<N>, seed: u64) -> Option<(NearestTarget, Throw<N>)> {
         let (arm, target) = (self.problem.arm, self.problem.target);
         let (sin, cos) = self.azimuth_rad.sin_cos();
         let options = &self.problem.options;
@@ -146,6 +143,6 @@ impl Planner<'_, '_> {
     }
 }
 
-fn least(found: Vec<(NearestTarget, Throw)>) -> Option<(NearestTarget, Throw)> {
+fn least<const N: usize>(found: Vec<(NearestTarget, Throw<N>)>) -> Option<(NearestTarget, Throw<N>)> {
     found.into_iter().min_by(|a, b| a.0.distance_m.total_cmp(&b.0.distance_m))
 }

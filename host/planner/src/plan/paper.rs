@@ -2,12 +2,13 @@
 
 use nalgebra::{Matrix3, Vector3, Vector6};
 use robot_model::jacobian::joint_rates;
-use robot_model::{Branch, Pose};
+use robot_model::{JointVec, Pose, RobotModel};
 
 use super::bounds::Bounds;
 use super::margins::Margins;
+use super::posture::postures;
 use super::problem::Problem;
-use crate::throw::{Arm, Joints, Throw};
+use crate::throw::{JOINTS, Throw};
 
 /// `h = [θ, φ, r, γ, ω, F, H_s, d_r]` of the paper (section IV).
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -32,11 +33,11 @@ pub struct PaperParameters {
 
 /// A throw from the parameters, with the branch of inverse kinematics that was chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BranchedThrow {
-    /// Posture of the arm.
-    pub branch: Branch,
+pub struct BranchedThrow<const N: usize = JOINTS> {
+    /// Number of the posture: the branch of the closed form, or the order in which it was found.
+    pub posture: usize,
     /// The throw.
-    pub throw: Throw,
+    pub throw: Throw<N>,
     /// Largest violation of a limit (2) to (8) in scaled units; zero if all hold.
     pub violation: f64,
     /// Sum of the motor currents at the release in A.
@@ -104,7 +105,7 @@ impl PaperParameters {
 
     /// Pose of the end effector and launch velocity; `None` if no launch velocity reaches the target.
     #[must_use]
-    pub fn release(&self, problem: &Problem<'_>) -> Option<(Pose, Vector3<f64>)> {
+    pub fn release<const N: usize>(&self, problem: &Problem<'_, N>) -> Option<(Pose, Vector3<f64>)> {
         let p0 = self.release_point(&problem.shoulder);
         let v0 = problem.flight.launch(&p0, &problem.target, self.flight_s).ok()?.v0;
         let x_w_rf = Pose::new(release_rotation(&v0, self.roll_rad), p0);
@@ -117,28 +118,32 @@ impl PaperParameters {
     /// takes the least current; but wrist twins always tie in current and other twins can, while only one may keep the
     /// limits at start and stop, so violation comes first.
     #[must_use]
-    pub fn throws(&self, problem: &Problem<'_>) -> Vec<BranchedThrow> {
+    pub fn throws<const N: usize>(&self, problem: &Problem<'_, N>) -> Vec<BranchedThrow<N>> {
         let Some((x_we, v0)) = self.release(problem) else { return Vec::new() };
-        let Ok(solutions) = problem.arm.ik(&x_we) else { return Vec::new() };
-        let mut out: Vec<BranchedThrow> = solutions
-            .in_range()
-            .filter_map(|s| {
-                let throw = self.throw_at(problem, &s.q, &v0)?;
+        let mut out: Vec<BranchedThrow<N>> = postures(problem.arm, &x_we)
+            .into_iter()
+            .filter_map(|(posture, q)| {
+                let throw = self.throw_at(problem, &q, &v0)?;
                 let margins = Margins::of(problem, &throw);
                 let current_a = margins.release_currents_a.map_or(0.0, |i| i.sum());
-                Some(BranchedThrow { branch: s.branch, throw, violation: margins.violation(), current_a })
+                Some(BranchedThrow { posture, throw, violation: margins.violation(), current_a })
             })
             .collect();
         // Rounding must not decide between twins.
         let key =
-            |t: &BranchedThrow| ((t.violation * 1e7).round(), (t.current_a * 1e6).round(), t.branch.index());
+            |t: &BranchedThrow<N>| ((t.violation * 1e7).round(), (t.current_a * 1e6).round(), t.posture);
         out.sort_by(|a, b| key(a).partial_cmp(&key(b)).unwrap_or(std::cmp::Ordering::Equal));
         out
     }
 
     /// The throw through a given posture; `None` where the Jacobian is singular.
     #[must_use]
-    pub fn throw_at(&self, problem: &Problem<'_>, q: &Joints, v0: &Vector3<f64>) -> Option<Throw> {
+    pub fn throw_at<const N: usize>(
+        &self,
+        problem: &Problem<'_, N>,
+        q: &JointVec<N>,
+        v0: &Vector3<f64>,
+    ) -> Option<Throw<N>> {
         let frames = problem.arm.fk(q);
         let jac = frames.jacobian(&problem.arm.ball(&frames).pos);
         let w = v0.normalize() * self.spin_rad_s;
@@ -146,7 +151,7 @@ impl PaperParameters {
         Some(Throw {
             q_rad: *q,
             qd_rad_s: qd,
-            qdd_rad_s2: Joints::zeros(),
+            qdd_rad_s2: JointVec::zeros(),
             flight_s: self.flight_s,
             ha_s: (1.0 - self.braking_ratio) * self.duration_s,
             hb_s: self.braking_ratio * self.duration_s,
@@ -155,7 +160,7 @@ impl PaperParameters {
 
     /// The parameters of a throw; for a free spin ω is the part about the throw.
     #[must_use]
-    pub fn of(arm: &Arm, shoulder: &Vector3<f64>, throw: &Throw) -> Self {
+    pub fn of<const N: usize>(arm: &RobotModel<N>, shoulder: &Vector3<f64>, throw: &Throw<N>) -> Self {
         let frames = arm.fk(&throw.q_rad);
         let ball = arm.ball(&frames);
         let twist = frames.jacobian(&ball.pos) * throw.qd_rad_s;

@@ -3,6 +3,7 @@
 //! Turning about the base axis changes nothing but the angle of joint 1, so a throw is stored in the frame in which its
 //! target lies on the x axis. It serves every azimuth at which joint 1 keeps its range.
 
+use robot_model::JointVec;
 use std::f64::consts::{PI, TAU};
 
 use nalgebra::Vector3;
@@ -12,11 +13,11 @@ use super::local::Found;
 use super::problem::Problem;
 use super::search::{Planner, kind_of};
 use crate::store::Record;
-use crate::throw::{JOINTS, Joints, Throw};
+use crate::throw::Throw;
 
-impl Planner<'_, '_> {
+impl<const N: usize> Planner<'_, '_, N> {
     /// A stored throw turned to this target; mirrored or in another posture if joint 1 does not reach otherwise.
-    pub(super) fn place(&self, stored: &Throw) -> Option<Throw> {
+    pub(super) fn place(&self, stored: &Throw<N>) -> Option<Throw<N>> {
         let mut turned = self.turned(stored);
         if self.fits(&turned) {
             return Some(turned);
@@ -44,7 +45,7 @@ impl Planner<'_, '_> {
         Some(turned)
     }
 
-    fn turned(&self, stored: &Throw) -> Throw {
+    fn turned(&self, stored: &Throw<N>) -> Throw<N> {
         let mut throw = *stored;
         let l = &self.problem.limits;
         let axis_up = self.problem.arm.joints()[0].x_pj.rot[(2, 2)].signum();
@@ -54,14 +55,14 @@ impl Planner<'_, '_> {
         throw
     }
 
-    fn fits(&self, throw: &Throw) -> bool {
+    fn fits(&self, throw: &Throw<N>) -> bool {
         let l = &self.problem.limits;
         let inside = |q: f64| q >= l.q_min[0] - 1e-3 && q <= l.q_max[0] + 1e-3;
         inside(throw.start()[0]) && inside(throw.stop()[0])
     }
 
     /// The same release in another posture of the arm that keeps the ranges.
-    fn other_posture(&self, throw: &Throw) -> Option<Throw> {
+    fn other_posture(&self, throw: &Throw<N>) -> Option<Throw<N>> {
         let arm = self.problem.arm;
         let frames = arm.fk(&throw.q_rad);
         let jac = frames.jacobian(&arm.ball(&frames).pos);
@@ -79,7 +80,7 @@ impl Planner<'_, '_> {
             }
             let l = &self.problem.limits;
             let (start, stop) = (other.start(), other.stop());
-            (0..JOINTS)
+            (0..N)
                 .all(|j| {
                     start[j].min(stop[j]) >= l.q_min[j] - 1e-3 && start[j].max(stop[j]) <= l.q_max[j] + 1e-3
                 })
@@ -89,7 +90,7 @@ impl Planner<'_, '_> {
 
     /// The throw as a record of the store.
     #[must_use]
-    pub fn record(&self, found: &Found) -> Record {
+    pub fn record(&self, found: &Found<N>) -> Record<N> {
         let axis_up = self.problem.arm.joints()[0].x_pj.rot[(2, 2)].signum();
         let mut throw = found.throw;
         let q = throw.q_rad[0] - axis_up * self.azimuth_rad;
@@ -117,12 +118,12 @@ impl Planner<'_, '_> {
 
 /// Signs that mirror a posture in the plane of the base axis, if the arm has that symmetry: joints whose axis lies in
 /// the plane at zero change sign, joints across it keep theirs.
-pub(super) fn mirror_signs(problem: &Problem<'_>) -> Option<[f64; JOINTS]> {
+pub(super) fn mirror_signs<const N: usize>(problem: &Problem<'_, N>) -> Option<[f64; N]> {
     let arm = problem.arm;
-    let zero = arm.fk(&Joints::zeros());
-    let signs: [f64; JOINTS] = std::array::from_fn(|j| if zero.axis(j).y.abs() > 0.5 { 1.0 } else { -1.0 });
-    let q = Joints::from_fn(|j, _| 0.3 + 0.37 * j as f64);
-    let mirrored = Joints::from_fn(|j, _| q[j] * signs[j]);
+    let zero = arm.fk(&JointVec::zeros());
+    let signs: [f64; N] = std::array::from_fn(|j| if zero.axis(j).y.abs() > 0.5 { 1.0 } else { -1.0 });
+    let q = JointVec::from_fn(|j, _| 0.3 + 0.37 * j as f64);
+    let mirrored = JointVec::from_fn(|j, _| q[j] * signs[j]);
     let (a, b) = (arm.ball(&arm.fk(&q)), arm.ball(&arm.fk(&mirrored)));
     let flip = |v: Vector3<f64>| Vector3::new(v.x, -v.y, v.z);
     let same_point = (flip(a.pos) - b.pos).norm() < 1e-9;

@@ -5,6 +5,7 @@
 //! All of it is cut into steps. A step depends on nothing but the records so far and its number, so a preparation can be
 //! stopped between any two steps and continued later: the table is the same.
 
+use robot_model::RobotModel;
 use std::f64::consts::PI;
 
 use nalgebra::Vector3;
@@ -14,7 +15,7 @@ use super::problem::{Options, Problem};
 use super::rng::SplitMix64;
 use super::search::{Budget, Planner, Watch, kind_of};
 use crate::store::{Index, Record};
-use crate::throw::Arm;
+use crate::throw::JOINTS;
 
 /// Grid of a table and effort for it.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -38,8 +39,8 @@ pub struct Grid {
 
 /// A preparation: what is prepared, and its steps.
 #[derive(Debug, Clone)]
-pub struct Preparation<'a> {
-    arm: &'a Arm,
+pub struct Preparation<'a, const N: usize = JOINTS> {
+    arm: &'a RobotModel<N>,
     options: Vec<Options>,
     grid: Grid,
     seed: u64,
@@ -71,11 +72,11 @@ const TRIAL_GAP: f64 = 1.003;
 const DEARER: f64 = 1.06;
 const NEIGHBOURS: [(i32, i32); 8] = [(-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, 1), (-1, 1), (1, -1)];
 
-impl<'a> Preparation<'a> {
+impl<'a, const N: usize> Preparation<'a, N> {
     /// For an arm and the sets of options in the order in which they are prepared. Later sets start from the throws of
     /// earlier ones too, so the easiest set comes first.
     #[must_use]
-    pub fn new(arm: &'a Arm, options: Vec<Options>, grid: Grid, seed: u64) -> Self {
+    pub fn new(arm: &'a RobotModel<N>, options: Vec<Options>, grid: Grid, seed: u64) -> Self {
         Self { arm, options, grid, seed }
     }
 
@@ -98,17 +99,18 @@ impl<'a> Preparation<'a> {
     pub fn step(
         &self,
         step: usize,
-        records: Vec<Record>,
+        records: Vec<Record<N>>,
         stopped: &(dyn Fn() -> bool + Sync),
-    ) -> Option<Vec<Record>> {
+    ) -> Option<Vec<Record<N>>> {
         let work = self.work();
         let (Some(options), Some(what)) = (self.options.get(step / work.len()), work.get(step % work.len()))
         else {
             return Some(records);
         };
         let kind = kind_of(options);
-        let (own, others): (Vec<Record>, Vec<Record>) = records.into_iter().partition(|r| r.kind == kind);
-        let task = Task { prepared: self, options, others: &others, stopped };
+        let (own, others): (Vec<Record<N>>, Vec<Record<N>>) =
+            records.into_iter().partition(|r| r.kind == kind);
+        let task = Step { prepared: self, options, others: &others, stopped };
         let made = match *what {
             Work::Starts(chunk) => task.starts(chunk, own),
             Work::Sweep => task.sweep(own),
@@ -118,7 +120,7 @@ impl<'a> Preparation<'a> {
         };
         // Rounded as in a file, so that a continued preparation sees the same numbers.
         let rounded = made.iter().filter_map(|r| Record::from_bytes(&r.to_bytes()));
-        let all: Vec<Record> = others.iter().copied().chain(rounded).collect();
+        let all: Vec<Record<N>> = others.iter().copied().chain(rounded).collect();
         (!stopped()).then_some(all)
     }
 
@@ -136,7 +138,7 @@ impl<'a> Preparation<'a> {
     }
 
     /// The cell whose target a record is for, if it is for one.
-    fn cell_of(&self, record: &Record) -> Option<(i32, i32)> {
+    fn cell_of(&self, record: &Record<N>) -> Option<(i32, i32)> {
         let (step, floor) = (self.grid.step_m, self.arm.world().floor_z_m);
         let (column, row) = (record.range_m / step, (record.height_m - floor) / step);
         let on = |x: f64| (x - x.round()).abs() < 1e-4;
@@ -145,23 +147,23 @@ impl<'a> Preparation<'a> {
 }
 
 /// One step on the records of one set of options.
-struct Task<'t, 'a> {
-    prepared: &'t Preparation<'a>,
+struct Step<'t, 'a, const N: usize> {
+    prepared: &'t Preparation<'a, N>,
     options: &'t Options,
-    others: &'t [Record],
+    others: &'t [Record<N>],
     stopped: &'t (dyn Fn() -> bool + Sync),
 }
 
-impl Task<'_, '_> {
-    fn problem(&self, target: Vector3<f64>) -> Option<Problem<'_>> {
+impl<const N: usize> Step<'_, '_, N> {
+    fn problem(&self, target: Vector3<f64>) -> Option<Problem<'_, N>> {
         if (self.stopped)() {
             return None;
         }
         Problem::new(self.prepared.arm, target, self.options.clone()).ok()
     }
 
-    fn by_cell(&self, records: &[Record]) -> std::collections::BTreeMap<(i32, i32), Vec<Record>> {
-        let mut cells = std::collections::BTreeMap::<_, Vec<Record>>::new();
+    fn by_cell(&self, records: &[Record<N>]) -> std::collections::BTreeMap<(i32, i32), Vec<Record<N>>> {
+        let mut cells = std::collections::BTreeMap::<_, Vec<Record<N>>>::new();
         for record in records {
             if let Some(cell) = self.prepared.cell_of(record) {
                 cells.entry(cell).or_default().push(*record);
@@ -174,17 +176,17 @@ impl Task<'_, '_> {
         columns.flat_map(|c| (0..=self.prepared.rows()).map(move |r| (c, r))).collect()
     }
 
-    fn starts(&self, chunk: usize, own: Vec<Record>) -> Vec<Record> {
+    fn starts(&self, chunk: usize, own: Vec<Record<N>>) -> Vec<Record<N>> {
         let p = self.prepared;
         let first = 1 + (chunk * COLUMNS) as i32;
         // Beyond the last column with a throw there is none.
-        let reached = |r: &Record| r.range_m > (f64::from(first) - 1.5 - COLUMNS as f64) * p.grid.step_m;
+        let reached = |r: &Record<N>| r.range_m > (f64::from(first) - 1.5 - COLUMNS as f64) * p.grid.step_m;
         if chunk > 0 && !own.is_empty() && !own.iter().any(reached) {
             return own;
         }
         let others = self.by_cell(self.others);
         let cells = self.cells(first..=p.columns().min(first + COLUMNS as i32 - 1));
-        let made: Vec<Vec<Record>> = cells
+        let made: Vec<Vec<Record<N>>> = cells
             .par_iter()
             .map(|cell| {
                 let mut kept = Vec::new();
@@ -205,11 +207,11 @@ impl Task<'_, '_> {
         own.into_iter().chain(made.into_iter().flatten()).collect()
     }
 
-    fn sweep(&self, own: Vec<Record>) -> Vec<Record> {
+    fn sweep(&self, own: Vec<Record<N>>) -> Vec<Record<N>> {
         let p = self.prepared;
         let before = self.by_cell(&own);
         let farthest = before.keys().map(|c| c.0).max().unwrap_or(0);
-        let made: Vec<Vec<Record>> = self
+        let made: Vec<Vec<Record<N>>> = self
             .cells(1..=(farthest + 1).min(p.columns()))
             .par_iter()
             .map(|cell| {
@@ -230,7 +232,7 @@ impl Task<'_, '_> {
         made.into_iter().flatten().chain(rest).collect()
     }
 
-    fn finish(&self, own: &[Record]) -> Vec<Record> {
+    fn finish(&self, own: &[Record<N>]) -> Vec<Record<N>> {
         own.par_iter()
             .map(|record| {
                 let Some(problem) = self.problem(Vector3::new(record.range_m, 0.0, record.height_m)) else {
@@ -247,7 +249,7 @@ impl Task<'_, '_> {
 
     /// Throws on the edge of the reach: cells beyond it are pulled in from their neighbours' throws until they are
     /// reached. Without them a target between the last cell in reach and the edge has starts on one side only.
-    fn edge(&self, own: Vec<Record>) -> Vec<Record> {
+    fn edge(&self, own: Vec<Record<N>>) -> Vec<Record<N>> {
         let p = self.prepared;
         let table = self.by_cell(&own);
         let farthest = table.keys().map(|c| c.0).max().unwrap_or(0);
@@ -256,7 +258,7 @@ impl Task<'_, '_> {
             .into_iter()
             .filter(|c| !table.contains_key(c))
             .collect();
-        let edge: Vec<Record> = empty
+        let edge: Vec<Record<N>> = empty
             .par_iter()
             .filter_map(|&(c, r)| {
                 let problem = self.problem(p.target((c, r)))?;
@@ -280,13 +282,13 @@ impl Task<'_, '_> {
     ///
     /// The price has cliffs (from letting the ball drop to really throwing it), where a uniform grid is too coarse, and
     /// behind the arm joint 1 ends.
-    fn trials(&self, round: u64, own: Vec<Record>) -> Vec<Record> {
+    fn trials(&self, round: u64, own: Vec<Record<N>>) -> Vec<Record<N>> {
         let p = self.prepared;
         let floor = p.arm.world().floor_z_m;
         let farthest = own.iter().map(|r| r.range_m).fold(0.0, f64::max);
         let index = Index::new(own);
         let trials = round * TRIALS_PER_STEP..((round + 1) * TRIALS_PER_STEP).min(p.grid.trials);
-        let added: Vec<Record> = trials
+        let added: Vec<Record<N>> = trials
             .into_par_iter()
             .filter_map(|k| {
                 let mut rng = SplitMix64::stream(p.seed ^ 0x7472_6961_6C73, k);
@@ -309,7 +311,7 @@ impl Task<'_, '_> {
 }
 
 /// Keeps the best few throws that differ by more than rounding.
-fn keep(kept: &mut Vec<Record>, new: Record, most: usize) {
+fn keep<const N: usize>(kept: &mut Vec<Record<N>>, new: Record<N>, most: usize) {
     if kept.first().is_some_and(|best| new.objective > DEARER * best.objective) {
         return;
     }

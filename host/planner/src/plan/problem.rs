@@ -3,14 +3,14 @@
 use std::ops::RangeInclusive;
 
 use nalgebra::Vector3;
-use robot_model::Pose;
+use robot_model::{JointVec, Pose, RobotModel};
 
 use super::bounds::{AskedBounds, Bounds};
 use super::goal::Goal;
 use super::rows::DELAY_WINDOWS_MAX;
 use super::statistics::Region;
 use crate::flight::{FlightModel, FlightModelError};
-use crate::throw::{Arm, JOINTS};
+use crate::throw::{JOINTS, Throw};
 
 /// Which throws are allowed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -250,47 +250,51 @@ pub enum ProblemError {
     /// Drag or spin cannot be.
     #[error(transparent)]
     Flight(#[from] FlightModelError),
-    /// The arm's family has no closed-form inverse kinematics, from which local solves start.
-    #[error("robot \"{robot}\" has no closed-form inverse kinematics, which the planner starts from")]
-    NoClosedForm {
+    /// The paper's form fixes more numbers of the release than the arm has joints.
+    #[error(
+        "form \"paper\" fixes pose and velocity of the hand, which takes six joints; robot \"{robot}\" has {joints}: use --form best"
+    )]
+    FormNeedsSixJoints {
         /// Name of the robot.
         robot: String,
+        /// Its joints.
+        joints: usize,
     },
 }
 
 /// A planning problem: arm, target and options, checked.
 #[derive(Debug, Clone)]
-pub struct Problem<'a> {
-    pub(crate) arm: &'a Arm,
+pub struct Problem<'a, const N: usize = JOINTS> {
+    pub(crate) arm: &'a RobotModel<N>,
     /// The same with the ball in the hand; `None` for a ball without mass.
-    holding: Option<Box<Arm>>,
+    holding: Option<Box<RobotModel<N>>>,
     pub(crate) target: Vector3<f64>,
     pub(crate) options: Options,
     pub(crate) flight: FlightModel,
     /// Centre of the paper's spherical coordinates: where axis 2 passes axis 1.
     pub(crate) shoulder: Vector3<f64>,
     pub(crate) bounds: Bounds,
-    pub(crate) limits: Limits,
+    pub(crate) limits: Limits<N>,
 }
 
 /// Limits as the solver uses them: rates scaled by the share a plan may use.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Limits {
-    pub(crate) q_min: [f64; JOINTS],
-    pub(crate) q_max: [f64; JOINTS],
-    pub(crate) v: [f64; JOINTS],
-    pub(crate) a: [f64; JOINTS],
-    pub(crate) j: [f64; JOINTS],
+pub(crate) struct Limits<const N: usize> {
+    pub(crate) q_min: [f64; N],
+    pub(crate) q_max: [f64; N],
+    pub(crate) v: [f64; N],
+    pub(crate) a: [f64; N],
+    pub(crate) j: [f64; N],
 }
 
-impl<'a> Problem<'a> {
+impl<'a, const N: usize> Problem<'a, N> {
     /// The arm before the release, with the ball in its hand.
-    pub(crate) fn holding(&self) -> &Arm {
+    pub(crate) fn holding(&self) -> &RobotModel<N> {
         self.holding.as_deref().unwrap_or(self.arm)
     }
 
     /// The arm as its dynamics are at phase `sigma` of a throw: the ball is in the hand up to the release at 0.
-    pub(crate) fn arm_at(&self, sigma: f64) -> &Arm {
+    pub(crate) fn arm_at(&self, sigma: f64) -> &RobotModel<N> {
         if sigma <= 0.0 { self.holding() } else { self.arm }
     }
 
@@ -298,7 +302,8 @@ impl<'a> Problem<'a> {
     ///
     /// # Errors
     /// [`ProblemError`] names what is wrong; a target that is merely out of reach is not an error here.
-    pub fn new(arm: &'a Arm, target: Vector3<f64>, options: Options) -> Result<Self, ProblemError> {
+    pub fn new(arm: &'a RobotModel<N>, target: Vector3<f64>, options: Options) -> Result<Self, ProblemError> {
+        const { assert!(N >= 4 && N <= 7, "rows are laid out for four to seven joints") };
         if !target.iter().all(|c| c.is_finite()) {
             return Err(ProblemError::TargetNotFinite { x: target.x, y: target.y, z: target.z });
         }
@@ -319,13 +324,13 @@ impl<'a> Problem<'a> {
                 return Err(ProblemError::TargetInObstacle { name: obstacle.name.clone() });
             }
         }
-        if arm.ik(&Pose::identity()).is_err() {
-            return Err(ProblemError::NoClosedForm { robot: arm.name().to_owned() });
+        if N < 6 && !options.free_spin {
+            return Err(ProblemError::FormNeedsSixJoints { robot: arm.name().to_owned(), joints: N });
         }
         let flight = FlightModel::vacuum(arm.world().gravity_m_s2)?
             .with_drag(options.drag_per_m)?
             .with_magnus(options.magnus_rad_s)?;
-        let frames = arm.fk(&crate::throw::Joints::zeros());
+        let frames = arm.fk(&JointVec::zeros());
         let (axis, base, second) = (frames.axis(0), frames.origin(0), frames.origin(1));
         let shoulder = base + axis * axis.dot(&(second - base));
         let bounds = Bounds::of(options.form, arm, &shoulder).with(&options.bounds);
@@ -356,7 +361,7 @@ impl<'a> Problem<'a> {
 
     /// The arm.
     #[must_use]
-    pub fn arm(&self) -> &'a Arm {
+    pub fn arm(&self) -> &'a RobotModel<N> {
         self.arm
     }
 
@@ -380,7 +385,7 @@ impl<'a> Problem<'a> {
 
     /// Objective (1) of a throw, as its three terms: time, braking ratio, jerk.
     #[must_use]
-    pub fn objective_terms(&self, throw: &crate::throw::Throw) -> [f64; 3] {
+    pub fn objective_terms(&self, throw: &Throw<N>) -> [f64; 3] {
         let w = &self.options.weights;
         let (ja, jb) = throw.jerk();
         let jerk = ja.norm_squared() * throw.ha_s + jb.norm_squared() * throw.hb_s;
@@ -389,7 +394,7 @@ impl<'a> Problem<'a> {
 
     /// Objective (1) of a throw.
     #[must_use]
-    pub fn objective(&self, throw: &crate::throw::Throw) -> f64 {
+    pub fn objective(&self, throw: &Throw<N>) -> f64 {
         self.objective_terms(throw).iter().sum()
     }
 }

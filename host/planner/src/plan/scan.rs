@@ -4,12 +4,12 @@
 //! a body can be from each joint axis, so a pair that is far apart is left alone until it could have come near.
 
 use nalgebra::Vector3;
-use robot_model::Frames;
 use robot_model::collision::Obb;
+use robot_model::{Frames, JointVec};
 
 use super::cuts::{CURRENT_EXTRA, Cut, CutKind, placed};
 use super::problem::Problem;
-use crate::throw::{JOINTS, Joints, Throw};
+use crate::throw::Throw;
 
 /// Instants before the release; after it as many as make steps of the same length.
 const STEPS: usize = 25;
@@ -49,12 +49,12 @@ struct Pair {
 
 /// Pairs whose distance is changed by the same joints.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Group {
+struct Group<const N: usize> {
     /// Joints `from..to` (from 0) change the distance.
     from: usize,
     to: usize,
     /// How far a turn of joint k by 1 rad moves the second body, at most, in m.
-    swing_m: [f64; JOINTS],
+    swing_m: [f64; N],
 }
 
 /// What is known about a pair so far.
@@ -68,25 +68,25 @@ struct Track {
 
 /// Everything about the pairs of a problem that does not depend on the throw.
 #[derive(Debug, Clone)]
-pub(crate) struct Scanner {
+pub(crate) struct Scanner<const N: usize> {
     pairs: Vec<Pair>,
-    groups: Vec<Group>,
+    groups: Vec<Group<N>>,
     obstacles: Vec<Obb>,
 }
 
 /// The arm at one instant; boxes are placed when they are asked for.
-struct Placed<'a> {
-    problem: &'a Problem<'a>,
+struct Placed<'a, const N: usize> {
+    problem: &'a Problem<'a, N>,
     obstacles: &'a [Obb],
     boxes: Vec<Obb>,
     /// Instant at which each box was placed.
     stamps: Vec<usize>,
     now: usize,
-    frames: Option<Frames<JOINTS>>,
+    frames: Option<Frames<N>>,
     ball: Option<Vector3<f64>>,
 }
 
-impl Placed<'_> {
+impl<const N: usize> Placed<'_, N> {
     fn move_to(&mut self) {
         self.now += 1;
         self.frames = None;
@@ -94,7 +94,7 @@ impl Placed<'_> {
     }
 
     /// A lower bound of the distance of a pair above the clearance: spheres when far, separating axes when near.
-    fn distance(&mut self, pair: &Pair, q: &Joints) -> f64 {
+    fn distance(&mut self, pair: &Pair, q: &JointVec<N>) -> f64 {
         let problem = self.problem;
         let arm = problem.arm;
         let frames = self.frames.get_or_insert_with(|| arm.fk(q));
@@ -131,8 +131,8 @@ impl Placed<'_> {
     }
 }
 
-impl Scanner {
-    pub(crate) fn new(problem: &Problem<'_>) -> Self {
+impl<const N: usize> Scanner<N> {
+    pub(crate) fn new(problem: &Problem<'_, N>) -> Self {
         let arm = problem.arm;
         let model = arm.collision();
         let boxes = model.boxes();
@@ -154,17 +154,17 @@ impl Scanner {
             }
         }
         // The ball sits in the fingers: it is tested from the fourth link down.
-        for (a, body) in boxes.iter().enumerate().filter(|(_, body)| body.link + 2 <= JOINTS) {
-            kinds.push((CutKind::HeldBall(a), body.link, JOINTS));
+        for (a, body) in boxes.iter().enumerate().filter(|(_, body)| body.link + 2 <= N) {
+            kinds.push((CutKind::HeldBall(a), body.link, N));
         }
-        kinds.push((CutKind::HeldBallFloor, 0, JOINTS));
+        kinds.push((CutKind::HeldBallFloor, 0, N));
         for o in 0..obstacles {
-            kinds.push((CutKind::HeldBallObstacle(o), 0, JOINTS));
+            kinds.push((CutKind::HeldBallObstacle(o), 0, N));
         }
         // The held ball is a little farther out than the hand.
         let ball_beyond =
             arm.gripper().x_eb.pos.norm() + arm.gripper().ball_radius_m + arm.end_effector().pos.norm();
-        let mut groups: Vec<Group> = Vec::new();
+        let mut groups: Vec<Group<N>> = Vec::new();
         let pairs = kinds
             .into_iter()
             .map(|(kind, from, to)| {
@@ -189,7 +189,7 @@ impl Scanner {
     }
 
     /// Scans a throw.
-    pub(crate) fn scan(&self, problem: &Problem<'_>, throw: &Throw) -> Scan {
+    pub(crate) fn scan(&self, problem: &Problem<'_, N>, throw: &Throw<N>) -> Scan {
         let mut out = Scan { clearance_m: f64::INFINITY, ball_clearance_m: f64::INFINITY, ..Scan::default() };
         if problem.options.avoid_collisions {
             self.bodies(problem, throw, &mut out);
@@ -203,7 +203,7 @@ impl Scanner {
         out
     }
 
-    fn bodies(&self, problem: &Problem<'_>, throw: &Throw, out: &mut Scan) {
+    fn bodies(&self, problem: &Problem<'_, N>, throw: &Throw<N>, out: &mut Scan) {
         let arm = problem.arm;
         let start = Track { slack_m: 0.0, worst_m: f64::INFINITY, worst_sigma: 0.0 };
         let mut tracks = vec![start; self.pairs.len()];
@@ -212,7 +212,7 @@ impl Scanner {
         let stamps = vec![0; boxes.len()];
         let obstacles = &self.obstacles;
         let mut placed = Placed { problem, obstacles, boxes, stamps, now: 0, frames: None, ball: None };
-        let turns = throw.qdd_rad_s2 != Joints::zeros();
+        let turns = throw.qdd_rad_s2 != JointVec::<N>::zeros();
         let peak = throw.peak_speed();
         let mut before = throw.start();
         let steps_after = (STEPS as f64 * throw.hb_s / throw.ha_s).ceil().clamp(6.0, 50.0) as usize;
@@ -271,14 +271,14 @@ impl Scanner {
 }
 
 /// The released ball against obstacles, and for a clean release against the arm, until it lands.
-fn flying_ball(problem: &Problem<'_>, throw: &Throw, out: &mut Scan) {
+fn flying_ball<const N: usize>(problem: &Problem<'_, N>, throw: &Throw<N>, out: &mut Scan) {
     let arm = problem.arm;
     let (p0, v0) = throw.ball_at_release(arm);
     let radius_m = arm.gripper().ball_radius_m;
     let bodies = if problem.options.clean_release { arm.collision().boxes().len() } else { 0 };
     let obstacles: Vec<Obb> = problem.options.obstacles.iter().map(|o| Obb::new(o.x_wo, o.half_m)).collect();
     // Distance of body k at a time; what is far is not measured exactly.
-    let distance = |k: usize, s: f64, frames: &Frames<JOINTS>, p: &Vector3<f64>| -> f64 {
+    let distance = |k: usize, s: f64, frames: &Frames<N>, p: &Vector3<f64>| -> f64 {
         let Some(o) = k.checked_sub(bodies) else {
             let obb = placed(problem, frames, k);
             let gap = (obb.pose.pos - p).norm() - obb.radius_m() - radius_m;
@@ -336,18 +336,18 @@ const BALL_REFINE_BELOW_M: f64 = 0.1;
 const BALL_HALVINGS: usize = 8;
 
 /// Currents of motors and supplies over the motion.
-fn currents(problem: &Problem<'_>, throw: &Throw, out: &mut Scan) {
+fn currents<const N: usize>(problem: &Problem<'_, N>, throw: &Throw<N>, out: &mut Scan) {
     let arm = problem.arm;
     let Some(drives) = arm.drives() else { return };
     let supplies = arm.supplies();
-    let mut worst = vec![(0.0, 0.0); JOINTS + supplies.len()];
+    let mut worst = vec![(0.0, 0.0); N + supplies.len()];
     // The release belongs to both phases, where acceleration is continuous; starts and stops are jumps, so inside.
     for step in 0..=2 * CURRENT_STEPS {
         let sigma = (step as f64 - CURRENT_STEPS as f64) / CURRENT_STEPS as f64;
         let s = throw.at_phase(sigma);
         let tau = problem.arm_at(sigma).inverse_dynamics(&s.q, &s.qd, &s.qdd);
         let Some(motor) = arm.motor_currents(&s.qd, &tau) else { return };
-        for j in 0..JOINTS {
+        for j in 0..N {
             let share = motor[j] / drives[j].current_max_a;
             if share > worst[j].0 {
                 worst[j] = (share, sigma);
@@ -355,14 +355,14 @@ fn currents(problem: &Problem<'_>, throw: &Throw, out: &mut Scan) {
         }
         for (k, a) in arm.supply_currents(&motor).enumerate() {
             let share = a / supplies[k].current_max_a;
-            if share > worst[JOINTS + k].0 {
-                worst[JOINTS + k] = (share, sigma);
+            if share > worst[N + k].0 {
+                worst[N + k] = (share, sigma);
             }
         }
     }
     for (k, (share, sigma)) in worst.into_iter().enumerate() {
         if share > NEAR_SHARE {
-            let kind = if k < JOINTS { CutKind::Motor(k) } else { CutKind::Supply(k - JOINTS) };
+            let kind = if k < N { CutKind::Motor(k) } else { CutKind::Supply(k - N) };
             let into = if share > 1.0 - 0.2 * CURRENT_EXTRA { &mut out.cuts } else { &mut out.near };
             into.push(Cut { kind, sigma });
         }

@@ -8,15 +8,16 @@ use rayon::prelude::*;
 
 use super::basins::{Basins, Confidence};
 use super::goal::Goal;
-use super::local::{Begin, Found, solve_from};
+use super::local::{Begin, Found, evaluate_once, solve_from};
 use super::nearest::{NearestTarget, nearest_text};
 use super::paper::PaperParameters;
 use super::place::mirror_signs;
+use super::posture::pointing_start;
 use super::problem::{Options, Problem};
 use super::promise::{Promise, promising};
 use super::rng::SplitMix64;
 use super::scan::Scanner;
-use super::sqp::Settings;
+use crate::solve::sqp::Settings;
 use crate::store::{Index, Record};
 use crate::throw::{JOINTS, Throw};
 
@@ -52,9 +53,9 @@ pub struct Watch {
 
 /// The best throw of a search.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Best {
+pub struct Best<const N: usize = JOINTS> {
     /// The throw with its price.
-    pub found: Found,
+    pub found: Found<N>,
     /// Starts that were run, stored ones included.
     pub starts: usize,
     /// Starts that ended in a throw.
@@ -64,7 +65,7 @@ pub struct Best {
     /// What the starts say about throws that were not found.
     pub confidence: Confidence,
     /// The cheapest throws that were found, cheapest first; equal ones once.
-    pub others: Vec<Found>,
+    pub others: Vec<Found<N>>,
 }
 
 /// No start ended in a throw.
@@ -104,20 +105,20 @@ pub(super) enum Surroundings {
 
 /// Plans throws for one problem; holds what depends on the problem but not on the start.
 #[derive(Debug, Clone)]
-pub struct Planner<'p, 'a> {
-    pub(super) problem: &'p Problem<'a>,
+pub struct Planner<'p, 'a, const N: usize = JOINTS> {
+    pub(super) problem: &'p Problem<'a, N>,
     /// The problem with the paper's objective, if `problem` has another: what every start is solved for first.
-    effort: Option<Problem<'a>>,
-    pub(super) scanner: Scanner,
+    effort: Option<Problem<'a, N>>,
+    pub(super) scanner: Scanner<N>,
     pub(super) azimuth_rad: f64,
     pub(super) range_m: f64,
-    pub(super) mirror: Option<[f64; JOINTS]>,
+    pub(super) mirror: Option<[f64; N]>,
 }
 
-impl<'p, 'a> Planner<'p, 'a> {
+impl<'p, 'a, const N: usize> Planner<'p, 'a, N> {
     /// For a problem.
     #[must_use]
-    pub fn new(problem: &'p Problem<'a>) -> Self {
+    pub fn new(problem: &'p Problem<'a, N>) -> Self {
         let t = &problem.target;
         let effort = (problem.options.goal != Goal::Effort).then(|| {
             let mut effort = problem.clone();
@@ -136,51 +137,60 @@ impl<'p, 'a> Planner<'p, 'a> {
 
     /// One local solve from random point number `index` of the search space.
     #[must_use]
-    pub fn random_start(&self, seed: u64, index: u64) -> Option<Found> {
+    pub fn random_start(&self, seed: u64, index: u64) -> Option<Found<N>> {
         Some(self.refine(self.solve_random(seed, index)?))
     }
 
-    pub(super) fn solve_random(&self, seed: u64, index: u64) -> Option<Found> {
+    pub(super) fn solve_random(&self, seed: u64, index: u64) -> Option<Found<N>> {
         let mut rng = SplitMix64::stream(seed, index);
+        let start = self.start(&mut rng);
+        self.solve(&start, Begin::Anywhere, &Settings::default(), usize::MAX)
+    }
+
+    /// A random throw of the search space to start from; it need not keep any limit.
+    pub(super) fn start(&self, rng: &mut SplitMix64) -> Throw<N> {
         let unit = std::array::from_fn(|_| rng.unit());
         let h = PaperParameters::in_bounds(&self.problem.bounds, self.azimuth_rad, unit);
-        let start = h.start(self.problem);
-        self.solve(&start, Begin::Anywhere, &Settings::default(), usize::MAX)
+        if N < 6 {
+            let (ha_s, hb_s) = ((1.0 - h.braking_ratio) * h.duration_s, h.braking_ratio * h.duration_s);
+            return pointing_start(self.problem, rng, [h.flight_s, ha_s, hb_s]);
+        }
+        h.start(self.problem)
     }
 
     /// One local solve from a throw for a near target.
     #[must_use]
-    pub fn from_throw(&self, start: &Throw) -> Option<Found> {
+    pub fn from_throw(&self, start: &Throw<N>) -> Option<Found<N>> {
         Some(self.refine(self.solve(start, Begin::Anywhere, &Settings::default(), usize::MAX)?))
     }
 
     /// A local solve from a throw with steps enough to end where it leads.
     #[must_use]
-    pub fn finished(&self, start: &Throw) -> Option<Found> {
+    pub fn finished(&self, start: &Throw<N>) -> Option<Found<N>> {
         let settings = Settings { iterations_max: FINISH_STEPS, ..Settings::default() };
         self.solve(start, Begin::Anywhere, &settings, FINISH_STEPS)
     }
 
     /// One local solve from a stored throw.
     #[must_use]
-    pub fn from_record(&self, record: &Record) -> Option<Found> {
+    pub fn from_record(&self, record: &Record<N>) -> Option<Found<N>> {
         Some(self.refine(self.polish(record, &Settings::default(), usize::MAX)?))
     }
 
     pub(super) fn solve(
         &self,
-        start: &Throw,
+        start: &Throw<N>,
         begin: Begin,
         settings: &Settings,
         most: usize,
-    ) -> Option<Found> {
+    ) -> Option<Found<N>> {
         let problem = self.effort.as_ref().unwrap_or(self.problem);
         solve_from(problem, &self.scanner, start, begin, settings, most).ok()
     }
 
     /// The second stage for a goal other than the paper's objective: from a throw that keeps every limit downhill in
     /// what counts. Never worse than the throw itself.
-    fn refine(&self, found: Found) -> Found {
+    fn refine(&self, found: Found<N>) -> Found<N> {
         if self.effort.is_none() {
             return found;
         }
@@ -210,19 +220,19 @@ impl<'p, 'a> Planner<'p, 'a> {
     }
 
     /// The second stage for the throws that are best as they are; the others would hardly overtake them.
-    fn refine_best(&self, found: Vec<Found>) -> Vec<Found> {
+    fn refine_best(&self, found: Vec<Found<N>>) -> Vec<Found<N>> {
         if self.effort.is_none() {
             return found;
         }
         let goal = &self.problem.options.goal;
-        let as_they_are: Vec<Found> =
+        let as_they_are: Vec<Found<N>> =
             found.par_iter().map(|f| Found { objective: goal.value(self.problem, &f.throw), ..*f }).collect();
         let mut best = distinct(as_they_are);
         best.truncate(REFINED_MAX);
         distinct(best.par_iter().map(|f| self.refine(*f)).collect())
     }
 
-    pub(super) fn polish(&self, record: &Record, settings: &Settings, most: usize) -> Option<Found> {
+    pub(super) fn polish(&self, record: &Record<N>, settings: &Settings, most: usize) -> Option<Found<N>> {
         let begin = Begin::Optimal { touches: record.touches };
         self.solve(&self.place(&record.throw)?, begin, settings, most)
     }
@@ -233,7 +243,7 @@ impl<'p, 'a> Planner<'p, 'a> {
     /// needs no more and a bad one would need hundreds; `tries` bounds the local solves. If none of them ends in a
     /// throw, all the others around have their turn, then the most promising ones with patience.
     #[must_use]
-    pub fn from_index(&self, index: &Index, tries: usize) -> Option<Found> {
+    pub fn from_index(&self, index: &Index<N>, tries: usize) -> Option<Found<N>> {
         let order = self.promising(index, MORE_TRIES.max(tries));
         let (first, rest) = order.split_at(tries.min(order.len()));
         let patient = Settings { objective: 1e-4, feasibility: 1e-7, ..Settings::default() };
@@ -246,22 +256,28 @@ impl<'p, 'a> Planner<'p, 'a> {
     /// As [`Planner::from_index`], and if no stored throw leads to the target, the first of at most `starts` random
     /// ones that does.
     #[must_use]
-    pub fn from_index_or_random(&self, index: &Index, tries: usize, starts: u64, seed: u64) -> Option<Found> {
+    pub fn from_index_or_random(
+        &self,
+        index: &Index<N>,
+        tries: usize,
+        starts: u64,
+        seed: u64,
+    ) -> Option<Found<N>> {
         self.from_index(index, tries).or_else(|| (0..starts).find_map(|k| self.random_start(seed, k)))
     }
 
     /// As [`Planner::from_index`], but gives up after the quick pass.
     #[must_use]
-    pub fn from_index_quickly(&self, index: &Index, tries: usize) -> Option<Found> {
+    pub fn from_index_quickly(&self, index: &Index<N>, tries: usize) -> Option<Found<N>> {
         self.first_pass(&self.promising(index, tries)).map(|found| self.refine(found))
     }
 
-    fn promising<'i>(&self, index: &'i Index, most: usize) -> Vec<Promise<'i>> {
+    fn promising<'i>(&self, index: &'i Index<N>, most: usize) -> Vec<Promise<'i, N>> {
         promising(index, kind_of(&self.problem.options), self.range_m, self.problem.target.z, most)
     }
 
-    fn first_pass(&self, order: &[Promise<'_>]) -> Option<Found> {
-        let mut best: Option<Found> = None;
+    fn first_pass(&self, order: &[Promise<'_, N>]) -> Option<Found<N>> {
+        let mut best: Option<Found<N>> = None;
         let mut in_vain = 0;
         for (promise, record) in order {
             let bound = best.map_or(f64::INFINITY, |b| b.objective * WORTH_FINDING);
@@ -284,7 +300,7 @@ impl<'p, 'a> Planner<'p, 'a> {
     ///
     /// # Errors
     /// [`NoThrow`] with the nearest reachable target if no start ends in a throw.
-    pub fn search(&self, index: &Index, budget: &Budget, watch: &Watch) -> Result<Best, NoThrow> {
+    pub fn search(&self, index: &Index<N>, budget: &Budget, watch: &Watch) -> Result<Best<N>, NoThrow> {
         let none = match self.attempt(index, budget, watch) {
             Ok(best) => return Ok(best),
             Err(none) => none,
@@ -309,7 +325,7 @@ impl<'p, 'a> Planner<'p, 'a> {
     ///
     /// # Errors
     /// [`NoThrow`] if no start ends in a throw.
-    pub fn attempt(&self, index: &Index, budget: &Budget, watch: &Watch) -> Result<Best, NoThrow> {
+    pub fn attempt(&self, index: &Index<N>, budget: &Budget, watch: &Watch) -> Result<Best<N>, NoThrow> {
         let began = Instant::now();
         let out_of_time = || budget.time.is_some_and(|t| began.elapsed() >= t);
         let stopped = || watch.stop.load(Ordering::Relaxed) || out_of_time();
@@ -322,7 +338,7 @@ impl<'p, 'a> Planner<'p, 'a> {
         {
             let batch = (begun as u64)..(budget.starts.min(begun + BATCH) as u64);
             begun += batch.clone().count();
-            let ended: Vec<Option<Option<Found>>> = batch
+            let ended: Vec<Option<Option<Found<N>>>> = batch
                 .into_par_iter()
                 .map(|k| (!stopped()).then(|| counted(watch, self.solve_random(budget.seed, k))))
                 .collect();
@@ -342,14 +358,15 @@ impl<'p, 'a> Planner<'p, 'a> {
     /// and from throws that were stored for other constraints.
     fn polish_stored(
         &self,
-        index: &Index,
-        basins: &mut Basins,
+        index: &Index<N>,
+        basins: &mut Basins<N>,
         stopped: &(dyn Fn() -> bool + Sync),
         watch: &Watch,
     ) -> Surroundings {
         let kind = kind_of(&self.problem.options);
         let near = self.promising(index, STORED_TRIES);
-        let solve = |work: &(dyn Fn() -> Option<Found> + Sync)| (!stopped()).then(|| counted(watch, work()));
+        let solve =
+            |work: &(dyn Fn() -> Option<Found<N>> + Sync)| (!stopped()).then(|| counted(watch, work()));
         let polished: Vec<_> = near
             .par_iter()
             .map(|(_, record)| solve(&|| self.polish(record, &Settings::default(), usize::MAX)))
@@ -384,7 +401,7 @@ impl<'p, 'a> Planner<'p, 'a> {
     }
 
     /// More steps for the best few throws: a start has steps enough to tell where it will end, not to end there.
-    fn finish(&self, basins: &Basins, stopped: &(dyn Fn() -> bool + Sync)) -> Vec<Found> {
+    fn finish(&self, basins: &Basins<N>, stopped: &(dyn Fn() -> bool + Sync)) -> Vec<Found<N>> {
         let finished = basins
             .found()
             .iter()
@@ -406,7 +423,7 @@ impl<'p, 'a> Planner<'p, 'a> {
 
     /// Expected distance of the landing from the target, root mean square in m; `None` if the ball does not come down.
     #[must_use]
-    pub fn rms_miss_m(&self, throw: &Throw, noise: &super::statistics::Noise) -> Option<f64> {
+    pub fn rms_miss_m(&self, throw: &Throw<N>, noise: &super::statistics::Noise) -> Option<f64> {
         let aim = nalgebra::Vector2::new(self.problem.target.x, self.problem.target.y);
         Some(super::statistics::predict(self.problem, throw, noise)?.rms_miss_m(&aim))
     }
@@ -415,8 +432,8 @@ impl<'p, 'a> Planner<'p, 'a> {
     ///
     /// For benchmarks: it is what a step of the local solver starts with.
     #[must_use]
-    pub fn evaluate(&self, throw: &Throw) -> f64 {
-        super::sqp::evaluate_once(self.problem, throw)
+    pub fn evaluate(&self, throw: &Throw<N>) -> f64 {
+        evaluate_once(self.problem, throw)
     }
 }
 
@@ -457,14 +474,14 @@ const BATCH: usize = 8;
 const FINISHED_MAX: usize = 2;
 const FINISH_STEPS: usize = 200;
 
-fn counted(watch: &Watch, found: Option<Found>) -> Option<Found> {
+fn counted<const N: usize>(watch: &Watch, found: Option<Found<N>>) -> Option<Found<N>> {
     watch.done.fetch_add(1, Ordering::Relaxed);
     watch.solved.fetch_add(usize::from(found.is_some()), Ordering::Relaxed);
     found
 }
 
 /// Cheapest first, of equal ones the first, so that the order of threads does not matter.
-fn distinct(mut found: Vec<Found>) -> Vec<Found> {
+fn distinct<const N: usize>(mut found: Vec<Found<N>>) -> Vec<Found<N>> {
     // The sort is stable.
     found.sort_by(|a, b| a.objective.total_cmp(&b.objective));
     found.dedup_by(|a, b| (a.objective - b.objective).abs() < 1e-6 * b.objective.abs());

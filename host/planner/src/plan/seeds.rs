@@ -3,17 +3,17 @@
 //! A table is only a set of starts: the planner works without it from random starts, only slower, and every throw is
 //! solved and checked afresh. [`super::prepare`] makes tables.
 
+use robot_model::RobotModel;
 use std::path::Path;
 
 use crate::store::{Index, file, robot_fingerprint};
-use crate::throw::Arm;
 
 /// The built-in tables, one per robot that has one.
 const TABLES: [&[u8]; 1] = [include_bytes!("../../seeds/powercube6.seeds")];
 
 /// The built-in throws for a robot; empty if there are none for it (or for this version of its file).
 #[must_use]
-pub fn built_in(arm: &Arm) -> Index {
+pub fn built_in<const N: usize>(arm: &RobotModel<N>) -> Index<N> {
     let robot = robot_fingerprint(arm);
     let records = TABLES
         .iter()

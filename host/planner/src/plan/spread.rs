@@ -9,9 +9,10 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::landed::Landed;
 use super::problem::Problem;
-use super::rows::{Gradient, Layout};
+use super::rows::Layout;
 use super::statistics::Noise;
-use crate::throw::{JOINTS, Throw};
+use crate::solve::Gradient;
+use crate::throw::Throw;
 
 /// Nodes and weights of the 7-point Gauss-Hermite rule for the standard normal, without its centre: exact to the 13th
 /// power of the delay.
@@ -28,13 +29,13 @@ const THREE: [(f64, f64); 2] = [(-THREE_NODE, 1.0 / 6.0), (THREE_NODE, 1.0 / 6.0
 const THREE_NODE: f64 = 1.732_050_807_568_877_2;
 
 /// One source of error at its nodes: weight and landing.
-type Source = Vec<(f64, Landed)>;
+type Source<const N: usize> = Vec<(f64, Landed<N>)>;
 
 /// Landing of a throw with noise.
 #[derive(Debug, Clone)]
-pub(crate) struct Spread {
-    centre: Landed,
-    sources: Vec<Source>,
+pub(crate) struct Spread<const N: usize> {
+    centre: Landed<N>,
+    sources: Vec<Source<N>>,
     /// What each source moves the mean by, in m.
     shifts: Vec<Vector2<f64>>,
     /// Mean in m (x, y).
@@ -43,19 +44,19 @@ pub(crate) struct Spread {
     pub(crate) covariance_m2: Matrix2<f64>,
 }
 
-impl Spread {
+impl<const N: usize> Spread<N> {
     /// Of a throw that aims at the plane at `z_m`; `None` if the ball does not come down there at some node.
-    pub(crate) fn of(problem: &Problem<'_>, throw: &Throw, z_m: f64, noise: &Noise) -> Option<Self> {
+    pub(crate) fn of(problem: &Problem<'_, N>, throw: &Throw<N>, z_m: f64, noise: &Noise) -> Option<Self> {
         let flight = &problem.flight;
         let centre = Landed::of(problem, flight, throw, z_m, 0.0)?;
-        let mut sources: Vec<Source> = Vec::with_capacity(2 + 2 * JOINTS);
+        let mut sources: Vec<Source<N>> = Vec::with_capacity(2 + 2 * N);
         if noise.release_time_s > 0.0 {
             sources.push(at_nodes(&SEVEN, |node| {
                 Landed::of(problem, flight, throw, z_m, node * noise.release_time_s)
             })?);
         }
-        for j in 0..JOINTS {
-            let of = |moved: Throw| Landed::of(problem, flight, &moved, z_m, 0.0);
+        for j in 0..N {
+            let of = |moved: Throw<N>| Landed::of(problem, flight, &moved, z_m, 0.0);
             if noise.position_rad > 0.0 {
                 sources.push(at_nodes(&THREE, |node| {
                     let mut moved = *throw;
@@ -72,7 +73,7 @@ impl Spread {
             }
         }
         if noise.drag_per_m > 0.0 {
-            let source: Option<Source> = drag_nodes(flight.drag_per_m(), noise.drag_per_m)
+            let source: Option<Source<N>> = drag_nodes(flight.drag_per_m(), noise.drag_per_m)
                 .into_iter()
                 .map(|(k, weight)| {
                     let flight = flight.with_drag(k).ok()?;
@@ -99,10 +100,10 @@ impl Spread {
 
     /// Adds the gradient of a function of mean and covariance, given its derivatives by both:
     /// `df = by_mean · dμ + tr(by_covariance dC)`, `by_covariance` symmetric.
-    pub(crate) fn add_gradient(
+    pub(crate) fn add_gradient<const D: usize>(
         &self,
-        g: &mut Gradient<'_>,
-        layout: &Layout,
+        g: &mut Gradient<'_, D>,
+        layout: &Layout<N>,
         by_mean: &Vector2<f64>,
         by_covariance: &Matrix2<f64>,
     ) {
@@ -140,7 +141,10 @@ fn drag_nodes(drag_per_m: f64, sigma_per_m: f64) -> [(f64, f64); 2] {
     ]
 }
 
-fn at_nodes(rule: &[(f64, f64)], landing: impl Fn(f64) -> Option<Landed>) -> Option<Source> {
+fn at_nodes<const N: usize>(
+    rule: &[(f64, f64)],
+    landing: impl Fn(f64) -> Option<Landed<N>>,
+) -> Option<Source<N>> {
     rule.iter().map(|(node, weight)| Some((*weight, landing(*node)?))).collect()
 }
 

@@ -4,12 +4,13 @@
 //! their oracle. All sources are independent and normal; the drag is folded at zero.
 
 use nalgebra::{Matrix2, Vector2, Vector3, Vector6};
+use robot_model::JointVec;
 
 use super::problem::Problem;
 use super::rng::SplitMix64;
 use super::spread::Spread;
 use crate::flight::landing;
-use crate::throw::{Joints, Throw};
+use crate::throw::Throw;
 
 /// Standard deviations of what is not exact.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -50,14 +51,22 @@ fn xy(p: &Vector3<f64>) -> Vector2<f64> {
 
 /// Landing when the gripper opens `delay_s` late (early if negative); `None` if the ball does not come down.
 #[must_use]
-pub fn landing_with_delay(problem: &Problem<'_>, throw: &Throw, delay_s: f64) -> Option<Vector2<f64>> {
+pub fn landing_with_delay<const N: usize>(
+    problem: &Problem<'_, N>,
+    throw: &Throw<N>,
+    delay_s: f64,
+) -> Option<Vector2<f64>> {
     let (p, v) = throw.ball_at_time(problem.arm, throw.ha_s + delay_s);
     Some(xy(&problem.flight.land(&p, &v, problem.target.z)?.p))
 }
 
 /// Predicts the landing; `None` if a ball at a node of the rule does not come down on the plane of the target.
 #[must_use]
-pub fn predict(problem: &Problem<'_>, throw: &Throw, noise: &Noise) -> Option<LandingPrediction> {
+pub fn predict<const N: usize>(
+    problem: &Problem<'_, N>,
+    throw: &Throw<N>,
+    noise: &Noise,
+) -> Option<LandingPrediction> {
     let spread = Spread::of(problem, throw, problem.target.z, noise)?;
     let (p, v) = throw.ball_at_release(problem.arm);
     let nominal = problem.flight.land(&p, &v, problem.target.z)?;
@@ -72,9 +81,9 @@ pub fn predict(problem: &Problem<'_>, throw: &Throw, noise: &Noise) -> Option<La
 
 /// Landings of `draws` disturbed throws: the full model, no linearisation. The oracle of [`predict`].
 #[must_use]
-pub fn monte_carlo(
-    problem: &Problem<'_>,
-    throw: &Throw,
+pub fn monte_carlo<const N: usize>(
+    problem: &Problem<'_, N>,
+    throw: &Throw<N>,
     noise: &Noise,
     draws: usize,
     seed: u64,
@@ -84,8 +93,8 @@ pub fn monte_carlo(
     (0..draws)
         .filter_map(|_| {
             let mut state = throw.at_time(throw.ha_s + noise.release_time_s * rng.normal());
-            state.q += Joints::from_fn(|_, _| noise.position_rad * rng.normal());
-            state.qd += Joints::from_fn(|_, _| noise.speed_rad_s * rng.normal());
+            state.q += JointVec::from_fn(|_, _| noise.position_rad * rng.normal());
+            state.qd += JointVec::from_fn(|_, _| noise.speed_rad_s * rng.normal());
             let frames = arm.fk(&state.q);
             let p = arm.ball(&frames).pos;
             let twist: Vector6<f64> = frames.jacobian(&p) * state.qd;

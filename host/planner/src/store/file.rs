@@ -10,7 +10,8 @@ use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use super::record::{Record, SIZE, crc32};
+use super::record::{Record, crc32, size};
+use crate::throw::JOINTS;
 
 const MAGIC: &[u8; 8] = b"CUBESTOR";
 /// Version of the file format.
@@ -85,7 +86,7 @@ pub struct OpenReport {
 
 /// An open store.
 #[derive(Debug)]
-pub struct StoreFile {
+pub struct StoreFile<const N: usize = JOINTS> {
     path: PathBuf,
     robot: u64,
 }
@@ -105,7 +106,11 @@ fn header(robot: u64) -> [u8; HEADER] {
 /// # Errors
 /// If the bytes are of another version or another robot. A damaged header is not an error here: it counts as damage, and
 /// records are still looked for behind it.
-pub fn parse(path: &Path, bytes: &[u8], robot: u64) -> Result<(Vec<Record>, usize), StoreError> {
+pub fn parse<const N: usize>(
+    path: &Path,
+    bytes: &[u8],
+    robot: u64,
+) -> Result<(Vec<Record<N>>, usize), StoreError> {
     let mut damaged = 0;
     let head = bytes.get(..HEADER).unwrap_or_default();
     let sound = head.len() == HEADER && head[..8] == *MAGIC && head[20..] == crc32(&head[..20]).to_le_bytes();
@@ -128,19 +133,21 @@ pub fn parse(path: &Path, bytes: &[u8], robot: u64) -> Result<(Vec<Record>, usiz
     let mut records = Vec::new();
     let mut at = HEADER.min(bytes.len());
     while at < bytes.len() {
-        match bytes.get(at..at + SIZE).and_then(Record::from_bytes) {
+        match bytes.get(at..at + size(N)).and_then(Record::from_bytes) {
             Some(record) => {
                 records.push(record);
-                at += SIZE;
+                at += size(N);
             }
             None => {
                 damaged += 1;
                 // Look for the next sound record: bytes may have been lost, not only changed.
                 at += 1;
-                while at + SIZE <= bytes.len() && Record::from_bytes(&bytes[at..at + SIZE]).is_none() {
+                while at + size(N) <= bytes.len()
+                    && Record::<N>::from_bytes(&bytes[at..at + size(N)]).is_none()
+                {
                     at += 1;
                 }
-                if at + SIZE > bytes.len() {
+                if at + size(N) > bytes.len() {
                     break;
                 }
             }
@@ -149,12 +156,12 @@ pub fn parse(path: &Path, bytes: &[u8], robot: u64) -> Result<(Vec<Record>, usiz
     Ok((records, damaged))
 }
 
-impl StoreFile {
+impl<const N: usize> StoreFile<N> {
     /// Opens or creates a store for the robot with this fingerprint and reads its records.
     ///
     /// # Errors
     /// [`StoreError`]; a damaged store is not an error but repaired, see [`OpenReport`].
-    pub fn open(path: &Path, robot: u64) -> Result<(Self, Vec<Record>, OpenReport), StoreError> {
+    pub fn open(path: &Path, robot: u64) -> Result<(Self, Vec<Record<N>>, OpenReport), StoreError> {
         let fail = |source| StoreError::Io { path: path.to_owned(), source };
         if let Some(folder) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
             fs::create_dir_all(folder).map_err(fail)?;
@@ -197,7 +204,7 @@ impl StoreFile {
     ///
     /// # Errors
     /// If the store stays locked or writing fails.
-    pub fn append(&mut self, record: &Record) -> Result<(), StoreError> {
+    pub fn append(&mut self, record: &Record<N>) -> Result<(), StoreError> {
         // Opened anew: another process may have put a repaired file in its place.
         let mut file = open_locked(&self.path)?;
         let begun = file.metadata().map(|m| m.len() > 0);
@@ -232,13 +239,13 @@ const LOCK_PAUSE: Duration = Duration::from_millis(20);
 ///
 /// # Errors
 /// If writing or renaming fails.
-pub fn write_all(path: &Path, robot: u64, records: &[Record]) -> io::Result<()> {
+pub fn write_all<const N: usize>(path: &Path, robot: u64, records: &[Record<N>]) -> io::Result<()> {
     write_whole(path, &to_bytes(robot, records))
 }
 
 /// A whole store as bytes.
 #[must_use]
-pub fn to_bytes(robot: u64, records: &[Record]) -> Vec<u8> {
+pub fn to_bytes<const N: usize>(robot: u64, records: &[Record<N>]) -> Vec<u8> {
     let mut bytes = header(robot).to_vec();
     for record in records {
         bytes.extend_from_slice(&record.to_bytes());
@@ -285,12 +292,12 @@ mod tests {
     fn records_come_back_after_reopening() {
         let path = folder("reopen").join("throws.store");
         let _ = fs::remove_file(&path);
-        let (mut store, none, _) = StoreFile::open(&path, 7).expect("opens");
+        let (mut store, none, _) = StoreFile::<6>::open(&path, 7).expect("opens");
         assert!(none.is_empty());
-        store.append(&Record::example(1.0)).expect("writes");
-        store.append(&Record::example(2.0)).expect("writes");
-        let (_, records, report) = StoreFile::open(&path, 7).expect("opens");
-        assert_eq!(records, [Record::example(1.0), Record::example(2.0)]);
+        store.append(&Record::<6>::example(1.0)).expect("writes");
+        store.append(&Record::<6>::example(2.0)).expect("writes");
+        let (_, records, report) = StoreFile::<6>::open(&path, 7).expect("opens");
+        assert_eq!(records, [Record::<6>::example(1.0), Record::<6>::example(2.0)]);
         assert_eq!(report, OpenReport { records: 2, ..OpenReport::default() });
     }
 
@@ -298,35 +305,38 @@ mod tests {
     fn damage_costs_one_record_and_the_damaged_file_is_kept() {
         let path = folder("damage").join("throws.store");
         let _ = fs::remove_file(&path);
-        let (mut store, _, _) = StoreFile::open(&path, 7).expect("opens");
+        let (mut store, _, _) = StoreFile::<6>::open(&path, 7).expect("opens");
         for r in [1.0, 2.0, 3.0, 4.0] {
-            store.append(&Record::example(r)).expect("writes");
+            store.append(&Record::<6>::example(r)).expect("writes");
         }
         let mut bytes = fs::read(&path).expect("reads");
-        bytes[HEADER + SIZE + 9] ^= 1;
+        bytes[HEADER + size(6) + 9] ^= 1;
         // The last write was torn.
         bytes.truncate(bytes.len() - 5);
         fs::write(&path, &bytes).expect("writes");
-        let (_, records, report) = StoreFile::open(&path, 7).expect("opens");
-        assert_eq!(records, [Record::example(1.0), Record::example(3.0)]);
+        let (_, records, report) = StoreFile::<6>::open(&path, 7).expect("opens");
+        assert_eq!(records, [Record::<6>::example(1.0), Record::<6>::example(3.0)]);
         assert_eq!(report.damaged, 2);
         let kept = report.kept_as.expect("kept");
         assert_eq!(fs::read(kept).expect("reads"), bytes, "nothing is lost");
-        assert_eq!(StoreFile::open(&path, 7).expect("opens").2.damaged, 0, "repaired");
+        assert_eq!(StoreFile::<6>::open(&path, 7).expect("opens").2.damaged, 0, "repaired");
     }
 
     #[test]
     fn other_robots_and_newer_versions_are_refused() {
         let path = folder("refuse").join("throws.store");
         let _ = fs::remove_file(&path);
-        drop(StoreFile::open(&path, 7).expect("opens"));
-        assert!(matches!(StoreFile::open(&path, 8), Err(StoreError::OtherRobot { found: 7, wanted: 8, .. })));
+        drop(StoreFile::<6>::open(&path, 7).expect("opens"));
+        assert!(matches!(
+            StoreFile::<6>::open(&path, 8),
+            Err(StoreError::OtherRobot { found: 7, wanted: 8, .. })
+        ));
         let mut bytes = header(7);
         bytes[8] = 9;
         let sum = crc32(&bytes[..20]).to_le_bytes();
         bytes[20..].copy_from_slice(&sum);
         fs::write(&path, bytes).expect("writes");
-        assert!(matches!(StoreFile::open(&path, 7), Err(StoreError::Newer { found: 9, .. })));
+        assert!(matches!(StoreFile::<6>::open(&path, 7), Err(StoreError::Newer { found: 9, .. })));
     }
 
     #[cfg(target_os = "linux")]
@@ -351,26 +361,26 @@ mod tests {
         bytes[20..].copy_from_slice(&sum);
         bytes.extend_from_slice(b"records of another length");
         fs::write(&path, &bytes).expect("writes");
-        let (mut store, none, report) = StoreFile::open(&path, 7).expect("opens");
+        let (mut store, none, report) = StoreFile::<6>::open(&path, 7).expect("opens");
         assert!(none.is_empty());
         assert_eq!((report.older, report.damaged), (Some(1), 0));
         assert_eq!(fs::read(report.kept_as.expect("kept")).expect("reads"), bytes, "nothing is lost");
-        store.append(&Record::example(1.0)).expect("writes");
-        assert_eq!(StoreFile::open(&path, 7).expect("opens").1, [Record::example(1.0)]);
+        store.append(&Record::<6>::example(1.0)).expect("writes");
+        assert_eq!(StoreFile::<6>::open(&path, 7).expect("opens").1, [Record::<6>::example(1.0)]);
     }
 
     #[test]
     fn a_locked_store_is_refused_by_name_and_two_planners_can_share_one() {
         let path = folder("locked").join("throws.store");
         let _ = fs::remove_file(&path);
-        let (mut one, _, _) = StoreFile::open(&path, 7).expect("opens");
-        let (mut two, _, _) = StoreFile::open(&path, 7).expect("opens");
-        one.append(&Record::example(1.0)).expect("writes");
-        two.append(&Record::example(2.0)).expect("writes");
-        assert_eq!(StoreFile::open(&path, 7).expect("opens").1.len(), 2);
+        let (mut one, _, _) = StoreFile::<6>::open(&path, 7).expect("opens");
+        let (mut two, _, _) = StoreFile::<6>::open(&path, 7).expect("opens");
+        one.append(&Record::<6>::example(1.0)).expect("writes");
+        two.append(&Record::<6>::example(2.0)).expect("writes");
+        assert_eq!(StoreFile::<6>::open(&path, 7).expect("opens").1.len(), 2);
         let holder = File::open(&path).expect("opens");
         holder.lock().expect("locks");
-        let refused = one.append(&Record::example(3.0)).expect_err("locked");
+        let refused = one.append(&Record::<6>::example(3.0)).expect_err("locked");
         assert!(refused.to_string().contains("locked by another process"), "{refused}");
     }
 }

@@ -1,5 +1,6 @@
 //! Records in memory, found by range and height.
 
+use crate::throw::JOINTS;
 use std::collections::HashMap;
 
 use super::record::Record;
@@ -9,8 +10,8 @@ const CELL_M: f64 = 0.05;
 
 /// Records sorted into cells of (range, height).
 #[derive(Debug, Clone, Default)]
-pub struct Index {
-    records: Vec<Record>,
+pub struct Index<const N: usize = JOINTS> {
+    records: Vec<Record<N>>,
     cells: HashMap<(i32, i32), Vec<u32>>,
 }
 
@@ -18,10 +19,10 @@ fn cell(range_m: f64, height_m: f64) -> (i32, i32) {
     ((range_m / CELL_M).round() as i32, (height_m / CELL_M).round() as i32)
 }
 
-impl Index {
+impl<const N: usize> Index<N> {
     /// From records.
     #[must_use]
-    pub fn new(records: Vec<Record>) -> Self {
+    pub fn new(records: Vec<Record<N>>) -> Self {
         let mut index = Self::default();
         for record in records {
             index.insert(record);
@@ -30,7 +31,7 @@ impl Index {
     }
 
     /// Adds a record.
-    pub fn insert(&mut self, record: Record) {
+    pub fn insert(&mut self, record: Record<N>) {
         let at = u32::try_from(self.records.len()).unwrap_or(u32::MAX);
         self.cells.entry(cell(record.range_m, record.height_m)).or_default().push(at);
         self.records.push(record);
@@ -38,7 +39,7 @@ impl Index {
 
     /// All records.
     #[must_use]
-    pub fn records(&self) -> &[Record] {
+    pub fn records(&self) -> &[Record<N>] {
         &self.records
     }
 
@@ -46,7 +47,14 @@ impl Index {
     ///
     /// Looks at the cell of the target and its neighbours, and farther out, up to `rings` cells, only while nothing is
     /// found.
-    pub fn near<'a>(&'a self, kind: u32, range_m: f64, height_m: f64, rings: i32, out: &mut Vec<&'a Record>) {
+    pub fn near<'a>(
+        &'a self,
+        kind: u32,
+        range_m: f64,
+        height_m: f64,
+        rings: i32,
+        out: &mut Vec<&'a Record<N>>,
+    ) {
         out.clear();
         let (r, h) = cell(range_m, height_m);
         for ring in 1..=rings.max(1) {
@@ -64,7 +72,7 @@ impl Index {
             }
         }
         // A metre of distance is worth as much as the objective.
-        let key = |x: &Record| {
+        let key = |x: &Record<N>| {
             let d = (x.range_m - range_m).hypot(x.height_m - height_m);
             x.objective * (1.0 + d)
         };

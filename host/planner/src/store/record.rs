@@ -1,12 +1,12 @@
 //! One stored throw.
 
-use robot_model::RobotModel;
+use robot_model::{JointVec, RobotModel};
 
-use crate::throw::{JOINTS, Joints, Throw};
+use crate::throw::{JOINTS, Throw};
 
 /// A throw in the frame in which the target is at azimuth 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Record {
+pub struct Record<const N: usize = JOINTS> {
     /// Which constraints it satisfies; see [`crate::plan::search::kind_of`].
     pub kind: u32,
     /// Horizontal distance of the target from the base axis in m.
@@ -20,81 +20,79 @@ pub struct Record {
     /// Whether a clearance or a current over the motion is at its limit.
     pub touches: bool,
     /// The throw; joint 1 counted from the direction of the target.
-    pub throw: Throw,
+    pub throw: Throw<N>,
 }
 
-/// Numbers of a record.
-const NUMBERS: usize = 26;
-/// Bytes of a record without its checksum: kind and numbers.
-pub(super) const BODY: usize = 4 + NUMBERS * 4;
+/// Numbers of a record before the joints, and after them.
+const BEFORE: usize = 6;
+const AFTER: usize = 2;
 /// Bit of the first word beside the kind.
 const TOUCHES: u32 = 1 << 31;
-/// Bytes of a record.
-pub(super) const SIZE: usize = BODY + 4;
 
-impl Record {
+/// Numbers of a record of an arm of `joints` joints.
+const fn numbers(joints: usize) -> usize {
+    BEFORE + 3 * joints + AFTER
+}
+
+/// Bytes of a record of an arm of `joints` joints: kind, numbers, checksum.
+#[must_use]
+pub const fn size(joints: usize) -> usize {
+    4 + numbers(joints) * 4 + 4
+}
+
+impl<const N: usize> Record<N> {
     /// Little-endian bytes with a checksum at the end.
     ///
     /// Numbers are rounded to 32 bits: a record is a start, and the solver brings it to full accuracy.
     #[must_use]
-    pub fn to_bytes(&self) -> [u8; SIZE] {
-        let mut out = [0; SIZE];
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let mut out = Vec::with_capacity(size(N));
         let head = self.kind | if self.touches { TOUCHES } else { 0 };
-        out[..4].copy_from_slice(&head.to_le_bytes());
-        for (i, value) in self.numbers().into_iter().enumerate() {
-            out[4 + 4 * i..8 + 4 * i].copy_from_slice(&(value as f32).to_le_bytes());
+        out.extend(head.to_le_bytes());
+        let t = &self.throw;
+        let before = [self.range_m, self.height_m, self.objective, t.flight_s, t.ha_s, t.hb_s];
+        let joints = t.q_rad.iter().chain(t.qd_rad_s.iter()).chain(t.qdd_rad_s2.iter());
+        for value in before.iter().chain(joints).chain(&self.slope_per_m) {
+            out.extend((*value as f32).to_le_bytes());
         }
-        let sum = crc32(&out[..BODY]);
-        out[BODY..].copy_from_slice(&sum.to_le_bytes());
+        let sum = crc32(&out);
+        out.extend(sum.to_le_bytes());
         out
     }
 
     /// Reads a record; `None` if the checksum does not match, the length is wrong or a number is not finite.
     #[must_use]
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
-        if bytes.len() != SIZE {
+        if bytes.len() != size(N) {
             return None;
         }
-        let word = |i: usize| bytes.get(4 * i..4 * i + 4).and_then(|b| <[u8; 4]>::try_from(b).ok());
-        if u32::from_le_bytes(word(BODY / 4)?) != crc32(&bytes[..BODY]) {
+        let (body, sum) = bytes.split_last_chunk()?;
+        if u32::from_le_bytes(*sum) != crc32(body) {
             return None;
         }
-        let head = u32::from_le_bytes(word(0)?);
-        let mut n = [0.0; NUMBERS];
-        for (i, value) in n.iter_mut().enumerate() {
-            *value = f64::from(f32::from_le_bytes(word(1 + i)?));
-            if !value.is_finite() {
-                return None;
+        let (head, rest) = body.split_first_chunk()?;
+        let head = u32::from_le_bytes(*head);
+        let mut numbers = rest.as_chunks::<4>().0.iter().map(|b| f64::from(f32::from_le_bytes(*b)));
+        let mut next = || numbers.next().filter(|n| n.is_finite());
+        let [range_m, height_m, objective, flight_s, ha_s, hb_s] =
+            [next()?, next()?, next()?, next()?, next()?, next()?];
+        let mut joints = || {
+            let mut out = JointVec::zeros();
+            for value in &mut out {
+                *value = next()?;
             }
-        }
-        let joints = |at: usize| Joints::from_column_slice(&n[at..at + JOINTS]);
+            Some(out)
+        };
+        let (q_rad, qd_rad_s, qdd_rad_s2) = (joints()?, joints()?, joints()?);
         Some(Self {
             kind: head & !TOUCHES,
-            range_m: n[0],
-            height_m: n[1],
-            objective: n[2],
-            slope_per_m: [n[24], n[25]],
+            range_m,
+            height_m,
+            objective,
+            slope_per_m: [next()?, next()?],
             touches: head & TOUCHES != 0,
-            throw: Throw {
-                flight_s: n[3],
-                ha_s: n[4],
-                hb_s: n[5],
-                q_rad: joints(6),
-                qd_rad_s: joints(12),
-                qdd_rad_s2: joints(18),
-            },
+            throw: Throw { q_rad, qd_rad_s, qdd_rad_s2, flight_s, ha_s, hb_s },
         })
-    }
-
-    fn numbers(&self) -> [f64; NUMBERS] {
-        let t = &self.throw;
-        let mut n = [0.0; NUMBERS];
-        n[..6].copy_from_slice(&[self.range_m, self.height_m, self.objective, t.flight_s, t.ha_s, t.hb_s]);
-        n[6..12].copy_from_slice(t.q_rad.as_slice());
-        n[12..18].copy_from_slice(t.qd_rad_s.as_slice());
-        n[18..24].copy_from_slice(t.qdd_rad_s2.as_slice());
-        n[24..].copy_from_slice(&self.slope_per_m);
-        n
     }
 }
 
@@ -128,13 +126,13 @@ pub fn crc32(bytes: &[u8]) -> u32 {
 }
 
 #[cfg(test)]
-impl Record {
+impl<const N: usize> Record<N> {
     /// A record to a target at this range and at height 0; its throw is nothing but finite.
     pub(crate) fn example(range_m: f64) -> Self {
         let throw = Throw {
-            q_rad: Joints::zeros(),
-            qd_rad_s: Joints::zeros(),
-            qdd_rad_s2: Joints::zeros(),
+            q_rad: JointVec::zeros(),
+            qd_rad_s: JointVec::zeros(),
+            qdd_rad_s2: JointVec::zeros(),
             flight_s: 0.5,
             ha_s: 0.5,
             hb_s: 0.25,
@@ -146,6 +144,7 @@ impl Record {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::throw::Joints;
 
     #[test]
     fn crc_matches_the_check_value_of_the_standard() {
@@ -171,9 +170,9 @@ mod tests {
             },
         };
         let mut bytes = record.to_bytes();
-        assert_eq!(Record::from_bytes(&bytes), Some(record));
+        assert_eq!(Record::<6>::from_bytes(&bytes), Some(record));
         bytes[17] ^= 4;
-        assert_eq!(Record::from_bytes(&bytes), None);
-        assert_eq!(Record::from_bytes(&bytes[1..]), None);
+        assert_eq!(Record::<6>::from_bytes(&bytes), None);
+        assert_eq!(Record::<6>::from_bytes(&bytes[1..]), None);
     }
 }

@@ -2,29 +2,28 @@
 //!
 //! Screws S and home poses M are read off once, at q = 0; after that no joint frame is used any more.
 
+use crate::throw::JOINTS;
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
-use robot_model::Pose;
-
-use crate::throw::{Arm, JOINTS, Joints};
+use robot_model::{JointVec, Pose, RobotModel};
 
 /// The arm as screws and home poses.
 #[derive(Debug, Clone)]
-pub struct Chain {
+pub struct Chain<const N: usize = JOINTS> {
     /// Direction of each axis and a point on it, world, at q = 0.
-    screws: [(Unit<Vector3<f64>>, Vector3<f64>); JOINTS],
+    screws: [(Unit<Vector3<f64>>, Vector3<f64>); N],
     /// Joint frames at q = 0.
-    home: [Pose; JOINTS],
+    home: [Pose; N],
 }
 
-/// Displacements of the links from home: `x ↦ R x + d`.
-pub type Displacements = [(Matrix3<f64>, Vector3<f64>); JOINTS];
+/// Displacements<N> of the links from home: `x ↦ R x + d`.
+pub type Displacements<const N: usize = JOINTS> = [(Matrix3<f64>, Vector3<f64>); N];
 
-impl Chain {
+impl<const N: usize> Chain<N> {
     /// Reads screws and home poses.
     #[must_use]
-    pub fn new(arm: &Arm) -> Self {
+    pub fn new(arm: &RobotModel<N>) -> Self {
         let mut frame = Pose::identity();
-        let mut home = [Pose::identity(); JOINTS];
+        let mut home = [Pose::identity(); N];
         for (at, joint) in home.iter_mut().zip(arm.joints()) {
             frame = frame * joint.x_pj;
             *at = frame;
@@ -35,8 +34,8 @@ impl Chain {
 
     /// Displacement of every link from home.
     #[must_use]
-    pub fn displacements(&self, q: &Joints) -> Displacements {
-        let mut out = [(Matrix3::identity(), Vector3::zeros()); JOINTS];
+    pub fn displacements(&self, q: &JointVec<N>) -> Displacements<N> {
+        let mut out = [(Matrix3::identity(), Vector3::zeros()); N];
         let (mut r, mut d) = (Matrix3::identity(), Vector3::zeros());
         for (j, (axis, point)) in self.screws.iter().enumerate() {
             // e^{[S] q}: Rodrigues' rotation about a line.
@@ -51,14 +50,14 @@ impl Chain {
 
     /// Pose of link `i` (from 0), as its joint frame.
     #[must_use]
-    pub fn link(&self, displacements: &Displacements, i: usize) -> Pose {
+    pub fn link(&self, displacements: &Displacements<N>, i: usize) -> Pose {
         let (r, d) = &displacements[i];
         Pose::new(r * self.home[i].rot, r * self.home[i].pos + d)
     }
 
     /// Axis of joint `j` now: direction and a point on it.
     #[must_use]
-    pub fn axis(&self, displacements: &Displacements, j: usize) -> (Vector3<f64>, Vector3<f64>) {
+    pub fn axis(&self, displacements: &Displacements<N>, j: usize) -> (Vector3<f64>, Vector3<f64>) {
         let (r, d) = &displacements[j];
         let (axis, point) = &self.screws[j];
         (r * axis.into_inner(), r * point + d)

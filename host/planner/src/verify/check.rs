@@ -1,7 +1,7 @@
 //! One pass over a plan file on a dense grid.
 
 use nalgebra::Vector3;
-use robot_model::Pose;
+use robot_model::{Pose, RobotModel};
 
 use super::ball::{self, Ball};
 use super::boxes::{distance_m, lowest_m, point_distance_m};
@@ -9,7 +9,6 @@ use super::chain::Chain;
 use super::{forces, motion};
 use crate::plan::file::PlanFile;
 use crate::plan::scan::RELEASE_BLIND_S;
-use crate::throw::{Arm, JOINTS};
 
 /// Distance of grid points in s.
 const STEP_S: f64 = 1e-3;
@@ -94,7 +93,7 @@ impl Worst {
 
 /// Checks a plan for an arm.
 #[must_use]
-pub fn check(arm: &Arm, plan: &PlanFile) -> Report {
+pub fn check<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> Report {
     let chain = Chain::new(arm);
     let steps = (plan.end_time_s / STEP_S).ceil().max(1.0) as usize;
     let claims = |word: &str| plan.checks.iter().any(|c| c.enforced && c.what.contains(word));
@@ -107,17 +106,17 @@ pub fn check(arm: &Arm, plan: &PlanFile) -> Report {
     let boxes = arm.collision().boxes();
     let radius_m = arm.gripper().ball_radius_m;
     let place = |t: f64| -> (Vec<Pose>, Pose) {
-        let d = chain.displacements(&motion::at(plan, t).q);
+        let d = chain.displacements(&motion::sample::<N>(plan, t).q);
         let placed = boxes
             .iter()
             .map(|b| b.link.checked_sub(1).map_or(b.x_lb, |i| chain.link(&d, i) * b.x_lb))
             .collect();
-        (placed, chain.link(&d, JOINTS - 1) * *arm.end_effector() * arm.gripper().x_eb)
+        (placed, chain.link(&d, N - 1) * *arm.end_effector() * arm.gripper().x_eb)
     };
     for step in 0..=steps {
         let t = (step as f64 * plan.end_time_s / steps as f64).min(plan.end_time_s);
-        let s = motion::at(plan, t);
-        for j in 0..JOINTS {
+        let s = motion::sample::<N>(plan, t);
+        for j in 0..N {
             let l = &arm.joints()[j].limits;
             range.see((l.q_min_rad - s.q[j]).max(s.q[j] - l.q_max_rad), t, || name(j));
             speed.see(s.qd[j].abs() / l.v_max_rad_s, t, || name(j));
@@ -146,14 +145,14 @@ pub fn check(arm: &Arm, plan: &PlanFile) -> Report {
         }
         if t <= plan.release_time_s {
             obstacles.see_ball(&ball.pos, radius_m, "held ball", t, &mut obstacle);
-            for (k, body) in boxes.iter().enumerate().filter(|(_, b)| b.link + 2 <= JOINTS) {
+            for (k, body) in boxes.iter().enumerate().filter(|(_, b)| b.link + 2 <= N) {
                 let distance = point_distance_m(&placed[k], &body.half_m, &ball.pos) - radius_m;
                 near.see(-distance, t, || format!("held ball and \"{}\"", body.name));
             }
             floor.see(arm.world().floor_z_m - ball.pos.z + radius_m, t, || "held ball".to_owned());
         }
     }
-    segments_meet(plan, &mut jump);
+    segments_meet::<N>(plan, &mut jump);
     currents(arm, &chain, plan, &mut motor, &mut supply);
 
     // The release: position of the ball by the chain, its velocity by differences in time.
@@ -247,24 +246,30 @@ fn clear_finding(what: &str, near: &Worst, wanted_m: f64, enforced: bool) -> Fin
     }
 }
 
-fn segments_meet(plan: &PlanFile, jump: &mut Worst) {
+fn segments_meet<const N: usize>(plan: &PlanFile, jump: &mut Worst) {
     let eps = 1e-9;
     for (j, joint) in plan.joints.iter().enumerate() {
         for pair in joint.segments.windows(2) {
             let t = pair[0].t_end_s;
-            let (a, b) = (motion::at(plan, t), motion::at(plan, t + eps));
+            let (a, b) = (motion::sample::<N>(plan, t), motion::sample::<N>(plan, t + eps));
             let what = || joint.name.clone();
             jump.see((a.q[j] - b.q[j]).abs() - 10.0 * eps, t, what);
             jump.see((a.qd[j] - b.qd[j]).abs() - 100.0 * eps, t, what);
             jump.see((a.qdd[j] - b.qdd[j]).abs() - 1e3 * eps, t, what);
         }
         for t in [0.0, plan.end_time_s] {
-            jump.see(motion::at(plan, t).qd[j].abs(), t, || format!("{} at rest", joint.name));
+            jump.see(motion::sample::<N>(plan, t).qd[j].abs(), t, || format!("{} at rest", joint.name));
         }
     }
 }
 
-fn currents(arm: &Arm, chain: &Chain, plan: &PlanFile, motor: &mut Worst, supply: &mut Worst) {
+fn currents<const N: usize>(
+    arm: &RobotModel<N>,
+    chain: &Chain<N>,
+    plan: &PlanFile,
+    motor: &mut Worst,
+    supply: &mut Worst,
+) {
     let Some(drives) = arm.drives() else { return };
     let keep_off = 3e-4;
     let samples = 200;
@@ -274,14 +279,14 @@ fn currents(arm: &Arm, chain: &Chain, plan: &PlanFile, motor: &mut Worst, supply
         if (t - plan.release_time_s).abs() < keep_off {
             t = plan.release_time_s - keep_off;
         }
-        let s = motion::at(plan, t);
+        let s = motion::sample::<N>(plan, t);
         let tau = forces::torques(arm, chain, plan, t);
         let Some(amps) = forces::motor_currents(arm, &s.qd, &tau) else { return };
-        for j in 0..JOINTS {
+        for j in 0..N {
             motor.see(amps[j] / drives[j].current_max_a, t, || arm.joints()[j].name.clone());
         }
         for s in arm.supplies() {
-            let sum: f64 = (0..JOINTS).filter(|j| s.feeds[*j]).map(|j| amps[j]).sum();
+            let sum: f64 = (0..N).filter(|j| s.feeds[*j]).map(|j| amps[j]).sum();
             supply.see(sum / s.current_max_a, t, || s.name.clone());
         }
     }
@@ -323,8 +328,8 @@ struct Flown {
 }
 
 /// Flies the ball.
-fn flight(
-    arm: &Arm,
+fn flight<const N: usize>(
+    arm: &RobotModel<N>,
     plan: &PlanFile,
     place: &dyn Fn(f64) -> (Vec<Pose>, Pose),
     obstacles: &Obstacles<'_>,
@@ -342,7 +347,7 @@ fn flight(
             let (placed, _) = place(t);
             for (k, body) in boxes.iter().enumerate() {
                 let distance = point_distance_m(&placed[k], &body.half_m, p) - radius_m;
-                let near = if body.link == JOINTS { &mut hand } else { &mut others };
+                let near = if body.link == N { &mut hand } else { &mut others };
                 near.see(-distance, t, || format!("\"{}\"", body.name));
             }
             // An obstacle that holds the target (a table, a bin) is met at the end of the flight.

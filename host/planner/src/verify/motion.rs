@@ -1,19 +1,20 @@
 //! The polynomials of a plan file.
 
 use crate::plan::file::PlanFile;
-use crate::throw::{JOINTS, Joints};
+use crate::throw::JOINTS;
+use robot_model::JointVec;
 
 /// Position, speed, acceleration and jerk of all joints at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sample {
+pub struct Sample<const N: usize = JOINTS> {
     /// rad.
-    pub q: Joints,
+    pub q: JointVec<N>,
     /// rad/s.
-    pub qd: Joints,
+    pub qd: JointVec<N>,
     /// rad/s².
-    pub qdd: Joints,
+    pub qdd: JointVec<N>,
     /// rad/s³.
-    pub jerk: Joints,
+    pub jerk: JointVec<N>,
 }
 
 /// Value and derivatives of a polynomial, highest power first, by Horner's rule.
@@ -28,14 +29,24 @@ fn horner(coefficients: &[f64], t: f64) -> [f64; 4] {
     [d[0], d[1], 2.0 * d[2], 6.0 * d[3]]
 }
 
-/// The plan at `t_s`; at the joint of two segments the earlier one; held before and after.
+/// The plan of an arm of six joints at `t_s`; see [`sample`].
 #[must_use]
 pub fn at(plan: &PlanFile, t_s: f64) -> Sample {
-    let mut out =
-        Sample { q: Joints::zeros(), qd: Joints::zeros(), qdd: Joints::zeros(), jerk: Joints::zeros() };
+    sample(plan, t_s)
+}
+
+/// The plan at `t_s`; at the joint of two segments the earlier one; held before and after.
+#[must_use]
+pub fn sample<const N: usize>(plan: &PlanFile, t_s: f64) -> Sample<N> {
+    let mut out = Sample {
+        q: JointVec::zeros(),
+        qd: JointVec::zeros(),
+        qdd: JointVec::zeros(),
+        jerk: JointVec::zeros(),
+    };
     let outside = t_s < 0.0 || t_s > plan.end_time_s;
     let t = t_s.clamp(0.0, plan.end_time_s);
-    for (j, joint) in plan.joints.iter().enumerate().take(JOINTS) {
+    for (j, joint) in plan.joints.iter().enumerate().take(N) {
         let segment = joint.segments.iter().find(|s| t <= s.t_end_s).or(joint.segments.last());
         if let Some(segment) = segment {
             let [q, qd, qdd, jerk] = horner(&segment.coefficients_rad, t);

@@ -1,6 +1,7 @@
 //! From a throw to its plan.
 
 use nalgebra::{Matrix4, Vector2};
+use robot_model::{JointVec, RobotModel};
 
 use super::{
     CheckInfo, Currents, DelayShift, FORMAT, GoalName, JointPlan, LandingInfo, MarginsInfo, Objective,
@@ -15,16 +16,16 @@ use crate::plan::scan::{RELEASE_BLIND_S, Scanner};
 use crate::plan::search::Best;
 use crate::plan::statistics::{Noise, Region, landing_with_delay, predict};
 use crate::store::robot_fingerprint;
-use crate::throw::{Arm, JOINTS, Throw};
+use crate::throw::Throw;
 
 impl PlanFile {
     /// Puts together the plan of a throw.
     ///
     /// Returns `None` only if the ball of the throw never comes down on the plane of the target.
     #[must_use]
-    pub fn of(
-        problem: &Problem<'_>,
-        best: &Best,
+    pub fn of<const N: usize>(
+        problem: &Problem<'_, N>,
+        best: &Best<N>,
         robot_source: &str,
         seed: u64,
         noise: &Noise,
@@ -68,13 +69,13 @@ impl PlanFile {
                 stored: Vec::new(),
             },
             parameters: PaperParameters::of(arm, &problem.shoulder, throw),
-            joints: (0..JOINTS).map(|j| joint_plan(arm, throw, j)).collect(),
+            joints: (0..N).map(|j| joint_plan(arm, throw, j)).collect(),
             release_time_s: throw.ha_s,
             end_time_s: throw.duration_s(),
             release: Release {
-                q_rad: throw.q_rad.into(),
-                qd_rad_s: throw.qd_rad_s.into(),
-                qdd_rad_s2: throw.qdd_rad_s2.into(),
+                q_rad: numbers(&throw.q_rad),
+                qd_rad_s: numbers(&throw.qd_rad_s),
+                qdd_rad_s2: numbers(&throw.qdd_rad_s2),
                 position_m: p.into(),
                 velocity_m_s: v.into(),
             },
@@ -101,11 +102,11 @@ impl PlanFile {
                 hit_probability: region.map(|r| prediction.hit_probability(&aim, &r)),
             },
             margins: MarginsInfo {
-                position_rad: margins.position_rad.into(),
-                speed_share: margins.speed.into(),
-                acceleration_share: margins.acceleration.into(),
-                jerk_share: margins.jerk.into(),
-                motor_current_share: margins.motor.map(Into::into),
+                position_rad: numbers(&margins.position_rad),
+                speed_share: numbers(&margins.speed),
+                acceleration_share: numbers(&margins.acceleration),
+                jerk_share: numbers(&margins.jerk),
+                motor_current_share: margins.motor.as_ref().map(numbers),
                 supply_current_share: margins.supply.clone(),
                 clearance_m: scan.clearance_m.is_finite().then_some(scan.clearance_m),
                 ball_clearance_m: scan.ball_clearance_m,
@@ -114,6 +115,10 @@ impl PlanFile {
             checks: checks(problem),
         })
     }
+}
+
+fn numbers<const N: usize>(joints: &JointVec<N>) -> Vec<f64> {
+    joints.iter().copied().collect()
 }
 
 fn obstacle(o: &Obstacle) -> ObstacleInfo {
@@ -129,7 +134,7 @@ fn goal_name(goal: &Goal) -> GoalName {
 }
 
 /// Both cubics of a joint in absolute time, highest power first.
-fn joint_plan(arm: &Arm, throw: &Throw, j: usize) -> JointPlan {
+fn joint_plan<const N: usize>(arm: &RobotModel<N>, throw: &Throw<N>, j: usize) -> JointPlan {
     let (ja, jb) = throw.jerk();
     let (q, v, a) = (throw.q_rad[j], throw.qd_rad_s[j], throw.qdd_rad_s2[j]);
     // q + v s + a s²/2 + jerk s³/6 with s = t - h_a, expanded in t.
@@ -150,7 +155,7 @@ fn joint_plan(arm: &Arm, throw: &Throw, j: usize) -> JointPlan {
 }
 
 /// Shifts at the limits of the plan, or else at 10 and 25 ms.
-fn delay_shifts(problem: &Problem<'_>, throw: &Throw) -> Vec<DelayShift> {
+fn delay_shifts<const N: usize>(problem: &Problem<'_, N>, throw: &Throw<N>) -> Vec<DelayShift> {
     let on_time = landing_with_delay(problem, throw, 0.0);
     let shift = |delay_s: f64| -> Option<f64> {
         let early = landing_with_delay(problem, throw, -delay_s)? - on_time?;
@@ -170,9 +175,9 @@ fn rows_of(m: &Matrix4<f64>) -> [[f64; 4]; 4] {
     std::array::from_fn(|r| std::array::from_fn(|c| m[(r, c)]))
 }
 
-fn currents(problem: &Problem<'_>, throw: &Throw, margins: &Margins) -> Currents {
+fn currents<const N: usize>(problem: &Problem<'_, N>, throw: &Throw<N>, margins: &Margins<N>) -> Currents {
     let arm = problem.arm;
-    let mut motor_peak = [0.0_f64; JOINTS];
+    let mut motor_peak = [0.0_f64; N];
     let mut supply_peak = vec![0.0_f64; arm.supplies().len()];
     let mut known = false;
     for i in 0..=400 {
@@ -189,8 +194,8 @@ fn currents(problem: &Problem<'_>, throw: &Throw, margins: &Margins) -> Currents
         }
     }
     Currents {
-        motor_release_a: margins.release_currents_a.map(Into::into),
-        motor_peak_a: known.then_some(motor_peak),
+        motor_release_a: margins.release_currents_a.as_ref().map(numbers),
+        motor_peak_a: known.then(|| motor_peak.to_vec()),
         supply_peak: arm
             .supplies()
             .iter()
@@ -200,7 +205,7 @@ fn currents(problem: &Problem<'_>, throw: &Throw, margins: &Margins) -> Currents
     }
 }
 
-fn checks(problem: &Problem<'_>) -> Vec<CheckInfo> {
+fn checks<const N: usize>(problem: &Problem<'_, N>) -> Vec<CheckInfo> {
     let o = &problem.options;
     let check = |what: &str, enforced: bool, tolerance: &str| CheckInfo {
         what: what.to_owned(),

@@ -3,12 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Matrix3, Vector3};
-use robot_model::Pose;
+use robot_model::{Pose, RobotModel};
 use toml_reader::read_text;
 
 use super::{FORMAT, KIND, ObstacleInfo, PlanFile, VERSION};
 use crate::store::{file::write_whole, robot_fingerprint};
-use crate::throw::{Arm, JOINTS};
 
 /// Longest plan file that is read, bytes. Six joints and a few segments take 20 kB.
 pub const FILE_MAX_BYTES: u64 = 16 << 20;
@@ -122,7 +121,11 @@ impl PlanFile {
     ///
     /// # Errors
     /// [`PlanFileError::OtherRobot`].
-    pub fn require_robot(&self, path: &Path, arm: &Arm) -> Result<(), PlanFileError> {
+    pub fn require_robot<const N: usize>(
+        &self,
+        path: &Path,
+        arm: &RobotModel<N>,
+    ) -> Result<(), PlanFileError> {
         let wanted = format!("{:016x}", robot_fingerprint(arm));
         if self.robot.fingerprint == wanted {
             return Ok(());
@@ -136,6 +139,33 @@ impl PlanFile {
         })
     }
 
+    /// Whether every list has a number per joint.
+    fn lists(&self) -> Result<(), String> {
+        let joints = self.joints.len();
+        if !(4..=7).contains(&joints) {
+            return Err(format!("{joints} joints, expected four to seven"));
+        }
+        let (release, margins, currents) = (&self.release, &self.margins, &self.currents);
+        let lists = [
+            ("release.q_rad", Some(&release.q_rad)),
+            ("release.qd_rad_s", Some(&release.qd_rad_s)),
+            ("release.qdd_rad_s2", Some(&release.qdd_rad_s2)),
+            ("margins.position_rad", Some(&margins.position_rad)),
+            ("margins.speed_share", Some(&margins.speed_share)),
+            ("margins.acceleration_share", Some(&margins.acceleration_share)),
+            ("margins.jerk_share", Some(&margins.jerk_share)),
+            ("margins.motor_current_share", margins.motor_current_share.as_ref()),
+            ("currents.motor_release_a", currents.motor_release_a.as_ref()),
+            ("currents.motor_peak_a", currents.motor_peak_a.as_ref()),
+        ];
+        match lists.iter().find(|(_, list)| list.is_some_and(|l| l.len() != joints)) {
+            Some((name, list)) => {
+                Err(format!("{name} has {} numbers, expected {joints}", list.map_or(0, Vec::len)))
+            }
+            None => Ok(()),
+        }
+    }
+
     /// What the types cannot say.
     fn sound(&self) -> Result<(), String> {
         if self.kind != KIND {
@@ -144,9 +174,7 @@ impl PlanFile {
                 self.kind
             ));
         }
-        if self.joints.len() != JOINTS {
-            return Err(format!("{} joints, expected {JOINTS}", self.joints.len()));
-        }
+        self.lists()?;
         let inside = self.release_time_s > 0.0 && self.release_time_s < self.end_time_s;
         if !inside {
             return Err(format!(

@@ -20,7 +20,6 @@ use super::basins::Confidence;
 use super::paper::PaperParameters;
 use super::problem::{Form, Weights};
 use super::statistics::{Noise, Region};
-use crate::throw::JOINTS;
 
 /// Version of the format that this program writes, and the newest it reads.
 pub const VERSION: u32 = 5;
@@ -184,11 +183,11 @@ pub struct Segment {
 #[serde(deny_unknown_fields)]
 pub struct Release {
     /// Joint angles in rad.
-    pub q_rad: [f64; JOINTS],
+    pub q_rad: Vec<f64>,
     /// Joint speeds in rad/s.
-    pub qd_rad_s: [f64; JOINTS],
+    pub qd_rad_s: Vec<f64>,
     /// Joint accelerations in rad/s².
-    pub qdd_rad_s2: [f64; JOINTS],
+    pub qdd_rad_s2: Vec<f64>,
     /// Ball in m.
     pub position_m: [f64; 3],
     /// Ball in m/s.
@@ -259,15 +258,15 @@ pub struct DelayShift {
 #[serde(deny_unknown_fields)]
 pub struct MarginsInfo {
     /// Positions.
-    pub position_rad: [f64; JOINTS],
+    pub position_rad: Vec<f64>,
     /// Speeds.
-    pub speed_share: [f64; JOINTS],
+    pub speed_share: Vec<f64>,
     /// Accelerations.
-    pub acceleration_share: [f64; JOINTS],
+    pub acceleration_share: Vec<f64>,
     /// Jerks.
-    pub jerk_share: [f64; JOINTS],
+    pub jerk_share: Vec<f64>,
     /// Motor currents at the release.
-    pub motor_current_share: Option<[f64; JOINTS]>,
+    pub motor_current_share: Option<Vec<f64>>,
     /// Supply currents at the release.
     pub supply_current_share: Vec<f64>,
     /// Smallest clearance of the arm; bodies that are far apart are not measured.
@@ -281,9 +280,9 @@ pub struct MarginsInfo {
 #[serde(deny_unknown_fields)]
 pub struct Currents {
     /// Motors at the release in A (with the paper's simplification τ(q, q̇, 0)).
-    pub motor_release_a: Option<[f64; JOINTS]>,
+    pub motor_release_a: Option<Vec<f64>>,
     /// Motors over the motion in A.
-    pub motor_peak_a: Option<[f64; JOINTS]>,
+    pub motor_peak_a: Option<Vec<f64>>,
     /// Supplies over the motion.
     pub supply_peak: Vec<SupplyPeak>,
 }

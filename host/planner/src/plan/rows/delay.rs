@@ -7,10 +7,11 @@
 
 use nalgebra::Vector2;
 
-use super::{DELAY, HA, HB, Layout, Sink, WINDOW};
+use super::WINDOW;
+use super::layout::{Layout, SLOPE};
 use crate::plan::landed::Landed;
 use crate::plan::problem::Problem;
-use crate::plan::qp::Row;
+use crate::solve::{Row, Sink};
 use crate::throw::Throw;
 
 /// The first-order condition is a central difference over ± this delay; its error is ε² L‴/6, about 1e-3 mm per ms.
@@ -22,26 +23,28 @@ const SHIFT_EPS_M: f64 = 1e-4;
 /// Windows aim a little inside, so that another integration of the flight agrees.
 const WINDOW_SHARE: f64 = 0.98;
 
-/// `dL/dδ = 0` (equalities 7 and 8) and `|L(δ) - L(0)| ≤ window` for late and early release.
-pub(super) fn delay_rows<S: Sink>(
-    problem: &Problem<'_>,
-    layout: &Layout,
-    x: &Row,
-    throw: &Throw,
+/// `dL/dδ = 0` and `|L(δ) - L(0)| ≤ window` for late and early release.
+pub(super) fn delay_rows<S: Sink<D>, const N: usize, const D: usize>(
+    problem: &Problem<'_, N>,
+    layout: &Layout<N>,
+    x: &Row<D>,
+    throw: &Throw<N>,
     sink: &mut S,
 ) {
+    let var = Layout::<N>::VARIABLES;
+    let number = Layout::<N>::NUMBERS;
     if !problem.options.null_delay {
         return;
     }
     let target = layout.target(problem, x);
     let late = |delay_s: f64| Landed::of(problem, &problem.flight, throw, target.z, delay_s);
-    if sink.wants_eq(7) || sink.wants_eq(8) {
+    if sink.wants_eq(SLOPE) || sink.wants_eq(SLOPE + 1) {
         match (late(SLOPE_DELAY_S), late(-SLOPE_DELAY_S)) {
             (Some(after), Some(before)) => {
                 let scale = 0.5 / SLOPE_DELAY_S;
                 let value = (after.xy - before.xy) * scale;
                 for (i, axis) in [Vector2::x(), Vector2::y()].into_iter().enumerate() {
-                    sink.eq(7 + i, value[i], |g| {
+                    sink.eq(SLOPE + i, value[i], |g| {
                         after.add_gradient(g, layout, &(axis * scale));
                         before.add_gradient(g, layout, &(axis * -scale));
                     });
@@ -49,7 +52,7 @@ pub(super) fn delay_rows<S: Sink>(
             }
             _ => {
                 for i in 0..2 {
-                    sink.eq(7 + i, 1e3, |_| {});
+                    sink.eq(SLOPE + i, 1e3, |_| {});
                 }
             }
         }
@@ -62,12 +65,12 @@ pub(super) fn delay_rows<S: Sink>(
     let on_time = late(0.0);
     for (k, window) in problem.options.delay_windows.iter().enumerate() {
         for (side, sign) in [(0, 1.0), (1, -1.0)] {
-            let id = DELAY + 2 * k + side;
+            let id = number.delay + 2 * k + side;
             if !sink.wants(id) {
                 continue;
             }
             // A phase shorter than the delay ends before the release.
-            let (h, h_index) = if sign < 0.0 { (throw.ha_s, HA) } else { (throw.hb_s, HB) };
+            let (h, h_index) = if sign < 0.0 { (throw.ha_s, var.ha) } else { (throw.hb_s, var.hb) };
             if h <= window.delay_s {
                 sink.ineq(id, (h - window.delay_s) * SHIFT_SCALE - 1.0, |g| g.add(h_index, SHIFT_SCALE));
                 continue;

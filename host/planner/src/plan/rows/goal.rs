@@ -1,17 +1,22 @@
 //! The part of the objective that looks at the landing.
 
-use super::{Layout, Sink};
+use super::Layout;
 use crate::plan::problem::Problem;
-use crate::plan::qp::Row;
 use crate::plan::spread::Spread;
+use crate::solve::{Row, Sink};
 
 /// Whether [`goal_rows`] adds anything.
-pub(crate) fn has_goal(problem: &Problem<'_>, layout: &Layout) -> bool {
+pub(crate) fn has_goal<const N: usize>(problem: &Problem<'_, N>, layout: &Layout<N>) -> bool {
     problem.options.goal.noise().is_some() && layout.shift.is_none()
 }
 
 /// Spread or odds of the landing; nothing for the paper's objective, and none while the target itself moves.
-pub(crate) fn goal_rows<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &Row, sink: &mut S) {
+pub(crate) fn goal_rows<S: Sink<D>, const N: usize, const D: usize>(
+    problem: &Problem<'_, N>,
+    layout: &Layout<N>,
+    x: &Row<D>,
+    sink: &mut S,
+) {
     let goal = &problem.options.goal;
     let Some(noise) = goal.noise().filter(|_| layout.shift.is_none()) else { return };
     let throw = layout.throw(x);
@@ -34,30 +39,32 @@ mod tests {
     use crate::plan::goal::Goal;
     use crate::plan::paper::PaperParameters;
     use crate::plan::problem::Options;
-    use crate::plan::qp::DIM;
-    use crate::plan::rows::Gradient;
+    use crate::plan::rows::width;
     use crate::plan::statistics::{Noise, Region};
+    use crate::solve::Gradient;
     use crate::throw::{Arm, Joints};
+
+    const WIDE: usize = width(6);
 
     /// Takes the objective and nothing else.
     struct Objective {
         value: f64,
-        gradient: Row,
+        gradient: Row<WIDE>,
     }
 
-    impl Sink for Objective {
+    impl Sink<WIDE> for Objective {
         fn wants(&self, _: usize) -> bool {
             false
         }
         fn wants_eq(&self, _: usize) -> bool {
             false
         }
-        fn objective(&mut self, value: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
+        fn objective(&mut self, value: f64, gradient: impl FnOnce(&mut Gradient<'_, WIDE>)) {
             self.value += value;
             gradient(&mut Gradient { row: &mut self.gradient, factor: 1.0 });
         }
-        fn eq(&mut self, _: usize, _: f64, _: impl FnOnce(&mut Gradient<'_>)) {}
-        fn ineq(&mut self, _: usize, _: f64, _: impl FnOnce(&mut Gradient<'_>)) {}
+        fn eq(&mut self, _: usize, _: f64, _: impl FnOnce(&mut Gradient<'_, WIDE>)) {}
+        fn ineq(&mut self, _: usize, _: f64, _: impl FnOnce(&mut Gradient<'_, WIDE>)) {}
     }
 
     #[test]
@@ -78,8 +85,8 @@ mod tests {
             let mut throw = h.throws(&problem)[0].throw;
             throw.qdd_rad_s2 = Joints::from_column_slice(&[0.5, -1.0, 2.0, 0.3, -0.7, 1.1]);
             let x = layout.variables(&throw);
-            let at = |x: &Row| {
-                let mut sink = Objective { value: 0.0, gradient: [0.0; DIM] };
+            let at = |x: &Row<WIDE>| {
+                let mut sink = Objective { value: 0.0, gradient: [0.0; WIDE] };
                 goal_rows(&problem, &layout, x, &mut sink);
                 sink
             };

@@ -3,22 +3,25 @@
 use nalgebra::Vector3;
 use robot_model::Jacobian;
 
+use super::WINDOW;
 use super::current::release_current_rows;
 use super::delay::delay_rows;
-use super::{ALONG, ARRIVAL, CUT, CUTS_MAX, F, Layout, POINT, Q, QD, SPIN, Sink, WINDOW};
+use super::layout::{ACROSS, CUTS_MAX, LAUNCH, Layout, TURNING};
 use crate::plan::cuts::{Cut, CutContext};
 use crate::plan::problem::Problem;
-use crate::plan::qp::Row;
-use crate::throw::{JOINTS, Throw};
+use crate::solve::{Row, Sink};
+use crate::throw::Throw;
 
 /// The rows that need the arm's kinematics or dynamics.
-pub(crate) fn kinematic_rows<S: Sink>(
-    problem: &Problem<'_>,
-    layout: &Layout,
-    x: &Row,
+pub(crate) fn kinematic_rows<S: Sink<D>, const N: usize, const D: usize>(
+    problem: &Problem<'_, N>,
+    layout: &Layout<N>,
+    x: &Row<D>,
     cuts: &[Cut],
     sink: &mut S,
 ) {
+    let var = Layout::<N>::VARIABLES;
+    let number = Layout::<N>::NUMBERS;
     let arm = problem.arm;
     let throw = layout.throw(x);
     let (q, qd) = (&throw.q_rad, &throw.qd_rad_s);
@@ -30,8 +33,8 @@ pub(crate) fn kinematic_rows<S: Sink>(
     let v = Vector3::new(twist[0], twist[1], twist[2]);
     let w = Vector3::new(twist[3], twist[4], twist[5]);
     let by_q = frames.twist_gradient(&jac, qd);
-    let lin = |m: &Jacobian<JOINTS>, k: usize| Vector3::new(m[(0, k)], m[(1, k)], m[(2, k)]);
-    let ang = |m: &Jacobian<JOINTS>, k: usize| Vector3::new(m[(3, k)], m[(4, k)], m[(5, k)]);
+    let lin = |m: &Jacobian<N>, k: usize| Vector3::new(m[(0, k)], m[(1, k)], m[(2, k)]);
+    let ang = |m: &Jacobian<N>, k: usize| Vector3::new(m[(3, k)], m[(4, k)], m[(5, k)]);
     let (x_rf, y_rf, z_rf): (Vector3<f64>, Vector3<f64>, Vector3<f64>) =
         (ball.rot.column(0).into(), ball.rot.column(1).into(), ball.rot.column(2).into());
 
@@ -40,15 +43,15 @@ pub(crate) fn kinematic_rows<S: Sink>(
     match problem.flight.launch(&p, &target, throw.flight_s) {
         Ok(launch) => {
             for i in 0..3 {
-                if !sink.wants_eq(i) {
+                if !sink.wants_eq(LAUNCH + i) {
                     continue;
                 }
-                sink.eq(i, v[i] - launch.v0[i], |g| {
-                    for k in 0..JOINTS {
-                        g.add(Q + k, by_q[(i, k)] - launch.by_p0.row(i).transpose().dot(&lin(&jac, k)));
-                        g.add(QD + k, jac[(i, k)]);
+                sink.eq(LAUNCH + i, v[i] - launch.v0[i], |g| {
+                    for k in 0..N {
+                        g.add(var.q + k, by_q[(i, k)] - launch.by_p0.row(i).transpose().dot(&lin(&jac, k)));
+                        g.add(var.qd + k, jac[(i, k)]);
                     }
-                    g.add(F, -(launch.by_flight_s[i]));
+                    g.add(var.f, -(launch.by_flight_s[i]));
                     if let Some((at, axes)) = layout.shift {
                         for a in 0..3 {
                             if axes[a] {
@@ -61,7 +64,7 @@ pub(crate) fn kinematic_rows<S: Sink>(
         }
         Err(_) => {
             for i in 0..3 {
-                sink.eq(i, 1e3, |_| {});
+                sink.eq(LAUNCH + i, 1e3, |_| {});
             }
         }
     }
@@ -71,38 +74,43 @@ pub(crate) fn kinematic_rows<S: Sink>(
             return;
         }
         sink.eq(id, axis.dot(vector), |g| {
-            for k in 0..JOINTS {
+            for k in 0..N {
                 let (change, column) =
                     if linear { (lin(&by_q, k), lin(&jac, k)) } else { (ang(&by_q, k), ang(&jac, k)) };
-                g.add(Q + k, frames.axis(k).cross(axis).dot(vector) + axis.dot(&change));
-                g.add(QD + k, axis.dot(&column));
+                g.add(var.q + k, frames.axis(k).cross(axis).dot(vector) + axis.dot(&change));
+                g.add(var.qd + k, axis.dot(&column));
             }
         });
     };
-    across(sink, 3, &x_rf, &v, true);
-    across(sink, 4, &y_rf, &v, true);
+    across(sink, ACROSS, &x_rf, &v, true);
+    across(sink, ACROSS + 1, &y_rf, &v, true);
     if !problem.options.free_spin {
-        across(sink, 5, &x_rf, &w, false);
-        across(sink, 6, &y_rf, &w, false);
+        across(sink, TURNING, &x_rf, &w, false);
+        across(sink, TURNING + 1, &y_rf, &w, false);
         let bounds = &problem.bounds.spin_rad_s;
         let spin = z_rf.dot(&w);
-        for (id, value, sign) in [(SPIN, spin - bounds.start(), 1.0), (SPIN + 1, bounds.end() - spin, -1.0)] {
+        for (id, value, sign) in
+            [(number.spin, spin - bounds.start(), 1.0), (number.spin + 1, bounds.end() - spin, -1.0)]
+        {
             if value < WINDOW && sink.wants(id) {
                 sink.ineq(id, value, |g| {
-                    for k in 0..JOINTS {
-                        g.add(Q + k, sign * (frames.axis(k).cross(&z_rf).dot(&w) + z_rf.dot(&ang(&by_q, k))));
-                        g.add(QD + k, sign * z_rf.dot(&ang(&jac, k)));
+                    for k in 0..N {
+                        g.add(
+                            var.q + k,
+                            sign * (frames.axis(k).cross(&z_rf).dot(&w) + z_rf.dot(&ang(&by_q, k))),
+                        );
+                        g.add(var.qd + k, sign * z_rf.dot(&ang(&jac, k)));
                     }
                 });
             }
         }
     }
     let along = z_rf.dot(&v);
-    if along < 1.0 && sink.wants(ALONG) {
-        sink.ineq(ALONG, along - 0.1, |g| {
-            for k in 0..JOINTS {
-                g.add(Q + k, frames.axis(k).cross(&z_rf).dot(&v) + z_rf.dot(&lin(&by_q, k)));
-                g.add(QD + k, z_rf.dot(&lin(&jac, k)));
+    if along < 1.0 && sink.wants(number.along) {
+        sink.ineq(number.along, along - 0.1, |g| {
+            for k in 0..N {
+                g.add(var.q + k, frames.axis(k).cross(&z_rf).dot(&v) + z_rf.dot(&lin(&by_q, k)));
+                g.add(var.qd + k, z_rf.dot(&lin(&jac, k)));
             }
         });
     }
@@ -112,13 +120,13 @@ pub(crate) fn kinematic_rows<S: Sink>(
     if !problem.options.current_over_motion {
         release_current_rows(problem, &throw, &frames, sink);
     }
-    let wanted = |i: usize, sink: &S| sink.wants(CUT + i);
+    let wanted = |i: usize, sink: &S| sink.wants(number.cut + i);
     if (0..cuts.len()).any(|i| wanted(i, sink)) {
         let context = CutContext { problem, throw: &throw, p0: p, v0: v, jac: &jac, by_q: &by_q };
         for (i, cut) in cuts.iter().enumerate().take(CUTS_MAX) {
             if wanted(i, sink) {
-                let (value, gradient) = cut.evaluate(&context, layout);
-                sink.ineq(CUT + i, value, |g| {
+                let (value, gradient): (f64, Row<D>) = cut.evaluate(&context, layout);
+                sink.ineq(number.cut + i, value, |g| {
                     for (i, c) in gradient.iter().enumerate().take(layout.n) {
                         g.add(i, *c);
                     }
@@ -129,7 +137,14 @@ pub(crate) fn kinematic_rows<S: Sink>(
 }
 
 /// Spherical bounds of the release point.
-fn point_rows<S: Sink>(problem: &Problem<'_>, p: &Vector3<f64>, jac: &Jacobian<JOINTS>, sink: &mut S) {
+fn point_rows<S: Sink<D>, const N: usize, const D: usize>(
+    problem: &Problem<'_, N>,
+    p: &Vector3<f64>,
+    jac: &Jacobian<N>,
+    sink: &mut S,
+) {
+    let var = Layout::<N>::VARIABLES;
+    let number = Layout::<N>::NUMBERS;
     let b = &problem.bounds;
     let d = p - problem.shoulder;
     let r = d.norm();
@@ -139,26 +154,26 @@ fn point_rows<S: Sink>(problem: &Problem<'_>, p: &Vector3<f64>, jac: &Jacobian<J
     let by_sin = (Vector3::z() - unit * sin) / r;
     let half_turn = std::f64::consts::FRAC_PI_2;
     let mut rows: [(usize, f64, Vector3<f64>); 6] = [(0, f64::INFINITY, Vector3::zeros()); 6];
-    rows[0] = (POINT, r - b.radius_m.start(), unit);
-    rows[1] = (POINT + 1, b.radius_m.end() - r, -unit);
+    rows[0] = (number.point, r - b.radius_m.start(), unit);
+    rows[1] = (number.point + 1, b.radius_m.end() - r, -unit);
     if *b.elevation_rad.start() > -half_turn {
-        rows[2] = (POINT + 2, sin - b.elevation_rad.start().sin(), by_sin);
+        rows[2] = (number.point + 2, sin - b.elevation_rad.start().sin(), by_sin);
     }
     if *b.elevation_rad.end() < half_turn {
-        rows[3] = (POINT + 3, b.elevation_rad.end().sin() - sin, -by_sin);
+        rows[3] = (number.point + 3, b.elevation_rad.end().sin() - sin, -by_sin);
     }
     if let Some(azimuth) = &b.azimuth_rad {
         let flat = (d.x * d.x + d.y * d.y).max(1e-12);
         let by_p = Vector3::new(-d.y, d.x, 0.0) / flat;
         let theta = d.y.atan2(d.x);
-        rows[4] = (POINT + 4, theta - azimuth.start(), by_p);
-        rows[5] = (POINT + 5, azimuth.end() - theta, -by_p);
+        rows[4] = (number.point + 4, theta - azimuth.start(), by_p);
+        rows[5] = (number.point + 5, azimuth.end() - theta, -by_p);
     }
     for (id, value, by_p) in rows {
         if value < WINDOW && sink.wants(id) {
             sink.ineq(id, value, |g| {
-                for k in 0..JOINTS {
-                    g.add(Q + k, by_p.x * jac[(0, k)] + by_p.y * jac[(1, k)] + by_p.z * jac[(2, k)]);
+                for k in 0..N {
+                    g.add(var.q + k, by_p.x * jac[(0, k)] + by_p.y * jac[(1, k)] + by_p.z * jac[(2, k)]);
                 }
             });
         }
@@ -166,14 +181,16 @@ fn point_rows<S: Sink>(problem: &Problem<'_>, p: &Vector3<f64>, jac: &Jacobian<J
 }
 
 /// Window of arrival speed and steepness.
-fn arrival_rows<S: Sink>(
-    problem: &Problem<'_>,
-    throw: &Throw,
+fn arrival_rows<S: Sink<D>, const N: usize, const D: usize>(
+    problem: &Problem<'_, N>,
+    throw: &Throw<N>,
     v: &Vector3<f64>,
-    by_q: &Jacobian<JOINTS>,
-    jac: &Jacobian<JOINTS>,
+    by_q: &Jacobian<N>,
+    jac: &Jacobian<N>,
     sink: &mut S,
 ) {
+    let var = Layout::<N>::VARIABLES;
+    let number = Layout::<N>::NUMBERS;
     let arrival = &problem.options.arrival;
     if arrival.speed_m_s.is_none() && arrival.descent_rad.is_none() {
         return;
@@ -189,20 +206,23 @@ fn arrival_rows<S: Sink>(
         if value < WINDOW && sink.wants(id) {
             sink.ineq(id, value, |g| {
                 let by_v0 = end.v_by_v0.tr_mul(&by);
-                for k in 0..JOINTS {
-                    g.add(Q + k, by_v0.x * by_q[(0, k)] + by_v0.y * by_q[(1, k)] + by_v0.z * by_q[(2, k)]);
-                    g.add(QD + k, by_v0.x * jac[(0, k)] + by_v0.y * jac[(1, k)] + by_v0.z * jac[(2, k)]);
+                for k in 0..N {
+                    g.add(
+                        var.q + k,
+                        by_v0.x * by_q[(0, k)] + by_v0.y * by_q[(1, k)] + by_v0.z * by_q[(2, k)],
+                    );
+                    g.add(var.qd + k, by_v0.x * jac[(0, k)] + by_v0.y * jac[(1, k)] + by_v0.z * jac[(2, k)]);
                 }
-                g.add(F, by.dot(&by_time));
+                g.add(var.f, by.dot(&by_time));
             });
         }
     };
     if let Some(range) = &arrival.speed_m_s {
-        row(ARRIVAL, speed - range.start(), unit);
-        row(ARRIVAL + 1, range.end() - speed, -unit);
+        row(number.arrival, speed - range.start(), unit);
+        row(number.arrival + 1, range.end() - speed, -unit);
     }
     if let Some(range) = &arrival.descent_rad {
-        row(ARRIVAL + 2, sin - range.start().sin(), by_sin);
-        row(ARRIVAL + 3, range.end().sin() - sin, -by_sin);
+        row(number.arrival + 2, sin - range.start().sin(), by_sin);
+        row(number.arrival + 3, range.end().sin() - sin, -by_sin);
     }
 }

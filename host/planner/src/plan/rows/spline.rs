@@ -2,30 +2,35 @@
 
 use nalgebra::Vector3;
 
-use super::{
-    ACC_RELEASE, ACC_START, ACC_STOP, F, HA, HB, JERK_A, JERK_B, Layout, PEAK, Q, QD, QDD, RANGE, SPEED,
-    Sink, TARGET_FLOOR, TIMES, TURN, WINDOW, has_goal,
-};
+use super::layout::Layout;
+use super::{WINDOW, has_goal};
 use crate::plan::goal::EFFORT_SHARE;
 use crate::plan::problem::Problem;
-use crate::plan::qp::Row;
-use crate::throw::{Basis, JOINTS};
+use crate::solve::{Row, Sink};
+use crate::throw::Basis;
 
 /// Weight of the squared shift of the target against the objective when the nearest reachable target is looked for.
 const SHIFT_WEIGHT: f64 = 1e3;
 const SHIFT_COST_SHARE: f64 = 1e-3;
 
 /// Objective and the limits (2) to (6) of the spline: closed forms of the variables.
-pub(crate) fn spline_rows<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &Row, sink: &mut S) {
+pub(crate) fn spline_rows<S: Sink<D>, const N: usize, const D: usize>(
+    problem: &Problem<'_, N>,
+    layout: &Layout<N>,
+    x: &Row<D>,
+    sink: &mut S,
+) {
+    let var = Layout::<N>::VARIABLES;
+    let number = Layout::<N>::NUMBERS;
     let l = &problem.limits;
     let w = &problem.options.weights;
-    let (ha, hb) = (x[HA], x[HB]);
-    let acc = |j: usize| if layout.qdd { x[QDD + j] } else { 0.0 };
+    let (ha, hb) = (x[var.ha], x[var.hb]);
+    let acc = |j: usize| if layout.qdd { x[var.qdd + j] } else { 0.0 };
 
     // Objective: q⃛ is constant in each phase, so its squared integral is 4 Σ(q̈h ∓ q̇)²/h³.
     let (mut sa, mut sb, mut sa_h, mut sb_h) = (0.0, 0.0, 0.0, 0.0);
-    for j in 0..JOINTS {
-        let (qd, qdd) = (x[QD + j], acc(j));
+    for j in 0..N {
+        let (qd, qdd) = (x[var.qd + j], acc(j));
         let (ea, eb) = (qd - qdd * ha, qd + qdd * hb);
         sa += ea * ea;
         sb += eb * eb;
@@ -45,14 +50,14 @@ pub(crate) fn spline_rows<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &R
         value += SHIFT_WEIGHT * Vector3::new(x[at], x[at + 1], x[at + 2]).norm_squared();
     }
     sink.objective(value, |g| {
-        g.add(HA, share * (w.k_t - w.k_b * hb / (total * total) + k * (sa_h * ia - 3.0 * sa * ia / ha)));
-        g.add(HB, share * (w.k_t + w.k_b * ha / (total * total) + k * (sb_h * ib - 3.0 * sb * ib / hb)));
-        for j in 0..JOINTS {
-            let (qd, qdd) = (x[QD + j], acc(j));
+        g.add(var.ha, share * (w.k_t - w.k_b * hb / (total * total) + k * (sa_h * ia - 3.0 * sa * ia / ha)));
+        g.add(var.hb, share * (w.k_t + w.k_b * ha / (total * total) + k * (sb_h * ib - 3.0 * sb * ib / hb)));
+        for j in 0..N {
+            let (qd, qdd) = (x[var.qd + j], acc(j));
             let (ea, eb) = (qd - qdd * ha, qd + qdd * hb);
-            g.add(QD + j, share * 2.0 * k * (ea * ia + eb * ib));
+            g.add(var.qd + j, share * 2.0 * k * (ea * ia + eb * ib));
             if layout.qdd {
-                g.add(QDD + j, share * 2.0 * k * (eb * hb * ib - ea * ha * ia));
+                g.add(var.qdd + j, share * 2.0 * k * (eb * hb * ib - ea * ha * ia));
             }
         }
         if let Some((at, axes)) = layout.shift {
@@ -64,23 +69,24 @@ pub(crate) fn spline_rows<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &R
         }
     });
 
-    for j in 0..JOINTS {
-        let (q, qd, qdd) = (x[Q + j], x[QD + j], acc(j));
+    for j in 0..N {
+        let (q, qd, qdd) = (x[var.q + j], x[var.qd + j], acc(j));
         // Both outer ends inside the range (2), (3).
         let start = q - qd * ha * (2.0 / 3.0) + qdd * ha * ha / 6.0;
         let stop = q + qd * hb * (2.0 / 3.0) + qdd * hb * hb / 6.0;
-        for (base, at, h_index, sign_h, h) in [(RANGE, start, HA, -1.0, ha), (RANGE + 12, stop, HB, 1.0, hb)]
+        for (base, at, h_index, sign_h, h) in
+            [(number.range, start, var.ha, -1.0, ha), (number.range + 2 * N, stop, var.hb, 1.0, hb)]
         {
             for (id, value, sign) in
                 [(base + 2 * j, at - l.q_min[j], 1.0), (base + 2 * j + 1, l.q_max[j] - at, -1.0)]
             {
                 if value < WINDOW && sink.wants(id) {
                     sink.ineq(id, value, |g| {
-                        g.add(Q + j, sign);
-                        g.add(QD + j, sign * sign_h * h * (2.0 / 3.0));
+                        g.add(var.q + j, sign);
+                        g.add(var.qd + j, sign * sign_h * h * (2.0 / 3.0));
                         g.add(h_index, sign * (sign_h * qd * (2.0 / 3.0) + qdd * h / 3.0));
                         if layout.qdd {
-                            g.add(QDD + j, sign * h * h / 6.0);
+                            g.add(var.qdd + j, sign * h * h / 6.0);
                         }
                     });
                 }
@@ -89,45 +95,48 @@ pub(crate) fn spline_rows<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &R
         for (s, sign) in [(0, 1.0), (1, -1.0)] {
             // Speed at the release (4).
             let value = 1.0 - sign * qd / l.v[j];
-            if value < WINDOW && sink.wants(SPEED + 2 * j + s) {
-                sink.ineq(SPEED + 2 * j + s, value, |g| g.add(QD + j, -(sign / l.v[j])));
+            if value < WINDOW && sink.wants(number.speed + 2 * j + s) {
+                sink.ineq(number.speed + 2 * j + s, value, |g| g.add(var.qd + j, -(sign / l.v[j])));
             }
             // Acceleration (5), times h so that it stays linear: A h ∓ (2 q̇ - q̈ h) ≥ 0.
             let scale = 1.0 / (2.0 * l.v[j]);
-            for (id, h_index, h, dir) in
-                [(ACC_START + 2 * j + s, HA, ha, -1.0), (ACC_STOP + 2 * j + s, HB, hb, 1.0)]
-            {
+            for (id, h_index, h, dir) in [
+                (number.acc_start + 2 * j + s, var.ha, ha, -1.0),
+                (number.acc_stop + 2 * j + s, var.hb, hb, 1.0),
+            ] {
                 let demand = 2.0 * qd + dir * qdd * h;
                 let value = (l.a[j] * h - sign * demand) * scale;
                 if value < WINDOW && sink.wants(id) {
                     sink.ineq(id, value, |g| {
                         g.add(h_index, (l.a[j] - sign * dir * qdd) * scale);
-                        g.add(QD + j, -(2.0 * sign * scale));
+                        g.add(var.qd + j, -(2.0 * sign * scale));
                         if layout.qdd {
-                            g.add(QDD + j, -(sign * dir * h * scale));
+                            g.add(var.qdd + j, -(sign * dir * h * scale));
                         }
                     });
                 }
             }
             // Jerk (6), times h²/2.
             for (id, h_index, h, dir) in
-                [(JERK_A + 2 * j + s, HA, ha, -1.0), (JERK_B + 2 * j + s, HB, hb, 1.0)]
+                [(number.jerk_a + 2 * j + s, var.ha, ha, -1.0), (number.jerk_b + 2 * j + s, var.hb, hb, 1.0)]
             {
                 let value = (l.j[j] * h * h * 0.5 - sign * (qd + dir * qdd * h)) / l.v[j];
                 if value < WINDOW && sink.wants(id) {
                     sink.ineq(id, value, |g| {
                         g.add(h_index, (l.j[j] * h - sign * dir * qdd) / l.v[j]);
-                        g.add(QD + j, -(sign / l.v[j]));
+                        g.add(var.qd + j, -(sign / l.v[j]));
                         if layout.qdd {
-                            g.add(QDD + j, -(sign * dir * h / l.v[j]));
+                            g.add(var.qdd + j, -(sign * dir * h / l.v[j]));
                         }
                     });
                 }
             }
             if layout.qdd {
                 let value = 1.0 - sign * qdd / l.a[j];
-                if value < WINDOW && sink.wants(ACC_RELEASE + 2 * j + s) {
-                    sink.ineq(ACC_RELEASE + 2 * j + s, value, |g| g.add(QDD + j, -(sign / l.a[j])));
+                if value < WINDOW && sink.wants(number.acc_release + 2 * j + s) {
+                    sink.ineq(number.acc_release + 2 * j + s, value, |g| {
+                        g.add(var.qdd + j, -(sign / l.a[j]))
+                    });
                 }
             }
         }
@@ -138,30 +147,37 @@ pub(crate) fn spline_rows<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &R
     time_rows(problem, x, sink);
     if let Some((at, [_, _, true])) = layout.shift {
         let above_m = problem.target.z + x[at + 2] - problem.arm.world().floor_z_m;
-        if above_m < WINDOW && sink.wants(TARGET_FLOOR) {
-            sink.ineq(TARGET_FLOOR, above_m, |g| g.add(at + 2, 1.0));
+        if above_m < WINDOW && sink.wants(number.target_floor) {
+            sink.ineq(number.target_floor, above_m, |g| g.add(at + 2, 1.0));
         }
     }
 }
 /// With joint acceleration at the release, speed and position can peak inside a phase.
-fn extreme_rows<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &Row, sink: &mut S) {
+fn extreme_rows<S: Sink<D>, const N: usize, const D: usize>(
+    problem: &Problem<'_, N>,
+    layout: &Layout<N>,
+    x: &Row<D>,
+    sink: &mut S,
+) {
+    let var = Layout::<N>::VARIABLES;
+    let number = Layout::<N>::NUMBERS;
     let l = &problem.limits;
     let throw = layout.throw(x);
-    for j in 0..JOINTS {
+    for j in 0..N {
         for (k, side) in [(0, -1.0), (1, 1.0)] {
-            let h_index = if side < 0.0 { HA } else { HB };
+            let h_index = if side < 0.0 { var.ha } else { var.hb };
             let (qd, qdd) = (throw.qd_rad_s[j], throw.qdd_rad_s2[j]);
             if let Some(sigma) = throw.speed_peak_phase(j, side) {
                 let b = Basis::at(sigma, throw.phase_s(side));
                 let peak = qd * b.vel.0 + qdd * b.vel.1;
                 let sign = peak.signum();
                 let value = 1.0 - sign * peak / l.v[j];
-                let id = PEAK + 6 * k + j;
+                let id = number.peak + N * k + j;
                 if value < WINDOW && sink.wants(id) {
                     // The phase of the peak is stationary, so only the direct dependence counts.
                     sink.ineq(id, value, |g| {
-                        g.add(QD + j, -(sign * b.vel.0 / l.v[j]));
-                        g.add(QDD + j, -(sign * b.vel.1 / l.v[j]));
+                        g.add(var.qd + j, -(sign * b.vel.0 / l.v[j]));
+                        g.add(var.qdd + j, -(sign * b.vel.1 / l.v[j]));
                         g.add(h_index, -(sign * (qd * b.vel_by_h.0 + qdd * b.vel_by_h.1) / l.v[j]));
                     });
                 }
@@ -171,12 +187,12 @@ fn extreme_rows<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &Row, sink: 
                 let at = throw.q_rad[j] + qd * b.pos.0 + qdd * b.pos.1;
                 let (lower, upper) = (at - l.q_min[j], l.q_max[j] - at);
                 let (value, sign) = if lower < upper { (lower, 1.0) } else { (upper, -1.0) };
-                let id = TURN + 6 * k + j;
+                let id = number.turn + N * k + j;
                 if value < WINDOW && sink.wants(id) {
                     sink.ineq(id, value, |g| {
-                        g.add(Q + j, sign);
-                        g.add(QD + j, sign * b.pos.0);
-                        g.add(QDD + j, sign * b.pos.1);
+                        g.add(var.q + j, sign);
+                        g.add(var.qd + j, sign * b.pos.0);
+                        g.add(var.qdd + j, sign * b.pos.1);
                         g.add(h_index, sign * (qd * b.pos_by_h.0 + qdd * b.pos_by_h.1));
                     });
                 }
@@ -186,26 +202,28 @@ fn extreme_rows<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &Row, sink: 
 }
 
 /// Bounds of times, braking ratio and the shift of the target; all linear.
-fn time_rows<S: Sink>(problem: &Problem<'_>, x: &Row, sink: &mut S) {
+fn time_rows<S: Sink<D>, const N: usize, const D: usize>(problem: &Problem<'_, N>, x: &Row<D>, sink: &mut S) {
+    let var = Layout::<N>::VARIABLES;
+    let number = Layout::<N>::NUMBERS;
     let b = &problem.bounds;
-    let (ha, hb) = (x[HA], x[HB]);
+    let (ha, hb) = (x[var.ha], x[var.hb]);
     let total = ha + hb;
     let (r_min, r_max) = (*b.braking_ratio.start(), *b.braking_ratio.end());
     let rows: [(f64, f64, f64, f64); 6] = [
         // value, and its derivative by F, h_a, h_b
-        (x[F] - b.flight_s.start(), 1.0, 0.0, 0.0),
-        (b.flight_s.end() - x[F], -1.0, 0.0, 0.0),
+        (x[var.f] - b.flight_s.start(), 1.0, 0.0, 0.0),
+        (b.flight_s.end() - x[var.f], -1.0, 0.0, 0.0),
         (total - b.duration_s.start(), 0.0, 1.0, 1.0),
         (b.duration_s.end() - total, 0.0, -1.0, -1.0),
         (hb - r_min * total, 0.0, -r_min, 1.0 - r_min),
         (r_max * total - hb, 0.0, r_max, r_max - 1.0),
     ];
     for (i, (value, by_f, by_ha, by_hb)) in rows.into_iter().enumerate() {
-        if value < WINDOW && sink.wants(TIMES + i) {
-            sink.ineq(TIMES + i, value, |g| {
-                g.add(F, by_f);
-                g.add(HA, by_ha);
-                g.add(HB, by_hb);
+        if value < WINDOW && sink.wants(number.times + i) {
+            sink.ineq(number.times + i, value, |g| {
+                g.add(var.f, by_f);
+                g.add(var.ha, by_ha);
+                g.add(var.hb, by_hb);
             });
         }
     }

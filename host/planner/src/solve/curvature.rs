@@ -2,13 +2,9 @@
 
 use nalgebra::DMatrix;
 
-use super::cuts::Cut;
-use super::problem::Problem;
-use super::qp::{Constraint, DIM, Factor, Row, Square};
-use super::rows::{
-    F, Gradient, HA, HB, Layout, Q, QD, Sink, goal_rows, has_goal, kinematic_rows, spline_rows,
-};
+use super::qp::{Constraint, Factor, Row, Square};
 use super::sqp::{Multipliers, Rows};
+use super::{Gradient, Sink, Task, When};
 
 /// Truncation and rounding of a forward difference of gradients balance here.
 const DIFFERENCE_STEP: f64 = 1e-7;
@@ -20,111 +16,68 @@ const EIGEN_STEPS_MAX: usize = 1_000;
 const PRICES: [f64; 2] = [10.0, 100.0];
 
 /// Gradient of the Lagrangian `f - Σ λ c` for fixed multipliers.
-struct Lagrangian<'a> {
+struct Lagrangian<'a, const D: usize> {
     at: &'a Multipliers,
-    gradient: Row,
+    gradient: Row<D>,
 }
 
-impl Lagrangian<'_> {
-    fn add(&mut self, multiplier: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
+impl<const D: usize> Lagrangian<'_, D> {
+    fn add(&mut self, multiplier: f64, gradient: impl FnOnce(&mut Gradient<'_, D>)) {
         if multiplier != 0.0 {
             gradient(&mut Gradient { row: &mut self.gradient, factor: -multiplier });
         }
     }
 }
 
-impl Sink for Lagrangian<'_> {
+impl<const D: usize> Sink<D> for Lagrangian<'_, D> {
     fn wants(&self, id: usize) -> bool {
         self.at.ineq[id] != 0.0
     }
     fn wants_eq(&self, id: usize) -> bool {
         self.at.eq[id] != 0.0
     }
-    fn objective(&mut self, _: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
+    fn objective(&mut self, _: f64, gradient: impl FnOnce(&mut Gradient<'_, D>)) {
         gradient(&mut Gradient { row: &mut self.gradient, factor: 1.0 });
     }
-    fn eq(&mut self, id: usize, _: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
+    fn eq(&mut self, id: usize, _: f64, gradient: impl FnOnce(&mut Gradient<'_, D>)) {
         self.add(self.at.eq[id], gradient);
     }
-    fn ineq(&mut self, id: usize, _: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
+    fn ineq(&mut self, id: usize, _: f64, gradient: impl FnOnce(&mut Gradient<'_, D>)) {
         self.add(self.at.ineq[id], gradient);
     }
 }
 
 /// Hessian of the Lagrangian by forward differences of its gradient.
-///
-/// The kinematic rows are functions of (q, q̇, F[, q̈]), the spline rows of (q̇, h_a, h_b[, q̈]) and linear in q; so each
-/// is differenced only along the variables it bends with, and the rest follows from symmetry.
-pub(crate) fn hessian(
-    problem: &Problem<'_>,
-    layout: &Layout,
-    x: &Row,
-    cuts: &[Cut],
+pub(crate) fn hessian<const D: usize, T: Task<D>>(
+    task: &T,
+    x: &Row<D>,
     at: &Multipliers,
-    out: &mut Square,
+    out: &mut Square<D>,
 ) {
-    let n = layout.n;
+    let n = task.variables();
     for row in out.iter_mut().take(n) {
         row[..n].fill(0.0);
     }
-    let sink = || Lagrangian { at, gradient: [0.0; DIM] };
-    let mut base = sink();
-    spline_rows(problem, layout, x, &mut base);
+    let no_equality = at.eq.iter().all(|l| *l == 0.0);
     let mut moved = *x;
-    for k in (QD..n).filter(|k| *k != F) {
-        let eps = DIFFERENCE_STEP * x[k].abs().max(1.0);
-        moved[k] = x[k] + eps;
-        let mut there = sink();
-        spline_rows(problem, layout, &moved, &mut there);
-        moved[k] = x[k];
-        for i in QD..n {
-            let second = 0.5 * (there.gradient[i] - base.gradient[i]) / eps;
-            out[k][i] += second;
-            out[i][k] += second;
+    for (part, when) in task.parts() {
+        if when == When::WithMultipliers && no_equality {
+            continue;
         }
-        // q enters the spline rows linearly: only its coupling is left.
-        for i in Q..QD {
-            let second = (there.gradient[i] - base.gradient[i]) / eps;
-            out[k][i] += second;
-            out[i][k] += second;
-        }
-    }
-    if has_goal(problem, layout) {
-        let mut base = sink();
-        goal_rows(problem, layout, x, &mut base);
-        // The landing does not depend on the time of flight: it follows from the motion at the release.
-        for k in (0..n).filter(|k| *k != F) {
+        let gradient = |x: &Row<D>| {
+            let mut sink = Lagrangian { at, gradient: [0.0; D] };
+            task.part_rows(part, x, &mut sink);
+            sink.gradient
+        };
+        let base = gradient(x);
+        for k in (0..n).filter(|k| task.bends(part, *k)) {
             let eps = DIFFERENCE_STEP * x[k].abs().max(1.0);
             moved[k] = x[k] + eps;
-            let mut there = sink();
-            goal_rows(problem, layout, &moved, &mut there);
+            let there = gradient(&moved);
             moved[k] = x[k];
             for i in 0..n {
-                let second = 0.5 * (there.gradient[i] - base.gradient[i]) / eps;
-                out[k][i] += second;
-                out[i][k] += second;
-            }
-        }
-    }
-    if at.eq.iter().all(|l| *l == 0.0) {
-        return;
-    }
-    let mut base = sink();
-    kinematic_rows(problem, layout, x, cuts, &mut base);
-    // Without nulling the kinematic rows are linear in q̇ (J q̇) apart from currents, so q and F are enough.
-    let bends = |k: usize| k < QD || k == F || layout.qdd && k != HA && k != HB;
-    for k in (0..n).filter(|k| bends(*k)) {
-        let eps = DIFFERENCE_STEP * x[k].abs().max(1.0);
-        moved[k] = x[k] + eps;
-        let mut there = sink();
-        kinematic_rows(problem, layout, &moved, cuts, &mut there);
-        moved[k] = x[k];
-        for i in 0..n {
-            let second = (there.gradient[i] - base.gradient[i]) / eps;
-            if bends(i) {
-                out[k][i] += 0.5 * second;
-                out[i][k] += 0.5 * second;
-            } else {
+                let share = if task.twice(part, i) { 0.5 } else { 1.0 };
+                let second = share * (there[i] - base[i]) / eps;
                 out[k][i] += second;
                 out[i][k] += second;
             }
@@ -133,16 +86,16 @@ pub(crate) fn hessian(
 }
 
 /// A positive definite matrix in the place of W.
-pub(crate) struct Matrix {
-    pub(crate) factor: Factor,
+pub(crate) struct Matrix<const D: usize> {
+    pub(crate) factor: Factor<D>,
     /// Numbers of the inequalities that are priced in it.
     priced: Vec<usize>,
 }
 
-impl Matrix {
+impl<const D: usize> Matrix<D> {
     /// Turns W into `W + ρ A_EᵀA_E`; if that is not positive definite, prices the rows in `likely` (positions) as well, and
     /// if that does not help, turns up what is negative.
-    pub(crate) fn convex(w: &mut Square, rows: &Rows, likely: &[usize], n: usize) -> Option<Self> {
+    pub(crate) fn convex(w: &mut Square<D>, rows: &Rows<D>, likely: &[usize], n: usize) -> Option<Self> {
         let mut before = 0.0;
         for price in PRICES {
             rows.eq.iter().for_each(|row| add_square(w, price - before, row, n));
@@ -162,7 +115,7 @@ impl Matrix {
     }
 
     /// Gradient of the objective with that of the priced rows.
-    pub(crate) fn gradient(&self, rows: &Rows, n: usize) -> Row {
+    pub(crate) fn gradient(&self, rows: &Rows<D>, n: usize) -> Row<D> {
         let mut g = rows.gradient;
         let [.., price] = PRICES;
         for (row, id) in rows.ineq.iter().zip(&rows.ineq_id) {
@@ -177,7 +130,7 @@ impl Matrix {
 }
 
 /// Adds `price aᵀa`.
-fn add_square(w: &mut Square, price: f64, row: &Constraint, n: usize) {
+fn add_square<const D: usize>(w: &mut Square<D>, price: f64, row: &Constraint<D>, n: usize) {
     for i in 0..n {
         let ai = price * row.a[i];
         if ai != 0.0 {
@@ -192,7 +145,7 @@ fn add_square(w: &mut Square, price: f64, row: &Constraint, n: usize) {
 ///
 /// A shift of the whole diagonal would do as well, but it also shortens every step along which the curvature is
 /// known and small: where the price of a throw hardly depends on its posture, steps became gradient steps.
-fn turned_up(w: &mut Square, n: usize) -> Option<Factor> {
+fn turned_up<const D: usize>(w: &mut Square<D>, n: usize) -> Option<Factor<D>> {
     let eigen = DMatrix::from_fn(n, n, |i, k| w[i][k]).try_symmetric_eigen(1e-12, EIGEN_STEPS_MAX)?;
     for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
         let add = value.abs().max(CURVATURE_MIN) - value;

@@ -16,11 +16,8 @@
 //! the matrix are used again (a chord step): the Hessian is the costliest part.
 
 use super::curvature::{Matrix, hessian};
-use super::cuts::Cut;
-use super::problem::Problem;
-use super::qp::{self, Constraint, DIM, Factor, QpFailure, Row, Square};
-use super::rows::{EQUALITIES, F, Gradient, HA, HB, INEQUALITIES, Layout, Q, QD, Sink, evaluate};
-use crate::throw::JOINTS;
+use super::qp::{self, Constraint, Factor, QpFailure, Row, Square};
+use super::{Gradient, Sink, Task};
 
 /// Tolerances and bounds of a local solve.
 #[derive(Debug, Clone, Copy)]
@@ -53,18 +50,21 @@ impl Default for Settings {
 /// Multipliers by row number.
 #[derive(Debug, Clone)]
 pub(crate) struct Multipliers {
-    pub(crate) eq: [f64; EQUALITIES],
-    pub(crate) ineq: Box<[f64; INEQUALITIES]>,
+    pub(crate) eq: Box<[f64]>,
+    pub(crate) ineq: Box<[f64]>,
 }
 
 impl Multipliers {
-    fn zero() -> Self {
-        Self { eq: [0.0; EQUALITIES], ineq: Box::new([0.0; INEQUALITIES]) }
+    fn zero((equalities, inequalities): (usize, usize)) -> Self {
+        Self {
+            eq: vec![0.0; equalities].into_boxed_slice(),
+            ineq: vec![0.0; inequalities].into_boxed_slice(),
+        }
     }
 
     /// Takes over those of a program; bounded, since the curvature that huge ones bring is noise. Returns the largest.
-    fn set(&mut self, rows: &Rows, eq: &[f64], ineq: &[f64]) -> f64 {
-        self.eq = [0.0; EQUALITIES];
+    fn set<const D: usize>(&mut self, rows: &Rows<D>, eq: &[f64], ineq: &[f64]) -> f64 {
+        self.eq.fill(0.0);
         self.ineq.fill(0.0);
         let mut largest = 0.0_f64;
         for (id, m) in rows.eq_id.iter().zip(eq) {
@@ -81,8 +81,8 @@ impl Multipliers {
 
 /// Result of a local solve.
 #[derive(Debug, Clone)]
-pub(crate) struct Local {
-    pub(crate) x: Row,
+pub(crate) struct Local<const D: usize> {
+    pub(crate) x: Row<D>,
     pub(crate) objective: f64,
     /// Largest violation of a scaled row.
     pub(crate) violation: f64,
@@ -91,25 +91,37 @@ pub(crate) struct Local {
 }
 
 /// Rows of one evaluation.
-#[derive(Default)]
-pub(crate) struct Rows {
+pub(crate) struct Rows<const D: usize> {
     objective: f64,
-    pub(crate) gradient: Row,
+    pub(crate) gradient: Row<D>,
     eq_id: Vec<usize>,
-    pub(crate) eq: Vec<Constraint>,
+    pub(crate) eq: Vec<Constraint<D>>,
     pub(crate) ineq_id: Vec<usize>,
-    pub(crate) ineq: Vec<Constraint>,
+    pub(crate) ineq: Vec<Constraint<D>>,
 }
 
-impl Rows {
-    fn evaluate(&mut self, problem: &Problem<'_>, layout: &Layout, x: &Row, cuts: &[Cut]) {
+impl<const D: usize> Default for Rows<D> {
+    fn default() -> Self {
+        Self {
+            objective: 0.0,
+            gradient: [0.0; D],
+            eq_id: Vec::new(),
+            eq: Vec::new(),
+            ineq_id: Vec::new(),
+            ineq: Vec::new(),
+        }
+    }
+}
+
+impl<const D: usize> Rows<D> {
+    fn evaluate<T: Task<D>>(&mut self, task: &T, x: &Row<D>) {
         self.objective = 0.0;
-        self.gradient = [0.0; DIM];
+        self.gradient = [0.0; D];
         self.eq_id.clear();
         self.eq.clear();
         self.ineq_id.clear();
         self.ineq.clear();
-        evaluate(problem, layout, x, cuts, self);
+        task.rows(x, self);
     }
 
     /// Largest violation; NaN if a row has no value.
@@ -131,28 +143,28 @@ impl Rows {
     }
 }
 
-fn constraint(value: f64, gradient: impl FnOnce(&mut Gradient<'_>)) -> Constraint {
-    let mut a = [0.0; DIM];
+fn constraint<const D: usize>(value: f64, gradient: impl FnOnce(&mut Gradient<'_, D>)) -> Constraint<D> {
+    let mut a = [0.0; D];
     gradient(&mut Gradient { row: &mut a, factor: 1.0 });
     Constraint { a, c: value }
 }
 
-impl Sink for Rows {
+impl<const D: usize> Sink<D> for Rows<D> {
     fn wants(&self, _: usize) -> bool {
         true
     }
     fn wants_eq(&self, _: usize) -> bool {
         true
     }
-    fn objective(&mut self, value: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
+    fn objective(&mut self, value: f64, gradient: impl FnOnce(&mut Gradient<'_, D>)) {
         self.objective += value;
         gradient(&mut Gradient { row: &mut self.gradient, factor: 1.0 });
     }
-    fn eq(&mut self, id: usize, value: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
+    fn eq(&mut self, id: usize, value: f64, gradient: impl FnOnce(&mut Gradient<'_, D>)) {
         self.eq_id.push(id);
         self.eq.push(constraint(value, gradient));
     }
-    fn ineq(&mut self, id: usize, value: f64, gradient: impl FnOnce(&mut Gradient<'_>)) {
+    fn ineq(&mut self, id: usize, value: f64, gradient: impl FnOnce(&mut Gradient<'_, D>)) {
         self.ineq_id.push(id);
         self.ineq.push(constraint(value, gradient));
     }
@@ -194,14 +206,9 @@ const MEMORY: usize = 4;
 ///
 /// At an optimum a program with any positive definite matrix has the step zero and the multipliers of the optimum. The
 /// launch is taken as if it hit: only the target has changed since.
-pub(crate) fn multipliers_at(
-    problem: &Problem<'_>,
-    layout: &Layout,
-    x: &Row,
-    cuts: &[Cut],
-) -> Option<Multipliers> {
+pub(crate) fn multipliers_at<const D: usize, T: Task<D>>(task: &T, x: &Row<D>) -> Option<Multipliers> {
     let mut rows = Rows::default();
-    rows.evaluate(problem, layout, x, cuts);
+    rows.evaluate(task, x);
     for row in &mut rows.eq {
         row.c = 0.0;
     }
@@ -212,8 +219,8 @@ pub(crate) fn multipliers_at(
         return None;
     }
     let solution =
-        qp::solve(&Factor::identity(), &rows.gradient, layout.n, &rows.eq, &rows.ineq, &[]).ok()?;
-    let mut out = Multipliers::zero();
+        qp::solve(&Factor::identity(), &rows.gradient, task.variables(), &rows.eq, &rows.ineq, &[]).ok()?;
+    let mut out = Multipliers::zero(task.numbers());
     out.set(&rows, &solution.eq, &solution.ineq);
     Some(out)
 }
@@ -221,28 +228,26 @@ pub(crate) fn multipliers_at(
 /// Solves from `start`; always returns the last point of the run, feasible or not (see [`Local::violation`]).
 ///
 /// `warm` are multipliers to begin with, from a near solution.
-pub(crate) fn solve(
-    problem: &Problem<'_>,
-    layout: &Layout,
-    start: &Row,
-    cuts: &[Cut],
+pub(crate) fn solve<const D: usize, T: Task<D>>(
+    task: &T,
+    start: &Row<D>,
     settings: &Settings,
     warm: Option<Multipliers>,
-) -> Local {
-    let n = layout.n;
+) -> Local<D> {
+    let n = task.variables();
     let mut x = *start;
     let (mut rows, mut next) = (Rows::default(), Rows::default());
-    rows.evaluate(problem, layout, &x, cuts);
+    rows.evaluate(task, &x);
     let mut believed = warm.is_some();
-    let mut multipliers = warm.unwrap_or_else(Multipliers::zero);
+    let mut multipliers = warm.unwrap_or_else(|| Multipliers::zero(task.numbers()));
     let mut penalty = 10.0_f64;
     let mut memory: Vec<(f64, f64)> = Vec::with_capacity(MEMORY);
     let mut iterations = 0;
     let mut likely: Vec<usize> = Vec::new();
     let mut violation = rows.worst();
     let mut stalls = 0;
-    let mut w = [[0.0; DIM]; DIM];
-    let mut factor: Option<Matrix> = None;
+    let mut w = [[0.0; D]; D];
+    let mut factor: Option<Matrix<D>> = None;
     let mut mark = (f64::INFINITY, 0);
     while iterations < settings.iterations_max && violation.is_finite() && rows.objective.is_finite() {
         iterations += 1;
@@ -254,7 +259,7 @@ pub(crate) fn solve(
         likely.clear();
         likely.extend((0..rows.ineq.len()).filter(|k| multipliers.ineq[rows.ineq_id[*k]] > 0.0));
         if factor.is_none() {
-            hessian(problem, layout, &x, cuts, &multipliers, &mut w);
+            hessian(task, &x, &multipliers, &mut w);
             // Variables that do not matter (a shift along a fixed axis) need some curvature.
             for (k, row) in w.iter_mut().enumerate().take(n) {
                 row[k] += 1e-6;
@@ -265,7 +270,7 @@ pub(crate) fn solve(
         let Some(used) = factor.take() else { break };
         let gradient = used.gradient(&rows, n);
         // A program that is feasible only by a huge step says nothing about here: treat it like an infeasible one.
-        let far = |d: &Row| d[Q..QD].iter().any(|d| d.abs() > STEP_FAR_RAD);
+        let far = |d: &Row<D>| d[task.angles()].iter().any(|d| d.abs() > STEP_FAR_RAD);
         let mut plain = true;
         let (d, eq, ineq) = match qp::solve(&used.factor, &gradient, n, &rows.eq, &rows.ineq, &likely) {
             Ok(s) if !far(&s.d) => (s.d, s.eq, s.ineq),
@@ -278,8 +283,8 @@ pub(crate) fn solve(
             },
         };
         let mut step_limit = 1.0_f64;
-        for k in 0..JOINTS {
-            let big = d[Q + k].abs();
+        for k in task.angles() {
+            let big = d[k].abs();
             if big > STEP_MAX_RAD {
                 step_limit = step_limit.min(STEP_MAX_RAD / big);
             }
@@ -308,7 +313,7 @@ pub(crate) fn solve(
         let finish = small_change && violation < NEARLY_FEASIBLE || out_of_steps;
         let mut d = d;
         if believed && finish {
-            match qp::solve(&used.factor, &[0.0; DIM], n, &rows.eq, &rows.ineq, &likely) {
+            match qp::solve(&used.factor, &[0.0; D], n, &rows.eq, &rows.ineq, &likely) {
                 Ok(back) => d = back.d,
                 Err(QpFailure::Infeasible | QpFailure::Numerical) => {}
             }
@@ -326,8 +331,8 @@ pub(crate) fn solve(
             for k in 0..n {
                 trial[k] += alpha * d[k];
             }
-            if has_times(&trial) {
-                next.evaluate(problem, layout, &trial, cuts);
+            if task.is_motion(&trial) {
+                next.evaluate(task, &trial);
                 let merit = next.objective + penalty * next.total();
                 if merit <= reference + 1e-4 * alpha * predicted.min(0.0) + 1e-12 * reference.abs() {
                     x = trial;
@@ -350,11 +355,11 @@ pub(crate) fn solve(
             for k in 0..n {
                 trial[k] += alpha * d[k];
             }
-            if !has_times(&trial) {
+            if !task.is_motion(&trial) {
                 break;
             }
             x = trial;
-            rows.evaluate(problem, layout, &x, cuts);
+            rows.evaluate(task, &x);
         }
         let before = violation;
         violation = rows.worst();
@@ -374,17 +379,17 @@ pub(crate) fn solve(
         if !(violation > settings.feasibility && violation < LAST_VIOLATION) {
             break;
         }
-        let Ok(back) = qp::solve(&Factor::identity(), &[0.0; DIM], n, &rows.eq, &rows.ineq, &[]) else {
+        let Ok(back) = qp::solve(&Factor::identity(), &[0.0; D], n, &rows.eq, &rows.ineq, &[]) else {
             break;
         };
         let mut trial = x;
         for (x, d) in trial.iter_mut().zip(&back.d).take(n) {
             *x += d;
         }
-        if !has_times(&trial) {
+        if !task.is_motion(&trial) {
             break;
         }
-        next.evaluate(problem, layout, &trial, cuts);
+        next.evaluate(task, &trial);
         iterations += 1;
         let after = next.worst();
         if after.is_nan() || after >= violation {
@@ -396,25 +401,19 @@ pub(crate) fn solve(
     Local { x, objective: rows.objective, violation, iterations, multipliers }
 }
 
-/// Whether all times are positive: without that there is no motion to evaluate.
-fn has_times(x: &Row) -> bool {
-    x[F] > 1e-3 && x[HA] > 1e-3 && x[HB] > 1e-3
-}
-
 /// Evaluates all rows with gradients once; the largest violation.
-pub(crate) fn evaluate_once(problem: &Problem<'_>, throw: &crate::throw::Throw) -> f64 {
-    let layout = Layout::new(problem, None);
+pub(crate) fn evaluate_once<const D: usize, T: Task<D>>(task: &T, x: &Row<D>) -> f64 {
     let mut rows = Rows::default();
-    rows.evaluate(problem, &layout, &layout.variables(throw), &[]);
+    rows.evaluate(task, x);
     rows.worst()
 }
 
 /// The program with the violated constraints as a quadratic price instead of rows: always feasible at d = 0.
-fn relaxed(w: &Square, rows: &Rows, n: usize) -> Option<(Row, Vec<f64>, Vec<f64>)> {
+fn relaxed<const D: usize>(w: &Square<D>, rows: &Rows<D>, n: usize) -> Option<(Row<D>, Vec<f64>, Vec<f64>)> {
     let mut h = *w;
     let mut g = rows.gradient;
-    let mut hard: Vec<Constraint> = Vec::with_capacity(rows.ineq.len());
-    let mut soften = |c: &Constraint| {
+    let mut hard: Vec<Constraint<D>> = Vec::with_capacity(rows.ineq.len());
+    let mut soften = |c: &Constraint<D>| {
         for i in 0..n {
             if c.a[i] != 0.0 {
                 g[i] += RELAX_PRICE * c.a[i] * c.c;
@@ -445,10 +444,10 @@ fn relaxed(w: &Square, rows: &Rows, n: usize) -> Option<(Row, Vec<f64>, Vec<f64>
     let factor = factor?;
     let d = qp::solve(&factor, &g, n, &[], &hard, &[]).ok()?.d;
     // First-order multipliers of the priced rows.
-    let along = |c: &Constraint| c.a.iter().zip(&d).take(n).map(|(a, d)| a * d).sum::<f64>() + c.c;
+    let along = |c: &Constraint<D>| c.a.iter().zip(&d).take(n).map(|(a, d)| a * d).sum::<f64>() + c.c;
     let eq = rows.eq.iter().map(|r| (-RELAX_PRICE * along(r)).clamp(-RELAX_CAP, RELAX_CAP)).collect();
     let priced =
-        |r: &Constraint| if r.c < 0.0 { (-RELAX_PRICE * along(r)).clamp(0.0, RELAX_CAP) } else { 0.0 };
+        |r: &Constraint<D>| if r.c < 0.0 { (-RELAX_PRICE * along(r)).clamp(0.0, RELAX_CAP) } else { 0.0 };
     let ineq = rows.ineq.iter().map(priced).collect();
     Some((d, eq, ineq))
 }

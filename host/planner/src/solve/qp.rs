@@ -5,20 +5,18 @@
 //! row at a time and proves infeasibility when there is none. Source: D. Goldfarb, A. Idnani, "A numerically stable
 //! dual method for solving strictly convex quadratic programs", Mathematical Programming 27, 1983.
 //!
-//! Fixed-size arrays on the stack: a program of the planner has at most 24 variables, and it is solved some ten times
+//! Fixed-size arrays on the stack: a program of the planner has some 24 variables, and it is solved some ten times
 //! per local solve, so allocation would cost more than the arithmetic.
 
-/// Largest number of variables; a multiple of [`LANES`].
-pub(crate) const DIM: usize = 24;
-/// A row of coefficients; entries beyond the number of variables are zero.
-pub(crate) type Row = [f64; DIM];
+/// A row of coefficients; entries beyond the number of variables are zero. `D` is a multiple of [`LANES`].
+pub(crate) type Row<const D: usize> = [f64; D];
 /// A square matrix, row by row.
-pub(crate) type Square = [Row; DIM];
+pub(crate) type Square<const D: usize> = [Row<D>; D];
 
 /// One linear constraint `a d + c (= or ≥) 0`.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Constraint {
-    pub(crate) a: Row,
+pub(crate) struct Constraint<const D: usize> {
+    pub(crate) a: Row<D>,
     pub(crate) c: f64,
 }
 
@@ -33,8 +31,8 @@ pub(crate) enum QpFailure {
 
 /// Minimiser, and multipliers in the order of the constraints.
 #[derive(Debug, Clone)]
-pub(crate) struct QpSolution {
-    pub(crate) d: Row,
+pub(crate) struct QpSolution<const D: usize> {
+    pub(crate) d: Row<D>,
     pub(crate) eq: Vec<f64>,
     pub(crate) ineq: Vec<f64>,
 }
@@ -42,6 +40,7 @@ pub(crate) struct QpSolution {
 /// Sums and rotations run over this many numbers at once, up to the next multiple beyond n.
 const LANES: usize = 4;
 
+#[inline]
 fn padded(n: usize) -> usize {
     n.next_multiple_of(LANES)
 }
@@ -68,14 +67,14 @@ fn add_scaled(y: &mut [f64], t: f64, x: &[f64], m: usize) {
 
 /// A positive definite matrix H, as the columns of `J = L⁻ᵀ` with `H = L Lᵀ`: what the dual method works with.
 #[derive(Debug, Clone)]
-pub(crate) struct Factor {
-    columns: Square,
+pub(crate) struct Factor<const D: usize> {
+    columns: Square<D>,
 }
 
-impl Factor {
+impl<const D: usize> Factor<D> {
     /// Of the unit matrix.
     pub(crate) fn identity() -> Self {
-        let mut columns = [[0.0; DIM]; DIM];
+        let mut columns = [[0.0; D]; D];
         for (k, column) in columns.iter_mut().enumerate() {
             column[k] = 1.0;
         }
@@ -83,8 +82,8 @@ impl Factor {
     }
 
     /// Factorises the leading `n × n` block; `None` if it is not positive definite.
-    pub(crate) fn new(h: &Square, n: usize) -> Option<Self> {
-        let mut l = [[0.0; DIM]; DIM];
+    pub(crate) fn new(h: &Square<D>, n: usize) -> Option<Self> {
+        let mut l = [[0.0; D]; D];
         for i in 0..n {
             let (above, rest) = l.split_at_mut(i);
             let row = &mut rest[0];
@@ -101,7 +100,7 @@ impl Factor {
             row[i] = pivot.sqrt();
         }
         // Column k of J is row k of L⁻¹.
-        let mut columns = [[0.0; DIM]; DIM];
+        let mut columns = [[0.0; D]; D];
         for k in 0..n {
             let (above, rest) = columns.split_at_mut(k);
             let column = &mut rest[0];
@@ -116,23 +115,23 @@ impl Factor {
     }
 }
 
-struct ActiveSet {
+struct ActiveSet<const D: usize> {
     n: usize,
     m: usize,
     /// J = L⁻ᵀ Q, column by column.
-    j: Square,
+    j: Square<D>,
     /// Upper triangular R of the active normals, column by column.
-    r: Square,
+    r: Square<D>,
     count: usize,
     /// Constraint numbers and their multipliers.
-    index: [usize; DIM],
-    u: Row,
+    index: [usize; D],
+    u: Row<D>,
 }
 
-impl ActiveSet {
+impl<const D: usize> ActiveSet<D> {
     /// `d = Jᵀ a`.
-    fn project(&self, a: &Row) -> Row {
-        let mut d = [0.0; DIM];
+    fn project(&self, a: &Row<D>) -> Row<D> {
+        let mut d = [0.0; D];
         for (dk, column) in d.iter_mut().zip(&self.j).take(self.n) {
             *dk = dot(column, a, self.m);
         }
@@ -140,8 +139,8 @@ impl ActiveSet {
     }
 
     /// Step direction in primal space `z = J₂ d₂`.
-    fn primal(&self, d: &Row) -> Row {
-        let mut z = [0.0; DIM];
+    fn primal(&self, d: &Row<D>) -> Row<D> {
+        let mut z = [0.0; D];
         for (column, dk) in self.j[self.count..self.n].iter().zip(&d[self.count..self.n]) {
             add_scaled(&mut z, *dk, column, self.m);
         }
@@ -149,8 +148,8 @@ impl ActiveSet {
     }
 
     /// Step direction in dual space `R⁻¹ d₁`.
-    fn dual(&self, d: &Row) -> Row {
-        let mut r = [0.0; DIM];
+    fn dual(&self, d: &Row<D>) -> Row<D> {
+        let mut r = [0.0; D];
         r[..self.count].copy_from_slice(&d[..self.count]);
         for i in (0..self.count).rev() {
             let column = &self.r[i];
@@ -173,7 +172,7 @@ impl ActiveSet {
     }
 
     /// Adds a constraint whose projection is `d`; false if its normal depends on the active ones.
-    fn add(&mut self, mut d: Row, constraint: usize, u: f64) -> bool {
+    fn add(&mut self, mut d: Row<D>, constraint: usize, u: f64) -> bool {
         // Givens rotations of the last entries of d into entry `count`.
         for k in (self.count + 1..self.n).rev() {
             let (a, b) = (d[k - 1], d[k]);
@@ -223,17 +222,17 @@ impl ActiveSet {
 /// Solves the program of `n` variables.
 ///
 /// `likely` are positions of inequalities that were active in a similar program; they are looked at first.
-pub(crate) fn solve(
-    factor: &Factor,
-    g: &Row,
+pub(crate) fn solve<const D: usize>(
+    factor: &Factor<D>,
+    g: &Row<D>,
     n: usize,
-    eq: &[Constraint],
-    ineq: &[Constraint],
+    eq: &[Constraint<D>],
+    ineq: &[Constraint<D>],
     likely: &[usize],
-) -> Result<QpSolution, QpFailure> {
+) -> Result<QpSolution<D>, QpFailure> {
     let m = padded(n);
     let mut set =
-        ActiveSet { n, m, j: factor.columns, r: [[0.0; DIM]; DIM], count: 0, index: [0; DIM], u: [0.0; DIM] };
+        ActiveSet { n, m, j: factor.columns, r: [[0.0; D]; D], count: 0, index: [0; D], u: [0.0; D] };
     // x = -J Jᵀ g: no constraint is active yet, so all columns count.
     let mut x = set.primal(&set.project(g)).map(|z| -z);
 
@@ -262,7 +261,7 @@ pub(crate) fn solve(
 
     let mut is_active = vec![false; ineq.len()];
     // The most violated row, measured in its own length.
-    let most_violated = |x: &Row, is_active: &[bool]| {
+    let most_violated = |x: &Row<D>, is_active: &[bool]| {
         let value = |number: usize| (dot(&ineq[number].a, x, m) + ineq[number].c, number);
         let pick = |worst: (f64, usize), now: (f64, usize)| if now.0 < worst.0 { now } else { worst };
         let none = (-1e-11, usize::MAX);
@@ -289,7 +288,7 @@ pub(crate) fn solve(
         let mut inner = 0;
         loop {
             inner += 1;
-            if inner > 4 * DIM {
+            if inner > 4 * D {
                 return Err(QpFailure::Numerical);
             }
             let d = set.project(&constraint.a);
@@ -346,7 +345,9 @@ const MAX_CHANGES: usize = 400;
 mod tests {
     use super::*;
 
-    fn row(values: &[f64]) -> Row {
+    const DIM: usize = 12;
+
+    fn row(values: &[f64]) -> Row<DIM> {
         let mut out = [0.0; DIM];
         out[..values.len()].copy_from_slice(values);
         out
@@ -374,7 +375,7 @@ mod tests {
             let equalities = case % 3;
             // A known feasible point makes the program feasible.
             let inside: Vec<f64> = (0..n).map(|_| random(&mut seed)).collect();
-            let constraints: Vec<Constraint> = (0..equalities + 2 * n)
+            let constraints: Vec<Constraint<DIM>> = (0..equalities + 2 * n)
                 .map(|i| {
                     let a = row(&(0..n).map(|_| random(&mut seed)).collect::<Vec<_>>());
                     let at: f64 = a.iter().zip(&inside).map(|(x, y)| x * y).sum();

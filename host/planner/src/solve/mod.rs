@@ -1,0 +1,86 @@
+//! Local solver: the best motion near a start, for any [`Task`].
+//!
+//! # Map
+//! | module | holds |
+//! |---|---|
+//! | here | the task: variables, objective, constraints |
+//! | `qp` | small dense quadratic programs |
+//! | `curvature` | the Hessian of the Lagrangian, and a positive definite matrix in its place |
+//! | `sqp` | sequential quadratic programming |
+//!
+//! A task gives its rows with exact gradients; the solver knows nothing else about it. `D` is the width of a row: the
+//! number of variables, rounded up to a multiple of four (rows stay on the stack).
+
+#[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
+mod curvature;
+#[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
+mod qp;
+#[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
+pub(crate) mod sqp;
+
+use std::ops::Range;
+
+pub(crate) use self::qp::Row;
+
+/// Where a row adds its gradient, times a factor.
+pub(crate) struct Gradient<'a, const D: usize> {
+    pub(crate) row: &'a mut Row<D>,
+    pub(crate) factor: f64,
+}
+
+impl<const D: usize> Gradient<'_, D> {
+    #[inline]
+    pub(crate) fn add(&mut self, i: usize, value: f64) {
+        self.row[i] += self.factor * value;
+    }
+}
+
+/// Receives the rows of an evaluation. Inequalities mean `value ≥ 0`.
+pub(crate) trait Sink<const D: usize> {
+    /// Whether this inequality is of interest; asked before costly rows.
+    fn wants(&self, id: usize) -> bool;
+    /// Whether this equality is of interest.
+    fn wants_eq(&self, id: usize) -> bool;
+    /// A summand of the objective.
+    fn objective(&mut self, value: f64, gradient: impl FnOnce(&mut Gradient<'_, D>));
+    fn eq(&mut self, id: usize, value: f64, gradient: impl FnOnce(&mut Gradient<'_, D>));
+    fn ineq(&mut self, id: usize, value: f64, gradient: impl FnOnce(&mut Gradient<'_, D>));
+}
+
+/// What the local solver makes small, and under which constraints.
+///
+/// The Hessian is made by differences of the gradient, part by part, along the variables that a part of the rows bends
+/// with; the other entries follow from symmetry.
+pub(crate) trait Task<const D: usize> {
+    /// A group of rows that bend with the same variables.
+    type Part: Copy;
+
+    /// Number of variables, at most `D`.
+    fn variables(&self) -> usize;
+    /// How many equalities and inequalities there can be; a row keeps its number from evaluation to evaluation.
+    fn numbers(&self) -> (usize, usize);
+    /// The variables that are joint angles in rad: the solver bounds their steps.
+    fn angles(&self) -> Range<usize>;
+    /// Whether `x` is a motion at all (all its times are positive), so that rows can be evaluated.
+    fn is_motion(&self, x: &Row<D>) -> bool;
+    /// All rows at `x`.
+    fn rows<S: Sink<D>>(&self, x: &Row<D>, sink: &mut S);
+    /// The parts of the rows that have second derivatives.
+    fn parts(&self) -> impl Iterator<Item = (Self::Part, When)>;
+    /// The rows of a part at `x`.
+    fn part_rows<S: Sink<D>>(&self, part: Self::Part, x: &Row<D>, sink: &mut S);
+    /// Whether the gradient of a part is differenced along variable `k`.
+    fn bends(&self, part: Self::Part, k: usize) -> bool;
+    /// Whether entry (k, i) of the second derivatives, k a variable that the part bends with, comes out a second time
+    /// as (i, k) (or is zero), so that each counts half.
+    fn twice(&self, part: Self::Part, i: usize) -> bool;
+}
+
+/// When a part has second derivatives.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum When {
+    /// At every point.
+    Always,
+    /// Only if an equality has a multiplier.
+    WithMultipliers,
+}
