@@ -2,7 +2,7 @@
 
 use protocol::powercube::BaudRate;
 use protocol::{Duration, Instant, ModuleId};
-use robot_model::{AnyRobot, JointVec, RobotModel};
+use robot_model::{AnyRobot, JointVec, RobotModel, for_any_robot};
 
 use super::Cell;
 use super::throw::Throw;
@@ -86,12 +86,6 @@ pub enum CellError {
         /// The step.
         step: Duration,
     },
-    /// A kind of robot that this version does not know.
-    #[error("robot {robot} has a number of joints that the simulator does not know")]
-    Joints {
-        /// Name of the robot.
-        robot: String,
-    },
 }
 
 impl Cell {
@@ -100,13 +94,7 @@ impl Cell {
     /// # Errors
     /// [`CellError`]: a robot without drives, addresses that clash, a start pose that does not fit, a step out of range.
     pub fn new(robot: &AnyRobot, options: &CellOptions, seed: u64) -> Result<Self, CellError> {
-        match robot {
-            AnyRobot::Four(model) => Self::of_model(model, options, seed),
-            AnyRobot::Five(model) => Self::of_model(model, options, seed),
-            AnyRobot::Six(model) => Self::of_model(model, options, seed),
-            AnyRobot::Seven(model) => Self::of_model(model, options, seed),
-            other => Err(CellError::Joints { robot: other.name().to_owned() }),
-        }
+        for_any_robot!(robot, model => Self::of_model(model, options, seed))
     }
 
     /// As [`Cell::new`], for a model whose number of joints is known.

@@ -2,27 +2,21 @@
 
 use std::process::ExitCode;
 
-use robot_model::AnyRobot;
+use robot_model::{AnyRobot, for_any_robot};
 
 fn main() -> ExitCode {
     let Some(robot) = std::env::args().nth(1) else {
         eprintln!("usage: to_urdf ROBOT   (a built-in name or a robot file)");
         return ExitCode::from(2);
     };
-    let urdf = match AnyRobot::load(&robot) {
-        Ok(AnyRobot::Four(m)) => m.to_urdf(),
-        Ok(AnyRobot::Five(m)) => m.to_urdf(),
-        Ok(AnyRobot::Six(m)) => m.to_urdf(),
-        Ok(AnyRobot::Seven(m)) => m.to_urdf(),
-        Ok(other) => {
-            eprintln!("{} has {} joints, which this program does not know", other.name(), other.joints());
-            return ExitCode::FAILURE;
-        }
+    let robot = match AnyRobot::load(&robot) {
+        Ok(robot) => robot,
         Err(e) => {
             eprintln!("{e}");
             return ExitCode::FAILURE;
         }
     };
+    let urdf = for_any_robot!(&robot, arm => arm.to_urdf());
     print!("{urdf}");
     ExitCode::SUCCESS
 }

@@ -4,9 +4,23 @@ use crate::error::LoadError;
 use crate::load;
 use crate::model::RobotModel;
 
+/// Does the same with a robot of any number of joints: `for_any_robot!(&robot, arm => arm.name())`.
+///
+/// `arm` is a [`RobotModel`](crate::RobotModel) with its number of joints in the type.
+#[macro_export]
+macro_rules! for_any_robot {
+    ($robot:expr, $arm:ident => $body:expr) => {
+        match $robot {
+            $crate::AnyRobot::Four($arm) => $body,
+            $crate::AnyRobot::Five($arm) => $body,
+            $crate::AnyRobot::Six($arm) => $body,
+            $crate::AnyRobot::Seven($arm) => $body,
+        }
+    };
+}
+
 /// A robot with as many joints as its file says.
 #[derive(Debug, Clone)]
-#[non_exhaustive]
 pub enum AnyRobot {
     /// Four joints, like the Pincher.
     Four(Box<RobotModel<4>>),
@@ -48,22 +62,12 @@ impl AnyRobot {
     /// Name of the robot.
     #[must_use]
     pub fn name(&self) -> &str {
-        match self {
-            Self::Four(m) => m.name(),
-            Self::Five(m) => m.name(),
-            Self::Six(m) => m.name(),
-            Self::Seven(m) => m.name(),
-        }
+        for_any_robot!(self, arm => arm.name())
     }
 
     /// Number of joints.
     #[must_use]
     pub fn joints(&self) -> usize {
-        match self {
-            Self::Four(_) => 4,
-            Self::Five(_) => 5,
-            Self::Six(_) => 6,
-            Self::Seven(_) => 7,
-        }
+        for_any_robot!(self, arm => arm.joints().len())
     }
 }

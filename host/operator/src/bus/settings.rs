@@ -4,7 +4,7 @@ use firmware::crc::Crc32;
 use firmware::joints::PerJoint;
 use firmware::settings::{JointSettings, Settings};
 use protocol::JOINTS_MAX;
-use robot_model::{AnyRobot, RobotModel};
+use robot_model::{AnyRobot, RobotModel, for_any_robot};
 
 use planner::store::robot_fingerprint;
 
@@ -56,13 +56,7 @@ pub fn crc32_of<const N: usize>(model: &RobotModel<N>) -> u32 {
 /// [`robot_crc32`] of a robot with as many joints as a controller can have.
 #[must_use]
 pub fn crc32_of_any(robot: &AnyRobot) -> Option<u32> {
-    Some(match robot {
-        AnyRobot::Four(model) => crc32_of(model),
-        AnyRobot::Five(model) => crc32_of(model),
-        AnyRobot::Six(model) => crc32_of(model),
-        AnyRobot::Seven(model) => crc32_of(model),
-        _ => return None,
-    })
+    Some(for_any_robot!(robot, model => crc32_of(model)))
 }
 
 /// Settings for `robot`: addresses, ranges, limits and currents from its file; the rest as the firmware has it built in.
@@ -73,13 +67,7 @@ pub fn crc32_of_any(robot: &AnyRobot) -> Option<u32> {
 /// # Errors
 /// [`NoSettings`].
 pub fn settings_of(robot: &AnyRobot) -> Result<Settings, NoSettings> {
-    match robot {
-        AnyRobot::Four(model) => of_model(model),
-        AnyRobot::Five(model) => of_model(model),
-        AnyRobot::Six(model) => of_model(model),
-        AnyRobot::Seven(model) => of_model(model),
-        other => Err(NoSettings::TooManyJoints { robot: other.name().to_owned(), joints: other.joints() }),
-    }
+    for_any_robot!(robot, model => of_model(model))
 }
 
 /// As [`settings_of`], for a model whose number of joints is known.

@@ -2,7 +2,7 @@
 
 use protocol::ModuleId;
 use robot_model::collision::Scene;
-use robot_model::{AnyRobot, RobotModel};
+use robot_model::{AnyRobot, RobotModel, for_any_robot};
 
 use super::experiment::{Bounds, Experiment, ExperimentError};
 use crate::bus::Session;
@@ -57,13 +57,7 @@ pub fn identify(
     wish: &Wish,
     progress: &mut dyn FnMut(&str, usize),
 ) -> Result<Findings, JointError> {
-    match robot {
-        AnyRobot::Four(model) => of_model(session, model, wish, progress),
-        AnyRobot::Five(model) => of_model(session, model, wish, progress),
-        AnyRobot::Six(model) => of_model(session, model, wish, progress),
-        AnyRobot::Seven(model) => of_model(session, model, wish, progress),
-        other => Err(JointError::NoDrives { robot: other.name().to_owned() }),
-    }
+    for_any_robot!(robot, model => of_model(session, model, wish, progress))
 }
 
 fn of_model<const N: usize>(

@@ -58,7 +58,7 @@ pub(crate) const FEASIBLE: f64 = 1e-7;
 macro_rules! with_width {
     ($n:ident, $function:ident($($argument:expr),*)) => {
         match $n {
-            0..=4 => $function::<$n, { width(4) }>($($argument),*),
+            4 => $function::<$n, { width(4) }>($($argument),*),
             5 => $function::<$n, { width(5) }>($($argument),*),
             6 => $function::<$n, { width(6) }>($($argument),*),
             _ => $function::<$n, { width(7) }>($($argument),*),

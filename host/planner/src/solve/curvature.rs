@@ -22,6 +22,7 @@ struct Lagrangian<'a, const D: usize> {
 }
 
 impl<const D: usize> Lagrangian<'_, D> {
+    #[inline]
     fn add(&mut self, multiplier: f64, gradient: impl FnOnce(&mut Gradient<'_, D>)) {
         if multiplier != 0.0 {
             gradient(&mut Gradient { row: &mut self.gradient, factor: -multiplier });
@@ -30,18 +31,23 @@ impl<const D: usize> Lagrangian<'_, D> {
 }
 
 impl<const D: usize> Sink<D> for Lagrangian<'_, D> {
+    #[inline]
     fn wants(&self, id: usize) -> bool {
         self.at.ineq[id] != 0.0
     }
+    #[inline]
     fn wants_eq(&self, id: usize) -> bool {
         self.at.eq[id] != 0.0
     }
+    #[inline]
     fn objective(&mut self, _: f64, gradient: impl FnOnce(&mut Gradient<'_, D>)) {
         gradient(&mut Gradient { row: &mut self.gradient, factor: 1.0 });
     }
+    #[inline]
     fn eq(&mut self, id: usize, _: f64, gradient: impl FnOnce(&mut Gradient<'_, D>)) {
         self.add(self.at.eq[id], gradient);
     }
+    #[inline]
     fn ineq(&mut self, id: usize, _: f64, gradient: impl FnOnce(&mut Gradient<'_, D>)) {
         self.add(self.at.ineq[id], gradient);
     }

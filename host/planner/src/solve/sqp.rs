@@ -143,6 +143,7 @@ impl<const D: usize> Rows<D> {
     }
 }
 
+#[inline]
 fn constraint<const D: usize>(value: f64, gradient: impl FnOnce(&mut Gradient<'_, D>)) -> Constraint<D> {
     let mut a = [0.0; D];
     gradient(&mut Gradient { row: &mut a, factor: 1.0 });
@@ -150,20 +151,25 @@ fn constraint<const D: usize>(value: f64, gradient: impl FnOnce(&mut Gradient<'_
 }
 
 impl<const D: usize> Sink<D> for Rows<D> {
+    #[inline]
     fn wants(&self, _: usize) -> bool {
         true
     }
+    #[inline]
     fn wants_eq(&self, _: usize) -> bool {
         true
     }
+    #[inline]
     fn objective(&mut self, value: f64, gradient: impl FnOnce(&mut Gradient<'_, D>)) {
         self.objective += value;
         gradient(&mut Gradient { row: &mut self.gradient, factor: 1.0 });
     }
+    #[inline]
     fn eq(&mut self, id: usize, value: f64, gradient: impl FnOnce(&mut Gradient<'_, D>)) {
         self.eq_id.push(id);
         self.eq.push(constraint(value, gradient));
     }
+    #[inline]
     fn ineq(&mut self, id: usize, value: f64, gradient: impl FnOnce(&mut Gradient<'_, D>)) {
         self.ineq_id.push(id);
         self.ineq.push(constraint(value, gradient));

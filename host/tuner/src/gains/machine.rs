@@ -3,7 +3,7 @@
 use super::plant::Plant;
 use super::problem::{JointInput, PhaseInput};
 use crate::model::{DriveLag, Estimator};
-use robot_model::{AnyRobot, RobotModel};
+use robot_model::{AnyRobot, RobotModel, for_any_robot};
 
 /// What gain design needs of a machine.
 #[derive(Clone, Debug, PartialEq)]
@@ -51,13 +51,7 @@ impl Machine {
     /// # Errors
     /// [`MachineError::NoDriveLoop`].
     pub fn from_robot(robot: &AnyRobot) -> Result<Self, MachineError> {
-        match robot {
-            AnyRobot::Four(m) => Self::from_model(m),
-            AnyRobot::Five(m) => Self::from_model(m),
-            AnyRobot::Six(m) => Self::from_model(m),
-            AnyRobot::Seven(m) => Self::from_model(m),
-            other => Err(MachineError::NoDriveLoop { robot: other.name().to_owned() }),
-        }
+        for_any_robot!(robot, model => Self::from_model(model))
     }
 
     /// From a robot model.

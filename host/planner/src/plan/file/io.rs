@@ -127,7 +127,7 @@ impl PlanFile {
         arm: &RobotModel<N>,
     ) -> Result<(), PlanFileError> {
         let wanted = format!("{:016x}", robot_fingerprint(arm));
-        if self.robot.fingerprint == wanted {
+        if self.robot.fingerprint == wanted && self.joints.len() == N {
             return Ok(());
         }
         Err(PlanFileError::OtherRobot {
