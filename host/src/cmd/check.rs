@@ -9,6 +9,7 @@ use planner::follow::plan::FollowPlan;
 use planner::plan::file::PlanFile;
 use planner::store::robot_fingerprint;
 use planner::{follow, verify};
+use robot_model::for_any_robot;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -33,9 +34,11 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         return check_follow(args, &plan);
     }
     let plan = PlanFile::read(&args.plan).map_err(|e| ExpectedError::bad_input(&e))?;
-    let arm = super::arm(args.robot.as_deref().unwrap_or(&plan.robot.source))?;
-    plan.require_robot(&args.plan, &arm).map_err(|e| ExpectedError::bad_input(&e))?;
-    let report = verify::check(&arm, &plan);
+    let robot = super::robot(args.robot.as_deref().unwrap_or(&plan.robot.source))?;
+    let report = for_any_robot!(&robot, arm => {
+        plan.require_robot(&args.plan, arm).map_err(|e| ExpectedError::bad_input(&e))?;
+        verify::check(arm, &plan)
+    });
     if args.json {
         say::line!("{}", serde_json::to_string_pretty(&report).unwrap_or_default());
     } else {

@@ -38,12 +38,17 @@ use robot_model::AnyRobot;
 use crate::error::ExpectedError;
 use planner::plan::Arm;
 
-/// The arm of a robot file, or a reason why the planner cannot use it.
-pub(crate) fn arm(robot: &str) -> Result<Arm, ExpectedError> {
-    match AnyRobot::load(robot).map_err(|e| ExpectedError::bad_input(&e))? {
+/// The robot of a file; planning and checking take four to seven joints.
+pub(crate) fn robot(robot: &str) -> Result<AnyRobot, ExpectedError> {
+    AnyRobot::load(robot).map_err(|e| ExpectedError::bad_input(&e))
+}
+
+/// The arm of a robot file for verbs that move or analyse, or a reason why they cannot use it.
+pub(crate) fn arm(name: &str) -> Result<Arm, ExpectedError> {
+    match robot(name)? {
         AnyRobot::Six(arm) => Ok(*arm),
         other => Err(ExpectedError::bad_input(&format!(
-            "robot \"{}\" has {} joints; the throw planner needs six",
+            "robot \"{}\" has {} joints; the controller moves six\n  next: `cubectl plan throw --robot {name}` plans a throw of this robot, `cubectl check` checks the plan",
             other.name(),
             other.joints()
         ))),

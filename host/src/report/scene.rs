@@ -1,11 +1,10 @@
 //! What the picture in space shows: the arm over time, the path of the ball in the hand, the flight, the target.
 
 use nalgebra::{Matrix2, Vector3};
-use robot_model::Pose;
+use robot_model::{JointVec, Pose, RobotModel};
 
 use planner::flight::landing;
 use planner::plan::file::PlanFile;
-use planner::throw::{Arm, Joints};
 
 /// Steps of the animation.
 const STEPS: u32 = 90;
@@ -13,9 +12,9 @@ const STEPS: u32 = 90;
 const FLIGHT_STEPS: u32 = 40;
 
 /// How the arm moves and where the ball flies.
-pub struct Motion<'a> {
+pub struct Motion<'a, const N: usize> {
     /// Joint angles at a time of the plan, rad.
-    pub q_at: &'a dyn Fn(f64) -> Joints,
+    pub q_at: &'a dyn Fn(f64) -> JointVec<N>,
     /// Begin of the animation, s.
     pub from_s: f64,
     /// When the arm stands, s.
@@ -50,7 +49,7 @@ impl Flight<'_> {
 
 /// The data as a JavaScript object.
 #[must_use]
-pub fn data(arm: &Arm, plan: &PlanFile, motion: &Motion<'_>) -> String {
+pub fn data<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile, motion: &Motion<'_, N>) -> String {
     let last_s = motion.flight.map_or(motion.to_s, |flight| motion.to_s.max(flight.landing_s())) + 0.05;
     let time = |i: u32| motion.from_s + (last_s - motion.from_s) * f64::from(i) / f64::from(STEPS);
     // The release and the landing are points of the animation, whatever its steps.
@@ -114,7 +113,7 @@ pub(super) fn body(link: usize, x_lb: &Pose, half_m: &Vector3<f64>) -> String {
 }
 
 /// Height of the highest joint over the motion, m.
-fn steps_top(arm: &Arm, motion: &Motion<'_>) -> f64 {
+fn steps_top<const N: usize>(arm: &RobotModel<N>, motion: &Motion<'_, N>) -> f64 {
     let span = motion.to_s - motion.from_s;
     let heights = (0..=20).flat_map(|i| {
         let frames = arm.fk(&(motion.q_at)(motion.from_s + span * f64::from(i) / 20.0));

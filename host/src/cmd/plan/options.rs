@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use nalgebra::Vector3;
-use robot_model::Pose;
+use robot_model::{Pose, RobotModel};
 
 use crate::error::ExpectedError;
 use planner::plan::problem::{Arrival, DelayWindow, Form, Obstacle, Options, Weights};
-use planner::plan::{Arm, AskedBounds, seeds};
+use planner::plan::{AskedBounds, seeds};
 use planner::store::{Index, Record, StoreError, StoreFile, file, robot_fingerprint};
 
 /// What is thrown how.
@@ -243,7 +243,7 @@ impl PlanOptions {
     ///
     /// # Errors
     /// If a store was named and cannot be used.
-    pub fn starts(&self, arm: &Arm) -> Result<Starts, ExpectedError> {
+    pub fn starts<const N: usize>(&self, arm: &RobotModel<N>) -> Result<Starts<N>, ExpectedError> {
         let mut index = seeds::built_in(arm);
         let mut sources = vec![format!("{} built-in throws", index.records().len())];
         if let Some((path, records)) = prepared(arm) {
@@ -286,18 +286,18 @@ impl PlanOptions {
 
 /// Throws to start from.
 #[derive(Debug)]
-pub struct Starts {
+pub struct Starts<const N: usize> {
     /// The throws.
-    pub index: Index,
+    pub index: Index<N>,
     /// The store to append to, if one was named.
-    pub store: Option<StoreFile>,
+    pub store: Option<StoreFile<N>>,
     /// Where the throws come from, for people.
     pub sources: Vec<String>,
 }
 
 /// Where `plan prepare` puts the table of a robot, and plans look for it.
 #[must_use]
-pub fn default_table(arm: &Arm) -> Option<PathBuf> {
+pub fn default_table<const N: usize>(arm: &RobotModel<N>) -> Option<PathBuf> {
     let data = std::env::var_os("XDG_DATA_HOME")
         .map(PathBuf::from)
         .or_else(|| std::env::var_os("HOME").map(|h| PathBuf::from(h).join(".local/share")))?;
@@ -305,7 +305,7 @@ pub fn default_table(arm: &Arm) -> Option<PathBuf> {
 }
 
 /// The prepared table of a robot. One that cannot be read is left aside with a note.
-fn prepared(arm: &Arm) -> Option<(PathBuf, Vec<Record>)> {
+fn prepared<const N: usize>(arm: &RobotModel<N>) -> Option<(PathBuf, Vec<Record<N>>)> {
     let path = default_table(arm)?;
     let bytes = std::fs::read(&path).ok()?;
     match file::parse(&path, &bytes, robot_fingerprint(arm)) {

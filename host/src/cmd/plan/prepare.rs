@@ -13,6 +13,7 @@ use operator::bus::args::interrupt;
 use planner::plan::prepare::{Grid, Preparation};
 use planner::plan::search::kind_of;
 use planner::store::{Record, file, robot_fingerprint};
+use robot_model::{RobotModel, for_any_robot};
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -66,9 +67,13 @@ struct Stand {
 /// # Errors
 /// If the robot or a number is refused, a file cannot be written, or Ctrl-C stops it.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    let arm = crate::cmd::arm(args.name.as_ref().unwrap_or(&args.options.robot))?;
+    let robot = crate::cmd::robot(args.name.as_ref().unwrap_or(&args.options.robot))?;
+    for_any_robot!(&robot, arm => run_for(arm, args))
+}
+
+fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), ExpectedError> {
     let grid = grid(args, arm.world().floor_z_m)?;
-    let out = args.out.clone().or_else(|| default_table(&arm)).ok_or_else(|| {
+    let out = args.out.clone().or_else(|| default_table(arm)).ok_or_else(|| {
         ExpectedError::bad_input(
             &"no data folder is known (neither XDG_DATA_HOME nor HOME is set): add --out FILE",
         )
@@ -77,7 +82,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         std::fs::create_dir_all(folder).map_err(|e| ExpectedError::output(folder, &e))?;
     }
     require_writable(&out)?;
-    let robot = robot_fingerprint(&arm);
+    let robot = robot_fingerprint(arm);
     // The easiest set of options first: throws to it are starts for the others.
     let sets: Vec<_> = args.options.ladder().into_iter().rev().map(|rung| rung.options).collect();
     let kinds: Vec<u32> = sets.iter().map(kind_of).collect();
@@ -94,7 +99,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         say::line!("continues {} at step {step}", progress.display());
         (stand.step, records) = (step, so_far);
     }
-    let preparation = Preparation::new(&arm, sets, grid, args.seed);
+    let preparation = Preparation::new(arm, sets, grid, args.seed);
     let stop = interrupt();
     let bar = ProgressBar::new(preparation.steps() as u64).with_style(
         ProgressStyle::with_template("{bar:30} step {pos} of {len}, {msg} throws, {elapsed}")
@@ -122,7 +127,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     bar.finish_and_clear();
     let count = records.len();
-    let all: Vec<Record> = others(&out, robot, &kinds)?.into_iter().chain(records).collect();
+    let all: Vec<Record<N>> = others(&out, robot, &kinds)?.into_iter().chain(records).collect();
     file::write_all(&out, robot, &all).map_err(|e| ExpectedError::output(&out, &e))?;
     // The table has everything that is in it.
     let _ = std::fs::remove_file(&progress);
@@ -162,7 +167,7 @@ fn grid(args: &Args, floor_z_m: f64) -> Result<Grid, ExpectedError> {
 const KEEP: usize = 3;
 
 /// Records of other kinds in the table that is written.
-fn others(out: &Path, robot: u64, kinds: &[u32]) -> Result<Vec<Record>, ExpectedError> {
+fn others<const N: usize>(out: &Path, robot: u64, kinds: &[u32]) -> Result<Vec<Record<N>>, ExpectedError> {
     match std::fs::read(out) {
         Ok(bytes) if !bytes.is_empty() => match file::parse(out, &bytes, robot) {
             Ok((records, _)) => Ok(records.into_iter().filter(|r| !kinds.contains(&r.kind)).collect()),
@@ -174,7 +179,12 @@ fn others(out: &Path, robot: u64, kinds: &[u32]) -> Result<Vec<Record>, Expected
     }
 }
 
-fn save(path: &Path, stand: &Stand, robot: u64, records: &[Record]) -> std::io::Result<()> {
+fn save<const N: usize>(
+    path: &Path,
+    stand: &Stand,
+    robot: u64,
+    records: &[Record<N>],
+) -> std::io::Result<()> {
     let mut bytes = serde_json::to_vec(stand)?;
     bytes.push(b'\n');
     bytes.extend_from_slice(&file::to_bytes(robot, records));
@@ -182,7 +192,7 @@ fn save(path: &Path, stand: &Stand, robot: u64, records: &[Record]) -> std::io::
 }
 
 /// Step and records of an earlier run with the same arguments; nothing if there is none or it is damaged.
-fn continued(path: &Path, wanted: &Stand, robot: u64) -> Option<(usize, Vec<Record>)> {
+fn continued<const N: usize>(path: &Path, wanted: &Stand, robot: u64) -> Option<(usize, Vec<Record<N>>)> {
     let bytes = std::fs::read(path).ok()?;
     let end = bytes.iter().position(|b| *b == b'\n')?;
     let found: Stand = serde_json::from_slice(&bytes[..end]).ok()?;

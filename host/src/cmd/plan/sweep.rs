@@ -20,6 +20,7 @@ use crate::report::reach::{self, Cell};
 use planner::plan::Problem;
 use planner::plan::search::{Budget, Planner, Watch};
 use planner::store::Index;
+use robot_model::{RobotModel, for_any_robot};
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -117,9 +118,13 @@ fn write_in_order(path: &Path, targets: &[[f64; 3]], rows: &BTreeMap<[i64; 3], R
 /// # Errors
 /// If input is refused or the table cannot be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    let arm = crate::cmd::arm(&args.options.robot)?;
+    let robot = crate::cmd::robot(&args.options.robot)?;
+    for_any_robot!(&robot, arm => run_for(arm, args))
+}
+
+fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), ExpectedError> {
     let rungs = args.options.ladder();
-    let index = args.options.starts(&arm)?.index;
+    let index = args.options.starts(arm)?.index;
     let picture = args.picture.clone().unwrap_or_else(|| args.out.with_extension("svg"));
     require_writable(&picture)?;
     let mut rows = read(&args.out)?;
@@ -153,7 +158,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             .par_iter()
             .filter(|_| !watch.stop.load(Ordering::Relaxed))
             .map(|target| {
-                let row = plan(&arm, target, &rungs, &index, args);
+                let row = plan(arm, target, &rungs, &index, args);
                 watch.done.fetch_add(1, Ordering::Relaxed);
                 watch.solved.fetch_add(usize::from(row.cell.objective.is_some()), Ordering::Relaxed);
                 append(&file, &row)?;
@@ -200,7 +205,13 @@ fn key(t: &[f64; 3]) -> [i64; 3] {
     t.map(|v| (v * 1e6).round() as i64)
 }
 
-fn plan(arm: &planner::plan::Arm, target: &[f64; 3], rungs: &[Rung], index: &Index, args: &Args) -> Row {
+fn plan<const N: usize>(
+    arm: &RobotModel<N>,
+    target: &[f64; 3],
+    rungs: &[Rung],
+    index: &Index<N>,
+    args: &Args,
+) -> Row {
     let [x, y, z] = *target;
     let mut text = format!("{x},{y},{z}");
     let clean = |note: &str| note.replace([',', '"'], " ");

@@ -6,7 +6,6 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::Vector3;
-use robot_model::AnyRobot;
 
 use super::follow::{self, FollowOptions};
 use super::options::{PlanOptions, Starts, point, two_numbers};
@@ -20,6 +19,7 @@ use planner::plan::search::{Best, Budget, NoThrow, Planner, Watch};
 use planner::plan::statistics::{Noise, Region};
 use planner::plan::{Arm, Confidence, Goal, Options, Problem};
 use planner::store::Index;
+use robot_model::{AnyRobot, RobotModel, for_any_robot};
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -166,9 +166,24 @@ impl SearchOptions {
     /// If input is refused or no throw reaches the target.
     pub fn plan(&self, target: [f64; 3], seed: u64, fast: bool) -> Result<Planned, ExpectedError> {
         let arm = crate::cmd::arm(&self.options.robot)?;
+        let (plan, took) = self.plan_for(&arm, target, seed, fast)?;
+        Ok(Planned { arm, plan, took })
+    }
+
+    /// As [`SearchOptions::plan`], for an arm of four to seven joints; also the time of the search.
+    ///
+    /// # Errors
+    /// If input is refused or no throw reaches the target.
+    pub fn plan_for<const N: usize>(
+        &self,
+        arm: &RobotModel<N>,
+        target: [f64; 3],
+        seed: u64,
+        fast: bool,
+    ) -> Result<(PlanFile, Duration), ExpectedError> {
         let (region, noise) = (self.region()?, self.noise()?);
         let goal = self.goal(noise, region)?;
-        let Starts { index, mut store, sources } = self.options.starts(&arm)?;
+        let Starts { index, mut store, sources } = self.options.starts(arm)?;
         let time =
             match self.time_budget {
                 None => None,
@@ -184,7 +199,7 @@ impl SearchOptions {
                 return Err(ExpectedError::new(exit::BUG, "the ladder of options ended without a last rung"));
             };
             let options = Options { goal, ..rung.options };
-            let problem = Problem::new(&arm, Vector3::from(target), options)
+            let problem = Problem::new(arm, Vector3::from(target), options)
                 .map_err(|e| ExpectedError::bad_input(&e))?;
             let last = rungs.peek().is_none();
             match find(&Planner::new(&problem), &index, &budget, fast, last) {
@@ -213,7 +228,7 @@ impl SearchOptions {
             ExpectedError::new(exit::BUG, "the planned ball does not come down on the plane of the target")
         })?;
         plan.search.stored = sources;
-        Ok(Planned { arm, plan, took })
+        Ok((plan, took))
     }
 }
 
@@ -225,28 +240,33 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     for path in args.out.iter().chain(&args.report) {
         require_writable(path)?;
     }
-    let robot = &args.search.options.robot;
-    if let AnyRobot::Six(arm) = AnyRobot::load(robot).map_err(|e| ExpectedError::bad_input(&e))? {
-        if args.follow.apply_to(&arm) {
+    let name = &args.search.options.robot;
+    let robot = crate::cmd::robot(name)?;
+    if let AnyRobot::Six(arm) = &robot {
+        if args.follow.apply_to(arm) {
             if args.fast {
                 return Err(ExpectedError::bad_input(
                     &"--fast needs stored throws; none are kept of throws that follow the flight",
                 ));
             }
-            return follow::run(args, &arm);
+            return follow::run(args, arm);
         }
         if let Some(option) = args.follow.first_given() {
             return Err(ExpectedError::bad_input(&format!(
-                "{option} is for throws that follow the flight: add --follow, or leave it out for robot \"{robot}\""
+                "{option} is for throws that follow the flight: add --follow, or leave it out for robot \"{name}\""
             )));
         }
     }
-    let Planned { arm, plan, took } = args.search.plan(args.target, args.seed, args.fast)?;
+    for_any_robot!(&robot, arm => run_for(arm, args))
+}
+
+fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), ExpectedError> {
+    let (plan, took) = args.search.plan_for(arm, args.target, args.seed, args.fast)?;
     if let Some(path) = &args.out {
         plan.write(path).map_err(|e| ExpectedError::new(exit::OUTPUT, e.to_string()))?;
     }
     if let Some(path) = &args.report {
-        std::fs::write(path, plan_report::html(&arm, &plan)).map_err(|e| ExpectedError::output(path, &e))?;
+        std::fs::write(path, plan_report::html(arm, &plan)).map_err(|e| ExpectedError::output(path, &e))?;
     }
     if args.json {
         say::line!("{}", plan.to_json());
@@ -257,13 +277,13 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 }
 
 /// Searches; only the last rung of the ladder is worth the nearest reachable target.
-fn find(
-    planner: &Planner<'_, '_>,
-    index: &Index,
+fn find<const N: usize>(
+    planner: &Planner<'_, '_, N>,
+    index: &Index<N>,
     budget: &Budget,
     fast: bool,
     last: bool,
-) -> Result<Best, NoThrow> {
+) -> Result<Best<N>, NoThrow> {
     if fast && let Some(found) = planner.from_index(index, FAST_TRIES) {
         let confidence = Confidence { at_best: 1, distinct: 1, ..Confidence::default() };
         return Ok(Best { found, starts: 1, solved: 1, interrupted: false, confidence, others: vec![found] });
