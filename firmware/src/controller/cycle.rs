@@ -142,7 +142,8 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         }
         let State::Running { clock, parking } = *self.machine.state() else { return };
         // Before the plan begins the joints stand, and the drives may still answer the looks before the order.
-        let overrun = overrun && clock.at(now).0 > 0;
+        let (s_us, _) = clock.at(now);
+        let overrun = overrun && s_us > 0;
         match parking {
             Some(_) if self.all_at_rest(now) => self.stand(now),
             Some(until) if until <= now => {
@@ -151,9 +152,9 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             Some(_) => {}
             None if self.is_overrun(now, overrun) => self.fail(now, Fault::group(Cause::CycleOverrun)),
             None => {
-                let (s_us, _) = clock.at(now);
-                let settled_us = 2 * self.group.profile(&self.settings).period.as_micros() as i64;
-                if s_us >= i64::from(self.spline.borrow().duration_us()) + settled_us {
+                let settled = self.group.profile(&self.settings).period * 2;
+                let end_us = i64::from(self.spline.borrow().duration_us()) + settled.as_micros() as i64;
+                if s_us >= end_us {
                     self.park(now);
                 } else {
                     self.control_step(now, &clock);

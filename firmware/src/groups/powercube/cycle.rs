@@ -136,13 +136,18 @@ impl Cycle {
 
     /// True if each motion of this period was answered.
     pub(super) const fn has_all_answers(&self, settings: &Settings) -> bool {
-        self.answered.count_ones() == settings.joints
+        all_of(settings) & !self.answered == 0
     }
 
     /// True if a drive has neither answered nor missed its answer. A read that is still on its way delays nothing.
     const fn is_unfinished(&self, settings: &Settings) -> bool {
-        (self.answered | self.missed).count_ones() < settings.joints
+        all_of(settings) & !(self.answered | self.missed) != 0
     }
+}
+
+/// A bit for each joint in use.
+const fn all_of(settings: &Settings) -> u8 {
+    (1u32.wrapping_shl(settings.joints) - 1) as u8
 }
 
 impl PowerCubes {
@@ -235,7 +240,7 @@ impl PowerCubes {
 
     /// Says a set point in the words of the drive and puts it on its agenda.
     pub(super) fn realise(&mut self, settings: &Settings, joint: JointIndex, set_point: &SetPoint) -> Taken {
-        if self.mode != Mode::Tracking {
+        if !matches!(self.mode, Mode::Tracking) {
             return Taken::default();
         }
         let limits = settings.joint.at(joint);
@@ -257,7 +262,7 @@ impl PowerCubes {
         }
         (axis.speed_limited, axis.position_limited) = (command.speed_limited, command.position_limited);
         self.plan(settings, joint, &command);
-        self.schedule.hold_motion(joint, self.slots.of(joint));
+        self.schedule.hold_motion(joint, self.slots.of_us(joint));
         Taken { position_limited: command.position_limited }
     }
 

@@ -276,8 +276,12 @@ impl Drive {
     }
 
     /// Gives up a request whose deadline has come; the main lane's first.
+    #[inline]
     pub fn give_up_due(&mut self, now: Instant) -> Option<(Lane, Request)> {
-        let due = |pending: &Option<Pending>| pending.is_some_and(|pending| pending.deadline <= now);
+        if self.main.is_none() && self.side.is_none() {
+            return None;
+        }
+        let due = |pending: &Option<Pending>| pending.as_ref().is_some_and(|pending| pending.deadline <= now);
         let (lane, pending) = if due(&self.main) {
             (Lane::Main, self.main.take()?)
         } else if due(&self.side) {

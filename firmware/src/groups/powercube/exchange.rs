@@ -114,6 +114,7 @@ impl PowerCubes {
         Some(GroupEvent::Missed(joint, self.drives.at(joint).missed_in_row))
     }
 
+    #[inline(never)]
     fn give_up(
         &mut self,
         now: Instant,
@@ -287,7 +288,7 @@ impl PowerCubes {
         if let Some(target_rad) = target_rad {
             self.model_command(settings, joint, target_rad);
         }
-        let in_force = if self.mode == Mode::Tracking && target_rad.is_some() {
+        let in_force = if matches!(self.mode, Mode::Tracking) && target_rad.is_some() {
             Some(self.take_in_force(now, settings, joint, sample))
         } else {
             None

@@ -208,9 +208,9 @@ impl Schedule {
         self.guests_us = micros(guests);
     }
 
-    /// Gives the motion on a drive's agenda its slot in the cycle.
-    pub fn hold_motion(&mut self, joint: JointIndex, slot: Duration) {
-        self.agenda.at_mut(joint).hold_motion(micros(slot));
+    /// Gives the motion on a drive's agenda its slot in the cycle, µs from its start.
+    pub const fn hold_motion(&mut self, joint: JointIndex, slot_us: u32) {
+        self.agenda.at_mut(joint).hold_motion(slot_us);
     }
 
     /// Time of the cycle, µs.
@@ -422,7 +422,7 @@ mod tests {
         let (mut schedule, mut drives) = (Schedule::default(), PerJoint::<Drive>::default());
         let joint = JointIndex::new(0).unwrap();
         schedule.set(joint, Agenda::of(&[set_a(), motion()]));
-        schedule.hold_motion(joint, Duration::from_micros(1_000));
+        schedule.hold_motion(joint, 1_000);
         assert_eq!(ask(&mut schedule, &mut drives, 0), [(0, set_a())]);
         acknowledge(&mut drives, 0, Parameter::TargetAcc, 400);
         assert_eq!(ask(&mut schedule, &mut drives, 999), []);
@@ -441,7 +441,7 @@ mod tests {
             let both = joint.get() == 3;
             let agenda = if both { vec![set_v(), set_a(), motion()] } else { vec![set_a(), motion()] };
             schedule.set(joint, Agenda::of(&agenda));
-            schedule.hold_motion(joint, Duration::from_micros(1_000));
+            schedule.hold_motion(joint, 1_000);
         }
         let first: Vec<usize> = ask(&mut schedule, &mut drives, 0).iter().map(|(joint, _)| *joint).collect();
         assert_eq!(first, [3, 0, 1, 2]);
@@ -455,7 +455,7 @@ mod tests {
         let [first, second] = [0, 1].map(|joint| JointIndex::new(joint).unwrap());
         schedule.begin_cycle(Instant::ZERO, Duration::from_micros(1_000), Duration::from_micros(2_000));
         schedule.set(first, Agenda::of(&[motion()]));
-        schedule.hold_motion(first, Duration::from_micros(1_000));
+        schedule.hold_motion(first, 1_000);
         schedule.set(second, Agenda::of(&[set_a()]));
         assert_eq!(ask(&mut schedule, &mut drives, 900), []);
         assert_eq!(ask(&mut schedule, &mut drives, 1_000), [(0, motion()), (1, set_a())]);

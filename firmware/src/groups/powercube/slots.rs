@@ -88,6 +88,11 @@ impl Slots {
         Duration::from_micros(self.first_us.into())
     }
 
+    /// [`Self::of`], µs.
+    pub const fn of_us(&self, joint: JointIndex) -> u32 {
+        *self.offset_us.at(joint)
+    }
+
     /// Slot of a joint's motion after the start of the cycle.
     pub fn of(&self, joint: JointIndex) -> Duration {
         Duration::from_micros(self.offset_us.get(joint).into())
