@@ -5,10 +5,14 @@
 //! follow from the seeds below. `PLAN_BENCH_NAME=n` makes a section shorter or longer (`STARTS`, `COLD`, `TARGETS`, `BEST`,
 //! `TAIL`, `DELAY`, `DRAWS`, `SPREAD`, `FREE`, `REFERENCE_STARTS`); `PLAN_BENCH_WORST=1` lists the worst targets.
 //!
+//! The section `arms` (only when named) tells how often throws of other arms are found.
+//!
 //! The targets and their reference objectives are in `plan_targets.csv` (the planner was tuned with them) and
 //! `plan_targets_held_out.csv` (it was not); the sections `reference` and `reference-held-out` (only when named) make
 //! the files again: a target is in reach if a multi-start without any table finds a throw to it, or the table does.
 
+#[path = "plan/arms.rs"]
+mod arms;
 #[path = "plan/landing.rs"]
 mod landing;
 #[path = "plan/reach.rs"]
@@ -92,6 +96,9 @@ fn main() {
     section("delay", &|| landing::delay(&arm, &index, count("delay", 30)));
     section("landing", &|| landing::landing_statistics(&arm, &index, 20, count("draws", 100_000) as usize));
     section("spread", &|| landing::spread(&arm, &index, count("spread", 6)));
+    if named("arms") {
+        section("arms", &|| arms::arms(count("arms", 40), count("reference_starts", 500) as usize));
+    }
     section("reach", &|| {
         reach::free_spin(&arm, &index, count("free", 320) as usize);
         reach::reach(&arm, &index);

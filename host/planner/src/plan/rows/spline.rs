@@ -135,7 +135,7 @@ pub(crate) fn spline_rows<S: Sink<D>, const N: usize, const D: usize>(
                 let value = 1.0 - sign * qdd / l.a[j];
                 if value < WINDOW && sink.wants(number.acc_release + 2 * j + s) {
                     sink.ineq(number.acc_release + 2 * j + s, value, |g| {
-                        g.add(var.qdd + j, -(sign / l.a[j]))
+                        g.add(var.qdd + j, -(sign / l.a[j]));
                     });
                 }
             }
