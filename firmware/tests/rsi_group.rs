@@ -25,7 +25,8 @@ const AXES: usize = 6;
 const PERIOD_US: u64 = 12_000;
 const DEAD_CYCLES: usize = 8;
 const LAG_S: f64 = 0.024;
-const CUT_OUT_RAD_S2: f64 = 34.9;
+/// 2000 deg/s2: where a simulated KR C cuts out.
+const CUT_OUT_RAD_S2: f64 = 34.906_585;
 
 fn settings() -> Settings {
     Settings { cycle_period_us: PERIOD_US as u32, gains_certificate_crc32: 0, ..Settings::powercube6() }
@@ -149,6 +150,9 @@ struct Cell {
     asked: bool,
     /// The robot sends nothing.
     silent: bool,
+    /// Telegrams arrive up to so much after they were sent.
+    jitter_us: u64,
+    rng: bench::Rng,
 }
 
 impl Cell {
@@ -172,6 +176,8 @@ impl Cell {
             track: Vec::new(),
             asked: false,
             silent: false,
+            jitter_us: 0,
+            rng: bench::Rng(11),
         }
     }
 
@@ -235,6 +241,10 @@ impl Cell {
         self.next += PERIOD_US;
         self.cycle += 1;
         let telegram = self.robot.telegram();
+        if self.jitter_us > 0 {
+            let arrival = self.now + self.rng.below(self.jitter_us);
+            self.deadlines_until(arrival);
+        }
         let late_one = self.held_back.take();
         match (self.wire)(self.cycle) {
             Wire::Fine => {
@@ -426,4 +436,22 @@ fn silent_robot_is_told_and_its_return_resumes_nothing() {
         let away = (0..AXES).map(|i| (set[i] - held[i]).abs()).fold(0.0, f64::max);
         assert!(away < 1e-6, "{away}");
     }
+}
+
+#[test]
+fn telegrams_that_arrive_unevenly_make_no_leaps_of_the_set_points() {
+    let (even, _) = {
+        let (mut cell, start) = Cell::thrown();
+        cell.run_until(400, StateKind::Ready);
+        (cell.robot.a_max, start)
+    };
+    let (mut cell, start) = Cell::thrown();
+    cell.jitter_us = 4_000;
+    cell.run_until(400, StateKind::Ready);
+    assert_eq!(cell.robot.late, 0);
+    // The throw itself needs what it needs with even arrival; 4 ms at 2.5 rad/s are 70 rad/s2 if they pass through.
+    assert!(cell.robot.a_max < even + 6.0, "{} {even}", cell.robot.a_max);
+    assert!(cell.robot.a_max <= CUT_OUT_RAD_S2);
+    let away = cell.away_rad(start, start);
+    assert!(away < 0.012, "{away}");
 }

@@ -4,6 +4,9 @@
 //! An arrow goes from user to used; none goes up.
 //!
 //! ```text
+//! rsi                                  an industrial robot behind its sensor interface, and its throw
+//!   |
+//!   v
 //! throw                 identify       jobs: from a plan to where the ball landed; measuring a drive
 //!   |    \                /
 //!   |     v              v
@@ -25,5 +28,6 @@ pub mod dialogue;
 pub mod identify;
 pub mod log;
 pub mod node;
+pub mod rsi;
 pub mod tap;
 pub mod throw;

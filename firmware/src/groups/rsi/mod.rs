@@ -55,6 +55,8 @@ use crate::span;
 const WINDOWS: u64 = 3;
 /// Cycles from the end of the lag to the start of a plan.
 const LEAD_CYCLES: u64 = 4;
+/// The grid follows arrival times with one part in so many.
+const GRID_SHARE: u64 = 16;
 /// Telegrams in a row with lagging axes that end a path.
 const LAGGING_ROW: u8 = 3;
 
@@ -77,6 +79,9 @@ pub struct Rsi {
     at: Instant,
     /// Time of the last telegram.
     heard_at: Instant,
+    /// Beginning of the robot's cycle of that telegram, smoothed: a network and a busy computer delay telegrams unevenly, and a
+    /// millisecond of that would be a leap of the set points.
+    grid: Instant,
     due: Option<Instant>,
     missed_in_row: u32,
     /// Late answers as the robot counted them last, and since the run began.
@@ -125,6 +130,22 @@ impl Rsi {
         self.model.rest_at(pose_rad);
     }
 
+    /// Moves the grid on to the cycle of a telegram that arrives now; returns the cycles that have passed.
+    fn advance_grid(&mut self, now: Instant, period: Duration) -> u32 {
+        let period_us = period.as_micros().max(1);
+        let since_us = now.saturating_since(self.grid).as_micros();
+        let cycles = (since_us.saturating_add(period_us / 2) / period_us).max(1);
+        let expected = self.grid + period * cycles;
+        self.grid = match now.checked_since(expected) {
+            Some(later) => expected + Duration::from_micros(later.as_micros() / GRID_SHARE),
+            None => {
+                let sooner = expected.saturating_since(now).as_micros() / GRID_SHARE;
+                expected.saturating_sub(Duration::from_micros(sooner))
+            }
+        };
+        u32::try_from(cycles).unwrap_or(u32::MAX)
+    }
+
     /// What the robot did with the answers since the last telegram, `cycles` ago.
     fn account(&mut self, telegram: &Telegram, period: Duration, cycles: u32) {
         let late = match (self.late, telegram.late) {
@@ -145,9 +166,9 @@ impl Rsi {
         }
     }
 
-    fn measure(&mut self, now: Instant, settings: &Settings, q_rad: &PerJoint<f32>) {
+    fn measure(&mut self, at: Instant, settings: &Settings, q_rad: &PerJoint<f32>) {
         for joint in settings.joints() {
-            let sample = PositionSample { q_rad: q_rad.get(joint), at: now };
+            let sample = PositionSample { q_rad: q_rad.get(joint), at };
             self.sample.set(joint, Some(sample));
             self.rest.at_mut(joint).take(sample);
         }
@@ -211,16 +232,17 @@ impl DriveGroup for Rsi {
         let period = settings.cycle_period();
         match self.order.judge(now, telegram) {
             Kind::Old => return,
-            Kind::First => self.begin(),
+            Kind::First => {
+                self.grid = now;
+                self.begin();
+            }
             Kind::Next => {
-                let half = period.as_micros() / 2;
-                let since = now.saturating_since(self.heard_at).as_micros().saturating_add(half);
-                let cycles = u32::try_from(since / period.as_micros().max(1)).unwrap_or(u32::MAX).max(1);
+                let cycles = self.advance_grid(now, period);
                 self.account(telegram, period, cycles);
             }
         }
         self.unanswered = Some(telegram.ipoc);
-        (self.at, self.heard_at, self.missed_in_row) = (now, now, 0);
+        (self.at, self.heard_at, self.missed_in_row) = (self.grid, now, 0);
         self.due = Some(now + period * WINDOWS);
         let finite = |q_rad: &PerJoint<f32>| settings.joints().all(|joint| q_rad.get(joint).is_finite());
         if let Some(q_rad) = telegram.q_rad.filter(finite) {
@@ -228,7 +250,7 @@ impl DriveGroup for Rsi {
                 self.latch(telegram.start_rad.filter(finite).unwrap_or(q_rad));
             }
             self.late = telegram.late.or(self.late);
-            self.measure(now, settings, &q_rad);
+            self.measure(self.grid, settings, &q_rad);
             self.judge();
             self.proceed(now, settings);
         }

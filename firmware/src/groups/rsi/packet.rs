@@ -70,7 +70,7 @@ impl Default for Options {
             time_constant: Duration::from_millis(24),
             lower_rad: PerJoint::splat(-1.745),
             upper_rad: PerJoint::splat(1.745),
-            a_cap_rad_s2: 33.0,
+            a_cap_rad_s2: 34.85,
             a_brake_rad_s2: 8.0,
             lag_max_rad: 0.05,
             late_max: 3,

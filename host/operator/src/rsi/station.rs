@@ -1,0 +1,264 @@
+//! The station: controller, group and a throw. Telegrams in, answers out; takes time only as an argument.
+
+use firmware::Controller;
+use firmware::authority::{Peer, Seed};
+use firmware::fault::{Fault, Refusal};
+use firmware::group::DriveGroup;
+use firmware::groups::rsi::{Options, Packet, Rsi, Telegram};
+use firmware::orders::{Done, Order};
+use firmware::settings::Settings;
+use firmware::spline::Spline;
+use firmware::state::StateKind;
+use firmware::store::{FileName, RamStorage};
+use protocol::cyphal::crc::Crc64;
+use protocol::{Duration, Instant};
+use rsi_protocol::{Ipoc, ReadError};
+
+use super::wire::Wire;
+
+/// Who gives the orders: this program.
+const SELF: Peer = Peer::new(1);
+/// How long an offer to arm and an arming hold.
+const VALID: Duration = Duration::from_secs(5);
+/// Bytes of one piece of an upload.
+const PIECE: usize = 256;
+
+/// Where the throw is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Stage {
+    /// Waits for the robot's program and for the arm to stand.
+    Waiting,
+    /// An offer to arm is open.
+    Offered {
+        /// Its token.
+        token: u32,
+        /// The trajectory.
+        name: FileName,
+    },
+    /// The arm moves, or is about to.
+    Running {
+        /// When the plan begins, by the time of the path.
+        starts_at: Instant,
+    },
+    /// The arm stands at the end of the plan.
+    Finished {
+        /// When the plan began.
+        started_at: Instant,
+    },
+    /// The controller stopped the arm after the order to run.
+    Stopped {
+        /// Why.
+        fault: Fault,
+    },
+    /// The throw was refused, or ended before the order to run.
+    NotThrown {
+        /// Why.
+        refusal: Refusal,
+    },
+}
+
+impl Stage {
+    /// Nothing follows.
+    #[must_use]
+    pub const fn is_end(&self) -> bool {
+        matches!(self, Self::Finished { .. } | Self::Stopped { .. } | Self::NotThrown { .. })
+    }
+}
+
+/// Counts of a station.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Answers sent.
+    pub answers: u64,
+    /// Datagrams that were no telegram.
+    pub unreadable: u64,
+    /// Telegrams that waited behind a newer one, and were not answered.
+    pub drained: u64,
+}
+
+/// See the [module](self).
+pub struct Station {
+    controller: Box<Controller<RamStorage, Spline, Rsi>>,
+    wire: Wire,
+    file: Vec<u8>,
+    stage: Stage,
+    counts: Counts,
+    last_unreadable: Option<ReadError>,
+}
+
+impl Station {
+    /// A station that throws `file` as soon as the robot is there and stands at its start.
+    #[must_use]
+    pub fn new(wire: Wire, settings: &Settings, options: Options, file: Vec<u8>) -> Self {
+        // Orders come from inside the program only: nobody has to guess tokens.
+        let seed = Seed::FORESEEABLE;
+        let controller =
+            Controller::with_group(RamStorage::new(), Spline::empty(), Rsi::new(options), settings, seed);
+        Self {
+            controller: Box::new(controller),
+            wire,
+            file,
+            stage: Stage::Waiting,
+            counts: Counts::default(),
+            last_unreadable: None,
+        }
+    }
+
+    /// Where the throw is.
+    #[must_use]
+    pub const fn stage(&self) -> &Stage {
+        &self.stage
+    }
+
+    /// State of the controller.
+    #[must_use]
+    pub fn state(&self) -> StateKind {
+        self.controller.state().kind()
+    }
+
+    /// Counts.
+    #[must_use]
+    pub const fn counts(&self) -> &Counts {
+        &self.counts
+    }
+
+    /// Why the last unreadable datagram was none.
+    #[must_use]
+    pub const fn last_unreadable(&self) -> Option<&ReadError> {
+        self.last_unreadable.as_ref()
+    }
+
+    /// How much later than expected the axes passed the path, s.
+    #[must_use]
+    pub fn path_delay_s(&self) -> f64 {
+        f64::from(self.controller.group().path_delay_s())
+    }
+
+    /// Settings in force.
+    #[must_use]
+    pub fn settings(&self) -> &Settings {
+        self.controller.settings()
+    }
+
+    /// Stops the arm along its path.
+    pub fn stop(&mut self, now: Instant) {
+        let _ = self.controller.order(now, SELF, Order::Stop);
+        self.watch();
+    }
+
+    /// Next deadline.
+    #[must_use]
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        self.controller.poll_deadline()
+    }
+
+    /// A deadline has come. Nothing is sent: the robot speaks first.
+    pub fn handle_timeout(&mut self, now: Instant) {
+        self.controller.host_heartbeat(now, SELF);
+        self.controller.handle_deadline(now);
+        self.watch();
+    }
+
+    /// All datagrams that wait, oldest first; `new_connection`: they come from another socket than the ones before. Returns
+    /// the answer to the newest.
+    pub fn handle(&mut self, now: Instant, datagrams: &[Vec<u8>], new_connection: bool) -> Option<Vec<u8>> {
+        let (telegram, ipoc) = self.newest(datagrams, new_connection)?;
+        self.controller.host_heartbeat(now, SELF);
+        self.controller.handle_packet(now, &Packet::Robot(telegram));
+        let mut answer = None;
+        while let Some(packet) = self.controller.poll_packet() {
+            if let Packet::Pc(packet) = packet {
+                // Names and types were checked with the configuration; a number beyond all bounds is not sent.
+                answer = self.wire.write(ipoc, &packet).ok();
+            }
+        }
+        self.counts.answers += u64::from(answer.is_some());
+        self.proceed(now);
+        answer
+    }
+
+    /// The newest of the telegrams that wait. After one without positions a new run begins, and older ones do not count.
+    fn newest(&mut self, datagrams: &[Vec<u8>], new_connection: bool) -> Option<(Telegram, Ipoc)> {
+        let mut newest: Option<(Telegram, Ipoc)> = None;
+        let mut begins_new = new_connection;
+        for bytes in datagrams {
+            match self.wire.read(bytes, new_connection) {
+                Ok((telegram, ipoc)) => {
+                    self.counts.drained += u64::from(newest.is_some());
+                    let is_newer = newest.as_ref().is_none_or(|(other, _)| {
+                        telegram.q_rad.is_none() || other.q_rad.is_none() || telegram.ipoc >= other.ipoc
+                    });
+                    begins_new |= telegram.q_rad.is_none();
+                    if is_newer {
+                        newest = Some((telegram, ipoc));
+                    }
+                }
+                Err(error) => {
+                    self.counts.unreadable += 1;
+                    self.last_unreadable = Some(error);
+                }
+            }
+        }
+        newest.map(|(telegram, ipoc)| {
+            // A first telegram that was drained still says that a new run began.
+            let new_connection = new_connection || (begins_new && telegram.q_rad.is_some());
+            (Telegram { new_connection, ..telegram }, ipoc)
+        })
+    }
+
+    /// The next order of the throw, if its time has come. Called with a telegram, so that the plan begins with a cycle.
+    fn proceed(&mut self, now: Instant) {
+        self.watch();
+        let next = match self.stage {
+            Stage::Waiting if self.state() == StateKind::Ready => self.offer(now),
+            Stage::Offered { token, name } => self.begin(now, token, name),
+            _ => return,
+        };
+        self.stage = next.unwrap_or_else(|refusal| Stage::NotThrown { refusal });
+    }
+
+    /// What the state of the controller says about the throw.
+    fn watch(&mut self) {
+        let kind = self.state();
+        let fault = self.controller.state().fault();
+        self.stage = match self.stage {
+            Stage::Waiting | Stage::Offered { .. } => match fault {
+                Some(fault) => Stage::NotThrown { refusal: refusal_of(fault) },
+                None => self.stage,
+            },
+            Stage::Running { starts_at } => match (kind, fault) {
+                (StateKind::Ready | StateKind::Idle, _) => Stage::Finished { started_at: starts_at },
+                (StateKind::Stopped | StateKind::Fault, Some(fault)) => Stage::Stopped { fault },
+                _ => Stage::Running { starts_at },
+            },
+            end => end,
+        };
+    }
+
+    fn offer(&mut self, now: Instant) -> Result<Stage, Refusal> {
+        for (k, piece) in self.file.chunks(PIECE).enumerate() {
+            self.controller.upload(now, SELF, PIECE * k, piece)?;
+        }
+        let name = FileName { crc64: Crc64::of(&self.file), len: self.file.len() as u32 };
+        self.controller.order(now, SELF, Order::Commit(name))?;
+        match self.controller.order(now, SELF, Order::ArmPrepare { crc64: name.crc64, valid: VALID })? {
+            Done::Offer { token, .. } => Ok(Stage::Offered { token, name }),
+            _ => Ok(Stage::Waiting),
+        }
+    }
+
+    /// Arms and runs.
+    fn begin(&mut self, now: Instant, token: u32, name: FileName) -> Result<Stage, Refusal> {
+        self.controller.order(now, SELF, Order::ArmConfirm { token, valid: VALID })?;
+        self.controller.order(now, SELF, Order::Run(name))?;
+        let lead = self.controller.group().profile(self.controller.settings()).lead;
+        Ok(Stage::Running { starts_at: now + lead })
+    }
+}
+
+fn refusal_of(fault: Fault) -> Refusal {
+    match fault.joint {
+        Some(joint) => Refusal::at(fault.cause, joint),
+        None => Refusal::of(fault.cause),
+    }
+}
