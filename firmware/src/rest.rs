@@ -94,6 +94,19 @@ mod tests {
     }
 
     #[test]
+    fn rest_begins_anew_after_a_motion_was_commanded() {
+        let mut rest = measured(0.0, 10);
+        assert_eq!(rest.since(ms(200), AGE), Some(ms(0)));
+        rest.forget();
+        for at in [210, 240, 250] {
+            rest.take(PositionSample { q_rad: 0.0, at: ms(at) });
+            assert_eq!(rest.since(ms(at), AGE), None, "{at} ms");
+        }
+        rest.take(PositionSample { q_rad: 0.0, at: ms(260) });
+        assert_eq!(rest.since(ms(260), AGE), Some(ms(210)));
+    }
+
+    #[test]
     fn slow_motion_is_no_rest_and_a_toggling_step_is() {
         for speed in [-2.0, -0.1, 0.02, 0.012] {
             assert!(measured(speed, 10).is_moving(ms(200), AGE), "{speed}");

@@ -80,6 +80,30 @@ mod tests {
     }
 
     #[test]
+    fn each_tolerance_begins_at_its_limit_and_ends_where_it_says() {
+        let limits = Settings::powercube6().joint.get(JointIndex::new(0).unwrap());
+        let rest = Measured { q_rad: 0.0, qd_rad_s: 0.0, e_rad: 0.0 };
+        let hair = 1e-3;
+        for sign in [-1.0f32, 1.0] {
+            let q_end = if sign > 0.0 { limits.q_max_rad } else { limits.q_min_rad } + sign * Q_TOLERANCE_RAD;
+            let v_end = sign * (V_TOLERANCE * limits.v_max_rad_s + V_NOISE_RAD_S);
+            for (measured, cause) in [
+                (Measured { q_rad: q_end - sign * hair, ..rest }, None),
+                (Measured { q_rad: q_end + sign * hair, ..rest }, Some(Cause::PositionLimit)),
+                (Measured { qd_rad_s: v_end - sign * hair, ..rest }, None),
+                (Measured { qd_rad_s: v_end + sign * hair, ..rest }, Some(Cause::VelocityLimit)),
+                (Measured { e_rad: sign * (limits.error_max_rad - hair), ..rest }, None),
+                (
+                    Measured { e_rad: sign * (limits.error_max_rad + hair), ..rest },
+                    Some(Cause::FollowingError),
+                ),
+            ] {
+                assert_eq!(check_motion(&measured, &limits), cause, "{measured:?}");
+            }
+        }
+    }
+
+    #[test]
     fn position_that_cannot_have_been_reached_is_not_plausible() {
         let last = Some(PositionSample { q_rad: 1.0, at: Instant::from_micros(0) });
         let at = Instant::from_micros(3_000);
