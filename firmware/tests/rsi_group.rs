@@ -455,3 +455,19 @@ fn telegrams_that_arrive_unevenly_make_no_leaps_of_the_set_points() {
     let away = cell.away_rad(start, start);
     assert!(away < 0.012, "{away}");
 }
+
+#[test]
+fn axis_that_stays_behind_ends_the_path_and_is_told_with_its_number() {
+    let (mut cell, _) = Cell::thrown();
+    for _ in 0..UNDER_WAY {
+        cell.step();
+    }
+    for _ in 0..40 {
+        cell.robot.q[2] -= 0.2;
+        cell.step();
+        // The push of this cycle has decayed by one period of the lag.
+        cell.robot.q[2] += 0.2 * (-0.5f64).exp();
+    }
+    cell.run_until(400, StateKind::Fault);
+    assert_eq!(cell.cause(), Some(Cause::RobotLags));
+}

@@ -85,6 +85,16 @@ impl KrcScenario {
         })
     }
 
+    /// The KR C2 that comes with this program: UDP, 12 ms, 120 ms of lag, noise, and a gripper whose delay varies by 10 ms.
+    ///
+    /// # Errors
+    /// None, as long as its files are whole.
+    pub fn kr_c2() -> Result<Self, KrcScenarioError> {
+        const TEXT: &str = include_str!("../../scenarios/krc/kr_c2.toml");
+        const CONFIG: &str = include_str!("../../scenarios/krc/axis_absolute.xml");
+        Self::from_toml("kr_c2.toml", TEXT, |_| Ok(CONFIG.to_owned()))
+    }
+
     /// Reads a text; `file` is what errors call it, `read_config` gives the text of the configuration file.
     ///
     /// # Errors

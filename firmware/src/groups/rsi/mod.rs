@@ -184,7 +184,8 @@ impl Rsi {
         }
         let (residual_rad, worst) = self.model.residual_rad();
         // Written so that NaN lags.
-        let follows = residual_rad <= self.options.lag_max_rad;
+        let follows = residual_rad <= self.options.lag_max_rad
+            && self.model.delay_s().abs() <= span::seconds(self.options.delay_max);
         self.lagging_row = if follows { 0 } else { self.lagging_row.saturating_add(1) };
         if self.lagging_row >= LAGGING_ROW {
             self.lagging_row = 0;

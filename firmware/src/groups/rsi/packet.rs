@@ -56,8 +56,10 @@ pub struct Options {
     pub a_cap_rad_s2: f32,
     /// Deceleration of the fastest axis when all brake together, rad/s².
     pub a_brake_rad_s2: f32,
-    /// Distance of the axes from where the model of the drives expects them that counts as lagging, rad.
+    /// Distance of the axes from the path of the model of the drives that counts as lagging, rad.
     pub lag_max_rad: f32,
+    /// Delay of that path that counts as lagging.
+    pub delay_max: Duration,
     /// Late answers within a run after which the path is left.
     pub late_max: u32,
 }
@@ -73,6 +75,7 @@ impl Default for Options {
             a_cap_rad_s2: 34.85,
             a_brake_rad_s2: 8.0,
             lag_max_rad: 0.05,
+            delay_max: Duration::from_millis(40),
             late_max: 3,
         }
     }

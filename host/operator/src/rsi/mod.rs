@@ -1,6 +1,8 @@
 //! An industrial robot behind KUKA RSI: the controller in this program, led by the robot's telegrams.
 //!
 //! ```text
+//! outcome   the verdict, from what the robot did
+//!   |
 //! cell      controller and simulated robot in virtual time; the robot tells where the ball landed
 //! udp       the same station behind a socket, in real time
 //!    \   /
@@ -12,6 +14,7 @@
 //! ```
 
 pub mod cell;
+pub mod outcome;
 pub mod plan;
 pub mod program;
 pub mod station;

@@ -18,8 +18,9 @@ const NEAR_RAD: f64 = 2e-6;
 const NEAR_RAD_S: f64 = 2e-4;
 /// Longest stretch without a knot, steps.
 const STRETCH: usize = 16;
-/// Distance from the reference at which a run ends, rad.
-const ERROR_MAX_RAD: f32 = 0.12;
+/// Distance from the reference at which a run ends, rad: the fastest axis moves this far in the longest delay of the path that
+/// the group takes. The group itself bounds the distance from the path.
+const ERROR_MAX_RAD: f32 = 0.45;
 /// Share of the acceleration that a stop along the path uses: the commands lead by the lag, which makes three times as much
 /// of its first step.
 const STOP_SHARE: f32 = 0.2;

@@ -101,14 +101,14 @@ const STARTS: usize = 64;
 impl FollowOptions {
     /// Whether throws of this arm follow the flight: asked for, or an industrial robot.
     pub fn apply_to(&self, arm: &Arm) -> bool {
-        self.follow || industrial(arm)
+        self.follow || is_industrial(arm)
     }
 
     fn limit_source(&self, arm: &Arm) -> LimitSource {
         match self.limits {
             Some(LimitsName::Controller) => LimitSource::ControllerModel,
             Some(LimitsName::RobotFile) => LimitSource::RobotFile,
-            None if industrial(arm) => LimitSource::ControllerModel,
+            None if is_industrial(arm) => LimitSource::ControllerModel,
             None => LimitSource::RobotFile,
         }
     }
@@ -149,7 +149,7 @@ impl FollowOptions {
 }
 
 /// Whether the arm's own controller closes its loops (no drive modules) and its file has limits for following.
-fn industrial(arm: &Arm) -> bool {
+pub(crate) fn is_industrial(arm: &Arm) -> bool {
     arm.drives().is_none() && arm.joints().iter().any(|j| j.limits.a_follow_max_rad_s2.is_some())
 }
 

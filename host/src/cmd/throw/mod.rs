@@ -1,6 +1,7 @@
 //! `cubectl throw`
 
 mod folder;
+mod robot;
 mod voice;
 
 use std::io::IsTerminal;
@@ -10,14 +11,15 @@ use std::time::Instant as WallTime;
 use can_link::BusSpec;
 use nalgebra::Vector3;
 use protocol::ModuleId;
-use robot_model::Pose;
 use robot_model::collision::{Obb, Scene};
+use robot_model::{AnyRobot, Pose};
 use toml_reader::{DESCRIPTION_MAX_BYTES, read_text};
 
 use self::folder::Folder;
 use self::voice::Voice;
 use super::doctor::{Level, examine_modules};
 use super::home::share;
+use super::plan::follow::is_industrial;
 use super::plan::options::point;
 use super::plan::throw::{Planned, SearchOptions};
 use super::print_json;
@@ -48,7 +50,7 @@ const LISTEN: protocol::Duration = protocol::Duration::from_millis(400);
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl throw --target 1.0,1.0,-1.0                      # in the simulated cell\n  cubectl throw --target 1.0,1.0,-1.0 --bus can0            # a controller that is heard there, else one in this program\n  cubectl throw --plan plan.json --bus can0 --controller 10\n\nWrites plan.json, gains.toml, log.candump, log.mcap, summary.json and report.html into a new folder. Ctrl-C, SIGTERM and\nSIGHUP stop the arm along its path, then end the program with code 6. On a terminal and a live bus it asks before the ball\nis thrown.\n\nOutcomes and exit codes: landed 0, missed 11, not released 12, stopped 13. Only the bus `sim` sees the ball. On every\nother bus the outcome is \"thrown, not observed\" (0): the program then says when the release was ordered and where the\nmeasured motion sends the ball. A drive that has lost encoder counts tells a wrong position without knowing it; nothing\nin its answers shows that."
+    after_help = "Examples:\n  cubectl throw --target 1.0,1.0,-1.0                      # in the simulated cell\n  cubectl throw --target 1.0,1.0,-1.0 --bus can0            # a controller that is heard there, else one in this program\n  cubectl throw --plan plan.json --bus can0 --controller 10\n  cubectl throw --robot kr16_2 --target 2.5,0,0.6           # an industrial robot, inside this program, over RSI\n\nWrites plan.json, gains.toml, log.candump, log.mcap, summary.json and report.html into a new folder. Ctrl-C, SIGTERM and\nSIGHUP stop the arm along its path, then end the program with code 6. On a terminal and a live bus it asks before the ball\nis thrown.\n\nOutcomes and exit codes: landed 0, missed 11, not released 12, stopped 13. Only the bus `sim` sees the ball. On every\nother bus the outcome is \"thrown, not observed\" (0): the program then says when the release was ordered and where the\nmeasured motion sends the ball. A drive that has lost encoder counts tells a wrong position without knowing it; nothing\nin its answers shows that."
 )]
 pub struct Args {
     /// Target in m, world frame (arm base, z up).
@@ -116,6 +118,11 @@ pub struct Args {
 /// As each step: no throw, a plan that does not fit, the bus, the controller, the disk; or Ctrl-C. The exit code says
 /// which.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    if let AnyRobot::Six(arm) = super::robot(&args.search.options.robot)?
+        && is_industrial(&arm)
+    {
+        return robot::run(args, &arm);
+    }
     let stop = interrupt();
     let begun = WallTime::now();
     let cell_args = CellArgs {

@@ -1,0 +1,72 @@
+//! A plan, a robot and a throw for the tests of RSI.
+#![allow(dead_code)]
+
+use std::path::Path;
+use std::sync::OnceLock;
+
+use hil_sim::krc::KrcScenario;
+use nalgebra::Vector3;
+use operator::rsi::cell::{self, Seen};
+use operator::rsi::program::{Lag, prepare, station};
+use operator::rsi::station::Station;
+use planner::follow::best::{self, BestOptions, HandFreedom};
+use planner::follow::limits::{Arm, LimitSource, Limits};
+use planner::follow::plan::{FollowPlan, Form};
+use planner::follow::setting::Setting;
+use planner::plan::file::RobotId;
+use planner::store::robot_fingerprint;
+
+pub(crate) const TARGET: [f64; 3] = [2.5, 0.0, 0.6];
+/// Radius of a bottle, m.
+pub(crate) const HIT_M: f64 = 0.035;
+const LAG_S: f64 = 0.024;
+
+pub(crate) fn arm() -> Arm {
+    Arm::load("kr16_2").expect("built in")
+}
+
+/// The best form at 2.5 m, planned once.
+pub(crate) fn plan() -> &'static FollowPlan {
+    static PLAN: OnceLock<FollowPlan> = OnceLock::new();
+    PLAN.get_or_init(|| {
+        let arm = arm();
+        let source = LimitSource::ControllerModel;
+        let setting =
+            Setting { lag_s: LAG_S, ..Setting::new(&arm, Vector3::from(TARGET), Limits::of(&arm, source)) };
+        let options = BestOptions { starts: 24, kicks: 0, ..BestOptions::default() };
+        let found = best::plan(&setting, &options).expect("feasible");
+        let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
+        let robot = RobotId { name: arm.name().to_owned(), source: arm.name().to_owned(), fingerprint };
+        FollowPlan::new(&setting, source, robot, Form::Best(HandFreedom::TangentAndRoll), &found, 0.0)
+    })
+}
+
+/// A KR C2 with noise, 120 ms of lag and 10 ms of gripper jitter, whose program stands at the start of the plan.
+pub(crate) fn scenario(seed: u64) -> KrcScenario {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../hil-sim/scenarios/krc/kr_c2.toml");
+    let mut scenario = KrcScenario::load(&path).expect("a scenario");
+    prepare(&mut scenario, &arm(), plan());
+    scenario.seed = seed;
+    scenario
+}
+
+pub(crate) fn thrown_with(scenario: &KrcScenario, plan: &FollowPlan, lag: Lag) -> (Seen, Station) {
+    let mut station = station(scenario, &arm(), plan, lag).expect("a station");
+    let seen = cell::run(scenario, &mut station).expect("a robot");
+    (seen, station)
+}
+
+pub(crate) fn true_lag(scenario: &KrcScenario) -> Lag {
+    let lag = &scenario.options.lag;
+    Lag { dead_time: lag.dead_time, time_constant: lag.time_constant }
+}
+
+pub(crate) fn thrown(scenario: &KrcScenario) -> (Seen, Station) {
+    thrown_with(scenario, plan(), true_lag(scenario))
+}
+
+/// Distance of the landing from the target in the plane of the target, m.
+pub(crate) fn error_m(seen: &Seen) -> Option<f64> {
+    let landing = seen.landing.as_ref()?;
+    Some((landing.p_m - Vector3::from(TARGET)).xy().norm())
+}

@@ -1,0 +1,121 @@
+//! `cubectl throw --robot kr16_2`: outcome, exit code and files. The witness is the motion of the simulated robot as it is
+//! recorded: the landing is computed anew from its actual axes, without controller, planner and simulator code.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use nalgebra::Vector3;
+use robot_model::RobotModel;
+use serde_json::Value;
+
+const TARGET: [f64; 3] = [2.5, 0.0, 0.6];
+
+fn cubectl(words: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_cubectl")).args(words).output().expect("runs")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn folder(name: &str) -> PathBuf {
+    let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let _ = std::fs::remove_dir_all(&path);
+    path
+}
+
+fn summary(folder: &Path) -> Value {
+    serde_json::from_str(&std::fs::read_to_string(folder.join("summary.json")).expect("written"))
+        .expect("JSON")
+}
+
+/// Actual axes by time, from the recorded motion.
+fn actual(folder: &Path) -> Vec<(f64, [f64; 6])> {
+    let csv = std::fs::read_to_string(folder.join("motion.csv")).expect("written");
+    let row = |line: &str| {
+        let numbers: Vec<f64> = line.split(',').map(|n| n.parse().expect("a number")).collect();
+        (numbers[0], std::array::from_fn(|axis| numbers[8 + axis].to_radians()))
+    };
+    csv.lines().skip(1).map(row).collect()
+}
+
+/// Where a ball that is free at `t_s` comes down to the height of the target: position and speed of the hand from the
+/// forward kinematics of cubics through the recorded axes, flight in closed form.
+fn landing(motion: &[(f64, [f64; 6])], t_s: f64) -> Vector3<f64> {
+    let arm = RobotModel::<6>::load("kr16_2").expect("built in");
+    let ball = |t: f64| {
+        let k = motion.iter().position(|(at, _)| *at > t).expect("inside").clamp(2, motion.len() - 2);
+        let near = &motion[k - 2..k + 2];
+        // Lagrange through four cycles.
+        let q = std::array::from_fn::<f64, 6, _>(|axis| {
+            (0..4)
+                .map(|i| {
+                    let weight =
+                        |j: usize| if i == j { 1.0 } else { (t - near[j].0) / (near[i].0 - near[j].0) };
+                    near[i].1[axis] * (0..4).map(weight).product::<f64>()
+                })
+                .sum()
+        });
+        arm.ball(&arm.fk(&q.into())).pos
+    };
+    let h = 1e-4;
+    let (p, v) = (ball(t_s), (ball(t_s + h) - ball(t_s - h)) / (2.0 * h));
+    let g = 9.81;
+    let fall = (v.z + (v.z * v.z + 2.0 * g * (p.z - TARGET[2])).sqrt()) / g;
+    let mut down = p + v * fall;
+    down.z = TARGET[2];
+    down
+}
+
+#[test]
+fn industrial_robot_throws_and_its_recorded_motion_sends_the_ball_to_the_target() {
+    let folder = folder("robot-throw");
+    let path = folder.to_string_lossy().into_owned();
+    let out =
+        cubectl(&["throw", "--robot", "kr16_2", "--target", "2.5,0,0.6", "--starts", "16", "--out", &path]);
+    assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
+    assert!(text(&out.stdout).contains("landed"), "{}", text(&out.stdout));
+    let summary = summary(&folder);
+    assert_eq!((summary["outcome"].as_str(), summary["exit_code"].as_u64()), (Some("landed"), Some(0)));
+    assert_eq!(summary["late_answers"].as_u64(), Some(0));
+    let told = summary["landing"]["error_m"].as_f64().expect("a landing");
+    let release_s = {
+        let plan: Value =
+            serde_json::from_str(&std::fs::read_to_string(folder.join("plan.json")).expect("written"))
+                .expect("JSON");
+        plan["release_time_s"].as_f64().expect("a time")
+            + summary["release"]["late_s"].as_f64().expect("a time")
+    };
+    let own = (landing(&actual(&folder), release_s) - Vector3::from(TARGET)).xy().norm();
+    println!("told {:.2} mm, from the recorded motion {:.2} mm", 1e3 * told, 1e3 * own);
+    assert!(told < 0.02 && (own - told).abs() < 0.005, "{told} {own}");
+
+    // The same plan with a tolerance that no throw keeps is told as a miss.
+    let plan = folder.join("plan.json").to_string_lossy().into_owned();
+    let again = self::folder("robot-throw-missed").to_string_lossy().into_owned();
+    let words = ["throw", "--robot", "kr16_2", "--plan", &plan, "--out", &again, "--tolerance", "0.000001"];
+    let out = cubectl(&words);
+    assert_eq!(out.status.code(), Some(11), "{}", text(&out.stderr));
+    assert!(text(&out.stderr).contains("missed"), "{}", text(&out.stderr));
+
+    // A bus has no meaning here.
+    let out = cubectl(&["throw", "--robot", "kr16_2", "--plan", &plan, "--bus", "can0"]);
+    assert_eq!(out.status.code(), Some(4), "{}", text(&out.stderr));
+    assert!(text(&out.stderr).contains("leave --bus out"), "{}", text(&out.stderr));
+
+    // A robot that cuts out while it follows the flight is told as stopped.
+    let scenario = self::folder("robot-throw-scenario");
+    std::fs::create_dir_all(&scenario).expect("writable");
+    let krc = Path::new(env!("CARGO_MANIFEST_DIR")).join("../hil-sim/scenarios/krc");
+    std::fs::copy(krc.join("axis_absolute.xml"), scenario.join("axis_absolute.xml")).expect("copied");
+    let text_of = std::fs::read_to_string(krc.join("kr_c2.toml")).expect("readable");
+    let file = scenario.join("cut_out.toml");
+    std::fs::write(&file, format!("{text_of}\n[[fault]]\nkind = \"cut-out\"\nstart_s = 1.2\n"))
+        .expect("writable");
+    let file = file.to_string_lossy().into_owned();
+    let stopped = self::folder("robot-throw-stopped").to_string_lossy().into_owned();
+    let words = ["throw", "--robot", "kr16_2", "--plan", &plan, "--out", &stopped, "--scenario", &file];
+    let out = cubectl(&words);
+    assert_eq!(out.status.code(), Some(13), "{}", text(&out.stderr));
+    assert!(text(&out.stderr).contains("the robot stopped by itself"), "{}", text(&out.stderr));
+}
