@@ -42,7 +42,14 @@ pub(crate) const FOLDERS: &[Folder] = &[
     Folder { path: "host/tuner/src", floors: &[&["model"], &["gains", "identify"]] },
     Folder {
         path: "host/operator/src",
-        floors: &[&["tap"], &["log", "node"], &["analysis", "bus"], &["dialogue"], &["identify", "throw"]],
+        floors: &[
+            &["tap"],
+            &["log", "node"],
+            &["analysis", "bus"],
+            &["dialogue"],
+            &["identify", "throw"],
+            &["rsi"],
+        ],
     },
     Folder {
         path: "host/operator/src/bus",

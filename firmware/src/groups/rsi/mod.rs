@@ -215,6 +215,13 @@ impl Rsi {
         }
     }
 
+    /// All axes brake together; the ball is kept.
+    fn halt(&mut self, settings: &Settings) {
+        self.opens_in_s = None;
+        self.motion.brake(settings, &self.options);
+        self.motion.mode = Mode::Halted;
+    }
+
     fn serve_gripper(&mut self, period_s: f32) {
         let Some(left_s) = self.opens_in_s else { return };
         if self.motion.mode == Mode::Tracking && left_s > 0.5 * period_s {
@@ -299,7 +306,7 @@ impl DriveGroup for Rsi {
         self.due
     }
 
-    fn command(&mut self, now: Instant, settings: &Settings, command: Command) {
+    fn command(&mut self, _: Instant, settings: &Settings, command: Command) {
         match command {
             Command::Find { .. } => {
                 self.motion.brake(settings, &self.options);
@@ -310,7 +317,7 @@ impl DriveGroup for Rsi {
                 self.motion.mode = Mode::Standing;
             }
             Command::Abandon => {
-                self.command(now, settings, Command::Halt);
+                self.halt(settings);
                 self.stop = true;
             }
             Command::Home(joint) => self.motion.mode = Mode::Homing(joint),
@@ -323,11 +330,7 @@ impl DriveGroup for Rsi {
                 self.motion.track();
             }
             Command::MoveTo { joint, q_rad } => self.motion.move_to(joint, q_rad),
-            Command::Halt | Command::HaltJoint(_) => {
-                self.opens_in_s = None;
-                self.motion.brake(settings, &self.options);
-                self.motion.mode = Mode::Halted;
-            }
+            Command::Halt | Command::HaltJoint(_) => self.halt(settings),
         }
     }
 

@@ -38,7 +38,7 @@ pub struct Timing {
 
 /// Number `name` of the registers, the largest value that it takes.
 fn largest(name: &str) -> f32 {
-    registers::TABLE.iter().find(|info| info.name == name).map_or(f32::MAX, |info| info.max as f32)
+    registers::TABLE.iter().find(|info| info.name == name).map_or(f32::MAX, |info| info.max)
 }
 
 /// Settings of the controller for an arm whose own controller closes its loops.
