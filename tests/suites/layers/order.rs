@@ -37,7 +37,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
     },
     Folder {
         path: "host/planner/src",
-        floors: &[&["throw"], &["flight", "store"], &["plan"], &["verify"], &["disc", "follow"]],
+        floors: &[&["throw"], &["flight", "solve", "store"], &["plan"], &["verify"], &["disc", "follow"]],
     },
     Folder { path: "host/tuner/src", floors: &[&["model"], &["gains", "identify"]] },
     Folder {

@@ -15,7 +15,7 @@ pub struct Chain<const N: usize = JOINTS> {
     home: [Pose; N],
 }
 
-/// Displacements<N> of the links from home: `x ↦ R x + d`.
+/// Displacements of the links from home: `x ↦ R x + d`.
 pub type Displacements<const N: usize = JOINTS> = [(Matrix3<f64>, Vector3<f64>); N];
 
 impl<const N: usize> Chain<N> {
