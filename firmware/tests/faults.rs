@@ -534,3 +534,36 @@ fn joints_whose_answers_are_missed_at_the_same_moment_all_get_their_ramp_to_rest
         }
     }
 }
+
+/// Frames of a host fill the gaps of a cycle one by one. In each of these cycles the last answer may wait for one of them.
+#[test]
+fn transfer_of_a_host_makes_cycles_late_and_stops_nothing() {
+    let frame = Frame::new(protocol::ExtendedId::new(0x1063_EA2A).unwrap(), &[0x55; 8]).unwrap();
+    let (mut longest, mut late) = (0, 0);
+    for into_us in (10_000..880_000).step_by(9_700) {
+        let mut bench = thrown(into_us);
+        for _ in 0..8 {
+            bench.foreign(frame);
+        }
+        bench.run_until(1_500_000, |bench| bench.kind() != StateKind::Running);
+        assert_eq!(bench.kind(), StateKind::Ready, "{into_us} us: {:?}", bench.controller.state());
+        let lates: Vec<u64> = bench
+            .controller
+            .core()
+            .trace()
+            .iter()
+            .filter_map(|(at, event)| {
+                matches!(event, firmware::trace::Event::LateCycle).then_some(at.as_micros())
+            })
+            .collect();
+        late += lates.len();
+        let mut row = 1;
+        for pair in lates.windows(2) {
+            row = if pair[1] - pair[0] < 2 * PERIOD_US { row + 1 } else { 1 };
+            longest = longest.max(row);
+        }
+    }
+    println!("{late} late cycles, at most {longest} in a row");
+    assert!(late > 10, "{late}");
+    assert!((2..=3).contains(&longest), "{longest}");
+}

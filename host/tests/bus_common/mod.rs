@@ -92,8 +92,11 @@ impl Folder {
     }
 }
 
+/// A test that fails keeps its folder, and with it the log.
 impl Drop for Folder {
     fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
+        if !std::thread::panicking() {
+            let _ = std::fs::remove_dir_all(&self.0);
+        }
     }
 }
