@@ -5,6 +5,7 @@
 use std::fmt::Write as _;
 
 use protocol::{Duration, Id, Instant};
+use toml_reader::quoted;
 
 use super::{Action, Scenario};
 use crate::fault::{Fault, FaultKind, PhysicalFault, Target, WireFault, WrongPart};
@@ -177,20 +178,6 @@ pub fn scenario(scenario: &Scenario, comments: &[String]) -> String {
         table("[[fault]]", &fault_lines(fault));
     }
     text
-}
-
-fn quoted(text: &str) -> String {
-    let mut out = String::from("\"");
-    for c in text.chars() {
-        match c {
-            '"' => out.push_str("\\\""),
-            '\\' => out.push_str("\\\\"),
-            c if c.is_control() => out.push(' '),
-            c => out.push(c),
-        }
-    }
-    out.push('"');
-    out
 }
 
 #[cfg(test)]

@@ -32,6 +32,7 @@
 //! | `refusal` | [`Refusal`]: where and why; [`Problem`]: what can be wrong with any document |
 //! | `section` | [`Source`] and [`Section`]: tables, and which of their keys were asked for |
 //! | `value` | [`Value`]: what a value must be |
+//! | `write` | [`quoted`]: text as TOML |
 //!
 //! A reader with problems of its own wraps [`Problem`] in its own type `P: From<Problem>`; all refusals are then
 //! [`Refusal<P>`].
@@ -42,8 +43,10 @@ mod bounded;
 mod refusal;
 mod section;
 mod value;
+mod write;
 
 pub use bounded::{DESCRIPTION_MAX_BYTES, read_bytes, read_text};
 pub use refusal::{Problem, Refusal};
 pub use section::{Section, Source};
 pub use value::Value;
+pub use write::quoted;

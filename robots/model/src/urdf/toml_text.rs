@@ -3,6 +3,7 @@
 use std::fmt::Write;
 
 use nalgebra::Vector3;
+use toml_reader::quoted;
 
 use super::import::{Axis, Body, UrdfOptions};
 use crate::family::Family;
@@ -139,19 +140,4 @@ fn degrees(x: &Pose) -> Vector3<f64> {
 
 fn triple(v: &Vector3<f64>) -> String {
     format!("[{:?}, {:?}, {:?}]", v.x + 0.0, v.y + 0.0, v.z + 0.0)
-}
-
-/// A TOML basic string.
-fn quoted(text: &str) -> String {
-    let mut out = String::from("\"");
-    for c in text.chars() {
-        match c {
-            '"' => out.push_str("\\\""),
-            '\\' => out.push_str("\\\\"),
-            c if c.is_control() => out.push(' '),
-            c => out.push(c),
-        }
-    }
-    out.push('"');
-    out
 }
