@@ -5,13 +5,13 @@
 use std::time::Instant;
 
 use nalgebra::Vector3;
-use planner::follow::best::{self, BestOptions, HandFreedom};
-use planner::follow::found::{Found, NotFound};
+use planner::follow::best::{BestOptions, HandFreedom};
 use planner::follow::landing;
 use planner::follow::limits::{Arm, LimitSource, Limits};
 use planner::follow::nearest::feasible_target;
 use planner::follow::paper::{self, Criterion, PaperOptions, RampTiming};
-use planner::follow::plan::{FollowPlan, Form};
+use planner::follow::plan::FollowPlan;
+use planner::follow::search::Search;
 use planner::follow::setting::Setting;
 use planner::follow::verify::verify;
 use planner::plan::file::RobotId;
@@ -47,29 +47,6 @@ fn main() {
     }
 }
 
-/// One kind of planning.
-#[derive(Clone)]
-enum Kind {
-    Paper(PaperOptions),
-    Best(BestOptions),
-}
-
-impl Kind {
-    fn plan(&self, setting: &Setting<'_>) -> Result<Found, Box<NotFound>> {
-        match self {
-            Self::Paper(options) => paper::plan(setting, options),
-            Self::Best(options) => best::plan(setting, options),
-        }
-    }
-
-    fn form(&self) -> Form {
-        match self {
-            Self::Paper(_) => Form::Paper,
-            Self::Best(options) => Form::Best(options.hand),
-        }
-    }
-}
-
 fn heading() {
     println!(
         "{:<24} {:<26} {:>6} {:>7} {:>9} {:>11} {:>6} {:>6} {:>7} {:>7}  verified; landing rms without and with following",
@@ -77,7 +54,15 @@ fn heading() {
     );
 }
 
-fn row(arm: &Arm, source: LimitSource, target: [f64; 3], name: &str, kind: &Kind, lag_s: f64, quick: &Kind) {
+fn row(
+    arm: &Arm,
+    source: LimitSource,
+    target: [f64; 3],
+    name: &str,
+    kind: &Search,
+    lag_s: f64,
+    quick: &Search,
+) {
     let limits = Limits::of(arm, source);
     let setting = Setting { lag_s, ..Setting::new(arm, Vector3::from(target), limits) };
     let began = Instant::now();
@@ -136,19 +121,19 @@ fn targets(resolution: f64, starts: usize) {
     let points = PaperOptions { criterion: Criterion::Points, ..paper.clone() };
     let own = PaperOptions { ramps: RampTiming::Own, ..points.clone() };
     let best = BestOptions { starts, kicks: 18, ..BestOptions::default() };
-    let quick = Kind::Best(BestOptions { starts: 16, kicks: 0, draws: 8000, ..BestOptions::default() });
+    let quick = Search::Best(BestOptions { starts: 16, kicks: 0, draws: 8000, ..BestOptions::default() });
     let tilted = BestOptions { hand: HandFreedom::Tilted(0.35), ..best.clone() };
     heading();
     for [x, z] in TARGETS {
         let target = [x, 0.0, z];
-        let grid = Kind::Paper(coarse.clone());
-        row(&arm, source, target, "paper", &Kind::Paper(paper.clone()), 0.0, &grid);
-        row(&arm, source, target, "paper, most points", &Kind::Paper(points.clone()), 0.0, &grid);
-        let own_grid = Kind::Paper(PaperOptions { ramps: RampTiming::Own, ..coarse.clone() });
-        row(&arm, source, target, "paper, own ramp times", &Kind::Paper(own.clone()), 0.0, &own_grid);
-        row(&arm, source, target, "best", &Kind::Best(best.clone()), 0.0, &quick);
-        row(&arm, source, target, "best, lag 24 ms", &Kind::Best(best.clone()), LAG_S, &quick);
-        row(&arm, source, target, "best, lag, tilt 20 deg", &Kind::Best(tilted.clone()), LAG_S, &quick);
+        let grid = Search::Paper(coarse.clone());
+        row(&arm, source, target, "paper", &Search::Paper(paper.clone()), 0.0, &grid);
+        row(&arm, source, target, "paper, most points", &Search::Paper(points.clone()), 0.0, &grid);
+        let own_grid = Search::Paper(PaperOptions { ramps: RampTiming::Own, ..coarse.clone() });
+        row(&arm, source, target, "paper, own ramp times", &Search::Paper(own.clone()), 0.0, &own_grid);
+        row(&arm, source, target, "best", &Search::Best(best.clone()), 0.0, &quick);
+        row(&arm, source, target, "best, lag 24 ms", &Search::Best(best.clone()), LAG_S, &quick);
+        row(&arm, source, target, "best, lag, tilt 20 deg", &Search::Best(tilted.clone()), LAG_S, &quick);
     }
 }
 
@@ -199,9 +184,9 @@ fn arms(starts: usize) {
         let paper = PaperOptions::covering(reach_m, base_z_m, arm.world().floor_z_m, resolution);
         let paper = PaperOptions { criterion: Criterion::Points, ..paper };
         let coarse = PaperOptions { places: paper.places / 2, rolls: paper.rolls / 2, ..paper.clone() };
-        let (paper, coarse) = (Kind::Paper(paper), Kind::Paper(coarse));
-        let best = Kind::Best(BestOptions { starts, kicks: 6, ..BestOptions::default() });
-        let quick = Kind::Best(BestOptions { starts: 8, kicks: 0, draws: 8000, ..BestOptions::default() });
+        let (paper, coarse) = (Search::Paper(paper), Search::Paper(coarse));
+        let best = Search::Best(BestOptions { starts, kicks: 6, ..BestOptions::default() });
+        let quick = Search::Best(BestOptions { starts: 8, kicks: 0, draws: 8000, ..BestOptions::default() });
         for target in targets {
             // The ramps of the paper start and end with a leap, which the jerk of a robot file forbids.
             row(&arm, LimitSource::ControllerModel, target, "paper, most points", &paper, 0.0, &coarse);

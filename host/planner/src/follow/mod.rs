@@ -8,6 +8,8 @@
 //! tells what the instant of the opening does to the landing; `nearest` names a target where there is a plan.
 //!
 //! ```text
+//!  search           one of the two forms with its options
+//!    v
 //!  best             longest window under the limits of what is commanded
 //!  paper            form of the paper: grid of releases, criteria j1 and j2
 //!    |   \
@@ -37,5 +39,6 @@ pub mod parabola;
 pub mod plan;
 pub mod posture;
 pub mod ramp;
+pub mod search;
 pub mod setting;
 pub mod verify;

@@ -3,12 +3,13 @@
 use std::time::Instant;
 
 use nalgebra::Vector3;
-use planner::follow::best::{self, BestOptions, HandFreedom};
-use planner::follow::found::{Found, NotFound};
+use planner::follow::best::{BestOptions, HandFreedom};
+use planner::follow::found::NotFound;
 use planner::follow::limits::{Arm, Axes, LimitSource, Limits};
 use planner::follow::nearest::feasible_target;
-use planner::follow::paper::{self, Criterion, PaperOptions, RampTiming};
-use planner::follow::plan::{FollowPlan, Form};
+use planner::follow::paper::{Criterion, PaperOptions, RampTiming};
+use planner::follow::plan::FollowPlan;
+use planner::follow::search::Search;
 use planner::follow::setting::Setting;
 use planner::follow::verify::verify;
 use planner::plan::file::RobotId;
@@ -153,78 +154,57 @@ pub(crate) fn is_industrial(arm: &Arm) -> bool {
     arm.drives().is_none() && arm.joints().iter().any(|j| j.limits.a_follow_max_rad_s2.is_some())
 }
 
-/// A search with its options.
-enum Planner {
-    Paper(PaperOptions),
-    Best(BestOptions),
-}
-
-impl Planner {
-    fn of(args: &Args, arm: &Arm) -> Self {
-        let follow = &args.follow;
-        let (w, g) = (follow.weights_w.unwrap_or([1.0; 6]), follow.weights_g.unwrap_or([1.0; 2]));
-        match args.search.options.form {
-            FormName::Paper => {
-                let base_z_m = arm.fk(&Axes::zeros()).origin(0).z;
-                let floor_z_m = arm.world().floor_z_m;
-                let resolution = follow.resolution.unwrap_or(1.3);
-                let grid = PaperOptions::covering(reach_m(arm), base_z_m, floor_z_m, resolution);
-                Self::Paper(PaperOptions {
-                    w,
-                    g,
-                    ramps: match follow.ramps {
-                        Some(RampsName::Own) => RampTiming::Own,
-                        _ => RampTiming::Synchronised,
-                    },
-                    criterion: match follow.criterion {
-                        Some(CriterionName::Points) => Criterion::Points,
-                        _ => Criterion::J2,
-                    },
-                    ..grid
-                })
-            }
-            FormName::Best => Self::Best(BestOptions {
-                hand: match follow.tilt_max_deg {
-                    Some(deg) if deg > 0.0 => HandFreedom::Tilted(deg.to_radians()),
-                    _ => HandFreedom::TangentAndRoll,
-                },
-                starts: args.search.starts.unwrap_or(STARTS),
-                seed: args.seed,
+/// The search that the options ask for.
+fn search_of(args: &Args, arm: &Arm) -> Search {
+    let follow = &args.follow;
+    let (w, g) = (follow.weights_w.unwrap_or([1.0; 6]), follow.weights_g.unwrap_or([1.0; 2]));
+    match args.search.options.form {
+        FormName::Paper => {
+            let base_z_m = arm.fk(&Axes::zeros()).origin(0).z;
+            let floor_z_m = arm.world().floor_z_m;
+            let resolution = follow.resolution.unwrap_or(1.3);
+            let grid = PaperOptions::covering(reach_m(arm), base_z_m, floor_z_m, resolution);
+            Search::Paper(PaperOptions {
                 w,
                 g,
-                ..BestOptions::default()
-            }),
+                ramps: match follow.ramps {
+                    Some(RampsName::Own) => RampTiming::Own,
+                    _ => RampTiming::Synchronised,
+                },
+                criterion: match follow.criterion {
+                    Some(CriterionName::Points) => Criterion::Points,
+                    _ => Criterion::J2,
+                },
+                ..grid
+            })
         }
+        FormName::Best => Search::Best(BestOptions {
+            hand: match follow.tilt_max_deg {
+                Some(deg) if deg > 0.0 => HandFreedom::Tilted(deg.to_radians()),
+                _ => HandFreedom::TangentAndRoll,
+            },
+            starts: args.search.starts.unwrap_or(STARTS),
+            seed: args.seed,
+            w,
+            g,
+            ..BestOptions::default()
+        }),
     }
+}
 
-    /// A coarse search, to find the nearest target that has a plan.
-    fn quick(&self) -> Self {
-        match self {
-            Self::Paper(o) => {
-                let fewer = |count: usize| (count * 2).div_ceil(3).max(2);
-                let mut o = o.clone();
-                for axis in [&mut o.radius_m, &mut o.height_m, &mut o.beta_deg] {
-                    axis.count = fewer(axis.count);
-                }
-                (o.places, o.rolls) = (fewer(o.places), fewer(o.rolls));
-                Self::Paper(o)
+/// A coarse search, to find the nearest target that has a plan.
+fn coarse(search: &Search) -> Search {
+    match search {
+        Search::Paper(o) => {
+            let fewer = |count: usize| (count * 2).div_ceil(3).max(2);
+            let mut o = o.clone();
+            for axis in [&mut o.radius_m, &mut o.height_m, &mut o.beta_deg] {
+                axis.count = fewer(axis.count);
             }
-            Self::Best(o) => Self::Best(BestOptions { starts: 12, kicks: 0, draws: 8000, ..o.clone() }),
+            (o.places, o.rolls) = (fewer(o.places), fewer(o.rolls));
+            Search::Paper(o)
         }
-    }
-
-    fn plan(&self, setting: &Setting<'_>) -> Result<Found, Box<NotFound>> {
-        match self {
-            Self::Paper(options) => paper::plan(setting, options),
-            Self::Best(options) => best::plan(setting, options),
-        }
-    }
-
-    fn form(&self) -> Form {
-        match self {
-            Self::Paper(_) => Form::Paper,
-            Self::Best(options) => Form::Best(options.hand),
-        }
+        Search::Best(o) => Search::Best(BestOptions { starts: 12, kicks: 0, draws: 8000, ..o.clone() }),
     }
 }
 
@@ -250,16 +230,16 @@ pub fn run(args: &Args, arm: &Arm) -> Result<(), ExpectedError> {
     }
     let lag_s = args.follow.lag_ms.unwrap_or(0.0) * 1e-3;
     let setting = Setting { lag_s, ..Setting::new(arm, Vector3::from(args.target), limits) };
-    let planner = Planner::of(args, arm);
+    let search = search_of(args, arm);
     let began = Instant::now();
-    let found = planner.plan(&setting).map_err(|none| no_throw(&none, &planner, &setting))?;
+    let found = search.plan(&setting).map_err(|none| no_throw(&none, &search, &setting))?;
     let took_s = began.elapsed().as_secs_f64();
     let id = RobotId {
         name: arm.name().to_owned(),
         source: args.search.options.robot.clone(),
         fingerprint: format!("{:016x}", robot_fingerprint(arm)),
     };
-    let plan = FollowPlan::new(&setting, source, id, planner.form(), &found, took_s);
+    let plan = FollowPlan::new(&setting, source, id, search.form(), &found, took_s);
     let verdict = verify(arm, &limits, &plan);
     if let Some(finding) = verdict.findings.first() {
         return Err(ExpectedError::new(
@@ -282,8 +262,8 @@ pub fn run(args: &Args, arm: &Arm) -> Result<(), ExpectedError> {
     Ok(())
 }
 
-fn no_throw(none: &NotFound, planner: &Planner, setting: &Setting<'_>) -> ExpectedError {
-    let quick = planner.quick();
+fn no_throw(none: &NotFound, search: &Search, setting: &Setting<'_>) -> ExpectedError {
+    let quick = coarse(search);
     let near = feasible_target(&setting.target, setting.arm.world().floor_z_m, |target| {
         quick.plan(&setting.at(*target)).is_ok()
     });
