@@ -30,7 +30,7 @@ pub struct Rest {
 impl Rest {
     /// Takes a measured position.
     pub fn take(&mut self, sample: PositionSample) {
-        // Written so that a position that is no number is not a standing one.
+        // The comparison is false for NaN: such a position does not stand.
         let stands = self.since.is_some_and(|since| (sample.q_rad - since.q_rad).abs() <= BAND_RAD);
         if !stands {
             self.since = Some(sample);

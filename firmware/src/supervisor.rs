@@ -33,7 +33,7 @@ pub struct Measured {
 /// Position, speed and following error of a moving joint.
 pub fn check_motion(measured: &Measured, limits: &JointSettings) -> Option<Cause> {
     let Measured { q_rad, qd_rad_s, e_rad } = *measured;
-    // Each written so that a number that is none is a fault.
+    // Each comparison is false for NaN, so NaN is a fault.
     let inside = q_rad >= limits.q_min_rad - Q_TOLERANCE_RAD && q_rad <= limits.q_max_rad + Q_TOLERANCE_RAD;
     let slow_enough = qd_rad_s.abs() <= V_TOLERANCE * limits.v_max_rad_s + V_NOISE_RAD_S;
     let near_enough = e_rad.abs() <= limits.error_max_rad;

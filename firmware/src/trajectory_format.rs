@@ -230,7 +230,7 @@ pub fn check(header: &Header, spline: &Spline, settings: &Settings) -> Result<()
             let refuse = |cause| Err(Refusal::in_file(cause, Some(joint), segment));
             let Some(cubic) = spline.segment(segment, joint) else { return refuse(Cause::FileKnots) };
             let worst = cubic.extremes();
-            // Asked in the positive, so that a number that is none fails.
+            // The comparison is false for NaN, so NaN is refused.
             let inside = worst.q_min_rad >= limits.q_min_rad && worst.q_max_rad <= limits.q_max_rad;
             let slow_enough = worst.qd_abs_rad_s <= ROUNDING * limits.v_max_rad_s;
             let gentle_enough = worst.qdd_abs_rad_s2 <= ROUNDING * limits.a_max_rad_s2;

@@ -257,7 +257,7 @@ pub struct SeedResult {
     pub faults: BTreeMap<&'static str, u64>,
     /// Share of the time that was lost to errors.
     pub error_share: f64,
-    /// What went wrong: a panic, a broken contract, a number that is none.
+    /// What went wrong: a panic, a broken contract, NaN.
     pub failure: Option<String>,
 }
 

@@ -116,7 +116,7 @@ fn every_fault_in_every_phase_is_told_and_resumes_nothing() {
     }
     println!("{told:?}");
     assert!(silent.is_empty(), "{silent:#?}");
-    // The matrix is no formality: each outcome occurs.
+    // Both outcomes occur, so the faults act.
     assert!(
         told.get("landed").is_some_and(|n| *n >= 20) && told.get("stopped").is_some_and(|n| *n >= 20),
         "{told:?}"

@@ -158,7 +158,7 @@ impl DriveModel {
         self.correct(dt_s);
 
         let r_max_rad = self.r_max_rad();
-        // Each written so that a number that is none is a fault.
+        // Each comparison is false for NaN, so NaN is a fault.
         let near = self.r_rad.abs() <= r_max_rad;
         let slow = self.drift_rad_s.abs() <= self.drift_max_rad_s();
         if self.r_rad.abs() <= 0.25 * r_max_rad {

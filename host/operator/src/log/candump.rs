@@ -117,7 +117,7 @@ pub enum ReadError {
     /// The medium.
     #[error("{0}")]
     Io(#[from] io::Error),
-    /// A line that is none.
+    /// A line that is not a frame.
     #[error("line {line}: {error}")]
     Line {
         /// Number, from 1.
