@@ -7,8 +7,10 @@ serve() {
     for bus in "$@"; do buses+=(--bus "$bus"); done
     target/release/hil-sim serve "${buses[@]}" --json >"$log" </dev/null &
     server=$!
-    for _ in $(seq 100); do
+    # Two minutes: only a hang lasts as long, on a busy machine too.
+    for _ in $(seq 1200); do
         [ "$(grep -c '"event":"serving"' "$log")" -lt $# ] || return 0
+        kill -0 "$server" 2>/dev/null || break
         sleep 0.1
     done
     echo "the simulated cell does not open its doors:" >&2

@@ -11,8 +11,10 @@ for spec in socketcand://127.0.0.1:0/can0 slcan://127.0.0.1:0 slcan:/dev/ptmx; d
     : >$log
     target/debug/examples/echo_server $spec >$log &
     server=$!
-    for _ in $(seq 50); do
+    # Two minutes: only a hang lasts as long, on a busy machine too.
+    for _ in $(seq 1200); do
         [ -s $log ] && break
+        kill -0 $server
         sleep 0.1
     done
     echo "--- $(cat $log)"

@@ -2,6 +2,7 @@
 #   README_CLONE=1 .ci/run readme     in a fresh clone of what is committed, so that the build from clean is timed too
 #
 # The word after `sh` says what a block needs; what this machine lacks is replaced as follows, and by nothing else:
+#   hardware-robot  an industrial robot that connects: a simulated one in lock step
 #   hardware    an arm on can0: the simulated cell in lock step (virtual time), whose name replaces `can0`
 #   vcan        kernel modules and root: `ip` and `modprobe` are said, not run, and `vcan0` is that port as well
 #               (the stages vcan, sim-vcan and throw run on a kernel that has them)
@@ -11,7 +12,7 @@
 . .ci/tree-state.sh
 root=$PWD
 work=$root/target/readme
-rm -rf "$work" && mkdir -p "$work"
+rm -rf "$work" arm.registers.toml && mkdir -p "$work"
 
 seconds() { date +%s.%N; }
 told() { awk -v what="$1" -v from="$2" -v to="$(seconds)" 'BEGIN { printf "%-56s %8.2f s\n", what, to - from }'; }
@@ -48,8 +49,10 @@ serve() { # serve SCHEME PORT: a simulated cell that is ready when this returns
     shift
     cubectl sim --bus "$scheme://127.0.0.1:$1/can0" >"$work/cell-$1.log" 2>&1 </dev/null &
     cells+=($!)
-    for _ in $(seq 100); do
+    # Two minutes: only a hang lasts as long, on a busy machine too.
+    for _ in $(seq 1200); do
         if (exec 3<>"/dev/tcp/127.0.0.1/$1") 2>/dev/null; then return; fi
+        kill -0 "${cells[-1]}" 2>/dev/null || break
         sleep 0.1
     done
     cat "$work/cell-$1.log"
@@ -70,9 +73,20 @@ for block in "${blocks[@]}"; do
     name=$(basename "$block" .sh)
     case $name in
     *-background)
+        if grep -q -- '--rsi' "$block"; then
+            bash -c "exec $(cat "$block")" >"$work/$name.log" 2>&1 </dev/null &
+            cells+=($!)
+            continue
+        fi
         port=$(sed -n 's|.*127\.0\.0\.1:\([0-9]*\)/.*|\1|p' "$block" | head -n 1)
         serve socketcand "$port"
         continue
+        ;;
+    *-hardware-robot)
+        # The simulated robot in lock step stands in for the one that would connect.
+        cubectl sim --robot kr16_2 --rsi 'udp://127.0.0.1:49153?lockstep' >"$work/$name-robot.log" 2>&1 </dev/null &
+        cells+=($!)
+        sed -e "s|rsi:udp://0.0.0.0:49152|'rsi:udp://127.0.0.1:49153?lockstep'|g" "$block" >"$work/$name.here"
         ;;
     *-hardware | *-vcan)
         # The cell is served already: the line that would serve one on vcan0 is said, not run.
@@ -92,6 +106,6 @@ for block in "${blocks[@]}"; do
     run_block || { tail -n 60 "$work/$name.log"; echo "README block $name failed"; exit 1; }
     told "$name: $(head -n 1 "$block" | cut -c1-34)" "$begun"
 done
-rm -rf throw1 throw-[0-9]*
+rm -rf throw1 throw-[0-9]* arm.registers.toml
 echo "--- what the first command says"
 cat "$work"/01-plain.log

@@ -1,4 +1,4 @@
-//! Records a whole throw of the bench (start-up, upload, arming, run) as a script of calls, and the frames that the
+//! Records a whole throw of the bench (start-up, upload, arming, run), then a run with new end states at 120 Hz, as a script of calls, and the frames that the
 //! library answers with: the emulated board plays the same script and must send the same frames.
 //!
 //! `record_throw DIR` writes `DIR/script.bin` and `DIR/expected.bin`, 24 bytes per record, little endian:
@@ -12,6 +12,10 @@ mod host;
 
 use std::path::PathBuf;
 
+use firmware::envelope::Envelope;
+use firmware::joints::PerJoint;
+use firmware::settings::Settings;
+use firmware::trajectory_format::{Header, rest};
 use protocol::cyphal::cubecell::command;
 use protocol::{Frame, Id, Instant};
 
@@ -32,6 +36,34 @@ fn record(at: Instant, frame: Option<&Frame>) -> [u8; 24] {
     bytes
 }
 
+/// Waits where the throw ended, and goes to an end state that moves.
+fn take_end_states(host: &mut host::Host) {
+    let stands: [f64; 6] = std::array::from_fn(|i| host.bench.drives[i].q);
+    let mut q_rad = PerJoint::default();
+    for (i, q) in stands.into_iter().enumerate() {
+        q_rad.set(bench::joint(i), q as f32);
+    }
+    let envelope = Some(Envelope::widest(&Settings::powercube6()));
+    let header = Header { joints: 6, period_us: 3_000, envelope, ..Header::default() };
+    let name = host.arm(&bench::file(&header, &rest(q_rad, 5_000_000)));
+    host.command(command::RUN, &name);
+    host.run(100_000, |_, _| {});
+    let arrive_us = host.bench.now + 400_000;
+    for update in 0..36u8 {
+        let wave = |i: usize| 0.02 * (f64::from(update) + i as f64).sin();
+        // Towards the middle of the ranges.
+        let state = std::array::from_fn(|i| {
+            let way = -0.2 * stands[i].signum();
+            (stands[i] + way + wave(i), 2.0 * way + wave(i + 6))
+        });
+        host.send_target(update, arrive_us, state);
+        host.run(8_333, |_, _| {});
+    }
+    host.run(800_000, |_, _| {});
+    let taken = host.bench.controller.node.controller().targets_taken();
+    assert!(taken >= 34, "{taken} of 36 end states taken");
+}
+
 fn main() -> std::io::Result<()> {
     let dir = PathBuf::from(std::env::args().nth(1).expect("usage: record_throw DIR"));
     let mut host = host::Host::new();
@@ -39,6 +71,7 @@ fn main() -> std::io::Result<()> {
     host.command(command::RUN, &name);
     host.run(1_400_000, |_, _| {});
     assert!(host.bench.distance_from_path() < 1e-3, "the throw itself must work");
+    take_end_states(&mut host);
     let recorder = &host.bench.controller;
     let script: Vec<u8> =
         recorder.calls.iter().flat_map(|call| record(call.at, call.input.as_ref())).collect();

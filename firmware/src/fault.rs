@@ -132,7 +132,7 @@ causes! {
     402 RestNotReached Halt "a joint was not measured at rest in time after a motion or a stop", "look whether the arm stands; read the drive's state word and position; clear the fault when it does";
     403 HaltedByOther Halt "another node sent a halt broadcast while the group moved", "find out who stopped the drives and why, then clear the fault";
     404 AnswersLate PathStop "the robot counted too many late answers during a run", "look at the load of the computer and the network; clear the fault and arm again";
-    405 RobotLags PathStop "the axes stay away from where their set points lead", "identify lag and dead time anew; look at load and overrides of the robot";
+    405 RobotLags PathStop "the axes stay away from where their set points lead", "identify lag and dead time again; look at load and overrides of the robot";
     406 RobotRestarted Halt "the robot began a new program run, or its connection was lost for long", "look at the pendant for the cause; clear the fault to take the new start pose";
 
     500 WatchdogUnproven Halt "a drive's watchdog did not stop it when it was tested", "check the drive's configuration word; a drive without watchdog must not be run";
@@ -155,11 +155,13 @@ causes! {
     609 PlanPosition Refuse "the plan leaves the soft limits of a joint", "plan within the limits";
     610 PlanVelocity Refuse "the plan is faster than a joint may be", "plan with lower speed";
     611 PlanAcceleration Refuse "the plan uses more acceleration than a joint may", "plan with lower acceleration";
-    612 FileRelease Refuse "the release is not within the plan", "release between start and end";
+    612 FileRelease Refuse "an event of the plan, such as the release, is not within it", "events between start and end";
     613 FilePeriod Refuse "the plan was checked for another control period", "plan and tune for the period in the register";
     614 FileOtherRobot Refuse "the plan is for another robot", "plan with the robot file whose checksum is in the register";
     615 UploadOutOfOrder Refuse "a piece of the file does not continue the last one", "start again at offset 0";
     616 BankBusy Refuse "the trajectory cannot be changed now", "wait until the motion has ended, disarm";
+    617 FileEvent Refuse "the file has more events than fit, or one that this controller does not know", "at most 8 events; use a controller of the same version";
+    618 FileEnvelope Refuse "the envelope for new end states is empty, or wider than the limits of a joint less the control reserve", "at most 95 % of speed and acceleration, and a millimetre of arc inside the soft limits";
 
     700 OrderNotNow Refuse "the order is not allowed in the present state", "look at the state";
     701 TokenWrong Refuse "the arming token is not the one offered, or has expired", "ask for a new offer";
@@ -184,6 +186,15 @@ causes! {
     720 CodeMissing Refuse "the controller has a key, and the order came without an authentication code", "name the key file";
     721 CodeWrong Refuse "the authentication code does not fit the key, the challenge, the node or the order, or came too late", "look at the key file; send the order again";
     722 NoKey Refuse "an authentication code was given, but the controller has no key", "set a key, or leave the key file out";
+    723 StartPassed Refuse "the start time of the run has passed, or is nearer than the drives need", "read the controller's clock and order a later start";
+    724 StartTooFar Refuse "the start time of the run is more than 30 s ahead", "order the run later, or an earlier start";
+    725 NoEnvelope Refuse "the trajectory that runs has no envelope: no new end states are taken", "upload one with an envelope";
+    726 TargetTooSoon Refuse "the new end state is to be reached sooner than anything can still change", "aim at least 20 ms past the set points that the drives have";
+    727 TargetTooFar Refuse "the new end state is to be reached more than 10 s from now", "an earlier time";
+    728 TargetPosition Refuse "the way to the new end state, or the braking after it, leaves the envelope of a joint", "another end state, a slower one, or a wider envelope";
+    729 TargetVelocity Refuse "the way to the new end state needs more speed than the envelope of a joint has", "a nearer end state, or a later time";
+    730 TargetAcceleration Refuse "the way to the new end state needs more acceleration than the envelope of a joint has", "a nearer end state, or a later time";
+    731 TargetEvent Refuse "an event of the new end state has passed, or comes after its motion", "an event between now and the end of the motion";
 }
 
 impl Cause {

@@ -6,11 +6,23 @@
 
 use protocol::{Duration, Instant};
 
+use crate::events::{Action, EVENTS_MAX};
+
+/// A switching of the output that is to come.
+#[derive(Clone, Copy, Debug)]
+struct Switching {
+    at: Instant,
+    open: bool,
+}
+
 /// The gripper.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Gripper {
     open: bool,
-    release_at: Option<Instant>,
+    /// Ascending in time.
+    planned: heapless::Vec<Switching, EVENTS_MAX>,
+    /// Time of the first one: asked for in each control step.
+    next_at: Option<Instant>,
     board: Option<bool>,
 }
 
@@ -20,28 +32,48 @@ impl Gripper {
         self.open
     }
 
-    /// Plans the release: the ball shall be free at `free_at`.
-    pub fn plan(&mut self, free_at: Instant, opening: Duration) {
-        self.release_at = Some(free_at.saturating_sub(opening));
+    /// Plans an action. The output opens `opening` before the time, so that the ball is free then. False (and nothing
+    /// changed) if as many are planned as fit.
+    #[must_use]
+    pub fn plan(&mut self, action: Action, at: Instant, opening: Duration) -> bool {
+        let switching = match action {
+            Action::Open => Switching { at: at.saturating_sub(opening), open: true },
+            Action::Close => Switching { at, open: false },
+        };
+        let place = self.planned.iter().position(|other| other.at > switching.at);
+        let taken = self.planned.insert(place.unwrap_or(self.planned.len()), switching).is_ok();
+        self.look_ahead();
+        taken
     }
 
-    /// Forgets a planned release: after a stop the ball is kept.
-    pub const fn cancel(&mut self) {
-        self.release_at = None;
+    /// Forgets what is planned: after a stop the ball is kept.
+    pub fn cancel(&mut self) {
+        self.planned.clear();
+        self.next_at = None;
     }
 
-    /// When the output is to be switched.
-    pub const fn release_at(&self) -> Option<Instant> {
-        self.release_at
+    fn look_ahead(&mut self) {
+        self.next_at = self.planned.first().map(|next| next.at);
     }
 
-    /// True once the planned release is due; it is then forgotten.
-    pub fn take_due(&mut self, now: Instant) -> bool {
-        let due = self.release_at.is_some_and(|at| at <= now);
-        if due {
-            self.release_at = None;
-        }
-        due
+    /// When the output is to be switched next.
+    #[inline]
+    pub const fn next_at(&self) -> Option<Instant> {
+        self.next_at
+    }
+
+    /// The position to switch to once the next planned time has come; it is then forgotten.
+    #[inline]
+    pub fn take_due(&mut self, now: Instant) -> Option<bool> {
+        if self.next_at.is_some_and(|at| at <= now) { self.take_next() } else { None }
+    }
+
+    #[inline(never)]
+    fn take_next(&mut self) -> Option<bool> {
+        let open = self.planned.first()?.open;
+        self.planned.remove(0);
+        self.look_ahead();
+        Some(open)
     }
 
     /// Remembers the position.
@@ -66,12 +98,31 @@ mod tests {
 
     #[test]
     fn output_is_switched_before_the_release_by_the_opening_time() {
+        let (us, opening) = (Instant::from_micros, Duration::from_micros(23_456));
         let mut gripper = Gripper::default();
-        gripper.plan(Instant::from_micros(560_000), Duration::from_micros(23_456));
-        assert_eq!(gripper.release_at(), Some(Instant::from_micros(536_544)));
-        assert!(!gripper.take_due(Instant::from_micros(536_543)));
-        assert!(gripper.take_due(Instant::from_micros(536_544)));
-        assert!(!gripper.take_due(Instant::from_micros(536_545)), "once");
+        assert!(gripper.plan(Action::Open, us(560_000), opening));
+        assert_eq!(gripper.next_at(), Some(us(536_544)));
+        assert_eq!(gripper.take_due(us(536_543)), None);
+        assert_eq!(gripper.take_due(us(536_544)), Some(true));
+        assert_eq!(gripper.take_due(us(536_545)), None, "once");
+    }
+
+    #[test]
+    fn events_come_in_the_order_of_their_switching_and_no_more_than_fit() {
+        let (us, opening) = (Instant::from_micros, Duration::from_micros(100));
+        let mut gripper = Gripper::default();
+        assert!(gripper.plan(Action::Close, us(950), opening));
+        // Switched at 900, although it is due later.
+        assert!(gripper.plan(Action::Open, us(1_000), opening));
+        assert!(gripper.plan(Action::Close, us(500), opening));
+        let taken: Vec<_> = core::iter::from_fn(|| gripper.take_due(us(2_000))).collect();
+        assert_eq!(taken, [false, true, false]);
+        for _ in 0..EVENTS_MAX {
+            assert!(gripper.plan(Action::Close, us(1), opening));
+        }
+        assert!(!gripper.plan(Action::Close, us(1), opening));
+        gripper.cancel();
+        assert_eq!(gripper.next_at(), None);
     }
 
     #[test]

@@ -40,7 +40,7 @@ pub struct PositionSample {
     pub at: Instant,
 }
 
-/// What a joint shall do in the next period.
+/// What a joint does in the next period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SetPoint {
     /// When the set point is expected to act, as [`DriveGroup::acts_at`] said.
@@ -97,7 +97,7 @@ pub enum Command {
     },
     /// Clear errors and halts of drives that stand. What was read before is void; nothing moves by it.
     Reset,
-    /// The joints shall stand. The group reads the drives in turn and never commands motion.
+    /// The joints stand. The group reads the drives in turn and never commands motion.
     Stand {
         /// A run may follow soon.
         armed: bool,
@@ -261,7 +261,7 @@ pub trait DriveGroup: Default {
     /// all of them rest by the model of the commands.
     fn brake(&mut self, now: Instant, settings: &Settings) -> Instant;
 
-    /// What a joint shall do in the next period. Comes after [`GroupEvent::Cycle`] and [`Command::Track`] only.
+    /// What a joint does in the next period. Comes after [`GroupEvent::Cycle`] and [`Command::Track`] only.
     fn set_point(&mut self, settings: &Settings, joint: JointIndex, set_point: &SetPoint) -> Taken;
 
     /// When a set point that is given in this period acts.

@@ -7,15 +7,16 @@
 //!
 //! | layer | modules | is | must not |
 //! |---|---|---|---|
-//! | ground | [`joints`], [`span`], [`crc`] | one value per joint, time as f32, checksums | know anything else |
-//! | maths | [`spline`], [`feedback`], [`path`] | reference, control law, slowing down along the path | keep state of a bus; time is an argument |
-//! | facts | [`fault`], [`settings`], [`registers`], [`trajectory_format`] | numbered causes, what can be set, the file a host uploads | act |
+//! | ground | [`joints`], [`span`], `root`, [`crc`], [`credentials`] | one value per joint, time as f32, square root, checksums, names and keys of nodes | know anything else |
+//! | maths | [`spline`], [`retarget`], [`feedback`], [`path`] | reference, new end states in flight, control law, slowing down along the path | keep state of a bus; time is an argument |
+//! | facts | [`fault`], [`settings`], [`registers`], [`envelope`], [`events`], [`trajectory_format`] | numbered causes, what can be set, what new end states must stay in, outputs along a plan, the file a host uploads | act |
 //! | seam | [`group`] | what a controller and a group of drives say to each other | know a family of drives |
 //! | drives | [`groups`] | one module per family: packets, parameters, state words, how a drive moves | know orders or states of the controller |
 //! | parts | [`state`], [`orders`], [`supervisor`], [`rest`], [`gripper`], [`store`], [`authority`] | states, what is legal when, what must hold, the release, power-proof storage, who may order | send packets |
 //! | view | [`telemetry`], [`trace`], [`freeze`] | what people see, now and afterwards | influence anything |
 //! | whole | [`controller`] | state machine, path, law; all control flow | know a frame, a parameter, Cyphal, a board or a clock |
 //! | host link | [`host_link`] | the controller as a Cyphal node: orders, registers, upload, samples translated | decide anything |
+//! | board | [`runner`] | the loop of a board over `embedded-can`, `embedded-hal` and a clock | know a chip, or wait |
 //!
 //! A cycle, from left to right: packet → [`groups`] → [`group::GroupEvent`] → [`controller`] (with [`spline`], [`feedback`],
 //! [`supervisor`]) → [`group::SetPoint`] → [`groups`] → packets.
@@ -27,7 +28,7 @@
 //!    frames, byte for byte, on a PC and on a Cortex-M.
 //! 3. A motion command leaves in Homing, Jogging, Running and Stopping only, and never beyond the limits in [`settings`].
 //!    A group sends none after [`group::Command::Stand`], [`group::Command::Halt`] or [`group::Command::Find`].
-//! 4. The first cause is latched; after a stop nothing moves until somebody arms anew.
+//! 4. The first cause is latched; after a stop nothing moves until an operator arms again.
 //! 5. A reply is never taken for another ([`groups::powercube::drives`] says why).
 //! 6. A trajectory runs only after all checks of [`trajectory_format`], from where the joints are, under the
 //!    name the host gave it.
@@ -49,6 +50,9 @@
 pub mod authority;
 pub mod controller;
 pub mod crc;
+pub mod credentials;
+pub mod envelope;
+pub mod events;
 pub mod fault;
 pub mod feedback;
 pub mod freeze;
@@ -61,6 +65,9 @@ pub mod orders;
 pub mod path;
 pub mod registers;
 pub mod rest;
+pub mod retarget;
+mod root;
+pub mod runner;
 pub mod settings;
 pub mod span;
 pub mod spline;
@@ -73,3 +80,4 @@ pub mod trajectory_format;
 
 pub use controller::Controller;
 pub use host_link::ControllerNode;
+pub use runner::Runner;

@@ -2,11 +2,14 @@
 //!
 //! Every order is harmless when it comes twice: an answer can get lost and the host then asks again.
 
-use protocol::{Duration, JointIndex};
+use protocol::cyphal::cubecell::group_state::State as StateKind;
+use protocol::{Duration, Instant, JointIndex};
 
-use crate::authority::{Code, Nonce};
-use crate::state::StateKind;
-use crate::store::FileName;
+use crate::credentials::{Code, Nonce};
+use crate::events::Action;
+use crate::joints::PerJoint;
+use crate::retarget::EndState;
+use crate::trajectory_format::FileName;
 
 /// Longest time an offer or an arming may hold.
 pub const ARMING_VALID_MAX: Duration = Duration::from_secs(30);
@@ -15,14 +18,32 @@ pub const UNLOCK_VALID_MAX: Duration = Duration::from_secs(3_600);
 /// Longest time a jog goes on without repetition.
 pub const JOG_HOLD_MAX: Duration = Duration::from_millis(500);
 
+/// Longest time from the order to the start of a run.
+pub const START_AHEAD_MAX: Duration = Duration::from_secs(30);
+/// Most events of a new end state.
+pub const TARGET_EVENTS_MAX: usize = 2;
+
+/// A new end state of the group, to be reached at a time.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Target {
+    /// When.
+    pub at: Instant,
+    /// Joints that the state is for: all of the group.
+    pub joints: u8,
+    /// Position and velocity per joint.
+    pub state: PerJoint<EndState>,
+    /// Events with their times, instead of all that are still to come.
+    pub events: [Option<(Instant, Action)>; TARGET_EVENTS_MAX],
+}
+
 /// Order of a host.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Order {
     /// First step of arming: asks for a token.
     ArmPrepare {
-        /// CRC-64 of the trajectory that shall run: the committed one.
+        /// CRC-64 of the trajectory to run: the committed one.
         crc64: u64,
-        /// How long the offer shall hold, at most [`ARMING_VALID_MAX`].
+        /// How long the offer holds, at most [`ARMING_VALID_MAX`].
         valid: Duration,
     },
     /// Second step: gives the token back; the group is armed.
@@ -34,11 +55,22 @@ pub enum Order {
     },
     /// Back to Ready.
     Disarm,
-    /// Starts the armed trajectory.
+    /// Starts the armed trajectory at once.
     Run(FileName),
+    /// Starts the armed trajectory at a time of the controller's clock, at most [`START_AHEAD_MAX`] from now. Until then the
+    /// group is Armed.
+    RunAt {
+        /// The armed trajectory.
+        name: FileName,
+        /// When the plan begins.
+        start: Instant,
+    },
+    /// While a trajectory with an envelope runs: takes a new end state over in flight, then brakes to rest. What was followed
+    /// before holds until the first time that can still change, and if the end state is refused.
+    Retarget(Target),
     /// Ramps down along the path.
     Stop,
-    /// Forgets the latched fault and looks at the drives anew.
+    /// Forgets the latched fault and looks at the drives again.
     ClearFault {
         /// Number of the fault the host has seen.
         code: u16,
@@ -109,7 +141,7 @@ pub enum OrderKind {
     ArmConfirm,
     /// [`Order::Disarm`].
     Disarm,
-    /// [`Order::Run`].
+    /// [`Order::Run`] and [`Order::RunAt`].
     Run,
     /// [`Order::Stop`].
     Stop,
@@ -131,11 +163,13 @@ pub enum OrderKind {
     Authorize,
     /// [`Order::Unlock`].
     Unlock,
+    /// [`Order::Retarget`].
+    Retarget,
 }
 
 impl OrderKind {
     /// All of them.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::ArmPrepare,
         Self::ArmConfirm,
         Self::Disarm,
@@ -150,6 +184,7 @@ impl OrderKind {
         Self::Challenge,
         Self::Authorize,
         Self::Unlock,
+        Self::Retarget,
     ];
 
     /// States in which the order is looked at; in all others it is refused.
@@ -173,6 +208,7 @@ impl OrderKind {
             // Computing a code takes longer than a control step may: never during a motion.
             Self::Challenge | Self::Authorize => &[Idle, Ready, Armed, Stopped, Fault],
             Self::Unlock => &[Idle, Ready, Stopped, Fault],
+            Self::Retarget => &[Running],
         }
     }
 
@@ -182,7 +218,9 @@ impl OrderKind {
         matches!(self, Self::Stop | Self::Disarm | Self::Challenge | Self::Authorize)
     }
 
-    /// True if a controller with a key wants a code for it.
+    /// True if a controller with a key wants a code for it. A new end state has none: a code takes longer than a control step
+    /// may. The code of the commit covers the file, and with it the envelope that end states must stay in; a file without
+    /// an envelope takes none.
     pub const fn needs_code(self) -> bool {
         match self {
             Self::ArmConfirm
@@ -198,7 +236,8 @@ impl OrderKind {
             | Self::Stop
             | Self::ClearFault
             | Self::Challenge
-            | Self::Authorize => false,
+            | Self::Authorize
+            | Self::Retarget => false,
         }
     }
 
@@ -215,7 +254,7 @@ impl Order {
             Self::ArmPrepare { .. } => OrderKind::ArmPrepare,
             Self::ArmConfirm { .. } => OrderKind::ArmConfirm,
             Self::Disarm => OrderKind::Disarm,
-            Self::Run(_) => OrderKind::Run,
+            Self::Run(_) | Self::RunAt { .. } => OrderKind::Run,
             Self::Stop => OrderKind::Stop,
             Self::ClearFault { .. } => OrderKind::ClearFault,
             Self::Home { .. } => OrderKind::Home,
@@ -226,6 +265,7 @@ impl Order {
             Self::Challenge => OrderKind::Challenge,
             Self::Authorize { .. } => OrderKind::Authorize,
             Self::Unlock { .. } => OrderKind::Unlock,
+            Self::Retarget(_) => OrderKind::Retarget,
         }
     }
 }
@@ -255,10 +295,11 @@ mod tests {
     }
 
     #[test]
-    fn whatever_can_start_a_motion_or_change_one_needs_a_code() {
+    fn whatever_can_start_a_motion_needs_a_code() {
         let free: Vec<OrderKind> = OrderKind::ALL.into_iter().filter(|kind| !kind.needs_code()).collect();
-        use OrderKind::{ArmPrepare, Authorize, Challenge, ClearFault, Disarm, Stop};
-        assert_eq!(free, [ArmPrepare, Disarm, Stop, ClearFault, Challenge, Authorize]);
+        use OrderKind::{ArmPrepare, Authorize, Challenge, ClearFault, Disarm, Retarget, Stop};
+        assert_eq!(free, [ArmPrepare, Disarm, Stop, ClearFault, Challenge, Authorize, Retarget]);
+        assert_eq!(Retarget.legal_in(), [StateKind::Running], "it starts none");
     }
 
     #[test]

@@ -51,6 +51,12 @@ impl PathClock {
         self.at_slowed(t)
     }
 
+    /// When a clock that runs at full speed is at a time of the plan.
+    pub fn when(&self, s_us: u32) -> Instant {
+        let ahead_us = i64::from(s_us).saturating_sub(self.s_us);
+        Instant::from_micros(self.at.as_micros().saturating_add_signed(ahead_us))
+    }
+
     #[inline(never)]
     fn at_slowed(&self, t: Instant) -> (i64, f32) {
         if let Some(before) = self.at.checked_since(t) {

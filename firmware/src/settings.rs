@@ -3,11 +3,8 @@
 
 use protocol::{Duration, JointIndex, ModuleId};
 
-use crate::fault::{Cause, Refusal};
 use crate::feedback::{Gains, Weights};
-use crate::groups::powercube::ramp::RampLimits;
 use crate::joints::PerJoint;
-use crate::registers;
 
 /// Settings of one joint. Positions are of the joint: q_joint = ±q_drive + offset.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,17 +49,6 @@ impl JointSettings {
     /// Feedback row.
     pub const fn gains(&self) -> Gains {
         Gains { k_error_1_s2: self.k_error_1_s2, k_rate_1_s: self.k_rate_1_s, k_last: self.k_last }
-    }
-
-    /// Bounds of commands.
-    pub const fn ramp_limits(&self, reach_rad: f32) -> RampLimits {
-        RampLimits {
-            q_min_rad: self.q_min_rad,
-            q_max_rad: self.q_max_rad,
-            v_max_rad_s: self.v_max_rad_s,
-            a_max_rad_s2: self.a_max_rad_s2,
-            reach_rad,
-        }
     }
 
     /// Joint side position from the drive's.
@@ -159,6 +145,10 @@ pub struct Settings {
     pub group_state_subject: u32,
     /// Subject of the joint state.
     pub joint_state_subject: u32,
+    /// Subject of new end states.
+    pub target_subject: u32,
+    /// Subject of the answers to them.
+    pub target_answer_subject: u32,
     /// Per joint.
     pub joint: PerJoint<JointSettings>,
 }
@@ -254,6 +244,8 @@ impl Settings {
             stop_subject: 1000,
             group_state_subject: 1001,
             joint_state_subject: 1002,
+            target_subject: 1003,
+            target_answer_subject: 1004,
             joint: PerJoint([j1, j2, j3, j4, j5, j6, j7, j8]),
         }
     }
@@ -318,46 +310,27 @@ impl Settings {
     pub const fn weights(&self) -> Weights {
         Weights { alpha: self.estimator_alpha, beta: self.estimator_beta }
     }
-
-    /// Each value is in the range of its register, and what must hold between values does.
-    ///
-    /// # Errors
-    ///
-    /// The first joint with a value out of range, whose limits are not in order or whose address is taken.
-    pub fn check(&self) -> Result<(), Refusal> {
-        registers::check_ranges(self)?;
-        for joint in self.joints() {
-            let j = self.joint.at(joint);
-            // Written so that NaN fails.
-            let in_order = j.q_min_rad < j.q_max_rad
-                && j.jog_v_rad_s <= j.v_max_rad_s
-                && j.home_v_rad_s.abs() <= j.v_max_rad_s
-                && j.jog_a_rad_s2 <= j.a_max_rad_s2
-                && j.slow_current_a <= j.current_max_a;
-            if !in_order {
-                return Err(Refusal::at(Cause::SettingsInvalid, joint));
-            }
-            let taken =
-                self.joints().any(|other| other != joint && self.joint.at(other).address == j.address);
-            if taken {
-                return Err(Refusal::at(Cause::DuplicateAddress, joint));
-            }
-        }
-        let timing = self.reply_deadline_us <= self.cycle_period_us.max(self.monitor_period_us)
-            && self.watchdog_refresh_us < self.watchdog_timeout_us
-            && self.cycle_period_us < self.watchdog_timeout_us;
-        if timing { Ok(()) } else { Err(Refusal::of(Cause::SettingsInvalid)) }
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fault::Cause;
 
     #[test]
     fn built_in_settings_pass_their_own_check() {
         assert_eq!(Settings::powercube6().check(), Ok(()));
         assert_eq!(Settings::powercube6_paper().check(), Ok(()));
+    }
+
+    #[test]
+    fn built_in_gains_of_every_joint_act_against_the_error() {
+        for settings in [Settings::powercube6(), Settings::powercube6_paper()] {
+            for joint in JointIndex::first(usize::try_from(settings.joints).unwrap()) {
+                let JointSettings { k_error_1_s2, k_rate_1_s, k_last, .. } = *settings.joint.at(joint);
+                assert!(k_error_1_s2 < 0.0 && k_rate_1_s < 0.0 && k_last < 0.0, "joint {joint}");
+            }
+        }
     }
 
     #[test]

@@ -13,7 +13,7 @@ pub fn seconds_between(from: Instant, to: Instant) -> f32 {
     if to >= from { seconds(to.saturating_since(from)) } else { -seconds(from.saturating_since(to)) }
 }
 
-/// The span of so many seconds, rounded to the nearest microsecond; NaN and negative ones are none, 71 minutes the most.
+/// Seconds as a span, rounded to the nearest microsecond; NaN and negative ones are none, 71 minutes the most.
 pub fn of_seconds(s: f32) -> Duration {
     // A float-to-integer cast saturates and maps NaN to zero.
     Duration::from_micros(u64::from((s * 1e6 + 0.5) as u32))

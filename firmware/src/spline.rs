@@ -21,6 +21,8 @@
 use protocol::JointIndex;
 
 use crate::joints::PerJoint;
+use crate::retarget::{Course, Detour};
+use crate::root::square_root;
 
 /// Most knots of a trajectory: one more than segments. With more than six joints fewer fit ([`knots_max`]).
 pub const KNOTS_MAX: usize = 256;
@@ -113,25 +115,6 @@ impl Active {
     }
 }
 
-/// Square root of `x` >= 0 within two units in the last place, 0 for what is smaller than a normal number.
-///
-/// Newton's method from half the exponent. Flash is scarce: the one in integers brings half a kilobyte with it, for
-/// the only root of this crate, and the processor's own instruction cannot be named without unsafe code.
-fn square_root(x: f32) -> f32 {
-    if x < f32::MIN_POSITIVE {
-        return 0.0;
-    }
-    if x.is_infinite() {
-        return x;
-    }
-    // Within 6 %, so within 2e-3, 2e-6 and the resolution after each step.
-    let mut root = f32::from_bits((x.to_bits() >> 1) + (127 << 22));
-    for _ in 0..3 {
-        root = 0.5 * (root + x / root);
-    }
-    root
-}
-
 impl Cubic {
     fn polynomial(&self) -> Polynomial {
         let Self { h_s, q0_rad, qd0_rad_s, q1_rad, qd1_rad_s } = *self;
@@ -200,10 +183,13 @@ pub struct Spline {
     /// Per knot: time, then position and velocity of each joint as the bits of their floats.
     words: [u32; WORDS_MAX],
     count: usize,
+    /// Time of the last knot, µs: asked for in each control step.
+    knots_us: u32,
     joints: usize,
     /// Segment of the last search: times asked for are close to each other.
     cursor: usize,
     active: PerJoint<Active>,
+    detour: Detour,
 }
 
 /// Words of one knot.
@@ -211,7 +197,7 @@ const fn knot_words(joints: usize) -> usize {
     1 + 2 * joints
 }
 
-/// Most knots of a trajectory of so many joints.
+/// Most knots of a trajectory, by its number of joints.
 pub const fn knots_max(joints: usize) -> usize {
     let fit = WORDS_MAX / knot_words(joints);
     if fit < KNOTS_MAX { fit } else { KNOTS_MAX }
@@ -221,15 +207,35 @@ impl Spline {
     /// No knots.
     pub const fn empty() -> Self {
         // Zeros only: a board keeps it out of its start-up data.
-        Self { words: [0; WORDS_MAX], count: 0, joints: 0, cursor: 0, active: PerJoint::splat(Active::NONE) }
+        Self {
+            words: [0; WORDS_MAX],
+            count: 0,
+            knots_us: 0,
+            joints: 0,
+            cursor: 0,
+            active: PerJoint::splat(Active::NONE),
+            detour: Detour::NONE,
+        }
     }
 
     /// Forgets all knots; the next ones are for this many joints.
-    pub const fn clear(&mut self, joints: usize) {
-        self.count = 0;
+    pub fn clear(&mut self, joints: usize) {
+        (self.count, self.knots_us) = (0, 0);
         self.cursor = 0;
         self.joints = joints;
+        self.follow_knots();
+    }
+
+    /// Forgets all new end states: the knots hold again.
+    pub fn follow_knots(&mut self) {
         self.active = PerJoint::splat(Active::NONE);
+        self.detour.clear();
+    }
+
+    /// From the begin of the courses on, follows them instead of what was followed so far.
+    pub(crate) fn follow(&mut self, courses: &PerJoint<Course>) {
+        self.active = PerJoint::splat(Active::NONE);
+        self.detour.take(JointIndex::first(self.joints), courses);
     }
 
     /// Appends a knot; false (and nothing changed) if it is full or time does not grow.
@@ -251,6 +257,7 @@ impl Spline {
             *place = [q_rad.to_bits(), qd_rad_s.to_bits()];
         }
         self.count += 1;
+        self.knots_us = knot.t_us;
         true
     }
 
@@ -303,9 +310,9 @@ impl Spline {
         self.knot(self.count.checked_sub(1)?)
     }
 
-    /// Time of the last knot, µs.
+    /// Time of the last knot, or of the rest after a new end state, µs.
     pub fn duration_us(&self) -> u32 {
-        self.count.checked_sub(1).and_then(|last| self.t_us(last)).unwrap_or(0)
+        self.detour.end_us().unwrap_or(self.knots_us)
     }
 
     /// Position of a joint at the first knot, rad.
@@ -313,8 +320,12 @@ impl Spline {
         self.state(0, joint).map_or(0.0, |(q_rad, _)| q_rad)
     }
 
-    /// Position of a joint at the last knot, rad.
+    /// Position of a joint at the last knot, or at rest after a new end state, rad.
     pub fn end_rad(&self, joint: JointIndex) -> f32 {
+        self.detour.end_rad(joint).unwrap_or_else(|| self.knots_end_rad(joint))
+    }
+
+    fn knots_end_rad(&self, joint: JointIndex) -> f32 {
         self.count.checked_sub(1).and_then(|last| self.state(last, joint)).map_or(0.0, |(q_rad, _)| q_rad)
     }
 
@@ -342,22 +353,45 @@ impl Spline {
     #[inline(never)]
     fn at_another(&mut self, joint: JointIndex, t_us: i64) -> Setpoint {
         let standing = |q_rad| Setpoint { q_rad, qd_rad_s: 0.0, qdd_rad_s2: 0.0 };
-        if t_us < i64::from(self.t_us(0).unwrap_or(0)) {
+        // In 32 bits from here on: this is the longest way through a control step.
+        let Ok(t_us) = u32::try_from(t_us) else {
+            return standing(if t_us < 0 { self.start_rad(joint) } else { self.end_rad(joint) });
+        };
+        let since_us = self.detour.since_us();
+        if t_us >= since_us {
+            return self.at_detour(joint, t_us);
+        }
+        let [first_us, ..] = &self.words;
+        if t_us < *first_us {
             return standing(self.start_rad(joint));
         }
-        if t_us >= i64::from(self.duration_us()) {
-            return standing(self.end_rad(joint));
+        if t_us >= self.knots_us {
+            return standing(self.knots_end_rad(joint));
         }
-        let t_us = t_us as u32;
         self.seek(t_us);
         let ends = (self.t_us(self.cursor), self.t_us(self.cursor + 1));
         let ((Some(from_us), Some(to_us)), Some(cubic)) = (ends, self.segment(self.cursor, joint)) else {
             return Setpoint::default();
         };
-        let active =
-            Active { from_us, span_us: to_us.saturating_sub(from_us), polynomial: cubic.polynomial() };
+        let active = Active {
+            from_us,
+            span_us: to_us.min(since_us).saturating_sub(from_us),
+            polynomial: cubic.polynomial(),
+        };
         self.active.set(joint, active);
         active.at(t_us.into()).unwrap_or_default()
+    }
+
+    /// [`Self::at`] on the way to a new end state.
+    fn at_detour(&mut self, joint: JointIndex, t_us: u32) -> Setpoint {
+        let (piece, span_us) = self.detour.piece(joint, t_us);
+        let polynomial =
+            Polynomial { h_s: 1.0, c: [piece.q_rad, piece.qd_rad_s, 0.5 * piece.qdd_rad_s2, 0.0] };
+        let active = Active { from_us: piece.t_us, span_us, polynomial };
+        self.active.set(joint, active);
+        // Before the oldest piece that is kept: its continuation back.
+        let before_us = piece.t_us.saturating_sub(t_us);
+        active.at(t_us.into()).unwrap_or_else(|| polynomial.at(before_us as f32 * -1e-6))
     }
 
     /// Moves the cursor to the segment that holds `t_us`; at most [`KNOTS_MAX`] steps each way.
@@ -383,18 +417,6 @@ mod tests {
 
     fn joint(index: usize) -> JointIndex {
         JointIndex::new(index).unwrap()
-    }
-
-    #[test]
-    fn the_square_root_is_within_two_units_in_the_last_place_of_the_exact_one() {
-        assert_eq!([0.0, 1e-39, 1.0, 4.0].map(square_root), [0.0, 0.0, 1.0, 2.0]);
-        assert_eq!(square_root(f32::INFINITY), f32::INFINITY);
-        // Every exponent, and mantissas all over.
-        for bits in (f32::MIN_POSITIVE.to_bits()..f32::MAX.to_bits()).step_by(9_973) {
-            let x = f32::from_bits(bits);
-            let off = square_root(x).to_bits().abs_diff((f64::from(x).sqrt() as f32).to_bits());
-            assert!(off <= 2, "{x:e}: off by {off}");
-        }
     }
 
     /// Double precision, Hermite basis functions: another form of the same polynomial.

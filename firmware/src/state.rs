@@ -21,8 +21,13 @@
 //!
 //! *clear* is [`Order::ClearFault`](crate::orders::Order::ClearFault), `ExecuteCommand`
 //! [`CLEAR_FAULT`](protocol::cyphal::cubecell::command::CLEAR_FAULT) (6) with the number of the fault that was seen. It goes
-//! through Boot: drives are reset, looked for and read anew, and the group ends in Idle or Ready if the cause is gone, else
+//! through Boot: drives are reset, looked for and read again, and the group ends in Idle or Ready if the cause is gone, else
 //! in Fault again. Nothing moves by it.
+//!
+//! A run with a start time waits in Armed and goes to Running shortly before; a disarm, a lost host, or a check that no
+//! longer holds then goes to Ready instead. Running may take new end states over in flight
+//! ([`Order::Retarget`](crate::orders::Order::Retarget)): the state stays, the plan changes ([`crate::retarget`]), and its
+//! end is the rest after the last end state.
 //!
 //! Homing and Jogging begin in Idle, Ready and Stopped and end in Idle or Ready. A jog that is released
 //! ramps down within Jogging. Motion commands are sent in Homing, Jogging, Running and Stopping, and nowhere else.
@@ -32,7 +37,7 @@ use protocol::{Instant, JointIndex};
 
 use crate::fault::Fault;
 use crate::path::PathClock;
-use crate::trace::{Event, Trace};
+use crate::trace::{Trace, TraceEvent};
 
 /// A state without its data; the numbers go over the wire.
 pub use protocol::cyphal::cubecell::group_state::State as StateKind;
@@ -85,8 +90,10 @@ pub enum State {
     Armed {
         /// Token that armed the group.
         token: u32,
-        /// Expiry.
+        /// Expiry, if no start is ordered.
         until: Instant,
+        /// When the plan is ordered to begin.
+        start: Option<Instant>,
     },
     /// See [`StateKind::Running`].
     Running {
@@ -170,7 +177,7 @@ impl Machine {
     pub(crate) fn enter(&mut self, now: Instant, trace: &mut Trace, state: State) {
         let from = self.state.kind();
         self.state = state;
-        trace.note(now, Event::State { from, to: state.kind(), fault: state.fault() });
+        trace.note(now, TraceEvent::State { from, to: state.kind(), fault: state.fault() });
     }
 }
 

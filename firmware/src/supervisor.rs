@@ -21,7 +21,7 @@ pub const OVER_CURRENT_READINGS: u8 = 3;
 
 /// One joint as measured in a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Measured {
+pub struct SupervisedSample {
     /// Position, rad.
     pub q_rad: f32,
     /// Velocity, rad/s.
@@ -31,8 +31,8 @@ pub struct Measured {
 }
 
 /// Position, speed and following error of a moving joint.
-pub fn check_motion(measured: &Measured, limits: &JointSettings) -> Option<Cause> {
-    let Measured { q_rad, qd_rad_s, e_rad } = *measured;
+pub fn check_motion(measured: &SupervisedSample, limits: &JointSettings) -> Option<Cause> {
+    let SupervisedSample { q_rad, qd_rad_s, e_rad } = *measured;
     // Each comparison is false for NaN, so NaN is a fault.
     let inside = q_rad >= limits.q_min_rad - Q_TOLERANCE_RAD && q_rad <= limits.q_max_rad + Q_TOLERANCE_RAD;
     let slow_enough = qd_rad_s.abs() <= V_TOLERANCE * limits.v_max_rad_s + V_NOISE_RAD_S;
@@ -65,14 +65,14 @@ mod tests {
     #[test]
     fn each_limit_is_judged_on_what_is_measured_and_a_lost_number_fails() {
         let limits = Settings::powercube6().joint.get(JointIndex::new(0).unwrap());
-        let fine = Measured { q_rad: 1.0, qd_rad_s: 1.0, e_rad: 0.0 };
+        let fine = SupervisedSample { q_rad: 1.0, qd_rad_s: 1.0, e_rad: 0.0 };
         let table = [
             (fine, None),
-            (Measured { q_rad: 3.16, ..fine }, Some(Cause::PositionLimit)),
-            (Measured { q_rad: f32::NAN, ..fine }, Some(Cause::PositionLimit)),
-            (Measured { qd_rad_s: -3.1, ..fine }, Some(Cause::VelocityLimit)),
-            (Measured { qd_rad_s: f32::NAN, ..fine }, Some(Cause::VelocityLimit)),
-            (Measured { e_rad: -0.26, ..fine }, Some(Cause::FollowingError)),
+            (SupervisedSample { q_rad: 3.16, ..fine }, Some(Cause::PositionLimit)),
+            (SupervisedSample { q_rad: f32::NAN, ..fine }, Some(Cause::PositionLimit)),
+            (SupervisedSample { qd_rad_s: -3.1, ..fine }, Some(Cause::VelocityLimit)),
+            (SupervisedSample { qd_rad_s: f32::NAN, ..fine }, Some(Cause::VelocityLimit)),
+            (SupervisedSample { e_rad: -0.26, ..fine }, Some(Cause::FollowingError)),
         ];
         for (measured, cause) in table {
             assert_eq!(check_motion(&measured, &limits), cause, "{measured:?}");
@@ -82,19 +82,19 @@ mod tests {
     #[test]
     fn each_tolerance_begins_at_its_limit_and_ends_where_it_says() {
         let limits = Settings::powercube6().joint.get(JointIndex::new(0).unwrap());
-        let rest = Measured { q_rad: 0.0, qd_rad_s: 0.0, e_rad: 0.0 };
+        let rest = SupervisedSample { q_rad: 0.0, qd_rad_s: 0.0, e_rad: 0.0 };
         let hair = 1e-3;
         for sign in [-1.0f32, 1.0] {
             let q_end = if sign > 0.0 { limits.q_max_rad } else { limits.q_min_rad } + sign * Q_TOLERANCE_RAD;
             let v_end = sign * (V_TOLERANCE * limits.v_max_rad_s + V_NOISE_RAD_S);
             for (measured, cause) in [
-                (Measured { q_rad: q_end - sign * hair, ..rest }, None),
-                (Measured { q_rad: q_end + sign * hair, ..rest }, Some(Cause::PositionLimit)),
-                (Measured { qd_rad_s: v_end - sign * hair, ..rest }, None),
-                (Measured { qd_rad_s: v_end + sign * hair, ..rest }, Some(Cause::VelocityLimit)),
-                (Measured { e_rad: sign * (limits.error_max_rad - hair), ..rest }, None),
+                (SupervisedSample { q_rad: q_end - sign * hair, ..rest }, None),
+                (SupervisedSample { q_rad: q_end + sign * hair, ..rest }, Some(Cause::PositionLimit)),
+                (SupervisedSample { qd_rad_s: v_end - sign * hair, ..rest }, None),
+                (SupervisedSample { qd_rad_s: v_end + sign * hair, ..rest }, Some(Cause::VelocityLimit)),
+                (SupervisedSample { e_rad: sign * (limits.error_max_rad - hair), ..rest }, None),
                 (
-                    Measured { e_rad: sign * (limits.error_max_rad + hair), ..rest },
+                    SupervisedSample { e_rad: sign * (limits.error_max_rad + hair), ..rest },
                     Some(Cause::FollowingError),
                 ),
             ] {

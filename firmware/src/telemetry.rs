@@ -1,4 +1,4 @@
-//! What a host sees: samples of the joints and of the group, ready to be put on the wire by whoever links the
+//! What a host sees: samples of the joints and of the group, ready to be put on the wire by the one who links the
 //! controller to a host. A joint's sample is the wire's own type, so that nothing is copied twice.
 
 /// One joint at the end of a control cycle, as it goes over the wire.
@@ -63,4 +63,8 @@ pub struct GroupSample {
     pub path_us: u32,
     /// Time until the arming or the offer expires.
     pub arming_left: Duration,
+    /// Time until an ordered run begins.
+    pub start_left: Option<Duration>,
+    /// New end states taken in this run; 0: the plan as committed is followed.
+    pub targets_taken: u16,
 }

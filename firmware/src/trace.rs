@@ -1,18 +1,18 @@
 //! Ring of events: what happened lately, as facts without strings; decoded off the board.
 
+use protocol::cyphal::cubecell::group_state::State as StateKind;
 use protocol::{Instant, JointIndex};
 
-use crate::authority::Peer;
+use crate::credentials::Peer;
 use crate::fault::{Cause, Fault};
 use crate::orders::OrderKind;
-use crate::state::StateKind;
 
 /// Events kept.
 pub const TRACE_LEN: usize = 64;
 
 /// Something that happened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Event {
+pub enum TraceEvent {
     /// The state changed.
     State {
         /// From.
@@ -53,7 +53,7 @@ pub enum Event {
 /// The last [`TRACE_LEN`] events.
 #[derive(Clone, Debug)]
 pub struct Trace {
-    events: [Option<(Instant, Event)>; TRACE_LEN],
+    events: [Option<(Instant, TraceEvent)>; TRACE_LEN],
     next: usize,
     total: u32,
 }
@@ -66,7 +66,7 @@ impl Default for Trace {
 
 impl Trace {
     /// Notes an event; the oldest one goes.
-    pub fn note(&mut self, now: Instant, event: Event) {
+    pub fn note(&mut self, now: Instant, event: TraceEvent) {
         if let Some(place) = self.events.get_mut(self.next) {
             *place = Some((now, event));
         }
@@ -80,7 +80,7 @@ impl Trace {
     }
 
     /// What is kept, at its place in the ring, with the number of the event since start-up.
-    pub fn places(&self) -> impl Iterator<Item = Option<(u32, Instant, Event)>> + '_ {
+    pub fn places(&self) -> impl Iterator<Item = Option<(u32, Instant, TraceEvent)>> + '_ {
         let next = self.next;
         self.events.iter().enumerate().map(move |(place, entry)| {
             // The place before `next` holds the newest event.
@@ -90,7 +90,7 @@ impl Trace {
     }
 
     /// What is kept, oldest first.
-    pub fn iter(&self) -> impl Iterator<Item = (Instant, Event)> + '_ {
+    pub fn iter(&self) -> impl Iterator<Item = (Instant, TraceEvent)> + '_ {
         let (newer, older) = self.events.split_at_checked(self.next).unwrap_or((&self.events, &[]));
         older.iter().chain(newer).flatten().copied()
     }
@@ -104,7 +104,7 @@ mod tests {
     fn ring_keeps_the_latest_in_order() {
         let mut trace = Trace::default();
         for k in 0..100 {
-            trace.note(Instant::from_micros(k), Event::Halt);
+            trace.note(Instant::from_micros(k), TraceEvent::Halt);
         }
         let times: Vec<u64> = trace.iter().map(|(at, _)| at.as_micros()).collect();
         assert_eq!(times, (36..100).collect::<Vec<u64>>());

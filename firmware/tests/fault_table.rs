@@ -13,7 +13,6 @@ use firmware::state::StateKind;
 use protocol::powercube::CubeState;
 use protocol::{Duration, Frame};
 
-/// What goes wrong.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Trouble {
     StopMessage,

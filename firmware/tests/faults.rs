@@ -331,6 +331,25 @@ fn arming_needs_its_token_in_time_a_live_host_homed_joints_and_gains_for_the_per
 }
 
 #[test]
+fn offers_and_armings_last_up_to_thirty_seconds_and_no_longer() {
+    let mut bench = Bench::ready(Options::default(), &throw_start());
+    let crc64 = bench.upload(&throw_file(3_000, false)).crc64;
+    let (bad, longest) = ([Duration::ZERO, Duration::from_micros(30_000_001)], Duration::from_secs(30));
+    for valid in bad {
+        let refused = bench.order(Order::ArmPrepare { crc64, valid }).unwrap_err();
+        assert_eq!(refused.cause, Cause::BadValue, "{valid}");
+    }
+    let Ok(Done::Offer { token, .. }) = bench.order(Order::ArmPrepare { crc64, valid: longest }) else {
+        panic!()
+    };
+    for valid in bad {
+        let refused = bench.order(Order::ArmConfirm { token, valid }).unwrap_err();
+        assert_eq!(refused.cause, Cause::BadValue, "{valid}");
+    }
+    bench.order(Order::ArmConfirm { token, valid: longest }).unwrap();
+}
+
+#[test]
 fn homing_goes_from_the_hand_to_the_base_with_less_current_and_ends_ready() {
     let mut bench = Bench::new(Options { homed: false, ..Options::default() });
     bench.run_until(3_000_000, |bench| bench.kind() == StateKind::Idle);
@@ -553,7 +572,7 @@ fn transfer_of_a_host_makes_cycles_late_and_stops_nothing() {
             .trace()
             .iter()
             .filter_map(|(at, event)| {
-                matches!(event, firmware::trace::Event::LateCycle).then_some(at.as_micros())
+                matches!(event, firmware::trace::TraceEvent::LateCycle).then_some(at.as_micros())
             })
             .collect();
         late += lates.len();

@@ -9,12 +9,12 @@ use bench::Controlled;
 use firmware::state::StateKind;
 use host::Host;
 use protocol::cyphal::bits::Decode;
-use protocol::cyphal::cubecell::command;
 use protocol::cyphal::cubecell::history::{
     FREEZE_PATH, FrozenHead, FrozenJoint, TRACE_PATH, TraceEntry, TraceHead, kind,
 };
+use protocol::cyphal::cubecell::{TRAJECTORY_PATH, command};
 use protocol::cyphal::uavcan::command::Status;
-use protocol::cyphal::uavcan::file::{self, FileError, ReadRequest, ReadResponse};
+use protocol::cyphal::uavcan::file::{self, FileError, ListRequest, ListResponse, ReadRequest, ReadResponse};
 
 fn read(host: &mut Host, path: &[u8]) -> Vec<u8> {
     let mut bytes = Vec::new();
@@ -40,6 +40,32 @@ fn trace(host: &mut Host) -> Vec<TraceEntry> {
     // The head was read first: more may have happened meanwhile.
     assert!(entries.last().unwrap().sequence >= head.total);
     entries
+}
+
+#[test]
+fn every_file_that_is_listed_can_be_read_and_nothing_is_listed_after_the_last_or_in_another_folder() {
+    let mut host = Host::new();
+    let mut names = Vec::new();
+    for folder in [&b""[..], b"/"] {
+        names.clear();
+        loop {
+            let request = ListRequest { index: names.len() as u32, folder };
+            let answer = host.ask(file::LIST, &request);
+            let name = ListResponse::from_bytes(&answer).unwrap().name.to_vec();
+            if name.is_empty() {
+                break;
+            }
+            names.push(name);
+        }
+        assert_eq!(names, [TRAJECTORY_PATH, FREEZE_PATH, TRACE_PATH]);
+    }
+    for name in &names {
+        read(&mut host, name);
+    }
+    for (index, folder) in [(u32::MAX, &b"/"[..]), (0, b"trace"), (0, &[b'x'; 255])] {
+        let answer = host.ask(file::LIST, &ListRequest { index, folder });
+        assert_eq!(ListResponse::from_bytes(&answer).unwrap().name, []);
+    }
 }
 
 #[test]

@@ -46,6 +46,24 @@ fn throw_over_the_wire_is_as_good_as_by_hand_and_telemetry_does_not_disturb_it()
 }
 
 #[test]
+fn a_host_whose_heartbeat_comes_late_is_told_once_before_a_later_one_is_too_late() {
+    let mut host = Host::new();
+    let name = host.armed();
+    assert_eq!(host.command(command::RUN, &name).0, Status::SUCCESS);
+    host.run(200_000, |_, _| {});
+    assert!(host.records.is_empty(), "every 30 ms of 100 is in time: {:?}", host.records);
+    host.beat_us = 70_000;
+    host.run(400_000, |_, _| {});
+    assert_eq!(host.records, ["host late: over half of host.timeout_us"]);
+    assert_eq!(host.bench.kind(), StateKind::Running, "late, but not too late");
+    host.beat_us = 110_000;
+    host.run(300_000, |_, _| {});
+    assert_ne!(host.bench.kind(), StateKind::Running);
+    let fault = host.bench.controller.core().state().fault();
+    assert_eq!(fault.map(|fault| fault.cause), Some(Cause::HostLost));
+}
+
+#[test]
 fn stop_message_of_anybody_halts_within_a_millisecond() {
     let mut host = Host::new();
     let name = host.armed();

@@ -4,11 +4,14 @@
 mod bench;
 
 use bench::*;
+use firmware::events::Action;
 use firmware::fault::Cause;
-use firmware::orders::Order;
+use firmware::joints::PerJoint;
+use firmware::orders::{Order, Target};
+use firmware::retarget::EndState;
 use firmware::state::StateKind;
 use proptest::prelude::*;
-use protocol::{Duration, Frame, Id, StandardId};
+use protocol::{Duration, Frame, Id, Instant, StandardId};
 
 /// Frame as random as can be, with a weight on ids and bytes that mean something.
 fn frames() -> impl Strategy<Value = Frame> {
@@ -49,7 +52,7 @@ fn acts() -> impl Strategy<Value = Vec<Act>> {
         6 => frames().prop_map(Act::Frame),
         4 => (1usize..40).prop_map(Act::Echo),
         8 => (1u64..4_000).prop_map(Act::Wait),
-        1 => (0u8..12, any::<u64>()).prop_map(|(kind, x)| Act::Order(kind, x)),
+        1 => (0u8..14, any::<u64>()).prop_map(|(kind, x)| Act::Order(kind, x)),
         1 => Just(Act::Stop),
     ];
     proptest::collection::vec(act, 1..80)
@@ -78,6 +81,14 @@ fn order(kind: u8, x: u64, bench: &Bench) -> Order {
             hold: Duration::from_micros(x % 600_000),
         },
         10 => Order::Gripper { open: x.is_multiple_of(2) },
+        11 => Order::RunAt { name, start: Instant::from_micros(x) },
+        12 => {
+            let state =
+                EndState { q_rad: f32::from_bits(x as u32), qd_rad_s: f32::from_bits((x >> 32) as u32) };
+            let at = bench.instant() + Duration::from_micros(x % 1_000_000);
+            let events = [Some((bench.instant(), Action::Open)).filter(|_| x.is_multiple_of(3)), None];
+            Order::Retarget(Target { at, joints: 6, state: PerJoint::splat(state), events })
+        }
         _ => Order::Commit(name),
     }
 }

@@ -10,6 +10,7 @@ use firmware::orders::Order;
 use firmware::settings::Settings;
 use firmware::state::StateKind;
 use protocol::Duration;
+use protocol::powercube::CubeState;
 
 /// Arm on the throw, `into_us` after the start of the plan.
 fn thrown(settings: Settings, into_us: u64, seed: u64) -> Bench {
@@ -60,7 +61,7 @@ fn periods() -> [(&'static str, Settings); 2] {
     [("3 ms", Settings::powercube6()), ("17 ms", Settings::powercube6_paper())]
 }
 
-/// Issue 13, defect 2: the law drove the joint with its highest acceleration towards its limit.
+/// Found by abuse: the law drove the joint with its highest acceleration towards its limit.
 #[test]
 fn answers_that_stand_still_stop_the_group_within_the_stated_way() {
     for (name, settings) in periods() {
@@ -249,6 +250,51 @@ fn starts_beside_the_path_do_not_make_the_gate_object() {
                 100.0 * worst
             );
             assert!((0.01..0.7).contains(&worst), "{name}, {offset}: {worst}");
+        }
+    }
+}
+
+/// A processor that does something else for a while reads the answers late, and nobody knows when the drives gave them. That is
+/// no fault of a drive: the throw goes on, or ends by cycles that begin too late, or because the drives got no sign of life
+/// for too long and stopped by themselves.
+#[test]
+fn a_controller_that_is_held_up_blames_no_drive() {
+    for (name, settings) in periods() {
+        for hold_us in [900, 1_800, 3_000, 5_100, 9_000, 17_000, 51_000] {
+            let (mut ends, mut worst) = (std::collections::BTreeMap::<Option<Cause>, usize>::new(), 0.0f32);
+            for seed in 0..12u64 {
+                let mut bench = thrown(settings, 20_000 + 1_370 * seed, seed);
+                let mut starved = false;
+                while bench.kind() == StateKind::Running {
+                    let between_us = 20_000 + bench.rng.below(60_000);
+                    bench.hold_up(hold_us);
+                    for _ in 0..between_us / 500 {
+                        bench.run_for(500);
+                        starved |=
+                            bench.drives.iter().any(|drive| drive.state.contains(CubeState::COMM_ERROR));
+                        for index in (0..6).filter(|_| bench.kind() == StateKind::Running && !starved) {
+                            let model = bench.controller.group().drive_model(joint(index));
+                            worst = worst.max(model.r_rad().abs() / model.r_max_rad());
+                            worst = worst.max(model.drift_rad_s().abs() / model.drift_max_rad_s());
+                        }
+                    }
+                }
+                bench.run_for(500_000);
+                let cause = bench.controller.state().fault().map(|fault| fault.cause);
+                let is_true = match cause {
+                    None => bench.kind() == StateKind::Ready,
+                    Some(Cause::CycleOverrun) => true,
+                    Some(_) => starved,
+                };
+                assert!(is_true, "{name}, {hold_us} us, seed {seed}: {:?}", bench.controller.state());
+                *ends.entry(cause).or_default() += 1;
+            }
+            println!("{name}, held up for {hold_us} us: {ends:?}, residual at most {:.0} %", 100.0 * worst);
+            assert!((0.02..0.67).contains(&worst), "{name}, {hold_us} us: {worst}");
+            // What lasts less than half of a watchdog starves no drive.
+            let own =
+                ends.iter().filter(|(cause, _)| !matches!(cause, None | Some(Cause::CycleOverrun))).count();
+            assert!(own == 0 || hold_us > 20_000, "{name}, {hold_us} us: {ends:?}");
         }
     }
 }

@@ -59,7 +59,7 @@ fn run_ends_in_ready_when_every_joint_stands() {
     assert_eq!(bench.kind(), StateKind::Ready, "{:?}", bench.controller.state());
 }
 
-/// Issue 13, defect 3: 300 ms after the end of the plan the group was Ready, whatever moved.
+/// Found by abuse: 300 ms after the end of the plan the group was Ready, whatever moved.
 #[test]
 fn joint_that_moves_on_after_the_plan_is_a_fault_and_never_ready() {
     for creep_rad_s in [-0.2, 0.02, 0.05] {

@@ -456,6 +456,24 @@ fn telegrams_that_arrive_unevenly_make_no_leaps_of_the_set_points() {
     assert!(away < 0.012, "{away}");
 }
 
+/// A busy computer: some telegrams are handed over more than half a cycle late. Taken by the time they would count as two
+/// cycles, and the path would leap.
+#[test]
+fn telegrams_that_are_handed_over_late_count_as_one_cycle_each() {
+    let even = {
+        let (mut cell, _) = Cell::thrown();
+        cell.run_until(400, StateKind::Ready);
+        cell.robot.a_max
+    };
+    let (mut cell, _) = Cell::thrown();
+    cell.jitter_us = 9_500;
+    cell.run_until(400, StateKind::Ready);
+    assert_eq!(cell.robot.late, 0);
+    // 9.5 ms, a sixteenth of which passes through, are 10 rad/s2 at 2.5 rad/s.
+    assert!(cell.robot.a_max < even + 13.0, "{} {even}", cell.robot.a_max);
+    assert!(cell.robot.a_max <= CUT_OUT_RAD_S2);
+}
+
 #[test]
 fn axis_that_stays_behind_ends_the_path_and_is_told_with_its_number() {
     let (mut cell, _) = Cell::thrown();

@@ -91,7 +91,7 @@ fn cycle_spans(bench: &Bench, period_us: u64) -> Vec<u64> {
     let first = bench.log.iter().position(|l| l.by_controller && is_motion(&l.frame)).unwrap();
     // The cycle that sends the first motion began with the write before it.
     let run = bench.controller.trace().iter().find_map(|(at, event)| match event {
-        firmware::trace::Event::State { to: StateKind::Running, .. } => Some(at.as_micros() + 1),
+        firmware::trace::TraceEvent::State { to: StateKind::Running, .. } => Some(at.as_micros() + 1),
         _ => None,
     });
     let run = run.unwrap();

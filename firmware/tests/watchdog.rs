@@ -20,7 +20,7 @@ fn boot(bench: &mut Bench) -> Option<Fault> {
     bench.controller.state().fault()
 }
 
-/// The controller starts anew; the drives stay as they are.
+/// The controller starts again; the drives stay as they are.
 fn restart(bench: &mut Bench) {
     let mut fresh = Bench::new(Options::default());
     fresh.drives = std::mem::take(&mut bench.drives);
@@ -38,7 +38,7 @@ fn is_broadcast(broadcast: Broadcast) -> impl Fn(&Frame) -> bool {
     move |frame| *frame == broadcast.encode()
 }
 
-/// Issue 13, defect 1: a stop had halted the drives, and a halted drive was taken for one that its watchdog had stopped.
+/// Found by abuse: a stop had halted the drives, and a halted drive was taken for one that its watchdog had stopped.
 #[test]
 fn drive_that_is_halted_before_the_start_proves_nothing_at_any_start() {
     let mut bench = Bench::new(Options::default());
@@ -154,7 +154,7 @@ fn clear_proves_the_watchdogs_again() {
     let mut bench = Bench::ready(Options::default(), &[0.0; 6]);
     bench.drives[1].state = bench.drives[1].state.union(CubeState::ERROR.union(CubeState::TOW_ERROR));
     bench.run_until(200_000, |bench| bench.kind() == StateKind::Fault);
-    // The drive was exchanged meanwhile, or somebody switched its watchdog off and on.
+    // The drive was exchanged meanwhile, or a person switched its watchdog off and on.
     bench.drives[5].watchdog_us = NEVER_US;
     bench.run_for(100_000);
     bench.order(Order::ClearFault { code: Cause::DriveTowError.code() }).unwrap();

@@ -5,12 +5,12 @@
 use std::hint::black_box;
 use std::time::Instant as Wall;
 
-use hil_sim::crew::Crew;
 use hil_sim::drive::ramp::Ramp;
 use hil_sim::mechanics::perturb::Scatter;
 use hil_sim::mechanics::{AxisInput, MechanicsOptions, Plant};
+use hil_sim::participants::Participants;
 use hil_sim::{Cell, CellOptions};
-use protocol::powercube::{Motion, MotionCommand, Parameter, Request, Value};
+use protocol::powercube::{MotionCommand, MotionRequest, Parameter, Request, Value};
 use protocol::units::Radians;
 use protocol::{Duration, Instant, ModuleId};
 use robot_model::{AnyRobot, JointVec, RobotModel};
@@ -123,7 +123,9 @@ fn chunk(cell: &mut Cell, period_us: Option<u64>) {
             let requests = [
                 Request::Set(Parameter::TargetVel, Value::F32(1.0)),
                 Request::Set(Parameter::TargetAcc, Value::F32(5.0)),
-                Request::Move(Motion::extended(MotionCommand::Ramp { target: Radians::new(target as f32) })),
+                Request::Move(MotionRequest::extended(MotionCommand::Ramp {
+                    target: Radians::new(target as f32),
+                })),
             ];
             for request in requests {
                 let frame = request.encode(module);

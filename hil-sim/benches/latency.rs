@@ -7,7 +7,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use can_link::{BusSpec, Clock, Event, Link, open, wait};
+use can_link::{BusSpec, CanLink, Clock, LinkEvent, open, wait};
 use hil_sim::bus::encode::frame_bits;
 use hil_sim::realtime::{Door, Realtime};
 use hil_sim::scenario::Scenario;
@@ -65,7 +65,7 @@ fn request(module: u16) -> Frame {
 }
 
 /// Asks all `modules` at once; microseconds until each answer, in the order of their arrival.
-fn ask(link: &mut dyn Link, clock: &Clock, modules: &[u16]) -> Vec<u64> {
+fn ask(link: &mut dyn CanLink, clock: &Clock, modules: &[u16]) -> Vec<u64> {
     let start = clock.now();
     for module in modules {
         link.send(&request(*module)).expect("the server reads");
@@ -73,7 +73,7 @@ fn ask(link: &mut dyn Link, clock: &Clock, modules: &[u16]) -> Vec<u64> {
     let mut delays = Vec::with_capacity(modules.len());
     while delays.len() < modules.len() {
         match link.receive().expect("the server lives") {
-            Some(Event::Frame { frame, .. }) if (0x0A1..=0x0A6).contains(&frame.id().raw()) => {
+            Some(LinkEvent::Frame { frame, .. }) if (0x0A1..=0x0A6).contains(&frame.id().raw()) => {
                 delays.push(clock.now().saturating_since(start).as_micros());
             }
             Some(_) => {}

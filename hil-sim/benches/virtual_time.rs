@@ -12,7 +12,7 @@ use std::hint::black_box;
 use std::time::Instant as WallClock;
 
 use hil_sim::bus::{Bus, BusConfig, QuietWire, encode};
-use hil_sim::crew::Solo;
+use hil_sim::participants::Solo;
 use hil_sim::record::CandumpLog;
 use hil_sim::scenario::Scenario;
 use hil_sim::world::World;

@@ -7,12 +7,12 @@
 use std::error::Error;
 use std::fmt::Write as _;
 
-use hil_sim::crew::Crew;
 use hil_sim::fault::{FaultTarget, PhysicalFault, Place};
+use hil_sim::participants::Participants;
 use hil_sim::{Cell, CellOptions};
 use plotters::prelude::*;
 use protocol::powercube::{
-    Broadcast, Config, CubeState, Motion, MotionCommand, Parameter, Request, SimpleCommand, Value,
+    Broadcast, Config, CubeState, MotionCommand, MotionRequest, Parameter, Request, SimpleCommand, Value,
 };
 use protocol::units::{Amperes, RadPerSec, Radians};
 use protocol::{Duration, Frame, Instant, ModuleId};
@@ -54,7 +54,7 @@ fn set(parameter: Parameter, value: f32) -> Order {
 }
 
 fn go(command: MotionCommand) -> Order {
-    Order::Send(Request::Move(Motion::extended(command)))
+    Order::Send(Request::Move(MotionRequest::extended(command)))
 }
 
 fn ramp(target: f64) -> Order {

@@ -4,9 +4,9 @@ use std::collections::VecDeque;
 use std::error::Error;
 
 use hil_sim::bus::BusConfig;
-use hil_sim::crew::Solo;
+use hil_sim::participants::Solo;
 use hil_sim::{Cell, CellOptions, World};
-use protocol::powercube::{Motion, MotionCommand, Parameter, Reply, Request, Value};
+use protocol::powercube::{MotionCommand, MotionRequest, Parameter, Reply, Request, Value};
 use protocol::units::Radians;
 use protocol::{Duration, Frame, Instant, ModuleId, Node};
 use robot_model::AnyRobot;
@@ -34,7 +34,7 @@ impl Node for Hello {
     fn handle_timeout(&mut self, now: Instant) {
         if now >= self.ask_at {
             if let Some(target) = self.target.take() {
-                let ramp = Motion::extended(MotionCommand::Ramp { target });
+                let ramp = MotionRequest::extended(MotionCommand::Ramp { target });
                 self.out.push_back(Request::Move(ramp).encode(self.module));
             }
             self.out.push_back(Request::Get(Parameter::ActPos).encode(self.module));
@@ -70,7 +70,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     world.run_until(Instant::from_micros(2_500_000), &mut ())?;
 
     // The plant knows where the axis is, whatever the drive says.
-    let (cell, hello) = world.crew();
+    let (cell, hello) = world.participants();
     let q_rad = cell.plant().axis(5).q_rad;
     println!("the axis stands at {q_rad:.4} rad");
     let told_rad = hello.node.position_rad.ok_or("the drive did not answer")?;

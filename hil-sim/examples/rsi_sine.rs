@@ -18,7 +18,7 @@ use std::time::Duration;
 
 use hil_sim::krc::bench::RobotFaults;
 use hil_sim::krc::serve::{Mode, ServeOptions, serve};
-use hil_sim::krc::{Event, KrcScenario};
+use hil_sim::krc::{KrcEvent, KrcScenario};
 use rsi_protocol::Protocol;
 
 /// Amplitude on A1, degrees, and period in telegrams.
@@ -43,8 +43,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let mut krc = scenario.controller()?;
     let (mut largest, mut largest_lag) = (0.0_f64, 0.0_f64);
-    let mut observe = |event: &Event| {
-        if let Event::Cycle(cycle) = event {
+    let mut observe = |event: &KrcEvent| {
+        if let KrcEvent::Cycle(cycle) = event {
             largest = largest.max(cycle.actual_deg[0].abs());
             largest_lag = largest_lag.max((cycle.actual_deg[0] - cycle.set_deg[0]).abs());
         }

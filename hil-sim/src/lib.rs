@@ -8,32 +8,33 @@
 //! | layer | modules | is | must not |
 //! |---|---|---|---|
 //! | medium | [`bus`] | classical CAN 2.0: bit time, stuffing, arbitration, acknowledge, error counters, bus-off, transmit queues, figures per id | know what a frame means |
-//! | participants | [`crew`] | who sits on the bus and which physical process moves on between events | know the scheduler |
+//! | participants | [`participants`] | the nodes on the bus, and the physical process behind them | know the scheduler |
 //! | drives | [`drive`] | one PowerCube behind the wire, a [`protocol::Node`] | know the arm's other joints |
 //! | physics | [`mechanics`] | rigid bodies, friction, supplies, gripper and ball | know CAN |
 //! | faults | [`fault`] | what can go wrong, when, where and how likely; one random stream each | depend on the order in which faults are listed |
-//! | virtual time | [`world`] | event queue that joins bus, crew and faults; same seed, same log | read a clock |
+//! | virtual time | [`world`] | event queue that joins bus, participants and faults; same seed, same log | read a clock |
 //! | real time | [`realtime`] | the same world behind a link of the operating system | change what the world does |
-//! | again | [`replay`] | requests of a log against the drives of today | know who asked |
+//! | replay | [`replay`] | requests of a log against the drives of today | know who asked |
 //! | seen from the bus | [`record`], [`checker`] | candump log, trace, invariants that only use frames | look into a node |
 //! | industrial robot | [`krc`] | a robot controller behind Ethernet RSI, in virtual time, lock step or real time | know who leads it |
 //! | tracker | [`tracker`] | an optical tracker: DTrack data and commands | know who looks |
+//! | court | [`court`] | two arms, a ball that bounces, cups as hands, the tracker that watches | move an arm; know who does |
 //! | results | [`report`] | a run in numbers, as table and JSON | judge |
 //! | situations | [`scenario`], [`swarm`] | TOML and seeds to options; printed before a run | act on their own |
 //!
 //! # The seam between bus and drives
 //!
-//! A drive is a `struct Drive` that implements [`protocol::Node`]; the arm is one physical process
-//! that all drives act on. Both belong to one *cell* which implements [`crew::Crew`]:
+//! A drive ([`drive::PowerCubeDrive`]) implements [`protocol::Node`]; the arm is one physical process that all drives act
+//! on. Both belong to one *cell* ([`Cell`]), which implements [`participants::Participants`]:
 //!
 //! ```text
-//! struct Cell { drives: Vec<Drive>, arm: Arm }
+//! struct Cell { drives: Vec<PowerCubeDrive>, plant: Plant, .. }
 //!
-//! impl Crew for Cell {
+//! impl Participants for Cell {
 //!     fn len(&self) -> usize                    // one node per drive
 //!     fn node(&mut self, i) -> &mut dyn Node    // &mut self.drives[i]
 //!     fn advance(&mut self, to: Instant)        // drives' torques into the arm, arm's state back
-//!     fn link(&self, i) -> Link                 // unpowered, or at another bit rate
+//!     fn connection(&self, i) -> BusConnection  // unpowered, or at another bit rate
 //!     fn physics(&mut self) -> Option<&mut dyn FaultTarget>
 //! }
 //! ```
@@ -44,7 +45,7 @@
 //!   torque from the state at the start of a step, the arm takes the step, all drives read back.
 //!   No drive sees another drive's half-finished step, so the order of joints cannot matter.
 //! * `advance` is called at bus events, so how often depends on the traffic. The cell therefore keeps its
-//!   own time grid (say 250 µs): it takes every whole step up to `to` and leaves the rest for the
+//!   own time grid (1 ms by default): it takes every whole step up to `to` and leaves the rest for the
 //!   next call. Then one more listener on the bus cannot change the physics.
 //! * Set-points that change inside a step act from the next grid point on; a drive that wants its
 //!   answer finer than the grid extrapolates with its own velocity.
@@ -62,11 +63,12 @@
 pub mod bus;
 pub mod cell;
 pub mod checker;
-pub mod crew;
+pub mod court;
 pub mod drive;
 pub mod fault;
 pub mod krc;
 pub mod mechanics;
+pub mod participants;
 pub mod realtime;
 pub mod record;
 pub mod replay;
@@ -79,5 +81,5 @@ pub mod witness;
 pub mod world;
 
 pub use cell::{Cell, CellOptions};
-pub use crew::{Crew, Link};
+pub use participants::{BusConnection, Participants};
 pub use world::{Observer, World};

@@ -12,7 +12,7 @@ use protocol::powercube::{Address, Channel};
 use protocol::text::candump::{ParseError, Record};
 use protocol::{Duration, Frame, Instant, ModuleId, Node, bits};
 
-use crate::crew::Solo;
+use crate::participants::Solo;
 use crate::record::Trace;
 use crate::scenario::{BuildError, Scenario};
 use crate::world::RunError;
@@ -34,7 +34,7 @@ pub enum LogError {
     /// The file could not be read.
     #[error("{file}: cannot read the log: {error}")]
     Unreadable {
-        /// As given.
+        /// Name of the file, as the caller gave it.
         file: String,
         /// The system's answer.
         error: std::io::Error,
@@ -42,17 +42,16 @@ pub enum LogError {
     /// A line is no candump record.
     #[error("{file}:{line}: {reason}; expected a line like (0000000001.000123) can0 0A5#084F64")]
     Line {
-        /// As given.
+        /// Name of the file, as the caller gave it.
         file: String,
         /// From 1.
         line: usize,
-        /// Why.
         reason: String,
     },
     /// Nothing to replay.
     #[error("{file}: no request in the log; it needs frames to modules (ids 0C1 to 0DF, 0E1 to 0FF, 100)")]
     NoRequests {
-        /// As given.
+        /// Name of the file, as the caller gave it.
         file: String,
     },
 }
@@ -172,7 +171,6 @@ pub struct Difference {
     pub at_us: u64,
     /// In the log.
     pub logged: Option<String>,
-    /// In the replay.
     pub replayed: Option<String>,
 }
 
@@ -237,7 +235,7 @@ pub fn replay(scenario: &Scenario, log: &Log, compare: Compare) -> Result<Outcom
     let player = Player { frames, out: VecDeque::new() };
     let mut world = scenario.world_with(Solo::new("log", player))?;
     // A dense log may want to start frames earlier than the bus allows: they wait here instead of being dropped.
-    let player_index = crate::Crew::len(&world.crew().0);
+    let player_index = crate::Participants::len(&world.participants().0);
     world.set_queue_depth(player_index, sent.max(1));
     let mut trace = Trace::new(TRACE_MAX);
     world.run_until(last + LEAD_OUT, &mut trace)?;

@@ -16,7 +16,6 @@ use crate::world::WorldStats;
 pub struct RunReport {
     /// Name of the scenario.
     pub name: String,
-    /// Robot.
     pub robot: String,
     /// Seed that repeats the run.
     pub seed: u64,
@@ -26,11 +25,8 @@ pub struct RunReport {
     pub wall_s: f64,
     /// What the scheduler did.
     pub world: WorldStats,
-    /// The bus.
     pub bus: BusReport,
-    /// The drives.
     pub drives: Vec<DriveRow>,
-    /// The ball.
     pub throw: ThrowRow,
     /// How often each fault happened.
     pub faults: Vec<FaultCount>,

@@ -12,7 +12,7 @@ use protocol::{Duration, Frame, Instant, ModuleId, StandardId};
 
 use crate::cell::CellOptions;
 use crate::drive::options::{
-    BeyondMaximum, BeyondSoftLimit, HomeWhenHalted, InternalCommand, Persistence, Refusal, SignOfLife,
+    BeyondMaximum, BeyondSoftLimit, HomeWhenHalted, InternalCommand, Persistence, RefusedReply, SignOfLife,
     StateFrames, StepPath, UnknownRequest,
 };
 use crate::fault::{Fault, FaultKind, IdFilter, PhysicalFault, Place, Target, WireFault, WrongPart};
@@ -48,7 +48,7 @@ fn cell_options(base: &CellOptions, rng: &mut Rng) -> CellOptions {
     let d = &mut o.drive;
     d.beyond_maximum = pick(rng, &[BeyondMaximum::Clip, BeyondMaximum::Refuse]);
     d.beyond_soft_limit = pick(rng, &[BeyondSoftLimit::Clip, BeyondSoftLimit::Refuse, BeyondSoftLimit::Run]);
-    d.refusal = pick(rng, &[Refusal::Silence, Refusal::Code(0), Refusal::Code(0x65)]);
+    d.refusal = pick(rng, &[RefusedReply::Silence, RefusedReply::Code(0), RefusedReply::Code(0x65)]);
     d.unknown = pick(rng, &[UnknownRequest::Silence, UnknownRequest::Echo]);
     d.persistence = pick(rng, &[Persistence::OnSave, Persistence::AtOnce]);
     d.internal = pick(rng, &[InternalCommand::Echo, InternalCommand::Silence]);
@@ -219,7 +219,7 @@ pub fn fault(rng: &mut Rng, index: u64, kind: u64, end_us: u64, modules: &[Modul
     }
 }
 
-/// Looks for numbers that are none in what modules say.
+/// Looks for NaN in what modules say.
 #[derive(Debug, Default)]
 struct NotANumber(Option<String>);
 
@@ -249,7 +249,6 @@ impl Observer for NotANumber {
 /// How one seed ended.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct SeedResult {
-    /// The seed.
     pub seed: u64,
     /// Frames on the bus.
     pub frames: u64,
@@ -300,7 +299,7 @@ fn run_inner(scenario: &Scenario, result: &mut SeedResult) -> Result<(), String>
     if let Some(what) = nan.0.filter(|_| !lies) {
         return Err(what);
     }
-    let cell = &world.crew().0;
+    let cell = &world.participants().0;
     for row in DriveRow::of(cell) {
         if !(row.q_rad.is_finite() && row.v_rad_s.is_finite()) {
             return Err(format!("module {}: q {} rad, v {} rad/s", row.module, row.q_rad, row.v_rad_s));

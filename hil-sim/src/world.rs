@@ -1,4 +1,4 @@
-//! Virtual time: joins bus, crew and faults into one deterministic run.
+//! Virtual time: joins bus, participants and faults into one deterministic run.
 //!
 //! # Order of events
 //!
@@ -7,7 +7,7 @@
 //!    which they were put in, or by node index.
 //! 3. A frame queued at time t takes part in the arbitration at t.
 //!
-//! Before anything of time t happens, the crew's physics is advanced to t.
+//! Before anything of time t happens, the participants' physics is advanced to t.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -15,8 +15,8 @@ use std::collections::BinaryHeap;
 use protocol::{Frame, Instant};
 
 use crate::bus::{BitRateError, Bus, BusConfig, BusEvent, ErrorKind};
-use crate::crew::{Crew, Link};
 use crate::fault::{Action, Delivery, Engine, Fault, FaultKind, NotApplicable, Target, WireFault};
+use crate::participants::{BusConnection, Participants};
 
 /// Calls of `handle_timeout` at one time after which a deadline that does not move is a livelock.
 const TIMEOUT_CALLS_MAX: u32 = 8;
@@ -170,25 +170,25 @@ pub struct WorldStats {
     pub timeouts: u64,
 }
 
-/// A bus with its crew, its faults and a clock of its own.
+/// A bus with its participants, its faults and a clock of its own.
 ///
 /// # Calling order
 ///
 /// [`World::run_until`] as often as wanted, with times that never decrease; between two calls
-/// [`World::with_crew`] lets a program act on its own nodes, after which everything they want to send is
+/// [`World::with_participants`] lets a program act on its own nodes, after which everything they want to send is
 /// taken. The result depends on the times of these calls only as far as they change something.
 #[derive(Debug)]
 pub struct World<C> {
-    crew: C,
+    participants: C,
     bus: Bus,
     faults: Engine,
     now: Instant,
-    /// Microseconds, `u64::MAX` for none; one per node of the crew.
+    /// Microseconds, `u64::MAX` for none; one per participant.
     deadlines: Vec<u64>,
-    links: Vec<Link>,
+    links: Vec<BusConnection>,
     /// A node is asked for frames only while fewer of its own wait at the bus.
     asked_below: Vec<usize>,
-    /// Ports cut off by an intermittent plug, apart from what the crew says.
+    /// Ports cut off by an intermittent plug, apart from what the participants say.
     unplugged: u64,
     delayed: BinaryHeap<Reverse<Delayed>>,
     sequence: u64,
@@ -199,43 +199,43 @@ pub struct World<C> {
     spare_babbler: usize,
 }
 
-impl<C: Crew> World<C> {
+impl<C: Participants> World<C> {
     /// A world at time 0 in which nothing has happened. `seed` feeds the faults' random streams.
-    pub fn new(crew: C, config: BusConfig, seed: u64, plan: Vec<Fault>) -> Result<Self, BuildError> {
+    pub fn new(participants: C, config: BusConfig, seed: u64, plan: Vec<Fault>) -> Result<Self, BuildError> {
         let babblers = plan.iter().filter(|fault| is_babble(fault)).count();
         // One port more, so that a fault given during the run can babble too.
-        let ports = crew.len() + babblers + 1;
+        let ports = participants.len() + babblers + 1;
         if ports > crate::bus::medium::PORTS_MAX {
             return Err(BuildError::TooManyNodes { nodes: ports, max: crate::bus::medium::PORTS_MAX });
         }
         for fault in &plan {
             if let Target::Module(module) = fault.target
-                && port_of(&crew, module).is_none()
+                && port_of(&participants, module).is_none()
             {
                 return Err(BuildError::NoSuchModule { label: fault.label.clone(), module });
             }
         }
         let mut bus = Bus::new(config, ports)?;
-        for port in crew.len()..ports {
+        for port in participants.len()..ports {
             bus.set_attached(port, false, 0);
         }
         let mut faults = Engine::new(seed, plan);
-        let mut babbler = crew.len();
+        let mut babbler = participants.len();
         faults.bind(|fault| {
             if is_babble(fault) {
                 babbler += 1;
                 return Some(babbler - 1);
             }
             match fault.target {
-                Target::Module(module) => port_of(&crew, module),
+                Target::Module(module) => port_of(&participants, module),
                 _ => None,
             }
         });
         Ok(Self {
-            deadlines: vec![u64::MAX; crew.len()],
-            links: vec![Link::On; crew.len()],
-            asked_below: vec![usize::MAX; crew.len()],
-            crew,
+            deadlines: vec![u64::MAX; participants.len()],
+            links: vec![BusConnection::On; participants.len()],
+            asked_below: vec![usize::MAX; participants.len()],
+            participants,
             bus,
             faults,
             now: Instant::ZERO,
@@ -261,14 +261,8 @@ impl<C: Crew> World<C> {
         &self.bus
     }
 
-    /// The crew.
-    pub fn crew(&self) -> &C {
-        &self.crew
-    }
-
-    /// Gives the crew back.
-    pub fn into_crew(self) -> C {
-        self.crew
+    pub fn participants(&self) -> &C {
+        &self.participants
     }
 
     /// The faults, for their counts.
@@ -283,21 +277,21 @@ impl<C: Crew> World<C> {
 
     /// What people call the node at a port, babblers included.
     pub fn name(&self, port: usize) -> std::borrow::Cow<'_, str> {
-        if port < self.crew.len() {
-            self.crew.name(port)
+        if port < self.participants.len() {
+            self.participants.name(port)
         } else {
-            format!("babbler {}", port - self.crew.len() + 1).into()
+            format!("babbler {}", port - self.participants.len() + 1).into()
         }
     }
 
     /// Figures of the bus, with the names of the nodes; babblers only if they ever sent.
     pub fn bus_report(&self) -> crate::bus::report::BusReport {
         let mut report = crate::bus::report::BusReport::new(&self.bus, |port| self.name(port));
-        let crew = self.crew.len();
+        let participants = self.participants.len();
         let mut index = 0;
         report.nodes.retain(|row| {
             index += 1;
-            index <= crew || row.sent + row.dropped > 0
+            index <= participants || row.sent + row.dropped > 0
         });
         report
     }
@@ -336,10 +330,10 @@ impl<C: Crew> World<C> {
         self.asked_below[node] = waiting_max.max(1);
     }
 
-    /// Acts on the crew at the present time, then takes what its nodes want to send.
-    pub fn with_crew<R>(&mut self, act: impl FnOnce(&mut C, Instant) -> R) -> Result<R, RunError> {
-        self.crew.advance(self.now);
-        let result = act(&mut self.crew, self.now);
+    /// Acts on the participants at the present time, then takes what its nodes want to send.
+    pub fn with_participants<R>(&mut self, act: impl FnOnce(&mut C, Instant) -> R) -> Result<R, RunError> {
+        self.participants.advance(self.now);
+        let result = act(&mut self.participants, self.now);
         self.settle_all()?;
         Ok(result)
     }
@@ -349,7 +343,7 @@ impl<C: Crew> World<C> {
         let port = match fault.target {
             _ if is_babble(&fault) => Some(self.spare_babbler),
             Target::Module(module) => {
-                let port = port_of(&self.crew, module);
+                let port = port_of(&self.participants, module);
                 if port.is_none() {
                     return Err(BuildError::NoSuchModule { label: fault.label, module });
                 }
@@ -386,7 +380,7 @@ impl<C: Crew> World<C> {
             if due > end {
                 return Ok(());
             }
-            self.crew.advance(self.now);
+            self.participants.advance(self.now);
             self.serve_faults()?;
             self.serve_delayed()?;
             self.serve_timers()?;
@@ -403,9 +397,9 @@ impl<C: Crew> World<C> {
         match event {
             BusEvent::Frame { from, frame, receivers, .. } => {
                 self.stats.frames += 1;
-                let from = from.filter(|port| *port < self.crew.len());
+                let from = from.filter(|port| *port < self.participants.len());
                 observer.on_frame(self.now, from, &frame);
-                self.crew.advance(self.now);
+                self.participants.advance(self.now);
                 if let Some(sender) = from.filter(|sender| self.asked_below[*sender] < usize::MAX) {
                     self.settle(sender)?;
                 }
@@ -427,8 +421,8 @@ impl<C: Crew> World<C> {
     }
 
     fn deliver(&mut self, frame: &Frame, receivers: u64) -> Result<(), RunError> {
-        let mut receivers = receivers & (u64::MAX >> (64 - self.crew.len().max(1)));
-        if self.crew.is_empty() {
+        let mut receivers = receivers & (u64::MAX >> (64 - self.participants.len().max(1)));
+        if self.participants.is_empty() {
             return Ok(());
         }
         if self.faults.acts_on_delivery() {
@@ -460,11 +454,11 @@ impl<C: Crew> World<C> {
     }
 
     fn hand_over(&mut self, port: usize, frame: &Frame) -> Result<(), RunError> {
-        if !self.crew.accepts(port, frame) {
+        if !self.participants.accepts(port, frame) {
             return Ok(());
         }
         self.stats.deliveries += 1;
-        self.crew.node(port).handle_frame(self.now, frame);
+        self.participants.node(port).handle_frame(self.now, frame);
         self.settle(port)
     }
 
@@ -480,7 +474,7 @@ impl<C: Crew> World<C> {
             match action {
                 Action::Attach { port, attached } => {
                     self.unplugged = self.unplugged & !(1 << port) | u64::from(!attached) << port;
-                    let powered = self.links.get(port).is_none_or(|link| *link == Link::On);
+                    let powered = self.links.get(port).is_none_or(|link| *link == BusConnection::On);
                     self.bus.set_attached(port, attached && powered, now_ns);
                 }
                 Action::BusOff { port } => self.bus.force_bus_off(port, now_ns),
@@ -490,7 +484,7 @@ impl<C: Crew> World<C> {
                 }
                 Action::Begin(place, fault) => {
                     physical = true;
-                    let begun = match self.crew.physics() {
+                    let begun = match self.participants.physics() {
                         Some(target) => target.begin_fault(self.now, place, &fault),
                         None => Err(NotApplicable {
                             what: fault.name(),
@@ -502,7 +496,7 @@ impl<C: Crew> World<C> {
                 }
                 Action::End(place, fault) => {
                     physical = true;
-                    if let Some(target) = self.crew.physics() {
+                    if let Some(target) = self.participants.physics() {
                         target.end_fault(self.now, place, &fault);
                     }
                 }
@@ -528,14 +522,14 @@ impl<C: Crew> World<C> {
             while self.deadlines[index] <= self.now.as_micros() {
                 if calls == TIMEOUT_CALLS_MAX {
                     return Err(RunError::Livelock {
-                        node: self.crew.name(index).into_owned(),
+                        node: self.participants.name(index).into_owned(),
                         now: self.now,
                         deadline: Instant::from_micros(self.deadlines[index]),
                     });
                 }
                 calls += 1;
                 self.stats.timeouts += 1;
-                self.crew.node(index).handle_timeout(self.now);
+                self.participants.node(index).handle_timeout(self.now);
                 self.settle(index)?;
             }
         }
@@ -543,30 +537,33 @@ impl<C: Crew> World<C> {
     }
 
     fn settle_all(&mut self) -> Result<(), RunError> {
-        (0..self.crew.len()).try_for_each(|index| self.settle(index))
+        (0..self.participants.len()).try_for_each(|index| self.settle(index))
     }
 
     /// After each event of a node: takes its frames, its deadline and its connection.
     fn settle(&mut self, index: usize) -> Result<(), RunError> {
         let now_ns = self.now.as_micros() * NANOS_PER_MICRO;
-        let node = self.crew.node(index);
+        let node = self.participants.node(index);
         let mut count = 0;
         while self.bus.queue(index).len() < self.asked_below[index]
             && let Some(frame) = node.poll_frame()
         {
             count += 1;
             if count > FRAMES_PER_EVENT_MAX {
-                return Err(RunError::Flood { node: self.crew.name(index).into_owned(), now: self.now });
+                return Err(RunError::Flood {
+                    node: self.participants.name(index).into_owned(),
+                    now: self.now,
+                });
             }
             if let Some(frame) = self.faults.outgoing(index, frame) {
                 self.bus.send(index, frame, now_ns);
             }
         }
         self.deadlines[index] = node.poll_timeout().map_or(u64::MAX, Instant::as_micros);
-        let link = self.crew.link(index);
+        let link = self.participants.connection(index);
         if link != self.links[index] {
             self.links[index] = link;
-            let attached = link == Link::On && self.unplugged >> index & 1 == 0;
+            let attached = link == BusConnection::On && self.unplugged >> index & 1 == 0;
             self.bus.set_attached(index, attached, now_ns);
         }
         Ok(())
@@ -577,6 +574,6 @@ fn is_babble(fault: &Fault) -> bool {
     matches!(fault.kind, FaultKind::Wire(WireFault::Babble { .. }))
 }
 
-fn port_of(crew: &impl Crew, module: protocol::ModuleId) -> Option<usize> {
-    (0..crew.len()).find(|index| crew.module(*index) == Some(module))
+fn port_of(participants: &impl Participants, module: protocol::ModuleId) -> Option<usize> {
+    (0..participants.len()).find(|index| participants.module(*index) == Some(module))
 }

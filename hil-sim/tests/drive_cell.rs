@@ -3,13 +3,13 @@
 mod drive_rig;
 
 use drive_rig::{Rig, id};
-use hil_sim::crew::Crew;
 use hil_sim::fault::{FaultTarget, PhysicalFault, Place};
 use hil_sim::mechanics::{Elasticity, Scatter};
+use hil_sim::participants::Participants;
 use hil_sim::rng::Rng;
 use hil_sim::{Cell, CellOptions};
 use protocol::powercube::{
-    Broadcast, CubeState, Motion, MotionCommand, Parameter, Reply, Request, SimpleCommand, Value,
+    Broadcast, CubeState, MotionCommand, MotionRequest, Parameter, Reply, Request, SimpleCommand, Value,
 };
 use protocol::units::{RadPerSec, Radians};
 use protocol::{Duration, Frame, Instant, StandardId};
@@ -41,12 +41,12 @@ fn set(rig: &mut Rig, module: u8, parameter: Parameter, value: Value) {
 }
 
 fn ramp(rig: &mut Rig, module: u8, target: f64) {
-    let motion = Motion::extended(MotionCommand::Ramp { target: Radians::new(target as f32) });
+    let motion = MotionRequest::extended(MotionCommand::Ramp { target: Radians::new(target as f32) });
     assert!(rig.ask_module(id(module), Request::Move(motion)).is_some());
 }
 
 fn velocity(rig: &mut Rig, module: u8, v: f64) {
-    let motion = Motion::simple(MotionCommand::Velocity(RadPerSec::new(v as f32)));
+    let motion = MotionRequest::simple(MotionCommand::Velocity(RadPerSec::new(v as f32)));
     assert!(rig.ask_module(id(module), Request::Move(motion)).is_some());
 }
 
@@ -130,7 +130,7 @@ fn ramps_far_ahead_give_pure_acceleration_cycle_by_cycle() {
         let acc = Request::Set(Parameter::TargetAcc, Value::F32(a.abs() as f32));
         rig.offer(&acc.encode(id(2)));
         let target = Radians::new((rig.q(1) + 3.0_f64.copysign(a)) as f32);
-        rig.offer(&Request::Move(Motion::extended(MotionCommand::Ramp { target })).encode(id(2)));
+        rig.offer(&Request::Move(MotionRequest::extended(MotionCommand::Ramp { target })).encode(id(2)));
         rig.run_until(cycle + Duration::from_millis(17));
         let found = rig.cell.drives()[1].set_point(rig.now).v_rad_s;
         expected += a * 0.017;
@@ -167,20 +167,30 @@ fn lost_supply_stops_its_three_drives_and_leaves_the_others() {
 
 #[test]
 fn drives_whose_electronics_hang_on_the_supply_go_off_the_bus_and_boot_again() {
-    use hil_sim::crew::Link;
+    use hil_sim::participants::BusConnection;
     let mut rig = homed(|o| o.logic_on_motor_supply = true);
     let fault = PhysicalFault::SupplyLoss { remaining: 0.0 };
     let now = rig.now;
     rig.cell.begin_fault(now, Place::Supply(1), &fault).unwrap();
     rig.run_ms(5);
-    let links: Vec<Link> = (0..6).map(|i| rig.cell.link(i)).collect();
-    assert_eq!(links, [Link::On, Link::On, Link::On, Link::Off, Link::Off, Link::Off]);
+    let links: Vec<BusConnection> = (0..6).map(|i| rig.cell.connection(i)).collect();
+    assert_eq!(
+        links,
+        [
+            BusConnection::On,
+            BusConnection::On,
+            BusConnection::On,
+            BusConnection::Off,
+            BusConnection::Off,
+            BusConnection::Off
+        ]
+    );
     let now = rig.now;
     rig.cell.end_fault(now, Place::Supply(1), &fault);
     rig.run_ms(490);
-    assert_eq!(rig.cell.link(4), Link::Off, "booting for 500 ms");
+    assert_eq!(rig.cell.connection(4), BusConnection::Off, "booting for 500 ms");
     rig.run_ms(20);
-    assert_eq!(rig.cell.link(4), Link::On);
+    assert_eq!(rig.cell.connection(4), BusConnection::On);
     assert!(!states(&rig)[4].contains(CubeState::HOME_OK));
 }
 
@@ -247,7 +257,7 @@ fn ball_leaves_with_the_hands_velocity_and_lands_on_the_parabola() {
     let t = landing.t_s;
     let expected = release.p_m + release.v_m_s * t - nalgebra::Vector3::new(0.0, 0.0, 0.5 * 9.81 * t * t);
     assert!((landing.p_m - expected).norm() < 1e-12 && (landing.p_m.z + 1.0).abs() < 1e-12);
-    assert!(matches!(rig.cell.ball(), Some(hil_sim::cell::Ball::Landed(_))));
+    assert!(matches!(rig.cell.ball(), Some(hil_sim::cell::BallState::Landed(_))));
 }
 
 #[test]
@@ -395,7 +405,7 @@ fn random_event(rig: &mut Rig, rng: &mut Rng) {
                     period_ms: rng.below(3_000) as u16,
                 },
             };
-            rig.offer(&Request::Move(Motion::extended(command)).encode(module));
+            rig.offer(&Request::Move(MotionRequest::extended(command)).encode(module));
         }
     }
 }
@@ -440,7 +450,8 @@ fn how_often_the_cell_is_advanced_changes_nothing() {
     let run = |every_us: u64| {
         let mut rig = homed(|_| ());
         rig.offer(
-            &Request::Move(Motion::extended(MotionCommand::Ramp { target: Radians::new(0.9) })).encode(id(1)),
+            &Request::Move(MotionRequest::extended(MotionCommand::Ramp { target: Radians::new(0.9) }))
+                .encode(id(1)),
         );
         let start = rig.now;
         let mut now = start;

@@ -3,7 +3,7 @@
 mod drive_rig;
 
 use drive_rig::{GET, PUT, Rig, frame, id, text};
-use hil_sim::drive::options::{BeyondMaximum, InternalCommand, Persistence, Refusal, UnknownRequest};
+use hil_sim::drive::options::{BeyondMaximum, InternalCommand, Persistence, RefusedReply, UnknownRequest};
 use protocol::Frame;
 use protocol::powercube::address::BROADCAST_ID;
 use protocol::powercube::{
@@ -101,7 +101,7 @@ fn value_above_its_maximum_is_clipped_or_refused_by_option() {
     assert_eq!(silent.set(Parameter::TargetVel, Value::F32(99.0)), None);
     let mut told = Rig::homed(|o| {
         o.drive.beyond_maximum = BeyondMaximum::Refuse;
-        o.drive.refusal = Refusal::Code(0x01);
+        o.drive.refusal = RefusedReply::Code(0x01);
     });
     assert_eq!(told.set(Parameter::TargetVel, Value::F32(99.0)), Some(0x01));
     assert_eq!(told.set(Parameter::ActPos, Value::F32(0.0)), Some(0x01), "read only");
@@ -272,16 +272,16 @@ fn recalc_takes_changed_gains_over_and_not_before() {
 
 #[test]
 fn baud_broadcast_changes_the_rate_at_once_without_answer() {
-    use hil_sim::crew::{Crew, Link};
+    use hil_sim::participants::{BusConnection, Participants};
     let mut rig = Rig::homed(|_| ());
-    assert_eq!(rig.cell.link(0), Link::On);
+    assert_eq!(rig.cell.connection(0), BusConnection::On);
     rig.all(Broadcast::Baud(BaudRate::Kbit250));
-    assert_eq!(rig.cell.link(0), Link::OtherRate);
+    assert_eq!(rig.cell.connection(0), BusConnection::OtherRate);
     let now = rig.now;
     rig.drive_mut().restart(now);
-    assert_eq!(rig.cell.link(0), Link::Off, "booting");
+    assert_eq!(rig.cell.connection(0), BusConnection::Off, "booting");
     rig.run_ms(600);
-    assert_eq!(rig.cell.link(0), Link::On, "not saved, so the old rate is back");
+    assert_eq!(rig.cell.connection(0), BusConnection::On, "not saved, so the old rate is back");
 }
 
 #[test]

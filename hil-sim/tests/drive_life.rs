@@ -6,8 +6,8 @@ use drive_rig::{GET, MS, PUT, Rig, frame, id, text};
 use hil_sim::drive::options::{HomeWhenHalted, SignOfLife, StateFrames};
 use protocol::Duration;
 use protocol::powercube::{
-    Broadcast, Channel, Config, CubeState, Motion, MotionCommand, Parameter, Reply, Request, ShortState,
-    SimpleCommand, Value,
+    Broadcast, Channel, Config, CubeState, MotionCommand, MotionRequest, Parameter, Reply, Request,
+    ShortState, SimpleCommand, Value,
 };
 use protocol::units::Radians;
 
@@ -306,8 +306,10 @@ fn ros_driver_starts_up_homes_and_moves() {
     rig.run_ms(500);
     rig.simple(SimpleCommand::Reset);
     rig.run_ms(300);
-    let step =
-        Request::Move(Motion::extended(MotionCommand::Step { target: Radians::new(0.1), time_ms: 300 }));
+    let step = Request::Move(MotionRequest::extended(MotionCommand::Step {
+        target: Radians::new(0.1),
+        time_ms: 300,
+    }));
     let Some(Reply::MotionExtended { short_state, .. }) = rig.ask(step) else { panic!() };
     rig.all(Broadcast::StartMotion);
     assert!(!short_state.contains(ShortState::NOT_OK), "{short_state}");
@@ -339,7 +341,10 @@ fn negative_ramp_velocity_counts_by_its_magnitude() {
 fn second_step_is_buffered_and_a_stream_of_steps_runs_evenly() {
     let mut rig = Rig::homed(|_| ());
     let step = |target: f32| {
-        Request::Move(Motion::extended(MotionCommand::Step { target: Radians::new(target), time_ms: 100 }))
+        Request::Move(MotionRequest::extended(MotionCommand::Step {
+            target: Radians::new(target),
+            time_ms: 100,
+        }))
     };
     rig.ask(step(0.15));
     let Some(Reply::MotionExtended { short_state, .. }) = rig.ask(step(0.20)) else { panic!() };
@@ -357,7 +362,7 @@ fn second_step_is_buffered_and_a_stream_of_steps_runs_evenly() {
 
 #[test]
 fn deadline_in_the_past_is_served_late_without_harm() {
-    use hil_sim::crew::Crew;
+    use hil_sim::participants::Participants;
     let mut rig = Rig::homed(|_| ());
     rig.offer(&frame(GET, &[0x0A, 0x3C]));
     let late = rig.now + Duration::from_millis(30);

@@ -5,8 +5,8 @@ mod drive_rig;
 use drive_rig::{PUT, Rig, frame, id, text};
 use hil_sim::drive::options::BeyondSoftLimit;
 use protocol::powercube::{
-    Broadcast, Config, CubeState, Motion, MotionAck, MotionCommand, MotionKind, MotionPosition, Parameter,
-    Reply, Request, ShortState, SimpleCommand, Value,
+    Broadcast, Config, CubeState, MotionAck, MotionCommand, MotionKind, MotionPosition, MotionRequest,
+    Parameter, Reply, Request, ShortState, SimpleCommand, Value,
 };
 use protocol::units::{Amperes, RadPerSec, Radians};
 
@@ -39,8 +39,11 @@ fn every_motion_is_answered_in_its_form_and_moves() {
         for ack in [MotionAck::Simple, MotionAck::Extended] {
             let kind = command.kind();
             let Some(code) = kind.code(ack) else { continue };
-            let motion =
-                if ack == MotionAck::Simple { Motion::simple(command) } else { Motion::extended(command) };
+            let motion = if ack == MotionAck::Simple {
+                MotionRequest::simple(command)
+            } else {
+                MotionRequest::extended(command)
+            };
             let mut rig = Rig::homed(|_| ());
             let request = Request::Move(motion).encode(id(1));
             assert_eq!(request.dlc(), dlc, "{motion}");
@@ -91,7 +94,7 @@ fn motion_while_halted_is_answered_with_not_ok_and_not_executed() {
     rig.simple(SimpleCommand::Halt);
     let Some(Reply::MotionExtended { short_state, .. }) = rig.move_to(0.5) else { panic!() };
     assert!(short_state.contains(ShortState::NOT_OK));
-    let simple = Request::Move(Motion::simple(MotionCommand::Ramp { target: Radians::new(0.5) }));
+    let simple = Request::Move(MotionRequest::simple(MotionCommand::Ramp { target: Radians::new(0.5) }));
     assert_eq!(rig.ask(simple), Some(Reply::MotionAck { kind: MotionKind::Ramp, code: 0x64 }));
     rig.run_ms(500);
     assert!((rig.q(0) - 0.1).abs() < 1e-3);
@@ -127,7 +130,7 @@ fn current_motion_stays_at_nominal_unless_full_current_is_allowed() {
             rig.add_config(Config::ALLOW_FULL_CUR);
         }
         rig.set_f(Parameter::NominalMotorCurrent, 3.0);
-        rig.ask(Request::Move(Motion::simple(MotionCommand::Current(Amperes::new(6.0)))));
+        rig.ask(Request::Move(MotionRequest::simple(MotionCommand::Current(Amperes::new(6.0)))));
         rig.run_ms(800);
         rig.cell.plant().axis(0).v_rad_s
     };

@@ -3,10 +3,11 @@
 mod drive_rig;
 
 use drive_rig::{Rig, id};
-use hil_sim::crew::Crew;
 use hil_sim::fault::{FaultTarget, PhysicalFault, Place};
+use hil_sim::participants::Participants;
 use protocol::powercube::{
-    Config, CubeState, Dio, Motion, MotionCommand, Parameter, Request, ShortState, SimpleCommand, Value,
+    Config, CubeState, Dio, MotionCommand, MotionRequest, Parameter, Request, ShortState, SimpleCommand,
+    Value,
 };
 use protocol::units::{Amperes, Radians};
 use protocol::{Duration, Frame};
@@ -82,7 +83,7 @@ fn raise(bit: CubeState) -> CubeState {
         }
         CubeState::INPROGRESS | CubeState::FULLBUFFER => {
             for target in [0.15, 0.2] {
-                rig.ask(Request::Move(Motion::simple(MotionCommand::Step {
+                rig.ask(Request::Move(MotionRequest::simple(MotionCommand::Step {
                     target: Radians::new(target),
                     time_ms: 500,
                 })));
@@ -386,7 +387,7 @@ fn a_halted_drive_that_loses_counts_closes_its_brake_because_it_sees_no_motion()
 fn blocked_axis_shows_in_a_current_motion_as_standing() {
     let mut rig = Rig::homed(|_| ());
     begin(&mut rig, &PhysicalFault::Blocked);
-    rig.ask(Request::Move(Motion::simple(MotionCommand::Current(Amperes::new(10.0)))));
+    rig.ask(Request::Move(MotionRequest::simple(MotionCommand::Current(Amperes::new(10.0)))));
     rig.run_ms(500);
     assert!((rig.q(0) - 0.1).abs() < 1e-4);
     end(&mut rig, &PhysicalFault::Blocked);
@@ -409,7 +410,7 @@ fn impact_shows_in_the_current_and_a_current_motion_shows_what_it_was_told() {
     end(&mut rig, &PhysicalFault::Blocked);
     rig.run_ms(500);
     reset(&mut rig);
-    rig.ask(Request::Move(Motion::simple(MotionCommand::Current(Amperes::new(-5.0)))));
+    rig.ask(Request::Move(MotionRequest::simple(MotionCommand::Current(Amperes::new(-5.0)))));
     rig.run_ms(20);
     assert_eq!(rig.get(Parameter::Cur), 5.0);
 }

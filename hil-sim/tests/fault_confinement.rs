@@ -229,7 +229,7 @@ fn rule_10_thirty_two_transmit_errors_end_in_bus_off() {
     assert_eq!(events.iter().filter(|event| matches!(event, BusEvent::BusOff { port: 0, .. })).count(), 1);
     assert_eq!(frames(&events), []);
     assert_eq!(bus.port_stats(0).became_bus_off, 1);
-    // Held until somebody asks.
+    // Held until a node asks.
     assert!(run(&mut bus, &mut Script::default(), 200_000).is_empty());
     assert!(!bus.is_online(0));
 }

@@ -3,7 +3,7 @@
 mod krc_rig;
 
 use hil_sim::krc::options::{KrcOptions, Space};
-use hil_sim::krc::{Event, FaultCause, Krc, State};
+use hil_sim::krc::{FaultCause, Krc, KrcEvent, State};
 use krc_rig::{ARM, Answer, MS, Rig, between, config, fault, refused, running, wide};
 use protocol::{Duration, Instant};
 use rsi_protocol::Generation;
@@ -62,7 +62,7 @@ fn ten_thousand_cycles_have_no_late_answer_in_both_generations_over_datagrams_an
             .events
             .iter()
             .filter_map(|event| match event {
-                Event::Cycle(cycle) => Some(cycle.set_deg[0]),
+                KrcEvent::Cycle(cycle) => Some(cycle.set_deg[0]),
                 _ => None,
             })
             .collect();
@@ -122,7 +122,7 @@ fn answers_with_a_wrong_number_or_type_or_twice_do_not_count() {
     ] {
         krc.handle_bytes(MS(13), text.as_bytes());
     }
-    let events: Vec<Event> = std::iter::from_fn(|| krc.poll_event()).collect();
+    let events: Vec<KrcEvent> = std::iter::from_fn(|| krc.poll_event()).collect();
     assert_eq!(refused(&events), ["wrong-type", "wrong-type", "unreadable", "unreadable", "second"]);
 }
 
@@ -170,7 +170,7 @@ fn share_of_late_answers_warns_once_or_stops() {
             .events
             .iter()
             .filter_map(|event| match event {
-                Event::LateWarning { at } => Some(*at),
+                KrcEvent::LateWarning { at } => Some(*at),
                 _ => None,
             })
             .collect();
@@ -215,9 +215,9 @@ fn stop_ends_the_motion_without_a_fault_and_text_is_shown_once() {
     });
     bench.run_cycles(40);
     assert_eq!((bench.krc.state(), bench.client.full), (State::Off, 11));
-    let texts: Vec<&Event> = bench.events.iter().filter(|e| matches!(e, Event::Text { .. })).collect();
-    assert_eq!(texts, [&Event::Text { at: MS(60), text: "Info: hello".to_owned() }]);
-    assert!(bench.events.contains(&Event::Stopped { at: MS(144) }), "{}", bench.log());
+    let texts: Vec<&KrcEvent> = bench.events.iter().filter(|e| matches!(e, KrcEvent::Text { .. })).collect();
+    assert_eq!(texts, [&KrcEvent::Text { at: MS(60), text: "Info: hello".to_owned() }]);
+    assert!(bench.events.contains(&KrcEvent::Stopped { at: MS(144) }), "{}", bench.log());
 }
 
 #[test]
@@ -235,7 +235,7 @@ fn new_start_begins_where_the_arm_stands_and_counts_anew() {
         .events
         .iter()
         .filter_map(|event| match event {
-            Event::Started { at } => Some(*at),
+            KrcEvent::Started { at } => Some(*at),
             _ => None,
         })
         .collect();

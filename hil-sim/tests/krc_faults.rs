@@ -4,7 +4,7 @@ mod krc_rig;
 
 use hil_sim::krc::options::{KrcOptions, Space};
 use hil_sim::krc::{
-    Bench, Client, Direction, Event, LinkFault, LinkFaultKind, LinkOptions, RobotFault, State,
+    Bench, Client, Direction, KrcEvent, LinkFault, LinkFaultKind, LinkOptions, RobotFault, State,
 };
 use hil_sim::rng::Rng;
 use krc_rig::{Answer, MS, Rig, config, fault, refused, wide};
@@ -183,9 +183,9 @@ fn random_faults_never_break_the_limits_and_repeat_exactly() {
         let mut over = false;
         for event in &bench.events {
             match event {
-                Event::Started { .. } => (over, last) = (false, None),
-                Event::Fault { .. } | Event::Stopped { .. } => over = true,
-                Event::Cycle(cycle) => {
+                KrcEvent::Started { .. } => (over, last) = (false, None),
+                KrcEvent::Fault { .. } | KrcEvent::Stopped { .. } => over = true,
+                KrcEvent::Cycle(cycle) => {
                     assert!(!over, "seed {seed}: a telegram after the end");
                     let at = cycle.at.as_micros();
                     if let Some((before, q)) = last {

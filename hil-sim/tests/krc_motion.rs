@@ -2,7 +2,7 @@
 
 mod krc_rig;
 
-use hil_sim::krc::Event;
+use hil_sim::krc::KrcEvent;
 use hil_sim::krc::drives::Drives;
 use hil_sim::krc::options::{KrcOptions, LagOptions, Space};
 use krc_rig::{ARM, Answer, MS, Rig, config, fault, running, wide};
@@ -115,7 +115,7 @@ fn object_limit_clamps_without_a_word() {
         assert!((actual - reached).abs() < 1e-9, "{wanted}: {actual}");
         assert!(
             running(&bench)
-                && bench.events.iter().all(|e| matches!(e, Event::Started { .. } | Event::Cycle(_)))
+                && bench.events.iter().all(|e| matches!(e, KrcEvent::Started { .. } | KrcEvent::Cycle(_)))
         );
     }
 }
@@ -251,7 +251,7 @@ fn arm_brakes_straight_on_and_nothing_more_is_sent() {
     let actual = bench.krc.actual(bench.now());
     assert!((actual.q_deg[0] - a1).abs() < 1e-6 && actual.qd_deg_s[0].abs() < 1e-5, "{actual:?}");
     assert_eq!(bench.client.received.last().unwrap().0, MS(600));
-    assert!(bench.events.contains(&Event::Standing { at: MS(600 + 108) }), "{}", bench.log());
+    assert!(bench.events.contains(&KrcEvent::Standing { at: MS(600 + 108) }), "{}", bench.log());
     assert_eq!(bench.krc.poll_timeout(), None, "everything has settled");
 }
 
@@ -319,7 +319,7 @@ fn ball_leaves_the_actual_hand_after_cycle_and_delay() {
     let t = (2.0 * p.z / 9.81).sqrt();
     assert!((landing.t_s - t).abs() < 1e-9 && (landing.p_m.x - (p.x + v.x * t)).abs() < 1e-9, "{landing:?}");
     // The ball is thrown once.
-    assert_eq!(bench.events.iter().filter(|e| matches!(e, Event::Released { .. })).count(), 1);
+    assert_eq!(bench.events.iter().filter(|e| matches!(e, KrcEvent::Released { .. })).count(), 1);
 }
 
 #[test]

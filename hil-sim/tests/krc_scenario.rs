@@ -130,3 +130,15 @@ fn wrong_files_are_refused_with_file_line_and_key() {
     let error = broken.unwrap_err().to_string();
     assert!(error.starts_with("a.toml:3: rsi_config: c.xml: line 6: PORT is '0'"), "{error}");
 }
+
+#[test]
+fn description_of_every_controller_that_comes_with_the_program_reads_back() {
+    for name in ["kr-c2", "kr-c2-tcp", "kr-c4", "kr-c4-12ms"] {
+        let scenario = KrcScenario::open(name).unwrap_or_else(|error| panic!("{error}"));
+        scenario.controller().unwrap_or_else(|error| panic!("{name}: {error}"));
+        let text = scenario.description("one line\nand another", "c.xml");
+        let again = KrcScenario::from_toml("b.toml", &text, |_| Ok(scenario.config_text.clone())).unwrap();
+        assert_eq!((again.options, again.config), (scenario.options, scenario.config), "{name}");
+    }
+    assert!(KrcScenario::open("no-such-robot.toml").is_err());
+}

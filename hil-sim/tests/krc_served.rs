@@ -9,7 +9,7 @@ use std::thread::JoinHandle;
 use hil_sim::krc::bench::{RobotFault, RobotFaults};
 use hil_sim::krc::options::Space;
 use hil_sim::krc::serve::{Mode, ServeError, ServeOptions, Served, serve};
-use hil_sim::krc::{Direction, Krc, Link, LinkFault, LinkFaultKind, LinkOptions};
+use hil_sim::krc::{DatagramLink, Direction, Krc, LinkFault, LinkFaultKind, LinkOptions};
 use krc_rig::{ARM, MS, between, config, wide};
 use rsi_protocol::Generation;
 
@@ -71,7 +71,7 @@ struct Run {
     cycles: u64,
     link_faults: Vec<LinkFault>,
     robot_faults: Vec<RobotFault>,
-    /// The client writes its answers to a stream in pieces of so many bytes.
+    /// The client writes its answers to a stream in pieces of this many bytes.
     piece: usize,
 }
 
@@ -93,13 +93,13 @@ impl Run {
             // Only a hung client takes as long.
             answer_limit: protocol::Duration::from_secs(120),
         };
-        let mut link = Link::new(
+        let mut link = DatagramLink::new(
             LinkOptions { in_order: self.protocol == "TCP", ..LinkOptions::default() },
             &self.link_faults,
             7,
         );
         let mut log = String::new();
-        let mut observe = |event: &hil_sim::krc::Event| log.push_str(&format!("{event}\n"));
+        let mut observe = |event: &hil_sim::krc::KrcEvent| log.push_str(&format!("{event}\n"));
         let mut faults = RobotFaults::new(&self.robot_faults);
         let served = serve(&mut krc, &mut link, &mut faults, &options, &|| true, &mut observe);
         if self.protocol == "UDP" {
@@ -126,6 +126,52 @@ fn ten_thousand_cycles_over_loopback_have_no_late_answer() {
         );
         assert_eq!(answers, 10_000, "{case}");
     }
+}
+
+#[test]
+fn robot_whose_client_begins_late_takes_one_answer_to_the_telegram_that_it_repeats() {
+    const COPIES: usize = 3;
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let pc = socket.local_addr().unwrap();
+    // Nothing is answered until the telegram has come three times; then every copy is.
+    let client = std::thread::spawn(move || {
+        let (mut buffer, mut first, mut answers) = ([0; 2048], Vec::new(), 0);
+        loop {
+            let (length, from) = socket.recv_from(&mut buffer).unwrap();
+            if length == 0 {
+                return (first, answers);
+            }
+            let telegram = std::str::from_utf8(&buffer[..length]).unwrap();
+            // The one before the first with axes has a number only.
+            let Some(answer) = answer(telegram).filter(|_| telegram.contains("AIPos")) else { continue };
+            let times = if first.len() < COPIES {
+                first.push(answer.clone());
+                if first.len() == COPIES { COPIES } else { 0 }
+            } else {
+                1
+            };
+            for _ in 0..times {
+                socket.send_to(answer.as_bytes(), from).unwrap();
+                answers += 1;
+            }
+        }
+    });
+    let mut krc = Krc::new(ARM.clone(), config("UDP", Space::Axes, true), wide(Generation::KrC2), 7).unwrap();
+    let options = ServeOptions {
+        pc,
+        mode: Mode::LockStep,
+        cycles: Some(100),
+        answer_limit: protocol::Duration::from_secs(120),
+    };
+    let mut link = DatagramLink::new(LinkOptions::default(), &[], 7);
+    let mut faults = RobotFaults::new(&[]);
+    let served = serve(&mut krc, &mut link, &mut faults, &options, &|| true, &mut |_| {}).unwrap();
+    UdpSocket::bind("127.0.0.1:0").unwrap().send_to(&[], pc).unwrap();
+    let (first, answers) = client.join().unwrap();
+    assert!(first.iter().all(|answer| *answer == first[0]), "{first:?}");
+    // The first of the 100 telegrams has a number only.
+    assert!(answers >= 99 + COPIES - 1, "{answers}");
+    assert_eq!((served.telegrams, served.late, served.refused, served.fault), (100, 0, 0, None));
 }
 
 #[test]
@@ -209,7 +255,7 @@ fn robot_says_so_when_nobody_listens_or_nobody_answers() {
         answer_limit: protocol::Duration::from_millis(50),
     };
     let run = |krc: &mut Krc, options: &ServeOptions| {
-        let mut link = Link::new(LinkOptions::default(), &[], 1);
+        let mut link = DatagramLink::new(LinkOptions::default(), &[], 1);
         serve(krc, &mut link, &mut RobotFaults::default(), options, &|| true, &mut |_| {})
     };
     let error = run(&mut krc, &options).unwrap_err();

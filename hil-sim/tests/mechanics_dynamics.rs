@@ -353,7 +353,7 @@ fn sphere_touches_the_box_it_is_in_and_nothing_far_away() {
 }
 
 #[test]
-fn numbers_that_are_none_stop_the_plant_and_nothing_else() {
+fn nan_stops_the_plant_and_nothing_else() {
     let model = model();
     let q = deg([0.0, -90.0, -90.0, 0.0, 0.0, 0.0]);
     for torque in [f64::NAN, f64::INFINITY, 1e300] {

@@ -4,11 +4,11 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
 use can_link::{
-    BusServer, ClientId, Clock, Event, Link, LinkError, LinkStats, PollSet, SendError, ServerEvent,
+    BusServer, CanLink, ClientId, Clock, LinkError, LinkEvent, LinkStats, PollSet, SendError, ServerEvent,
 };
 use hil_sim::Observer;
 use hil_sim::bus::BusConfig;
-use hil_sim::crew::Solo;
+use hil_sim::participants::Solo;
 use hil_sim::realtime::{Door, Gateway, Realtime, RealtimeError};
 use protocol::{Duration, Frame, Instant, StandardId};
 
@@ -33,7 +33,7 @@ impl Memory {
     }
 }
 
-impl Link for Memory {
+impl CanLink for Memory {
     fn name(&self) -> &str {
         "memory"
     }
@@ -43,13 +43,13 @@ impl Link for Memory {
         Ok(())
     }
 
-    fn receive(&mut self) -> Result<Option<Event>, LinkError> {
+    fn receive(&mut self) -> Result<Option<LinkEvent>, LinkError> {
         let mut wire = self.0.lock().unwrap();
         if wire.broken {
             return Err(LinkError::Closed { link: "memory".to_owned() });
         }
         let frame = wire.to_world.pop_front();
-        Ok(frame.map(|frame| Event::Frame { at: Instant::ZERO, stamp: None, frame }))
+        Ok(frame.map(|frame| LinkEvent::Frame { at: Instant::ZERO, stamp: None, frame }))
     }
 
     fn register<'a>(&'a self, _: &mut PollSet<'a>) {}
@@ -175,7 +175,7 @@ impl BusServer for Crowd {
     }
 }
 
-impl Link for Crowd {
+impl CanLink for Crowd {
     fn name(&self) -> &str {
         "crowd"
     }
@@ -184,7 +184,7 @@ impl Link for Crowd {
         Ok(())
     }
 
-    fn receive(&mut self) -> Result<Option<Event>, LinkError> {
+    fn receive(&mut self) -> Result<Option<LinkEvent>, LinkError> {
         Ok(None)
     }
 
@@ -204,7 +204,7 @@ fn flooding_client_delays_each_frame_of_another_by_three_frames_at_most() {
     let looks = Arc::default();
     let quiet: VecDeque<Frame> = burst(0x400).into();
     let crowd = Crowd { given: vec![VecDeque::new(), quiet], next: 0, looks };
-    // Somebody must acknowledge.
+    // A node must acknowledge.
     let doors = vec![Door::Server(Box::new(crowd)), Memory::default().door()];
     let mut realtime = flooded(doors);
     let (mut count, end) = (Count::default(), Instant::from_micros(100_000));

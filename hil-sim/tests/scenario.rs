@@ -58,7 +58,7 @@ fn full_file_is_read_as_written() {
 }
 
 #[test]
-fn every_kind_of_fault_of_the_issue_has_a_form() {
+fn every_kind_of_fault_has_a_form() {
     let m3 = Place::Module(ModuleId::new(3).unwrap());
     let wire = FaultKind::Wire;
     let ms = Duration::from_millis;

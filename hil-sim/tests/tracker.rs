@@ -4,7 +4,7 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 
 use hil_sim::tracker::scenario::TrackerScenario;
 use hil_sim::tracker::{
-    BodyOptions, Connection, Motion, Tracker, TrackerFault, TrackerFaultKind, TrackerOptions,
+    BodyMotion, BodyOptions, Connection, Tracker, TrackerFault, TrackerFaultKind, TrackerOptions,
 };
 use protocol::{Duration, Instant};
 use tracker_protocol::dtrack::{DataFrame, DayClock, Messages};
@@ -20,7 +20,7 @@ fn sink() -> SocketAddr {
 /// One body at (2.5, 0.05, 1.0) m, no noise, 100 Hz, measuring.
 fn exact() -> TrackerOptions {
     let h = 0.5_f64.sqrt();
-    let mut motion = Motion::at_rest([2500.0, 50.0, 1000.0]);
+    let mut motion = BodyMotion::at_rest([2500.0, 50.0, 1000.0]);
     motion.rotation_wxyz = [h, 0.0, 0.0, h];
     TrackerOptions {
         period: Duration::from_millis(10),

@@ -7,11 +7,11 @@ mod nodes;
 use common::standard;
 use hil_sim::bus::encode::frame_bits;
 use hil_sim::bus::{BusConfig, Confinement};
-use hil_sim::crew::Solo;
 use hil_sim::fault::{Fault, FaultKind, IdFilter, Target, WireFault, WrongPart};
+use hil_sim::participants::Solo;
 use hil_sim::record::{CandumpLog, Trace};
 use hil_sim::world::{RunError, World};
-use hil_sim::{Crew, Link};
+use hil_sim::{BusConnection, Participants};
 use nodes::{Beacon, Fountain, Responder, Stuck};
 use protocol::text::BusName;
 use protocol::{Duration, Frame, Instant, ModuleId, Node};
@@ -49,7 +49,7 @@ impl Cell {
     }
 }
 
-impl Crew for Cell {
+impl Participants for Cell {
     fn len(&self) -> usize {
         12
     }
@@ -59,8 +59,8 @@ impl Crew for Cell {
     fn name(&self, index: usize) -> std::borrow::Cow<'_, str> {
         if index < 6 { format!("drive {}", index + 1).into() } else { format!("poller {}", index - 5).into() }
     }
-    fn link(&self, index: usize) -> Link {
-        if self.off == Some(index) { Link::Off } else { Link::On }
+    fn connection(&self, index: usize) -> BusConnection {
+        if self.off == Some(index) { BusConnection::Off } else { BusConnection::On }
     }
     fn module(&self, index: usize) -> Option<ModuleId> {
         ModuleId::new(index as u8 + 1).ok().filter(|_| index < 6)
@@ -106,16 +106,16 @@ fn count(log: &str, id: &str, from: u64, to: u64) -> usize {
 fn request_and_answer_come_at_the_times_worked_by_hand() {
     let request = standard(0x0C1, &[0x0A, 0x62]);
     let answer = standard(0x0A1, &[1, 2, 3]);
-    let crew = (
+    let participants = (
         Solo::new("poller", Beacon::new(request, 100, 1_000_000)),
         Solo::new("drive", Responder::new(0x0C1, answer, 50)),
     );
-    let mut world = World::new(crew, BusConfig::default(), 0, vec![]).unwrap();
+    let mut world = World::new(participants, BusConfig::default(), 0, vec![]).unwrap();
     world.run_until(us(2_000), &mut ()).unwrap();
     // Queued at 100, valid for the receiver one bit before its end; 50 us later the answer starts, the bus being idle.
     let request_seen = 100 + u64::from(frame_bits(&request)) - 1;
     let answer_seen = request_seen + 50 + u64::from(frame_bits(&answer)) - 1;
-    assert_eq!(world.crew().0.node.heard, [(us(answer_seen), answer)]);
+    assert_eq!(world.participants().0.node.heard, [(us(answer_seen), answer)]);
 }
 
 #[test]
@@ -184,7 +184,8 @@ fn drop_on_the_bus_with_an_id_filter_hides_one_answer_from_everybody() {
     drop.filter = Some(IdFilter { id: standard(0x0A3, &[]).id(), mask: 0x7FF });
     let (log, world) = log_of(1, vec![drop], cycles(50));
     assert_eq!(count(&log, "0A3", 10, 30), 20);
-    let heard = |p: usize| world.crew().poller[p].heard.iter().filter(|(_, f)| f.id().raw() == 0x0A3).count();
+    let heard =
+        |p: usize| world.participants().poller[p].heard.iter().filter(|(_, f)| f.id().raw() == 0x0A3).count();
     assert_eq!(heard(0), 30);
 }
 
@@ -342,12 +343,12 @@ fn repeated_fault_happens_as_often_as_planned() {
 fn unpowered_node_leaves_the_bus_and_comes_back_after_eleven_recessive_bits() {
     let mut world = World::new(Cell::new(), BusConfig::default(), 1, vec![]).unwrap();
     world.run_until(cycles(10), &mut ()).unwrap();
-    world.with_crew(|cell, _| cell.off = Some(2)).unwrap();
+    world.with_participants(|cell, _| cell.off = Some(2)).unwrap();
     let mut trace = Trace::new(10_000);
     world.run_until(cycles(20), &mut trace).unwrap();
     assert!(!world.bus().is_online(2));
     assert!(trace.entries().iter().all(|e| e.frame.id().raw() != 0x0A3));
-    world.with_crew(|cell, _| cell.off = None).unwrap();
+    world.with_participants(|cell, _| cell.off = None).unwrap();
     world.run_until(cycles(30), &mut trace).unwrap();
     assert!(world.bus().is_online(2));
     assert_eq!(trace.entries().iter().filter(|e| e.frame.id().raw() == 0x0A3).count(), 10);
@@ -355,16 +356,16 @@ fn unpowered_node_leaves_the_bus_and_comes_back_after_eleven_recessive_bits() {
 
 #[test]
 fn deadline_that_never_moves_is_reported_with_the_name() {
-    let crew = (Solo::new("good", Beacon::new(standard(1, &[]), 0, 1_000)), Solo::new("bad", Stuck));
-    let mut world = World::new(crew, BusConfig::default(), 0, vec![]).unwrap();
+    let participants = (Solo::new("good", Beacon::new(standard(1, &[]), 0, 1_000)), Solo::new("bad", Stuck));
+    let mut world = World::new(participants, BusConfig::default(), 0, vec![]).unwrap();
     let error = world.run_until(cycles(1), &mut ()).unwrap_err();
     assert_eq!(error, RunError::Livelock { node: "bad".into(), now: us(5), deadline: us(5) });
 }
 
 #[test]
 fn node_without_end_of_frames_is_reported_with_the_name() {
-    let crew = Solo::new("fountain", Fountain(standard(1, &[])));
-    let mut world = World::new(crew, BusConfig::default(), 0, vec![]).unwrap();
+    let participants = Solo::new("fountain", Fountain(standard(1, &[])));
+    let mut world = World::new(participants, BusConfig::default(), 0, vec![]).unwrap();
     assert_eq!(
         world.run_until(cycles(1), &mut ()).unwrap_err(),
         RunError::Flood { node: "fountain".into(), now: us(0) }

@@ -23,10 +23,15 @@ pub enum Verb {
     /// Plan motions.
     #[command(subcommand)]
     Plan(Box<cmd::plan::PlanVerb>),
-    /// Catch a flying disc with a four-axis arm: the rule of paper 001, and a plan within the joint limits.
+    /// Catch a flying disc with a four-axis arm, or a ball with a six-axis arm.
     Catch(Box<cmd::catch::Args>),
+    /// Let two arms throw a ball to each other and catch it.
+    Rally(Box<cmd::rally::Args>),
     /// Check a plan file again, by other means than the planner's.
     Check(cmd::check::Args),
+    /// Make, check and draw robot files.
+    #[command(subcommand)]
+    Robot(cmd::robot::RobotVerb),
     /// Write the joint motion of a plan as a table.
     Export(cmd::export::Args),
     /// Find the modules on a bus: address, serial number, firmware, state.
@@ -35,13 +40,13 @@ pub enum Verb {
     Status(cmd::status::Args),
     /// Look at the bus and at each module, and say what is wrong and what to do.
     Doctor(cmd::doctor::Args),
-    /// Let modules find their zeros: reduced speed, bounded in time and current.
+    /// Let joints find their zeros: reduced speed, bounded in time and current.
     Home(cmd::home::Args),
-    /// Move one module while a key is held, or for a time, at reduced speed.
+    /// Move one joint while a key is held, or for a time, at reduced speed.
     Jog(cmd::jog::Args),
     /// Halt everything on the bus.
     Stop(cmd::stop::Args),
-    /// Let the controller forget a latched fault and look at the drives anew; nothing moves.
+    /// Let the controller forget a latched fault and look at the drives again; nothing moves.
     Clear(cmd::clear::Args),
     /// Store a trajectory file in the controller and commit it; nothing moves.
     Upload(cmd::upload::Args),
@@ -49,6 +54,9 @@ pub enum Verb {
     Run(cmd::run::Args),
     /// Run the controller as a program on this machine, on any bus.
     Controller(cmd::controller::Args),
+    /// Targets and calibration from an optical tracker.
+    #[command(subcommand)]
+    Tracker(cmd::tracker::TrackerVerb),
     /// Serve the simulated cell to other programs, in real time.
     Sim(cmd::sim::Args),
     /// Throw in random simulated cells with faults, and judge each throw from the plant.
@@ -64,12 +72,15 @@ pub enum Verb {
     /// Save, compare and restore the parameters of modules.
     #[command(subcommand)]
     Config(cmd::config::ConfigVerb),
+    /// Show, set, list and export the settings of a controller.
+    #[command(subcommand)]
+    Registers(Box<cmd::registers::RegistersVerb>),
     /// Make, set and remove the key of a controller.
     #[command(subcommand)]
     Key(cmd::key::KeyVerb),
     /// Let a controller take limits beyond those of its robot for a while.
     Unlock(cmd::unlock::Args),
-    /// Explain a fault number of the controller, or an exit code.
+    /// Explain a fault number, an exit code, a word of a module's state, or the faults that a scenario can have.
     Explain(cmd::explain::Args),
     /// Write a completion script for a shell.
     Completions(cmd::completions::Args),
@@ -105,7 +116,7 @@ Exit codes:
 /// # Errors
 /// Part of it could not be written, as to a full disk. A reader that left is none.
 pub fn output_is_whole() -> Result<(), ExpectedError> {
-    say::lost().map_or(Ok(()), |error| {
+    console::lost().map_or(Ok(()), |error| {
         Err(ExpectedError::new(
             exit::OUTPUT,
             format!(
@@ -124,7 +135,9 @@ pub fn run(cli: Cli) -> Result<(), ExpectedError> {
         Verb::Throw(args) => cmd::throw::run(&args),
         Verb::Plan(verb) => cmd::plan::run(*verb),
         Verb::Catch(args) => cmd::catch::run(&args),
+        Verb::Rally(args) => cmd::rally::run(&args),
         Verb::Check(args) => cmd::check::run(&args),
+        Verb::Robot(verb) => cmd::robot::run(&verb),
         Verb::Export(args) => cmd::export::run(&args),
         Verb::Scan(args) => cmd::scan::run(&args),
         Verb::Status(args) => cmd::status::run(&args),
@@ -136,6 +149,7 @@ pub fn run(cli: Cli) -> Result<(), ExpectedError> {
         Verb::Upload(args) => cmd::upload::run(&args),
         Verb::Run(args) => cmd::run::run(&args),
         Verb::Controller(args) => cmd::controller::run(&args),
+        Verb::Tracker(verb) => cmd::tracker::run(&verb),
         Verb::Sim(args) => cmd::sim::run(&args),
         Verb::Swarm(args) => cmd::swarm::run(&args),
         Verb::Record(args) => cmd::record::run(&args),
@@ -143,9 +157,10 @@ pub fn run(cli: Cli) -> Result<(), ExpectedError> {
         Verb::Report(args) => cmd::report::run(&args),
         Verb::Monitor(args) => cmd::monitor::run(&args),
         Verb::Config(verb) => cmd::config::run(&verb),
+        Verb::Registers(verb) => cmd::registers::run(&verb),
         Verb::Key(verb) => cmd::key::run(&verb),
         Verb::Unlock(args) => cmd::unlock::run(&args),
-        Verb::Completions(args) => cmd::completions::run(&args, Cli::command()),
+        Verb::Completions(args) => cmd::completions::run(&args),
         Verb::Man(args) => cmd::man::run(&args, Cli::command()),
         Verb::Explain(args) => cmd::explain::run(&args),
         Verb::Identify(args) => cmd::identify::run(&args),

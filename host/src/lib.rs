@@ -4,6 +4,9 @@
 //! An arrow goes from user to used; none goes up.
 //!
 //! ```text
+//! complete            what a shell offers for the values of options
+//!  |
+//!  v
 //! cli                 command line: which verb, with which arguments
 //!  |
 //!  v
@@ -22,6 +25,7 @@
 
 pub mod cli;
 pub mod cmd;
+pub mod complete;
 pub mod error;
 pub mod exit;
 pub mod report;

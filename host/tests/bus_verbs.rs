@@ -63,7 +63,7 @@ fn home_finds_all_zeros_at_reduced_speed_and_leaves_homed_ones_alone() {
 
 #[test]
 fn a_homing_that_takes_too_long_is_halted_and_says_so() {
-    let output = cubectl(&["home", "--modules", "1", "--timeout", "0.05", "--force"]);
+    let output = cubectl(&["home", "--modules", "1", "--timeout", "1", "--speed", "0.01", "--force"]);
     assert_eq!(code(&output), 8, "{}{}", out(&output), err(&output));
     assert!(err(&output).contains("did not find its zero") && err(&output).contains("halted"));
 }
@@ -76,6 +76,15 @@ fn jog_moves_as_far_as_speed_and_time_say_and_stands_still() {
     let moved = report["to_rad"].as_f64().unwrap() - report["from_rad"].as_f64().unwrap();
     // 0.5 s at 0.1 rad/s, with the ramps: neither nothing nor beyond the horizon.
     assert!((-0.075..-0.035).contains(&moved), "{moved}");
+}
+
+#[test]
+fn a_module_that_no_joint_of_the_robot_has_is_refused() {
+    for words in [&["home", "--modules", "9"][..], &["jog", "9", "--for", "1"]] {
+        let output = cubectl(words);
+        assert_eq!(code(&output), 4, "{}", out(&output));
+        assert!(err(&output).contains("module 9 is the drive of no joint"), "{}", err(&output));
+    }
 }
 
 #[test]
@@ -173,8 +182,37 @@ fn config_is_dumped_compared_and_restored() {
 }
 
 #[test]
+fn a_setting_written_as_a_short_decimal_is_restored_read_back_and_equal() {
+    let served = bus_common::Served::arm(hil_sim::CellOptions::default());
+    let folder = Folder::new("config-short");
+    let (first, second) = (folder.file("first.toml"), folder.file("second.toml"));
+    let bus = ["--bus", &served.spec];
+    assert_eq!(code(&cubectl(&["config", "dump", &first, bus[0], bus[1]])), 0);
+    let text = std::fs::read_to_string(&first).unwrap();
+    let line = text.lines().find(|line| line.starts_with("MaxVel_rad_per_s")).unwrap();
+    // 2.1 is not a number of single precision: the module keeps 2.0999999046325684.
+    std::fs::write(&first, text.replacen(line, "MaxVel_rad_per_s = 2.1", 1)).unwrap();
+    for settings in ["1 settings written to 1 modules", "0 settings written to 0 modules"] {
+        let restored = cubectl(&["config", "restore", &first, bus[0], bus[1]]);
+        assert_eq!(code(&restored), 0, "{}", err(&restored));
+        assert!(out(&restored).starts_with(settings), "{}", out(&restored));
+    }
+    let same = cubectl(&["config", "diff", &first, bus[0], bus[1]]);
+    assert_eq!(code(&same), 0, "{}{}", out(&same), err(&same));
+    assert_eq!(code(&cubectl(&["config", "dump", &second, bus[0], bus[1]])), 0);
+    let dumped = std::fs::read_to_string(&second).unwrap();
+    assert!(dumped.lines().any(|line| line == "MaxVel_rad_per_s = 2.1"), "{dumped}");
+    for (key, value) in [("MaxVel_rad_per_s", "nan"), ("MaxVel_rad_per_s", "1e39")] {
+        std::fs::write(&second, text.replacen(line, &format!("{key} = {value}"), 1)).unwrap();
+        let refused = cubectl(&["config", "restore", &second, bus[0], bus[1]]);
+        assert_eq!(code(&refused), 4, "{value}: {}", err(&refused));
+        assert!(err(&refused).contains("is no value of this setting"), "{}", err(&refused));
+    }
+}
+
+#[test]
 fn monitor_in_a_pipe_prints_one_line_per_module_and_period() {
-    let output = cubectl(&["monitor", "--for", "0.4", "--period", "0.2"]);
+    let output = cubectl(&["monitor", "--for", "0.4", "--period", "200"]);
     assert_eq!(code(&output), 0, "{}", err(&output));
     let text = out(&output);
     assert_eq!(text.lines().count(), 12, "{text}");

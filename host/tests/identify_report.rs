@@ -4,7 +4,7 @@ use host::report::identify::html;
 use operator::bus::BusArgs;
 use operator::bus::args::CellArgs;
 use operator::identify::experiment::Bounds;
-use operator::identify::joint::{Wish, identify};
+use operator::identify::joint::{JointExperiments, identify};
 use robot_model::AnyRobot;
 
 #[test]
@@ -13,7 +13,7 @@ fn the_report_of_an_identification_is_a_whole_page_with_three_pictures() {
     cell.setup.cell.drive.starts_homed = true;
     let mut session = BusArgs::default().open_cell(&cell, None).unwrap();
     let bounds = Bounds { current_share: 0.8, speed_share: 0.8, bit_rate_bit_s: 1e6 };
-    let wish = Wish { joint: 2, bounds, level: 0.95 };
+    let wish = JointExperiments { joint: 2, bounds, level: 0.95 };
     let robot = AnyRobot::load("powercube6").unwrap();
     let findings = identify(&mut session, &robot, &wish, &mut |_, _| {}).unwrap();
     let html = html(&findings).unwrap();

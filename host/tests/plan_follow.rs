@@ -1,17 +1,12 @@
 //! `cubectl plan throw` for robots that follow the flight of the ball: outcome, files, refusals.
 
+mod program;
+
 use std::path::PathBuf;
-use std::process::{Command, Output};
 
 use planner::follow::plan::{FollowPlan, Form};
 
-fn cubectl(words: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_cubectl")).args(words).output().expect("runs")
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
+use program::{cubectl, text};
 
 fn file(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name)

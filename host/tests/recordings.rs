@@ -10,28 +10,31 @@ use bus_common::{Folder, code, cubectl, err, out};
 use mcap::read::{MessageStream, Options};
 use operator::log::candump;
 
+/// As started by a terminal, also if these tests are run under `nohup`.
+const ATTACHED: &str = "exec env --default-signal=HUP";
+/// As started under `nohup`.
+const DETACHED: &str = "trap '' HUP; exec";
+
 /// `cubectl record` of a starting controller in the simulated cell, without an end of its own.
-fn recorder(folder: &Folder, name: &str, wrapper: &str) -> Child {
-    let script = format!("{wrapper} exec \"$0\" record \"$1\" --controller --for 1000000");
-    let child = Command::new("sh")
+fn recorder(folder: &Folder, name: &str, begin: &str) -> Child {
+    let script = format!("{begin} \"$0\" record \"$1\" --controller --for 1000000");
+    let mut child = Command::new("sh")
         .args(["-c", &script, env!("CARGO_BIN_EXE_cubectl"), &folder.file(name)])
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    let log = folder.0.join(format!("{name}.candump"));
-    wait_until(|| log.metadata().is_ok_and(|file| file.len() > 300_000));
+    wait_for_length(&mut child, &folder.0.join(format!("{name}.candump")), 300_000);
     child
 }
 
-fn wait_until(done: impl Fn() -> bool) {
-    for _ in 0..6_000 {
-        if done() {
-            return;
-        }
+/// Waits until the log of a recorder is longer than this, however long a busy machine takes; a recorder that ends is a
+/// failure.
+fn wait_for_length(recorder: &mut Child, log: &Path, bytes: u64) {
+    while !log.metadata().is_ok_and(|file| file.len() > bytes) {
+        assert!(recorder.try_wait().unwrap().is_none(), "the recorder has ended");
         std::thread::sleep(std::time::Duration::from_millis(10));
     }
-    panic!("it did not come in a minute");
 }
 
 fn signal(child: &Child, name: &str) {
@@ -53,7 +56,7 @@ fn frames_of(path: &Path) -> Vec<f64> {
 #[test]
 fn a_recorder_that_is_killed_loses_at_most_what_the_flush_interval_holds() {
     let folder = Folder::new("record-kill");
-    let mut child = recorder(&folder, "a", "");
+    let mut child = recorder(&folder, "a", ATTACHED);
     signal(&child, "KILL");
     child.wait().unwrap();
     let log = folder.0.join("a.candump");
@@ -98,7 +101,7 @@ fn a_log_with_a_torn_last_line_is_replayed_and_reported_up_to_it_and_the_tear_is
 fn interrupt_termination_and_hang_up_end_a_recording_in_order() {
     let folder = Folder::new("record-signals");
     for name in ["INT", "TERM", "HUP"] {
-        let child = recorder(&folder, name, "");
+        let child = recorder(&folder, name, ATTACHED);
         signal(&child, name);
         let output = child.wait_with_output().unwrap();
         assert_eq!(code(&output), 0, "{name}: {}", err(&output));
@@ -109,12 +112,11 @@ fn interrupt_termination_and_hang_up_end_a_recording_in_order() {
         assert!(mcap::Summary::read(&bytes).unwrap().is_some(), "{name}: the MCAP file is finished");
     }
     // Who is started under `nohup` goes on when the terminal is gone.
-    let mut child = recorder(&folder, "nohup", "trap '' HUP;");
+    let mut child = recorder(&folder, "nohup", DETACHED);
     signal(&child, "HUP");
     let log = folder.0.join("nohup.candump");
     let long = log.metadata().unwrap().len() + 300_000;
-    wait_until(|| log.metadata().unwrap().len() > long);
-    assert!(child.try_wait().unwrap().is_none());
+    wait_for_length(&mut child, &log, long);
     signal(&child, "TERM");
     assert_eq!(child.wait().unwrap().code(), Some(0));
 }

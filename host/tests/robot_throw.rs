@@ -1,28 +1,17 @@
 //! `cubectl throw --robot kr16_2`: outcome, exit code and files. The witness is the motion of the simulated robot as it is
-//! recorded: the landing is computed anew from its actual axes, without controller, planner and simulator code.
+//! recorded: the landing is computed again from its actual axes, without controller, planner and simulator code.
 
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+mod program;
+
+use std::path::Path;
 
 use nalgebra::Vector3;
 use robot_model::RobotModel;
 use serde_json::Value;
 
+use program::{cubectl, folder, text};
+
 const TARGET: [f64; 3] = [2.5, 0.0, 0.6];
-
-fn cubectl(words: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_cubectl")).args(words).output().expect("runs")
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
-
-fn folder(name: &str) -> PathBuf {
-    let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
-    let _ = std::fs::remove_dir_all(&path);
-    path
-}
 
 fn summary(folder: &Path) -> Value {
     serde_json::from_str(&std::fs::read_to_string(folder.join("summary.json")).expect("written"))
@@ -98,19 +87,25 @@ fn industrial_robot_throws_and_its_recorded_motion_sends_the_ball_to_the_target(
     assert_eq!(out.status.code(), Some(11), "{}", text(&out.stderr));
     assert!(text(&out.stderr).contains("missed"), "{}", text(&out.stderr));
 
-    // A bus has no meaning here.
+    // A CAN bus has no meaning here.
     let out = cubectl(&["throw", "--robot", "kr16_2", "--plan", &plan, "--bus", "can0"]);
     assert_eq!(out.status.code(), Some(4), "{}", text(&out.stderr));
     assert!(text(&out.stderr).contains("leave --bus out"), "{}", text(&out.stderr));
 
+    // The exchange runs again with the same answers.
+    let out = cubectl(&["replay", &path]);
+    assert!(text(&out.stdout).starts_with("identical: "), "{} {}", text(&out.stdout), text(&out.stderr));
+
     // A robot that cuts out while it follows the flight is told as stopped.
     let scenario = self::folder("robot-throw-scenario");
     std::fs::create_dir_all(&scenario).expect("writable");
-    let krc = Path::new(env!("CARGO_MANIFEST_DIR")).join("../hil-sim/scenarios/krc");
-    std::fs::copy(krc.join("axis_absolute.xml"), scenario.join("axis_absolute.xml")).expect("copied");
+    let krc = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/kr16_2");
+    std::fs::copy(krc.join("rsi_udp.xml"), scenario.join("rsi_udp.xml")).expect("copied");
     let text_of = std::fs::read_to_string(krc.join("kr_c2.toml")).expect("readable");
     let file = scenario.join("cut_out.toml");
-    std::fs::write(&file, format!("{text_of}\n[[fault]]\nkind = \"cut-out\"\nstart_s = 1.2\n"))
+    // Shortly before the release of the first throw, whose way to the start takes as long.
+    let at_s = summary["plan_started_s"].as_f64().expect("a time") + release_s - 0.1;
+    std::fs::write(&file, format!("{text_of}\n[[fault]]\nkind = \"cut-out\"\nstart_s = {at_s:.3}\n"))
         .expect("writable");
     let file = file.to_string_lossy().into_owned();
     let stopped = self::folder("robot-throw-stopped").to_string_lossy().into_owned();
@@ -118,4 +113,14 @@ fn industrial_robot_throws_and_its_recorded_motion_sends_the_ball_to_the_target(
     let out = cubectl(&words);
     assert_eq!(out.status.code(), Some(13), "{}", text(&out.stderr));
     assert!(text(&out.stderr).contains("the robot stopped by itself"), "{}", text(&out.stderr));
+
+    // A program whose corrections do not reach the throw is refused before anything moves.
+    let narrow =
+        text_of.replace("lower = [-184.9,", "lower = [-5,").replace("upper = [184.9,", "upper = [5,");
+    let file = scenario.join("narrow.toml");
+    std::fs::write(&file, narrow).expect("writable");
+    let file = file.to_string_lossy().into_owned();
+    let out = cubectl(&["throw", "--robot", "kr16_2", "--plan", &plan, "--rsi", &file]);
+    assert_eq!(out.status.code(), Some(4), "{}", text(&out.stderr));
+    assert!(text(&out.stderr).contains("needs a correction of"), "{}", text(&out.stderr));
 }

@@ -126,23 +126,12 @@ fn the_paper_settings_are_refused_for_another_robot() {
 
 #[test]
 fn a_second_controller_does_not_start_with_the_paper_settings_either() {
-    let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-    let bus = format!("socketcand://127.0.0.1:{port}/can0");
-    let mut first = std::process::Command::new(env!("CARGO_BIN_EXE_cubectl"))
-        .args(["sim", "--controller", "--bus", &bus])
-        .stdout(std::process::Stdio::null())
-        .stderr(std::process::Stdio::null())
-        .spawn()
-        .unwrap();
-    for _ in 0..600 {
-        if std::net::TcpStream::connect(("127.0.0.1", port)).is_ok() {
-            break;
-        }
-        std::thread::sleep(std::time::Duration::from_millis(50));
-    }
-    let second = cubectl(&["controller", "--paper", "--bus", &bus, "--for", "1"]);
-    let _ = first.kill();
-    let _ = first.wait();
+    let served = bus_common::Served::new(|| {
+        let robot = robot_model::AnyRobot::load("powercube6").unwrap();
+        let cell = hil_sim::Cell::new(&robot, &hil_sim::CellOptions::default(), 1).unwrap();
+        (cell, operator::bus::sim::soft_controller_guest())
+    });
+    let second = cubectl(&["controller", "--paper", "--bus", &served.spec, "--for", "1"]);
     assert_eq!(code(&second), 7, "{}{}", out(&second), err(&second));
     assert!(err(&second).contains("another controller or host speaks to the modules"), "{}", err(&second));
 }

@@ -6,11 +6,11 @@ use std::process::{Child, Command, Stdio};
 
 use bus_common::{Folder, Served, code, cubectl, err, out};
 use firmware::fault::Cause;
-use hil_sim::crew::Solo;
+use hil_sim::participants::Solo;
 use hil_sim::scenario::ScriptedHost;
 use hil_sim::{Cell, CellOptions};
 use operator::bus::{BusArgs, Ended, Session};
-use operator::node::desk::Desk;
+use operator::node::host_node::HostNode;
 use protocol::Duration;
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use robot_model::AnyRobot;
@@ -62,7 +62,7 @@ fn drives_that_are_missing_double_or_too_old() {
     refused(&throw(&folder, &["--bus", &empty.spec]), 8, &["no module answers"]);
     drop(empty);
     let silent = scenario(&folder, "[[fault]]\nkind = \"silent\"\ntarget = \"module 3\"\n");
-    refused(&throw(&folder, &["--scenario", &silent]), 8, &["module 3 does not answer"]);
+    refused(&throw(&folder, &["--scenario", &silent]), 8, &["module 3: no answer"]);
     let twins = Served::new(|| {
         let robot = AnyRobot::load("powercube6").unwrap();
         let (options, mut other) = (CellOptions::default(), CellOptions::default());
@@ -156,7 +156,7 @@ impl Lab {
             (Cell::new(&robot, &options, 1).unwrap(), operator::bus::sim::soft_controller_guest())
         });
         let mut watch = BusArgs { bus: served.spec.parse().unwrap(), ..BusArgs::default() }.open().unwrap();
-        watch.desk().listen_only();
+        watch.host_node().listen_only();
         Self { served, watch }
     }
 
@@ -177,13 +177,14 @@ impl Lab {
             .args(["--out", &out])
             .stdin(Stdio::null())
             .stdout(Stdio::null())
+            .stderr(Stdio::piped())
             .spawn()
             .unwrap();
         let until = self.watch.now() + THROW_MAX;
         // The arm goes to the start, stands there, and throws.
         for runs in [true, false, true] {
-            let seen = &mut |desk: &mut Desk| {
-                let group = desk.inbox().and_then(|inbox| inbox.group);
+            let seen = &mut |host_node: &mut HostNode| {
+                let group = host_node.inbox().and_then(|inbox| inbox.group);
                 group.is_some_and(|(_, _, group)| (group.state == State::Running) == runs)
             };
             assert_eq!(self.watch.run(until, seen).unwrap(), Ended::Done);
@@ -216,19 +217,48 @@ fn a_host_that_is_killed_in_mid_throw_leaves_a_standing_arm_and_a_fault_with_tha
 }
 
 #[test]
-fn a_host_that_is_interrupted_in_mid_throw_stops_the_arm_before_it_ends() {
-    let folder = Folder::new("fail-interrupted");
+fn a_host_that_is_told_to_end_in_mid_throw_stops_the_arm_before_it_ends() {
+    for name in ["INT", "TERM", "HUP"] {
+        let folder = Folder::new(&format!("fail-{name}"));
+        let mut lab = Lab::new();
+        let mut told = lab.throwing(&folder);
+        signal(&told, name);
+        // A throw that goes on ends with another exit code.
+        let status = loop {
+            lab.watch.pass(Duration::from_millis(20)).unwrap();
+            if let Some(status) = told.try_wait().unwrap() {
+                break status;
+            }
+        };
+        assert_eq!(status.code(), Some(6), "SIG{name}");
+        assert_eq!(lab.group().state, State::Stopped, "SIG{name}");
+    }
+}
+
+#[test]
+fn a_throw_that_another_host_stops_names_its_folder_and_the_clear_that_then_works() {
+    let folder = Folder::new("fail-stopped");
     let mut lab = Lab::new();
-    let mut interrupted = lab.throwing(&folder);
-    signal(&interrupted, "INT");
-    let begun = lab.watch.now();
-    let status = loop {
-        lab.watch.pass(Duration::from_millis(20)).unwrap();
-        if let Some(status) = interrupted.try_wait().unwrap() {
-            break status;
+    let mut throw = lab.throwing(&folder);
+    let stop = Command::new(env!("CARGO_BIN_EXE_cubectl"))
+        .args(["stop", "--bus", &lab.served.spec])
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    for child in [&mut { stop }, &mut throw] {
+        while child.try_wait().unwrap().is_none() {
+            lab.watch.pass(Duration::from_millis(20)).unwrap();
         }
-        assert!(lab.watch.now().saturating_since(begun) < THROW_MAX, "the interrupted throw goes on");
-    };
-    assert_eq!(status.code(), Some(6));
-    assert_eq!(lab.group().state, State::Stopped);
+    }
+    let output = throw.wait_with_output().unwrap();
+    assert_eq!(code(&output), 13, "{}", err(&output));
+    let clear = format!("`cubectl clear --bus {}`", lab.served.spec);
+    assert!(err(&output).contains("next: ") && err(&output).contains(&clear), "{}", err(&output));
+    assert!(err(&output).contains(&format!("results in {}", folder.file("out"))), "{}", err(&output));
+    for name in ["report.html", "summary.json", "log.candump"] {
+        assert!(folder.0.join("out").join(name).metadata().unwrap().len() > 100, "{name}");
+    }
+    drop(lab.watch);
+    let cleared = cubectl(&["clear", "--bus", &lab.served.spec]);
+    assert_eq!(code(&cleared), 0, "{}{}", out(&cleared), err(&cleared));
 }

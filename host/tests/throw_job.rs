@@ -63,9 +63,10 @@ fn a_stored_plan_is_thrown_and_the_arm_goes_back_if_asked() {
     let output = cubectl(&["throw", "--plan", &plan, "--back", "--json", "--out", &folder.file("a")]);
     assert_eq!(code(&output), 0, "{}", err(&output));
     let report: serde_json::Value = serde_json::from_str(&out(&output)).unwrap();
-    // The gripper opens within 1 ms of its time, which moves the landing by up to 4.5 mm; the joints add 2.5 mm.
+    // The plan is insensitive to the time of release (0.001 mm for each millisecond), so what remains are the steps of the
+    // encoders: 1.0 mm root mean square over 200 arms (`tests/suites/throw`). Five times that is no chance.
     let error_m = report["landing_error_m"].as_f64().unwrap();
-    assert!((1e-6..0.007).contains(&error_m), "{report:#}");
+    assert!((1e-6..0.005).contains(&error_m), "{report:#}");
     let steps: Vec<&str> =
         report["steps"].as_array().unwrap().iter().map(|step| step["step"].as_str().unwrap()).collect();
     assert_eq!(steps.last(), Some(&"back"), "{steps:?}");
@@ -89,6 +90,38 @@ fn upload_and_run_take_plans_too_and_run_refuses_an_arm_that_stands_elsewhere() 
     let refused = cubectl(&["run", &plan]);
     assert_eq!(code(&refused), 4);
     assert!(err(&refused).contains("neither a plan (JSON) nor a trajectory file"), "{}", err(&refused));
+}
+
+#[test]
+fn a_plan_of_kind_move_runs_from_where_the_arm_stands_at_the_time_that_was_asked_for() {
+    let folder = Folder::new("run-move");
+    let (plan, moved) = (folder.file("plan.json"), folder.file("move.json"));
+    assert_eq!(
+        code(&cubectl(&["plan", "throw", "--target", "1,1,-1", "--fast", "--no-store", "--out", &plan])),
+        0
+    );
+    let throw: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&plan).unwrap()).unwrap();
+    // Where the arm stands once it is homed.
+    let quarter_rad = std::f64::consts::FRAC_PI_2;
+    let stands_rad = [0.0, -quarter_rad, -quarter_rad, 0.0, 0.0, 0.0];
+    let knot = |t_s: f64, way_rad: f64| serde_json::json!({ "t_s": t_s, "q_rad": stands_rad.map(|q| q + way_rad), "qd_rad_s": vec![0.0; 6] });
+    let text = serde_json::json!({
+        "format": "cubectl-plan",
+        "version": 6,
+        "kind": "move",
+        "robot": throw["robot"],
+        "motion": { "joints": throw["motion"]["joints"], "knots": [knot(0.0, 0.0), knot(0.8, 0.1)], "events": [] },
+    });
+    std::fs::write(&moved, text.to_string()).unwrap();
+    let run = cubectl(&["run", &moved, "--home", "--start-in", "1.5", "--json"]);
+    assert_eq!(code(&run), 0, "{}", err(&run));
+    let report: serde_json::Value = serde_json::from_str(&out(&run)).unwrap();
+    let took_s = report["took_s"].as_f64().unwrap();
+    assert!((2.3..3.5).contains(&took_s), "waits 1.5 s and moves for 0.8 s: {report:#}");
+    assert!(report["start_known_to_s"].as_f64().unwrap() < 0.002, "{report:#}");
+    assert_eq!(code(&cubectl(&["run", &moved, "--home", "--start-in", "31"])), 2);
+    let checked = cubectl(&["check", &moved]);
+    assert!(err(&checked).contains("kind \"move\""), "{}", err(&checked));
 }
 
 /// Longest frame of a drive, 111 bits and all stuff bits, s at 1 Mbit/s.

@@ -5,7 +5,7 @@ mod bus_common;
 use bus_common::{Folder, code, cubectl, err, out};
 use host::cmd::report;
 use operator::throw::job::computed_landing;
-use operator::throw::outcome::{Ball, Outcome, default_tolerance_m, judge};
+use operator::throw::outcome::{BallOutcome, Outcome, default_tolerance_m, judge};
 use operator::throw::{Job, Record};
 use planner::plan::file::PlanFile;
 use robot_model::collision::Scene;
@@ -84,7 +84,8 @@ fn a_late_release_is_missed_with_its_own_exit_code_and_tolerance_decides() {
 #[test]
 fn counts_lost_in_mid_throw_end_as_missed() {
     let folder = Folder::new("outcome-counts");
-    let start_s = begin_s(&folder) + 0.02;
+    // The sum leaves out the time between the steps, some 30 ms.
+    let start_s = begin_s(&folder) + 0.15;
     let fault = format!(
         "[[fault]]\nkind = \"encoder-error\"\ntarget = \"module 1\"\noffset_deg = 5\nstart_s = {start_s}\n"
     );
@@ -120,7 +121,7 @@ fn a_throw_that_never_began_is_not_thrown_with_the_exit_code_of_its_cause() {
     let fault = "[[fault]]\nkind = \"silent\"\ntarget = \"module 3\"\n";
     let (code, printed, summary) = throw(&folder, "silent", fault, &[]);
     assert_eq!((code, &summary["outcome"]), (8, &"not_thrown".into()), "{printed}");
-    assert!(printed.contains("module 3 does not answer"), "{printed}");
+    assert!(printed.contains("module 3: no answer"), "{printed}");
 }
 
 /// What a host on a real bus would say of the throw in a folder: it has the log, but does not see the ball.
@@ -133,17 +134,16 @@ fn unobserved(folder: &Folder, name: &str) -> (Outcome, String, Record) {
         arm: &recorded.arm,
         plan: &recorded.plan,
         gains: None,
-        controller: None,
         scene: &scene,
         approach_share: 0.3,
         seed: 1,
         tolerance_m: default_tolerance_m(&recorded.plan),
         go_back: false,
-        bit_rate_bit_s: report::BIT_RATE,
     };
     let analysis = recorded.analysis.unwrap();
     let landing = computed_landing(&job, &analysis);
-    let record = Record { ball: Ball::NotObserved, landing, analysis: Some(analysis), ..Record::default() };
+    let record =
+        Record { ball: BallOutcome::NotObserved, landing, analysis: Some(analysis), ..Record::default() };
     let verdict = judge(&job, &record, Ok(()));
     println!("{name} unobserved: {}", verdict.text);
     (verdict.outcome, verdict.text, record)
@@ -162,9 +162,9 @@ fn without_a_witness_nothing_is_called_landed_and_the_measured_motion_says_where
         let release_s = PlanFile::read(&folder.0.join(name).join("plan.json")).unwrap().release_time_s;
         assert_eq!(outcome, Outcome::NotObserved, "{text}");
         assert!(text.contains("nobody watched the ball") && !text.contains("landed"), "{text}");
-        // The gripper takes its time to open: the order comes up to 25 ms before the planned release.
+        // The gripper takes 20 ms to open, and its order waits for a place among the frames of a cycle of 3 ms.
         let ordered_s: f64 = text.split_once("ordered to open at ").unwrap().1[..5].parse().unwrap();
-        assert!((0.0..0.025).contains(&(release_s - ordered_s)), "{text}");
+        assert!((0.015..0.025).contains(&(release_s - ordered_s)), "{text}");
         let landing = record.landing.unwrap();
         let uncertainty_m = landing.uncertainty_m.unwrap();
         assert!((0.001..0.020).contains(&uncertainty_m), "{uncertainty_m}");

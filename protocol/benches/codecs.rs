@@ -12,7 +12,7 @@ use protocol::cyphal::bits::{Encode, Writer};
 use protocol::cyphal::id::{NodeId, Priority, Route, SubjectId, TransferId};
 use protocol::cyphal::rx::{Port, Receiver};
 use protocol::cyphal::tx::{TxMeta, TxQueue};
-use protocol::powercube::{Motion, MotionCommand, Parameter, Reply, Request, Value};
+use protocol::powercube::{MotionCommand, MotionRequest, Parameter, Reply, Request, Value};
 use protocol::text::candump::Record;
 use protocol::text::{BusName, slcan, socketcand};
 use protocol::units::Radians;
@@ -84,7 +84,7 @@ fn cycle() -> Cycle {
         for request in [
             Request::Set(Parameter::TargetVel, Value::F32(0.5)),
             Request::Set(Parameter::TargetAcc, Value::F32(2.0)),
-            Request::Move(Motion::extended(motion)),
+            Request::Move(MotionRequest::extended(motion)),
             Request::Get(Parameter::ActPos),
         ] {
             cycle.requests.push((module, request));

@@ -100,6 +100,12 @@ impl Frame {
         self.id.is_extended()
     }
 
+    /// Bits on the wire without stuff bits, interframe space included: ISO 11898-1 has 47 or 67 around the data.
+    pub const fn nominal_bits(&self) -> u32 {
+        let overhead = if self.is_extended() { 67 } else { 47 };
+        overhead + if self.remote { 0 } else { 8 * self.dlc as u32 }
+    }
+
     /// Arbitration field as a number: of the frames that start together, the smallest key wins.
     pub const fn arbitration_key(&self) -> u32 {
         self.id.arbitration_key(self.remote)

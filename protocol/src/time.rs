@@ -91,11 +91,6 @@ impl Duration {
         self.0 as f64 * 1e-6
     }
 
-    /// Seconds in single precision, for the control law: relative error at most 2^-23.
-    pub const fn as_secs_f32(self) -> f32 {
-        self.0 as f32 * 1e-6
-    }
-
     /// `self - other`, not below zero.
     pub const fn saturating_sub(self, other: Self) -> Self {
         Self(self.0.saturating_sub(other.0))

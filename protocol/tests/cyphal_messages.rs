@@ -3,12 +3,13 @@
 use proptest::prelude::*;
 use protocol::cyphal::bits::{BufferTooSmall, Decode, DecodeError, Encode};
 use protocol::cyphal::cubecell::command::{
-    ArmConfirm, ArmOffer, ArmPrepare, Authorization, Challenge, ClearFault, Gripper, Home, Jog, Refusal,
-    Trajectory, Unlock,
+    ArmConfirm, ArmOffer, ArmPrepare, Authorization, Challenge, ClearFault, ClockReading, Gripper, Home, Jog,
+    Refusal, Run, Trajectory, Unlock,
 };
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::cyphal::cubecell::joint_state::{JointFlags, JointSample, JointState};
 use protocol::cyphal::cubecell::stop::{Reason, Sender, Stop};
+use protocol::cyphal::cubecell::target::{TargetAnswer, TargetEvent, TargetJoint, TargetState};
 use protocol::cyphal::uavcan::command::{CommandRequest, CommandResponse, Status};
 use protocol::cyphal::uavcan::diagnostic::{Record, Severity};
 use protocol::cyphal::uavcan::file::{FileError, ReadRequest, ReadResponse, WriteRequest, WriteResponse};
@@ -35,7 +36,7 @@ fn reread<'a, T: Decode<'a> + Encode>(data: &'a [u8]) -> Result<Vec<u8>, DecodeE
 /// Reads and writes again the bytes of the named type.
 type Reread = fn(&[u8]) -> Result<Vec<u8>, DecodeError>;
 
-const TYPES: [(&str, Reread); 30] = [
+const TYPES: [(&str, Reread); 34] = [
     ("Heartbeat", |b| reread::<Heartbeat>(b)),
     ("GetInfo.Response", |b| reread::<NodeInfo>(b)),
     ("port.List", |b| reread::<PortList>(b)),
@@ -66,6 +67,10 @@ const TYPES: [(&str, Reread); 30] = [
     ("Jog", |b| reread::<Jog>(b)),
     ("Gripper", |b| reread::<Gripper>(b)),
     ("Refusal", |b| reread::<Refusal>(b)),
+    ("TargetState", |b| reread::<TargetState>(b)),
+    ("TargetAnswer", |b| reread::<TargetAnswer>(b)),
+    ("Run", |b| reread::<Run>(b)),
+    ("ClockReading", |b| reread::<ClockReading>(b)),
 ];
 
 fn unhex(text: &str) -> Vec<u8> {
@@ -192,6 +197,29 @@ fn register_values_of_full_capacity_fit_and_longer_ones_are_refused_with_the_lim
 }
 
 #[test]
+fn an_end_state_of_six_joints_takes_six_frames_and_its_bytes_are_the_documented_ones() {
+    let joints = [TargetJoint { q_urad: -1_000_000, qd_rad_s: 1.5 }; 6];
+    let state = TargetState::new(0x01_0203_0405_0607, 9, &joints, &[]);
+    let bytes = bytes_of(&state);
+    assert_eq!(bytes[..9], [7, 6, 5, 4, 3, 2, 1, 9, 6]);
+    // -1 000 000 is 0xF0BDC0 in 24 bits; 1.5 is 0x3E00 in 16.
+    assert_eq!(bytes[9..14], [0xC0, 0xBD, 0xF0, 0x00, 0x3E]);
+    // Seven bytes per frame, two of them a checksum at the end.
+    assert_eq!((bytes.len(), (bytes.len() + 2).div_ceil(7)), (40, 6));
+    let event = TargetEvent { action: 1, offset_us: -20_000 };
+    let with_event = TargetState::new(0, 0, &joints, &[event]);
+    assert_eq!(bytes_of(&with_event)[39..], [1, 1, 0xE0, 0xB1, 0xFF]);
+    assert_eq!(TargetState::from_bytes(&bytes_of(&with_event)).unwrap().events(), [event]);
+}
+
+#[test]
+fn a_run_without_a_start_time_has_the_bytes_of_a_trajectory_name() {
+    let name = Trajectory { trajectory_crc64: 7, length_bytes: 184 };
+    let run = Run { trajectory_crc64: 7, length_bytes: 184, start_us: 0 };
+    assert_eq!(Run::from_bytes(&bytes_of(&name)), Ok(run));
+}
+
+#[test]
 fn command_answer_without_output_is_read_from_servers_of_older_versions() {
     let response = CommandResponse::from_bytes(&[5]).unwrap();
     assert_eq!(response, CommandResponse { status: Status::BAD_STATE, output: &[] });
@@ -222,7 +250,7 @@ fn joint_state_of_two_joints_byte_by_byte() {
         error_qd_rad_s: 0.0,
         qdd_command_rad_s2: 10.0,
         current_a: f32::INFINITY,
-        drive_short_state: 0x10,
+        drive_state_byte: 0x10,
         flags: JointFlags::ACCELERATION_CLIPPED.with(JointFlags::HOMED),
     };
     let state = JointState::new(0x01_0203_0405_0607, 0x1234, &[joint, JointSample::default()]);
@@ -304,7 +332,7 @@ fn sample() -> impl Strategy<Value = JointSample> {
                 error_qd_rad_s,
                 qdd_command_rad_s2,
                 current_a,
-                drive_short_state: short,
+                drive_state_byte: short,
                 flags: set.fold(JointFlags::NONE, |sum, (_, flag)| sum.with(flag)),
             }
         },

@@ -95,7 +95,7 @@ fn port_list_names_what_the_node_sends_hears_and_answers() {
     assert!(list.subscribers.contains(stop::SUBJECT));
     assert!(!list.subscribers.contains(heartbeat::SUBJECT));
     let servers = (0..512).filter(|id| list.servers.contains(ServiceId::new(*id).unwrap()));
-    assert_eq!(servers.collect::<Vec<_>>(), [384, 385, 408, 409, 430, 435]);
+    assert_eq!(servers.collect::<Vec<_>>(), [384, 385, 406, 408, 409, 430, 435]);
     assert!((0..512).all(|id| !list.clients.contains(ServiceId::new(id).unwrap())));
 }
 
@@ -187,6 +187,14 @@ fn file_is_written_read_back_and_unknown_paths_are_not_found() {
     assert_eq!(back, data);
     let bytes = rig.ask(file::READ, &ReadRequest { offset: 0, path: b"nowhere" }).unwrap();
     assert_eq!(ReadResponse::from_bytes(&bytes).unwrap().result, Err(FileError::NOT_FOUND));
+    // By the standard: index, 32 bits void, path with its length; the answer is 32 bits void and the name.
+    for (index, folder, name) in
+        [(0, &b"/"[..], TRAJECTORY_PATH), (0, b"", TRAJECTORY_PATH), (1, b"/", b""), (0, b"other", b"")]
+    {
+        let bytes = rig.ask(file::LIST, &file::ListRequest { index, folder }).unwrap();
+        assert_eq!(bytes[..5], [0, 0, 0, 0, name.len() as u8]);
+        assert_eq!(file::ListResponse::from_bytes(&bytes).unwrap().name, name);
+    }
 }
 
 #[test]
@@ -205,7 +213,7 @@ fn stop_reaches_the_application_in_one_frame_of_priority_zero() {
 // ---- loss, delay, repetition ---------------------------------------------------------------------
 
 fn trajectory() -> Vec<u8> {
-    let mut dice = Dice(7);
+    let mut dice = Dice::new(7);
     (0..7680).map(|_| dice.below(256) as u8).collect()
 }
 
@@ -426,7 +434,7 @@ proptest! {
     fn any_payload_to_any_service_is_survived_and_answered_within_bounds(
         script in proptest::collection::vec(
             (
-                proptest::sample::select(vec![384_u16, 385, 408, 409, 430, 435, 500]),
+                proptest::sample::select(vec![384_u16, 385, 406, 408, 409, 430, 435, 500]),
                 proptest::collection::vec(any::<u8>(), 0..560),
                 0_u64..1_500_000,
             ),

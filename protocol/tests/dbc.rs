@@ -1,6 +1,6 @@
 //! The committed DBC file is the one that the tables give.
 //!
-//! `UPDATE_DBC=1 cargo test -p protocol --test dbc` writes it anew.
+//! `UPDATE_DBC=1 cargo test -p protocol --test dbc` writes it again.
 
 use protocol::ModuleId;
 use protocol::powercube::dbc::write_dbc;

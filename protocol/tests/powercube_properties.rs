@@ -4,8 +4,8 @@ use proptest::prelude::*;
 use protocol::powercube::broadcast::BroadcastFrame;
 use protocol::powercube::request::AddressedRequest;
 use protocol::powercube::{
-    BaudRate, Broadcast, Channel, CubeState, Dio, Motion, MotionAck, MotionCommand, MotionKind,
-    MotionPosition, Parameter, PosStateDio, Reply, Request, ShortState, SimpleCommand, Value, ValueKind,
+    BaudRate, Broadcast, Channel, CubeState, Dio, MotionAck, MotionCommand, MotionKind, MotionPosition,
+    MotionRequest, Parameter, PosStateDio, Reply, Request, ShortState, SimpleCommand, Value, ValueKind,
 };
 use protocol::units::{Amperes, RadPerSec, Radians};
 use protocol::{ExtendedId, Frame, Id, ModuleId, StandardId};
@@ -48,7 +48,7 @@ fn simple() -> impl Strategy<Value = SimpleCommand> {
     (0..SimpleCommand::ALL.len()).prop_map(|at| SimpleCommand::ALL[at])
 }
 
-fn motion() -> impl Strategy<Value = Motion> {
+fn motion() -> impl Strategy<Value = MotionRequest> {
     let rad = || float().prop_map(Radians::new);
     let command = prop_oneof![
         rad().prop_map(|target| MotionCommand::Ramp { target }),
@@ -67,7 +67,7 @@ fn motion() -> impl Strategy<Value = Motion> {
             .prop_map(|(position, period_ms)| MotionCommand::RampLoop { position, period_ms }),
     ];
     (command, any::<bool>()).prop_map(|(command, extended)| {
-        if extended { Motion::extended(command) } else { Motion::simple(command) }
+        if extended { MotionRequest::extended(command) } else { MotionRequest::simple(command) }
     })
 }
 

@@ -10,7 +10,7 @@ use protocol::ModuleId;
 use protocol::powercube::broadcast::{Broadcast, BroadcastError, BroadcastFrame};
 use protocol::powercube::request::AddressedRequest;
 use protocol::powercube::{
-    BaudRate, Channel, CubeState, Dio, Motion, MotionCommand, MotionKind, MotionPosition, Parameter,
+    BaudRate, Channel, CubeState, Dio, MotionCommand, MotionKind, MotionPosition, MotionRequest, Parameter,
     PosStateDio, Reply, ReplyError, Request, RequestError, ShortState, SimpleCommand, Value,
 };
 use protocol::units::{Amperes, RadPerSec, Radians};
@@ -42,7 +42,7 @@ fn ramp_extended_trace_of_the_reference() {
     is_request("0E5#08500000003F", 5, Request::Set(Parameter::TargetAcc, Value::F32(0.5)));
     is_reply("0A5#085064", 5, Reply::SetAck { parameter: Parameter::TargetAcc, code: Some(0x64) });
     let ramp = MotionCommand::Ramp { target: Radians::new(1.0) };
-    is_request("0E5#0B0E0000803F", 5, Request::Move(Motion::extended(ramp)));
+    is_request("0E5#0B0E0000803F", 5, Request::Move(MotionRequest::extended(ramp)));
     // At -0.5 rad, moving, input 1 high, output 2 high.
     is_reply(
         "0A5#0B0E000000BF1042",
@@ -140,13 +140,13 @@ fn motions_simple_and_with_answer() {
         ("0E5#0B0D0CFE", "0E5#0B170CFE", current_inc),
         ("0E5#0B0D0CFEFFFF", "0E5#0B170CFEFFFF", current_wide),
     ] {
-        is_request(simple, 5, Request::Move(Motion::simple(command)));
-        is_request(extended, 5, Request::Move(Motion::extended(command)));
+        is_request(simple, 5, Request::Move(MotionRequest::simple(command)));
+        is_request(extended, 5, Request::Move(MotionRequest::extended(command)));
     }
     let cosine = MotionCommand::CosLoop { position: Radians::new(0.125), period_ms: 1000 };
-    is_request("0E5#0B180000003EE803", 5, Request::Move(Motion::simple(cosine)));
+    is_request("0E5#0B180000003EE803", 5, Request::Move(MotionRequest::simple(cosine)));
     let zigzag = MotionCommand::RampLoop { position: Radians::new(0.125), period_ms: 1000 };
-    is_request("0E5#0B190000003EE803", 5, Request::Move(Motion::simple(zigzag)));
+    is_request("0E5#0B190000003EE803", 5, Request::Move(MotionRequest::simple(zigzag)));
 }
 
 #[test]
@@ -226,8 +226,8 @@ fn a_reply_answers_only_its_own_request() {
     assert!(!ack.answers(&velocity));
     let ramp = MotionCommand::Ramp { target: Radians::new(1.0) };
     let extended = Reply::decode(&frame("0A5#0B0E000000BF1042")).unwrap().1;
-    assert!(extended.answers(&Request::Move(Motion::extended(ramp))));
-    assert!(!extended.answers(&Request::Move(Motion::simple(ramp))));
+    assert!(extended.answers(&Request::Move(MotionRequest::extended(ramp))));
+    assert!(!extended.answers(&Request::Move(MotionRequest::simple(ramp))));
     assert!(!extended.answers(&Request::Get(Parameter::ActPos)));
     // A state word that comes unasked answers nothing.
     assert!(!Reply::State(CubeState::EMPTY).answers(&Request::Get(Parameter::CubeState)));

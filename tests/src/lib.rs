@@ -1,3 +1,4 @@
 //! What the integration suites share.
 
+pub mod page;
 pub mod published_throw;

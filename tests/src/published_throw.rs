@@ -1,5 +1,6 @@
 //! The published throw (`robot-models` 1.6) in the closed form of the paper, and as a controller takes it.
 
+use firmware::events::PlanEvents;
 use firmware::joints::PerJoint;
 use firmware::spline::Knot;
 use firmware::trajectory_format::{self, FILE_LEN_MAX, Header};
@@ -13,7 +14,7 @@ pub const QD_RELEASE_RAD_S: [f64; 6] = [1.358_402, -1.675_786, 0.482_325, -0.010
 pub const HA_S: f64 = 0.920 * (1.0 - 0.391);
 /// Time after the release, s.
 pub const HB_S: f64 = 0.920 * 0.391;
-/// Where the ball shall land, world frame, m.
+/// Target of the ball, world frame, m.
 pub const TARGET_M: [f64; 3] = [1.0, 1.0, -1.0];
 
 /// Position (rad) and velocity (rad/s) of joint `i`, 0..6, `t_s` after the start; it stands before and after.
@@ -35,17 +36,27 @@ pub fn file(period_us: u32) -> Vec<u8> {
 
 /// As [`file()`], for the robot whose file has this CRC-32.
 pub fn file_for(period_us: u32, robot_crc32: u32) -> Vec<u8> {
-    let (a_us, b_us) = ((HA_S * 1e6).round() as u32, (HB_S * 1e6).round() as u32);
-    let knot = |t_us, t_s: f64| {
+    encode(period_us, robot_crc32, 1.0, true)
+}
+
+/// The way of the throw in `slower` times its time, the ball in the hand.
+pub fn slow_file(period_us: u32, slower: f64) -> Vec<u8> {
+    encode(period_us, 0, slower, false)
+}
+
+fn encode(period_us: u32, robot_crc32: u32, slower: f64, release: bool) -> Vec<u8> {
+    let us = |t_s: f64| (t_s * slower * 1e6).round() as u32;
+    let knot = |t_s: f64| {
         let mut state = PerJoint::default();
         for joint in JointIndex::first(6) {
             let (q, qd) = reference(joint.get(), t_s);
-            state.set(joint, (q as f32, qd as f32));
+            state.set(joint, (q as f32, (qd / slower) as f32));
         }
-        Knot { t_us, state }
+        Knot { t_us: us(t_s), state }
     };
-    let knots = [knot(0, 0.0), knot(a_us, HA_S), knot(a_us + b_us, HA_S + HB_S)];
-    let header = Header { joints: 6, period_us, release_us: Some(a_us), robot_crc32 };
+    let knots = [knot(0.0), knot(HA_S), knot(HA_S + HB_S)];
+    let events = PlanEvents::release(release.then(|| us(HA_S)));
+    let header = Header { joints: 6, period_us, events, robot_crc32, envelope: None };
     let mut out = vec![0; FILE_LEN_MAX];
     let len = trajectory_format::encode(&header, &knots, &mut out).unwrap_or(0);
     out.truncate(len);

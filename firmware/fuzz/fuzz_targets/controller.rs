@@ -7,14 +7,17 @@
 #![no_main]
 
 use firmware::Controller;
+use firmware::authority::{Peer, Seed};
+use firmware::envelope::Envelope;
+use firmware::events::{Action, PlanEvents};
+use firmware::groups::powercube::transmit::QUEUE_LEN;
 use firmware::joints::PerJoint;
-use firmware::orders::{Done, Order};
+use firmware::orders::{Done, Order, Target};
+use firmware::retarget::EndState;
 use firmware::settings::Settings;
 use firmware::state::StateKind;
 use firmware::store::{FileName, RamStorage};
 use firmware::trajectory_format::{self, Header};
-use firmware::authority::{Peer, Seed};
-use firmware::groups::powercube::transmit::QUEUE_LEN;
 use libfuzzer_sys::fuzz_target;
 use protocol::cyphal::crc::Crc64;
 use protocol::powercube::{
@@ -47,9 +50,11 @@ impl Bench {
         let mut bench =
             Self { controller, now: Instant::ZERO, open: Vec::new(), last_reply: None, token: 0, name };
         bench.pass(2_000_000, true, StateKind::Ready);
-        let header = Header { joints: 6, period_us: 3_000, release_us: Some(400_000), robot_crc32: 0 };
+        let events = PlanEvents::release(Some(400_000));
+        let envelope = Some(Envelope::widest(&settings));
+        let header = Header { joints: 6, period_us: 3_000, events, envelope, robot_crc32: 0 };
         let knots = trajectory_format::rest(PerJoint::splat(0.0), 800_000);
-        let mut file = [0; 200];
+        let mut file = [0; 300];
         let len = trajectory_format::encode(&header, &knots, &mut file).unwrap();
         let file = &file[..len];
         bench.controller.upload(bench.now, HOST, 0, file).unwrap();
@@ -216,11 +221,27 @@ fuzz_target!(|bytes: &[u8]| {
                 let qd_rad_s = f32::from_bits(u32::from(b) << 24 | input.u32() >> 8);
                 bench.order(Order::Jog { joint, qd_rad_s, hold: Duration::from_millis(u64::from(a)) });
             }
-            _ => match a % 6 {
+            _ => match a % 8 {
                 0 => bench.order(Order::Stop),
                 1 => bench.order(Order::Disarm),
                 2 => bench.order(Order::Gripper { open: b & 1 == 1 }),
                 3 => {
+                    let start = bench.now + Duration::from_millis(u64::from(b));
+                    bench.order(Order::RunAt { name: bench.name, start });
+                }
+                4 => {
+                    let mut state = || f32::from_bits(input.u32());
+                    let end = EndState { q_rad: state(), qd_rad_s: state() };
+                    let at = bench.now + Duration::from_millis(4 * u64::from(b));
+                    let events = [Some((at, Action::Close)).filter(|_| b & 1 == 1), None];
+                    bench.order(Order::Retarget(Target {
+                        at,
+                        joints: 6,
+                        state: PerJoint::splat(end),
+                        events,
+                    }));
+                }
+                5 => {
                     bench.controller.stop_now(bench.now);
                     bench.drain();
                 }

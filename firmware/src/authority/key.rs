@@ -13,11 +13,10 @@
 
 use hmac::{Hmac, KeyInit, Mac};
 use protocol::cyphal::cubecell::authorization::CONTEXT;
-pub use protocol::cyphal::cubecell::authorization::{CODE_LEN, KEY_LEN, NONCE_LEN};
 use protocol::{Duration, Instant};
 use sha2::Sha256;
 
-use super::Peer;
+use crate::credentials::{CODE_LEN, Code, Key, Nonce, Peer};
 use crate::fault::{Cause, Refusal};
 use crate::orders::Done;
 
@@ -26,36 +25,8 @@ pub const CHALLENGE_VALID: Duration = Duration::from_secs(5);
 /// Nodes that may hold a challenge at the same time; one more takes the place of the oldest.
 const NODES_MAX: usize = 4;
 
-/// A shared secret.
-#[derive(Clone)]
-pub struct Key([u8; KEY_LEN]);
-
-/// Number of a challenge.
-pub type Nonce = [u8; NONCE_LEN];
-/// Truncated authentication code.
-pub type Code = [u8; CODE_LEN];
-
-impl Key {
-    /// Key of random bytes.
-    pub const fn new(bytes: [u8; KEY_LEN]) -> Self {
-        Self(bytes)
-    }
-
-    /// The bytes, to store them.
-    pub(crate) const fn bytes(&self) -> &[u8; KEY_LEN] {
-        &self.0
-    }
-}
-
-/// Not its bytes.
-impl core::fmt::Debug for Key {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str("Key")
-    }
-}
-
 fn mac(key: &Key, nonce: &Nonce, peer: Peer, content: &[u8]) -> Option<Hmac<Sha256>> {
-    let mut mac = <Hmac<Sha256> as KeyInit>::new_from_slice(&key.0).ok()?;
+    let mut mac = <Hmac<Sha256> as KeyInit>::new_from_slice(key.bytes()).ok()?;
     mac.update(CONTEXT);
     mac.update(nonce);
     mac.update(&[peer.number()]);

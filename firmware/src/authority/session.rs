@@ -5,7 +5,7 @@
 
 use protocol::Instant;
 
-use super::Peer;
+use crate::credentials::Peer;
 
 /// A node and its last sign of life.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,7 +50,7 @@ impl Session {
         self.host = heard.or(Some(Seen { peer, at: None }));
     }
 
-    /// The host has started anew: what it gave orders for is void.
+    /// The host has started again: what it gave orders for is void.
     pub(crate) const fn forget_host(&mut self) {
         self.host = None;
     }

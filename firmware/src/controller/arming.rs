@@ -7,10 +7,11 @@ use protocol::{Duration, Instant};
 use super::{Controller, Offer};
 use crate::fault::{Cause, Refusal};
 use crate::group::{Command, DriveGroup, Law};
-use crate::orders::{ARMING_VALID_MAX, Done};
+use crate::orders::{ARMING_VALID_MAX, Done, OrderKind, START_AHEAD_MAX};
 use crate::spline::Spline;
 use crate::state::State;
 use crate::store::{FileName, Storage};
+use crate::trace::TraceEvent;
 use crate::trajectory_format;
 
 impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
@@ -30,7 +31,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         self.require_host(now)?;
         self.require_trajectory(crc64)?;
         if matches!(self.machine.state(), State::Stopped { .. }) {
-            // Drives are halted; nothing moves by a reset. Their state words are read anew before the second step.
+            // Drives are halted; nothing moves by a reset. Their state words are read again before the second step.
             self.group.command(now, &self.settings, Command::Reset);
         }
         let token = self.tokens.next_token();
@@ -56,12 +57,18 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         }
         self.require_runnable(now)?;
         self.offer = None;
-        self.enter_standing(now, State::Armed { token, until: now + valid });
+        self.enter_standing(now, State::Armed { token, until: now + valid, start: None });
         Ok(Done::Taken)
     }
 
-    pub(super) fn order_run(&mut self, now: Instant, name: FileName) -> Result<Done, Refusal> {
-        let committed = self.store.committed().copied().ok_or(Refusal::of(Cause::NoTrajectory))?;
+    /// Starts the armed trajectory, at once or at `start`.
+    pub(super) fn order_run(
+        &mut self,
+        now: Instant,
+        name: FileName,
+        start: Option<Instant>,
+    ) -> Result<Done, Refusal> {
+        let committed = self.store.committed().ok_or(Refusal::of(Cause::NoTrajectory))?;
         if committed.name != name {
             return Err(Refusal::of(Cause::OtherTrajectory));
         }
@@ -69,8 +76,43 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             return Ok(Done::Taken);
         }
         self.require_runnable(now)?;
-        self.start_run(now, committed.header.release_us);
+        let soonest = now + self.group.profile(&self.settings).lead;
+        match start {
+            None => self.start_run(now, soonest),
+            Some(start) if start < soonest => return Err(Refusal::of(Cause::StartPassed)),
+            Some(start) if start > now + START_AHEAD_MAX => return Err(Refusal::of(Cause::StartTooFar)),
+            Some(at) => {
+                if let State::Armed { start, .. } = self.machine.data() {
+                    *start = Some(at);
+                }
+                self.start_when_due(now, at);
+            }
+        }
         Ok(Done::Taken)
+    }
+
+    /// Goes to Running once the start of an ordered run is so near that the group must begin to lead the drives.
+    pub(super) fn start_when_due(&mut self, now: Instant, start: Instant) {
+        // Asked once per period of the monitor, which may begin late.
+        let monitor = Duration::from_micros(self.settings.monitor_period_us.into());
+        if start > now + self.group.profile(&self.settings).lead + monitor * 2 {
+            return;
+        }
+        match self.require_runnable(now) {
+            Ok(()) => self.start_run(now, start),
+            Err(refusal) => {
+                self.note(now, TraceEvent::Refused(OrderKind::Run, refusal.cause));
+                self.enter_standing(now, State::Ready);
+            }
+        }
+    }
+
+    /// Time until an ordered run begins.
+    pub(super) fn start_left(&self, now: Instant) -> Option<Duration> {
+        match *self.machine.state() {
+            State::Armed { start: Some(start), .. } => Some(start.saturating_since(now)),
+            _ => None,
+        }
     }
 
     fn require_trajectory(&self, crc64: u64) -> Result<(), Refusal> {

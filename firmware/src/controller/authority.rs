@@ -13,7 +13,7 @@ use crate::registers;
 use crate::spline::Spline;
 use crate::state::{State, StateKind};
 use crate::store::{self, Storage};
-use crate::trace::Event;
+use crate::trace::TraceEvent;
 
 impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     /// Lets an order through if its node, its time and its code allow it, and carries it out.
@@ -44,7 +44,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         }
         let outcome = self.take_order(now, source.peer, *order);
         if outcome.is_err() {
-            // Whoever was the host stays it.
+            // The host stays the host.
             self.session = before;
         }
         if needs_code {
@@ -132,7 +132,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             self.lock_limits(now);
         } else {
             self.unlock = Some(Unlock { peer, until: now + valid });
-            self.note(now, Event::Unlocked(peer));
+            self.note(now, TraceEvent::Unlocked(peer));
         }
         Ok(())
     }
@@ -147,7 +147,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
                 self.enter_standing(now, State::Ready);
             }
         }
-        self.note(now, Event::LimitsPutBack);
+        self.note(now, TraceEvent::LimitsPutBack);
     }
 
     /// Sets the key of the controller, or removes it; it is stored at once. A controller with a key wants a code of the
@@ -168,7 +168,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         }
         store::save_key(&mut self.storage, key.as_ref())?;
         self.offer = None;
-        self.note(now, Event::Key(key.is_some()));
+        self.note(now, TraceEvent::Key(key.is_some()));
         self.keyring.set(key);
         Ok(())
     }

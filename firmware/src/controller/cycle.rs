@@ -24,9 +24,9 @@ use crate::spline::Spline;
 use crate::state::{State, StopWay};
 use crate::store::Storage;
 use crate::supervisor;
-use crate::trace::Event;
+use crate::trace::TraceEvent;
 
-/// A homing goes on until so many times the missed answers that stop a path: it needs none of them at a time.
+/// A homing goes on until this many times the missed answers that stop a path: it needs none of them at a time.
 const HOMING_PATIENCE: u32 = 2;
 
 impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
@@ -78,7 +78,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         }
         let (qd_rad_s, e_rad) =
             if tracking { (tracker.qd_rad_s(), sample.q_rad - reference.q_rad) } else { (0.0, 0.0) };
-        let measured = supervisor::Measured { q_rad: sample.q_rad, qd_rad_s, e_rad };
+        let measured = supervisor::SupervisedSample { q_rad: sample.q_rad, qd_rad_s, e_rad };
         let cause = trouble.or(supervisor::check_motion(&measured, self.settings.joint.at(joint)));
         if let Some(cause) = cause {
             self.fail(now, Fault::at(cause, joint));
@@ -89,7 +89,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     fn analyse_missed(&mut self, now: Instant, joint: JointIndex, in_row: u32) {
         self.counters.replies_missed = self.counters.replies_missed.saturating_add(1);
         self.trackers.at_mut(joint).set_missed(true);
-        self.note(now, Event::Missed(joint));
+        self.note(now, TraceEvent::Missed(joint));
         let patience = match self.machine.state() {
             State::Running { .. } | State::Stopping { .. } | State::Jogging(_) => 1,
             State::Homing(_) => HOMING_PATIENCE,
@@ -106,7 +106,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
 
     fn analyse_implausible(&mut self, now: Instant, joint: JointIndex, again: bool) {
         self.trackers.at_mut(joint).set_missed(true);
-        self.note(now, Event::Implausible(joint));
+        self.note(now, TraceEvent::Implausible(joint));
         // One may be a mix-up on the bus; the next one must be right.
         if again {
             self.fail(now, Fault::at(Cause::ReplyImplausible, joint));
@@ -171,7 +171,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         }
         self.counters.cycles_late = self.counters.cycles_late.saturating_add(1);
         self.late_in_row = self.late_in_row.saturating_add(1);
-        self.note(now, Event::LateCycle);
+        self.note(now, TraceEvent::LateCycle);
         self.late_in_row >= self.settings.cycle_late_max
     }
 

@@ -13,7 +13,7 @@ use crate::registers::{self, Number, Numbers, RegisterInfo, Writable};
 use crate::spline::Spline;
 use crate::state::{State, StateKind};
 use crate::store::{self, Storage};
-use crate::trace::Event;
+use crate::trace::TraceEvent;
 
 impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     /// Takes an order.
@@ -33,8 +33,11 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         match outcome {
             // A jog comes many times a second; challenges and codes belong to the order that follows.
             Ok(_) if matches!(kind, OrderKind::Jog | OrderKind::Challenge | OrderKind::Authorize) => {}
-            Ok(_) => self.note(now, Event::Order(kind)),
-            Err(refusal) => self.note(now, Event::Refused(kind, refusal.cause)),
+            // New end states come a hundred times a second, and each is answered: the first of a run is enough.
+            Ok(_) if kind == OrderKind::Retarget && self.targets_taken > 1 => {}
+            Err(_) if kind == OrderKind::Retarget && self.targets_taken > 0 => {}
+            Ok(_) => self.note(now, TraceEvent::Order(kind)),
+            Err(refusal) => self.note(now, TraceEvent::Refused(kind, refusal.cause)),
         }
         self.group.flush(now, &self.settings);
         outcome
@@ -44,7 +47,9 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         match order {
             Order::ArmPrepare { crc64, valid } => return self.order_prepare(now, crc64, valid),
             Order::ArmConfirm { token, valid } => return self.order_confirm(now, token, valid),
-            Order::Run(name) => return self.order_run(now, name),
+            Order::Run(name) => return self.order_run(now, name, None),
+            Order::RunAt { name, start } => return self.order_run(now, name, Some(start)),
+            Order::Retarget(target) => return self.order_retarget(now, &target),
             Order::Disarm => {
                 self.offer = None;
                 if matches!(self.machine.state(), State::Armed { .. }) {
@@ -86,7 +91,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         self.now = now;
         let fault = Fault::group(Cause::StopMessage);
         match self.kind() {
-            // Said again, because somebody asks again.
+            // Repeated, because the node asks again.
             StateKind::Stopped | StateKind::Fault => {
                 self.halt(now);
                 self.group.command(now, &self.settings, Command::Stand { armed: false });
@@ -100,7 +105,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         self.session.hear(now, peer);
     }
 
-    /// A node has started anew. If it is the host, its session ends: an offer and an arming are void, a motion stops.
+    /// A node has started again. If it is the host, its session ends: an offer and an arming are void, a motion stops.
     pub fn host_restarted(&mut self, now: Instant, peer: Peer) {
         self.now = now;
         if self.session.host() != Some(peer) {
@@ -169,7 +174,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         let outcome = self.take_register(now, &source.into(), index, numbers);
         if let Err(refusal) = outcome {
             let index = u8::try_from(index).unwrap_or(u8::MAX);
-            self.note(now, Event::RegisterRefused(index, refusal.cause));
+            self.note(now, TraceEvent::RegisterRefused(index, refusal.cause));
         }
         outcome
     }
@@ -227,7 +232,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             Writable::Gain => self.settings.gains_certificate_crc32 = 0,
             Writable::Limit | Writable::LowerLimit => {
                 self.store.void_commit();
-                self.note(now, Event::LimitsChanged);
+                self.note(now, TraceEvent::LimitsChanged);
             }
             // Drives and joints are assigned at start-up: look for them again with the new assignment.
             Writable::NextStart => {

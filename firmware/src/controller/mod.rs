@@ -15,7 +15,7 @@
 //! |---|---|
 //! | `cycle` | analyse, decide, act: what follows from each event of the group |
 //! | `tracker` | estimator and law of one joint |
-//! | `standing`, `slow`, `starting`, `stopping` | standing, homing and jogging, the start of a run, stops and faults |
+//! | `standing`, `slow`, `starting`, `retargeting`, `stopping` | standing, homing and jogging, the start of a run, new end states in flight, stops and faults |
 //! | `host`, `arming`, `authority` | orders, what must hold before a run, who may order what |
 //! | `report` | samples |
 //!
@@ -30,6 +30,7 @@ mod authority;
 mod cycle;
 mod host;
 mod report;
+mod retargeting;
 mod slow;
 mod standing;
 mod starting;
@@ -53,7 +54,7 @@ use crate::spline::Spline;
 use crate::state::{Machine, State, StateKind};
 use crate::store::{self, Storage, TrajectoryStore};
 use crate::telemetry::Counters;
-use crate::trace::{Event, Trace};
+use crate::trace::{Trace, TraceEvent};
 
 /// Offer to arm that waits for its confirmation.
 #[derive(Clone, Copy, Debug)]
@@ -97,6 +98,8 @@ pub struct Controller<S, M = Spline, G = PowerCubes> {
     foreign_bits: u32,
     // What is watched.
     late_in_row: u32,
+    /// New end states taken since the start of the run.
+    targets_taken: u16,
     /// Where each joint stood when the group came to rest, rad.
     stood_at_rad: PerJoint<f32>,
     /// Next repetition of the halt if something still moves.
@@ -106,7 +109,7 @@ pub struct Controller<S, M = Spline, G = PowerCubes> {
 }
 
 #[inline(never)]
-fn made<T: Default>() -> T {
+fn default_in_place<T: Default>() -> T {
     T::default()
 }
 
@@ -125,29 +128,29 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     /// stack are too much. `defaults` must pass [`Settings::check`]; others are replaced by [`Settings::powercube6`]. Their
     /// limits are the widest that are taken without an unlock. Tokens are drawn from `seed`.
     pub fn with_spline(storage: S, spline: M, defaults: &Settings, seed: Seed) -> Self {
-        let mut controller = Self::asleep(storage, spline, seed);
-        controller.wake(defaults);
+        let mut controller = Self::blank(storage, spline, seed);
+        controller.restore(defaults);
         controller
     }
 
     /// [`Self::with_spline`] with a group that was made with options of its own.
     pub fn with_group(storage: S, spline: M, group: G, defaults: &Settings, seed: Seed) -> Self {
-        let mut controller = Self::asleep(storage, spline, seed);
+        let mut controller = Self::blank(storage, spline, seed);
         controller.group = group;
-        controller.wake(defaults);
+        controller.restore(defaults);
         controller
     }
 
     /// Nothing looked up yet. A call of its own for each large part, and no decision in between: so the compiler makes them
     /// where they stay, instead of making and moving them (12 KB more of a board's stack).
     #[inline(never)]
-    pub(crate) fn asleep(storage: S, spline: M, seed: Seed) -> Self {
+    pub(crate) fn blank(storage: S, spline: M, seed: Seed) -> Self {
         Self {
             settings: Settings::POWERCUBE6,
             ceiling: Settings::POWERCUBE6,
             machine: Machine::new(),
-            group: made(),
-            trackers: made(),
+            group: default_in_place(),
+            trackers: default_in_place(),
             spline,
             storage,
             store: TrajectoryStore::new(),
@@ -157,14 +160,15 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             keyring: Keyring::default(),
             offer: None,
             unlock: None,
-            trace: made(),
+            trace: default_in_place(),
             freeze: None,
             counters: Counters::default(),
             jitter: Duration::ZERO,
             telemetry_due: Instant::ZERO,
             foreign_bits: 0,
             late_in_row: 0,
-            stood_at_rad: made(),
+            targets_taken: 0,
+            stood_at_rad: default_in_place(),
             halt_due: Instant::ZERO,
             now: Instant::ZERO,
         }
@@ -172,13 +176,13 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
 
     /// Takes over what is stored.
     #[inline(never)]
-    pub(crate) fn wake(&mut self, defaults: &Settings) {
+    pub(crate) fn restore(&mut self, defaults: &Settings) {
         let defaults = if defaults.check().is_ok() { defaults } else { &Settings::POWERCUBE6 };
         self.ceiling = *defaults;
         self.settings = store::load_settings(&self.storage, defaults);
         // An unlock ends with the power: limits that were saved meanwhile are put back.
         if registers::narrow(&mut self.settings, &self.ceiling) {
-            self.note(Instant::ZERO, Event::LimitsPutBack);
+            self.note(Instant::ZERO, TraceEvent::LimitsPutBack);
         }
         self.keyring.set(store::load_key(&self.storage));
         self.store.find(&self.storage, &self.settings, self.spline.borrow_mut());
@@ -228,7 +232,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         self.machine.state().kind()
     }
 
-    fn note(&mut self, now: Instant, event: Event) {
+    fn note(&mut self, now: Instant, event: TraceEvent) {
         self.trace.note(now, event);
     }
 
@@ -252,15 +256,26 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         self.session.heard_at().is_some_and(|seen| now.saturating_since(seen) <= timeout)
     }
 
+    /// True if the group is armed or moves, and more than half of the time in which the host must be heard has passed
+    /// without a sign of life of it.
+    pub fn is_host_late(&self, now: Instant) -> bool {
+        let half = Duration::from_micros((self.settings.host_timeout_us / 2).into());
+        let engaged = self.kind().may_move() || self.kind() == StateKind::Armed;
+        engaged && self.session.heard_at().is_some_and(|seen| now.saturating_since(seen) > half)
+    }
+
     /// Offers and armings that end by themselves.
     fn expire(&mut self, now: Instant) {
         if self.offer.is_some_and(|offer| offer.until <= now) {
             self.offer = None;
         }
-        if let State::Armed { until, .. } = *self.machine.state()
-            && (until <= now || !self.host_is_alive(now))
-        {
-            self.enter_standing(now, State::Ready);
+        if let State::Armed { until, start, .. } = *self.machine.state() {
+            match start {
+                _ if !self.host_is_alive(now) => self.enter_standing(now, State::Ready),
+                Some(start) => self.start_when_due(now, start),
+                None if until <= now => self.enter_standing(now, State::Ready),
+                None => {}
+            }
         }
         if self.unlock.is_some_and(|unlock| unlock.until <= now) {
             self.lock_limits(now);
@@ -272,7 +287,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         if !self.group.set_gripper(&self.settings, open) {
             self.gripper.set_board(open != self.settings.gripper_inverted);
         }
-        self.note(now, Event::Gripper(open));
+        self.note(now, TraceEvent::Gripper(open));
     }
 
     /// A packet of the drives' port.
@@ -285,8 +300,8 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     /// A deadline of [`Self::poll_deadline`] has come; harmless before.
     pub fn handle_deadline(&mut self, now: Instant) {
         self.now = now;
-        if self.gripper.take_due(now) {
-            self.set_gripper(now, true);
+        if let Some(open) = self.gripper.take_due(now) {
+            self.set_gripper(now, open);
         }
         self.group.handle_timeout(now, &self.settings);
         self.serve(now);
@@ -300,7 +315,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     /// Next deadline.
     pub fn poll_deadline(&self) -> Option<Instant> {
         let group = self.group.poll_timeout(self.now, &self.settings);
-        group.into_iter().chain(self.gripper.release_at()).min()
+        group.into_iter().chain(self.gripper.next_at()).min()
     }
 }
 

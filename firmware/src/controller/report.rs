@@ -27,6 +27,11 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         Counters { motions, foreign_requests: foreign, ..self.counters }
     }
 
+    /// New end states taken in this run or the last one.
+    pub const fn targets_taken(&self) -> u16 {
+        self.targets_taken
+    }
+
     /// Control steps since start-up.
     pub const fn cycles(&self) -> u32 {
         self.counters.cycles
@@ -42,7 +47,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         self.group.is_cycle_done(&self.settings)
     }
 
-    /// The group now; the jitter counts anew from here.
+    /// The group now; the jitter counts again from here.
     pub fn take_sample(&mut self, now: Instant) -> GroupSample {
         let jitter = core::mem::take(&mut self.jitter);
         let homed_mask = self
@@ -70,6 +75,8 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             bus_bits: self.group.counters().bits.wrapping_add(self.foreign_bits),
             path_us: u32::try_from(path_us.max(0)).unwrap_or(u32::MAX),
             arming_left: self.arming_left(now),
+            start_left: self.start_left(now),
+            targets_taken: self.targets_taken,
         }
     }
 
@@ -89,7 +96,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         let mut sample = JointSample {
             q_rad: self.group.position(joint).map_or(0.0, |position| position.q_rad),
             current_a: readings.current_a.unwrap_or(f32::NAN),
-            drive_short_state: readings.short_state,
+            drive_state_byte: readings.short_state,
             flags: flags
                 .into_iter()
                 .filter(|(on, _)| *on)

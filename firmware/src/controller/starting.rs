@@ -13,9 +13,10 @@ use crate::state::State;
 use crate::store::Storage;
 
 impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
-    /// Begins the committed trajectory. The order has checked that it may run.
-    pub(super) fn start_run(&mut self, now: Instant, release_us: Option<u32>) {
-        let start = now + self.group.profile(&self.settings).lead;
+    /// Begins the committed trajectory at `start`, at least the lead of the group from now. The order has checked that it may
+    /// run.
+    pub(super) fn start_run(&mut self, now: Instant, start: Instant) {
+        self.spline.borrow_mut().follow_knots();
         self.group.command(now, &self.settings, Command::Track);
         for joint in self.settings.joints() {
             let q_start_rad = self.spline.borrow().start_rad(joint);
@@ -23,11 +24,19 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             let weights = self.settings.weights();
             self.trackers.set(joint, Tracker::begin(now, q_rad - q_start_rad, weights));
         }
-        if let Some(release_us) = release_us {
-            let opening = Duration::from_micros(self.settings.gripper_opening_us.into());
-            self.gripper.plan(start + Duration::from_micros(release_us.into()), opening);
+        let opening = Duration::from_micros(self.settings.gripper_opening_us.into());
+        self.gripper.cancel();
+        if let Some(committed) = self.store.committed() {
+            for event in committed.header.events.as_slice() {
+                // There is room: a plan has no more events than fit.
+                let _ = self.gripper.plan(
+                    event.action,
+                    start + Duration::from_micros(event.t_us.into()),
+                    opening,
+                );
+            }
         }
-        self.late_in_row = 0;
+        (self.late_in_row, self.targets_taken) = (0, 0);
         self.enter(now, State::Running { clock: PathClock::starting(start), parking: None });
     }
 }

@@ -25,7 +25,7 @@ use crate::rest::HALT_REST_MAX;
 use crate::spline::Spline;
 use crate::state::{State, StateKind, StopWay};
 use crate::store::Storage;
-use crate::trace::Event;
+use crate::trace::TraceEvent;
 
 /// Cycles on the standing reference before the halt of a path stop.
 const SETTLE_CYCLES: u64 = 3;
@@ -46,12 +46,12 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         match (*self.machine.state(), reaction) {
             (_, Reaction::Refuse) => {}
             // The first cause stays; a fault takes the place of a plain stop.
-            (State::Fault { .. }, _) => self.note(now, Event::FurtherFault(fault)),
+            (State::Fault { .. }, _) => self.note(now, TraceEvent::FurtherFault(fault)),
             (State::Stopped { .. }, _) if fault.cause.is_plain_stop() => {}
             (State::Stopping { fault: first, way, clock, .. }, _) => {
                 let first = first_cause(first, fault);
                 if first != fault {
-                    self.note(now, Event::FurtherFault(fault));
+                    self.note(now, TraceEvent::FurtherFault(fault));
                 }
                 if let State::Stopping { fault: latched, .. } = self.machine.data() {
                     *latched = first;
@@ -105,7 +105,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         self.halt_due = now + HALT_REPEAT;
         self.group.command(now, &self.settings, Command::Halt);
         self.counters.halts = self.counters.halts.saturating_add(1);
-        self.note(now, Event::Halt);
+        self.note(now, TraceEvent::Halt);
     }
 
     /// The halt and the state after it: Fault at once, Stopped when all joints stand.

@@ -1,4 +1,4 @@
-//! Tracking of one joint: where it is in relation to its reference, and what it shall do next.
+//! Tracking of one joint: where it is in relation to its reference, and what it does next.
 //!
 //! In cycle k a set point is computed from what cycle k-1 measured, and acts in cycle k for one period. So the state is one
 //! period old when the set point begins to act, and the feed forward is the mean acceleration of the reference over the
@@ -63,7 +63,7 @@ impl Tracker {
         (self.qd_rad_s(), dt_s)
     }
 
-    /// Decides what the joint shall do from `acts_at` on, with the reference at the beginning of that period and its velocity
+    /// Decides what the joint does from `acts_at` on, with the reference at the beginning of that period and its velocity
     /// at the end.
     #[inline]
     pub(super) fn decide(

@@ -4,8 +4,9 @@ use core::borrow::BorrowMut;
 
 use protocol::cyphal::bits::{Decode, Encode, Writer};
 use protocol::cyphal::cubecell::authorization::{Content, KEY_REGISTER, KEYED_REGISTER};
-use protocol::cyphal::cubecell::command::{ArmOffer, Challenge};
+use protocol::cyphal::cubecell::command::{self, ArmOffer, Challenge, ClockReading};
 use protocol::cyphal::cubecell::history::{FREEZE_PATH, TRACE_PATH};
+use protocol::cyphal::cubecell::target::{self, TargetAnswer, TargetState};
 use protocol::cyphal::cubecell::{TRAJECTORY_PATH, group_state, joint_state, stop};
 use protocol::cyphal::id::{NodeId, Route, SubjectId};
 use protocol::cyphal::rx::{Port, Transfer};
@@ -18,24 +19,29 @@ use protocol::cyphal::uavcan::value::{Value, ValueBuf, ValueType};
 use protocol::{Duration, Instant, JOINTS_MAX};
 
 use super::history;
-use super::messages::{order_of, status_of, to_message, to_value};
+use super::messages::{order_of, status_of, target_of, to_message, to_value};
 use super::{Identity, NODE_NAME, UNSET};
 use crate::authority::{CHALLENGE_VALID, KEY_LEN, Key, Peer, Seed, Source};
 use crate::controller::Controller;
 use crate::fault::Cause;
 use crate::group::DriveGroup;
-use crate::orders::Done;
+use crate::orders::{Done, Order};
 use crate::registers::{self, Kind, Number, Writable};
 use crate::spline::Spline;
 use crate::state::StateKind;
 use crate::store::Storage;
 
 /// Registers beside the settings: the types of the ports, as the standard wants them.
-const TYPES: [(&str, &str); 3] = [
+const TYPES: [(&str, &str); 5] = [
     ("uavcan.sub.stop.type", stop::TYPE),
     ("uavcan.pub.group_state.type", group_state::TYPE),
     ("uavcan.pub.joint_state.type", joint_state::TYPE),
+    ("uavcan.sub.target.type", target::TYPE),
+    ("uavcan.pub.target_answer.type", target::ANSWER_TYPE),
 ];
+
+/// Files, in the order in which they are listed.
+const FILES: [&[u8]; 3] = [TRAJECTORY_PATH, FREEZE_PATH, TRACE_PATH];
 
 /// Registers of the key, after those.
 const KEYS: [&str; 2] = [KEY_REGISTER, KEYED_REGISTER];
@@ -53,31 +59,50 @@ fn ms(span: Duration) -> u16 {
 pub(super) struct App<S, M, G> {
     pub(super) controller: Controller<S, M, G>,
     identity: Identity,
-    pub(super) ports: [Port; 2],
-    pub(super) subjects: [SubjectId; 2],
+    pub(super) ports: [Port; 3],
+    pub(super) subjects: [SubjectId; 3],
+    /// What became of the last new end state, until it is sent.
+    pub(super) answer: Option<TargetAnswer>,
     /// Node whose heartbeat was heard last as the host's, and its uptime, s.
     beat: Option<(NodeId, u32)>,
     pub(super) complete: bool,
+    pub(super) late_host: LateHost,
+}
+
+/// Whether people are told of a host that is nearly too slow: once for each arming or motion.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum LateHost {
+    /// It was in time.
+    No,
+    /// A sign of life came late.
+    Seen,
+    /// Told.
+    Told,
 }
 
 impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> App<S, M, G> {
     #[inline(never)]
-    pub(super) fn asleep(storage: S, spline: M, identity: Identity, seed: Seed) -> Self {
+    pub(super) fn blank(storage: S, spline: M, identity: Identity, seed: Seed) -> Self {
         Self {
             identity,
-            ports: [stop::port(UNSET), heartbeat::PORT],
-            subjects: [UNSET; 2],
+            ports: [stop::port(UNSET), heartbeat::PORT, target::port(UNSET)],
+            subjects: [UNSET; 3],
+            answer: None,
             beat: None,
             complete: false,
-            controller: Controller::asleep(storage, spline, seed),
+            late_host: LateHost::No,
+            controller: Controller::blank(storage, spline, seed),
         }
     }
 
-    /// Heartbeat of a node. One that starts anew counts its uptime from zero: what it ordered before is void.
+    /// Heartbeat of a node. One that starts again counts its uptime from zero: what it ordered before is void.
     fn take_heartbeat(&mut self, now: Instant, source: NodeId, payload: &[u8]) {
         let Ok(beat) = Heartbeat::from_bytes(payload) else { return };
         let peer = peer(source);
         if self.controller.host() == Some(peer) {
+            if self.late_host == LateHost::No && self.controller.is_host_late(now) {
+                self.late_host = LateHost::Seen;
+            }
             let restarted =
                 self.beat.is_some_and(|(node, uptime_s)| node == source && beat.uptime_s < uptime_s);
             self.beat = Some((source, beat.uptime_s));
@@ -87,6 +112,21 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> App<S, M, G> {
             }
         }
         self.controller.host_heartbeat(now, peer);
+    }
+
+    /// A new end state; its answer is sent with the next messages.
+    fn take_target(&mut self, now: Instant, source: NodeId, payload: &[u8]) {
+        let Ok(message) = TargetState::from_bytes(payload) else { return };
+        let outcome = target_of(&message)
+            .and_then(|target| self.controller.order(now, peer(source), Order::Retarget(target)));
+        let sequence = message.sequence;
+        self.answer = Some(match outcome {
+            Ok(_) => TargetAnswer { sequence, ..TargetAnswer::default() },
+            Err(refusal) => {
+                let command::Refusal { cause, joint, index } = to_message(&refusal);
+                TargetAnswer { sequence, cause, joint, index }
+            }
+        });
     }
 
     /// Takes the key, or its removal by no bytes. What is refused shows in register `security.keyed`, and in the trace.
@@ -214,6 +254,10 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Application for App<S, M, 
             self.controller.stop_now(now);
             return Status::SUCCESS;
         }
+        if number == command::CLOCK {
+            ClockReading { uptime_us: now.as_micros() }.encode(output);
+            return Status::SUCCESS;
+        }
         let order = match order_of(number, parameter) {
             Ok(order) => order,
             Err(status) => return status,
@@ -238,6 +282,10 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Application for App<S, M, 
                 status_of(refusal.cause)
             }
         }
+    }
+
+    fn file_name(&self, index: u32) -> &[u8] {
+        FILES.get(index as usize).copied().unwrap_or_default()
     }
 
     fn file_write(
@@ -282,7 +330,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Application for App<S, M, 
     }
 
     fn message(&mut self, now: Instant, transfer: &Transfer<'_>) {
-        let [stop_port, _] = self.ports;
+        let [stop_port, _, target_port] = self.ports;
         match transfer.route {
             // Whatever it says, from whomever.
             Route::Message { subject, .. } | Route::Anonymous { subject, .. }
@@ -292,6 +340,9 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Application for App<S, M, 
             }
             Route::Message { subject, source } if subject == heartbeat::SUBJECT => {
                 self.take_heartbeat(now, source, transfer.payload);
+            }
+            Route::Message { subject, source } if subject.get() == target_port.id => {
+                self.take_target(now, source, transfer.payload);
             }
             _ => {}
         }

@@ -11,7 +11,7 @@ use crate::fault::Fault;
 use crate::group::DriveGroup;
 use crate::spline::Spline;
 use crate::store::Storage;
-use crate::trace::{Event, TRACE_LEN};
+use crate::trace::{TRACE_LEN, TraceEvent};
 
 /// Part of a file that is asked for, and how much of it is there.
 struct Piece<'a> {
@@ -81,7 +81,7 @@ pub(super) fn read_freeze<S: Storage, M: BorrowMut<Spline>, G: DriveGroup>(
             current_a: joint.current_a.unwrap_or(f32::NAN),
             drive_state: joint.state.unwrap_or(u32::MAX),
             age_us: joint.age_us,
-            drive_short_state: joint.short_state,
+            drive_state_byte: joint.short_state,
             missed_in_row: u8::try_from(joint.missed_in_row).unwrap_or(u8::MAX),
         };
         piece.push(FrozenJoint::LEN, &record);
@@ -110,7 +110,7 @@ pub(super) fn read_trace<S: Storage, M: BorrowMut<Spline>, G: DriveGroup>(
     piece.filled
 }
 
-fn entry_of(event: Event) -> TraceEntry {
+fn entry_of(event: TraceEvent) -> TraceEntry {
     let of = |kind, detail| TraceEntry { kind, detail, ..TraceEntry::default() };
     let fault = |kind, detail, fault: Option<Fault>| TraceEntry {
         joint: joint_number(fault.and_then(|fault| fault.joint)),
@@ -119,20 +119,22 @@ fn entry_of(event: Event) -> TraceEntry {
     };
     let at = |kind, joint| TraceEntry { joint: joint_number(Some(joint)), ..of(kind, 0) };
     match event {
-        Event::State { from, to, fault: why } => fault(kind::STATE, (from as u8) << 4 | to as u8, why),
-        Event::FurtherFault(why) => fault(kind::FURTHER_FAULT, 0, Some(why)),
-        Event::Order(order) => of(kind::ORDER, order as u8),
-        Event::Refused(order, cause) => TraceEntry { cause: cause.code(), ..of(kind::REFUSED, order as u8) },
-        Event::Missed(joint) => at(kind::REPLY_MISSED, joint),
-        Event::Implausible(joint) => at(kind::IMPLAUSIBLE, joint),
-        Event::LateCycle => of(kind::LATE_CYCLE, 0),
-        Event::Gripper(open) => of(kind::GRIPPER, u8::from(open)),
-        Event::Halt => of(kind::HALT, 0),
-        Event::Unlocked(peer) => of(kind::UNLOCKED, peer.number()),
-        Event::LimitsPutBack => of(kind::LIMITS_PUT_BACK, 0),
-        Event::LimitsChanged => of(kind::LIMITS_CHANGED, 0),
-        Event::Key(set) => of(kind::KEY, u8::from(set)),
-        Event::RegisterRefused(register, cause) => {
+        TraceEvent::State { from, to, fault: why } => fault(kind::STATE, (from as u8) << 4 | to as u8, why),
+        TraceEvent::FurtherFault(why) => fault(kind::FURTHER_FAULT, 0, Some(why)),
+        TraceEvent::Order(order) => of(kind::ORDER, order as u8),
+        TraceEvent::Refused(order, cause) => {
+            TraceEntry { cause: cause.code(), ..of(kind::REFUSED, order as u8) }
+        }
+        TraceEvent::Missed(joint) => at(kind::REPLY_MISSED, joint),
+        TraceEvent::Implausible(joint) => at(kind::IMPLAUSIBLE, joint),
+        TraceEvent::LateCycle => of(kind::LATE_CYCLE, 0),
+        TraceEvent::Gripper(open) => of(kind::GRIPPER, u8::from(open)),
+        TraceEvent::Halt => of(kind::HALT, 0),
+        TraceEvent::Unlocked(peer) => of(kind::UNLOCKED, peer.number()),
+        TraceEvent::LimitsPutBack => of(kind::LIMITS_PUT_BACK, 0),
+        TraceEvent::LimitsChanged => of(kind::LIMITS_CHANGED, 0),
+        TraceEvent::Key(set) => of(kind::KEY, u8::from(set)),
+        TraceEvent::RegisterRefused(register, cause) => {
             TraceEntry { cause: cause.code(), ..of(kind::REGISTER_REFUSED, register) }
         }
     }

@@ -2,16 +2,19 @@
 
 use protocol::cyphal::bits::Decode;
 use protocol::cyphal::cubecell::command::{
-    self, ArmConfirm, ArmPrepare, Authorization, ClearFault, Gripper, Home, Jog, Unlock,
+    self, ArmConfirm, ArmPrepare, Authorization, ClearFault, Gripper, Home, Jog, Run, Unlock,
 };
 use protocol::cyphal::cubecell::group_state;
+use protocol::cyphal::cubecell::target::TargetState;
 use protocol::cyphal::uavcan::command::{Status, standard};
 use protocol::cyphal::uavcan::value::ValueBuf;
-use protocol::{Duration, JOINTS_MAX, JointIndex};
+use protocol::{Duration, Instant, JOINTS_MAX, JointIndex};
 
+use crate::events::Action;
 use crate::fault::{Cause, Refusal};
-use crate::orders::Order;
+use crate::orders::{Order, Target};
 use crate::registers::{Kind, Number};
+use crate::retarget::EndState;
 use crate::store::FileName;
 use crate::telemetry::GroupSample;
 
@@ -35,7 +38,14 @@ pub(super) fn order_of(number: u16, parameter: &[u8]) -> Result<Order, Status> {
             Order::ArmConfirm { token, valid: ms(valid_ms) }
         }
         command::DISARM => Order::Disarm,
-        command::RUN => Order::Run(name(parameter)?),
+        command::RUN => {
+            let Run { trajectory_crc64: crc64, length_bytes: len, start_us } = read(parameter)?;
+            let name = FileName { crc64, len };
+            match start_us {
+                0 => Order::Run(name),
+                start_us => Order::RunAt { name, start: Instant::from_micros(start_us) },
+            }
+        }
         command::STOP => Order::Stop,
         command::CLEAR_FAULT => {
             let ClearFault { fault_cause } = read(parameter)?;
@@ -69,10 +79,28 @@ pub(super) fn order_of(number: u16, parameter: &[u8]) -> Result<Order, Status> {
     })
 }
 
+/// A new end state as the controller knows it; an event that it does not know is refused.
+pub(super) fn target_of(message: &TargetState) -> Result<Target, Refusal> {
+    let at = Instant::from_micros(message.arrive_us);
+    let mut target = Target { at, joints: message.joints().len() as u8, ..Target::default() };
+    for (to, from) in target.state.0.iter_mut().zip(message.joints()) {
+        *to = EndState { q_rad: from.q_urad as f32 * 1e-6, qd_rad_s: from.qd_rad_s };
+    }
+    for (index, (to, from)) in target.events.iter_mut().zip(message.events()).enumerate() {
+        let action =
+            Action::from_number(from.action).ok_or(Refusal::in_file(Cause::TargetEvent, None, index))?;
+        let at = Instant::from_micros(message.arrive_us.saturating_add_signed(from.offset_us.into()));
+        *to = Some((at, action));
+    }
+    Ok(target)
+}
+
 pub(super) const fn status_of(cause: Cause) -> Status {
     match cause {
         Cause::OrderNotNow | Cause::GripperBusy | Cause::BankBusy => Status::BAD_STATE,
-        Cause::BadValue | Cause::JointUnknown => Status::BAD_PARAMETER,
+        Cause::BadValue | Cause::JointUnknown | Cause::StartPassed | Cause::StartTooFar => {
+            Status::BAD_PARAMETER
+        }
         Cause::OtherHost | Cause::CodeMissing | Cause::CodeWrong => Status::NOT_AUTHORIZED,
         _ => Status::FAILURE,
     }
@@ -107,7 +135,8 @@ pub(super) fn to_value(name: &str, kind: Kind, numbers: &[Number]) -> Option<Val
     }
 }
 
-pub(super) fn group_message(sample: &GroupSample, sequence: u16, complete: bool) -> group_state::GroupState {
+/// The message that tells a host of the group. `complete`: a whole file is in the upload bank.
+pub fn group_message(sample: &GroupSample, sequence: u16, complete: bool) -> group_state::GroupState {
     let us16 = |span: Duration| u16::try_from(span.as_micros()).unwrap_or(u16::MAX);
     let ms = (sample.arming_left.as_micros().min(u64::from(u32::MAX)) as u32) / 1_000;
     group_state::GroupState {
@@ -133,5 +162,9 @@ pub(super) fn group_message(sample: &GroupSample, sequence: u16, complete: bool)
         trajectory_crc64: sample.committed.map_or(0, |name| name.crc64),
         trajectory_time_us: sample.path_us,
         arming_left_ms: u16::try_from(ms).unwrap_or(u16::MAX),
+        start_in_us: sample
+            .start_left
+            .map_or(0, |left| u32::try_from(left.as_micros()).unwrap_or(u32::MAX).max(1)),
+        targets_taken: sample.targets_taken,
     }
 }

@@ -19,8 +19,9 @@
 //!
 //! The node that gave the last accepted order. Its heartbeats and its commands keep a motion alive; those of
 //! others do not. While an offer to arm is out, and while the group is armed or moves, others may only stop and disarm. A
-//! host whose uptime falls back has started anew: its offer and arming are void, and its motion stops. A host must send its heartbeat faster than
-//! `host.timeout_us`, not once a second as the standard asks at least.
+//! host whose uptime falls back has started again: its offer and arming are void, and its motion stops. A host must send its heartbeat faster than
+//! `host.timeout_us`, not once a second as the standard asks at least. While anything is armed or moves, a heartbeat that
+//! comes after more than half of that time brings a warning (`uavcan.diagnostic.Record`); after all of it the motion stops.
 //!
 //! # Pace
 //!
@@ -35,20 +36,20 @@ mod messages;
 
 use core::borrow::BorrowMut;
 
-use protocol::cyphal::cubecell::{joint_state, stop};
+use protocol::cyphal::cubecell::{joint_state, stop, target};
 use protocol::cyphal::id::{NodeId, Priority, SubjectId};
 use protocol::cyphal::server::{ControllerCore, Publication};
 use protocol::cyphal::uavcan::diagnostic::Severity;
 use protocol::cyphal::uavcan::heartbeat;
 use protocol::{Duration, Frame, Instant, JOINTS_MAX, Node};
 
-use self::app::App;
-use self::messages::group_message;
+use self::app::{App, LateHost};
+pub use self::messages::group_message;
 use crate::authority::{Peer, Seed};
 use crate::controller::Controller;
 use crate::fault::Refusal;
 use crate::group::DriveGroup;
-use crate::groups::powercube::{PowerCubes, nominal_bits};
+use crate::groups::powercube::PowerCubes;
 use crate::orders::{Done, Order};
 use crate::settings::Settings;
 use crate::spline::Spline;
@@ -105,6 +106,7 @@ pub struct ControllerNode<S, M = Spline, G = PowerCubes> {
     app: App<S, M, G>,
     group_state: Publication,
     joint_state: Publication,
+    target_answer: Publication,
     last_state: Option<StateKind>,
     was_unlocked: bool,
     sequence: u16,
@@ -144,21 +146,22 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> ControllerNode<S, M, G> {
         identity: Identity,
         seed: Seed,
     ) -> Self {
-        let mut node = Self::asleep(now, storage, spline, identity, seed);
-        node.wake(defaults);
+        let mut node = Self::blank(now, storage, spline, identity, seed);
+        node.restore(defaults);
         node
     }
 
     /// First half of [`Self::with_spline`], for a board: what this returns is made in the place it is kept in, and
-    /// [`Self::wake`] must follow before anything else. In one call the node would be made and then moved, with stack for
+    /// [`Self::restore`] must follow before anything else. In one call the node would be made and then moved, with stack for
     /// two of them.
-    // The large parts come last and from a call each, or they would be made elsewhere (see `Controller::asleep`).
+    // The large parts come last and from a call each, or they would be made elsewhere (see `Controller::blank`).
     #[inline(never)]
-    pub fn asleep(now: Instant, storage: S, spline: M, identity: Identity, seed: Seed) -> Self {
+    pub fn blank(now: Instant, storage: S, spline: M, identity: Identity, seed: Seed) -> Self {
         let valid = Duration::from_millis(200);
         Self {
             group_state: Publication::new(UNSET, Priority::Nominal, valid),
             joint_state: Publication::new(UNSET, Priority::Low, valid),
+            target_answer: Publication::new(UNSET, Priority::Fast, valid),
             last_state: None,
             was_unlocked: false,
             sequence: 0,
@@ -170,22 +173,29 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> ControllerNode<S, M, G> {
             later: None,
             now,
             link: link(now),
-            app: App::asleep(storage, spline, identity, seed),
+            app: App::blank(storage, spline, identity, seed),
         }
     }
 
-    /// Second half of [`Self::with_spline`]: takes over what is stored, over `defaults`.
+    /// Second half of [`Self::with_spline`]: loads the stored settings and trajectory; the rest is as in `defaults`.
     #[inline(never)]
-    pub fn wake(&mut self, defaults: &Settings) {
-        self.app.controller.wake(defaults);
-        let Settings { node_id, stop_subject, group_state_subject, joint_state_subject, .. } =
-            *self.app.controller.settings();
+    pub fn restore(&mut self, defaults: &Settings) {
+        self.app.controller.restore(defaults);
+        let settings = self.app.controller.settings();
         let subject = |number: u32| SubjectId::from_low_bits(number as u16);
-        let subjects = [subject(group_state_subject), subject(joint_state_subject)];
-        self.app.ports = [stop::port(subject(stop_subject)), heartbeat::PORT];
+        let subjects = [
+            subject(settings.group_state_subject),
+            subject(settings.joint_state_subject),
+            subject(settings.target_answer_subject),
+        ];
+        self.app.ports = [
+            stop::port(subject(settings.stop_subject)),
+            heartbeat::PORT,
+            target::port(subject(settings.target_subject)),
+        ];
+        self.link.set_address(NodeId::from_low_bits(settings.node_id as u8));
         self.app.subjects = subjects;
-        [self.group_state.subject, self.joint_state.subject] = subjects;
-        self.link.set_address(NodeId::from_low_bits(node_id as u8));
+        [self.group_state.subject, self.joint_state.subject, self.target_answer.subject] = subjects;
     }
 
     /// Says whose the bus of the host link is.
@@ -220,8 +230,28 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> ControllerNode<S, M, G> {
         self.app.controller.take_gripper_level()
     }
 
-    /// Messages that are due: at once when the state changes, else with the period of the telemetry.
+    /// Tells of a host that is nearly too slow, before its motion is stopped because it is.
+    fn tell_of_late_host(&mut self, now: Instant) {
+        match self.app.late_host {
+            LateHost::No => {}
+            LateHost::Seen => {
+                self.app.late_host = LateHost::Told;
+                self.link.log(now, Severity::Warning, "host late: over half of host.timeout_us");
+            }
+            LateHost::Told => {
+                let state = self.app.controller.state().kind();
+                if !state.may_move() && state != StateKind::Armed {
+                    self.app.late_host = LateHost::No;
+                }
+            }
+        }
+    }
+
+    /// Messages that are due: answers at once, the state when it changes, all with the period of the telemetry.
     fn publish(&mut self, now: Instant) {
+        if let Some(answer) = self.app.answer.take() {
+            let _ = self.link.publish(now, &mut self.target_answer, &answer);
+        }
         let state = self.app.controller.state().kind();
         let changed = self.last_state != Some(state);
         let due = self.app.controller.take_telemetry_due(now);
@@ -265,6 +295,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> ControllerNode<S, M, G> {
     /// What a call does once the drives are served.
     fn after_the_drives(&mut self, now: Instant) {
         self.later = None;
+        self.tell_of_late_host(now);
         self.publish(now);
         if self.link.poll_timeout() <= now {
             self.link.handle_timeout(now, &self.app);
@@ -290,7 +321,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> ControllerNode<S, M, G> {
 
     fn count(&mut self, frame: &Frame) {
         if self.host_bus == HostBus::Shared {
-            self.app.controller.count_foreign(nominal_bits(frame));
+            self.app.controller.count_foreign(frame.nominal_bits());
         }
     }
 

@@ -4,7 +4,7 @@ use protocol::cyphal::crc::Crc64;
 
 use super::seal::Seal;
 use super::storage::{Area, Slot, Storage};
-use crate::authority::{KEY_LEN, Key};
+use crate::credentials::{KEY_LEN, Key};
 use crate::fault::Refusal;
 
 /// Stores the key in the slot not in use, or that there is none; then erases the other slot.

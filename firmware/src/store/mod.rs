@@ -22,4 +22,6 @@ pub use key::{load_key, save_key};
 pub use seal::RECORD_LEN;
 pub use settings::{load_settings, save_settings};
 pub use storage::{Area, RamStorage, Slot, Storage, StorageError};
-pub use trajectories::{Committed, FileName, TrajectoryStore};
+pub use trajectories::{Committed, TrajectoryStore};
+
+pub use crate::trajectory_format::FileName;

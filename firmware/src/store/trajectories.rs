@@ -7,19 +7,10 @@ use super::storage::{Area, Slot, Storage};
 use crate::fault::{Cause, Refusal};
 use crate::settings::Settings;
 use crate::spline::Spline;
-use crate::trajectory_format::{self, FILE_LEN_MAX, Header};
-
-/// Name of a trajectory file: what a commit and a run refer to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FileName {
-    /// CRC-64/WE of the whole file.
-    pub crc64: u64,
-    /// Bytes.
-    pub len: u32,
-}
+use crate::trajectory_format::{self, FILE_LEN_MAX, FileName, Header};
 
 /// The trajectory that may run.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Committed {
     slot: Slot,
     sequence: u32,

@@ -24,7 +24,7 @@ pub(crate) enum Wrong {
 
 /// Ramp generator in front of a position loop (wn 320 rad/s, zeta 0.8), position in steps of 0.02 degrees.
 #[derive(Clone, Debug)]
-pub(crate) struct Drive {
+pub(crate) struct BenchDrive {
     pub module: ModuleId,
     pub q: f64,
     pub v: f64,
@@ -69,7 +69,7 @@ pub(crate) struct Drive {
     at_us: u64,
 }
 
-impl Drive {
+impl BenchDrive {
     pub(super) fn new(module: u8) -> Self {
         Self {
             module: ModuleId::new(module).unwrap(),

@@ -7,6 +7,7 @@ use firmware::store::RamStorage;
 use firmware::{Controller, ControllerNode};
 use protocol::cyphal::bits::{Decode, Encode, Writer};
 use protocol::cyphal::cubecell::command::{self, ArmConfirm, ArmOffer, ArmPrepare, Trajectory};
+use protocol::cyphal::cubecell::target::{self, TargetJoint, TargetState};
 use protocol::cyphal::cubecell::{group_state, joint_state};
 use protocol::cyphal::id::{NodeId, Priority, Route, ServiceId, TransferId};
 use protocol::cyphal::rx::{Port, Receiver};
@@ -14,7 +15,7 @@ use protocol::cyphal::tx::{TxMeta, TxQueue};
 use protocol::cyphal::uavcan::command::{CommandRequest, CommandResponse, Status};
 use protocol::cyphal::uavcan::file::{WriteRequest, WriteResponse};
 use protocol::cyphal::uavcan::heartbeat::{Health, Heartbeat, Mode};
-use protocol::cyphal::uavcan::{command as commands, file, heartbeat, register};
+use protocol::cyphal::uavcan::{command as commands, diagnostic, file, heartbeat, register};
 use protocol::{Duration, Frame, Instant, Node};
 
 use super::bench::*;
@@ -64,8 +65,8 @@ impl Controlled for Recorder {
 }
 
 /// Host with node-ID 42, in the test's hands.
-pub(crate) struct Host {
-    pub bench: Bench<Recorder>,
+pub(crate) struct Host<C = Recorder> {
+    pub bench: Bench<C>,
     pub rx: Receiver<8, 4, 600>,
     pub tx: TxQueue<4, 600>,
     pub transfer: TransferId,
@@ -74,23 +75,29 @@ pub(crate) struct Host {
     pub group: Option<group_state::GroupState>,
     pub joints: usize,
     pub beat_due: u64,
+    /// Time between two heartbeats, µs.
+    pub beat_us: u64,
+    /// Lines of text for people.
+    pub records: Vec<String>,
     pub beating: bool,
     /// In the heartbeats, s.
     pub uptime_s: u32,
 }
 
 pub(crate) const SERVER: NodeId = NodeId::from_low_bits(10);
-pub(crate) const PORTS: [Port; 6] = [
+pub(crate) const PORTS: [Port; 8] = [
     Port::response(commands::SERVICE, commands::RESPONSE_EXTENT),
     Port::response(file::WRITE, file::WRITE_RESPONSE_EXTENT),
     Port::response(file::READ, file::READ_RESPONSE_EXTENT),
+    Port::response(file::LIST, file::LIST_RESPONSE_EXTENT),
+    Port::message(diagnostic::SUBJECT, diagnostic::EXTENT),
     Port::response(register::ACCESS, register::ACCESS_RESPONSE_EXTENT),
     Port::message(group_state::SUBJECT, group_state::EXTENT),
     Port::message(joint_state::SUBJECT, joint_state::EXTENT),
 ];
 
 impl Host {
-    fn node(storage: RamStorage, options: &Options) -> ControllerNode<RamStorage> {
+    pub(crate) fn node(storage: RamStorage, options: &Options) -> ControllerNode<RamStorage> {
         let (identity, seed) = (Default::default(), Seed::FORESEEABLE);
         ControllerNode::new(Instant::ZERO, storage, &options.settings, identity, seed)
     }
@@ -98,8 +105,14 @@ impl Host {
     pub(crate) fn new() -> Self {
         let options = Options::default();
         let node = Self::node(RamStorage::new(), &options);
-        let node = Recorder { node, calls: Vec::new(), frames: Vec::new() };
-        let mut bench = Bench::with(node, options);
+        Self::over(Recorder { node, calls: Vec::new(), frames: Vec::new() }, options)
+    }
+}
+
+impl<C: Controlled> Host<C> {
+    /// Host of `controlled`, whose drives stand where the throw begins.
+    pub(crate) fn over(controlled: C, options: Options) -> Self {
+        let mut bench = Bench::with(controlled, options);
         bench.heartbeat = false;
         for (drive, q) in bench.drives.iter_mut().zip(throw_start()) {
             drive.place(q);
@@ -114,6 +127,8 @@ impl Host {
             group: None,
             joints: 0,
             beat_due: 0,
+            beat_us: 30_000,
+            records: Vec::new(),
             beating: true,
             uptime_s: 7,
         }
@@ -133,7 +148,7 @@ impl Host {
         let end = self.bench.now + us;
         while self.bench.now < end {
             if self.beating && self.bench.now >= self.beat_due {
-                self.beat_due = self.bench.now + 30_000;
+                self.beat_due = self.bench.now + self.beat_us;
                 let beat = Heartbeat {
                     uptime_s: self.uptime_s,
                     health: Health::Nominal,
@@ -165,6 +180,10 @@ impl Host {
                             6
                         );
                         self.joints += 1;
+                    }
+                    Route::Message { subject, .. } if subject == diagnostic::SUBJECT => {
+                        let record = diagnostic::Record::from_bytes(transfer.payload).unwrap();
+                        self.records.push(String::from_utf8(record.text.to_vec()).unwrap());
                     }
                     _ => {}
                 }
@@ -209,13 +228,24 @@ impl Host {
         }
     }
 
+    /// A new end state of all joints at `arrive_us`.
+    pub(crate) fn send_target(&mut self, sequence: u8, arrive_us: u64, state: [(f64, f64); 6]) {
+        let joints = state.map(|(q, qd)| TargetJoint { q_urad: (q * 1e6) as i32, qd_rad_s: qd as f32 });
+        let route = Route::Message { subject: target::SUBJECT, source: self.address };
+        self.send(route, Priority::Fast, &TargetState::new(arrive_us, sequence, &joints, &[]));
+    }
+
     pub(crate) fn armed(&mut self) -> Trajectory {
         self.run(800_000, |_, _| {});
         assert_eq!(self.bench.kind(), StateKind::Ready);
-        let bytes = throw_file(3_000, false);
-        self.upload(&bytes);
+        self.arm(&throw_file(3_000, false))
+    }
+
+    /// Uploads, commits and arms.
+    pub(crate) fn arm(&mut self, bytes: &[u8]) -> Trajectory {
+        self.upload(bytes);
         let name = Trajectory {
-            trajectory_crc64: protocol::cyphal::crc::Crc64::of(&bytes),
+            trajectory_crc64: protocol::cyphal::crc::Crc64::of(bytes),
             length_bytes: bytes.len() as u32,
         };
         assert_eq!(self.command(command::COMMIT_TRAJECTORY, &name).0, Status::SUCCESS);

@@ -8,10 +8,11 @@ mod drive;
 use std::collections::VecDeque;
 
 #[allow(unused_imports)]
-pub(crate) use drive::{Drive, Wrong};
+pub(crate) use drive::{BenchDrive, Wrong};
 
 use firmware::Controller;
 use firmware::authority::{Peer, Seed};
+use firmware::events::PlanEvents;
 use firmware::joints::PerJoint;
 use firmware::orders::{Done, Order};
 use firmware::settings::Settings;
@@ -79,7 +80,7 @@ impl Controlled for Controller<RamStorage> {
 
 pub(crate) struct Bench<C = Controller<RamStorage>> {
     pub controller: Box<C>,
-    pub drives: Vec<Drive>,
+    pub drives: Vec<BenchDrive>,
     pub log: Vec<Logged>,
     pub now: u64,
     pub rng: Rng,
@@ -91,9 +92,12 @@ pub(crate) struct Bench<C = Controller<RamStorage>> {
     from_controller: VecDeque<Frame>,
     /// Ready time and reply, per drive in order.
     from_drive: Vec<VecDeque<(u64, Frame)>>,
-    /// Frames of somebody else.
+    /// Frames of another node.
     strangers: VecDeque<Frame>,
     on_bus: Option<(u64, Frame, Sender)>,
+    /// The controller's processor does something else until then; what comes meanwhile waits.
+    held_until: u64,
+    waiting: VecDeque<Frame>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -131,8 +135,8 @@ impl Bench {
 impl<C: Controlled> Bench<C> {
     pub(crate) fn with(controller: C, options: Options) -> Self {
         let count = options.settings.joints as usize;
-        let mut drives: Vec<Drive> =
-            (0..count).map(|i| Drive::new(options.settings.joint.0[i].address as u8)).collect();
+        let mut drives: Vec<BenchDrive> =
+            (0..count).map(|i| BenchDrive::new(options.settings.joint.0[i].address as u8)).collect();
         if !options.homed {
             for drive in &mut drives {
                 drive.state = CubeState::EMPTY;
@@ -153,7 +157,14 @@ impl<C: Controlled> Bench<C> {
             heartbeat_due: 0,
             from_controller: VecDeque::new(),
             on_bus: None,
+            held_until: 0,
+            waiting: VecDeque::new(),
         }
+    }
+
+    /// The controller is not called for so long. Then it gets the frames that have come, and after them its deadlines.
+    pub(crate) fn hold_up(&mut self, us: u64) {
+        self.held_until = self.now + us;
     }
 
     pub(crate) fn kind(&self) -> StateKind {
@@ -250,7 +261,11 @@ impl<C: Controlled> Bench<C> {
         self.log.push(Logged { at: self.instant(), by_controller: sender == Sender::Controller, frame });
         let now = self.now;
         if sender != Sender::Controller {
-            self.controller.handle_frame(Instant::from_micros(now), &frame);
+            if now < self.held_until {
+                self.waiting.push_back(frame);
+            } else {
+                self.controller.handle_frame(Instant::from_micros(now), &frame);
+            }
             return;
         }
         for (i, drive) in self.drives.iter_mut().enumerate() {
@@ -282,18 +297,24 @@ impl<C: Controlled> Bench<C> {
 
     /// One event; false if it would be after `end`.
     fn step(&mut self, end: u64) -> bool {
-        let deadline = self.controller.poll_timeout().map_or(u64::MAX, Instant::as_micros).max(self.now);
+        let deadline = self.controller.poll_timeout().map_or(u64::MAX, Instant::as_micros);
+        let deadline = deadline.max(self.now).max(self.held_until);
+        let wake = if self.waiting.is_empty() { u64::MAX } else { self.held_until.max(self.now) };
         let bus = self.on_bus.map_or(u64::MAX, |(at, ..)| at);
         let ready = self.from_drive.iter().filter_map(|queue| queue.front().map(|(ready, _)| *ready)).min();
         let ready = if self.on_bus.is_some() { u64::MAX } else { ready.unwrap_or(u64::MAX).max(self.now) };
-        let beat = if self.heartbeat { self.heartbeat_due } else { u64::MAX };
-        let next = deadline.min(bus).min(ready).min(beat);
+        let beat = if self.heartbeat { self.heartbeat_due.max(self.held_until) } else { u64::MAX };
+        let next = deadline.min(bus).min(ready).min(beat).min(wake);
         if next > end {
             self.now = end;
             return false;
         }
         self.now = next;
-        if beat == next {
+        if wake == next
+            && let Some(frame) = self.waiting.pop_front()
+        {
+            self.controller.handle_frame(Instant::from_micros(next), &frame);
+        } else if beat == next {
             let at = self.instant();
             self.controller.core_mut().host_heartbeat(at, HOST);
             self.heartbeat_due = next + 20_000;
@@ -384,13 +405,13 @@ impl<C: Controlled> Bench<C> {
         if self.heartbeat { self.controller.core_mut().take_gripper_level() } else { None }
     }
 
-    /// A frame of somebody else wants to the bus.
+    /// A frame of another node wants to the bus.
     pub(crate) fn foreign(&mut self, frame: Frame) {
         self.strangers.push_back(frame);
         self.start_frame();
     }
 
-    /// A frame of somebody else reaches the controller now.
+    /// A frame of another node reaches the controller now.
     pub(crate) fn inject(&mut self, frame: &Frame) {
         self.log.push(Logged { at: self.instant(), by_controller: false, frame: *frame });
         self.controller.handle_frame(self.instant(), frame);
@@ -400,7 +421,7 @@ impl<C: Controlled> Bench<C> {
     /// When the trace says that a state was entered, the last time.
     pub(crate) fn entered(&self, state: StateKind) -> Option<u64> {
         let entries = self.controller.core().trace().iter().filter_map(|(at, event)| match event {
-            firmware::trace::Event::State { to, .. } if to == state => Some(at.as_micros()),
+            firmware::trace::TraceEvent::State { to, .. } if to == state => Some(at.as_micros()),
             _ => None,
         });
         entries.last()
@@ -409,7 +430,7 @@ impl<C: Controlled> Bench<C> {
     /// When the trace says that a state was left after `at`.
     pub(crate) fn left(&self, state: StateKind, after: u64) -> Option<u64> {
         let mut entries = self.controller.core().trace().iter().filter_map(|(at, event)| match event {
-            firmware::trace::Event::State { from, .. } if from == state => Some(at.as_micros()),
+            firmware::trace::TraceEvent::State { from, .. } if from == state => Some(at.as_micros()),
             _ => None,
         });
         entries.find(|at| *at >= after)
@@ -471,6 +492,13 @@ pub(crate) fn throw_file(period_us: u32, release: bool) -> Vec<u8> {
 
 /// The throw, planned for a certain robot.
 pub(crate) fn throw_file_of(robot_crc32: u32, period_us: u32, release: bool) -> Vec<u8> {
+    let (a_us, knots) = throw_knots();
+    let events = PlanEvents::release(release.then_some(a_us));
+    file(&Header { joints: 6, period_us, events, robot_crc32, envelope: None }, &knots)
+}
+
+/// Knots of the throw, and the time of its release, µs.
+pub(crate) fn throw_knots() -> (u32, [Knot; 3]) {
     let (a_us, b_us) = ((HA * 1e6).round() as u32, (HB * 1e6).round() as u32);
     let knot = |t_us, f: &dyn Fn(usize) -> (f64, f64)| {
         let mut state = PerJoint::default();
@@ -485,7 +513,7 @@ pub(crate) fn throw_file_of(robot_crc32: u32, period_us: u32, release: bool) -> 
         knot(a_us, &|i| (Q_RELEASE[i], QD_RELEASE[i])),
         knot(a_us + b_us, &|i| (Q_RELEASE[i] + 2.0 / 3.0 * QD_RELEASE[i] * HB, 0.0)),
     ];
-    file(&Header { joints: 6, period_us, release_us: release.then_some(a_us), robot_crc32 }, &knots)
+    (a_us, knots)
 }
 
 pub(crate) fn file(header: &Header, knots: &[Knot]) -> Vec<u8> {

@@ -25,7 +25,6 @@ use super::stats::ErrorKind;
 
 /// Bits of end of frame.
 const EOF_BITS: u8 = 7;
-/// Bits of intermission.
 const INTERMISSION_BITS: u8 = 3;
 /// Recessive bits an error-passive transmitter adds to the intermission.
 pub const SUSPEND_BITS: u8 = 8;
@@ -347,7 +346,7 @@ impl Controller {
             Phase::Intermission { seen } => self.sample_intermission(bit, seen, offer),
             Phase::Suspend { seen } => {
                 if bit == DOMINANT {
-                    // Somebody else was faster: receive.
+                    // Another node was faster: receive.
                     self.transmitter = false;
                     self.start_of_frame();
                 } else if seen + 1 == SUSPEND_BITS {

@@ -66,7 +66,7 @@ mod tests {
     #[test]
     fn all_zero_frame_of_id_zero_is_stuffed_as_worked_by_hand() {
         // Start of frame, id, RTR, IDE, r0, DLC and checksum are all dominant: 34 zero bits. The first stuff bit
-        // follows bit 5; after it each run of five zeros starts anew: after bits 5, 10, 15, 20, 25, 30.
+        // follows bit 5; after it each run of five zeros starts again: after bits 5, 10, 15, 20, 25, 30.
         let expected: String = "00000[1]00000[1]00000[1]00000[1]00000[1]00000[1]0000"
             .chars()
             .filter(|c| "01".contains(*c))

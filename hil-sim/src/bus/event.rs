@@ -40,7 +40,6 @@ pub enum BusEvent {
         at_ns: u64,
         /// Port of the transmitter; `None` if it was disconnected in the last bits.
         from: Option<usize>,
-        /// The frame.
         frame: Frame,
         /// Ports that accepted it.
         receivers: u64,
@@ -49,23 +48,19 @@ pub enum BusEvent {
     Error {
         /// When, nanoseconds.
         at_ns: u64,
-        /// Which node.
         port: usize,
-        /// Why.
         kind: ErrorKind,
     },
     /// A node counted itself out.
     BusOff {
         /// When, nanoseconds.
         at_ns: u64,
-        /// Which node.
         port: usize,
     },
     /// A node came (back) on the bus.
     Joined {
         /// When, nanoseconds.
         at_ns: u64,
-        /// Which node.
         port: usize,
     },
 }

@@ -17,7 +17,6 @@ pub enum TxOrder {
 /// A frame that waits.
 #[derive(Clone, Copy, Debug)]
 pub struct Waiting {
-    /// The frame.
     pub frame: Frame,
     /// Its arbitration key.
     pub key: u32,

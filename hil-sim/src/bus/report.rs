@@ -41,7 +41,6 @@ pub struct IdRow {
     pub wait_max_us: f64,
     /// Worst time from queueing to end of frame, microseconds.
     pub response_max_us: f64,
-    /// Arbitrations lost.
     pub arbitrations_lost: u64,
     /// Attempts repeated because of an error.
     pub retransmissions: u64,
@@ -76,7 +75,6 @@ pub struct NodeRow {
     pub queue_peak: usize,
     /// Attempts repeated because of an error.
     pub retransmissions: u64,
-    /// Arbitrations lost.
     pub arbitrations_lost: u64,
     /// Error flags it began.
     pub errors: ErrorCounts,

@@ -21,16 +21,13 @@ pub enum ErrorKind {
     Ack,
 }
 
-/// Errors by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct ErrorCounts {
-    /// Bit errors.
     pub bit: u64,
     /// Stuff errors, those in the own arbitration field included.
     pub stuff: u64,
     /// Checksum errors.
     pub crc: u64,
-    /// Form errors.
     pub form: u64,
     /// Missing acknowledges.
     pub ack: u64,
@@ -65,7 +62,6 @@ pub struct IdStats {
     pub bits: u64,
     /// Attempts that ended in an error and were repeated.
     pub failed_attempts: u64,
-    /// Arbitrations lost.
     pub arbitrations_lost: u64,
     /// Sum over frames of the time from queueing to the start of the successful attempt.
     pub wait_sum_ns: u64,
@@ -107,7 +103,6 @@ pub struct PortStats {
     pub received: u64,
     /// Attempts that ended in an error.
     pub failed_attempts: u64,
-    /// Arbitrations lost.
     pub arbitrations_lost: u64,
     /// Error flags this node began, by cause.
     pub errors: ErrorCounts,

@@ -6,7 +6,7 @@ use robot_model::{AnyRobot, JointVec, RobotModel, for_any_robot};
 
 use super::Cell;
 use super::throw::Throw;
-use crate::drive::{Drive, DriveOptions, Nameplate};
+use crate::drive::{DriveOptions, Nameplate, PowerCubeDrive};
 use crate::mechanics::{
     Body, Gripper, GripperOptions, JointMechanics, MechanicsOptions, Mechanism, Plant, Scatter, Supply,
     SupplyOptions,
@@ -69,7 +69,6 @@ pub enum CellError {
     Address {
         /// Joint, from 1.
         joint: usize,
-        /// The address.
         address: u8,
     },
     /// The start pose has another number of joints, or is no number.
@@ -82,10 +81,7 @@ pub enum CellError {
     },
     /// The time grid is outside its range, or odd.
     #[error("time step of {step} is not an even number of microseconds from 10 us to 5 ms")]
-    Step {
-        /// The step.
-        step: Duration,
-    },
+    Step { step: Duration },
 }
 
 impl Cell {
@@ -114,7 +110,7 @@ impl Cell {
         let mut drives = Vec::with_capacity(N);
         for i in 0..N {
             let address = description[i].address;
-            let clash = drives.iter().any(|d: &Drive| d.address().get() == address);
+            let clash = drives.iter().any(|d: &PowerCubeDrive| d.address().get() == address);
             let plate = Nameplate::of_joint(model, i, tuned[i]).filter(|_| !clash);
             let mut plate = plate.ok_or(CellError::Address { joint: i + 1, address })?;
             plate.k_b_a_s_rad *= deviations[i].current;
@@ -123,7 +119,7 @@ impl Cell {
             let mut own = options.drive.clone();
             own.processing_delay =
                 Duration::from_secs_f64(own.processing_delay.as_secs_f64() * deviations[i].delay);
-            drives.push(Drive::new(plate, own, seed, q[i]));
+            drives.push(PowerCubeDrive::new(plate, own, seed, q[i]));
         }
         let plant = options.mechanics.build(model, q, &deviations);
         let supplies: Vec<Supply> = model
@@ -175,7 +171,7 @@ impl Cell {
                     * (options.mechanics.stop_stiffness_nm_rad * plate.servo_inertia_kg_m2).sqrt(),
                 elasticity: options.mechanics.elasticity,
             };
-            drives.push(Drive::new(plate, options.drive.clone(), seed, q[i]));
+            drives.push(PowerCubeDrive::new(plate, options.drive.clone(), seed, q[i]));
         }
         let wheels = Body::Wheels(JointVec::repeat(2.0));
         let plant: Box<dyn Plant> = Box::new(Mechanism::new(wheels, joints, q));
@@ -184,7 +180,7 @@ impl Cell {
     }
 
     fn assemble(
-        mut drives: Vec<Drive>,
+        mut drives: Vec<PowerCubeDrive>,
         plant: Box<dyn Plant>,
         supplies: Vec<Supply>,
         supply_of: Vec<Option<usize>>,

@@ -1,16 +1,16 @@
-//! A cell: drives, the arm they move, its supplies, gripper and ball, as one [`Crew`].
+//! A cell: drives, the arm they move, its supplies, gripper and ball, as one [`Participants`].
 //!
 //! # One step of the time grid
 //!
 //! ```text
-//! 1. every drive says what its power stage does            Drive::input, set-points in the middle of the step
+//! 1. every drive says what its power stage does            input, set-points in the middle of the step
 //! 2. the mechanics take the step                           Plant::step
 //! 3. the supplies carry the currents                       Supply::step
-//! 4. every drive takes its axis and supply voltage back    Drive::tick
+//! 4. every drive takes its axis and supply voltage back    tick
 //! 5. gripper and ball move on                              Throw::step
 //! ```
 //!
-//! The grid is the cell's own ([`CellOptions::step`], 1 ms): [`Cell::advance`](Crew::advance) takes every whole step up
+//! The grid is the cell's own ([`CellOptions::step`], 1 ms): [`Cell::advance`](Participants::advance) takes every whole step up
 //! to the time given and leaves the rest. What happens between two grid points is a matter of closed forms: ramps start
 //! at their own microsecond, answers extrapolate with the axis's velocity, the ball leaves at the gripper's instant.
 
@@ -24,12 +24,12 @@ use protocol::powercube::{Address, BaudRate, Channel};
 use protocol::{Duration, Frame, Instant, ModuleId, Node};
 
 pub use build::{CellError, CellOptions};
-pub use throw::{Ball, ThrowReport};
+pub use throw::{BallState, ThrowReport};
 
-use crate::crew::{Crew, Link};
-use crate::drive::Drive;
+use crate::drive::PowerCubeDrive;
 use crate::fault::FaultTarget;
 use crate::mechanics::{AxisInput, Plant, Supply};
+use crate::participants::{BusConnection, Participants};
 use crate::witness::Trace;
 use throw::Throw;
 
@@ -38,7 +38,7 @@ const LOGIC_SHARE_MIN: f64 = 0.4;
 
 /// Drives with everything behind them.
 pub struct Cell {
-    drives: Vec<Drive>,
+    drives: Vec<PowerCubeDrive>,
     plant: Box<dyn Plant>,
     supplies: Vec<Supply>,
     /// Supply of each drive; `None` for a drive with a supply of its own that never sags.
@@ -55,12 +55,12 @@ pub struct Cell {
 
 impl Cell {
     /// The drives, in joint order.
-    pub fn drives(&self) -> &[Drive] {
+    pub fn drives(&self) -> &[PowerCubeDrive] {
         &self.drives
     }
 
     /// A drive, for faults and inputs from outside.
-    pub fn drive_mut(&mut self, index: usize) -> Option<&mut Drive> {
+    pub fn drive_mut(&mut self, index: usize) -> Option<&mut PowerCubeDrive> {
         self.drives.get_mut(index)
     }
 
@@ -80,7 +80,7 @@ impl Cell {
     }
 
     /// Where the ball is at the last grid point, m; `None` in a cell without a hand.
-    pub fn ball(&self) -> Option<Ball> {
+    pub fn ball(&self) -> Option<BallState> {
         self.throw.ball(&*self.plant, self.grid)
     }
 
@@ -163,7 +163,7 @@ impl Cell {
     }
 }
 
-impl Crew for Cell {
+impl Participants for Cell {
     fn len(&self) -> usize {
         self.drives.len()
     }
@@ -183,7 +183,7 @@ impl Crew for Cell {
         }
     }
 
-    fn link(&self, index: usize) -> Link {
+    fn connection(&self, index: usize) -> BusConnection {
         self.drives[index].link(self.bit_rate)
     }
 
@@ -198,7 +198,7 @@ impl Crew for Cell {
     }
 
     fn module(&self, index: usize) -> Option<ModuleId> {
-        self.drives.get(index).map(Drive::address)
+        self.drives.get(index).map(PowerCubeDrive::address)
     }
 
     fn physics(&mut self) -> Option<&mut dyn FaultTarget> {

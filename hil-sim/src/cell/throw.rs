@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use protocol::{Duration, Instant};
 
-use crate::drive::Drive;
+use crate::drive::PowerCubeDrive;
 use crate::mechanics::{Flight, Gripper, HandPoint, Landing, Plant, Touch};
 
 /// From this time after the release on, the ball is tested against hand and arm: it starts between the fingers.
@@ -11,7 +11,7 @@ const TOUCH_FROM_S: f64 = 0.020;
 
 /// Where the ball is.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Ball {
+pub enum BallState {
     /// Between the fingers, at this point of the hand.
     InHand(HandPoint),
     /// In the air.
@@ -84,12 +84,12 @@ impl Throw {
         self.report = ThrowReport::default();
     }
 
-    pub(super) fn ball(&self, plant: &dyn Plant, now: Instant) -> Option<Ball> {
-        let Some(mut flight) = self.flight else { return plant.hand(0.0).map(Ball::InHand) };
+    pub(super) fn ball(&self, plant: &dyn Plant, now: Instant) -> Option<BallState> {
+        let Some(mut flight) = self.flight else { return plant.hand(0.0).map(BallState::InHand) };
         let t_s = self.since_release_s(now)?;
         match self.report.landing {
-            Some(landing) if t_s >= landing.t_s => Some(Ball::Landed(landing)),
-            _ => Some(Ball::Flying(flight.at(t_s))),
+            Some(landing) if t_s >= landing.t_s => Some(BallState::Landed(landing)),
+            _ => Some(BallState::Flying(flight.at(t_s))),
         }
     }
 
@@ -98,7 +98,7 @@ impl Throw {
     }
 
     /// Looks at the drives' outputs and moves the ball on to `now`, the end of a step.
-    pub(super) fn step(&mut self, drives: &[Drive], plant: &dyn Plant, now: Instant) {
+    pub(super) fn step(&mut self, drives: &[PowerCubeDrive], plant: &dyn Plant, now: Instant) {
         if let Some((axis, line)) = self.gripper.options().output
             && let Some(drive) = drives.get(axis)
         {
@@ -125,7 +125,10 @@ impl Throw {
         self.report = ThrowReport {
             released_at: Some(free_at),
             release: Some(hand),
-            landing: flight.landing(self.plane_z_m),
+            landing: match &self.gripper.options().landing_plane {
+                Some(plane) => flight.passage(plane),
+                None => flight.landing(self.plane_z_m),
+            },
             touch: None,
         };
         self.flight = Some(flight);

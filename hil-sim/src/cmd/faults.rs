@@ -3,6 +3,6 @@
 use super::exit::Failure;
 
 pub(super) fn run() -> Result<(), Failure> {
-    say::text!("{}", hil_sim::scenario::faults::HELP);
+    console::text!("{}", hil_sim::scenario::faults::HELP);
     Ok(())
 }

@@ -34,7 +34,7 @@ enum Verb {
     Run(run::Args),
     /// Feed the requests of a candump log to the drives and compare the answers.
     Replay(replay::Args),
-    /// Run many random situations and look for panics, hangs and numbers that are none.
+    /// Run many random situations and look for panics, hangs and NaN.
     Swarm(swarm::Args),
     /// List the kinds of faults with their keys.
     Faults,
@@ -55,7 +55,7 @@ pub(crate) fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             if let Some(text) = &failure.text {
-                say::note!("error: {text}");
+                console::note!("error: {text}");
             }
             failure.code.into()
         }
@@ -64,7 +64,7 @@ pub(crate) fn main() -> ExitCode {
 
 /// Whether everything that was written to standard output is there; a reader that left is no failure.
 fn output_is_whole() -> Result<(), exit::Failure> {
-    say::lost().map_or(Ok(()), |error| {
+    console::lost().map_or(Ok(()), |error| {
         Err(exit::Failure::new(
             exit::Code::Output,
             &format!(

@@ -46,9 +46,12 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         ReplayError::Run(error) => Failure::from(error),
     })?;
     if args.json {
-        say::line!("{}", serde_json::to_string_pretty(&outcome).map_err(|e| Failure::new(Code::Output, &e))?);
+        console::line!(
+            "{}",
+            serde_json::to_string_pretty(&outcome).map_err(|e| Failure::new(Code::Output, &e))?
+        );
     } else {
-        say::line!(
+        console::line!(
             "{} frames sent again; {} answers in the log, {} now, {} agree, times differ by at most {} us",
             outcome.sent,
             outcome.logged,
@@ -57,14 +60,14 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             outcome.time_difference_max_us
         );
         if log.left_out > 0 {
-            say::line!("{} error or CAN FD frames of the log were left out", log.left_out);
+            console::line!("{} error or CAN FD frames of the log were left out", log.left_out);
         }
     }
     match outcome.first_difference {
         None => Ok(()),
         Some(difference) => {
             if !args.json {
-                say::line!("first difference: {difference}");
+                console::line!("first difference: {difference}");
             }
             Err(Failure::silent(Code::NotAsExpected))
         }

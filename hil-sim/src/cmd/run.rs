@@ -59,12 +59,12 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         scenario.robot.clone_from(robot);
     }
     let mut world = scenario.world()?;
-    let mut checkers = scenario.checkers(&world.crew().0);
+    let mut checkers = scenario.checkers(&world.participants().0);
     let mut log = MaybeLog(open_log(args)?);
     let interrupt = Interrupt::listen();
     let bar = progress::bar(scenario.duration.as_micros(), args.quiet || args.json);
     if !args.quiet && !args.json {
-        say::note!(
+        console::note!(
             "{}: robot {}, seed {}, {}",
             scenario.name,
             scenario.robot,
@@ -85,7 +85,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         log.finish()
             .map_err(|error| Failure::new(Code::Output, &format!("the log is incomplete: {error}")))?;
     }
-    let cell = &world.crew().0;
+    let cell = &world.participants().0;
     let report = RunReport {
         name: scenario.name.clone(),
         robot: scenario.robot.clone(),
@@ -100,11 +100,14 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         checks: checkers.finish(world.now(), &scenario.expect),
     };
     if args.json {
-        say::line!("{}", serde_json::to_string_pretty(&report).map_err(|e| Failure::new(Code::Output, &e))?);
+        console::line!(
+            "{}",
+            serde_json::to_string_pretty(&report).map_err(|e| Failure::new(Code::Output, &e))?
+        );
     } else if !args.quiet {
-        say::text!("{report}");
+        console::text!("{report}");
         if interrupt.came() {
-            say::line!("stopped by Ctrl-C at {} s", world.now());
+            console::line!("stopped by Ctrl-C at {} s", world.now());
         }
     }
     if let Some(what) = report.not_finite() {

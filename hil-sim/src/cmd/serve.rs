@@ -6,7 +6,7 @@ use std::sync::mpsc::{self, Receiver, TryRecvError};
 
 use can_link::{BusSpec, Role, Urgent};
 use hil_sim::cell::Cell;
-use hil_sim::crew::Solo;
+use hil_sim::participants::Solo;
 use hil_sim::realtime::{Door, Realtime, RealtimeError, Visit, shared_time};
 use hil_sim::report::{DriveRow, ThrowRow};
 use hil_sim::scenario::{Scenario, ScriptedHost, fault_from_line};
@@ -90,7 +90,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let urgent = Urgent::request(Role::Plant);
     say(args, "real time", &urgent.granted().to_string());
     if !args.json && std::io::stdin().is_terminal() {
-        say::note!("{COMMANDS}; Ctrl-C ends");
+        console::note!("{COMMANDS}; Ctrl-C ends");
     }
     let result = live(args, &mut realtime, &interrupt, &commands, end);
     report(args, &scenario, &realtime)?;
@@ -169,7 +169,7 @@ fn command(args: &Args, realtime: &mut Realtime<Cells>, line: &str, faults_typed
                 Err(error) => say(args, "refused", &error),
             }
         }
-        ("report", _) => say::line!("{}", realtime.world().bus_report()),
+        ("report", _) => console::line!("{}", realtime.world().bus_report()),
         _ => say(args, "refused", &format!("'{line}'; {COMMANDS}")),
     }
 }
@@ -182,7 +182,7 @@ fn status(args: &Args, realtime: &Realtime<Cells>) {
     let world = realtime.world();
     let active: Vec<&str> = world.faults().active().collect();
     let faults = if active.is_empty() { String::new() } else { format!(", faults: {}", active.join(", ")) };
-    say::note_text!(
+    console::note_text!(
         "\r\x1b[K{} s, {} clients, {} frames, bus {:.1} %, behind by {}{faults}",
         world.now().as_micros() / 1_000_000,
         realtime.doors().map(Door::clients).sum::<usize>(),
@@ -194,17 +194,17 @@ fn status(args: &Args, realtime: &Realtime<Cells>) {
 
 fn say(args: &Args, what: &str, text: &str) {
     if args.json {
-        say::line!("{}", serde_json::json!({ "event": what, "text": text }));
+        console::line!("{}", serde_json::json!({ "event": what, "text": text }));
     } else {
         // Over the status line, if there is one.
         let clear = if std::io::stderr().is_terminal() { "\r\x1b[K" } else { "" };
-        say::note!("{clear}{what}: {text}");
+        console::note!("{clear}{what}: {text}");
     }
 }
 
 fn report(args: &Args, scenario: &Scenario, realtime: &Realtime<Cells>) -> Result<(), Failure> {
     let world = realtime.world();
-    let cell = &world.crew().0.0;
+    let cell = &world.participants().0.0;
     if args.json {
         let us = |share| realtime.latency().percentile(share).map(Duration::as_micros);
         let report = serde_json::json!({
@@ -235,16 +235,16 @@ fn report(args: &Args, scenario: &Scenario, realtime: &Realtime<Cells>) -> Resul
             "lost": realtime.lost(),
             "turns": realtime.turns(),
         });
-        say::line!("{}", serde_json::to_string(&report).map_err(|e| Failure::new(Code::Output, &e))?);
+        console::line!("{}", serde_json::to_string(&report).map_err(|e| Failure::new(Code::Output, &e))?);
         return Ok(());
     }
-    say::line!();
-    say::text!("{}", world.bus_report());
-    say::line!("answers: {}", realtime.latency());
-    say::line!("late against the simulated bus: {}", realtime.lateness());
-    say::line!("behind the clock: {}", realtime.lag());
+    console::line!();
+    console::text!("{}", world.bus_report());
+    console::line!("answers: {}", realtime.latency());
+    console::line!("late against the simulated bus: {}", realtime.lateness());
+    console::line!("behind the clock: {}", realtime.lag());
     if realtime.lost() > 0 {
-        say::line!("{} frames lost: the link did not take them", realtime.lost());
+        console::line!("{} frames lost: the link did not take them", realtime.lost());
     }
     Ok(())
 }

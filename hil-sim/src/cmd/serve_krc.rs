@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use can_link::{Role, Urgent};
 use hil_sim::krc::bench::RobotFaults;
 use hil_sim::krc::serve::{Mode, ServeError, ServeOptions, Served, serve};
-use hil_sim::krc::{Event, Krc, KrcScenario};
+use hil_sim::krc::{Krc, KrcEvent, KrcScenario};
 use protocol::Duration;
 
 use super::exit::{Code, Failure};
@@ -29,7 +29,7 @@ pub(super) struct Args {
     /// In lock step: give up after this long without an answer.
     #[arg(long, value_name = "SECONDS", default_value_t = 10.0)]
     answer_limit_s: f64,
-    /// End after so many telegrams.
+    /// End after this many telegrams.
     #[arg(long)]
     cycles: Option<u64>,
     /// Seed instead of the scenario's.
@@ -70,14 +70,14 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         say(args, "real time", &urgent.granted().to_string());
     }
     let written = RefCell::new(Ok(()));
-    let mut observe = |event: &Event| {
+    let mut observe = |event: &KrcEvent| {
         if let Some(log) = &mut log {
             let line = writeln!(log, "{event}");
             if written.borrow().is_ok() {
                 *written.borrow_mut() = line;
             }
         }
-        if !matches!(event, Event::Cycle(_) | Event::Refused { .. } | Event::Late { .. }) {
+        if !matches!(event, KrcEvent::Cycle(_) | KrcEvent::Refused { .. } | KrcEvent::Late { .. }) {
             say(args, "event", &event.to_string());
         }
     };
@@ -116,9 +116,9 @@ fn client(args: &Args, scenario: &KrcScenario) -> Result<SocketAddr, Failure> {
 
 fn say(args: &Args, what: &str, text: &str) {
     if args.json {
-        say::line!("{}", serde_json::json!({ "event": what, "text": text }));
+        console::line!("{}", serde_json::json!({ "event": what, "text": text }));
     } else {
-        say::note!("{what}: {text}");
+        console::note!("{what}: {text}");
     }
 }
 
@@ -137,30 +137,38 @@ fn report(args: &Args, krc: &Krc, served: &Served) -> Result<(), Failure> {
             "answer_us": { "count": served.answer_times_us.len(), "median": us(0.5), "p99": us(0.99), "p999": us(0.999), "max": us(1.0) },
             "landing_m": landing.map(|landing| [landing.p_m.x, landing.p_m.y, landing.p_m.z]),
         });
-        say::line!("{}", serde_json::to_string(&report).map_err(|error| Failure::new(Code::Output, &error))?);
+        console::line!(
+            "{}",
+            serde_json::to_string(&report).map_err(|error| Failure::new(Code::Output, &error))?
+        );
         return Ok(());
     }
-    say::line!("telegrams: {}, late answers: {}, refused: {}", served.telegrams, served.late, served.refused);
+    console::line!(
+        "telegrams: {}, late answers: {}, refused: {}",
+        served.telegrams,
+        served.late,
+        served.refused
+    );
     if let (Some(median), Some(p99), Some(max)) =
         (served.answer_time(0.5), served.answer_time(0.99), served.answer_time(1.0))
     {
-        say::line!("answers: median {median}, 99 % within {p99}, {max} at most");
+        console::line!("answers: median {median}, 99 % within {p99}, {max} at most");
     }
     if served.held_up > 0 {
-        say::line!(
+        console::line!(
             "the machine held this program up {} times; the robot's time stood still meanwhile",
             served.held_up
         );
     }
     if served.events_lost > 0 {
-        say::line!("{} events are not in the log: the client sent too much at once", served.events_lost);
+        console::line!("{} events are not in the log: the client sent too much at once", served.events_lost);
     }
     if let Some(landing) = landing {
         let p = landing.p_m;
-        say::line!("ball: lands at ({:.4}, {:.4}, {:.4}) m", p.x, p.y, p.z);
+        console::line!("ball: lands at ({:.4}, {:.4}, {:.4}) m", p.x, p.y, p.z);
     }
     if let Some(cause) = served.fault {
-        say::line!("fault: {cause}");
+        console::line!("fault: {cause}");
     }
     Ok(())
 }

@@ -44,9 +44,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let listens = sockets.command_address().map_err(|error| Failure::new(Code::Bus, &error))?;
     let interrupt = Interrupt::listen();
     if args.json {
-        say::line!("{}", serde_json::json!({ "event": "serving", "commands": listens.to_string() }));
+        console::line!("{}", serde_json::json!({ "event": "serving", "commands": listens.to_string() }));
     } else {
-        say::note!("serving: commands at {listens}");
+        console::note!("serving: commands at {listens}");
     }
     let until = args.duration_s.map_or(Instant::FAR_FUTURE, |s| Instant::ZERO + Duration::from_secs_f64(s));
     sockets.run(&mut tracker, until, &|| !interrupt.came());
@@ -58,9 +58,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             "unsent": served.unsent,
             "connections": served.connections,
         });
-        say::line!("{report}");
+        console::line!("{report}");
     } else {
-        say::line!(
+        console::line!(
             "datagrams: {}, unsent: {}, command connections: {}",
             served.datagrams,
             served.unsent,

@@ -57,7 +57,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             }
             let scenario = swarm::scenario(&base, seed, &modules);
             if verbose && !args.json {
-                say::line!("seed {seed}: {scenario:?}");
+                console::line!("seed {seed}: {scenario:?}");
             }
             let began = WallClock::now();
             let result = swarm::run(&scenario);
@@ -77,14 +77,14 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 fn print(args: &Args, results: &[(SeedResult, f64)], wall_s: f64) -> Result<(), Failure> {
     if args.json {
         for (result, _) in results {
-            say::line!("{}", serde_json::to_string(result).map_err(|e| Failure::new(Code::Output, &e))?);
+            console::line!("{}", serde_json::to_string(result).map_err(|e| Failure::new(Code::Output, &e))?);
         }
         return Ok(());
     }
     for (result, _) in results {
         if let Some(failure) = &result.failure {
-            say::line!("seed {}: {failure}", result.seed);
-            say::line!(
+            console::line!("seed {}: {failure}", result.seed);
+            console::line!(
                 "  repeat: hil-sim swarm --first {} --seeds 1 --duration-s {}",
                 result.seed,
                 args.duration_s
@@ -97,10 +97,10 @@ fn print(args: &Args, results: &[(SeedResult, f64)], wall_s: f64) -> Result<(), 
         *kinds.entry(kind).or_default() += count;
     }
     let kinds: Vec<String> = kinds.iter().map(|(kind, count)| format!("{kind} {count}")).collect();
-    say::line!("faults: {}", kinds.join(", "));
+    console::line!("faults: {}", kinds.join(", "));
     let failed = results.iter().filter(|(result, _)| result.failure.is_some()).count();
     let slowest = results.iter().max_by(|a, b| a.1.total_cmp(&b.1));
-    say::line!(
+    console::line!(
         "{} seeds of {} s, {frames} frames, {failed} failed; {wall_s:.1} s in all, slowest seed {} took {:.2} s",
         results.len(),
         args.duration_s,

@@ -65,7 +65,7 @@ impl Homing {
     }
 
     /// Looks at the switches: home switch, and the limit switch that lies in the direction of travel.
-    pub(super) fn look(&mut self, active: bool, limit_ahead: bool) -> HomingEvent {
+    pub(super) fn read_switch(&mut self, active: bool, limit_ahead: bool) -> HomingEvent {
         let rising = active && !self.was_active;
         let falling = !active && self.was_active;
         self.was_active = active;
@@ -100,48 +100,48 @@ mod tests {
     #[test]
     fn rising_edge_is_found_from_outside_the_cam() {
         let mut homing = Homing::new(-1.0, false, Config::EMPTY);
-        assert_eq!(homing.look(false, false), HomingEvent::Continue);
-        assert_eq!(homing.look(true, false), HomingEvent::Edge);
-        assert_eq!(homing.look(true, false), HomingEvent::Continue);
+        assert_eq!(homing.read_switch(false, false), HomingEvent::Continue);
+        assert_eq!(homing.read_switch(true, false), HomingEvent::Edge);
+        assert_eq!(homing.read_switch(true, false), HomingEvent::Continue);
     }
 
     #[test]
     fn from_inside_the_cam_it_leaves_first_and_comes_back() {
         let mut homing = Homing::new(-1.0, true, Config::EMPTY);
         assert_eq!(homing.travel(), 1.0);
-        assert_eq!(homing.look(false, false), HomingEvent::Turn);
+        assert_eq!(homing.read_switch(false, false), HomingEvent::Turn);
         assert_eq!(homing.travel(), -1.0);
-        assert_eq!(homing.look(true, false), HomingEvent::Edge);
+        assert_eq!(homing.read_switch(true, false), HomingEvent::Edge);
     }
 
     #[test]
     fn falling_edge_is_taken_when_configured() {
         let mut homing = Homing::new(1.0, true, Config::SWR_AT_FALLING_EDGE);
-        assert_eq!((homing.travel(), homing.look(false, false)), (1.0, HomingEvent::Edge));
+        assert_eq!((homing.travel(), homing.read_switch(false, false)), (1.0, HomingEvent::Edge));
     }
 
     #[test]
     fn a_limit_switch_turns_it_once_and_the_second_ends_it() {
         let mut homing = Homing::new(-1.0, false, Config::EMPTY);
-        assert_eq!(homing.look(false, true), HomingEvent::Turn);
+        assert_eq!(homing.read_switch(false, true), HomingEvent::Turn);
         assert_eq!(homing.travel(), 1.0);
-        assert_eq!(homing.look(false, true), HomingEvent::Failed);
+        assert_eq!(homing.read_switch(false, true), HomingEvent::Failed);
     }
 
     #[test]
     fn from_beyond_the_cam_it_takes_the_same_edge_as_from_before_it() {
         let mut homing = Homing::new(-1.0, false, Config::EMPTY);
-        assert_eq!(homing.look(false, true), HomingEvent::Turn);
+        assert_eq!(homing.read_switch(false, true), HomingEvent::Turn);
         // Onto the cam and off it again, away from the limit.
-        assert_eq!((homing.look(true, false), homing.travel()), (HomingEvent::Continue, 1.0));
-        assert_eq!((homing.look(false, false), homing.travel()), (HomingEvent::Turn, -1.0));
-        assert_eq!(homing.look(true, false), HomingEvent::Edge);
+        assert_eq!((homing.read_switch(true, false), homing.travel()), (HomingEvent::Continue, 1.0));
+        assert_eq!((homing.read_switch(false, false), homing.travel()), (HomingEvent::Turn, -1.0));
+        assert_eq!(homing.read_switch(true, false), HomingEvent::Edge);
     }
 
     #[test]
     fn a_limit_met_while_leaving_turns_it_back_into_the_cam() {
         let mut homing = Homing::new(-1.0, true, Config::EMPTY);
-        assert_eq!(homing.look(true, true), HomingEvent::Turn);
+        assert_eq!(homing.read_switch(true, true), HomingEvent::Turn);
         assert_eq!((homing.phase, homing.travel()), (HomingPhase::Search, -1.0));
     }
 }

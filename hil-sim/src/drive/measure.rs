@@ -3,7 +3,7 @@
 use protocol::Instant;
 use protocol::powercube::{CubeState, Dio, Parameter, PosStateDio, Setup, Value};
 
-use super::module::{Drive, Snapshot};
+use super::module::{PowerCubeDrive, Snapshot};
 use super::obey::mode_number;
 use super::program::Program;
 use super::ramp::RampPhase;
@@ -13,7 +13,7 @@ const RAW_PER_A: f64 = 50.0;
 const RAW_PER_V: f64 = 64.0;
 const RAW_PER_C: f64 = 10.0;
 
-impl Drive {
+impl PowerCubeDrive {
     /// The state word, from latched causes and what happens at `now`.
     pub(super) fn state(&self, now: Instant) -> CubeState {
         let moving = self.generator.is_active(now) || !self.is_standing(now);

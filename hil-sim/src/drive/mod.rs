@@ -6,7 +6,7 @@
 //!
 //! | file | holds |
 //! |---|---|
-//! | `module` | [`Drive`]: power, request queue, answers in order, timers; the [`protocol::Node`] |
+//! | `module` | [`PowerCubeDrive`]: power, request queue, answers in order, timers; the [`protocol::Node`] |
 //! | `obey` | what each request and broadcast does |
 //! | `measure` | what answers show: state word, measured and computed parameters |
 //! | `store` | stored parameters: types, limits, defaults, permanent copy |
@@ -14,7 +14,7 @@
 //! | `homing` | the search for the zero position |
 //! | `program`, [`ramp`] | set-point as a closed-form function of time |
 //! | `servo` | position loop and torque left of the current limit |
-//! | `ailment` | faults |
+//! | `faults` | what is broken in it |
 //!
 //! # State
 //!
@@ -42,7 +42,7 @@
 //! * Bits of Config and Setup without a line in `supervise` or `obey` are stored and read back, and do nothing: they
 //!   belong to other hardware (25xx, linear modules, Profibus).
 
-mod ailment;
+mod faults;
 mod homing;
 mod measure;
 mod module;
@@ -54,6 +54,6 @@ mod servo;
 mod store;
 mod supervise;
 
-pub use module::{Drive, DriveCounters};
+pub use module::{DriveCounters, PowerCubeDrive};
 pub use options::{DriveOptions, Nameplate};
 pub use supervise::COUNT_LOSS_RAD_S;

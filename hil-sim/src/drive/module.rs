@@ -10,12 +10,12 @@ use protocol::{Duration, Frame, Instant, ModuleId, Node};
 
 use super::homing::Homing;
 use super::options::{DriveOptions, Nameplate, SignOfLife, StateFrames, UnknownRequest};
-use super::program::{Generator, Program};
+use super::program::{Program, SetpointGenerator};
 use super::servo::Servo;
 use super::store::Store;
 use super::supervise::{Brake, Timers};
-use crate::crew::Link;
 use crate::mechanics::AxisState;
+use crate::participants::BusConnection;
 use crate::rng::Rng;
 
 /// Power of the electronics.
@@ -29,7 +29,6 @@ pub(super) enum Power {
 /// What waits in the queue.
 #[derive(Clone, Copy, Debug)]
 enum Job {
-    /// A request.
     Obey(Request),
     /// No request; sent back as it came.
     Echo(Frame),
@@ -75,12 +74,12 @@ pub(super) struct Afflictions {
 ///
 /// * As a [`Node`] it takes requests and broadcasts and gives answers and, if wanted, STATE frames.
 /// * Physics crosses in three calls, all in joint coordinates (the arm's truth, not what the module believes):
-///   [`Drive::input`] before each step of the mechanics, [`Drive::tick`] after it, and [`Drive::power`].
+///   [`PowerCubeDrive::input`] before each step of the mechanics, [`PowerCubeDrive::tick`] after it, and [`PowerCubeDrive::power`].
 /// * A request acts and is answered after the processing delay; broadcasts act on reception, so that "start motion"
 ///   starts all modules at once.
 /// * Answers come in the order of the requests. A request that finds the queue full is lost.
 #[derive(Clone, Debug)]
-pub struct Drive {
+pub struct PowerCubeDrive {
     pub(super) plate: Nameplate,
     pub(super) options: DriveOptions,
     pub(super) store: Store,
@@ -117,7 +116,7 @@ pub struct Drive {
     outputs_changed: Instant,
 
     // Motion and state, in module coordinates.
-    pub(super) generator: Generator,
+    pub(super) generator: SetpointGenerator,
     pub(super) servo: Servo,
     pub(super) homing: Option<Homing>,
     pub(super) waiting: Option<MotionCommand>,
@@ -135,7 +134,7 @@ pub struct Drive {
     pub(super) afflictions: Afflictions,
 }
 
-impl Drive {
+impl PowerCubeDrive {
     /// A module without power, standing at `q_rad` (joint coordinates); its chances come from `seed`.
     pub fn new(plate: Nameplate, options: DriveOptions, seed: u64, q_rad: f64) -> Self {
         let store = Store::factory(&plate, &options);
@@ -164,7 +163,7 @@ impl Drive {
             inputs: 0,
             outputs: 0,
             outputs_changed: Instant::ZERO,
-            generator: Generator::new(options.step_path),
+            generator: SetpointGenerator::new(options.step_path),
             servo: Servo::new(&plate, 1.0, 1.0, 1.0),
             homing: None,
             waiting: None,
@@ -226,11 +225,11 @@ impl Drive {
     }
 
     /// Takes part in a bus of rate `bus`, is set to another rate, or has no power.
-    pub fn link(&self, bus: BaudRate) -> Link {
+    pub fn link(&self, bus: BaudRate) -> BusConnection {
         match self.power {
-            Power::Up if self.bit_rate == bus => Link::On,
-            Power::Up => Link::OtherRate,
-            Power::Off | Power::Booting { .. } => Link::Off,
+            Power::Up if self.bit_rate == bus => BusConnection::On,
+            Power::Up => BusConnection::OtherRate,
+            Power::Off | Power::Booting { .. } => BusConnection::Off,
         }
     }
 
@@ -396,7 +395,7 @@ impl Drive {
     }
 }
 
-impl Node for Drive {
+impl Node for PowerCubeDrive {
     fn handle_frame(&mut self, now: Instant, frame: &Frame) {
         self.handle_timeout(now);
         if self.power != Power::Up || frame.is_remote() {

@@ -1,14 +1,15 @@
 //! Requests and broadcasts: what each does, and what it answers.
 
 use protocol::powercube::{
-    ACCEPTED, Broadcast, Config, CubeState, FirmwareVersion, Motion, MotionAck, MotionCommand, MotionKind,
-    MotionPosition, Parameter, Reply, Request, SimpleCommand, Value,
+    ACCEPTED, Broadcast, Config, CubeState, FirmwareVersion, MotionAck, MotionCommand, MotionKind,
+    MotionPosition, MotionRequest, Parameter, Reply, Request, SimpleCommand, Value,
 };
 use protocol::{Duration, Instant};
 
-use super::module::Drive;
+use super::module::PowerCubeDrive;
 use super::options::{
-    BeyondMaximum, BeyondSoftLimit, HomeWhenHalted, InternalCommand, Persistence, Refusal, UnknownRequest,
+    BeyondMaximum, BeyondSoftLimit, HomeWhenHalted, InternalCommand, Persistence, RefusedReply,
+    UnknownRequest,
 };
 use super::program::{LoopShape, Program};
 use super::ramp::Ramp;
@@ -23,7 +24,7 @@ enum Taken {
     No,
 }
 
-impl Drive {
+impl PowerCubeDrive {
     /// Executes one request at `now`; `None` stays silent.
     pub(super) fn obey(&mut self, now: Instant, request: Request) -> Option<Reply> {
         let reply = match request {
@@ -134,8 +135,10 @@ impl Drive {
             (SetOutcome::Taken | SetOutcome::Clipped, _) => {
                 Some(Reply::SetAck { parameter, code: Some(ACCEPTED) })
             }
-            (SetOutcome::Refused, Refusal::Silence) => None,
-            (SetOutcome::Refused, Refusal::Code(code)) => Some(Reply::SetAck { parameter, code: Some(code) }),
+            (SetOutcome::Refused, RefusedReply::Silence) => None,
+            (SetOutcome::Refused, RefusedReply::Code(code)) => {
+                Some(Reply::SetAck { parameter, code: Some(code) })
+            }
         }
     }
 
@@ -173,7 +176,7 @@ impl Drive {
 
     // ---- Motions ----
 
-    fn motion(&mut self, now: Instant, motion: Motion) -> Option<Reply> {
+    fn motion(&mut self, now: Instant, motion: MotionRequest) -> Option<Reply> {
         let kind = motion.command().kind();
         // The position in the answer is that before the motion.
         let position = if kind.in_ticks() {
@@ -184,8 +187,8 @@ impl Drive {
         let taken = self.order(now, motion.command());
         let code = match (taken, self.options.refusal) {
             (Taken::Yes, _) => ACCEPTED,
-            (Taken::No, Refusal::Silence) => return None,
-            (Taken::No, Refusal::Code(code)) => code,
+            (Taken::No, RefusedReply::Silence) => return None,
+            (Taken::No, RefusedReply::Code(code)) => code,
         };
         Some(match motion.ack() {
             MotionAck::Simple => Reply::MotionAck { kind, code },

@@ -13,7 +13,7 @@ pub enum BeyondMaximum {
     /// expect the module to go on.)
     #[default]
     Clip,
-    /// Nothing changes, answered as [`Refusal`] says.
+    /// Nothing changes, answered as [`RefusedReply`] says.
     Refuse,
 }
 
@@ -33,7 +33,7 @@ pub enum BeyondSoftLimit {
 
 /// How a request that is understood but not obeyed is answered: gate closed, read-only, value refused.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Refusal {
+pub enum RefusedReply {
     /// Not at all; hosts take silence for a time-out.
     #[default]
     Silence,
@@ -68,7 +68,6 @@ pub enum InternalCommand {
     /// The same eight bytes: the manufacturer's library waits for eight of any content.
     #[default]
     Echo,
-    /// Nothing.
     Silence,
 }
 
@@ -128,7 +127,7 @@ pub struct DriveOptions {
     /// Position targets beyond the soft limits.
     pub beyond_soft_limit: BeyondSoftLimit,
     /// Answers to requests that are not obeyed.
-    pub refusal: Refusal,
+    pub refusal: RefusedReply,
     /// Frames that are no request.
     pub unknown: UnknownRequest,
     /// Written parameters at power-off.
@@ -178,7 +177,7 @@ impl Default for DriveOptions {
         Self {
             beyond_maximum: BeyondMaximum::default(),
             beyond_soft_limit: BeyondSoftLimit::default(),
-            refusal: Refusal::default(),
+            refusal: RefusedReply::default(),
             unknown: UnknownRequest::default(),
             persistence: Persistence::default(),
             internal: InternalCommand::default(),

@@ -1,6 +1,6 @@
 //! What a module is moving: the set-point as a function of time.
 //!
-//! A program starts at an instant and answers for any later one in closed form; [`Generator::roll`] moves on to the
+//! A program starts at an instant and answers for any later one in closed form; [`SetpointGenerator::roll`] moves on to the
 //! buffered step. All positions are the module's own (measured) coordinates.
 
 use protocol::{Duration, Instant};
@@ -86,17 +86,21 @@ pub(super) enum Program {
     Hold(f64),
     /// Ramp to a position or velocity.
     Ramp(Ramp),
-    /// Step.
     Step(Step),
     /// Back and forth between two positions for ever.
-    Loop { shape: LoopShape, center_rad: f64, amplitude_rad: f64, period_s: f64 },
+    Loop {
+        shape: LoopShape,
+        center_rad: f64,
+        amplitude_rad: f64,
+        period_s: f64,
+    },
     /// Current, A; no position set-point.
     Current(f64),
 }
 
 /// The running program, when it started, and the step that waits.
 #[derive(Clone, Debug)]
-pub(super) struct Generator {
+pub(super) struct SetpointGenerator {
     program: Program,
     started: Instant,
     buffered: Option<(f64, Duration)>,
@@ -104,7 +108,7 @@ pub(super) struct Generator {
     path: StepPath,
 }
 
-impl Generator {
+impl SetpointGenerator {
     pub(super) fn new(path: StepPath) -> Self {
         Self { program: Program::Open, started: Instant::ZERO, buffered: None, v_max_rad_s: 1.0, path }
     }
@@ -231,7 +235,7 @@ mod tests {
 
     #[test]
     fn one_step_is_buffered_and_starts_when_the_first_ends_whenever_that_is_noticed() {
-        let mut generator = Generator::new(StepPath::Linear);
+        let mut generator = SetpointGenerator::new(StepPath::Linear);
         generator.start(MS(0), Program::Hold(0.0));
         generator.step(MS(0), 0.1, Duration::from_millis(100), 10.0);
         generator.step(MS(10), 0.2, Duration::from_millis(100), 10.0);

@@ -4,7 +4,7 @@ use protocol::powercube::{Config, CubeState, Parameter};
 use protocol::{Duration, Instant};
 
 use super::homing::{Homing, HomingEvent, HomingPhase};
-use super::module::{Drive, Power};
+use super::module::{Power, PowerCubeDrive};
 use super::program::Program;
 use super::ramp::{Ramp, RampPhase, Setpoint};
 use super::servo::{Servo, torque_max_nm};
@@ -52,7 +52,7 @@ pub(super) struct Timers {
     at_maximum_s: f64,
 }
 
-impl Drive {
+impl PowerCubeDrive {
     /// Most that the power stage gives, A.
     fn current_limit_a(&self) -> f64 {
         self.store.number(Parameter::MaxCur).min(self.store.number(Parameter::CurrentLimit))
@@ -305,7 +305,7 @@ impl Drive {
         let switches = self.switches();
         let Some(homing) = &mut self.homing else { return };
         let ahead = if homing.travel() < 0.0 { CubeState::SW1 } else { CubeState::SW2 };
-        match homing.look(switches.contains(CubeState::SWR), switches.contains(ahead)) {
+        match homing.read_switch(switches.contains(CubeState::SWR), switches.contains(ahead)) {
             HomingEvent::Continue => {
                 if homing.phase == HomingPhase::Stop && self.is_standing(now) {
                     self.finish_homing(now);

@@ -18,25 +18,16 @@ const DWELL_MIN: Duration = Duration::from_micros(10);
 pub enum Action {
     /// Connect or disconnect a port.
     Attach {
-        /// Which port.
         port: usize,
         /// Connect?
         attached: bool,
     },
     /// Put a port into bus-off.
-    BusOff {
-        /// Which port.
-        port: usize,
-    },
+    BusOff { port: usize },
     /// Hold the line dominant, or let go.
     HoldDominant(bool),
     /// Queue a frame at a port.
-    Send {
-        /// Which port.
-        port: usize,
-        /// What.
-        frame: Frame,
-    },
+    Send { port: usize, frame: Frame },
     /// Hand a fault to the cell.
     Begin(Place, PhysicalFault),
     /// End a fault of the cell.
@@ -143,11 +134,6 @@ impl Engine {
     /// Earliest time at which [`Engine::step`] has something to do.
     pub fn next_change(&self) -> Option<Instant> {
         self.entries.iter().filter_map(|entry| entry.next).min()
-    }
-
-    /// True if at least one fault is active.
-    pub fn any_active(&self) -> bool {
-        self.entries.iter().any(|entry| entry.active)
     }
 
     /// Labels of the active faults.

@@ -94,7 +94,7 @@ impl PhysicalFault {
 ///
 /// # Contract
 ///
-/// * Calls come at times that never decrease, after [`crate::Crew::advance`] to that time.
+/// * Calls come at times that never decrease, after [`crate::Participants::advance`] to that time.
 /// * For one place and one variant, `begin_fault` and `end_fault` alternate: overlapping entries of a
 ///   plan are merged before they get here, the latest begun one giving the parameters.
 /// * [`PhysicalFault::Restart`] is an instant: it gets `begin_fault` only.

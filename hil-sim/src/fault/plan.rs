@@ -15,7 +15,6 @@ pub enum Target {
     Module(ModuleId),
     /// One supply, counted from 0.
     Supply(u8),
-    /// The gripper.
     Gripper,
 }
 
@@ -111,9 +110,7 @@ pub enum FaultKind {
 pub struct Fault {
     /// Names its random stream and its lines in logs; unique in a plan.
     pub label: String,
-    /// What.
     pub kind: FaultKind,
-    /// Where.
     pub target: Target,
     /// Which frames, for faults that act on frames; `None`: all.
     pub filter: Option<IdFilter>,

@@ -3,8 +3,8 @@
 use protocol::{Duration, Instant};
 
 use super::controller::{Krc, State};
-use super::event::Event;
-use super::link::{Direction, Link};
+use super::event::KrcEvent;
+use super::link::{DatagramLink, Direction};
 
 /// An answer on its way into the network.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -31,10 +31,7 @@ impl<F: FnMut(Instant, &[u8]) -> Vec<Reply>> Client for F {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RobotFault {
     /// The drives cut out.
-    CutOut {
-        /// When.
-        at: Instant,
-    },
+    CutOut { at: Instant },
     /// The program is reset and started again after a pause, once the arm stands.
     Restart {
         /// When it is reset.
@@ -60,7 +57,6 @@ pub struct RobotFaults {
 }
 
 impl RobotFaults {
-    /// The given faults.
     pub fn new(faults: &[RobotFault]) -> Self {
         let mut waiting = faults.to_vec();
         waiting.sort_by_key(|fault| std::cmp::Reverse(fault.at()));
@@ -97,21 +93,19 @@ impl RobotFaults {
 /// A run in virtual time.
 #[derive(Debug)]
 pub struct Bench<C> {
-    /// The controller.
     pub krc: Krc,
     /// The network.
-    pub link: Link,
-    /// The client.
+    pub link: DatagramLink,
     pub client: C,
     /// Everything that happened, in order.
-    pub events: Vec<Event>,
+    pub events: Vec<KrcEvent>,
     faults: RobotFaults,
     now: Instant,
 }
 
 impl<C: Client> Bench<C> {
     /// Controller off, at time zero.
-    pub fn new(krc: Krc, link: Link, faults: &[RobotFault], client: C) -> Self {
+    pub fn new(krc: Krc, link: DatagramLink, faults: &[RobotFault], client: C) -> Self {
         Self { krc, link, client, events: Vec::new(), faults: RobotFaults::new(faults), now: Instant::ZERO }
     }
 

@@ -1,7 +1,7 @@
 //! Whether options, configuration file and robot fit together.
 
 use robot_model::RobotModel;
-use rsi_protocol::{Config, Generation, Internal, Ipoc, Protocol, RobotData, RobotWriter, Source};
+use rsi_protocol::{Config, Generation, Internal, Ipoc, Protocol, RobotData, RobotWriter, Source, ValueType};
 
 use super::monitor::Monitor;
 use super::options::{KrcOptions, Space};
@@ -16,6 +16,16 @@ pub(super) fn monitor(options: &KrcOptions, model: &RobotModel<6>, start_deg: [f
 fn range_deg(model: &RobotModel<6>) -> [(f64, f64); 6] {
     let (low, high) = (model.q_min(), model.q_max());
     std::array::from_fn(|i| (low[i].to_degrees(), high[i].to_degrees()))
+}
+
+/// Number and type of the object input of the finger sensor; `None`: none is wired.
+pub(super) fn sensor(config: &Config, options: &KrcOptions) -> Result<Option<(u8, ValueType)>, String> {
+    let Some(name) = &options.sensor_name else { return Ok(None) };
+    let entry = config.send.iter().find(|entry| entry.tag.to_string() == *name);
+    match entry.map(|entry| (entry.source, entry.kind)) {
+        Some((Source::Object(index), kind @ (ValueType::Bool | ValueType::Long))) => Ok(Some((index, kind))),
+        _ => Err(format!("the gripper's sensor {name} is no BOOL or LONG element of SEND with an index")),
+    }
 }
 
 /// Whether the controller can serve this; gives the places of the correction in the configuration file.

@@ -6,13 +6,13 @@ use protocol::{Duration, Instant};
 use robot_model::RobotModel;
 use rsi_protocol::{
     Config, Framer, Generation, Ipoc, Protocol, RobotData, RobotWriter, Root, StreamItem, Telegram, Value,
-    read_answer,
+    ValueType, read_answer,
 };
 
 use super::check;
 use super::correction::{Correction, cartesian, tool};
 use super::drives::{AxisState, Drives};
-use super::event::{CycleRecord, Event, FaultCause, Refused};
+use super::event::{CycleRecord, FaultCause, KrcEvent, Refused};
 use super::hand::Hand;
 use super::late::LateCounter;
 use super::monitor::Monitor;
@@ -91,6 +91,8 @@ pub struct Krc {
     config: Config,
     options: KrcOptions,
     axis_places: [usize; 6],
+    /// Object input of the finger sensor.
+    sensor: Option<(u8, ValueType)>,
     state: State,
     next_cycle: Option<Instant>,
     /// Without an exchange: cycles go on until then, so that braking and gripper come to their ends.
@@ -107,7 +109,7 @@ pub struct Krc {
     last_set_at: Instant,
     framer: Framer,
     out: VecDeque<Vec<u8>>,
-    events: VecDeque<Event>,
+    events: VecDeque<KrcEvent>,
     events_lost: u64,
 }
 
@@ -126,6 +128,7 @@ impl Krc {
         let start = options.start_deg;
         Ok(Self {
             axis_places,
+            sensor: check::sensor(&config, &options).map_err(KrcError::Options)?,
             state: State::Off,
             next_cycle: None,
             quiet_at: Instant::ZERO,
@@ -176,7 +179,7 @@ impl Krc {
             return;
         }
         self.state = State::Run;
-        self.tell(Event::Started { at: now });
+        self.tell(KrcEvent::Started { at: now });
         self.exchange = Some(Exchange {
             sent: Sent::Nothing,
             empty_ipoc: None,
@@ -207,7 +210,7 @@ impl Krc {
     pub fn stop(&mut self, now: Instant) {
         if matches!(self.state, State::Open | State::Run) {
             self.leave(now, State::Off);
-            self.tell(Event::Stopped { at: now });
+            self.tell(KrcEvent::Stopped { at: now });
         }
     }
 
@@ -264,8 +267,7 @@ impl Krc {
         self.out.pop_front()
     }
 
-    /// What happened.
-    pub fn poll_event(&mut self) -> Option<Event> {
+    pub fn poll_event(&mut self) -> Option<KrcEvent> {
         self.events.pop_front()
     }
 
@@ -319,7 +321,6 @@ impl Krc {
         &self.options
     }
 
-    /// The robot.
     pub fn model(&self) -> &RobotModel<6> {
         &self.model
     }
@@ -409,10 +410,10 @@ impl Krc {
         }
         let verdict = self.late.count(late);
         if late {
-            self.tell(Event::Late { at, total: self.late.total() });
+            self.tell(KrcEvent::Late { at, total: self.late.total() });
         }
         if verdict.over_percent {
-            self.tell(Event::LateWarning { at });
+            self.tell(KrcEvent::LateWarning { at });
         }
         if verdict.over_limit {
             self.fault(at, FaultCause::LateLimit { late: self.late.value() });
@@ -448,12 +449,12 @@ impl Krc {
         // Each text is shown once.
         let text = text_place.and_then(|place| exchange.values.get_mut(place)).map(take_text);
         if let Some(text) = text.filter(|text| !text.is_empty()) {
-            self.tell(Event::Text { at, text });
+            self.tell(KrcEvent::Text { at, text });
         }
         self.hand.set_outputs(at, outputs);
         if stop {
             self.leave(at, State::Off);
-            self.tell(Event::Stopped { at });
+            self.tell(KrcEvent::Stopped { at });
             return;
         }
         let wanted = self
@@ -474,8 +475,8 @@ impl Krc {
         self.set_deg = q_deg;
         self.last_set_at = at;
         self.drives.set_point(at, self.options.cycle, &q_deg);
-        if let Some((at, hand)) = self.hand.look(at, &self.drives, &self.model) {
-            self.tell(Event::Released { at, hand });
+        if let Some((at, hand)) = self.hand.check(at, &self.drives, &self.model) {
+            self.tell(KrcEvent::Released { at, hand });
         }
         self.drives.advance(at);
     }
@@ -507,7 +508,13 @@ impl Krc {
                 macur: [0.0; 6],
                 delay: self.late.value(),
             };
-            RobotWriter::new(&self.config, self.options.decimals).write(Ipoc::new(ipoc), &data, |_| None)
+            let open = self.hand.is_open();
+            let sensor = |index| match self.sensor {
+                Some((wired, ValueType::Bool)) if wired == index => Some(Value::Bool(open)),
+                Some((wired, _)) if wired == index => Some(Value::Long(open.into())),
+                _ => None,
+            };
+            RobotWriter::new(&self.config, self.options.decimals).write(Ipoc::new(ipoc), &data, sensor)
         };
         let Ok(mut bytes) = written else {
             // Sizes were checked at the beginning, with the longest numbers.
@@ -519,7 +526,14 @@ impl Krc {
         }
         self.out.push_back(bytes);
         let (late, outputs) = (self.late.total(), self.hand.outputs());
-        self.tell(Event::Cycle(CycleRecord { at, ipoc, set_deg: self.set_deg, actual_deg, late, outputs }));
+        self.tell(KrcEvent::Cycle(CycleRecord {
+            at,
+            ipoc,
+            set_deg: self.set_deg,
+            actual_deg,
+            late,
+            outputs,
+        }));
     }
 
     /// One step of braking, or of standing still until everything has settled.
@@ -540,7 +554,7 @@ impl Krc {
             if stands {
                 self.braking = None;
                 self.quiet_at = at + self.drives.settling_time() + QUIET_AFTER;
-                self.tell(Event::Standing { at });
+                self.tell(KrcEvent::Standing { at });
             }
         }
         self.give(at, q_deg);
@@ -550,7 +564,7 @@ impl Krc {
 
     fn fault(&mut self, at: Instant, cause: FaultCause) {
         self.leave(at, State::Fault);
-        self.tell(Event::Fault { at, cause });
+        self.tell(KrcEvent::Fault { at, cause });
     }
 
     /// Ends the exchange; the arm brakes from the velocity of its last set points.
@@ -569,10 +583,10 @@ impl Krc {
     }
 
     fn refuse(&mut self, at: Instant, why: Refused) {
-        self.tell(Event::Refused { at, why });
+        self.tell(KrcEvent::Refused { at, why });
     }
 
-    fn tell(&mut self, event: Event) {
+    fn tell(&mut self, event: KrcEvent) {
         if self.events.len() == MAX_EVENTS {
             self.events.pop_front();
             self.events_lost += 1;

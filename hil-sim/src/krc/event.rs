@@ -114,7 +114,6 @@ pub enum Refused {
     OutsideWindow,
     /// It answers another telegram.
     WrongIpoc {
-        /// Its number.
         got: u64,
         /// The number of the last telegram.
         expected: u64,
@@ -126,10 +125,7 @@ pub enum Refused {
     /// It cannot be read.
     Unreadable(String),
     /// Bytes of the stream that belong to no document.
-    Torn {
-        /// How many.
-        bytes: usize,
-    },
+    Torn { bytes: usize },
 }
 
 impl Refused {
@@ -152,7 +148,6 @@ impl Refused {
 pub struct CycleRecord {
     /// When the telegram was sent.
     pub at: Instant,
-    /// Its number.
     pub ipoc: u64,
     /// Set point of the axes.
     pub set_deg: [f64; 6],
@@ -160,27 +155,17 @@ pub struct CycleRecord {
     pub actual_deg: [f64; 6],
     /// Late answers in all.
     pub late: u64,
-    /// Outputs.
     pub outputs: i32,
 }
 
-/// What happened.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Event {
+pub enum KrcEvent {
     /// The exchange begins.
-    Started {
-        /// When.
-        at: Instant,
-    },
+    Started { at: Instant },
     /// A telegram was sent.
     Cycle(CycleRecord),
     /// An answer does not count.
-    Refused {
-        /// When.
-        at: Instant,
-        /// Why.
-        why: Refused,
-    },
+    Refused { at: Instant, why: Refused },
     /// No answer came in the window.
     Late {
         /// End of the window.
@@ -189,44 +174,24 @@ pub enum Event {
         total: u64,
     },
     /// The share of late answers is above its limit.
-    LateWarning {
-        /// When.
-        at: Instant,
-    },
+    LateWarning { at: Instant },
     /// Text for the pendant.
-    Text {
-        /// When.
-        at: Instant,
-        /// The text.
-        text: String,
-    },
+    Text { at: Instant, text: String },
     /// The robot stops.
-    Fault {
-        /// When.
-        at: Instant,
-        /// Why.
-        cause: FaultCause,
-    },
+    Fault { at: Instant, cause: FaultCause },
     /// The client ended the sensor motion, or the program was stopped.
-    Stopped {
-        /// When.
-        at: Instant,
-    },
+    Stopped { at: Instant },
     /// The set points stand still after a stop or fault.
-    Standing {
-        /// When.
-        at: Instant,
-    },
+    Standing { at: Instant },
     /// The ball left the hand.
     Released {
-        /// When.
         at: Instant,
         /// Where, and how fast.
         hand: HandPoint,
     },
 }
 
-impl fmt::Display for Event {
+impl fmt::Display for KrcEvent {
     /// One line of the log.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

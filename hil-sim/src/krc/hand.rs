@@ -23,12 +23,16 @@ impl Hand {
         Self { options, gripper: Gripper::new(options.gripper, seed), outputs: 0, released: None }
     }
 
+    /// The fingers are open.
+    pub fn is_open(&self) -> bool {
+        self.gripper.is_open()
+    }
+
     /// Outputs as they are set.
     pub fn outputs(&self) -> i32 {
         self.outputs
     }
 
-    /// Sets the outputs.
     pub fn set_outputs(&mut self, at: Instant, outputs: i32) {
         self.outputs = outputs;
         if let Some(bit) = self.options.output_bit {
@@ -37,7 +41,7 @@ impl Hand {
     }
 
     /// Looks whether the ball left the hand up to `now`; `drives` must not have advanced beyond the last look.
-    pub fn look(
+    pub fn check(
         &mut self,
         now: Instant,
         drives: &Drives,
@@ -65,8 +69,11 @@ impl Hand {
     pub fn landing(&self, model: &RobotModel<6>) -> Option<Landing> {
         let (_, from) = self.released?;
         let gripper = &self.options.gripper;
-        let z_m = gripper.landing_z_m.unwrap_or(model.world().floor_z_m);
-        Flight::new(from, model.world().gravity_m_s2, gripper.drag_1_m).landing(z_m)
+        let flight = Flight::new(from, model.world().gravity_m_s2, gripper.drag_1_m);
+        match &gripper.landing_plane {
+            Some(plane) => flight.passage(plane),
+            None => flight.landing(gripper.landing_z_m.unwrap_or(model.world().floor_z_m)),
+        }
     }
 }
 

@@ -69,7 +69,7 @@ struct UnderWay {
 
 /// The network between controller and client.
 #[derive(Clone, Debug)]
-pub struct Link {
+pub struct DatagramLink {
     options: LinkOptions,
     faults: Vec<(LinkFault, Rng, u64)>,
     jitter: Rng,
@@ -80,7 +80,7 @@ pub struct Link {
     overflowed: u64,
 }
 
-impl Link {
+impl DatagramLink {
     /// An empty network; each fault has its own random stream.
     pub fn new(options: LinkOptions, faults: &[LinkFault], seed: u64) -> Self {
         let stream = |(index, fault): (usize, &LinkFault)| {

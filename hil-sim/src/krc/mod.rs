@@ -59,7 +59,7 @@ pub mod serve;
 
 pub use bench::{Bench, Client, Reply, RobotFault};
 pub use controller::{Krc, KrcError, State};
-pub use event::{CycleRecord, Event, FaultCause, Refused};
-pub use link::{Direction, Link, LinkFault, LinkFaultKind, LinkOptions};
+pub use event::{CycleRecord, FaultCause, KrcEvent, Refused};
+pub use link::{DatagramLink, Direction, LinkFault, LinkFaultKind, LinkOptions};
 pub use options::KrcOptions;
 pub use scenario::KrcScenario;

@@ -57,7 +57,7 @@ pub struct LagOptions {
     pub dead_time: Duration,
     /// Time constant of the first-order lag behind it.
     pub time_constant: Duration,
-    /// Set points are averaged over so many cycles; 1: no smoothing.
+    /// Number of cycles over which set points are averaged; 1: no smoothing.
     pub smoothing_cycles: usize,
     /// Standard deviation of the axis readings, degrees.
     pub noise_deg: f64,
@@ -120,6 +120,8 @@ pub struct KrcOptions {
     pub outputs_name: String,
     /// Scalar that ends the sensor motion.
     pub stop_name: String,
+    /// Scalar that the robot sends: 1 while the fingers are open; `None`: no finger sensor is wired.
+    pub sensor_name: Option<String>,
 }
 
 impl KrcOptions {
@@ -180,6 +182,7 @@ impl KrcOptions {
             },
             outputs_name: "DiO".to_owned(),
             stop_name: "Stop".to_owned(),
+            sensor_name: None,
         }
     }
 }

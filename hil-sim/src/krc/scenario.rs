@@ -24,6 +24,8 @@
 //! probability = 0.2
 //! ```
 //!
+//! `[gripper] sensor` names an element of the configuration file that tells whether the fingers are open.
+//!
 //! Every key but `schema_version`, `generation` and `rsi_config` is optional. Units are in the keys, unknown keys are
 //! refused, and every refusal names file, line and key.
 
@@ -32,11 +34,11 @@ use std::path::{Path, PathBuf};
 use protocol::{Duration, Instant};
 use robot_model::RobotModel;
 use rsi_protocol::{Config, Generation, Protocol};
-use toml_reader::{DESCRIPTION_MAX_BYTES, Problem, Refusal, Section, Source, Value, read_text};
+use toml_reader::{DESCRIPTION_MAX_BYTES, DocumentError, Problem, Section, Source, Value, quoted, read_text};
 
 use super::bench::RobotFault;
 use super::controller::{Krc, KrcError};
-use super::link::{Direction, Link, LinkFault, LinkFaultKind, LinkOptions};
+use super::link::{DatagramLink, Direction, LinkFault, LinkFaultKind, LinkOptions};
 use super::options::{CorrectionOptions, CutOut, HandOptions, KrcOptions, LagOptions, LateOptions, Space};
 use crate::mechanics::GripperOptions;
 use crate::scenario::values::{period, seconds};
@@ -48,7 +50,7 @@ pub const SCHEMA_VERSION: i64 = 1;
 const MAX_S: f64 = 1e6;
 
 /// A file was refused: where, and why.
-pub type KrcScenarioError = Refusal<Problem>;
+pub type KrcScenarioError = DocumentError<Problem>;
 
 /// Everything that a run depends on.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,6 +61,7 @@ pub struct KrcScenario {
     pub robot: String,
     /// The configuration file.
     pub config: Config,
+    pub config_text: String,
     /// Parameters of the controller.
     pub options: KrcOptions,
     /// Delay of the network.
@@ -85,14 +88,23 @@ impl KrcScenario {
         })
     }
 
-    /// The KR C2 that comes with this program: UDP, 12 ms, 120 ms of lag, noise, and a gripper whose delay varies by 10 ms.
+    /// A controller that comes with this program, with the program of `robots/kr16_2`: `kr-c2` (UDP), `kr-c2-tcp`, `kr-c4`
+    /// (4 ms) or `kr-c4-12ms`. Each has 120 ms of lag, some noise, and a gripper whose delay varies by 10 ms. Any other name
+    /// is the path of a file.
     ///
     /// # Errors
-    /// None, as long as its files are whole.
-    pub fn kr_c2() -> Result<Self, KrcScenarioError> {
-        const TEXT: &str = include_str!("../../scenarios/krc/kr_c2.toml");
-        const CONFIG: &str = include_str!("../../scenarios/krc/axis_absolute.xml");
-        Self::from_toml("kr_c2.toml", TEXT, |_| Ok(CONFIG.to_owned()))
+    /// As [`KrcScenario::load`].
+    pub fn open(source: &str) -> Result<Self, KrcScenarioError> {
+        const UDP: &str = include_str!("../../../robots/kr16_2/rsi_udp.xml");
+        const TCP: &str = include_str!("../../../robots/kr16_2/rsi_tcp.xml");
+        let (text, config) = match source {
+            "kr-c2" => (include_str!("../../../robots/kr16_2/kr_c2.toml"), UDP),
+            "kr-c2-tcp" => (include_str!("../../../robots/kr16_2/kr_c2_tcp.toml"), TCP),
+            "kr-c4" => (include_str!("../../../robots/kr16_2/kr_c4.toml"), UDP),
+            "kr-c4-12ms" => (include_str!("../../../robots/kr16_2/kr_c4_12ms.toml"), UDP),
+            path => return Self::load(Path::new(path)),
+        };
+        Self::from_toml(source, text, |_| Ok(config.to_owned()))
     }
 
     /// Reads a text; `file` is what errors call it, `read_config` gives the text of the configuration file.
@@ -111,10 +123,12 @@ impl KrcScenario {
         let root: Section<'_> = source.root(&document);
         root.schema("schema_version", SCHEMA_VERSION)?;
         let generation = root.required("generation", |v| v.word(&GENERATIONS))?;
-        let config = root.required("rsi_config", |value| {
+        let (config, config_text) = root.required("rsi_config", |value| {
             let name = value.text()?;
-            Config::parse(&read_config(name)?)
-                .map_err(|error| value.error(Problem::Invalid(format!("{name}: {error}"))))
+            let text = read_config(name)?;
+            let config = Config::parse(&text)
+                .map_err(|error| value.error(Problem::Invalid(format!("{name}: {error}"))))?;
+            Ok((config, text))
         })?;
         let default = KrcOptions::new(generation);
         let mut options = match root.optional("controller", Value::section)? {
@@ -125,7 +139,11 @@ impl KrcScenario {
         part(&root, "late", &mut options.late, late)?;
         part(&root, "drives", &mut options.lag, drives)?;
         part(&root, "cut_out", &mut options.cut_out, cut_out)?;
-        part(&root, "gripper", &mut options.hand, gripper)?;
+        if let Some(table) = root.optional("gripper", Value::section)? {
+            options.hand = gripper(&table, &options.hand)?;
+            options.sensor_name = table.optional("sensor", Value::text)?.map(str::to_owned);
+            table.finish()?;
+        }
         let mut network =
             LinkOptions { in_order: config.protocol == Protocol::Tcp, ..LinkOptions::default() };
         part(&root, "network", &mut network, self::network)?;
@@ -141,6 +159,7 @@ impl KrcScenario {
             robot: root.or("robot", "kr16_2", Value::text)?.to_owned(),
             seed: root.or("seed", 0, Value::count)?,
             config,
+            config_text,
             options,
             network,
             link_faults,
@@ -148,6 +167,56 @@ impl KrcScenario {
         };
         root.finish()?;
         Ok(scenario)
+    }
+
+    /// What a client must know of the robot and its program, as a file that [`KrcScenario::load`] reads: without faults, network
+    /// and cut-out. `head` is written as a comment; `config_name` is the name of the configuration file beside it.
+    #[must_use]
+    pub fn description(&self, head: &str, config_name: &str) -> String {
+        let options = &self.options;
+        let generation = match options.generation {
+            Generation::KrC2 => "kr-c2",
+            Generation::KrC4 => "kr-c4",
+        };
+        let space = match options.correction.space {
+            Space::Axes => "axes",
+            Space::Base => "base",
+            Space::Tool => "tool",
+        };
+        let comment: String = head.lines().map(|line| format!("# {line}\n")).collect();
+        let gripper = &options.hand.gripper;
+        let mut text = format!(
+            "{comment}schema_version = {SCHEMA_VERSION}\ngeneration = \"{generation}\"\nrobot = {}\nrsi_config = {}\n\n\
+             [controller]\ncycle_s = {:?}\nwindow_s = {:?}\ndecimals = {}\nstart_deg = {:?}\noutputs = {}\nstop = {}\n\n\
+             [correction]\nspace = \"{space}\"\nrelative = {}\nlower = {:?}\nupper = {:?}\noverall_axis_deg = {:?}\n\n\
+             [drives]\ndead_time_s = {:?}\ntime_constant_s = {:?}\nsmoothing_cycles = {}\nnoise_deg = {:?}\n\n\
+             [gripper]\ndelay_s = {:?}\njitter_s = {:?}\n",
+            quoted(&self.robot),
+            quoted(config_name),
+            options.cycle.as_secs_f64(),
+            options.window.as_secs_f64(),
+            options.decimals,
+            options.start_deg,
+            quoted(&options.outputs_name),
+            quoted(&options.stop_name),
+            options.correction.relative,
+            options.correction.lower,
+            options.correction.upper,
+            options.correction.overall_axis_deg,
+            options.lag.dead_time.as_secs_f64(),
+            options.lag.time_constant.as_secs_f64(),
+            options.lag.smoothing_cycles,
+            options.lag.noise_deg,
+            gripper.delay.as_secs_f64(),
+            gripper.jitter.as_secs_f64(),
+        );
+        if let Some(bit) = options.hand.output_bit {
+            text += &format!("output_bit = {bit}\n");
+        }
+        if let Some(sensor) = &options.sensor_name {
+            text += &format!("sensor = {}\n", quoted(sensor));
+        }
+        text
     }
 
     /// The controller at rest.
@@ -160,14 +229,14 @@ impl KrcScenario {
     }
 
     /// The network.
-    pub fn link(&self) -> Link {
-        Link::new(self.network, &self.link_faults, self.seed)
+    pub fn link(&self) -> DatagramLink {
+        DatagramLink::new(self.network, &self.link_faults, self.seed)
     }
 }
 
 fn read(path: &Path) -> Result<String, KrcScenarioError> {
     read_text(path, DESCRIPTION_MAX_BYTES).map_err(|error| {
-        Refusal::of_file(&path.display().to_string(), Problem::Unreadable(error.to_string()))
+        DocumentError::of_file(&path.display().to_string(), Problem::Unreadable(error.to_string()))
     })
 }
 
@@ -259,6 +328,7 @@ fn gripper(table: &Section<'_>, d: &HandOptions) -> Result<HandOptions, KrcScena
             jitter: table.or("jitter_s", g.jitter, |v| seconds(v, 10.0))?,
             drag_1_m: table.or("drag_1_m", g.drag_1_m, |v| v.number_in(0.0, 100.0))?,
             landing_z_m: table.optional("landing_z_m", |v| v.number_in(-100.0, 100.0))?.or(g.landing_z_m),
+            landing_plane: g.landing_plane,
         },
     })
 }

@@ -10,16 +10,20 @@ use std::net::SocketAddr;
 
 use can_link::Clock;
 use protocol::{Duration, Instant};
-use rsi_protocol::{Root, StreamItem, Telegram};
+use rsi_protocol::{Protocol, Root, StreamItem, Telegram};
 
 use super::bench::RobotFaults;
 use super::controller::{Krc, KrcError, State};
-use super::event::{Event, FaultCause};
-use super::link::{Direction, Link};
+use super::event::{FaultCause, KrcEvent};
+use super::link::{DatagramLink, Direction};
 use super::port::{Port, Received, number_of};
 
 /// Longest sleep, so that an interrupt is seen.
 const LONGEST_SLEEP: Duration = Duration::from_millis(50);
+/// Lock step over datagrams: the first telegram is repeated so often.
+const REPEAT: Duration = Duration::from_millis(100);
+/// Lock step: longest wait for the first answer of all.
+const FIRST_LIMIT: Duration = Duration::from_secs(2);
 /// Most answer times that are kept.
 const MAX_TIMES: usize = 1_000_000;
 
@@ -39,7 +43,7 @@ pub struct ServeOptions {
     pub pc: SocketAddr,
     /// Whose time counts.
     pub mode: Mode,
-    /// End after so many telegrams.
+    /// End after this many telegrams.
     pub cycles: Option<u64>,
     /// In lock step: longest wait for an answer, by the clock.
     pub answer_limit: Duration,
@@ -109,11 +113,11 @@ impl Served {
 /// The client cannot be reached, or does not answer in lock step.
 pub fn serve(
     krc: &mut Krc,
-    link: &mut Link,
+    link: &mut DatagramLink,
     faults: &mut RobotFaults,
     options: &ServeOptions,
     goes_on: &dyn Fn() -> bool,
-    observe: &mut dyn FnMut(&Event),
+    observe: &mut dyn FnMut(&KrcEvent),
 ) -> Result<Served, ServeError> {
     krc.start()?;
     let port = open(krc, options)?;
@@ -129,6 +133,7 @@ pub fn serve(
         held_up: Duration::ZERO,
         sent: None,
         answered: None,
+        repeated: None,
     };
     session.krc.connected(session.now);
     session.exchange()?;
@@ -165,10 +170,10 @@ fn open(krc: &mut Krc, options: &ServeOptions) -> Result<Port, ServeError> {
 
 struct Session<'a> {
     krc: &'a mut Krc,
-    link: &'a mut Link,
+    link: &'a mut DatagramLink,
     port: Port,
     options: &'a ServeOptions,
-    observe: &'a mut dyn FnMut(&Event),
+    observe: &'a mut dyn FnMut(&KrcEvent),
     served: Served,
     clock: Clock,
     /// Time of the robot.
@@ -179,6 +184,8 @@ struct Session<'a> {
     sent: Option<(u64, Instant)>,
     /// The last telegram whose answer has come.
     answered: Option<u64>,
+    /// The telegram that went out again, and how many answers may still come to its copies.
+    repeated: Option<(u64, u64)>,
 }
 
 impl Session<'_> {
@@ -196,7 +203,7 @@ impl Session<'_> {
             now = due;
         }
         self.now = self.now.max(now);
-        let something = self.look();
+        let something = self.poll_once();
         if self.now >= due {
             return true;
         }
@@ -208,7 +215,7 @@ impl Session<'_> {
     }
 
     /// Takes what has arrived at the socket into the network; `true` if there was something.
-    fn look(&mut self) -> bool {
+    fn poll_once(&mut self) -> bool {
         match self.port.receive() {
             Received::Nothing => false,
             Received::Closed => {
@@ -223,7 +230,11 @@ impl Session<'_> {
                 for item in items {
                     match item {
                         StreamItem::Document(document) => {
-                            self.note_answer(number_of(&document), at);
+                            let number = number_of(&document);
+                            if self.answers_a_copy(number) {
+                                continue;
+                            }
+                            self.note_answer(number, at);
                             self.link.send(self.now, Direction::ToRobot, document);
                         }
                         StreamItem::Dropped(bytes) => self.krc.stream_torn(self.now, bytes),
@@ -231,6 +242,18 @@ impl Session<'_> {
                 }
                 true
             }
+        }
+    }
+
+    /// Whether an answer is to a copy of a telegram that is answered: the robot sent that telegram once, so it takes one
+    /// answer.
+    fn answers_a_copy(&mut self, number: Option<u64>) -> bool {
+        match &mut self.repeated {
+            Some((ipoc, copies)) if self.answered.is_some() && number == Some(*ipoc) && *copies > 0 => {
+                *copies -= 1;
+                true
+            }
+            _ => false,
         }
     }
 
@@ -275,25 +298,38 @@ impl Session<'_> {
         }
         match expects.map(|telegram| telegram.ipoc.value()) {
             Some(ipoc) if self.options.mode == Mode::LockStep && !self.krc.config().only_send => {
-                self.await_answer(ipoc)
+                self.await_answer(ipoc, bytes)
             }
             _ => Ok(()),
         }
     }
 
-    /// Lock step: waits by the clock until the answer is there.
-    fn await_answer(&mut self, ipoc: u64) -> Result<(), ServeError> {
-        let limit = self.options.answer_limit;
+    /// Lock step: waits by the clock until the answer is there. Until a client has answered for the first time the telegram is
+    /// repeated: over datagrams nobody tells when the client begins to listen.
+    fn await_answer(&mut self, ipoc: u64, telegram: &[u8]) -> Result<(), ServeError> {
+        let first = self.answered.is_none();
+        // A client that has not begun may never come; the caller decides whether to start the program again.
+        let limit =
+            if first { self.options.answer_limit.min(FIRST_LIMIT) } else { self.options.answer_limit };
         let until = self.clock.now() + limit;
+        let repeats = first && self.krc.config().protocol == Protocol::Udp;
+        let mut repeat_at = self.clock.now() + REPEAT;
         while self.answered != Some(ipoc) && self.krc.state() == State::Run {
-            if self.look() {
+            if self.poll_once() {
                 continue;
             }
             let now = self.clock.now();
             if now >= until {
                 return Err(ServeError::NoAnswer { ipoc, limit });
             }
-            self.port.wait(std::time::Duration::from_micros(until.saturating_since(now).as_micros()));
+            if repeats && now >= repeat_at {
+                let copies = self.repeated.map_or(0, |(_, copies)| copies);
+                self.repeated = Some((ipoc, copies + 1));
+                repeat_at = now + REPEAT;
+                let _ = self.port.send(telegram);
+            }
+            let next = if repeats { until.min(repeat_at) } else { until };
+            self.port.wait(std::time::Duration::from_micros(next.saturating_since(now).as_micros()));
         }
         Ok(())
     }
@@ -301,10 +337,10 @@ impl Session<'_> {
     fn tell(&mut self) {
         while let Some(event) = self.krc.poll_event() {
             match &event {
-                Event::Cycle(_) => self.served.telegrams += 1,
-                Event::Late { .. } => self.served.late += 1,
-                Event::Refused { .. } => self.served.refused += 1,
-                Event::Fault { cause, .. } => self.served.fault = Some(*cause),
+                KrcEvent::Cycle(_) => self.served.telegrams += 1,
+                KrcEvent::Late { .. } => self.served.late += 1,
+                KrcEvent::Refused { .. } => self.served.refused += 1,
+                KrcEvent::Fault { cause, .. } => self.served.fault = Some(*cause),
                 _ => {}
             }
             (self.observe)(&event);

@@ -24,6 +24,15 @@ pub struct Flight {
     now: HandPoint,
 }
 
+/// A plane that a ball passes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plane {
+    /// A point of it, m.
+    pub point_m: Vector3<f64>,
+    /// Its normal, to the side from which the ball comes; of any length but zero.
+    pub normal: Vector3<f64>,
+}
+
 /// Where and when a flight met a plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Landing {
@@ -75,6 +84,31 @@ impl Flight {
                 for _ in 0..50 {
                     let middle = 0.5 * (low + high);
                     if self.runge_kutta(&point, middle).p_m.z > z_m { low = middle } else { high = middle }
+                }
+                let at = self.runge_kutta(&point, high);
+                return Some(Landing { p_m: at.p_m, v_m_s: at.v_m_s, t_s: t_s + high });
+            }
+            point = next;
+            t_s += DRAG_STEP_S;
+        }
+        None
+    }
+
+    /// First passage through a plane from the side of its normal; `None` if it never gets there (within a minute).
+    pub fn passage(&self, plane: &Plane) -> Option<Landing> {
+        let above = |p: &Vector3<f64>| plane.normal.dot(&(p - plane.point_m));
+        let (mut point, mut t_s) = (self.release, 0.0);
+        while t_s < FLIGHT_MAX_S {
+            let next = self.runge_kutta(&point, DRAG_STEP_S);
+            if above(&next.p_m) <= 0.0 && above(&point.p_m) > 0.0 {
+                let (mut low, mut high) = (0.0, DRAG_STEP_S);
+                for _ in 0..50 {
+                    let middle = 0.5 * (low + high);
+                    if above(&self.runge_kutta(&point, middle).p_m) > 0.0 {
+                        low = middle;
+                    } else {
+                        high = middle;
+                    }
                 }
                 let at = self.runge_kutta(&point, high);
                 return Some(Landing { p_m: at.p_m, v_m_s: at.v_m_s, t_s: t_s + high });
@@ -147,6 +181,17 @@ mod tests {
         let landing = Flight::new(release([0.0; 3]), 9.81, kappa).landing(-1.0).unwrap();
         let expected = ((kappa * (1.0 - 0.114747)).exp().acosh()) / (kappa * 9.81).sqrt();
         assert!((landing.t_s - expected).abs() < 1e-9, "{} against {expected}", landing.t_s);
+    }
+
+    #[test]
+    fn an_upright_plane_is_passed_where_the_parabola_meets_it() {
+        let flight = Flight::new(release([2.0, 0.3, 1.0]), 9.81, 0.0);
+        let wall = Plane { point_m: Vector3::new(1.5, 0.0, 0.0), normal: Vector3::new(-2.0, 0.0, 0.0) };
+        let met = flight.passage(&wall).unwrap();
+        let t_s = (1.5 - 0.675574) / 2.0;
+        assert!((met.t_s - t_s).abs() < 1e-9 && (met.p_m.x - 1.5).abs() < 1e-9);
+        assert!((met.p_m.z - (-0.114747 + t_s - 0.5 * 9.81 * t_s * t_s)).abs() < 1e-9);
+        assert_eq!(flight.passage(&Plane { normal: -wall.normal, ..wall }), None, "from the other side");
     }
 
     #[test]

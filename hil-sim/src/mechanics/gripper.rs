@@ -2,6 +2,7 @@
 
 use protocol::{Duration, Instant};
 
+use super::ball::Plane;
 use crate::rng::Rng;
 
 /// Timing of the gripper and what drives it.
@@ -11,12 +12,14 @@ pub struct GripperOptions {
     pub output: Option<(usize, u8)>,
     /// From the order to the free ball.
     pub delay: Duration,
-    /// The delay varies evenly by up to this much to both sides, drawn anew for each opening.
+    /// The delay varies evenly by up to this much to both sides, drawn again for each opening.
     pub jitter: Duration,
     /// Drag of the ball κ = ρ c_d A / (2 m), 1/m; zero flies the parabola of the papers.
     pub drag_1_m: f64,
     /// Height of the plane on which landings are reported, m; `None` takes the floor.
     pub landing_z_m: Option<f64>,
+    /// A plane that need not be horizontal, on which they are reported instead.
+    pub landing_plane: Option<Plane>,
 }
 
 impl Default for GripperOptions {
@@ -29,6 +32,7 @@ impl Default for GripperOptions {
             jitter: Duration::from_millis(1),
             drag_1_m: 0.0,
             landing_z_m: None,
+            landing_plane: None,
         }
     }
 }

@@ -38,12 +38,15 @@
 //! | [`joint`], [`options`] | rotor, friction, brake, stops, gear; how they follow from a robot file |
 //! | [`supply`] | 24 V supplies |
 //! | [`gripper`], [`ball`] | release and flight |
+//! | [`loose`], [`cup`] | a ball that bounces; an open cup that it may fall into |
 //! | [`perturb`] | deviations from the model, by seed |
 
 pub mod arm;
 pub mod ball;
+pub mod cup;
 pub mod gripper;
 pub mod joint;
+pub mod loose;
 pub mod options;
 pub mod perturb;
 pub mod plant;
@@ -51,9 +54,11 @@ mod solver;
 pub mod supply;
 
 pub use arm::{Body, Mechanism};
-pub use ball::{Flight, Landing};
+pub use ball::{Flight, Landing, Plane};
+pub use cup::Cup;
 pub use gripper::{Gripper, GripperOptions};
 pub use joint::{Elasticity, JointMechanics};
+pub use loose::{BallOptions, LooseBall, Surface};
 pub use options::MechanicsOptions;
 pub use perturb::Scatter;
 pub use plant::{AxisInput, AxisState, Energy, HandPoint, Plant, PlantFault, Touch};

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use can_link::{BusServer, BusSpec, ClientId, Clock, Event, Link, LinkError, OpenError};
+use can_link::{BusServer, BusSpec, CanLink, ClientId, Clock, LinkError, LinkEvent, OpenError};
 use can_link::{Relay, ServerEvent, ServerOptions};
 use protocol::powercube::{Address, Channel};
 use protocol::{Duration, Frame, Instant, ModuleId, Node};
@@ -91,7 +91,7 @@ pub enum Door {
     /// We are the bus: clients come and go.
     Server(Box<dyn BusServer + Send>),
     /// We join a bus that exists.
-    Member(Box<dyn Link + Send>),
+    Member(Box<dyn CanLink + Send>),
 }
 
 impl Door {
@@ -123,7 +123,7 @@ impl Door {
         }
     }
 
-    pub(super) fn link(&self) -> &dyn Link {
+    pub(super) fn link(&self) -> &dyn CanLink {
         match self {
             Self::Server(server) => server,
             Self::Member(link) => link,
@@ -208,8 +208,8 @@ impl Port {
                 Door::Member(_) if !room.is_for(None) => return Ok(None),
                 Door::Member(link) => match link.receive()? {
                     None => return Ok(None),
-                    Some(Event::BusError { .. }) => {}
-                    Some(Event::Frame { frame, .. }) => return Ok(Some((None, frame))),
+                    Some(LinkEvent::BusError { .. }) => {}
+                    Some(LinkEvent::Frame { frame, .. }) => return Ok(Some((None, frame))),
                 },
             }
         }
@@ -217,7 +217,7 @@ impl Port {
 
     /// The link, if something that arrives there now can be taken: waiting for anything else would only end the sleep
     /// again and again. A server keeps its clients apart by itself.
-    pub(super) fn waits_for(&self) -> Option<&dyn Link> {
+    pub(super) fn waits_for(&self) -> Option<&dyn CanLink> {
         match &self.door {
             Door::Member(_) if self.is_full => None,
             door => Some(door.link()),

@@ -12,12 +12,12 @@
 //! A client that did not ask for lock step gets the frames at once and is not waited for; what it sends comes when it comes,
 //! and a run with it repeats only if it stays silent.
 
-use can_link::{BusSpec, ClientId, Clock, Link, ServerEvent};
+use can_link::{BusSpec, CanLink, ClientId, Clock, ServerEvent};
 use protocol::{Duration, Frame, Instant};
 
 use super::door::{Door, Visit};
 use super::{NAP_MAX, Realtime, RealtimeError};
-use crate::crew::Crew;
+use crate::participants::Participants;
 use crate::world::Observer;
 
 /// The time that the servers at `specs` share: their clock, and for lock step the fewest clients; `None` in real time.
@@ -102,7 +102,7 @@ impl LockStep {
     }
 }
 
-impl<A: Crew> Realtime<A> {
+impl<A: Participants> Realtime<A> {
     /// As [`Realtime::turn`]: lets the clients and the world take turns until `until`, or for 50 ms of real time.
     pub(super) fn take_turns(
         &mut self,
@@ -118,7 +118,7 @@ impl<A: Crew> Realtime<A> {
                 self.world.run_until(quiet, &mut (&mut self.seen, &mut *observer))?;
                 self.clock.set(quiet);
             } else if step.waits_for_clients() {
-                let links: Vec<&dyn Link> = self.ports.iter().map(|port| port.door.link()).collect();
+                let links: Vec<&dyn CanLink> = self.ports.iter().map(|port| port.door.link()).collect();
                 can_link::wait(&links, &real, Some(end))?;
             } else {
                 self.send_said(step)?;
@@ -197,9 +197,9 @@ impl<A: Crew> Realtime<A> {
             said.extend(port.unasked.drain(..).map(|(client, frame)| (index, client, frame)));
         }
         if !said.is_empty() {
-            self.world.with_crew(|crew, _| {
+            self.world.with_participants(|participants, _| {
                 for (port, client, frame) in said {
-                    crew.1[port].node.take(Some(client), frame);
+                    participants.1[port].node.take(Some(client), frame);
                 }
             })?;
         }
@@ -223,13 +223,13 @@ impl<A: Crew> Realtime<A> {
         let own = &mut self.seen.own;
         let ports = self.ports.len();
         // For each door: when, which frame, and which client sent it.
-        let heard = self.world.with_crew(|crew, _| {
+        let heard = self.world.with_participants(|participants, _| {
             let mut heard = vec![Vec::new(); ports];
             for (port, at, frame) in own.drain(..) {
-                let sender = crew.1[port].node.sender_of(&frame);
+                let sender = participants.1[port].node.sender_of(&frame);
                 heard[port].push((at, frame, sender));
             }
-            for (port, gateway) in crew.1.iter_mut().enumerate() {
+            for (port, gateway) in participants.1.iter_mut().enumerate() {
                 heard[port].extend(gateway.node.received.drain(..).map(|(at, frame)| (at, frame, None)));
                 heard[port].sort_by_key(|(at, ..)| *at);
             }

@@ -25,8 +25,8 @@ pub use door::{Door, Gateway, Visit};
 pub use lockstep::{MixedTime, shared_time};
 
 use crate::bus::{BusConfig, ErrorKind};
-use crate::crew::{Crew, Solo};
 use crate::fault::Fault;
+use crate::participants::{Participants, Solo};
 use crate::world::{BuildError, Observer, RunError, World};
 use door::{AT_BUS_MAX, Port, Room};
 
@@ -131,24 +131,24 @@ impl std::fmt::Display for Lag {
     }
 }
 
-impl<A: Crew> Realtime<A> {
-    /// Puts `crew` on a bus whose time 0 is that of `clock`, with a gateway behind each of `doors`. `seed` feeds the
+impl<A: Participants> Realtime<A> {
+    /// Puts `participants` on a bus whose time 0 is that of `clock`, with a gateway behind each of `doors`. `seed` feeds the
     /// faults' random streams.
     ///
     /// # Errors
     ///
     /// As [`World::new`].
     pub fn new(
-        crew: A,
+        participants: A,
         config: BusConfig,
         seed: u64,
         plan: Vec<Fault>,
         doors: Vec<Door>,
         clock: Clock,
     ) -> Result<Self, BuildError> {
-        let first_gateway = crew.len();
+        let first_gateway = participants.len();
         let gateways = doors.iter().map(|door| Solo::new(door.name(), Gateway::default())).collect();
-        let mut world = World::new((crew, gateways), config, seed, plan)?;
+        let mut world = World::new((participants, gateways), config, seed, plan)?;
         for port in 0..doors.len() {
             world.keep_queue_short(first_gateway + port, AT_BUS_MAX);
         }
@@ -273,12 +273,12 @@ impl<A: Crew> Realtime<A> {
 
     /// Takes what the clients of a door have sent, as far as each has room in the gateway.
     fn take_in(&mut self, index: usize, observer: &mut impl Observer) -> Result<(), RealtimeError> {
-        let gateway = |crew: &(A, Vec<Solo<Gateway>>)| crew.1[index].node.waiting();
-        let mut room = Room::beside(gateway(self.world.crew()));
+        let gateway = |participants: &(A, Vec<Solo<Gateway>>)| participants.1[index].node.waiting();
+        let mut room = Room::beside(gateway(self.world.participants()));
         while let Some((client, frame)) = self.ports[index].next_frame(&room)? {
             room.use_one(client);
             let now = self.catch_up(observer)?;
-            self.world.with_crew(|crew, _| crew.1[index].node.take(client, frame))?;
+            self.world.with_participants(|participants, _| participants.1[index].node.take(client, frame))?;
             self.ports[index].note_request(&frame, now);
         }
         self.ports[index].is_full = !room.is_for(None);
@@ -289,16 +289,17 @@ impl<A: Crew> Realtime<A> {
     fn hand_out(&mut self) -> Result<(), RealtimeError> {
         let (own, ports) = (&mut self.seen.own, &mut self.ports);
         if !own.is_empty() {
-            self.world.with_crew(|crew, _| {
+            self.world.with_participants(|participants, _| {
                 for (port, at, frame) in own.drain(..) {
-                    let client = crew.1[port].node.sender_of(&frame);
+                    let client = participants.1[port].node.sender_of(&frame);
                     ports[port].own.push((at, client, frame));
                 }
             })?;
         }
         for index in 0..self.ports.len() {
-            let received =
-                self.world.with_crew(|crew, _| std::mem::take(&mut crew.1[index].node.received))?;
+            let received = self.world.with_participants(|participants, _| {
+                std::mem::take(&mut participants.1[index].node.received)
+            })?;
             let port = &mut self.ports[index];
             let mut own = std::mem::take(&mut port.own).into_iter().peekable();
             let now = self.clock.now();
@@ -328,8 +329,9 @@ impl<A: Crew> Realtime<A> {
         let bus = self.world.bus();
         let waiting = (0..self.ports.len()).any(|index| !bus.queue(first + index).is_empty());
         if bus.quiet_until_ns().is_none() && !waiting {
-            self.world
-                .with_crew(|crew, _| crew.1.iter_mut().for_each(|gateway| gateway.node.forget_lost()))?;
+            self.world.with_participants(|participants, _| {
+                participants.1.iter_mut().for_each(|gateway| gateway.node.forget_lost());
+            })?;
         }
         Ok(())
     }

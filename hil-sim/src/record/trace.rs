@@ -11,7 +11,6 @@ pub struct TraceEntry {
     pub at: Instant,
     /// Index of the sender.
     pub from: Option<u8>,
-    /// The frame.
     pub frame: Frame,
 }
 

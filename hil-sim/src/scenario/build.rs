@@ -6,7 +6,7 @@ use super::Scenario;
 use super::host::ScriptedHost;
 use crate::cell::{Cell, CellError};
 use crate::checker::{Checkers, ModuleLimits};
-use crate::crew::{Crew, Solo};
+use crate::participants::{Participants, Solo};
 use crate::world::{self, World};
 
 /// Why a scenario cannot run.
@@ -33,7 +33,7 @@ pub enum BuildError {
     },
 }
 
-/// Six drives and whoever talks to them.
+/// Six drives and the nodes that talk to them.
 pub type CellWith<N> = (Cell, Solo<N>);
 
 impl Scenario {
@@ -45,7 +45,7 @@ impl Scenario {
     }
 
     /// The cell on its bus with the scenario's faults, and further nodes beside it.
-    pub fn world_with<C: Crew>(&self, others: C) -> Result<World<(Cell, C)>, BuildError> {
+    pub fn world_with<C: Participants>(&self, others: C) -> Result<World<(Cell, C)>, BuildError> {
         World::new((self.cell()?, others), self.bus, self.seed, self.faults.clone())
             .map_err(|error| BuildError::World { file: self.file.clone(), error })
     }

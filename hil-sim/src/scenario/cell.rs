@@ -11,7 +11,7 @@ use super::values::{degrees, seconds};
 use super::{Problem, ScenarioError, Section};
 use crate::cell::CellOptions;
 use crate::drive::options::{
-    BeyondMaximum, BeyondSoftLimit, DriveOptions, HomeWhenHalted, InternalCommand, Persistence, Refusal,
+    BeyondMaximum, BeyondSoftLimit, DriveOptions, HomeWhenHalted, InternalCommand, Persistence, RefusedReply,
     SignOfLife, StateFrames, StepPath, UnknownRequest,
 };
 use crate::mechanics::{Elasticity, GripperOptions, MechanicsOptions, Scatter, SupplyOptions};
@@ -101,7 +101,8 @@ fn drive(table: &Section<'_>) -> Result<DriveOptions, ScenarioError> {
     Ok(DriveOptions {
         beyond_maximum: table.or("beyond_maximum", d.beyond_maximum, |v| v.word(&CLIP))?,
         beyond_soft_limit: table.or("beyond_soft_limit", d.beyond_soft_limit, |v| v.word(&SOFT))?,
-        refusal: table.or("refusal_code", d.refusal, |v| Ok(Refusal::Code(v.integer(0..=255)? as u8)))?,
+        refusal: table
+            .or("refusal_code", d.refusal, |v| Ok(RefusedReply::Code(v.integer(0..=255)? as u8)))?,
         unknown: table.or("unknown_request", d.unknown, |v| v.word(&UNKNOWN))?,
         persistence: table.or("persistence", d.persistence, |v| v.word(&PERSISTENCE))?,
         internal: table.or("internal_command", d.internal, |v| v.word(&INTERNAL))?,
@@ -180,6 +181,7 @@ fn gripper(table: &Section<'_>) -> Result<GripperOptions, ScenarioError> {
         jitter: table.or("jitter_s", d.jitter, |v| seconds(v, 10.0))?,
         drag_1_m: table.or("drag_1_m", d.drag_1_m, |v| v.number_in(0.0, 100.0))?,
         landing_z_m: table.optional("landing_z_m", |v| v.number_in(-100.0, 100.0))?,
+        landing_plane: None,
     })
 }
 

@@ -49,7 +49,7 @@ use std::path::Path;
 
 use protocol::{Duration, Frame, Instant};
 pub use toml_reader::Problem;
-use toml_reader::{Refusal, Section, Source, Value};
+use toml_reader::{DocumentError, Section, Source, Value};
 
 use crate::bus::{BusConfig, Recovery, TxOrder};
 use crate::cell::CellOptions;
@@ -61,7 +61,7 @@ pub use values::parse_frame;
 use values::{frames, period, seconds};
 
 /// A scenario was refused: where, and why.
-pub type ScenarioError = Refusal;
+pub type ScenarioError = DocumentError;
 
 /// Version of scenario files that this program reads.
 pub const SCHEMA_VERSION: i64 = 1;
@@ -101,7 +101,6 @@ pub struct Scenario {
     pub cell: CellOptions,
     /// What a scripted host sends.
     pub actions: Vec<Action>,
-    /// What goes wrong.
     pub faults: Vec<Fault>,
     /// What must hold.
     pub expect: Expect,
@@ -133,7 +132,7 @@ impl Scenario {
         let file = path.display().to_string();
         match toml_reader::read_text(path, toml_reader::DESCRIPTION_MAX_BYTES) {
             Ok(text) => Self::from_toml(&file, &text),
-            Err(error) => Err(Refusal::of_file(&file, Problem::Unreadable(error.to_string()))),
+            Err(error) => Err(DocumentError::of_file(&file, Problem::Unreadable(error.to_string()))),
         }
     }
 

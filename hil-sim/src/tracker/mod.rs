@@ -14,6 +14,6 @@ pub mod scene;
 pub mod serve;
 pub mod server;
 
-pub use options::{BodyOptions, Motion, TrackerFault, TrackerFaultKind, TrackerOptions};
+pub use options::{BodyMotion, BodyOptions, TrackerFault, TrackerFaultKind, TrackerOptions};
 pub use scenario::TrackerScenario;
 pub use server::{Connection, Tracker};

@@ -4,7 +4,7 @@ use protocol::{Duration, Instant};
 
 /// How a body moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Motion {
+pub struct BodyMotion {
     /// Position at time zero, mm.
     pub position_mm: [f64; 3],
     /// Rotation body to room as a unit quaternion, w first.
@@ -17,7 +17,7 @@ pub struct Motion {
     pub swing_period: Duration,
 }
 
-impl Motion {
+impl BodyMotion {
     /// At rest, axes parallel to the room's.
     #[must_use]
     pub const fn at_rest(position_mm: [f64; 3]) -> Self {
@@ -37,25 +37,17 @@ pub struct BodyOptions {
     /// Number, from 0.
     pub id: u32,
     /// How it moves.
-    pub motion: Motion,
+    pub motion: BodyMotion,
 }
 
-/// What goes wrong.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum TrackerFaultKind {
     /// The body is not seen at all.
-    Lost {
-        /// Number.
-        body: u32,
-    },
+    Lost { body: u32 },
     /// The body is seen and not recognised: its spheres are listed as single markers.
-    Unrecognised {
-        /// Number.
-        body: u32,
-    },
+    Unrecognised { body: u32 },
     /// The body stands elsewhere.
     Moved {
-        /// Number.
         body: u32,
         /// By how much, mm.
         by_mm: [f64; 3],
@@ -66,25 +58,18 @@ pub enum TrackerFaultKind {
         by_mm: [f64; 3],
     },
     /// Reflections are taken for markers.
-    FalseMarkers {
-        /// How many.
-        count: u32,
-    },
+    FalseMarkers { count: u32 },
     /// Datagrams are lost on the network.
     FramesLost,
     /// Datagrams come later.
-    Delayed {
-        /// By how much.
-        by: Duration,
-    },
-    /// The tracker starts again: the frame counter begins anew. Its length does not matter.
+    Delayed { by: Duration },
+    /// The tracker starts again: the frame counter begins again. Its length does not matter.
     Restart,
 }
 
 /// A fault, and when.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackerFault {
-    /// What goes wrong.
     pub kind: TrackerFaultKind,
     /// From this time on.
     pub from: Instant,
@@ -121,9 +106,7 @@ pub struct TrackerOptions {
     pub divisor: u64,
     /// The measurement runs from the beginning, without a command.
     pub running: bool,
-    /// The bodies.
     pub bodies: Vec<BodyOptions>,
-    /// What goes wrong.
     pub faults: Vec<TrackerFault>,
     /// Names of configurations; the first is active.
     pub configurations: Vec<String>,

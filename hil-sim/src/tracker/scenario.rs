@@ -27,10 +27,10 @@ use std::path::Path;
 
 use protocol::{Duration, Instant};
 use robot_model::Pose;
-use toml_reader::{DESCRIPTION_MAX_BYTES, Problem, Refusal, Section, Source, Value, read_text};
+use toml_reader::{DESCRIPTION_MAX_BYTES, DocumentError, Problem, Section, Source, Value, read_text};
 use tracker_protocol::pose::quaternion_of_columns;
 
-use super::options::{BodyOptions, Motion, TrackerFault, TrackerFaultKind, TrackerOptions};
+use super::options::{BodyMotion, BodyOptions, TrackerFault, TrackerFaultKind, TrackerOptions};
 use crate::scenario::values::{period, seconds};
 
 /// Version of these files that this program reads.
@@ -40,7 +40,7 @@ const MAX_S: f64 = 1e6;
 const MAX_MM: f64 = 1e5;
 
 /// A file was refused: where, and why.
-pub type TrackerScenarioError = Refusal<Problem>;
+pub type TrackerScenarioError = DocumentError<Problem>;
 
 /// Everything that a run depends on.
 #[derive(Clone, Debug, PartialEq)]
@@ -60,7 +60,7 @@ impl TrackerScenario {
         let file = path.display().to_string();
         match read_text(path, DESCRIPTION_MAX_BYTES) {
             Ok(text) => Self::from_toml(&file, &text),
-            Err(error) => Err(Refusal::of_file(&file, Problem::Unreadable(error.to_string()))),
+            Err(error) => Err(DocumentError::of_file(&file, Problem::Unreadable(error.to_string()))),
         }
     }
 
@@ -85,7 +85,7 @@ impl TrackerScenario {
             options.bodies.push(body);
         }
         for table in root.sections("fault")? {
-            let fault = fault(&table, &options.bodies)?;
+            let fault = tracker_fault(&table, &options.bodies)?;
             options.faults.push(fault);
         }
         let scenario = Self { options, seed: root.or("seed", 0, Value::count)? };
@@ -94,7 +94,7 @@ impl TrackerScenario {
     }
 }
 
-fn tracker(table: &Section<'_>) -> Result<TrackerOptions, TrackerScenarioError> {
+pub(crate) fn tracker(table: &Section<'_>) -> Result<TrackerOptions, TrackerScenarioError> {
     let d = TrackerOptions::default();
     let configurations = table.optional("configurations", |value| {
         let names: Vec<String> =
@@ -137,7 +137,7 @@ fn position(value: &Value<'_>) -> Result<[f64; 3], TrackerScenarioError> {
 }
 
 fn body(table: &Section<'_>) -> Result<BodyOptions, TrackerScenarioError> {
-    let d = Motion::at_rest([0.0; 3]);
+    let d = BodyMotion::at_rest([0.0; 3]);
     let rpy_deg: [f64; 3] = table.or("rpy_deg", [0.0; 3], Value::numbers)?;
     let matrix = Pose::from_rpy(rpy_deg.map(f64::to_radians), nalgebra::Vector3::zeros()).rot;
     let columns: [f64; 9] = std::array::from_fn(|i| matrix[(i % 3, i / 3)]);
@@ -145,7 +145,7 @@ fn body(table: &Section<'_>) -> Result<BodyOptions, TrackerScenarioError> {
         .map_err(|error| table.error("rpy_deg", Problem::Invalid(error.to_string())))?;
     let body = BodyOptions {
         id: table.required("id", |v| Ok(v.integer(0..=999)? as u32))?,
-        motion: Motion {
+        motion: BodyMotion {
             position_mm: table.required("position_mm", position)?,
             rotation_wxyz,
             velocity_mm_s: table.or("velocity_mm_s", d.velocity_mm_s, position)?,
@@ -169,7 +169,10 @@ enum Kind {
     Restart,
 }
 
-fn fault(table: &Section<'_>, bodies: &[BodyOptions]) -> Result<TrackerFault, TrackerScenarioError> {
+pub(crate) fn tracker_fault(
+    table: &Section<'_>,
+    bodies: &[BodyOptions],
+) -> Result<TrackerFault, TrackerScenarioError> {
     const KINDS: [(&str, Kind); 8] = [
         ("lost", Kind::Lost),
         ("unrecognised", Kind::Unrecognised),

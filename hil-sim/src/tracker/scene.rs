@@ -38,7 +38,12 @@ pub struct Scene {
     next_marker: u32,
     /// Numbers of markers that were seen in the last frame, by what they are.
     known: Vec<((u32, usize), u32)>,
+    /// Markers on no body, mm: where they are at the next flash.
+    loose_mm: Vec<[f64; 3]>,
 }
+
+/// What a loose marker counts as among the bodies' spheres.
+const LOOSE: u32 = u32::MAX - 1;
 
 impl Scene {
     /// Each kind of chance has its own random stream.
@@ -55,7 +60,14 @@ impl Scene {
             places: Rng::stream(seed, "tracker false markers"),
             next_marker: 1,
             known: Vec::new(),
+            loose_mm: Vec::new(),
         }
+    }
+
+    /// Single markers that the next flash shows, mm in the room.
+    pub fn place_markers(&mut self, at_mm: &[[f64; 3]]) {
+        self.loose_mm.clear();
+        self.loose_mm.extend_from_slice(at_mm);
     }
 
     /// True position (mm) and rotation of a body at `at`; `None` if there is none.
@@ -122,6 +134,10 @@ impl Scene {
             }
             let angles_deg = Some(angles_deg(&rotation));
             seen.bodies.push(Body { id, quality: 1.0, position_mm: measured, angles_deg, rotation });
+        }
+        for (index, position_mm) in self.loose_mm.clone().into_iter().enumerate() {
+            let measured = self.measure(&position_mm, &bias_mm);
+            seen.markers.push(self.marker((LOOSE, index), measured, &mut known));
         }
         for index in 0..false_markers {
             let position_mm = std::array::from_fn(|_| (2.0 * self.places.unit() - 1.0) * ROOM_MM);

@@ -94,6 +94,16 @@ impl Tracker {
         self.scene.truth(body, at)
     }
 
+    /// Single markers that the next flash shows, mm in the room.
+    pub fn place_markers(&mut self, at_mm: &[[f64; 3]]) {
+        self.scene.place_markers(at_mm);
+    }
+
+    /// Time of the next flash; `None` while the measurement does not run.
+    pub fn next_flash(&self) -> Option<Instant> {
+        self.next_flash
+    }
+
     /// Whether the measurement runs.
     pub fn is_measuring(&self) -> bool {
         self.next_flash.is_some()

@@ -1,12 +1,12 @@
 //! One or more drives on a bench or an arm, a clock, and frames without a bus.
 #![allow(dead_code, reason = "each test file uses its own part of the rig")]
 
-use hil_sim::crew::Crew;
-use hil_sim::drive::Drive;
+use hil_sim::drive::PowerCubeDrive;
+use hil_sim::participants::Participants;
 use hil_sim::{Cell, CellOptions};
 use protocol::powercube::{
-    Broadcast, Channel, Config, CubeState, Motion, MotionCommand, Parameter, Reply, Request, SimpleCommand,
-    Value,
+    Broadcast, Channel, Config, CubeState, MotionCommand, MotionRequest, Parameter, Reply, Request,
+    SimpleCommand, Value,
 };
 use protocol::units::{RadPerSec, Radians};
 use protocol::{Duration, Frame, Instant, ModuleId, StandardId};
@@ -58,11 +58,11 @@ impl Rig {
         rig
     }
 
-    pub(crate) fn drive(&self) -> &Drive {
+    pub(crate) fn drive(&self) -> &PowerCubeDrive {
         &self.cell.drives()[0]
     }
 
-    pub(crate) fn drive_mut(&mut self) -> &mut Drive {
+    pub(crate) fn drive_mut(&mut self) -> &mut PowerCubeDrive {
         self.cell.drive_mut(0).unwrap()
     }
 
@@ -169,11 +169,13 @@ impl Rig {
     }
 
     pub(crate) fn move_to(&mut self, target: f64) -> Option<Reply> {
-        self.ask(Request::Move(Motion::extended(MotionCommand::Ramp { target: Radians::new(target as f32) })))
+        self.ask(Request::Move(MotionRequest::extended(MotionCommand::Ramp {
+            target: Radians::new(target as f32),
+        })))
     }
 
     pub(crate) fn velocity(&mut self, v: f64) -> Option<Reply> {
-        self.ask(Request::Move(Motion::extended(MotionCommand::Velocity(RadPerSec::new(v as f32)))))
+        self.ask(Request::Move(MotionRequest::extended(MotionCommand::Velocity(RadPerSec::new(v as f32)))))
     }
 
     /// True joint angle.

@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 
 use hil_sim::krc::options::{KrcOptions, Space};
 use hil_sim::krc::{
-    Bench, Client, Event, FaultCause, Krc, Link, LinkFault, LinkOptions, Reply, RobotFault, State,
+    Bench, Client, DatagramLink, FaultCause, Krc, KrcEvent, LinkFault, LinkOptions, Reply, RobotFault, State,
 };
 use protocol::{Duration, Instant};
 use robot_model::RobotModel;
@@ -148,7 +148,7 @@ impl Rig {
             Space::Base | Space::Tool => ("RKorr", ["X", "Y", "Z", "A", "B", "C"]),
         };
         let client = Scripted { element, names, script, received: Vec::new(), full: 0, bytes: Vec::new() };
-        let link = Link::new(self.link, &self.link_faults, self.seed);
+        let link = DatagramLink::new(self.link, &self.link_faults, self.seed);
         let mut bench = Bench::new(krc, link, &self.robot_faults, client);
         bench.start();
         bench
@@ -156,17 +156,17 @@ impl Rig {
 }
 
 /// The first fault and its time.
-pub fn fault(events: &[Event]) -> Option<(Instant, FaultCause)> {
+pub fn fault(events: &[KrcEvent]) -> Option<(Instant, FaultCause)> {
     events.iter().find_map(|event| match event {
-        Event::Fault { at, cause } => Some((*at, *cause)),
+        KrcEvent::Fault { at, cause } => Some((*at, *cause)),
         _ => None,
     })
 }
 
 /// Words of all refused answers, in order.
-pub fn refused(events: &[Event]) -> Vec<&'static str> {
-    let word = |event: &Event| match event {
-        Event::Refused { why, .. } => Some(why.name()),
+pub fn refused(events: &[KrcEvent]) -> Vec<&'static str> {
+    let word = |event: &KrcEvent| match event {
+        KrcEvent::Refused { why, .. } => Some(why.name()),
         _ => None,
     };
     events.iter().filter_map(word).collect()

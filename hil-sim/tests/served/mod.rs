@@ -3,7 +3,7 @@
 use std::io::{BufRead, BufReader, Lines, Write};
 use std::process::{Child, ChildStdout, Command, Stdio};
 
-use can_link::{BusSpec, Clock, Event, Link, open, wait};
+use can_link::{BusSpec, CanLink, Clock, LinkEvent, open, wait};
 use protocol::{Duration, Frame, StandardId};
 
 /// Longer than anything here takes on a busy machine: only a hang reaches it.
@@ -78,7 +78,7 @@ impl Drop for Server {
 
 /// One participant behind a door.
 pub(crate) struct Client {
-    pub(crate) link: Box<dyn Link + Send>,
+    pub(crate) link: Box<dyn CanLink + Send>,
     clock: Clock,
 }
 
@@ -92,8 +92,8 @@ impl Client {
         let until = self.clock.now() + patience;
         loop {
             match self.link.receive().unwrap() {
-                Some(Event::Frame { frame, .. }) => return Some(frame),
-                Some(Event::BusError { .. }) => {}
+                Some(LinkEvent::Frame { frame, .. }) => return Some(frame),
+                Some(LinkEvent::BusError { .. }) => {}
                 None if self.clock.now() >= until => return None,
                 None => wait(&[&*self.link], &self.clock, Some(until)).unwrap(),
             }

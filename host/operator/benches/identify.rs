@@ -11,7 +11,7 @@ use std::time::Instant;
 use operator::bus::BusArgs;
 use operator::bus::args::CellArgs;
 use operator::identify::experiment::Bounds;
-use operator::identify::joint::{Wish, identify};
+use operator::identify::joint::{JointExperiments, identify};
 use rayon::prelude::*;
 use robot_model::AnyRobot;
 use tuner::identify::current::CurrentConstant;
@@ -43,7 +43,9 @@ fn one(robot: &AnyRobot, joint: usize, seed: u64) -> Option<Run> {
     cell.setup.cell.drive.current_noise_a = NOISE_A;
     let mut session = BusArgs::default().open_cell(&cell, None).ok()?;
     let bounds = Bounds { current_share: 0.8, speed_share: 0.8, bit_rate_bit_s: 1e6 };
-    let found = identify(&mut session, robot, &Wish { joint, bounds, level: LEVEL }, &mut |_, _| {}).ok()?;
+    let found =
+        identify(&mut session, robot, &JointExperiments { joint, bounds, level: LEVEL }, &mut |_, _| {})
+            .ok()?;
     let of = |constant: CurrentConstant| constant.k;
     Some(Run { k_b: found.k_b.ok().map(of), k_m: found.k_m.map(|k_m| k_m.ok().map(of)) })
 }

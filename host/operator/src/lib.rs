@@ -4,19 +4,27 @@
 //! An arrow goes from user to used; none goes up.
 //!
 //! ```text
-//! rsi                                  an industrial robot behind its sensor interface, and its throw
+//! rally                                one arm throws, another catches, in virtual time
 //!   |
 //!   v
-//! throw                 identify       jobs: from a plan to where the ball landed; measuring a drive
-//!   |    \                /
-//!   |     v              v
-//!   |    dialogue ------------------   questions to drives, orders to a controller
+//! rsi    flight_estimator              an industrial robot behind its sensor interface, and its throw; a ball seen by a tracker
+//!   |
+//!   v
+//! throw    tracker      identify       targets from an optical tracker; jobs: from a plan to where the ball landed; measuring a drive
+//!   |   \                 |
+//!   |    v                |
+//!   |   port              |            what a job needs of a controller: on a bus, or in this program
+//!   |     \               v
+//!   |     dialogue ------------------  questions to drives, orders to a controller
 //!   |        |
 //!   v        v
-//! analysis  bus                        a recorded run against its plan; sessions in virtual and real time
-//!      \    /  \
-//!       v  v    v
-//!       log    node                    recordings, and what their frames say; the host's node, without IO
+//! analysis  bus   live                 a run against its plan; sessions in virtual and real time; the live view of a bus
+//!   |       /  \  |
+//!   v      /    \ |
+//! samples /      \|                    what was measured and told during a run, whatever the link
+//!      \ /        \
+//!       v          v
+//!       log       node                 recordings, and what their frames say; the host's node, without IO
 //!        |
 //!        v
 //!       tap                            who sees the frames of a session
@@ -25,9 +33,15 @@
 pub mod analysis;
 pub mod bus;
 pub mod dialogue;
+pub mod flight_estimator;
 pub mod identify;
+pub mod live;
 pub mod log;
 pub mod node;
+pub mod port;
+pub mod rally;
 pub mod rsi;
+pub mod samples;
 pub mod tap;
 pub mod throw;
+pub mod tracker;

@@ -1,42 +1,34 @@
 //! The analysis against logs whose truth is known: one made by hand from closed forms, and one of the simulated cell
 //! whose own state is written down beside it.
 
+mod common;
+
 use std::path::{Path, PathBuf};
 
+use firmware::events::PlanEvents;
 use firmware::joints::PerJoint;
 use firmware::settings::Settings;
 use firmware::spline::Knot;
 use firmware::trajectory_format::{FILE_LEN_MAX, Header, encode};
 use hil_sim::CellOptions;
-use nalgebra::Vector3;
 use operator::analysis::{self, AnalysisError, PlanClock, Run, bus, start::StartFrom};
 use operator::bus::{BusArgs, Session};
 use operator::log::candump::{Line, read};
+use operator::samples::Samples;
+use planner::plan::Arm;
 use planner::plan::file::PlanFile;
-use planner::plan::problem::{Options, Problem};
-use planner::plan::search::{Budget, Planner, Watch};
-use planner::plan::statistics::Noise;
-use planner::plan::{Arm, seeds};
-use planner::verify::motion;
 use protocol::cyphal::cubecell::command;
 use protocol::cyphal::cubecell::group_state::{self, GroupState, State};
 use protocol::cyphal::id::{NodeId, Priority, Route, TransferId};
 use protocol::cyphal::tx::{TxMeta, TxQueue};
 use protocol::powercube::{
-    Dio, Motion, MotionCommand, MotionKind, MotionPosition, Parameter, Reply, Request, ShortState, Value,
+    Dio, MotionCommand, MotionKind, MotionPosition, MotionRequest, Parameter, Reply, Request, ShortState,
+    Value,
 };
 use protocol::units::Radians;
 use protocol::{Duration, Frame, Instant, JointIndex, ModuleId, bits};
 
-fn plan() -> (Arm, PlanFile) {
-    let arm = Arm::load("powercube6").expect("built in");
-    let problem = Problem::new(&arm, Vector3::new(1.0, 1.0, -1.0), Options::best()).expect("valid");
-    let budget = Budget { starts: 2, all: false, time: None, seed: 1 };
-    let best =
-        Planner::new(&problem).search(&seeds::built_in(&arm), &budget, &Watch::default()).expect("in reach");
-    let file = PlanFile::of(&problem, &best, "powercube6", 1, &Noise::default(), None).expect("lands");
-    (arm, file)
-}
+use common::plan;
 
 // ---- By hand ----
 
@@ -105,7 +97,7 @@ fn log_by_hand(arm: &Arm, plan: &PlanFile) -> Vec<Line> {
             let module = ModuleId::new(drive.address).unwrap();
             let asked_us = cycle_us + 400 * j as u64;
             let target = Radians::new(0.0);
-            let request = Request::Move(Motion::extended(MotionCommand::Ramp { target }));
+            let request = Request::Move(MotionRequest::extended(MotionCommand::Ramp { target }));
             maker.frame(asked_us, request.encode(module));
             let answered_us = asked_us + LATENCY_US;
             let reply_at = |q_rad: f64| {
@@ -116,7 +108,7 @@ fn log_by_hand(arm: &Arm, plan: &PlanFile) -> Vec<Line> {
             // A few stuff bits more or less do not matter here: 5 µs at 2 rad/s are 0.01 mrad.
             let took_us = u64::from(bits::length(&reply_at(1.0)).frame());
             let t_s = (answered_us - took_us) as f64 * 1e-6 - START_US as f64 * 1e-6;
-            let q_rad = motion::at(plan, t_s).q[j] - error(t_s, j).0;
+            let q_rad = motion(plan).at(t_s).q[j] - error(t_s, j).0;
             maker.frame(answered_us, reply_at(q_rad));
         }
         if k % 33 == 0 {
@@ -137,26 +129,22 @@ fn log_by_hand(arm: &Arm, plan: &PlanFile) -> Vec<Line> {
     maker.lines
 }
 
-/// A whole log, its start to be found, its drives as in the robot file.
-fn whole<'a>(lines: &'a [Line], plan: &'a PlanFile, arm: &'a Arm) -> Run<'a> {
-    Run {
-        lines,
-        plan,
-        arm,
-        start: None,
-        drives: None,
-        gripper_opening: None,
-        bit_rate_bit_s: 1_000_000,
-        certified: None,
-    }
+/// Samples of a log, its drives as in the robot file.
+fn samples(lines: &[Line], arm: &Arm) -> Samples {
+    Samples::of_log(lines.to_vec(), analysis::drives_of(arm).unwrap(), arm, 1_000_000)
+}
+
+/// A whole run, its start to be found.
+fn whole<'a>(samples: &'a Samples, plan: &'a PlanFile, arm: &'a Arm) -> Run<'a> {
+    Run { samples, plan, arm, start: None, gripper_opening: None, certified: None }
 }
 
 #[test]
 fn a_log_made_from_closed_forms_gives_them_back() {
     let (arm, plan) = plan();
     let lines = log_by_hand(&arm, &plan);
-    let run = whole(&lines, &plan, &arm);
-    let analysis = analysis::analyse(&run).unwrap();
+    let samples = samples(&lines, &arm);
+    let analysis = analysis::analyse(&whole(&samples, &plan, &arm)).unwrap();
 
     assert_eq!(analysis.start_from, StartFrom::Telemetry);
     let start_off_s = analysis.start_log_s - START_US as f64 * 1e-6;
@@ -182,16 +170,13 @@ fn a_log_made_from_closed_forms_gives_them_back() {
 
     let cycles = analysis.cycles.period_s.unwrap();
     assert!((cycles.median - 3e-3).abs() < 1e-9 && analysis.cycles.deviation_s.unwrap().max < 1e-9);
-    let latency = analysis.answers.latency_s.unwrap();
+    let answers = analysis.answers.as_ref().unwrap();
+    let latency = answers.latency_s.unwrap();
     assert!((latency.median - LATENCY_US as f64 * 1e-6).abs() < 1e-9 && latency.max - latency.min < 1e-9);
-    assert_eq!((analysis.answers.unanswered, analysis.answers.by_module.len()), (0, 6));
+    assert_eq!((answers.unanswered, answers.by_module.len()), (0, 6));
     // Nobody asked for the currents of this log, one per cycle; those of the first 20 ms may be answers to before.
     let currents = ((plan.end_time_s - 0.02) / 3e-3) as usize;
-    assert!(
-        (currents - 2..=currents + 2).contains(&analysis.answers.unasked),
-        "{}",
-        analysis.answers.unasked
-    );
+    assert!((currents - 2..=currents + 2).contains(&answers.unasked), "{}", answers.unasked);
 
     // The first supply feeds joints 1 to 3, the second the others: 1 + 2 + 3 and 4 + 5 + 6 A.
     let peaks: Vec<f64> = analysis.supplies.iter().map(|s| s.measured_peak_a.unwrap()).collect();
@@ -210,19 +195,23 @@ fn a_log_without_a_run_or_without_a_drive_says_so() {
     let (arm, plan) = plan();
     let mut lines = log_by_hand(&arm, &plan);
     let analyse = |lines: &[Line], start| {
-        let run = Run { start, ..whole(lines, &plan, &arm) };
-        analysis::analyse(&run).map(drop)
+        let samples = samples(lines, &arm);
+        analysis::analyse(&Run { start, ..whole(&samples, &plan, &arm) }).map(drop)
     };
     assert_eq!(analyse(&[], None), Err(AnalysisError::Empty));
     let third = arm.drives().unwrap()[2].address;
     lines.retain(|line| line.frame.id().raw() != 0x0A0 + u32::from(third));
     let joint = arm.joints()[2].name.clone();
-    assert_eq!(analyse(&lines, None), Err(AnalysisError::Silent { joint, module: third }));
+    assert_eq!(analyse(&lines, None), Err(AnalysisError::Silent { joint, module: Some(third) }));
     lines.retain(|line| !line.frame.is_extended());
     assert_eq!(analyse(&lines, None), Err(AnalysisError::NoRun));
 }
 
 // ---- The simulated cell ----
+
+fn motion(plan: &PlanFile) -> planner::motion::Motion {
+    plan.motion.to_motion()
+}
 
 /// The plan as a controller's file: its knots are where its cubics meet.
 fn trajectory(plan: &PlanFile) -> Vec<u8> {
@@ -230,7 +219,7 @@ fn trajectory(plan: &PlanFile) -> Vec<u8> {
     let knots: Vec<Knot> = [0.0, plan.release_time_s, plan.end_time_s]
         .into_iter()
         .map(|t_s| {
-            let sample = motion::at(plan, t_s);
+            let sample = motion(plan).at(t_s);
             let mut state = PerJoint::default();
             for joint in JointIndex::first(6) {
                 let qd = if t_s == plan.release_time_s { sample.qd[joint.get()] } else { 0.0 };
@@ -242,8 +231,9 @@ fn trajectory(plan: &PlanFile) -> Vec<u8> {
     let header = Header {
         joints: 6,
         period_us: settings.cycle_period_us,
-        release_us: Some(knots[1].t_us),
+        events: PlanEvents::release(Some(knots[1].t_us)),
         robot_crc32: settings.robot_crc32,
+        envelope: None,
     };
     let mut bytes = vec![0; FILE_LEN_MAX];
     let len = encode(&header, &knots, &mut bytes).unwrap();
@@ -265,7 +255,7 @@ fn throw_in_the_cell(plan: &PlanFile, folder: &Path) -> (Session, Vec<Truth>) {
     let mut options = CellOptions::default();
     options.drive.starts_homed = true;
     options.gripper.jitter = Duration::ZERO;
-    options.start_q_rad = Some(motion::at(plan, 0.0).q.iter().copied().collect());
+    options.start_q_rad = Some(motion(plan).at(0.0).q.iter().copied().collect());
     let args = BusArgs { record: Some(folder.join("log")), ..BusArgs::default() };
     let mut cell = args.cell.load().unwrap();
     cell.setup.cell = options;
@@ -304,8 +294,8 @@ fn a_throw_in_the_cell_is_measured_as_the_cell_itself_has_it() {
 
     let log = std::fs::File::open(folder.join("log.candump")).unwrap();
     let lines = read(std::io::BufReader::new(log)).unwrap().lines;
-    let run = whole(&lines, &plan, &arm);
-    let analysis = analysis::analyse(&run).unwrap();
+    let samples = samples(&lines, &arm);
+    let analysis = analysis::analyse(&whole(&samples, &plan, &arm)).unwrap();
     assert!(analysis.completed && analysis.fault.is_none(), "{:#?}", analysis.events);
 
     let (mut q_worst, mut v_worst) = (0.0_f64, 0.0_f64);

@@ -1,5 +1,7 @@
 //! Orders to the soft controller over the wire: boot, home, upload, commit, arm, run, follow.
 
+mod common;
+
 use firmware::authority::Key;
 use firmware::fault::Cause;
 use firmware::joints::PerJoint;
@@ -10,32 +12,25 @@ use operator::bus::{BusArgs, Session};
 use operator::dialogue::history::describe;
 use operator::dialogue::operator::OperatorError;
 use operator::dialogue::registers::Numbers;
-use protocol::cyphal::cubecell::command::STOP;
+use protocol::cyphal::cubecell::command::{RUN, STOP};
 use protocol::cyphal::cubecell::group_state::State;
-use protocol::cyphal::id::NodeId;
+use protocol::cyphal::uavcan::diagnostic::Severity;
 use protocol::{Duration, JointIndex};
 
-/// A session with a homed group.
-fn homed() -> (Session, NodeId) {
-    let mut session = BusArgs::default().open_with_controller().unwrap();
-    let node = session.find_controller(None).unwrap();
-    session.wait_for(Duration::from_secs(10), &|state| state != State::Boot).unwrap();
-    session.home_group(node, 0x3F, Duration::from_secs(120)).unwrap();
-    (session, node)
-}
+use common::homed;
 
 /// Stands where the arm stands, for half a second.
 fn standing(session: &mut Session, offset_rad: f32) -> Vec<u8> {
     let settings = Settings::powercube6();
     let mut q_rad = PerJoint::<f32>::default();
-    for (joint, heard) in JointIndex::first(6).zip(session.desk().heard().values()) {
+    for (joint, heard) in JointIndex::first(6).zip(session.host_node().heard().values()) {
         *q_rad.at_mut(joint) = heard.position_rad.unwrap() + offset_rad;
     }
     let header = Header {
         joints: 6,
         period_us: settings.cycle_period_us,
-        release_us: None,
         robot_crc32: settings.robot_crc32,
+        ..Header::default()
     };
     let mut bytes = vec![0; FILE_LEN_MAX];
     let len = encode(&header, &rest(q_rad, 500_000), &mut bytes).unwrap();
@@ -117,11 +112,35 @@ fn a_controller_that_homes_bears_answers_that_get_lost_now_and_then() {
 }
 
 #[test]
-fn without_a_controller_the_operator_is_told_what_still_works() {
+fn without_a_controller_the_operator_is_told_which_verbs_bring_their_own() {
     let mut session = BusArgs::default().open().unwrap();
     let error = session.find_controller(None).unwrap_err();
     assert!(matches!(error, OperatorError::NoController));
-    assert!(error.to_string().contains("only scan, home, jog and stop work"));
+    assert!(error.to_string().contains("use one in this program"));
+}
+
+#[test]
+fn a_host_that_is_late_hears_the_warning_of_the_controller_and_its_run_goes_on() {
+    let (mut session, node) = homed();
+    let file = standing(&mut session, 0.0);
+    let name = session.upload(node, &file, &mut |_, _| {}).unwrap();
+    session.arm(node, &name).unwrap();
+    session.order(node, "to run", RUN, &name).unwrap();
+    session.pass(Duration::from_millis(150)).unwrap();
+    assert!(session.take_said().is_empty(), "a host in time is not warned");
+    // Two heartbeats of 30 ms are left out: more than half of 100 ms, and less than all of it.
+    session.host_node().listen_only();
+    session.pass(Duration::from_millis(50)).unwrap();
+    session.host_node().speak();
+    session.pass(Duration::from_millis(100)).unwrap();
+    assert_eq!(session.group().unwrap().state, State::Running);
+    let said = session.take_said();
+    assert_eq!(said.len(), 1, "{said:?}");
+    assert_eq!(
+        (said[0].1.severity, said[0].1.text.as_str()),
+        (Severity::Warning, "host late: over half of host.timeout_us")
+    );
+    session.wait_for(Duration::from_secs(5), &|state| state == State::Ready).unwrap();
 }
 
 /// The cause with which the controller refused.

@@ -12,7 +12,6 @@ use operator::throw::Outcome;
 use protocol::{Duration, Instant};
 use rsi_common::{HIT_M, TARGET, error_m, plan, scenario, thrown};
 
-/// What goes wrong.
 #[derive(Clone, Copy, Debug)]
 enum Kind {
     Link(Direction, LinkFaultKind),
@@ -98,7 +97,7 @@ fn every_fault_in_every_phase_is_told_and_resumes_nothing() {
                 };
                 *told.entry(word.to_owned()).or_default() += 1;
                 row.push(word);
-                // After a new start of the program its set points stay where it began, until somebody clears the fault.
+                // After a new start of the program its set points stay where it began, until the fault is cleared.
                 if matches!(kind, Kind::Restart) && phase != "waiting" {
                     let after: Vec<_> = seen.cycles.iter().filter(|cycle| cycle.at > from).collect();
                     let begins = after.windows(2).position(|pair| pair[1].ipoc < pair[0].ipoc);
@@ -121,4 +120,43 @@ fn every_fault_in_every_phase_is_told_and_resumes_nothing() {
         told.get("landed").is_some_and(|n| *n >= 20) && told.get("stopped").is_some_and(|n| *n >= 20),
         "{told:?}"
     );
+}
+
+/// A robot that takes any step of its set points: what ends a path is the client alone.
+#[test]
+fn one_late_answer_at_any_speed_is_caught_up_or_told_and_the_axes_end_on_the_path() {
+    let (_, nominal) = thrown(&scenario(1));
+    let Stage::Finished { started_at } = *nominal.stage() else { panic!("{:?}", nominal.stage()) };
+    let last = plan().steps.last().expect("steps").q_rad;
+    let mut fastest_caught_up = 0.0_f64;
+    for k in (2..plan().steps.len() - 2).step_by(12) {
+        let mut scenario = scenario(1);
+        scenario.options.cut_out.acceleration_deg_s2 = [1e9; 6];
+        scenario.options.cut_out.jerk_deg_s3 = [1e12; 6];
+        scenario.options.cut_out.velocity_deg_s = Some([1e6; 6]);
+        let at = started_at + Duration::from_micros((plan().steps[k].t_s * 1e6) as u64);
+        // The set point of a step is in force before the axes are there.
+        let from = at.saturating_sub(Duration::from_millis(96));
+        let until = from + Duration::from_millis(12);
+        let (kind, direction) = (LinkFaultKind::Lost, Direction::ToRobot);
+        scenario.link_faults = vec![LinkFault { kind, direction, from, until, probability: 1.0 }];
+        let (seen, station) = thrown(&scenario);
+        assert_eq!(seen.late, 1, "step {k}");
+        let fastest = plan().steps[k].qd_rad_s.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+        match station.stage() {
+            Stage::Finished { .. } => {
+                let end = seen.cycles.last().expect("cycles").actual_deg;
+                let away = (0..6).map(|i| (end[i].to_radians() - last[i]).abs()).fold(0.0, f64::max);
+                assert!(away < 1e-3, "step {k}: {away} rad beside the end of the path");
+                fastest_caught_up = fastest_caught_up.max(fastest);
+            }
+            Stage::Stopped { fault } => {
+                assert_eq!(fault.cause, firmware::fault::Cause::FollowingError, "step {k}");
+            }
+            other => panic!("step {k}: {other:?}"),
+        }
+        println!("step {k}, {fastest:.2} rad/s: {:?}", station.stage());
+    }
+    // An axis with 2 rad/s falls 0.08 rad behind until the cap lets it have its speed again.
+    assert!(fastest_caught_up > 2.0, "{fastest_caught_up}");
 }

@@ -1,6 +1,6 @@
 //! Tables of throws that follow the flight: both forms over targets, and the paper form over resolutions.
 //!
-//! `cargo run -p planner --release --example follow_table -- [targets|resolution|arms] [RESOLUTION] [STARTS]`
+//! `cargo run -p planner --release --example follow_table -- [targets|resolution|arms|near] [RESOLUTION] [STARTS]`
 
 use std::time::Instant;
 
@@ -9,7 +9,7 @@ use planner::follow::best::{BestOptions, HandFreedom};
 use planner::follow::landing;
 use planner::follow::limits::{Arm, LimitSource, Limits};
 use planner::follow::nearest::feasible_target;
-use planner::follow::paper::{self, Criterion, PaperOptions, RampTiming};
+use planner::follow::paper::{self, Criterion, GridAxis, PaperOptions};
 use planner::follow::plan::FollowPlan;
 use planner::follow::search::Search;
 use planner::follow::setting::Setting;
@@ -18,19 +18,21 @@ use planner::plan::file::RobotId;
 
 /// Targets ahead of the KR 16: distance from A1 and height, in m.
 const TARGETS: [[f64; 2]; 10] = [
-    [2.0, 0.6],
-    [2.0, 1.0],
-    [2.0, 1.53],
     [2.5, 0.6],
     [2.5, 1.0],
     [2.5, 1.17],
     [2.5, 1.53],
+    [2.0, 0.6],
     [3.0, 0.6],
+    [2.0, 1.0],
     [3.0, 1.0],
+    [2.0, 1.53],
     [3.0, 1.53],
 ];
 /// First-order lag that the last column plans for, in s.
 const LAG_S: f64 = 0.024;
+/// Halvings of the grid of the paper form around its best releases, where it is to follow the most points.
+const REFINEMENTS: u32 = 5;
 /// Jitter of the gripper for the landing errors, in s.
 const JITTER_S: f64 = 0.010;
 
@@ -38,12 +40,13 @@ fn main() {
     let mut args = std::env::args().skip(1);
     let table = args.next().unwrap_or_else(|| "targets".to_owned());
     let resolution: f64 = args.next().and_then(|a| a.parse().ok()).unwrap_or(1.3);
-    let starts: usize = args.next().and_then(|a| a.parse().ok()).unwrap_or(64);
+    let starts: usize = args.next().and_then(|a| a.parse().ok()).unwrap_or(32);
     match table.as_str() {
         "targets" => targets(resolution, starts),
         "resolution" => resolutions(),
         "arms" => arms(starts),
-        other => eprintln!("no table \"{other}\": targets, resolution or arms"),
+        "near" => near_the_reference(starts),
+        other => eprintln!("no table \"{other}\": targets, resolution, arms or near"),
     }
 }
 
@@ -118,22 +121,17 @@ fn targets(resolution: f64, starts: usize) {
     let source = LimitSource::ControllerModel;
     let paper = PaperOptions::covering(1.8, 0.675, 0.0, resolution);
     let coarse = PaperOptions::covering(1.8, 0.675, 0.0, 0.9);
-    let points = PaperOptions { criterion: Criterion::Points, ..paper.clone() };
-    let own = PaperOptions { ramps: RampTiming::Own, ..points.clone() };
-    let best = BestOptions { starts, kicks: 18, ..BestOptions::default() };
+    let points = PaperOptions { criterion: Criterion::Points, refinements: REFINEMENTS, ..paper.clone() };
+    let best = BestOptions { starts, ..BestOptions::default() };
     let quick = Search::Best(BestOptions { starts: 16, kicks: 0, draws: 8000, ..BestOptions::default() });
-    let tilted = BestOptions { hand: HandFreedom::Tilted(0.35), ..best.clone() };
     heading();
     for [x, z] in TARGETS {
         let target = [x, 0.0, z];
         let grid = Search::Paper(coarse.clone());
         row(&arm, source, target, "paper", &Search::Paper(paper.clone()), 0.0, &grid);
         row(&arm, source, target, "paper, most points", &Search::Paper(points.clone()), 0.0, &grid);
-        let own_grid = Search::Paper(PaperOptions { ramps: RampTiming::Own, ..coarse.clone() });
-        row(&arm, source, target, "paper, own ramp times", &Search::Paper(own.clone()), 0.0, &own_grid);
         row(&arm, source, target, "best", &Search::Best(best.clone()), 0.0, &quick);
         row(&arm, source, target, "best, lag 24 ms", &Search::Best(best.clone()), LAG_S, &quick);
-        row(&arm, source, target, "best, lag, tilt 20 deg", &Search::Best(tilted.clone()), LAG_S, &quick);
     }
 }
 
@@ -142,10 +140,13 @@ fn resolutions() {
     let arm = Arm::load("kr16_2").expect("built in");
     let limits = Limits::of(&arm, LimitSource::ControllerModel);
     let setting = Setting::new(&arm, Vector3::new(2.5, 0.0, 0.6), limits);
-    println!("resolution  releases   postures  points      j1  search s");
-    for resolution in [0.6, 0.8, 1.0, 1.25, 1.6, 2.0] {
+    println!("resolution  refinements  releases   postures  points      j1  search s");
+    for (resolution, refinements) in
+        [0.6, 0.8, 1.0, 1.25, 1.6, 2.0].into_iter().flat_map(|r| [(r, 0), (r, REFINEMENTS)])
+    {
         let options = PaperOptions {
             criterion: Criterion::Points,
+            refinements,
             ..PaperOptions::covering(1.8, 0.675, 0.0, resolution)
         };
         let began = Instant::now();
@@ -153,19 +154,46 @@ fn resolutions() {
         let took = began.elapsed().as_secs_f64();
         match outcome {
             Ok(f) => println!(
-                "{resolution:>10.2} {:>9} {:>10} {:>7} {:>7.2} {took:>9.1}",
+                "{resolution:>10.2} {refinements:>12} {:>9} {:>10} {:>7} {:>7.2} {took:>9.1}",
                 f.size.releases,
                 f.size.counts.total(),
                 f.motion.last - f.motion.first + 1,
                 f.j1,
             ),
             Err(e) => println!(
-                "{resolution:>10.2} {:>9} {:>10} {e} ({took:.1} s)",
+                "{resolution:>10.2} {refinements:>12} {:>9} {:>10} {e} ({took:.1} s)",
                 e.size.releases,
                 e.size.counts.total()
             ),
         }
     }
+}
+
+/// A finer grid about the reference throw with eight points at 2.5 m and 0.6 m height (ball at 1.57 m from A1 and 1.53 m above
+/// the floor, 13 degrees), and the same hand without a grid: what the resolution costs in points, and what the checks of arm,
+/// floor and ball cost.
+fn near_the_reference(starts: usize) {
+    let arm = Arm::load("kr16_2").expect("built in");
+    let source = LimitSource::ControllerModel;
+    let target = [2.5, 0.0, 0.6];
+    let best = BestOptions { hand: HandFreedom::Constant, starts, kicks: 18, ..BestOptions::default() };
+    let coarse = Search::Paper(PaperOptions::covering(1.8, 0.675, 0.0, 0.9));
+    heading();
+    for [places, fine, rolls] in [[72, 5, 36], [120, 7, 72], [180, 9, 96]] {
+        let grid = PaperOptions {
+            radius_m: GridAxis { from: 1.50, to: 1.66, count: fine },
+            height_m: GridAxis { from: 1.44, to: 1.62, count: fine },
+            beta_deg: GridAxis { from: 8.0, to: 22.0, count: fine },
+            places,
+            rolls,
+            criterion: Criterion::Points,
+            refinements: REFINEMENTS,
+            ..PaperOptions::covering(1.8, 0.675, 0.0, 1.0)
+        };
+        let name = format!("paper, {} releases, refined", grid.size());
+        row(&arm, source, target, &name, &Search::Paper(grid), 0.0, &coarse);
+    }
+    row(&arm, source, target, "constant hand, no grid", &Search::Best(best), 0.0, &coarse);
 }
 
 /// Both forms on the arms that are no KR 16.
@@ -182,7 +210,9 @@ fn arms(starts: usize) {
         // Postures by iteration take about a thousand times as long, so the grid is coarser.
         let resolution = if arm.name() == "ur5" { 0.45 } else { 1.0 };
         let paper = PaperOptions::covering(reach_m, base_z_m, arm.world().floor_z_m, resolution);
-        let paper = PaperOptions { criterion: Criterion::Points, ..paper };
+        // Numerical inverse kinematics: a refinement would take many times as long as the grid.
+        let refinements = if arm.name() == "ur5" { 0 } else { REFINEMENTS };
+        let paper = PaperOptions { criterion: Criterion::Points, refinements, ..paper };
         let coarse = PaperOptions { places: paper.places / 2, rolls: paper.rolls / 2, ..paper.clone() };
         let (paper, coarse) = (Search::Paper(paper), Search::Paper(coarse));
         let best = Search::Best(BestOptions { starts, kicks: 6, ..BestOptions::default() });

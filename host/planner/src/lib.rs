@@ -4,8 +4,11 @@
 //! An arrow goes from user to used; none goes up.
 //!
 //! ```text
-//! follow   disc        a hand that follows the flight parabola (paper 000); catching a flying disc (paper 001)
-//!    \      /
+//! record                  a plan file of any kind, and the schema of all of them
+//!   |
+//!   v
+//! follow   disc   catch   a hand that follows the flight parabola (paper 000); catching a flying disc (paper 001), a ball
+//!    \      /      /
 //!     v    v
 //!     verify           second opinion on a plan file; shares only the file and the form of a throw
 //!       |
@@ -14,6 +17,7 @@
 //!    /   |   \
 //!   v    v    v
 //! store flight solve   throws found earlier, as starts; the ball after its release; local solver of any task
+//! motion               knots, the cubics between them, events
 //!   |
 //!   v
 //! throw                one throw: cubic splines of all joints through one release
@@ -21,10 +25,13 @@
 //!
 //! Arms have four to seven joints: the number is a constant parameter `N` of every type; where it is left out, it is six.
 
+pub mod catch;
 pub mod disc;
 pub mod flight;
 pub mod follow;
+pub mod motion;
 pub mod plan;
+pub mod record;
 mod solve;
 pub mod store;
 pub mod throw;

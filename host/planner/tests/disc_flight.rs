@@ -5,6 +5,7 @@ use planner::disc::aero::{ACROSS, Body, coefficients};
 use planner::disc::estimate::{Estimate, Model, View};
 use planner::disc::flight::{Air, DiscState, Path, air_loads, step};
 use planner::disc::paper::Throw;
+use planner::plan::rng::SplitMix64;
 
 fn body() -> Body {
     Body::of_paper()
@@ -139,19 +140,12 @@ fn coefficients_are_those_of_the_table_and_continuous() {
     }
 }
 
-struct Draw(u64);
+/// The same draws on every machine.
+struct Draw(SplitMix64);
 
 impl Draw {
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
     fn normal(&mut self) -> f64 {
-        (-2.0 * (1.0 - self.next()).ln()).sqrt() * (std::f64::consts::TAU * self.next()).cos()
+        self.0.normal()
     }
 
     fn vector(&mut self, sigma: f64) -> Vector3<f64> {
@@ -182,7 +176,7 @@ fn seen(draw: &mut Draw, model: &Model, count: u32) -> (Path, Vec<View>) {
 
 /// Mean normalised squared error of the predicted centre at 0.36 s, and its root mean square, m.
 fn calibration(model: &Model, count: u32, flights: u32) -> (f64, f64) {
-    let mut draw = Draw(100 + u64::from(count));
+    let mut draw = Draw(SplitMix64::new(100 + u64::from(count)));
     let (mut nees, mut squared) = (0.0, 0.0);
     for _ in 0..flights {
         let (path, views) = seen(&mut draw, model, count);
@@ -220,7 +214,7 @@ fn wind_of_1_m_s_makes_the_covariance_a_sixth_too_small_and_not_more() {
 fn a_parabola_instead_of_the_disc_in_air_misses_by_centimetres() {
     let model = Model::in_air();
     let vacuum = Model { air: Air::vacuum(), ..model };
-    let mut draw = Draw(5);
+    let mut draw = Draw(SplitMix64::new(5));
     let (mut with, mut without) = (0.0, 0.0);
     for _ in 0..20 {
         let (path, views) = seen(&mut draw, &model, 13);
@@ -239,7 +233,7 @@ fn a_parabola_instead_of_the_disc_in_air_misses_by_centimetres() {
 #[test]
 fn false_views_are_left_out_and_order_does_not_matter() {
     let model = Model::in_air();
-    let (path, mut views) = seen(&mut Draw(9), &model, 20);
+    let (path, mut views) = seen(&mut Draw(SplitMix64::new(9)), &model, 20);
     let right = views.clone();
     views[7].center_m.x += 0.3;
     let a = Estimate::new(&model, &views).expect("enough");
@@ -254,9 +248,9 @@ fn false_views_are_left_out_and_order_does_not_matter() {
 }
 
 #[test]
-fn too_few_views_or_numbers_that_are_none_give_no_estimate() {
+fn too_few_views_or_nan_give_no_estimate() {
     let model = Model::in_air();
-    let (_, views) = seen(&mut Draw(1), &model, 12);
+    let (_, views) = seen(&mut Draw(SplitMix64::new(1)), &model, 12);
     assert!(Estimate::new(&model, &views[..2]).is_none());
     assert!(Estimate::new(&model, &[views[0]; 9]).is_none(), "all at one time");
     let bad = View { center_m: Vector3::repeat(f64::NAN), ..views[0] };

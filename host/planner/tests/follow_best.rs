@@ -5,7 +5,7 @@ use planner::follow::best::{BestOptions, HandFreedom, plan};
 use planner::follow::landing;
 use planner::follow::limits::{Arm, LimitSource, Limits};
 use planner::follow::plan::{FollowPlan, Form};
-use planner::follow::setting::Setting;
+use planner::follow::setting::{CommandRange, Setting};
 use planner::follow::verify::verify;
 use planner::plan::file::RobotId;
 
@@ -27,7 +27,7 @@ fn good_plan(setting: &Setting<'_>, source: LimitSource, options: &BestOptions) 
     let plan = FollowPlan::new(setting, source, robot(setting.arm), Form::Best(options.hand), &found, 0.0);
     let report = verify(setting.arm, &Limits::of(setting.arm, source), &plan);
     assert!(report.is_good(), "{} points: {:#?}", plan.followed_points, report);
-    let again = FollowPlan::from_json(&plan.to_json()).expect("its own text is read");
+    let again = FollowPlan::from_json("p.json".as_ref(), &plan.to_json()).expect("its own text is read");
     assert_eq!(again, plan);
     plan
 }
@@ -69,6 +69,20 @@ fn the_lag_is_planned_for_in_the_commands() {
     }
     let late = verify(&arm, &Limits::of(&arm, LimitSource::ControllerModel), &late);
     assert!(late.executed_landing_m > 3.0 * report.executed_landing_m, "{}", late.executed_landing_m);
+}
+
+#[test]
+fn commands_stay_inside_what_the_program_of_the_robot_passes() {
+    let (arm, target, source) = (kr16(), Vector3::new(2.5, 0.0, 0.6), LimitSource::ControllerModel);
+    let free = Setting { lag_s: 0.024, ..Setting::new(&arm, target, Limits::of(&arm, source)) };
+    let commands = |plan: &FollowPlan| plan.steps.iter().map(|s| s.command_rad[2]).collect::<Vec<_>>();
+    let least = |of: &[f64]| of.iter().copied().fold(f64::INFINITY, f64::min);
+    let free_min_rad = least(&commands(&good_plan(&free, source, &short())));
+    // The program passes 0.05 rad less on A3 than the free plan commands.
+    let mut passed = CommandRange::default();
+    passed.min_rad[2] = free_min_rad + 0.05;
+    let inside = good_plan(&Setting { commands: passed, ..free }, source, &short());
+    assert!(least(&commands(&inside)) >= passed.min_rad[2], "{} {free_min_rad}", least(&commands(&inside)));
 }
 
 #[test]

@@ -3,10 +3,11 @@
 use std::f64::consts::PI;
 
 use nalgebra::{Matrix3, Vector3};
+use planner::follow::clear::{Clear, Contact, Margins, Scenes};
 use planner::follow::hand::HandLaw;
 use planner::follow::landing;
 use planner::follow::limits::{AXES, Arm, Axes, LimitSource, Limits};
-use planner::follow::motion::{Motion, Peaks, RampPlan, Ramps};
+use planner::follow::motion::{FollowMotion, Peaks, RampPlan, Ramps};
 use planner::follow::paper::{Criterion, GridAxis, PaperOptions, RampTiming, j1, j2, plan};
 use planner::follow::parabola::Parabola;
 use planner::follow::posture::{Posture, Reach};
@@ -85,13 +86,31 @@ fn following_takes_the_effect_of_the_opening_time_away() {
     let limits = Limits::of(&arm, LimitSource::ControllerModel);
     let plan = RampPlan { shape: RampShape { blend_s: 0.0, fade_s: 0.0 }, together: 1.0 };
     let (start, stop) = (Ramps::start(&window[0], plan, &limits), Ramps::stop(&window[7], plan, &limits));
-    let following = Motion::around(&window, &start, &stop, 0.012);
+    let following = FollowMotion::around(&window, &start, &stop, 0.012);
     let target = flight.position(7.0 * 0.012 + 0.528);
     let with = landing::sensitivity(&arm, &following, &target, 3.5 * 0.012, 0.010);
     assert!(with.largest_m < 1e-3 && with.missed == 0, "{with:?}");
-    let through = Motion::around(&window[7..], &Ramps::start(&window[7], plan, &limits), &stop, 0.012);
+    let through = FollowMotion::around(&window[7..], &Ramps::start(&window[7], plan, &limits), &stop, 0.012);
     let without = landing::sensitivity(&arm, &through, &target, 0.0, 0.010);
     assert!((without.rms_m - 0.043).abs() < 0.015 && (without.largest_m - 0.081).abs() < 0.03, "{without:?}");
+}
+
+/// The search that found it did not check bodies: at its start the wrist is in the floor.
+#[test]
+fn the_reference_throw_with_eight_points_begins_with_the_wrist_in_the_floor() {
+    let arm = kr16();
+    let Reference { window, flight, .. } = reference(&arm);
+    let plan = RampPlan { shape: RampShape { blend_s: 0.0, fade_s: 0.0 }, together: 1.0 };
+    let limits = Limits::of(&arm, LimitSource::ControllerModel);
+    let (start, stop) = (Ramps::start(&window[0], plan, &limits), Ramps::stop(&window[7], plan, &limits));
+    let motion = FollowMotion::around(&window, &start, &stop, 0.012);
+    let scenes = Scenes::new();
+    let mut clear = Clear::new(&arm, &scenes, Margins::default());
+    let contact = clear.first_contact(&motion, &flight, 7.0 * 0.012 + 0.528);
+    assert!(
+        matches!(&contact, Some(Contact::Boxes { bodies, .. }) if bodies == &["floor", "wrist"]),
+        "{contact:?}"
+    );
 }
 
 fn near_known_throws() -> PaperOptions {
@@ -128,6 +147,20 @@ fn at_2_5_m_the_grid_follows_at_least_the_four_points_of_the_paper() {
     assert!((found.j1 - j1(&motion.states[release].qd, &[1.0; AXES])).abs() < 1e-9);
     assert!((found.j2 - j2(found.j1, points, &[1.0; 2])).abs() < 1e-12);
     assert!(Peaks::of(&motion.commands(0.0), 0.012).use_of(&limits).iter().all(|u| *u <= 1.0));
+}
+
+#[test]
+fn made_finer_around_its_best_releases_the_grid_follows_more_points() {
+    let arm = kr16();
+    let limits = Limits::of(&arm, LimitSource::ControllerModel);
+    let setting = Setting::new(&arm, Vector3::new(2.5, 0.0, 0.6), limits);
+    let points = |refinements| {
+        let options = PaperOptions { criterion: Criterion::Points, refinements, ..near_known_throws() };
+        let found = plan(&setting, &options).expect("feasible");
+        found.motion.last - found.motion.first + 1
+    };
+    let (grid, finer) = (points(0), points(5));
+    assert!(finer > grid && (5..=12).contains(&finer), "{grid} {finer}");
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! The verifier refuses plans that were broken on purpose, each for its reason, and accepts the plan they came from.
 
+use std::path::Path;
 use std::sync::LazyLock;
 
 use nalgebra::Vector3;
@@ -165,17 +166,17 @@ fn a_ball_that_meets_the_hand_is_refused() {
 
 #[test]
 fn damaged_plan_files_are_refused_with_a_reason() {
-    let text = PLAN.to_json();
-    assert_eq!(FollowPlan::from_json(&text).expect("good"), *PLAN);
+    let (text, path) = (PLAN.to_json(), Path::new("p.json"));
+    assert_eq!(FollowPlan::from_json(path, &text).expect("good"), *PLAN);
     for (from, to, words) in [
-        ("cubectl-follow-plan", "cubectl-plan", "format"),
-        ("\"version\": 1", "\"version\": 7", "version 7"),
+        ("cubectl-plan", "cubectl-scan", "format"),
+        ("\"version\": 6", "\"version\": 7", "version 7"),
         ("\"followed_points\": ", "\"followed_points\": 1", "window"),
         ("\"lag_s\"", "\"lagg_s\"", "lagg_s"),
     ] {
         assert!(text.contains(from), "{from}");
-        let error = FollowPlan::from_json(&text.replacen(from, to, 1)).expect_err(to).to_string();
+        let error = FollowPlan::from_json(path, &text.replacen(from, to, 1)).expect_err(to).to_string();
         assert!(error.contains(words), "{error}");
     }
-    assert!(FollowPlan::from_json(&text[..text.len() / 2]).is_err());
+    assert!(FollowPlan::from_json(path, &text[..text.len() / 2]).is_err());
 }

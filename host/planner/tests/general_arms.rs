@@ -23,7 +23,7 @@ fn throws_to<const N: usize>(name: &str, text: &str, target: [f64; 3]) {
         .search(&Index::default(), &budget, &Watch::default())
         .unwrap_or_else(|e| panic!("{name} to {target:?}: {e}"));
     let plan = PlanFile::of(&problem, &best, name, 1, &Noise::default(), None).expect("it lands");
-    assert_eq!(plan.joints.len(), N);
+    assert_eq!(plan.motion.joints.len(), N);
     let read = PlanFile::from_json(name.as_ref(), &plan.to_json()).expect("reads its own file");
     assert_eq!(read, plan);
     read.require_robot(name.as_ref(), &arm).expect("the same robot");

@@ -3,11 +3,13 @@
 use std::path::Path;
 
 use nalgebra::Vector3;
-use planner::plan::file::{PlanFile, PlanFileError};
+use planner::motion::GripperEvent;
+use planner::plan::file::{EventInfo, MotionInfo, PlanFile, PlanFileError, VERSION};
 use planner::plan::problem::{Obstacle, Options, Problem};
 use planner::plan::search::{Budget, Planner, Watch};
 use planner::plan::statistics::{Noise, Region};
 use planner::plan::{Arm, seeds};
+use planner::record::{MovePlan, PlanRecord};
 use planner::verify;
 use robot_model::Pose;
 
@@ -43,22 +45,96 @@ fn a_plan_reads_back_to_the_same_bits() {
     assert_eq!(file, back);
 }
 
+/// As version 5 of the format had it: polynomials in absolute time. Written by the program of that time.
+const VERSION_5: &str = include_str!("data/throw_version_5.json");
+/// As the first version of plans that follow a flight had it; most steps are cut.
+const FOLLOW_VERSION_1: &str = include_str!("data/follow_version_1.json");
+
 #[test]
-fn plans_of_older_versions_are_read() {
-    let (arm, file) = plan(Options::paper());
+fn plans_of_older_versions_are_read_with_the_same_motion() {
+    let arm = Arm::load("powercube6").expect("built in");
+    let path = Path::new("p.json");
+    let newest = PlanFile::from_json(path, VERSION_5).expect("reads");
+    assert_eq!((newest.version, newest.motion.knots.len(), newest.motion.joints.len()), (VERSION, 3, 6));
+    assert!(verify::check(&arm, &newest).ok());
+    // Joint 2 before its release: -1.9957.. t³ + 2.5290.. t² - 3.9580.. of the file.
+    let t = 0.3_f64;
+    let q = (-1.9957200674360418 * t + 2.529025961803713) * t * t - 3.958061369935754;
+    assert!((newest.motion.to_motion::<6>().at(t).q[1] - q).abs() < 1e-13);
+    assert_eq!(newest.motion.events, [EventInfo { t_s: newest.release_time_s, event: GripperEvent::Open }]);
+    // Written and read again it is a file of this version.
+    assert_eq!(PlanFile::from_json(path, &newest.to_json()).expect("reads"), newest);
     for (version, younger) in [
         (4, &["stored"][..]),
         (3, &["stored", "obstacles", "clearance_m"]),
         (2, &["stored", "obstacles", "clearance_m", "speed_use", "goal"]),
     ] {
-        let text = file.to_json().replacen("\"version\": 5", &format!("\"version\": {version}"), 1);
-        // A field that was the last of its list leaves a comma behind.
-        let keep = |l: &&str| !younger.iter().any(|key| l.trim_start().starts_with(&format!("\"{key}\"")));
-        let lines: Vec<&str> = text.lines().filter(keep).collect();
-        let older = lines.join("").replace(",  }", "  }");
-        let back = PlanFile::from_json(Path::new("p.json"), &older).expect("reads");
-        assert_eq!((back.version, &back.search), (version, &file.search));
+        let mut value: serde_json::Value = serde_json::from_str(VERSION_5).expect("JSON");
+        value["version"] = version.into();
+        value["search"].as_object_mut().unwrap().retain(|key, _| !younger.contains(&key.as_str()));
+        value.as_object_mut().unwrap().retain(|key, _| !younger.contains(&key.as_str()));
+        let back = PlanFile::from_json(path, &value.to_string()).expect("reads");
+        assert_eq!((back.version, &back.motion), (VERSION, &newest.motion));
         assert!(verify::check(&arm, &back).ok());
+    }
+}
+
+#[test]
+fn a_plan_of_each_kind_is_read_as_what_it_is_and_refused_as_what_it_is_not() {
+    let (_, throw) = plan(Options::paper());
+    let path = Path::new("p.json");
+    let record = PlanRecord::from_json(path, &throw.to_json()).expect("reads");
+    assert_eq!(record, PlanRecord::Throw(Box::new(throw.clone())));
+    assert_eq!(serde_json::to_value(&record).unwrap()["kind"], "throw");
+    let record = PlanRecord::from_json(path, FOLLOW_VERSION_1).expect("reads");
+    let PlanRecord::Follow(follow) = &record else { panic!("{record:?}") };
+    assert_eq!((follow.version, follow.format.as_str()), (VERSION, "cubectl-plan"));
+    assert_eq!(PlanRecord::from_json(path, &follow.to_json()).expect("reads"), record);
+    let moved = MovePlan::new(throw.robot.clone(), throw.motion.clone());
+    let record = PlanRecord::from_json(path, &moved.to_json()).expect("reads");
+    assert_eq!(record, PlanRecord::Move(Box::new(moved.clone())));
+
+    let e = PlanFile::from_json(path, FOLLOW_VERSION_1).expect_err("another kind").to_string();
+    assert!(e.contains("is of kind \"follow\", here one of kind \"throw\"") && e.contains("next: "), "{e}");
+    let juggle = throw.to_json().replacen("\"kind\": \"throw\"", "\"kind\": \"juggle\"", 1);
+    let e = PlanRecord::from_json(path, &juggle).expect_err("unknown").to_string();
+    assert!(e.contains("its kind is \"juggle\"; this program knows throw, follow, move"), "{e}");
+}
+
+#[test]
+fn an_invalid_motion_is_refused_with_its_place() {
+    let (_, throw) = plan(Options::paper());
+    let path = Path::new("p.json");
+    type Spoil = fn(&mut MotionInfo);
+    let table: [(Spoil, &str); 7] = [
+        (|m| m.knots[1].t_s = 0.0, "knot 1 at 0 s does not follow"),
+        (|m| m.knots[0].t_s = 0.1, "knot 0 at 0.1 s does not follow"),
+        (|m| _ = m.knots[2].q_rad.pop(), "knot 2: q_rad has 5 numbers, expected 6"),
+        (|m| m.knots.truncate(1), "motion.knots has 1 knots"),
+        (|m| m.events[0].t_s = 9.0, "an event at 9 s is not within the motion"),
+        (|m| m.joints.clear(), "motion.joints has 0 names"),
+        (|m| m.knots[2].qd_rad_s.push(0.0), "knot 2: qd_rad_s has 7 numbers"),
+    ];
+    for (spoil, what) in table {
+        let mut moved = MovePlan::new(throw.robot.clone(), throw.motion.clone());
+        spoil(&mut moved.motion);
+        let e = PlanRecord::from_json(path, &moved.to_json()).expect_err(what).to_string();
+        assert!(e.contains(what), "{what}: {e}");
+    }
+    let mut late = throw.clone();
+    late.motion.events[0].t_s += 0.01;
+    let e = PlanFile::from_json(path, &late.to_json()).expect_err("two releases").to_string();
+    assert!(e.contains("its gripper opens at"), "{e}");
+}
+
+#[test]
+fn the_committed_schema_is_the_one_of_the_types() {
+    let committed = include_str!("../schemas/plan.schema.json");
+    let differs = "run `cargo run -p planner --example plan_schema > host/planner/schemas/plan.schema.json`";
+    assert!(planner::record::schema_json() == committed, "{differs}");
+    // It knows every kind and every key of the motion.
+    for word in ["\"throw\"", "\"follow\"", "\"move\"", "\"qd_rad_s\"", "\"events\"", "\"steps\""] {
+        assert!(committed.contains(word), "{word}");
     }
 }
 
@@ -129,20 +205,19 @@ fn the_second_opinion_objects_to_a_tampered_plan() {
     };
     // The ball goes elsewhere when joint 1 starts a hundredth of a radian off.
     let mut file = good.clone();
-    for segment in &mut file.joints[0].segments {
-        segment.coefficients_rad[3] += 0.01;
+    for knot in &mut file.motion.knots {
+        knot.q_rad[0] += 0.01;
     }
     assert_eq!(failing(&file), ["landing on the target"]);
-    // One segment alone: the motion jumps.
+    // The end alone: the acceleration jumps at the release.
     let mut file = good.clone();
-    file.joints[2].segments[1].coefficients_rad[3] += 0.01;
+    file.motion.knots[2].q_rad[2] += 0.01;
     assert!(failing(&file).iter().any(|f| f.starts_with("segments meet")));
     // Ten times as fast: speed, acceleration and jerk.
     let mut file = good;
-    for segment in &mut file.joints[1].segments {
-        for c in &mut segment.coefficients_rad {
-            *c *= 10.0;
-        }
+    for knot in &mut file.motion.knots {
+        knot.q_rad[1] *= 10.0;
+        knot.qd_rad_s[1] *= 10.0;
     }
     let failed = failing(&file);
     for what in ["joint ranges", "joint speeds", "joint accelerations", "joint jerks"] {
@@ -155,12 +230,12 @@ fn bad_files_are_refused_with_the_reason() {
     let (arm, file) = plan(Options::paper());
     let path = Path::new("p.json");
     let text = file.to_json();
-    let newer = text.replacen("\"version\": 5", "\"version\": 6", 1);
+    let newer = text.replacen("\"version\": 7", "\"version\": 8", 1);
     let e = PlanFile::from_json(path, &newer).expect_err("newer");
-    assert!(matches!(e, PlanFileError::Newer { found: 6, .. }));
+    assert!(matches!(e, PlanFileError::Newer { found: 8, .. }));
     assert_eq!(
         e.to_string(),
-        "plan p.json has version 6, this program reads up to 5: update cubectl or plan again"
+        "plan p.json has version 8, this program reads up to 7: update cubectl or plan again"
     );
     for broken in [&text[..text.len() / 2], "", "[]", "{\"format\": \"something\"}"] {
         assert!(matches!(PlanFile::from_json(path, broken), Err(PlanFileError::Damaged { .. })), "{broken}");
@@ -168,9 +243,8 @@ fn bad_files_are_refused_with_the_reason() {
     let unknown = text.replacen("\"release_time_s\"", "\"release_time_ms\"", 1);
     let e = PlanFile::from_json(path, &unknown).expect_err("wrong unit");
     assert!(e.to_string().contains("release_time_ms"), "{e}");
-    let mut gap = file.clone();
-    gap.joints[3].segments[1].t_start_s += 0.1;
-    let e = PlanFile::from_json(path, &gap.to_json()).expect_err("gap");
+    let gap = VERSION_5.replacen("\"t_start_s\": 0.4968147129153438", "\"t_start_s\": 0.5968147129153438", 1);
+    let e = PlanFile::from_json(path, &gap).expect_err("gap");
     assert!(e.to_string().contains("does not follow"), "{e}");
     let mut other = file;
     other.robot.fingerprint = "0".repeat(16);

@@ -1,7 +1,6 @@
 //! What a plan promises holds, and what cannot be is refused by name.
 
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
 
 use nalgebra::{Vector2, Vector3};
 use planner::plan::file::PlanFile;
@@ -61,22 +60,27 @@ fn a_search_of_a_billion_starts_stops_when_it_is_told_to() {
     let problem = Problem::new(&arm, Vector3::new(1.5, 1.0, -1.0), Options::best()).expect("valid");
     let watch = Watch::default();
     let budget = Budget { starts: usize::MAX, all: true, ..Budget::default() };
-    let best = std::thread::scope(|scope| {
-        scope.spawn(|| {
+    let (best, done_when_told) = std::thread::scope(|scope| {
+        let teller = scope.spawn(|| {
             // Told by what has been done, not by the clock.
-            let began = Instant::now();
-            while watch.done.load(Ordering::Relaxed) < 40 && began.elapsed() < Duration::from_secs(60) {
+            while watch.done.load(Ordering::SeqCst) < 40 {
                 std::thread::yield_now();
             }
-            watch.stop.store(true, Ordering::Relaxed);
+            watch.stop.store(true, Ordering::SeqCst);
+            watch.done.load(Ordering::SeqCst)
         });
-        Planner::new(&problem).attempt(&seeds::built_in(&arm), &budget, &watch)
-    })
-    .expect("the best so far is kept");
+        let best = Planner::new(&problem).attempt(&seeds::built_in(&arm), &budget, &watch);
+        (best.expect("the best so far is kept"), teller.join().unwrap())
+    });
     assert!(best.interrupted);
-    // What is under way ends, nothing new begins: one batch at most.
-    assert!(best.starts >= 40 && best.starts <= 64, "{}", best.starts);
-    assert!(best.others.len() <= 64);
+    // What is under way ends, nothing new begins: one batch of 8 at most, however late the other thread is. The first pass
+    // over the stored throws is one start more.
+    assert!(
+        best.starts >= 40 && best.starts <= done_when_told + 9,
+        "{}, told after {done_when_told}",
+        best.starts
+    );
+    assert!(best.others.len() <= best.starts);
 }
 
 #[test]

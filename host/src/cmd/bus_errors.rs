@@ -6,7 +6,6 @@ use operator::bus::BusFailure;
 use operator::bus::entropy::NoEntropy;
 use operator::bus::key_file::KeyFileError;
 use operator::dialogue::ask::AskError;
-use operator::dialogue::motion::MotionError;
 use operator::dialogue::operator::OperatorError;
 use operator::log::candump::UnreadableFile;
 
@@ -58,18 +57,6 @@ impl From<AskError> for ExpectedError {
             AskError::Bus(failure) => failure.into(),
             AskError::Request(_) => Self::new(exit::DRIVE, error.to_string()),
             AskError::Interrupted => Self::new(exit::INTERRUPTED, "interrupted"),
-        }
-    }
-}
-
-impl From<MotionError> for ExpectedError {
-    fn from(error: MotionError) -> Self {
-        match error {
-            MotionError::Ask(AskError::Interrupted) => {
-                Self::new(exit::INTERRUPTED, "interrupted; everything on the bus was halted")
-            }
-            MotionError::Ask(error) => error.into(),
-            other => Self::new(exit::DRIVE, other.to_string()),
         }
     }
 }

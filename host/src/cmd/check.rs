@@ -1,12 +1,12 @@
 //! `cubectl check PLAN`
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use crate::error::ExpectedError;
 use crate::exit;
 use planner::follow::limits::Limits;
 use planner::follow::plan::FollowPlan;
-use planner::plan::file::PlanFile;
+use planner::record::PlanRecord;
 use planner::store::robot_fingerprint;
 use planner::{follow, verify};
 use robot_model::for_any_robot;
@@ -30,17 +30,24 @@ pub struct Args {
 /// # Errors
 /// If the plan cannot be read, is for another robot, or does not hold what it claims.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    if let Some(plan) = follow_plan(&args.plan)? {
-        return check_follow(args, &plan);
-    }
-    let plan = PlanFile::read(&args.plan).map_err(|e| ExpectedError::bad_input(&e))?;
+    let plan = match PlanRecord::read(&args.plan).map_err(|e| ExpectedError::bad_input(&e))? {
+        PlanRecord::Throw(plan) => plan,
+        PlanRecord::Follow(plan) => return check_follow(args, &plan),
+        PlanRecord::Move(_) => {
+            return Err(ExpectedError::bad_input(&format!(
+                "{}: a plan of kind \"move\" claims nothing that could be checked here\n  next: `cubectl upload` has it checked by \
+                 the controller",
+                args.plan.display()
+            )));
+        }
+    };
     let robot = super::robot(args.robot.as_deref().unwrap_or(&plan.robot.source))?;
     let report = for_any_robot!(&robot, arm => {
         plan.require_robot(&args.plan, arm).map_err(|e| ExpectedError::bad_input(&e))?;
         verify::check(arm, &plan)
     });
     if args.json {
-        say::line!("{}", serde_json::to_string_pretty(&report).unwrap_or_default());
+        console::line!("{}", serde_json::to_string_pretty(&report).unwrap_or_default());
     } else {
         for f in &report.findings {
             let mark = match (f.ok, f.enforced) {
@@ -49,9 +56,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
                 (false, false) => "note",
             };
             let when = f.at_s.map_or_else(String::new, |t| format!(" at {t:.3} s"));
-            say::line!("{mark}  {}: {}{when}", f.what, f.worst);
+            console::line!("{mark}  {}: {}{when}", f.what, f.worst);
         }
-        say::line!("{} instants", report.samples);
+        console::line!("{} instants", report.samples);
     }
     if report.ok() {
         return Ok(());
@@ -62,19 +69,6 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         exit::CHECK_FAILED,
         format!("plan {} does not hold what it claims: {}", args.plan.display(), failed.join("; ")),
     ))
-}
-
-/// The plan, if the file is one of a throw that follows the flight.
-fn follow_plan(path: &Path) -> Result<Option<FollowPlan>, ExpectedError> {
-    let Ok(text) = toml_reader::read_text(path, follow::plan::FILE_MAX_BYTES) else {
-        // The reader of the other plans says what is wrong with the file.
-        return Ok(None);
-    };
-    if !text.contains(follow::plan::FORMAT) {
-        return Ok(None);
-    }
-    let plan = FollowPlan::from_json(&text);
-    plan.map(Some).map_err(|e| ExpectedError::bad_input(&format!("{}: {e}", path.display())))
 }
 
 /// Checks a throw that follows the flight, from its set points.
@@ -104,9 +98,9 @@ fn check_follow(args: &Args, plan: &FollowPlan) -> Result<(), ExpectedError> {
         }));
     } else {
         for finding in &findings {
-            say::line!("FAIL  {finding}");
+            console::line!("FAIL  {finding}");
         }
-        say::line!(
+        console::line!(
             "{} steps, {} on the parabola: ball off it by {:.3} mm, landing off by {:.2} mm, nearest bodies {:.1} mm, ball {:.1} mm",
             plan.steps.len(),
             plan.followed_points,

@@ -5,7 +5,7 @@ use protocol::cyphal::cubecell::group_state::State;
 use protocol::cyphal::id::NodeId;
 use protocol::powercube::SimpleCommand;
 
-use super::modules::{look, require_alone};
+use super::modules::{require_alone, survey_with_progress};
 use super::upload::node_id;
 use crate::error::ExpectedError;
 use crate::exit;
@@ -18,7 +18,7 @@ const SETTLE: protocol::Duration = protocol::Duration::from_millis(200);
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl explain 101                # first: what happened, and what to do about it\n  cubectl clear --bus can0\n\nNothing moves. The controller forgets its latched fault and looks at every drive anew; a fault whose cause is\nstill there comes back and is told. Without a controller on the bus, modules that are halted or report an error\nare reset. After either, a motion needs its orders again: home, upload, arm, run."
+    after_help = "Examples:\n  cubectl explain 101                # first: what happened, and what to do about it\n  cubectl clear --bus can0\n\nNothing moves. The controller forgets its latched fault and looks at every drive again; a fault whose cause is\nstill there comes back and is told. Without a controller on the bus, modules that are halted or report an error\nare reset. After either, a motion needs its orders again: home, upload, arm, run."
 )]
 pub struct Args {
     /// Bus options.
@@ -43,7 +43,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         Err(error) => return Err(error.into()),
     };
     session.finish()?;
-    say::line!("{text}");
+    console::line!("{text}");
     Ok(())
 }
 
@@ -55,7 +55,7 @@ fn of_controller(session: &mut Session, node: NodeId) -> Result<String, Expected
     session.clear_fault(node, group.fault_cause)?;
     let state = session.group().unwrap_or_default().state;
     Ok(format!(
-        "controller {}: fault {} forgotten, all drives read anew, now {state:?}",
+        "controller {}: fault {} forgotten, all drives read again, now {state:?}",
         node.get(),
         group.fault_cause
     ))
@@ -64,7 +64,7 @@ fn of_controller(session: &mut Session, node: NodeId) -> Result<String, Expected
 fn of_modules(session: &mut Session, beside: bool) -> Result<String, ExpectedError> {
     require_alone(session, beside)?;
     let all: Vec<ModuleId> = ModuleId::all().collect();
-    let found = look(session, &all)?;
+    let found = survey_with_progress(session, &all)?;
     if found.is_empty() {
         return Err(super::modules::nobody(session.name()));
     }
@@ -74,7 +74,7 @@ fn of_modules(session: &mut Session, beside: bool) -> Result<String, ExpectedErr
         session.command(*module, SimpleCommand::Reset)?;
     }
     session.sleep_until(session.now() + SETTLE)?;
-    let still: Vec<String> = look(session, &stopped)?
+    let still: Vec<String> = survey_with_progress(session, &stopped)?
         .iter()
         .filter(|report| report.is_stopped())
         .map(|report| format!("module {}: {}", report.module, report.condition()))

@@ -109,7 +109,7 @@ pub struct ModuleConfig {
     pub serial: u32,
     /// Firmware, four hexadecimal digits.
     pub firmware: String,
-    /// Name of the parameter, with its unit, and value.
+    /// Name of the parameter, with its unit, and value: that of a single-precision parameter as its shortest decimal.
     pub setting: BTreeMap<String, f64>,
 }
 
@@ -155,7 +155,7 @@ fn read_all(session: &mut Session, found: &[ModuleReport]) -> Result<ConfigFile,
             if let Reply::Value(parameter, value) = answer.map_err(operator::dialogue::ask::AskError::from)?
                 && let Some(number) = value.as_f64()
             {
-                setting.insert(key(parameter), number);
+                setting.insert(key(parameter), as_written(parameter, number));
             }
         }
         file.module.push(ModuleConfig {
@@ -177,7 +177,7 @@ fn dump(args: &DumpArgs) -> Result<(), ExpectedError> {
     let text = toml::to_string(&file)
         .map_err(|error| ExpectedError::new(exit::BUG, format!("settings do not fit into TOML: {error}")))?;
     if args.file == Path::new("-") {
-        say::text!("{text}");
+        console::text!("{text}");
         return Ok(());
     }
     let failed = |error: std::io::Error| {
@@ -191,7 +191,7 @@ fn dump(args: &DumpArgs) -> Result<(), ExpectedError> {
     };
     let mut out = std::fs::File::create_new(&args.file).map_err(failed)?;
     std::io::Write::write_all(&mut out, text.as_bytes()).and_then(|()| out.sync_all()).map_err(failed)?;
-    say::line!("{}: {} modules", args.file.display(), file.module.len());
+    console::line!("{}: {} modules", args.file.display(), file.module.len());
     Ok(())
 }
 
@@ -209,14 +209,22 @@ fn load(path: &Path) -> Result<ConfigFile, ExpectedError> {
         )));
     }
     for module in &file.module {
-        for name in module.setting.keys() {
-            if parameter_of(name).is_none() {
-                return Err(ExpectedError::bad_input(&format!(
-                    "{}: module {}: no setting is called {name}",
-                    path.display(),
-                    module.address
-                )));
-            }
+        for (name, value) in &module.setting {
+            let refused = match parameter_of(name) {
+                None => format!("no setting is called {name}"),
+                Some(parameter) if typed(parameter, *value).is_none() => {
+                    format!(
+                        "{name} = {value} is no value of this setting, which takes {}",
+                        range_of(parameter)
+                    )
+                }
+                Some(_) => continue,
+            };
+            return Err(ExpectedError::bad_input(&format!(
+                "{}: module {}: {refused}",
+                path.display(),
+                module.address
+            )));
         }
     }
     Ok(file)
@@ -250,7 +258,9 @@ fn compare(
         let Some(now) = present.module.iter().find(|now| now.address == module.address) else { continue };
         for (name, value) in &module.setting {
             let Some(parameter) = parameter_of(name) else { continue };
-            if let Some(actual) = now.setting.get(name).filter(|actual| *actual != value) {
+            if let Some(actual) =
+                now.setting.get(name).filter(|actual| typed(parameter, **actual) != typed(parameter, *value))
+            {
                 changes.push((id, parameter, *actual, *value));
             }
         }
@@ -265,15 +275,20 @@ fn diff(args: &FileArgs) -> Result<(), ExpectedError> {
     for module in &wanted.module {
         let serial = found.iter().find(|report| report.module.get() == module.address).and_then(|r| r.serial);
         if serial.is_some_and(|serial| serial != module.serial) {
-            say::line!("module {}: serial {} (file: {})", module.address, serial.unwrap_or(0), module.serial);
+            console::line!(
+                "module {}: serial {} (file: {})",
+                module.address,
+                serial.unwrap_or(0),
+                module.serial
+            );
             differences += 1;
         }
     }
     for (module, parameter, actual, file) in &changes {
-        say::line!("module {module}: {} {actual} (file: {file})", key(*parameter));
+        console::line!("module {module}: {} {actual} (file: {file})", key(*parameter));
     }
     if differences == 0 {
-        say::line!("{}: all {} modules as in the file", args.file.display(), wanted.module.len());
+        console::line!("{}: all {} modules as in the file", args.file.display(), wanted.module.len());
         return Ok(());
     }
     Err(ExpectedError::new(
@@ -324,7 +339,8 @@ fn restore(args: &RestoreArgs) -> Result<(), ExpectedError> {
     let mut wrong = Vec::new();
     for (module, parameter, _, value) in &changes {
         let actual = session.get_f64(*module, *parameter)?;
-        if actual != *value {
+        if typed(*parameter, actual) != typed(*parameter, *value) {
+            let actual = as_written(*parameter, actual);
             wrong.push(format!("module {module}: {} is {actual}, not {value}", key(*parameter)));
         }
     }
@@ -338,7 +354,7 @@ fn restore(args: &RestoreArgs) -> Result<(), ExpectedError> {
             ),
         ));
     }
-    say::line!(
+    console::line!(
         "{} settings written to {} modules, read back{}",
         changes.len(),
         touched.len(),
@@ -347,11 +363,33 @@ fn restore(args: &RestoreArgs) -> Result<(), ExpectedError> {
     Ok(())
 }
 
-/// A number as the parameter's type; `None` if it does not fit, which a file made by `dump` never has.
+/// A number as a file has it: 3.1 for the single-precision number nearest to 3.1, not 3.0999999046325684. Read as the
+/// parameter's type it is the same value again.
+fn as_written(parameter: Parameter, value: f64) -> f64 {
+    match parameter.kind() {
+        ValueKind::F32 => (value as f32).to_string().parse().unwrap_or(value),
+        _ => value,
+    }
+}
+
+/// What a parameter takes, as text.
+fn range_of(parameter: Parameter) -> &'static str {
+    match parameter.kind() {
+        ValueKind::F32 => "a finite number of single precision",
+        ValueKind::I32 => "whole numbers of 32 bits with sign",
+        ValueKind::U32 => "whole numbers from 0 to 4294967295",
+        ValueKind::I16 => "whole numbers from -32768 to 32767",
+        ValueKind::U16 => "whole numbers from 0 to 65535",
+        ValueKind::U8 => "whole numbers from 0 to 255",
+        ValueKind::PosStateDio => "nothing",
+    }
+}
+
+/// A number as the parameter's type; `None` if it is none of its values.
 fn typed(parameter: Parameter, value: f64) -> Option<Value> {
     let exact = |low: f64, high: f64| (value.fract() == 0.0 && (low..=high).contains(&value)).then_some(());
     Some(match parameter.kind() {
-        ValueKind::F32 => Value::F32(value as f32),
+        ValueKind::F32 => Some(value as f32).filter(|single| single.is_finite()).map(Value::F32)?,
         ValueKind::I32 => exact(i32::MIN.into(), i32::MAX.into()).map(|()| Value::I32(value as i32))?,
         ValueKind::U32 => exact(0.0, u32::MAX.into()).map(|()| Value::U32(value as u32))?,
         ValueKind::I16 => exact(i16::MIN.into(), i16::MAX.into()).map(|()| Value::I16(value as i16))?,
@@ -359,4 +397,30 @@ fn typed(parameter: Parameter, value: f64) -> Option<Value> {
         ValueKind::U8 => exact(0.0, u8::MAX.into()).map(|()| Value::U8(value as u8))?,
         ValueKind::PosStateDio => return None,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn single_precision_numbers_are_written_short_and_read_back_as_they_were() {
+        for single in [3.1_f32, 0.1, -2.0, 1e-7, 16_777_216.0, f32::MIN_POSITIVE, f32::MAX] {
+            let written = as_written(Parameter::MaxVel, single.into());
+            assert_eq!(written.to_string(), single.to_string());
+            assert_eq!(typed(Parameter::MaxVel, written), Some(Value::F32(single)));
+        }
+    }
+
+    #[test]
+    fn values_that_a_setting_cannot_have_are_none() {
+        for value in [f64::NAN, f64::INFINITY, 1e39] {
+            assert_eq!(typed(Parameter::MaxVel, value), None, "{value}");
+        }
+        let whole = Parameter::TABLE.iter().find(|info| info.kind == ValueKind::U8).unwrap().parameter;
+        for value in [0.5, -1.0, 256.0, f64::NAN] {
+            assert_eq!(typed(whole, value), None, "{value}");
+        }
+        assert_eq!(typed(whole, 255.0), Some(Value::U8(255)));
+    }
 }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use can_link::{BusSpec, Clock, Link, Role, RunError, Runner, Urgent};
+use can_link::{BusSpec, CanLink, Clock, Role, RunError, Runner, Urgent};
 use firmware::ControllerNode;
 use firmware::host_link::Identity;
 use firmware::orders::Order;
@@ -14,14 +14,14 @@ use protocol::cyphal::crc::Crc64;
 use protocol::cyphal::id::NodeId;
 use robot_model::AnyRobot;
 
-use super::throw::{period_us, read_gains, wish};
+use super::throw::{period_request, period_us, read_gains};
 use super::upload::node_id;
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::BusFailure;
 use operator::bus::args::interrupt;
+use operator::bus::cycle_timing;
 use operator::bus::entropy;
-use operator::bus::pace;
 use operator::bus::period::{NoPeriod, apply, choose};
 use operator::bus::settings::settings_of;
 use operator::bus::soft::SoftReport;
@@ -63,7 +63,7 @@ pub struct Args {
     /// goes before.
     #[arg(long, conflicts_with_all = ["period", "gains"])]
     pub paper: bool,
-    /// End after so many seconds, as by Ctrl-C.
+    /// End after this many seconds, as by Ctrl-C.
     #[arg(long = "for", value_name = "SECONDS", value_parser = super::home::positive)]
     pub time: Option<f64>,
 }
@@ -95,7 +95,7 @@ fn with_storage(args: &Args, storage: impl Storage) -> Result<(), ExpectedError>
         )));
     }
     let urgent = Urgent::request(Role::Controller);
-    say::note!(
+    console::note!(
         "controller {} on {}: {} joints, {} us; Ctrl-C stops the arm and ends",
         settings.node_id,
         args.bus,
@@ -116,15 +116,15 @@ fn with_storage(args: &Args, storage: impl Storage) -> Result<(), ExpectedError>
     come_to_rest(&mut runner, &mut node, clock)?;
     show(&node, &mut shown);
     let stats = runner.stats();
-    say::line!(
+    console::line!(
         "{} frames received, {} sent, {} not taken by the bus",
         stats.received,
         stats.sent,
         stats.dropped
     );
-    say::line!("{}", SoftReport::of(stats, 0, urgent.granted()));
+    console::line!("{}", SoftReport::of(stats, 0, urgent.granted()));
     let counters = node.controller().counters();
-    say::line!(
+    console::line!(
         "{} control cycles, {} late, {} replies missed",
         counters.cycles,
         counters.cycles_late,
@@ -137,7 +137,7 @@ fn with_storage(args: &Args, storage: impl Storage) -> Result<(), ExpectedError>
 fn defaults(
     args: &Args,
     storage: &impl Storage,
-    link: &mut dyn Link,
+    link: &mut dyn CanLink,
     clock: Clock,
 ) -> Result<Settings, ExpectedError> {
     let robot = AnyRobot::load(&args.robot).map_err(|error| ExpectedError::bad_input(&error))?;
@@ -150,8 +150,8 @@ fn defaults(
         settings.node_id = id.get().into();
     }
     let modules: Vec<_> = settings.joints().map(|joint| settings.joint.at(joint).module()).collect();
-    let pace = pace::measure(link, clock, &modules).map_err(failure)?;
-    if pace.foreign_requests > 0 {
+    let timing = cycle_timing::measure(link, clock, &modules).map_err(failure)?;
+    if timing.foreign_requests > 0 {
         return Err(ExpectedError::new(
             exit::BUS,
             format!(
@@ -161,7 +161,7 @@ fn defaults(
             ),
         ));
     }
-    say::note!("{pace}; {}", pace.granted);
+    console::note!("{timing}; {}", timing.granted);
     if args.paper {
         return Ok(settings);
     }
@@ -169,16 +169,17 @@ fn defaults(
     if stored != settings {
         let period = stored.cycle_period();
         // Its gains are stored too, and need no others.
-        return if pace.holds(period) {
+        return if timing.holds(period) {
             Ok(settings)
         } else {
             let next =
                 "write register cycle.period_us and gains for it, or begin with another --storage".to_owned();
-            Err(NoPeriod::TooShort { period_us: stored.cycle_period_us, pace: Box::new(pace), next }.into())
+            Err(NoPeriod::TooShort { period_us: stored.cycle_period_us, timing: Box::new(timing), next }
+                .into())
         };
     }
-    let choice = choose(wish(given, args.period), Some(&pace), &robot, settings.cycle_period_us)?;
-    say::note!("control period {} ms ({})", f64::from(choice.period_us) * 1e-3, choice.why);
+    let choice = choose(period_request(given, args.period), Some(&timing), &robot, settings.cycle_period_us)?;
+    console::note!("control period {} ms ({})", f64::from(choice.period_us) * 1e-3, choice.why);
     apply(&choice, &mut settings);
     Ok(settings)
 }
@@ -252,7 +253,7 @@ fn show<S: Storage>(node: &ControllerNode<S>, shown: &mut Option<firmware::state
         }
         None => String::new(),
     };
-    say::note!("{:?}{why}", state.kind());
+    console::note!("{:?}{why}", state.kind());
     *shown = Some(state);
 }
 

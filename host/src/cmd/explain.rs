@@ -2,6 +2,8 @@
 
 use firmware::fault::{Cause, Reaction};
 use protocol::cyphal::id::NodeId;
+use protocol::powercube::state::BitInfo;
+use protocol::powercube::{Config, CubeState, Setup, ShortState};
 
 use super::upload::node_id;
 use crate::error::ExpectedError;
@@ -12,10 +14,11 @@ use operator::dialogue::history::{describe, table};
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl explain 502\n  cubectl explain DriveTowError\n  cubectl explain exit 7\n  cubectl explain all\n  cubectl explain --last --bus can0    # freeze frame and last events of the controller"
+    after_help = "Examples:\n  cubectl explain 502\n  cubectl explain DriveTowError\n  cubectl explain COMM_ERROR            # a word of a module's state\n  cubectl explain not homed\n  cubectl explain exit 7\n  cubectl explain faults                # what a scenario of the simulated cell can do\n  cubectl explain all\n  cubectl explain --last --bus can0    # freeze frame and last events of the controller"
 )]
 pub struct Args {
-    /// Number or name of a fault, `exit` (with or without a code), or `all`.
+    /// Number or name of a fault, a word of the state of a module (`COMM_ERROR`, `TOW_ERROR|HALTED`, `not homed`), `exit`
+    /// (with or without a code), `faults` (what a scenario of the simulated cell can do), or `all`.
     #[arg(required_unless_present = "last", num_args = 1..=2, value_name = "CODE")]
     pub code: Vec<String>,
     /// What happened last: the latched fault of the controller with every joint at that moment, and the last events.
@@ -35,11 +38,11 @@ pub struct Args {
 /// No such number or name; with `--last` the bus, or no controller.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if args.last {
-        say::text!("{}", last(args)?);
+        console::text!("{}", last(args)?);
         return Ok(());
     }
     let words: Vec<&str> = args.code.iter().map(String::as_str).collect();
-    say::text!("{}", explain(&words)?);
+    console::text!("{}", explain(&words)?);
     Ok(())
 }
 
@@ -74,6 +77,7 @@ pub fn explain(words: &[&str]) -> Result<String, ExpectedError> {
             let row = code.parse::<u8>().ok().and_then(|code| exit::TABLE.iter().find(|row| row.0 == code));
             row.map(exit_line).ok_or_else(|| unknown(&format!("exit {code}")))
         }
+        ["faults"] => Ok(hil_sim::scenario::faults::HELP.to_owned()),
         ["all"] => Ok(Cause::TABLE
             .iter()
             .map(|info| format!("{}  {}: {}\n", info.code, info.name, info.what))
@@ -83,7 +87,7 @@ pub fn explain(words: &[&str]) -> Result<String, ExpectedError> {
             let info = Cause::TABLE
                 .iter()
                 .find(|info| by_number == Some(info.code) || info.name.eq_ignore_ascii_case(code));
-            let info = info.ok_or_else(|| unknown(code))?;
+            let Some(info) = info else { return word(code).ok_or_else(|| unknown(code)) };
             let reaction = match info.reaction {
                 Reaction::Refuse => "nothing moves because of it; the order or file was refused",
                 Reaction::PathStop => "the group ramps down along its path, then all drives are halted",
@@ -95,8 +99,93 @@ pub fn explain(words: &[&str]) -> Result<String, ExpectedError> {
                 info.code, info.name, info.what, info.recovery
             ))
         }
-        _ => Err(unknown(&words.join(" "))),
+        _ => word(&words.join(" ")).ok_or_else(|| unknown(&words.join(" "))),
     }
+}
+
+/// What `scan`, `status` and `doctor` say of a module in plain words, with the bit that says so.
+const PLAIN: &[(&str, CubeState, &str)] = &[
+    ("homed", CubeState::HOME_OK, "nothing; it knows its zero"),
+    (
+        "not homed",
+        CubeState::HOME_OK,
+        "`cubectl home`; a module with an absolute encoder: switch it off and on",
+    ),
+    ("halted", CubeState::HALTED, "`cubectl clear`; `cubectl home` and `cubectl jog` reset it too"),
+    ("moving", CubeState::MOTION, "wait until it stands, or `cubectl stop`"),
+];
+
+/// What to do about each cause of an error of a module.
+const CAUSES: &[(CubeState, &str)] = &[
+    (CubeState::POWERFAULT, "the bits beside it (POW_...) say why; do what they say"),
+    (CubeState::TOW_ERROR, "free the joint, lessen load or acceleration"),
+    (
+        CubeState::COMM_ERROR,
+        "nobody spoke to the module in time: see that host or controller run, and look at cable and bus load",
+    ),
+    (CubeState::POW_VOLT_ERR, "check the motor supply and the contactor"),
+    (CubeState::POW_FET_TEMP, "let it cool, lessen the load"),
+    (CubeState::POW_WDG_TEMP, "let it cool, lessen the load"),
+    (CubeState::POW_SHORTCUR, "check the motor cable; if it comes again the module needs repair"),
+    (CubeState::POW_HALLERR, "check the motor cable; if it comes again the module needs repair"),
+    (CubeState::POW_INTEGRALERR, "let it cool, lessen load or acceleration"),
+    (CubeState::CPU_OVERLOAD, "lessen the traffic to the module; if it comes again the module needs repair"),
+    (CubeState::BEYOND_HARD, "drive the joint back from the limit by the maker's procedure"),
+    (CubeState::BEYOND_SOFT, "`cubectl jog` the joint back inside its limits"),
+    (CubeState::SETUP_OR_LOGIC_VOLT, "check the logic supply and the settings (`cubectl config diff`)"),
+];
+
+/// A word of a module's state, or several with `|` between them; `None` if one is unknown.
+fn word(text: &str) -> Option<String> {
+    if let Some((name, bit, next)) = PLAIN.iter().find(|row| row.0.eq_ignore_ascii_case(text)) {
+        let info = CubeState::BITS.iter().find(|info| bit.bits() == 1 << info.bit)?;
+        let shown = if name.starts_with("not ") { "not shown" } else { "shown" };
+        return Some(format!(
+            "{name}: the state of the module has bit {} ({}) {shown}\n  what:     {}\n  next:     {next}\n",
+            info.bit, info.name, info.meaning
+        ));
+    }
+    let words: Option<Vec<String>> = text.split('|').map(|word| bit(word.trim())).collect();
+    words.map(|words| words.concat())
+}
+
+fn bit(name: &str) -> Option<String> {
+    let tables: [(&str, &[BitInfo]); 4] = [
+        ("state of a module", CubeState::BITS),
+        ("short state of a module", ShortState::BITS),
+        ("configuration of a module", Config::BITS),
+        ("set-up of a module", Setup::BITS),
+    ];
+    let lines: Vec<String> = tables
+        .iter()
+        .filter_map(|(word, bits)| {
+            let info = bits.iter().find(|info| info.name.eq_ignore_ascii_case(name))?;
+            let mut text = format!("{}: {word}, bit {}\n  what:     {}\n", info.name, info.bit, info.meaning);
+            if *word == "state of a module" {
+                text += &next_of(CubeState::from_bits(1 << info.bit));
+            }
+            Some(text)
+        })
+        .collect();
+    // The short state repeats bits of the state.
+    let shown = if lines.len() > 1 && lines[0].contains("state of a module") { 1 } else { lines.len() };
+    (!lines.is_empty()).then(|| lines[..shown].concat())
+}
+
+fn next_of(bit: CubeState) -> String {
+    let cause = CAUSES.iter().find(|row| row.0 == bit).map(|row| row.1);
+    let next = match cause {
+        Some(cause) if CubeState::NEEDS_POWER_CYCLE.contains(bit) => {
+            format!("{cause}; then switch the module off and on, nothing else clears it")
+        }
+        Some(cause) => format!("{cause}; then `cubectl clear`"),
+        None if bit == CubeState::ERROR => "the other words of the state name the cause".to_owned(),
+        None if bit == CubeState::HALTED => {
+            "`cubectl clear`; `cubectl home` and `cubectl jog` reset it too".to_owned()
+        }
+        None => "none needed".to_owned(),
+    };
+    format!("  next:     {next}\n")
 }
 
 fn exit_line(row: &(u8, &str, &str)) -> String {
@@ -105,8 +194,8 @@ fn exit_line(row: &(u8, &str, &str)) -> String {
 
 fn unknown(code: &str) -> ExpectedError {
     ExpectedError::bad_input(&format!(
-        "no fault or exit code '{code}'\n  next: `cubectl explain all` lists the faults, `cubectl explain exit` the \
-         exit codes"
+        "no fault, exit code or word of a module's state is '{code}'\n  next: `cubectl explain all` lists the faults, \
+         `cubectl explain exit` the exit codes"
     ))
 }
 
@@ -120,6 +209,59 @@ mod tests {
             let text = explain(&[&info.code.to_string()]).unwrap();
             assert!(text.contains(info.what) && text.contains(info.recovery));
             assert_eq!(explain(&[info.name]).unwrap(), text);
+        }
+    }
+
+    #[test]
+    fn every_word_of_the_state_of_a_module_is_explained_alone_and_joined() {
+        for info in CubeState::BITS {
+            let text = explain(&[info.name]).unwrap();
+            assert!(text.contains(info.meaning) && text.contains("next: "), "{text}");
+            assert_eq!(explain(&[&info.name.to_lowercase()]).unwrap(), text);
+        }
+        for info in ShortState::BITS.iter().chain(Config::BITS).chain(Setup::BITS) {
+            assert!(explain(&[info.name]).is_ok(), "{}", info.name);
+        }
+        let causes: Vec<_> =
+            CubeState::BITS.iter().filter(|i| CubeState::CAUSES.bits() >> i.bit & 1 != 0).collect();
+        assert_eq!(causes.len(), CAUSES.len());
+        for info in causes {
+            let text = explain(&[info.name]).unwrap();
+            let clears = text.contains("`cubectl clear`");
+            let off_and_on = CubeState::NEEDS_POWER_CYCLE.bits() >> info.bit & 1 != 0;
+            assert_eq!(clears, !off_and_on, "{text}");
+        }
+        let joined = explain(&["TOW_ERROR|COMM_ERROR"]).unwrap();
+        assert_eq!(joined, explain(&["TOW_ERROR"]).unwrap() + &explain(&["COMM_ERROR"]).unwrap());
+    }
+
+    /// The condition that `scan`, `status` and `doctor` print, for each bit of the state set alone and none set.
+    #[test]
+    fn every_word_that_status_prints_is_explained() {
+        let bits = CubeState::BITS.iter().map(|info| 1 << info.bit).chain([0]);
+        for state in bits.map(|bit| CubeState::from_bits(bit | CubeState::ERROR.bits())) {
+            let report = operator::dialogue::survey::ModuleReport {
+                module: protocol::ModuleId::new(1).unwrap(),
+                version: protocol::powercube::FirmwareVersion(0x3519),
+                serial: None,
+                config: None,
+                setup: None,
+                state: Some(state),
+                position_rad: None,
+                current_a: None,
+                motor_v: None,
+                logic_v: None,
+                temperature_c: None,
+                unanswered: Vec::new(),
+            };
+            for part in report.condition().split(", ") {
+                // `error TOW_ERROR`, or `error -` where the module names no cause.
+                let words = part.strip_prefix("error ").unwrap_or(part);
+                if words != "-" {
+                    let words: Vec<&str> = words.split(' ').collect();
+                    assert!(explain(&words).is_ok(), "{part}");
+                }
+            }
         }
     }
 

@@ -5,8 +5,8 @@ use std::io::Write as _;
 use std::path::PathBuf;
 
 use crate::error::ExpectedError;
+use planner::motion::Motion;
 use planner::plan::file::PlanFile;
-use planner::verify::motion;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -61,8 +61,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 pub fn table(plan: &PlanFile, step_s: f64) -> String {
     let mut out = String::from("t_s");
     for (quantity, unit) in [("q", "rad"), ("qd", "rad_s"), ("qdd", "rad_s2")] {
-        for joint in &plan.joints {
-            let _ = write!(out, ",{quantity}_{}_{unit}", joint.name);
+        for joint in &plan.motion.joints {
+            let _ = write!(out, ",{quantity}_{joint}_{unit}");
         }
     }
     out.push('\n');
@@ -71,8 +71,9 @@ pub fn table(plan: &PlanFile, step_s: f64) -> String {
     times.extend([plan.release_time_s, plan.end_time_s]);
     times.sort_by(f64::total_cmp);
     times.dedup();
+    let motion: Motion = plan.motion.to_motion();
     for t in times {
-        let s = motion::at(plan, t);
+        let s = motion.at(t);
         let _ = write!(out, "{t}");
         for value in s.q.iter().chain(s.qd.iter()).chain(s.qdd.iter()) {
             let _ = write!(out, ",{value}");

@@ -1,25 +1,35 @@
 //! `cubectl home`
 
-use protocol::Duration;
-use protocol::powercube::Parameter;
+use firmware::settings::Settings;
+use protocol::{Duration, JointIndex, ModuleId};
 
-use super::modules::{Modules, open};
+use super::controlled::{Controlled, ControllerArgs};
+use super::modules::Modules;
 use super::print_json;
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::BusArgs;
-use operator::dialogue::motion::{Homed, HomingBounds, home};
+use operator::dialogue::homing::Homed;
+use operator::dialogue::operator::OperatorError;
+use operator::dialogue::registers::Numbers;
+use operator::dialogue::zero_check::ZeroCheck;
+
+/// Period of looking at the drives while a zero is compared, µs: the shortest one.
+const VERIFY_MONITOR_US: u32 = 4_000;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl home\n  cubectl home --bus can0 --modules 6\n  cubectl home --bus can0 --speed 0.1 --force\n  cubectl home --bus can0 --verify             # have drives lost encoder counts?\n\nOne module after the other, highest address first (the hand before the base).\nModules with absolute encoders and modules that are homed already are left alone.\nCtrl-C halts everything.\n\nA drive knows its position only from counting. If counts are lost (a loose encoder cable, a dip of its supply) it tells a\nwrong position, follows every path with small errors, and its limits are off by as much. Nothing in its answers shows\nthat until the switch is found again: --verify compares then. With an offset the exit code is 9."
+    after_help = "Examples:\n  cubectl home\n  cubectl home --bus can0 --modules 6\n  cubectl home --bus can0 --speed 0.05 --force\n  cubectl home --bus can0 --verify             # have drives lost encoder counts?\n\nA controller does it: one that is heard on the bus, else one in this program. One joint after the other, the hand before\nthe base, at reduced speed and with the current of each drive limited. Joints that are homed already are left alone; drives\nwith absolute encoders always are homed. Ctrl-C halts everything; so does the controller if this program dies.\n\nA drive knows its position only from counting. If counts are lost (a loose encoder cable, a dip of its supply) it tells a\nwrong position, follows every path with small errors, and its limits are off by as much. Nothing in its answers shows\nthat until the switch is found again: --verify compares then. With an offset the exit code is 9."
 )]
 pub struct Args {
-    /// Bus options.
+    /// Bus options; `--robot` names the arm where the controller runs in this program.
     #[command(flatten)]
     pub bus: BusArgs,
-    /// These modules. Default: all that are there.
+    /// Which controller.
+    #[command(flatten)]
+    pub controller: ControllerArgs,
+    /// The joints of these modules. Default: all. A controller in this program then needs no others to be there.
     #[arg(long)]
     pub modules: Option<Modules>,
     /// Home also what is homed.
@@ -32,14 +42,15 @@ pub struct Args {
     /// An offset above this is a finding of --verify, rad; at least the resolution of the comparison counts.
     #[arg(long, default_value_t = 0.005, value_name = "RAD", value_parser = positive)]
     pub offset_max: f64,
-    /// Largest speed, rad/s.
-    #[arg(long, default_value_t = 0.2, value_name = "RAD_S", value_parser = positive)]
-    pub speed: f64,
-    /// Largest current as a share of the module's own maximum.
-    #[arg(long, default_value_t = 0.8, value_name = "SHARE", value_parser = share)]
-    pub current: f64,
-    /// Longest time for each module, s.
-    #[arg(long, default_value_t = 40.0, value_name = "SECONDS", value_parser = positive)]
+    /// Speed, rad/s, at most 0.5. Default: the controller's.
+    #[arg(long, value_name = "RAD_S", value_parser = speed)]
+    pub speed: Option<f64>,
+    /// Largest current as a share of the drive's own maximum. Default: the controller's. A controller on the bus takes no
+    /// more than it was started with.
+    #[arg(long, value_name = "SHARE", value_parser = share)]
+    pub current: Option<f64>,
+    /// Longest time for each joint, s, from 1 to 60.
+    #[arg(long, default_value_t = 60.0, value_name = "SECONDS", value_parser = seconds)]
     pub timeout: f64,
     /// Print JSON.
     #[arg(long)]
@@ -61,67 +72,80 @@ pub(super) fn share(text: &str) -> Result<f64, String> {
         .map_err(|_| "must be above 0 and at most 1".to_owned())
 }
 
+fn speed(text: &str) -> Result<f64, String> {
+    positive(text).ok().filter(|v| *v <= 0.5).ok_or("must be above 0 and at most 0.5 rad/s".to_owned())
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    positive(text).ok().filter(|s| (1.0..=60.0).contains(s)).ok_or("must be from 1 to 60 s".to_owned())
+}
+
+impl Args {
+    fn timeout_us(&self) -> u32 {
+        (1e6 * self.timeout).round() as u32
+    }
+
+    /// What a controller of this program begins with.
+    fn adjust(&self, settings: &mut Settings) {
+        settings.home_timeout_us = self.timeout_us();
+        if self.verify {
+            settings.monitor_period_us = VERIFY_MONITOR_US;
+        }
+        for joint in JointIndex::first(settings.joints as usize) {
+            let place = settings.joint.at_mut(joint);
+            if let Some(v) = self.speed {
+                place.home_v_rad_s = (v as f32).min(place.v_max_rad_s).copysign(place.home_v_rad_s);
+            }
+            if let Some(share) = self.current {
+                place.slow_current_a = share as f32 * place.current_max_a;
+            }
+        }
+    }
+
+    /// What is asked for, as registers of a controller that has others.
+    fn wishes(&self, controlled: &mut Controlled) -> Result<Vec<(&'static str, Numbers)>, OperatorError> {
+        let node = controlled.node;
+        let mut real = |name| match controlled.session.register(node, name)? {
+            Numbers::Real(numbers) => Ok(numbers),
+            _ => Err(OperatorError::Unreadable { node }),
+        };
+        let mut wishes = vec![("home.timeout_us", self.timeout_us().into())];
+        if self.verify {
+            wishes.push(("cycle.monitor_us", VERIFY_MONITOR_US.into()));
+        }
+        if let Some(v) = self.speed {
+            let signed = real("joint.home_v_rad_s")?.into_iter().map(|before| (v as f32).copysign(before));
+            wishes.push(("joint.home_v_rad_s", Numbers::Real(signed.collect())));
+        }
+        if let Some(share) = self.current {
+            let slow = real("joint.current_max_a")?.into_iter().map(|max_a| share as f32 * max_a);
+            wishes.push(("joint.slow_current_a", Numbers::Real(slow.collect())));
+        }
+        Ok(wishes)
+    }
+}
+
 /// Runs the verb.
 ///
 /// # Errors
-/// The bus, a module that does not answer, does not find its zero, or draws too much current.
+/// The bus, a controller that refuses, a drive that does not find its zero; lost counts with `--verify`.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    let (mut session, mut found) = open(&args.bus, args.modules.as_ref())?;
-    found.sort_by_key(|report| std::cmp::Reverse(report.module));
-    let bounds = HomingBounds {
-        speed_max_rad_s: args.speed,
-        current_share: args.current,
-        time: Duration::from_secs_f64(args.timeout),
-    };
-    let (mut rows, mut findings) = (Vec::new(), Vec::new());
-    for report in &found {
-        let skip = if report.is_absolute() {
-            Some("absolute encoder")
-        } else if report.is_homed() && !args.force && !args.verify {
-            Some("homed already")
-        } else {
-            None
-        };
-        if let Some(why) = skip {
-            if !args.json {
-                say::line!("module {}: {why}", report.module);
-            }
-            rows.push(serde_json::json!({ "module": report.module.get(), "skipped": why }));
-            continue;
-        }
-        if !args.json {
-            say::note!("module {}: homing at up to {} rad/s; Ctrl-C halts", report.module, args.speed);
-        }
-        let has_home_vel = Parameter::HomeVel.info().writable(report.version);
-        // Without a zero before there is nothing to compare; without a known speed no step stands out.
-        let looks_at_zero = args.verify && report.is_homed() && has_home_vel;
-        let homed = home(&mut session, report.module, &bounds, has_home_vel, looks_at_zero)?;
-        if !args.json {
-            say::line!(
-                "module {}: zero found in {:.1} s, stands at {:.4} rad, at most {:.1} A",
-                report.module,
-                homed.took.as_secs_f64(),
-                homed.position_rad,
-                homed.current_max_a
-            );
-        }
-        let verdict = if args.verify { compared(&homed, args.offset_max) } else { Compared::default() };
-        if let Some(text) = &verdict.text
-            && !args.json
-        {
-            say::line!("module {}: {text}", report.module);
-        }
-        findings.extend(verdict.finding.map(|text| format!("module {}: {text}", report.module)));
-        rows.push(serde_json::json!({
-            "zero_offset_rad": homed.zero.map(|zero| zero.offset_rad),
-            "zero_resolution_rad": homed.zero.map(|zero| zero.resolution_rad),
-            "module": report.module.get(),
-            "took_s": homed.took.as_secs_f64(),
-            "position_rad": homed.position_rad,
-            "current_max_a": homed.current_max_a,
-        }));
-    }
-    session.finish()?;
+    let named = args.modules.as_ref().map(|modules| modules.0.as_slice());
+    let adjust = |settings: &mut Settings| args.adjust(settings);
+    let mut controlled = Controlled::open(&args.bus, &args.controller, named, &adjust)?;
+    let mut joints = controlled.select(named)?;
+    joints.sort_by_key(|(joint, _)| std::cmp::Reverse(joint.get()));
+    // A controller of this program began with them.
+    let wishes = if controlled.soft { Vec::new() } else { args.wishes(&mut controlled)? };
+    let mut before = Vec::new();
+    let homed = write_all(&mut controlled, &wishes, &mut before)
+        .map_err(ExpectedError::from)
+        .and_then(|()| home_all(args, &mut controlled, &joints));
+    // A controller that is on the bus for others gets its own values back, also after a failure.
+    let put_back = write_all(&mut controlled, &before, &mut Vec::new());
+    let (rows, findings) = homed?;
+    put_back?;
+    controlled.finish()?;
     if args.json {
         print_json(&serde_json::json!({ "modules": rows }));
     }
@@ -138,6 +162,113 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     ))
 }
 
+/// Homes what is not homed, as `cubectl home` does, before a verb that speaks to the drives itself.
+///
+/// # Errors
+/// As [`run`].
+pub(super) fn home_first(bus: &BusArgs) -> Result<(), ExpectedError> {
+    let args = Args {
+        bus: BusArgs { record: None, ..bus.clone() },
+        controller: ControllerArgs::default(),
+        modules: None,
+        force: false,
+        verify: false,
+        offset_max: 0.005,
+        speed: None,
+        current: None,
+        timeout: 60.0,
+        json: false,
+    };
+    run(&args)
+}
+
+/// Writes registers; `before` gets what they held.
+fn write_all(
+    controlled: &mut Controlled,
+    wishes: &[(&'static str, Numbers)],
+    before: &mut Vec<(&'static str, Numbers)>,
+) -> Result<(), OperatorError> {
+    for (name, wanted) in wishes {
+        before.push((*name, controlled.session.register(controlled.node, name)?));
+        controlled.session.set_register(controlled.node, name, wanted)?;
+    }
+    Ok(())
+}
+
+/// What was done with each joint, and what was found.
+type Rows = (Vec<serde_json::Value>, Vec<String>);
+
+fn home_all(
+    args: &Args,
+    controlled: &mut Controlled,
+    joints: &[(JointIndex, ModuleId)],
+) -> Result<Rows, ExpectedError> {
+    let node = controlled.node;
+    let limit = Duration::from_secs_f64(args.timeout);
+    let Numbers::Real(speeds) = controlled.session.register(node, "joint.home_v_rad_s")? else {
+        return Err(OperatorError::Unreadable { node }.into());
+    };
+    let (mut rows, mut findings) = (Vec::new(), Vec::new());
+    for &(joint, module) in joints {
+        let number = joint.get() + 1;
+        let is_homed = controlled.session.group().is_some_and(|group| group.homed_mask & joint.bit() != 0);
+        if is_homed && !args.force && !args.verify {
+            if !args.json {
+                console::line!("module {module}: homed already");
+            }
+            rows.push(
+                serde_json::json!({ "module": module.get(), "joint": number, "skipped": "homed already" }),
+            );
+            continue;
+        }
+        let v_rad_s = speeds.get(joint.get()).map_or(0.0, |v| f64::from(v.abs()));
+        if !args.json {
+            console::note!("module {module}: homing at {v_rad_s:.2} rad/s; Ctrl-C halts");
+        }
+        // Without a zero before there is nothing to compare.
+        let zero = (args.verify && is_homed).then(|| ZeroCheck::new(v_rad_s));
+        let homed = controlled
+            .session
+            .home_joint(node, (joint, module), limit, zero)
+            .map_err(|error| at(module, error))?;
+        if !args.json {
+            console::line!(
+                "module {module}: zero found in {:.1} s, stands at {:.4} rad, at most {:.1} A",
+                homed.took.as_secs_f64(),
+                homed.position_rad,
+                homed.current_max_a
+            );
+        }
+        let verdict = if args.verify { compared(&homed, args.offset_max) } else { Compared::default() };
+        if let Some(text) = &verdict.text
+            && !args.json
+        {
+            console::line!("module {module}: {text}");
+        }
+        findings.extend(verdict.finding.map(|text| format!("module {module}: {text}")));
+        rows.push(serde_json::json!({
+            "zero_offset_rad": homed.zero.map(|zero| zero.offset_rad),
+            "zero_resolution_rad": homed.zero.map(|zero| zero.resolution_rad),
+            "module": module.get(),
+            "joint": number,
+            "took_s": homed.took.as_secs_f64(),
+            "position_rad": homed.position_rad,
+            "current_max_a": homed.current_max_a,
+        }));
+    }
+    Ok((rows, findings))
+}
+
+/// An error of one module.
+pub(super) fn at(module: ModuleId, error: OperatorError) -> ExpectedError {
+    let stopped = matches!(error, OperatorError::Stopped { .. });
+    let mut expected = ExpectedError::from(error);
+    if stopped {
+        expected.message = format!("module {module}: everything was halted; {}", expected.message);
+    }
+    expected
+}
+
 /// What `--verify` says of one module.
 #[derive(Default)]
 struct Compared {
@@ -147,8 +278,7 @@ struct Compared {
 
 fn compared(homed: &Homed, offset_max_rad: f64) -> Compared {
     let Some(zero) = homed.zero else {
-        let text =
-            "the reading before cannot be compared: there was no zero, or its homing speed is not known";
+        let text = "the reading before cannot be compared: there was no zero, or the drive is not heard";
         return Compared { text: Some(text.to_owned()), finding: None };
     };
     let (off, least) = (zero.offset_rad.to_degrees(), zero.resolution_rad.to_degrees());

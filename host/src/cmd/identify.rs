@@ -7,28 +7,31 @@ use can_link::BusSpec;
 use indicatif::{ProgressBar, ProgressStyle};
 use robot_model::AnyRobot;
 
-use super::home::positive;
+use super::home::{home_first, positive};
 use super::modules::modules_on;
+use super::plan::follow::is_industrial;
 use super::print_json;
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::identify as report;
 use operator::bus::{BusArgs, Session};
-use operator::dialogue::motion::{HomingBounds, home};
 use operator::identify::experiment::{Bounds, ExperimentError};
-use operator::identify::joint::{JointError, Wish, identify};
-use protocol::powercube::Parameter;
+use operator::identify::joint::{JointError, JointExperiments, identify};
+use planner::plan::Arm;
 use tuner::identify::findings::Findings;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl identify --joint 2\n  cubectl identify --joint 2 --bus can0 --home --out joint2.toml --report joint2.html\n\nThe joint turns to and fro at up to --speed of its largest speed, within its soft limits and where the robot model shows\nno collision; for K_M the others may be brought to a pose in which gravity loads it. Keep clear. Ctrl-C halts everything.\nExit code 9: something could not be concluded; the text says what and why."
+    after_help = "Examples:\n  cubectl identify --joint 2\n  cubectl identify --joint 2 --bus can0 --home --out joint2.toml --report joint2.html\n  cubectl identify --robot kr16_2 --bus rsi:udp://0.0.0.0:49152 --out robot.toml   # lag and gripper; empty hand\n\nThe joint turns to and fro at up to --speed of its largest speed, within its soft limits and where the robot model shows\nno collision; for K_M the others may be brought to a pose in which gravity loads it. Keep clear. Ctrl-C halts everything.\nExit code 9: something could not be concluded; the text says what and why."
 )]
 pub struct Args {
-    /// Joint number from 1.
+    /// Joint number from 1; not for an industrial robot, whose axes are measured together.
     #[arg(long)]
-    pub joint: usize,
+    pub joint: Option<usize>,
+    /// Largest swing of the axes of an industrial robot, degrees.
+    #[arg(long, default_value_t = 6.0, value_name = "DEG", value_parser = positive)]
+    pub wiggle_deg: f64,
     /// Bus options; `--robot` names the model of the arm.
     #[command(flatten)]
     pub bus: BusArgs,
@@ -87,23 +90,38 @@ impl From<JointError> for ExpectedError {
     }
 }
 
+/// The arm, if it is one that is led over RSI.
+fn industrial(args: &Args) -> Result<Option<Arm>, ExpectedError> {
+    let named = args.bus.cell.robot.as_deref();
+    if matches!(args.bus.bus, BusSpec::Rsi(_)) {
+        return super::arm(named.unwrap_or("kr16_2")).map(Some);
+    }
+    match named.map(super::robot).transpose()? {
+        Some(AnyRobot::Six(arm)) if is_industrial(&arm) => Ok(Some(*arm)),
+        _ => Ok(None),
+    }
+}
+
 /// Runs the verb.
 ///
 /// # Errors
 /// Robot or joint, the bus, a drive, a blocked joint; or data that are too poor to conclude from (after the
 /// report is written).
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    let (mut session, robot) = open(args)?;
-    let found = modules_on(&mut session, None, args.bus.beside)?;
-    if args.home {
-        for report in found.iter().filter(|report| !report.is_homed() && !report.is_absolute()) {
-            say::note!("module {}: homing", report.module);
-            let settable = Parameter::HomeVel.info().writable(report.version);
-            home(&mut session, report.module, &HomingBounds::default(), settable, false)?;
-        }
+    if let Some(arm) = industrial(args)? {
+        return super::rsi::identify(args, &arm);
     }
-    let wish = Wish {
-        joint: args.joint,
+    let joint = args
+        .joint
+        .ok_or_else(|| ExpectedError::bad_input(&"--joint is missing\n  next: name the joint, from 1"))?;
+    // Drives of the simulated cell are homed.
+    if args.home && args.bus.bus != BusSpec::Sim {
+        home_first(&args.bus)?;
+    }
+    let (mut session, robot) = open(args)?;
+    modules_on(&mut session, None, args.bus.beside)?;
+    let wish = JointExperiments {
+        joint,
         bounds: Bounds {
             current_share: args.current,
             speed_share: args.speed,
@@ -156,16 +174,16 @@ fn tell(args: &Args, findings: &Findings) -> Result<(), ExpectedError> {
     if args.json {
         print_json(&json(findings));
     } else {
-        say::text!("{}", findings.text());
+        console::text!("{}", findings.text());
     }
     if let Some(path) = &args.out {
         write(path, &findings.patch())?;
-        say::note!("wrote {}", path.display());
+        console::note!("wrote {}", path.display());
     }
     if let Some(path) = &args.report {
         let html = report::html(findings).map_err(|cause| ExpectedError::new(exit::BUG, cause))?;
         write(path, &html)?;
-        say::note!("wrote {}", path.display());
+        console::note!("wrote {}", path.display());
     }
     Ok(())
 }

@@ -4,15 +4,17 @@ use std::io::{IsTerminal, Read};
 use std::sync::mpsc::{self, Receiver, TryRecvError};
 use std::time::{Duration as WallSpan, Instant as WallTime};
 
-use protocol::powercube::Parameter;
-use protocol::{Duration, ModuleId};
+use protocol::{Duration, Instant, JointIndex, ModuleId};
 
-use super::modules::modules_on;
+use super::controlled::{Controlled, ControllerArgs};
+use super::home::at;
 use super::print_json;
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::BusArgs;
-use operator::dialogue::motion::jog;
+use operator::dialogue::jogging::Jogged;
+use operator::dialogue::operator::OperatorError;
+use operator::dialogue::registers::Numbers;
 
 /// Fastest jog, rad/s: slow enough to step aside.
 pub const SPEED_MAX_RAD_S: f64 = 0.25;
@@ -24,19 +26,22 @@ const REPEAT: WallSpan = WallSpan::from_millis(150);
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl jog 3 --bus can0               # hold a key: + or l up, - or h down; any other key or Ctrl-C ends\n  cubectl jog 3 --bus can0 --for 1.5 --speed -0.1\n\nThe module moves only while the key is held. If this program dies it stops within 0.2 s by itself."
+    after_help = "Examples:\n  cubectl jog 3 --bus can0               # hold a key: + or l up, - or h down; any other key or Ctrl-C ends\n  cubectl jog 3 --bus can0 --for 1.5 --speed -0.1\n\nA controller does it: one that is heard on the bus, else one in this program, for this module alone. The module moves only\nwhile the key is held. If this program dies it stops within 0.2 s by itself."
 )]
 pub struct Args {
     /// Address of the module.
     #[arg(value_parser = address)]
     pub module: ModuleId,
-    /// Bus options.
+    /// Bus options; `--robot` names the arm where the controller runs in this program.
     #[command(flatten)]
     pub bus: BusArgs,
+    /// Which controller.
+    #[command(flatten)]
+    pub controller: ControllerArgs,
     /// Speed, rad/s, at most 0.25; with --for the sign is the direction.
     #[arg(long, default_value_t = 0.1, value_name = "RAD_S", allow_hyphen_values = true, value_parser = speed)]
     pub speed: f64,
-    /// Move for so many seconds instead of while a key is held.
+    /// Move for this many seconds instead of while a key is held.
     #[arg(long = "for", value_name = "SECONDS", value_parser = super::home::positive)]
     pub time: Option<f64>,
     /// Print JSON (with --for).
@@ -59,45 +64,78 @@ fn speed(text: &str) -> Result<f64, String> {
 /// Runs the verb.
 ///
 /// # Errors
-/// The bus, the module does not answer, is in error, or does not stand still afterwards.
+/// The bus, a controller that refuses, a drive in error, or a joint that does not stand still afterwards.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    let mut session = args.bus.open()?;
-    let found = modules_on(&mut session, Some(&[args.module]), args.bus.beside)?;
-    if found
-        .iter()
-        .any(|report| report.version.0 < 0x2518 && !Parameter::ActPos.info().readable(report.version))
-    {
-        return Err(ExpectedError::new(exit::DRIVE, "the firmware of this module is not known"));
+    let named = [args.module];
+    let mut controlled = Controlled::open(&args.bus, &args.controller, Some(&named), &|_| {})?;
+    let Some((joint, _)) = controlled.select(Some(&named))?.first().copied() else { return Ok(()) };
+    require_speed(&mut controlled, joint, args.speed)?;
+    let Some(seconds) = args.time else { return by_keys(args, controlled, joint) };
+    // It counts from the first order.
+    let mut until = None;
+    let span = Duration::from_secs_f64(seconds);
+    let jogged =
+        jog(&mut controlled, (joint, args), args.speed, &mut |now| now < *until.get_or_insert(now + span))?;
+    let interrupted = controlled.session.is_interrupted();
+    end(controlled)?;
+    if args.json {
+        print_json(&serde_json::json!({
+            "module": args.module.get(),
+            "from_rad": jogged.from_rad,
+            "to_rad": jogged.to_rad,
+            "held_s": jogged.held.as_secs_f64(),
+            "at_limit": jogged.at_limit,
+            "interrupted": interrupted,
+        }));
+    } else {
+        report(args.module, &jogged);
     }
-    if let Some(seconds) = args.time {
-        let until = session.now() + Duration::from_secs_f64(seconds);
-        let jogged = jog(&mut session, args.module, args.speed, &mut |now| now < until)?;
-        let interrupted = session.is_interrupted();
-        session.finish()?;
-        if args.json {
-            print_json(&serde_json::json!({
-                "module": args.module.get(),
-                "from_rad": jogged.from_rad,
-                "to_rad": jogged.to_rad,
-                "held_s": jogged.held.as_secs_f64(),
-                "at_limit": jogged.at_limit,
-                "interrupted": interrupted,
-            }));
-        } else {
-            report(args.module, &jogged);
-        }
-        return if interrupted {
-            Err(ExpectedError::new(exit::INTERRUPTED, "interrupted; the module stands still"))
-        } else {
-            Ok(())
-        };
-    }
-    by_keys(args, session)
+    if interrupted { Err(stands()) } else { Ok(()) }
 }
 
-fn report(module: ModuleId, jogged: &operator::dialogue::motion::Jogged) {
+fn stands() -> ExpectedError {
+    ExpectedError::new(exit::INTERRUPTED, "interrupted; the module stands still")
+}
+
+/// Ends in order; after Ctrl-C the controller is not asked for anything more.
+fn end(controlled: Controlled) -> Result<(), ExpectedError> {
+    if controlled.session.is_interrupted() { Ok(controlled.session.finish()?) } else { controlled.finish() }
+}
+
+fn jog(
+    controlled: &mut Controlled,
+    (joint, args): (JointIndex, &Args),
+    speed_rad_s: f64,
+    held: &mut dyn FnMut(Instant) -> bool,
+) -> Result<Jogged, ExpectedError> {
+    let node = controlled.node;
+    controlled.session.jog_joint(node, joint, speed_rad_s, held).map_err(|error| at(args.module, error))
+}
+
+/// A controller jogs no faster than it is set to; a slower jog than was asked for is not told as done.
+fn require_speed(
+    controlled: &mut Controlled,
+    joint: JointIndex,
+    speed_rad_s: f64,
+) -> Result<(), ExpectedError> {
+    let node = controlled.node;
+    let Numbers::Real(speeds) = controlled.session.register(node, "joint.jog_v_rad_s")? else {
+        return Err(OperatorError::Unreadable { node }.into());
+    };
+    let most_rad_s = speeds.get(joint.get()).copied().unwrap_or(0.0);
+    if speed_rad_s.abs() as f32 <= most_rad_s {
+        return Ok(());
+    }
+    Err(ExpectedError::bad_input(&format!(
+        "controller {} jogs this joint at most at {most_rad_s} rad/s; nothing moved\n  next: --speed {most_rad_s}, or register \
+         joint.jog_v_rad_s",
+        node.get()
+    )))
+}
+
+fn report(module: ModuleId, jogged: &Jogged) {
     let limit = if jogged.at_limit { ", at its soft limit" } else { "" };
-    say::line!("module {module}: {:.4} rad -> {:.4} rad{limit}", jogged.from_rad, jogged.to_rad);
+    console::line!("module {module}: {:.4} rad -> {:.4} rad{limit}", jogged.from_rad, jogged.to_rad);
 }
 
 /// Which way a key means; `None` for a key that ends.
@@ -119,20 +157,23 @@ fn keys() -> Receiver<u8> {
     receiver
 }
 
-fn by_keys(args: &Args, mut session: operator::bus::Session) -> Result<(), ExpectedError> {
+fn by_keys(args: &Args, mut controlled: Controlled, joint: JointIndex) -> Result<(), ExpectedError> {
     let raw = RawTerminal::enter();
-    say::note!("module {}: hold + or l to move up, - or h to move down; any other key ends\r", args.module);
+    console::note!(
+        "module {}: hold + or l to move up, - or h to move down; any other key ends\r",
+        args.module
+    );
     let keys = keys();
     loop {
         // While nothing is held the session still listens, so that it sees Ctrl-C and the bus.
         let key = match keys.try_recv() {
             Ok(key) => key,
             Err(TryRecvError::Disconnected) => break,
-            Err(TryRecvError::Empty) if session.is_interrupted() => break,
+            Err(TryRecvError::Empty) if controlled.session.is_interrupted() => break,
             Err(TryRecvError::Empty) => {
                 std::thread::sleep(WallSpan::from_millis(5));
-                let until = session.now() + Duration::from_millis(5);
-                session.run(until, &mut |_| false)?;
+                let until = controlled.session.now() + Duration::from_millis(5);
+                controlled.session.run(until, &mut |_| false)?;
                 continue;
             }
         };
@@ -144,7 +185,7 @@ fn by_keys(args: &Args, mut session: operator::bus::Session) -> Result<(), Expec
         };
         let mut held_until = WallTime::now() + FIRST_REPEAT;
         let mut ended = false;
-        let jogged = jog(&mut session, args.module, sign * args.speed.abs(), &mut |_| {
+        let jogged = jog(&mut controlled, (joint, args), sign * args.speed.abs(), &mut |_| {
             loop {
                 match keys.try_recv() {
                     Ok(again) if direction(again) == Some(sign) => {
@@ -169,13 +210,9 @@ fn by_keys(args: &Args, mut session: operator::bus::Session) -> Result<(), Expec
         }
     }
     drop(raw);
-    let interrupted = session.is_interrupted();
-    session.finish()?;
-    if interrupted {
-        Err(ExpectedError::new(exit::INTERRUPTED, "interrupted; the module stands still"))
-    } else {
-        Ok(())
-    }
+    let interrupted = controlled.session.is_interrupted();
+    end(controlled)?;
+    if interrupted { Err(stands()) } else { Ok(()) }
 }
 
 /// Terminal that hands out keys one by one and does not echo them; as it was again when dropped. Ctrl-C stays a

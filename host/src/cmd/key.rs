@@ -89,7 +89,7 @@ pub fn run(verb: &KeyVerb) -> Result<(), ExpectedError> {
     match verb {
         KeyVerb::Make(args) => {
             make(&args.file, &entropy::bytes()?)?;
-            say::line!("{}: a new key, for its owner only", args.file.display());
+            console::line!("{}: a new key, for its owner only", args.file.display());
             Ok(())
         }
         KeyVerb::Set(args) => {
@@ -102,7 +102,7 @@ pub fn run(verb: &KeyVerb) -> Result<(), ExpectedError> {
             if !fits {
                 return Err(refused("the controller did not take the key; it has the one it had"));
             }
-            say::line!("controller {}: the key of {} is set", node.get(), args.file.display());
+            console::line!("controller {}: the key of {} is set", node.get(), args.file.display());
             Ok(())
         }
         KeyVerb::Remove(args) => {
@@ -113,7 +113,7 @@ pub fn run(verb: &KeyVerb) -> Result<(), ExpectedError> {
             if keyed {
                 return Err(refused("the controller kept its key"));
             }
-            say::line!("controller {}: has no key; any node may give it orders", node.get());
+            console::line!("controller {}: has no key; any node may give it orders", node.get());
             Ok(())
         }
     }

@@ -33,7 +33,7 @@ pub fn run(args: &Args, mut command: Command) -> Result<(), ExpectedError> {
     };
     std::fs::create_dir_all(dir).map_err(|error| unwritten(dir, &error))?;
     let count = write_pages(dir, &command)?;
-    say::line!("{count} pages in {}", dir.display());
+    console::line!("{count} pages in {}", dir.display());
     Ok(())
 }
 

@@ -16,21 +16,29 @@ pub mod key;
 pub mod man;
 pub mod monitor;
 pub mod plan;
+pub mod rally;
 pub mod record;
+pub mod registers;
 pub mod replay;
 pub mod report;
+pub mod robot;
+pub mod rsi;
 pub mod run;
 pub mod scan;
 pub mod sim;
+pub mod sim_robot;
 pub mod status;
 pub mod stop;
 pub mod swarm;
 pub mod throw;
+pub mod tracker;
 pub mod tune;
 pub mod unlock;
 pub mod upload;
+pub mod web;
 
 mod bus_errors;
+mod controlled;
 mod modules;
 
 use robot_model::AnyRobot;
@@ -57,5 +65,5 @@ pub(crate) fn arm(name: &str) -> Result<Arm, ExpectedError> {
 
 /// Prints a value as JSON.
 pub(crate) fn print_json(value: &serde_json::Value) {
-    say::line!("{value:#}");
+    console::line!("{value:#}");
 }

@@ -2,13 +2,21 @@
 
 use std::io::IsTerminal;
 
+use firmware::fault::Cause;
 use indicatif::{ProgressBar, ProgressStyle};
-use protocol::ModuleId;
+use protocol::cyphal::cubecell::group_state::GroupState;
+use protocol::powercube::CubeState;
+use protocol::{Duration, Instant, ModuleId};
 
 use crate::error::ExpectedError;
 use crate::exit;
-use operator::bus::{BusArgs, Session};
+use operator::bus::Session;
+use operator::dialogue::presence::Presence;
 use operator::dialogue::survey::{ModuleReport, survey};
+use operator::node::host_node::Heard;
+
+/// A controller at rest has read position, state and current of every drive several times by then.
+const BESIDE_LISTEN: Duration = Duration::from_millis(1_500);
 
 /// The addresses of an option.
 #[derive(Clone, Debug)]
@@ -45,15 +53,15 @@ pub(super) fn missing(bus: &str, modules: &[ModuleId]) -> ExpectedError {
     )
 }
 
-/// Refuses to ask modules that somebody else asks.
+/// Refuses to ask modules that another node asks.
 pub(super) fn require_alone(session: &mut Session, beside: bool) -> Result<(), ExpectedError> {
     if !beside && session.hears_other_host()? {
         return Err(ExpectedError::new(
             exit::BUS,
             format!(
                 "{}: another host or a controller speaks to the modules; nothing was sent, because our questions would \
-                 destroy its frames\n  next: `cubectl monitor --listen` watches, `cubectl stop` stops; end the other \
-                 program, or add --beside",
+                 destroy its frames\n  next: `cubectl scan`, `cubectl status` and `cubectl monitor` listen, `cubectl stop` \
+                 stops; end the other program, or add --beside",
                 session.name()
             ),
         ));
@@ -61,8 +69,95 @@ pub(super) fn require_alone(session: &mut Session, beside: bool) -> Result<(), E
     Ok(())
 }
 
+/// Modules as they are heard beside a controller or another host.
+pub(super) struct Beside {
+    /// Who else is there.
+    pub(super) presence: Presence,
+    /// What the controller told of the group last.
+    group: Option<GroupState>,
+    /// The modules that were heard.
+    pub(super) modules: Vec<(ModuleId, Heard)>,
+    /// When the listening ended.
+    at: Instant,
+}
+
+/// Listens instead of asking, if another node speaks to the modules and `beside` does not say to ask all the same; `None`
+/// if nobody does. Of the `named` modules all must be heard.
+pub(super) fn listen_beside(
+    session: &mut Session,
+    named: Option<&[ModuleId]>,
+    beside: bool,
+) -> Result<Option<Beside>, ExpectedError> {
+    if beside || !session.hears_other_host()? {
+        return Ok(None);
+    }
+    let presence = session.listen_for(BESIDE_LISTEN, false)?;
+    let (at, group) = (session.now(), session.group());
+    let heard = session.host_node().heard();
+    let wanted = |module: &ModuleId| named.is_none_or(|named| named.contains(module));
+    let modules: Vec<_> =
+        heard.iter().filter(|(module, _)| wanted(module)).map(|(m, heard)| (*m, *heard)).collect();
+    let silent = named.into_iter().flatten().find(|module| !heard.contains_key(module));
+    if let Some(module) = silent {
+        return Err(ExpectedError::new(
+            exit::DRIVE,
+            format!(
+                "{}: module {module} is not heard, and was not asked, because a controller or another host speaks to the \
+                 modules\n  next: `cubectl monitor`; end the other program, or add --beside to ask all the same",
+                session.name()
+            ),
+        ));
+    }
+    Ok(Some(Beside { presence, group, modules, at }))
+}
+
+impl Beside {
+    /// Who is there, in a line.
+    pub(super) fn line(&self) -> String {
+        match (self.presence.controller, &self.group) {
+            (Some(node), Some(group)) => {
+                let fault = Cause::from_code(group.fault_cause).map_or("no fault", Cause::name);
+                let host = if group.host_alive { "a host is alive" } else { "no host" };
+                format!("controller {}: {}, {fault}, {host}", node.get(), group.state)
+            }
+            _ => "another host speaks to the modules".to_owned(),
+        }
+    }
+
+    /// As JSON, units in the keys; what only a question would tell is null.
+    pub(super) fn json(&self, bus: &str) -> serde_json::Value {
+        let modules: Vec<_> =
+            self.modules.iter().map(|(module, heard)| self.module_json(*module, heard)).collect();
+        let controller = self.presence.controller.zip(self.group).map(|(node, group)| {
+            serde_json::json!({
+                "node_id": node.get(),
+                "state": group.state.to_string(),
+                "fault_cause": group.fault_cause,
+                "fault_joint": group.fault_joint,
+                "homed_mask": group.homed_mask,
+                "host_alive": group.host_alive,
+            })
+        });
+        serde_json::json!({ "bus": bus, "asked": false, "controller": controller, "modules": modules })
+    }
+
+    fn module_json(&self, module: ModuleId, heard: &Heard) -> serde_json::Value {
+        serde_json::json!({
+            "module": module.get(),
+            "serial": null,
+            "firmware": null,
+            "homed": heard.state.map(|state| state.contains(CubeState::HOME_OK)),
+            "state": heard.state.map(|state| state.to_string()),
+            "state_bits": heard.state.map(CubeState::bits),
+            "position_rad": heard.position_rad,
+            "current_a": heard.current_a,
+            "heard_s_ago": self.at.saturating_since(heard.at).as_secs_f64(),
+        })
+    }
+}
+
 /// A survey of `candidates` with a progress bar on a terminal.
-pub(super) fn look(
+pub(super) fn survey_with_progress(
     session: &mut Session,
     candidates: &[ModuleId],
 ) -> Result<Vec<ModuleReport>, ExpectedError> {
@@ -87,7 +182,7 @@ pub(super) fn modules_on(
 ) -> Result<Vec<ModuleReport>, ExpectedError> {
     require_alone(session, beside)?;
     let all: Vec<ModuleId> = ModuleId::all().collect();
-    let found = look(session, named.unwrap_or(&all))?;
+    let found = survey_with_progress(session, named.unwrap_or(&all))?;
     if let Some(named) = named {
         let silent: Vec<ModuleId> =
             named.iter().copied().filter(|id| !found.iter().any(|report| report.module == *id)).collect();
@@ -111,7 +206,7 @@ pub(super) fn module_json(report: &ModuleReport) -> serde_json::Value {
         "absolute": report.is_absolute(),
         "homed": report.is_homed(),
         "state": report.state.map(|state| state.to_string()),
-        "state_bits": report.state.map(protocol::powercube::CubeState::bits),
+        "state_bits": report.state.map(CubeState::bits),
         "position_rad": report.position_rad,
         "current_a": report.current_a,
         "motor_v": report.motor_v,
@@ -119,14 +214,4 @@ pub(super) fn module_json(report: &ModuleReport) -> serde_json::Value {
         "temperature_c": report.temperature_c,
         "unanswered": report.unanswered.iter().map(|p| p.name()).collect::<Vec<_>>(),
     })
-}
-
-/// Opens the bus and looks for the modules.
-pub(super) fn open(
-    bus: &BusArgs,
-    named: Option<&Modules>,
-) -> Result<(Session, Vec<ModuleReport>), ExpectedError> {
-    let mut session = bus.open()?;
-    let found = modules_on(&mut session, named.map(|modules| modules.0.as_slice()), bus.beside)?;
-    Ok((session, found))
 }

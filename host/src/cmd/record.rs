@@ -19,9 +19,9 @@ pub struct Args {
     /// Bus options.
     #[command(flatten)]
     pub bus: BusArgs,
-    /// Where to: PATH.candump and PATH.mcap.
+    /// Where to: PATH.candump and PATH.mcap; with --bus rsi:... the folder PATH.
     pub path: PathBuf,
-    /// End after so many seconds. On the bus `sim` the default is one second.
+    /// End after this many seconds. On the bus `sim` the default is one second.
     #[arg(long = "for", value_name = "SECONDS", value_parser = super::home::positive)]
     pub time: Option<f64>,
     /// With the bus `sim`: let the soft controller run in the cell.
@@ -37,18 +37,26 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if args.bus.record.is_some() {
         return Err(ExpectedError::bad_input(&"`record` takes its path without --record"));
     }
+    if let Some((spec, described, arm)) = super::rsi::robot_on(&args.bus)? {
+        return super::rsi::record(args, &spec, &described, &arm);
+    }
     let bus = BusArgs { record: Some(args.path.clone()), ..args.bus.clone() };
     let mut session = if args.controller { bus.open_with_controller()? } else { bus.open()? };
     let span = args.time.or(session.is_simulated().then_some(1.0));
     let [text, viewer] = files_of(&args.path);
-    say::note!("recording {} to {} and {}; Ctrl-C ends", session.name(), text.display(), viewer.display());
+    console::note!(
+        "recording {} to {} and {}; Ctrl-C ends",
+        session.name(),
+        text.display(),
+        viewer.display()
+    );
     let until = span.map_or(protocol::Instant::FAR_FUTURE, |s| session.now() + Duration::from_secs_f64(s));
     let ended = session.run(until, &mut |_| false)?;
-    let frames = session.desk().tally().received;
+    let frames = session.host_node().tally().received;
     let errors = session.bus_errors().len();
     let took = session.now().as_secs_f64();
     session.finish().map_err(|failure: BusFailure| ExpectedError::from(failure))?;
     let why = if ended == Ended::Interrupted { " (ended by a signal)" } else { "" };
-    say::line!("{frames} frames and {errors} bus errors in {took:.3} s{why}");
+    console::line!("{frames} frames and {errors} bus errors in {took:.3} s{why}");
     Ok(())
 }

@@ -14,7 +14,7 @@ use super::throw::read_gains;
 use super::tune::InForce;
 use crate::error::ExpectedError;
 use crate::exit;
-use operator::bus::period::{Wish, apply, choose};
+use operator::bus::period::{PeriodRequest, apply, choose};
 use operator::bus::settings::settings_of;
 use operator::bus::sim::soft_controller;
 use operator::log::candump::{Line, Recording, read_file};
@@ -68,10 +68,13 @@ pub struct Replayed {
 /// # Errors
 /// The log cannot be read, or the controller sends something else than recorded.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    if super::rsi::is_recording(&args.log) {
+        return super::rsi::replay(&args.log, args.json);
+    }
     let path = &if args.log.is_dir() { args.log.join("log.candump") } else { args.log.clone() };
     let Recording { lines, tear } = read_file(path)?;
     if let Some(tear) = &tear {
-        say::note!("{}: {tear}", path.display());
+        console::note!("{}: {tear}", path.display());
     }
     if !lines.iter().any(is_from_controller) {
         return Err(ExpectedError::bad_input(&format!(
@@ -104,7 +107,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     match replayed.difference {
         None => {
             if !args.json {
-                say::line!(
+                console::line!(
                     "identical: {} frames of the controller after {} received ones",
                     replayed.same,
                     replayed.received
@@ -138,7 +141,7 @@ fn begin_with(path: &Path, robot: &AnyRobot, settings: &mut Settings) -> Result<
         return Ok(());
     }
     let gains = read_gains(path, robot.name())?;
-    apply(&choose(Wish::Gains(Box::new(gains)), None, robot, settings.cycle_period_us)?, settings);
+    apply(&choose(PeriodRequest::Gains(Box::new(gains)), None, robot, settings.cycle_period_us)?, settings);
     Ok(())
 }
 

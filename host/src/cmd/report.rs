@@ -10,11 +10,15 @@ use serde_json::Value;
 use super::print_json;
 use crate::error::ExpectedError;
 use crate::exit;
+use crate::report::industrial::RobotRun;
+use crate::report::motion;
 use crate::report::run::{EarlyReport, RunReport};
-use operator::analysis::drives::Drives;
-use operator::analysis::events::{self, Event};
-use operator::analysis::{PlanClock, Run, RunAnalysis, analyse};
+use operator::analysis::events::{self, RunEvent};
+use operator::analysis::{PlanClock, Run, RunAnalysis, analyse, drives_of};
 use operator::log::candump::{self, Tear};
+use operator::samples::Samples;
+use planner::follow::limits::Limits;
+use planner::follow::plan::FollowPlan;
 use planner::plan::file::PlanFile;
 use planner::throw::Arm;
 
@@ -62,7 +66,7 @@ pub struct Recorded {
     /// What the log says, or why it does not suffice.
     pub analysis: Result<RunAnalysis, String>,
     /// What happened, in time of the log; empty if there is an analysis, which has them in time of the plan.
-    pub events: Vec<Event>,
+    pub events: Vec<RunEvent>,
     /// Where the log was cut off.
     pub torn: Option<Tear>,
     /// `summary.json`.
@@ -76,6 +80,17 @@ pub struct Recorded {
 /// # Errors
 /// A file cannot be read, there is no run in the log, or the report cannot be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    if let Some(folder) = args.folder.as_ref().filter(|folder| super::rsi::is_recording(folder)) {
+        let out = args.out.clone().unwrap_or_else(|| folder.join("report.html"));
+        if args.json {
+            let (_, summary) = robot_files(folder)?;
+            print_json(&summary);
+            return Ok(());
+        }
+        write_robot(folder, &out)?;
+        console::line!("{}", out.display());
+        return Ok(());
+    }
     let place = |given: &Option<PathBuf>, name: &str| -> Option<PathBuf> {
         given.clone().or_else(|| Some(args.folder.as_ref()?.join(name)))
     };
@@ -87,7 +102,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let summary = place(&None, "summary.json").filter(|path| path.exists());
     let recorded = read(&plan, &log, summary.as_deref(), args.robot.as_deref(), args.bit_rate)?;
     if let Some(tear) = &recorded.torn {
-        say::note!("{}: {tear}", log.display());
+        console::note!("{}: {tear}", log.display());
     }
     if args.json {
         let analysis = recorded.analysis.map_err(|why| not_analysed(&log, &why))?;
@@ -96,7 +111,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     let out = needed(place(&args.out, "report.html"), "--out")?;
     write(&recorded, &out)?;
-    say::line!("{}", out.display());
+    console::line!("{}", out.display());
     Ok(())
 }
 
@@ -128,24 +143,25 @@ pub fn read(
         None => None,
     };
     let told = |key: &str| summary.as_ref().and_then(|value: &Value| value.get(key)).cloned();
+    let drives = match told("drives").and_then(|drives| serde_json::from_value(drives).ok()) {
+        Some(drives) => drives,
+        None => drives_of(&arm).map_err(|error| not_analysed(log, &error.to_string()))?,
+    };
+    let begun = recording.lines.first().map_or(Instant::ZERO, |line| line.at);
+    let samples = Samples::of_log(recording.lines, drives, &arm, bit_rate_bit_s);
     let run = Run {
-        lines: &recording.lines,
+        samples: &samples,
         plan: &plan_file,
         arm: &arm,
         start: None,
-        drives: told("drives").and_then(|drives| serde_json::from_value(drives).ok()),
         gripper_opening: told("gripper_opening_us").and_then(|us| us.as_u64()).map(Duration::from_micros),
-        bit_rate_bit_s,
         certified: told("certified_timing").and_then(|timing| serde_json::from_value(timing).ok()),
     };
     let (analysis, events) = match analyse(&run) {
         Ok(analysis) => (Ok(analysis), Vec::new()),
         // A throw that ended early has a report all the same.
         Err(error) if summary.is_some() => {
-            let drives = run.drives.or_else(|| Drives::of(&arm));
-            let zero = PlanClock::starting(Instant::ZERO);
-            let told = drives.map(|drives| events::events(&run, &drives, zero).0);
-            (Err(error.to_string()), told.unwrap_or_default())
+            (Err(error.to_string()), events::events(&samples, PlanClock::starting(begun)))
         }
         Err(error) => return Err(not_analysed(log, &error.to_string())),
     };
@@ -173,6 +189,35 @@ pub fn write(recorded: &Recorded, out: &Path) -> Result<(), ExpectedError> {
     };
     std::fs::write(out, html)
         .map_err(|error| ExpectedError::new(exit::OUTPUT, format!("{}: {error}", out.display())))
+}
+
+/// Plan and summary of a throw with an industrial robot.
+fn robot_files(folder: &Path) -> Result<(FollowPlan, Value), ExpectedError> {
+    let plan_file = folder.join("plan.json");
+    let plan = FollowPlan::read(&plan_file)
+        .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", plan_file.display())))?;
+    let file = folder.join("summary.json");
+    let text =
+        toml_reader::read_text(&file, SUMMARY_MAX_BYTES).map_err(|error| ExpectedError::io(&file, &error))?;
+    let summary = serde_json::from_str(&text)
+        .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", file.display())))?;
+    Ok((plan, summary))
+}
+
+/// Writes the report of a throw with an industrial robot from the files of its folder.
+///
+/// # Errors
+/// A file cannot be read, or the report not be written.
+pub fn write_robot(folder: &Path, out: &Path) -> Result<(), ExpectedError> {
+    let (plan, summary) = robot_files(folder)?;
+    let arm = super::arm(&plan.robot.source)?;
+    let file = folder.join("motion.csv");
+    let text =
+        toml_reader::read_text(&file, SUMMARY_MAX_BYTES).map_err(|error| ExpectedError::io(&file, &error))?;
+    let rows = motion::read(&file, &text)?;
+    let limits = Limits::of(&arm, plan.limits);
+    let html = RobotRun { arm: &arm, plan: &plan, limits: &limits, rows: &rows, summary: &summary }.html();
+    std::fs::write(out, html).map_err(|error| ExpectedError::output(out, &error))
 }
 
 /// Name, length and CRC-64 of a file.

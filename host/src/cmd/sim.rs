@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use can_link::{BusSpec, Role, Urgent};
-use hil_sim::crew::Solo;
+use hil_sim::participants::Solo;
 use hil_sim::realtime::{Door, Realtime, RealtimeError, Visit, shared_time};
 use hil_sim::scenario::{Scenario, ScriptedHost};
 use protocol::{Duration, Instant};
@@ -26,7 +26,7 @@ const LOOK: Duration = Duration::from_millis(50);
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl sim                                  # then: cubectl scan --bus socketcand://127.0.0.1:29536/can0\n  cubectl sim --bus slcan:/dev/ptmx --controller\n  cubectl sim --bus vcan0 --scenario silent_drive.toml"
+    after_help = "Examples:\n  cubectl sim                                  # then: cubectl scan --bus socketcand://127.0.0.1:29536/can0\n  cubectl sim --bus slcan:/dev/ptmx --controller\n  cubectl sim --bus vcan0 --scenario silent_drive.toml\n  cubectl sim --robot kr16_2 --rsi udp://127.0.0.1:49152 --tracker 127.0.0.1:5000"
 )]
 pub struct Args {
     /// Where: socketcand://127.0.0.1:29536/can0 and slcan://127.0.0.1:3333 serve that port, slcan:/dev/ptmx makes a
@@ -48,9 +48,12 @@ pub struct Args {
     /// Put the soft controller on the bus too.
     #[arg(long)]
     pub controller: bool,
-    /// End after so many seconds.
+    /// End after this many seconds.
     #[arg(long = "for", value_name = "SECONDS", value_parser = super::home::positive)]
     pub time: Option<f64>,
+    /// An industrial robot instead of the cell.
+    #[command(flatten)]
+    pub industrial: super::sim_robot::RobotArgs,
 }
 
 /// Runs the verb.
@@ -58,6 +61,9 @@ pub struct Args {
 /// # Errors
 /// The place cannot be served, or the scenario or robot is bad.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    if let Some(spec) = &args.industrial.rsi {
+        return super::sim_robot::run(args, spec);
+    }
     let mut scenario = match &args.scenario {
         Some(path) => Scenario::load(path).map_err(|error| ExpectedError::bad_input(&error))?,
         None => Scenario { name: "sim".to_owned(), ..Scenario::default() },
@@ -81,19 +87,24 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         .iter()
         .map(|spec| Door::open(spec, clock).map_err(BusFailure::from))
         .collect::<Result<_, _>>()?;
-    let crew = ((cell, script), guests);
+    let participants = ((cell, script), guests);
     let faults = scenario.faults.clone();
-    let mut realtime = Realtime::new(crew, scenario.bus, scenario.seed, faults, doors, clock)
+    let mut realtime = Realtime::new(participants, scenario.bus, scenario.seed, faults, doors, clock)
         .map_err(|error| ExpectedError::bad_input(&error))?;
     if let Some(clients) = in_step {
         realtime = realtime.in_lock_step(clients);
     }
     let stop = interrupt();
     for door in realtime.doors() {
-        say::line!("serving {} (robot {}, seed {}); Ctrl-C ends", door.name(), scenario.robot, scenario.seed);
+        console::line!(
+            "serving {} (robot {}, seed {}); Ctrl-C ends",
+            door.name(),
+            scenario.robot,
+            scenario.seed
+        );
     }
     let urgent = Urgent::request(Role::Plant);
-    say::note!("simulated drives in real time: {}", urgent.granted());
+    console::note!("simulated drives in real time: {}", urgent.granted());
     let mut lag_at = realtime.world().now() + LAG_LOOK;
     let end = args.time.map_or(Instant::FAR_FUTURE, |s| Instant::ZERO + Duration::from_secs_f64(s));
     while !stop.load(std::sync::atomic::Ordering::Relaxed) && realtime.world().now() < end {
@@ -106,18 +117,18 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             lag_at = realtime.world().now() + LAG_LOOK;
             let worst = realtime.take_worst_lag();
             if worst > LAG_TOLD {
-                say::note!("late: the machine held the simulation up for {worst}");
+                console::note!("late: the machine held the simulation up for {worst}");
             }
         }
         for visit in realtime.visits() {
             match visit {
-                Visit::Joined(peer) => say::note!("client {peer} connected"),
-                Visit::Left(reason) => say::note!("client gone: {reason}"),
+                Visit::Joined(peer) => console::note!("client {peer} connected"),
+                Visit::Left(reason) => console::note!("client gone: {reason}"),
             }
         }
     }
-    say::text!("{}", realtime.world().bus_report());
-    say::line!("answers: {}", realtime.latency());
-    say::line!("behind the clock: {}", realtime.lag());
+    console::text!("{}", realtime.world().bus_report());
+    console::line!("answers: {}", realtime.latency());
+    console::line!("behind the clock: {}", realtime.lag());
     Ok(())
 }

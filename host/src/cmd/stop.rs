@@ -4,13 +4,13 @@ use protocol::cyphal::cubecell::stop::Reason;
 use protocol::powercube::CubeState;
 use protocol::{Duration, ModuleId};
 
-use super::modules::look;
+use super::modules::survey_with_progress;
 use crate::error::ExpectedError;
 use crate::exit;
-use operator::bus::BusArgs;
+use operator::bus::{BusArgs, Session};
 
 /// How often the halt is said, 5 ms apart: a frame may be lost.
-const TIMES: usize = 3;
+pub(super) const TIMES: usize = 3;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -23,27 +23,33 @@ pub struct Args {
     pub bus: BusArgs,
 }
 
+/// Halts everything on the bus.
+pub(super) fn halt(session: &mut Session) -> Result<(), ExpectedError> {
+    for _ in 0..TIMES {
+        session.halt(Reason::OPERATOR)?;
+        session.pass(Duration::from_millis(5))?;
+    }
+    Ok(())
+}
+
 /// Runs the verb.
 ///
 /// # Errors
 /// The bus cannot be reached, or a module still moves.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let mut session = args.bus.open()?;
-    for _ in 0..TIMES {
-        session.halt(Reason::OPERATOR)?;
-        session.pass(Duration::from_millis(5))?;
-    }
+    halt(&mut session)?;
     if !args.bus.beside && session.hears_other_host()? {
         // Our questions would destroy its frames.
         let name = session.name().to_owned();
         session.finish()?;
-        say::line!(
+        console::line!(
             "{name}: halt and stop message sent {TIMES} times; a controller or host is on the bus and was not disturbed further"
         );
         return Ok(());
     }
     let all: Vec<ModuleId> = ModuleId::all().collect();
-    let found = look(&mut session, &all)?;
+    let found = survey_with_progress(&mut session, &all)?;
     let name = session.name().to_owned();
     session.finish()?;
     let moving: Vec<String> = found
@@ -62,7 +68,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         ));
     }
     let halted = found.iter().filter(|report| report.is_stopped()).count();
-    say::line!(
+    console::line!(
         "{name}: halt sent {TIMES} times; {} modules answer, {halted} of them halted, none moves",
         found.len()
     );

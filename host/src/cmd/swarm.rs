@@ -130,7 +130,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             "first_seed": args.first, "seeds": judged, "wrong": broken, "silent": silent, "time_s": took_s, "found": list,
         }));
     } else {
-        say::line!(
+        console::line!(
             "{judged} seeds from {} in {took_s:.1} s; {broken} broke a rule, {silent} of them silently",
             args.first
         );
@@ -163,7 +163,7 @@ fn progress(args: &Args) -> ProgressBar {
     bar
 }
 
-/// One file, with every finding in words.
+/// One file, with every finding as text.
 fn one(swarm: &Swarm, path: &std::path::Path, as_json: bool) -> Result<(), ExpectedError> {
     let scenario = Scenario::load(path).map_err(|error| ExpectedError::bad_input(&error))?;
     let verdict = swarm.run(&scenario);
@@ -174,9 +174,13 @@ fn one(swarm: &Swarm, path: &std::path::Path, as_json: bool) -> Result<(), Expec
             verdict: verdict.clone(),
         }));
     } else {
-        say::line!("told: {}; largest distance from the path {:.3} rad", verdict.told, verdict.excursion_rad);
+        console::line!(
+            "told: {}; largest distance from the path {:.3} rad",
+            verdict.told,
+            verdict.excursion_rad
+        );
         for finding in &verdict.findings {
-            say::line!("{:?}: {}", finding.rule, finding.what);
+            console::line!("{:?}: {}", finding.rule, finding.what);
         }
     }
     if verdict.ok() {
@@ -280,7 +284,7 @@ impl Work<'_> {
         if !self.args.json {
             let what = last.findings.iter().find(|finding| finding.rule == rule).map_or("", |f| &f.what);
             self.bar.suspend(|| {
-                say::line!("seed {seed}: {rule:?}: {what}; told {}; {}", last.told, file.display());
+                console::line!("seed {seed}: {rule:?}: {what}; told {}; {}", last.told, file.display());
             });
         }
         if let Ok(found) = &mut *self.result.lock().unwrap_or_else(PoisonError::into_inner) {

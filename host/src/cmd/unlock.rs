@@ -31,9 +31,10 @@ pub struct Args {
 /// `joint.v_max_rad_s=1,1,1`: a limit and its values.
 fn setting(text: &str) -> Result<(&'static str, Vec<f32>), String> {
     let (name, values) = text.split_once('=').ok_or("must be REGISTER=VALUE,...")?;
-    let info = firmware::registers::TABLE.iter().find(|info| info.is_limit() && info.name == name);
-    let limits: Vec<&str> =
-        firmware::registers::TABLE.iter().filter(|info| info.is_limit()).map(|info| info.name).collect();
+    // Others than those of the joints: `cubectl registers set`.
+    let limits = firmware::registers::TABLE.iter().filter(|info| info.is_limit() && info.per_joint);
+    let info = limits.clone().find(|info| info.name == name);
+    let limits: Vec<&str> = limits.map(|info| info.name).collect();
     let info = info.ok_or_else(|| format!("'{name}' is no limit; the limits are {}", limits.join(", ")))?;
     let values: Result<Vec<f32>, _> = values.split(',').map(|value| value.trim().parse::<f32>()).collect();
     let values = values.map_err(|error| format!("{name}: {error}"))?;
@@ -57,9 +58,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     session.finish()?;
     if args.valid_s == 0 {
-        say::line!("controller {}: the limits of {} hold", node.get(), robot.name());
+        console::line!("controller {}: the limits of {} hold", node.get(), robot.name());
     } else {
-        say::line!(
+        console::line!(
             "controller {}: limits beyond those of {} for {} s, {} set; commit the trajectory again",
             node.get(),
             robot.name(),

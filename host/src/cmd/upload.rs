@@ -10,9 +10,11 @@ use protocol::cyphal::id::NodeId;
 use crate::error::ExpectedError;
 use operator::bus::key_file::KeyArgs;
 use operator::bus::{BusArgs, Session};
-use operator::dialogue::operator::OperatorError;
-use operator::throw::trajectory::{Motion, robot_crc32};
-use planner::plan::file::PlanFile;
+use operator::dialogue::operator::{FINDING_MAX, OperatorError};
+use operator::throw::trajectory::{encode, robot_crc32};
+use planner::motion::Motion;
+use planner::plan::file::{Kind, PlanFileError, require_robot};
+use planner::record::PlanRecord;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -55,7 +57,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let bytes = bytes_for(&mut session, node, &source)?;
     let name = send(&mut session, node, &bytes)?;
     session.finish()?;
-    say::line!(
+    console::line!(
         "controller {}: {} bytes stored and committed, hash {:016x}",
         node.get(),
         bytes.len(),
@@ -86,11 +88,20 @@ pub(super) fn read(path: &Path, robot: Option<&str>) -> Result<Source, ExpectedE
             path.display()
         )));
     }
-    let plan = PlanFile::read(path).map_err(|error| ExpectedError::bad_input(&error))?;
-    let arm = super::arm(robot.unwrap_or(&plan.robot.source))?;
-    plan.require_robot(path, &arm).map_err(|error| ExpectedError::bad_input(&error))?;
-    let motion = Motion::of_plan(&plan).map_err(|error| ExpectedError::bad_input(&error))?;
-    Ok(Source::Plan(Box::new(motion), plan.robot.fingerprint))
+    let bad = |error: &PlanFileError| ExpectedError::bad_input(error);
+    let plan = PlanRecord::read(path).map_err(|error| bad(&error))?;
+    let id = plan.robot().clone();
+    let arm = super::arm(robot.unwrap_or(&id.source))?;
+    let motion = match &plan {
+        PlanRecord::Throw(plan) => &plan.motion,
+        PlanRecord::Move(plan) => &plan.motion,
+        PlanRecord::Follow(_) => {
+            let (found, wanted) = (Kind::Follow, Kind::Throw);
+            return Err(bad(&PlanFileError::OtherKind { path: path.to_owned(), found, wanted }));
+        }
+    };
+    require_robot(path, &id, motion.joints.len(), &arm).map_err(|error| bad(&error))?;
+    Ok(Source::Plan(Box::new(motion.to_motion()), id.fingerprint))
 }
 
 /// The controller's form of it: a plan is made into one for the period of `node`.
@@ -103,8 +114,7 @@ pub(super) fn bytes_for(
         Source::Controller(bytes) => Ok(bytes.clone()),
         Source::Plan(motion, fingerprint) => {
             let period_us = session.natural(node, "cycle.period_us")? as u32;
-            motion
-                .encode(period_us, robot_crc32(fingerprint), None)
+            encode(motion, period_us, robot_crc32(fingerprint), None)
                 .map_err(|error| ExpectedError::bad_input(&error))
         }
     }
@@ -113,7 +123,7 @@ pub(super) fn bytes_for(
 /// Waits until the controller has found its drives.
 pub(super) fn settle(session: &mut Session) -> Result<(), OperatorError> {
     use protocol::cyphal::cubecell::group_state::State;
-    session.wait_for(protocol::Duration::from_secs(10), &|state| state != State::Boot)
+    session.wait_for(FINDING_MAX, &|state| state != State::Boot)
 }
 
 /// Uploads with a progress bar on a terminal.

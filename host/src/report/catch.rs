@@ -15,7 +15,6 @@ use super::scene;
 /// A planned catch and what the witness saw of it.
 #[derive(Clone, Copy)]
 pub struct Caught<'a> {
-    /// The plan.
     pub plan: &'a Plan,
     /// The witness.
     pub verdict: &'a Verdict,

@@ -14,7 +14,6 @@ pub enum Pen {
     Dashed,
     /// Line with a dot on each point: few measurements.
     Dots,
-    /// A limit.
     Limit,
 }
 
@@ -29,19 +28,36 @@ pub struct Curve {
     pub points: Vec<(f64, f64)>,
     /// How it is drawn.
     pub pen: Pen,
+    /// The frame is chosen without it; what lies outside the frame is not drawn.
+    pub beside: bool,
 }
 
+/// Height of a row of a legend.
+const LEGEND_ROW: f64 = 15.0;
+
 impl Curve {
+    /// Whether it has a point that can be drawn.
+    fn is_drawn(&self) -> bool {
+        self.points.iter().any(|p| p.0.is_finite() && p.1.is_finite())
+    }
+
     /// Solid curve.
     #[must_use]
     pub fn line(name: impl Into<String>, colour: usize, points: Vec<(f64, f64)>) -> Self {
-        Self { name: name.into(), colour, points, pen: Pen::Line }
+        Self { name: name.into(), colour, points, pen: Pen::Line, beside: false }
     }
 
     /// The same, drawn otherwise.
     #[must_use]
     pub fn drawn(mut self, pen: Pen) -> Self {
         self.pen = pen;
+        self
+    }
+
+    /// The same, without a say in the frame.
+    #[must_use]
+    pub const fn beside(mut self) -> Self {
+        self.beside = true;
         self
     }
 
@@ -61,10 +77,11 @@ pub struct Chart {
     pub x_label: String,
     /// Name and unit of y.
     pub y_label: String,
-    /// Curves.
     pub curves: Vec<Curve>,
     /// Position and name of a vertical mark; not drawn outside the curves.
     pub mark: Option<(f64, String)>,
+    /// Position and name of a fault.
+    pub fault: Option<(f64, String)>,
     /// Region that is allowed: x from, x to, y from, y to.
     pub band: Option<[f64; 4]>,
     /// Same scale on both axes.
@@ -108,6 +125,11 @@ fn tick_step(span: f64) -> f64 {
     digit * power
 }
 
+/// Four digits of a number, as short as they can be written.
+fn short(value: f64) -> String {
+    format!("{value:.3e}").parse::<f64>().map_or_else(|_| String::new(), |rounded| rounded.to_string())
+}
+
 /// Round numbers from `lo` to `hi` with their labels.
 fn ticks(lo: f64, hi: f64) -> Vec<(f64, String)> {
     let step = tick_step(hi - lo);
@@ -124,7 +146,7 @@ fn ticks(lo: f64, hi: f64) -> Vec<(f64, String)> {
 
 impl Chart {
     fn frame(&self) -> Frame {
-        let points = self.curves.iter().flat_map(|c| &c.points).copied();
+        let points = self.curves.iter().filter(|c| !c.beside).flat_map(|c| &c.points).copied();
         let band = self.band.map(|[x0, x1, y0, y1]| [(x0, y0), (x1, y1)]);
         let (mut x, mut y) = ((f64::INFINITY, f64::NEG_INFINITY), (f64::INFINITY, f64::NEG_INFINITY));
         for p in points.chain(band.into_iter().flatten()).filter(|p| p.0.is_finite() && p.1.is_finite()) {
@@ -137,7 +159,7 @@ impl Chart {
         let (px, py) = (if self.equal || x.1 - x.0 < 1e-9 { pad(x) } else { 0.0 }, pad(y));
         (x, y) = ((x.0 - px, x.1 + px), (y.0 - py, y.1 + py));
         let (width, height) = self.size();
-        let (left, top) = (58.0, 46.0);
+        let (left, top) = (58.0, 46.0 + self.legend_more());
         let (w, h) = (width - left - 14.0, height - top - 38.0);
         if self.equal {
             let scale = ((x.1 - x.0) / w).max((y.1 - y.0) / h);
@@ -149,11 +171,38 @@ impl Chart {
     }
 
     fn size(&self) -> (f64, f64) {
-        match (self.small, self.equal) {
+        let (width, height) = match (self.small, self.equal) {
             (true, _) => (400.0, 236.0),
             (false, true) => (400.0, 420.0),
             (false, false) => (600.0, 300.0),
+        };
+        (width, height + self.legend_more())
+    }
+
+    fn width(&self) -> f64 {
+        if self.equal || self.small { 400.0 } else { 600.0 }
+    }
+
+    /// Left end and row of each curve's name in the legend; a row that is full is followed by another.
+    fn legend(&self) -> Vec<(f64, u32)> {
+        let (mut x, mut row) = (0.0, 0);
+        let mut places = Vec::with_capacity(self.curves.len());
+        for curve in &self.curves {
+            let is_named = !curve.name.is_empty() && curve.is_drawn();
+            // A character is about 6.2 wide.
+            let length = if is_named { 32.0 + 6.2 * curve.name.chars().count() as f64 } else { 0.0 };
+            if x > 0.0 && x + length - 12.0 > self.width() {
+                (x, row) = (0.0, row + 1);
+            }
+            places.push((x, row));
+            x += length;
         }
+        places
+    }
+
+    /// Height of the rows of the legend after the first.
+    fn legend_more(&self) -> f64 {
+        LEGEND_ROW * f64::from(self.legend().last().map_or(0, |place| place.1))
     }
 
     /// As an SVG element.
@@ -208,30 +257,38 @@ impl Chart {
             top + 0.5 * h,
             escape(&self.y_label)
         );
-        if let Some((at, name)) = self.mark.as_ref().filter(|(at, _)| (x.0..=x.1).contains(at)) {
-            let sx = f.sx(*at);
-            let _ = write!(
-                o,
-                "<path class=\"m\" d=\"M{sx:.1} {top}V{:.1}\"/><text x=\"{:.1}\" y=\"{:.1}\">{}</text>",
-                top + h,
-                sx + 4.0,
-                top + 11.0,
-                escape(name)
-            );
+        for (mark, class, below) in [(&self.mark, "m", 11.0), (&self.fault, "m fault", 24.0)] {
+            if let Some((at, name)) = mark.as_ref().filter(|(at, _)| (x.0..=x.1).contains(at)) {
+                let sx = f.sx(*at);
+                // Beside the line where there is room.
+                let (tx, anchor) = if sx > left + 0.8 * w { (sx - 4.0, "end") } else { (sx + 4.0, "start") };
+                let _ = write!(
+                    o,
+                    "<path class=\"{class}\" d=\"M{sx:.1} {top}V{:.1}\"/><text x=\"{tx:.1}\" y=\"{:.1}\" text-anchor=\"{anchor}\">{}</text>",
+                    top + h,
+                    top + below,
+                    escape(name)
+                );
+            }
         }
         self.draw_curves(&f, &mut o);
         o + "</svg>"
     }
 
     fn draw_curves(&self, f: &Frame, o: &mut String) {
-        // Legend in one row under the heading; a character is about 6.2 wide.
-        let mut legend_x = 0.0;
-        for curve in &self.curves {
-            let mut d = String::new();
-            let mut dots = String::new();
+        for (curve, (legend_x, row)) in self.curves.iter().zip(self.legend()) {
+            let below = LEGEND_ROW * f64::from(row);
+            let (mut d, mut dots, mut values) = (String::new(), String::new(), String::new());
+            let mut pen_is_up = true;
             for (x, y) in curve.points.iter().filter(|p| p.0.is_finite() && p.1.is_finite()) {
+                if !(f.x.0..=f.x.1).contains(x) || !(f.y.0..=f.y.1).contains(y) {
+                    pen_is_up = true;
+                    continue;
+                }
                 let (sx, sy) = (f.sx(*x), f.sy(*y));
-                let _ = write!(d, "{}{sx:.1} {sy:.1}", if d.is_empty() { 'M' } else { 'L' });
+                let _ = write!(d, "{}{sx:.1} {sy:.1}", if pen_is_up { 'M' } else { 'L' });
+                let _ = write!(values, "{}{}", if values.is_empty() { "" } else { " " }, short(*y));
+                pen_is_up = false;
                 if curve.pen == Pen::Dots {
                     let _ = write!(
                         dots,
@@ -246,20 +303,23 @@ impl Chart {
                 Pen::Dots => format!("c dots s{}", curve.colour),
                 Pen::Limit => "limit".to_owned(),
             };
-            let name = if curve.name.is_empty() || d.is_empty() {
-                String::new()
+            // The curve of a chart that has one is named by its heading.
+            let name = if curve.name.is_empty() { &self.title } else { &curve.name };
+            let told = if self.is_time && curve.pen != Pen::Limit && !d.is_empty() {
+                format!(" data-name=\"{}\" data-values=\"{values}\"", escape(name))
             } else {
-                format!(" data-name=\"{}\"", escape(&curve.name))
+                String::new()
             };
-            let _ = write!(o, "<path class=\"{class}\"{name} d=\"{d}\"/>{dots}");
+            let _ = write!(o, "<path class=\"{class}\"{told} d=\"{d}\"/>{dots}");
             if !curve.name.is_empty() {
                 let _ = write!(
                     o,
-                    "<path class=\"{class}\" d=\"M{legend_x:.1} 29h16\"/><text x=\"{:.1}\" y=\"33\">{}</text>",
+                    "<path class=\"{class}\" d=\"M{legend_x:.1} {:.1}h16\"/><text x=\"{:.1}\" y=\"{:.1}\">{}</text>",
+                    29.0 + below,
                     legend_x + 20.0,
+                    33.0 + below,
                     escape(&curve.name)
                 );
-                legend_x += 32.0 + 6.2 * curve.name.chars().count() as f64;
             }
         }
     }
@@ -277,12 +337,70 @@ mod tests {
     }
 
     #[test]
-    fn a_chart_without_points_and_one_with_numbers_that_are_none_can_be_drawn() {
+    fn a_legend_that_is_too_long_goes_on_in_a_row_below() {
+        let curve = |name: &str| Curve::line(name, 0, vec![(0.0, 0.0), (1.0, 1.0)]);
+        let names = ["actual", "flight", "accelerate", "follow the parabola", "decelerate"];
+        let long = Chart { curves: names.map(curve).to_vec(), equal: true, ..Chart::default() };
+        let legend = long.legend();
+        assert!(legend.iter().zip(names).all(|((x, _), name)| x + 20.0 + 6.2 * name.len() as f64 <= 400.0));
+        assert_eq!(legend.iter().map(|place| place.1).collect::<Vec<_>>(), [0, 0, 0, 0, 1]);
+        let short =
+            Chart { curves: vec![curve("actual"), Curve::limit((0.0, 1.0), 1.0)], ..Chart::default() };
+        assert_eq!((short.legend_more(), long.legend_more()), (0.0, LEGEND_ROW));
+        assert_eq!((short.size().1, long.size().1), (300.0, 420.0 + LEGEND_ROW));
+    }
+
+    #[test]
+    fn a_chart_without_points_and_one_with_nan_can_be_drawn() {
         let empty = Chart { title: "a < b".to_owned(), ..Chart::default() }.svg();
         assert!(empty.contains("a &lt; b") && empty.ends_with("</svg>"));
         let bad = vec![(0.0, f64::NAN), (1.0, 2.0), (f64::INFINITY, 1.0), (2.0, 3.0)];
         let svg = Chart { curves: vec![Curve::line("x", 0, bad)], ..Chart::default() }.svg();
         assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+    }
+
+    #[test]
+    fn a_curve_over_time_carries_the_values_that_its_points_have() {
+        let points = vec![(0.0, 0.001_234_56), (0.5, -2.0), (1.0, 12_345.6)];
+        let chart = |name: &str| Chart {
+            title: "heading".to_owned(),
+            curves: vec![Curve::line(name, 0, points.clone()), Curve::limit((0.0, 1.0), 3.0)],
+            is_time: true,
+            ..Chart::default()
+        };
+        let svg = chart("speed").svg();
+        assert!(svg.contains("data-name=\"speed\" data-values=\"0.001235 -2 12350\""), "{svg}");
+        assert!(chart("").svg().contains("data-name=\"heading\""));
+        assert_eq!(svg.matches("data-values").count(), 1, "a limit is no value");
+    }
+
+    #[test]
+    fn a_curve_beside_does_not_set_the_frame_and_is_not_drawn_outside_it() {
+        let near = Curve::line("near", 0, vec![(0.0, 0.0), (1.0, 1.0), (2.0, 0.5)]);
+        let far =
+            Curve::line("far", 7, vec![(0.0, 3.0), (0.5, 0.2), (1.0, 0.4), (1.5, -3.0), (2.0, 0.3)]).beside();
+        let alone = Chart { curves: vec![near.clone()], is_time: true, ..Chart::default() }.svg();
+        let both = Chart { curves: vec![near, far], is_time: true, ..Chart::default() }.svg();
+        let frame =
+            |svg: &str| svg.split("data-time=\"").nth(1).unwrap().split('"').next().unwrap().to_owned();
+        assert_eq!(frame(&alone), frame(&both));
+        let drawn = both.split("data-name=\"far\"").nth(1).unwrap().split("d=\"").nth(1).unwrap();
+        let d = drawn.split('"').next().unwrap();
+        assert_eq!((d.matches('M').count(), d.matches('L').count()), (2, 1), "{d}");
+        assert!(both.contains("data-values=\"0.2 0.4 0.3\""), "{both}");
+    }
+
+    #[test]
+    fn a_fault_is_marked_beside_the_release() {
+        let chart = Chart {
+            curves: vec![Curve::line("", 0, vec![(0.0, 1.0), (1.0, 2.0)])],
+            mark: Some((0.4, "release".to_owned())),
+            fault: Some((0.95, "fault".to_owned())),
+            ..Chart::default()
+        };
+        let svg = chart.svg();
+        assert!(svg.contains("class=\"m fault\"") && svg.contains(">release<"), "{svg}");
+        assert!(svg.contains("text-anchor=\"end\">fault<"), "it stays inside the frame");
     }
 
     #[test]

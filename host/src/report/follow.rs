@@ -13,9 +13,9 @@ use planner::follow::plan::{FollowPlan, Phase};
 use planner::follow::verify::Report;
 
 /// Jitter of the gripper for which landings are told, in s.
-const JITTER_S: f64 = 0.010;
+pub(super) const JITTER_S: f64 = 0.010;
 /// Colours of the three phases, of the parabola, and of limits.
-const PHASES: [(Phase, &str, usize); 3] = [
+pub(super) const PHASES: [(Phase, &str, usize); 3] = [
     (Phase::Accelerate, "accelerate", 0),
     (Phase::Follow, "follow the parabola", 2),
     (Phase::Decelerate, "decelerate", 1),
@@ -23,7 +23,7 @@ const PHASES: [(Phase, &str, usize); 3] = [
 const PARABOLA: usize = 6;
 
 /// Landing errors without and with following.
-fn sensitivities(arm: &Arm, plan: &FollowPlan, limits: &Limits) -> [Sensitivity; 2] {
+pub(super) fn sensitivities(arm: &Arm, plan: &FollowPlan, limits: &Limits) -> [Sensitivity; 2] {
     let (motion, target) = (plan.motion(), Vector3::from(plan.target_m));
     let middle_s = 0.5 * (motion.last - motion.first) as f64 * motion.period_s;
     let through = landing::without_following(&motion, limits);
@@ -87,7 +87,6 @@ pub fn summary(arm: &Arm, plan: &FollowPlan, limits: &Limits, verdict: &Report) 
     out
 }
 
-/// The report.
 #[must_use]
 pub fn html(arm: &Arm, plan: &FollowPlan, limits: &Limits, verdict: &Report) -> String {
     let [x, y, z] = plan.target_m;
@@ -145,7 +144,7 @@ fn of_phase<T>(plan: &FollowPlan, phase: Phase, point: impl Fn(usize) -> T) -> V
         .collect()
 }
 
-fn path_charts(arm: &Arm, plan: &FollowPlan) -> Vec<Chart> {
+pub(super) fn path_charts(arm: &Arm, plan: &FollowPlan) -> Vec<Chart> {
     let ball: Vec<Vector3<f64>> =
         plan.steps.iter().map(|s| arm.ball(&arm.fk(&Axes::from(s.q_rad))).pos).collect();
     let flight = plan.parabola();
@@ -178,7 +177,7 @@ fn path_charts(arm: &Arm, plan: &FollowPlan) -> Vec<Chart> {
     ]
 }
 
-fn opening_chart(arm: &Arm, plan: &FollowPlan, limits: &Limits) -> Chart {
+pub(super) fn opening_chart(arm: &Arm, plan: &FollowPlan, limits: &Limits) -> Chart {
     let (motion, target) = (plan.motion(), Vector3::from(plan.target_m));
     let middle_s = 0.5 * (motion.last - motion.first) as f64 * motion.period_s;
     let through = landing::without_following(&motion, limits);

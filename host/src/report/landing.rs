@@ -11,14 +11,18 @@ pub struct Mark {
     pub name: String,
     /// Number of its colour.
     pub colour: usize,
-    /// World, m.
+    /// Coordinates on the plane of the target, m.
     pub xy_m: [f64; 2],
 }
 
 /// Chart in mm about the target; the spread is that of the plan's noise.
 #[must_use]
 pub fn chart(plan: &PlanFile, marks: &[Mark]) -> Chart {
-    let aim = plan.target.position_m;
+    let aim = plan.target.aim().centre();
+    let (x_label, y_label) = match plan.target.opening {
+        Some(_) => ("across the opening, horizontal, in mm", "across the opening, upwards, in mm"),
+        None => ("x from the target in mm", "y from the target in mm"),
+    };
     let about = |(x, y): (f64, f64)| ((x - aim[0]) * 1e3, (y - aim[1]) * 1e3);
     let ring = |sigmas: f64| -> Vec<(f64, f64)> {
         let mut points: Vec<(f64, f64)> = ellipse(plan, sigmas).into_iter().map(about).collect();
@@ -49,8 +53,8 @@ pub fn chart(plan: &PlanFile, marks: &[Mark]) -> Chart {
     }
     Chart {
         title: "Landing about the target".to_owned(),
-        x_label: "x from the target in mm".to_owned(),
-        y_label: "y from the target in mm".to_owned(),
+        x_label: x_label.to_owned(),
+        y_label: y_label.to_owned(),
         curves,
         equal: true,
         ..Chart::default()

@@ -5,10 +5,14 @@
 //! |---|---|
 //! | [`plan`] | summary and HTML report of a plan file |
 //! | [`follow`] | the same for a throw that follows the flight |
+//! | [`industrial`] | HTML report of a throw with an industrial robot |
+//! | [`motion`] | its motion as a table |
 //! | [`run`] | HTML report of a recorded run against its plan |
 //! | [`identify`] | HTML report of an identification |
 //! | [`catch`] | HTML report of catching a disc |
+//! | [`live`] | page of the live view of a bus |
 //! | [`reach`] | map of what a sweep reached |
+//! | [`robot`] | a robot at zero and in a pose, as a picture |
 //! | [`page`] | an HTML page: style, scripts, tiles, tables |
 //! | [`chart`] | line charts as SVG |
 //! | [`scene`] | the arm, its hand path and the flight in space |
@@ -19,10 +23,15 @@ pub mod catch;
 pub mod chart;
 pub mod follow;
 pub mod identify;
+pub mod industrial;
 pub mod landing;
+pub mod live;
+pub mod motion;
 pub mod page;
 pub mod plan;
+pub mod rally;
 pub mod reach;
+pub mod robot;
 pub mod run;
 pub mod scene;
 pub mod timeline;

@@ -4,8 +4,8 @@ use std::fmt::Write as _;
 
 use super::chart::{Chart, escape};
 
-const STYLE: &str = include_str!("assets/style.css");
-const SCENE: &str = include_str!("assets/scene.js");
+pub(super) const STYLE: &str = include_str!("assets/style.css");
+pub(super) const SCENE: &str = include_str!("assets/scene.js");
 const CHARTS: &str = include_str!("assets/charts.js");
 
 /// How something is meant.

@@ -44,6 +44,19 @@ pub fn summary(plan: &PlanFile, took: Duration) -> String {
         b * 1e3,
         dx.hypot(dy)
     );
+    if let Some(o) = &plan.target.opening {
+        let _ = writeln!(
+            out,
+            "  passes the opening of {:.0} mm radius at {:.1} deg to its axis, {:.1} mm clear of the rim",
+            o.radius_m * 1e3,
+            o.incidence_rad.to_degrees(),
+            o.rim_clearance_m * 1e3
+        );
+    }
+    if !plan.target.course.is_empty() {
+        let [x, y, z] = l.position_m;
+        let _ = writeln!(out, "  meets the moving target at ({x:.3}, {y:.3}, {z:.3}) m");
+    }
     if let Some(p) = l.hit_probability {
         let _ = writeln!(out, "  probability of a hit {:.1} %", p * 100.0);
     }
@@ -111,7 +124,7 @@ pub fn html<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> String {
             &[landing_chart::Mark {
                 name: "exact throw".to_owned(),
                 colour: 1,
-                xy_m: [plan.landing.position_m[0], plan.landing.position_m[1]],
+                xy_m: plan.target.coordinates(plan.landing.position_m, plan.landing.flight_s),
             }]
         )
         .svg()
@@ -178,6 +191,16 @@ fn tiles(plan: &PlanFile) -> Vec<(String, &'static str, String, Tone)> {
     ];
     if let Some(clearance) = m.clearance_m {
         tiles.push((format!("{:.1}", clearance * 1e3), "mm", "least clearance".to_owned(), Tone::Plain));
+    }
+    if let Some(o) = &plan.target.opening {
+        let angle = o.incidence_rad.to_degrees();
+        tiles.push((
+            format!("{:.1}", o.rim_clearance_m * 1e3),
+            "mm",
+            "clear of the rim".to_owned(),
+            Tone::Plain,
+        ));
+        tiles.push((format!("{angle:.1}"), "deg", "angle of incidence".to_owned(), Tone::Plain));
     }
     if let Some(p) = plan.landing.hit_probability {
         tiles.push((format!("{:.1}", p * 100.0), "%", "probability of a hit".to_owned(), Tone::Plain));
@@ -274,7 +297,7 @@ fn space<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> String {
     scene::data(
         arm,
         plan,
-        &scene::Motion {
+        &scene::SceneMotion {
             q_at: &|t_s| motion::sample::<N>(plan, t_s).q,
             from_s: 0.0,
             to_s: plan.end_time_s,

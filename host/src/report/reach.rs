@@ -77,7 +77,7 @@ pub fn svg(targets: &[[f64; 3]], cells: &[Cell], robot: &str) -> String {
             db * scale
         );
     }
-    // Every so many cells has its value beside it.
+    // Every this many cells has its value beside it.
     let labelled = |v: &[f64]| -> Vec<f64> { v.iter().copied().step_by(v.len().div_ceil(10)).collect() };
     for v in labelled(&axes[a]) {
         let (x, y) = (left + (v - a0 + 0.5 * da) * scale, top + h + 16.0);

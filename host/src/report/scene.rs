@@ -1,6 +1,6 @@
 //! What the picture in space shows: the arm over time, the path of the ball in the hand, the flight, the target.
 
-use nalgebra::{Matrix2, Vector3};
+use nalgebra::{Matrix2, Vector2, Vector3};
 use robot_model::{JointVec, Pose, RobotModel};
 
 use planner::flight::landing;
@@ -12,7 +12,7 @@ const STEPS: u32 = 90;
 const FLIGHT_STEPS: u32 = 40;
 
 /// How the arm moves and where the ball flies.
-pub struct Motion<'a, const N: usize> {
+pub struct SceneMotion<'a, const N: usize> {
     /// Joint angles at a time of the plan, rad.
     pub q_at: &'a dyn Fn(f64) -> JointVec<N>,
     /// Begin of the animation, s.
@@ -49,7 +49,7 @@ impl Flight<'_> {
 
 /// The data as a JavaScript object.
 #[must_use]
-pub fn data<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile, motion: &Motion<'_, N>) -> String {
+pub fn data<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile, motion: &SceneMotion<'_, N>) -> String {
     let last_s = motion.flight.map_or(motion.to_s, |flight| motion.to_s.max(flight.landing_s())) + 0.05;
     let time = |i: u32| motion.from_s + (last_s - motion.from_s) * f64::from(i) / f64::from(STEPS);
     // The release and the landing are points of the animation, whatever its steps.
@@ -81,14 +81,15 @@ pub fn data<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile, motion: &Motio
     let joints = steps_top(arm, motion);
     let top = hand.iter().map(|p| p.z).fold(joints, f64::max);
     format!(
-        "{{\"floor\":{},\"top\":{top:.3},\"radius\":{},\"last\":{},\"release\":{release},\"target\":{},\"hand\":{},\"planned\":{planned},\"flight\":{},\"ellipse\":{},\"boxes\":[{}],\"steps\":[{}]}}",
+        "{{\"floor\":{},\"top\":{top:.3},\"radius\":{},\"last\":{},\"release\":{release},\"target\":{},\"hand\":{},\"planned\":{planned},\"flight\":{},\"ellipse\":{},\"rim\":{},\"boxes\":[{}],\"steps\":[{}]}}",
         arm.world().floor_z_m,
         arm.gripper().ball_radius_m,
         arm.joints().len(),
-        point(&Vector3::from(plan.target.position_m)),
+        point(&Vector3::from(plan.meeting_m())),
         list(&hand),
         list(&flown),
         list(&ellipse_in_space(plan)),
+        rim(plan).map_or("null".to_owned(), |points| list(&points)),
         boxes.join(","),
         steps.join(",")
     )
@@ -113,7 +114,7 @@ pub(super) fn body(link: usize, x_lb: &Pose, half_m: &Vector3<f64>) -> String {
 }
 
 /// Height of the highest joint over the motion, m.
-fn steps_top<const N: usize>(arm: &RobotModel<N>, motion: &Motion<'_, N>) -> f64 {
+fn steps_top<const N: usize>(arm: &RobotModel<N>, motion: &SceneMotion<'_, N>) -> f64 {
     let span = motion.to_s - motion.from_s;
     let heights = (0..=20).flat_map(|i| {
         let frames = arm.fk(&(motion.q_at)(motion.from_s + span * f64::from(i) / 20.0));
@@ -124,10 +125,24 @@ fn steps_top<const N: usize>(arm: &RobotModel<N>, motion: &Motion<'_, N>) -> f64
 
 /// 2σ ellipse of the predicted landing, in the plane of the target.
 fn ellipse_in_space(plan: &PlanFile) -> Vec<Vector3<f64>> {
-    ellipse(plan, 2.0).into_iter().map(|(x, y)| Vector3::new(x, y, plan.target.position_m[2])).collect()
+    let aim = plan.target.aim();
+    let moved = Vector3::from(plan.meeting_m()) - Vector3::from(plan.target.position_m);
+    ellipse(plan, 2.0).into_iter().map(|(x, y)| aim.place(&Vector2::new(x, y)) + moved).collect()
 }
 
-/// Ellipse of `sigmas` about the predicted mean, x and y in m.
+/// Rim of the opening, where the ball meets it; `None` for a target without one.
+fn rim(plan: &PlanFile) -> Option<Vec<Vector3<f64>>> {
+    let opening = plan.target.opening?;
+    let [across, up] = opening.axes.map(Vector3::from);
+    let centre = Vector3::from(plan.meeting_m());
+    let point = |i: u32| {
+        let (sin, cos) = (f64::from(i) * std::f64::consts::TAU / 72.0).sin_cos();
+        centre + (across * cos + up * sin) * opening.radius_m
+    };
+    Some((0..72).map(point).collect())
+}
+
+/// Ellipse of `sigmas` about the predicted mean, in coordinates on the plane of the target, in m.
 #[must_use]
 pub fn ellipse(plan: &PlanFile, sigmas: f64) -> Vec<(f64, f64)> {
     let l = &plan.landing;

@@ -11,18 +11,18 @@ use protocol::{Duration, Instant};
 use robot_model::AnyRobot;
 use robot_model::collision::Scene;
 
-use super::evidence::{BusTap, Evidence, Seen, Told};
+use super::evidence::{BusTap, Evidence, ReportedOutcome, Seen};
 use operator::bus::BusArgs;
 use operator::bus::BusFailure;
 use operator::bus::args::Cell;
-use operator::bus::period::{Wish, apply, choose};
+use operator::bus::period::{PeriodRequest, apply, choose};
 use operator::bus::session::Session;
 use operator::bus::settings::settings_of;
 use operator::bus::sim::SimSetup;
 use operator::dialogue::operator::OperatorError;
+use operator::port::OnBus;
 use operator::throw::job::Step;
 use operator::throw::outcome::{self, Outcome, default_tolerance_m};
-use operator::throw::trajectory::Motion;
 use operator::throw::{Job, JobError, Record, job};
 use planner::plan::Arm;
 use planner::plan::file::PlanFile;
@@ -40,12 +40,10 @@ const START_OFFSET_RAD: f64 = 0.15;
 
 /// What all throws have in common.
 pub struct Bench {
-    /// The arm.
     pub arm: Arm,
     robot: AnyRobot,
     settings: Settings,
     gains: Option<GainsFile>,
-    /// The throw.
     pub plan: PlanFile,
     /// A landing farther from the target counts as missed, m.
     pub tolerance_m: f64,
@@ -63,8 +61,8 @@ impl Bench {
         let plan = PlanFile::from_json(path, THROW).map_err(|error| error.to_string())?;
         plan.require_robot(path, &arm).map_err(|error| error.to_string())?;
         let mut settings = settings_of(&robot).map_err(|error| error.to_string())?;
-        let choice =
-            choose(Wish::Any, None, &robot, settings.cycle_period_us).map_err(|error| error.to_string())?;
+        let choice = choose(PeriodRequest::Any, None, &robot, settings.cycle_period_us)
+            .map_err(|error| error.to_string())?;
         apply(&choice, &mut settings);
         Ok(Self {
             arm: *arm,
@@ -88,7 +86,7 @@ impl Bench {
         let mut scenario = Scenario { name: "trust".to_owned(), seed, ..Scenario::default() };
         scenario.duration = Duration::from_secs(60);
         scenario.cell.drive.starts_homed = true;
-        let start = Motion::of_plan(&self.plan).map(|motion| motion.start_rad()).unwrap_or_default();
+        let start = self.plan.motion.to_motion::<6>().start_rad();
         scenario.cell.start_q_rad = Some(start.iter().map(|q| q - START_OFFSET_RAD.copysign(*q)).collect());
         scenario
     }
@@ -103,16 +101,15 @@ impl Bench {
         scenario
     }
 
-    /// Throws.
     #[must_use]
     pub fn throw(&self, scenario: &Scenario) -> Evidence {
         match catch_unwind(AssertUnwindSafe(|| self.try_throw(scenario))) {
             Ok(Ok(evidence)) => evidence,
-            Ok(Err(failure)) => nothing(Told::Failed(failure.to_string())),
+            Ok(Err(failure)) => nothing(ReportedOutcome::Failed(failure.to_string())),
             Err(panic) => {
                 let text = panic.downcast_ref::<String>().map(String::as_str);
                 let text = text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("unknown");
-                nothing(Told::Panicked(text.to_owned()))
+                nothing(ReportedOutcome::Panicked(text.to_owned()))
             }
         }
     }
@@ -137,16 +134,15 @@ impl Bench {
             arm: &self.arm,
             plan: &self.plan,
             gains: self.gains.as_ref(),
-            controller: None,
             scene: &scene,
             approach_share: 0.3,
             seed: scenario.seed,
             tolerance_m: self.tolerance_m,
             go_back: false,
-            bit_rate_bit_s: scenario.bus.bit_rate_bit_s,
         };
         let mut record = Record::default();
-        let ended = job::run(&mut session, &job, &mut record, &mut |_| true);
+        let mut operator = OnBus::new(&mut session, None, scenario.bus.bit_rate_bit_s);
+        let ended = job::run(&mut operator, &job, &mut record, &mut |_| true);
         let job_end = session.now();
         let mut broken = match &ended {
             Err(JobError::Operator(OperatorError::Bus(failure))) => Some(failure.to_string()),
@@ -172,29 +168,29 @@ impl Bench {
 
 fn record_trace(session: &mut Session) -> Result<(), BusFailure> {
     if let Some(sim) = session.sim() {
-        sim.world().with_crew(|crew, _| crew.0.0.0.record_trace())?;
+        sim.world().with_participants(|participants, _| participants.0.0.0.record_trace())?;
     }
     Ok(())
 }
 
 /// As the program tells it: exit code and text.
-fn told(job: &Job<'_>, ended: Result<(), JobError>, record: &Record) -> Told {
+fn told(job: &Job<'_>, ended: Result<(), JobError>, record: &Record) -> ReportedOutcome {
     let verdict = outcome::judge(job, record, ended.as_ref().copied());
     match (verdict.outcome, ended) {
-        (Outcome::Landed, _) => Told::Landed,
-        (Outcome::Missed, _) => Told::Missed,
-        (Outcome::NotReleased, _) => Told::NotReleased,
+        (Outcome::Landed, _) => ReportedOutcome::Landed,
+        (Outcome::Missed, _) => ReportedOutcome::Missed,
+        (Outcome::NotReleased, _) => ReportedOutcome::NotReleased,
         (_, Err(JobError::Operator(OperatorError::Stopped { cause, joint, .. }))) => {
-            Told::Cause { cause, joint }
+            ReportedOutcome::Cause { cause, joint }
         }
         (_, Err(JobError::Operator(OperatorError::Refused { refusal: Some(refusal), .. }))) => {
-            Told::Cause { cause: refusal.cause, joint: refusal.joint }
+            ReportedOutcome::Cause { cause: refusal.cause, joint: refusal.joint }
         }
-        _ => Told::Failed(verdict.text),
+        _ => ReportedOutcome::Failed(verdict.text),
     }
 }
 
-fn nothing(told: Told) -> Evidence {
+fn nothing(told: ReportedOutcome) -> Evidence {
     Evidence {
         told,
         told_ball: Default::default(),

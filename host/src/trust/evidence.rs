@@ -15,17 +15,17 @@ use protocol::{Frame, Instant};
 use operator::log::facts::{Decoder, Fact};
 use operator::tap::{Tap, Way};
 use operator::throw::job::Step;
-use operator::throw::outcome::Ball;
+use operator::throw::outcome::BallOutcome;
 use planner::plan::Arm;
 
 /// Rounding of limits to single precision.
 const ROUNDING: f64 = 1.0 + 1e-5;
-/// Commands beyond limits that are kept in words.
+/// Commands beyond limits that are kept as text.
 const BEYOND_MAX: usize = 8;
 
 /// The outcome as the program tells it.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Told {
+pub enum ReportedOutcome {
     /// The ball landed on the target.
     Landed,
     /// The ball landed too far from the target, or touched the arm.
@@ -90,9 +90,9 @@ impl Seen {
 #[derive(Clone, Debug)]
 pub struct Evidence {
     /// What the program tells.
-    pub told: Told,
+    pub told: ReportedOutcome,
     /// What it tells of the ball, also after a stop.
-    pub told_ball: Ball,
+    pub told_ball: BallOutcome,
     /// Truth of the ball.
     pub seen: Seen,
     /// Its times.
@@ -107,7 +107,7 @@ pub struct Evidence {
     pub job_end: Instant,
     /// When the run ended.
     pub end: Instant,
-    /// The simulated world broke down, in words.
+    /// The simulated world broke down, as text.
     pub broken: Option<String>,
 }
 
@@ -126,7 +126,7 @@ pub struct BusLog {
     pub states: Vec<(Instant, GroupState)>,
     /// Halt broadcasts.
     pub halts: Vec<Instant>,
-    /// Commands beyond the limits of the robot file, in words.
+    /// Commands beyond the limits of the robot file, as text.
     pub beyond: Vec<String>,
 }
 

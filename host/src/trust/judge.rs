@@ -7,9 +7,9 @@ use hil_sim::witness::Trace;
 use protocol::cyphal::cubecell::group_state::State;
 use protocol::{Duration, Instant};
 
-use super::evidence::{Evidence, Seen, Told};
+use super::evidence::{Evidence, ReportedOutcome, Seen};
 use operator::throw::job::Step;
-use operator::throw::outcome::Ball;
+use operator::throw::outcome::BallOutcome;
 use planner::plan::Arm;
 
 /// A run that lasts longer than the nominal one by more than this hangs: start-up may take 20 s.
@@ -36,7 +36,6 @@ const POSITION_SLACK_RAD: f64 = 0.005;
 /// others may stop elsewhere.
 pub const EXCURSION_MAX_RAD: f64 = 0.15;
 
-/// A rule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Rule {
     /// No panic, no livelock, no world broken down.
@@ -62,9 +61,9 @@ pub enum Rule {
 /// A rule that was broken.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finding {
-    /// Which.
+    /// The rule that was broken.
     pub rule: Rule,
-    /// How, in words.
+    /// How, as text.
     pub what: String,
 }
 
@@ -91,7 +90,6 @@ impl Verdict {
 
 /// What is compared with.
 pub struct Judge<'a> {
-    /// The robot.
     pub arm: &'a Arm,
     /// The run of the same cell without faults.
     pub nominal: &'a Evidence,
@@ -103,7 +101,7 @@ impl Judge<'_> {
     pub fn judge(&self, scenario: &Scenario, run: &Evidence) -> Verdict {
         let mut findings = Vec::new();
         let mut found = |rule, what: String| findings.push(Finding { rule, what });
-        if let Told::Panicked(text) = &run.told {
+        if let ReportedOutcome::Panicked(text) = &run.told {
             found(Rule::Runs, format!("panic: {text}"));
         }
         if let Some(broken) = &run.broken {
@@ -134,13 +132,16 @@ impl Judge<'_> {
             found(Rule::Outcome, what);
         }
         // A miss that is told does not tell of an arm that went astray.
-        let tells_of_arm = matches!(run.told, Told::Cause { .. } | Told::Failed(_) | Told::Panicked(_));
+        let tells_of_arm = matches!(
+            run.told,
+            ReportedOutcome::Cause { .. } | ReportedOutcome::Failed(_) | ReportedOutcome::Panicked(_)
+        );
         let silent = findings.iter().any(|finding| !tells_of_arm || finding.rule == Rule::Outcome);
         Verdict { findings, told: in_words(&run.told), silent, excursion_rad }
     }
 
     /// Largest distance of any joint from the nearest pose of the nominal run, rad. From a homing to the throw only the limits
-    /// hold: the search may take the whole range, and the way to the start of the throw is chosen anew from where it ends.
+    /// hold: the search may take the whole range, and the way to the start of the throw is chosen again from where it ends.
     fn excursion(&self, run: &Evidence) -> Excursion {
         let mut largest = Excursion::default();
         let path = &self.nominal.trace;
@@ -386,29 +387,29 @@ fn outcome(run: &Evidence) -> Option<String> {
         Seen::NotReleased => "the ball is in the hand".to_owned(),
     };
     let ball = match run.told_ball {
-        Ball::NotObserved => true,
-        Ball::InHand => run.seen == Seen::NotReleased,
-        Ball::Released => run.seen != Seen::NotReleased,
+        BallOutcome::NotObserved => true,
+        BallOutcome::InHand => run.seen == Seen::NotReleased,
+        BallOutcome::Released => run.seen != Seen::NotReleased,
     };
     let right = match &run.told {
-        Told::Landed => matches!(run.seen, Seen::Landed { .. }),
-        Told::Missed => matches!(run.seen, Seen::Missed { .. } | Seen::Touched | Seen::Away),
-        Told::NotReleased => run.seen == Seen::NotReleased,
+        ReportedOutcome::Landed => matches!(run.seen, Seen::Landed { .. }),
+        ReportedOutcome::Missed => matches!(run.seen, Seen::Missed { .. } | Seen::Touched | Seen::Away),
+        ReportedOutcome::NotReleased => run.seen == Seen::NotReleased,
         // A stop says nothing of the target; the other rules judge the arm.
-        Told::Cause { .. } | Told::Failed(_) | Told::Panicked(_) => true,
+        ReportedOutcome::Cause { .. } | ReportedOutcome::Failed(_) | ReportedOutcome::Panicked(_) => true,
     };
     (!right || !ball)
         .then(|| format!("told: {}, ball {}; seen: {seen}", in_words(&run.told), run.told_ball.json_name()))
 }
 
-fn in_words(told: &Told) -> String {
+fn in_words(told: &ReportedOutcome) -> String {
     match told {
-        Told::Landed => "landed".to_owned(),
-        Told::Missed => "missed".to_owned(),
-        Told::NotReleased => "not released".to_owned(),
-        Told::Cause { cause, joint: 0 } => format!("cause {cause}"),
-        Told::Cause { cause, joint } => format!("cause {cause} joint {joint}"),
-        Told::Failed(text) => format!("failed: {}", text.lines().next().unwrap_or_default()),
-        Told::Panicked(text) => format!("panic: {text}"),
+        ReportedOutcome::Landed => "landed".to_owned(),
+        ReportedOutcome::Missed => "missed".to_owned(),
+        ReportedOutcome::NotReleased => "not released".to_owned(),
+        ReportedOutcome::Cause { cause, joint: 0 } => format!("cause {cause}"),
+        ReportedOutcome::Cause { cause, joint } => format!("cause {cause} joint {joint}"),
+        ReportedOutcome::Failed(text) => format!("failed: {}", text.lines().next().unwrap_or_default()),
+        ReportedOutcome::Panicked(text) => format!("panic: {text}"),
     }
 }

@@ -25,6 +25,6 @@ pub mod shrink;
 pub mod swarm;
 
 pub use bench::Bench;
-pub use evidence::{Evidence, Seen, Told};
+pub use evidence::{Evidence, ReportedOutcome, Seen};
 pub use judge::{Finding, Rule, Verdict};
 pub use swarm::Swarm;

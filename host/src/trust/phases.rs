@@ -3,7 +3,7 @@
 use protocol::Instant;
 use protocol::cyphal::cubecell::group_state::State;
 
-use super::evidence::{Evidence, Told};
+use super::evidence::{Evidence, ReportedOutcome};
 use operator::throw::job::Step;
 use planner::plan::file::PlanFile;
 
@@ -29,7 +29,6 @@ pub enum Phase {
 }
 
 impl Phase {
-    /// All of them.
     pub const ALL: [Self; 8] = [
         Self::Scan,
         Self::Home,
@@ -73,9 +72,9 @@ impl Phases {
     /// From the events of a run that landed.
     ///
     /// # Errors
-    /// The run did not land, or a step of it is missing, in words.
+    /// The run did not land, or a step of it is missing, as text.
     pub fn of(run: &Evidence, plan: &PlanFile) -> Result<Self, String> {
-        if run.told != Told::Landed {
+        if run.told != ReportedOutcome::Landed {
             return Err(format!("the nominal run did not land: {:?}", run.told));
         }
         let between = |(a, b): (Instant, Instant), share: f64| {

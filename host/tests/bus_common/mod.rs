@@ -10,7 +10,8 @@ use std::thread::JoinHandle;
 
 use can_link::BusSpec;
 use hil_sim::bus::BusConfig;
-use hil_sim::crew::Crew;
+use hil_sim::fault::Fault;
+use hil_sim::participants::Participants;
 use hil_sim::realtime::{Door, Realtime, shared_time};
 use hil_sim::{Cell, CellOptions};
 use protocol::Instant;
@@ -25,7 +26,15 @@ pub(crate) struct Served {
 
 impl Served {
     /// Serves what `make` builds; it is built in the serving thread. Time passes while at least one client takes part.
-    pub(crate) fn new<C: Crew + 'static>(make: impl FnOnce() -> C + Send + 'static) -> Self {
+    pub(crate) fn new<C: Participants + 'static>(make: impl FnOnce() -> C + Send + 'static) -> Self {
+        Self::with_faults(make, Vec::new())
+    }
+
+    /// As [`Self::new`], with what goes wrong.
+    pub(crate) fn with_faults<C: Participants + 'static>(
+        make: impl FnOnce() -> C + Send + 'static,
+        faults: Vec<Fault>,
+    ) -> Self {
         let spec: BusSpec = "lockstep://127.0.0.1:0/can0".parse().unwrap();
         let (clock, clients_min) = shared_time(std::slice::from_ref(&spec)).unwrap();
         let door = Door::open(&spec, clock).unwrap();
@@ -33,8 +42,7 @@ impl Served {
         let stop = Arc::new(AtomicBool::new(false));
         let flag = Arc::clone(&stop);
         let thread = std::thread::spawn(move || {
-            let world =
-                Realtime::new(make(), BusConfig::default(), 1, Vec::new(), vec![door], clock).unwrap();
+            let world = Realtime::new(make(), BusConfig::default(), 1, faults, vec![door], clock).unwrap();
             let mut world = world.in_lock_step(clients_min.unwrap());
             while !flag.load(Ordering::Relaxed) {
                 world.turn(Instant::FAR_FUTURE, &mut ()).unwrap();
@@ -46,6 +54,18 @@ impl Served {
     /// The arm of six.
     pub(crate) fn arm(options: CellOptions) -> Self {
         Self::new(move || Cell::new(&AnyRobot::load("powercube6").unwrap(), &options, 1).unwrap())
+    }
+}
+
+impl Served {
+    /// A homed arm with its controller on the bus.
+    pub(crate) fn with_controller() -> Self {
+        Self::new(|| {
+            let mut options = CellOptions::default();
+            options.drive.starts_homed = true;
+            let cell = Cell::new(&AnyRobot::load("powercube6").unwrap(), &options, 1).unwrap();
+            (cell, operator::bus::sim::soft_controller_guest())
+        })
     }
 }
 

@@ -7,8 +7,8 @@ use nix::time::{ClockId, clock_gettime};
 use robot_model::AnyRobot;
 use tuner::gains::compare::{Tracking, tracking};
 use tuner::gains::design::{Design, Tuned, tune};
-use tuner::gains::machine::{Demand, Machine, Motion, inputs};
-use tuner::gains::plant::{Law, Plant, Setup, Throw, track};
+use tuner::gains::machine::{Demand, Machine, ReferenceProfile, inputs};
+use tuner::gains::plant::{FeedForwardLaw, Plant, Setup, Throw, track};
 use tuner::gains::problem::PhaseInput;
 use tuner::gains::{lqr, saturated::Gains};
 use tuner::model::Estimator;
@@ -60,7 +60,8 @@ fn row(name: &str, period_s: f64, joints: &[Tracking]) {
 fn bound_s(plant: &Plant, throw: &Throw, period_s: f64, error_rad: f64) -> f64 {
     let one_way = |start_error_rad: f64| {
         let estimator = Estimator::usual(period_s);
-        let setup = Setup { period_s, delay_s: period_s, law: Law::Aligned, estimator, start_error_rad };
+        let setup =
+            Setup { period_s, delay_s: period_s, law: FeedForwardLaw::Aligned, estimator, start_error_rad };
         let run = track(plant, throw, FULL, &setup);
         let passed = run.position_rad.iter().position(|e| e.abs() < 0.5 * error_rad);
         passed.map_or(f64::INFINITY, |i| run.t_s[i])
@@ -87,7 +88,7 @@ fn main() {
             PhaseInput { duration_s: None, reference_max_rad_s2: after },
         ]
     });
-    let motion = Motion { robot: machine.robot.clone(), phases: phases.to_vec() };
+    let motion = ReferenceProfile { robot: machine.robot.clone(), phases: phases.to_vec() };
     let follow = |gains: &[Gains], period_s: f64| -> Vec<Tracking> {
         (0..6)
             .map(|j| {

@@ -45,7 +45,6 @@ use nalgebra::{RowSVector, SMatrix, SVector};
 /// Number of states of the sampled model.
 pub const STATES: usize = 7;
 
-/// A state.
 pub type StateVector = SVector<f64, STATES>;
 /// A matrix on states.
 pub type StateMatrix = SMatrix<f64, STATES, STATES>;

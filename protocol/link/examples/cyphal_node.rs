@@ -12,34 +12,32 @@ use std::rc::Rc;
 
 use app::DemoApp;
 use can_link::socketcand::{Server, ServerOptions};
-use can_link::{Clock, Event, Link, LinkError, LinkStats, PollSet, Runner, SendError};
+use can_link::{CanLink, Clock, LinkError, LinkEvent, LinkStats, PollSet, Runner, SendError};
 use protocol::cyphal::id::NodeId;
 use protocol::cyphal::server::{ControllerServer, NodeCore};
 use protocol::{Frame, Instant};
+use rand_xoshiro::SplitMix64;
+use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
 /// A link that loses frames on purpose.
 struct Lossy<L> {
     link: L,
-    /// One in so many; 0 = none.
+    /// One in this many; 0 = none.
     loss: u64,
-    dice: u64,
+    dice: SplitMix64,
     lost: Rc<Cell<u32>>,
 }
 
 impl<L> Lossy<L> {
-    /// True for a frame that is lost (SplitMix64).
+    /// True for a frame that is lost.
     fn loses(&mut self) -> bool {
-        self.dice = self.dice.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.dice;
-        z = (z ^ z >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ z >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
-        let lost = self.loss > 0 && (z ^ z >> 31).is_multiple_of(self.loss);
+        let lost = self.loss > 0 && self.dice.next_u64().is_multiple_of(self.loss);
         self.lost.set(self.lost.get() + u32::from(lost));
         lost
     }
 }
 
-impl<L: Link> Link for Lossy<L> {
+impl<L: CanLink> CanLink for Lossy<L> {
     fn name(&self) -> &str {
         self.link.name()
     }
@@ -48,10 +46,10 @@ impl<L: Link> Link for Lossy<L> {
         if self.loses() { Ok(()) } else { self.link.send(frame) }
     }
 
-    fn receive(&mut self) -> Result<Option<Event>, LinkError> {
+    fn receive(&mut self) -> Result<Option<LinkEvent>, LinkError> {
         loop {
             match self.link.receive()? {
-                Some(Event::Frame { .. }) if self.loses() => {}
+                Some(LinkEvent::Frame { .. }) if self.loses() => {}
                 other => return Ok(other),
             }
         }
@@ -81,7 +79,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let server = Server::listen(host, port.parse()?, "can0", clock, ServerOptions::default())?;
     println!("{}", server.name());
     let app = DemoApp::new();
-    let mut link = Lossy { link: server, loss, dice: seed, lost: Rc::clone(&app.frames_lost) };
+    let mut link = Lossy {
+        link: server,
+        loss,
+        dice: SplitMix64::seed_from_u64(seed),
+        lost: Rc::clone(&app.frames_lost),
+    };
     let mut node = ControllerServer { core: NodeCore::new(clock.now(), NodeId::new(42)?), app };
     let mut runner = Runner::new(&mut link, clock);
     loop {

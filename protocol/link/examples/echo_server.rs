@@ -4,7 +4,7 @@
 //! at `slcan://127.0.0.1:3333`, or with `slcan:/dev/ptmx` at a pseudo-terminal), prints the spec under
 //! which it is found, and runs until it is killed. The interoperation suite lets python-can talk to it.
 
-use can_link::{Clock, Event, Link, ServerOptions, serve, wait};
+use can_link::{CanLink, Clock, LinkEvent, ServerOptions, serve, wait};
 use protocol::Frame;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -14,7 +14,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("{}", server.name());
     loop {
         while let Some(event) = server.receive()? {
-            if let Event::Frame { frame, .. } = event {
+            if let LinkEvent::Frame { frame, .. } = event {
                 let answer = if frame.is_remote() {
                     Frame::remote(frame.id(), frame.dlc())?
                 } else {

@@ -17,7 +17,8 @@ mod linux {
     use std::sync::atomic::AtomicBool;
 
     use can_link::{
-        BusSpec, Cause, Clock, Event, Link, LinkError, OpenError, Runner, SendError, SocketCan, open, wait,
+        BusSpec, CanLink, Cause, Clock, LinkError, LinkEvent, OpenError, Runner, SendError, SocketCan, open,
+        wait,
     };
     use protocol::{Duration, ExtendedId, Frame, Instant, Node, StandardId};
     use socketcan::{CanErrorFrame, CanSocket, Socket};
@@ -83,7 +84,7 @@ mod linux {
     }
 
     /// The next event within a second.
-    fn next(link: &mut SocketCan, clock: &Clock) -> Event {
+    fn next(link: &mut SocketCan, clock: &Clock) -> LinkEvent {
         let until = clock.now() + Duration::from_secs(1);
         loop {
             if let Some(event) = link.receive().unwrap() {
@@ -103,7 +104,7 @@ mod linux {
                 sender.send(&frame).unwrap();
             }
             for expected in samples() {
-                let Event::Frame { frame, .. } = next(receiver, &clock) else { panic!("no frame") };
+                let LinkEvent::Frame { frame, .. } = next(receiver, &clock) else { panic!("no frame") };
                 assert_eq!(frame, expected);
             }
             assert_eq!(sender.receive().unwrap(), None, "a sender does not hear itself");
@@ -119,7 +120,7 @@ mod linux {
             a.send(&samples()[0]).unwrap();
         }
         for _ in 0..100 {
-            let Event::Frame { at, stamp: Some(stamp), .. } = next(&mut b, &clock) else {
+            let LinkEvent::Frame { at, stamp: Some(stamp), .. } = next(&mut b, &clock) else {
                 panic!("no stamp")
             };
             // The kernel's clock is read at another moment than ours: allow a tenth of a second.
@@ -144,7 +145,7 @@ mod linux {
             }
             assert_eq!(a.receive().unwrap(), None);
             while let Some(event) = b.receive().unwrap() {
-                let Event::Frame { frame, .. } = event else { panic!("{event:?}") };
+                let LinkEvent::Frame { frame, .. } = event else { panic!("{event:?}") };
                 assert_eq!(frame.id().raw(), received);
                 received += 1;
             }
@@ -160,7 +161,7 @@ mod linux {
         // Bus-off with a passive transmitter, as a controller reports it.
         let frame = CanErrorFrame::new_error(0x44, &[0, 0x20, 0, 0, 0, 0, 0, 0]).unwrap();
         raw.write_frame(&frame).unwrap();
-        let Event::BusError { error, .. } = next(&mut link, &clock) else { panic!("no error") };
+        let LinkEvent::BusError { error, .. } = next(&mut link, &clock) else { panic!("no error") };
         assert_eq!(error.causes().collect::<Vec<_>>(), [Cause::BusOff, Cause::ErrorPassive]);
     }
 

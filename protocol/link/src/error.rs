@@ -7,10 +7,18 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum OpenError {
+    /// An industrial robot behind its sensor interface: no CAN frames pass there.
+    #[error(
+        "rsi:{spec} leads to an industrial robot, not to a CAN bus\n  next: give `--robot kr16_2` to a verb that knows such robots (throw, identify, doctor, status, record), or name a CAN bus"
+    )]
+    NoCan {
+        /// What was given.
+        spec: crate::spec::RsiSpec,
+    },
     /// The host name has no address.
     #[error("no address for host '{host}': {source}\n  next: check the name, or give the address in numbers")]
     Resolve {
-        /// As given.
+        /// Host, as written in the name of the bus.
         host: String,
         /// The resolver's answer.
         source: io::Error,
@@ -18,7 +26,7 @@ pub enum OpenError {
     /// Nothing answers at the address.
     #[error(
         "cannot connect to {address}: {source}\n  next: check that the server runs and that host and port are \
-         right (the simulated cell: `hil-sim serve --bus {spec}`)"
+         right (the simulated cell: `cubectl sim --bus {spec}`)"
     )]
     Connect {
         /// Host and port.
@@ -66,13 +74,13 @@ pub enum OpenError {
         "the interface '{interface}' is a bus already; it is joined, not served\n  next: join it, or serve socketcand://127.0.0.1:29536/{interface}"
     )]
     NotServable {
-        /// As given.
+        /// Interface, as written in the name of the bus.
         interface: String,
     },
     /// There is no such network interface.
     #[error("no interface '{interface}' (CAN interfaces of this machine: {present})\n  next: {command}")]
     NoInterface {
-        /// As given.
+        /// Interface, as written in the name of the bus.
         interface: String,
         /// CAN interfaces that exist.
         present: String,
@@ -84,7 +92,7 @@ pub enum OpenError {
         "'{interface}' is no CAN interface (CAN interfaces of this machine: {present})\n  next: name one of those, or `ip -details link show type can`"
     )]
     NotCan {
-        /// As given.
+        /// Interface, as written in the name of the bus.
         interface: String,
         /// CAN interfaces that exist.
         present: String,
@@ -92,7 +100,7 @@ pub enum OpenError {
     /// The interface is switched off.
     #[error("the interface '{interface}' is down\n  next: {command}")]
     InterfaceDown {
-        /// As given.
+        /// Interface, as written in the name of the bus.
         interface: String,
         /// What brings it up.
         command: String,
@@ -102,7 +110,7 @@ pub enum OpenError {
         "cannot open '{interface}': the kernel has no CAN sockets\n  next: `sudo modprobe can_raw`; where the kernel has no such module (containers, some virtual machines), use socketcand:// or sim"
     )]
     NoCanInKernel {
-        /// As given.
+        /// Interface, as written in the name of the bus.
         interface: String,
     },
     /// The right to open CAN sockets is missing.
@@ -110,7 +118,7 @@ pub enum OpenError {
         "no permission to open '{interface}': {source}\n  next: in a container, run it with the capability NET_RAW; else check the seccomp or SELinux rules"
     )]
     NoPermission {
-        /// As given.
+        /// Interface, as written in the name of the bus.
         interface: String,
         /// The system's answer.
         source: io::Error,
@@ -118,7 +126,7 @@ pub enum OpenError {
     /// The serial device cannot be opened or set up.
     #[error("cannot open {}: {source}\n  next: {}", .path.display(), device_advice(.source))]
     Device {
-        /// As given.
+        /// The serial device.
         path: PathBuf,
         /// The system's answer.
         source: io::Error,
@@ -126,7 +134,7 @@ pub enum OpenError {
     /// The path is a file of another kind.
     #[error("{} is no serial device\n  next: `ls /dev/serial/by-id` shows those that are plugged in", .path.display())]
     NotSerial {
-        /// As given.
+        /// The path.
         path: PathBuf,
     },
     /// A system call that always works did not.

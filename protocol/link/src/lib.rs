@@ -5,7 +5,7 @@
 //! | layer | files | is | must not |
 //! |---|---|---|---|
 //! | spec | [`BusSpec`] | the `--bus` string, checked | open anything |
-//! | contract | [`Link`], [`Event`], [`wait`] | what every link is: frames and bus errors in, frames out, never blocking | know a particular medium |
+//! | contract | [`CanLink`], [`LinkEvent`], [`wait`] | what every link is: frames and bus errors in, frames out, never blocking | know a particular medium |
 //! | many peers, one bus | [`Hub`], [`Station`] | the server's and the client's half of a text protocol: sockets, queues, fairness | know what is said |
 //! | media | [`socketcand`], [`slcan`] | one folder per medium: who says what when | open a socket of their own |
 //! | | [`SocketCan`] | a CAN interface of Linux | |
@@ -50,11 +50,11 @@ pub use clock::Clock;
 pub use error::{LinkError, OpenError, SendError};
 pub use hub::{ClientId, Hub, Relay, ServerEvent, ServerOptions};
 pub use lateness::Lateness;
-pub use link::{Event, Link, LinkStats, PollSet, wait};
+pub use link::{CanLink, LinkEvent, LinkStats, PollSet, wait};
 pub use open::{BusServer, open, serve};
 pub use runner::{Direction, RunError, RunStats, Runner};
 #[cfg(target_os = "linux")]
 pub use socket_can::SocketCan;
-pub use spec::{BusSpec, SlcanPort, SpecError};
+pub use spec::{BusSpec, RsiSpec, SlcanPort, SpecError};
 pub use station::Station;
 pub use urgent::{Granted, Role, Urgent};

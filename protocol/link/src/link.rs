@@ -12,7 +12,7 @@ use crate::error::{LinkError, SendError};
 
 /// What came in over a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Event {
+pub enum LinkEvent {
     /// A frame of another participant; a link never hands back what was sent through it.
     Frame {
         /// Arrival by the link's [`Clock`]; never decreases from event to event.
@@ -34,9 +34,9 @@ pub enum Event {
 /// Counters of a link since it was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LinkStats {
-    /// Frames handed out by [`Link::receive`].
+    /// Frames handed out by [`CanLink::receive`].
     pub frames_in: u64,
-    /// Frames accepted by [`Link::send`].
+    /// Frames accepted by [`CanLink::send`].
     pub frames_out: u64,
     /// Frames (of each receiver, if there are several) lost because an output queue was full.
     pub dropped_out: u64,
@@ -52,11 +52,11 @@ pub struct LinkStats {
 ///
 /// # Calling order
 ///
-/// [`send`](Link::send) and [`receive`](Link::receive) never block. An owner repeats: call
-/// [`receive`](Link::receive) until it returns `None`, do what is due, then [`wait`]. A link does its
+/// [`send`](CanLink::send) and [`receive`](Link::receive) never block. An owner repeats: call
+/// [`receive`](CanLink::receive) until it returns `None`, do what is due, then [`wait`]. A link does its
 /// reading, writing and housekeeping inside [`receive`](Link::receive), so an owner that stops calling
 /// it also stops its output queue from draining.
-pub trait Link {
+pub trait CanLink {
     /// The link as a person would name it (`socketcand://127.0.0.1:29536/can0`), for messages.
     fn name(&self) -> &str;
 
@@ -73,7 +73,7 @@ pub trait Link {
     /// # Errors
     ///
     /// The link is gone; further calls repeat the error.
-    fn receive(&mut self) -> Result<Option<Event>, LinkError>;
+    fn receive(&mut self) -> Result<Option<LinkEvent>, LinkError>;
 
     /// Names what the link waits for.
     fn register<'a>(&'a self, set: &mut PollSet<'a>);
@@ -100,14 +100,14 @@ pub trait Link {
     fn stats(&self) -> LinkStats;
 }
 
-impl<L: Link + ?Sized> Link for Box<L> {
+impl<L: CanLink + ?Sized> CanLink for Box<L> {
     fn name(&self) -> &str {
         (**self).name()
     }
     fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
         (**self).send(frame)
     }
-    fn receive(&mut self) -> Result<Option<Event>, LinkError> {
+    fn receive(&mut self) -> Result<Option<LinkEvent>, LinkError> {
         (**self).receive()
     }
     fn register<'a>(&'a self, set: &mut PollSet<'a>) {
@@ -165,7 +165,7 @@ impl<'a> PollSet<'a> {
 /// # Errors
 ///
 /// Only what `poll(2)` reports for exhausted memory or a broken descriptor.
-pub fn wait(links: &[&dyn Link], clock: &Clock, until: Option<Instant>) -> std::io::Result<()> {
+pub fn wait(links: &[&dyn CanLink], clock: &Clock, until: Option<Instant>) -> std::io::Result<()> {
     let mut set = PollSet::default();
     let mut earliest = until;
     for link in links {

@@ -4,6 +4,7 @@ use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
 use std::time::Duration;
 
 use crate::error::OpenError;
+use crate::spec::host_port;
 
 /// For each address of the host.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(3);
@@ -16,11 +17,6 @@ pub(crate) fn resolve(host: &str, port: u16) -> Result<Vec<SocketAddr>, OpenErro
         return Err(error(std::io::ErrorKind::NotFound.into()));
     }
     Ok(addresses)
-}
-
-/// `host:port`, with brackets around an IPv6 address.
-pub(crate) fn host_port(host: &str, port: u16) -> String {
-    if host.contains(':') { format!("[{host}]:{port}") } else { format!("{host}:{port}") }
 }
 
 /// Connects to the first address that answers; `spec` is for the error.

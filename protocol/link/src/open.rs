@@ -6,7 +6,7 @@ use protocol::{Frame, Instant};
 use crate::clock::Clock;
 use crate::error::OpenError;
 use crate::hub::{ClientId, Dialect, Hub, ServerEvent, ServerOptions};
-use crate::link::Link;
+use crate::link::CanLink;
 use crate::slcan::{Adapter, Host};
 use crate::socketcand::{Client, Server};
 use crate::spec::{BusSpec, SlcanPort};
@@ -17,9 +17,10 @@ use crate::spec::{BusSpec, SlcanPort};
 ///
 /// The bus cannot be reached; or it is [`BusSpec::Sim`], which is no link of the operating system but
 /// a cell inside the program.
-pub fn open(spec: &BusSpec, clock: Clock) -> Result<Box<dyn Link + Send>, OpenError> {
+pub fn open(spec: &BusSpec, clock: Clock) -> Result<Box<dyn CanLink + Send>, OpenError> {
     Ok(match spec {
         BusSpec::Sim => return Err(OpenError::Embedded),
+        BusSpec::Rsi(spec) => return Err(OpenError::NoCan { spec: spec.clone() }),
         BusSpec::SocketCan { interface } => socket_can(interface, clock)?,
         BusSpec::Socketcand { host, port, bus } | BusSpec::Lockstep { host, port, bus, .. } => {
             let name = BusName::new(bus).map_err(|error| OpenError::Refused {
@@ -43,7 +44,7 @@ pub fn open(spec: &BusSpec, clock: Clock) -> Result<Box<dyn Link + Send>, OpenEr
 }
 
 /// A link with many peers, for whoever *is* the bus: what [`Hub`] offers, whatever is spoken.
-pub trait BusServer: Link {
+pub trait BusServer: CanLink {
     /// As [`Hub::next_event`].
     fn next_event(&mut self) -> Option<ServerEvent>;
     /// As [`Hub::next_event_from`].
@@ -98,6 +99,7 @@ pub fn serve(
 ) -> Result<Box<dyn BusServer + Send>, OpenError> {
     Ok(match spec {
         BusSpec::Sim => return Err(OpenError::Embedded),
+        BusSpec::Rsi(spec) => return Err(OpenError::NoCan { spec: spec.clone() }),
         BusSpec::SocketCan { interface } => {
             return Err(OpenError::NotServable { interface: interface.clone() });
         }
@@ -118,11 +120,11 @@ pub fn serve(
 }
 
 #[cfg(target_os = "linux")]
-fn socket_can(interface: &str, clock: Clock) -> Result<Box<dyn Link + Send>, OpenError> {
+fn socket_can(interface: &str, clock: Clock) -> Result<Box<dyn CanLink + Send>, OpenError> {
     Ok(Box::new(crate::socket_can::SocketCan::open(interface, clock)?))
 }
 
 #[cfg(not(target_os = "linux"))]
-fn socket_can(interface: &str, _: Clock) -> Result<Box<dyn Link + Send>, OpenError> {
+fn socket_can(interface: &str, _: Clock) -> Result<Box<dyn CanLink + Send>, OpenError> {
     Err(OpenError::NoCanInKernel { interface: interface.to_owned() })
 }

@@ -8,7 +8,7 @@ use protocol::{Duration, Frame, Instant, Node};
 use crate::clock::Clock;
 use crate::error::{LinkError, SendError};
 use crate::lateness::Lateness;
-use crate::link::{Event, Link, wait};
+use crate::link::{CanLink, LinkEvent, wait};
 
 /// Longest sleep, so that a stop flag set by another thread is seen.
 const STOP_LOOK: Duration = Duration::from_millis(50);
@@ -93,7 +93,7 @@ pub struct RunStats {
 ///
 /// For the smallest lateness its thread asks to be [`crate::Urgent`].
 pub struct Runner<'a> {
-    link: &'a mut dyn Link,
+    link: &'a mut dyn CanLink,
     clock: Clock,
     last: Instant,
     observer: Option<Box<Observer<'a>>>,
@@ -105,7 +105,7 @@ type Observer<'a> = dyn FnMut(Instant, Direction, &Frame) + 'a;
 
 impl<'a> Runner<'a> {
     /// Nothing happens before [`Self::run`] or [`Self::step`]. `clock` must be the link's.
-    pub fn new(link: &'a mut dyn Link, clock: Clock) -> Self {
+    pub fn new(link: &'a mut dyn CanLink, clock: Clock) -> Self {
         Self { link, clock, last: Instant::ZERO, observer: None, stats: RunStats::default() }
     }
 
@@ -147,8 +147,8 @@ impl<'a> Runner<'a> {
     pub fn step(&mut self, nodes: &mut [&mut dyn Node], until: Option<Instant>) -> Result<(), RunError> {
         for _ in 0..EVENTS_PER_STEP {
             match self.link.receive()? {
-                Some(Event::Frame { at, frame, .. }) => self.serve_frame(nodes, at, &frame)?,
-                Some(Event::BusError { .. }) => self.stats.bus_errors += 1,
+                Some(LinkEvent::Frame { at, frame, .. }) => self.serve_frame(nodes, at, &frame)?,
+                Some(LinkEvent::BusError { .. }) => self.stats.bus_errors += 1,
                 None => {
                     self.serve_deadlines(nodes, self.clock.now())?;
                     return self.sleep(nodes, until);

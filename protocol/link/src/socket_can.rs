@@ -13,7 +13,7 @@ use socketcan::{CanErrorFrame, CanFrame, CanSocket, EmbeddedFrame, Socket, Socke
 use crate::bus_error::BusError;
 use crate::clock::Clock;
 use crate::error::{LinkError, OpenError, SendError};
-use crate::link::{Event, Link, LinkStats, PollSet};
+use crate::link::{CanLink, LinkEvent, LinkStats, PollSet};
 
 /// Frames that wait while the interface's own queue (10 frames by default) is full.
 const OUTPUT_QUEUE: usize = 1024;
@@ -107,7 +107,7 @@ impl SocketCan {
         Ok(())
     }
 
-    fn event(&mut self, frame: &CanFrame, stamp: SystemTime) -> Option<Event> {
+    fn event(&mut self, frame: &CanFrame, stamp: SystemTime) -> Option<LinkEvent> {
         let now = self.clock.now();
         let unix = self.clock.unix_of(stamp);
         // The kernel's stamp is on the system's clock; what that makes of it is kept between the last
@@ -117,12 +117,12 @@ impl SocketCan {
         let frame = match frame {
             CanFrame::Data(frame) => Frame::from_embedded_can(frame),
             CanFrame::Remote(frame) => Frame::from_embedded_can(frame),
-            CanFrame::Error(frame) => return Some(Event::BusError { at, error: bus_error(frame) }),
+            CanFrame::Error(frame) => return Some(LinkEvent::BusError { at, error: bus_error(frame) }),
         };
         match frame {
             Ok(frame) => {
                 self.stats.frames_in += 1;
-                Some(Event::Frame { at, stamp: Some(unix), frame })
+                Some(LinkEvent::Frame { at, stamp: Some(unix), frame })
             }
             Err(_) => {
                 self.stats.malformed_in += 1;
@@ -132,7 +132,7 @@ impl SocketCan {
     }
 }
 
-impl Link for SocketCan {
+impl CanLink for SocketCan {
     fn name(&self) -> &str {
         &self.name
     }
@@ -152,7 +152,7 @@ impl Link for SocketCan {
         Ok(self.flush()?)
     }
 
-    fn receive(&mut self) -> Result<Option<Event>, LinkError> {
+    fn receive(&mut self) -> Result<Option<LinkEvent>, LinkError> {
         if let Some(error) = &self.failure {
             return Err(error.clone());
         }

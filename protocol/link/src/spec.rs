@@ -23,7 +23,9 @@ const INTERFACE_NAME_MAX: usize = 15;
 /// | `lockstep://host:port/bus` | the same in virtual time, with a simulated cell that was told so; a server takes `?clients=2`: time stands while fewer take part |
 /// | `slcan:/dev/ttyACM0` | SLCAN adapter at a serial device |
 /// | `slcan://host:port` | SLCAN over TCP |
+/// | `rsi:udp://host:port`, `rsi:tcp://host:port` | not a CAN bus: an industrial robot that connects to that address of this machine (KUKA RSI) |
 ///
+/// RSI takes `?lockstep`: the time is the robot's cycle count, with a simulated robot that was told so.
 /// SLCAN takes `?bitrate=500000` (bit rate of the bus, default 1 Mbit/s) and, at a device,
 /// `?baud=115200` (speed of a real serial line; USB adapters ignore it), joined with `&`.
 ///
@@ -65,6 +67,50 @@ pub enum BusSpec {
         /// Bit rate of the bus.
         bitrate: Bitrate,
     },
+    /// An industrial robot behind its sensor interface. It connects to this machine; no CAN frames pass.
+    Rsi(RsiSpec),
+}
+
+/// Where an industrial robot connects to.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RsiSpec {
+    /// A stream (KR C2 only) instead of datagrams.
+    pub tcp: bool,
+    /// Address of this machine on which to listen; IPv6 without brackets.
+    pub host: String,
+    /// Port of that address.
+    pub port: u16,
+    /// The time is the robot's cycle count: the robot is a simulated one that waits for each answer.
+    pub lockstep: bool,
+}
+
+impl FromStr for RsiSpec {
+    type Err = String;
+
+    /// `udp://host:port` or `tcp://host:port`, with `?lockstep` behind it or not.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (place, query) = text.split_once('?').unwrap_or((text, ""));
+        let (tcp, authority) = match place.split_once("://") {
+            Some(("udp", authority)) => (false, authority),
+            Some(("tcp", authority)) => (true, authority),
+            _ => return Err(format!("'{place}' is neither udp://host:port nor tcp://host:port")),
+        };
+        let lockstep = match query {
+            "" => false,
+            "lockstep" => true,
+            _ => return Err(format!("'{query}' is no option of RSI (lockstep)")),
+        };
+        let (host, port) = parse_host_port(authority)?;
+        Ok(Self { tcp, host, port: port.ok_or("the port is missing")?, lockstep })
+    }
+}
+
+impl fmt::Display for RsiSpec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let protocol = if self.tcp { "tcp" } else { "udp" };
+        write!(f, "{protocol}://{}", host_port(&self.host, self.port))?;
+        if self.lockstep { f.write_str("?lockstep") } else { Ok(()) }
+    }
 }
 
 /// Where an SLCAN adapter is.
@@ -102,6 +148,7 @@ const ANY: &str =
     "sim, can0, socketcand://127.0.0.1:29536/can0, slcan:/dev/ttyACM0 or slcan://127.0.0.1:3333";
 const SOCKETCAND: &str = "socketcand://127.0.0.1:29536/can0";
 const LOCKSTEP: &str = "lockstep://127.0.0.1:29536/can0?clients=2";
+const RSI: &str = "rsi:udp://127.0.0.1:49152";
 const SLCAN_TCP: &str = "slcan://127.0.0.1:3333";
 const SLCAN_DEVICE: &str = "slcan:/dev/ttyACM0";
 const SLCAN_OPTIONS: &str = "slcan:/dev/ttyUSB0?bitrate=1000000&baud=115200";
@@ -132,7 +179,8 @@ impl FromStr for BusSpec {
                     if options.baud.is_some() {
                         return Err(fail(SLCAN_TCP, "a TCP connection has no baud rate".to_owned()));
                     }
-                    let (host, port) = host_port(authority).map_err(|problem| fail(SLCAN_TCP, problem))?;
+                    let (host, port) =
+                        parse_host_port(authority).map_err(|problem| fail(SLCAN_TCP, problem))?;
                     let port = port.ok_or_else(|| fail(SLCAN_TCP, "the port is missing".to_owned()))?;
                     Ok(Self::Slcan { port: SlcanPort::Tcp { host, port }, bitrate: options.bitrate })
                 } else if place.is_empty() {
@@ -142,6 +190,7 @@ impl FromStr for BusSpec {
                     Ok(Self::Slcan { port, bitrate: options.bitrate })
                 }
             }
+            Some(("rsi", rest)) => rest.parse().map(Self::Rsi).map_err(|problem| fail(RSI, problem)),
             Some((scheme, _)) => Err(fail(ANY, format!("'{scheme}:' is no kind of bus this program knows"))),
         }
     }
@@ -151,7 +200,7 @@ fn interface(name: &str) -> Result<BusSpec, String> {
     match name {
         "" => return Err("the name is empty".to_owned()),
         "sim" => return Ok(BusSpec::Sim),
-        "socketcand" | "slcan" => return Err(format!("'{name}' needs to know where")),
+        "socketcand" | "slcan" | "rsi" => return Err(format!("'{name}' needs to know where")),
         _ => {}
     }
     if name.len() > INTERFACE_NAME_MAX {
@@ -169,7 +218,7 @@ fn interface(name: &str) -> Result<BusSpec, String> {
 /// `host:port/bus`, every part optional.
 fn socketcand(rest: &str) -> Result<BusSpec, String> {
     let (authority, bus) = rest.split_once('/').unwrap_or((rest, ""));
-    let (host, port) = host_port(authority)?;
+    let (host, port) = parse_host_port(authority)?;
     let bus = if bus.is_empty() { "can0" } else { bus };
     let bus = BusName::new(bus).map_err(|error| error.to_string())?;
     Ok(BusSpec::Socketcand { host, port: port.unwrap_or(DEFAULT_PORT), bus: bus.as_str().to_owned() })
@@ -190,7 +239,7 @@ fn lockstep(rest: &str) -> Result<BusSpec, String> {
 }
 
 /// `host`, `host:port`, `[::1]:port`; an empty host is 127.0.0.1.
-fn host_port(authority: &str) -> Result<(String, Option<u16>), String> {
+fn parse_host_port(authority: &str) -> Result<(String, Option<u16>), String> {
     let (host, port) = if let Some(rest) = authority.strip_prefix('[') {
         let (host, rest) =
             rest.split_once(']').ok_or_else(|| "the bracket of the address is not closed".to_owned())?;
@@ -253,10 +302,15 @@ impl BusSpec {
     }
 }
 
+/// `host:port`, with brackets around an IPv6 address.
+pub(crate) fn host_port(host: &str, port: u16) -> String {
+    if host.contains(':') { format!("[{host}]:{port}") } else { format!("{host}:{port}") }
+}
+
 impl fmt::Display for BusSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let host_port = crate::net::host_port;
         match self {
+            Self::Rsi(spec) => write!(f, "rsi:{spec}"),
             Self::Sim => f.write_str("sim"),
             Self::SocketCan { interface } => f.write_str(interface),
             Self::Socketcand { host, port, bus } => {
@@ -289,6 +343,10 @@ mod tests {
         BusSpec::Lockstep { host: host.into(), port, bus: bus.into(), clients }
     }
 
+    fn rsi(tcp: bool, port: u16, lockstep: bool) -> BusSpec {
+        BusSpec::Rsi(RsiSpec { tcp, host: "127.0.0.1".into(), port, lockstep })
+    }
+
     fn device(path: &str, bitrate: Bitrate, baud: Option<u32>) -> BusSpec {
         BusSpec::Slcan { port: SlcanPort::Device { path: path.into(), baud }, bitrate }
     }
@@ -312,6 +370,9 @@ mod tests {
             ("socketcand://[::1]/can0", socketcand("::1", 29_536, "can0")),
             ("lockstep://lab:1234/can1", lockstep("lab", 1234, "can1", 1)),
             ("lockstep:///can0?clients=2", lockstep("127.0.0.1", 29_536, "can0", 2)),
+            ("rsi:udp://127.0.0.1:49152", rsi(false, 49_152, false)),
+            ("rsi:tcp://:6008", rsi(true, 6_008, false)),
+            ("rsi:udp://127.0.0.1:0?lockstep", rsi(false, 0, true)),
             ("slcan:/dev/ttyACM0", device("/dev/ttyACM0", Bitrate::M1, None)),
             (
                 "slcan:/dev/ttyUSB0?baud=115200&bitrate=500000",
@@ -345,6 +406,10 @@ mod tests {
             ("lockstep:lab", "two slashes are missing"),
             ("lockstep://lab/can0?clients=0", "'clients=0' is no option"),
             ("lockstep://lab/can0?wait=2", "'wait=2' is no option"),
+            ("rsi", "needs to know where"),
+            ("rsi:49152", "neither udp://host:port nor tcp://host:port"),
+            ("rsi:udp://127.0.0.1", "the port is missing"),
+            ("rsi:udp://127.0.0.1:1?fast", "'fast' is no option"),
             ("slcan:", "the device is missing"),
             ("slcan://lab", "the port is missing"),
             ("slcan://lab:3333?baud=9600", "a TCP connection has no baud rate"),

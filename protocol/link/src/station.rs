@@ -9,7 +9,7 @@ use protocol::{Duration, Frame, Instant};
 use crate::bus_error::BusError;
 use crate::clock::Clock;
 use crate::error::{LinkError, SendError};
-use crate::link::{Event, Link, LinkStats, PollSet, wait};
+use crate::link::{CanLink, LinkEvent, LinkStats, PollSet, wait};
 use crate::stream::{Chunk, Stream};
 
 const READ_CHUNK: usize = 4096;
@@ -56,7 +56,7 @@ pub struct Station<S: Speech> {
     clock: Clock,
     stream: Stream,
     speech: S,
-    events: VecDeque<Event>,
+    events: VecDeque<LinkEvent>,
     /// In lock step; else always this side's turn.
     in_step: bool,
     has_turn: Cell<bool>,
@@ -156,10 +156,10 @@ impl<S: Speech> Station<S> {
         for byte in received {
             self.speech.take(*byte, &mut |heard| match heard {
                 Heard::Frame(frame, stamp) => {
-                    events.push_back(Event::Frame { at: arrival(stamp), stamp, frame });
+                    events.push_back(LinkEvent::Frame { at: arrival(stamp), stamp, frame });
                 }
                 Heard::BusError(error, stamp) => {
-                    events.push_back(Event::BusError { at: arrival(stamp), error });
+                    events.push_back(LinkEvent::BusError { at: arrival(stamp), error });
                 }
                 Heard::Turn(now) => {
                     clock.set(now);
@@ -172,7 +172,7 @@ impl<S: Speech> Station<S> {
     }
 }
 
-impl<S: Speech> Link for Station<S> {
+impl<S: Speech> CanLink for Station<S> {
     fn name(&self) -> &str {
         &self.name
     }
@@ -192,7 +192,7 @@ impl<S: Speech> Link for Station<S> {
         Ok(())
     }
 
-    fn receive(&mut self) -> Result<Option<Event>, LinkError> {
+    fn receive(&mut self) -> Result<Option<LinkEvent>, LinkError> {
         if self.events.is_empty() || !self.has_turn.get() {
             self.service();
         }
@@ -201,7 +201,7 @@ impl<S: Speech> Link for Station<S> {
         }
         match self.events.pop_front() {
             Some(event) => {
-                self.stats.frames_in += u64::from(matches!(event, Event::Frame { .. }));
+                self.stats.frames_in += u64::from(matches!(event, LinkEvent::Frame { .. }));
                 Ok(Some(event))
             }
             None => self.failure.clone().map_or(Ok(None), Err),

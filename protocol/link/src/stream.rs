@@ -13,7 +13,7 @@ use rustix::net::sockopt;
 /// Bytes of output that wait for a slow reader: about 1 100 frames in socketcand's text.
 pub(crate) const OUTPUT_QUEUE_BYTES: usize = 64 * 1024;
 
-/// A connection on which nothing came for so long is probed; so often; and given up after so many probes without an
+/// A connection on which nothing came for so long is probed; so often; and given up after this many probes without an
 /// answer: 11 s after the far side was last heard.
 const PROBE_AFTER: Duration = Duration::from_secs(5);
 const PROBE_EVERY: Duration = Duration::from_secs(2);

@@ -4,7 +4,7 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;
 
 use can_link::socketcand::{ClientId, Relay, Server, ServerEvent, ServerOptions};
-use can_link::{Clock, Link, wait};
+use can_link::{CanLink, Clock, wait};
 use protocol::{Duration, Frame, Instant, StandardId};
 
 /// Longer than anything here takes on a busy machine: only a hang reaches it.

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 
 use can_link::socketcand::{Client, Server, ServerOptions};
-use can_link::{Clock, Direction, Link, RunError, Runner};
+use can_link::{CanLink, Clock, Direction, RunError, Runner};
 use protocol::text::BusName;
 use protocol::{Duration, Frame, Instant, Node, StandardId};
 

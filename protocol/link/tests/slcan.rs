@@ -8,17 +8,18 @@ use std::net::{TcpListener, TcpStream};
 use std::path::PathBuf;
 use std::sync::mpsc;
 use std::thread;
-use std::time::Duration as StdDuration;
 
 use can_link::slcan::{Adapter, Host};
-use can_link::{BusSpec, Clock, Event, Link, OpenError, ServerEvent, ServerOptions, open, serve, wait};
+use can_link::{
+    BusSpec, CanLink, Clock, LinkEvent, OpenError, ServerEvent, ServerOptions, open, serve, wait,
+};
 use common::{PATIENCE, assert_all_kinds_cross, collect, samples};
 use protocol::text::slcan::Bitrate;
 use protocol::{Duration, ExtendedId, Frame, Instant, StandardId};
 
 /// Runs `work` on its own thread while `link` is served here; returns what both saw.
 fn serve_while<T: Send + 'static>(
-    link: &mut dyn Link,
+    link: &mut dyn CanLink,
     work: impl FnOnce() -> T + Send + 'static,
 ) -> (T, Vec<Frame>) {
     let clock = Clock::start();
@@ -27,7 +28,7 @@ fn serve_while<T: Send + 'static>(
     let mut frames = Vec::new();
     loop {
         while let Some(event) = link.receive().unwrap() {
-            if let Event::Frame { frame, .. } = event {
+            if let LinkEvent::Frame { frame, .. } = event {
                 frames.push(frame);
             }
         }
@@ -40,7 +41,7 @@ fn serve_while<T: Send + 'static>(
     }
 }
 
-fn port_of(link: &dyn Link) -> u16 {
+fn port_of(link: &dyn CanLink) -> u16 {
     link.name().rsplit(':').next().unwrap().parse().unwrap()
 }
 
@@ -97,15 +98,12 @@ fn a_second_host_may_come_to_the_pseudo_terminal_after_the_first_has_left() {
     let path: PathBuf = adapter.pty_path().unwrap().to_owned();
     for _ in 0..2 {
         let path = path.clone();
-        let (sent, frames) = serve_while(&mut adapter, move || {
-            let mut host = Host::open_device(&path, None, Bitrate::M1, Clock::start())?;
-            host.send(&samples()[0]).unwrap();
-            // Long enough for the adapter to read before the line is flushed by whoever comes next.
-            thread::sleep(StdDuration::from_millis(50));
-            Ok::<_, OpenError>(())
-        });
-        sent.unwrap();
-        assert_eq!(frames, [samples()[0]]);
+        let (host, _) =
+            serve_while(&mut adapter, move || Host::open_device(&path, None, Bitrate::M1, Clock::start()));
+        let mut host = host.unwrap();
+        host.send(&samples()[0]).unwrap();
+        // Read by the adapter before the line is flushed by whoever comes next.
+        assert_eq!(collect(&mut host, &mut adapter, 1), [samples()[0]]);
     }
 }
 
@@ -246,7 +244,7 @@ fn garbage_costs_one_line_and_the_host_counts_what_it_cannot_read() {
     let mut frames = Vec::new();
     while frames.len() < 2 || host.stats().refused_out == 0 {
         match host.receive().unwrap() {
-            Some(Event::Frame { frame, .. }) => frames.push(frame),
+            Some(LinkEvent::Frame { frame, .. }) => frames.push(frame),
             _ => wait(&[&host], &clock, Some(clock.now() + Duration::from_millis(5))).unwrap(),
         }
         assert!(clock.now() < PATIENCE);
@@ -275,7 +273,7 @@ fn a_wrong_bit_rate_and_a_silent_device_are_told_apart() {
 }
 
 #[test]
-fn devices_that_are_none_are_refused_with_advice() {
+fn files_that_are_no_device_are_refused_with_advice() {
     let clock = Clock::start();
     let open =
         |path: &str| Host::open_device(path.as_ref(), None, Bitrate::M1, clock).map(|_| ()).unwrap_err();

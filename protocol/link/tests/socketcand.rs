@@ -9,7 +9,7 @@ use std::thread;
 use std::time::Duration as StdDuration;
 
 use can_link::socketcand::{Client, ClientId, Relay, Server, ServerEvent, ServerOptions};
-use can_link::{Clock, Event, Link, OpenError, wait};
+use can_link::{CanLink, Clock, LinkEvent, OpenError, wait};
 use common::{PATIENCE, assert_all_kinds_cross, collect, samples};
 use protocol::text::BusName;
 use protocol::{Duration, ExtendedId, Frame};
@@ -93,7 +93,7 @@ fn bus_errors_arrive_with_their_class() {
     let clock = Clock::start();
     let class = loop {
         assert!(server.receive().unwrap().is_none());
-        if let Some(Event::BusError { error, .. }) = client.receive().unwrap() {
+        if let Some(LinkEvent::BusError { error, .. }) = client.receive().unwrap() {
             break error.class;
         }
         wait(&[&server, &client], &clock, Some(clock.now() + Duration::from_millis(5))).unwrap();

@@ -33,7 +33,7 @@ enum Place {
     Declaration,
     /// After `<!-`.
     CommentOpen,
-    /// In a comment, after so many `-` in a row.
+    /// In a comment, after this many `-` in a row.
     Comment { dashes: u8 },
 }
 

@@ -4,7 +4,7 @@ use core::hint::black_box;
 
 use protocol::cyphal::bits::Writer;
 use protocol::cyphal::client::{NoAnswer, Policy, Ticket};
-use protocol::cyphal::host::{HostNode, Listener};
+use protocol::cyphal::host::{CyphalHost, Listener};
 use protocol::cyphal::id::{NodeId, Priority, ServiceId, SubjectId};
 use protocol::cyphal::rx::{Port, Transfer};
 use protocol::cyphal::server::{
@@ -22,7 +22,7 @@ use protocol::{Duration, Frame, Instant, Node};
 /// Both nodes, and the memory that an upload fills.
 pub struct Nodes {
     server: ControllerServer<App>,
-    host: HostNode<Tool>,
+    host: CyphalHost<Tool>,
 }
 
 impl Nodes {
@@ -33,7 +33,7 @@ impl Nodes {
                 core: ControllerCore::new(Instant::ZERO, address),
                 app: App { bank: UploadBank::new() },
             },
-            host: HostNode::new(Instant::ZERO, NodeId::from_low_bits(1), Tool),
+            host: CyphalHost::new(Instant::ZERO, NodeId::from_low_bits(1), Tool),
         }
     }
 

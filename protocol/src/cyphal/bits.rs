@@ -185,6 +185,16 @@ impl<'a> Writer<'a> {
         self.uint(value, 64);
     }
 
+    /// 56 low bits of an unsigned number.
+    pub fn u56(&mut self, value: u64) {
+        self.uint(value, 56);
+    }
+
+    /// 24-bit signed integer, saturated.
+    pub fn i24(&mut self, value: i32) {
+        self.uint(u64::from(value.clamp(I24_MIN, I24_MAX) as u32), 24);
+    }
+
     /// IEEE 754 binary32.
     pub fn f32(&mut self, value: f32) {
         self.u32(value.to_bits());
@@ -330,6 +340,17 @@ impl<'a> Reader<'a> {
         self.uint(64)
     }
 
+    /// 56-bit unsigned number.
+    pub fn u56(&mut self) -> u64 {
+        self.uint(56)
+    }
+
+    /// 24-bit signed integer.
+    pub fn i24(&mut self) -> i32 {
+        // Moved up and back, so that the sign fills the upper bits.
+        ((self.uint(24) as u32) << 8).cast_signed() >> 8
+    }
+
     /// IEEE 754 binary32.
     pub fn f32(&mut self) -> f32 {
         f32::from_bits(self.u32())
@@ -397,6 +418,10 @@ impl<'a> Reader<'a> {
 }
 
 /// Largest finite binary16.
+/// Range of a 24-bit signed integer.
+const I24_MIN: i32 = -(1 << 23);
+const I24_MAX: i32 = (1 << 23) - 1;
+
 const F16_MAX: u16 = 0x7BFF;
 
 /// binary32 to binary16: nearest, ties to even; finite overflow saturates to ±65504.

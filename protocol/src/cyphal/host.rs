@@ -1,10 +1,10 @@
 //! A host on the bus: a Cyphal node that asks, listens and uploads.
 //!
-//! [`HostNode`] is [`NodeCore`] (so the host has a heartbeat, which the controller watches, and
+//! [`CyphalHost`] is [`NodeCore`] (so the host has a heartbeat, which the controller watches, and
 //! answers `GetInfo`) with a [`Client`]; what arrives goes to a [`Listener`]. It is a [`Node`], so the
 //! same host runs in virtual time and on a real bus.
 //!
-//! Must not: decide what to do; that is the tool's part, through [`HostNode::request`].
+//! Must not: decide what to do; that is the tool's part, through [`CyphalHost::request`].
 
 use super::bits::Encode;
 use super::client::{Client, NoAnswer, Policy, Polled, StartError, Ticket};
@@ -25,12 +25,13 @@ type Core = NodeCore<48, 8, 2240, 20, 560>;
 type Requests = Client<REQUESTS_MAX, 560>;
 
 /// The responses a host listens to; messages are added by the listener.
-pub const RESPONSES: [Port; 6] = [
+pub const RESPONSES: [Port; 7] = [
     Port::response(info::SERVICE, info::RESPONSE_EXTENT),
     Port::response(register::ACCESS, register::ACCESS_RESPONSE_EXTENT),
     Port::response(register::LIST, register::LIST_RESPONSE_EXTENT),
     Port::response(command::SERVICE, command::RESPONSE_EXTENT),
     Port::response(file::READ, file::READ_RESPONSE_EXTENT),
+    Port::response(file::LIST, file::LIST_RESPONSE_EXTENT),
     Port::response(file::WRITE, file::WRITE_RESPONSE_EXTENT),
 ];
 
@@ -90,14 +91,14 @@ impl<L: Listener> Application for HostApp<'_, L> {
 
 /// Host node; about 60 KiB, so not for a small controller.
 #[derive(Clone, Debug)]
-pub struct HostNode<L> {
+pub struct CyphalHost<L> {
     core: Core,
     client: Requests,
     /// Receives what arrives.
     pub listener: L,
 }
 
-impl<L: Listener> HostNode<L> {
+impl<L: Listener> CyphalHost<L> {
     /// Host with this address, started at `now`.
     pub const fn new(now: Instant, address: NodeId, listener: L) -> Self {
         Self { core: Core::new(now, address), client: Requests::new(address), listener }
@@ -165,7 +166,7 @@ impl<L: Listener> HostNode<L> {
     }
 }
 
-impl<L: Listener> Node for HostNode<L> {
+impl<L: Listener> Node for CyphalHost<L> {
     fn handle_frame(&mut self, now: Instant, frame: &Frame) {
         let Self { core, client, listener } = self;
         core.handle_frame(now, frame, &mut HostApp { listener, client });

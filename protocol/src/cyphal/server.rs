@@ -1,8 +1,8 @@
 //! The node core: what every Cyphal node does, over an application that says what it is.
 //!
 //! [`NodeCore`] sends the heartbeat and the port list, answers `GetInfo`, `register.Access`,
-//! `register.List`, `ExecuteCommand`, `file.Read` and `file.Write`, and hands messages and responses
-//! on. [`Application`] is the one seam: a controller, a host tool and a test implement it. Together
+//! `register.List`, `ExecuteCommand`, `file.List`, `file.Read` and `file.Write`, and hands messages and
+//! responses on. [`Application`] is the one seam: a controller, a host tool and a test implement it. Together
 //! they are a [`Node`] ([`Server`]).
 //!
 //! Must not: know what a register or command does; act on a request that it could not answer (a
@@ -31,11 +31,12 @@ pub const PORT_LIST_PERIOD: Duration = Duration::from_secs(5);
 pub const RESPONSE_VALID: Duration = Duration::from_secs(1);
 
 /// The services that every node here provides.
-pub const SERVICES: [Port; 6] = [
+pub const SERVICES: [Port; 7] = [
     Port::request(info::SERVICE, info::REQUEST_EXTENT),
     Port::request(register::ACCESS, register::ACCESS_REQUEST_EXTENT),
     Port::request(register::LIST, register::LIST_REQUEST_EXTENT),
     Port::request(command::SERVICE, command::REQUEST_EXTENT),
+    Port::request(file::LIST, file::LIST_REQUEST_EXTENT),
     Port::request(file::READ, file::READ_REQUEST_EXTENT),
     Port::request(file::WRITE, file::WRITE_REQUEST_EXTENT),
 ];
@@ -119,6 +120,12 @@ pub trait Application {
     ) -> Status {
         let _ = (now, client, command, parameter, output);
         Status::BAD_COMMAND
+    }
+
+    /// Name of a file in the root, which is the only folder; empty past the last one.
+    fn file_name(&self, index: u32) -> &[u8] {
+        let _ = index;
+        &[]
     }
 
     /// Stores a piece of a file; no data = the file ends at `offset`. The same piece may come twice.
@@ -424,6 +431,10 @@ fn serve(
         let len = output.finish().unwrap_or(0);
         let output = buffer.get(..len).unwrap_or(&[]);
         Some(reply(&CommandResponse { status, output }))
+    } else if service == file::LIST {
+        let request = file::ListRequest::from_bytes(payload).ok()?;
+        let is_root = matches!(request.folder, b"" | b"/");
+        Some(reply(&file::ListResponse { name: if is_root { app.file_name(request.index) } else { &[] } }))
     } else if service == file::READ {
         let request = ReadRequest::from_bytes(payload).ok()?;
         let mut buffer = [0; file::PIECE_LEN_MAX];

@@ -50,7 +50,7 @@ impl Gate {
         }
     }
 
-    /// The range in words, empty for [`Gate::Always`].
+    /// The range as text, empty for [`Gate::Always`].
     pub const fn describe(self) -> &'static str {
         match self {
             Self::Always => "",

@@ -60,7 +60,7 @@ pub use broadcast::{Broadcast, BroadcastError};
 pub use command::{Command, SimpleCommand};
 pub use config::{Config, Setup};
 pub use firmware::{FirmwareVersion, Gate};
-pub use motion::{Motion, MotionAck, MotionCommand, MotionKind};
+pub use motion::{MotionAck, MotionCommand, MotionKind, MotionRequest};
 pub use parameter::{Parameter, ParameterInfo, Unit};
 pub use reply::{MotionPosition, Reply, ReplyError};
 pub use request::{AddressedRequest, Request, RequestError};

@@ -202,7 +202,7 @@ impl MotionCommand {
 
 /// A motion and the form of its answer.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Motion {
+pub struct MotionRequest {
     command: MotionCommand,
     ack: MotionAck,
 }
@@ -213,7 +213,7 @@ pub(super) struct MotionBytes {
     pub(super) len: usize,
 }
 
-impl Motion {
+impl MotionRequest {
     /// Motion with the three-byte answer.
     pub const fn simple(command: MotionCommand) -> Self {
         Self { command, ack: MotionAck::Simple }
@@ -307,7 +307,7 @@ impl Motion {
     }
 }
 
-impl fmt::Display for Motion {
+impl fmt::Display for MotionRequest {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let kind = self.command.kind().name();
         match self.command {
@@ -374,7 +374,7 @@ mod tests {
     #[test]
     fn a_loop_has_no_extended_form() {
         let command = MotionCommand::CosLoop { position: Radians::new(0.1), period_ms: 500 };
-        assert_eq!(Motion::extended(command), Motion::simple(command));
-        assert_eq!(Motion::extended(command).code(), 0x18);
+        assert_eq!(MotionRequest::extended(command), MotionRequest::simple(command));
+        assert_eq!(MotionRequest::extended(command).code(), 0x18);
     }
 }

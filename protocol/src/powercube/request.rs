@@ -5,7 +5,7 @@ use core::fmt;
 use super::address::{Address, Channel};
 use super::bytes_at;
 use super::command::{Command, SimpleCommand};
-use super::motion::{Motion, MotionKind};
+use super::motion::{MotionKind, MotionRequest};
 use super::parameter::Parameter;
 use super::value::{Value, ValueKind};
 use crate::frame::Frame;
@@ -24,7 +24,7 @@ pub enum Request {
     /// Write a parameter. The value's type is the parameter's; [`Request::set`] checks it.
     Set(Parameter, Value),
     /// Start a motion.
-    Move(Motion),
+    Move(MotionRequest),
     /// Step motion in ticks with a command byte of its own.
     SetStepInc {
         /// Where to, ticks.
@@ -202,7 +202,7 @@ impl AddressedRequest {
             Command::SetMotion => {
                 let code = *data.get(1).ok_or(wrong_length)?;
                 let (kind, ack) = MotionKind::from_code(code).ok_or(RequestError::UnknownMotion { code })?;
-                Request::Move(Motion::from_wire(kind, ack, data).ok_or(wrong_length)?)
+                Request::Move(MotionRequest::from_wire(kind, ack, data).ok_or(wrong_length)?)
             }
             Command::SetStepInc => match data.len() {
                 7 => Request::SetStepInc {

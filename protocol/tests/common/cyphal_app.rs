@@ -177,6 +177,10 @@ impl Application for DemoApp {
         }
     }
 
+    fn file_name(&self, index: u32) -> &[u8] {
+        if index == 0 { TRAJECTORY_PATH } else { &[] }
+    }
+
     fn file_write(
         &mut self,
         _: Instant,

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use protocol::cyphal::bits::{Decode, Encode};
 use protocol::cyphal::client::{NoAnswer, Policy, Ticket};
 use protocol::cyphal::cubecell::TRAJECTORY_PATH;
-use protocol::cyphal::host::{HostNode, Listener, RESPONSES};
+use protocol::cyphal::host::{CyphalHost, Listener, RESPONSES};
 use protocol::cyphal::id::{NodeId, Route, ServiceId, SubjectId, TransferId};
 use protocol::cyphal::rx::{Port, Transfer};
 use protocol::cyphal::server::{ControllerServer, NodeCore, Server};
@@ -18,6 +18,8 @@ use protocol::cyphal::uavcan::register::{self, AccessRequest, AccessResponse};
 use protocol::cyphal::uavcan::value::{Value, ValueBuf};
 use protocol::cyphal::upload::Upload;
 use protocol::{Duration, Frame, Instant, Node};
+use rand_xoshiro::SplitMix64;
+use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
 use crate::app::DemoApp;
 
@@ -43,13 +45,14 @@ impl Listener for Heard {
     }
 
     fn ports(&self) -> &[Port] {
-        const PORTS: [Port; 8] = [
+        const PORTS: [Port; 9] = [
             RESPONSES[0],
             RESPONSES[1],
             RESPONSES[2],
             RESPONSES[3],
             RESPONSES[4],
             RESPONSES[5],
+            RESPONSES[6],
             heartbeat::PORT,
             Port::message(port_list::SUBJECT, port_list::EXTENT),
         ];
@@ -68,22 +71,22 @@ impl Listener for Heard {
     }
 }
 
-/// SplitMix64: enough for choosing which frames to lose.
-pub(crate) struct Dice(pub(crate) u64);
+/// Chooses which frames are lost.
+pub(crate) struct Dice(SplitMix64);
 
 impl Dice {
+    pub(crate) fn new(seed: u64) -> Self {
+        Self(SplitMix64::seed_from_u64(seed))
+    }
+
     pub(crate) fn below(&mut self, n: u64) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ z >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ z >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
-        (z ^ z >> 31) % n
+        self.0.next_u64() % n
     }
 }
 
 /// Two nodes and the bus between them.
 pub(crate) struct Rig {
-    pub(crate) host: HostNode<Heard>,
+    pub(crate) host: CyphalHost<Heard>,
     pub(crate) server: ControllerServer<DemoApp>,
     pub(crate) now: Instant,
     /// Frames under way: arrival, to the server or to the host.
@@ -91,7 +94,7 @@ pub(crate) struct Rig {
     pub(crate) bus_free: Instant,
     /// Time from the end of a frame on the bus to its arrival.
     pub(crate) latency: Duration,
-    /// One in so many frames is lost; 0 = none.
+    /// One in this many frames is lost; 0 = none.
     pub(crate) loss: u64,
     pub(crate) dice: Dice,
     /// Everything that was on the bus.
@@ -102,14 +105,14 @@ impl Rig {
     pub(crate) fn new(seed: u64) -> Self {
         let now = Instant::ZERO;
         Self {
-            host: HostNode::new(now, node(HOST), Heard::default()),
+            host: CyphalHost::new(now, node(HOST), Heard::default()),
             server: Server { core: NodeCore::new(now, node(SERVER)), app: DemoApp::new() },
             now,
             bus: VecDeque::new(),
             bus_free: now,
             latency: Duration::ZERO,
             loss: 0,
-            dice: Dice(seed),
+            dice: Dice::new(seed),
             log: Vec::new(),
         }
     }

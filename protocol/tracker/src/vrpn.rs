@@ -50,7 +50,7 @@ pub enum VrpnError {
 pub enum VrpnItem {
     /// A pose of the tracker.
     Pose(TrackedPose),
-    /// A pose with numbers that are none, or with a quaternion that is not of unit length.
+    /// A pose with NaN, or with a quaternion that is not of unit length.
     NotAPose {
         /// Number of the body.
         sensor: i32,

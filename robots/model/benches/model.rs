@@ -6,6 +6,8 @@
 use std::hint::black_box;
 use std::time::Instant;
 
+use rand_xoshiro::SplitMix64;
+use rand_xoshiro::rand_core::{Rng, SeedableRng};
 use robot_model::collision::{CollisionChecker, Scene, StraightMove};
 use robot_model::jacobian::joint_rates;
 use robot_model::{JointVec, RobotModel};
@@ -13,16 +15,11 @@ use robot_model::{JointVec, RobotModel};
 const CONFIGURATIONS: usize = 256;
 const BATCHES: usize = 201;
 
-/// SplitMix64.
-struct Seeded(u64);
+struct Seeded(SplitMix64);
 
 impl Seeded {
     fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        (z ^ (z >> 31)) as f64 / u64::MAX as f64
+        self.0.next_u64() as f64 / u64::MAX as f64
     }
 }
 
@@ -43,7 +40,7 @@ fn bench<T>(name: &str, mut op: impl FnMut(usize) -> T) {
 
 fn main() {
     let arm: RobotModel<6> = RobotModel::load("powercube6").expect("the built-in robot loads");
-    let mut rng = Seeded(1);
+    let mut rng = Seeded(SplitMix64::seed_from_u64(1));
     let (min, max) = (arm.q_min(), arm.q_max());
     let mut vector = |low: JointVec<6>, high: JointVec<6>| {
         JointVec::<6>::from_fn(|i, _| low[i] + rng.uniform() * (high[i] - low[i]))

@@ -1,12 +1,12 @@
 //! What can be wrong with a robot file, with the data needed to put it right.
 
-use toml_reader::Refusal;
+use toml_reader::DocumentError;
 
 /// A robot file was refused: where, and why.
 ///
 /// The text reads `file:line: key: reason`, so that an editor can jump to it; the file of a built-in robot is
 /// `<builtin>/name.toml`.
-pub type LoadError = Refusal<Problem>;
+pub type LoadError = DocumentError<Problem>;
 
 /// Reason for refusing a robot file.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

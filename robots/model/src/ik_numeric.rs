@@ -8,7 +8,8 @@ use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
 use crate::ik::place;
 use crate::linalg::Cholesky;
-use crate::model::{JointVec, RobotModel};
+use crate::linalg::JointVec;
+use crate::model::RobotModel;
 use crate::pose::Pose;
 
 /// Largest position error of a solution, in m.

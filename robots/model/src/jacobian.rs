@@ -7,9 +7,9 @@
 use nalgebra::{DMatrix, SMatrix, Vector3, Vector6};
 
 use crate::kinematics::Frames;
+use crate::linalg::JointVec;
 use crate::linalg::{Cholesky, Lu};
 use crate::mat3;
-use crate::model::JointVec;
 
 /// Geometric Jacobian: maps joint speeds to the twist `[v; ω]` of a point, in the world.
 pub type Jacobian<const N: usize> = SMatrix<f64, 6, N>;

@@ -2,7 +2,8 @@
 
 use nalgebra::{ArrayStorage, Matrix3, Vector3};
 
-use crate::model::{JointVec, RobotModel};
+use crate::linalg::JointVec;
+use crate::model::RobotModel;
 use crate::pose::Pose;
 
 /// Poses of all joint frames in the world for one configuration.
@@ -53,14 +54,6 @@ impl<const N: usize> RobotModel<N> {
     #[must_use]
     pub fn ball(&self, frames: &Frames<N>) -> Pose {
         self.ee(frames) * self.gripper.x_eb
-    }
-
-    /// The link frame of the robot file for link `i` (index from 0), in the world.
-    ///
-    /// Differs from the joint frame only for standard DH and for axes other than z.
-    #[must_use]
-    pub fn file_link_frame(&self, frames: &Frames<N>, i: usize) -> Pose {
-        frames.x_w[i] * self.links[i].x_jl
     }
 }
 

@@ -13,11 +13,15 @@
 //! | `kinematics` | frames of all links |
 //! | [`jacobian`] | geometric Jacobian, its rate and its gradient, singular values |
 //! | `family` | classes of arms with closed-form inverse kinematics, measured from the frames |
-//! | `ik` | all solutions with their branches, placed in the joint ranges |
+//! | `ik_solution` | solutions of inverse kinematics, and the branches they belong to |
+//! | `ik` | all closed-form solutions, placed in the joint ranges |
+//! | `ik_axis` | solutions for a point and a direction, the roll about the direction left free |
 //! | `ik_numeric` | solutions by damped least squares, for arms of any family |
 //! | `dynamics` | inverse dynamics with exact derivatives, mass matrix, forward dynamics, energies |
 //! | `currents` | motor and supply currents |
-//! | [`collision`] | boxes, pairs |
+//! | `boxes` | boxes around the links, and which pairs of them are tested |
+//! | [`collision`] | contact and clearance of a configuration, of a whole motion |
+//! | [`survey`] | what is missing, assumed or implausible in a robot file |
 //! | [`urdf`] | export for other tools, import of serial arms as a robot file |
 //! | [`linalg`] | LU and Cholesky of `N × N` matrices on the stack |
 //!
@@ -34,13 +38,16 @@
 #![warn(missing_docs)]
 
 mod any;
+mod boxes;
 pub mod collision;
 mod currents;
 mod dynamics;
 mod error;
 mod family;
 mod ik;
+mod ik_axis;
 mod ik_numeric;
+mod ik_solution;
 pub mod jacobian;
 mod kinematics;
 pub mod linalg;
@@ -48,18 +55,22 @@ mod load;
 mod mat3;
 mod model;
 mod pose;
+pub mod survey;
 pub mod urdf;
 
 pub use any::AnyRobot;
 pub use dynamics::InverseDynamicsGradient;
 pub use error::{FamilyMismatch, LoadError, Problem};
 pub use family::{Family, OrthoParallel, TurntablePlanar};
-pub use ik::{Branch, IkSolution, IkSolutions, NoClosedForm, RANGE_SLACK_RAD};
+pub use ik::{NoClosedForm, RANGE_SLACK_RAD};
+pub use ik_axis::AxisTool;
 pub use ik_numeric::radical_inverse;
+pub use ik_solution::{Branch, IkSolution, IkSolutions};
 pub use jacobian::Jacobian;
 pub use kinematics::Frames;
-pub use load::{SCHEMA_VERSION, built_in_robots, built_in_text};
+pub use linalg::JointVec;
+pub use load::{SCHEMA_VERSION, built_in_robots, built_in_text, text_of};
 pub use model::{
-    Drive, DriveLoop, Gripper, Joint, JointLimits, JointVec, Link, LinkInertia, RobotModel, Supply, World,
+    Drive, DriveLoop, Gripper, Joint, JointLimits, Link, LinkInertia, RobotModel, Supply, World,
 };
 pub use pose::Pose;

@@ -1,9 +1,12 @@
-//! Small dense solvers with the size in the type, on the stack.
+//! Vectors with one entry per joint, and small dense solvers with the size in the type, on the stack.
 //!
 //! nalgebra's decompositions are bounded by traits that a const parameter `N` does not satisfy, so the two that the
 //! inner loops need are here: LU with partial pivoting and Cholesky.
 
 use nalgebra::{SMatrix, SVector};
+
+/// One number per joint.
+pub type JointVec<const N: usize> = SVector<f64, N>;
 
 /// LU factors of a square matrix, rows permuted for stability.
 #[derive(Debug, Clone, Copy)]
@@ -87,16 +90,6 @@ impl<const N: usize> Lu<N> {
         let mut x = SVector::zeros();
         for i in 0..N {
             x[self.row_of[i]] = y[i];
-        }
-        x
-    }
-
-    /// Solution of `A X = B`, column by column.
-    #[must_use]
-    pub fn solve_matrix<const M: usize>(&self, b: &SMatrix<f64, N, M>) -> SMatrix<f64, N, M> {
-        let mut x = SMatrix::<f64, N, M>::zeros();
-        for j in 0..M {
-            x.set_column(j, &self.solve(&b.column(j).into_owned()));
         }
         x
     }

@@ -1,17 +1,15 @@
 //! The validated robot: what a robot file says, in SI units, with every check passed.
 
-use nalgebra::{Matrix3, SVector, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
-use crate::collision::CollisionModel;
+use crate::boxes::{BodyBox, CollisionModel};
 use crate::family::Family;
+use crate::linalg::JointVec;
 use crate::pose::Pose;
-
-/// One number per joint.
-pub type JointVec<const N: usize> = SVector<f64, N>;
 
 /// A serial arm of `N` revolute joints, read from a robot file and checked.
 ///
-/// Immutable: whoever holds one may rely on finite numbers, limits in order, positive masses and inertias (so the
+/// Immutable: its holder may rely on finite numbers, limits in order, positive masses and inertias (so the
 /// mass matrix is positive definite), supplies that cover every drive once, and frames that fit the kinematic
 /// family. The methods are in one file per concept: `kinematics`, `ik`, `dynamics`, `currents`, `collision`.
 #[derive(Debug, Clone)]
@@ -337,6 +335,36 @@ impl<const N: usize> RobotModel<N> {
             .iter()
             .zip(q_rad.iter())
             .all(|(j, q)| *q >= j.limits.q_min_rad - slack_rad && *q <= j.limits.q_max_rad + slack_rad)
+    }
+
+    /// The same robot with the ball held at another point of the end-effector frame, m. Inertias stay as they are.
+    #[must_use]
+    pub fn with_release_at(mut self, at_e_m: Vector3<f64>) -> Self {
+        self.gripper.x_eb.pos = at_e_m;
+        self.with_hand(&[], [])
+    }
+
+    /// The same robot with another hand for the tests of collision: boxes of the last link with the names in `gone` go; `boxes`
+    /// (name, pose in the end-effector frame, half edge lengths in m, all positive) come. Masses stay as they are.
+    #[must_use]
+    pub fn with_hand(
+        mut self,
+        gone: &[String],
+        boxes: impl IntoIterator<Item = (String, Pose, Vector3<f64>)>,
+    ) -> Self {
+        let kept = |b: &&BodyBox| b.link != N || !gone.contains(&b.name);
+        let mut all: Vec<BodyBox> = self.collision.boxes().iter().filter(kept).cloned().collect();
+        let hand = boxes.into_iter();
+        all.extend(hand.map(|(name, x_eb, half_m)| BodyBox {
+            name,
+            link: N,
+            x_lb: self.x_ne * x_eb,
+            half_m,
+        }));
+        let x_pj: Vec<Pose> = self.joints.iter().map(|joint| joint.x_pj).collect();
+        let ball_n = self.x_ne.transform_point(&self.gripper.x_eb.pos);
+        self.collision = CollisionModel::new(all, self.collision.rule(), &x_pj, &ball_n);
+        self
     }
 
     /// The same robot with other link inertias, for robustness studies and payloads.

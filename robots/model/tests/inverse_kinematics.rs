@@ -4,6 +4,8 @@ use std::sync::LazyLock;
 
 use nalgebra::{Matrix3, Vector3, Vector6};
 use proptest::prelude::*;
+use rand_xoshiro::SplitMix64;
+use rand_xoshiro::rand_core::{Rng, SeedableRng};
 use robot_model::{JointVec, Pose, RobotModel};
 
 static ARM: LazyLock<RobotModel<6>> =
@@ -100,15 +102,8 @@ proptest! {
 #[test]
 fn three_quarters_of_random_poses_have_eight_solutions_in_range_and_the_rest_four() {
     let arm = arm();
-    let mut state = 7_u64;
-    let mut uniform = || {
-        // SplitMix64: enough for counting, and no dependency.
-        state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        (z ^ (z >> 31)) as f64 / u64::MAX as f64
-    };
+    let mut random = SplitMix64::seed_from_u64(7);
+    let mut uniform = || random.next_u64() as f64 / u64::MAX as f64;
     let mut count = [0_usize; 9];
     let draws = 20_000;
     for _ in 0..draws {

@@ -29,24 +29,24 @@
 //! | file | holds |
 //! |---|---|
 //! | `bounded` | [`read_text`], [`read_bytes`]: files of bounded size |
-//! | `refusal` | [`Refusal`]: where and why; [`Problem`]: what can be wrong with any document |
+//! | `document_error` | [`DocumentError`]: where and why; [`Problem`]: what can be wrong with any document |
 //! | `section` | [`Source`] and [`Section`]: tables, and which of their keys were asked for |
 //! | `value` | [`Value`]: what a value must be |
 //! | `write` | [`quoted`]: text as TOML |
 //!
 //! A reader with problems of its own wraps [`Problem`] in its own type `P: From<Problem>`; all refusals are then
-//! [`Refusal<P>`].
+//! [`DocumentError<P>`].
 
 #![warn(missing_docs)]
 
 mod bounded;
-mod refusal;
+mod document_error;
 mod section;
 mod value;
 mod write;
 
 pub use bounded::{DESCRIPTION_MAX_BYTES, read_bytes, read_text};
-pub use refusal::{Problem, Refusal};
+pub use document_error::{DocumentError, Problem};
 pub use section::{Section, Source};
 pub use value::Value;
 pub use write::quoted;

@@ -6,7 +6,7 @@ use std::marker::PhantomData;
 use toml::Spanned;
 use toml::de::DeTable;
 
-use crate::refusal::{Problem, Refusal};
+use crate::document_error::{DocumentError, Problem};
 use crate::value::Value;
 
 /// The text being read.
@@ -23,7 +23,7 @@ impl<'a> Source<'a> {
     ///
     /// # Errors
     /// [`Problem::Syntax`] with its line.
-    pub fn parse<P: From<Problem>>(&self) -> Result<Spanned<DeTable<'a>>, Refusal<P>> {
+    pub fn parse<P: From<Problem>>(&self) -> Result<Spanned<DeTable<'a>>, DocumentError<P>> {
         DeTable::parse(self.text).map_err(|error| {
             let at = error.span().map_or(0, |span| span.start);
             self.refusal(at, String::new(), Problem::Syntax(error.message().to_owned()).into())
@@ -35,9 +35,9 @@ impl<'a> Source<'a> {
         Section::new(*self, String::new(), 0, document.get_ref())
     }
 
-    pub(crate) fn refusal<P>(&self, at: usize, key: String, problem: P) -> Refusal<P> {
+    pub(crate) fn refusal<P>(&self, at: usize, key: String, problem: P) -> DocumentError<P> {
         let line = 1 + self.text.as_bytes().iter().take(at).filter(|byte| **byte == b'\n').count();
-        Refusal { file: self.file.to_owned(), line: Some(line), key, problem }
+        DocumentError { file: self.file.to_owned(), line: Some(line), key, problem }
     }
 }
 
@@ -70,7 +70,7 @@ impl<'a, P> Section<'a, P> {
     }
 
     /// Refusal at `key` of this table, or at the table if the key is absent or empty.
-    pub fn error(&self, key: &str, problem: impl Into<P>) -> Refusal<P> {
+    pub fn error(&self, key: &str, problem: impl Into<P>) -> DocumentError<P> {
         let at = self.table.get(key).map_or(self.start, |value| value.span().start);
         let path = if key.is_empty() { self.path.clone() } else { self.path_of(key) };
         self.source.refusal(at, path, problem.into())
@@ -91,8 +91,8 @@ impl<'a, P: From<Problem>> Section<'a, P> {
     pub fn optional<T>(
         &self,
         key: &'static str,
-        read: impl FnOnce(&Value<'a, P>) -> Result<T, Refusal<P>>,
-    ) -> Result<Option<T>, Refusal<P>> {
+        read: impl FnOnce(&Value<'a, P>) -> Result<T, DocumentError<P>>,
+    ) -> Result<Option<T>, DocumentError<P>> {
         self.get(key).map(|value| read(&value)).transpose()
     }
 
@@ -104,8 +104,8 @@ impl<'a, P: From<Problem>> Section<'a, P> {
         &self,
         key: &'static str,
         default: T,
-        read: impl FnOnce(&Value<'a, P>) -> Result<T, Refusal<P>>,
-    ) -> Result<T, Refusal<P>> {
+        read: impl FnOnce(&Value<'a, P>) -> Result<T, DocumentError<P>>,
+    ) -> Result<T, DocumentError<P>> {
         Ok(self.optional(key, read)?.unwrap_or(default))
     }
 
@@ -116,8 +116,8 @@ impl<'a, P: From<Problem>> Section<'a, P> {
     pub fn required<T>(
         &self,
         key: &'static str,
-        read: impl FnOnce(&Value<'a, P>) -> Result<T, Refusal<P>>,
-    ) -> Result<T, Refusal<P>> {
+        read: impl FnOnce(&Value<'a, P>) -> Result<T, DocumentError<P>>,
+    ) -> Result<T, DocumentError<P>> {
         self.optional(key, read)?.ok_or_else(|| self.error(key, Problem::Missing))
     }
 
@@ -125,7 +125,7 @@ impl<'a, P: From<Problem>> Section<'a, P> {
     ///
     /// # Errors
     /// The value is something else.
-    pub fn sections(&self, key: &'static str) -> Result<Vec<Self>, Refusal<P>> {
+    pub fn sections(&self, key: &'static str) -> Result<Vec<Self>, DocumentError<P>> {
         self.or(key, Vec::new(), |value| {
             let items = value.items().map_err(|_| value.wrong_type("an array of tables ([[..]])"))?;
             items.iter().map(Value::section).collect()
@@ -136,7 +136,7 @@ impl<'a, P: From<Problem>> Section<'a, P> {
     ///
     /// # Errors
     /// [`Problem::Schema`], or the key is absent or no number.
-    pub fn schema(&self, key: &'static str, supported: i64) -> Result<(), Refusal<P>> {
+    pub fn schema(&self, key: &'static str, supported: i64) -> Result<(), DocumentError<P>> {
         let found = self.required(key, Value::any_integer)?;
         if found == supported {
             return Ok(());
@@ -148,7 +148,7 @@ impl<'a, P: From<Problem>> Section<'a, P> {
     ///
     /// # Errors
     /// [`Problem::UnknownKey`] for the first of them.
-    pub fn finish(&self) -> Result<(), Refusal<P>> {
+    pub fn finish(&self) -> Result<(), DocumentError<P>> {
         let asked = self.asked.borrow();
         for key in self.table.keys() {
             let name = key.get_ref().as_ref();

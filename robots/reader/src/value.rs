@@ -6,7 +6,7 @@ use std::ops::RangeInclusive;
 use toml::Spanned;
 use toml::de::DeValue;
 
-use crate::refusal::{Problem, Refusal};
+use crate::document_error::{DocumentError, Problem};
 use crate::section::{Section, Source};
 
 /// A value of the document, with its place.
@@ -24,7 +24,7 @@ impl<'a, P> Value<'a, P> {
     }
 
     /// Refusal at this value.
-    pub fn error(&self, problem: impl Into<P>) -> Refusal<P> {
+    pub fn error(&self, problem: impl Into<P>) -> DocumentError<P> {
         self.source.refusal(self.value.span().start, self.path.clone(), problem.into())
     }
 }
@@ -35,7 +35,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     ///
     /// # Errors
     /// No number, or not finite.
-    pub fn number(&self) -> Result<f64, Refusal<P>> {
+    pub fn number(&self) -> Result<f64, DocumentError<P>> {
         let parsed = match self.value.get_ref() {
             DeValue::Float(float) => float.as_str().replace('_', "").parse::<f64>().ok(),
             DeValue::Integer(integer) => {
@@ -53,7 +53,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     ///
     /// # Errors
     /// No such number.
-    pub fn number_in(&self, min: f64, max: f64) -> Result<f64, Refusal<P>> {
+    pub fn number_in(&self, min: f64, max: f64) -> Result<f64, DocumentError<P>> {
         let value = self.number()?;
         if (min..=max).contains(&value) {
             return Ok(value);
@@ -65,7 +65,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     ///
     /// # Errors
     /// No such number.
-    pub fn positive(&self) -> Result<f64, Refusal<P>> {
+    pub fn positive(&self) -> Result<f64, DocumentError<P>> {
         let value = self.number()?;
         if value > 0.0 { Ok(value) } else { Err(self.error(Problem::NotPositive(value))) }
     }
@@ -74,7 +74,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     ///
     /// # Errors
     /// No such number.
-    pub fn non_negative(&self) -> Result<f64, Refusal<P>> {
+    pub fn non_negative(&self) -> Result<f64, DocumentError<P>> {
         let value = self.number()?;
         if value >= 0.0 { Ok(value) } else { Err(self.error(Problem::Negative(value))) }
     }
@@ -83,7 +83,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     ///
     /// # Errors
     /// No such number, or one beyond 64 bits.
-    pub fn any_integer(&self) -> Result<i64, Refusal<P>> {
+    pub fn any_integer(&self) -> Result<i64, DocumentError<P>> {
         match self.value.get_ref() {
             DeValue::Integer(integer) => {
                 i64::from_str_radix(integer.as_str(), integer.radix()).map_err(|_| {
@@ -98,7 +98,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     ///
     /// # Errors
     /// No such number.
-    pub fn integer(&self, range: RangeInclusive<i64>) -> Result<i64, Refusal<P>> {
+    pub fn integer(&self, range: RangeInclusive<i64>) -> Result<i64, DocumentError<P>> {
         let value = self.any_integer()?;
         if range.contains(&value) {
             return Ok(value);
@@ -111,7 +111,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     ///
     /// # Errors
     /// No such number.
-    pub fn count(&self) -> Result<u64, Refusal<P>> {
+    pub fn count(&self) -> Result<u64, DocumentError<P>> {
         let value = self.any_integer()?;
         u64::try_from(value).map_err(|_| self.error(Problem::Negative(value as f64)))
     }
@@ -120,7 +120,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     ///
     /// # Errors
     /// Something else.
-    pub fn boolean(&self) -> Result<bool, Refusal<P>> {
+    pub fn boolean(&self) -> Result<bool, DocumentError<P>> {
         match self.value.get_ref() {
             DeValue::Boolean(value) => Ok(*value),
             _ => Err(self.wrong_type("a boolean")),
@@ -131,7 +131,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     ///
     /// # Errors
     /// Something else.
-    pub fn text(&self) -> Result<&'a str, Refusal<P>> {
+    pub fn text(&self) -> Result<&'a str, DocumentError<P>> {
         match self.value.get_ref() {
             DeValue::String(text) => Ok(text.as_ref()),
             _ => Err(self.wrong_type("a string")),
@@ -142,7 +142,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     ///
     /// # Errors
     /// Another word, or no string.
-    pub fn word<T: Copy>(&self, known: &[(&'static str, T)]) -> Result<T, Refusal<P>> {
+    pub fn word<T: Copy>(&self, known: &[(&'static str, T)]) -> Result<T, DocumentError<P>> {
         let found = self.text()?;
         known.iter().find(|(word, _)| *word == found).map(|(_, meaning)| *meaning).ok_or_else(|| {
             let known = known.iter().map(|(word, _)| *word).collect();
@@ -154,7 +154,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     ///
     /// # Errors
     /// Something else.
-    pub fn section(&self) -> Result<Section<'a, P>, Refusal<P>> {
+    pub fn section(&self) -> Result<Section<'a, P>, DocumentError<P>> {
         match self.value.get_ref() {
             DeValue::Table(table) => {
                 Ok(Section::new(self.source, self.path.clone(), self.value.span().start, table))
@@ -167,7 +167,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     ///
     /// # Errors
     /// No list.
-    pub fn items(&self) -> Result<Vec<Self>, Refusal<P>> {
+    pub fn items(&self) -> Result<Vec<Self>, DocumentError<P>> {
         let DeValue::Array(items) = self.value.get_ref() else {
             return Err(self.wrong_type("a list"));
         };
@@ -185,7 +185,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
     ///
     /// # Errors
     /// Another length, or an item that is no finite number.
-    pub fn numbers<const K: usize>(&self) -> Result<[f64; K], Refusal<P>> {
+    pub fn numbers<const K: usize>(&self) -> Result<[f64; K], DocumentError<P>> {
         let items = self.items()?;
         if items.len() != K {
             return Err(self.error(Problem::WrongLength { expected: K, found: items.len() }));
@@ -197,7 +197,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
         Ok(numbers)
     }
 
-    pub(crate) fn wrong_type(&self, expected: &'static str) -> Refusal<P> {
+    pub(crate) fn wrong_type(&self, expected: &'static str) -> DocumentError<P> {
         let found = match self.value.get_ref() {
             DeValue::String(_) => "a string",
             DeValue::Integer(_) => "an integer",
@@ -218,7 +218,7 @@ mod tests {
     /// The refusal of `x = ...`, without file and line. Leaks the text, so that methods can be named as they are.
     fn refused<T: std::fmt::Debug>(
         value: &str,
-        read: impl FnOnce(&Value<'static>) -> Result<T, Refusal<Problem>>,
+        read: impl FnOnce(&Value<'static>) -> Result<T, DocumentError<Problem>>,
     ) -> String {
         let source = Source { file: "f", text: format!("x = {value}").leak() };
         let document = Box::leak(Box::new(source.parse::<Problem>().unwrap()));

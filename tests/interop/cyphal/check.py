@@ -165,7 +165,7 @@ async def check_services(peer):
     port_lists.close()
     stops.close()
     servers = [i for i, on in enumerate(got[0].servers.mask) if on]
-    assert servers == [384, 385, 408, 409, 430, 435], servers
+    assert servers == [384, 385, 406, 408, 409, 430, 435], servers
     assert [s.value for s in got[0].publishers.sparse_list] == [7509, 7510, 8184]
     assert [s.value for s in got[0].subscribers.sparse_list] == [STOP_SUBJECT]
     print("port list: servers", servers)
@@ -189,6 +189,16 @@ async def check_upload(peer, lossy):
     assert answer.status == 0 and int.from_bytes(answer.output.tobytes(), "little") == crc, answer
     register = await peer.access("file.crc64", **options)
     assert register.value.natural64.value[0] == crc
+
+    names = []
+    while True:
+        request = uavcan.file.List_0_2.Request(entry_index=len(names), directory_path=uavcan.file.Path_2("/"))
+        answer = await peer.call(uavcan.file.List_0_2, request, **options)
+        name = answer.entry_base_name.path.tobytes().decode()
+        if not name:
+            break
+        names.append(name)
+    assert names == [FILE], names
 
     back = b""
     while True:

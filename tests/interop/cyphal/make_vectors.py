@@ -44,7 +44,7 @@ TYPES = {
     "file.Write.Response": uavcan.file.Write_1_1.Response,
     "diagnostic.Record": uavcan.diagnostic.Record_1_1,
     "JointState": cubecell.JointState_1_0,
-    "GroupState": cubecell.GroupState_1_0,
+    "GroupState": cubecell.GroupState_1_1,
     "Stop": cubecell.Stop_1_0,
     "ArmPrepare": cubecell.command.ArmPrepare_1_0,
     "ArmOffer": cubecell.command.ArmOffer_1_0,
@@ -58,6 +58,10 @@ TYPES = {
     "Challenge": cubecell.command.Challenge_1_0,
     "Authorization": cubecell.command.Authorization_1_0,
     "Unlock": cubecell.command.Unlock_1_0,
+    "TargetState": cubecell.TargetState_1_0,
+    "TargetAnswer": cubecell.TargetAnswer_1_0,
+    "Run": cubecell.command.Run_1_0,
+    "ClockReading": cubecell.command.ClockReading_1_0,
 }
 
 # What the schema allows and the meaning does not: states of the group that are not defined.

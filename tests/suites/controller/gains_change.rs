@@ -18,7 +18,7 @@ fn path(write: bool) -> Vec<Vec<f64>> {
     let mut path = Vec::new();
     for ms in 0..900 {
         lab.run(1_000);
-        path.push((0..6).map(|i| lab.world.crew().0.plant().link_q_rad(i)).collect());
+        path.push((0..6).map(|i| lab.world.participants().0.plant().link_q_rad(i)).collect());
         if write && ms % 50 == 10 {
             assert_eq!(lab.kind(), StateKind::Running, "{:?}", lab.controller().state());
             for name in GAINS {

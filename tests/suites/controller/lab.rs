@@ -1,6 +1,7 @@
 //! The controller in the simulated cell, in the hands of a test; what it does is watched from the bus.
 
 use std::borrow::Cow;
+use std::collections::VecDeque;
 
 use cell_tests::published_throw;
 use firmware::Controller;
@@ -13,8 +14,8 @@ use firmware::state::StateKind;
 use firmware::store::{FileName, RamStorage};
 use hil_sim::bus::BusConfig;
 use hil_sim::checker::Checkers;
-use hil_sim::crew::Crew;
 use hil_sim::mechanics::Scatter;
+use hil_sim::participants::Participants;
 use hil_sim::scenario::Expect;
 use hil_sim::scenario::build::limits_of;
 use hil_sim::world::{Observer, World};
@@ -23,18 +24,33 @@ use protocol::cyphal::crc::Crc64;
 use protocol::{Duration, Frame, Id, Instant, Node};
 use robot_model::AnyRobot;
 
-/// The controller as a crew of one.
-pub(crate) struct Desk(Box<Controller<RamStorage>>);
+/// The controller, and a node that only sends what it is given.
+pub(crate) struct ControllerPort(Box<Controller<RamStorage>>, Stranger);
 
-impl Crew for Desk {
+/// Somebody else on the bus.
+#[derive(Default)]
+pub(crate) struct Stranger(VecDeque<Frame>);
+
+impl Node for Stranger {
+    fn handle_frame(&mut self, _: Instant, _: &Frame) {}
+    fn handle_timeout(&mut self, _: Instant) {}
+    fn poll_frame(&mut self) -> Option<Frame> {
+        self.0.pop_front()
+    }
+    fn poll_timeout(&self) -> Option<Instant> {
+        None
+    }
+}
+
+impl Participants for ControllerPort {
     fn len(&self) -> usize {
-        1
+        2
     }
-    fn node(&mut self, _: usize) -> &mut dyn Node {
-        &mut *self.0
+    fn node(&mut self, index: usize) -> &mut dyn Node {
+        if index == 0 { &mut *self.0 } else { &mut self.1 }
     }
-    fn name(&self, _: usize) -> Cow<'_, str> {
-        "controller".into()
+    fn name(&self, index: usize) -> Cow<'_, str> {
+        if index == 0 { "controller".into() } else { "stranger".into() }
     }
 }
 
@@ -47,6 +63,8 @@ pub(crate) struct Watch {
     halted: bool,
     /// First halt broadcast since the flag was taken, end of its frame.
     pub(crate) halt_at: Option<Instant>,
+    /// First sign of life to the drives since the flag was taken, end of its frame.
+    pub(crate) life_at: Option<Instant>,
     pub(crate) motions: u32,
     pub(crate) forbidden: Vec<String>,
 }
@@ -60,6 +78,7 @@ impl Observer for Watch {
                 self.halted = true;
                 self.halt_at = self.halt_at.or(Some(at));
             }
+            (0x100, Some(0x07)) => self.life_at = self.life_at.or(Some(at)),
             (0x100, Some(0x00)) => self.halted = false,
             // SET MOTION to any module.
             (0x0E0..=0x0FF, Some(0x0B)) => {
@@ -95,7 +114,7 @@ impl Situation {
 pub(crate) const HOST: Peer = Peer::new(42);
 
 pub(crate) struct Lab {
-    pub(crate) world: World<(Cell, Desk)>,
+    pub(crate) world: World<(Cell, ControllerPort)>,
     pub(crate) watch: Watch,
     pub(crate) heartbeat: bool,
     beat: Instant,
@@ -125,17 +144,21 @@ impl Lab {
             stop_within: Some(Duration::from_millis(400)),
             ..Expect::default()
         };
-        let desk = Desk(Box::new(Controller::new(RamStorage::new(), settings, Seed::FORESEEABLE)));
+        let host_node = ControllerPort(
+            Box::new(Controller::new(RamStorage::new(), settings, Seed::FORESEEABLE)),
+            Stranger::default(),
+        );
         let config = BusConfig::default();
         let watch = Watch {
             checkers: Checkers::new(&expect, &limits, config.bit_rate_bit_s),
             allowed: false,
             halted: false,
             halt_at: None,
+            life_at: None,
             motions: 0,
             forbidden: Vec::new(),
         };
-        let world = World::new((cell, desk), config, situation.seed, Vec::new()).unwrap();
+        let world = World::new((cell, host_node), config, situation.seed, Vec::new()).unwrap();
         Self { world, watch, heartbeat: true, beat: Instant::ZERO }
     }
 
@@ -145,7 +168,9 @@ impl Lab {
             if self.world.now() >= self.beat {
                 self.beat = self.world.now() + Duration::from_millis(20);
                 if self.heartbeat {
-                    self.world.with_crew(|crew, now| crew.1.0.host_heartbeat(now, HOST)).unwrap();
+                    self.world
+                        .with_participants(|participants, now| participants.1.0.host_heartbeat(now, HOST))
+                        .unwrap();
                 }
             }
             self.world.run_until(end.min(self.beat), &mut self.watch).unwrap();
@@ -153,7 +178,7 @@ impl Lab {
     }
 
     pub(crate) fn try_order(&mut self, order: Order) -> Result<Done, Refusal> {
-        self.world.with_crew(|crew, now| crew.1.0.order(now, HOST, order)).unwrap()
+        self.world.with_participants(|participants, now| participants.1.0.order(now, HOST, order)).unwrap()
     }
 
     pub(crate) fn order(&mut self, order: Order) -> Done {
@@ -161,11 +186,16 @@ impl Lab {
     }
 
     pub(crate) fn stop_now(&mut self) {
-        self.world.with_crew(|crew, now| crew.1.0.stop_now(now)).unwrap();
+        self.world.with_participants(|participants, now| participants.1.0.stop_now(now)).unwrap();
+    }
+
+    /// A frame of somebody else wants to the bus now.
+    pub(crate) fn foreign(&mut self, frame: Frame) {
+        self.world.with_participants(|participants, _| participants.1.1.0.push_back(frame)).unwrap();
     }
 
     pub(crate) fn controller(&self) -> &Controller<RamStorage> {
-        &self.world.crew().1.0
+        &self.world.participants().1.0
     }
 
     pub(crate) fn kind(&self) -> StateKind {
@@ -173,11 +203,16 @@ impl Lab {
     }
 
     pub(crate) fn write(&mut self, name: &str, numbers: &[Number]) -> Result<(), Refusal> {
-        self.world.with_crew(|crew, now| crew.1.0.write_register(now, HOST, name, numbers)).unwrap()
+        self.world
+            .with_participants(|participants, now| participants.1.0.write_register(now, HOST, name, numbers))
+            .unwrap()
     }
 
     pub(crate) fn upload(&mut self, file: &[u8]) {
-        self.world.with_crew(|crew, now| crew.1.0.upload(now, HOST, 0, file)).unwrap().unwrap();
+        self.world
+            .with_participants(|participants, now| participants.1.0.upload(now, HOST, 0, file))
+            .unwrap()
+            .unwrap();
     }
 
     /// Runs until the group is ready and every drive was read.
@@ -213,7 +248,13 @@ impl Lab {
     /// Why the group was not armed, or not started.
     pub(crate) fn try_start(&mut self) -> Result<Instant, Refusal> {
         let period_us = self.controller().settings().cycle_period_us;
-        let (name, token) = self.offered(&published_throw::file(period_us));
+        self.try_start_file(&published_throw::file(period_us))
+    }
+
+    /// As [`Self::try_start`], with another file.
+    pub(crate) fn try_start_file(&mut self, file: &[u8]) -> Result<Instant, Refusal> {
+        let period_us = self.controller().settings().cycle_period_us;
+        let (name, token) = self.offered(file);
         self.try_order(Order::ArmConfirm { token, valid: Duration::from_secs(5) })?;
         self.run(60_000);
         self.watch.allowed = true;
@@ -226,7 +267,7 @@ impl Lab {
         self.try_start().unwrap_or_else(|refusal| panic!("{refusal:?}"))
     }
 
-    /// What the checkers found, in words; empty if all was well.
+    /// What the checkers found, as text; empty if all was well.
     pub(crate) fn findings(&mut self) -> Vec<String> {
         let end = self.world.now();
         let mut found = std::mem::take(&mut self.watch.forbidden);

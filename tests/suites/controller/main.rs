@@ -10,6 +10,7 @@
 
 mod cycle;
 mod gains_change;
+mod halts;
 mod lab;
 mod refusals;
 mod residual;
@@ -44,11 +45,11 @@ fn throw(mut settings: Settings, offset_rad: f64, seed: u64) -> Outcome {
     let mut outcome = Outcome::default();
     loop {
         lab.run(1_000);
-        let t = lab.world.crew().0.grid().as_secs_f64() - t0.as_secs_f64();
+        let t = lab.world.participants().0.grid().as_secs_f64() - t0.as_secs_f64();
         if t > HA_S + HB_S || lab.kind() != StateKind::Running {
             break;
         }
-        let cell = &lab.world.crew().0;
+        let cell = &lab.world.participants().0;
         let (mut e_worst, mut de_worst) = (0.0f64, 0.0f64);
         for i in 0..6 {
             let (q, qd) = reference(i, t);
@@ -79,7 +80,7 @@ fn throw(mut settings: Settings, offset_rad: f64, seed: u64) -> Outcome {
     lab.run(600_000);
     assert_eq!(lab.kind(), StateKind::Ready, "{:?}", lab.controller().state());
     outcome.cycles_late = lab.controller().counters().cycles_late;
-    let landing = lab.world.crew().0.throw().landing.expect("the ball was released");
+    let landing = lab.world.participants().0.throw().landing.expect("the ball was released");
     assert_eq!(lab.findings(), Vec::<String>::new());
     outcome.landing_mm = 1e3 * published_throw::miss_m([landing.p_m.x, landing.p_m.y]);
     outcome

@@ -11,6 +11,7 @@ use firmware::settings::Settings;
 use firmware::state::StateKind;
 use hil_sim::fault::{Fault, FaultKind, Target, WireFault};
 use hil_sim::mechanics::Scatter;
+use planner::plan::rng::SplitMix64;
 use protocol::{Duration, JointIndex, ModuleId};
 use rayon::prelude::*;
 
@@ -18,7 +19,7 @@ use super::lab::{Lab, Situation};
 
 /// What happens in a throw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Event {
+enum SwarmEvent {
     Nothing,
     /// One drive hears nothing for a third of a cycle.
     LostFrame,
@@ -30,14 +31,14 @@ enum Event {
     SilentDrive,
 }
 
-const EVENTS: [Event; 7] = [
-    Event::Nothing,
-    Event::LostFrame,
-    Event::LostCycles,
-    Event::StopOrder,
-    Event::StopMessage,
-    Event::HostLost,
-    Event::SilentDrive,
+const EVENTS: [SwarmEvent; 7] = [
+    SwarmEvent::Nothing,
+    SwarmEvent::LostFrame,
+    SwarmEvent::LostCycles,
+    SwarmEvent::StopOrder,
+    SwarmEvent::StopMessage,
+    SwarmEvent::HostLost,
+    SwarmEvent::SilentDrive,
 ];
 
 /// Control period of the settings.
@@ -45,21 +46,16 @@ const CYCLE_US: u64 = 3_000;
 /// A host that was not heard for so long is lost.
 const HOST_TIMEOUT_US: u64 = 103_000;
 
-/// SplitMix64.
-struct Rng(u64);
+struct Rng(SplitMix64);
 
 impl Rng {
     fn below(&mut self, n: u64) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        (z ^ (z >> 31)) % n
+        self.0.next_u64() % n
     }
 }
 
 struct Outcome {
-    event: Event,
+    event: SwarmEvent,
     end: StateKind,
     cause: Option<Cause>,
     /// From the event to the halt broadcast, µs.
@@ -73,7 +69,7 @@ struct Outcome {
 }
 
 fn throw(seed: u64) -> Outcome {
-    let mut rng = Rng(seed);
+    let mut rng = Rng(SplitMix64::new(seed));
     let event = EVENTS[seed as usize % EVENTS.len()];
     let mut settings = Settings::powercube6();
     for joint in JointIndex::first(6) {
@@ -132,7 +128,7 @@ fn throw(seed: u64) -> Outcome {
         lab.run(600_000);
         let halt_at = lab.watch.halt_at;
         outcome.halt_us = struck.zip(halt_at).map(|(from, to)| to.saturating_since(from).as_micros());
-        let cell = &lab.world.crew().0;
+        let cell = &lab.world.participants().0;
         for i in 0..6 {
             let v = cell.plant().axis(i).v_rad_s;
             if v.abs() > 0.02 {
@@ -145,7 +141,7 @@ fn throw(seed: u64) -> Outcome {
     outcome
 }
 
-fn strike(lab: &mut Lab, event: Event, drive: u8) {
+fn strike(lab: &mut Lab, event: SwarmEvent, drive: u8) {
     // The watchdog test of start-up halted, too.
     lab.watch.halt_at = None;
     let mut plan = |wire, length_us: Option<u64>| {
@@ -163,21 +159,21 @@ fn strike(lab: &mut Lab, event: Event, drive: u8) {
             .unwrap();
     };
     match event {
-        Event::Nothing => {}
-        Event::LostFrame => plan(WireFault::Drop, Some(CYCLE_US / 3)),
-        Event::LostCycles => plan(WireFault::Drop, Some(4 * CYCLE_US)),
-        Event::SilentDrive => plan(WireFault::Silent, None),
-        Event::StopOrder => {
+        SwarmEvent::Nothing => {}
+        SwarmEvent::LostFrame => plan(WireFault::Drop, Some(CYCLE_US / 3)),
+        SwarmEvent::LostCycles => plan(WireFault::Drop, Some(4 * CYCLE_US)),
+        SwarmEvent::SilentDrive => plan(WireFault::Silent, None),
+        SwarmEvent::StopOrder => {
             lab.order(Order::Stop);
         }
-        Event::StopMessage => lab.stop_now(),
-        Event::HostLost => lab.heartbeat = false,
+        SwarmEvent::StopMessage => lab.stop_now(),
+        SwarmEvent::HostLost => lab.heartbeat = false,
     }
 }
 
 /// Where the arm really is, and how fast.
 fn judge_plant(lab: &Lab, settings: &Settings, wrong: &mut Vec<String>) {
-    let cell = &lab.world.crew().0;
+    let cell = &lab.world.participants().0;
     for joint in JointIndex::first(6) {
         let limits = settings.joint.at(joint);
         let (q, v) = (cell.plant().link_q_rad(joint.get()), cell.plant().axis(joint.get()).v_rad_s);
@@ -197,13 +193,13 @@ fn judge_end(outcome: &mut Outcome) {
     // An event of the last moment may come too late to matter: only then the run may end as if nothing had happened.
     let too_late = |reaction_us: u64| outcome.ended_us.is_none_or(|us| us <= reaction_us);
     let (end, halt_max_us) = match outcome.event {
-        Event::Nothing | Event::LostFrame => ((Ready, None), None),
-        Event::LostCycles => ((Fault, Some(Cause::DriveSilent)), Some(500_000)),
-        Event::StopOrder => ((Stopped, Some(Cause::StopOrdered)), Some(1_200_000)),
-        Event::StopMessage => ((Stopped, Some(Cause::StopMessage)), Some(1_000)),
-        Event::HostLost if outcome.end == Ready && too_late(HOST_TIMEOUT_US) => ((Ready, None), None),
-        Event::HostLost => ((Fault, Some(Cause::HostLost)), Some(1_303_000)),
-        Event::SilentDrive => ((Fault, Some(Cause::DriveSilent)), Some(500_000)),
+        SwarmEvent::Nothing | SwarmEvent::LostFrame => ((Ready, None), None),
+        SwarmEvent::LostCycles => ((Fault, Some(Cause::DriveSilent)), Some(500_000)),
+        SwarmEvent::StopOrder => ((Stopped, Some(Cause::StopOrdered)), Some(1_200_000)),
+        SwarmEvent::StopMessage => ((Stopped, Some(Cause::StopMessage)), Some(1_000)),
+        SwarmEvent::HostLost if outcome.end == Ready && too_late(HOST_TIMEOUT_US) => ((Ready, None), None),
+        SwarmEvent::HostLost => ((Fault, Some(Cause::HostLost)), Some(1_303_000)),
+        SwarmEvent::SilentDrive => ((Fault, Some(Cause::DriveSilent)), Some(500_000)),
     };
     if end != (outcome.end, outcome.cause) {
         outcome.wrong.push(format!("ended in {:?} by {:?}", outcome.end, outcome.cause));
@@ -217,7 +213,7 @@ fn judge_end(outcome: &mut Outcome) {
 
 fn swarm(seeds: u64) {
     let outcomes: Vec<(u64, Outcome)> = (0..seeds).into_par_iter().map(|seed| (seed, throw(seed))).collect();
-    let mut table: BTreeMap<Event, (u32, u32, u64)> = BTreeMap::new();
+    let mut table: BTreeMap<SwarmEvent, (u32, u32, u64)> = BTreeMap::new();
     for (_, outcome) in &outcomes {
         let (count, refused, halt_us) = table.entry(outcome.event).or_default();
         *count += 1;

@@ -7,13 +7,19 @@ mod rig;
 
 use std::time::Instant as WallTime;
 
+use hil_sim::mechanics::Flight;
 use nalgebra::{Matrix2, Matrix6, Vector2, Vector3, Vector6};
+use planner::flight::Course;
+use planner::plan::{Opening, Options};
 use protocol::Duration;
 use rayon::prelude::*;
 use rig::{Outcome, Rig};
 
 /// `robot-models` 1.7, and with free spin beyond the paper's reach.
 const TARGETS_M: [[f64; 3]; 4] = [[1.0, 1.0, -1.0], [1.5, 0.0, -0.5], [2.0, 0.0, -1.0], [2.0, 0.0, 0.0]];
+
+/// Of the arm's robot file.
+const BALL_RADIUS_M: f64 = 0.03;
 
 fn count(name: &str, default: usize) -> usize {
     std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(default)
@@ -40,6 +46,62 @@ fn nominal_throws_land_within_five_millimetres_of_the_published_targets_in_the_m
             1e3 * errors_m[1]
         );
         assert!((1e-7..5e-3).contains(&errors_m[1]) && errors_m[2] < 0.01, "{target:?}: {errors_m:?}");
+    }
+}
+
+/// Options of the default form without limits of the shift, for which a small search is enough.
+fn nulled() -> Options {
+    Options { delay_windows: Vec::new(), ..Options::best() }
+}
+
+#[test]
+fn the_simulated_ball_passes_an_upright_opening_clear_of_its_rim() {
+    let rig = Rig::nominal();
+    let (centre, radius_m) = (Vector3::new(1.6, 0.2, -0.3), 0.1);
+    let opening = Opening { normal: -Vector3::x(), radius_m, incidence_max_rad: 0.8 };
+    let plan = rig.plan_with(centre.into(), Options { opening: Some(opening), ..nulled() });
+    for seed in 1..=3 {
+        let Outcome { landing_m, landing_error_m, released, .. } = rig.throw(&plan, seed);
+        assert!(
+            (landing_m.x - centre.x).abs() < 1e-6,
+            "seed {seed}: on the plane of the opening: {landing_m}"
+        );
+        assert!(landing_error_m < 0.03, "seed {seed}: {landing_error_m} m from the centre");
+        // The simulated world's own flight against the rim.
+        let mut flight = Flight::new(released, 9.81, 0.0);
+        let clear_m = (0..4_000)
+            .map(|i| {
+                let off = flight.at(f64::from(i) * 2.5e-4).p_m - centre;
+                (off.yz().norm() - radius_m).hypot(off.x)
+            })
+            .fold(f64::INFINITY, f64::min);
+        println!(
+            "seed {seed}: {:.1} mm from the centre, {:.1} mm from the rim",
+            1e3 * landing_error_m,
+            1e3 * clear_m
+        );
+        assert!(clear_m > BALL_RADIUS_M, "seed {seed}: the ball touches the rim: {clear_m} m");
+    }
+}
+
+#[test]
+fn the_simulated_ball_meets_a_moving_target() {
+    let rig = Rig::nominal();
+    let (from, velocity) = (Vector3::new(1.3, -0.3, -0.6), Vector3::new(0.3, 0.5, 0.0));
+    let course = Course::new(&[velocity.into()]).unwrap();
+    let plan = rig.plan_with(from.into(), Options { course, ..nulled() });
+    for seed in 1..=3 {
+        let Outcome { released, late_s, .. } = rig.throw(&plan, seed);
+        // The target starts at the planned release, whenever the ball is free.
+        let mut flight = Flight::new(released, 9.81, 0.0);
+        let nearest_m = (0..4_000)
+            .map(|i| {
+                let t_s = f64::from(i) * 2.5e-4;
+                (flight.at(t_s).p_m - (from + velocity * (t_s + late_s))).norm()
+            })
+            .fold(f64::INFINITY, f64::min);
+        println!("seed {seed}: {:.1} mm from the moving target", 1e3 * nearest_m);
+        assert!(nearest_m < BALL_RADIUS_M, "seed {seed}: {nearest_m} m");
     }
 }
 
@@ -125,7 +187,22 @@ fn covariance_2(points: &[Vector2<f64>]) -> Matrix2<f64> {
 
 /// 200 arms that are not the model: masses ± 10 %, friction ± 50 %, answers after 50 to 400 µs, gripper ± 2 ms. The
 /// prediction: release jitter by the planner's own statistics, tracking by the covariance of the ball's state
-/// over other seeds, mapped to the landing by the flight's Jacobian.
+/// over as many other seeds, mapped to the landing by the flight's Jacobian.
+///
+/// Where the scatter comes from, each source alone over 100 seeds, root mean square of the landing in mm at the two targets:
+///
+/// | source | (1, 1, -1) | (2, 0, 0) |
+/// |---|---|---|
+/// | none: the nominal cell, whose drives answer after 200 ± 100 µs | 0.85 | 1.02 |
+/// | gripper ± 2 ms | 0.86 | 1.02 |
+/// | masses ± 10 % | 0.96 | 1.11 |
+/// | friction ± 50 % | 1.20 | 1.00 |
+/// | all | 1.16 | 0.97 |
+///
+/// Nearly all of it is in the nominal cell: the time of an answer decides which of the encoder's steps of 0.02° it reads, and
+/// the law follows that. The release adds 0.02 mm, because the plans null its delay. So the prediction overestimates no
+/// source: measured and predicted are two samples of the same scatter, each uncertain by 5 % with 200 seeds. Their ratio is 0.98
+/// at (1, 1, -1) and 1.07 at (2, 0, 0).
 #[test]
 #[ignore = "minutes: run by its CI stage"]
 fn the_spread_over_perturbed_arms_is_the_predicted_one() {
@@ -149,7 +226,7 @@ fn the_spread_over_perturbed_arms_is_the_predicted_one() {
             }
         };
         let calibration: Vec<Spread> =
-            (10_000..10_000 + seeds as u64 / 2).into_par_iter().filter_map(run).collect();
+            (10_000..10_000 + seeds as u64).into_par_iter().filter_map(run).collect();
         let measured: Vec<Spread> = (0..seeds as u64).into_par_iter().filter_map(run).collect();
         let stopped = seeds - measured.len();
 
@@ -176,7 +253,8 @@ fn the_spread_over_perturbed_arms_is_the_predicted_one() {
             1e3 * rms(&predicted),
             1e3 * worst
         );
-        // 200 points leave the ratio uncertain by 5 %, the 100 of the calibration add up to 7 %: three of their sum.
+        // 200 points of a normal scatter along one line leave each of the two uncertain by 5 %, their ratio by 7 %: three and a
+        // half of that.
         assert!((ratio - 1.0).abs() < 0.25, "{target:?}: {ratio}");
         assert!(stopped * 20 <= seeds, "{target:?}: {stopped} of {seeds} refused");
     }

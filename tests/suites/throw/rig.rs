@@ -5,15 +5,17 @@ use std::collections::BTreeMap;
 use std::io;
 use std::rc::Rc;
 
+use hil_sim::mechanics::{HandPoint, Plane};
 use nalgebra::{Matrix2, SMatrix, Vector3, Vector6};
 use operator::bus::BusArgs;
 use operator::bus::args::Cell;
 use operator::bus::settings::settings_of;
 use operator::bus::sim::SimSetup;
+use operator::port::OnBus;
 use operator::tap::{Tap, Way};
-use operator::throw::trajectory::Motion;
 use operator::throw::{Job, JobError, Record, job};
 use planner::flight::FlightModel;
+use planner::motion::{Motion, Sample};
 use planner::plan::file::PlanFile;
 use planner::plan::search::{Best, Budget, Planner, Watch};
 use planner::plan::statistics::{Noise, predict};
@@ -35,9 +37,12 @@ const ROUNDING: f64 = 1.0 + 1e-5;
 pub(crate) struct Outcome {
     pub(crate) landing_m: Vector3<f64>,
     pub(crate) landing_error_m: f64,
+    /// The ball of the simulated world when it became free, and how late that was.
+    pub(crate) released: HandPoint,
+    pub(crate) late_s: f64,
     /// Ball at the release against the plan at that instant, m and m/s.
     pub(crate) deviation: Vector6<f64>,
-    /// Limits that were not kept, in words.
+    /// Limits that were not kept, as text.
     pub(crate) violations: Vec<String>,
 }
 
@@ -179,6 +184,14 @@ impl Rig {
         self.plan(target_m).or_else(search)
     }
 
+    /// A throw to a target with options of its own.
+    pub(crate) fn plan_with(&self, target_m: [f64; 3], options: Options) -> PlanFile {
+        let problem = Problem::new(&self.arm, Vector3::from(target_m), options).unwrap();
+        let budget = Budget { starts: 16, ..Budget::default() };
+        let best = Planner::new(&problem).search(&self.index, &budget, &Watch::default()).unwrap();
+        PlanFile::of(&problem, &best, "powercube6", 1, &Noise::default(), None).unwrap()
+    }
+
     /// As [`Rig::try_throw`], which must come to its end.
     pub(crate) fn throw(&self, plan: &PlanFile, seed: u64) -> Outcome {
         self.try_throw(plan, seed)
@@ -187,10 +200,15 @@ impl Rig {
 
     /// Throws in a fresh cell whose arm stands at the start of the plan.
     pub(crate) fn try_throw(&self, plan: &PlanFile, seed: u64) -> Result<Outcome, JobError> {
-        let motion = Motion::of_plan(plan).unwrap();
+        let motion: Motion = plan.motion.to_motion();
         let mut setup = self.setup.clone();
         setup.cell.start_q_rad = Some(motion.start_rad().iter().copied().collect());
-        setup.cell.gripper.landing_z_m = Some(plan.target.position_m[2]);
+        let met_m = plan.meeting_m();
+        setup.cell.gripper.landing_z_m = Some(met_m[2]);
+        setup.cell.gripper.landing_plane = plan
+            .target
+            .opening
+            .map(|o| Plane { point_m: Vector3::from(met_m), normal: Vector3::from(o.normal) });
         let robot = AnyRobot::load("powercube6").unwrap();
         let settings = settings_of(&robot).unwrap();
         let cell = Cell { robot_source: "powercube6".to_owned(), robot, seed, setup };
@@ -202,16 +220,14 @@ impl Rig {
             arm: &self.arm,
             plan,
             gains: None,
-            controller: None,
             scene: &scene,
             approach_share: 0.3,
             seed,
             tolerance_m: 0.01,
             go_back: false,
-            bit_rate_bit_s: 1_000_000,
         };
         let mut record = Record::default();
-        job::run(&mut session, &job, &mut record, &mut |_| true)?;
+        job::run(&mut OnBus::new(&mut session, None, 1_000_000), &job, &mut record, &mut |_| true)?;
         let report = session.sim().unwrap().cell().throw().clone();
         let released = report.release.expect("the ball was released");
         let late_s = record.landing.and_then(|landed| landed.release_late_s).expect("and landed");
@@ -222,6 +238,8 @@ impl Rig {
         Ok(Outcome {
             landing_m: landed.position_m,
             landing_error_m: landed.error_m,
+            released,
+            late_s,
             deviation: Vector6::new(dp.x, dp.y, dp.z, dv.x, dv.y, dv.z),
             violations,
         })
@@ -242,7 +260,7 @@ impl Rig {
     }
 
     fn ball(&self, motion: &Motion, t_s: f64) -> (Vector3<f64>, Vector3<f64>) {
-        let (q, qd): (Joints, Joints) = motion.at(t_s);
+        let Sample { q, qd, .. }: Sample = motion.at(t_s);
         let frames = self.arm.fk(&q);
         let p = self.arm.ball(&frames).pos;
         let twist = frames.jacobian(&p) * qd;
@@ -254,7 +272,7 @@ impl Rig {
         let flight = FlightModel::vacuum(plan.landing.gravity_m_s2).unwrap();
         let (p, v) = (Vector3::from(plan.release.position_m), Vector3::from(plan.release.velocity_m_s));
         let landing = flight.land(&p, &v, plan.target.position_m[2]).unwrap();
-        flight.landing_jacobian(&p, &v, &landing)
+        flight.landing_jacobian(&landing)
     }
 
     /// Spread of the landing by a release that is evenly distributed within ± `half` of the planned time, as the

@@ -4,5 +4,6 @@
 //! `KIND=encoder` and `PHASE=brake` choose a part of it, `STEP=10` every tenth run.
 
 mod matrix;
+mod page;
 mod scenarios;
 mod swarm;

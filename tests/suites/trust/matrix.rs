@@ -4,12 +4,13 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::time::Instant as WallTime;
 
+use cell_tests::page;
 use hil_sim::scenario::Scenario;
 use hil_sim::scenario::write::fault_lines;
 use host::trust::judge::Judge;
 use host::trust::matrix::{Entry, entries};
 use host::trust::phases::{Phase, Phases};
-use host::trust::{Bench, Evidence, Told, Verdict};
+use host::trust::{Bench, Evidence, ReportedOutcome, Verdict};
 use rayon::prelude::*;
 
 /// Cell and nominal run of one kind of start.
@@ -49,7 +50,7 @@ impl Matrix {
         entries(|phase| self.start(phase).phases.at(phase))
     }
 
-    fn run(&self, entry: &Entry) -> (Verdict, Told) {
+    fn run(&self, entry: &Entry) -> (Verdict, ReportedOutcome) {
         let start = self.start(entry.phase);
         let mut scenario = start.scenario.clone();
         scenario.faults.push(entry.fault.clone());
@@ -58,6 +59,9 @@ impl Matrix {
         (judge.judge(&scenario, &run), run.told)
     }
 }
+
+/// Name of the row of all runs; after every other one in the table.
+const ALL: &str = "~ all";
 
 /// Runs by outcome.
 #[derive(Default)]
@@ -72,10 +76,12 @@ struct Row {
     excursion_rad: f64,
 }
 
-fn table<'a>(results: impl Iterator<Item = (&'a str, &'a (Verdict, Told))>) -> String {
+fn rows<'a, 'b>(
+    results: impl Iterator<Item = (&'a str, &'b (Verdict, ReportedOutcome))>,
+) -> BTreeMap<&'a str, Row> {
     let mut rows: BTreeMap<&str, Row> = BTreeMap::new();
     for (name, (verdict, told)) in results {
-        for name in [name, "~ all"] {
+        for name in [name, ALL] {
             let row = rows.entry(name).or_default();
             row.runs += 1;
             row.excursion_rad = row.excursion_rad.max(verdict.excursion_rad);
@@ -85,13 +91,17 @@ fn table<'a>(results: impl Iterator<Item = (&'a str, &'a (Verdict, Told))>) -> S
                 continue;
             }
             match told {
-                Told::Landed => row.landed += 1,
-                Told::Missed | Told::NotReleased => row.missed += 1,
-                Told::Cause { .. } => row.stopped += 1,
-                Told::Failed(_) | Told::Panicked(_) => row.failed += 1,
+                ReportedOutcome::Landed => row.landed += 1,
+                ReportedOutcome::Missed | ReportedOutcome::NotReleased => row.missed += 1,
+                ReportedOutcome::Cause { .. } => row.stopped += 1,
+                ReportedOutcome::Failed(_) | ReportedOutcome::Panicked(_) => row.failed += 1,
             }
         }
     }
+    rows
+}
+
+fn table(rows: &BTreeMap<&str, Row>) -> String {
     let mut text = format!(
         "{:<20} {:>6} {:>7} {:>7} {:>8} {:>7} {:>6} {:>7} {:>10}\n",
         "", "runs", "landed", "missed", "stopped", "failed", "wrong", "silent", "excursion"
@@ -113,13 +123,43 @@ fn table<'a>(results: impl Iterator<Item = (&'a str, &'a (Verdict, Told))>) -> S
     text
 }
 
-/// Runs the entries, prints the tables and returns the lines of the runs that went wrong.
-fn run(matrix: &Matrix, entries: &[Entry]) -> Vec<String> {
+/// The same as a table of `docs/trust.md`.
+fn page_table(rows: &BTreeMap<&str, Row>) -> String {
+    let mut text =
+        "| fault | runs | landed | missed | stopped | failed |\n|---|---|---|---|---|---|\n".to_owned();
+    for (name, row) in rows {
+        let name = name.trim_start_matches("~ ");
+        let Row { runs, landed, missed, stopped, failed, .. } = row;
+        let _ = writeln!(text, "| {name} | {runs} | {landed} | {missed} | {stopped} | {failed} |");
+    }
+    text
+}
+
+/// Rows of `docs/trust.md` that say something else than what was found.
+fn stale(rows: &BTreeMap<&str, Row>) -> Vec<String> {
+    let told = page::table("The matrix");
+    let is_true = |cells: &[String]| {
+        rows.iter().any(|(name, row)| {
+            let found = [row.landed, row.missed, row.stopped, row.failed];
+            name.trim_start_matches("~ ") == cells[0]
+                && cells[2..]
+                    .iter()
+                    .zip(found)
+                    .all(|(cell, n)| page::agrees(cell, n as f64, row.runs as f64, 2.0))
+        })
+    };
+    told.iter().filter(|cells| !is_true(cells)).map(|cells| cells.join(" | ")).collect()
+}
+
+/// Runs the entries, prints the tables and returns the lines of the runs that went wrong, and the rows by kind.
+fn run<'a>(matrix: &Matrix, entries: &'a [Entry]) -> (Vec<String>, BTreeMap<&'a str, Row>) {
     let begun = WallTime::now();
-    let results: Vec<(Verdict, Told)> = entries.par_iter().map(|entry| matrix.run(entry)).collect();
+    let results: Vec<(Verdict, ReportedOutcome)> =
+        entries.par_iter().map(|entry| matrix.run(entry)).collect();
     let took_s = begun.elapsed().as_secs_f64();
-    println!("{}", table(entries.iter().map(|entry| entry.variant).zip(&results)));
-    println!("{}", table(entries.iter().map(|entry| entry.phase.name()).zip(&results)));
+    let by_kind = rows(entries.iter().map(|entry| entry.variant).zip(&results));
+    println!("{}", table(&by_kind));
+    println!("{}", table(&rows(entries.iter().map(|entry| entry.phase.name()).zip(&results))));
     let mut wrong = Vec::new();
     for (entry, (verdict, _)) in entries.iter().zip(&results) {
         if verdict.ok() {
@@ -138,10 +178,10 @@ fn run(matrix: &Matrix, entries: &[Entry]) -> Vec<String> {
     }
     let silent = results.iter().filter(|(verdict, _)| verdict.silent).count();
     println!("{} runs in {took_s:.1} s; {} wrong, {silent} of them silent", entries.len(), wrong.len());
-    wrong
+    (wrong, by_kind)
 }
 
-/// Every so many runs of the matrix.
+/// Every this many runs of the matrix.
 fn sample(all: Vec<Entry>, step: usize) -> Vec<Entry> {
     all.into_iter().step_by(step).collect()
 }
@@ -149,7 +189,7 @@ fn sample(all: Vec<Entry>, step: usize) -> Vec<Entry> {
 #[test]
 fn a_sample_of_the_matrix_is_told_as_it_is_seen() {
     let matrix = Matrix::new();
-    let wrong = run(&matrix, &sample(matrix.entries(), 41));
+    let (wrong, _) = run(&matrix, &sample(matrix.entries(), 41));
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
@@ -165,8 +205,18 @@ fn every_fault_in_every_phase_is_told_as_it_is_seen() {
         entries.retain(|entry| entry.phase.name() == part);
     }
     let step = std::env::var("STEP").ok().and_then(|text| text.parse().ok()).unwrap_or(1);
-    let wrong = run(&matrix, &sample(entries, step));
+    let whole = entries.len() == matrix.entries().len() && step == 1;
+    let entries = sample(entries, step);
+    let (wrong, by_kind) = run(&matrix, &entries);
     let file = concat!(env!("CARGO_TARGET_TMPDIR"), "/trust-wrong.txt");
     std::fs::write(file, wrong.join("\n") + "\n").unwrap();
     assert!(wrong.is_empty(), "{} runs went wrong, all of them are in {file}: {wrong:#?}", wrong.len());
+    if whole {
+        let stale = stale(&by_kind);
+        assert!(
+            stale.is_empty(),
+            "docs/trust.md tells {stale:#?}; its table is now\n{}",
+            page_table(&by_kind)
+        );
+    }
 }

@@ -1,4 +1,5 @@
-//! Live: frames as SLCAN lines on the UART, time from a free-running timer.
+//! Live: frames as SLCAN lines on the UART, time from a free-running timer; the loop is
+//! [`firmware::runner`].
 //!
 //! The other end is an SLCAN adapter (the simulated bus) or a client of one: both send frames as the same lines. As client
 //! of an adapter the board opens the channel; commands of a client are acknowledged.
@@ -21,9 +22,12 @@ use cortex_m::Peripherals;
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_rt::exception;
+use embedded_can::nb::Can;
+use firmware::Runner;
+use firmware::runner::{Clock, NoPin, Pins};
 use firmware::settings::Settings;
 use protocol::text::slcan::{Assembled, Assembler, CR, Reply};
-use protocol::{Duration, Frame, Instant, Node as _};
+use protocol::{Duration, Frame, Instant};
 
 use crate::{CORE_MHZ, Node, serial};
 
@@ -34,7 +38,7 @@ const TIMER_COUNT: *mut u32 = (TIMER + 0x24) as *mut u32;
 const TIMER_PRESCALER: *mut u32 = (TIMER + 0x28) as *mut u32;
 /// Control period.
 const PERIOD_US: u32 = 34_000;
-/// The emulated timer is fed with 1 GHz whatever the clock tree says; one count shall be a microsecond.
+/// The emulated timer is fed with 1 GHz whatever the clock tree says; one count is a microsecond.
 const PRESCALE: u32 = 1_000 - 1;
 
 /// Longest sleep: fits the 24 bits of SysTick.
@@ -45,12 +49,12 @@ const SLEEP_MAX: Duration = Duration::from_millis(50);
 fn SysTick() {}
 
 /// Microseconds since the start; the count wraps after 71 minutes and is read far more often.
-struct Clock {
+struct TimerClock {
     last: u32,
     wraps: u32,
 }
 
-impl Clock {
+impl TimerClock {
     fn start() -> Self {
         // SAFETY: nothing else uses timer 2.
         unsafe {
@@ -61,7 +65,9 @@ impl Clock {
         }
         Self { last: 0, wraps: 0 }
     }
+}
 
+impl Clock for TimerClock {
     fn now(&mut self) -> Instant {
         // SAFETY: reading the count has no effect.
         let count = unsafe { TIMER_COUNT.read_volatile() };
@@ -104,31 +110,17 @@ pub fn settings() -> Settings {
     settings
 }
 
-/// The loop of the node contract, for ever.
+/// Runs the node for ever.
 pub fn run(node: &mut Node, mut peripherals: Peripherals) -> ! {
     peripherals.SYST.set_clock_source(SystClkSource::Core);
     peripherals.SYST.enable_interrupt();
-    let mut clock = Clock::start();
-    serial::start();
-    // 1 Mbit/s, open.
-    serial::send(b"S8\rO\r");
-    let mut lines = Assembler::new();
+    let mut runner =
+        Runner::new(Line::open(), TimerClock::start(), Pins { gripper: NoPin, enable: NoPin, lamp: NoPin });
     loop {
-        // What has come goes before what is due: a reply that waits here is not missed.
-        if let Some(frame) = next_frame(&mut lines) {
-            node.handle_frame(clock.now(), &frame);
-        } else {
-            let (now, due) = (clock.now(), node.poll_timeout());
-            if due.is_none_or(|due| due > now) {
-                sleep(&mut peripherals.SYST, due.map_or(SLEEP_MAX, |due| due.saturating_since(now)));
-                continue;
-            }
-            node.handle_timeout(now);
+        if let Some(until) = runner.turn(node).idle_until {
+            let span = until.saturating_since(runner.now());
+            sleep(&mut peripherals.SYST, span);
         }
-        while let Some(frame) = node.poll_frame() {
-            serial::send(Reply::Frame { frame, timestamp_ms: None }.encode().as_bytes());
-        }
-        let _ = node.take_gripper_level();
     }
 }
 
@@ -143,15 +135,40 @@ fn sleep(timer: &mut SYST, span: Duration) {
     timer.disable_counter();
 }
 
-/// Next whole frame of the UART; set-up commands of a client are acknowledged on the way.
-fn next_frame(lines: &mut Assembler) -> Option<Frame> {
-    while let Some(byte) = serial::receive() {
-        let Some(Assembled::Line(line)) = lines.push(byte) else { continue };
-        match (Reply::parse(line), line.first()) {
-            (Ok(Reply::Frame { frame, .. }), _) => return Some(frame),
-            (_, Some(b'S' | b'O' | b'C' | b'L' | b'Z')) => serial::send(&[CR]),
-            _ => {}
-        }
+/// A CAN controller at the end of the UART.
+struct Line {
+    lines: Assembler,
+}
+
+impl Line {
+    /// Opens the channel at 1 Mbit/s.
+    fn open() -> Self {
+        serial::start();
+        serial::send(b"S8\rO\r");
+        Self { lines: Assembler::new() }
     }
-    None
+}
+
+impl Can for Line {
+    type Frame = Frame;
+    type Error = embedded_can::ErrorKind;
+
+    /// Waits until the line has taken the frame.
+    fn transmit(&mut self, frame: &Frame) -> nb::Result<Option<Frame>, Self::Error> {
+        serial::send(Reply::Frame { frame: *frame, timestamp_ms: None }.encode().as_bytes());
+        Ok(None)
+    }
+
+    /// Next whole frame of the UART; set-up commands of a client are acknowledged on the way.
+    fn receive(&mut self) -> nb::Result<Frame, Self::Error> {
+        while let Some(byte) = serial::receive() {
+            let Some(Assembled::Line(line)) = self.lines.push(byte) else { continue };
+            match (Reply::parse(line), line.first()) {
+                (Ok(Reply::Frame { frame, .. }), _) => return Ok(frame),
+                (_, Some(b'S' | b'O' | b'C' | b'L' | b'Z')) => serial::send(&[CR]),
+                _ => {}
+            }
+        }
+        Err(nb::Error::WouldBlock)
+    }
 }

@@ -47,7 +47,7 @@ pub struct Script {
     frames: File,
 }
 
-/// Instructions that take so many SysTick periods.
+/// Instructions that take this many SysTick periods.
 pub(crate) const fn instructions(ticks: u32) -> u32 {
     const { assert!(1_000 / INSTRUCTION_NS == 125) };
     ticks.saturating_mul(125) / CORE_MHZ

@@ -54,18 +54,18 @@ fn main() -> ! {
     let identity = Identity { unique_id: *b"emulated-board\0\0", hardware: (0, 1) };
     // On the stack of a function that does not return, in two steps: made where it stays, and never moved.
     // The emulated chip has no random number generator, and a script must play the same way each time.
-    let mut node = Node::asleep(Instant::ZERO, STORAGE, SPLINE, identity, Seed::FORESEEABLE);
+    let mut node = Node::blank(Instant::ZERO, STORAGE, SPLINE, identity, Seed::FORESEEABLE);
     #[cfg(feature = "script")]
     if let Some(pipes) = coupled::Pipes::open() {
-        node.wake(&coupled::settings());
+        node.restore(&coupled::settings());
         exit(pipes.serve(&mut node, peripherals.SYST))
     }
     #[cfg(feature = "script")]
     if let Some(script) = lockstep::Script::open() {
-        node.wake(&Settings::POWERCUBE6);
+        node.restore(&Settings::POWERCUBE6);
         exit(script.play(&mut node, peripherals.SYST))
     }
-    node.wake(&live::settings());
+    node.restore(&live::settings());
     live::run(&mut node, peripherals)
 }
 

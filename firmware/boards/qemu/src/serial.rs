@@ -1,7 +1,10 @@
 //! First UART of the machine (STM32 USART1): received bytes are taken by interrupt into a ring, because the emulated
 //! receiver holds one byte.
 
-use core::sync::atomic::{AtomicU8, AtomicUsize, Ordering};
+use core::cell::RefCell;
+
+use critical_section::Mutex;
+use heapless::Deque;
 
 const BASE: usize = 0x4001_1000;
 const STATUS: *const u32 = BASE as *const u32;
@@ -30,10 +33,7 @@ static __INTERRUPTS: [unsafe extern "C" fn(); IRQS] = {
     table
 };
 
-const RING: usize = 1024;
-static BYTES: [AtomicU8; RING] = [const { AtomicU8::new(0) }; RING];
-static HEAD: AtomicUsize = AtomicUsize::new(0);
-static TAIL: AtomicUsize = AtomicUsize::new(0);
+static RECEIVED: Mutex<RefCell<Deque<u8, 1024>>> = Mutex::new(RefCell::new(Deque::new()));
 
 #[derive(Clone, Copy)]
 struct Interrupt;
@@ -56,38 +56,33 @@ pub fn start() {
 
 /// The UART's interrupt.
 unsafe extern "C" fn take_bytes() {
-    // SAFETY: reading the data register is what ends the interrupt.
-    unsafe {
-        while STATUS.read_volatile() & RECEIVE_FULL != 0 {
-            let byte = DATA.read_volatile() as u8;
-            let head = HEAD.load(Ordering::Relaxed);
-            // A full ring drops the byte: the line is then not a frame and is ignored.
-            if head.wrapping_sub(TAIL.load(Ordering::Acquire)) < RING
-                && let Some(place) = BYTES.get(head % RING)
-            {
-                place.store(byte, Ordering::Relaxed);
-                HEAD.store(head.wrapping_add(1), Ordering::Release);
-            }
+    with_received(|received| {
+        // SAFETY: reading the data register is what ends the interrupt.
+        while unsafe { STATUS.read_volatile() } & RECEIVE_FULL != 0 {
+            let byte = unsafe { DATA.read_volatile() } as u8;
+            // A full queue drops the byte: the line is then not a frame and is ignored.
+            let _ = received.push_back(byte);
         }
-    }
+    });
+}
+
+/// Acts on the queue with interrupts off; the queue is never borrowed twice, because nothing in here calls this.
+fn with_received<R>(act: impl FnOnce(&mut Deque<u8, 1024>) -> R) -> Option<R> {
+    critical_section::with(|cs| {
+        RECEIVED.borrow(cs).try_borrow_mut().ok().map(|mut received| act(&mut received))
+    })
 }
 
 /// Next received byte.
 pub fn receive() -> Option<u8> {
-    let tail = TAIL.load(Ordering::Relaxed);
-    if tail == HEAD.load(Ordering::Acquire) {
-        return None;
-    }
-    let byte = BYTES.get(tail % RING)?.load(Ordering::Relaxed);
-    TAIL.store(tail.wrapping_add(1), Ordering::Release);
-    Some(byte)
+    with_received(Deque::pop_front).flatten()
 }
 
 /// Sleeps until an interrupt, unless a byte is there.
 pub fn sleep_unless_received() {
-    // With interrupts masked one that comes between the look and the sleep stays pending, and ends the sleep at once.
-    cortex_m::interrupt::free(|_| {
-        if TAIL.load(Ordering::Relaxed) == HEAD.load(Ordering::Acquire) {
+    // With interrupts off, one that comes between the look and the sleep stays pending, and ends the sleep at once.
+    critical_section::with(|_| {
+        if with_received(|received| received.is_empty()).unwrap_or(false) {
             cortex_m::asm::wfi();
         }
     });

@@ -1,4 +1,5 @@
-//! bxCAN at 1 Mbit/s: frames in by interrupt, frames out by the three mailboxes in order of priority.
+//! bxCAN at 1 Mbit/s as [`embedded_can::nb::Can`]: frames in by interrupt, frames out by the three mailboxes in order of
+//! priority.
 
 use core::cell::RefCell;
 
@@ -6,6 +7,7 @@ use bxcan::filter::Mask32;
 use bxcan::{Can, Data, Fifo, Instance, Interrupt, RegisterBlock, Rx0, Tx};
 use cortex_m_rt::exception;
 use critical_section::Mutex;
+use embedded_can::ErrorKind;
 use heapless::Deque;
 use protocol::{ExtendedId, Frame, Id, StandardId};
 
@@ -33,10 +35,12 @@ unsafe impl bxcan::FilterOwner for Can1 {
 struct Received {
     fifo: Option<Rx0<Can1>>,
     ring: Deque<Frame, RING>,
+    /// A frame was lost: the peripheral or the ring was full.
+    overrun: bool,
 }
 
 static RECEIVED: Mutex<RefCell<Received>> =
-    Mutex::new(RefCell::new(Received { fifo: None, ring: Deque::new() }));
+    Mutex::new(RefCell::new(Received { fifo: None, ring: Deque::new(), overrun: false }));
 
 #[derive(Clone, Copy)]
 struct Irq;
@@ -56,31 +60,25 @@ unsafe fn DefaultHandler(number: i16) {
     }
     critical_section::with(|cs| {
         let Ok(mut received) = RECEIVED.borrow(cs).try_borrow_mut() else { return };
-        let Received { fifo: Some(fifo), ring } = &mut *received else { return };
+        let Received { fifo: Some(fifo), ring, overrun } = &mut *received else { return };
         // The peripheral holds three; an overrun costs the frame that was too much.
         for _ in 0..4 {
             match fifo.receive() {
                 Ok(frame) => {
                     if let Some(frame) = from_bxcan(&frame) {
-                        let _ = ring.push_back(frame);
+                        *overrun |= ring.push_back(frame).is_err();
                     }
                 }
                 Err(nb::Error::WouldBlock) => break,
-                Err(nb::Error::Other(_)) => {}
+                Err(nb::Error::Other(_)) => *overrun = true,
             }
         }
     });
 }
 
-/// Next received frame.
-pub fn receive() -> Option<Frame> {
-    critical_section::with(|cs| RECEIVED.borrow(cs).try_borrow_mut().ok()?.ring.pop_front())
-}
-
-/// Sending half.
+/// CAN1.
 pub struct Bus {
     tx: Tx<Can1>,
-    held: Option<bxcan::Frame>,
 }
 
 impl Bus {
@@ -101,28 +99,29 @@ impl Bus {
         });
         // SAFETY: the ring is ready.
         unsafe { cortex_m::peripheral::NVIC::unmask(Irq) };
-        Self { tx, held: None }
+        Self { tx }
+    }
+}
+
+impl embedded_can::nb::Can for Bus {
+    type Frame = Frame;
+    type Error = ErrorKind;
+
+    fn transmit(&mut self, frame: &Frame) -> nb::Result<Option<Frame>, ErrorKind> {
+        let frame = to_bxcan(frame).ok_or(nb::Error::Other(ErrorKind::Other))?;
+        let status = self.tx.transmit(&frame).map_err(|error| error.map(|never| match never {}))?;
+        Ok(status.dequeued_frame().and_then(from_bxcan))
     }
 
-    /// True if a frame can be taken.
-    pub const fn is_free(&self) -> bool {
-        self.held.is_none()
-    }
-
-    /// Takes a frame; only while [`Self::is_free`].
-    pub fn send(&mut self, frame: &Frame) {
-        self.held = to_bxcan(frame);
-        self.retry();
-    }
-
-    /// Tries to hand the held frame to a mailbox. A frame of lower priority that had to leave its mailbox is held next.
-    pub fn retry(&mut self) {
-        if let Some(frame) = self.held.take() {
-            self.held = match self.tx.transmit(&frame) {
-                Ok(status) => status.dequeued_frame().cloned(),
-                Err(_) => Some(frame),
-            };
-        }
+    fn receive(&mut self) -> nb::Result<Frame, ErrorKind> {
+        critical_section::with(|cs| {
+            let mut received =
+                RECEIVED.borrow(cs).try_borrow_mut().map_err(|_| nb::Error::<ErrorKind>::WouldBlock)?;
+            if core::mem::take(&mut received.overrun) {
+                return Err(nb::Error::Other(ErrorKind::Overrun));
+            }
+            received.ring.pop_front().ok_or(nb::Error::WouldBlock)
+        })
     }
 }
 

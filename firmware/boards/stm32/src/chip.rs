@@ -1,6 +1,10 @@
 //! Registers of the STM32F405 that are used, by their address (RM0090): clocks, pins, timer, watchdog.
 
+use core::convert::Infallible;
+
+use embedded_hal::digital::{ErrorType, OutputPin};
 use firmware::authority::{SEED_LEN, Seed};
+use firmware::runner;
 use protocol::Instant;
 
 const RCC: usize = 0x4002_3800;
@@ -11,9 +15,6 @@ const TIM2: usize = 0x4000_0000;
 const IWDG: usize = 0x4000_3000;
 const RNG: usize = 0x5006_0800;
 const UNIQUE_ID: usize = 0x1FFF_7A10;
-
-/// Pin of the gripper on port C.
-const GRIPPER: u32 = 1;
 
 fn write(address: usize, value: u32) {
     // SAFETY: only called with the register addresses of this file; the main loop is their only user.
@@ -61,14 +62,39 @@ pub fn start_can_pins() {
     modify(GPIOB, 0xF << 16, 0b1010 << 16);
 }
 
-/// The output comes up low.
-pub fn start_gripper() {
-    set_gripper(false);
-    modify(GPIOC, 3 << (2 * GRIPPER), 1 << (2 * GRIPPER));
+/// Push-pull output of port C.
+pub struct Output {
+    number: u32,
 }
 
-pub fn set_gripper(high: bool) {
-    write(GPIOC + 0x18, if high { 1 << GRIPPER } else { 1 << (GRIPPER + 16) });
+impl Output {
+    /// Pin `number`, below 16. It comes up low.
+    pub fn start(number: u32) -> Self {
+        let mut output = Self { number };
+        output.put(false);
+        modify(GPIOC, 3 << (2 * number), 1 << (2 * number));
+        output
+    }
+
+    fn put(&mut self, high: bool) {
+        write(GPIOC + 0x18, 1 << if high { self.number } else { self.number + 16 });
+    }
+}
+
+impl ErrorType for Output {
+    type Error = Infallible;
+}
+
+impl OutputPin for Output {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        self.put(false);
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        self.put(true);
+        Ok(())
+    }
 }
 
 /// TIM2: 32 bits, one count per microsecond.
@@ -86,8 +112,8 @@ pub struct Clock {
     wraps: u32,
 }
 
-impl Clock {
-    pub fn now(&mut self) -> Instant {
+impl runner::Clock for Clock {
+    fn now(&mut self) -> Instant {
         let count = read(TIM2 + 0x24);
         if count < self.last {
             self.wraps += 1;
@@ -134,7 +160,7 @@ fn next_random() -> u32 {
     loop {
         let status = read(RNG + 0x04);
         if status & (1 << 5 | 1 << 6) != 0 {
-            // Error of the clock or of the source: the generator is started anew. One that never recovers keeps the board
+            // Error of the clock or of the source: the generator is started again. One that never recovers keeps the board
             // here.
             write(RNG + 0x04, 0);
             write(RNG, 0);

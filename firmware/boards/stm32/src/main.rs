@@ -1,9 +1,12 @@
-//! The controller on an STM32F405. Wiring only: clock, CAN, time, watchdog, gripper output.
+//! The controller on an STM32F405. Wiring only: clock, CAN, time, watchdog, outputs; the loop is
+//! [`firmware::runner`].
 //!
 //! | signal | pin | to |
 //! |---|---|---|
 //! | CAN1 RX, TX | PB8, PB9 | transceiver of the drives' bus, 120 Ω at both ends |
 //! | gripper | PC1, high = open unless `gripper.inverted` | valve driver |
+//! | enable | PC2, high = the group may move | enable input of drives or valves |
+//! | lamp | PC3, high = on | warning lamp |
 //! | crystal | PH0, PH1 | 8 MHz |
 //!
 //! * Received frames are taken by interrupt into a ring: the peripheral holds three, a control step lasts longer than that.
@@ -26,17 +29,16 @@ mod chip;
 use core::mem::MaybeUninit;
 
 use cortex_m_rt::entry;
-use firmware::ControllerNode;
 use firmware::host_link::Identity;
+use firmware::runner::{Clock as _, Pins};
 use firmware::settings::Settings;
 use firmware::spline::Spline;
 use firmware::store::RamStorage;
-use protocol::{Duration, Instant, Node as _};
+use firmware::{ControllerNode, Runner};
+
+use chip::Output;
 
 type Node = ControllerNode<&'static mut RamStorage, &'static mut Spline>;
-
-/// A deadline served later than this is no healthy loop. A commit of the longest file takes about 10 ms.
-const HEALTHY: Duration = Duration::from_millis(25);
 
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
@@ -53,36 +55,17 @@ fn main() -> ! {
     // Uninitialised: an `Option` would be 12 KB of initial values in flash.
     static mut NODE: MaybeUninit<Node> = MaybeUninit::uninit();
     chip::start_clocks();
-    chip::start_gripper();
+    let pins = Pins { gripper: Output::start(1), enable: Output::start(2), lamp: Output::start(3) };
     chip::start_timer();
-    let mut bus = can::Bus::start();
-    let identity = Identity { unique_id: chip::unique_id(), hardware: (1, 0) };
     let mut clock = chip::Clock::default();
-    let node = NODE.write(Node::asleep(clock.now(), STORAGE, SPLINE, identity, chip::seed()));
-    node.wake(&Settings::POWERCUBE6);
+    let identity = Identity { unique_id: chip::unique_id(), hardware: (1, 0) };
+    let node = NODE.write(Node::blank(clock.now(), STORAGE, SPLINE, identity, chip::seed()));
+    node.restore(&Settings::POWERCUBE6);
+    let mut runner = Runner::new(can::Bus::start(), clock, pins);
     chip::start_watchdog();
-    let mut last = Instant::ZERO;
     loop {
-        let now = clock.now().max(last);
-        last = now;
-        let due = node.poll_timeout().filter(|due| *due <= now);
-        if due.is_none_or(|due| now.saturating_since(due) < HEALTHY) {
+        if runner.turn(node).healthy {
             chip::feed_watchdog();
-        }
-        if due.is_some() {
-            node.handle_timeout(now);
-        } else if let Some(frame) = can::receive() {
-            node.handle_frame(now, &frame);
-        }
-        // One frame is held while the mailboxes are full; the rest waits in the node.
-        while bus.is_free()
-            && let Some(frame) = node.poll_frame()
-        {
-            bus.send(&frame);
-        }
-        bus.retry();
-        if let Some(level) = node.take_gripper_level() {
-            chip::set_gripper(level);
         }
     }
 }

@@ -5,14 +5,14 @@
 
 use core::mem::{Discriminant, discriminant};
 
-use protocol::powercube::{Broadcast, Gate, Motion, MotionCommand, Parameter, Request, Value};
+use protocol::powercube::{Broadcast, Gate, MotionCommand, MotionRequest, Parameter, Request, Value};
 use protocol::units::Radians;
 use protocol::{Duration, Instant, JointIndex};
 
 use super::drive_model::DriveModel;
-use super::drives::Drive;
+use super::drives::DriveRecord;
 use super::order::Order;
-use super::ramp::{self, RampState};
+use super::ramp::{self, RampLimits, RampState};
 use super::schedule::Agenda;
 use super::slots::Slots;
 use super::{Mode, PowerCubes};
@@ -33,7 +33,7 @@ const GENERATOR_PULL_1_S: f32 = 5.0;
 
 /// Ramp generator of a drive as the commands should have left it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Generator {
+pub(super) struct RampModel {
     v_rad_s: f32,
     a_rad_s2: f32,
     /// Speed it keeps once reached.
@@ -41,7 +41,7 @@ pub(super) struct Generator {
     at: Instant,
 }
 
-impl Generator {
+impl RampModel {
     /// Velocity at a time near the last command.
     fn v_at(&self, t: Instant) -> f32 {
         let dt_s = span::seconds(t.saturating_since(self.at));
@@ -74,7 +74,7 @@ pub(super) struct Sent {
 /// Command side of a drive.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Axis {
-    pub(super) generator: Generator,
+    pub(super) generator: RampModel,
     pub(super) model: DriveModel,
     /// What bound the last command.
     pub(super) speed_limited: bool,
@@ -92,7 +92,7 @@ impl Axis {
     pub(super) fn take_over(&mut self, at: Instant, cap_rad_s: f32, cycle_at: Instant) -> bool {
         self.phase_us = at.saturating_since(self.sent.cycle_at).as_micros().min(40_000) as u32;
         let v_rad_s = self.generator.v_at(at);
-        self.generator = Generator { v_rad_s, a_rad_s2: self.sent.qdd_rad_s2, cap_rad_s, at };
+        self.generator = RampModel { v_rad_s, a_rad_s2: self.sent.qdd_rad_s2, cap_rad_s, at };
         self.sent.cycle_at == cycle_at
     }
 }
@@ -173,7 +173,7 @@ impl PowerCubes {
         let mut overrun = false;
         match self.mode {
             Mode::Finding(stage) => self.finding_period(now, settings, stage),
-            Mode::Standing { armed } => self.look(now, settings, armed),
+            Mode::Standing { armed } => self.read_at_rest(now, settings, armed),
             Mode::Homing(homing) => self.homing_period(settings, homing),
             Mode::Jogging(jog) => self.jogging_period(now, settings, jog),
             Mode::Tracking => {
@@ -207,7 +207,7 @@ impl PowerCubes {
         self.schedule.clear_all();
         // Arming has asked for a rehearsal; without one the period is all that is known.
         let cycle_us = self.cycle_times(settings).1.unwrap_or(settings.cycle_period_us);
-        let answer_us = PerJoint(self.drives.0.each_ref().map(Drive::answer_us));
+        let answer_us = PerJoint(self.drives.0.each_ref().map(DriveRecord::answer_us));
         let order = Order::slowest_first(settings.joints as usize, &answer_us);
         self.schedule.set_order(order);
         self.slots = Slots::plan(settings, cycle_us, &order);
@@ -216,21 +216,21 @@ impl PowerCubes {
             self.drives.at_mut(joint).hasten(hurry);
             let q_rad = self.q_rad(joint);
             let axis = self.axes.at_mut(joint);
-            axis.generator = Generator { at: now, ..Generator::default() };
+            axis.generator = RampModel { at: now, ..RampModel::default() };
             axis.model = DriveModel::at_rest(now, q_rad);
             axis.planned = Sent::default();
             axis.phase_us = self.slots.expected_phase_us(joint);
         }
         // Nothing is asked yet, and nothing is missing.
         (self.cycle.answered, self.cycle.missed) = (u8::MAX, 0);
-        self.pace.begin_run();
+        self.timing.begin_run();
         self.mode = Mode::Tracking;
         // The first period begins now; one of the monitor may be half way.
         self.cycle.due = now + Duration::from_micros(1);
     }
 
     fn begin_set_points(&mut self, now: Instant, settings: &Settings, overrun: bool) {
-        self.pace.begin_cycle(now);
+        self.timing.begin_cycle(now);
         self.schedule.begin_cycle(self.cycle.at, self.slots.first(), self.slots.guests());
         let joints = settings.joints.max(1);
         let guest = JointIndex::new((self.cycle.number % joints) as usize).ok();
@@ -247,7 +247,7 @@ impl PowerCubes {
         let loaded = self.drives.at(joint).loaded;
         let axis = self.axes.at_mut(joint);
         let state = RampState { q_rad: set_point.q_rad, v_rad_s: axis.generator.v_at(set_point.acts_at) };
-        let limits_of_ramp = limits.ramp_limits(settings.reach_rad);
+        let limits_of_ramp = RampLimits::of(limits, settings.reach_rad);
         let mut command =
             ramp::realise(set_point.qdd_rad_s2, set_point.period_s, state, &limits_of_ramp, &loaded);
         let u_rad_s2 = command.qdd_rad_s2 - set_point.qdd_reference_rad_s2;
@@ -279,7 +279,7 @@ impl PowerCubes {
     }
 
     /// Puts a command on the agenda of its drive, in place of what is left there.
-    fn plan(&mut self, settings: &Settings, joint: JointIndex, command: &ramp::Command) {
+    fn plan(&mut self, settings: &Settings, joint: JointIndex, command: &ramp::RampCommand) {
         let target = Radians::new(settings.joint.at(joint).to_drive_rad(command.target_rad));
         let agenda = self.schedule.restart(joint);
         if let Some(v) = command.velocity_rad_s {
@@ -288,18 +288,18 @@ impl PowerCubes {
         if let Some(a) = command.acceleration_rad_s2 {
             agenda.push(Request::Set(Parameter::TargetAcc, Value::F32(a)));
         }
-        agenda.push(Request::Move(Motion::extended(MotionCommand::Ramp { target })));
+        agenda.push(Request::Move(MotionRequest::extended(MotionCommand::Ramp { target })));
     }
 
     /// Slow ramp to a position.
     pub(super) fn move_to(&mut self, settings: &Settings, joint: JointIndex, q_rad: f32) {
         self.mode = Mode::Parking;
         let limits = settings.joint.at(joint);
-        let command = ramp::Command {
+        let command = ramp::RampCommand {
             target_rad: clamp(q_rad, limits.q_min_rad, limits.q_max_rad),
             velocity_rad_s: Some(limits.jog_v_rad_s),
             acceleration_rad_s2: Some(limits.jog_a_rad_s2),
-            ..ramp::Command::default()
+            ..ramp::RampCommand::default()
         };
         self.plan(settings, joint, &command);
     }
@@ -327,7 +327,7 @@ impl PowerCubes {
         let limits = settings.joint.at(joint);
         let a_rad_s2 = if jogged.is_some() { limits.jog_a_rad_s2 } else { limits.a_max_rad_s2 };
         let state = self.axes.at(joint).model.generator_at(now + BRAKE_LEAD);
-        let mut command = ramp::stop(state, a_rad_s2, &limits.ramp_limits(settings.reach_rad));
+        let mut command = ramp::stop(state, a_rad_s2, &RampLimits::of(limits, settings.reach_rad));
         // The speed in the drive is at least the present one; writing it would cost time.
         command.velocity_rad_s = None;
         self.plan(settings, joint, &command);
@@ -348,17 +348,17 @@ impl PowerCubes {
     }
 
     /// Nothing moves: one thing of each drive is read, in turn. Every fourth time two things, as long as a control cycle
-    /// ([`super::pace`]).
-    fn look(&mut self, now: Instant, settings: &Settings, armed: bool) {
+    /// ([`super::cycle_timing`]).
+    fn read_at_rest(&mut self, now: Instant, settings: &Settings, armed: bool) {
         let free = self.all_answered(settings);
         let request = |this: &Self, joint| this.look_request(settings, joint, armed);
         let reads = settings.joints().all(|joint| matches!(request(self, joint), Request::Get(_)));
         let rehearse = free && reads && self.cycle.number.is_multiple_of(4);
         if rehearse {
-            self.pace.begin_rehearsal(now);
+            self.timing.begin_rehearsal(now);
         } else if free {
             // One that is at work may last longer than the time between two looks.
-            self.pace.abandon();
+            self.timing.abandon();
         }
         self.schedule.set_order(Order::turned(settings.joints as usize, self.cycle.number as usize));
         for joint in settings.joints() {

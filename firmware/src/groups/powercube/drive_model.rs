@@ -24,11 +24,14 @@
 //! ```text
 //! |r| <= R0 + |v| T_J + loose · 0.05 s       in two answers in a row, else the drive does not do what it should
 //! |d| <= D0 + loose                          in each answer
-//! |m| <= R0 + |v| T_J + loose · 0.05 s       in each answer; m: way by commands since the answer last changed
+//! |m| <= R0 + |v| T_J + loose · 0.05 s       in each answer; m: way by commands since the answer last changed; only half of
+//!                                            R0 while |v| < D0
 //! ```
 //!
 //! `loose` is the speed that is not known because a motion was not answered: the drive has taken it, or has not. It is the
-//! difference of the two accelerations times the time until the next answer, and fades as `d` does.
+//! difference of the two accelerations times the time until the next answer, and fades as `d` does. An answer that comes later
+//! than the bus explains counts as none: nobody knows when the drive gave it, and with the time at which it was read a healthy
+//! joint is first slower, then faster than commanded.
 //!
 //! # What follows from the gate
 //!
@@ -129,6 +132,19 @@ impl DriveModel {
         D0_RAD_S + self.loose_rad_s
     }
 
+    /// Way of the model since the answer last changed, rad.
+    pub const fn still_rad(&self) -> f32 {
+        self.still_rad
+    }
+
+    /// Largest way of the model of a healthy drive while its answer stays the same, rad. The observer follows answers that stand
+    /// still, so a slow command never makes a large residual, but what the command amounts to is not corrected. At low speed half of
+    /// [`R0_RAD`] is four encoder steps, and an answer that comes twice is far less. What is not known of the motion stays whole.
+    pub fn still_max_rad(&self) -> f32 {
+        let slow_command = self.generator.v_rad_s.abs() < D0_RAD_S;
+        if slow_command { self.r_max_rad() - 0.5 * R0_RAD } else { self.r_max_rad() }
+    }
+
     /// The generator at a time after the last answer.
     pub fn generator_at(&self, t: Instant) -> RampState {
         let dt_s = span::seconds(t.saturating_since(self.at));
@@ -176,9 +192,7 @@ impl DriveModel {
             }
             self.over = self.over.saturating_add(1);
         }
-        // The observer follows answers that stand still, so a slow command never makes a large residual. What the command
-        // amounts to is not corrected.
-        let answers_move = self.still_rad.abs() <= r_max_rad;
+        let answers_move = self.still_rad.abs() <= self.still_max_rad();
         if self.over < OVER_ROW && slow && answers_move {
             return None;
         }

@@ -32,6 +32,9 @@ use crate::rest::Rest;
 pub const QUARANTINE: Duration = Duration::from_millis(100);
 /// A repeated frame comes within this time of the first.
 pub const DUPLICATE_WINDOW: Duration = Duration::from_micros(1_500);
+/// An answer that comes so much later than the drive's usual ones was held up by more than the bus: twice the longest wait for
+/// it ([`T_JITTER_S`](crate::groups::powercube::drive_model::T_JITTER_S)).
+pub const HELD_UP: Duration = Duration::from_micros(1_600);
 /// Abandoned requests remembered per drive; with all places taken no request goes out.
 const ABANDONED_MAX: usize = 4;
 
@@ -111,7 +114,7 @@ pub struct ReplyCounters {
     pub missed: u16,
     /// Replies that came after that.
     pub late: u16,
-    /// Replies nobody asked for.
+    /// Unsolicited replies.
     pub unasked: u16,
     /// Positions that cannot be.
     pub implausible: u16,
@@ -119,7 +122,7 @@ pub struct ReplyCounters {
 
 /// A drive: requests on their way, and the last of everything it said.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Drive {
+pub struct DriveRecord {
     main: Option<Pending>,
     side: Option<Pending>,
     abandoned: [Option<Abandoned>; ABANDONED_MAX],
@@ -161,7 +164,7 @@ pub struct Drive {
     pub loaded: Loaded,
 }
 
-impl Drive {
+impl DriveRecord {
     /// True if the drive has found its zero, by the state word last read.
     pub fn is_homed(&self) -> bool {
         self.state.is_some_and(|(state, _)| state.contains(CubeState::HOME_OK))
@@ -253,6 +256,12 @@ impl Drive {
         self.answer_us
     }
 
+    /// True if an answer of the main lane that is handed over now says nothing about when the drive gave it: the drive took its
+    /// time, or the controller was held up and reads it late.
+    pub fn is_held_up(&self, now: Instant) -> bool {
+        now.saturating_since(self.asked_at) > Duration::from_micros(self.answer_us.into()) + HELD_UP
+    }
+
     fn learn_answer_time(&mut self, now: Instant) {
         let us = u32::try_from(now.saturating_since(self.asked_at).as_micros()).unwrap_or(u32::MAX);
         // Grows slowly: a drive that has become slower is known after some hundred answers.
@@ -337,13 +346,13 @@ pub fn is_foreign_request(channel: Channel) -> bool {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use protocol::powercube::{Motion, MotionCommand, MotionKind, MotionPosition, Parameter, Value};
+    use protocol::powercube::{MotionCommand, MotionKind, MotionPosition, MotionRequest, Parameter, Value};
     use protocol::units::Radians;
 
     const US: fn(u64) -> Instant = Instant::from_micros;
 
     fn ramp() -> Request {
-        Request::Move(Motion::extended(MotionCommand::Ramp { target: Radians::new(1.0) }))
+        Request::Move(MotionRequest::extended(MotionCommand::Ramp { target: Radians::new(1.0) }))
     }
 
     fn set_a() -> Request {
@@ -365,7 +374,7 @@ mod tests {
 
     #[test]
     fn late_reply_to_a_motion_is_not_taken_for_the_next_motions() {
-        let mut drive = Drive::default();
+        let mut drive = DriveRecord::default();
         drive.begin(Instant::ZERO, Lane::Main, &ramp(), US(2_000));
         assert_eq!(drive.give_up_due(US(2_000)), Some((Lane::Main, ramp())));
         assert!(!drive.can_send(Lane::Main, &ramp(), US(3_000)), "barred");
@@ -381,7 +390,7 @@ mod tests {
 
     #[test]
     fn answer_to_a_later_request_lifts_the_bar_because_drives_answer_in_order() {
-        let mut drive = Drive::default();
+        let mut drive = DriveRecord::default();
         drive.begin(Instant::ZERO, Lane::Main, &ramp(), US(2_000));
         drive.give_up_due(US(2_000));
         drive.begin(Instant::ZERO, Lane::Main, &set_a(), US(5_000));
@@ -391,7 +400,7 @@ mod tests {
 
     #[test]
     fn repeated_frame_is_nobodys_and_its_key_waits() {
-        let mut drive = Drive::default();
+        let mut drive = DriveRecord::default();
         drive.begin(Instant::ZERO, Lane::Main, &ramp(), US(2_000));
         assert!(matches!(drive.match_reply(US(400), &ramp_reply(0.1)), Matched::Answer(..)));
         assert!(!drive.can_send(Lane::Main, &ramp(), US(500)));
@@ -402,7 +411,7 @@ mod tests {
 
     #[test]
     fn silent_drive_gets_no_request_of_an_old_key_before_the_quarantine_ends() {
-        let mut drive = Drive::default();
+        let mut drive = DriveRecord::default();
         let mut now = US(0);
         let keys = [Parameter::CubeState, Parameter::PosStateDio, Parameter::Cur, Parameter::ActPos];
         for parameter in keys {
@@ -418,8 +427,10 @@ mod tests {
 
     #[test]
     fn write_without_answer_leaves_the_register_unknown() {
-        let mut drive =
-            Drive { loaded: Loaded { v_rad_s: Some(1.0), a_rad_s2: Some(1.0) }, ..Drive::default() };
+        let mut drive = DriveRecord {
+            loaded: Loaded { v_rad_s: Some(1.0), a_rad_s2: Some(1.0) },
+            ..DriveRecord::default()
+        };
         drive.begin(Instant::ZERO, Lane::Main, &set_a(), US(2_000));
         drive.give_up_due(US(2_000));
         assert_eq!(drive.loaded, Loaded { v_rad_s: Some(1.0), a_rad_s2: None });
@@ -427,7 +438,7 @@ mod tests {
 
     #[test]
     fn gripper_write_may_overtake_without_confusing_the_main_lane() {
-        let mut drive = Drive::default();
+        let mut drive = DriveRecord::default();
         let grip = Request::Set(Parameter::DioData, Value::U32(0x10));
         drive.begin(Instant::ZERO, Lane::Main, &ramp(), US(2_000));
         assert!(drive.can_send(Lane::Side, &grip, US(10)) && !drive.can_send(Lane::Main, &grip, US(10)));
@@ -444,7 +455,7 @@ mod tests {
         fn no_reply_is_ever_taken_for_another(
             steps in proptest::collection::vec((0u8..3, 100u64..4_000, 0u8..10), 1..200),
         ) {
-            let mut drive = Drive::default();
+            let mut drive = DriveRecord::default();
             let mut now = 0u64;
             // Replies on their way: (arrival, key choice, number); in order of requests.
             let mut wire: Vec<(u64, u8, u32)> = Vec::new();

@@ -126,12 +126,10 @@ impl PowerCubes {
         if lane == Lane::Main {
             self.schedule.clear(joint);
         }
-        self.pace.abandon();
+        self.timing.abandon();
         self.cycle.missed |= joint.bit();
         if matches!(request, Request::Move(_)) {
-            let a_rad_s2 = self.drives.at(joint).loaded.a_rad_s2;
-            let a_max_rad_s2 = settings.joint.at(joint).a_max_rad_s2;
-            self.axes.at_mut(joint).model.doubt(a_rad_s2.unwrap_or(a_max_rad_s2));
+            self.doubt_motion(settings, joint);
         }
         // A step of finding, homing or of a jog that got no answer is asked again, and so is a ramp to rest.
         match self.mode {
@@ -150,6 +148,13 @@ impl PowerCubes {
         }
     }
 
+    /// Nobody knows whether the last motion is in force, or since when.
+    fn doubt_motion(&mut self, settings: &Settings, joint: JointIndex) {
+        let a_rad_s2 = self.drives.at(joint).loaded.a_rad_s2;
+        let a_max_rad_s2 = settings.joint.at(joint).a_max_rad_s2;
+        self.axes.at_mut(joint).model.doubt(a_rad_s2.unwrap_or(a_max_rad_s2));
+    }
+
     /// Broadcast of another node. A halt stops all drives at once: the ball is kept, and no drive is asked to go on. Halted
     /// drives that stand are found by their state words.
     fn take_broadcast(&mut self, frame: &Frame) {
@@ -158,7 +163,7 @@ impl PowerCubes {
         }
     }
 
-    /// Frame of the bus: of a drive, or to one from somebody else.
+    /// Frame of the bus: of a drive, or to one from another node.
     pub(super) fn take_frame(&mut self, now: Instant, settings: &Settings, frame: &Frame) {
         let channel = match Address::of(frame.id()) {
             Some(Address::Module(channel, _)) => channel,
@@ -202,8 +207,8 @@ impl PowerCubes {
                 self.homing_on_answer(now, settings, homing, request);
             }
             Mode::Jogging(jog) if jog.joint == joint => self.jogging_on_answer(now, jog),
-            Mode::Standing { .. } if self.pace.is_rehearsing() && self.all_answered(settings) => {
-                self.pace.end_rehearsal(now);
+            Mode::Standing { .. } if self.timing.is_rehearsing() && self.all_answered(settings) => {
+                self.timing.end_rehearsal(now);
             }
             _ => {}
         }
@@ -263,8 +268,13 @@ impl PowerCubes {
         let limits = settings.joint.at(joint);
         let at = now.saturating_sub(Duration::from_micros(settings.reply_age_us.into()));
         let sample = PositionSample { q_rad: limits.to_joint_rad(q_drive_rad), at };
+        let led = self.mode.may_move() && !matches!(self.mode, Mode::Homing(_));
+        if led && self.drives.at(joint).is_held_up(now) {
+            self.take_untimed(settings, joint, target_rad);
+            return;
+        }
         let drive = self.drives.at_mut(joint);
-        let usable = if self.mode.may_move() && !matches!(self.mode, Mode::Homing(_)) {
+        let usable = if led {
             supervisor::is_plausible(sample.q_rad, at, drive.position, limits.v_max_rad_s)
         } else {
             // While homing, and while people may move the joints, any finite position is accepted.
@@ -297,6 +307,19 @@ impl PowerCubes {
         self.push(GroupEvent::Measured(Measured { joint, sample, in_force, trouble }));
     }
 
+    /// A position of unknown time, answered while joints move: the drive lives and tells its state, but a position taken for
+    /// one of now would be a joint that is slower, then faster than it is.
+    fn take_untimed(&mut self, settings: &Settings, joint: JointIndex, target_rad: Option<f32>) {
+        if target_rad.is_some() {
+            self.doubt_motion(settings, joint);
+        }
+        if let Some(cause) = check_short_state(self.drives.at(joint).short_state) {
+            self.fail(Fault::at(cause, joint));
+        }
+        // No answer in a row is missing: it is not silent.
+        self.push(GroupEvent::Missed(joint, 0));
+    }
+
     /// The answer to a motion of the control cycle: its set point is in force since the measurement.
     fn take_in_force(
         &mut self,
@@ -311,7 +334,7 @@ impl PowerCubes {
         let u_rad_s2 = axis.sent.u_rad_s2;
         self.cycle.note_answer(joint, in_time);
         if self.cycle.has_all_answers(settings) {
-            self.pace.end_cycle(now);
+            self.timing.end_cycle(now);
         }
         InForce { u_rad_s2, in_time }
     }

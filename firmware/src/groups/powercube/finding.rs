@@ -2,7 +2,7 @@
 //!
 //! A drive is asked in steps; a step without an answer is tried again. A drive that is halted or in error is reset
 //! once, after it has come to rest; if it stays so, the start ends with the drive's cause. A drive that moves although it
-//! is not halted is moved by somebody else: the start ends with a halt broadcast.
+//! is not halted is moved from outside: the start ends with a halt broadcast.
 //!
 //! # Proof of the watchdogs
 //!
@@ -93,7 +93,7 @@ impl PowerCubes {
     /// Looks for the drives, from the beginning. With `reset` errors and halts are cleared first.
     pub(super) fn find(&mut self, now: Instant, settings: &Settings, reset: bool) {
         self.schedule.clear_all();
-        self.pace.forget();
+        self.timing.forget();
         self.progress = PerJoint::default();
         for joint in settings.joints() {
             let drive = self.drives.at_mut(joint);

@@ -48,7 +48,7 @@ impl PowerCubes {
     }
 
     pub(super) fn homing_period(&mut self, settings: &Settings, homing: Homing) {
-        self.pace.abandon();
+        self.timing.abandon();
         for joint in settings.joints() {
             if !self.schedule.is_done(joint, self.drives.at(joint)) {
                 continue;

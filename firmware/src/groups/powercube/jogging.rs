@@ -3,12 +3,12 @@
 //! Each step sends the drive to where it would be when that time ends, braking included: a controller that falls silent
 //! leaves a joint that stops there by itself.
 
-use protocol::powercube::{Motion, MotionCommand, Parameter, Request, Value};
+use protocol::powercube::{MotionCommand, MotionRequest, Parameter, Request, Value};
 use protocol::units::Radians;
 use protocol::{Instant, JointIndex};
 
 use super::drive_model::DriveModel;
-use super::ramp::{self, RampState};
+use super::ramp::{self, RampLimits, RampState};
 use super::readiness::RESET_SETTLE;
 use super::{Mode, PowerCubes};
 use crate::fault::{Cause, Fault};
@@ -52,7 +52,9 @@ impl PowerCubes {
         until: Instant,
     ) {
         if let Mode::Jogging(jog) = &mut self.mode {
-            (jog.qd_rad_s, jog.until) = (qd_rad_s, until);
+            // Speed zero lets go. The joint brakes from the speed it was sent at: a drive that is told speed zero never arrives.
+            let speed = if qd_rad_s == 0.0 { jog.qd_rad_s } else { qd_rad_s };
+            (jog.qd_rad_s, jog.until) = (speed, if qd_rad_s == 0.0 { now } else { until });
             return;
         }
         self.axes.at_mut(joint).model = DriveModel::at_rest(now, self.q_rad(joint));
@@ -74,7 +76,7 @@ impl PowerCubes {
     }
 
     pub(super) fn jogging_period(&mut self, now: Instant, settings: &Settings, jog: Jog) {
-        self.pace.abandon();
+        self.timing.abandon();
         let is_free = self.schedule.is_done(jog.joint, self.drives.at(jog.joint));
         match jog.step {
             Step::Starting | Step::Moving if jog.until <= now || jog.qd_rad_s == 0.0 => {
@@ -128,7 +130,7 @@ impl PowerCubes {
         let Some(position) = self.drives.at(jog.joint).position else { return };
         let v_rad_s = if jog.step == Step::Moving { jog.qd_rad_s } else { 0.0 };
         let state = RampState { q_rad: position.q_rad, v_rad_s };
-        let stop = ramp::stop(state, limits.jog_a_rad_s2, &limits.ramp_limits(settings.reach_rad));
+        let stop = ramp::stop(state, limits.jog_a_rad_s2, &RampLimits::of(limits, settings.reach_rad));
         let free_rad = position.q_rad + 0.5 * v_rad_s * v_rad_s.abs() / limits.jog_a_rad_s2;
         let target_rad = if self.drives.at(jog.joint).is_homed() { stop.target_rad } else { free_rad };
         if jog.step == Step::Moving {
@@ -181,6 +183,6 @@ fn jog_requests(settings: &Settings, jog: &Jog, target_rad: f32) -> [Request; 2]
     let v = jog.qd_rad_s.abs().min(limits.jog_v_rad_s);
     [
         Request::Set(Parameter::TargetVel, Value::F32(v)),
-        Request::Move(Motion::extended(MotionCommand::Ramp { target })),
+        Request::Move(MotionRequest::extended(MotionCommand::Ramp { target })),
     ]
 }

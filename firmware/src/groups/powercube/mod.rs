@@ -6,7 +6,7 @@
 //! |---|---|
 //! | [`drives`] | one drive: requests on their way, which reply belongs to which request, what was read last |
 //! | [`words`] | what state words say |
-//! | [`schedule`], [`order`], [`slots`], [`pace`] | who is asked next, in which order, when in the cycle; how long a cycle takes |
+//! | [`schedule`], [`order`], [`slots`], [`cycle_timing`] | who is asked next, in which order, when in the cycle; how long a cycle takes |
 //! | [`ramp`] | acceleration in the words of a ramp drive |
 //! | [`drive_model`] | what a drive should do with its commands, and how far its answers are from it |
 //! | [`transmit`] | frames on their way out |
@@ -24,10 +24,10 @@
 //! 2. A reply is never taken for another ([`drives`] says why).
 //! 3. After a halt nothing that waited is sent.
 
+pub mod cycle_timing;
 pub mod drive_model;
 pub mod drives;
 pub mod order;
-pub mod pace;
 pub mod ramp;
 pub mod schedule;
 pub mod slots;
@@ -47,12 +47,12 @@ use protocol::{Duration, Frame, Instant, JointIndex};
 pub use self::finding::Stage;
 
 use self::cycle::{Axis, Cycle};
+use self::cycle_timing::{CycleTimes, CycleTiming};
 use self::drive_model::DriveModel;
-use self::drives::Drive;
+use self::drives::DriveRecord;
 use self::finding::BootProgress;
 use self::homing::Homing;
 use self::jogging::Jog;
-use self::pace::{CycleTimes, Pace};
 use self::schedule::Schedule;
 use self::slots::Slots;
 use self::transmit::TransmitQueue;
@@ -124,12 +124,12 @@ enum Turn {
 pub struct PowerCubes {
     mode: Mode,
     turn: Turn,
-    drives: PerJoint<Drive>,
+    drives: PerJoint<DriveRecord>,
     axes: PerJoint<Axis>,
     progress: PerJoint<BootProgress>,
     schedule: Schedule,
     slots: Slots,
-    pace: Pace,
+    timing: CycleTiming,
     cycle: Cycle,
     transmit: TransmitQueue,
     events: Deque<GroupEvent, EVENTS>,
@@ -159,7 +159,7 @@ impl Default for PowerCubes {
             progress: PerJoint::default(),
             schedule: default_in_place(),
             slots: Slots::default(),
-            pace: Pace::default(),
+            timing: CycleTiming::default(),
             cycle: Cycle::default(),
             transmit: default_in_place(),
             events: Deque::new(),
@@ -179,7 +179,7 @@ impl PowerCubes {
     }
 
     /// A drive as it is known.
-    pub const fn drive(&self, joint: JointIndex) -> &Drive {
+    pub const fn drive(&self, joint: JointIndex) -> &DriveRecord {
         self.drives.at(joint)
     }
 
@@ -188,10 +188,10 @@ impl PowerCubes {
         &self.axes.at(joint).model
     }
 
-    /// Durations of the control cycles of the last run; and how long one takes by the last rehearsals, µs ([`pace`]), `None`
+    /// Durations of the control cycles of the last run; and how long one takes by the last rehearsals, µs ([`cycle_timing`]), `None`
     /// before the first.
     pub fn cycle_times(&self, settings: &Settings) -> (CycleTimes, Option<u32>) {
-        (self.pace.times(), self.pace.cycle_us(settings.joints, settings.cycle_guest))
+        (self.timing.times(), self.timing.cycle_us(settings.joints, settings.cycle_guest))
     }
 
     fn push(&mut self, event: GroupEvent) {
@@ -204,7 +204,7 @@ impl PowerCubes {
     }
 
     fn send(&mut self, frame: &Frame) {
-        self.counters.bits = self.counters.bits.wrapping_add(nominal_bits(frame));
+        self.counters.bits = self.counters.bits.wrapping_add(frame.nominal_bits());
         self.transmit.push(frame);
     }
 
@@ -218,17 +218,11 @@ impl PowerCubes {
     }
 }
 
-/// Bits of a frame without stuff bits: ISO 11898-1 has 47 or 67 around the data, interframe space included.
-pub const fn nominal_bits(frame: &Frame) -> u32 {
-    let bits = if frame.is_extended() { 67 } else { 47 };
-    bits + if frame.is_remote() { 0 } else { 8 * frame.dlc() as u32 }
-}
-
 impl DriveGroup for PowerCubes {
     type Packet = Frame;
 
     fn handle_packet(&mut self, now: Instant, settings: &Settings, frame: &Frame) {
-        self.counters.bits = self.counters.bits.wrapping_add(nominal_bits(frame));
+        self.counters.bits = self.counters.bits.wrapping_add(frame.nominal_bits());
         self.take_frame(now, settings, frame);
         self.turn = Turn::Life;
     }
@@ -380,7 +374,7 @@ impl DriveGroup for PowerCubes {
     }
 
     fn is_keeping_time(&self) -> bool {
-        self.mode.is_cyclic() || self.pace.is_rehearsing()
+        self.mode.is_cyclic() || self.timing.is_rehearsing()
     }
 
     fn is_cycle_done(&self, settings: &Settings) -> bool {

@@ -29,15 +29,16 @@
 //!
 //! Cases 3 and 4 write V each cycle and leave A; cases 1 and 2 write A and leave V: one write and one motion
 //! per cycle, as the bus allows. V stays low after a phase of case 3; it is raised again when it would
-//! bind, or earlier when the schedule has a free slot ([`Command::velocity_stale`]).
+//! bind, or earlier when the schedule has a free slot ([`RampCommand::velocity_stale`]).
 //!
 //! # Limits
 //!
 //! The target never lies beyond the soft limits, so the drive's own ramp ends there. But a ramp with a small A
 //! ends late: when the way to the limit gets as short as the braking distance with the full acceleration, the
-//! command becomes full braking, whatever was asked for ([`Command::position_limited`]).
+//! command becomes full braking, whatever was asked for ([`RampCommand::position_limited`]).
 
 use crate::joints::{at_least, at_most, clamp};
+use crate::settings::JointSettings;
 
 /// Least acceleration that is commanded, rad/s². Over a period of 17 ms it is a change of speed of
 /// 0.2 mrad/s; a generator with zero acceleration would never move again.
@@ -80,9 +81,22 @@ pub struct Loaded {
     pub a_rad_s2: Option<f32>,
 }
 
+impl RampLimits {
+    /// Limits of a joint for targets at most `reach_rad` away.
+    pub(super) const fn of(joint: &JointSettings, reach_rad: f32) -> Self {
+        Self {
+            q_min_rad: joint.q_min_rad,
+            q_max_rad: joint.q_max_rad,
+            v_max_rad_s: joint.v_max_rad_s,
+            a_max_rad_s2: joint.a_max_rad_s2,
+            reach_rad,
+        }
+    }
+}
+
 /// A ramp-extended command.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Command {
+pub struct RampCommand {
     /// Target of the motion, rad, within the soft limits.
     pub target_rad: f32,
     /// Speed to write before, rad/s; `None`: the drive holds a suitable one.
@@ -110,7 +124,7 @@ pub fn realise(
     state: RampState,
     limits: &RampLimits,
     loaded: &Loaded,
-) -> Command {
+) -> RampCommand {
     let RampState { q_rad, v_rad_s } = state;
     let a_max = limits.a_max_rad_s2;
     let mut wanted = if qdd_rad_s2.is_finite() { clamp(qdd_rad_s2, -a_max, a_max) } else { 0.0 };
@@ -164,7 +178,7 @@ pub fn realise(
         }
     };
     let kept = velocity.or(loaded.v_rad_s);
-    Command {
+    RampCommand {
         target_rad,
         velocity_rad_s: velocity,
         acceleration_rad_s2: acceleration,
@@ -194,19 +208,19 @@ fn must_brake(qdd_rad_s2: f32, period_s: f32, state: RampState, limits: &RampLim
 ///
 /// `q_rad`, `v_rad_s`: expected when the command starts to act. The drive brakes by itself, so a
 /// lost controller cannot send it back.
-pub fn stop(state: RampState, a_rad_s2: f32, limits: &RampLimits) -> Command {
+pub fn stop(state: RampState, a_rad_s2: f32, limits: &RampLimits) -> RampCommand {
     let RampState { q_rad, v_rad_s } = state;
     let room = if v_rad_s > 0.0 { limits.q_max_rad - q_rad } else { q_rad - limits.q_min_rad };
     // More than asked for where a soft limit is near.
     let a_needed = at_least(0.5 * v_rad_s * v_rad_s / at_least(room, 1e-3), a_rad_s2);
     let a = clamp(a_needed, A_RESOLUTION_RAD_S2, at_least(limits.a_max_rad_s2, A_RESOLUTION_RAD_S2));
     let target = q_rad + 0.5 * v_rad_s * v_rad_s.abs() / a;
-    Command {
+    RampCommand {
         target_rad: clamp(target, limits.q_min_rad, limits.q_max_rad),
         velocity_rad_s: Some(at_most(at_least(v_rad_s.abs(), 0.05), limits.v_max_rad_s)),
         acceleration_rad_s2: Some(a),
         qdd_rad_s2: -v_rad_s.signum() * a,
-        ..Command::default()
+        ..RampCommand::default()
     }
 }
 
@@ -220,7 +234,7 @@ mod tests {
 
     /// Generator as described above, in steps of 5 µs in double precision: an oracle, not our code.
     #[derive(Clone, Copy, Debug)]
-    struct Generator {
+    struct ReferenceRamp {
         q: f64,
         v: f64,
         v_ramp: f64,
@@ -228,7 +242,7 @@ mod tests {
         target: f64,
     }
 
-    impl Generator {
+    impl ReferenceRamp {
         fn at(q: f64, v: f64) -> Self {
             Self { q, v, v_ramp: LIMITS.v_max_rad_s.into(), a_ramp: LIMITS.a_max_rad_s2.into(), target: q }
         }
@@ -237,7 +251,7 @@ mod tests {
             Loaded { v_rad_s: Some(self.v_ramp as f32), a_rad_s2: Some(self.a_ramp as f32) }
         }
 
-        fn take(&mut self, command: &Command) {
+        fn take(&mut self, command: &RampCommand) {
             if let Some(v) = command.velocity_rad_s {
                 self.v_ramp = v.into();
             }
@@ -276,7 +290,7 @@ mod tests {
             let a = if use_weak { weak } else { a };
             let period_us = if long { 17_000 } else { 3_000 };
             let period_s = period_us as f32 * 1e-6;
-            let mut drive = Generator { v_ramp: held_v.max(v.abs()), a_ramp: held_a, ..Generator::at(0.0, v) };
+            let mut drive = ReferenceRamp { v_ramp: held_v.max(v.abs()), a_ramp: held_a, ..ReferenceRamp::at(0.0, v) };
             let state = RampState { q_rad: 0.0, v_rad_s: v as f32 };
             let command = realise(a, period_s, state, &LIMITS, &drive.loaded());
             drive.take(&command);
@@ -301,7 +315,7 @@ mod tests {
         ) {
             let period_us = if long { 17_000 } else { 3_000 };
             let hold = if long { hold / 4 + 1 } else { hold };
-            let mut drive = Generator::at(2.0, 0.0);
+            let mut drive = ReferenceRamp::at(2.0, 0.0);
             let mut loaded = Loaded::default();
             for k in 0..300 {
                 let a = wishes[(k / hold) % wishes.len()];
@@ -322,7 +336,7 @@ mod tests {
         /// Generators differ in rounding, so a stop may creep the last hair's breadth.
         #[test]
         fn stop_ends_within_the_stated_way(v in -2.6f64..2.6, a in 1f32..10.4) {
-            let mut drive = Generator::at(0.2, v);
+            let mut drive = ReferenceRamp::at(0.2, v);
             let command = stop(RampState { q_rad: 0.2, v_rad_s: v as f32 }, a, &LIMITS);
             drive.take(&command);
             drive.run((1.2e6 * v.abs() / f64::from(a)) as u32 + 20_000);
@@ -334,10 +348,10 @@ mod tests {
     #[test]
     fn published_rule_brakes_where_it_should_accelerate_and_ours_does_not() {
         let (v, a, period_us) = (2.5, 0.5, 3_000);
-        let mut published = Generator { a_ramp: a, target: 3.0, ..Generator::at(0.0, v) };
+        let mut published = ReferenceRamp { a_ramp: a, target: 3.0, ..ReferenceRamp::at(0.0, v) };
         published.run(period_us);
         assert!(published.v < v, "the braking distance is longer than 3 rad");
-        let mut ours = Generator::at(0.0, v);
+        let mut ours = ReferenceRamp::at(0.0, v);
         let state = RampState { q_rad: 0.0, v_rad_s: v as f32 };
         ours.take(&realise(a as f32, 0.003, state, &LIMITS, &ours.loaded()));
         ours.run(period_us);

@@ -6,7 +6,7 @@
 //! Per joint: write acceleration (or speed), wait for its acknowledge, send the motion, wait for its
 //! answer: four frames, 372 to 450 bits, so six joints fill 2.2 to 2.7 ms at 1 Mbit/s. A drive thinks for 0.1 to
 //! 0.3 ms before it answers; that time is free only if other drives use it. With W drives asked at
-//! once the bus is full ([`crate::groups::powercube::pace`] has the whole count) as soon as W · (request + answer) > request + answer + thinking, about three at
+//! once the bus is full ([`crate::groups::powercube::cycle_timing`] has the whole count) as soon as W · (request + answer) > request + answer + thinking, about three at
 //! 0.3 ms; [`Settings::in_flight_max`] is four. More would only put frames into transmit queues, where a
 //! halt could wait behind them.
 //!
@@ -22,7 +22,7 @@
 use protocol::powercube::{Parameter, Request};
 use protocol::{Duration, Instant, JointIndex};
 
-use crate::groups::powercube::drives::{Drive, Key, Lane};
+use crate::groups::powercube::drives::{DriveRecord, Key, Lane};
 use crate::groups::powercube::order::Order;
 use crate::joints::PerJoint;
 
@@ -192,7 +192,7 @@ impl Schedule {
     }
 
     /// True if a drive has nothing on its agenda and no request on its way.
-    pub fn is_done(&self, joint: JointIndex, drive: &Drive) -> bool {
+    pub fn is_done(&self, joint: JointIndex, drive: &DriveRecord) -> bool {
         self.agenda.at(joint).is_done() && !drive.is_asked()
     }
 
@@ -231,7 +231,7 @@ impl Schedule {
         &self,
         now: Instant,
         joints: impl Iterator<Item = JointIndex>,
-        drives: &PerJoint<Drive>,
+        drives: &PerJoint<DriveRecord>,
     ) -> Round {
         let mut round = Round { level: u8::MAX, index: 0, count: 0, busy: 0, clear_for_motion: false };
         let since_us = self.since_us(now);
@@ -267,7 +267,7 @@ impl Schedule {
         &mut self,
         round: &mut Round,
         now: Instant,
-        drives: &PerJoint<Drive>,
+        drives: &PerJoint<DriveRecord>,
         in_flight_max: usize,
     ) -> Option<Next> {
         let since_us = self.since_us(now);
@@ -320,7 +320,7 @@ impl Schedule {
         &self,
         now: Instant,
         joints: impl Iterator<Item = JointIndex>,
-        drives: &PerJoint<Drive>,
+        drives: &PerJoint<DriveRecord>,
     ) -> Option<Instant> {
         let since_us = self.since_us(now);
         let mut earliest: Option<Instant> = None;
@@ -345,7 +345,7 @@ fn micros(span: Duration) -> u32 {
 }
 
 /// A read that makes the key of the wanted request free by being answered.
-fn barrier(drive: &Drive, wanted: &Request, now: Instant) -> Option<Request> {
+fn barrier(drive: &DriveRecord, wanted: &Request, now: Instant) -> Option<Request> {
     let barriers = [Parameter::CubeState, Parameter::ActPos, Parameter::DefVersion].map(Request::Get);
     let is_other = |barrier: &Request| Key::of_request(barrier) != Key::of_request(wanted);
     barriers.into_iter().find(|barrier| is_other(barrier) && drive.can_send(Lane::Main, barrier, now))
@@ -370,7 +370,7 @@ mod tests {
 
     #[test]
     fn first_requests_of_all_joints_go_before_any_second_one_within_the_window() {
-        let (mut schedule, mut drives) = (Schedule::default(), PerJoint::<Drive>::default());
+        let (mut schedule, mut drives) = (Schedule::default(), PerJoint::<DriveRecord>::default());
         for joint in joints() {
             schedule.set(joint, Agenda::of(&[set_a(), set_v()]));
         }
@@ -397,11 +397,13 @@ mod tests {
     }
 
     fn motion() -> Request {
-        use protocol::powercube::{Motion, MotionCommand};
-        Request::Move(Motion::extended(MotionCommand::Ramp { target: protocol::units::Radians::new(1.0) }))
+        use protocol::powercube::{MotionCommand, MotionRequest};
+        Request::Move(MotionRequest::extended(MotionCommand::Ramp {
+            target: protocol::units::Radians::new(1.0),
+        }))
     }
 
-    fn ask(schedule: &mut Schedule, drives: &mut PerJoint<Drive>, us: u64) -> Vec<(usize, Request)> {
+    fn ask(schedule: &mut Schedule, drives: &mut PerJoint<DriveRecord>, us: u64) -> Vec<(usize, Request)> {
         let now = Instant::from_micros(us);
         let mut round = schedule.round(now, joints(), drives);
         let mut asked = Vec::new();
@@ -412,14 +414,14 @@ mod tests {
         asked
     }
 
-    fn acknowledge(drives: &mut PerJoint<Drive>, joint: usize, parameter: Parameter, us: u64) {
+    fn acknowledge(drives: &mut PerJoint<DriveRecord>, joint: usize, parameter: Parameter, us: u64) {
         let reply = Reply::SetAck { parameter, code: Some(0x64) };
         drives.at_mut(JointIndex::new(joint).unwrap()).match_reply(Instant::from_micros(us), &reply);
     }
 
     #[test]
     fn motion_waits_for_its_slot_and_the_wake_up_is_the_slot() {
-        let (mut schedule, mut drives) = (Schedule::default(), PerJoint::<Drive>::default());
+        let (mut schedule, mut drives) = (Schedule::default(), PerJoint::<DriveRecord>::default());
         let joint = JointIndex::new(0).unwrap();
         schedule.set(joint, Agenda::of(&[set_a(), motion()]));
         schedule.hold_motion(joint, 1_000);
@@ -436,7 +438,7 @@ mod tests {
 
     #[test]
     fn drive_with_two_writes_sends_both_before_the_others_send_their_one() {
-        let (mut schedule, mut drives) = (Schedule::default(), PerJoint::<Drive>::default());
+        let (mut schedule, mut drives) = (Schedule::default(), PerJoint::<DriveRecord>::default());
         for joint in joints() {
             let both = joint.get() == 3;
             let agenda = if both { vec![set_v(), set_a(), motion()] } else { vec![set_a(), motion()] };
@@ -451,7 +453,7 @@ mod tests {
 
     #[test]
     fn nothing_but_a_motion_goes_out_just_before_a_slot_and_guests_wait_for_theirs() {
-        let (mut schedule, mut drives) = (Schedule::default(), PerJoint::<Drive>::default());
+        let (mut schedule, mut drives) = (Schedule::default(), PerJoint::<DriveRecord>::default());
         let [first, second] = [0, 1].map(|joint| JointIndex::new(joint).unwrap());
         schedule.begin_cycle(Instant::ZERO, Duration::from_micros(1_000), Duration::from_micros(2_000));
         schedule.set(first, Agenda::of(&[motion()]));
@@ -468,14 +470,14 @@ mod tests {
 
     #[test]
     fn barred_request_is_preceded_by_a_read() {
-        let (mut schedule, mut drives) = (Schedule::default(), PerJoint::<Drive>::default());
+        let (mut schedule, mut drives) = (Schedule::default(), PerJoint::<DriveRecord>::default());
         let joint = JointIndex::new(0).unwrap();
         let drive = drives.at_mut(joint);
         drive.begin(Instant::ZERO, Lane::Main, &set_a(), Instant::from_micros(2_000));
         drive.give_up_due(Instant::from_micros(2_000));
         let now = Instant::from_micros(3_000);
         schedule.set(joint, Agenda::of(&[set_a()]));
-        let ask = |schedule: &mut Schedule, drives: &PerJoint<Drive>| {
+        let ask = |schedule: &mut Schedule, drives: &PerJoint<DriveRecord>| {
             schedule.next(&mut schedule.round(now, joints(), drives), now, drives, 4).unwrap()
         };
         let barrier = ask(&mut schedule, &drives);
@@ -484,6 +486,6 @@ mod tests {
         drive.begin(now, Lane::Main, &barrier.request, now + Duration::from_millis(2));
         drive.match_reply(now, &Reply::Value(Parameter::CubeState, Value::U32(2)));
         assert_eq!(ask(&mut schedule, &drives).request, set_a());
-        assert!(schedule.is_done(joint, &Drive::default()));
+        assert!(schedule.is_done(joint, &DriveRecord::default()));
     }
 }

@@ -17,7 +17,7 @@
 //! * `spacing`: motion and answer of a drive, 206 bits and stuff bits; more where drives are slow or the period is long.
 //! * `reply`: from handing out a request to its answer, at the load of the cycle.
 //!
-//! `reply` follows from the rehearsed duration C of a cycle ([`crate::groups::powercube::pace`]) of n drives, W in flight. If the bus is the
+//! `reply` follows from the rehearsed duration C of a cycle ([`crate::groups::powercube::cycle_timing`]) of n drives, W in flight. If the bus is the
 //! bottleneck, the bus carries n - 1 other drives and the guest in the same time: C less their bits. If the drives
 //! are the bottleneck, 2n requests take C in W lanes: C·W/2n. Each is an upper bound; the smaller one counts.
 //!
@@ -59,7 +59,7 @@ impl Slots {
         let n = settings.joints.max(1);
         let lanes = settings.in_flight_max.clamp(1, n);
         let others_us = (n - 1) * DRIVE_US
-            + if settings.cycle_guest { crate::groups::powercube::pace::GUEST_US } else { 0 };
+            + if settings.cycle_guest { crate::groups::powercube::cycle_timing::GUEST_US } else { 0 };
         let by_bus_us = cycle_us.saturating_sub(others_us).max(DRIVE_US);
         let by_drives_us = cycle_us.saturating_mul(lanes).checked_div(2 * n).unwrap_or(0);
         let reply_us = by_bus_us.min(by_drives_us.max(DRIVE_US));

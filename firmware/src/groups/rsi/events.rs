@@ -6,6 +6,7 @@ use crate::fault::Fault;
 use crate::group::{GroupEvent, InForce, Measured, PositionSample};
 use crate::joints::PerJoint;
 use crate::settings::Settings;
+use crate::span;
 
 /// Events of one call.
 #[derive(Clone, Copy, Debug, Default)]
@@ -51,17 +52,24 @@ impl Pending {
         self.cycle = Some((late, overrun));
     }
 
+    /// The next event. `tracking`: the axes follow a path, later than expected by this many seconds. Their positions are told
+    /// as those of the time of the path at which they belong: a delay that all axes share is no following error, and the
+    /// group bounds it by itself.
     pub(super) fn poll(
         &mut self,
         sample: &PerJoint<Option<PositionSample>>,
-        tracking: bool,
+        tracking: Option<f32>,
     ) -> Option<GroupEvent> {
         if let Some(fault) = self.trouble.take() {
             return Some(GroupEvent::Trouble(fault));
         }
         while let Some(joint) = take_first(&mut self.measured) {
-            let Some(sample) = sample.get(joint) else { continue };
-            let in_force = tracking.then_some(InForce { u_rad_s2: 0.0, in_time: true });
+            let Some(mut sample) = sample.get(joint) else { continue };
+            if let Some(late_s) = tracking {
+                let shift = span::of_seconds(late_s.abs());
+                sample.at = if late_s > 0.0 { sample.at.saturating_sub(shift) } else { sample.at + shift };
+            }
+            let in_force = tracking.map(|_| InForce { u_rad_s2: 0.0, in_time: true });
             return Some(GroupEvent::Measured(Measured { joint, sample, in_force, trouble: None }));
         }
         if let Some(joint) = take_first(&mut self.missed) {

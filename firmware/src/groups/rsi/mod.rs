@@ -12,7 +12,7 @@
 //!
 //! # What is never done
 //!
-//! * A target of before a new program run, of before [`Command::Halt`] or [`Command::Find`] is never taken up again.
+//! * A target from before a new program run, [`Command::Halt`] or [`Command::Find`] is never taken up again.
 //! * A set point leaps no more than [`Options::a_cap_rad_s2`] allows, also after answers that came late: then the robot has held
 //!   the set point before, and the group goes on from there.
 //!
@@ -39,7 +39,7 @@ use protocol::{Duration, Instant, JointIndex};
 use self::events::Pending;
 use self::link::{Kind, Order};
 use self::model::DriveModel;
-use self::motion::{Mode, Motion};
+use self::motion::{Mode, Setpoints};
 pub use self::packet::{Answer, Options, Packet, Telegram};
 use crate::fault::{Cause, Fault, Refusal};
 use crate::group::{
@@ -51,11 +51,11 @@ use crate::rest::Rest;
 use crate::settings::Settings;
 use crate::span;
 
-/// A telegram that stays away for so many cycles is missed.
+/// Cycles without a telegram after which it counts as missed.
 const WINDOWS: u64 = 3;
 /// Cycles from the end of the lag to the start of a plan.
 const LEAD_CYCLES: u64 = 4;
-/// The grid follows arrival times with one part in so many.
+/// The grid follows arrival times with this fraction, as 1/n.
 const GRID_SHARE: u64 = 16;
 /// Telegrams in a row with lagging axes that end a path.
 const LAGGING_ROW: u8 = 3;
@@ -66,7 +66,7 @@ pub struct Rsi {
     options: Options,
     order: Order,
     model: DriveModel,
-    motion: Motion,
+    motion: Setpoints,
     pending: Pending,
     /// Start pose of the running program, rad.
     start_rad: Option<PerJoint<f32>>,
@@ -83,13 +83,16 @@ pub struct Rsi {
     /// millisecond of that would be a leap of the set points.
     grid: Instant,
     due: Option<Instant>,
+    /// Number of the last telegram, and by how much numbers rise per cycle; 0: not known yet.
+    ipoc: u64,
+    ipoc_step: u64,
     missed_in_row: u32,
     /// Late answers as the robot counted them last, and since the run began.
     late: Option<u32>,
     late_in_run: u32,
     lagging_row: u8,
     open: bool,
-    /// The gripper opens after so many seconds.
+    /// Delay until the gripper opens, s.
     opens_in_s: Option<f32>,
     stop: bool,
     answers: u32,
@@ -131,10 +134,22 @@ impl Rsi {
     }
 
     /// Moves the grid on to the cycle of a telegram that arrives now; returns the cycles that have passed.
-    fn advance_grid(&mut self, now: Instant, period: Duration) -> u32 {
+    ///
+    /// Its number says how many: a telegram that a busy computer or a held-up robot hands over late, but before it counts as
+    /// missed, is still the next one. The time says it for a number ahead by more than one cycle, which is wrong, and after a
+    /// silence, in which the robot stood.
+    fn advance_grid(&mut self, now: Instant, period: Duration, ipoc: u64) -> u32 {
         let period_us = period.as_micros().max(1);
         let since_us = now.saturating_since(self.grid).as_micros();
-        let cycles = (since_us.saturating_add(period_us / 2) / period_us).max(1);
+        let by_time = (since_us.saturating_add(period_us / 2) / period_us).max(1);
+        let rise = ipoc.saturating_sub(self.ipoc);
+        if rise > 0 && (self.ipoc_step == 0 || rise < self.ipoc_step) {
+            self.ipoc_step = rise;
+        }
+        let by_number = rise.checked_div(self.ipoc_step).unwrap_or(by_time).max(1);
+        let is_ahead = by_number > by_time.saturating_add(1);
+        let is_missed = by_time >= by_number.saturating_add(WINDOWS);
+        let cycles = if is_ahead || is_missed { by_time } else { by_number };
         let expected = self.grid + period * cycles;
         self.grid = match now.checked_since(expected) {
             Some(later) => expected + Duration::from_micros(later.as_micros() / GRID_SHARE),
@@ -241,15 +256,17 @@ impl DriveGroup for Rsi {
         match self.order.judge(now, telegram) {
             Kind::Old => return,
             Kind::First => {
+                self.ipoc_step = 0;
                 self.grid = now;
                 self.begin();
             }
             Kind::Next => {
-                let cycles = self.advance_grid(now, period);
+                let cycles = self.advance_grid(now, period, telegram.ipoc);
                 self.account(telegram, period, cycles);
             }
         }
         self.unanswered = Some(telegram.ipoc);
+        self.ipoc = telegram.ipoc;
         (self.at, self.heard_at, self.missed_in_row) = (self.grid, now, 0);
         self.due = Some(now + period * WINDOWS);
         let finite = |q_rad: &PerJoint<f32>| settings.joints().all(|joint| q_rad.get(joint).is_finite());
@@ -276,7 +293,7 @@ impl DriveGroup for Rsi {
     }
 
     fn poll_event(&mut self, _: Instant, _: &Settings) -> Option<GroupEvent> {
-        let tracking = self.motion.mode == Mode::Tracking;
+        let tracking = (self.motion.mode == Mode::Tracking).then(|| self.model.delay_s());
         self.pending.poll(&self.sample, tracking)
     }
 
@@ -432,5 +449,27 @@ impl DriveGroup for Rsi {
 
     fn is_cycle_done(&self, _: &Settings) -> bool {
         self.unanswered.is_none()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn telegram_counts_cycles_by_its_number_unless_that_is_ahead_of_the_time() {
+        let period = Duration::from_millis(4);
+        let after = |ms: u64, ipoc: u64| {
+            let mut group = Rsi { ipoc: 100, ipoc_step: 4, ..Rsi::new(Options::default()) };
+            group.grid = Instant::from_micros(1_000_000);
+            let now = group.grid + Duration::from_millis(ms);
+            (group.advance_grid(now, period, ipoc), group.grid)
+        };
+        assert_eq!(after(4, 104), (1, Instant::from_micros(1_004_000)));
+        // Held up by more than a cycle: the next telegram all the same, and the grid follows slowly.
+        assert_eq!(after(12, 104), (1, Instant::from_micros(1_004_500)));
+        assert_eq!(after(12, 112).0, 3, "two were lost");
+        assert_eq!(after(40, 104).0, 10, "a silence");
+        assert_eq!(after(4, 2_900).0, 1, "a wrong number");
     }
 }

@@ -37,7 +37,7 @@ struct Brake {
 
 /// Set points in force and on their way.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Motion {
+pub(super) struct Setpoints {
     pub(super) mode: Mode,
     axis: PerJoint<Axis>,
     /// Set points before the last answer: in force if the robot did not take it.
@@ -53,7 +53,7 @@ pub(super) struct Motion {
 /// Speed below which an axis stands, rad/s.
 const STANDS_RAD_S: f32 = 1e-5;
 
-impl Motion {
+impl Setpoints {
     pub(super) const fn axis(&self, joint: JointIndex) -> &Axis {
         self.axis.at(joint)
     }
@@ -102,7 +102,7 @@ impl Motion {
         (self.reference_rad, self.reference_before_rad) = (self.set_rad(), self.set_rad());
     }
 
-    /// Where an axis shall be in the next cycle.
+    /// Setpoint of an axis for the next cycle.
     pub(super) fn refer(&mut self, joint: JointIndex, q_rad: f32) {
         self.reference_rad.set(joint, q_rad);
     }

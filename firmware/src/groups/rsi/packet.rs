@@ -37,7 +37,7 @@ pub struct Answer {
     pub correction_rad: PerJoint<f32>,
     /// The gripper's output: open.
     pub open: bool,
-    /// The robot shall leave the sensor motion.
+    /// The robot leaves the sensor motion.
     pub stop: bool,
 }
 

@@ -24,7 +24,6 @@ pub enum Traffic {
     Answer,
     /// To all drives.
     Broadcast,
-    /// Host link.
     HostLink,
     /// No id of this cell.
     Foreign,
@@ -51,7 +50,6 @@ pub struct IdUse {
     pub id: String,
     /// What it is for.
     pub traffic: Traffic,
-    /// Frames.
     pub frames: u64,
     /// Bus time as a share of the plan's.
     pub share: f64,
@@ -64,7 +62,6 @@ pub struct Slot {
     pub from_t_s: f64,
     /// End in time of the plan, s.
     pub to_t_s: f64,
-    /// The frame.
     pub frame: Frame,
 }
 

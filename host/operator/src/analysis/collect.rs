@@ -1,30 +1,24 @@
-//! One pass over the log: what each drive and the controller said, in time of the plan.
+//! Samples of a run by time of the plan.
 
-use protocol::bits;
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::cyphal::cubecell::joint_state::JointSample;
-use protocol::powercube::{MotionCommand, Parameter, Reply, Request, Value};
 use serde::Serialize;
 
-use super::drives::Drives;
-use super::{Counts, PlanClock, span_of};
-use crate::log::candump::Line;
-use crate::log::facts::{Decoder, Fact, position};
-use planner::throw::JOINTS;
+use super::{Counts, PlanClock};
+use crate::samples::{At, JointSamples, Samples};
 
 /// A number at a time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Reading {
     /// Time of the plan, s.
     pub t_s: f64,
-    /// The number.
     pub value: f64,
 }
 
 /// A ramp that a drive was told to make.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Commanded {
-    /// Time of the plan at which the order was on the bus, s.
+    /// Time of the plan at which the order was given, s.
     pub t_s: f64,
     /// Angle of the joint to ramp to, rad.
     pub target_rad: f64,
@@ -34,10 +28,10 @@ pub struct Commanded {
     pub a_rad_s2: Option<f64>,
 }
 
-/// What one drive said and was told.
+/// What is known of one joint.
 #[derive(Clone, Debug, Default)]
-pub struct DriveLog {
-    /// Angle of the joint in rad, at the time at which the answer that carries it began: drives measure just before they answer.
+pub struct JointLog {
+    /// Measured angles in rad.
     pub positions: Vec<Reading>,
     /// Current in A, positive if it turns the joint forwards.
     pub currents: Vec<Reading>,
@@ -45,19 +39,17 @@ pub struct DriveLog {
     pub commands: Vec<Commanded>,
     /// Telemetry of the controller about this joint.
     pub telemetry: Vec<(f64, JointSample)>,
-    v_rad_s: Option<f64>,
-    a_rad_s2: Option<f64>,
 }
 
 /// What was heard of a group.
 #[derive(Clone, Debug, Default)]
 pub struct Heard {
     /// One per joint.
-    pub drives: Vec<DriveLog>,
+    pub joints: Vec<JointLog>,
     /// The controller's own account, by time of the plan.
     pub group: Vec<(f64, GroupState)>,
-    /// When a digital output of a module was written during the plan: the gripper.
-    pub output_written_t_s: Vec<f64>,
+    /// When the gripper was ordered to open or to close.
+    pub gripper_ordered_t_s: Vec<f64>,
 }
 
 impl Heard {
@@ -95,70 +87,32 @@ impl Heard {
     }
 }
 
-/// Reads the whole log. `bit_s` is the time of a bit.
+/// All samples, by the clock of a plan.
 #[must_use]
-pub fn collect(lines: &[Line], drives: &Drives, clock: PlanClock, bit_s: f64) -> Heard {
-    let mut decoder = Decoder::default();
-    let mut heard = Heard { drives: vec![DriveLog::default(); JOINTS], ..Heard::default() };
-    for line in lines {
-        let Some(fact) = decoder.take(line.at, &line.frame) else { continue };
-        let t_s = clock.t_s(line.at);
-        match fact {
-            Fact::Request { module, request } => {
-                if let Request::Set(Parameter::DioData, _) = request {
-                    heard.output_written_t_s.push(t_s);
-                }
-                if let Some(joint) = drives.joint_of(module) {
-                    heard.drives[joint].ordered(t_s, request, Mounting { drives, joint });
-                }
-            }
-            Fact::Reply { module, reply } => {
-                let begun = line.at.saturating_sub(span_of(bits::length(&line.frame).frame(), bit_s));
-                if let Some(joint) = drives.joint_of(module) {
-                    heard.drives[joint].answered(clock.t_s(begun), &reply, Mounting { drives, joint });
-                }
-            }
-            Fact::Group { state, .. } => heard.group.push((t_s, state)),
-            Fact::Joints { state, .. } => {
-                for (drive, sample) in heard.drives.iter_mut().zip(state.joints()) {
-                    drive.telemetry.push((t_s, *sample));
-                }
-            }
-            _ => {}
-        }
+pub fn collect(samples: &Samples, clock: PlanClock) -> Heard {
+    Heard {
+        joints: samples.joints.iter().map(|joint| joint_log(joint, clock)).collect(),
+        group: samples.group.iter().map(|told| (clock.t_s(told.at), told.state)).collect(),
+        gripper_ordered_t_s: samples.gripper_ordered.iter().map(|at| clock.t_s(*at)).collect(),
     }
-    heard
 }
 
-/// How one drive is mounted.
-#[derive(Clone, Copy)]
-struct Mounting<'a> {
-    drives: &'a Drives,
-    joint: usize,
-}
-
-impl DriveLog {
-    fn ordered(&mut self, t_s: f64, request: Request, mounting: Mounting<'_>) {
-        match request {
-            Request::Set(Parameter::TargetVel, Value::F32(v)) => self.v_rad_s = Some(v.into()),
-            Request::Set(Parameter::TargetAcc, Value::F32(a)) => self.a_rad_s2 = Some(a.into()),
-            Request::Move(motion) => {
-                if let MotionCommand::Ramp { target } = motion.command() {
-                    let target_rad = mounting.drives.joint_rad(mounting.joint, target.get().into());
-                    let (v_rad_s, a_rad_s2) = (self.v_rad_s, self.a_rad_s2);
-                    self.commands.push(Commanded { t_s, target_rad, v_rad_s, a_rad_s2 });
-                }
-            }
-            _ => {}
-        }
-    }
-
-    fn answered(&mut self, t_s: f64, reply: &Reply, Mounting { drives, joint }: Mounting<'_>) {
-        if let Some((q_rad, _)) = position(reply) {
-            self.positions.push(Reading { t_s, value: drives.joint_rad(joint, q_rad) });
-        }
-        if let Reply::Value(Parameter::Cur, Value::F32(a)) = reply {
-            self.currents.push(Reading { t_s, value: drives.turned(joint, f64::from(*a)) });
-        }
+fn joint_log(joint: &JointSamples, clock: PlanClock) -> JointLog {
+    let readings =
+        |all: &[At]| all.iter().map(|x| Reading { t_s: clock.t_s(x.at), value: x.value }).collect();
+    JointLog {
+        positions: readings(&joint.positions),
+        currents: readings(&joint.currents),
+        commands: joint
+            .orders
+            .iter()
+            .map(|order| Commanded {
+                t_s: clock.t_s(order.at),
+                target_rad: order.target_rad,
+                v_rad_s: order.v_rad_s,
+                a_rad_s2: order.a_rad_s2,
+            })
+            .collect(),
+        telemetry: joint.told.iter().map(|(at, sample)| (clock.t_s(*at), *sample)).collect(),
     }
 }

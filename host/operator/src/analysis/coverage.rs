@@ -15,7 +15,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::collect::{DriveLog, Heard};
+use super::collect::{Heard, JointLog, Reading};
 use tuner::gains::gains_file::{CertificateTable, GainsFile};
 
 /// Timing that the certificate of all joints covers.
@@ -81,7 +81,7 @@ impl Range {
 }
 
 /// Timing of one joint.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct JointCoverage {
     /// Time between two motion commands.
     pub command_interval_s: Option<Range>,
@@ -93,6 +93,12 @@ pub struct JointCoverage {
     pub intervals: usize,
     /// Those with a number that is not certified.
     pub outside: usize,
+    /// Each command interval, s, at its end.
+    #[serde(skip)]
+    pub command_intervals: Vec<Reading>,
+    /// Each delay from a measurement to the command computed from it, as a share of its measurement interval.
+    #[serde(skip)]
+    pub delay_shares: Vec<Reading>,
 }
 
 /// What left the certified range.
@@ -125,7 +131,6 @@ pub struct Worst {
 /// A run beside the certificate of its gains.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Coverage {
-    /// What is certified.
     pub certified: Certified,
     /// No interval is outside.
     pub inside: bool,
@@ -193,7 +198,7 @@ pub fn coverage(heard: &Heard, end_t_s: f64, certified: Certified) -> Coverage {
         joints: Vec::new(),
     };
     let mut largest_excess_s = 0.0;
-    for (index, drive) in heard.drives.iter().enumerate() {
+    for (index, drive) in heard.joints.iter().enumerate() {
         let joint = one(
             drive,
             end_t_s,
@@ -216,7 +221,7 @@ pub fn coverage(heard: &Heard, end_t_s: f64, certified: Certified) -> Coverage {
 }
 
 fn one(
-    drive: &DriveLog,
+    drive: &JointLog,
     end_t_s: f64,
     certified: &Certified,
     beyond: &mut [usize; 3],
@@ -245,6 +250,7 @@ fn one(
         let excess = |s: f64| (s - period_s).abs() - certified.jitter_ratio * period_s;
         let command_s = second - first;
         Range::take(&mut joint.command_interval_s, command_s);
+        joint.command_intervals.push(Reading { t_s: second, value: command_s });
         for (count, share) in beyond.iter_mut().zip([0.02, 0.05, 0.1]) {
             *count += usize::from((command_s - period_s).abs() > share * period_s);
         }
@@ -260,6 +266,7 @@ fn one(
                     certified.covers(interval_s),
                 );
                 let delay_s = second - before;
+                joint.delay_shares.push(Reading { t_s: second, value: delay_s / interval_s });
                 joint.delay_min_s = Some(joint.delay_min_s.map_or(delay_s, |least| least.min(delay_s)));
                 let least_s = certified.delay_min_s / period_s * interval_s;
                 judge(What::Delay, delay_s, least_s - delay_s, delay_s + 1e-6 >= least_s);
@@ -274,20 +281,20 @@ fn one(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::collect::{Commanded, Reading};
+    use crate::analysis::collect::Commanded;
 
     const CERTIFIED: Certified =
         Certified { period_s: 0.003, jitter_ratio: 0.25, delay_min_s: 0.00225, delay_max_s: 0.003 };
 
     /// Commands at these times, each answered 0.2 ms later.
     fn heard(commands_ms: &[f64]) -> Heard {
-        let mut drive = DriveLog::default();
+        let mut drive = JointLog::default();
         for ms in commands_ms {
             let t_s = 1e-3 * ms;
             drive.commands.push(Commanded { t_s, target_rad: 0.0, v_rad_s: None, a_rad_s2: None });
             drive.positions.push(Reading { t_s: t_s + 2e-4, value: 0.0 });
         }
-        Heard { drives: vec![drive], ..Heard::default() }
+        Heard { joints: vec![drive], ..Heard::default() }
     }
 
     #[test]
@@ -311,11 +318,11 @@ mod tests {
     #[test]
     fn command_without_an_answer_and_one_too_soon_after_its_measurement_are_outside() {
         let mut lost = heard(&[1.0, 4.0, 7.0]);
-        lost.drives[0].positions.remove(1);
+        lost.joints[0].positions.remove(1);
         let found = coverage(&lost, 1.0, CERTIFIED);
         assert_eq!((found.outside, found.worst.unwrap().what), (2, What::Unanswered));
         let mut slow = heard(&[1.0, 4.0, 7.0]);
-        for reading in &mut slow.drives[0].positions {
+        for reading in &mut slow.joints[0].positions {
             reading.t_s += 1e-3;
         }
         let found = coverage(&slow, 1.0, CERTIFIED);

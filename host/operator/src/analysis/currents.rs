@@ -8,9 +8,9 @@ use serde::Serialize;
 use super::collect::{Heard, Reading};
 use super::tracking::interpolate;
 use super::{AFTER_S, BEFORE_S};
+use planner::motion::Motion;
 use planner::plan::file::PlanFile;
 use planner::throw::{Arm, JOINTS};
-use planner::verify::motion;
 
 /// Distance of the points of predicted curves, s.
 const STEP_S: f64 = 0.005;
@@ -22,7 +22,6 @@ pub struct SupplyCurrents {
     pub name: String,
     /// Names of the joints on it.
     pub joints: Vec<String>,
-    /// Its limit, A.
     pub limit_a: f64,
     /// Largest predicted current over the plan, A.
     pub predicted_peak_a: f64,
@@ -45,11 +44,12 @@ pub struct SupplyCurrents {
 pub fn supplies(plan: &PlanFile, arm: &Arm, heard: &Heard) -> Vec<SupplyCurrents> {
     let from_s = -BEFORE_S;
     let steps = ((plan.end_time_s + AFTER_S - from_s) / STEP_S).ceil() as u32;
+    let motion: Motion = plan.motion.to_motion();
     let holding = arm.holding_ball();
     let motors: Option<Vec<(f64, _)>> = (0..=steps)
         .map(|i| {
             let t_s = from_s + STEP_S * f64::from(i);
-            let s = motion::at(plan, t_s);
+            let s = motion.at(t_s);
             let moved = holding.as_ref().filter(|_| t_s <= plan.release_time_s).unwrap_or(arm);
             arm.motor_currents(&s.qd, &moved.inverse_dynamics(&s.q, &s.qd, &s.qdd)).map(|i_a| (t_s, i_a))
         })
@@ -80,7 +80,7 @@ pub fn supplies(plan: &PlanFile, arm: &Arm, heard: &Heard) -> Vec<SupplyCurrents
                 predicted_peak_a: peak(&predicted).unwrap_or(0.0),
                 measured_peak_a: peak(&measured),
                 difference_rms_a: (!differences.is_empty()).then(|| mean_square.sqrt()),
-                readings: fed.iter().map(|j| heard.drives[*j].currents.iter().filter(in_plan).count()).sum(),
+                readings: fed.iter().map(|j| heard.joints[*j].currents.iter().filter(in_plan).count()).sum(),
                 predicted,
                 measured,
             }
@@ -92,7 +92,7 @@ pub fn supplies(plan: &PlanFile, arm: &Arm, heard: &Heard) -> Vec<SupplyCurrents
 fn sum_of_magnitudes(heard: &Heard, joints: &[usize], from_s: f64, to_s: f64) -> Vec<Reading> {
     let mut times: Vec<f64> = joints
         .iter()
-        .flat_map(|j| heard.drives[*j].currents.iter().map(|r| r.t_s))
+        .flat_map(|j| heard.joints[*j].currents.iter().map(|r| r.t_s))
         .filter(|t_s| (from_s..=to_s).contains(t_s))
         .collect();
     times.sort_by(f64::total_cmp);
@@ -102,7 +102,7 @@ fn sum_of_magnitudes(heard: &Heard, joints: &[usize], from_s: f64, to_s: f64) ->
         .filter_map(|t_s| {
             let parts = joints
                 .iter()
-                .map(|j| interpolate(&heard.drives[*j].currents, t_s, |r| r.t_s, |r| r.value.abs()));
+                .map(|j| interpolate(&heard.joints[*j].currents, t_s, |r| r.t_s, |r| r.value.abs()));
             let sum: Option<f64> = parts.sum();
             sum.map(|value| Reading { t_s, value })
         })

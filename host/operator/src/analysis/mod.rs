@@ -1,31 +1,32 @@
-//! What a recorded run was like: motion against plan, currents, timing, bus, events. Pure functions of a log.
+//! What a run was like: motion against plan, currents, timing, bus, events. Pure functions of its [samples](crate::samples).
 //!
 //! # Map
 //! | module | holds |
 //! |---|---|
-//! | [`collect`] | one pass over the log: what each drive and the controller said, in time of the plan |
-//! | [`drives`] | which drive is which joint, and how it is mounted |
-//! | [`start`] | when runs began, in time of the log |
+//! | [`collect`] | the samples in time of the plan |
+//! | [`start`] | when runs began, in time of the samples |
 //! | [`tracking`] | measured motion against the plan's polynomials |
 //! | [`release`] | where the ball leaves the hand and lands, by the measured motion |
+//! | [`control`] | accelerations that the orders amount to, beside the reference's |
+//! | [`coverage`] | timing beside what the gains are certified for |
 //! | [`currents`] | measured currents against the robot model's |
 //! | [`timing`] | control cycles and answer times |
-//! | [`bus`] | bus time taken, over time and per identifier |
-//! | [`events`] | what happened, in words; the first fault with everything known at that moment |
+//! | [`bus`] | bus time taken, over time and per identifier; only where the link is a bus |
+//! | [`events`] | what happened, as text; the first fault with everything known at that moment |
 //! | [`distribution`] | median, 99th percentile, extremes |
 //!
 //! # Conventions
 //!
 //! Times named `t_s` are in time of the plan: zero is its start, negative before it. Joints are in the order of the
-//! robot file; drives are found by their addresses and turned to joints by their mounting ([`drives::Drives`]).
+//! robot file.
 //! Errors are reference minus measurement, as in the controller's telemetry.
 
 pub mod bus;
 pub mod collect;
+pub mod control;
 pub mod coverage;
 pub mod currents;
 pub mod distribution;
-pub mod drives;
 pub mod events;
 pub mod release;
 pub mod start;
@@ -35,15 +36,16 @@ pub mod tracking;
 use protocol::{Duration, Instant};
 use serde::Serialize;
 
-use crate::log::candump::{Line, Tear};
+use crate::log::candump::Tear;
+use crate::samples::Samples;
+use crate::samples::drives::Drives;
 use planner::plan::file::PlanFile;
 use planner::throw::Arm;
 
 use bus::BusUse;
 use coverage::{Certified, Coverage};
 use currents::SupplyCurrents;
-use drives::Drives;
-use events::{Event, FirstFault};
+use events::{FirstFault, RunEvent};
 use release::ReleaseMotion;
 use start::StartFrom;
 use timing::{Answers, Cycles};
@@ -63,8 +65,8 @@ pub const SPEED_BOUND_RAD_S: f64 = 0.1;
 /// What to analyse.
 #[derive(Clone, Copy)]
 pub struct Run<'a> {
-    /// The log, in ascending time.
-    pub lines: &'a [Line],
+    /// What was measured and told.
+    pub samples: &'a Samples,
     /// The plan that was run.
     pub plan: &'a PlanFile,
     /// The arm that ran it.
@@ -72,12 +74,8 @@ pub struct Run<'a> {
     /// When the plan began, in time of the log; `None`: of the runs that [`start::find`] finds, the one that begins
     /// most like the plan.
     pub start: Option<Instant>,
-    /// The drives of its joints; `None`: those of the robot file.
-    pub drives: Option<Drives>,
     /// From the order to open to the free ball; `None`: not known, the ball is taken to be free when planned.
     pub gripper_opening: Option<Duration>,
-    /// Bit rate of the bus, bit/s.
-    pub bit_rate_bit_s: u32,
     /// Timing that the gains of the run are certified for; `None` if nobody knows.
     pub certified: Option<Certified>,
 }
@@ -104,14 +102,14 @@ pub enum AnalysisError {
     },
     /// A drive that is never heard during the run.
     #[error(
-        "drive {module} (joint {joint}) tells no position during the run\n  next: is the log of this robot? \
-         `cubectl record` must hear all drives"
+        "{}joint {joint} tells no position during the run\n  next: is the log of this robot? \
+         `cubectl record` must hear all drives", .module.map_or(String::new(), |module| format!("drive {module}, "))
     )]
     Silent {
         /// Joint, by name.
         joint: String,
-        /// Address of its drive.
-        module: u8,
+        /// Address of its drive, if it has one.
+        module: Option<u8>,
     },
 }
 
@@ -140,15 +138,15 @@ pub struct RunAnalysis {
     pub cycles: Cycles,
     /// Whether their timing stayed within the certificate of the gains.
     pub coverage: Option<Coverage>,
-    /// Answers of the drives during the plan.
-    pub answers: Answers,
-    /// Bus time taken.
-    pub bus: BusUse,
+    /// Answers of the drives during the plan; `None` where the link is no bus.
+    pub answers: Option<Answers>,
+    /// Bus time taken; `None` where the link is no bus.
+    pub bus: Option<BusUse>,
     /// What the controller counted between begin and end of the run.
     pub counts: Counts,
     /// What happened, in order.
     #[serde(skip)]
-    pub events: Vec<Event>,
+    pub events: Vec<RunEvent>,
     /// The first fault, if there was one.
     pub fault: Option<FirstFault>,
 }
@@ -189,27 +187,22 @@ impl PlanClock {
 /// # Errors
 /// [`AnalysisError`].
 pub fn analyse(run: &Run<'_>) -> Result<RunAnalysis, AnalysisError> {
-    let plan = run.plan;
-    let drives = run
-        .drives
-        .or_else(|| Drives::of(run.arm))
-        .ok_or_else(|| AnalysisError::NoDrives { robot: run.arm.name().to_owned() })?;
-    if run.lines.is_empty() {
+    let Run { plan, samples, .. } = *run;
+    if samples.is_empty() {
         return Err(AnalysisError::Empty);
     }
-    let bit_s = 1.0 / f64::from(run.bit_rate_bit_s.max(1));
     let (starts, start_from) = match run.start {
         Some(at) => (vec![at], StartFrom::Given),
-        None => (start::find(run.lines), StartFrom::Telemetry),
+        None => (start::find(&samples.group), StartFrom::Telemetry),
     };
     let (start, heard) = starts
         .into_iter()
-        .map(|at| (at, collect::collect(run.lines, &drives, PlanClock::starting(at), bit_s)))
+        .map(|at| (at, collect::collect(samples, PlanClock::starting(at))))
         .min_by(|(_, a), (_, b)| tracking::unlike(plan, a).total_cmp(&tracking::unlike(plan, b)))
         .ok_or(AnalysisError::NoRun)?;
     let clock = PlanClock::starting(start);
-    let joints = tracking::joints(plan, run.arm, &drives, &heard)?;
-    let (events, fault) = events::events(run, &drives, clock);
+    let bus = samples.bus.as_ref();
+    let joints = tracking::joints(plan, run.arm, bus.map(|bus| &bus.drives), &heard)?;
     Ok(RunAnalysis {
         torn: None,
         start_log_s: start.as_secs_f64(),
@@ -221,16 +214,23 @@ pub fn analyse(run: &Run<'_>) -> Result<RunAnalysis, AnalysisError> {
         joints,
         supplies: currents::supplies(plan, run.arm, &heard),
         cycles: timing::cycles(&heard, plan.end_time_s),
-        coverage: run.certified.map(|certified| coverage::coverage(&heard, plan.end_time_s, certified)),
-        answers: timing::answers(run.lines, clock, plan.end_time_s),
-        bus: bus::usage(run.lines, clock, plan.end_time_s, bit_s),
+        // Where no orders are heard, nothing can be compared.
+        coverage: run
+            .certified
+            .filter(|_| heard.joints.iter().any(|joint| !joint.commands.is_empty()))
+            .map(|certified| coverage::coverage(&heard, plan.end_time_s, certified)),
+        answers: bus.map(|bus| timing::answers(&bus.lines, clock, plan.end_time_s)),
+        bus: bus.map(|bus| bus::usage(&bus.lines, clock, plan.end_time_s, bus.bit_s())),
         counts: heard.counts(plan.end_time_s),
-        events,
-        fault,
+        events: events::events(samples, clock),
+        fault: events::first_fault(samples, plan, clock),
     })
 }
 
-/// Time that `bits` take on the bus.
-fn span_of(bits: u32, bit_s: f64) -> Duration {
-    Duration::from_secs_f64(f64::from(bits) * bit_s)
+/// The drives of an arm as its robot file has them.
+///
+/// # Errors
+/// [`AnalysisError::NoDrives`].
+pub fn drives_of(arm: &Arm) -> Result<Drives, AnalysisError> {
+    Drives::of(arm).ok_or_else(|| AnalysisError::NoDrives { robot: arm.name().to_owned() })
 }

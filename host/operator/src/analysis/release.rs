@@ -9,7 +9,6 @@ use super::tracking::{HALF_WINDOW_S, JointTracking, SIDE_MIN, Sample, line};
 use planner::flight::FlightModel;
 use planner::plan::file::PlanFile;
 use planner::throw::Joints;
-use planner::verify::motion;
 
 /// Standard deviations of a normal distribution within which 99 % lie.
 const SIGMAS_99: f64 = 2.575_829_303_548_901;
@@ -43,7 +42,7 @@ pub struct ReleaseMotion {
 pub fn release(run: &Run<'_>, joints: &[JointTracking], heard: &Heard) -> Option<ReleaseMotion> {
     let plan = run.plan;
     let gripper_ordered_t_s = heard
-        .output_written_t_s
+        .gripper_ordered_t_s
         .iter()
         .copied()
         .filter(|t_s| (0.0..=plan.end_time_s).contains(t_s))
@@ -53,16 +52,16 @@ pub fn release(run: &Run<'_>, joints: &[JointTracking], heard: &Heard) -> Option
         .map_or(plan.release_time_s, |(ordered, opening)| ordered + opening.as_secs_f64());
     let (state, scatter) = state_at(plan, joints, t_s)?;
     let (p, v) = hand(run, &state);
-    let landing = land(run, &state, 0.0);
-    let [x, y, _] = plan.target.position_m;
+    let landing = land(run, &state, t_s, 0.0);
+    let aim = plan.target.aim();
     Some(ReleaseMotion {
         t_s,
         position_m: p.into(),
         velocity_m_s: v.into(),
-        landing_m: landing.map(Into::into),
-        landing_error_m: landing.map(|p| (p.x - x).hypot(p.y - y)),
+        landing_m: landing.map(|(p, _)| p.into()),
+        landing_error_m: landing.map(|(_, at)| (at - aim.centre()).norm()),
         landing_uncertainty_m: landing
-            .and_then(|landing| uncertainty_m(run, joints, (t_s, &state, &scatter), landing.xy())),
+            .and_then(|(_, at)| uncertainty_m(run, joints, (t_s, &state, &scatter), at)),
         gripper_ordered_t_s,
     })
 }
@@ -76,7 +75,7 @@ struct State {
 
 /// Measured state at `t_s`, and its standard errors.
 fn state_at(plan: &PlanFile, joints: &[JointTracking], t_s: f64) -> Option<(State, State)> {
-    let reference = motion::at(plan, t_s);
+    let reference = plan.motion.to_motion::<6>().at(t_s);
     let zero = State { q_rad: Joints::zeros(), qd_rad_s: Joints::zeros() };
     let (mut state, mut scatter) = (zero, zero);
     for (j, joint) in joints.iter().enumerate() {
@@ -97,12 +96,20 @@ fn hand(run: &Run<'_>, state: &State) -> (Vector3<f64>, Vector3<f64>) {
     (p, Vector3::new(twist[0], twist[1], twist[2]))
 }
 
-/// Landing of a ball that is released in `state`, with `more_drag_per_m` beside the plan's.
-fn land(run: &Run<'_>, state: &State, more_drag_per_m: f64) -> Option<Vector3<f64>> {
+/// Landing of a ball that is released in `state` at `t_s`, with `more_drag_per_m` beside the plan's: the point, and its
+/// coordinates on the plane of the target.
+fn land(
+    run: &Run<'_>,
+    state: &State,
+    t_s: f64,
+    more_drag_per_m: f64,
+) -> Option<(Vector3<f64>, Vector2<f64>)> {
     let (p, v) = hand(run, state);
     let flight = flight(run.plan)?;
     let flight = flight.with_drag(flight.drag_per_m() + more_drag_per_m).ok()?;
-    flight.land(&p, &v, run.plan.target.position_m[2]).map(|landing| landing.p)
+    let (aim, since_s) = (run.plan.target.aim(), t_s - run.plan.release_time_s);
+    let landing = flight.meet(&p, &v, &aim, since_s)?;
+    Some((landing.p, aim.coordinates(&landing.p, since_s + landing.time_s)))
 }
 
 /// 99 % radius about the computed landing. The gripper's time is not small against the bend of the path, so the largest
@@ -114,24 +121,24 @@ fn uncertainty_m(
     landing: Vector2<f64>,
 ) -> Option<f64> {
     let noise = &run.plan.landing.noise;
-    let shift = |moved: Option<Vector3<f64>>| moved.map(|p| p.xy() - landing);
+    let shift = |moved: Option<(Vector3<f64>, Vector2<f64>)>| moved.map(|(_, at)| at - landing);
     let mut by_time_m = 0.0_f64;
     for steps in -2..=2 {
         let t_s = t_s + 0.5 * f64::from(steps) * SIGMAS_99 * noise.release_time_s;
         let (moved, _) = state_at(run.plan, joints, t_s)?;
-        by_time_m = by_time_m.max(shift(land(run, &moved, 0.0))?.norm());
+        by_time_m = by_time_m.max(shift(land(run, &moved, t_s, 0.0))?.norm());
     }
     let mut covariance_m2 = Matrix2::zeros();
     let mut add = |off: Vector2<f64>| covariance_m2 += off * off.transpose();
     for j in 0..joints.len() {
         let mut moved = *state;
         moved.q_rad[j] += scatter.q_rad[j];
-        add(shift(land(run, &moved, 0.0))?);
+        add(shift(land(run, &moved, t_s, 0.0))?);
         let mut moved = *state;
         moved.qd_rad_s[j] += scatter.qd_rad_s[j];
-        add(shift(land(run, &moved, 0.0))?);
+        add(shift(land(run, &moved, t_s, 0.0))?);
     }
-    add(shift(land(run, state, noise.drag_per_m))?);
+    add(shift(land(run, state, t_s, noise.drag_per_m))?);
     let others_m = (CHI_SQUARE_99 * covariance_m2.symmetric_eigenvalues().max().max(0.0)).sqrt();
     Some(by_time_m.hypot(others_m))
 }

@@ -2,16 +2,15 @@
 //!
 //! While a run goes on, each state message of the controller carries its own clock and the time along the plan, so their
 //! difference is the start in the controller's clock, to the microsecond. The two clocks are tied together by the
-//! message that came through fastest: nothing arrives before it was sent, so the smallest difference between
-//! arrival and time stamp, less the time of its first frame on the wire, is the offset. Only messages near the run are
-//! used, because clocks drift (50 µs/s for a poor crystal).
+//! message that came through fastest: nothing arrives before it was made, so the smallest difference between the time by
+//! which a message was made and its time stamp is the offset. Only messages near the run are used, because clocks drift
+//! (50 µs/s for a poor crystal).
 
+use protocol::Instant;
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
-use protocol::{Instant, bits};
 use serde::Serialize;
 
-use crate::log::candump::Line;
-use crate::log::facts::{Decoder, Fact};
+use crate::samples::GroupTold;
 
 /// How the start was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -27,19 +26,11 @@ pub enum StartFrom {
 const NEAR_US: i64 = 2_000_000;
 /// Starts nearer to each other than this are one: the shortest run is longer, µs.
 const SAME_RUN_US: i64 = 1_000;
-/// Wire time of the first frame of a state message at 1 Mbit/s, µs: extended, eight bytes, few stuff bits.
-const FIRST_FRAME_US: i64 = bits::best_case(true, 8).frame() as i64;
-
-/// Starts of all runs in the log, in order: the way to the start of a throw and the way back are runs too.
+/// Starts of all runs, in order: the way to the start of a throw and the way back are runs too.
 #[must_use]
-pub fn find(lines: &[Line]) -> Vec<Instant> {
-    let mut decoder = Decoder::default();
-    let mut messages: Vec<(i64, GroupState)> = Vec::new();
-    for line in lines {
-        if let Some(Fact::Group { first_at, state, .. }) = decoder.take(line.at, &line.frame) {
-            messages.push((first_at.as_micros() as i64, state));
-        }
-    }
+pub fn find(group: &[GroupTold]) -> Vec<Instant> {
+    let messages: Vec<(i64, GroupState)> =
+        group.iter().map(|told| (told.made_by.as_micros() as i64, told.state)).collect();
     let mut starts = Vec::new();
     let mut last_us = None;
     for (ran_us, run) in messages.iter().filter(|(_, group)| is_on_path(group)) {
@@ -49,7 +40,7 @@ pub fn find(lines: &[Line]) -> Vec<Instant> {
         }
         last_us = Some(start_us);
         let near = messages.iter().filter(|(at_us, _)| (at_us - ran_us).abs() <= NEAR_US);
-        let offset_us = near.map(|(at_us, group)| at_us - FIRST_FRAME_US - group.uptime_us as i64).min();
+        let offset_us = near.map(|(at_us, group)| at_us - group.uptime_us as i64).min();
         starts.extend(
             offset_us.and_then(|offset| u64::try_from(start_us + offset).ok()).map(Instant::from_micros),
         );

@@ -31,7 +31,7 @@ pub struct Answers {
     pub by_module: BTreeMap<u8, Distribution>,
     /// Requests that were not answered before the same was asked again, or at all.
     pub unanswered: usize,
-    /// Answers that nobody had asked for.
+    /// Unsolicited answers.
     pub unasked: usize,
 }
 
@@ -39,7 +39,7 @@ pub struct Answers {
 #[must_use]
 pub fn cycles(heard: &Heard, end_t_s: f64) -> Cycles {
     let mut periods = Vec::new();
-    for drive in &heard.drives {
+    for drive in &heard.joints {
         let times: Vec<f64> =
             drive.commands.iter().map(|c| c.t_s).filter(|t_s| (0.0..=end_t_s).contains(t_s)).collect();
         periods.extend(times.windows(2).map(|pair| pair[1] - pair[0]));

@@ -8,11 +8,12 @@
 use serde::Serialize;
 
 use super::collect::{Commanded, Heard, Reading};
-use super::drives::Drives;
+use super::control::{Control, controls};
 use super::{AFTER_S, AnalysisError, BEFORE_S, TRANSIENT_S};
+use crate::samples::drives::Drives;
+use planner::motion::Motion;
 use planner::plan::file::PlanFile;
 use planner::throw::{Arm, JOINTS};
-use planner::verify::motion;
 
 /// Half of the time over which the slope of an error is taken, s: at 3 ms and 0.02° it leaves 2 mrad/s of noise.
 pub const HALF_WINDOW_S: f64 = 0.025;
@@ -56,11 +57,10 @@ pub struct ErrorSize {
 pub struct JointTracking {
     /// Name in the robot file.
     pub name: String,
-    /// Address of its drive.
-    pub module: u8,
+    /// Address of its drive; `None` where the link is no bus.
+    pub module: Option<u8>,
     /// Positions measured during the plan.
     pub samples_in_plan: usize,
-    /// Position error, rad.
     pub position_error_rad: ErrorSize,
     /// Speed error, rad/s.
     pub speed_error_rad_s: ErrorSize,
@@ -72,6 +72,9 @@ pub struct JointTracking {
     /// Ramps ordered in the same time.
     #[serde(skip)]
     pub commands: Vec<Commanded>,
+    /// Accelerations that these amount to, during the plan.
+    #[serde(skip)]
+    pub controls: Vec<Control>,
 }
 
 /// Tracking of all joints.
@@ -81,13 +84,13 @@ pub struct JointTracking {
 pub fn joints(
     plan: &PlanFile,
     arm: &Arm,
-    drives: &Drives,
+    drives: Option<&Drives>,
     heard: &Heard,
 ) -> Result<Vec<JointTracking>, AnalysisError> {
     let end = plan.end_time_s;
     let shown = |t_s: f64| (-BEFORE_S..=end + AFTER_S).contains(&t_s);
     let mut all = Vec::with_capacity(JOINTS);
-    for (j, drive) in heard.drives.iter().enumerate().take(JOINTS) {
+    for (j, drive) in heard.joints.iter().enumerate().take(JOINTS) {
         let name = arm.joints()[j].name.clone();
         // More than is shown, so that the windows of the first and last shown ones are whole.
         let margin = 4.0 * HALF_WINDOW_S;
@@ -97,7 +100,8 @@ pub fn joints(
         let mut samples = samples(plan, j, &positions);
         samples.retain(|sample| shown(sample.t_s));
         let in_plan = samples.iter().filter(|sample| (0.0..=end).contains(&sample.t_s)).count();
-        let silent = AnalysisError::Silent { joint: name.clone(), module: drives.address[j] };
+        let module = drives.map(|drives| drives.address[j]);
+        let silent = AnalysisError::Silent { joint: name.clone(), module };
         let position = error_size(&samples, plan, |sample| sample.error_rad).ok_or_else(|| silent.clone())?;
         let speed = error_size(&samples, plan, |sample| sample.error_rad_s).ok_or(silent)?;
         let a_max = arm.joints()[j].limits.a_control_max_rad_s2;
@@ -105,11 +109,17 @@ pub fn joints(
             |c: &&Commanded| (0.0..=end).contains(&c.t_s) && c.a_rad_s2.is_some_and(|a| a >= 0.999 * a_max);
         all.push(JointTracking {
             name,
-            module: drives.address[j],
+            module,
             samples_in_plan: in_plan,
             position_error_rad: position,
             speed_error_rad_s: speed,
             commands_at_limit: drive.commands.iter().filter(at_limit).count(),
+            controls: {
+                let motion: Motion = plan.motion.to_motion();
+                let mut controls = controls(&motion, j, &drive.commands, &drive.positions);
+                controls.retain(|control| (0.0..=end).contains(&control.t_s));
+                controls
+            },
             samples,
             commands: drive.commands.iter().copied().filter(|c| shown(c.t_s)).collect(),
         });
@@ -121,10 +131,11 @@ pub fn joints(
 /// was stopped later is still like its plan there.
 #[must_use]
 pub fn unlike(plan: &PlanFile, heard: &Heard) -> f64 {
+    let motion: Motion = plan.motion.to_motion();
     let (mut sum, mut count) = (0.0, 0_usize);
-    for (j, drive) in heard.drives.iter().enumerate().take(JOINTS) {
+    for (j, drive) in heard.joints.iter().enumerate().take(JOINTS) {
         for p in drive.positions.iter().filter(|p| (0.0..=0.25 * plan.end_time_s).contains(&p.t_s)) {
-            sum += (motion::at(plan, p.t_s).q[j] - p.value).abs();
+            sum += (motion.at(p.t_s).q[j] - p.value).abs();
             count += 1;
         }
     }
@@ -132,10 +143,11 @@ pub fn unlike(plan: &PlanFile, heard: &Heard) -> f64 {
 }
 
 fn samples(plan: &PlanFile, joint: usize, positions: &[Reading]) -> Vec<Sample> {
+    let motion: Motion = plan.motion.to_motion();
     let references: Vec<(f64, f64)> = positions
         .iter()
         .map(|p| {
-            let reference = motion::at(plan, p.t_s);
+            let reference = motion.at(p.t_s);
             (reference.q[joint], reference.qd[joint])
         })
         .collect();

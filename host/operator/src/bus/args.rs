@@ -26,18 +26,22 @@ use crate::log::Recorder;
 pub struct BusArgs {
     /// Bus: sim (the cell inside this program, in virtual time), can0, socketcand://host:port/bus,
     /// slcan:/dev/ttyACM0 or slcan://host:port.
-    #[arg(long, default_value = "sim", value_name = "SPEC")]
+    #[arg(long, default_value = "sim", value_name = "SPEC", help_heading = "Bus")]
     pub bus: BusSpec,
     /// The simulated cell.
     #[command(flatten)]
     pub cell: CellArgs,
     /// Record every frame to PATH.candump and PATH.mcap.
-    #[arg(long, value_name = "PATH")]
+    #[arg(long, value_name = "PATH", help_heading = "Bus")]
     pub record: Option<PathBuf>,
     /// Ask modules although another host or a controller speaks to them. Two that use one id at the same time destroy
     /// each other's frames: a running motion may be stopped by it.
-    #[arg(long)]
+    #[arg(long, help_heading = "Bus")]
     pub beside: bool,
+    /// Description of an industrial robot and its program, for --bus rsi:udp://HOST:PORT or rsi:tcp://HOST:PORT: kr-c2,
+    /// kr-c2-tcp, kr-c4, kr-c4-12ms, or a file as in robots/kr16_2 [default: kr-c2].
+    #[arg(long, value_name = "DESCRIPTION", help_heading = "Bus")]
+    pub rsi: Option<String>,
 }
 
 /// The cell behind the bus `sim`; the robot matters to other buses too where a controller runs in this program.
@@ -47,10 +51,10 @@ pub struct CellArgs {
     #[arg(long, value_name = "ROBOT")]
     pub robot: Option<String>,
     /// Seed of the simulated cell [default: the scenario's, or 1].
-    #[arg(long)]
+    #[arg(long, help_heading = "Simulated cell")]
     pub seed: Option<u64>,
-    /// Scenario of the simulated cell: its options, and what goes wrong (`hil-sim faults` lists the kinds).
-    #[arg(long, value_name = "FILE")]
+    /// Scenario of the simulated cell: its options, and what goes wrong (`cubectl explain faults` lists the kinds).
+    #[arg(long, value_name = "FILE", help_heading = "Simulated cell")]
     pub scenario: Option<PathBuf>,
 }
 
@@ -111,7 +115,7 @@ impl FromStr for Controller {
 
 impl Default for BusArgs {
     fn default() -> Self {
-        Self { bus: BusSpec::Sim, cell: CellArgs::default(), record: None, beside: false }
+        Self { bus: BusSpec::Sim, cell: CellArgs::default(), record: None, beside: false, rsi: None }
     }
 }
 
@@ -161,7 +165,7 @@ impl BusArgs {
         };
         let mut session = Session::new(medium, name, interrupt(), off);
         if let Some(path) = &self.record {
-            let recorder = Recorder::create(path, &self.bus)
+            let recorder = Recorder::create(path, &self.bus, session.zero_unix())
                 .map_err(|source| BusFailure::Recording { source, halted: false })?;
             session.add_tap(Box::new(recorder));
         }

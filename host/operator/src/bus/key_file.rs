@@ -20,7 +20,7 @@ pub enum KeyFileError {
         "key file {path}: {source}\n  next: name a key file that exists; `cubectl key make FILE` makes one"
     )]
     Io {
-        /// Which.
+        /// Path of the file.
         path: PathBuf,
         /// What the system says.
         source: io::Error,
@@ -30,7 +30,7 @@ pub enum KeyFileError {
         "key file {path}: others than its owner may use it (mode {mode:03o})\n  next: `chmod 600 {path}`; if others could read it, make and set a new key"
     )]
     Open {
-        /// Which.
+        /// Path of the file.
         path: PathBuf,
         /// Its permissions.
         mode: u32,
@@ -38,7 +38,7 @@ pub enum KeyFileError {
     /// It holds no key.
     #[error("key file {path}: not a key of {KEY_LEN} bytes in {} hexadecimal digits\n  next: `cubectl key make FILE` makes one", 2 * KEY_LEN)]
     NoKey {
-        /// Which.
+        /// Path of the file.
         path: PathBuf,
     },
 }
@@ -48,7 +48,7 @@ pub enum KeyFileError {
 pub struct KeyArgs {
     /// File with the key of the controller, where it has one. Default: the file that the environment variable
     /// CUBECTL_KEY_FILE names.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help_heading = "Bus")]
     pub key_file: Option<PathBuf>,
 }
 

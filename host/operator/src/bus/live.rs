@@ -1,14 +1,14 @@
 //! A link of the operating system in real time.
 
-use can_link::{BusSpec, Clock, Event, Link, LinkError, LinkStats, PollSet, SendError};
+use can_link::{BusSpec, CanLink, Clock, LinkError, LinkEvent, LinkStats, PollSet, SendError};
 use firmware::settings::Settings;
 use protocol::{Duration, Frame, Instant, ModuleId, Node};
 
+use super::cycle_timing::{self, CycleTiming};
 use super::failure::BusFailure;
-use super::pace::{self, Pace};
 use super::seen::Seen;
 use super::soft::{SoftController, SoftReport};
-use crate::node::desk::Desk;
+use crate::node::host_node::HostNode;
 use crate::tap::Way;
 
 /// Longest sleep, so that Ctrl-C is seen.
@@ -18,13 +18,12 @@ const FRAME_DELAY: Duration = Duration::from_millis(2);
 /// Events taken before deadlines are looked at again.
 const EVENTS_PER_STEP: usize = 64;
 
-/// See the [module](self).
 pub struct LiveBus {
-    link: Box<dyn Link + Send>,
+    link: Box<dyn CanLink + Send>,
     soft: Option<SoftController>,
     clock: Clock,
     spec: BusSpec,
-    desk: Desk,
+    host_node: HostNode,
     last: Instant,
     dropped: u64,
 }
@@ -39,7 +38,15 @@ impl LiveBus {
         let mut link = can_link::open(spec, clock)?;
         link.bear_late_frames(FRAME_DELAY);
         let last = clock.now();
-        Ok(Self { link, soft: None, clock, spec: spec.clone(), desk: Desk::default(), last, dropped: 0 })
+        Ok(Self {
+            link,
+            soft: None,
+            clock,
+            spec: spec.clone(),
+            host_node: HostNode::default(),
+            last,
+            dropped: 0,
+        })
     }
 
     /// Puts a soft controller on the bus, in a thread of its own.
@@ -58,15 +65,15 @@ impl LiveBus {
         Ok(Self { link: Box::new(door), soft: Some(soft), ..self })
     }
 
-    /// Measures what the machine and the bus hold, with questions to `modules`; the desk hears nothing meanwhile.
+    /// Measures what the machine and the bus hold, with questions to `modules`; the host node hears nothing meanwhile.
     ///
     /// # Errors
     /// The bus is gone.
-    pub(super) fn measure_pace(&mut self, modules: &[ModuleId]) -> Result<Pace, BusFailure> {
+    pub(super) fn measure_cycle_timing(&mut self, modules: &[ModuleId]) -> Result<CycleTiming, BusFailure> {
         self.link.bear_late_frames(Duration::ZERO);
-        let pace = pace::measure(&mut *self.link, self.clock, modules);
+        let measured = cycle_timing::measure(&mut *self.link, self.clock, modules);
         self.link.bear_late_frames(FRAME_DELAY);
-        Ok(pace?)
+        Ok(measured?)
     }
 
     /// Takes the soft controller off the bus; the link stays.
@@ -91,10 +98,15 @@ impl LiveBus {
         self.clock.now().max(self.last)
     }
 
-    pub(super) fn desk(&mut self) -> &mut Desk {
+    /// Unix time at time zero; zero in lock step.
+    pub(super) fn zero_unix(&self) -> Duration {
+        self.clock.to_unix(Instant::ZERO).saturating_since(Instant::ZERO)
+    }
+
+    pub(super) fn host_node(&mut self) -> &mut HostNode {
         let now = self.now();
-        self.desk.wake(now);
-        &mut self.desk
+        self.host_node.advance_to(now);
+        &mut self.host_node
     }
 
     /// Frames that the link did not take because its queue was full.
@@ -107,13 +119,13 @@ impl LiveBus {
         let mut idle = false;
         for _ in 0..EVENTS_PER_STEP {
             match self.link.receive()? {
-                Some(Event::Frame { at, frame, .. }) => {
+                Some(LinkEvent::Frame { at, frame, .. }) => {
                     self.last = self.last.max(at);
                     self.serve_deadline();
                     seen.frame(self.last, Way::Received, &frame);
-                    self.desk.handle_frame(self.last, &frame);
+                    self.host_node.handle_frame(self.last, &frame);
                 }
-                Some(Event::BusError { at, error }) => seen.bus_error(at, &error),
+                Some(LinkEvent::BusError { at, error }) => seen.bus_error(at, &error),
                 None => {
                     idle = true;
                     break;
@@ -125,7 +137,7 @@ impl LiveBus {
         self.serve_deadline();
         self.send_out(seen)?;
         if idle {
-            let wake = self.desk.poll_timeout().into_iter().chain([until, self.last + NAP]).min();
+            let wake = self.host_node.poll_timeout().into_iter().chain([until, self.last + NAP]).min();
             // An answer to what was just sent may have changed what the caller waits for: at most one nap late.
             can_link::wait(&[&*self.link], &self.clock, wake).map_err(BusFailure::Wait)?;
         }
@@ -133,13 +145,13 @@ impl LiveBus {
     }
 
     fn serve_deadline(&mut self) {
-        if self.desk.poll_timeout().is_some_and(|due| due <= self.last) {
-            self.desk.handle_timeout(self.last);
+        if self.host_node.poll_timeout().is_some_and(|due| due <= self.last) {
+            self.host_node.handle_timeout(self.last);
         }
     }
 
     fn send_out(&mut self, seen: &mut Seen<'_>) -> Result<(), BusFailure> {
-        while let Some(frame) = self.desk.poll_frame() {
+        while let Some(frame) = self.host_node.poll_frame() {
             // What comes in later may carry an earlier time, that of its arrival elsewhere; the record goes on in order.
             self.last = self.now();
             match self.link.send(&frame) {
@@ -156,7 +168,7 @@ impl LiveBus {
 /// A link that was given up.
 struct Closed(String);
 
-impl Link for Closed {
+impl CanLink for Closed {
     fn name(&self) -> &str {
         &self.0
     }
@@ -165,7 +177,7 @@ impl Link for Closed {
         Err(LinkError::Closed { link: self.0.clone() }.into())
     }
 
-    fn receive(&mut self) -> Result<Option<Event>, LinkError> {
+    fn receive(&mut self) -> Result<Option<LinkEvent>, LinkError> {
         Err(LinkError::Closed { link: self.0.clone() })
     }
 

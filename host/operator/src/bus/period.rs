@@ -4,7 +4,7 @@ use firmware::settings::Settings;
 use protocol::{Duration, JointIndex};
 use robot_model::AnyRobot;
 
-use crate::bus::pace::Pace;
+use crate::bus::cycle_timing::CycleTiming;
 use crate::bus::settings::{NoSettings, settings_of};
 use tuner::gains::choose::{GainsFrom, NoGains, PERIODS_US, gains_for};
 use tuner::gains::gains_file::GainsFile;
@@ -16,7 +16,7 @@ pub const PERIOD_MAX_US: u32 = 40_000;
 
 /// Who decides the period.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Wish {
+pub enum PeriodRequest {
     /// Whatever is comfortable: the shortest one that the program has gains for.
     Any,
     /// This one, µs, with the gains that come with the program.
@@ -30,7 +30,6 @@ pub enum Wish {
 pub struct Choice {
     /// Control period, µs.
     pub period_us: u32,
-    /// Gains for it.
     pub gains: GainsFile,
     /// Where they come from.
     pub gains_from: GainsFrom,
@@ -43,29 +42,27 @@ pub struct Choice {
 pub enum NoPeriod {
     /// The one that was asked for does not hold here.
     #[error(
-        "a control period of {} ms does not hold here: {pace}\n  {granted}\n  next: {next}; nothing has moved",
-        f64::from(*.period_us) * 1e-3, pace = .pace, granted = .pace.granted
+        "a control period of {} ms does not hold here: {timing}\n  {granted}\n  next: {next}; nothing has moved",
+        f64::from(*.period_us) * 1e-3, timing = .timing, granted = .timing.granted
     )]
     TooShort {
         /// Asked for, µs.
         period_us: u32,
-        /// Measured.
-        pace: Box<Pace>,
+        timing: Box<CycleTiming>,
         /// What would hold.
         next: String,
     },
     /// None up to the longest one.
     #[error(
-        "no control period holds here: {pace}; the longest one is {} ms\n  {granted}\n  next: end what else \
+        "no control period holds here: {timing}; the longest one is {} ms\n  {granted}\n  next: end what else \
          runs on this machine, or let a controller of its own close the loop (`cubectl throw --controller NODE-ID`); \
          nothing has moved",
-        f64::from(*.longest_us) * 1e-3, pace = .pace, granted = .pace.granted
+        f64::from(*.longest_us) * 1e-3, timing = .timing, granted = .timing.granted
     )]
     None {
         /// Longest, µs.
         longest_us: u32,
-        /// Measured.
-        pace: Box<Pace>,
+        timing: Box<CycleTiming>,
     },
     /// No gains for the period.
     #[error(transparent)]
@@ -76,31 +73,39 @@ pub enum NoPeriod {
 ///
 /// # Errors
 /// [`NoPeriod`].
-pub fn choose(wish: Wish, pace: Option<&Pace>, robot: &AnyRobot, usual_us: u32) -> Result<Choice, NoPeriod> {
-    let holds = |period_us: u32| pace.is_none_or(|pace| pace.holds(Duration::from_micros(period_us.into())));
-    let too_short = |period_us: u32, pace: &Pace| NoPeriod::TooShort {
+pub fn choose(
+    wish: PeriodRequest,
+    timing: Option<&CycleTiming>,
+    robot: &AnyRobot,
+    usual_us: u32,
+) -> Result<Choice, NoPeriod> {
+    let holds =
+        |period_us: u32| timing.is_none_or(|timing| timing.holds(Duration::from_micros(period_us.into())));
+    let too_short = |period_us: u32, timing: &CycleTiming| NoPeriod::TooShort {
         period_us,
-        pace: Box::new(pace.clone()),
-        next: advice(pace),
+        timing: Box::new(timing.clone()),
+        next: advice(timing),
     };
-    let (period_us, why) = match (wish, pace) {
-        (Wish::Gains(gains), pace) => {
+    let (period_us, why) = match (wish, timing) {
+        (PeriodRequest::Gains(gains), timing) => {
             let period_us = (gains.period_s * 1e6).round() as u32;
-            if let Some(pace) = pace.filter(|_| !holds(period_us)) {
-                return Err(too_short(period_us, pace));
+            if let Some(timing) = timing.filter(|_| !holds(period_us)) {
+                return Err(too_short(period_us, timing));
             }
             return Ok(Choice { period_us, gains: *gains, gains_from: GainsFrom::Given, why: "given" });
         }
-        (Wish::Period(period_us), Some(pace)) if !holds(period_us) => return Err(too_short(period_us, pace)),
-        (Wish::Period(period_us), _) => (period_us, "given"),
-        (Wish::Any, None) => (usual_us, "virtual time"),
-        (Wish::Any, Some(pace)) => {
-            let comfortable = |us: &u32| pace.comfortable() <= Duration::from_micros((*us).into());
+        (PeriodRequest::Period(period_us), Some(timing)) if !holds(period_us) => {
+            return Err(too_short(period_us, timing));
+        }
+        (PeriodRequest::Period(period_us), _) => (period_us, "given"),
+        (PeriodRequest::Any, None) => (usual_us, "virtual time"),
+        (PeriodRequest::Any, Some(timing)) => {
+            let comfortable = |us: &u32| timing.comfortable() <= Duration::from_micros((*us).into());
             // Without a comfortable one the longest, if it holds.
             let chosen = PERIODS_US.iter().copied().find(comfortable).or(PERIODS_US.last().copied());
             let period_us = chosen.filter(|us| holds(*us)).ok_or_else(|| NoPeriod::None {
                 longest_us: PERIODS_US.last().copied().unwrap_or(PERIOD_MAX_US),
-                pace: Box::new(pace.clone()),
+                timing: Box::new(timing.clone()),
             })?;
             (period_us, "measured")
         }
@@ -110,8 +115,8 @@ pub fn choose(wish: Wish, pace: Option<&Pace>, robot: &AnyRobot, usual_us: u32) 
 }
 
 /// What would hold instead, with the word that says it.
-fn advice(pace: &Pace) -> String {
-    let shortest_us = pace.shortest().as_micros();
+fn advice(timing: &CycleTiming) -> String {
+    let shortest_us = timing.shortest().as_micros();
     if let Some(us) = PERIODS_US.into_iter().find(|us| u64::from(*us) >= shortest_us) {
         let ms = us / 1_000;
         return format!("{ms} ms would hold: `--period {ms}`, or leave the period out to let it be chosen");
@@ -122,7 +127,7 @@ fn advice(pace: &Pace) -> String {
         Some(us) => format!(
             "{} ms would hold: `cubectl tune --period {} --out gains.toml`, then `--gains gains.toml`",
             us / 1_000,
-            f64::from(us) * 1e-6
+            us / 1_000
         ),
         None => format!(
             "no control period up to {} ms, the longest one, would hold: end what else runs on this machine, or let a \
@@ -139,7 +144,7 @@ fn advice(pace: &Pace) -> String {
 /// [`NoSettings`].
 pub fn settings_with_gains(robot: &AnyRobot) -> Result<Settings, NoSettings> {
     let mut settings = settings_of(robot)?;
-    if let Ok(choice) = choose(Wish::Any, None, robot, settings.cycle_period_us) {
+    if let Ok(choice) = choose(PeriodRequest::Any, None, robot, settings.cycle_period_us) {
         apply(&choice, &mut settings);
     }
     Ok(settings)
@@ -185,8 +190,8 @@ mod tests {
         AnyRobot::load("powercube6").unwrap()
     }
 
-    fn any(pace: &Pace) -> Result<Choice, NoPeriod> {
-        choose(Wish::Any, Some(pace), &robot(), 3_000)
+    fn any(timing: &CycleTiming) -> Result<Choice, NoPeriod> {
+        choose(PeriodRequest::Any, Some(timing), &robot(), 3_000)
     }
 
     #[test]
@@ -201,39 +206,48 @@ mod tests {
             (30_000, 30_000),
         ];
         for (needs_us, chosen_us) in table {
-            let choice = any(&Pace::that_needs(needs_us)).unwrap();
+            let choice = any(&CycleTiming::that_needs(needs_us)).unwrap();
             assert_eq!((choice.period_us, choice.why), (chosen_us, "measured"), "{needs_us}");
             assert_eq!((choice.gains.period_s * 1e6).round() as u32, chosen_us);
         }
-        assert!(matches!(any(&Pace::that_needs(30_100)), Err(NoPeriod::None { longest_us: 30_000, .. })));
+        assert!(matches!(
+            any(&CycleTiming::that_needs(30_100)),
+            Err(NoPeriod::None { longest_us: 30_000, .. })
+        ));
     }
 
     #[test]
     fn a_wish_that_does_not_hold_is_refused_with_what_was_measured_and_what_would_hold() {
-        let pace = Pace::that_needs(4_800);
-        let text = choose(Wish::Period(3_000), Some(&pace), &robot(), 3_000).unwrap_err().to_string();
+        let timing = CycleTiming::that_needs(4_800);
+        let text =
+            choose(PeriodRequest::Period(3_000), Some(&timing), &robot(), 3_000).unwrap_err().to_string();
         for part in
             ["3 ms does not hold", "4.0 ms at worst", "5 ms would hold", "--period 5", "nothing has moved"]
         {
             assert!(text.contains(part), "{part}: {text}");
         }
         let gains = gains_for(&robot(), 3_000).unwrap().0;
-        assert!(choose(Wish::Gains(Box::new(gains.clone())), Some(&pace), &robot(), 3_000).is_err());
-        let choice = choose(Wish::Gains(Box::new(gains)), None, &robot(), 3_000).unwrap();
+        assert!(
+            choose(PeriodRequest::Gains(Box::new(gains.clone())), Some(&timing), &robot(), 3_000).is_err()
+        );
+        let choice = choose(PeriodRequest::Gains(Box::new(gains)), None, &robot(), 3_000).unwrap();
         assert_eq!((choice.period_us, choice.why), (3_000, "given"));
-        assert!(matches!(choose(Wish::Period(4_000), None, &robot(), 3_000), Err(NoPeriod::NoGains(_))));
+        assert!(matches!(
+            choose(PeriodRequest::Period(4_000), None, &robot(), 3_000),
+            Err(NoPeriod::NoGains(_))
+        ));
     }
 
     #[test]
     fn in_virtual_time_the_usual_period_is_kept() {
-        let choice = choose(Wish::Any, None, &robot(), 3_000).unwrap();
+        let choice = choose(PeriodRequest::Any, None, &robot(), 3_000).unwrap();
         assert_eq!((choice.period_us, choice.why), (3_000, "virtual time"));
     }
 
     #[test]
     fn the_settings_of_a_choice_pass_their_own_check() {
         for us in PERIODS_US {
-            let choice = choose(Wish::Period(us), None, &robot(), 3_000).unwrap();
+            let choice = choose(PeriodRequest::Period(us), None, &robot(), 3_000).unwrap();
             let mut settings = Settings::powercube6();
             apply(&choice, &mut settings);
             assert_eq!(settings.check(), Ok(()), "{us}");
@@ -244,7 +258,7 @@ mod tests {
     #[test]
     fn a_controller_takes_the_gains_of_a_choice_through_its_registers() {
         for us in PERIODS_US {
-            let choice = choose(Wish::Period(us), None, &robot(), 3_000).unwrap();
+            let choice = choose(PeriodRequest::Period(us), None, &robot(), 3_000).unwrap();
             let (mut wanted, mut written) = (Settings::powercube6(), Settings::powercube6());
             apply(&choice, &mut wanted);
             for name in ["joint.k_error_1_s2", "joint.k_rate_1_s", "joint.k_last"] {
@@ -264,9 +278,9 @@ mod tests {
     fn no_advice_names_a_period_that_a_controller_does_not_take() {
         let register = registers::find("cycle.period_us").unwrap();
         for needs_us in (500..200_000).step_by(500) {
-            let pace = Pace::that_needs(needs_us);
-            for wish in [Wish::Any, Wish::Period(3_000), Wish::Period(30_000)] {
-                let Err(refused) = choose(wish, Some(&pace), &robot(), 3_000) else { continue };
+            let timing = CycleTiming::that_needs(needs_us);
+            for wish in [PeriodRequest::Any, PeriodRequest::Period(3_000), PeriodRequest::Period(30_000)] {
+                let Err(refused) = choose(wish, Some(&timing), &robot(), 3_000) else { continue };
                 let text = refused.to_string();
                 let next = text.split("next: ").nth(1).unwrap();
                 let named = next.split(" ms would hold").next().unwrap().parse::<f64>();
@@ -277,7 +291,7 @@ mod tests {
                     continue;
                 };
                 let us = (ms * 1e3).round() as u32;
-                assert!(u64::from(us) >= pace.shortest().as_micros(), "{needs_us}: {text}");
+                assert!(u64::from(us) >= timing.shortest().as_micros(), "{needs_us}: {text}");
                 let number = registers::Number::Natural32(us);
                 let mut settings = Settings::powercube6();
                 assert_eq!(registers::write(&mut settings, register, &[number]), Ok(()), "{text}");

@@ -1,4 +1,4 @@
-//! A session on a bus: supplies time and frames to the [`Desk`], whatever the bus is.
+//! A session on a bus: supplies time and frames to the [`HostNode`], whatever the bus is.
 
 use std::cell::Cell;
 use std::rc::Rc;
@@ -10,13 +10,13 @@ use firmware::authority::Key;
 use protocol::cyphal::cubecell::stop::Reason;
 use protocol::{Duration, Instant, ModuleId};
 
+use super::cycle_timing::CycleTiming;
 use super::failure::BusFailure;
 use super::live::LiveBus;
-use super::pace::Pace;
 use super::seen::Seen;
 use super::sim::SimBus;
 use super::soft::SoftReport;
-use crate::node::desk::Desk;
+use crate::node::host_node::HostNode;
 use crate::tap::Tap;
 
 /// Time that a halt gets to reach the bus before a session is given up.
@@ -39,7 +39,6 @@ pub(super) enum Medium {
     Live(Box<LiveBus>),
 }
 
-/// See the [module](self).
 pub struct Session {
     medium: Medium,
     pub(super) taps: Vec<Box<dyn Tap>>,
@@ -84,16 +83,16 @@ impl Session {
         }
     }
 
-    /// Measures for [`super::pace::SPAN`] which control period this machine and this bus hold, with questions to
+    /// Measures for [`super::cycle_timing::SPAN`] which control period this machine and this bus hold, with questions to
     /// `modules` only; `None` in virtual time, which holds every one. Recorders do not see the questions, and no soft
     /// controller may be on the bus yet.
     ///
     /// # Errors
     /// The bus is gone.
-    pub fn measure_pace(&mut self, modules: &[ModuleId]) -> Result<Option<Pace>, BusFailure> {
+    pub fn measure_cycle_timing(&mut self, modules: &[ModuleId]) -> Result<Option<CycleTiming>, BusFailure> {
         match &mut self.medium {
             Medium::Sim(_) => Ok(None),
-            Medium::Live(live) => live.measure_pace(modules).map(Some),
+            Medium::Live(live) => live.measure_cycle_timing(modules).map(Some),
         }
     }
 
@@ -107,6 +106,14 @@ impl Session {
         match &self.medium {
             Medium::Sim(sim) => sim.now(),
             Medium::Live(live) => live.now(),
+        }
+    }
+
+    /// Unix time at the session's time zero; zero in virtual time.
+    pub fn zero_unix(&self) -> Duration {
+        match &self.medium {
+            Medium::Sim(_) => Duration::ZERO,
+            Medium::Live(live) => live.zero_unix(),
         }
     }
 
@@ -135,10 +142,10 @@ impl Session {
 
     /// The node that speaks for the host, at the present time. What it is given to send leaves with the next
     /// [`Session::run`].
-    pub fn desk(&mut self) -> &mut Desk {
+    pub fn host_node(&mut self) -> &mut HostNode {
         match &mut self.medium {
-            Medium::Sim(sim) => sim.desk(),
-            Medium::Live(live) => live.desk(),
+            Medium::Sim(sim) => sim.host_node(),
+            Medium::Live(live) => live.host_node(),
         }
     }
 
@@ -169,13 +176,13 @@ impl Session {
     pub fn run(
         &mut self,
         until: Instant,
-        done: &mut dyn FnMut(&mut Desk) -> bool,
+        done: &mut dyn FnMut(&mut HostNode) -> bool,
     ) -> Result<Ended, BusFailure> {
         loop {
             if self.is_interrupted() {
                 return Ok(Ended::Interrupted);
             }
-            if done(self.desk()) {
+            if done(self.host_node()) {
                 return Ok(Ended::Done);
             }
             if self.now() >= until {
@@ -204,7 +211,7 @@ impl Session {
     /// # Errors
     /// As [`Session::run`].
     pub fn halt(&mut self, reason: Reason) -> Result<(), BusFailure> {
-        self.desk().halt(reason);
+        self.host_node().halt(reason);
         self.moves = false;
         self.pass(HALT_TIME)
     }

@@ -3,7 +3,7 @@
 use firmware::crc::Crc32;
 use firmware::joints::PerJoint;
 use firmware::settings::{JointSettings, Settings};
-use protocol::JOINTS_MAX;
+use protocol::{JOINTS_MAX, JointIndex, ModuleId};
 use robot_model::{AnyRobot, RobotModel, for_any_robot};
 
 use planner::store::robot_fingerprint;
@@ -19,21 +19,26 @@ pub enum NoSettings {
         "robot {robot} has no drives to control\n  next: give each [[joint]] of its file a [joint.drive] table with address and current"
     )]
     NoDrives {
-        /// Name.
+        /// Name of the robot.
         robot: String,
     },
     /// It has more joints than a controller.
     #[error("robot {robot} has {joints} joints, a controller up to {JOINTS_MAX}")]
     TooManyJoints {
-        /// Name.
+        /// Name of the robot.
         robot: String,
-        /// How many.
         joints: usize,
     },
+    /// A module that is the drive of no joint.
+    #[error(
+        "module {module} is the drive of no joint of this robot\n  next: name the robot of this arm with --robot; `cubectl scan` \
+         shows which modules are there"
+    )]
+    NoSuchModule { module: ModuleId },
     /// Limits that do not go together.
     #[error("the limits of robot {robot} make no settings of a controller: {cause}")]
     Invalid {
-        /// Name.
+        /// Name of the robot.
         robot: String,
         /// What the controller says.
         cause: String,
@@ -116,10 +121,41 @@ pub fn of_model<const N: usize>(model: &RobotModel<N>) -> Result<Settings, NoSet
     }
 }
 
+/// Settings for a part of the joints: those whose drives are `modules`, in the order of the robot.
+///
+/// # Errors
+/// [`NoSettings::NoSuchModule`].
+pub fn of_modules(settings: &Settings, modules: &[ModuleId]) -> Result<Settings, NoSettings> {
+    let known = |module: ModuleId| settings.joints().any(|joint| settings.joint.at(joint).module() == module);
+    if let Some(module) = modules.iter().copied().find(|module| !known(*module)) {
+        return Err(NoSettings::NoSuchModule { module });
+    }
+    let kept: Vec<_> =
+        settings.joints().filter(|joint| modules.contains(&settings.joint.at(*joint).module())).collect();
+    let mut part = *settings;
+    part.joints = kept.len() as u32;
+    for (to, from) in JointIndex::first(kept.len()).zip(kept) {
+        *part.joint.at_mut(to) = *settings.joint.at(from);
+    }
+    // The gripper hangs on a drive that may not be among them.
+    part.gripper_address = 0;
+    Ok(part)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use protocol::JointIndex;
+
+    #[test]
+    fn a_part_of_the_joints_keeps_its_order_and_an_unknown_module_is_refused() {
+        let settings = settings_of(&AnyRobot::load("powercube6").unwrap()).unwrap();
+        let module = |n| ModuleId::new(n).unwrap();
+        let part = of_modules(&settings, &[module(5), module(2)]).unwrap();
+        let addresses: Vec<u8> = part.joints().map(|joint| part.joint.at(joint).module().get()).collect();
+        assert_eq!(addresses, [2, 5]);
+        assert_eq!(part.check(), Ok(()));
+        assert_eq!(of_modules(&settings, &[module(9)]), Err(NoSettings::NoSuchModule { module: module(9) }));
+    }
 
     #[test]
     fn the_built_in_robot_file_gives_the_built_in_settings() {
@@ -139,7 +175,7 @@ mod tests {
         assert_eq!(rounded(&settings), rounded(&built_in));
     }
 
-    /// The repeat of defect 5: another name, or another limit, is another robot.
+    /// Found by abuse: another name, or another limit, is another robot.
     #[test]
     fn only_the_robot_that_the_built_in_gains_are_for_gets_them() {
         let text = robot_model::built_in_text("powercube6").unwrap();
@@ -163,9 +199,10 @@ mod tests {
         let limit = "control_acceleration_max_rad_s2 = 10.4";
         let wild =
             AnyRobot::from_toml("edited.toml", &text.replace(limit, "control_acceleration_max_rad_s2 = 1e9"));
-        // A stricter reader of robot files may refuse it first.
-        if let Ok(wild) = wild {
-            assert!(matches!(settings_of(&wild), Err(NoSettings::Invalid { .. })));
+        // A stricter reader of robot files may refuse it first, by its name.
+        match wild {
+            Ok(wild) => assert!(matches!(settings_of(&wild), Err(NoSettings::Invalid { .. }))),
+            Err(error) => assert!(error.to_string().contains("control_acceleration_max_rad_s2"), "{error}"),
         }
     }
 

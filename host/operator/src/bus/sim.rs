@@ -9,8 +9,8 @@ use firmware::host_link::Identity;
 use firmware::settings::Settings;
 use firmware::store::RamStorage;
 use hil_sim::bus::{BusConfig, ErrorKind};
-use hil_sim::crew::{Crew, Solo};
 use hil_sim::fault::Fault;
+use hil_sim::participants::{Participants, Solo};
 use hil_sim::scenario::{Action, ScriptedHost};
 use hil_sim::{Cell as SimCell, CellOptions, Observer, World};
 use protocol::{Duration, Frame, Instant, Node};
@@ -18,7 +18,7 @@ use robot_model::AnyRobot;
 
 use super::failure::BusFailure;
 use super::seen::Seen;
-use crate::node::desk::Desk;
+use crate::node::host_node::HostNode;
 use crate::tap::Way;
 
 /// Virtual time between two looks at whether the verb has what it wants.
@@ -28,8 +28,8 @@ const CLASS_PROTOCOL: u32 = 0x08;
 const CLASS_ACK: u32 = 0x20;
 const CLASS_BUS_OFF: u32 = 0x40;
 
-/// Anything that sits on the bus beside cell and desk: a soft controller, a second cell.
-pub type Guests = Box<dyn Crew>;
+/// Anything that sits on the bus beside cell and host node: a soft controller, a second cell.
+pub type Guests = Box<dyn Participants>;
 
 /// A node behind a pointer, as a guest, that can be switched off from outside.
 pub struct Guest {
@@ -63,7 +63,7 @@ impl Node for Guest {
     }
 }
 
-/// Nobody beside cell and desk.
+/// Nobody beside cell and host node.
 pub fn no_guests() -> Guests {
     Box::new(Vec::<Solo<Guest>>::new())
 }
@@ -90,23 +90,20 @@ pub fn controller_guest(settings: &Settings, off: Rc<Cell<bool>>) -> Guests {
 pub struct SimSetup {
     /// Drives, mechanics, supplies, gripper.
     pub cell: CellOptions,
-    /// Bus.
     pub bus: BusConfig,
-    /// What goes wrong.
     pub faults: Vec<Fault>,
     /// What a scripted host sends.
     pub actions: Vec<Action>,
 }
 
-/// Who is on the simulated bus: the cell, a scripted host, guests, and the desk last.
-pub type SimCrew = (((SimCell, Solo<ScriptedHost>), Guests), Solo<Desk>);
+/// Who is on the simulated bus: the cell, a scripted host, guests, and the host node last.
+pub type SimParticipants = (((SimCell, Solo<ScriptedHost>), Guests), Solo<HostNode>);
 
-/// See the [module](self).
 pub struct SimBus {
-    world: World<SimCrew>,
-    /// The desk while a verb talks to it, otherwise an empty one: the two change places, for making one takes longer
+    world: World<SimParticipants>,
+    /// The host node while a verb talks to it, otherwise an empty one: the two change places, for making one takes longer
     /// than a question.
-    aside: Box<Desk>,
+    aside: Box<HostNode>,
     is_lent: bool,
     desk_port: usize,
 }
@@ -144,8 +141,10 @@ impl SimBus {
         let cell = SimCell::new(robot, &setup.cell, seed)?;
         let script = Solo::new("script", ScriptedHost::new(&setup.actions));
         let desk_port = cell.len() + script.len() + guests.len();
-        let crew = (((cell, script), guests), Solo::new("cubectl", Desk::default()));
-        let world = World::new(crew, setup.bus, seed, setup.faults.clone())?;
+        let participants = (((cell, script), guests), Solo::new("cubectl", HostNode::default()));
+        let mut world = World::new(participants, setup.bus, seed, setup.faults.clone())?;
+        // A piece of a file is 40 frames: what the queue of the adapter has no place for waits in the host node.
+        world.keep_queue_short(desk_port, setup.bus.queue_depth);
         Ok(Self { world, aside: Box::default(), is_lent: false, desk_port })
     }
 
@@ -155,29 +154,28 @@ impl SimBus {
     }
 
     /// The world, to look at and to add faults.
-    pub fn world(&mut self) -> &mut World<SimCrew> {
+    pub fn world(&mut self) -> &mut World<SimParticipants> {
         &mut self.world
     }
 
-    /// The cell.
     pub fn cell(&self) -> &SimCell {
-        &self.world.crew().0.0.0
+        &self.world.participants().0.0.0
     }
 
-    pub(super) fn desk(&mut self) -> &mut Desk {
+    pub(super) fn host_node(&mut self) -> &mut HostNode {
         let now = self.world.now();
         if !self.is_lent {
             // Only a node that floods makes this fail, after the desks have changed places.
             let _ = self.swap_desks();
         }
-        self.aside.wake(now);
+        self.aside.advance_to(now);
         &mut self.aside
     }
 
     fn swap_desks(&mut self) -> Result<(), BusFailure> {
         self.is_lent = !self.is_lent;
         let aside = &mut *self.aside;
-        self.world.with_crew(|crew, _| std::mem::swap(&mut crew.1.node, aside))?;
+        self.world.with_participants(|participants, _| std::mem::swap(&mut participants.1.node, aside))?;
         Ok(())
     }
 

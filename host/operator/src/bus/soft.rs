@@ -5,7 +5,7 @@
 //!                     ▲
 //!                     │ queues, one bell each way
 //!                     ▼
-//!                   Door ◀── session ──▶ desk               the program's own thread
+//!                   Door ◀── session ──▶ host node          the program's own thread
 //! ```
 //!
 //! The thread owns the wire, so one opened adapter serves both; what one of the two sends, the other sees as a frame
@@ -20,8 +20,8 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
 use can_link::{
-    Clock, Event, Granted, Lateness, Link, LinkError, LinkStats, PollSet, Role, RunError, RunStats, Runner,
-    SendError, Urgent,
+    CanLink, Clock, Granted, Lateness, LinkError, LinkEvent, LinkStats, PollSet, Role, RunError, RunStats,
+    Runner, SendError, Urgent,
 };
 use firmware::ControllerNode;
 use firmware::authority::Seed;
@@ -99,7 +99,7 @@ type Ending = Arc<Mutex<Option<LinkError>>>;
 /// The session's end.
 pub(super) struct Door {
     name: String,
-    events: Receiver<Event>,
+    events: Receiver<LinkEvent>,
     frames: SyncSender<Frame>,
     bell: Bell,
     ending: Ending,
@@ -113,7 +113,7 @@ impl Door {
     }
 }
 
-impl Link for Door {
+impl CanLink for Door {
     fn name(&self) -> &str {
         &self.name
     }
@@ -133,11 +133,11 @@ impl Link for Door {
         }
     }
 
-    fn receive(&mut self) -> Result<Option<Event>, LinkError> {
+    fn receive(&mut self) -> Result<Option<LinkEvent>, LinkError> {
         loop {
             match self.events.try_recv() {
                 Ok(event) => {
-                    self.stats.frames_in += u64::from(matches!(event, Event::Frame { .. }));
+                    self.stats.frames_in += u64::from(matches!(event, LinkEvent::Frame { .. }));
                     return Ok(Some(event));
                 }
                 Err(TryRecvError::Disconnected) => return Err(self.gone()),
@@ -159,18 +159,18 @@ impl Link for Door {
 
 /// The thread's end: the wire, with the session as one more participant.
 struct Shared {
-    wire: Box<dyn Link + Send>,
+    wire: Box<dyn CanLink + Send>,
     clock: Clock,
     /// The session has a connection of its own, and nobody uses the door.
     apart: bool,
     frames: Receiver<Frame>,
-    events: SyncSender<Event>,
+    events: SyncSender<LinkEvent>,
     bell: Bell,
     unseen: Arc<AtomicU64>,
 }
 
 impl Shared {
-    fn tell(&self, event: Event) {
+    fn tell(&self, event: LinkEvent) {
         if self.apart {
             return;
         }
@@ -181,7 +181,7 @@ impl Shared {
     }
 }
 
-impl Link for Shared {
+impl CanLink for Shared {
     fn name(&self) -> &str {
         self.wire.name()
     }
@@ -189,12 +189,12 @@ impl Link for Shared {
     /// What the controller sends.
     fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
         self.wire.send(frame)?;
-        self.tell(Event::Frame { at: self.clock.now(), stamp: None, frame: *frame });
+        self.tell(LinkEvent::Frame { at: self.clock.now(), stamp: None, frame: *frame });
         Ok(())
     }
 
     /// What the controller sees: the session's frames on their way to the bus, and those from the bus.
-    fn receive(&mut self) -> Result<Option<Event>, LinkError> {
+    fn receive(&mut self) -> Result<Option<LinkEvent>, LinkError> {
         self.bell.hush();
         if let Ok(frame) = self.frames.try_recv() {
             match self.wire.send(&frame) {
@@ -203,7 +203,7 @@ impl Link for Shared {
                 Err(SendError::Link(error)) => return Err(error),
                 Err(_) => {}
             }
-            return Ok(Some(Event::Frame { at: self.clock.now(), stamp: None, frame }));
+            return Ok(Some(LinkEvent::Frame { at: self.clock.now(), stamp: None, frame }));
         }
         let event = self.wire.receive()?;
         if let Some(event) = event {
@@ -232,7 +232,6 @@ impl Link for Shared {
     }
 }
 
-/// See the [module](self).
 pub(super) struct SoftController {
     off: Arc<AtomicBool>,
     stop: Arc<AtomicBool>,
@@ -246,7 +245,7 @@ impl SoftController {
     /// # Errors
     /// The operating system gives no thread, no pipe or no random bytes.
     pub(super) fn start(
-        wire: Box<dyn Link + Send>,
+        wire: Box<dyn CanLink + Send>,
         clock: Clock,
         settings: Settings,
     ) -> Result<(Self, Door), BusFailure> {

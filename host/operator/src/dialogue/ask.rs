@@ -52,10 +52,10 @@ impl Session {
     ) -> Result<Vec<Result<Reply, RequestFailed>>, AskError> {
         let mut results: Vec<Option<Result<Reply, RequestFailed>>> = vec![None; questions.len()];
         let mut open = BTreeMap::new();
-        let desk = self.desk();
-        while desk.poll_outcome().is_some() {}
+        let host_node = self.host_node();
+        while host_node.poll_outcome().is_some() {}
         for (index, (module, request)) in questions.iter().enumerate() {
-            match desk.start(*module, *request) {
+            match host_node.start(*module, *request) {
                 Ok(ticket) => {
                     open.insert(ticket, index);
                 }
@@ -63,8 +63,8 @@ impl Session {
             }
         }
         let until = self.now() + ROUND_MAX;
-        let ended = self.run(until, &mut |desk| {
-            while let Some(outcome) = desk.poll_outcome() {
+        let ended = self.run(until, &mut |host_node| {
+            while let Some(outcome) = host_node.poll_outcome() {
                 if let Some(index) = open.remove(&outcome.ticket) {
                     results[index] = Some(outcome.result);
                     progress(questions.len() - open.len(), questions.len());
@@ -73,10 +73,10 @@ impl Session {
             open.is_empty()
         })?;
         if ended == Ended::Interrupted {
-            self.desk().drives.cancel_all();
+            self.host_node().drives.cancel_all();
             return Err(AskError::Interrupted);
         }
-        let tries = self.desk().drives.policy().tries;
+        let tries = self.host_node().drives.policy().tries;
         Ok(results
             .into_iter()
             .zip(questions)
@@ -137,9 +137,9 @@ impl Session {
     /// # Errors
     /// [`AskError::Bus`], [`AskError::Interrupted`].
     pub fn hears_other_host(&mut self) -> Result<bool, AskError> {
-        let before = self.desk().tally().foreign_requests;
+        let before = self.host_node().tally().foreign_requests;
         let until = self.now() + OTHERS_LISTEN;
-        let ended = self.run(until, &mut |desk| desk.tally().foreign_requests > before)?;
+        let ended = self.run(until, &mut |host_node| host_node.tally().foreign_requests > before)?;
         match ended {
             Ended::Interrupted => Err(AskError::Interrupted),
             Ended::Done => Ok(true),

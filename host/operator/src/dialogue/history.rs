@@ -98,7 +98,7 @@ fn state(number: u8) -> String {
     State::from_number(number).map_or_else(|| format!("state {number}"), |state| state.to_string())
 }
 
-/// One event in words.
+/// One event as text.
 #[must_use]
 pub fn describe(entry: &TraceEntry) -> String {
     let mut text = match entry.kind {

@@ -1,17 +1,23 @@
-//! What is said on a bus: questions and bounded motions of single drives, orders to a controller. Nothing here prints.
+//! What is said on a bus: questions to drives, orders to a controller. Nothing here prints.
 //!
 //! | module | holds |
 //! |---|---|
 //! | [`ask`], [`survey`] | a question to a drive; rounds of questions to all |
-//! | [`motion`], [`zero_check`] | bounded motions of single drives; whether a drive has lost counts |
-//! | [`operator`], `key` | orders to a controller, upload, arming, following a run; the codes that orders need |
+//! | [`presence`] | who else is on the bus, by listening |
+//! | [`homing`], [`jogging`], [`zero_check`] | bounded motions of one joint by a controller; whether a drive has lost counts |
+//! | [`operator`], `following`, `key` | orders to a controller, upload, arming, following a run; the codes that orders need |
 //! | [`registers`], [`history`] | settings and past of a controller |
 
 pub mod ask;
+pub mod clock;
+pub(crate) mod following;
 pub mod history;
+pub mod homing;
+pub mod jogging;
 mod key;
-pub mod motion;
+pub mod online;
 pub mod operator;
+pub mod presence;
 pub mod registers;
 pub mod survey;
 pub mod zero_check;

@@ -13,7 +13,7 @@ use protocol::cyphal::client::{Policy, StartError};
 use protocol::cyphal::crc::Crc64;
 use protocol::cyphal::cubecell::TRAJECTORY_PATH;
 use protocol::cyphal::cubecell::command::{
-    self, ArmConfirm, ArmOffer, ArmPrepare, ClearFault, Home, Refusal, Trajectory,
+    self, ArmConfirm, ArmOffer, ArmPrepare, ClearFault, Home, Refusal, Run, Trajectory,
 };
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::cyphal::id::{NodeId, ServiceId};
@@ -22,23 +22,26 @@ use protocol::cyphal::uavcan::file::{self, WriteResponse};
 use protocol::cyphal::upload::{Upload, UploadError};
 use protocol::{Duration, Instant};
 
+use super::following::Following;
 use crate::bus::BusFailure;
 use crate::bus::period::PERIOD_MAX_US;
 use crate::bus::session::{Ended, Session};
 
-/// How long an offer to arm, and an arming, shall hold, ms.
-const ARMING_VALID_MS: u16 = 5_000;
-/// Time in which a controller at rest has read every drive anew, with room: it looks at four things of each in turn,
+/// Validity of an offer to arm, and of an arming, ms.
+pub(crate) const ARMING_VALID_MS: u16 = 5_000;
+/// Time in which a controller at rest has read every drive again, with room: it looks at four things of each in turn,
 /// 10 ms apart by default.
-const FRESH: Duration = Duration::from_millis(500);
+pub(crate) const FRESH: Duration = Duration::from_millis(500);
 /// Time between two confirmations while it does.
-const FRESH_LOOK: Duration = Duration::from_millis(50);
-/// Longest time for a controller to look at its drives anew.
-const CLEAR_MAX: Duration = Duration::from_secs(10);
-/// A halted arm is at rest after a few tenths of a second; one that still moves then is moved by somebody.
+pub(crate) const FRESH_LOOK: Duration = Duration::from_millis(50);
+/// Longest time for a controller to look at its drives again: a start that takes longer has ended with a cause. A step of a
+/// drive has five attempts of 0.11 s. Six steps take 3.3 s at most, 3.3 s more if they are repeated because a drive is halted,
+/// and the proof of the watchdogs reads each drive up to six times, 3.3 s.
+pub const FINDING_MAX: Duration = Duration::from_secs(10);
+/// A halted arm is at rest after a few tenths of a second; one that still moves then is moved from outside.
 const REST_MAX: Duration = Duration::from_secs(2);
 /// A controller that is there has sent its state by then.
-const PRESENCE: Duration = Duration::from_millis(1_500);
+pub(crate) const PRESENCE: Duration = Duration::from_millis(1_500);
 /// Longest time for one request with all its attempts.
 const REQUEST_MAX: Duration = Duration::from_secs(30);
 /// Most bytes of a command's parameter.
@@ -55,8 +58,8 @@ pub enum OperatorError {
     Interrupted,
     /// No controller.
     #[error(
-        "no controller is heard on this bus\n  next: start it, or check its power and its `group_state` subject; without \
-         one only scan, home, jog and stop work"
+        "no controller is heard on this bus\n  next: start it, or check its power and its `group_state` subject; `cubectl throw`, `home` and `jog` \
+         without --controller use one in this program"
     )]
     NoController,
     /// The request table is full or the message too long; does not happen to a single operator.
@@ -64,22 +67,15 @@ pub enum OperatorError {
     Start(StartError),
     /// It does not answer.
     #[error("controller {} does not answer\n  next: `cubectl doctor`; look at the bus load", .node.get())]
-    NoAnswer {
-        /// Which.
-        node: NodeId,
-    },
+    NoAnswer { node: NodeId },
     /// The answer cannot be read.
     #[error("the answer of controller {} cannot be read\n  next: use a cubectl and a controller of the same version", .node.get())]
-    Unreadable {
-        /// Which.
-        node: NodeId,
-    },
+    Unreadable { node: NodeId },
     /// It says no.
     #[error("the controller refuses {what}: {}", refusal_text(.status, .refusal))]
     Refused {
         /// The order.
         what: &'static str,
-        /// Outcome.
         status: Status,
         /// Cause, joint and place, if it says so.
         refusal: Option<Refusal>,
@@ -92,11 +88,12 @@ pub enum OperatorError {
     TooLong(usize),
     /// It has no such register.
     #[error(
-        "the controller has no register {name}\n  next: use a cubectl and a controller of the same version"
+        "the controller has no register {name}\n  next: `cubectl registers list`; use a cubectl and a controller of the same \
+         version"
     )]
     NoRegister {
         /// Name asked for.
-        name: &'static str,
+        name: String,
     },
     /// It keeps another value.
     #[error(
@@ -104,8 +101,7 @@ pub enum OperatorError {
          range, go with the other settings, and nothing may move or be armed"
     )]
     RegisterRefused {
-        /// Name.
-        name: &'static str,
+        name: String,
         /// Written.
         wanted: String,
         /// Read back.
@@ -127,6 +123,28 @@ pub enum OperatorError {
          then start the controller again", PRESENCE.as_secs_f64()
     )]
     Lost,
+    /// A run with a start time did not begin.
+    #[error(
+        "the run did not begin at its time: the controller is {state} and not armed any more\n  next: `cubectl explain` tells \
+         the refusal in its trace (`cubectl doctor`); arm again"
+    )]
+    NotStarted {
+        /// Where it is.
+        state: State,
+    },
+    /// An end state that was not sent.
+    #[error("the end state was not sent: {what}\n  next: send one that fits")]
+    TargetNotSaid { what: &'static str },
+    /// The clock of the controller does not go on from where it was.
+    #[error(
+        "the clock of controller {} has jumped by about {jump_ms:.1} ms; it may have been started again\n  next: look whether \
+         the arm stands, then read the clock again", .node.get()
+    )]
+    ClockJumped {
+        node: NodeId,
+        /// By how much, ms.
+        jump_ms: f64,
+    },
     /// A state did not come.
     #[error("the controller is still {state:?} after {limit}\n  next: `cubectl monitor`")]
     NoProgress {
@@ -153,7 +171,7 @@ fn refusal_text(status: &Status, refusal: &Option<Refusal>) -> String {
                     format!(
                         "; {:.1} ms would do: `cubectl tune --period {}`",
                         f64::from(index) / 1e3,
-                        f64::from(index) / 1e6
+                        f64::from(index) / 1e3
                     )
                 }
                 _ => format!(" (place {index})"),
@@ -188,11 +206,11 @@ impl Session {
     /// [`OperatorError::NoController`].
     pub fn find_controller(&mut self, node: Option<NodeId>) -> Result<NodeId, OperatorError> {
         // From now on we are a Cyphal node.
-        self.desk().link();
+        self.host_node().link();
         let until = self.now() + PRESENCE;
         let mut found = None;
-        let ended = self.run(until, &mut |desk| {
-            found = desk.inbox().and_then(|inbox| inbox.group).map(|(_, source, _)| source);
+        let ended = self.run(until, &mut |host_node| {
+            found = host_node.inbox().and_then(|inbox| inbox.group).map(|(_, source, _)| source);
             found.is_some_and(|source| node.is_none_or(|node| node == source))
         })?;
         match (ended, found) {
@@ -204,7 +222,7 @@ impl Session {
 
     /// State of the controller heard last.
     pub fn group(&mut self) -> Option<GroupState> {
-        self.desk().inbox().and_then(|inbox| inbox.group).map(|(_, _, state)| state)
+        self.host_node().inbox().and_then(|inbox| inbox.group).map(|(_, _, state)| state)
     }
 
     /// Joint angles of the controller's next message, rad: what it measures from now on.
@@ -214,8 +232,8 @@ impl Session {
     pub fn measured_pose(&mut self, node: NodeId) -> Result<Vec<f64>, OperatorError> {
         let now = self.now();
         let mut pose = None;
-        let ended = self.run(now + PRESENCE, &mut |desk| {
-            let heard = desk.inbox().and_then(|inbox| inbox.joints.as_ref());
+        let ended = self.run(now + PRESENCE, &mut |host_node| {
+            let heard = host_node.inbox().and_then(|inbox| inbox.joints.as_ref());
             if let Some((at, source, state)) = heard
                 && *at > now
                 && *source == node
@@ -242,12 +260,12 @@ impl Session {
         policy: Policy,
         request: &dyn Encode,
     ) -> Result<Vec<u8>, OperatorError> {
-        let (link, now) = self.desk().link();
+        let (link, now) = self.host_node().link();
         let ticket = link.request(now, node, service, policy, request).map_err(OperatorError::Start)?;
         let until = now + REQUEST_MAX;
         let mut answer = None;
-        let ended = self.run(until, &mut |desk| {
-            let Some(inbox) = desk.inbox() else { return false };
+        let ended = self.run(until, &mut |host_node| {
+            let Some(inbox) = host_node.inbox() else { return false };
             while let Some((answered, result)) = inbox.answers.pop_front() {
                 if answered == ticket {
                     answer = Some(result);
@@ -256,7 +274,7 @@ impl Session {
             answer.is_some()
         })?;
         if ended == Ended::Interrupted {
-            self.desk().link().0.cancel(ticket);
+            self.host_node().link().0.cancel(ticket);
             return Err(OperatorError::Interrupted);
         }
         match answer {
@@ -370,7 +388,7 @@ impl Session {
         let output = self.order(node, "to arm", command::ARM_PREPARE, &prepare)?;
         let offer = ArmOffer::from_bytes(&output).map_err(|_| OperatorError::Unreadable { node })?;
         let confirm = ArmConfirm { token: offer.token, valid_ms: ARMING_VALID_MS };
-        // After homing or a reset the controller reads the drives anew before it trusts them.
+        // After homing or a reset the controller reads the drives again before it trusts them.
         self.order_until_accepted(
             (node, "the arming", command::ARM_CONFIRM),
             &confirm,
@@ -379,7 +397,7 @@ impl Session {
         self.wait_for(Duration::from_secs(2), &|state| state == State::Armed)
     }
 
-    /// Lets the controller forget its latched fault, which is `cause`, and look at every drive anew. Errors and halts of
+    /// Lets the controller forget its latched fault, which is `cause`, and look at every drive again. Errors and halts of
     /// the drives are reset by it; nothing moves. A controller that still measures a motion refuses, and is asked again for
     /// two seconds at most.
     ///
@@ -392,17 +410,17 @@ impl Session {
             (Cause::StillMoving, REST_MAX),
         )?;
         let cleared_at = self.now();
-        // Its next message may still tell the state of before.
-        let ended = self.run(cleared_at + CLEAR_MAX, &mut |desk| {
+        // Its next message may still tell the earlier state.
+        let ended = self.run(cleared_at + FINDING_MAX, &mut |host_node| {
             let group =
-                desk.inbox().and_then(|inbox| inbox.group).filter(|(at, ..)| *at > cleared_at + FRESH);
+                host_node.inbox().and_then(|inbox| inbox.group).filter(|(at, ..)| *at > cleared_at + FRESH);
             group.is_some_and(|(_, _, group)| group.state != State::Boot)
         })?;
         let group = self.group().unwrap_or_default();
         match (ended, group.state) {
             (Ended::Interrupted, _) => Err(OperatorError::Interrupted),
             (_, State::Fault) => Err(stopped(&group)),
-            (Ended::TimedOut, state) => Err(OperatorError::NoProgress { state, limit: CLEAR_MAX }),
+            (Ended::TimedOut, state) => Err(OperatorError::NoProgress { state, limit: FINDING_MAX }),
             (Ended::Done, _) => Ok(()),
         }
     }
@@ -428,22 +446,36 @@ impl Session {
         limit: Duration,
         progress: &mut dyn FnMut(Instant, &GroupState),
     ) -> Result<GroupState, OperatorError> {
+        self.run_trajectory_at(node, name, None, limit, progress)
+    }
+
+    /// As [`Session::run_trajectory`]; the plan begins at `start` of the controller's clock
+    /// ([`ControllerClock`](super::clock::ControllerClock)), at least two control periods and at most 30 s ahead.
+    ///
+    /// # Errors
+    /// [`OperatorError::NotStarted`] if the arming ended before, and as [`Session::run_trajectory`].
+    pub fn run_trajectory_at(
+        &mut self,
+        node: NodeId,
+        name: &Trajectory,
+        start: Option<Instant>,
+        limit: Duration,
+        progress: &mut dyn FnMut(Instant, &GroupState),
+    ) -> Result<GroupState, OperatorError> {
         self.guard_motion();
-        self.order(node, "to run", command::RUN, name)?;
+        let Trajectory { trajectory_crc64, length_bytes } = *name;
+        let start_us = start.map_or(0, Instant::as_micros);
+        self.order(node, "to run", command::RUN, &Run { trajectory_crc64, length_bytes, start_us })?;
         let ordered_at = self.now();
         let until = ordered_at + limit;
-        let (mut last, mut seen_running, mut lost) = (None, false, false);
-        let ended = self.run(until, &mut |desk| {
-            lost = desk.silence(ordered_at) > PRESENCE;
-            let Some((at, _, state)) = desk.inbox().and_then(|inbox| inbox.group) else { return false };
-            if last != Some(state.sequence) {
-                last = Some(state.sequence);
-                progress(at, &state);
-            }
-            seen_running |= state.state == State::Running;
-            // States come ten times a second: a run that was stopped within the first of them was never seen to run.
-            let ended_early = at > ordered_at && matches!(state.state, State::Fault | State::Stopped);
-            lost || ended_early || (seen_running && !matches!(state.state, State::Running | State::Stopping))
+        let (mut following, mut lost) = (Following::new(ordered_at), false);
+        let ended = self.run(until, &mut |host_node| {
+            lost = host_node.silence(ordered_at) > PRESENCE;
+            let Some((at, _, state)) = host_node.inbox().and_then(|inbox| inbox.group) else { return false };
+            // An order with a start time leaves Armed for Running, or for Ready if the arming ends.
+            let not_started =
+                start.is_some() && !following.has_run() && at > ordered_at && state.state == State::Ready;
+            following.has_ended(at, &state, progress) || not_started || lost
         })?;
         if ended == Ended::Interrupted {
             self.stop_after_interrupt(node)?;
@@ -456,13 +488,16 @@ impl Session {
         match (ended, state.state) {
             (Ended::Done, State::Ready) => {
                 self.release_motion();
+                if !following.has_run() && start.is_some() {
+                    return Err(OperatorError::NotStarted { state: state.state });
+                }
                 Ok(state)
             }
             (Ended::Done, State::Stopped | State::Fault) => {
                 self.release_motion();
                 Err(stopped(&state))
             }
-            // What nobody understands is halted by the guard.
+            // In any other state the guard halts the joints.
             _ => Err(OperatorError::NoProgress { state: state.state, limit }),
         }
     }
@@ -470,7 +505,7 @@ impl Session {
     /// Ctrl-C: the stop order goes out although the session is interrupted; then a halt, if it still moves.
     fn stop_after_interrupt(&mut self, node: NodeId) -> Result<(), OperatorError> {
         let request = CommandRequest { command: command::STOP, parameter: &[] };
-        let (link, now) = self.desk().link();
+        let (link, now) = self.host_node().link();
         let _ = link.request(now, node, SERVICE, Policy::default(), &request);
         for _ in 0..100 {
             self.pass(Duration::from_millis(20))?;
@@ -488,9 +523,9 @@ impl Session {
     /// [`OperatorError::Stopped`], [`OperatorError::NoProgress`], [`OperatorError::Lost`] and the others.
     pub fn wait_for(&mut self, limit: Duration, wanted: &dyn Fn(State) -> bool) -> Result<(), OperatorError> {
         let (begun, mut lost) = (self.now(), false);
-        let ended = self.run(begun + limit, &mut |desk| {
-            lost = desk.silence(begun) > PRESENCE;
-            let state = desk.inbox().and_then(|inbox| inbox.group).map(|(_, _, group)| group.state);
+        let ended = self.run(begun + limit, &mut |host_node| {
+            lost = host_node.silence(begun) > PRESENCE;
+            let state = host_node.inbox().and_then(|inbox| inbox.group).map(|(_, _, group)| group.state);
             lost || state.is_some_and(|state| wanted(state) || matches!(state, State::Fault | State::Stopped))
         })?;
         let group = self.group().unwrap_or_default();
@@ -504,6 +539,6 @@ impl Session {
     }
 }
 
-fn stopped(group: &GroupState) -> OperatorError {
+pub(crate) fn stopped(group: &GroupState) -> OperatorError {
     OperatorError::Stopped { state: group.state, cause: group.fault_cause, joint: group.fault_joint }
 }

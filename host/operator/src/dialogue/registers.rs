@@ -3,21 +3,37 @@
 use protocol::cyphal::bits::Decode;
 use protocol::cyphal::client::Policy;
 use protocol::cyphal::id::NodeId;
-use protocol::cyphal::uavcan::register::{ACCESS, AccessRequest, AccessResponse};
+use protocol::cyphal::uavcan::register::{
+    ACCESS, AccessRequest, AccessResponse, LIST, ListRequest, ListResponse,
+};
 use protocol::cyphal::uavcan::value::{Value, ValueBuf, ValueType};
 
 use super::operator::OperatorError;
 use crate::bus::session::Session;
 
+/// More registers than any controller has.
+const REGISTERS_MAX: u16 = 1_000;
+
 /// Numbers of a register, one per joint or one for the group.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Numbers {
-    /// Reals.
     Real(Vec<f32>),
     /// Naturals of any width.
     Natural(Vec<u64>),
     /// Truth values.
     Bit(Vec<bool>),
+    /// A text; nobody can write one.
+    Text(String),
+}
+
+/// A register as its controller tells of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RegisterEntry {
+    pub name: String,
+    /// What it holds.
+    pub value: Numbers,
+    /// It may be written.
+    pub mutable: bool,
 }
 
 impl Numbers {
@@ -28,6 +44,9 @@ impl Numbers {
             ValueType::Real64 | ValueType::Real32 | ValueType::Real16 => {
                 each.map(|at| value.f32(at)).collect::<Option<_>>().map(Self::Real)
             }
+            ValueType::String => value.text().map(|text| Self::Text(text.to_owned())),
+            // Nothing of this kind is ever told: a key.
+            ValueType::Unstructured => Some(Self::Text(String::new())),
             _ => each.map(|at| value.u64(at)).collect::<Option<_>>().map(Self::Natural),
         }
     }
@@ -41,6 +60,7 @@ impl Numbers {
                 ValueBuf::try_from(narrow?.as_slice()).ok()
             }
             Self::Bit(values) => ValueBuf::bits(values).ok(),
+            Self::Text(_) => None,
         }
     }
 }
@@ -63,6 +83,7 @@ impl std::fmt::Display for Numbers {
             Self::Real(numbers) => write!(f, "{numbers:?}"),
             Self::Natural(numbers) => write!(f, "{numbers:?}"),
             Self::Bit(values) => write!(f, "{values:?}"),
+            Self::Text(text) => write!(f, "{text:?}"),
         }
     }
 }
@@ -72,15 +93,41 @@ impl Session {
     ///
     /// # Errors
     /// [`OperatorError::NoRegister`] for a name that the controller does not know, and the others.
-    pub fn register(&mut self, node: NodeId, name: &'static str) -> Result<Numbers, OperatorError> {
+    pub fn register(&mut self, node: NodeId, name: &str) -> Result<Numbers, OperatorError> {
+        self.access(node, name, Value::EMPTY).map(|told| told.value)
+    }
+
+    /// A register of `node` with what it tells of it.
+    ///
+    /// # Errors
+    /// As [`Session::register`].
+    pub fn told_register(&mut self, node: NodeId, name: &str) -> Result<RegisterEntry, OperatorError> {
         self.access(node, name, Value::EMPTY)
+    }
+
+    /// Names of all registers of `node`, in its order.
+    ///
+    /// # Errors
+    /// [`OperatorError`].
+    pub fn register_names(&mut self, node: NodeId) -> Result<Vec<String>, OperatorError> {
+        let mut names = Vec::new();
+        for index in 0..REGISTERS_MAX {
+            let payload = self.request(node, LIST, Policy::default(), &ListRequest { index })?;
+            let response =
+                ListResponse::from_bytes(&payload).map_err(|_| OperatorError::Unreadable { node })?;
+            if response.name.is_empty() {
+                return Ok(names);
+            }
+            names.push(String::from_utf8_lossy(response.name).into_owned());
+        }
+        Ok(names)
     }
 
     /// The number of a register of the group.
     ///
     /// # Errors
     /// As [`Session::register`].
-    pub fn natural(&mut self, node: NodeId, name: &'static str) -> Result<u64, OperatorError> {
+    pub fn natural(&mut self, node: NodeId, name: &str) -> Result<u64, OperatorError> {
         match self.register(node, name)? {
             Numbers::Natural(numbers) if numbers.len() == 1 => Ok(numbers[0]),
             _ => Err(OperatorError::Unreadable { node }),
@@ -91,37 +138,29 @@ impl Session {
     ///
     /// # Errors
     /// [`OperatorError::RegisterRefused`] if the controller keeps another value, and the others.
-    pub fn set_register(
-        &mut self,
-        node: NodeId,
-        name: &'static str,
-        wanted: &Numbers,
-    ) -> Result<(), OperatorError> {
+    pub fn set_register(&mut self, node: NodeId, name: &str, wanted: &Numbers) -> Result<(), OperatorError> {
         if self.register(node, name)? == *wanted {
             return Ok(());
         }
         let value = wanted.to_value().ok_or(OperatorError::Unreadable { node })?;
         self.authorize_register(node, name, &value.as_value())?;
-        let found = self.access(node, name, value.as_value())?;
+        let found = self.access(node, name, value.as_value())?.value;
         if found == *wanted {
             return Ok(());
         }
+        let name = name.to_owned();
         Err(OperatorError::RegisterRefused { name, wanted: wanted.to_string(), found: found.to_string() })
     }
 
-    fn access(
-        &mut self,
-        node: NodeId,
-        name: &'static str,
-        value: Value<'_>,
-    ) -> Result<Numbers, OperatorError> {
+    fn access(&mut self, node: NodeId, name: &str, value: Value<'_>) -> Result<RegisterEntry, OperatorError> {
         let request = AccessRequest { name: name.as_bytes(), value };
         let payload = self.request(node, ACCESS, Policy::default(), &request)?;
         let response =
             AccessResponse::from_bytes(&payload).map_err(|_| OperatorError::Unreadable { node })?;
         if response.value.kind() == ValueType::Empty {
-            return Err(OperatorError::NoRegister { name });
+            return Err(OperatorError::NoRegister { name: name.to_owned() });
         }
-        Numbers::of(&response.value).ok_or(OperatorError::Unreadable { node })
+        let value = Numbers::of(&response.value).ok_or(OperatorError::Unreadable { node })?;
+        Ok(RegisterEntry { name: name.to_owned(), value, mutable: response.mutable })
     }
 }

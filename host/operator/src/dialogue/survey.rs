@@ -15,7 +15,6 @@ const SCAN_TRIES: u8 = 3;
 pub struct ModuleReport {
     /// Address.
     pub module: ModuleId,
-    /// Firmware.
     pub version: FirmwareVersion,
     /// Serial number.
     pub serial: Option<u32>,
@@ -27,7 +26,6 @@ pub struct ModuleReport {
     pub state: Option<CubeState>,
     /// Position, rad (linear modules: m).
     pub position_rad: Option<f64>,
-    /// Current, A.
     pub current_a: Option<f64>,
     /// Motor supply, V.
     pub motor_v: Option<f64>,
@@ -66,25 +64,31 @@ impl ModuleReport {
 
     /// The state in a few words.
     pub fn condition(&self) -> String {
-        let Some(state) = self.state else { return "state unknown".to_owned() };
-        let mut words = Vec::new();
-        if state.contains(CubeState::ERROR) {
-            let causes = state.bits() & CubeState::CAUSES.bits();
-            words.push(format!("error {}", CubeState::from_bits(causes)));
-        }
-        if state.contains(CubeState::HALTED) {
-            words.push("halted".to_owned());
-        }
-        words.push(if self.is_homed() { "homed" } else { "not homed" }.to_owned());
-        if state.contains(CubeState::MOTION) {
-            words.push("moving".to_owned());
-        }
-        words.join(", ")
+        condition(self.state)
     }
 }
 
+/// A state word in a few words.
+#[must_use]
+pub fn condition(state: Option<CubeState>) -> String {
+    let Some(state) = state else { return "state unknown".to_owned() };
+    let mut words = Vec::new();
+    if state.contains(CubeState::ERROR) {
+        let causes = state.bits() & CubeState::CAUSES.bits();
+        words.push(format!("error {}", CubeState::from_bits(causes)));
+    }
+    if state.contains(CubeState::HALTED) {
+        words.push("halted".to_owned());
+    }
+    words.push(if state.contains(CubeState::HOME_OK) { "homed" } else { "not homed" }.to_owned());
+    if state.contains(CubeState::MOTION) {
+        words.push("moving".to_owned());
+    }
+    words.join(", ")
+}
+
 /// Progress of a survey: what is done, done and all.
-pub type Progress<'a> = &'a mut dyn FnMut(&'static str, usize, usize);
+pub type OnSurveyProgress<'a> = &'a mut dyn FnMut(&'static str, usize, usize);
 
 /// Finds the modules among `candidates` by asking for their version, then asks each found one for the rest.
 ///
@@ -93,10 +97,10 @@ pub type Progress<'a> = &'a mut dyn FnMut(&'static str, usize, usize);
 pub fn survey(
     session: &mut Session,
     candidates: impl IntoIterator<Item = ModuleId>,
-    progress: Progress<'_>,
+    progress: OnSurveyProgress<'_>,
 ) -> Result<Vec<ModuleReport>, AskError> {
-    let linger = session.desk().drives.policy().linger;
-    session.desk().drives.set_policy(Policy { linger, tries: SCAN_TRIES, ..Policy::default() });
+    let linger = session.host_node().drives.policy().linger;
+    session.host_node().drives.set_policy(Policy { linger, tries: SCAN_TRIES, ..Policy::default() });
     let questions: Vec<_> =
         candidates.into_iter().map(|module| (module, Request::Get(Parameter::DefVersion))).collect();
     let answers =
@@ -124,7 +128,7 @@ pub fn survey(
         details.extend(readable.map(|parameter| (*module, Request::Get(parameter))));
     }
     // Whoever has answered is there.
-    session.desk().drives.set_policy(Policy { linger, ..Policy::PATIENT });
+    session.host_node().drives.set_policy(Policy { linger, ..Policy::PATIENT });
     let answers = session.ask_all_with(&details, &mut |done, all| progress("asking them", done, all))?;
     let mut reports: Vec<ModuleReport> = found
         .into_iter()

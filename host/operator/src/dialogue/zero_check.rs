@@ -1,8 +1,11 @@
-//! Whether a drive had lost encoder counts: its reading jumps when homing finds the switch.
+//! Whether a drive had lost encoder counts: its reading leaps when homing finds the switch.
 //!
 //! At the switch the drive sets its counter to the known place of the switch. A counter that was right goes on without
 //! a step. One that had lost counts steps by what was lost. The readings are taken some milliseconds apart, while the
 //! joint moves slowly, so the step stands out from the motion as soon as it is larger than the way between two readings.
+//!
+//! A joint with many lost counts meets its end stop on the way, and moves faster than homing for a moment when it leaves
+//! the stop. Such leaps are not the switch's: the largest leap is the offset, and the others count as its uncertainty.
 
 use protocol::Instant;
 
@@ -10,15 +13,29 @@ use protocol::Instant;
 const QUANTUM_RAD: f64 = 3.5e-4;
 /// Room for the times of the readings.
 const MOTION_FACTOR: f64 = 1.5;
+/// Leaps beside the largest, as a share of it: above it nobody can say which one is the switch's.
+const OTHERS_SHARE_MAX: f64 = 0.5;
 
-/// See the [module](self).
+/// A step larger than the motion, rad, with the time it took and the speed before it.
+#[derive(Clone, Copy, Debug)]
+struct Leap {
+    step_rad: f64,
+    dt_s: f64,
+    v_before_rad_s: f64,
+}
+
 #[derive(Clone, Copy, Debug)]
 pub struct ZeroCheck {
     v_max_rad_s: f64,
     last: Option<(Instant, f64)>,
-    /// A step that counts if the reading goes on smoothly after it.
-    candidate_rad: Option<f64>,
-    jump_rad: f64,
+    /// Speed between the last two readings without a leap.
+    v_rad_s: f64,
+    /// Counts if the reading goes on smoothly after it.
+    candidate: Option<Leap>,
+    /// Largest leap less the motion in it, rad.
+    largest_rad: f64,
+    /// Sum of the magnitudes of all other leaps, rad.
+    others_rad: f64,
     resolution_rad: f64,
     is_clear: bool,
 }
@@ -28,7 +45,7 @@ pub struct ZeroCheck {
 pub struct ZeroOffset {
     /// Reading before homing, less what it should have been, rad; 0 if it is below the resolution.
     pub offset_rad: f64,
-    /// A smaller offset is not seen, rad.
+    /// A smaller offset is not seen, and the true one is not farther from `offset_rad`, rad.
     pub resolution_rad: f64,
 }
 
@@ -39,8 +56,10 @@ impl ZeroCheck {
         Self {
             v_max_rad_s,
             last: None,
-            candidate_rad: None,
-            jump_rad: 0.0,
+            v_rad_s: 0.0,
+            candidate: None,
+            largest_rad: 0.0,
+            others_rad: 0.0,
             resolution_rad: 0.0,
             is_clear: true,
         }
@@ -48,27 +67,41 @@ impl ZeroCheck {
 
     /// Takes the next reading.
     pub fn take(&mut self, at: Instant, q_rad: f64) {
-        if let Some((before, q_before_rad)) = self.last.replace((at, q_rad)) {
-            let dt_s = at.saturating_since(before).as_secs_f64();
-            let motion_rad = MOTION_FACTOR * self.v_max_rad_s * dt_s + 2.0 * QUANTUM_RAD;
-            let step_rad = q_rad - q_before_rad;
-            let is_step = step_rad.abs() > motion_rad;
-            match (self.candidate_rad.take(), is_step) {
-                (Some(jump_rad), false) => self.jump_rad += jump_rad,
-                // Two in a row are a motion faster than was thought, and no step.
-                (Some(_), true) => self.is_clear = false,
-                (None, true) => self.candidate_rad = Some(step_rad),
-                (None, false) => {}
-            }
-            self.resolution_rad = self.resolution_rad.max(motion_rad);
+        let Some((before, q_before_rad)) = self.last.replace((at, q_rad)) else { return };
+        let dt_s = at.saturating_since(before).as_secs_f64();
+        let motion_rad = MOTION_FACTOR * self.v_max_rad_s * dt_s + 2.0 * QUANTUM_RAD;
+        self.resolution_rad = self.resolution_rad.max(motion_rad);
+        let step_rad = q_rad - q_before_rad;
+        if step_rad.abs() > motion_rad {
+            // Two in a row are a motion faster than was thought, and no leap.
+            self.is_clear &= self.candidate.is_none();
+            self.candidate = Some(Leap { step_rad, dt_s, v_before_rad_s: self.v_rad_s });
+            return;
+        }
+        self.v_rad_s = if dt_s > 0.0 { step_rad / dt_s } else { 0.0 };
+        if let Some(leap) = self.candidate.take() {
+            self.add(leap.step_rad - 0.5 * (leap.v_before_rad_s + self.v_rad_s) * leap.dt_s);
         }
     }
 
-    /// The result; `None` if the readings do not allow one.
+    fn add(&mut self, leap_rad: f64) {
+        let smaller_rad = leap_rad.abs().min(self.largest_rad.abs());
+        if leap_rad.abs() > self.largest_rad.abs() {
+            self.largest_rad = leap_rad;
+        }
+        self.others_rad += smaller_rad;
+    }
+
+    /// The result; `None` if the readings do not allow one: fewer than two, a motion faster than homing, or leaps of
+    /// which none stands out.
     #[must_use]
     pub fn finish(self) -> Option<ZeroOffset> {
-        let enough = self.is_clear && self.candidate_rad.is_none() && self.resolution_rad > 0.0;
-        enough.then_some(ZeroOffset { offset_rad: -self.jump_rad, resolution_rad: self.resolution_rad })
+        let enough = self.is_clear && self.candidate.is_none() && self.resolution_rad > 0.0;
+        let stands_out = self.others_rad <= OTHERS_SHARE_MAX * self.largest_rad.abs();
+        (enough && stands_out).then_some(ZeroOffset {
+            offset_rad: -self.largest_rad,
+            resolution_rad: self.resolution_rad + self.others_rad,
+        })
     }
 }
 
@@ -84,9 +117,13 @@ mod tests {
         check.finish()
     }
 
+    /// At homing speed until the joint stands.
+    fn motion(i: i32) -> f64 {
+        -0.2 * 0.005 * f64::from(i.min(120))
+    }
+
     #[test]
     fn a_step_at_the_switch_is_the_offset_and_motion_alone_is_none() {
-        let motion = |i: i32| -0.2 * 0.005 * f64::from(i.min(120));
         let found = check((0..200).map(motion)).unwrap();
         assert_eq!(found.offset_rad, 0.0);
         assert!((0.001..0.003).contains(&found.resolution_rad), "{found:?}");
@@ -94,6 +131,19 @@ mod tests {
             let found = check((0..200).map(|i| motion(i) + if i < 100 { lost_rad } else { 0.0 })).unwrap();
             assert!((found.offset_rad - lost_rad).abs() < found.resolution_rad, "{lost_rad}: {found:?}");
         }
+    }
+
+    #[test]
+    fn small_leaps_beside_the_switch_widen_the_uncertainty_and_like_ones_allow_no_result() {
+        let readings = |stop_rad: f64| {
+            (0..200).map(move |i| {
+                motion(i) + if i < 40 { stop_rad } else { 0.0 } + if i < 100 { 1.5 } else { 0.0 }
+            })
+        };
+        let found = check(readings(0.003)).unwrap();
+        assert!((found.offset_rad - 1.5).abs() < 1e-3, "{found:?}");
+        assert!((0.004..0.006).contains(&found.resolution_rad), "{found:?}");
+        assert_eq!(check(readings(1.0)), None);
     }
 
     #[test]

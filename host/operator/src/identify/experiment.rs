@@ -9,7 +9,7 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use protocol::cyphal::cubecell::stop::Reason;
-use protocol::powercube::{CubeState, Motion, MotionCommand, Parameter, Reply, Request, Value};
+use protocol::powercube::{CubeState, MotionCommand, MotionRequest, Parameter, Reply, Request, Value};
 use protocol::units::Radians;
 use protocol::{Duration, Instant, ModuleId};
 use robot_model::{JointVec, RobotModel};
@@ -41,7 +41,7 @@ pub enum ExperimentError {
         "module {module} is not homed, so that its position is not known; nothing moved\n  next: `cubectl home`, or add --home"
     )]
     NotHomed {
-        /// Which.
+        /// Address of the module.
         module: ModuleId,
     },
     /// An error of the drive, in the middle of it.
@@ -51,7 +51,6 @@ pub enum ExperimentError {
     Drive {
         /// Joint number.
         joint: usize,
-        /// Its module.
         module: ModuleId,
         /// What it reports.
         state: CubeState,
@@ -79,7 +78,6 @@ pub enum ExperimentError {
         joint: usize,
         /// What it drew.
         current_a: f64,
-        /// The bound.
         bound_a: f64,
     },
     /// No way to turn.
@@ -89,11 +87,8 @@ pub enum ExperimentError {
     NoRoom {
         /// Joint number.
         joint: usize,
-        /// From.
         low_rad: f64,
-        /// To.
         high_rad: f64,
-        /// Needed.
         needed_rad: f64,
     },
 }
@@ -218,7 +213,7 @@ impl<'a, const N: usize> Experiment<'a, N> {
         self.session.set_f32(module, Parameter::TargetAcc, a_rad_s2 as f32)?;
         let command = MotionCommand::Ramp { target: Radians::new(to_rad as f32) };
         let begun = self.session.now();
-        self.session.ask(module, Request::Move(Motion::extended(command)))?;
+        self.session.ask(module, Request::Move(MotionRequest::extended(command)))?;
         let planned = Duration::from_secs_f64(way / v_rad_s + v_rad_s / a_rad_s2);
         self.over_since = None;
         let mut looks = 0u32;

@@ -12,7 +12,7 @@ use tuner::model::DriveLag;
 
 /// What is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wish {
+pub struct JointExperiments {
     /// Joint number from 1.
     pub joint: usize,
     /// Bounds of the motion.
@@ -29,18 +29,12 @@ pub enum JointError {
     Experiment(#[from] ExperimentError),
     /// No drives in the robot file.
     #[error("robot {robot} has no drives; give each [[joint]] of its file a [joint.drive] table")]
-    NoDrives {
-        /// Robot.
-        robot: String,
-    },
-    /// No such joint.
+    NoDrives { robot: String },
     #[error("robot {robot} has joints 1 to {joints}, not {asked}")]
     NoSuchJoint {
-        /// Robot.
         robot: String,
         /// Joints it has.
         joints: usize,
-        /// Asked for.
         asked: usize,
     },
 }
@@ -54,7 +48,7 @@ pub enum JointError {
 pub fn identify(
     session: &mut Session,
     robot: &AnyRobot,
-    wish: &Wish,
+    wish: &JointExperiments,
     progress: &mut dyn FnMut(&str, usize),
 ) -> Result<Findings, JointError> {
     for_any_robot!(robot, model => of_model(session, model, wish, progress))
@@ -63,7 +57,7 @@ pub fn identify(
 fn of_model<const N: usize>(
     session: &mut Session,
     model: &RobotModel<N>,
-    wish: &Wish,
+    wish: &JointExperiments,
     progress: &mut dyn FnMut(&str, usize),
 ) -> Result<Findings, JointError> {
     let robot = model.name().to_owned();

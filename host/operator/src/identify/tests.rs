@@ -2,7 +2,7 @@
 //! blocked joint or drowned data are refused.
 
 use super::experiment::{Bounds, ExperimentError};
-use super::joint::{JointError, Wish, identify};
+use super::joint::{JointError, JointExperiments, identify};
 use crate::bus::args::CellArgs;
 use crate::bus::{BusArgs, Session};
 use hil_sim::fault::{FaultTarget, PhysicalFault, Place};
@@ -26,7 +26,7 @@ fn session(seed: u64, noise_a: f64) -> Session {
 fn run(session: &mut Session, joint: usize) -> Result<Findings, JointError> {
     let bounds = Bounds { current_share: 0.8, speed_share: 0.8, bit_rate_bit_s: 1e6 };
     let robot = AnyRobot::load("powercube6").unwrap();
-    identify(session, &robot, &Wish { joint, bounds, level: LEVEL }, &mut |_, _| {})
+    identify(session, &robot, &JointExperiments { joint, bounds, level: LEVEL }, &mut |_, _| {})
 }
 
 #[test]
@@ -78,10 +78,9 @@ fn drowned_currents_are_refused_with_the_reason() {
 fn blocked_joint_is_refused_and_halted() {
     let mut session = session(1, 0.05);
     let module = ModuleId::new(2).unwrap();
-    let block =
-        session.sim().unwrap().world().with_crew(|crew, now| {
-            crew.0.0.0.begin_fault(now, Place::Module(module), &PhysicalFault::Blocked)
-        });
+    let block = session.sim().unwrap().world().with_participants(|participants, now| {
+        participants.0.0.0.begin_fault(now, Place::Module(module), &PhysicalFault::Blocked)
+    });
     block.unwrap().unwrap();
     let error = run(&mut session, 2).unwrap_err();
     assert!(

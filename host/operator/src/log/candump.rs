@@ -6,7 +6,7 @@ use std::path::Path;
 use can_link::BusError;
 use protocol::text::BusName;
 use protocol::text::candump::{Direction, ParseError, Record};
-use protocol::{Frame, Instant};
+use protocol::{Duration, Frame, Instant};
 use serde::Serialize;
 
 use crate::tap::Way;
@@ -14,17 +14,20 @@ use crate::tap::Way;
 /// Name used where the bus has none that the format can carry.
 const FALLBACK_BUS: &str = "can0";
 
-/// Writes one line per frame. Times are the session's.
+/// Writes one line per frame. Times are those of the wall clock where the session has one, as `candump -L` writes them; else
+/// the session's virtual time.
 pub struct Log<W: Write> {
     out: io::BufWriter<W>,
     bus: String,
+    zero_unix: Duration,
 }
 
 impl<W: Write> Log<W> {
-    /// Log with `bus` as the name of the interface in each line.
-    pub fn new(out: W, bus: String) -> Self {
+    /// Log with `bus` as the name of the interface in each line. `zero_unix` is the Unix time at the session's time zero;
+    /// zero in virtual time.
+    pub fn new(out: W, bus: String, zero_unix: Duration) -> Self {
         let bus = if BusName::new(&bus).is_ok() { bus } else { FALLBACK_BUS.to_owned() };
-        Self { out: io::BufWriter::new(out), bus }
+        Self { out: io::BufWriter::new(out), bus, zero_unix }
     }
 
     /// Writes a frame.
@@ -37,7 +40,7 @@ impl<W: Write> Log<W> {
             Way::Sent => Direction::Sent,
             Way::Received => Direction::Received,
         });
-        let line = Record { at, bus, frame: *frame, direction }.encode();
+        let line = Record { at: at + self.zero_unix, bus, frame: *frame, direction }.encode();
         self.out.write_all(line.as_bytes())?;
         self.out.write_all(b"\n")
     }
@@ -49,7 +52,8 @@ impl<W: Write> Log<W> {
     pub fn bus_error(&mut self, at: Instant, error: &BusError) -> io::Result<()> {
         let id = 0x2000_0000 | error.class & 0x1FFF_FFFF;
         let details: String = error.details.iter().map(|byte| format!("{byte:02X}")).collect();
-        let (s, us) = (at.as_micros() / 1_000_000, at.as_micros() % 1_000_000);
+        let at_us = (at + self.zero_unix).as_micros();
+        let (s, us) = (at_us / 1_000_000, at_us % 1_000_000);
         writeln!(self.out, "({s:010}.{us:06}) {} {id:08X}#{details}", self.bus)
     }
 
@@ -69,7 +73,6 @@ pub struct Line {
     pub number: usize,
     /// Time stamp.
     pub at: Instant,
-    /// The frame.
     pub frame: Frame,
     /// Sent by the program that recorded; `None` if the log does not say.
     pub sent: Option<bool>,
@@ -205,7 +208,6 @@ pub fn read(mut input: impl BufRead) -> Result<Recording, ReadError> {
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {cause}", path.display())]
 pub struct UnreadableFile {
-    /// The file.
     pub path: std::path::PathBuf,
     /// What is wrong with it, with the line where there is one.
     pub cause: String,
@@ -233,7 +235,7 @@ mod tests {
     #[test]
     fn what_is_written_is_read_back_and_errors_of_the_bus_are_left_out() {
         let mut bytes = Vec::new();
-        let mut log = Log::new(&mut bytes, "no such name!".to_owned());
+        let mut log = Log::new(&mut bytes, "no such name!".to_owned(), Duration::ZERO);
         let frame = Frame::from_array(StandardId::from_low_bits(0x0A5), [8, 0x4F, 0x64]);
         log.frame(Instant::from_micros(17), Way::Received, &frame).unwrap();
         log.bus_error(Instant::from_micros(18), &BusError::from_class(0x20)).unwrap();

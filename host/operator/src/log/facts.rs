@@ -22,20 +22,14 @@ use protocol::{Frame, Id, Instant, ModuleId};
 /// Something that a frame, or the last frame of a transfer, says.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Fact {
-    /// Somebody asks or orders a drive.
+    /// Another node asks or orders a drive.
     Request {
         /// Addressee.
         module: ModuleId,
-        /// What.
         request: Request,
     },
     /// A drive speaks.
-    Reply {
-        /// Who.
-        module: ModuleId,
-        /// What.
-        reply: Reply,
-    },
+    Reply { module: ModuleId, reply: Reply },
     /// To all drives.
     Broadcast(Broadcast),
     /// State of a joint group.
@@ -56,11 +50,9 @@ pub enum Fact {
     },
     /// A line of text for people.
     Record {
-        /// Who.
         from: NodeId,
         /// How much it matters.
         severity: Severity,
-        /// The text.
         text: String,
     },
     /// A command to a controller.
@@ -74,11 +66,9 @@ pub enum Fact {
     },
     /// The answer to it.
     Answer {
-        /// The controller.
         from: NodeId,
         /// Number of the command, if it was seen.
         number: Option<u16>,
-        /// Outcome.
         status: Status,
         /// Why not, if it says so.
         refusal: Option<Refusal>,
@@ -87,7 +77,6 @@ pub enum Fact {
     Stop {
         /// Who; `None` for a node without address.
         from: Option<NodeId>,
-        /// Why.
         stop: Stop,
     },
 }
@@ -104,7 +93,6 @@ const PORTS: [Port; 6] = [
     Port::response(execute::SERVICE, execute::RESPONSE_EXTENT),
 ];
 
-/// See the [module](self).
 #[derive(Clone, Debug, Default)]
 pub struct Decoder {
     rx: Box<Receiver<64, 16, BYTES>>,
@@ -182,7 +170,7 @@ pub fn position(reply: &Reply) -> Option<(f64, Option<ShortState>)> {
     }
 }
 
-/// A command in words.
+/// A command as text.
 pub const fn order_name(number: u16) -> &'static str {
     match number {
         command::ARM_PREPARE => "prepare to arm",
@@ -206,14 +194,15 @@ mod tests {
     use super::*;
     use protocol::cyphal::id::{Priority, ServiceId};
     use protocol::cyphal::tx::{TxMeta, TxQueue};
-    use protocol::powercube::{Motion, MotionCommand};
+    use protocol::powercube::{MotionCommand, MotionRequest};
     use protocol::units::Radians;
 
     #[test]
     fn frames_of_drives_are_understood_by_their_ids() {
         let mut decoder = Decoder::default();
         let module = ModuleId::new(5).unwrap();
-        let request = Request::Move(Motion::extended(MotionCommand::Ramp { target: Radians::new(1.0) }));
+        let request =
+            Request::Move(MotionRequest::extended(MotionCommand::Ramp { target: Radians::new(1.0) }));
         // Bytes of the reference: moveRampExtended of module 5 to 1 rad.
         let frame =
             Frame::new(protocol::StandardId::from_low_bits(0x0E5), &[0x0B, 0x0E, 0, 0, 0x80, 0x3F]).unwrap();

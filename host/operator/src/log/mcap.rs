@@ -20,20 +20,22 @@ use mcap::{McapError, WriteOptions, Writer};
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::cyphal::cubecell::joint_state::{JointFlags, JointSample};
 use protocol::powercube::{CubeState, Parameter, Reply, ShortState, Value};
-use protocol::{Frame, Instant};
+use protocol::{Duration, Frame, Instant};
 
 use super::facts::{Fact, position};
 use super::schema::{self, Message};
-use super::watch::{Event, FreezeFrame, Severity, Watch};
+use super::watch::{FreezeFrame, LogEvent, Severity, Watch};
 use crate::tap::Way;
 
-/// Writes the file. Times are the session's, as log time and publish time.
+/// Writes the file. The publish time and `time_us` of a message are the session's time, which is monotonic; its log time is that of
+/// the wall clock, or the session's where it is virtual.
 pub struct Log<W: Write + Seek> {
     writer: Writer<BufWriter<W>>,
     watch: Watch,
     schemas: Schemas,
     channels: BTreeMap<String, u16>,
     sequence: u32,
+    zero_unix: Duration,
     /// State of the controller heard last.
     state: Option<State>,
 }
@@ -50,11 +52,11 @@ struct Schemas {
 }
 
 impl<W: Write + Seek> Log<W> {
-    /// Begins the file.
+    /// Begins the file. `zero_unix` is the Unix time at the session's time zero; zero in virtual time.
     ///
     /// # Errors
     /// The medium's.
-    pub fn new(out: W) -> io::Result<Self> {
+    pub fn new(out: W, zero_unix: Duration) -> io::Result<Self> {
         let mut writer = WriteOptions::new()
             .compression(None)
             .profile("")
@@ -78,6 +80,7 @@ impl<W: Write + Seek> Log<W> {
             schemas,
             channels: BTreeMap::new(),
             sequence: 0,
+            zero_unix,
             state: None,
         };
         // There from the start, so that a viewer lists them although nothing came.
@@ -119,7 +122,7 @@ impl<W: Write + Seek> Log<W> {
             _ => {}
         }
         for event in &notes.events {
-            self.put("/events", self.schemas.event, at, event_message(event))?;
+            self.put("/events", self.schemas.event, at, event_message(event, self.zero_unix))?;
         }
         if let Some(freeze) = notes.freeze {
             self.put("/freeze", self.schemas.freeze, at, freeze_message(&freeze))?;
@@ -168,9 +171,9 @@ impl<W: Write + Seek> Log<W> {
     fn put(&mut self, topic: &str, schema: u16, at: Instant, message: Message) -> io::Result<()> {
         let channel_id = self.channel(topic, schema)?;
         self.sequence = self.sequence.wrapping_add(1);
-        let time_ns = at.as_micros().saturating_mul(1_000);
-        let header =
-            MessageHeader { channel_id, sequence: self.sequence, log_time: time_ns, publish_time: time_ns };
+        let ns = |time: Instant| time.as_micros().saturating_mul(1_000);
+        let (log_time, publish_time) = (ns(at + self.zero_unix), ns(at));
+        let header = MessageHeader { channel_id, sequence: self.sequence, log_time, publish_time };
         self.writer.write_to_known_channel(&header, &message.into_bytes()).map_err(io_error)
     }
 }
@@ -235,8 +238,8 @@ fn joint_message(at: Instant, number: u64, sample: &JointSample) -> Message {
         .uint(10, sample.flags.has(JointFlags::REPLY_MISSED).into())
 }
 
-fn event_message(event: &Event) -> Message {
-    let us = event.at.as_micros();
+fn event_message(event: &LogEvent, zero_unix: Duration) -> Message {
+    let us = (event.at + zero_unix).as_micros();
     let stamp = Message::default().uint(1, us / 1_000_000).uint(2, us % 1_000_000 * 1_000);
     let level = match event.severity {
         Severity::Info => 2,

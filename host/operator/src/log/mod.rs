@@ -6,7 +6,7 @@
 //! | [`facts`] | what frames say: requests, answers, messages, orders |
 //! | [`keep`] | the frames of a session, kept in memory |
 //! | [`mcap`] | the same frames and the joints' state decoded from them, as protobuf channels |
-//! | [`watch`] | what happened, in words; freeze frames at faults |
+//! | [`watch`] | what happened, as text; freeze frames at faults |
 //! | [`schema`] | the protobuf messages and their self-description |
 //!
 //! [`Recorder`] writes both at once. It hands everything to the operating system at each change of the controller's state,
@@ -43,21 +43,23 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Creates `path.candump` and `path.mcap` for the bus `spec`. Files that exist are not overwritten.
+    /// Creates `path.candump` and `path.mcap` for the bus `spec`. Files that exist are not overwritten. `zero_unix` is the Unix time
+    /// at the session's time zero; zero in virtual time.
     ///
     /// # Errors
     /// A file cannot be created; the path is in the text.
-    pub fn create(path: &Path, spec: &BusSpec) -> io::Result<Self> {
+    pub fn create(path: &Path, spec: &BusSpec, zero_unix: Duration) -> io::Result<Self> {
         let bus = match spec {
             BusSpec::SocketCan { interface } => interface.clone(),
             BusSpec::Socketcand { bus, .. } | BusSpec::Lockstep { bus, .. } => bus.clone(),
             BusSpec::Sim => "sim".to_owned(),
             BusSpec::Slcan { .. } => "slcan".to_owned(),
+            BusSpec::Rsi(_) => "rsi".to_owned(),
         };
         let [text, viewer] = files_of(path);
         Ok(Self {
-            text: candump::Log::new(create_new(&text)?, bus),
-            viewer: mcap::Log::new(create_new(&viewer)?)?,
+            text: candump::Log::new(create_new(&text)?, bus, zero_unix),
+            viewer: mcap::Log::new(create_new(&viewer)?, zero_unix)?,
             flushed: Instant::ZERO,
             waits: false,
         })
@@ -115,5 +117,35 @@ impl Tap for Recorder {
         let text = self.text.flush();
         self.viewer.finish()?;
         text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use protocol::StandardId;
+
+    #[test]
+    fn both_files_carry_the_time_of_the_wall_clock_and_the_viewers_file_the_monotonic_one_too() {
+        let folder = std::env::temp_dir().join(format!("cubectl-recorder-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let spec = "can0".parse().unwrap();
+        let frame = Frame::from_array(StandardId::from_low_bits(0x0A5), [8]);
+        for (name, zero_unix_s) in [("wall", 1_700_000_000), ("virtual", 0)] {
+            let path = folder.join(name);
+            let mut recorder = Recorder::create(&path, &spec, Duration::from_secs(zero_unix_s)).unwrap();
+            recorder.frame(Instant::from_micros(1_500_000), Way::Received, &frame).unwrap();
+            recorder.finish().unwrap();
+            let [text, viewer] = files_of(&path);
+            let line = std::fs::read_to_string(&text).unwrap();
+            assert!(line.starts_with(&format!("({:010}.500000) can0 0A5#08", zero_unix_s + 1)), "{line}");
+            let read = candump::read_file(&text).unwrap();
+            assert_eq!(read.lines[0].at.as_micros(), zero_unix_s * 1_000_000 + 1_500_000);
+            let bytes = std::fs::read(viewer).unwrap();
+            let messages: Vec<_> = ::mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap).collect();
+            assert_eq!(messages[0].log_time, zero_unix_s * 1_000_000_000 + 1_500_000_000);
+            assert_eq!(messages[0].publish_time, 1_500_000_000);
+        }
+        std::fs::remove_dir_all(&folder).unwrap();
     }
 }

@@ -30,7 +30,6 @@ enum Type {
 pub struct Message(Vec<u8>);
 
 impl Message {
-    /// The bytes.
     pub fn into_bytes(self) -> Vec<u8> {
         self.0
     }
@@ -43,7 +42,6 @@ impl Message {
         self
     }
 
-    /// Double.
     #[must_use]
     pub fn double(mut self, field: u64, value: f64) -> Self {
         varint(&mut self.0, field << 3 | FIXED64);
@@ -90,7 +88,7 @@ pub const GROUP_STATE: &str = "cubectl.GroupState";
 pub const JOINT_STATE: &str = "cubectl.JointState";
 /// `cubectl.FreezeFrame`: everything known at the moment of a fault.
 pub const FREEZE_FRAME: &str = "cubectl.FreezeFrame";
-/// `foxglove.Log`: something that happened, in words.
+/// `foxglove.Log`: something that happened, as text.
 pub const EVENT: &str = "foxglove.Log";
 
 type Fields = &'static [(&'static str, Type)];

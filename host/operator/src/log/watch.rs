@@ -1,4 +1,4 @@
-//! Follows a bus and says what happened, in words; at a fault it gives everything known at that moment.
+//! Follows a bus and says what happened, as text; at a fault it gives everything known at that moment.
 //!
 //! Used while recording and afterwards, so that a viewer's log and a report tell the same story.
 
@@ -28,16 +28,12 @@ pub enum Severity {
     Error,
 }
 
-/// Something that happened.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Event {
-    /// When.
+pub struct LogEvent {
     pub at: Instant,
     /// How much it matters.
     pub severity: Severity,
-    /// Who says so.
     pub source: String,
-    /// What.
     pub text: String,
 }
 
@@ -46,9 +42,7 @@ pub struct Event {
 pub struct LastHeard {
     /// Position, rad, and when its answer ended.
     pub position: Option<(Instant, f64)>,
-    /// Current, A.
     pub current_a: Option<f64>,
-    /// Short state.
     pub short_state: Option<ShortState>,
     /// State word.
     pub state: Option<CubeState>,
@@ -65,7 +59,6 @@ pub struct FreezeFrame {
     pub at: Instant,
     /// What it told.
     pub group: GroupState,
-    /// Its state before.
     pub before: State,
     /// Drives by address.
     pub drives: BTreeMap<u8, LastHeard>,
@@ -78,18 +71,16 @@ pub struct FreezeFrame {
 pub struct Notes {
     /// What it says, if it is the last frame of something.
     pub fact: Option<Fact>,
-    /// What happened.
-    pub events: Vec<Event>,
+    pub events: Vec<LogEvent>,
     /// A fault or stop that was not there before.
     pub freeze: Option<Box<FreezeFrame>>,
 }
 
 /// Frames kept for a freeze frame.
 const FRAMES_KEPT: usize = 24;
-/// Signs of life farther apart than this begin anew.
+/// Signs of life farther apart than this begin again.
 const LIFE_GAP: Duration = Duration::from_millis(500);
 
-/// See the [module](self).
 #[derive(Clone, Debug, Default)]
 pub struct Watch {
     decoder: Decoder,
@@ -98,7 +89,7 @@ pub struct Watch {
     drives: BTreeMap<u8, LastHeard>,
     frames: VecDeque<(Instant, Frame)>,
     life_at: Option<Instant>,
-    events: Vec<Event>,
+    events: Vec<LogEvent>,
 }
 
 impl Watch {
@@ -115,12 +106,22 @@ impl Watch {
         }
         self.frames.push_back((at, *frame));
         let Some(fact) = self.decoder.take(at, frame) else { return Notes::default() };
+        self.take_fact(at, fact)
+    }
+
+    /// Takes a fact that did not come in frames.
+    pub fn take_fact(&mut self, at: Instant, fact: Fact) -> Notes {
         let freeze = self.fact(at, &fact);
         Notes { fact: Some(fact), events: std::mem::take(&mut self.events), freeze }
     }
 
     fn note(&mut self, at: Instant, severity: Severity, source: impl Into<String>, text: impl Into<String>) {
-        self.events.push(Event { at, severity, source: source.into(), text: text.into() });
+        self.events.push(LogEvent { at, severity, source: source.into(), text: text.into() });
+    }
+
+    /// The controller says that it starts.
+    fn boots(&self) -> bool {
+        self.group.is_some_and(|group| group.state == State::Boot)
     }
 
     fn drive_name(&self, address: u8) -> String {
@@ -274,7 +275,9 @@ impl Watch {
         match (not_ok(&was), not_ok(&now)) {
             (None | Some(false), Some(true)) => {
                 let name = self.drive_name(address);
-                self.note(at, Severity::Warning, name, "not ready: in error, halted or not homed");
+                // Before they are homed drives are never ready.
+                let severity = if self.boots() { Severity::Info } else { Severity::Warning };
+                self.note(at, severity, name, "not ready: in error, halted or not homed");
             }
             (Some(true), Some(false)) => {
                 let name = self.drive_name(address);
@@ -286,20 +289,27 @@ impl Watch {
         let new = causes(&now) & !causes(&was);
         if new != 0 {
             let name = self.drive_name(address);
-            // While nothing moves it stops nothing: the proof of a watchdog looks like this.
+            // While nothing moves it stops nothing.
             let moving = self.group.is_none_or(|group| {
                 matches!(
                     group.state,
                     State::Homing | State::Running | State::Stopping | State::Jogging | State::Fault
                 )
             });
-            let severity = if moving { Severity::Error } else { Severity::Warning };
-            self.note(at, severity, name, format!("reports {}", CubeState::from_bits(new)));
+            let proves = self.boots() && new == CubeState::COMM_ERROR.bits();
+            let (severity, why) = match (moving, proves) {
+                (true, _) => (Severity::Error, ""),
+                (false, true) => {
+                    (Severity::Info, ": its watchdog works, which the starting controller proves")
+                }
+                (false, false) => (Severity::Warning, ""),
+            };
+            self.note(at, severity, name, format!("reports {}{why}", CubeState::from_bits(new)));
         }
     }
 }
 
-/// A cause in words, with its joint.
+/// A cause as text, with its joint.
 fn cause_text(code: u16, joint: u8) -> String {
     let place = if joint == 0 { String::new() } else { format!("joint {joint}: ") };
     match Cause::from_code(code).and_then(Cause::info) {
@@ -352,5 +362,31 @@ mod tests {
         assert_eq!(freeze.frames.first().map(|(at, _)| at.as_micros()), Some(10));
         assert!(notes.events[0].text.contains("running → fault: joint 3:"), "{:?}", notes.events);
         assert!(group(&mut watch, 60, 2, &fault).freeze.is_none(), "the first one counts");
+    }
+
+    #[test]
+    fn a_watchdog_error_is_expected_of_a_starting_controller_only() {
+        let module = ModuleId::new(2).unwrap();
+        let word = |cause: CubeState| {
+            let bits = CubeState::ERROR.bits() | cause.bits();
+            Reply::Value(Parameter::CubeState, Value::U32(bits)).encode(module)
+        };
+        let table = [
+            (State::Boot, CubeState::COMM_ERROR, Severity::Info, "its watchdog works"),
+            (State::Boot, CubeState::TOW_ERROR, Severity::Warning, "TOW_ERROR"),
+            (State::Idle, CubeState::COMM_ERROR, Severity::Warning, "COMM_ERROR"),
+            (State::Running, CubeState::COMM_ERROR, Severity::Error, "COMM_ERROR"),
+        ];
+        for (state, cause, severity, text) in table {
+            let mut watch = Watch::new(BTreeMap::new());
+            group(&mut watch, 10, 0, &GroupState { state, ..GroupState::default() });
+            let notes = watch.take(Instant::from_micros(20), &word(cause));
+            let event = &notes.events[0];
+            assert!(event.severity == severity && event.text.contains(text), "{state}: {event:?}");
+            assert_eq!(
+                event.text.contains("watchdog"),
+                state == State::Boot && cause == CubeState::COMM_ERROR
+            );
+        }
     }
 }

@@ -60,7 +60,6 @@ pub enum RequestFailed {
     NoAnswer {
         /// Who was asked.
         module: ModuleId,
-        /// For what.
         request: Request,
         /// How often.
         tries: u8,
@@ -70,7 +69,6 @@ pub enum RequestFailed {
     Refused {
         /// Who was asked.
         module: ModuleId,
-        /// For what.
         request: Request,
         /// Byte 2 of its answer.
         code: u8,
@@ -94,7 +92,7 @@ impl RequestFailed {
     }
 }
 
-/// A request in words, for messages.
+/// A request as text, for messages.
 pub fn what(request: &Request) -> String {
     match request {
         Request::Get(parameter) => format!("the question for {parameter}"),
@@ -109,7 +107,6 @@ pub fn what(request: &Request) -> String {
 /// The end of a request.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outcome {
-    /// Which one.
     pub ticket: Ticket,
     /// Whom it was for.
     pub module: ModuleId,
@@ -139,7 +136,6 @@ struct Lane {
     extra: u32,
 }
 
-/// See the [module](self).
 #[derive(Clone, Debug)]
 pub struct DriveClient {
     policy: Policy,

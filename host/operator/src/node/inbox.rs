@@ -6,9 +6,11 @@ use protocol::cyphal::bits::Decode;
 use protocol::cyphal::client::{NoAnswer, Ticket};
 use protocol::cyphal::cubecell::group_state::{self, GroupState};
 use protocol::cyphal::cubecell::joint_state::{self, JointState};
-use protocol::cyphal::host::{HostNode, Listener, RESPONSES};
+use protocol::cyphal::cubecell::target::{self, TargetAnswer};
+use protocol::cyphal::host::{CyphalHost, Listener, RESPONSES};
 use protocol::cyphal::id::{NodeId, Route};
 use protocol::cyphal::rx::{Port, Transfer};
+use protocol::cyphal::uavcan::diagnostic::{self, Record, Severity};
 use protocol::cyphal::uavcan::info::{NodeInfo, Version};
 use protocol::{Duration, Instant};
 
@@ -17,8 +19,22 @@ pub const NODE_ID: NodeId = NodeId::from_low_bits(126);
 
 /// Time between two heartbeats of the host: a third of the time-out that controllers have by default.
 pub const HEARTBEAT: Duration = Duration::from_millis(30);
-/// The desk's Cyphal half.
-pub(super) type Link = HostNode<Inbox>;
+/// Answers to end states that wait to be fetched: two seconds of them. Older ones are dropped.
+pub const ANSWERS_MAX: usize = 256;
+/// Lines of text that wait to be fetched. Older ones are dropped; a recording has all.
+pub const RECORDS_MAX: usize = 64;
+
+/// A line of text for people (`uavcan.diagnostic.Record`).
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Said {
+    pub from: NodeId,
+    /// How much it matters.
+    pub severity: Severity,
+    pub text: String,
+}
+
+/// The host node's Cyphal half.
+pub(super) type CyphalLink = CyphalHost<Inbox>;
 
 /// What arrived.
 #[derive(Clone, Debug)]
@@ -29,6 +45,10 @@ pub struct Inbox {
     pub group: Option<(Instant, NodeId, GroupState)>,
     /// State of its joints heard last, when, and whose.
     pub joints: Option<(Instant, NodeId, JointState)>,
+    /// Lines of text for people, oldest first, with the time of their arrival; at most [`RECORDS_MAX`].
+    pub(crate) records: VecDeque<(Instant, Said)>,
+    /// Answers to end states, oldest first, with the time of their arrival and their sender; at most [`ANSWERS_MAX`].
+    pub(crate) target_answers: VecDeque<(Instant, NodeId, TargetAnswer)>,
 }
 
 impl Listener for Inbox {
@@ -52,6 +72,15 @@ impl Listener for Inbox {
 
     fn message(&mut self, now: Instant, transfer: &Transfer<'_>) {
         let Route::Message { subject, source } = transfer.route else { return };
+        if subject == diagnostic::SUBJECT
+            && let Ok(record) = Record::from_bytes(transfer.payload)
+        {
+            if self.records.len() == RECORDS_MAX {
+                self.records.pop_front();
+            }
+            let text = String::from_utf8_lossy(record.text).into_owned();
+            self.records.push_back((now, Said { from: source, severity: record.severity, text }));
+        }
         if subject == group_state::SUBJECT
             && let Ok(state) = GroupState::from_bytes(transfer.payload)
         {
@@ -62,6 +91,14 @@ impl Listener for Inbox {
         {
             self.joints = Some((now, source, state));
         }
+        if subject == target::ANSWER_SUBJECT
+            && let Ok(answer) = TargetAnswer::from_bytes(transfer.payload)
+        {
+            self.target_answers.push_back((now, source, answer));
+            if self.target_answers.len() > ANSWERS_MAX {
+                self.target_answers.pop_front();
+            }
+        }
     }
 
     fn answer(&mut self, _: Instant, ticket: Ticket, answer: Result<&Transfer<'_>, NoAnswer>) {
@@ -70,12 +107,21 @@ impl Listener for Inbox {
     }
 }
 
-pub(super) fn link(now: Instant) -> Link {
+pub(super) fn link(now: Instant) -> CyphalLink {
     let mut ports = RESPONSES.to_vec();
     ports.push(Port::message(group_state::SUBJECT, group_state::EXTENT));
     ports.push(Port::message(joint_state::SUBJECT, joint_state::EXTENT));
-    let inbox = Inbox { ports, answers: VecDeque::new(), group: None, joints: None };
-    let mut link = HostNode::new(now, NODE_ID, inbox);
+    ports.push(Port::message(target::ANSWER_SUBJECT, target::ANSWER_EXTENT));
+    ports.push(Port::message(diagnostic::SUBJECT, diagnostic::EXTENT));
+    let inbox = Inbox {
+        ports,
+        answers: VecDeque::new(),
+        group: None,
+        joints: None,
+        records: VecDeque::new(),
+        target_answers: VecDeque::new(),
+    };
+    let mut link = CyphalHost::new(now, NODE_ID, inbox);
     link.set_heartbeat_period(HEARTBEAT);
     link
 }

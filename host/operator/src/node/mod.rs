@@ -2,10 +2,10 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`desk`] | the node: asks drives, sends what it is told, keeps what it heard |
+//! | [`host_node`] | the node: asks drives, sends what it is told, keeps what it heard |
 //! | [`inbox`] | its Cyphal half: heartbeat, and what arrives from a controller |
 //! | [`drive_client`] | requests to drives with deadlines |
 
-pub mod desk;
 pub mod drive_client;
+pub mod host_node;
 pub mod inbox;

@@ -1,7 +1,7 @@
 //! The robot inside this program, in virtual time: the witness that tells where the ball landed.
 
 use hil_sim::krc::bench::RobotFaults;
-use hil_sim::krc::{CycleRecord, Direction, Event, FaultCause, Krc, KrcError, KrcScenario, Link};
+use hil_sim::krc::{CycleRecord, DatagramLink, Direction, FaultCause, Krc, KrcError, KrcEvent, KrcScenario};
 use hil_sim::mechanics::{HandPoint, Landing};
 use protocol::{Duration, Instant};
 
@@ -36,6 +36,18 @@ pub struct Seen {
 /// # Errors
 /// The scenario makes no robot.
 pub fn run(scenario: &KrcScenario, station: &mut Station) -> Result<Seen, KrcError> {
+    run_with(scenario, station, &mut |_, station| !station.stage().is_end())
+}
+
+/// As [`run`]; `each` is called at every step, and the run ends some time after it says no.
+///
+/// # Errors
+/// The scenario makes no robot.
+pub fn run_with(
+    scenario: &KrcScenario,
+    station: &mut Station,
+    each: &mut dyn FnMut(Instant, &mut Station) -> bool,
+) -> Result<Seen, KrcError> {
     let mut krc = scenario.controller()?;
     krc.start()?;
     krc.connected(Instant::ZERO);
@@ -46,7 +58,7 @@ pub fn run(scenario: &KrcScenario, station: &mut Station) -> Result<Seen, KrcErr
     let mut ended = false;
     while let Some(due) = cell.next(station).filter(|due| *due <= ends_at) {
         cell.step(due, station);
-        if !ended && station.stage().is_end() {
+        if !ended && !each(cell.now, station) {
             ended = true;
             ends_at = cell.now + AFTER;
         }
@@ -60,7 +72,7 @@ pub fn run(scenario: &KrcScenario, station: &mut Station) -> Result<Seen, KrcErr
 
 struct Cell {
     krc: Krc,
-    link: Link,
+    link: DatagramLink,
     faults: RobotFaults,
     now: Instant,
     seen: Seen,
@@ -118,9 +130,9 @@ impl Cell {
         }
         while let Some(event) = self.krc.poll_event() {
             match event {
-                Event::Cycle(cycle) => self.seen.cycles.push(cycle),
-                Event::Fault { cause, .. } => self.seen.fault = self.seen.fault.or(Some(cause)),
-                Event::Refused { .. } => self.seen.refused += 1,
+                KrcEvent::Cycle(cycle) => self.seen.cycles.push(cycle),
+                KrcEvent::Fault { cause, .. } => self.seen.fault = self.seen.fault.or(Some(cause)),
+                KrcEvent::Refused { .. } => self.seen.refused += 1,
                 _ => {}
             }
         }

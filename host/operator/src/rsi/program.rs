@@ -2,18 +2,31 @@
 
 use firmware::groups::rsi::Options;
 use firmware::joints::PerJoint;
-use hil_sim::krc::KrcScenario;
-use planner::follow::limits::Arm;
+use firmware::settings::Settings;
+use hil_sim::krc::{KrcOptions, KrcScenario};
+use planner::follow::limits::{Arm, Axes};
 use planner::follow::plan::FollowPlan;
+use planner::follow::setting::CommandRange;
+use planner::motion::Motion;
+use planner::store::robot_fingerprint;
 use protocol::Duration;
+use robot_model::collision::Scene;
 
 use super::plan::{Timing, settings_of, trajectory_file};
 use super::station::Station;
 use super::wire::{ConfigUnfit, Wire};
-use crate::throw::trajectory::TrajectoryError;
+use crate::throw::approach::{ApproachError, rest_to_rest_within};
+use crate::throw::trajectory::{TrajectoryError, encode, robot_crc32};
 
 /// Distance of correction limits from the range of an axis, degrees: a program whose limits reach the range is refused.
 const INSIDE_DEG: f64 = 0.01;
+
+/// Distance of the corners of the way to the start from all ranges, rad: commands lead the axes by the lag.
+const CORNER_INSIDE_RAD: f64 = 0.03;
+
+/// While the lag is measured: largest distance from the path, rad, and largest delay of it.
+const EXPLORING_RAD: f32 = 0.4;
+const EXPLORING: Duration = Duration::from_millis(400);
 
 /// There is no station for a throw.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -21,18 +34,26 @@ pub enum NoStation {
     /// The configuration file.
     #[error(transparent)]
     Config(#[from] ConfigUnfit),
-    /// The plan.
     #[error(transparent)]
     Plan(#[from] TrajectoryError),
     /// Another period.
     #[error(
-        "the plan has a set point every {plan_ms} ms, the robot sends a telegram every {robot_ms} ms\n  next: plan for this robot controller"
+        "the plan has a set point every {plan_ms} ms, the robot sends a telegram every {robot_ms} ms\n  next: plan for this robot controller (`cubectl plan throw --period {robot_ms}`)"
     )]
-    Period {
-        /// Of the plan.
-        plan_ms: f64,
-        /// Of the robot.
-        robot_ms: f64,
+    Period { plan_ms: f64, robot_ms: f64 },
+    /// More than the robot's program lets pass.
+    #[error(
+        "the plan needs a correction of {offset_deg:.1} deg on A{axis}; the robot's program passes {low} to {high} deg from its start pose\n  next: widen the limits in the robot's program and in its description, or choose a start pose nearer to the plan"
+    )]
+    Correction {
+        /// Axis, from 1.
+        axis: usize,
+        /// Offset from the start pose.
+        offset_deg: f64,
+        /// Lower limit.
+        low: f64,
+        /// Upper limit.
+        high: f64,
     },
     /// No gripper.
     #[error(
@@ -48,6 +69,50 @@ pub struct Lag {
     pub dead_time: Duration,
     /// Time constant of the first order behind it.
     pub time_constant: Duration,
+}
+
+impl Lag {
+    /// The lag that a description tells. A mean over set points delays them by half its length.
+    #[must_use]
+    pub fn of(scenario: &KrcScenario) -> Self {
+        let (lag, cycle) = (&scenario.options.lag, scenario.options.cycle);
+        let smoothing_us = cycle.as_micros() * (lag.smoothing_cycles.max(1) as u64 - 1) / 2;
+        Self {
+            dead_time: lag.dead_time + Duration::from_micros(smoothing_us),
+            time_constant: lag.time_constant,
+        }
+    }
+
+    /// The lag as a plan allows for it: its commands lead by the first-order part that it was made for, and all the rest is
+    /// a shift in time.
+    #[must_use]
+    pub fn for_plan(&self, plan: &FollowPlan) -> Self {
+        let time_constant = Duration::from_secs_f64(plan.lag_s);
+        let total = self.dead_time + self.time_constant;
+        Self { dead_time: total.saturating_sub(time_constant), time_constant }
+    }
+}
+
+/// The way from the start pose of the robot's program to the start of a plan, with `share` of the speeds and accelerations of
+/// the robot file, around the bodies of the arm and the obstacles of `scene`, inside the ranges of the axes and of what the
+/// robot's program passes; none if the program starts there.
+///
+/// # Errors
+/// There is no free way.
+pub fn way_to_start(
+    scenario: &KrcScenario,
+    arm: &Arm,
+    plan: &FollowPlan,
+    scene: &Scene,
+    (share, seed): (f64, u64),
+) -> Result<Vec<Motion>, ApproachError> {
+    let Some(start) = plan.steps.first() else { return Ok(Vec::new()) };
+    let from = Axes::from(scenario.options.start_deg.map(f64::to_radians));
+    let (passed, inside) = (command_range(scenario), Axes::repeat(CORNER_INSIDE_RAD));
+    let range = (arm.q_min().sup(&passed.min_rad) + inside, arm.q_max().inf(&passed.max_rad) - inside);
+    let ends = (&from, &Axes::from(start.q_rad));
+    let way = rest_to_rest_within(arm, scene, range, ends, share, seed)?;
+    Ok(way.into_iter().collect())
 }
 
 /// Lets the program of a scenario begin at the start of a plan, as its first motion command does, with corrections up to the
@@ -68,31 +133,158 @@ pub fn prepare(scenario: &mut KrcScenario, arm: &Arm, plan: &FollowPlan) {
     options.hand.gripper.landing_z_m = Some(plan.target_m[2]);
 }
 
-/// The station that throws a plan with the robot of a scenario.
+/// The station that throws a plan with the robot that `scenario` describes, from the start pose of the robot's program on:
+/// first along `ways` (from rest to rest, the last one to the start of the plan), then along the plan.
 ///
 /// # Errors
 /// [`NoStation`].
-pub fn station(scenario: &KrcScenario, arm: &Arm, plan: &FollowPlan, lag: Lag) -> Result<Station, NoStation> {
+pub fn station(
+    scenario: &KrcScenario,
+    arm: &Arm,
+    plan: &FollowPlan,
+    lag: Lag,
+    ways: &[Motion],
+) -> Result<Station, NoStation> {
     let krc = &scenario.options;
     let (plan_s, robot_s) = (plan.period_s, krc.cycle.as_secs_f64());
+    // Differences of the commands are limited at the period of the plan; at another one they may be larger.
     if (plan_s - robot_s).abs() > 1e-6 {
         return Err(NoStation::Period { plan_ms: 1e3 * plan_s, robot_ms: 1e3 * robot_s });
     }
-    let output_bit = krc.hand.output_bit.ok_or(NoStation::NoGripper)?;
+    within_corrections(scenario, plan)?;
+    for way in ways {
+        poses_within_corrections(scenario, way)?;
+    }
+    let settings = settings_of(arm, &plan.robot.fingerprint, &timing(scenario), plan.release_time_s);
+    let mut files = encoded(ways, &settings, &plan.robot.fingerprint)?;
+    files.push(trajectory_file(plan, &settings)?);
+    Ok(Station::new(wire(scenario)?, &settings, options(scenario, lag), files))
+}
+
+/// The station that holds the robot where its program starts, or leads it along motions from rest to rest.
+///
+/// # Errors
+/// [`NoStation`].
+pub fn leading(
+    scenario: &KrcScenario,
+    arm: &Arm,
+    lag: Lag,
+    motions: &[Motion],
+) -> Result<Station, NoStation> {
+    let fingerprint = format!("{:016x}", robot_fingerprint(arm));
+    let settings = settings_of(arm, &fingerprint, &timing(scenario), 0.0);
+    let files = encoded(motions, &settings, &fingerprint)?;
+    Ok(Station::new(wire(scenario)?, &settings, options(scenario, lag), files))
+}
+
+/// As [`leading`], for a robot whose lag is not known yet: much later axes than described end nothing.
+///
+/// # Errors
+/// [`NoStation`].
+pub fn exploring(scenario: &KrcScenario, arm: &Arm, motions: &[Motion]) -> Result<Station, NoStation> {
+    let fingerprint = format!("{:016x}", robot_fingerprint(arm));
+    let mut settings = settings_of(arm, &fingerprint, &timing(scenario), 0.0);
+    for joint in &mut settings.joint.0 {
+        joint.error_max_rad = EXPLORING_RAD;
+    }
+    let files = encoded(motions, &settings, &fingerprint)?;
+    let described = Lag::of(scenario);
+    // Set points are commanded as they are.
+    let lag = Lag { dead_time: described.dead_time + described.time_constant, time_constant: Duration::ZERO };
+    let options = Options { lag_max_rad: EXPLORING_RAD, delay_max: EXPLORING, ..options(scenario, lag) };
+    Ok(Station::new(wire(scenario)?, &settings, options, files))
+}
+
+/// A station that replays a log, with the files of the log, and the plan that it ran, if it did.
+///
+/// # Errors
+/// [`NoStation`].
+pub fn replay_station(
+    scenario: &KrcScenario,
+    arm: &Arm,
+    plan: Option<&FollowPlan>,
+    files: Vec<Vec<u8>>,
+) -> Result<Station, NoStation> {
+    let fingerprint = format!("{:016x}", robot_fingerprint(arm));
+    let release_s = plan.map_or(0.0, |plan| plan.release_time_s);
+    let settings = settings_of(arm, &fingerprint, &timing(scenario), release_s);
+    let lag = Lag::of(scenario);
+    let lag = plan.map_or(lag, |plan| lag.for_plan(plan));
+    Ok(Station::new(wire(scenario)?, &settings, options(scenario, lag), files))
+}
+
+fn encoded(
+    motions: &[Motion],
+    settings: &Settings,
+    fingerprint: &str,
+) -> Result<Vec<Vec<u8>>, TrajectoryError> {
+    let (period_us, crc32) = (settings.cycle_period_us, robot_crc32(fingerprint));
+    motions.iter().map(|motion| encode(motion, period_us, crc32, Some(settings))).collect()
+}
+
+fn timing(scenario: &KrcScenario) -> Timing {
     let microseconds = |span: Duration| u32::try_from(span.as_micros()).unwrap_or(u32::MAX);
-    let timing =
-        Timing { period_us: microseconds(krc.cycle), gripper_delay_us: microseconds(krc.hand.gripper.delay) };
-    let settings = settings_of(arm, &plan.robot.fingerprint, &timing, plan.release_time_s);
-    let file = trajectory_file(plan, &settings)?;
-    let wire = Wire::new(&scenario.config, &krc.outputs_name, output_bit)?;
-    let options = Options {
+    let krc = &scenario.options;
+    Timing { period_us: microseconds(krc.cycle), gripper_delay_us: microseconds(krc.hand.gripper.delay) }
+}
+
+fn wire(scenario: &KrcScenario) -> Result<Wire, NoStation> {
+    let krc = &scenario.options;
+    let output_bit = krc.hand.output_bit.ok_or(NoStation::NoGripper)?;
+    Ok(Wire::new(&scenario.config, &krc.outputs_name, output_bit)?)
+}
+
+fn options(scenario: &KrcScenario, lag: Lag) -> Options {
+    let correction = &scenario.options.correction;
+    Options {
         dead_time: lag.dead_time,
         time_constant: lag.time_constant,
-        lower_rad: radians(&krc.correction.lower),
-        upper_rad: radians(&krc.correction.upper),
+        lower_rad: radians(&correction.lower),
+        upper_rad: radians(&correction.upper),
         ..Options::default()
+    }
+}
+
+/// Commands that the robot's program passes, from its start pose.
+#[must_use]
+pub fn command_range(scenario: &KrcScenario) -> CommandRange {
+    let krc = &scenario.options;
+    let reach: [_; 6] = std::array::from_fn(|axis| passed_deg(krc, axis));
+    let at = |end: fn((f64, f64)) -> f64| {
+        Axes::from_fn(|axis, _| (krc.start_deg[axis] + end(reach[axis])).to_radians())
     };
-    Ok(Station::new(wire, &settings, options, file))
+    CommandRange { min_rad: at(|(low, _)| low), max_rad: at(|(_, high)| high) }
+}
+
+/// Least and largest correction of an axis that the program passes, deg.
+fn passed_deg(krc: &KrcOptions, axis: usize) -> (f64, f64) {
+    let correction = &krc.correction;
+    let most = correction.overall_axis_deg;
+    (correction.lower[axis].max(-most), correction.upper[axis].min(most))
+}
+
+/// The robot clamps corrections silently, so a plan that needs more is refused before anything moves.
+fn within_corrections(scenario: &KrcScenario, plan: &FollowPlan) -> Result<(), NoStation> {
+    plan.steps.iter().try_for_each(|step| within_correction(scenario, &Axes::from(step.command_rad)))
+}
+
+/// A way from rest to rest moves each axis one way only between two knots, and at rest commands lead by nothing.
+fn poses_within_corrections(scenario: &KrcScenario, way: &Motion) -> Result<(), NoStation> {
+    way.knots.iter().try_for_each(|knot| within_correction(scenario, &knot.q_rad))
+}
+
+fn within_correction(scenario: &KrcScenario, command_rad: &Axes) -> Result<(), NoStation> {
+    let krc = &scenario.options;
+    for axis in 0..krc.start_deg.len() {
+        let offset_deg = command_rad[axis].to_degrees() - krc.start_deg[axis];
+        let (low, high) = passed_deg(krc, axis);
+        // Written so that NaN is refused.
+        let within = offset_deg >= low && offset_deg <= high;
+        if !within {
+            return Err(NoStation::Correction { axis: axis + 1, offset_deg, low, high });
+        }
+    }
+    Ok(())
 }
 
 fn radians(deg: &[f64; 6]) -> PerJoint<f32> {

@@ -1,5 +1,7 @@
 //! The station: controller, group and a throw. Telegrams in, answers out; takes time only as an argument.
 
+use std::collections::VecDeque;
+
 use firmware::Controller;
 use firmware::authority::{Peer, Seed};
 use firmware::fault::{Fault, Refusal};
@@ -14,6 +16,7 @@ use protocol::cyphal::crc::Crc64;
 use protocol::{Duration, Instant};
 use rsi_protocol::{Ipoc, ReadError};
 
+use super::log::{Entry, Line};
 use super::wire::Wire;
 
 /// Who gives the orders: this program.
@@ -30,7 +33,6 @@ pub enum Stage {
     Waiting,
     /// An offer to arm is open.
     Offered {
-        /// Its token.
         token: u32,
         /// The trajectory.
         name: FileName,
@@ -46,15 +48,9 @@ pub enum Stage {
         started_at: Instant,
     },
     /// The controller stopped the arm after the order to run.
-    Stopped {
-        /// Why.
-        fault: Fault,
-    },
+    Stopped { fault: Fault },
     /// The throw was refused, or ended before the order to run.
-    NotThrown {
-        /// Why.
-        refusal: Refusal,
-    },
+    NotThrown { refusal: Refusal },
 }
 
 impl Stage {
@@ -76,28 +72,35 @@ pub struct Counts {
     pub drained: u64,
 }
 
-/// See the [module](self).
 pub struct Station {
     controller: Box<Controller<RamStorage, Spline, Rsi>>,
     wire: Wire,
-    file: Vec<u8>,
+    /// Trajectories that are still to run, in order.
+    files: VecDeque<Vec<u8>>,
+    leaving: bool,
+    log: Vec<Line>,
     stage: Stage,
     counts: Counts,
     last_unreadable: Option<ReadError>,
 }
 
 impl Station {
-    /// A station that throws `file` as soon as the robot is there and stands at its start.
+    /// A station that runs trajectory files one after the other, as soon as the robot is there and stands at the start of the
+    /// first. Without files it holds the robot where it stands.
     #[must_use]
-    pub fn new(wire: Wire, settings: &Settings, options: Options, file: Vec<u8>) -> Self {
+    pub fn new(wire: Wire, settings: &Settings, options: Options, files: Vec<Vec<u8>>) -> Self {
         // Orders come from inside the program only: nobody has to guess tokens.
         let seed = Seed::FORESEEABLE;
         let controller =
             Controller::with_group(RamStorage::new(), Spline::empty(), Rsi::new(options), settings, seed);
+        let log =
+            files.iter().map(|file| Line { at: Instant::ZERO, entry: Entry::File(file.clone()) }).collect();
         Self {
             controller: Box::new(controller),
             wire,
-            file,
+            files: files.into(),
+            leaving: false,
+            log,
             stage: Stage::Waiting,
             counts: Counts::default(),
             last_unreadable: None,
@@ -116,7 +119,6 @@ impl Station {
         self.controller.state().kind()
     }
 
-    /// Counts.
     #[must_use]
     pub const fn counts(&self) -> &Counts {
         &self.counts
@@ -140,8 +142,45 @@ impl Station {
         self.controller.settings()
     }
 
-    /// Stops the arm along its path.
+    /// Trajectories that are still to run, the one at work included.
+    #[must_use]
+    pub fn files_left(&self) -> usize {
+        self.files.len()
+    }
+
+    /// What went in and came out since the last call.
+    pub fn take_log(&mut self) -> Vec<Line> {
+        std::mem::take(&mut self.log)
+    }
+
+    fn note(&mut self, at: Instant, entry: Entry) {
+        self.log.push(Line { at, entry });
+    }
+
+    /// Lets the robot's program end: answers say `Stop` from now on, where the configuration has such a value.
+    pub fn leave(&mut self, now: Instant) {
+        self.note(now, Entry::Leave);
+        self.leaving = true;
+    }
+
+    /// Opens or closes the gripper while the arm stands.
+    ///
+    /// # Errors
+    /// As the controller says.
+    pub fn set_gripper(&mut self, now: Instant, open: bool) -> Result<(), Refusal> {
+        self.note(now, Entry::Gripper(open));
+        self.controller.order(now, SELF, Order::Gripper { open }).map(|_| ())
+    }
+
+    /// Stops the arm along its path; what has not begun is not begun any more.
     pub fn stop(&mut self, now: Instant) {
+        self.note(now, Entry::Stop);
+        if !matches!(self.stage, Stage::Running { .. }) {
+            self.files.clear();
+            if !self.stage.is_end() {
+                self.stage = Stage::Waiting;
+            }
+        }
         let _ = self.controller.order(now, SELF, Order::Stop);
         self.watch();
     }
@@ -154,6 +193,7 @@ impl Station {
 
     /// A deadline has come. Nothing is sent: the robot speaks first.
     pub fn handle_timeout(&mut self, now: Instant) {
+        self.note(now, Entry::Timeout);
         self.controller.host_heartbeat(now, SELF);
         self.controller.handle_deadline(now);
         self.watch();
@@ -162,17 +202,29 @@ impl Station {
     /// All datagrams that wait, oldest first; `new_connection`: they come from another socket than the ones before. Returns
     /// the answer to the newest.
     pub fn handle(&mut self, now: Instant, datagrams: &[Vec<u8>], new_connection: bool) -> Option<Vec<u8>> {
+        let (last, before) = datagrams.split_last()?;
+        if new_connection {
+            self.note(now, Entry::NewConnection);
+        }
+        for bytes in before {
+            self.note(now, Entry::Waited(bytes.clone()));
+        }
+        self.note(now, Entry::Telegram(last.clone()));
         let (telegram, ipoc) = self.newest(datagrams, new_connection)?;
         self.controller.host_heartbeat(now, SELF);
         self.controller.handle_packet(now, &Packet::Robot(telegram));
         let mut answer = None;
         while let Some(packet) = self.controller.poll_packet() {
-            if let Packet::Pc(packet) = packet {
+            if let Packet::Pc(mut packet) = packet {
+                packet.stop |= self.leaving;
                 // Names and types were checked with the configuration; a number beyond all bounds is not sent.
                 answer = self.wire.write(ipoc, &packet).ok();
             }
         }
         self.counts.answers += u64::from(answer.is_some());
+        if let Some(bytes) = &answer {
+            self.note(now, Entry::Answer(bytes.clone()));
+        }
         self.proceed(now);
         answer
     }
@@ -210,7 +262,7 @@ impl Station {
     fn proceed(&mut self, now: Instant) {
         self.watch();
         let next = match self.stage {
-            Stage::Waiting if self.state() == StateKind::Ready => self.offer(now),
+            Stage::Waiting if self.state() == StateKind::Ready && !self.files.is_empty() => self.offer(now),
             Stage::Offered { token, name } => self.begin(now, token, name),
             _ => return,
         };
@@ -227,7 +279,14 @@ impl Station {
                 None => self.stage,
             },
             Stage::Running { starts_at } => match (kind, fault) {
-                (StateKind::Ready | StateKind::Idle, _) => Stage::Finished { started_at: starts_at },
+                (StateKind::Ready | StateKind::Idle, _) => {
+                    self.files.pop_front();
+                    if self.files.is_empty() {
+                        Stage::Finished { started_at: starts_at }
+                    } else {
+                        Stage::Waiting
+                    }
+                }
                 (StateKind::Stopped | StateKind::Fault, Some(fault)) => Stage::Stopped { fault },
                 _ => Stage::Running { starts_at },
             },
@@ -236,10 +295,11 @@ impl Station {
     }
 
     fn offer(&mut self, now: Instant) -> Result<Stage, Refusal> {
-        for (k, piece) in self.file.chunks(PIECE).enumerate() {
+        let Some(file) = self.files.front() else { return Ok(Stage::Waiting) };
+        for (k, piece) in file.chunks(PIECE).enumerate() {
             self.controller.upload(now, SELF, PIECE * k, piece)?;
         }
-        let name = FileName { crc64: Crc64::of(&self.file), len: self.file.len() as u32 };
+        let name = FileName { crc64: Crc64::of(file), len: file.len() as u32 };
         self.controller.order(now, SELF, Order::Commit(name))?;
         match self.controller.order(now, SELF, Order::ArmPrepare { crc64: name.crc64, valid: VALID })? {
             Done::Offer { token, .. } => Ok(Stage::Offered { token, name }),

@@ -24,7 +24,7 @@ pub enum ConfigUnfit {
         "{tag} has HOLDON=\"0\": after one late answer the robot would leap back to its start pose\n  next: set HOLDON=\"1\" for all axis corrections"
     )]
     NoHold {
-        /// Name.
+        /// Name of the XML element.
         tag: String,
     },
     /// Nothing opens the gripper.

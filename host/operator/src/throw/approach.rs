@@ -6,7 +6,7 @@
 
 use robot_model::collision::{Body, CollisionChecker, MotionVerdict, Scene, StraightMove};
 
-use super::trajectory::{Motion, MotionKnot};
+use planner::motion::{Knot, Motion};
 use planner::plan::rng::SplitMix64;
 use planner::plan::{Arm, Joints};
 
@@ -31,7 +31,6 @@ pub enum ApproachError {
     /// One end touches something or is no pose of this arm.
     #[error("at {} {what}\n  next: jog the arm free with `cubectl jog`", if *.at_start { "its present pose the arm" } else { "the end of the motion the arm" })]
     Blocked {
-        /// Where.
         at_start: bool,
         /// What is wrong there.
         what: String,
@@ -50,6 +49,23 @@ pub enum ApproachError {
 pub fn rest_to_rest(
     arm: &Arm,
     scene: &Scene,
+    ends: (&Joints, &Joints),
+    share: f64,
+    seed: u64,
+) -> Result<Option<Motion>, ApproachError> {
+    let margin = Joints::repeat(MARGIN_RAD);
+    rest_to_rest_within(arm, scene, (arm.q_min() + margin, arm.q_max() - margin), ends, share, seed)
+}
+
+/// As [`rest_to_rest`], with all corners inside `range` (least and largest angles, rad): between two corners each joint moves
+/// one way only, so the whole motion is inside if both ends are.
+///
+/// # Errors
+/// [`ApproachError`].
+pub fn rest_to_rest_within(
+    arm: &Arm,
+    scene: &Scene,
+    range: (Joints, Joints),
     (from, to): (&Joints, &Joints),
     share: f64,
     seed: u64,
@@ -57,7 +73,7 @@ pub fn rest_to_rest(
     if (from - to).amax() < THERE_RAD {
         return Ok(None);
     }
-    let mut space = Space { arm, checker: CollisionChecker::new(arm, scene), rng: SplitMix64::new(seed) };
+    let mut space = Space { checker: CollisionChecker::new(arm, scene), rng: SplitMix64::new(seed), range };
     for (q, at_start) in [(from, true), (to, false)] {
         if !q.iter().all(|x| x.is_finite()) || !arm.in_range(q, 0.02) {
             let what = "is outside its joint ranges".to_owned();
@@ -93,7 +109,7 @@ fn name(arm: &Arm, body: Body) -> String {
 fn timed(arm: &Arm, corners: &[Joints], share: f64) -> Motion {
     let (v_max, a_max) = (arm.limit(|l| l.v_max_rad_s) * share, arm.limit(|l| l.a_max_rad_s2) * share);
     let mut t_s = 0.0;
-    let rest = |t_s, q_rad| MotionKnot { t_s, q_rad, qd_rad_s: Joints::zeros() };
+    let rest = |t_s, q_rad| Knot { t_s, q_rad, qd_rad_s: Joints::zeros() };
     let mut knots = Vec::new();
     if let Some(first) = corners.first() {
         knots.push(rest(0.0, *first));
@@ -108,14 +124,15 @@ fn timed(arm: &Arm, corners: &[Joints], share: f64) -> Motion {
         t_s += slowest;
         knots.push(rest(t_s, leg[1]));
     }
-    Motion { knots, release_s: None }
+    Motion { knots, events: Vec::new() }
 }
 
 /// Joint space with what is free in it.
 struct Space<'a> {
-    arm: &'a Arm,
     checker: CollisionChecker<'a, 6>,
     rng: SplitMix64,
+    /// Least and largest angles of corners.
+    range: (Joints, Joints),
 }
 
 /// Poses with the index of the one each was reached from.
@@ -150,11 +167,8 @@ impl Space<'_> {
     }
 
     fn sample(&mut self) -> Joints {
-        let (low, high) = (self.arm.q_min(), self.arm.q_max());
-        Joints::from_fn(|j, _| {
-            let (low, high) = (low[j] + MARGIN_RAD, high[j] - MARGIN_RAD);
-            low + (high - low) * self.rng.unit()
-        })
+        let (low, high) = self.range;
+        Joints::from_fn(|j, _| low[j] + (high[j] - low[j]) * self.rng.unit())
     }
 
     /// One step of `tree` towards `goal`; the index of the new node.
@@ -216,6 +230,7 @@ impl Space<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use planner::motion::Sample;
 
     fn arm() -> Arm {
         match robot_model::AnyRobot::load("powercube6").unwrap() {
@@ -231,7 +246,7 @@ mod tests {
     fn clear_all_along(arm: &Arm, scene: &Scene, motion: &Motion) {
         let mut checker = CollisionChecker::new(arm, scene);
         for i in 0..=2_000 {
-            let (q, qd) = motion.at(motion.duration_s() * f64::from(i) / 2_000.0);
+            let Sample { q, qd, .. } = motion.at(motion.duration_s() * f64::from(i) / 2_000.0);
             assert!(!checker.collides(&arm.fk(&q)), "at {i}: {q:?}");
             assert!(arm.in_range(&q, 1e-9));
             for (v, limit) in qd.iter().zip(arm.limit(|l| l.v_max_rad_s).iter()) {
@@ -268,6 +283,29 @@ mod tests {
         assert!(motion.knots.len() > 2);
         clear_all_along(&arm, &scene, &motion);
         assert_eq!((motion.start_rad(), motion.stop_rad()), (from, to));
+    }
+
+    #[test]
+    fn the_way_around_an_obstacle_stays_inside_a_narrower_range() {
+        let arm = arm();
+        let obb = robot_model::collision::Obb::new(
+            robot_model::Pose::translation(0.45, 0.0, 0.5),
+            nalgebra::Vector3::new(0.25, 0.05, 0.6),
+        );
+        let scene = Scene { obstacles: vec![("post".to_owned(), obb)], ball_held: true };
+        let (from, to) =
+            (deg([-50.0, -20.0, -90.0, 0.0, 0.0, 0.0]), deg([50.0, -20.0, -90.0, 0.0, 0.0, 0.0]));
+        let range =
+            (deg([-60.0, -150.0, -120.0, -20.0, -40.0, -10.0]), deg([60.0, 0.0, -20.0, 20.0, 40.0, 10.0]));
+        for seed in 1..4 {
+            let motion = rest_to_rest_within(&arm, &scene, range, (&from, &to), 0.3, seed).unwrap().unwrap();
+            clear_all_along(&arm, &scene, &motion);
+            for i in 0..=500 {
+                let q = motion.at(motion.duration_s() * f64::from(i) / 500.0).q;
+                let inside = |j: usize| q[j] >= range.0[j] - 1e-9 && q[j] <= range.1[j] + 1e-9;
+                assert!((0..6).all(inside), "seed {seed}, at {i}: {q:?}");
+            }
+        }
     }
 
     #[test]

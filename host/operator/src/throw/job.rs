@@ -1,24 +1,23 @@
-//! The steps of a throw, in order, on a session.
+//! The steps of a throw, in order, for any operator.
 
 use nalgebra::Vector3;
-use protocol::cyphal::cubecell::command::{GRIPPER, Gripper, Trajectory};
+use protocol::cyphal::cubecell::command::Trajectory;
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::cyphal::id::NodeId;
 use protocol::{Duration, Instant};
 use robot_model::collision::Scene;
 
 use super::approach::{ApproachError, rest_to_rest};
-use super::outcome::{Ball, Landing, LandingSource};
-use super::trajectory::{Motion, TrajectoryError, robot_crc32};
+use super::outcome::{BallOutcome, Landing, LandingSource};
+use super::trajectory::{TrajectoryError, encode, robot_crc32};
 use crate::analysis::coverage::Certified;
-use crate::analysis::drives::Drives;
 use crate::analysis::{Run, RunAnalysis, analyse};
 use crate::bus::BusFailure;
-use crate::bus::Session;
 use crate::dialogue::operator::OperatorError;
 use crate::dialogue::registers::Numbers;
-use crate::log::candump::Line;
-use crate::log::keep::Keeper;
+use crate::port::Operator;
+use crate::samples::drives::Drives;
+use planner::motion::Motion;
 use planner::plan::file::PlanFile;
 use planner::plan::{Arm, JOINTS, Joints};
 use tuner::gains::choose::built_in_of;
@@ -39,14 +38,10 @@ const BALL_LOOK: Duration = Duration::from_millis(10);
 /// What a throw is made of.
 #[derive(Clone, Copy)]
 pub struct Job<'a> {
-    /// The robot.
     pub arm: &'a Arm,
-    /// The throw.
     pub plan: &'a PlanFile,
     /// Gains to write into the controller; `None` keeps those it has.
     pub gains: Option<&'a GainsFile>,
-    /// Which controller; `None`: the one that is heard.
-    pub controller: Option<NodeId>,
     /// What is in the way beside the arm and the floor.
     pub scene: &'a Scene,
     /// Share of the robot's speeds and accelerations on the way to the start and back.
@@ -57,8 +52,6 @@ pub struct Job<'a> {
     pub tolerance_m: f64,
     /// Afterwards back to where the arm stood before.
     pub go_back: bool,
-    /// Bit rate of the bus, for times on it, bit/s.
-    pub bit_rate_bit_s: u32,
 }
 
 /// A step of the job.
@@ -78,7 +71,6 @@ pub enum Step {
     Upload,
     /// Armed in two steps.
     Arm,
-    /// The throw.
     Throw,
     /// The ball flies.
     Flight,
@@ -87,7 +79,6 @@ pub enum Step {
 }
 
 impl Step {
-    /// In words.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -105,10 +96,9 @@ impl Step {
     }
 }
 
-/// Told to whoever calls.
+/// Reported to the caller.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum News<'a> {
-    /// A step begins.
+pub enum Progress<'a> {
     Begin(Step),
     /// Part of it is done: so much of so much.
     Part(usize, usize),
@@ -118,8 +108,8 @@ pub enum News<'a> {
     End(Step, &'a str),
 }
 
-/// Whoever is told; the answer matters to [`News::MayThrow`] only.
-pub type Told<'a> = &'a mut dyn FnMut(News<'_>) -> bool;
+/// The callback; its answer matters to [`Progress::MayThrow`] only.
+pub type OnProgress<'a> = &'a mut dyn FnMut(Progress<'_>) -> bool;
 
 /// Why the job ended early.
 #[derive(Debug, thiserror::Error)]
@@ -136,7 +126,7 @@ pub enum JobError {
     /// Gains for another period.
     #[error(
         "the controller runs at {controller_us} us, the gains are for {gains_us} us\n  next: tune for its period \
-         (`cubectl tune --period {}`), or set register cycle.period_us", .controller_us / 1e6)]
+         (`cubectl tune --period {}`), or set register cycle.period_us", .controller_us / 1e3)]
     Period {
         /// Of the controller, µs.
         controller_us: f64,
@@ -164,11 +154,8 @@ pub enum JobError {
     #[error(
         "two modules answer at address {addresses}\n  next: unplug one of them and give the other a free address (parameter DefAddress, or the maker's tool)"
     )]
-    Double {
-        /// Where.
-        addresses: String,
-    },
-    /// Somebody said no.
+    Double { addresses: String },
+    /// The operator declined.
     #[error("not thrown")]
     Declined,
 }
@@ -182,7 +169,7 @@ impl From<BusFailure> for JobError {
 /// What is known of a run so far; also of one that ended early.
 #[derive(Clone, Debug, Default)]
 pub struct Record {
-    /// Controller.
+    /// Node of the controller, where the link has nodes.
     pub node: Option<NodeId>,
     /// Each step that ended: bus time at its begin and end.
     pub steps: Vec<(Step, Instant, Instant)>,
@@ -214,8 +201,8 @@ pub struct Record {
     pub gripper_opening: Option<Duration>,
     /// What the frames of the run say of it.
     pub analysis: Option<RunAnalysis>,
-    /// Where the ball is, as far as somebody watches it.
-    pub ball: Ball,
+    /// Where the ball is, as far as an observer watches it.
+    pub ball: BallOutcome,
     /// Where it landed, or where the measured motion sends it.
     pub landing: Option<Landing>,
     /// Frames during the throw.
@@ -227,126 +214,60 @@ pub struct Record {
 /// # Errors
 /// [`JobError`]; the arm stands.
 pub fn run(
-    session: &mut Session,
+    operator: &mut dyn Operator,
     job: &Job<'_>,
     record: &mut Record,
-    told: Told<'_>,
+    told: OnProgress<'_>,
 ) -> Result<(), JobError> {
-    let keeper = Keeper::default();
-    session.add_tap(Box::new(keeper.clone()));
-    let ended = all_steps(session, job, record, told, &keeper);
-    if ended.is_err() && record.ball == Ball::NotObserved {
+    let ended = all_steps(operator, job, record, told);
+    if ended.is_err() && record.ball == BallOutcome::NotObserved {
         // The ball may have left the hand before a stop, or leave it after: that is told too.
-        record.ball = watch_ball(session);
-        record.analysis = analysed(job, record, &keeper.stop());
-        if record.ball == Ball::Released {
-            record.landing = landing(session, job, record.analysis.as_ref());
+        record.ball = watch_ball(operator);
+        record.analysis = analysed(operator, job, record);
+        if record.ball == BallOutcome::Released {
+            record.landing = landing(operator, job, record.analysis.as_ref());
         }
     }
     ended
 }
 
 fn all_steps(
-    session: &mut Session,
+    operator: &mut dyn Operator,
     job: &Job<'_>,
     record: &mut Record,
-    told: Told<'_>,
-    keeper: &Keeper,
+    told: OnProgress<'_>,
 ) -> Result<(), JobError> {
-    let mut steps = Steps { session, record, told };
-
-    steps.begin(Step::Controller);
-    let node = steps.session.find_controller(job.controller)?;
-    steps.record.node = Some(node);
-    steps.end(&format!("controller {}", node.get()));
-
-    steps.begin(Step::Drives);
-    steps.session.wait_for(BOOT_MAX, &|state| !matches!(state, State::Boot | State::Fault))?;
-    let found = steps.session.measured_pose(node)?;
-    if found.len() != JOINTS {
-        return Err(JobError::Joints { found: found.len() });
-    }
-    let double: Vec<String> = steps.session.desk().double_answers().iter().map(ToString::to_string).collect();
-    if !double.is_empty() {
-        return Err(JobError::Double { addresses: double.join(", ") });
-    }
-    steps.end(&format!("{} drives answer, watchdogs proven", found.len()));
-
-    let group = steps.session.group().unwrap_or_default();
-    if group.state == State::Idle {
-        steps.begin(Step::Home);
-        let mask = !group.homed_mask & ((1 << JOINTS) - 1);
-        steps.session.home_group(node, mask, HOMING_MAX)?;
-        steps.end(&format!("{} joints found their zeros", mask.count_ones()));
-    }
-
+    let mut steps = Steps { operator, record, told };
+    let found = steps.find_drives()?;
+    steps.home(&found)?;
     steps.begin(Step::Gains);
-    agree(steps.session, node, job, steps.record)?;
+    agree(steps.operator, job, steps.record)?;
     steps.end(if job.gains.is_some() { "written and read back" } else { "those of the controller" });
 
-    let throw = Motion::of_plan(job.plan)?;
-    let before = Joints::from_iterator(steps.session.measured_pose(node)?);
-    steps.session.order(node, "to close the gripper", GRIPPER, &Gripper { open: false })?;
+    let throw: Motion = job.plan.motion.to_motion();
+    let before = Joints::from_iterator(steps.operator.pose()?);
+    steps.operator.set_gripper(false)?;
     let approach =
         rest_to_rest(job.arm, job.scene, (&before, &throw.start_rad()), job.approach_share, job.seed)?;
     if let Some(motion) = &approach {
         steps.begin(Step::Approach);
-        drive(steps.session, node, job, steps.record.period_us, motion)?;
+        drive(steps.operator, job, steps.record.period_us, motion)?;
         steps.record.approach_s = Some(motion.duration_s());
         steps.end(&format!("{} legs, {:.1} s", motion.knots.len() - 1, motion.duration_s()));
     }
-    if !(steps.told)(News::MayThrow) {
+    if !(steps.told)(Progress::MayThrow) {
         return Err(JobError::Declined);
     }
-
-    steps.begin(Step::Upload);
-    let bytes =
-        throw.encode(steps.record.period_us as u32, robot_crc32(&job.plan.robot.fingerprint), None)?;
-    let told = &mut *steps.told;
-    let name = steps.session.upload(node, &bytes, &mut |done, all| {
-        told(News::Part(done, all));
-    })?;
-    steps.record.trajectory = Some(name);
-    steps.end(&format!("{} bytes, hash {:016x}", bytes.len(), name.trajectory_crc64));
-
-    keeper.start();
-    steps.begin(Step::Arm);
-    steps.session.arm(node, &name)?;
-    steps.end("offered and confirmed");
-
-    steps.begin(Step::Throw);
-    let before_run = keeper.frames();
-    steps.record.before = steps.session.group().unwrap_or_default();
-    let limit = Duration::from_secs_f64(throw.duration_s()) + RUN_EXTRA;
-    let states = &mut steps.record.states;
-    let ended = steps.session.run_trajectory(node, &name, limit, &mut |at, group| states.push((at, *group)));
-    steps.record.frames = (keeper.frames() - before_run) as u64;
-    ended?;
-    steps.end(&format!("{:.3} s", throw.duration_s()));
-
-    steps.begin(Step::Flight);
-    let flight_left = job.plan.release_time_s + job.plan.landing.flight_s - throw.duration_s();
-    steps.session.pass(Duration::from_secs_f64(flight_left.max(0.0) + 0.05))?;
-    steps.record.ball = watch_ball(steps.session);
-    steps.record.analysis = analysed(job, steps.record, &keeper.stop());
-    let landing = landing(steps.session, job, steps.record.analysis.as_ref());
-    steps.record.landing = landing;
-    steps.end(&match (steps.record.ball, landing) {
-        (Ball::InHand, _) => "the ball is still in the hand".to_owned(),
-        (_, Some(landing)) if landing.source.is_observed() => {
-            format!("the ball came down {:.1} mm from the target", 1e3 * landing.error_m)
-        }
-        (Ball::Released, _) => "the ball does not come down on the plane of the target".to_owned(),
-        (Ball::NotObserved, _) => "nobody watches the ball".to_owned(),
-    });
+    steps.throw(job, &throw)?;
+    steps.watch_flight(job, &throw)?;
 
     // A ball that hangs in an open hand may fall at any time: the arm stays where it is.
-    if job.go_back && steps.record.ball != Ball::InHand {
-        let here = Joints::from_iterator(steps.session.measured_pose(node)?);
+    if job.go_back && steps.record.ball != BallOutcome::InHand {
+        let here = Joints::from_iterator(steps.operator.pose()?);
         let empty = Scene { ball_held: false, ..job.scene.clone() };
         if let Some(motion) = rest_to_rest(job.arm, &empty, (&here, &before), job.approach_share, job.seed)? {
             steps.begin(Step::Return);
-            drive(steps.session, node, job, steps.record.period_us, &motion)?;
+            drive(steps.operator, job, steps.record.period_us, &motion)?;
             steps.end(&format!("{:.1} s", motion.duration_s()));
         }
     }
@@ -355,47 +276,126 @@ fn all_steps(
 
 /// Keeps the times of the steps.
 struct Steps<'a, 'b> {
-    session: &'a mut Session,
+    operator: &'a mut dyn Operator,
     record: &'a mut Record,
-    told: Told<'b>,
+    told: OnProgress<'b>,
 }
 
 impl Steps<'_, '_> {
     fn begin(&mut self, step: Step) {
-        self.record.at_work = Some((step, self.session.now()));
-        (self.told)(News::Begin(step));
+        self.record.at_work = Some((step, self.operator.now()));
+        (self.told)(Progress::Begin(step));
     }
 
     fn end(&mut self, found: &str) {
         if let Some((step, begun)) = self.record.at_work.take() {
-            self.record.steps.push((step, begun, self.session.now()));
-            (self.told)(News::End(step, found));
+            self.record.steps.push((step, begun, self.operator.now()));
+            (self.told)(Progress::End(step, found));
         }
+    }
+
+    /// The controller, and the joints whose drives it has found.
+    fn find_drives(&mut self) -> Result<Vec<f64>, JobError> {
+        self.begin(Step::Controller);
+        self.record.node = self.operator.connect()?;
+        let who = self.record.node.map_or("in this program".to_owned(), |node| node.get().to_string());
+        self.end(&format!("controller {who}"));
+
+        self.begin(Step::Drives);
+        self.operator.wait_for(BOOT_MAX, &|state| !matches!(state, State::Boot | State::Fault))?;
+        let found = self.operator.pose()?;
+        if found.len() != JOINTS {
+            return Err(JobError::Joints { found: found.len() });
+        }
+        let double = self.operator.double_answers();
+        if !double.is_empty() {
+            return Err(JobError::Double { addresses: double.join(", ") });
+        }
+        self.end(&format!("{} drives answer, watchdogs proven", found.len()));
+        Ok(found)
+    }
+
+    /// Lets the joints that have no zero find it.
+    fn home(&mut self, found: &[f64]) -> Result<(), JobError> {
+        let group = self.operator.group();
+        if group.state == State::Idle {
+            self.begin(Step::Home);
+            let mask = !group.homed_mask & ((1 << found.len()) - 1) as u8;
+            self.operator.home(mask, HOMING_MAX)?;
+            self.end(&format!("{} joints found their zeros", mask.count_ones()));
+        }
+        Ok(())
+    }
+
+    fn throw(&mut self, job: &Job<'_>, throw: &Motion) -> Result<(), JobError> {
+        self.begin(Step::Upload);
+        let crc = robot_crc32(&job.plan.robot.fingerprint);
+        let bytes = encode(throw, self.record.period_us as u32, crc, None)?;
+        let told = &mut *self.told;
+        let name = self.operator.upload(&bytes, &mut |done, all| {
+            told(Progress::Part(done, all));
+        })?;
+        self.record.trajectory = Some(name);
+        self.end(&format!("{} bytes, hash {:016x}", bytes.len(), name.trajectory_crc64));
+
+        self.operator.keep_samples();
+        self.begin(Step::Arm);
+        self.operator.arm(&name)?;
+        self.end("offered and confirmed");
+
+        self.begin(Step::Throw);
+        let frames_before = self.operator.frames_kept();
+        self.record.before = self.operator.group();
+        let limit = Duration::from_secs_f64(throw.duration_s()) + RUN_EXTRA;
+        let states = &mut self.record.states;
+        let ended = self.operator.run(&name, limit, &mut |at, group| states.push((at, *group)));
+        self.record.frames = (self.operator.frames_kept() - frames_before) as u64;
+        ended?;
+        self.end(&format!("{:.3} s", throw.duration_s()));
+        Ok(())
+    }
+
+    fn watch_flight(&mut self, job: &Job<'_>, throw: &Motion) -> Result<(), JobError> {
+        self.begin(Step::Flight);
+        let flight_left = job.plan.release_time_s + job.plan.landing.flight_s - throw.duration_s();
+        self.operator.pass(Duration::from_secs_f64(flight_left.max(0.0) + 0.05))?;
+        self.record.ball = watch_ball(self.operator);
+        self.record.analysis = analysed(self.operator, job, self.record);
+        let landing = landing(self.operator, job, self.record.analysis.as_ref());
+        self.record.landing = landing;
+        self.end(&match (self.record.ball, landing) {
+            (BallOutcome::InHand, _) => "the ball is still in the hand".to_owned(),
+            (_, Some(landing)) if landing.source.is_observed() => {
+                format!("the ball came down {:.1} mm from the target", 1e3 * landing.error_m)
+            }
+            (BallOutcome::Released, _) => "the ball does not come down on the plane of the target".to_owned(),
+            (BallOutcome::NotObserved, _) => "nobody watches the ball".to_owned(),
+        });
+        Ok(())
     }
 }
 
 /// Runs one motion to its end.
 fn drive(
-    session: &mut Session,
-    node: NodeId,
+    operator: &mut dyn Operator,
     job: &Job<'_>,
     period_us: u64,
     motion: &Motion,
 ) -> Result<(), JobError> {
-    let bytes = motion.encode(period_us as u32, robot_crc32(&job.plan.robot.fingerprint), None)?;
-    let name = session.upload(node, &bytes, &mut |_, _| {})?;
-    session.arm(node, &name)?;
+    let bytes = encode(motion, period_us as u32, robot_crc32(&job.plan.robot.fingerprint), None)?;
+    let name = operator.upload(&bytes, &mut |_, _| {})?;
+    operator.arm(&name)?;
     let limit = Duration::from_secs_f64(motion.duration_s()) + RUN_EXTRA;
-    session.run_trajectory(node, &name, limit, &mut |_, _| {})?;
+    operator.run(&name, limit, &mut |_, _| {})?;
     Ok(())
 }
 
 /// Gains, robot and period: written where the job says so, read back, kept in the record.
-fn agree(session: &mut Session, node: NodeId, job: &Job<'_>, record: &mut Record) -> Result<(), JobError> {
+fn agree(operator: &mut dyn Operator, job: &Job<'_>, record: &mut Record) -> Result<(), JobError> {
     const GAINS: [&str; 3] = ["joint.k_error_1_s2", "joint.k_rate_1_s", "joint.k_last"];
-    record.period_us = session.natural(node, "cycle.period_us")?;
+    record.period_us = operator.natural("cycle.period_us")?;
     let crc = robot_crc32(&job.plan.robot.fingerprint);
-    session.set_register(node, "group.robot_crc32", &crc.into())?;
+    operator.set_register("group.robot_crc32", &crc.into())?;
     if let Some(file) = job.gains {
         let gains_us = (file.period_s * 1e6).round();
         if gains_us != record.period_us as f64 {
@@ -408,46 +408,46 @@ fn agree(session: &mut Session, node: NodeId, job: &Job<'_>, record: &mut Record
         file.check_robot(job.arm).map_err(JobError::GainsRobot)?;
         let estimator = [("estimator.alpha", file.estimator.alpha), ("estimator.beta", file.estimator.beta)];
         for (name, weight) in estimator {
-            session.set_register(node, name, &Numbers::Real(vec![weight as f32]))?;
+            operator.set_register(name, &Numbers::Real(vec![weight as f32]))?;
         }
         for (which, name) in GAINS.into_iter().enumerate() {
             let numbers = file.joint.iter().map(|joint| joint.gains()[which]).collect();
-            session.set_register(node, name, &Numbers::Real(numbers))?;
+            operator.set_register(name, &Numbers::Real(numbers))?;
         }
-        session.set_register(node, "gains.period_us", &(gains_us as u32).into())?;
-        session.set_register(node, "gains.robot_crc32", &crc.into())?;
+        operator.set_register("gains.period_us", &(gains_us as u32).into())?;
+        operator.set_register("gains.robot_crc32", &crc.into())?;
         // Last: every change of a gain voids the certificate.
         let certificate = firmware::crc::Crc32::of(file.to_toml().as_bytes());
-        session.set_register(node, "gains.certificate_crc32", &certificate.into())?;
+        operator.set_register("gains.certificate_crc32", &certificate.into())?;
     }
     for (numbers, name) in record.gains.iter_mut().zip(GAINS) {
-        if let Numbers::Real(found) = session.register(node, name)? {
+        if let Numbers::Real(found) = operator.register(name)? {
             *numbers = found;
         }
     }
     if let (Numbers::Real(alpha), Numbers::Real(beta)) =
-        (session.register(node, "estimator.alpha")?, session.register(node, "estimator.beta")?)
+        (operator.register("estimator.alpha")?, operator.register("estimator.beta")?)
     {
         record.estimator = alpha.first().copied().zip(beta.first().copied()).map(Into::into);
     }
-    record.gains_robot_crc32 = session.natural(node, "gains.robot_crc32")?;
-    record.certificate_crc32 = session.natural(node, "gains.certificate_crc32")?;
+    record.gains_robot_crc32 = operator.natural("gains.robot_crc32")?;
+    record.certificate_crc32 = operator.natural("gains.certificate_crc32")?;
     record.certified = match job.gains {
         Some(file) => Certified::of(file),
         None => built_in_of(record.certificate_crc32).and_then(|file| Certified::of(&file)),
     };
-    record.drives = Some(drives_of(session, node)?);
-    record.gripper_opening = Some(Duration::from_micros(session.natural(node, "gripper.opening_us")?));
+    record.drives = Some(drives_of(operator)?);
+    record.gripper_opening = Some(Duration::from_micros(operator.natural("gripper.opening_us")?));
     Ok(())
 }
 
 /// As the controller knows its drives.
-fn drives_of(session: &mut Session, node: NodeId) -> Result<Drives, JobError> {
-    let unreadable = || JobError::Operator(OperatorError::Unreadable { node });
+fn drives_of(operator: &mut dyn Operator) -> Result<Drives, JobError> {
+    let unreadable = || JobError::Operator(OperatorError::NoRegister { name: "joint.address".to_owned() });
     let (Numbers::Natural(addresses), Numbers::Bit(inverted), Numbers::Real(offset_rad)) = (
-        session.register(node, "joint.address")?,
-        session.register(node, "joint.inverted")?,
-        session.register(node, "joint.offset_rad")?,
+        operator.register("joint.address")?,
+        operator.register("joint.inverted")?,
+        operator.register("joint.offset_rad")?,
     ) else {
         return Err(unreadable());
     };
@@ -460,61 +460,57 @@ fn drives_of(session: &mut Session, node: NodeId) -> Result<Drives, JobError> {
     })
 }
 
-/// What the frames say of the run; `None` if it never began, or a drive was not heard.
-fn analysed(job: &Job<'_>, record: &Record, lines: &[Line]) -> Option<RunAnalysis> {
+/// What the samples say of the run; `None` if it never began, or a joint was not heard.
+fn analysed(operator: &mut dyn Operator, job: &Job<'_>, record: &Record) -> Option<RunAnalysis> {
     let run = Run {
-        lines,
+        samples: &operator.take_samples(job.arm, record.drives)?,
         plan: job.plan,
         arm: job.arm,
         start: None,
-        drives: record.drives,
         gripper_opening: record.gripper_opening,
-        bit_rate_bit_s: job.bit_rate_bit_s,
         certified: record.certified,
     };
     analyse(&run).ok()
 }
 
 /// Follows the ball of the simulated cell until it has landed, or for [`BALL_MAX`] if it stays in the hand.
-fn watch_ball(session: &mut Session) -> Ball {
-    let until = session.now() + BALL_MAX;
+fn watch_ball(operator: &mut dyn Operator) -> BallOutcome {
+    let until = operator.now() + BALL_MAX;
     loop {
-        let now = session.now();
-        let Some(sim) = session.sim() else { return Ball::NotObserved };
-        let report = sim.cell().throw();
-        let left = match (report.released_at, report.landing) {
-            (None, _) if now >= until => return Ball::InHand,
+        let now = operator.now();
+        let Some(ball) = operator.ball() else { return BallOutcome::NotObserved };
+        let left = match (ball.released_at, ball.landing) {
+            (None, _) if now >= until => return BallOutcome::InHand,
             (None, _) => BALL_LOOK,
-            (Some(_), None) => return Ball::Released,
-            (Some(at), Some(landing)) => {
-                let landed_at = at + Duration::from_secs_f64(landing.t_s);
+            (Some(_), None) => return BallOutcome::Released,
+            (Some(at), Some((flight_s, _))) => {
+                let landed_at = at + Duration::from_secs_f64(flight_s);
                 if now >= landed_at {
-                    return Ball::Released;
+                    return BallOutcome::Released;
                 }
                 landed_at.saturating_since(now).min(BALL_LOOK)
             }
         };
-        // A bus that failed has told nothing about the ball so far.
-        if session.pass(left).is_err() {
-            return Ball::NotObserved;
+        // A link that failed has told nothing about the ball so far.
+        if operator.pass(left).is_err() {
+            return BallOutcome::NotObserved;
         }
     }
 }
 
 /// Where the ball landed: the cell knows, or the measured motion says where it should.
-fn landing(session: &mut Session, job: &Job<'_>, analysis: Option<&RunAnalysis>) -> Option<Landing> {
-    let target = Vector3::from(job.plan.target.position_m);
-    if let Some(sim) = session.sim() {
-        let report = sim.cell().throw();
-        let landing = report.landing?;
+fn landing(operator: &mut dyn Operator, job: &Job<'_>, analysis: Option<&RunAnalysis>) -> Option<Landing> {
+    let target = Vector3::from(job.plan.meeting_m());
+    if let Some(ball) = operator.ball() {
+        let (_, position_m) = ball.landing?;
         let planned_log_s = analysis.map(|analysis| analysis.start_log_s + job.plan.release_time_s);
         return Some(Landing {
             source: LandingSource::Cell,
-            position_m: landing.p_m,
-            error_m: (landing.p_m - target).norm(),
+            position_m,
+            error_m: (position_m - target).norm(),
             uncertainty_m: None,
-            release_late_s: report.released_at.zip(planned_log_s).map(|(free, s)| free.as_secs_f64() - s),
-            touch_after_s: report.touch.as_ref().map(|(t_s, _)| *t_s),
+            release_late_s: ball.released_at.zip(planned_log_s).map(|(free, s)| free.as_secs_f64() - s),
+            touch_after_s: ball.touch_after_s,
         });
     }
     computed_landing(job, analysis?)
@@ -529,7 +525,7 @@ pub fn computed_landing(job: &Job<'_>, analysis: &RunAnalysis) -> Option<Landing
     Some(Landing {
         source: LandingSource::Measured,
         position_m,
-        error_m: (position_m - Vector3::from(job.plan.target.position_m)).norm(),
+        error_m: release.landing_error_m?,
         uncertainty_m: release.landing_uncertainty_m,
         release_late_s: Some(release.t_s - job.plan.release_time_s),
         touch_after_s: None,

@@ -8,13 +8,13 @@
 //! |---|---|
 //! | [`trajectory`] | motions, and the one place where they become a controller's file |
 //! | [`approach`] | motions from rest to rest around everything in the way |
-//! | [`job`] | the steps above, in order, on a session |
+//! | [`job`] | the steps above, in order, for any [operator](crate::port::Operator) |
 //! | [`outcome`] | how a throw ended: landed, missed, not released, stopped, and what is known where nobody watches |
 //! | [`mod@summary`] | the run in numbers, as JSON |
 //!
 //! # Invariants
 //!
-//! * Nothing here prints or asks a person; whoever calls is told what begins and ends.
+//! * Nothing here prints or asks a person; the caller learns what begins and ends.
 //! * Whatever ends a step early, the arm stands when it returns.
 
 pub mod approach;

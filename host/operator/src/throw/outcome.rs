@@ -2,7 +2,7 @@
 //!
 //! | outcome | JSON | known from |
 //! |---|---|---|
-//! | [`Outcome::Landed`] | `landed` | somebody watched the ball land within the tolerance |
+//! | [`Outcome::Landed`] | `landed` | an observer watched the ball land within the tolerance |
 //! | [`Outcome::NotObserved`] | `not_observed` | the arm followed the plan and the release was ordered; nobody watched the ball |
 //! | [`Outcome::Missed`] | `missed` | the ball landed beyond the tolerance, or touched the arm; or the measured motion sends it beyond |
 //! | [`Outcome::NotReleased`] | `not_released` | the ball is still in the hand, or the release was never ordered |
@@ -41,7 +41,6 @@ pub enum Outcome {
 }
 
 impl Outcome {
-    /// All of them.
     pub const ALL: [Self; 6] =
         [Self::Landed, Self::NotObserved, Self::Missed, Self::NotReleased, Self::Stopped, Self::NotThrown];
 
@@ -64,7 +63,6 @@ impl Outcome {
         Self::ALL.into_iter().find(|outcome| outcome.json_name() == name)
     }
 
-    /// In words.
     #[must_use]
     pub const fn words(self) -> &'static str {
         match self {
@@ -78,9 +76,9 @@ impl Outcome {
     }
 }
 
-/// Where the ball is, as far as somebody watches it.
+/// Where the ball is, as far as an observer watches it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Ball {
+pub enum BallOutcome {
     /// Nobody watches it.
     #[default]
     NotObserved,
@@ -90,7 +88,7 @@ pub enum Ball {
     Released,
 }
 
-impl Ball {
+impl BallOutcome {
     /// Field `ball` of `summary.json`.
     #[must_use]
     pub const fn json_name(self) -> &'static str {
@@ -112,7 +110,7 @@ pub enum LandingSource {
 }
 
 impl LandingSource {
-    /// Somebody watched the ball.
+    /// An observer watched the ball.
     #[must_use]
     pub const fn is_observed(self) -> bool {
         matches!(self, Self::Cell)
@@ -148,7 +146,6 @@ pub struct Landing {
 /// How a throw ended, and what a person reads about it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Verdict {
-    /// The outcome.
     pub outcome: Outcome,
     /// What is known, in one sentence or two.
     pub text: String,
@@ -160,8 +157,7 @@ pub struct Verdict {
 /// [`TOLERANCE_MIN_M`]: the offset of the mean, and the longer half-axis of the 99 % ellipse.
 #[must_use]
 pub fn default_tolerance_m(plan: &PlanFile) -> f64 {
-    let [x, y, _] = plan.target.position_m;
-    let offset = Vector2::from(plan.landing.mean_m) - Vector2::new(x, y);
+    let offset = Vector2::from(plan.landing.mean_m) - plan.target.aim().centre();
     let [[xx, xy], [yx, yy]] = plan.landing.covariance_m2;
     let radius_m = offset.norm() + radius_99_m(&Matrix2::new(xx, xy, yx, yy));
     if radius_m.is_finite() { radius_m.max(TOLERANCE_MIN_M) } else { TOLERANCE_MIN_M }
@@ -190,15 +186,15 @@ pub fn judge(job: &Job<'_>, record: &Record, ended: Result<(), &JobError>) -> Ve
     Verdict { outcome, text, tolerance_m }
 }
 
-/// What became of the ball of a throw that was stopped, where somebody watches it.
+/// What became of the ball of a throw that was stopped, where an observer watches it.
 fn ball_after_stop(record: &Record) -> String {
     match (record.ball, record.landing) {
-        (Ball::Released, Some(landing)) => {
+        (BallOutcome::Released, Some(landing)) => {
             format!("; the ball left the hand and landed {:.1} mm from the target", 1e3 * landing.error_m)
         }
-        (Ball::Released, None) => "; the ball left the hand".to_owned(),
-        (Ball::InHand, _) => "; the ball is still in the hand".to_owned(),
-        (Ball::NotObserved, _) => String::new(),
+        (BallOutcome::Released, None) => "; the ball left the hand".to_owned(),
+        (BallOutcome::InHand, _) => "; the ball is still in the hand".to_owned(),
+        (BallOutcome::NotObserved, _) => String::new(),
     }
 }
 
@@ -222,12 +218,12 @@ fn ball_verdict(record: &Record, tolerance_m: f64) -> (Outcome, String) {
         Some(t_s) => format!("the gripper was ordered to open at {t_s:.3} s of the plan"),
         None => "no order to open the gripper was seen".to_owned(),
     };
-    if record.ball == Ball::InHand {
+    if record.ball == BallOutcome::InHand {
         return (Outcome::NotReleased, format!("not released: {ordered}; the ball is still in the hand"));
     }
     let Some(landing) = record.landing else {
         return match (record.ball, ordered_t_s, release) {
-            (Ball::Released, ..) => (
+            (BallOutcome::Released, ..) => (
                 Outcome::Missed,
                 "missed: the ball left the hand and does not come down on the plane of the target".to_owned(),
             ),

@@ -9,7 +9,7 @@ use super::job::{Job, Record};
 use super::outcome::Verdict;
 use crate::analysis::RunAnalysis;
 use crate::analysis::tracking::ErrorSize;
-use crate::bus::pace::Pace;
+use crate::bus::cycle_timing::CycleTiming;
 use crate::bus::soft::SoftReport;
 use planner::plan::file::VERSION as PLAN_VERSION;
 use tuner::gains::choose::GainsFrom;
@@ -23,7 +23,7 @@ pub const NOT_COMPARED: &str = "the timing is not compared with a certificate: n
 /// What only the caller knows.
 #[derive(Clone, Debug, Default)]
 pub struct Circumstances<'a> {
-    /// Bus in words.
+    /// Bus as text.
     pub bus: &'a str,
     /// What supplied the time: `virtual time` or `real time`.
     pub time: &'a str,
@@ -50,10 +50,9 @@ pub struct Circumstances<'a> {
     /// Why the control period is what it is: `measured`, `given`, `virtual time`, `the controller's`.
     pub period_why: &'a str,
     /// What machine and bus held before the run.
-    pub pace: Option<&'a Pace>,
+    pub timing: Option<&'a CycleTiming>,
 }
 
-/// The summary.
 #[must_use]
 pub fn summary(job: &Job<'_>, record: &Record, verdict: &Verdict, about: &Circumstances<'_>) -> Value {
     let plan = job.plan;
@@ -157,7 +156,7 @@ fn cycle(record: &Record, about: &Circumstances<'_>) -> Value {
     json!({
         "period_us": record.period_us,
         "period_why": about.period_why,
-        "measured_before": about.pace.map(Pace::to_json),
+        "measured_before": about.timing.map(CycleTiming::to_json),
         "jitter_max_us": states.map(|(_, group)| group.cycle_jitter_us).max(),
         "late": last.cycles_late.saturating_sub(record.before.cycles_late),
         "replies_missed": last.replies_missed.saturating_sub(record.before.replies_missed),

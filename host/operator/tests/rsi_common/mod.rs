@@ -51,7 +51,7 @@ pub(crate) fn scenario(seed: u64) -> KrcScenario {
 }
 
 pub(crate) fn thrown_with(scenario: &KrcScenario, plan: &FollowPlan, lag: Lag) -> (Seen, Station) {
-    let mut station = station(scenario, &arm(), plan, lag).expect("a station");
+    let mut station = station(scenario, &arm(), plan, lag, &[]).expect("a station");
     let seen = cell::run(scenario, &mut station).expect("a robot");
     (seen, station)
 }

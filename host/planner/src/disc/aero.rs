@@ -95,11 +95,9 @@ pub fn coefficients(alpha_rad: f64) -> Coefficients {
 /// The body of a disc.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Body {
-    /// Radius, m.
     pub radius_m: f64,
     /// Half of its height, m.
     pub half_height_m: f64,
-    /// Mass, kg.
     pub mass_kg: f64,
     /// Moment of inertia about the axis of symmetry, kg·m².
     pub about_axis_kg_m2: f64,

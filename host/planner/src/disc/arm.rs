@@ -17,7 +17,6 @@ pub const READY_RAD: [f64; 4] = [0.0, 0.4, -1.6, LEVEL_SUM_RAD + 1.2];
 /// A four-axis arm with the zero position of paper 001, and its sizes.
 #[derive(Debug, Clone)]
 pub struct DiscArm {
-    /// The robot.
     pub model: RobotModel<4>,
     /// Its lengths.
     pub size: Size,

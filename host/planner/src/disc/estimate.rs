@@ -109,12 +109,12 @@ impl Estimate {
     /// From views; `None` with fewer than three, or if their times do not tell a velocity.
     #[must_use]
     pub fn new(model: &Model, views: &[View]) -> Option<Self> {
-        Self::again(model, views, None)
+        Self::refit(model, views, None)
     }
 
     /// The same from an earlier estimate of this flight: fewer iterations.
     #[must_use]
-    pub fn again(model: &Model, views: &[View], earlier: Option<&Self>) -> Option<Self> {
+    pub fn refit(model: &Model, views: &[View], earlier: Option<&Self>) -> Option<Self> {
         let finite =
             |v: &&View| v.t_s >= 0.0 && v.t_s.is_finite() && v.center_m.iter().all(|x| x.is_finite());
         let views: Vec<View> = views.iter().filter(finite).copied().collect();

@@ -48,7 +48,6 @@ pub struct Air {
 }
 
 impl Air {
-    /// Still air.
     #[must_use]
     pub fn still() -> Self {
         Self { gravity_m_s2: GRAVITY_M_S2, wind_m_s: Vector3::zeros(), density_kg_m3: AIR_KG_M3 }

@@ -1,13 +1,13 @@
 //! Joint motion under limits: polynomial pieces per joint, with closed-form times and peaks.
 //!
-//! Two laws. [`Law::Acceleration`] keeps speed and acceleration: pieces of constant acceleration, jerk unbounded.
-//! [`Law::Jerk`] keeps the jerk as well: quintics and cubic speed ramps that start and end without acceleration.
+//! Two laws. [`MotionLaw::Acceleration`] keeps speed and acceleration: pieces of constant acceleration, jerk unbounded.
+//! [`MotionLaw::Jerk`] keeps the jerk as well: quintics and cubic speed ramps that start and end without acceleration.
 
 use super::Joints;
 
 /// Which limits the motion keeps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Law {
+pub enum MotionLaw {
     /// Speed and acceleration.
     Acceleration,
     /// Speed, acceleration and jerk.
@@ -121,40 +121,40 @@ impl Track {
         self.accelerate(0.0, lasts_s);
     }
 
-    /// To a speed in a time; with `Law::Jerk` as a cubic in the speed.
-    fn change_speed(&mut self, law: Law, to_v: f64, lasts_s: f64) {
+    /// To a speed in a time; with `MotionLaw::Jerk` as a cubic in the speed.
+    fn change_speed(&mut self, law: MotionLaw, to_v: f64, lasts_s: f64) {
         if lasts_s <= 0.0 {
             return;
         }
         let now = self.last();
         let (dv, t) = (to_v - now.v, lasts_s);
         match law {
-            Law::Acceleration => self.accelerate(dv / t, t),
+            MotionLaw::Acceleration => self.accelerate(dv / t, t),
             // v = v0 + dv (3 s² - 2 s³), s = time / t.
-            Law::Jerk => self.push(t, [now.q, now.v, 0.0, dv / (t * t), -0.5 * dv / (t * t * t), 0.0]),
+            MotionLaw::Jerk => self.push(t, [now.q, now.v, 0.0, dv / (t * t), -0.5 * dv / (t * t * t), 0.0]),
         }
     }
 }
 
 /// Shortest time for a change of speed within acceleration (and jerk).
 #[must_use]
-pub fn speed_change_s(law: Law, limit: &Limit, dv: f64) -> f64 {
+pub fn speed_change_s(law: MotionLaw, limit: &Limit, dv: f64) -> f64 {
     let dv = dv.abs();
     match law {
-        Law::Acceleration => dv / limit.a,
-        Law::Jerk => (1.5 * dv / limit.a).max((6.0 * dv / limit.j).sqrt()),
+        MotionLaw::Acceleration => dv / limit.a,
+        MotionLaw::Jerk => (1.5 * dv / limit.a).max((6.0 * dv / limit.j).sqrt()),
     }
 }
 
 /// Shortest time from rest to rest over a distance, rad.
 #[must_use]
-pub fn rest_to_rest_s(law: Law, limit: &Limit, distance: f64) -> f64 {
+pub fn rest_to_rest_s(law: MotionLaw, limit: &Limit, distance: f64) -> f64 {
     let d = distance.abs();
     match law {
-        Law::Acceleration if d * limit.a <= limit.v * limit.v => 2.0 * (d / limit.a).sqrt(),
-        Law::Acceleration => d / limit.v + limit.v / limit.a,
+        MotionLaw::Acceleration if d * limit.a <= limit.v * limit.v => 2.0 * (d / limit.a).sqrt(),
+        MotionLaw::Acceleration => d / limit.v + limit.v / limit.a,
         // Quintic: peaks 15/8, 10/√3, 60.
-        Law::Jerk => (1.875 * d / limit.v)
+        MotionLaw::Jerk => (1.875 * d / limit.v)
             .max((10.0 / 3.0_f64.sqrt() * d / limit.a).sqrt())
             .max((60.0 * d / limit.j).cbrt()),
     }
@@ -191,7 +191,7 @@ pub fn fixed_time(from: At, to: At, time_s: f64, v_max: f64) -> Option<[(f64, f6
 
 /// Motion of all four joints.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Motion {
+pub struct DiscMotion {
     /// One track per joint.
     pub tracks: [Track; 4],
     /// When the arm first moves, s.
@@ -200,7 +200,7 @@ pub struct Motion {
     pub waits_s: (f64, f64),
 }
 
-impl Motion {
+impl DiscMotion {
     /// Joint angles at a time, rad.
     #[must_use]
     pub fn q(&self, t_s: f64) -> Joints {
@@ -269,14 +269,14 @@ pub enum Impossible {
 /// # Errors
 /// [`Impossible`].
 pub fn plan(
-    law: Law,
+    law: MotionLaw,
     limits: &[Limit; 4],
     range: &(Joints, Joints),
     now_s: f64,
     now: &[At; 4],
     reach: &Reach,
     approach: Approach,
-) -> Result<Motion, Impossible> {
+) -> Result<DiscMotion, Impossible> {
     let before_s = reach.half_dwell_s + reach.lead_s;
     let meets_s = reach.t_s - before_s;
     let dwell_from = reach.q - reach.v * before_s;
@@ -324,23 +324,29 @@ pub fn plan(
         track.coast(before_s + reach.half_dwell_s);
         track.change_speed(law, 0.0, speed_change_s(law, &limits[j], reach.v[j]));
     }
-    let motion = Motion { tracks, from_s: now_s, waits_s };
+    let motion = DiscMotion { tracks, from_s: now_s, waits_s };
     within(&motion, range)?;
     Ok(motion)
 }
 
-fn rest_to_rest(track: &mut Track, law: Law, v_max: f64, to: f64, time_s: f64) -> Result<(), Impossible> {
+fn rest_to_rest(
+    track: &mut Track,
+    law: MotionLaw,
+    v_max: f64,
+    to: f64,
+    time_s: f64,
+) -> Result<(), Impossible> {
     let from = track.last();
     let d = to - from.q;
     match law {
-        Law::Acceleration => {
+        MotionLaw::Acceleration => {
             let to = At { q: to, ..At::default() };
             let pieces = fixed_time(from, to, time_s, v_max).ok_or(Impossible::Late(0.0))?;
             for (a, t) in pieces {
                 track.accelerate(a, t);
             }
         }
-        Law::Jerk => {
+        MotionLaw::Jerk => {
             let t3 = time_s.powi(3);
             let c = [
                 from.q,
@@ -358,7 +364,7 @@ fn rest_to_rest(track: &mut Track, law: Law, v_max: f64, to: f64, time_s: f64) -
 
 fn direct(
     track: &mut Track,
-    law: Law,
+    law: MotionLaw,
     limit: &Limit,
     from: &At,
     to: &At,
@@ -368,7 +374,7 @@ fn direct(
         return Err(Impossible::Late(-time_s));
     }
     match law {
-        Law::Acceleration => {
+        MotionLaw::Acceleration => {
             let pieces = fixed_time(*from, *to, time_s, limit.v).ok_or(Impossible::Limit(f64::INFINITY))?;
             let over = pieces[0].0.abs() / limit.a;
             if over > 1.0 {
@@ -378,7 +384,7 @@ fn direct(
                 track.accelerate(a, t);
             }
         }
-        Law::Jerk => {
+        MotionLaw::Jerk => {
             let c = quintic(from, to, time_s);
             let piece = Piece { from_s: 0.0, lasts_s: time_s, c };
             let over =
@@ -411,7 +417,7 @@ fn quintic(from: &At, to: &At, t: f64) -> [f64; 6] {
 }
 
 /// Ranges over the whole motion, at 2 ms and at the ends of the pieces.
-fn within(motion: &Motion, range: &(Joints, Joints)) -> Result<(), Impossible> {
+fn within(motion: &DiscMotion, range: &(Joints, Joints)) -> Result<(), Impossible> {
     let mut beyond = f64::NEG_INFINITY;
     for (j, track) in motion.tracks.iter().enumerate() {
         let steps = ((track.end_s() - motion.from_s) / 0.002).ceil().max(1.0) as u32;

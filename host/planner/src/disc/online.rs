@@ -7,7 +7,7 @@ use super::Joints;
 use super::arm::DiscArm;
 use super::estimate::{Estimate, Model, View};
 use super::intercept::{self, Decline, Plan, Settings};
-use super::motion::{At, Motion};
+use super::motion::{At, DiscMotion};
 
 /// How views become motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,7 +40,7 @@ pub struct Catcher<'a> {
     estimate: Option<Estimate>,
     plan: Option<Plan>,
     /// What was done from when on.
-    motions: Vec<Motion>,
+    motions: Vec<DiscMotion>,
     last_decline: Option<Decline>,
     /// Corrections that were taken and that were not possible.
     pub corrections: (usize, usize),
@@ -72,7 +72,7 @@ impl<'a> Catcher<'a> {
             return;
         }
         let settings = Settings { now_s: arrived_s + self.timing.actuation_s, ..self.settings };
-        let Some(estimate) = Estimate::again(&self.model, &self.views, self.estimate.as_ref()) else {
+        let Some(estimate) = Estimate::refit(&self.model, &self.views, self.estimate.as_ref()) else {
             return;
         };
         let path = estimate.path(self.timing.horizon_s);
@@ -123,6 +123,6 @@ impl<'a> Catcher<'a> {
     /// When the arm stands again, s.
     #[must_use]
     pub fn end_s(&self) -> f64 {
-        self.motions.last().map_or(0.0, Motion::end_s)
+        self.motions.last().map_or(0.0, DiscMotion::end_s)
     }
 }

@@ -105,7 +105,6 @@ pub struct Step {
     pub t_s: f64,
     /// Centre of the disc, m.
     pub disc_m: Vector3<f64>,
-    /// Stage.
     pub stage: Stage,
     /// Where the terminal point should be, m.
     pub wanted_m: Vector3<f64>,

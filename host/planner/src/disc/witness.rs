@@ -102,7 +102,6 @@ pub struct Seen {
 pub struct Touch {
     /// Time, s.
     pub t_s: f64,
-    /// With which body.
     pub body: String,
 }
 
@@ -180,7 +179,7 @@ pub fn judge(arm: &DiscArm, gripper: &Gripper, rule: &Rule, moments: &[Moment]) 
             continue;
         }
         let hand = arm.model.ee(&frames);
-        let seen = look(arm, &hand, moment);
+        let seen = observe(arm, &hand, moment);
         if out.nearest.is_none_or(|n| seen.tip_to_axis_m < n.tip_to_axis_m) {
             out.nearest = Some(seen);
         }
@@ -219,7 +218,7 @@ fn rates(moments: &[Moment], out: &mut Verdict) {
     }
 }
 
-fn look(arm: &DiscArm, hand: &robot_model::Pose, moment: &Moment) -> Seen {
+fn observe(arm: &DiscArm, hand: &robot_model::Pose, moment: &Moment) -> Seen {
     let center = hand.inverse_transform_point(&moment.center_m);
     let radius = arm.size.disc_radius_m;
     // The rim where the middle line of the hand crosses it; beside the disc there is none.

@@ -1,109 +1,142 @@
-//! Where a released ball lands, and how that moves with the release.
+//! Where a released ball meets a plane, and how that moves with the release.
 
-use nalgebra::{Matrix2, SMatrix, Vector2, Vector3, Vector6};
+use nalgebra::{Matrix2, Matrix3, SMatrix, Vector2, Vector3, Vector6};
 
-use super::model::FlightModel;
+use super::aim::Aim;
+use super::model::{FlightModel, FlightState};
 
-/// `∂(x, y of the landing)/∂(p, v at release)`, 2 × 6, columns in m per m and m per m/s.
+/// `∂(coordinates of the landing)/∂(p, v at release)`, 2 × 6, columns in m per m and m per m/s.
 pub type LandingJacobian = SMatrix<f64, 2, 6>;
 
-/// The ball meets a horizontal plane on its way down.
+/// The ball meets a plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Landing {
-    /// Point in m; its z is the plane's.
+    /// Point in m.
     pub p: Vector3<f64>,
     /// Velocity there in m/s.
     pub v: Vector3<f64>,
     /// Time since the release in s.
     pub time_s: f64,
+    /// How the point moves with the velocity at the release at a fixed time, in s.
+    pub p_by_v0: Matrix3<f64>,
 }
 
+/// No ball flies longer, in s.
+const FLIGHT_MAX_S: f64 = 20.0;
+/// Newton steps inside one step of the integration.
+const NEWTON_STEPS_MAX: usize = 12;
+
 impl FlightModel {
-    /// Landing on the plane at height `z_m` for a release at `p` (m) with `v` (m/s).
+    /// Landing on the horizontal plane at height `z_m` for a release at `p` (m) with `v` (m/s), on the way down.
     ///
     /// `None` if the ball never comes down through the plane (it starts below and does not rise to it), or for
     /// input that is not finite. The time is solved for to rounding.
     #[must_use]
     #[inline]
     pub fn land(&self, p: &Vector3<f64>, v: &Vector3<f64>, z_m: f64) -> Option<Landing> {
-        let finite = p.iter().chain(v.iter()).all(|c| c.is_finite()) && z_m.is_finite();
-        if !finite {
+        self.meet(p, v, &Aim::level(Vector3::new(0.0, 0.0, z_m)), 0.0)
+    }
+
+    /// First passage through the plane of an aim, from the side of its normal, for a release at `p` (m) with `v` (m/s)
+    /// `since_s` after the planned release.
+    ///
+    /// `None` if there is none within 20 s, or for input that is not finite. The time is solved for to rounding.
+    #[must_use]
+    pub fn meet(&self, p: &Vector3<f64>, v: &Vector3<f64>, aim: &Aim, since_s: f64) -> Option<Landing> {
+        let finite = p.iter().chain(v.iter()).all(|c| c.is_finite());
+        if !(finite && aim.above_m(p, since_s).is_finite()) {
             return None;
         }
-        let g = self.gravity_m_s2();
-        let height = p.z - z_m;
-        let under_root = v.z * v.z + 2.0 * g * height;
-        if self.is_vacuum() {
-            if under_root < 0.0 {
-                return None;
-            }
-            let time_s = (v.z + under_root.sqrt()) / g;
-            if time_s < 0.0 {
-                return None;
-            }
-            let mut end = self.fly(p, v, time_s);
-            end.p.z = z_m;
-            return Some(Landing { p: end.p, v: end.v, time_s });
+        if self.is_vacuum() && aim.is_level() {
+            return self.fall(p, v, aim.point_at(0.0).z);
         }
-        // March until the ball is below the plane and falling, then Newton on the height inside the last step.
-        let march_s = 0.05;
-        let (mut p1, mut v1, mut t) = (*p, *v, 0.0);
-        let mut reached = p1.z >= z_m;
-        for _ in 0..2_000 {
-            let (p2, v2) = self.coast(&p1, &v1, march_s);
-            reached |= p2.z >= z_m;
-            if p2.z < z_m && v2.z < 0.0 && reached {
-                let mut dt = march_s * (p1.z - z_m) / (p1.z - p2.z);
-                for _ in 0..30 {
-                    let (at, speed) = self.coast(&p1, &v1, dt);
-                    let step = (at.z - z_m) / speed.z;
-                    dt -= step;
-                    if step.abs() <= 1e-9 {
-                        break;
-                    }
-                }
-                // One integration over the whole time, so that landing and Jacobian are of the same flight.
-                let mut time_s = t + dt;
-                for _ in 0..5 {
-                    let (at, speed) = self.coast(p, v, time_s);
-                    let step = (at.z - z_m) / speed.z;
-                    time_s -= step;
-                    if step.abs() <= 1e-14 {
-                        break;
-                    }
-                }
-                let (mut p_end, v_end) = self.coast(p, v, time_s);
-                p_end.z = z_m;
-                return Some(Landing { p: p_end, v: v_end, time_s });
+        let mut state = FlightState::begin(p, v);
+        let (mut t, mut above_m) = (0.0, aim.above_m(p, since_s));
+        while t < FLIGHT_MAX_S {
+            let h = self.step_s(&state.v, FLIGHT_MAX_S);
+            let next = self.advance(&state, h);
+            let next_above_m = aim.above_m(&next.p, since_s + t + h);
+            if above_m >= 0.0 && next_above_m < 0.0 {
+                return self.pass(&state, aim, since_s, t, h * above_m / (above_m - next_above_m));
             }
-            if p2.z < z_m && v2.z < 0.0 {
+            // Below, on the way down, and nothing pulls up again.
+            let down = aim.normal().dot(&(next.v - aim.course().velocity_m_s(since_s + t + h))) < 0.0;
+            if next_above_m < 0.0 && down && aim.is_level() {
                 return None;
             }
-            (p1, v1) = (p2, v2);
-            t += march_s;
+            (state, above_m) = (next, next_above_m);
+            t += h;
         }
         None
     }
 
-    /// Landing Jacobian G for a release that lands as `landing`.
-    ///
-    /// With the flight `p(T; p0, v0)`, `δL = δp(T) - v(T) δp_z(T)/v_z(T)`: the plane is met earlier or later.
+    /// The closed form in vacuum.
+    #[inline]
+    fn fall(&self, p: &Vector3<f64>, v: &Vector3<f64>, z_m: f64) -> Option<Landing> {
+        let g = self.gravity_m_s2();
+        let under_root = v.z * v.z + 2.0 * g * (p.z - z_m);
+        if under_root < 0.0 {
+            return None;
+        }
+        let time_s = (v.z + under_root.sqrt()) / g;
+        if time_s < 0.0 {
+            return None;
+        }
+        let mut end = self.fly(p, v, time_s);
+        end.p.z = z_m;
+        Some(Landing { p: end.p, v: end.v, time_s, p_by_v0: end.p_by_v0 })
+    }
+
+    /// The passage inside one step of the integration that begins at `t` in `state`, about `dt` later.
+    fn pass(&self, state: &FlightState, aim: &Aim, since_s: f64, t: f64, mut dt: f64) -> Option<Landing> {
+        for _ in 0..NEWTON_STEPS_MAX {
+            let (p, v) = self.coast_step(&state.p, &state.v, dt);
+            let at_s = since_s + t + dt;
+            let towards = aim.normal().dot(&(v - aim.course().velocity_m_s(at_s)));
+            let step = aim.above_m(&p, at_s) / towards;
+            if !step.is_finite() {
+                return None;
+            }
+            dt -= step;
+            if step.abs() <= 1e-15 {
+                break;
+            }
+        }
+        let end = self.advance(state, dt);
+        let time_s = t + dt;
+        // Onto the plane, of which rounding leaves it beside.
+        let p = end.p - aim.normal() * aim.above_m(&end.p, since_s + time_s);
+        Some(Landing { p, v: end.v, time_s, p_by_v0: end.p_by_v0 })
+    }
+
+    /// Landing Jacobian G for a release that lands as `landing` on a horizontal plane at rest: derivatives of x and y.
     #[must_use]
     #[inline]
-    pub fn landing_jacobian(&self, p: &Vector3<f64>, v: &Vector3<f64>, landing: &Landing) -> LandingJacobian {
-        let end = self.fly(p, v, landing.time_s);
-        let slope = Vector2::new(end.v.x, end.v.y) / end.v.z;
-        let onto_plane = SMatrix::<f64, 2, 3>::new(1.0, 0.0, -slope.x, 0.0, 1.0, -slope.y);
+    pub fn landing_jacobian(&self, landing: &Landing) -> LandingJacobian {
+        Aim::level(landing.p).jacobian(landing, 0.0)
+    }
+}
+
+impl Aim {
+    /// Landing Jacobian G for a release, `since_s` after the planned one, that meets the plane as `landing`.
+    ///
+    /// With the flight `p(T; p0, v0)`, `δL = δp(T) - w n·δp(T)/(n·w)`, w the velocity against the plane: it is met
+    /// earlier or later.
+    #[must_use]
+    #[inline]
+    pub fn jacobian(&self, landing: &Landing, since_s: f64) -> LandingJacobian {
+        let onto_plane = self.onto_plane(&self.approach(landing, since_s));
         let mut g = LandingJacobian::zeros();
         g.fixed_view_mut::<2, 3>(0, 0).copy_from(&onto_plane);
-        g.fixed_view_mut::<2, 3>(0, 3).copy_from(&(onto_plane * end.p_by_v0));
+        g.fixed_view_mut::<2, 3>(0, 3).copy_from(&(onto_plane * landing.p_by_v0));
         g
     }
 }
 
 /// Speed of the landing point with the delay of the release, `dL/dδ = G_p v + G_v a`, in m/s (mm per ms).
 ///
-/// `v` and `a` are velocity and acceleration of the ball in the hand at the release.
+/// `v` and `a` are velocity and acceleration of the ball in the hand at the release; for a target that moves, `v` is
+/// against the target's velocity at the landing.
 #[must_use]
 pub fn delay_sensitivity(g: &LandingJacobian, v: &Vector3<f64>, a: &Vector3<f64>) -> Vector2<f64> {
     g * Vector6::new(v.x, v.y, v.z, a.x, a.y, a.z)
@@ -154,7 +187,7 @@ mod tests {
     fn landing_jacobian_matches_differences_in_vacuum_and_in_air() {
         for model in [vacuum(), heavy_air()] {
             let landing = model.land(&P, &V, -1.0).expect("lands");
-            let g = model.landing_jacobian(&P, &V, &landing);
+            let g = model.landing_jacobian(&landing);
             assert!((g - differences(&model)).amax() < 2e-8, "{model:?}: {g} {}", differences(&model));
         }
     }
@@ -162,7 +195,7 @@ mod tests {
     #[test]
     fn a_ball_that_follows_its_own_parabola_does_not_care_when_it_is_released() {
         let landing = vacuum().land(&P, &V, -1.0).expect("lands");
-        let g = vacuum().landing_jacobian(&P, &V, &landing);
+        let g = vacuum().landing_jacobian(&landing);
         assert!(delay_sensitivity(&g, &V, &Vector3::new(0.0, 0.0, -9.81)).norm() < 1e-12);
         assert!(delay_sensitivity(&g, &V, &Vector3::zeros()).norm() > 1.0);
     }

@@ -128,10 +128,12 @@ impl FlightModel {
                 v_by_v0: Matrix3::identity(),
             };
         }
-        let (steps, h) = steps_of(duration_s);
-        let mut state = FlightState { p: *p, v: *v, p_by_v0: Matrix3::zeros(), v_by_v0: Matrix3::identity() };
-        for _ in 0..steps {
-            state = self.rk4(&state, h);
+        let mut state = FlightState::begin(p, v);
+        let mut left_s = finite(duration_s);
+        while left_s != 0.0 {
+            let h = self.step_s(&state.v, left_s);
+            state = self.advance(&state, h);
+            left_s -= h;
         }
         state
     }
@@ -144,13 +146,47 @@ impl FlightModel {
             let end = self.fly(p, v, duration_s);
             return (end.p, end.v);
         }
-        let (steps, h) = steps_of(duration_s);
-        let (mut p, mut v) = (*p, *v);
-        for _ in 0..steps {
-            let stages = self.stages(&v, h);
-            (p, v) = (stages.position(&p, h), stages.velocity(&v, h));
+        let (mut p, mut v, mut left_s) = (*p, *v, finite(duration_s));
+        while left_s != 0.0 {
+            let h = self.step_s(&v, left_s);
+            (p, v) = self.coast_step(&p, &v, h);
+            left_s -= h;
         }
         (p, v)
+    }
+
+    /// The step to take at a velocity with `left_s` to go (which may be negative): the forces turn or brake the ball by
+    /// a small part only.
+    #[inline]
+    pub(super) fn step_s(&self, v: &Vector3<f64>, left_s: f64) -> f64 {
+        let rate = self.drag_per_m * v.norm() + self.magnus_rad_s.norm();
+        let most = STEP_S.min(STEP_SHARE / rate).max(STEP_MIN_S);
+        // Without a last step of nothing but rounding.
+        if left_s.abs() > most * (1.0 + 1e-9) { most.copysign(left_s) } else { left_s }
+    }
+
+    /// Position and velocity one step later.
+    pub(super) fn coast_step(
+        &self,
+        p: &Vector3<f64>,
+        v: &Vector3<f64>,
+        h: f64,
+    ) -> (Vector3<f64>, Vector3<f64>) {
+        if self.is_vacuum() {
+            let g = Vector3::new(0.0, 0.0, -self.gravity_m_s2);
+            return (p + v * h + g * (0.5 * h * h), v + g * h);
+        }
+        let stages = self.stages(v, h);
+        (stages.position(p, h), stages.velocity(v, h))
+    }
+
+    /// The state one step later.
+    pub(super) fn advance(&self, x: &FlightState, h: f64) -> FlightState {
+        if self.is_vacuum() {
+            let (p, v) = self.coast_step(&x.p, &x.v, h);
+            return FlightState { p, v, p_by_v0: x.p_by_v0 + x.v_by_v0 * h, v_by_v0: x.v_by_v0 };
+        }
+        self.rk4(x, h)
     }
 
     /// The stages of a Runge-Kutta step; forces do not depend on position, so velocities are all they need.
@@ -201,14 +237,17 @@ impl Stages {
     }
 }
 
-/// Number and length of the steps: at 10 ms the local error of a ball at 5 m/s with k = 0.1/m is below 1e-10 m.
-fn steps_of(duration_s: f64) -> (usize, f64) {
-    let steps = (duration_s.abs() / STEP_S).ceil().max(1.0);
-    (steps as usize, duration_s / steps)
+/// A duration that is no number has no steps.
+fn finite(duration_s: f64) -> f64 {
+    if duration_s.is_finite() { duration_s } else { 0.0 }
 }
 
-/// Longest integration step in s.
+/// Longest integration step in s: the error of a ball at 5 m/s with k = 0.1/m is below 1e-10 m.
 const STEP_S: f64 = 0.01;
+/// Share of the velocity that forces may turn or brake in one step, about.
+const STEP_SHARE: f64 = 0.05;
+/// Shortest step in s: a ball that is braked at once has a position that hardly matters.
+const STEP_MIN_S: f64 = 2e-4;
 
 /// Ball after some time of flight; forces do not depend on position, so `∂p/∂p0 = 1` and `∂v/∂p0 = 0`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -221,4 +260,12 @@ pub struct FlightState {
     pub p_by_v0: Matrix3<f64>,
     /// `∂v/∂v0`.
     pub v_by_v0: Matrix3<f64>,
+}
+
+impl FlightState {
+    /// At the release.
+    #[inline]
+    pub(super) fn begin(p: &Vector3<f64>, v: &Vector3<f64>) -> Self {
+        Self { p: *p, v: *v, p_by_v0: Matrix3::zeros(), v_by_v0: Matrix3::identity() }
+    }
 }

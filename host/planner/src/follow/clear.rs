@@ -6,11 +6,11 @@ use robot_model::collision::{CollisionChecker, MotionVerdict, Scene, Travel};
 use serde::{Deserialize, Serialize};
 
 use super::limits::{AXES, Arm, Axes};
-use super::motion::Motion;
+use super::motion::FollowMotion;
 use super::parabola::Parabola;
 
 /// Distances to keep.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct Margins {
     /// Height of flange and elbow above the floor, in m.
     pub floor_m: f64,
@@ -126,7 +126,12 @@ impl<'m> Clear<'m> {
     /// Boxes are proven clear between the steps, too (joints move in straight lines from step to step). The ball is
     /// held until the last step on the parabola and flies on from there: whoever opens the gripper earlier has the
     /// same flight.
-    pub fn first_contact(&mut self, motion: &Motion, flight: &Parabola, landing_s: f64) -> Option<Contact> {
+    pub fn first_contact(
+        &mut self,
+        motion: &FollowMotion,
+        flight: &Parabola,
+        landing_s: f64,
+    ) -> Option<Contact> {
         for (k, state) in motion.states.iter().enumerate() {
             let height_m = self.height_m(&self.arm.fk(&state.q));
             if height_m < self.margins.floor_m {

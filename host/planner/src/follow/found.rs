@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::clear::Contact;
 use super::hand::HandLaw;
-use super::motion::Motion;
+use super::motion::FollowMotion;
 use super::parabola::Parabola;
 
 /// Where a candidate ends.
@@ -28,7 +28,7 @@ pub enum Stage {
     StopRange,
     /// The stop is too near to the floor.
     StopFloor,
-    /// Commanded acceleration or jerk would cut the robot out.
+    /// The commands would cut the robot out by acceleration or jerk, or leave what its program passes.
     CutOut,
     /// A start that the search without a grid could not bring inside all limits.
     Unsolved,
@@ -73,7 +73,7 @@ impl Stage {
             Self::StartFloor => "start too near to the floor",
             Self::StopRange => "stop outside of the joint ranges",
             Self::StopFloor => "stop too near to the floor",
-            Self::CutOut => "commanded acceleration or jerk",
+            Self::CutOut => "acceleration, jerk or range of the commands",
             Self::Unsolved => "no motion from this start keeps all limits at once",
             Self::Contact => "contact of the arm",
             Self::Ball => "ball meets the arm",
@@ -93,7 +93,7 @@ impl Stage {
 }
 
 /// How many candidates ended at each stage.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct StageCounts([u64; Stage::ALL.len()]);
 
 impl StageCounts {
@@ -133,7 +133,7 @@ impl StageCounts {
 }
 
 /// How much was searched.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct SearchSize {
     /// Releases in the grid, or starts of the search without one.
     pub releases: u64,
@@ -149,7 +149,7 @@ pub struct Found {
     /// The hand; its time is that of the search, not of `flight`.
     pub hand: HandLaw,
     /// The motion.
-    pub motion: Motion,
+    pub motion: FollowMotion,
     /// Number of the release among the steps on the parabola.
     pub release: usize,
     /// First criterion at the release, in rad²/s².

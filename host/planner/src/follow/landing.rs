@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::limits::{Arm, Axes, Limits};
-use super::motion::{Motion, RampPlan, Ramps};
+use super::motion::{FollowMotion, RampPlan, Ramps};
 use super::ramp::RampShape;
 
 /// Distances of landings from the target for opening times spread evenly about the planned one.
@@ -27,7 +27,7 @@ const OPENINGS: usize = 201;
 #[must_use]
 pub fn sensitivity(
     arm: &Arm,
-    motion: &Motion,
+    motion: &FollowMotion,
     target: &Vector3<f64>,
     opening_s: f64,
     jitter_s: f64,
@@ -52,7 +52,12 @@ pub fn sensitivity(
 ///
 /// Between the steps the joints move along cubics with the angles and speeds of both steps.
 #[must_use]
-pub fn landing_error_m(arm: &Arm, motion: &Motion, target: &Vector3<f64>, opening_s: f64) -> Option<f64> {
+pub fn landing_error_m(
+    arm: &Arm,
+    motion: &FollowMotion,
+    target: &Vector3<f64>,
+    opening_s: f64,
+) -> Option<f64> {
     let (q, qd) = between(motion, motion.first as f64 + opening_s / motion.period_s);
     let frames = arm.fk(&q);
     let p = arm.ball(&frames).pos;
@@ -69,7 +74,7 @@ pub fn landing_error_m(arm: &Arm, motion: &Motion, target: &Vector3<f64>, openin
 }
 
 /// Angles and speeds at a fractional step.
-fn between(motion: &Motion, step: f64) -> (Axes, Axes) {
+fn between(motion: &FollowMotion, step: f64) -> (Axes, Axes) {
     let end = motion.states.len() - 1;
     let k = (step.max(0.0).floor() as usize).min(end.saturating_sub(1));
     let (a, b) = (&motion.states[k], &motion.states[(k + 1).min(end)]);
@@ -81,9 +86,9 @@ fn between(motion: &Motion, step: f64) -> (Axes, Axes) {
 
 /// The same throw without following: the ramps of the paper through the middle step of the window.
 #[must_use]
-pub fn without_following(motion: &Motion, limits: &Limits) -> Motion {
+pub fn without_following(motion: &FollowMotion, limits: &Limits) -> FollowMotion {
     let middle = motion.states[(motion.first + motion.last) / 2];
     let plan = RampPlan { shape: RampShape { blend_s: 0.0, fade_s: 0.0 }, together: 1.0 };
     let (start, stop) = (Ramps::start(&middle, plan, limits), Ramps::stop(&middle, plan, limits));
-    Motion::around(&[middle], &start, &stop, motion.period_s)
+    FollowMotion::around(&[middle], &start, &stop, motion.period_s)
 }

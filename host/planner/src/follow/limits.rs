@@ -7,15 +7,19 @@ use serde::{Deserialize, Serialize};
 pub const AXES: usize = 6;
 
 /// One number per joint.
-pub type Axes = JointVec<6>;
+pub type Axes = JointVec<AXES>;
 
 /// The arm.
-pub type Arm = RobotModel<6>;
+pub type Arm = RobotModel<AXES>;
 
 /// Cut-out of the simulated KR C by acceleration, deg/s² (chosen; lower bound is what the paper's run survived).
 pub const KRC_CUT_OUT_DEG_S2: f64 = 2000.0;
 /// Cut-out of the simulated KR C by jerk, deg/s³ (chosen as above).
 pub const KRC_CUT_OUT_DEG_S3: f64 = 1.5e5;
+
+/// Shares of the limits that a search with [`Limits::with_spare_for_commands`] uses: of accelerations and jerks, and of speeds.
+const COMMAND_SHARE: f64 = 0.95;
+const SPEED_SHARE: f64 = 0.995;
 
 /// Limits per axis. Speed, acceleration and jerk hold for finite differences of the *commanded* set points.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,7 +39,7 @@ pub struct Limits {
 }
 
 /// Where the limits of acceleration and jerk come from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum LimitSource {
     /// The robot file: following acceleration (else the one of plans) and jerk.
@@ -64,6 +68,18 @@ impl Limits {
             ramp_rad_s2: arm.limit(|l| l.a_max_rad_s2),
             a_max_rad_s2,
             j_max_rad_s3,
+        }
+    }
+
+    /// Limits for a search whose commands a robot takes at its own times, with its own decimals: differences at times between those
+    /// of the plan are up to 1 % larger.
+    #[must_use]
+    pub fn with_spare_for_commands(&self) -> Self {
+        Self {
+            v_max_rad_s: self.v_max_rad_s * SPEED_SHARE,
+            a_max_rad_s2: self.a_max_rad_s2 * COMMAND_SHARE,
+            j_max_rad_s3: self.j_max_rad_s3 * COMMAND_SHARE,
+            ..*self
         }
     }
 

@@ -72,7 +72,7 @@ impl Ramps {
 
 /// Joints at every step of the controller.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Motion {
+pub struct FollowMotion {
     /// Time between two steps in s.
     pub period_s: f64,
     /// Joints, one entry per step; at rest in the first and the last.
@@ -83,7 +83,7 @@ pub struct Motion {
     pub last: usize,
 }
 
-impl Motion {
+impl FollowMotion {
     /// Ramps around a window of one posture per period; the window must not be empty.
     #[must_use]
     pub fn around(window: &[Posture], start: &Ramps, stop: &Ramps, period_s: f64) -> Self {
@@ -209,7 +209,7 @@ mod tests {
         let shape = RampShape { blend_s: 0.03, fade_s: 0.05 };
         let plan = RampPlan { shape, together: 0.4 };
         let (start, stop) = (Ramps::start(&edge(), plan, &limits()), Ramps::stop(&edge(), plan, &limits()));
-        let motion = Motion::around(&[edge()], &start, &stop, 0.012);
+        let motion = FollowMotion::around(&[edge()], &start, &stop, 0.012);
         assert_eq!(motion.first, motion.last);
         assert_eq!(motion.states[motion.first], edge());
         for end in [motion.states.first(), motion.states.last()] {
@@ -231,7 +231,7 @@ mod tests {
     fn the_command_leads_by_the_lag_times_the_speed() {
         let plan = RampPlan { shape: RampShape { blend_s: 0.0, fade_s: 0.0 }, together: 1.0 };
         let (start, stop) = (Ramps::start(&edge(), plan, &limits()), Ramps::stop(&edge(), plan, &limits()));
-        let motion = Motion::around(&[edge()], &start, &stop, 0.012);
+        let motion = FollowMotion::around(&[edge()], &start, &stop, 0.012);
         let ahead = motion.commands(0.024)[motion.first] - edge().q;
         assert!((ahead - edge().qd * 0.024).amax() < 1e-15);
     }

@@ -4,9 +4,15 @@
 //! speed v0), and a roll of the hand about v0. The hand is across v0 and does not turn. Speeds follow from the inverse
 //! Jacobian, start and stop from ramps of constant acceleration. From each release the hand follows the parabola
 //! forwards and backwards in steps of the controller as long as the limits and both ramps allow.
+//!
+//! Releases with many points lie close together: in a grid over the whole reach most of them fall between its values. So the
+//! grid is made finer ([`PaperOptions::refinements`]) around the best releases and around those that promise more but fail in the
+//! last tests: all neighbours at half the step, then at a quarter, and so on.
 
+use std::cmp::Ordering;
 use std::f64::consts::{PI, TAU};
 
+use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -14,7 +20,7 @@ use super::clear::{Clear, Scenes};
 use super::found::{Found, NotFound, SearchSize, Stage, StageCounts};
 use super::hand::HandLaw;
 use super::limits::{AXES, Axes};
-use super::motion::{Motion, Peaks, RampPlan, Ramps};
+use super::motion::{FollowMotion, Peaks, RampPlan, Ramps};
 use super::parabola::Parabola;
 use super::posture::{Posture, Reach};
 use super::ramp::RampShape;
@@ -32,7 +38,6 @@ pub struct GridAxis {
 }
 
 impl GridAxis {
-    /// The values.
     pub fn values(&self) -> impl Iterator<Item = f64> + Clone + use<> {
         let Self { from, to, count } = *self;
         let step = if count > 1 { (to - from) / (count - 1) as f64 } else { 0.0 };
@@ -81,7 +86,15 @@ pub struct PaperOptions {
     pub ramps: RampTiming,
     /// What is the best.
     pub criterion: Criterion,
+    /// How often the steps of the grid are halved around the best releases; 0: the grid alone.
+    pub refinements: u32,
 }
+
+/// Releases of the grid around which it is made finer: feasible ones, and ones that only the last tests refuse.
+const REFINED: usize = 24;
+const REFINED_MISSES: usize = 72;
+/// Moves to a better neighbour before the step is halved.
+const MOVES: usize = 4;
 
 impl PaperOptions {
     /// A grid that covers the reach of an arm, each axis with a number of values in proportion to `resolution` (1 takes
@@ -103,6 +116,19 @@ impl PaperOptions {
             g: [1.0; 2],
             ramps: RampTiming::Synchronised,
             criterion: Criterion::J2,
+            refinements: 0,
+        }
+    }
+
+    /// Steps of the grid.
+    fn steps(&self) -> Release {
+        let step = |axis: &GridAxis| (axis.to - axis.from) / (axis.count.max(2) - 1) as f64;
+        Release {
+            place_rad: TAU / self.places as f64,
+            radius_m: step(&self.radius_m),
+            height_m: step(&self.height_m),
+            beta_deg: step(&self.beta_deg),
+            roll_rad: TAU / self.rolls as f64,
         }
     }
 
@@ -129,8 +155,53 @@ pub fn j2(j1: f64, points: usize, g: &[f64; 2]) -> f64 {
     g[0] * j1 * j1 + g[1] * few * few
 }
 
+/// Where and how the ball is released.
+#[derive(Debug, Clone, Copy)]
+struct Release {
+    /// Angle about A1.
+    place_rad: f64,
+    radius_m: f64,
+    height_m: f64,
+    /// Angle of the throw to the horizontal.
+    beta_deg: f64,
+    /// Roll of the hand about v0.
+    roll_rad: f64,
+}
+
+impl Release {
+    /// Moved by `counts` steps.
+    fn moved(&self, counts: [f64; 5], steps: &Self) -> Self {
+        let [place, radius, height, beta, roll] = counts;
+        Self {
+            place_rad: self.place_rad + place * steps.place_rad,
+            radius_m: self.radius_m + radius * steps.radius_m,
+            height_m: self.height_m + height * steps.height_m,
+            beta_deg: self.beta_deg + beta * steps.beta_deg,
+            roll_rad: self.roll_rad + roll * steps.roll_rad,
+        }
+    }
+
+    fn halved(&self) -> Self {
+        Self {
+            place_rad: 0.5 * self.place_rad,
+            radius_m: 0.5 * self.radius_m,
+            height_m: 0.5 * self.height_m,
+            beta_deg: 0.5 * self.beta_deg,
+            roll_rad: 0.5 * self.roll_rad,
+        }
+    }
+
+    /// The flight from here through the target; `None` if no parabola leaves under this angle.
+    fn flight(&self, setting: &Setting<'_>) -> Option<Parabola> {
+        let (sin, cos) = self.place_rad.sin_cos();
+        let p0 = Vector3::new(self.radius_m * cos, self.radius_m * sin, self.height_m);
+        Parabola::with_angle(p0, setting.target, self.beta_deg.to_radians(), setting.gravity_m_s2())
+    }
+}
+
 /// A feasible throw during the search.
 struct Candidate {
+    at: Release,
     flight: Parabola,
     hand: HandLaw,
     /// Postures on the parabola; the release is at `release`.
@@ -147,6 +218,14 @@ impl Candidate {
             Criterion::Points => (self.window.len(), -self.j1) > (other.window.len(), -other.j1),
         }
     }
+}
+
+/// Neighbours of a release in a grid of five numbers, itself included.
+const NEIGHBOURS: u32 = 3_u32.pow(5);
+
+/// Steps to a neighbour, each -1, 0 or 1.
+fn offsets(neighbour: u32) -> [f64; 5] {
+    std::array::from_fn(|k| f64::from(neighbour / 3_u32.pow(k as u32) % 3) - 1.0)
 }
 
 struct Search<'a> {
@@ -170,95 +249,180 @@ pub fn plan(setting: &Setting<'_>, options: &PaperOptions) -> Result<Found, Box<
     // Where the throw is to go only turns the grid, so the places are counted from the azimuth of the target.
     let azimuth = setting.target.y.atan2(setting.target.x);
     let places = (0..options.places).map(|k| azimuth + TAU * k as f64 / options.places as f64);
-    let (best, counts) = places.collect::<Vec<_>>().into_par_iter().map(|place| search.place(place)).reduce(
-        || (None, StageCounts::default()),
-        |a, b| (better(a.0, b.0, options.criterion), a.1.plus(&b.1)),
-    );
-    let size = SearchSize { releases: options.size(), counts };
+    let searched: Vec<_> =
+        places.collect::<Vec<_>>().into_par_iter().map(|place| search.place(place)).collect();
+    let (mut found, mut misses, mut counts) = (Vec::new(), Vec::new(), StageCounts::default());
+    for (some, missed, counted) in searched {
+        found.extend(some);
+        misses.extend(missed);
+        counts = counts.plus(&counted);
+    }
+    let mut releases = options.size();
+    let mut best: Option<Candidate> = None;
+    for (candidate, counted, tried) in search.refined(found, misses) {
+        counts = counts.plus(&counted);
+        releases += tried;
+        let is_better = |candidate: &Candidate| {
+            best.as_ref().is_none_or(|best| candidate.better_than(best, options.criterion))
+        };
+        best = candidate.filter(is_better).or(best);
+    }
+    let size = SearchSize { releases, counts };
     match best {
         Some(found) => Ok(search.finished(&found, size)),
         None => Err(Box::new(NotFound { size })),
     }
 }
 
-fn better(a: Option<Candidate>, b: Option<Candidate>, criterion: Criterion) -> Option<Candidate> {
-    match (a, b) {
-        (Some(a), Some(b)) => Some(if b.better_than(&a, criterion) { b } else { a }),
-        (a, b) => a.or(b),
+/// What one task of the search has found so far.
+struct Trial<'a> {
+    clear: Clear<'a>,
+    best: Option<Candidate>,
+    /// The best of those that only the last tests refused.
+    missed: Option<Candidate>,
+    counts: StageCounts,
+}
+
+impl<'a> Trial<'a> {
+    fn new(setting: &Setting<'a>, scenes: &'a Scenes) -> Self {
+        let clear = Clear::new(setting.arm, scenes, setting.margins);
+        Self { clear, best: None, missed: None, counts: StageCounts::default() }
+    }
+}
+
+/// A candidate that a test refused, if it got as far as to be one.
+type Refused = (Stage, Option<Box<Candidate>>);
+
+impl From<Stage> for Refused {
+    fn from(stage: Stage) -> Self {
+        (stage, None)
     }
 }
 
 impl Search<'_> {
-    /// The best release at one angle about A1.
-    fn place(&self, place_rad: f64) -> (Option<Candidate>, StageCounts) {
+    /// The best release of each cylinder at one angle about A1, and the best that failed in the last tests.
+    fn place(&self, place_rad: f64) -> (Vec<Candidate>, Vec<Candidate>, StageCounts) {
         let scenes = Scenes::new();
-        let mut clear = Clear::new(self.setting.arm, &scenes, self.setting.margins);
-        let (mut best, mut counts) = (None, StageCounts::default());
+        let mut trial = Trial::new(self.setting, &scenes);
+        let (mut found, mut misses) = (Vec::new(), Vec::new());
         let options = self.options;
         for radius_m in options.radius_m.values() {
             for height_m in options.height_m.values() {
-                let p0 =
-                    nalgebra::Vector3::new(radius_m * place_rad.cos(), radius_m * place_rad.sin(), height_m);
                 for beta_deg in options.beta_deg.values() {
-                    let flight = Parabola::with_angle(
-                        p0,
-                        self.setting.target,
-                        beta_deg.to_radians(),
-                        self.setting.gravity_m_s2(),
-                    );
-                    let Some(flight) = flight else {
-                        counts.add(Stage::Flight, options.rolls as u64);
+                    let at = Release { place_rad, radius_m, height_m, beta_deg, roll_rad: 0.0 };
+                    let Some(flight) = at.flight(self.setting) else {
+                        trial.counts.add(Stage::Flight, options.rolls as u64);
                         continue;
                     };
                     for roll in 0..options.rolls {
-                        let hand = HandLaw::constant(-PI + TAU * roll as f64 / options.rolls as f64);
-                        self.release(&flight, &hand, &mut clear, &mut best, &mut counts);
+                        let at = Release { roll_rad: -PI + TAU * roll as f64 / options.rolls as f64, ..at };
+                        self.release(&at, &flight, &mut trial);
+                    }
+                }
+            }
+            found.extend(trial.best.take());
+            misses.extend(trial.missed.take());
+        }
+        (found, misses, trial.counts)
+    }
+
+    /// The best releases near those of the grid, each with the number of releases tried for it.
+    fn refined(
+        &self,
+        mut found: Vec<Candidate>,
+        mut misses: Vec<Candidate>,
+    ) -> Vec<(Option<Candidate>, StageCounts, u64)> {
+        let criterion = self.options.criterion;
+        for some in [&mut found, &mut misses] {
+            some.sort_by(|a, b| match () {
+                () if a.better_than(b, criterion) => Ordering::Less,
+                () if b.better_than(a, criterion) => Ordering::Greater,
+                () => Ordering::Equal,
+            });
+        }
+        found.truncate(REFINED);
+        // Worth a look only if it promises more than what is there.
+        misses.retain(|miss| found.first().is_none_or(|best| miss.better_than(best, criterion)));
+        misses.truncate(if self.options.refinements > 0 { REFINED_MISSES } else { 0 });
+        let seeds: Vec<_> = found
+            .into_iter()
+            .map(|candidate| (candidate.at, Some(candidate)))
+            .chain(misses.into_iter().map(|miss| (miss.at, None)))
+            .collect();
+        seeds.into_par_iter().map(|(at, candidate)| self.finer(at, candidate)).collect()
+    }
+
+    /// The best release near `at`, where `from` is what is known to be feasible there: all neighbours in a grid that gets finer.
+    fn finer(&self, at: Release, from: Option<Candidate>) -> (Option<Candidate>, StageCounts, u64) {
+        let scenes = Scenes::new();
+        let mut trial = Trial { best: from, ..Trial::new(self.setting, &scenes) };
+        let (mut steps, mut tried) = (self.options.steps(), 0);
+        for _ in 0..self.options.refinements {
+            steps = steps.halved();
+            for _ in 0..MOVES {
+                let center = trial.best.as_ref().map_or(at, |best| best.at);
+                let mut improved = false;
+                for neighbour in 0..NEIGHBOURS {
+                    let at = center.moved(offsets(neighbour), &steps);
+                    tried += 1;
+                    match at.flight(self.setting) {
+                        Some(flight) => improved |= self.release(&at, &flight, &mut trial),
+                        None => trial.counts.add(Stage::Flight, 1),
+                    }
+                }
+                if !improved {
+                    break;
+                }
+            }
+        }
+        (trial.best, trial.counts, tried)
+    }
+
+    /// Tests one release in all postures; keeps it if it is better than the best, and says whether it did.
+    fn release(&self, at: &Release, flight: &Parabola, trial: &mut Trial<'_>) -> bool {
+        let hand = HandLaw::constant(at.roll_rad);
+        let at_release = hand.at(flight, 0.0);
+        let mut is_better = false;
+        let postures = self.reach.all(&at_release.x_wb);
+        if postures.is_empty() {
+            trial.counts.add(Stage::Reach, 1);
+        }
+        for q in postures {
+            match self.posture(at, flight, &hand, q, trial) {
+                Ok(Some(candidate)) => {
+                    trial.counts.add(Stage::Feasible, 1);
+                    (trial.best, is_better) = (Some(candidate), true);
+                }
+                Ok(None) => trial.counts.add(Stage::Dominated, 1),
+                Err((stage, candidate)) => {
+                    trial.counts.add(stage, 1);
+                    let criterion = self.options.criterion;
+                    let is_better = |miss: &Candidate| {
+                        trial.missed.as_ref().is_none_or(|best| miss.better_than(best, criterion))
+                    };
+                    if let Some(miss) = candidate.filter(|miss| is_better(miss)) {
+                        trial.missed = Some(*miss);
                     }
                 }
             }
         }
-        (best, counts)
-    }
-
-    /// Tests one release in all postures; keeps it if it is better than `best`.
-    fn release(
-        &self,
-        flight: &Parabola,
-        hand: &HandLaw,
-        clear: &mut Clear<'_>,
-        best: &mut Option<Candidate>,
-        counts: &mut StageCounts,
-    ) {
-        let at_release = hand.at(flight, 0.0);
-        let postures = self.reach.all(&at_release.x_wb);
-        if postures.is_empty() {
-            counts.add(Stage::Reach, 1);
-        }
-        for q in postures {
-            match self.posture(flight, hand, q, clear, best.as_ref()) {
-                Ok(Some(candidate)) => {
-                    counts.add(Stage::Feasible, 1);
-                    *best = Some(candidate);
-                }
-                Ok(None) => counts.add(Stage::Dominated, 1),
-                Err(stage) => counts.add(stage, 1),
-            }
-        }
+        is_better
     }
 
     /// `Ok(None)` for a release that is not better than `best`, whatever follows.
     fn posture(
         &self,
+        at: &Release,
         flight: &Parabola,
         hand: &HandLaw,
         q: Axes,
-        clear: &mut Clear<'_>,
-        best: Option<&Candidate>,
-    ) -> Result<Option<Candidate>, Stage> {
+        trial: &mut Trial<'_>,
+    ) -> Result<Option<Candidate>, Refused> {
         let options = self.options;
+        let (best, clear) = (trial.best.as_ref(), &mut trial.clear);
         let release = self.reach.rates(q, &hand.at(flight, 0.0)).ok_or(Stage::Singular)?;
         if !self.within_speed(&release) {
-            return Err(Stage::Speed);
+            return Err(Stage::Speed.into());
         }
         let j1 = j1(&release.qd, &options.w);
         // More points make the second part of j2 smaller, never the first.
@@ -269,28 +433,32 @@ impl Search<'_> {
         }
         self.start_reachable(&release, clear)?;
         self.stop_reachable(&release, clear)?;
-        let (window, at) = self.follow(flight, hand, release, clear);
+        let (window, release) = self.follow(flight, hand, release, clear);
         let candidate = Candidate {
+            at: *at,
             flight: *flight,
             hand: *hand,
             j2: j2(j1, window.len(), &options.g),
             window,
-            release: at,
+            release,
             j1,
         };
         if best.is_some_and(|best| !candidate.better_than(best, options.criterion)) {
             return Ok(None);
         }
         let found = self.motion(&candidate);
-        let used =
-            Peaks::of(&found.commands(self.setting.lag_s), found.period_s).use_of(&self.setting.limits);
+        let commands = found.commands(self.setting.lag_s);
+        if !commands.iter().all(|command| self.setting.commands.holds(command)) {
+            return Err((Stage::CutOut, Some(Box::new(candidate))));
+        }
+        let used = Peaks::of(&commands, found.period_s).use_of(&self.setting.limits);
         if used.iter().any(|u| *u > 1.0) {
-            return Err(Stage::CutOut);
+            return Err((Stage::CutOut, Some(Box::new(candidate))));
         }
         let (first_flight, landing_s) = self.flight_of_window(&candidate);
         match clear.first_contact(&found, &first_flight, landing_s) {
             None => Ok(Some(candidate)),
-            Some(contact) => Err(Stage::of(&contact)),
+            Some(contact) => Err((Stage::of(&contact), Some(Box::new(candidate)))),
         }
     }
 
@@ -298,9 +466,10 @@ impl Search<'_> {
         posture.qd.iter().zip(self.setting.limits.v_max_rad_s.iter()).all(|(v, max)| v.abs() <= *max)
     }
 
-    fn within_range(&self, q: &Axes) -> bool {
+    fn within_range(&self, q: &Axes, qd: &Axes) -> bool {
         let limits = &self.setting.limits;
         (0..AXES).all(|i| q[i] >= limits.q_min_rad[i] && q[i] <= limits.q_max_rad[i])
+            && self.setting.commands.holds(&(q + qd * self.setting.lag_s))
     }
 
     fn above_floor(&self, q: &Axes, clear: &Clear<'_>) -> bool {
@@ -309,7 +478,7 @@ impl Search<'_> {
 
     fn start_reachable(&self, edge: &Posture, clear: &Clear<'_>) -> Result<(), Stage> {
         let rest = Ramps::start(edge, self.ramps, &self.setting.limits).rest();
-        if !self.within_range(&rest) {
+        if !self.within_range(&rest, &Axes::zeros()) {
             return Err(Stage::StartRange);
         }
         if self.above_floor(&rest, clear) { Ok(()) } else { Err(Stage::StartFloor) }
@@ -317,7 +486,7 @@ impl Search<'_> {
 
     fn stop_reachable(&self, edge: &Posture, clear: &Clear<'_>) -> Result<(), Stage> {
         let rest = Ramps::stop(edge, self.ramps, &self.setting.limits).rest();
-        if !self.within_range(&rest) {
+        if !self.within_range(&rest, &Axes::zeros()) {
             return Err(Stage::StopRange);
         }
         if self.above_floor(&rest, clear) { Ok(()) } else { Err(Stage::StopFloor) }
@@ -367,15 +536,15 @@ impl Search<'_> {
         let limits = &self.setting.limits;
         let change = (next.qd - from.qd) / self.setting.period_s;
         let gentle = change.iter().zip(limits.a_max_rad_s2.iter()).all(|(a, max)| a.abs() <= *max);
-        (gentle && self.within_speed(&next) && self.within_range(&next.q)).then_some(next)
+        (gentle && self.within_speed(&next) && self.within_range(&next.q, &next.qd)).then_some(next)
     }
 
-    fn motion(&self, candidate: &Candidate) -> Motion {
+    fn motion(&self, candidate: &Candidate) -> FollowMotion {
         let window = &candidate.window;
         let limits = &self.setting.limits;
         let start = Ramps::start(&window[0], self.ramps, limits);
         let stop = Ramps::stop(&window[window.len() - 1], self.ramps, limits);
-        Motion::around(window, &start, &stop, self.setting.period_s)
+        FollowMotion::around(window, &start, &stop, self.setting.period_s)
     }
 
     /// The flight with t = 0 at the first step on the parabola, and when it ends.

@@ -1,30 +1,27 @@
 //! The plan of a throw that follows the flight: everything needed to command it and to judge it.
 //!
-//! JSON with units in the names of the keys. One step per set point of the controller; times count from the first.
+//! JSON with units in the names of the keys. One step per set point of the controller, each with position and speed: knots at
+//! equal times. Times count from the first.
 
 use std::path::Path;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::best::HandFreedom;
 use super::clear::Margins;
 use super::found::{Found, SearchSize};
 use super::limits::{AXES, Axes, LimitSource};
-use super::motion::{Motion, Peaks, differences};
+use super::motion::{FollowMotion, Peaks, differences};
 use super::parabola::Parabola;
 use super::posture::Posture;
 use super::setting::Setting;
-use crate::plan::file::RobotId;
-
-/// First field of every plan of this kind.
-pub const FORMAT: &str = "cubectl-follow-plan";
-/// Version of the format that is written, and the newest that is read.
-pub const VERSION: u32 = 1;
-/// Longest file that is read, bytes; 400 steps take 250 kB.
-pub const FILE_MAX_BYTES: u64 = 16 << 20;
+use crate::plan::file::{
+    FILE_MAX_BYTES, FORMAT, Kind, PlanFileError, RobotId, VERSION, fields, parse, tagged_json,
+};
 
 /// What the arm does at a step.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Phase {
     /// From rest to the parabola.
@@ -36,7 +33,7 @@ pub enum Phase {
 }
 
 /// One set point.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Step {
     /// Time from the first step in s.
@@ -52,7 +49,7 @@ pub struct Step {
 }
 
 /// How the plan was made.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Form {
     /// Grid search of the paper; the hand does not turn.
@@ -62,7 +59,7 @@ pub enum Form {
 }
 
 /// The flight of the ball.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FlightInfo {
     /// Ball centre at the first followed point, in m, world frame.
@@ -80,7 +77,7 @@ pub struct FlightInfo {
 }
 
 /// Largest change of the commanded acceleration between two steps.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Leap {
     /// Size in deg/s².
@@ -92,7 +89,7 @@ pub struct Leap {
 }
 
 /// How long and how wide the search was.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SearchInfo {
     /// Time of the search in s.
@@ -102,7 +99,7 @@ pub struct SearchInfo {
 }
 
 /// A plan.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FollowPlan {
     /// Always [`FORMAT`].
@@ -143,20 +140,6 @@ pub struct FollowPlan {
     pub search: SearchInfo,
     /// The set points.
     pub steps: Vec<Step>,
-}
-
-/// A plan file cannot be used.
-#[derive(Debug, thiserror::Error)]
-pub enum FollowPlanError {
-    /// Not JSON, or not such a plan.
-    #[error("not a plan that follows a flight: {0}")]
-    Damaged(String),
-    /// From a newer program.
-    #[error("the plan has version {0}, this program reads up to {VERSION}: update cubectl or plan again")]
-    Newer(u32),
-    /// Reading failed.
-    #[error("cannot read the plan: {0}")]
-    Io(#[from] std::io::Error),
 }
 
 impl FollowPlan {
@@ -217,56 +200,66 @@ impl FollowPlan {
         }
     }
 
-    /// Reads a plan from JSON text.
+    /// Reads a plan from JSON text; `path` is for messages.
     ///
     /// # Errors
-    /// [`FollowPlanError`] for other text, other formats, newer versions, and windows outside of the steps.
-    pub fn from_json(text: &str) -> Result<Self, FollowPlanError> {
-        let damaged = |e: &dyn std::fmt::Display| FollowPlanError::Damaged(e.to_string());
-        let value: serde_json::Value = serde_json::from_str(text).map_err(|e| damaged(&e))?;
-        if value.get("format").and_then(serde_json::Value::as_str) != Some(FORMAT) {
-            return Err(damaged(&format_args!("its \"format\" is not \"{FORMAT}\"")));
+    /// [`PlanFileError`] for other text, other formats and kinds, newer versions, and windows outside of the steps.
+    pub fn from_json(path: &Path, text: &str) -> Result<Self, PlanFileError> {
+        let (kind, value) = parse(path, text)?;
+        if kind != Kind::Follow {
+            return Err(PlanFileError::OtherKind {
+                path: path.to_owned(),
+                found: kind,
+                wanted: Kind::Follow,
+            });
         }
-        match value.get("version").and_then(serde_json::Value::as_u64) {
-            Some(v) if v <= u64::from(VERSION) => {}
-            Some(v) => return Err(FollowPlanError::Newer(u32::try_from(v).unwrap_or(u32::MAX))),
-            None => return Err(damaged(&"it has no \"version\"")),
-        }
-        let plan: Self = serde_json::from_value(value).map_err(|e| damaged(&e))?;
-        let [first, last] = plan.window;
-        if first > last || last >= plan.steps.len() || plan.followed_points != last - first + 1 {
-            return Err(damaged(&"its window is not inside its steps"));
-        }
-        if !(plan.period_s > 0.0 && plan.period_s.is_finite()) {
-            return Err(damaged(&"its period is not positive"));
-        }
+        let plan: Self = fields(path, value)?;
+        plan.sound()
+            .map_err(|reason| PlanFileError::Damaged { path: path.to_owned(), reason: reason.to_owned() })?;
         Ok(plan)
+    }
+
+    /// What the types cannot say.
+    ///
+    /// # Errors
+    /// What is wrong.
+    pub fn sound(&self) -> Result<(), &'static str> {
+        let [first, last] = self.window;
+        if first > last || last >= self.steps.len() || self.followed_points != last - first + 1 {
+            return Err("its window is not inside its steps");
+        }
+        if !(self.period_s > 0.0 && self.period_s.is_finite()) {
+            return Err("its period is not positive");
+        }
+        Ok(())
     }
 
     /// Reads a plan file.
     ///
     /// # Errors
     /// As [`FollowPlan::from_json`], and if the file cannot be read.
-    pub fn read(path: &Path) -> Result<Self, FollowPlanError> {
-        Self::from_json(&toml_reader::read_text(path, FILE_MAX_BYTES)?)
+    pub fn read(path: &Path) -> Result<Self, PlanFileError> {
+        let text = toml_reader::read_text(path, FILE_MAX_BYTES)
+            .map_err(|source| PlanFileError::Io { path: path.to_owned(), source })?;
+        Self::from_json(path, &text)
     }
 
     /// The plan as JSON text.
     #[must_use]
     pub fn to_json(&self) -> String {
-        serde_json::to_string_pretty(self).expect("numbers and strings have a JSON form")
+        tagged_json(Kind::Follow, self)
     }
 
     /// The motion of the plan. Accelerations are those of the differences of the speeds.
     #[must_use]
-    pub fn motion(&self) -> Motion {
+    pub fn motion(&self) -> FollowMotion {
         let speed = |k: usize| Axes::from(self.steps[k.min(self.steps.len() - 1)].qd_rad_s);
         let states = self.steps.iter().enumerate().map(|(k, step)| Posture {
             q: step.q_rad.into(),
             qd: step.qd_rad_s.into(),
             qdd: (speed(k + 1) - speed(k.saturating_sub(1))) / (2.0 * self.period_s),
         });
-        Motion {
+        FollowMotion {
             period_s: self.period_s,
             states: states.collect(),
             first: self.window[0],

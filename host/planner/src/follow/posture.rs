@@ -30,14 +30,12 @@ pub struct Reach<'m> {
 const NUMERIC_STARTS: usize = 48;
 
 impl<'m> Reach<'m> {
-    /// For an arm.
     #[must_use]
     pub fn new(arm: &'m Arm) -> Self {
         let closed = !matches!(arm.family(), Family::General);
         Self { arm, x_be: arm.gripper().x_eb.inverse(), closed }
     }
 
-    /// The arm.
     #[must_use]
     pub fn arm(&self) -> &'m Arm {
         self.arm

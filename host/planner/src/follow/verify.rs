@@ -28,7 +28,6 @@ const PLACES: usize = 2;
 /// What is wrong.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Finding {
-    /// Which check.
     pub check: Check,
     /// Where: time from the first step in s.
     pub t_s: f64,
@@ -42,7 +41,6 @@ pub struct Finding {
     pub bodies: Option<[String; 2]>,
 }
 
-/// The checks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Check {
     /// Steps are one period apart, phases in order, numbers finite, rest at both ends.

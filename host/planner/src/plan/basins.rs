@@ -8,7 +8,9 @@ use super::local::Found;
 use super::search::Surroundings;
 
 /// What the starts of a search say about throws that were not found.
-#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize, schemars::JsonSchema,
+)]
 #[serde(deny_unknown_fields)]
 pub struct Confidence {
     /// Random starts that were run.

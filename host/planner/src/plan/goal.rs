@@ -1,7 +1,8 @@
-//! What a search makes small: the paper's objective, or how badly the ball lands.
+//! What a search makes small: the paper's objective, the energy, or how badly the ball lands.
 
 use nalgebra::{Matrix2, Vector2};
 
+use super::energy;
 use super::problem::Problem;
 use super::spread::Spread;
 use super::statistics::{LandingPrediction, Noise, Region};
@@ -13,19 +14,23 @@ pub enum Goal {
     /// The paper's objective (1).
     #[default]
     Effort,
+    /// Electrical energy from the supplies; needs current constants and supplies in the robot file.
+    Energy,
     /// Root of the mean squared distance of the landing from the target.
     Spread(Noise),
     /// Logarithm of the odds against a hit of the region about the target.
     Miss(Noise, Region),
 }
 
-/// Share of objective (1) that stays in the others: it decides where the landing does not care.
+/// Share of objective (1) that stays in the others: it decides where they do not care.
 pub(crate) const EFFORT_SHARE: f64 = 1e-3;
 /// Probabilities nearer to 0 or 1 than this are all the same.
 const PROBABILITY_FLOOR: f64 = 1e-9;
 /// Tenths of a millimetre and the logarithm of the odds are of the size of objective (1), which the solver is made for.
 const SPREAD_SCALE_1_M: f64 = 1e4;
 const ODDS_SCALE: f64 = 10.0;
+/// A throw takes hundreds of joules.
+pub(crate) const ENERGY_SCALE_1_J: f64 = 0.1;
 
 /// Value of a goal as a function of the landing, with its derivatives by mean and covariance.
 pub(crate) struct Price {
@@ -39,12 +44,12 @@ impl Goal {
     #[must_use]
     pub fn noise(&self) -> Option<&Noise> {
         match self {
-            Self::Effort => None,
+            Self::Effort | Self::Energy => None,
             Self::Spread(noise) | Self::Miss(noise, _) => Some(noise),
         }
     }
 
-    /// Price of a landing about `aim` (x, y in m); `None` for [`Goal::Effort`].
+    /// Price of a landing about `aim` (coordinates in m); `None` for a goal that does not look at it.
     pub(crate) fn price(
         &self,
         mean_m: &Vector2<f64>,
@@ -52,7 +57,7 @@ impl Goal {
         aim: &Vector2<f64>,
     ) -> Option<Price> {
         match self {
-            Self::Effort => None,
+            Self::Effort | Self::Energy => None,
             Self::Spread(_) => {
                 let off = mean_m - aim;
                 let rms_m = (off.norm_squared() + covariance_m2.trace()).max(1e-18).sqrt();
@@ -83,10 +88,13 @@ impl Goal {
     /// What a search would have to pay for this throw; infinite if it does not land.
     pub(crate) fn value<const N: usize>(&self, problem: &Problem<'_, N>, throw: &Throw<N>) -> f64 {
         let effort = problem.objective(throw);
+        if *self == Self::Energy {
+            return energy::joule(problem, throw)
+                .map_or(f64::INFINITY, |e| ENERGY_SCALE_1_J * e + EFFORT_SHARE * effort);
+        }
         let Some(noise) = self.noise() else { return effort };
-        let target = &problem.target;
-        Spread::of(problem, throw, target.z, noise)
-            .and_then(|s| self.price(&s.mean_m, &s.covariance_m2, &target.xy()))
+        Spread::of(problem, throw, &problem.aim, noise)
+            .and_then(|s| self.price(&s.mean_m, &s.covariance_m2, &problem.aim.centre()))
             .map_or(f64::INFINITY, |price| price.value + EFFORT_SHARE * effort)
     }
 }

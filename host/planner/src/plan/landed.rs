@@ -4,14 +4,14 @@ use nalgebra::{Matrix2x3, Vector2};
 
 use super::problem::Problem;
 use super::rows::Layout;
-use crate::flight::FlightModel;
+use crate::flight::{Aim, FlightModel};
 use crate::solve::Gradient;
 use crate::throw::Throw;
 
 /// A landing and its derivatives by the variables of the planner.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Landed<const N: usize> {
-    /// Point on the plane of the target, in m.
+    /// Coordinates on the plane of the target, in m.
     pub(crate) xy: Vector2<f64>,
     by_q: [Vector2<f64>; N],
     by_qd: [Vector2<f64>; N],
@@ -19,19 +19,19 @@ pub(crate) struct Landed<const N: usize> {
     by_h: Vector2<f64>,
     /// Variable of the phase in which the release falls.
     h_index: usize,
-    /// By the height of the plane.
+    /// By the place of the plane along its normal.
     pub(crate) by_plane: Vector2<f64>,
 }
 
 impl<const N: usize> Landed<N> {
-    /// Landing on the plane at `z_m` of a release `delay_s` late (early if negative) through a given flight.
+    /// Landing on the plane of an aim of a release `delay_s` late (early if negative) through a given flight.
     ///
-    /// `None` if the ball does not come down there.
+    /// `None` if the ball does not meet it.
     pub(crate) fn of(
         problem: &Problem<'_, N>,
         flight: &FlightModel,
         throw: &Throw<N>,
-        z_m: f64,
+        aim: &Aim,
         delay_s: f64,
     ) -> Option<Self> {
         let var = Layout::<N>::VARIABLES;
@@ -52,8 +52,8 @@ impl<const N: usize> Landed<N> {
         let jac = frames.jacobian(&p);
         let by_q = frames.twist_gradient(&jac, &qd);
         let v = (jac * qd).fixed_rows::<3>(0).into_owned();
-        let landed = flight.land(&p, &v, z_m)?;
-        let g = flight.landing_jacobian(&p, &v, &landed);
+        let landed = flight.meet(&p, &v, aim, delay_s)?;
+        let g = aim.jacobian(&landed, delay_s);
         let (g_p, g_v): (Matrix2x3<f64>, Matrix2x3<f64>) =
             (g.fixed_columns::<3>(0).into_owned(), g.fixed_columns::<3>(3).into_owned());
         let columns: [(Vector2<f64>, Vector2<f64>); N] = std::array::from_fn(|k| {
@@ -65,13 +65,13 @@ impl<const N: usize> Landed<N> {
             by_h += a * (qd_r[k] * p1_h + qdd_r[k] * p2_h) + b * (qd_r[k] * v1_h + qdd_r[k] * v2_h);
         }
         Some(Self {
-            xy: landed.p.xy(),
+            xy: aim.coordinates(&landed.p, delay_s + landed.time_s),
             by_q: columns.map(|(a, _)| a),
             by_qd: columns.map(|(a, b)| a * p1 + b * v1),
             by_qdd: columns.map(|(a, b)| a * p2 + b * v2),
             by_h,
             h_index,
-            by_plane: landed.v.xy() / landed.v.z,
+            by_plane: aim.by_offset(&aim.approach(&landed, delay_s)),
         })
     }
 

@@ -14,7 +14,6 @@ use crate::throw::{JOINTS, Throw};
 /// A feasible throw and its price.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Found<const N: usize = JOINTS> {
-    /// The throw.
     pub throw: Throw<N>,
     /// What the search makes small, see [`super::Goal`]; objective (1) by default.
     pub objective: f64,
@@ -29,7 +28,6 @@ pub struct Found<const N: usize = JOINTS> {
 /// What is known about a start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Begin {
-    /// Nothing.
     Anywhere,
     /// It is the best throw to a target near this one.
     Optimal {
@@ -120,7 +118,7 @@ fn solve_wide<const N: usize, const D: usize>(
         let throw = layout.throw(&x);
         let scan = scanner.scan(problem, &throw);
         if scan.cuts.is_empty() {
-            let slope_per_m = slope(problem, &throw, &local.multipliers);
+            let slope_per_m = slope(&throw, &local.multipliers);
             let touches = !cuts.is_empty();
             return Ok(Found { throw, objective: local.objective, iterations, slope_per_m, touches });
         }
@@ -143,18 +141,9 @@ fn evaluate_wide<const N: usize, const D: usize>(problem: &Problem<'_, N>, throw
     sqp::evaluate_once(&ThrowTask { problem, layout, cuts: &[] }, &layout.variables::<D>(throw))
 }
 
-/// `dJ/d(target) = -λᵀ ∂c/∂(target)`; the target enters through the launch velocity only.
-fn slope<const N: usize>(
-    problem: &Problem<'_, N>,
-    throw: &Throw<N>,
-    multipliers: &Multipliers,
-) -> Vector3<f64> {
-    let (p, _) = throw.ball_at_release(problem.arm);
-    let [x, y, z] = [multipliers.eq[LAUNCH], multipliers.eq[LAUNCH + 1], multipliers.eq[LAUNCH + 2]];
-    problem
-        .flight
-        .launch(&p, &problem.target, throw.flight_s)
-        .map_or_else(|_| Vector3::zeros(), |launch| -launch.by_p0.tr_mul(&Vector3::new(x, y, z)))
+/// `dJ/d(target) = -λᵀ ∂c/∂(target)`; the target enters through the launch rows only, over the time of flight.
+fn slope<const N: usize>(throw: &Throw<N>, multipliers: &Multipliers) -> Vector3<f64> {
+    Vector3::from_column_slice(&multipliers.eq[LAUNCH..LAUNCH + 3]) / throw.flight_s
 }
 
 /// The point nearest to the target that a throw can reach, looked for from one start.

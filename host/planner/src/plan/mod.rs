@@ -8,17 +8,20 @@
 //! | [`goal`] | what a search makes small: objective (1), or how badly the ball lands |
 //! | [`paper`] | the paper's eight parameters, release frame, choice of branch |
 //! | [`margins`] | what a throw leaves of every limit |
+//! | `energy` | electrical energy of a throw, with gradient |
 //! | `landed`, `spread` | landing of a disturbed throw; mean and covariance with gradients |
 //! | `rows` | objective and constraints with exact gradients |
 //! | `cuts`, `scan` | what must hold at every instant: where it is worst, and as rows |
 //! | `local` | one start |
-//! | `promise` | which stored throws to try first |
+//! | `warm_start` | which stored throws to try first |
 //! | `posture` | postures of the arm at a release: closed form, numerical, or drawn |
 //! | `place` | stored throws turned to a target |
 //! | `continuation` | stored throws carried to a target in steps |
 //! | `basins` | where the starts ended, and when more of them hardly pay |
 //! | [`search`] | stored and random starts on all cores |
 //! | [`nearest`] | the nearest reachable target, for one that is not |
+//! | [`opening`] | a disc that the ball passes |
+//! | `obstruction` | what closes every posture of the arm |
 //! | [`seeds`], [`prepare`] | the stored throws that come with the program, and how tables are made |
 //! | [`statistics`] | covariance of the landing, probability of a hit |
 //! | [`mod@file`] | the plan file |
@@ -28,18 +31,20 @@ mod basins;
 pub mod bounds;
 mod continuation;
 mod cuts;
+mod energy;
 pub mod file;
 pub mod goal;
 mod landed;
 mod local;
 pub mod margins;
 pub mod nearest;
+mod obstruction;
+pub mod opening;
 pub mod paper;
 mod place;
 mod posture;
 pub mod prepare;
 pub mod problem;
-mod promise;
 pub mod rng;
 #[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
 mod rows;
@@ -48,6 +53,7 @@ pub mod search;
 pub mod seeds;
 mod spread;
 pub mod statistics;
+mod warm_start;
 
 pub use crate::throw::{Arm, JOINTS, Joints, Throw};
 pub use basins::Confidence;
@@ -55,6 +61,8 @@ pub use bounds::{AskedBounds, Bounds};
 pub use goal::Goal;
 pub use local::{Blocked, Found, Nearest};
 pub use margins::Margins;
+pub use obstruction::Obstruction;
+pub use opening::Opening;
 pub use paper::PaperParameters;
 pub use problem::{DelayWindow, Form, Options, Problem, ProblemError};
 pub use scan::RELEASE_BLIND_S;

@@ -37,7 +37,7 @@ const STORED_STARTS: usize = 12;
 const RANDOM_STARTS: u64 = 48;
 /// A nearest target within this distance is believed at once, in m.
 const DIRECT_MAX_M: f64 = 0.5;
-/// Where that fails, because the target is too far for it, throws are walked towards it from so many stored targets.
+/// Where that fails, because the target is too far for it, throws are walked towards it from this many stored targets.
 const WALKED: usize = 12;
 /// Random starts for a stored target to which the stored throw does not lead under the options at hand.
 const WALK_RANDOM_STARTS: u64 = 8;

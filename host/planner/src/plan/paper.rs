@@ -11,7 +11,7 @@ use super::problem::Problem;
 use crate::throw::{JOINTS, Throw};
 
 /// `h = [θ, φ, r, γ, ω, F, H_s, d_r]` of the paper (section IV).
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 pub struct PaperParameters {
     /// Azimuth θ of the ball seen from the shoulder in rad.
     pub azimuth_rad: f64,
@@ -107,7 +107,7 @@ impl PaperParameters {
     #[must_use]
     pub fn release<const N: usize>(&self, problem: &Problem<'_, N>) -> Option<(Pose, Vector3<f64>)> {
         let p0 = self.release_point(&problem.shoulder);
-        let v0 = problem.flight.launch(&p0, &problem.target, self.flight_s).ok()?.v0;
+        let v0 = problem.flight.launch(&p0, &problem.aim.point_at(self.flight_s), self.flight_s).ok()?.v0;
         let x_w_rf = Pose::new(release_rotation(&v0, self.roll_rad), p0);
         Some((x_w_rf * problem.arm.gripper().x_eb.inverse(), v0))
     }

@@ -35,12 +35,13 @@ pub(super) fn pointing_start<const N: usize>(
     [flight_s, ha_s, hb_s]: [f64; 3],
 ) -> Throw<N> {
     let (arm, l) = (problem.arm, &problem.limits);
+    let meeting = problem.aim.point_at(flight_s);
     let mut best: Option<(f64, JointVec<N>, JointVec<N>)> = None;
     for _ in 0..POSTURES {
         let q = JointVec::<N>::from_fn(|j, _| l.q_min[j] + (l.q_max[j] - l.q_min[j]) * rng.unit());
         let frames = arm.fk(&q);
         let ball = arm.ball(&frames);
-        let Ok(launch) = problem.flight.launch(&ball.pos, &problem.target, flight_s) else { continue };
+        let Ok(launch) = problem.flight.launch(&ball.pos, &meeting, flight_s) else { continue };
         let pointing = ball.rot.column(2).dot(&launch.v0) / launch.v0.norm();
         if best.as_ref().is_some_and(|b| b.0 >= pointing) {
             continue;

@@ -6,14 +6,17 @@ use nalgebra::Vector3;
 use robot_model::{JointVec, Pose, RobotModel};
 
 use super::bounds::{AskedBounds, Bounds};
+use super::cuts::CLEARANCE_EXTRA_M;
+use super::energy::has_energy;
 use super::goal::Goal;
+use super::opening::{INCIDENCE_MAX_RAD, Opening};
 use super::rows::DELAY_WINDOWS_MAX;
 use super::statistics::Region;
-use crate::flight::{FlightModel, FlightModelError};
+use crate::flight::{Aim, Course, FlightModel, FlightModelError};
 use crate::throw::{JOINTS, Throw};
 
 /// Which throws are allowed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Form {
     /// The paper's: the hand turns only about the throw, the joints do not accelerate at the release, currents are
@@ -25,7 +28,7 @@ pub enum Form {
 }
 
 /// Weights of the objective (1): `J = k_t H_s + k_b d_r + k_j Σ ∫ q⃛² dt`.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 pub struct Weights {
     /// Per second of movement.
     pub k_t: f64,
@@ -110,6 +113,10 @@ pub struct Options {
     pub obstacles: Vec<Obstacle>,
     /// Limits at the target.
     pub arrival: Arrival,
+    /// An opening with its centre at the target, through which the ball passes; else it comes down on the target.
+    pub opening: Option<Opening>,
+    /// How the target moves from the planned release on.
+    pub course: Course,
 }
 
 impl Options {
@@ -135,6 +142,8 @@ impl Options {
             magnus_rad_s: Vector3::zeros(),
             obstacles: Vec::new(),
             arrival: Arrival { speed_m_s: None, descent_rad: None },
+            opening: None,
+            course: Course::default(),
         }
     }
 
@@ -247,9 +256,35 @@ pub enum ProblemError {
         /// How many were given.
         count: usize,
     },
+    /// The normal of an opening has no direction.
+    #[error("the normal of the opening has no direction: give one number that is not 0, and all finite")]
+    OpeningNormal,
+    /// A ball does not fit through the opening.
+    #[error(
+        "an opening of {} m radius is too narrow for the ball: {} m and the clearance of {} m on each side",
+        short(*radius_m),
+        short(*ball_m),
+        short(*clearance_m)
+    )]
+    OpeningNarrow {
+        /// Radius of the opening.
+        radius_m: f64,
+        /// Radius of the ball.
+        ball_m: f64,
+        /// Clearance that is kept.
+        clearance_m: f64,
+    },
     /// Drag or spin cannot be.
     #[error(transparent)]
     Flight(#[from] FlightModelError),
+    /// The robot file does not say what a motion costs.
+    #[error(
+        "the energy of a throw needs k_b and k_m of every drive and a [[supply]] with its voltage; robot \"{robot}\" lacks them: choose another objective or complete the robot file"
+    )]
+    EnergyUnknown {
+        /// Name of the robot.
+        robot: String,
+    },
     /// The paper's form fixes more numbers of the release than the arm has joints.
     #[error(
         "form \"paper\" fixes pose and velocity of the hand, which takes six joints; robot \"{robot}\" has {joints}: use --form best"
@@ -269,6 +304,8 @@ pub struct Problem<'a, const N: usize = JOINTS> {
     /// The same with the ball in the hand; `None` for a ball without mass.
     holding: Option<Box<RobotModel<N>>>,
     pub(crate) target: Vector3<f64>,
+    /// The target with its plane and its way.
+    pub(crate) aim: Aim,
     pub(crate) options: Options,
     pub(crate) flight: FlightModel,
     /// Centre of the paper's spherical coordinates: where axis 2 passes axis 1.
@@ -324,6 +361,8 @@ impl<'a, const N: usize> Problem<'a, N> {
                 return Err(ProblemError::TargetInObstacle { name: obstacle.name.clone() });
             }
         }
+        let ball_m = arm.gripper().ball_radius_m;
+        let aim = aim_of(&target, &options, ball_m)?;
         if N < 6 && !options.free_spin {
             return Err(ProblemError::FormNeedsSixJoints { robot: arm.name().to_owned(), joints: N });
         }
@@ -356,7 +395,11 @@ impl<'a, const N: usize> Problem<'a, N> {
             *max -= margin;
         }
         let holding = arm.holding_ball().map(Box::new);
-        Ok(Self { arm, holding, target, options, flight, shoulder, bounds, limits })
+        let problem = Self { arm, holding, target, aim, options, flight, shoulder, bounds, limits };
+        if problem.options.goal == Goal::Energy && !has_energy(&problem) {
+            return Err(ProblemError::EnergyUnknown { robot: arm.name().to_owned() });
+        }
+        Ok(problem)
     }
 
     /// The arm.
@@ -369,6 +412,17 @@ impl<'a, const N: usize> Problem<'a, N> {
     #[must_use]
     pub fn target(&self) -> &Vector3<f64> {
         &self.target
+    }
+
+    /// The target with the plane in which misses are measured, and how it moves.
+    #[must_use]
+    pub fn aim(&self) -> &Aim {
+        &self.aim
+    }
+
+    /// Distance that the centre of the ball keeps from the rim of an opening, in m.
+    pub(crate) fn rim_clearance_m(&self) -> f64 {
+        self.arm.gripper().ball_radius_m + self.options.clearance_m + CLEARANCE_EXTRA_M
     }
 
     /// The options.
@@ -398,6 +452,42 @@ impl<'a, const N: usize> Problem<'a, N> {
         self.objective_terms(throw).iter().sum()
     }
 }
+
+/// The target with its plane and its way.
+fn aim_of(target: &Vector3<f64>, options: &Options, ball_m: f64) -> Result<Aim, ProblemError> {
+    for (k, c) in options.course.coefficients_m().iter().enumerate() {
+        let option =
+            if k == 0 { "velocity of the target in m/s" } else { "coefficient of the target's course" };
+        if let Some(value) = c.iter().copied().find(|c| c.abs() > COURSE_COEFFICIENT_MAX) {
+            let max = COURSE_COEFFICIENT_MAX;
+            return Err(ProblemError::Option { option, value, min: -max, max });
+        }
+    }
+    let Some(opening) = &options.opening else {
+        return Ok(Aim::new(*target, &Vector3::z(), options.course));
+    };
+    let long = opening.normal.norm();
+    if !(long > 1e-9 && long.is_finite()) {
+        return Err(ProblemError::OpeningNormal);
+    }
+    let scalar = |option, value: f64, min: f64, max: f64| {
+        if value >= min && value <= max {
+            Ok(())
+        } else {
+            Err(ProblemError::Option { option, value, min, max })
+        }
+    };
+    scalar("radius of the opening in m", opening.radius_m, 1e-3, 10.0)?;
+    scalar("largest angle of incidence in rad", opening.incidence_max_rad, 0.0, INCIDENCE_MAX_RAD)?;
+    let clearance_m = options.clearance_m;
+    if opening.radius_m <= ball_m + clearance_m + CLEARANCE_EXTRA_M {
+        return Err(ProblemError::OpeningNarrow { radius_m: opening.radius_m, ball_m, clearance_m });
+    }
+    Ok(Aim::new(*target, &opening.normal, options.course))
+}
+
+/// No target of a throw is faster, in m/s, m/s², …
+const COURSE_COEFFICIENT_MAX: f64 = 20.0;
 
 fn check_goal(goal: &Goal) -> Result<(), ProblemError> {
     let scalar = |option, value: f64, min: f64, max: f64| {

@@ -188,7 +188,6 @@ impl<const N: usize> Scanner<N> {
         Self { pairs, groups, obstacles }
     }
 
-    /// Scans a throw.
     pub(crate) fn scan(&self, problem: &Problem<'_, N>, throw: &Throw<N>) -> Scan {
         let mut out = Scan { clearance_m: f64::INFINITY, ball_clearance_m: f64::INFINITY, ..Scan::default() };
         if problem.options.avoid_collisions {

@@ -10,13 +10,14 @@ use super::basins::{Basins, Confidence};
 use super::goal::Goal;
 use super::local::{Begin, Found, evaluate_once, solve_from};
 use super::nearest::{NearestTarget, nearest_text};
+use super::obstruction::{Obstruction, obstruction};
 use super::paper::PaperParameters;
 use super::place::mirror_signs;
 use super::posture::pointing_start;
 use super::problem::{Options, Problem};
-use super::promise::{Promise, promising};
 use super::rng::SplitMix64;
 use super::scan::Scanner;
+use super::warm_start::{WarmStart, warm_starts};
 use crate::solve::sqp::Settings;
 use crate::store::{Index, Record};
 use crate::throw::{JOINTS, Throw};
@@ -40,7 +41,7 @@ impl Default for Budget {
     }
 }
 
-/// Shared with whoever watches or stops a search.
+/// Shared with the code that watches or stops a search.
 #[derive(Debug, Default)]
 pub struct Watch {
     /// Set to end the search; the best throw so far is returned.
@@ -70,16 +71,25 @@ pub struct Best<const N: usize = JOINTS> {
 
 /// No start ended in a throw.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("no throw reaches ({:.3}, {:.3}, {:.3}) m{}", target.x, target.y, target.z, nearest_text(nearest.as_ref()))]
+#[error("no throw reaches ({:.3}, {:.3}, {:.3}) m{}", target.x, target.y, target.z, reason_text(self))]
 pub struct NoThrow {
     /// The target in m.
     pub target: Vector3<f64>,
     /// The nearest target that a throw reaches, if one was found.
     pub nearest: Option<NearestTarget>,
+    /// What closes every posture of the arm, if that is why.
+    pub obstruction: Option<Box<Obstruction>>,
     /// Starts that were run.
     pub starts: usize,
     /// Whether the search was stopped before its budget was used, so that "none" is not proven by it.
     pub interrupted: bool,
+}
+
+fn reason_text(none: &NoThrow) -> String {
+    match &none.obstruction {
+        Some(found) => format!(": {found}"),
+        None => nearest_text(none.nearest.as_ref()),
+    }
 }
 
 /// Which constraints a stored throw was made for; only the same kind is offered as a start first.
@@ -116,10 +126,10 @@ pub struct Planner<'p, 'a, const N: usize = JOINTS> {
 }
 
 impl<'p, 'a, const N: usize> Planner<'p, 'a, N> {
-    /// For a problem.
     #[must_use]
     pub fn new(problem: &'p Problem<'a, N>) -> Self {
-        let t = &problem.target;
+        // Stored throws are for targets at rest: one that moves is looked for where it will be.
+        let t = &problem.aim.point_at(USUAL_FLIGHT_S);
         let effort = (problem.options.goal != Goal::Effort).then(|| {
             let mut effort = problem.clone();
             effort.options.goal = Goal::Effort;
@@ -239,12 +249,12 @@ impl<'p, 'a, const N: usize> Planner<'p, 'a, N> {
 
     /// The best throw from stored throws alone; this is what answers in a fraction of a millisecond.
     ///
-    /// Stored throws are taken in the order of what they promise. Each gets only a few steps, because a good start
+    /// Stored throws are taken in the order of their expected prices. Each gets only a few steps, because a good start
     /// needs no more and a bad one would need hundreds; `tries` bounds the local solves. If none of them ends in a
     /// throw, all the others around have their turn, then the most promising ones with patience.
     #[must_use]
     pub fn from_index(&self, index: &Index<N>, tries: usize) -> Option<Found<N>> {
-        let order = self.promising(index, MORE_TRIES.max(tries));
+        let order = self.warm_starts(index, MORE_TRIES.max(tries));
         let (first, rest) = order.split_at(tries.min(order.len()));
         let patient = Settings { objective: 1e-4, feasibility: 1e-7, ..Settings::default() };
         self.first_pass(first)
@@ -269,19 +279,19 @@ impl<'p, 'a, const N: usize> Planner<'p, 'a, N> {
     /// As [`Planner::from_index`], but gives up after the quick pass.
     #[must_use]
     pub fn from_index_quickly(&self, index: &Index<N>, tries: usize) -> Option<Found<N>> {
-        self.first_pass(&self.promising(index, tries)).map(|found| self.refine(found))
+        self.first_pass(&self.warm_starts(index, tries)).map(|found| self.refine(found))
     }
 
-    fn promising<'i>(&self, index: &'i Index<N>, most: usize) -> Vec<Promise<'i, N>> {
-        promising(index, kind_of(&self.problem.options), self.range_m, self.problem.target.z, most)
+    fn warm_starts<'i>(&self, index: &'i Index<N>, most: usize) -> Vec<WarmStart<'i, N>> {
+        warm_starts(index, kind_of(&self.problem.options), self.range_m, self.problem.target.z, most)
     }
 
-    fn first_pass(&self, order: &[Promise<'_, N>]) -> Option<Found<N>> {
+    fn first_pass(&self, order: &[WarmStart<'_, N>]) -> Option<Found<N>> {
         let mut best: Option<Found<N>> = None;
         let mut in_vain = 0;
-        for (promise, record) in order {
+        for (price, record) in order {
             let bound = best.map_or(f64::INFINITY, |b| b.objective * WORTH_FINDING);
-            if best.is_some() && (promise * WORTH_TRYING > bound || in_vain == IN_VAIN_MAX) {
+            if best.is_some() && (price * WORTH_TRYING > bound || in_vain == IN_VAIN_MAX) {
                 break;
             }
             let settings = Settings { give_up_above: bound, ..QUICK };
@@ -307,6 +317,9 @@ impl<'p, 'a, const N: usize> Planner<'p, 'a, N> {
         };
         if watch.stop.load(Ordering::Relaxed) {
             return Err(none);
+        }
+        if let Some(found) = obstruction(self.problem) {
+            return Err(NoThrow { obstruction: Some(Box::new(found)), ..none });
         }
         let Some((nearest, throw)) = self.nearest(index, budget) else { return Err(none) };
         // Looking for the nearest target is itself a way in: it may end at the target.
@@ -348,7 +361,8 @@ impl<'p, 'a, const N: usize> Planner<'p, 'a, N> {
         let starts = basins.starts();
         let best = self.finish(&basins, &stopped);
         let Some(found) = best.first().copied() else {
-            return Err(NoThrow { target: self.problem.target, nearest: None, starts, interrupted });
+            let target = self.problem.target;
+            return Err(NoThrow { target, nearest: None, obstruction: None, starts, interrupted });
         };
         let confidence = basins.confidence();
         Ok(Best { found, starts, solved: basins.solved(), interrupted, confidence, others: best })
@@ -364,7 +378,7 @@ impl<'p, 'a, const N: usize> Planner<'p, 'a, N> {
         watch: &Watch,
     ) -> Surroundings {
         let kind = kind_of(&self.problem.options);
-        let near = self.promising(index, STORED_TRIES);
+        let near = self.warm_starts(index, STORED_TRIES);
         let solve =
             |work: &(dyn Fn() -> Option<Found<N>> + Sync)| (!stopped()).then(|| counted(watch, work()));
         let polished: Vec<_> = near
@@ -393,8 +407,9 @@ impl<'p, 'a, const N: usize> Planner<'p, 'a, N> {
             others.into_iter().flatten().for_each(|found| basins.add_stored(found));
         }
         let of_kind = index.records().iter().filter(|r| r.kind == kind).count();
+        let for_such_targets = self.problem.aim.is_level() && self.problem.options.opening.is_none();
         match near.len() {
-            _ if of_kind < TABLE_MIN => Surroundings::Unknown,
+            _ if of_kind < TABLE_MIN || !for_such_targets => Surroundings::Unknown,
             0 => Surroundings::Empty,
             _ => Surroundings::Stored,
         }
@@ -424,8 +439,8 @@ impl<'p, 'a, const N: usize> Planner<'p, 'a, N> {
     /// Expected distance of the landing from the target, root mean square in m; `None` if the ball does not come down.
     #[must_use]
     pub fn rms_miss_m(&self, throw: &Throw<N>, noise: &super::statistics::Noise) -> Option<f64> {
-        let aim = nalgebra::Vector2::new(self.problem.target.x, self.problem.target.y);
-        Some(super::statistics::predict(self.problem, throw, noise)?.rms_miss_m(&aim))
+        let predicted = super::statistics::predict(self.problem, throw, noise)?;
+        Some(predicted.rms_miss_m(&self.problem.aim.centre()))
     }
 
     /// One evaluation of objective and constraints with all gradients at a throw; returns the largest violation.
@@ -437,13 +452,15 @@ impl<'p, 'a, const N: usize> Planner<'p, 'a, N> {
     }
 }
 
+/// About the time of flight of a throw, in s.
+const USUAL_FLIGHT_S: f64 = 0.6;
 /// Throws that get a second stage.
 const REFINED_MAX: usize = 16;
 /// Steps of the second stage, per round.
 const REFINE_STEPS: usize = 80;
 /// A nearest target this close is the target: the pull of the objective on the shift is of this size.
 const REACHED_M: f64 = 1e-3;
-/// A stored throw is not tried if it promises more than this share of the best price so far.
+/// A stored throw is not tried if its expected price is above this share of the best one so far.
 const WORTH_TRYING: f64 = 1.01;
 /// A throw that costs more than this share of the best one so far is not another one.
 const WORTH_FINDING: f64 = 0.999;

@@ -11,6 +11,7 @@ use super::landed::Landed;
 use super::problem::Problem;
 use super::rows::Layout;
 use super::statistics::Noise;
+use crate::flight::Aim;
 use crate::solve::Gradient;
 use crate::throw::Throw;
 
@@ -38,25 +39,25 @@ pub(crate) struct Spread<const N: usize> {
     sources: Vec<Source<N>>,
     /// What each source moves the mean by, in m.
     shifts: Vec<Vector2<f64>>,
-    /// Mean in m (x, y).
+    /// Mean in m, in the coordinates of the aim.
     pub(crate) mean_m: Vector2<f64>,
     /// Covariance in m².
     pub(crate) covariance_m2: Matrix2<f64>,
 }
 
 impl<const N: usize> Spread<N> {
-    /// Of a throw that aims at the plane at `z_m`; `None` if the ball does not come down there at some node.
-    pub(crate) fn of(problem: &Problem<'_, N>, throw: &Throw<N>, z_m: f64, noise: &Noise) -> Option<Self> {
+    /// Of a throw at an aim; `None` if the ball does not meet its plane at some node.
+    pub(crate) fn of(problem: &Problem<'_, N>, throw: &Throw<N>, aim: &Aim, noise: &Noise) -> Option<Self> {
         let flight = &problem.flight;
-        let centre = Landed::of(problem, flight, throw, z_m, 0.0)?;
+        let centre = Landed::of(problem, flight, throw, aim, 0.0)?;
         let mut sources: Vec<Source<N>> = Vec::with_capacity(2 + 2 * N);
         if noise.release_time_s > 0.0 {
             sources.push(at_nodes(&SEVEN, |node| {
-                Landed::of(problem, flight, throw, z_m, node * noise.release_time_s)
+                Landed::of(problem, flight, throw, aim, node * noise.release_time_s)
             })?);
         }
         for j in 0..N {
-            let of = |moved: Throw<N>| Landed::of(problem, flight, &moved, z_m, 0.0);
+            let of = |moved: Throw<N>| Landed::of(problem, flight, &moved, aim, 0.0);
             if noise.position_rad > 0.0 {
                 sources.push(at_nodes(&THREE, |node| {
                     let mut moved = *throw;
@@ -77,7 +78,7 @@ impl<const N: usize> Spread<N> {
                 .into_iter()
                 .map(|(k, weight)| {
                     let flight = flight.with_drag(k).ok()?;
-                    Some((weight, Landed::of(problem, &flight, throw, z_m, 0.0)?))
+                    Some((weight, Landed::of(problem, &flight, throw, aim, 0.0)?))
                 })
                 .collect();
             sources.push(source?);

@@ -13,7 +13,7 @@ use crate::flight::landing;
 use crate::throw::Throw;
 
 /// Standard deviations of what is not exact.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Noise {
     /// Time of the release in s.
@@ -34,7 +34,8 @@ impl Default for Noise {
     }
 }
 
-/// Predicted landing in the plane of the target.
+/// Predicted landing in the plane of the target, in its coordinates ([`crate::flight::Aim`]; x and y of the world on a
+/// horizontal one).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LandingPrediction {
     /// Mean in m (x, y).
@@ -45,10 +46,6 @@ pub struct LandingPrediction {
     pub delay_sensitivity_m_s: Vector2<f64>,
 }
 
-fn xy(p: &Vector3<f64>) -> Vector2<f64> {
-    Vector2::new(p.x, p.y)
-}
-
 /// Landing when the gripper opens `delay_s` late (early if negative); `None` if the ball does not come down.
 #[must_use]
 pub fn landing_with_delay<const N: usize>(
@@ -57,7 +54,8 @@ pub fn landing_with_delay<const N: usize>(
     delay_s: f64,
 ) -> Option<Vector2<f64>> {
     let (p, v) = throw.ball_at_time(problem.arm, throw.ha_s + delay_s);
-    Some(xy(&problem.flight.land(&p, &v, problem.target.z)?.p))
+    let landing = problem.flight.meet(&p, &v, &problem.aim, delay_s)?;
+    Some(problem.aim.coordinates(&landing.p, delay_s + landing.time_s))
 }
 
 /// Predicts the landing; `None` if a ball at a node of the rule does not come down on the plane of the target.
@@ -67,10 +65,11 @@ pub fn predict<const N: usize>(
     throw: &Throw<N>,
     noise: &Noise,
 ) -> Option<LandingPrediction> {
-    let spread = Spread::of(problem, throw, problem.target.z, noise)?;
+    let spread = Spread::of(problem, throw, &problem.aim, noise)?;
     let (p, v) = throw.ball_at_release(problem.arm);
-    let nominal = problem.flight.land(&p, &v, problem.target.z)?;
-    let g = problem.flight.landing_jacobian(&p, &v, &nominal);
+    let nominal = problem.flight.meet(&p, &v, &problem.aim, 0.0)?;
+    let g = problem.aim.jacobian(&nominal, 0.0);
+    let v = v - problem.aim.course().velocity_m_s(nominal.time_s);
     let a = throw.ball_acceleration_at_release(problem.arm);
     Some(LandingPrediction {
         mean_m: spread.mean_m,
@@ -92,7 +91,8 @@ pub fn monte_carlo<const N: usize>(
     let mut rng = SplitMix64::new(seed);
     (0..draws)
         .filter_map(|_| {
-            let mut state = throw.at_time(throw.ha_s + noise.release_time_s * rng.normal());
+            let delay_s = noise.release_time_s * rng.normal();
+            let mut state = throw.at_time(throw.ha_s + delay_s);
             state.q += JointVec::from_fn(|_, _| noise.position_rad * rng.normal());
             state.qd += JointVec::from_fn(|_, _| noise.speed_rad_s * rng.normal());
             let frames = arm.fk(&state.q);
@@ -101,13 +101,14 @@ pub fn monte_carlo<const N: usize>(
             // Drag is never negative.
             let k = (problem.flight.drag_per_m() + noise.drag_per_m * rng.normal()).abs();
             let v = Vector3::new(twist[0], twist[1], twist[2]);
-            Some(xy(&problem.flight.with_drag(k).ok()?.land(&p, &v, problem.target.z)?.p))
+            let landing = problem.flight.with_drag(k).ok()?.meet(&p, &v, &problem.aim, delay_s)?;
+            Some(problem.aim.coordinates(&landing.p, delay_s + landing.time_s))
         })
         .collect()
 }
 
 /// Region that counts as a hit, in the plane of the target.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case", tag = "shape")]
 pub enum Region {
     /// Disc about the target.

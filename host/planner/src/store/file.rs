@@ -1,7 +1,7 @@
 //! The store's file: a header that names the robot, then records, only ever appended.
 //!
 //! A record carries its own checksum, so a torn write or a flipped bit costs that record and nothing else. Damage is
-//! reported, the damaged file is kept beside the store under another name, and the readable records are written anew.
+//! reported, the damaged file is kept beside the store under another name, and the readable records are written again.
 //! A store of an older format is kept the same way and a new one is begun. Who writes holds the file's advisory lock for
 //! that moment, so that several planners can share a store.
 
@@ -24,7 +24,6 @@ pub enum StoreError {
     /// Reading or writing failed.
     #[error("store {path}: {source}")]
     Io {
-        /// The file.
         path: PathBuf,
         /// What the system said.
         source: io::Error,
@@ -34,7 +33,6 @@ pub enum StoreError {
         "store {path} has format version {found}, this program reads up to {VERSION}: update cubectl, or name another store"
     )]
     Newer {
-        /// The file.
         path: PathBuf,
         /// Its version.
         found: u32,
@@ -44,7 +42,6 @@ pub enum StoreError {
         "store {path} has format version {found}, this program reads version {VERSION}: name another store, or let `plan throw` begin a new one"
     )]
     Older {
-        /// The file.
         path: PathBuf,
         /// Its version.
         found: u32,
@@ -53,16 +50,12 @@ pub enum StoreError {
     #[error(
         "store {path} is locked by another process: wait until it ends, name another store with --store, or plan with --no-store"
     )]
-    Locked {
-        /// The file.
-        path: PathBuf,
-    },
+    Locked { path: PathBuf },
     /// The file belongs to another robot, or the robot file has changed since.
     #[error(
         "store {path} was made for another robot or another version of its file (fingerprint {found:016x}, now {wanted:016x}): name another store, or remove it"
     )]
     OtherRobot {
-        /// The file.
         path: PathBuf,
         /// Fingerprint in the file.
         found: u64,
@@ -84,7 +77,6 @@ pub struct OpenReport {
     pub kept_as: Option<PathBuf>,
 }
 
-/// An open store.
 #[derive(Debug)]
 pub struct StoreFile<const N: usize = JOINTS> {
     path: PathBuf,
@@ -205,7 +197,7 @@ impl<const N: usize> StoreFile<N> {
     /// # Errors
     /// If the store stays locked or writing fails.
     pub fn append(&mut self, record: &Record<N>) -> Result<(), StoreError> {
-        // Opened anew: another process may have put a repaired file in its place.
+        // Opened again: another process may have put a repaired file in its place.
         let mut file = open_locked(&self.path)?;
         let begun = file.metadata().map(|m| m.len() > 0);
         begun

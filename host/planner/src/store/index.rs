@@ -37,7 +37,6 @@ impl<const N: usize> Index<N> {
         self.records.push(record);
     }
 
-    /// All records.
     #[must_use]
     pub fn records(&self) -> &[Record<N>] {
         &self.records

@@ -3,9 +3,10 @@
 use nalgebra::Vector3;
 use robot_model::{Pose, RobotModel};
 
-use super::ball::{self, Ball};
+use super::ball::{self, Ball, Met};
 use super::boxes::{distance_m, lowest_m, point_distance_m};
 use super::chain::Chain;
+use super::target::Plane;
 use super::{forces, motion};
 use crate::plan::file::PlanFile;
 use crate::plan::scan::RELEASE_BLIND_S;
@@ -21,13 +22,16 @@ const SLOPE_DELAY_S: f64 = 1e-3;
 const SLOPE_TOLERANCE_M_S: f64 = 0.01;
 /// Shortfall of a clearance that counts as kept, in m; bodies that touch never pass.
 const CLEARANCE_TOLERANCE_M: f64 = 2e-4;
+/// Time before and after the passage of an opening in which the rim is looked at, in s.
+const RIM_WINDOW_S: f64 = 0.3;
+/// Overshoot of an angle of incidence that counts as kept, in rad.
+const INCIDENCE_TOLERANCE_RAD: f64 = 1e-4;
 /// Miss that counts as a hit, in m.
 const LANDING_TOLERANCE_M: f64 = 1e-4;
 
 /// One thing that was checked.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Finding {
-    /// What.
     pub what: String,
     /// Whether it holds.
     pub ok: bool,
@@ -225,6 +229,7 @@ pub fn check<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> Report {
             ),
         ]);
     }
+    findings.extend(opening(arm.gripper().ball_radius_m, plan, &flown));
     findings.extend(delays(plan, &release));
     Report { findings, samples: steps + 1 }
 }
@@ -248,17 +253,18 @@ fn clear_finding(what: &str, near: &Worst, wanted_m: f64, enforced: bool) -> Fin
 
 fn segments_meet<const N: usize>(plan: &PlanFile, jump: &mut Worst) {
     let eps = 1e-9;
-    for (j, joint) in plan.joints.iter().enumerate() {
-        for pair in joint.segments.windows(2) {
-            let t = pair[0].t_end_s;
+    let last = plan.motion.knots.len().saturating_sub(1);
+    for (j, name) in plan.motion.joints.iter().enumerate() {
+        for knot in plan.motion.knots.get(1..last).unwrap_or_default() {
+            let t = knot.t_s;
             let (a, b) = (motion::sample::<N>(plan, t), motion::sample::<N>(plan, t + eps));
-            let what = || joint.name.clone();
+            let what = || name.clone();
             jump.see((a.q[j] - b.q[j]).abs() - 10.0 * eps, t, what);
             jump.see((a.qd[j] - b.qd[j]).abs() - 100.0 * eps, t, what);
             jump.see((a.qdd[j] - b.qdd[j]).abs() - 1e3 * eps, t, what);
         }
         for t in [0.0, plan.end_time_s] {
-            jump.see(motion::sample::<N>(plan, t).qd[j].abs(), t, || format!("{} at rest", joint.name));
+            jump.see(motion::sample::<N>(plan, t).qd[j].abs(), t, || format!("{name} at rest"));
         }
     }
 }
@@ -319,6 +325,8 @@ impl<'p> Obstacles<'p> {
 struct Flown {
     /// Distance of the landing from the target; none if the ball does not come down there.
     miss_m: Option<f64>,
+    /// Where and how it meets the plane of the target.
+    landed: Option<Met>,
     /// Nearest box of the hand.
     hand: Worst,
     /// Nearest box of the other links.
@@ -336,11 +344,11 @@ fn flight<const N: usize>(
     p: &Vector3<f64>,
     v: &Vector3<f64>,
 ) -> Flown {
-    let target = Vector3::from(plan.target.position_m);
+    let plane = Plane::new(&plan.target);
     let boxes = arm.collision().boxes();
     let radius_m = arm.gripper().ball_radius_m;
     let (mut hand, mut others, mut obstacle) = (Worst::new(), Worst::new(), Worst::new());
-    let landed = Ball::new(&plan.landing).land(p, v, target.z, |s, p| {
+    let landed = Ball::new(&plan.landing).land(p, v, &plane, 0.0, |s, p| {
         let due = ((s / ball::STEP_S).round() as u64).is_multiple_of(10);
         if s >= RELEASE_BLIND_S && s <= plan.landing.flight_s && due {
             let t = plan.release_time_s + s;
@@ -356,16 +364,66 @@ fn flight<const N: usize>(
             }
         }
     });
-    Flown { miss_m: landed.map(|at| (at - target).norm()), hand, others, obstacles: obstacle }
+    let miss_m = landed.map(|at| (at.p - plane.point_m(at.s)).norm());
+    Flown { miss_m, landed, hand, others, obstacles: obstacle }
+}
+
+/// The passage through the opening: from its side, within its angle, clear of its rim.
+fn opening(ball_radius_m: f64, plan: &PlanFile, flown: &Flown) -> Vec<Finding> {
+    let Some(opening) = &plan.target.opening else { return Vec::new() };
+    let plane = Plane::new(&plan.target);
+    let finding = |what: &str, ok: bool, worst: String| Finding {
+        what: what.to_owned(),
+        ok,
+        worst,
+        at_s: None,
+        enforced: true,
+    };
+    let Some(met) = flown.landed.filter(|_| plane.is_sound()) else {
+        let why = "the ball does not pass the plane of the opening, or its normal is no unit vector";
+        return vec![finding("passage through the opening", false, why.to_owned())];
+    };
+    let approach = met.v - plane.velocity_m_s(met.s);
+    let angle = (-plane.normal().dot(&approach) / approach.norm()).clamp(-1.0, 1.0).acos();
+    // Steps forwards from the passage, and backwards by flying the ball from where it would have been.
+    let ball = Ball::new(&plan.landing);
+    let mut least_m = f64::INFINITY;
+    let steps = (RIM_WINDOW_S / ball::STEP_S) as usize;
+    for direction in [1.0, -1.0] {
+        let (mut p, mut v, mut s) = (met.p, met.v, met.s);
+        for _ in 0..steps {
+            least_m = least_m.min(plane.rim_distance_m(opening.radius_m, &p, s) - ball_radius_m);
+            (p, v) = ball.step_by(&p, &v, direction * ball::STEP_S);
+            s += direction * ball::STEP_S;
+            if s < 0.0 {
+                break;
+            }
+        }
+    }
+    let wanted_m = plan.search.clearance_m;
+    vec![
+        finding(
+            "angle of incidence at the opening",
+            angle <= opening.incidence_max_rad + INCIDENCE_TOLERANCE_RAD,
+            format!("{:.2} of {:.2} deg", angle.to_degrees(), opening.incidence_max_rad.to_degrees()),
+        ),
+        finding(
+            "ball clear of the rim of the opening",
+            least_m > (wanted_m - CLEARANCE_TOLERANCE_M).max(0.0),
+            format!("{:.1} mm of {:.1} mm", least_m * 1e3, wanted_m * 1e3),
+        ),
+    ]
 }
 
 /// Landings of late and early releases: to first order, and at the delays the plan states.
 fn delays(plan: &PlanFile, release: &dyn Fn(f64) -> (Vector3<f64>, Vector3<f64>)) -> Vec<Finding> {
-    let z_m = plan.target.position_m[2];
+    let plane = Plane::new(&plan.target);
     let ball = Ball::new(&plan.landing);
     let landing = |delay_s: f64| {
         let (p, v) = release(plan.release_time_s + delay_s);
-        ball.land(&p, &v, z_m, |_, _| {})
+        let at = ball.land(&p, &v, &plane, delay_s, |_, _| {})?;
+        // Against the target, wherever it is by then.
+        Some(at.p - plane.point_m(delay_s + at.s))
     };
     let slope = landing(SLOPE_DELAY_S)
         .zip(landing(-SLOPE_DELAY_S))

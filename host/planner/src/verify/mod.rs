@@ -8,6 +8,7 @@
 //! | [`forces`] | recursive Newton-Euler | momentum of every body by differences in time, summed in the world frame |
 //! | [`boxes`] | separating axes, features | alternating projections between convex sets |
 //! | [`ball`] | closed form, Runge-Kutta with variations | Heun in small steps |
+//! | [`target`] | one plane, closed forms | powers summed, differences in time, distances from the circle |
 //! | [`mod@check`] | rows and margins | one pass over the grid, findings with time and place |
 //!
 //! Slow on purpose (a tenth of a second): nothing here is clever, so that it can be believed.
@@ -18,5 +19,6 @@ pub mod chain;
 pub mod check;
 pub mod forces;
 pub mod motion;
+pub mod target;
 
 pub use check::{Finding, Report, check};

@@ -5,12 +5,12 @@ use std::time::Instant;
 use nalgebra::Vector3;
 use planner::follow::best::{BestOptions, HandFreedom};
 use planner::follow::found::NotFound;
-use planner::follow::limits::{Arm, Axes, LimitSource, Limits};
+use planner::follow::limits::{AXES, Arm, Axes, LimitSource, Limits};
 use planner::follow::nearest::feasible_target;
 use planner::follow::paper::{Criterion, PaperOptions, RampTiming};
 use planner::follow::plan::FollowPlan;
 use planner::follow::search::Search;
-use planner::follow::setting::Setting;
+use planner::follow::setting::{CommandRange, PERIOD_S, Setting};
 use planner::follow::verify::verify;
 use planner::plan::file::RobotId;
 use planner::store::file::write_whole;
@@ -27,34 +27,43 @@ use crate::report::follow as report;
 #[command(next_help_heading = "Following the flight (industrial robots, or --follow)")]
 pub struct FollowOptions {
     /// Follow the flight of the ball while the gripper opens, with any six-joint arm [industrial robots: always].
-    #[arg(long)]
+    #[arg(long, help_heading = "Throws that follow the flight")]
     pub follow: bool,
+    /// Throw in the ordinary way, with the release at one instant, also with an industrial robot.
+    #[arg(long, conflicts_with = "follow", help_heading = "Throws that follow the flight")]
+    pub no_follow: bool,
     /// First-order lag of the controller in ms: the commands lead by it, and are what is limited.
-    #[arg(long, value_name = "MS")]
+    #[arg(long, value_name = "MS", help_heading = "Throws that follow the flight")]
     pub lag_ms: Option<f64>,
+    /// Time between two set points in ms: the cycle of the robot's controller [default: 12].
+    #[arg(long = "period", value_name = "MS", help_heading = "Throws that follow the flight")]
+    pub period_ms: Option<f64>,
     /// How far the hand may turn away from being across the flight, in degrees [best: 0].
-    #[arg(long, value_name = "DEG")]
+    #[arg(long, value_name = "DEG", help_heading = "Throws that follow the flight")]
     pub tilt_max_deg: Option<f64>,
     /// Acceleration of the ramps in deg/s2 [default: that of the robot file].
-    #[arg(long, value_name = "DEG_S2")]
+    #[arg(long, value_name = "DEG_S2", help_heading = "Throws that follow the flight")]
     pub ramps_deg_s2: Option<f64>,
     /// Limits of acceleration and jerk [industrial robots: controller, others: robot-file].
-    #[arg(long, value_enum)]
+    #[arg(long, value_enum, help_heading = "Throws that follow the flight")]
     pub limits: Option<LimitsName>,
     /// Resolution of the grid of the paper form; the time grows with its fifth power [default: 1.3].
-    #[arg(long)]
+    #[arg(long, help_heading = "Throws that follow the flight")]
     pub resolution: Option<f64>,
+    /// How often the paper form halves the steps of its grid around the best releases [default: 5 for points, 0 for j2].
+    #[arg(long, value_name = "TIMES", help_heading = "Throws that follow the flight")]
+    pub refine: Option<u32>,
     /// Timing of the ramps in the paper form.
-    #[arg(long, value_enum)]
+    #[arg(long, value_enum, help_heading = "Throws that follow the flight")]
     pub ramps: Option<RampsName>,
     /// What the paper form makes best.
-    #[arg(long, value_enum)]
+    #[arg(long, value_enum, help_heading = "Throws that follow the flight")]
     pub criterion: Option<CriterionName>,
     /// Diagonal of W in the first criterion.
-    #[arg(long, value_name = "W1,...,W6", value_parser = six_weights)]
-    pub weights_w: Option<[f64; 6]>,
+    #[arg(long, value_name = "W1,...,W6", value_parser = six_weights, help_heading = "Throws that follow the flight")]
+    pub weights_w: Option<[f64; AXES]>,
     /// Diagonal of G in the second criterion.
-    #[arg(long, value_name = "G1,G2", value_parser = two_numbers)]
+    #[arg(long, value_name = "G1,G2", value_parser = two_numbers, help_heading = "Throws that follow the flight")]
     pub weights_g: Option<[f64; 2]>,
 }
 
@@ -85,24 +94,27 @@ pub enum CriterionName {
     Points,
 }
 
-fn six_weights(text: &str) -> Result<[f64; 6], String> {
+fn six_weights(text: &str) -> Result<[f64; AXES], String> {
     let weights: Vec<f64> = text
         .split(',')
         .map(|p| p.trim().parse::<f64>().map_err(|_| format!("\"{p}\" is not a number")))
         .collect::<Result<_, _>>()?;
     let count = weights.len();
-    weights.try_into().map_err(|_| format!("{count} numbers, expected 6 separated by commas"))
+    weights.try_into().map_err(|_| format!("{count} numbers, expected {AXES} separated by commas"))
 }
 
 /// Longest lag that is a lag and not a mistake, in ms.
 const LAG_MAX_MS: f64 = 200.0;
+/// Halvings of the grid of the paper form where it is to follow the most points, and the most that can be asked for.
+pub(crate) const REFINEMENTS: u32 = 5;
+const REFINEMENTS_MAX: u32 = 12;
 /// Starts of the best form if no number is asked for.
 const STARTS: usize = 64;
 
 impl FollowOptions {
-    /// Whether throws of this arm follow the flight: asked for, or an industrial robot.
+    /// Whether throws of this arm follow the flight: asked for, or an industrial robot for which nobody asks otherwise.
     pub fn apply_to(&self, arm: &Arm) -> bool {
-        self.follow || is_industrial(arm)
+        self.follow || (is_industrial(arm) && !self.no_follow)
     }
 
     fn limit_source(&self, arm: &Arm) -> LimitSource {
@@ -118,9 +130,11 @@ impl FollowOptions {
     pub fn first_given(&self) -> Option<&'static str> {
         let given = [
             (self.lag_ms.is_some(), "--lag-ms"),
+            (self.period_ms.is_some(), "--period"),
             (self.tilt_max_deg.is_some(), "--tilt-max-deg"),
             (self.ramps_deg_s2.is_some(), "--ramps-deg-s2"),
             (self.resolution.is_some(), "--resolution"),
+            (self.refine.is_some(), "--refine"),
             (self.limits.is_some(), "--limits"),
             (self.ramps.is_some(), "--ramps"),
             (self.criterion.is_some(), "--criterion"),
@@ -138,9 +152,13 @@ impl FollowOptions {
             _ => Ok(()),
         };
         within("--lag-ms", self.lag_ms, 0.0, LAG_MAX_MS)?;
+        within("--period", self.period_ms, 1.0, 50.0)?;
         within("--tilt-max-deg", self.tilt_max_deg, 0.0, 60.0)?;
         within("--ramps-deg-s2", self.ramps_deg_s2, 1.0, 5000.0)?;
         within("--resolution", self.resolution, 0.2, 4.0)?;
+        if let Some(refine) = self.refine.filter(|times| *times > REFINEMENTS_MAX) {
+            return Err(ExpectedError::bad_input(&format!("--refine {refine} is above {REFINEMENTS_MAX}")));
+        }
         let weights = self.weights_w.iter().flatten().chain(self.weights_g.iter().flatten());
         if let Some(w) = weights.into_iter().find(|w| !(**w >= 0.0 && w.is_finite())) {
             return Err(ExpectedError::bad_input(&format!("weight {w} is not zero or positive")));
@@ -154,16 +172,36 @@ pub(crate) fn is_industrial(arm: &Arm) -> bool {
     arm.drives().is_none() && arm.joints().iter().any(|j| j.limits.a_follow_max_rad_s2.is_some())
 }
 
+/// Programs of industrial robots pass commands up to 0.1 deg inside the ranges of the axes (`robots/kr16_2`).
+const PROGRAM_INSIDE_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
+
+/// Limits for the search in a form, of those that commands must keep.
+pub(crate) fn searched(limits: &Limits, form: FormName) -> Limits {
+    match form {
+        FormName::Paper => *limits,
+        FormName::Best => limits.with_spare_for_commands(),
+    }
+}
+
+/// Grid of the paper form over the reach of an arm [default resolution: 1.3].
+pub(crate) fn paper_grid(arm: &Arm, resolution: Option<f64>) -> PaperOptions {
+    let base_z_m = arm.fk(&Axes::zeros()).origin(0).z;
+    PaperOptions::covering(reach_m(arm), base_z_m, arm.world().floor_z_m, resolution.unwrap_or(1.3))
+}
+
 /// The search that the options ask for.
 fn search_of(args: &Args, arm: &Arm) -> Search {
     let follow = &args.follow;
-    let (w, g) = (follow.weights_w.unwrap_or([1.0; 6]), follow.weights_g.unwrap_or([1.0; 2]));
+    let (w, g) = (follow.weights_w.unwrap_or([1.0; AXES]), follow.weights_g.unwrap_or([1.0; 2]));
     match args.search.options.form {
         FormName::Paper => {
-            let base_z_m = arm.fk(&Axes::zeros()).origin(0).z;
-            let floor_z_m = arm.world().floor_z_m;
-            let resolution = follow.resolution.unwrap_or(1.3);
-            let grid = PaperOptions::covering(reach_m(arm), base_z_m, floor_z_m, resolution);
+            let grid = paper_grid(arm, follow.resolution);
+            let criterion = match follow.criterion {
+                Some(CriterionName::Points) => Criterion::Points,
+                _ => Criterion::J2,
+            };
+            // The paper has the grid alone.
+            let usual = if criterion == Criterion::Points { REFINEMENTS } else { 0 };
             Search::Paper(PaperOptions {
                 w,
                 g,
@@ -171,10 +209,8 @@ fn search_of(args: &Args, arm: &Arm) -> Search {
                     Some(RampsName::Own) => RampTiming::Own,
                     _ => RampTiming::Synchronised,
                 },
-                criterion: match follow.criterion {
-                    Some(CriterionName::Points) => Criterion::Points,
-                    _ => Criterion::J2,
-                },
+                criterion,
+                refinements: follow.refine.unwrap_or(usual),
                 ..grid
             })
         }
@@ -220,7 +256,10 @@ pub fn run(args: &Args, arm: &Arm) -> Result<(), ExpectedError> {
              `cubectl plan throw --help`)"
         )));
     }
-    if !args.target.iter().all(|v| v.is_finite()) {
+    let Some(target) = args.target else {
+        return Err(ExpectedError::bad_input(&"name a target with --target"));
+    };
+    if !target.iter().all(|v| v.is_finite()) {
         return Err(ExpectedError::bad_input(&"the target needs three finite numbers"));
     }
     let source = args.follow.limit_source(arm);
@@ -229,10 +268,17 @@ pub fn run(args: &Args, arm: &Arm) -> Result<(), ExpectedError> {
         limits = limits.with_ramps(deg_s2.to_radians());
     }
     let lag_s = args.follow.lag_ms.unwrap_or(0.0) * 1e-3;
-    let setting = Setting { lag_s, ..Setting::new(arm, Vector3::from(args.target), limits) };
+    let period_s = args.follow.period_ms.map_or(PERIOD_S, |ms| 1e-3 * ms);
+    let commands = if is_industrial(arm) {
+        CommandRange::inside(&limits, PROGRAM_INSIDE_RAD)
+    } else {
+        CommandRange::default()
+    };
+    let setting = Setting { commands, lag_s, period_s, ..Setting::new(arm, Vector3::from(target), limits) };
     let search = search_of(args, arm);
     let began = Instant::now();
-    let found = search.plan(&setting).map_err(|none| no_throw(&none, &search, &setting))?;
+    let searching = Setting { limits: searched(&limits, args.search.options.form), ..setting };
+    let found = search.plan(&searching).map_err(|none| no_throw(&none, &search, &searching))?;
     let took_s = began.elapsed().as_secs_f64();
     let id = RobotId {
         name: arm.name().to_owned(),
@@ -255,9 +301,9 @@ pub fn run(args: &Args, arm: &Arm) -> Result<(), ExpectedError> {
         std::fs::write(path, html).map_err(|e| ExpectedError::output(path, &e))?;
     }
     if args.json {
-        say::line!("{}", plan.to_json());
+        console::line!("{}", plan.to_json());
     } else {
-        say::text!("{}", report::summary(arm, &plan, &limits, &verdict));
+        console::text!("{}", report::summary(arm, &plan, &limits, &verdict));
     }
     Ok(())
 }

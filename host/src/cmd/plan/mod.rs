@@ -4,6 +4,7 @@ pub mod follow;
 pub mod options;
 pub mod prepare;
 pub mod sweep;
+mod targets;
 pub mod throw;
 
 use std::path::Path;
@@ -14,11 +15,14 @@ use crate::error::ExpectedError;
 #[derive(Debug, clap::Subcommand)]
 pub enum PlanVerb {
     /// Find the best throw to a target.
-    Throw(throw::Args),
+    Throw(Box<throw::Args>),
     /// Plan throws to a grid of targets: a table and a picture of the reach.
     Sweep(sweep::Args),
     /// Make the table of stored throws of a robot: plans for it are then found at once.
     Prepare(prepare::Args),
+    /// Print the JSON schema of plan files of every kind.
+    #[command(after_help = "Example:\n  cubectl plan schema > plan.schema.json")]
+    Schema,
 }
 
 /// Refuses a file that could not be written after the search, before it.
@@ -42,5 +46,9 @@ pub fn run(verb: PlanVerb) -> Result<(), ExpectedError> {
         PlanVerb::Throw(args) => throw::run(&args),
         PlanVerb::Sweep(args) => sweep::run(&args),
         PlanVerb::Prepare(args) => prepare::run(&args),
+        PlanVerb::Schema => {
+            console::line!("{}", planner::record::schema_json().trim_end());
+            Ok(())
+        }
     }
 }

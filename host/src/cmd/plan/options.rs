@@ -6,6 +6,8 @@ use nalgebra::Vector3;
 use robot_model::{Pose, RobotModel};
 
 use crate::error::ExpectedError;
+use planner::flight::{COURSE_MAX, Course};
+use planner::plan::opening::Opening;
 use planner::plan::problem::{Arrival, DelayWindow, Form, Obstacle, Options, Weights};
 use planner::plan::{AskedBounds, seeds};
 use planner::store::{Index, Record, StoreError, StoreFile, file, robot_fingerprint};
@@ -17,71 +19,87 @@ pub struct PlanOptions {
     #[arg(long, default_value = "powercube6")]
     pub robot: String,
     /// Which throws are allowed.
-    #[arg(long, value_enum, default_value = "best")]
+    #[arg(long, value_enum, default_value = "best", help_heading = "Throws that are allowed")]
     pub form: FormName,
     /// Part of the speed limits a plan may use [paper: 1, best: 0.98].
-    #[arg(long)]
+    #[arg(long, help_heading = "Throws that are allowed")]
     pub speed_use: Option<f64>,
     /// Part of the acceleration limits a plan may use; the rest is the controller's [paper: 1, best: 0.8].
-    #[arg(long)]
+    #[arg(long, help_heading = "Throws that are allowed")]
     pub acceleration_use: Option<f64>,
     /// Whether the hand may turn freely at the release [paper: no, best: yes].
-    #[arg(long)]
+    #[arg(long, help_heading = "Throws that are allowed")]
     pub free_spin: Option<bool>,
     /// Whether a late release must not move the landing [paper: no, best: yes].
-    #[arg(long)]
+    #[arg(long, help_heading = "Throws that are allowed")]
     pub null_delay: Option<bool>,
     /// How far the landing may move when the gripper opens late or early: ms and mm, up to four times [paper: none,
     /// best: 10,2 and 25,10].
-    #[arg(long, value_name = "MS,MM", value_parser = two_numbers)]
+    #[arg(long, value_name = "MS,MM", value_parser = two_numbers, help_heading = "Throws that are allowed")]
     pub delay_window: Vec<[f64; 2]>,
     /// Whether the released ball must stay clear of the arm [paper: no, best: yes].
-    #[arg(long)]
+    #[arg(long, help_heading = "Throws that are allowed")]
     pub clean_release: Option<bool>,
     /// Clearance of arm, base, floor, obstacles and ball in m [paper: 0, best: 0.005].
-    #[arg(long)]
+    #[arg(long, help_heading = "Throws that are allowed")]
     pub clearance_m: Option<f64>,
     /// Distance kept from both ends of every joint range in rad [paper: 0, best: 0.02].
-    #[arg(long)]
+    #[arg(long, help_heading = "Throws that are allowed")]
     pub range_margin_rad: Option<f64>,
     /// Drag of the ball in 1/m.
-    #[arg(long, default_value_t = 0.0)]
+    #[arg(long, default_value_t = 0.0, help_heading = "Flight")]
     pub drag_per_m: f64,
     /// Spin of the ball times its lift constant (Magnus force m × v), in 1/s.
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, default_value = "0,0,0")]
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, default_value = "0,0,0", help_heading = "Flight")]
     pub magnus_rad_s: [f64; 3],
     /// Weights of time, braking ratio and jerk in the objective.
-    #[arg(long, value_name = "T,B,J", value_parser = point)]
+    #[arg(long, value_name = "T,B,J", value_parser = point, help_heading = "Search")]
     pub weights: Option<[f64; 3]>,
     /// A box in the way: centre and half edges in m; may be given several times.
-    #[arg(long, value_name = "X,Y,Z,HX,HY,HZ", allow_hyphen_values = true, value_parser = six_numbers)]
+    #[arg(long, value_name = "X,Y,Z,HX,HY,HZ", allow_hyphen_values = true, value_parser = six_numbers, help_heading = "Throws that are allowed")]
     pub obstacle: Vec<[f64; 6]>,
+    /// The target is an opening: direction out of it, to the side from which the ball comes; the ball passes its centre.
+    #[arg(long, value_name = "NX,NY,NZ", allow_hyphen_values = true, value_parser = point, requires = "opening_radius_m", help_heading = "Target")]
+    pub opening_normal: Option<[f64; 3]>,
+    /// Radius of the opening in m; the ball keeps the clearance from its rim.
+    #[arg(long, value_name = "M", requires = "opening_normal", help_heading = "Target")]
+    pub opening_radius_m: Option<f64>,
+    /// Largest angle between the path of the ball and the axis of the opening, in degrees.
+    #[arg(long, value_name = "DEG", default_value_t = 60.0, help_heading = "Target")]
+    pub incidence_max_deg: f64,
+    /// Velocity of a target that moves, in m/s; --target is where it is at the release.
+    #[arg(long, value_name = "VX,VY,VZ", allow_hyphen_values = true, value_parser = velocity, conflicts_with = "target_course", help_heading = "Target")]
+    pub target_velocity: Option<Course>,
+    /// Way of a target that moves, as a polynomial of the time since the release: coefficients of t, t², … in m/s, m/s²,
+    /// …, at most five.
+    #[arg(long, value_name = "X,Y,Z;X,Y,Z;...", allow_hyphen_values = true, value_parser = course, help_heading = "Target")]
+    pub target_course: Option<Course>,
     /// Range of the speed at the target in m/s.
-    #[arg(long, value_name = "MIN,MAX", value_parser = two_numbers)]
+    #[arg(long, value_name = "MIN,MAX", value_parser = two_numbers, help_heading = "Throws that are allowed")]
     pub arrival_speed: Option<[f64; 2]>,
     /// Range of the steepness at the target in degrees below the horizontal.
-    #[arg(long, value_name = "MIN,MAX", allow_hyphen_values = true, value_parser = two_numbers)]
+    #[arg(long, value_name = "MIN,MAX", allow_hyphen_values = true, value_parser = two_numbers, help_heading = "Throws that are allowed")]
     pub arrival_descent_deg: Option<[f64; 2]>,
     /// Range of the release's distance from the shoulder in m [default: from the robot; paper: 0.5,1].
-    #[arg(long, value_name = "MIN,MAX", value_parser = two_numbers)]
+    #[arg(long, value_name = "MIN,MAX", value_parser = two_numbers, help_heading = "Where the search looks")]
     pub radius_m: Option<[f64; 2]>,
     /// Range of the release's elevation seen from the shoulder in degrees [default: any; paper: -72,90].
-    #[arg(long, value_name = "MIN,MAX", allow_hyphen_values = true, value_parser = two_numbers)]
+    #[arg(long, value_name = "MIN,MAX", allow_hyphen_values = true, value_parser = two_numbers, help_heading = "Where the search looks")]
     pub elevation_deg: Option<[f64; 2]>,
     /// Range of the time of flight in s [default: from the robot; paper: 0.3,3].
-    #[arg(long, value_name = "MIN,MAX", value_parser = two_numbers)]
+    #[arg(long, value_name = "MIN,MAX", value_parser = two_numbers, help_heading = "Where the search looks")]
     pub flight_s: Option<[f64; 2]>,
     /// Range of the duration of the motion in s [default: from the robot; paper: 0.2,2].
-    #[arg(long, value_name = "MIN,MAX", value_parser = two_numbers)]
+    #[arg(long, value_name = "MIN,MAX", value_parser = two_numbers, help_heading = "Where the search looks")]
     pub duration_s: Option<[f64; 2]>,
     /// Range of braking time over the duration of the motion [default: 0.04,0.6; paper: 0.04,0.4].
-    #[arg(long, value_name = "MIN,MAX", value_parser = two_numbers)]
+    #[arg(long, value_name = "MIN,MAX", value_parser = two_numbers, help_heading = "Where the search looks")]
     pub braking_ratio: Option<[f64; 2]>,
     /// File that keeps found throws for later plans. It changes what later plans start from, so it must be named.
-    #[arg(long)]
+    #[arg(long, help_heading = "Search")]
     pub store: Option<PathBuf>,
     /// Neither read nor write a store: the default.
-    #[arg(long, conflicts_with = "store")]
+    #[arg(long, conflicts_with = "store", help_heading = "Search")]
     pub no_store: bool,
 }
 
@@ -132,6 +150,20 @@ pub fn point(text: &str) -> Result<[f64; 3], String> {
     numbers(text)
 }
 
+fn velocity(text: &str) -> Result<Course, String> {
+    Course::new(&[numbers(text)?]).ok_or_else(|| format!("\"{text}\" is not three finite numbers"))
+}
+
+/// A course given as `x,y,z;x,y,z;…`.
+fn course(text: &str) -> Result<Course, String> {
+    let coefficients: Vec<[f64; 3]> = text.split(';').map(numbers).collect::<Result<_, _>>()?;
+    Course::new(&coefficients).ok_or_else(|| {
+        format!(
+            "\"{text}\" is not one to {COURSE_MAX} groups of three finite numbers, with semicolons between"
+        )
+    })
+}
+
 impl PlanOptions {
     /// The first given option that has no meaning where the hand follows the flight.
     pub(super) fn first_for_drive_modules(&self) -> Option<&'static str> {
@@ -150,12 +182,25 @@ impl PlanOptions {
             (!self.obstacle.is_empty(), "--obstacle"),
             (self.arrival_speed.is_some(), "--arrival-speed"),
             (self.arrival_descent_deg.is_some(), "--arrival-descent-deg"),
+            (self.opening_normal.is_some(), "--opening-normal"),
+            (self.target_velocity.is_some(), "--target-velocity"),
+            (self.target_course.is_some(), "--target-course"),
             (self.radius_m.is_some(), "--radius-m"),
             (self.elevation_deg.is_some(), "--elevation-deg"),
             (self.flight_s.is_some(), "--flight-s"),
             (self.duration_s.is_some(), "--duration-s"),
             (self.braking_ratio.is_some(), "--braking-ratio"),
             (self.store.is_some(), "--store"),
+        ];
+        given.into_iter().find(|(given, _)| *given).map(|(_, name)| name)
+    }
+
+    /// The first given option that says something about one target.
+    pub(super) fn first_for_one_target(&self) -> Option<&'static str> {
+        let given = [
+            (self.opening_normal.is_some(), "--opening-normal"),
+            (self.target_velocity.is_some(), "--target-velocity"),
+            (self.target_course.is_some(), "--target-course"),
         ];
         given.into_iter().find(|(given, _)| *given).map(|(_, name)| name)
     }
@@ -208,6 +253,12 @@ impl PlanOptions {
             duration_s: range(self.duration_s),
             braking_ratio: range(self.braking_ratio),
         };
+        o.opening = self.opening_normal.zip(self.opening_radius_m).map(|(normal, radius_m)| Opening {
+            normal: Vector3::from(normal),
+            radius_m,
+            incidence_max_rad: self.incidence_max_deg.to_radians(),
+        });
+        o.course = self.target_velocity.or(self.target_course).unwrap_or_default();
         o.arrival = Arrival {
             speed_m_s: self.arrival_speed.map(|[a, b]| a..=b),
             descent_rad: self.arrival_descent_deg.map(|[a, b]| a.to_radians()..=b.to_radians()),
@@ -254,12 +305,12 @@ impl PlanOptions {
         match StoreFile::open(path, robot_fingerprint(arm)) {
             Ok((store, records, report)) => {
                 match (&report.kept_as, report.older) {
-                    (Some(kept), Some(version)) => say::note!(
+                    (Some(kept), Some(version)) => console::note!(
                         "cubectl: store {} was written by an older cubectl (format version {version}); it is kept as {}, and a new store is begun",
                         path.display(),
                         kept.display()
                     ),
-                    (Some(kept), None) => say::note!(
+                    (Some(kept), None) => console::note!(
                         "cubectl: store {} was damaged in {} place(s); {} throws were recovered, the damaged file is kept as {}",
                         path.display(),
                         report.damaged,
@@ -276,7 +327,7 @@ impl PlanOptions {
             }
             // A plan is worth more than its place in the store.
             Err(StoreError::Io { path, source }) if source.kind() == std::io::ErrorKind::StorageFull => {
-                say::note!("cubectl: planning without store {}: {source}", path.display());
+                console::note!("cubectl: planning without store {}: {source}", path.display());
                 Ok(Starts { index, store: None, sources })
             }
             Err(e) => Err(ExpectedError::bad_input(&e)),
@@ -311,14 +362,14 @@ fn prepared<const N: usize>(arm: &RobotModel<N>) -> Option<(PathBuf, Vec<Record<
     match file::parse(&path, &bytes, robot_fingerprint(arm)) {
         Ok((records, 0)) => Some((path, records)),
         Ok((_, damaged)) => {
-            say::note!(
+            console::note!(
                 "cubectl: table {} is damaged in {damaged} place(s) and not used: make it again with `cubectl plan prepare`",
                 path.display()
             );
             None
         }
         Err(e) => {
-            say::note!("cubectl: planning without the prepared table: {e}");
+            console::note!("cubectl: planning without the prepared table: {e}");
             None
         }
     }

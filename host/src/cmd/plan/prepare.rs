@@ -83,6 +83,11 @@ fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), Expec
     }
     require_writable(&out)?;
     let robot = robot_fingerprint(arm);
+    if let Some(option) = args.options.first_for_one_target() {
+        return Err(ExpectedError::bad_input(&format!(
+            "{option} is for one target; a table is for all targets at rest: leave it out"
+        )));
+    }
     // The easiest set of options first: throws to it are starts for the others.
     let sets: Vec<_> = args.options.ladder().into_iter().rev().map(|rung| rung.options).collect();
     let kinds: Vec<u32> = sets.iter().map(kind_of).collect();
@@ -96,7 +101,7 @@ fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), Expec
     let progress = out.with_extension("progress");
     let mut records = Vec::new();
     if let Some((step, so_far)) = continued(&progress, &stand, robot) {
-        say::line!("continues {} at step {step}", progress.display());
+        console::line!("continues {} at step {step}", progress.display());
         (stand.step, records) = (step, so_far);
     }
     let preparation = Preparation::new(arm, sets, grid, args.seed);
@@ -131,7 +136,7 @@ fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), Expec
     file::write_all(&out, robot, &all).map_err(|e| ExpectedError::output(&out, &e))?;
     // The table has everything that is in it.
     let _ = std::fs::remove_file(&progress);
-    say::line!("{count} throws made, {} in {}", all.len(), out.display());
+    console::line!("{count} throws made, {} in {}", all.len(), out.display());
     Ok(())
 }
 

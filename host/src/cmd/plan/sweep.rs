@@ -135,7 +135,7 @@ fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), Expec
         }
     }
     let missing: Vec<[f64; 3]> = targets.iter().copied().filter(|t| !rows.contains_key(&key(t))).collect();
-    say::line!(
+    console::line!(
         "{} targets, {} already in {}",
         targets.len(),
         targets.len() - missing.len(),
@@ -176,7 +176,7 @@ fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), Expec
         .map_err(|e| ExpectedError::output(&picture, &e))?;
     let solved = wanted.iter().filter(|r| r.cell.objective.is_some()).count();
     let relaxed = wanted.iter().filter(|r| r.relaxed()).count();
-    say::line!(
+    console::line!(
         "{} of {} targets in reach with all that was asked for, {relaxed} more without some of it (see the notes); picture {}",
         solved - relaxed,
         wanted.len(),

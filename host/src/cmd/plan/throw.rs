@@ -9,27 +9,36 @@ use nalgebra::Vector3;
 
 use super::follow::{self, FollowOptions};
 use super::options::{PlanOptions, Starts, point, two_numbers};
-use super::require_writable;
+use super::{require_writable, targets};
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::plan as plan_report;
 use operator::bus::args::interrupt;
 use planner::plan::file::PlanFile;
+use planner::plan::problem::Weights;
 use planner::plan::search::{Best, Budget, NoThrow, Planner, Watch};
 use planner::plan::statistics::{Noise, Region};
-use planner::plan::{Arm, Confidence, Goal, Options, Problem};
+use planner::plan::{Arm, Confidence, Goal, Obstruction, Options, Problem};
 use planner::store::Index;
 use robot_model::{AnyRobot, RobotModel, for_any_robot};
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl plan throw --target 1.0,1.0,-1.0 --out plan.json --report plan.html\n  cubectl plan throw --target 2.0,0,0 --starts 400 --json\n  cubectl plan throw --robot kr16_2 --target 2.5,0,0.6 --form paper --report plan.html"
+    after_help = "Examples:\n  cubectl plan throw --target 1.0,1.0,-1.0 --out plan.json --report plan.html\n  cubectl plan throw --target 2.0,0,0 --starts 400 --json\n  cubectl plan throw --robot kr16_2 --target 2.5,0,0.6 --form paper --report plan.html\n  cubectl plan throw --target 1.6,0.2,-0.3 --opening-normal=-1,0,0 --opening-radius-m 0.08 --out plan.json\n  cubectl plan throw --target 1.3,-0.3,-0.6 --target-velocity 0.3,0.5,0 --out plan.json\n  cubectl plan throw --targets targets.csv --out results.csv --plans plans"
 )]
 pub struct Args {
-    /// Where the centre of the ball shall come down, in m, world frame (arm base, z up).
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
-    pub target: [f64; 3],
+    /// Where the centre of the ball comes down, in m, world frame (arm base, z up).
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, required_unless_present = "targets")]
+    pub target: Option<[f64; 3]>,
+    /// A list of targets: a CSV file with the columns x_m, y_m, z_m, for openings also nx, ny, nz, radius_m and, if wanted,
+    /// incidence_max_deg, for moving targets vx_m_s, vy_m_s, vz_m_s. --out is then a CSV file with a row for each, in
+    /// order; the same command continues one that was stopped.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["target", "report", "json", "follow"])]
+    pub targets: Option<PathBuf>,
+    /// Folder for the plans of --targets: plan-000001.json for the first row, and so on.
+    #[arg(long, value_name = "FOLDER", requires = "targets")]
+    pub plans: Option<PathBuf>,
     /// How to look for the throw.
     #[command(flatten)]
     pub search: SearchOptions,
@@ -61,22 +70,22 @@ pub struct SearchOptions {
     pub options: PlanOptions,
     /// Random starts after the stored ones, all of them [default: as many of 96 as are likely to find a better throw].
     /// With a seed and no time budget the result is always the same.
-    #[arg(long)]
+    #[arg(long, help_heading = "Search")]
     pub starts: Option<usize>,
     /// Stop starting after this many seconds.
-    #[arg(long)]
+    #[arg(long, help_heading = "Search")]
     pub time_budget: Option<f64>,
     /// Radius of the disc about the target that counts as a hit, in m.
-    #[arg(long, conflicts_with = "hit_box")]
+    #[arg(long, conflicts_with = "hit_box", help_heading = "Throws that are allowed")]
     pub hit_radius_m: Option<f64>,
     /// Half edges of the rectangle about the target that counts as a hit, in m.
-    #[arg(long, value_name = "HX,HY", value_parser = two_numbers)]
+    #[arg(long, value_name = "HX,HY", value_parser = two_numbers, help_heading = "Throws that are allowed")]
     pub hit_box: Option<[f64; 2]>,
     /// Standard deviation of the release time in s.
-    #[arg(long)]
+    #[arg(long, help_heading = "Flight")]
     pub jitter_s: Option<f64>,
     /// What to make small, under all limits; `hit` needs a region (--hit-radius-m or --hit-box).
-    #[arg(long, value_enum, default_value = "effort")]
+    #[arg(long, value_enum, default_value = "effort", help_heading = "Search")]
     pub objective: ObjectiveName,
 }
 
@@ -86,8 +95,12 @@ const STARTS: usize = 96;
 /// Name of an objective.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum ObjectiveName {
-    /// The paper's: time, braking and jerk.
+    /// The paper's: time, braking and jerk, with --weights.
     Effort,
+    /// The duration of the motion alone.
+    Time,
+    /// The electrical energy from the supplies.
+    Energy,
     /// The predicted root mean square distance of the landing from the target.
     Spread,
     /// The predicted odds against a hit of the region.
@@ -96,13 +109,13 @@ pub enum ObjectiveName {
 
 /// A plan with what it took to find it.
 #[derive(Debug, Clone)]
-pub struct Planned {
-    /// The robot it is for.
-    pub arm: Arm,
-    /// The plan.
-    pub plan: PlanFile,
+pub struct Planned<P = (Arm, PlanFile)> {
+    /// The plan, with the robot where the robot was loaded for it.
+    pub plan: P,
     /// Time of the search.
     pub took: Duration,
+    /// What was given up of what was asked for.
+    pub note: Option<&'static str>,
 }
 
 impl SearchOptions {
@@ -150,7 +163,8 @@ impl SearchOptions {
 
     fn goal(&self, noise: Noise, region: Option<Region>) -> Result<Goal, ExpectedError> {
         match (self.objective, region) {
-            (ObjectiveName::Effort, _) => Ok(Goal::Effort),
+            (ObjectiveName::Effort | ObjectiveName::Time, _) => Ok(Goal::Effort),
+            (ObjectiveName::Energy, _) => Ok(Goal::Energy),
             (ObjectiveName::Spread, _) => Ok(Goal::Spread(noise)),
             (ObjectiveName::Hit, Some(region)) => Ok(Goal::Miss(noise, region)),
             (ObjectiveName::Hit, None) => Err(ExpectedError::bad_input(
@@ -166,8 +180,8 @@ impl SearchOptions {
     /// If input is refused or no throw reaches the target.
     pub fn plan(&self, target: [f64; 3], seed: u64, fast: bool) -> Result<Planned, ExpectedError> {
         let arm = crate::cmd::arm(&self.options.robot)?;
-        let (plan, took) = self.plan_for(&arm, target, seed, fast)?;
-        Ok(Planned { arm, plan, took })
+        let Planned { plan, took, note } = self.plan_for(&arm, target, seed, fast)?;
+        Ok(Planned { plan: (arm, plan), took, note })
     }
 
     /// As [`SearchOptions::plan`], for an arm of four to seven joints; also the time of the search.
@@ -180,10 +194,35 @@ impl SearchOptions {
         target: [f64; 3],
         seed: u64,
         fast: bool,
-    ) -> Result<(PlanFile, Duration), ExpectedError> {
+    ) -> Result<Planned<PlanFile>, ExpectedError> {
+        let mut starts = self.options.starts(arm)?;
+        let planned = self.plan_from(arm, &mut starts, target, seed, fast)?;
+        if let Some(note) = planned.note {
+            console::note!("cubectl: {note}");
+        }
+        Ok(planned)
+    }
+
+    /// As [`SearchOptions::plan_for`], from throws that are at hand; what was given up is not told.
+    ///
+    /// # Errors
+    /// If input is refused or no throw reaches the target.
+    pub fn plan_from<const N: usize>(
+        &self,
+        arm: &RobotModel<N>,
+        starts: &mut Starts<N>,
+        target: [f64; 3],
+        seed: u64,
+        fast: bool,
+    ) -> Result<Planned<PlanFile>, ExpectedError> {
+        if self.objective == ObjectiveName::Time && self.options.weights.is_some() {
+            return Err(ExpectedError::bad_input(
+                &"--objective time has no weights: leave out --weights, or leave out --objective",
+            ));
+        }
         let (region, noise) = (self.region()?, self.noise()?);
         let goal = self.goal(noise, region)?;
-        let Starts { index, mut store, sources } = self.options.starts(arm)?;
+        let Starts { index, store, sources } = starts;
         let time =
             match self.time_budget {
                 None => None,
@@ -194,20 +233,20 @@ impl SearchOptions {
         let budget = Budget { starts: self.starts.unwrap_or(STARTS), all: self.starts.is_some(), time, seed };
         let began = Instant::now();
         let mut rungs = self.options.ladder().into_iter().peekable();
-        let (problem, best) = loop {
+        let (problem, best, note) = loop {
             let Some(rung) = rungs.next() else {
                 return Err(ExpectedError::new(exit::BUG, "the ladder of options ended without a last rung"));
             };
-            let options = Options { goal, ..rung.options };
+            let mut options = Options { goal, ..rung.options };
+            if self.objective == ObjectiveName::Time {
+                options.weights = Weights { k_b: 0.0, k_j: 0.0, ..options.weights };
+            }
             let problem = Problem::new(arm, Vector3::from(target), options)
                 .map_err(|e| ExpectedError::bad_input(&e))?;
             let last = rungs.peek().is_none();
-            match find(&Planner::new(&problem), &index, &budget, fast, last) {
+            match find(&Planner::new(&problem), index, &budget, fast, last) {
                 Ok(best) => {
-                    if let Some(note) = rung.note {
-                        say::note!("cubectl: {note}");
-                    }
-                    break (problem, best);
+                    break (problem, best, rung.note);
                 }
                 Err(e) if last || e.interrupted => return Err(no_throw(&e)),
                 Err(_) => {}
@@ -216,19 +255,22 @@ impl SearchOptions {
         let took = began.elapsed();
         // The table is of throws that are best in effort: others would promise what they cannot keep.
         if goal == Goal::Effort
-            && let Some(store) = &mut store
+            && problem.options().weights == Weights::default()
+            && self.options.first_for_one_target().is_none()
+            && let Some(store) = store
         {
             let record = Planner::new(&problem).record(&best.found);
             if let Err(e) = store.append(&record) {
-                say::note!("cubectl: the throw was not stored: {e}");
+                console::note!("cubectl: the throw was not stored: {e}");
             }
         }
+        let region = region.or_else(|| problem.region_of_opening(&best.found.throw));
         let plan = PlanFile::of(&problem, &best, &self.options.robot, seed, &noise, region);
         let mut plan = plan.ok_or_else(|| {
             ExpectedError::new(exit::BUG, "the planned ball does not come down on the plane of the target")
         })?;
-        plan.search.stored = sources;
-        Ok((plan, took))
+        plan.search.stored.clone_from(sources);
+        Ok(Planned { plan, took, note })
     }
 }
 
@@ -237,13 +279,20 @@ impl SearchOptions {
 /// # Errors
 /// If input is refused, no throw reaches the target, or a file cannot be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    for path in args.out.iter().chain(&args.report) {
+    // A table of results is continued, not written at the end.
+    let written = args.out.iter().filter(|_| args.targets.is_none()).chain(&args.report);
+    for path in written {
         require_writable(path)?;
     }
     let name = &args.search.options.robot;
     let robot = crate::cmd::robot(name)?;
     if let AnyRobot::Six(arm) = &robot {
         if args.follow.apply_to(arm) {
+            if args.targets.is_some() {
+                return Err(ExpectedError::bad_input(
+                    &"--targets plans throws without following the flight: add --no-follow, or plan one target at a time",
+                ));
+            }
             if args.fast {
                 return Err(ExpectedError::bad_input(
                     &"--fast needs stored throws; none are kept of throws that follow the flight",
@@ -261,7 +310,13 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 }
 
 fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), ExpectedError> {
-    let (plan, took) = args.search.plan_for(arm, args.target, args.seed, args.fast)?;
+    if let Some(list) = &args.targets {
+        return targets::run(arm, list, args);
+    }
+    let Some(target) = args.target else {
+        return Err(ExpectedError::bad_input(&"name a target with --target, or a list with --targets"));
+    };
+    let Planned { plan, took, .. } = args.search.plan_for(arm, target, args.seed, args.fast)?;
     if let Some(path) = &args.out {
         plan.write(path).map_err(|e| ExpectedError::new(exit::OUTPUT, e.to_string()))?;
     }
@@ -269,9 +324,9 @@ fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), Expec
         std::fs::write(path, plan_report::html(arm, &plan)).map_err(|e| ExpectedError::output(path, &e))?;
     }
     if args.json {
-        say::line!("{}", plan.to_json());
+        console::line!("{}", plan.to_json());
     } else {
-        say::text!("{}", plan_report::summary(&plan, took));
+        console::text!("{}", plan_report::summary(&plan, took));
     }
     Ok(())
 }
@@ -293,7 +348,7 @@ fn find<const N: usize>(
         if last { planner.search(index, budget, &watch) } else { planner.attempt(index, budget, &watch) }
     })?;
     if best.interrupted && watch.stop.load(Ordering::Relaxed) {
-        say::note!("cubectl: stopped; this is the best of {} starts", best.starts);
+        console::note!("cubectl: stopped; this is the best of {} starts", best.starts);
     }
     Ok(best)
 }
@@ -308,7 +363,8 @@ fn no_throw(e: &NoThrow) -> ExpectedError {
             format!("stopped after {} starts without a throw; more starts may find one", e.starts),
         );
     }
-    let next = "choose a target in reach; `cubectl plan sweep` draws what is";
+    let in_reach = "choose a target in reach; `cubectl plan sweep` draws what is";
+    let next = e.obstruction.as_deref().map_or(in_reach, Obstruction::next_step);
     ExpectedError::new(exit::NO_THROW, format!("{e}\n  next: {next}"))
 }
 

@@ -8,7 +8,6 @@ use crate::exit;
 
 /// Where the results go.
 pub(super) struct Folder {
-    /// The folder.
     pub(super) path: PathBuf,
 }
 

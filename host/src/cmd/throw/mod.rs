@@ -1,89 +1,85 @@
 //! `cubectl throw`
 
 mod folder;
+mod prepare;
+mod progress;
 mod robot;
-mod voice;
 
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant as WallTime;
 
 use can_link::BusSpec;
-use nalgebra::Vector3;
-use protocol::ModuleId;
-use robot_model::collision::{Obb, Scene};
-use robot_model::{AnyRobot, Pose};
+use robot_model::AnyRobot;
 use toml_reader::{DESCRIPTION_MAX_BYTES, read_text};
 
 use self::folder::Folder;
-use self::voice::Voice;
-use super::doctor::{Level, examine_modules};
+pub(super) use self::prepare::period_request;
+use self::prepare::{Prepared, diagnosis, prepare};
+use self::progress::ProgressView;
+use super::controlled::tell_warnings;
 use super::home::share;
 use super::plan::follow::is_industrial;
-use super::plan::options::point;
-use super::plan::throw::{Planned, SearchOptions};
+use super::plan::throw::SearchOptions;
 use super::print_json;
 use super::report;
+use super::tracker::{TargetArg, TrackerArgs};
 use super::tune::InForce;
+use super::web::WebArgs;
 use crate::error::ExpectedError;
 use crate::exit;
-use operator::bus::args::{CellArgs, Controller, interrupt};
+use operator::bus::args::{Controller, interrupt};
 use operator::bus::key_file::KeyArgs;
-use operator::bus::pace::Pace;
-use operator::bus::period::{NoPeriod, PERIOD_MAX_US, PERIOD_MIN_US, Wish, apply, choose};
-use operator::bus::settings::settings_of;
+use operator::bus::period::{NoPeriod, PERIOD_MAX_US, PERIOD_MIN_US};
+use operator::bus::soft::SoftReport;
 use operator::bus::{BusArgs, Session};
 use operator::dialogue::operator::OperatorError;
-use operator::throw::job::{News, Step};
-use operator::throw::outcome::{Outcome, default_tolerance_m, judge};
+use operator::port::OnBus;
+use operator::throw::job::{Progress, Step};
+use operator::throw::outcome::{Outcome, judge};
 use operator::throw::summary::{Circumstances, summary};
-use operator::throw::{Job, JobError, Record, Verdict, job};
-use planner::plan::Arm;
-use planner::plan::file::PlanFile;
-use planner::verify;
+use operator::throw::{JobError, Record, Verdict, job};
 use tuner::gains::choose::GainsFrom;
 use tuner::gains::gains_file::GainsFile;
-
-/// How long is listened for a controller before a soft one is started, on a live bus.
-const LISTEN: protocol::Duration = protocol::Duration::from_millis(400);
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl throw --target 1.0,1.0,-1.0                      # in the simulated cell\n  cubectl throw --target 1.0,1.0,-1.0 --bus can0            # a controller that is heard there, else one in this program\n  cubectl throw --plan plan.json --bus can0 --controller 10\n  cubectl throw --robot kr16_2 --target 2.5,0,0.6           # an industrial robot, inside this program, over RSI\n\nWrites plan.json, gains.toml, log.candump, log.mcap, summary.json and report.html into a new folder. Ctrl-C, SIGTERM and\nSIGHUP stop the arm along its path, then end the program with code 6. On a terminal and a live bus it asks before the ball\nis thrown.\n\nOutcomes and exit codes: landed 0, missed 11, not released 12, stopped 13. Only the bus `sim` sees the ball. On every\nother bus the outcome is \"thrown, not observed\" (0): the program then says when the release was ordered and where the\nmeasured motion sends the ball. A drive that has lost encoder counts tells a wrong position without knowing it; nothing\nin its answers shows that."
+    after_help = "Examples:\n  cubectl throw --target 1.0,1.0,-1.0                      # in the simulated cell\n  cubectl throw --target 1.0,1.0,-1.0 --bus can0            # a controller that is heard there, else one in this program\n  cubectl throw --plan plan.json --bus can0 --controller 10\n  cubectl throw --robot kr16_2 --target 2.5,0,0.6           # an industrial robot, inside this program, over RSI\n  cubectl throw --robot kr16_2 --target tracker --bus rsi:udp://0.0.0.0:49152\n\nWrites plan.json, gains.toml, log.candump, log.mcap, summary.json and report.html into a new folder. Ctrl-C, SIGTERM and\nSIGHUP stop the arm along its path, then end the program with code 6. On a terminal and a live bus it asks before the ball\nis thrown.\n\nOutcomes and exit codes: landed 0, missed 11, not released 12, stopped 13. Only the bus `sim` sees the ball. On every\nother bus the outcome is \"thrown, not observed\" (0): the program then says when the release was ordered and where the\nmeasured motion sends the ball. A drive that has lost encoder counts tells a wrong position without knowing it; nothing\nin its answers shows that."
 )]
 pub struct Args {
-    /// Target in m, world frame (arm base, z up).
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, required_unless_present = "plan")]
-    pub target: Option<[f64; 3]>,
+    /// Target in m, world frame (arm base, z up), or `tracker`: where an optical tracker sees it.
+    #[arg(long, value_name = "X,Y,Z|tracker", allow_hyphen_values = true, required_unless_present = "plan")]
+    pub target: Option<TargetArg>,
     /// Throw this plan instead of making one.
     #[arg(long, value_name = "FILE", conflicts_with = "target")]
     pub plan: Option<PathBuf>,
     /// Bus: sim (the cell inside this program, in virtual time), can0, socketcand://host:port/bus,
     /// slcan:/dev/ttyACM0 or slcan://host:port.
-    #[arg(long, default_value = "sim", value_name = "SPEC")]
+    #[arg(long, default_value = "sim", value_name = "SPEC", help_heading = "Bus")]
     pub bus: BusSpec,
     /// Key of the controller.
     #[command(flatten)]
     pub key: KeyArgs,
     /// `soft`: a controller in this program. A number: the one with this Cyphal node-ID. Default: the one that is
     /// heard, else a soft one.
-    #[arg(long, value_name = "soft|NODE-ID")]
+    #[arg(long, value_name = "soft|NODE-ID", help_heading = "Controller")]
     pub controller: Option<Controller>,
     /// Gains with their certificate, from `cubectl tune`; a controller in this program runs at their period. Default: for
     /// a controller in this program those that come with it for powercube6, and a design made on the way for any other
     /// robot; else those that the controller on the bus has.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help_heading = "Controller")]
     pub gains: Option<PathBuf>,
     /// Control period of a controller in this program, ms: 3, 5, 10, 17 or 30. Default: the shortest one that this machine
     /// and this bus hold, which is measured first.
-    #[arg(long, value_name = "MS", conflicts_with = "gains", value_parser = period_us)]
+    #[arg(long, value_name = "MS", conflicts_with = "gains", value_parser = period_us, help_heading = "Controller")]
     pub period: Option<u32>,
     /// Seed of the planner and of the simulated cell [default: the scenario's, or 1].
-    #[arg(long)]
+    #[arg(long, help_heading = "Simulated cell")]
     pub seed: Option<u64>,
-    /// Scenario of the simulated cell: its options, and what goes wrong (`hil-sim faults` lists the kinds).
-    #[arg(long, value_name = "FILE")]
+    /// Scenario of the simulated cell: its options, and what goes wrong (`cubectl explain faults` lists the kinds).
+    #[arg(long, value_name = "FILE", help_heading = "Simulated cell")]
     pub scenario: Option<PathBuf>,
     /// Folder for the results [default: throw-DATE-TIME].
     #[arg(long, value_name = "DIR")]
@@ -107,6 +103,16 @@ pub struct Args {
     /// Do not ask before the ball is thrown.
     #[arg(long)]
     pub yes: bool,
+    /// Description of an industrial robot and its program: kr-c2, kr-c2-tcp, kr-c4, kr-c4-12ms, or a file as in robots/kr16_2
+    /// [default: kr-c2; with --scenario its program].
+    #[arg(long, value_name = "DESCRIPTION", help_heading = "Bus")]
+    pub rsi: Option<String>,
+    /// Live view in a browser.
+    #[command(flatten)]
+    pub web: WebArgs,
+    /// Where the target is measured with `--target tracker`.
+    #[command(flatten)]
+    pub tracker: TrackerArgs,
     /// How to look for a throw.
     #[command(flatten)]
     pub search: SearchOptions,
@@ -115,144 +121,163 @@ pub struct Args {
 /// Runs the verb.
 ///
 /// # Errors
-/// As each step: no throw, a plan that does not fit, the bus, the controller, the disk; or Ctrl-C. The exit code says
-/// which.
+/// No throw, a plan that does not fit, the bus, the controller, the disk, or Ctrl-C. The exit code tells them apart.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if let AnyRobot::Six(arm) = super::robot(&args.search.options.robot)?
         && is_industrial(&arm)
     {
         return robot::run(args, &arm);
     }
-    let stop = interrupt();
     let begun = WallTime::now();
-    let cell_args = CellArgs {
-        robot: Some(args.search.options.robot.clone()),
-        seed: args.seed,
-        scenario: args.scenario.clone(),
-    };
-    let mut cell = cell_args.load()?;
-    let Planned { arm, plan, took } = planned(args, cell.seed)?;
-    let plan_s = took.as_secs_f64();
-    if stop.load(std::sync::atomic::Ordering::Relaxed) {
-        return Err(ExpectedError::new(exit::INTERRUPTED, "interrupted; nothing has moved"));
-    }
-    preflight(&arm, &plan)?;
-    let Ground { soft, pace } = look(args, &arm)?;
-    let mut settings = settings_of(&cell.robot).map_err(|error| ExpectedError::bad_input(&error))?;
-    let given = args.gains.as_ref().map(|path| read_gains(path, arm.name())).transpose()?;
-    let choice = if soft {
-        let wish = wish(given.clone(), args.period);
-        let choice = choose(wish, pace.as_ref(), &cell.robot, settings.cycle_period_us)
-            .map_err(|refused| without_period(refused, args, &arm))?;
-        apply(&choice, &mut settings);
-        Some(choice)
-    } else {
-        None
-    };
-    // A controller that is on the bus already keeps its own, unless some are given.
-    let gains = choice.as_ref().map_or(given, |choice| Some(choice.gains.clone()));
-    // On the bus `sim` the ball lands where the target is, not only on the floor.
-    cell.setup.cell.gripper.landing_z_m = Some(plan.target.position_m[2]);
-
+    let prepared = prepare(args)?;
     let folder = Folder::create(args.out.as_deref())?;
-    plan.write(&folder.file("plan.json")).map_err(|error| output(&error))?;
-    let bus =
-        BusArgs { bus: args.bus.clone(), cell: cell_args, record: Some(folder.file("log")), beside: false };
-    let mut voice = Voice::new(args.json);
-    voice.planned(&plan, plan_s);
-    if let Some(choice) = &choice {
-        voice.gains(choice);
-    }
-    if let (Some(choice), Some(pace)) = (&choice, &pace) {
-        voice.paced(choice, pace);
-    }
-    let key = args.key.load()?;
-    let mut session = bus.open_cell(&cell, soft.then_some(&settings))?;
-    session.set_key(key);
-
-    let scene = scene(&args.search);
-    let job = Job {
-        arm: &arm,
-        plan: &plan,
-        gains: gains.as_ref(),
-        controller: match args.controller {
-            Some(Controller::Node(node)) => Some(node),
-            Some(Controller::Soft) | None => None,
-        },
-        scene: &scene,
-        approach_share: args.approach_share,
-        seed: cell.seed,
-        tolerance_m: args.tolerance.unwrap_or_else(|| default_tolerance_m(&plan)),
-        go_back: args.back,
-        bit_rate_bit_s: report::BIT_RATE,
-    };
-    let asks = !args.yes && !session.is_simulated() && std::io::stdin().is_terminal();
-    let mut record = Record::default();
-    let ended = job::run(&mut session, &job, &mut record, &mut |news| match news {
-        News::MayThrow => !asks || voice.may_throw(&stop),
-        other => {
-            voice.tell(other);
-            true
-        }
-    });
-    voice.quiet();
-    let verdict = judge(&job, &record, ended.as_ref().copied());
-    let by_controller = matches!(ended, Err(JobError::Operator(_)));
-    let mut failed = ended.err().map(|error| failure(error, &record, verdict.outcome));
-    if let Some(error) = &mut failed
-        && soft
-        && by_controller
-        && record.at_work.is_some_and(|(step, _)| step == Step::Drives)
-        && error.code == exit::DRIVE
-        && let Some(found) = diagnosis(&mut session, &arm, |_| true)
-    {
-        error.message = format!("{}\n{found}", error.message);
-    }
-    let gains_text = gains_toml(&record, gains.as_ref());
-    let (name, simulated, bus_errors) =
-        (session.name().to_owned(), session.is_simulated(), session.bus_errors().len());
-    let thread = session.finish_controller();
-    let closed = session.finish().map_err(ExpectedError::from);
-    let wrong = failed.or_else(|| off_target(&verdict)).or(closed.err());
-
-    let controller = if soft { "soft".to_owned() } else { "node".to_owned() };
-    let circumstances = Circumstances {
-        bus: &name,
-        time: if simulated { "virtual time" } else { "real time" },
-        controller: &controller,
-        seed: cell.seed,
-        exit_code: wrong.as_ref().map_or(exit::OK, |error| error.code),
-        cause: wrong.as_ref().map(|error| error.message.as_str()),
-        bus_errors,
-        wall_s: &voice.wall_s,
-        plan_s,
-        gains_from: match (&choice, args.gains.is_some()) {
-            (Some(choice), _) => choice.gains_from,
-            (None, true) => GainsFrom::Given,
-            (None, false) => GainsFrom::Controller,
-        },
-        gains_crc32: gains_text.as_ref().map(|text| firmware::crc::Crc32::of(text.as_bytes())),
-        soft: thread.as_ref(),
-        period_why: choice.as_ref().map_or("the controller's", |choice| choice.why),
-        pace: pace.as_ref(),
-    };
-    let mut value = summary(&job, &record, &verdict, &circumstances);
-    value["command_line"] = std::env::args().collect::<Vec<_>>().join(" ").into();
-    let written = write_results(&folder, &value, gains_text.as_deref(), &args.search.options.robot);
-    if args.json {
-        print_json(&value);
-    }
-    let Some(mut error) = wrong else {
+    prepared.plan.write(&folder.file("plan.json")).map_err(|error| output(&error))?;
+    let mut progress = ProgressView::new(args.json);
+    prepared.show(&mut progress);
+    let mut thrown = throw(args, &prepared, &folder, &mut progress)?;
+    let written = write_summary(args, &prepared, &thrown, &folder, &progress);
+    let Some(mut error) = thrown.wrong.take() else {
         written?;
-        voice.closing(&record, Some(&verdict), &folder.path, begun);
+        progress.closing(&thrown.record, Some(&thrown.verdict), &folder.path, begun);
         return Ok(());
     };
-    voice.closing(&record, None, &folder.path, begun);
+    progress.closing(&thrown.record, None, &folder.path, begun);
     error.message += &format!("\n  results in {}", folder.path.display());
     if let Err(lost) = written {
         error.message += &format!("; not all of them: {}", lost.message);
     }
     Err(error)
+}
+
+/// What a throw left behind.
+struct Thrown {
+    record: Record,
+    verdict: Verdict,
+    /// What went wrong first.
+    wrong: Option<ExpectedError>,
+    bus_name: String,
+    simulated: bool,
+    bus_errors: usize,
+    soft: Option<SoftReport>,
+}
+
+/// Throws on the bus: opens it, runs the job, judges the outcome, closes it.
+fn throw(
+    args: &Args,
+    prepared: &Prepared,
+    folder: &Folder,
+    progress: &mut ProgressView,
+) -> Result<Thrown, ExpectedError> {
+    let bus = BusArgs {
+        bus: args.bus.clone(),
+        cell: prepared.cell_args.clone(),
+        record: Some(folder.file("log")),
+        beside: false,
+        rsi: None,
+    };
+    let key = args.key.load()?;
+    let mut session = bus.open_cell(&prepared.cell, prepared.soft.then_some(&prepared.settings))?;
+    session.set_key(key);
+    let job = prepared.job(args);
+    let asks = !args.yes && !session.is_simulated() && std::io::stdin().is_terminal();
+    let stop = interrupt();
+    let _page =
+        args.web.serve(&mut session, &prepared.cell.robot, Some(&prepared.plan), Arc::clone(&stop))?;
+    let mut record = Record::default();
+    let mut gone = None;
+    let wanted = match args.controller {
+        Some(Controller::Node(node)) => Some(node),
+        Some(Controller::Soft) | None => None,
+    };
+    let mut operator = OnBus::new(&mut session, wanted, report::BIT_RATE);
+    let ended = job::run(&mut operator, &job, &mut record, &mut |step| match step {
+        Progress::MayThrow => {
+            gone = prepared.tracked.as_ref().and_then(|before| args.tracker.still_there(before).err());
+            gone.is_none() && (!asks || progress.may_throw(&stop))
+        }
+        other => {
+            progress.show(other);
+            true
+        }
+    });
+    progress.quiet();
+    tell_warnings(&mut session);
+    let verdict = judge(&job, &record, ended.as_ref().copied());
+    let failed = gone.or_else(|| {
+        let error = ended.err()?;
+        Some(explained(error, &record, &verdict, &mut session, prepared, &args.bus))
+    });
+    let (bus_name, simulated, bus_errors) =
+        (session.name().to_owned(), session.is_simulated(), session.bus_errors().len());
+    let soft = session.finish_controller();
+    let closed = session.finish().map_err(ExpectedError::from);
+    let wrong = failed.or_else(|| off_target(&verdict)).or(closed.err());
+    Ok(Thrown { record, verdict, wrong, bus_name, simulated, bus_errors, soft })
+}
+
+/// The error of a job, with what the drives say about it and the next step.
+fn explained(
+    error: JobError,
+    record: &Record,
+    verdict: &Verdict,
+    session: &mut Session,
+    prepared: &Prepared,
+    bus: &BusSpec,
+) -> ExpectedError {
+    let by_controller = matches!(error, JobError::Operator(_));
+    let mut error = failure(error, record, verdict.outcome);
+    if prepared.soft
+        && by_controller
+        && record.at_work.is_some_and(|(step, _)| step == Step::Drives)
+        && error.code == exit::DRIVE
+        && let Some(found) = diagnosis(session, &prepared.arm, |_| true)
+    {
+        error.message = format!("{}\n{found}", error.message);
+    }
+    if verdict.outcome == Outcome::Stopped && !session.is_simulated() {
+        // Drives stay halted, and a controller of its own keeps its fault.
+        error.message += &format!("; then `cubectl clear --bus {bus}`");
+    }
+    error
+}
+
+/// Writes gains, summary and report.
+fn write_summary(
+    args: &Args,
+    prepared: &Prepared,
+    thrown: &Thrown,
+    folder: &Folder,
+    progress: &ProgressView,
+) -> Result<(), ExpectedError> {
+    let gains_text = gains_toml(&thrown.record, prepared.gains.as_ref());
+    let wrong = thrown.wrong.as_ref();
+    let circumstances = Circumstances {
+        bus: &thrown.bus_name,
+        time: if thrown.simulated { "virtual time" } else { "real time" },
+        controller: if prepared.soft { "soft" } else { "node" },
+        seed: prepared.cell.seed,
+        exit_code: wrong.map_or(exit::OK, |error| error.code),
+        cause: wrong.map(|error| error.message.as_str()),
+        bus_errors: thrown.bus_errors,
+        wall_s: &progress.wall_s,
+        plan_s: prepared.plan_s,
+        gains_from: match (&prepared.choice, args.gains.is_some()) {
+            (Some(choice), _) => choice.gains_from,
+            (None, true) => GainsFrom::Given,
+            (None, false) => GainsFrom::Controller,
+        },
+        gains_crc32: gains_text.as_ref().map(|text| firmware::crc::Crc32::of(text.as_bytes())),
+        soft: thrown.soft.as_ref(),
+        period_why: prepared.choice.as_ref().map_or("the controller's", |choice| choice.why),
+        timing: prepared.timing.as_ref(),
+    };
+    let mut value = summary(&prepared.job(args), &thrown.record, &thrown.verdict, &circumstances);
+    value["command_line"] = std::env::args().collect::<Vec<_>>().join(" ").into();
+    let written = write_results(folder, &value, gains_text.as_deref(), &args.search.options.robot);
+    if args.json {
+        print_json(&value);
+    }
+    written
 }
 
 /// Gains, summary and report. The report is made from the files, as `cubectl report` makes it.
@@ -288,36 +313,6 @@ fn off_target(verdict: &Verdict) -> Option<ExpectedError> {
     Some(ExpectedError::new(code, format!("{}\n  next: {next}", verdict.text)))
 }
 
-/// The plan of a file, or a new one.
-fn planned(args: &Args, seed: u64) -> Result<Planned, ExpectedError> {
-    let Some(path) = &args.plan else {
-        let target = args.target.ok_or_else(|| ExpectedError::bad_input(&"give --target or --plan"))?;
-        return args.search.plan(target, seed, !args.thorough);
-    };
-    let began = WallTime::now();
-    let plan = PlanFile::read(path).map_err(|error| ExpectedError::bad_input(&error))?;
-    let arm = super::arm(&args.search.options.robot)?;
-    plan.require_robot(path, &arm).map_err(|error| ExpectedError::bad_input(&error))?;
-    Ok(Planned { arm, plan, took: began.elapsed() })
-}
-
-/// Checks the plan by other means than the planner's.
-fn preflight(arm: &Arm, plan: &PlanFile) -> Result<(), ExpectedError> {
-    let report = verify::check(arm, plan);
-    if report.ok() {
-        return Ok(());
-    }
-    let failed = report.findings.iter().filter(|f| !f.ok && f.enforced);
-    let list: Vec<String> = failed.map(|f| format!("{}: {}", f.what, f.worst)).collect();
-    Err(ExpectedError::new(
-        exit::CHECK_FAILED,
-        format!(
-            "the plan does not hold what it claims: {}\n  next: plan again; nothing has moved",
-            list.join("; ")
-        ),
-    ))
-}
-
 pub(super) fn read_gains(path: &Path, robot: &str) -> Result<GainsFile, ExpectedError> {
     let text = read_text(path, DESCRIPTION_MAX_BYTES).map_err(|error| ExpectedError::io(path, &error))?;
     GainsFile::from_toml(&text, robot)
@@ -335,15 +330,6 @@ pub(super) fn period_us(text: &str) -> Result<u32, String> {
     }
 }
 
-/// Who decides the period.
-pub(super) fn wish(gains: Option<GainsFile>, period_us: Option<u32>) -> Wish {
-    match (gains, period_us) {
-        (Some(gains), _) => Wish::Gains(Box::new(gains)),
-        (None, Some(period_us)) => Wish::Period(period_us),
-        (None, None) => Wish::Any,
-    }
-}
-
 impl From<NoPeriod> for ExpectedError {
     fn from(error: NoPeriod) -> Self {
         match error {
@@ -351,73 +337,6 @@ impl From<NoPeriod> for ExpectedError {
             NoPeriod::TooShort { .. } | NoPeriod::None { .. } => Self::new(exit::BUS, error.to_string()),
         }
     }
-}
-
-/// What is known before the first step.
-struct Ground {
-    /// The controller runs in this program.
-    soft: bool,
-    /// What machine and bus hold then; `None` in virtual time.
-    pace: Option<Pace>,
-}
-
-/// Looks who is on the bus; where a controller in this program shall close the loop, measures whether it can.
-fn look(args: &Args, arm: &Arm) -> Result<Ground, ExpectedError> {
-    let node_given = matches!(args.controller, Some(Controller::Node(_)));
-    if node_given && args.period.is_some() {
-        return Err(ExpectedError::bad_input(
-            &"--period is for a controller in this program\n  next: `cubectl controller --period`, or register cycle.period_us",
-        ));
-    }
-    match (args.controller, &args.bus) {
-        (Some(Controller::Node(_)), BusSpec::Sim) => Err(ExpectedError::bad_input(
-            &"the bus sim has no controller but the soft one\n  next: leave --controller out, or name another bus",
-        )),
-        (Some(Controller::Node(_)), _) => Ok(Ground { soft: false, pace: None }),
-        (_, BusSpec::Sim) => Ok(Ground { soft: true, pace: None }),
-        (wanted, spec) => {
-            let mut session = asking(spec).open()?;
-            let found = speaker(&mut session)?;
-            if found && wanted == Some(Controller::Soft) {
-                return Err(ExpectedError::new(
-                    exit::BUS,
-                    format!(
-                        "{spec}: a controller or host speaks to the modules already; two of them destroy each other's \
-                         frames\n  next: leave --controller out to use it, or end it"
-                    ),
-                ));
-            }
-            let pace = if found { None } else { session.measure_pace(&modules(arm))? };
-            session.finish()?;
-            Ok(Ground { soft: !found, pace })
-        }
-    }
-}
-
-/// The bus alone, for a look before the throw: nothing is simulated and nothing recorded.
-fn asking(bus: &BusSpec) -> BusArgs {
-    BusArgs { bus: bus.clone(), ..BusArgs::default() }
-}
-
-/// Addresses of the arm's drives.
-fn modules(arm: &Arm) -> Vec<ModuleId> {
-    let drives = arm.drives().into_iter().flatten();
-    drives.filter_map(|drive| ModuleId::new(drive.address).ok()).collect()
-}
-
-/// Whether a controller or another host is heard.
-fn speaker(session: &mut Session) -> Result<bool, ExpectedError> {
-    let until = session.now() + LISTEN;
-    session.run(until, &mut |desk| desk.tally().foreign_requests > 0)?;
-    Ok(session.desk().tally().foreign_requests > 0)
-}
-
-fn scene(search: &SearchOptions) -> Scene {
-    let obstacles = search.options.obstacle.iter().enumerate().map(|(i, b)| {
-        let half = Vector3::new(b[3], b[4], b[5]);
-        (format!("obstacle {}", i + 1), Obb::new(Pose::translation(b[0], b[1], b[2]), half))
-    });
-    Scene { obstacles: obstacles.collect(), ball_held: true }
 }
 
 /// From what ended the job to what people read: the step, what happened, what to do.
@@ -435,33 +354,6 @@ fn failure(error: JobError, record: &Record, outcome: Outcome) -> ExpectedError 
         other => ExpectedError::bad_input(&other),
     };
     ExpectedError::new(expected.code, format!("{step}: {}", expected.message))
-}
-
-/// No period holds; drives with something wrong are named first, because double or silent ones make every round long.
-fn without_period(refused: NoPeriod, args: &Args, arm: &Arm) -> ExpectedError {
-    if matches!(refused, NoPeriod::NoGains(_)) {
-        return refused.into();
-    }
-    let found = asking(&args.bus).open().ok().and_then(|mut session| {
-        diagnosis(&mut session, arm, |check| matches!(check, "modules" | "addresses" | "bus errors"))
-    });
-    let refused = ExpectedError::from(refused);
-    match found {
-        Some(found) => ExpectedError::new(exit::DRIVE, format!("{found}\n{}", refused.message)),
-        None => refused,
-    }
-}
-
-/// What is wrong with the drives, asked by the host itself with the controller out of the way; only checks that count.
-fn diagnosis(session: &mut Session, arm: &Arm, counts: impl Fn(&str) -> bool) -> Option<String> {
-    session.switch_controller_off();
-    // Answers to it may still be under way.
-    session.sleep_until(session.now() + LISTEN).ok()?;
-    let (modules, findings) = examine_modules(session, Some(&modules(arm))).ok()?;
-    let problems = findings.iter().filter(|f| f.level == Level::Problem && counts(f.check));
-    let shown = if modules.is_empty() { 1 } else { usize::MAX };
-    let list: Vec<String> = problems.take(shown).map(|f| format!("{}\n  next: {}", f.what, f.next)).collect();
-    (!list.is_empty()).then(|| list.join("\n"))
 }
 
 fn output(error: &impl std::fmt::Display) -> ExpectedError {

@@ -1,14 +1,17 @@
-//! `cubectl throw` with an industrial robot: the robot inside this program, over RSI, in virtual time.
+//! `cubectl throw` with an industrial robot over RSI: the robot inside this program in virtual time, or one that connects.
 
-use std::fmt::Write;
+use std::io::IsTerminal;
 use std::path::Path;
 use std::time::Instant as WallTime;
 
+use can_link::{BusSpec, Granted, RsiSpec};
 use hil_sim::krc::KrcScenario;
 use nalgebra::Vector3;
-use planner::follow::best::{self, BestOptions, HandFreedom};
+use planner::follow::best::BestOptions;
 use planner::follow::limits::{Arm, LimitSource, Limits};
-use planner::follow::plan::{FollowPlan, Form};
+use planner::follow::paper::{Criterion, PaperOptions};
+use planner::follow::plan::FollowPlan;
+use planner::follow::search::Search;
 use planner::follow::setting::Setting;
 use planner::follow::verify::verify;
 use planner::plan::file::RobotId;
@@ -16,13 +19,23 @@ use planner::store::robot_fingerprint;
 
 use super::Args;
 use super::folder::Folder;
+use super::progress::ProgressView;
+use crate::cmd::plan::follow::{REFINEMENTS, paper_grid, searched};
+use crate::cmd::plan::options::FormName;
 use crate::cmd::print_json;
+use crate::cmd::rsi::{LOG, Watch, description, serve_at, write_description};
 use crate::error::ExpectedError;
 use crate::exit;
+use crate::report::motion;
+use operator::bus::args::interrupt;
 use operator::rsi::cell::{self, Seen};
-use operator::rsi::outcome::{error_m, judge};
-use operator::rsi::program::{Lag, NoStation, prepare, station};
+use operator::rsi::cycles::cycles;
+use operator::rsi::live::Exchange;
+use operator::rsi::log::{Line, to_text};
+use operator::rsi::outcome::{error_m, judge, measured, verdict};
+use operator::rsi::program::{Lag, command_range, station, way_to_start};
 use operator::rsi::station::{Stage, Station};
+use operator::throw::approach::ApproachError;
 use operator::throw::{Outcome, Verdict};
 
 /// Radius of a bottle, m.
@@ -30,58 +43,105 @@ const BOTTLE_M: f64 = 0.035;
 /// Starts of the search if no number is asked for.
 const STARTS: usize = 64;
 
-/// Throws, and writes plan.json, motion.csv and summary.json.
+/// What came of the exchange, from the simulated robot or from a real one.
+struct Came {
+    verdict: Verdict,
+    /// The simulated robot inside this program; `None`: the robot is outside.
+    seen: Option<Seen>,
+    /// Everything that went in and out.
+    lines: Vec<Line>,
+    exchange: Option<Exchange>,
+    granted: Option<Granted>,
+}
+
+/// Throws, and writes plan.json, motion.csv, log.rsi, the description of the robot, summary.json and report.html.
 ///
 /// # Errors
-/// Options that have no meaning here, no plan, a scenario that cannot be served, or the outcome of the throw.
+/// Options that have no meaning here, no plan, a robot that cannot be led along it, or the outcome of the throw.
 pub(super) fn run(args: &Args, arm: &Arm) -> Result<(), ExpectedError> {
     refuse_options_of_a_bus(args)?;
-    let mut scenario = match &args.scenario {
-        Some(path) => KrcScenario::load(path).map_err(|error| ExpectedError::bad_input(&error))?,
-        None => KrcScenario::kr_c2().map_err(|error| ExpectedError::bad_input(&error))?,
-    };
-    scenario.robot = args.search.options.robot.clone();
-    scenario.seed = args.seed.unwrap_or(scenario.seed);
-    let lag = &scenario.options.lag;
-    let lag = Lag { dead_time: lag.dead_time, time_constant: lag.time_constant };
+    let truth = args.scenario.as_deref().map(KrcScenario::load).transpose();
+    let truth = truth.map_err(|error| ExpectedError::bad_input(&error))?;
+    let described = described(args, truth.as_ref())?;
+    let (target_m, tracked) = args.aim()?;
     let begun = WallTime::now();
-    let plan = plan(args, arm, &scenario, lag)?;
+    let plan = plan(args, arm, &described, target_m)?;
     let plan_s = begun.elapsed().as_secs_f64();
-    prepare(&mut scenario, arm, &plan);
-    let mut station = station(&scenario, arm, &plan, lag).map_err(|error| no_station(&error))?;
+    let lag = Lag::of(&described).for_plan(&plan);
+    let seed = args.seed.unwrap_or(1);
+    let ways = way_to_start(
+        &described,
+        arm,
+        &plan,
+        &super::prepare::scene(&args.search),
+        (args.approach_share, seed),
+    )
+    .map_err(|error| no_way(&error))?;
+    let mut station =
+        station(&described, arm, &plan, lag, &ways).map_err(|error| ExpectedError::bad_input(&error))?;
+    if let Some(before) = &tracked {
+        args.tracker.still_there(before)?;
+    }
     let folder = Folder::create(args.out.as_deref())?;
+    write_description(&folder.path, &described)?;
+    folder.write("plan.json", &plan.to_json())?;
     if !args.json {
-        say::line!(
+        console::line!(
             "plan: {} points of the flight followed, release after {:.3} s ({plan_s:.1} s of search)",
             plan.followed_points,
             plan.release_time_s
         );
     }
-    let seen = cell::run(&scenario, &mut station).map_err(|error| ExpectedError::bad_input(&error))?;
     let tolerance_m = args.tolerance.unwrap_or(BOTTLE_M);
-    let verdict = judge(&seen, station.stage(), &plan.target_m, tolerance_m);
+    let came = match &args.bus {
+        BusSpec::Rsi(spec) => {
+            outside(args, spec, &described, arm, &plan, &mut station, &folder, tolerance_m)?
+        }
+        _ => inside(args, truth, &described, &plan, &mut station, &folder, tolerance_m)?,
+    };
+    let moved_m = tracked.as_ref().map(|before| args.tracker.moved(before));
+    let verdict = &came.verdict;
     let code = exit::of_outcome(verdict.outcome).unwrap_or(exit::DRIVE);
-    let summary = summary(
-        &Results { plan: &plan, scenario: &scenario, seen: &seen, station: &station },
-        &verdict,
-        code,
-    );
-    folder.write("plan.json", &plan.to_json())?;
-    folder.write("motion.csv", &motion_csv(&seen, station.stage()))?;
+    let results = Results { plan: &plan, described: &described, came: &came, station: &station };
+    let mut summary = summary(args, &results, code);
+    if let (Some(before), Some(moved_m)) = (&tracked, moved_m) {
+        summary["target"] = before.json();
+        summary["target"]["moved_during_throw_m"] = serde_json::json!(moved_m.as_ref().ok());
+        match moved_m {
+            Ok(by_m) if by_m > 1e-3 => {
+                console::note!("the target moved by {:.1} mm during the throw", 1e3 * by_m);
+            }
+            Ok(_) => {}
+            Err(error) => console::note!("the target could not be looked at after the throw: {error}"),
+        }
+    }
+    let krc = &described.options;
+    let table = match &came.seen {
+        Some(seen) => motion::of_robot(seen),
+        None => motion::of_telegrams(&cycles(
+            &came.lines,
+            &described.config,
+            &krc.outputs_name,
+            krc.sensor_name.as_deref(),
+        )),
+    };
+    let csv = motion::csv(&table, station.stage());
+    folder.write("motion.csv", &csv)?;
     folder.write("summary.json", &format!("{summary:#}\n"))?;
+    crate::cmd::report::write_robot(&folder.path, &folder.file("report.html"))?;
     if args.json {
         print_json(&summary);
     }
     if code == exit::OK {
         if !args.json {
-            say::line!("{}", verdict.text);
-            say::line!("results in {}", folder.path.display());
+            console::line!("{}", verdict.text);
+            console::line!("results in {}", folder.path.display());
         }
         return Ok(());
     }
     let next = match verdict.outcome {
         Outcome::Missed => {
-            "compare `path_delay_s` in summary.json with the lag: identify it anew if it is not near zero"
+            "compare `path_delay_s` in summary.json with the lag: `cubectl identify --robot` measures it again"
         }
         Outcome::NotReleased => "take the ball out; check output and supply of the gripper",
         _ => "`cubectl explain CODE` tells what to do; motion.csv shows where the arm was",
@@ -90,34 +150,132 @@ pub(super) fn run(args: &Args, arm: &Arm) -> Result<(), ExpectedError> {
     Err(ExpectedError::new(code, format!("{}\n  next: {next}\n  results in {folder}", verdict.text)))
 }
 
+/// What is believed of robot and program: the description that was given; else that of the scenario with the usual lag and
+/// gripper, which the client cannot know; else the usual one.
+fn described(args: &Args, truth: Option<&KrcScenario>) -> Result<KrcScenario, ExpectedError> {
+    let tcp = matches!(&args.bus, BusSpec::Rsi(spec) if spec.tcp);
+    let usual = if tcp { "kr-c2-tcp" } else { "kr-c2" };
+    let mut described = description(Some(args.rsi.as_deref().unwrap_or(usual)))?;
+    if let (None, Some(truth)) = (&args.rsi, truth) {
+        let usual = described;
+        described = truth.clone();
+        described.options.lag = usual.options.lag;
+        described.options.hand.gripper = usual.options.hand.gripper;
+    }
+    described.robot = args.search.options.robot.clone();
+    Ok(described)
+}
+
+/// The robot inside this program, in virtual time.
+fn inside(
+    args: &Args,
+    truth: Option<KrcScenario>,
+    described: &KrcScenario,
+    plan: &FollowPlan,
+    station: &mut Station,
+    folder: &Folder,
+    tolerance_m: f64,
+) -> Result<Came, ExpectedError> {
+    let mut scenario = truth.unwrap_or_else(|| described.clone());
+    scenario.robot = args.search.options.robot.clone();
+    scenario.seed = args.seed.unwrap_or(scenario.seed);
+    scenario.options.hand.gripper.landing_z_m = Some(plan.target_m[2]);
+    let seen = cell::run(&scenario, station).map_err(|error| ExpectedError::bad_input(&error))?;
+    let lines = station.take_log();
+    folder.write(LOG, &to_text(&lines))?;
+    let verdict = judge(&seen, station.stage(), &plan.target_m, tolerance_m);
+    Ok(Came { verdict, seen: Some(seen), lines, exchange: None, granted: None })
+}
+
+/// A robot outside, which connects to this machine.
+#[allow(clippy::too_many_arguments, reason = "what a throw is made of, used here once")]
+fn outside(
+    args: &Args,
+    spec: &RsiSpec,
+    described: &KrcScenario,
+    arm: &Arm,
+    plan: &FollowPlan,
+    station: &mut Station,
+    folder: &Folder,
+    tolerance_m: f64,
+) -> Result<Came, ExpectedError> {
+    let asks = !args.yes && !args.json && std::io::stdin().is_terminal();
+    if asks && !ProgressView::new(args.json).may_lead(&interrupt()) {
+        return Err(ExpectedError::new(exit::INTERRUPTED, "not thrown; the robot was not waited for"));
+    }
+    let log = folder.file(LOG);
+    let mut on = |_, _: &mut Station| true;
+    let mut watch = Watch::new(args.bus.to_string(), None, args.json, &mut on).recording(&log)?;
+    let (exchange, granted) = serve_at(spec, described, station, &mut watch)?;
+    watch.finish(&log)?;
+    if watch.was_interrupted() && !station.stage().is_end() {
+        return Err(ExpectedError::new(
+            exit::INTERRUPTED,
+            "interrupted before the throw; the robot was only held",
+        ));
+    }
+    let krc = &described.options;
+    let table = cycles(&watch.lines, &described.config, &krc.outputs_name, krc.sensor_name.as_deref());
+    let gripper = (krc.hand.output_bit.unwrap_or(0), krc.hand.gripper.delay.as_secs_f64());
+    let ball = measured(arm, &table, krc.cycle.as_secs_f64(), gripper, &plan.target_m);
+    let verdict = verdict(ball, None, station.stage(), tolerance_m);
+    Ok(Came {
+        verdict,
+        seen: None,
+        lines: std::mem::take(&mut watch.lines),
+        exchange: Some(exchange),
+        granted,
+    })
+}
+
+fn no_way(error: &ApproachError) -> ExpectedError {
+    let text = error.to_string();
+    let what = text.split_once("\n").map_or(text.as_str(), |(what, _)| what);
+    ExpectedError::bad_input(&format!(
+        "{what}\n  next: let the robot's program begin at another start pose (start_deg of the description), or plan another throw"
+    ))
+}
+
 /// Options that only a CAN bus gives a meaning.
 fn refuse_options_of_a_bus(args: &Args) -> Result<(), ExpectedError> {
+    if !matches!(args.bus, BusSpec::Sim | BusSpec::Rsi(_)) {
+        return Err(ExpectedError::bad_input(&format!(
+            "--bus {} is a CAN bus; {} has a controller of its own and is led over RSI\n  next: --bus rsi:udp://0.0.0.0:49152, or \
+             leave --bus out for the robot inside this program",
+            args.bus, args.search.options.robot
+        )));
+    }
+    if matches!(args.bus, BusSpec::Rsi(_)) && args.scenario.is_some() {
+        return Err(ExpectedError::bad_input(
+            &"--scenario is for the robot inside this program\n  next: give it to `cubectl sim --rsi`, and leave it out here",
+        ));
+    }
     let given = [
-        (args.bus.to_string() != "sim", "--bus"),
         (args.controller.is_some(), "--controller"),
         (args.gains.is_some(), "--gains"),
         (args.period.is_some(), "--period"),
+        (args.web.web.is_some(), "--web"),
         (args.back, "--back"),
     ];
     match given.into_iter().find(|(given, _)| *given) {
         Some((_, option)) => Err(ExpectedError::bad_input(&format!(
-            "{option} has no meaning for a robot with a controller of its own; it is led over RSI by the robot inside this \
-             program\n  next: leave {option} out"
+            "{option} has no meaning for a robot with a controller of its own\n  next: leave {option} out"
         ))),
         None => Ok(()),
     }
 }
 
-fn no_station(error: &NoStation) -> ExpectedError {
-    ExpectedError::bad_input(error)
-}
-
 /// The plan of a file, or a new one for the lag of the robot; verified either way.
-fn plan(args: &Args, arm: &Arm, scenario: &KrcScenario, lag: Lag) -> Result<FollowPlan, ExpectedError> {
+fn plan(
+    args: &Args,
+    arm: &Arm,
+    described: &KrcScenario,
+    target_m: Option<[f64; 3]>,
+) -> Result<FollowPlan, ExpectedError> {
     let source = LimitSource::ControllerModel;
     let limits = Limits::of(arm, source);
     let fingerprint = format!("{:016x}", robot_fingerprint(arm));
-    let plan = match (&args.plan, args.target) {
+    let plan = match (&args.plan, target_m) {
         (Some(path), _) => {
             let plan = FollowPlan::read(path).map_err(|error| refused_plan(path, &error))?;
             if plan.robot.fingerprint != fingerprint {
@@ -132,17 +290,28 @@ fn plan(args: &Args, arm: &Arm, scenario: &KrcScenario, lag: Lag) -> Result<Foll
             if !target_m.iter().all(|x| x.is_finite()) {
                 return Err(ExpectedError::bad_input(&"the target needs three finite numbers"));
             }
-            let setting = Setting {
-                lag_s: lag.time_constant.as_secs_f64(),
-                period_s: scenario.options.cycle.as_secs_f64(),
-                ..Setting::new(arm, Vector3::from(target_m), limits)
+            let seed = args.seed.unwrap_or(1);
+            let (search, lag_s) = match args.search.options.form {
+                FormName::Paper => {
+                    let grid = paper_grid(arm, None);
+                    let criterion = Criterion::Points;
+                    (Search::Paper(PaperOptions { criterion, refinements: REFINEMENTS, ..grid }), 0.0)
+                }
+                FormName::Best => (
+                    Search::Best(BestOptions {
+                        starts: args.search.starts.unwrap_or(STARTS),
+                        seed,
+                        ..BestOptions::default()
+                    }),
+                    described.options.lag.time_constant.as_secs_f64(),
+                ),
             };
-            let options = BestOptions {
-                starts: args.search.starts.unwrap_or(STARTS),
-                seed: args.seed.unwrap_or(1),
-                ..BestOptions::default()
-            };
-            let found = best::plan(&setting, &options).map_err(|none| {
+            let period_s = described.options.cycle.as_secs_f64();
+            let commands = command_range(described);
+            let setting =
+                Setting { commands, lag_s, period_s, ..Setting::new(arm, Vector3::from(target_m), limits) };
+            let searching = Setting { limits: searched(&limits, args.search.options.form), ..setting };
+            let found = search.plan(&searching).map_err(|none| {
                 ExpectedError::new(
                     exit::NO_THROW,
                     format!("{none}\n  next: `cubectl plan throw --robot {}` names the nearest target with a plan", arm.name()),
@@ -153,7 +322,7 @@ fn plan(args: &Args, arm: &Arm, scenario: &KrcScenario, lag: Lag) -> Result<Foll
                 source: args.search.options.robot.clone(),
                 fingerprint,
             };
-            FollowPlan::new(&setting, source, robot, Form::Best(HandFreedom::TangentAndRoll), &found, 0.0)
+            FollowPlan::new(&setting, source, robot, search.form(), &found, 0.0)
         }
         (None, None) => return Err(ExpectedError::bad_input(&"give --target or --plan")),
     };
@@ -178,73 +347,73 @@ fn refused_plan(path: &Path, error: &impl std::fmt::Display) -> ExpectedError {
 
 struct Results<'a> {
     plan: &'a FollowPlan,
-    scenario: &'a KrcScenario,
-    seen: &'a Seen,
+    described: &'a KrcScenario,
+    came: &'a Came,
     station: &'a Station,
 }
 
-fn summary(results: &Results<'_>, verdict: &Verdict, exit_code: u8) -> serde_json::Value {
-    let Results { plan, scenario, seen, station } = results;
-    let lag = &scenario.options.lag;
-    let released = seen.released.as_ref().map(|(at, hand)| {
-        let planned = match station.stage() {
-            Stage::Finished { started_at } => Some(started_at.as_secs_f64() + plan.release_time_s),
-            _ => None,
-        };
+fn summary(args: &Args, results: &Results<'_>, exit_code: u8) -> serde_json::Value {
+    let Results { plan, described, came, station } = results;
+    let lag = Lag::of(described);
+    let started_s = match station.stage() {
+        Stage::Finished { started_at } | Stage::Running { starts_at: started_at } => {
+            Some(started_at.as_secs_f64())
+        }
+        _ => None,
+    };
+    let released = came.seen.as_ref().and_then(|seen| seen.released).map(|(at, hand)| {
         serde_json::json!({
-            "late_s": planned.map(|planned_s| at.as_secs_f64() - planned_s),
+            "late_s": started_s.map(|started_s| at.as_secs_f64() - started_s - plan.release_time_s),
             "position_m": [hand.p_m.x, hand.p_m.y, hand.p_m.z],
             "velocity_m_s": [hand.v_m_s.x, hand.v_m_s.y, hand.v_m_s.z],
         })
     });
-    serde_json::json!({
-        "format": "cubectl-robot-throw",
-        "version": 1,
-        "outcome": verdict.outcome.json_name(),
-        "text": verdict.text,
-        "exit_code": exit_code,
-        "robot": plan.robot.name,
-        "link": "RSI",
-        "time": "virtual time",
-        "seed": scenario.seed,
-        "target_m": plan.target_m,
-        "tolerance_m": verdict.tolerance_m,
-        "landing": seen.landing.as_ref().map(|landing| serde_json::json!({
+    let landing = came.seen.as_ref().and_then(|seen| {
+        let landing = seen.landing.as_ref()?;
+        Some(serde_json::json!({
             "source": "simulated ball",
             "position_m": [landing.p_m.x, landing.p_m.y, landing.p_m.z],
             "error_m": error_m(seen, &plan.target_m),
-        })),
+        }))
+    });
+    let time = match &args.bus {
+        BusSpec::Rsi(spec) if spec.lockstep => "time of the robot",
+        BusSpec::Rsi(_) => "real time",
+        _ => "virtual time",
+    };
+    let answers = came.exchange.as_ref().map(|exchange| {
+        let us = |share| exchange.answer_time_us(share);
+        serde_json::json!({
+            "own_time_us": { "count": exchange.answer_us.len(), "median": us(0.5), "p99": us(0.99), "p999": us(0.999), "max": us(1.0) },
+            "robots_heard": exchange.connections,
+            "real_time_rights": came.granted.as_ref().map(ToString::to_string),
+        })
+    });
+    serde_json::json!({
+        "format": "cubectl-robot-throw",
+        "version": 2,
+        "outcome": came.verdict.outcome.json_name(),
+        "text": came.verdict.text,
+        "exit_code": exit_code,
+        "robot": plan.robot.name,
+        "link": "RSI",
+        "bus": args.bus.to_string(),
+        "time": time,
+        "seed": args.seed,
+        "target_m": plan.target_m,
+        "tolerance_m": came.verdict.tolerance_m,
+        "landing": landing,
         "release": released,
+        "plan_started_s": started_s,
         "followed_points": plan.followed_points,
         "lag": { "dead_time_s": lag.dead_time.as_secs_f64(), "time_constant_s": lag.time_constant.as_secs_f64() },
+        "gripper_delay_s": described.options.hand.gripper.delay.as_secs_f64(),
         "path_delay_s": station.path_delay_s(),
         "answers": station.counts().answers,
-        "late_answers": seen.late,
-        "refused_answers": seen.refused,
-        "robot_fault": seen.fault.as_ref().map(ToString::to_string),
+        "late_answers": came.seen.as_ref().map(|seen| seen.late),
+        "refused_answers": came.seen.as_ref().map(|seen| seen.refused),
+        "answer_times": answers,
+        "robot_fault": came.seen.as_ref().and_then(|seen| seen.fault).map(|fault| fault.to_string()),
         "command_line": std::env::args().collect::<Vec<_>>().join(" "),
     })
-}
-
-/// Set and actual axes of every cycle; time from the start of the plan.
-fn motion_csv(seen: &Seen, stage: &Stage) -> String {
-    let start_s = match stage {
-        Stage::Finished { started_at } | Stage::Running { starts_at: started_at } => started_at.as_secs_f64(),
-        _ => 0.0,
-    };
-    let mut text = String::from("t_s,ipoc");
-    for kind in ["set", "actual"] {
-        for axis in 1..=6 {
-            let _ = write!(text, ",{kind}_a{axis}_deg");
-        }
-    }
-    text.push_str(",outputs,late\n");
-    for cycle in &seen.cycles {
-        let _ = write!(text, "{:.6},{}", cycle.at.as_secs_f64() - start_s, cycle.ipoc);
-        for q_deg in cycle.set_deg.iter().chain(&cycle.actual_deg) {
-            let _ = write!(text, ",{q_deg:.6}");
-        }
-        let _ = writeln!(text, ",{},{}", cycle.outputs, cycle.late);
-    }
-    text
 }

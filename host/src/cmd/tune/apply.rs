@@ -59,9 +59,7 @@ pub(super) trait Registers {
 
 /// Registers of a controller on a bus.
 pub(super) struct OnBus<'a> {
-    /// The bus.
     pub(super) session: &'a mut Session,
-    /// The controller.
     pub(super) node: NodeId,
 }
 
@@ -183,10 +181,7 @@ pub(super) enum ApplyError {
     Untouched(String),
     /// Writing or reading back failed; the gains from before are in force again, as read back.
     #[error("{cause}; the gains from before are in force again")]
-    RolledBack {
-        /// What happened.
-        cause: String,
-    },
+    RolledBack { cause: String },
     /// As before, and the way back failed too.
     #[error(
         "{cause}; rolling back failed as well: {second}\n  registers: {held}\n  next: do not arm; `cubectl tune --rollback` with \
@@ -208,7 +203,6 @@ struct Broken {
     done: Vec<&'static str>,
     /// Register at which it ended; what it holds is not known.
     at: &'static str,
-    /// Why.
     cause: String,
 }
 
@@ -233,7 +227,7 @@ impl InForce {
     /// Reads them.
     ///
     /// # Errors
-    /// In words.
+    /// As text.
     pub(super) fn read<T: Registers>(target: &mut T) -> Result<Self, String> {
         let mut rows: Vec<Vec<f32>> = Vec::new();
         for name in GAINS {

@@ -25,7 +25,7 @@ use planner::plan::file::PlanFile;
 use trial::built_in;
 use tuner::gains::design::{Design, Tuned, tune};
 use tuner::gains::gains_file::{FORMAT, GainsFile, GainsFileError};
-use tuner::gains::machine::{Demand, Machine, MachineError, Motion, inputs, usual_jitter};
+use tuner::gains::machine::{Demand, Machine, MachineError, ReferenceProfile, inputs, usual_jitter};
 use tuner::gains::picture;
 use tuner::gains::trial::TrialMotion;
 use tuner::model::Estimator;
@@ -65,7 +65,7 @@ impl std::str::FromStr for Joints {
 /// Arguments of `cubectl tune`.
 #[derive(Clone, Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl tune --plan throw.json --out gains.toml --pictures .\n  cubectl tune --period 0.017 --joint 2 --design paper\n  cubectl tune --plan throw.json --apply --bus can0\n  cubectl tune --rollback gains-before.toml --bus can0\n\n--apply keeps the gains from before in --backup; the controller takes gains only while nothing moves\nand nothing is armed."
+    after_help = "Examples:\n  cubectl tune --plan throw.json --out gains.toml --pictures pictures\n  cubectl tune --period 17 --joint 2 --design paper\n  cubectl tune --plan throw.json --apply --bus can0\n  cubectl tune --rollback gains-before.toml --bus can0\n\n--apply keeps the gains from before in --backup; the controller takes gains only while nothing moves\nand nothing is armed."
 )]
 pub struct Args {
     /// Bus of the controller; `--robot` names the robot model.
@@ -77,18 +77,18 @@ pub struct Args {
     /// Joint number from 1, or `all`.
     #[arg(long, default_value = "all")]
     pub joint: Joints,
-    /// Command period in s; the firmware refuses gains for another one.
-    #[arg(long, default_value_t = 0.003, value_name = "S", allow_negative_numbers = true)]
-    pub period: f64,
+    /// Command period in ms; the firmware refuses gains for another one.
+    #[arg(long = "period", default_value_t = 3.0, value_name = "MS", allow_negative_numbers = true, value_parser = milliseconds)]
+    pub period_ms: f64,
     /// Relative jitter of the period that the certificate covers [default: 2 ms, at least 0.1 and at most 0.25].
     #[arg(long, value_name = "RATIO", allow_negative_numbers = true)]
     pub jitter: Option<f64>,
-    /// Largest delay from position sample to action of the command in s [default: one period].
-    #[arg(long, value_name = "S", allow_negative_numbers = true)]
-    pub delay: Option<f64>,
-    /// Smallest delay in s [default: the largest less the jitter].
-    #[arg(long, value_name = "S", allow_negative_numbers = true)]
-    pub delay_min: Option<f64>,
+    /// Largest delay from position sample to action of the command in ms [default: one period].
+    #[arg(long = "delay", value_name = "MS", allow_negative_numbers = true, value_parser = milliseconds)]
+    pub delay_ms: Option<f64>,
+    /// Smallest delay in ms [default: the largest less the jitter].
+    #[arg(long = "delay-min", value_name = "MS", allow_negative_numbers = true, value_parser = milliseconds)]
+    pub delay_min_ms: Option<f64>,
     /// Weight of a measurement on the position error in the controller's estimator, above 0 to 1 [default: 0.6, from a
     /// period of 10 ms on 1].
     #[arg(long, value_name = "WEIGHT", allow_negative_numbers = true)]
@@ -114,7 +114,7 @@ pub struct Args {
     /// Gains file to write.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Folder for one picture per joint (SVG).
+    /// Folder for one picture per joint (SVG); made if it is not there.
     #[arg(long, value_name = "FOLDER")]
     pub pictures: Option<PathBuf>,
     /// Do not try the gains on the simulated cell.
@@ -132,6 +132,15 @@ pub struct Args {
     /// Put the gains of such a file back; nothing is designed.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["apply", "out", "pictures", "plan"])]
     pub rollback: Option<PathBuf>,
+}
+
+/// A time in ms. One that can only be meant in seconds is refused here; the rest is judged with the machine.
+fn milliseconds(text: &str) -> Result<f64, String> {
+    let ms: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if ms > 0.0 && ms < 0.1 {
+        return Err(format!("times are given in ms; {ms} s would be {}", 1e3 * ms));
+    }
+    Ok(ms)
 }
 
 /// Why `cubectl tune` stops.
@@ -203,7 +212,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     let work = Work::new(args)?;
     let tuned = work.design(args)?;
-    say::text!("{}", table(&work.machine.robot, &work.demand, &tuned));
+    console::text!("{}", table(&work.machine.robot, &work.demand, &tuned));
     let file = GainsFile {
         format: FORMAT,
         robot: work.machine.robot.clone(),
@@ -212,15 +221,16 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         joint: tuned.iter().map(Tuned::entry).collect(),
     };
     write_files(args, &file, &tuned)?;
-    let mut link = if args.apply || args.bus.bus != BusSpec::Sim { Some(Link::open(args)?) } else { None };
+    let mut link =
+        if args.apply || args.bus.bus != BusSpec::Sim { Some(ControllerOnBus::open(args)?) } else { None };
     let before = match &mut link {
         Some(link) => link.gains()?,
         None => built_in(),
     };
     if !args.no_trial {
         match trial::compare(&work.robot, &before, &file, &work.trial) {
-            Ok(text) => say::text!("{text}"),
-            Err(why) => say::line!("not tried on the simulated cell: {why}"),
+            Ok(text) => console::text!("{text}"),
+            Err(why) => console::line!("not tried on the simulated cell: {why}"),
         }
     }
     match link {
@@ -238,7 +248,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 struct Work {
     robot: AnyRobot,
     machine: Machine,
-    motion: Motion,
+    motion: ReferenceProfile,
     demand: Demand,
     trial: TrialMotion,
 }
@@ -265,18 +275,20 @@ impl Work {
                 (trial::demands(&plan), trial::of_plan(&plan))
             }
             None => {
-                let motion = Motion::with_share(&machine, args.reference_share);
+                let motion = ReferenceProfile::with_share(&machine, args.reference_share);
                 let trial = trial::of_share(&robot, args.reference_share);
                 (motion, trial)
             }
         };
-        let high = args.delay.unwrap_or(args.period);
-        let jitter = args.jitter.unwrap_or_else(|| usual_jitter(args.period));
-        let usual = Estimator::usual(args.period);
+        let period_s = 1e-3 * args.period_ms;
+        let high_s = args.delay_ms.map_or(period_s, |ms| 1e-3 * ms);
+        let jitter = args.jitter.unwrap_or_else(|| usual_jitter(period_s));
+        let low_s = args.delay_min_ms.map_or((1.0 - jitter.clamp(0.0, 0.5)) * high_s, |ms| 1e-3 * ms);
+        let usual = Estimator::usual(period_s);
         let demand = Demand {
-            period_s: args.period,
+            period_s,
             period_jitter: jitter,
-            delay_s: (args.delay_min.unwrap_or((1.0 - jitter.clamp(0.0, 0.5)) * high), high),
+            delay_s: (low_s, high_s),
             estimator: Estimator {
                 alpha: args.estimator_alpha.unwrap_or(usual.alpha),
                 beta: args.estimator_beta.unwrap_or(usual.beta),
@@ -320,27 +332,28 @@ fn write_files(args: &Args, file: &GainsFile, tuned: &[Tuned]) -> Result<(), Tun
         // What is on disk must prove, not what was in memory.
         GainsFile::from_toml(&toml, &file.robot)?;
         std::fs::write(path, toml).map_err(|cause| TuneError::Write { path: path.clone(), cause })?;
-        say::line!("wrote {} ({} joints, certificates verified)", path.display(), tuned.len());
+        console::line!("wrote {} ({} joints, certificates verified)", path.display(), tuned.len());
     }
     if let Some(folder) = &args.pictures {
+        std::fs::create_dir_all(folder).map_err(|cause| TuneError::Write { path: folder.clone(), cause })?;
         for joint in tuned {
             let number = joint.input.joint;
             let svg = picture::svg(joint).map_err(|cause| TuneError::Picture { joint: number, cause })?;
             let path = folder.join(format!("joint{number}.svg"));
             std::fs::write(&path, svg).map_err(|cause| TuneError::Write { path: path.clone(), cause })?;
-            say::line!("wrote {}", path.display());
+            console::line!("wrote {}", path.display());
         }
     }
     Ok(())
 }
 
 /// A controller on the bus.
-struct Link {
+struct ControllerOnBus {
     session: Session,
     node: NodeId,
 }
 
-impl Link {
+impl ControllerOnBus {
     fn open(args: &Args) -> Result<Self, ExpectedError> {
         let key = args.key.load()?;
         let mut session = args.bus.open_with_controller()?;
@@ -365,7 +378,7 @@ impl Link {
             ExpectedError::new(exit::OUTPUT, cause)
         })?;
         put(&mut self.registers(), before, wanted)?;
-        say::line!(
+        console::line!(
             "controller {}: gains in force and read back; from before: {} (--rollback {})",
             self.node.get(),
             backup.display(),
@@ -379,10 +392,14 @@ fn roll_back(args: &Args, path: &Path) -> Result<(), ExpectedError> {
     let text = read_text(path, DESCRIPTION_MAX_BYTES).map_err(|cause| ExpectedError::io(path, &cause))?;
     let wanted = InForce::from_toml(&text)
         .map_err(|cause| ExpectedError::bad_input(&format!("{}: {cause}", path.display())))?;
-    let mut link = Link::open(args)?;
+    let mut link = ControllerOnBus::open(args)?;
     let before = link.gains()?;
     put(&mut link.registers(), &before, &wanted)?;
-    say::line!("controller {}: the gains of {} are in force and read back", link.node.get(), path.display());
+    console::line!(
+        "controller {}: the gains of {} are in force and read back",
+        link.node.get(),
+        path.display()
+    );
     Ok(link.session.finish()?)
 }
 
@@ -453,9 +470,9 @@ mod tests {
         let table = [
             ("--period 0", "period is 0"),
             ("--period NaN", "period is not a finite number"),
-            ("--period 0.01 --delay 0.011", "longer than the period"),
+            ("--period 10 --delay 11", "longer than the period"),
             ("--delay NaN", "largest delay is not a finite number"),
-            ("--delay -0.001", "largest delay is -0.001"),
+            ("--delay -1", "largest delay is -0.001"),
             ("--reference-share 1", "--reference-share is 1"),
             ("--reference-share NaN", "--reference-share is NaN"),
             ("--joint 7", "has joints 1 to 6, not 7"),
@@ -472,7 +489,7 @@ mod tests {
             };
             assert!(message.contains(want), "{line}: {message}");
         }
-        for line in ["--joint 0", "--joint x", "--design best", "--period fast"] {
+        for line in ["--joint 0", "--joint x", "--design best", "--period fast", "--period 0.003"] {
             assert!(Cli::try_parse_from(std::iter::once("tune").chain(line.split(' '))).is_err(), "{line}");
         }
     }
@@ -482,13 +499,15 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("cubectl-tune-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let out = folder.join("gains.toml");
-        let mut args = args("--joint 1 --period 0.017 --design paper --reference-share 0.5");
-        (args.out, args.pictures) = (Some(out.clone()), Some(folder.clone()));
+        let mut args = args("--joint 1 --period 17 --design paper --reference-share 0.5");
+        // The folder for the pictures is made.
+        let pictures = folder.join("new").join("pictures");
+        (args.out, args.pictures) = (Some(out.clone()), Some(pictures.clone()));
         let text = run_files(&args).unwrap();
         assert_eq!(text.lines().filter(|l| l.trim_start().starts_with("1 ")).count(), 1, "{text}");
         let file = GainsFile::from_toml(&std::fs::read_to_string(&out).unwrap(), "powercube6").unwrap();
         assert_eq!(file.joint.len(), 1);
-        assert!(std::fs::read_to_string(folder.join("joint1.svg")).unwrap().starts_with("<svg"));
+        assert!(std::fs::read_to_string(pictures.join("joint1.svg")).unwrap().starts_with("<svg"));
         args.out = Some(folder.join("missing").join("gains.toml"));
         assert_eq!(run_files(&args).unwrap_err().code, exit::OUTPUT);
         std::fs::remove_dir_all(&folder).unwrap();
@@ -509,7 +528,7 @@ mod tests {
         run(&args).unwrap();
         // The soft controller runs at 3 ms.
         args.rollback = None;
-        (args.period, args.joint) = (0.017, Joints::All);
+        (args.period_ms, args.joint) = (17.0, Joints::All);
         let refused = run(&args).unwrap_err();
         assert!(refused.code == exit::DRIVE && refused.message.contains("3000 us"), "{refused}");
         std::fs::remove_dir_all(&folder).unwrap();

@@ -8,10 +8,10 @@ use robot_model::AnyRobot;
 
 use super::apply::InForce;
 use operator::bus::settings::crc32_of_any;
-use planner::plan::file::{JointPlan, PlanFile, Segment};
+use planner::plan::file::PlanFile;
 use tuner::gains::gains_file::{GainsFile, JointGains, certificate_gains, paper_system};
 use tuner::gains::lqr;
-use tuner::gains::machine::Motion;
+use tuner::gains::machine::ReferenceProfile;
 use tuner::gains::paper::largest_decay;
 use tuner::gains::problem::PhaseInput;
 use tuner::gains::saturated::Gains;
@@ -26,45 +26,31 @@ const HA_HB_S: (f64, f64) = (0.7, 0.5);
 /// Weights of the plain LQR: rad/s and rad/s2 that cost as much as a radian.
 const LQR_WEIGHTS: (f64, f64) = (20.0, 600.0);
 
-/// Position, velocity and acceleration of a segment, rad, rad/s, rad/s2.
-fn at(segment: &Segment, t: f64) -> [f64; 3] {
-    let c = |i: usize| segment.coefficients_rad.get(i).copied().unwrap_or(0.0);
-    let (c0, c1, c2, c3) = (c(0), c(1), c(2), c(3));
-    [((c0 * t + c1) * t + c2) * t + c3, (3.0 * c0 * t + 2.0 * c1) * t + c2, 6.0 * c0 * t + 2.0 * c1]
-}
-
 /// Largest accelerations of a plan before and after its release.
-pub(super) fn demands(plan: &PlanFile) -> Motion {
+pub(super) fn demands(plan: &PlanFile) -> ReferenceProfile {
+    let motion: planner::motion::Motion = plan.motion.to_motion();
     // The acceleration of a cubic is largest at an end.
-    let largest = |joint: &JointPlan, early: bool| {
-        let side = joint.segments.iter().filter(|s| (s.t_start_s < plan.release_time_s - 1e-9) == early);
-        side.flat_map(|s| [at(s, s.t_start_s)[2].abs(), at(s, s.t_end_s)[2].abs()]).fold(0.0, f64::max)
+    let largest = |j: usize, early: bool| {
+        let side =
+            motion.accelerations().filter(|((t_s, _), _)| (*t_s < plan.release_time_s - 1e-9) == early);
+        side.map(|((_, from), (_, to))| from[j].abs().max(to[j].abs())).fold(0.0, f64::max)
     };
-    let phases = plan.joints.iter().map(|joint| {
+    let phases = (0..plan.motion.joints.len().min(JOINTS)).map(|j| {
         vec![
-            PhaseInput { duration_s: Some(plan.release_time_s), reference_max_rad_s2: largest(joint, true) },
-            PhaseInput { duration_s: None, reference_max_rad_s2: largest(joint, false) },
+            PhaseInput { duration_s: Some(plan.release_time_s), reference_max_rad_s2: largest(j, true) },
+            PhaseInput { duration_s: None, reference_max_rad_s2: largest(j, false) },
         ]
     });
-    Motion { robot: plan.robot.name.clone(), phases: phases.collect() }
+    ReferenceProfile { robot: plan.robot.name.clone(), phases: phases.collect() }
 }
 
 /// The throw of a plan.
 pub(super) fn of_plan(plan: &PlanFile) -> TrialMotion {
-    let mut times: Vec<f64> =
-        plan.joints.iter().flat_map(|j| j.segments.iter().flat_map(|s| [s.t_start_s, s.t_end_s])).collect();
-    times.sort_by(f64::total_cmp);
-    times.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
-    let state = |joint: &JointPlan, t: f64| {
-        let segment = joint.segments.iter().find(|s| t <= s.t_end_s + 1e-9).or(joint.segments.last());
-        segment.map_or((0.0, 0.0), |s| {
-            let [q, v, _] = at(s, t);
-            (q, v)
-        })
-    };
-    let knots = times
+    let motion: planner::motion::Motion = plan.motion.to_motion();
+    let knots = motion
+        .knots
         .iter()
-        .map(|&t| (t, std::array::from_fn(|i| plan.joints.get(i).map_or((0.0, 0.0), |j| state(j, t)))));
+        .map(|knot| (knot.t_s, std::array::from_fn(|j| (knot.q_rad[j], knot.qd_rad_s[j]))));
     TrialMotion {
         knots: knots.collect(),
         release_s: Some(plan.release_time_s),
@@ -231,7 +217,7 @@ mod tests {
     fn certified_gains_hold_in_the_simulated_cell_with_the_firmware_at_either_period() {
         let robot = AnyRobot::load("powercube6").unwrap();
         let machine = Machine::from_robot(&robot).unwrap();
-        let motion = Motion::with_share(&machine, 0.5);
+        let motion = ReferenceProfile::with_share(&machine, 0.5);
         for period_s in [0.017, 0.003] {
             let data = inputs(&machine, &motion, &Demand::with_period(period_s)).unwrap();
             let joint = data.iter().map(|i| tune(i, Design::Saturated).unwrap().entry()).collect();
@@ -244,7 +230,7 @@ mod tests {
                 joint,
             };
             let text = compare(&robot, &built_in(), &file, &of_share(&robot, 0.5)).unwrap();
-            say::line!("{text}");
+            console::line!("{text}");
             let rows = rows(&built_in().with(&file, built_in().robot_crc32).unwrap()).unwrap();
             let found =
                 run(&robot, &settings(&rows, period_s, estimator), &of_share(&robot, 0.5), OFFSET_RAD, SEED)

@@ -4,10 +4,10 @@
   const slider = document.getElementById('time'), shown = document.getElementById('shown'), play = document.getElementById('play');
   const css = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const t0 = scene.steps[0].t, t1 = scene.steps[scene.steps.length - 1].t;
-  const home = {az: Math.atan2(scene.target[1], scene.target[0]) - 1.05, el: 0.3, zoom: 1};
+  const home = {az: scene.target ? Math.atan2(scene.target[1], scene.target[0]) - 1.05 : 0.6, el: 0.3, zoom: 1};
   let view = {...home}, now = t0, drag = null, running = null;
 
-  const extent = scene.hand.concat(scene.flight, [scene.target], ...[-0.25, 0.25].flatMap(x => [-0.25, 0.25].map(y => [[x, y, scene.floor], [x / 3, y / 3, scene.top]])));
+  const extent = scene.hand.concat(scene.flight, scene.target ? [scene.target] : [], scene.bounds || [], ...[-0.25, 0.25].flatMap(x => [-0.25, 0.25].map(y => [[x, y, scene.floor], [x / 3, y / 3, scene.top]])));
   const lo = [0, 1, 2].map(i => Math.min(...extent.map(p => p[i]))), hi = [0, 1, 2].map(i => Math.max(...extent.map(p => p[i])));
   const middle = lo.map((v, i) => (v + hi[i]) / 2), size = Math.hypot(...hi.map((v, i) => v - lo[i]));
 
@@ -28,7 +28,7 @@
     const zoom = view.zoom; view.zoom = 1; scale = 1; shift = [0, 0];
     const q = extent.map(project), x = q.map(p => p[0]), y = q.map(p => p[1]);
     const w = Math.max(...x) - Math.min(...x), h = Math.max(...y) - Math.min(...y);
-    scale = Math.min((width - 150) / w, (height - 70) / h);
+    scale = Math.min((width - Math.min(150, 0.3 * width)) / w, (height - 70) / h);
     shift = [scale * ((Math.max(...x) + Math.min(...x)) / 2 - width / 2), scale * ((Math.max(...y) + Math.min(...y)) / 2 - height / 2)];
     view.zoom = zoom;
   }
@@ -95,6 +95,13 @@
     const rim = Array.from({length: 40}, (_, i) => c.map((v, k) => v + scene.radius * (u[k] * Math.cos(i * Math.PI / 20) + w[k] * Math.sin(i * Math.PI / 20))));
     area(rim, css('--fly'), 0.8); line(rim.concat([rim[0]]), css('--ink'), 0.8);
   }
+  function goal(p) {
+    const tz = p[2];
+    if (scene.rim) line(scene.rim.concat([scene.rim[0]]), css('--ink'), 2);
+    else line(ring(p, 0.06, tz).concat([[p[0] + 0.06, p[1], tz]]), css('--ink'), 1.5);
+    line([[p[0] - 0.09, p[1], tz], [p[0] + 0.09, p[1], tz]], css('--ink'), 1.5);
+    line([[p[0], p[1] - 0.09, tz], [p[0], p[1] + 0.09, tz]], css('--ink'), 1.5);
+  }
   function draw() {
     const ratio = devicePixelRatio || 1; width = canvas.clientWidth; height = canvas.clientHeight;
     canvas.width = width * ratio; canvas.height = height * ratio; ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
@@ -105,11 +112,9 @@
     for (const [d, name, colour] of [[[0.3, 0, 0], 'x', '--c1'], [[0, 0.3, 0], 'y', '--c2'], [[0, 0, 0.3], 'z', '--c0']]) {
       const tip = [d[0], d[1], z + 0.002 + d[2]]; line([[0, 0, z + 0.002], tip], css(colour), 2); label(tip, name, 4, 4);
     }
-    const step = at(now), tz = scene.target[2];
+    const step = at(now);
     if (scene.ellipse) { area(scene.ellipse, css('--c2'), 0.3); line(scene.ellipse.concat([scene.ellipse[0]]), css('--c2'), 1.5); }
-    line(ring(scene.target, 0.06, tz).concat([[scene.target[0] + 0.06, scene.target[1], tz]]), css('--ink'), 1.5);
-    line([[scene.target[0] - 0.09, scene.target[1], tz], [scene.target[0] + 0.09, scene.target[1], tz]], css('--ink'), 1.5);
-    line([[scene.target[0], scene.target[1] - 0.09, tz], [scene.target[0], scene.target[1] + 0.09, tz]], css('--ink'), 1.5);
+    if (scene.target) goal(scene.target);
     area(ring(step.ball, scene.radius * 1.1, z + 0.001), '#000', 0.25);
     if (scene.planned) line(scene.planned, css('--soft'), 1.2, [4, 4]);
     line(scene.hand, css('--path'), 1.6, [5, 3]);
@@ -118,9 +123,9 @@
     if (flown.length) line(flown.concat([step.ball]), css('--fly'), 2.4);
     arm(step);
     const [there, first] = scene.names || ['target', 'release'];
-    label(scene.target, there, 12, -8); if (scene.flight.length) label(scene.flight[0], first, -52, 4);
-    shown.textContent = `t = ${now.toFixed(3)} s`;
-    slider.value = Math.round(1000 * (now - t0) / (t1 - t0));
+    if (scene.target) label(scene.target, there, 12, -8);
+    if (scene.flight.length) label(scene.flight[0], first, -52, 4);
+    if (slider) { shown.textContent = `t = ${now.toFixed(3)} s`; slider.value = Math.round(1000 * (now - t0) / (t1 - t0)); }
     window.dispatchEvent(new CustomEvent('plan-time', {detail: now}));
   }
   function stop() { cancelAnimationFrame(running); running = null; play.textContent = 'Play'; }
@@ -128,11 +133,15 @@
     if (now >= t1 - 1e-6) now = t0;
     play.textContent = 'Pause'; let last = performance.now();
     const speed = +document.getElementById('speed').value;
-    const tick = stamp => { now = Math.min(t1, now + (stamp - last) / 1000 * speed); last = stamp; draw(); now < t1 ? running = requestAnimationFrame(tick) : stop(); };
+    const tick = stamp => { now = Math.min(t1, now + Math.max(0, stamp - last) / 1000 * speed); last = stamp; draw(); now < t1 ? running = requestAnimationFrame(tick) : stop(); };
     running = requestAnimationFrame(tick);
   }
-  play.onclick = () => running ? stop() : start();
-  slider.oninput = () => { stop(); now = t0 + (t1 - t0) * slider.value / 1000; draw(); };
+  if (slider) {
+    play.onclick = () => running ? stop() : start();
+    slider.oninput = () => { stop(); now = t0 + (t1 - t0) * slider.value / 1000; draw(); };
+  }
+  // A live page has no time of a plan: it shows the step that came last.
+  addEventListener('live-step', e => { scene.steps = [e.detail]; now = e.detail.t; draw(); });
   document.getElementById('reset').onclick = () => { view = {...home}; draw(); };
   document.getElementById('top').onclick = () => { view = {az: -Math.PI / 2, el: Math.PI / 2 - 0.001, zoom: 1}; draw(); };
   canvas.onpointerdown = e => { drag = [e.clientX, e.clientY]; canvas.setPointerCapture(e.pointerId); };

@@ -5,6 +5,8 @@ use super::super::page::{Page, Tone, cell, table};
 use super::super::timeline;
 use super::RunReport;
 use operator::analysis::bus::STEP_S;
+use operator::analysis::collect::Reading;
+use operator::analysis::coverage::{Coverage, JointCoverage};
 use operator::analysis::distribution::Distribution;
 
 /// Identifiers shown of the bus.
@@ -12,7 +14,7 @@ const IDS_SHOWN: usize = 14;
 
 impl RunReport<'_> {
     pub(super) fn bus(&self, page: &mut Page) {
-        let bus = &self.analysis.bus;
+        let Some(bus) = &self.analysis.bus else { return };
         page.section(
             "Bus",
             &format!(
@@ -59,25 +61,55 @@ impl RunReport<'_> {
             .analysis
             .joints
             .iter()
-            .map(|joint| (joint.module, format!("{} (drive {})", joint.name, joint.module)))
+            .filter_map(|joint| Some((joint.module?, &joint.name)))
+            .map(|(module, name)| (module, format!("{name} (drive {module})")))
             .collect();
         let period = self.analysis.cycles.period_s.map_or(3e-3, |p| p.median).clamp(1e-3, 40e-3);
         let fault = self.analysis.fault.as_ref();
         let (middle, what) = fault.map_or((self.plan.release_time_s, "release"), |f| (f.t_s, "first fault"));
         let (from, to) = (middle - 2.0 * period, middle + 1.0 * period);
         page.html(&format!(
-            "<p></p><figure class=\"card\">{}</figure>",
+            "<p></p><figure class=\"card timeline\">{}</figure>",
             timeline::svg(&bus.slots, from, to, &lanes)
         ));
         page.note(&format!("Three control cycles about the {what}. Point at a frame to read it."));
+    }
+
+    /// Each interval and delay of the run beside the range that the gains are certified for.
+    fn certified_timing(&self, page: &mut Page, coverage: &Coverage) {
+        let certified = &coverage.certified;
+        let end = (0.0, self.plan.end_time_s);
+        let (low_s, high_s) = certified.intervals_s();
+        let curves = |limits: &[f64], scale: f64, of: &dyn Fn(&JointCoverage) -> &[Reading]| {
+            let joints = coverage.joints.iter().zip(&self.analysis.joints).enumerate();
+            let measured = joints.map(|(j, (timing, joint))| {
+                let points = of(timing).iter().map(|r| (r.t_s, r.value * scale)).collect();
+                Curve::line(joint.name.clone(), j, points)
+            });
+            measured.chain(limits.iter().map(|limit| Curve::limit(end, limit * scale))).collect()
+        };
+        let least = certified.delay_min_s / certified.period_s;
+        page.html("<p></p>");
+        page.charts(&[
+            self.time_chart(
+                "Time between two commands to a drive; red: certified",
+                "interval in ms",
+                curves(&[low_s, high_s], 1e3, &|joint| &joint.command_intervals),
+            ),
+            self.time_chart(
+                "From a measurement to the command computed from it; red: certified",
+                "share of the interval in %",
+                curves(&[least, 1.0], 1e2, &|joint| &joint.delay_shares),
+            ),
+        ]);
     }
 
     pub(super) fn timing(&self, page: &mut Page) {
         let a = self.analysis;
         page.section(
             "Timing",
-            "Cycles are the times between two motion commands to the same drive. An answer's time runs from the end of its \
-             request to its own end on the bus.",
+            "Cycles are the times between two orders to the same drive. An answer's time runs from the end of its request to \
+             its own end on the bus.",
         );
         let ms = |s: f64| format!("{:.3}", s * 1e3);
         let mut rows = Vec::new();
@@ -95,20 +127,28 @@ impl RunReport<'_> {
         };
         row("control cycle".to_owned(), a.cycles.period_s);
         row("its distance from the median".to_owned(), a.cycles.deviation_s);
-        row("answers, all drives".to_owned(), a.answers.latency_s);
-        for joint in &a.joints {
-            let of_module = a.answers.by_module.get(&joint.module).copied();
-            row(format!("answers of {} (drive {})", joint.name, joint.module), of_module);
+        if let Some(answers) = &a.answers {
+            row("answers, all drives".to_owned(), answers.latency_s);
+            for (module, name) in a.joints.iter().filter_map(|joint| Some((joint.module?, &joint.name))) {
+                let of_module = answers.by_module.get(&module).copied();
+                row(format!("answers of {name} (drive {module})"), of_module);
+            }
         }
         page.table(&["what", "number", "least ms", "median ms", "99 % ms", "largest ms"], &rows);
         match &a.coverage {
-            Some(coverage) => page.note(&coverage.sentence()),
+            Some(coverage) => {
+                self.certified_timing(page, coverage);
+                page.note(&coverage.sentence());
+            }
             None => page.note(operator::throw::summary::NOT_COMPARED),
         }
         let nominal = a.cycles.nominal_s.map_or(String::new(), |s| format!("Set period {} ms. ", ms(s)));
-        page.note(&format!(
-            "{nominal}{} requests without an answer, {} answers nobody had asked for.",
-            a.answers.unanswered, a.answers.unasked
-        ));
+        match &a.answers {
+            Some(answers) => page.note(&format!(
+                "{nominal}{} requests without an answer, {} answers nobody had asked for.",
+                answers.unanswered, answers.unasked
+            )),
+            None => page.note(&nominal),
+        }
     }
 }

@@ -4,22 +4,21 @@ use serde_json::Value;
 
 use super::super::chart::escape;
 use super::super::page::{Page, Tone, cell};
-use super::{record, repeat_rows, told_outcome, tone};
-use operator::analysis::events::Event;
+use super::{record, told_outcome, tone};
+use operator::analysis::events::RunEvent;
 use operator::log::candump::Tear;
 use operator::throw::Outcome;
 use planner::plan::file::PlanFile;
 
 /// Page of a throw that ended before the arm moved.
 pub struct EarlyReport<'a> {
-    /// The plan.
     pub plan: &'a PlanFile,
     /// `summary.json` of the throw.
     pub summary: &'a Value,
     /// Why there is no analysis.
     pub why: &'a str,
     /// Everything that happened, in time of the log.
-    pub events: &'a [Event],
+    pub events: &'a [RunEvent],
     /// Where the log was cut off.
     pub torn: Option<Tear>,
     /// Files behind the report: name, bytes, checksum.
@@ -65,12 +64,12 @@ impl EarlyReport<'_> {
         if let Some(tear) = &self.torn {
             page.note(&format!("Attention: {tear}."));
         }
-        page.section("Events", "What controller, host and drives said. Times are those of the log.");
+        page.section(
+            "Events",
+            "What controller, host and drives said. Time zero is the first frame of the log.",
+        );
         page.html(&record::events_table(self.events));
-        page.section("To repeat this run", "Seeds, versions, checksums and files.");
-        let mut rows = Vec::new();
-        repeat_rows(Some(self.summary), self.files, &mut rows);
-        page.table(&["", "value"], &rows);
+        record::repeat(&mut page, self.plan, None, Some(self.summary), self.files);
         page.finish()
     }
 }

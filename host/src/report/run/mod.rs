@@ -19,15 +19,13 @@ use operator::analysis::release::{ReleaseMotion, flight};
 use operator::analysis::tracking::{JointTracking, interpolate};
 use operator::analysis::{POSITION_BOUND_RAD, RunAnalysis, SPEED_BOUND_RAD_S};
 use operator::throw::outcome::{Outcome, default_tolerance_m};
+use planner::motion::Motion;
 use planner::plan::file::PlanFile;
 use planner::throw::{Arm, Joints};
-use planner::verify::motion;
 
 /// What a report is about.
 pub struct RunReport<'a> {
-    /// The robot.
     pub arm: &'a Arm,
-    /// The plan.
     pub plan: &'a PlanFile,
     /// What the log says.
     pub analysis: &'a RunAnalysis,
@@ -80,10 +78,11 @@ impl RunReport<'_> {
     }
 
     /// Where the ball landed, by whoever saw it.
-    fn landed(&self) -> Option<([f64; 2], String)> {
+    fn landed(&self) -> Option<([f64; 3], String)> {
         let position = self.in_summary("/landing/position_m")?.as_array()?;
         let source = self.in_summary("/landing/source").and_then(Value::as_str).unwrap_or("landed");
-        Some(([position.first()?.as_f64()?, position.get(1)?.as_f64()?], source.to_owned()))
+        let number = |i: usize| position.get(i)?.as_f64();
+        Some(([number(0)?, number(1)?, number(2)?], source.to_owned()))
     }
 
     /// The release; `None` for a run that was stopped before the gripper was told to open.
@@ -184,7 +183,7 @@ impl RunReport<'_> {
                 Tone::Plain,
             ));
         }
-        if let Some(latency) = a.answers.latency_s {
+        if let Some(latency) = a.answers.as_ref().and_then(|answers| answers.latency_s) {
             tiles.push((
                 format!("{:.0}", latency.median * 1e6),
                 "µs",
@@ -192,12 +191,14 @@ impl RunReport<'_> {
                 Tone::Plain,
             ));
         }
-        tiles.push((
-            format!("{:.0}", a.bus.utilisation * 100.0),
-            "%",
-            format!("of the bus, peak {:.0} %", a.bus.utilisation_peak * 100.0),
-            Tone::Plain,
-        ));
+        if let Some(bus) = &a.bus {
+            tiles.push((
+                format!("{:.0}", bus.utilisation * 100.0),
+                "%",
+                format!("of the bus, peak {:.0} %", bus.utilisation_peak * 100.0),
+                Tone::Plain,
+            ));
+        }
         let bad = a.counts.cycles_late + a.counts.replies_missed;
         tiles.push((
             format!("{} / {} / {}", a.counts.cycles_saturated, a.counts.cycles_late, a.counts.replies_missed),
@@ -210,18 +211,23 @@ impl RunReport<'_> {
 
     fn landing_marks(&self) -> Vec<landing::Mark> {
         let mut marks = Vec::new();
-        if let Some((xy_m, name)) = self.landed() {
+        if let Some((p, name)) = self.landed() {
+            let xy_m = self.plan.target.coordinates(p, self.plan.landing.flight_s);
             marks.push(landing::Mark { name, colour: 1, xy_m });
         }
         if let Some(p) = self.thrown().and_then(|release| release.landing_m) {
-            marks.push(landing::Mark { name: "measured motion".to_owned(), colour: 0, xy_m: [p[0], p[1]] });
+            marks.push(landing::Mark {
+                name: "measured motion".to_owned(),
+                colour: 0,
+                xy_m: self.plan.target.coordinates(p, self.plan.landing.flight_s),
+            });
         }
         marks
     }
 
     /// Measured joint angles: reference less the interpolated error, which is straighter than the angle.
     fn q_at(&self, t_s: f64) -> Joints {
-        let reference = motion::at(self.plan, t_s).q;
+        let reference = self.plan.motion.to_motion::<6>().at(t_s).q;
         Joints::from_fn(|j, _| {
             let samples = &self.analysis.joints[j].samples;
             let last = samples.last().map_or(reference[j], |s| s.q_rad);
@@ -236,25 +242,26 @@ impl RunReport<'_> {
         let p0 = thrown.map_or_else(Vector3::zeros, |release| Vector3::from(release.position_m));
         let v0 = thrown.map_or_else(Vector3::zeros, |release| Vector3::from(release.velocity_m_s));
         let model = flight(plan);
-        let landed = model.as_ref().and_then(|flight| flight.land(&p0, &v0, plan.target.position_m[2]));
+        let landed = model.as_ref().and_then(|flight| flight.meet(&p0, &v0, &plan.target.aim(), 0.0));
         let flight_s = landed.map_or(plan.landing.flight_s, |landed| landed.time_s);
         // The ball ends where it was seen to land: the difference grows with the time of flight.
         let miss = match (self.landed(), landed) {
-            (Some((xy, _)), Some(landed)) => Vector3::new(xy[0] - landed.p.x, xy[1] - landed.p.y, 0.0),
+            (Some((seen, _)), Some(landed)) => Vector3::from(seen) - landed.p,
             _ => Vector3::zeros(),
         };
         let ball_after =
             |s: f64| model.as_ref().map_or(p0, |flight| flight.fly(&p0, &v0, s).p + miss * (s / flight_s));
+        let motion: Motion = plan.motion.to_motion();
         let planned = (0..=60)
             .map(|i| {
                 let t_s = plan.end_time_s * f64::from(i) / 60.0;
-                self.arm.ball(&self.arm.fk(&motion::at(plan, t_s).q)).pos
+                self.arm.ball(&self.arm.fk(&motion.at(t_s).q)).pos
             })
             .collect();
         scene::data(
             self.arm,
             plan,
-            &scene::Motion {
+            &scene::SceneMotion {
                 q_at: &|t_s| self.q_at(t_s),
                 from_s: 0.0,
                 to_s: plan.end_time_s,
@@ -275,6 +282,7 @@ impl RunReport<'_> {
             y_label: y_label.to_owned(),
             curves,
             mark: Some((self.plan.release_time_s, "release".to_owned())),
+            fault: self.analysis.fault.as_ref().map(|fault| (fault.t_s, format!("fault {}", fault.code))),
             is_time: true,
             ..Chart::default()
         }
@@ -294,22 +302,5 @@ fn tone(outcome: Outcome) -> Tone {
         Outcome::NotObserved => Tone::Plain,
         Outcome::NotThrown => Tone::Warn,
         Outcome::Missed | Outcome::NotReleased | Outcome::Stopped => Tone::Bad,
-    }
-}
-
-/// What is needed to repeat a run, beside what its plan and log say: the leaves of its summary, and its files.
-fn repeat_rows(
-    summary: Option<&Value>,
-    files: &[(String, u64, String)],
-    rows: &mut Vec<Vec<(String, Tone)>>,
-) {
-    if let Some(summary) = summary {
-        record::flatten("", summary, rows);
-    }
-    for (name, bytes, checksum) in files {
-        rows.push(vec![
-            super::page::cell(format!("file {name}")),
-            super::page::cell(format!("{bytes} bytes, CRC-64 {checksum}")),
-        ]);
     }
 }

@@ -44,7 +44,10 @@ impl RunReport<'_> {
                     cell(at.map_or("–".to_owned(), |e| format!("{:+.digits$}", e * 1e3).replace('-', "−")))
                 };
                 vec![
-                    cell(format!("{} (drive {})", joint.name, joint.module)),
+                    cell(match joint.module {
+                        Some(module) => format!("{} (drive {module})", joint.name),
+                        None => joint.name.clone(),
+                    }),
                     cell(format!("{:.2}", q.max * 1e3)),
                     (
                         format!("{:.2}", q.max_after_transient * 1e3),
@@ -83,6 +86,7 @@ impl RunReport<'_> {
         );
         page.html("<p></p>");
         page.charts(&(0..JOINTS).map(|j| self.error_chart(j)).collect::<Vec<_>>());
+        self.control(page);
         let motions: Vec<Chart> = (0..JOINTS).flat_map(|j| self.motion_charts(j)).collect();
         page.folded("References against measurements, each joint", &motions);
     }
@@ -100,6 +104,56 @@ impl RunReport<'_> {
         chart
     }
 
+    /// What the feedback adds, beside what is left for it; acceleration and jerk of the reference.
+    fn control(&self, page: &mut Page) {
+        let joints = &self.analysis.joints;
+        if joints.iter().all(|joint| joint.controls.is_empty()) {
+            return;
+        }
+        page.section(
+            "Feedback",
+            "u: what the feedback adds to the acceleration of the reference (paper, eq. 11), as the orders to the drive amount \
+             to it. Red: what is left for it, ±v_max − q̈ of the reference (eq. 12). Where u meets the red line, the command is \
+             clipped.",
+        );
+        let charts: Vec<Chart> = joints
+            .iter()
+            .enumerate()
+            .filter(|(_, joint)| !joint.controls.is_empty())
+            .map(|(j, joint)| {
+                let a_max = self.arm.joints()[j].limits.a_control_max_rad_s2;
+                let bound = |side: f64| {
+                    let points = joint.controls.iter().map(|c| (c.t_s, side * a_max - c.qdd_ref_rad_s2));
+                    Curve::line("", 7, points.collect()).drawn(Pen::Limit)
+                };
+                let u = joint.controls.iter().map(|c| (c.t_s, c.u_rad_s2())).collect();
+                let mut chart = self.time_chart(
+                    &format!("{}: u, v_max {a_max:.1} rad/s²", joint.name),
+                    "u in rad/s²",
+                    vec![bound(1.0), bound(-1.0), Curve::line("", j, u)],
+                );
+                chart.small = true;
+                chart
+            })
+            .collect();
+        page.charts(&charts);
+        let motion = self.plan.motion.to_motion::<JOINTS>();
+        let times = || (0..=400).map(|i| self.plan.end_time_s * f64::from(i) / 400.0);
+        let of_reference = |title: &str, y_label: &str, value: &dyn Fn(f64, usize) -> f64| {
+            let curves = joints.iter().enumerate().map(|(j, joint)| {
+                Curve::line(joint.name.clone(), j, times().map(|t_s| (t_s, value(t_s, j))).collect())
+            });
+            self.time_chart(title, y_label, curves.collect())
+        };
+        page.html("<p></p>");
+        page.charts(&[
+            of_reference("Accelerations of the reference", "acceleration in rad/s²", &|t_s, j| {
+                motion.at(t_s).qdd[j]
+            }),
+            of_reference("Jerks of the reference", "jerk in rad/s³", &|t_s, j| motion.at(t_s).jerk[j]),
+        ]);
+    }
+
     fn motion_charts(&self, j: usize) -> [Chart; 2] {
         let joint = &self.analysis.joints[j];
         let limits = self.arm.joints()[j].limits;
@@ -110,7 +164,7 @@ impl RunReport<'_> {
             &format!("{}: position", joint.name),
             "angle in rad",
             vec![
-                Curve::line("target of the ramps", 7, target),
+                Curve::line("target of the ramps", 7, target).beside(),
                 Curve::line("reference", 6, samples().map(|s| (s.t_s, s.q_ref_rad)).collect())
                     .drawn(Pen::Dashed),
                 Curve::line("measured", j, samples().map(|s| (s.t_s, s.q_rad)).collect()),

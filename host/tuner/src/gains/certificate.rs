@@ -55,7 +55,6 @@ pub enum SaturatedRefusal {
     /// An inequality.
     #[error("certificate refused: {inequality} of phase {phase} is only proven down to {margin:.3e}")]
     NotProven {
-        /// In words.
         inequality: &'static str,
         /// Phase, from 1.
         phase: usize,
@@ -65,7 +64,6 @@ pub enum SaturatedRefusal {
     /// Certificate and problem differ in shape or bound.
     #[error("certificate refused: {what} of phase {phase} does not belong to this problem")]
     Foreign {
-        /// In words.
         what: &'static str,
         /// Phase, from 1.
         phase: usize,

@@ -4,7 +4,7 @@ use robot_model::AnyRobot;
 
 use crate::gains::design::{Design, DesignError, Tuned, tune};
 use crate::gains::gains_file::{FORMAT, GainsFile};
-use crate::gains::machine::{Demand, Machine, MachineError, Motion, inputs};
+use crate::gains::machine::{Demand, Machine, MachineError, ReferenceProfile, inputs};
 
 /// Gains of `powercube6` that come with the program, shortest period first. Each is the certified saturated design of
 /// `cubectl tune --period …` for the initial errors of the firmware's start tolerance.
@@ -70,12 +70,11 @@ pub enum NoGains {
     #[error(
         "the program has no gains for {} ms and {robot}\n  next: `cubectl tune --robot FILE --period {} --out gains.toml`, \
          then `--gains gains.toml`; or one of its periods: 3, 5, 10, 17 or 30 ms",
-        f64::from(*.period_us) * 1e-3, f64::from(*.period_us) * 1e-6
+        f64::from(*.period_us) * 1e-3, f64::from(*.period_us) * 1e-3
     )]
     Period {
         /// Asked for, µs.
         period_us: u32,
-        /// The robot.
         robot: String,
     },
     /// The robot file does not say enough.
@@ -87,12 +86,11 @@ pub enum NoGains {
     #[error(
         "no gains for {robot} at {} ms: {cause}\n  next: try the options of `cubectl tune --robot FILE --period {} --out \
          gains.toml` that the cause names, then `--gains gains.toml`",
-        f64::from(*.period_us) * 1e-3, f64::from(*.period_us) * 1e-6
+        f64::from(*.period_us) * 1e-3, f64::from(*.period_us) * 1e-3
     )]
     Design {
         /// Period, µs.
         period_us: u32,
-        /// The robot.
         robot: String,
         /// Binding condition.
         cause: Box<DesignError>,
@@ -120,7 +118,7 @@ pub fn gains_for(robot: &AnyRobot, period_us: u32) -> Result<(GainsFile, GainsFr
         error_velocity_rad_s: INITIAL_ERROR,
         ..Demand::with_period(period_s)
     };
-    let all = inputs(&machine, &Motion::with_share(&machine, REFERENCE_SHARE), &demand)?;
+    let all = inputs(&machine, &ReferenceProfile::with_share(&machine, REFERENCE_SHARE), &demand)?;
     let mut joint = Vec::new();
     for input in &all {
         let tuned = tune(input, Design::Saturated).map_err(|cause| NoGains::Design {

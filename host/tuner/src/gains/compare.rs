@@ -1,6 +1,6 @@
 //! Designs side by side on a plant with everything the design leaves out, following a motion.
 
-use super::plant::{Law, Plant, Reference, Setup, track};
+use super::plant::{FeedForwardLaw, Plant, Reference, Setup, track};
 use super::saturated::Gains;
 use crate::model::Estimator;
 
@@ -33,7 +33,7 @@ pub fn tracking(
 ) -> Tracking {
     let run = |start_error_rad: f64| {
         let estimator = Estimator::usual(period_s);
-        let setup = Setup { period_s, delay_s, law: Law::Aligned, estimator, start_error_rad };
+        let setup = Setup { period_s, delay_s, law: FeedForwardLaw::Aligned, estimator, start_error_rad };
         track(plant, reference, gains, &setup)
     };
     let mut worst = Tracking {

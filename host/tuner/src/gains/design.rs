@@ -9,7 +9,6 @@ use super::paper::{PaperCertificate, PaperMargins, PaperRefusal, largest_decay};
 use super::problem::{JointInput, Problem, ProblemError};
 use super::saturated::{self, Gains, SaturatedError};
 
-/// Which design.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Design {
     /// Theorem 1 of the paper: continuous time, never saturates.

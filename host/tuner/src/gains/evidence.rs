@@ -67,7 +67,7 @@ pub struct Evidence {
     pub saturated_share: f64,
 }
 
-/// Of so many boundary states one is run to rest.
+/// Of this many boundary states one is run to rest.
 const RUN: usize = 20;
 /// Points of half the boundary of the initial set from which the loop is run; the other half is its mirror image.
 const STARTS: usize = 16;
@@ -92,7 +92,7 @@ impl Samples {
 }
 
 /// Samples `states` states on the boundary of the first region and runs one in `RUN` to rest, with
-/// period, delay and the momentary bound (u_max to the full acceleration) drawn anew in each step.
+/// period, delay and the momentary bound (u_max to the full acceleration) drawn again in each step.
 ///
 /// `None` if the ellipsoid is not positive definite (a refused certificate).
 pub fn gather(

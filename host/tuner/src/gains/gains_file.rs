@@ -13,7 +13,6 @@ use serde::{Deserialize, Serialize};
 /// Version this program writes and reads.
 pub const FORMAT: u32 = 2;
 
-/// The file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GainsFile {
@@ -129,7 +128,6 @@ pub enum GainsFileError {
     OtherRobot {
         /// As in the file.
         found: String,
-        /// Wanted.
         expected: String,
     },
     /// The robot has this name, but its file says something else than the one the gains were designed for.
@@ -168,7 +166,6 @@ pub enum GainsFileError {
         what: &'static str,
         /// As in the file.
         found: usize,
-        /// Needed.
         expected: usize,
     },
     /// The problem itself is refused.

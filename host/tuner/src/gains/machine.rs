@@ -1,4 +1,4 @@
-//! Problem data from a robot model and, where there is one, the motion it shall follow.
+//! Problem data from a robot model and, where there is one, the motion it follows.
 
 use super::plant::Plant;
 use super::problem::{JointInput, PhaseInput};
@@ -19,10 +19,7 @@ pub struct Machine {
 pub enum MachineError {
     /// The robot file describes no position loop.
     #[error("robot {robot} has no [drive_loop]; add natural frequency, damping and resolution of its drives")]
-    NoDriveLoop {
-        /// Robot.
-        robot: String,
-    },
+    NoDriveLoop { robot: String },
     /// A plan for another machine.
     #[error(
         "the plan is for robot {plan}, the gains are for {robot}; plan again for {robot} or pass --robot {plan}"
@@ -38,7 +35,6 @@ pub enum MachineError {
     OtherJoints {
         /// Joints in the plan.
         plan: usize,
-        /// Robot.
         robot: String,
         /// Joints of the robot.
         joints: usize,
@@ -80,14 +76,14 @@ impl Machine {
 ///
 /// The planner's file has its own form; whatever follows a plan fills this in.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Motion {
+pub struct ReferenceProfile {
     /// Robot the motion was planned for.
     pub robot: String,
     /// Per joint, per stretch; the last stretch of each has no duration.
     pub phases: Vec<Vec<PhaseInput>>,
 }
 
-impl Motion {
+impl ReferenceProfile {
     /// Standing still, or any motion of which nothing is known but the share of the acceleration for
     /// control that it uses (0 <= `share` < 1).
     pub fn with_share(machine: &Machine, share: f64) -> Self {
@@ -147,7 +143,11 @@ impl Demand {
 ///
 /// # Errors
 /// [`MachineError`] if the motion is for another machine.
-pub fn inputs(machine: &Machine, motion: &Motion, demand: &Demand) -> Result<Vec<JointInput>, MachineError> {
+pub fn inputs(
+    machine: &Machine,
+    motion: &ReferenceProfile,
+    demand: &Demand,
+) -> Result<Vec<JointInput>, MachineError> {
     let robot = machine.robot.clone();
     if motion.robot != machine.robot {
         return Err(MachineError::OtherRobot { plan: motion.robot.clone(), robot });
@@ -192,7 +192,7 @@ mod tests {
     fn plan_for_another_robot_is_refused() {
         let machine = Machine::from_robot(&AnyRobot::load("powercube6").unwrap()).unwrap();
         let demand = Demand::with_period(0.017);
-        let mut motion = Motion::with_share(&machine, 0.5);
+        let mut motion = ReferenceProfile::with_share(&machine, 0.5);
         assert_eq!(inputs(&machine, &motion, &demand).unwrap().len(), 6);
         motion.phases.pop();
         assert!(matches!(inputs(&machine, &motion, &demand), Err(MachineError::OtherJoints { plan: 5, .. })));

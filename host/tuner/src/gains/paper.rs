@@ -58,7 +58,6 @@ pub struct PaperMargins {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("certificate refused: {inequality} is only proven down to {margin:.3e}")]
 pub struct PaperRefusal {
-    /// In words.
     pub inequality: &'static str,
     /// Proven bound of its smallest eigenvalue.
     pub margin: f64,

@@ -26,7 +26,6 @@ pub struct Plant {
 
 /// Position and velocity of a reference from time 0 to `duration_s`, at rest before and after.
 pub trait Reference {
-    /// Position, rad.
     fn position_rad(&self, t_s: f64) -> f64;
     /// Velocity, rad/s.
     fn velocity_rad_s(&self, t_s: f64) -> f64;
@@ -77,7 +76,7 @@ impl Reference for Throw {
 
 /// How the controller computes its feed-forward and its velocity error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Law {
+pub enum FeedForwardLaw {
     /// Mean reference acceleration over the interval in which the command acts, shifted by the drive
     /// lag; the firmware's own estimator, feedback and clip.
     Aligned,
@@ -92,9 +91,8 @@ pub struct Setup {
     pub period_s: f64,
     /// Sample to action, s.
     pub delay_s: f64,
-    /// Feed-forward.
-    pub law: Law,
-    /// Weights of the estimator ([`Law::Aligned`]).
+    pub law: FeedForwardLaw,
+    /// Weights of the estimator ([`FeedForwardLaw::Aligned`]).
     pub estimator: Estimator,
     /// Initial position error, rad.
     pub start_error_rad: f64,
@@ -167,17 +165,19 @@ pub fn track(plant: &Plant, reference: &impl Reference, gains: [f32; 3], setup: 
             let e = round(y) - reference.position_rad(t);
             estimator.update(e as f32, setup.period_s as f32, u_before, setup.period_s as f32, weights);
             let (e_rad, de_rad_s) = match setup.law {
-                Law::Aligned => (estimator.e_rad(), estimator.de_rad_s()),
-                Law::Naive => (e as f32, (dy - reference.velocity_rad_s(t)) as f32),
+                FeedForwardLaw::Aligned => (estimator.e_rad(), estimator.de_rad_s()),
+                FeedForwardLaw::Naive => (e as f32, (dy - reference.velocity_rad_s(t)) as f32),
             };
             let feed_forward = match setup.law {
-                Law::Aligned => {
+                FeedForwardLaw::Aligned => {
                     let from = t + setup.delay_s + lag;
                     let gained =
                         reference.velocity_rad_s(from + setup.period_s) - reference.velocity_rad_s(from);
                     gained / setup.period_s
                 }
-                Law::Naive => (reference.velocity_rad_s(t + 1e-4) - reference.velocity_rad_s(t)) / 1e-4,
+                FeedForwardLaw::Naive => {
+                    (reference.velocity_rad_s(t + 1e-4) - reference.velocity_rad_s(t)) / 1e-4
+                }
             };
             let wanted = gains.apply(&ErrorState { e_rad, de_rad_s, u_last_rad_s2: u_last });
             let action = clip_to_remaining(wanted, feed_forward as f32, plant.acceleration_max_rad_s2 as f32);
@@ -248,7 +248,7 @@ mod tests {
             };
             track(&PLANT, &THROW, [-417.0, -38.8, -0.6], &setup).position_max_rad(0.35)
         };
-        let (aligned, naive) = (run(Law::Aligned), run(Law::Naive));
+        let (aligned, naive) = (run(FeedForwardLaw::Aligned), run(FeedForwardLaw::Naive));
         assert!(aligned < 1.5e-3 && aligned > 1e-5, "{aligned}");
         assert!(naive > 3.0 * aligned && naive < 30e-3, "{naive}");
     }
@@ -259,7 +259,7 @@ mod tests {
         let setup = Setup {
             period_s: 0.01,
             delay_s: 0.005,
-            law: Law::Aligned,
+            law: FeedForwardLaw::Aligned,
             estimator: Estimator::PLAIN,
             start_error_rad: 1e-5,
         };

@@ -72,7 +72,6 @@ pub enum ProblemError {
         joint: usize,
         /// Name of the datum.
         what: &'static str,
-        /// Its value.
         value: f64,
     },
     /// A quantity that must not be negative.
@@ -82,7 +81,6 @@ pub enum ProblemError {
         joint: usize,
         /// Name of the datum.
         what: &'static str,
-        /// Its value.
         value: f64,
     },
     /// The delay range is reversed.
@@ -113,7 +111,7 @@ pub enum ProblemError {
     JitterTooLarge {
         /// Joint number.
         joint: usize,
-        /// As given.
+        /// The refused value.
         jitter: f64,
     },
     /// A weight of the estimator above one.
@@ -123,7 +121,6 @@ pub enum ProblemError {
         joint: usize,
         /// Name of the datum.
         what: &'static str,
-        /// Its value.
         value: f64,
     },
     /// The reference takes all of the acceleration.
@@ -268,12 +265,10 @@ impl Problem {
         self.delay
     }
 
-    /// The drive.
     pub fn drive(&self) -> DriveLag {
         self.drive
     }
 
-    /// The estimator.
     pub fn estimator(&self) -> Estimator {
         self.estimator
     }

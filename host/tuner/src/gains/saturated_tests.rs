@@ -5,7 +5,7 @@ use super::certificate::{SaturatedCertificate, SaturatedRefusal};
 use super::compare::tracking;
 use super::design::{Design, Proof, Tuned, tune};
 use super::gains_file::{FORMAT, GainsFile, GainsFileError};
-use super::plant::{Law, Plant, Setup, Throw, Track, track};
+use super::plant::{FeedForwardLaw, Plant, Setup, Throw, Track, track};
 use super::problem::tests::joint_1;
 use super::problem::{JointInput, PhaseInput, Problem};
 use super::region::{Ask, program, scaled_loop};
@@ -77,7 +77,8 @@ fn shorter_period_recovers_faster() {
 fn firmware_from_a_tenth(gains: saturated::Gains, period_s: f64, estimator: Estimator) -> Track {
     let plant = Plant { friction_rad_s2: 0.0, resolution_rad: 0.0, ..plant(&joint_2(period_s)) };
     let rest = Throw { release_rad_s: 0.0, ha_s: 0.5, hb_s: 0.5 };
-    let setup = Setup { period_s, delay_s: period_s, law: Law::Aligned, estimator, start_error_rad: 0.1 };
+    let setup =
+        Setup { period_s, delay_s: period_s, law: FeedForwardLaw::Aligned, estimator, start_error_rad: 0.1 };
     track(&plant, &rest, gains, &setup)
 }
 

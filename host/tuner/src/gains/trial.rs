@@ -5,6 +5,7 @@
 
 use firmware::Controller;
 use firmware::authority::{Peer, Seed};
+use firmware::events::PlanEvents;
 use firmware::joints::PerJoint;
 use firmware::orders::{Done, Order};
 use firmware::settings::Settings;
@@ -13,7 +14,7 @@ use firmware::state::StateKind;
 use firmware::store::{FileName, RamStorage};
 use firmware::trajectory_format::{self, FILE_LEN_MAX, Header};
 use hil_sim::bus::BusConfig;
-use hil_sim::crew::Solo;
+use hil_sim::participants::Solo;
 use hil_sim::world::{Observer, World};
 use hil_sim::{Cell, CellOptions};
 use protocol::cyphal::crc::Crc64;
@@ -41,7 +42,7 @@ pub struct TrialMotion {
     pub knots: Vec<(f64, [(f64, f64); JOINTS])>,
     /// When the gripper lets go, s.
     pub release_s: Option<f64>,
-    /// Where the ball shall land, m.
+    /// Target of the ball, m.
     pub target_m: Option<[f64; 3]>,
 }
 
@@ -73,8 +74,8 @@ impl TrialMotion {
                 Knot { t_us: us(*t_s), state }
             })
             .collect();
-        let release_us = self.release_s.map(us);
-        let header = Header { joints: JOINTS as u8, period_us, release_us, robot_crc32: 0 };
+        let events = PlanEvents::release(self.release_s.map(us));
+        let header = Header { joints: JOINTS as u8, period_us, events, ..Header::default() };
         let mut out = vec![0; FILE_LEN_MAX];
         let len = trajectory_format::encode(&header, &knots, &mut out)?;
         out.truncate(len);
@@ -82,7 +83,6 @@ impl TrialMotion {
     }
 }
 
-/// What happened.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Trial {
     /// From the order to run until the position error of each joint stays below half of the initial one, s (NaN
@@ -146,7 +146,9 @@ impl Lab {
         while self.world.now() < end {
             if self.world.now() >= self.beat {
                 self.beat = self.world.now() + Duration::from_millis(20);
-                self.world.with_crew(|crew, now| crew.1.node.host_heartbeat(now, HOST)).map_err(cell)?;
+                self.world
+                    .with_participants(|participants, now| participants.1.node.host_heartbeat(now, HOST))
+                    .map_err(cell)?;
             }
             self.world.run_until(end.min(self.beat), &mut Quiet).map_err(cell)?;
         }
@@ -154,13 +156,14 @@ impl Lab {
     }
 
     fn order(&mut self, order: Order) -> Result<Done, TrialError> {
-        let done = self.world.with_crew(|crew, now| crew.1.node.order(now, HOST, order));
+        let done =
+            self.world.with_participants(|participants, now| participants.1.node.order(now, HOST, order));
         done.map_err(|e| TrialError::Cell(e.to_string()))?
             .map_err(|refusal| TrialError::Controller(format!("refuses: {refusal:?}")))
     }
 
     fn controller(&self) -> &Controller<RamStorage> {
-        &self.world.crew().1.node
+        &self.world.participants().1.node
     }
 
     fn wait_for(&mut self, kind: StateKind, limit: Duration) -> Result<(), TrialError> {
@@ -179,7 +182,8 @@ impl Lab {
     fn start(&mut self, file: &[u8], period_us: u32) -> Result<Instant, TrialError> {
         self.wait_for(StateKind::Ready, START_UP)?;
         self.pass(Duration::from_millis(60))?;
-        let upload = self.world.with_crew(|crew, now| crew.1.node.upload(now, HOST, 0, file));
+        let upload =
+            self.world.with_participants(|participants, now| participants.1.node.upload(now, HOST, 0, file));
         upload
             .map_err(|e| TrialError::Cell(e.to_string()))?
             .map_err(|refusal| TrialError::Controller(format!("refuses the motion: {refusal:?}")))?;
@@ -234,18 +238,18 @@ pub fn run(
     loop {
         lab.pass(Duration::from_millis(1))?;
         // The plant moves on when somebody asks it; between the commands of a long period nobody does.
-        lab.world.with_crew(|_, _| ()).map_err(|e| cell(&e))?;
-        let t_s = lab.world.crew().0.grid().as_secs_f64() - start.as_secs_f64();
+        lab.world.with_participants(|_, _| ()).map_err(|e| cell(&e))?;
+        let t_s = lab.world.participants().0.grid().as_secs_f64() - start.as_secs_f64();
         if t_s > end_s {
             break;
         }
         if lab.controller().state().kind() != StateKind::Running {
             return Err(TrialError::Controller(format!("stops: {:?}", lab.controller().state().kind())));
         }
-        observe(&lab.world.crew().0, motion, (t_s, lead_s), offset_rad, &mut trial);
+        observe(&lab.world.participants().0, motion, (t_s, lead_s), offset_rad, &mut trial);
     }
     lab.pass(FLIGHT)?;
-    let landing = lab.world.crew().0.throw().landing;
+    let landing = lab.world.participants().0.throw().landing;
     trial.landing_m = motion
         .target_m
         .zip(landing)

@@ -3,7 +3,7 @@
 //! Both experiments are regressed with signs, I = K x + I_c d + I_0, where d is the direction of the
 //! motion: then Coulomb friction (I_c) and the offset of the current sensor (I_0) do not end up in K.
 
-use super::regression::{Estimate, Fit, Refusal, fit};
+use super::regression::{Estimate, Fit, RegressionError, fit};
 use nalgebra::{DMatrix, DVector};
 
 /// Mean current at a steady speed without load.
@@ -49,9 +49,13 @@ const RELATIVE_HALF_WIDTH_MAX: f64 = 0.25;
 /// `speed_max_rad_s`: what the joint can do; the samples must reach from a third to two thirds of it.
 ///
 /// # Errors
-/// [`Refusal`]: too few samples, one direction only, too small a range of speeds (a blocked joint
+/// [`RegressionError`]: too few samples, one direction only, too small a range of speeds (a blocked joint
 /// has none), a poor fit or an interval too wide to use.
-pub fn k_b(samples: &[SpeedSample], speed_max_rad_s: f64, level: f64) -> Result<CurrentConstant, Refusal> {
+pub fn k_b(
+    samples: &[SpeedSample],
+    speed_max_rad_s: f64,
+    level: f64,
+) -> Result<CurrentConstant, RegressionError> {
     let speeds = || samples.iter().map(|s| s.speed_rad_s);
     check_finite(samples.iter().map(|s| s.speed_rad_s + s.current_a))?;
     let fastest = speeds().map(f64::abs).fold(0.0, f64::max);
@@ -59,7 +63,7 @@ pub fn k_b(samples: &[SpeedSample], speed_max_rad_s: f64, level: f64) -> Result<
     if fastest < needed {
         let advice =
             "run up to at least two thirds of the top speed; a joint that does not move is blocked or braked";
-        return Err(Refusal::Range { what: "speed (rad/s)", found: fastest, needed, advice });
+        return Err(RegressionError::Range { what: "speed (rad/s)", found: fastest, needed, advice });
     }
     for sign in [1.0, -1.0] {
         let side: Vec<f64> = speeds().map(|v| sign * v).filter(|v| *v > 0.0).collect();
@@ -69,7 +73,7 @@ pub fn k_b(samples: &[SpeedSample], speed_max_rad_s: f64, level: f64) -> Result<
         let needed = speed_max_rad_s / 3.0;
         if spread < needed {
             let advice = "take several speeds in each direction: one cannot tell friction from K_B";
-            return Err(Refusal::Range {
+            return Err(RegressionError::Range {
                 what: "speeds of one direction (rad/s)",
                 found: spread,
                 needed,
@@ -86,8 +90,12 @@ pub fn k_b(samples: &[SpeedSample], speed_max_rad_s: f64, level: f64) -> Result<
 /// `torque_max_nm`: largest load the arm itself can put on the joint; the samples must span a third.
 ///
 /// # Errors
-/// [`Refusal`], as [`k_b`].
-pub fn k_m(samples: &[HoldSample], torque_max_nm: f64, level: f64) -> Result<CurrentConstant, Refusal> {
+/// [`RegressionError`], as [`k_b`].
+pub fn k_m(
+    samples: &[HoldSample],
+    torque_max_nm: f64,
+    level: f64,
+) -> Result<CurrentConstant, RegressionError> {
     check_finite(samples.iter().map(|s| s.torque_nm + s.current_a + s.approach))?;
     let low = samples.iter().map(|s| s.torque_nm).fold(f64::INFINITY, f64::min);
     let high = samples.iter().map(|s| s.torque_nm).fold(f64::NEG_INFINITY, f64::max);
@@ -95,15 +103,15 @@ pub fn k_m(samples: &[HoldSample], torque_max_nm: f64, level: f64) -> Result<Cur
     let needed = torque_max_nm / 3.0;
     if spread < needed {
         let advice = "choose poses in which gravity loads the joint more differently";
-        return Err(Refusal::Range { what: "load torque (N m)", found: spread, needed, advice });
+        return Err(RegressionError::Range { what: "load torque (N m)", found: spread, needed, advice });
     }
     let rows: Vec<[f64; 3]> = samples.iter().map(|s| [s.torque_nm, s.approach.signum(), 1.0]).collect();
     conclude("K_M", &rows, samples.iter().map(|s| s.current_a), level)
 }
 
-fn check_finite(sums: impl Iterator<Item = f64>) -> Result<(), Refusal> {
+fn check_finite(sums: impl Iterator<Item = f64>) -> Result<(), RegressionError> {
     match sums.enumerate().find(|(_, s)| !s.is_finite()) {
-        Some((index, _)) => Err(Refusal::NotFinite { index }),
+        Some((index, _)) => Err(RegressionError::NotFinite { index }),
         None => Ok(()),
     }
 }
@@ -113,18 +121,18 @@ fn conclude(
     rows: &[[f64; 3]],
     currents: impl Iterator<Item = f64>,
     level: f64,
-) -> Result<CurrentConstant, Refusal> {
+) -> Result<CurrentConstant, RegressionError> {
     let x = DMatrix::from_fn(rows.len(), 3, |i, j| rows[i][j]);
     let y = DVector::from_iterator(rows.len(), currents);
     let fit = fit(&x, &y, level, "take samples in both directions and with different speeds or loads")?;
     if fit.r_squared < R_SQUARED_MIN {
         let advice = "look for a rubbing cable, a load that was not expected, or a current that is cut off";
-        return Err(Refusal::PoorFit { r_squared: fit.r_squared, needed: R_SQUARED_MIN, advice });
+        return Err(RegressionError::PoorFit { r_squared: fit.r_squared, needed: R_SQUARED_MIN, advice });
     }
     let [k, friction_a, offset_a] = [fit.estimates[0], fit.estimates[1], fit.estimates[2]];
     if !(k.value > 0.0 && k.half_width < RELATIVE_HALF_WIDTH_MAX * k.value) {
         let advice = "take more samples or average longer";
-        return Err(Refusal::Uncertain { what, value: k.value, half_width: k.half_width, advice });
+        return Err(RegressionError::Uncertain { what, value: k.value, half_width: k.half_width, advice });
     }
     Ok(CurrentConstant { k, friction_a, offset_a, fit })
 }
@@ -200,22 +208,25 @@ mod tests {
         // Blocked: full current, no speed.
         let blocked: Vec<_> =
             (0..12).map(|i| SpeedSample { speed_rad_s: 1e-4, current_a: 0.5 * f64::from(i) }).collect();
-        assert!(matches!(k_b(&blocked, 2.6, 0.95), Err(Refusal::Range { what: "speed (rad/s)", .. })));
+        assert!(matches!(
+            k_b(&blocked, 2.6, 0.95),
+            Err(RegressionError::Range { what: "speed (rad/s)", .. })
+        ));
         let one_way: Vec<_> = speeds(2.9, 2.6, 0.0, 1).into_iter().filter(|s| s.speed_rad_s > 0.0).collect();
-        assert!(matches!(k_b(&one_way, 2.6, 0.95), Err(Refusal::Range { .. })));
+        assert!(matches!(k_b(&one_way, 2.6, 0.95), Err(RegressionError::Range { .. })));
         let noisy = speeds(2.9116, 2.6, 6.0, 3);
-        assert!(matches!(k_b(&noisy, 2.6, 0.95), Err(Refusal::PoorFit { .. })));
+        assert!(matches!(k_b(&noisy, 2.6, 0.95), Err(RegressionError::PoorFit { .. })));
         let mut lost = speeds(2.9116, 2.6, 0.0, 1);
         lost[3].current_a = f64::NAN;
-        assert_eq!(k_b(&lost, 2.6, 0.95), Err(Refusal::NotFinite { index: 3 }));
-        assert!(matches!(k_b(&[], 2.6, 0.95), Err(Refusal::Range { .. })));
+        assert_eq!(k_b(&lost, 2.6, 0.95), Err(RegressionError::NotFinite { index: 3 }));
+        assert!(matches!(k_b(&[], 2.6, 0.95), Err(RegressionError::Range { .. })));
         let narrow: Vec<_> = holds(0.14, 30.0, 0.0, 1).into_iter().filter(|s| s.torque_nm > 20.0).collect();
-        assert!(matches!(k_m(&narrow, 30.0, 0.95), Err(Refusal::Range { .. })));
+        assert!(matches!(k_m(&narrow, 30.0, 0.95), Err(RegressionError::Range { .. })));
         // Approached from one side only: friction and offset are the same column.
         let one_side: Vec<_> =
             holds(0.14, 30.0, 0.0, 1).into_iter().map(|s| HoldSample { approach: 1.0, ..s }).collect();
-        assert!(matches!(k_m(&one_side, 30.0, 0.95), Err(Refusal::Rank { .. })));
+        assert!(matches!(k_m(&one_side, 30.0, 0.95), Err(RegressionError::Rank { .. })));
         let backwards: Vec<_> = speeds(-2.9116, 2.6, 0.0, 1);
-        assert!(matches!(k_b(&backwards, 2.6, 0.95), Err(Refusal::Uncertain { .. })));
+        assert!(matches!(k_b(&backwards, 2.6, 0.95), Err(RegressionError::Uncertain { .. })));
     }
 }

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use super::current::{CurrentConstant, HoldSample, k_b, k_m};
 use super::lag::{DriveAnswer, identify};
-use super::regression::{Estimate, Refusal};
+use super::regression::{Estimate, RegressionError};
 use super::samples::{HOLD_READINGS, Speeds, Steps};
 use crate::model::DriveLag;
 
@@ -22,13 +22,11 @@ fn is_sharp(answer: &DriveAnswer) -> bool {
 /// The joint and what its robot file says.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Subject {
-    /// Robot.
     pub robot: String,
     /// Bus on which was measured.
     pub bus: String,
     /// Joint number from 1.
     pub joint: usize,
-    /// Its name.
     pub name: String,
     /// Module type.
     pub module: String,
@@ -45,9 +43,7 @@ pub struct Subject {
 /// Holding currents, or why there are none.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Holds {
-    /// Measured.
     Measured {
-        /// The samples.
         samples: Vec<HoldSample>,
         /// Largest load that the arm can put on the joint, N m.
         largest_nm: f64,
@@ -100,11 +96,9 @@ fn percent(share: f64) -> f64 {
 pub struct AnswerTime {
     /// Smallest.
     pub min_s: f64,
-    /// Mean.
     pub mean_s: f64,
     /// Largest.
     pub max_s: f64,
-    /// Answers.
     pub count: usize,
 }
 
@@ -118,11 +112,11 @@ pub struct Findings {
     /// From what.
     pub measured: Measured,
     /// K_B, A s/rad.
-    pub k_b: Result<CurrentConstant, Refusal>,
+    pub k_b: Result<CurrentConstant, RegressionError>,
     /// K_M, A/(N m); `None` where the arm cannot load the joint.
-    pub k_m: Option<Result<CurrentConstant, Refusal>>,
+    pub k_m: Option<Result<CurrentConstant, RegressionError>>,
     /// Position loop.
-    pub answer: Result<DriveAnswer, Refusal>,
+    pub answer: Result<DriveAnswer, RegressionError>,
     /// Answer delay; `None` without answers.
     pub answer_time: Option<AnswerTime>,
 }
@@ -182,7 +176,7 @@ impl Findings {
     /// Everything that was to be concluded and was not.
     pub fn refusals(&self) -> Vec<String> {
         let mut list = Vec::new();
-        let mut add = |what: &str, refusal: Option<&Refusal>| {
+        let mut add = |what: &str, refusal: Option<&RegressionError>| {
             list.extend(refusal.map(|refusal| format!("{what}: {refusal}")));
         };
         add("K_B", self.k_b.as_ref().err());

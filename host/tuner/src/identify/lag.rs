@@ -4,7 +4,7 @@
 //! y(t) = g(t - delay; wn, zeta) with g the answer of wn^2 / (s^2 + 2 zeta wn s + wn^2) to a t^2 / 2.
 //! Delay, wn and zeta are found by damped Gauss-Newton steps on the squared error.
 
-use super::regression::{Estimate, Refusal};
+use super::regression::{Estimate, RegressionError};
 use super::student::two_sided;
 use crate::model::DriveLag;
 use nalgebra::{Matrix3, Vector3};
@@ -66,26 +66,26 @@ fn model(p: &Vector3<f64>, acceleration_rad_s2: f64, t_s: f64) -> f64 {
 /// Estimates delay, natural frequency and damping, starting from `guess` (delay s, drive).
 ///
 /// # Errors
-/// [`Refusal`]: too few samples, no motion, parameters that the samples do not determine, or
+/// [`RegressionError`]: too few samples, no motion, parameters that the samples do not determine, or
 /// residuals that the model does not explain.
 pub fn identify(
     samples: &[StepSample],
     acceleration_rad_s2: f64,
     guess: (f64, DriveLag),
     level: f64,
-) -> Result<DriveAnswer, Refusal> {
+) -> Result<DriveAnswer, RegressionError> {
     if samples.len() < SAMPLES_MIN {
-        return Err(Refusal::TooFew { found: samples.len(), unknowns: 3, needed: SAMPLES_MIN });
+        return Err(RegressionError::TooFew { found: samples.len(), unknowns: 3, needed: SAMPLES_MIN });
     }
     if let Some(index) = samples.iter().position(|s| !(s.t_s + s.position_rad).is_finite()) {
-        return Err(Refusal::NotFinite { index });
+        return Err(RegressionError::NotFinite { index });
     }
     let last = samples.iter().map(|s| s.t_s).fold(0.0, f64::max);
     let moved = samples.iter().map(|s| s.position_rad.abs()).fold(0.0, f64::max);
     let needed = 0.25 * acceleration_rad_s2.abs() * (0.5 * last).powi(2);
     if moved < needed || needed == 0.0 {
         let advice = "the joint hardly moved: blocked, braked or not armed";
-        return Err(Refusal::Range { what: "position (rad)", found: moved, needed, advice });
+        return Err(RegressionError::Range { what: "position (rad)", found: moved, needed, advice });
     }
     let cost = |p: &Vector3<f64>| -> f64 {
         samples.iter().map(|s| (s.position_rad - model(p, acceleration_rad_s2, s.t_s)).powi(2)).sum()
@@ -145,10 +145,10 @@ fn conclude(
     cost: f64,
     normal: &Matrix3<f64>,
     level: f64,
-) -> Result<DriveAnswer, Refusal> {
+) -> Result<DriveAnswer, RegressionError> {
     let advice = "sample faster and longer, or use a larger acceleration";
     let Some(inverse) = normal.try_inverse() else {
-        return Err(Refusal::Rank { condition: f64::INFINITY, advice });
+        return Err(RegressionError::Rank { condition: f64::INFINITY, advice });
     };
     let dof = samples.len() - 3;
     let variance = cost / dof as f64;
@@ -157,7 +157,7 @@ fn conclude(
     let r_squared = 1.0 - cost / total;
     if r_squared.is_nan() || r_squared < 0.99 {
         let advice = "the step is not that of a second-order position loop; look for a limit or a collision";
-        return Err(Refusal::PoorFit { r_squared, needed: 0.99, advice });
+        return Err(RegressionError::PoorFit { r_squared, needed: 0.99, advice });
     }
     let t = two_sided(level, dof);
     let estimate = |gradient: Vector3<f64>, value: f64| Estimate {
@@ -171,7 +171,12 @@ fn conclude(
     });
     if wn_rad_s.half_width.is_nan() || wn_rad_s.half_width >= 0.5 * wn_rad_s.value {
         let what = "natural frequency (rad/s)";
-        return Err(Refusal::Uncertain { what, value: p[1], half_width: wn_rad_s.half_width, advice });
+        return Err(RegressionError::Uncertain {
+            what,
+            value: p[1],
+            half_width: wn_rad_s.half_width,
+            advice,
+        });
     }
     let total_lag_s =
         estimate(Vector3::new(1.0, -2.0 * p[2] / (p[1] * p[1]), 2.0 / p[1]), p[0] + 2.0 * p[2] / p[1]);
@@ -241,8 +246,11 @@ mod tests {
     #[test]
     fn blocked_joint_short_data_and_odd_motion_are_refused() {
         let blocked: Vec<_> = step(0.0, 1).iter().map(|s| StepSample { position_rad: 1e-6, ..*s }).collect();
-        assert!(matches!(identify(&blocked, 30.0, GUESS, 0.95), Err(Refusal::Range { .. })));
-        assert!(matches!(identify(&step(0.0, 1)[..10], 30.0, GUESS, 0.95), Err(Refusal::TooFew { .. })));
+        assert!(matches!(identify(&blocked, 30.0, GUESS, 0.95), Err(RegressionError::Range { .. })));
+        assert!(matches!(
+            identify(&step(0.0, 1)[..10], 30.0, GUESS, 0.95),
+            Err(RegressionError::TooFew { .. })
+        ));
         let wrong_way: Vec<_> = step(0.0, 1)
             .iter()
             .map(|s| StepSample {

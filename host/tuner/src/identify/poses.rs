@@ -40,7 +40,6 @@ pub struct Sweep {
 }
 
 impl Sweep {
-    /// Its length, rad.
     pub fn length_rad(&self) -> f64 {
         self.high_rad - self.low_rad
     }

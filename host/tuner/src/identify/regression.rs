@@ -19,7 +19,6 @@ impl Estimate {
     }
 }
 
-/// A fit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fit {
     /// One per column of X.
@@ -36,7 +35,7 @@ pub struct Fit {
 
 /// Why nothing is concluded.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum Refusal {
+pub enum RegressionError {
     /// NaN or infinity among the samples.
     #[error("sample {index} is not a finite number")]
     NotFinite {
@@ -46,11 +45,9 @@ pub enum Refusal {
     /// Not enough samples.
     #[error("{found} samples are too few for {unknowns} unknowns; take at least {needed}")]
     TooFew {
-        /// Taken.
         found: usize,
         /// To be found.
         unknowns: usize,
-        /// Wanted.
         needed: usize,
     },
     /// The unknowns cannot be told apart.
@@ -68,7 +65,6 @@ pub enum Refusal {
         what: &'static str,
         /// Covered.
         found: f64,
-        /// Needed.
         needed: f64,
         /// What to do.
         advice: &'static str,
@@ -76,9 +72,7 @@ pub enum Refusal {
     /// The model does not describe the data.
     #[error("the model explains only {r_squared:.4} of the variance ({needed:.4} needed): {advice}")]
     PoorFit {
-        /// Found.
         r_squared: f64,
-        /// Needed.
         needed: f64,
         /// What to look for.
         advice: &'static str,
@@ -108,19 +102,24 @@ const CONDITION_MAX: f64 = 1e3;
 /// `advice` is what to vary if the unknowns cannot be told apart.
 ///
 /// # Errors
-/// [`Refusal::NotFinite`], [`Refusal::TooFew`], [`Refusal::Rank`].
+/// [`RegressionError::NotFinite`], [`RegressionError::TooFew`], [`RegressionError::Rank`].
 ///
 /// # Panics
 /// If X and y have different numbers of rows.
-pub fn fit(x: &DMatrix<f64>, y: &DVector<f64>, level: f64, advice: &'static str) -> Result<Fit, Refusal> {
+pub fn fit(
+    x: &DMatrix<f64>,
+    y: &DVector<f64>,
+    level: f64,
+    advice: &'static str,
+) -> Result<Fit, RegressionError> {
     assert_eq!(x.nrows(), y.len(), "one row of X per sample");
     let (m, n) = x.shape();
     if let Some(index) = (0..m).find(|&i| !y[i].is_finite() || x.row(i).iter().any(|v| !v.is_finite())) {
-        return Err(Refusal::NotFinite { index });
+        return Err(RegressionError::NotFinite { index });
     }
     let needed = SAMPLES_PER_UNKNOWN * n;
     if m < needed {
-        return Err(Refusal::TooFew { found: m, unknowns: n, needed });
+        return Err(RegressionError::TooFew { found: m, unknowns: n, needed });
     }
     // Unit columns: the condition number is then about directions, not about units.
     let norms: Vec<f64> = (0..n).map(|j| x.column(j).norm()).collect();
@@ -129,9 +128,9 @@ pub fn fit(x: &DMatrix<f64>, y: &DVector<f64>, level: f64, advice: &'static str)
     let (largest, smallest) = (singular.max(), singular.min());
     let condition = if smallest > 0.0 { largest / smallest } else { f64::INFINITY };
     if condition.is_nan() || condition > CONDITION_MAX {
-        return Err(Refusal::Rank { condition, advice });
+        return Err(RegressionError::Rank { condition, advice });
     }
-    let rank = || Refusal::Rank { condition, advice };
+    let rank = || RegressionError::Rank { condition, advice };
     let qr = scaled.qr();
     let r = qr.r();
     let b = r.solve_upper_triangular(&(qr.q().transpose() * y)).ok_or_else(rank)?;
@@ -197,11 +196,11 @@ mod tests {
     fn poor_data_are_refused() {
         let line = |n: usize| DMatrix::from_fn(n, 2, |i, j| if j == 0 { i as f64 } else { 1.0 });
         let few = fit(&line(5), &DVector::zeros(5), 0.95, "");
-        assert!(matches!(few, Err(Refusal::TooFew { found: 5, needed: 6, .. })));
+        assert!(matches!(few, Err(RegressionError::TooFew { found: 5, needed: 6, .. })));
         let same = DMatrix::from_element(9, 2, 1.0);
-        assert!(matches!(fit(&same, &DVector::zeros(9), 0.95, "vary it"), Err(Refusal::Rank { .. })));
+        assert!(matches!(fit(&same, &DVector::zeros(9), 0.95, "vary it"), Err(RegressionError::Rank { .. })));
         let mut y = DVector::zeros(9);
         y[4] = f64::NAN;
-        assert_eq!(fit(&line(9), &y, 0.95, ""), Err(Refusal::NotFinite { index: 4 }));
+        assert_eq!(fit(&line(9), &y, 0.95, ""), Err(RegressionError::NotFinite { index: 4 }));
     }
 }

@@ -21,8 +21,9 @@ use protocol::{Duration, Frame, Instant};
 
 use crate::clock::Clock;
 use crate::error::{LinkError, OpenError, SendError};
-use crate::link::{Event, Link, LinkStats, PollSet};
-use crate::net::{host_port, resolve};
+use crate::link::{CanLink, LinkEvent, LinkStats, PollSet};
+use crate::net::resolve;
+use crate::spec::host_port;
 use crate::stream::Stream;
 use peer::{Line, Peer};
 
@@ -113,7 +114,7 @@ impl<D: Dialect> Hub<D> {
     /// Next thing that happened at the port, or `None` at the end of a turn; reads, writes, accepts and closes as
     /// needed.
     ///
-    /// An owner uses either this or [`Link::receive`], which leaves out comings and goings.
+    /// An owner uses either this or [`CanLink::receive`], which leaves out comings and goings.
     pub fn next_event(&mut self) -> Option<ServerEvent> {
         self.next_event_from(&mut |_| true)
     }
@@ -256,7 +257,7 @@ impl<D: Dialect> Hub<D> {
     }
 }
 
-impl<D: Dialect> Link for Hub<D> {
+impl<D: Dialect> CanLink for Hub<D> {
     fn name(&self) -> &str {
         &self.name
     }
@@ -270,11 +271,11 @@ impl<D: Dialect> Link for Hub<D> {
     /// # Errors
     ///
     /// Only a server without a port, at a serial line, can lose its link.
-    fn receive(&mut self) -> Result<Option<Event>, LinkError> {
+    fn receive(&mut self) -> Result<Option<LinkEvent>, LinkError> {
         loop {
             match self.next_event() {
                 Some(ServerEvent::Frame { at, frame, .. }) => {
-                    return Ok(Some(Event::Frame { at, stamp: None, frame }));
+                    return Ok(Some(LinkEvent::Frame { at, stamp: None, frame }));
                 }
                 Some(_) => {}
                 None if self.listener.is_none() && self.peers.is_empty() => {

@@ -22,7 +22,9 @@ pub struct ServerOptions {
     pub clients_max: usize,
     /// A peer that has not opened the bus this long after it connected is disconnected.
     pub handshake_max: Duration,
-    /// A peer that reads nothing for this long while output waits for it is disconnected.
+    /// A peer that reads nothing for this long while output waits for it is disconnected. By default 10 s: TCP repeats what was
+    /// lost after 0.2, 0.4, 0.8 s and so on, so a network that was away for 6 s is bridged. It costs 64 KiB for each peer,
+    /// and no other peer waits for it.
     pub stall_max: Duration,
 }
 

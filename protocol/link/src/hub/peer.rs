@@ -13,7 +13,7 @@ use crate::stream::{Chunk, Stream};
 /// Most bytes read from one peer in a turn.
 const READ_CHUNK: usize = 4096;
 
-/// Frames of one peer that wait for the owner. While there are so many, nothing more is read from the peer.
+/// Frames of one peer that wait for the owner. While there are this many, nothing more is read from the peer.
 pub(super) const INBOX_MAX: usize = 64;
 
 /// A peer and what it has said so far.

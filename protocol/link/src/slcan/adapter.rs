@@ -8,8 +8,9 @@ use protocol::{Frame, Instant};
 use crate::clock::Clock;
 use crate::error::OpenError;
 use crate::hub::{Action, Dialect, Hub, ServerOptions};
-use crate::net::{dial, host_port};
+use crate::net::dial;
 use crate::serial::{open_device, open_pty};
+use crate::spec::host_port;
 use crate::stream::Stream;
 
 /// Version of hardware and software that `V` reports.

@@ -7,8 +7,9 @@ use protocol::{Duration, Frame};
 
 use crate::clock::Clock;
 use crate::error::OpenError;
-use crate::net::{dial, host_port};
+use crate::net::dial;
 use crate::serial::open_device;
+use crate::spec::host_port;
 use crate::station::{Heard, Speech, Station};
 use crate::stream::Stream;
 

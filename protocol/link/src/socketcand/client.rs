@@ -7,8 +7,9 @@ use protocol::{Duration, Frame, Instant};
 use crate::bus_error::BusError;
 use crate::clock::Clock;
 use crate::error::OpenError;
-use crate::link::Link;
-use crate::net::{dial, host_port};
+use crate::link::CanLink;
+use crate::net::dial;
+use crate::spec::host_port;
 use crate::station::{Heard, Speech, Station};
 use crate::stream::Stream;
 
@@ -73,7 +74,7 @@ impl Client {
     /// The server runs in real time.
     pub fn in_step(mut self) -> Result<Self, OpenError> {
         self.keep_in_step();
-        let address = Link::name(&self).to_owned();
+        let address = CanLink::name(&self).to_owned();
         self.ask(Some(Command::LockStep), Step::Turns, "the first turn", &address, "in lock step")?;
         Ok(self)
     }
@@ -108,11 +109,6 @@ impl Client {
             return Err(OpenError::Protocol { address, protocol: "socketcand", found });
         }
         Ok(())
-    }
-
-    /// Words of the server's last refusal of something this client sent.
-    pub fn last_refusal(&mut self) -> Option<&str> {
-        self.speech().refusal.as_deref()
     }
 }
 

@@ -1,6 +1,6 @@
 //! What the suites of the text protocols share.
 
-use can_link::{Clock, Event, Link, wait};
+use can_link::{CanLink, Clock, LinkEvent, wait};
 use protocol::{Duration, ExtendedId, Frame, Instant, StandardId};
 
 /// Longer than anything here takes on a busy machine: only a hang reaches it.
@@ -15,20 +15,20 @@ pub(crate) fn samples() -> Vec<Frame> {
         Frame::from_array(ExtendedId::MAX, [1]),
         Frame::remote(StandardId::new(0x123).unwrap(), 4).unwrap(),
         Frame::remote(ExtendedId::new(0x123).unwrap(), 0).unwrap(),
-        // Bytes that a terminal would act upon.
+        // Bytes that a terminal would act on.
         Frame::from_array(StandardId::new(0x00D).unwrap(), [0x0D, 0x0A, 0x03, 0x04, 0x11, 0x13, 0x7F, 0x00]),
     ]
 }
 
 /// Frames that `to` has received once there are `count`, while `from` works too.
-pub(crate) fn collect(from: &mut dyn Link, to: &mut dyn Link, count: usize) -> Vec<Frame> {
+pub(crate) fn collect(from: &mut dyn CanLink, to: &mut dyn CanLink, count: usize) -> Vec<Frame> {
     let clock = Clock::start();
     let mut frames = Vec::new();
     while frames.len() < count {
         assert!(clock.now() < PATIENCE, "only {} frames", frames.len());
         while from.receive().unwrap().is_some() {}
         while let Some(event) = to.receive().unwrap() {
-            if let Event::Frame { frame, .. } = event {
+            if let LinkEvent::Frame { frame, .. } = event {
                 frames.push(frame);
             }
         }
@@ -38,7 +38,7 @@ pub(crate) fn collect(from: &mut dyn Link, to: &mut dyn Link, count: usize) -> V
 }
 
 /// Every kind of frame crosses in both directions, unchanged and in order, and nobody complains.
-pub(crate) fn assert_all_kinds_cross(server: &mut dyn Link, client: &mut dyn Link) {
+pub(crate) fn assert_all_kinds_cross(server: &mut dyn CanLink, client: &mut dyn CanLink) {
     for frame in samples() {
         server.send(&frame).unwrap();
     }

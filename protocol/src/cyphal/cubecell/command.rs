@@ -8,7 +8,7 @@
 //! | 1 | [`ARM_PREPARE`] | [`ArmPrepare`] | [`ArmOffer`] | Ready, Stopped |
 //! | 2 | [`ARM_CONFIRM`] | [`ArmConfirm`] | none | while the offer holds |
 //! | 3 | [`DISARM`] | none | none | Armed, or while an offer holds |
-//! | 4 | [`RUN`] | [`Trajectory`] | none | Armed with this trajectory |
+//! | 4 | [`RUN`] | [`Run`] | none | Armed with this trajectory |
 //! | 5 | [`STOP`] | none | none | always |
 //! | 6 | [`CLEAR_FAULT`] | [`ClearFault`] | none | Fault |
 //! | 7 | [`HOME`] | [`Home`] | none | Idle, Ready, Stopped |
@@ -18,6 +18,7 @@
 //! | 11 | [`CHALLENGE`] | none | [`Challenge`] | nothing moves, not Boot |
 //! | 12 | [`AUTHORIZE`] | [`Authorization`] | none | while the challenge holds |
 //! | 13 | [`UNLOCK`] | [`Unlock`] | none | nothing is armed or moves |
+//! | 14 | [`CLOCK`] | none | [`ClockReading`] | always |
 //!
 //! A command that is refused answers `BAD_STATE`, `BAD_PARAMETER`, `NOT_AUTHORIZED` or `FAILURE` with a [`Refusal`] as
 //! output. The standard `EMERGENCY_STOP` is treated as [`STOP`].
@@ -75,6 +76,9 @@ pub const AUTHORIZE: u16 = 12;
 /// Lets this node set limits beyond those of the robot for a while.
 pub const UNLOCK: u16 = 13;
 
+/// Asks for the time of the controller.
+pub const CLOCK: u16 = 14;
+
 /// Longest time that limits may be unlocked for, s.
 pub const UNLOCK_VALID_S_MAX: u16 = 3_600;
 /// Longest time an offer or an arming may be asked to hold, ms.
@@ -107,9 +111,9 @@ macro_rules! parameters {
 parameters! {
     /// Parameter of [`ARM_PREPARE`].
     ArmPrepare {
-        /// CRC-64/WE of the committed trajectory that shall run.
+        /// CRC-64/WE of the committed trajectory to run.
         trajectory_crc64: u64 as u64,
-        /// How long the offer shall hold, ms, 1..=[`ARMING_VALID_MS_MAX`].
+        /// How long the offer holds, ms, 1..=[`ARMING_VALID_MS_MAX`].
         valid_ms: u16 as u16,
     }
 
@@ -129,12 +133,28 @@ parameters! {
         valid_ms: u16 as u16,
     }
 
-    /// Parameter of [`RUN`] and [`COMMIT_TRAJECTORY`].
+    /// Parameter of [`COMMIT_TRAJECTORY`].
     Trajectory {
         /// CRC-64/WE of the whole file.
         trajectory_crc64: u64 as u64,
         /// Size of the file, bytes.
         length_bytes: u32 as u32,
+    }
+
+    /// Parameter of [`RUN`]. The bytes of a [`Trajectory`] are a run that starts at once.
+    Run {
+        /// CRC-64/WE of the whole file.
+        trajectory_crc64: u64 as u64,
+        /// Size of the file, bytes.
+        length_bytes: u32 as u32,
+        /// When the plan begins, in the time of the controller, µs, 56 bits; 0 = at once.
+        start_us: u64 as u56,
+    }
+
+    /// Output of [`CLOCK`].
+    ClockReading {
+        /// Time of the controller while it answered, µs, 56 bits.
+        uptime_us: u64 as u56,
     }
 
     /// Parameter of [`CLEAR_FAULT`].

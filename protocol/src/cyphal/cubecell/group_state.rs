@@ -1,4 +1,4 @@
-//! `cubecell.GroupState.1.0`: the joint group as a whole.
+//! `cubecell.GroupState.1.1`: the joint group as a whole.
 
 use core::fmt;
 
@@ -8,9 +8,9 @@ use super::super::id::SubjectId;
 /// Default subject.
 pub const SUBJECT: SubjectId = SubjectId::from_low_bits(1001);
 /// Bytes of the message known here.
-pub const EXTENT: u16 = 41;
+pub const EXTENT: u16 = 47;
 /// Full type name for the register `uavcan.pub.group_state.type`.
-pub const TYPE: &str = "cubecell.GroupState.1.0";
+pub const TYPE: &str = "cubecell.GroupState.1.1";
 
 /// State of the group; the numbers are on the wire, also as vendor status of the heartbeat.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -141,6 +141,10 @@ pub struct GroupState {
     pub trajectory_time_us: u32,
     /// Time until the arming expires, ms; 0 unless armed or offered.
     pub arming_left_ms: u16,
+    /// Time until an ordered run begins, µs; 0 = none is ordered.
+    pub start_in_us: u32,
+    /// Target states taken in this run or the last one; 0 = the trajectory is followed as committed.
+    pub targets_taken: u16,
 }
 
 impl Encode for GroupState {
@@ -176,6 +180,8 @@ impl Encode for GroupState {
         out.uint(self.trajectory_crc64, 64);
         out.u32(self.trajectory_time_us);
         out.u16(self.arming_left_ms);
+        out.u32(self.start_in_us);
+        out.u16(self.targets_taken);
     }
 }
 
@@ -221,6 +227,9 @@ impl Decode<'_> for GroupState {
             trajectory_crc64: input.uint(64),
             trajectory_time_us: input.u32(),
             arming_left_ms: input.u16(),
+            // Zeros from a controller of version 1.0.
+            start_in_us: input.u32(),
+            targets_taken: input.u16(),
         })
     }
 }

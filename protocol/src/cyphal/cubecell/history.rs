@@ -56,7 +56,7 @@ pub struct FrozenJoint {
     /// Age of the last position, µs; all bits set: none, or older.
     pub age_us: u32,
     /// Last short state of the drive.
-    pub drive_short_state: u8,
+    pub drive_state_byte: u8,
     /// Missed replies in a row; 255: that or more.
     pub missed_in_row: u8,
 }
@@ -116,7 +116,7 @@ pub mod kind {
 }
 
 /// Orders by the number in a [`TraceEntry`]. New ones are added at the end.
-pub const ORDER_NAMES: [&str; 14] = [
+pub const ORDER_NAMES: [&str; 15] = [
     "arm prepare",
     "arm confirm",
     "disarm",
@@ -131,6 +131,7 @@ pub const ORDER_NAMES: [&str; 14] = [
     "challenge",
     "authorize",
     "unlock",
+    "retarget",
 ];
 
 /// Name of an order.
@@ -192,7 +193,7 @@ impl Encode for FrozenJoint {
         }
         out.u32(self.drive_state);
         out.u32(self.age_us);
-        out.u8(self.drive_short_state);
+        out.u8(self.drive_state_byte);
         out.u8(self.missed_in_row);
         out.void(16);
     }
@@ -203,7 +204,7 @@ impl Decode<'_> for FrozenJoint {
         let [q_rad, e_rad, de_rad_s, qd_ref_rad_s, qdd_command_rad_s2, current_a] =
             [(); 6].map(|()| input.f32());
         let (drive_state, age_us) = (input.u32(), input.u32());
-        let [drive_short_state, missed_in_row] = input.array();
+        let [drive_state_byte, missed_in_row] = input.array();
         input.void(16);
         Ok(Self {
             q_rad,
@@ -214,7 +215,7 @@ impl Decode<'_> for FrozenJoint {
             current_a,
             drive_state,
             age_us,
-            drive_short_state,
+            drive_state_byte,
             missed_in_row,
         })
     }

@@ -30,8 +30,9 @@ pub struct JointSample {
     pub qdd_command_rad_s2: f32,
     /// Motor current as last read, NaN if never; binary16.
     pub current_a: f32,
-    /// Byte 6 of the drive's last extended reply.
-    pub drive_short_state: u8,
+    /// State byte of the drive as last received, in the code of its family. PowerCube: the short state, byte 6 of an extended
+    /// reply. 0 if the family has no such byte.
+    pub drive_state_byte: u8,
     /// What acted or failed in this cycle.
     pub flags: JointFlags,
 }
@@ -117,7 +118,7 @@ impl Encode for JointSample {
         {
             out.f16(value);
         }
-        out.u8(self.drive_short_state);
+        out.u8(self.drive_state_byte);
         out.u8(self.flags.0);
     }
 }
@@ -131,7 +132,7 @@ impl Decode<'_> for JointSample {
             error_qd_rad_s: input.f16(),
             qdd_command_rad_s2: input.f16(),
             current_a: input.f16(),
-            drive_short_state: input.u8(),
+            drive_state_byte: input.u8(),
             flags: JointFlags(input.u8() & JointFlags::MASK),
         })
     }

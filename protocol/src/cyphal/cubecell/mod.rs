@@ -11,6 +11,7 @@ pub mod group_state;
 pub mod history;
 pub mod joint_state;
 pub mod stop;
+pub mod target;
 
 /// Path under which the controller takes a trajectory file (`file.Write`) and gives it back.
 pub const TRAJECTORY_PATH: &[u8] = b"trajectory";

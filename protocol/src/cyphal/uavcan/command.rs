@@ -22,7 +22,7 @@ pub const VENDOR_COMMAND_MAX: u16 = 32767;
 
 /// Numbers of the standard commands.
 pub mod standard {
-    /// Start the node anew.
+    /// Start the node again.
     pub const RESTART: u16 = 65535;
     /// Switch off.
     pub const POWER_OFF: u16 = 65534;

@@ -1,4 +1,4 @@
-//! `uavcan.file.Write.1.1` and `Read.1.1`: files of a node in pieces of at most 256 bytes.
+//! `uavcan.file.Write.1.1` and `Read.1.1`: files of a node in pieces of at most 256 bytes; `List.0.2`: their names.
 //!
 //! *Writing.* Pieces in rising order, then one empty piece at the offset that is the size of the
 //! file: the server cuts the file there. *Reading.* Pieces from offset 0 on; one shorter than 256
@@ -7,6 +7,8 @@
 use super::super::bits::{Decode, DecodeError, Encode, Reader, Writer};
 use super::super::id::ServiceId;
 
+/// Fixed service of [`ListRequest`] and [`ListResponse`].
+pub const LIST: ServiceId = ServiceId::from_low_bits(406);
 /// Fixed service of [`ReadRequest`] and [`ReadResponse`].
 pub const READ: ServiceId = ServiceId::from_low_bits(408);
 /// Fixed service of [`WriteRequest`] and [`WriteResponse`].
@@ -15,6 +17,10 @@ pub const WRITE: ServiceId = ServiceId::from_low_bits(409);
 pub const PATH_LEN_MAX: usize = 255;
 /// Most bytes of a piece.
 pub const PIECE_LEN_MAX: usize = 256;
+/// Bytes of a request for a name.
+pub const LIST_REQUEST_EXTENT: u16 = 8 + 1 + PATH_LEN_MAX as u16;
+/// Bytes of its response.
+pub const LIST_RESPONSE_EXTENT: u16 = 4 + 1 + PATH_LEN_MAX as u16;
 /// Bytes of a read request.
 pub const READ_REQUEST_EXTENT: u16 = 5 + 1 + PATH_LEN_MAX as u16;
 /// Bytes of a read response.
@@ -48,6 +54,22 @@ impl FileError {
     pub const NOT_SUPPORTED: Self = Self(38);
     /// Anything else.
     pub const UNKNOWN: Self = Self(65535);
+}
+
+/// Ask for the name of a file in a folder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ListRequest<'a> {
+    /// Which file, from 0 without gaps.
+    pub index: u32,
+    /// Path of the folder; empty or `/` = the root. At most [`PATH_LEN_MAX`] bytes (the rest is not sent).
+    pub folder: &'a [u8],
+}
+
+/// Name of a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ListResponse<'a> {
+    /// Name within the folder; empty = there is no file with this index, or no such folder.
+    pub name: &'a [u8],
 }
 
 /// Ask for a piece of a file.
@@ -87,11 +109,15 @@ pub struct WriteResponse {
     pub result: Result<(), FileError>,
 }
 
-fn encode_place(offset: u64, path: &[u8], out: &mut Writer<'_>) {
-    out.uint(offset, 40);
+fn encode_path(path: &[u8], out: &mut Writer<'_>) {
     let path = path.get(..PATH_LEN_MAX).unwrap_or(path);
     out.u8(path.len() as u8);
     out.bytes(path);
+}
+
+fn encode_place(offset: u64, path: &[u8], out: &mut Writer<'_>) {
+    out.uint(offset, 40);
+    encode_path(path, out);
 }
 
 fn encode_piece(data: &[u8], out: &mut Writer<'_>) {
@@ -108,6 +134,36 @@ fn decode_result(input: &mut Reader<'_>) -> Result<(), FileError> {
     match input.u16() {
         0 => Ok(()),
         error => Err(FileError(error)),
+    }
+}
+
+impl Encode for ListRequest<'_> {
+    fn encode(&self, out: &mut Writer<'_>) {
+        out.uint(u64::from(self.index), 32);
+        out.void(32);
+        encode_path(self.folder, out);
+    }
+}
+
+impl<'a> Decode<'a> for ListRequest<'a> {
+    fn decode(input: &mut Reader<'a>) -> Result<Self, DecodeError> {
+        let index = input.uint(32) as u32;
+        let _ = input.uint(32);
+        Ok(Self { index, folder: input.byte_array(8, PATH_LEN_MAX)? })
+    }
+}
+
+impl Encode for ListResponse<'_> {
+    fn encode(&self, out: &mut Writer<'_>) {
+        out.void(32);
+        encode_path(self.name, out);
+    }
+}
+
+impl<'a> Decode<'a> for ListResponse<'a> {
+    fn decode(input: &mut Reader<'a>) -> Result<Self, DecodeError> {
+        let _ = input.uint(32);
+        Ok(Self { name: input.byte_array(8, PATH_LEN_MAX)? })
     }
 }
 

@@ -45,7 +45,7 @@ impl DayClock {
 pub enum Verdict {
     /// The first frame.
     First,
-    /// Newer; so many frames are missing between (a divisor looks the same).
+    /// Newer; this many frames are missing between (a divisor looks the same).
     New {
         /// Frame numbers that were skipped.
         skipped: u64,

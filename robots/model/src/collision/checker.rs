@@ -4,9 +4,10 @@ use std::fmt;
 
 use nalgebra::Vector3;
 
-use super::obb::{Obb, Proximity};
+use crate::boxes::{Obb, Proximity};
 use crate::kinematics::Frames;
-use crate::model::{JointVec, RobotModel};
+use crate::linalg::JointVec;
+use crate::model::RobotModel;
 use crate::pose::Pose;
 
 /// What is around the arm besides its own base and the floor, and what it holds.

@@ -4,8 +4,9 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use crate::kinematics::turned_rot;
 use crate::linalg::Cholesky;
+use crate::linalg::JointVec;
 use crate::mat3;
-use crate::model::{JointVec, LinkInertia, RobotModel};
+use crate::model::{LinkInertia, RobotModel};
 
 /// Links from one on to the hand, as if welded: mass, first moment and inertia about the origin of the first joint frame.
 #[derive(Clone, Copy)]

@@ -7,9 +7,10 @@
 
 use nalgebra::SMatrix;
 
-use super::spatial::{Coriolis, Force, Inertia, Motion};
+use super::spatial::{Coriolis, ForceVector, Inertia, MotionVector};
 use crate::kinematics::Frames;
-use crate::model::{JointVec, RobotModel};
+use crate::linalg::JointVec;
+use crate::model::RobotModel;
 
 /// Torque with its derivatives; entry `(i, j)` of a matrix is the derivative of `τ_i` by joint `j`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,18 +46,18 @@ impl<const N: usize> RobotModel<N> {
         qdd: &JointVec<N>,
     ) -> InverseDynamicsGradient<N> {
         // Notation of the source: S joint screws, Ψ̇ and Ψ̈ their rates as seen from the link before.
-        let mut s = [Motion::zero(); N];
-        let mut psi_d = [Motion::zero(); N];
-        let mut psi_dd = [Motion::zero(); N];
+        let mut s = [MotionVector::zero(); N];
+        let mut psi_d = [MotionVector::zero(); N];
+        let mut psi_dd = [MotionVector::zero(); N];
         let mut inertia = [Inertia::zero(); N];
         let mut coriolis = [Coriolis::zero(); N];
-        let mut force = [Force::zero(); N];
+        let mut force = [ForceVector::zero(); N];
 
-        let mut v = Motion::zero();
-        let mut a = Motion::zero();
+        let mut v = MotionVector::zero();
+        let mut a = MotionVector::zero();
         a.v.z = self.world.gravity_m_s2;
         for i in 0..N {
-            s[i] = Motion::joint_axis(frames, i);
+            s[i] = MotionVector::joint_axis(frames, i);
             psi_d[i] = v.cross(&s[i]);
             psi_dd[i] = a.cross(&s[i]).plus(&v.cross(&psi_d[i]), 1.0);
             v = v.plus(&s[i], qd[i]);

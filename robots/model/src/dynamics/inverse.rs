@@ -3,8 +3,9 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::kinematics::turned_rot;
+use crate::linalg::JointVec;
 use crate::mat3;
-use crate::model::{JointVec, LinkInertia, RobotModel};
+use crate::model::{LinkInertia, RobotModel};
 
 /// Force and moment about the origin of a joint frame.
 #[derive(Clone, Copy)]

@@ -12,19 +12,19 @@ use crate::pose::Pose;
 
 /// Velocity-like: angular velocity and velocity of the body point at the origin.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Motion {
+pub(super) struct MotionVector {
     pub(super) w: Vector3<f64>,
     pub(super) v: Vector3<f64>,
 }
 
 /// Force-like: moment about the origin and force.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Force {
+pub(super) struct ForceVector {
     pub(super) n: Vector3<f64>,
     pub(super) f: Vector3<f64>,
 }
 
-impl Motion {
+impl MotionVector {
     #[inline]
     pub(super) fn zero() -> Self {
         Self { w: Vector3::zeros(), v: Vector3::zeros() }
@@ -50,18 +50,21 @@ impl Motion {
 
     /// `self ×* f`.
     #[inline]
-    pub(super) fn cross_force(&self, f: &Force) -> Force {
-        Force { n: mat3::cross(&self.w, &f.n) + mat3::cross(&self.v, &f.f), f: mat3::cross(&self.w, &f.f) }
+    pub(super) fn cross_force(&self, f: &ForceVector) -> ForceVector {
+        ForceVector {
+            n: mat3::cross(&self.w, &f.n) + mat3::cross(&self.v, &f.f),
+            f: mat3::cross(&self.w, &f.f),
+        }
     }
 
     /// Power of a force along this motion.
     #[inline]
-    pub(super) fn dot(&self, f: &Force) -> f64 {
+    pub(super) fn dot(&self, f: &ForceVector) -> f64 {
         self.w.dot(&f.n) + self.v.dot(&f.f)
     }
 }
 
-impl Force {
+impl ForceVector {
     #[inline]
     pub(super) fn zero() -> Self {
         Self { n: Vector3::zeros(), f: Vector3::zeros() }
@@ -103,8 +106,8 @@ impl Inertia {
     }
 
     #[inline]
-    pub(super) fn times(&self, a: &Motion) -> Force {
-        Force {
+    pub(super) fn times(&self, a: &MotionVector) -> ForceVector {
+        ForceVector {
             n: mat3::mul_v(&self.i, &a.w) + mat3::cross(&self.h, &a.v),
             f: a.v * self.m - mat3::cross(&self.h, &a.w),
         }
@@ -128,7 +131,7 @@ impl Coriolis {
     }
 
     #[inline]
-    pub(super) fn of(inertia: &Inertia, v: &Motion) -> Self {
+    pub(super) fn of(inertia: &Inertia, v: &MotionVector) -> Self {
         let second_moment = Matrix3::identity() * (0.5 * inertia.i.trace()) - inertia.i;
         let d = Matrix3::identity() * v.v.dot(&inertia.h)
             - v.v * inertia.h.transpose()
@@ -143,13 +146,13 @@ impl Coriolis {
 
     /// `2 B m`.
     #[inline]
-    pub(super) fn twice(&self, m: &Motion) -> Force {
-        Force { n: mat3::mul_v(&self.d, &m.w) * 2.0, f: mat3::cross(&m.w, &self.p) * 2.0 }
+    pub(super) fn twice(&self, m: &MotionVector) -> ForceVector {
+        ForceVector { n: mat3::mul_v(&self.d, &m.w) * 2.0, f: mat3::cross(&m.w, &self.p) * 2.0 }
     }
 
     /// `2 Bᵀ s`, of which only the angular part is not zero.
     #[inline]
-    pub(super) fn twice_transposed(&self, s: &Motion) -> Vector3<f64> {
+    pub(super) fn twice_transposed(&self, s: &MotionVector) -> Vector3<f64> {
         (mat3::tr_mul_v(&self.d, &s.w) + mat3::cross(&self.p, &s.v)) * 2.0
     }
 }

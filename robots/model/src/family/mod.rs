@@ -5,6 +5,7 @@
 
 mod lines;
 mod ortho_parallel;
+mod ortho_parallel_axis;
 mod ortho_parallel_ik;
 mod planar;
 mod turntable_planar;

@@ -4,13 +4,13 @@
 //! (two twins each). Sines and cosines of intermediate angles come from complex products of known vectors, so that
 //! the only transcendental functions are the arc tangents of the results.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Matrix3;
 
 use super::ortho_parallel::OrthoParallel;
 use super::planar::{Complex, EDGE_SLACK, ON_AXIS, TwoLinks};
-use crate::ik::{Branch, IkSolutions};
+use crate::ik_solution::{Branch, IkSolutions};
+use crate::linalg::JointVec;
 use crate::mat3;
-use crate::model::JointVec;
 use crate::pose::Pose;
 
 /// A wrist with a smaller sine of its middle angle is straight: joints 4 and 6 turn about one line.
@@ -123,12 +123,6 @@ impl OrthoParallel {
         let elbow = (forearm - upper_arm).sin();
         let wrist = -(q[4] + self.wrist_zero5_rad).sin();
         Branch::new(radial < 0.0, elbow < 0.0, wrist < 0.0)
-    }
-
-    /// Wrist centre in the world for the pose of the last joint frame.
-    #[must_use]
-    pub fn wrist_centre(&self, x_wn: &Pose) -> Vector3<f64> {
-        x_wn.transform_point(&self.wrist_centre_n)
     }
 }
 

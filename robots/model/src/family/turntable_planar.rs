@@ -9,8 +9,8 @@ use nalgebra::{Matrix3, Vector3};
 use super::lines::{LENGTH_TOL_M, Line, plane_frame};
 use super::planar::{Complex, ON_AXIS, TwoLinks};
 use crate::error::FamilyMismatch;
-use crate::ik::{Branch, IkSolutions};
-use crate::model::JointVec;
+use crate::ik_solution::{Branch, IkSolutions};
+use crate::linalg::JointVec;
 use crate::pose::Pose;
 
 /// A pose off the arm's plane by more than this (m, or the sine of an angle) is out of reach.

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 use toml_reader::{Problem as DocumentProblem, Value};
 
 use super::{Section, exactly};
-use crate::collision::BodyBox;
+use crate::boxes::BodyBox;
 use crate::error::{LoadError, Problem};
 use crate::model::{Link, LinkInertia};
 use crate::pose::Pose;

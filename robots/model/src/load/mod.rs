@@ -12,7 +12,7 @@ use std::path::Path;
 use nalgebra::Matrix3;
 use toml_reader::{DESCRIPTION_MAX_BYTES, Problem as DocumentProblem, Source, Value};
 
-use crate::collision::{CollisionModel, PairRule};
+use crate::boxes::{CollisionModel, PairRule};
 use crate::error::{LoadError, Problem};
 use crate::family::{Family, FamilyName};
 use crate::model::{Drive, DriveLoop, Gripper, Joint, JointLimits, RobotModel, Supply, World};
@@ -44,7 +44,10 @@ pub fn built_in_text(name: &str) -> Option<&'static str> {
 }
 
 /// File name and text for a built-in name or a path.
-pub(crate) fn text_of(name_or_path: &str) -> Result<(String, String), LoadError> {
+///
+/// # Errors
+/// There is neither, or the file cannot be read.
+pub fn text_of(name_or_path: &str) -> Result<(String, String), LoadError> {
     if let Some(text) = built_in_text(name_or_path) {
         return Ok((format!("<builtin>/{name_or_path}.toml"), text.to_owned()));
     }

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::collision::BodyBox;
+use crate::boxes::BodyBox;
 use crate::model::{LinkInertia, RobotModel};
 use crate::pose::Pose;
 

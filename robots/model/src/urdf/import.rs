@@ -46,7 +46,7 @@ pub struct UrdfRobot {
     pub toml: String,
     /// Number of moving joints.
     pub joints: usize,
-    /// What was assumed or left out, one sentence each.
+    /// What was assumed or left out, one sentence each. Assumed values carry the mark [`crate::survey::ASSUMED`] in the text.
     pub notes: Vec<String>,
 }
 

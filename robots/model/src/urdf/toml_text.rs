@@ -9,6 +9,7 @@ use super::import::{Axis, Body, UrdfOptions};
 use crate::family::Family;
 use crate::load::{SCHEMA_VERSION, turn_z_to};
 use crate::pose::Pose;
+use crate::survey::ASSUMED;
 
 /// The robot file for a chain of axes; `end_effector` is in the frame of the last body.
 pub(super) fn robot_file(
@@ -37,7 +38,11 @@ fn write_robot(
     notes: &[String],
     options: &UrdfOptions,
 ) -> std::fmt::Result {
-    writeln!(out, "# Made from the URDF file {}. Assumptions to check:", file.replace(['\n', '\r'], " "))?;
+    writeln!(
+        out,
+        "# Made from the URDF file {}. `cubectl robot check` lists the values with a mark. Notes:",
+        file.replace(['\n', '\r'], " ")
+    )?;
     for note in notes {
         writeln!(out, "# - {}", note.replace(['\n', '\r'], " "))?;
     }
@@ -50,11 +55,11 @@ fn write_robot(
         write_joint(out, axis, options)?;
     }
     writeln!(out, "\n[end_effector]\n{}", pose_keys(end_effector, "\n"))?;
-    writeln!(
-        out,
-        "\n[gripper]\nrelease_x_axis = [1, 0, 0]\nrelease_y_axis = [0, 1, 0]\nrelease_z_axis = [0, 0, 1]"
-    )?;
-    writeln!(out, "release_origin_m = [0, 0, 0]\nball_radius_m = 0.03\nball_mass_kg = 0")?;
+    writeln!(out, "\n[gripper]\nrelease_x_axis = [1, 0, 0]\nrelease_y_axis = [0, 1, 0]")?;
+    writeln!(out, "release_z_axis = [0, 0, 1]  {ASSUMED} the ball leaves along z of the end effector")?;
+    writeln!(out, "release_origin_m = [0, 0, 0]  {ASSUMED} the ball is held at the end effector")?;
+    writeln!(out, "ball_radius_m = 0.03  {ASSUMED} URDF has no ball")?;
+    writeln!(out, "ball_mass_kg = 0  {ASSUMED} URDF has no ball; 0 leaves its mass out of torques")?;
     let floor_from_link = 2.min(axes.len());
     let link_distance_min = 2.min(axes.len());
     writeln!(
@@ -91,11 +96,20 @@ fn write_joint(out: &mut String, axis: &Axis, options: &UrdfOptions) -> std::fmt
     let frame = pose_keys(&axis.origin, ", ");
     writeln!(out, "\n[[joint]]\nname = {}", quoted(&axis.name))?;
     writeln!(out, "frame = {{ {frame}, axis = {} }}", triple(&axis.turn.axis))?;
-    writeln!(out, "range_deg = [{low:?}, {high:?}]\nvelocity_max_deg_s = {velocity:?}")?;
-    writeln!(out, "acceleration_max_deg_s2 = {acceleration:?}\njerk_max_deg_s3 = {jerk:?}")?;
+    let mark = |given: bool, why: &str| if given { String::new() } else { format!("  {ASSUMED} {why}") };
+    let range = mark(axis.turn.range_rad.is_some(), "the joint is continuous");
+    writeln!(out, "range_deg = [{low:?}, {high:?}]{range}")?;
+    let speed = mark(axis.turn.velocity_rad_s.is_some(), "the file gives no speed");
+    writeln!(out, "velocity_max_deg_s = {velocity:?}{speed}")?;
+    let (a, j) = (options.acceleration_per_velocity_1_s, options.jerk_per_acceleration_1_s);
+    writeln!(
+        out,
+        "acceleration_max_deg_s2 = {acceleration:?}  {ASSUMED} {a} times the speed; URDF has none"
+    )?;
+    writeln!(out, "jerk_max_deg_s3 = {jerk:?}  {ASSUMED} {j} times the acceleration; URDF has none")?;
     match axis.turn.effort_nm {
         Some(effort) if effort > 0.0 => writeln!(out, "torque_max_nm = {effort:?}"),
-        _ => Ok(()),
+        _ => writeln!(out, "# torque_max_nm = 0  {ASSUMED} no limit; the file gives no effort"),
     }
 }
 

@@ -16,7 +16,7 @@ use robot_model::Family;
 use super::Joints;
 use super::arm::DiscArm;
 use super::flight::{DiscState, Path};
-use super::motion::{self, Approach, At, Impossible, Law, Limit, Motion, Reach};
+use super::motion::{self, Approach, At, DiscMotion, Impossible, Limit, MotionLaw, Reach};
 use super::witness::{Gripper, HALF_HEIGHT_M, Rule};
 use way::{stays_clear, way_is_free};
 
@@ -24,14 +24,13 @@ use way::{stays_clear, way_is_free};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
     /// Which limits are kept.
-    pub law: Law,
+    pub law: MotionLaw,
     /// Share of the limits that is used.
     pub share: f64,
     /// The arm may move from then on, s.
     pub now_s: f64,
     /// Distance that the disc keeps from fingers on its way in, m.
     pub margin_m: f64,
-    /// Gripper.
     pub gripper: Gripper,
     /// When the disc counts as caught.
     pub rule: Rule,
@@ -42,7 +41,7 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            law: Law::Acceleration,
+            law: MotionLaw::Acceleration,
             share: 0.95,
             now_s: 0.0,
             margin_m: 0.002,
@@ -70,19 +69,16 @@ pub struct Choice {
     pub elbow_negative: bool,
     /// Constant joint speeds before the dwell, s: while the disc comes between the fingers.
     pub lead_s: f64,
-    /// Approach.
     pub approach: Approach,
 }
 
 /// A catch within the limits.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
-    /// How.
     pub choice: Choice,
     /// Joint state at the catch.
     pub reach: Reach,
-    /// The motion.
-    pub motion: Motion,
+    pub motion: DiscMotion,
     /// Velocity of the disc relative to the hand at the catch: along the hand, up, across, m/s.
     pub relative_m_s: Vector3<f64>,
     /// Largest share of the speed and acceleration limits of the robot file.
@@ -109,7 +105,6 @@ pub enum Decline {
     /// It cannot be followed at any speed.
     #[error("no motion of the hand keeps the disc between the fingers while it comes in and they close")]
     NoWayIn,
-    /// Too late.
     #[error("the arm comes at least {:.0} ms too late for every place it reaches", .0 * 1e3)]
     TooLate(f64),
     /// Limits on the way.
@@ -549,7 +544,7 @@ fn gap_used(
 }
 
 /// Largest shares of the robot file's speed and acceleration limits over a motion.
-fn used(arm: &DiscArm, motion: &Motion) -> (f64, f64) {
+fn used(arm: &DiscArm, motion: &DiscMotion) -> (f64, f64) {
     let steps = ((motion.end_s() - motion.from_s) / 0.001).ceil() as u32;
     let mut out = (0.0_f64, 0.0_f64);
     for (j, joint) in arm.model.joints().iter().enumerate() {

@@ -6,7 +6,7 @@ use robot_model::collision::{CollisionChecker, Scene};
 use super::Settings;
 use crate::disc::arm::DiscArm;
 use crate::disc::flight::Path;
-use crate::disc::motion::Motion;
+use crate::disc::motion::DiscMotion;
 use crate::disc::witness::HALF_HEIGHT_M;
 
 /// Radius about the middle line of a link that the disc keeps out of, m: half the diagonal of the boxes, and some.
@@ -17,7 +17,7 @@ const LINK_RADIUS_M: f64 = 0.035;
 pub(super) fn way_is_free(
     arm: &DiscArm,
     path: &Path,
-    motion: &Motion,
+    motion: &DiscMotion,
     t_s: f64,
     settings: &Settings,
 ) -> bool {
@@ -90,7 +90,7 @@ fn to_segment(p: &Vector3<f64>, a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
 }
 
 /// Whether the arm keeps clear of itself and of the floor, every 5 ms to the end.
-pub(super) fn stays_clear(arm: &DiscArm, motion: &Motion) -> bool {
+pub(super) fn stays_clear(arm: &DiscArm, motion: &DiscMotion) -> bool {
     let scene = Scene::default();
     let mut checker = CollisionChecker::new(&arm.model, &scene);
     let steps = ((motion.end_s() - motion.from_s) / 0.005).ceil() as u32;

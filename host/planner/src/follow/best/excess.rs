@@ -2,7 +2,7 @@
 
 use crate::follow::clear::{Clear, Scenes};
 use crate::follow::limits::{AXES, Axes};
-use crate::follow::motion::{Motion, Ramps, differences};
+use crate::follow::motion::{FollowMotion, Ramps, differences};
 use crate::follow::parabola::Parabola;
 use crate::follow::posture::{Posture, Reach};
 use crate::follow::setting::Setting;
@@ -109,19 +109,26 @@ impl<'a> Excess<'a> {
     }
 
     /// The motion, and its flight with t = 0 at the first step on the parabola.
-    pub(super) fn motion(&self, x: &Variables, q_center: &Axes, points: usize) -> Option<(Motion, Parabola)> {
+    pub(super) fn motion(
+        &self,
+        x: &Variables,
+        q_center: &Axes,
+        points: usize,
+    ) -> Option<(FollowMotion, Parabola)> {
         let parts = self.parts(x, q_center, points)?;
-        let motion = Motion::around(&parts.window, &parts.start, &parts.stop, self.setting.period_s);
+        let motion = FollowMotion::around(&parts.window, &parts.start, &parts.stop, self.setting.period_s);
         Some((motion, parts.flight))
     }
 
-    /// Whether every step is inside the joint ranges.
-    pub(super) fn in_range(&self, motion: &Motion) -> bool {
+    /// Whether every step is inside the joint ranges, and its command inside what may be commanded.
+    pub(super) fn in_range(&self, motion: &FollowMotion) -> bool {
         let limits = &self.setting.limits;
-        motion
+        let commands = motion.commands(self.setting.lag_s);
+        let steps = motion
             .states
             .iter()
-            .all(|s| (0..AXES).all(|i| s.q[i] >= limits.q_min_rad[i] && s.q[i] <= limits.q_max_rad[i]))
+            .all(|s| (0..AXES).all(|i| s.q[i] >= limits.q_min_rad[i] && s.q[i] <= limits.q_max_rad[i]));
+        steps && commands.iter().all(|command| self.setting.commands.holds(command))
     }
 
     /// Residuals, all less than [`SPARE`] inside the limits; their number depends only on `points`. `None` where the hand cannot be.
@@ -155,21 +162,29 @@ impl<'a> Excess<'a> {
 
     fn ranges(&self, parts: &Parts, out: &mut Vec<f64>) {
         let limits = &self.setting.limits;
-        let mut test = |q: &Axes| {
+        let mut test = |q: &Axes, qd: &Axes| {
+            let command = q + qd * self.setting.lag_s;
             for i in 0..AXES {
-                let outside = (q[i] - limits.q_max_rad[i]).max(limits.q_min_rad[i] - q[i]);
+                let outside = (q[i] - limits.q_max_rad[i])
+                    .max(limits.q_min_rad[i] - q[i])
+                    .max(self.setting.commands.outside_rad(i, &command));
                 out.push((outside + SPARE).max(0.0));
             }
         };
-        test(&parts.start.rest());
-        test(&parts.stop.rest());
+        let at_rest = Axes::zeros();
+        test(&parts.start.rest(), &at_rest);
+        test(&parts.stop.rest(), &at_rest);
         for state in &parts.window {
-            test(&state.q);
+            test(&state.q, &state.qd);
         }
         for k in 1..RAMP_TESTS {
             let share = k as f64 / RAMP_TESTS as f64;
-            test(&parts.start.at(share * parts.start.duration_s()).q);
-            test(&parts.stop.at(share * parts.stop.duration_s()).q);
+            for state in [
+                parts.start.at(share * parts.start.duration_s()),
+                parts.stop.at(share * parts.stop.duration_s()),
+            ] {
+                test(&state.q, &state.qd);
+            }
         }
     }
 

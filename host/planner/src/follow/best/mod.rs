@@ -28,7 +28,7 @@ use serde::{Deserialize, Serialize};
 
 use super::clear::Scenes;
 use super::found::{Found, NotFound, SearchSize, Stage};
-use super::limits::Axes;
+use super::limits::{AXES, Axes};
 use super::motion::Peaks;
 use super::paper::{j1, j2};
 use super::setting::Setting;
@@ -53,7 +53,7 @@ pub struct BestOptions {
     /// Stop growing at this many points.
     pub points_max: usize,
     /// Diagonal of W for the reported j1.
-    pub w: [f64; 6],
+    pub w: [f64; AXES],
     /// Diagonal of G for the reported j2.
     pub g: [f64; 2],
 }
@@ -67,7 +67,7 @@ impl Default for BestOptions {
             kicks: 12,
             seed: 1,
             points_max: 80,
-            w: [1.0; 6],
+            w: [1.0; AXES],
             g: [1.0; 2],
         }
     }

@@ -13,7 +13,7 @@ use crate::follow::setting::Setting;
 pub(super) const COUNT: usize = 15;
 
 /// How the hand may turn while the ball is on the parabola.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum HandFreedom {
     /// Not at all, as in the paper.

@@ -1,15 +1,18 @@
 //! From a throw to its plan.
 
-use nalgebra::{Matrix4, Vector2};
-use robot_model::{JointVec, RobotModel};
+use nalgebra::Matrix4;
+use robot_model::JointVec;
 
 use super::{
-    CheckInfo, Currents, DelayShift, FORMAT, GoalName, JointPlan, LandingInfo, MarginsInfo, Objective,
-    ObstacleInfo, PlanFile, Release, RobotId, Search, Segment, SupplyPeak, Target, VERSION,
+    CheckInfo, Currents, DelayShift, FORMAT, GoalName, LandingInfo, MarginsInfo, MotionInfo, Objective,
+    ObstacleInfo, OpeningInfo, PlanFile, Release, RobotId, Search, SupplyPeak, Target, VERSION,
 };
+use crate::flight::Landing;
+use crate::motion::Motion;
 use crate::plan::cuts::CLEARANCE_EXTRA_M;
 use crate::plan::goal::Goal;
 use crate::plan::margins::Margins;
+use crate::plan::opening::nearest_to_rim;
 use crate::plan::paper::PaperParameters;
 use crate::plan::problem::{Obstacle, Problem};
 use crate::plan::scan::{RELEASE_BLIND_S, Scanner};
@@ -33,10 +36,10 @@ impl PlanFile {
     ) -> Option<Self> {
         let (arm, throw) = (problem.arm, &best.found.throw);
         let (p, v) = throw.ball_at_release(arm);
-        let landed = problem.flight.land(&p, &v, problem.target.z)?;
+        let landed = problem.flight.meet(&p, &v, &problem.aim, 0.0)?;
         let prediction = predict(problem, throw, noise)?;
         let c = prediction.covariance_m2;
-        let aim = Vector2::new(problem.target.x, problem.target.y);
+        let aim = problem.aim.centre();
         let margins = Margins::of(problem, throw);
         let [time, braking, jerk] = problem.objective_terms(throw);
         // Everything is measured, whatever was enforced.
@@ -47,13 +50,17 @@ impl PlanFile {
         Some(Self {
             format: FORMAT.to_owned(),
             version: VERSION,
-            kind: "throw".to_owned(),
             robot: RobotId {
                 name: arm.name().to_owned(),
                 source: robot_source.to_owned(),
                 fingerprint: format!("{:016x}", robot_fingerprint(arm)),
             },
-            target: Target { position_m: problem.target.into(), region },
+            target: Target {
+                position_m: problem.target.into(),
+                region,
+                opening: opening_info(problem, &landed),
+                course: problem.options.course.coefficients_m(),
+            },
             obstacles: problem.options.obstacles.iter().map(obstacle).collect(),
             search: Search {
                 form: problem.options.form,
@@ -69,7 +76,7 @@ impl PlanFile {
                 stored: Vec::new(),
             },
             parameters: PaperParameters::of(arm, &problem.shoulder, throw),
-            joints: (0..N).map(|j| joint_plan(arm, throw, j)).collect(),
+            motion: MotionInfo::of(arm.joints().iter().map(|joint| joint.name.clone()), &Motion::from(throw)),
             release_time_s: throw.ha_s,
             end_time_s: throw.duration_s(),
             release: Release {
@@ -121,6 +128,21 @@ fn numbers<const N: usize>(joints: &JointVec<N>) -> Vec<f64> {
     joints.iter().copied().collect()
 }
 
+fn opening_info<const N: usize>(problem: &Problem<'_, N>, landed: &Landing) -> Option<OpeningInfo> {
+    let opening = problem.options.opening.as_ref()?;
+    let aim = &problem.aim;
+    let approach = aim.approach(landed, 0.0);
+    let near = nearest_to_rim(&problem.flight, aim, opening.radius_m, &landed.v, landed.time_s);
+    Some(OpeningInfo {
+        normal: (*aim.normal()).into(),
+        axes: aim.axes().map(Into::into),
+        radius_m: opening.radius_m,
+        incidence_max_rad: opening.incidence_max_rad,
+        incidence_rad: (-aim.normal().dot(&approach) / approach.norm()).clamp(-1.0, 1.0).acos(),
+        rim_clearance_m: near.distance_m - problem.arm.gripper().ball_radius_m,
+    })
+}
+
 fn obstacle(o: &Obstacle) -> ObstacleInfo {
     ObstacleInfo { name: o.name.clone(), x_wo: rows_of(&o.x_wo.to_matrix()), half_m: o.half_m.into() }
 }
@@ -128,29 +150,9 @@ fn obstacle(o: &Obstacle) -> ObstacleInfo {
 fn goal_name(goal: &Goal) -> GoalName {
     match goal {
         Goal::Effort => GoalName::Effort,
+        Goal::Energy => GoalName::Energy,
         Goal::Spread(_) => GoalName::Spread,
         Goal::Miss(..) => GoalName::Miss,
-    }
-}
-
-/// Both cubics of a joint in absolute time, highest power first.
-fn joint_plan<const N: usize>(arm: &RobotModel<N>, throw: &Throw<N>, j: usize) -> JointPlan {
-    let (ja, jb) = throw.jerk();
-    let (q, v, a) = (throw.q_rad[j], throw.qd_rad_s[j], throw.qdd_rad_s2[j]);
-    // q + v s + a s²/2 + jerk s³/6 with s = t - h_a, expanded in t.
-    let h = throw.ha_s;
-    let expand = |jerk: f64| {
-        vec![
-            jerk / 6.0,
-            0.5 * (a - jerk * h),
-            v - a * h + 0.5 * jerk * h * h,
-            q - v * h + 0.5 * a * h * h - jerk * h * h * h / 6.0,
-        ]
-    };
-    let segment = |t_start_s, t_end_s, jerk| Segment { t_start_s, t_end_s, coefficients_rad: expand(jerk) };
-    JointPlan {
-        name: arm.joints()[j].name.clone(),
-        segments: vec![segment(0.0, h, ja[j]), segment(h, throw.duration_s(), jb[j])],
     }
 }
 
@@ -212,7 +214,7 @@ fn checks<const N: usize>(problem: &Problem<'_, N>) -> Vec<CheckInfo> {
         enforced,
         tolerance: tolerance.to_owned(),
     };
-    vec![
+    let mut checks = vec![
         check("joint ranges (2), (3) over the motion", true, "1e-7 rad"),
         check("joint speed (4) over the motion", true, "1e-7 of the limit"),
         check("joint acceleration (5) over the motion", true, "1e-7 of the limit"),
@@ -240,5 +242,13 @@ fn checks<const N: usize>(problem: &Problem<'_, N>) -> Vec<CheckInfo> {
             !o.delay_windows.is_empty(),
             "inside its limits",
         ),
-    ]
+    ];
+    if o.opening.is_some() {
+        checks.push(check(
+            "passage through the opening: side, angle and rim",
+            true,
+            &format!("{CLEARANCE_EXTRA_M} m"),
+        ));
+    }
+    checks
 }

@@ -4,13 +4,24 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::{Matrix3, Vector3};
 use robot_model::{Pose, RobotModel};
+use serde::{Serialize, de::DeserializeOwned};
+use serde_json::Value;
 use toml_reader::read_text;
 
-use super::{FORMAT, KIND, ObstacleInfo, PlanFile, VERSION};
+use super::motion::upgrade;
+use super::{FORMAT, Kind, ObstacleInfo, PlanFile, RobotId, Target, VERSION};
+use crate::flight::{Aim, Course};
 use crate::store::{file::write_whole, robot_fingerprint};
 
 /// Longest plan file that is read, bytes. Six joints and a few segments take 20 kB.
 pub const FILE_MAX_BYTES: u64 = 16 << 20;
+
+/// First field of plans that follow a flight, before version 6 of the common format.
+const OLD_FOLLOW_FORMAT: &str = "cubectl-follow-plan";
+/// Times nearer than this are the same, s.
+const SAME_TIME_S: f64 = 1e-7;
+/// First version whose throws have knots, and not polynomials in absolute time.
+const FIRST_WITH_KNOTS: u64 = 6;
 
 /// A plan file cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -18,7 +29,6 @@ pub enum PlanFileError {
     /// Reading or writing failed.
     #[error("plan {path}: {source}")]
     Io {
-        /// File.
         path: PathBuf,
         /// What the system said.
         source: std::io::Error,
@@ -26,7 +36,6 @@ pub enum PlanFileError {
     /// Not JSON, or not a plan.
     #[error("plan {path} is damaged or not a plan file: {reason}")]
     Damaged {
-        /// File.
         path: PathBuf,
         /// Where and why.
         reason: String,
@@ -36,27 +45,122 @@ pub enum PlanFileError {
         "plan {path} has version {found}, this program reads up to {VERSION}: update cubectl or plan again"
     )]
     Newer {
-        /// File.
         path: PathBuf,
         /// Its version.
         found: u64,
+    },
+    /// Of another kind.
+    #[error("plan {path} is of kind \"{}\", here one of kind \"{}\" is wanted\n  next: {}", .found.name(), .wanted.name(), next_for(*.found))]
+    OtherKind {
+        path: PathBuf,
+        found: Kind,
+        /// The kind that was wanted.
+        wanted: Kind,
     },
     /// For another robot.
     #[error(
         "plan {path} is for robot \"{found}\" ({found_fingerprint}), not for \"{wanted}\" ({wanted_fingerprint}): plan again, or name the robot with --robot"
     )]
     OtherRobot {
-        /// File.
         path: PathBuf,
         /// Robot in the file.
         found: String,
-        /// Its fingerprint.
         found_fingerprint: String,
         /// Robot in use.
         wanted: String,
-        /// Its fingerprint.
         wanted_fingerprint: String,
     },
+}
+
+const fn next_for(kind: Kind) -> &'static str {
+    match kind {
+        Kind::Throw => "`cubectl check`, `run` and `throw --plan` take it",
+        Kind::Follow => "`cubectl check` and `cubectl throw --robot ROBOT --plan` take it",
+        Kind::Move => "`cubectl run` takes it",
+    }
+}
+
+/// The JSON of a plan file of any kind: format, version and kind are known, and older versions are brought to this one.
+///
+/// # Errors
+/// [`PlanFileError::Damaged`], [`PlanFileError::Newer`].
+pub fn parse(path: &Path, text: &str) -> Result<(Kind, Value), PlanFileError> {
+    let damaged = |reason: String| PlanFileError::Damaged { path: path.to_owned(), reason };
+    let mut value: Value = serde_json::from_str(text).map_err(|e| damaged(e.to_string()))?;
+    let is_old_follow = value.get("format").and_then(Value::as_str) == Some(OLD_FOLLOW_FORMAT);
+    if !is_old_follow && value.get("format").and_then(Value::as_str) != Some(FORMAT) {
+        return Err(damaged(format!("the field \"format\" is not \"{FORMAT}\"")));
+    }
+    // The version comes before the fields: those of a newer version may be anything.
+    let version = match value.get("version").and_then(Value::as_u64) {
+        Some(v) if v > u64::from(VERSION) => {
+            return Err(PlanFileError::Newer { path: path.to_owned(), found: v });
+        }
+        Some(v @ 1..) => v,
+        _ => return Err(damaged("the field \"version\" is not a positive whole number".to_owned())),
+    };
+    let fields = value.as_object_mut().ok_or_else(|| damaged("it is not an object".to_owned()))?;
+    let kind = if is_old_follow {
+        fields.insert("format".to_owned(), FORMAT.into());
+        fields.insert("version".to_owned(), VERSION.into());
+        Kind::Follow
+    } else {
+        let name = fields.remove("kind");
+        let name = name.as_ref().and_then(Value::as_str);
+        let name = name.ok_or_else(|| damaged("it has no field \"kind\" with a name".to_owned()))?;
+        let known = || Kind::ALL.map(Kind::name).join(", ");
+        Kind::of_name(name)
+            .ok_or_else(|| damaged(format!("its kind is \"{name}\"; this program knows {}", known())))?
+    };
+    if kind == Kind::Throw && version < FIRST_WITH_KNOTS {
+        upgrade(&mut value).map_err(damaged)?;
+    }
+    Ok((kind, value))
+}
+
+/// The fields of a plan from what [`parse`] gives.
+///
+/// # Errors
+/// [`PlanFileError::Damaged`] with the field.
+pub fn fields<T: DeserializeOwned>(path: &Path, value: Value) -> Result<T, PlanFileError> {
+    serde_json::from_value(value)
+        .map_err(|e| PlanFileError::Damaged { path: path.to_owned(), reason: e.to_string() })
+}
+
+/// A plan as JSON, its kind before its fields.
+#[must_use]
+pub fn tagged_json(kind: Kind, plan: &impl Serialize) -> String {
+    #[derive(Serialize)]
+    struct Tagged<'a, T> {
+        kind: &'static str,
+        #[serde(flatten)]
+        plan: &'a T,
+    }
+    // Every field is a number, text or list of them; writing those to a string cannot fail.
+    serde_json::to_string_pretty(&Tagged { kind: kind.name(), plan }).unwrap_or_default()
+}
+
+/// Refuses a plan of `joints` joints for `robot` if `arm` is another one.
+///
+/// # Errors
+/// [`PlanFileError::OtherRobot`].
+pub fn require_robot<const N: usize>(
+    path: &Path,
+    robot: &RobotId,
+    joints: usize,
+    arm: &RobotModel<N>,
+) -> Result<(), PlanFileError> {
+    let wanted = format!("{:016x}", robot_fingerprint(arm));
+    if robot.fingerprint == wanted && joints == N {
+        return Ok(());
+    }
+    Err(PlanFileError::OtherRobot {
+        path: path.to_owned(),
+        found: robot.name.clone(),
+        found_fingerprint: robot.fingerprint.clone(),
+        wanted: arm.name().to_owned(),
+        wanted_fingerprint: wanted,
+    })
 }
 
 impl ObstacleInfo {
@@ -67,7 +171,31 @@ impl ObstacleInfo {
     }
 }
 
+impl Target {
+    /// The point with its plane and its way. A normal without direction, or a course with too many coefficients, counts
+    /// as none.
+    #[must_use]
+    pub fn aim(&self) -> Aim {
+        let normal = self.opening.map(|o| Vector3::from(o.normal)).filter(|n| n.norm() > 1e-9);
+        let course = Course::new(&self.course).unwrap_or_default();
+        Aim::new(Vector3::from(self.position_m), &normal.unwrap_or(Vector3::z()), course)
+    }
+
+    /// Coordinates on the plane of the target, of a point `since_release_s` after the planned release: x and y of the
+    /// world for a target at rest without an opening.
+    #[must_use]
+    pub fn coordinates(&self, p_m: [f64; 3], since_release_s: f64) -> [f64; 2] {
+        self.aim().coordinates(&Vector3::from(p_m), since_release_s).into()
+    }
+}
+
 impl PlanFile {
+    /// Where the ball meets the target, in m: the target itself if that is at rest.
+    #[must_use]
+    pub fn meeting_m(&self) -> [f64; 3] {
+        if self.target.course.is_empty() { self.target.position_m } else { self.landing.position_m }
+    }
+
     /// Writes the file; it appears complete or not at all.
     ///
     /// # Errors
@@ -77,17 +205,15 @@ impl PlanFile {
         write_whole(path, (self.to_json() + "\n").as_bytes()).map_err(fail)
     }
 
-    /// As JSON.
     #[must_use]
     pub fn to_json(&self) -> String {
-        // Every field is a number, text or list of them; writing those to a string cannot fail.
-        serde_json::to_string_pretty(self).unwrap_or_default()
+        tagged_json(Kind::Throw, self)
     }
 
     /// Reads a file.
     ///
     /// # Errors
-    /// [`PlanFileError`] for a file that cannot be read, is damaged, or is of a newer version.
+    /// [`PlanFileError`] for a file that cannot be read, is damaged, of a newer version, or of another kind.
     pub fn read(path: &Path) -> Result<Self, PlanFileError> {
         let text = read_text(path, FILE_MAX_BYTES)
             .map_err(|source| PlanFileError::Io { path: path.to_owned(), source })?;
@@ -99,21 +225,20 @@ impl PlanFile {
     /// # Errors
     /// As [`PlanFile::read`].
     pub fn from_json(path: &Path, text: &str) -> Result<Self, PlanFileError> {
-        let damaged = |reason: String| PlanFileError::Damaged { path: path.to_owned(), reason };
-        let value: serde_json::Value = serde_json::from_str(text).map_err(|e| damaged(e.to_string()))?;
-        if value.get("format").and_then(|f| f.as_str()) != Some(FORMAT) {
-            return Err(damaged(format!("the field \"format\" is not \"{FORMAT}\"")));
+        let (kind, value) = parse(path, text)?;
+        if kind != Kind::Throw {
+            return Err(PlanFileError::OtherKind { path: path.to_owned(), found: kind, wanted: Kind::Throw });
         }
-        // The version comes before the fields: those of a newer version may be anything.
-        match value.get("version").and_then(serde_json::Value::as_u64) {
-            Some(v) if v > u64::from(VERSION) => {
-                return Err(PlanFileError::Newer { path: path.to_owned(), found: v });
-            }
-            Some(1..) => {}
-            _ => return Err(damaged("the field \"version\" is not a positive whole number".to_owned())),
-        }
-        let plan: Self = serde_json::from_str(text).map_err(|e| damaged(e.to_string()))?;
-        plan.sound().map_err(damaged)?;
+        Self::from_value(path, value)
+    }
+
+    /// From what [`parse`] gives.
+    ///
+    /// # Errors
+    /// [`PlanFileError::Damaged`].
+    pub fn from_value(path: &Path, value: Value) -> Result<Self, PlanFileError> {
+        let plan: Self = fields(path, value)?;
+        plan.sound().map_err(|reason| PlanFileError::Damaged { path: path.to_owned(), reason })?;
         Ok(plan)
     }
 
@@ -126,22 +251,12 @@ impl PlanFile {
         path: &Path,
         arm: &RobotModel<N>,
     ) -> Result<(), PlanFileError> {
-        let wanted = format!("{:016x}", robot_fingerprint(arm));
-        if self.robot.fingerprint == wanted && self.joints.len() == N {
-            return Ok(());
-        }
-        Err(PlanFileError::OtherRobot {
-            path: path.to_owned(),
-            found: self.robot.name.clone(),
-            found_fingerprint: self.robot.fingerprint.clone(),
-            wanted: arm.name().to_owned(),
-            wanted_fingerprint: wanted,
-        })
+        require_robot(path, &self.robot, self.motion.joints.len(), arm)
     }
 
     /// Whether every list has a number per joint.
     fn lists(&self) -> Result<(), String> {
-        let joints = self.joints.len();
+        let joints = self.motion.joints.len();
         if !(4..=7).contains(&joints) {
             return Err(format!("{joints} joints, expected four to seven"));
         }
@@ -168,13 +283,8 @@ impl PlanFile {
 
     /// What the types cannot say.
     fn sound(&self) -> Result<(), String> {
-        if self.kind != KIND {
-            return Err(format!(
-                "its kind is \"{}\"; this program runs plans of kind \"{KIND}\" only",
-                self.kind
-            ));
-        }
         self.lists()?;
+        self.motion.sound()?;
         let inside = self.release_time_s > 0.0 && self.release_time_s < self.end_time_s;
         if !inside {
             return Err(format!(
@@ -190,27 +300,17 @@ impl PlanFile {
                 return Err(format!("obstacle \"{}\" is not a box", obstacle.name));
             }
         }
-        for joint in &self.joints {
-            let mut t = 0.0;
-            if joint.segments.is_empty() {
-                return Err(format!("{} has no segments", joint.name));
-            }
-            for segment in &joint.segments {
-                let follows = (segment.t_start_s - t).abs() <= 1e-9 && segment.t_end_s > segment.t_start_s;
-                if !follows {
-                    return Err(format!(
-                        "{}: a segment from {} to {} s does not follow {t} s",
-                        joint.name, segment.t_start_s, segment.t_end_s
-                    ));
-                }
-                if segment.coefficients_rad.is_empty() || segment.coefficients_rad.len() > 8 {
-                    return Err(format!("{}: {} coefficients", joint.name, segment.coefficients_rad.len()));
-                }
-                t = segment.t_end_s;
-            }
-            if (t - self.end_time_s).abs() > 1e-9 {
-                return Err(format!("{} ends at {t} s, the motion at {} s", joint.name, self.end_time_s));
-            }
+        let end_s = self.motion.duration_s();
+        if (end_s - self.end_time_s).abs() > SAME_TIME_S {
+            return Err(format!("its last knot is at {end_s} s, the motion ends at {} s", self.end_time_s));
+        }
+        let opens_s = self.motion.to_motion::<0>().release_s();
+        if !opens_s.is_some_and(|t_s| (t_s - self.release_time_s).abs() <= SAME_TIME_S) {
+            return Err(format!(
+                "its gripper opens at {} s, the release is at {} s",
+                opens_s.map_or("no time of 0 to the end of its motion,".to_owned(), |t_s| t_s.to_string()),
+                self.release_time_s
+            ));
         }
         Ok(())
     }

@@ -1,6 +1,6 @@
 //! The plan file: a throw with everything needed to run it and to judge it.
 //!
-//! JSON, versioned, units in the names of the keys; described in `host/planner/schemas/plan.schema.json`. Numbers are written
+//! JSON, versioned, units in the names of the keys; `host/planner/schemas/plan.schema.json` is made from the types. Numbers are written
 //! so that they read back to the same bits.
 //!
 //! # Map
@@ -8,37 +8,68 @@
 //! |---|---|
 //! | here | the keys of the file |
 //! | `compose` | from a throw to its plan |
+//! | `motion` | knots and events; what files before version 6 had in their place |
 //! | `io` | reading, writing, and what is refused |
 
 mod compose;
 mod io;
+mod motion;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub use self::io::{FILE_MAX_BYTES, PlanFileError};
+pub use self::io::{FILE_MAX_BYTES, PlanFileError, fields, parse, require_robot, tagged_json};
+pub use self::motion::{EventInfo, KnotInfo, MotionInfo};
 use super::basins::Confidence;
 use super::paper::PaperParameters;
 use super::problem::{Form, Weights};
 use super::statistics::{Noise, Region};
 
 /// Version of the format that this program writes, and the newest it reads.
-pub const VERSION: u32 = 5;
+pub const VERSION: u32 = 7;
 /// First field of every plan file.
 pub const FORMAT: &str = "cubectl-plan";
 
-/// Kind of motion that this program makes and runs.
-pub const KIND: &str = "throw";
+/// What a plan file is a plan of: its field `kind`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// A throw.
+    Throw,
+    /// A throw whose hand follows the flight of the ball for a while.
+    Follow,
+    /// A motion, without more about it.
+    Move,
+}
 
-/// A plan file.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+impl Kind {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Throw, Self::Follow, Self::Move];
+
+    /// As the file says it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Throw => "throw",
+            Self::Follow => "follow",
+            Self::Move => "move",
+        }
+    }
+
+    /// The kind of a name.
+    #[must_use]
+    pub fn of_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+}
+
+/// The plan of a throw. In the file the field `kind` stands before it: [`Kind::Throw`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PlanFile {
     /// Always [`FORMAT`].
     pub format: String,
     /// Version of the format.
     pub version: u32,
-    /// Kind of motion; [`KIND`].
-    pub kind: String,
     /// Which robot.
     pub robot: RobotId,
     /// What the throw is for.
@@ -50,11 +81,11 @@ pub struct PlanFile {
     pub search: Search,
     /// The paper's parameters of the throw; for a free spin ω is the part about the throw.
     pub parameters: PaperParameters,
-    /// Polynomials, one list per joint.
-    pub joints: Vec<JointPlan>,
-    /// When the gripper opens, in s from the start of the motion.
+    /// The motion.
+    pub motion: MotionInfo,
+    /// When the ball is free, in s from the start of the motion; the first `open` of its events.
     pub release_time_s: f64,
-    /// When the motion ends, in s.
+    /// When the motion ends, in s: its last knot.
     pub end_time_s: f64,
     /// State at the release.
     pub release: Release,
@@ -73,7 +104,7 @@ pub struct PlanFile {
 }
 
 /// Which robot a plan is for.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RobotId {
     /// Name in the robot file.
@@ -85,17 +116,43 @@ pub struct RobotId {
 }
 
 /// The target.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Target {
-    /// Point in the world.
+    /// Point in the world, at the planned release.
     pub position_m: [f64; 3],
-    /// Region that counts as a hit.
+    /// Region that counts as a hit, in the plane of the target.
     pub region: Option<Region>,
+    /// The opening that the ball passes, with its centre at the point; without one the ball comes down on a horizontal
+    /// plane. New in version 7.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub opening: Option<OpeningInfo>,
+    /// How the target moves from the planned release on: velocity in m/s, then the coefficients of t², t³, …; empty: it
+    /// is at rest. New in version 7.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub course: Vec<[f64; 3]>,
+}
+
+/// An opening that the ball passes.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct OpeningInfo {
+    /// Unit normal, to the side from which the ball comes.
+    pub normal: [f64; 3],
+    /// Unit axes of the coordinates in its plane.
+    pub axes: [[f64; 3]; 2],
+    /// Radius in m.
+    pub radius_m: f64,
+    /// Largest angle between path and normal that was allowed, in rad.
+    pub incidence_max_rad: f64,
+    /// The angle of this throw in rad.
+    pub incidence_rad: f64,
+    /// Clearance between the surface of the ball and the rim in m.
+    pub rim_clearance_m: f64,
 }
 
 /// A box that arm and ball keep clear of.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ObstacleInfo {
     /// Name for messages.
@@ -107,7 +164,7 @@ pub struct ObstacleInfo {
 }
 
 /// How a throw was found.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Search {
     /// Form.
@@ -144,42 +201,22 @@ fn whole() -> f64 {
 }
 
 /// What a search made small.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum GoalName {
     /// The paper's objective (1).
     #[default]
     Effort,
+    /// The electrical energy from the supplies.
+    Energy,
     /// The root mean square distance of the landing from the target.
     Spread,
     /// The odds against a hit of the region.
     Miss,
 }
 
-/// The motion of one joint.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct JointPlan {
-    /// Name in the robot file.
-    pub name: String,
-    /// Segments without gaps.
-    pub segments: Vec<Segment>,
-}
-
-/// One polynomial.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Segment {
-    /// Begin in s.
-    pub t_start_s: f64,
-    /// End in s.
-    pub t_end_s: f64,
-    /// `q(t) = c₀ t³ + c₁ t² + c₂ t + c₃` in rad, t in s from the start of the motion (absolute).
-    pub coefficients_rad: Vec<f64>,
-}
-
 /// State at the release.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Release {
     /// Joint angles in rad.
@@ -195,7 +232,7 @@ pub struct Release {
 }
 
 /// Objective with its terms.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Objective {
     /// Sum.
@@ -211,7 +248,7 @@ pub struct Objective {
 }
 
 /// Flight and landing.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LandingInfo {
     /// Gravity in m/s².
@@ -226,7 +263,7 @@ pub struct LandingInfo {
     pub position_m: [f64; 3],
     /// Velocity there in m/s.
     pub velocity_m_s: [f64; 3],
-    /// Mean of the landing with the noise below, x and y in m.
+    /// Mean of the landing with the noise below: x and y in m, in an opening coordinates along its axes.
     pub mean_m: [f64; 2],
     /// Covariance of the landing in m², row by row.
     pub covariance_m2: [[f64; 2]; 2],
@@ -242,7 +279,7 @@ pub struct LandingInfo {
 }
 
 /// Shift of the landing when the gripper opens late or early.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DelayShift {
     /// Delay, and equally advance, of the release in s.
@@ -254,7 +291,7 @@ pub struct DelayShift {
 }
 
 /// What is left of every limit: rad for positions, m for clearances, otherwise a share of the full limit.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MarginsInfo {
     /// Positions.
@@ -276,7 +313,7 @@ pub struct MarginsInfo {
 }
 
 /// Largest currents over the motion.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Currents {
     /// Motors at the release in A (with the paper's simplification τ(q, q̇, 0)).
@@ -288,7 +325,7 @@ pub struct Currents {
 }
 
 /// Largest current of a supply.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SupplyPeak {
     /// Name.
@@ -300,7 +337,7 @@ pub struct SupplyPeak {
 }
 
 /// One check.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CheckInfo {
     /// What.

@@ -36,8 +36,8 @@ pub(super) fn delay_rows<S: Sink<D>, const N: usize, const D: usize>(
     if !problem.options.null_delay {
         return;
     }
-    let target = layout.target(problem, x);
-    let late = |delay_s: f64| Landed::of(problem, &problem.flight, throw, target.z, delay_s);
+    let aim = layout.aim(problem, x);
+    let late = |delay_s: f64| Landed::of(problem, &problem.flight, throw, &aim, delay_s);
     if sink.wants_eq(SLOPE) || sink.wants_eq(SLOPE + 1) {
         match (late(SLOPE_DELAY_S), late(-SLOPE_DELAY_S)) {
             (Some(after), Some(before)) => {
@@ -87,8 +87,11 @@ pub(super) fn delay_rows<S: Sink<D>, const N: usize, const D: usize>(
                     let along = off * (-SHIFT_SCALE / distance_m);
                     end.add_gradient(g, layout, &along);
                     on_time.add_gradient(g, layout, &-along);
-                    if let Some((at, [_, _, true])) = layout.shift {
-                        g.add(at + 2, along.dot(&(end.by_plane - on_time.by_plane)));
+                    if let Some((at, axes)) = layout.shift {
+                        let by_plane = along.dot(&(end.by_plane - on_time.by_plane));
+                        for (a, n) in aim.normal().iter().enumerate().filter(|(a, _)| axes[*a]) {
+                            g.add(at + a, by_plane * n);
+                        }
                     }
                 });
             }

@@ -1,30 +1,46 @@
-//! The part of the objective that looks at the landing.
+//! The part of the objective that looks at the landing or the energy.
 
 use super::Layout;
+use crate::plan::energy::energy;
+use crate::plan::goal::{ENERGY_SCALE_1_J, Goal};
 use crate::plan::problem::Problem;
 use crate::plan::spread::Spread;
 use crate::solve::{Row, Sink};
 
 /// Whether [`goal_rows`] adds anything.
 pub(crate) fn has_goal<const N: usize>(problem: &Problem<'_, N>, layout: &Layout<N>) -> bool {
-    problem.options.goal.noise().is_some() && layout.shift.is_none()
+    problem.options.goal != Goal::Effort && layout.shift.is_none()
 }
 
-/// Spread or odds of the landing; nothing for the paper's objective, and none while the target itself moves.
+/// Energy, spread or odds of the landing; nothing for the paper's objective, and none while the target itself moves.
 pub(crate) fn goal_rows<S: Sink<D>, const N: usize, const D: usize>(
     problem: &Problem<'_, N>,
     layout: &Layout<N>,
     x: &Row<D>,
     sink: &mut S,
 ) {
+    if !has_goal(problem, layout) {
+        return;
+    }
     let goal = &problem.options.goal;
-    let Some(noise) = goal.noise().filter(|_| layout.shift.is_none()) else { return };
     let throw = layout.throw(x);
-    let Some(spread) = Spread::of(problem, &throw, problem.target.z, noise) else {
+    let Some(noise) = goal.noise() else {
+        let Some(used) = energy::<N, D>(problem, layout, &throw) else {
+            sink.objective(f64::INFINITY, |_| {});
+            return;
+        };
+        sink.objective(ENERGY_SCALE_1_J * used.joule, |g| {
+            for (i, by) in used.gradient.iter().enumerate().take(layout.n) {
+                g.add(i, ENERGY_SCALE_1_J * by);
+            }
+        });
+        return;
+    };
+    let Some(spread) = Spread::of(problem, &throw, &problem.aim, noise) else {
         sink.objective(f64::INFINITY, |_| {});
         return;
     };
-    if let Some(price) = goal.price(&spread.mean_m, &spread.covariance_m2, &problem.target.xy()) {
+    if let Some(price) = goal.price(&spread.mean_m, &spread.covariance_m2, &problem.aim.centre()) {
         sink.objective(price.value, |g| {
             spread.add_gradient(g, layout, &price.by_mean, &price.by_covariance);
         });
@@ -36,7 +52,6 @@ mod tests {
     use nalgebra::Vector3;
 
     use super::*;
-    use crate::plan::goal::Goal;
     use crate::plan::paper::PaperParameters;
     use crate::plan::problem::Options;
     use crate::plan::rows::width;

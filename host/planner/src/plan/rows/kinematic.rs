@@ -7,9 +7,11 @@ use super::WINDOW;
 use super::current::release_current_rows;
 use super::delay::delay_rows;
 use super::layout::{ACROSS, CUTS_MAX, LAUNCH, Layout, TURNING};
+use super::opening::opening_rows;
+use crate::flight::model::FlightState;
 use crate::plan::cuts::{Cut, CutContext};
 use crate::plan::problem::Problem;
-use crate::solve::{Row, Sink};
+use crate::solve::{Gradient, Row, Sink};
 use crate::throw::Throw;
 
 /// The rows that need the arm's kinematics or dynamics.
@@ -38,35 +40,35 @@ pub(crate) fn kinematic_rows<S: Sink<D>, const N: usize, const D: usize>(
     let (x_rf, y_rf, z_rf): (Vector3<f64>, Vector3<f64>, Vector3<f64>) =
         (ball.rot.column(0).into(), ball.rot.column(1).into(), ball.rot.column(2).into());
 
-    // Launch.
-    let target = layout.target(problem, x);
-    match problem.flight.launch(&p, &target, throw.flight_s) {
-        Ok(launch) => {
-            for i in 0..3 {
-                if !sink.wants_eq(LAUNCH + i) {
-                    continue;
-                }
-                sink.eq(LAUNCH + i, v[i] - launch.v0[i], |g| {
-                    for k in 0..N {
-                        g.add(var.q + k, by_q[(i, k)] - launch.by_p0.row(i).transpose().dot(&lin(&jac, k)));
-                        g.add(var.qd + k, jac[(i, k)]);
-                    }
-                    g.add(var.f, -(launch.by_flight_s[i]));
-                    if let Some((at, axes)) = layout.shift {
-                        for a in 0..3 {
-                            if axes[a] {
-                                g.add(at + a, launch.by_p0[(i, a)]);
-                            }
-                        }
-                    }
-                });
-            }
+    // Launch: where the ball is after the time of flight, over that time. In vacuum it is the velocity in excess of the
+    // one that reaches the target.
+    let aim = layout.aim(problem, x);
+    let flight_s = throw.flight_s;
+    let end = problem.flight.fly(&p, &v, flight_s);
+    let miss = (end.p - aim.point_at(flight_s)) / flight_s;
+    let towards = end.v - aim.course().velocity_m_s(flight_s);
+    for i in 0..3 {
+        if !sink.wants_eq(LAUNCH + i) {
+            continue;
         }
-        Err(_) => {
-            for i in 0..3 {
-                sink.eq(LAUNCH + i, 1e3, |_| {});
-            }
+        if !miss[i].is_finite() {
+            sink.eq(LAUNCH + i, 1e3, |_| {});
+            continue;
         }
+        let by_v0 = end.p_by_v0.row(i).transpose() / flight_s;
+        sink.eq(LAUNCH + i, miss[i], |g| {
+            for k in 0..N {
+                let column = lin(&jac, k);
+                g.add(var.q + k, column[i] / flight_s + by_v0.dot(&lin(&by_q, k)));
+                g.add(var.qd + k, by_v0.dot(&column));
+            }
+            g.add(var.f, (towards[i] - miss[i]) / flight_s);
+            if let Some((at, axes)) = layout.shift
+                && axes[i]
+            {
+                g.add(at + i, -1.0 / flight_s);
+            }
+        });
     }
     // Throw along z_RF, and in the paper's form spin about it only.
     let across = |sink: &mut S, id: usize, axis: &Vector3<f64>, vector: &Vector3<f64>, linear: bool| {
@@ -116,7 +118,9 @@ pub(crate) fn kinematic_rows<S: Sink<D>, const N: usize, const D: usize>(
     }
     delay_rows(problem, layout, x, &throw, sink);
     point_rows(problem, &p, &jac, sink);
-    arrival_rows(problem, &throw, &v, &by_q, &jac, sink);
+    let arriving = Arriving { end: &end, throw: &throw, by_q: &by_q, jac: &jac };
+    arrival_rows(problem, &arriving, sink);
+    opening_rows(problem, &aim, &arriving, sink);
     if !problem.options.current_over_motion {
         release_current_rows(problem, &throw, &frames, sink);
     }
@@ -180,41 +184,51 @@ fn point_rows<S: Sink<D>, const N: usize, const D: usize>(
     }
 }
 
+/// The ball at the end of its flight, and what it depends on.
+pub(super) struct Arriving<'c, const N: usize> {
+    pub(super) end: &'c FlightState,
+    pub(super) throw: &'c Throw<N>,
+    pub(super) by_q: &'c Jacobian<N>,
+    pub(super) jac: &'c Jacobian<N>,
+}
+
+impl<const N: usize> Arriving<'_, N> {
+    /// Adds the gradient of a function of the velocity at the end (`by_v`) and of the time of flight (`by_f`, at a fixed
+    /// velocity).
+    pub(super) fn add_gradient<const D: usize>(
+        &self,
+        problem: &Problem<'_, N>,
+        g: &mut Gradient<'_, D>,
+        by_v: &Vector3<f64>,
+        by_f: f64,
+    ) {
+        let var = Layout::<N>::VARIABLES;
+        let by_v0 = self.end.v_by_v0.tr_mul(by_v);
+        for k in 0..N {
+            g.add(var.q + k, (0..3).map(|i| by_v0[i] * self.by_q[(i, k)]).sum());
+            g.add(var.qd + k, (0..3).map(|i| by_v0[i] * self.jac[(i, k)]).sum());
+        }
+        g.add(var.f, by_v.dot(&problem.flight.acceleration(&self.end.v)) + by_f);
+    }
+}
+
 /// Window of arrival speed and steepness.
 fn arrival_rows<S: Sink<D>, const N: usize, const D: usize>(
     problem: &Problem<'_, N>,
-    throw: &Throw<N>,
-    v: &Vector3<f64>,
-    by_q: &Jacobian<N>,
-    jac: &Jacobian<N>,
+    arriving: &Arriving<'_, N>,
     sink: &mut S,
 ) {
-    let var = Layout::<N>::VARIABLES;
     let number = Layout::<N>::NUMBERS;
     let arrival = &problem.options.arrival;
-    if arrival.speed_m_s.is_none() && arrival.descent_rad.is_none() {
-        return;
-    }
-    let end = problem.flight.fly(&Vector3::zeros(), v, throw.flight_s);
-    let by_time = problem.flight.acceleration(&end.v);
-    let speed = end.v.norm();
-    let unit = end.v / speed;
+    let v = &arriving.end.v;
+    let speed = v.norm();
+    let unit = v / speed;
     // sin(descent) = -v_z/|v|.
     let sin = -unit.z;
     let by_sin = -(Vector3::z() - unit * unit.z) / speed;
     let mut row = |id: usize, value: f64, by: Vector3<f64>| {
         if value < WINDOW && sink.wants(id) {
-            sink.ineq(id, value, |g| {
-                let by_v0 = end.v_by_v0.tr_mul(&by);
-                for k in 0..N {
-                    g.add(
-                        var.q + k,
-                        by_v0.x * by_q[(0, k)] + by_v0.y * by_q[(1, k)] + by_v0.z * by_q[(2, k)],
-                    );
-                    g.add(var.qd + k, by_v0.x * jac[(0, k)] + by_v0.y * jac[(1, k)] + by_v0.z * jac[(2, k)]);
-                }
-                g.add(var.f, by.dot(&by_time));
-            });
+            sink.ineq(id, value, |g| arriving.add_gradient(problem, g, &by, 0.0));
         }
     };
     if let Some(range) = &arrival.speed_m_s {

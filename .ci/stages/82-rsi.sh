@@ -1,0 +1,43 @@
+# The industrial robot in real time: `cubectl throw` leads the one that `cubectl sim` plays, by the clock of this machine. Both
+# generations, UDP and TCP, 12 ms and 4 ms. The witness is the simulated robot: it tells whether the bottle was hit, and how long
+# the answers took. In lock step the same is tested by host/tests/robot_link.rs, where nothing depends on the machine.
+. .ci/timed.sh
+cargo build --quiet --release --locked -p host -p hil-sim --bins
+cubectl=$PWD/target/release/cubectl
+out=$PWD/target/rsi
+rm -rf "$out" && mkdir -p "$out"
+plan() { # name, period in ms
+    "$cubectl" plan throw --robot kr16_2 --target 2.5,0,0.6 --lag-ms 24 --period "$2" --starts 8 --out "$out/$1.json" </dev/null
+}
+plan slow 12
+plan fast 4
+
+throw() { # description, scheme, port, plan
+    local name=$1 place=$2://127.0.0.1:$3 dir=$out/$1 client status=0
+    rm -rf "$dir" "$dir".*
+    # The client first: a robot counts telegrams that nobody answers.
+    "$cubectl" throw --robot kr16_2 --plan "$out/$4.json" --bus "rsi:$place" --rsi "robots/kr16_2/$name.toml" --yes \
+        --out "$dir" >"$dir.throw" 2>&1 </dev/null &
+    client=$!
+    for _ in $(seq 600); do
+        ! grep -q 'waiting for the robot' "$dir.throw" || break
+        sleep 0.1
+    done
+    "$cubectl" sim --robot kr16_2 --rsi "$place" --scenario "robots/kr16_2/$name.toml" --bottle 2.5,0,0.6 --runs 1 --for 120 \
+        >"$dir.robot" 2>&1 </dev/null || status=$?
+    wait $client || status=$?
+    echo "--- $name, $place"
+    cat "$dir.robot"
+    [ $status -eq 0 ] || { cat "$dir.throw"; return $status; }
+    grep -q 'bottle hit' "$dir.robot"
+}
+pair() { # two throws at the same time
+    local first status=0
+    throw "${@:1:4}" &
+    first=$!
+    throw "${@:5:4}" || status=$?
+    wait $first || status=$?
+    return $status
+}
+timed pair kr_c2 udp 49261 slow kr_c2_tcp tcp 49262 slow
+timed pair kr_c4 udp 49263 fast kr_c4_12ms udp 49264 slow

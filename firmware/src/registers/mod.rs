@@ -1,0 +1,484 @@
+//! Settings by name: typed, bounded, with the unit in the name; and their form in permanent storage.
+//!
+//! The table is data: names, ranges and texts are made from one list, so what a host sees, what is
+//! checked and what is stored cannot differ. A register of the joints holds one number per joint in use.
+
+use protocol::{JOINTS_MAX, JointIndex};
+
+use crate::crc::Crc32;
+use crate::fault::{Cause, Refusal};
+use crate::settings::Settings;
+
+/// Type of a register's numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// f32.
+    Real32,
+    /// u32.
+    Natural32,
+    /// Yes or no.
+    Bit,
+}
+
+/// One number.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Number {
+    /// f32.
+    Real32(f32),
+    /// u32.
+    Natural32(u32),
+    /// Yes or no.
+    Bit(bool),
+}
+
+/// When a register may be written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Writable {
+    /// Never: it tells what the controller was started with.
+    Never,
+    /// Also during a motion: it does not shape motion.
+    Always,
+    /// Only while nothing moves and nothing is armed.
+    AtRest,
+    /// As [`Self::AtRest`]; a change voids the certificate of the gains.
+    Gain,
+    /// As [`Self::AtRest`]; more than the controller was started with only while the limits are unlocked.
+    Limit,
+    /// As [`Self::Limit`], but less is wider.
+    LowerLimit,
+    /// Makes the controller look for its drives again; writable while nothing moves.
+    NextStart,
+    /// Takes effect when the controller is switched on the next time, if it was saved.
+    NextPowerOn,
+}
+
+/// Row of the table.
+#[derive(Clone, Copy, Debug)]
+pub struct RegisterInfo {
+    /// Name, with the unit.
+    pub name: &'static str,
+    /// Type.
+    pub kind: Kind,
+    /// One number per joint, not one for the group.
+    pub per_joint: bool,
+    /// Smallest value.
+    pub min: f32,
+    /// Largest value.
+    pub max: f32,
+    /// When it may be written.
+    pub writable: Writable,
+    place: Place,
+}
+
+/// Where a register's numbers are.
+#[derive(Clone, Copy, Debug)]
+enum Place {
+    Group(Group),
+    Joint(Joint),
+}
+
+impl RegisterInfo {
+    /// Numbers the register has.
+    const fn count(&self, settings: &Settings) -> usize {
+        if self.per_joint { settings.joints as usize } else { 1 }
+    }
+
+    /// True if the number may stand here. Subnormal numbers mean nothing in any unit, and cost time in arithmetic.
+    fn allows(&self, number: Number) -> bool {
+        let x = number.magnitude();
+        // Written so that NaN fails.
+        number.kind() == self.kind && x >= self.min && x <= self.max && !x.is_subnormal()
+    }
+
+    /// True for a limit of motion or of its supervision.
+    pub const fn is_limit(&self) -> bool {
+        matches!(self.writable, Writable::Limit | Writable::LowerLimit)
+    }
+
+    /// True if motion depends on it.
+    pub const fn shapes_motion(&self) -> bool {
+        !matches!(self.writable, Writable::Never | Writable::Always)
+    }
+
+    /// True if a limit is wider than another one.
+    fn is_wider(&self, number: Number, ceiling: Number) -> bool {
+        match self.writable {
+            Writable::Limit => number.magnitude() > ceiling.magnitude(),
+            Writable::LowerLimit => number.magnitude() < ceiling.magnitude(),
+            _ => false,
+        }
+    }
+}
+
+/// Numbers of one register.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Numbers {
+    numbers: [Number; JOINTS_MAX],
+    count: usize,
+}
+
+impl Numbers {
+    /// The numbers.
+    pub fn as_slice(&self) -> &[Number] {
+        self.numbers.get(..self.count).unwrap_or(&[])
+    }
+}
+
+impl Number {
+    /// As a float, to compare with a range.
+    fn magnitude(self) -> f32 {
+        match self {
+            Self::Real32(x) => x,
+            Self::Natural32(x) => x as f32,
+            Self::Bit(x) => f32::from(u8::from(x)),
+        }
+    }
+
+    const fn kind(self) -> Kind {
+        match self {
+            Self::Real32(_) => Kind::Real32,
+            Self::Natural32(_) => Kind::Natural32,
+            Self::Bit(_) => Kind::Bit,
+        }
+    }
+
+    const fn to_bits(self) -> u32 {
+        match self {
+            Self::Real32(x) => x.to_bits(),
+            Self::Natural32(x) => x,
+            Self::Bit(x) => x as u32,
+        }
+    }
+
+    const fn from_bits(kind: Kind, bits: u32) -> Self {
+        match kind {
+            Kind::Real32 => Self::Real32(f32::from_bits(bits)),
+            Kind::Natural32 => Self::Natural32(bits),
+            Kind::Bit => Self::Bit(bits != 0),
+        }
+    }
+}
+
+/// Types a field can have.
+trait Field: Copy {
+    const KIND: Kind;
+    fn number(self) -> Number;
+    fn of(number: Number) -> Option<Self>;
+}
+
+macro_rules! field {
+    ($type:ty, $kind:ident) => {
+        impl Field for $type {
+            const KIND: Kind = Kind::$kind;
+            fn number(self) -> Number {
+                Number::$kind(self)
+            }
+            fn of(number: Number) -> Option<Self> {
+                if let Number::$kind(x) = number { Some(x) } else { None }
+            }
+        }
+    };
+}
+field!(f32, Real32);
+field!(u32, Natural32);
+field!(bool, Bit);
+
+macro_rules! registers {
+    (group { $($gname:literal $gfield:ident: $gtype:ty, $gmin:expr, $gmax:expr, $gwhen:ident, $gtext:literal;)* }
+     joint { $($jname:literal $jfield:ident: $jtype:ty, $jmin:expr, $jmax:expr, $jwhen:ident, $jtext:literal;)* }) => {
+        /// Fields of [`Settings`].
+        #[derive(Clone, Copy, Debug)]
+        #[allow(non_camel_case_types)]
+        enum Group { $($gfield,)* }
+
+        /// Fields of [`JointSettings`](crate::settings::JointSettings).
+        #[derive(Clone, Copy, Debug)]
+        #[allow(non_camel_case_types)]
+        enum Joint { $($jfield,)* }
+
+        /// All registers; the index in this table is the register's number.
+        pub const TABLE: &[RegisterInfo] = &[
+            $(RegisterInfo { name: $gname, kind: <$gtype as Field>::KIND, per_joint: false, min: $gmin, max: $gmax,
+                writable: Writable::$gwhen, place: Place::Group(Group::$gfield) },)*
+            $(RegisterInfo { name: $jname, kind: <$jtype as Field>::KIND, per_joint: true, min: $jmin, max: $jmax,
+                writable: Writable::$jwhen, place: Place::Joint(Joint::$jfield) },)*
+        ];
+
+        /// What each register is, in the order of [`TABLE`]; apart from it because a board has no use for the texts.
+        pub const MEANINGS: &[&str] = &[$($gtext,)* $($jtext,)*];
+
+        /// One number of a register.
+        fn get(settings: &Settings, place: Place, joint: JointIndex) -> Number {
+            let joint = settings.joint.at(joint);
+            match place {
+                $(Place::Group(Group::$gfield) => settings.$gfield.number(),)*
+                $(Place::Joint(Joint::$jfield) => joint.$jfield.number(),)*
+            }
+        }
+
+        /// Sets one number; `None` for one of another type.
+        fn set(settings: &mut Settings, place: Place, joint: JointIndex, number: Number) -> Option<()> {
+            let joint = settings.joint.at_mut(joint);
+            match place {
+                $(Place::Group(Group::$gfield) => settings.$gfield = Field::of(number)?,)*
+                $(Place::Joint(Joint::$jfield) => joint.$jfield = Field::of(number)?,)*
+            }
+            Some(())
+        }
+    };
+}
+
+registers! {
+    group {
+        "group.joints" joints: u32, 1.0, 8.0, NextStart, "joints in use";
+        "group.robot_crc32" robot_crc32: u32, 0.0, 4_294_967_295.0, AtRest, "checksum of the robot file that plans must be for, 0 accepts any";
+        "cycle.period_us" cycle_period_us: u32, 1_000.0, 40_000.0, AtRest, "control period";
+        "cycle.monitor_us" monitor_period_us: u32, 4_000.0, 40_000.0, AtRest, "period of looking at the drives while nothing moves";
+        "cycle.late_max" cycle_late_max: u32, 1.0, 100.0, AtRest, "late cycles in a row that stop the group";
+        "cycle.guest" cycle_guest: bool, 0.0, 1.0, AtRest, "read one drive's current or state word per cycle, in turn";
+        "host.timeout_us" host_timeout_us: u32, 20_000.0, 500_000.0, Limit, "age of the host's last sign of life at which a motion stops; a host sends uavcan.node.Heartbeat at least three times in this time, not once a second, while anything is armed or moves";
+        "reply.deadline_us" reply_deadline_us: u32, 500.0, 20_000.0, AtRest, "a reply that takes longer is missed";
+        "reply.missed_max" reply_missed_max: u32, 1.0, 10.0, AtRest, "missed replies in a row that stop the group";
+        "reply.age_us" reply_age_us: u32, 0.0, 5_000.0, AtRest, "time from a drive's measurement to the end of its reply";
+        "drives.lag_us" drive_lag_us: u32, 0.0, 20_000.0, AtRest, "how far a drive's position runs behind its ramp generator";
+        "drives.in_flight_max" in_flight_max: u32, 1.0, 8.0, AtRest, "drives with a request in flight at the same time";
+        "ramp.reach_rad" reach_rad: f32, 0.5, 6.3, AtRest, "distance of the target ahead of the measured position";
+        "watchdog.enable" watchdog_enable: bool, 0.0, 1.0, NextStart, "switch the drives' watchdogs on";
+        "watchdog.prove" watchdog_prove: bool, 0.0, 1.0, NextStart, "let the watchdogs expire once at start-up";
+        "watchdog.refresh_us" watchdog_refresh_us: u32, 2_000.0, 100_000.0, AtRest, "time between signs of life to the drives";
+        "watchdog.timeout_us" watchdog_timeout_us: u32, 10_000.0, 1_000_000.0, AtRest, "time after which the drives' watchdogs expire";
+        "gains.period_us" gains_period_us: u32, 1_000.0, 40_000.0, Gain, "period the gains were designed for";
+        "gains.robot_crc32" gains_robot_crc32: u32, 0.0, 4_294_967_295.0, Gain, "checksum of the robot file the gains were designed for";
+        "gains.certificate_crc32" gains_certificate_crc32: u32, 0.0, 4_294_967_295.0, AtRest, "checksum of the certificate of the gains, 0 for none; write it after the gains";
+        "limits.robot_crc32" limits_robot_crc32: u32, 0.0, 4_294_967_295.0, Never, "checksum of the robot file whose limits the controller was started with";
+        "estimator.alpha" estimator_alpha: f32, 0.05, 1.0, Gain, "weight of a measurement on the error, 1 takes it as it is";
+        "estimator.beta" estimator_beta: f32, 0.01, 1.0, Gain, "weight of a measurement on the rate of the error, 1 is the plain difference";
+        "stop.share" stop_share: f32, 0.1, 1.0, AtRest, "share of the acceleration that a stop along the path may use";
+        "stop.path_max_us" stop_path_max_us: u32, 50_000.0, 5_000_000.0, AtRest, "a stop along the path that takes longer becomes a quick stop";
+        "gripper.address" gripper_address: u32, 0.0, 31.0, AtRest, "module whose output drives the gripper, 0 for the board's own output";
+        "gripper.line" gripper_line: u32, 0.0, 3.0, AtRest, "output line of that module";
+        "gripper.inverted" gripper_inverted: bool, 0.0, 1.0, AtRest, "output on means closed";
+        "gripper.opening_us" gripper_opening_us: u32, 0.0, 200_000.0, AtRest, "time from switching the output to the ball being free";
+        "telemetry.period_us" telemetry_period_us: u32, 1_000.0, 10_000_000.0, Always, "time between telemetry samples";
+        "home.timeout_us" home_timeout_us: u32, 1_000_000.0, 60_000_000.0, AtRest, "longest homing of one joint";
+        "uavcan.node.id" node_id: u32, 0.0, 127.0, NextPowerOn, "node-ID on the host link";
+        "uavcan.sub.stop.id" stop_subject: u32, 0.0, 6_143.0, NextPowerOn, "subject of the stop message";
+        "uavcan.pub.group_state.id" group_state_subject: u32, 0.0, 6_143.0, NextPowerOn, "subject of the group state";
+        "uavcan.pub.joint_state.id" joint_state_subject: u32, 0.0, 6_143.0, NextPowerOn, "subject of the joint state";
+        "uavcan.sub.target.id" target_subject: u32, 0.0, 6_143.0, NextPowerOn, "subject of new end states";
+        "uavcan.pub.target_answer.id" target_answer_subject: u32, 0.0, 6_143.0, NextPowerOn, "subject of the answers to them";
+    }
+    joint {
+        "joint.address" address: u32, 1.0, 31.0, NextStart, "address of the drive";
+        "joint.inverted" inverted: bool, 0.0, 1.0, NextStart, "joint turns against the drive";
+        "joint.offset_rad" offset_rad: f32, -6.3, 6.3, NextStart, "position of the joint where the drive reads zero";
+        "joint.q_min_rad" q_min_rad: f32, -9.5, 9.5, LowerLimit, "lower soft limit";
+        "joint.q_max_rad" q_max_rad: f32, -9.5, 9.5, Limit, "upper soft limit";
+        "joint.v_max_rad_s" v_max_rad_s: f32, 0.01, 10.0, Limit, "highest speed, commanded and measured";
+        "joint.a_max_rad_s2" a_max_rad_s2: f32, 0.1, 50.0, Limit, "highest commanded acceleration";
+        "joint.error_max_rad" error_max_rad: f32, 0.001, 1.0, Limit, "largest following error";
+        "joint.start_tolerance_rad" start_tolerance_rad: f32, 0.001, 0.5, Limit, "largest distance from the start of a plan at which it may start";
+        "joint.current_max_a" current_max_a: f32, 0.1, 60.0, Limit, "largest current";
+        "joint.jog_v_rad_s" jog_v_rad_s: f32, 0.005, 0.5, Limit, "speed of jogging";
+        "joint.jog_a_rad_s2" jog_a_rad_s2: f32, 0.05, 5.0, Limit, "acceleration of jogging";
+        "joint.slow_current_a" slow_current_a: f32, 0.1, 60.0, Limit, "current limit of the drive while homing and jogging";
+        "joint.home_v_rad_s" home_v_rad_s: f32, -0.5, 0.5, AtRest, "speed of homing with its direction, of the drive";
+        "joint.k_error_1_s2" k_error_1_s2: f32, -20_000.0, 0.0, Gain, "feedback on the position error";
+        "joint.k_rate_1_s" k_rate_1_s: f32, -1_000.0, 0.0, Gain, "feedback on the rate of the error";
+        "joint.k_last" k_last: f32, -2.5, 2.5, Gain, "feedback on the input that acts meanwhile";
+    }
+}
+
+/// Number of the register with this name.
+pub fn find(name: &str) -> Option<usize> {
+    TABLE.iter().position(|info| info.name == name)
+}
+
+/// Numbers of register number `index`; `None` if there is none.
+pub fn read(settings: &Settings, index: usize) -> Option<Numbers> {
+    let info = TABLE.get(index)?;
+    let mut numbers = Numbers { numbers: [Number::Natural32(0); JOINTS_MAX], count: info.count(settings) };
+    for (joint, number) in JointIndex::first(numbers.count).zip(&mut numbers.numbers) {
+        *number = get(settings, info.place, joint);
+    }
+    Some(numbers)
+}
+
+/// Writes register number `index`: all numbers or none.
+///
+/// # Errors
+///
+/// [`Cause::BadValue`] for an unknown register, another type, another count or a number out of the
+/// register's range (index: which number); [`Cause::SettingsInvalid`] if it does not go with the
+/// other settings.
+pub fn write(settings: &mut Settings, index: usize, numbers: &[Number]) -> Result<(), Refusal> {
+    let info = TABLE.get(index).ok_or(Refusal::of(Cause::BadValue))?;
+    let before = read(settings, index).ok_or(Refusal::of(Cause::BadValue))?;
+    if numbers.len() != info.count(settings) {
+        return Err(Refusal::of(Cause::BadValue));
+    }
+    if let Some(wrong) = numbers.iter().position(|number| !info.allows(*number)) {
+        return Err(Refusal::in_file(Cause::BadValue, JointIndex::new(wrong).ok(), wrong));
+    }
+    put(settings, info, numbers);
+    let outcome = settings.check();
+    if outcome.is_err() {
+        put(settings, info, before.as_slice());
+    }
+    outcome
+}
+
+impl Settings {
+    /// Each value is in the range of its register, and what must hold between values does.
+    ///
+    /// # Errors
+    ///
+    /// The first joint with a value out of range, whose limits are not in order or whose address is taken.
+    pub fn check(&self) -> Result<(), Refusal> {
+        check_ranges(self)?;
+        for joint in self.joints() {
+            let j = self.joint.at(joint);
+            // Written so that NaN fails.
+            let in_order = j.q_min_rad < j.q_max_rad
+                && j.jog_v_rad_s <= j.v_max_rad_s
+                && j.home_v_rad_s.abs() <= j.v_max_rad_s
+                && j.jog_a_rad_s2 <= j.a_max_rad_s2
+                && j.slow_current_a <= j.current_max_a;
+            if !in_order {
+                return Err(Refusal::at(Cause::SettingsInvalid, joint));
+            }
+            let taken =
+                self.joints().any(|other| other != joint && self.joint.at(other).address == j.address);
+            if taken {
+                return Err(Refusal::at(Cause::DuplicateAddress, joint));
+            }
+        }
+        let timing = self.reply_deadline_us <= self.cycle_period_us.max(self.monitor_period_us)
+            && self.watchdog_refresh_us < self.watchdog_timeout_us
+            && self.cycle_period_us < self.watchdog_timeout_us;
+        if timing { Ok(()) } else { Err(Refusal::of(Cause::SettingsInvalid)) }
+    }
+}
+
+/// True if every number of every register is in its range.
+///
+/// # Errors
+///
+/// [`Cause::SettingsInvalid`] with the joint of the first number that is not (none: of the group); index: the register.
+pub fn check_ranges(settings: &Settings) -> Result<(), Refusal> {
+    for (index, info) in TABLE.iter().enumerate() {
+        for joint in JointIndex::first(info.count(settings)) {
+            if !info.allows(get(settings, info.place, joint)) {
+                let joint = info.per_joint.then_some(joint);
+                return Err(Refusal::in_file(Cause::SettingsInvalid, joint, index));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// First joint with a limit that is wider than in `ceiling`; index: the register.
+///
+/// # Errors
+///
+/// [`Cause::LimitCeiling`].
+pub fn check_ceiling(settings: &Settings, ceiling: &Settings) -> Result<(), Refusal> {
+    for (index, info) in TABLE.iter().enumerate() {
+        for joint in JointIndex::first(info.count(settings)) {
+            if info.is_wider(get(settings, info.place, joint), get(ceiling, info.place, joint)) {
+                let joint = info.per_joint.then_some(joint);
+                return Err(Refusal::in_file(Cause::LimitCeiling, joint, index));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// True if no number of register `index` is wider than it was in `old`.
+pub fn is_narrower(settings: &Settings, old: &Settings, index: usize) -> bool {
+    TABLE.get(index).is_some_and(|info| {
+        JointIndex::first(info.count(settings))
+            .all(|joint| !info.is_wider(get(settings, info.place, joint), get(old, info.place, joint)))
+    })
+}
+
+/// Puts every limit that is wider than in `ceiling` back to it; true if there was one. Where the limits of a joint do not go
+/// together then, all limits are those of `ceiling`.
+pub fn narrow(settings: &mut Settings, ceiling: &Settings) -> bool {
+    let put_back = |settings: &mut Settings, all: bool| {
+        let mut any = false;
+        for info in TABLE.iter().filter(|info| info.is_limit()) {
+            for joint in JointIndex::first(info.count(settings)) {
+                let limit = get(ceiling, info.place, joint);
+                if all || info.is_wider(get(settings, info.place, joint), limit) {
+                    any = true;
+                    // Of the same register, so of its type.
+                    let _ = set(settings, info.place, joint, limit);
+                }
+            }
+        }
+        any
+    };
+    let any = put_back(settings, false);
+    if any && settings.check().is_err() {
+        put_back(settings, true);
+    }
+    any
+}
+
+/// Sets numbers of the register's type.
+fn put(settings: &mut Settings, info: &RegisterInfo, numbers: &[Number]) {
+    for (joint, number) in JointIndex::first(numbers.len()).zip(numbers) {
+        // Of another type it stays as it is; the callers have looked.
+        let _ = set(settings, info.place, joint, *number);
+    }
+}
+
+/// Bytes of one stored register: key, count, eight numbers.
+pub const ROW_LEN: usize = 8 + 4 * JOINTS_MAX;
+/// Bytes of the stored settings.
+pub const STORED_LEN: usize = TABLE.len() * ROW_LEN;
+
+/// Key of a register in storage: the checksum of its name, so that a later version finds what it
+/// knows and skips the rest.
+fn key(info: &RegisterInfo) -> u32 {
+    Crc32::of(info.name.as_bytes())
+}
+
+/// Stored form of register number `index`.
+pub fn to_row(settings: &Settings, index: usize) -> Option<[u8; ROW_LEN]> {
+    let info = TABLE.get(index)?;
+    let numbers = read(settings, index)?;
+    let mut row = [0; ROW_LEN];
+    let (head, tail) = row.split_first_chunk_mut::<8>()?;
+    let [k0, k1, k2, k3] = key(info).to_le_bytes();
+    *head = [k0, k1, k2, k3, numbers.count as u8, 0, 0, 0];
+    for (to, number) in tail.as_chunks_mut::<4>().0.iter_mut().zip(numbers.as_slice()) {
+        *to = number.to_bits().to_le_bytes();
+    }
+    Some(row)
+}
+
+/// Takes a stored row; false if it is unknown or its numbers are not allowed any more (the setting
+/// keeps its value).
+pub fn take_row(settings: &mut Settings, row: &[u8; ROW_LEN]) -> bool {
+    let Some((head, tail)) = row.split_first_chunk::<8>() else { return false };
+    let [k0, k1, k2, k3, count, ..] = *head;
+    let wanted = u32::from_le_bytes([k0, k1, k2, k3]);
+    let Some(info) = TABLE.iter().find(|info| key(info) == wanted) else { return false };
+    let mut numbers = [Number::Natural32(0); JOINTS_MAX];
+    for (number, bytes) in numbers.iter_mut().zip(tail.as_chunks::<4>().0) {
+        *number = Number::from_bits(info.kind, u32::from_le_bytes(*bytes));
+    }
+    let Some(numbers) = numbers.get(..usize::from(count)) else { return false };
+    let fits = !numbers.is_empty() && (info.per_joint || numbers.len() == 1);
+    let taken = fits && info.writable != Writable::Never && numbers.iter().all(|number| info.allows(*number));
+    // Cross-checks come after the last row: limits may pass through a state out of order.
+    if taken {
+        put(settings, info, numbers);
+    }
+    taken
+}
+
+#[cfg(test)]
+mod tests;

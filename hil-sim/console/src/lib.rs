@@ -1,0 +1,84 @@
+//! Lines to standard output and standard error that never end the program.
+//!
+//! The standard library's `println!` panics when the reader leaves (`cubectl … | head`) or the disk is full. A program
+//! that moves an arm must not end that way. Here
+//!
+//! * a reader that left is no error: what it does not read is dropped;
+//! * what else keeps standard output from being written is kept, and asked for with [`lost`] when the work is done, so
+//!   that nobody takes a cut file for a whole one;
+//! * standard error is written as far as it can be.
+
+use std::fmt::Arguments;
+use std::io::{self, Write};
+use std::sync::Mutex;
+
+static LOST: Mutex<Option<String>> = Mutex::new(None);
+
+/// Writes a line to standard output; arguments as those of `println!`.
+#[macro_export]
+macro_rules! line {
+    () => { $crate::output(::std::format_args!("\n")) };
+    ($($text:tt)*) => { $crate::output(::std::format_args!("{}\n", ::std::format_args!($($text)*))) };
+}
+
+/// Writes to standard output without ending the line; arguments as those of `print!`.
+#[macro_export]
+macro_rules! text {
+    ($($text:tt)*) => { $crate::output(::std::format_args!($($text)*)) };
+}
+
+/// Writes a line to standard error; arguments as those of `eprintln!`.
+#[macro_export]
+macro_rules! note {
+    () => { $crate::message(::std::format_args!("\n")) };
+    ($($text:tt)*) => { $crate::message(::std::format_args!("{}\n", ::std::format_args!($($text)*))) };
+}
+
+/// Writes to standard error without ending the line; arguments as those of `eprint!`.
+#[macro_export]
+macro_rules! note_text {
+    ($($text:tt)*) => { $crate::message(::std::format_args!($($text)*)) };
+}
+
+/// Writes to standard output: what [`line!`] and [`text!`] do.
+pub fn output(text: Arguments<'_>) {
+    let mut out = io::stdout().lock();
+    if let Err(error) = out.write_fmt(text).and_then(|()| out.flush()) {
+        keep(&error);
+    }
+}
+
+/// Writes to standard error: what [`note!`] and [`note_text!`] do.
+pub fn message(text: Arguments<'_>) {
+    // In one piece, so that lines of several programs do not mix.
+    let _ = io::stderr().lock().write_all(text.to_string().as_bytes());
+}
+
+/// Why standard output is not whole, if it is not: the first error since the program began. A reader that left is none.
+#[must_use]
+pub fn lost() -> Option<String> {
+    LOST.lock().ok()?.clone()
+}
+
+fn keep(error: &io::Error) {
+    if error.kind() == io::ErrorKind::BrokenPipe {
+        return;
+    }
+    if let Ok(mut lost) = LOST.lock() {
+        lost.get_or_insert_with(|| error.to_string());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_error_is_kept_and_a_reader_that_left_is_none() {
+        keep(&io::ErrorKind::BrokenPipe.into());
+        assert_eq!(lost(), None);
+        keep(&io::Error::other("full"));
+        keep(&io::Error::other("fuller"));
+        assert_eq!(lost().as_deref(), Some("full"));
+    }
+}

@@ -1,0 +1,108 @@
+//! A ball, cups and hands that stand or turn.
+
+use super::*;
+
+/// Arm 1 holds its cup upright over its base, at rest; the ball comes from above with `v` and `off` beside the axis.
+fn thrown(off_m: f64, v: [f64; 3], change: impl Fn(&mut CourtOptions<6>)) -> Court<6> {
+    let mut options = CourtOptions::two_arms().unwrap();
+    options.tracker.noise_mm = 0.0;
+    change(&mut options);
+    let upright = [0.0, -90.0, -90.0, 0.0, 0.0, 0.0].map(f64::to_radians);
+    let rest = JointsNow { q: JointVec::from(upright), qd: JointVec::zeros() };
+    let mut court = Court::new(options, 0, [rest; 2]);
+    let (mouth, _) = court.mouth(&court.hand(1), 0.0);
+    court.throw_in(LooseBall {
+        p_m: mouth.pos + Vector3::new(off_m, 0.0, 0.3),
+        v_m_s: Vector3::from(v),
+        spin_rad_s: Vector3::zeros(),
+    });
+    for ms in 1..=2000 {
+        court.step(Instant::from_micros(ms * 1000), [rest; 2]);
+    }
+    court
+}
+
+fn has(court: &Court<6>, wanted: impl Fn(&CourtEvent) -> bool) -> bool {
+    court.events().iter().any(|(_, event)| wanted(event))
+}
+
+#[test]
+fn a_ball_into_the_middle_of_the_cup_comes_to_rest_in_it_and_can_be_gripped() {
+    let mut court = thrown(0.0, [0.0, 0.0, -2.0], |_| {});
+    assert_eq!(court.resting_in(), Some(1));
+    let rest_e_m = court.options.cup.rest_e_m(0.03);
+    let at = court.hand(1).x_we.transform_point(&rest_e_m);
+    assert!((court.ball().0 - at).norm() < 1e-3, "{} {at}", court.ball().0);
+    let crossing = court.events().iter().find_map(|(_, e)| match e {
+        CourtEvent::Crossed { arm: 1, crossing } => Some(*crossing),
+        _ => None,
+    });
+    let crossing = crossing.unwrap();
+    let speed = (4.0_f64 + 2.0 * 9.81 * 0.3).sqrt();
+    assert!(crossing.miss_m < 1e-3 && crossing.angle_rad < 1e-3, "{crossing:?}");
+    assert!((crossing.speed_m_s - speed).abs() < 0.02, "{crossing:?}");
+    assert!(!court.grip(0) && court.grip(1));
+    assert!(matches!(court.place(), BallPlace::Held { arm: 1, .. }));
+}
+
+#[test]
+fn a_ball_beside_the_cup_hits_its_rim_and_ends_on_the_floor() {
+    let court = thrown(0.075, [0.0, 0.0, -2.0], |_| {});
+    assert_eq!(court.resting_in(), None);
+    assert!(has(&court, |e| matches!(e, CourtEvent::HitCup { arm: 1, .. })));
+    assert!(has(&court, |e| *e == CourtEvent::HitFloor), "{:?}", court.events());
+}
+
+#[test]
+fn a_ball_that_bounces_well_jumps_out_of_a_shallow_cup() {
+    let court = thrown(0.03, [0.3, 0.0, -3.5], |options| {
+        options.cup.surface.restitution = 0.9;
+        options.cup.shape.depth_m = 0.05;
+    });
+    assert_eq!(court.resting_in(), None, "{:?}", court.events());
+}
+
+#[test]
+fn open_jaws_are_no_cup() {
+    let mut options = CourtOptions::two_arms().unwrap();
+    options.tracker.noise_mm = 0.0;
+    let rest = JointsNow { q: JointVec::zeros(), qd: JointVec::zeros() };
+    let court = Court::new(options, 0, [rest; 2]);
+    assert_eq!(court.jaws_open, [true, false]);
+}
+
+/// The release is told to the microsecond, and the ball leaves with the velocity of its place in the hand.
+#[test]
+fn a_released_ball_leaves_with_the_hands_velocity_and_the_tracker_sees_it_from_then_on() {
+    let mut options = CourtOptions::two_arms().unwrap();
+    options.tracker.noise_mm = 0.0;
+    options.ball.drag_1_m = 0.0;
+    let qd = JointVec::from([1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    let q0 = JointVec::from([0.0, -20.0, -110.0, 0.0, 0.0, 0.0].map(f64::to_radians));
+    let at = |ms: u64| JointsNow { q: q0 + qd * (ms as f64 * 1e-3), qd };
+    let rest = JointsNow { q: q0, qd: JointVec::zeros() };
+    let mut court = Court::new(options, 0, [at(0), rest]);
+    court.release_at(Instant::from_micros(50_350));
+    let mut stamps = Vec::new();
+    for ms in 1..=150 {
+        court.step(Instant::from_micros(ms * 1000), [at(ms), rest]);
+        while let Some(bytes) = court.poll_datagram() {
+            let frame = tracker_protocol::dtrack::DataFrame::parse(&bytes).unwrap();
+            if frame.markers.is_some_and(|m| !m.is_empty()) {
+                stamps.push(frame.ts2.unwrap().us % 1_000_000);
+            }
+        }
+    }
+    assert_eq!(court.released_at(), Some((0, Instant::from_micros(50_350))));
+    let model = &court.options.arms[0].model;
+    let frames = model.fk(&(q0 + qd * 0.05035));
+    let ball = model.ball(&frames).pos;
+    let v = Vector3::z().cross(&ball);
+    let t = 0.150 - 0.05035;
+    let expected = ball + v * t - Vector3::z() * (0.5 * 9.81 * t * t);
+    assert!((court.ball().0 - expected).norm() < 2e-4, "{} {expected}", court.ball().0);
+    // First flash after the release: the seventh after the one at zero.
+    assert_eq!(stamps.first(), Some(&58_331));
+    // 15 ms of latency: the flash at 133.3 ms has arrived, that at 141.7 ms has not.
+    assert_eq!(stamps.last(), Some(&133_328));
+}

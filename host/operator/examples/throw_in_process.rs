@@ -1,0 +1,66 @@
+//! Throws from a program of one's own: a plan, a controller in this program, a simulated arm, and where the ball landed.
+//!
+//! ```sh
+//! cargo run -p operator --example throw_in_process -- 1.0 1.0 -1.0
+//! ```
+//!
+//! The job asks an [`Operator`](operator::port::Operator) only. Put [`OnBus`](operator::port::OnBus) with a session in the place
+//! of [`InProcess`], and the same lines throw with the arm on a bus.
+
+use std::error::Error;
+
+use nalgebra::Vector3;
+use operator::bus::period::settings_with_gains;
+use operator::bus::sim::SimSetup;
+use operator::port::{BallSeen, InProcess};
+use operator::throw::outcome::{default_tolerance_m, judge};
+use operator::throw::{Job, Outcome, Record, job};
+use planner::plan::file::PlanFile;
+use planner::plan::problem::{Options, Problem};
+use planner::plan::search::{Budget, Planner, Watch};
+use planner::plan::statistics::Noise;
+use planner::plan::{Arm, seeds};
+use robot_model::AnyRobot;
+use robot_model::collision::Scene;
+
+const SEED: u64 = 1;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let numbers: Vec<f64> = std::env::args().skip(1).map(|text| text.parse()).collect::<Result<_, _>>()?;
+    let [x, y, z] = numbers.as_slice() else { return Err("give the target as three numbers, m".into()) };
+    let target_m = Vector3::new(*x, *y, *z);
+
+    let arm = Arm::load("powercube6")?;
+    let problem = Problem::new(&arm, target_m, Options::best())?;
+    let budget = Budget { starts: 2, all: false, time: None, seed: SEED };
+    let found = Planner::new(&problem).search(&seeds::built_in(&arm), &budget, &Watch::default())?;
+    let plan = PlanFile::of(&problem, &found, "powercube6", SEED, &Noise::default(), None)
+        .ok_or("the ball does not come down on the plane of the target")?;
+
+    let robot = AnyRobot::load("powercube6")?;
+    let mut setup = SimSetup::default();
+    setup.cell.gripper.landing_z_m = Some(target_m.z);
+    let mut operator = InProcess::new(&robot, &setup, SEED, &settings_with_gains(&robot)?)?;
+
+    let scene = Scene { ball_held: true, ..Scene::default() };
+    let throw = Job {
+        arm: &arm,
+        plan: &plan,
+        gains: None,
+        scene: &scene,
+        approach_share: 0.3,
+        seed: SEED,
+        tolerance_m: default_tolerance_m(&plan),
+        go_back: false,
+    };
+    let mut record = Record::default();
+    let ended = job::run(&mut operator, &throw, &mut record, &mut |_| true);
+    let verdict = judge(&throw, &record, ended.as_ref().copied());
+    println!("{}", verdict.text);
+
+    // The simulated cell is the witness.
+    let landing = BallSeen::of(operator.cell()).landing.ok_or("no ball came down")?;
+    let error_mm = 1e3 * (landing.1 - target_m).norm();
+    println!("the ball came down {error_mm:.1} mm from the target");
+    if verdict.outcome == Outcome::Landed { Ok(()) } else { Err(verdict.text.into()) }
+}

@@ -1,0 +1,73 @@
+//! Who else is on a bus, by listening alone; and what controllers say there.
+
+use protocol::cyphal::id::NodeId;
+use protocol::{Duration, Instant};
+
+use super::ask::{AskError, OTHERS_LISTEN};
+use super::operator::PRESENCE;
+use crate::bus::session::{Ended, Session};
+use crate::node::inbox::Said;
+
+/// Who else is on the bus.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Presence {
+    /// The controller that was heard.
+    pub controller: Option<NodeId>,
+    /// Another node asks or orders drives.
+    pub drives_are_asked: bool,
+    /// Another `cubectl` is a node: it has the same node-ID.
+    pub namesake: bool,
+}
+
+impl Presence {
+    /// Another node uses the drives.
+    #[must_use]
+    pub const fn is_in_use(&self) -> bool {
+        self.drives_are_asked || self.controller.is_some()
+    }
+}
+
+impl Session {
+    /// Lines of text that controllers said since the last call, oldest first. They are heard once this session has listened
+    /// or spoken to one.
+    pub fn take_said(&mut self) -> Vec<(Instant, Said)> {
+        self.host_node().inbox().map_or_else(Vec::new, |inbox| inbox.records.drain(..).collect())
+    }
+
+    /// Listens for 1.5 s at most: a controller that is there has told its state by then. Nothing is sent.
+    ///
+    /// # Errors
+    /// [`AskError::Bus`], [`AskError::Interrupted`].
+    pub fn listen(&mut self) -> Result<Presence, AskError> {
+        self.listen_for(PRESENCE, true)
+    }
+
+    /// Listens for `span`, or with `until_told` until a controller was heard and had time to show its host. Nothing is
+    /// sent; before it returns the session may speak again.
+    ///
+    /// # Errors
+    /// As [`Session::listen`].
+    pub fn listen_for(&mut self, span: Duration, until_told: bool) -> Result<Presence, AskError> {
+        let (begun, before) = (self.now(), self.host_node().tally());
+        let heard_since = |at: Instant| at > begun;
+        self.host_node().listen_only();
+        let ended = self.run(begun + span, &mut |host_node| {
+            let told =
+                host_node.inbox().and_then(|inbox| inbox.group).is_some_and(|(at, ..)| heard_since(at));
+            // A host tells of itself every 30 ms.
+            until_told && told && host_node.now() >= begun + OTHERS_LISTEN
+        });
+        self.host_node().speak();
+        if ended? == Ended::Interrupted {
+            return Err(AskError::Interrupted);
+        }
+        let host_node = self.host_node();
+        let tally = host_node.tally();
+        let controller = host_node.inbox().and_then(|inbox| inbox.group).filter(|(at, ..)| heard_since(*at));
+        Ok(Presence {
+            controller: controller.map(|(_, node, _)| node),
+            drives_are_asked: tally.foreign_requests > before.foreign_requests,
+            namesake: tally.namesakes > before.namesakes,
+        })
+    }
+}

@@ -1,0 +1,20 @@
+//! Live view: what passes on a bus, for a page in a browser and for the viewers of robotics, over one port of this machine.
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`state`] | what was heard last, as one snapshot; without IO |
+//! | [`gate`] | which requests are answered: nothing from another place reaches the page |
+//! | [`viewer`] | the WebSocket protocol of robotics viewers: channels and messages; without IO |
+//! | [`serve`] | the port, its connections and their threads |
+//!
+//! # What a page can do
+//!
+//! It can look, and it can stop. Nothing that arrives here moves anything.
+
+pub mod gate;
+pub mod serve;
+pub mod state;
+pub mod viewer;
+
+pub use serve::{LiveServer, ServeError};
+pub use state::{LiveState, LiveTap, Machine};

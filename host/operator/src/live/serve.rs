@@ -1,0 +1,376 @@
+//! The port of the live view, its connections and their threads.
+
+use std::io::{self, Read, Write};
+use std::net::{IpAddr, Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use tungstenite::handshake::server::{create_response, write_response};
+use tungstenite::http::{HeaderValue, Request};
+use tungstenite::protocol::{Role, WebSocket, WebSocketConfig};
+use tungstenite::{Error as WireError, Message};
+
+use super::gate::{Asked, Wanted, judge};
+use super::state::LiveState;
+use super::viewer::{PROTOCOLS, Viewer};
+
+/// Time between two snapshots to one page: 50 Hz.
+pub const PERIOD: Duration = Duration::from_millis(20);
+/// Connections at once; one more is told so.
+pub const CONNECTIONS_MAX: usize = 32;
+/// Longest request, bytes.
+const REQUEST_MAX_BYTES: usize = 16 * 1024;
+/// Bytes that are taken in after an answer.
+const LEFT_OVER_MAX_BYTES: usize = 256 * 1024;
+/// Headers of a request.
+const HEADERS_MAX: usize = 64;
+/// A connection that has not said what it wants by then is closed.
+const REQUEST_WITHIN: Duration = Duration::from_secs(5);
+/// A page that takes nothing for so long is disconnected.
+const WRITE_WITHIN: Duration = Duration::from_secs(2);
+/// Longest message that a page or a viewer sends, bytes.
+const MESSAGE_MAX_BYTES: usize = 64 * 1024;
+/// What a page sends to stop.
+const STOP: &str = "stop";
+
+/// Why the live view cannot be served.
+#[derive(Debug, thiserror::Error)]
+pub enum ServeError {
+    /// The port would be reached from other machines.
+    #[error(
+        "{0} is not an address of this machine's loopback\n  next: give a port, or 127.0.0.1:PORT; from another machine use a tunnel \
+         (`ssh -L PORT:127.0.0.1:PORT`)"
+    )]
+    NotLoopback(SocketAddr),
+    /// The port cannot be had.
+    #[error("cannot listen at {address}: {source}\n  next: choose another port, or 0 for any that is free")]
+    Listen {
+        /// Where.
+        address: SocketAddr,
+        /// The system's answer.
+        source: io::Error,
+    },
+}
+
+/// What all connections share.
+struct Shared {
+    state: Arc<Mutex<LiveState>>,
+    stop: Arc<AtomicBool>,
+    page: String,
+    own: SocketAddr,
+    origins: Vec<String>,
+    ended: AtomicBool,
+    connections: AtomicUsize,
+}
+
+/// A port that serves the live view until it is dropped.
+pub struct LiveServer {
+    shared: Arc<Shared>,
+    accepting: Option<JoinHandle<()>>,
+}
+
+impl LiveServer {
+    /// Serves `page` and what `state` holds at `address`, which must be of the loopback; port 0 is any that is free. A page that
+    /// stops sets `stop`. Pages of `origins` (`https://viewer.example`) may read too.
+    ///
+    /// # Errors
+    /// [`ServeError`].
+    pub fn start(
+        address: SocketAddr,
+        state: Arc<Mutex<LiveState>>,
+        page: String,
+        origins: Vec<String>,
+        stop: Arc<AtomicBool>,
+    ) -> Result<Self, ServeError> {
+        if !address.ip().is_loopback() {
+            return Err(ServeError::NotLoopback(address));
+        }
+        let refused = |source| ServeError::Listen { address, source };
+        let listener = TcpListener::bind(address).map_err(refused)?;
+        let own = listener.local_addr().map_err(refused)?;
+        listener.set_nonblocking(true).map_err(refused)?;
+        let (ended, connections) = (AtomicBool::new(false), AtomicUsize::new(0));
+        let shared = Arc::new(Shared { state, stop, page, own, origins, ended, connections });
+        let accepting = {
+            let shared = Arc::clone(&shared);
+            thread::Builder::new()
+                .name("live view".to_owned())
+                .spawn(move || accept(&listener, &shared))
+                .map_err(refused)?
+        };
+        Ok(Self { shared, accepting: Some(accepting) })
+    }
+
+    /// Where the page is.
+    #[must_use]
+    pub fn url(&self) -> String {
+        format!("http://{}/", self.shared.own)
+    }
+
+    /// Address of the port.
+    #[must_use]
+    pub fn address(&self) -> SocketAddr {
+        self.shared.own
+    }
+}
+
+impl Drop for LiveServer {
+    fn drop(&mut self) {
+        self.shared.ended.store(true, Ordering::Relaxed);
+        if let Some(accepting) = self.accepting.take() {
+            // A thread that panicked has said so already.
+            let _ = accepting.join();
+        }
+    }
+}
+
+/// Address of a port number or of `HOST:PORT`.
+///
+/// # Errors
+/// Neither.
+pub fn address(text: &str) -> Result<SocketAddr, String> {
+    if let Ok(port) = text.parse::<u16>() {
+        return Ok(SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), port));
+    }
+    text.replace("localhost:", "127.0.0.1:")
+        .parse()
+        .map_err(|_| "expected a port, or HOST:PORT with the address of the loopback".to_owned())
+}
+
+fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
+    let mut threads: Vec<JoinHandle<()>> = Vec::new();
+    while !shared.ended.load(Ordering::Relaxed) {
+        match listener.accept() {
+            Ok((stream, _)) => {
+                threads.retain(|thread| !thread.is_finished());
+                let connection = Arc::clone(shared);
+                shared.connections.fetch_add(1, Ordering::Relaxed);
+                let spawned = thread::Builder::new().name("live connection".to_owned()).spawn(move || {
+                    // A connection that breaks is the other side's affair.
+                    let _ = serve(stream, &connection);
+                    connection.connections.fetch_sub(1, Ordering::Relaxed);
+                });
+                match spawned {
+                    Ok(thread) => threads.push(thread),
+                    Err(_) => {
+                        shared.connections.fetch_sub(1, Ordering::Relaxed);
+                    }
+                }
+            }
+            // Nobody came, or one left before it was taken.
+            Err(_) => thread::sleep(PERIOD),
+        }
+    }
+    for thread in threads {
+        let _ = thread.join();
+    }
+}
+
+fn serve(mut stream: TcpStream, shared: &Shared) -> io::Result<()> {
+    stream.set_nonblocking(false)?;
+    stream.set_nodelay(true)?;
+    stream.set_write_timeout(Some(WRITE_WITHIN))?;
+    let Some(head) = head_of(&mut stream, shared)? else { return Ok(()) };
+    let mut headers = [httparse::EMPTY_HEADER; HEADERS_MAX];
+    let mut request = httparse::Request::new(&mut headers);
+    if !matches!(request.parse(&head), Ok(httparse::Status::Complete(_))) {
+        return answer(&mut stream, "400 Bad Request", "text/plain", "not a request of HTTP/1.1\n");
+    }
+    let header = |name: &str| {
+        let found = request.headers.iter().find(|header| header.name.eq_ignore_ascii_case(name));
+        found.and_then(|header| std::str::from_utf8(header.value).ok())
+    };
+    let asked = Asked {
+        method: request.method.unwrap_or_default(),
+        path: request.path.unwrap_or_default(),
+        host: header("Host"),
+        origin: header("Origin"),
+        upgrade: header("Upgrade").is_some_and(|upgrade| upgrade.eq_ignore_ascii_case("websocket")),
+        protocols: header("Sec-WebSocket-Protocol"),
+    };
+    let wanted = match judge(&asked, shared.own, &shared.origins) {
+        Ok(wanted) => wanted,
+        Err(refused) => {
+            return answer(&mut stream, refused.status(), "text/plain", &format!("{refused}\n"));
+        }
+    };
+    if wanted == Wanted::Stop {
+        shared.stop.store(true, Ordering::Relaxed);
+        return answer(&mut stream, "200 OK", "text/plain", "stopping\n");
+    }
+    if shared.connections.load(Ordering::Relaxed) > CONNECTIONS_MAX {
+        return answer(&mut stream, "503 Service Unavailable", "text/plain", "too many connections\n");
+    }
+    let protocol = match wanted {
+        Wanted::Page | Wanted::Stop => {
+            return answer(&mut stream, "200 OK", "text/html; charset=utf-8", &shared.page);
+        }
+        Wanted::Live => None,
+        Wanted::Viewer => {
+            let offered = asked.protocols.unwrap_or_default();
+            let known =
+                PROTOCOLS.into_iter().find(|known| offered.split(',').any(|one| one.trim() == *known));
+            if known.is_none() {
+                let text = format!("spoken here: {}\n", PROTOCOLS.join(", "));
+                return answer(&mut stream, "400 Bad Request", "text/plain", &text);
+            }
+            known
+        }
+    };
+    let Some(mut socket) = upgraded(stream, &request, protocol)? else { return Ok(()) };
+    let ended = match wanted {
+        Wanted::Viewer => look(&mut socket, shared),
+        _ => show(&mut socket, shared),
+    };
+    match ended {
+        // Orderly ends, and connections that broke.
+        Ok(()) | Err(WireError::ConnectionClosed | WireError::AlreadyClosed) => Ok(()),
+        Err(WireError::Io(error)) => Err(error),
+        Err(other) => Err(io::Error::other(other)),
+    }
+}
+
+/// The head of a request, or `None` if none comes.
+fn head_of(stream: &mut TcpStream, shared: &Shared) -> io::Result<Option<Vec<u8>>> {
+    let until = Instant::now() + REQUEST_WITHIN;
+    stream.set_read_timeout(Some(Duration::from_millis(100)))?;
+    let (mut head, mut chunk) = (Vec::new(), [0_u8; 1024]);
+    while Instant::now() < until && !shared.ended.load(Ordering::Relaxed) {
+        match stream.read(&mut chunk) {
+            Ok(0) => return Ok(None),
+            Ok(n) => head.extend_from_slice(&chunk[..n]),
+            Err(error) if is_time(&error) => continue,
+            Err(error) => return Err(error),
+        }
+        if head.windows(4).any(|end| end == b"\r\n\r\n") {
+            return Ok(Some(head));
+        }
+        if head.len() > REQUEST_MAX_BYTES {
+            answer(stream, "431 Request Header Fields Too Large", "text/plain", "too long\n")?;
+            return Ok(None);
+        }
+    }
+    Ok(None)
+}
+
+fn is_time(error: &io::Error) -> bool {
+    matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut)
+}
+
+/// A whole answer; the connection ends with it. The page may load and run nothing but what is inside it.
+fn answer(stream: &mut TcpStream, status: &str, kind: &str, body: &str) -> io::Result<()> {
+    let head = format!(
+        "HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {}\r\nConnection: close\r\nCache-Control: no-store\r\n\
+         X-Frame-Options: DENY\r\nX-Content-Type-Options: nosniff\r\nContent-Security-Policy: default-src 'none'; \
+         script-src 'unsafe-inline'; style-src 'unsafe-inline'; connect-src 'self'; frame-ancestors 'none'; base-uri \
+         'none'; form-action 'none'\r\n\r\n",
+        body.len()
+    );
+    stream.write_all(head.as_bytes())?;
+    stream.write_all(body.as_bytes())?;
+    // What the other side still sends is taken in: closing over it would take the answer back.
+    stream.shutdown(Shutdown::Write)?;
+    let (mut rest, mut left) = ([0_u8; 1024], LEFT_OVER_MAX_BYTES);
+    while left > 0 {
+        match stream.read(&mut rest) {
+            Ok(0) | Err(_) => break,
+            Ok(n) => left = left.saturating_sub(n),
+        }
+    }
+    Ok(())
+}
+
+/// Shakes hands; `None` if the request for a WebSocket is not a good one, which is told.
+fn upgraded(
+    mut stream: TcpStream,
+    request: &httparse::Request<'_, '_>,
+    protocol: Option<&'static str>,
+) -> io::Result<Option<WebSocket<TcpStream>>> {
+    let mut asked = Request::builder().method(request.method.unwrap_or_default()).uri("/");
+    for header in request.headers.iter() {
+        asked = asked.header(header.name, header.value);
+    }
+    let response = asked.body(()).map_err(|_| ()).and_then(|asked| create_response(&asked).map_err(|_| ()));
+    let Ok(mut response) = response else {
+        answer(&mut stream, "400 Bad Request", "text/plain", "not a good request for a WebSocket\n")?;
+        return Ok(None);
+    };
+    if let Some(protocol) = protocol {
+        response.headers_mut().insert("Sec-WebSocket-Protocol", HeaderValue::from_static(protocol));
+    }
+    let mut head = Vec::new();
+    write_response(&mut head, &response).map_err(io::Error::other)?;
+    stream.write_all(&head)?;
+    let config = WebSocketConfig::default()
+        .read_buffer_size(4 * 1024)
+        .write_buffer_size(0)
+        .max_message_size(Some(MESSAGE_MAX_BYTES))
+        .max_frame_size(Some(MESSAGE_MAX_BYTES));
+    Ok(Some(WebSocket::from_raw_socket(stream, Role::Server, Some(config))))
+}
+
+/// Reads what comes until `until`; gives each text to `take`.
+fn listen(
+    socket: &mut WebSocket<TcpStream>,
+    until: Instant,
+    mut take: impl FnMut(&str),
+) -> Result<(), WireError> {
+    loop {
+        let left = until.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            return Ok(());
+        }
+        socket.get_ref().set_read_timeout(Some(left))?;
+        match socket.read() {
+            Ok(Message::Text(text)) => take(text.as_str()),
+            Ok(_) => {}
+            Err(WireError::Io(error)) if is_time(&error) => return Ok(()),
+            Err(error) => return Err(error),
+        }
+    }
+}
+
+/// Snapshots for a page, as JSON.
+fn show(socket: &mut WebSocket<TcpStream>, shared: &Shared) -> Result<(), WireError> {
+    let mut last_event = 0;
+    let mut next = Instant::now();
+    while !shared.ended.load(Ordering::Relaxed) {
+        let snapshot = shared.state.lock().unwrap_or_else(PoisonError::into_inner).snapshot(last_event);
+        last_event = snapshot.events.last().map_or(last_event, |event| event.number);
+        let text = serde_json::to_string(&snapshot).map_err(|error| WireError::Io(error.into()))?;
+        socket.send(Message::text(text))?;
+        next = (next + PERIOD).max(Instant::now());
+        listen(socket, next, |text| {
+            if text == STOP {
+                shared.stop.store(true, Ordering::Relaxed);
+            }
+        })?;
+    }
+    socket.close(None)
+}
+
+/// Messages for a robotics viewer.
+fn look(socket: &mut WebSocket<TcpStream>, shared: &Shared) -> Result<(), WireError> {
+    let state = || shared.state.lock().unwrap_or_else(PoisonError::into_inner);
+    let greeting = Viewer::greeting(state().machine());
+    for text in greeting {
+        socket.send(Message::text(text))?;
+    }
+    let mut viewer = Viewer::default();
+    let mut next = Instant::now();
+    while !shared.ended.load(Ordering::Relaxed) {
+        let messages = {
+            let state = state();
+            let snapshot = state.snapshot(viewer.last_event());
+            viewer.messages(&snapshot, state.machine())
+        };
+        for message in messages {
+            socket.send(Message::binary(message))?;
+        }
+        next = (next + PERIOD).max(Instant::now());
+        listen(socket, next, |text| viewer.take(text))?;
+    }
+    socket.close(None)
+}

@@ -1,0 +1,316 @@
+//! The host's one node on the bus: asks drives, sends what it is told, keeps what it heard.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use protocol::cyphal::cubecell::stop::{self, Reason, Sender};
+use protocol::cyphal::cubecell::target::{self, TargetState};
+use protocol::cyphal::id::{NodeId, Priority, Route, Tail, TransferId};
+use protocol::cyphal::server::Publication;
+use protocol::cyphal::tx::SendError;
+use protocol::powercube::{
+    Address, Broadcast, Channel, CubeState, MotionPosition, Parameter, PosStateDio, Reply, Request, Value,
+};
+use protocol::{Duration, Frame, Id, Instant, ModuleId, Node};
+
+use super::drive_client::{DriveClient, Outcome, RequestFailed, Ticket};
+use super::inbox::{CyphalLink, Inbox, NODE_ID};
+
+/// What was heard of one module, by whomever it was asked.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Heard {
+    /// When it was heard last.
+    pub at: Instant,
+    /// Frames from it.
+    pub frames: u64,
+    pub position_rad: Option<f32>,
+    /// When the position was heard.
+    pub position_at: Instant,
+    /// State word.
+    pub state: Option<CubeState>,
+    pub current_a: Option<f32>,
+    /// The last position came with NOT_OK set.
+    pub not_ok: bool,
+}
+
+impl Heard {
+    const fn tell_position(&mut self, rad: f32, at: Instant) {
+        (self.position_rad, self.position_at) = (Some(rad), at);
+    }
+}
+
+/// Counts of what the host node saw.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// Frames received.
+    pub received: u64,
+    /// Of these, with 29-bit ids.
+    pub extended: u64,
+    /// Requests and broadcasts to drives from another node.
+    pub foreign_requests: u64,
+    /// Frames of another node under the node-ID of this program: another `cubectl`.
+    pub namesakes: u64,
+    /// Frames sent.
+    pub sent: u64,
+    /// Frames from drives that are no valid answer.
+    pub malformed: u64,
+    /// Data bits and frame overhead of all frames both ways, without stuff bits.
+    pub bits: u64,
+}
+
+#[derive(Clone, Debug)]
+pub struct HostNode {
+    /// Requests to drives.
+    pub drives: DriveClient,
+    now: Instant,
+    out: VecDeque<Frame>,
+    heard: BTreeMap<ModuleId, Heard>,
+    tally: Tally,
+    stop_transfer: TransferId,
+    /// The host link to a controller, once a verb wants it.
+    link: Option<Box<CyphalLink>>,
+    targets: Publication,
+    /// The host link hears, but says nothing.
+    mute: bool,
+    /// Questions and answers of each module, by whomever it was asked.
+    talks: BTreeMap<ModuleId, (u32, u32)>,
+}
+
+/// An end state that could not be sent by then is dropped: a newer one has come.
+const TARGET_VALID: Duration = Duration::from_millis(20);
+/// Answers that one module may have given beyond the questions that were heard: some were asked before we listened.
+const EXTRA_ANSWERS_MAX: u32 = 3;
+
+impl Default for HostNode {
+    fn default() -> Self {
+        Self {
+            drives: DriveClient::default(),
+            now: Instant::ZERO,
+            out: VecDeque::new(),
+            heard: BTreeMap::new(),
+            tally: Tally::default(),
+            stop_transfer: TransferId::ZERO,
+            link: None,
+            targets: Publication::new(target::SUBJECT, Priority::Fast, TARGET_VALID),
+            mute: false,
+            talks: BTreeMap::new(),
+        }
+    }
+}
+
+impl HostNode {
+    /// Begins a request at the host node's present time.
+    ///
+    /// # Errors
+    /// [`RequestFailed::QueueFull`].
+    pub fn start(&mut self, module: ModuleId, request: Request) -> Result<Ticket, RequestFailed> {
+        self.drives.start(self.now, module, request)
+    }
+
+    /// The next request that has ended.
+    pub fn poll_outcome(&mut self) -> Option<Outcome> {
+        self.drives.poll_outcome()
+    }
+
+    pub fn send(&mut self, frame: Frame) {
+        self.out.push_back(frame);
+    }
+
+    /// Orders everything on the bus to stand still: halt broadcast to the drives, stop message to a controller.
+    /// Everything that waits is forgotten first.
+    pub fn halt(&mut self, reason: Reason) {
+        self.drives.cancel_all();
+        self.out.clear();
+        self.out.push_back(self.stop_message(reason));
+        self.stop_transfer = self.stop_transfer.next();
+        self.out.push_back(Broadcast::Halt.encode());
+    }
+
+    /// The Cyphal message that stops a controller: one frame, highest priority.
+    fn stop_message(&self, reason: Reason) -> Frame {
+        let route = Route::Message { source: NODE_ID, subject: stop::SUBJECT };
+        let tail = Tail { start: true, end: true, toggle: true, transfer_id: self.stop_transfer };
+        let bytes = [reason.0, Sender::CUBECTL.0, 0, 0, tail.byte()];
+        Frame::from_array(route.can_id(Priority::Exceptional), bytes)
+    }
+
+    /// The host link to a controller; from the first call on the host node is a Cyphal node with a heartbeat.
+    pub(crate) fn link(&mut self) -> (&mut CyphalLink, Instant) {
+        let now = self.now;
+        (self.link.get_or_insert_with(|| Box::new(super::inbox::link(now))), now)
+    }
+
+    /// Sends a new end state to the controller.
+    ///
+    /// # Errors
+    /// No room in the queue.
+    pub(crate) fn publish_target(&mut self, message: &TargetState) -> Result<(), SendError> {
+        self.link();
+        let now = self.now;
+        let Some(link) = self.link.as_mut() else { return Ok(()) };
+        link.publish(now, &mut self.targets, message)
+    }
+
+    /// Hears a controller without being a node: no heartbeat, which would keep a motion of another host alive.
+    pub fn listen_only(&mut self) {
+        self.link();
+        self.mute = true;
+    }
+
+    /// Is a node again after [`HostNode::listen_only`].
+    pub const fn speak(&mut self) {
+        self.mute = false;
+    }
+
+    /// Modules that gave more answers than they were asked: two drives have the address.
+    pub fn double_answers(&self) -> Vec<ModuleId> {
+        let doubled = self.talks.iter().filter(|(_, (asked, told))| *told > *asked + EXTRA_ANSWERS_MAX);
+        doubled.map(|(module, _)| *module).collect()
+    }
+
+    fn asked(&mut self, frame: &Frame) {
+        if !frame.is_extended()
+            && let Some(Address::Module(Channel::Get | Channel::Put, module)) = Address::of(frame.id())
+        {
+            self.talks.entry(module).or_default().0 += 1;
+        }
+    }
+
+    /// What the host link received.
+    pub fn inbox(&mut self) -> Option<&mut Inbox> {
+        self.link.as_mut().map(|link| &mut link.listener)
+    }
+
+    /// Time without a word of the controller, not counting what was before `since`; zero if it was never heard.
+    pub fn silence(&self, since: Instant) -> Duration {
+        let heard = self.link.as_ref().and_then(|link| link.listener.group);
+        heard.map_or(Duration::ZERO, |(at, ..)| self.now.saturating_since(at.max(since)))
+    }
+
+    /// What was heard of each module.
+    pub const fn heard(&self) -> &BTreeMap<ModuleId, Heard> {
+        &self.heard
+    }
+
+    /// Present time.
+    pub const fn now(&self) -> Instant {
+        self.now
+    }
+
+    pub const fn tally(&self) -> Tally {
+        self.tally
+    }
+
+    /// Brings the host node's time up to `now` before a verb talks to it.
+    pub(crate) fn advance_to(&mut self, now: Instant) {
+        self.now = self.now.max(now);
+    }
+
+    fn count(&mut self, frame: &Frame) {
+        self.tally.bits += frame_bits(frame);
+    }
+
+    fn note(&mut self, module: ModuleId, reply: &Reply) {
+        let heard = self.heard.entry(module).or_default();
+        heard.at = self.now;
+        heard.frames += 1;
+        match *reply {
+            Reply::Value(Parameter::ActPos, Value::F32(rad)) => heard.tell_position(rad, self.now),
+            Reply::Value(Parameter::Cur, Value::F32(a)) => heard.current_a = Some(a),
+            Reply::Value(Parameter::CubeState, Value::U32(bits)) => {
+                heard.state = Some(CubeState::from_bits(bits));
+            }
+            Reply::Value(_, Value::PosStateDio(PosStateDio { position_rad, short_state, .. })) => {
+                heard.tell_position(position_rad, self.now);
+                heard.not_ok = short_state.intersects(protocol::powercube::ShortState::NOT_OK);
+            }
+            Reply::MotionExtended { position: MotionPosition::Radians(rad), short_state, .. } => {
+                heard.tell_position(rad.get(), self.now);
+                heard.not_ok = short_state.intersects(protocol::powercube::ShortState::NOT_OK);
+            }
+            Reply::State(state) => heard.state = Some(state),
+            _ => {}
+        }
+    }
+}
+
+impl Node for HostNode {
+    fn handle_frame(&mut self, now: Instant, frame: &Frame) {
+        self.advance_to(now);
+        self.tally.received += 1;
+        self.tally.extended += u64::from(frame.is_extended());
+        self.count(frame);
+        if frame.is_extended() {
+            self.tally.namesakes += u64::from(is_from(NODE_ID, frame));
+            if let Some(link) = &mut self.link {
+                link.handle_frame(self.now, frame);
+            }
+            return;
+        }
+        match Address::of(frame.id()) {
+            Some(Address::Module(Channel::Ack | Channel::State, _)) => {}
+            Some(Address::Module(Channel::Get | Channel::Put, _) | Address::Broadcast) => {
+                self.tally.foreign_requests += 1;
+                self.asked(frame);
+                return;
+            }
+            None => return,
+        }
+        match Reply::decode(frame) {
+            Ok((module, reply)) => {
+                self.note(module, &reply);
+                if !matches!(reply, Reply::State(_)) {
+                    self.talks.entry(module).or_default().1 += 1;
+                    self.drives.take_reply(self.now, module, &reply);
+                }
+            }
+            Err(_) => self.tally.malformed += 1,
+        }
+    }
+
+    fn handle_timeout(&mut self, now: Instant) {
+        self.advance_to(now);
+        self.drives.handle_timeout(self.now);
+        if let Some(link) = &mut self.link {
+            link.handle_timeout(self.now);
+        }
+    }
+
+    fn poll_frame(&mut self) -> Option<Frame> {
+        let frame = match self.out.pop_front().or_else(|| self.drives.poll_frame()) {
+            Some(frame) => frame,
+            None => loop {
+                let frame = self.link.as_mut()?.poll_frame()?;
+                if !self.mute {
+                    break frame;
+                }
+            },
+        };
+        self.asked(&frame);
+        self.tally.sent += 1;
+        self.count(&frame);
+        Some(frame)
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        let link = self.link.as_ref().and_then(|link| link.poll_timeout());
+        self.drives.poll_timeout().into_iter().chain(link).min()
+    }
+}
+
+/// True if a Cyphal frame says that it comes from `node`.
+fn is_from(node: NodeId, frame: &Frame) -> bool {
+    let Id::Extended(id) = frame.id() else { return false };
+    Route::parse(id).is_ok_and(|(_, route)| route.source() == Some(node))
+}
+
+/// Bits of a frame on the wire with its interframe space, without stuff bits.
+#[must_use]
+pub fn frame_bits(frame: &Frame) -> u64 {
+    u64::from(frame.nominal_bits())
+}
+
+/// Share of the bus that `tally` used within `span` at `bit_rate_bit_s`, without stuff bits; 0..=1.
+pub fn utilisation(tally: Tally, span: Duration, bit_rate_bit_s: u32) -> f64 {
+    let available = span.as_secs_f64() * f64::from(bit_rate_bit_s);
+    if available > 0.0 { (tally.bits as f64 / available).min(1.0) } else { 0.0 }
+}

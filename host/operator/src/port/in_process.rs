@@ -1,0 +1,411 @@
+//! The operator of a controller in this program: orders are calls, and no host link is on the wire.
+//!
+//! The drives are those of a simulated cell, in virtual time. This operator is the host of the controller: while time passes,
+//! it is alive.
+
+use firmware::Controller;
+use firmware::authority::{Peer, Seed};
+use firmware::fault::{Cause, Refusal};
+use firmware::group::DriveGroup;
+use firmware::host_link::group_message;
+use firmware::orders::{Done, Order};
+use firmware::registers::{self, Kind, Number};
+use firmware::settings::Settings;
+use firmware::store::{FileName, RamStorage};
+use firmware::trace::TraceEvent;
+use hil_sim::participants::Solo;
+use hil_sim::scenario::ScriptedHost;
+use hil_sim::{Cell, World};
+use protocol::cyphal::cubecell::command::{self, Trajectory};
+use protocol::cyphal::cubecell::group_state::{GroupState, State};
+use protocol::cyphal::id::NodeId;
+use protocol::cyphal::uavcan::command::Status;
+use protocol::{Duration, Instant};
+use robot_model::AnyRobot;
+
+use super::{BallSeen, Operator};
+use crate::bus::BusFailure;
+use crate::bus::sim::SimSetup;
+use crate::dialogue::following::Following;
+use crate::dialogue::operator::{
+    ARMING_VALID_MS, FRESH, FRESH_LOOK, OperatorError, PRESENCE, name_of, stopped,
+};
+use crate::dialogue::registers::Numbers;
+use crate::log::facts::Fact;
+use crate::log::watch::Watch;
+use crate::samples::drives::Drives;
+use crate::samples::{At, Freeze, GroupTold, JointFreeze, JointSamples, Samples};
+use planner::throw::Arm;
+
+/// Time between two looks at the controller: a few in each control period.
+const SLICE: Duration = Duration::from_micros(500);
+/// Bytes of one piece of an upload.
+const PIECE: usize = 256;
+/// A stop along the path takes at most this long.
+const STOP_MAX: Duration = Duration::from_secs(10);
+
+type Members = ((Cell, Solo<ScriptedHost>), Solo<Controller<RamStorage>>);
+
+/// A controller in this program, with the drives of a simulated cell.
+pub struct InProcess {
+    world: World<Members>,
+    /// What the controller would have told by now, and when.
+    told: (Instant, GroupState),
+    kept: Option<Kept>,
+}
+
+impl InProcess {
+    /// A controller with `settings` and the cell of `robot`, with chances from `seed`.
+    ///
+    /// # Errors
+    /// The robot has no drives, or there are more nodes than a bus has ports.
+    pub fn new(
+        robot: &AnyRobot,
+        setup: &SimSetup,
+        seed: u64,
+        settings: &Settings,
+    ) -> Result<Self, BusFailure> {
+        // Orders come from inside the program only: nobody has to guess tokens.
+        let controller = Controller::new(RamStorage::new(), settings, Seed::FORESEEABLE);
+        let cell = Cell::new(robot, &setup.cell, seed)?;
+        let script = Solo::new("script", ScriptedHost::new(&setup.actions));
+        let participants = ((cell, script), Solo::new("controller", controller));
+        let world = World::new(participants, setup.bus, seed, setup.faults.clone())?;
+        Ok(Self { world, told: (Instant::ZERO, GroupState::default()), kept: None })
+    }
+
+    #[must_use]
+    pub fn cell(&self) -> &Cell {
+        &self.world.participants().0.0
+    }
+
+    fn controller(&self) -> &Controller<RamStorage> {
+        &self.world.participants().1.node
+    }
+
+    /// Acts on the controller; what it wants to send leaves.
+    fn act<R>(
+        &mut self,
+        act: impl FnOnce(&mut Controller<RamStorage>, Instant) -> R,
+    ) -> Result<R, OperatorError> {
+        let result = self.world.with_participants(|participants, now| {
+            participants.1.node.host_heartbeat(now, Peer::LOCAL);
+            act(&mut participants.1.node, now)
+        });
+        Ok(result.map_err(BusFailure::from)?)
+    }
+
+    fn order(&mut self, what: &'static str, order: Order) -> Result<Done, OperatorError> {
+        self.act(|controller, now| controller.order(now, Peer::LOCAL, order))?
+            .map_err(|refusal| refused(what, refusal))
+    }
+
+    /// Lets at most one slice of time pass.
+    fn step(&mut self, until: Instant) -> Result<(), OperatorError> {
+        let to = (self.world.now() + SLICE).min(until);
+        self.world.run_until(to, &mut ()).map_err(BusFailure::from)?;
+        let last = self.told.1;
+        let told = self.act(|controller, now| {
+            let due = controller.take_telemetry_due(now);
+            (due || controller.state().kind() != last.state).then(|| (due, controller.take_sample(now)))
+        })?;
+        let now = self.world.now();
+        if let Some((_, sample)) = &told {
+            self.told = (now, group_message(sample, last.sequence.wrapping_add(1), false));
+        }
+        if let Some(kept) = &mut self.kept {
+            let controller = &self.world.participants().1.node;
+            kept.collect(now, controller, told.is_some_and(|(due, _)| due));
+            if told.is_some() {
+                kept.hear(now, controller, &self.told.1);
+            }
+        }
+        Ok(())
+    }
+
+    /// Lets time pass until `done` says so; false if it did not before `until`.
+    fn pass_until(
+        &mut self,
+        until: Instant,
+        done: &mut dyn FnMut(Instant, &GroupState) -> bool,
+    ) -> Result<bool, OperatorError> {
+        loop {
+            let (at, told) = self.told;
+            if done(at, &told) {
+                return Ok(true);
+            }
+            if self.world.now() >= until {
+                return Ok(false);
+            }
+            self.step(until)?;
+        }
+    }
+}
+
+impl Operator for InProcess {
+    fn now(&self) -> Instant {
+        self.world.now()
+    }
+
+    fn connect(&mut self) -> Result<Option<NodeId>, OperatorError> {
+        let now = self.world.now();
+        let heard = self.pass_until(now + PRESENCE, &mut |at, _| at > now)?;
+        if heard { Ok(None) } else { Err(OperatorError::NoController) }
+    }
+
+    fn pass(&mut self, span: Duration) -> Result<(), OperatorError> {
+        let until = self.world.now() + span;
+        self.pass_until(until, &mut |_, _| false).map(drop)
+    }
+
+    fn group(&mut self) -> GroupState {
+        self.told.1
+    }
+
+    fn wait_for(&mut self, limit: Duration, wanted: &dyn Fn(State) -> bool) -> Result<(), OperatorError> {
+        let until = self.world.now() + limit;
+        let ended = self.pass_until(until, &mut |_, group| {
+            wanted(group.state) || matches!(group.state, State::Fault | State::Stopped)
+        })?;
+        let group = self.told.1;
+        match ended {
+            true if wanted(group.state) => Ok(()),
+            true => Err(stopped(&group)),
+            false => Err(OperatorError::NoProgress { state: group.state, limit }),
+        }
+    }
+
+    fn pose(&mut self) -> Result<Vec<f64>, OperatorError> {
+        let asked_at = self.world.now();
+        let pose = |controller: &Controller<RamStorage>| {
+            let position = |joint| controller.group().position(joint).filter(|p| p.at > asked_at);
+            controller.joints().map(|joint| position(joint).map(|p| f64::from(p.q_rad))).collect()
+        };
+        while self.world.now() < asked_at + PRESENCE {
+            self.step(asked_at + PRESENCE)?;
+            let measured: Option<Vec<f64>> = pose(self.controller());
+            if let Some(measured) = measured {
+                return Ok(measured);
+            }
+        }
+        Err(OperatorError::NoAnswer { node: node_of(self.controller()) })
+    }
+
+    fn register(&mut self, name: &str) -> Result<Numbers, OperatorError> {
+        let index =
+            registers::find(name).ok_or_else(|| OperatorError::NoRegister { name: name.to_owned() })?;
+        let numbers = self
+            .controller()
+            .register(index)
+            .ok_or_else(|| OperatorError::NoRegister { name: name.to_owned() })?;
+        Ok(to_host(registers::TABLE[index].kind, numbers.as_slice()))
+    }
+
+    fn set_register(&mut self, name: &str, wanted: &Numbers) -> Result<(), OperatorError> {
+        let numbers = to_controller(wanted);
+        self.act(|controller, now| controller.write_register(now, Peer::LOCAL, name, &numbers))?
+            .map_err(|refusal| refused("to change a register", refusal))?;
+        let found = self.register(name)?;
+        if found == *wanted {
+            return Ok(());
+        }
+        let name = name.to_owned();
+        Err(OperatorError::RegisterRefused { name, wanted: wanted.to_string(), found: found.to_string() })
+    }
+
+    fn set_gripper(&mut self, open: bool) -> Result<(), OperatorError> {
+        let what = if open { "to open the gripper" } else { "to close the gripper" };
+        self.order(what, Order::Gripper { open }).map(drop)
+    }
+
+    fn home(&mut self, mask: u8, limit: Duration) -> Result<(), OperatorError> {
+        self.order("homing", Order::Home { mask })?;
+        self.wait_for(limit, &|state| state == State::Homing)?;
+        self.wait_for(limit, &|state| matches!(state, State::Ready | State::Idle))
+    }
+
+    fn upload(
+        &mut self,
+        bytes: &[u8],
+        progress: &mut dyn FnMut(usize, usize),
+    ) -> Result<Trajectory, OperatorError> {
+        let name = name_of(bytes)?;
+        for (k, piece) in bytes.chunks(PIECE).enumerate() {
+            self.act(|controller, now| controller.upload(now, Peer::LOCAL, PIECE * k, piece))?
+                .map_err(|refusal| refused("the trajectory", refusal))?;
+            progress(PIECE * k + piece.len(), bytes.len());
+        }
+        self.order("the trajectory", Order::Commit(file(&name)))?;
+        Ok(name)
+    }
+
+    fn arm(&mut self, name: &Trajectory) -> Result<(), OperatorError> {
+        let valid = Duration::from_millis(ARMING_VALID_MS.into());
+        let offer = Order::ArmPrepare { crc64: name.trajectory_crc64, valid };
+        let Done::Offer { token, .. } = self.order("to arm", offer)? else {
+            return Err(OperatorError::Unreadable { node: node_of(self.controller()) });
+        };
+        let until = self.world.now() + FRESH;
+        // After homing or a reset the controller reads the drives again before it trusts them.
+        loop {
+            match self.order("the arming", Order::ArmConfirm { token, valid }) {
+                Err(OperatorError::Refused { refusal: Some(refusal), .. })
+                    if refusal.cause == Cause::DriveNotReady.code() && self.world.now() < until =>
+                {
+                    self.pass(FRESH_LOOK)?;
+                }
+                answer => {
+                    answer?;
+                    return self.wait_for(Duration::from_secs(2), &|state| state == State::Armed);
+                }
+            }
+        }
+    }
+
+    fn run(
+        &mut self,
+        name: &Trajectory,
+        limit: Duration,
+        progress: &mut dyn FnMut(Instant, &GroupState),
+    ) -> Result<(), OperatorError> {
+        self.order("to run", Order::Run(file(name)))?;
+        let ordered_at = self.world.now();
+        let mut following = Following::new(ordered_at);
+        let ended =
+            self.pass_until(ordered_at + limit, &mut |at, group| following.has_ended(at, group, progress))?;
+        let group = self.told.1;
+        match (ended, group.state) {
+            (true, State::Ready) => Ok(()),
+            (true, State::Stopped | State::Fault) => Err(stopped(&group)),
+            _ => {
+                self.stop()?;
+                Err(OperatorError::NoProgress { state: group.state, limit })
+            }
+        }
+    }
+
+    fn stop(&mut self) -> Result<(), OperatorError> {
+        self.order("to stop", Order::Stop)?;
+        match self.wait_for(STOP_MAX, &|state| !state.may_move()) {
+            Err(OperatorError::Stopped { .. }) => Ok(()),
+            other => other,
+        }
+    }
+
+    fn keep_samples(&mut self) {
+        self.kept = Some(Kept::new(self.controller()));
+    }
+
+    fn take_samples(&mut self, _: &Arm, _: Option<Drives>) -> Option<Samples> {
+        self.kept.take().map(|kept| kept.samples)
+    }
+
+    fn ball(&mut self) -> Option<BallSeen> {
+        Some(BallSeen::of(self.cell()))
+    }
+}
+
+/// Samples as they are read from the controller.
+struct Kept {
+    samples: Samples,
+    watch: Watch,
+    /// Events of the trace that were seen.
+    traced: u32,
+}
+
+impl Kept {
+    fn new(controller: &Controller<RamStorage>) -> Self {
+        let joints = vec![JointSamples::default(); controller.joints().count()];
+        let samples = Samples { joints, ..Samples::default() };
+        Self { samples, watch: Watch::default(), traced: controller.trace().total() }
+    }
+
+    /// Measurements and orders to the gripper since the last look; with `told` also what the controller tells of its joints.
+    fn collect(&mut self, now: Instant, controller: &Controller<RamStorage>, told: bool) {
+        for (kept, joint) in self.samples.joints.iter_mut().zip(controller.joints()) {
+            if let Some(position) = controller.group().position(joint)
+                && kept.positions.last().is_none_or(|last| last.at < position.at)
+            {
+                kept.positions.push(At { at: position.at, value: position.q_rad.into() });
+            }
+            let current_a = controller.group().readings(joint).current_a.map(f64::from);
+            if let Some(value) =
+                current_a.filter(|a| kept.currents.last().is_none_or(|last| last.value != *a))
+            {
+                kept.currents.push(At { at: now, value });
+            }
+            if told {
+                kept.told.push((now, controller.joint_sample(joint)));
+            }
+        }
+        for (number, at, event) in controller.trace().places().flatten() {
+            if number > self.traced && matches!(event, TraceEvent::Gripper(_)) {
+                self.samples.gripper_ordered.push(at);
+            }
+        }
+        self.traced = controller.trace().total();
+    }
+
+    /// What the controller tells of the group.
+    fn hear(&mut self, now: Instant, controller: &Controller<RamStorage>, state: &GroupState) {
+        self.samples.group.push(GroupTold { at: now, made_by: now, state: *state });
+        let fact = Fact::Group { from: node_of(controller), first_at: now, state: *state };
+        let notes = self.watch.take_fact(now, fact);
+        self.samples.events.extend(notes.events);
+        let joints = &self.samples.joints;
+        let freeze = notes.freeze.map(|freeze| Freeze {
+            at: freeze.at,
+            group: freeze.group,
+            before: freeze.before,
+            joints: joints
+                .iter()
+                .map(|joint| JointFreeze {
+                    position: joint.positions.last().copied(),
+                    current_a: joint.currents.last().map(|current| current.value),
+                    ..JointFreeze::default()
+                })
+                .collect(),
+            frames: Vec::new(),
+        });
+        self.samples.freezes.extend(freeze);
+    }
+}
+
+fn node_of(controller: &Controller<RamStorage>) -> NodeId {
+    NodeId::from_low_bits(controller.settings().node_id as u8)
+}
+
+fn file(name: &Trajectory) -> FileName {
+    FileName { crc64: name.trajectory_crc64, len: name.length_bytes }
+}
+
+fn refused(what: &'static str, refusal: Refusal) -> OperatorError {
+    let joint = refusal.joint.map_or(0, |joint| joint.get() as u8 + 1);
+    let refusal = command::Refusal { cause: refusal.cause.code(), joint, index: refusal.index };
+    OperatorError::Refused { what, status: Status::FAILURE, refusal: Some(refusal) }
+}
+
+fn to_host(kind: Kind, numbers: &[Number]) -> Numbers {
+    let real = |number: &Number| if let Number::Real32(x) = number { Some(*x) } else { None };
+    let natural =
+        |number: &Number| if let Number::Natural32(x) = number { Some(u64::from(*x)) } else { None };
+    let bit = |number: &Number| if let Number::Bit(x) = number { Some(*x) } else { None };
+    match kind {
+        Kind::Real32 => Numbers::Real(numbers.iter().filter_map(real).collect()),
+        Kind::Natural32 => Numbers::Natural(numbers.iter().filter_map(natural).collect()),
+        Kind::Bit => Numbers::Bit(numbers.iter().filter_map(bit).collect()),
+    }
+}
+
+fn to_controller(numbers: &Numbers) -> Vec<Number> {
+    match numbers {
+        Numbers::Real(all) => all.iter().map(|x| Number::Real32(*x)).collect(),
+        Numbers::Natural(all) => {
+            // A number that is too large for a register is refused by its range.
+            all.iter().map(|x| Number::Natural32(u32::try_from(*x).unwrap_or(u32::MAX))).collect()
+        }
+        Numbers::Bit(all) => all.iter().map(|x| Number::Bit(*x)).collect(),
+        // No register holds one; the controller refuses no numbers.
+        Numbers::Text(_) => Vec::new(),
+    }
+}

@@ -1,0 +1,173 @@
+//! What a job needs from the controller of the arm, over any link.
+//!
+//! | operator | link |
+//! |---|---|
+//! | [`OnBus`] | a controller on a CAN bus, or in a thread of this program beside one; orders over Cyphal |
+//! | [`InProcess`] | a controller in this program; orders are calls |
+//!
+//! The throw with an industrial robot has no homing, no gains and no approach, and the robot is the clock: it is a job of its
+//! own ([`crate::rsi`]).
+
+mod in_process;
+mod on_bus;
+
+use nalgebra::Vector3;
+use protocol::cyphal::cubecell::command::Trajectory;
+use protocol::cyphal::cubecell::group_state::{GroupState, State};
+use protocol::cyphal::id::NodeId;
+use protocol::{Duration, Instant};
+
+pub use in_process::InProcess;
+pub use on_bus::OnBus;
+
+use crate::dialogue::operator::OperatorError;
+use crate::dialogue::registers::Numbers;
+use crate::samples::Samples;
+use crate::samples::drives::Drives;
+use planner::throw::Arm;
+
+/// The ball of a simulated cell: what an onlooker sees.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BallSeen {
+    /// When it left the hand.
+    pub released_at: Option<Instant>,
+    /// How long it flew, s, and where it landed, m.
+    pub landing: Option<(f64, Vector3<f64>)>,
+    /// First contact of the flying ball with the arm, s after the release.
+    pub touch_after_s: Option<f64>,
+}
+
+impl BallSeen {
+    /// The ball of a cell.
+    #[must_use]
+    pub fn of(cell: &hil_sim::Cell) -> Self {
+        let report = cell.throw();
+        Self {
+            released_at: report.released_at,
+            landing: report.landing.as_ref().map(|landing| (landing.t_s, landing.p_m)),
+            touch_after_s: report.touch.as_ref().map(|(t_s, _)| *t_s),
+        }
+    }
+}
+
+/// See the [module](self). Whatever fails leaves a standing arm.
+pub trait Operator {
+    /// Present time.
+    fn now(&self) -> Instant;
+
+    /// Finds the controller; its node where the link has nodes. Before anything else.
+    ///
+    /// # Errors
+    /// [`OperatorError::NoController`], and those of the link.
+    fn connect(&mut self) -> Result<Option<NodeId>, OperatorError>;
+
+    /// Lets time pass, also after an interruption.
+    ///
+    /// # Errors
+    /// Those of the link.
+    fn pass(&mut self, span: Duration) -> Result<(), OperatorError>;
+
+    /// What the controller told last.
+    fn group(&mut self) -> GroupState;
+
+    /// Waits for a state that `wanted` takes.
+    ///
+    /// # Errors
+    /// [`OperatorError::Stopped`] for a fault or a stop on the way, [`OperatorError::NoProgress`] after `limit`.
+    fn wait_for(&mut self, limit: Duration, wanted: &dyn Fn(State) -> bool) -> Result<(), OperatorError>;
+
+    /// Joint angles measured from now on, rad, base first.
+    ///
+    /// # Errors
+    /// [`OperatorError::NoAnswer`], and those of the link.
+    fn pose(&mut self) -> Result<Vec<f64>, OperatorError>;
+
+    /// Numbers of a register.
+    ///
+    /// # Errors
+    /// [`OperatorError::NoRegister`], and those of the link.
+    fn register(&mut self, name: &str) -> Result<Numbers, OperatorError>;
+
+    /// Writes a register and looks whether the value was taken.
+    ///
+    /// # Errors
+    /// [`OperatorError::RegisterRefused`], and those of the link.
+    fn set_register(&mut self, name: &str, wanted: &Numbers) -> Result<(), OperatorError>;
+
+    /// Opens or closes the gripper.
+    ///
+    /// # Errors
+    /// [`OperatorError::Refused`], and those of the link.
+    fn set_gripper(&mut self, open: bool) -> Result<(), OperatorError>;
+
+    /// Lets the joints of `mask` (bit 0 = first joint) find their zeros, and waits for the end.
+    ///
+    /// # Errors
+    /// [`OperatorError`].
+    fn home(&mut self, mask: u8, limit: Duration) -> Result<(), OperatorError>;
+
+    /// Stores a trajectory file in the controller and commits it. `progress` gets bytes done and bytes in all.
+    ///
+    /// # Errors
+    /// [`OperatorError::Refused`], [`OperatorError::Upload`], and those of the link.
+    fn upload(
+        &mut self,
+        bytes: &[u8],
+        progress: &mut dyn FnMut(usize, usize),
+    ) -> Result<Trajectory, OperatorError>;
+
+    /// Arms for a trajectory, in two steps.
+    ///
+    /// # Errors
+    /// [`OperatorError::Refused`], and those of the link.
+    fn arm(&mut self, name: &Trajectory) -> Result<(), OperatorError>;
+
+    /// Runs the armed trajectory and follows it to its end; `progress` gets each state that the controller tells.
+    ///
+    /// # Errors
+    /// [`OperatorError::Stopped`], and the others; what moved stands.
+    fn run(
+        &mut self,
+        name: &Trajectory,
+        limit: Duration,
+        progress: &mut dyn FnMut(Instant, &GroupState),
+    ) -> Result<(), OperatorError>;
+
+    /// Stops the arm along its path, and waits until it stands.
+    ///
+    /// # Errors
+    /// Those of the link.
+    fn stop(&mut self) -> Result<(), OperatorError>;
+
+    /// Keeps samples from now on, and forgets those before.
+    fn keep_samples(&mut self);
+
+    /// Frames kept so far; 0 where the link is no bus.
+    fn frames_kept(&self) -> usize {
+        0
+    }
+
+    /// What was kept since [`Operator::keep_samples`]; no more is kept. `drives` are those of the joints of `arm`.
+    fn take_samples(&mut self, arm: &Arm, drives: Option<Drives>) -> Option<Samples>;
+
+    /// Addresses at which two drives answer, where the link shows it.
+    fn double_answers(&mut self) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// The ball, where an observer watches it.
+    fn ball(&mut self) -> Option<BallSeen> {
+        None
+    }
+
+    /// The number of a register of the group.
+    ///
+    /// # Errors
+    /// As [`Operator::register`]; [`OperatorError::Unreadable`] if it is none.
+    fn natural(&mut self, name: &str) -> Result<u64, OperatorError> {
+        match self.register(name)? {
+            Numbers::Natural(numbers) if numbers.len() == 1 => Ok(numbers[0]),
+            _ => Err(OperatorError::NoRegister { name: name.to_owned() }),
+        }
+    }
+}

@@ -1,0 +1,144 @@
+//! The operator of a controller on a bus: a session, and the node that it speaks to.
+
+use protocol::cyphal::cubecell::command::{GRIPPER, Gripper, STOP, Trajectory};
+use protocol::cyphal::cubecell::group_state::{GroupState, State};
+use protocol::cyphal::id::NodeId;
+use protocol::{Duration, Instant};
+
+use super::{BallSeen, Operator};
+use crate::bus::Session;
+use crate::dialogue::operator::OperatorError;
+use crate::dialogue::registers::Numbers;
+use crate::log::keep::Keeper;
+use crate::samples::Samples;
+use crate::samples::drives::Drives;
+use planner::throw::Arm;
+
+/// A stop along the path takes at most this long.
+const STOP_MAX: Duration = Duration::from_secs(10);
+
+/// A controller on a bus.
+pub struct OnBus<'a> {
+    session: &'a mut Session,
+    /// The controller that was asked for; `None`: the one that is heard.
+    wanted: Option<NodeId>,
+    node: Option<NodeId>,
+    keeper: Keeper,
+    bit_rate_bit_s: u32,
+}
+
+impl<'a> OnBus<'a> {
+    /// Operator of the controller `wanted`, or of the one that is heard. Times on the bus are for `bit_rate_bit_s`.
+    pub fn new(session: &'a mut Session, wanted: Option<NodeId>, bit_rate_bit_s: u32) -> Self {
+        let keeper = Keeper::default();
+        session.add_tap(Box::new(keeper.clone()));
+        Self { session, wanted, node: None, keeper, bit_rate_bit_s }
+    }
+
+    fn node(&self) -> Result<NodeId, OperatorError> {
+        self.node.ok_or(OperatorError::NoController)
+    }
+}
+
+impl Operator for OnBus<'_> {
+    fn now(&self) -> Instant {
+        self.session.now()
+    }
+
+    fn connect(&mut self) -> Result<Option<NodeId>, OperatorError> {
+        self.node = Some(self.session.find_controller(self.wanted)?);
+        Ok(self.node)
+    }
+
+    fn pass(&mut self, span: Duration) -> Result<(), OperatorError> {
+        Ok(self.session.pass(span)?)
+    }
+
+    fn group(&mut self) -> GroupState {
+        self.session.group().unwrap_or_default()
+    }
+
+    fn wait_for(&mut self, limit: Duration, wanted: &dyn Fn(State) -> bool) -> Result<(), OperatorError> {
+        self.session.wait_for(limit, wanted)
+    }
+
+    fn pose(&mut self) -> Result<Vec<f64>, OperatorError> {
+        let node = self.node()?;
+        self.session.measured_pose(node)
+    }
+
+    fn register(&mut self, name: &str) -> Result<Numbers, OperatorError> {
+        let node = self.node()?;
+        self.session.register(node, name)
+    }
+
+    fn set_register(&mut self, name: &str, wanted: &Numbers) -> Result<(), OperatorError> {
+        let node = self.node()?;
+        self.session.set_register(node, name, wanted)
+    }
+
+    fn set_gripper(&mut self, open: bool) -> Result<(), OperatorError> {
+        let node = self.node()?;
+        let what = if open { "to open the gripper" } else { "to close the gripper" };
+        self.session.order(node, what, GRIPPER, &Gripper { open }).map(drop)
+    }
+
+    fn home(&mut self, mask: u8, limit: Duration) -> Result<(), OperatorError> {
+        let node = self.node()?;
+        self.session.home_group(node, mask, limit)
+    }
+
+    fn upload(
+        &mut self,
+        bytes: &[u8],
+        progress: &mut dyn FnMut(usize, usize),
+    ) -> Result<Trajectory, OperatorError> {
+        let node = self.node()?;
+        self.session.upload(node, bytes, progress)
+    }
+
+    fn arm(&mut self, name: &Trajectory) -> Result<(), OperatorError> {
+        let node = self.node()?;
+        self.session.arm(node, name)
+    }
+
+    fn run(
+        &mut self,
+        name: &Trajectory,
+        limit: Duration,
+        progress: &mut dyn FnMut(Instant, &GroupState),
+    ) -> Result<(), OperatorError> {
+        let node = self.node()?;
+        self.session.run_trajectory(node, name, limit, progress).map(drop)
+    }
+
+    fn stop(&mut self) -> Result<(), OperatorError> {
+        let node = self.node()?;
+        self.session.order(node, "to stop", STOP, &())?;
+        match self.session.wait_for(STOP_MAX, &|state| !state.may_move()) {
+            Err(OperatorError::Stopped { .. }) => Ok(()),
+            other => other,
+        }
+    }
+
+    fn keep_samples(&mut self) {
+        self.keeper.start();
+    }
+
+    fn frames_kept(&self) -> usize {
+        self.keeper.frames()
+    }
+
+    fn take_samples(&mut self, arm: &Arm, drives: Option<Drives>) -> Option<Samples> {
+        let lines = self.keeper.stop();
+        Some(Samples::of_log(lines, drives.or_else(|| Drives::of(arm))?, arm, self.bit_rate_bit_s))
+    }
+
+    fn double_answers(&mut self) -> Vec<String> {
+        self.session.host_node().double_answers().iter().map(ToString::to_string).collect()
+    }
+
+    fn ball(&mut self) -> Option<BallSeen> {
+        Some(BallSeen::of(self.session.sim()?.cell()))
+    }
+}

@@ -1,0 +1,177 @@
+//! The catcher's arm behind its controller: six simulated drives on a simulated bus, in virtual time.
+//!
+//! The controller runs a plan that stands still and takes new end states over in flight ([`crate::dialogue::online`]). It solves and
+//! checks the way to each of them itself; what comes back is taken, or refused with the cause. Time zero of the trial is a time
+//! of the session; the controller's clock is related to it by readings.
+
+use firmware::settings::Settings;
+use hil_sim::court::JointsNow;
+use planner::catch::Joints;
+use planner::catch::search::Choice;
+use protocol::cyphal::cubecell::group_state::State;
+use protocol::cyphal::id::NodeId;
+use protocol::{Duration, Instant};
+
+use super::executor::{Executor, Refused};
+use crate::bus::{BusArgs, BusFailure, Session};
+use crate::dialogue::clock::ControllerClock;
+use crate::dialogue::online::EndStates;
+use crate::dialogue::operator::OperatorError;
+use crate::throw::trajectory::standing;
+
+/// Longest time from the opening of the session to a controller that answers, and for homing, s.
+const READY_MAX: Duration = Duration::from_secs(10);
+const HOMING_MAX: Duration = Duration::from_secs(120);
+/// Time for the way from the home pose to the waiting pose, and until it has ended.
+const WAY: Duration = Duration::from_secs(4);
+const SETTLED: Duration = Duration::from_secs(5);
+/// Length of the plan that stands still: longer than any trial.
+const STANDING_US: u32 = 20_000_000;
+
+/// Why there is no arm.
+#[derive(Debug, thiserror::Error)]
+pub enum NoArm {
+    /// The simulated bus cannot be opened.
+    #[error(transparent)]
+    Bus(#[from] BusFailure),
+    /// The controller refuses or fails.
+    #[error(transparent)]
+    Operator(#[from] OperatorError),
+    /// The plan that stands still cannot be written.
+    #[error("the plan that stands still cannot be written")]
+    Plan,
+    /// The waiting pose was refused.
+    #[error("the controller refuses the way to the waiting pose: {0}")]
+    Wait(String),
+    /// The session is not the simulated cell.
+    #[error("the arm is not a simulated one")]
+    NotSimulated,
+}
+
+pub struct ControllerArm {
+    session: Session,
+    node: NodeId,
+    clock: ControllerClock,
+    zero: Instant,
+    joints: JointsNow<6>,
+    sequence: u8,
+    refused: Vec<Refused>,
+    halted: bool,
+    /// End states that the controller has taken, and that it has refused.
+    pub answered: (usize, usize),
+}
+
+impl ControllerArm {
+    /// From a decision to the first motion because of it, s: a message of up to 6 ms, two control periods and the lag of the
+    /// drives.
+    pub const ACTUATION_S: f64 = 0.017;
+
+    /// Homes the arm, arms a plan that stands still and goes to `wait`. Some tens of seconds of virtual time.
+    ///
+    /// # Errors
+    /// [`NoArm`].
+    pub fn new(wait: &Joints) -> Result<Self, NoArm> {
+        let mut session = BusArgs::default().open_with_controller()?;
+        let node = session.find_controller(None)?;
+        session.wait_for(READY_MAX, &|state| state != State::Boot)?;
+        session.home_group(node, 0x3F, HOMING_MAX)?;
+        let mut clock = ControllerClock::default();
+        session.read_clock(node, &mut clock)?;
+        let zero = session.now();
+        let still = JointsNow { q: *wait, qd: Joints::zeros() };
+        let (refused, answered) = (Vec::new(), (0, 0));
+        let mut arm =
+            Self { session, node, clock, zero, joints: still, sequence: 0, refused, halted: false, answered };
+        arm.stand()?;
+        arm.zero = arm.session.now();
+        arm.send(WAY.as_secs_f64(), wait, &Joints::zeros()).map_err(|why| NoArm::Wait(why.to_string()))?;
+        arm.session.pass(SETTLED)?;
+        arm.collect();
+        if let Some(why) = arm.refused.pop() {
+            return Err(NoArm::Wait(why.to_string()));
+        }
+        // A run ends when the way to its last end state has ended.
+        arm.session.wait_for(READY_MAX, &|state| state == State::Ready)?;
+        arm.stand()?;
+        arm.session.read_clock(node, &mut arm.clock)?;
+        arm.zero = arm.session.now();
+        arm.answered = (0, 0);
+        arm.joints = arm.plant().ok_or(NoArm::NotSimulated)?;
+        Ok(arm)
+    }
+
+    /// Uploads, arms and runs a plan that stands where the arm stands and takes new end states.
+    fn stand(&mut self) -> Result<(), NoArm> {
+        let pose = self.session.measured_pose(self.node)?;
+        let bytes = standing(&Settings::powercube6(), &pose, STANDING_US).ok_or(NoArm::Plan)?;
+        let name = self.session.upload(self.node, &bytes, &mut |_, _| {})?;
+        self.session.arm(self.node, &name)?;
+        self.session.start_run(self.node, &name)?;
+        self.session.pass(Duration::from_millis(100))?;
+        Ok(())
+    }
+
+    fn send(&mut self, at_s: f64, q: &Joints, qd: &Joints) -> Result<(), Refused> {
+        let ours = self.zero + Duration::from_secs_f64(at_s);
+        let Some((at, _)) = self.clock.controller_time(ours) else { return Err(Refused::NotSent) };
+        let end = EndStates {
+            at,
+            q_rad: q.as_slice().to_vec(),
+            qd_rad_s: qd.as_slice().to_vec(),
+            events: Vec::new(),
+        };
+        self.sequence = self.sequence.wrapping_add(1);
+        self.session.send_target(self.sequence, &end).map_err(|_| Refused::NotSent)
+    }
+
+    fn collect(&mut self) {
+        for answer in self.session.target_answers(self.node) {
+            match answer.outcome {
+                Ok(()) => self.answered.0 += 1,
+                Err(refusal) => {
+                    self.answered.1 += 1;
+                    self.refused.push(Refused::Controller(refusal));
+                }
+            }
+        }
+    }
+
+    /// Where the plant has the joints: what no node on the bus can read.
+    fn plant(&mut self) -> Option<JointsNow<6>> {
+        let plant = self.session.sim()?.cell().plant();
+        let q = Joints::from_fn(|i, _| plant.link_q_rad(i));
+        let qd = Joints::from_fn(|i, _| plant.axis(i).v_rad_s);
+        Some(JointsNow { q, qd })
+    }
+}
+
+impl Executor for ControllerArm {
+    fn take(&mut self, choice: &Choice, _now_s: f64) -> Result<(), Refused> {
+        if self.halted {
+            return Err(Refused::Halted);
+        }
+        self.send(choice.t_s, &choice.q, &choice.qd)
+    }
+
+    fn advance(&mut self, to_s: f64) -> JointsNow<6> {
+        let to = self.zero + Duration::from_secs_f64(to_s);
+        let span = to.saturating_since(self.session.now());
+        let passed = span.is_zero() || self.session.pass(span).is_ok();
+        self.collect();
+        // Ready: the way to the last end state has ended.
+        let state = self.session.group().map(|group| group.state);
+        self.halted |= !(passed && matches!(state, Some(State::Running | State::Ready)));
+        if let Some(joints) = self.plant() {
+            self.joints = joints;
+        }
+        self.joints
+    }
+
+    fn refused(&mut self) -> Option<Refused> {
+        self.refused.pop()
+    }
+
+    fn halted(&self) -> bool {
+        self.halted
+    }
+}

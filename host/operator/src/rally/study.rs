@@ -1,0 +1,473 @@
+//! Many trials: shares with intervals, by flight time and by fault.
+
+use std::time::Instant as Clock;
+
+use hil_sim::court::CourtOptions;
+use hil_sim::mechanics::{BallOptions, LooseBall};
+use nalgebra::Vector3;
+use planner::catch::Joints;
+use planner::catch::arm::NotACatcher;
+use planner::catch::draw::{Aimed, Window};
+use planner::catch::search::{Allowed, Decline, Settings};
+use planner::plan::rng::SplitMix64;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::exchange::Partners;
+use super::thrower::{Scatter, ThrowFault};
+use super::throws::{draw_throws, place_exists};
+use super::trial::{CatchOutcome, Outcome, Pair, TrialOptions, Trouble, WAIT_HOLD_DEG, WAIT_MATCHED_DEG};
+use crate::flight_estimator::Flight;
+use crate::flight_estimator::fit::{Air, Sample};
+
+/// Width of the bins of flight time, s, and their first edge.
+const BIN_S: (f64, f64) = (0.4, 0.1);
+const BINS: usize = 5;
+/// What the task counts as a catch: miss (m), angle (rad); matched: relative speed (m/s).
+pub const RULE: (f64, f64, f64) = (0.040, 30.0 * std::f64::consts::PI / 180.0, 2.0);
+/// Quantile of the normal distribution for a 95 % interval.
+const Z: f64 = 1.959_964;
+
+/// Hits out of tries.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct Share {
+    pub hits: usize,
+    /// Trials.
+    pub of: usize,
+}
+
+impl Share {
+    /// Counts one more.
+    pub fn count(&mut self, hit: bool) {
+        self.hits += usize::from(hit);
+        self.of += 1;
+    }
+
+    /// Share, 0..=1; zero without trials.
+    #[must_use]
+    pub fn value(&self) -> f64 {
+        self.hits as f64 / self.of.max(1) as f64
+    }
+
+    /// 95 % interval of Wilson.
+    #[must_use]
+    pub fn wilson(&self) -> (f64, f64) {
+        if self.of == 0 {
+            return (0.0, 1.0);
+        }
+        let (n, p) = (self.of as f64, self.value());
+        let middle = (p + Z * Z / (2.0 * n)) / (1.0 + Z * Z / n);
+        let half = Z / (1.0 + Z * Z / n) * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
+        (middle - half, middle + half)
+    }
+}
+
+/// Results of one setting.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct Row {
+    /// Name of the setting.
+    pub name: String,
+    /// The ball lay in the cup at the end: the court's word.
+    pub caught: Share,
+    /// Caught by the rule of miss and angle (and of relative speed, for matched catches) where the ball crosses the mouth plane.
+    pub by_rule: Share,
+    /// Of the throws for which a place exists, those caught.
+    pub of_possible: Share,
+    /// By flight time, from 0.4 s in steps of 0.1 s.
+    pub by_flight: Vec<Share>,
+    /// Lateral miss of the balls that crossed the mouth plane, mm: 50 %, 95 %.
+    pub miss_mm: (f64, f64),
+    /// Throws for which the catcher declined, and its most frequent reason.
+    pub declined: usize,
+    /// Reasons, with how often.
+    pub reasons: Vec<(String, usize)>,
+    /// Tried and not caught, and told so or told as not known.
+    pub safe: usize,
+    /// Something else was told than happened.
+    pub silent: usize,
+    /// Trials in which a limit was passed.
+    pub limit_passed: usize,
+    /// Motions that the executor refused.
+    pub refusals: usize,
+    /// Decision times, µs: 50 %, 99 %, most. Not part of the result: of the machine.
+    pub decision_us: (f64, f64, f64),
+    /// Candidates judged per search, mean.
+    pub judged: f64,
+}
+
+/// Caught by the rule of the task.
+#[must_use]
+pub fn by_rule(outcome: &Outcome, settings: &Settings) -> bool {
+    let fast = settings.allowed == Allowed::Matched;
+    outcome
+        .crossing
+        .is_some_and(|c| c.miss_m <= RULE.0 && c.angle_rad <= RULE.1 && (!fast || c.speed_m_s <= RULE.2))
+}
+
+/// All throws in one setting; `exists` says for which of them there is a place.
+#[must_use]
+pub fn row(
+    name: &str,
+    pair: &Pair,
+    throws: &[Aimed],
+    options: &(impl Fn(usize) -> TrialOptions + Sync),
+    exists: &[bool],
+    seed: u64,
+) -> Row {
+    let outcomes: Vec<(Outcome, Vec<f64>)> = throws
+        .par_iter()
+        .enumerate()
+        .map(|(k, aimed)| {
+            let mut times = Vec::new();
+            let outcome = pair.run_timed(aimed, &options(k), seed.wrapping_add(k as u64), |observe| {
+                let clock = Clock::now();
+                observe();
+                times.push(clock.elapsed().as_secs_f64() * 1e6);
+            });
+            (outcome, times)
+        })
+        .collect();
+    let mut row = Row { name: name.to_owned(), by_flight: vec![Share::default(); BINS], ..Row::default() };
+    let (mut misses, mut times, mut judged) = (Vec::new(), Vec::new(), (0_usize, 0_usize));
+    for (k, ((outcome, took), aimed)) in outcomes.iter().zip(throws).enumerate() {
+        let options = options(k);
+        row.caught.count(outcome.caught);
+        row.by_rule.count(by_rule(outcome, &options.settings));
+        if exists.get(k).copied().unwrap_or(true) {
+            row.of_possible.count(outcome.caught);
+        }
+        let bin = ((aimed.flight_s - BIN_S.0) / BIN_S.1).floor().clamp(0.0, (BINS - 1) as f64) as usize;
+        row.by_flight[bin].count(outcome.caught);
+        misses.extend(outcome.crossing.filter(|_| outcome.choice.is_some()).map(|c| c.miss_m * 1e3));
+        match outcome.told {
+            CatchOutcome::Declined(why) => {
+                row.declined += 1;
+                note(&mut row.reasons, why);
+            }
+            _ if !outcome.caught => row.safe += usize::from(outcome.told_truly()),
+            _ => {}
+        }
+        row.silent += usize::from(!outcome.told_truly());
+        row.limit_passed += usize::from(!outcome.within_limits(options.jerk));
+        row.refusals += outcome.refusals.len();
+        times.extend(took);
+        for logged in outcome.log.iter().filter(|logged| logged.count.judged > 0) {
+            judged.0 += logged.count.judged;
+            judged.1 += 1;
+        }
+    }
+    row.miss_mm = (quantile(&mut misses, 0.5), quantile(&mut misses, 0.95));
+    row.decision_us = (quantile(&mut times, 0.5), quantile(&mut times, 0.99), quantile(&mut times, 1.0));
+    row.judged = judged.0 as f64 / judged.1.max(1) as f64;
+    row.reasons.sort_by_key(|(_, n)| std::cmp::Reverse(*n));
+    row
+}
+
+fn note(reasons: &mut Vec<(String, usize)>, why: Decline) {
+    let why = why.to_string();
+    match reasons.iter_mut().find(|(other, _)| *other == why) {
+        Some((_, n)) => *n += 1,
+        None => reasons.push((why, 1)),
+    }
+}
+
+/// Value below which a share of the values lies; NaN without any.
+fn quantile(values: &mut [f64], share: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let place = (share * values.len() as f64).ceil() as usize;
+    values.get(place.saturating_sub(1).min(values.len().saturating_sub(1))).copied().unwrap_or(f64::NAN)
+}
+
+/// What a study is made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StudyOptions {
+    /// Throws per setting.
+    pub throws: usize,
+    /// Seed of all chance.
+    pub seed: u64,
+}
+
+/// Why there is no study.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum NoStudy {
+    /// An arm of the court cannot catch.
+    #[error("an arm of the court cannot catch balls: {0}")]
+    NotACatcher(#[from] NotACatcher),
+    /// The thrower cannot reach the catcher.
+    #[error("the thrower cannot throw to the catcher {distance_m} m away")]
+    OutOfReach { distance_m: f64 },
+}
+
+/// Errors of the estimator against its bound.
+#[derive(Debug, Clone, Serialize)]
+pub struct EstimatorRow {
+    /// What is believed of the drag.
+    pub drag: &'static str,
+    /// Time seen, ms.
+    pub seen_ms: u32,
+    /// Root mean square of the error per axis at 0.6 s, mm.
+    pub rms_mm: f64,
+    /// The same by the covariance of a flight whose drag is known: the Cramer-Rao bound, mm.
+    pub bound_mm: f64,
+    /// Mean of the squared error over its covariance, per axis, and the 95 % band of such a mean.
+    pub nees: (f64, f64, f64),
+}
+
+/// Results besides the rows.
+#[derive(Debug, Clone, Serialize)]
+pub struct Study {
+    pub estimator: Vec<EstimatorRow>,
+    /// Catches in a row of each rally, at most as many as throws were asked for.
+    pub rallies: Vec<usize>,
+}
+
+/// Throws of one rally, and rallies for this many throws of a setting.
+const RALLY_THROWS: usize = 40;
+const THROWS_PER_RALLY: usize = 10;
+
+/// Makes the study; `done` gets each row when it is there.
+///
+/// # Errors
+/// The court is none for this.
+pub fn run(
+    court: &CourtOptions<6>,
+    options: &StudyOptions,
+    mut done: impl FnMut(&Row),
+) -> Result<Study, NoStudy> {
+    for distance_m in [2.0, 2.5, 3.0] {
+        let court = at_distance(court, distance_m);
+        let pair = Pair::new(court)?;
+        for (name, window, trial) in goals() {
+            let throws = draw_throws(&pair, &window, options.throws, options.seed);
+            let throws = throws.ok_or(NoStudy::OutOfReach { distance_m })?;
+            let exists: Vec<bool> =
+                throws.par_iter().map(|aimed| place_exists(&pair, aimed, &trial)).collect();
+            let name = format!("D {distance_m} m, {name}");
+            done(&row(&name, &pair, &throws, &|_| trial.clone(), &exists, options.seed));
+        }
+    }
+    let window = Window { flight_s: (0.55, 0.9), ..Window::default() };
+    let throws = draw_throws(&Pair::new(court.clone())?, &window, options.throws, options.seed);
+    let throws = throws.ok_or(NoStudy::OutOfReach { distance_m: 2.5 })?;
+    for (name, court, trial) in degradations(court) {
+        let pair = Pair::new(court)?;
+        done(&row(&format!("degraded: {name}"), &pair, &throws, &trial, &[], options.seed));
+    }
+    let partners = Partners::new(court.clone())?;
+    let trial = TrialOptions { cooperative: true, ..TrialOptions::default() };
+    let rallies = (0..options.throws.div_ceil(THROWS_PER_RALLY))
+        .into_par_iter()
+        .map(|k| partners.play(RALLY_THROWS, &trial, options.seed + k as u64).length())
+        .collect();
+    Ok(Study { estimator: estimator(options), rallies })
+}
+
+/// The same court with the arms this far apart.
+fn at_distance(court: &CourtOptions<6>, distance_m: f64) -> CourtOptions<6> {
+    let mut court = court.clone();
+    let apart = court.arms[1].x_wb.pos - court.arms[0].x_wb.pos;
+    court.arms[1].x_wb.pos = court.arms[0].x_wb.pos + apart * (distance_m / apart.norm());
+    court
+}
+
+fn trial(allowed: Allowed, cooperative: bool, share: f64, jerk: bool) -> TrialOptions {
+    let wait = if allowed == Allowed::Matched { WAIT_MATCHED_DEG } else { WAIT_HOLD_DEG };
+    TrialOptions {
+        settings: Settings { allowed, ..Settings::default() },
+        cooperative,
+        jerk,
+        scatter: Scatter { share, ..Scatter::default() },
+        wait: Joints::from(wait.map(f64::to_radians)),
+        ..TrialOptions::default()
+    }
+}
+
+fn goals() -> Vec<(&'static str, Window, TrialOptions)> {
+    let all = Window::default();
+    let long = Window { flight_s: (0.55, 0.9), ..all };
+    vec![
+        ("cooperative, matched, 1 %", long, trial(Allowed::Matched, true, 0.01, false)),
+        ("cooperative, matched, 3 %", long, trial(Allowed::Matched, true, 0.03, false)),
+        ("cooperative, matched, 1 %, with jerk limits", long, trial(Allowed::Matched, true, 0.01, true)),
+        ("cooperative, hold, 1 %", long, trial(Allowed::Hold, true, 0.01, false)),
+        ("uninformed, matched", all, trial(Allowed::Matched, false, 0.01, false)),
+        ("uninformed, hold", all, trial(Allowed::Hold, false, 0.01, false)),
+        ("uninformed, hold, with jerk limits", all, trial(Allowed::Hold, false, 0.01, true)),
+        ("uninformed, either", all, trial(Allowed::Either, false, 0.01, false)),
+    ]
+}
+
+type TrialOf = Box<dyn Fn(usize) -> TrialOptions + Sync>;
+
+fn degradations(court: &CourtOptions<6>) -> Vec<(&'static str, CourtOptions<6>, TrialOf)> {
+    let base = || trial(Allowed::Either, false, 0.01, false);
+    // Moments spread evenly by the golden ratio: each throw has its own.
+    let spread = |k: usize, low: f64, high: f64| low + (high - low) * (k as f64 * 0.618_034).fract();
+    let with = |trouble: Trouble| -> TrialOf {
+        Box::new(move |_| TrialOptions { trouble: vec![trouble], ..base() })
+    };
+    let slow = |change: &dyn Fn(&mut CourtOptions<6>)| {
+        let mut court = court.clone();
+        change(&mut court);
+        court
+    };
+    let plain = || -> TrialOf { Box::new(move |_| base()) };
+    let drag =
+        |factor: f64| -> TrialOf { Box::new(move |_| TrialOptions { drag: (factor, 0.02), ..base() }) };
+    let same = || court.clone();
+    vec![
+        ("nothing", same(), plain()),
+        ("latency doubled", slow(&|c| c.tracker.latency = c.tracker.latency + c.tracker.latency), plain()),
+        ("60 Hz", slow(&|c| c.tracker.period = c.tracker.period + c.tracker.period), plain()),
+        ("one frame in ten lost", same(), with(Trouble::FramesLost { probability: 0.1 })),
+        ("bias 2 mm", same(), with(Trouble::Bias { by_mm: 2.0 })),
+        ("three false markers", same(), with(Trouble::FalseMarkers { count: 3 })),
+        ("drag believed 20 % too small", same(), drag(0.8)),
+        ("drag believed 20 % too large", same(), drag(1.2)),
+        (
+            "tracker dead at some moment",
+            same(),
+            Box::new(move |k| TrialOptions {
+                trouble: vec![Trouble::TrackerDead { at_s: spread(k, 0.0, 0.9) }],
+                ..base()
+            }),
+        ),
+        (
+            "thrower stops before the release, plan known",
+            same(),
+            Box::new(move |k| TrialOptions {
+                trouble: vec![Trouble::Throw(ThrowFault::Stops { before_s: spread(k, 0.02, 0.4) })],
+                cooperative: true,
+                ..base()
+            }),
+        ),
+        (
+            "ball not released, plan known",
+            same(),
+            Box::new(move |_| TrialOptions {
+                trouble: vec![Trouble::Throw(ThrowFault::NotReleased)],
+                cooperative: true,
+                ..base()
+            }),
+        ),
+        ("ball not released", same(), with(Trouble::Throw(ThrowFault::NotReleased))),
+        (
+            "catcher's drive lost at some moment",
+            same(),
+            Box::new(move |k| TrialOptions {
+                trouble: vec![Trouble::DriveLost { at_s: spread(k, -0.2, 0.9) }],
+                ..base()
+            }),
+        ),
+    ]
+}
+
+/// Errors at 0.6 s of simulated flights with a drag drawn 10 % about the ball's.
+fn estimator(options: &StudyOptions) -> Vec<EstimatorRow> {
+    const CATCH_S: f64 = 0.6;
+    const SIGMA_M: f64 = 0.002;
+    let drag_1_m = BallOptions::default().drag_1_m;
+    let known = |drag_1_m| Air { gravity_m_s2: 9.81, drag_1_m, drag_sigma_1_m: 0.0 };
+    let runs = options.throws.max(20);
+    let mut rows = Vec::new();
+    for (drag, sigma) in [("known", 0.0), ("unknown to 10 %", 0.1), ("ignored", 0.0)] {
+        for n in [6_u32, 12, 24] {
+            let mut rng = SplitMix64::stream(options.seed, u64::from(n));
+            let (mut squares, mut nees, mut bound, mut count) = (0.0, 0.0, 0.0, 0.0_f64);
+            for _ in 0..runs {
+                let true_drag = drag_1_m * (1.0 + sigma * rng.normal());
+                let ball = BallOptions { drag_1_m: true_drag, ..BallOptions::default() };
+                let mut at = LooseBall {
+                    p_m: Vector3::new(0.4, 0.1, 0.3),
+                    v_m_s: Vector3::new(
+                        3.0 + 0.3 * rng.normal(),
+                        0.3 * rng.normal(),
+                        2.5 + 0.3 * rng.normal(),
+                    ),
+                    spin_rad_s: Vector3::zeros(),
+                };
+                let mut samples = Vec::new();
+                for k in 1..=n {
+                    at.fly(&ball, 9.81, 1.0 / 120.0);
+                    let p_m = at.p_m + Vector3::from_fn(|_, _| SIGMA_M * rng.normal());
+                    samples.push(Sample { t_s: f64::from(k) / 120.0, p_m });
+                }
+                let left_s = CATCH_S - f64::from(n) / 120.0;
+                for _ in 0..200 {
+                    at.fly(&ball, 9.81, left_s / 200.0);
+                }
+                let air = match drag {
+                    "known" => known(true_drag),
+                    "ignored" => known(0.0),
+                    _ => Air { drag_sigma_1_m: sigma * drag_1_m, ..known(drag_1_m) },
+                };
+                let fits = (
+                    Flight::fit(&samples, SIGMA_M, &air, None),
+                    Flight::fit(&samples, SIGMA_M, &known(true_drag), None),
+                );
+                let (Some(fit), Some(best)) = fits else { continue };
+                let (p, _, covariance) = fit.at(CATCH_S);
+                let off = at.p_m - p;
+                let Some(inverse) = covariance.try_inverse() else { continue };
+                squares += off.norm_squared() / 3.0;
+                nees += off.dot(&(inverse * off)) / 3.0;
+                bound += best.at(CATCH_S).2.trace() / 3.0;
+                count += 1.0;
+            }
+            let half = Z * (2.0 / (3.0 * count)).sqrt();
+            rows.push(EstimatorRow {
+                drag,
+                seen_ms: n * 1000 / 120,
+                rms_mm: (squares / count).sqrt() * 1e3,
+                bound_mm: (bound / count).sqrt() * 1e3,
+                nees: (nees / count, 1.0 - half, 1.0 + half),
+            });
+        }
+    }
+    rows
+}
+
+impl Study {
+    /// The tables besides the rows, as text.
+    #[must_use]
+    pub fn as_text(&self) -> String {
+        let mut out =
+            "estimate at 0.6 s: drag, seen ms, rms mm, bound mm, mean squared error over covariance [band]\n"
+                .to_owned();
+        for row in &self.estimator {
+            let (nees, low, high) = row.nees;
+            out += &format!(
+                "  {:16} {:4} {:7.1} {:7.1} {nees:6.2} [{low:.2}, {high:.2}]\n",
+                row.drag, row.seen_ms, row.rms_mm, row.bound_mm
+            );
+        }
+        let mean = self.rallies.iter().sum::<usize>() as f64 / self.rallies.len().max(1) as f64;
+        let full = self.rallies.iter().filter(|length| **length == RALLY_THROWS).count();
+        out += &format!(
+            "rallies of at most {RALLY_THROWS} throws: mean length {mean:.1} over {}; {full} complete\n",
+            self.rallies.len()
+        );
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wilson_intervals_have_their_published_values() {
+        // 78 of 100: the interval is known as 0.689 to 0.850.
+        let (low, high) = Share { hits: 78, of: 100 }.wilson();
+        assert!((low - 0.689).abs() < 1e-3 && (high - 0.850).abs() < 1e-3, "{low} {high}");
+        assert_eq!(Share::default().wilson(), (0.0, 1.0));
+        assert!(Share { hits: 500, of: 500 }.wilson().0 > 0.992);
+    }
+
+    #[test]
+    fn quantiles_are_values_of_the_sample() {
+        let mut values = [5.0, 1.0, 3.0, 2.0, 4.0];
+        assert_eq!((quantile(&mut values, 0.5), quantile(&mut values, 1.0)), (3.0, 5.0));
+        assert!(quantile(&mut [], 0.5).is_nan());
+    }
+}

@@ -1,0 +1,61 @@
+//! Throws for trials: drawn, and judged by whether a place to catch them exists.
+
+use hil_sim::mechanics::{BallOptions, LooseBall};
+use nalgebra::{Matrix3, Vector3};
+use planner::catch::draw::{Aimed, Window, draw};
+use planner::catch::forecast::{Forecast, Foreseen, Watch};
+use planner::catch::law::State;
+use planner::catch::search::{Start, search};
+use planner::flight::FlightModel;
+use planner::plan::rng::SplitMix64;
+use rayon::prelude::*;
+
+use super::trial::{Pair, TrialOptions};
+
+/// Draws per throw before giving up.
+const TRIES: usize = 3_000_000;
+
+/// Throws at a court, drawn from a seed.
+///
+/// `None` if the thrower cannot reach the window.
+#[must_use]
+pub fn draw_throws(pair: &Pair, window: &Window, count: usize, seed: u64) -> Option<Vec<Aimed>> {
+    let [thrower, catcher] = &pair.court.arms;
+    let flight = FlightModel::vacuum(thrower.model.world().gravity_m_s2).ok()?;
+    let flight = flight.with_drag(pair.court.ball.drag_1_m).ok()?;
+    (0..count)
+        .into_par_iter()
+        .map(|k| {
+            let mut rng = SplitMix64::stream(seed, k as u64);
+            draw(&thrower.model, &thrower.x_wb, &catcher.x_wb, &flight, window, &mut rng, TRIES)
+        })
+        .collect()
+}
+
+/// Whether a place to catch this throw exists for an arm that knows it long before.
+#[must_use]
+pub fn place_exists(pair: &Pair, aimed: &Aimed, options: &TrialOptions) -> bool {
+    let arm = pair.catcher(options.jerk);
+    let state = std::array::from_fn(|i| State::rest(options.wait[i]));
+    let start = Start { at_s: 0.0, state: &state, under_way: None };
+    let forecast = true_forecast(&pair.court.ball, aimed, 2.0, pair.court.arms[0].model.world().gravity_m_s2);
+    search(arm, &options.settings, &start, &forecast).0.is_ok()
+}
+
+/// The flight of the planned throw as it is, released at `release_s`.
+#[must_use]
+pub fn true_forecast(ball: &BallOptions, aimed: &Aimed, release_s: f64, gravity_m_s2: f64) -> Forecast {
+    let mut at = LooseBall { p_m: aimed.p_m, v_m_s: aimed.v_m_s, spin_rad_s: Vector3::zeros() };
+    let points = (0..240).map(|k| {
+        let point = Foreseen {
+            t_s: release_s + 0.005 * f64::from(k),
+            p_m: at.p_m,
+            v_m_s: at.v_m_s,
+            covariance_m2: Matrix3::identity() * 1e-8,
+        };
+        at.fly(ball, gravity_m_s2, 0.005);
+        point
+    });
+    let watch = Watch { sigma_m: 0.002, period_s: 1.0 / 120.0, latency_s: 0.015, first_s: 0.0 };
+    Forecast { points: points.collect(), watch }
+}

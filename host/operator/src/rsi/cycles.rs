@@ -1,0 +1,120 @@
+//! What the telegrams and answers of a log say about the motion: set and measured axes by cycle.
+
+use protocol::Instant;
+use rsi_protocol::{Config, RobotState, Root, Telegram};
+
+use super::log::{Entry, Line};
+
+/// One telegram with positions.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cycle {
+    /// When it came, on the station's clock.
+    pub at: Instant,
+    pub ipoc: u64,
+    /// Start pose of the robot's program, deg.
+    pub start_deg: [f64; 6],
+    /// Set point in force, deg: start pose and the correction that the robot took last.
+    pub set_deg: [f64; 6],
+    /// Measured axes, deg.
+    pub actual_deg: [f64; 6],
+    /// Output value in force.
+    pub outputs: f64,
+    /// What the finger sensor says; `None`: the configuration has none.
+    pub fingers_open: Option<bool>,
+    /// Late answers as the robot counts them.
+    pub late: u64,
+}
+
+/// The cycles of a log. `output` and `sensor` are names of the configuration.
+///
+/// A correction is in force from the next telegram on, unless the robot counts that answer as late. A telegram that comes again
+/// is the same cycle: networks double datagrams, and a robot in lock step repeats its first telegram until it is answered.
+#[must_use]
+pub fn cycles(lines: &[Line], config: &Config, output: &str, sensor: Option<&str>) -> Vec<Cycle> {
+    let correction_name = config
+        .axis_correction()
+        .and_then(|places| config.receive.get(places[0]))
+        .map(|entry| entry.tag.element.clone())
+        .unwrap_or_default();
+    let mut all: Vec<Cycle> = Vec::new();
+    let (mut in_force, mut answered) = (([0.0; 6], 0.0), None::<([f64; 6], f64)>);
+    for line in lines {
+        match &line.entry {
+            Entry::Telegram(bytes) => {
+                let Ok(document) = Telegram::parse(bytes, Root::Rob) else { continue };
+                let Ok(state) = RobotState::read(&document) else { continue };
+                let Some(actual_deg) = state.aipos_deg else {
+                    // A new run: corrections begin at zero.
+                    (in_force, answered) = (([0.0; 6], 0.0), None);
+                    continue;
+                };
+                let ipoc = document.ipoc.value();
+                if all.last().is_some_and(|last| last.ipoc == ipoc) {
+                    continue;
+                }
+                let late = state.delay.unwrap_or(0);
+                let missed = all.last().is_some_and(|last| late > last.late);
+                if let Some(answered) = answered.take().filter(|_| !missed) {
+                    in_force = answered;
+                }
+                let start_deg =
+                    state.aspos_deg.unwrap_or_else(|| all.last().map_or(actual_deg, |last| last.start_deg));
+                let fingers_open = sensor.and_then(|name| {
+                    let value = document.element(name)?.text.trim().parse::<f64>().ok()?;
+                    Some(value != 0.0)
+                });
+                all.push(Cycle {
+                    at: line.at,
+                    ipoc,
+                    start_deg,
+                    set_deg: std::array::from_fn(|axis| start_deg[axis] + in_force.0[axis]),
+                    actual_deg,
+                    outputs: in_force.1,
+                    fingers_open,
+                    late,
+                });
+            }
+            Entry::Answer(bytes) => {
+                let Ok(document) = Telegram::parse(bytes, Root::Sen) else { continue };
+                let six = ["A1", "A2", "A3", "A4", "A5", "A6"];
+                let Some(Ok(deg)) = document.element(&correction_name).map(|element| element.six(&six))
+                else {
+                    continue;
+                };
+                let outputs = document.element(output).and_then(|element| element.text.trim().parse().ok());
+                answered = Some((deg, outputs.unwrap_or(0.0)));
+            }
+            _ => {}
+        }
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hil_sim::krc::KrcScenario;
+
+    #[test]
+    fn telegram_that_comes_again_is_the_same_cycle() {
+        let described = KrcScenario::open("kr-c2").expect("built in");
+        let telegram = |ipoc: u64| {
+            let six = "A1=\"0\" A2=\"-90\" A3=\"90\" A4=\"0\" A5=\"90\" A6=\"0\"";
+            format!("<Rob TYPE=\"KUKA\"><AIPos {six}/><IPOC>{ipoc}</IPOC></Rob>").into_bytes()
+        };
+        let answer = |ipoc: u64| {
+            let six = "A1=\"1\" A2=\"0\" A3=\"0\" A4=\"0\" A5=\"0\" A6=\"0\"";
+            format!("<Sen Type=\"ImFree\"><AKorr {six}/><DiO>1</DiO><IPOC>{ipoc}</IPOC></Sen>").into_bytes()
+        };
+        let lines: Vec<Line> = [7, 7, 7, 8, 10]
+            .into_iter()
+            .flat_map(|ipoc| [Entry::Telegram(telegram(ipoc)), Entry::Answer(answer(ipoc))])
+            .zip(0..)
+            .map(|(entry, k)| Line { at: Instant::from_micros(k), entry })
+            .collect();
+        let table = cycles(&lines, &described.config, "DiO", None);
+        assert_eq!(table.iter().map(|cycle| cycle.ipoc).collect::<Vec<_>>(), [7, 8, 10]);
+        // The answer is in force from the next number on, not from the copy on.
+        assert_eq!(table.iter().map(|cycle| cycle.set_deg[0]).collect::<Vec<_>>(), [0.0, 1.0, 1.0]);
+    }
+}

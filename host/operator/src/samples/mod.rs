@@ -1,0 +1,140 @@
+//! What was measured and told during a run, in terms of joints, whatever the link: the only thing that an analysis reads.
+//!
+//! [`of_log`] makes them from the frames of a CAN bus, live or recorded; each frame is decoded once.
+//!
+//! # Conventions
+//!
+//! Times are those of the session or the log. Positions are of joints in rad, base first. A position carries the time at which it
+//! was measured, everything else the time at which it was heard.
+
+pub mod drives;
+pub mod of_log;
+
+use protocol::cyphal::cubecell::group_state::{GroupState, State};
+use protocol::cyphal::cubecell::joint_state::JointSample;
+use protocol::{Duration, Instant};
+
+use crate::log::candump::Line;
+use crate::log::watch::LogEvent;
+use drives::Drives;
+
+/// A number at a time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct At {
+    pub at: Instant,
+    pub value: f64,
+}
+
+/// A ramp that a drive was told to make.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RampOrder {
+    /// When the order was given.
+    pub at: Instant,
+    /// Angle of the joint to ramp to, rad.
+    pub target_rad: f64,
+    /// Speed of the ramp as last written, rad/s.
+    pub v_rad_s: Option<f64>,
+    /// Acceleration of the ramp as last written, rad/s².
+    pub a_rad_s2: Option<f64>,
+}
+
+/// What is known of one joint.
+#[derive(Clone, Debug, Default)]
+pub struct JointSamples {
+    /// Measured angles, rad.
+    pub positions: Vec<At>,
+    /// Motor currents, A, positive if they turn the joint forwards.
+    pub currents: Vec<At>,
+    /// Orders to the drive.
+    pub orders: Vec<RampOrder>,
+    /// What the controller told about the joint.
+    pub told: Vec<(Instant, JointSample)>,
+}
+
+/// A state of the group, as the controller told it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GroupTold {
+    /// When it was heard whole.
+    pub at: Instant,
+    /// The controller had made the message by then.
+    pub made_by: Instant,
+    /// The message.
+    pub state: GroupState,
+}
+
+/// A joint as last known at the moment of a fault.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct JointFreeze {
+    /// Angle, rad.
+    pub position: Option<At>,
+    pub current_a: Option<f64>,
+    /// Acceleration written last, rad/s².
+    pub ramp_a_rad_s2: Option<f64>,
+    /// Target of the last ramp ordered, rad.
+    pub ramp_target_rad: Option<f64>,
+}
+
+/// The group at the moment of a fault.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Freeze {
+    /// When the controller told of it.
+    pub at: Instant,
+    /// What it told.
+    pub group: GroupState,
+    pub before: State,
+    /// The joints, base first.
+    pub joints: Vec<JointFreeze>,
+    /// The last frames before it, oldest first; empty where the link is no bus.
+    pub frames: Vec<(Instant, String)>,
+}
+
+/// What only a bus has.
+#[derive(Clone, Debug)]
+pub struct BusLog {
+    /// Its frames, in ascending time.
+    pub lines: Vec<Line>,
+    /// Bit rate, bit/s.
+    pub bit_rate_bit_s: u32,
+    /// Which drive is which joint.
+    pub drives: Drives,
+}
+
+impl BusLog {
+    /// Time of a bit, s.
+    #[must_use]
+    pub fn bit_s(&self) -> f64 {
+        1.0 / f64::from(self.bit_rate_bit_s.max(1))
+    }
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct Samples {
+    /// The joints, base first.
+    pub joints: Vec<JointSamples>,
+    /// States of the group.
+    pub group: Vec<GroupTold>,
+    /// When the gripper was ordered to open or to close.
+    pub gripper_ordered: Vec<Instant>,
+    /// What happened, as text.
+    pub events: Vec<LogEvent>,
+    /// Faults and stops that were not there before.
+    pub freezes: Vec<Freeze>,
+    /// The frames, where the link is a bus.
+    pub bus: Option<BusLog>,
+}
+
+impl Samples {
+    /// True if nothing was heard at all.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        let silent = |joint: &JointSamples| joint.positions.is_empty() && joint.told.is_empty();
+        self.group.is_empty()
+            && self.joints.iter().all(silent)
+            && self.bus.as_ref().is_none_or(|bus| bus.lines.is_empty())
+    }
+}
+
+/// Time that `bits` take on a bus.
+pub(crate) fn span_of(bits: u32, bit_s: f64) -> Duration {
+    Duration::from_secs_f64(f64::from(bits) * bit_s)
+}

@@ -1,0 +1,135 @@
+//! Samples of the frames of a bus: one pass over a log, each frame decoded once.
+
+use std::collections::BTreeMap;
+
+use protocol::bits;
+use protocol::powercube::{MotionCommand, Parameter, Reply, Request, Value};
+use protocol::{Duration, Instant};
+
+use super::drives::Drives;
+use super::{At, BusLog, Freeze, GroupTold, JointFreeze, JointSamples, RampOrder, Samples, span_of};
+use crate::log::candump::Line;
+use crate::log::facts::{Fact, position};
+use crate::log::watch::{FreezeFrame, Watch};
+use planner::throw::Arm;
+
+/// Time of the first frame of a state message at 1 Mbit/s: extended, eight bytes, few stuff bits.
+const FIRST_FRAME: Duration = Duration::from_micros(bits::best_case(true, 8).frame() as u64);
+
+impl Samples {
+    /// Samples of a log in ascending time; `drives` are those of the joints of `arm`.
+    ///
+    /// A position is measured where the answer that carries it begins: drives measure just before they answer.
+    #[must_use]
+    pub fn of_log(lines: Vec<Line>, drives: Drives, arm: &Arm, bit_rate_bit_s: u32) -> Self {
+        let bus = BusLog { lines, bit_rate_bit_s, drives };
+        let names =
+            drives.address.iter().zip(arm.joints()).map(|(address, joint)| (*address, joint.name.clone()));
+        let mut watch = Watch::new(names.collect::<BTreeMap<_, _>>());
+        let mut reader = Reader {
+            drives: &bus.drives,
+            samples: Self { joints: vec![JointSamples::default(); drives.address.len()], ..Self::default() },
+            ramps: vec![Ramp::default(); drives.address.len()],
+        };
+        for line in &bus.lines {
+            let notes = watch.take(line.at, &line.frame);
+            reader.samples.events.extend(notes.events);
+            reader.samples.freezes.extend(notes.freeze.map(|freeze| frozen(&freeze, &drives)));
+            if let Some(fact) = notes.fact {
+                let begun = line.at.saturating_sub(span_of(bits::length(&line.frame).frame(), bus.bit_s()));
+                reader.take(line.at, begun, &fact);
+            }
+        }
+        let samples = reader.samples;
+        Self { bus: Some(bus), ..samples }
+    }
+}
+
+/// Speed and acceleration that were written last, of the joint.
+#[derive(Clone, Copy, Default)]
+struct Ramp {
+    v_rad_s: Option<f64>,
+    a_rad_s2: Option<f64>,
+}
+
+struct Reader<'a> {
+    drives: &'a Drives,
+    samples: Samples,
+    ramps: Vec<Ramp>,
+}
+
+impl Reader<'_> {
+    fn take(&mut self, at: Instant, begun: Instant, fact: &Fact) {
+        match fact {
+            Fact::Request { module, request } => {
+                if let Request::Set(Parameter::DioData, _) = request {
+                    self.samples.gripper_ordered.push(at);
+                }
+                if let Some(joint) = self.drives.joint_of(*module) {
+                    self.ordered(at, joint, *request);
+                }
+            }
+            Fact::Reply { module, reply } => {
+                if let Some(joint) = self.drives.joint_of(*module) {
+                    self.answered(begun, joint, reply);
+                }
+            }
+            Fact::Group { first_at, state, .. } => {
+                let made_by = first_at.saturating_sub(FIRST_FRAME);
+                self.samples.group.push(GroupTold { at, made_by, state: *state });
+            }
+            Fact::Joints { state, .. } => {
+                for (joint, sample) in self.samples.joints.iter_mut().zip(state.joints()) {
+                    joint.told.push((at, *sample));
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn ordered(&mut self, at: Instant, joint: usize, request: Request) {
+        let ramp = &mut self.ramps[joint];
+        match request {
+            Request::Set(Parameter::TargetVel, Value::F32(v)) => ramp.v_rad_s = Some(v.into()),
+            Request::Set(Parameter::TargetAcc, Value::F32(a)) => ramp.a_rad_s2 = Some(a.into()),
+            Request::Move(motion) => {
+                if let MotionCommand::Ramp { target } = motion.command() {
+                    let target_rad = self.drives.joint_rad(joint, target.get().into());
+                    let Ramp { v_rad_s, a_rad_s2 } = *ramp;
+                    self.samples.joints[joint].orders.push(RampOrder { at, target_rad, v_rad_s, a_rad_s2 });
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn answered(&mut self, at: Instant, joint: usize, reply: &Reply) {
+        let of_joint = &mut self.samples.joints[joint];
+        if let Some((q_rad, _)) = position(reply) {
+            of_joint.positions.push(At { at, value: self.drives.joint_rad(joint, q_rad) });
+        }
+        if let Reply::Value(Parameter::Cur, Value::F32(a)) = reply {
+            of_joint.currents.push(At { at, value: self.drives.turned(joint, f64::from(*a)) });
+        }
+    }
+}
+
+/// What was known of the drives, as what is known of the joints.
+fn frozen(freeze: &FreezeFrame, drives: &Drives) -> Freeze {
+    let joint = |(j, address): (usize, &u8)| {
+        let heard = freeze.drives.get(address).copied().unwrap_or_default();
+        JointFreeze {
+            position: heard.position.map(|(at, rad)| At { at, value: drives.joint_rad(j, rad) }),
+            current_a: heard.current_a.map(|a| drives.turned(j, a)),
+            ramp_a_rad_s2: heard.ramp_a_rad_s2,
+            ramp_target_rad: heard.ramp_target_rad.map(|rad| drives.joint_rad(j, rad)),
+        }
+    };
+    Freeze {
+        at: freeze.at,
+        group: freeze.group,
+        before: freeze.before,
+        joints: drives.address.iter().enumerate().map(joint).collect(),
+        frames: freeze.frames.iter().map(|(at, frame)| (*at, frame.to_string())).collect(),
+    }
+}

@@ -1,0 +1,157 @@
+//! The same throw by two operators: a controller on a CAN bus, and one in this program. The simulated cell of each tells
+//! where the ball landed.
+
+mod common;
+
+use firmware::settings::Settings;
+use hil_sim::scenario::fault_from_line;
+use nalgebra::Vector3;
+use operator::bus::BusArgs;
+use operator::bus::args::Cell;
+use operator::bus::period::settings_with_gains;
+use operator::dialogue::operator::OperatorError;
+use operator::dialogue::registers::Numbers;
+use operator::port::{BallSeen, InProcess, OnBus, Operator};
+use operator::throw::outcome::{default_tolerance_m, judge};
+use operator::throw::{Job, JobError, Outcome, Record, Step, Verdict, job};
+use planner::plan::Arm;
+use planner::plan::file::PlanFile;
+use protocol::Duration;
+use protocol::cyphal::id::NodeId;
+use robot_model::collision::Scene;
+
+use common::plan;
+
+/// The cell of the throw, with one fault if there is one.
+fn cell(plan: &PlanFile, fault: Option<&str>) -> Cell {
+    let mut cell = BusArgs::default().cell.load().unwrap();
+    cell.setup.cell.drive.starts_homed = true;
+    cell.setup.cell.gripper.jitter = Duration::ZERO;
+    cell.setup.cell.gripper.landing_z_m = Some(plan.target.position_m[2]);
+    cell.setup.faults.extend(fault.map(|line| fault_from_line(line, 0).unwrap()));
+    cell
+}
+
+/// What became of a throw.
+struct Thrown {
+    verdict: Verdict,
+    ended: Result<(), JobError>,
+    record: Record,
+    /// The witness: what the cell itself knows.
+    ball: BallSeen,
+}
+
+fn throw(operator: &mut dyn Operator, arm: &Arm, plan: &PlanFile) -> (Result<(), JobError>, Record, Verdict) {
+    let scene = Scene { ball_held: true, ..Scene::default() };
+    let job = Job {
+        arm,
+        plan,
+        gains: None,
+        scene: &scene,
+        approach_share: 0.3,
+        seed: 1,
+        tolerance_m: default_tolerance_m(plan),
+        go_back: false,
+    };
+    let mut record = Record::default();
+    let ended = job::run(operator, &job, &mut record, &mut |_| true);
+    let verdict = judge(&job, &record, ended.as_ref().copied());
+    (ended, record, verdict)
+}
+
+fn on_a_bus(arm: &Arm, plan: &PlanFile, fault: Option<&str>) -> Thrown {
+    let cell = cell(plan, fault);
+    let settings = settings_with_gains(&cell.robot).unwrap();
+    let mut session = BusArgs::default().open_cell(&cell, Some(&settings)).unwrap();
+    let (ended, record, verdict) =
+        throw(&mut OnBus::new(&mut session, None, cell.setup.bus.bit_rate_bit_s), arm, plan);
+    let ball = BallSeen::of(session.sim().unwrap().cell());
+    Thrown { verdict, ended, record, ball }
+}
+
+fn in_process(arm: &Arm, plan: &PlanFile, fault: Option<&str>) -> Thrown {
+    let cell = cell(plan, fault);
+    let settings = settings_with_gains(&cell.robot).unwrap();
+    let mut operator = InProcess::new(&cell.robot, &cell.setup, cell.seed, &settings).unwrap();
+    let (ended, record, verdict) = throw(&mut operator, arm, plan);
+    let ball = BallSeen::of(operator.cell());
+    Thrown { verdict, ended, record, ball }
+}
+
+fn miss_m(ball: &BallSeen, plan: &PlanFile) -> f64 {
+    (ball.landing.unwrap().1 - Vector3::from(plan.target.position_m)).norm()
+}
+
+#[test]
+fn the_same_job_lands_the_ball_by_either_operator_and_its_samples_give_the_same_report() {
+    let (arm, plan) = plan();
+    let (bus, local) = (on_a_bus(&arm, &plan, None), in_process(&arm, &plan, None));
+    for thrown in [&bus, &local] {
+        thrown.ended.as_ref().unwrap();
+        assert_eq!(thrown.verdict.outcome, Outcome::Landed, "{}", thrown.verdict.text);
+        let told_m = thrown.record.landing.unwrap().error_m;
+        assert!((told_m - miss_m(&thrown.ball, &plan)).abs() < 1e-12);
+    }
+    assert_eq!((bus.record.node.map(NodeId::get), local.record.node), (Some(10), None));
+
+    let (of_bus, of_local) = (bus.record.analysis.unwrap(), local.record.analysis.unwrap());
+    assert!(of_bus.completed && of_local.completed);
+    assert!(of_bus.bus.is_some() && of_bus.answers.is_some() && of_bus.joints[0].module.is_some());
+    assert!(of_local.bus.is_none() && of_local.answers.is_none() && of_local.joints[0].module.is_none());
+    for (a, b) in of_bus.joints.iter().zip(&of_local.joints) {
+        let (more, less) =
+            (a.samples_in_plan.max(b.samples_in_plan), a.samples_in_plan.min(b.samples_in_plan));
+        assert!(more - less <= 3, "{}: {more} {less}", a.name);
+        let apart_rad = (a.position_error_rad.rms - b.position_error_rad.rms).abs();
+        // The host link shares the bus of one of them, so their cycles are not the same; a step of a drive is 0.35 mrad.
+        println!("{}: rms errors {:.2e} rad, {apart_rad:.1e} rad apart", a.name, a.position_error_rad.rms);
+        assert!(apart_rad < 3.5e-4, "{}: {apart_rad}", a.name);
+    }
+    let landings = [of_bus.release.unwrap(), of_local.release.unwrap()].map(|release| {
+        assert!(release.gripper_ordered_t_s.is_some());
+        Vector3::from(release.landing_m.unwrap())
+    });
+    for (landing, thrown) in landings.iter().zip([&bus.ball, &local.ball]) {
+        // The bound of the measured motion against the cell, as for a log: half a step of each drive, and the gripper's clock.
+        let off_m = (landing - thrown.landing.unwrap().1).xy().norm();
+        println!("measured motion sends the ball {:.1} mm beside where it landed", 1e3 * off_m);
+        assert!(off_m < 0.012, "{off_m}");
+    }
+}
+
+#[test]
+fn a_drive_that_falls_silent_stops_the_throw_by_either_operator_with_the_same_cause() {
+    let (arm, plan) = plan();
+    let settings = settings_with_gains(&cell(&plan, None).robot).unwrap();
+    // Found from a throw without a fault: the middle of the throw, by the time of each cell.
+    let clean = in_process(&arm, &plan, None);
+    let (_, begun, ended) =
+        *clean.record.steps.iter().find(|(step, ..)| *step == Step::Throw).expect("it was thrown");
+    let middle_s = 0.5 * (begun.as_secs_f64() + ended.as_secs_f64());
+    assert!(settings.reply_missed_max >= 1);
+    let silent = format!("kind = \"silent\", target = \"module 3\", start_s = {middle_s:.3}, length_s = 2.0");
+    for thrown in [on_a_bus(&arm, &plan, Some(&silent)), in_process(&arm, &plan, Some(&silent))] {
+        assert_eq!(thrown.verdict.outcome, Outcome::Stopped, "{}", thrown.verdict.text);
+        let Err(JobError::Operator(OperatorError::Stopped { cause, joint, .. })) = thrown.ended else {
+            panic!("{}", thrown.verdict.text)
+        };
+        assert_eq!((cause, joint), (firmware::fault::Cause::DriveSilent.code(), 3));
+        let fault = thrown.record.analysis.unwrap().fault.unwrap();
+        assert_eq!((fault.code, fault.joint), (cause, Some(3)));
+        assert_eq!(thrown.record.landing.is_some(), thrown.ball.landing.is_some());
+    }
+}
+
+#[test]
+fn registers_of_a_controller_in_process_are_read_written_and_refused_as_over_a_bus() {
+    let (_, plan) = plan();
+    let cell = cell(&plan, None);
+    let mut operator = InProcess::new(&cell.robot, &cell.setup, cell.seed, &Settings::powercube6()).unwrap();
+    operator.connect().unwrap();
+    let period = Numbers::Natural(vec![50_000]);
+    operator.set_register("telemetry.period_us", &period).unwrap();
+    assert_eq!(operator.register("telemetry.period_us").unwrap(), period);
+    let refused = operator.set_register("joint.v_max_rad_s", &Numbers::Real(vec![99.0; 6])).unwrap_err();
+    assert!(matches!(refused, OperatorError::Refused { .. }), "{refused}");
+    assert!(matches!(operator.register("no.such"), Err(OperatorError::NoRegister { .. })));
+}

@@ -1,0 +1,164 @@
+//! How good and how quick the default search is, against best known throws (see the example `best_known`).
+//!
+//! ```text
+//! cargo run --release -p planner --example search_quality -- ROBOT BEST_KNOWN.csv [SEEDS] [TARGETS]
+//! ```
+//!
+//! For every target that the file has a throw to: the search as `plan throw` makes it, down the same ladder of options,
+//! with the throws that come with the program and without any. Times are CPU time of one core.
+
+use std::error::Error;
+use std::time::Duration;
+
+use nalgebra::Vector3;
+use nix::time::{ClockId, clock_gettime};
+use planner::plan::problem::{Options, Problem};
+use planner::plan::search::{Budget, Planner, Watch};
+use planner::plan::seeds;
+use planner::store::Index;
+use robot_model::{AnyRobot, RobotModel, for_any_robot};
+
+/// Stored throws that an answer from the table alone tries.
+const TRIES: usize = 6;
+
+/// A target with the best throw that is known.
+struct Known {
+    target: Vector3<f64>,
+    /// Place in the ladder of options.
+    rung: usize,
+    objective: f64,
+}
+
+/// What one way of searching made of all targets.
+#[derive(Default)]
+struct Result {
+    /// Share of the price above the best known one, where the same limits were kept.
+    gaps: Vec<f64>,
+    /// Fewer limits kept than the best known throw keeps, and more.
+    relaxed: usize,
+    stricter: usize,
+    refused: usize,
+    seconds: Vec<f64>,
+}
+
+fn main() -> std::result::Result<(), Box<dyn Error>> {
+    let args: Vec<String> = std::env::args().skip(1).collect();
+    let [robot, file, rest @ ..] = &args[..] else {
+        return Err("expected ROBOT BEST_KNOWN.csv [SEEDS] [TARGETS]".into());
+    };
+    let number = |i: usize, default: u64| rest.get(i).map_or(Ok(default), |text| text.parse());
+    let (seeds, targets) = (number(0, 1)?, number(1, u64::MAX)?);
+    let all = read(&std::fs::read_to_string(file)?)?;
+    let drawn = all.len();
+    let known: Vec<Known> = all.into_iter().flatten().take(targets as usize).collect();
+    println!("{robot}: {} of {drawn} targets have a known throw", known.len());
+    for within_m in [2.2, 4.2, f64::INFINITY] {
+        let near: Vec<&Known> = known.iter().filter(|k| k.target.xy().norm() <= within_m).collect();
+        let kept = near.iter().filter(|k| k.rung == 0).count();
+        println!("  to {within_m} m: {kept} of {} keep both limits of the landing's shift", near.len());
+    }
+    // Times are those of one core.
+    rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build_global()?;
+    let robot = AnyRobot::load(robot)?;
+    for_any_robot!(&robot, arm => of_arm(arm, &known, seeds));
+    Ok(())
+}
+
+/// Rows of a file of best known throws; `None` for a target without one.
+fn read(text: &str) -> std::result::Result<Vec<Option<Known>>, Box<dyn Error>> {
+    text.lines()
+        .skip(1)
+        .map(|line| {
+            let fields: Vec<&str> = line.split(',').collect();
+            let [_, x, y, z, rung, objective, ..] = fields[..] else {
+                return Err(format!("\"{line}\" is not a row of best known throws").into());
+            };
+            if rung.is_empty() {
+                return Ok(None);
+            }
+            let target = Vector3::new(x.parse()?, y.parse()?, z.parse()?);
+            Ok(Some(Known { target, rung: rung.parse()?, objective: objective.parse()? }))
+        })
+        .collect()
+}
+
+fn of_arm<const N: usize>(arm: &RobotModel<N>, known: &[Known], seeds: u64) {
+    let table = seeds::built_in(arm);
+    if !table.records().is_empty() {
+        for seed in 1..=seeds {
+            print(&format!("search with the table, seed {seed}"), &search(arm, known, &table, seed));
+        }
+        print("table alone", &from_table(arm, known, &table));
+    }
+    for seed in 1..=seeds {
+        print(&format!("search without a table, seed {seed}"), &search(arm, known, &Index::default(), seed));
+    }
+}
+
+/// The default form, without limits of the landing's shift, and without nulling.
+fn ladder() -> [Options; 3] {
+    let nulled = Options { delay_windows: Vec::new(), ..Options::best() };
+    [Options::best(), nulled.clone(), Options { null_delay: false, ..nulled }]
+}
+
+fn search<const N: usize>(arm: &RobotModel<N>, known: &[Known], table: &Index<N>, seed: u64) -> Result {
+    judge(known, |target| {
+        ladder().into_iter().enumerate().find_map(|(rung, options)| {
+            let problem = Problem::new(arm, *target, options).ok()?;
+            let budget = Budget { seed, ..Budget::default() };
+            let best = Planner::new(&problem).attempt(table, &budget, &Watch::default()).ok()?;
+            Some((rung, best.found.objective))
+        })
+    })
+}
+
+fn from_table<const N: usize>(arm: &RobotModel<N>, known: &[Known], table: &Index<N>) -> Result {
+    judge(known, |target| {
+        ladder().into_iter().enumerate().find_map(|(rung, options)| {
+            let problem = Problem::new(arm, *target, options).ok()?;
+            Some((rung, Planner::new(&problem).from_index(table, TRIES)?.objective))
+        })
+    })
+}
+
+fn judge(known: &[Known], work: impl Fn(&Vector3<f64>) -> Option<(usize, f64)>) -> Result {
+    let mut result = Result::default();
+    for k in known {
+        let began = cpu();
+        let found = work(&k.target);
+        result.seconds.push((cpu() - began).as_secs_f64());
+        match found {
+            None => result.refused += 1,
+            Some((rung, _)) if rung > k.rung => result.relaxed += 1,
+            Some((rung, _)) if rung < k.rung => result.stricter += 1,
+            Some((_, objective)) => result.gaps.push(objective / k.objective - 1.0),
+        }
+    }
+    result.gaps.sort_by(f64::total_cmp);
+    result.seconds.sort_by(f64::total_cmp);
+    result
+}
+
+fn print(what: &str, r: &Result) {
+    let quantile = |sorted: &[f64], share: f64| {
+        let at = ((sorted.len().max(1) - 1) as f64 * share).round() as usize;
+        sorted.get(at).copied().unwrap_or(f64::NAN)
+    };
+    let within = r.gaps.iter().filter(|g| **g <= 0.02).count();
+    println!(
+        "  {what}: {within} within 2 %, {} above, {} relaxed, {} refused, {} under more limits; gap median {:.3} %, worst {:.2} %; {} better by 0.1 %; CPU time p50 {:.1} ms, p99 {:.1} ms",
+        r.gaps.len() - within,
+        r.relaxed,
+        r.refused,
+        r.stricter,
+        1e2 * quantile(&r.gaps, 0.5),
+        1e2 * quantile(&r.gaps, 1.0),
+        r.gaps.iter().filter(|g| **g < -1e-3).count(),
+        1e3 * quantile(&r.seconds, 0.5),
+        1e3 * quantile(&r.seconds, 0.99),
+    );
+}
+
+fn cpu() -> Duration {
+    clock_gettime(ClockId::CLOCK_PROCESS_CPUTIME_ID).map_or(Duration::ZERO, Duration::from)
+}

@@ -1,0 +1,28 @@
+//! Catching a ball in flight with an open cup on the tool axis.
+//!
+//! The ball's flight comes as a [`forecast`]: where it will be, how fast, how surely. For every new forecast some thousand
+//! candidates are judged: when, cup direction, posture; hand at rest (*hold*) or moving with the ball (*matched*). The best one that
+//! keeps every limit over the whole motion, braking included, replaces the motion under way.
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`law`] | motion of a joint between two states in a given time, under speed, acceleration and jerk limits |
+//! | [`forecast`] | the flight to come, with its covariance |
+//! | [`arm`] | the arm with its cup, where it stands, its limits |
+//! | [`motion`] | motion of all joints; the check of a whole motion |
+//! | [`search`] | candidates, judged; the best one, or why there is none |
+//! | [`online`] | a catch in progress: forecasts in, motions out |
+//! | [`draw`] | throws of another arm that come by, at random |
+//!
+//! World frame: that of the two arms' common floor plan; SI units, radians.
+
+pub mod arm;
+pub mod draw;
+pub mod forecast;
+pub mod law;
+pub mod motion;
+pub mod online;
+pub mod search;
+
+/// Angles, speeds or accelerations of the six joints.
+pub type Joints = robot_model::JointVec<6>;

@@ -1,0 +1,188 @@
+//! A catch in progress: forecasts in, motions out.
+//!
+//! Sans-IO: time comes with the forecast. Each forecast may change the motion under way; what is given out is for the
+//! executor, which may refuse it. A motion always ends at rest, so an executor that hears nothing more stays safe.
+
+use nalgebra::Vector3;
+
+use super::Joints;
+use super::arm::CatchArm;
+use super::forecast::Forecast;
+use super::motion::CatchMotion;
+use super::search::{Choice, Count, Decline, Settings, Start, passes_rim, search};
+
+/// The cup is moved only for errors above this, m: below it the motion under way is as good.
+const CORRECT_FROM_M: f64 = 0.0015;
+
+/// What a forecast led to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Decision {
+    /// No catch, for now.
+    Declined(Decline),
+    /// The first motion.
+    Begun,
+    /// The motion was replaced.
+    Corrected,
+    /// The motion under way is good enough.
+    Kept,
+    /// The motion under way should be replaced but cannot be.
+    NotCorrected(Decline),
+    /// Too late for any change.
+    Frozen,
+}
+
+/// One line of the decision log.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Logged {
+    /// When, s.
+    pub at_s: f64,
+    pub decision: Decision,
+    /// Time of the catch under way, s.
+    pub catch_s: Option<f64>,
+    /// Predicted probability of the catch under way.
+    pub probability: f64,
+    /// Standard deviation across the flight at the catch, m.
+    pub sigma_m: f64,
+    /// Predicted distance of the ball from the cup's axis at the catch under way, before this decision, m.
+    pub off_m: f64,
+    /// Candidates.
+    pub count: Count,
+}
+
+#[derive(Debug)]
+pub struct Catcher<'a> {
+    arm: &'a CatchArm,
+    settings: Settings,
+    motion: CatchMotion,
+    before: Option<CatchMotion>,
+    choice: Option<Choice>,
+    log: Vec<Logged>,
+}
+
+impl<'a> Catcher<'a> {
+    /// The arm stands at `q`.
+    #[must_use]
+    pub fn new(arm: &'a CatchArm, settings: Settings, q: &Joints) -> Self {
+        Self { arm, settings, motion: CatchMotion::rest(q), before: None, choice: None, log: Vec::new() }
+    }
+
+    /// Takes a forecast at `now_s`; the motion that replaces the one under way from its start on, if there is one.
+    pub fn observe(&mut self, forecast: &Forecast, now_s: f64) -> Option<&CatchMotion> {
+        let start_s = now_s + self.settings.actuation_s;
+        let off_m = self.choice.as_ref().map_or(0.0, |choice| off_axis_m(choice, forecast));
+        let (decision, count) = self.decide(forecast, start_s, off_m);
+        let foreseen = self.choice.as_ref().and_then(|choice| forecast.at(choice.t_s));
+        self.log.push(Logged {
+            at_s: now_s,
+            decision,
+            catch_s: self.choice.as_ref().map(|choice| choice.t_s),
+            probability: self.choice.as_ref().map_or(0.0, |choice| choice.probability),
+            sigma_m: foreseen.map_or(f64::NAN, |ball| ball.lateral_sigma_m()),
+            off_m,
+            count,
+        });
+        matches!(decision, Decision::Begun | Decision::Corrected).then_some(&self.motion)
+    }
+
+    fn decide(&mut self, forecast: &Forecast, start_s: f64, off_m: f64) -> (Decision, Count) {
+        let state = self.motion.at(start_s);
+        let under_way = self.choice.as_ref().map(|choice| (choice.t_s, &choice.axis, choice.mode));
+        if let Some((t_s, ..)) = under_way {
+            if start_s > t_s - self.settings.freeze_s {
+                return (Decision::Frozen, Count::default());
+            }
+            if off_m < CORRECT_FROM_M {
+                self.judge_again(forecast, off_m);
+                return (Decision::Kept, Count::default());
+            }
+        }
+        let start = Start { at_s: start_s, state: &state, under_way };
+        let (found, count) = search(self.arm, &self.settings, &start, forecast);
+        match found {
+            Ok(choice) => {
+                let begun = self.choice.is_none();
+                if !begun && choice.probability < self.kept_probability(forecast, off_m) {
+                    self.judge_again(forecast, off_m);
+                    return (Decision::Kept, count);
+                }
+                self.before = Some(std::mem::replace(&mut self.motion, choice.motion.clone()));
+                self.choice = Some(choice);
+                (if begun { Decision::Begun } else { Decision::Corrected }, count)
+            }
+            Err(why) if self.choice.is_some() => {
+                self.judge_again(forecast, off_m);
+                (Decision::NotCorrected(why), count)
+            }
+            Err(why) => (Decision::Declined(why), count),
+        }
+    }
+
+    /// Probability of the catch under way if nothing changes any more.
+    fn kept_probability(&self, forecast: &Forecast, off_m: f64) -> f64 {
+        let Some(choice) = &self.choice else { return 0.0 };
+        let sigma_m = forecast.at(choice.t_s).map_or(f64::INFINITY, |ball| ball.lateral_sigma_m());
+        passes_rim(self.arm.cup().miss_max_m, off_m, sigma_m.hypot(self.settings.tracking_sigma_m))
+    }
+
+    fn judge_again(&mut self, forecast: &Forecast, off_m: f64) {
+        let probability = self.kept_probability(forecast, off_m);
+        if let Some(choice) = &mut self.choice {
+            choice.probability = probability;
+        }
+    }
+
+    /// The executor refused the motion given last: the one before goes on.
+    pub fn refused(&mut self) {
+        if let Some(before) = self.before.take() {
+            self.motion = before;
+        }
+    }
+
+    #[must_use]
+    pub fn arm(&self) -> &'a CatchArm {
+        self.arm
+    }
+
+    /// The motion under way.
+    #[must_use]
+    pub fn motion(&self) -> &CatchMotion {
+        &self.motion
+    }
+
+    /// The catch under way.
+    #[must_use]
+    pub fn choice(&self) -> Option<&Choice> {
+        self.choice.as_ref()
+    }
+
+    /// All decisions.
+    #[must_use]
+    pub fn log(&self) -> &[Logged] {
+        &self.log
+    }
+
+    /// Why there is no catch; `None` if there is one, or nothing was foreseen yet.
+    ///
+    /// In the end every ball is out of reach; the last reason before that is the one that tells.
+    #[must_use]
+    pub fn declined(&self) -> Option<Decline> {
+        if self.choice.is_some() {
+            return None;
+        }
+        let reasons = || {
+            self.log.iter().rev().filter_map(|logged| match logged.decision {
+                Decision::Declined(why) => Some(why),
+                _ => None,
+            })
+        };
+        reasons().find(|why| *why != Decline::OutOfReach).or_else(|| reasons().next())
+    }
+}
+
+/// Where the forecast ball passes the cup's axis at the catch, m.
+fn off_axis_m(choice: &Choice, forecast: &Forecast) -> f64 {
+    let Some(ball) = forecast.at(choice.t_s) else { return f64::INFINITY };
+    let u: Vector3<f64> = ball.v_m_s.normalize();
+    let off = ball.p_m - choice.p_m;
+    (off - u * off.dot(&u)).norm()
+}

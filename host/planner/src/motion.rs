@@ -1,0 +1,185 @@
+//! A motion of all joints: knots, the cubic of each joint between two of them, and events at times.
+//!
+//! A cubic is given by position and speed at its two ends, so position and speed are continuous by construction. This is the
+//! one evaluator of everything that follows a plan on a host: trial, simulation, analysis, report. The verifier has one of
+//! its own, on purpose ([`crate::verify`]); the controller has one in single precision (`firmware::spline`); the planner
+//! itself computes with the release as origin and with derivatives by its variables ([`crate::throw`]).
+
+use robot_model::JointVec;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::throw::{JOINTS, Throw};
+
+/// State of the joints at one time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Knot<const N: usize = JOINTS> {
+    /// Time since the start, s.
+    pub t_s: f64,
+    /// Angles, rad.
+    pub q_rad: JointVec<N>,
+    /// Speeds, rad/s.
+    pub qd_rad_s: JointVec<N>,
+}
+
+/// What happens to the gripper.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum GripperEvent {
+    /// What it holds is free.
+    Open,
+    /// It begins to close.
+    Close,
+}
+
+/// A motion of all joints.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Motion<const N: usize = JOINTS> {
+    /// At least two, times ascending from 0.
+    pub knots: Vec<Knot<N>>,
+    /// Events with their times, s since the start.
+    pub events: Vec<(f64, GripperEvent)>,
+}
+
+/// Position, speed, acceleration and jerk of all joints at one time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample<const N: usize = JOINTS> {
+    /// rad.
+    pub q: JointVec<N>,
+    /// rad/s.
+    pub qd: JointVec<N>,
+    /// rad/s².
+    pub qdd: JointVec<N>,
+    /// rad/s³.
+    pub jerk: JointVec<N>,
+}
+
+impl<const N: usize> Sample<N> {
+    fn standing(q: JointVec<N>) -> Self {
+        Self { q, qd: JointVec::zeros(), qdd: JointVec::zeros(), jerk: JointVec::zeros() }
+    }
+}
+
+impl<const N: usize> Motion<N> {
+    /// Duration, s.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        self.knots.last().map_or(0.0, |knot| knot.t_s)
+    }
+
+    /// Pose at the start, rad.
+    #[must_use]
+    pub fn start_rad(&self) -> JointVec<N> {
+        self.knots.first().map_or_else(JointVec::zeros, |knot| knot.q_rad)
+    }
+
+    /// Pose at the end, rad.
+    #[must_use]
+    pub fn stop_rad(&self) -> JointVec<N> {
+        self.knots.last().map_or_else(JointVec::zeros, |knot| knot.q_rad)
+    }
+
+    /// When what the gripper holds is free for the first time, s.
+    #[must_use]
+    pub fn release_s(&self) -> Option<f64> {
+        self.events.iter().find(|(_, event)| *event == GripperEvent::Open).map(|(t_s, _)| *t_s)
+    }
+
+    /// The motion at `t_s`; at a knot by the cubic that ends there. It stands at its ends before and after.
+    #[must_use]
+    pub fn at(&self, t_s: f64) -> Sample<N> {
+        if t_s < 0.0 {
+            return Sample::standing(self.start_rad());
+        }
+        let piece = self.knots.windows(2).find(|pair| t_s <= pair[1].t_s);
+        let Some([a, b]) = piece else { return Sample::standing(self.stop_rad()) };
+        between(a, b, t_s)
+    }
+
+    /// Accelerations of the cubics at both of their ends, rad/s², with the times: where each is largest.
+    pub fn accelerations(&self) -> impl Iterator<Item = ((f64, JointVec<N>), (f64, JointVec<N>))> + '_ {
+        self.knots.windows(2).map(|pair| {
+            let at = |t_s: f64| (t_s, between(&pair[0], &pair[1], t_s).qdd);
+            (at(pair[0].t_s), at(pair[1].t_s))
+        })
+    }
+}
+
+/// The cubic from `a` to `b`: q = c₀ + τ (c₁ + τ (c₂ + τ c₃)), τ = (t - tₐ) / h.
+fn between<const N: usize>(a: &Knot<N>, b: &Knot<N>, t_s: f64) -> Sample<N> {
+    let h = b.t_s - a.t_s;
+    let tau = (t_s - a.t_s) / h;
+    let way = b.q_rad - a.q_rad;
+    let (p0, p1) = (a.qd_rad_s * h, b.qd_rad_s * h);
+    let (c2, c3) = (way * 3.0 - p0 * 2.0 - p1, p0 + p1 - way * 2.0);
+    Sample {
+        q: a.q_rad + (p0 + (c2 + c3 * tau) * tau) * tau,
+        qd: (p0 + (c2 * 2.0 + c3 * (3.0 * tau)) * tau) / h,
+        qdd: (c2 * 2.0 + c3 * (6.0 * tau)) / (h * h),
+        jerk: c3 * 6.0 / (h * h * h),
+    }
+}
+
+impl<const N: usize> From<&Throw<N>> for Motion<N> {
+    /// Start, release and end of a throw.
+    fn from(throw: &Throw<N>) -> Self {
+        let knot = |t_s, sigma| {
+            let state = throw.at_phase(sigma);
+            Knot { t_s, q_rad: state.q, qd_rad_s: state.qd }
+        };
+        Self {
+            knots: vec![knot(0.0, -1.0), knot(throw.ha_s, 0.0), knot(throw.duration_s(), 1.0)],
+            events: vec![(throw.ha_s, GripperEvent::Open)],
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::throw::Joints;
+
+    fn throw() -> Throw {
+        Throw {
+            q_rad: Joints::repeat(0.3),
+            qd_rad_s: Joints::repeat(1.5),
+            qdd_rad_s2: Joints::repeat(-2.0),
+            flight_s: 0.5,
+            ha_s: 0.56,
+            hb_s: 0.36,
+        }
+    }
+
+    #[test]
+    fn knots_of_a_throw_give_its_states_everywhere() {
+        let (throw, motion) = (throw(), Motion::from(&throw()));
+        for k in 0..=920 {
+            let t_s = 1e-3 * f64::from(k);
+            let (got, wanted) = (motion.at(t_s), throw.at_time(t_s));
+            assert!((got.q - wanted.q).amax() < 1e-14 && (got.qd - wanted.qd).amax() < 1e-13, "{t_s}");
+            if k > 0 && k < 920 {
+                assert!((got.qdd - wanted.qdd).amax() < 1e-11, "{t_s}");
+            }
+        }
+        assert_eq!(motion.release_s(), Some(0.56));
+    }
+
+    #[test]
+    fn jerk_is_the_slope_of_the_acceleration_and_the_ends_hold() {
+        let motion = Motion::from(&throw());
+        for (t_s, dt_s) in [(0.2, 1e-3), (0.7, 1e-3)] {
+            let slope = (motion.at(t_s + dt_s).qdd - motion.at(t_s - dt_s).qdd) / (2.0 * dt_s);
+            assert!((slope - motion.at(t_s).jerk).amax() < 1e-9);
+        }
+        assert_eq!(motion.at(-1.0), Sample::standing(motion.start_rad()));
+        assert_eq!(motion.at(7.0), Sample::standing(motion.stop_rad()));
+    }
+
+    #[test]
+    fn the_acceleration_is_continuous_at_the_release() {
+        let motion = Motion::from(&throw());
+        let ends: Vec<_> = motion.accelerations().collect();
+        let ((_, before), (after, _)) = (ends[0], ends[1]);
+        assert!((before.1 - after.1).amax() < 1e-11 && before.0 == after.0);
+    }
+}

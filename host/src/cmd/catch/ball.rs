@@ -1,0 +1,72 @@
+//! `cubectl catch --ball`
+
+use hil_sim::court::CourtOptions;
+use nalgebra::Vector3;
+use operator::rally::trial::{CatchOutcome, Outcome, Pair};
+use robot_model::AnyRobot;
+
+use super::super::print_json;
+use super::super::rally::{as_json, as_text, court, declined_or};
+use super::Args;
+use crate::error::ExpectedError;
+use crate::report::rally as report;
+
+/// Farthest place (m) and largest speed (m/s) of a ball that is taken.
+const BALL_MAX: (f64, f64) = (10.0, 15.0);
+
+pub(super) fn run(args: &Args, ball: &[f64; 6]) -> Result<(), ExpectedError> {
+    let mut options = args.catching.trial()?;
+    options.jerk = args.jerk;
+    let mut court = court(args.catching.court.as_deref())?;
+    place_robot(&mut court, args.robot.as_deref().unwrap_or("powercube6"))?;
+    let [x, y, z, vx, vy, vz] = *ball;
+    let (p, v) = (Vector3::new(x, y, z), Vector3::new(vx, vy, vz));
+    if p.norm() > BALL_MAX.0 || v.norm() > BALL_MAX.1 {
+        return Err(ExpectedError::bad_input(&format!(
+            "--ball: farther than {} m or faster than {} m/s\n  next: place in m, velocity in m/s, in the base frame of the arm",
+            BALL_MAX.0, BALL_MAX.1
+        )));
+    }
+    let x_wb = court.arms[1].x_wb;
+    let pair = Pair::new(court).map_err(|why| {
+        ExpectedError::bad_input(&format!(
+            "the robot cannot catch balls: {why}\n  next: `--robot powercube6`"
+        ))
+    })?;
+    let aimed = pair.ball(x_wb.transform_point(&p), x_wb.rot * v);
+    let outcome = pair.run(&aimed, &options, args.catching.seed);
+    if let Some(file) = &args.report {
+        let page = report::one(&pair, &outcome, options.jerk);
+        std::fs::write(file, page).map_err(|e| ExpectedError::output(file, &e))?;
+    }
+    if args.json {
+        print_json(&as_json(&outcome));
+    } else {
+        console::text!("{}", as_text(&outcome));
+        if let Some(file) = &args.report {
+            console::line!("report: {}", file.display());
+        }
+    }
+    ended(&outcome)
+}
+
+/// The catcher of the court becomes this robot.
+fn place_robot(court: &mut CourtOptions<6>, robot: &str) -> Result<(), ExpectedError> {
+    match AnyRobot::load(robot).map_err(|e| ExpectedError::bad_input(&e))? {
+        AnyRobot::Six(model) => {
+            court.arms[1].model = *model;
+            Ok(())
+        }
+        other => Err(ExpectedError::bad_input(&format!(
+            "robot \"{robot}\" cannot catch balls: it has {} joints instead of six\n  next: `--robot powercube6`, or `--disc` for a disc",
+            other.joints()
+        ))),
+    }
+}
+
+fn ended(outcome: &Outcome) -> Result<(), ExpectedError> {
+    match outcome.told {
+        CatchOutcome::Caught => Ok(()),
+        told => Err(declined_or(told)),
+    }
+}

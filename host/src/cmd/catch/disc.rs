@@ -1,0 +1,301 @@
+//! `cubectl catch --disc`
+
+use nalgebra::Vector3;
+use planner::disc::aero::Body;
+use planner::disc::arm::{DiscArm, READY_RAD};
+use planner::disc::flight::{Air, DiscState, Path};
+use planner::disc::intercept::{self, Decline, Plan, Settings};
+use planner::disc::motion::{At, MotionLaw};
+use planner::disc::paper::{self, Reading, Run, Throw};
+use planner::disc::witness::{self, Gripper, Rule, Verdict};
+use robot_model::AnyRobot;
+use serde_json::{Value, json};
+
+use super::super::print_json;
+use super::Args;
+use crate::error::ExpectedError;
+use crate::exit;
+use crate::report::catch::{self as report, Caught};
+
+/// Longest flight that is looked at, s.
+const HORIZON_S: f64 = 3.0;
+
+/// Throws of the paper.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum DiscName {
+    /// (0.5, -1, 1.2) m with (0, 4, 0) m/s.
+    Flat,
+    /// (0.5, -1, 1.05) m with (-2, 4, 1) m/s.
+    Oblique,
+}
+
+/// Runs the verb.
+///
+/// # Errors
+/// The robot is refused, a value makes no sense, no catch is possible, or the report cannot be written.
+pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
+    let arm = arm(args.robot.as_deref().unwrap_or("pincher4"))?;
+    let throw = throw(args)?;
+    let air = if args.air { Air::still() } else { Air::vacuum() };
+    let air = Air { wind_m_s: args.wind.map_or_else(Vector3::zeros, Vector3::from), ..air };
+    let body = Body::of_paper();
+    let spin_rad_s = if args.air { args.spin } else { 0.0 };
+    let path =
+        Path::flown(&body, &air, &DiscState::released(&throw, Vector3::z(), spin_rad_s, &body), HORIZON_S);
+    let rule = (!args.air).then(|| by_rule(&arm, &throw));
+    let plan = (!args.no_limits).then(|| within_limits(&arm, &path, args.jerk));
+    if let Some(file) = &args.report {
+        let page = report::html(
+            &arm,
+            &path,
+            rule.as_ref().map(|(run, verdict)| (run, verdict)),
+            plan.as_ref().and_then(|p| p.as_ref().ok()).map(|(plan, verdict)| Caught { plan, verdict }),
+            plan.as_ref().and_then(|p| p.as_ref().err()).map(ToString::to_string),
+        );
+        std::fs::write(file, page).map_err(|e| ExpectedError::output(file, &e))?;
+    }
+    if args.json {
+        print_json(&as_json(&arm, &throw, rule.as_ref(), plan.as_ref()));
+    } else {
+        console::text!("{}", as_text(&arm, &throw, rule.as_ref(), plan.as_ref()));
+        if let Some(file) = &args.report {
+            console::line!("report: {}", file.display());
+        }
+    }
+    match plan {
+        Some(Err(why)) => Err(ExpectedError::new(
+            exit::NO_THROW,
+            format!(
+                "no catch within the joint limits: {why}\n  next: throw slower or from farther away{}",
+                if args.air { "" } else { "; `--no-limits` shows the rule of the paper alone" }
+            ),
+        )),
+        Some(Ok((_, verdict))) if verdict.caught.is_none() || !verdict.within_limits(&arm) => {
+            Err(ExpectedError::new(
+                exit::BUG,
+                format!(
+                    "the plan is refuted by the witness: {verdict:?}\n  next: report it with the command line"
+                ),
+            ))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn arm(robot: &str) -> Result<DiscArm, ExpectedError> {
+    let refused = |why: String| {
+        ExpectedError::bad_input(&format!(
+            "robot \"{robot}\" cannot catch discs: {why}\n  next: `--robot pincher4`, or a file like it"
+        ))
+    };
+    match AnyRobot::load(robot).map_err(|e| ExpectedError::bad_input(&e))? {
+        AnyRobot::Four(model) => DiscArm::new(*model).map_err(|e| refused(e.to_string())),
+        other => Err(refused(format!("it has {} joints instead of four", other.joints()))),
+    }
+}
+
+fn throw(args: &Args) -> Result<Throw, ExpectedError> {
+    let named = args.disc.map(|disc| match disc {
+        DiscName::Flat => Throw::flat(),
+        DiscName::Oblique => Throw::oblique(),
+    });
+    let start_m = args.start.map(Vector3::from).or(named.map(|t| t.start_m));
+    let velocity_m_s = args.velocity.map(Vector3::from).or(named.map(|t| t.velocity_m_s));
+    let (Some(start_m), Some(velocity_m_s)) = (start_m, velocity_m_s) else {
+        return Err(ExpectedError::new(
+            exit::USAGE,
+            "no throw\n  next: `--disc flat`, or `--start` and `--velocity`",
+        ));
+    };
+    let wind = args.wind.map_or(0.0, |w| Vector3::from(w).norm());
+    for (what, value, most) in [
+        ("start", start_m.norm(), 20.0),
+        ("velocity", velocity_m_s.norm(), 30.0),
+        ("wind", wind, 30.0),
+        ("spin", args.spin.abs(), 300.0),
+    ] {
+        if value.is_nan() || value > most {
+            return Err(ExpectedError::bad_input(&format!(
+                "--{what}: {value} is beyond {most}\n  next: lengths are m, speeds m/s, spin rad/s"
+            )));
+        }
+    }
+    if start_m.z <= 0.0 {
+        return Err(ExpectedError::bad_input(&format!(
+            "--start: the disc starts at a height of {} m, in the floor\n  next: give a height above 0",
+            start_m.z
+        )));
+    }
+    Ok(Throw { start_m, velocity_m_s })
+}
+
+fn by_rule(arm: &DiscArm, throw: &Throw) -> (Run, Verdict) {
+    let run = paper::run(arm, throw, &Reading::default());
+    let verdict = witness::judge(arm, &Gripper::default(), &Rule::of_paper(arm), &run.moments());
+    (run, verdict)
+}
+
+fn within_limits(arm: &DiscArm, path: &Path, jerk: bool) -> Result<(Plan, Verdict), Decline> {
+    let law = if jerk { MotionLaw::Jerk } else { MotionLaw::Acceleration };
+    let rest = READY_RAD.map(|q| At { q, ..At::default() });
+    let plan = intercept::plan(arm, path, &rest, &Settings { law, ..Settings::default() })?;
+    let moments = witness::moments(|t_s| plan.motion.q(t_s), path, plan.motion.end_s());
+    let verdict = witness::judge(arm, &Gripper::default(), &Rule::default(), &moments);
+    Ok((plan, verdict))
+}
+
+type Planned = Result<(Plan, Verdict), Decline>;
+
+fn list(values: impl IntoIterator<Item = f64>, digits: usize) -> String {
+    let texts: Vec<String> = values.into_iter().map(|v| format!("{v:.digits$}")).collect();
+    texts.join(", ")
+}
+
+fn as_text(arm: &DiscArm, throw: &Throw, rule: Option<&(Run, Verdict)>, plan: Option<&Planned>) -> String {
+    let allowed = arm.model.limit(|l| l.v_max_rad_s);
+    let mut out = format!(
+        "disc from ({}) m with ({}) m/s\n",
+        list(throw.start_m.iter().copied(), 3),
+        list(throw.velocity_m_s.iter().copied(), 3)
+    );
+    if let Some((run, verdict)) = rule {
+        out += "rule of the paper, no joint limits:\n";
+        out += &match (run.in_reach, run.captured) {
+            (Some(first), Some(last)) => {
+                let t_s = f64::from(last) * 0.01;
+                format!("  in reach at step {first}, captured at step {last} ({t_s:.2} s)\n")
+            }
+            (Some(first), None) => format!("  in reach at step {first}, not closed within 50 steps\n"),
+            (None, _) => "  never in reach within 50 steps\n".to_owned(),
+        };
+        out += &format!("  witness: {}\n", report::witness_of_rule(run, verdict));
+        out += &format!(
+            "  joint speeds demanded {} rad/s, allowed {}\n",
+            list(run.speed_demanded_rad_s().iter().copied(), 1),
+            list(allowed.iter().copied(), 2)
+        );
+    }
+    match plan {
+        Some(Ok((plan, verdict))) => {
+            out += "plan within the joint limits:\n";
+            if let Some((_, seen)) = verdict.caught {
+                out += &format!(
+                    "  caught at {:.3} s, tip {:.1} cm inside the rim, {:.1} mm off the middle of the gap\n",
+                    seen.t_s,
+                    seen.depth_m * 100.0,
+                    seen.height_m * 1e3
+                );
+            }
+            let (from, to) = plan.motion.waits_s;
+            if to > from {
+                out += &format!("  waits from {from:.3} s to {to:.3} s\n");
+            }
+            out += &format!(
+                "  joint speeds {} rad/s, allowed {}; largest use {:.0} % of speed, {:.0} % of acceleration\n",
+                list(verdict.speed_rad_s.iter().copied(), 2),
+                list(allowed.iter().copied(), 2),
+                plan.used.0 * 100.0,
+                plan.used.1 * 100.0
+            );
+            out += &format!(
+                "  disc relative to the hand: {} m/s (along, up, across)\n",
+                list(plan.relative_m_s.iter().copied(), 2)
+            );
+        }
+        Some(Err(why)) => out += &format!("plan within the joint limits: none, {why}\n"),
+        None => {}
+    }
+    out
+}
+
+fn seen_json(verdict: &Verdict) -> Value {
+    let seen = verdict.caught.map(|c| c.1).or(verdict.nearest);
+    json!({
+        "caught": verdict.caught.is_some(),
+        "touched": verdict.touched.as_ref().map(|t| json!({"t_s": t.t_s, "body": t.body})),
+        "seen": seen.map(|s| json!({
+            "t_s": s.t_s, "depth_m": s.depth_m, "tip_to_axis_m": s.tip_to_axis_m, "height_m": s.height_m,
+            "lateral_m": s.lateral_m, "tilt_rad": s.tilt_rad,
+        })),
+        "clearance_m": verdict.clearance_m,
+        "speed_rad_s": verdict.speed_rad_s.as_slice(),
+        "acceleration_rad_s2": verdict.acceleration_rad_s2.as_slice(),
+    })
+}
+
+fn as_json(arm: &DiscArm, throw: &Throw, rule: Option<&(Run, Verdict)>, plan: Option<&Planned>) -> Value {
+    json!({
+        "throw": {"start_m": throw.start_m.as_slice(), "velocity_m_s": throw.velocity_m_s.as_slice()},
+        "speed_allowed_rad_s": arm.model.limit(|l| l.v_max_rad_s).as_slice(),
+        "rule": rule.map(|(run, verdict)| json!({
+            "in_reach_step": run.in_reach, "captured_step": run.captured,
+            "speed_demanded_rad_s": run.speed_demanded_rad_s().as_slice(),
+            "short_m": run.steps.last().map(paper::Step::short_m),
+            "witness": seen_json(verdict),
+        })),
+        "plan": plan.map(|planned| match planned {
+            Ok((plan, verdict)) => json!({
+                "t_s": plan.choice.t_s, "depth_m": plan.choice.depth_m, "waits_s": [plan.motion.waits_s.0, plan.motion.waits_s.1],
+                "q_rad": plan.reach.q.as_slice(), "qd_rad_s": plan.reach.v.as_slice(),
+                "relative_m_s": plan.relative_m_s.as_slice(),
+                "speed_use": plan.used.0, "acceleration_use": plan.used.1,
+                "witness": seen_json(verdict),
+            }),
+            Err(why) => json!({"declined": why.to_string()}),
+        }),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+    use crate::cli::{Cli, Verb};
+
+    fn ended(words: &str) -> Result<(), ExpectedError> {
+        let words = std::iter::once("cubectl").chain(words.split_whitespace());
+        match Cli::try_parse_from(words).map_err(|e| ExpectedError::new(exit::USAGE, e.to_string()))?.verb {
+            Verb::Catch(args) => super::super::run(&args),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn flat_is_caught_and_oblique_is_declined_with_its_own_code() {
+        ended("catch --robot pincher4 --disc flat").unwrap();
+        let error = ended("catch --robot pincher4 --disc oblique").unwrap_err();
+        assert_eq!(error.code, exit::NO_THROW);
+        assert!(
+            error.message.contains("times its joint speeds") && error.message.contains("next:"),
+            "{error}"
+        );
+        ended("catch --disc oblique --no-limits").unwrap();
+    }
+
+    #[test]
+    fn wrong_input_names_the_next_step() {
+        for (words, code) in [
+            ("catch --robot powercube6 --disc flat", exit::BAD_INPUT),
+            ("catch --start 0.5,-1,-1 --velocity 0,4,0", exit::BAD_INPUT),
+            ("catch --disc flat --velocity 0,400,0", exit::BAD_INPUT),
+            ("catch --disc flat --air --spin nan", exit::BAD_INPUT),
+            ("catch --start 0.5,-1,1", exit::USAGE),
+        ] {
+            let error = ended(words).unwrap_err();
+            assert_eq!(error.code, code, "{words}: {error}");
+            assert!(code == exit::USAGE || error.message.contains("next:"), "{words}: {error}");
+        }
+    }
+
+    #[test]
+    fn the_text_tells_the_steps_of_the_paper_and_what_the_gripper_has() {
+        let arm = arm("pincher4").unwrap();
+        let rule = by_rule(&arm, &Throw::flat());
+        let text = as_text(&arm, &Throw::flat(), Some(&rule), None);
+        assert!(text.contains("captured at step 35"), "{text}");
+        let rule = by_rule(&arm, &Throw::oblique());
+        let text = as_text(&arm, &Throw::oblique(), Some(&rule), None);
+        assert!(text.contains("captured at step 42") && text.contains("2.8 cm short"), "{text}");
+    }
+}

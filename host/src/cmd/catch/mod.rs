@@ -1,0 +1,87 @@
+//! `cubectl catch`: a disc with a four-axis arm, or a ball with a six-axis arm.
+
+mod ball;
+mod disc;
+
+use std::path::PathBuf;
+
+use super::plan::options::point;
+use crate::error::ExpectedError;
+
+pub use disc::DiscName;
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  cubectl catch --robot pincher4 --disc flat --report catch.html\n  cubectl catch --disc oblique --no-limits                            # only the rule of the paper\n  cubectl catch --start 0.5,-2.2,0.7 --velocity 0,3.8,1.5 --air --wind 0.5,0,0\n  cubectl catch --robot powercube6 --ball 2.2,0.1,0.4,-2.6,-0.1,3.0 --report ball.html\n\nThe rule of the paper knows no joint limits: it shows where its steps end, what the gripper has there, and which joint\nspeeds it demands. The plan keeps the limits of the robot file. Both are judged by the geometry of disc and gripper.\n\nA ball is seen by a simulated tracker (120 Hz, 2 mm, 15 ms) and caught with a cup by an arm with the lag of its drives, in virtual\ntime. Whether it is caught is decided by the simulated contact of ball and cup."
+)]
+pub struct Args {
+    /// Robot, by name or file: four axes for a disc (pincher4), six for a ball (powercube6).
+    #[arg(long)]
+    pub robot: Option<String>,
+    /// A throw of the paper.
+    #[arg(long, required_unless_present_any = ["start", "ball"])]
+    pub disc: Option<DiscName>,
+    /// Centre of the disc at time 0, m; instead of the one of `--disc`.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
+    pub start: Option<[f64; 3]>,
+    /// Velocity of the disc at time 0, m/s; instead of the one of `--disc`.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
+    pub velocity: Option<[f64; 3]>,
+    /// Fly the disc with lift and drag of a spinning disc instead of on a parabola.
+    #[arg(long)]
+    pub air: bool,
+    /// Wind, m/s.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, requires = "air")]
+    pub wind: Option<[f64; 3]>,
+    /// Spin of the disc, rad/s.
+    #[arg(long, default_value_t = 50.0, value_name = "RAD/S", allow_hyphen_values = true, requires = "air")]
+    pub spin: f64,
+    /// Keep the jerk limits as well.
+    #[arg(long)]
+    pub jerk: bool,
+    /// Only the rule of the paper, without joint limits.
+    #[arg(long, conflicts_with_all = ["air", "jerk"])]
+    pub no_limits: bool,
+    /// A ball: place (m) and velocity (m/s) at time 0 in the base frame of the arm; instead of a disc.
+    #[arg(
+        long,
+        value_name = "X,Y,Z,VX,VY,VZ",
+        allow_hyphen_values = true,
+        value_parser = six,
+        conflicts_with_all = ["disc", "start", "velocity", "air", "no_limits"]
+    )]
+    pub ball: Option<[f64; 6]>,
+    /// How the ball is caught.
+    #[command(flatten)]
+    pub catching: super::rally::Catching,
+    /// Write a report with paths, joint angles, distances and an animation.
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+    /// Print the result as JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Six numbers with commas between.
+fn six(text: &str) -> Result<[f64; 6], String> {
+    let numbers: Vec<f64> = text
+        .split(',')
+        .map(|part| part.trim().parse::<f64>().map_err(|_| format!("'{part}' is no number")))
+        .collect::<Result<_, _>>()?;
+    if numbers.iter().any(|x| !x.is_finite()) {
+        return Err("all six must be finite".to_owned());
+    }
+    <[f64; 6]>::try_from(numbers).map_err(|found| format!("six numbers, not {}", found.len()))
+}
+
+/// Runs the verb.
+///
+/// # Errors
+/// The robot is refused, a value makes no sense, no catch is possible, or the report cannot be written.
+pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    match args.ball {
+        Some(ball) => ball::run(args, &ball),
+        None => disc::run(args),
+    }
+}

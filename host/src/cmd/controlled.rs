@@ -1,0 +1,191 @@
+//! The controller that moves the arm for a verb: one that is heard on the bus, or one in this program.
+
+use can_link::BusSpec;
+use firmware::settings::Settings;
+use protocol::cyphal::cubecell::group_state::State;
+use protocol::cyphal::id::NodeId;
+use protocol::cyphal::uavcan::diagnostic::Severity;
+use protocol::{Duration, JointIndex, ModuleId};
+
+use crate::error::ExpectedError;
+use crate::exit;
+use operator::bus::args::Controller;
+use operator::bus::key_file::KeyArgs;
+use operator::bus::period::{PERIOD_MAX_US, set_period};
+use operator::bus::settings::{of_modules, settings_of};
+use operator::bus::{BusArgs, Session};
+use operator::dialogue::operator::OperatorError;
+use operator::dialogue::registers::Numbers;
+use operator::node::inbox::Said;
+
+/// Longest start-up of a controller.
+const BOOT_MAX: Duration = Duration::from_secs(20);
+
+/// Which controller moves the arm.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct ControllerArgs {
+    /// Key of the controller.
+    #[command(flatten)]
+    pub key: KeyArgs,
+    /// Controller: `soft` for one in this program, or the Cyphal node-ID of one on the bus. Default: the one that is heard,
+    /// else one in this program, for the time of this command.
+    #[arg(long, value_name = "soft|NODE-ID")]
+    pub controller: Option<Controller>,
+}
+
+/// A session with a controller that has found its drives.
+pub(super) struct Controlled {
+    pub(super) session: Session,
+    pub(super) node: NodeId,
+    /// The controller runs in this program.
+    pub(super) soft: bool,
+    /// Its joints, base first, and the address of the drive of each.
+    pub(super) joints: Vec<(JointIndex, ModuleId)>,
+}
+
+impl Controlled {
+    /// Opens the bus. A controller in this program is for the drives of the robot that are `named`, all of them by default,
+    /// and begins with what `adjust` makes of its settings.
+    ///
+    /// # Errors
+    /// The bus, another host on it, a controller that is not there or reports a fault.
+    pub(super) fn open(
+        bus: &BusArgs,
+        args: &ControllerArgs,
+        named: Option<&[ModuleId]>,
+        adjust: &dyn Fn(&mut Settings),
+    ) -> Result<Self, ExpectedError> {
+        let key = args.key.load()?;
+        let cell = bus.cell.load()?;
+        let soft = is_soft(bus, args.controller)?;
+        let settings = if soft {
+            let settings = settings_of(&cell.robot).map_err(|error| ExpectedError::bad_input(&error))?;
+            let mut settings = match named {
+                Some(named) => {
+                    of_modules(&settings, named).map_err(|error| ExpectedError::bad_input(&error))?
+                }
+                None => settings,
+            };
+            // Homing and jogging need no short period, and a slow machine or adapter must not stop them.
+            set_period(&mut settings, PERIOD_MAX_US);
+            adjust(&mut settings);
+            // A controller would begin with others instead.
+            settings.check().map_err(|refusal| {
+                let what = refusal.cause.info().map_or("", |info| info.what);
+                ExpectedError::bad_input(&format!(
+                    "the limits of this robot and the options make no settings of a controller: {what}\n  next: leave the options \
+                     out; nothing has moved"
+                ))
+            })?;
+            Some(settings)
+        } else {
+            None
+        };
+        let mut session = bus.open_cell(&cell, settings.as_ref())?;
+        session.set_key(key);
+        let wanted = match args.controller {
+            Some(Controller::Node(node)) => Some(node),
+            Some(Controller::Soft) | None => None,
+        };
+        let node = session.find_controller(wanted)?;
+        session.wait_for(BOOT_MAX, &|state| !matches!(state, State::Boot | State::Fault))?;
+        let joints = joints_of(&mut session, node)?;
+        Ok(Self { session, node, soft, joints })
+    }
+
+    /// The joints whose drives are `named`, all by default.
+    ///
+    /// # Errors
+    /// No joint of the controller has such a drive.
+    pub(super) fn select(
+        &self,
+        named: Option<&[ModuleId]>,
+    ) -> Result<Vec<(JointIndex, ModuleId)>, ExpectedError> {
+        let Some(named) = named else { return Ok(self.joints.clone()) };
+        let known = |module: &ModuleId| self.joints.iter().find(|(_, address)| address == module).copied();
+        named.iter().map(|module| known(module).ok_or_else(|| self.unknown(*module))).collect()
+    }
+
+    fn unknown(&self, module: ModuleId) -> ExpectedError {
+        let known: Vec<String> = self.joints.iter().map(|(_, module)| module.to_string()).collect();
+        ExpectedError::bad_input(&format!(
+            "controller {}: module {module} is the drive of no joint; it has modules {}\n  next: name one of these, or the \
+             robot of this arm with --robot",
+            self.node.get(),
+            known.join(", ")
+        ))
+    }
+
+    /// Ends in order. A controller in this program switches the watchdogs of its drives off first, so that they do not
+    /// stop for want of it.
+    ///
+    /// # Errors
+    /// The bus, or a recording that cannot be written.
+    pub(super) fn finish(mut self) -> Result<(), ExpectedError> {
+        if self.soft {
+            self.session.set_register(self.node, "watchdog.enable", &Numbers::Bit(vec![false]))?;
+            self.session.wait_for(BOOT_MAX, &|state| state != State::Boot)?;
+        }
+        tell_warnings(&mut self.session);
+        Ok(self.session.finish()?)
+    }
+}
+
+/// Tells people what the controller warned of: a host that is nearly too slow, for one.
+pub(super) fn tell_warnings(session: &mut Session) {
+    for (at, said) in session.take_said() {
+        if said.severity >= Severity::Warning {
+            let Said { from, text, .. } = said;
+            console::note!("{:.3} s: controller {} warns: {text}", at.as_secs_f64(), from.get());
+        }
+    }
+}
+
+/// Whether a controller in this program does it. Listens on the bus to decide.
+fn is_soft(bus: &BusArgs, wanted: Option<Controller>) -> Result<bool, ExpectedError> {
+    let spec = &bus.bus;
+    match (wanted, spec) {
+        (Some(Controller::Node(_)), BusSpec::Sim) => {
+            return Err(ExpectedError::bad_input(
+                &"the bus sim has no controller but the soft one\n  next: leave --controller out, or name another bus",
+            ));
+        }
+        (_, BusSpec::Sim) => return Ok(true),
+        _ => {}
+    }
+    let mut session = BusArgs { bus: spec.clone(), ..BusArgs::default() }.open()?;
+    let present = session.listen()?;
+    session.finish()?;
+    let in_use = |who: &str, next: &str| {
+        Err(ExpectedError::new(exit::BUS, format!("{spec}: {who}; nothing was sent\n  next: {next}")))
+    };
+    match (wanted, present.controller) {
+        _ if present.namesake => in_use(
+            "another cubectl gives orders on this bus, under the same node-ID",
+            "end it; `cubectl monitor` watches beside it",
+        ),
+        (Some(Controller::Soft), Some(node)) => in_use(
+            &format!("controller {} is on this bus already", node.get()),
+            "leave --controller out to use it, or end it",
+        ),
+        (Some(Controller::Node(_)), _) | (None, Some(_)) => Ok(false),
+        (_, None) if present.drives_are_asked => in_use(
+            "another host speaks to the modules, and no controller is heard",
+            "`cubectl monitor` watches, `cubectl stop` stops; end the other program",
+        ),
+        (_, None) => Ok(true),
+    }
+}
+
+/// Joints of a controller with the addresses of their drives.
+fn joints_of(session: &mut Session, node: NodeId) -> Result<Vec<(JointIndex, ModuleId)>, OperatorError> {
+    let unreadable = || OperatorError::Unreadable { node };
+    let Numbers::Natural(addresses) = session.register(node, "joint.address")? else {
+        return Err(unreadable());
+    };
+    let joint = |(k, address): (usize, &u64)| {
+        let module = u8::try_from(*address).ok().and_then(|address| ModuleId::new(address).ok())?;
+        Some((JointIndex::new(k).ok()?, module))
+    };
+    addresses.iter().enumerate().map(joint).collect::<Option<_>>().ok_or_else(unreadable)
+}

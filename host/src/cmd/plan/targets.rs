@@ -1,0 +1,288 @@
+//! `cubectl plan throw --targets FILE`: one throw per row of a table, one row of results for each.
+
+use std::fs::OpenOptions;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+
+use planner::flight::Course;
+use planner::plan::file::PlanFile;
+use robot_model::RobotModel;
+use toml_reader::read_text;
+
+use super::throw::{Args, Planned, SearchOptions};
+use crate::error::ExpectedError;
+use crate::exit;
+use operator::bus::args::interrupt;
+
+/// Longest list of targets and longest table of results that is read, bytes: about a million rows.
+const FILE_MAX_BYTES: u64 = 256 << 20;
+
+/// Columns of the results. `outcome` is `thrown`, `relaxed` (without some of what was asked for, see the note) or
+/// `refused` (the note says why).
+const HEADER: [&str; 13] = [
+    "row",
+    "x_m",
+    "y_m",
+    "z_m",
+    "outcome",
+    "objective",
+    "release_s",
+    "duration_s",
+    "flight_s",
+    "speed_m_s",
+    "spread_m",
+    "hit_probability",
+    "note",
+];
+
+/// Columns of a list: those of the point, and groups of which all or none are there.
+const POINT: [&str; 3] = ["x_m", "y_m", "z_m"];
+const NORMAL: [&str; 3] = ["nx", "ny", "nz"];
+const VELOCITY: [&str; 3] = ["vx_m_s", "vy_m_s", "vz_m_s"];
+const RADIUS: &str = "radius_m";
+const INCIDENCE: &str = "incidence_max_deg";
+
+/// One row of a list.
+#[derive(Debug, Clone, PartialEq)]
+struct Row {
+    target_m: [f64; 3],
+    normal: Option<[f64; 3]>,
+    radius_m: Option<f64>,
+    incidence_max_deg: Option<f64>,
+    velocity_m_s: Option<[f64; 3]>,
+}
+
+impl Row {
+    /// The options of the command line with those of the row in their place.
+    fn search(&self, search: &SearchOptions) -> SearchOptions {
+        let mut own = search.clone();
+        let o = &mut own.options;
+        o.opening_normal = self.normal.or(o.opening_normal);
+        o.opening_radius_m = self.radius_m.or(o.opening_radius_m);
+        o.incidence_max_deg = self.incidence_max_deg.unwrap_or(o.incidence_max_deg);
+        if let Some(velocity) = self.velocity_m_s {
+            o.target_velocity = Course::new(&[velocity]);
+            o.target_course = None;
+        }
+        own
+    }
+}
+
+/// Plans the rows of the list that the results do not have yet, in order.
+///
+/// # Errors
+/// If the list is refused, a file cannot be written, or Ctrl-C stops it; rows that are done stay.
+pub(super) fn run<const N: usize>(
+    arm: &RobotModel<N>,
+    list: &Path,
+    args: &Args,
+) -> Result<(), ExpectedError> {
+    let Some(out) = &args.out else {
+        return Err(ExpectedError::bad_input(&"--targets needs --out FILE for the table of results"));
+    };
+    let rows = read_list(list)?;
+    if let Some(folder) = &args.plans {
+        std::fs::create_dir_all(folder).map_err(|e| ExpectedError::output(folder, &e))?;
+    }
+    let done = done(out, &rows)?;
+    console::note!("cubectl: {} targets, {} already in {}", rows.len(), done.len(), out.display());
+    let mut file = OpenOptions::new()
+        .create(true)
+        .write(true)
+        .truncate(true)
+        .open(out)
+        .map_err(|e| ExpectedError::output(out, &e))?;
+    let mut write = |line: &str| file.write_all(line.as_bytes()).map_err(|e| ExpectedError::output(out, &e));
+    write(&(HEADER.join(",") + "\n"))?;
+    for line in &done {
+        write(line)?;
+    }
+    let mut starts = args.search.options.starts(arm)?;
+    let stop = interrupt();
+    for (number, row) in rows.iter().enumerate().skip(done.len()) {
+        let planned =
+            row.search(&args.search).plan_from(arm, &mut starts, row.target_m, args.seed, args.fast);
+        if stop.load(Ordering::Relaxed) {
+            return Err(ExpectedError::new(
+                exit::INTERRUPTED,
+                format!(
+                    "stopped after {number} of {} targets; what is done is in {}\n  next: run the same command again, it continues there",
+                    rows.len(),
+                    out.display()
+                ),
+            ));
+        }
+        let line = match planned {
+            Ok(planned) => {
+                if let Some(folder) = &args.plans {
+                    let path = plan_path(folder, number);
+                    planned.plan.write(&path).map_err(|e| ExpectedError::new(exit::OUTPUT, e.to_string()))?;
+                }
+                thrown(number, row, &planned)
+            }
+            Err(e) if [exit::NO_THROW, exit::BAD_INPUT].contains(&e.code) => refused(number, row, &e)?,
+            Err(e) => return Err(e),
+        };
+        write(&line)?;
+    }
+    drop(file);
+    report(out)
+}
+
+/// The plan of row `number` (from 0) in a folder.
+fn plan_path(folder: &Path, number: usize) -> PathBuf {
+    folder.join(format!("plan-{:06}.json", number + 1))
+}
+
+fn line(fields: &[String]) -> String {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    // Writing to memory does not fail.
+    let written = writer.write_record(fields).ok().and_then(|()| writer.into_inner().ok());
+    String::from_utf8(written.unwrap_or_default()).unwrap_or_default()
+}
+
+fn head(number: usize, row: &Row) -> Vec<String> {
+    let [x, y, z] = row.target_m;
+    vec![(number + 1).to_string(), x.to_string(), y.to_string(), z.to_string()]
+}
+
+fn thrown(number: usize, row: &Row, planned: &Planned<PlanFile>) -> String {
+    let plan = &planned.plan;
+    let [[xx, _], [_, yy]] = plan.landing.covariance_m2;
+    let speed = plan.release.velocity_m_s.iter().map(|v| v * v).sum::<f64>().sqrt();
+    let mut fields = head(number, row);
+    fields.extend([
+        if planned.note.is_some() { "relaxed" } else { "thrown" }.to_owned(),
+        plan.objective.value.to_string(),
+        plan.release_time_s.to_string(),
+        plan.end_time_s.to_string(),
+        plan.landing.flight_s.to_string(),
+        speed.to_string(),
+        (xx + yy).sqrt().to_string(),
+        plan.landing.hit_probability.map_or_else(String::new, |p| p.to_string()),
+        planned.note.unwrap_or_default().to_owned(),
+    ]);
+    line(&fields)
+}
+
+fn refused(number: usize, row: &Row, e: &ExpectedError) -> Result<String, ExpectedError> {
+    let mut fields = head(number, row);
+    let note = e.message.lines().map(str::trim).collect::<Vec<_>>().join("; ");
+    fields.push("refused".to_owned());
+    fields.extend(std::iter::repeat_n(String::new(), HEADER.len() - fields.len() - 1));
+    fields.push(note);
+    Ok(line(&fields))
+}
+
+/// Counts of the outcomes.
+fn report(out: &Path) -> Result<(), ExpectedError> {
+    let text = read_text(out, FILE_MAX_BYTES).map_err(|e| ExpectedError::io(out, &e))?;
+    let mut reader = csv::Reader::from_reader(text.as_bytes());
+    let (mut thrown, mut relaxed, mut refused) = (0, 0, 0);
+    for record in reader.records().flatten() {
+        match record.get(4) {
+            Some("thrown") => thrown += 1,
+            Some("relaxed") => relaxed += 1,
+            _ => refused += 1,
+        }
+    }
+    console::line!(
+        "{thrown} throws with all that was asked for, {relaxed} without some of it, {refused} refused (see the notes): {}",
+        out.display()
+    );
+    Ok(())
+}
+
+/// Rows of results from an earlier run on the same list, as they stand in the file; a torn last one is left out.
+fn done(out: &Path, rows: &[Row]) -> Result<Vec<String>, ExpectedError> {
+    let text = match read_text(out, FILE_MAX_BYTES) {
+        Ok(text) => text,
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(e) => return Err(ExpectedError::io(out, &e)),
+    };
+    if text.is_empty() {
+        return Ok(Vec::new());
+    }
+    let other = |why: &str| {
+        let name = out.display();
+        ExpectedError::bad_input(&format!("{name} {why}\n  next: name another file with --out, or remove it"))
+    };
+    let Some((header, rest)) = text.split_once('\n') else {
+        return Err(other("exists and is not a table of throws"));
+    };
+    if header.trim_end() != HEADER.join(",") {
+        return Err(other("exists and is not a table of throws"));
+    }
+    let whole = &rest[..rest.rfind('\n').map_or(0, |end| end + 1)];
+    let mut found = Vec::new();
+    for text in whole.lines() {
+        let row = rows.get(found.len()).ok_or_else(|| other("has more rows than the list"))?;
+        let mut reader = csv::ReaderBuilder::new().has_headers(false).from_reader(text.as_bytes());
+        let record = reader.records().next().and_then(Result::ok).unwrap_or_default();
+        let same = record.len() == HEADER.len() && record.iter().take(4).eq(head(found.len(), row));
+        if !same {
+            return Err(other(&format!("is of another list: row {} has another target", found.len() + 1)));
+        }
+        found.push(format!("{text}\n"));
+    }
+    Ok(found)
+}
+
+/// The rows of a list. Columns are found by their names.
+fn read_list(path: &Path) -> Result<Vec<Row>, ExpectedError> {
+    let name = path.display();
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("parquet")) {
+        return Err(ExpectedError::bad_input(&format!(
+            "{name}: lists are CSV files, parquet is not read\n  next: write it as CSV, for example with `duckdb -c \"COPY (FROM '{name}') TO 'targets.csv'\"`"
+        )));
+    }
+    let text = read_text(path, FILE_MAX_BYTES).map_err(|e| ExpectedError::io(path, &e))?;
+    let mut reader = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .comment(Some(b'#'))
+        .from_reader(text.trim_start_matches('\u{feff}').as_bytes());
+    let bad = |what: String| ExpectedError::bad_input(&format!("{name}: {what}"));
+    let header = reader.headers().map_err(|e| bad(e.to_string()))?.clone();
+    let column = |name: &str| header.iter().position(|h| h == name);
+    let known = POINT.iter().chain(&NORMAL).chain(&VELOCITY).chain([&RADIUS, &INCIDENCE]);
+    if let Some(unknown) = header.iter().find(|h| !known.clone().any(|k| k == h)) {
+        let all = known.copied().collect::<Vec<_>>().join(", ");
+        return Err(bad(format!("column \"{unknown}\" is not known; columns are {all}")));
+    }
+    let group = |names: [&'static str; 3]| -> Result<Option<[usize; 3]>, ExpectedError> {
+        match names.map(column) {
+            [Some(a), Some(b), Some(c)] => Ok(Some([a, b, c])),
+            [None, None, None] => Ok(None),
+            _ => Err(bad(format!("of the columns {} all or none are needed", names.join(", ")))),
+        }
+    };
+    let point = group(POINT)?.ok_or_else(|| bad(format!("the columns {} are missing", POINT.join(", "))))?;
+    let (normal, velocity) = (group(NORMAL)?, group(VELOCITY)?);
+    let (radius, incidence) = (column(RADIUS), column(INCIDENCE));
+    if normal.is_some() != radius.is_some() {
+        return Err(bad(format!("an opening needs the columns {} and {RADIUS}", NORMAL.join(", "))));
+    }
+    let mut rows = Vec::new();
+    for (i, record) in reader.records().enumerate() {
+        let record = record.map_err(|e| bad(e.to_string()))?;
+        let number = |at: usize| {
+            let text = record.get(at).unwrap_or_default();
+            text.parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(|| {
+                bad(format!("row {}, column \"{}\": \"{text}\" is not a finite number", i + 1, &header[at]))
+            })
+        };
+        let three = |at: [usize; 3]| Ok::<_, ExpectedError>([number(at[0])?, number(at[1])?, number(at[2])?]);
+        rows.push(Row {
+            target_m: three(point)?,
+            normal: normal.map(three).transpose()?,
+            radius_m: radius.map(number).transpose()?,
+            incidence_max_deg: incidence.map(number).transpose()?,
+            velocity_m_s: velocity.map(three).transpose()?,
+        });
+    }
+    if rows.is_empty() {
+        return Err(bad("there is no target in it".to_owned()));
+    }
+    Ok(rows)
+}

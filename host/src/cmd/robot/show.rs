@@ -1,0 +1,57 @@
+//! `cubectl robot show ROBOT --out arm.svg`
+
+use std::path::PathBuf;
+
+use robot_model::{JointVec, RobotModel, for_any_robot};
+
+use crate::error::ExpectedError;
+use crate::report::robot;
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  cubectl robot show arm.toml --pose-deg 0,-90,90,0,45,0 --out arm.svg")]
+pub struct Args {
+    /// Robot, by name or file.
+    pub robot: String,
+    /// Joint angles of a second pose, degrees, from the base to the hand; by default the middle of the ranges.
+    #[arg(long, value_delimiter = ',', allow_hyphen_values = true)]
+    pub pose_deg: Option<Vec<f64>>,
+    /// SVG file to write.
+    #[arg(long, default_value = "robot.svg")]
+    pub out: PathBuf,
+    /// Overwrite the file.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// Runs the verb.
+///
+/// # Errors
+/// If the robot file is refused, the pose has another number of joints, or the picture cannot be written.
+pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    let robot = super::super::robot(&args.robot)?;
+    let picture = for_any_robot!(&robot, arm => {
+        let pose = pose(arm, args.pose_deg.as_deref())?;
+        for (joint, q) in arm.joints().iter().zip(pose.iter()) {
+            if !(joint.limits.q_min_rad..=joint.limits.q_max_rad).contains(q) {
+                console::line!("note: {:.1}° is outside the range of joint {}", q.to_degrees(), joint.name);
+            }
+        }
+        robot::picture(arm, &pose)
+    });
+    super::write(&args.out, &picture, args.force)?;
+    console::line!("{}: {} at zero and in a pose", args.out.display(), robot.name());
+    Ok(())
+}
+
+fn pose<const N: usize>(arm: &RobotModel<N>, pose_deg: Option<&[f64]>) -> Result<JointVec<N>, ExpectedError> {
+    let Some(given) = pose_deg else { return Ok((arm.q_min() + arm.q_max()) * 0.5) };
+    if given.len() != N || given.iter().any(|q| !q.is_finite()) {
+        return Err(ExpectedError::bad_input(&format!(
+            "--pose-deg gives {} angles; {} has {N} joints\n  next: give {N} numbers in degrees, separated by commas",
+            given.len(),
+            arm.name()
+        )));
+    }
+    Ok(JointVec::from_fn(|k, _| given[k].to_radians()))
+}

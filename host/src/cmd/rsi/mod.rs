@@ -1,0 +1,213 @@
+//! Verbs for an industrial robot behind RSI: it connects to this machine, and is held or led from here.
+//!
+//! | file | verb |
+//! |---|---|
+//! | `probe` | `doctor` and `status`: hold the robot and say what its telegrams tell |
+//! | `record` | hold the robot and write the exchange |
+//! | `replay` | run a station on a recorded exchange again |
+//! | `identify` | measure lag and gripper of this robot |
+
+mod identify;
+mod probe;
+mod record;
+mod replay;
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::net::{SocketAddr, ToSocketAddrs};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use can_link::{BusSpec, Granted, Role, RsiSpec, Urgent};
+use hil_sim::krc::KrcScenario;
+use operator::bus::BusArgs;
+use operator::bus::args::interrupt;
+use operator::rsi::live::{Exchange, Host, Port, Time, serve};
+use operator::rsi::log::{HEAD, Line};
+use operator::rsi::station::Station;
+use planner::follow::limits::Arm;
+use protocol::{Duration, Instant};
+
+use crate::error::ExpectedError;
+use crate::exit;
+
+pub use identify::identify;
+pub use probe::{doctor, status};
+pub use record::{record, write_description};
+pub use replay::{is_recording, replay};
+
+/// Name of the log in the folder of a throw.
+pub const LOG: &str = "log.rsi";
+/// Name of the description of the robot in the folder of a throw.
+pub const DESCRIPTION: &str = "robot.toml";
+/// Name of the configuration file in the folder of a throw.
+pub const CONFIG: &str = "rsi_config.xml";
+/// Time between two writes of a log to the disk.
+const FLUSH_EVERY: Duration = Duration::from_millis(200);
+
+/// The description of the robot and its program.
+///
+/// # Errors
+/// The file is refused.
+pub fn description(source: Option<&str>) -> Result<KrcScenario, ExpectedError> {
+    KrcScenario::open(source.unwrap_or("kr-c2")).map_err(|error| ExpectedError::bad_input(&error))
+}
+
+/// Description and arm for a verb with the options of a bus; `None`: the bus leads to no such robot.
+///
+/// # Errors
+/// The description or the robot is refused.
+pub fn robot_on(bus: &BusArgs) -> Result<Option<(RsiSpec, KrcScenario, Arm)>, ExpectedError> {
+    let BusSpec::Rsi(spec) = &bus.bus else { return Ok(None) };
+    let mut described = description(bus.rsi.as_deref())?;
+    if let Some(robot) = &bus.cell.robot {
+        described.robot.clone_from(robot);
+    }
+    let arm = super::arm(&described.robot)?;
+    Ok(Some((spec.clone(), described, arm)))
+}
+
+/// What a program does while it serves a robot.
+pub struct Watch<'a> {
+    stop: Arc<AtomicBool>,
+    until: Option<Instant>,
+    file: Option<BufWriter<File>>,
+    flushed: Instant,
+    written: std::io::Result<()>,
+    /// Everything since the beginning.
+    pub lines: Vec<Line>,
+    /// The exchange goes on after the last motion.
+    pub stays: bool,
+    told: bool,
+    name: String,
+    quiet: bool,
+    each: &'a mut dyn FnMut(Instant, &mut Station) -> bool,
+}
+
+impl<'a> Watch<'a> {
+    /// Ends after `span`, at Ctrl-C, or when `each`, called with every telegram, says no.
+    pub fn new(
+        name: String,
+        span: Option<f64>,
+        quiet: bool,
+        each: &'a mut dyn FnMut(Instant, &mut Station) -> bool,
+    ) -> Self {
+        Self {
+            stop: interrupt(),
+            until: span.map(|s| Instant::ZERO + Duration::from_secs_f64(s)),
+            file: None,
+            flushed: Instant::ZERO,
+            written: Ok(()),
+            lines: Vec::new(),
+            stays: false,
+            told: false,
+            name,
+            quiet,
+            each,
+        }
+    }
+
+    /// Writes the exchange to a new file as it goes on.
+    ///
+    /// # Errors
+    /// The file exists or cannot be created.
+    pub fn recording(mut self, path: &Path) -> Result<Self, ExpectedError> {
+        let file = File::create_new(path).map_err(|error| ExpectedError::output(path, &error))?;
+        let mut file = BufWriter::new(file);
+        writeln!(file, "{HEAD}").map_err(|error| ExpectedError::output(path, &error))?;
+        self.file = Some(file);
+        Ok(self)
+    }
+
+    /// True after Ctrl-C.
+    pub fn was_interrupted(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    /// Writes what is left.
+    ///
+    /// # Errors
+    /// The log is not whole.
+    pub fn finish(&mut self, path: &Path) -> Result<(), ExpectedError> {
+        let flushed = self.file.as_mut().map_or(Ok(()), Write::flush);
+        std::mem::replace(&mut self.written, Ok(()))
+            .and(flushed)
+            .map_err(|error| ExpectedError::output(path, &error))
+    }
+}
+
+impl Host for Watch<'_> {
+    fn goes_on(&mut self, now: Instant, station: &mut Station) -> bool {
+        if !self.told && !self.quiet {
+            console::note!("{}: waiting for the robot; start its program now", self.name);
+            self.told = true;
+        }
+        let over = self.until.is_some_and(|until| now >= until);
+        !over && self.written.is_ok() && !self.was_interrupted() && (self.each)(now, station)
+    }
+
+    fn stays(&self) -> bool {
+        self.stays
+    }
+
+    fn log(&mut self, lines: Vec<Line>) {
+        if let Some(file) = &mut self.file {
+            for line in &lines {
+                if self.written.is_ok() {
+                    self.written = file.write_all(line.to_text().as_bytes());
+                }
+            }
+            if let Some(last) = lines.last()
+                && last.at.saturating_since(self.flushed) >= FLUSH_EVERY
+            {
+                self.flushed = last.at;
+                if self.written.is_ok() {
+                    self.written = file.flush();
+                }
+            }
+        }
+        self.lines.extend(lines);
+    }
+}
+
+/// Serves the robot at `spec` until the end.
+///
+/// # Errors
+/// The address cannot be had, or the socket fails.
+pub fn serve_at(
+    spec: &RsiSpec,
+    described: &KrcScenario,
+    station: &mut Station,
+    watch: &mut Watch<'_>,
+) -> Result<(Exchange, Option<Granted>), ExpectedError> {
+    let failed = |what: &dyn std::fmt::Display, next: &str| {
+        ExpectedError::new(exit::BUS, format!("rsi:{spec}: {what}\n  next: {next}"))
+    };
+    let address = address_of(&spec.host, spec.port)
+        .map_err(|error| failed(&error, "name an address of this machine, or 0.0.0.0 for all of them"))?;
+    let mut port = Port::bind(spec.tcp, address).map_err(|error| {
+        failed(&error, "name an address of this machine and a port that no other program has")
+    })?;
+    if described.config.port != address.port() && address.port() != 0 && !watch.quiet {
+        console::note!(
+            "the configuration file sends the robot to port {}, this program listens at {}",
+            described.config.port,
+            address.port()
+        );
+    }
+    let (time, urgent) = if spec.lockstep {
+        (Time::Robot(described.options.cycle), None)
+    } else {
+        (Time::Clock, Some(Urgent::request(Role::Controller)))
+    };
+    let exchange = serve(&mut port, station, time, watch)
+        .map_err(|error| failed(&error, "check the network interface, then run it again"))?;
+    Ok((exchange, urgent.map(|urgent| urgent.granted())))
+}
+
+/// The first address of a host.
+pub(super) fn address_of(host: &str, port: u16) -> std::io::Result<SocketAddr> {
+    let mut found = (host, port).to_socket_addrs()?;
+    found.next().ok_or_else(|| std::io::Error::new(std::io::ErrorKind::NotFound, "no address"))
+}

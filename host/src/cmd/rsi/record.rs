@@ -1,0 +1,48 @@
+//! `cubectl record` on RSI.
+
+use can_link::RsiSpec;
+use hil_sim::krc::KrcScenario;
+use operator::rsi::log::Entry;
+use operator::rsi::program::{Lag, leading};
+use planner::follow::limits::Arm;
+
+use super::{CONFIG, DESCRIPTION, LOG, Watch, serve_at};
+use crate::cmd::record::Args;
+use crate::error::ExpectedError;
+
+/// Holds the robot where its program starts and writes the exchange into a folder.
+///
+/// # Errors
+/// The folder or the address cannot be had, or the recording is not whole.
+pub fn record(args: &Args, spec: &RsiSpec, described: &KrcScenario, arm: &Arm) -> Result<(), ExpectedError> {
+    let folder = &args.path;
+    std::fs::create_dir_all(folder).map_err(|error| ExpectedError::output(folder, &error))?;
+    let mut station =
+        leading(described, arm, Lag::of(described), &[]).map_err(|error| ExpectedError::bad_input(&error))?;
+    let mut on = |_, _: &mut _| true;
+    let log = folder.join(LOG);
+    let mut watch = Watch::new(format!("rsi:{spec}"), args.time, false, &mut on).recording(&log)?;
+    write_description(folder, described)?;
+    serve_at(spec, described, &mut station, &mut watch)?;
+    watch.finish(&log)?;
+    let count = |wanted: fn(&Entry) -> bool| watch.lines.iter().filter(|line| wanted(&line.entry)).count();
+    let telegrams = count(|entry| matches!(entry, Entry::Telegram(_) | Entry::Waited(_)));
+    let answers = count(|entry| matches!(entry, Entry::Answer(_)));
+    let why = if watch.was_interrupted() { " (ended by a signal)" } else { "" };
+    console::line!("{telegrams} telegrams and {answers} answers in {}{why}", log.display());
+    Ok(())
+}
+
+/// Puts what a replay needs beside a log.
+///
+/// # Errors
+/// A file cannot be written.
+pub fn write_description(folder: &std::path::Path, described: &KrcScenario) -> Result<(), ExpectedError> {
+    let text =
+        described.description("The robot and its program, as they were described for this run.", CONFIG);
+    for (name, text) in [(DESCRIPTION, &text), (CONFIG, &described.config_text)] {
+        let path = folder.join(name);
+        std::fs::write(&path, text).map_err(|error| ExpectedError::output(&path, &error))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,82 @@
+//! `cubectl replay` on a recorded exchange over RSI.
+
+use std::path::Path;
+
+use hil_sim::krc::KrcScenario;
+use operator::rsi::log::{Difference, FILE_MAX_BYTES, files, parse, replay as run_again};
+use operator::rsi::program::replay_station;
+use planner::follow::plan::FollowPlan;
+use toml_reader::read_text;
+
+use super::{DESCRIPTION, LOG};
+use crate::cmd::print_json;
+use crate::error::ExpectedError;
+use crate::exit;
+
+/// Whether a path is the folder of a recording over RSI.
+#[must_use]
+pub fn is_recording(path: &Path) -> bool {
+    path.join(LOG).is_file()
+}
+
+/// Hands the recorded telegrams to a new station and compares its answers with the recorded ones, byte for byte.
+///
+/// # Errors
+/// A file cannot be read, or an answer differs.
+pub fn replay(folder: &Path, json: bool) -> Result<(), ExpectedError> {
+    let log = folder.join(LOG);
+    let text = read_text(&log, FILE_MAX_BYTES).map_err(|error| ExpectedError::io(&log, &error))?;
+    let lines =
+        parse(&text).map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", log.display())))?;
+    let described =
+        KrcScenario::load(&folder.join(DESCRIPTION)).map_err(|error| ExpectedError::bad_input(&error))?;
+    let arm = crate::cmd::arm(&described.robot)?;
+    let plan_file = folder.join("plan.json");
+    let plan = if plan_file.is_file() {
+        let plan = FollowPlan::read(&plan_file)
+            .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", plan_file.display())))?;
+        Some(plan)
+    } else {
+        None
+    };
+    let mut station = replay_station(&described, &arm, plan.as_ref(), files(&lines))
+        .map_err(|error| ExpectedError::bad_input(&error))?;
+    let replayed = run_again(&lines, &mut station);
+    let show = |bytes: &Option<Vec<u8>>| {
+        bytes.as_ref().map_or("nothing".to_owned(), |bytes| String::from_utf8_lossy(bytes).into_owned())
+    };
+    if json {
+        print_json(&serde_json::json!({
+            "identical": replayed.difference.is_none(),
+            "telegrams": replayed.telegrams,
+            "same_answers": replayed.same,
+            "difference": replayed.difference.as_ref().map(|Difference { at, recorded, given }| serde_json::json!({
+                "at_s": at.as_secs_f64(), "recorded": show(recorded), "given": show(given),
+            })),
+        }));
+    }
+    match &replayed.difference {
+        None => {
+            if !json {
+                console::line!(
+                    "identical: {} answers of the controller to {} telegrams",
+                    replayed.same,
+                    replayed.telegrams
+                );
+            }
+            Ok(())
+        }
+        Some(Difference { at, recorded, given }) => Err(ExpectedError::new(
+            exit::FINDINGS,
+            format!(
+                "{}, {:.6} s: recorded {}, but the controller answers {} ({} answers before were the same)\n  next: same \
+                 version and files as in the recording? then the controller has changed",
+                log.display(),
+                at.as_secs_f64(),
+                show(recorded),
+                show(given),
+                replayed.same
+            ),
+        )),
+    }
+}

@@ -1,0 +1,156 @@
+//! What a person at the terminal reads during a throw.
+
+use std::io::{BufRead, IsTerminal, Read, Write};
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant as WallTime;
+
+use indicatif::ProgressBar;
+use nalgebra::Vector3;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+
+use operator::analysis::tracking::JointTracking;
+use operator::bus::cycle_timing::CycleTiming;
+use operator::bus::period::Choice;
+use operator::throw::job::Progress;
+use operator::throw::{Record, Verdict};
+use planner::plan::file::PlanFile;
+use tuner::gains::choose::GainsFrom;
+
+/// Longest answer that is read.
+const ANSWER_MAX_BYTES: u64 = 256;
+
+/// What people see while it works.
+pub(super) struct ProgressView {
+    silent: bool,
+    bar: ProgressBar,
+    begun: WallTime,
+    /// Time of each step by the wall, s.
+    pub(super) wall_s: Vec<f64>,
+}
+
+impl ProgressView {
+    pub(super) fn new(silent: bool) -> Self {
+        Self { silent, bar: ProgressBar::hidden(), begun: WallTime::now(), wall_s: Vec::new() }
+    }
+
+    fn line(&self, what: &str, wall_s: f64, found: &str) {
+        if !self.silent {
+            self.bar.suspend(|| console::note!("{what:<20} {wall_s:7.3} s  {found}"));
+        }
+    }
+
+    pub(super) fn planned(&self, plan: &PlanFile, took_s: f64) {
+        let [x, y, z] = plan.target.position_m;
+        let found = format!(
+            "to ({x}, {y}, {z}) m in {:.2} s, released at {:.2} m/s",
+            plan.end_time_s,
+            Vector3::from(plan.release.velocity_m_s).norm()
+        );
+        self.line("plan", took_s, &found);
+    }
+
+    /// Says so if the gains were designed on the way.
+    pub(super) fn gains(&self, choice: &Choice) {
+        if choice.gains_from == GainsFrom::Designed {
+            let (robot, ms) = (&choice.gains.robot, f64::from(choice.period_us) * 1e-3);
+            self.line(
+                "gains",
+                0.0,
+                &format!("designed and certified for {robot} at {ms} ms; kept in gains.toml"),
+            );
+        }
+    }
+
+    pub(super) fn timing(&self, choice: &Choice, timing: &CycleTiming) {
+        let found = format!("{} ms ({}): {timing}", f64::from(choice.period_us) * 1e-3, choice.why);
+        self.line("control period", operator::bus::cycle_timing::SPAN.as_secs_f64(), &found);
+        self.line("", 0.0, &timing.granted.to_string());
+    }
+
+    pub(super) fn show(&mut self, progress: Progress<'_>) {
+        match progress {
+            Progress::Begin(step) => {
+                self.begun = WallTime::now();
+                if !self.silent && std::io::stderr().is_terminal() {
+                    self.bar = ProgressBar::new_spinner().with_message(step.name());
+                    self.bar.enable_steady_tick(std::time::Duration::from_millis(200));
+                }
+            }
+            Progress::Part(done, all) => {
+                self.bar.set_length(all as u64);
+                self.bar.set_position(done as u64);
+            }
+            Progress::End(step, found) => {
+                self.bar.finish_and_clear();
+                let took_s = self.begun.elapsed().as_secs_f64();
+                self.wall_s.push(took_s);
+                self.line(step.name(), took_s, found);
+            }
+            Progress::MayThrow => {}
+        }
+    }
+
+    pub(super) fn quiet(&self) {
+        self.bar.finish_and_clear();
+    }
+
+    /// Asks the person at the terminal before the throw; a signal is a no.
+    pub(super) fn may_throw(&self, stop: &AtomicBool) -> bool {
+        self.ask(
+            stop,
+            "The arm stands at the start. Ball in the hand, nobody near? Enter throws, anything else ends: ",
+        )
+    }
+
+    /// Asks the person at the terminal before an industrial robot is led to the start and throws; a signal is a no.
+    pub(super) fn may_lead(&self, stop: &AtomicBool) -> bool {
+        self.ask(
+            stop,
+            "The robot moves to the start of the throw and throws as soon as its program runs. Ball in the hand, nobody near? \
+             Enter waits for the robot, anything else ends: ",
+        )
+    }
+
+    fn ask(&self, stop: &AtomicBool, question: &str) -> bool {
+        self.bar.suspend(|| {
+            console::note_text!("{question}");
+            let _ = std::io::stderr().flush();
+            let stdin = std::io::stdin();
+            while !stop.load(Ordering::Relaxed) {
+                let mut asked = [PollFd::new(&stdin, PollFlags::IN)];
+                let look = Timespec { tv_sec: 0, tv_nsec: 100_000_000 };
+                match poll(&mut asked, Some(&look)) {
+                    Ok(0) | Err(rustix::io::Errno::INTR) => {}
+                    Ok(_) => {
+                        let mut answer = String::new();
+                        let read = stdin.lock().take(ANSWER_MAX_BYTES).read_line(&mut answer);
+                        return matches!(read, Ok(n) if n > 0 && answer.trim().is_empty());
+                    }
+                    Err(_) => return false,
+                }
+            }
+            false
+        })
+    }
+
+    /// The last lines: the verdict if it is good (else it is the error's text), tracking, and where the results are.
+    pub(super) fn closing(&self, record: &Record, verdict: Option<&Verdict>, folder: &Path, begun: WallTime) {
+        if self.silent {
+            return;
+        }
+        if let Some(verdict) = verdict {
+            console::line!("{}", verdict.text);
+        }
+        if let Some(analysis) = &record.analysis {
+            let largest = |joint: &JointTracking| format!("{:.1}", 1e3 * joint.position_error_rad.max);
+            let mrad: Vec<String> = analysis.joints.iter().map(largest).collect();
+            console::line!("largest tracking errors {} mrad", mrad.join(" "));
+            match &analysis.coverage {
+                Some(coverage) => console::line!("{}", coverage.sentence()),
+                None => console::line!("{}", operator::throw::summary::NOT_COMPARED),
+            }
+        }
+        console::line!("{:.2} s in all; results in {}", begun.elapsed().as_secs_f64(), folder.display());
+    }
+}

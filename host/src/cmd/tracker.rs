@@ -1,0 +1,326 @@
+//! `cubectl tracker`: targets and calibration from an optical tracker; options of `throw --target tracker`.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::sync::atomic::Ordering;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use operator::bus::args::interrupt;
+use operator::tracker::calibration::{Calibration, Pair, RESIDUAL_MAX_M, RoomToRobot, Solved, solve};
+use operator::tracker::client::{Place, TrackerError, measure};
+use operator::tracker::target::{Target, TargetRequest};
+use planner::store::file::write_whole;
+
+use super::plan::options::point;
+use super::print_json;
+use crate::error::ExpectedError;
+use crate::exit;
+
+/// A target that moved farther than this between two looks is not thrown at, m.
+const MOVED_MAX_M: f64 = 0.005;
+
+/// Where to throw.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum TargetArg {
+    /// A point in the robot's frame, m.
+    Point([f64; 3]),
+    /// Where the tracker sees it.
+    Tracker,
+}
+
+impl FromStr for TargetArg {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "tracker" { Ok(Self::Tracker) } else { point(text).map(Self::Point) }
+    }
+}
+
+/// Which tracker, and what of it.
+#[derive(Debug, Clone, clap::Args)]
+#[command(next_help_heading = "An optical tracker")]
+pub struct TrackerArgs {
+    /// Tracker: HOST:PORT of this machine to which DTrack sends its data, dtrack://HOST:PORT?commands=HOST:PORT to start and
+    /// stop its measurement too, or vrpn://HOST/NAME.
+    #[arg(long, default_value = "127.0.0.1:5000", value_name = "TRACKER")]
+    pub tracker: Place,
+    /// Number of the tracked body.
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    pub tracker_body: u32,
+    /// The point on the body, m, in the frame of the body.
+    #[arg(long, default_value = "0,0,0", value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
+    pub tracker_offset: [f64; 3],
+    /// Frames whose mean is taken.
+    #[arg(long, default_value_t = 60, value_name = "K", value_parser = clap::value_parser!(u16).range(6..=6000))]
+    pub tracker_frames: u16,
+    /// Calibration from the tracker's room to the robot, of `cubectl tracker calibrate` [default: the room's frame is the
+    /// robot's].
+    #[arg(long, value_name = "FILE")]
+    pub calibration: Option<PathBuf>,
+}
+
+/// The verbs.
+#[derive(Debug, clap::Subcommand)]
+pub enum TrackerVerb {
+    /// Measure the target and say where it is, and how sure that is.
+    Show(ShowArgs),
+    /// Add a point that robot and tracker both know to a calibration, and solve it.
+    Calibrate(CalibrateArgs),
+}
+
+/// Arguments of `show`.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  cubectl tracker show --tracker 0.0.0.0:5000\n  cubectl tracker show --tracker vrpn://lab/Tracker0 --tracker-body 2 --calibration room.toml --json"
+)]
+pub struct ShowArgs {
+    /// The tracker.
+    #[command(flatten)]
+    pub tracker: TrackerArgs,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `calibrate`.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples, once for each of three or more places of the tool, which are not on a line:\n  cubectl tracker calibrate --file room.toml --tool-at 1.1,0.4,0.9 --tracker-body 1\n  cubectl tracker calibrate --file room.toml        # solves again, measures nothing\n\nMove the robot to a place, read the position of the tracked body from its pendant (in the robot's base frame, m), and give it\nas --tool-at. With less than three points the file is kept and the exit code is 9."
+)]
+pub struct CalibrateArgs {
+    /// The tracker; with --tracker-offset the body need not be at the tool point itself.
+    #[command(flatten)]
+    pub tracker: TrackerArgs,
+    /// Calibration file; new points are added to it.
+    #[arg(long, value_name = "FILE")]
+    pub file: PathBuf,
+    /// Where the tracked point is in the robot's base frame, m.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
+    pub tool_at: Option<[f64; 3]>,
+    /// Robot whose frame it is.
+    #[arg(long, default_value = "kr16_2", value_name = "ROBOT")]
+    pub robot: String,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl From<TrackerError> for ExpectedError {
+    fn from(error: TrackerError) -> Self {
+        let code = match error {
+            TrackerError::NoTarget(_) => exit::FINDINGS,
+            TrackerError::Interrupted => exit::INTERRUPTED,
+            _ => exit::BUS,
+        };
+        Self::new(code, error.to_string())
+    }
+}
+
+/// A target as it was measured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Measured {
+    /// In the robot's frame, m.
+    pub robot_m: [f64; 3],
+    /// In the room.
+    pub target: Target,
+    /// Residual of the calibration, m; `None` without one.
+    pub residual_m: Option<f64>,
+}
+
+impl TrackerArgs {
+    fn wish(&self) -> TargetRequest {
+        TargetRequest {
+            offset_m: self.tracker_offset,
+            frames: usize::from(self.tracker_frames),
+            ..TargetRequest::new(self.tracker_body)
+        }
+    }
+
+    fn room(&self) -> Result<(RoomToRobot, Option<f64>), ExpectedError> {
+        let Some(path) = &self.calibration else { return Ok((RoomToRobot::identity(), None)) };
+        let calibration = Calibration::load(path).map_err(|error| ExpectedError::bad_input(&error))?;
+        let solved = solve(&calibration.pairs)
+            .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", path.display())))?;
+        if solved.residual_rms_m > RESIDUAL_MAX_M {
+            return Err(ExpectedError::bad_input(&format!(
+                "{}: the points disagree by {:.1} mm; a good calibration leaves {:.0} mm\n  next: take out the worst point (`cubectl \
+                 tracker calibrate --file` names it), or measure again",
+                path.display(),
+                1e3 * solved.residual_rms_m,
+                1e3 * RESIDUAL_MAX_M
+            )));
+        }
+        Ok((solved.x_wr, Some(solved.residual_rms_m)))
+    }
+
+    /// Measures the target.
+    ///
+    /// # Errors
+    /// The calibration is refused, or there is no target.
+    pub fn measure(&self) -> Result<Measured, ExpectedError> {
+        let (x_wr, residual_m) = self.room()?;
+        let stop = interrupt();
+        let target = measure(&self.tracker, &self.wish(), &|| !stop.load(Ordering::Relaxed))?;
+        Ok(Measured { robot_m: x_wr.apply(&target.mean_m), target, residual_m })
+    }
+
+    /// Measures again and tells how far the target is from where it was, m.
+    ///
+    /// # Errors
+    /// As [`TrackerArgs::measure`].
+    pub fn moved(&self, before: &Measured) -> Result<f64, ExpectedError> {
+        let now = self.measure()?;
+        let squares: f64 = now.robot_m.iter().zip(before.robot_m).map(|(a, b)| (a - b) * (a - b)).sum();
+        Ok(squares.sqrt())
+    }
+
+    /// Refuses a target that is no longer where it was measured.
+    ///
+    /// # Errors
+    /// It moved, or is lost.
+    pub fn still_there(&self, before: &Measured) -> Result<(), ExpectedError> {
+        let by_m = self.moved(before)?;
+        if by_m <= MOVED_MAX_M {
+            return Ok(());
+        }
+        Err(ExpectedError::new(
+            exit::FINDINGS,
+            format!(
+                "the target moved by {:.1} mm since it was measured; nothing was thrown\n  next: fix the target and throw again",
+                1e3 * by_m
+            ),
+        ))
+    }
+}
+
+impl Measured {
+    /// For people.
+    #[must_use]
+    pub fn words(&self) -> String {
+        let [x, y, z] = self.robot_m;
+        let t = &self.target;
+        let calibration = match self.residual_m {
+            Some(residual_m) => format!("calibration within {:.2} mm", 1e3 * residual_m),
+            None => "no calibration: the room's frame is taken as the robot's".to_owned(),
+        };
+        format!(
+            "target at ({x:.4}, {y:.4}, {z:.4}) m: {} frames in {:.2} s scatter by {:.2} mm, mean known to {:.3} mm, {} frames without \
+             the body; {calibration}",
+            t.frames,
+            t.span_s,
+            1e3 * t.scatter_m,
+            1e3 * t.error_m,
+            t.missing
+        )
+    }
+
+    /// In numbers.
+    #[must_use]
+    pub fn json(&self) -> serde_json::Value {
+        serde_json::json!({
+            "position_m": self.robot_m,
+            "room_m": self.target.mean_m,
+            "scatter_m": self.target.scatter_m,
+            "standard_error_m": self.target.error_m,
+            "frames": self.target.frames,
+            "span_s": self.target.span_s,
+            "missing_frames": self.target.missing,
+            "calibration_residual_m": self.residual_m,
+        })
+    }
+}
+
+/// Runs a verb.
+///
+/// # Errors
+/// As each verb.
+pub fn run(verb: &TrackerVerb) -> Result<(), ExpectedError> {
+    match verb {
+        TrackerVerb::Show(args) => show(args),
+        TrackerVerb::Calibrate(args) => calibrate(args),
+    }
+}
+
+fn show(args: &ShowArgs) -> Result<(), ExpectedError> {
+    let measured = args.tracker.measure()?;
+    if args.json {
+        print_json(&measured.json());
+    } else {
+        console::line!("{}", measured.words());
+    }
+    Ok(())
+}
+
+fn calibrate(args: &CalibrateArgs) -> Result<(), ExpectedError> {
+    let mut calibration = if args.file.is_file() {
+        Calibration::load(&args.file).map_err(|error| ExpectedError::bad_input(&error))?
+    } else {
+        Calibration { robot: args.robot.clone(), ..Calibration::default() }
+    };
+    if calibration.robot != args.robot {
+        return Err(ExpectedError::bad_input(&format!(
+            "{} is for the robot {}, not for {}\n  next: name another file with --file, or the robot with --robot",
+            args.file.display(),
+            calibration.robot,
+            args.robot
+        )));
+    }
+    if let Some(robot_m) = args.tool_at {
+        let stop = interrupt();
+        let target = measure(&args.tracker.tracker, &args.tracker.wish(), &|| !stop.load(Ordering::Relaxed))?;
+        calibration.pairs.push(Pair { robot_m, room_m: target.mean_m, scatter_m: target.scatter_m });
+        calibration.source = format!(
+            "{}, body {}, offset {:?} m",
+            args.tracker.tracker, args.tracker.tracker_body, args.tracker.tracker_offset
+        );
+        let s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+        calibration.changed = format!("{s} s after 1970-01-01 UTC");
+        write_whole(&args.file, calibration.to_toml().as_bytes())
+            .map_err(|error| ExpectedError::output(&args.file, &error))?;
+    }
+    match solve(&calibration.pairs) {
+        Ok(solved) => {
+            tell(args, &calibration, &solved);
+            if solved.residual_rms_m <= RESIDUAL_MAX_M {
+                return Ok(());
+            }
+            let worst =
+                solved.residuals_m.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(k, _)| k);
+            Err(ExpectedError::new(
+                exit::FINDINGS,
+                format!(
+                    "the points disagree by {:.1} mm; point {} is the worst\n  next: take it out of {} or measure again",
+                    1e3 * solved.residual_rms_m,
+                    worst + 1,
+                    args.file.display()
+                ),
+            ))
+        }
+        Err(error) => Err(ExpectedError::new(exit::FINDINGS, format!("{}: {error}", args.file.display()))),
+    }
+}
+
+fn tell(args: &CalibrateArgs, calibration: &Calibration, solved: &Solved) {
+    if args.json {
+        let rows: Vec<Vec<f64>> =
+            (0..3).map(|row| solved.x_wr.rotation.row(row).iter().copied().collect()).collect();
+        let translation: [f64; 3] = solved.x_wr.translation_m.into();
+        print_json(&serde_json::json!({
+            "points": calibration.pairs.len(),
+            "residual_rms_m": solved.residual_rms_m,
+            "residuals_m": solved.residuals_m,
+            "rotation_rows": rows,
+            "translation_m": translation,
+        }));
+        return;
+    }
+    console::line!(
+        "{} points agree within {:.2} mm (root mean square)",
+        calibration.pairs.len(),
+        1e3 * solved.residual_rms_m
+    );
+    for (k, (pair, residual_m)) in calibration.pairs.iter().zip(&solved.residuals_m).enumerate() {
+        let [x, y, z] = pair.robot_m;
+        console::line!("  point {} at ({x:.3}, {y:.3}, {z:.3}) m: {:.2} mm", k + 1, 1e3 * residual_m);
+    }
+}

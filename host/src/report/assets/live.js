@@ -1,0 +1,136 @@
+// What the bus tells, as it comes: one WebSocket, snapshots fifty times a second, the same drawings as in a report.
+(() => {
+  const el = id => document.getElementById(id), svgOf = name => document.createElementNS('http://www.w3.org/2000/svg', name);
+  const SPAN_S = 10, KEPT = 600, EVENTS = 60;
+  const fixed = (value, digits) => value === null || value === undefined ? '–' : value.toFixed(digits).replace('-', '−');
+  let last = null, heard = 0, socket = null, dirty = false;
+
+  // A chart over the last seconds, with the classes of the report's charts.
+  const W = 600, H = 240, LEFT = 58, TOP = 46, w = W - LEFT - 14, h = H - TOP - 38;
+  function chart(box, title, unit, names, floor, limit) {
+    const series = names.map(() => []), svg = svgOf('svg');
+    svg.setAttribute('viewBox', `0 0 ${W} ${H}`); svg.setAttribute('role', 'img'); svg.setAttribute('aria-label', title);
+    el(box).append(svg);
+    const tag = (name, attributes, text) => {
+      const node = svgOf(name); for (const key in attributes) node.setAttribute(key, attributes[key]);
+      if (text !== undefined) node.textContent = text; svg.append(node);
+    };
+    return {
+      add(t, values) {
+        values.forEach((value, i) => {
+          if (value === null || value === undefined) return;
+          // Time that goes back is another session.
+          if (series[i].length && series[i].at(-1)[0] > t) series[i].length = 0;
+          series[i].push([t, value]); if (series[i].length > KEPT) series[i].shift();
+        });
+      },
+      draw(t) {
+        const shown = series.map(points => points.filter(p => p[0] >= t - SPAN_S));
+        const all = shown.flat().map(p => p[1]);
+        let lo = Math.min(floor[0], ...all), hi = Math.max(floor[1], ...all);
+        if (limit && hi > 0.25 * limit) hi = Math.max(hi, limit);
+        const pad = 0.06 * (hi - lo); lo -= pad; hi += pad;
+        const sx = x => LEFT + (x - t + SPAN_S) / SPAN_S * w, sy = y => TOP + (hi - y) / (hi - lo) * h;
+        svg.textContent = '';
+        tag('text', {x: 0, y: 14, class: 't'}, title);
+        const raw = (hi - lo) / 5, power = 10 ** Math.floor(Math.log10(raw)), step = [1, 2, 5, 10].find(d => d * power >= raw) * power;
+        const digits = Math.max(0, -Math.floor(Math.log10(step)));
+        for (let y = Math.ceil(lo / step) * step; y <= hi + 1e-9; y += step) {
+          tag('path', {class: Math.abs(y) < 1e-9 * step ? 'z' : 'g', d: `M${LEFT} ${sy(y).toFixed(1)}H${LEFT + w}`});
+          tag('text', {x: LEFT - 6, y: (sy(y) + 4).toFixed(1), 'text-anchor': 'end'}, fixed(Math.abs(y) < 1e-9 * step ? 0 : y, digits));
+        }
+        for (let s = 0; s <= SPAN_S; s += 2) {
+          tag('path', {class: 'g', d: `M${sx(t - s).toFixed(1)} ${TOP}V${TOP + h}`});
+          tag('text', {x: sx(t - s).toFixed(1), y: TOP + h + 15, 'text-anchor': 'middle'}, s ? `−${s}` : 'now');
+        }
+        tag('text', {x: LEFT + w / 2, y: H - 4, 'text-anchor': 'middle'}, 'time in s');
+        tag('text', {transform: `translate(12 ${TOP + h / 2}) rotate(-90)`, 'text-anchor': 'middle'}, unit);
+        if (limit && limit <= hi) tag('path', {class: 'limit', d: `M${LEFT} ${sy(limit).toFixed(1)}H${LEFT + w}`});
+        let x = 0;
+        shown.forEach((points, i) => {
+          const d = points.map((p, k) => `${k ? 'L' : 'M'}${sx(p[0]).toFixed(1)} ${sy(p[1]).toFixed(1)}`).join('');
+          tag('path', {class: `c s${i % 6}`, d});
+          if (!names[i]) return;
+          tag('path', {class: `c s${i % 6}`, d: `M${x} 29h16`}); tag('text', {x: x + 20, y: 33}, names[i]);
+          x += 32 + 6.2 * names[i].length;
+        });
+      },
+    };
+  }
+  const names = live.joints;
+  const charts = [
+    chart('errors', 'Position errors, as the controller tells them', 'error in mrad', names, [-1, 1]),
+    chart('currents', 'Motor currents', 'current in A', names, [-0.5, 0.5]),
+    chart('angles', 'Angles', 'angle in rad', names, [-0.1, 0.1]),
+    chart('load', 'Bus load, without stuff bits', 'share in %', [''], [0, 10], 100),
+  ];
+
+  const cell = (row, i) => { while (row.cells.length <= i) row.insertCell(); return row.cells[i]; };
+  function put(row, values, left) {
+    values.forEach((value, i) => { const c = cell(row, i); if (c.textContent !== value) c.textContent = value; if (left.includes(i)) c.className = 'l'; });
+  }
+  function tile(id, text, tone) { const b = el(id); if (b.textContent !== text) b.textContent = text; b.className = tone || ''; }
+
+  function take(now) {
+    last = now; heard = performance.now(); dirty = true;
+    const c = now.controller;
+    charts[0].add(now.t_s, now.joints.map(j => j.error_rad === null ? null : 1e3 * j.error_rad));
+    charts[1].add(now.t_s, now.joints.map(j => j.current_a));
+    charts[2].add(now.t_s, now.joints.map(j => j.q_rad));
+    charts[3].add(now.t_s, [now.load_percent]);
+    for (const event of now.events) {
+      const row = el('events').insertRow(1);
+      put(row, [fixed(event.t_s, 3), event.source, event.text], [0, 1, 2]);
+      row.cells[2].className = 'l ' + ({warning: 'warn', error: 'bad'}[event.severity] || '');
+      while (el('events').rows.length > EVENTS + 1) el('events').deleteRow(-1);
+    }
+    const trail = scene.hand;
+    if (now.placed) {
+      trail.push(now.placed.hand_m); if (trail.length > 400) trail.shift();
+      dispatchEvent(new CustomEvent('live-step', {detail: {t: now.t_s, ball: now.placed.hand_m, links: now.placed.links}}));
+    }
+    el('fault').hidden = !(c && c.fault);
+    if (c && c.fault) el('fault').textContent = `fault ${c.fault.code}${c.fault.joint ? `, joint ${c.fault.joint}` : ''}: ${c.fault.what}. What to do: ${c.fault.next}.`;
+  }
+
+  function draw() {
+    const silent = performance.now() - heard > 1000 || !socket || socket.readyState !== WebSocket.OPEN;
+    el('link').textContent = silent ? (last ? 'not connected: what is shown is old' : 'connecting') : 'live';
+    el('link').className = 'pill ' + (silent ? 'warn' : 'good');
+    if (last && dirty) {
+      dirty = false;
+      const c = last.controller, state = c ? c.state : 'no controller is heard';
+      tile('state', state, c ? {fault: 'bad', stopped: 'warn', stopping: 'warn', running: 'good', ready: 'good', armed: 'warn'}[state] : '');
+      tile('plan', c && c.plan_s > 0 ? `${fixed(c.plan_s, 2)} s` : '–');
+      tile('counts', c ? `${c.cycles_saturated} / ${c.cycles_late} / ${c.replies_missed}` : '–');
+      tile('period', c && c.period_us ? `${fixed(c.period_us / 1e3, 0)} ms` : '–');
+      tile('busload', `${fixed(last.load_percent, 1)} %`, last.load_percent > 90 ? 'warn' : '');
+      tile('errorcount', String(last.bus_errors), last.bus_errors ? 'warn' : '');
+      tile('gripper', c ? (c.gripper_open ? 'open' : 'closed') : '–');
+      tile('session', `${fixed(last.t_s, 2)} s`);
+      last.joints.forEach((j, i) => {
+        const row = el('joints').rows[i + 1] || el('joints').insertRow(-1);
+        put(row, [j.name, fixed(j.q_rad, 4), fixed(j.qd_rad_s, 3), fixed(j.error_rad === null ? null : 1e3 * j.error_rad, 2), fixed(j.current_a, 2), fixed(j.age_s === null ? null : 1e3 * j.age_s, 0), j.state.replaceAll('|', ' ') || '–'], [0, 6]);
+        row.dataset.tS = last.t_s;
+      });
+      charts.forEach(one => one.draw(last.t_s));
+    }
+    requestAnimationFrame(draw);
+  }
+
+  function connect() {
+    socket = new WebSocket(`ws://${location.host}/live`);
+    socket.onmessage = message => take(JSON.parse(message.data));
+    // The program may come back: the page waits for it.
+    socket.onclose = () => setTimeout(connect, 500);
+  }
+  function stop() {
+    if (socket && socket.readyState === WebSocket.OPEN) socket.send('stop');
+    // By both ways: a socket may hang.
+    fetch('/stop', {method: 'POST'}).then(answer => { el('stopped').textContent = answer.ok ? 'stop ordered' : 'the stop was refused'; })
+      .catch(() => { el('stopped').textContent = 'the program is not reached: use the contactor'; });
+  }
+  el('stop').onclick = stop;
+  addEventListener('keydown', event => { if (event.key === 'Escape') stop(); });
+  connect(); draw();
+})();

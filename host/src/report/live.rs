@@ -1,0 +1,82 @@
+//! The page of the live view: style and picture in space of a report, fed by a WebSocket.
+
+use nalgebra::Vector3;
+use operator::live::Machine;
+use planner::plan::file::PlanFile;
+use robot_model::{AnyRobot, for_any_robot};
+
+use super::chart::escape;
+use super::page::{SCENE, STYLE};
+use super::scene::{body, list, point};
+
+const LIVE: &str = include_str!("assets/live.js");
+
+/// The page for a robot on the bus called `bus`; with `plan` its target is shown.
+#[must_use]
+pub fn page(robot: &AnyRobot, bus: &str, plan: Option<&PlanFile>) -> String {
+    let machine = Machine::of(robot);
+    let title = format!("{} on {bus}", machine.robot);
+    let names = serde_json::to_string(&machine.joints).unwrap_or_default();
+    let tiles = [
+        ("state", "state of the group"),
+        ("plan", "time of the plan"),
+        ("counts", "saturated, late cycles, missed answers"),
+        ("period", "control period"),
+        ("busload", "of the bus"),
+        ("errorcount", "errors of the bus"),
+        ("gripper", "gripper"),
+        ("session", "since the session began"),
+    ];
+    let tiles: String = tiles
+        .iter()
+        .map(|(id, what)| format!("<div class=\"tile\"><b id=\"{id}\">–</b><span>{what}</span></div>"))
+        .collect();
+    format!(
+        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" \
+         content=\"width=device-width\"><title>{title}</title><style>{STYLE}</style></head><body class=\"live\"><main>\
+         <header><h1>{title}<span class=\"pill warn\" id=\"link\">connecting</span></h1><p>What passes on the bus, fifty times a \
+         second. This page looks and stops; it moves nothing.</p></header>\
+         <div class=\"stopbar\"><button id=\"stop\">Stop (Esc)</button><output id=\"stopped\"></output></div>\
+         <p class=\"card bad\" id=\"fault\" hidden></p><div class=\"tiles\">{tiles}</div>\
+         <div class=\"scene\"><figure class=\"card\"><canvas id=\"scene\" aria-label=\"arm\"></canvas><div class=\"bar\">\
+         <button id=\"reset\">Reset</button><button id=\"top\">From above</button></div></figure>\
+         <div class=\"card scroll\"><table id=\"joints\"><tr><th class=\"l\">joint</th><th>q rad</th><th>speed rad/s</th>\
+         <th>error mrad</th><th>current A</th><th>age ms</th><th class=\"l\">drive</th></tr></table></div></div><p></p>\
+         <div class=\"two\"><figure class=\"card\" id=\"errors\"></figure><figure class=\"card\" id=\"currents\"></figure>\
+         <figure class=\"card\" id=\"angles\"></figure><figure class=\"card\" id=\"load\"></figure></div>\
+         <h2>Events</h2><p>What controller, host and drives said; the newest first.</p><div class=\"card scroll\">\
+         <table id=\"events\"><tr><th class=\"l\">time s</th><th class=\"l\">who</th><th class=\"l\">what</th></tr></table></div>\
+         <footer>Served by cubectl {version} to this machine only.</footer></main>\
+         <script>const scene={scene},live={{\"joints\":{names}}};{SCENE}</script><script>{LIVE}</script></body></html>\n",
+        title = escape(&title),
+        version = env!("CARGO_PKG_VERSION"),
+        scene = scene(robot, plan),
+    )
+}
+
+/// What the picture in space knows before anything was heard: the bodies, and where they can be.
+fn scene(robot: &AnyRobot, plan: Option<&PlanFile>) -> String {
+    for_any_robot!(robot, arm => {
+        let boxes: Vec<String> =
+            arm.collision().boxes().iter().map(|b| body(b.link, &b.x_lb, &Vector3::from(b.half_m))).collect();
+        let stretched = arm.fk(&robot_model::JointVec::zeros());
+        let reach_m = stretched.x_w.iter().map(|x| x.pos.norm()).fold(arm.ball(&stretched).pos.norm(), f64::max);
+        let floor_m = arm.world().floor_z_m;
+        let sides = [-0.5, 0.5].map(|side| [[side, 0.0, 0.0], [0.0, side, 1.0]]);
+        let bounds: Vec<Vector3<f64>> =
+            sides.as_flattened().iter().map(|share| Vector3::from(*share) * (reach_m + 0.1)).collect();
+        let links: Vec<String> = stretched.x_w.iter().map(super::scene::link).collect();
+        let target = plan.map_or("null".to_owned(), |plan| point(&Vector3::from(plan.target.position_m)));
+        format!(
+            "{{\"floor\":{floor_m},\"top\":0.3,\"radius\":{},\"last\":{},\"release\":null,\"target\":{target},\"hand\":[],\
+             \"planned\":null,\"flight\":[],\"ellipse\":null,\"bounds\":{},\"boxes\":[{}],\
+             \"steps\":[{{\"t\":0,\"ball\":{},\"links\":[{}]}}]}}",
+            arm.gripper().ball_radius_m,
+            arm.joints().len(),
+            list(&bounds),
+            boxes.join(","),
+            point(&arm.ball(&stretched).pos),
+            links.join(",")
+        )
+    })
+}

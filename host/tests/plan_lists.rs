@@ -1,0 +1,177 @@
+//! `cubectl plan throw` for openings, moving targets and lists of targets, and `plan prepare`, from outside.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn cubectl(words: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_cubectl")).args(words).output().expect("runs")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// An empty folder of the test's own.
+fn folder(name: &str) -> PathBuf {
+    let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let _ = std::fs::remove_dir_all(&path);
+    std::fs::create_dir_all(&path).expect("folder");
+    path
+}
+
+fn rows(path: &Path) -> Vec<String> {
+    std::fs::read_to_string(path).expect("reads").lines().map(str::to_owned).collect()
+}
+
+#[test]
+fn a_list_has_one_row_of_results_per_target_in_order_and_is_continued() {
+    let folder = folder("plan-list");
+    let (list, out, plans) = (folder.join("targets.csv"), folder.join("results.csv"), folder.join("plans"));
+    // The second is out of reach, the third below the floor, the first stands twice.
+    std::fs::write(&list, "z_m,x_m,y_m\n-1.0,1.0,1.0\n0,9,0\n-3,1,1\n-1.0,1.0,1.0\n").expect("writes");
+    let (list, out, plans) =
+        (list.display().to_string(), out.display().to_string(), plans.display().to_string());
+    let run = || {
+        cubectl(&[
+            "plan",
+            "throw",
+            "--form",
+            "paper",
+            "--fast",
+            "--starts",
+            "2",
+            "--targets",
+            &list,
+            "--out",
+            &out,
+            "--plans",
+            &plans,
+        ])
+    };
+    let ended = run();
+    assert!(ended.status.success(), "{}", text(&ended.stderr));
+    let first = rows(Path::new(&out));
+    assert_eq!(first.len(), 5, "{first:?}");
+    assert!(first[1].starts_with("1,1,1,-1,thrown,31.26"), "{}", first[1]);
+    assert!(
+        first[2].starts_with("2,9,0,0,refused,") && first[2].contains("no throw reaches"),
+        "{}",
+        first[2]
+    );
+    assert!(
+        first[3].starts_with("3,1,1,-3,refused,") && first[3].contains("below the floor"),
+        "{}",
+        first[3]
+    );
+    assert_eq!(first[1].strip_prefix('1'), first[4].strip_prefix('4'));
+    let told = text(&ended.stdout);
+    assert!(told.contains("2 throws with all that was asked for") && told.contains("2 refused"), "{told}");
+    let plan = format!("{plans}/plan-000004.json");
+    assert!(cubectl(&["check", &plan]).status.success());
+
+    // Torn in the third row: that one is planned again, the others stay as they are.
+    std::fs::write(&out, first[..3].join("\n") + "\n3,1,1").expect("writes");
+    let ended = run();
+    assert!(text(&ended.stderr).contains("2 already"), "{}", text(&ended.stderr));
+    assert_eq!(rows(Path::new(&out)), first);
+
+    // The table of another list is neither continued nor overwritten.
+    std::fs::write(&list, "x_m,y_m,z_m\n1.5,0,-0.5\n").expect("writes");
+    let ended = run();
+    assert_eq!(ended.status.code(), Some(i32::from(host::exit::BAD_INPUT)));
+    assert!(text(&ended.stderr).contains("next:"), "{}", text(&ended.stderr));
+    assert_eq!(rows(Path::new(&out)), first);
+}
+
+#[test]
+fn lists_that_are_none_are_refused_with_row_and_column() {
+    let folder = folder("plan-list-refused");
+    let out = folder.join("results.csv").display().to_string();
+    for (name, content, told) in [
+        ("a.csv", "x_m,y_m\n1,2\n", "all or none are needed"),
+        ("b.csv", "x_m,y_m,z_m,colour\n1,2,3,red\n", "\"colour\" is not known"),
+        ("c.csv", "x_m,y_m,z_m\n1,2,-1\n1,nan,-1\n", "row 2, column \"y_m\""),
+        ("d.csv", "x_m,y_m,z_m\n", "no target"),
+        ("e.csv", "x_m,y_m,z_m,nx,ny,nz\n1,1,-1,0,0,1\n", "an opening needs"),
+        ("f.parquet", "PAR1", "parquet is not read"),
+    ] {
+        let list = folder.join(name);
+        std::fs::write(&list, content).expect("writes");
+        let ended = cubectl(&["plan", "throw", "--targets", &list.display().to_string(), "--out", &out]);
+        assert_eq!(ended.status.code(), Some(i32::from(host::exit::BAD_INPUT)), "{name}");
+        assert!(text(&ended.stderr).contains(told), "{name}: {}", text(&ended.stderr));
+        assert!(!Path::new(&out).exists(), "{name}");
+    }
+}
+
+#[test]
+fn an_opening_and_a_moving_target_are_planned_told_and_checked() {
+    let folder = folder("plan-opening");
+    let (out, report) = (folder.join("p.json"), folder.join("p.html"));
+    let (out, report) = (out.display().to_string(), report.display().to_string());
+    let ended = cubectl(&[
+        "plan",
+        "throw",
+        "--target",
+        "1.6,0.2,-0.3",
+        "--opening-normal=-1,0,0",
+        "--opening-radius-m",
+        "0.1",
+        "--target-velocity=0.1,0.1,0",
+        "--null-delay",
+        "false",
+        "--starts",
+        "8",
+        "--out",
+        &out,
+        "--report",
+        &report,
+    ]);
+    assert!(ended.status.success(), "{}", text(&ended.stderr));
+    let told = text(&ended.stdout);
+    assert!(told.contains("opening of 100 mm radius") && told.contains("meets the moving target"), "{told}");
+    assert!(told.contains("probability of a hit"), "{told}");
+    let checked = cubectl(&["check", &out]);
+    assert!(checked.status.success(), "{}", text(&checked.stdout));
+    assert!(text(&checked.stdout).contains("rim of the opening"), "{}", text(&checked.stdout));
+    assert!(std::fs::read_to_string(&report).expect("reads").contains("clear of the rim"));
+}
+
+#[test]
+fn the_same_arguments_prepare_the_same_table_and_options_for_one_target_are_refused() {
+    let folder = folder("plan-prepare");
+    let path = |name: &str| folder.join(name).display().to_string();
+    let prepare = |out: &str| {
+        cubectl(&[
+            "plan",
+            "prepare",
+            "powercube6",
+            "--form",
+            "paper",
+            "--step-m",
+            "0.5",
+            "--range-max-m",
+            "2",
+            "--height-max-m",
+            "0",
+            "--starts",
+            "2",
+            "--sweeps",
+            "1",
+            "--trials",
+            "4",
+            "--out",
+            out,
+        ])
+    };
+    let (one, two) = (path("one.table"), path("two.table"));
+    assert!(prepare(&one).status.success());
+    assert!(prepare(&two).status.success());
+    let bytes = std::fs::read(&one).expect("reads");
+    assert!(bytes.len() > 1000, "there are throws in it");
+    assert_eq!(bytes, std::fs::read(&two).expect("reads"), "same arguments, same table");
+    let refused =
+        cubectl(&["plan", "prepare", "powercube6", "--target-velocity=1,0,0", "--out", &path("none.table")]);
+    assert_eq!(refused.status.code(), Some(i32::from(host::exit::BAD_INPUT)));
+    assert!(text(&refused.stderr).contains("--target-velocity"), "{}", text(&refused.stderr));
+}

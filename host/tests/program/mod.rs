@@ -1,0 +1,21 @@
+//! The program under test, run with words; and folders for its results.
+#![allow(dead_code, reason = "each test file uses its own part")]
+
+use std::path::PathBuf;
+use std::process::{Command, Output};
+
+/// Runs `cubectl` with these words.
+pub(crate) fn cubectl(words: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_cubectl")).args(words).output().expect("runs")
+}
+
+pub(crate) fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// Path of a folder that does not exist.
+pub(crate) fn folder(name: &str) -> PathBuf {
+    let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let _ = std::fs::remove_dir_all(&path);
+    path
+}

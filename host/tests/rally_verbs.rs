@@ -1,0 +1,53 @@
+//! `cubectl rally` and `cubectl catch --ball`: what is printed and with which code it ends.
+
+use std::process::{Command, Output};
+
+fn cubectl(words: &str) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_cubectl")).args(words.split_whitespace()).output().unwrap()
+}
+
+#[test]
+fn a_ball_thrown_to_the_arm_is_caught_and_told_as_json_and_in_a_report() {
+    let file = std::env::temp_dir().join(format!("ball-{}.html", std::process::id()));
+    let words = "catch --robot powercube6 --ball 2.0,0.1,0.2,-2.3,-0.1,3.4 --json --report";
+    let ended = cubectl(&format!("{words} {}", file.display()));
+    assert!(ended.status.success(), "{ended:?}");
+    let told: serde_json::Value = serde_json::from_slice(&ended.stdout).unwrap();
+    assert_eq!(told["caught"], true);
+    assert!(told["crossing"]["miss_m"].as_f64().unwrap() < 0.04);
+    assert!(!told["decisions"].as_array().unwrap().is_empty());
+    let page = std::fs::read_to_string(&file).unwrap();
+    assert!(page.contains("Catching a ball") && page.contains("Decisions"));
+    std::fs::remove_file(file).unwrap();
+}
+
+#[test]
+fn a_ball_out_of_reach_is_declined_with_the_reason_and_a_next_step() {
+    let ended = cubectl("catch --robot powercube6 --ball 2.0,0,0.2,1,0,1");
+    assert_eq!(ended.status.code(), Some(i32::from(host::exit::NO_THROW)));
+    let told = String::from_utf8_lossy(&ended.stderr).into_owned();
+    assert!(told.contains("within the arm's reach") && told.contains("next:"), "{told}");
+}
+
+#[test]
+fn wrong_input_is_refused_with_its_code() {
+    for (words, code) in [
+        ("catch --robot pincher4 --ball 2,0,0.2,-2,0,3", host::exit::BAD_INPUT),
+        ("catch --ball 2,0,0.2,-2,0,300", host::exit::BAD_INPUT),
+        ("catch --ball 2,0,0.2", host::exit::USAGE),
+        ("rally --trouble rain", host::exit::USAGE),
+        ("rally --trouble frames-lost:2", host::exit::USAGE),
+        ("rally --court /nowhere.toml", host::exit::BAD_INPUT),
+    ] {
+        let ended = cubectl(words);
+        assert_eq!(ended.status.code(), Some(i32::from(code)), "{words}: {ended:?}");
+    }
+}
+
+#[test]
+fn a_ball_that_is_not_released_ends_the_rally_and_is_told() {
+    let ended = cubectl("rally --throws 2 --eyes-only --trouble not-released");
+    assert_eq!(ended.status.code(), Some(i32::from(host::exit::NOT_RELEASED)), "{ended:?}");
+    let told = String::from_utf8_lossy(&ended.stdout).into_owned();
+    assert!(told.contains("0 catches in a row") && told.contains("nothing thrown"), "{told}");
+}

@@ -1,0 +1,223 @@
+//! An industrial robot over sockets in step with its time: two programs, one plays the robot and the tracker, the other measures
+//! the target, throws, looks and records. The witness is the simulated robot's ball, which only the first program sees.
+
+mod program;
+
+use std::net::{TcpListener, UdpSocket};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+
+use serde_json::Value;
+
+use program::{cubectl, folder, text};
+
+/// A port that nobody has just now.
+fn free_port(tcp: bool) -> u16 {
+    if tcp {
+        TcpListener::bind("127.0.0.1:0").and_then(|s| s.local_addr()).expect("a port").port()
+    } else {
+        UdpSocket::bind("127.0.0.1:0").and_then(|s| s.local_addr()).expect("a port").port()
+    }
+}
+
+fn robot(words: &[&str]) -> Child {
+    Command::new(env!("CARGO_BIN_EXE_cubectl"))
+        .args(["sim", "--robot", "kr16_2"])
+        .args(words)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("runs")
+}
+
+fn json(path: &Path) -> Value {
+    serde_json::from_str(&std::fs::read_to_string(path).expect("written")).expect("JSON")
+}
+
+/// The millimetres of "…, 1.2 mm from it: bottle hit".
+fn off_mm(told: &str) -> f64 {
+    let before = told.split(" mm from it").next().expect("a landing");
+    before.rsplit(' ').next().and_then(|number| number.parse().ok()).unwrap_or_else(|| panic!("{told}"))
+}
+
+#[test]
+fn every_generation_and_transport_throws_at_a_tracked_target_and_the_bottle_is_hit() {
+    // The plan is for where the tracker will see the bottle, so that it is made once.
+    let work = folder("robot-link");
+    std::fs::create_dir_all(&work).expect("writable");
+    let planned = |period_ms: &str, starts: &str| {
+        let plan = work.join(format!("plan-{period_ms}.json")).to_string_lossy().into_owned();
+        let mut words = vec![
+            "plan",
+            "throw",
+            "--robot",
+            "kr16_2",
+            "--target",
+            "2.5,0,0.6",
+            "--lag-ms",
+            "24",
+            "--out",
+            &plan,
+        ];
+        words.extend(["--starts", starts, "--period", period_ms]);
+        let out = cubectl(&words);
+        assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
+        plan
+    };
+    let (slow, fast) = (planned("12", "8"), planned("4", "2"));
+    let robots = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robots/kr16_2");
+    for (name, tcp) in [("kr_c2", false), ("kr_c2_tcp", true), ("kr_c4", false), ("kr_c4_12ms", false)] {
+        let spec = format!("{}://127.0.0.1:{}?lockstep", if tcp { "tcp" } else { "udp" }, free_port(tcp));
+        let file = robots.join(format!("{name}.toml")).to_string_lossy().into_owned();
+        let child = robot(&["--rsi", &spec, "--scenario", &file, "--seed", "7", "--runs", "1"]);
+        let plan = if name == "kr_c4" { &fast } else { &slow };
+        let results = work.join(name).to_string_lossy().into_owned();
+        let bus = format!("rsi:{spec}");
+        let out = cubectl(&[
+            "throw", "--robot", "kr16_2", "--plan", plan, "--bus", &bus, "--rsi", &file, "--out", &results,
+            "--yes",
+        ]);
+        assert_eq!(out.status.code(), Some(0), "{name}: {}", text(&out.stderr));
+        assert!(text(&out.stdout).contains("thrown, not observed"), "{name}: {}", text(&out.stdout));
+        let sim = child.wait_with_output().expect("ends");
+        let told = text(&sim.stdout);
+        println!("{name}: {told}");
+        assert!(
+            told.contains("bottle hit") && told.contains("program ended"),
+            "{name}: {told} {}",
+            text(&sim.stderr)
+        );
+        assert!(told.contains("0 late answers, 0 refused"), "{name}: {told}");
+        // What the client concludes from the measured axes is what the ball did.
+        let summary = json(&Path::new(&results).join("summary.json"));
+        let predicted = summary["text"].as_str().expect("text").to_owned();
+        assert!(off_mm(&told) < 10.0, "{name}: {told}; {predicted}");
+        // The recorded exchange gives the same answers again, and makes a report.
+        let out = cubectl(&["replay", &results]);
+        assert!(
+            text(&out.stdout).starts_with("identical: "),
+            "{name}: {} {}",
+            text(&out.stdout),
+            text(&out.stderr)
+        );
+        let out = cubectl(&["report", &results]);
+        assert_eq!(out.status.code(), Some(0), "{name}: {}", text(&out.stderr));
+        let html = std::fs::read_to_string(Path::new(&results).join("report.html")).expect("written");
+        assert!(html.contains("Commanded against actual") && html.contains("const scene="), "{name}");
+    }
+}
+
+#[test]
+fn tracked_target_is_measured_calibrated_and_thrown_at_and_a_missing_body_is_refused() {
+    let work = folder("robot-tracker");
+    std::fs::create_dir_all(&work).expect("writable");
+    let room = work.join("room.toml").to_string_lossy().into_owned();
+    // The room is turned and shifted; the same three points are seen by tracker and robot.
+    let at = ["1.1,0.4,0.9", "0.9,-0.5,1.2", "1.4,0.1,0.5"];
+    for (k, place) in at.iter().enumerate() {
+        let data = format!("127.0.0.1:{}", free_port(false));
+        let spec = format!("udp://127.0.0.1:{}?lockstep", free_port(false));
+        let words = [
+            "--rsi",
+            &spec,
+            "--tracker",
+            &data,
+            "--bottle",
+            place,
+            "--room",
+            "0.3,-0.2,0.1,30",
+            "--for",
+            "60",
+        ];
+        let mut child = robot(&words);
+        let out = cubectl(&["tracker", "calibrate", "--tracker", &data, "--file", &room, "--tool-at", place]);
+        let expected = if k < 2 { Some(9) } else { Some(0) };
+        child.kill().expect("runs");
+        let _ = child.wait();
+        assert_eq!(out.status.code(), expected, "{place}: {}", text(&out.stderr));
+    }
+    // The target, in the frame of the robot.
+    let (data, port) = (format!("127.0.0.1:{}", free_port(false)), free_port(false));
+    let spec = format!("udp://127.0.0.1:{port}?lockstep");
+    let bottle = ["--bottle", "2.4,0.3,0.6", "--room", "0.3,-0.2,0.1,30"];
+    let mut words = vec!["--rsi", &spec, "--tracker", &data];
+    words.extend(bottle);
+    let child = robot(&words);
+    let shown = cubectl(&["tracker", "show", "--tracker", &data, "--calibration", &room, "--json"]);
+    assert_eq!(shown.status.code(), Some(0), "{}", text(&shown.stderr));
+    let value: Value = serde_json::from_slice(&shown.stdout).expect("JSON");
+    for (seen, true_m) in value["position_m"].as_array().expect("three").iter().zip([2.4, 0.3, 0.6]) {
+        assert!((seen.as_f64().expect("a number") - true_m).abs() < 1e-3, "{value}");
+    }
+    let missing = cubectl(&["tracker", "show", "--tracker", &data, "--tracker-body", "3"]);
+    assert_eq!(missing.status.code(), Some(9));
+    assert!(text(&missing.stderr).contains("body 3 was not seen"), "{}", text(&missing.stderr));
+    let (bus, out_folder) = (format!("rsi:{spec}"), work.join("throw").to_string_lossy().into_owned());
+    let out = cubectl(&[
+        "throw",
+        "--robot",
+        "kr16_2",
+        "--target",
+        "tracker",
+        "--tracker",
+        &data,
+        "--calibration",
+        &room,
+        "--bus",
+        &bus,
+        "--starts",
+        "16",
+        "--out",
+        &out_folder,
+        "--yes",
+    ]);
+    assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
+    // Ctrl-C ends the robot; the tracker was still there for a look after the throw.
+    let pid = child.id().to_string();
+    assert!(Command::new("kill").args(["-INT", &pid]).status().expect("runs").success());
+    let sim = child.wait_with_output().expect("ends");
+    let told = text(&sim.stdout);
+    println!("{told}");
+    assert!(told.contains("bottle hit"), "{told}");
+    let summary = json(&Path::new(&out_folder).join("summary.json"));
+    assert!(
+        summary["target"]["moved_during_throw_m"].as_f64().expect("looked") < 1e-3,
+        "{}",
+        summary["target"]
+    );
+}
+
+#[test]
+fn doctor_status_record_and_replay_look_at_a_robot_that_is_held() {
+    let work = folder("robot-look");
+    std::fs::create_dir_all(&work).expect("writable");
+    let spec = format!("udp://127.0.0.1:{}?lockstep", free_port(false));
+    let bus = format!("rsi:{spec}");
+    let mut child = robot(&["--rsi", &spec, "--for", "120"]);
+    let out = cubectl(&["doctor", "--bus", &bus]);
+    assert_eq!(out.status.code(), Some(0), "{} {}", text(&out.stdout), text(&out.stderr));
+    assert!(text(&out.stdout).contains("each telegram counts 1 more"), "{}", text(&out.stdout));
+    // The robot runs another program than the description says.
+    let out = cubectl(&["doctor", "--bus", &bus, "--rsi", "kr-c4-12ms"]);
+    assert_eq!(out.status.code(), Some(9), "{}", text(&out.stdout));
+    assert!(text(&out.stdout).contains("PROBLEM  numbers"), "{}", text(&out.stdout));
+    let out = cubectl(&["status", "--bus", &bus, "--json"]);
+    let value: Value = serde_json::from_slice(&out.stdout).expect("JSON");
+    assert!((value["actual_deg"][1].as_f64().expect("a number") + 90.0).abs() < 0.01, "{value}");
+    let recording = work.join("held").to_string_lossy().into_owned();
+    let out = cubectl(&["record", &recording, "--bus", &bus, "--for", "1"]);
+    assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
+    let out = cubectl(&["replay", &recording]);
+    assert!(text(&out.stdout).starts_with("identical: "), "{} {}", text(&out.stdout), text(&out.stderr));
+    // One changed digit of an answer is found.
+    let log = Path::new(&recording).join("log.rsi");
+    let exchange = std::fs::read_to_string(&log).expect("written");
+    std::fs::write(&log, exchange.replacen("A3=\"0.000000\"", "A3=\"0.000001\"", 1)).expect("writable");
+    assert_eq!(cubectl(&["replay", &recording]).status.code(), Some(9));
+    child.kill().expect("runs");
+    let _ = child.wait();
+    // A CAN verb says what it wants instead.
+    let out = cubectl(&["scan", "--bus", &bus]);
+    assert_eq!(out.status.code(), Some(7), "{}", text(&out.stderr));
+    assert!(text(&out.stderr).contains("not to a CAN bus"), "{}", text(&out.stderr));
+}

@@ -1,0 +1,152 @@
+//! Arrows between packages and rooms go down only: the order is data in `order.rs`.
+
+mod order;
+mod paths;
+mod rooms;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use order::{FOLDERS, PACKAGES};
+use rooms::{Tree, wrong_arrows};
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).unwrap().to_owned()
+}
+
+/// Floor of a name.
+fn floor_of(floors: &[&[&str]], name: &str) -> Option<usize> {
+    floors.iter().position(|floor| floor.contains(&name))
+}
+
+/// Rust sources under a folder: path from the folder → text.
+fn sources(folder: &Path) -> Tree {
+    fn walk(root: &Path, folder: &Path, found: &mut Tree) {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                walk(root, &path, found);
+            } else if path.extension().is_some_and(|extension| extension == "rs") {
+                let name = path.strip_prefix(root).unwrap().to_str().unwrap().to_owned();
+                found.insert(name, std::fs::read_to_string(&path).unwrap());
+            }
+        }
+    }
+    let mut found = Tree::new();
+    walk(folder, folder, &mut found);
+    found
+}
+
+/// Package names and the workspace packages each one depends on, development and build included.
+fn packages() -> BTreeMap<String, Vec<String>> {
+    let cargo = std::process::Command::new(env!("CARGO"))
+        .args([
+            "tree",
+            "--workspace",
+            "--locked",
+            "--offline",
+            "--depth",
+            "1",
+            "--prefix",
+            "depth",
+            "--format",
+            " {p}",
+        ])
+        .args(["--edges", "normal,build,dev", "--no-dedupe", "--all-features"])
+        .current_dir(root())
+        .output()
+        .unwrap();
+    assert!(cargo.status.success(), "{}", String::from_utf8_lossy(&cargo.stderr));
+    let text = String::from_utf8(cargo.stdout).unwrap();
+    let here = root().to_str().unwrap().to_owned();
+    let mut found: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    let mut user = String::new();
+    for line in text.lines().filter(|line| line.contains(&here)) {
+        let (depth, package) = line.split_once(' ').unwrap();
+        let name = package.split(' ').next().unwrap().to_owned();
+        match depth {
+            "0" => {
+                user.clone_from(&name);
+                found.entry(name).or_default();
+            }
+            _ => found.get_mut(&user).unwrap().push(name),
+        }
+    }
+    found
+}
+
+fn wrong_packages(packages: &BTreeMap<String, Vec<String>>, floors: &[&[&str]]) -> Vec<String> {
+    let mut wrong = Vec::new();
+    for (user, used) in packages {
+        let Some(floor) = floor_of(floors, user) else {
+            wrong.push(format!("package {user} is on no floor of tests/layers/order.rs"));
+            continue;
+        };
+        for used in used {
+            if floor_of(floors, used).is_none_or(|below| below >= floor) {
+                wrong.push(format!("package {user} must not use package {used}"));
+            }
+        }
+    }
+    wrong
+}
+
+#[test]
+fn packages_use_lower_floors_only() {
+    let packages = packages();
+    let edges: usize = packages.values().map(Vec::len).sum();
+    assert!(
+        packages.len() >= 14 && edges >= 40,
+        "the scan found {} packages and {edges} arrows",
+        packages.len()
+    );
+    let wrong = wrong_packages(&packages, PACKAGES);
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// The floors as `docs/walk-through.md` lists them, the highest first.
+fn listed(floors: &[&[&str]]) -> String {
+    let line = |(number, names): (usize, &&[&str])| {
+        let mut names = names.to_vec();
+        names.sort_unstable();
+        format!(" {}  {}\n", number + 1, names.join("  "))
+    };
+    floors.iter().enumerate().rev().map(line).collect()
+}
+
+#[test]
+fn the_walk_through_lists_the_floors() {
+    let page = std::fs::read_to_string(root().join("docs/walk-through.md")).unwrap();
+    let wanted = listed(PACKAGES);
+    assert!(page.contains(&wanted), "docs/walk-through.md must list\n{wanted}");
+}
+
+#[test]
+fn rooms_use_lower_floors_only() {
+    let (mut wrong, mut arrows) = (Vec::new(), 0);
+    for folder in FOLDERS {
+        let path = root().join(folder.path);
+        let crate_root = path.ancestors().find(|above| above.join("lib.rs").exists()).unwrap();
+        let tree = sources(crate_root);
+        let inside = path.strip_prefix(crate_root).unwrap().to_str().unwrap();
+        let (found, count) = wrong_arrows(&tree, inside, folder.floors);
+        arrows += count;
+        wrong.extend(found.into_iter().map(|what| format!("{}: {what}", folder.path)));
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    assert!(arrows > 40, "the scan found {arrows} arrows");
+}
+
+#[test]
+fn a_package_that_uses_a_higher_one_or_has_no_floor_is_found() {
+    let packages = BTreeMap::from([
+        ("low".to_owned(), vec!["high".to_owned()]),
+        ("high".to_owned(), vec!["low".to_owned()]),
+        ("new".to_owned(), Vec::new()),
+    ]);
+    let wrong = wrong_packages(&packages, &[&["low"], &["high"]]);
+    assert_eq!(
+        wrong,
+        ["package low must not use package high", "package new is on no floor of tests/layers/order.rs"]
+    );
+}
