@@ -15,6 +15,8 @@ use std::time::Instant as Clock;
 use bench::Options;
 use firmware::ControllerNode;
 use firmware::authority::Seed;
+use firmware::groups::powercube::PowerCubes;
+use firmware::spline::Spline;
 use firmware::state::StateKind;
 use firmware::store::RamStorage;
 use host::{Call, Host};
@@ -30,7 +32,7 @@ enum Kind {
     Other,
 }
 
-fn node() -> ControllerNode<RamStorage> {
+fn node() -> ControllerNode<RamStorage, Spline, PowerCubes> {
     ControllerNode::new(
         Instant::ZERO,
         RamStorage::new(),

@@ -157,8 +157,10 @@ pub struct Settings {
 const POWERCUBE6_CRC32: u32 = 0x5FBA_17F9;
 
 impl Settings {
-    /// [`Self::powercube6`] as a constant: made by the compiler, not by code on a board.
+    /// [`Self::powercube6`] as a constant, computed by the compiler and not by code on a board.
     pub const POWERCUBE6: Self = Self::powercube6();
+    /// Settings of a controller whose defaults fail [`Self::check`].
+    pub const BUILT_IN: Self = Self::POWERCUBE6;
 
     /// The PowerCube arm (`powercube6`), gains of the certified saturated design at 3 ms.
     ///

@@ -8,7 +8,9 @@ mod host;
 use bench::*;
 use firmware::ControllerNode;
 use firmware::authority::Seed;
+use firmware::groups::powercube::PowerCubes;
 use firmware::host_link::{HostBus, Port};
+use firmware::spline::Spline;
 use firmware::state::StateKind;
 use firmware::store::RamStorage;
 use host::{Call, Host};
@@ -28,7 +30,7 @@ fn recorded() -> (Vec<Call>, Vec<(Instant, Frame)>) {
     (host.bench.controller.calls, host.bench.controller.frames)
 }
 
-fn node(host_bus: HostBus) -> ControllerNode<RamStorage> {
+fn node(host_bus: HostBus) -> ControllerNode<RamStorage, Spline, PowerCubes> {
     let settings = Options::default().settings;
     let (identity, seed) = (Default::default(), Seed::FORESEEABLE);
     let mut node = ControllerNode::new(Instant::ZERO, RamStorage::new(), &settings, identity, seed);

@@ -12,7 +12,9 @@ use std::rc::Rc;
 use bench::{Bench, Controlled, Options};
 use embedded_can::nb::Can;
 use embedded_hal::digital::{ErrorKind as PinErrorKind, ErrorType, OutputPin};
+use firmware::groups::powercube::PowerCubes;
 use firmware::runner::{Clock, FRAMES_BEFORE_DEADLINE, LATE_MAX, Pins, Runner, Turn};
+use firmware::spline::Spline;
 use firmware::state::StateKind;
 use firmware::store::RamStorage;
 use firmware::{Controller, ControllerNode};
@@ -124,7 +126,7 @@ impl OutputPin for Pin {
 
 /// A board on the bench: what the bench hands over goes through the CAN controller and the runner.
 struct Board {
-    node: ControllerNode<RamStorage>,
+    node: ControllerNode<RamStorage, Spline, PowerCubes>,
     runner: Runner<CanPort, HandClock, Pin, Pin, Pin>,
     can: CanPort,
     clock: HandClock,
@@ -188,10 +190,10 @@ impl Node for Board {
 }
 
 impl Controlled for Board {
-    fn core(&self) -> &Controller<RamStorage> {
+    fn core(&self) -> &Controller<RamStorage, Spline, PowerCubes> {
         self.node.controller()
     }
-    fn core_mut(&mut self) -> &mut Controller<RamStorage> {
+    fn core_mut(&mut self) -> &mut Controller<RamStorage, Spline, PowerCubes> {
         panic!("a board has no other door than its bus and its node")
     }
 }

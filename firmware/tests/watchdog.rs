@@ -5,6 +5,7 @@ mod bench;
 use bench::*;
 use firmware::Controller;
 use firmware::fault::{Cause, Fault};
+use firmware::groups::powercube::PowerCubes;
 use firmware::orders::Order;
 use firmware::settings::Settings;
 use firmware::state::StateKind;
@@ -197,7 +198,11 @@ fn without_the_proof_a_halted_drive_is_reset_and_one_that_stays_halted_is_refuse
     assert_eq!(boot(&mut bench), None);
     assert_eq!(bench.kind(), StateKind::Ready);
     let mut bench = Bench::with(
-        Controller::new(RamStorage::new(), &settings, firmware::authority::Seed::FORESEEABLE),
+        Controller::<_, _, PowerCubes>::new(
+            RamStorage::new(),
+            &settings,
+            firmware::authority::Seed::FORESEEABLE,
+        ),
         Options { settings, ..Options::default() },
     );
     bench.drives[0].stays_halted = true;

@@ -137,6 +137,37 @@ fn rooms_use_lower_floors_only() {
     assert!(arrows > 40, "the scan found {arrows} arrows");
 }
 
+/// Words of a family of drives, which the code of the controller must not name; comments and strings may.
+const FAMILY_WORDS: [&str; 4] = ["groups", "Frame", "PowerCubes", "embedded_can"];
+
+fn family_words(tree: &Tree) -> Vec<String> {
+    let mut found = Vec::new();
+    for (file, text) in tree {
+        let words = paths::words(text);
+        let named = FAMILY_WORDS.iter().filter(|family| words.iter().any(|word| word == *family));
+        found.extend(named.map(|family| format!("{file} names {family}")));
+    }
+    found
+}
+
+#[test]
+fn the_controller_names_no_frame_and_no_family_of_drives() {
+    let tree = sources(&root().join("firmware/src/controller"));
+    assert!(tree.len() >= 8, "the scan found {} files", tree.len());
+    let found = family_words(&tree);
+    assert!(found.is_empty(), "firmware/src/controller: {}", found.join("\n"));
+}
+
+#[test]
+fn a_controller_that_names_a_frame_or_a_family_is_found() {
+    let tree = Tree::from([
+        ("a.rs".to_owned(), "//! Frame\nuse protocol::{Frame, Instant};".to_owned()),
+        ("b.rs".to_owned(), "type G = crate::groups::powercube::PowerCubes; // PowerCubes".to_owned()),
+        ("c.rs".to_owned(), "struct FreezeFrame; /* groups */ const A: &str = \"groups\";".to_owned()),
+    ]);
+    assert_eq!(family_words(&tree), ["a.rs names Frame", "b.rs names groups", "b.rs names PowerCubes"]);
+}
+
 #[test]
 fn a_package_that_uses_a_higher_one_or_has_no_floor_is_found() {
     let packages = BTreeMap::from([

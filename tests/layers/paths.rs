@@ -37,6 +37,15 @@ pub(crate) fn read(text: &str) -> Source {
     source
 }
 
+/// Words of a source: identifiers, keywords and numbers; none of its comments and strings.
+pub(crate) fn words(text: &str) -> Vec<String> {
+    let word = |token| match token {
+        Token::Word(word) => Some(word),
+        Token::Sign(_) => None,
+    };
+    tokens(text).into_iter().filter_map(word).collect()
+}
+
 /// `::` at this place.
 fn is_separator(tokens: &[Token], at: usize) -> bool {
     tokens.get(at) == Some(&Token::Sign(':')) && tokens.get(at.wrapping_add(1)) == Some(&Token::Sign(':'))

@@ -10,11 +10,13 @@ use firmware::Controller;
 use firmware::authority::{Peer, Seed};
 use firmware::envelope::Envelope;
 use firmware::events::{Action, PlanEvents};
+use firmware::groups::powercube::PowerCubes;
 use firmware::groups::powercube::transmit::QUEUE_LEN;
 use firmware::joints::PerJoint;
 use firmware::orders::{Done, Order, Target};
 use firmware::retarget::EndState;
 use firmware::settings::Settings;
+use firmware::spline::Spline;
 use firmware::state::StateKind;
 use firmware::store::{FileName, RamStorage};
 use firmware::trajectory_format::{self, Header};
@@ -32,7 +34,7 @@ use protocol_fuzz::Input;
 const HOST: Peer = Peer::new(42);
 
 struct Bench {
-    controller: Box<Controller<RamStorage>>,
+    controller: Box<Controller<RamStorage, Spline, PowerCubes>>,
     now: Instant,
     /// Requests that no answer was given to yet.
     open: Vec<AddressedRequest>,

@@ -3,7 +3,7 @@
 //! # Calls
 //!
 //! * **Drives**: [`Controller::handle_packet`], [`Controller::handle_deadline`], [`Controller::poll_packet`],
-//!   [`Controller::poll_deadline`]. A group that speaks CAN makes the controller a [`Node`].
+//!   [`Controller::poll_deadline`]. The packet is that of the group.
 //! * **Host**: [`Controller::order`], [`Controller::stop_now`], [`Controller::host_heartbeat`], registers, upload.
 //!   They do not know by which protocol a host speaks. After each call the runner drains
 //!   [`Controller::poll_packet`], as after a `handle_*` call; `now` obeys the same rule.
@@ -21,9 +21,9 @@
 //!
 //! # Bounded work
 //!
-//! One call handles one frame or one set of deadlines: at most one control step (a fixed number of
-//! operations per joint) and at most [`QUEUE_LEN`](crate::groups::powercube::transmit::QUEUE_LEN) frames out. Only a commit takes longer,
-//! a few milliseconds on a Cortex-M4 for the longest file, and it is refused while anything is armed or moves.
+//! One call handles one packet or one set of deadlines: at most one control step (a fixed number of operations per joint)
+//! and at most as many packets out as the transmit queue of the group holds. Only a commit takes longer, a few milliseconds
+//! on a Cortex-M4 for the longest file, and it is refused while anything is armed or moves.
 
 mod arming;
 mod authority;
@@ -39,14 +39,13 @@ mod tracker;
 
 use core::borrow::BorrowMut;
 
-use protocol::{Duration, Frame, Instant, JointIndex, Node};
+use protocol::{Duration, Instant, JointIndex};
 
 use self::tracker::Tracker;
 use crate::authority::{Keyring, Peer, Seed, Session, Tokens};
 use crate::freeze::FreezeFrame;
 use crate::gripper::Gripper;
 use crate::group::{Command, DriveGroup};
-use crate::groups::powercube::PowerCubes;
 use crate::joints::PerJoint;
 use crate::registers;
 use crate::settings::Settings;
@@ -71,7 +70,7 @@ struct Unlock {
 }
 
 /// See the [module](self).
-pub struct Controller<S, M = Spline, G = PowerCubes> {
+pub struct Controller<S, M, G> {
     settings: Settings,
     /// Settings the controller was started with: no limit may be wider unless unlocked.
     ceiling: Settings,
@@ -113,7 +112,7 @@ fn default_in_place<T: Default>() -> T {
     T::default()
 }
 
-impl<S: Storage> Controller<S> {
+impl<S: Storage, G: DriveGroup> Controller<S, Spline, G> {
     /// [`Self::with_spline`] with a spline of its own.
     pub fn new(storage: S, defaults: &Settings, seed: Seed) -> Self {
         Self::with_spline(storage, Spline::empty(), defaults, seed)
@@ -125,7 +124,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     /// the drives at its first deadline.
     ///
     /// `spline` is where the trajectory is kept; a board gives a static place, because 17 KB on their way through the
-    /// stack are too much. `defaults` must pass [`Settings::check`]; others are replaced by [`Settings::powercube6`]. Their
+    /// stack are too much. `defaults` must pass [`Settings::check`]; others are replaced by [`Settings::BUILT_IN`]. Their
     /// limits are the widest that are taken without an unlock. Tokens are drawn from `seed`.
     pub fn with_spline(storage: S, spline: M, defaults: &Settings, seed: Seed) -> Self {
         let mut controller = Self::blank(storage, spline, seed);
@@ -141,13 +140,15 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         controller
     }
 
-    /// Nothing looked up yet. A call of its own for each large part, and no decision in between: so the compiler makes them
-    /// where they stay, instead of making and moving them (12 KB more of a board's stack).
+    /// A controller that has loaded nothing yet; [`Self::restore`] must follow.
+    ///
+    /// Each large part comes from a function of its own, without a branch in between. The compiler then builds the parts in
+    /// place; otherwise it builds and moves them, which takes 12 KB more of a board's stack.
     #[inline(never)]
     pub(crate) fn blank(storage: S, spline: M, seed: Seed) -> Self {
         Self {
-            settings: Settings::POWERCUBE6,
-            ceiling: Settings::POWERCUBE6,
+            settings: Settings::BUILT_IN,
+            ceiling: Settings::BUILT_IN,
             machine: Machine::new(),
             group: default_in_place(),
             trackers: default_in_place(),
@@ -174,10 +175,10 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         }
     }
 
-    /// Takes over what is stored.
+    /// Loads the stored settings and trajectory.
     #[inline(never)]
     pub(crate) fn restore(&mut self, defaults: &Settings) {
-        let defaults = if defaults.check().is_ok() { defaults } else { &Settings::POWERCUBE6 };
+        let defaults = if defaults.check().is_ok() { defaults } else { &Settings::BUILT_IN };
         self.ceiling = *defaults;
         self.settings = store::load_settings(&self.storage, defaults);
         // An unlock ends with the power: limits that were saved meanwhile are put back.
@@ -316,23 +317,5 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     pub fn poll_deadline(&self) -> Option<Instant> {
         let group = self.group.poll_timeout(self.now, &self.settings);
         group.into_iter().chain(self.gripper.next_at()).min()
-    }
-}
-
-impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup<Packet = Frame>> Node for Controller<S, M, G> {
-    fn handle_frame(&mut self, now: Instant, frame: &Frame) {
-        self.handle_packet(now, frame);
-    }
-
-    fn handle_timeout(&mut self, now: Instant) {
-        self.handle_deadline(now);
-    }
-
-    fn poll_frame(&mut self) -> Option<Frame> {
-        self.poll_packet()
-    }
-
-    fn poll_timeout(&self) -> Option<Instant> {
-        self.poll_deadline()
     }
 }

@@ -1,8 +1,8 @@
 //! The controller with its host link: Cyphal/CAN beside the drives.
 //!
 //! Only translation lives here: `app` answers what the node is asked for, `messages` turns commands into [`Order`]s,
-//! register values into numbers and samples into messages, `history` freeze frame and trace into files; this file keeps the
-//! pace. The numbers, parameters and messages are those of [`protocol::cyphal::cubecell`].
+//! register values into numbers and samples into messages, `history` freeze frame and trace into files, `can_node` makes
+//! controllers nodes of a CAN bus; this file decides when each frame leaves. The numbers, parameters and messages are those of [`protocol::cyphal::cubecell`].
 //!
 //! # Two ports
 //!
@@ -10,7 +10,7 @@
 //!
 //! | wiring | how |
 //! |---|---|
-//! | one CAN bus for both (the default) | the node is a [`Node`]; 11-bit ids are the drives', 29-bit ids the host's ([`Port::on_one_bus`]) |
+//! | one CAN bus for both (the default) | the node is a [`protocol::Node`]; 11-bit ids are the drives', 29-bit ids the host's ([`Port::on_one_bus`]) |
 //! | a bus for each | [`HostBus::Own`]; the runner names the port with each call: [`ControllerNode::handle_host_frame`], [`ControllerNode::handle_packet`], [`ControllerNode::poll_host_frame`], [`ControllerNode::poll_packet`] |
 //! | drives that do not speak CAN | the same; packets are those of the group |
 //! | no host link | [`Controller`] itself, with orders given in the process |
@@ -31,6 +31,7 @@
 //! A call that makes a control step makes nothing else: samples are taken in the next call.
 
 mod app;
+mod can_node;
 mod history;
 mod messages;
 
@@ -41,7 +42,7 @@ use protocol::cyphal::id::{NodeId, Priority, SubjectId};
 use protocol::cyphal::server::{ControllerCore, Publication};
 use protocol::cyphal::uavcan::diagnostic::Severity;
 use protocol::cyphal::uavcan::heartbeat;
-use protocol::{Duration, Frame, Instant, JOINTS_MAX, Node};
+use protocol::{Duration, Frame, Instant, JOINTS_MAX};
 
 use self::app::{App, LateHost};
 pub use self::messages::group_message;
@@ -49,7 +50,6 @@ use crate::authority::{Peer, Seed};
 use crate::controller::Controller;
 use crate::fault::Refusal;
 use crate::group::DriveGroup;
-use crate::groups::powercube::PowerCubes;
 use crate::orders::{Done, Order};
 use crate::settings::Settings;
 use crate::spline::Spline;
@@ -101,7 +101,7 @@ pub enum HostBus {
 }
 
 /// Controller and host link.
-pub struct ControllerNode<S, M = Spline, G = PowerCubes> {
+pub struct ControllerNode<S, M, G> {
     link: ControllerCore,
     app: App<S, M, G>,
     group_state: Publication,
@@ -129,7 +129,7 @@ fn link(now: Instant) -> ControllerCore {
 /// Until the settings are known.
 const UNSET: SubjectId = SubjectId::from_low_bits(0);
 
-impl<S: Storage> ControllerNode<S> {
+impl<S: Storage, G: DriveGroup> ControllerNode<S, Spline, G> {
     /// [`Self::with_spline`] with a spline of its own.
     pub fn new(now: Instant, storage: S, defaults: &Settings, identity: Identity, seed: Seed) -> Self {
         Self::with_spline(now, storage, Spline::empty(), defaults, identity, seed)
@@ -387,27 +387,5 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> ControllerNode<S, M, G> {
         let paced = self.held.is_some().then(|| self.may_send_at()).filter(|at| *at > self.now);
         let link = self.later.unwrap_or_else(|| self.link.poll_timeout());
         self.app.controller.poll_deadline().into_iter().chain([link]).chain(paced).min()
-    }
-}
-
-/// Both ports on one CAN bus.
-impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup<Packet = Frame>> Node for ControllerNode<S, M, G> {
-    fn handle_frame(&mut self, now: Instant, frame: &Frame) {
-        match Port::on_one_bus(frame) {
-            Port::Host => self.handle_host_frame(now, frame),
-            Port::Drives => self.handle_packet(now, frame),
-        }
-    }
-
-    fn handle_timeout(&mut self, now: Instant) {
-        self.handle_deadline(now);
-    }
-
-    fn poll_frame(&mut self) -> Option<Frame> {
-        self.poll_packet().or_else(|| self.poll_host_frame())
-    }
-
-    fn poll_timeout(&self) -> Option<Instant> {
-        self.poll_deadline()
     }
 }

@@ -194,11 +194,13 @@ fn the_key_changes_and_goes_only_with_a_code_of_the_old_one_and_survives_a_resta
     set(&mut keyed, Some([2; 32]), KEY).unwrap();
     assert_eq!(cause(keyed.order(FIRST, Order::SaveSettings)), Cause::CodeWrong, "the old key");
     let storage = keyed.bench.controller.storage().clone();
-    let again = Controller::new(storage, &Settings::powercube6(), Seed::FORESEEABLE);
+    let again = Controller::<_, _, PowerCubes>::new(storage, &Settings::powercube6(), Seed::FORESEEABLE);
     assert!(again.is_keyed());
     set(&mut keyed, None, [2; 32]).unwrap();
     assert!(!keyed.bench.controller.is_keyed());
     assert_eq!(cause(keyed.bench.order_of(FIRST, Order::Challenge)), Cause::NoKey);
     let storage = keyed.bench.controller.storage().clone();
-    assert!(!Controller::new(storage, &Settings::powercube6(), Seed::FORESEEABLE).is_keyed());
+    assert!(
+        !Controller::<_, _, PowerCubes>::new(storage, &Settings::powercube6(), Seed::FORESEEABLE).is_keyed()
+    );
 }

@@ -8,6 +8,7 @@ mod keyed;
 use bench::*;
 use firmware::authority::{Peer, Seed};
 use firmware::fault::{Cause, Refusal};
+use firmware::groups::powercube::PowerCubes;
 use firmware::orders::{Done, Order};
 use firmware::registers::Number;
 use firmware::settings::Settings;
@@ -255,7 +256,7 @@ fn limits_saved_while_unlocked_do_not_survive_a_restart() {
     write(&mut bench, FIRST, "telemetry.period_us", &[Number::Natural32(50_000)]).unwrap();
     bench.order_of(FIRST, Order::SaveSettings).unwrap();
     let storage = bench.controller.storage().clone();
-    let again = Controller::new(storage, &Settings::powercube6(), Seed::FORESEEABLE);
+    let again = Controller::<_, _, PowerCubes>::new(storage, &Settings::powercube6(), Seed::FORESEEABLE);
     assert_eq!(again.settings().telemetry_period_us, 50_000, "what was saved is found");
     assert_eq!(again.settings().joint, Settings::powercube6().joint);
     assert!(!again.is_unlocked());
@@ -291,7 +292,7 @@ fn gains_without_a_certificate_or_of_another_robot_are_not_armed() {
 fn tokens_cannot_be_foreseen_from_the_clock() {
     let token = |seed: Seed| {
         let settings = Settings::powercube6();
-        let controller = Controller::new(RamStorage::new(), &settings, seed);
+        let controller = Controller::<_, _, PowerCubes>::new(RamStorage::new(), &settings, seed);
         let mut bench = Bench::with(controller, Options::default());
         for (drive, q) in bench.drives.iter_mut().zip(throw_start()) {
             drive.place(q);
@@ -327,7 +328,8 @@ fn a_restarted_controller_knows_no_session_and_a_restarted_host_loses_its_own() 
     let (mut bench, name) = committed();
     let token = offer(&mut bench, FIRST, name);
     let storage = bench.controller.storage().clone();
-    let again = Controller::new(storage, &Settings::powercube6(), Seed::from_entropy([9; 32]));
+    let again =
+        Controller::<_, _, PowerCubes>::new(storage, &Settings::powercube6(), Seed::from_entropy([9; 32]));
     let mut bench = Bench::with(again, Options::default());
     for (drive, q) in bench.drives.iter_mut().zip(throw_start()) {
         drive.place(q);

@@ -2,6 +2,8 @@
 #![allow(dead_code)]
 
 use firmware::authority::Seed;
+use firmware::groups::powercube::PowerCubes;
+use firmware::spline::Spline;
 use firmware::state::StateKind;
 use firmware::store::RamStorage;
 use firmware::{Controller, ControllerNode};
@@ -30,7 +32,7 @@ pub(crate) struct Call {
 
 /// A node that writes down what it is called with and what it sends.
 pub(crate) struct Recorder {
-    pub node: ControllerNode<RamStorage>,
+    pub node: ControllerNode<RamStorage, Spline, PowerCubes>,
     pub calls: Vec<Call>,
     pub frames: Vec<(Instant, Frame)>,
 }
@@ -56,10 +58,10 @@ impl Node for Recorder {
 }
 
 impl Controlled for Recorder {
-    fn core(&self) -> &Controller<RamStorage> {
+    fn core(&self) -> &Controller<RamStorage, Spline, PowerCubes> {
         self.node.controller()
     }
-    fn core_mut(&mut self) -> &mut Controller<RamStorage> {
+    fn core_mut(&mut self) -> &mut Controller<RamStorage, Spline, PowerCubes> {
         panic!("the host link is the only door here")
     }
 }
@@ -97,7 +99,10 @@ pub(crate) const PORTS: [Port; 8] = [
 ];
 
 impl Host {
-    pub(crate) fn node(storage: RamStorage, options: &Options) -> ControllerNode<RamStorage> {
+    pub(crate) fn node(
+        storage: RamStorage,
+        options: &Options,
+    ) -> ControllerNode<RamStorage, Spline, PowerCubes> {
         let (identity, seed) = (Default::default(), Seed::FORESEEABLE);
         ControllerNode::new(Instant::ZERO, storage, &options.settings, identity, seed)
     }

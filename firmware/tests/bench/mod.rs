@@ -13,10 +13,11 @@ pub(crate) use drive::{BenchDrive, Wrong};
 use firmware::Controller;
 use firmware::authority::{Peer, Seed};
 use firmware::events::PlanEvents;
+use firmware::groups::powercube::PowerCubes;
 use firmware::joints::PerJoint;
 use firmware::orders::{Done, Order};
 use firmware::settings::Settings;
-use firmware::spline::Knot;
+use firmware::spline::{Knot, Spline};
 use firmware::state::StateKind;
 use firmware::store::{FileName, RamStorage};
 use firmware::trajectory_format::{self, FILE_LEN_MAX, Header};
@@ -65,20 +66,20 @@ impl Default for Options {
 
 /// What the bench drives: the controller alone, or with its host link.
 pub(crate) trait Controlled: Node {
-    fn core(&self) -> &Controller<RamStorage>;
-    fn core_mut(&mut self) -> &mut Controller<RamStorage>;
+    fn core(&self) -> &Controller<RamStorage, Spline, PowerCubes>;
+    fn core_mut(&mut self) -> &mut Controller<RamStorage, Spline, PowerCubes>;
 }
 
-impl Controlled for Controller<RamStorage> {
-    fn core(&self) -> &Controller<RamStorage> {
+impl Controlled for Controller<RamStorage, Spline, PowerCubes> {
+    fn core(&self) -> &Controller<RamStorage, Spline, PowerCubes> {
         self
     }
-    fn core_mut(&mut self) -> &mut Controller<RamStorage> {
+    fn core_mut(&mut self) -> &mut Controller<RamStorage, Spline, PowerCubes> {
         self
     }
 }
 
-pub(crate) struct Bench<C = Controller<RamStorage>> {
+pub(crate) struct Bench<C = Controller<RamStorage, Spline, PowerCubes>> {
     pub controller: Box<C>,
     pub drives: Vec<BenchDrive>,
     pub log: Vec<Logged>,

@@ -5,9 +5,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use can_link::{BusSpec, CanLink, Clock, Role, RunError, Runner, Urgent};
 use firmware::ControllerNode;
+use firmware::groups::powercube::PowerCubes;
 use firmware::host_link::Identity;
 use firmware::orders::Order;
 use firmware::settings::Settings;
+use firmware::spline::Spline;
 use firmware::store::{RamStorage, Storage, load_settings};
 use protocol::Duration;
 use protocol::cyphal::crc::Crc64;
@@ -86,7 +88,8 @@ fn with_storage(args: &Args, storage: impl Storage) -> Result<(), ExpectedError>
     let clock = args.bus.clock();
     let mut link = can_link::open(&args.bus, clock).map_err(BusFailure::from)?;
     let defaults = defaults(args, &storage, &mut *link, clock)?;
-    let mut node = ControllerNode::new(clock.now(), storage, &defaults, identity(), entropy::seed(clock)?);
+    let seed = entropy::seed(clock)?;
+    let mut node = ControllerNode::<_, _, PowerCubes>::new(clock.now(), storage, &defaults, identity(), seed);
     let settings = *node.controller().settings();
     if args.node_id.is_some_and(|id| u32::from(id.get()) != settings.node_id) {
         return Err(ExpectedError::bad_input(&format!(
@@ -209,7 +212,7 @@ fn paper(settings: &Settings) -> Result<Settings, ExpectedError> {
 /// A moving arm stops along its path; in the end the drives are halted.
 fn come_to_rest<S: Storage>(
     runner: &mut Runner<'_>,
-    node: &mut ControllerNode<S>,
+    node: &mut ControllerNode<S, Spline, PowerCubes>,
     clock: Clock,
 ) -> Result<(), ExpectedError> {
     let never = AtomicBool::new(false);
@@ -236,7 +239,10 @@ fn failure(error: RunError) -> ExpectedError {
 }
 
 /// A line for each new state.
-fn show<S: Storage>(node: &ControllerNode<S>, shown: &mut Option<firmware::state::State>) {
+fn show<S: Storage>(
+    node: &ControllerNode<S, Spline, PowerCubes>,
+    shown: &mut Option<firmware::state::State>,
+) {
     let state = *node.controller().state();
     if shown.is_some_and(|last| last.kind() == state.kind() && last.fault() == state.fault()) {
         return;

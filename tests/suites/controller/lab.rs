@@ -7,9 +7,11 @@ use cell_tests::published_throw;
 use firmware::Controller;
 use firmware::authority::{Peer, Seed};
 use firmware::fault::Refusal;
+use firmware::groups::powercube::PowerCubes;
 use firmware::orders::{Done, Order};
 use firmware::registers::Number;
 use firmware::settings::Settings;
+use firmware::spline::Spline;
 use firmware::state::StateKind;
 use firmware::store::{FileName, RamStorage};
 use hil_sim::bus::BusConfig;
@@ -25,7 +27,7 @@ use protocol::{Duration, Frame, Id, Instant, Node};
 use robot_model::AnyRobot;
 
 /// The controller, and a node that only sends what it is given.
-pub(crate) struct ControllerPort(Box<Controller<RamStorage>>, Stranger);
+pub(crate) struct ControllerPort(Box<Controller<RamStorage, Spline, PowerCubes>>, Stranger);
 
 /// Somebody else on the bus.
 #[derive(Default)]
@@ -194,7 +196,7 @@ impl Lab {
         self.world.with_participants(|participants, _| participants.1.1.0.push_back(frame)).unwrap();
     }
 
-    pub(crate) fn controller(&self) -> &Controller<RamStorage> {
+    pub(crate) fn controller(&self) -> &Controller<RamStorage, Spline, PowerCubes> {
         &self.world.participants().1.0
     }
 

@@ -14,6 +14,7 @@ mod parts;
 use std::error::Error;
 
 use firmware::authority::Seed;
+use firmware::groups::powercube::PowerCubes;
 use firmware::host_link::Identity;
 use firmware::runner::{Clock as _, Pins};
 use firmware::settings::Settings;
@@ -44,8 +45,8 @@ fn run(end: Instant) -> Result<Outcome, Box<dyn Error>> {
     let (gripper, enable, lamp) = (LabPin::new("gripper"), LabPin::new("enable"), LabPin::new("lamp"));
     // A board takes both from the chip: its number, and 32 random bytes.
     let (identity, seed) = (Identity::default(), Seed::FORESEEABLE);
-    let mut node =
-        ControllerNode::new(clock.now(), RamStorage::new(), &Settings::powercube6(), identity, seed);
+    let (storage, settings) = (RamStorage::new(), Settings::powercube6());
+    let mut node = ControllerNode::<_, _, PowerCubes>::new(clock.now(), storage, &settings, identity, seed);
     let pins = Pins { gripper, enable: enable.clone(), lamp };
     let mut runner = Runner::new(LabCan(lab.clone()), clock, pins);
 

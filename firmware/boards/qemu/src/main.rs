@@ -21,6 +21,7 @@ mod stack;
 use cortex_m_rt::entry;
 use firmware::ControllerNode;
 use firmware::authority::Seed;
+use firmware::groups::powercube::PowerCubes;
 use firmware::host_link::Identity;
 #[cfg(feature = "script")]
 use firmware::settings::Settings;
@@ -32,7 +33,7 @@ use protocol::Instant;
 pub const CORE_MHZ: u32 = 168;
 
 /// The controller with storage in a place of its own: flash on a real board.
-pub type Node = ControllerNode<&'static mut RamStorage, &'static mut Spline>;
+pub type Node = ControllerNode<&'static mut RamStorage, &'static mut Spline, PowerCubes>;
 
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {

@@ -29,6 +29,7 @@ mod chip;
 use core::mem::MaybeUninit;
 
 use cortex_m_rt::entry;
+use firmware::groups::powercube::PowerCubes;
 use firmware::host_link::Identity;
 use firmware::runner::{Clock as _, Pins};
 use firmware::settings::Settings;
@@ -38,7 +39,7 @@ use firmware::{ControllerNode, Runner};
 
 use chip::Output;
 
-type Node = ControllerNode<&'static mut RamStorage, &'static mut Spline>;
+type Node = ControllerNode<&'static mut RamStorage, &'static mut Spline, PowerCubes>;
 
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {

@@ -5,8 +5,10 @@ use std::rc::Rc;
 
 use firmware::ControllerNode;
 use firmware::authority::Seed;
+use firmware::groups::powercube::PowerCubes;
 use firmware::host_link::Identity;
 use firmware::settings::Settings;
+use firmware::spline::Spline;
 use firmware::store::RamStorage;
 use hil_sim::bus::{BusConfig, ErrorKind};
 use hil_sim::fault::Fault;
@@ -69,7 +71,7 @@ pub fn no_guests() -> Guests {
 }
 
 /// The controller of the firmware, as a program on this machine: starts at time 0 and forgets when it ends.
-pub fn soft_controller(settings: &Settings) -> ControllerNode<RamStorage> {
+pub fn soft_controller(settings: &Settings) -> ControllerNode<RamStorage, Spline, PowerCubes> {
     // Equal runs give equal logs, tokens included.
     let seed = Seed::FORESEEABLE;
     ControllerNode::new(Instant::ZERO, RamStorage::new(), settings, Identity::default(), seed)

@@ -25,6 +25,7 @@ use can_link::{
 };
 use firmware::ControllerNode;
 use firmware::authority::Seed;
+use firmware::groups::powercube::PowerCubes;
 use firmware::host_link::Identity;
 use firmware::settings::Settings;
 use firmware::store::RamStorage;
@@ -322,7 +323,8 @@ fn serve(
     stop: &AtomicBool,
 ) -> (Result<(), RunError>, RunStats) {
     let (storage, identity) = (RamStorage::new(), Identity::default());
-    let mut controller = ControllerNode::new(clock.now(), storage, settings, identity, seed);
+    let mut controller =
+        ControllerNode::<_, _, PowerCubes>::new(clock.now(), storage, settings, identity, seed);
     let mut runner = Runner::new(shared, clock);
     let mut nodes: [&mut dyn Node; 1] = [&mut controller];
     let mut result = runner.run(&mut nodes, off, None);

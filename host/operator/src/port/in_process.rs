@@ -7,10 +7,12 @@ use firmware::Controller;
 use firmware::authority::{Peer, Seed};
 use firmware::fault::{Cause, Refusal};
 use firmware::group::DriveGroup;
+use firmware::groups::powercube::PowerCubes;
 use firmware::host_link::group_message;
 use firmware::orders::{Done, Order};
 use firmware::registers::{self, Kind, Number};
 use firmware::settings::Settings;
+use firmware::spline::Spline;
 use firmware::store::{FileName, RamStorage};
 use firmware::trace::TraceEvent;
 use hil_sim::participants::Solo;
@@ -44,7 +46,7 @@ const PIECE: usize = 256;
 /// A stop along the path takes at most this long.
 const STOP_MAX: Duration = Duration::from_secs(10);
 
-type Members = ((Cell, Solo<ScriptedHost>), Solo<Controller<RamStorage>>);
+type Members = ((Cell, Solo<ScriptedHost>), Solo<Controller<RamStorage, Spline, PowerCubes>>);
 
 /// A controller in this program, with the drives of a simulated cell.
 pub struct InProcess {
@@ -79,14 +81,14 @@ impl InProcess {
         &self.world.participants().0.0
     }
 
-    fn controller(&self) -> &Controller<RamStorage> {
+    fn controller(&self) -> &Controller<RamStorage, Spline, PowerCubes> {
         &self.world.participants().1.node
     }
 
     /// Acts on the controller; what it wants to send leaves.
     fn act<R>(
         &mut self,
-        act: impl FnOnce(&mut Controller<RamStorage>, Instant) -> R,
+        act: impl FnOnce(&mut Controller<RamStorage, Spline, PowerCubes>, Instant) -> R,
     ) -> Result<R, OperatorError> {
         let result = self.world.with_participants(|participants, now| {
             participants.1.node.host_heartbeat(now, Peer::LOCAL);
@@ -177,7 +179,7 @@ impl Operator for InProcess {
 
     fn pose(&mut self) -> Result<Vec<f64>, OperatorError> {
         let asked_at = self.world.now();
-        let pose = |controller: &Controller<RamStorage>| {
+        let pose = |controller: &Controller<RamStorage, Spline, PowerCubes>| {
             let position = |joint| controller.group().position(joint).filter(|p| p.at > asked_at);
             controller.joints().map(|joint| position(joint).map(|p| f64::from(p.q_rad))).collect()
         };
@@ -314,14 +316,14 @@ struct Kept {
 }
 
 impl Kept {
-    fn new(controller: &Controller<RamStorage>) -> Self {
+    fn new(controller: &Controller<RamStorage, Spline, PowerCubes>) -> Self {
         let joints = vec![JointSamples::default(); controller.joints().count()];
         let samples = Samples { joints, ..Samples::default() };
         Self { samples, watch: Watch::default(), traced: controller.trace().total() }
     }
 
     /// Measurements and orders to the gripper since the last look; with `told` also what the controller tells of its joints.
-    fn collect(&mut self, now: Instant, controller: &Controller<RamStorage>, told: bool) {
+    fn collect(&mut self, now: Instant, controller: &Controller<RamStorage, Spline, PowerCubes>, told: bool) {
         for (kept, joint) in self.samples.joints.iter_mut().zip(controller.joints()) {
             if let Some(position) = controller.group().position(joint)
                 && kept.positions.last().is_none_or(|last| last.at < position.at)
@@ -347,7 +349,12 @@ impl Kept {
     }
 
     /// What the controller tells of the group.
-    fn hear(&mut self, now: Instant, controller: &Controller<RamStorage>, state: &GroupState) {
+    fn hear(
+        &mut self,
+        now: Instant,
+        controller: &Controller<RamStorage, Spline, PowerCubes>,
+        state: &GroupState,
+    ) {
         self.samples.group.push(GroupTold { at: now, made_by: now, state: *state });
         let fact = Fact::Group { from: node_of(controller), first_at: now, state: *state };
         let notes = self.watch.take_fact(now, fact);
@@ -371,7 +378,7 @@ impl Kept {
     }
 }
 
-fn node_of(controller: &Controller<RamStorage>) -> NodeId {
+fn node_of(controller: &Controller<RamStorage, Spline, PowerCubes>) -> NodeId {
     NodeId::from_low_bits(controller.settings().node_id as u8)
 }
 

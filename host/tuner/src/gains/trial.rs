@@ -6,10 +6,11 @@
 use firmware::Controller;
 use firmware::authority::{Peer, Seed};
 use firmware::events::PlanEvents;
+use firmware::groups::powercube::PowerCubes;
 use firmware::joints::PerJoint;
 use firmware::orders::{Done, Order};
 use firmware::settings::Settings;
-use firmware::spline::Knot;
+use firmware::spline::{Knot, Spline};
 use firmware::state::StateKind;
 use firmware::store::{FileName, RamStorage};
 use firmware::trajectory_format::{self, FILE_LEN_MAX, Header};
@@ -132,7 +133,7 @@ pub fn settings(gains: &[Gains; JOINTS], period_s: f64, estimator: Estimator) ->
     settings
 }
 
-type Node = Solo<Controller<RamStorage>>;
+type Node = Solo<Controller<RamStorage, Spline, PowerCubes>>;
 
 struct Lab {
     world: World<(Cell, Node)>,
@@ -162,7 +163,7 @@ impl Lab {
             .map_err(|refusal| TrialError::Controller(format!("refuses: {refusal:?}")))
     }
 
-    fn controller(&self) -> &Controller<RamStorage> {
+    fn controller(&self) -> &Controller<RamStorage, Spline, PowerCubes> {
         &self.world.participants().1.node
     }
 
