@@ -20,7 +20,7 @@ pub(crate) struct Folder {
     pub(crate) floors: &'static [&'static [&'static str]],
 }
 
-/// Folders whose rooms are in order. A folder that is not here is not checked.
+/// All folders in which rooms use each other.
 pub(crate) const FOLDERS: &[Folder] = &[
     Folder {
         path: "protocol/src",
@@ -30,6 +30,45 @@ pub(crate) const FOLDERS: &[Folder] = &[
             &["bits", "node", "powercube", "text"],
             &["cyphal"],
         ],
+    },
+    Folder {
+        path: "protocol/src/cyphal",
+        floors: &[
+            &["bits", "crc", "id"],
+            &["tx"],
+            &["rx"],
+            &["client", "uavcan"],
+            &["cubecell", "server", "upload"],
+            &["host"],
+        ],
+    },
+    Folder {
+        path: "protocol/src/cyphal/cubecell",
+        floors: &[
+            &["command", "group_state", "history", "joint_state", "stop", "target"],
+            &["authorization"],
+        ],
+    },
+    Folder {
+        path: "protocol/src/cyphal/uavcan",
+        floors: &[
+            &["command", "diagnostic", "file", "heartbeat", "info", "port_list", "value"],
+            &["register"],
+        ],
+    },
+    Folder {
+        path: "protocol/src/powercube",
+        floors: &[
+            &["address", "baud", "command", "firmware", "motion", "state"],
+            &["broadcast", "config", "value"],
+            &["parameter"],
+            &["dbc", "request"],
+            &["reply"],
+        ],
+    },
+    Folder {
+        path: "protocol/src/text",
+        floors: &[&["buffer", "cursor"], &["candump", "slcan", "socketcand"]],
     },
     Folder {
         path: "protocol/link/src",
@@ -43,10 +82,23 @@ pub(crate) const FOLDERS: &[Folder] = &[
             &["open"],
         ],
     },
+    Folder { path: "protocol/link/src/hub", floors: &[&["dialect", "options"], &["peer"]] },
+    Folder {
+        path: "protocol/rsi/src",
+        floors: &[
+            &["error", "generation", "names", "stream"],
+            &["ipoc", "value", "xml"],
+            &["telegram"],
+            &["config"],
+            &["robot", "sensor"],
+        ],
+    },
+    Folder { path: "protocol/tracker/src", floors: &[&["pose"], &["dtrack", "vrpn"]] },
+    Folder { path: "protocol/tracker/src/dtrack", floors: &[&["clock", "command"], &["data"]] },
     Folder {
         path: "robots/model/src",
         floors: &[
-            &["error", "linalg", "mat3"],
+            &["cubic", "error", "linalg", "mat3"],
             &["ik_solution", "pose"],
             &["boxes", "family"],
             &["model"],
@@ -55,6 +107,27 @@ pub(crate) const FOLDERS: &[Folder] = &[
             &["ik_numeric", "survey"],
             &["urdf"],
         ],
+    },
+    Folder { path: "robots/model/src/collision", floors: &[&["checker"], &["motion"]] },
+    Folder {
+        path: "robots/model/src/dynamics",
+        floors: &[&["forward", "inverse", "spatial"], &["gradient"]],
+    },
+    Folder {
+        path: "robots/model/src/family",
+        floors: &[
+            &["lines", "planar"],
+            &["ortho_parallel", "turntable_planar"],
+            &["ortho_parallel_axis", "ortho_parallel_ik"],
+        ],
+    },
+    Folder {
+        path: "robots/model/src/urdf",
+        floors: &[&["export", "tree"], &["parts"], &["toml_text"], &["import"]],
+    },
+    Folder {
+        path: "robots/reader/src",
+        floors: &[&["bounded", "document_error", "write"], &["document"], &["section", "value"]],
     },
     Folder {
         path: "firmware/src",
@@ -74,6 +147,32 @@ pub(crate) const FOLDERS: &[Folder] = &[
         ],
     },
     Folder {
+        path: "firmware/src/controller",
+        floors: &[
+            &["arming", "authority", "cycle", "host", "report", "retargeting", "slow", "standing", "tracker"],
+            &["starting", "stopping"],
+        ],
+    },
+    Folder {
+        path: "firmware/src/groups/powercube",
+        floors: &[
+            &["cycle_timing", "order", "ramp", "transmit", "words"],
+            &["drive_model", "drives", "homing", "readiness", "slots"],
+            &["finding", "jogging", "schedule"],
+            &["cycle"],
+            &["exchange"],
+        ],
+    },
+    Folder {
+        path: "firmware/src/groups/rsi",
+        floors: &[&["events", "packet", "shape"], &["link", "model", "motion"]],
+    },
+    Folder { path: "firmware/src/host_link", floors: &[&["can_node", "history", "messages"], &["app"]] },
+    Folder {
+        path: "firmware/src/store",
+        floors: &[&["storage"], &["seal"], &["key", "settings", "trajectories"]],
+    },
+    Folder {
         path: "hil-sim/src",
         floors: &[
             &["bus", "rng", "witness"],
@@ -88,6 +187,64 @@ pub(crate) const FOLDERS: &[Folder] = &[
         ],
     },
     Folder {
+        path: "hil-sim/src/bus",
+        floors: &[
+            &["counters", "encode", "queue", "stats"],
+            &["config", "event", "parse"],
+            &["controller"],
+            &["medium"],
+            &["report"],
+        ],
+    },
+    Folder { path: "hil-sim/src/cell", floors: &[&["faults", "throw"], &["build"]] },
+    Folder {
+        path: "hil-sim/src/cmd",
+        floors: &[
+            &["exit", "progress"],
+            &["faults", "replay", "run", "serve", "serve_krc", "serve_tracker", "swarm"],
+        ],
+    },
+    Folder {
+        path: "hil-sim/src/drive",
+        floors: &[
+            &["homing", "options", "ramp"],
+            &["program", "servo"],
+            &["store"],
+            &["state"],
+            &["faults", "measure", "module", "obey", "supervise"],
+        ],
+    },
+    Folder { path: "hil-sim/src/fault", floors: &[&["physical"], &["plan"], &["engine"]] },
+    Folder {
+        path: "hil-sim/src/krc",
+        floors: &[
+            &["event", "link", "options", "port"],
+            &["correction", "drives", "late", "monitor"],
+            &["check", "hand"],
+            &["controller"],
+            &["bench"],
+            &["scenario", "serve"],
+        ],
+    },
+    Folder {
+        path: "hil-sim/src/mechanics",
+        floors: &[
+            &["cup", "joint", "loose", "perturb", "plant", "supply"],
+            &["ball", "solver"],
+            &["arm", "gripper"],
+            &["options"],
+        ],
+    },
+    Folder { path: "hil-sim/src/realtime", floors: &[&["door"], &["lockstep"]] },
+    Folder {
+        path: "hil-sim/src/scenario",
+        floors: &[&["host", "values", "write"], &["build", "cell", "expect", "faults"]],
+    },
+    Folder {
+        path: "hil-sim/src/tracker",
+        floors: &[&["options"], &["scenario", "scene"], &["server"], &["serve"]],
+    },
+    Folder {
         path: "host/planner/src",
         floors: &[
             &["throw"],
@@ -98,7 +255,94 @@ pub(crate) const FOLDERS: &[Folder] = &[
             &["record"],
         ],
     },
+    Folder {
+        path: "host/planner/src/catch",
+        floors: &[&["draw", "forecast", "law"], &["arm"], &["motion"], &["search"], &["online"]],
+    },
+    Folder {
+        path: "host/planner/src/disc",
+        floors: &[
+            &["aero", "arm", "motion", "throw"],
+            &["flight", "inverse", "screws"],
+            &["estimate", "witness"],
+            &["intercept", "paper"],
+            &["online"],
+        ],
+    },
+    Folder { path: "host/planner/src/flight", floors: &[&["aim", "model"], &["landing", "launch"]] },
+    Folder {
+        path: "host/planner/src/follow",
+        floors: &[
+            &["limits", "nearest", "parabola", "ramp"],
+            &["hand"],
+            &["posture"],
+            &["motion"],
+            &["clear", "landing"],
+            &["found", "setting"],
+            &["paper"],
+            &["best"],
+            &["plan"],
+            &["search", "verify"],
+        ],
+    },
+    Folder {
+        path: "host/planner/src/follow/best",
+        floors: &[&["variables"], &["excess"], &["least_squares", "seeds"]],
+    },
+    Folder {
+        path: "host/planner/src/plan",
+        floors: &[
+            &["options", "rng", "seeds", "warm_start"],
+            &["bounds"],
+            &["problem"],
+            &["layout", "margins", "obstruction", "opening", "posture"],
+            &["cuts", "energy", "landed", "paper"],
+            &["scan", "spread"],
+            &["statistics"],
+            &["goal"],
+            &["rows"],
+            &["local"],
+            &["basins", "planner"],
+            &["continuation", "outcome", "place"],
+            &["nearest", "search"],
+            &["file", "prepare"],
+        ],
+    },
+    Folder { path: "host/planner/src/plan/file", floors: &[&["motion"], &["compose", "io"]] },
+    Folder {
+        path: "host/planner/src/plan/rows",
+        floors: &[&["arriving", "current", "delay", "goal", "spline"], &["opening"], &["kinematic"]],
+    },
+    Folder { path: "host/planner/src/solve", floors: &[&["qp"], &["rows"], &["curvature"], &["sqp"]] },
+    Folder { path: "host/planner/src/store", floors: &[&["record"], &["file", "index"]] },
+    Folder {
+        path: "host/planner/src/verify",
+        floors: &[&["boxes", "chain", "motion", "target"], &["ball", "forces"], &["check"]],
+    },
     Folder { path: "host/tuner/src", floors: &[&["model"], &["gains", "identify"]] },
+    Folder {
+        path: "host/tuner/src/gains",
+        floors: &[
+            &["lmi", "lqr", "plant", "problem", "rigor"],
+            &["law", "machine", "paper"],
+            &["certificate"],
+            &["evidence", "gains_file", "region"],
+            &["saturated"],
+            &["compare", "margins", "trial"],
+            &["design"],
+            &["choose", "picture"],
+        ],
+    },
+    Folder {
+        path: "host/tuner/src/identify",
+        floors: &[
+            &["noise", "student"],
+            &["poses", "regression"],
+            &["current", "lag"],
+            &["samples"],
+            &["findings"],
+        ],
+    },
     Folder {
         path: "host/operator/src",
         floors: &[
@@ -113,6 +357,15 @@ pub(crate) const FOLDERS: &[Folder] = &[
         ],
     },
     Folder {
+        path: "host/operator/src/analysis",
+        floors: &[
+            &["collect", "distribution", "events", "start"],
+            &["bus", "control", "coverage", "timing"],
+            &["tracking"],
+            &["currents", "release"],
+        ],
+    },
+    Folder {
         path: "host/operator/src/bus",
         floors: &[
             &["entropy", "key_file", "settings", "storage"],
@@ -123,9 +376,115 @@ pub(crate) const FOLDERS: &[Folder] = &[
             &["args"],
         ],
     },
+    Folder {
+        path: "host/operator/src/dialogue",
+        floors: &[
+            &["ask", "following", "zero_check"],
+            &["operator", "survey"],
+            &["clock", "history", "homing", "online", "presence", "registers"],
+            &["jogging", "key"],
+        ],
+    },
+    Folder { path: "host/operator/src/flight_estimator", floors: &[&["fit", "stream"], &["watch"]] },
+    Folder { path: "host/operator/src/identify", floors: &[&["experiment"], &["joint"]] },
+    Folder { path: "host/operator/src/live", floors: &[&["gate", "state"], &["viewer"], &["serve"]] },
+    Folder {
+        path: "host/operator/src/log",
+        floors: &[&["candump", "facts", "schema"], &["keep", "watch"], &["mcap"]],
+    },
     Folder { path: "host/operator/src/node", floors: &[&["drive_client", "inbox"], &["host_node"]] },
+    Folder {
+        path: "host/operator/src/rally",
+        floors: &[
+            &["executor", "thrower"],
+            &["on_controller", "trial"],
+            &["throws"],
+            &["exchange"],
+            &["study"],
+        ],
+    },
+    Folder {
+        path: "host/operator/src/rsi",
+        floors: &[
+            &["log", "plan", "wire"],
+            &["cycles", "station"],
+            &["cell", "identify", "live", "program", "replay"],
+            &["outcome"],
+        ],
+    },
+    Folder { path: "host/operator/src/samples", floors: &[&["drives"], &["of_log"]] },
+    Folder {
+        path: "host/operator/src/throw",
+        floors: &[&["approach", "trajectory"], &["record"], &["job", "outcome"], &["summary"]],
+    },
+    Folder { path: "host/operator/src/tracker", floors: &[&["calibration", "target"], &["client"]] },
     Folder {
         path: "host/src",
         floors: &[&["exit"], &["error"], &["report", "trust"], &["cmd"], &["cli"], &["complete"]],
+    },
+    Folder {
+        path: "host/src/cmd",
+        floors: &[
+            &[
+                "bus_errors",
+                "completions",
+                "controlled",
+                "export",
+                "finding",
+                "modules",
+                "rally",
+                "robot",
+                "swarm",
+                "upload",
+            ],
+            &[
+                "check", "clear", "config", "explain", "home", "key", "man", "plan", "rsi", "scan", "stop",
+                "tune",
+            ],
+            &[
+                "catch",
+                "doctor",
+                "identify",
+                "jog",
+                "record",
+                "registers",
+                "report",
+                "run",
+                "sim_robot",
+                "status",
+                "tracker",
+                "unlock",
+            ],
+            &["sim", "web"],
+            &["monitor", "throw"],
+            &["controller", "replay"],
+        ],
+    },
+    Folder {
+        path: "host/src/cmd/plan",
+        floors: &[
+            &["options"],
+            &["follow_options", "prepare", "search"],
+            &["args", "sweep"],
+            &["follow", "targets"],
+            &["throw"],
+        ],
+    },
+    Folder { path: "host/src/cmd/registers", floors: &[&["value"], &["export", "get", "list"], &["set"]] },
+    Folder { path: "host/src/cmd/throw", floors: &[&["folder", "progress"], &["prepare"], &["robot"]] },
+    Folder { path: "host/src/cmd/tune", floors: &[&["apply"], &["trial"]] },
+    Folder {
+        path: "host/src/report",
+        floors: &[
+            &["chart", "motion", "scene"],
+            &["identify", "landing", "page", "reach", "robot", "timeline"],
+            &["catch", "follow", "live", "plan", "rally", "run"],
+            &["industrial"],
+        ],
+    },
+    Folder { path: "host/src/report/run", floors: &[&["bus", "record", "tracking"], &["early"]] },
+    Folder {
+        path: "host/src/trust",
+        floors: &[&["evidence"], &["bench", "judge", "phases"], &["matrix", "swarm"], &["shrink"]],
     },
 ];

@@ -8,6 +8,30 @@ use crate::paths::{Source, read};
 /// Sources of a package: path from the folder of its `lib.rs` → text.
 pub(crate) type Tree = BTreeMap<String, String>;
 
+/// A package: its sources, each read once.
+pub(crate) struct Package {
+    tree: Tree,
+    /// File, module path, what it uses.
+    read: Vec<(String, Vec<String>, Source)>,
+}
+
+impl Package {
+    pub(crate) fn of(tree: Tree) -> Self {
+        let read = tree.iter().map(|(file, text)| (file.clone(), module(file), read(text))).collect();
+        Self { tree, read }
+    }
+
+    /// Folders with their path from the root of the package; the root itself is an empty one.
+    pub(crate) fn folders(&self) -> BTreeSet<String> {
+        let parents = |file: &str| -> Vec<String> {
+            let folder = file.rsplit_once('/').map_or("", |(folder, _)| folder);
+            let ends = folder.match_indices('/').map(|(at, _)| at).chain([folder.len(), 0]);
+            ends.map(|end| folder[..end].to_owned()).collect()
+        };
+        self.tree.keys().flat_map(|file| parents(file)).filter(|folder| !folder.starts_with("bin")).collect()
+    }
+}
+
 /// Module path of a file: `a/mod.rs` and `a.rs` are `[a]`, `lib.rs` is `[]`.
 fn module(file: &str) -> Vec<String> {
     let path = file.strip_suffix(".rs").unwrap_or(file);
@@ -55,10 +79,9 @@ fn re_exports(folder: &[String], root: &str, rooms: &BTreeSet<String>) -> BTreeM
 }
 
 /// Upward and level arrows between the rooms of the folder `inside` of a package, as text; and how many arrows there are.
-pub(crate) fn wrong_arrows(tree: &Tree, inside: &str, floors: &[&[&str]]) -> (Vec<String>, usize) {
+pub(crate) fn wrong_arrows(package: &Package, inside: &str, floors: &[&[&str]]) -> (Vec<String>, usize) {
     let folder: Vec<String> = inside.split('/').filter(|part| !part.is_empty()).map(str::to_owned).collect();
-    let sources: Vec<(&String, Vec<String>, Source)> =
-        tree.iter().map(|(file, text)| (file, module(file), read(text))).collect();
+    let Package { tree, read: sources } = package;
     let tests: Vec<Vec<String>> = sources
         .iter()
         .flat_map(|(_, user, source)| {
@@ -72,11 +95,8 @@ pub(crate) fn wrong_arrows(tree: &Tree, inside: &str, floors: &[&[&str]]) -> (Ve
         .map(|(_, user, _)| user[folder.len()].clone())
         .filter(|room| !(folder.is_empty() && room == "bin"))
         .collect();
-    let roots: String = sources
-        .iter()
-        .filter(|(_, user, _)| *user == folder)
-        .map(|(file, ..)| tree[*file].as_str())
-        .collect();
+    let roots: String =
+        sources.iter().filter(|(_, user, _)| *user == folder).map(|(file, ..)| tree[file].as_str()).collect();
     let names = re_exports(&folder, &roots, &rooms);
     let mut wrong: BTreeSet<String> = rooms
         .iter()
@@ -92,7 +112,7 @@ pub(crate) fn wrong_arrows(tree: &Tree, inside: &str, floors: &[&[&str]]) -> (Ve
             .map(|room| format!("there is no {room}")),
     );
     let mut arrows = BTreeSet::new();
-    for (file, user, source) in &sources {
+    for (file, user, source) in sources {
         if !inside(user) || tests.iter().any(|test| user.starts_with(test)) {
             continue;
         }
@@ -121,8 +141,8 @@ pub(crate) fn wrong_arrows(tree: &Tree, inside: &str, floors: &[&[&str]]) -> (Ve
 mod tests {
     use super::*;
 
-    fn tree(files: &[(&str, &str)]) -> Tree {
-        files.iter().map(|(file, text)| ((*file).to_owned(), (*text).to_owned())).collect()
+    fn tree(files: &[(&str, &str)]) -> Package {
+        Package::of(files.iter().map(|(file, text)| ((*file).to_owned(), (*text).to_owned())).collect())
     }
 
     const FLOORS: &[&[&str]] = &[&["low"], &["high"]];

@@ -19,9 +19,8 @@ mod tests;
 mod trajectories;
 
 pub use key::{load_key, save_key};
-pub use seal::RECORD_LEN;
 pub use settings::{load_settings, save_settings};
-pub use storage::{Area, RamStorage, Slot, Storage, StorageError};
+pub use storage::{Area, RECORD_LEN, RamStorage, Slot, Storage, StorageError};
 pub use trajectories::{Committed, TrajectoryStore};
 
 pub use crate::trajectory_format::FileName;

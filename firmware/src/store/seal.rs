@@ -1,10 +1,8 @@
 //! The record that makes an area count: written last, erased first.
 
-use super::storage::{Area, Storage, StorageError};
+use super::storage::{Area, RECORD_LEN, Storage, StorageError};
 use crate::crc::Crc32;
 
-/// Bytes of a seal.
-pub const RECORD_LEN: usize = 24;
 const RECORD_MAGIC: u32 = 0x4C41_4553;
 
 /// What a seal says.

@@ -1,10 +1,12 @@
 //! What a board has to offer: areas that are erased as a whole and written once.
 
-use super::seal::RECORD_LEN;
 use crate::credentials::KEY_LEN;
 use crate::fault::{Cause, Refusal};
 use crate::registers;
 use crate::trajectory_format::FILE_LEN_MAX;
+
+/// Bytes of a seal.
+pub const RECORD_LEN: usize = 24;
 
 /// One of two.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

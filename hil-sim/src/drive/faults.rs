@@ -2,7 +2,7 @@
 
 use protocol::{Instant, powercube::CubeState};
 
-use super::module::PowerCubeDrive;
+use super::state::PowerCubeDrive;
 use crate::fault::PhysicalFault;
 
 impl PowerCubeDrive {

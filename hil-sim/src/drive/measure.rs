@@ -1,12 +1,11 @@
 //! What a module shows: state word, digital lines, and every parameter that is measured or computed.
 
 use protocol::Instant;
-use protocol::powercube::{CubeState, Dio, Parameter, PosStateDio, Setup, Value};
+use protocol::powercube::{CubeState, Dio, MotionAck, MotionKind, Parameter, PosStateDio, Setup, Value};
 
-use super::module::{PowerCubeDrive, Snapshot};
-use super::obey::mode_number;
-use super::program::Program;
+use super::program::{LoopShape, Program};
 use super::ramp::RampPhase;
+use super::state::{PowerCubeDrive, Snapshot};
 
 /// Full scale of the raw converter values: 12 bit. Not stated; chosen.
 const RAW_PER_A: f64 = 50.0;
@@ -177,4 +176,17 @@ impl PowerCubeDrive {
     pub fn set_point(&self, now: Instant) -> super::ramp::Setpoint {
         self.start_point(now)
     }
+}
+
+/// Number of the motion mode as parameter 0x3A shows it: the simple motion byte of what runs (not stated by any source).
+fn mode_number(program: &Program) -> u8 {
+    let kind = match program {
+        Program::Open => return 0,
+        Program::Hold(_) | Program::Ramp(_) => MotionKind::Ramp,
+        Program::Step(_) => MotionKind::Step,
+        Program::Current(_) => MotionKind::Current,
+        Program::Loop { shape: LoopShape::Cosine, .. } => MotionKind::CosLoop,
+        Program::Loop { shape: LoopShape::Ramp, .. } => MotionKind::RampLoop,
+    };
+    kind.code(MotionAck::Simple).unwrap_or(0)
 }

@@ -6,7 +6,8 @@
 //!
 //! | file | holds |
 //! |---|---|
-//! | `module` | [`PowerCubeDrive`]: power, request queue, answers in order, timers; the [`protocol::Node`] |
+//! | `state` | [`PowerCubeDrive`]: all that a module knows |
+//! | `module` | power, request queue, answers in order, timers; the [`protocol::Node`] |
 //! | `obey` | what each request and broadcast does |
 //! | `measure` | what answers show: state word, measured and computed parameters |
 //! | `store` | stored parameters: types, limits, defaults, permanent copy |
@@ -51,9 +52,10 @@ pub mod options;
 mod program;
 pub mod ramp;
 mod servo;
+mod state;
 mod store;
 mod supervise;
 
-pub use module::{DriveCounters, PowerCubeDrive};
 pub use options::{DriveOptions, Nameplate};
+pub use state::{DriveCounters, PowerCubeDrive};
 pub use supervise::COUNT_LOSS_RAD_S;

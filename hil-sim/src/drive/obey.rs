@@ -1,18 +1,18 @@
 //! Requests and broadcasts: what each does, and what it answers.
 
 use protocol::powercube::{
-    ACCEPTED, Broadcast, Config, CubeState, FirmwareVersion, MotionAck, MotionCommand, MotionKind,
-    MotionPosition, MotionRequest, Parameter, Reply, Request, SimpleCommand, Value,
+    ACCEPTED, Broadcast, Config, CubeState, FirmwareVersion, MotionAck, MotionCommand, MotionPosition,
+    MotionRequest, Parameter, Reply, Request, SimpleCommand, Value,
 };
 use protocol::{Duration, Instant};
 
-use super::module::PowerCubeDrive;
 use super::options::{
     BeyondMaximum, BeyondSoftLimit, HomeWhenHalted, InternalCommand, Persistence, RefusedReply,
     UnknownRequest,
 };
 use super::program::{LoopShape, Program};
 use super::ramp::Ramp;
+use super::state::PowerCubeDrive;
 use super::store::SetOutcome;
 
 /// Whether a motion was taken. A motion that the state forbids is taken and not executed: the answer says accepted, and
@@ -372,17 +372,4 @@ fn numbers(command: MotionCommand) -> [f32; 1] {
         | MotionCommand::CurrentInc { .. }
         | MotionCommand::CurrentIncWide { .. } => [0.0],
     }
-}
-
-/// Number of the motion mode as parameter 0x3A shows it: the simple motion byte of what runs (not stated by any source).
-pub(super) fn mode_number(program: &Program) -> u8 {
-    let kind = match program {
-        Program::Open => return 0,
-        Program::Hold(_) | Program::Ramp(_) => MotionKind::Ramp,
-        Program::Step(_) => MotionKind::Step,
-        Program::Current(_) => MotionKind::Current,
-        Program::Loop { shape: LoopShape::Cosine, .. } => MotionKind::CosLoop,
-        Program::Loop { shape: LoopShape::Ramp, .. } => MotionKind::RampLoop,
-    };
-    kind.code(MotionAck::Simple).unwrap_or(0)
 }

@@ -4,10 +4,10 @@ use protocol::powercube::{Config, CubeState, Parameter};
 use protocol::{Duration, Instant};
 
 use super::homing::{Homing, HomingEvent, HomingPhase};
-use super::module::{Power, PowerCubeDrive};
 use super::program::Program;
 use super::ramp::{Ramp, RampPhase, Setpoint};
 use super::servo::{Servo, torque_max_nm};
+use super::state::{Brake, Power, PowerCubeDrive, Timers};
 use crate::mechanics::{AxisInput, AxisState};
 
 /// Below this speed an axis counts as standing, rad/s: a fifth of the position resolution of the paper per millisecond.
@@ -23,34 +23,6 @@ const RISE_AT_NOMINAL_C: f64 = 45.0;
 /// Power stage and motor trip here, °C.
 const STAGE_TRIP_C: f64 = 90.0;
 const MOTOR_TRIP_C: f64 = 110.0;
-
-/// Spring-closed brake.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Brake {
-    Closed,
-    /// Coil energised, free from `at` on.
-    Opening {
-        at: Instant,
-    },
-    Open,
-}
-
-impl Brake {
-    pub(super) fn closed() -> Self {
-        Self::Closed
-    }
-}
-
-/// For how long something has been out of range, s.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Timers {
-    motor_low_s: f64,
-    motor_high_s: f64,
-    logic_low_s: f64,
-    logic_high_s: f64,
-    above_nominal_s: f64,
-    at_maximum_s: f64,
-}
 
 impl PowerCubeDrive {
     /// Most that the power stage gives, A.

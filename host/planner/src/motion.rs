@@ -1,11 +1,11 @@
 //! A motion of all joints: knots, the cubic of each joint between two of them, and events at times.
 //!
-//! A cubic is given by position and speed at its two ends, so position and speed are continuous by construction. This is the
-//! one evaluator of everything that follows a plan on a host: trial, simulation, analysis, report. The verifier has one of
-//! its own, on purpose ([`crate::verify`]); the controller has one in single precision (`firmware::spline`); the planner
-//! itself computes with the release as origin and with derivatives by its variables ([`crate::throw`]).
+//! A cubic is given by position and speed at its two ends, so position and speed are continuous by construction. Trial,
+//! simulation, analysis and report read a plan through this type. [`robot_model::cubic`] evaluates the cubics and says which
+//! other evaluators exist on purpose.
 
 use robot_model::JointVec;
+use robot_model::cubic::Cubic;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -105,18 +105,15 @@ impl<const N: usize> Motion<N> {
     }
 }
 
-/// The cubic from `a` to `b`: q = c₀ + τ (c₁ + τ (c₂ + τ c₃)), τ = (t - tₐ) / h.
+/// The cubic from `a` to `b` at `t_s`.
 fn between<const N: usize>(a: &Knot<N>, b: &Knot<N>, t_s: f64) -> Sample<N> {
-    let h = b.t_s - a.t_s;
-    let tau = (t_s - a.t_s) / h;
-    let way = b.q_rad - a.q_rad;
-    let (p0, p1) = (a.qd_rad_s * h, b.qd_rad_s * h);
-    let (c2, c3) = (way * 3.0 - p0 * 2.0 - p1, p0 + p1 - way * 2.0);
+    let cubic = Cubic::between(b.t_s - a.t_s, (a.q_rad, a.qd_rad_s), (b.q_rad, b.qd_rad_s));
+    let t_s = t_s - a.t_s;
     Sample {
-        q: a.q_rad + (p0 + (c2 + c3 * tau) * tau) * tau,
-        qd: (p0 + (c2 * 2.0 + c3 * (3.0 * tau)) * tau) / h,
-        qdd: (c2 * 2.0 + c3 * (6.0 * tau)) / (h * h),
-        jerk: c3 * 6.0 / (h * h * h),
+        q: cubic.position(t_s),
+        qd: cubic.velocity(t_s),
+        qdd: cubic.acceleration(t_s),
+        jerk: cubic.jerk(),
     }
 }
 

@@ -11,6 +11,7 @@ use super::home::{home_first, positive};
 use super::modules::modules_on;
 use super::plan::follow::is_industrial;
 use super::print_json;
+use super::rsi::RobotIdentification;
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::identify as report;
@@ -109,7 +110,10 @@ fn industrial(args: &Args) -> Result<Option<Arm>, ExpectedError> {
 /// report is written).
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if let Some(arm) = industrial(args)? {
-        return super::rsi::identify(args, &arm);
+        let Args { bus, wiggle_deg, out, json, .. } = args;
+        let asked =
+            RobotIdentification { bus, swing_rad: wiggle_deg.to_radians(), out: out.as_deref(), json: *json };
+        return asked.run(&arm);
     }
     let joint = args
         .joint

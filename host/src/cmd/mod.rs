@@ -9,6 +9,7 @@ pub mod controller;
 pub mod doctor;
 pub mod explain;
 pub mod export;
+pub(crate) mod finding;
 pub mod home;
 pub mod identify;
 pub mod jog;

@@ -38,7 +38,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         return Err(ExpectedError::bad_input(&"`record` takes its path without --record"));
     }
     if let Some((spec, described, arm)) = super::rsi::robot_on(&args.bus)? {
-        return super::rsi::record(args, &spec, &described, &arm);
+        return super::rsi::record(&args.path, args.time, &spec, &described, &arm);
     }
     let bus = BusArgs { record: Some(args.path.clone()), ..args.bus.clone() };
     let mut session = if args.controller { bus.open_with_controller()? } else { bus.open()? };

@@ -9,6 +9,7 @@ use hil_sim::scenario::{Scenario, ScriptedHost};
 use protocol::{Duration, Instant};
 use robot_model::AnyRobot;
 
+use super::sim_robot::RobotRun;
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::BusFailure;
@@ -62,7 +63,14 @@ pub struct Args {
 /// The place cannot be served, or the scenario or robot is bad.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if let Some(spec) = &args.industrial.rsi {
-        return super::sim_robot::run(args, spec);
+        let run = RobotRun {
+            industrial: &args.industrial,
+            robot: args.robot.as_deref(),
+            scenario: args.scenario.as_deref(),
+            seed: args.seed,
+            time_s: args.time,
+        };
+        return super::sim_robot::run(&run, spec);
     }
     let mut scenario = match &args.scenario {
         Some(path) => Scenario::load(path).map_err(|error| ExpectedError::bad_input(&error))?,

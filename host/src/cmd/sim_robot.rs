@@ -1,6 +1,7 @@
 //! `cubectl sim --rsi`: an industrial robot behind RSI, and an optical tracker that sees the target.
 
 use std::net::SocketAddr;
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant as WallTime;
 
@@ -17,7 +18,6 @@ use robot_model::Pose;
 use rsi_protocol::Protocol;
 
 use super::rsi::address_of;
-use super::sim::Args;
 use crate::error::ExpectedError;
 use crate::exit;
 
@@ -60,6 +60,20 @@ pub struct RobotArgs {
     pub runs: Option<u64>,
 }
 
+/// What to play, and for how long.
+pub struct RobotRun<'a> {
+    /// Options of the robot and its tracker.
+    pub industrial: &'a RobotArgs,
+    /// Robot instead of the scenario's.
+    pub robot: Option<&'a str>,
+    /// Description of robot and program.
+    pub scenario: Option<&'a Path>,
+    /// Seed instead of the scenario's.
+    pub seed: Option<u64>,
+    /// End after this many seconds.
+    pub time_s: Option<f64>,
+}
+
 fn four(text: &str) -> Result<[f64; 4], String> {
     let numbers: Vec<f64> = text
         .split(',')
@@ -73,14 +87,14 @@ fn four(text: &str) -> Result<[f64; 4], String> {
 ///
 /// # Errors
 /// A file is refused, or an address cannot be had.
-pub fn run(args: &Args, spec: &RsiSpec) -> Result<(), ExpectedError> {
-    let mut scenario = match &args.scenario {
+pub fn run(args: &RobotRun<'_>, spec: &RsiSpec) -> Result<(), ExpectedError> {
+    let mut scenario = match args.scenario {
         Some(path) => KrcScenario::load(path),
         None => KrcScenario::open(if spec.tcp { "kr-c2-tcp" } else { "kr-c2" }),
     }
     .map_err(|error| ExpectedError::bad_input(&error))?;
-    if let Some(robot) = &args.robot {
-        scenario.robot.clone_from(robot);
+    if let Some(robot) = args.robot {
+        robot.clone_into(&mut scenario.robot);
     }
     scenario.seed = args.seed.unwrap_or(scenario.seed);
     scenario.config.protocol = if spec.tcp { Protocol::Tcp } else { Protocol::Udp };
@@ -93,7 +107,7 @@ pub fn run(args: &Args, spec: &RsiSpec) -> Result<(), ExpectedError> {
     let stop = interrupt();
     let begun = WallTime::now();
     let goes_on =
-        || !stop.load(Ordering::Relaxed) && args.time.is_none_or(|s| begun.elapsed().as_secs_f64() < s);
+        || !stop.load(Ordering::Relaxed) && args.time_s.is_none_or(|s| begun.elapsed().as_secs_f64() < s);
     let over = AtomicBool::new(false);
     let mut eyes = tracker(args, bottle_m)?;
     let looks = || goes_on() && !over.load(Ordering::Relaxed);
@@ -112,7 +126,7 @@ pub fn run(args: &Args, spec: &RsiSpec) -> Result<(), ExpectedError> {
 }
 
 /// The tracker and its sockets.
-fn tracker(args: &Args, bottle_m: [f64; 3]) -> Result<Option<(Sockets, Tracker)>, ExpectedError> {
+fn tracker(args: &RobotRun<'_>, bottle_m: [f64; 3]) -> Result<Option<(Sockets, Tracker)>, ExpectedError> {
     let Some(data) = &args.industrial.tracker else { return Ok(None) };
     let resolve = |text: &str| -> Result<SocketAddr, ExpectedError> {
         let failed = |what: &dyn std::fmt::Display| {
@@ -156,7 +170,7 @@ fn tracker(args: &Args, bottle_m: [f64; 3]) -> Result<Option<(Sockets, Tracker)>
 }
 
 struct Robot<'a> {
-    args: &'a Args,
+    args: &'a RobotRun<'a>,
     spec: &'a RsiSpec,
     pc: SocketAddr,
     bottle_m: [f64; 3],

@@ -7,7 +7,7 @@ use std::fmt;
 use roxmltree::{Document, Node};
 
 use crate::error::{ConfigError, ConfigProblem};
-use crate::robot::{AXIS_NAMES, CARTESIAN_NAMES};
+use crate::names::{AXIS_NAMES, CARTESIAN_NAMES};
 use crate::telegram::Element;
 use crate::value::ValueType;
 use crate::{MAX_CONFIG_BYTES, xml};

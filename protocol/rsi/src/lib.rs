@@ -33,6 +33,7 @@
 //! | `stream` | [`Framer`]: documents out of a TCP byte stream |
 //! | `ipoc` | [`Ipoc`]: the number that ties an answer to its telegram, with its digits |
 //! | `generation` | [`Generation`]: what differs between KR C2 and KR C4 |
+//! | `names` | names of attributes: axes, coordinates |
 //! | `value`, `xml`, `error` | typed values and decimals, the step to and from XML, errors |
 //!
 //! # Reading rules
@@ -47,6 +48,7 @@ pub mod config;
 mod error;
 mod generation;
 mod ipoc;
+mod names;
 mod robot;
 mod sensor;
 mod stream;
@@ -58,7 +60,8 @@ pub use config::{Config, Internal, Protocol, ReceiveEntry, SendEntry, Source, Ta
 pub use error::{ConfigError, ConfigProblem, ReadError, WriteError};
 pub use generation::Generation;
 pub use ipoc::Ipoc;
-pub use robot::{AXIS_NAMES, CARTESIAN_NAMES, EXTERNAL_NAMES, RobotData, RobotState, RobotWriter};
+pub use names::{AXIS_NAMES, CARTESIAN_NAMES, EXTERNAL_NAMES};
+pub use robot::{RobotData, RobotState, RobotWriter};
 pub use sensor::{SensorWriter, read_answer};
 pub use stream::{Framer, StreamItem};
 pub use telegram::{Element, Root, Telegram};

@@ -3,15 +3,9 @@
 use crate::config::{Config, Internal, Source};
 use crate::error::{ReadError, WriteError};
 use crate::ipoc::Ipoc;
+use crate::names::{AXIS_NAMES, CARTESIAN_NAMES, EXTERNAL_NAMES};
 use crate::telegram::{Element, Root, Telegram};
 use crate::value::{Value, ValueType, decimal};
-
-/// Attributes of Cartesian elements: mm and degrees, `R = Rz(A) Ry(B) Rx(C)`.
-pub const CARTESIAN_NAMES: [&str; 6] = ["X", "Y", "Z", "A", "B", "C"];
-/// Attributes of axis elements, degrees.
-pub const AXIS_NAMES: [&str; 6] = ["A1", "A2", "A3", "A4", "A5", "A6"];
-/// Attributes of external axes.
-pub const EXTERNAL_NAMES: [&str; 6] = ["E1", "E2", "E3", "E4", "E5", "E6"];
 
 /// What a client reads from a robot telegram.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

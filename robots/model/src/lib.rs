@@ -18,6 +18,7 @@
 //! | `ik_axis` | solutions for a point and a direction, the roll about the direction left free |
 //! | `ik_numeric` | solutions by damped least squares, for arms of any family |
 //! | `dynamics` | inverse dynamics with exact derivatives, mass matrix, forward dynamics, energies |
+//! | [`cubic`] | the cubic between two states |
 //! | `currents` | motor and supply currents |
 //! | `boxes` | boxes around the links, and which pairs of them are tested |
 //! | [`collision`] | contact and clearance of a configuration, of a whole motion |
@@ -40,6 +41,7 @@
 mod any;
 mod boxes;
 pub mod collision;
+pub mod cubic;
 mod currents;
 mod dynamics;
 mod error;

@@ -30,8 +30,9 @@
 //! |---|---|
 //! | `bounded` | [`read_text`], [`read_bytes`]: files of bounded size |
 //! | `document_error` | [`DocumentError`]: where and why; [`Problem`]: what can be wrong with any document |
-//! | `section` | [`Source`] and [`Section`]: tables, and which of their keys were asked for |
-//! | `value` | [`Value`]: what a value must be |
+//! | `document` | [`Source`], [`Section`], [`Value`]: text, tables and values, each with its place |
+//! | `section` | reading the keys of a table, and which of them were asked for |
+//! | `value` | reading a value: what it must be |
 //! | `write` | [`quoted`]: text as TOML |
 //!
 //! A reader with problems of its own wraps [`Problem`] in its own type `P: From<Problem>`; all refusals are then
@@ -40,13 +41,13 @@
 #![warn(missing_docs)]
 
 mod bounded;
+mod document;
 mod document_error;
 mod section;
 mod value;
 mod write;
 
 pub use bounded::{DESCRIPTION_MAX_BYTES, read_bytes, read_text};
+pub use document::{Section, Source, Value};
 pub use document_error::{DocumentError, Problem};
-pub use section::{Section, Source};
-pub use value::Value;
 pub use write::quoted;

@@ -1,33 +1,11 @@
 //! What a value must be.
 
-use std::marker::PhantomData;
 use std::ops::RangeInclusive;
 
-use toml::Spanned;
 use toml::de::DeValue;
 
+use crate::document::{Section, Value};
 use crate::document_error::{DocumentError, Problem};
-use crate::section::{Section, Source};
-
-/// A value of the document, with its place.
-#[derive(Debug)]
-pub struct Value<'a, P = Problem> {
-    source: Source<'a>,
-    path: String,
-    value: &'a Spanned<DeValue<'a>>,
-    problem: PhantomData<P>,
-}
-
-impl<'a, P> Value<'a, P> {
-    pub(crate) fn new(source: Source<'a>, path: String, value: &'a Spanned<DeValue<'a>>) -> Self {
-        Self { source, path, value, problem: PhantomData }
-    }
-
-    /// Refusal at this value.
-    pub fn error(&self, problem: impl Into<P>) -> DocumentError<P> {
-        self.source.refusal(self.value.span().start, self.path.clone(), problem.into())
-    }
-}
 
 /// Each of these refuses a value of another type or outside its range.
 impl<'a, P: From<Problem>> Value<'a, P> {
@@ -214,6 +192,7 @@ impl<'a, P: From<Problem>> Value<'a, P> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::document::Source;
 
     /// The refusal of `x = ...`, without file and line. Leaks the text, so that methods can be named as they are.
     fn refused<T: std::fmt::Debug>(

@@ -10,10 +10,11 @@
 //! live      the same station behind a socket, by the clock or in step with a simulated robot
 //!    \   /
 //! program       what the robot's program must hold, and the station for it
-//!    |     log  what went into a station and came out of it; runs it again
+//!    |   replay  runs a log again on a station
 //!    |    /
 //!   station     controller, group and throw: telegrams in, answers out
-//!    /   \
+//!    /   \   \
+//!   /     \   log   what went into a station and came out of it
 //! wire   plan   XML with the names of the user's configuration file; settings and trajectory file of a throw
 //! ```
 
@@ -25,5 +26,6 @@ pub mod log;
 pub mod outcome;
 pub mod plan;
 pub mod program;
+pub mod replay;
 pub mod station;
 pub mod wire;

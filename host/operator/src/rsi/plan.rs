@@ -9,6 +9,7 @@ use firmware::trajectory_format::{self, FILE_LEN_MAX, Header};
 use planner::follow::limits::Arm;
 use planner::follow::plan::{FollowPlan, Step};
 use protocol::JointIndex;
+use robot_model::cubic::Cubic;
 
 use crate::bus::settings::robot_crc32;
 use crate::throw::trajectory::TrajectoryError;
@@ -160,15 +161,15 @@ fn knots_kept(plan: &FollowPlan) -> Vec<usize> {
 
 fn is_near(plan: &FollowPlan, from: usize, to: usize, k: usize) -> bool {
     let (a, b, step) = (&plan.steps[from], &plan.steps[to], &plan.steps[k]);
-    let h = b.t_s - a.t_s;
-    let x = (step.t_s - a.t_s) / h;
+    let t_s = step.t_s - a.t_s;
     (0..step.q_rad.len()).all(|axis| {
-        let (qa, qb) = (a.q_rad[axis], b.q_rad[axis]);
-        let (va, vb) = (a.qd_rad_s[axis] * h, b.qd_rad_s[axis] * h);
-        let (c2, c3) = (3.0 * (qb - qa) - 2.0 * va - vb, 2.0 * (qa - qb) + va + vb);
-        let q = qa + x * (va + x * (c2 + x * c3));
-        let qd = (va + x * (2.0 * c2 + 3.0 * x * c3)) / h;
-        (q - step.q_rad[axis]).abs() <= NEAR_RAD && (qd - step.qd_rad_s[axis]).abs() <= NEAR_RAD_S
+        let cubic = Cubic::between(
+            b.t_s - a.t_s,
+            (a.q_rad[axis], a.qd_rad_s[axis]),
+            (b.q_rad[axis], b.qd_rad_s[axis]),
+        );
+        (cubic.position(t_s) - step.q_rad[axis]).abs() <= NEAR_RAD
+            && (cubic.velocity(t_s) - step.qd_rad_s[axis]).abs() <= NEAR_RAD_S
     })
 }
 

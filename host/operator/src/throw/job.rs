@@ -1,27 +1,23 @@
 //! The steps of a throw, in order, for any operator.
 
 use nalgebra::Vector3;
-use protocol::cyphal::cubecell::command::Trajectory;
-use protocol::cyphal::cubecell::group_state::{GroupState, State};
-use protocol::cyphal::id::NodeId;
-use protocol::{Duration, Instant};
+use protocol::Duration;
+use protocol::cyphal::cubecell::group_state::State;
 use robot_model::collision::Scene;
 
-use super::approach::{ApproachError, rest_to_rest};
-use super::outcome::{BallOutcome, Landing, LandingSource};
-use super::trajectory::{TrajectoryError, encode, robot_crc32};
+use super::approach::rest_to_rest;
+use super::record::{BallOutcome, Landing, LandingSource};
+pub use super::record::{Job, JobError, Record, Step};
+use super::trajectory::{encode, robot_crc32};
 use crate::analysis::coverage::Certified;
 use crate::analysis::{Run, RunAnalysis, analyse};
-use crate::bus::BusFailure;
 use crate::dialogue::operator::OperatorError;
 use crate::dialogue::registers::Numbers;
 use crate::port::Operator;
 use crate::samples::drives::Drives;
 use planner::motion::Motion;
-use planner::plan::file::PlanFile;
-use planner::plan::{Arm, JOINTS, Joints};
+use planner::plan::{JOINTS, Joints};
 use tuner::gains::choose::built_in_of;
-use tuner::gains::gains_file::{GainsFile, GainsFileError};
 
 /// Longest start-up of a controller.
 const BOOT_MAX: Duration = Duration::from_secs(20);
@@ -35,68 +31,6 @@ const BALL_MAX: Duration = Duration::from_secs(1);
 /// Time between two looks at the simulated ball.
 const BALL_LOOK: Duration = Duration::from_millis(10);
 
-/// What a throw is made of.
-#[derive(Clone, Copy)]
-pub struct Job<'a> {
-    pub arm: &'a Arm,
-    pub plan: &'a PlanFile,
-    /// Gains to write into the controller; `None` keeps those it has.
-    pub gains: Option<&'a GainsFile>,
-    /// What is in the way beside the arm and the floor.
-    pub scene: &'a Scene,
-    /// Share of the robot's speeds and accelerations on the way to the start and back.
-    pub approach_share: f64,
-    /// Seed for ways around obstacles.
-    pub seed: u64,
-    /// A landing farther from the target than this counts as missed, m.
-    pub tolerance_m: f64,
-    /// Afterwards back to where the arm stood before.
-    pub go_back: bool,
-}
-
-/// A step of the job.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Step {
-    /// A controller is heard.
-    Controller,
-    /// It finds its drives and proves their watchdogs.
-    Drives,
-    /// The joints find their zeros.
-    Home,
-    /// Gains and robot are agreed on.
-    Gains,
-    /// To the start of the plan.
-    Approach,
-    /// The plan goes to the controller, which checks it.
-    Upload,
-    /// Armed in two steps.
-    Arm,
-    Throw,
-    /// The ball flies.
-    Flight,
-    /// Back to where the arm stood.
-    Return,
-}
-
-impl Step {
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Controller => "find the controller",
-            Self::Drives => "drives, watchdogs",
-            Self::Home => "home",
-            Self::Gains => "gains",
-            Self::Approach => "to the start",
-            Self::Upload => "upload",
-            Self::Arm => "arm",
-            Self::Throw => "throw",
-            Self::Flight => "flight",
-            Self::Return => "back",
-        }
-    }
-}
-
-/// Reported to the caller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Progress<'a> {
     Begin(Step),
@@ -110,104 +44,6 @@ pub enum Progress<'a> {
 
 /// The callback; its answer matters to [`Progress::MayThrow`] only.
 pub type OnProgress<'a> = &'a mut dyn FnMut(Progress<'_>) -> bool;
-
-/// Why the job ended early.
-#[derive(Debug, thiserror::Error)]
-pub enum JobError {
-    /// The bus, the controller, or Ctrl-C.
-    #[error(transparent)]
-    Operator(#[from] OperatorError),
-    /// No way to the start.
-    #[error(transparent)]
-    Approach(#[from] ApproachError),
-    /// A motion is nothing for a controller.
-    #[error(transparent)]
-    Trajectory(#[from] TrajectoryError),
-    /// Gains for another period.
-    #[error(
-        "the controller runs at {controller_us} us, the gains are for {gains_us} us\n  next: tune for its period \
-         (`cubectl tune --period {}`), or set register cycle.period_us", .controller_us / 1e3)]
-    Period {
-        /// Of the controller, µs.
-        controller_us: f64,
-        /// Of the gains, µs.
-        gains_us: f64,
-    },
-    /// Gains for another number of joints.
-    #[error("the gains are for joints {found}, the robot has {JOINTS}\n  next: `cubectl tune --joint all`")]
-    GainsJoints {
-        /// Numbers in the file.
-        found: String,
-    },
-    /// Gains of another robot.
-    #[error("{0}\n  next: `cubectl tune --robot ROBOT --joint all`")]
-    GainsRobot(GainsFileError),
-    /// The controller was started for another number of joints.
-    #[error(
-        "the controller has {found} joints, the robot {JOINTS}\n  next: name the robot of this controller with --robot"
-    )]
-    Joints {
-        /// As it tells.
-        found: usize,
-    },
-    /// Two drives answer where one should.
-    #[error(
-        "two modules answer at address {addresses}\n  next: unplug one of them and give the other a free address (parameter DefAddress, or the maker's tool)"
-    )]
-    Double { addresses: String },
-    /// The operator declined.
-    #[error("not thrown")]
-    Declined,
-}
-
-impl From<BusFailure> for JobError {
-    fn from(failure: BusFailure) -> Self {
-        Self::Operator(failure.into())
-    }
-}
-
-/// What is known of a run so far; also of one that ended early.
-#[derive(Clone, Debug, Default)]
-pub struct Record {
-    /// Node of the controller, where the link has nodes.
-    pub node: Option<NodeId>,
-    /// Each step that ended: bus time at its begin and end.
-    pub steps: Vec<(Step, Instant, Instant)>,
-    /// The step at work.
-    pub at_work: Option<(Step, Instant)>,
-    /// Control period, µs.
-    pub period_us: u64,
-    /// Gains in force: on error, rate and last command, one per joint.
-    pub gains: [Vec<f32>; 3],
-    /// Weights of the controller's estimator, alpha and beta.
-    pub estimator: Option<[f32; 2]>,
-    /// Checksum of the robot they are for; 0: not known.
-    pub gains_robot_crc32: u64,
-    /// Checksum of their certificate; 0: none.
-    pub certificate_crc32: u64,
-    /// Timing that it covers; `None` if the file of the certificate is not known.
-    pub certified: Option<Certified>,
-    /// Duration of the way to the start, s; `None`: it stood there.
-    pub approach_s: Option<f64>,
-    /// Name of the throw's file in the controller.
-    pub trajectory: Option<Trajectory>,
-    /// State before the run, and each one during it with the time of its arrival.
-    pub before: GroupState,
-    /// During the run.
-    pub states: Vec<(Instant, GroupState)>,
-    /// Drives of the joints, as the controller's registers say.
-    pub drives: Option<Drives>,
-    /// From the order to open the gripper to the free ball, as the controller's registers say.
-    pub gripper_opening: Option<Duration>,
-    /// What the frames of the run say of it.
-    pub analysis: Option<RunAnalysis>,
-    /// Where the ball is, as far as an observer watches it.
-    pub ball: BallOutcome,
-    /// Where it landed, or where the measured motion sends it.
-    pub landing: Option<Landing>,
-    /// Frames during the throw.
-    pub frames: u64,
-}
 
 /// Does the job; `record` holds what is known, however it ends.
 ///

@@ -9,6 +9,7 @@
 //! | [`trajectory`] | motions, and the one place where they become a controller's file |
 //! | [`approach`] | motions from rest to rest around everything in the way |
 //! | [`job`] | the steps above, in order, for any [operator](crate::port::Operator) |
+//! | [`record`] | what a job is given, its steps, and what is known of it so far |
 //! | [`outcome`] | how a throw ended: landed, missed, not released, stopped, and what is known where nobody watches |
 //! | [`mod@summary`] | the run in numbers, as JSON |
 //!
@@ -20,8 +21,9 @@
 pub mod approach;
 pub mod job;
 pub mod outcome;
+pub mod record;
 pub mod summary;
 pub mod trajectory;
 
-pub use job::{Job, JobError, Record, Step};
 pub use outcome::{Outcome, Verdict};
+pub use record::{Job, JobError, Record, Step};

@@ -12,9 +12,10 @@
 //! Only the simulated cell inside the program tells where its ball is. On every other bus nobody watches the ball, so
 //! the outcome is never [`Outcome::Landed`] there.
 
-use nalgebra::{Matrix2, Vector2, Vector3};
+use nalgebra::{Matrix2, Vector2};
 
-use super::job::{Job, JobError, Record, Step};
+pub use super::record::{BallOutcome, Landing, LandingSource};
+use super::record::{Job, JobError, Record, Step};
 use crate::dialogue::operator::OperatorError;
 use planner::plan::file::PlanFile;
 
@@ -74,73 +75,6 @@ impl Outcome {
             Self::NotThrown => "not thrown",
         }
     }
-}
-
-/// Where the ball is, as far as an observer watches it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum BallOutcome {
-    /// Nobody watches it.
-    #[default]
-    NotObserved,
-    /// Still in the hand when the job ended.
-    InHand,
-    /// It left the hand.
-    Released,
-}
-
-impl BallOutcome {
-    /// Field `ball` of `summary.json`.
-    #[must_use]
-    pub const fn json_name(self) -> &'static str {
-        match self {
-            Self::NotObserved => "not_observed",
-            Self::InHand => "in_hand",
-            Self::Released => "released",
-        }
-    }
-}
-
-/// Where a landing is known from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LandingSource {
-    /// Seen: the simulated ball.
-    Cell,
-    /// Computed from the measured motion of the joints at the release; nobody saw the ball.
-    Measured,
-}
-
-impl LandingSource {
-    /// An observer watched the ball.
-    #[must_use]
-    pub const fn is_observed(self) -> bool {
-        matches!(self, Self::Cell)
-    }
-
-    /// Field `source` of the landing in `summary.json`.
-    #[must_use]
-    pub const fn json_name(self) -> &'static str {
-        match self {
-            Self::Cell => "simulated ball",
-            Self::Measured => "measured motion at the release",
-        }
-    }
-}
-
-/// Where the ball landed, or should have.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Landing {
-    /// How it is known.
-    pub source: LandingSource,
-    /// Where, m.
-    pub position_m: Vector3<f64>,
-    /// Distance from the target, m.
-    pub error_m: f64,
-    /// 99 % of the landings with this measured motion lie within this distance, m; `None` if the ball was seen.
-    pub uncertainty_m: Option<f64>,
-    /// By how much the ball was free later than planned, s.
-    pub release_late_s: Option<f64>,
-    /// First contact of the flying ball with the arm, s after the release.
-    pub touch_after_s: Option<f64>,
 }
 
 /// How a throw ended, and what a person reads about it.

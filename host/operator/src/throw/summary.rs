@@ -5,8 +5,8 @@ use protocol::cyphal::cubecell::group_state::State;
 use protocol::cyphal::id::NodeId;
 use serde_json::{Value, json};
 
-use super::job::{Job, Record};
 use super::outcome::Verdict;
+use super::record::{Job, Record};
 use crate::analysis::RunAnalysis;
 use crate::analysis::tracking::ErrorSize;
 use crate::bus::cycle_timing::CycleTiming;

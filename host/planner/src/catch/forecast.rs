@@ -1,6 +1,7 @@
 //! The flight to come.
 
 use nalgebra::{Matrix3, Vector3};
+use robot_model::cubic::Cubic;
 
 /// The ball at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -92,13 +93,10 @@ impl Forecast {
         let i = (((t_s - first.t_s) / step) as usize).min(self.points.len() - 2);
         let (a, b) = (&self.points[i], &self.points[i + 1]);
         let s = ((t_s - a.t_s) / step).clamp(0.0, 1.0);
-        let (s2, s3) = (s * s, s * s * s);
-        let p_m = a.p_m * (2.0 * s3 - 3.0 * s2 + 1.0)
-            + b.p_m * (3.0 * s2 - 2.0 * s3)
-            + (a.v_m_s * (s3 - 2.0 * s2 + s) + b.v_m_s * (s3 - s2)) * step;
+        let path_m = Cubic::between(step, (a.p_m, a.v_m_s), (b.p_m, b.v_m_s));
         Some(Foreseen {
             t_s,
-            p_m,
+            p_m: path_m.position(s * step),
             v_m_s: a.v_m_s.lerp(&b.v_m_s, s),
             covariance_m2: a.covariance_m2 * (1.0 - s) + b.covariance_m2 * s,
         })

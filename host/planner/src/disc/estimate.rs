@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::aero::Body;
 use super::flight::{Air, DiscState, Path};
-use super::paper::Throw;
+use super::throw::Throw;
 
 /// Number of unknowns: centre, velocity, tilt about x and y, wind along x and y.
 pub const UNKNOWNS: usize = 10;

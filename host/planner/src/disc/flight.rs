@@ -5,9 +5,10 @@
 //! spin; the nutation is in it). Forces by [`super::aero`], at the velocity relative to the air.
 
 use nalgebra::Vector3;
+use robot_model::cubic::Cubic;
 
 use super::aero::{AIR_KG_M3, Body, coefficients};
-use super::paper::{GRAVITY_M_S2, Throw};
+use super::throw::{GRAVITY_M_S2, Throw};
 
 /// A disc at an instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -182,15 +183,12 @@ impl Path {
         let (Some(a), Some(b)) = (self.states.get(low), self.states.get(low + 1)) else {
             return self.states[0];
         };
-        // Cubic Hermite for the place, straight lines for the rest.
-        let (u, h) = (place - low as f64, self.step_s);
-        let (u2, u3) = (u * u, u * u * u);
+        // A cubic for the place, straight lines for the rest.
+        let u = place - low as f64;
+        let path_m = Cubic::between(self.step_s, (a.p_m, a.v_m_s), (b.p_m, b.v_m_s));
         let mix = |x: &Vector3<f64>, y: &Vector3<f64>| x + (y - x) * u;
         DiscState {
-            p_m: a.p_m * (2.0 * u3 - 3.0 * u2 + 1.0)
-                + a.v_m_s * (h * (u3 - 2.0 * u2 + u))
-                + b.p_m * (3.0 * u2 - 2.0 * u3)
-                + b.v_m_s * (h * (u3 - u2)),
+            p_m: path_m.position(u * self.step_s),
             v_m_s: mix(&a.v_m_s, &b.v_m_s),
             normal: mix(&a.normal, &b.normal).normalize(),
             momentum: mix(&a.momentum, &b.momentum),

@@ -4,6 +4,7 @@
 //! - [`arm`]: the arm and its gripper, closed-form positions, Jacobian of eq. (5) and its roll-pitch-yaw equivalent.
 //! - [`screws`]: the same kinematics by product of exponentials, a second formulation.
 //! - [`inverse`]: Levenberg-Marquardt inverse kinematics, full (6)-(11) and reduced (12)-(13).
+//! - [`mod@throw`]: a thrown disc, and the two throws of the paper.
 //! - [`paper`]: the four stages of the paper, step by step, without limits.
 //! - [`flight`]: flight of a disc: parabola, or spinning disc with lift, drag and wind ([`aero`] holds the coefficients).
 //! - [`estimate`]: flight estimated from noisy views of centre and normal.
@@ -24,6 +25,7 @@ pub mod motion;
 pub mod online;
 pub mod paper;
 pub mod screws;
+pub mod throw;
 pub mod witness;
 
 /// Joint angles, speeds or accelerations of the four axes.

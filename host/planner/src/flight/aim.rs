@@ -2,8 +2,6 @@
 
 use nalgebra::{SMatrix, Vector2, Vector3};
 
-use super::landing::Landing;
-
 /// Coefficients of a course, at most.
 pub const COURSE_MAX: usize = 5;
 
@@ -192,13 +190,6 @@ impl Aim {
     pub fn place(&self, coordinates: &Vector2<f64>) -> Vector3<f64> {
         let off = coordinates - self.centre();
         self.point_m + self.axes[0] * off.x + self.axes[1] * off.y
-    }
-
-    /// Velocity of the ball against the target at a landing of a release `since_s` after the planned one.
-    #[must_use]
-    #[inline]
-    pub fn approach(&self, landing: &Landing, since_s: f64) -> Vector3<f64> {
-        if self.level { landing.v } else { landing.v - self.course.velocity_m_s(since_s + landing.time_s) }
     }
 
     /// How coordinates of a landing change with the ball beside its path, for the velocity `approach` against the plane:

@@ -26,6 +26,19 @@ const FLIGHT_MAX_S: f64 = 20.0;
 /// Newton steps inside one step of the integration.
 const NEWTON_STEPS_MAX: usize = 12;
 
+impl Aim {
+    /// Velocity of the ball against the target at a landing of a release `since_s` after the planned one.
+    #[must_use]
+    #[inline]
+    pub fn approach(&self, landing: &Landing, since_s: f64) -> Vector3<f64> {
+        if self.is_level() {
+            landing.v
+        } else {
+            landing.v - self.course().velocity_m_s(since_s + landing.time_s)
+        }
+    }
+}
+
 impl FlightModel {
     /// Landing on the horizontal plane at height `z_m` for a release at `p` (m) with `v` (m/s), on the way down.
     ///

@@ -1,6 +1,7 @@
 //! Where the ball lands if the gripper opens at another instant than planned.
 
 use nalgebra::Vector3;
+use robot_model::cubic::Cubic;
 use serde::{Deserialize, Serialize};
 
 use super::limits::{Arm, Axes, Limits};
@@ -78,10 +79,9 @@ fn between(motion: &FollowMotion, step: f64) -> (Axes, Axes) {
     let end = motion.states.len() - 1;
     let k = (step.max(0.0).floor() as usize).min(end.saturating_sub(1));
     let (a, b) = (&motion.states[k], &motion.states[(k + 1).min(end)]);
-    let (x, h) = ((step - k as f64).clamp(0.0, 1.0), motion.period_s);
-    let way = b.q - a.q;
-    let (c2, c3) = (way * 3.0 - (a.qd * 2.0 + b.qd) * h, way * -2.0 + (a.qd + b.qd) * h);
-    (a.q + a.qd * (h * x) + c2 * (x * x) + c3 * (x * x * x), a.qd + (c2 * (2.0 * x) + c3 * (3.0 * x * x)) / h)
+    let cubic = Cubic::between(motion.period_s, (a.q, a.qd), (b.q, b.qd));
+    let t_s = (step - k as f64).clamp(0.0, 1.0) * motion.period_s;
+    (cubic.position(t_s), cubic.velocity(t_s))
 }
 
 /// The same throw without following: the ramps of the paper through the middle step of the window.

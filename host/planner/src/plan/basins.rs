@@ -5,7 +5,17 @@
 //! throw, the chance that the next one does is 1/(n + 2) on average over all that is possible (rule of succession).
 
 use super::local::Found;
-use super::search::Surroundings;
+
+/// What the stored throws around a target say.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Surroundings {
+    /// There are too few of them to say anything.
+    Unknown,
+    /// A table says that no throw comes near the target.
+    Empty,
+    /// A table has throws to targets around.
+    Stored,
+}
 
 /// What the starts of a search say about throws that were not found.
 #[derive(

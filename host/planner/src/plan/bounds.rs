@@ -6,7 +6,7 @@ use std::ops::RangeInclusive;
 
 use nalgebra::Vector3;
 
-use super::problem::Form;
+use super::options::{AskedBounds, Form};
 
 /// Search space of the release.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,25 +25,6 @@ pub struct Bounds {
     pub duration_s: RangeInclusive<f64>,
     /// Braking ratio d_r.
     pub braking_ratio: RangeInclusive<f64>,
-}
-
-/// Bounds that were asked for; `None` leaves a bound to the form and the robot.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct AskedBounds {
-    /// See [`Bounds::azimuth_rad`].
-    pub azimuth_rad: Option<RangeInclusive<f64>>,
-    /// See [`Bounds::elevation_rad`].
-    pub elevation_rad: Option<RangeInclusive<f64>>,
-    /// See [`Bounds::radius_m`].
-    pub radius_m: Option<RangeInclusive<f64>>,
-    /// See [`Bounds::spin_rad_s`].
-    pub spin_rad_s: Option<RangeInclusive<f64>>,
-    /// See [`Bounds::flight_s`].
-    pub flight_s: Option<RangeInclusive<f64>>,
-    /// See [`Bounds::duration_s`].
-    pub duration_s: Option<RangeInclusive<f64>>,
-    /// See [`Bounds::braking_ratio`].
-    pub braking_ratio: Option<RangeInclusive<f64>>,
 }
 
 /// Reach of the paper's arm as [`reach_m`] bounds it, in m.

@@ -3,8 +3,8 @@
 use nalgebra::Vector3;
 
 use super::local::{Begin, Found};
+use super::planner::Planner;
 use super::problem::Problem;
-use super::search::Planner;
 use crate::solve::sqp::Settings;
 use crate::store::{Index, Record};
 use crate::throw::Throw;

@@ -8,8 +8,9 @@ use nalgebra::{Matrix3, Vector3};
 use robot_model::collision::{Obb, Proximity};
 use robot_model::{Frames, Jacobian, JointVec};
 
-use super::problem::Problem;
-use super::rows::Layout;
+use super::layout::Layout;
+use super::problem::{CLEARANCE_EXTRA_M, Problem};
+
 use crate::solve::Row;
 use crate::throw::{Basis, Throw};
 
@@ -61,8 +62,6 @@ pub(crate) const CLEARANCE_SCALE: f64 = 10.0;
 /// Shortly after the release the ball moves away from the hand by `½ a t²` and no more, so their distance hardly changes
 /// with the throw. Before this time it counts as much more as makes it change like the other rows.
 const PARTING_S: f64 = 0.1;
-/// Cuts aim a little beyond the clearance asked for, so that the proof of the motion has room for its tolerance.
-pub(crate) const CLEARANCE_EXTRA_M: f64 = 2e-4;
 /// Currents over the motion keep this share of the limit free for the same reason.
 pub(crate) const CURRENT_EXTRA: f64 = 1e-3;
 

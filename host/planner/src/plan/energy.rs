@@ -5,8 +5,8 @@
 
 use robot_model::JointVec;
 
+use super::layout::{Layout, width};
 use super::problem::Problem;
-use super::rows::{Layout, width};
 use crate::solve::Row;
 use crate::throw::{Basis, Throw};
 
@@ -37,11 +37,6 @@ fn abs_eps(x: f64) -> (f64, f64) {
 pub(crate) fn joule<const N: usize>(problem: &Problem<'_, N>, throw: &Throw<N>) -> Option<f64> {
     // The gradient is not used: this is asked once per throw, not once per step. Rows for seven joints hold all.
     energy::<N, { width(7) }>(problem, &Layout::new(problem, None), throw).map(|e| e.joule)
-}
-
-/// Whether the robot file says what the energy of a throw is: current constants and supplies.
-pub(crate) fn has_energy<const N: usize>(problem: &Problem<'_, N>) -> bool {
-    problem.arm.drives().is_some() && !problem.arm.supplies().is_empty()
 }
 
 /// Energy of a throw; `None` without current constants.

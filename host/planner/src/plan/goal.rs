@@ -3,24 +3,11 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::energy;
+pub use super::options::Goal;
 use super::problem::Problem;
 use super::spread::Spread;
-use super::statistics::{LandingPrediction, Noise, Region};
+use super::statistics::LandingPrediction;
 use crate::throw::Throw;
-
-/// What a search makes small, under all constraints.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub enum Goal {
-    /// The paper's objective (1).
-    #[default]
-    Effort,
-    /// Electrical energy from the supplies; needs current constants and supplies in the robot file.
-    Energy,
-    /// Root of the mean squared distance of the landing from the target.
-    Spread(Noise),
-    /// Logarithm of the odds against a hit of the region about the target.
-    Miss(Noise, Region),
-}
 
 /// Share of objective (1) that stays in the others: it decides where they do not care.
 pub(crate) const EFFORT_SHARE: f64 = 1e-3;
@@ -40,15 +27,6 @@ pub(crate) struct Price {
 }
 
 impl Goal {
-    /// Noise of the landing; `None` for a goal that does not look at it.
-    #[must_use]
-    pub fn noise(&self) -> Option<&Noise> {
-        match self {
-            Self::Effort | Self::Energy => None,
-            Self::Spread(noise) | Self::Miss(noise, _) => Some(noise),
-        }
-    }
-
     /// Price of a landing about `aim` (coordinates in m); `None` for a goal that does not look at it.
     pub(crate) fn price(
         &self,

@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix2x3, Vector2};
 
+use super::layout::Layout;
 use super::problem::Problem;
-use super::rows::Layout;
 use crate::flight::{Aim, FlightModel};
 use crate::solve::Gradient;
 use crate::throw::Throw;

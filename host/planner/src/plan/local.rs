@@ -4,9 +4,10 @@ use nalgebra::Vector3;
 use robot_model::JointVec;
 
 use super::cuts::Cut;
+use super::layout::{CUTS_MAX, LAUNCH, Layout, width};
 use super::paper::PaperParameters;
 use super::problem::Problem;
-use super::rows::{CUTS_MAX, LAUNCH, Layout, ThrowTask, describe, width};
+use super::rows::{ThrowTask, describe};
 use super::scan::Scanner;
 use crate::solve::sqp::{self, Local, Multipliers, Settings};
 use crate::throw::{JOINTS, Throw};

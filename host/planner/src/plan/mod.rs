@@ -3,13 +3,15 @@
 //! # Map
 //! | module | holds |
 //! |---|---|
-//! | [`problem`] | target, form, limits and options, validated |
+//! | [`options`] | what can be asked for: form, goal, bounds, margins, limits |
+//! | [`problem`] | target, limits and options, validated |
 //! | [`bounds`] | search space: the paper's, the robot's, or as asked for |
-//! | [`goal`] | what a search makes small: objective (1), or how badly the ball lands |
+//! | [`goal`] | the price of a throw under what a search makes small: objective (1), energy, or how badly the ball lands |
 //! | [`paper`] | the paper's eight parameters, release frame, choice of branch |
 //! | [`margins`] | what a throw leaves of every limit |
 //! | `energy` | electrical energy of a throw, with gradient |
 //! | `landed`, `spread` | landing of a disturbed throw; mean and covariance with gradients |
+//! | `layout` | where each variable and each row of a throw stands |
 //! | `rows` | objective and constraints with exact gradients |
 //! | `cuts`, `scan` | what must hold at every instant: where it is worst, and as rows |
 //! | `local` | one start |
@@ -18,6 +20,8 @@
 //! | `place` | stored throws turned to a target |
 //! | `continuation` | stored throws carried to a target in steps |
 //! | `basins` | where the starts ended, and when more of them hardly pay |
+//! | [`planner`] | what all starts to one target have in common |
+//! | [`outcome`] | budget of a search, and its result |
 //! | [`search`] | stored and random starts on all cores |
 //! | [`nearest`] | the nearest reachable target, for one that is not |
 //! | [`opening`] | a disc that the ball passes |
@@ -35,13 +39,17 @@ mod energy;
 pub mod file;
 pub mod goal;
 mod landed;
+mod layout;
 mod local;
 pub mod margins;
 pub mod nearest;
 mod obstruction;
 pub mod opening;
+pub mod options;
+pub mod outcome;
 pub mod paper;
 mod place;
+pub mod planner;
 mod posture;
 pub mod prepare;
 pub mod problem;
@@ -57,13 +65,13 @@ mod warm_start;
 
 pub use crate::throw::{Arm, JOINTS, Joints, Throw};
 pub use basins::Confidence;
-pub use bounds::{AskedBounds, Bounds};
-pub use goal::Goal;
+pub use bounds::Bounds;
 pub use local::{Blocked, Found, Nearest};
 pub use margins::Margins;
 pub use obstruction::Obstruction;
-pub use opening::Opening;
+pub use options::{AskedBounds, DelayWindow, Form, Goal, Opening, Options};
+pub use outcome::{Best, Budget, NoThrow, Watch};
 pub use paper::PaperParameters;
-pub use problem::{DelayWindow, Form, Options, Problem, ProblemError};
+pub use planner::Planner;
+pub use problem::{Problem, ProblemError};
 pub use scan::RELEASE_BLIND_S;
-pub use search::{Best, Budget, NoThrow, Planner, Watch};

@@ -4,33 +4,14 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::local::{Nearest, nearest_from};
+use super::outcome::Budget;
+pub use super::outcome::NearestTarget;
+use super::planner::{Planner, kind_of};
 use super::problem::Problem;
 use super::rng::SplitMix64;
-use super::search::{Budget, Planner, kind_of};
 use crate::solve::sqp::Settings;
 use crate::store::{Index, Record};
 use crate::throw::Throw;
-
-/// A reachable target near one that is not.
-#[derive(Debug, Clone, PartialEq)]
-pub struct NearestTarget {
-    /// The point in m.
-    pub point: Vector3<f64>,
-    /// Distance from the target asked for in m.
-    pub distance_m: f64,
-    /// The constraint that blocks the rest of the way.
-    pub constraint: String,
-}
-
-/// As the end of a message: where the nearest target is and what blocks; nothing if none is known.
-pub(super) fn nearest_text(nearest: Option<&NearestTarget>) -> String {
-    nearest.map_or_else(String::new, |n| {
-        format!(
-            "; the nearest target in reach is ({:.3}, {:.3}, {:.3}) m, {:.3} m away, blocked by: {}",
-            n.point.x, n.point.y, n.point.z, n.distance_m, n.constraint
-        )
-    })
-}
 
 /// Stored throws, and random points, from which the nearest target is looked for.
 const STORED_STARTS: usize = 12;

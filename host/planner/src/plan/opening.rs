@@ -2,21 +2,11 @@
 
 use nalgebra::Vector3;
 
+use super::options::Region;
+pub use super::options::{INCIDENCE_MAX_RAD, Opening};
 use super::problem::Problem;
-use super::statistics::Region;
 use crate::flight::{Aim, FlightModel};
 use crate::throw::Throw;
-
-/// An opening at the target: a disc that the ball enters from the side of the normal.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Opening {
-    /// Direction out of the opening, towards the arm; any length but zero.
-    pub normal: Vector3<f64>,
-    /// Radius of the disc in m.
-    pub radius_m: f64,
-    /// Largest angle between the path of the ball and the axis of the opening, in rad, below π/2.
-    pub incidence_max_rad: f64,
-}
 
 impl<const N: usize> Problem<'_, N> {
     /// The disc about the centre of an opening within which a ball that comes as in this throw passes clear of the rim;
@@ -32,9 +22,6 @@ impl<const N: usize> Problem<'_, N> {
         (radius_m > 0.0).then_some(Region::Disc { radius_m })
     }
 }
-
-/// Largest angle of incidence that can be asked for, in rad: beyond it a ball hardly enters.
-pub const INCIDENCE_MAX_RAD: f64 = 1.4;
 
 /// Where the centre of the ball is nearest to the rim.
 #[derive(Debug, Clone, Copy, PartialEq)]

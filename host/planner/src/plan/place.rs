@@ -3,15 +3,12 @@
 //! Turning about the base axis changes nothing but the angle of joint 1, so a throw is stored in the frame in which its
 //! target lies on the x axis. It serves every azimuth at which joint 1 keeps its range.
 
-use robot_model::JointVec;
 use std::f64::consts::{PI, TAU};
 
-use nalgebra::Vector3;
 use robot_model::jacobian::joint_rates;
 
 use super::local::Found;
-use super::problem::Problem;
-use super::search::{Planner, kind_of};
+use super::planner::{Planner, kind_of};
 use crate::store::Record;
 use crate::throw::Throw;
 
@@ -114,19 +111,4 @@ impl<const N: usize> Planner<'_, '_, N> {
             throw,
         }
     }
-}
-
-/// Signs that mirror a posture in the plane of the base axis, if the arm has that symmetry: joints whose axis lies in
-/// the plane at zero change sign, joints across it keep theirs.
-pub(super) fn mirror_signs<const N: usize>(problem: &Problem<'_, N>) -> Option<[f64; N]> {
-    let arm = problem.arm;
-    let zero = arm.fk(&JointVec::zeros());
-    let signs: [f64; N] = std::array::from_fn(|j| if zero.axis(j).y.abs() > 0.5 { 1.0 } else { -1.0 });
-    let q = JointVec::from_fn(|j, _| 0.3 + 0.37 * j as f64);
-    let mirrored = JointVec::from_fn(|j, _| q[j] * signs[j]);
-    let (a, b) = (arm.ball(&arm.fk(&q)), arm.ball(&arm.fk(&mirrored)));
-    let flip = |v: Vector3<f64>| Vector3::new(v.x, -v.y, v.z);
-    let same_point = (flip(a.pos) - b.pos).norm() < 1e-9;
-    let same_throw = (flip(a.rot.column(2).into()) - Vector3::from(b.rot.column(2))).norm() < 1e-9;
-    (same_point && same_throw).then_some(signs)
 }

@@ -60,3 +60,18 @@ pub(super) fn pointing_start<const N: usize>(
     let qd_rad_s = JointVec::from_fn(|j, _| qd_rad_s[j].clamp(-l.v[j], l.v[j]));
     Throw { q_rad, qd_rad_s, qdd_rad_s2: JointVec::zeros(), flight_s, ha_s, hb_s }
 }
+
+/// Signs that mirror a posture in the plane of the base axis, if the arm has that symmetry: joints whose axis lies in
+/// the plane at zero change sign, joints across it keep theirs.
+pub(super) fn mirror_signs<const N: usize>(problem: &Problem<'_, N>) -> Option<[f64; N]> {
+    let arm = problem.arm;
+    let zero = arm.fk(&JointVec::zeros());
+    let signs: [f64; N] = std::array::from_fn(|j| if zero.axis(j).y.abs() > 0.5 { 1.0 } else { -1.0 });
+    let q = JointVec::from_fn(|j, _| 0.3 + 0.37 * j as f64);
+    let mirrored = JointVec::from_fn(|j, _| q[j] * signs[j]);
+    let (a, b) = (arm.ball(&arm.fk(&q)), arm.ball(&arm.fk(&mirrored)));
+    let flip = |v: Vector3<f64>| Vector3::new(v.x, -v.y, v.z);
+    let same_point = (flip(a.pos) - b.pos).norm() < 1e-9;
+    let same_throw = (flip(a.rot.column(2).into()) - Vector3::from(b.rot.column(2))).norm() < 1e-9;
+    (same_point && same_throw).then_some(signs)
+}

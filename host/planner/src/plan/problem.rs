@@ -3,192 +3,22 @@
 use std::ops::RangeInclusive;
 
 use nalgebra::Vector3;
-use robot_model::{JointVec, Pose, RobotModel};
+use robot_model::{JointVec, RobotModel};
 
-use super::bounds::{AskedBounds, Bounds};
-use super::cuts::CLEARANCE_EXTRA_M;
-use super::energy::has_energy;
-use super::goal::Goal;
-use super::opening::{INCIDENCE_MAX_RAD, Opening};
-use super::rows::DELAY_WINDOWS_MAX;
-use super::statistics::Region;
-use crate::flight::{Aim, Course, FlightModel, FlightModelError};
+use super::bounds::Bounds;
+pub use super::options::{Arrival, DelayWindow, Form, Obstacle, Options, Weights};
+use super::options::{DELAY_WINDOWS_MAX, Goal, INCIDENCE_MAX_RAD, Region};
+use crate::flight::{Aim, FlightModel, FlightModelError};
 use crate::throw::{JOINTS, Throw};
-
-/// Which throws are allowed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum Form {
-    /// The paper's: the hand turns only about the throw, the joints do not accelerate at the release, currents are
-    /// checked at the release, and the ball may be met by the hand again later.
-    Paper,
-    /// Ours: free spin of the hand, free joint acceleration at the release such that a late gripper does not move the
-    /// landing, currents over the whole motion, a clean release, and acceleration kept back for the controller.
-    Best,
-}
-
-/// Weights of the objective (1): `J = k_t H_s + k_b d_r + k_j Σ ∫ q⃛² dt`.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
-pub struct Weights {
-    /// Per second of movement.
-    pub k_t: f64,
-    /// For the ratio of braking to the whole movement.
-    pub k_b: f64,
-    /// For the integral of squared jerk.
-    pub k_j: f64,
-}
-
-impl Default for Weights {
-    /// The paper's: 15, 20, 0.01.
-    fn default() -> Self {
-        Self { k_t: 15.0, k_b: 20.0, k_j: 0.01 }
-    }
-}
-
-/// A box that the arm and the ball must not touch.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Obstacle {
-    /// Name for messages.
-    pub name: String,
-    /// Centre and axes in the world.
-    pub x_wo: Pose,
-    /// Half edge lengths in m.
-    pub half_m: Vector3<f64>,
-}
-
-/// A range of arrival speeds or directions.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Arrival {
-    /// Speed at the target in m/s.
-    pub speed_m_s: Option<RangeInclusive<f64>>,
-    /// Steepness at the target in rad below the horizontal: π/2 is straight down.
-    pub descent_rad: Option<RangeInclusive<f64>>,
-}
-
-/// A limit of the landing's shift for a release that is late or early.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DelayWindow {
-    /// Delay, and equally advance, of the release in s.
-    pub delay_s: f64,
-    /// Largest shift of the landing in m.
-    pub shift_m: f64,
-}
-
-/// What to plan besides the target.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Options {
-    /// Which throws are allowed.
-    pub form: Form,
-    /// What the search makes small.
-    pub goal: Goal,
-    /// Weights of the paper's objective (1).
-    pub weights: Weights,
-    /// Bounds of the search space that replace those of the form and the robot.
-    pub bounds: AskedBounds,
-    /// Part of the speed limit a plan may use, in (0, 1].
-    pub speed_use: f64,
-    /// Part of the acceleration limit a plan may use, in (0, 1].
-    pub acceleration_use: f64,
-    /// Distance kept from both ends of every joint range, in rad.
-    pub range_margin_rad: f64,
-    /// Whether the hand may only turn about the throw (8 parameters) or freely (10).
-    pub free_spin: bool,
-    /// Whether the landing must not move, to first order, when the gripper opens late.
-    pub null_delay: bool,
-    /// How far the landing may move when the gripper opens late or early; needs `null_delay`, at most four.
-    pub delay_windows: Vec<DelayWindow>,
-    /// Whether currents are limited over the whole motion instead of at the release only.
-    pub current_over_motion: bool,
-    /// Whether arm and surroundings must stay clear of each other.
-    pub avoid_collisions: bool,
-    /// Whether the ball must stay clear of arm and obstacles after the release.
-    pub clean_release: bool,
-    /// Clearance of arm, base, floor, obstacles and ball in m; from the hand that threw it the ball is only free.
-    pub clearance_m: f64,
-    /// Drag of the ball in 1/m; zero is vacuum.
-    pub drag_per_m: f64,
-    /// Spin of the ball times its lift constant in 1/s.
-    pub magnus_rad_s: Vector3<f64>,
-    /// Boxes in the way.
-    pub obstacles: Vec<Obstacle>,
-    /// Limits at the target.
-    pub arrival: Arrival,
-    /// An opening with its centre at the target, through which the ball passes; else it comes down on the target.
-    pub opening: Option<Opening>,
-    /// How the target moves from the planned release on.
-    pub course: Course,
-}
-
-impl Options {
-    /// The paper's form.
-    #[must_use]
-    pub fn paper() -> Self {
-        Self {
-            form: Form::Paper,
-            goal: Goal::Effort,
-            weights: Weights::default(),
-            bounds: AskedBounds::default(),
-            speed_use: 1.0,
-            acceleration_use: 1.0,
-            range_margin_rad: 0.0,
-            free_spin: false,
-            null_delay: false,
-            delay_windows: Vec::new(),
-            current_over_motion: false,
-            avoid_collisions: true,
-            clean_release: false,
-            clearance_m: 0.0,
-            drag_per_m: 0.0,
-            magnus_rad_s: Vector3::zeros(),
-            obstacles: Vec::new(),
-            arrival: Arrival { speed_m_s: None, descent_rad: None },
-            opening: None,
-            course: Course::default(),
-        }
-    }
-
-    /// Our form.
-    ///
-    /// 80 % of the acceleration: a plan that uses all of it leaves none for the controller, and the controller may
-    /// command a little less than the planner's table allows (eq. (11) of the paper). 98 % of the speed: arms whose masses
-    /// and friction are not the model's overshoot it by up to 1.2 %. 0.02 rad to the ends of the ranges:
-    /// tracking errors reach 17 mrad (robot-models 1.10), and a drive stops at the end of its range. 5 mm between bodies:
-    /// the cheapest throws pass as near as they may, and neither the boxes nor a tracked motion are as exact as the plan.
-    #[must_use]
-    pub fn best() -> Self {
-        Self {
-            form: Form::Best,
-            speed_use: 0.98,
-            acceleration_use: 0.8,
-            range_margin_rad: 0.02,
-            free_spin: true,
-            null_delay: true,
-            delay_windows: vec![
-                DelayWindow { delay_s: 0.010, shift_m: 0.002 },
-                DelayWindow { delay_s: 0.025, shift_m: 0.010 },
-            ],
-            current_over_motion: true,
-            clean_release: true,
-            clearance_m: 0.005,
-            ..Self::paper()
-        }
-    }
-
-    /// The options of a form.
-    #[must_use]
-    pub fn of(form: Form) -> Self {
-        match form {
-            Form::Paper => Self::paper(),
-            Form::Best => Self::best(),
-        }
-    }
-}
 
 /// A number for people: without hundreds of digits.
 fn short(value: f64) -> String {
     let plain = value == 0.0 || (1e-4..1e7).contains(&value.abs()) || !value.is_finite();
     if plain { value.to_string() } else { format!("{value:.3e}") }
 }
+
+/// Cuts aim a little beyond the clearance asked for, so that the proof of the motion has room for its tolerance.
+pub(crate) const CLEARANCE_EXTRA_M: f64 = 2e-4;
 
 /// A problem that cannot be stated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -396,10 +226,15 @@ impl<'a, const N: usize> Problem<'a, N> {
         }
         let holding = arm.holding_ball().map(Box::new);
         let problem = Self { arm, holding, target, aim, options, flight, shoulder, bounds, limits };
-        if problem.options.goal == Goal::Energy && !has_energy(&problem) {
+        if problem.options.goal == Goal::Energy && !problem.has_energy() {
             return Err(ProblemError::EnergyUnknown { robot: arm.name().to_owned() });
         }
         Ok(problem)
+    }
+
+    /// Whether the robot file says what the energy of a throw is: current constants and supplies.
+    fn has_energy(&self) -> bool {
+        self.arm.drives().is_some() && !self.arm.supplies().is_empty()
     }
 
     /// The arm.

@@ -1,171 +1,25 @@
 //! Search: stored throws, continuation from their neighbours, then seeded random starts until more hardly pay.
 
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::time::{Duration, Instant};
+use std::sync::atomic::Ordering;
+use std::time::Instant;
 
-use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::basins::{Basins, Confidence};
-use super::goal::Goal;
+use super::basins::{Basins, Surroundings};
 use super::local::{Begin, Found, evaluate_once, solve_from};
-use super::nearest::{NearestTarget, nearest_text};
-use super::obstruction::{Obstruction, obstruction};
-use super::paper::PaperParameters;
-use super::place::mirror_signs;
-use super::posture::pointing_start;
-use super::problem::{Options, Problem};
-use super::rng::SplitMix64;
-use super::scan::Scanner;
+use super::obstruction::obstruction;
+pub use super::outcome::{Best, Budget, NoThrow, Watch};
+pub use super::planner::{Planner, kind_of};
 use super::warm_start::{WarmStart, warm_starts};
 use crate::solve::sqp::Settings;
 use crate::store::{Index, Record};
-use crate::throw::{JOINTS, Throw};
+use crate::throw::Throw;
 
-/// How long to search.
-#[derive(Debug, Clone, Copy)]
-pub struct Budget {
-    /// Random starts after the stored ones, at most.
-    pub starts: usize,
-    /// Whether all of these starts are run, instead of as many as are likely to find a better throw.
-    pub all: bool,
-    /// No new start after this time.
-    pub time: Option<Duration>,
-    /// Seed of the random starts; same seed and same starts give the same throw on any number of cores.
-    pub seed: u64,
-}
-
-impl Default for Budget {
-    fn default() -> Self {
-        Self { starts: 96, all: false, time: None, seed: 1 }
-    }
-}
-
-/// Shared with the code that watches or stops a search.
-#[derive(Debug, Default)]
-pub struct Watch {
-    /// Set to end the search; the best throw so far is returned.
-    pub stop: AtomicBool,
-    /// Starts that have ended.
-    pub done: AtomicUsize,
-    /// Starts that found a throw.
-    pub solved: AtomicUsize,
-}
-
-/// The best throw of a search.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Best<const N: usize = JOINTS> {
-    /// The throw with its price.
-    pub found: Found<N>,
-    /// Starts that were run, stored ones included.
-    pub starts: usize,
-    /// Starts that ended in a throw.
-    pub solved: usize,
-    /// Whether the search was stopped before its budget was used.
-    pub interrupted: bool,
-    /// What the starts say about throws that were not found.
-    pub confidence: Confidence,
-    /// The cheapest throws that were found, cheapest first; equal ones once.
-    pub others: Vec<Found<N>>,
-}
-
-/// No start ended in a throw.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("no throw reaches ({:.3}, {:.3}, {:.3}) m{}", target.x, target.y, target.z, reason_text(self))]
-pub struct NoThrow {
-    /// The target in m.
-    pub target: Vector3<f64>,
-    /// The nearest target that a throw reaches, if one was found.
-    pub nearest: Option<NearestTarget>,
-    /// What closes every posture of the arm, if that is why.
-    pub obstruction: Option<Box<Obstruction>>,
-    /// Starts that were run.
-    pub starts: usize,
-    /// Whether the search was stopped before its budget was used, so that "none" is not proven by it.
-    pub interrupted: bool,
-}
-
-fn reason_text(none: &NoThrow) -> String {
-    match &none.obstruction {
-        Some(found) => format!(": {found}"),
-        None => nearest_text(none.nearest.as_ref()),
-    }
-}
-
-/// Which constraints a stored throw was made for; only the same kind is offered as a start first.
-#[must_use]
-pub fn kind_of(options: &Options) -> u32 {
-    u32::from(options.free_spin)
-        | u32::from(options.null_delay) << 1
-        | u32::from(options.clean_release) << 2
-        | u32::from(!options.avoid_collisions) << 3
-        | u32::from(!options.delay_windows.is_empty()) << 4
-}
-
-/// What the stored throws around a target say.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Surroundings {
-    /// There are too few of them to say anything.
-    Unknown,
-    /// A table says that no throw comes near the target.
-    Empty,
-    /// A table has throws to targets around.
-    Stored,
-}
-
-/// Plans throws for one problem; holds what depends on the problem but not on the start.
-#[derive(Debug, Clone)]
-pub struct Planner<'p, 'a, const N: usize = JOINTS> {
-    pub(super) problem: &'p Problem<'a, N>,
-    /// The problem with the paper's objective, if `problem` has another: what every start is solved for first.
-    effort: Option<Problem<'a, N>>,
-    pub(super) scanner: Scanner<N>,
-    pub(super) azimuth_rad: f64,
-    pub(super) range_m: f64,
-    pub(super) mirror: Option<[f64; N]>,
-}
-
-impl<'p, 'a, const N: usize> Planner<'p, 'a, N> {
-    #[must_use]
-    pub fn new(problem: &'p Problem<'a, N>) -> Self {
-        // Stored throws are for targets at rest: one that moves is looked for where it will be.
-        let t = &problem.aim.point_at(USUAL_FLIGHT_S);
-        let effort = (problem.options.goal != Goal::Effort).then(|| {
-            let mut effort = problem.clone();
-            effort.options.goal = Goal::Effort;
-            effort
-        });
-        Self {
-            problem,
-            effort,
-            scanner: Scanner::new(problem),
-            azimuth_rad: t.y.atan2(t.x),
-            range_m: t.x.hypot(t.y),
-            mirror: mirror_signs(problem),
-        }
-    }
-
+impl<const N: usize> Planner<'_, '_, N> {
     /// One local solve from random point number `index` of the search space.
     #[must_use]
     pub fn random_start(&self, seed: u64, index: u64) -> Option<Found<N>> {
         Some(self.refine(self.solve_random(seed, index)?))
-    }
-
-    pub(super) fn solve_random(&self, seed: u64, index: u64) -> Option<Found<N>> {
-        let mut rng = SplitMix64::stream(seed, index);
-        let start = self.start(&mut rng);
-        self.solve(&start, Begin::Anywhere, &Settings::default(), usize::MAX)
-    }
-
-    /// A random throw of the search space to start from; it need not keep any limit.
-    pub(super) fn start(&self, rng: &mut SplitMix64) -> Throw<N> {
-        let unit = std::array::from_fn(|_| rng.unit());
-        let h = PaperParameters::in_bounds(&self.problem.bounds, self.azimuth_rad, unit);
-        if N < 6 {
-            let (ha_s, hb_s) = ((1.0 - h.braking_ratio) * h.duration_s, h.braking_ratio * h.duration_s);
-            return pointing_start(self.problem, rng, [h.flight_s, ha_s, hb_s]);
-        }
-        h.start(self.problem)
     }
 
     /// One local solve from a throw for a near target.
@@ -185,17 +39,6 @@ impl<'p, 'a, const N: usize> Planner<'p, 'a, N> {
     #[must_use]
     pub fn from_record(&self, record: &Record<N>) -> Option<Found<N>> {
         Some(self.refine(self.polish(record, &Settings::default(), usize::MAX)?))
-    }
-
-    pub(super) fn solve(
-        &self,
-        start: &Throw<N>,
-        begin: Begin,
-        settings: &Settings,
-        most: usize,
-    ) -> Option<Found<N>> {
-        let problem = self.effort.as_ref().unwrap_or(self.problem);
-        solve_from(problem, &self.scanner, start, begin, settings, most).ok()
     }
 
     /// The second stage for a goal other than the paper's objective: from a throw that keeps every limit downhill in
@@ -452,8 +295,6 @@ impl<'p, 'a, const N: usize> Planner<'p, 'a, N> {
     }
 }
 
-/// About the time of flight of a throw, in s.
-const USUAL_FLIGHT_S: f64 = 0.6;
 /// Throws that get a second stage.
 const REFINED_MAX: usize = 16;
 /// Steps of the second stage, per round.

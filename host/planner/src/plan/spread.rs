@@ -8,9 +8,9 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::landed::Landed;
+use super::layout::Layout;
+use super::options::Noise;
 use super::problem::Problem;
-use super::rows::Layout;
-use super::statistics::Noise;
 use crate::flight::Aim;
 use crate::solve::Gradient;
 use crate::throw::Throw;

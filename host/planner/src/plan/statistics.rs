@@ -6,33 +6,12 @@
 use nalgebra::{Matrix2, Vector2, Vector3, Vector6};
 use robot_model::JointVec;
 
+pub use super::options::{Noise, Region};
 use super::problem::Problem;
 use super::rng::SplitMix64;
 use super::spread::Spread;
 use crate::flight::landing;
 use crate::throw::Throw;
-
-/// Standard deviations of what is not exact.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Noise {
-    /// Time of the release in s.
-    pub release_time_s: f64,
-    /// Joint angles at the release in rad, each joint.
-    pub position_rad: f64,
-    /// Joint speeds at the release in rad/s, each joint.
-    pub speed_rad_s: f64,
-    /// Drag constant in 1/m; drag is never negative, so what would be counts with its absolute value.
-    pub drag_per_m: f64,
-}
-
-impl Default for Noise {
-    /// 2 ms of release jitter; tracking as in robot-models 1.10 (LQR with clipping, 17 ms); drag of a light ball unknown
-    /// by 0.005 1/m.
-    fn default() -> Self {
-        Self { release_time_s: 2e-3, position_rad: 9e-4, speed_rad_s: 0.012, drag_per_m: 5e-3 }
-    }
-}
 
 /// Predicted landing in the plane of the target, in its coordinates ([`crate::flight::Aim`]; x and y of the world on a
 /// horizontal one).
@@ -105,24 +84,6 @@ pub fn monte_carlo<const N: usize>(
             Some(problem.aim.coordinates(&landing.p, delay_s + landing.time_s))
         })
         .collect()
-}
-
-/// Region that counts as a hit, in the plane of the target.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
-#[serde(rename_all = "snake_case", tag = "shape")]
-pub enum Region {
-    /// Disc about the target.
-    Disc {
-        /// Radius in m.
-        radius_m: f64,
-    },
-    /// Rectangle about the target with edges along x and y.
-    Box {
-        /// Half edge along x in m.
-        half_x_m: f64,
-        /// Half edge along y in m.
-        half_y_m: f64,
-    },
 }
 
 /// Probability of a hit with `dP = by_mean · dμ + tr(by_covariance dC)`.

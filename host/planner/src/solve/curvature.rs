@@ -3,7 +3,7 @@
 use nalgebra::DMatrix;
 
 use super::qp::{Constraint, Factor, Row, Square};
-use super::sqp::{Multipliers, Rows};
+use super::rows::{Multipliers, Rows};
 use super::{Gradient, Sink, Task, When};
 
 /// Truncation and rounding of a forward difference of gradients balance here.

@@ -5,6 +5,7 @@
 //! |---|---|
 //! | here | the task: variables, objective, constraints |
 //! | `qp` | small dense quadratic programs |
+//! | `rows` | rows of one evaluation, and multipliers |
 //! | `curvature` | the Hessian of the Lagrangian, and a positive definite matrix in its place |
 //! | `sqp` | sequential quadratic programming |
 //!
@@ -15,6 +16,7 @@
 mod curvature;
 #[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
 mod qp;
+mod rows;
 #[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
 pub(crate) mod sqp;
 

@@ -10,7 +10,7 @@ use operator::node::drive_client::Policy;
 use protocol::powercube::{Parameter, Request};
 use protocol::{Duration, ModuleId};
 
-use super::finding::{Finding, Level, finding, of_modules};
+use crate::cmd::finding::{Finding, Level, finding, of_modules};
 
 /// Questions for each module.
 const ROUNDS: usize = 200;

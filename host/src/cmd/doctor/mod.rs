@@ -1,6 +1,5 @@
 //! `cubectl doctor`
 
-mod finding;
 mod losses;
 
 use can_link::Cause;
@@ -8,9 +7,7 @@ use protocol::powercube::{Address, Config, CubeState, Parameter, Request};
 use protocol::{Duration, Frame, ModuleId};
 use robot_model::{AnyRobot, RobotModel, for_any_robot};
 
-pub(crate) use self::finding::finding;
-pub use self::finding::{Finding, Level};
-use self::finding::{grouped, of_modules};
+use super::finding::{Finding, Level, finding, grouped, of_modules};
 use super::modules::{module_json, survey_with_progress};
 use super::print_json;
 use crate::error::ExpectedError;

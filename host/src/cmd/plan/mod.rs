@@ -1,8 +1,11 @@
 //! `cubectl plan …`
 
+pub mod args;
 pub mod follow;
+pub mod follow_options;
 pub mod options;
 pub mod prepare;
+pub mod search;
 pub mod sweep;
 mod targets;
 pub mod throw;
@@ -15,7 +18,7 @@ use crate::error::ExpectedError;
 #[derive(Debug, clap::Subcommand)]
 pub enum PlanVerb {
     /// Find the best throw to a target.
-    Throw(Box<throw::Args>),
+    Throw(Box<args::Args>),
     /// Plan throws to a grid of targets: a table and a picture of the reach.
     Sweep(sweep::Args),
     /// Make the table of stored throws of a robot: plans for it are then found at once.

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 use super::options::{PlanOptions, Rung};
 use super::require_writable;
-use super::throw::watched;
+use super::search::watched;
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::reach::{self, Cell};

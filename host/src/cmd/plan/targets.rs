@@ -10,7 +10,8 @@ use planner::plan::file::PlanFile;
 use robot_model::RobotModel;
 use toml_reader::read_text;
 
-use super::throw::{Args, Planned, SearchOptions};
+use super::args::Args;
+use super::search::{Planned, SearchOptions};
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::args::interrupt;

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use can_link::BusSpec;
 use hil_sim::krc::KrcScenario;
+use operator::bus::BusArgs;
 use operator::rsi::cell;
 use operator::rsi::cycles::{Cycle, cycles};
 use operator::rsi::identify::{MeasuredGripper, MeasuredLag, Unclear, gripper, lag, wiggle, with_measured};
@@ -15,7 +16,6 @@ use planner::follow::limits::{Arm, Axes};
 use protocol::{Duration, Instant};
 
 use super::{CONFIG, Watch, description, serve_at};
-use crate::cmd::identify::Args;
 use crate::cmd::print_json;
 use crate::error::ExpectedError;
 use crate::exit;
@@ -53,104 +53,118 @@ impl Fingers {
     }
 }
 
-/// Measures, and writes a description of the robot with what was measured.
-///
-/// # Errors
-/// The robot cannot be led, or nothing can be concluded.
-pub fn identify(args: &Args, arm: &Arm) -> Result<(), ExpectedError> {
-    let truth = args.bus.cell.scenario.as_deref().map(KrcScenario::load).transpose();
-    let truth = truth.map_err(|error| ExpectedError::bad_input(&error))?;
-    let tcp = matches!(&args.bus.bus, BusSpec::Rsi(spec) if spec.tcp);
-    let mut described = match (&args.bus.rsi, &truth) {
-        (None, Some(truth)) => truth.clone(),
-        (given, _) => description(given.as_deref().or(tcp.then_some("kr-c2-tcp")))?,
-    };
-    if let Some(robot) = &args.bus.cell.robot {
-        described.robot.clone_from(robot);
-    }
-    let swing_rad = args.wiggle_deg.to_radians();
-    let start = Axes::from(described.options.start_deg.map(f64::to_radians));
-    let motion = wiggle(&start, swing_rad);
-    let mut station = exploring(&described, arm, std::slice::from_ref(&motion))
-        .map_err(|error| ExpectedError::bad_input(&error))?;
-    let fingers = Fingers { next: Cell::new(None), given: Cell::new(0) };
-    let lines = match &args.bus.bus {
-        BusSpec::Rsi(spec) => {
-            let mut each = |now, station: &mut Station| fingers.step(now, station);
-            let mut watch = Watch::new(args.bus.bus.to_string(), None, args.json, &mut each);
-            watch.stays = true;
-            serve_at(spec, &described, &mut station, &mut watch)?;
-            if watch.was_interrupted() {
-                return Err(ExpectedError::new(
-                    exit::INTERRUPTED,
-                    "interrupted; the robot was stopped along its path",
-                ));
-            }
-            std::mem::take(&mut watch.lines)
-        }
-        BusSpec::Sim => {
-            let mut scenario = truth.unwrap_or_else(|| described.clone());
-            scenario.seed = args.bus.cell.seed.unwrap_or(scenario.seed);
-            let mut each = |now, station: &mut Station| fingers.step(now, station);
-            cell::run_with(&scenario, &mut station, &mut each)
-                .map_err(|error| ExpectedError::bad_input(&error))?;
-            station.take_log()
-        }
-        other => {
-            return Err(ExpectedError::bad_input(&format!(
-                "--bus {other} is a CAN bus; this robot is led over RSI\n  next: --bus rsi:udp://0.0.0.0:49152, or leave it out"
-            )));
-        }
-    };
-    if !matches!(station.stage(), Stage::Finished { .. }) {
-        let text = verdict(RsiBallOutcome::InHand, None, station.stage(), 0.0).text;
-        let text = text.split(';').next().unwrap_or_default();
-        return Err(ExpectedError::new(
-            exit::DRIVE,
-            format!(
-                "the robot was not led to the end: {text}\n  next: `cubectl explain` with the number of the fault"
-            ),
-        ));
-    }
-    let krc = &described.options;
-    let table = cycles(&lines, &described.config, &krc.outputs_name, krc.sensor_name.as_deref());
-    conclude(args, &described, &table)
+/// What to measure, and where to write it.
+pub struct RobotIdentification<'a> {
+    /// Where the robot connects, and what is known of it.
+    pub bus: &'a BusArgs,
+    /// Largest swing of the axes, rad.
+    pub swing_rad: f64,
+    /// File for the description of the robot with what was measured.
+    pub out: Option<&'a Path>,
+    /// Print the result as JSON.
+    pub json: bool,
 }
 
-fn conclude(args: &Args, described: &KrcScenario, table: &[Cycle]) -> Result<(), ExpectedError> {
-    let krc = &described.options;
-    let period_s = krc.cycle.as_secs_f64();
-    let unclear = |error: Unclear| ExpectedError::new(exit::FINDINGS, error.to_string());
-    let lag = lag(table, period_s).map_err(unclear)?;
-    let bit = krc.hand.output_bit.unwrap_or(0);
-    let fingers = krc.sensor_name.as_ref().map(|_| gripper(table, period_s, bit));
-    let measured_gripper = fingers.as_ref().and_then(|fingers| fingers.as_ref().ok());
-    let changed = with_measured(described, &lag, measured_gripper);
-    if let Some(out) = &args.out {
-        write(out, &changed, &lag, measured_gripper, period_s)?;
-    }
-    if args.json {
-        print_json(&serde_json::json!({
-            "dead_time_s": lag.dead_s,
-            "time_constant_s": lag.constant_s,
-            "smoothing_cycles": lag.smoothing_cycles,
-            "total_lag_s": lag.total_s(period_s),
-            "residual_deg": lag.residual_deg,
-            "motion_deg": lag.motion_deg,
-            "cycles": lag.cycles,
-            "gripper": measured_gripper.map(|g| serde_json::json!({
-                "delay_s": g.delay_s, "jitter_s": g.jitter_s, "known_s": g.known_s, "openings": g.openings,
-            })),
-        }));
-    } else {
-        console::text!("{}", words(&lag, measured_gripper, period_s));
-        if let Some(out) = &args.out {
-            console::line!("description: {}", out.display());
+impl RobotIdentification<'_> {
+    /// Measures, and writes a description of the robot with what was measured.
+    ///
+    /// # Errors
+    /// The robot cannot be led, or nothing can be concluded.
+    pub fn run(&self, arm: &Arm) -> Result<(), ExpectedError> {
+        let truth = self.bus.cell.scenario.as_deref().map(KrcScenario::load).transpose();
+        let truth = truth.map_err(|error| ExpectedError::bad_input(&error))?;
+        let tcp = matches!(&self.bus.bus, BusSpec::Rsi(spec) if spec.tcp);
+        let mut described = match (&self.bus.rsi, &truth) {
+            (None, Some(truth)) => truth.clone(),
+            (given, _) => description(given.as_deref().or(tcp.then_some("kr-c2-tcp")))?,
+        };
+        if let Some(robot) = &self.bus.cell.robot {
+            described.robot.clone_from(robot);
         }
+        let swing_rad = self.swing_rad;
+        let start = Axes::from(described.options.start_deg.map(f64::to_radians));
+        let motion = wiggle(&start, swing_rad);
+        let mut station = exploring(&described, arm, std::slice::from_ref(&motion))
+            .map_err(|error| ExpectedError::bad_input(&error))?;
+        let fingers = Fingers { next: Cell::new(None), given: Cell::new(0) };
+        let lines = match &self.bus.bus {
+            BusSpec::Rsi(spec) => {
+                let mut each = |now, station: &mut Station| fingers.step(now, station);
+                let mut watch = Watch::new(self.bus.bus.to_string(), None, self.json, &mut each);
+                watch.stays = true;
+                serve_at(spec, &described, &mut station, &mut watch)?;
+                if watch.was_interrupted() {
+                    return Err(ExpectedError::new(
+                        exit::INTERRUPTED,
+                        "interrupted; the robot was stopped along its path",
+                    ));
+                }
+                std::mem::take(&mut watch.lines)
+            }
+            BusSpec::Sim => {
+                let mut scenario = truth.unwrap_or_else(|| described.clone());
+                scenario.seed = self.bus.cell.seed.unwrap_or(scenario.seed);
+                let mut each = |now, station: &mut Station| fingers.step(now, station);
+                cell::run_with(&scenario, &mut station, &mut each)
+                    .map_err(|error| ExpectedError::bad_input(&error))?;
+                station.take_log()
+            }
+            other => {
+                return Err(ExpectedError::bad_input(&format!(
+                    "--bus {other} is a CAN bus; this robot is led over RSI\n  next: --bus rsi:udp://0.0.0.0:49152, or leave it out"
+                )));
+            }
+        };
+        if !matches!(station.stage(), Stage::Finished { .. }) {
+            let text = verdict(RsiBallOutcome::InHand, None, station.stage(), 0.0).text;
+            let text = text.split(';').next().unwrap_or_default();
+            return Err(ExpectedError::new(
+                exit::DRIVE,
+                format!(
+                    "the robot was not led to the end: {text}\n  next: `cubectl explain` with the number of the fault"
+                ),
+            ));
+        }
+        let krc = &described.options;
+        let table = cycles(&lines, &described.config, &krc.outputs_name, krc.sensor_name.as_deref());
+        self.conclude(&described, &table)
     }
-    match fingers {
-        Some(Err(error)) => Err(unclear(error)),
-        _ => Ok(()),
+
+    fn conclude(&self, described: &KrcScenario, table: &[Cycle]) -> Result<(), ExpectedError> {
+        let krc = &described.options;
+        let period_s = krc.cycle.as_secs_f64();
+        let unclear = |error: Unclear| ExpectedError::new(exit::FINDINGS, error.to_string());
+        let lag = lag(table, period_s).map_err(unclear)?;
+        let bit = krc.hand.output_bit.unwrap_or(0);
+        let fingers = krc.sensor_name.as_ref().map(|_| gripper(table, period_s, bit));
+        let measured_gripper = fingers.as_ref().and_then(|fingers| fingers.as_ref().ok());
+        let changed = with_measured(described, &lag, measured_gripper);
+        if let Some(out) = self.out {
+            write(out, &changed, &lag, measured_gripper, period_s)?;
+        }
+        if self.json {
+            print_json(&serde_json::json!({
+                "dead_time_s": lag.dead_s,
+                "time_constant_s": lag.constant_s,
+                "smoothing_cycles": lag.smoothing_cycles,
+                "total_lag_s": lag.total_s(period_s),
+                "residual_deg": lag.residual_deg,
+                "motion_deg": lag.motion_deg,
+                "cycles": lag.cycles,
+                "gripper": measured_gripper.map(|g| serde_json::json!({
+                    "delay_s": g.delay_s, "jitter_s": g.jitter_s, "known_s": g.known_s, "openings": g.openings,
+                })),
+            }));
+        } else {
+            console::text!("{}", words(&lag, measured_gripper, period_s));
+            if let Some(out) = self.out {
+                console::line!("description: {}", out.display());
+            }
+        }
+        match fingers {
+            Some(Err(error)) => Err(unclear(error)),
+            _ => Ok(()),
+        }
     }
 }
 

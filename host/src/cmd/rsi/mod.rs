@@ -32,7 +32,7 @@ use protocol::{Duration, Instant};
 use crate::error::ExpectedError;
 use crate::exit;
 
-pub use identify::identify;
+pub use identify::RobotIdentification;
 pub use probe::{doctor, status};
 pub use record::{record, write_description};
 pub use replay::{is_recording, replay};

@@ -12,7 +12,7 @@ use planner::follow::limits::Arm;
 use rsi_protocol::{Internal, Root, Source, Telegram};
 
 use super::{Watch, serve_at};
-use crate::cmd::doctor::{Finding, Level, finding};
+use crate::cmd::finding::{Finding, Level, finding};
 use crate::cmd::print_json;
 use crate::error::ExpectedError;
 use crate::exit;

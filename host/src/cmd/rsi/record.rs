@@ -1,5 +1,7 @@
 //! `cubectl record` on RSI.
 
+use std::path::Path;
+
 use can_link::RsiSpec;
 use hil_sim::krc::KrcScenario;
 use operator::rsi::log::Entry;
@@ -7,21 +9,25 @@ use operator::rsi::program::{Lag, leading};
 use planner::follow::limits::Arm;
 
 use super::{CONFIG, DESCRIPTION, LOG, Watch, serve_at};
-use crate::cmd::record::Args;
 use crate::error::ExpectedError;
 
-/// Holds the robot where its program starts and writes the exchange into a folder.
+/// Holds the robot where its program starts and writes the exchange into a folder, for `span_s` or until Ctrl-C.
 ///
 /// # Errors
 /// The folder or the address cannot be had, or the recording is not whole.
-pub fn record(args: &Args, spec: &RsiSpec, described: &KrcScenario, arm: &Arm) -> Result<(), ExpectedError> {
-    let folder = &args.path;
+pub fn record(
+    folder: &Path,
+    span_s: Option<f64>,
+    spec: &RsiSpec,
+    described: &KrcScenario,
+    arm: &Arm,
+) -> Result<(), ExpectedError> {
     std::fs::create_dir_all(folder).map_err(|error| ExpectedError::output(folder, &error))?;
     let mut station =
         leading(described, arm, Lag::of(described), &[]).map_err(|error| ExpectedError::bad_input(&error))?;
     let mut on = |_, _: &mut _| true;
     let log = folder.join(LOG);
-    let mut watch = Watch::new(format!("rsi:{spec}"), args.time, false, &mut on).recording(&log)?;
+    let mut watch = Watch::new(format!("rsi:{spec}"), span_s, false, &mut on).recording(&log)?;
     write_description(folder, described)?;
     serve_at(spec, described, &mut station, &mut watch)?;
     watch.finish(&log)?;
@@ -37,7 +43,7 @@ pub fn record(args: &Args, spec: &RsiSpec, described: &KrcScenario, arm: &Arm) -
 ///
 /// # Errors
 /// A file cannot be written.
-pub fn write_description(folder: &std::path::Path, described: &KrcScenario) -> Result<(), ExpectedError> {
+pub fn write_description(folder: &Path, described: &KrcScenario) -> Result<(), ExpectedError> {
     let text =
         described.description("The robot and its program, as they were described for this run.", CONFIG);
     for (name, text) in [(DESCRIPTION, &text), (CONFIG, &described.config_text)] {

@@ -3,8 +3,9 @@
 use std::path::Path;
 
 use hil_sim::krc::KrcScenario;
-use operator::rsi::log::{Difference, FILE_MAX_BYTES, files, parse, replay as run_again};
+use operator::rsi::log::{FILE_MAX_BYTES, files, parse};
 use operator::rsi::program::replay_station;
+use operator::rsi::replay::{Difference, replay as run_again};
 use planner::follow::plan::FollowPlan;
 use toml_reader::read_text;
 

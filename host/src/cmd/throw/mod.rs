@@ -21,7 +21,7 @@ use self::progress::ProgressView;
 use super::controlled::tell_warnings;
 use super::home::share;
 use super::plan::follow::is_industrial;
-use super::plan::throw::SearchOptions;
+use super::plan::search::SearchOptions;
 use super::print_json;
 use super::report;
 use super::tracker::{TargetArg, TrackerArgs};

@@ -3,10 +3,9 @@
 //! The check shares with the design only the sampled model; definiteness is proven by
 //! [`super::rigor`], on the gains as rounded to f32.
 
+use super::law::{Gains, Weights, row, scaled_loop, time_unit_s};
 use super::problem::Problem;
-use super::region::scaled_loop;
 use super::rigor::{min_eigenvalue_bound, min_eigenvalue_bound_below, product_error};
-use super::saturated::{Gains, Weights, row, time_unit_s};
 use crate::model::{STATES, Sampled, StateMatrix, StateRow, StateVector};
 use nalgebra::{DMatrix, SMatrix};
 

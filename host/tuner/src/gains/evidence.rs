@@ -1,8 +1,8 @@
 //! The saturated loop simulated: what the certificate bounds, seen happening.
 
 use super::certificate::SaturatedCertificate;
+use super::law::{Gains, row, time_unit_s};
 use super::problem::Problem;
-use super::saturated::{Gains, row, time_unit_s};
 use crate::model::{Sampled, StateRow, StateVector, steady_state};
 
 /// One step of the saturated loop.

@@ -1,9 +1,9 @@
 //! `gains.toml`: gains with their certificates, versioned, refused unless everything proves again.
 
 use super::certificate::{Region, SaturatedCertificate, SaturatedRefusal};
+use super::law::Weights;
 use super::paper::{PaperCertificate, PaperRefusal, System};
 use super::problem::{JointInput, PhaseInput, Problem, ProblemError};
-use super::saturated::Weights;
 use crate::model::{DriveLag, Estimator, STATES, StateRow, StateVector};
 use nalgebra::allocator::Allocator;
 use nalgebra::{DMatrix, DefaultAllocator, Dim, OMatrix, SMatrix};

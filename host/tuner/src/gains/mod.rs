@@ -7,6 +7,7 @@
 //! | [`lmi`] | matrix inequalities as data, solved by the conic solver |
 //! | [`rigor`] | definiteness proven with rounding bounds |
 //! | [`paper`] | design A: Theorem 1, continuous, with `Q >= I` added |
+//! | [`law`] | the saturated law: gains, weights, scaled coordinates |
 //! | [`saturated`] | design B: sampled, delay and lag as states, saturation certified |
 //! | `region` | its semidefinite program for one phase of the motion |
 //! | [`certificate`] | what design B claims, and its check |
@@ -36,6 +37,7 @@ pub mod compare;
 pub mod design;
 pub mod evidence;
 pub mod gains_file;
+pub mod law;
 pub mod lmi;
 pub mod lqr;
 pub mod machine;

@@ -5,6 +5,7 @@
 
 use crate::model::{DriveLag, Estimator};
 use firmware::feedback::{ErrorEstimator, ErrorState, Gains, Weights, clip_to_remaining};
+use robot_model::cubic::Cubic;
 
 /// Integration step, s: a sixtieth of the drive's time constant 1/wn at 320 rad/s.
 const STEP_S: f64 = 5e-5;
@@ -51,22 +52,28 @@ impl Throw {
         (twice / self.ha_s, twice / self.hb_s)
     }
 
-    /// (time from the release, its scale) at t.
-    fn local(&self, t_s: f64) -> (f64, f64) {
-        let s = t_s.clamp(0.0, self.ha_s + self.hb_s) - self.ha_s;
-        (s, if s < 0.0 { self.ha_s } else { self.hb_s })
+    /// The cubic in force at t, and the time since its start. The position is 0 at the release.
+    fn cubic_at(&self, t_s: f64) -> (Cubic<f64>, f64) {
+        let (t_s, release) = (t_s.clamp(0.0, self.ha_s + self.hb_s), (0.0, self.release_rad_s));
+        // A cubic from rest whose acceleration ends at zero goes two thirds of velocity times duration.
+        let way = |h_s: f64| self.release_rad_s * h_s * (2.0 / 3.0);
+        if t_s < self.ha_s {
+            (Cubic::between(self.ha_s, (-way(self.ha_s), 0.0), release), t_s)
+        } else {
+            (Cubic::between(self.hb_s, release, (way(self.hb_s), 0.0)), t_s - self.ha_s)
+        }
     }
 }
 
 impl Reference for Throw {
     fn position_rad(&self, t_s: f64) -> f64 {
-        let (s, h) = self.local(t_s);
-        self.release_rad_s * (s - s * s * s / (3.0 * h * h))
+        let (cubic, t_s) = self.cubic_at(t_s);
+        cubic.position(t_s)
     }
 
     fn velocity_rad_s(&self, t_s: f64) -> f64 {
-        let (s, h) = self.local(t_s);
-        self.release_rad_s * (1.0 - s * s / (h * h))
+        let (cubic, t_s) = self.cubic_at(t_s);
+        cubic.velocity(t_s)
     }
 
     fn duration_s(&self) -> f64 {

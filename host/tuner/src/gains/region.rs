@@ -1,10 +1,10 @@
 //! Region of one phase: the semidefinite program in (P, t) for given gains, see [`super::saturated`].
 
 use super::certificate::Region;
+use super::law::{Family, Gains, Weights, row, scaled_loop, scales, slow_row, time_unit_s};
 use super::lmi::{Lmi, SolveError, symmetric_at, symmetric_unknowns};
 use super::problem::{Phase, Problem};
-use super::saturated::{Family, Gains, Weights, row, scales, slow_row, time_unit_s};
-use crate::model::{STATES, Sampled, StateMatrix, StateRow, StateVector, target_row};
+use crate::model::{STATES, StateMatrix, StateRow, StateVector, target_row};
 use nalgebra::DMatrix;
 
 /// Slow rows tried: share of u_max / error radius that its stiffness takes, and its damping. Optima
@@ -117,20 +117,6 @@ fn solve(
         return Err(SolveError::TooLow);
     }
     Ok((StateMatrix::from_column_slice(symmetric_at(&x, 0, STATES).as_slice()), t))
-}
-
-/// (A + B F) and F in scaled coordinates.
-pub(super) fn scaled_loop(
-    model: &Sampled,
-    f: &StateRow,
-    scales: &StateVector,
-    u_max: f64,
-) -> (StateMatrix, StateRow) {
-    let closed = model.a + model.b * f;
-    (
-        StateMatrix::from_fn(|i, j| closed[(i, j)] * scales[j] / scales[i]),
-        StateRow::from_fn(|_, j| f[j] * scales[j] / u_max),
-    )
 }
 
 fn dynamic(m: &StateMatrix) -> DMatrix<f64> {

@@ -21,6 +21,7 @@ use hil_sim::{Cell, CellOptions};
 use protocol::cyphal::crc::Crc64;
 use protocol::{Duration, Frame, Instant, JointIndex};
 use robot_model::AnyRobot;
+use robot_model::cubic::Cubic;
 
 use super::saturated::Gains;
 use crate::model::Estimator;
@@ -54,12 +55,8 @@ impl TrialMotion {
         let t_s = t_s.clamp(first.0, last.0);
         let after = self.knots.partition_point(|knot| knot.0 < t_s).clamp(1, self.knots.len() - 1);
         let ((t0, from), (t1, to)) = (&self.knots[after - 1], &self.knots[after]);
-        let (h, (q0, v0), (q1, v1)) = (t1 - t0, from[joint], to[joint]);
-        // Cubic Hermite polynomial in s = (t - t0) / h.
-        let s = (t_s - t0) / h;
-        let (a, b) = (2.0 * (q0 - q1) + h * (v0 + v1), 3.0 * (q1 - q0) - h * (2.0 * v0 + v1));
-        let q = q0 + s * (h * v0 + s * (b + s * a));
-        (q, v0 + s * (2.0 * b + 3.0 * s * a) / h)
+        let cubic = Cubic::between(t1 - t0, from[joint], to[joint]);
+        (cubic.position(t_s - t0), cubic.velocity(t_s - t0))
     }
 
     fn file(&self, period_us: u32) -> Option<Vec<u8>> {

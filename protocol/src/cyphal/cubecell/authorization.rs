@@ -13,15 +13,12 @@ use super::super::bits::{BufferTooSmall, Encode, Writer};
 use super::super::uavcan::command::standard;
 use super::super::uavcan::value::Value;
 use super::command;
+pub use super::command::{CODE_LEN, NONCE_LEN};
 
 /// Begins what is hashed: a code made for something else never fits.
 pub const CONTEXT: &[u8] = b"cubecell.authorize.1";
 /// Bytes of a key.
 pub const KEY_LEN: usize = 32;
-/// Bytes of a challenge.
-pub const NONCE_LEN: usize = 8;
-/// Bytes of a code.
-pub const CODE_LEN: usize = 16;
 /// Most bytes of a content: longer orders are not taken by a controller with a key.
 pub const CONTENT_LEN_MAX: usize = 128;
 /// Register that takes the key (`unstructured`, [`KEY_LEN`] bytes; none removes the key). Reads as no bytes.

@@ -46,7 +46,11 @@
 //! shapes motion. `SECURITY.md` says what is left.
 
 use super::super::bits::{Decode, DecodeError, Encode, Reader, Writer};
-use super::authorization::{CODE_LEN, NONCE_LEN};
+
+/// Bytes of a challenge.
+pub const NONCE_LEN: usize = 8;
+/// Bytes of an authentication code.
+pub const CODE_LEN: usize = 16;
 
 /// Asks for an offer to arm.
 pub const ARM_PREPARE: u16 = 1;

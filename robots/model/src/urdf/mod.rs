@@ -2,8 +2,10 @@
 
 mod export;
 mod import;
+mod parts;
 mod toml_text;
 mod tree;
 
-pub use import::{UrdfOptions, UrdfRobot, robot_file_from_urdf};
+pub use import::{UrdfRobot, robot_file_from_urdf};
+pub use parts::UrdfOptions;
 pub use tree::{UrdfError, UrdfProblem};

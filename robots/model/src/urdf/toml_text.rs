@@ -5,7 +5,7 @@ use std::fmt::Write;
 use nalgebra::Vector3;
 use toml_reader::quoted;
 
-use super::import::{Axis, Body, UrdfOptions};
+use super::parts::{Axis, Body, UrdfOptions};
 use crate::family::Family;
 use crate::load::{SCHEMA_VERSION, turn_z_to};
 use crate::pose::Pose;

@@ -9,12 +9,11 @@ use super::{
 };
 use crate::flight::Landing;
 use crate::motion::Motion;
-use crate::plan::cuts::CLEARANCE_EXTRA_M;
 use crate::plan::goal::Goal;
 use crate::plan::margins::Margins;
 use crate::plan::opening::nearest_to_rim;
 use crate::plan::paper::PaperParameters;
-use crate::plan::problem::{Obstacle, Problem};
+use crate::plan::problem::{CLEARANCE_EXTRA_M, Obstacle, Problem};
 use crate::plan::scan::{RELEASE_BLIND_S, Scanner};
 use crate::plan::search::Best;
 use crate::plan::statistics::{Noise, Region, landing_with_delay, predict};

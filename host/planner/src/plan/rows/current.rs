@@ -1,6 +1,6 @@
 //! Currents (7) and (8) at the release.
 
-use super::layout::{Layout, SUPPLIES_MAX};
+use crate::plan::layout::{Layout, SUPPLIES_MAX};
 use crate::plan::problem::Problem;
 use crate::solve::{Gradient, Sink};
 use crate::throw::Throw;

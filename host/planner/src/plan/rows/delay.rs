@@ -8,8 +8,8 @@
 use nalgebra::Vector2;
 
 use super::WINDOW;
-use super::layout::{Layout, SLOPE};
 use crate::plan::landed::Landed;
+use crate::plan::layout::{Layout, SLOPE};
 use crate::plan::problem::Problem;
 use crate::solve::{Row, Sink};
 use crate::throw::Throw;

@@ -52,9 +52,9 @@ mod tests {
     use nalgebra::Vector3;
 
     use super::*;
+    use crate::plan::layout::width;
     use crate::plan::paper::PaperParameters;
     use crate::plan::problem::Options;
-    use crate::plan::rows::width;
     use crate::plan::statistics::{Noise, Region};
     use crate::solve::Gradient;
     use crate::throw::{Arm, Joints};

@@ -4,15 +4,14 @@ use nalgebra::Vector3;
 use robot_model::Jacobian;
 
 use super::WINDOW;
+use super::arriving::Arriving;
 use super::current::release_current_rows;
 use super::delay::delay_rows;
-use super::layout::{ACROSS, CUTS_MAX, LAUNCH, Layout, TURNING};
 use super::opening::opening_rows;
-use crate::flight::model::FlightState;
 use crate::plan::cuts::{Cut, CutContext};
+use crate::plan::layout::{ACROSS, CUTS_MAX, LAUNCH, Layout, TURNING};
 use crate::plan::problem::Problem;
-use crate::solve::{Gradient, Row, Sink};
-use crate::throw::Throw;
+use crate::solve::{Row, Sink};
 
 /// The rows that need the arm's kinematics or dynamics.
 pub(crate) fn kinematic_rows<S: Sink<D>, const N: usize, const D: usize>(
@@ -181,34 +180,6 @@ fn point_rows<S: Sink<D>, const N: usize, const D: usize>(
                 }
             });
         }
-    }
-}
-
-/// The ball at the end of its flight, and what it depends on.
-pub(super) struct Arriving<'c, const N: usize> {
-    pub(super) end: &'c FlightState,
-    pub(super) throw: &'c Throw<N>,
-    pub(super) by_q: &'c Jacobian<N>,
-    pub(super) jac: &'c Jacobian<N>,
-}
-
-impl<const N: usize> Arriving<'_, N> {
-    /// Adds the gradient of a function of the velocity at the end (`by_v`) and of the time of flight (`by_f`, at a fixed
-    /// velocity).
-    pub(super) fn add_gradient<const D: usize>(
-        &self,
-        problem: &Problem<'_, N>,
-        g: &mut Gradient<'_, D>,
-        by_v: &Vector3<f64>,
-        by_f: f64,
-    ) {
-        let var = Layout::<N>::VARIABLES;
-        let by_v0 = self.end.v_by_v0.tr_mul(by_v);
-        for k in 0..N {
-            g.add(var.q + k, (0..3).map(|i| by_v0[i] * self.by_q[(i, k)]).sum());
-            g.add(var.qd + k, (0..3).map(|i| by_v0[i] * self.jac[(i, k)]).sum());
-        }
-        g.add(var.f, by_v.dot(&problem.flight.acceleration(&self.end.v)) + by_f);
     }
 }
 

@@ -13,11 +13,13 @@
 //! ```
 //!
 //! # Map
+//! `layout` of the folder above says where each variable and each row stands.
+//!
 //! | module | rows |
 //! |---|---|
-//! | `layout` | where each variable and each row stands |
 //! | `spline` | objective, limits (2) to (6), bounds of the times |
 //! | `kinematic` | launch, direction of the throw, release point, arrival |
+//! | `arriving` | the ball at the end of its flight, as rows use it |
 //! | `opening` | the ball passes through an opening |
 //! | `delay` | landing of a late or early release |
 //! | `current` | currents at the release |
@@ -27,11 +29,11 @@
 //! and no value where the pose is out of reach, and `q̇ = J⁻¹ [v0; ω]` blows up at the straight wrist on which the
 //! best throws lie. Here all of (2) to (6) is polynomial, and infeasible points are just points.
 
+mod arriving;
 mod current;
 mod delay;
 mod goal;
 mod kinematic;
-mod layout;
 mod opening;
 mod spline;
 
@@ -39,10 +41,9 @@ use std::ops::Range;
 
 use self::goal::{goal_rows, has_goal};
 use self::kinematic::kinematic_rows;
-use self::layout::EQUALITIES;
-pub(crate) use self::layout::{CUTS_MAX, DELAY_WINDOWS_MAX, LAUNCH, Layout, width};
 use self::spline::spline_rows;
 use super::cuts::Cut;
+use super::layout::{EQUALITIES, Layout};
 use super::problem::Problem;
 use crate::solve::{Row, Sink, Task, When};
 

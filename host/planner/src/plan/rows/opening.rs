@@ -1,10 +1,10 @@
 //! The ball passes through an opening: within its angle of incidence, and clear of the rim.
 
 use super::WINDOW;
-use super::kinematic::Arriving;
-use super::layout::Layout;
+use super::arriving::Arriving;
 use crate::flight::Aim;
 use crate::plan::cuts::CLEARANCE_SCALE;
+use crate::plan::layout::Layout;
 use crate::plan::opening::nearest_to_rim;
 use crate::plan::problem::Problem;
 use crate::solve::Sink;

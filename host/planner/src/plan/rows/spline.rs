@@ -2,9 +2,9 @@
 
 use nalgebra::Vector3;
 
-use super::layout::Layout;
 use super::{WINDOW, has_goal};
 use crate::plan::goal::EFFORT_SHARE;
+use crate::plan::layout::Layout;
 use crate::plan::problem::Problem;
 use crate::solve::{Row, Sink};
 use crate::throw::Basis;

@@ -3,8 +3,9 @@
 use nalgebra::Vector3;
 use robot_model::JointVec;
 
+use super::options::DELAY_WINDOWS_MAX;
+use super::problem::Problem;
 use crate::flight::Aim;
-use crate::plan::problem::Problem;
 use crate::solve::Row;
 use crate::throw::Throw;
 
@@ -44,8 +45,6 @@ pub(crate) const EQUALITIES: usize = SLOPE + 2;
 
 /// Most cuts of one problem.
 pub(crate) const CUTS_MAX: usize = 48;
-/// Most limits of the landing's shift, each for late and for early release.
-pub(crate) const DELAY_WINDOWS_MAX: usize = 4;
 /// Supplies with a row of their own.
 pub(crate) const SUPPLIES_MAX: usize = 4;
 

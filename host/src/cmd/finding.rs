@@ -49,7 +49,7 @@ impl Finding {
         }
     }
 
-    pub(super) fn to_json(&self) -> serde_json::Value {
+    pub(crate) fn to_json(&self) -> serde_json::Value {
         let modules: Vec<u8> = self.modules.iter().map(|module| module.get()).collect();
         serde_json::json!({
             "level": self.level.word(), "check": self.check, "modules": modules, "what": self.what, "next": self.next,
@@ -67,7 +67,7 @@ pub(crate) fn finding(
     of_modules(level, check, &[], what, next)
 }
 
-pub(super) fn of_modules(
+pub(crate) fn of_modules(
     level: Level,
     check: &'static str,
     modules: &[ModuleId],
@@ -78,7 +78,7 @@ pub(super) fn of_modules(
 }
 
 /// Equal findings of different modules as one, at the place of the first.
-pub(super) fn grouped(findings: Vec<Finding>) -> Vec<Finding> {
+pub(crate) fn grouped(findings: Vec<Finding>) -> Vec<Finding> {
     let mut groups: Vec<Finding> = Vec::new();
     for found in findings {
         let same = |group: &&mut Finding| {

@@ -1,0 +1,246 @@
+//! What a job is given, its steps, what is known of it so far, and why it can end early.
+
+use nalgebra::Vector3;
+use protocol::cyphal::cubecell::command::Trajectory;
+use protocol::cyphal::cubecell::group_state::GroupState;
+use protocol::cyphal::id::NodeId;
+use protocol::{Duration, Instant};
+use robot_model::collision::Scene;
+
+use super::approach::ApproachError;
+use super::trajectory::TrajectoryError;
+use crate::analysis::RunAnalysis;
+use crate::analysis::coverage::Certified;
+use crate::bus::BusFailure;
+use crate::dialogue::operator::OperatorError;
+use crate::samples::drives::Drives;
+use planner::plan::file::PlanFile;
+use planner::plan::{Arm, JOINTS};
+use tuner::gains::gains_file::{GainsFile, GainsFileError};
+
+/// What a throw is made of.
+#[derive(Clone, Copy)]
+pub struct Job<'a> {
+    pub arm: &'a Arm,
+    pub plan: &'a PlanFile,
+    /// Gains to write into the controller; `None` keeps those it has.
+    pub gains: Option<&'a GainsFile>,
+    /// What is in the way beside the arm and the floor.
+    pub scene: &'a Scene,
+    /// Share of the robot's speeds and accelerations on the way to the start and back.
+    pub approach_share: f64,
+    /// Seed for ways around obstacles.
+    pub seed: u64,
+    /// A landing farther from the target than this counts as missed, m.
+    pub tolerance_m: f64,
+    /// Afterwards back to where the arm stood before.
+    pub go_back: bool,
+}
+
+/// A step of the job.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// A controller is heard.
+    Controller,
+    /// It finds its drives and proves their watchdogs.
+    Drives,
+    /// The joints find their zeros.
+    Home,
+    /// Gains and robot are agreed on.
+    Gains,
+    /// To the start of the plan.
+    Approach,
+    /// The plan goes to the controller, which checks it.
+    Upload,
+    /// Armed in two steps.
+    Arm,
+    Throw,
+    /// The ball flies.
+    Flight,
+    /// Back to where the arm stood.
+    Return,
+}
+
+impl Step {
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Controller => "find the controller",
+            Self::Drives => "drives, watchdogs",
+            Self::Home => "home",
+            Self::Gains => "gains",
+            Self::Approach => "to the start",
+            Self::Upload => "upload",
+            Self::Arm => "arm",
+            Self::Throw => "throw",
+            Self::Flight => "flight",
+            Self::Return => "back",
+        }
+    }
+}
+
+/// Reported to the caller.
+/// Why the job ended early.
+#[derive(Debug, thiserror::Error)]
+pub enum JobError {
+    /// The bus, the controller, or Ctrl-C.
+    #[error(transparent)]
+    Operator(#[from] OperatorError),
+    /// No way to the start.
+    #[error(transparent)]
+    Approach(#[from] ApproachError),
+    /// A motion is nothing for a controller.
+    #[error(transparent)]
+    Trajectory(#[from] TrajectoryError),
+    /// Gains for another period.
+    #[error(
+        "the controller runs at {controller_us} us, the gains are for {gains_us} us\n  next: tune for its period \
+         (`cubectl tune --period {}`), or set register cycle.period_us", .controller_us / 1e3)]
+    Period {
+        /// Of the controller, µs.
+        controller_us: f64,
+        /// Of the gains, µs.
+        gains_us: f64,
+    },
+    /// Gains for another number of joints.
+    #[error("the gains are for joints {found}, the robot has {JOINTS}\n  next: `cubectl tune --joint all`")]
+    GainsJoints {
+        /// Numbers in the file.
+        found: String,
+    },
+    /// Gains of another robot.
+    #[error("{0}\n  next: `cubectl tune --robot ROBOT --joint all`")]
+    GainsRobot(GainsFileError),
+    /// The controller was started for another number of joints.
+    #[error(
+        "the controller has {found} joints, the robot {JOINTS}\n  next: name the robot of this controller with --robot"
+    )]
+    Joints {
+        /// As it tells.
+        found: usize,
+    },
+    /// Two drives answer where one should.
+    #[error(
+        "two modules answer at address {addresses}\n  next: unplug one of them and give the other a free address (parameter DefAddress, or the maker's tool)"
+    )]
+    Double { addresses: String },
+    /// The operator declined.
+    #[error("not thrown")]
+    Declined,
+}
+
+impl From<BusFailure> for JobError {
+    fn from(failure: BusFailure) -> Self {
+        Self::Operator(failure.into())
+    }
+}
+
+/// What is known of a run so far; also of one that ended early.
+#[derive(Clone, Debug, Default)]
+pub struct Record {
+    /// Node of the controller, where the link has nodes.
+    pub node: Option<NodeId>,
+    /// Each step that ended: bus time at its begin and end.
+    pub steps: Vec<(Step, Instant, Instant)>,
+    /// The step at work.
+    pub at_work: Option<(Step, Instant)>,
+    /// Control period, µs.
+    pub period_us: u64,
+    /// Gains in force: on error, rate and last command, one per joint.
+    pub gains: [Vec<f32>; 3],
+    /// Weights of the controller's estimator, alpha and beta.
+    pub estimator: Option<[f32; 2]>,
+    /// Checksum of the robot they are for; 0: not known.
+    pub gains_robot_crc32: u64,
+    /// Checksum of their certificate; 0: none.
+    pub certificate_crc32: u64,
+    /// Timing that it covers; `None` if the file of the certificate is not known.
+    pub certified: Option<Certified>,
+    /// Duration of the way to the start, s; `None`: it stood there.
+    pub approach_s: Option<f64>,
+    /// Name of the throw's file in the controller.
+    pub trajectory: Option<Trajectory>,
+    /// State before the run, and each one during it with the time of its arrival.
+    pub before: GroupState,
+    /// During the run.
+    pub states: Vec<(Instant, GroupState)>,
+    /// Drives of the joints, as the controller's registers say.
+    pub drives: Option<Drives>,
+    /// From the order to open the gripper to the free ball, as the controller's registers say.
+    pub gripper_opening: Option<Duration>,
+    /// What the frames of the run say of it.
+    pub analysis: Option<RunAnalysis>,
+    /// Where the ball is, as far as an observer watches it.
+    pub ball: BallOutcome,
+    /// Where it landed, or where the measured motion sends it.
+    pub landing: Option<Landing>,
+    /// Frames during the throw.
+    pub frames: u64,
+}
+
+/// Where the ball is, as far as an observer watches it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum BallOutcome {
+    /// Nobody watches it.
+    #[default]
+    NotObserved,
+    /// Still in the hand when the job ended.
+    InHand,
+    /// It left the hand.
+    Released,
+}
+
+impl BallOutcome {
+    /// Field `ball` of `summary.json`.
+    #[must_use]
+    pub const fn json_name(self) -> &'static str {
+        match self {
+            Self::NotObserved => "not_observed",
+            Self::InHand => "in_hand",
+            Self::Released => "released",
+        }
+    }
+}
+
+/// Where a landing is known from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LandingSource {
+    /// Seen: the simulated ball.
+    Cell,
+    /// Computed from the measured motion of the joints at the release; nobody saw the ball.
+    Measured,
+}
+
+impl LandingSource {
+    /// An observer watched the ball.
+    #[must_use]
+    pub const fn is_observed(self) -> bool {
+        matches!(self, Self::Cell)
+    }
+
+    /// Field `source` of the landing in `summary.json`.
+    #[must_use]
+    pub const fn json_name(self) -> &'static str {
+        match self {
+            Self::Cell => "simulated ball",
+            Self::Measured => "measured motion at the release",
+        }
+    }
+}
+
+/// Where the ball landed, or should have.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Landing {
+    /// How it is known.
+    pub source: LandingSource,
+    /// Where, m.
+    pub position_m: Vector3<f64>,
+    /// Distance from the target, m.
+    pub error_m: f64,
+    /// 99 % of the landings with this measured motion lie within this distance, m; `None` if the ball was seen.
+    pub uncertainty_m: Option<f64>,
+    /// By how much the ball was free later than planned, s.
+    pub release_late_s: Option<f64>,
+    /// First contact of the flying ball with the arm, s after the release.
+    pub touch_after_s: Option<f64>,
+}

@@ -1,0 +1,102 @@
+//! What is asked of a search, and what comes out of it.
+
+use std::sync::atomic::{AtomicBool, AtomicUsize};
+use std::time::Duration;
+
+use nalgebra::Vector3;
+
+use super::basins::Confidence;
+use super::local::Found;
+use super::obstruction::Obstruction;
+use crate::throw::JOINTS;
+
+/// How long to search.
+#[derive(Debug, Clone, Copy)]
+pub struct Budget {
+    /// Random starts after the stored ones, at most.
+    pub starts: usize,
+    /// Whether all of these starts are run, instead of as many as are likely to find a better throw.
+    pub all: bool,
+    /// No new start after this time.
+    pub time: Option<Duration>,
+    /// Seed of the random starts; same seed and same starts give the same throw on any number of cores.
+    pub seed: u64,
+}
+
+impl Default for Budget {
+    fn default() -> Self {
+        Self { starts: 96, all: false, time: None, seed: 1 }
+    }
+}
+
+/// Shared with the code that watches or stops a search.
+#[derive(Debug, Default)]
+pub struct Watch {
+    /// Set to end the search; the best throw so far is returned.
+    pub stop: AtomicBool,
+    /// Starts that have ended.
+    pub done: AtomicUsize,
+    /// Starts that found a throw.
+    pub solved: AtomicUsize,
+}
+
+/// The best throw of a search.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Best<const N: usize = JOINTS> {
+    /// The throw with its price.
+    pub found: Found<N>,
+    /// Starts that were run, stored ones included.
+    pub starts: usize,
+    /// Starts that ended in a throw.
+    pub solved: usize,
+    /// Whether the search was stopped before its budget was used.
+    pub interrupted: bool,
+    /// What the starts say about throws that were not found.
+    pub confidence: Confidence,
+    /// The cheapest throws that were found, cheapest first; equal ones once.
+    pub others: Vec<Found<N>>,
+}
+
+/// No start ended in a throw.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("no throw reaches ({:.3}, {:.3}, {:.3}) m{}", target.x, target.y, target.z, reason_text(self))]
+pub struct NoThrow {
+    /// The target in m.
+    pub target: Vector3<f64>,
+    /// The nearest target that a throw reaches, if one was found.
+    pub nearest: Option<NearestTarget>,
+    /// What closes every posture of the arm, if that is why.
+    pub obstruction: Option<Box<Obstruction>>,
+    /// Starts that were run.
+    pub starts: usize,
+    /// Whether the search was stopped before its budget was used, so that "none" is not proven by it.
+    pub interrupted: bool,
+}
+
+fn reason_text(none: &NoThrow) -> String {
+    match &none.obstruction {
+        Some(found) => format!(": {found}"),
+        None => nearest_text(none.nearest.as_ref()),
+    }
+}
+
+/// A reachable target near one that is not.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NearestTarget {
+    /// The point in m.
+    pub point: Vector3<f64>,
+    /// Distance from the target asked for in m.
+    pub distance_m: f64,
+    /// The constraint that blocks the rest of the way.
+    pub constraint: String,
+}
+
+/// As the end of a message: where the nearest target is and what blocks; nothing if none is known.
+fn nearest_text(nearest: Option<&NearestTarget>) -> String {
+    nearest.map_or_else(String::new, |n| {
+        format!(
+            "; the nearest target in reach is ({:.3}, {:.3}, {:.3}) m, {:.3} m away, blocked by: {}",
+            n.point.x, n.point.y, n.point.z, n.distance_m, n.constraint
+        )
+    })
+}

@@ -1,0 +1,86 @@
+//! What the search for throws to one target has in common: the problem, a start, one local solve.
+
+use super::goal::Goal;
+use super::local::{Begin, Found, solve_from};
+use super::options::Options;
+use super::paper::PaperParameters;
+use super::posture::{mirror_signs, pointing_start};
+use super::problem::Problem;
+use super::rng::SplitMix64;
+use super::scan::Scanner;
+use crate::solve::sqp::Settings;
+use crate::throw::{JOINTS, Throw};
+
+/// Which constraints a stored throw was made for; only the same kind is offered as a start first.
+#[must_use]
+pub fn kind_of(options: &Options) -> u32 {
+    u32::from(options.free_spin)
+        | u32::from(options.null_delay) << 1
+        | u32::from(options.clean_release) << 2
+        | u32::from(!options.avoid_collisions) << 3
+        | u32::from(!options.delay_windows.is_empty()) << 4
+}
+
+/// Plans throws for one problem; holds what depends on the problem but not on the start.
+#[derive(Debug, Clone)]
+pub struct Planner<'p, 'a, const N: usize = JOINTS> {
+    pub(super) problem: &'p Problem<'a, N>,
+    /// The problem with the paper's objective, if `problem` has another: what every start is solved for first.
+    pub(super) effort: Option<Problem<'a, N>>,
+    pub(super) scanner: Scanner<N>,
+    pub(super) azimuth_rad: f64,
+    pub(super) range_m: f64,
+    pub(super) mirror: Option<[f64; N]>,
+}
+
+impl<'p, 'a, const N: usize> Planner<'p, 'a, N> {
+    #[must_use]
+    pub fn new(problem: &'p Problem<'a, N>) -> Self {
+        // Stored throws are for targets at rest: one that moves is looked for where it will be.
+        let t = &problem.aim.point_at(USUAL_FLIGHT_S);
+        let effort = (problem.options.goal != Goal::Effort).then(|| {
+            let mut effort = problem.clone();
+            effort.options.goal = Goal::Effort;
+            effort
+        });
+        Self {
+            problem,
+            effort,
+            scanner: Scanner::new(problem),
+            azimuth_rad: t.y.atan2(t.x),
+            range_m: t.x.hypot(t.y),
+            mirror: mirror_signs(problem),
+        }
+    }
+
+    pub(super) fn solve_random(&self, seed: u64, index: u64) -> Option<Found<N>> {
+        let mut rng = SplitMix64::stream(seed, index);
+        let start = self.start(&mut rng);
+        self.solve(&start, Begin::Anywhere, &Settings::default(), usize::MAX)
+    }
+
+    /// A random throw of the search space to start from; it need not keep any limit.
+    pub(super) fn start(&self, rng: &mut SplitMix64) -> Throw<N> {
+        let unit = std::array::from_fn(|_| rng.unit());
+        let h = PaperParameters::in_bounds(&self.problem.bounds, self.azimuth_rad, unit);
+        if N < 6 {
+            let (ha_s, hb_s) = ((1.0 - h.braking_ratio) * h.duration_s, h.braking_ratio * h.duration_s);
+            return pointing_start(self.problem, rng, [h.flight_s, ha_s, hb_s]);
+        }
+        h.start(self.problem)
+    }
+
+    pub(super) fn solve(
+        &self,
+        start: &Throw<N>,
+        begin: Begin,
+        settings: &Settings,
+        most: usize,
+    ) -> Option<Found<N>> {
+        let problem = self.effort.as_ref().unwrap_or(self.problem);
+        solve_from(problem, &self.scanner, start, begin, settings, most).ok()
+    }
+}
+
+/// About the time of flight of a throw, in s.
+const USUAL_FLIGHT_S: f64 = 0.6;

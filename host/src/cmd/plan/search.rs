@@ -1,0 +1,303 @@
+//! The search for one throw: its options, its progress on a terminal, and what is kept of it.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use nalgebra::Vector3;
+
+use super::options::{PlanOptions, Starts, two_numbers};
+use crate::error::ExpectedError;
+use crate::exit;
+use operator::bus::args::interrupt;
+use planner::plan::file::PlanFile;
+use planner::plan::problem::Weights;
+use planner::plan::search::{Best, Budget, NoThrow, Planner, Watch};
+use planner::plan::statistics::{Noise, Region};
+use planner::plan::{Arm, Confidence, Goal, Obstruction, Options, Problem};
+use planner::store::Index;
+use robot_model::RobotModel;
+
+/// How to look for a throw: shared by `plan throw` and `throw`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct SearchOptions {
+    /// What may be thrown how.
+    #[command(flatten)]
+    pub options: PlanOptions,
+    /// Random starts after the stored ones, all of them [default: as many of 96 as are likely to find a better throw].
+    /// With a seed and no time budget the result is always the same.
+    #[arg(long, help_heading = "Search")]
+    pub starts: Option<usize>,
+    /// Stop starting after this many seconds.
+    #[arg(long, help_heading = "Search")]
+    pub time_budget: Option<f64>,
+    /// Radius of the disc about the target that counts as a hit, in m.
+    #[arg(long, conflicts_with = "hit_box", help_heading = "Throws that are allowed")]
+    pub hit_radius_m: Option<f64>,
+    /// Half edges of the rectangle about the target that counts as a hit, in m.
+    #[arg(long, value_name = "HX,HY", value_parser = two_numbers, help_heading = "Throws that are allowed")]
+    pub hit_box: Option<[f64; 2]>,
+    /// Standard deviation of the release time in s.
+    #[arg(long, help_heading = "Flight")]
+    pub jitter_s: Option<f64>,
+    /// What to make small, under all limits; `hit` needs a region (--hit-radius-m or --hit-box).
+    #[arg(long, value_enum, default_value = "effort", help_heading = "Search")]
+    pub objective: ObjectiveName,
+}
+
+/// Random starts, at most, if no number is asked for.
+const STARTS: usize = 96;
+
+/// Name of an objective.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum ObjectiveName {
+    /// The paper's: time, braking and jerk, with --weights.
+    Effort,
+    /// The duration of the motion alone.
+    Time,
+    /// The electrical energy from the supplies.
+    Energy,
+    /// The predicted root mean square distance of the landing from the target.
+    Spread,
+    /// The predicted odds against a hit of the region.
+    Hit,
+}
+
+/// A plan with what it took to find it.
+#[derive(Debug, Clone)]
+pub struct Planned<P = (Arm, PlanFile)> {
+    /// The plan, with the robot where the robot was loaded for it.
+    pub plan: P,
+    /// Time of the search.
+    pub took: Duration,
+    /// What was given up of what was asked for.
+    pub note: Option<&'static str>,
+}
+
+impl SearchOptions {
+    /// The first given option that has no meaning where the hand follows the flight.
+    pub(super) fn first_for_drive_modules(&self) -> Option<&'static str> {
+        let given = [
+            (self.time_budget.is_some(), "--time-budget"),
+            (self.hit_radius_m.is_some(), "--hit-radius-m"),
+            (self.hit_box.is_some(), "--hit-box"),
+            (self.jitter_s.is_some(), "--jitter-s"),
+            (self.objective != ObjectiveName::Effort, "--objective"),
+        ];
+        let own = given.into_iter().find(|(given, _)| *given).map(|(_, name)| name);
+        own.or_else(|| self.options.first_for_drive_modules())
+    }
+
+    fn region(&self) -> Result<Option<Region>, ExpectedError> {
+        let positive = |v: f64| {
+            if v > 0.0 && v.is_finite() {
+                Ok(v)
+            } else {
+                Err(ExpectedError::bad_input(&format!("a hit region needs positive sizes, got {v} m")))
+            }
+        };
+        match (self.hit_radius_m, self.hit_box) {
+            (Some(r), _) => Ok(Some(Region::Disc { radius_m: positive(r)? })),
+            (None, Some([x, y])) => Ok(Some(Region::Box { half_x_m: positive(x)?, half_y_m: positive(y)? })),
+            _ => Ok(None),
+        }
+    }
+
+    fn noise(&self) -> Result<Noise, ExpectedError> {
+        let mut noise = Noise::default();
+        if let Some(jitter) = self.jitter_s {
+            let sensible = (0.0..=0.05).contains(&jitter);
+            if !sensible {
+                return Err(ExpectedError::bad_input(&format!(
+                    "release jitter of {jitter} s is outside 0 to 0.05 s"
+                )));
+            }
+            noise.release_time_s = jitter;
+        }
+        Ok(noise)
+    }
+
+    fn goal(&self, noise: Noise, region: Option<Region>) -> Result<Goal, ExpectedError> {
+        match (self.objective, region) {
+            (ObjectiveName::Effort | ObjectiveName::Time, _) => Ok(Goal::Effort),
+            (ObjectiveName::Energy, _) => Ok(Goal::Energy),
+            (ObjectiveName::Spread, _) => Ok(Goal::Spread(noise)),
+            (ObjectiveName::Hit, Some(region)) => Ok(Goal::Miss(noise, region)),
+            (ObjectiveName::Hit, None) => Err(ExpectedError::bad_input(
+                &"--objective hit needs to know what a hit is: add --hit-radius-m or --hit-box",
+            )),
+        }
+    }
+
+    /// Plans the throw to `target` (m, world frame), with progress on a terminal; keeps it in the store. With `fast`
+    /// stored throws are enough, if one of them leads there.
+    ///
+    /// # Errors
+    /// If input is refused or no throw reaches the target.
+    pub fn plan(&self, target: [f64; 3], seed: u64, fast: bool) -> Result<Planned, ExpectedError> {
+        let arm = crate::cmd::arm(&self.options.robot)?;
+        let Planned { plan, took, note } = self.plan_for(&arm, target, seed, fast)?;
+        Ok(Planned { plan: (arm, plan), took, note })
+    }
+
+    /// As [`SearchOptions::plan`], for an arm of four to seven joints; also the time of the search.
+    ///
+    /// # Errors
+    /// If input is refused or no throw reaches the target.
+    pub fn plan_for<const N: usize>(
+        &self,
+        arm: &RobotModel<N>,
+        target: [f64; 3],
+        seed: u64,
+        fast: bool,
+    ) -> Result<Planned<PlanFile>, ExpectedError> {
+        let mut starts = self.options.starts(arm)?;
+        let planned = self.plan_from(arm, &mut starts, target, seed, fast)?;
+        if let Some(note) = planned.note {
+            console::note!("cubectl: {note}");
+        }
+        Ok(planned)
+    }
+
+    /// As [`SearchOptions::plan_for`], from throws that are at hand; what was given up is not told.
+    ///
+    /// # Errors
+    /// If input is refused or no throw reaches the target.
+    pub fn plan_from<const N: usize>(
+        &self,
+        arm: &RobotModel<N>,
+        starts: &mut Starts<N>,
+        target: [f64; 3],
+        seed: u64,
+        fast: bool,
+    ) -> Result<Planned<PlanFile>, ExpectedError> {
+        if self.objective == ObjectiveName::Time && self.options.weights.is_some() {
+            return Err(ExpectedError::bad_input(
+                &"--objective time has no weights: leave out --weights, or leave out --objective",
+            ));
+        }
+        let (region, noise) = (self.region()?, self.noise()?);
+        let goal = self.goal(noise, region)?;
+        let Starts { index, store, sources } = starts;
+        let time =
+            match self.time_budget {
+                None => None,
+                Some(t) => Some(Duration::try_from_secs_f64(t).map_err(|_| {
+                    ExpectedError::bad_input(&format!("time budget of {t} s is not a duration"))
+                })?),
+            };
+        let budget = Budget { starts: self.starts.unwrap_or(STARTS), all: self.starts.is_some(), time, seed };
+        let began = Instant::now();
+        let mut rungs = self.options.ladder().into_iter().peekable();
+        let (problem, best, note) = loop {
+            let Some(rung) = rungs.next() else {
+                return Err(ExpectedError::new(exit::BUG, "the ladder of options ended without a last rung"));
+            };
+            let mut options = Options { goal, ..rung.options };
+            if self.objective == ObjectiveName::Time {
+                options.weights = Weights { k_b: 0.0, k_j: 0.0, ..options.weights };
+            }
+            let problem = Problem::new(arm, Vector3::from(target), options)
+                .map_err(|e| ExpectedError::bad_input(&e))?;
+            let last = rungs.peek().is_none();
+            match find(&Planner::new(&problem), index, &budget, fast, last) {
+                Ok(best) => {
+                    break (problem, best, rung.note);
+                }
+                Err(e) if last || e.interrupted => return Err(no_throw(&e)),
+                Err(_) => {}
+            }
+        };
+        let took = began.elapsed();
+        // The table is of throws that are best in effort: others would promise what they cannot keep.
+        if goal == Goal::Effort
+            && problem.options().weights == Weights::default()
+            && self.options.first_for_one_target().is_none()
+            && let Some(store) = store
+        {
+            let record = Planner::new(&problem).record(&best.found);
+            if let Err(e) = store.append(&record) {
+                console::note!("cubectl: the throw was not stored: {e}");
+            }
+        }
+        let region = region.or_else(|| problem.region_of_opening(&best.found.throw));
+        let plan = PlanFile::of(&problem, &best, &self.options.robot, seed, &noise, region);
+        let mut plan = plan.ok_or_else(|| {
+            ExpectedError::new(exit::BUG, "the planned ball does not come down on the plane of the target")
+        })?;
+        plan.search.stored.clone_from(sources);
+        Ok(Planned { plan, took, note })
+    }
+}
+
+/// Searches; only the last rung of the ladder is worth the nearest reachable target.
+fn find<const N: usize>(
+    planner: &Planner<'_, '_, N>,
+    index: &Index<N>,
+    budget: &Budget,
+    fast: bool,
+    last: bool,
+) -> Result<Best<N>, NoThrow> {
+    if fast && let Some(found) = planner.from_index(index, FAST_TRIES) {
+        let confidence = Confidence { at_best: 1, distinct: 1, ..Confidence::default() };
+        return Ok(Best { found, starts: 1, solved: 1, interrupted: false, confidence, others: vec![found] });
+    }
+    let watch = Watch::default();
+    let best = watched(&watch, budget, || {
+        if last { planner.search(index, budget, &watch) } else { planner.attempt(index, budget, &watch) }
+    })?;
+    if best.interrupted && watch.stop.load(Ordering::Relaxed) {
+        console::note!("cubectl: stopped; this is the best of {} starts", best.starts);
+    }
+    Ok(best)
+}
+
+/// Stored throws that `fast` tries.
+const FAST_TRIES: usize = 6;
+
+fn no_throw(e: &NoThrow) -> ExpectedError {
+    if e.interrupted && e.nearest.is_none() {
+        return ExpectedError::new(
+            exit::INTERRUPTED,
+            format!("stopped after {} starts without a throw; more starts may find one", e.starts),
+        );
+    }
+    let in_reach = "choose a target in reach; `cubectl plan sweep` draws what is";
+    let next = e.obstruction.as_deref().map_or(in_reach, Obstruction::next_step);
+    ExpectedError::new(exit::NO_THROW, format!("{e}\n  next: {next}"))
+}
+
+/// Runs a search with a progress bar once it takes longer than a second; Ctrl-C keeps the best so far.
+pub(super) fn watched<T: Send>(watch: &Watch, budget: &Budget, work: impl FnOnce() -> T + Send) -> T {
+    let interrupt = interrupt();
+    let finished = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let began = Instant::now();
+            let mut bar: Option<ProgressBar> = None;
+            while !finished.load(Ordering::Relaxed) {
+                std::thread::sleep(Duration::from_millis(20));
+                if interrupt.load(Ordering::Relaxed) {
+                    watch.stop.store(true, Ordering::Relaxed);
+                }
+                if began.elapsed() > Duration::from_secs(1) {
+                    let bar = bar.get_or_insert_with(|| {
+                        let style = ProgressStyle::with_template(
+                            "{bar:30} {pos}/{len} starts, {msg} solved, {elapsed}",
+                        );
+                        ProgressBar::new(budget.starts as u64)
+                            .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+                    });
+                    bar.set_position(watch.done.load(Ordering::Relaxed) as u64);
+                    bar.set_message(watch.solved.load(Ordering::Relaxed).to_string());
+                }
+            }
+            if let Some(bar) = bar {
+                bar.finish_and_clear();
+            }
+        });
+        let result = work();
+        finished.store(true, Ordering::Relaxed);
+        result
+    })
+}
