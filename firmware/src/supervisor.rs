@@ -1,5 +1,5 @@
-//! What must hold, as pure questions: each gives the cause that does not, or none. The controller asks and
-//! reacts ([`crate::fault::Reaction`]).
+//! Checks of measured motion, without state: each returns the cause of a violated limit, or none. The controller calls them
+//! and reacts ([`crate::fault::Reaction`]).
 
 use protocol::Instant;
 

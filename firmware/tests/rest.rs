@@ -59,7 +59,7 @@ fn run_ends_in_ready_when_every_joint_stands() {
     assert_eq!(bench.kind(), StateKind::Ready, "{:?}", bench.controller.state());
 }
 
-/// Found by abuse: 300 ms after the end of the plan the group was Ready, whatever moved.
+/// Regression: 300 ms after the end of a plan the group became Ready although a joint still moved.
 #[test]
 fn joint_that_moves_on_after_the_plan_is_a_fault_and_never_ready() {
     for creep_rad_s in [-0.2, 0.02, 0.05] {
@@ -210,7 +210,7 @@ fn hands_may_move_joints_without_power_in_fault_and_in_idle() {
 #[test]
 fn boot_ends_only_when_every_joint_stands() {
     let mut bench = Bench::new(Options::default());
-    // Swings out after the last reset, without a word of it.
+    // The joint drifts after the last reset, and the drive does not report it.
     bench.run_until(3_000_000, |bench| {
         matches!(bench.controller.group().mode(), Mode::Finding(Stage::Recover { .. }))
     });

@@ -62,7 +62,7 @@ impl Rng {
 
     /// True with probability `p`; never for `p <= 0` or NaN, always for `p >= 1`.
     ///
-    /// Draws one number whatever `p` is, so that changing a probability shifts no later draw.
+    /// Always draws exactly one number, so that another `p` does not change later draws.
     pub fn chance(&mut self, p: f64) -> bool {
         self.unit() < p
     }

@@ -48,7 +48,7 @@ fn registers_are_listed_read_and_written_with_their_types_and_ranges() {
 }
 
 #[test]
-fn what_a_controller_does_not_take_is_told_by_name_and_what_is_no_value_changes_nothing() {
+fn a_refused_register_is_named_and_a_malformed_value_changes_nothing() {
     let served = Served::with_controller();
     for (words, exit, part) in [
         // Beyond the limits that the controller was started with.

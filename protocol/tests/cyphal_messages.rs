@@ -136,7 +136,7 @@ fn node_info_of_the_specification() {
 }
 
 #[test]
-fn five_hostile_bytes_of_register_access_are_a_name_of_zeros_when_extended_and_an_error_when_not() {
+fn a_register_access_cut_to_five_bytes_is_an_error_and_zero_extended_a_name_of_zeros() {
     let bytes = [0xFF, b'a', b'b', b'c', b'd'];
     let cut = DecodeError::ArrayCut { needed: 255, present: 4 };
     assert_eq!(AccessRequest::from_bytes(&bytes), Err(cut));

@@ -269,7 +269,7 @@ fn transfer_repeated_under_its_number_is_dropped() {
 }
 
 #[test]
-fn any_missing_frame_loses_the_transfer_and_a_repetition_under_the_same_number_is_welcome() {
+fn a_missing_frame_loses_the_transfer_and_a_retransmission_with_the_same_id_is_accepted() {
     let payload: Vec<u8> = (0..50).collect();
     let all = frames(request_from(PEER), 4, &payload);
     for missing in 0..all.len() {

@@ -1,4 +1,4 @@
-//! Numbers that nobody can foresee: HMAC-SHA-256 over a counter, with the board's seed as key.
+//! Unpredictable numbers: HMAC-SHA-256 over a counter, with the board's seed as key.
 
 use hmac::{Hmac, KeyInit, Mac};
 use sha2::Sha256;

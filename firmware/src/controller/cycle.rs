@@ -26,11 +26,11 @@ use crate::store::Storage;
 use crate::supervisor;
 use crate::trace::TraceEvent;
 
-/// A homing goes on until this many times the missed answers that stop a path: it needs none of them at a time.
+/// Homing fails after this many times the missed answers in a row that stop a path: it does not depend on a single answer.
 const HOMING_PATIENCE: u32 = 2;
 
 impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
-    /// Reacts to all that a call brought, then lets the group send.
+    /// Reacts to each event of this call, then lets the group send.
     pub(super) fn serve(&mut self, now: Instant) {
         while let Some(event) = self.group.poll_event(now, &self.settings) {
             match event {
@@ -53,8 +53,8 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         self.group.flush(now, &self.settings);
     }
 
-    /// A position: what it says about its joint, and what has been in force since.
-    // Calls of their own, here and below: in one piece with the loop every event would pay for the registers of all of them.
+    /// Updates the estimator of a joint with a measured position, and checks the motion of the joint.
+    // Not inlined, here and below: inlined, each event would save and restore the registers that all of them need.
     #[inline(never)]
     fn analyse(&mut self, now: Instant, measured: &Measured) {
         let Measured { joint, sample, in_force, trouble } = *measured;
@@ -93,13 +93,13 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         let patience = match self.machine.state() {
             State::Running { .. } | State::Stopping { .. } | State::Jogging(_) => 1,
             State::Homing(_) => HOMING_PATIENCE,
-            // While nothing moves, `judge_standing` counts; finding counts its own tries.
+            // While nothing moves, `judge_standing` counts missed answers; finding counts its own.
             _ => return,
         };
         if in_row >= patience * self.settings.reply_missed_max {
             self.fail(now, Fault::at(Cause::DriveSilent, joint));
         } else if matches!(self.machine.state(), State::Running { parking: Some(_), .. }) {
-            // Without it the drive would go on to the target of its last command.
+            // Without this command the drive would continue to the target of its last one.
             self.park_joint(now, joint);
         }
     }
@@ -141,7 +141,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             return;
         }
         let State::Running { clock, parking } = *self.machine.state() else { return };
-        // Before the plan begins the joints stand, and the drives may still answer the looks before the order.
+        // Before the plan begins the joints stand, and drives may still answer requests from before the order.
         let (s_us, _) = clock.at(now);
         let overrun = overrun && s_us > 0;
         match parking {

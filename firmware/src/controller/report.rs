@@ -42,7 +42,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         self.group.is_keeping_time()
     }
 
-    /// True if every drive has answered in this cycle: what is left of it is free for others.
+    /// True if every drive has answered in this cycle: the rest of the cycle is free for other frames.
     pub fn is_cycle_done(&self) -> bool {
         self.group.is_cycle_done(&self.settings)
     }

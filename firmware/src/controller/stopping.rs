@@ -2,7 +2,7 @@
 //!
 //! | reaction | while tracking | homing | jogging | nothing moves |
 //! |---|---|---|---|---|
-//! | path stop | path time is slowed down; if the path cannot be kept or it takes too long: quick stop | halt | quick stop | halt |
+//! | path stop | the path is followed ever more slowly; a quick stop if the joints cannot keep to it, or if it takes too long | halt | quick stop | halt |
 //! | quick stop | one ramp per joint to where it can just stop | halt | one ramp | halt |
 //! | halt | halt at once | halt | halt | halt |
 //!

@@ -18,10 +18,10 @@
 //! # Who is the host
 //!
 //! The node that gave the last accepted order. Its heartbeats and its commands keep a motion alive; those of
-//! others do not. While an offer to arm is out, and while the group is armed or moves, others may only stop and disarm. A
-//! host whose uptime falls back has started again: its offer and arming are void, and its motion stops. A host must send its heartbeat faster than
-//! `host.timeout_us`, not once a second as the standard asks at least. While anything is armed or moves, a heartbeat that
-//! comes after more than half of that time brings a warning (`uavcan.diagnostic.Record`); after all of it the motion stops.
+//! others do not. While an offer to arm is pending, and while the group is armed or moves, other nodes may only stop and disarm.
+//! A host whose uptime decreases has restarted: its offer and its arming become void, and its motion stops. A host must send
+//! heartbeats more often than `host.timeout_us`; the one per second of the standard is not enough. While the group is armed or
+//! moves, a heartbeat later than half of that time causes a warning (`uavcan.diagnostic.Record`), and later than all of it a stop.
 //!
 //! # Pace
 //!

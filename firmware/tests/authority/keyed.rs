@@ -81,7 +81,7 @@ fn with_a_key_orders_that_can_move_the_arm_need_a_code() {
     assert_eq!(cause(keyed.give(FIRST, Order::Run(name))), Cause::CodeMissing, "a code is for one order");
     keyed.order(FIRST, Order::Run(name)).unwrap();
     assert_eq!(keyed.bench.kind(), StateKind::Running);
-    // A stop needs none, of nobody.
+    // Any node may stop, without a code.
     keyed.give(SECOND, Order::Stop).unwrap();
     assert_eq!(keyed.bench.kind(), StateKind::Stopping);
 }

@@ -1,12 +1,12 @@
 //! Lines to standard output and standard error that never end the program.
 //!
 //! The standard library's `println!` panics when the reader leaves (`cubectl … | head`) or the disk is full. A program
-//! that moves an arm must not end that way. Here
+//! that moves an arm must not end that way. In this package
 //!
-//! * a reader that left is no error: what it does not read is dropped;
-//! * what else keeps standard output from being written is kept, and asked for with [`lost`] when the work is done, so
-//!   that nobody takes a cut file for a whole one;
-//! * standard error is written as far as it can be.
+//! * a closed reader is not an error: its output is dropped;
+//! * any other failure to write standard output is remembered. The program asks for it with [`lost`] at its end and exits with
+//!   an error, so that a truncated file is not taken for a complete one;
+//! * failures to write standard error are ignored.
 
 use std::fmt::Arguments;
 use std::io::{self, Write};

@@ -85,7 +85,7 @@ enum Phase {
     },
 }
 
-/// What a sampled bit led to, for whoever keeps figures or hands on frames.
+/// Effect of a sampled bit, for statistics and for delivery of frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// A frame became valid for this receiver (last but one bit of end of frame).

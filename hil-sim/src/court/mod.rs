@@ -8,8 +8,8 @@
 //!                                    └──► tracker: DTrack datagrams of the ball as a single marker
 //! ```
 //!
-//! Whether a ball is caught is what the contacts make of it: [`Court::resting_in`] says in which cup it has come to
-//! rest. [`Court::events`] says how it got there. World frame: that of the court file.
+//! The contact model decides whether a ball is caught: [`Court::resting_in`] names the cup in which it has come to rest,
+//! [`Court::events`] lists the contacts before. World frame: that of the court file.
 //!
 //! | file | holds |
 //! |---|---|

@@ -362,7 +362,7 @@ impl PowerCubeDrive {
         }
     }
 
-    /// Direction of motion: of the set-point, or of the axis where there is none; zero while standing.
+    /// Direction of motion, as a sign: that of the set point, or of the axis if there is no set point; zero at rest.
     fn heading(&self, now: Instant) -> f64 {
         match self.generator.program() {
             Program::Current(_) if self.axis.v_rad_s.abs() > STANDING_RAD_S => self.axis.v_rad_s,

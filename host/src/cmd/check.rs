@@ -35,8 +35,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         PlanRecord::Follow(plan) => return check_follow(args, &plan),
         PlanRecord::Move(_) => {
             return Err(ExpectedError::bad_input(&format!(
-                "{}: a plan of kind \"move\" claims nothing that could be checked here\n  next: `cubectl upload` has it checked by \
-                 the controller",
+                "{}: a plan of kind \"move\" has no target and no release to check\n  next: run `cubectl upload`; the controller \
+                 checks its limits",
                 args.plan.display()
             )));
         }

@@ -22,7 +22,7 @@ use planner::follow::plan::FollowPlan;
 use planner::plan::file::PlanFile;
 use planner::throw::Arm;
 
-/// Bit rate of a bus nobody says otherwise of, bit/s.
+/// Default bit rate of a bus, bit/s.
 pub const BIT_RATE: u32 = 1_000_000;
 
 /// Longest `summary.json` that is read, bytes.

@@ -178,7 +178,7 @@ struct Robot<'a> {
 }
 
 impl Robot<'_> {
-    /// One program run after the other; each begins at the start pose. Runs that nobody answered are not told.
+    /// Plays one program run after another, each from the start pose. Runs without an answer of a client are not reported.
     fn serve_runs(&self, scenario: &mut KrcScenario) -> Result<(), ExpectedError> {
         let spec = self.spec;
         console::line!(

@@ -36,7 +36,7 @@ impl FromStr for TargetArg {
     }
 }
 
-/// Which tracker, and what of it.
+/// Options of the tracker: its address, its calibration, and which body is the target.
 #[derive(Debug, Clone, clap::Args)]
 #[command(next_help_heading = "An optical tracker")]
 pub struct TrackerArgs {

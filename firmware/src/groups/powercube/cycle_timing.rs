@@ -17,12 +17,12 @@
 //!
 //! # Rehearsal
 //!
-//! While nothing moves, every fourth look at the drives is a cycle that reads only: two reads per joint in the order and
-//! with the pipelining of the real thing, at 8 % fewer bits. Its duration, with those bits added, must fit into the period
+//! While nothing moves, every fourth poll of the drives is a rehearsal: a cycle that only reads, with two reads per joint in
+//! the order and with the pipelining of a control cycle, at 8 % fewer bits. Its duration, with those bits added, must fit into the period
 //! before a motion may begin ([`Cause::CycleTooShort`](crate::fault::Cause::CycleTooShort) names the period that would do).
-//! What counts is the longest of the last 32 when the longest quarter and two are left out: a computer that is late now and then is no
-//! slow drive, and single late cycles stop nothing. With eight looked back at, one throw of some hundred was refused at 3 ms
-//! and 200 ± 100 µs, where all of them run.
+//! The check takes the last 32 rehearsals, ignores the slowest quarter and two more, and uses the longest of the rest. So a
+//! computer that is late now and then does not count as a slow drive; single late cycles stop nothing either. With a window of
+//! eight rehearsals, one throw of some hundred was refused at 3 ms and 200 ± 100 µs, although all of them can run.
 
 use protocol::Instant;
 
@@ -30,7 +30,7 @@ use protocol::Instant;
 const MORE_PER_JOINT_US: u32 = 44;
 /// The guest read of a cycle: request and answer, 158 bits and stuff bits, µs at 1 Mbit/s.
 pub(crate) const GUEST_US: u32 = 175;
-/// Rehearsals looked back at.
+/// CycleTimer looked back at.
 const WINDOW: usize = 32;
 /// The longest of each four is ignored, and two more, because there may be few at first.
 const SHARE: usize = 4;
@@ -52,9 +52,9 @@ enum Kind {
     Cycle,
 }
 
-/// Measures cycles.
+/// Measures how long rehearsals and control cycles take.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct CycleTiming {
+pub struct CycleTimer {
     begun: Option<(Instant, Kind)>,
     rehearsed: usize,
     /// The last rehearsals, in no order, µs.
@@ -62,7 +62,7 @@ pub struct CycleTiming {
     times: CycleTimes,
 }
 
-impl CycleTiming {
+impl CycleTimer {
     /// A rehearsal begins.
     pub const fn begin_rehearsal(&mut self, now: Instant) {
         self.begun = Some((now, Kind::Rehearsal));
@@ -73,7 +73,7 @@ impl CycleTiming {
         self.begun = Some((now, Kind::Cycle));
     }
 
-    /// A reply was missed, or something else came in between: the duration says nothing.
+    /// Drops the measurement: a reply was missed, or another request came in between.
     pub const fn abandon(&mut self) {
         self.begun = None;
     }
@@ -139,14 +139,14 @@ impl CycleTiming {
 mod tests {
     use super::*;
 
-    fn rehearse(timing: &mut CycleTiming, us: u64) {
+    fn rehearse(timing: &mut CycleTimer, us: u64) {
         timing.begin_rehearsal(Instant::from_micros(1_000));
         timing.end_rehearsal(Instant::from_micros(1_000 + us));
     }
 
     #[test]
     fn the_longest_of_the_last_rehearsals_counts_but_for_a_quarter_and_two() {
-        let mut timing = CycleTiming::default();
+        let mut timing = CycleTimer::default();
         assert_eq!(timing.cycle_us(6, true), None);
         rehearse(&mut timing, 2_500);
         assert_eq!(timing.cycle_us(6, true), Some(2_500 + 6 * MORE_PER_JOINT_US + GUEST_US));
@@ -162,7 +162,7 @@ mod tests {
 
     #[test]
     fn a_missed_reply_spoils_a_measurement() {
-        let mut timing = CycleTiming::default();
+        let mut timing = CycleTimer::default();
         timing.begin_rehearsal(Instant::ZERO);
         timing.abandon();
         timing.end_rehearsal(Instant::from_micros(90_000));
@@ -173,7 +173,7 @@ mod tests {
 
     #[test]
     fn a_run_counts_its_own_cycles() {
-        let mut timing = CycleTiming::default();
+        let mut timing = CycleTimer::default();
         for us in [2_000, 2_600] {
             timing.begin_cycle(Instant::ZERO);
             timing.end_cycle(Instant::from_micros(us));

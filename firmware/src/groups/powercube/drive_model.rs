@@ -13,33 +13,32 @@
 //! ```text
 //! r  = q_measured - q_model                              position residual, rad
 //! q_generator += 2κ r,  v_generator += κ² r / dt         κ = dt / 0.1 s: a slow observer; r limited to its bound
-//! d' = κ² r / dt - d / 0.3 s                             speed residual, rad/s: what the observer had to add lately
+//! d' = κ² r / dt - d / 0.3 s                             speed residual, rad/s: recent corrections of the observer
 //! ```
 //!
-//! The observer takes out what adds up: each command begins some tenths of a millisecond earlier or later than the answer
-//! tells, and leaves an error of speed of that time times the change of acceleration.
+//! The observer removes errors that accumulate: a command begins some tenths of a millisecond earlier or later than its answer
+//! says, which leaves a speed error of that time times the change of acceleration.
 //!
 //! # Gate
 //!
 //! ```text
-//! |r| <= R0 + |v| T_J + loose · 0.05 s       in two answers in a row, else the drive does not do what it should
+//! |r| <= R0 + |v| T_J + loose · 0.05 s       in two answers in a row; otherwise the group stops
 //! |d| <= D0 + loose                          in each answer
 //! |m| <= R0 + |v| T_J + loose · 0.05 s       in each answer; m: way by commands since the answer last changed; only half of
 //!                                            R0 while |v| < D0
 //! ```
 //!
-//! `loose` is the speed that is not known because a motion was not answered: the drive has taken it, or has not. It is the
-//! difference of the two accelerations times the time until the next answer, and fades as `d` does. An answer that comes later
-//! than the bus explains counts as none: nobody knows when the drive gave it, and with the time at which it was read a healthy
-//! joint is first slower, then faster than commanded.
+//! `loose` is the uncertainty of the speed after an unanswered motion command: the drive may or may not have taken it. Its size
+//! is the difference of the two accelerations times the time until the next answer, and it decays as `d` does. An answer later
+//! than the bus load explains is ignored: its time of measurement is unknown, and with the time of reception a healthy joint
+//! would first seem slower, then faster than commanded.
 //!
 //! # What follows from the gate
 //!
 //! A drive whose answers stand still, run backwards or ignore the commands is found at the second answer after its model has
 //! moved by `R0 + |v| T_J`, two cycles. [`excursion_max_rad`] bounds how far the joint moves from the moment its answers
-//! stand still until it is at rest. Answers that change, and depart from the model more slowly than `D0`, are not
-//! found here: positions that are true but slow are the control law's business; positions that are false cannot be told from true ones by one
-//! encoder.
+//! stand still until it is at rest. A deviation that grows more slowly than `D0` is not found here. If the positions are true,
+//! the control law corrects it; if they are false, one encoder cannot tell.
 
 use protocol::Instant;
 

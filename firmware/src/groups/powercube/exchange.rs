@@ -1,4 +1,4 @@
-//! Requests out, replies in: sends what the schedule says, and takes over what every answer tells about its drive.
+//! Sends the requests of the schedule and evaluates the replies: each reply updates the record of its drive.
 
 use protocol::powercube::{
     ACCEPTED, Address, Broadcast, Channel, CubeState, Dio, MotionCommand, MotionPosition, Parameter,
@@ -47,8 +47,8 @@ impl PowerCubes {
         self.send(&request.encode(settings.joint.at(joint).module()));
     }
 
-    /// How long an answer may take: what the cycle allows where a drive is led by the cycle; else what a bus and a
-    /// computer need that are held up for a moment, because nothing is lost by waiting.
+    /// How long an answer may take. In a control cycle the setting; otherwise long enough for a bus or a computer that is held
+    /// up for a moment, because nothing depends on the answer being fast.
     const fn reply_deadline(&self, settings: &Settings) -> Duration {
         match self.mode {
             Mode::Tracking | Mode::Parking | Mode::Braking { .. } | Mode::Halted | Mode::Jogging(_) => {

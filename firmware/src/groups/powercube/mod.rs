@@ -47,7 +47,7 @@ use protocol::{Duration, Frame, Instant, JointIndex};
 pub use self::finding::Stage;
 
 use self::cycle::{Axis, Cycle};
-use self::cycle_timing::{CycleTimes, CycleTiming};
+use self::cycle_timing::{CycleTimer, CycleTimes};
 use self::drive_model::DriveModel;
 use self::drives::DriveRecord;
 use self::finding::BootProgress;
@@ -129,7 +129,7 @@ pub struct PowerCubes {
     progress: PerJoint<BootProgress>,
     schedule: Schedule,
     slots: Slots,
-    timing: CycleTiming,
+    timing: CycleTimer,
     cycle: Cycle,
     transmit: TransmitQueue,
     events: Deque<GroupEvent, EVENTS>,
@@ -159,7 +159,7 @@ impl Default for PowerCubes {
             progress: PerJoint::default(),
             schedule: default_in_place(),
             slots: Slots::default(),
-            timing: CycleTiming::default(),
+            timing: CycleTimer::default(),
             cycle: Cycle::default(),
             transmit: default_in_place(),
             events: Deque::new(),

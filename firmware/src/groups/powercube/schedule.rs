@@ -1,21 +1,20 @@
-//! Who is asked what next: the agenda of each drive in the running cycle, and how many drives are asked
-//! at the same time.
+//! Decides which drive gets which request next: the agenda of each drive in the running cycle, and the number of requests
+//! in flight.
 //!
 //! # The control cycle on the bus
 //!
 //! Per joint: write acceleration (or speed), wait for its acknowledge, send the motion, wait for its
 //! answer: four frames, 372 to 450 bits, so six joints fill 2.2 to 2.7 ms at 1 Mbit/s. A drive thinks for 0.1 to
-//! 0.3 ms before it answers; that time is free only if other drives use it. With W drives asked at
-//! once the bus is full ([`crate::groups::powercube::cycle_timing`] has the whole count) as soon as W · (request + answer) > request + answer + thinking, about three at
-//! 0.3 ms; [`Settings::in_flight_max`] is four. More would only put frames into transmit queues, where a
-//! halt could wait behind them.
+//! 0.3 ms before it answers; other drives use the bus meanwhile. With W requests in flight the bus is fully used once
+//! W · (request + answer) > request + answer + thinking: W is about three at 0.3 ms, and [`Settings::in_flight_max`] is four
+//! ([`crate::groups::powercube::cycle_timing`] has the whole count). A larger W would only fill transmit queues, where a halt
+//! would have to wait.
 //!
-//! Order: the writes of all drives before any motion, base first. Done joint by joint, the last joint's
-//! two answers would both be waited for with an idle bus; this way it is one. A drive that needs two writes sends both
-//! in this first part.
+//! Order: the writes of all drives before any motion, base first. Joint by joint, the bus would idle for two answers of the
+//! last joint; in this order it idles for one. A drive that needs two writes gets both in this first part.
 //!
-//! A motion has a slot ([`crate::groups::powercube::slots`]): it is not sent before, even if the bus is free, so the commands of a drive
-//! come one period apart. Reads that are no part of the control ("guests") wait until the last motion is on the bus.
+//! Each motion has a slot ([`crate::groups::powercube::slots`]) and never leaves before it, so that the commands of a drive come
+//! one period apart. Reads for monitoring ("guests") wait until the last motion is on the bus.
 //!
 //! [`Settings::in_flight_max`]: crate::settings::Settings::in_flight_max
 

@@ -10,11 +10,11 @@
 //! References are taken the dead time later ([`Profile::lag`]), and `q + T q̇` is commanded, so the axes are on the path at
 //! the time of the path. A model of the drives ([`model`](self)) tells how far measured axes are from where they should be.
 //!
-//! # What is never done
+//! # Invariants
 //!
-//! * A target from before a new program run, [`Command::Halt`] or [`Command::Find`] is never taken up again.
-//! * A set point leaps no more than [`Options::a_cap_rad_s2`] allows, also after answers that came late: then the robot has held
-//!   the set point before, and the group goes on from there.
+//! * A new program run, [`Command::Halt`] and [`Command::Find`] discard the target for good.
+//! * A set point never changes faster than [`Options::a_cap_rad_s2`] allows. After a late answer the robot has held the last set
+//!   point, and the group continues from that one.
 //!
 //! # Map
 //!

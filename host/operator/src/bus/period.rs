@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wish_that_does_not_hold_is_refused_with_what_was_measured_and_what_would_hold() {
+    fn a_period_that_is_too_short_is_refused_with_the_measured_duration_and_a_period_that_fits() {
         let timing = CycleTiming::that_needs(4_800);
         let text =
             choose(PeriodRequest::Period(3_000), Some(&timing), &robot(), 3_000).unwrap_err().to_string();

@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn small_leaps_beside_the_switch_widen_the_uncertainty_and_like_ones_allow_no_result() {
+    fn a_small_jump_beside_the_switch_widens_the_uncertainty_and_two_large_jumps_give_no_result() {
         let readings = |stop_rad: f64| {
             (0..200).map(move |i| {
                 motion(i) + if i < 40 { stop_rad } else { 0.0 } + if i < 100 { 1.5 } else { 0.0 }

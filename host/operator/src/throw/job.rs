@@ -34,11 +34,11 @@ const BALL_LOOK: Duration = Duration::from_millis(10);
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Progress<'a> {
     Begin(Step),
-    /// Part of it is done: so much of so much.
+    /// Progress of the step: done, of all.
     Part(usize, usize),
-    /// The arm is about to move: an answer of `false` ends the job before.
+    /// The arm is about to move; the answer `false` ends the job before it does.
     MayThrow,
-    /// A step has ended; what it found.
+    /// A step has ended, with its result as text.
     End(Step, &'a str),
 }
 

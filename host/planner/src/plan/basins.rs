@@ -1,8 +1,8 @@
-//! Which throws the starts of a search ended in, and what that says about throws they did not end in.
+//! Local optima found by the starts of a search, and an estimate of the chance that another start finds a better one.
 //!
-//! A local solve from a random start ends in one of a few basins. How often the best one was hit, and how long no better
-//! one has been, is all a multi-start knows about its own result. If `n` random starts in a row have not found a better
-//! throw, the chance that the next one does is 1/(n + 2) on average over all that is possible (rule of succession).
+//! A local solve from a random start ends in one of a few basins. A multi-start search knows two things about its result: how
+//! many starts ended in the best basin, and how many starts ago it was found. After `n` random starts in a row without a better
+//! throw, the chance that the next start finds one is estimated as 1/(n + 2) (rule of succession).
 
 use super::local::Found;
 
@@ -17,7 +17,7 @@ pub(super) enum Surroundings {
     Stored,
 }
 
-/// What the starts of a search say about throws that were not found.
+/// How likely it is that there is a better throw than the best one found.
 #[derive(
     Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize, schemars::JsonSchema,
 )]
@@ -110,7 +110,7 @@ impl<const N: usize> Basins<N> {
         self.basins.truncate(REMEMBERED);
     }
 
-    /// Whether more random starts hardly pay.
+    /// True if more random starts are unlikely to find a better throw.
     pub(super) fn enough(&self, surroundings: Surroundings, nulled: bool) -> bool {
         let enough_stored = if nulled { ENOUGH_STORED } else { ENOUGH_STORED_PLAIN };
         match (surroundings, self.basins.first()) {

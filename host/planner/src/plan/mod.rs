@@ -19,7 +19,7 @@
 //! | `posture` | postures of the arm at a release: closed form, numerical, or drawn |
 //! | `place` | stored throws turned to a target |
 //! | `continuation` | stored throws carried to a target in steps |
-//! | `basins` | where the starts ended, and when more of them hardly pay |
+//! | `basins` | local optima that the starts ended in, and when to stop starting |
 //! | [`planner`] | what all starts to one target have in common |
 //! | [`outcome`] | budget of a search, and its result |
 //! | [`search`] | stored and random starts on all cores |

@@ -73,8 +73,8 @@ pub(crate) trait Task<const D: usize> {
     fn part_rows<S: Sink<D>>(&self, part: Self::Part, x: &Row<D>, sink: &mut S);
     /// Whether the gradient of a part is differenced along variable `k`.
     fn bends(&self, part: Self::Part, k: usize) -> bool;
-    /// Whether entry (k, i) of the second derivatives, k a variable that the part bends with, comes out a second time
-    /// as (i, k) (or is zero), so that each counts half.
+    /// Whether differencing gives the second derivative (k, i), with [`Self::bends`] true for k, again as (i, k) or as zero.
+    /// Then each of the two entries counts half.
     fn twice(&self, part: Self::Part, i: usize) -> bool;
 }
 

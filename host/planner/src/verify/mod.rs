@@ -11,7 +11,7 @@
 //! | [`target`] | one plane, closed forms | powers summed, differences in time, distances from the circle |
 //! | [`mod@check`] | rows and margins | one pass over the grid, findings with time and place |
 //!
-//! Slow on purpose (a tenth of a second): nothing here is clever, so that it can be believed.
+//! The verifier takes a tenth of a second. It uses simple formulas instead of fast ones, so that a reader can check them.
 
 pub mod ball;
 pub mod boxes;

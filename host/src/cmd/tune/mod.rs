@@ -523,7 +523,7 @@ mod tests {
         run(&args).unwrap();
         let before = InForce::from_toml(&std::fs::read_to_string(&backup).unwrap()).unwrap();
         assert_eq!(before, built_in());
-        // Another cell: what is put back there is what it holds.
+        // In another cell the rollback writes the values of the backup.
         args.rollback = Some(backup);
         run(&args).unwrap();
         // The soft controller runs at 3 ms.

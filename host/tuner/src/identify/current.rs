@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn constants_of_the_paper_are_recovered_within_the_interval_as_often_as_it_says() {
+    fn the_confidence_intervals_contain_the_constants_of_the_paper_as_often_as_they_claim() {
         for (k_b_true, k_m_true, top, load) in DRIVES {
             let (mut covered_b, mut covered_m, mut concluded) = (0, 0, 0);
             for seed in 0..100 {
