@@ -163,8 +163,11 @@ impl Lab {
     /// Starts a throw and waits until the arm has followed the plan for a quarter of a second.
     fn throwing(&mut self, folder: &Folder) -> Child {
         let out = folder.file("out");
-        let child = Command::new(env!("CARGO_BIN_EXE_cubectl"))
+        // As started by a terminal, also if these tests are run under `nohup`.
+        let child = Command::new("env")
             .args([
+                "--default-signal=HUP",
+                env!("CARGO_BIN_EXE_cubectl"),
                 "throw",
                 "--target",
                 "1,1,-1",

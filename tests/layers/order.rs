@@ -305,7 +305,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
             &["basins", "planner"],
             &["continuation", "outcome", "place"],
             &["nearest", "search"],
-            &["file", "prepare"],
+            &["file", "ladder", "prepare"],
         ],
     },
     Folder { path: "host/planner/src/plan/file", floors: &[&["motion"], &["compose", "io"]] },

@@ -15,9 +15,10 @@ use std::fs::OpenOptions;
 use std::io::Write;
 
 use nalgebra::Vector3;
-use planner::plan::problem::{Options, Problem};
+use planner::plan::ladder::rungs;
 use planner::plan::rng::SplitMix64;
 use planner::plan::search::{Budget, Planner, Watch};
+use planner::plan::{Kept, Options, Problem};
 use planner::store::Index;
 use robot_model::{AnyRobot, RobotModel, for_any_robot};
 
@@ -76,10 +77,9 @@ fn fill<const N: usize>(arm: &RobotModel<N>, file: &str, asked: &Asked) -> Resul
 fn row<const N: usize>(arm: &RobotModel<N>, asked: &Asked, index: u64) -> String {
     let at = target(arm, asked, index);
     let head = format!("{index},{},{},{}", at.x, at.y, at.z);
-    let nulled = Options { delay_windows: Vec::new(), ..Options::best() };
-    let plain = Options { null_delay: false, ..nulled.clone() };
-    for (rung, options) in [Options::best(), nulled, plain].into_iter().enumerate() {
+    for (given_up, options) in rungs(&Options::best(), Kept::default()) {
         let Ok(problem) = Problem::new(arm, at, options) else { continue };
+        let rung = given_up as usize;
         let budget = Budget { starts: asked.starts, all: true, time: None, seed: asked.seed ^ index << 20 };
         if let Ok(best) = Planner::new(&problem).attempt(&Index::default(), &budget, &Watch::default()) {
             let (price, hits) = (best.found.objective, best.confidence.at_best);

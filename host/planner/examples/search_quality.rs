@@ -12,9 +12,9 @@ use std::time::Duration;
 
 use nalgebra::Vector3;
 use nix::time::{ClockId, clock_gettime};
-use planner::plan::problem::{Options, Problem};
+use planner::plan::ladder::rungs;
 use planner::plan::search::{Budget, Planner, Watch};
-use planner::plan::seeds;
+use planner::plan::{Kept, Ladder, Options, Problem, seeds};
 use planner::store::Index;
 use robot_model::{AnyRobot, RobotModel, for_any_robot};
 
@@ -95,28 +95,20 @@ fn of_arm<const N: usize>(arm: &RobotModel<N>, known: &[Known], seeds: u64) {
     }
 }
 
-/// The default form, without limits of the landing's shift, and without nulling.
-fn ladder() -> [Options; 3] {
-    let nulled = Options { delay_windows: Vec::new(), ..Options::best() };
-    [Options::best(), nulled.clone(), Options { null_delay: false, ..nulled }]
-}
-
 fn search<const N: usize>(arm: &RobotModel<N>, known: &[Known], table: &Index<N>, seed: u64) -> Result {
     judge(known, |target| {
-        ladder().into_iter().enumerate().find_map(|(rung, options)| {
-            let problem = Problem::new(arm, *target, options).ok()?;
-            let budget = Budget { seed, ..Budget::default() };
-            let best = Planner::new(&problem).attempt(table, &budget, &Watch::default()).ok()?;
-            Some((rung, best.found.objective))
-        })
+        let ladder = Ladder::new(arm, *target, &Options::best(), Kept::default()).ok()?;
+        let budget = Budget { seed, ..Budget::default() };
+        let settled = ladder.search(table, &budget, &Watch::default(), None).ok()?;
+        Some((settled.given_up as usize, settled.best.found.objective))
     })
 }
 
 fn from_table<const N: usize>(arm: &RobotModel<N>, known: &[Known], table: &Index<N>) -> Result {
     judge(known, |target| {
-        ladder().into_iter().enumerate().find_map(|(rung, options)| {
+        rungs(&Options::best(), Kept::default()).into_iter().find_map(|(given_up, options)| {
             let problem = Problem::new(arm, *target, options).ok()?;
-            Some((rung, Planner::new(&problem).from_index(table, TRIES)?.objective))
+            Some((given_up as usize, Planner::new(&problem).from_index(table, TRIES)?.objective))
         })
     })
 }

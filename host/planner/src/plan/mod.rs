@@ -22,6 +22,7 @@
 //! | `basins` | local optima that the starts ended in, and when to stop starting |
 //! | [`planner`] | what all starts to one target have in common |
 //! | [`outcome`] | budget of a search, and its result |
+//! | [`ladder`] | what a search gives up where no throw keeps all limits of the landing's shift |
 //! | [`search`] | stored and random starts on all cores |
 //! | [`nearest`] | the nearest reachable target, for one that is not |
 //! | [`opening`] | a disc that the ball passes |
@@ -38,6 +39,7 @@ mod cuts;
 mod energy;
 pub mod file;
 pub mod goal;
+pub mod ladder;
 mod landed;
 mod layout;
 mod local;
@@ -66,6 +68,7 @@ mod warm_start;
 pub use crate::throw::{Arm, JOINTS, Joints, Throw};
 pub use basins::Confidence;
 pub use bounds::Bounds;
+pub use ladder::{GivenUp, Kept, Ladder};
 pub use local::{Blocked, Found, Nearest};
 pub use margins::Margins;
 pub use obstruction::Obstruction;

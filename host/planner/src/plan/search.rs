@@ -25,7 +25,12 @@ impl<const N: usize> Planner<'_, '_, N> {
     /// One local solve from a throw for a near target.
     #[must_use]
     pub fn from_throw(&self, start: &Throw<N>) -> Option<Found<N>> {
-        Some(self.refine(self.solve(start, Begin::Anywhere, &Settings::default(), usize::MAX)?))
+        Some(self.refine(self.solve_from_throw(start)?))
+    }
+
+    /// As [`Planner::from_throw`], without the second stage for other goals than the paper's objective.
+    pub(super) fn solve_from_throw(&self, start: &Throw<N>) -> Option<Found<N>> {
+        self.solve(start, Begin::Anywhere, &Settings::default(), usize::MAX)
     }
 
     /// A local solve from a throw with steps enough to end where it leads.
@@ -259,7 +264,7 @@ impl<const N: usize> Planner<'_, '_, N> {
     }
 
     /// More steps for the best few throws: a start has steps enough to tell where it will end, not to end there.
-    fn finish(&self, basins: &Basins<N>, stopped: &(dyn Fn() -> bool + Sync)) -> Vec<Found<N>> {
+    pub(super) fn finish(&self, basins: &Basins<N>, stopped: &(dyn Fn() -> bool + Sync)) -> Vec<Found<N>> {
         let finished = basins
             .found()
             .iter()
@@ -332,7 +337,7 @@ const BATCH: usize = 8;
 const FINISHED_MAX: usize = 2;
 const FINISH_STEPS: usize = 200;
 
-fn counted<const N: usize>(watch: &Watch, found: Option<Found<N>>) -> Option<Found<N>> {
+pub(super) fn counted<const N: usize>(watch: &Watch, found: Option<Found<N>>) -> Option<Found<N>> {
     watch.done.fetch_add(1, Ordering::Relaxed);
     watch.solved.fetch_add(usize::from(found.is_some()), Ordering::Relaxed);
     found

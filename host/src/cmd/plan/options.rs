@@ -9,7 +9,7 @@ use crate::error::ExpectedError;
 use planner::flight::{COURSE_MAX, Course};
 use planner::plan::opening::Opening;
 use planner::plan::problem::{Arrival, DelayWindow, Form, Obstacle, Options, Weights};
-use planner::plan::{AskedBounds, seeds};
+use planner::plan::{AskedBounds, GivenUp, Kept, seeds};
 use planner::store::{Index, Record, StoreError, StoreFile, file, robot_fingerprint};
 
 /// What is thrown how.
@@ -103,13 +103,18 @@ pub struct PlanOptions {
     pub no_store: bool,
 }
 
-/// Options to try, and what to say if the throw was found with them.
-#[derive(Debug, Clone)]
-pub struct Rung {
-    /// Options.
-    pub options: Options,
-    /// What was given up.
-    pub note: Option<&'static str>,
+/// What to say about a throw that does not keep all that was asked for.
+#[must_use]
+pub fn note(given_up: GivenUp) -> Option<&'static str> {
+    match given_up {
+        GivenUp::Nothing => None,
+        GivenUp::ShiftLimits => Some(
+            "no throw keeps the landing in place for a gripper that opens 25 ms late; this one does to first order",
+        ),
+        GivenUp::Nulling => Some(
+            "no throw keeps the landing in place for a gripper that opens late; here it moves with the delay",
+        ),
+    }
 }
 
 /// Name of a form.
@@ -266,25 +271,10 @@ impl PlanOptions {
         o
     }
 
-    /// The options, and behind them what is tried if they leave no throw: without limits of the landing's shift, then
-    /// without nulling. What was asked for by name is not given up.
+    /// What a search must keep: what was asked for by name is not given up.
     #[must_use]
-    pub fn ladder(&self) -> Vec<Rung> {
-        let asked = self.resolve();
-        let mut rungs = vec![Rung { options: asked.clone(), note: None }];
-        if self.delay_window.is_empty() && !asked.delay_windows.is_empty() {
-            rungs.push(Rung {
-                options: Options { delay_windows: Vec::new(), ..asked.clone() },
-                note: Some("no throw keeps the landing in place for a gripper that opens 25 ms late; this one does to first order"),
-            });
-            if self.null_delay.is_none() {
-                rungs.push(Rung {
-                    options: Options { delay_windows: Vec::new(), null_delay: false, ..asked },
-                    note: Some("no throw keeps the landing in place for a gripper that opens late; here it moves with the delay"),
-                });
-            }
-        }
-        rungs
+    pub fn kept(&self) -> Kept {
+        Kept { shift_limits: !self.delay_window.is_empty(), nulling: self.null_delay.is_some() }
     }
 
     /// Throws to start from, and the store to append to.

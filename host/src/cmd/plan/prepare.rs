@@ -10,6 +10,7 @@ use super::require_writable;
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::args::interrupt;
+use planner::plan::ladder;
 use planner::plan::prepare::{Grid, Preparation};
 use planner::plan::search::kind_of;
 use planner::store::{Record, file, robot_fingerprint};
@@ -89,7 +90,8 @@ fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), Expec
         )));
     }
     // The easiest set of options first: throws to it are starts for the others.
-    let sets: Vec<_> = args.options.ladder().into_iter().rev().map(|rung| rung.options).collect();
+    let rungs = ladder::rungs(&args.options.resolve(), args.options.kept());
+    let sets: Vec<_> = rungs.into_iter().rev().map(|(_, options)| options).collect();
     let kinds: Vec<u32> = sets.iter().map(kind_of).collect();
     let mut stand = Stand {
         robot: format!("{robot:016x}"),

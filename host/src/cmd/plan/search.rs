@@ -6,16 +6,15 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::Vector3;
 
-use super::options::{PlanOptions, Starts, two_numbers};
+use super::options::{PlanOptions, Starts, note, two_numbers};
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::args::interrupt;
 use planner::plan::file::PlanFile;
+use planner::plan::ladder::{Ladder, Settled};
 use planner::plan::problem::Weights;
-use planner::plan::search::{Best, Budget, NoThrow, Planner, Watch};
 use planner::plan::statistics::{Noise, Region};
-use planner::plan::{Arm, Confidence, Goal, Obstruction, Options, Problem};
-use planner::store::Index;
+use planner::plan::{Arm, Budget, Goal, NoThrow, Obstruction, Options, Planner, Watch};
 use robot_model::RobotModel;
 
 /// How to look for a throw: shared by `plan throw` and `throw`.
@@ -188,26 +187,20 @@ impl SearchOptions {
             };
         let budget = Budget { starts: self.starts.unwrap_or(STARTS), all: self.starts.is_some(), time, seed };
         let began = Instant::now();
-        let mut rungs = self.options.ladder().into_iter().peekable();
-        let (problem, best, note) = loop {
-            let Some(rung) = rungs.next() else {
-                return Err(ExpectedError::new(exit::BUG, "the ladder of options ended without a last rung"));
-            };
-            let mut options = Options { goal, ..rung.options };
-            if self.objective == ObjectiveName::Time {
-                options.weights = Weights { k_b: 0.0, k_j: 0.0, ..options.weights };
-            }
-            let problem = Problem::new(arm, Vector3::from(target), options)
-                .map_err(|e| ExpectedError::bad_input(&e))?;
-            let last = rungs.peek().is_none();
-            match find(&Planner::new(&problem), index, &budget, fast, last) {
-                Ok(best) => {
-                    break (problem, best, rung.note);
-                }
-                Err(e) if last || e.interrupted => return Err(no_throw(&e)),
-                Err(_) => {}
-            }
-        };
+        let mut asked = Options { goal, ..self.options.resolve() };
+        if self.objective == ObjectiveName::Time {
+            asked.weights = Weights { k_b: 0.0, k_j: 0.0, ..asked.weights };
+        }
+        let ladder = Ladder::new(arm, Vector3::from(target), &asked, self.options.kept())
+            .map_err(|e| ExpectedError::bad_input(&e))?;
+        let watch = Watch::default();
+        let quick = fast.then_some(FAST_TRIES);
+        let settled = watched(&watch, &budget, || ladder.search(index, &budget, &watch, quick))
+            .map_err(|e| no_throw(&e))?;
+        let Settled { problem, given_up, best } = settled;
+        if best.interrupted && watch.stop.load(Ordering::Relaxed) {
+            console::note!("cubectl: stopped; this is the best of {} starts", best.starts);
+        }
         let took = began.elapsed();
         // The table is of throws that are best in effort: others would promise what they cannot keep.
         if goal == Goal::Effort
@@ -215,41 +208,19 @@ impl SearchOptions {
             && self.options.first_for_one_target().is_none()
             && let Some(store) = store
         {
-            let record = Planner::new(&problem).record(&best.found);
+            let record = Planner::new(problem).record(&best.found);
             if let Err(e) = store.append(&record) {
                 console::note!("cubectl: the throw was not stored: {e}");
             }
         }
         let region = region.or_else(|| problem.region_of_opening(&best.found.throw));
-        let plan = PlanFile::of(&problem, &best, &self.options.robot, seed, &noise, region);
+        let plan = PlanFile::of(problem, &best, &self.options.robot, seed, &noise, region);
         let mut plan = plan.ok_or_else(|| {
             ExpectedError::new(exit::BUG, "the planned ball does not come down on the plane of the target")
         })?;
         plan.search.stored.clone_from(sources);
-        Ok(Planned { plan, took, note })
+        Ok(Planned { plan, took, note: note(given_up) })
     }
-}
-
-/// Searches; only the last rung of the ladder is worth the nearest reachable target.
-fn find<const N: usize>(
-    planner: &Planner<'_, '_, N>,
-    index: &Index<N>,
-    budget: &Budget,
-    fast: bool,
-    last: bool,
-) -> Result<Best<N>, NoThrow> {
-    if fast && let Some(found) = planner.from_index(index, FAST_TRIES) {
-        let confidence = Confidence { at_best: 1, distinct: 1, ..Confidence::default() };
-        return Ok(Best { found, starts: 1, solved: 1, interrupted: false, confidence, others: vec![found] });
-    }
-    let watch = Watch::default();
-    let best = watched(&watch, budget, || {
-        if last { planner.search(index, budget, &watch) } else { planner.attempt(index, budget, &watch) }
-    })?;
-    if best.interrupted && watch.stop.load(Ordering::Relaxed) {
-        console::note!("cubectl: stopped; this is the best of {} starts", best.starts);
-    }
-    Ok(best)
 }
 
 /// Stored throws that `fast` tries.

@@ -1,9 +1,8 @@
 //! `cubectl plan sweep`: a grid of targets to a table and a picture.
 
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
 use std::fs::{File, OpenOptions};
-use std::io::Write as _;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::Ordering;
@@ -11,14 +10,15 @@ use std::sync::atomic::Ordering;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::options::{PlanOptions, Rung};
+use super::options::{PlanOptions, note};
 use super::require_writable;
 use super::search::watched;
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::reach::{self, Cell};
-use planner::plan::Problem;
-use planner::plan::search::{Budget, Planner, Watch};
+use planner::plan::ladder::{Ladder, Settled};
+use planner::plan::search::{Budget, Watch};
+use planner::plan::{Found, Options};
 use planner::store::Index;
 use robot_model::{RobotModel, for_any_robot};
 
@@ -123,7 +123,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 }
 
 fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), ExpectedError> {
-    let rungs = args.options.ladder();
+    let asked = args.options.resolve();
     let index = args.options.starts(arm)?.index;
     let picture = args.picture.clone().unwrap_or_else(|| args.out.with_extension("svg"));
     require_writable(&picture)?;
@@ -158,7 +158,7 @@ fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), Expec
             .par_iter()
             .filter(|_| !watch.stop.load(Ordering::Relaxed))
             .map(|target| {
-                let row = plan(arm, target, &rungs, &index, args);
+                let row = plan(arm, target, &asked, &index, args);
                 watch.done.fetch_add(1, Ordering::Relaxed);
                 watch.solved.fetch_add(usize::from(row.cell.objective.is_some()), Ordering::Relaxed);
                 append(&file, &row)?;
@@ -208,49 +208,38 @@ fn key(t: &[f64; 3]) -> [i64; 3] {
 fn plan<const N: usize>(
     arm: &RobotModel<N>,
     target: &[f64; 3],
-    rungs: &[Rung],
+    asked: &Options,
     index: &Index<N>,
     args: &Args,
 ) -> Row {
     let [x, y, z] = *target;
-    let mut text = format!("{x},{y},{z}");
     let clean = |note: &str| note.replace([',', '"'], " ");
-    for (at, rung) in rungs.iter().enumerate() {
-        let problem = match Problem::new(arm, Vector3::from(*target), rung.options.clone()) {
-            Ok(problem) => problem,
-            Err(e) => {
-                let _ = write!(text, ",0,,,,,{}", clean(&e.to_string()));
-                break;
+    let refused = |note: &str| Row {
+        cell: Cell { target: *target, objective: None },
+        text: format!("{x},{y},{z},0,,,,,{}", clean(note)),
+    };
+    let ladder = match Ladder::new(arm, Vector3::from(*target), asked, args.options.kept()) {
+        Ok(ladder) => ladder,
+        Err(e) => return refused(&e.to_string()),
+    };
+    let budget = Budget { starts: args.starts, all: false, time: None, seed: args.seed };
+    match ladder.search(index, &budget, &Watch::default(), None) {
+        Ok(Settled { given_up, best, .. }) => {
+            let Found { throw, objective, .. } = best.found;
+            let speed = throw.ball_at_release(arm).1.norm();
+            let (flight_s, duration_s) = (throw.flight_s, throw.duration_s());
+            let note = clean(note(given_up).unwrap_or_default());
+            Row {
+                cell: Cell { target: *target, objective: Some(objective) },
+                text: format!("{x},{y},{z},1,{objective},{flight_s},{duration_s},{speed},{note}"),
             }
-        };
-        let planner = Planner::new(&problem);
-        let budget = Budget { starts: args.starts, all: false, time: None, seed: args.seed };
-        let watch = Watch::default();
-        let last = at + 1 == rungs.len();
-        let result = if last {
-            planner.search(index, &budget, &watch)
-        } else {
-            planner.attempt(index, &budget, &watch)
-        };
-        match result {
-            Ok(best) => {
-                let (throw, objective) = (best.found.throw, best.found.objective);
-                let speed = throw.ball_at_release(arm).1.norm();
-                let note = clean(rung.note.unwrap_or_default());
-                let (flight_s, duration_s) = (throw.flight_s, throw.duration_s());
-                let _ = write!(text, ",1,{objective},{flight_s},{duration_s},{speed},{note}");
-                return Row { cell: Cell { target: *target, objective: Some(objective) }, text };
-            }
-            Err(e) if last => {
-                let note = e
-                    .nearest
-                    .map_or_else(String::new, |n| format!("{:.3} m short: {}", n.distance_m, n.constraint));
-                let _ = write!(text, ",0,,,,,{}", clean(&note));
-            }
-            Err(_) => {}
         }
+        Err(none) => refused(
+            &none
+                .nearest
+                .map_or_else(String::new, |n| format!("{:.3} m short: {}", n.distance_m, n.constraint)),
+        ),
     }
-    Row { cell: Cell { target: *target, objective: None }, text }
 }
 
 /// Rows of an earlier run; a torn last line is left out and planned again.

@@ -1,0 +1,189 @@
+//! What a search asks of the landing when the gripper opens late, and what it gives up where no throw keeps that.
+//!
+//! The rungs are, strictest first: nulling with limits of the landing's shift, nulling to first order, no nulling. A search
+//! goes down until a rung has a throw. Random starts often miss the narrow basins of a strict rung: to some targets of a
+//! UR5 one start in thirty ends in one. So a rung that had no throw gets a second chance where the one below has some: from
+//! the throws of the rung below, then, without a table of stored throws, from more random starts.
+
+use nalgebra::Vector3;
+use rayon::prelude::*;
+use robot_model::RobotModel;
+
+use super::basins::{Basins, Confidence};
+use super::local::Found;
+use super::options::Options;
+use super::outcome::{Best, Budget, NoThrow, Watch};
+use super::planner::Planner;
+use super::problem::{Problem, ProblemError};
+use super::search::counted;
+use crate::store::Index;
+use crate::throw::JOINTS;
+
+/// Throws of one rung that are carried to the rung above.
+const CARRIED_MAX: usize = 12;
+/// Random starts of the second chance over those of the first: one start in thirty is then missed by one search in 10 000.
+const SECOND_CHANCE: usize = 2;
+/// Sets the random starts of the second chance apart.
+const SECOND_SEED: u64 = 0x5ec0_4dc4_a4ce_0001;
+
+/// What a search gave up to find a throw.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum GivenUp {
+    /// The throw keeps all that was asked for.
+    Nothing,
+    /// The limits of the landing's shift; it is zero to first order.
+    ShiftLimits,
+    /// The nulling too; the landing moves with the delay.
+    Nulling,
+}
+
+/// What a search must keep, because it was asked for by name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Kept {
+    /// The limits of the landing's shift, and with them the nulling.
+    pub shift_limits: bool,
+    /// The nulling.
+    pub nulling: bool,
+}
+
+/// The options of all rungs, strictest first: `asked`, and what may be given up of it.
+#[must_use]
+pub fn rungs(asked: &Options, kept: Kept) -> Vec<(GivenUp, Options)> {
+    let mut rungs = vec![(GivenUp::Nothing, asked.clone())];
+    if !kept.shift_limits && !asked.delay_windows.is_empty() {
+        let nulled = Options { delay_windows: Vec::new(), ..asked.clone() };
+        rungs.push((GivenUp::ShiftLimits, nulled.clone()));
+        if !kept.nulling {
+            rungs.push((GivenUp::Nulling, Options { null_delay: false, ..nulled }));
+        }
+    }
+    rungs
+}
+
+/// A target with the problems of all rungs.
+#[derive(Debug, Clone)]
+pub struct Ladder<'a, const N: usize = JOINTS> {
+    /// Strictest first; never empty.
+    rungs: Vec<(GivenUp, Problem<'a, N>)>,
+}
+
+/// The throw of a ladder.
+#[derive(Debug, Clone)]
+pub struct Settled<'l, 'a, const N: usize = JOINTS> {
+    /// The problem that the throw solves.
+    pub problem: &'l Problem<'a, N>,
+    /// What it does not keep of what was asked for.
+    pub given_up: GivenUp,
+    /// The best throw.
+    pub best: Best<N>,
+}
+
+impl<'a, const N: usize> Ladder<'a, N> {
+    /// The ladder for a target, in m.
+    ///
+    /// # Errors
+    /// The options are refused.
+    pub fn new(
+        arm: &'a RobotModel<N>,
+        target: Vector3<f64>,
+        asked: &Options,
+        kept: Kept,
+    ) -> Result<Self, ProblemError> {
+        let mut problems = Vec::new();
+        for (given_up, options) in rungs(asked, kept) {
+            problems.push((given_up, Problem::new(arm, target, options)?));
+        }
+        Ok(Self { rungs: problems })
+    }
+
+    /// The best throw within a budget, with as little given up as the search can manage.
+    ///
+    /// Every rung has the whole budget of starts. With `quick`, so many stored throws of each rung are tried first, and
+    /// the first that leads to the target ends the search of that rung.
+    ///
+    /// # Errors
+    /// [`NoThrow`] if no rung has one; with the nearest reachable target of the last rung unless the search was stopped.
+    pub fn search(
+        &self,
+        index: &Index<N>,
+        budget: &Budget,
+        watch: &Watch,
+        quick: Option<usize>,
+    ) -> Result<Settled<'_, 'a, N>, NoThrow> {
+        let mut at = 0;
+        let best = loop {
+            let planner = Planner::new(&self.rungs[at].1);
+            if let Some(best) = quick.and_then(|tries| stored_alone(&planner, index, tries)) {
+                break best;
+            }
+            if at + 1 == self.rungs.len() {
+                break planner.search(index, budget, watch)?;
+            }
+            match planner.attempt(index, budget, watch) {
+                Ok(best) => break best,
+                Err(none) if none.interrupted => return Err(none),
+                Err(_) => at += 1,
+            }
+        };
+        Ok(self.climb(at, best, index, budget, watch))
+    }
+
+    /// Gives the rungs above one that has throws a second chance, the nearest first.
+    fn climb(
+        &self,
+        at: usize,
+        best: Best<N>,
+        index: &Index<N>,
+        budget: &Budget,
+        watch: &Watch,
+    ) -> Settled<'_, 'a, N> {
+        let (mut at, mut best) = (at, best);
+        // Whoever names a number of starts gets that many.
+        let more = (!budget.all && index.records().is_empty()).then_some(Budget {
+            starts: SECOND_CHANCE * budget.starts,
+            seed: budget.seed ^ SECOND_SEED,
+            ..*budget
+        });
+        for above in (0..at).rev() {
+            let planner = Planner::new(&self.rungs[above].1);
+            let again = || planner.attempt(index, &more?, watch).ok();
+            let Some(found) = carry(&planner, &best.others, watch).or_else(again) else { continue };
+            best = Best { starts: best.starts + found.starts, ..found };
+            at = above;
+        }
+        let (given_up, problem) = &self.rungs[at];
+        Settled { problem, given_up: *given_up, best }
+    }
+}
+
+fn stored_alone<const N: usize>(
+    planner: &Planner<'_, '_, N>,
+    index: &Index<N>,
+    tries: usize,
+) -> Option<Best<N>> {
+    let found = planner.from_index(index, tries)?;
+    let confidence = Confidence { at_best: 1, distinct: 1, ..Confidence::default() };
+    Some(Best { found, starts: 1, solved: 1, interrupted: false, confidence, others: vec![found] })
+}
+
+/// The best throw that local solves from throws of another rung end in.
+fn carry<const N: usize>(planner: &Planner<'_, '_, N>, from: &[Found<N>], watch: &Watch) -> Option<Best<N>> {
+    let stopped = || watch.stop.load(std::sync::atomic::Ordering::Relaxed);
+    let carried: Vec<Option<Found<N>>> = from
+        .par_iter()
+        .take(CARRIED_MAX)
+        .filter(|_| !stopped())
+        .map(|found| counted(watch, planner.solve_from_throw(&found.throw)))
+        .collect();
+    let mut basins = Basins::default();
+    carried.into_iter().for_each(|found| basins.add_stored(found));
+    let others = planner.finish(&basins, &stopped);
+    Some(Best {
+        found: *others.first()?,
+        starts: basins.starts(),
+        solved: basins.solved(),
+        interrupted: stopped(),
+        confidence: basins.confidence(),
+        others,
+    })
+}
