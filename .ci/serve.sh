@@ -5,6 +5,8 @@ serve() {
     local log=$1 buses=()
     shift
     for bus in "$@"; do buses+=(--bus "$bus"); done
+    # Here, not by the job in the background: the loop below may look before that has begun.
+    : >"$log"
     target/release/hil-sim serve "${buses[@]}" --json >"$log" </dev/null &
     server=$!
     # Two minutes: only a hang lasts as long, on a busy machine too.

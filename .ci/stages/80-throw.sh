@@ -46,6 +46,12 @@ emulator() { # program, options…
 pids=()
 end_all() {
     for pid in "${pids[@]}"; do kill -INT "$pid" 2>/dev/null || true; done
+    # An emulator that waits for the other end of a pipe does not hear it.
+    for _ in $(seq 100); do
+        kill -0 "${pids[@]}" 2>/dev/null || break
+        sleep 0.1
+    done
+    for pid in "${pids[@]}"; do kill -KILL "$pid" 2>/dev/null || true; done
     for pid in "${pids[@]}"; do wait "$pid" || true; done
     pids=()
 }
