@@ -30,7 +30,7 @@
 //! # What is not modelled
 //!
 //! Sub-bit timing: propagation, sample point and clock tolerance are taken as good. Bit rates other
-//! than the bus's own: see [`crate::Link::OtherRate`]. CAN FD.
+//! than the bus's own: see [`crate::BusConnection::OtherRate`]. CAN FD.
 
 pub mod config;
 pub mod controller;

@@ -95,7 +95,7 @@ pub(super) struct Afflictions {
 ///
 /// # Contract
 ///
-/// * As a [`Node`] it takes requests and broadcasts and gives answers and, if wanted, STATE frames.
+/// * As a [`Node`](protocol::Node) it takes requests and broadcasts and gives answers and, if wanted, STATE frames.
 /// * Physics crosses in three calls, all in joint coordinates (the arm's truth, not what the module believes):
 ///   [`PowerCubeDrive::input`] before each step of the mechanics, [`PowerCubeDrive::tick`] after it, and [`PowerCubeDrive::power`].
 /// * A request acts and is answered after the processing delay; broadcasts act on reception, so that "start motion"

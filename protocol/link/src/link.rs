@@ -52,9 +52,9 @@ pub struct LinkStats {
 ///
 /// # Calling order
 ///
-/// [`send`](CanLink::send) and [`receive`](Link::receive) never block. An owner repeats: call
+/// [`send`](CanLink::send) and [`receive`](CanLink::receive) never block. An owner repeats: call
 /// [`receive`](CanLink::receive) until it returns `None`, do what is due, then [`wait`]. A link does its
-/// reading, writing and housekeeping inside [`receive`](Link::receive), so an owner that stops calling
+/// reading, writing and housekeeping inside [`receive`](CanLink::receive), so an owner that stops calling
 /// it also stops its output queue from draining.
 pub trait CanLink {
     /// The link as a person would name it (`socketcand://127.0.0.1:29536/can0`), for messages.
@@ -78,7 +78,7 @@ pub trait CanLink {
     /// Names what the link waits for.
     fn register<'a>(&'a self, set: &mut PollSet<'a>);
 
-    /// Earliest time at which [`receive`](Link::receive) has housekeeping to do even if nothing
+    /// Earliest time at which [`receive`](CanLink::receive) has housekeeping to do even if nothing
     /// arrives.
     fn deadline(&self) -> Option<Instant> {
         None

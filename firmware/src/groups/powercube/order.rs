@@ -10,7 +10,7 @@
 //!
 //! Six drives that are asked at the same time wait for each other on the bus: the last one seems slower by up to 0.4 ms. While nothing
 //! moves, the order turns by one place with each look, so each drive is the first one at times, and its shortest time is that of
-//! the drive ([`Drive::answer_us`](crate::groups::powercube::drives::Drive::answer_us)).
+//! the drive ([`DriveRecord::answer_us`](crate::groups::powercube::drives::DriveRecord::answer_us)).
 
 use protocol::{JOINTS_MAX, JointIndex};
 
