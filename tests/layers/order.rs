@@ -257,7 +257,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
     },
     Folder {
         path: "host/planner/src/catch",
-        floors: &[&["draw", "forecast", "law"], &["arm"], &["motion"], &["search"], &["online"]],
+        floors: &[&["draw", "forecast", "law"], &["arm"], &["motion"], &["search"], &["clear"], &["online"]],
     },
     Folder {
         path: "host/planner/src/disc",
@@ -396,9 +396,9 @@ pub(crate) const FOLDERS: &[Folder] = &[
     Folder {
         path: "host/operator/src/rally",
         floors: &[
-            &["executor", "thrower"],
+            &["estimator", "executor", "limits", "obstacles", "thrower", "told"],
             &["on_controller", "trial"],
-            &["throws"],
+            &["degraded", "throws"],
             &["exchange"],
             &["study"],
         ],

@@ -22,7 +22,8 @@ fn throws(pair: &Pair, count: usize) -> Vec<Aimed> {
 
 fn in_setting(pair: &Pair, throws: &[Aimed], options: &TrialOptions) -> Row {
     let row = row("", pair, throws, &|_| options.clone(), &[], 11);
-    assert_eq!((row.silent, row.limit_passed, row.refusals), (0, 0, 0), "{row:?}");
+    let wrong = (row.silent.len(), row.limit_passed.len(), row.refusals);
+    assert_eq!(wrong, (0, 0, 0), "{row:?}");
     row
 }
 
@@ -105,7 +106,10 @@ fn an_arm_behind_its_controller_catches() {
         let mut arm = ControllerArm::new(&options.wait).unwrap();
         let outcome = pair.run_on(aimed, &options, k as u64, &mut arm, |observe| observe());
         assert!(outcome.told_truly(), "{:?} {:?}", outcome.told, outcome.events);
-        assert!(outcome.executed.0 <= 1.0 && !outcome.executed.1, "{:?}", outcome.executed);
+        // The position loop of a drive overshoots a step of the acceleration.
+        let executed = outcome.executed[1];
+        let kept = executed.speed <= 1.0 && executed.acceleration <= 1.2 && !executed.left_range;
+        assert!(kept, "{executed:?}");
         assert!(arm.answered.0 > 3, "{:?} {:?}", arm.answered, outcome.refusals);
         println!("{:?} {:?} {:?} {:?}", outcome.told, outcome.crossing, arm.answered, outcome.refusals);
         caught += usize::from(outcome.caught);

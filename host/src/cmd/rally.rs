@@ -38,6 +38,9 @@ pub struct Args {
     /// Instead of a rally: shares of caught balls over this many throws each, by setting, flight time and fault.
     #[arg(long, value_name = "THROWS", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub study: Option<u32>,
+    /// Of the study only settings whose name has this in it.
+    #[arg(long, value_name = "TEXT", requires = "study")]
+    pub only: Option<String>,
     /// Write a report of the last exchange: both arms, predicted and actual miss, probability over time, decisions.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
@@ -236,9 +239,10 @@ pub(super) fn as_text(outcome: &Outcome) -> String {
     let corrected = outcome.log.iter().filter(|l| l.decision == Decision::Corrected).count();
     let judged: usize = outcome.log.iter().map(|l| l.count.judged).sum();
     out += &format!(
-        "  {} forecasts, {corrected} corrections, {judged} candidates judged; largest speed {:.0} % of its limit\n",
+        "  {} forecasts, {corrected} corrections, {judged} candidates judged; catcher: largest speed {:.0} %, acceleration {:.0} % of its limit\n",
         outcome.log.len(),
-        outcome.executed.0 * 100.0
+        outcome.executed[1].speed * 100.0,
+        outcome.executed[1].acceleration * 100.0
     );
     out
 }
@@ -258,7 +262,10 @@ pub(super) fn as_json(outcome: &Outcome) -> Value {
             "after_release_s": l.at_s - outcome.planned_s.0, "decision": report::decision_word(&l.decision),
             "probability": l.probability, "sigma_m": l.sigma_m, "off_m": l.off_m, "judged": l.count.judged,
         })).collect::<Vec<_>>(),
-        "limits": {"speed": outcome.executed.0, "acceleration": outcome.used[1], "jerk": outcome.used[2], "left_range": outcome.executed.1},
+        "limits": {
+            "thrower": outcome.executed[0], "catcher": outcome.executed[1], "arms_touched": outcome.arms_touched,
+            "planned": {"speed": outcome.used[0], "acceleration": outcome.used[1], "jerk": outcome.used[2]},
+        },
         "refusals": outcome.refusals.iter().map(ToString::to_string).collect::<Vec<_>>(),
     })
 }
@@ -292,7 +299,7 @@ fn rally_json(rally: &Rally) -> Value {
 }
 
 fn study_of(args: &Args, court: &CourtOptions<6>, throws: u32) -> Result<(), ExpectedError> {
-    let options = StudyOptions { throws: throws as usize, seed: args.catching.seed };
+    let options = StudyOptions { throws: throws as usize, seed: args.catching.seed, only: args.only.clone() };
     let mut rows = Vec::new();
     let study = study::run(court, &options, |row| {
         if !args.json {
@@ -308,7 +315,7 @@ fn study_of(args: &Args, court: &CourtOptions<6>, throws: u32) -> Result<(), Exp
     } else {
         console::text!("{}", study.as_text());
     }
-    let wrong: usize = rows.iter().map(|row| row.silent + row.limit_passed).sum();
+    let wrong: usize = rows.iter().map(|row| row.silent.len() + row.limit_passed.len()).sum();
     if wrong > 0 {
         return Err(ExpectedError::new(
             exit::FINDINGS,
@@ -325,7 +332,7 @@ fn row_text(row: &Row) -> String {
     let bins: Vec<String> =
         row.by_flight.iter().map(|share| format!("{:.0}/{}", share.value() * 100.0, share.of)).collect();
     format!(
-        "{}\n  caught {:.1} % [{:.1}, {:.1}] of {}; of those with a place {:.1} % of {}; by the rule {:.1} %; by flight time {}\n  miss {:.1} mm (50 %), {:.1} mm (95 %); declined {}; not caught and told {}; told wrongly {}; limit passed {}; refused {}\n  decision {:.0} / {:.0} us (50 / 99 %), {:.0} candidates\n",
+        "{}\n  caught {:.1} % [{:.1}, {:.1}] of {}; of those with a place {:.1} % of {}; by the rule {:.1} %; by flight time {}\n  miss {:.1} mm (50 %), {:.1} mm (95 %); declined {}; not caught and told {}; told wrongly {:?}; limit passed {:?}; declined but touched {:?}; refused {}\n  largest speed and acceleration: thrower {:.0} / {:.0} %, catcher {:.0} / {:.0} %\n  decision {:.0} / {:.0} us (50 / 99 %), {:.0} candidates\n",
         row.name,
         row.caught.value() * 100.0,
         low * 100.0,
@@ -341,7 +348,12 @@ fn row_text(row: &Row) -> String {
         row.safe,
         row.silent,
         row.limit_passed,
+        row.not_clear,
         row.refusals,
+        row.executed[0].speed * 100.0,
+        row.executed[0].acceleration * 100.0,
+        row.executed[1].speed * 100.0,
+        row.executed[1].acceleration * 100.0,
         row.decision_us.0,
         row.decision_us.1,
         row.judged

@@ -21,10 +21,12 @@ const DECISIONS_MAX: usize = 60;
 pub fn decision_word(decision: &Decision) -> String {
     match decision {
         Decision::Declined(why) => format!("declined: {why}"),
+        Decision::MovedClear(why) => format!("declined, moves out of the way: {why}"),
         Decision::Begun => "begun".to_owned(),
         Decision::Corrected => "corrected".to_owned(),
         Decision::Kept => "kept".to_owned(),
         Decision::NotCorrected(why) => format!("kept, no better: {why}"),
+        Decision::GivenUp(why) => format!("given up: {why}"),
         Decision::Frozen => "frozen".to_owned(),
     }
 }
@@ -329,14 +331,20 @@ fn space(pair: &Pair, outcome: &Outcome, jerk: bool) -> String {
     let cup = mouths(pair, outcome, jerk);
     let target = outcome.choice.as_ref().map_or_else(|| catcher.shoulder_m(), |choice| choice.p_m);
     let caught_s = end_s - 0.5 - release_s;
+    // Both feet, so that the picture shows the whole of each arm.
+    let corner = |x_m: f64, y_m: f64| Vector3::new(x_m, y_m, models[0].world().floor_z_m);
+    let corners = [corner(0.25, 0.25), corner(0.25, -0.25), corner(-0.25, 0.25), corner(-0.25, -0.25)];
+    let feet: Vec<Vector3<f64>> =
+        places.iter().flat_map(|x_wb| corners.map(|p| x_wb.transform_point(&p))).collect();
     let top = outcome.trace.iter().map(|m| m.ball_m.z).fold(0.8, f64::max);
     format!(
-        "{{\"floor\":{},\"top\":{top:.3},\"radius\":{},\"last\":12,\"release\":0,\"first\":{caught_s:.4},\"names\":[\"catch\",\"release\"],\"target\":{},\"hand\":{},\"planned\":null,\"flight\":{},\"ellipse\":null,\"boxes\":[{}],\"steps\":[{}]}}",
+        "{{\"floor\":{},\"top\":{top:.3},\"radius\":{},\"last\":12,\"release\":0,\"first\":{caught_s:.4},\"names\":[\"catch\",\"release\"],\"target\":{},\"hand\":{},\"planned\":null,\"flight\":{},\"ellipse\":null,\"bounds\":{},\"boxes\":[{}],\"steps\":[{}]}}",
         models[0].world().floor_z_m,
         pair.court.ball.radius_m,
         scene::point(&target),
         scene::list(&cup),
         scene::list(&flight),
+        scene::list(&feet),
         boxes.join(","),
         steps.join(",")
     )

@@ -4,13 +4,15 @@
 //! Before each throw the arms go from where the last catch left them to the run-up and to the waiting pose.
 
 use hil_sim::court::CourtOptions;
+use nalgebra::Vector3;
 use planner::catch::Joints;
 use planner::catch::arm::{CatchArm, NotACatcher};
 use planner::catch::draw::{Aimed, Window};
 use planner::catch::law::{Pieces, State};
 use planner::catch::motion::{CatchMotion, Fault, check};
 use planner::catch::search::{Start, search};
-use robot_model::collision::{CollisionChecker, Scene};
+use robot_model::Pose;
+use robot_model::collision::{CollisionChecker, Obb, Scene};
 
 use super::throws::{draw_throws, true_forecast};
 use super::trial::{Outcome, Pair, TrialOptions};
@@ -19,6 +21,8 @@ use super::trial::{Outcome, Pair, TrialOptions};
 const DRAWS: usize = 24;
 /// Transits last from this on, longer by a quarter at each try, s.
 const TRANSIT_S: (f64, f64) = (0.4, 6.0);
+/// Half of the thickness of the wall between the arms, m.
+const WALL_M: f64 = 0.5;
 /// A pose from which every other one is near, deg.
 const UPRIGHT_DEG: [f64; 6] = [0.0, -90.0, -90.0, 0.0, 0.0, 0.0];
 
@@ -68,7 +72,8 @@ impl Rally {
 pub struct Partners {
     /// Arm 0 throws; arm 1 throws.
     pairs: [Pair; 2],
-    /// The arms without the other one as an obstacle: transits.
+    /// For each arm as the catcher of `pairs[k]`: a wall between the arms, which no transit crosses. Both arms move at once.
+    walls: [Scene; 2],
     window: Window,
 }
 
@@ -85,7 +90,9 @@ impl Partners {
         let mut back = court.clone();
         back.arms.swap(0, 1);
         let window = Window { flight_s: (0.6, 0.9), ..Window::default() };
-        Ok(Self { pairs: [Pair::new(court)?, Pair::new(back)?], window })
+        let pairs = [Pair::new(court)?, Pair::new(back)?];
+        let walls = [wall(&pairs[0]), wall(&pairs[1])];
+        Ok(Self { pairs, walls, window })
     }
 
     /// The pair in which arm `thrower` throws.
@@ -105,17 +112,19 @@ impl Partners {
             let seed = seed.wrapping_mul(1_000_003).wrapping_add(k as u64);
             // The catcher's side of the other pair is the arm that throws now.
             let arms = [self.pairs[1 - thrower].catcher(options.jerk), pair.catcher(options.jerk)];
+            let walls = [&self.walls[1 - thrower], &self.walls[thrower]];
             let mut throws = self.best_throws(pair, options, seed);
             // The jaws are open during a throw and closed to a cup before and after it.
             throws.retain(|aimed| {
-                stands(arms[0], &aimed.throw.start()) && stands(arms[0], &aimed.throw.stop())
+                let ends = [aimed.throw.start(), aimed.throw.stop()];
+                ends.iter().all(|q| stands(arms[0], walls[0], q))
             });
             if throws.is_empty() {
                 return Rally { exchanges, end: RallyEnd::NoThrow };
             }
-            let wait_s = transit(arms[1], &q[1 - thrower], &options.wait, &options.wait);
+            let wait_s = transit(arms[1], walls[1], &q[1 - thrower], &options.wait, &options.wait);
             let ready = throws.into_iter().find_map(|aimed| {
-                let run_up_s = transit(arms[0], &q[thrower], &aimed.throw.start(), &options.wait)?;
+                let run_up_s = transit(arms[0], walls[0], &q[thrower], &aimed.throw.start(), &options.wait)?;
                 Some((aimed, run_up_s.max(wait_s?)))
             });
             let Some((aimed, transit_s)) = ready else {
@@ -123,7 +132,9 @@ impl Partners {
             };
             let outcome = pair.run(&aimed, options, seed);
             q[thrower] = aimed.throw.stop();
-            q[1 - thrower] = outcome.choice.as_ref().map_or(options.wait, |choice| end_of(&choice.motion));
+            // Without a catch the arm may have moved out of the way, and the ball have fallen into its cup all the same.
+            let stands = || outcome.trace.last().map_or(options.wait, |last| last.q[1]);
+            q[1 - thrower] = outcome.choice.as_ref().map_or_else(stands, |choice| end_of(&choice.motion));
             let caught = outcome.caught;
             exchanges.push(Exchange { thrower, transit_s, aimed, outcome });
             if !caught {
@@ -154,9 +165,21 @@ impl Partners {
 }
 
 /// Whether the arm can stand there.
-fn stands(arm: &CatchArm, q: &Joints) -> bool {
-    let scene = Scene::default();
-    check(arm, &mut CollisionChecker::new(arm.model(), &scene), &CatchMotion::rest(q), None).is_ok()
+fn stands(arm: &CatchArm, wall: &Scene, q: &Joints) -> bool {
+    check(arm, &mut CollisionChecker::new(arm.model(), wall), &CatchMotion::rest(q), None).is_ok()
+}
+
+/// A wall in the middle between the arms of a pair, in the base frame of its catcher.
+fn wall(pair: &Pair) -> Scene {
+    let [thrower, catcher] = &pair.court.arms;
+    let ahead = catcher.x_wb.inverse_transform_point(&thrower.x_wb.pos);
+    let turned = Pose::rot_z(ahead.y.atan2(ahead.x));
+    let middle = ahead * 0.5 + turned.rot.column(0) * WALL_M;
+    let half = Vector3::new(WALL_M, WALL_M * 4.0, WALL_M * 4.0);
+    Scene {
+        obstacles: vec![("wall".to_owned(), Obb::new(Pose::new(turned.rot, middle), half))],
+        ball_held: false,
+    }
 }
 
 fn end_of(motion: &CatchMotion) -> Joints {
@@ -164,15 +187,14 @@ fn end_of(motion: &CatchMotion) -> Joints {
 }
 
 /// How long the way from one posture at rest to another takes: straight, by `via`, or upright; `None` if all touch something.
-fn transit(arm: &CatchArm, from: &Joints, to: &Joints, via: &Joints) -> Option<f64> {
+fn transit(arm: &CatchArm, wall: &Scene, from: &Joints, to: &Joints, via: &Joints) -> Option<f64> {
     let upright = Joints::from(UPRIGHT_DEG.map(f64::to_radians));
-    let by = |via: &Joints| Some(leg(arm, from, via)? + leg(arm, via, to)?);
-    leg(arm, from, to).or_else(|| by(via)).or_else(|| by(&upright))
+    let by = |via: &Joints| Some(leg(arm, wall, from, via)? + leg(arm, wall, via, to)?);
+    leg(arm, wall, from, to).or_else(|| by(via)).or_else(|| by(&upright))
 }
 
-fn leg(arm: &CatchArm, from: &Joints, to: &Joints) -> Option<f64> {
-    let scene = Scene::default();
-    let mut checker = CollisionChecker::new(arm.model(), &scene);
+fn leg(arm: &CatchArm, wall: &Scene, from: &Joints, to: &Joints) -> Option<f64> {
+    let mut checker = CollisionChecker::new(arm.model(), wall);
     let limits = arm.limits(false);
     let mut t_s = TRANSIT_S.0;
     while t_s < TRANSIT_S.1 {

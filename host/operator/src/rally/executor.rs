@@ -47,13 +47,42 @@ pub enum Refused {
     NotSent,
 }
 
+/// What an arm is told to do.
+#[derive(Debug, Clone, Copy)]
+pub struct Order<'a> {
+    /// The motion.
+    pub motion: &'a CatchMotion,
+    /// A state on it that matters: time, s.
+    pub t_s: f64,
+    /// Angles then, rad.
+    pub q: Joints,
+    /// Speeds then, rad/s.
+    pub qd: Joints,
+}
+
+impl<'a> Order<'a> {
+    /// A catch: what matters is the state in which the hand meets the ball.
+    #[must_use]
+    pub fn catch(choice: &'a Choice) -> Self {
+        Self { motion: &choice.motion, t_s: choice.t_s, q: choice.q, qd: choice.qd }
+    }
+
+    /// A motion to a place of rest.
+    #[must_use]
+    pub fn rest(motion: &'a CatchMotion) -> Self {
+        let t_s = motion.end_s();
+        let (q, qd) = motion.joints_at(t_s);
+        Self { motion, t_s, q, qd }
+    }
+}
+
 /// An arm that follows motions. Times are seconds on one clock.
 pub trait Executor {
-    /// Takes over the motion of a choice from its start on, or at least its end state at its time; or leaves everything as it is.
+    /// Takes over the motion of an order from its start on, or at least its state at its time; or leaves everything as it is.
     ///
     /// # Errors
     /// It cannot be executed.
-    fn take(&mut self, choice: &Choice, now_s: f64) -> Result<(), Refused>;
+    fn take(&mut self, order: &Order<'_>, now_s: f64) -> Result<(), Refused>;
 
     /// A refusal that came later than the order.
     fn refused(&mut self) -> Option<Refused> {
@@ -163,8 +192,8 @@ impl<'a> LaggingArm<'a> {
 }
 
 impl Executor for LaggingArm<'_> {
-    fn take(&mut self, choice: &Choice, now_s: f64) -> Result<(), Refused> {
-        let motion = &choice.motion;
+    fn take(&mut self, order: &Order<'_>, now_s: f64) -> Result<(), Refused> {
+        let motion = order.motion;
         let checked = self.check(motion, now_s);
         match checked {
             Ok(()) => {

@@ -7,12 +7,11 @@
 use firmware::settings::Settings;
 use hil_sim::court::JointsNow;
 use planner::catch::Joints;
-use planner::catch::search::Choice;
 use protocol::cyphal::cubecell::group_state::State;
 use protocol::cyphal::id::NodeId;
 use protocol::{Duration, Instant};
 
-use super::executor::{Executor, Refused};
+use super::executor::{Executor, Order, Refused};
 use crate::bus::{BusArgs, BusFailure, Session};
 use crate::dialogue::clock::ControllerClock;
 use crate::dialogue::online::EndStates;
@@ -146,11 +145,11 @@ impl ControllerArm {
 }
 
 impl Executor for ControllerArm {
-    fn take(&mut self, choice: &Choice, _now_s: f64) -> Result<(), Refused> {
+    fn take(&mut self, order: &Order<'_>, _now_s: f64) -> Result<(), Refused> {
         if self.halted {
             return Err(Refused::Halted);
         }
-        self.send(choice.t_s, &choice.q, &choice.qd)
+        self.send(order.t_s, &order.q, &order.qd)
     }
 
     fn advance(&mut self, to_s: f64) -> JointsNow<6> {

@@ -3,22 +3,20 @@
 use std::time::Instant as Clock;
 
 use hil_sim::court::CourtOptions;
-use hil_sim::mechanics::{BallOptions, LooseBall};
-use nalgebra::Vector3;
 use planner::catch::Joints;
 use planner::catch::arm::NotACatcher;
 use planner::catch::draw::{Aimed, Window};
 use planner::catch::search::{Allowed, Decline, Settings};
-use planner::plan::rng::SplitMix64;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::degraded::degradations;
+use super::estimator::{EstimatorRow, estimator};
 use super::exchange::Partners;
-use super::thrower::{Scatter, ThrowFault};
+use super::limits::Executed;
+use super::thrower::Scatter;
 use super::throws::{draw_throws, place_exists};
-use super::trial::{CatchOutcome, Outcome, Pair, TrialOptions, Trouble, WAIT_HOLD_DEG, WAIT_MATCHED_DEG};
-use crate::flight_estimator::Flight;
-use crate::flight_estimator::fit::{Air, Sample};
+use super::trial::{CatchOutcome, Outcome, Pair, TrialOptions, WAIT_HOLD_DEG, WAIT_MATCHED_DEG};
 
 /// Width of the bins of flight time, s, and their first edge.
 const BIN_S: (f64, f64) = (0.4, 0.1);
@@ -83,10 +81,14 @@ pub struct Row {
     pub reasons: Vec<(String, usize)>,
     /// Tried and not caught, and told so or told as not known.
     pub safe: usize,
-    /// Something else was told than happened.
-    pub silent: usize,
-    /// Trials in which a limit was passed.
-    pub limit_passed: usize,
+    /// Something else was told than happened: numbers of these throws, from 0.
+    pub silent: Vec<usize>,
+    /// Throws in which an arm passed a limit, or the arms touched each other.
+    pub limit_passed: Vec<usize>,
+    /// Declined throws whose ball touched the catcher all the same.
+    pub not_clear: Vec<usize>,
+    /// Largest use of speed and acceleration limits by thrower and catcher, from their joints as they moved.
+    pub executed: [Executed; 2],
     /// Motions that the executor refused.
     pub refusals: usize,
     /// Decision times, µs: 50 %, 99 %, most. Not part of the result: of the machine.
@@ -147,8 +149,20 @@ pub fn row(
             _ if !outcome.caught => row.safe += usize::from(outcome.told_truly()),
             _ => {}
         }
-        row.silent += usize::from(!outcome.told_truly());
-        row.limit_passed += usize::from(!outcome.within_limits(options.jerk));
+        if !outcome.told_truly() {
+            row.silent.push(k);
+        }
+        if !outcome.within_limits(options.jerk) {
+            row.limit_passed.push(k);
+        }
+        if outcome.choice.is_none() && outcome.ball_touched_catcher() {
+            row.not_clear.push(k);
+        }
+        for (most, arm) in row.executed.iter_mut().zip(&outcome.executed) {
+            most.speed = most.speed.max(arm.speed);
+            most.acceleration = most.acceleration.max(arm.acceleration);
+            most.left_range |= arm.left_range;
+        }
         row.refusals += outcome.refusals.len();
         times.extend(took);
         for logged in outcome.log.iter().filter(|logged| logged.count.judged > 0) {
@@ -179,12 +193,20 @@ fn quantile(values: &mut [f64], share: f64) -> f64 {
 }
 
 /// What a study is made of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StudyOptions {
     /// Throws per setting.
     pub throws: usize,
     /// Seed of all chance.
     pub seed: u64,
+    /// Only settings whose name has this in it.
+    pub only: Option<String>,
+}
+
+impl StudyOptions {
+    fn wants(&self, name: &str) -> bool {
+        self.only.as_ref().is_none_or(|only| name.contains(only.as_str()))
+    }
 }
 
 /// Why there is no study.
@@ -196,21 +218,6 @@ pub enum NoStudy {
     /// The thrower cannot reach the catcher.
     #[error("the thrower cannot throw to the catcher {distance_m} m away")]
     OutOfReach { distance_m: f64 },
-}
-
-/// Errors of the estimator against its bound.
-#[derive(Debug, Clone, Serialize)]
-pub struct EstimatorRow {
-    /// What is believed of the drag.
-    pub drag: &'static str,
-    /// Time seen, ms.
-    pub seen_ms: u32,
-    /// Root mean square of the error per axis at 0.6 s, mm.
-    pub rms_mm: f64,
-    /// The same by the covariance of a flight whose drag is known: the Cramer-Rao bound, mm.
-    pub bound_mm: f64,
-    /// Mean of the squared error over its covariance, per axis, and the 95 % band of such a mean.
-    pub nees: (f64, f64, f64),
 }
 
 /// Results besides the rows.
@@ -238,28 +245,44 @@ pub fn run(
         let court = at_distance(court, distance_m);
         let pair = Pair::new(court)?;
         for (name, window, trial) in goals() {
+            let name = format!("D {distance_m} m, {name}");
+            if !options.wants(&name) {
+                continue;
+            }
             let throws = draw_throws(&pair, &window, options.throws, options.seed);
             let throws = throws.ok_or(NoStudy::OutOfReach { distance_m })?;
             let exists: Vec<bool> =
                 throws.par_iter().map(|aimed| place_exists(&pair, aimed, &trial)).collect();
-            let name = format!("D {distance_m} m, {name}");
             done(&row(&name, &pair, &throws, &|_| trial.clone(), &exists, options.seed));
         }
     }
-    let window = Window { flight_s: (0.55, 0.9), ..Window::default() };
-    let throws = draw_throws(&Pair::new(court.clone())?, &window, options.throws, options.seed);
-    let throws = throws.ok_or(NoStudy::OutOfReach { distance_m: 2.5 })?;
-    for (name, court, trial) in degradations(court) {
-        let pair = Pair::new(court)?;
-        done(&row(&format!("degraded: {name}"), &pair, &throws, &trial, &[], options.seed));
+    let faults: Vec<_> = degradations(court)
+        .into_iter()
+        .map(|(name, court, trial)| (format!("degraded: {name}"), court, trial))
+        .collect();
+    if faults.iter().any(|(name, ..)| options.wants(name)) {
+        let window = Window { flight_s: (0.55, 0.9), ..Window::default() };
+        let throws = draw_throws(&Pair::new(court.clone())?, &window, options.throws, options.seed);
+        let throws = throws.ok_or(NoStudy::OutOfReach { distance_m: 2.5 })?;
+        for (name, court, trial) in faults.into_iter().filter(|(name, ..)| options.wants(name)) {
+            let pair = Pair::new(court)?;
+            done(&row(&name, &pair, &throws, &trial, &[], options.seed));
+        }
     }
+    let estimator =
+        if options.wants("estimator") { estimator(options.throws, options.seed) } else { Vec::new() };
+    let rallies = if options.wants("rally") { rallies(court, options)? } else { Vec::new() };
+    Ok(Study { estimator, rallies })
+}
+
+fn rallies(court: &CourtOptions<6>, options: &StudyOptions) -> Result<Vec<usize>, NotACatcher> {
     let partners = Partners::new(court.clone())?;
     let trial = TrialOptions { cooperative: true, ..TrialOptions::default() };
-    let rallies = (0..options.throws.div_ceil(THROWS_PER_RALLY))
+    let lengths = (0..options.throws.div_ceil(THROWS_PER_RALLY))
         .into_par_iter()
         .map(|k| partners.play(RALLY_THROWS, &trial, options.seed + k as u64).length())
         .collect();
-    Ok(Study { estimator: estimator(options), rallies })
+    Ok(lengths)
 }
 
 /// The same court with the arms this far apart.
@@ -293,138 +316,9 @@ fn goals() -> Vec<(&'static str, Window, TrialOptions)> {
         ("uninformed, matched", all, trial(Allowed::Matched, false, 0.01, false)),
         ("uninformed, hold", all, trial(Allowed::Hold, false, 0.01, false)),
         ("uninformed, hold, with jerk limits", all, trial(Allowed::Hold, false, 0.01, true)),
+        ("uninformed, matched, with jerk limits", all, trial(Allowed::Matched, false, 0.01, true)),
         ("uninformed, either", all, trial(Allowed::Either, false, 0.01, false)),
     ]
-}
-
-type TrialOf = Box<dyn Fn(usize) -> TrialOptions + Sync>;
-
-fn degradations(court: &CourtOptions<6>) -> Vec<(&'static str, CourtOptions<6>, TrialOf)> {
-    let base = || trial(Allowed::Either, false, 0.01, false);
-    // Moments spread evenly by the golden ratio: each throw has its own.
-    let spread = |k: usize, low: f64, high: f64| low + (high - low) * (k as f64 * 0.618_034).fract();
-    let with = |trouble: Trouble| -> TrialOf {
-        Box::new(move |_| TrialOptions { trouble: vec![trouble], ..base() })
-    };
-    let slow = |change: &dyn Fn(&mut CourtOptions<6>)| {
-        let mut court = court.clone();
-        change(&mut court);
-        court
-    };
-    let plain = || -> TrialOf { Box::new(move |_| base()) };
-    let drag =
-        |factor: f64| -> TrialOf { Box::new(move |_| TrialOptions { drag: (factor, 0.02), ..base() }) };
-    let same = || court.clone();
-    vec![
-        ("nothing", same(), plain()),
-        ("latency doubled", slow(&|c| c.tracker.latency = c.tracker.latency + c.tracker.latency), plain()),
-        ("60 Hz", slow(&|c| c.tracker.period = c.tracker.period + c.tracker.period), plain()),
-        ("one frame in ten lost", same(), with(Trouble::FramesLost { probability: 0.1 })),
-        ("bias 2 mm", same(), with(Trouble::Bias { by_mm: 2.0 })),
-        ("three false markers", same(), with(Trouble::FalseMarkers { count: 3 })),
-        ("drag believed 20 % too small", same(), drag(0.8)),
-        ("drag believed 20 % too large", same(), drag(1.2)),
-        (
-            "tracker dead at some moment",
-            same(),
-            Box::new(move |k| TrialOptions {
-                trouble: vec![Trouble::TrackerDead { at_s: spread(k, 0.0, 0.9) }],
-                ..base()
-            }),
-        ),
-        (
-            "thrower stops before the release, plan known",
-            same(),
-            Box::new(move |k| TrialOptions {
-                trouble: vec![Trouble::Throw(ThrowFault::Stops { before_s: spread(k, 0.02, 0.4) })],
-                cooperative: true,
-                ..base()
-            }),
-        ),
-        (
-            "ball not released, plan known",
-            same(),
-            Box::new(move |_| TrialOptions {
-                trouble: vec![Trouble::Throw(ThrowFault::NotReleased)],
-                cooperative: true,
-                ..base()
-            }),
-        ),
-        ("ball not released", same(), with(Trouble::Throw(ThrowFault::NotReleased))),
-        (
-            "catcher's drive lost at some moment",
-            same(),
-            Box::new(move |k| TrialOptions {
-                trouble: vec![Trouble::DriveLost { at_s: spread(k, -0.2, 0.9) }],
-                ..base()
-            }),
-        ),
-    ]
-}
-
-/// Errors at 0.6 s of simulated flights with a drag drawn 10 % about the ball's.
-fn estimator(options: &StudyOptions) -> Vec<EstimatorRow> {
-    const CATCH_S: f64 = 0.6;
-    const SIGMA_M: f64 = 0.002;
-    let drag_1_m = BallOptions::default().drag_1_m;
-    let known = |drag_1_m| Air { gravity_m_s2: 9.81, drag_1_m, drag_sigma_1_m: 0.0 };
-    let runs = options.throws.max(20);
-    let mut rows = Vec::new();
-    for (drag, sigma) in [("known", 0.0), ("unknown to 10 %", 0.1), ("ignored", 0.0)] {
-        for n in [6_u32, 12, 24] {
-            let mut rng = SplitMix64::stream(options.seed, u64::from(n));
-            let (mut squares, mut nees, mut bound, mut count) = (0.0, 0.0, 0.0, 0.0_f64);
-            for _ in 0..runs {
-                let true_drag = drag_1_m * (1.0 + sigma * rng.normal());
-                let ball = BallOptions { drag_1_m: true_drag, ..BallOptions::default() };
-                let mut at = LooseBall {
-                    p_m: Vector3::new(0.4, 0.1, 0.3),
-                    v_m_s: Vector3::new(
-                        3.0 + 0.3 * rng.normal(),
-                        0.3 * rng.normal(),
-                        2.5 + 0.3 * rng.normal(),
-                    ),
-                    spin_rad_s: Vector3::zeros(),
-                };
-                let mut samples = Vec::new();
-                for k in 1..=n {
-                    at.fly(&ball, 9.81, 1.0 / 120.0);
-                    let p_m = at.p_m + Vector3::from_fn(|_, _| SIGMA_M * rng.normal());
-                    samples.push(Sample { t_s: f64::from(k) / 120.0, p_m });
-                }
-                let left_s = CATCH_S - f64::from(n) / 120.0;
-                for _ in 0..200 {
-                    at.fly(&ball, 9.81, left_s / 200.0);
-                }
-                let air = match drag {
-                    "known" => known(true_drag),
-                    "ignored" => known(0.0),
-                    _ => Air { drag_sigma_1_m: sigma * drag_1_m, ..known(drag_1_m) },
-                };
-                let fits = (
-                    Flight::fit(&samples, SIGMA_M, &air, None),
-                    Flight::fit(&samples, SIGMA_M, &known(true_drag), None),
-                );
-                let (Some(fit), Some(best)) = fits else { continue };
-                let (p, _, covariance) = fit.at(CATCH_S);
-                let off = at.p_m - p;
-                let Some(inverse) = covariance.try_inverse() else { continue };
-                squares += off.norm_squared() / 3.0;
-                nees += off.dot(&(inverse * off)) / 3.0;
-                bound += best.at(CATCH_S).2.trace() / 3.0;
-                count += 1.0;
-            }
-            let half = Z * (2.0 / (3.0 * count)).sqrt();
-            rows.push(EstimatorRow {
-                drag,
-                seen_ms: n * 1000 / 120,
-                rms_mm: (squares / count).sqrt() * 1e3,
-                bound_mm: (bound / count).sqrt() * 1e3,
-                nees: (nees / count, 1.0 - half, 1.0 + half),
-            });
-        }
-    }
-    rows
 }
 
 impl Study {

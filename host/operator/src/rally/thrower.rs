@@ -53,13 +53,26 @@ pub struct Thrower {
 }
 
 impl Thrower {
-    /// Begins at `start_s`; scatter from `rng`.
+    /// Begins at `start_s`; scatter from `rng`, as far as the arm's speeds and ranges allow.
     #[must_use]
-    pub fn new(aimed: &Aimed, start_s: f64, of: &Scatter, fault: Option<ThrowFault>, rng: &mut Rng) -> Self {
+    pub fn new(
+        arm: &RobotModel<6>,
+        aimed: &Aimed,
+        start_s: f64,
+        of: &Scatter,
+        fault: Option<ThrowFault>,
+        rng: &mut Rng,
+    ) -> Self {
         let late_s = of.delay_s * rng.normal();
         let mut executed = aimed.throw;
         for i in 0..6 {
-            executed.qd_rad_s[i] *= 1.0 + of.share * rng.normal();
+            let limit = &arm.joints()[i].limits;
+            let scattered = executed.qd_rad_s[i] * (1.0 + of.share * rng.normal());
+            executed.qd_rad_s[i] = scattered.clamp(-limit.v_max_rad_s, limit.v_max_rad_s);
+            let range = limit.q_min_rad..=limit.q_max_rad;
+            if !range.contains(&executed.start()[i]) || !range.contains(&executed.stop()[i]) {
+                executed.qd_rad_s[i] = aimed.throw.qd_rad_s[i];
+            }
         }
         Self {
             planned: aimed.throw,

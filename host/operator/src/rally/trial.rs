@@ -10,12 +10,17 @@ use planner::catch::arm::{CatchArm, Cup, NotACatcher, Shares};
 use planner::catch::draw::Aimed;
 use planner::catch::motion::used;
 use planner::catch::online::{Catcher, Logged};
-use planner::catch::search::{Choice, Decline, Settings};
+use planner::catch::search::{Choice, Settings};
 use planner::throw::Throw;
 use protocol::{Duration, Instant};
+use robot_model::collision::Obb;
 
-use super::executor::{Executor, LaggingArm, Refused};
+use super::executor::{Executor, LaggingArm, Order, Refused};
+use super::limits::{Executed, LimitWatch};
+use super::obstacles::{reach, swept, touch, within_reach};
 use super::thrower::{Scatter, ThrowFault, Thrower};
+pub use super::told::CatchOutcome;
+use super::told::tell;
 use crate::flight_estimator::fit::Air;
 use crate::flight_estimator::{BallWatch, MarkerStream, WatchOptions};
 
@@ -29,9 +34,8 @@ const AFTER_S: f64 = 1.0;
 const TRIAL_MAX_S: f64 = 8.0;
 /// Samples before the first forecast without a plan.
 const FIRST_SAMPLES: usize = 5;
-/// The ball is told to be in the cup if the tracker saw it there this often at the end, within this distance of the middle of the
-/// cavity, m, and this far at most from the mean of these places, m.
-const SEEN_IN_CUP: (usize, f64, f64) = (6, 0.06, 0.012);
+/// Both arms are looked at for contact with each other every this many steps.
+const TOUCH_EVERY: u64 = 8;
 /// Places are kept for pictures every this many steps.
 const TRACE_EVERY: u64 = 8;
 
@@ -99,23 +103,6 @@ impl Default for TrialOptions {
     }
 }
 
-/// What the catcher tells about its catch, from what it saw.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum CatchOutcome {
-    /// The tracker saw the ball in the cup at the end.
-    Caught,
-    /// The tracker saw the ball elsewhere after the catch.
-    Missed,
-    /// A catch was tried; the tracker saw nothing afterwards.
-    Unknown,
-    /// No catch was tried; why.
-    Declined(Decline),
-    /// No ball was seen in flight.
-    NothingThrown,
-    /// The arm stopped because of a fault.
-    Halted,
-}
-
 /// Where things were, for pictures.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Moment {
@@ -147,8 +134,10 @@ pub struct Outcome {
     pub planned_s: (f64, f64),
     /// Largest use of speed, acceleration, jerk by motions that were executed.
     pub used: [f64; 3],
-    /// Largest use of a speed limit by the joints themselves, and whether a joint left its range.
-    pub executed: (f64, bool),
+    /// Limits of thrower and catcher against their joints as they moved.
+    pub executed: [Executed; 2],
+    /// Links of both arms overlapped at some time.
+    pub arms_touched: bool,
     /// Time from the first to the last sample of the flight.
     pub seen_s: f64,
     /// Estimated minus true place of the ball at the catch, in standard deviations squared over three, by the forecast last
@@ -162,18 +151,25 @@ impl Outcome {
     /// What was told is what happened, or it was told that it is not known.
     #[must_use]
     pub fn told_truly(&self) -> bool {
-        match self.told {
-            CatchOutcome::Caught => self.caught,
-            CatchOutcome::Missed | CatchOutcome::Declined(_) | CatchOutcome::NothingThrown => !self.caught,
-            CatchOutcome::Unknown | CatchOutcome::Halted => true,
-        }
+        self.told.agrees(self.caught)
     }
 
-    /// No limit of speed, acceleration or range was passed; with `jerk` none of jerk either.
+    /// No limit of speed, acceleration or range was passed by either arm, none of jerk by the catcher's plans if `jerk`, and the arms did
+    /// not touch each other.
     #[must_use]
     pub fn within_limits(&self, jerk: bool) -> bool {
         let planned = self.used[0] <= 1.0 && self.used[1] <= 1.0 && (!jerk || self.used[2] <= 1.0);
-        planned && self.executed.0 <= 1.0 && !self.executed.1
+        planned && self.executed.iter().all(Executed::within) && !self.arms_touched
+    }
+
+    /// The ball touched the catcher's cup or links in its flight: before it was on the floor.
+    #[must_use]
+    pub fn ball_touched_catcher(&self) -> bool {
+        let touched = |event: &CourtEvent| {
+            matches!(event, CourtEvent::HitCup { arm: 1, .. } | CourtEvent::HitLink { arm: 1, .. })
+        };
+        let flight = self.events.iter().take_while(|(_, event)| *event != CourtEvent::HitFloor);
+        flight.map(|(_, event)| event).any(touched)
     }
 }
 
@@ -181,7 +177,7 @@ impl Outcome {
 #[derive(Debug, Clone)]
 pub struct Pair {
     pub court: CourtOptions<6>,
-    /// The catcher with both laws: without and with jerk.
+    /// The catcher with both laws: without and with jerk. It keeps out of the thrower's reach.
     catchers: [CatchArm; 2],
 }
 
@@ -199,21 +195,34 @@ impl Pair {
             miss_max_m: shape.inner_radius_m - court.ball.radius_m,
             replaces: court.cup.replaces.clone(),
         };
-        let arm = |jerk| {
-            CatchArm::new(
-                court.arms[1].model.clone(),
-                court.arms[1].x_wb,
-                cup.clone(),
-                Shares::default(),
-                jerk,
-            )
+        let arm = |k: usize, jerk| {
+            let ArmPlace { model, x_wb } = &court.arms[k];
+            CatchArm::new(model.clone(), *x_wb, cup.clone(), Shares::default(), jerk)
         };
-        Ok(Self { catchers: [arm(false)?, arm(true)?], court })
+        let mut catchers = [arm(1, false)?, arm(1, true)?];
+        let thrower = arm(0, false)?;
+        // The boxes of a hand reach as far as its cup would.
+        let boxes = reach(&court.arms[0], thrower.reach_m() + cup.outer_radius_m);
+        for catcher in &mut catchers {
+            let near = within_reach(catcher, boxes.clone());
+            catcher.set_obstacles(&near);
+        }
+        Ok(Self { catchers, court })
     }
 
     #[must_use]
     pub fn catcher(&self, jerk: bool) -> &CatchArm {
         &self.catchers[usize::from(jerk)]
+    }
+
+    /// The catcher for one throw: whoever knows the plan keeps clear of the way that the thrower takes, not of all its reach.
+    fn catcher_for(&self, aimed: &Aimed, options: &TrialOptions) -> CatchArm {
+        let mut arm = self.catcher(options.jerk).clone();
+        if options.cooperative {
+            let boxes = within_reach(&arm, swept(&self.court.arms[0], &aimed.throw));
+            arm.set_obstacles(&boxes);
+        }
+        arm
     }
 
     /// Standard deviation of a marker per axis, m.
@@ -288,9 +297,10 @@ impl Pair {
             _ => None,
         });
         let by_hand = aimed.throw.qd_rad_s == Joints::zeros();
-        let thrower = Thrower::new(aimed, SETTLE_S, &options.scatter, fault, &mut rng);
+        let throwing = &self.court.arms[0].model;
+        let thrower = Thrower::new(throwing, aimed, SETTLE_S, &options.scatter, fault, &mut rng);
         let planned_s = thrower.planned_release_s();
-        let arm = self.catcher(options.jerk);
+        let arm = &self.catcher_for(aimed, options);
         let court = self.court_with(options, planned_s, seed);
         let rest = JointsNow { q: options.wait, qd: Joints::zeros() };
         let mut court = Court::new(court, 0, [thrower.joints(0.0), rest]);
@@ -315,7 +325,8 @@ impl Pair {
             run.decide(executor, SETTLE_S, &mut timed);
         }
         let mut court_joints = rest;
-        let (mut trace, mut executed) = (Vec::new(), (0.0_f64, false));
+        let mut watches = [LimitWatch::new(throwing), LimitWatch::new(arm.model())];
+        let (mut trace, mut arms_touched) = (Vec::new(), false);
         let mut until_s = planned_s + aimed.flight_s + AFTER_S;
         let mut step = 0;
         let mut now = Instant::ZERO;
@@ -329,15 +340,20 @@ impl Pair {
                 let (p_m, v_m_s) = (aimed.p_m, aimed.v_m_s);
                 court.throw_in(LooseBall { p_m, v_m_s, spin_rad_s: Vector3::zeros() });
             }
-            court.step(now, [thrower.joints(now_s), joints]);
+            let both = [thrower.joints(now_s), joints];
+            court.step(now, both);
             while let Some(why) = executor.refused() {
                 run.refusals.push(why);
                 run.catcher.refused();
             }
-            for (i, joint) in arm.model().joints().iter().enumerate() {
-                let l = &joint.limits;
-                executed.0 = executed.0.max(joints.qd[i].abs() / l.v_max_rad_s);
-                executed.1 |= !(l.q_min_rad..=l.q_max_rad).contains(&joints.q[i]);
+            for (watch, joints) in watches.iter_mut().zip(&both) {
+                watch.see(now_s, joints);
+            }
+            if step % TOUCH_EVERY == 0 && !arms_touched {
+                let ArmPlace { model, x_wb } = &self.court.arms[0];
+                let boxes = model.boxes_at(&model.fk(&both[0].q)).into_iter();
+                let boxes: Vec<Obb> = boxes.map(|b| Obb::new(*x_wb * b.pose, b.half_m)).collect();
+                arms_touched = touch(&boxes, &arm.boxes(&joints.q));
             }
             while let Some(bytes) = court.poll_datagram() {
                 let Ok(Some(frame)) = run.stream.push(&bytes, now_s) else { continue };
@@ -348,11 +364,11 @@ impl Pair {
             }
             until_s = until_s.max(run.catcher.motion().end_s() + AFTER_S);
             if step % TRACE_EVERY == 0 {
-                let q = [thrower.joints(now_s).q, joints.q];
+                let q = both.map(|joints| joints.q);
                 trace.push(Moment { t_s: now_s, q, ball_m: court.ball().0 });
             }
         }
-        let told = run.tell(executor.halted(), &court_joints, now.as_secs_f64());
+        let told = tell(&run.catcher, &run.seen, executor.halted(), &court_joints, now.as_secs_f64());
         let events: Vec<(f64, CourtEvent)> =
             court.events().iter().map(|(at, event)| (at.as_secs_f64(), event.clone())).collect();
         let crossing = events.iter().find_map(|(_, event)| match event {
@@ -370,7 +386,8 @@ impl Pair {
             refusals: run.refusals,
             planned_s: (planned_s, planned_s + aimed.flight_s),
             used: run.used,
-            executed,
+            executed: watches.map(|watch| watch.executed()),
+            arms_touched,
             seen_s: samples.last().map_or(0.0, |last| last.t_s - samples[0].t_s),
             off_m: run.catcher.log().last().map(|logged| logged.off_m),
             trace,
@@ -418,18 +435,18 @@ struct Run<'a> {
 
 impl Run<'_> {
     fn decide(&mut self, executor: &mut impl Executor, now_s: f64, timed: &mut impl FnMut(&mut dyn FnMut())) {
-        let mut chosen: Option<Choice> = None;
+        let mut moved = false;
         let (watch, catcher) = (&self.watch, &mut self.catcher);
         timed(&mut || {
-            if let Some(forecast) = watch.forecast(now_s) {
-                let moved = catcher.observe(&forecast, now_s).is_some();
-                chosen = catcher.choice().filter(|_| moved).cloned();
-            }
+            moved = watch.forecast(now_s).is_some_and(|forecast| catcher.observe(&forecast, now_s).is_some());
         });
-        let Some(choice) = chosen else { return };
-        match executor.take(&choice, now_s) {
+        if !moved {
+            return;
+        }
+        let order = self.catcher.choice().map_or_else(|| Order::rest(self.catcher.motion()), Order::catch);
+        match executor.take(&order, now_s) {
             Ok(()) => {
-                let share = used(self.catcher.arm(), &choice.motion);
+                let share = used(self.catcher.arm(), order.motion);
                 for (most, share) in self.used.iter_mut().zip(share) {
                     *most = most.max(share);
                 }
@@ -439,30 +456,5 @@ impl Run<'_> {
                 self.catcher.refused();
             }
         }
-    }
-
-    /// From what the tracker saw last, and where the joints are.
-    fn tell(&self, halted: bool, joints: &JointsNow<6>, now_s: f64) -> CatchOutcome {
-        if halted {
-            return CatchOutcome::Halted;
-        }
-        let Some(choice) = self.catcher.choice() else {
-            return self.catcher.declined().map_or(CatchOutcome::NothingThrown, CatchOutcome::Declined);
-        };
-        let last: Vec<&(f64, Vector3<f64>)> =
-            self.seen.iter().filter(|(t_s, _)| *t_s > now_s - 0.3 && *t_s > choice.t_s).collect();
-        if last.is_empty() {
-            return CatchOutcome::Unknown;
-        }
-        let (mouth, axis, _) = self.catcher.arm().mouth(&joints.q, &joints.qd);
-        let middle = mouth - axis * (0.5 * self.catcher.arm().cup().length_m);
-        let inside: Vec<Vector3<f64>> =
-            last.iter().map(|(_, p)| *p).filter(|p| (p - middle).norm() < SEEN_IN_CUP.1).collect();
-        if inside.len() < SEEN_IN_CUP.0 {
-            return CatchOutcome::Missed;
-        }
-        let mean = inside.iter().sum::<Vector3<f64>>() / inside.len() as f64;
-        let still = inside.iter().all(|p| (p - mean).norm() < SEEN_IN_CUP.2);
-        if still { CatchOutcome::Caught } else { CatchOutcome::Missed }
     }
 }

@@ -11,12 +11,14 @@
 //! | [`arm`] | the arm with its cup, where it stands, its limits |
 //! | [`motion`] | motion of all joints; the check of a whole motion |
 //! | [`search`] | candidates, judged; the best one, or why there is none |
+//! | [`clear`] | out of the way of a ball that will not be caught |
 //! | [`online`] | a catch in progress: forecasts in, motions out |
 //! | [`draw`] | throws of another arm that come by, at random |
 //!
 //! World frame: that of the two arms' common floor plan; SI units, radians.
 
 pub mod arm;
+pub mod clear;
 pub mod draw;
 pub mod forecast;
 pub mod law;

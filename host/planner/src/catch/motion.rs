@@ -13,8 +13,14 @@ use super::law::{Limits, Pieces, State};
 const CHECK_STEP_S: f64 = 0.016;
 /// The ball is kept clear of the arm over this time before the catch, s.
 const BALL_CLEAR_S: f64 = 0.5;
-/// Room between the ball and the links before the catch, m.
+/// Room between the ball and the links or the wall of the cup before the catch, m.
 const BALL_ROOM_M: f64 = 0.005;
+/// In this last time before the catch the cup is looked at in smaller steps, s: the ball passes its rim, and between 16 ms a ball
+/// that is 2 m/s faster than the hand would jump over the wall.
+const RIM_S: f64 = 0.12;
+const RIM_STEP_S: f64 = 0.004;
+/// The ball is before the plane of the mouth until the catch, up to this, m.
+const EARLY_MAX_M: f64 = 0.005;
 
 /// A motion: every joint to its end at rest.
 #[derive(Debug, Clone, PartialEq)]
@@ -56,6 +62,8 @@ impl CatchMotion {
 pub enum Fault {
     /// A joint leaves its range.
     Range,
+    /// A joint passes a limit of speed, acceleration or, where it is limited, jerk.
+    Limit,
     /// The arm touches itself, the floor or the other arm.
     Contact,
     /// The ball touches the arm before it is at the cup.
@@ -64,7 +72,8 @@ pub enum Fault {
     Current,
 }
 
-/// Looks at a whole motion: ranges exactly, contacts and currents every 16 ms; `ball` is the flight and the time of the catch.
+/// Looks at a whole motion: ranges, speeds, accelerations and jerks exactly, contacts and currents every 16 ms; `ball` is the
+/// flight and the time of the catch.
 ///
 /// # Errors
 /// The first thing that the motion must not do.
@@ -80,6 +89,17 @@ pub fn check(
         if !inside {
             return Err(Fault::Range);
         }
+    }
+    let [speed, acceleration, jerk] = used(arm, motion);
+    let jerk = if arm.law.limits_jerk() { jerk } else { 0.0 };
+    let keeps = speed <= 1.0 && acceleration <= 1.0 && jerk <= 1.0;
+    if !keeps {
+        return Err(Fault::Limit);
+    }
+    if let Some((forecast, catch_s)) = ball
+        && meets_cup_early(arm, motion, forecast, catch_s)
+    {
+        return Err(Fault::Ball);
     }
     let steps = ((motion.end_s() - motion.start_s) / CHECK_STEP_S).ceil() as usize;
     for k in 0..=steps {
@@ -103,17 +123,47 @@ pub fn check(
             let room = arm.ball_radius_m() + BALL_ROOM_M;
             let boxes = checker.placed_boxes();
             let near = |b: &Obb| (b.nearest_point(&p_b) - p_b).norm() < room;
-            // The cup is the last box: the ball may come near it only before its mouth.
-            let Some((cup, links)) = boxes.split_last() else { continue };
-            let at_c = cup.pose.inverse_transform_point(&p_b);
-            let inner_m = arm.cup.miss_max_m + arm.ball_radius_m();
-            let before_mouth = at_c.z >= cup.half_m.z && at_c.x.hypot(at_c.y) <= inner_m;
-            if links.iter().any(near) || !before_mouth && near(cup) {
+            // The cup is the last box; it is looked at by itself.
+            if boxes.split_last().is_some_and(|(_, links)| links.iter().any(near)) {
                 return Err(Fault::Ball);
             }
         }
     }
     Ok(())
+}
+
+/// Whether the ball touches the wall of the cup, or is inside, before the catch.
+fn meets_cup_early(arm: &CatchArm, motion: &CatchMotion, forecast: &Forecast, catch_s: f64) -> bool {
+    let mut t_s = motion.start_s.max(catch_s - BALL_CLEAR_S);
+    while t_s < catch_s - 1e-3 {
+        if let Some(ball) = forecast.at(t_s) {
+            let q = motion.joints_at(t_s).0;
+            let frames = arm.model.fk(&q);
+            let x_be = arm.model.ee(&frames);
+            let p_e = x_be.inverse_transform_point(&arm.x_wb.inverse_transform_point(&ball.p_m));
+            let at_mouth = p_e - Vector3::z() * arm.cup.mouth_m;
+            let inner_m = arm.cup.miss_max_m + arm.ball_radius_m();
+            let inside = at_mouth.z < -EARLY_MAX_M
+                && at_mouth.z > -arm.cup.length_m
+                && at_mouth.x.hypot(at_mouth.y) < inner_m;
+            if inside || wall_distance_m(arm, &at_mouth) < arm.ball_radius_m() + BALL_ROOM_M {
+                return true;
+            }
+        }
+        t_s += if t_s < catch_s - RIM_S { CHECK_STEP_S } else { RIM_STEP_S };
+    }
+    false
+}
+
+/// Distance of a point from the wall and the bottom of the cup, m; the point is given from the middle of the mouth, z along the
+/// cup's axis.
+fn wall_distance_m(arm: &CatchArm, at_mouth: &Vector3<f64>) -> f64 {
+    let (inner_m, outer_m) = (arm.cup.miss_max_m + arm.ball_radius_m(), arm.cup.outer_radius_m);
+    let r = at_mouth.x.hypot(at_mouth.y);
+    if at_mouth.z < -arm.cup.length_m {
+        return (r - outer_m).max(0.0).hypot(at_mouth.z + arm.cup.length_m);
+    }
+    (inner_m - r).max(r - outer_m).max(0.0).hypot(at_mouth.z.max(0.0))
 }
 
 /// Whether motors and supplies give the currents of a state.

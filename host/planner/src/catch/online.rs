@@ -7,18 +7,25 @@ use nalgebra::Vector3;
 
 use super::Joints;
 use super::arm::CatchArm;
+use super::clear::move_clear;
 use super::forecast::Forecast;
 use super::motion::CatchMotion;
 use super::search::{Choice, Count, Decline, Settings, Start, passes_rim, search};
 
 /// The cup is moved only for errors above this, m: below it the motion under way is as good.
 const CORRECT_FROM_M: f64 = 0.0015;
+/// Forecasts in a row without a catch before the arm moves out of the way: the next samples may still show a catch.
+const CLEAR_AFTER: usize = 3;
+/// Forecasts in a row in which a catch under way is as good as missed and cannot be corrected, before it is given up.
+const GIVE_UP_AFTER: usize = 8;
 
 /// What a forecast led to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Decision {
     /// No catch, for now.
     Declined(Decline),
+    /// No catch; the arm moves out of the ball's way.
+    MovedClear(Decline),
     /// The first motion.
     Begun,
     /// The motion was replaced.
@@ -27,6 +34,8 @@ pub enum Decision {
     Kept,
     /// The motion under way should be replaced but cannot be.
     NotCorrected(Decline),
+    /// The catch under way has become hopeless: there is none any more.
+    GivenUp(Decline),
     /// Too late for any change.
     Frozen,
 }
@@ -54,8 +63,10 @@ pub struct Catcher<'a> {
     arm: &'a CatchArm,
     settings: Settings,
     motion: CatchMotion,
-    before: Option<CatchMotion>,
+    before: Option<(CatchMotion, Option<Choice>)>,
     choice: Option<Choice>,
+    declines: usize,
+    hopeless: usize,
     log: Vec<Logged>,
 }
 
@@ -63,7 +74,16 @@ impl<'a> Catcher<'a> {
     /// The arm stands at `q`.
     #[must_use]
     pub fn new(arm: &'a CatchArm, settings: Settings, q: &Joints) -> Self {
-        Self { arm, settings, motion: CatchMotion::rest(q), before: None, choice: None, log: Vec::new() }
+        Self {
+            arm,
+            settings,
+            motion: CatchMotion::rest(q),
+            before: None,
+            choice: None,
+            declines: 0,
+            hopeless: 0,
+            log: Vec::new(),
+        }
     }
 
     /// Takes a forecast at `now_s`; the motion that replaces the one under way from its start on, if there is one.
@@ -81,7 +101,8 @@ impl<'a> Catcher<'a> {
             off_m,
             count,
         });
-        matches!(decision, Decision::Begun | Decision::Corrected).then_some(&self.motion)
+        let moved = matches!(decision, Decision::Begun | Decision::Corrected | Decision::MovedClear(_));
+        moved.then_some(&self.motion)
     }
 
     fn decide(&mut self, forecast: &Forecast, start_s: f64, off_m: f64) -> (Decision, Count) {
@@ -98,6 +119,7 @@ impl<'a> Catcher<'a> {
         }
         let start = Start { at_s: start_s, state: &state, under_way };
         let (found, count) = search(self.arm, &self.settings, &start, forecast);
+        let free = Start { under_way: None, at_s: start_s, state: &state };
         match found {
             Ok(choice) => {
                 let begun = self.choice.is_none();
@@ -105,16 +127,48 @@ impl<'a> Catcher<'a> {
                     self.judge_again(forecast, off_m);
                     return (Decision::Kept, count);
                 }
-                self.before = Some(std::mem::replace(&mut self.motion, choice.motion.clone()));
-                self.choice = Some(choice);
+                let motion = choice.motion.clone();
+                self.replace(motion, Some(choice));
+                (self.declines, self.hopeless) = (0, 0);
                 (if begun { Decision::Begun } else { Decision::Corrected }, count)
             }
             Err(why) if self.choice.is_some() => {
                 self.judge_again(forecast, off_m);
-                (Decision::NotCorrected(why), count)
+                let probability = self.choice.as_ref().map_or(0.0, |choice| choice.probability);
+                let hopeless = probability < self.settings.probability_min;
+                self.hopeless = if hopeless { self.hopeless + 1 } else { 0 };
+                if self.hopeless < GIVE_UP_AFTER {
+                    return (Decision::NotCorrected(why), count);
+                }
+                (self.choice, self.before, self.hopeless) = (None, None, 0);
+                self.declines = CLEAR_AFTER;
+                let moved = self.moves_clear(&free, forecast, why);
+                (if moved { Decision::MovedClear(why) } else { Decision::GivenUp(why) }, count)
             }
-            Err(why) => (Decision::Declined(why), count),
+            Err(why) => {
+                self.declines += 1;
+                let moved = self.moves_clear(&free, forecast, why);
+                (if moved { Decision::MovedClear(why) } else { Decision::Declined(why) }, count)
+            }
         }
+    }
+
+    /// Moves out of the ball's way if it will not be caught and would come too near.
+    fn moves_clear(&mut self, start: &Start<'_>, forecast: &Forecast, why: Decline) -> bool {
+        // Of a flight that is not known well nobody knows where it is clear.
+        let sure = self.settings.keep_clear && self.declines >= CLEAR_AFTER && why != Decline::TooUncertain;
+        let clear = sure.then(|| move_clear(self.arm, start, &self.motion, forecast)).flatten();
+        let moves = clear.is_some();
+        if let Some(motion) = clear {
+            self.replace(motion, None);
+        }
+        moves
+    }
+
+    fn replace(&mut self, motion: CatchMotion, choice: Option<Choice>) {
+        let motion = std::mem::replace(&mut self.motion, motion);
+        let choice = std::mem::replace(&mut self.choice, choice);
+        self.before = Some((motion, choice));
     }
 
     /// Probability of the catch under way if nothing changes any more.
@@ -131,10 +185,11 @@ impl<'a> Catcher<'a> {
         }
     }
 
-    /// The executor refused the motion given last: the one before goes on.
+    /// The executor refused the motion given last: the one before goes on, with its catch if it had one.
     pub fn refused(&mut self) {
-        if let Some(before) = self.before.take() {
-            self.motion = before;
+        if let Some((motion, choice)) = self.before.take() {
+            self.motion = motion;
+            self.choice = choice;
         }
     }
 
@@ -171,7 +226,7 @@ impl<'a> Catcher<'a> {
         }
         let reasons = || {
             self.log.iter().rev().filter_map(|logged| match logged.decision {
-                Decision::Declined(why) => Some(why),
+                Decision::Declined(why) | Decision::MovedClear(why) | Decision::GivenUp(why) => Some(why),
                 _ => None,
             })
         };

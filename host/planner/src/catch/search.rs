@@ -6,9 +6,9 @@
 //!                                                                              kinematics is finished that is outside
 //!   -> hand speed: at rest (hold), or v_ball - r u (matched), joint rates with the least use of the speed limits
 //!   -> stop after the catch inside the ranges; least peak acceleration        closed forms
-//!   -> predicted probability beats the worst of the best 12
+//!   -> predicted probability beats the worst of the best 24
 //!   -> motion in exactly the time left, with jerk                             table of shapes
-//! best 12, in order: whole motion against ranges, contacts, currents          at most 4
+//! best 24, in order: whole motion against limits, contacts, currents, ball     at most 6
 //! ```
 
 use nalgebra::{Matrix3, Vector3};
@@ -60,6 +60,8 @@ pub struct Settings {
     pub probability_min: f64,
     /// A change of the plan must be better by this probability.
     pub hysteresis: f64,
+    /// Move out of the way of a ball that will not be caught.
+    pub keep_clear: bool,
 }
 
 impl Default for Settings {
@@ -73,6 +75,7 @@ impl Default for Settings {
             tracking_sigma_m: 0.002,
             probability_min: 0.05,
             hysteresis: 0.02,
+            keep_clear: true,
         }
     }
 }
@@ -80,9 +83,11 @@ impl Default for Settings {
 /// What a matched catch is worth against one with the hand at rest, as a factor on the probability of the latter.
 const HOLD_WORTH: f64 = 0.9;
 const TIMES_MAX: usize = 24;
-const SHORTLIST: usize = 12;
+const SHORTLIST: usize = 24;
 /// Whole motions that are checked for one decision: bounds its time.
-const CHECKS_MAX: usize = 4;
+const CHECKS_MAX: usize = 6;
+/// Candidates that are this near in time fail alike, s.
+const ALIKE_S: f64 = 0.05;
 /// A correction moves the hand on a lever of this length about one axis, m: used for what corrections can reach.
 const LEVER_M: f64 = 0.8;
 
@@ -254,11 +259,12 @@ pub fn search(
     }
     let mut checker = CollisionChecker::new(&arm.model, &arm.scene);
     let mut fault = None;
-    let mut tried: Vec<(Branch, Mode)> = Vec::new();
-    // Different postures first: neighbours of one that fails fail as well.
+    let mut tried: Vec<(Branch, Mode, i64)> = Vec::with_capacity(SHORTLIST);
+    // Different postures and times first: neighbours of one that fails fail as well.
     let (fresh, rest): (Vec<_>, Vec<_>) = best.iter().partition(|c| {
-        let new = !tried.contains(&(c.branch, c.mode));
-        tried.push((c.branch, c.mode));
+        let kind = (c.branch, c.mode, (c.ball.t_s / ALIKE_S) as i64);
+        let new = !tried.contains(&kind);
+        tried.push(kind);
         new
     });
     for candidate in fresh.into_iter().chain(rest).take(CHECKS_MAX) {
@@ -271,6 +277,7 @@ pub fn search(
     }
     let why = match fault {
         Some(Fault::Range) => Decline::NoStop,
+        Some(Fault::Limit) => Decline::TooLate,
         Some(Fault::Ball) => Decline::BallFirst,
         Some(Fault::Current) => Decline::Current,
         Some(Fault::Contact) | None => Decline::Contact,
