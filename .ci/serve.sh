@@ -1,6 +1,8 @@
 # Sourced by stages whose clients need the simulated cell at free places:
 #   serve LOG BUS…       starts `hil-sim serve --json` as $server, its lines into LOG; returns when all its doors are open
 #   place LOG PREFIX     where the door is whose name begins so: the program says which port or pseudo-terminal it got
+. .ci/wait.sh
+serves() { [ "$(grep -c '"event":"serving"' "$1")" -ge "$2" ]; } # log, doors
 serve() {
     local log=$1 buses=()
     shift
@@ -9,12 +11,7 @@ serve() {
     : >"$log"
     target/release/hil-sim serve "${buses[@]}" --json >"$log" </dev/null &
     server=$!
-    # Two minutes: only a hang lasts as long, on a busy machine too.
-    for _ in $(seq 1200); do
-        [ "$(grep -c '"event":"serving"' "$log")" -lt $# ] || return 0
-        kill -0 "$server" 2>/dev/null || break
-        sleep 0.1
-    done
+    wait_for "$server" serves "$log" $# && return 0
     echo "the simulated cell does not open its doors:" >&2
     cat "$log" >&2
     kill "$server" 2>/dev/null || true

@@ -1,11 +1,12 @@
-# Every command block of the tutorials in docs/, page by page, from the root. `cubectl` is the program of the stage test.
+# Every command block of the pages below docs/ and of the boards' README, page by page, from the root. `cubectl` is the
+# program of the stage test.
 . .ci/debug-build.sh
 export PATH=$PWD/target/debug:$PATH
 work=$PWD/target/tutorials
 rm -rf "$work" && mkdir -p "$work"
 count=0
-for page in docs/*.md; do
-    name=$(basename "$page" .md)
+for page in docs/*.md docs/*/*.md firmware/boards/*.md; do
+    name=$(tr / - <<<"${page%.md}")
     awk -v stem="$work/$name" '
         /^```sh/ { n += 1; file = sprintf("%s-%02d.sh", stem, n); next }
         /^```$/ { file = "" }
@@ -19,6 +20,6 @@ for page in docs/*.md; do
         printf '%-40s %4d s\n' "$(basename "$block")" $((SECONDS - begun))
     done
 done
-[ "$count" -ge 12 ] || { echo "only $count command blocks found in docs/"; exit 1; }
+[ "$count" -ge 16 ] || { echo "only $count command blocks found"; exit 1; }
 # The picture in the tutorial is what the program draws.
 cmp target/arm.svg docs/robots/arm.svg

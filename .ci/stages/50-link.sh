@@ -1,6 +1,7 @@
 # The links against a client that is not ours: python-can, unmodified, pinned; over socketcand, and over
 # SLCAN through TCP and through a pseudo-terminal.
 . .ci/timed.sh
+. .ci/wait.sh
 . .ci/venv.sh sim tests/interop/sim/requirements.txt
 . .ci/debug-build.sh
 server=
@@ -11,12 +12,7 @@ for spec in socketcand://127.0.0.1:0/can0 slcan://127.0.0.1:0 slcan:/dev/ptmx; d
     : >$log
     target/debug/examples/echo_server $spec >$log &
     server=$!
-    # Two minutes: only a hang lasts as long, on a busy machine too.
-    for _ in $(seq 1200); do
-        [ -s $log ] && break
-        kill -0 $server
-        sleep 0.1
-    done
+    wait_for $server test -s $log
     echo "--- $(cat $log)"
     timed timeout 120 python protocol/link/tests/python_can.py "$(cat $log)" 2>target/python_can.log ||
         { cat target/python_can.log; exit 1; }

@@ -7,6 +7,7 @@ mkdir -p $work/dsdl/src
 # The node is built while the packages come from the net.
 bash -e .ci/debug-build.sh & build=$!
 . .ci/timed.sh
+. .ci/wait.sh
 . .ci/venv.sh cyphal $here/requirements.txt
 
 cat >$work/dsdl/Cargo.toml <<'TOML'
@@ -36,14 +37,12 @@ node=target/debug/examples/cyphal_node
 $node 127.0.0.1:0 >$work/node.log & good=$!
 $node 127.0.0.1:0 60 1 >$work/lossy.log & lossy=$!
 trap 'kill $good $lossy' EXIT
-port_of() { # Port 0 above: any free one; the node prints the address it got.
-    for _ in $(seq 50); do
-        if grep -q '^socketcand://' "$1"; then sed -n 's|^socketcand://127.0.0.1:\([0-9]*\)/can0$|\1|p' "$1"; return; fi
-        sleep 0.1
-    done
+port_of() { # process, log. Port 0 above: any free one; the node prints the address it got.
+    wait_for "$1" says "$2" '^socketcand://'
+    sed -n 's|^socketcand://127.0.0.1:\([0-9]*\)/can0$|\1|p' "$2"
 }
-good_port=$(port_of $work/node.log)
-lossy_port=$(port_of $work/lossy.log)
+good_port=$(port_of $good $work/node.log)
+lossy_port=$(port_of $lossy $work/lossy.log)
 
 echo "--- pycyphal"
 check() { timed timeout 120 python $here/check.py 127.0.0.1 "$@"; }

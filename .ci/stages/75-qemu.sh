@@ -19,6 +19,19 @@ run() {
 }
 run | tee costs.txt
 cmp frames.bin expected.bin
+# `firmware/boards/README.md` promises boards at most so many instructions per control step.
+most=10000
+within() { # the dearest control step that is told in the file
+    local worst
+    worst=$(sed -n 's/^control step of six joints: .*, worst \([0-9]*\)$/\1/p' "$1")
+    [ -n "$worst" ] || { echo "$1 tells no instructions of a control step"; return 1; }
+    [ "$worst" -le $most ] || { echo "a control step took $worst instructions, more than $most"; return 1; }
+}
+within costs.txt
+# The limit itself: a step that costs one instruction more is found, and so is a log without a step.
+sed "s/^\(control step .*worst \)[0-9]*$/\1$((most + 1))/" costs.txt >dear.txt
+! within dear.txt >/dev/null || { echo "a step beyond the limit was not found"; exit 1; }
+! within /dev/null >/dev/null || { echo "a log without a step was taken"; exit 1; }
 echo "frame log of $(($(stat -c %s frames.bin) / 24)) frames: identical"
 # And the same again: emulated runs repeat exactly.
 mv frames.bin first.bin

@@ -56,12 +56,10 @@ end_all() {
     pids=()
 }
 trap end_all EXIT
-# Waits until a file says something; a hang ends it.
-said() { # file, text
-    for _ in $(seq 1200); do
-        ! grep -q "$2" "$1" 2>/dev/null || return 0
-        sleep 0.05
-    done
+# Waits until the file of a process says something.
+said() { # process, file, text
+    wait_for "$1" says "$2" "$3" && return 0
+    shift
     echo "$1 does not say '$2':" >&2
     cat "$1" >&2
     return 1
@@ -93,7 +91,7 @@ in_step() { # name, runner
         ;;
     esac
     # Clients have their turns in the order in which they came.
-    [ "$runner" = soft ] || said "$dir.cell.json" connected || return 1
+    [ "$runner" = soft ] || said "$server" "$dir.cell.json" connected || return 1
     local status=0
     timeout 900 "$bin/cubectl" throw --target 1,1,-1 --no-store --bus "$bus" --out "$dir/out" "${words[@]}" </dev/null || status=$?
     # The cell first: time stands when the throw has left.
@@ -141,7 +139,7 @@ attempt() { # name, options of throw...
         "$bin/cubectl" controller --bus "$socketcand" >"$dir.controller.log" 2>&1 </dev/null &
         pids+=($!)
         # It measures first, and is on the bus then.
-        said "$dir.controller.log" 'Ctrl-C stops' || true
+        said $! "$dir.controller.log" 'Ctrl-C stops' || true
         ;;
     esac
     local status=0

@@ -2,6 +2,7 @@
 # generations, UDP and TCP, 12 ms and 4 ms. The witness is the simulated robot: it tells whether the bottle was hit, and how long
 # the answers took. In lock step the same is tested by host/tests/robot_link.rs, where nothing depends on the machine.
 . .ci/timed.sh
+. .ci/wait.sh
 cargo build --quiet --release --locked -p host -p hil-sim --bins
 cubectl=$PWD/target/release/cubectl
 out=$PWD/target/rsi
@@ -19,10 +20,7 @@ throw() { # description, scheme, port, plan
     "$cubectl" throw --robot kr16_2 --plan "$out/$4.json" --bus "rsi:$place" --rsi "robots/kr16_2/$name.toml" --yes \
         --out "$dir" >"$dir.throw" 2>&1 </dev/null &
     client=$!
-    for _ in $(seq 600); do
-        ! grep -q 'waiting for the robot' "$dir.throw" || break
-        sleep 0.1
-    done
+    wait_for $client says "$dir.throw" 'waiting for the robot' || { cat "$dir.throw"; return 1; }
     "$cubectl" sim --robot kr16_2 --rsi "$place" --scenario "robots/kr16_2/$name.toml" --bottle 2.5,0,0.6 --runs 1 --for 120 \
         >"$dir.robot" 2>&1 </dev/null || status=$?
     wait $client || status=$?

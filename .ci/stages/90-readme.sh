@@ -10,6 +10,7 @@
 # The block of all tests is what the stage test runs: it is run here only if that has not passed on this very tree.
 # A clone builds with nothing but cargo and a compiler; only the tests share compiled libraries with this tree.
 . .ci/tree-state.sh
+. .ci/wait.sh
 root=$PWD
 work=$root/target/readme
 rm -rf "$work" arm.registers.toml && mkdir -p "$work"
@@ -44,17 +45,13 @@ end_cells() {
     cells=()
 }
 trap end_cells EXIT
+opened() { (exec 3<>"/dev/tcp/127.0.0.1/$1") 2>/dev/null; } # port
 serve() { # serve SCHEME PORT: a simulated cell that is ready when this returns
     local scheme=$1
     shift
     cubectl sim --bus "$scheme://127.0.0.1:$1/can0" >"$work/cell-$1.log" 2>&1 </dev/null &
     cells+=($!)
-    # Two minutes: only a hang lasts as long, on a busy machine too.
-    for _ in $(seq 1200); do
-        if (exec 3<>"/dev/tcp/127.0.0.1/$1") 2>/dev/null; then return; fi
-        kill -0 "${cells[-1]}" 2>/dev/null || break
-        sleep 0.1
-    done
+    ! wait_for "${cells[-1]}" opened "$1" || return 0
     cat "$work/cell-$1.log"
     return 1
 }
