@@ -3,6 +3,9 @@
 . .ci/debug-build.sh
 target/debug/examples/hello_drive | tee target/hello_drive.log
 grep -q 'the axis stands at 1.0' target/hello_drive.log
+target/debug/examples/ask_position | grep -q 'module 3 is at -0.75 rad'
+target/debug/examples/certified_gains | grep -c 'error at the release' | grep -qx 6
+target/debug/examples/own_task
 rm -f target/plan_throw.json
 target/debug/examples/plan_throw 1.0 1.0 -1.0 target/plan_throw.json
 target/debug/cubectl check target/plan_throw.json

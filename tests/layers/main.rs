@@ -1,5 +1,7 @@
-//! Arrows between packages and rooms go down only: the order is data in `order.rs`.
+//! Arrows between packages and rooms go down only: the order is data in `order.rs`. Lines per package are those that
+//! `docs/walk-through.md` tells.
 
+mod lines;
 mod order;
 mod paths;
 mod rooms;
@@ -24,7 +26,7 @@ fn sources(folder: &Path) -> Tree {
     fn walk(root: &Path, folder: &Path, found: &mut Tree) {
         for entry in std::fs::read_dir(folder).unwrap() {
             let path = entry.unwrap().path();
-            if path.is_dir() {
+            if path.is_dir() && path.file_name().is_some_and(|name| name != "target") {
                 walk(root, &path, found);
             } else if path.extension().is_some_and(|extension| extension == "rs") {
                 let name = path.strip_prefix(root).unwrap().to_str().unwrap().to_owned();

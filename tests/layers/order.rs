@@ -218,7 +218,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
     Folder {
         path: "hil-sim/src/krc",
         floors: &[
-            &["event", "link", "options", "port"],
+            &["event", "link", "options", "port", "state"],
             &["correction", "drives", "late", "monitor"],
             &["check", "hand"],
             &["controller"],

@@ -7,6 +7,14 @@
 //! * any other failure to write standard output is remembered. The program asks for it with [`lost`] at its end and exits with
 //!   an error, so that a truncated file is not taken for a complete one;
 //! * failures to write standard error are ignored.
+//!
+//! # Map
+//!
+//! | item | writes to |
+//! |---|---|
+//! | [`line!`], [`text!`] | standard output, with and without an end of line |
+//! | [`note!`] | standard error, a line |
+//! | [`lost`] | nothing: tells why standard output is incomplete |
 
 use std::fmt::Arguments;
 use std::io::{self, Write};

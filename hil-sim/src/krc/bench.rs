@@ -2,7 +2,7 @@
 
 use protocol::{Duration, Instant};
 
-use super::controller::{Krc, State};
+use super::controller::Krc;
 use super::event::KrcEvent;
 use super::link::{DatagramLink, Direction};
 
@@ -176,10 +176,5 @@ impl<C: Client> Bench<C> {
     /// All events as lines.
     pub fn log(&self) -> String {
         self.events.iter().map(|event| format!("{event}\n")).collect()
-    }
-
-    /// Whether the last program run ended with a fault.
-    pub fn faulted(&self) -> bool {
-        self.krc.state() == State::Fault
     }
 }

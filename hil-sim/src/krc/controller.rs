@@ -17,6 +17,7 @@ use super::hand::Hand;
 use super::late::LateCounter;
 use super::monitor::Monitor;
 use super::options::KrcOptions;
+use super::state::{KrcError, State};
 use crate::mechanics::{HandPoint, Landing};
 use crate::rng::Rng;
 
@@ -25,30 +26,6 @@ const QUIET_AFTER: Duration = Duration::from_secs(1);
 
 /// Most events that wait to be fetched; older ones are dropped and counted.
 const MAX_EVENTS: usize = 4096;
-
-/// Where the controller is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum State {
-    /// No program runs.
-    Off,
-    /// The program runs and waits for its connection.
-    Open,
-    /// Telegrams are exchanged.
-    Run,
-    /// Stopped by a fault; only a new start leaves it.
-    Fault,
-}
-
-/// The controller cannot be built or started.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum KrcError {
-    /// Options that contradict each other or the configuration file.
-    #[error("{0}")]
-    Options(String),
-    /// A start while the set points still move or the exchange runs.
-    #[error("the program cannot start: {0}")]
-    NotReady(&'static str),
-}
 
 /// The last telegram of an exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -55,11 +55,6 @@ impl Hand {
         self.released
     }
 
-    /// The gripper, for its faults.
-    pub fn gripper_mut(&mut self) -> &mut Gripper {
-        &mut self.gripper
-    }
-
     /// When and how the ball left the hand.
     pub fn released(&self) -> Option<(Instant, HandPoint)> {
         self.released

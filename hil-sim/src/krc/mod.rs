@@ -30,6 +30,7 @@
 //! | module | holds |
 //! |---|---|
 //! | [`options`] | parameters; generation defaults |
+//! | `state` | states of the controller, and why it cannot start |
 //! | [`controller`] | [`Krc`]: the state machine, sans-IO, time as an argument |
 //! | `check` | whether options, configuration file and robot fit together |
 //! | [`correction`] | values of an answer to a set point |
@@ -56,10 +57,12 @@ pub mod options;
 mod port;
 pub mod scenario;
 pub mod serve;
+mod state;
 
 pub use bench::{Bench, Client, Reply, RobotFault};
-pub use controller::{Krc, KrcError, State};
+pub use controller::Krc;
 pub use event::{CycleRecord, FaultCause, KrcEvent, Refused};
 pub use link::{DatagramLink, Direction, LinkFault, LinkFaultKind, LinkOptions};
 pub use options::KrcOptions;
 pub use scenario::KrcScenario;
+pub use state::{KrcError, State};

@@ -37,9 +37,10 @@ use rsi_protocol::{Config, Generation, Protocol};
 use toml_reader::{DESCRIPTION_MAX_BYTES, DocumentError, Problem, Section, Source, Value, quoted, read_text};
 
 use super::bench::RobotFault;
-use super::controller::{Krc, KrcError};
+use super::controller::Krc;
 use super::link::{DatagramLink, Direction, LinkFault, LinkFaultKind, LinkOptions};
 use super::options::{CorrectionOptions, CutOut, HandOptions, KrcOptions, LagOptions, LateOptions, Space};
+use super::state::KrcError;
 use crate::mechanics::GripperOptions;
 use crate::scenario::values::{period, seconds};
 

@@ -13,10 +13,11 @@ use protocol::{Duration, Instant};
 use rsi_protocol::{Protocol, Root, StreamItem, Telegram};
 
 use super::bench::RobotFaults;
-use super::controller::{Krc, KrcError, State};
+use super::controller::Krc;
 use super::event::{FaultCause, KrcEvent};
 use super::link::{DatagramLink, Direction};
 use super::port::{Port, Received, number_of};
+use super::state::{KrcError, State};
 
 /// Longest sleep, so that an interrupt is seen.
 const LONGEST_SLEEP: Duration = Duration::from_millis(50);

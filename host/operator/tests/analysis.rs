@@ -327,7 +327,8 @@ fn a_throw_in_the_cell_is_measured_as_the_cell_itself_has_it() {
     assert!(off_m < 0.012, "{off_m}");
 
     // The whole log's bits, against what the bus model counted itself.
-    let whole = bus::usage(&lines, PlanClock::starting(Instant::ZERO), until.as_secs_f64(), 1e-6);
+    let frames = &samples.bus.as_ref().expect("a log of a bus").frames;
+    let whole = bus::usage(frames, PlanClock::starting(Instant::ZERO), until.as_secs_f64(), 1e-6);
     let ratio = whole.utilisation / utilisation;
     assert!((0.999..1.001).contains(&ratio), "{} against {utilisation}", whole.utilisation);
 }

@@ -32,7 +32,7 @@ pub mod follow;
 pub mod motion;
 pub mod plan;
 pub mod record;
-mod solve;
+pub mod solve;
 pub mod store;
 pub mod throw;
 pub mod verify;

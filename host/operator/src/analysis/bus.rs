@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::collect::Reading;
 use super::{AFTER_S, BEFORE_S, PlanClock};
-use crate::log::candump::Line;
+use crate::samples::BusFrame;
 
 /// Width of a step of the curve, s.
 pub const STEP_S: f64 = 0.01;
@@ -88,12 +88,12 @@ pub struct BusUse {
 
 /// Usage around a plan of `end_t_s`; a bit takes `bit_s`.
 #[must_use]
-pub fn usage(lines: &[Line], clock: PlanClock, end_t_s: f64, bit_s: f64) -> BusUse {
+pub fn usage(frames: &[BusFrame], clock: PlanClock, end_t_s: f64, bit_s: f64) -> BusUse {
     let steps = ((end_t_s + AFTER_S + BEFORE_S) / STEP_S).ceil() as usize;
     let mut taken_s = vec![0.0; steps];
     let mut ids: BTreeMap<(Traffic, u32), (String, u64, f64)> = BTreeMap::new();
-    let (mut frames, mut busy_s, mut slots) = (0, 0.0, Vec::new());
-    for line in lines {
+    let (mut count, mut busy_s, mut slots) = (0, 0.0, Vec::new());
+    for line in frames {
         let to_t_s = clock.t_s(line.at);
         let length = bits::length(&line.frame);
         let from_t_s = to_t_s - f64::from(length.frame()) * bit_s;
@@ -104,7 +104,7 @@ pub fn usage(lines: &[Line], clock: PlanClock, end_t_s: f64, bit_s: f64) -> BusU
         slots.push(Slot { from_t_s, to_t_s, frame: line.frame });
         spread(&mut taken_s, from_t_s, took_s);
         if (0.0..=end_t_s).contains(&to_t_s) {
-            frames += 1;
+            count += 1;
             busy_s += took_s;
             let id = line.frame.id();
             let name = match id {
@@ -129,7 +129,7 @@ pub fn usage(lines: &[Line], clock: PlanClock, end_t_s: f64, bit_s: f64) -> BusU
     let inside = over_time.iter().filter(|r| r.t_s >= -1e-9 && r.t_s + STEP_S <= end_t_s);
     BusUse {
         bit_rate_bit_s: 1.0 / bit_s,
-        frames,
+        frames: count,
         utilisation: busy_s / end_t_s,
         utilisation_peak: inside.map(|r| r.value).fold(0.0, f64::max),
         ids,
@@ -161,16 +161,10 @@ mod tests {
         // ISO 11898-1: 47 + 8 × 6 bits with interframe space, and the stuff bits of this very frame.
         let frame = Frame::from_array(StandardId::from_low_bits(0x0E1), [0x0B, 0x0E, 0xAA, 0x55, 0xAA, 0x55]);
         let stuff = f64::from(bits::length(&frame).stuff);
-        let lines: Vec<Line> = (1..=100)
-            .map(|k| Line {
-                number: k,
-                at: Instant::from_micros(1_000_000 + 1_000 * k as u64),
-                frame,
-                sent: None,
-            })
-            .collect();
+        let at = |k: u64| Instant::from_micros(1_000_000 + 1_000 * k);
+        let frames: Vec<BusFrame> = (1..=100).map(|k| BusFrame { at: at(k), frame }).collect();
         let clock = PlanClock::starting(Instant::from_micros(1_000_000));
-        let usage = usage(&lines, clock, 0.1, 1e-6);
+        let usage = usage(&frames, clock, 0.1, 1e-6);
         let expected = (95.0 + stuff) * 1e-3;
         assert_eq!(usage.frames, 100);
         assert!((usage.utilisation - expected).abs() < 1e-9, "{} {expected}", usage.utilisation);

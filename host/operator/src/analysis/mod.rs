@@ -219,8 +219,8 @@ pub fn analyse(run: &Run<'_>) -> Result<RunAnalysis, AnalysisError> {
             .certified
             .filter(|_| heard.joints.iter().any(|joint| !joint.commands.is_empty()))
             .map(|certified| coverage::coverage(&heard, plan.end_time_s, certified)),
-        answers: bus.map(|bus| timing::answers(&bus.lines, clock, plan.end_time_s)),
-        bus: bus.map(|bus| bus::usage(&bus.lines, clock, plan.end_time_s, bus.bit_s())),
+        answers: bus.map(|bus| timing::answers(&bus.frames, clock, plan.end_time_s)),
+        bus: bus.map(|bus| bus::usage(&bus.frames, clock, plan.end_time_s, bus.bit_s())),
         counts: heard.counts(plan.end_time_s),
         events: events::events(samples, clock),
         fault: events::first_fault(samples, plan, clock),

@@ -19,14 +19,6 @@ pub struct Presence {
     pub namesake: bool,
 }
 
-impl Presence {
-    /// Another node uses the drives.
-    #[must_use]
-    pub const fn is_in_use(&self) -> bool {
-        self.drives_are_asked || self.controller.is_some()
-    }
-}
-
 impl Session {
     /// Lines of text that controllers said since the last call, oldest first. They are heard once this session has listened
     /// or spoken to one.

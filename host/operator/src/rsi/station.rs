@@ -142,12 +142,6 @@ impl Station {
         self.controller.settings()
     }
 
-    /// Trajectories that are still to run, the one at work included.
-    #[must_use]
-    pub fn files_left(&self) -> usize {
-        self.files.len()
-    }
-
     /// What went in and came out since the last call.
     pub fn take_log(&mut self) -> Vec<Line> {
         std::mem::take(&mut self.log)

@@ -12,9 +12,8 @@ pub mod of_log;
 
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::cyphal::cubecell::joint_state::JointSample;
-use protocol::{Duration, Instant};
+use protocol::{Duration, Frame, Instant};
 
-use crate::log::candump::Line;
 use crate::log::watch::LogEvent;
 use drives::Drives;
 
@@ -88,11 +87,20 @@ pub struct Freeze {
     pub frames: Vec<(Instant, String)>,
 }
 
+/// A frame of a bus and when it was received.
+#[derive(Clone, Copy, Debug)]
+pub struct BusFrame {
+    /// End of the frame.
+    pub at: Instant,
+    /// The frame.
+    pub frame: Frame,
+}
+
 /// What only a bus has.
 #[derive(Clone, Debug)]
 pub struct BusLog {
     /// Its frames, in ascending time.
-    pub lines: Vec<Line>,
+    pub frames: Vec<BusFrame>,
     /// Bit rate, bit/s.
     pub bit_rate_bit_s: u32,
     /// Which drive is which joint.
@@ -130,7 +138,7 @@ impl Samples {
         let silent = |joint: &JointSamples| joint.positions.is_empty() && joint.told.is_empty();
         self.group.is_empty()
             && self.joints.iter().all(silent)
-            && self.bus.as_ref().is_none_or(|bus| bus.lines.is_empty())
+            && self.bus.as_ref().is_none_or(|bus| bus.frames.is_empty())
     }
 }
 

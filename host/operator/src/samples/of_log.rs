@@ -7,7 +7,9 @@ use protocol::powercube::{MotionCommand, Parameter, Reply, Request, Value};
 use protocol::{Duration, Instant};
 
 use super::drives::Drives;
-use super::{At, BusLog, Freeze, GroupTold, JointFreeze, JointSamples, RampOrder, Samples, span_of};
+use super::{
+    At, BusFrame, BusLog, Freeze, GroupTold, JointFreeze, JointSamples, RampOrder, Samples, span_of,
+};
 use crate::log::candump::Line;
 use crate::log::facts::{Fact, position};
 use crate::log::watch::{FreezeFrame, Watch};
@@ -22,7 +24,8 @@ impl Samples {
     /// A position is measured where the answer that carries it begins: drives measure just before they answer.
     #[must_use]
     pub fn of_log(lines: Vec<Line>, drives: Drives, arm: &Arm, bit_rate_bit_s: u32) -> Self {
-        let bus = BusLog { lines, bit_rate_bit_s, drives };
+        let frames = lines.into_iter().map(|line| BusFrame { at: line.at, frame: line.frame }).collect();
+        let bus = BusLog { frames, bit_rate_bit_s, drives };
         let names =
             drives.address.iter().zip(arm.joints()).map(|(address, joint)| (*address, joint.name.clone()));
         let mut watch = Watch::new(names.collect::<BTreeMap<_, _>>());
@@ -31,13 +34,13 @@ impl Samples {
             samples: Self { joints: vec![JointSamples::default(); drives.address.len()], ..Self::default() },
             ramps: vec![Ramp::default(); drives.address.len()],
         };
-        for line in &bus.lines {
-            let notes = watch.take(line.at, &line.frame);
+        for BusFrame { at, frame } in &bus.frames {
+            let notes = watch.take(*at, frame);
             reader.samples.events.extend(notes.events);
             reader.samples.freezes.extend(notes.freeze.map(|freeze| frozen(&freeze, &drives)));
             if let Some(fact) = notes.fact {
-                let begun = line.at.saturating_sub(span_of(bits::length(&line.frame).frame(), bus.bit_s()));
-                reader.take(line.at, begun, &fact);
+                let begun = at.saturating_sub(span_of(bits::length(frame).frame(), bus.bit_s()));
+                reader.take(*at, begun, &fact);
             }
         }
         let samples = reader.samples;

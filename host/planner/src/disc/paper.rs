@@ -94,12 +94,6 @@ impl Step {
         (self.disc_m - self.terminal_m).norm()
     }
 
-    /// The same in the horizontal plane (figure 8), m.
-    #[must_use]
-    pub fn distance_xy_m(&self) -> f64 {
-        (self.disc_m - self.terminal_m).xy().norm()
-    }
-
     /// From where the terminal point is to where it should be, m.
     #[must_use]
     pub fn short_m(&self) -> f64 {

@@ -48,12 +48,6 @@ impl FlightModel {
         Ok(self)
     }
 
-    /// Drag constant of a ball in air at sea level (1.225 kg/m³): `k = ρ c_d π r² / (2 m)` in 1/m.
-    #[must_use]
-    pub fn ball_drag_per_m(radius_m: f64, mass_kg: f64, drag_coefficient: f64) -> f64 {
-        1.225 * drag_coefficient * std::f64::consts::PI * radius_m * radius_m / (2.0 * mass_kg)
-    }
-
     /// With a Magnus force `a = m × v`; `m` (1/s) is the ball's spin times its lift constant, held during the flight.
     ///
     /// # Errors

@@ -11,6 +11,9 @@
 //!
 //! A task gives its rows with exact gradients; the solver knows nothing else about it. `D` is the width of a row: the
 //! number of variables, rounded up to a multiple of four (rows stay on the stack).
+//!
+//! The throw of this package is one task. A task of your own needs no change here: the example `own_task` finds the posture
+//! that holds a point with the least torque.
 
 #[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
 mod curvature;
@@ -18,34 +21,37 @@ mod curvature;
 mod qp;
 mod rows;
 #[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
-pub(crate) mod sqp;
+pub mod sqp;
 
 use std::ops::Range;
 
-pub(crate) use self::qp::Row;
+pub use self::qp::Row;
 
 /// Where a row adds its gradient, times a factor.
-pub(crate) struct Gradient<'a, const D: usize> {
+pub struct Gradient<'a, const D: usize> {
     pub(crate) row: &'a mut Row<D>,
     pub(crate) factor: f64,
 }
 
 impl<const D: usize> Gradient<'_, D> {
+    /// Adds `value` to the derivative by variable `i`.
     #[inline]
-    pub(crate) fn add(&mut self, i: usize, value: f64) {
+    pub fn add(&mut self, i: usize, value: f64) {
         self.row[i] += self.factor * value;
     }
 }
 
 /// Receives the rows of an evaluation. Inequalities mean `value ≥ 0`.
-pub(crate) trait Sink<const D: usize> {
+pub trait Sink<const D: usize> {
     /// Whether this inequality is of interest; asked before costly rows.
     fn wants(&self, id: usize) -> bool;
     /// Whether this equality is of interest.
     fn wants_eq(&self, id: usize) -> bool;
     /// A summand of the objective.
     fn objective(&mut self, value: f64, gradient: impl FnOnce(&mut Gradient<'_, D>));
+    /// Equality number `id`: its value is to be 0.
     fn eq(&mut self, id: usize, value: f64, gradient: impl FnOnce(&mut Gradient<'_, D>));
+    /// Inequality number `id`: its value is to be at least 0. Values of different rows should be of one size.
     fn ineq(&mut self, id: usize, value: f64, gradient: impl FnOnce(&mut Gradient<'_, D>));
 }
 
@@ -53,7 +59,7 @@ pub(crate) trait Sink<const D: usize> {
 ///
 /// The Hessian is made by differences of the gradient, part by part, along the variables that a part of the rows bends
 /// with; the other entries follow from symmetry.
-pub(crate) trait Task<const D: usize> {
+pub trait Task<const D: usize> {
     /// A group of rows that bend with the same variables.
     type Part: Copy;
 
@@ -80,7 +86,7 @@ pub(crate) trait Task<const D: usize> {
 
 /// When a part has second derivatives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum When {
+pub enum When {
     /// At every point.
     Always,
     /// Only if an equality has a multiplier.

@@ -8,8 +8,8 @@
 //! Fixed-size arrays on the stack: a program of the planner has some 24 variables, and it is solved some ten times
 //! per local solve, so allocation would cost more than the arithmetic.
 
-/// A row of coefficients; entries beyond the number of variables are zero. `D` is a multiple of [`LANES`].
-pub(crate) type Row<const D: usize> = [f64; D];
+/// A row of coefficients; entries beyond the number of variables are zero. `D` is a multiple of four.
+pub type Row<const D: usize> = [f64; D];
 /// A square matrix, row by row.
 pub(crate) type Square<const D: usize> = [Row<D>; D];
 

@@ -8,7 +8,7 @@ const CURVATURE_CAP: f64 = 300.0;
 
 /// Multipliers by row number.
 #[derive(Debug, Clone)]
-pub(crate) struct Multipliers {
+pub struct Multipliers {
     pub(crate) eq: Box<[f64]>,
     pub(crate) ineq: Box<[f64]>,
 }

@@ -18,23 +18,23 @@
 use super::Task;
 use super::curvature::{Matrix, hessian};
 use super::qp::{self, Constraint, Factor, QpFailure, Row, Square};
-pub(crate) use super::rows::Multipliers;
+pub use super::rows::Multipliers;
 use super::rows::Rows;
 
 /// Tolerances and bounds of a local solve.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Settings {
+pub struct Settings {
     /// Steps of one solve.
-    pub(crate) iterations_max: usize,
+    pub iterations_max: usize,
     /// Largest violation of a scaled row at a solution.
-    pub(crate) feasibility: f64,
+    pub feasibility: f64,
     /// Relative change of the objective at which the solve has converged.
-    pub(crate) objective: f64,
+    pub objective: f64,
     /// Stop early when the objective will not get below this any more.
-    pub(crate) give_up_above: f64,
+    pub give_up_above: f64,
     /// A run that is far from the constraints and has not halved its violation within this many steps is at a stationary
     /// point of the violation.
-    pub(crate) patience: usize,
+    pub patience: usize,
 }
 
 impl Default for Settings {
@@ -51,13 +51,17 @@ impl Default for Settings {
 
 /// Result of a local solve.
 #[derive(Debug, Clone)]
-pub(crate) struct Local<const D: usize> {
-    pub(crate) x: Row<D>,
-    pub(crate) objective: f64,
+pub struct Local<const D: usize> {
+    /// The variables.
+    pub x: Row<D>,
+    /// Value of the objective.
+    pub objective: f64,
     /// Largest violation of a scaled row.
-    pub(crate) violation: f64,
-    pub(crate) iterations: usize,
-    pub(crate) multipliers: Multipliers,
+    pub violation: f64,
+    /// Steps that were made.
+    pub iterations: usize,
+    /// Multipliers of the last step; they start a solve of a task nearby.
+    pub multipliers: Multipliers,
 }
 
 /// Joint angles move at most this far in one step, in rad.
@@ -116,7 +120,8 @@ pub(crate) fn multipliers_at<const D: usize, T: Task<D>>(task: &T, x: &Row<D>) -
 /// Solves from `start`; always returns the last point of the run, feasible or not (see [`Local::violation`]).
 ///
 /// `warm` are multipliers to begin with, from a near solution.
-pub(crate) fn solve<const D: usize, T: Task<D>>(
+#[must_use]
+pub fn solve<const D: usize, T: Task<D>>(
     task: &T,
     start: &Row<D>,
     settings: &Settings,

@@ -80,11 +80,6 @@ impl Region {
         (-self.decay_1_s * sure.max(0.0)).exp()
     }
 
-    /// 1/t in seconds: bound of the integral of (e / position scale)^2 + ...
-    pub fn cost_bound_s(&self) -> f64 {
-        time_unit_s(self.scales[0], self.u_max_rad_s2) / self.cost_rate
-    }
-
     /// Largest |x_i| in the ellipsoid, in the unit of the state.
     pub fn extent(&self, i: usize) -> Option<f64> {
         let inverse = self.p.cholesky()?.inverse();

@@ -1,0 +1,95 @@
+//! A task of one's own for the local solver: the posture that holds the ball at a point with the least torque.
+//! `cargo run -p planner --example own_task`.
+//!
+//! Variables are the six joint angles. Objective: the sum of the squared torques against gravity. Constraints: the ball is at
+//! the point (three equalities), and each joint stays in its range (two inequalities each).
+
+use std::ops::Range;
+
+use nalgebra::Vector3;
+use planner::solve::sqp::{Settings, solve};
+use planner::solve::{Row, Sink, Task, When};
+use robot_model::{JointVec, RobotModel};
+
+/// Six variables, rounded up to a multiple of four.
+const WIDTH: usize = 8;
+
+struct Hold<'a> {
+    arm: &'a RobotModel<6>,
+    point_m: Vector3<f64>,
+}
+
+/// Torques of about 100 Nm weigh like rows of about 1.
+const TORQUE_SCALE_1_NM2: f64 = 1e-4;
+
+impl Task<WIDTH> for Hold<'_> {
+    type Part = ();
+
+    fn variables(&self) -> usize {
+        6
+    }
+    fn numbers(&self) -> (usize, usize) {
+        (3, 12)
+    }
+    fn angles(&self) -> Range<usize> {
+        0..6
+    }
+    fn is_motion(&self, _: &Row<WIDTH>) -> bool {
+        true
+    }
+    fn rows<S: Sink<WIDTH>>(&self, x: &Row<WIDTH>, sink: &mut S) {
+        let (q, rest) = (JointVec::from_column_slice(&x[..6]), JointVec::zeros());
+        let gravity = self.arm.inverse_dynamics_gradient(&q, &rest, &rest);
+        let by_q = gravity.by_q.transpose() * gravity.tau * (2.0 * TORQUE_SCALE_1_NM2);
+        sink.objective(TORQUE_SCALE_1_NM2 * gravity.tau.norm_squared(), |g| {
+            (0..6).for_each(|k| g.add(k, by_q[k]));
+        });
+        let frames = self.arm.fk(&q);
+        let ball_m = self.arm.ball(&frames).pos;
+        let jacobian = frames.jacobian(&ball_m);
+        for i in 0..3 {
+            sink.eq(i, ball_m[i] - self.point_m[i], |g| (0..6).for_each(|k| g.add(k, jacobian[(i, k)])));
+        }
+        for (j, joint) in self.arm.joints().iter().enumerate() {
+            sink.ineq(2 * j, q[j] - joint.limits.q_min_rad, |g| g.add(j, 1.0));
+            sink.ineq(2 * j + 1, joint.limits.q_max_rad - q[j], |g| g.add(j, -1.0));
+        }
+    }
+    fn parts(&self) -> impl Iterator<Item = ((), When)> {
+        std::iter::once(((), When::Always))
+    }
+    fn part_rows<S: Sink<WIDTH>>(&self, (): (), x: &Row<WIDTH>, sink: &mut S) {
+        self.rows(x, sink);
+    }
+    fn bends(&self, (): (), _: usize) -> bool {
+        true
+    }
+    fn twice(&self, (): (), _: usize) -> bool {
+        true
+    }
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let arm = RobotModel::<6>::load("powercube6")?;
+    let start = [0.3, -1.2, -1.2, 0.2, 0.5, 0.1];
+    let point_m = arm.ball(&arm.fk(&JointVec::from(start))).pos;
+    let mut x = [0.0; WIDTH];
+    x[..6].copy_from_slice(&start);
+    let found = solve(&Hold { arm: &arm, point_m }, &x, &Settings::default(), None);
+
+    // The same by the robot model alone: where the ball is, and what gravity asks for.
+    let q = JointVec::from_column_slice(&found.x[..6]);
+    let off_m = (arm.ball(&arm.fk(&q)).pos - point_m).norm();
+    let torque = |q: &JointVec<6>| arm.gravity_torques(q).norm();
+    let (before_nm, after_nm) = (torque(&JointVec::from(start)), torque(&q));
+    println!("{} steps: {before_nm:.1} Nm before, {after_nm:.1} Nm now, {off_m:.1e} m off", found.iterations);
+    let in_range = arm
+        .joints()
+        .iter()
+        .zip(q.iter())
+        .all(|(joint, q)| *q >= joint.limits.q_min_rad - 1e-6 && *q <= joint.limits.q_max_rad + 1e-6);
+    if off_m < 1e-6 && in_range && after_nm < 0.9 * before_nm {
+        return Ok(());
+    }
+    Err("the posture does not hold the point with less torque".into())
+}
