@@ -3,14 +3,15 @@
 use hil_sim::bus::BusConfig;
 use hil_sim::participants::Solo;
 use hil_sim::{Cell, CellOptions, World};
-use protocol::powercube::{MotionCommand, MotionRequest, Reply, Request};
+use protocol::powercube::{MotionCommand, MotionRequest, Parameter, Reply, Request};
 use protocol::units::Radians;
-use protocol::{Frame, Instant, ModuleId, Node};
+use protocol::{Duration, Frame, Instant, ModuleId, Node};
 
-/// Sends one frame when its time has come, and prints the answers.
+/// Sends a request to a module, then asks for its position every 100 ms, and prints the answers.
 struct Hello {
-    /// The drives have started up by then.
-    due: Option<Instant>,
+    module: ModuleId,
+    request: Request,
+    due: Instant,
     out: Option<Frame>,
 }
 
@@ -21,13 +22,16 @@ impl Node for Hello {
         }
     }
     fn handle_timeout(&mut self, now: Instant) {
-        self.due = self.due.filter(|due| *due > now);
+        if now >= self.due {
+            self.out = Some(self.request.encode(self.module));
+            (self.request, self.due) = (Request::Get(Parameter::ActPos), now + Duration::from_millis(100));
+        }
     }
     fn poll_frame(&mut self) -> Option<Frame> {
-        if self.due.is_none() { self.out.take() } else { None }
+        self.out.take()
     }
     fn poll_timeout(&self) -> Option<Instant> {
-        self.due
+        Some(self.due)
     }
 }
 
@@ -35,10 +39,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut options = CellOptions::default();
     options.drive.starts_homed = true;
     let cell = Cell::new(&robot_model::AnyRobot::load("powercube6")?, &options, 1)?;
-    // Module 6 turns the hand, to 1 rad.
+    // Module 6 turns the hand, to 1 rad. Its drive has started up after half a second.
     let ramp = MotionRequest::extended(MotionCommand::Ramp { target: Radians::new(1.0) });
-    let out = Some(Request::Move(ramp).encode(ModuleId::new(6)?));
-    let hello = Solo::new("hello", Hello { due: Some(Instant::from_micros(500_000)), out });
+    let (module, request, due) = (ModuleId::new(6)?, Request::Move(ramp), Instant::from_micros(500_000));
+    let hello = Solo::new("hello", Hello { module, request, due, out: None });
     let mut world = World::new((cell, hello), BusConfig::default(), 1, Vec::new())?;
     world.run_until(Instant::from_micros(2_500_000), &mut ())?;
     let q_rad = world.participants().0.plant().axis(5).q_rad;
