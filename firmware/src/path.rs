@@ -69,11 +69,15 @@ impl PathClock {
             };
             return (self.s_us.saturating_sub(back_us), self.rate);
         }
-        let dt = t.saturating_since(self.at);
-        let dt_s = span::seconds(dt);
-        let left_s = if self.rate_dot_1_s < 0.0 { self.rate / -self.rate_dot_1_s } else { dt_s };
-        let dt_s = dt_s.min(left_s);
-        let rate = (self.rate + self.rate_dot_1_s * dt_s).max(0.0);
+        let dt_s = span::seconds(t.saturating_since(self.at));
+        let left_s = if self.rate_dot_1_s < 0.0 { self.rate / -self.rate_dot_1_s } else { f32::INFINITY };
+        // Zero is set, not computed: `rate + rate_dot * left` is off by a rounding, and a clock with a rate of 1e-45 would
+        // never stand.
+        let (dt_s, rate) = if dt_s < left_s {
+            (dt_s, (self.rate + self.rate_dot_1_s * dt_s).max(0.0))
+        } else {
+            (left_s, 0.0)
+        };
         let s_us = 0.5 * (self.rate + rate) * dt_s * 1e6;
         (self.s_us.saturating_add(i64::from(libm::roundf(s_us) as i32)), rate)
     }
@@ -194,6 +198,21 @@ mod tests {
         clock.advance(US(2_000_000), 0.0);
         assert!(clock.is_standing());
         assert_eq!(clock.at(US(9_000_000)).0, 1_050_000);
+    }
+
+    /// Once in two hundred stops a rounding left a rate of 1e-45: the group waited for the longest time of a stop.
+    #[test]
+    fn clock_that_is_slowed_down_stands_after_its_time_whatever_the_numbers() {
+        const PERIOD_US: u64 = 3_000;
+        for k in 0..20_000u32 {
+            let rate_dot = -5.0 - 35.0 * (k as f32 / 20_000.0);
+            let mut clock = PathClock::starting(US(0));
+            let cycles = (1e6 / (-rate_dot * PERIOD_US as f32)) as u64 + 3;
+            for cycle in 0..cycles {
+                clock.advance(US(PERIOD_US * cycle), rate_dot);
+            }
+            assert!(clock.is_standing(), "{rate_dot} 1/s: {clock:?}");
+        }
     }
 
     proptest! {

@@ -7,7 +7,7 @@
 mod bench;
 
 use bench::*;
-use firmware::fault::Cause;
+use firmware::fault::{Cause, Fault};
 use firmware::orders::Order;
 use firmware::state::StateKind;
 use protocol::powercube::CubeState;
@@ -220,6 +220,24 @@ fn table() -> Vec<(Trouble, [Outcome; 5])> {
     .collect()
 }
 
+/// What a fault is told as.
+fn named(trouble: Trouble) -> Fault {
+    let at_drive = |cause| Fault::at(cause, joint(SICK));
+    match trouble {
+        Trouble::StopMessage => Fault::group(Cause::StopMessage),
+        Trouble::StopOrder => Fault::group(Cause::StopOrdered),
+        Trouble::HostLost => Fault::group(Cause::HostLost),
+        Trouble::Silent => at_drive(Cause::DriveSilent),
+        Trouble::Supply => at_drive(Cause::DriveSupply),
+        Trouble::Tow => at_drive(Cause::DriveTowError),
+        Trouble::Watchdog => at_drive(Cause::DriveWatchdog),
+        Trouble::HardLimit => at_drive(Cause::DriveHardLimit),
+        Trouble::SoftLimit => at_drive(Cause::DriveSoftLimit),
+        Trouble::LostHome => at_drive(Cause::DriveLostHome),
+        Trouble::Current => at_drive(Cause::OverCurrent),
+    }
+}
+
 #[test]
 fn every_cause_in_every_state_has_its_reaction_in_its_time() {
     let mut wrong = Vec::new();
@@ -252,6 +270,10 @@ fn every_cause_in_every_state_has_its_reaction_in_its_time() {
                 ms(halted),
                 ms(bound_ms.map(|ms| 1_000 * ms)),
             );
+            let fault = bench.controller.state().fault();
+            if end == StateKind::Fault && fault != Some(named(trouble)) {
+                wrong.push(format!("{trouble:?} in {state:?}: told as {fault:?}"));
+            }
             // The three times that are promised by number.
             let promised_us = match (trouble, state) {
                 (Trouble::StopMessage, _) => Some(1_000),

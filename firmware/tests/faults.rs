@@ -174,30 +174,6 @@ fn lost_park_command_is_repeated_until_the_joint_stands_at_its_end() {
 }
 
 #[test]
-fn error_of_one_drive_stops_all_and_the_first_cause_stays() {
-    for (bits, cause) in [
-        (CubeState::ERROR.union(CubeState::TOW_ERROR), Cause::DriveError),
-        (CubeState::HALTED, Cause::DriveError),
-        (CubeState::ERROR.union(CubeState::POWERFAULT), Cause::DriveError),
-    ] {
-        let mut bench = thrown(350_000);
-        bench.drives[1].state = bench.drives[1].state.union(bits);
-        let at = bench.now;
-        bench.run_until(100_000, |bench| bench.kind() != StateKind::Running);
-        assert!(bench.now - at <= 2 * PERIOD_US, "seen in the next answer");
-        bench.drives[4].state = bench.drives[4].state.union(CubeState::ERROR);
-        bench.run_until(1_000_000, |bench| bench.kind() == StateKind::Fault);
-        let fault = bench.controller.state().fault().unwrap();
-        // The state word of the guest slot may tell more than the short state, and come first.
-        assert!(fault.cause == cause || fault.cause.code() / 100 == 2, "{fault:?}");
-        assert_eq!(fault.joint, Some(joint(1)));
-        let freeze = bench.controller.freeze_frame().unwrap();
-        assert_eq!((freeze.fault, freeze.state), (fault, StateKind::Running));
-        assert!((300_000..360_000).contains(&freeze.path_us));
-    }
-}
-
-#[test]
 fn joint_that_is_pushed_away_or_overloaded_stops_the_group() {
     let mut bench = thrown(350_000);
     bench.drives[3].q_gen += 0.3;

@@ -49,13 +49,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             (State::Fault { .. }, _) => self.note(now, TraceEvent::FurtherFault(fault)),
             (State::Stopped { .. }, _) if fault.cause.is_plain_stop() => {}
             (State::Stopping { fault: first, way, clock, .. }, _) => {
-                let first = first_cause(first, fault);
-                if first != fault {
-                    self.note(now, TraceEvent::FurtherFault(fault));
-                }
-                if let State::Stopping { fault: latched, .. } = self.machine.data() {
-                    *latched = first;
-                }
+                let first = self.latch(now, first, fault);
                 match (reaction, way) {
                     (Reaction::Halt, _) => self.end_stop(now, first),
                     (Reaction::QuickStop, StopWay::Path) => {
@@ -99,6 +93,21 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
                 _,
             ) => self.end_stop(now, fault),
         }
+    }
+
+    /// Latches the first of two causes of a stop; returns it.
+    fn latch(&mut self, now: Instant, latched: Fault, new: Fault) -> Fault {
+        let first = first_cause(latched, new);
+        if first != new {
+            self.note(now, TraceEvent::FurtherFault(new));
+        }
+        if let State::Stopping { fault, .. } = self.machine.data() {
+            *fault = first;
+        }
+        if let Some(frame) = self.freeze.as_mut().filter(|_| names(latched, new)) {
+            frame.fault = first;
+        }
+        first
     }
 
     pub(super) fn halt(&mut self, now: Instant) {
@@ -244,7 +253,19 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     }
 }
 
-/// Of a latched cause and a new one: the first, but a fault goes before a plain stop.
-const fn first_cause(latched: Fault, new: Fault) -> Fault {
-    if latched.cause.is_plain_stop() && !new.cause.is_plain_stop() { new } else { latched }
+/// Of a latched cause and a new one: the first, but a fault goes before a plain stop, and the name of an error before the
+/// error.
+fn first_cause(latched: Fault, new: Fault) -> Fault {
+    let fault_after_stop = latched.cause.is_plain_stop() && !new.cause.is_plain_stop();
+    if fault_after_stop || names(latched, new) { new } else { latched }
+}
+
+/// True if `new` says what `latched` is about. The state that comes with a position only tells that something is wrong with
+/// the drive; its state word, which is read next, tells what. All watchdogs wait for the same sign of life, so one drive whose
+/// watchdog has expired speaks for the others.
+fn names(latched: Fault, new: Fault) -> bool {
+    let reported = Cause::DriveTowError.code()..=Cause::DriveLostHome.code();
+    latched.cause == Cause::DriveError
+        && reported.contains(&new.cause.code())
+        && (latched.joint == new.joint || new.cause == Cause::DriveWatchdog)
 }

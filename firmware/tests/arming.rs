@@ -1,0 +1,101 @@
+//! Arming and starting at the edges of their times.
+
+mod bench;
+
+use bench::*;
+use firmware::fault::{Cause, Refusal};
+use firmware::orders::{Done, Order};
+use firmware::state::StateKind;
+use firmware::store::FileName;
+use protocol::Duration;
+
+fn uploaded() -> (Bench, FileName) {
+    let mut bench = Bench::ready(Options::default(), &throw_start());
+    let name = bench.upload(&throw_file(3_000, true));
+    (bench, name)
+}
+
+fn armed() -> (Bench, FileName) {
+    let (mut bench, name) = uploaded();
+    bench.arm(name);
+    (bench, name)
+}
+
+fn run_in(bench: &mut Bench, name: FileName, us: u64) -> Result<Done, Cause> {
+    let start = bench.instant() + Duration::from_micros(us);
+    bench.order(Order::RunAt { name, start }).map_err(|refusal| refusal.cause)
+}
+
+fn start_left(bench: &mut Bench) -> Option<Duration> {
+    let at = bench.instant();
+    bench.controller.take_sample(at).start_left
+}
+
+/// No deadline of the controller falls on these times.
+#[test]
+fn offer_holds_until_just_before_its_end() {
+    const VALID_US: u64 = 1_003_217;
+    for (after_us, outcome) in [(VALID_US - 1, Ok(Done::Taken)), (VALID_US, Err(Cause::TokenWrong))] {
+        let (mut bench, name) = uploaded();
+        let valid = Duration::from_micros(VALID_US);
+        let Ok(Done::Offer { token, .. }) = bench.order(Order::ArmPrepare { crc64: name.crc64, valid })
+        else {
+            panic!("no offer")
+        };
+        bench.run_for(after_us);
+        let confirmed = bench.order(Order::ArmConfirm { token, valid }).map_err(|refusal| refusal.cause);
+        assert_eq!(confirmed, outcome, "after {after_us} us");
+    }
+}
+
+#[test]
+fn start_may_be_thirty_seconds_ahead_and_no_more() {
+    let (mut bench, name) = armed();
+    assert_eq!(run_in(&mut bench, name, 30_000_001), Err(Cause::StartTooFar));
+    assert_eq!(run_in(&mut bench, name, 30_000_000), Ok(Done::Taken));
+}
+
+/// Two cycles of lead and two looks at the drives before the plan begins.
+#[test]
+fn run_begins_to_lead_the_drives_twenty_six_milliseconds_before_its_start() {
+    for (in_us, state) in [(26_000, StateKind::Running), (26_001, StateKind::Armed)] {
+        let (mut bench, name) = armed();
+        run_in(&mut bench, name, in_us).unwrap();
+        assert_eq!(bench.kind(), state, "{in_us} us ahead");
+    }
+}
+
+#[test]
+fn time_left_until_the_start_counts_down_while_armed_with_a_start_and_shows_nowhere_else() {
+    let (mut bench, name) = armed();
+    assert_eq!(start_left(&mut bench), None, "no start is ordered");
+    run_in(&mut bench, name, 400_000).unwrap();
+    assert_eq!(start_left(&mut bench), Some(Duration::from_micros(400_000)));
+    bench.run_for(150_000);
+    assert_eq!(start_left(&mut bench), Some(Duration::from_micros(250_000)));
+    bench.run_until(400_000, |bench| bench.kind() == StateKind::Running);
+    assert_eq!(start_left(&mut bench), None, "it runs");
+}
+
+#[test]
+fn arming_takes_joints_within_the_start_tolerance_and_no_others() {
+    let tolerance_rad = f64::from(Options::default().settings.joint.at(joint(3)).start_tolerance_rad);
+    // Positions come in steps of the encoder, 0.35 mrad.
+    for (away_rad, arms) in [(0.5e-3, false), (-0.5e-3, true)] {
+        for (index, sign) in [(0, 1.0), (3, -1.0), (5, 1.0)] {
+            let mut q_rad = throw_start();
+            q_rad[index] += sign * (tolerance_rad + away_rad);
+            let mut bench = Bench::ready(Options::default(), &q_rad);
+            let name = bench.upload(&throw_file(3_000, true));
+            let valid = Duration::from_secs(1);
+            let Ok(Done::Offer { token, .. }) = bench.order(Order::ArmPrepare { crc64: name.crc64, valid })
+            else {
+                panic!("no offer")
+            };
+            let outcome = bench.order(Order::ArmConfirm { token, valid });
+            let expected =
+                if arms { Ok(Done::Taken) } else { Err(Refusal::at(Cause::NotAtStart, joint(index))) };
+            assert_eq!(outcome, expected, "joint {index} {away_rad} rad beyond its tolerance");
+        }
+    }
+}
