@@ -6,6 +6,7 @@ use bench::*;
 use firmware::fault::{Cause, Fault};
 use firmware::groups::powercube::{Mode, Stage};
 use firmware::orders::Order;
+use firmware::settings::Settings;
 use firmware::state::{State, StateKind};
 use protocol::Duration;
 use protocol::powercube::CubeState;
@@ -46,6 +47,23 @@ fn thrown() -> Bench {
 
 fn parking() -> Bench {
     let mut bench = thrown();
+    bench.run_until(1_500_000, |bench| {
+        matches!(bench.controller.state(), State::Running { parking: Some(_), .. })
+    });
+    bench
+}
+
+/// Parking after a throw without feedback that began so far beside its path.
+fn parking_beside(away_rad: f64) -> Bench {
+    let mut settings = Settings::powercube6();
+    for joint in settings.joints() {
+        let joint = settings.joint.at_mut(joint);
+        joint.start_tolerance_rad = 0.15;
+        (joint.k_error_1_s2, joint.k_rate_1_s, joint.k_last) = (0.0, 0.0, 0.0);
+    }
+    let start = throw_start().map(|q| q + away_rad);
+    let mut bench = Bench::ready(Options { settings, ..Options::default() }, &start);
+    bench.start(&throw_file(3_000, true));
     bench.run_until(1_500_000, |bench| {
         matches!(bench.controller.state(), State::Running { parking: Some(_), .. })
     });
@@ -273,4 +291,26 @@ fn arming_is_refused_until_every_joint_stands_and_its_brake_is_open() {
     assert_eq!(refused.cause, Cause::DriveNotReady, "{} us after the reset", bench.now - reset_at);
     bench.run_for(60_000);
     bench.order(Order::ArmConfirm { token, valid }).unwrap();
+}
+
+/// A state word that shows MOTION denies the rest. The time is that of the slowest ramp to the last knot, with speed v and
+/// acceleration a of a jog: braking, the way at v, 2 v/a for its ends; then the slack in which a drive settles.
+#[test]
+fn rest_that_is_not_reached_after_the_plan_is_a_fault_in_the_time_of_a_jog() {
+    let (v, a) = (0.25, 1.0);
+    for away_rad in [0.0, 0.1] {
+        let mut bench = parking_beside(away_rad);
+        let at = bench.now;
+        let ways = bench.drives.iter().enumerate().map(|(index, drive)| {
+            let way_rad = (drive.q - throw_reference(index, 1.0).0).abs();
+            drive.v.abs() / a + (way_rad + 0.5 * drive.v * drive.v / a) / v
+        });
+        let expected_s = ways.fold(0.0, f64::max) + 2.0 * v / a + 0.25;
+        // So slow that its position stands.
+        bench.drives[2].creep_rad_s = 1e-9;
+        bench.run_until(5_000_000, |bench| bench.kind() == StateKind::Fault);
+        assert_eq!(fault(&bench), Some(Fault::at(Cause::RestNotReached, joint(2))), "{away_rad} rad beside");
+        let took_s = (bench.now - at) as f64 * 1e-6;
+        assert!((took_s - expected_s).abs() < 0.015, "{took_s} s for {expected_s} s");
+    }
 }

@@ -5,7 +5,8 @@ mod bench;
 use bench::*;
 use firmware::fault::{Cause, Fault};
 use firmware::state::StateKind;
-use protocol::powercube::CubeState;
+use protocol::Frame;
+use protocol::powercube::{AddressedRequest, CubeState};
 
 #[test]
 fn two_missed_answers_of_a_standing_drive_are_borne_and_a_third_in_a_row_is_a_fault() {
@@ -59,4 +60,36 @@ fn armed_group_that_loses_a_zero_faults_at_its_joint_and_keeps_it() {
     assert_eq!(bench.kind(), StateKind::Fault);
     bench.run_for(500_000);
     assert_eq!(bench.count_sent(is_motion), 0);
+}
+
+/// Requests to the drives in 200 ms.
+fn requests(bench: &mut Bench) -> usize {
+    let is_request = |frame: &Frame| AddressedRequest::decode(frame).is_ok();
+    let before = bench.count_sent(is_request);
+    bench.run_for(200_000);
+    bench.count_sent(is_request) - before
+}
+
+/// A halt that is repeated changes neither: a group in Fault is looked at every 10 ms, one that stops in each control cycle.
+#[test]
+fn repeated_halts_leave_the_looks_at_the_drives_as_they_were() {
+    let mut bench = Bench::ready(Options::default(), &[0.0; 6]);
+    bench.drives[3].creep_rad_s = 0.05;
+    bench.drives[3].deaf_to_halts = u32::MAX;
+    bench.run_until(1_000_000, |bench| bench.kind() == StateKind::Fault);
+    assert_eq!(bench.controller.state().fault(), Some(Fault::at(Cause::MovesUnordered, joint(3))));
+    bench.run_for(300_000);
+    let in_fault = requests(&mut bench);
+    assert!((60..180).contains(&in_fault), "{in_fault} requests in 200 ms");
+
+    let mut bench = Bench::ready(Options::default(), &throw_start());
+    bench.start(&throw_file(3_000, true));
+    bench.run_for(400_000);
+    bench.drives[3].slips_rad_s = 0.05;
+    bench.stop_now();
+    bench.run_for(300_000);
+    assert_eq!(bench.kind(), StateKind::Stopping);
+    assert!(bench.count_sent(is_halt) >= 3, "{} halts", bench.count_sent(is_halt));
+    let while_stopping = requests(&mut bench);
+    assert!(while_stopping > 250, "{while_stopping} requests in 200 ms");
 }

@@ -79,9 +79,12 @@ fn throw_from_rest_on_the_path_stays_close_to_it_at_both_periods() {
 #[test]
 fn throw_from_a_tenth_of_a_radian_beside_the_path_comes_back_to_it() {
     for (name, settings) in [("17 ms", Settings::powercube6_paper()), ("3 ms", Settings::powercube6())] {
-        let (errors, _) = throw(settings, 0.1, 1);
+        let (errors, mut bench) = throw(settings, 0.1, 1);
         println!("{name}: {errors:?}");
         assert!((0.01..0.25).contains(&errors.below_50_mrad_after), "{name}");
+        let at = bench.instant();
+        let saturated = bench.controller.take_sample(at).counters.cycles_saturated;
+        assert!(saturated > 3, "{name}: {saturated} cycles in which a joint had all of its acceleration");
     }
 }
 

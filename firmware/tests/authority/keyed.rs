@@ -204,3 +204,20 @@ fn the_key_changes_and_goes_only_with_a_code_of_the_old_one_and_survives_a_resta
         !Controller::<_, _, PowerCubes>::new(storage, &Settings::powercube6(), Seed::FORESEEABLE).is_keyed()
     );
 }
+
+/// Its first order carried a code; what else moves needs one of its own.
+#[test]
+fn jog_goes_on_without_a_code_and_opens_no_way_for_other_orders() {
+    let mut keyed = Keyed::new();
+    let jog = Order::Jog { joint: joint(1), qd_rad_s: 0.1, hold: Duration::from_millis(200) };
+    keyed.order(FIRST, jog).unwrap();
+    keyed.bench.run_for(100_000);
+    assert_eq!(keyed.give(FIRST, jog), Ok(Done::Taken));
+    assert_eq!(cause(keyed.give(FIRST, Order::Gripper { open: true })), Cause::CodeMissing);
+    assert_eq!(keyed.bench.kind(), StateKind::Jogging);
+    keyed.bench.run_until(2_000_000, |bench| bench.kind() == StateKind::Ready);
+    assert_eq!(keyed.give(FIRST, jog), Ok(Done::Taken), "the answer to the first one again");
+    assert_eq!(keyed.bench.kind(), StateKind::Ready, "nothing is done twice");
+    let back = Order::Jog { joint: joint(1), qd_rad_s: -0.1, hold: Duration::from_millis(200) };
+    assert_eq!(cause(keyed.give(FIRST, back)), Cause::CodeMissing, "a new jog");
+}

@@ -3,6 +3,7 @@
 
 #[path = "../bench/mod.rs"]
 mod bench;
+mod edges;
 mod keyed;
 
 use bench::*;

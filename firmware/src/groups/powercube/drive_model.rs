@@ -82,9 +82,13 @@ pub struct DriveModel {
     /// Measured position when the residual was last small, and how far the model has moved since, rad.
     calm_rad: f32,
     moved_rad: f32,
-    /// Last answer, and how far the model has moved while the answers were this one, rad.
+    /// Last answer, and how far commands alone have moved the model while the answers were this one, rad.
     answer_rad: f32,
     still_rad: f32,
+    /// Generator since the answer last changed, by commands alone; its position then, and how far the position was behind it.
+    alone: RampState,
+    alone_from_rad: f32,
+    behind_from_rad: f32,
     /// The first residual above the bound came in one step of this size, rad.
     step_rad: f32,
     over: u8,
@@ -100,6 +104,9 @@ impl DriveModel {
             target_rad: q_rad,
             at,
             calm_rad: q_rad,
+            answer_rad: q_rad,
+            alone: RampState { q_rad, v_rad_s: 0.0 },
+            alone_from_rad: q_rad,
             watching: true,
             ..Self::default()
         }
@@ -131,13 +138,13 @@ impl DriveModel {
         D0_RAD_S + self.loose_rad_s
     }
 
-    /// Way of the model since the answer last changed, rad.
+    /// Way of the model by commands alone since the answer last changed, rad.
     pub const fn still_rad(&self) -> f32 {
         self.still_rad
     }
 
-    /// Largest way of the model of a healthy drive while its answer stays the same, rad. The observer follows answers that stand
-    /// still, so a slow command never makes a large residual, but what the command amounts to is not corrected. At low speed half of
+    /// Largest [`Self::still_rad`] of a healthy drive. The observer follows answers that stand still, so a slow command never makes
+    /// a large residual, but what the command amounts to is not corrected. At low speed half of
     /// [`R0_RAD`] is four encoder steps, and an answer that comes twice is far less. What is not known of the motion stays whole.
     pub fn still_max_rad(&self) -> f32 {
         let slow_command = self.generator.v_rad_s.abs() < D0_RAD_S;
@@ -146,8 +153,12 @@ impl DriveModel {
 
     /// The generator at a time after the last answer.
     pub fn generator_at(&self, t: Instant) -> RampState {
-        let dt_s = span::seconds(t.saturating_since(self.at));
-        after(self.generator, self.target_rad, self.v_ramp_rad_s, self.a_ramp_rad_s2, dt_s)
+        self.ramp(self.generator, span::seconds(t.saturating_since(self.at)))
+    }
+
+    /// What the last command makes of a generator.
+    fn ramp(&self, from: RampState, dt_s: f32) -> RampState {
+        after(from, self.target_rad, self.v_ramp_rad_s, self.a_ramp_rad_s2, dt_s)
     }
 
     /// The drive has answered a motion: this is what it does from the last compared answer on.
@@ -181,8 +192,12 @@ impl DriveModel {
         } else {
             self.moved_rad += moved_rad;
         }
-        self.still_rad = if q_rad == self.answer_rad { self.still_rad + moved_rad } else { 0.0 };
-        self.answer_rad = q_rad;
+        if q_rad != self.answer_rad {
+            (self.answer_rad, self.alone, self.alone_from_rad) =
+                (q_rad, self.generator, self.generator.q_rad);
+            self.behind_from_rad = self.behind_rad;
+        }
+        self.still_rad = (self.alone.q_rad - self.alone_from_rad) - (self.behind_rad - self.behind_from_rad);
         if near {
             self.over = 0;
         } else {
@@ -223,6 +238,7 @@ impl DriveModel {
         let before = self.generator;
         self.generator = self.generator_at(at);
         self.at = at;
+        self.alone = self.ramp(self.alone, dt_s);
         let behind_before = self.behind_rad;
         if lag_s > 0.0 && dt_s > 0.0 {
             let (v0, v1) = (before.v_rad_s, self.generator.v_rad_s);
@@ -430,6 +446,25 @@ mod tests {
             }
             assert_eq!(found, frozen.then_some(Cause::PositionFrozen), "{a} rad/s2, frozen {frozen}");
             assert!(!frozen || (1e-3..0.01).contains(&truth.q_rad), "{}", truth.q_rad);
+        }
+    }
+
+    /// The position of a joint that stands is up to half an encoder step beside its target, and a loop with friction leaves more.
+    /// What the observer adds because of it is no command.
+    #[test]
+    fn drive_that_stands_beside_its_target_for_seconds_is_not_taken_for_a_frozen_one() {
+        for period_us in [3_000u64, 17_000] {
+            for beside_rad in [1.7e-4, -1.7e-4, 6e-4, -2e-3] {
+                let mut model = DriveModel::at_rest(Instant::ZERO, 0.0);
+                model.command(0.01, 0.25, 1.0);
+                let mut truth = RampState { q_rad: 0.0, v_rad_s: 0.0 };
+                for k in 1..2_000u64 {
+                    truth = after(truth, 0.01, 0.25, 1.0, period_us as f32 * 1e-6);
+                    let at = Instant::from_micros(period_us * k);
+                    let cause = model.compare(at, truth.q_rad + beside_rad * truth.q_rad / 0.01, 0.0);
+                    assert_eq!(cause, None, "{beside_rad} rad, {period_us} us, answer {k}: {model:?}");
+                }
+            }
         }
     }
 
