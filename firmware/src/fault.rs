@@ -273,6 +273,7 @@ mod tests {
         for info in Cause::TABLE {
             assert_eq!(Cause::from_code(info.code), Some(info.cause));
             assert_eq!((info.cause.code(), info.cause.reaction()), (info.code, info.reaction));
+            assert_eq!(info.cause.info().map(|row| row.code), Some(info.code));
         }
         assert_eq!(Cause::from_code(0), None, "0 means no fault on the wire");
     }

@@ -147,3 +147,122 @@ impl Tracker {
         self.reference.qd_rad_s + self.estimator.de_rad_s()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use protocol::{Duration, JointIndex};
+
+    use super::*;
+    use crate::settings::Settings;
+
+    const US: fn(u64) -> Instant = Instant::from_micros;
+    const PERIOD_US: u64 = 3_000;
+    const PERIOD_S: f32 = 3e-3;
+    const PLAIN: Weights = Weights { alpha: 1.0, beta: 1.0 };
+    /// A clock that has run for long.
+    const BEGIN_US: u64 = 10_000_000;
+    const U_RAD_S2: f32 = 3.0;
+
+    fn profile(law: Law) -> Profile {
+        let period = Duration::from_micros(PERIOD_US);
+        Profile { law, period, lag: Duration::from_micros(5_000), lead: period * 2 }
+    }
+
+    /// Error under a constant input, and its rate.
+    fn parabola(us: u64) -> (f32, f32) {
+        let t_s = (us - BEGIN_US) as f32 * 1e-6;
+        (0.01 + t_s * (0.2 + 0.5 * U_RAD_S2 * t_s), 0.2 + U_RAD_S2 * t_s)
+    }
+
+    /// A joint whose error is on the parabola, measured each period; the time of the last measurement, µs.
+    fn followed(in_time: bool) -> (Tracker, u64) {
+        let mut tracker = Tracker::begin(US(BEGIN_US), 0.01, PLAIN);
+        tracker.set_reference(Setpoint { q_rad: 1.0, qd_rad_s: 0.5, qdd_rad_s2: 0.0 });
+        let mut at = BEGIN_US;
+        for _ in 0..6 {
+            at += PERIOD_US;
+            let sample = PositionSample { q_rad: 1.0 + parabola(at).0, at: US(at) };
+            tracker.update(sample, InForce { u_rad_s2: U_RAD_S2, in_time }, PERIOD_S, PLAIN);
+        }
+        (tracker, at)
+    }
+
+    fn decided(tracker: &mut Tracker, law: Law, acts_at_us: u64) -> SetPoint {
+        let limits = *Settings::powercube6().joint.at(JointIndex::new(0).unwrap());
+        let from = Setpoint { q_rad: 2.0, qd_rad_s: 0.7, qdd_rad_s2: 0.0 };
+        let to_rad_s = 0.7 + 4.0 * PERIOD_S;
+        tracker.decide(&profile(law), PERIOD_S, &limits, US(acts_at_us), (from, to_rad_s))
+    }
+
+    fn assert_near(found: f32, expected: f32) {
+        assert!((found - expected).abs() < 2e-4, "{found}, expected {expected}");
+    }
+
+    /// The state is carried to the time at which the set point acts: after an answer in time, after one that belongs to the set
+    /// point before, and through cycles without one.
+    #[test]
+    fn set_point_begins_where_the_joint_will_be() {
+        for in_time in [true, false] {
+            let (mut tracker, at) = followed(in_time);
+            for cycle in 0..4 {
+                let acts_at = at + PERIOD_US * (cycle + 1) + 900;
+                let set_point = decided(&mut tracker, Law::Feedback, acts_at);
+                assert_near(set_point.q_rad, 2.0 + parabola(acts_at).0);
+                // The rate is that of the state the law works on: the last measurement, or the last control step.
+                let state_at = at + PERIOD_US * (cycle + u64::from(!in_time));
+                assert_near(set_point.qd_rad_s, 0.7 + parabola(state_at).1);
+                assert_eq!(set_point.acts_at, US(acts_at));
+                assert_near(set_point.qdd_reference_rad_s2, 4.0);
+            }
+        }
+    }
+
+    #[test]
+    fn law_acts_on_error_rate_and_last_input_and_is_clipped_beside_the_reference() {
+        let (mut tracker, at) = followed(true);
+        let gains = Settings::powercube6().joint.at(JointIndex::new(0).unwrap()).gains();
+        let (e_rad, de_rad_s) = parabola(at);
+        let u = gains.apply(&ErrorState { e_rad, de_rad_s, u_last_rad_s2: U_RAD_S2 });
+        assert!((-14.4..0.0).contains(&u), "{u}: within what the joint has");
+        let set_point = decided(&mut tracker, Law::Feedback, at + PERIOD_US);
+        assert!((set_point.qdd_rad_s2 - (4.0 + u)).abs() < 0.02, "{} for {}", set_point.qdd_rad_s2, 4.0 + u);
+        assert!(!tracker.is_saturated());
+
+        let mut tracker = Tracker::begin(US(BEGIN_US), -0.1, PLAIN);
+        let set_point = decided(&mut tracker, Law::Feedback, BEGIN_US + PERIOD_US);
+        assert_eq!(set_point.qdd_rad_s2, 10.4);
+        assert!(tracker.is_saturated());
+    }
+
+    #[test]
+    fn group_that_closes_its_own_loop_gets_the_reference() {
+        let (mut tracker, at) = followed(true);
+        let set_point = decided(&mut tracker, Law::Reference, at + PERIOD_US);
+        assert_eq!((set_point.q_rad, set_point.qd_rad_s), (2.0, 0.7));
+        assert_eq!(set_point.qdd_rad_s2, set_point.qdd_reference_rad_s2);
+    }
+
+    /// The first answer is compared with the place where the joint stood when the run began.
+    #[test]
+    fn first_answer_of_a_run_gives_the_speed_since_its_beginning() {
+        let mut tracker = Tracker::begin(US(BEGIN_US), 0.02, PLAIN);
+        assert_eq!((tracker.error().e_rad(), tracker.error().de_rad_s()), (0.02, 0.0));
+        let first = decided(&mut tracker, Law::Feedback, BEGIN_US + 2 * PERIOD_US);
+        assert_eq!((first.q_rad, first.qd_rad_s), (2.02, 0.7));
+        tracker.set_reference(Setpoint { q_rad: 1.0, qd_rad_s: 0.5, qdd_rad_s2: 0.0 });
+        let sample = PositionSample { q_rad: 1.02 + 0.3 * PERIOD_S, at: US(BEGIN_US + PERIOD_US) };
+        let in_force = InForce { u_rad_s2: 0.0, in_time: true };
+        let (qd_rad_s, dt_s) = tracker.update(sample, in_force, PERIOD_S, PLAIN);
+        assert_near(qd_rad_s, 0.5 + 0.3);
+        assert_near(dt_s, PERIOD_S);
+    }
+
+    #[test]
+    fn third_set_point_in_a_row_that_brakes_before_a_limit_is_too_many() {
+        let mut tracker = Tracker::default();
+        let (free, braked) = (Taken::default(), Taken { position_limited: true });
+        let row = [braked, braked, free, braked, braked, braked, braked, free];
+        let near = row.map(|taken| tracker.is_near_limit(taken));
+        assert_eq!(near, [false, false, false, false, false, true, true, false]);
+    }
+}

@@ -1,0 +1,88 @@
+//! What a sample and a freeze frame tell of a joint in motion, against the drive itself.
+
+mod bench;
+
+use bench::*;
+use firmware::settings::Settings;
+use firmware::state::StateKind;
+use protocol::cyphal::cubecell::joint_state::JointFlags;
+use protocol::powercube::CubeState;
+
+const INTO_US: u64 = 60_000;
+
+/// 60 ms into a throw that began so far beside its path.
+fn beside(away_rad: f64) -> Bench {
+    let mut settings = Settings::powercube6();
+    for joint in settings.joints() {
+        settings.joint.at_mut(joint).start_tolerance_rad = 0.15;
+    }
+    let start = throw_start().map(|q| q + away_rad);
+    let mut bench = Bench::ready(Options { settings, ..Options::default() }, &start);
+    bench.start(&throw_file(3_000, true));
+    bench.run_for(6_000 + INTO_US);
+    assert_eq!(bench.kind(), StateKind::Running);
+    bench
+}
+
+fn has(bench: &Bench, index: usize, flag: JointFlags) -> bool {
+    bench.controller.joint_sample(joint(index)).flags.has(flag)
+}
+
+#[test]
+fn sample_tells_error_and_rate_as_they_are() {
+    let bench = beside(0.1);
+    for index in 0..6 {
+        let sample = bench.controller.joint_sample(joint(index));
+        let (q, qd) = throw_reference(index, INTO_US as f64 * 1e-6);
+        let drive = &bench.drives[index];
+        let (e, de) = (q - drive.q, qd - drive.v);
+        // The sample is that of the last cycle, and the drive runs after its generator.
+        assert!(
+            (f64::from(sample.error_q_rad) - e).abs() < 0.01,
+            "joint {index}: {} for {e}",
+            sample.error_q_rad
+        );
+        assert!((f64::from(sample.error_qd_rad_s) - de).abs() < 0.15, "joint {index}: {sample:?} for {de}");
+        assert!(e < -0.05 && de > 0.3, "joint {index} comes back: {e} rad, {de} rad/s");
+    }
+}
+
+#[test]
+fn sample_flags_a_saturated_joint_and_no_other() {
+    let (mut far, near) = (beside(0.1), beside(0.0));
+    assert!(!has(&near, 0, JointFlags::ACCELERATION_CLIPPED));
+    let mut clipped = 0;
+    for _ in 0..10 {
+        far.run_for(3_000);
+        clipped += u32::from(has(&far, 0, JointFlags::ACCELERATION_CLIPPED));
+    }
+    assert!(clipped > 0);
+}
+
+#[test]
+fn missed_answer_shows_until_the_next_one() {
+    let mut bench = beside(0.0);
+    assert!(!has(&bench, 2, JointFlags::REPLY_MISSED));
+    bench.drives[2].drop_replies = 1;
+    bench.run_until(10_000, |bench| has(bench, 2, JointFlags::REPLY_MISSED));
+    assert!(has(&bench, 2, JointFlags::REPLY_MISSED) && !has(&bench, 1, JointFlags::REPLY_MISSED));
+    bench.run_for(6_000);
+    assert!(!has(&bench, 2, JointFlags::REPLY_MISSED));
+    assert_eq!(bench.kind(), StateKind::Running);
+}
+
+#[test]
+fn freeze_frame_keeps_error_and_reference_of_the_moment() {
+    let mut bench = beside(0.1);
+    bench.drives[1].state = bench.drives[1].state.union(CubeState::ERROR);
+    bench.run_until(10_000, |bench| bench.kind() != StateKind::Running);
+    let freeze = *bench.controller.freeze_frame().unwrap();
+    for index in 0..6 {
+        let (q, qd) = throw_reference(index, freeze.path_us as f64 * 1e-6);
+        let frozen = freeze.joints.get(joint(index));
+        assert!((f64::from(frozen.qd_ref_rad_s) - qd).abs() < 0.1, "joint {index}: {frozen:?} for {qd}");
+        let e = bench.drives[index].q - q;
+        assert!((f64::from(frozen.e_rad) - e).abs() < 0.01, "joint {index}: {frozen:?} for {e}");
+        assert!(frozen.e_rad > 0.05);
+    }
+}
