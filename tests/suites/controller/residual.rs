@@ -317,7 +317,13 @@ fn latencies(seeds: u64) {
         });
         check(&stops, &[Cause::StopOrdered]);
         let rest = spread(&stops, |stop| stop.halt_us);
-        let bound = f64::from(settings.stop_path_max_us) / 1e3 + 400.0;
+        // The slowest joint from its highest speed with the share of its acceleration that stops use, and five cycles: two of
+        // commands under way, three to settle.
+        let seconds = settings.joints().map(|joint| {
+            let joint = settings.joint.at(joint);
+            f64::from(joint.v_max_rad_s) / f64::from(settings.stop_share * joint.a_max_rad_s2)
+        });
+        let bound = 1e3 * seconds.fold(0.0, f64::max) + 5.0 * period_ms;
         row(name, "stop order to halt at rest on the path", rest, Some(bound));
         found.push((format!("{name} stop order to halt at rest on the path"), rest));
         assert!(rest.0 > period_ms && rest.2 <= bound, "{rest:?}");
