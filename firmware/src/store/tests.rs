@@ -4,6 +4,7 @@ use protocol::JointIndex;
 use protocol::cyphal::crc::Crc64;
 
 use super::*;
+use crate::credentials::{KEY_LEN, Key};
 use crate::fault::{Cause, Refusal};
 use crate::joints::PerJoint;
 use crate::registers;
@@ -188,5 +189,53 @@ fn settings_survive_a_power_cut_at_every_byte_as_old_or_new() {
         let outcome = save_settings(&mut storage, &new);
         let found = load_settings(&storage, &defaults);
         assert_eq!(found, if outcome.is_ok() { new } else { old }, "after {left} bytes");
+    }
+}
+
+/// Each save takes the slot of the older settings, whichever it is: a power cut never costs the newest.
+#[test]
+fn settings_saved_again_and_again_survive_a_power_cut_as_the_last_two() {
+    let defaults = Settings::powercube6();
+    let of = |period_us: u32| Settings { cycle_period_us: period_us, ..defaults };
+    let mut cells = Box::new(RamStorage::new());
+    save_settings(&mut *cells, &of(5_000)).unwrap();
+    for period_us in [6_000, 7_000, 8_000, 9_000] {
+        let total = 2 * (RECORD_LEN + registers::STORED_LEN);
+        for left in (0..total).step_by(61) {
+            let mut storage = Failing { cells: (*cells).clone(), left };
+            let outcome = save_settings(&mut storage, &of(period_us));
+            let found = load_settings(&storage, &defaults);
+            let expected = if outcome.is_ok() { period_us } else { period_us - 1_000 };
+            assert_eq!(found.cycle_period_us, expected, "after {left} bytes");
+        }
+        save_settings(&mut *cells, &of(period_us)).unwrap();
+        assert_eq!(load_settings(&*cells, &defaults).cycle_period_us, period_us);
+    }
+}
+
+/// A key that is changed is the old one or the new one after a power cut, and the new one from the moment its seal is written.
+#[test]
+fn key_that_is_changed_survives_a_power_cut_at_every_byte_as_old_or_new() {
+    let key = |number: u8| Key::new([number; KEY_LEN]);
+    let number = |storage: &Failing| load_key(storage).map(|key| key.bytes()[0]);
+    let mut cells = Box::new(RamStorage::new());
+    save_key(&mut *cells, Some(&key(1))).unwrap();
+    for new in 2..6u8 {
+        let (mut old_kept, mut new_early, mut done) = (0, 0, 0);
+        for left in 0..=2 * (RECORD_LEN + KEY_LEN) + RECORD_LEN + KEY_LEN {
+            let mut storage = Failing { cells: (*cells).clone(), left };
+            let outcome = save_key(&mut storage, Some(&key(new)));
+            match (outcome.is_ok(), number(&storage)) {
+                (true, Some(found)) if found == new => done += 1,
+                (false, Some(found)) if found == new => new_early += 1,
+                (false, Some(found)) if found == new - 1 => {
+                    old_kept += 1;
+                    assert_eq!((new_early, done), (0, 0), "after {left} bytes");
+                }
+                found => panic!("{found:?} after {left} bytes of key {new}"),
+            }
+        }
+        assert!(old_kept > 0 && new_early > 0 && done > 0, "{old_kept} {new_early} {done}");
+        save_key(&mut *cells, Some(&key(new))).unwrap();
     }
 }
