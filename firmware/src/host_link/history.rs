@@ -52,8 +52,8 @@ fn joint_number(joint: Option<JointIndex>) -> u8 {
     joint.map_or(0, |joint| joint.get() as u8 + 1)
 }
 
-/// Reads the freeze frame; returns the bytes filled.
-pub(super) fn read_freeze<S: Storage, M: BorrowMut<Spline>, G: DriveGroup>(
+/// Reads the freeze frame from byte `offset` on; returns the bytes filled, 0 without a fault.
+pub fn read_freeze<S: Storage, M: BorrowMut<Spline>, G: DriveGroup>(
     controller: &Controller<S, M, G>,
     offset: usize,
     out: &mut [u8],
@@ -89,8 +89,8 @@ pub(super) fn read_freeze<S: Storage, M: BorrowMut<Spline>, G: DriveGroup>(
     piece.filled
 }
 
-/// Reads the trace; returns the bytes filled.
-pub(super) fn read_trace<S: Storage, M: BorrowMut<Spline>, G: DriveGroup>(
+/// Reads the trace from byte `offset` on; returns the bytes filled.
+pub fn read_trace<S: Storage, M: BorrowMut<Spline>, G: DriveGroup>(
     controller: &Controller<S, M, G>,
     offset: usize,
     out: &mut [u8],

@@ -32,7 +32,7 @@
 
 mod app;
 mod can_node;
-mod history;
+pub mod history;
 mod messages;
 
 use core::borrow::BorrowMut;

@@ -63,6 +63,6 @@ pub use bench::{Bench, Client, Reply, RobotFault};
 pub use controller::Krc;
 pub use event::{CycleRecord, FaultCause, KrcEvent, Refused};
 pub use link::{DatagramLink, Direction, LinkFault, LinkFaultKind, LinkOptions};
-pub use options::KrcOptions;
+pub use options::{KrcOptions, Space};
 pub use scenario::KrcScenario;
 pub use state::{KrcError, State};

@@ -16,6 +16,18 @@ pub enum Space {
     Tool,
 }
 
+impl Space {
+    /// As scenarios spell it.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::Axes => "axes",
+            Self::Base => "base",
+            Self::Tool => "tool",
+        }
+    }
+}
+
 /// How corrections act.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CorrectionOptions {

@@ -179,11 +179,7 @@ impl KrcScenario {
             Generation::KrC2 => "kr-c2",
             Generation::KrC4 => "kr-c4",
         };
-        let space = match options.correction.space {
-            Space::Axes => "axes",
-            Space::Base => "base",
-            Space::Tool => "tool",
-        };
+        let space = options.correction.space.word();
         let comment: String = head.lines().map(|line| format!("# {line}\n")).collect();
         let gripper = &options.hand.gripper;
         let mut text = format!(
@@ -273,7 +269,11 @@ fn controller(table: &Section<'_>, d: &KrcOptions) -> Result<KrcOptions, KrcScen
 }
 
 fn correction(table: &Section<'_>, d: &CorrectionOptions) -> Result<CorrectionOptions, KrcScenarioError> {
-    const SPACES: [(&str, Space); 3] = [("axes", Space::Axes), ("base", Space::Base), ("tool", Space::Tool)];
+    const SPACES: [(&str, Space); 3] = [
+        (Space::Axes.word(), Space::Axes),
+        (Space::Base.word(), Space::Base),
+        (Space::Tool.word(), Space::Tool),
+    ];
     Ok(CorrectionOptions {
         space: table.or("space", d.space, |v| v.word(&SPACES))?,
         relative: table.or("relative", d.relative, Value::boolean)?,

@@ -18,20 +18,24 @@ fn limit(program: &str, name: &str, axis: usize) -> f64 {
 /// The first `PTP {A1 ..., A6 ...}`.
 fn start_deg(program: &str) -> Vec<f64> {
     let pose = program.split("PTP {").nth(1).and_then(|rest| rest.split('}').next()).expect("a motion");
-    pose.split(',').map(|axis| axis.split_whitespace().nth(1).expect("a value").parse().expect("deg")).collect()
+    pose.split(',')
+        .map(|axis| axis.split_whitespace().nth(1).expect("a value").parse().expect("deg"))
+        .collect()
 }
 
 #[test]
 fn start_pose_and_limits_of_the_programs_are_those_of_the_descriptions() {
-    for (name, program) in
-        [("kr-c2", KR_C2), ("kr-c2-tcp", KR_C2), ("kr-c4", KR_C4), ("kr-c4-12ms", KR_C4)]
-    {
+    for (name, program) in [("kr-c2", KR_C2), ("kr-c2-tcp", KR_C2), ("kr-c4", KR_C4), ("kr-c4-12ms", KR_C4)] {
         let options = KrcScenario::open(name).expect("built in").options;
         assert_eq!(start_deg(program), options.start_deg, "{name}");
         for axis in 1..=6 {
             if name.starts_with("kr-c2") {
                 assert_eq!(limit(program, "low", axis), options.correction.lower[axis - 1], "{name} A{axis}");
-                assert_eq!(limit(program, "high", axis), options.correction.upper[axis - 1], "{name} A{axis}");
+                assert_eq!(
+                    limit(program, "high", axis),
+                    options.correction.upper[axis - 1],
+                    "{name} A{axis}"
+                );
             }
         }
     }
@@ -48,7 +52,10 @@ fn program_of_a_kr_c2_names_both_configuration_files_and_the_numbers_of_their_si
         for (number, signal) in [(7, &scenario.options.outputs_name), (8, &scenario.options.stop_name)] {
             let place = scenario.config.scalar(signal).expect("received");
             assert_eq!(scenario.config.receive[place].source, Source::Object(number), "{signal}");
-            assert!(KR_C2.contains(&format!("Output {number} of the Ethernet object is {signal}")), "{signal}");
+            assert!(
+                KR_C2.contains(&format!("Output {number} of the Ethernet object is {signal}")),
+                "{signal}"
+            );
         }
         let sensor = scenario.options.sensor_name.as_deref().expect("a sensor");
         let entry = scenario.config.send.iter().find(|entry| entry.tag.to_string() == sensor).expect("sent");

@@ -57,6 +57,9 @@ const WINDOWS: u64 = 3;
 const LEAD_CYCLES: u64 = 4;
 /// The grid follows arrival times with this fraction, as 1/n.
 const GRID_SHARE: u64 = 16;
+/// And by this share of the period at most, as 1/n: clocks drift by far less, and a telegram that was held up for longer than a
+/// cycle moves the set points of a fast robot (4 ms) no more than those of a slow one.
+const GRID_CAP: u64 = 32;
 /// Telegrams in a row with lagging axes that end a path.
 const LAGGING_ROW: u8 = 3;
 
@@ -151,12 +154,11 @@ impl Rsi {
         let is_missed = by_time >= by_number.saturating_add(WINDOWS);
         let cycles = if is_ahead || is_missed { by_time } else { by_number };
         let expected = self.grid + period * cycles;
+        let towards =
+            |off: Duration| Duration::from_micros((off.as_micros() / GRID_SHARE).min(period_us / GRID_CAP));
         self.grid = match now.checked_since(expected) {
-            Some(later) => expected + Duration::from_micros(later.as_micros() / GRID_SHARE),
-            None => {
-                let sooner = expected.saturating_since(now).as_micros() / GRID_SHARE;
-                expected.saturating_sub(Duration::from_micros(sooner))
-            }
+            Some(later) => expected + towards(later),
+            None => expected.saturating_sub(towards(expected.saturating_since(now))),
         };
         u32::try_from(cycles).unwrap_or(u32::MAX)
     }
@@ -466,8 +468,10 @@ mod tests {
             (group.advance_grid(now, period, ipoc), group.grid)
         };
         assert_eq!(after(4, 104), (1, Instant::from_micros(1_004_000)));
-        // Held up by more than a cycle: the next telegram all the same, and the grid follows slowly.
-        assert_eq!(after(12, 104), (1, Instant::from_micros(1_004_500)));
+        // Held up by more than a cycle: the next telegram all the same, and the grid follows slowly, by 1/32 of a cycle at most.
+        assert_eq!(after(12, 104), (1, Instant::from_micros(1_004_125)));
+        assert_eq!(after(5, 104), (1, Instant::from_micros(1_004_062)));
+        assert_eq!(after(3, 104), (1, Instant::from_micros(1_003_938)));
         assert_eq!(after(12, 112).0, 3, "two were lost");
         assert_eq!(after(40, 104).0, 10, "a silence");
         assert_eq!(after(4, 2_900).0, 1, "a wrong number");

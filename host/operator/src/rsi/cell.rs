@@ -4,6 +4,7 @@ use hil_sim::krc::bench::RobotFaults;
 use hil_sim::krc::{CycleRecord, DatagramLink, Direction, FaultCause, Krc, KrcError, KrcEvent, KrcScenario};
 use hil_sim::mechanics::{HandPoint, Landing};
 use protocol::{Duration, Instant};
+use rsi_protocol::{Framer, Protocol, StreamItem};
 
 use super::station::Station;
 
@@ -15,6 +16,10 @@ const AFTER: Duration = Duration::from_secs(3);
 /// What the simulated robot did.
 #[derive(Clone, Debug, Default)]
 pub struct Seen {
+    /// When each run of the robot's program began.
+    pub started: Vec<Instant>,
+    /// When the client ended the robot's program.
+    pub ended: Option<Instant>,
     /// Every cycle: set and actual axes.
     pub cycles: Vec<CycleRecord>,
     /// When and how the ball left the hand.
@@ -52,7 +57,8 @@ pub fn run_with(
     krc.start()?;
     krc.connected(Instant::ZERO);
     let faults = RobotFaults::new(&scenario.robot_faults);
-    let mut cell = Cell { krc, link: scenario.link(), faults, now: Instant::ZERO, seen: Seen::default() };
+    let (now, seen) = (Instant::ZERO, Seen::default());
+    let mut cell = Cell { krc, link: scenario.link(), stream: Framer::new(), faults, now, seen };
     cell.exchange(station, false);
     let mut ends_at = Instant::ZERO + LONGEST;
     let mut ended = false;
@@ -73,6 +79,8 @@ pub fn run_with(
 struct Cell {
     krc: Krc,
     link: DatagramLink,
+    /// What the client has read of a TCP stream.
+    stream: Framer,
     faults: RobotFaults,
     now: Instant,
     seen: Seen,
@@ -99,6 +107,7 @@ impl Cell {
             && self.faults.strike(self.now, &mut self.krc);
         if new_run {
             self.link.clear();
+            self.stream = Framer::new();
             self.krc.connected(self.now);
         } else {
             self.krc.handle_timeout(self.now);
@@ -114,6 +123,12 @@ impl Cell {
         while let Some((direction, bytes)) = self.link.poll(self.now) {
             match direction {
                 Direction::ToRobot => self.krc.handle_bytes(self.now, &bytes),
+                Direction::ToClient if self.krc.config().protocol == Protocol::Tcp => {
+                    waiting.extend(self.stream.push(&bytes).into_iter().filter_map(|item| match item {
+                        StreamItem::Document(document) => Some(document),
+                        StreamItem::Dropped(_) => None,
+                    }));
+                }
                 Direction::ToClient => waiting.push(bytes),
             }
         }
@@ -130,6 +145,8 @@ impl Cell {
         }
         while let Some(event) = self.krc.poll_event() {
             match event {
+                KrcEvent::Started { at } => self.seen.started.push(at),
+                KrcEvent::Stopped { at } => self.seen.ended = Some(at),
                 KrcEvent::Cycle(cycle) => self.seen.cycles.push(cycle),
                 KrcEvent::Fault { cause, .. } => self.seen.fault = self.seen.fault.or(Some(cause)),
                 KrcEvent::Refused { .. } => self.seen.refused += 1,

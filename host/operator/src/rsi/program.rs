@@ -3,7 +3,7 @@
 use firmware::groups::rsi::Options;
 use firmware::joints::PerJoint;
 use firmware::settings::Settings;
-use hil_sim::krc::{KrcOptions, KrcScenario};
+use hil_sim::krc::{KrcOptions, KrcScenario, Space};
 use planner::follow::limits::{Arm, Axes};
 use planner::follow::plan::FollowPlan;
 use planner::follow::setting::CommandRange;
@@ -14,7 +14,7 @@ use robot_model::collision::Scene;
 
 use super::plan::{Timing, settings_of, trajectory_file};
 use super::station::Station;
-use super::wire::{ConfigUnfit, Wire};
+use super::wire::{ConfigUnfit, Names, Wire};
 use crate::throw::approach::{ApproachError, rest_to_rest_within};
 use crate::throw::trajectory::{TrajectoryError, encode, robot_crc32};
 
@@ -54,6 +54,23 @@ pub enum NoStation {
         low: f64,
         /// Upper limit.
         high: f64,
+    },
+    /// The robot's program adds each correction to the one before.
+    #[error(
+        "the description says relative = true: the robot adds a correction in every cycle, and offsets from the start pose would \
+         make it run away\n  next: let the robot's program take absolute corrections (KR C2: ST_AXISCORR parameter 1 = 0; KR C4: \
+         RSI_ON (#ABSOLUTE, ...)), then set relative = false in [correction] of the description"
+    )]
+    Relative,
+    /// The robot's program corrects the pose of the tool.
+    #[error(
+        "the description says space = \"{space}\": the robot corrects the pose of its tool, and offsets of axes in degrees are sent\n  \
+         next: let the robot's program take axis corrections (KR C2: ST_AXISCORR; KR C4: AXISCORR), then set space = \"axes\" in \
+         [correction] of the description"
+    )]
+    NotAxes {
+        /// What the description says.
+        space: &'static str,
     },
     /// No gripper.
     #[error(
@@ -133,6 +150,14 @@ pub fn prepare(scenario: &mut KrcScenario, arm: &Arm, plan: &FollowPlan) {
     options.hand.gripper.landing_z_m = Some(plan.target_m[2]);
 }
 
+/// Whether the robot's program can be led at all: absolute corrections of the axes, and what [`Wire`] needs.
+///
+/// # Errors
+/// [`NoStation`].
+pub fn can_be_led(scenario: &KrcScenario) -> Result<(), NoStation> {
+    wire(scenario).map(drop)
+}
+
 /// The station that throws a plan with the robot that `scenario` describes, from the start pose of the robot's program on:
 /// first along `ways` (from rest to rest, the last one to the start of the plan), then along the plan.
 ///
@@ -151,6 +176,7 @@ pub fn station(
     if (plan_s - robot_s).abs() > 1e-6 {
         return Err(NoStation::Period { plan_ms: 1e3 * plan_s, robot_ms: 1e3 * robot_s });
     }
+    let wire = wire(scenario)?;
     within_corrections(scenario, plan)?;
     for way in ways {
         poses_within_corrections(scenario, way)?;
@@ -158,7 +184,7 @@ pub fn station(
     let settings = settings_of(arm, &plan.robot.fingerprint, &timing(scenario), plan.release_time_s);
     let mut files = encoded(ways, &settings, &plan.robot.fingerprint)?;
     files.push(trajectory_file(plan, &settings)?);
-    Ok(Station::new(wire(scenario)?, &settings, options(scenario, lag), files))
+    Ok(Station::new(wire, &settings, options(scenario, lag), files))
 }
 
 /// The station that holds the robot where its program starts, or leads it along motions from rest to rest.
@@ -228,10 +254,19 @@ fn timing(scenario: &KrcScenario) -> Timing {
     Timing { period_us: microseconds(krc.cycle), gripper_delay_us: microseconds(krc.hand.gripper.delay) }
 }
 
+/// Every station is made with it, so a robot that takes another kind of corrections is never led.
 fn wire(scenario: &KrcScenario) -> Result<Wire, NoStation> {
     let krc = &scenario.options;
+    if krc.correction.relative {
+        return Err(NoStation::Relative);
+    }
+    match krc.correction.space {
+        Space::Axes => {}
+        space => return Err(NoStation::NotAxes { space: space.word() }),
+    }
     let output_bit = krc.hand.output_bit.ok_or(NoStation::NoGripper)?;
-    Ok(Wire::new(&scenario.config, &krc.outputs_name, output_bit)?)
+    let names = Names { outputs: &krc.outputs_name, output_bit, stop: &krc.stop_name };
+    Ok(Wire::new(&scenario.config, &names)?)
 }
 
 fn options(scenario: &KrcScenario, lag: Lag) -> Options {

@@ -4,9 +4,10 @@ use std::collections::VecDeque;
 
 use firmware::Controller;
 use firmware::authority::{Peer, Seed};
-use firmware::fault::{Fault, Refusal};
+use firmware::fault::{Cause, Fault, Refusal};
 use firmware::group::DriveGroup;
 use firmware::groups::rsi::{Options, Packet, Rsi, Telegram};
+use firmware::host_link::history;
 use firmware::orders::{Done, Order};
 use firmware::settings::Settings;
 use firmware::spline::Spline;
@@ -23,6 +24,8 @@ use super::wire::Wire;
 const SELF: Peer = Peer::new(1);
 /// How long an offer to arm and an arming hold.
 const VALID: Duration = Duration::from_secs(5);
+/// Longest freeze frame or trace, bytes: more than any controller has.
+const HISTORY_BYTES: usize = 64 * 1024;
 /// Bytes of one piece of an upload.
 const PIECE: usize = 256;
 
@@ -136,6 +139,20 @@ impl Station {
         f64::from(self.controller.group().path_delay_s())
     }
 
+    /// Freeze frame and trace of the controller, as the files that one on a bus hands out; the first is empty without a fault.
+    #[must_use]
+    pub fn history(&self) -> [Vec<u8>; 2] {
+        let mut files = [vec![0; HISTORY_BYTES], vec![0; HISTORY_BYTES]];
+        let lengths = [
+            history::read_freeze(&self.controller, 0, &mut files[0]),
+            history::read_trace(&self.controller, 0, &mut files[1]),
+        ];
+        for (file, length) in files.iter_mut().zip(lengths) {
+            file.truncate(length);
+        }
+        files
+    }
+
     /// Settings in force.
     #[must_use]
     pub fn settings(&self) -> &Settings {
@@ -210,7 +227,7 @@ impl Station {
         let mut answer = None;
         while let Some(packet) = self.controller.poll_packet() {
             if let Packet::Pc(mut packet) = packet {
-                packet.stop |= self.leaving;
+                packet.stop |= self.leaving || self.is_disobeyed();
                 // Names and types were checked with the configuration; a number beyond all bounds is not sent.
                 answer = self.wire.write(ipoc, &packet).ok();
             }
@@ -221,6 +238,12 @@ impl Station {
         }
         self.proceed(now);
         answer
+    }
+
+    /// The axes go elsewhere than their set points lead. Then other set points need not end it (a program that adds corrections moves
+    /// on while one is held), and the robot is told to leave the sensor motion: it brakes by itself.
+    fn is_disobeyed(&self) -> bool {
+        matches!(self.stage, Stage::Stopped { fault } if fault.cause == Cause::RobotLags)
     }
 
     /// The newest of the telegrams that wait. After one without positions a new run begins, and older ones do not count.

@@ -45,6 +45,17 @@ pub enum ConfigUnfit {
     OnlySend,
 }
 
+/// Scalars of the configuration file, by the names that the user gave them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Names<'a> {
+    /// Sets outputs.
+    pub outputs: &'a str,
+    /// Bit of it that opens the gripper.
+    pub output_bit: u8,
+    /// Ends the robot's program. A configuration without it is served; then the program is ended at the robot.
+    pub stop: &'a str,
+}
+
 /// Reads telegrams and writes answers.
 #[derive(Clone, Debug)]
 pub struct Wire {
@@ -56,11 +67,11 @@ pub struct Wire {
 }
 
 impl Wire {
-    /// For a configuration; `output_name` is the scalar that sets outputs, `output_bit` the one that opens the gripper.
+    /// For a configuration; `names` are those of its scalars that mean something here.
     ///
     /// # Errors
     /// [`ConfigUnfit`].
-    pub fn new(config: &Config, output_name: &str, output_bit: u8) -> Result<Self, ConfigUnfit> {
+    pub fn new(config: &Config, names: &Names<'_>) -> Result<Self, ConfigUnfit> {
         if config.only_send {
             return Err(ConfigUnfit::OnlySend);
         }
@@ -70,14 +81,14 @@ impl Wire {
                 return Err(ConfigUnfit::NoHold { tag: entry.tag.to_string() });
             }
         }
-        let no_output = || ConfigUnfit::NoOutput { name: output_name.to_owned() };
-        let output = config.scalar(output_name).ok_or_else(no_output)?;
+        let no_output = || ConfigUnfit::NoOutput { name: names.outputs.to_owned() };
+        let output = config.scalar(names.outputs).ok_or_else(no_output)?;
         let sends_axes = config.send.iter().any(|entry| entry.source == Source::Internal(Internal::AIPos));
         if !sends_axes {
             return Err(ConfigUnfit::NoPositions);
         }
-        let stop = config.scalar("Stop");
-        Ok(Self { config: config.clone(), axes, output, output_bit, stop })
+        let stop = config.scalar(names.stop);
+        Ok(Self { config: config.clone(), axes, output, output_bit: names.output_bit, stop })
     }
 
     /// Reads a telegram; `new_connection`: it came from another socket than the one before.

@@ -7,7 +7,7 @@ use std::sync::OnceLock;
 use hil_sim::krc::KrcScenario;
 use nalgebra::Vector3;
 use operator::rsi::cell::{self, Seen};
-use operator::rsi::program::{Lag, prepare, station};
+use operator::rsi::program::{Lag, command_range, prepare, station};
 use operator::rsi::station::Station;
 use planner::follow::best::{self, BestOptions, HandFreedom};
 use planner::follow::limits::{Arm, LimitSource, Limits};
@@ -25,14 +25,15 @@ pub(crate) fn arm() -> Arm {
     Arm::load("kr16_2").expect("built in")
 }
 
-/// The best form at 2.5 m, planned once.
+/// The best form at 2.5 m, inside what the usual program of the robot passes, planned once.
 pub(crate) fn plan() -> &'static FollowPlan {
     static PLAN: OnceLock<FollowPlan> = OnceLock::new();
     PLAN.get_or_init(|| {
         let arm = arm();
         let source = LimitSource::ControllerModel;
-        let setting =
-            Setting { lag_s: LAG_S, ..Setting::new(&arm, Vector3::from(TARGET), Limits::of(&arm, source)) };
+        let commands = command_range(&KrcScenario::open("kr-c2").expect("built in"));
+        let limits = Limits::of(&arm, source);
+        let setting = Setting { commands, lag_s: LAG_S, ..Setting::new(&arm, Vector3::from(TARGET), limits) };
         let options = BestOptions { starts: 24, kicks: 0, ..BestOptions::default() };
         let found = best::plan(&setting, &options).expect("feasible");
         let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
