@@ -324,3 +324,53 @@ fn tell(args: &CalibrateArgs, calibration: &Calibration, solved: &Solved) {
         console::line!("  point {} at ({x:.3}, {y:.3}, {z:.3}) m: {:.2} mm", k + 1, 1e3 * residual_m);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use hil_sim::tracker::serve::Sockets;
+    use hil_sim::tracker::{BodyMotion, BodyOptions, Tracker, TrackerOptions};
+    use protocol::{Duration, Instant};
+
+    use super::*;
+
+    /// Calls `look` with the options of a simulated tracker that sees a body there, or none.
+    fn looked<T>(at_mm: Option<[f64; 3]>, look: impl FnOnce(&TrackerArgs) -> T) -> T {
+        let body = |p| BodyOptions { id: 0, motion: BodyMotion::at_rest(p) };
+        let bodies = at_mm.map(body).into_iter().collect();
+        let period = Duration::from_millis(2);
+        let mut tracker = Tracker::new(TrackerOptions { period, bodies, ..TrackerOptions::default() }, 2);
+        let mut sockets = Sockets::bind(([127, 0, 0, 1], 0).into()).expect("a port");
+        let commands = sockets.command_address().expect("bound").to_string();
+        let over = AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                sockets.run(&mut tracker, Instant::FAR_FUTURE, &|| !over.load(Ordering::Relaxed));
+            });
+            let args = TrackerArgs {
+                tracker: Place::DTrack { data: "127.0.0.1:0".to_owned(), commands: Some(commands) },
+                tracker_body: 0,
+                tracker_offset: [0.0; 3],
+                tracker_frames: 60,
+                calibration: None,
+            };
+            let result = look(&args);
+            over.store(true, Ordering::Relaxed);
+            result
+        })
+    }
+
+    #[test]
+    fn target_that_moved_by_more_than_5_mm_or_is_gone_is_not_thrown_at() {
+        let before = looked(Some([2_500.0, 0.0, 600.0]), TrackerArgs::measure).expect("a target");
+        let still = |at_mm| looked(at_mm, |args| args.still_there(&before));
+        assert!(still(Some([2_500.0, 2.0, 600.0])).is_ok(), "2 mm");
+        let error = still(Some([2_500.0, 4.8, 603.6])).expect_err("6 mm");
+        assert_eq!(error.code, exit::FINDINGS);
+        assert!(error.message.contains("moved by 6.0 mm") && error.message.contains("nothing was thrown"));
+        let error = still(None).expect_err("gone");
+        assert_eq!(error.code, exit::FINDINGS);
+        assert!(error.message.contains("was not seen"), "{}", error.message);
+    }
+}

@@ -4,23 +4,23 @@ use std::fmt;
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs, UdpSocket};
 use std::str::FromStr;
-use std::time::{Duration as WallSpan, Instant as WallTime};
+use std::time::Duration as WallSpan;
 
-use tracker_protocol::dtrack::{Answer, Command, DataFrame, DayClock, FrameGate, Messages, Verdict};
-use tracker_protocol::vrpn::{VrpnClient, VrpnError, VrpnItem};
+use can_link::Clock;
+use tracker_protocol::vrpn::VrpnClient;
 
-use super::target::{Estimator, Frame, NoTarget, Target, TargetRequest};
+use super::commands::{CommandError, Tracking};
+use super::frames::{DTrackFrames, FRAME_LIMIT, FrameError, VrpnFrames};
+use super::target::{NoTarget, Target, TargetRequest};
 
-/// Longest wait for the first and for the next frame.
-const FRAME_LIMIT: WallSpan = WallSpan::from_secs(3);
+/// Longest wait for a connection.
+const CONNECT_LIMIT: WallSpan = WallSpan::from_secs(3);
 /// Longest wait for the answer to a command.
 const ANSWER_LIMIT: WallSpan = WallSpan::from_secs(10);
 /// Longest sleep, so that an interrupt is seen.
 const LOOK: WallSpan = WallSpan::from_millis(50);
 /// Largest datagram that is read, bytes.
 const MAX_BYTES: usize = 32_768;
-/// A frame counter that falls by more than this says that the tracker was started again.
-const RESTART_AFTER: u64 = 1_000;
 
 /// Which tracker.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -104,7 +104,7 @@ pub enum TrackerError {
     /// Nothing comes.
     #[error(
         "{place}: no frame within {} s\n  next: start the measurement of the tracker and let it send to this machine; with ?commands=HOST:PORT this program does both",
-        FRAME_LIMIT.as_secs()
+        FRAME_LIMIT.as_secs_f64()
     )]
     Silent { place: String },
     /// A datagram or stream is none.
@@ -144,13 +144,10 @@ pub fn measure(
 ) -> Result<Target, TrackerError> {
     match place {
         Place::DTrack { data, commands } => {
-            let socket = socket_error(
-                place,
-                "name an address of this machine and a free port",
-                UdpSocket::bind(data),
-            )?;
+            let next = "name an address of this machine and a free port";
+            let socket = socket_error(place, next, UdpSocket::bind(data))?;
             let tracking = match commands {
-                Some(commands) => Some(Tracking::start(place, commands, &socket)?),
+                Some(commands) => Some(tracking(place, commands, &socket)?),
                 None => None,
             };
             let target = dtrack(place, &socket, wish, goes_on);
@@ -167,6 +164,34 @@ fn socket_error<T>(place: &Place, next: &'static str, result: io::Result<T>) -> 
     result.map_err(|error| TrackerError::Socket { place: place.to_string(), error, next })
 }
 
+fn no_target(place: &Place, error: FrameError) -> TrackerError {
+    let place = place.to_string();
+    match error {
+        FrameError::Silent => TrackerError::Silent { place },
+        FrameError::Unreadable(what) => TrackerError::Unreadable { place, what },
+        FrameError::NoTarget(none) => TrackerError::NoTarget(none),
+    }
+}
+
+fn tracking(place: &Place, commands: &str, data: &UdpSocket) -> Result<Tracking<TcpStream>, TrackerError> {
+    let next = "check the address of the tracker's controller; its command port is 50105";
+    let stream = socket_error(place, next, connect(commands))?;
+    socket_error(place, next, stream.set_read_timeout(Some(ANSWER_LIMIT)))?;
+    let port = socket_error(place, next, data.local_addr())?.port();
+    Tracking::start(stream, port).map_err(|error| {
+        let place = place.to_string();
+        match error {
+            CommandError::Stream(error) => {
+                TrackerError::Socket { place, error, next: "check the network to the tracker's controller" }
+            }
+            CommandError::Unreadable(text) => {
+                TrackerError::Unreadable { place, what: format!("\"{text}\" is no answer") }
+            }
+            CommandError::Refused { command, answer } => TrackerError::Refused { place, command, answer },
+        }
+    })
+}
+
 fn dtrack(
     place: &Place,
     socket: &UdpSocket,
@@ -175,135 +200,26 @@ fn dtrack(
 ) -> Result<Target, TrackerError> {
     let next = "check the network interface";
     socket_error(place, next, socket.set_read_timeout(Some(LOOK)))?;
-    let (mut gate, mut clock, mut estimator) =
-        (FrameGate::new(RESTART_AFTER), DayClock::new(), Estimator::new(*wish));
-    let mut heard = WallTime::now();
+    let clock = Clock::start();
+    let mut frames = DTrackFrames::new(*wish, clock.now());
     let mut buffer = vec![0; MAX_BYTES];
-    loop {
-        if !goes_on() {
-            return Err(TrackerError::Interrupted);
-        }
-        let length = match socket.recv(&mut buffer) {
-            Ok(length) => length,
-            Err(error) if would_block(&error) => {
-                if heard.elapsed() >= FRAME_LIMIT {
-                    return Err(TrackerError::Silent { place: place.to_string() });
-                }
-                continue;
-            }
+    while goes_on() {
+        let step = match socket.recv(&mut buffer) {
+            Ok(length) => frames.push(clock.now(), buffer.get(..length).unwrap_or_default()),
+            Err(error) if would_block(&error) => frames.wait(clock.now()).map(|()| None),
             Err(error) => return socket_error(place, next, Err(error)),
         };
-        let unreadable = |what: String| TrackerError::Unreadable { place: place.to_string(), what };
-        let frame = DataFrame::parse(buffer.get(..length).unwrap_or_default())
-            .map_err(|error| unreadable(error.to_string()))?;
-        heard = WallTime::now();
-        match gate.judge(frame.frame) {
-            Verdict::Old => continue,
-            Verdict::Restart => {
-                estimator.restart();
-                clock = DayClock::new();
-            }
-            Verdict::First | Verdict::New { .. } => {}
-        }
-        let stamp = frame.stamp(&mut clock);
-        if stamp.is_none() {
-            return Err(unreadable("frames have no time; switch `ts` on in the output settings".to_owned()));
-        }
-        let pose = frame
-            .pose(wish.body, &mut clock)
-            .map_err(|error| NoTarget::NotAPose { body: wish.body, what: error.to_string() })?;
-        if let Some(target) = estimator.push(&Frame { stamp, pose })? {
+        if let Some(target) = step.map_err(|error| no_target(place, error))? {
             return Ok(target);
         }
     }
-}
-
-/// The command channel, with a measurement that this program started.
-struct Tracking {
-    place: String,
-    stream: TcpStream,
-    messages: Messages,
-    waiting: Vec<String>,
-    started: bool,
-}
-
-impl Tracking {
-    fn start(place: &Place, commands: &str, data: &UdpSocket) -> Result<Self, TrackerError> {
-        let next = "check the address of the tracker's controller; its command port is 50105";
-        let stream = socket_error(place, next, connect(commands))?;
-        socket_error(place, next, stream.set_read_timeout(Some(ANSWER_LIMIT)))?;
-        let mut this = Self {
-            place: place.to_string(),
-            stream,
-            messages: Messages::default(),
-            waiting: Vec::new(),
-            started: false,
-        };
-        let port = socket_error(place, next, data.local_addr())?.port();
-        if this.ask(&Command::GetAccess.to_string())?.value_of("system access") != Some("full") {
-            return Err(TrackerError::Refused {
-                place: this.place.clone(),
-                command: Command::GetAccess.to_string(),
-                answer: "no access".to_owned(),
-            });
-        }
-        this.order(&format!("dtrack2 set output net ch01 udp my_ip {port}"))?;
-        this.order("dtrack2 set output active ch01 all yes")?;
-        // A tracker that measures already is left at it.
-        if this.ask(&Command::GetStatus.to_string())?.value_of("status active") != Some("mea") {
-            this.order("dtrack2 tracking start")?;
-            this.started = true;
-        }
-        Ok(this)
-    }
-
-    fn order(&mut self, command: &str) -> Result<(), TrackerError> {
-        match self.ask(command)? {
-            Answer::Ok => Ok(()),
-            answer => Err(TrackerError::Refused {
-                place: self.place.clone(),
-                command: command.to_owned(),
-                answer: answer.to_string(),
-            }),
-        }
-    }
-
-    fn ask(&mut self, command: &str) -> Result<Answer, TrackerError> {
-        let failed = |error| TrackerError::Socket {
-            place: self.place.clone(),
-            error,
-            next: "check the network to the tracker's controller",
-        };
-        self.stream.write_all(&Messages::frame(&command)).map_err(failed)?;
-        let mut buffer = [0; 1024];
-        loop {
-            if let Some(text) = (!self.waiting.is_empty()).then(|| self.waiting.remove(0)) {
-                return Answer::parse(&text).ok_or_else(|| TrackerError::Unreadable {
-                    place: self.place.clone(),
-                    what: format!("\"{text}\" is no answer"),
-                });
-            }
-            let count = self.stream.read(&mut buffer).map_err(failed)?;
-            if count == 0 {
-                return Err(failed(io::Error::from(ErrorKind::UnexpectedEof)));
-            }
-            let read = self.messages.push(buffer.get(..count).unwrap_or_default());
-            self.waiting.extend(read.into_iter().flatten());
-        }
-    }
-
-    /// Ends the measurement if it is ours. Nothing depends on the answer.
-    fn stop(mut self) {
-        if self.started {
-            let _ = self.ask("dtrack2 tracking stop");
-        }
-    }
+    Err(TrackerError::Interrupted)
 }
 
 fn connect(address: &str) -> io::Result<TcpStream> {
     let mut last = io::Error::new(ErrorKind::NotFound, "no address");
     for address in address.to_socket_addrs()? {
-        match TcpStream::connect_timeout(&address, FRAME_LIMIT) {
+        match TcpStream::connect_timeout(&address, CONNECT_LIMIT) {
             Ok(stream) => return Ok(stream),
             Err(error) => last = error,
         }
@@ -322,48 +238,21 @@ fn vrpn(
     let mut stream = socket_error(place, next, connect(server))?;
     socket_error(place, next, stream.set_read_timeout(Some(LOOK)))?;
     socket_error(place, next, stream.write_all(&VrpnClient::greeting()))?;
-    let (mut client, mut estimator) = (VrpnClient::new(tracker), Estimator::new(*wish));
-    let mut heard = WallTime::now();
+    let clock = Clock::start();
+    let mut frames = VrpnFrames::new(*wish, tracker, clock.now());
     let mut buffer = vec![0; MAX_BYTES];
-    loop {
-        if !goes_on() {
-            return Err(TrackerError::Interrupted);
-        }
-        match stream.read(&mut buffer) {
+    while goes_on() {
+        let step = match stream.read(&mut buffer) {
             Ok(0) => return socket_error(place, next, Err(io::Error::from(ErrorKind::UnexpectedEof))),
-            Ok(count) => {
-                let items =
-                    client.push(buffer.get(..count).unwrap_or_default()).map_err(|error: VrpnError| {
-                        TrackerError::Unreadable { place: place.to_string(), what: error.to_string() }
-                    })?;
-                for item in items {
-                    let pose = match item {
-                        VrpnItem::Pose(pose) if pose.body == wish.body => pose,
-                        VrpnItem::NotAPose { sensor } if u32::try_from(sensor) == Ok(wish.body) => {
-                            let what = "its pose has NaN".to_owned();
-                            return Err(NoTarget::NotAPose { body: wish.body, what }.into());
-                        }
-                        _ => continue,
-                    };
-                    heard = WallTime::now();
-                    if let Some(target) =
-                        estimator.push(&Frame { stamp: Some(pose.stamp), pose: Some(pose) })?
-                    {
-                        return Ok(target);
-                    }
-                }
-            }
-            Err(error) if would_block(&error) => {}
+            Ok(count) => frames.push(clock.now(), buffer.get(..count).unwrap_or_default()),
+            Err(error) if would_block(&error) => frames.wait(clock.now()).map(|()| None),
             Err(error) => return socket_error(place, next, Err(error)),
-        }
-        // A lost body just stops reporting.
-        if heard.elapsed() >= FRAME_LIMIT {
-            return Err(match estimator.frames() {
-                0 => TrackerError::Silent { place: place.to_string() },
-                seen => NoTarget::Lost { body: wish.body, seen, missing: 0 }.into(),
-            });
+        };
+        if let Some(target) = step.map_err(|error| no_target(place, error))? {
+            return Ok(target);
         }
     }
+    Err(TrackerError::Interrupted)
 }
 
 fn would_block(error: &io::Error) -> bool {

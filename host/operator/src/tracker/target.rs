@@ -4,6 +4,9 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use protocol::{Duration, Instant};
 use tracker_protocol::TrackedPose;
 
+/// Longest time in which all frames come late.
+const LATE_MAX: Duration = Duration::from_secs(1);
+
 /// What is asked of the tracker.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TargetRequest {
@@ -19,7 +22,7 @@ pub struct TargetRequest {
     pub jump_max_m: f64,
     /// Frames in a row without the body after which it is lost.
     pub missing_max: usize,
-    /// Oldest frame that counts as present.
+    /// Oldest frame that counts as present, by what the tracker says and by the time that it took longer than the fastest one.
     pub age_max: Duration,
 }
 
@@ -100,8 +103,10 @@ pub enum NoTarget {
 /// One frame as the tracker sent it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frame {
-    /// When the cameras saw it, on the tracker's clock; `None`: the frame does not tell.
-    pub stamp: Option<Instant>,
+    /// When it came, on this machine's clock.
+    pub arrived: Instant,
+    /// When the cameras saw it, on the tracker's clock.
+    pub stamp: Instant,
     /// The body, if the frame shows it.
     pub pose: Option<TrackedPose>,
 }
@@ -115,13 +120,26 @@ pub struct Estimator {
     missing_in_row: usize,
     missing: usize,
     last_stamp: Option<Instant>,
+    /// Least difference so far between the clocks of this machine and of the tracker, us: that of the frame that came fastest.
+    fastest_us: Option<i64>,
+    /// When the last frame came that was young enough.
+    fresh_at: Option<Instant>,
 }
 
 impl Estimator {
     /// For a wish.
     #[must_use]
     pub fn new(wish: TargetRequest) -> Self {
-        Self { wish, points: Vec::new(), frames: 0, missing_in_row: 0, missing: 0, last_stamp: None }
+        Self {
+            wish,
+            points: Vec::new(),
+            frames: 0,
+            missing_in_row: 0,
+            missing: 0,
+            last_stamp: None,
+            fastest_us: None,
+            fresh_at: None,
+        }
     }
 
     /// Frames seen so far, with the body or without.
@@ -142,12 +160,18 @@ impl Estimator {
     pub fn push(&mut self, frame: &Frame) -> Result<Option<Target>, NoTarget> {
         let body = self.wish.body;
         self.frames += 1;
-        if let (Some(stamp), Some(last)) = (frame.stamp, self.last_stamp)
-            && stamp <= last
-        {
+        if self.last_stamp.is_some_and(|last| frame.stamp <= last) {
             return Err(NoTarget::Stale { what: "their time does not go on".to_owned() });
         }
-        self.last_stamp = frame.stamp.or(self.last_stamp);
+        self.last_stamp = Some(frame.stamp);
+        let late = self.lateness(frame);
+        if late > self.wish.age_max {
+            // A frame that waited behind others in this machine is left out; when all are late, the target is seen as it was.
+            let stale = self.fresh_at.is_none_or(|at| frame.arrived.saturating_since(at) >= LATE_MAX);
+            let what = format!("they come {late} later than the first ones");
+            return if stale { Err(NoTarget::Stale { what }) } else { Ok(None) };
+        }
+        self.fresh_at = Some(frame.arrived);
         let Some(pose) = frame.pose.filter(|pose| pose.tracked) else {
             self.missing_in_row += 1;
             self.missing += 1;
@@ -183,6 +207,16 @@ impl Estimator {
             return Ok(None);
         }
         self.target().map(Some)
+    }
+
+    /// How much longer a frame took than the fastest one so far. The clocks of tracker and machine differ by an unknown time, so a
+    /// delay that all frames share is not seen.
+    fn lateness(&mut self, frame: &Frame) -> Duration {
+        let micros = |at: Instant| i64::try_from(at.as_micros()).unwrap_or(i64::MAX);
+        let took_us = micros(frame.arrived).saturating_sub(micros(frame.stamp));
+        let fastest_us = self.fastest_us.map_or(took_us, |fastest| fastest.min(took_us));
+        self.fastest_us = Some(fastest_us);
+        Duration::from_micros(took_us.saturating_sub(fastest_us).unsigned_abs())
     }
 
     fn target(&self) -> Result<Target, NoTarget> {
@@ -245,6 +279,11 @@ mod tests {
         }
     }
 
+    /// On another clock than the stamps, 15 ms after the flash.
+    fn arrival(k: u64) -> Instant {
+        Instant::from_micros(7_015_000 + PERIOD_US * k)
+    }
+
     /// Noise of a tracker without a generator: two incommensurate sequences.
     fn noise(k: u64) -> [f64; 3] {
         let x = |a: f64| 2e-4 * (2.0 * (a * k as f64).fract() - 1.0);
@@ -264,7 +303,7 @@ mod tests {
 
     fn seen(k: u64, p: [f64; 3]) -> Frame {
         let pose = pose(k, p);
-        Frame { stamp: Some(pose.stamp), pose: Some(pose) }
+        Frame { arrived: arrival(k), stamp: pose.stamp, pose: Some(pose) }
     }
 
     fn still(k: u64) -> Frame {
@@ -313,8 +352,29 @@ mod tests {
             frame
         };
         assert!(matches!(run(old), Err(NoTarget::Stale { .. })));
-        let standing = |k: u64| Frame { stamp: Some(Instant::from_micros(5)), ..still(k) };
+        let standing = |k: u64| Frame { stamp: Instant::from_micros(5), ..still(k) };
         assert!(matches!(run(standing), Err(NoTarget::Stale { .. })));
         assert!(matches!(run(|k| seen(k, [f64::NAN, 0.0, 0.0])), Err(NoTarget::NotAPose { .. })));
+    }
+
+    #[test]
+    fn frames_that_queued_for_a_while_are_left_out_and_frames_that_stay_late_are_stale() {
+        let later = |from: u64, length: u64, ms: u64| {
+            move |k: u64| {
+                let late = if (from..from + length).contains(&k) { ms } else { 0 };
+                Frame { arrived: arrival(k) + Duration::from_millis(late), ..still(k) }
+            }
+        };
+        // Half a second of frames waits, then comes at once: the first ones are old, the rest is younger than 250 ms.
+        let queued = |k: u64| {
+            let arrived = if (20..50).contains(&k) { arrival(50) } else { arrival(k) };
+            Frame { arrived, ..still(k) }
+        };
+        let target = run(queued).unwrap().unwrap();
+        assert_eq!((target.frames, target.missing), (60, 0));
+        assert!(target.span_s > 1.1, "the old ones do not count: {}", target.span_s);
+        assert!(run(later(20, 20, 200)).unwrap().is_some(), "within the bound");
+        let stale = run(later(20, 200, 400));
+        assert!(matches!(&stale, Err(NoTarget::Stale { what }) if what.contains("400")), "{stale:?}");
     }
 }

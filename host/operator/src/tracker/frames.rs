@@ -1,0 +1,186 @@
+//! Frames of a tracker to a target, without a socket: what came and when are arguments.
+
+use protocol::{Duration, Instant};
+use tracker_protocol::dtrack::{DataFrame, DayClock, FrameGate, Verdict};
+use tracker_protocol::vrpn::{VrpnClient, VrpnItem};
+
+use super::target::{Estimator, Frame, NoTarget, Target, TargetRequest};
+
+/// Longest wait for the first and for the next frame.
+pub const FRAME_LIMIT: Duration = Duration::from_secs(3);
+/// A frame counter that falls by more than this says that the tracker was started again.
+const RESTART_AFTER: u64 = 1_000;
+/// Older frames in a row whose numbers rise: a tracker that was started again soon after its first start.
+const RISING_OLD: u32 = 10;
+/// A tracker that is started again more often than this in one measurement is not waited for.
+const RESTARTS_MAX: u32 = 3;
+
+/// No target comes of these frames.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum FrameError {
+    /// Nothing comes.
+    #[error("no frame within {} s", FRAME_LIMIT.as_secs_f64())]
+    Silent,
+    /// It is no frame.
+    #[error("{0}")]
+    Unreadable(String),
+    /// Frames come, and the target is none.
+    #[error(transparent)]
+    NoTarget(#[from] NoTarget),
+}
+
+/// Datagrams of DTrack.
+#[derive(Clone, Debug)]
+pub struct DTrackFrames {
+    wish: TargetRequest,
+    gate: FrameGate,
+    clock: DayClock,
+    estimator: Estimator,
+    /// When the last new frame came.
+    heard: Instant,
+    /// Last of the frames since that are not newer, and how many of them in a row rise.
+    old: Option<(u64, u32)>,
+    restarts: u32,
+}
+
+impl DTrackFrames {
+    /// For a wish; the wait for the first frame begins `now`.
+    #[must_use]
+    pub fn new(wish: TargetRequest, now: Instant) -> Self {
+        Self {
+            wish,
+            gate: FrameGate::new(RESTART_AFTER),
+            clock: DayClock::new(),
+            estimator: Estimator::new(wish),
+            heard: now,
+            old: None,
+            restarts: 0,
+        }
+    }
+
+    /// Takes the next datagram; the target once there are enough.
+    ///
+    /// # Errors
+    /// Nothing can come of it.
+    pub fn push(&mut self, now: Instant, datagram: &[u8]) -> Result<Option<Target>, FrameError> {
+        let frame = DataFrame::parse(datagram).map_err(|error| FrameError::Unreadable(error.to_string()))?;
+        match self.gate.judge(frame.frame) {
+            // No sign of life: a tracker that hangs may send its last frame for ever.
+            Verdict::Old => {
+                let rising = match self.old {
+                    Some((before, rising)) if frame.frame > before => rising + 1,
+                    _ => 1,
+                };
+                self.old = Some((frame.frame, rising));
+                if rising < RISING_OLD {
+                    self.wait(now)?;
+                    return Ok(None);
+                }
+                self.gate = FrameGate::new(RESTART_AFTER);
+                self.gate.judge(frame.frame);
+                self.restart()?;
+            }
+            Verdict::Restart => self.restart()?,
+            Verdict::First | Verdict::New { .. } => {}
+        }
+        (self.heard, self.old) = (now, None);
+        let stamp = frame.stamp(&mut self.clock).ok_or_else(|| {
+            FrameError::Unreadable("frames have no time; switch `ts` on in the output settings".to_owned())
+        })?;
+        let body = self.wish.body;
+        let pose = frame
+            .pose(body, &mut self.clock)
+            .map_err(|error| NoTarget::NotAPose { body, what: error.to_string() })?;
+        Ok(self.estimator.push(&Frame { arrived: now, stamp, pose })?)
+    }
+
+    /// The tracker was started again: what it said before does not count.
+    fn restart(&mut self) -> Result<(), FrameError> {
+        self.restarts += 1;
+        if self.restarts > RESTARTS_MAX {
+            let what = format!("their counter begins again, {} times so far", self.restarts);
+            return Err(NoTarget::Stale { what }.into());
+        }
+        self.estimator.restart();
+        self.clock = DayClock::new();
+        Ok(())
+    }
+
+    /// Whether it is worth to wait longer.
+    ///
+    /// # Errors
+    /// No new frame has come for too long.
+    pub fn wait(&self, now: Instant) -> Result<(), FrameError> {
+        let silent = now.saturating_since(self.heard);
+        if silent < FRAME_LIMIT {
+            return Ok(());
+        }
+        Err(match self.old {
+            Some((frame, _)) => NoTarget::Stale {
+                what: format!(
+                    "no new one for {:.1} s, and frame {frame} comes again and again",
+                    silent.as_secs_f64()
+                ),
+            }
+            .into(),
+            None => FrameError::Silent,
+        })
+    }
+}
+
+/// The stream of a VRPN server.
+#[derive(Clone, Debug)]
+pub struct VrpnFrames {
+    wish: TargetRequest,
+    client: VrpnClient,
+    estimator: Estimator,
+    heard: Instant,
+}
+
+impl VrpnFrames {
+    /// For a wish and the tracker of that name; the wait for the first frame begins `now`.
+    #[must_use]
+    pub fn new(wish: TargetRequest, tracker: &str, now: Instant) -> Self {
+        Self { wish, client: VrpnClient::new(tracker), estimator: Estimator::new(wish), heard: now }
+    }
+
+    /// Takes the next piece of the stream; the target once there are enough poses.
+    ///
+    /// # Errors
+    /// Nothing can come of it.
+    pub fn push(&mut self, now: Instant, piece: &[u8]) -> Result<Option<Target>, FrameError> {
+        let items = self.client.push(piece).map_err(|error| FrameError::Unreadable(error.to_string()))?;
+        let body = self.wish.body;
+        for item in items {
+            let pose = match item {
+                VrpnItem::Pose(pose) if pose.body == body => pose,
+                VrpnItem::NotAPose { sensor } if u32::try_from(sensor) == Ok(body) => {
+                    let what = "its pose has NaN or a rotation that is none".to_owned();
+                    return Err(NoTarget::NotAPose { body, what }.into());
+                }
+                _ => continue,
+            };
+            self.heard = now;
+            let frame = Frame { arrived: now, stamp: pose.stamp, pose: Some(pose) };
+            if let Some(target) = self.estimator.push(&frame)? {
+                return Ok(Some(target));
+            }
+        }
+        self.wait(now)?;
+        Ok(None)
+    }
+
+    /// Whether it is worth to wait longer. A lost body just stops reporting.
+    ///
+    /// # Errors
+    /// The body has not reported for too long.
+    pub fn wait(&self, now: Instant) -> Result<(), FrameError> {
+        if now.saturating_since(self.heard) < FRAME_LIMIT {
+            return Ok(());
+        }
+        Err(match self.estimator.frames() {
+            0 => FrameError::Silent,
+            seen => NoTarget::Lost { body: self.wish.body, seen, missing: 0 }.into(),
+        })
+    }
+}
