@@ -4,6 +4,7 @@ mod program;
 
 use std::path::PathBuf;
 
+use planner::follow::limits::LimitSource;
 use planner::follow::plan::{FollowPlan, Form};
 
 use program::{cubectl, text};
@@ -63,4 +64,21 @@ fn a_target_out_of_reach_ends_with_exit_code_3_the_reason_and_the_nearest_target
     let said = text(&out.stderr);
     assert_eq!(out.status.code(), Some(3), "{said}");
     assert!(said.contains("refused by") && said.contains("next: the nearest target with a plan"), "{said}");
+}
+
+/// The ramps of the paper begin with a leap: without a choice of the user the limits are those of the controller model.
+#[test]
+fn the_paper_form_plans_for_an_arm_that_is_no_industrial_robot() {
+    let plan = file("follow-powercube.json");
+    let words =
+        ["plan", "throw", "--robot", "powercube6", "--follow", "--target", "1,1,-1", "--form", "paper"];
+    let more = ["--criterion", "points", "--refine", "0", "--resolution", "0.6", "--out"];
+    let out = cubectl(&[&words[..], &more[..], &[&plan.to_string_lossy()]].concat());
+    assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
+    let written = FollowPlan::read(&plan).expect("readable");
+    assert_eq!((written.form, written.limits), (Form::Paper, LimitSource::ControllerModel));
+    assert!(written.followed_points >= 2, "{}", written.followed_points);
+    // With the jerk of the robot file there is none, and it says so.
+    let out = cubectl(&[&words[..], &["--limits", "robot-file", "--resolution", "0.3"]].concat());
+    assert_eq!(out.status.code(), Some(3), "{}", text(&out.stderr));
 }

@@ -1,7 +1,8 @@
 //! Where the ball lands over many seeds, with noise and a gripper that opens within ±10 ms: without following, in the paper form
 //! and in the best form, with the lag that the description tells and with one that was measured first.
 //!
-//! `cargo run --release -p operator --example rsi_landings -- [SEEDS] [X,Y,Z]`
+//! `cargo run --release -p operator --example rsi_landings -- [SEEDS] [X,Y,Z | --check]`; with `--check` the target is 2.5 m away
+//! and 0.6 m high, and a row outside of its bounds is an error.
 //!
 //! From a set point to the axes it takes 120 ms, as the description says; but of these 42 ms are the time constant, not 24, and the
 //! gripper takes 27 ms, not 20.
@@ -17,10 +18,9 @@ use operator::rsi::outcome::error_m;
 use operator::rsi::program::{Lag, exploring, prepare, station};
 use operator::rsi::station::{Stage, Station};
 use planner::follow::best::BestOptions;
-use planner::follow::landing::without_following;
 use planner::follow::limits::{Arm, Axes, LimitSource, Limits};
 use planner::follow::paper::{Criterion, PaperOptions};
-use planner::follow::plan::{FollowPlan, Phase, Step};
+use planner::follow::plan::FollowPlan;
 use planner::follow::search::Search;
 use planner::follow::setting::Setting;
 use planner::plan::file::RobotId;
@@ -31,10 +31,35 @@ use rayon::prelude::*;
 /// Radius of a bottle, m.
 const BOTTLE_M: f64 = 0.035;
 
+/// What a row must show, from both sides.
+struct Bounds {
+    /// Median of the landing errors, mm.
+    median_mm: [f64; 2],
+    /// Share of bottles hit.
+    hit: [f64; 2],
+}
+
+/// The aim for the best form is 99 % of the bottles and a median of 10 mm; identified, a third of that. Without following the gripper
+/// alone misses (reference: 43 mm rms). The paper form is between: its short window is off the parabola by what the lag makes of it,
+/// and which way depends on where the opening falls. Lower bounds: noise and jitter cannot give less.
+const BOUNDS: [Bounds; 6] = [
+    Bounds { median_mm: [35.0, 90.0], hit: [0.0, 0.05] },
+    Bounds { median_mm: [10.0, 50.0], hit: [0.2, 0.95] },
+    Bounds { median_mm: [1.0, 10.0], hit: [0.99, 1.0] },
+    Bounds { median_mm: [35.0, 90.0], hit: [0.0, 0.05] },
+    Bounds { median_mm: [35.0, 100.0], hit: [0.0, 0.3] },
+    Bounds { median_mm: [0.05, 3.3], hit: [0.99, 1.0] },
+];
+
 fn main() -> Result<(), Box<dyn Error>> {
     let mut args = std::env::args().skip(1);
     let seeds: u64 = args.next().map_or(Ok(200), |text| text.parse())?;
+    let (mut checked, mut outside) = (false, 0);
     let target: Vec<f64> = match args.next() {
+        Some(text) if text == "--check" => {
+            checked = true;
+            vec![2.5, 0.0, 0.6]
+        }
         Some(text) => text.split(',').map(str::parse).collect::<Result<_, _>>()?,
         None => vec![2.5, 0.0, 0.6],
     };
@@ -56,17 +81,18 @@ fn main() -> Result<(), Box<dyn Error>> {
         ..PaperOptions::covering(1.8, 0.675, 0.0, 1.3)
     };
     let paper = plan(&arm, target, Duration::ZERO, &Search::Paper(grid))?;
-    let ramps = ramps_only(&arm, &paper);
+    let ramps = paper.without_following(&Limits::of(&arm, LimitSource::ControllerModel));
     println!("{seeds} seeds, target ({}, {}, {}) m", target.x, target.y, target.z);
     println!("{:<26} points  median mm   95 % mm  largest mm    hit", "plan");
-    for (name, plan, belief) in [
+    let rows = [
         ("no following", &ramps, &described),
         ("paper form", &paper, &described),
         ("best form", &best, &described),
         ("no following, identified", &ramps, &identified),
         ("paper form, identified", &paper, &identified),
         ("best form, identified", &best_identified, &identified),
-    ] {
+    ];
+    for ((name, plan, belief), bounds) in rows.into_iter().zip(BOUNDS) {
         let thrown: Vec<Result<f64, String>> =
             (1..=seeds).into_par_iter().map(|seed| landing(&truth, belief, &arm, plan, seed)).collect();
         let stopped: Vec<&String> = thrown.iter().filter_map(|thrown| thrown.as_ref().err()).collect();
@@ -75,17 +101,30 @@ fn main() -> Result<(), Box<dyn Error>> {
         errors.sort_by(f64::total_cmp);
         let at = |share: f64| 1e3 * errors[(share * (errors.len() - 1) as f64).round() as usize];
         let hits = errors.iter().filter(|error| **error <= BOTTLE_M).count();
+        let hit = hits as f64 / errors.len() as f64;
         println!(
             "{name:<26} {:>6} {:>10.1} {:>9.1} {:>11.1} {:>5.1} %",
             plan.followed_points,
             at(0.5),
             at(0.95),
             at(1.0),
-            100.0 * hits as f64 / errors.len() as f64
+            100.0 * hit
         );
+        let [least, most] = bounds.median_mm;
+        let within = (least..=most).contains(&at(0.5)) && (bounds.hit[0]..=bounds.hit[1]).contains(&hit);
+        if checked && !(within && stopped.is_empty()) {
+            println!(
+                "{name:<26} expected: median {least} to {most} mm, share {:?}, none stopped",
+                bounds.hit
+            );
+            outside += 1;
+        }
         if let Some(why) = stopped.first() {
             println!("{:<26} {} stopped, the first by: {why}", "", stopped.len());
         }
+    }
+    if outside > 0 {
+        return Err(format!("{outside} rows are outside of their bounds").into());
     }
     Ok(())
 }
@@ -131,26 +170,6 @@ fn plan(
     let fingerprint = format!("{:016x}", robot_fingerprint(arm));
     let robot = RobotId { name: arm.name().to_owned(), source: arm.name().to_owned(), fingerprint };
     Ok(FollowPlan::new(&setting, source, robot, search.form(), &found, 0.0))
-}
-
-/// The same throw with ramps through the middle of the window.
-fn ramps_only(arm: &Arm, plan: &FollowPlan) -> FollowPlan {
-    let motion = without_following(&plan.motion(), &Limits::of(arm, LimitSource::ControllerModel));
-    let commands = motion.commands(plan.lag_s);
-    let steps = motion.states.iter().zip(&commands).enumerate().map(|(k, (state, command))| Step {
-        t_s: k as f64 * motion.period_s,
-        phase: Phase::Accelerate,
-        q_rad: state.q.into(),
-        qd_rad_s: state.qd.into(),
-        command_rad: (*command).into(),
-    });
-    FollowPlan {
-        steps: steps.collect(),
-        release_time_s: motion.first as f64 * motion.period_s,
-        window: [motion.first, motion.last],
-        followed_points: 1,
-        ..plan.clone()
-    }
 }
 
 /// The description after `cubectl identify`.

@@ -6,9 +6,8 @@ mod rsi_common;
 use hil_sim::krc::KrcScenario;
 use operator::rsi::program::{Lag, prepare};
 use operator::rsi::station::Stage;
-use planner::follow::landing::without_following;
 use planner::follow::limits::{LimitSource, Limits};
-use planner::follow::plan::{FollowPlan, Phase, Step};
+use planner::follow::plan::FollowPlan;
 use protocol::Duration;
 use rsi_common::{HIT_M, arm, error_m, plan, scenario, thrown, thrown_with, true_lag};
 
@@ -74,28 +73,6 @@ fn print(name: &str, ([median, most, largest], share): ([f64; 3], f64)) {
     );
 }
 
-/// The same throw with ramps through the release.
-fn ramps_only() -> FollowPlan {
-    let arm = arm();
-    let limits = Limits::of(&arm, LimitSource::ControllerModel);
-    let motion = without_following(&plan().motion(), &limits);
-    let commands = motion.commands(plan().lag_s);
-    let steps = motion.states.iter().zip(&commands).enumerate().map(|(k, (state, command))| Step {
-        t_s: k as f64 * motion.period_s,
-        phase: Phase::Accelerate,
-        q_rad: state.q.into(),
-        qd_rad_s: state.qd.into(),
-        command_rad: (*command).into(),
-    });
-    FollowPlan {
-        steps: steps.collect(),
-        release_time_s: motion.first as f64 * motion.period_s,
-        window: [motion.first, motion.last],
-        followed_points: 1,
-        ..plan().clone()
-    }
-}
-
 #[test]
 fn landings_over_seeds_hit_the_bottle_in_spite_of_noise_and_gripper_jitter() {
     println!("seeds 1 to {SEEDS}, {} points followed", plan().followed_points);
@@ -108,7 +85,8 @@ fn landings_over_seeds_hit_the_bottle_in_spite_of_noise_and_gripper_jitter() {
     assert!(wrong.1 >= 0.99, "{wrong:?}");
     let long = |scenario: &KrcScenario| Lag { dead_time: Duration::from_millis(108), ..true_lag(scenario) };
     print("best form, dead time 12 ms long", landings(plan(), long));
-    let ramps = landings(&ramps_only(), true_lag);
+    let limits = Limits::of(&arm(), LimitSource::ControllerModel);
+    let ramps = landings(&plan().without_following(&limits), true_lag);
     print("ramps through the release", ramps);
     // Following is what makes the difference, not the link.
     assert!(ramps.0[1] > 4.0 * known.0[1] && ramps.0[0] > 0.005, "{ramps:?}");

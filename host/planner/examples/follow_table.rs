@@ -1,6 +1,10 @@
 //! Tables of throws that follow the flight: both forms over targets, and the paper form over resolutions.
 //!
-//! `cargo run -p planner --release --example follow_table -- [targets|resolution|arms|near] [RESOLUTION] [STARTS]`
+//! `cargo run -p planner --release --example follow_table -- [targets|led|resolution|arms|near] [RESOLUTION] [STARTS] [DISTANCE,HEIGHT]`
+//!
+//! With DISTANCE,HEIGHT there is this target alone. `led` plans as `cubectl` does for a robot that it leads: commands stay inside what the
+//! robot's program passes, and the best form leaves spare for commands at times between those of the plan. The verifier gets the limits
+//! themselves.
 
 use std::time::Instant;
 
@@ -12,12 +16,12 @@ use planner::follow::nearest::feasible_target;
 use planner::follow::paper::{self, Criterion, GridAxis, PaperOptions};
 use planner::follow::plan::FollowPlan;
 use planner::follow::search::Search;
-use planner::follow::setting::Setting;
-use planner::follow::verify::verify;
+use planner::follow::setting::{CommandRange, Setting};
+use planner::follow::verify::verify_commands;
 use planner::plan::file::RobotId;
 
 /// Targets ahead of the KR 16: distance from A1 and height, in m.
-const TARGETS: [[f64; 2]; 10] = [
+const TARGETS: [[f64; 2]; 12] = [
     [2.5, 0.6],
     [2.5, 1.0],
     [2.5, 1.17],
@@ -26,6 +30,8 @@ const TARGETS: [[f64; 2]; 10] = [
     [3.0, 0.6],
     [2.0, 1.0],
     [3.0, 1.0],
+    [2.0, 1.17],
+    [3.0, 1.17],
     [2.0, 1.53],
     [3.0, 1.53],
 ];
@@ -33,6 +39,8 @@ const TARGETS: [[f64; 2]; 10] = [
 const LAG_S: f64 = 0.024;
 /// Halvings of the grid of the paper form around its best releases, where it is to follow the most points.
 const REFINEMENTS: u32 = 5;
+/// Programs of industrial robots pass commands up to 0.1 deg inside the ranges of the axes (`robots/kr16_2`).
+const PROGRAM_INSIDE_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
 /// Jitter of the gripper for the landing errors, in s.
 const JITTER_S: f64 = 0.010;
 
@@ -41,13 +49,26 @@ fn main() {
     let table = args.next().unwrap_or_else(|| "targets".to_owned());
     let resolution: f64 = args.next().and_then(|a| a.parse().ok()).unwrap_or(1.3);
     let starts: usize = args.next().and_then(|a| a.parse().ok()).unwrap_or(32);
+    let only = args.next().and_then(|text| {
+        let (x, z) = text.split_once(',')?;
+        Some([x.parse().ok()?, z.parse().ok()?])
+    });
+    let targets_shown = only.map_or(TARGETS.to_vec(), |target| vec![target]);
     match table.as_str() {
-        "targets" => targets(resolution, starts),
+        "targets" => targets(&targets_shown, Led::No, resolution, starts),
+        "led" => targets(&targets_shown, Led::Yes, resolution, starts),
         "resolution" => resolutions(),
         "arms" => arms(starts),
         "near" => near_the_reference(starts),
-        other => eprintln!("no table \"{other}\": targets, resolution, arms or near"),
+        other => eprintln!("no table \"{other}\": targets, led, resolution, arms or near"),
     }
+}
+
+/// Whether commands are those that `cubectl` sends to a robot.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Led {
+    Yes,
+    No,
 }
 
 fn heading() {
@@ -57,6 +78,7 @@ fn heading() {
     );
 }
 
+#[allow(clippy::too_many_arguments, reason = "the columns of a table, used here only")]
 fn row(
     arm: &Arm,
     source: LimitSource,
@@ -65,11 +87,20 @@ fn row(
     kind: &Search,
     lag_s: f64,
     quick: &Search,
+    led: Led,
 ) {
     let limits = Limits::of(arm, source);
-    let setting = Setting { lag_s, ..Setting::new(arm, Vector3::from(target), limits) };
+    let commands = match led {
+        Led::Yes => CommandRange::inside(&limits, PROGRAM_INSIDE_RAD),
+        Led::No => CommandRange::default(),
+    };
+    let setting = Setting { commands, lag_s, ..Setting::new(arm, Vector3::from(target), limits) };
+    let searched = match kind {
+        Search::Best(_) if led == Led::Yes => Setting { limits: limits.with_spare_for_commands(), ..setting },
+        _ => setting,
+    };
     let began = Instant::now();
-    let outcome = kind.plan(&setting);
+    let outcome = kind.plan(&searched);
     let took = began.elapsed().as_secs_f64();
     let place = format!("{:.2}, {:.2}, {:.2}", target[0], target[1], target[2]);
     let found = match outcome {
@@ -78,7 +109,7 @@ fn row(
             println!("{place:<24} {name:<26} {none} ({took:.1} s)");
             let floor = arm.world().floor_z_m;
             let near =
-                feasible_target(&setting.target, floor, |target| quick.plan(&setting.at(*target)).is_ok());
+                feasible_target(&setting.target, floor, |target| quick.plan(&searched.at(*target)).is_ok());
             match near {
                 Some(p) => println!("{:<51} nearest with a plan: {:.2}, {:.2}, {:.2}", "", p.x, p.y, p.z),
                 None => println!("{:<51} none nearby either", ""),
@@ -88,7 +119,7 @@ fn row(
     };
     let id = RobotId { name: arm.name().into(), source: arm.name().into(), fingerprint: String::new() };
     let plan = FollowPlan::new(&setting, source, id, kind.form(), &found, took);
-    let report = verify(arm, &limits, &plan);
+    let report = verify_commands(arm, &limits, &commands, &plan);
     let middle_s = 0.5 * (found.motion.last - found.motion.first) as f64 * setting.period_s;
     let with = landing::sensitivity(arm, &found.motion, &setting.target, middle_s, JITTER_S);
     let through = landing::without_following(&found.motion, &limits);
@@ -116,7 +147,7 @@ fn row(
     }
 }
 
-fn targets(resolution: f64, starts: usize) {
+fn targets(shown: &[[f64; 2]], led: Led, resolution: f64, starts: usize) {
     let arm = Arm::load("kr16_2").expect("built in");
     let source = LimitSource::ControllerModel;
     let paper = PaperOptions::covering(1.8, 0.675, 0.0, resolution);
@@ -125,13 +156,13 @@ fn targets(resolution: f64, starts: usize) {
     let best = BestOptions { starts, ..BestOptions::default() };
     let quick = Search::Best(BestOptions { starts: 16, kicks: 0, draws: 8000, ..BestOptions::default() });
     heading();
-    for [x, z] in TARGETS {
-        let target = [x, 0.0, z];
+    for [x, z] in shown {
+        let target = [*x, 0.0, *z];
         let grid = Search::Paper(coarse.clone());
-        row(&arm, source, target, "paper", &Search::Paper(paper.clone()), 0.0, &grid);
-        row(&arm, source, target, "paper, most points", &Search::Paper(points.clone()), 0.0, &grid);
-        row(&arm, source, target, "best", &Search::Best(best.clone()), 0.0, &quick);
-        row(&arm, source, target, "best, lag 24 ms", &Search::Best(best.clone()), LAG_S, &quick);
+        row(&arm, source, target, "paper", &Search::Paper(paper.clone()), 0.0, &grid, led);
+        row(&arm, source, target, "paper, most points", &Search::Paper(points.clone()), 0.0, &grid, led);
+        row(&arm, source, target, "best", &Search::Best(best.clone()), 0.0, &quick, led);
+        row(&arm, source, target, "best, lag 24 ms", &Search::Best(best.clone()), LAG_S, &quick, led);
     }
 }
 
@@ -191,9 +222,9 @@ fn near_the_reference(starts: usize) {
             ..PaperOptions::covering(1.8, 0.675, 0.0, 1.0)
         };
         let name = format!("paper, {} releases, refined", grid.size());
-        row(&arm, source, target, &name, &Search::Paper(grid), 0.0, &coarse);
+        row(&arm, source, target, &name, &Search::Paper(grid), 0.0, &coarse, Led::No);
     }
-    row(&arm, source, target, "constant hand, no grid", &Search::Best(best), 0.0, &coarse);
+    row(&arm, source, target, "constant hand, no grid", &Search::Best(best), 0.0, &coarse, Led::No);
 }
 
 /// Both forms on the arms that are no KR 16.
@@ -219,8 +250,17 @@ fn arms(starts: usize) {
         let quick = Search::Best(BestOptions { starts: 8, kicks: 0, draws: 8000, ..BestOptions::default() });
         for target in targets {
             // The ramps of the paper start and end with a leap, which the jerk of a robot file forbids.
-            row(&arm, LimitSource::ControllerModel, target, "paper, most points", &paper, 0.0, &coarse);
-            row(&arm, LimitSource::RobotFile, target, "best", &best, 0.0, &quick);
+            row(
+                &arm,
+                LimitSource::ControllerModel,
+                target,
+                "paper, most points",
+                &paper,
+                0.0,
+                &coarse,
+                Led::No,
+            );
+            row(&arm, LimitSource::RobotFile, target, "best", &best, 0.0, &quick, Led::No);
         }
     }
 }

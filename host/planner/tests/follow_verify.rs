@@ -5,12 +5,14 @@ use std::sync::LazyLock;
 
 use nalgebra::Vector3;
 use planner::follow::clear::Margins;
-use planner::follow::limits::{Arm, LimitSource, Limits};
+use planner::follow::limits::{Arm, Axes, LimitSource, Limits};
 use planner::follow::paper::{GridAxis, PaperOptions, plan};
 use planner::follow::plan::{FollowPlan, Form, Phase};
-use planner::follow::setting::Setting;
-use planner::follow::verify::{Check, Report, verify};
+use planner::follow::posture::Reach;
+use planner::follow::setting::{CommandRange, Setting};
+use planner::follow::verify::{Check, Report, verify, verify_commands};
 use planner::plan::file::RobotId;
+use robot_model::Pose;
 
 static ARM: LazyLock<Arm> = LazyLock::new(|| Arm::load("kr16_2").expect("built in"));
 
@@ -135,6 +137,46 @@ fn a_turning_hand_is_no_plan_of_the_paper() {
         }),
         Check::Across,
     );
+}
+
+/// The hand turned sideways by the same angle at every step of the window, with the ball on the parabola as before.
+#[test]
+fn a_hand_that_is_nowhere_across_the_flight_is_no_plan_of_the_paper() {
+    let reach = Reach::new(&ARM);
+    let sideways = Pose::rot_z(3.0_f64.to_radians());
+    let report = broken(|p| {
+        let [first, last] = p.window;
+        for k in first..=last {
+            let q = Axes::from(p.steps[k].q_rad);
+            let x_wb = ARM.ball(&ARM.fk(&q));
+            let turned = Pose::new(sideways.rot * x_wb.rot, x_wb.pos);
+            let q = reach.near(&turned, &q).expect("in reach");
+            (p.steps[k].q_rad, p.steps[k].command_rad) = (q.into(), q.into());
+        }
+    });
+    refuses(&report, Check::Across);
+    // Ball and turning are as before: only the angle to the flight is wrong.
+    assert!(!report.findings.iter().any(|f| f.check == Check::Parabola), "{report:#?}");
+    let across = report.findings.iter().find(|f| f.check == Check::Across).expect("found");
+    assert!((0.02..0.053).contains(&across.value), "{across:?}");
+}
+
+#[test]
+fn commands_that_the_program_of_the_robot_does_not_pass_are_refused_with_their_axis() {
+    let of_axis = |i: usize| PLAN.steps.iter().map(move |s| s.command_rad[i]);
+    let most = of_axis(1).fold(f64::NEG_INFINITY, f64::max);
+    let mut passed = CommandRange::default();
+    passed.max_rad[1] = most;
+    assert!(verify_commands(&ARM, &limits(), &passed, &PLAN).is_good());
+    passed.max_rad[1] = most - 0.02;
+    let report = verify_commands(&ARM, &limits(), &passed, &PLAN);
+    refuses(&report, Check::Commands);
+    let finding = &report.findings[0];
+    assert_eq!((finding.axis, report.findings.len()), (Some(2), 1), "{finding}");
+    assert!((finding.value - most).abs() < 1e-12, "{finding}");
+    passed = CommandRange::default();
+    passed.min_rad[5] = of_axis(5).fold(f64::INFINITY, f64::min) + 1e-3;
+    refuses(&verify_commands(&ARM, &limits(), &passed, &PLAN), Check::Commands);
 }
 
 #[test]

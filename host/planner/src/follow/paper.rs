@@ -74,6 +74,8 @@ pub struct PaperOptions {
     pub height_m: GridAxis,
     /// Number of places on a cylinder.
     pub places: usize,
+    /// Places are up to this angle away from the azimuth of the target, in rad; π: all around.
+    pub sector_rad: f64,
     /// Angle of the throw to the horizontal in deg.
     pub beta_deg: GridAxis,
     /// Number of rolls about v0.
@@ -110,6 +112,7 @@ impl PaperOptions {
                 count: values(10.0),
             },
             places: values(36.0),
+            sector_rad: PI,
             beta_deg: GridAxis { from: -30.0, to: 75.0, count: values(15.0) },
             rolls: values(24.0),
             w: [1.0; AXES],
@@ -120,11 +123,21 @@ impl PaperOptions {
         }
     }
 
+    /// Angles about A1 from the azimuth of the target. All around, the last is one step before the first.
+    fn places_rad(&self) -> (impl Iterator<Item = f64> + use<>, f64) {
+        let (count, sector_rad) = (self.places, self.sector_rad.min(PI));
+        let all_around = sector_rad >= PI;
+        let from = if all_around { 0.0 } else { -sector_rad };
+        let gaps = if all_around { count } else { count.saturating_sub(1) };
+        let step = 2.0 * sector_rad / gaps.max(1) as f64;
+        ((0..count).map(move |k| from + step * k as f64), step)
+    }
+
     /// Steps of the grid.
     fn steps(&self) -> Release {
         let step = |axis: &GridAxis| (axis.to - axis.from) / (axis.count.max(2) - 1) as f64;
         Release {
-            place_rad: TAU / self.places as f64,
+            place_rad: self.places_rad().1,
             radius_m: step(&self.radius_m),
             height_m: step(&self.height_m),
             beta_deg: step(&self.beta_deg),
@@ -248,7 +261,7 @@ pub fn plan(setting: &Setting<'_>, options: &PaperOptions) -> Result<Found, Box<
     let search = Search { setting, options, reach: Reach::new(setting.arm), ramps };
     // Where the throw is to go only turns the grid, so the places are counted from the azimuth of the target.
     let azimuth = setting.target.y.atan2(setting.target.x);
-    let places = (0..options.places).map(|k| azimuth + TAU * k as f64 / options.places as f64);
+    let places = options.places_rad().0.map(|place_rad| azimuth + place_rad);
     let searched: Vec<_> =
         places.collect::<Vec<_>>().into_par_iter().map(|place| search.place(place)).collect();
     let (mut found, mut misses, mut counts) = (Vec::new(), Vec::new(), StageCounts::default());

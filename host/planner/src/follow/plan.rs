@@ -11,7 +11,8 @@ use serde::{Deserialize, Serialize};
 use super::best::HandFreedom;
 use super::clear::Margins;
 use super::found::{Found, SearchSize};
-use super::limits::{AXES, Axes, LimitSource};
+use super::landing;
+use super::limits::{AXES, Axes, LimitSource, Limits};
 use super::motion::{FollowMotion, Peaks, differences};
 use super::parabola::Parabola;
 use super::posture::Posture;
@@ -264,6 +265,29 @@ impl FollowPlan {
             states: states.collect(),
             first: self.window[0],
             last: self.window[1],
+        }
+    }
+
+    /// The same throw without following, with ramps through the middle of the window: what following is compared with. It is
+    /// not on its flight longer than for one step, so the verifier does not judge it.
+    #[must_use]
+    pub fn without_following(&self, limits: &Limits) -> Self {
+        let motion = landing::without_following(&self.motion(), limits);
+        let time = |step: usize| step as f64 * motion.period_s;
+        let commands = motion.commands(self.lag_s);
+        let steps = motion.states.iter().zip(&commands).enumerate().map(|(k, (state, command))| Step {
+            t_s: time(k),
+            phase: Phase::Accelerate,
+            q_rad: state.q.into(),
+            qd_rad_s: state.qd.into(),
+            command_rad: (*command).into(),
+        });
+        Self {
+            steps: steps.collect(),
+            release_time_s: time(motion.first),
+            window: [motion.first, motion.last],
+            followed_points: 1,
+            ..self.clone()
         }
     }
 

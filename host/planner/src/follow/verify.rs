@@ -11,6 +11,7 @@ use robot_model::Pose;
 use super::best::HandFreedom;
 use super::limits::{AXES, Arm, Axes, Limits};
 use super::plan::{FollowPlan, Form, Phase};
+use super::setting::CommandRange;
 use crate::verify::boxes;
 use crate::verify::chain::Chain;
 
@@ -47,6 +48,8 @@ pub enum Check {
     Steps,
     /// Joint ranges in rad.
     Range,
+    /// Commands inside what the robot's program passes, in rad.
+    Commands,
     /// Commanded speed in rad/s.
     Speed,
     /// Commanded acceleration in rad/s².
@@ -74,6 +77,7 @@ impl fmt::Display for Finding {
         let name = match self.check {
             Check::Steps => "steps are not one period apart, not in order, or not at rest at the ends",
             Check::Range => "joint range (rad)",
+            Check::Commands => "command beyond what the robot's program passes (rad)",
             Check::Speed => "commanded speed (rad/s)",
             Check::Acceleration => "commanded acceleration (rad/s2)",
             Check::Jerk => "commanded jerk (rad/s3)",
@@ -145,6 +149,12 @@ impl Report {
 /// Checks a plan against an arm and limits, which are not taken from the plan.
 #[must_use]
 pub fn verify(arm: &Arm, limits: &Limits, plan: &FollowPlan) -> Report {
+    verify_commands(arm, limits, &CommandRange::default(), plan)
+}
+
+/// As [`verify`], for a robot whose program passes only some commands.
+#[must_use]
+pub fn verify_commands(arm: &Arm, limits: &Limits, passed: &CommandRange, plan: &FollowPlan) -> Report {
     let mut report = Report { nearest_m: f64::INFINITY, ball_m: f64::INFINITY, ..Report::default() };
     steps(plan, &mut report);
     if !report.is_good() {
@@ -154,6 +164,7 @@ pub fn verify(arm: &Arm, limits: &Limits, plan: &FollowPlan) -> Report {
     let joints: Vec<Axes> = plan.steps.iter().map(|s| Axes::from(s.q_rad)).collect();
     let commands: Vec<Axes> = plan.steps.iter().map(|s| Axes::from(s.command_rad)).collect();
     rates(plan, limits, &joints, &commands, &mut report);
+    passed_commands(plan, passed, &mut report);
     let executed = lag(plan, &joints, &commands, &mut report);
     let chain = Chain::new(arm);
     report.executed_landing_m = executed_landing_m(arm, plan, &chain, &executed);
@@ -205,15 +216,27 @@ fn rates(plan: &FollowPlan, limits: &Limits, joints: &[Axes], commands: &[Axes],
             }
         }
     }
-    for (k, q) in joints.iter().chain(commands).enumerate() {
+    // Commands may lead by the lag; the arm itself may not leave its range.
+    for (k, q) in joints.iter().enumerate() {
         for i in 0..AXES {
-            let t_s = (k % joints.len()) as f64 * plan.period_s;
-            // Commands may lead by the lag; the arm itself may not leave its range.
-            if k < joints.len() {
-                let middle = 0.5 * (limits.q_max_rad[i] + limits.q_min_rad[i]);
-                let half = 0.5 * (limits.q_max_rad[i] - limits.q_min_rad[i]);
-                report.at_most(Check::Range, t_s, Some(i + 1), (q[i] - middle).abs(), half);
-            }
+            let middle = 0.5 * (limits.q_max_rad[i] + limits.q_min_rad[i]);
+            let half = 0.5 * (limits.q_max_rad[i] - limits.q_min_rad[i]);
+            let t_s = k as f64 * plan.period_s;
+            report.at_most(Check::Range, t_s, Some(i + 1), (q[i] - middle).abs(), half);
+        }
+    }
+}
+
+/// A robot clamps what its program does not pass, and tells nobody.
+fn passed_commands(plan: &FollowPlan, passed: &CommandRange, report: &mut Report) {
+    for step in &plan.steps {
+        for (i, value) in step.command_rad.into_iter().enumerate() {
+            let (low, high) = (passed.min_rad[i], passed.max_rad[i]);
+            let limit = if value < low { low } else { high };
+            let (check, axis) = (Check::Commands, Some(i + 1));
+            let finding = Finding { check, t_s: step.t_s, axis, value, limit, bodies: None };
+            // NaN fails.
+            report.require(value >= low - ROUNDING && value <= high + ROUNDING, finding);
         }
     }
 }
@@ -288,11 +311,14 @@ fn on_the_flight(arm: &Arm, plan: &FollowPlan, poses: &[Links], report: &mut Rep
     let (p0, v0) = (Vector3::from(plan.flight.p0_m), Vector3::from(plan.flight.v0_m_s));
     let target = Vector3::from(plan.target_m);
     let tilt_max_rad = match plan.form {
-        // A hand that does not turn is across the flight only at the release.
+        // A hand that does not turn with the flight is across it only at the release.
         Form::Paper | Form::Best(HandFreedom::Constant | HandFreedom::Roll) => None,
         Form::Best(HandFreedom::Tangent | HandFreedom::TangentAndRoll) => Some(0.0),
         Form::Best(HandFreedom::Tilted(most_rad)) => Some(most_rad),
     };
+    if tilt_max_rad.is_none() {
+        across_once(poses, plan, g, report);
+    }
     for k in first..=last {
         let (t, t_s) = ((k - first) as f64 * h, k as f64 * h);
         let on = p0 + v0 * t - Vector3::z() * (0.5 * g * t * t);
@@ -313,6 +339,23 @@ fn on_the_flight(arm: &Arm, plan: &FollowPlan, poses: &[Links], report: &mut Rep
                 (poses[k].ball.rot * poses[first].ball.rot.transpose()).trace().mul_add(0.5, -0.5);
             report.at_most(Check::Across, t_s, None, turned_rad.clamp(-1.0, 1.0).acos(), ACROSS_MAX_RAD);
         }
+    }
+}
+
+/// A hand that does not turn with the flight is across it at one instant of the window, the release: at a step (the paper), or in
+/// the middle of the window, which may lie between two steps.
+fn across_once(poses: &[Links], plan: &FollowPlan, g: f64, report: &mut Report) {
+    let ([first, last], h) = (plan.window, plan.period_s);
+    let z = |k: usize| -> Vector3<f64> { poses[k].ball.rot.column(2).into() };
+    let at_steps = (first..=last).map(|k| (k as f64, z(k).angle(&velocity(poses, k, first, last, h, g))));
+    // Between two steps the difference of positions is the velocity in the middle; the hand turns about it at most.
+    let between = (first..last).map(|k| {
+        let v = (poses[k + 1].ball.pos - poses[k].ball.pos) / h;
+        (k as f64 + 0.5, (z(k) + z(k + 1)).angle(&v))
+    });
+    let nearest = at_steps.chain(between).min_by(|a, b| a.1.total_cmp(&b.1));
+    if let Some((step, off_rad)) = nearest {
+        report.at_most(Check::Across, step * h, None, off_rad, ACROSS_MAX_RAD);
     }
 }
 

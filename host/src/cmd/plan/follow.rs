@@ -11,7 +11,7 @@ use planner::follow::paper::{Criterion, PaperOptions, RampTiming};
 use planner::follow::plan::FollowPlan;
 use planner::follow::search::Search;
 use planner::follow::setting::{CommandRange, PERIOD_S, Setting};
-use planner::follow::verify::verify;
+use planner::follow::verify::verify_commands;
 use planner::plan::file::RobotId;
 use planner::store::file::write_whole;
 use planner::store::robot_fingerprint;
@@ -117,7 +117,7 @@ pub fn run(args: &Args, arm: &Arm) -> Result<(), ExpectedError> {
     if !target.iter().all(|v| v.is_finite()) {
         return Err(ExpectedError::bad_input(&"the target needs three finite numbers"));
     }
-    let source = args.follow.limit_source(arm);
+    let source = args.follow.limit_source(arm, args.search.options.form);
     let mut limits = Limits::of(arm, source);
     if let Some(deg_s2) = args.follow.ramps_deg_s2 {
         limits = limits.with_ramps(deg_s2.to_radians());
@@ -141,7 +141,7 @@ pub fn run(args: &Args, arm: &Arm) -> Result<(), ExpectedError> {
         fingerprint: format!("{:016x}", robot_fingerprint(arm)),
     };
     let plan = FollowPlan::new(&setting, source, id, search.form(), &found, took_s);
-    let verdict = verify(arm, &limits, &plan);
+    let verdict = verify_commands(arm, &limits, &commands, &plan);
     if let Some(finding) = verdict.findings.first() {
         return Err(ExpectedError::new(
             exit::BUG,

@@ -27,7 +27,7 @@ pub struct FollowOptions {
     /// Acceleration of the ramps in deg/s2 [default: that of the robot file].
     #[arg(long, value_name = "DEG_S2", help_heading = "Throws that follow the flight")]
     pub ramps_deg_s2: Option<f64>,
-    /// Limits of acceleration and jerk [industrial robots: controller, others: robot-file].
+    /// Limits of acceleration and jerk [industrial robots and the paper form: controller, others: robot-file].
     #[arg(long, value_enum, help_heading = "Throws that follow the flight")]
     pub limits: Option<LimitsName>,
     /// Resolution of the grid of the paper form; the time grows with its fifth power [default: 1.3].
@@ -98,11 +98,12 @@ impl FollowOptions {
         self.follow || (is_industrial(arm) && !self.no_follow)
     }
 
-    pub(super) fn limit_source(&self, arm: &Arm) -> LimitSource {
+    /// The ramps of the paper begin and end with a leap, which the jerk of no robot file allows.
+    pub(super) fn limit_source(&self, arm: &Arm, form: FormName) -> LimitSource {
         match self.limits {
             Some(LimitsName::Controller) => LimitSource::ControllerModel,
             Some(LimitsName::RobotFile) => LimitSource::RobotFile,
-            None if is_industrial(arm) => LimitSource::ControllerModel,
+            None if is_industrial(arm) || form == FormName::Paper => LimitSource::ControllerModel,
             None => LimitSource::RobotFile,
         }
     }

@@ -12,8 +12,8 @@ use planner::follow::limits::{Arm, LimitSource, Limits};
 use planner::follow::paper::{Criterion, PaperOptions};
 use planner::follow::plan::FollowPlan;
 use planner::follow::search::Search;
-use planner::follow::setting::Setting;
-use planner::follow::verify::verify;
+use planner::follow::setting::{CommandRange, Setting};
+use planner::follow::verify::verify_commands;
 use planner::plan::file::RobotId;
 use planner::store::robot_fingerprint;
 
@@ -33,7 +33,7 @@ use operator::rsi::cycles::cycles;
 use operator::rsi::live::Exchange;
 use operator::rsi::log::{Line, to_text};
 use operator::rsi::outcome::{error_m, judge, measured, verdict};
-use operator::rsi::program::{Lag, command_range, station, way_to_start};
+use operator::rsi::program::{Lag, can_be_led, command_range, station, way_to_start};
 use operator::rsi::station::{Stage, Station};
 use operator::throw::approach::ApproachError;
 use operator::throw::{Outcome, Verdict};
@@ -63,6 +63,7 @@ pub(super) fn run(args: &Args, arm: &Arm) -> Result<(), ExpectedError> {
     let truth = args.scenario.as_deref().map(KrcScenario::load).transpose();
     let truth = truth.map_err(|error| ExpectedError::bad_input(&error))?;
     let described = described(args, truth.as_ref())?;
+    can_be_led(&described).map_err(|error| ExpectedError::bad_input(&error))?;
     let (target_m, tracked) = args.aim()?;
     let begun = WallTime::now();
     let plan = plan(args, arm, &described, target_m)?;
@@ -326,7 +327,9 @@ fn plan(
         }
         (None, None) => return Err(ExpectedError::bad_input(&"give --target or --plan")),
     };
-    match verify(arm, &limits, &plan).findings.first() {
+    // What a plan of a file commands beyond the program's limits is told by the station, with the limits.
+    let passed = if args.plan.is_some() { CommandRange::default() } else { command_range(described) };
+    match verify_commands(arm, &limits, &passed, &plan).findings.first() {
         None => Ok(plan),
         Some(finding) => Err(ExpectedError::new(
             exit::CHECK_FAILED,

@@ -77,6 +77,8 @@ impl Default for BestOptions {
 const KICKED: usize = 4;
 /// Further releases that are kept for the case that none of the first leads to a throw, in multiples of the starts.
 const RESERVE: usize = 5;
+/// Lag of the detour of a search without lag, s.
+const DETOUR_LAG_S: f64 = 0.024;
 /// First lengthening of a window, in points; halved at each failure.
 const GROWTH: usize = 8;
 
@@ -117,8 +119,14 @@ pub fn plan(setting: &Setting<'_>, options: &BestOptions) -> Result<Found, Box<N
         (b.points, a.cost_j1).partial_cmp(&(a.points, b.cost_j1)).unwrap_or(std::cmp::Ordering::Equal)
     });
     grown.truncate(KICKED);
-    let kicked: Vec<Grown> =
-        grown.par_iter().enumerate().map(|(k, g)| kick(setting, options, g.clone(), k as u64)).collect();
+    let kicked: Vec<Grown> = grown
+        .par_iter()
+        .enumerate()
+        .map(|(k, g)| {
+            let kicked = kick(setting, options, g.clone(), k as u64);
+            if options.kicks > 0 { detour(setting, options, kicked, k as u64) } else { kicked }
+        })
+        .collect();
     let size = SearchSize { releases: options.draws as u64, counts };
     let best = kicked.into_iter().reduce(|a, b| if b.better_than(&a) { b } else { a });
     best.and_then(|g| finished(setting, options, &g, size)).ok_or_else(|| Box::new(NotFound { size }))
@@ -166,6 +174,28 @@ fn kick(setting: &Setting<'_>, options: &BestOptions, mut best: Grown, stream: u
         }
     }
     best
+}
+
+/// Grows a window as if the robot had another lag, and comes back with what is feasible of it.
+///
+/// A window that no small disturbance makes longer is often at a limit that the lag moves: commands lead by the lag, so other
+/// instants bind. Without lag 34 points at 2.5 m and 0.6 m height became more this way.
+fn detour(setting: &Setting<'_>, options: &BestOptions, best: Grown, stream: u64) -> Grown {
+    let scenes = Scenes::new();
+    let other_lag_s = if setting.lag_s > 0.0 { 0.0 } else { DETOUR_LAG_S };
+    let other = Setting { lag_s: other_lag_s, ..*setting };
+    let mut there = Excess::new(&other, options.hand, &scenes);
+    let shorter = [0, 2, 4, 8, 16].map(|fewer: usize| best.points.saturating_sub(fewer).max(1));
+    let first =
+        shorter.into_iter().find_map(|points| feasible(&mut there, options, &best.x, &best.q_center, points));
+    let Some(first) = first else { return best };
+    let first = grow(&mut there, options, first);
+    let grown = kick(&other, options, first, stream);
+    let mut here = Excess::new(setting, options.hand, &scenes);
+    (best.points + 1..=grown.points)
+        .rev()
+        .find_map(|points| feasible(&mut here, options, &grown.x, &grown.q_center, points))
+        .map_or(best, |back| grow(&mut here, options, back))
 }
 
 /// A feasible window of `points` near `x`, tested completely.
