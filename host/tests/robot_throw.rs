@@ -56,6 +56,58 @@ fn landing(motion: &[(f64, [f64; 6])], t_s: f64) -> Vector3<f64> {
     down
 }
 
+/// Names and numbers of points of the curves of the chart with this title.
+fn curves(html: &str, title: &str) -> Vec<(String, usize)> {
+    let label = format!("aria-label=\"{title}\"");
+    assert_eq!(html.matches(&label).count(), 1, "{title}");
+    let chart = html.split(&label).nth(1).and_then(|rest| rest.split("</svg>").next()).expect("a chart");
+    let pieces: Vec<&str> = chart.split("<path class=\"c").skip(1).collect();
+    pieces
+        .chunks(2)
+        .map(|pair| {
+            let d = pair[0].split(" d=\"").nth(1).and_then(|rest| rest.split('"').next()).expect("a path");
+            let name =
+                pair[1].split("<text").nth(1).and_then(|rest| rest.split('>').nth(1)).expect("a legend");
+            (name.trim_end_matches("</text").to_owned(), d.matches(['M', 'L']).count())
+        })
+        .collect()
+}
+
+/// The report shows what the paper's figures 7 to 9 show: every curve is there, with a point for each step or cycle.
+fn shows_the_figures(folder: &Path) {
+    let html = std::fs::read_to_string(folder.join("report.html")).expect("written");
+    let plan: Value =
+        serde_json::from_str(&std::fs::read_to_string(folder.join("plan.json")).expect("written"))
+            .expect("JSON");
+    let steps = plan["steps"].as_array().expect("steps").len();
+    let followed = plan["followed_points"].as_u64().expect("a number") as usize;
+    for title in ["From the side", "From above"] {
+        let shown = curves(&html, title);
+        let names: Vec<&str> = shown.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(names, ["actual", "flight", "accelerate", "follow the parabola", "decelerate"], "{title}");
+        assert!(shown[0].1 >= steps, "{title}: {shown:?}");
+        // The first step of the next phase belongs to both.
+        assert_eq!((shown[2].1 + shown[3].1 + shown[4].1, shown[3].1), (steps + 2, followed + 1), "{title}");
+    }
+    for axis in 1..=6 {
+        for what in ["angle", "speed", "acceleration"] {
+            let shown = curves(&html, &format!("A{axis}: {what}"));
+            let names: Vec<&str> = shown.iter().map(|(name, _)| name.as_str()).collect();
+            assert_eq!(
+                names,
+                ["accelerate", "follow the parabola", "decelerate", "actual"],
+                "A{axis}: {what}"
+            );
+            // A cycle each; the follow phase has its steps and the border to the next one.
+            let set: usize = shown[..3].iter().map(|(_, points)| points).sum();
+            assert!(shown[1].1.abs_diff(followed + 1) <= 1, "A{axis}: {what}: {shown:?}");
+            assert!(shown[3].1 >= steps && set.abs_diff(shown[3].1) <= 3, "A{axis}: {what}: {shown:?}");
+        }
+    }
+    assert_eq!(curves(&html, "Landing error").len(), 2);
+    assert!(html.contains("const scene=") && html.contains("bottle hit"), "the animation and the bottle");
+}
+
 #[test]
 fn industrial_robot_throws_and_its_recorded_motion_sends_the_ball_to_the_target() {
     let folder = folder("robot-throw");
@@ -78,6 +130,7 @@ fn industrial_robot_throws_and_its_recorded_motion_sends_the_ball_to_the_target(
     let own = (landing(&actual(&folder), release_s) - Vector3::from(TARGET)).xy().norm();
     println!("told {:.2} mm, from the recorded motion {:.2} mm", 1e3 * told, 1e3 * own);
     assert!(told < 0.02 && (own - told).abs() < 0.005, "{told} {own}");
+    shows_the_figures(&folder);
 
     // The same plan with a tolerance that no throw keeps is told as a miss.
     let plan = folder.join("plan.json").to_string_lossy().into_owned();
@@ -113,6 +166,28 @@ fn industrial_robot_throws_and_its_recorded_motion_sends_the_ball_to_the_target(
     let out = cubectl(&words);
     assert_eq!(out.status.code(), Some(13), "{}", text(&out.stderr));
     assert!(text(&out.stderr).contains("the robot stopped by itself"), "{}", text(&out.stderr));
+
+    // The folder tells what the controller saw: the robot fell silent, in which state, and each axis at that moment.
+    let out = cubectl(&["explain", "--last", &stopped]);
+    let told = text(&out.stdout);
+    assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
+    for words in
+        ["DriveSilent (101)", "in state running", "reaction:", "order taken: run", "a reply was missed"]
+    {
+        assert!(told.contains(words), "{words}: {told}");
+    }
+    let out = cubectl(&["explain", "--last", &path]);
+    assert!(text(&out.stdout).contains("no fault is latched"), "{}", text(&out.stdout));
+    let out = cubectl(&["explain", "--last", "no-such-folder"]);
+    assert_eq!(out.status.code(), Some(4), "{}", text(&out.stderr));
+
+    // A robot that adds corrections is not led.
+    let file = scenario.join("relative.toml");
+    std::fs::write(&file, text_of.replace("relative = false", "relative = true")).expect("writable");
+    let file = file.to_string_lossy().into_owned();
+    let out = cubectl(&["throw", "--robot", "kr16_2", "--target", "2.5,0,0.6", "--rsi", &file]);
+    assert_eq!(out.status.code(), Some(4), "{}", text(&out.stderr));
+    assert!(text(&out.stderr).contains("relative = true"), "{}", text(&out.stderr));
 
     // A program whose corrections do not reach the throw is refused before anything moves.
     let narrow =

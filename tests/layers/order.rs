@@ -417,7 +417,10 @@ pub(crate) const FOLDERS: &[Folder] = &[
         path: "host/operator/src/throw",
         floors: &[&["approach", "trajectory"], &["record"], &["job", "outcome"], &["summary"]],
     },
-    Folder { path: "host/operator/src/tracker", floors: &[&["calibration", "target"], &["client"]] },
+    Folder {
+        path: "host/operator/src/tracker",
+        floors: &[&["calibration", "commands", "target"], &["frames"], &["client"]],
+    },
     Folder {
         path: "host/src",
         floors: &[&["exit"], &["error"], &["report", "trust"], &["cmd"], &["cli"], &["complete"]],

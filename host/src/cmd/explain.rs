@@ -1,29 +1,34 @@
 //! `cubectl explain`
 
+use std::path::{Path, PathBuf};
+
 use firmware::fault::{Cause, Reaction};
+use protocol::cyphal::cubecell::history::TraceEntry;
 use protocol::cyphal::id::NodeId;
 use protocol::powercube::state::BitInfo;
 use protocol::powercube::{Config, CubeState, Setup, ShortState};
 
+use super::rsi;
 use super::upload::node_id;
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::BusArgs;
-use operator::dialogue::history::{describe, table};
+use operator::dialogue::history::{Frozen, describe, events, table};
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl explain 502\n  cubectl explain DriveTowError\n  cubectl explain COMM_ERROR            # a word of a module's state\n  cubectl explain not homed\n  cubectl explain exit 7\n  cubectl explain faults                # what a scenario of the simulated cell can do\n  cubectl explain all\n  cubectl explain --last --bus can0    # freeze frame and last events of the controller"
+    after_help = "Examples:\n  cubectl explain 502\n  cubectl explain DriveTowError\n  cubectl explain COMM_ERROR            # a word of a module's state\n  cubectl explain not homed\n  cubectl explain exit 7\n  cubectl explain faults                # what a scenario of the simulated cell can do\n  cubectl explain all\n  cubectl explain --last --bus can0    # freeze frame and last events of the controller\n  cubectl explain --last kr16          # the same of a throw over RSI, from its folder"
 )]
 pub struct Args {
     /// Number or name of a fault, a word of the state of a module (`COMM_ERROR`, `TOW_ERROR|HALTED`, `not homed`), `exit`
     /// (with or without a code), `faults` (what a scenario of the simulated cell can do), or `all`.
     #[arg(required_unless_present = "last", num_args = 1..=2, value_name = "CODE")]
     pub code: Vec<String>,
-    /// What happened last: the latched fault of the controller with every joint at that moment, and the last events.
-    #[arg(long, conflicts_with = "code")]
-    pub last: bool,
+    /// What happened last: the latched fault of the controller with every joint at that moment, and the last events. With the
+    /// folder of a throw or recording over RSI: of the controller that ran in this program then.
+    #[arg(long, conflicts_with = "code", num_args = 0..=1, value_name = "FOLDER")]
+    pub last: Option<Option<PathBuf>>,
     /// Bus options.
     #[command(flatten)]
     pub bus: BusArgs,
@@ -37,9 +42,16 @@ pub struct Args {
 /// # Errors
 /// No such number or name; with `--last` the bus, or no controller.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    if args.last {
-        console::text!("{}", last(args)?);
-        return Ok(());
+    match &args.last {
+        Some(Some(folder)) => {
+            console::text!("{}", last_of_recording(folder)?);
+            return Ok(());
+        }
+        Some(None) => {
+            console::text!("{}", last(args)?);
+            return Ok(());
+        }
+        None => {}
     }
     let words: Vec<&str> = args.code.iter().map(String::as_str).collect();
     console::text!("{}", explain(&words)?);
@@ -52,18 +64,39 @@ fn last(args: &Args) -> Result<String, ExpectedError> {
     let frozen = session.freeze_frame(node)?;
     let trace = session.trace(node)?;
     session.finish()?;
-    let mut text = match &frozen {
+    Ok(history(frozen.as_ref(), &trace, &format!("controller {}", node.get())))
+}
+
+/// Of the controller of a throw or recording over RSI, which is gone, from its folder.
+fn last_of_recording(folder: &Path) -> Result<String, ExpectedError> {
+    if !rsi::is_recording(folder) {
+        return Err(ExpectedError::bad_input(&format!(
+            "{} is no folder of a throw or recording over RSI\n  next: name one (it has log.rsi), or leave it out and name the bus of a \
+             controller with --bus",
+            folder.display()
+        )));
+    }
+    let [freeze, trace] = rsi::history(folder)?;
+    Ok(history(
+        Frozen::read(&freeze).as_ref(),
+        &events(&trace).unwrap_or_default(),
+        &folder.display().to_string(),
+    ))
+}
+
+fn history(frozen: Option<&Frozen>, trace: &[TraceEntry], whose: &str) -> String {
+    let mut text = match frozen {
         Some(frozen) => {
             let code = frozen.head.fault_cause.to_string();
             table(frozen) + &explain(&[&code]).unwrap_or_default()
         }
-        None => format!("controller {}: no fault is latched\n", node.get()),
+        None => format!("{whose}: no fault is latched\n"),
     };
     text += "last events, s after the start of the controller:\n";
-    for entry in &trace {
+    for entry in trace {
         text += &format!("{:>14.6}  {}\n", entry.at_us as f64 * 1e-6, describe(entry));
     }
-    Ok(text)
+    text
 }
 
 /// The text for `words`.

@@ -242,20 +242,19 @@ impl Robot<'_> {
     fn tell(&self, run: u64, krc: &Krc, served: &Served) {
         let us = |share| served.answer_time(share).map_or(0, Duration::as_micros);
         console::line!(
-            "run {run}: {} telegrams, {} late answers, {} refused; answers: median {} us, 99 % {} us, 99.9 % {} us, largest {} us",
+            "run {run}: {} telegrams, {} late answers, {} refused, {} cycles held up; answers: median {} us, 99 % {} us, 99.9 % {} us, \
+             largest {} us",
             served.telegrams,
             served.late,
             served.refused,
+            served.held_up,
             us(0.5),
             us(0.99),
             us(0.999),
             us(1.0)
         );
         if served.held_up > 0 {
-            console::line!(
-                "  the machine held the robot up {} times; its time stood still meanwhile",
-                served.held_up
-            );
+            console::line!("  held up: this machine was busy, and the robot's time stood still meanwhile");
         }
         match krc.landing() {
             Some(landing) => {

@@ -54,19 +54,11 @@ impl Session {
     /// # Errors
     /// [`OperatorError`].
     pub fn freeze_frame(&mut self, node: NodeId) -> Result<Option<Frozen>, OperatorError> {
-        let unreadable = |_| OperatorError::Unreadable { node };
         let bytes = self.read_file(node, FREEZE_PATH)?;
         if bytes.is_empty() {
             return Ok(None);
         }
-        let head = FrozenHead::from_bytes(&bytes).map_err(unreadable)?;
-        let records = bytes.get(FrozenHead::LEN..).unwrap_or_default();
-        let whole = records.len() == usize::from(head.joints) * FrozenJoint::LEN;
-        if head.version != VERSION || !whole {
-            return Err(OperatorError::Unreadable { node });
-        }
-        let joints: Result<_, _> = records.chunks(FrozenJoint::LEN).map(FrozenJoint::from_bytes).collect();
-        Ok(Some(Frozen { head, joints: joints.map_err(unreadable)? }))
+        Frozen::read(&bytes).map(Some).ok_or(OperatorError::Unreadable { node })
     }
 
     /// The last events, oldest first.
@@ -74,19 +66,36 @@ impl Session {
     /// # Errors
     /// [`OperatorError`].
     pub fn trace(&mut self, node: NodeId) -> Result<Vec<TraceEntry>, OperatorError> {
-        let unreadable = |_| OperatorError::Unreadable { node };
         let bytes = self.read_file(node, TRACE_PATH)?;
-        let head = TraceHead::from_bytes(&bytes).map_err(unreadable)?;
-        let places = bytes.get(TraceHead::LEN..).unwrap_or_default();
-        if head.version != VERSION || places.len() != usize::from(head.places) * TraceEntry::LEN {
-            return Err(OperatorError::Unreadable { node });
-        }
-        let entries: Result<Vec<_>, _> = places.chunks(TraceEntry::LEN).map(TraceEntry::from_bytes).collect();
-        let mut entries = entries.map_err(unreadable)?;
-        entries.retain(|entry| entry.sequence != 0);
-        entries.sort_unstable_by_key(|entry| entry.sequence);
-        Ok(entries)
+        events(&bytes).ok_or(OperatorError::Unreadable { node })
     }
+}
+
+impl Frozen {
+    /// From the file of a controller; `None`: it is none.
+    #[must_use]
+    pub fn read(bytes: &[u8]) -> Option<Self> {
+        let head = FrozenHead::from_bytes(bytes).ok()?;
+        let records = bytes.get(FrozenHead::LEN..).unwrap_or_default();
+        let whole = records.len() == usize::from(head.joints) * FrozenJoint::LEN;
+        let joints: Result<_, _> = records.chunks(FrozenJoint::LEN).map(FrozenJoint::from_bytes).collect();
+        (head.version == VERSION && whole).then_some(Self { head, joints: joints.ok()? })
+    }
+}
+
+/// The events of the file of a controller, oldest first; `None`: it is none.
+#[must_use]
+pub fn events(bytes: &[u8]) -> Option<Vec<TraceEntry>> {
+    let head = TraceHead::from_bytes(bytes).ok()?;
+    let places = bytes.get(TraceHead::LEN..).unwrap_or_default();
+    if head.version != VERSION || places.len() != usize::from(head.places) * TraceEntry::LEN {
+        return None;
+    }
+    let entries: Result<Vec<_>, _> = places.chunks(TraceEntry::LEN).map(TraceEntry::from_bytes).collect();
+    let mut entries = entries.ok()?;
+    entries.retain(|entry| entry.sequence != 0);
+    entries.sort_unstable_by_key(|entry| entry.sequence);
+    Some(entries)
 }
 
 fn cause(number: u16) -> String {

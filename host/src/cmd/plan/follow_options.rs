@@ -2,7 +2,7 @@
 
 use planner::follow::limits::{AXES, Arm, LimitSource};
 
-use super::options::two_numbers;
+use super::options::{FormName, two_numbers};
 use crate::error::ExpectedError;
 
 /// Options of throws that follow the flight of the ball.

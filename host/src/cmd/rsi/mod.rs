@@ -35,7 +35,7 @@ use crate::exit;
 pub use identify::RobotIdentification;
 pub use probe::{doctor, status};
 pub use record::{record, write_description};
-pub use replay::{is_recording, replay};
+pub use replay::{history, is_recording, replay};
 
 /// Name of the log in the folder of a throw.
 pub const LOG: &str = "log.rsi";

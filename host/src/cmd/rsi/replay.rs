@@ -5,7 +5,8 @@ use std::path::Path;
 use hil_sim::krc::KrcScenario;
 use operator::rsi::log::{FILE_MAX_BYTES, files, parse};
 use operator::rsi::program::replay_station;
-use operator::rsi::replay::{Difference, replay as run_again};
+use operator::rsi::replay::{Difference, Replayed, replay as run_again};
+use operator::rsi::station::Station;
 use planner::follow::plan::FollowPlan;
 use toml_reader::read_text;
 
@@ -20,11 +21,8 @@ pub fn is_recording(path: &Path) -> bool {
     path.join(LOG).is_file()
 }
 
-/// Hands the recorded telegrams to a new station and compares its answers with the recorded ones, byte for byte.
-///
-/// # Errors
-/// A file cannot be read, or an answer differs.
-pub fn replay(folder: &Path, json: bool) -> Result<(), ExpectedError> {
+/// Runs a station on the recorded telegrams of a folder again.
+fn run(folder: &Path) -> Result<(Replayed, Station), ExpectedError> {
     let log = folder.join(LOG);
     let text = read_text(&log, FILE_MAX_BYTES).map_err(|error| ExpectedError::io(&log, &error))?;
     let lines =
@@ -43,6 +41,38 @@ pub fn replay(folder: &Path, json: bool) -> Result<(), ExpectedError> {
     let mut station = replay_station(&described, &arm, plan.as_ref(), files(&lines))
         .map_err(|error| ExpectedError::bad_input(&error))?;
     let replayed = run_again(&lines, &mut station);
+    Ok((replayed, station))
+}
+
+/// Freeze frame and trace of the controller of a recorded exchange: it ran inside the program and is gone, and the same telegrams
+/// bring a new one to the same state.
+///
+/// # Errors
+/// A file cannot be read, or the recorded answers are of another controller.
+pub fn history(folder: &Path) -> Result<[Vec<u8>; 2], ExpectedError> {
+    let (replayed, station) = run(folder)?;
+    if let Some(Difference { at, .. }) = replayed.difference {
+        return Err(ExpectedError::new(
+            exit::FINDINGS,
+            format!(
+                "{}: the controller of this version answers otherwise from {:.6} s on, so it cannot tell what happened\n  next: \
+                 `cubectl replay {}` shows the difference; use the version that made the recording",
+                folder.join(LOG).display(),
+                at.as_secs_f64(),
+                folder.display()
+            ),
+        ));
+    }
+    Ok(station.history())
+}
+
+/// Hands the recorded telegrams to a new station and compares its answers with the recorded ones, byte for byte.
+///
+/// # Errors
+/// A file cannot be read, or an answer differs.
+pub fn replay(folder: &Path, json: bool) -> Result<(), ExpectedError> {
+    let log = folder.join(LOG);
+    let (replayed, _) = run(folder)?;
     let show = |bytes: &Option<Vec<u8>>| {
         bytes.as_ref().map_or("nothing".to_owned(), |bytes| String::from_utf8_lossy(bytes).into_owned())
     };
