@@ -5,6 +5,7 @@ mod rsi_common;
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream, UdpSocket};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration as WallSpan;
 
 use hil_sim::krc::bench::RobotFaults;
@@ -35,6 +36,21 @@ impl Host for Until {
     fn log(&mut self, _: Vec<Line>) {}
 }
 
+/// Goes on until the robot has ended.
+struct UntilOver<'a>(&'a AtomicBool);
+
+impl Host for UntilOver<'_> {
+    fn goes_on(&mut self, _: Instant, _: &mut Station) -> bool {
+        !self.0.load(Ordering::Relaxed)
+    }
+
+    fn stays(&self) -> bool {
+        true
+    }
+
+    fn log(&mut self, _: Vec<Line>) {}
+}
+
 /// A station that swings all axes again and again, for this robot.
 fn swinging(scenario: &KrcScenario, swings: usize) -> Station {
     let start = Axes::from(scenario.options.start_deg.map(f64::to_radians));
@@ -56,6 +72,7 @@ fn in_step(scenario: &KrcScenario) -> (Served, f64, Exchange, Station) {
         answer_limit: Duration::from_secs(60),
     };
     let mut station = swinging(scenario, 8);
+    let over = AtomicBool::new(false);
     let (served, way_deg, exchange) = std::thread::scope(|scope| {
         let robot = scope.spawn(|| {
             let mut krc = scenario.controller().expect("a robot");
@@ -70,10 +87,11 @@ fn in_step(scenario: &KrcScenario) -> (Served, f64, Exchange, Station) {
             let mut faults = RobotFaults::new(&[]);
             let served =
                 serve_robot(&mut krc, &mut scenario.link(), &mut faults, &options, &|| true, &mut observe);
+            over.store(true, Ordering::Relaxed);
             (served.expect("served"), way_deg)
         });
         let time = Time::Robot(scenario.options.cycle);
-        let exchange = serve(&mut port, &mut station, time, &mut Until(CYCLES)).expect("a socket");
+        let exchange = serve(&mut port, &mut station, time, &mut UntilOver(&over)).expect("a socket");
         let (served, way_deg) = robot.join().expect("no panic");
         (served, way_deg, exchange)
     });
