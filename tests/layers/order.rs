@@ -440,13 +440,11 @@ pub(crate) const FOLDERS: &[Folder] = &[
                 "swarm",
                 "upload",
             ],
-            &[
-                "check", "clear", "config", "explain", "home", "key", "man", "plan", "rsi", "scan", "stop",
-                "tune",
-            ],
+            &["check", "clear", "config", "home", "key", "man", "plan", "rsi", "scan", "stop", "tune"],
             &[
                 "catch",
                 "doctor",
+                "explain",
                 "identify",
                 "jog",
                 "record",
