@@ -115,13 +115,10 @@ fn the_reference_throw_with_eight_points_begins_with_the_wrist_in_the_floor() {
     );
 }
 
-/// Known throws leave between 30 and 60 degrees beside the target, so that places behind the arm are left out.
 fn near_known_throws() -> PaperOptions {
     PaperOptions {
         radius_m: GridAxis { from: 1.2, to: 1.7, count: 6 },
         height_m: GridAxis { from: 1.0, to: 1.7, count: 8 },
-        places: 15,
-        sector_rad: 70.0_f64.to_radians(),
         beta_deg: GridAxis { from: 0.0, to: 40.0, count: 9 },
         ..PaperOptions::covering(1.8, 0.675, 0.0, 1.0)
     }
