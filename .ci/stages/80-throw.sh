@@ -112,8 +112,8 @@ twice() { # runner, words for the table
     kill "${loops[@]}"
     wait "${loops[@]}" 2>/dev/null || true
     [ $status -eq 0 ] || return $status
-    cmp "$out/$runner/out/log.candump" "$out/$runner-busy/out/log.candump"
-    echo "$words: the same $(wc -l <"$out/$runner/out/log.candump") frames on a busy machine"
+    cmp "$out/$runner/out/bus.log" "$out/$runner-busy/out/bus.log"
+    echo "$words: the same $(wc -l <"$out/$runner/out/bus.log") frames on a busy machine"
     rows+=("$words=$out/$runner/out/summary.json,$out/$runner.cell.json")
 }
 twice soft "lock step, inside cubectl"

@@ -119,7 +119,7 @@ fn a_recorded_run_of_the_controller_is_replayed_bit_for_bit_and_a_changed_one_is
     let path = folder.file("boot");
     let output = cubectl(&["record", &path, "--controller", "--for", "1.5"]);
     assert_eq!(code(&output), 0, "{}", err(&output));
-    let log = format!("{path}.candump");
+    let log = format!("{path}.log");
     let output = cubectl(&["replay", &log, "--json"]);
     assert_eq!(code(&output), 0, "{}{}", out(&output), err(&output));
     let report = json(&out(&output));
@@ -128,8 +128,8 @@ fn a_recorded_run_of_the_controller_is_replayed_bit_for_bit_and_a_changed_one_is
     let text = std::fs::read_to_string(&log).unwrap();
     let changed = text.replacen("#0A3C", "#0A3D", 1).replacen("#0A62", "#0A63", 1);
     assert_ne!(text, changed);
-    std::fs::write(folder.file("changed.candump"), changed).unwrap();
-    let output = cubectl(&["replay", &folder.file("changed.candump")]);
+    std::fs::write(folder.file("changed.log"), changed).unwrap();
+    let output = cubectl(&["replay", &folder.file("changed.log")]);
     assert_eq!(code(&output), 9);
     assert!(err(&output).contains("line ") && err(&output).contains("recorded"), "{}", err(&output));
 }
@@ -141,13 +141,13 @@ fn recordings_are_not_overwritten_and_open_as_mcap() {
     assert_eq!(code(&cubectl(&["scan", "--record", &path])), 0);
     let again = cubectl(&["scan", "--record", &path]);
     assert_eq!(code(&again), 10);
-    assert!(err(&again).contains("scan.candump"), "{}", err(&again));
+    assert!(err(&again).contains("scan.log"), "{}", err(&again));
     let bytes = std::fs::read(format!("{path}.mcap")).unwrap();
     let mut topics = std::collections::BTreeMap::new();
     for message in mcap::MessageStream::new(&bytes).unwrap() {
         *topics.entry(message.unwrap().channel.topic.clone()).or_insert(0) += 1;
     }
-    let lines = std::fs::read_to_string(format!("{path}.candump")).unwrap().lines().count();
+    let lines = std::fs::read_to_string(format!("{path}.log")).unwrap().lines().count();
     let frames_and_errors = topics.get("/bus/frames").unwrap_or(&0) + topics.get("/bus/errors").unwrap_or(&0);
     assert_eq!(frames_and_errors, lines, "{topics:?}");
     assert_eq!(topics.keys().filter(|topic| topic.starts_with("/module/")).count(), 6);

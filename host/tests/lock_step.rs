@@ -34,7 +34,7 @@ fn recording(folder: &Folder, name: &str, held_up: bool) -> Vec<u8> {
     };
     assert_eq!(status.code(), Some(0), "{name}");
     assert_eq!(stops > 0, held_up);
-    std::fs::read(folder.0.join(name).join("log.candump")).unwrap()
+    std::fs::read(folder.0.join(name).join("bus.log")).unwrap()
 }
 
 #[test]

@@ -24,7 +24,7 @@ fn recorder(folder: &Folder, name: &str, begin: &str) -> Child {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    wait_for_length(&mut child, &folder.0.join(format!("{name}.candump")), 300_000);
+    wait_for_length(&mut child, &folder.0.join(format!("{name}.log")), 300_000);
     child
 }
 
@@ -59,7 +59,7 @@ fn a_recorder_that_is_killed_loses_at_most_what_the_flush_interval_holds() {
     let mut child = recorder(&folder, "a", ATTACHED);
     signal(&child, "KILL");
     child.wait().unwrap();
-    let log = folder.0.join("a.candump");
+    let log = folder.0.join("a.log");
     let recording = candump::read_file(&log).unwrap();
     let text_end_s = recording.lines.last().unwrap().at.as_secs_f64();
     let frames = frames_of(&folder.0.join("a.mcap"));
@@ -68,7 +68,7 @@ fn a_recorder_that_is_killed_loses_at_most_what_the_flush_interval_holds() {
     // Both were flushed at the same times; what is beyond the last one is a buffer that ran full.
     assert!((text_end_s - viewer_end_s).abs() <= 0.25, "{text_end_s} against {viewer_end_s}");
     assert!(frames.len() > 1_000 && recording.lines.len() > 1_000);
-    let replayed = cubectl(&["replay", &folder.file("a.candump")]);
+    let replayed = cubectl(&["replay", &folder.file("a.log")]);
     assert_eq!(code(&replayed), 0, "{}{}", out(&replayed), err(&replayed));
 }
 
@@ -78,7 +78,7 @@ fn a_log_with_a_torn_last_line_is_replayed_and_reported_up_to_it_and_the_tear_is
     let dir = folder.file("a");
     let thrown = cubectl(&["throw", "--target", "1,1,-1", "--no-store", "--yes", "--out", &dir]);
     assert_eq!(code(&thrown), 0, "{}", err(&thrown));
-    let log = folder.0.join("a/log.candump");
+    let log = folder.0.join("a/bus.log");
     let mut bytes = std::fs::read(&log).unwrap();
     let lines = bytes.iter().filter(|byte| **byte == b'\n').count();
     bytes.truncate(bytes.len() - 20);
@@ -106,7 +106,7 @@ fn interrupt_termination_and_hang_up_end_a_recording_in_order() {
         let output = child.wait_with_output().unwrap();
         assert_eq!(code(&output), 0, "{name}: {}", err(&output));
         assert!(out(&output).contains("ended by a signal"), "{name}: {}", out(&output));
-        let recording = candump::read_file(&folder.0.join(format!("{name}.candump"))).unwrap();
+        let recording = candump::read_file(&folder.0.join(format!("{name}.log"))).unwrap();
         assert_eq!(recording.tear, None, "{name}");
         let bytes = std::fs::read(folder.0.join(format!("{name}.mcap"))).unwrap();
         assert!(mcap::Summary::read(&bytes).unwrap().is_some(), "{name}: the MCAP file is finished");
@@ -114,7 +114,7 @@ fn interrupt_termination_and_hang_up_end_a_recording_in_order() {
     // Who is started under `nohup` goes on when the terminal is gone.
     let mut child = recorder(&folder, "nohup", DETACHED);
     signal(&child, "HUP");
-    let log = folder.0.join("nohup.candump");
+    let log = folder.0.join("nohup.log");
     let long = log.metadata().unwrap().len() + 300_000;
     wait_for_length(&mut child, &log, long);
     signal(&child, "TERM");

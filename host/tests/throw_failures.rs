@@ -20,7 +20,7 @@ fn throw(folder: &Folder, words: &[&str]) -> std::process::Output {
     let out = folder.file("out");
     // What an earlier throw of the same test left.
     let _ = std::fs::remove_file(folder.file("out/summary.json"));
-    if folder.0.join("out/log.candump").is_file() {
+    if folder.0.join("out/bus.log").is_file() {
         std::fs::remove_dir_all(&out).unwrap();
     }
     let mut all = vec!["throw", "--no-store", "--out", &out];
@@ -130,7 +130,7 @@ fn a_homing_that_fails_and_a_drive_lost_in_mid_throw_stop_the_arm() {
 fn a_disk_that_is_full_ends_the_throw_before_anything_is_lost_unseen() {
     let folder = Folder::new("fail-disk");
     std::fs::create_dir_all(folder.file("out")).unwrap();
-    std::os::unix::fs::symlink("/dev/full", folder.file("out/log.candump")).unwrap();
+    std::os::unix::fs::symlink("/dev/full", folder.file("out/bus.log")).unwrap();
     refused(&throw(&folder, &[]), 10, &["recording cannot be written", "free space"]);
 }
 
@@ -258,7 +258,7 @@ fn a_throw_that_another_host_stops_names_its_folder_and_the_clear_that_then_work
     let clear = format!("`cubectl clear --bus {}`", lab.served.spec);
     assert!(err(&output).contains("next: ") && err(&output).contains(&clear), "{}", err(&output));
     assert!(err(&output).contains(&format!("results in {}", folder.file("out"))), "{}", err(&output));
-    for name in ["report.html", "summary.json", "log.candump"] {
+    for name in ["report.html", "summary.json", "bus.log"] {
         assert!(folder.0.join("out").join(name).metadata().unwrap().len() > 100, "{name}");
     }
     drop(lab.watch);

@@ -27,17 +27,17 @@ fn one_command_plans_homes_uploads_throws_and_tells_where_the_ball_landed() {
     }
     assert_eq!(report["cycle"]["late"], 0, "{report:#}");
     assert_eq!(report["cycle"]["replies_missed"], 0);
-    for name in ["plan.json", "gains.toml", "log.candump", "log.mcap"] {
+    for name in ["plan.json", "gains.toml", "bus.log", "bus.mcap"] {
         assert!(folder.0.join("a").join(name).metadata().unwrap().len() > 100, "{name}");
     }
     // The recording holds all that the controller did: it is repeated from it, bit for bit.
-    let log = folder.file("a/log.candump");
+    let log = folder.file("a/bus.log");
     let replayed = cubectl(&["replay", &log]);
     assert_eq!(code(&replayed), 0, "{}{}", out(&replayed), err(&replayed));
     // The same seed is the same run.
     let again = cubectl(&["throw", "--target", "1.0,1.0,-1.0", "--no-store", "--out", &folder.file("b")]);
     assert_eq!(code(&again), 0, "{}", err(&again));
-    assert_eq!(std::fs::read(&log).unwrap(), std::fs::read(folder.file("b/log.candump")).unwrap());
+    assert_eq!(std::fs::read(&log).unwrap(), std::fs::read(folder.file("b/bus.log")).unwrap());
 }
 
 #[test]

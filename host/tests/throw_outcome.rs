@@ -127,7 +127,7 @@ fn a_throw_that_never_began_is_not_thrown_with_the_exit_code_of_its_cause() {
 /// What a host on a real bus would say of the throw in a folder: it has the log, but does not see the ball.
 fn unobserved(folder: &Folder, name: &str) -> (Outcome, String, Record) {
     let dir = folder.0.join(name);
-    let [plan, log, summary] = ["plan.json", "log.candump", "summary.json"].map(|file| dir.join(file));
+    let [plan, log, summary] = ["plan.json", "bus.log", "summary.json"].map(|file| dir.join(file));
     let recorded = report::read(&plan, &log, Some(&summary), None, report::BIT_RATE).unwrap();
     let scene = Scene::default();
     let job = Job {

@@ -305,6 +305,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
             &["basins", "planner"],
             &["continuation", "outcome", "place"],
             &["nearest", "search"],
+            &["library"],
             &["file", "ladder", "prepare"],
         ],
     },
@@ -346,7 +347,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
     Folder {
         path: "host/operator/src",
         floors: &[
-            &["tap"],
+            &["machine", "tap"],
             &["log", "node"],
             &["bus", "samples"],
             &["analysis", "dialogue", "live"],
@@ -390,7 +391,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
     Folder { path: "host/operator/src/live", floors: &[&["gate", "state"], &["viewer"], &["serve"]] },
     Folder {
         path: "host/operator/src/log",
-        floors: &[&["candump", "facts", "schema"], &["keep", "watch"], &["mcap"]],
+        floors: &[&["candump", "facts", "schema"], &["arm_view", "keep", "watch"], &["mcap"]],
     },
     Folder { path: "host/operator/src/node", floors: &[&["drive_client", "inbox"], &["host_node"]] },
     Folder {
@@ -461,6 +462,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
             &["controller", "replay"],
         ],
     },
+    Folder { path: "host/src/cmd/monitor", floors: &[&["lines", "screen", "terminal"]] },
     Folder {
         path: "host/src/cmd/plan",
         floors: &[

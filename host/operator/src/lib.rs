@@ -27,7 +27,7 @@
 //!       log       node                 recordings, and what their frames say; the host's node, without IO
 //!        |
 //!        v
-//!       tap                            who sees the frames of a session
+//!   tap    machine                     who sees the frames of a session; the arm as viewers need it
 //! ```
 
 pub mod analysis;
@@ -37,6 +37,7 @@ pub mod flight_estimator;
 pub mod identify;
 pub mod live;
 pub mod log;
+pub mod machine;
 pub mod node;
 pub mod port;
 pub mod rally;

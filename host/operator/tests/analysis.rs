@@ -292,7 +292,7 @@ fn a_throw_in_the_cell_is_measured_as_the_cell_itself_has_it() {
     let until = sim.now();
     session.finish().unwrap();
 
-    let log = std::fs::File::open(folder.join("log.candump")).unwrap();
+    let log = std::fs::File::open(folder.join("bus.log")).unwrap();
     let lines = read(std::io::BufReader::new(log)).unwrap().lines;
     let samples = samples(&lines, &arm);
     let analysis = analysis::analyse(&whole(&samples, &plan, &arm)).unwrap();

@@ -5,7 +5,8 @@ use std::net::{SocketAddr, TcpStream};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
-use operator::live::{LiveServer, LiveState, LiveTap, Machine, ServeError};
+use operator::live::{LiveServer, LiveState, LiveTap, ServeError};
+use operator::machine::Machine;
 use operator::tap::{Tap, Way};
 use protocol::powercube::{Parameter, Reply, Value};
 use protocol::{Duration, Instant, ModuleId};

@@ -19,7 +19,7 @@ pub struct Args {
     /// Bus options.
     #[command(flatten)]
     pub bus: BusArgs,
-    /// Where to: PATH.candump and PATH.mcap; with --bus rsi:... the folder PATH.
+    /// Where to: PATH.log and PATH.mcap; with --bus rsi:... the folder PATH.
     pub path: PathBuf,
     /// End after this many seconds. On the bus `sim` the default is one second.
     #[arg(long = "for", value_name = "SECONDS", value_parser = super::home::positive)]

@@ -17,7 +17,9 @@ use crate::exit;
 use operator::bus::period::{PeriodRequest, apply, choose};
 use operator::bus::settings::settings_of;
 use operator::bus::sim::soft_controller;
+
 use operator::log::candump::{Line, Recording, read_file};
+use operator::log::text_in;
 
 /// Frames that a controller may send at one deadline; more is taken for a defect.
 const FRAMES_MAX: usize = 4_096;
@@ -25,7 +27,7 @@ const FRAMES_MAX: usize = 4_096;
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl record boot --controller --for 2 && cubectl replay boot.candump\n  cubectl throw --target 1,1,-1 --period 10 --out throw1 && cubectl replay throw1\n\nThe times of the log must be the controller's own clock, beginning at its start, as recordings of the simulated\ncell are; in real time the clock of the bus is another one."
+    after_help = "Examples:\n  cubectl record boot --controller --for 2 && cubectl replay boot.log\n  cubectl throw --target 1,1,-1 --period 10 --out throw1 && cubectl replay throw1\n\nThe times of the log must be the controller's own clock, beginning at its start, as recordings of the simulated\ncell are; in real time the clock of the bus is another one."
 )]
 pub struct Args {
     /// Candump log of a run with a controller, or the folder of a throw.
@@ -71,7 +73,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if super::rsi::is_recording(&args.log) {
         return super::rsi::replay(&args.log, args.json);
     }
-    let path = &if args.log.is_dir() { args.log.join("log.candump") } else { args.log.clone() };
+    let path = &if args.log.is_dir() { text_in(&args.log) } else { args.log.clone() };
     let Recording { lines, tear } = read_file(path)?;
     if let Some(tear) = &tear {
         console::note!("{}: {tear}", path.display());

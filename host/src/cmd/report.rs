@@ -16,6 +16,7 @@ use crate::report::run::{EarlyReport, RunReport};
 use operator::analysis::events::{self, RunEvent};
 use operator::analysis::{PlanClock, Run, RunAnalysis, analyse, drives_of};
 use operator::log::candump::{self, Tear};
+use operator::log::text_in;
 use operator::samples::Samples;
 use planner::follow::limits::Limits;
 use planner::follow::plan::FollowPlan;
@@ -31,10 +32,10 @@ const SUMMARY_MAX_BYTES: u64 = 64 << 20;
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl report throw1                       # the folder of a `cubectl throw`\n  cubectl report throw1 --json | jq .joints   # the same in numbers\n  cubectl report --plan plan.json --log throw1.candump --out throw1.html\n\nThe file opens offline in any browser."
+    after_help = "Examples:\n  cubectl report throw1                       # the folder of a `cubectl throw`\n  cubectl report throw1 --json | jq .joints   # the same in numbers\n  cubectl report --plan plan.json --log throw1.log --out throw1.html\n\nThe file opens offline in any browser."
 )]
 pub struct Args {
-    /// Folder of a run: plan.json, log.candump and, if it is there, summary.json. The report goes there too.
+    /// Folder of a run: plan.json, bus.log and, if it is there, summary.json. The report goes there too.
     #[arg(required_unless_present_all = ["plan", "log"])]
     pub folder: Option<PathBuf>,
     /// Plan file, if it is not in the folder.
@@ -98,7 +99,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         path.ok_or_else(|| ExpectedError::bad_input(&format!("name a folder, or the file with {option}")))
     };
     let plan = needed(place(&args.plan, "plan.json"), "--plan")?;
-    let log = needed(place(&args.log, "log.candump"), "--log")?;
+    let log = needed(args.log.clone().or_else(|| args.folder.as_deref().map(text_in)), "--log")?;
     let summary = place(&None, "summary.json").filter(|path| path.exists());
     let recorded = read(&plan, &log, summary.as_deref(), args.robot.as_deref(), args.bit_rate)?;
     if let Some(tear) = &recorded.torn {

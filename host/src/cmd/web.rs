@@ -6,7 +6,8 @@ use std::sync::{Arc, Mutex};
 
 use operator::bus::session::Session;
 use operator::live::serve::address;
-use operator::live::{LiveServer, LiveState, LiveTap, Machine};
+use operator::live::{LiveServer, LiveState, LiveTap};
+use operator::machine::Machine;
 use planner::plan::file::PlanFile;
 use robot_model::AnyRobot;
 

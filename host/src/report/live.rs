@@ -1,7 +1,7 @@
 //! The page of the live view: style and picture in space of a report, fed by a WebSocket.
 
 use nalgebra::Vector3;
-use operator::live::Machine;
+use operator::machine::Machine;
 use planner::plan::file::PlanFile;
 use robot_model::{AnyRobot, for_any_robot};
 

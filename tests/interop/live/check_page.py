@@ -174,7 +174,7 @@ def main(cubectl, out):
         wait_for("its answer", lambda: page.value("document.getElementById('stopped').textContent") == "stop ordered")
         # The controller says that it was stopped, the page that drives are halted.
         halted = "document.getElementById('joints').textContent + document.getElementById('state').textContent"
-        wait_for("the halt", lambda: re.search("HALTED|not ready|stopped|fault", page.value(halted)))
+        wait_for("the halt", lambda: re.search("halted|not ready|stopped|fault", page.value(halted)))
         monitor.send_signal(signal.SIGINT)
         assert monitor.wait(PATIENCE_S) in (0, 6), said()
         wait_for("the page to notice", lambda: "not connected" in page.value("document.getElementById('link').textContent"))

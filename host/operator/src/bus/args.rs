@@ -20,6 +20,7 @@ use super::session::{Medium, Session};
 use super::sim::{SimBus, SimSetup, controller_guest, no_guests};
 use crate::bus::period::settings_with_gains;
 use crate::log::Recorder;
+use crate::machine::Machine;
 
 /// Which bus, and what to keep of it.
 #[derive(Clone, Debug, clap::Args)]
@@ -31,7 +32,7 @@ pub struct BusArgs {
     /// The simulated cell.
     #[command(flatten)]
     pub cell: CellArgs,
-    /// Record every frame to PATH.candump and PATH.mcap.
+    /// Record every frame to PATH.log and PATH.mcap.
     #[arg(long, value_name = "PATH", help_heading = "Bus")]
     pub record: Option<PathBuf>,
     /// Ask modules although another host or a controller speaks to them. Two that use one id at the same time destroy
@@ -165,8 +166,9 @@ impl BusArgs {
         };
         let mut session = Session::new(medium, name, interrupt(), off);
         if let Some(path) = &self.record {
-            let recorder = Recorder::create(path, &self.bus, session.zero_unix())
-                .map_err(|source| BusFailure::Recording { source, halted: false })?;
+            let recorder =
+                Recorder::create(path, &self.bus, session.zero_unix(), Some(Machine::of(&cell.robot)))
+                    .map_err(|source| BusFailure::Recording { source, halted: false })?;
             session.add_tap(Box::new(recorder));
         }
         Ok(session)

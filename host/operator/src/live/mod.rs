@@ -17,4 +17,4 @@ pub mod state;
 pub mod viewer;
 
 pub use serve::{LiveServer, ServeError};
-pub use state::{LiveState, LiveTap, Machine};
+pub use state::{LiveState, LiveTap};

@@ -10,11 +10,11 @@ use protocol::cyphal::cubecell::group_state::GroupState;
 use protocol::cyphal::cubecell::joint_state::JointSample;
 use protocol::powercube::{CubeState, Parameter, Reply, ShortState, Value};
 use protocol::{Duration, Frame, Instant};
-use robot_model::{AnyRobot, JointVec, Pose, for_any_robot};
 use serde::Serialize;
 
 use crate::log::facts::{Fact, position};
 use crate::log::watch::{LogEvent, Severity, Watch};
+use crate::machine::{Machine, Placed};
 use crate::node::host_node::frame_bits;
 use crate::tap::{Tap, Way};
 
@@ -22,63 +22,6 @@ use crate::tap::{Tap, Way};
 const LOAD_SPAN: Duration = Duration::from_millis(500);
 /// Events kept.
 const EVENTS_KEPT: usize = 200;
-
-/// The bodies at joint angles in rad.
-type Place = dyn Fn(&[f64]) -> Placed + Send;
-
-/// What stands behind the bus: names, addresses and kinematics of the joints.
-pub struct Machine {
-    /// Name of the robot.
-    pub robot: String,
-    /// Names of the joints.
-    pub joints: Vec<String>,
-    /// Address of the drive of each joint; empty if the robot file has none.
-    pub addresses: Vec<u8>,
-    /// Bodies: number of the link (0 is the base), pose in its frame, half edges in m.
-    pub boxes: Vec<(usize, Pose, [f64; 3])>,
-    place: Box<Place>,
-}
-
-/// The bodies of an arm in the world frame.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Placed {
-    /// Pose of each link: rotation by rows, then place in m.
-    pub links: Vec<[f64; 12]>,
-    /// Where the hand holds the ball, m.
-    pub hand_m: [f64; 3],
-}
-
-impl Machine {
-    /// The machine that a robot file describes; drives read the angles of their joints.
-    #[must_use]
-    pub fn of(robot: &AnyRobot) -> Self {
-        let own = robot.clone();
-        for_any_robot!(robot, arm => Self {
-            robot: arm.name().to_owned(),
-            joints: arm.joints().iter().map(|joint| joint.name.clone()).collect(),
-            addresses: arm.drives().map_or_else(Vec::new, |drives| drives.iter().map(|drive| drive.address).collect()),
-            boxes: arm.collision().boxes().iter().map(|b| (b.link, b.x_lb, b.half_m.into())).collect(),
-            place: Box::new(move |q_rad| placed(&own, q_rad)),
-        })
-    }
-}
-
-fn placed(robot: &AnyRobot, q_rad: &[f64]) -> Placed {
-    for_any_robot!(robot, arm => {
-        let frames = arm.fk(&JointVec::from_fn(|j, _| q_rad.get(j).copied().unwrap_or_default()));
-        let hand = arm.ball(&frames).pos;
-        Placed { links: frames.x_w.iter().map(numbers).collect(), hand_m: [hand.x, hand.y, hand.z] }
-    })
-}
-
-fn numbers(pose: &Pose) -> [f64; 12] {
-    let mut all = [0.0; 12];
-    let values = pose.rot.transpose();
-    for (to, from) in all.iter_mut().zip(values.iter().chain(pose.pos.iter())) {
-        *to = *from;
-    }
-    all
-}
 
 /// Everything a page shows.
 #[derive(Clone, Debug, Serialize)]
@@ -160,6 +103,8 @@ pub struct JointView {
     pub current_a: Option<f64>,
     /// State of the drive in words.
     pub state: String,
+    /// The state word they were made of, if the drive told it.
+    pub state_bits: Option<u32>,
 }
 
 /// Something that happened.
@@ -207,7 +152,7 @@ impl LiveState {
     /// Nothing heard yet. `zero_unix` is the Unix time at the session's time zero; zero in virtual time.
     #[must_use]
     pub fn new(machine: Machine, zero_unix: Duration, bit_rate_bit_s: u32) -> Self {
-        let names = machine.addresses.iter().copied().zip(machine.joints.iter().cloned()).collect();
+        let names = machine.names();
         Self {
             machine,
             zero_unix,
@@ -308,7 +253,7 @@ impl LiveState {
             load_percent: (100.0 * bits as f64 / available).min(100.0),
             bus_errors: self.bus_errors,
             controller: self.group.as_ref().map(|(at, node_id, group)| self.controller(*at, *node_id, group)),
-            placed: q_rad.filter(|q_rad| !q_rad.is_empty()).map(|q_rad| (self.machine.place)(&q_rad)),
+            placed: q_rad.filter(|q_rad| !q_rad.is_empty()).map(|q_rad| self.machine.place(&q_rad)),
             joints,
             events: self.events.iter().filter(|event| event.number > after).cloned().collect(),
         }
@@ -351,15 +296,50 @@ impl LiveState {
             current_a: drive
                 .and_then(|drive| drive.current_a)
                 .or_else(|| told.map(|told| f64::from(told.current_a)).filter(|a| a.is_finite())),
-            state: drive.map_or_else(String::new, in_words),
+            state: drive.map_or_else(String::new, state_of),
+            state_bits: drive.and_then(|drive| drive.state).map(CubeState::bits),
         }
     }
 }
 
+/// A state word in words: first what is wrong, then what the drive does.
+#[must_use]
+pub fn in_words(state: CubeState) -> String {
+    let meaning = |bits: CubeState| {
+        CubeState::BITS.iter().filter(move |info| bits.bits() >> info.bit & 1 != 0).map(|info| info.meaning)
+    };
+    let causes: Vec<&str> = meaning(CubeState::from_bits(state.bits() & CubeState::CAUSES.bits())).collect();
+    let mut words = Vec::new();
+    if !causes.is_empty() {
+        words.push(format!("error: {}", causes.join("; ")));
+    } else if state.contains(CubeState::ERROR) {
+        words.push("error".to_owned());
+    }
+    let told = [
+        (CubeState::HALTED, "halted"),
+        (CubeState::BRAKEACTIVE, "brake on"),
+        (CubeState::CURLIMIT, "controller output at its limit"),
+        (CubeState::SWR, "on the home switch"),
+        (CubeState::SW1, "on limit switch 1"),
+        (CubeState::SW2, "on limit switch 2"),
+    ];
+    words.extend(told.iter().filter(|(bit, _)| state.contains(*bit)).map(|(_, word)| (*word).to_owned()));
+    let homed = if state.contains(CubeState::HOME_OK) { "homed" } else { "not homed" };
+    let phases = [
+        (CubeState::RAMP_ACC, "accelerates"),
+        (CubeState::RAMP_STEADY, "moves at constant speed"),
+        (CubeState::RAMP_DEC, "brakes"),
+    ];
+    let phase = phases.iter().find(|(bit, _)| state.contains(*bit)).map(|(_, word)| *word);
+    let moves = if state.contains(CubeState::MOTION) { "moves" } else { "stands" };
+    words.extend([homed, phase.unwrap_or(moves)].map(str::to_owned));
+    words.join(", ")
+}
+
 /// State of a drive: the word if it was told, else what the short one says.
-fn in_words(drive: &Drive) -> String {
+fn state_of(drive: &Drive) -> String {
     match (drive.state, drive.short_state) {
-        (Some(state), _) => state.to_string(),
+        (Some(state), _) => in_words(state),
         (None, Some(short)) if short.intersects(ShortState::NOT_OK) => "not ready".to_owned(),
         (None, Some(_)) => "ready".to_owned(),
         (None, None) => String::new(),
@@ -391,5 +371,32 @@ impl Tap for LiveTap {
     fn time(&mut self, now: Instant) -> io::Result<()> {
         self.with(|state| state.advance_to(now));
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_state_word_is_told_in_words_with_what_is_wrong_first() {
+        let homed = CubeState::HOME_OK;
+        assert_eq!(in_words(homed), "homed, stands");
+        assert_eq!(in_words(CubeState::default()), "not homed, stands");
+        assert_eq!(in_words(homed | CubeState::MOTION | CubeState::RAMP_DEC), "homed, brakes");
+        let lost = CubeState::ERROR | CubeState::COMM_ERROR | CubeState::HALTED;
+        assert_eq!(
+            in_words(homed | lost),
+            "error: communication lost: the watchdog expired, halted, homed, stands"
+        );
+        for info in CubeState::BITS {
+            let bit = CubeState::from_bits(1 << info.bit);
+            assert_eq!(
+                in_words(bit).contains(info.meaning),
+                CubeState::CAUSES.contains(bit),
+                "each cause of an error is told: {}",
+                info.name
+            );
+        }
     }
 }

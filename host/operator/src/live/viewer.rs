@@ -12,12 +12,13 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
+use nalgebra::UnitQuaternion;
 use robot_model::Pose;
 use serde_json::{Value, json};
 
-use super::state::{EventView, Machine, Placed, Snapshot};
+use super::state::{EventView, Snapshot};
 use crate::log::watch::Severity;
+use crate::machine::{Machine, Placed, frame_of, link_pose, quaternion};
 
 /// Protocols that are spoken, the newer name first.
 pub const PROTOCOLS: [&str; 2] = ["foxglove.sdk.v1", "foxglove.websocket.v1"];
@@ -168,24 +169,15 @@ fn frame(subscription: u32, time_ns: u64, payload: &Value) -> Vec<u8> {
     bytes
 }
 
-/// Name of the frame of a link; link 0 is the base, which stands in the world.
-fn frame_of(link: usize) -> String {
-    if link == 0 { "world".to_owned() } else { format!("link{link}") }
-}
-
 fn pose_of(rotation: &UnitQuaternion<f64>, p: [f64; 3]) -> (Value, Value) {
     let q = rotation.quaternion();
     (json!({"x": p[0], "y": p[1], "z": p[2]}), json!({"x": q.i, "y": q.j, "z": q.k, "w": q.w}))
 }
 
-fn quaternion(rot: Matrix3<f64>) -> UnitQuaternion<f64> {
-    UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rot))
-}
-
 fn transforms(placed: &Placed, time: Time) -> Value {
     let links = placed.links.iter().enumerate().map(|(i, x)| {
-        let (translation, rotation) =
-            pose_of(&quaternion(Matrix3::from_row_slice(&x[..9])), [x[9], x[10], x[11]]);
+        let (p, rotation) = link_pose(x);
+        let (translation, rotation) = pose_of(&rotation, p);
         json!({
             "timestamp": time.json(), "parent_frame_id": frame_of(0), "child_frame_id": frame_of(i + 1),
             "translation": translation, "rotation": rotation,

@@ -10,6 +10,9 @@
 //! | `/joint/N` | `cubectl.JointState` | the controller told about joint N, from 1 |
 //! | `/events` | `foxglove.Log` | something happened |
 //! | `/freeze` | `cubectl.FreezeFrame` | a fault or stop came that was not there before |
+//! | `/joints` | `foxglove.JointStates` | all drives have told their angle: once per control cycle |
+//! | `/tf` | `foxglove.FrameTransforms` | as `/joints` |
+//! | `/scene` | `foxglove.SceneUpdate` | the bodies, once; the ball when the gripper closes or opens |
 
 use std::collections::BTreeMap;
 use std::io::{self, BufWriter, Seek, Write};
@@ -22,9 +25,11 @@ use protocol::cyphal::cubecell::joint_state::{JointFlags, JointSample};
 use protocol::powercube::{CubeState, Parameter, Reply, ShortState, Value};
 use protocol::{Duration, Frame, Instant};
 
+use super::arm_view::{ArmView, timestamp};
 use super::facts::{Fact, position};
 use super::schema::{self, Message};
 use super::watch::{FreezeFrame, LogEvent, Severity, Watch};
+use crate::machine::Machine;
 use crate::tap::Way;
 
 /// Writes the file. The publish time and `time_us` of a message are the session's time, which is monotonic; its log time is that of
@@ -32,6 +37,7 @@ use crate::tap::Way;
 pub struct Log<W: Write + Seek> {
     writer: Writer<BufWriter<W>>,
     watch: Watch,
+    arm: Option<ArmView>,
     schemas: Schemas,
     channels: BTreeMap<String, u16>,
     sequence: u32,
@@ -49,21 +55,25 @@ struct Schemas {
     joint: u16,
     event: u16,
     freeze: u16,
+    joints: u16,
+    transforms: u16,
+    scene: u16,
 }
 
 impl<W: Write + Seek> Log<W> {
-    /// Begins the file. `zero_unix` is the Unix time at the session's time zero; zero in virtual time.
+    /// Begins the file. `zero_unix` is the Unix time at the session's time zero; zero in virtual time. Without a machine there are
+    /// no joints, frames and bodies.
     ///
     /// # Errors
     /// The medium's.
-    pub fn new(out: W, zero_unix: Duration) -> io::Result<Self> {
+    pub fn new(out: W, zero_unix: Duration, machine: Option<Machine>) -> io::Result<Self> {
         let mut writer = WriteOptions::new()
             .compression(None)
             .profile("")
             .library(concat!("cubectl ", env!("CARGO_PKG_VERSION")))
             .create(BufWriter::new(out))
             .map_err(io_error)?;
-        let (own, event) = (schema::descriptor_set(), schema::event_descriptor_set());
+        let own = schema::descriptor_set();
         let mut schema = |name: &str, set: &[u8]| writer.add_schema(name, "protobuf", set).map_err(io_error);
         let schemas = Schemas {
             frame: schema(schema::FRAME, &own)?,
@@ -71,12 +81,17 @@ impl<W: Write + Seek> Log<W> {
             module: schema(schema::MODULE_STATE, &own)?,
             group: schema(schema::GROUP_STATE, &own)?,
             joint: schema(schema::JOINT_STATE, &own)?,
-            event: schema(schema::EVENT, &event)?,
+            event: schema(schema::EVENT, schema::PUBLIC)?,
             freeze: schema(schema::FREEZE_FRAME, &own)?,
+            joints: schema(schema::JOINT_STATES, schema::PUBLIC)?,
+            transforms: schema(schema::TRANSFORMS, schema::PUBLIC)?,
+            scene: schema(schema::SCENE, schema::PUBLIC)?,
         };
+        let names = machine.as_ref().map(Machine::names).unwrap_or_default();
         let mut log = Self {
             writer,
-            watch: Watch::default(),
+            watch: Watch::new(names),
+            arm: machine.map(ArmView::new),
             schemas,
             channels: BTreeMap::new(),
             sequence: 0,
@@ -108,10 +123,18 @@ impl<W: Write + Seek> Log<W> {
                     let topic = format!("/module/{}", module.get());
                     self.put(&topic, self.schemas.module, at, state)?;
                 }
+                if let Some((q_rad, _)) = position(&reply) {
+                    self.angle(at, module.get(), q_rad)?;
+                }
             }
             Some(Fact::Group { from, state, .. }) => {
                 self.state = Some(state.state);
                 self.put("/group", self.schemas.group, at, group_message(at, from.get(), &state))?;
+                let unix = at + self.zero_unix;
+                let ball = self.arm.as_mut().and_then(|arm| arm.ball(state.gripper_open, unix));
+                if let Some(ball) = ball {
+                    self.put("/scene", self.schemas.scene, at, ball)?;
+                }
             }
             Some(Fact::Joints { state, .. }) => {
                 for (number, sample) in (1..).zip(state.joints()) {
@@ -128,6 +151,23 @@ impl<W: Write + Seek> Log<W> {
             self.put("/freeze", self.schemas.freeze, at, freeze_message(&freeze))?;
         }
         Ok(self.state != before)
+    }
+
+    /// A drive told its angle: at the end of a cycle the arm is shown.
+    fn angle(&mut self, at: Instant, address: u8, q_rad: f64) -> io::Result<()> {
+        let unix = at + self.zero_unix;
+        let Some(arm) = &mut self.arm else { return Ok(()) };
+        let Some(angles) = arm.take(address, q_rad) else { return Ok(()) };
+        let (joints, transforms) = (arm.joint_states(&angles, unix), arm.transforms(&angles, unix));
+        let bodies = transforms.is_some().then(|| arm.bodies(unix)).flatten();
+        self.put("/joints", self.schemas.joints, at, joints)?;
+        if let Some(transforms) = transforms {
+            self.put("/tf", self.schemas.transforms, at, transforms)?;
+        }
+        if let Some(bodies) = bodies {
+            self.put("/scene", self.schemas.scene, at, bodies)?;
+        }
+        Ok(())
     }
 
     /// Writes an error of the bus.
@@ -239,15 +279,13 @@ fn joint_message(at: Instant, number: u64, sample: &JointSample) -> Message {
 }
 
 fn event_message(event: &LogEvent, zero_unix: Duration) -> Message {
-    let us = (event.at + zero_unix).as_micros();
-    let stamp = Message::default().uint(1, us / 1_000_000).uint(2, us % 1_000_000 * 1_000);
     let level = match event.severity {
         Severity::Info => 2,
         Severity::Warning => 3,
         Severity::Error => 4,
     };
     Message::default()
-        .bytes(1, &stamp.into_bytes())
+        .bytes(1, &timestamp(event.at + zero_unix))
         .uint(2, level)
         .bytes(3, event.text.as_bytes())
         .bytes(4, event.source.as_bytes())

@@ -2,10 +2,11 @@
 //!
 //! | module | holds |
 //! |---|---|
+//! | [`arm_view`] | the arm for viewers: joints, frames and bodies in public schemas |
 //! | [`candump`] | text log: written line by line, read with line numbers in errors |
 //! | [`facts`] | what frames say: requests, answers, messages, orders |
 //! | [`keep`] | the frames of a session, kept in memory |
-//! | [`mcap`] | the same frames and the joints' state decoded from them, as protobuf channels |
+//! | [`mcap`] | the same frames, what they say, and the arm at control rate, as protobuf channels |
 //! | [`watch`] | what happened, as text; freeze frames at faults |
 //! | [`schema`] | the protobuf messages and their self-description |
 //!
@@ -14,6 +15,7 @@
 //! no more than that; a loss of power also loses what the operating system had not written yet. The text log can then
 //! be read up to its last whole line, and the MCAP file by every reader that recovers unfinished files.
 
+pub mod arm_view;
 pub mod candump;
 pub mod facts;
 pub mod keep;
@@ -28,6 +30,7 @@ use std::path::{Path, PathBuf};
 use can_link::{BusError, BusSpec};
 use protocol::{Duration, Frame, Instant};
 
+use crate::machine::Machine;
 use crate::tap::{Tap, Way};
 
 /// Longest time that a frame waits in memory.
@@ -43,12 +46,17 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Creates `path.candump` and `path.mcap` for the bus `spec`. Files that exist are not overwritten. `zero_unix` is the Unix time
-    /// at the session's time zero; zero in virtual time.
+    /// Creates `path.log` and `path.mcap` for the bus `spec` with `machine` on it. Files that exist are not overwritten. `zero_unix`
+    /// is the Unix time at the session's time zero; zero in virtual time.
     ///
     /// # Errors
     /// A file cannot be created; the path is in the text.
-    pub fn create(path: &Path, spec: &BusSpec, zero_unix: Duration) -> io::Result<Self> {
+    pub fn create(
+        path: &Path,
+        spec: &BusSpec,
+        zero_unix: Duration,
+        machine: Option<Machine>,
+    ) -> io::Result<Self> {
         let bus = match spec {
             BusSpec::SocketCan { interface } => interface.clone(),
             BusSpec::Socketcand { bus, .. } | BusSpec::Lockstep { bus, .. } => bus.clone(),
@@ -59,7 +67,7 @@ impl Recorder {
         let [text, viewer] = files_of(path);
         Ok(Self {
             text: candump::Log::new(create_new(&text)?, bus, zero_unix),
-            viewer: mcap::Log::new(create_new(&viewer)?, zero_unix)?,
+            viewer: mcap::Log::new(create_new(&viewer)?, zero_unix, machine)?,
             flushed: Instant::ZERO,
             waits: false,
         })
@@ -76,14 +84,25 @@ impl Recorder {
     }
 }
 
-/// The two files of a recording.
+/// The two files of a recording. Tools that read candump text know it by the ending `.log`.
 pub fn files_of(path: &Path) -> [PathBuf; 2] {
-    ["candump", "mcap"].map(|extension| {
+    ["log", "mcap"].map(|extension| {
         let mut name = OsString::from(path);
         name.push(".");
         name.push(extension);
         PathBuf::from(name)
     })
+}
+
+/// Name of the recording in the folder of a run.
+pub const FOLDER_NAME: &str = "bus";
+
+/// The text log in the folder of a run; folders of before 22 November 2026 have it under another name.
+#[must_use]
+pub fn text_in(folder: &Path) -> PathBuf {
+    let [text, _] = files_of(&folder.join(FOLDER_NAME));
+    let older = folder.join("log.candump");
+    if older.exists() && !text.exists() { older } else { text }
 }
 
 /// A new file, or what is there already if that is a device or a pipe.
@@ -133,7 +152,8 @@ mod tests {
         let frame = Frame::from_array(StandardId::from_low_bits(0x0A5), [8]);
         for (name, zero_unix_s) in [("wall", 1_700_000_000), ("virtual", 0)] {
             let path = folder.join(name);
-            let mut recorder = Recorder::create(&path, &spec, Duration::from_secs(zero_unix_s)).unwrap();
+            let mut recorder =
+                Recorder::create(&path, &spec, Duration::from_secs(zero_unix_s), None).unwrap();
             recorder.frame(Instant::from_micros(1_500_000), Way::Received, &frame).unwrap();
             recorder.finish().unwrap();
             let [text, viewer] = files_of(&path);

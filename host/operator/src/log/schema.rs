@@ -1,8 +1,11 @@
 //! The protobuf messages of the MCAP log, and the file descriptor sets with which a viewer understands them.
 //!
 //! Written by hand, because a few flat messages do not need a code generator. Wire format: *Protocol Buffers
-//! encoding*; description: `google/protobuf/descriptor.proto`. Events use the public schema `foxglove.Log`, which
-//! viewers show as a list of messages.
+//! encoding*; description: `google/protobuf/descriptor.proto`.
+//!
+//! What viewers know by name uses the public schemas of Foxglove (MIT licence). Their descriptions are in
+//! `schemas/foxglove.binpb`, as their publisher's package has them; `tests/interop/log/make_schemas.py` writes the file, and CI
+//! compares it with the package.
 
 /// Wire types.
 const VARINT: u64 = 0;
@@ -13,16 +16,12 @@ const BYTES: u64 = 2;
 #[derive(Clone, Copy)]
 enum Type {
     Double = 1,
-    Int64 = 3,
     Uint64 = 4,
-    Int32 = 5,
-    Fixed32 = 7,
     Bool = 8,
     String = 9,
     Message = 11,
     Bytes = 12,
     Uint32 = 13,
-    Enum = 14,
 }
 
 /// A message under construction.
@@ -88,8 +87,17 @@ pub const GROUP_STATE: &str = "cubectl.GroupState";
 pub const JOINT_STATE: &str = "cubectl.JointState";
 /// `cubectl.FreezeFrame`: everything known at the moment of a fault.
 pub const FREEZE_FRAME: &str = "cubectl.FreezeFrame";
-/// `foxglove.Log`: something that happened, as text.
+/// Something that happened, as text.
 pub const EVENT: &str = "foxglove.Log";
+/// Angles of the joints.
+pub const JOINT_STATES: &str = "foxglove.JointStates";
+/// Places of the links.
+pub const TRANSFORMS: &str = "foxglove.FrameTransforms";
+/// Bodies of the links, and the ball.
+pub const SCENE: &str = "foxglove.SceneUpdate";
+
+/// `FileDescriptorSet` of the public schemas.
+pub const PUBLIC: &[u8] = include_bytes!("schemas/foxglove.binpb");
 
 type Fields = &'static [(&'static str, Type)];
 
@@ -212,39 +220,6 @@ pub fn descriptor_set() -> Vec<u8> {
     }
     let file = file.bytes(12, b"proto3");
     Message::default().bytes(1, &file.0).0
-}
-
-/// `FileDescriptorSet` with [`EVENT`] and the time stamp it uses.
-pub fn event_descriptor_set() -> Vec<u8> {
-    let stamp = Message::default()
-        .bytes(1, b"Timestamp")
-        .bytes(2, &field("seconds", 1, Type::Int64, None, false).0)
-        .bytes(2, &field("nanos", 2, Type::Int32, None, false).0);
-    let time = Message::default()
-        .bytes(1, b"google/protobuf/timestamp.proto")
-        .bytes(2, b"google.protobuf")
-        .bytes(4, &stamp.0)
-        .bytes(12, b"proto3");
-    let mut levels = Message::default().bytes(1, b"Level");
-    for (number, name) in (0..).zip(["UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL"]) {
-        levels = levels.bytes(2, &Message::default().bytes(1, name.as_bytes()).uint(2, number).0);
-    }
-    let log = Message::default()
-        .bytes(1, b"Log")
-        .bytes(2, &field("timestamp", 1, Type::Message, Some(".google.protobuf.Timestamp"), false).0)
-        .bytes(2, &field("level", 2, Type::Enum, Some(".foxglove.Log.Level"), false).0)
-        .bytes(2, &field("message", 3, Type::String, None, false).0)
-        .bytes(2, &field("name", 4, Type::String, None, false).0)
-        .bytes(2, &field("file", 5, Type::String, None, false).0)
-        .bytes(2, &field("line", 6, Type::Fixed32, None, false).0)
-        .bytes(4, &levels.0);
-    let file = Message::default()
-        .bytes(1, b"foxglove/Log.proto")
-        .bytes(2, b"foxglove")
-        .bytes(3, b"google/protobuf/timestamp.proto")
-        .bytes(4, &log.0)
-        .bytes(12, b"proto3");
-    Message::default().bytes(1, &time.0).bytes(1, &file.0).0
 }
 
 #[cfg(test)]

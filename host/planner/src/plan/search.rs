@@ -127,10 +127,15 @@ impl<const N: usize> Planner<'_, '_, N> {
     /// As [`Planner::from_index`], but gives up after the quick pass.
     #[must_use]
     pub fn from_index_quickly(&self, index: &Index<N>, tries: usize) -> Option<Found<N>> {
-        self.first_pass(&self.warm_starts(index, tries)).map(|found| self.refine(found))
+        self.quickly(&self.warm_starts(index, tries))
     }
 
-    fn warm_starts<'i>(&self, index: &'i Index<N>, most: usize) -> Vec<WarmStart<'i, N>> {
+    /// The first pass with its second stage.
+    pub(super) fn quickly(&self, order: &[WarmStart<'_, N>]) -> Option<Found<N>> {
+        self.first_pass(order).map(|found| self.refine(found))
+    }
+
+    pub(super) fn warm_starts<'i>(&self, index: &'i Index<N>, most: usize) -> Vec<WarmStart<'i, N>> {
         warm_starts(index, kind_of(&self.problem.options), self.range_m, self.problem.target.z, most)
     }
 

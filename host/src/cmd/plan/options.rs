@@ -1,6 +1,6 @@
 //! Options that all planning verbs share.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 use robot_model::{Pose, RobotModel};
@@ -95,6 +95,10 @@ pub struct PlanOptions {
     /// Range of braking time over the duration of the motion [default: 0.04,0.6; paper: 0.04,0.4].
     #[arg(long, value_name = "MIN,MAX", value_parser = two_numbers, help_heading = "Where the search looks")]
     pub braking_ratio: Option<[f64; 2]>,
+    /// Answer from this library of throws alone (a file of `plan prepare --out`): the nearest stored throw, solved locally to
+    /// the target. Nothing is searched; a target that the library does not lead to is refused.
+    #[arg(long, value_name = "FILE", conflicts_with = "store", help_heading = "Search")]
+    pub library: Option<PathBuf>,
     /// File that keeps found throws for later plans. It changes what later plans start from, so it must be named.
     #[arg(long, help_heading = "Search")]
     pub store: Option<PathBuf>,
@@ -196,6 +200,7 @@ impl PlanOptions {
             (self.duration_s.is_some(), "--duration-s"),
             (self.braking_ratio.is_some(), "--braking-ratio"),
             (self.store.is_some(), "--store"),
+            (self.library.is_some(), "--library"),
         ];
         given.into_iter().find(|(given, _)| *given).map(|(_, name)| name)
     }
@@ -285,6 +290,9 @@ impl PlanOptions {
     /// # Errors
     /// If a store was named and cannot be used.
     pub fn starts<const N: usize>(&self, arm: &RobotModel<N>) -> Result<Starts<N>, ExpectedError> {
+        if let Some(path) = &self.library {
+            return library(path, arm);
+        }
         let mut index = seeds::built_in(arm);
         let mut sources = vec![format!("{} built-in throws", index.records().len())];
         if let Some((path, records)) = prepared(arm) {
@@ -334,6 +342,25 @@ pub struct Starts<const N: usize> {
     pub store: Option<StoreFile<N>>,
     /// Where the throws come from, for people.
     pub sources: Vec<String>,
+}
+
+/// The throws of a library, and nothing else.
+fn library<const N: usize>(path: &Path, arm: &RobotModel<N>) -> Result<Starts<N>, ExpectedError> {
+    let next = format!(
+        "`cubectl plan prepare {} --out {}` makes it again; or leave --library out",
+        arm.name(),
+        path.display()
+    );
+    let refused = |why: &dyn std::fmt::Display| ExpectedError::bad_input(&format!("{why}\n  next: {next}"));
+    let bytes =
+        std::fs::read(path).map_err(|error| refused(&format!("library {}: {error}", path.display())))?;
+    let (records, damaged) =
+        file::parse(path, &bytes, robot_fingerprint(arm)).map_err(|error| refused(&error))?;
+    if damaged > 0 {
+        return Err(refused(&format!("library {} is damaged in {damaged} place(s)", path.display())));
+    }
+    let sources = vec![format!("{} throws of library {}", records.len(), path.display())];
+    Ok(Starts { index: Index::new(records), store: None, sources })
 }
 
 /// Where `plan prepare` puts the table of a robot, and plans look for it.

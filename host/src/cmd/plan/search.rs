@@ -1,5 +1,6 @@
 //! The search for one throw: its options, its progress on a terminal, and what is kept of it.
 
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -12,9 +13,11 @@ use crate::exit;
 use operator::bus::args::interrupt;
 use planner::plan::file::PlanFile;
 use planner::plan::ladder::{Ladder, Settled};
+use planner::plan::library::nearest_stored;
 use planner::plan::problem::Weights;
 use planner::plan::statistics::{Noise, Region};
 use planner::plan::{Arm, Budget, Goal, NoThrow, Obstruction, Options, Planner, Watch};
+use planner::store::Index;
 use robot_model::RobotModel;
 
 /// How to look for a throw: shared by `plan throw` and `throw`.
@@ -25,10 +28,10 @@ pub struct SearchOptions {
     pub options: PlanOptions,
     /// Random starts after the stored ones, all of them [default: as many of 96 as are likely to find a better throw].
     /// With a seed and no time budget the result is always the same.
-    #[arg(long, help_heading = "Search")]
+    #[arg(long, conflicts_with = "library", help_heading = "Search")]
     pub starts: Option<usize>,
     /// Stop starting after this many seconds.
-    #[arg(long, help_heading = "Search")]
+    #[arg(long, conflicts_with = "library", help_heading = "Search")]
     pub time_budget: Option<f64>,
     /// Radius of the disc about the target that counts as a hit, in m.
     #[arg(long, conflicts_with = "hit_box", help_heading = "Throws that are allowed")]
@@ -195,8 +198,11 @@ impl SearchOptions {
             .map_err(|e| ExpectedError::bad_input(&e))?;
         let watch = Watch::default();
         let quick = fast.then_some(FAST_TRIES);
-        let settled = watched(&watch, &budget, || ladder.search(index, &budget, &watch, quick))
-            .map_err(|e| no_throw(&e))?;
+        let settled = match &self.options.library {
+            Some(path) => ladder.from_library(index).ok_or_else(|| not_in_library(path, index, target))?,
+            None => watched(&watch, &budget, || ladder.search(index, &budget, &watch, quick))
+                .map_err(|e| no_throw(&e))?,
+        };
         let Settled { problem, given_up, best } = settled;
         if best.interrupted && watch.stop.load(Ordering::Relaxed) {
             console::note!("cubectl: stopped; this is the best of {} starts", best.starts);
@@ -236,6 +242,24 @@ fn no_throw(e: &NoThrow) -> ExpectedError {
     let in_reach = "choose a target in reach; `cubectl plan sweep` draws what is";
     let next = e.obstruction.as_deref().map_or(in_reach, Obstruction::next_step);
     ExpectedError::new(exit::NO_THROW, format!("{e}\n  next: {next}"))
+}
+
+fn not_in_library<const N: usize>(path: &Path, index: &Index<N>, [x, y, z]: [f64; 3]) -> ExpectedError {
+    let held = match nearest_stored(index, x.hypot(y), z) {
+        Some((record, away_m)) => format!(
+            "the nearest target in it (range {:.3} m, height {:.3} m) is {away_m:.3} m away",
+            record.range_m, record.height_m
+        ),
+        None => "it is empty".to_owned(),
+    };
+    ExpectedError::new(
+        exit::NO_THROW,
+        format!(
+            "library {}: no throw of it leads to ({x:.3}, {y:.3}, {z:.3}) m; {held}\n  next: leave --library out to search, or \
+             make a finer library with `cubectl plan prepare --step-m`",
+            path.display()
+        ),
+    )
 }
 
 /// Runs a search with a progress bar once it takes longer than a second; Ctrl-C keeps the best so far.

@@ -18,7 +18,7 @@ impl Folder {
             refused(&format!("{}: {error}\n  next: name another folder with --out", path.display()))
         })?;
         let this = Self { path };
-        for name in ["summary.json", "log.candump"] {
+        for name in ["summary.json", "bus.log", "log.candump"] {
             if this.file(name).is_file() {
                 return Err(refused(&format!(
                     "{} holds the results of another throw\n  next: name another folder with --out",

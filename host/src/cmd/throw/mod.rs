@@ -46,7 +46,7 @@ use tuner::gains::gains_file::GainsFile;
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl throw --target 1.0,1.0,-1.0                      # in the simulated cell\n  cubectl throw --target 1.0,1.0,-1.0 --bus can0            # a controller that is heard there, else one in this program\n  cubectl throw --plan plan.json --bus can0 --controller 10\n  cubectl throw --robot kr16_2 --target 2.5,0,0.6           # an industrial robot, inside this program, over RSI\n  cubectl throw --robot kr16_2 --target tracker --bus rsi:udp://0.0.0.0:49152\n\nWrites plan.json, gains.toml, log.candump, log.mcap, summary.json and report.html into a new folder. Ctrl-C, SIGTERM and\nSIGHUP stop the arm along its path, then end the program with code 6. On a terminal and a live bus it asks before the ball\nis thrown.\n\nOutcomes and exit codes: landed 0, missed 11, not released 12, stopped 13. Only the bus `sim` sees the ball. On every\nother bus the outcome is \"thrown, not observed\" (0): the program then says when the release was ordered and where the\nmeasured motion sends the ball. A drive that has lost encoder counts tells a wrong position without knowing it; nothing\nin its answers shows that."
+    after_help = "Examples:\n  cubectl throw --target 1.0,1.0,-1.0                      # in the simulated cell\n  cubectl throw --target 1.0,1.0,-1.0 --bus can0            # a controller that is heard there, else one in this program\n  cubectl throw --plan plan.json --bus can0 --controller 10\n  cubectl throw --robot kr16_2 --target 2.5,0,0.6           # an industrial robot, inside this program, over RSI\n  cubectl throw --robot kr16_2 --target tracker --bus rsi:udp://0.0.0.0:49152\n\nWrites plan.json, gains.toml, bus.log, bus.mcap, summary.json and report.html into a new folder. Ctrl-C, SIGTERM and\nSIGHUP stop the arm along its path, then end the program with code 6. On a terminal and a live bus it asks before the ball\nis thrown.\n\nOutcomes and exit codes: landed 0, missed 11, not released 12, stopped 13. Only the bus `sim` sees the ball. On every\nother bus the outcome is \"thrown, not observed\" (0): the program then says when the release was ordered and where the\nmeasured motion sends the ball. A drive that has lost encoder counts tells a wrong position without knowing it; nothing\nin its answers shows that."
 )]
 pub struct Args {
     /// Target in m, world frame (arm base, z up), or `tracker`: where an optical tracker sees it.
@@ -171,7 +171,7 @@ fn throw(
     let bus = BusArgs {
         bus: args.bus.clone(),
         cell: prepared.cell_args.clone(),
-        record: Some(folder.file("log")),
+        record: Some(folder.file(operator::log::FOLDER_NAME)),
         beside: false,
         rsi: None,
     };
@@ -291,7 +291,7 @@ fn write_results(
     if let Some(gains) = gains {
         folder.write("gains.toml", gains)?;
     }
-    let files = ["plan.json", "log.candump", "summary.json"].map(|name| folder.file(name));
+    let files = ["plan.json", "bus.log", "summary.json"].map(|name| folder.file(name));
     let [plan, log, summary] = &files;
     let recorded = report::read(plan, log, Some(summary), Some(robot), report::BIT_RATE)?;
     report::write(&recorded, &folder.file("report.html"))

@@ -1,0 +1,227 @@
+//! The arm as viewers show it: joint angles, frames and bodies, in the public schemas `foxglove.JointStates`,
+//! `foxglove.FrameTransforms` and `foxglove.SceneUpdate`.
+//!
+//! Drives answer one after the other within a control cycle. [`ArmView`] collects their answers; when each drive has told its
+//! angle, or one tells it again, the cycle is over and the angles are shown together. So there is one message per control
+//! cycle, and the angles in it are at most one cycle apart.
+
+use robot_model::Pose;
+
+use super::schema::Message;
+use crate::machine::{Machine, frame_of, link_pose, quaternion};
+use protocol::Instant;
+
+/// Frame at the place where the hand holds the ball; its axes are those of the world.
+const HAND_FRAME: &str = "hand";
+/// Colours: red, green, blue, opacity.
+const BODY_COLOUR: [f64; 4] = [0.56, 0.63, 0.71, 1.0];
+const BALL_COLOUR: [f64; 4] = [0.90, 0.45, 0.13, 1.0];
+/// Identity of the ball among the bodies.
+const BALL: &str = "ball";
+
+/// Collects what drives tell until a control cycle is complete.
+pub struct ArmView {
+    machine: Machine,
+    /// Angle of each joint told last, rad.
+    q_rad: Vec<Option<f64>>,
+    /// Joints that were heard in this cycle.
+    fresh: Vec<bool>,
+    bodies_shown: bool,
+    ball_shown: bool,
+}
+
+/// Angles of one control cycle, in the order of the joints; `None` for a drive that was never heard.
+pub type Angles = Vec<Option<f64>>;
+
+impl ArmView {
+    /// Nothing heard yet.
+    #[must_use]
+    pub fn new(machine: Machine) -> Self {
+        let joints = machine.joints.len();
+        Self {
+            machine,
+            q_rad: vec![None; joints],
+            fresh: vec![false; joints],
+            bodies_shown: false,
+            ball_shown: false,
+        }
+    }
+
+    /// Takes the angle in rad that a drive told; the angles of a cycle that is complete with it, or that it ends.
+    pub fn take(&mut self, address: u8, q_rad: f64) -> Option<Angles> {
+        let joint = self.machine.addresses.iter().position(|known| *known == address)?;
+        let (slot, fresh) = (self.q_rad.get_mut(joint)?, self.fresh.get_mut(joint)?);
+        if *fresh {
+            // Somebody did not answer in the last cycle.
+            let complete = self.q_rad.clone();
+            self.q_rad[joint] = Some(q_rad);
+            self.fresh.fill(false);
+            self.fresh[joint] = true;
+            return Some(complete);
+        }
+        (*slot, *fresh) = (Some(q_rad), true);
+        if self.fresh.iter().all(|fresh| *fresh) {
+            self.fresh.fill(false);
+            return Some(self.q_rad.clone());
+        }
+        None
+    }
+
+    /// `foxglove.JointStates`: the joints that were heard.
+    #[must_use]
+    pub fn joint_states(&self, angles: &Angles, unix: Instant) -> Message {
+        let mut all = Message::default().bytes(1, &timestamp(unix));
+        for (name, q_rad) in self.machine.joints.iter().zip(angles) {
+            if let Some(q_rad) = q_rad {
+                let joint = Message::default().bytes(1, name.as_bytes()).double(2, *q_rad);
+                all = all.bytes(2, &joint.into_bytes());
+            }
+        }
+        all
+    }
+
+    /// `foxglove.FrameTransforms`: links and hand in the world; `None` until every joint was heard.
+    #[must_use]
+    pub fn transforms(&self, angles: &Angles, unix: Instant) -> Option<Message> {
+        let q_rad: Vec<f64> = angles.iter().copied().collect::<Option<_>>()?;
+        let placed = self.machine.place(&q_rad);
+        let mut all = Message::default();
+        for (i, link) in placed.links.iter().enumerate() {
+            let (p, turn) = link_pose(link);
+            let child = frame_of(i + 1);
+            all = all.bytes(1, &transform(unix, &child, p, [turn.i, turn.j, turn.k, turn.w]).into_bytes());
+        }
+        Some(all.bytes(1, &transform(unix, HAND_FRAME, placed.hand_m, [0.0, 0.0, 0.0, 1.0]).into_bytes()))
+    }
+
+    /// `foxglove.SceneUpdate`: the bodies of the links, once; a viewer moves them with their frames.
+    pub fn bodies(&mut self, unix: Instant) -> Option<Message> {
+        if std::mem::replace(&mut self.bodies_shown, true) || self.machine.boxes.is_empty() {
+            return None;
+        }
+        let mut all = Message::default();
+        for (i, (link, x_lb, half_m)) in self.machine.boxes.iter().enumerate() {
+            let edges = half_m.map(|half| 2.0 * half);
+            let cube = Message::default()
+                .bytes(1, &pose(x_lb))
+                .bytes(2, &numbers(&edges))
+                .bytes(3, &numbers(&BODY_COLOUR));
+            let body = entity(unix, &frame_of(*link), &format!("body {i}")).bytes(8, &cube.into_bytes());
+            all = all.bytes(2, &body.into_bytes());
+        }
+        Some(all)
+    }
+
+    /// `foxglove.SceneUpdate`: a ball lies in the hand while the gripper is closed, and leaves the scene when it opens: no
+    /// frame of the bus tells whether the hand holds one, nor where it flies. `None` if nothing changes.
+    pub fn ball(&mut self, gripper_open: bool, unix: Instant) -> Option<Message> {
+        if std::mem::replace(&mut self.ball_shown, !gripper_open) != gripper_open {
+            return None;
+        }
+        let update = Message::default();
+        if gripper_open {
+            // Deletion of one entity: type 0 is "the one with this id".
+            let gone = Message::default()
+                .bytes(1, &timestamp(unix))
+                .uint(2, 0)
+                .bytes(3, BALL.as_bytes())
+                .into_bytes();
+            return Some(update.bytes(1, &gone));
+        }
+        let sphere = Message::default()
+            .bytes(1, &pose(&Pose::translation(0.0, 0.0, 0.0)))
+            .bytes(2, &numbers(&[2.0 * self.machine.ball_radius_m; 3]))
+            .bytes(3, &numbers(&BALL_COLOUR));
+        let ball = entity(unix, HAND_FRAME, BALL).bytes(9, &sphere.into_bytes());
+        Some(update.bytes(2, &ball.into_bytes()))
+    }
+}
+
+/// `google.protobuf.Timestamp`.
+#[must_use]
+pub fn timestamp(unix: Instant) -> Vec<u8> {
+    let us = unix.as_micros();
+    Message::default().uint(1, us / 1_000_000).uint(2, us % 1_000_000 * 1_000).into_bytes()
+}
+
+/// Vectors, quaternions and colours: doubles in fields from 1.
+fn numbers(values: &[f64]) -> Vec<u8> {
+    (1..)
+        .zip(values)
+        .fold(Message::default(), |message, (field, value)| message.double(field, *value))
+        .into_bytes()
+}
+
+fn pose(x: &Pose) -> Vec<u8> {
+    let turn = quaternion(x.rot);
+    Message::default()
+        .bytes(1, &numbers(&[x.pos.x, x.pos.y, x.pos.z]))
+        .bytes(2, &numbers(&[turn.i, turn.j, turn.k, turn.w]))
+        .into_bytes()
+}
+
+fn transform(unix: Instant, child: &str, p: [f64; 3], turn: [f64; 4]) -> Message {
+    Message::default()
+        .bytes(1, &timestamp(unix))
+        .bytes(2, frame_of(0).as_bytes())
+        .bytes(3, child.as_bytes())
+        .bytes(4, &numbers(&p))
+        .bytes(5, &numbers(&turn))
+}
+
+/// Head of an entity that stays (no lifetime) and moves with its frame.
+fn entity(unix: Instant, frame: &str, id: &str) -> Message {
+    Message::default()
+        .bytes(1, &timestamp(unix))
+        .bytes(2, frame.as_bytes())
+        .bytes(3, id.as_bytes())
+        .bytes(4, &[])
+        .uint(5, 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn view() -> ArmView {
+        ArmView::new(Machine::of(&robot_model::AnyRobot::load("powercube6").unwrap()))
+    }
+
+    #[test]
+    fn a_cycle_is_shown_when_each_drive_was_heard_or_one_is_heard_again() {
+        let mut view = view();
+        let addresses = view.machine.addresses.clone();
+        for round in 0..2 {
+            for (i, address) in addresses.iter().enumerate() {
+                let q_rad = f64::from(round) + 0.1 * i as f64;
+                let shown = view.take(*address, q_rad);
+                assert_eq!(shown.is_some(), i + 1 == addresses.len(), "round {round}, drive {address}");
+            }
+        }
+        // Drive 2 of the next cycle does not answer.
+        assert_eq!(view.take(addresses[0], 2.0), None);
+        for address in &addresses[2..] {
+            assert_eq!(view.take(*address, 2.5), None);
+        }
+        let shown = view.take(addresses[0], 3.0).expect("the cycle is over");
+        assert_eq!(shown, [2.0, 1.1, 2.5, 2.5, 2.5, 2.5].map(Some));
+        assert_eq!(view.take(31, 9.0), None, "nobody knows this drive");
+    }
+
+    #[test]
+    fn frames_are_not_shown_before_every_joint_was_heard_and_bodies_are_shown_once() {
+        let mut view = view();
+        let mut angles = vec![Some(0.1); 6];
+        assert!(view.transforms(&angles, Instant::ZERO).is_some());
+        angles[3] = None;
+        assert!(view.transforms(&angles, Instant::ZERO).is_none());
+        assert!(view.bodies(Instant::ZERO).is_some() && view.bodies(Instant::ZERO).is_none());
+    }
+
+    #[test]
+    fn the_ball_is_in_the_hand_until_the_gripper_opens() {
+        let mut view = view();
+        let mut changes = |open| view.ball(open, Instant::ZERO).is_some();
+        assert_eq!([true, false, false, true, true].map(&mut changes), [false, true, false, true, false]);
+    }
+}

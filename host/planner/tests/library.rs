@@ -1,0 +1,53 @@
+//! Throws from a library: the stored throws around a target, solved locally to it, are what they claim.
+
+use nalgebra::Vector3;
+use planner::plan::file::PlanFile;
+use planner::plan::ladder::{Kept, Ladder};
+use planner::plan::library::nearest_stored;
+use planner::plan::rng::SplitMix64;
+use planner::plan::statistics::Noise;
+use planner::plan::{Arm, Best, Confidence, Options, Planner, Problem, seeds};
+use planner::store::Index;
+use planner::verify;
+
+#[test]
+fn looked_up_throws_pass_the_check_by_other_means_and_the_same_library_gives_the_same_throw() {
+    let arm = Arm::load("powercube6").unwrap();
+    let index = seeds::built_in(&arm);
+    let (mut reached, mut rng) = (0, SplitMix64::new(5));
+    for _ in 0..60 {
+        let azimuth = std::f64::consts::TAU * rng.unit();
+        let range = 0.8 + 0.9 * rng.unit();
+        let at = Vector3::new(range * azimuth.cos(), range * azimuth.sin(), -1.0 + 0.8 * rng.unit());
+        let problem = Problem::new(&arm, at, Options::paper()).unwrap();
+        let planner = Planner::new(&problem);
+        let look_up = planner.look_up(&index);
+        let Some(found) = planner.from_look_up(&look_up) else { continue };
+        assert_eq!(planner.from_look_up(&planner.look_up(&index)), Some(found));
+        reached += 1;
+        let confidence = Confidence { at_best: 1, distinct: 1, ..Confidence::default() };
+        let best = Best { found, starts: 1, solved: 1, interrupted: false, confidence, others: vec![found] };
+        let plan = PlanFile::of(&problem, &best, "powercube6", 1, &Noise::default(), None).unwrap();
+        let report = verify::check(&arm, &plan);
+        assert!(
+            report.ok(),
+            "target {at}: {:?}",
+            report.findings.iter().filter(|f| !f.ok).collect::<Vec<_>>()
+        );
+    }
+    // Ranges from 0.8 to 1.7 m are in reach of this arm, nearly all in the paper's form.
+    assert!(reached >= 50, "{reached} of 60 targets reached");
+}
+
+#[test]
+fn the_nearest_stored_target_is_told_and_far_from_it_nothing_is_offered() {
+    let arm = Arm::load("powercube6").unwrap();
+    let index = seeds::built_in(&arm);
+    let (record, away_m) = nearest_stored(&index, 9.0, 0.0).unwrap();
+    assert!((record.range_m - 9.0).hypot(record.height_m) == away_m && away_m > 5.0);
+    assert_eq!(nearest_stored(&Index::<6>::default(), 1.0, 0.0), None);
+    let far = Problem::new(&arm, Vector3::new(9.0, 0.0, 0.0), Options::paper()).unwrap();
+    assert!(Planner::new(&far).look_up(&index).is_empty(), "nothing is stored out there");
+    let ladder = Ladder::new(&arm, Vector3::new(9.0, 0.0, 0.0), &Options::best(), Kept::default()).unwrap();
+    assert!(ladder.from_library(&index).is_none());
+}
