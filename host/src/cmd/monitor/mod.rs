@@ -2,9 +2,9 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`lines`] | one line per module and period, for other programs |
-//! | [`screen`] | the picture on a terminal, without IO |
-//! | [`terminal`] | size, keys, and a screen of its own |
+//! | `lines` | one line per module and period, for other programs |
+//! | `screen` | the picture on a terminal, without IO |
+//! | `terminal` | size, keys, and a screen of its own |
 
 mod lines;
 mod screen;
