@@ -256,7 +256,7 @@ fn throw_in_the_cell(plan: &PlanFile, folder: &Path) -> (Session, Vec<Truth>) {
     options.drive.starts_homed = true;
     options.gripper.jitter = Duration::ZERO;
     options.start_q_rad = Some(motion(plan).at(0.0).q.iter().copied().collect());
-    let args = BusArgs { record: Some(folder.join("log")), ..BusArgs::default() };
+    let args = BusArgs { record: Some(folder.join("bus")), ..BusArgs::default() };
     let mut cell = args.cell.load().unwrap();
     cell.setup.cell = options;
     let mut session = args.open_cell(&cell, Some(&Settings::powercube6())).unwrap();

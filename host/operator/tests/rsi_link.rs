@@ -106,10 +106,11 @@ fn ten_thousand_cycles_in_step_have_no_late_answer_with_every_generation_transpo
         println!("{name}: {} telegrams, A1 went {way_deg:.0} deg, {:?}", served.telegrams, station.counts());
         assert_eq!((served.telegrams, served.late, served.refused), (CYCLES, 0, 0), "{name}");
         assert_eq!((served.fault, served.events_lost), (None, 0), "{name}");
-        // Each telegram was answered once. A KR C2 begins with one more, which holds its number only.
-        assert_eq!(served.answer_times_us.len() as u64, CYCLES, "{name}");
+        // Each telegram was answered once. The first one of a KR C2 holds its number only, so its answer may be left out.
+        let bare = u64::from(name.starts_with("kr-c2"));
+        assert_eq!(served.answer_times_us.len() as u64, CYCLES - bare, "{name}");
         let answers = station.counts().answers;
-        assert!((CYCLES..=CYCLES + 1).contains(&answers), "{name}: {answers}");
+        assert!((CYCLES - bare..=CYCLES).contains(&answers), "{name}: {answers}");
         assert_eq!((station.counts().unreadable, exchange.connections), (0, 1), "{name}");
         // The robot was led, not held: 40 s of 4 ms or 120 s of 12 ms.
         assert!(way_deg > 50.0, "{name}: {way_deg}");
