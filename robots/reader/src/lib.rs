@@ -5,9 +5,9 @@
 //! [`Section::finish`] refuses what nobody asked for.
 //!
 //! ```
-//! use toml_reader::{Problem, Refusal, Source, Value};
+//! use toml_reader::{DocumentError, Problem, Source, Value};
 //!
-//! fn read(text: &str) -> Result<(f64, Option<bool>), Refusal<Problem>> {
+//! fn read(text: &str) -> Result<(f64, Option<bool>), DocumentError<Problem>> {
 //!     let source = Source { file: "arm.toml", text };
 //!     let document = source.parse()?;
 //!     let root = source.root(&document);
