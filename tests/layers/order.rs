@@ -3,7 +3,7 @@
 
 /// Floors of packages.
 pub(crate) const PACKAGES: &[&[&str]] = &[
-    &["protocol", "toml-reader", "console"],
+    &["protocol", "toml-reader", "cell-console"],
     &["can-link", "rsi-protocol", "tracker-protocol", "robot-model", "lapack-shim"],
     &["firmware", "hil-sim"],
     &["board-example", "planner", "tuner"],
