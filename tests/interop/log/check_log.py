@@ -59,6 +59,11 @@ def readings(frames):
             yield time_us, identifier - 0x0A0, struct.unpack_from("<f", data, 2)[0]
 
 
+def is_motion_order(can_id, extended, data):
+    """Whether a frame orders a PowerCube to move (command 0x0B)."""
+    return not extended and can_id >> 5 == 7 and data[:1] == b"\x0b"
+
+
 def cycles(told, addresses):
     """Angles of each control cycle: it ends when all drives have told theirs, or one tells it again."""
     angles, fresh = [None] * len(addresses), set()
@@ -214,14 +219,16 @@ def main(path, robot, layout, fault):
     assert shown == expected, "/joints are not the drives' answers by control cycle"
     full = [one for one in expected if None not in one[1]]
     assert len(messages["/tf"]) == len(full) > 100, "/tf"
-    # At control rate: while a plan runs, one message for each period.
+    # At control rate: one message for each period while a plan is driven. It ends with the last motion order: then the
+    # drives hold, and the controller asks by turns for an angle with the state and for the state alone.
+    orders = [time_us for time_us, can_id, extended, data in text if is_motion_order(can_id, extended, data)]
     told_group = [(t // 1000, g.state, g.cycle_us) for t, g in zip(stamped["/group"], messages["/group"])]
     runs = [list(run) for state, run in itertools.groupby(told_group, lambda told: told[1]) if state == "running"]
     for run in runs:
-        (begin, _, period_us), end = run[0], run[-1][0]
+        begin, _, period_us = run[0]
+        end = max(time_us for time_us in orders if time_us <= run[-1][0])
         shown_then, periods = sum(begin <= time_us < end for time_us, _ in full), (end - begin) / period_us
-        # Cycles in which a drive told nothing have no message of their own; an order to it may come without an angle.
-        assert 0.95 * periods <= shown_then <= periods + 2, f"/joints: {shown_then} in {periods} control periods"
+        assert abs(shown_then - periods) <= 2, f"/joints: {shown_then} in {periods} control periods"
         print(f"{shown_then} messages of /joints in {periods:.1f} control periods of a plan")
     # Frames: the chain of the robot file, computed here.
     for (time_us, angles), one in list(zip(full, messages["/tf"]))[:: max(1, len(full) // 50)]:

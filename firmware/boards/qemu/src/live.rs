@@ -14,9 +14,11 @@
 //!
 //! # Period
 //!
-//! A control cycle of six joints is 460 bytes on the UART, which carries 40 to 55 kB/s because the emulated receiver
-//! holds one byte: 10 ms, and 15 ms on a busy machine. So the period here is twice the paper's. Sent bytes are a segment each: QEMU needs
-//! `nodelay=on` on its TCP port, or they wait 40 ms for each other.
+//! A control cycle of six joints is 530 bytes on the UART, which carries 20 to 55 kB/s: the emulated receiver holds one
+//! byte, and each byte is handed from one thread of the emulator to another. That is 10 to 26 ms, without telemetry. So the
+//! period here is twice the paper's, and a machine at the slow end homes the arm but cannot throw: cycles overrun, and the
+//! controller stops with fault 401. Sent bytes are a segment each: QEMU needs `nodelay=on` on its TCP port, or they wait
+//! 40 ms for each other.
 
 use cortex_m::Peripherals;
 use cortex_m::peripheral::SYST;
