@@ -160,8 +160,8 @@ fn is_soft(bus: &BusArgs, wanted: Option<Controller>) -> Result<bool, ExpectedEr
         Err(ExpectedError::new(exit::BUS, format!("{spec}: {who}; nothing was sent\n  next: {next}")))
     };
     match (wanted, present.controller) {
-        _ if present.namesake => in_use(
-            "another cubectl gives orders on this bus, under the same node-ID",
+        _ if present.tool => in_use(
+            "another cubectl speaks to a controller on this bus",
             "end it; `cubectl monitor` watches beside it",
         ),
         (Some(Controller::Soft), Some(node)) => in_use(

@@ -51,6 +51,8 @@ pub struct Session {
     bus_errors: Vec<(Instant, BusError)>,
     /// Set: the soft controller of the simulated cell is silent.
     controller_off: Rc<Cell<bool>>,
+    /// It is a Cyphal node, with a node-ID that no other tool has.
+    pub(crate) joined: bool,
     /// Key of the controller, if it has one.
     pub(crate) key: Option<Key>,
 }
@@ -64,7 +66,18 @@ impl Session {
     ) -> Self {
         let bus_errors = Vec::new();
         let (taps, moves, urgent) = (Vec::new(), false, None);
-        Self { medium, taps, interrupt, name, moves, urgent, bus_errors, controller_off, key: None }
+        Self {
+            medium,
+            taps,
+            interrupt,
+            name,
+            moves,
+            urgent,
+            bus_errors,
+            controller_off,
+            joined: false,
+            key: None,
+        }
     }
 
     /// Takes the soft controller of this session off the bus, so that the host may ask the drives itself.

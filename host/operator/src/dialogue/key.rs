@@ -12,7 +12,6 @@ use protocol::cyphal::uavcan::value::Value;
 use super::operator::OperatorError;
 use super::registers::Numbers;
 use crate::bus::session::Session;
-use crate::node::inbox::NODE_ID;
 
 impl Session {
     /// Orders from now on carry codes of this key, where a controller with a key wants one.
@@ -77,7 +76,7 @@ impl Session {
         let output = self.order_plain(node, "to give a challenge", CHALLENGE, &[])?;
         let Challenge { nonce, .. } =
             Challenge::from_bytes(&output).map_err(|_| OperatorError::Unreadable { node })?;
-        let code = code_of(&key, &nonce, Peer::new(NODE_ID.get()), content.as_slice());
+        let code = code_of(&key, &nonce, Peer::new(self.host_node().node_id().get()), content.as_slice());
         let mut bytes = [0; 64];
         let len = protocol::cyphal::bits::to_bytes(&Authorization { nonce, code }, &mut bytes)
             .map_err(|_| OperatorError::Unreadable { node })?;

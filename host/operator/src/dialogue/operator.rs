@@ -205,8 +205,7 @@ impl Session {
     /// # Errors
     /// [`OperatorError::NoController`].
     pub fn find_controller(&mut self, node: Option<NodeId>) -> Result<NodeId, OperatorError> {
-        // From now on we are a Cyphal node.
-        self.host_node().link();
+        self.join()?;
         let until = self.now() + PRESENCE;
         let mut found = None;
         let ended = self.run(until, &mut |host_node| {
@@ -260,6 +259,7 @@ impl Session {
         policy: Policy,
         request: &dyn Encode,
     ) -> Result<Vec<u8>, OperatorError> {
+        self.join()?;
         let (link, now) = self.host_node().link();
         let ticket = link.request(now, node, service, policy, request).map_err(OperatorError::Start)?;
         let until = now + REQUEST_MAX;

@@ -4,7 +4,7 @@ use protocol::cyphal::id::NodeId;
 use protocol::{Duration, Instant};
 
 use super::ask::{AskError, OTHERS_LISTEN};
-use super::operator::PRESENCE;
+use super::operator::{OperatorError, PRESENCE};
 use crate::bus::session::{Ended, Session};
 use crate::node::inbox::Said;
 
@@ -15,8 +15,8 @@ pub struct Presence {
     pub controller: Option<NodeId>,
     /// Another node asks or orders drives.
     pub drives_are_asked: bool,
-    /// Another `cubectl` is a node: it has the same node-ID.
-    pub namesake: bool,
+    /// Another host tool is a node: a `cubectl` that speaks to a controller.
+    pub tool: bool,
 }
 
 impl Session {
@@ -24,6 +24,30 @@ impl Session {
     /// or spoken to one.
     pub fn take_said(&mut self) -> Vec<(Instant, Said)> {
         self.host_node().inbox().map_or_else(Vec::new, |inbox| inbox.records.drain(..).collect())
+    }
+
+    /// Makes this session a Cyphal node, once: listens for [`OTHERS_LISTEN`] and takes a node-ID that no other tool has. A cell inside
+    /// this program has no other tools.
+    ///
+    /// # Errors
+    /// [`OperatorError::Bus`], [`OperatorError::Interrupted`].
+    pub(super) fn join(&mut self) -> Result<(), OperatorError> {
+        if self.joined {
+            return Ok(());
+        }
+        if self.sim().is_none() {
+            let until = self.now() + OTHERS_LISTEN;
+            self.host_node().listen_only();
+            let ended = self.run(until, &mut |_| false);
+            self.host_node().speak();
+            if ended? == Ended::Interrupted {
+                return Err(OperatorError::Interrupted);
+            }
+            self.host_node().take_free_node_id();
+        }
+        self.joined = true;
+        self.host_node().link();
+        Ok(())
     }
 
     /// Listens for 1.5 s at most: a controller that is there has told its state by then. Nothing is sent.
@@ -59,7 +83,7 @@ impl Session {
         Ok(Presence {
             controller: controller.map(|(_, node, _)| node),
             drives_are_asked: tally.foreign_requests > before.foreign_requests,
-            namesake: tally.namesakes > before.namesakes,
+            tool: tally.tools > before.tools,
         })
     }
 }

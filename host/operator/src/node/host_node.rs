@@ -13,7 +13,7 @@ use protocol::powercube::{
 use protocol::{Duration, Frame, Id, Instant, ModuleId, Node};
 
 use super::drive_client::{DriveClient, Outcome, RequestFailed, Ticket};
-use super::inbox::{CyphalLink, Inbox, NODE_ID};
+use super::inbox::{CyphalLink, Inbox, NODE_ID, NODE_ID_MIN};
 
 /// What was heard of one module, by whomever it was asked.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -47,8 +47,8 @@ pub struct Tally {
     pub extended: u64,
     /// Requests and broadcasts to drives from another node.
     pub foreign_requests: u64,
-    /// Frames of another node under the node-ID of this program: another `cubectl`.
-    pub namesakes: u64,
+    /// Frames of other host tools, by their node-IDs: another `cubectl`.
+    pub tools: u64,
     /// Frames sent.
     pub sent: u64,
     /// Frames from drives that are no valid answer.
@@ -62,6 +62,9 @@ pub struct HostNode {
     /// Requests to drives.
     pub drives: DriveClient,
     now: Instant,
+    node_id: NodeId,
+    /// Bit k: a tool with node-ID [`NODE_ID_MIN`] + k was heard.
+    tools: u16,
     out: VecDeque<Frame>,
     heard: BTreeMap<ModuleId, Heard>,
     tally: Tally,
@@ -85,6 +88,8 @@ impl Default for HostNode {
         Self {
             drives: DriveClient::default(),
             now: Instant::ZERO,
+            node_id: NODE_ID,
+            tools: 0,
             out: VecDeque::new(),
             heard: BTreeMap::new(),
             tally: Tally::default(),
@@ -127,7 +132,7 @@ impl HostNode {
 
     /// The Cyphal message that stops a controller: one frame, highest priority.
     fn stop_message(&self, reason: Reason) -> Frame {
-        let route = Route::Message { source: NODE_ID, subject: stop::SUBJECT };
+        let route = Route::Message { source: self.node_id, subject: stop::SUBJECT };
         let tail = Tail { start: true, end: true, toggle: true, transfer_id: self.stop_transfer };
         let bytes = [reason.0, Sender::CUBECTL.0, 0, 0, tail.byte()];
         Frame::from_array(route.can_id(Priority::Exceptional), bytes)
@@ -135,8 +140,24 @@ impl HostNode {
 
     /// The host link to a controller; from the first call on the host node is a Cyphal node with a heartbeat.
     pub(crate) fn link(&mut self) -> (&mut CyphalLink, Instant) {
-        let now = self.now;
-        (self.link.get_or_insert_with(|| Box::new(super::inbox::link(now))), now)
+        let (now, node_id) = (self.now, self.node_id);
+        (self.link.get_or_insert_with(|| Box::new(super::inbox::link(now, node_id))), now)
+    }
+
+    /// Cyphal node-ID of this host.
+    pub const fn node_id(&self) -> NodeId {
+        self.node_id
+    }
+
+    /// Takes the highest node-ID of a tool that was not heard; before the first frame of the host link. None is free: the
+    /// node-ID stays.
+    pub(crate) fn take_free_node_id(&mut self) {
+        let free = (NODE_ID_MIN.get()..=NODE_ID.get()).rev().map(NodeId::from_low_bits);
+        let Some(free) = free.into_iter().find(|node| self.tools & tool_bit(*node) == 0) else { return };
+        self.node_id = free;
+        if let Some(link) = &mut self.link {
+            link.set_address(free);
+        }
     }
 
     /// Sends a new end state to the controller.
@@ -240,7 +261,9 @@ impl Node for HostNode {
         self.tally.extended += u64::from(frame.is_extended());
         self.count(frame);
         if frame.is_extended() {
-            self.tally.namesakes += u64::from(is_from(NODE_ID, frame));
+            let tool = source(frame).map_or(0, tool_bit);
+            self.tally.tools += u64::from(tool != 0);
+            self.tools |= tool;
             if let Some(link) = &mut self.link {
                 link.handle_frame(self.now, frame);
             }
@@ -297,10 +320,19 @@ impl Node for HostNode {
     }
 }
 
-/// True if a Cyphal frame says that it comes from `node`.
-fn is_from(node: NodeId, frame: &Frame) -> bool {
-    let Id::Extended(id) = frame.id() else { return false };
-    Route::parse(id).is_ok_and(|(_, route)| route.source() == Some(node))
+/// The node from which a Cyphal frame says that it comes.
+fn source(frame: &Frame) -> Option<NodeId> {
+    let Id::Extended(id) = frame.id() else { return None };
+    Route::parse(id).ok().and_then(|(_, route)| route.source())
+}
+
+/// Bit of the node-ID of a host tool; 0 for another one.
+const fn tool_bit(node: NodeId) -> u16 {
+    if node.get() < NODE_ID_MIN.get() || node.get() > NODE_ID.get() {
+        0
+    } else {
+        1 << (node.get() - NODE_ID_MIN.get())
+    }
 }
 
 /// Bits of a frame on the wire with its interframe space, without stuff bits.
@@ -313,4 +345,42 @@ pub fn frame_bits(frame: &Frame) -> u64 {
 pub fn utilisation(tally: Tally, span: Duration, bit_rate_bit_s: u32) -> f64 {
     let available = span.as_secs_f64() * f64::from(bit_rate_bit_s);
     if available > 0.0 { (tally.bits as f64 / available).min(1.0) } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Frames of a host that speaks to a controller for a tenth of a second.
+    fn frames_of(host: &mut HostNode) -> Vec<Frame> {
+        host.link();
+        let mut frames = Vec::new();
+        for ms in 0..100 {
+            host.handle_timeout(Instant::from_micros(1000 * ms));
+            frames.extend(std::iter::from_fn(|| host.poll_frame()));
+        }
+        frames
+    }
+
+    #[test]
+    fn each_further_tool_on_a_bus_takes_a_node_id_that_it_does_not_hear() {
+        let mut heard: Vec<Frame> = Vec::new();
+        for expected in (NODE_ID_MIN.get()..=NODE_ID.get()).rev().map(NodeId::from_low_bits) {
+            let mut host = HostNode::default();
+            host.listen_only();
+            for frame in &heard {
+                host.handle_frame(Instant::ZERO, frame);
+            }
+            host.speak();
+            host.take_free_node_id();
+            assert_eq!(host.node_id(), expected);
+            let mut frames = frames_of(&mut host);
+            host.halt(Reason::OPERATOR);
+            frames.extend(std::iter::from_fn(|| host.poll_frame()).filter(Frame::is_extended));
+            assert!(frames.len() > 3, "heartbeats and a stop message");
+            assert!(frames.iter().all(|frame| source(frame) == Some(expected)));
+            heard.extend(frames);
+        }
+        assert_eq!(source(&heard[0]), Some(NODE_ID));
+    }
 }

@@ -14,8 +14,11 @@ use protocol::cyphal::uavcan::diagnostic::{self, Record, Severity};
 use protocol::cyphal::uavcan::info::{NodeInfo, Version};
 use protocol::{Duration, Instant};
 
-/// Cyphal node-ID of a host tool; the highest ones are customary for tools.
+/// Cyphal node-ID of the first host tool on a bus; the highest ones are customary for tools.
 pub const NODE_ID: NodeId = NodeId::from_low_bits(126);
+/// Lowest node-ID that a host tool takes. Each further tool takes the highest one that it does not hear: a node that begins under
+/// the node-ID of another looks like that one started again, and a controller then stops its motion.
+pub const NODE_ID_MIN: NodeId = NodeId::from_low_bits(111);
 
 /// Time between two heartbeats of the host: a third of the time-out that controllers have by default.
 pub const HEARTBEAT: Duration = Duration::from_millis(30);
@@ -107,7 +110,7 @@ impl Listener for Inbox {
     }
 }
 
-pub(super) fn link(now: Instant) -> CyphalLink {
+pub(super) fn link(now: Instant, node_id: NodeId) -> CyphalLink {
     let mut ports = RESPONSES.to_vec();
     ports.push(Port::message(group_state::SUBJECT, group_state::EXTENT));
     ports.push(Port::message(joint_state::SUBJECT, joint_state::EXTENT));
@@ -121,7 +124,7 @@ pub(super) fn link(now: Instant) -> CyphalLink {
         records: VecDeque::new(),
         target_answers: VecDeque::new(),
     };
-    let mut link = CyphalHost::new(now, NODE_ID, inbox);
+    let mut link = CyphalHost::new(now, node_id, inbox);
     link.set_heartbeat_period(HEARTBEAT);
     link
 }

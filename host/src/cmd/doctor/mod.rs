@@ -17,7 +17,6 @@ use operator::bus::{BusArgs, Session};
 use operator::dialogue::ask::AskError;
 use operator::dialogue::survey::ModuleReport;
 use operator::node::drive_client::Policy;
-use operator::node::inbox::NODE_ID;
 
 /// How long to listen before the first word: another controller or host betrays itself.
 const LISTEN: Duration = Duration::from_millis(300);
@@ -489,8 +488,10 @@ fn probe_29_bit(session: &mut Session, modules: &[ModuleReport]) -> Result<Findi
 
 /// A Cyphal heartbeat of the lowest priority: the most harmless frame of the host link.
 fn probe_frame() -> Frame {
-    use protocol::cyphal::id::{Priority, Route, SubjectId, Tail, TransferId};
-    let route = Route::Message { source: NODE_ID, subject: SubjectId::from_low_bits(7509) };
+    use protocol::cyphal::id::{NodeId, Priority, Route, SubjectId, Tail, TransferId};
+    // Not the node-ID of a host: a controller would take it for that one started again.
+    let source = NodeId::from_low_bits(127);
+    let route = Route::Message { source, subject: SubjectId::from_low_bits(7509) };
     let tail = Tail { start: true, end: true, toggle: true, transfer_id: TransferId::ZERO };
     let frame = Frame::from_array(route.can_id(Priority::Optional), [0, 0, 0, 0, 0, 0, 0, tail.byte()]);
     debug_assert!(Address::of(frame.id()).is_none());
