@@ -158,6 +158,12 @@ attempt() { # name, options...
         ;;
     esac
     local status=0
+    local reader=
+    if [ "$name" = own ]; then
+        # Another person looks at the settings while the arm moves. It must leave the motion alone.
+        (sleep 9 && exec "$bin/cubectl" registers list --bus "$socketcand" >"$dir.registers" 2>&1 </dev/null) &
+        reader=$!
+    fi
     if [ "$name" = qemu ]; then
         timeout 120 "$bin/cubectl" home --json --bus "$socketcand" "$@" >"$dir.json" </dev/null || status=$?
         end_all
@@ -165,6 +171,7 @@ attempt() { # name, options...
         return $status
     fi
     timeout 120 "$bin/cubectl" throw --target 1,1,-1 --no-store --bus "$socketcand" --out "$dir" "$@" </dev/null || status=$?
+    [ -z "$reader" ] || wait "$reader" || status=$not_repeated
     # The ball is still in the air.
     sleep 1
     end_all

@@ -95,6 +95,9 @@ fn a_log_with_a_torn_last_line_is_replayed_and_reported_up_to_it_and_the_tear_is
     let analysis: serde_json::Value = serde_json::from_str(&out(&analysed)).unwrap();
     assert_eq!(analysis["torn"]["line"], lines);
     assert_eq!(analysis["completed"], true);
+    let not_a_folder = cubectl(&["report", &log.display().to_string()]);
+    assert_eq!(code(&not_a_folder), 4, "{}", err(&not_a_folder));
+    assert!(err(&not_a_folder).contains("next: name the folder"), "{}", err(&not_a_folder));
 }
 
 #[test]

@@ -89,7 +89,7 @@ pub enum OpenError {
     },
     /// The interface exists, but is of another kind.
     #[error(
-        "'{interface}' is no CAN interface (CAN interfaces of this machine: {present})\n  next: name one of those, or `ip -details link show type can`"
+        "'{interface}' is not a CAN interface (CAN interfaces of this machine: {present})\n  next: name one of those, or `ip -details link show type can`"
     )]
     NotCan {
         /// Interface, as written in the name of the bus.
@@ -132,7 +132,7 @@ pub enum OpenError {
         source: io::Error,
     },
     /// The path is a file of another kind.
-    #[error("{} is no serial device\n  next: `ls /dev/serial/by-id` shows those that are plugged in", .path.display())]
+    #[error("{} is not a serial device\n  next: `ls /dev/serial/by-id` shows those that are plugged in", .path.display())]
     NotSerial {
         /// The path.
         path: PathBuf,

@@ -278,7 +278,7 @@ mod tests {
     fn an_interface_of_another_kind_is_refused_by_name() {
         let error = SocketCan::open("lo", Clock::start()).map(|_| ()).unwrap_err();
         assert!(matches!(error, OpenError::NotCan { .. }), "{error}");
-        assert!(error.to_string().contains("'lo' is no CAN interface"), "{error}");
+        assert!(error.to_string().contains("'lo' is not a CAN interface"), "{error}");
     }
 
     #[test]

@@ -95,14 +95,16 @@ pub enum AnalysisError {
     )]
     NoRun,
     /// The robot file does not say which drive is which joint.
-    #[error("robot \"{robot}\" has no drives in its file, so nobody knows which address is which joint")]
+    #[error(
+        "robot \"{robot}\" has no drives in its file, so the joint of an address is not known\n  next: give each [[joint]] a [joint.drive] table with its address"
+    )]
     NoDrives {
         /// Name of the robot.
         robot: String,
     },
     /// A drive that is never heard during the run.
     #[error(
-        "{}joint {joint} tells no position during the run\n  next: is the log of this robot? \
+        "{}joint {joint} tells no position during the run\n  next: check that the log is of this robot; \
          `cubectl record` must hear all drives", .module.map_or(String::new(), |module| format!("drive {module}, "))
     )]
     Silent {

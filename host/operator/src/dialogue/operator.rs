@@ -63,7 +63,7 @@ pub enum OperatorError {
     )]
     NoController,
     /// The request table is full or the message too long; does not happen to a single operator.
-    #[error("cannot ask the controller: {0:?}")]
+    #[error("cannot ask the controller: {0}")]
     Start(StartError),
     /// It does not answer.
     #[error("controller {} does not answer\n  next: `cubectl doctor`; look at the bus load", .node.get())]

@@ -30,7 +30,7 @@ pub enum Refused {
     #[error("pages of {0} may not read this; the one who started cubectl can allow them with --web-origin")]
     Origin(String),
     /// Nothing is there.
-    #[error("nothing is there; the page is at /")]
+    #[error("there is no such page; the live page is at /")]
     Path,
     /// Not with this method.
     #[error("not with this method")]

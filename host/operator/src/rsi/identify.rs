@@ -87,7 +87,7 @@ pub enum Unclear {
     TooFew(usize),
     /// The model does not fit.
     #[error(
-        "what the model leaves ({residual_deg:.3} deg) is more than a tenth of the motion ({motion_deg:.3} deg)\n  next: is the correction clamped, or was the robot stopped? look at motion.csv"
+        "the residual of the model ({residual_deg:.3} deg) is more than a tenth of the motion ({motion_deg:.3} deg)\n  next: look at motion.csv; a correction that is clamped or a robot that stopped shows there"
     )]
     NoFit {
         /// Left.

@@ -185,7 +185,7 @@ fn tracking(place: &Place, commands: &str, data: &UdpSocket) -> Result<Tracking<
                 TrackerError::Socket { place, error, next: "check the network to the tracker's controller" }
             }
             CommandError::Unreadable(text) => {
-                TrackerError::Unreadable { place, what: format!("\"{text}\" is no answer") }
+                TrackerError::Unreadable { place, what: format!("\"{text}\" is not an answer to a command") }
             }
             CommandError::Refused { command, answer } => TrackerError::Refused { place, command, answer },
         }

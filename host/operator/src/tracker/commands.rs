@@ -11,7 +11,7 @@ pub enum CommandError {
     #[error(transparent)]
     Stream(#[from] io::Error),
     /// An answer is none.
-    #[error("\"{0}\" is no answer")]
+    #[error("\"{0}\" is not an answer to a command")]
     Unreadable(String),
     /// The tracker refuses.
     #[error("the tracker answers \"{answer}\" to \"{command}\"")]

@@ -91,6 +91,8 @@ const GIVE_UP_VIOLATION: f64 = 1e-2;
 const GIVE_UP_STEP: f64 = 0.1;
 /// Below this violation multipliers say which inequalities a solution rests on.
 const PRICED_VIOLATION: f64 = 0.1;
+/// Halvings of a step at most.
+const HALVINGS: usize = 12;
 /// Merit values remembered.
 const MEMORY: usize = 4;
 
@@ -164,24 +166,14 @@ pub fn solve<const D: usize, T: Task<D>>(
         let gradient = used.gradient(&rows, n);
         // A program that is feasible only by a huge step says nothing about here: treat it like an infeasible one.
         let far = |d: &Row<D>| d[task.angles()].iter().any(|d| d.abs() > STEP_FAR_RAD);
-        let mut plain = true;
-        let (d, eq, ineq) = match qp::solve(&used.factor, &gradient, n, &rows.eq, &rows.ineq, &likely) {
-            Ok(s) if !far(&s.d) => (s.d, s.eq, s.ineq),
+        let (d, eq, ineq, plain) = match qp::solve(&used.factor, &gradient, n, &rows.eq, &rows.ineq, &likely)
+        {
+            Ok(s) if !far(&s.d) => (s.d, s.eq, s.ineq, true),
             Ok(_) | Err(QpFailure::Infeasible | QpFailure::Numerical) => match relaxed(&w, &rows, n) {
-                Some(found) => {
-                    plain = false;
-                    found
-                }
+                Some((d, eq, ineq)) => (d, eq, ineq, false),
                 None => break,
             },
         };
-        let mut step_limit = 1.0_f64;
-        for k in task.angles() {
-            let big = d[k].abs();
-            if big > STEP_MAX_RAD {
-                step_limit = step_limit.min(STEP_MAX_RAD / big);
-            }
-        }
         let largest = multipliers.set(&rows, &eq, &ineq);
         let wanted = (1.5 * largest + 1.0).min(1e6);
         // The penalty follows the multipliers up at once and down slowly.
@@ -217,13 +209,10 @@ pub fn solve<const D: usize, T: Task<D>>(
         if memory.len() > MEMORY {
             memory.remove(0);
         }
-        let mut alpha = step_limit;
+        let mut alpha = step_limit(task, &d);
         let mut accepted = false;
-        for _ in 0..12 {
-            let mut trial = x;
-            for k in 0..n {
-                trial[k] += alpha * d[k];
-            }
+        for _ in 0..HALVINGS {
+            let trial = moved(&x, alpha, &d, n);
             if task.is_motion(&trial) {
                 next.evaluate(task, &trial);
                 let merit = next.objective + penalty * next.total();
@@ -244,10 +233,7 @@ pub fn solve<const D: usize, T: Task<D>>(
                 break;
             }
             // The model is useless here: take a short step along it and see.
-            let mut trial = x;
-            for k in 0..n {
-                trial[k] += alpha * d[k];
-            }
+            let trial = moved(&x, alpha, &d, n);
             if !task.is_motion(&trial) {
                 break;
             }
@@ -266,32 +252,56 @@ pub fn solve<const D: usize, T: Task<D>>(
         }
         believed = plain;
     }
-    // A run that ends without steps left is a little outside the constraints it descended along. The shortest way back
-    // makes a throw of it, which a later run can continue.
+    let mut end = Local { x, objective: rows.objective, violation, iterations, multipliers };
+    step_back(task, settings, &mut end, rows, next);
+    end
+}
+
+/// The shortest way back into the constraints. A run that ends without steps left is a little outside those that it descended
+/// along; back inside it is a throw, which a later run can continue. `rows` are those of the end, `next` is room.
+fn step_back<const D: usize, T: Task<D>>(
+    task: &T,
+    settings: &Settings,
+    end: &mut Local<D>,
+    mut rows: Rows<D>,
+    mut next: Rows<D>,
+) {
+    let n = task.variables();
     for _ in 0..RETURN_STEPS {
-        if !(violation > settings.feasibility && violation < LAST_VIOLATION) {
+        if !(end.violation > settings.feasibility && end.violation < LAST_VIOLATION) {
             break;
         }
         let Ok(back) = qp::solve(&Factor::identity(), &[0.0; D], n, &rows.eq, &rows.ineq, &[]) else {
             break;
         };
-        let mut trial = x;
-        for (x, d) in trial.iter_mut().zip(&back.d).take(n) {
-            *x += d;
-        }
+        let trial = moved(&end.x, 1.0, &back.d, n);
         if !task.is_motion(&trial) {
             break;
         }
         next.evaluate(task, &trial);
-        iterations += 1;
+        end.iterations += 1;
         let after = next.worst();
-        if after.is_nan() || after >= violation {
+        if after.is_nan() || after >= end.violation {
             break;
         }
-        (x, violation) = (trial, after);
+        (end.x, end.objective, end.violation) = (trial, next.objective, after);
         std::mem::swap(&mut rows, &mut next);
     }
-    Local { x, objective: rows.objective, violation, iterations, multipliers }
+}
+
+/// `x + alpha d` in the first `n` variables.
+fn moved<const D: usize>(x: &Row<D>, alpha: f64, d: &Row<D>, n: usize) -> Row<D> {
+    let mut out = *x;
+    for (x, d) in out.iter_mut().zip(d).take(n) {
+        *x += alpha * d;
+    }
+    out
+}
+
+/// Share of a step, at most 1, with which no joint angle moves more than [`STEP_MAX_RAD`].
+fn step_limit<const D: usize, T: Task<D>>(task: &T, d: &Row<D>) -> f64 {
+    let largest = d[task.angles()].iter().fold(0.0, |most: f64, d| most.max(d.abs()));
+    if largest > STEP_MAX_RAD { STEP_MAX_RAD / largest } else { 1.0 }
 }
 
 /// Evaluates all rows with gradients once; the largest violation.

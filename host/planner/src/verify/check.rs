@@ -95,39 +95,55 @@ impl Worst {
     }
 }
 
-/// Checks a plan for an arm.
-#[must_use]
-pub fn check<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> Report {
-    let chain = Chain::new(arm);
-    let steps = (plan.end_time_s / STEP_S).ceil().max(1.0) as usize;
-    let claims = |word: &str| plan.checks.iter().any(|c| c.enforced && c.what.contains(word));
-    let name = |j: usize| arm.joints()[j].name.clone();
-    let (mut range, mut speed, mut acceleration, mut jerk) =
-        (Worst::new(), Worst::new(), Worst::new(), Worst::new());
-    let (mut jump, mut motor, mut supply) = (Worst::new(), Worst::new(), Worst::new());
-    let (mut near, mut floor, mut obstacle) = (Worst::new(), Worst::new(), Worst::new());
-    let obstacles = Obstacles::new(plan);
-    let boxes = arm.collision().boxes();
-    let radius_m = arm.gripper().ball_radius_m;
-    let place = |t: f64| -> (Vec<Pose>, Pose) {
-        let d = chain.displacements(&motion::sample::<N>(plan, t).q);
-        let placed = boxes
-            .iter()
-            .map(|b| b.link.checked_sub(1).map_or(b.x_lb, |i| chain.link(&d, i) * b.x_lb))
-            .collect();
-        (placed, chain.link(&d, N - 1) * *arm.end_effector() * arm.gripper().x_eb)
-    };
-    for step in 0..=steps {
-        let t = (step as f64 * plan.end_time_s / steps as f64).min(plan.end_time_s);
-        let s = motion::sample::<N>(plan, t);
-        for j in 0..N {
-            let l = &arm.joints()[j].limits;
-            range.see((l.q_min_rad - s.q[j]).max(s.q[j] - l.q_max_rad), t, || name(j));
-            speed.see(s.qd[j].abs() / l.v_max_rad_s, t, || name(j));
-            acceleration.see(s.qdd[j].abs() / l.a_max_rad_s2, t, || name(j));
-            jerk.see(s.jerk[j].abs() / l.j_max_rad_s3, t, || name(j));
+/// What is looked at over the whole motion.
+struct Watched {
+    range: Worst,
+    speed: Worst,
+    acceleration: Worst,
+    jerk: Worst,
+    /// Distances with the sign turned: of the arm to itself, its base and the held ball.
+    near: Worst,
+    /// The same to the floor.
+    floor: Worst,
+    /// The same to the obstacles.
+    obstacle: Worst,
+}
+
+impl Watched {
+    fn new() -> Self {
+        Self {
+            range: Worst::new(),
+            speed: Worst::new(),
+            acceleration: Worst::new(),
+            jerk: Worst::new(),
+            near: Worst::new(),
+            floor: Worst::new(),
+            obstacle: Worst::new(),
         }
-        let (placed, ball) = place(t);
+    }
+
+    /// Joints at a time of the plan.
+    fn see_joints<const N: usize>(&mut self, arm: &RobotModel<N>, plan: &PlanFile, t: f64) {
+        let s = motion::sample::<N>(plan, t);
+        for (j, joint) in arm.joints().iter().enumerate() {
+            let l = &joint.limits;
+            let name = || joint.name.clone();
+            self.range.see((l.q_min_rad - s.q[j]).max(s.q[j] - l.q_max_rad), t, name);
+            self.speed.see(s.qd[j].abs() / l.v_max_rad_s, t, name);
+            self.acceleration.see(s.qdd[j].abs() / l.a_max_rad_s2, t, name);
+            self.jerk.see(s.jerk[j].abs() / l.j_max_rad_s3, t, name);
+        }
+    }
+
+    /// Boxes of the arm, where they are `placed`.
+    fn see_boxes<const N: usize>(
+        &mut self,
+        arm: &RobotModel<N>,
+        obstacles: &Obstacles<'_>,
+        placed: &[Pose],
+        t: f64,
+    ) {
+        let boxes = arm.collision().boxes();
         for &(a, b) in arm.collision().pairs() {
             let (a, b) = (usize::from(a), usize::from(b));
             let gap =
@@ -137,27 +153,64 @@ pub fn check<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> Report {
             } else {
                 distance_m(&placed[a], &boxes[a].half_m, &placed[b], &boxes[b].half_m)
             };
-            near.see(-distance, t, || format!("\"{}\" and \"{}\"", boxes[a].name, boxes[b].name));
+            self.near.see(-distance, t, || format!("\"{}\" and \"{}\"", boxes[a].name, boxes[b].name));
         }
-        for (k, body) in
-            boxes.iter().enumerate().filter(|(_, b)| b.link >= arm.collision().rule().floor_from_link)
-        {
-            floor.see(arm.world().floor_z_m - lowest_m(&placed[k], &body.half_m), t, || body.name.clone());
-        }
-        for (k, body) in boxes.iter().enumerate().filter(|(_, b)| b.link > 0) {
-            obstacles.see_box(&placed[k], &body.half_m, &body.name, t, &mut obstacle);
-        }
-        if t <= plan.release_time_s {
-            obstacles.see_ball(&ball.pos, radius_m, "held ball", t, &mut obstacle);
-            for (k, body) in boxes.iter().enumerate().filter(|(_, b)| b.link + 2 <= N) {
-                let distance = point_distance_m(&placed[k], &body.half_m, &ball.pos) - radius_m;
-                near.see(-distance, t, || format!("held ball and \"{}\"", body.name));
+        let from_link = arm.collision().rule().floor_from_link;
+        for (k, body) in boxes.iter().enumerate() {
+            if body.link >= from_link {
+                let below_m = arm.world().floor_z_m - lowest_m(&placed[k], &body.half_m);
+                self.floor.see(below_m, t, || body.name.clone());
             }
-            floor.see(arm.world().floor_z_m - ball.pos.z + radius_m, t, || "held ball".to_owned());
+            if body.link > 0 {
+                obstacles.see_box(&placed[k], &body.half_m, &body.name, t, &mut self.obstacle);
+            }
         }
     }
-    segments_meet::<N>(plan, &mut jump);
-    currents(arm, &chain, plan, &mut motor, &mut supply);
+
+    /// The ball in the hand, at `p`.
+    fn see_held_ball<const N: usize>(
+        &mut self,
+        arm: &RobotModel<N>,
+        obstacles: &Obstacles<'_>,
+        placed: &[Pose],
+        p: &Vector3<f64>,
+        t: f64,
+    ) {
+        let radius_m = arm.gripper().ball_radius_m;
+        obstacles.see_ball(p, radius_m, "held ball", t, &mut self.obstacle);
+        for (k, body) in arm.collision().boxes().iter().enumerate().filter(|(_, b)| b.link + 2 <= N) {
+            let distance = point_distance_m(&placed[k], &body.half_m, p) - radius_m;
+            self.near.see(-distance, t, || format!("held ball and \"{}\"", body.name));
+        }
+        self.floor.see(arm.world().floor_z_m - p.z + radius_m, t, || "held ball".to_owned());
+    }
+}
+
+/// Checks a plan for an arm.
+#[must_use]
+pub fn check<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> Report {
+    let chain = Chain::new(arm);
+    let steps = (plan.end_time_s / STEP_S).ceil().max(1.0) as usize;
+    let obstacles = Obstacles::new(plan);
+    let boxes = arm.collision().boxes();
+    let place = |t: f64| -> (Vec<Pose>, Pose) {
+        let d = chain.displacements(&motion::sample::<N>(plan, t).q);
+        let placed = boxes
+            .iter()
+            .map(|b| b.link.checked_sub(1).map_or(b.x_lb, |i| chain.link(&d, i) * b.x_lb))
+            .collect();
+        (placed, chain.link(&d, N - 1) * *arm.end_effector() * arm.gripper().x_eb)
+    };
+    let mut watched = Watched::new();
+    for step in 0..=steps {
+        let t = (step as f64 * plan.end_time_s / steps as f64).min(plan.end_time_s);
+        watched.see_joints(arm, plan, t);
+        let (placed, ball) = place(t);
+        watched.see_boxes(arm, &obstacles, &placed, t);
+        if t <= plan.release_time_s {
+            watched.see_held_ball(arm, &obstacles, &placed, &ball.pos, t);
+        }
+    }
 
     // The release: position of the ball by the chain, its velocity by differences in time.
     let release = |t: f64| {
@@ -168,27 +221,53 @@ pub fn check<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> Report {
     let (p, v) = release(plan.release_time_s);
     let flown = flight(arm, plan, &place, &obstacles, &p, &v);
 
-    let over_motion = claims("currents over the motion");
-    let mut findings = vec![
-        range.finding("joint ranges", RANGE_TOLERANCE_RAD, "rad beyond", true),
-        speed.finding("joint speeds", 1.0 + SHARE_TOLERANCE, "of the limit", true),
-        acceleration.finding("joint accelerations", 1.0 + SHARE_TOLERANCE, "of the limit", true),
-        jerk.finding("joint jerks", 1.0 + SHARE_TOLERANCE, "of the limit", true),
+    let mut findings = motion_findings(arm, &chain, plan, &watched);
+    findings.extend(flight_findings(plan, &watched, &flown));
+    findings.extend(opening(arm.gripper().ball_radius_m, plan, &flown));
+    findings.extend(delays(plan, &release));
+    Report { findings, samples: steps + 1 }
+}
+
+/// Whether the plan claims a check whose text has this word.
+fn claims(plan: &PlanFile, word: &str) -> bool {
+    plan.checks.iter().any(|c| c.enforced && c.what.contains(word))
+}
+
+/// Limits of the joints, joins of the segments, clearances of the arm, currents.
+fn motion_findings<const N: usize>(
+    arm: &RobotModel<N>,
+    chain: &Chain<N>,
+    plan: &PlanFile,
+    watched: &Watched,
+) -> Vec<Finding> {
+    let (mut jump, mut motor, mut supply) = (Worst::new(), Worst::new(), Worst::new());
+    segments_meet::<N>(plan, &mut jump);
+    currents(arm, chain, plan, &mut motor, &mut supply);
+    let (clearance_m, clear) = (plan.search.clearance_m, claims(plan, "clearance of arm"));
+    let over_motion = claims(plan, "currents over the motion");
+    vec![
+        watched.range.finding("joint ranges", RANGE_TOLERANCE_RAD, "rad beyond", true),
+        watched.speed.finding("joint speeds", 1.0 + SHARE_TOLERANCE, "of the limit", true),
+        watched.acceleration.finding("joint accelerations", 1.0 + SHARE_TOLERANCE, "of the limit", true),
+        watched.jerk.finding("joint jerks", 1.0 + SHARE_TOLERANCE, "of the limit", true),
         jump.finding(
             "segments meet in position, speed and acceleration; rest at both ends",
             1e-6,
             "rad, rad/s or rad/s²",
             true,
         ),
-        clear_finding(
-            "arm clear of itself, its base and the held ball",
-            &near,
-            plan.search.clearance_m,
-            claims("clearance of arm"),
-        ),
-        clear_finding("clear of the floor", &floor, plan.search.clearance_m, claims("clearance of arm")),
+        clear_finding("arm clear of itself, its base and the held ball", &watched.near, clearance_m, clear),
+        clear_finding("clear of the floor", &watched.floor, clearance_m, clear),
         motor.finding("motor currents over the motion", 1.0 + 2e-3, "of the limit", over_motion),
         supply.finding("supply currents over the motion", 1.0 + 2e-3, "of the limit", over_motion),
+    ]
+}
+
+/// Landing and clearances of the released ball; and the obstacles, if there are any.
+fn flight_findings(plan: &PlanFile, watched: &Watched, flown: &Flown) -> Vec<Finding> {
+    let clearance_m = plan.search.clearance_m;
+    let clear = claims(plan, "clearance of the released ball");
+    let mut findings = vec![
         Finding {
             what: "landing on the target".to_owned(),
             ok: flown.miss_m.is_some_and(|m| m <= LANDING_TOLERANCE_M),
@@ -199,39 +278,22 @@ pub fn check<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> Report {
             at_s: None,
             enforced: true,
         },
-        clear_finding(
-            "released ball free of the hand",
-            &flown.hand,
-            0.0,
-            claims("clearance of the released ball"),
-        ),
-        clear_finding(
-            "released ball clear of the arm",
-            &flown.others,
-            plan.search.clearance_m,
-            claims("clearance of the released ball"),
-        ),
+        clear_finding("released ball free of the hand", &flown.hand, 0.0, clear),
+        clear_finding("released ball clear of the arm", &flown.others, clearance_m, clear),
     ];
     if !plan.obstacles.is_empty() {
-        let wanted_m = plan.search.clearance_m;
+        let arm_clear = claims(plan, "clearance of arm");
         findings.extend([
             clear_finding(
                 "arm and held ball clear of the obstacles",
-                &obstacle,
-                wanted_m,
-                claims("clearance of arm"),
+                &watched.obstacle,
+                clearance_m,
+                arm_clear,
             ),
-            clear_finding(
-                "released ball clear of the obstacles",
-                &flown.obstacles,
-                wanted_m,
-                claims("clearance of the released ball"),
-            ),
+            clear_finding("released ball clear of the obstacles", &flown.obstacles, clearance_m, clear),
         ]);
     }
-    findings.extend(opening(arm.gripper().ball_radius_m, plan, &flown));
-    findings.extend(delays(plan, &release));
-    Report { findings, samples: steps + 1 }
+    findings
 }
 
 /// Whether bodies keep a clearance; `near` has seen their distances with the sign turned.
@@ -434,7 +496,7 @@ fn delays(plan: &PlanFile, release: &dyn Fn(f64) -> (Vector3<f64>, Vector3<f64>)
         worst: slope
             .map_or_else(|| "the ball does not come down".to_owned(), |s| format!("{s:.4} mm per ms")),
         at_s: None,
-        enforced: plan.checks.iter().any(|c| c.enforced && c.what.contains("unmoved by a late release")),
+        enforced: claims(plan, "unmoved by a late release"),
     }];
     let on_time = landing(0.0);
     for shift in &plan.landing.delay_shifts {

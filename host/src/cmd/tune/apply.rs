@@ -184,7 +184,7 @@ pub(super) enum ApplyError {
     RolledBack { cause: String },
     /// As before, and the way back failed too.
     #[error(
-        "{cause}; rolling back failed as well: {second}\n  registers: {held}\n  next: do not arm; `cubectl tune --rollback` with \
+        "{cause}; writing the old gains back failed too: {second}\n  registers: {held}\n  next: do not arm; `cubectl tune --rollback` with \
          the gains from before, once the controller answers again (after a restart it holds what it has stored)"
     )]
     Mixed {

@@ -20,17 +20,41 @@ pub(crate) fn spline_rows<S: Sink<D>, const N: usize, const D: usize>(
     x: &Row<D>,
     sink: &mut S,
 ) {
+    objective(problem, layout, x, sink);
+    for joint in 0..N {
+        range_rows(problem, layout, x, joint, sink);
+        rate_rows(problem, layout, x, joint, sink);
+    }
+    if layout.qdd {
+        extreme_rows(problem, layout, x, sink);
+    }
+    time_rows(problem, x, sink);
+    if let Some((at, [_, _, true])) = layout.shift {
+        let above_m = problem.target.z + x[at + 2] - problem.arm.world().floor_z_m;
+        if above_m < WINDOW && sink.wants(Layout::<N>::NUMBERS.target_floor) {
+            sink.ineq(Layout::<N>::NUMBERS.target_floor, above_m, |g| g.add(at + 2, 1.0));
+        }
+    }
+}
+
+/// Joint acceleration at the release, in rad/s²; zero where the layout has none.
+fn release_acceleration<const N: usize, const D: usize>(layout: &Layout<N>, x: &Row<D>, joint: usize) -> f64 {
+    if layout.qdd { x[Layout::<N>::VARIABLES.qdd + joint] } else { 0.0 }
+}
+
+/// The objective: q⃛ is constant in each phase, so its squared integral is 4 Σ(q̈h ∓ q̇)²/h³.
+fn objective<S: Sink<D>, const N: usize, const D: usize>(
+    problem: &Problem<'_, N>,
+    layout: &Layout<N>,
+    x: &Row<D>,
+    sink: &mut S,
+) {
     let var = Layout::<N>::VARIABLES;
-    let number = Layout::<N>::NUMBERS;
-    let l = &problem.limits;
     let w = &problem.options.weights;
     let (ha, hb) = (x[var.ha], x[var.hb]);
-    let acc = |j: usize| if layout.qdd { x[var.qdd + j] } else { 0.0 };
-
-    // Objective: q⃛ is constant in each phase, so its squared integral is 4 Σ(q̈h ∓ q̇)²/h³.
     let (mut sa, mut sb, mut sa_h, mut sb_h) = (0.0, 0.0, 0.0, 0.0);
     for j in 0..N {
-        let (qd, qdd) = (x[var.qd + j], acc(j));
+        let (qd, qdd) = (x[var.qd + j], release_acceleration(layout, x, j));
         let (ea, eb) = (qd - qdd * ha, qd + qdd * hb);
         sa += ea * ea;
         sb += eb * eb;
@@ -53,7 +77,7 @@ pub(crate) fn spline_rows<S: Sink<D>, const N: usize, const D: usize>(
         g.add(var.ha, share * (w.k_t - w.k_b * hb / (total * total) + k * (sa_h * ia - 3.0 * sa * ia / ha)));
         g.add(var.hb, share * (w.k_t + w.k_b * ha / (total * total) + k * (sb_h * ib - 3.0 * sb * ib / hb)));
         for j in 0..N {
-            let (qd, qdd) = (x[var.qd + j], acc(j));
+            let (qd, qdd) = (x[var.qd + j], release_acceleration(layout, x, j));
             let (ea, eb) = (qd - qdd * ha, qd + qdd * hb);
             g.add(var.qd + j, share * 2.0 * k * (ea * ia + eb * ib));
             if layout.qdd {
@@ -68,90 +92,105 @@ pub(crate) fn spline_rows<S: Sink<D>, const N: usize, const D: usize>(
             }
         }
     });
+}
 
-    for j in 0..N {
-        let (q, qd, qdd) = (x[var.q + j], x[var.qd + j], acc(j));
-        // Both outer ends inside the range (2), (3).
-        let start = q - qd * ha * (2.0 / 3.0) + qdd * ha * ha / 6.0;
-        let stop = q + qd * hb * (2.0 / 3.0) + qdd * hb * hb / 6.0;
-        for (base, at, h_index, sign_h, h) in
-            [(number.range, start, var.ha, -1.0, ha), (number.range + 2 * N, stop, var.hb, 1.0, hb)]
+/// Both outer ends of a joint inside its range (2), (3).
+fn range_rows<S: Sink<D>, const N: usize, const D: usize>(
+    problem: &Problem<'_, N>,
+    layout: &Layout<N>,
+    x: &Row<D>,
+    j: usize,
+    sink: &mut S,
+) {
+    let var = Layout::<N>::VARIABLES;
+    let number = Layout::<N>::NUMBERS;
+    let l = &problem.limits;
+    let (ha, hb) = (x[var.ha], x[var.hb]);
+    let (q, qd, qdd) = (x[var.q + j], x[var.qd + j], release_acceleration(layout, x, j));
+    let start = q - qd * ha * (2.0 / 3.0) + qdd * ha * ha / 6.0;
+    let stop = q + qd * hb * (2.0 / 3.0) + qdd * hb * hb / 6.0;
+    for (base, at, h_index, sign_h, h) in
+        [(number.range, start, var.ha, -1.0, ha), (number.range + 2 * N, stop, var.hb, 1.0, hb)]
+    {
+        for (id, value, sign) in
+            [(base + 2 * j, at - l.q_min[j], 1.0), (base + 2 * j + 1, l.q_max[j] - at, -1.0)]
         {
-            for (id, value, sign) in
-                [(base + 2 * j, at - l.q_min[j], 1.0), (base + 2 * j + 1, l.q_max[j] - at, -1.0)]
-            {
-                if value < WINDOW && sink.wants(id) {
-                    sink.ineq(id, value, |g| {
-                        g.add(var.q + j, sign);
-                        g.add(var.qd + j, sign * sign_h * h * (2.0 / 3.0));
-                        g.add(h_index, sign * (sign_h * qd * (2.0 / 3.0) + qdd * h / 3.0));
-                        if layout.qdd {
-                            g.add(var.qdd + j, sign * h * h / 6.0);
-                        }
-                    });
-                }
+            if value < WINDOW && sink.wants(id) {
+                sink.ineq(id, value, |g| {
+                    g.add(var.q + j, sign);
+                    g.add(var.qd + j, sign * sign_h * h * (2.0 / 3.0));
+                    g.add(h_index, sign * (sign_h * qd * (2.0 / 3.0) + qdd * h / 3.0));
+                    if layout.qdd {
+                        g.add(var.qdd + j, sign * h * h / 6.0);
+                    }
+                });
             }
-        }
-        for (s, sign) in [(0, 1.0), (1, -1.0)] {
-            // Speed at the release (4).
-            let value = 1.0 - sign * qd / l.v[j];
-            if value < WINDOW && sink.wants(number.speed + 2 * j + s) {
-                sink.ineq(number.speed + 2 * j + s, value, |g| g.add(var.qd + j, -(sign / l.v[j])));
-            }
-            // Acceleration (5), times h so that it stays linear: A h ∓ (2 q̇ - q̈ h) ≥ 0.
-            let scale = 1.0 / (2.0 * l.v[j]);
-            for (id, h_index, h, dir) in [
-                (number.acc_start + 2 * j + s, var.ha, ha, -1.0),
-                (number.acc_stop + 2 * j + s, var.hb, hb, 1.0),
-            ] {
-                let demand = 2.0 * qd + dir * qdd * h;
-                let value = (l.a[j] * h - sign * demand) * scale;
-                if value < WINDOW && sink.wants(id) {
-                    sink.ineq(id, value, |g| {
-                        g.add(h_index, (l.a[j] - sign * dir * qdd) * scale);
-                        g.add(var.qd + j, -(2.0 * sign * scale));
-                        if layout.qdd {
-                            g.add(var.qdd + j, -(sign * dir * h * scale));
-                        }
-                    });
-                }
-            }
-            // Jerk (6), times h²/2.
-            for (id, h_index, h, dir) in
-                [(number.jerk_a + 2 * j + s, var.ha, ha, -1.0), (number.jerk_b + 2 * j + s, var.hb, hb, 1.0)]
-            {
-                let value = (l.j[j] * h * h * 0.5 - sign * (qd + dir * qdd * h)) / l.v[j];
-                if value < WINDOW && sink.wants(id) {
-                    sink.ineq(id, value, |g| {
-                        g.add(h_index, (l.j[j] * h - sign * dir * qdd) / l.v[j]);
-                        g.add(var.qd + j, -(sign / l.v[j]));
-                        if layout.qdd {
-                            g.add(var.qdd + j, -(sign * dir * h / l.v[j]));
-                        }
-                    });
-                }
-            }
-            if layout.qdd {
-                let value = 1.0 - sign * qdd / l.a[j];
-                if value < WINDOW && sink.wants(number.acc_release + 2 * j + s) {
-                    sink.ineq(number.acc_release + 2 * j + s, value, |g| {
-                        g.add(var.qdd + j, -(sign / l.a[j]));
-                    });
-                }
-            }
-        }
-    }
-    if layout.qdd {
-        extreme_rows(problem, layout, x, sink);
-    }
-    time_rows(problem, x, sink);
-    if let Some((at, [_, _, true])) = layout.shift {
-        let above_m = problem.target.z + x[at + 2] - problem.arm.world().floor_z_m;
-        if above_m < WINDOW && sink.wants(number.target_floor) {
-            sink.ineq(number.target_floor, above_m, |g| g.add(at + 2, 1.0));
         }
     }
 }
+
+/// Speed (4), acceleration (5) and jerk (6) of a joint.
+fn rate_rows<S: Sink<D>, const N: usize, const D: usize>(
+    problem: &Problem<'_, N>,
+    layout: &Layout<N>,
+    x: &Row<D>,
+    j: usize,
+    sink: &mut S,
+) {
+    let var = Layout::<N>::VARIABLES;
+    let number = Layout::<N>::NUMBERS;
+    let l = &problem.limits;
+    let (ha, hb) = (x[var.ha], x[var.hb]);
+    let (qd, qdd) = (x[var.qd + j], release_acceleration(layout, x, j));
+    for (s, sign) in [(0, 1.0), (1, -1.0)] {
+        // Speed at the release (4).
+        let value = 1.0 - sign * qd / l.v[j];
+        if value < WINDOW && sink.wants(number.speed + 2 * j + s) {
+            sink.ineq(number.speed + 2 * j + s, value, |g| g.add(var.qd + j, -(sign / l.v[j])));
+        }
+        // Acceleration (5), times h so that it stays linear: A h ∓ (2 q̇ - q̈ h) ≥ 0.
+        let scale = 1.0 / (2.0 * l.v[j]);
+        for (id, h_index, h, dir) in
+            [(number.acc_start + 2 * j + s, var.ha, ha, -1.0), (number.acc_stop + 2 * j + s, var.hb, hb, 1.0)]
+        {
+            let demand = 2.0 * qd + dir * qdd * h;
+            let value = (l.a[j] * h - sign * demand) * scale;
+            if value < WINDOW && sink.wants(id) {
+                sink.ineq(id, value, |g| {
+                    g.add(h_index, (l.a[j] - sign * dir * qdd) * scale);
+                    g.add(var.qd + j, -(2.0 * sign * scale));
+                    if layout.qdd {
+                        g.add(var.qdd + j, -(sign * dir * h * scale));
+                    }
+                });
+            }
+        }
+        // Jerk (6), times h²/2.
+        for (id, h_index, h, dir) in
+            [(number.jerk_a + 2 * j + s, var.ha, ha, -1.0), (number.jerk_b + 2 * j + s, var.hb, hb, 1.0)]
+        {
+            let value = (l.j[j] * h * h * 0.5 - sign * (qd + dir * qdd * h)) / l.v[j];
+            if value < WINDOW && sink.wants(id) {
+                sink.ineq(id, value, |g| {
+                    g.add(h_index, (l.j[j] * h - sign * dir * qdd) / l.v[j]);
+                    g.add(var.qd + j, -(sign / l.v[j]));
+                    if layout.qdd {
+                        g.add(var.qdd + j, -(sign * dir * h / l.v[j]));
+                    }
+                });
+            }
+        }
+        if layout.qdd {
+            let value = 1.0 - sign * qdd / l.a[j];
+            if value < WINDOW && sink.wants(number.acc_release + 2 * j + s) {
+                sink.ineq(number.acc_release + 2 * j + s, value, |g| {
+                    g.add(var.qdd + j, -(sign / l.a[j]));
+                });
+            }
+        }
+    }
+}
+
 /// With joint acceleration at the release, speed and position can peak inside a phase.
 fn extreme_rows<S: Sink<D>, const N: usize, const D: usize>(
     problem: &Problem<'_, N>,
