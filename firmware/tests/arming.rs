@@ -7,7 +7,8 @@ use firmware::fault::{Cause, Refusal};
 use firmware::orders::{Done, Order};
 use firmware::state::StateKind;
 use firmware::store::FileName;
-use protocol::Duration;
+use protocol::powercube::{AddressedRequest, Parameter, Request};
+use protocol::{Duration, Frame};
 
 fn uploaded() -> (Bench, FileName) {
     let mut bench = Bench::ready(Options::default(), &throw_start());
@@ -53,6 +54,21 @@ fn start_may_be_thirty_seconds_ahead_and_no_more() {
     let (mut bench, name) = armed();
     assert_eq!(run_in(&mut bench, name, 30_000_001), Err(Cause::StartTooFar));
     assert_eq!(run_in(&mut bench, name, 30_000_000), Ok(Done::Taken));
+}
+
+/// The drives learn their speed limits before the run: its first cycle has no time for it.
+#[test]
+fn speed_limits_are_written_once_to_each_drive_while_armed_and_not_while_ready() {
+    let is_limit = |frame: &Frame| {
+        AddressedRequest::decode(frame)
+            .is_ok_and(|decoded| matches!(decoded.request, Request::Set(Parameter::TargetVel, _)))
+    };
+    let (mut bench, name) = uploaded();
+    bench.run_for(500_000);
+    assert_eq!((bench.kind(), bench.count_sent(is_limit)), (StateKind::Ready, 0));
+    bench.arm(name);
+    bench.run_for(500_000);
+    assert_eq!((bench.kind(), bench.count_sent(is_limit)), (StateKind::Armed, 6));
 }
 
 /// Two cycles of lead and two looks at the drives before the plan begins.

@@ -63,6 +63,21 @@ fn a_host_whose_heartbeat_comes_late_is_told_once_before_a_later_one_is_too_late
     assert_eq!(fault.map(|fault| fault.cause), Some(Cause::HostLost));
 }
 
+/// Before a run too: an armed group is disarmed when its host is silent, a ready one needs no host.
+#[test]
+fn a_late_host_of_an_armed_group_is_told_and_one_of_a_ready_group_is_not() {
+    let mut host = Host::new();
+    host.run(800_000, |_, _| {});
+    host.beat_us = 70_000;
+    host.run(400_000, |_, _| {});
+    assert_eq!(host.bench.kind(), StateKind::Ready);
+    assert!(host.records.is_empty(), "{:?}", host.records);
+    host.arm(&throw_file(3_000, false));
+    host.run(400_000, |_, _| {});
+    assert_eq!(host.bench.kind(), StateKind::Armed);
+    assert_eq!(host.records, ["host late: over half of host.timeout_us"]);
+}
+
 #[test]
 fn stop_message_of_anybody_halts_within_a_millisecond() {
     let mut host = Host::new();
