@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use planner::follow::best::{BestOptions, HandFreedom, plan};
 use planner::follow::landing;
-use planner::follow::limits::{Arm, LimitSource, Limits};
+use planner::follow::limits::{Arm, Axes, LimitSource, Limits};
 use planner::follow::plan::{FollowPlan, Form};
 use planner::follow::setting::{CommandRange, Setting};
 use planner::follow::verify::verify;
@@ -71,6 +71,54 @@ fn at_2_5_m_as_many_points_are_followed_as_by_the_reference() {
 fn at_2_m_as_many_points_are_followed_as_by_the_reference() {
     let points = points_without_lag(2.0);
     assert!((53..61).contains(&points), "{points}");
+}
+
+/// Root mean square distance from the target of balls that leave axes which lag by a first order of `lag_s`, over openings within
+/// `jitter_s`: small steps of Euler's method, set points joined by straight lines.
+fn landings_rms_m(arm: &Arm, plan: &FollowPlan, lag_s: f64, jitter_s: f64) -> f64 {
+    const SMALL: usize = 200;
+    let h = plan.period_s / SMALL as f64;
+    let command = |k: usize| Axes::from(plan.steps[k.min(plan.steps.len() - 1)].command_rad);
+    let mut q = command(0);
+    let late_s = lag_s - plan.lag_s;
+    let (from_s, to_s) = (plan.release_time_s + late_s - jitter_s, plan.release_time_s + late_s + jitter_s);
+    let mut squares = Vec::new();
+    for n in 0..plan.steps.len() * SMALL {
+        let (k, share) = (n / SMALL, (n % SMALL) as f64 / SMALL as f64);
+        let qd = (command(k) * (1.0 - share) + command(k + 1) * share - q) / lag_s;
+        if (from_s..=to_s).contains(&(n as f64 * h)) {
+            let ball = |t_s: f64| arm.ball(&arm.fk(&(q + qd * t_s))).pos;
+            let (p, v) = (ball(0.0), (ball(1e-5) - ball(-1e-5)) / 2e-5);
+            let fall_s = (v.z + (v.z * v.z + 2.0 * 9.81 * (p.z - plan.target_m[2])).sqrt()) / 9.81;
+            squares.push((p + v * fall_s - Vector3::from(plan.target_m)).xy().norm_squared());
+        }
+        q += qd * h;
+    }
+    (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+}
+
+#[test]
+fn plan_for_another_lag_is_opened_and_turned_so_that_the_ball_lands_at_the_target() {
+    let (arm, lag_s, jitter_s) = (kr16(), 0.042, 0.010);
+    let plan = kr16_plan(&arm, [2.5, 0.3, 0.6], 0.0);
+    assert!(plan.opened_for(&arm, 0.0, jitter_s) == plan, "its own lag");
+    let opened = plan.opened_for(&arm, lag_s, jitter_s);
+    let report = verify(&arm, &Limits::of(&arm, LimitSource::ControllerModel), &opened);
+    assert!(report.is_good(), "{report:#?}");
+    let [before, after] = [&plan, &opened].map(|plan| landings_rms_m(&arm, plan, lag_s, jitter_s));
+    println!(
+        "rms {:.1} mm in the middle of the window, {:.1} mm opened and turned",
+        1e3 * before,
+        1e3 * after
+    );
+    assert!(after < 0.5 * before && after < 0.02, "{before} {after}");
+    // The next measurement of the lag begins from the plan as it was made.
+    let back = opened.opened_for(&arm, 0.0, jitter_s);
+    assert_eq!(back.aim_m, None);
+    assert!((back.release_time_s - plan.release_time_s).abs() < 1e-9);
+    for (back, step) in back.steps.iter().zip(&plan.steps) {
+        assert!((Axes::from(back.command_rad) - Axes::from(step.command_rad)).amax() < 1e-12);
+    }
 }
 
 #[test]

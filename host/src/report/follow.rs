@@ -24,7 +24,7 @@ const PARABOLA: usize = 6;
 
 /// Landing errors without and with following.
 pub(super) fn sensitivities(arm: &Arm, plan: &FollowPlan, limits: &Limits) -> [Sensitivity; 2] {
-    let (motion, target) = (plan.motion(), Vector3::from(plan.target_m));
+    let (motion, target) = (plan.motion(), plan.aim());
     let middle_s = 0.5 * (motion.last - motion.first) as f64 * motion.period_s;
     let through = landing::without_following(&motion, limits);
     [
@@ -148,7 +148,7 @@ pub(super) fn path_charts(arm: &Arm, plan: &FollowPlan) -> Vec<Chart> {
     let ball: Vec<Vector3<f64>> =
         plan.steps.iter().map(|s| arm.ball(&arm.fk(&Axes::from(s.q_rad))).pos).collect();
     let flight = plan.parabola();
-    let end_s = flight.time_to(&Vector3::from(plan.target_m));
+    let end_s = flight.time_to(&plan.aim());
     let flown: Vec<Vector3<f64>> = (0..=60).map(|k| flight.position(f64::from(k) / 60.0 * end_s)).collect();
     let view = |title: &str, labels: [&str; 2], of: fn(&Vector3<f64>) -> (f64, f64)| {
         // The flight first: it lies under the points that follow it.
@@ -178,7 +178,7 @@ pub(super) fn path_charts(arm: &Arm, plan: &FollowPlan) -> Vec<Chart> {
 }
 
 pub(super) fn opening_chart(arm: &Arm, plan: &FollowPlan, limits: &Limits) -> Chart {
-    let (motion, target) = (plan.motion(), Vector3::from(plan.target_m));
+    let (motion, target) = (plan.motion(), plan.aim());
     let middle_s = 0.5 * (motion.last - motion.first) as f64 * motion.period_s;
     let through = landing::without_following(&motion, limits);
     let half_s = (1.4 * middle_s).max(0.03);

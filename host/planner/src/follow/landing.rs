@@ -1,11 +1,12 @@
-//! Where the ball lands if the gripper opens at another instant than planned.
+//! Where the ball lands if the gripper opens at another instant than planned, or if the axes lag otherwise than planned for.
 
-use nalgebra::Vector3;
+use nalgebra::{Rotation2, Vector2, Vector3};
 use robot_model::cubic::Cubic;
 use serde::{Deserialize, Serialize};
 
 use super::limits::{Arm, Axes, Limits};
 use super::motion::{FollowMotion, RampPlan, Ramps};
+use super::posture::Posture;
 use super::ramp::RampShape;
 
 /// Distances of landings from the target for opening times spread evenly about the planned one.
@@ -48,10 +49,98 @@ pub fn sensitivity(
     Sensitivity { jitter_s, rms_m: (squares / landed).sqrt(), largest_m, missed }
 }
 
-/// Horizontal distance from the target, at its height, of a ball that is free from `opening_s` on (from the first step
-/// on the parabola); `None` if it never is at this height on its way down.
+/// Instants per step at which an executed motion is sampled, and at which openings are tried.
+const SAMPLES: usize = 12;
+/// A lag is over after so many time constants.
+const SETTLED: f64 = 8.0;
+/// Steps after the window at which openings are still tried: a lag carries the flight on beyond it.
+const STEPS_BEYOND: usize = 4;
+/// Openings about the planned one whose landings are taken together.
+const SPREAD: usize = 33;
+
+/// What a first-order lag of `lag_s` executes of commands that lead by `lead_s`, set points joined by straight lines.
 ///
-/// Between the steps the joints move along cubics with the angles and speeds of both steps.
+/// Sampled [`SAMPLES`] times per step; sample `SAMPLES k` is at the time of step `k`, so the motion is late by about
+/// `lag_s - lead_s`.
+fn executed(motion: &FollowMotion, lead_s: f64, lag_s: f64) -> FollowMotion {
+    let commands = motion.commands(lead_s);
+    let h = motion.period_s / SAMPLES as f64;
+    let decay = if lag_s > 0.0 { (-h / lag_s).exp() } else { 0.0 };
+    let mut q = commands[0];
+    let mut states = vec![Posture { q, qd: Axes::zeros(), qdd: Axes::zeros() }];
+    let settling = (SETTLED * lag_s / motion.period_s).ceil() as usize;
+    let last = commands[commands.len() - 1];
+    let ends = commands.iter().skip(1).copied().chain(std::iter::repeat_n(last, settling));
+    let mut from = commands[0];
+    for to in ends {
+        let slope = (to - from) / motion.period_s;
+        for k in 1..=SAMPLES {
+            // x' = (u - x) / T with u = u0 + s t: x = u - T s + c e^(-t/T).
+            let (before, after) = (from + slope * ((k - 1) as f64 * h), from + slope * (k as f64 * h));
+            q = after - slope * lag_s + (q - before + slope * lag_s) * decay;
+            let qd = if lag_s > 0.0 { (after - q) / lag_s } else { slope };
+            states.push(Posture { q, qd, qdd: Axes::zeros() });
+        }
+        from = to;
+    }
+    FollowMotion { period_s: h, states, first: SAMPLES * motion.first, last: SAMPLES * motion.last }
+}
+
+/// When to open, where to turn the throw, and what then becomes of the landing.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Opening {
+    /// From the first step on the parabola, by the time of the plan, in s.
+    pub at_s: f64,
+    /// Turn of the whole throw about the vertical through the origin, in rad.
+    pub turn_rad: f64,
+    /// Root mean square distance of the landings from the target, in m.
+    pub rms_m: f64,
+}
+
+/// The opening and the turn whose landings have the smallest root mean square distance from the target, if the axes lag by a first
+/// order of `lag_s` behind commands that lead by `lead_s`, and the opening varies evenly by up to `jitter_s`.
+///
+/// Axes that lag otherwise than planned for are off the parabola: most after the leap of the acceleration at the first step
+/// on it, less with every step. Late in the window the landing depends little on the instant, but is beside the target; a turn
+/// brings it back. The time of the plan is that of a robot late by `lag_s - lead_s` and nothing else.
+/// `None` if no opening has landings.
+#[must_use]
+pub fn best_opening(
+    arm: &Arm,
+    motion: &FollowMotion,
+    target: &Vector3<f64>,
+    (lead_s, lag_s): (f64, f64),
+    jitter_s: f64,
+) -> Option<Opening> {
+    let executed = executed(motion, lead_s, lag_s);
+    let shift_s = lag_s - lead_s;
+    let can_turn = turn_of_first_axis(arm).is_some();
+    let tried = (motion.last - motion.first + STEPS_BEYOND) * SAMPLES;
+    let openings = (0..=tried).filter_map(|k| {
+        let at_s = k as f64 * executed.period_s;
+        let spread = |n: usize| at_s + shift_s + (2.0 * n as f64 / (SPREAD - 1) as f64 - 1.0) * jitter_s;
+        let offs: Option<Vec<_>> =
+            (0..SPREAD).map(|n| landing_off_m(arm, &executed, target, spread(n))).collect();
+        let landings: Vec<Vector2<f64>> = offs?.into_iter().map(|off| target.xy() + off).collect();
+        let mean = landings.iter().sum::<Vector2<f64>>();
+        let turn_rad = if can_turn { target.y.atan2(target.x) - mean.y.atan2(mean.x) } else { 0.0 };
+        let turn = Rotation2::new(turn_rad);
+        let squares: f64 = landings.iter().map(|p| (turn * p - target.xy()).norm_squared()).sum();
+        Some(Opening { at_s, turn_rad, rms_m: (squares / SPREAD as f64).sqrt() })
+    });
+    openings.min_by(|a, b| a.rms_m.total_cmp(&b.rms_m))
+}
+
+/// Sign with which the first axis turns the arm about the vertical through the origin; `None` if it is another axis.
+#[must_use]
+pub fn turn_of_first_axis(arm: &Arm) -> Option<f64> {
+    let frames = arm.fk(&Axes::zeros());
+    let (axis, origin) = (frames.axis(0), frames.origin(0));
+    let vertical = axis.xy().norm() < 1e-9 && origin.xy().norm() < 1e-9;
+    vertical.then(|| axis.z.signum())
+}
+
+/// Horizontal distance from the target of the landing of [`landing_off_m`], in m.
 #[must_use]
 pub fn landing_error_m(
     arm: &Arm,
@@ -59,6 +148,20 @@ pub fn landing_error_m(
     target: &Vector3<f64>,
     opening_s: f64,
 ) -> Option<f64> {
+    landing_off_m(arm, motion, target, opening_s).map(|off| off.norm())
+}
+
+/// From the target to the landing at its height, of a ball that is free from `opening_s` on (from the first step
+/// on the parabola), in m; `None` if it never is at this height on its way down.
+///
+/// Between the steps the joints move along cubics with the angles and speeds of both steps.
+#[must_use]
+pub fn landing_off_m(
+    arm: &Arm,
+    motion: &FollowMotion,
+    target: &Vector3<f64>,
+    opening_s: f64,
+) -> Option<Vector2<f64>> {
     let (q, qd) = between(motion, motion.first as f64 + opening_s / motion.period_s);
     let frames = arm.fk(&q);
     let p = arm.ball(&frames).pos;
@@ -71,7 +174,7 @@ pub fn landing_error_m(
         return None;
     }
     let t = (v.z + root.sqrt()) / g;
-    (t >= 0.0).then(|| (p + v * t - target).xy().norm())
+    (t >= 0.0).then(|| (p + v * t - target).xy())
 }
 
 /// Angles and speeds at a fractional step.

@@ -5,6 +5,7 @@
 
 use std::path::Path;
 
+use nalgebra::{Rotation3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -12,7 +13,7 @@ use super::best::HandFreedom;
 use super::clear::Margins;
 use super::found::{Found, SearchSize};
 use super::landing;
-use super::limits::{AXES, Axes, LimitSource, Limits};
+use super::limits::{AXES, Arm, Axes, LimitSource, Limits};
 use super::motion::{FollowMotion, Peaks, differences};
 use super::parabola::Parabola;
 use super::posture::Posture;
@@ -20,6 +21,11 @@ use super::setting::Setting;
 use crate::plan::file::{
     FILE_MAX_BYTES, FORMAT, Kind, PlanFileError, RobotId, VERSION, fields, parse, tagged_json,
 };
+
+/// Lags that differ by less are taken as the same, s.
+const LAG_SAME_S: f64 = 0.001;
+/// An aim that is nearer to the target is the target, m.
+const AIM_SAME_M: f64 = 1e-9;
 
 /// What the arm does at a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -113,6 +119,10 @@ pub struct FollowPlan {
     pub form: Form,
     /// Target in m, world frame.
     pub target_m: [f64; 3],
+    /// Where the parabola leads, in m, world frame, if not to the target: a lag that the commands do not allow for brings the
+    /// ball to the target instead.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub aim_m: Option<[f64; 3]>,
     /// Time between two steps in s.
     pub period_s: f64,
     /// First-order lag that the commands allow for, in s.
@@ -123,7 +133,8 @@ pub struct FollowPlan {
     pub margins: Margins,
     /// The flight.
     pub flight: FlightInfo,
-    /// When the gripper shall open (jaws no longer touch the ball), in s: the middle of the window.
+    /// When the gripper shall open (jaws no longer touch the ball), in s: the middle of the window, or another instant that
+    /// [`FollowPlan::opened_for`] found.
     pub release_time_s: f64,
     /// Index of the first and the last step on the parabola.
     pub window: [usize; 2],
@@ -177,6 +188,7 @@ impl FollowPlan {
             robot,
             form,
             target_m: setting.target.into(),
+            aim_m: None,
             period_s: motion.period_s,
             lag_s: setting.lag_s,
             limits,
@@ -266,6 +278,57 @@ impl FollowPlan {
             first: self.window[0],
             last: self.window[1],
         }
+    }
+
+    /// The same plan for axes that lag by a first order of `lag_s`, with an opening that varies by up to `jitter_s`.
+    ///
+    /// It is opened, and turned about the first axis, so that the ball lands nearest to the target. A plan whose commands lead
+    /// by this lag is opened in the middle of its window and not turned.
+    #[must_use]
+    pub fn opened_for(&self, arm: &Arm, lag_s: f64, jitter_s: f64) -> Self {
+        let (target, aim) = (Vector3::from(self.target_m), self.aim());
+        let plain = self.turned(arm, target.y.atan2(target.x) - aim.y.atan2(aim.x));
+        let motion = plain.motion();
+        let time = |step: usize| step as f64 * self.period_s;
+        let opening = if (lag_s - self.lag_s).abs() < LAG_SAME_S {
+            None
+        } else {
+            // An order to open takes effect with a telegram: half a period earlier or later.
+            let spread_s = jitter_s + 0.5 * self.period_s;
+            landing::best_opening(arm, &motion, &target, (self.lag_s, lag_s), spread_s)
+        };
+        match opening {
+            Some(opening) => Self {
+                release_time_s: time(motion.first) + opening.at_s,
+                ..plain.turned(arm, opening.turn_rad)
+            },
+            None => Self { release_time_s: 0.5 * (time(motion.first) + time(motion.last)), ..plain },
+        }
+    }
+
+    /// Turned about the vertical through the origin, for arms whose first axis it is.
+    fn turned(&self, arm: &Arm, turn_rad: f64) -> Self {
+        let Some(sign) = landing::turn_of_first_axis(arm).filter(|_| turn_rad != 0.0) else {
+            return self.clone();
+        };
+        let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), turn_rad);
+        let turned = |v: [f64; 3]| -> [f64; 3] { (turn * Vector3::from(v)).into() };
+        let aim = turned(self.aim().into());
+        let is_target = (Vector3::from(aim) - Vector3::from(self.target_m)).norm() < AIM_SAME_M;
+        let mut plan = self.clone();
+        plan.aim_m = (!is_target).then_some(aim);
+        (plan.flight.p0_m, plan.flight.v0_m_s) = (turned(self.flight.p0_m), turned(self.flight.v0_m_s));
+        for step in &mut plan.steps {
+            step.q_rad[0] += sign * turn_rad;
+            step.command_rad[0] += sign * turn_rad;
+        }
+        plan
+    }
+
+    /// Where the parabola leads, in m, world frame.
+    #[must_use]
+    pub fn aim(&self) -> Vector3<f64> {
+        self.aim_m.unwrap_or(self.target_m).into()
     }
 
     /// The same throw without following, with ramps through the middle of the window: what following is compared with. It is

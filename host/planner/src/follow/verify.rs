@@ -279,7 +279,7 @@ fn executed_landing_m(arm: &Arm, plan: &FollowPlan, chain: &Chain, executed: &[E
     if plan.lag_s <= 0.0 {
         return 0.0;
     }
-    let target = Vector3::from(plan.target_m);
+    let target = plan.aim();
     let of = |state: &Executed| {
         let small_s = 1e-5;
         let [before, at, after] =
@@ -309,7 +309,7 @@ fn on_the_flight(arm: &Arm, plan: &FollowPlan, poses: &[Links], report: &mut Rep
     let [first, last] = plan.window;
     let (h, g) = (plan.period_s, arm.world().gravity_m_s2);
     let (p0, v0) = (Vector3::from(plan.flight.p0_m), Vector3::from(plan.flight.v0_m_s));
-    let target = Vector3::from(plan.target_m);
+    let target = plan.aim();
     let tilt_max_rad = match plan.form {
         // A hand that does not turn with the flight is across it only at the release.
         Form::Paper | Form::Best(HandFreedom::Constant | HandFreedom::Roll) => None,

@@ -327,6 +327,8 @@ fn plan(
         }
         (None, None) => return Err(ExpectedError::bad_input(&"give --target or --plan")),
     };
+    let (lag, gripper) = (&described.options.lag, &described.options.hand.gripper);
+    let plan = plan.opened_for(arm, lag.time_constant.as_secs_f64(), gripper.jitter.as_secs_f64());
     // What a plan of a file commands beyond the program's limits is told by the station, with the limits.
     let passed = if args.plan.is_some() { CommandRange::default() } else { command_range(described) };
     match verify_commands(arm, &limits, &passed, &plan).findings.first() {
