@@ -3,9 +3,10 @@
 
 mod program;
 
+use std::io::{BufRead, BufReader, Read};
 use std::net::{TcpListener, UdpSocket};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, ChildStderr, Command, Stdio};
 
 use serde_json::Value;
 
@@ -185,6 +186,62 @@ fn tracked_target_is_measured_calibrated_and_thrown_at_and_a_missing_body_is_ref
         "{}",
         summary["target"]
     );
+}
+
+/// Waits until a program has written `words` to standard error, and returns what it wrote until then.
+fn wait_for_words(child: &mut Child, words: &str) -> (String, BufReader<ChildStderr>) {
+    let mut lines = BufReader::new(child.stderr.take().expect("piped"));
+    let mut told = String::new();
+    while !told.contains(words) {
+        let read = lines.read_line(&mut told).expect("readable");
+        assert!(read > 0, "it ended before \"{words}\": {told}");
+    }
+    (told, lines)
+}
+
+#[test]
+fn target_that_moved_while_the_robot_was_waited_for_is_not_thrown_at() {
+    let work = folder("robot-target-moved");
+    std::fs::create_dir_all(&work).expect("writable");
+    for lockstep in ["?lockstep", ""] {
+        let data = format!("127.0.0.1:{}", free_port(false));
+        let spec = format!("udp://127.0.0.1:{}{lockstep}", free_port(false));
+        let nobody = format!("udp://127.0.0.1:{}?lockstep", free_port(false));
+        let sees = |bottle: &str, rsi: &str| {
+            robot(&["--rsi", rsi, "--tracker", &data, "--bottle", bottle, "--runs", "1"])
+        };
+        let mut before = sees("2.5,0,0.6", &nobody);
+        let results = work.join(if lockstep.is_empty() { "real" } else { "lockstep" });
+        let mut client = Command::new(env!("CARGO_BIN_EXE_cubectl"))
+            .args(["throw", "--robot", "kr16_2", "--target", "tracker", "--tracker", &data, "--starts", "2"])
+            .args(["--bus", &format!("rsi:{spec}"), "--yes", "--out", &results.to_string_lossy()])
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("runs");
+        let (_, mut rest) = wait_for_words(&mut client, "waiting for the robot");
+        before.kill().expect("runs");
+        let _ = before.wait();
+        // 20 mm to the side.
+        let mut after = sees("2.5,0.02,0.6", &spec);
+        let mut told = String::new();
+        rest.read_to_string(&mut told).expect("readable");
+        let status = client.wait().expect("ends");
+        assert!(
+            Command::new("kill").args(["-INT", &after.id().to_string()]).status().expect("runs").success()
+        );
+        let _ = after.wait();
+        assert_eq!(status.code(), Some(9), "{told}");
+        assert!(told.contains("moved by 20.0 mm") && told.contains("nothing was thrown"), "{told}");
+        // The recorded exchange runs again with the same answers, so the throw is held there too.
+        let again = cubectl(&["replay", &results.to_string_lossy()]);
+        assert!(
+            text(&again.stdout).starts_with("identical: "),
+            "{} {}",
+            text(&again.stdout),
+            text(&again.stderr)
+        );
+    }
 }
 
 #[test]

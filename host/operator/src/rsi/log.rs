@@ -13,6 +13,7 @@
 //! | `T` | a deadline of the station |
 //! | `S` | stopped by the host |
 //! | `O`, `G` | the gripper was ordered open, closed |
+//! | `H`, `P` | the last trajectory is held at its start, may be run |
 //! | `L` | the robot's program was told to end |
 
 use std::fmt::Write as _;
@@ -42,6 +43,10 @@ pub enum Entry {
     Stop,
     /// The gripper was ordered open or closed.
     Gripper(bool),
+    /// The last trajectory is held at its start.
+    Hold,
+    /// The last trajectory may be run.
+    Proceed,
     /// The robot's program was told to end.
     Leave,
 }
@@ -77,6 +82,8 @@ impl Line {
             Entry::Stop => ('S', None),
             Entry::Gripper(true) => ('O', None),
             Entry::Gripper(false) => ('G', None),
+            Entry::Hold => ('H', None),
+            Entry::Proceed => ('P', None),
             Entry::Leave => ('L', None),
         };
         let mut text = format!("{} {letter}", self.at.as_micros());
@@ -113,6 +120,8 @@ impl Line {
             ("S", None) => Entry::Stop,
             ("O", None) => Entry::Gripper(true),
             ("G", None) => Entry::Gripper(false),
+            ("H", None) => Entry::Hold,
+            ("P", None) => Entry::Proceed,
             ("L", None) => Entry::Leave,
             _ => return Err("no such entry"),
         };
@@ -192,6 +201,8 @@ mod tests {
             Entry::Stop,
             Entry::Gripper(true),
             Entry::Gripper(false),
+            Entry::Hold,
+            Entry::Proceed,
             Entry::Leave,
         ];
         let lines: Vec<Line> = (0..)

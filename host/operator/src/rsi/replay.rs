@@ -57,6 +57,8 @@ pub fn replay(lines: &[Line], station: &mut Station) -> Replayed {
             Entry::Gripper(open) => {
                 let _ = station.set_gripper(line.at, *open);
             }
+            Entry::Hold => station.hold(line.at),
+            Entry::Proceed => station.proceed_from_hold(line.at),
             Entry::Leave => station.leave(line.at),
         }
     }

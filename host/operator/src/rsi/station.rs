@@ -81,6 +81,8 @@ pub struct Station {
     /// Trajectories that are still to run, in order.
     files: VecDeque<Vec<u8>>,
     leaving: bool,
+    /// The last trajectory waits for [`Station::proceed_from_hold`].
+    holds: bool,
     log: Vec<Line>,
     stage: Stage,
     counts: Counts,
@@ -103,6 +105,7 @@ impl Station {
             wire,
             files: files.into(),
             leaving: false,
+            holds: false,
             log,
             stage: Stage::Waiting,
             counts: Counts::default(),
@@ -172,6 +175,27 @@ impl Station {
     pub fn leave(&mut self, now: Instant) {
         self.note(now, Entry::Leave);
         self.leaving = true;
+    }
+
+    /// Does not run the last trajectory before [`Station::proceed_from_hold`]: for a last look at what it is for.
+    pub fn hold(&mut self, now: Instant) {
+        self.note(now, Entry::Hold);
+        self.holds = true;
+    }
+
+    /// The arm stands at the start of the last trajectory, which is held.
+    #[must_use]
+    pub fn is_held(&self) -> bool {
+        self.holds
+            && self.files.len() == 1
+            && matches!(self.stage, Stage::Waiting)
+            && self.state() == StateKind::Ready
+    }
+
+    /// The last trajectory is run as soon as the arm stands at its start.
+    pub fn proceed_from_hold(&mut self, now: Instant) {
+        self.note(now, Entry::Proceed);
+        self.holds = false;
     }
 
     /// Opens or closes the gripper while the arm stands.
@@ -278,6 +302,9 @@ impl Station {
     /// The next order of the throw, if its time has come. Called with a telegram, so that the plan begins with a cycle.
     fn proceed(&mut self, now: Instant) {
         self.watch();
+        if self.is_held() {
+            return;
+        }
         let next = match self.stage {
             Stage::Waiting if self.state() == StateKind::Ready && !self.files.is_empty() => self.offer(now),
             Stage::Offered { token, name } => self.begin(now, token, name),

@@ -1,6 +1,7 @@
 //! `cubectl throw`
 
 mod folder;
+mod last_look;
 mod prepare;
 mod progress;
 mod robot;

@@ -16,9 +16,11 @@ use planner::follow::setting::{CommandRange, Setting};
 use planner::follow::verify::verify_commands;
 use planner::plan::file::RobotId;
 use planner::store::robot_fingerprint;
+use protocol::Instant;
 
 use super::Args;
 use super::folder::Folder;
+use super::last_look::LastLook;
 use super::progress::ProgressView;
 use crate::cmd::plan::follow::{REFINEMENTS, paper_grid, searched};
 use crate::cmd::plan::options::FormName;
@@ -96,7 +98,8 @@ pub(super) fn run(args: &Args, arm: &Arm) -> Result<(), ExpectedError> {
     let tolerance_m = args.tolerance.unwrap_or(BOTTLE_M);
     let came = match &args.bus {
         BusSpec::Rsi(spec) => {
-            outside(args, spec, &described, arm, &plan, &mut station, &folder, tolerance_m)?
+            let look = tracked.as_ref().map(|before| LastLook::new(&args.tracker, before, spec.lockstep));
+            outside(args, spec, &described, arm, &plan, &mut station, &folder, (tolerance_m, look))?
         }
         _ => inside(args, truth, &described, &plan, &mut station, &folder, tolerance_m)?,
     };
@@ -198,35 +201,37 @@ fn outside(
     plan: &FollowPlan,
     station: &mut Station,
     folder: &Folder,
-    tolerance_m: f64,
+    (tolerance_m, mut look): (f64, Option<LastLook>),
 ) -> Result<Came, ExpectedError> {
     let asks = !args.yes && !args.json && std::io::stdin().is_terminal();
     if asks && !ProgressView::new(args.json).may_lead(&interrupt()) {
         return Err(ExpectedError::new(exit::INTERRUPTED, "not thrown; the robot was not waited for"));
     }
     let log = folder.file(LOG);
-    let mut on = |_, _: &mut Station| true;
+    if look.is_some() {
+        station.hold(Instant::ZERO);
+    }
+    let mut on = |now, station: &mut Station| look.as_mut().is_none_or(|look| look.allows(now, station));
     let mut watch = Watch::new(args.bus.to_string(), None, args.json, &mut on).recording(&log)?;
     let (exchange, granted) = serve_at(spec, described, station, &mut watch)?;
     watch.finish(&log)?;
-    if watch.was_interrupted() && !station.stage().is_end() {
+    let interrupted = watch.was_interrupted();
+    let lines = std::mem::take(&mut watch.lines);
+    if let Some(gone) = look.and_then(|look| look.refused) {
+        return Err(gone);
+    }
+    if interrupted && !station.stage().is_end() {
         return Err(ExpectedError::new(
             exit::INTERRUPTED,
             "interrupted before the throw; the robot was only held",
         ));
     }
     let krc = &described.options;
-    let table = cycles(&watch.lines, &described.config, &krc.outputs_name, krc.sensor_name.as_deref());
+    let table = cycles(&lines, &described.config, &krc.outputs_name, krc.sensor_name.as_deref());
     let gripper = (krc.hand.output_bit.unwrap_or(0), krc.hand.gripper.delay.as_secs_f64());
     let ball = measured(arm, &table, krc.cycle.as_secs_f64(), gripper, &plan.target_m);
     let verdict = verdict(ball, None, station.stage(), tolerance_m);
-    Ok(Came {
-        verdict,
-        seen: None,
-        lines: std::mem::take(&mut watch.lines),
-        exchange: Some(exchange),
-        granted,
-    })
+    Ok(Came { verdict, seen: None, lines, exchange: Some(exchange), granted })
 }
 
 fn no_way(error: &ApproachError) -> ExpectedError {
