@@ -440,6 +440,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
                 "robot",
                 "swarm",
                 "upload",
+                "words",
             ],
             &["check", "clear", "config", "home", "key", "man", "plan", "rsi", "scan", "stop", "tune"],
             &[
@@ -469,7 +470,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
             &["options"],
             &["follow_options", "prepare", "search"],
             &["args", "sweep"],
-            &["follow", "targets"],
+            &["follow", "for_programs", "targets"],
             &["throw"],
         ],
     },

@@ -41,6 +41,7 @@ pub mod web;
 mod bus_errors;
 mod controlled;
 mod modules;
+mod words;
 
 use robot_model::AnyRobot;
 

@@ -3,6 +3,9 @@
 //! The drives are those of a simulated cell, in virtual time. This operator is the host of the controller: while time passes,
 //! it is alive.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use firmware::Controller;
 use firmware::authority::{Peer, Seed};
 use firmware::fault::{Cause, Refusal};
@@ -54,6 +57,8 @@ pub struct InProcess {
     /// What the controller would have told by now, and when.
     told: (Instant, GroupState),
     kept: Option<Kept>,
+    /// Once set, no more time passes.
+    stop: Option<Arc<AtomicBool>>,
 }
 
 impl InProcess {
@@ -73,7 +78,12 @@ impl InProcess {
         let script = Solo::new("script", ScriptedHost::new(&setup.actions));
         let participants = ((cell, script), Solo::new("controller", controller));
         let world = World::new(participants, setup.bus, seed, setup.faults.clone())?;
-        Ok(Self { world, told: (Instant::ZERO, GroupState::default()), kept: None })
+        Ok(Self { world, told: (Instant::ZERO, GroupState::default()), kept: None, stop: None })
+    }
+
+    /// Lets `flag`, once it is set, end what is under way with [`OperatorError::Interrupted`], at most 0.5 ms of virtual time later.
+    pub fn stop_with(&mut self, flag: Arc<AtomicBool>) {
+        self.stop = Some(flag);
     }
 
     #[must_use]
@@ -104,6 +114,9 @@ impl InProcess {
 
     /// Lets at most one slice of time pass.
     fn step(&mut self, until: Instant) -> Result<(), OperatorError> {
+        if self.stop.as_ref().is_some_and(|stop| stop.load(Ordering::Relaxed)) {
+            return Err(OperatorError::Interrupted);
+        }
         let to = (self.world.now() + SLICE).min(until);
         self.world.run_until(to, &mut ()).map_err(BusFailure::from)?;
         let last = self.told.1;

@@ -3,6 +3,7 @@
 pub mod args;
 pub mod follow;
 pub mod follow_options;
+pub mod for_programs;
 pub mod options;
 pub mod prepare;
 pub mod search;

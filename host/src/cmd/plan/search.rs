@@ -47,6 +47,15 @@ pub struct SearchOptions {
     pub objective: ObjectiveName,
 }
 
+/// Who may stop a search, and who sees how far it is.
+#[derive(Debug, Clone, Copy)]
+pub enum Watcher<'a> {
+    /// Ctrl-C stops it; progress and remarks go to standard error.
+    Terminal,
+    /// This flag stops it. Nothing is printed, and the signals of the process stay as they are.
+    Program(&'a AtomicBool),
+}
+
 /// Random starts, at most, if no number is asked for.
 const STARTS: usize = 96;
 
@@ -154,7 +163,7 @@ impl SearchOptions {
         fast: bool,
     ) -> Result<Planned<PlanFile>, ExpectedError> {
         let mut starts = self.options.starts(arm)?;
-        let planned = self.plan_from(arm, &mut starts, target, seed, fast)?;
+        let planned = self.plan_from(arm, &mut starts, target, (seed, fast), Watcher::Terminal)?;
         if let Some(note) = planned.note {
             console::note!("cubectl: {note}");
         }
@@ -170,8 +179,8 @@ impl SearchOptions {
         arm: &RobotModel<N>,
         starts: &mut Starts<N>,
         target: [f64; 3],
-        seed: u64,
-        fast: bool,
+        (seed, fast): (u64, bool),
+        watcher: Watcher<'_>,
     ) -> Result<Planned<PlanFile>, ExpectedError> {
         if self.objective == ObjectiveName::Time && self.options.weights.is_some() {
             return Err(ExpectedError::bad_input(
@@ -200,11 +209,12 @@ impl SearchOptions {
         let quick = fast.then_some(FAST_TRIES);
         let settled = match &self.options.library {
             Some(path) => ladder.from_library(index).ok_or_else(|| not_in_library(path, index, target))?,
-            None => watched(&watch, &budget, || ladder.search(index, &budget, &watch, quick))
+            None => watched(&watch, &budget, watcher, || ladder.search(index, &budget, &watch, quick))
                 .map_err(|e| no_throw(&e))?,
         };
         let Settled { problem, given_up, best } = settled;
-        if best.interrupted && watch.stop.load(Ordering::Relaxed) {
+        let stopped = best.interrupted && watch.stop.load(Ordering::Relaxed);
+        if stopped && matches!(watcher, Watcher::Terminal) {
             console::note!("cubectl: stopped; this is the best of {} starts", best.starts);
         }
         let took = began.elapsed();
@@ -262,9 +272,21 @@ fn not_in_library<const N: usize>(path: &Path, index: &Index<N>, [x, y, z]: [f64
     )
 }
 
-/// Runs a search with a progress bar once it takes longer than a second; Ctrl-C keeps the best so far.
-pub(super) fn watched<T: Send>(watch: &Watch, budget: &Budget, work: impl FnOnce() -> T + Send) -> T {
-    let interrupt = interrupt();
+/// Runs a search that a watcher may stop; what was found by then is kept. On a terminal a progress bar appears after a second.
+pub(super) fn watched<T: Send>(
+    watch: &Watch,
+    budget: &Budget,
+    watcher: Watcher<'_>,
+    work: impl FnOnce() -> T + Send,
+) -> T {
+    let ctrl_c;
+    let (interrupt, shows) = match watcher {
+        Watcher::Terminal => {
+            ctrl_c = interrupt();
+            (&*ctrl_c, true)
+        }
+        Watcher::Program(stop) => (stop, false),
+    };
     let finished = AtomicBool::new(false);
     std::thread::scope(|scope| {
         scope.spawn(|| {
@@ -275,7 +297,7 @@ pub(super) fn watched<T: Send>(watch: &Watch, budget: &Budget, work: impl FnOnce
                 if interrupt.load(Ordering::Relaxed) {
                     watch.stop.store(true, Ordering::Relaxed);
                 }
-                if began.elapsed() > Duration::from_secs(1) {
+                if shows && began.elapsed() > Duration::from_secs(1) {
                     let bar = bar.get_or_insert_with(|| {
                         let style = ProgressStyle::with_template(
                             "{bar:30} {pos}/{len} starts, {msg} solved, {elapsed}",

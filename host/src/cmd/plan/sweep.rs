@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::options::{PlanOptions, note};
 use super::require_writable;
-use super::search::watched;
+use super::search::{Watcher, watched};
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::reach::{self, Cell};
@@ -153,7 +153,7 @@ fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), Expec
     let file = Mutex::new(file);
     let watch = Watch::default();
     let bar = Budget { starts: missing.len(), all: false, time: None, seed: args.seed };
-    let done: Result<Vec<Row>, std::io::Error> = watched(&watch, &bar, || {
+    let done: Result<Vec<Row>, std::io::Error> = watched(&watch, &bar, Watcher::Terminal, || {
         missing
             .par_iter()
             .filter(|_| !watch.stop.load(Ordering::Relaxed))

@@ -11,7 +11,7 @@ use robot_model::RobotModel;
 use toml_reader::read_text;
 
 use super::args::Args;
-use super::search::{Planned, SearchOptions};
+use super::search::{Planned, SearchOptions, Watcher};
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::args::interrupt;
@@ -102,8 +102,13 @@ pub(super) fn run<const N: usize>(
     let mut starts = args.search.options.starts(arm)?;
     let stop = interrupt();
     for (number, row) in rows.iter().enumerate().skip(done.len()) {
-        let planned =
-            row.search(&args.search).plan_from(arm, &mut starts, row.target_m, args.seed, args.fast);
+        let planned = row.search(&args.search).plan_from(
+            arm,
+            &mut starts,
+            row.target_m,
+            (args.seed, args.fast),
+            Watcher::Terminal,
+        );
         if stop.load(Ordering::Relaxed) {
             return Err(ExpectedError::new(
                 exit::INTERRUPTED,

@@ -211,15 +211,10 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         return roll_back(args, path);
     }
     let work = Work::new(args)?;
-    let tuned = work.design(args)?;
+    let bar = if std::io::stderr().is_terminal() { ProgressBar::no_length() } else { ProgressBar::hidden() };
+    let tuned = work.design(args, &bar.with_message("designing"))?;
     console::text!("{}", table(&work.machine.robot, &work.demand, &tuned));
-    let file = GainsFile {
-        format: FORMAT,
-        robot: work.machine.robot.clone(),
-        period_s: work.demand.period_s,
-        estimator: work.demand.estimator.into(),
-        joint: tuned.iter().map(Tuned::entry).collect(),
-    };
+    let file = work.file(&tuned);
     write_files(args, &file, &tuned)?;
     let mut link =
         if args.apply || args.bus.bus != BusSpec::Sim { Some(ControllerOnBus::open(args)?) } else { None };
@@ -242,6 +237,23 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         Some(link) => Ok(link.session.finish()?),
         None => Ok(()),
     }
+}
+
+/// The gains file of `cubectl tune` with these words of its command line, for programs: nothing is printed, written or tried.
+///
+/// # Errors
+/// A word is refused (exit code 2 of the program), bad input, or a joint that cannot be tuned, with the binding condition.
+pub fn gains(words: &[String]) -> Result<GainsFile, ExpectedError> {
+    let args: Args = super::words::parse("tune", words)?;
+    if args.apply || args.rollback.is_some() || args.out.is_some() || args.pictures.is_some() {
+        return Err(ExpectedError::bad_input(
+            &"--apply, --rollback, --out and --pictures are for the program: run `cubectl tune`",
+        ));
+    }
+    let work = Work::new(&args)?;
+    let file = work.file(&work.design(&args, &ProgressBar::hidden())?);
+    // As what is written to a file: what the text says must prove.
+    Ok(GainsFile::from_toml(&file.to_toml(), &file.robot).map_err(TuneError::from)?)
 }
 
 /// What is designed for.
@@ -299,8 +311,19 @@ impl Work {
         Ok(Self { robot, machine, motion, demand, trial })
     }
 
-    /// Designs the joints asked for, with a bar on a terminal.
-    fn design(&self, args: &Args) -> Result<Vec<Tuned>, TuneError> {
+    /// The designed gains as a file.
+    fn file(&self, tuned: &[Tuned]) -> GainsFile {
+        GainsFile {
+            format: FORMAT,
+            robot: self.machine.robot.clone(),
+            period_s: self.demand.period_s,
+            estimator: self.demand.estimator.into(),
+            joint: tuned.iter().map(Tuned::entry).collect(),
+        }
+    }
+
+    /// Designs the joints asked for; the bar counts them.
+    fn design(&self, args: &Args, bar: &ProgressBar) -> Result<Vec<Tuned>, TuneError> {
         let design = match args.design {
             DesignArg::Paper => Design::Paper,
             DesignArg::Saturated => Design::Saturated,
@@ -308,11 +331,7 @@ impl Work {
         let wanted = |joint: usize| matches!(args.joint, Joints::All) || args.joint == Joints::One(joint);
         let all = inputs(&self.machine, &self.motion, &self.demand)?;
         let chosen: Vec<_> = all.iter().filter(|input| wanted(input.joint)).collect();
-        let bar = if std::io::stderr().is_terminal() {
-            ProgressBar::new(chosen.len() as u64).with_message("designing")
-        } else {
-            ProgressBar::hidden()
-        };
+        bar.set_length(chosen.len() as u64);
         let tuned = chosen.into_par_iter().map(|input| {
             let tuned = tune(input, design);
             bar.inc(1);
@@ -457,7 +476,7 @@ mod tests {
     /// Design and files, without a trial; the table.
     fn run_files(args: &Args) -> Result<String, ExpectedError> {
         let work = Work::new(args)?;
-        let tuned = work.design(args)?;
+        let tuned = work.design(args, &ProgressBar::hidden())?;
         let (robot, demand) = (work.machine.robot.clone(), &work.demand);
         let (period_s, estimator) = (demand.period_s, demand.estimator.into());
         let joint = tuned.iter().map(Tuned::entry).collect();
@@ -484,7 +503,7 @@ mod tests {
         for (line, want) in table {
             let args = args(line);
             let message = match Work::new(&args) {
-                Ok(work) => work.design(&args).unwrap_err().to_string(),
+                Ok(work) => work.design(&args, &ProgressBar::hidden()).unwrap_err().to_string(),
                 Err(error) => error.to_string(),
             };
             assert!(message.contains(want), "{line}: {message}");
