@@ -6,12 +6,13 @@ use crate::rooms::Tree;
 use crate::{root, sources};
 
 /// Folders of packages with several packages inside; a file belongs to the innermost.
-const FOLDERS: [&str; 14] = [
+const FOLDERS: [&str; 15] = [
     "firmware",
     "hil-sim/console",
     "hil-sim",
     "host/operator",
     "host/planner",
+    "host/python",
     "host/tuner",
     "host",
     "protocol/link",

@@ -9,7 +9,7 @@ pub(crate) const PACKAGES: &[&[&str]] = &[
     &["board-example", "planner", "tuner"],
     &["operator"],
     &["host"],
-    &["cell-tests", "layers"],
+    &["cell-tests", "cubecell-python", "layers"],
 ];
 
 /// A folder with the floors of its rooms: the files and folders in it.

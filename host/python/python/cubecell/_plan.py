@@ -1,0 +1,192 @@
+"""Plans, their check, and gains."""
+
+from __future__ import annotations
+
+import json
+import os
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _native
+from ._arrays import Doubles, to_array, to_bytes, to_point, to_times
+from ._robot import Robot, source_of
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A plan read at times: one row per time, one column per joint."""
+
+    t_s: Doubles
+    q_rad: Doubles
+    qd_rad_s: Doubles
+    qdd_rad_s2: Doubles
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A planned throw."""
+
+    #: The plan file, as ``cubectl plan throw --json`` writes it.
+    json: str
+    #: Where the robot comes from, if not from where the plan file says.
+    robot: str | None = None
+    #: What was given up of what was asked for, in words; ``None`` for nothing, and for plans that were read.
+    note: str | None = field(default=None, compare=False)
+    #: The plan file as a dictionary; ``cubectl plan schema`` describes it.
+    data: dict[str, Any] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "data", json.loads(self.json))
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str], robot: Robot | None = None) -> Plan:
+        """Reads a plan file; ``robot`` replaces the one that it names."""
+        return cls(Path(path).read_text(encoding="utf-8"), robot.source if robot else None)
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Writes the plan file."""
+        Path(path).write_text(self.json, encoding="utf-8")
+
+    @property
+    def objective(self) -> float:
+        """What the search made small."""
+        return float(self.data["objective"]["value"])
+
+    @property
+    def release_time_s(self) -> float:
+        """When the ball leaves the hand, in s since the start."""
+        return float(self.data["release_time_s"])
+
+    @property
+    def end_time_s(self) -> float:
+        """When the motion ends, in s since the start."""
+        return float(self.data["end_time_s"])
+
+    def sample(self, t_s: ArrayLike | None = None, step_s: float = 0.005) -> Motion:
+        """The motion at times in s, by default from start to end in steps."""
+        if t_s is None:
+            t_s = np.append(np.arange(0.0, self.end_time_s, step_s), self.end_time_s)
+        times = to_times(t_s)
+        rows = to_array(_native.sample(self.json, to_bytes(times)), len(times), 3, -1)
+        return Motion(times, rows[:, 0], rows[:, 1], rows[:, 2])
+
+
+def plan(
+    robot: Robot | str | os.PathLike[str],
+    target_m: ArrayLike,
+    *,
+    form: Literal["best", "paper"] = "best",
+    objective: Literal["effort", "time", "energy", "spread", "hit"] = "effort",
+    seed: int = 1,
+    starts: int | None = None,
+    time_budget_s: float | None = None,
+    fast: bool = False,
+    library: str | os.PathLike[str] | None = None,
+    hit_radius_m: float | None = None,
+    drag_per_m: float = 0.0,
+    obstacles: Sequence[Sequence[float]] = (),
+    options: Sequence[str] = (),
+) -> Plan:
+    """Plans the best throw to a target (m, world), as ``cubectl plan throw`` does: same options, same seed, same plan.
+
+    Each argument is the option of that name. ``obstacles`` are boxes: centre and half edges in m, six numbers each. ``options``
+    are further options of the command line, such as ``["--opening-normal=-1,0,0", "--opening-radius-m", "0.08"]``.
+
+    Raises :class:`CubecellError` if something is refused or no throw reaches the target (exit code 3). Ctrl-C ends the search.
+    """
+    x, y, z = to_point(target_m, "a target")
+    source = source_of(robot)
+    words = ["--robot", source, f"--target={x!r},{y!r},{z!r}", "--form", form, "--objective", objective]
+    words += ["--seed", str(seed), f"--drag-per-m={drag_per_m!r}"]
+    words += [f"--starts={starts}"] if starts is not None else []
+    words += [f"--time-budget={time_budget_s!r}"] if time_budget_s is not None else []
+    words += ["--fast"] if fast else []
+    words += ["--library", os.fspath(library)] if library is not None else []
+    words += [f"--hit-radius-m={hit_radius_m!r}"] if hit_radius_m is not None else []
+    for box in obstacles:
+        words.append("--obstacle=" + ",".join(repr(float(value)) for value in box))
+    text, note = _native.plan([*words, *options])
+    return Plan(text, source, note)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was checked."""
+
+    #: What.
+    what: str
+    #: Whether it holds.
+    ok: bool
+    #: Worst value, with what it is measured against.
+    worst: str
+    #: When, in s since the start; ``None`` if it is not about an instant.
+    at_s: float | None
+    #: Whether the plan claims it; other findings are for information.
+    enforced: bool
+
+
+@dataclass(frozen=True)
+class Report:
+    """Everything that was checked."""
+
+    findings: list[Finding]
+    #: Instants at which the motion was looked at.
+    samples: int
+
+    @property
+    def ok(self) -> bool:
+        """Whether everything that the plan claims holds."""
+        return all(finding.ok or not finding.enforced for finding in self.findings)
+
+
+def check(plan: Plan) -> Report:
+    """Checks a plan by other means than the planner's, as ``cubectl check`` does.
+
+    Raises :class:`CubecellError` if the plan cannot be read or is for another robot.
+    """
+    told = json.loads(_native.check(plan.json, plan.robot))
+    return Report([Finding(**finding) for finding in told["findings"]], told["samples"])
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Feedback gains with their certificates."""
+
+    #: The gains file, as ``cubectl tune --out`` writes it.
+    toml: str
+    #: The gains file as a dictionary.
+    data: dict[str, Any] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "data", tomllib.loads(self.toml))
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Gains:
+        """Reads a gains file; what is wrong with it is told where it is used."""
+        return cls(Path(path).read_text(encoding="utf-8"))
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Writes the gains file."""
+        Path(path).write_text(self.toml, encoding="utf-8")
+
+
+def tune(
+    robot: Robot | str | os.PathLike[str],
+    *,
+    period_ms: float = 3.0,
+    design: Literal["saturated", "paper"] = "saturated",
+    options: Sequence[str] = (),
+) -> Gains:
+    """Designs gains with certificates for a control period in ms (1 to 40), as ``cubectl tune`` does.
+
+    ``options`` are further options of the command line, such as ``["--plan", "plan.json"]``. Raises :class:`CubecellError`, with
+    the condition that binds, if a joint cannot be tuned.
+    """
+    words = ["--robot", source_of(robot), f"--period={float(period_ms)!r}", "--design", design]
+    return Gains(_native.tune([*words, *options]))

@@ -1,0 +1,40 @@
+//! The native half of the Python package `cubecell`.
+//!
+//! Arrays cross the border as bytes of little-endian doubles, what has structure as JSON or TOML text. The Python half
+//! (`python/cubecell/__init__.py`) makes numpy arrays and dictionaries of them and has the documentation for users. Plans and
+//! gains come from the code of `cubectl plan throw` and `cubectl tune`, from the same words.
+//!
+//! ```text
+//! arrays  errors      doubles and bytes; refusals as Python exceptions
+//!    \     /
+//!     calls           long calls: without the lock of the interpreter, ended by Ctrl-C
+//!       |
+//! flight  logs  plans  robot  simulate
+//! ```
+
+mod arrays;
+mod calls;
+mod errors;
+mod flight;
+mod logs;
+mod plans;
+mod robot;
+mod simulate;
+
+use pyo3::prelude::*;
+
+#[pymodule]
+mod _native {
+    #[pymodule_export]
+    use super::errors::CubecellError;
+    #[pymodule_export]
+    use super::flight::{flight, landing};
+    #[pymodule_export]
+    use super::logs::read_log;
+    #[pymodule_export]
+    use super::plans::{check, plan, sample, tune};
+    #[pymodule_export]
+    use super::robot::Robot;
+    #[pymodule_export]
+    use super::simulate::simulate;
+}

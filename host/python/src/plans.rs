@@ -1,0 +1,83 @@
+//! Plans and gains, by the code of the program.
+
+use std::path::Path;
+
+use host::cmd::plan::for_programs;
+use host::error::ExpectedError;
+use host::exit;
+use planner::motion::Motion;
+use planner::plan::file::PlanFile;
+use planner::verify;
+use pyo3::prelude::*;
+use pyo3::types::PyByteArray;
+use robot_model::{AnyRobot, for_any_robot};
+
+use crate::arrays::{array, doubles};
+use crate::calls::interruptible;
+use crate::errors::{bad, refused};
+
+/// The place of a plan file in messages: it was handed over as text.
+const NAME: &str = "in memory";
+
+fn input(error: &impl std::fmt::Display) -> ExpectedError {
+    ExpectedError::bad_input(error)
+}
+
+/// A plan from its text, and the robot that it names, or the one given.
+pub(crate) fn plan_of(text: &str, robot: Option<&str>) -> Result<(PlanFile, AnyRobot), ExpectedError> {
+    let path = Path::new(NAME);
+    let plan = PlanFile::from_json(path, text).map_err(|error| input(&error))?;
+    let robot = AnyRobot::load(robot.unwrap_or(&plan.robot.source)).map_err(|error| input(&error))?;
+    for_any_robot!(&robot, arm => plan.require_robot(path, arm)).map_err(|error| input(&error))?;
+    Ok((plan, robot))
+}
+
+/// A plan as JSON and what was given up for it, from words of the command line of `cubectl plan throw`.
+#[pyfunction]
+pub(crate) fn plan(py: Python<'_>, words: Vec<String>) -> PyResult<(String, Option<&'static str>)> {
+    let planned = interruptible(py, move |stop| for_programs::plan(&words, stop))?;
+    planned.map(|planned| (planned.plan.to_json(), planned.note)).map_err(|error| refused(&error))
+}
+
+/// Findings of the check by other means than the planner's, as JSON.
+#[pyfunction]
+#[pyo3(signature = (plan, robot))]
+pub(crate) fn check(py: Python<'_>, plan: String, robot: Option<String>) -> PyResult<String> {
+    let report = interruptible(py, move |_| {
+        let (plan, robot) = plan_of(&plan, robot.as_deref())?;
+        let report = for_any_robot!(&robot, arm => verify::check(arm, &plan));
+        serde_json::to_string(&report).map_err(|error| ExpectedError::new(exit::BUG, error.to_string()))
+    })?;
+    report.map_err(|error| refused(&error))
+}
+
+/// The motion of a plan at times in s: rows of positions, speeds and accelerations.
+#[pyfunction]
+pub(crate) fn sample<'py>(py: Python<'py>, plan: &str, times: &[u8]) -> PyResult<Bound<'py, PyByteArray>> {
+    let plan = PlanFile::from_json(Path::new(NAME), plan).map_err(|error| bad(&error))?;
+    let times = doubles(times)?;
+    let rows = match plan.motion.joints.len() {
+        4 => sampled(&plan.motion.to_motion::<4>(), &times),
+        5 => sampled(&plan.motion.to_motion::<5>(), &times),
+        6 => sampled(&plan.motion.to_motion::<6>(), &times),
+        7 => sampled(&plan.motion.to_motion::<7>(), &times),
+        joints => return Err(bad(&format!("a plan for {joints} joints; robots have four to seven"))),
+    };
+    Ok(array(py, &rows))
+}
+
+fn sampled<const N: usize>(motion: &Motion<N>, times: &[f64]) -> Vec<f64> {
+    let mut rows = Vec::with_capacity(3 * N * times.len());
+    for t in times {
+        let state = motion.at(*t);
+        rows.extend(state.q.iter().chain(state.qd.iter()).chain(state.qdd.iter()));
+    }
+    rows
+}
+
+/// Gains with their certificates as TOML, from words of the command line of `cubectl tune`.
+#[pyfunction]
+pub(crate) fn tune(py: Python<'_>, words: Vec<String>) -> PyResult<String> {
+    let gains = interruptible(py, move |_| host::cmd::tune::gains(&words))?;
+    gains.map(|gains| gains.to_toml()).map_err(|error| refused(&error))
+}

@@ -1,0 +1,106 @@
+//! A throw in the simulated cell, in virtual time, with the controller in this program.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use hil_sim::mechanics::Plane;
+use host::error::ExpectedError;
+use nalgebra::Vector3;
+use operator::bus::args::CellArgs;
+use operator::bus::period::{PeriodRequest, apply, choose, settings_with_gains};
+use operator::bus::settings::settings_of;
+use operator::port::{BallSeen, InProcess};
+use operator::throw::outcome::{default_tolerance_m, judge};
+use operator::throw::{Job, Record, job};
+use pyo3::prelude::*;
+use robot_model::AnyRobot;
+use robot_model::collision::Scene;
+use serde_json::json;
+use tuner::gains::gains_file::GainsFile;
+
+use crate::calls::interruptible;
+use crate::errors::refused;
+use crate::plans::plan_of;
+
+/// Share of the speed limits that the way to the start of the throw uses, as in `cubectl throw`.
+const APPROACH_SHARE: f64 = 0.3;
+
+/// What is simulated.
+#[derive(FromPyObject)]
+pub(crate) struct Request {
+    #[pyo3(item)]
+    plan: String,
+    #[pyo3(item)]
+    robot: Option<String>,
+    #[pyo3(item)]
+    seed: u64,
+    /// Gains file, TOML; those of the program without one.
+    #[pyo3(item)]
+    gains: Option<String>,
+    #[pyo3(item)]
+    scenario: Option<PathBuf>,
+}
+
+/// Outcome, landing of the simulated ball and analysis of the run, as JSON.
+#[pyfunction]
+pub(crate) fn simulate(py: Python<'_>, request: Request) -> PyResult<String> {
+    interruptible(py, move |stop| throw(&request, stop))?.map_err(|error| refused(&error))
+}
+
+fn throw(request: &Request, stop: &Arc<AtomicBool>) -> Result<String, ExpectedError> {
+    let bad = |error: &dyn std::fmt::Display| ExpectedError::bad_input(&error);
+    let (plan, robot) = plan_of(&request.plan, request.robot.as_deref())?;
+    let AnyRobot::Six(arm) = &robot else {
+        return Err(bad(
+            &"throws are simulated for robots of six joints; plans of others are made and checked only",
+        ));
+    };
+    let source = request.robot.clone().unwrap_or_else(|| plan.robot.source.clone());
+    let cell = CellArgs { robot: Some(source), seed: Some(request.seed), scenario: request.scenario.clone() };
+    let mut setup = cell.load()?.setup;
+    let met_m = plan.meeting_m();
+    setup.cell.gripper.landing_z_m = Some(met_m[2]);
+    setup.cell.gripper.landing_plane =
+        plan.target.opening.map(|o| Plane { point_m: Vector3::from(met_m), normal: Vector3::from(o.normal) });
+    let settings = match &request.gains {
+        None => settings_with_gains(&robot).map_err(|error| bad(&error))?,
+        Some(text) => {
+            let gains = GainsFile::from_toml(text, arm.name()).map_err(|error| bad(&error))?;
+            let mut settings = settings_of(&robot).map_err(|error| bad(&error))?;
+            let choice =
+                choose(PeriodRequest::Gains(Box::new(gains)), None, &robot, settings.cycle_period_us)?;
+            apply(&choice, &mut settings);
+            settings
+        }
+    };
+    let mut operator = InProcess::new(&robot, &setup, request.seed, &settings)?;
+    operator.stop_with(Arc::clone(stop));
+    let scene = Scene { ball_held: true, ..Scene::default() };
+    let throw = Job {
+        arm,
+        plan: &plan,
+        gains: None,
+        scene: &scene,
+        approach_share: APPROACH_SHARE,
+        seed: request.seed,
+        tolerance_m: default_tolerance_m(&plan),
+        go_back: false,
+    };
+    let mut record = Record::default();
+    let ended = job::run(&mut operator, &throw, &mut record, &mut |_| true);
+    let verdict = judge(&throw, &record, ended.as_ref().copied());
+    // The simulated cell is the witness.
+    let seen = BallSeen::of(operator.cell()).landing;
+    let told = json!({
+        "outcome": verdict.outcome.json_name(),
+        "text": verdict.text,
+        "tolerance_m": verdict.tolerance_m,
+        "error": ended.as_ref().err().map(ToString::to_string),
+        "landing_m": seen.map(|(_, p)| [p.x, p.y, p.z]),
+        "flight_s": seen.map(|(s, _)| s),
+        "miss_m": record.landing.map(|landing| landing.error_m),
+        "analysis": record.analysis,
+    });
+    Ok(told.to_string())
+}

@@ -1,0 +1,99 @@
+"""The package against the program: the same words give the same files. CUBECTL names the program."""
+
+import os
+import subprocess
+from pathlib import Path
+
+import cubecell
+import numpy as np
+import pytest
+
+CUBECTL = os.environ["CUBECTL"]
+
+
+def cubectl(*words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([CUBECTL, *words], capture_output=True, text=True)
+
+
+def test_a_hundred_plans_are_those_of_the_program_byte_for_byte() -> None:
+    rng = np.random.default_rng(18)
+    differ, planned = [], 0
+    for number in range(100):
+        range_m, angle = rng.uniform(0.5, 2.3), rng.uniform(-np.pi, np.pi)
+        target_m = [float(range_m * np.cos(angle)), float(range_m * np.sin(angle)), float(rng.uniform(-1.0, 0.4))]
+        form = "best" if number % 2 == 0 else "paper"
+        words = ["plan", "throw", "--json", "--robot", "powercube6", "--form", form, "--seed", str(number)]
+        words += ["--target=" + ",".join(map(repr, target_m)), "--starts", "2"]
+        told = cubectl(*words)
+        try:
+            mine = cubecell.plan("powercube6", target_m, form="best" if form == "best" else "paper", seed=number, starts=2)
+        except cubecell.CubecellError as error:
+            same = told.returncode == error.exit_code and told.stdout == "" and str(error) in told.stderr
+        else:
+            planned += 1
+            same = told.returncode == 0 and told.stdout == mine.json + "\n"
+            same = same and (mine.note or "") in told.stderr
+        if not same:
+            differ.append((number, target_m, told.returncode))
+    print(f"{planned} of 100 targets were planned, {100 - planned} refused")
+    assert not differ
+    # Both ways to end are compared.
+    assert 50 <= planned < 100
+
+
+def test_refusals_are_those_of_the_program() -> None:
+    for words in (["--no-such-option"], ["--weights", "1,2"], ["--jitter-s", "1"], ["--library", "/no/such/file"]):
+        told = cubectl("plan", "throw", "--target=1,1,-1", *words)
+        with pytest.raises(cubecell.CubecellError) as refused:
+            cubecell.plan("powercube6", [1.0, 1.0, -1.0], options=words)
+        assert refused.value.exit_code == told.returncode != 0
+        first = str(refused.value).splitlines()[0].removeprefix("error: ")
+        assert first in told.stderr, (first, told.stderr)
+
+
+def test_plans_are_read_by_the_program(tmp_path: Path) -> None:
+    plan = cubecell.plan("powercube6", [1.0, 1.0, -1.0], fast=True)
+    plan.write(tmp_path / "plan.json")
+    assert cubecell.Plan.read(tmp_path / "plan.json").json == plan.json
+    told = cubectl("check", "--json", str(tmp_path / "plan.json"))
+    report = cubecell.check(plan)
+    assert told.returncode == 0 and report.ok
+    assert all(f'"what": "{finding.what}"' in told.stdout for finding in report.findings)
+
+
+def test_gains_are_those_of_the_program(tmp_path: Path) -> None:
+    for period_ms, design in ((3.0, "saturated"), (17.0, "paper")):
+        out = tmp_path / f"{design}.toml"
+        words = ["--period", str(period_ms), "--design", design, "--no-trial", "--out", str(out)]
+        assert cubectl("tune", *words).returncode == 0
+        gains = cubecell.tune("powercube6", period_ms=period_ms, design="paper" if design == "paper" else "saturated")
+        assert gains.toml == out.read_text()
+        assert gains.data["period_s"] == period_ms / 1e3 and len(gains.data["joint"]) == 6
+    told = cubectl("tune", "--period=-1.0", "--no-trial")
+    with pytest.raises(cubecell.CubecellError) as refused:
+        cubecell.tune("powercube6", period_ms=-1.0)
+    assert refused.value.exit_code == told.returncode != 0 and str(refused.value) in told.stderr
+
+
+def test_a_log_as_tables_is_the_text_read_by_hand(tmp_path: Path) -> None:
+    out = tmp_path / "throw"
+    assert cubectl("throw", "--target", "1,1,-1", "--out", str(out)).returncode == 0
+    log = cubecell.Log(out)
+    lines = (out / "bus.log").read_text().splitlines()
+    assert len(log.frames["t_s"]) == len(lines) > 1000 and log.torn is None
+    for i in range(0, len(lines), 97):
+        stamp, _, frame, *_ = lines[i].split(" ")
+        identifier, data = frame.split("#")
+        assert abs(log.frames["t_s"][i] - float(stamp.strip("()"))) < 1e-9
+        assert log.frames["id"][i] == int(identifier, 16) and log.frames["extended"][i] == (len(identifier) == 8)
+        assert log.frames["data"][i, : log.frames["length"][i]].tobytes() == bytes.fromhex(data)
+    for table in (log.frames, log.positions, log.currents, log.joints, log.group, log.records):
+        assert len({len(column) for column in table.values()}) == 1
+    assert set(log.positions["module"]) == set(log.currents["module"]) == {1, 2, 3, 4, 5, 6}
+    assert "running" in log.group["state"]
+    (out / "bus.log").write_text("\n".join(lines[:50]) + "\n(0000000001.00")
+    torn = cubecell.Log(out)
+    assert torn.torn is not None and len(torn.frames["t_s"]) == 50
+    with pytest.raises(cubecell.CubecellError) as refused:
+        cubecell.Log(tmp_path / "missing.log")
+    assert refused.value.exit_code == 4
