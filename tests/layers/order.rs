@@ -475,7 +475,10 @@ pub(crate) const FOLDERS: &[Folder] = &[
         ],
     },
     Folder { path: "host/src/cmd/registers", floors: &[&["value"], &["export", "get", "list"], &["set"]] },
-    Folder { path: "host/src/cmd/throw", floors: &[&["folder", "last_look", "progress"], &["prepare"], &["robot"]] },
+    Folder {
+        path: "host/src/cmd/throw",
+        floors: &[&["folder", "last_look", "progress"], &["prepare"], &["robot"]],
+    },
     Folder { path: "host/src/cmd/tune", floors: &[&["apply"], &["trial"]] },
     Folder {
         path: "host/src/report",
