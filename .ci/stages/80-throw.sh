@@ -171,7 +171,8 @@ attempt() { # name, options...
         return $status
     fi
     timeout 120 "$bin/cubectl" throw --target 1,1,-1 --no-store --bus "$socketcand" --out "$dir" "$@" </dev/null || status=$?
-    [ -z "$reader" ] || wait "$reader" || status=$not_repeated
+    # A throw that has failed keeps its own reason.
+    [ -z "$reader" ] || wait "$reader" || [ $status -ne 0 ] || status=$not_repeated
     # The ball is still in the air.
     sleep 1
     end_all

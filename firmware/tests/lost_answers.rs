@@ -1,5 +1,5 @@
-//! A homing or a jog of which a drive answers once too little: each step is asked again, so neither lasts longer than it may nor
-//! leaves a drive with another current.
+//! A drive leaves out one answer during a homing or a jog. Each step is asked again: neither lasts longer than it may, and no
+//! drive is left with another current.
 
 mod bench;
 

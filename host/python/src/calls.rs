@@ -22,7 +22,7 @@ const STACK_BYTES: usize = 8 << 20;
 /// Does the work; `stop` is set when nobody waits for it any more.
 ///
 /// # Errors
-/// What a signal handler raises, or a thread that cannot be started. A panic of the work goes on in the caller.
+/// The exception of a signal handler, or a thread that cannot be started. A panic of the work is raised again in the caller.
 pub(crate) fn interruptible<T: Send + 'static>(
     py: Python<'_>,
     work: impl FnOnce(&Arc<AtomicBool>) -> T + Send + 'static,

@@ -1,6 +1,6 @@
 //! The native half of the Python package `cubecell`.
 //!
-//! Arrays cross the border as bytes of little-endian doubles, what has structure as JSON or TOML text. The Python half
+//! Arrays are passed as bytes of little-endian doubles, structures as JSON or TOML text. The Python half
 //! (`python/cubecell/__init__.py`) makes numpy arrays and dictionaries of them and has the documentation for users. Plans and
 //! gains come from the code of `cubectl plan throw` and `cubectl tune`, from the same words.
 //!

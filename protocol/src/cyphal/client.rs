@@ -189,11 +189,6 @@ pub struct Client<const PENDING: usize, const BYTES: usize> {
 }
 
 impl<const PENDING: usize, const BYTES: usize> Client<PENDING, BYTES> {
-    /// Gives the node another address; before the first request.
-    pub const fn set_address(&mut self, address: NodeId) {
-        self.address = address;
-    }
-
     /// No requests yet; `address` is this node's.
     pub const fn new(address: NodeId) -> Self {
         const { assert!(PENDING < 32, "fewer requests than transfer numbers") };
@@ -208,6 +203,11 @@ impl<const PENDING: usize, const BYTES: usize> Client<PENDING, BYTES> {
             repeated: 0,
             unmatched: 0,
         }
+    }
+
+    /// Gives the node another address. Call it before the first request.
+    pub const fn set_address(&mut self, address: NodeId) {
+        self.address = address;
     }
 
     /// Attempts sent after a first one was not answered.

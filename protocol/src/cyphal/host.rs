@@ -104,7 +104,7 @@ impl<L: Listener> CyphalHost<L> {
         Self { core: Core::new(now, address), client: Requests::new(address), listener }
     }
 
-    /// Gives the node another address; before the first frame.
+    /// Gives the node another address. Call it before the first frame.
     pub const fn set_address(&mut self, address: NodeId) {
         self.core.set_address(address);
         self.client.set_address(address);

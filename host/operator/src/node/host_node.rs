@@ -149,8 +149,8 @@ impl HostNode {
         self.node_id
     }
 
-    /// Takes the highest node-ID of a tool that was not heard; before the first frame of the host link. None is free: the
-    /// node-ID stays.
+    /// Takes the highest node-ID of tools that was not heard. Call it before the first frame of the host link. If all are
+    /// taken, the node-ID stays.
     pub(crate) fn take_free_node_id(&mut self) {
         let free = (NODE_ID_MIN.get()..=NODE_ID.get()).rev().map(NodeId::from_low_bits);
         let Some(free) = free.into_iter().find(|node| self.tools & tool_bit(*node) == 0) else { return };
