@@ -45,10 +45,10 @@ struct Bounds {
 /// give less.
 const BOUNDS: [Bounds; 6] = [
     Bounds { median_mm: [35.0, 90.0], hit: [0.0, 0.05] },
-    Bounds { median_mm: [5.0, 35.0], hit: [0.7, 0.99] },
+    Bounds { median_mm: [10.0, 35.0], hit: [0.7, 0.95] },
     Bounds { median_mm: [1.0, 10.0], hit: [0.99, 1.0] },
     Bounds { median_mm: [35.0, 90.0], hit: [0.0, 0.05] },
-    Bounds { median_mm: [5.0, 30.0], hit: [0.9, 1.0] },
+    Bounds { median_mm: [10.0, 30.0], hit: [0.9, 1.0] },
     Bounds { median_mm: [0.05, 3.3], hit: [0.99, 1.0] },
 ];
 
