@@ -1,9 +1,9 @@
 # Faults: every kind in every phase of a throw and at every joint, judged from the plant itself; about two minutes on two
 # cores. The test stage runs one in forty of them. Then 200 perturbed arms, and random throws from a fixed first seed: two
 # minutes.
-cargo test --locked -p cell-tests --test trust -- --ignored --nocapture
+. .ci/debug-build.sh
+cargo test --workspace --locked --test trust -- --ignored --nocapture
 # Latencies of stops, and how far from its gate the model of a healthy drive stays, over 200 arms.
-SEEDS=200 cargo test --locked -p cell-tests --test controller two_hundred -- --ignored --nocapture
-cargo build --quiet --locked -p host --bins
+SEEDS=200 cargo test --workspace --locked --test controller two_hundred -- --ignored --nocapture
 rm -rf target/swarm-found
 target/debug/cubectl swarm --first 0 --seeds 1000 --out target/swarm-found

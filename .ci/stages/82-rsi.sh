@@ -40,5 +40,31 @@ pair() { # two throws at the same time
 }
 timed pair kr_c2 udp 49261 slow kr_c2_tcp tcp 49262 slow
 timed pair kr_c4 udp 49263 fast kr_c4_12ms udp 49264 slow
+
+# A tracked target that moves by 20 mm while the client waits for the robot: nothing is thrown, and the recording runs again.
+moved() {
+    local data=127.0.0.1:49272 place=udp://127.0.0.1:49265 dir=$out/moved before after client status=0
+    rm -rf "$dir" "$dir".*
+    local robot=("$cubectl" sim --robot kr16_2 --tracker $data --runs 1 --for 120)
+    "${robot[@]}" --bottle 2.5,0,0.6 --rsi "udp://127.0.0.1:49266?lockstep" >"$dir.before" 2>&1 </dev/null &
+    before=$!
+    "$cubectl" throw --robot kr16_2 --target tracker --tracker $data --starts 2 --bus "rsi:$place" --yes \
+        --out "$dir" >"$dir.throw" 2>&1 </dev/null &
+    client=$!
+    wait_for $client says "$dir.throw" 'waiting for the robot' || { cat "$dir.throw"; return 1; }
+    kill $before
+    wait $before || true
+    "${robot[@]}" --bottle 2.5,0.02,0.6 --rsi "$place" >"$dir.after" 2>&1 </dev/null &
+    after=$!
+    wait $client || status=$?
+    kill $after
+    wait $after || true
+    echo "--- a target that moved, $place"
+    tail -n 3 "$dir.throw"
+    [ $status -eq 9 ] || { echo "ended with $status, not 9"; return 1; }
+    grep -q 'moved by 20.0 mm' "$dir.throw" && grep -q 'nothing was thrown' "$dir.throw" || return 1
+    "$cubectl" replay "$dir" | grep '^identical: '
+}
+timed moved
 # Where the ball lands over 200 seeds, in virtual time: six rows of docs/industrial-robot.md, each within its bounds.
 cargo run --quiet --release --locked -p operator --example rsi_landings -- 200 --check

@@ -13,7 +13,7 @@
 . .ci/wait.sh
 root=$PWD
 work=$root/target/readme
-rm -rf "$work" arm.registers.toml && mkdir -p "$work"
+rm -rf "$work" arm.registers.toml throw1 && mkdir -p "$work"
 
 seconds() { date +%s.%N; }
 told() { awk -v what="$1" -v from="$2" -v to="$(seconds)" 'BEGIN { printf "%-56s %8.2f s\n", what, to - from }'; }
@@ -55,8 +55,8 @@ serve() { # serve SCHEME PORT: a simulated cell that is ready when this returns
     cat "$work/cell-$1.log"
     return 1
 }
-serve socketcand 29540
-arm=socketcand://127.0.0.1:29540/can0
+serve lockstep 29540
+arm=lockstep://127.0.0.1:29540/can0
 cat >"$work/stand-in.sh" <<'STAND_IN'
 sudo() { "$@"; }
 ip() { echo "not run here: ip $*"; }

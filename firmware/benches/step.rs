@@ -5,21 +5,20 @@
 //! call's time. Nothing is asserted.
 
 #[path = "../tests/bench/mod.rs"]
+#[allow(dead_code, unused_imports, reason = "made for the tests")]
 mod bench;
-#[path = "../tests/bench/host.rs"]
-mod host;
 
 use std::hint::black_box;
 use std::time::Instant as Clock;
 
 use bench::Options;
+use bench::host::{Call, Host};
 use firmware::ControllerNode;
 use firmware::authority::Seed;
 use firmware::groups::powercube::PowerCubes;
 use firmware::spline::Spline;
 use firmware::state::StateKind;
 use firmware::store::RamStorage;
-use host::{Call, Host};
 use protocol::cyphal::cubecell::command;
 use protocol::{Instant, Node};
 

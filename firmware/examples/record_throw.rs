@@ -6,9 +6,8 @@
 //! eight data bytes.
 
 #[path = "../tests/bench/mod.rs"]
+#[allow(dead_code, unused_imports, reason = "made for the tests")]
 mod bench;
-#[path = "../tests/bench/host.rs"]
-mod host;
 
 use std::path::PathBuf;
 
@@ -37,7 +36,7 @@ fn record(at: Instant, frame: Option<&Frame>) -> [u8; 24] {
 }
 
 /// Waits where the throw ended, and goes to an end state that moves.
-fn take_end_states(host: &mut host::Host) {
+fn take_end_states(host: &mut bench::host::Host) {
     let stands: [f64; 6] = std::array::from_fn(|i| host.bench.drives[i].q);
     let mut q_rad = PerJoint::default();
     for (i, q) in stands.into_iter().enumerate() {
@@ -66,7 +65,7 @@ fn take_end_states(host: &mut host::Host) {
 
 fn main() -> std::io::Result<()> {
     let dir = PathBuf::from(std::env::args().nth(1).expect("usage: record_throw DIR"));
-    let mut host = host::Host::new();
+    let mut host = bench::host::Host::new();
     let name = host.armed();
     host.command(command::RUN, &name);
     host.run(1_400_000, |_, _| {});

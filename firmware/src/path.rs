@@ -200,6 +200,56 @@ mod tests {
         assert_eq!(clock.at(US(9_000_000)).0, 1_050_000);
     }
 
+    #[test]
+    fn slowed_clock_went_at_its_rate_before_the_last_call() {
+        let clock = PathClock { at: US(100_000), s_us: 70_000, rate: 0.5, rate_dot_1_s: -2.0 };
+        assert_eq!(clock.at(US(90_000)), (65_000, 0.5));
+        // s = 70 ms + 0.5 t - t^2 at 0.1 s.
+        assert_eq!(clock.at(US(200_000)), (110_000, 0.3));
+    }
+
+    #[test]
+    fn reference_of_a_slowed_path_follows_the_chain_rule() {
+        let clock = PathClock { at: US(100_000), s_us: 0, rate: 0.6, rate_dot_1_s: -0.8 };
+        let along = Setpoint { q_rad: 0.25, qd_rad_s: 2.0, qdd_rad_s2: 3.0 };
+        for (t_us, rate, rate_dot) in [
+            (200_000, 0.52, -0.8),
+            (100_000, 0.6, -0.8),
+            (90_000, 0.6, 0.0),
+            (850_000, 0.0, 0.0),
+            (2_000_000, 0.0, 0.0),
+        ] {
+            let now = clock.in_time(US(t_us), along);
+            assert_eq!(now.q_rad, 0.25);
+            assert!((now.qd_rad_s - 2.0 * rate).abs() < 1e-6, "{t_us} us: {now:?}");
+            let qdd_rad_s2 = 3.0 * rate * rate + 2.0 * rate_dot;
+            assert!((now.qdd_rad_s2 - qdd_rad_s2).abs() < 1e-6, "{t_us} us: {now:?}, not {qdd_rad_s2}");
+        }
+        // At full rate and about to slow down, the path is already in time.
+        let clock = PathClock { rate: 1.0, ..clock };
+        assert!((clock.in_time(US(100_000), along).qdd_rad_s2 - (3.0 - 1.6)).abs() < 1e-6);
+    }
+
+    #[test]
+    fn joints_that_contradict_each_other_or_leave_nearly_no_slowing_down_give_none() {
+        let along = |qd_rad_s: f32, qdd_rad_s2: f32| Setpoint { q_rad: 0.0, qd_rad_s, qdd_rad_s2 };
+        let after = |joints: &[Setpoint]| {
+            let mut slowing = Slowing::default();
+            for joint in joints {
+                slowing.require(*joint, 1.0, 10.0);
+            }
+            slowing.hardest_1_s()
+        };
+        assert_eq!(after(&[]), Some(-RATE_DROP_MAX_1_S));
+        assert_eq!(after(&[along(2.0, 4.0)]), Some(-7.0));
+        // One asks for -11 to -1, the other for -1 to 9 and then for 1 to 11 1/s.
+        assert_eq!(after(&[along(1.0, 1.0), along(1.0, -9.0)]), Some(-1.0));
+        assert_eq!(after(&[along(1.0, -9.0), along(1.0, 11.0), along(1.0, 15.0), along(1.0, -11.0)]), None);
+        assert_eq!(after(&[along(1.0, -9.95)]), None, "0.05 1/s would take for ever");
+        // A joint that stands has no say.
+        assert_eq!(after(&[along(1e-4, 20.0)]), Some(-RATE_DROP_MAX_1_S));
+    }
+
     /// Once in two hundred stops a rounding left a rate of 1e-45: the group waited for the longest time of a stop.
     #[test]
     fn clock_that_is_slowed_down_stands_after_its_time_whatever_the_numbers() {

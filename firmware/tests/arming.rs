@@ -1,8 +1,6 @@
 //! Arming and starting at the edges of their times.
 
-mod bench;
-
-use bench::*;
+use crate::bench::*;
 use firmware::fault::{Cause, Refusal};
 use firmware::orders::{Done, Order};
 use firmware::state::StateKind;

@@ -1,8 +1,6 @@
 //! What an error of a drive is told as: the first cause, by the name that the drive's state word gives it.
 
-mod bench;
-
-use bench::*;
+use crate::bench::*;
 use firmware::fault::{Cause, Fault};
 use firmware::settings::Settings;
 use firmware::state::StateKind;

@@ -4,9 +4,7 @@
 //! what was measured (`cargo test -p firmware --test fault_table -- --nocapture`): when the group began to react, and the end
 //! of the halt broadcast on the bus.
 
-mod bench;
-
-use bench::*;
+use crate::bench::*;
 use firmware::fault::{Cause, Fault};
 use firmware::orders::Order;
 use firmware::state::StateKind;

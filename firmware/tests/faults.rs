@@ -1,8 +1,6 @@
 //! The fault table: cause and state against the reaction, measured on the bus.
 
-mod bench;
-
-use bench::*;
+use crate::bench::*;
 use firmware::fault::{Cause, Refusal};
 use firmware::orders::{Done, Order};
 use firmware::registers::Number;

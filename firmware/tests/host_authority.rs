@@ -1,15 +1,10 @@
 //! Authority over the wire: two nodes at one controller, lost answers, restarts, and codes as any client makes them.
 
-mod bench;
-
-#[path = "bench/host.rs"]
-mod host;
-
-use bench::*;
+use crate::bench::host::Host;
+use crate::bench::*;
 use firmware::authority::{Key, Peer, code_of};
 use firmware::fault::Cause;
 use firmware::state::StateKind;
-use host::Host;
 use protocol::cyphal::bits::{Decode, Encode, to_bytes};
 use protocol::cyphal::cubecell::authorization::{Content, KEY_REGISTER, KEYED_REGISTER};
 use protocol::cyphal::cubecell::command::{

@@ -1,13 +1,8 @@
 //! Freeze frame and trace over the wire: the same as in the controller, in pieces of any size, while it moves too.
 
-mod bench;
-
-#[path = "bench/host.rs"]
-mod host;
-
-use bench::Controlled;
+use crate::bench::Controlled;
+use crate::bench::host::Host;
 use firmware::state::StateKind;
-use host::Host;
 use protocol::cyphal::bits::Decode;
 use protocol::cyphal::cubecell::history::{
     FREEZE_PATH, FrozenHead, FrozenJoint, TRACE_PATH, TraceEntry, TraceHead, kind,

@@ -1,16 +1,11 @@
 //! The controller through its Cyphal link, by a host of `protocol`'s own client code: everything a throw needs, and
 //! that the link never disturbs the drives.
 
-mod bench;
-
-#[path = "bench/host.rs"]
-mod host;
-
-use bench::*;
+use crate::bench::host::Host;
+use crate::bench::*;
 use firmware::fault::Cause;
 use firmware::settings::Settings;
 use firmware::state::StateKind;
-use host::Host;
 use protocol::cyphal::bits::Decode;
 use protocol::cyphal::cubecell::command::{self, Refusal, Trajectory};
 use protocol::cyphal::cubecell::stop;
@@ -150,4 +145,22 @@ fn registers_are_read_written_and_refused_over_the_wire() {
     assert_eq!(read(&mut host, "joint.v_max_rad_s", buffer.as_value()).0, Some(2.0), "five of six: refused");
     let buffer = ValueBuf::from(5u32);
     assert_eq!(read(&mut host, "cycle.period_us", buffer.as_value()).0, Some(3_000.0), "out of range");
+}
+
+#[test]
+fn a_stop_by_whoever_runs_the_node_halts_the_drives_with_the_next_frame() {
+    let mut host = Host::new();
+    let name = host.armed();
+    assert_eq!(host.command(command::RUN, &name).0, Status::SUCCESS);
+    host.run(600_000, |_, _| {});
+    assert_eq!(host.bench.kind(), StateKind::Running);
+    assert!(host.bench.drives.iter().any(|drive| drive.speed().abs() > 0.1), "the arm moves");
+    let asked_us = host.bench.now;
+    host.stop_node();
+    host.run(400_000, |_, _| {});
+    let halted = host.bench.sent_after(asked_us, is_halt).map(|at| at.as_micros() - asked_us);
+    // One frame may be on the wire, then the broadcast itself: 140 us each at most.
+    assert!(halted.is_some_and(|after_us| after_us <= 300), "{halted:?}");
+    assert_eq!(host.bench.kind(), StateKind::Stopped);
+    assert!(host.bench.drives.iter().all(|drive| drive.speed().abs() < 1e-3), "the drives stand");
 }

@@ -1,9 +1,7 @@
 //! Hostile input: any frames at any time, in every state. What every frame of the controller must satisfy
 //! (limits, states, bounded work, moving deadlines) is checked by the bench on each frame.
 
-mod bench;
-
-use bench::*;
+use crate::bench::*;
 use firmware::events::Action;
 use firmware::fault::Cause;
 use firmware::joints::PerJoint;

@@ -1,9 +1,7 @@
 //! A drive leaves out one answer during a homing or a jog. Each step is asked again: neither lasts longer than it may, and no
 //! drive is left with another current.
 
-mod bench;
-
-use bench::*;
+use crate::bench::*;
 use firmware::orders::Order;
 use firmware::state::StateKind;
 use protocol::Duration;

@@ -1,12 +1,8 @@
 //! New end states in flight, by what the drives do: a moving catch point at 120 Hz, refusals that change nothing, stops on
 //! the way, and who may order them.
 
-mod bench;
-
-#[path = "bench/host.rs"]
-mod host;
-
-use bench::*;
+use crate::bench::host::Host;
+use crate::bench::*;
 use firmware::authority::Peer;
 use firmware::envelope::Envelope;
 use firmware::events::Action;
@@ -18,7 +14,6 @@ use firmware::settings::Settings;
 use firmware::state::StateKind;
 use firmware::store::FileName;
 use firmware::trajectory_format::{Header, rest};
-use host::Host;
 use protocol::cyphal::bits::{Decode, Encode};
 use protocol::cyphal::cubecell::command;
 use protocol::cyphal::cubecell::target::{self, TargetAnswer, TargetEvent, TargetJoint, TargetState};

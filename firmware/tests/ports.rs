@@ -1,11 +1,7 @@
 //! Drives and host link are two ports: on one bus told apart by id width, on two by the bus a frame came from.
 
-mod bench;
-
-#[path = "bench/host.rs"]
-mod host;
-
-use bench::*;
+use crate::bench::host::{Call, Host};
+use crate::bench::*;
 use firmware::ControllerNode;
 use firmware::authority::Seed;
 use firmware::groups::powercube::PowerCubes;
@@ -13,7 +9,6 @@ use firmware::host_link::{HostBus, Port};
 use firmware::spline::Spline;
 use firmware::state::StateKind;
 use firmware::store::RamStorage;
-use host::{Call, Host};
 use protocol::cyphal::cubecell::{command, stop};
 use protocol::cyphal::id::{NodeId, Priority, Route, TransferId};
 use protocol::cyphal::tx::{TxMeta, TxQueue};

@@ -1,9 +1,7 @@
 //! Drives whose answers are wrong, and drives that do not do what they are told: found in a stated number of cycles,
 //! stopped within a stated way, named. The witness is the true position of the bench's drive, which no answer shows.
 
-mod bench;
-
-use bench::*;
+use crate::bench::*;
 use firmware::fault::{Cause, Fault};
 use firmware::groups::powercube::drive_model::excursion_max_rad;
 use firmware::orders::Order;

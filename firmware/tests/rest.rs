@@ -1,8 +1,6 @@
 //! Rest is measured: no state in which the arm stands is entered by a timer, and none is left unwatched.
 
-mod bench;
-
-use bench::*;
+use crate::bench::*;
 use firmware::fault::{Cause, Fault};
 use firmware::groups::powercube::{Mode, Stage};
 use firmware::orders::Order;

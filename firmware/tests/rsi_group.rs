@@ -4,9 +4,7 @@
 //! HOLDON, a counter of late answers, dead time and first-order lag. It is the witness: its axes are compared with the
 //! closed form of the throw, and the acceleration of its set points with the cut-out of a real one.
 
-mod bench;
-
-use bench::{HOST, joint, throw_file, throw_reference, throw_start};
+use crate::bench::{HOST, joint, throw_file, throw_reference, throw_start};
 use firmware::Controller;
 use firmware::authority::Seed;
 use firmware::fault::Cause;
@@ -152,7 +150,7 @@ struct Cell {
     silent: bool,
     /// Telegrams arrive up to so much after they were sent.
     jitter_us: u64,
-    rng: bench::Rng,
+    rng: crate::bench::Rng,
 }
 
 impl Cell {
@@ -177,7 +175,7 @@ impl Cell {
             asked: false,
             silent: false,
             jitter_us: 0,
-            rng: bench::Rng(11),
+            rng: crate::bench::Rng(11),
         }
     }
 

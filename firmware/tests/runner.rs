@@ -1,15 +1,12 @@
 //! The loop of a board: frames, deadlines and pins through the traits of the field. The witnesses are the bench's drives
 //! and a CAN controller, a clock and pins in the test's hands.
 
-mod bench;
-#[path = "bench/host.rs"]
-mod host;
-
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 use std::rc::Rc;
 
-use bench::{Bench, Controlled, Options};
+use crate::bench::host::Host;
+use crate::bench::{Bench, Controlled, Options};
 use embedded_can::nb::Can;
 use embedded_hal::digital::{ErrorKind as PinErrorKind, ErrorType, OutputPin};
 use firmware::groups::powercube::PowerCubes;
@@ -18,7 +15,6 @@ use firmware::spline::Spline;
 use firmware::state::StateKind;
 use firmware::store::RamStorage;
 use firmware::{Controller, ControllerNode};
-use host::Host;
 use protocol::cyphal::cubecell::command::{self, Gripper};
 use protocol::cyphal::uavcan::command::Status;
 use protocol::{ExtendedId, Frame, Id, Instant, Node, StandardId};

@@ -1,10 +1,10 @@
 //! What a sample and a freeze frame tell of a joint in motion, against the drive itself.
 
-mod bench;
-
-use bench::*;
+use crate::bench::*;
+use firmware::orders::{Done, Order};
 use firmware::settings::Settings;
 use firmware::state::StateKind;
+use protocol::Duration;
 use protocol::cyphal::cubecell::joint_state::JointFlags;
 use protocol::powercube::CubeState;
 
@@ -89,4 +89,65 @@ fn freeze_frame_keeps_error_and_reference_of_the_moment() {
         assert!((f64::from(frozen.e_rad) - e).abs() < 0.01, "joint {index}: {frozen:?} for {e}");
         assert!(frozen.e_rad > 0.05);
     }
+}
+
+#[test]
+fn sample_tells_position_current_and_state_of_each_drive() {
+    let mut bench = Bench::ready(Options::default(), &[0.3, -0.4, 0.5, -0.6, 0.7, -0.8]);
+    bench.run_for(500_000);
+    for index in 0..6 {
+        let sample = bench.controller.joint_sample(joint(index));
+        assert!((f64::from(sample.q_rad) - bench.drives[index].q).abs() < 1e-3, "joint {index}: {sample:?}");
+        assert!(sample.current_a.is_finite(), "joint {index}: {sample:?}");
+        assert_ne!(sample.drive_state_byte, 0, "joint {index}: {sample:?}");
+        // Nothing is tracked.
+        assert_eq!((sample.qd_rad_s, sample.error_q_rad), (0.0, 0.0));
+        assert!(
+            !has(&bench, index, JointFlags::SPEED_LIMITED)
+                && !has(&bench, index, JointFlags::ACCELERATION_CLIPPED)
+        );
+    }
+}
+
+#[test]
+fn sample_of_the_group_tells_homed_joints_path_and_what_was_counted() {
+    let mut bench = Bench::new(Options { homed: false, ..Options::default() });
+    bench.run_until(3_000_000, |bench| bench.kind() == StateKind::Idle);
+    bench.run_for(50_000);
+    bench.order(Order::Home { mask: 0b10_0010 }).unwrap();
+    bench.run_until(5_000_000, |bench| bench.kind() != StateKind::Homing);
+    let now = bench.instant();
+    let sample = bench.controller.take_sample(now);
+    assert_eq!((sample.homed_mask, sample.path_us, sample.counters.motions), (0b10_0010, 0, 0));
+
+    let mut bench = beside(0.0);
+    let now = bench.instant();
+    let sample = bench.controller.take_sample(now);
+    assert_eq!(sample.homed_mask, 0x3F);
+    assert!(sample.path_us.abs_diff(INTO_US as u32) < 1_000, "{} us", sample.path_us);
+    assert_eq!(sample.counters.motions as usize, bench.count_sent(is_motion));
+    let cycles = bench.controller.cycles();
+    bench.run_for(30_000);
+    assert_eq!(bench.controller.cycles(), cycles + 10);
+}
+
+#[test]
+fn sample_tells_the_time_left_of_an_offer_and_of_an_arming() {
+    let mut bench = Bench::ready(Options::default(), &throw_start());
+    let left_ms = |bench: &mut Bench| {
+        let now = bench.instant();
+        bench.controller.take_sample(now).arming_left.as_micros() / 1_000
+    };
+    assert_eq!(left_ms(&mut bench), 0);
+    let name = bench.upload(&throw_file(3_000, true));
+    let valid = Duration::from_millis(4_000);
+    let Done::Offer { token, .. } = bench.order(Order::ArmPrepare { crc64: name.crc64, valid }).unwrap()
+    else {
+        panic!("no offer")
+    };
+    bench.run_for(1_000_000);
+    assert_eq!(left_ms(&mut bench), 3_000);
+    bench.order(Order::ArmConfirm { token, valid }).unwrap();
+    bench.run_for(500_000);
+    assert_eq!((bench.kind(), left_ms(&mut bench)), (StateKind::Armed, 3_500));
 }

@@ -1,8 +1,6 @@
 //! The watch over a group that stands: how many answers may be missing, and what a zero that comes or goes changes.
 
-mod bench;
-
-use bench::*;
+use crate::bench::*;
 use firmware::fault::{Cause, Fault};
 use firmware::state::StateKind;
 use protocol::Frame;

@@ -1,8 +1,6 @@
 //! A run that begins at a time of the controller's clock: when the arm moves, and what ends the wait.
 
-mod bench;
-
-use bench::*;
+use crate::bench::*;
 use firmware::events::{Action, PlanEvent, PlanEvents};
 use firmware::fault::{Cause, Fault};
 use firmware::orders::Order;

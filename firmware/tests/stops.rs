@@ -1,8 +1,6 @@
 //! Stops that meet stops: which cause stays, when a reaction gives way to a graver one, and how a path stop ends.
 
-mod bench;
-
-use bench::*;
+use crate::bench::*;
 use firmware::fault::{Cause, Fault};
 use firmware::orders::Order;
 use firmware::rest::HALT_REST_MAX;

@@ -1,8 +1,6 @@
 //! The published throw on the bench: how well it is followed, and how long a cycle takes on the bus.
 
-mod bench;
-
-use bench::*;
+use crate::bench::*;
 use firmware::settings::Settings;
 use firmware::state::StateKind;
 use protocol::JointIndex;

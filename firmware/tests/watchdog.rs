@@ -1,8 +1,6 @@
 //! The proof of the drives' watchdogs at start-up: what counts as a proof, and what does not.
 
-mod bench;
-
-use bench::*;
+use crate::bench::*;
 use firmware::Controller;
 use firmware::fault::{Cause, Fault};
 use firmware::groups::powercube::PowerCubes;

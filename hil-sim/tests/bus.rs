@@ -1,8 +1,6 @@
 //! Arbitration, timing and figures of the bus against hand-worked numbers and closed forms.
 
-mod common;
-
-use common::{BIT_NS, EVERYBODY, Script, bus, extended, frames, run, standard};
+use crate::common::{BIT_NS, EVERYBODY, Script, bus, extended, frames, run, standard};
 use hil_sim::bus::encode::frame_bits;
 use hil_sim::bus::{Bus, BusConfig, BusEvent, Disturbance, TxOrder, Wire};
 use proptest::prelude::*;

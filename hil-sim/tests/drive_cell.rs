@@ -1,8 +1,6 @@
 //! Six drives on the throwing arm: homing under gravity, supplies, throw, faults, determinism, swarm.
 
-mod drive_rig;
-
-use drive_rig::{Rig, id};
+use crate::drive_rig::{Rig, id};
 use hil_sim::fault::{FaultTarget, PhysicalFault, Place};
 use hil_sim::mechanics::{Elasticity, Scatter};
 use hil_sim::participants::Participants;

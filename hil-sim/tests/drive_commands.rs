@@ -1,8 +1,6 @@
 //! Every parameter and command of the module, one case each: lengths, types, gates, access, refusals.
 
-mod drive_rig;
-
-use drive_rig::{GET, PUT, Rig, frame, id, text};
+use crate::drive_rig::{GET, PUT, Rig, frame, id, text};
 use hil_sim::drive::options::{BeyondMaximum, InternalCommand, Persistence, RefusedReply, UnknownRequest};
 use protocol::Frame;
 use protocol::powercube::address::BROADCAST_ID;

@@ -1,8 +1,6 @@
 //! Homing, watchdog, timing, unsolicited frames, and every habit of the known clients.
 
-mod drive_rig;
-
-use drive_rig::{GET, MS, PUT, Rig, frame, id, text};
+use crate::drive_rig::{GET, MS, PUT, Rig, frame, id, text};
 use hil_sim::drive::options::{HomeWhenHalted, SignOfLife, StateFrames};
 use protocol::Duration;
 use protocol::powercube::{

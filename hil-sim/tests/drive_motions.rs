@@ -1,8 +1,6 @@
 //! Every motion, one case each, and the configuration bits that change motions and answers.
 
-mod drive_rig;
-
-use drive_rig::{PUT, Rig, frame, id, text};
+use crate::drive_rig::{PUT, Rig, frame, id, text};
 use hil_sim::drive::options::BeyondSoftLimit;
 use protocol::powercube::{
     Broadcast, Config, CubeState, MotionAck, MotionCommand, MotionKind, MotionPosition, MotionRequest,

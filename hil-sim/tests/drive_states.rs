@@ -1,8 +1,6 @@
 //! Every bit of the state word: what raises it, what it does, what clears it. And the faults of a module.
 
-mod drive_rig;
-
-use drive_rig::{Rig, id};
+use crate::drive_rig::{Rig, id};
 use hil_sim::fault::{FaultTarget, PhysicalFault, Place};
 use hil_sim::participants::Participants;
 use protocol::powercube::{

@@ -3,9 +3,7 @@
 //! The frame used throughout is `555#5555`, whose first stuff bit is far behind the places that are disturbed;
 //! positions are bits from start of frame: id 1..=11, RTR 12, IDE 13, r0 14, DLC 15..=18, data from 19.
 
-mod common;
-
-use common::{BIT_NS, EVERYBODY, Script, bus, frames, run, standard};
+use crate::common::{BIT_NS, EVERYBODY, Script, bus, frames, run, standard};
 use hil_sim::bus::Bus;
 use hil_sim::bus::encode::{WireBits, frame_bits};
 use hil_sim::bus::{BusConfig, BusEvent, Confinement, ErrorKind, Recovery};

@@ -1,10 +1,8 @@
 //! The exchange of telegrams, seen from a client on the bench.
 
-mod krc_rig;
-
+use crate::krc_rig::{ARM, Answer, MS, Rig, between, config, fault, refused, running, wide};
 use hil_sim::krc::options::{KrcOptions, Space};
 use hil_sim::krc::{FaultCause, Krc, KrcEvent, State};
-use krc_rig::{ARM, Answer, MS, Rig, between, config, fault, refused, running, wide};
 use protocol::{Duration, Instant};
 use rsi_protocol::Generation;
 

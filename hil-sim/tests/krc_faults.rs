@@ -1,13 +1,11 @@
 //! What each fault of the network and of the robot does to a running exchange.
 
-mod krc_rig;
-
+use crate::krc_rig::{Answer, MS, Rig, config, fault, refused, wide};
 use hil_sim::krc::options::{KrcOptions, Space};
 use hil_sim::krc::{
     Bench, Client, Direction, KrcEvent, LinkFault, LinkFaultKind, LinkOptions, RobotFault, State,
 };
 use hil_sim::rng::Rng;
-use krc_rig::{Answer, MS, Rig, config, fault, refused, wide};
 use protocol::Duration;
 use rsi_protocol::Generation;
 

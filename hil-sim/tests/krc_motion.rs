@@ -1,11 +1,9 @@
 //! What the simulated robot does with corrections, against closed forms.
 
-mod krc_rig;
-
+use crate::krc_rig::{ARM, Answer, MS, Rig, config, fault, running, wide};
 use hil_sim::krc::KrcEvent;
 use hil_sim::krc::drives::Drives;
 use hil_sim::krc::options::{KrcOptions, LagOptions, Space};
-use krc_rig::{ARM, Answer, MS, Rig, config, fault, running, wide};
 use proptest::prelude::*;
 use protocol::{Duration, Instant};
 use robot_model::{JointVec, Pose};
@@ -328,7 +326,8 @@ fn noise_is_on_the_readings_only_and_has_its_size() {
     rig.options.lag.noise_deg = 0.01;
     let mut bench = rig.start(|_| Answer::default());
     bench.run_cycles(4000);
-    let read = |text: &str| krc_rig::between(text, "<AIPos A1=\"", "\"").and_then(|t| t.parse::<f64>().ok());
+    let read =
+        |text: &str| crate::krc_rig::between(text, "<AIPos A1=\"", "\"").and_then(|t| t.parse::<f64>().ok());
     let noise: Vec<f64> = bench.client.received.iter().filter_map(|(_, text)| read(text)).collect();
     let deviation = (noise.iter().map(|x| x * x).sum::<f64>() / noise.len() as f64).sqrt();
     // Five standard deviations of the estimate are 5 / sqrt(2 * 4000) = 5.6 %.

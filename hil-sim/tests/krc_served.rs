@@ -1,16 +1,14 @@
 //! The controller behind real sockets of this machine, in lock step: nothing depends on how fast the machine is.
 
-mod krc_rig;
-
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, UdpSocket};
 use std::thread::JoinHandle;
 
+use crate::krc_rig::{ARM, MS, between, config, wide};
 use hil_sim::krc::bench::{RobotFault, RobotFaults};
 use hil_sim::krc::options::Space;
 use hil_sim::krc::serve::{Mode, ServeError, ServeOptions, Served, serve};
 use hil_sim::krc::{DatagramLink, Direction, Krc, LinkFault, LinkFaultKind, LinkOptions};
-use krc_rig::{ARM, MS, between, config, wide};
 use rsi_protocol::Generation;
 
 /// What a client of a few lines answers: a sine on A1, by the number in the telegram.

@@ -1,14 +1,12 @@
 //! `hil-sim serve` with several doors to one bus, and clients that come, go and misbehave.
 
-mod served;
-
 use std::io::Write;
 use std::net::TcpStream;
 use std::process::{Command, Stdio};
 
+use crate::served::{Client, Server, is_version, version_request};
 use can_link::Clock;
 use protocol::Instant;
-use served::{Client, Server, is_version, version_request};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_hil-sim");
 const SOCKETCAND: &str = "socketcand://127.0.0.1:0/can0";

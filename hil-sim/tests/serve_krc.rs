@@ -1,12 +1,10 @@
 //! `hil-sim serve-krc` as a program.
 
-mod krc_rig;
-
 use std::net::UdpSocket;
 use std::process::{Command, Output, Stdio};
 use std::thread::JoinHandle;
 
-use krc_rig::between;
+use crate::krc_rig::between;
 
 /// Answers every telegram with zeros until an empty datagram comes; gives its address.
 fn client() -> (String, JoinHandle<()>) {

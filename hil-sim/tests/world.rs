@@ -1,10 +1,7 @@
 //! Virtual time: order of events, delivery, faults on the wire, contract breaches, determinism.
 
-mod common;
-#[path = "common/nodes.rs"]
-mod nodes;
-
-use common::standard;
+use crate::common::nodes::{Beacon, Fountain, Responder, Stuck};
+use crate::common::standard;
 use hil_sim::bus::encode::frame_bits;
 use hil_sim::bus::{BusConfig, Confinement};
 use hil_sim::fault::{Fault, FaultKind, IdFilter, Target, WireFault, WrongPart};
@@ -12,7 +9,6 @@ use hil_sim::participants::Solo;
 use hil_sim::record::{CandumpLog, Trace};
 use hil_sim::world::{RunError, World};
 use hil_sim::{BusConnection, Participants};
-use nodes::{Beacon, Fountain, Responder, Stuck};
 use protocol::text::BusName;
 use protocol::{Duration, Frame, Instant, ModuleId, Node};
 

@@ -1,8 +1,6 @@
 //! A ball that weighs something, from the robot file to the landing.
 
-mod bus_common;
-
-use bus_common::{Folder, code, cubectl, err, out};
+use crate::bus_common::{Folder, code, cubectl, err, out};
 use serde_json::Value;
 
 #[test]

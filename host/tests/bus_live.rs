@@ -1,8 +1,6 @@
 //! The verbs over a socket, and what people see when the bus is not as it should be.
 
-mod bus_common;
-
-use bus_common::{Served, code, cubectl, err, out};
+use crate::bus_common::{Served, code, cubectl, err, out};
 use hil_sim::{Cell, CellOptions};
 use operator::bus::{BusArgs, Ended};
 use operator::node::host_node::HostNode;
@@ -156,7 +154,7 @@ fn a_control_period_that_does_not_hold_is_refused_before_anything_moves() {
     // Whatever the machine does: a cycle of 3 ms waits 2 ms for an answer.
     options.drive.processing_delay = Duration::from_millis(4);
     let served = Served::arm(options);
-    let folder = bus_common::Folder::new("period");
+    let folder = crate::bus_common::Folder::new("period");
     let throw = ["throw", "--target", "1,1,-1", "--no-store", "--controller", "soft", "--bus", &served.spec];
     let output = cubectl(&[&throw[..], &["--period", "3", "--out", &folder.file("a")]].concat());
     assert_eq!(code(&output), 7, "{}", err(&output));

@@ -1,8 +1,6 @@
 //! Every verb that touches a bus, on the embedded cell, as people run it.
 
-mod bus_common;
-
-use bus_common::{Folder, code, cubectl, err, out};
+use crate::bus_common::{Folder, code, cubectl, err, out};
 
 fn json(text: &str) -> serde_json::Value {
     serde_json::from_str(text).unwrap()
@@ -183,7 +181,7 @@ fn config_is_dumped_compared_and_restored() {
 
 #[test]
 fn a_setting_written_as_a_short_decimal_is_restored_read_back_and_equal() {
-    let served = bus_common::Served::arm(hil_sim::CellOptions::default());
+    let served = crate::bus_common::Served::arm(hil_sim::CellOptions::default());
     let folder = Folder::new("config-short");
     let (first, second) = (folder.file("first.toml"), folder.file("second.toml"));
     let bus = ["--bus", &served.spec];

@@ -1,8 +1,6 @@
 //! What `cubectl doctor` says of a cell with a fault that the scenario knows.
 
-mod bus_common;
-
-use bus_common::{Folder, code, cubectl, err, out};
+use crate::bus_common::{Folder, code, cubectl, err, out};
 
 /// Exit code and findings of a doctor in a cell with this fault.
 fn doctor(folder: &Folder, fault: &str) -> (i32, Vec<serde_json::Value>, String) {
@@ -86,13 +84,13 @@ fn words_of_a_state_are_explained_and_the_clear_that_is_advised_resets_the_modul
     assert_eq!(found[0]["modules"], serde_json::json!([2]), "{findings:#?}");
     for word in found[0]["what"].as_str().unwrap().split('|') {
         let explained = cubectl(&["explain", word]);
-        assert_eq!(bus_common::code(&explained), 0, "{word}: {}", err(&explained));
+        assert_eq!(crate::bus_common::code(&explained), 0, "{word}: {}", err(&explained));
         assert!(out(&explained).contains("next: "), "{}", out(&explained));
     }
     // Halted modules: what doctor advises works.
-    let served = bus_common::Served::arm(hil_sim::CellOptions::default());
+    let served = crate::bus_common::Served::arm(hil_sim::CellOptions::default());
     let bus = ["--bus", &served.spec];
-    assert_eq!(bus_common::code(&cubectl(&["stop", bus[0], bus[1]])), 0);
+    assert_eq!(crate::bus_common::code(&cubectl(&["stop", bus[0], bus[1]])), 0);
     let halted = cubectl(&["doctor", bus[0], bus[1]]);
     assert!(
         out(&halted).contains("modules 1-6: halted") && out(&halted).contains("`cubectl clear`"),

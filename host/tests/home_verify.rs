@@ -1,8 +1,6 @@
 //! Lost encoder counts, found at the next homing; the simulated cell knows how many were lost.
 
-mod bus_common;
-
-use bus_common::{Served, code, cubectl, err, out};
+use crate::bus_common::{Served, code, cubectl, err, out};
 use hil_sim::scenario::fault_from_line;
 use hil_sim::{Cell, CellOptions};
 use operator::bus::BusArgs;

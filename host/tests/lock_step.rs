@@ -1,11 +1,9 @@
 //! Programs in lock step with a simulated cell: what the machine does to them changes nothing.
 
-mod bus_common;
-
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use bus_common::{Folder, Served};
+use crate::bus_common::{Folder, Served};
 use hil_sim::CellOptions;
 
 /// The recording of a throw over a socket; with `held_up`, the program is stopped for a moment again and again.

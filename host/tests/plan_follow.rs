@@ -1,13 +1,11 @@
 //! `cubectl plan throw` for robots that follow the flight of the ball: outcome, files, refusals.
 
-mod program;
-
 use std::path::PathBuf;
 
 use planner::follow::limits::LimitSource;
 use planner::follow::plan::{FollowPlan, Form};
 
-use program::{cubectl, text};
+use crate::program::{cubectl, text};
 
 fn file(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name)

@@ -1,23 +1,8 @@
 //! `cubectl plan throw` for openings, moving targets and lists of targets, and `plan prepare`, from outside.
 
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::path::Path;
 
-fn cubectl(words: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_cubectl")).args(words).output().expect("runs")
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
-
-/// An empty folder of the test's own.
-fn folder(name: &str) -> PathBuf {
-    let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
-    let _ = std::fs::remove_dir_all(&path);
-    std::fs::create_dir_all(&path).expect("folder");
-    path
-}
+use crate::program::{cubectl, empty_folder as folder, text};
 
 fn rows(path: &Path) -> Vec<String> {
     std::fs::read_to_string(path).expect("reads").lines().map(str::to_owned).collect()
@@ -93,7 +78,7 @@ fn lists_that_are_none_are_refused_with_row_and_column() {
         ("c.csv", "x_m,y_m,z_m\n1,2,-1\n1,nan,-1\n", "row 2, column \"y_m\""),
         ("d.csv", "x_m,y_m,z_m\n", "no target"),
         ("e.csv", "x_m,y_m,z_m,nx,ny,nz\n1,1,-1,0,0,1\n", "an opening needs"),
-        ("f.parquet", "PAR1", "parquet is not read"),
+        ("f.parquet", "PAR1", "not a Parquet file"),
     ] {
         let list = folder.join(name);
         std::fs::write(&list, content).expect("writes");

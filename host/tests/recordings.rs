@@ -1,12 +1,10 @@
 //! Recordings of programs that were killed, and files that are too long to read.
 
-mod bus_common;
-
 use std::io::Write;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
-use bus_common::{Folder, code, cubectl, err, out};
+use crate::bus_common::{Folder, code, cubectl, err, out};
 use mcap::read::{MessageStream, Options};
 use operator::log::candump;
 

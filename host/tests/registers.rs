@@ -1,9 +1,7 @@
 //! `cubectl registers`: the settings of a controller on a bus. The same controller is asked by another process each time, so
 //! what is read was kept.
 
-mod bus_common;
-
-use bus_common::{Folder, Served, code, cubectl, err, out};
+use crate::bus_common::{Folder, Served, code, cubectl, err, out};
 use protocol::cyphal::cubecell::group_state;
 
 fn get(served: &Served, name: &str) -> serde_json::Value {

@@ -1,8 +1,6 @@
 //! An industrial robot over sockets in step with its time: two programs, one plays the robot and the tracker, the other measures
 //! the target, throws, looks and records. The witness is the simulated robot's ball, which only the first program sees.
 
-mod program;
-
 use std::io::{BufRead, BufReader, Read};
 use std::net::{TcpListener, UdpSocket};
 use std::path::Path;
@@ -10,7 +8,7 @@ use std::process::{Child, ChildStderr, Command, Stdio};
 
 use serde_json::Value;
 
-use program::{cubectl, folder, text};
+use crate::program::{cubectl, folder, text};
 
 /// A port that nobody has just now.
 fn free_port(tcp: bool) -> u16 {
@@ -203,45 +201,41 @@ fn wait_for_words(child: &mut Child, words: &str) -> (String, BufReader<ChildStd
 fn target_that_moved_while_the_robot_was_waited_for_is_not_thrown_at() {
     let work = folder("robot-target-moved");
     std::fs::create_dir_all(&work).expect("writable");
-    for lockstep in ["?lockstep", ""] {
-        let data = format!("127.0.0.1:{}", free_port(false));
-        let spec = format!("udp://127.0.0.1:{}{lockstep}", free_port(false));
-        let nobody = format!("udp://127.0.0.1:{}?lockstep", free_port(false));
-        let sees = |bottle: &str, rsi: &str| {
-            robot(&["--rsi", rsi, "--tracker", &data, "--bottle", bottle, "--runs", "1"])
-        };
-        let mut before = sees("2.5,0,0.6", &nobody);
-        let results = work.join(if lockstep.is_empty() { "real" } else { "lockstep" });
-        let mut client = Command::new(env!("CARGO_BIN_EXE_cubectl"))
-            .args(["throw", "--robot", "kr16_2", "--target", "tracker", "--tracker", &data, "--starts", "2"])
-            .args(["--bus", &format!("rsi:{spec}"), "--yes", "--out", &results.to_string_lossy()])
-            .stdout(Stdio::null())
-            .stderr(Stdio::piped())
-            .spawn()
-            .expect("runs");
-        let (_, mut rest) = wait_for_words(&mut client, "waiting for the robot");
-        before.kill().expect("runs");
-        let _ = before.wait();
-        // 20 mm to the side.
-        let mut after = sees("2.5,0.02,0.6", &spec);
-        let mut told = String::new();
-        rest.read_to_string(&mut told).expect("readable");
-        let status = client.wait().expect("ends");
-        assert!(
-            Command::new("kill").args(["-INT", &after.id().to_string()]).status().expect("runs").success()
-        );
-        let _ = after.wait();
-        assert_eq!(status.code(), Some(9), "{told}");
-        assert!(told.contains("moved by 20.0 mm") && told.contains("nothing was thrown"), "{told}");
-        // The recorded exchange runs again with the same answers, so the throw is held there too.
-        let again = cubectl(&["replay", &results.to_string_lossy()]);
-        assert!(
-            text(&again.stdout).starts_with("identical: "),
-            "{} {}",
-            text(&again.stdout),
-            text(&again.stderr)
-        );
-    }
+    let data = format!("127.0.0.1:{}", free_port(false));
+    let spec = format!("udp://127.0.0.1:{}?lockstep", free_port(false));
+    let nobody = format!("udp://127.0.0.1:{}?lockstep", free_port(false));
+    let sees = |bottle: &str, rsi: &str| {
+        robot(&["--rsi", rsi, "--tracker", &data, "--bottle", bottle, "--runs", "1"])
+    };
+    let mut before = sees("2.5,0,0.6", &nobody);
+    let results = work.join("results");
+    let mut client = Command::new(env!("CARGO_BIN_EXE_cubectl"))
+        .args(["throw", "--robot", "kr16_2", "--target", "tracker", "--tracker", &data, "--starts", "2"])
+        .args(["--bus", &format!("rsi:{spec}"), "--yes", "--out", &results.to_string_lossy()])
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("runs");
+    let (_, mut rest) = wait_for_words(&mut client, "waiting for the robot");
+    before.kill().expect("runs");
+    let _ = before.wait();
+    // 20 mm to the side.
+    let mut after = sees("2.5,0.02,0.6", &spec);
+    let mut told = String::new();
+    rest.read_to_string(&mut told).expect("readable");
+    let status = client.wait().expect("ends");
+    assert!(Command::new("kill").args(["-INT", &after.id().to_string()]).status().expect("runs").success());
+    let _ = after.wait();
+    assert_eq!(status.code(), Some(9), "{told}");
+    assert!(told.contains("moved by 20.0 mm") && told.contains("nothing was thrown"), "{told}");
+    // The recorded exchange runs again with the same answers, so the throw is held there too.
+    let again = cubectl(&["replay", &results.to_string_lossy()]);
+    assert!(
+        text(&again.stdout).starts_with("identical: "),
+        "{} {}",
+        text(&again.stdout),
+        text(&again.stderr)
+    );
 }
 
 #[test]

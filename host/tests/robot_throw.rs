@@ -1,15 +1,13 @@
 //! `cubectl throw --robot kr16_2`: outcome, exit code and files. The witness is the motion of the simulated robot as it is
 //! recorded: the landing is computed again from its actual axes, without controller, planner and simulator code.
 
-mod program;
-
 use std::path::Path;
 
 use nalgebra::Vector3;
 use robot_model::RobotModel;
 use serde_json::Value;
 
-use program::{cubectl, folder, text};
+use crate::program::{cubectl, folder, text};
 
 const TARGET: [f64; 3] = [2.5, 0.0, 0.6];
 

@@ -1,8 +1,6 @@
 //! `cubectl robot import | check | show`: files, findings, refusals, exit codes.
 
-mod bus_common;
-
-use bus_common::{Folder, code, cubectl, err, out};
+use crate::bus_common::{Folder, code, cubectl, err, out};
 
 const URDF: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/robots/arm.urdf");
 const ARM: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/robots/arm.toml");

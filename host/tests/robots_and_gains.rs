@@ -1,8 +1,6 @@
 //! Which gains a robot gets, and files that are read back by the verbs that take them.
 
-mod bus_common;
-
-use bus_common::{Folder, code, cubectl, err, out};
+use crate::bus_common::{Folder, code, cubectl, err, out};
 use serde_json::Value;
 
 /// A robot file made of the built-in one with replacements.
@@ -114,7 +112,7 @@ fn the_paper_settings_are_refused_for_another_robot() {
     let nobody = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let bus = format!("socketcand://{}/can0", nobody.local_addr().unwrap());
     drop(nobody);
-    let served = bus_common::Served::arm(hil_sim::CellOptions::default());
+    let served = crate::bus_common::Served::arm(hil_sim::CellOptions::default());
     let slower = robot(&folder, "slower.toml", &[SLOWER]);
     let refused =
         cubectl(&["controller", "--paper", "--robot", &slower, "--bus", &served.spec, "--for", "1"]);
@@ -126,7 +124,7 @@ fn the_paper_settings_are_refused_for_another_robot() {
 
 #[test]
 fn a_second_controller_does_not_start_with_the_paper_settings_either() {
-    let served = bus_common::Served::new(|| {
+    let served = crate::bus_common::Served::new(|| {
         let robot = robot_model::AnyRobot::load("powercube6").unwrap();
         let cell = hil_sim::Cell::new(&robot, &hil_sim::CellOptions::default(), 1).unwrap();
         (cell, operator::bus::sim::soft_controller_guest())

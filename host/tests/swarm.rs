@@ -1,8 +1,6 @@
 //! `cubectl swarm`: its exit codes, and what it prints.
 
-mod bus_common;
-
-use bus_common::{Folder, code, cubectl, err, out};
+use crate::bus_common::{Folder, code, cubectl, err, out};
 use serde_json::Value;
 
 #[test]

@@ -1,10 +1,8 @@
 //! What people read when a throw cannot be: each failure with its message and exit code.
 
-mod bus_common;
-
 use std::process::{Child, Command, Stdio};
 
-use bus_common::{Folder, Served, code, cubectl, err, out};
+use crate::bus_common::{Folder, Served, code, cubectl, err, out};
 use firmware::fault::Cause;
 use hil_sim::participants::Solo;
 use hil_sim::scenario::ScriptedHost;

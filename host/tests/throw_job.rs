@@ -1,8 +1,6 @@
 //! `cubectl throw` in the simulated cell: the whole job, as people run it.
 
-mod bus_common;
-
-use bus_common::{Folder, code, cubectl, err, out};
+use crate::bus_common::{Folder, code, cubectl, err, out};
 
 fn summary(folder: &Folder, name: &str) -> serde_json::Value {
     let text = std::fs::read_to_string(folder.0.join(name).join("summary.json")).unwrap();

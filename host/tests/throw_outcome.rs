@@ -1,8 +1,6 @@
 //! What `cubectl throw` says about the ball, against what the simulated cell does with it.
 
-mod bus_common;
-
-use bus_common::{Folder, code, cubectl, err, out};
+use crate::bus_common::{Folder, code, cubectl, err, out};
 use host::cmd::report;
 use operator::throw::job::computed_landing;
 use operator::throw::outcome::{BallOutcome, Outcome, default_tolerance_m, judge};
@@ -111,7 +109,7 @@ fn a_throw_that_is_stopped_names_cause_and_folder_and_leaves_a_report() {
         assert!(summary["cause"].as_str().unwrap().contains("fault 101"));
         // `cubectl report` makes the same page again.
         let again = cubectl(&["report", &folder.file(name)]);
-        assert_eq!(bus_common::code(&again), 0, "{}", err(&again));
+        assert_eq!(crate::bus_common::code(&again), 0, "{}", err(&again));
     }
 }
 

@@ -1,11 +1,7 @@
 //! Host and controller core on one simulated bus in virtual time: services, repetition, loss.
 
-#[path = "common/cyphal_app.rs"]
-mod app;
-#[path = "common/cyphal_rig.rs"]
-mod rig;
-
-use app::{COMMAND_FILE_CRC, COMMAND_REVERSE, DemoApp};
+use crate::common::cyphal_app::{COMMAND_FILE_CRC, COMMAND_REVERSE, DemoApp};
+use crate::common::cyphal_rig::{Dice, HOST, Rig, SERVER, node};
 use proptest::prelude::*;
 use protocol::cyphal::bits::{Decode, Encode};
 use protocol::cyphal::client::{NoAnswer, Policy, StartError};
@@ -24,7 +20,6 @@ use protocol::cyphal::uavcan::port_list::{self, PortList};
 use protocol::cyphal::uavcan::register::{self, ListRequest, ListResponse};
 use protocol::cyphal::uavcan::value::{Value, ValueBuf};
 use protocol::{Duration, Frame, Id, Instant, Node};
-use rig::{Dice, HOST, Rig, SERVER, node};
 
 fn text(bytes: &[u8]) -> &str {
     str::from_utf8(bytes).unwrap()

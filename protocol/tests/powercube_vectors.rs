@@ -3,9 +3,7 @@
 //! The bytes are those of the protocol reference (section 2, 3 and 4 tables and its trace for module
 //! 5) or worked out by hand from the layouts given there.
 
-mod common;
-
-use common::frame;
+use crate::common::frame;
 use protocol::ModuleId;
 use protocol::powercube::broadcast::{Broadcast, BroadcastError, BroadcastFrame};
 use protocol::powercube::request::AddressedRequest;

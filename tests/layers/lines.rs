@@ -6,13 +6,14 @@ use crate::rooms::Tree;
 use crate::{root, sources};
 
 /// Folders of packages with several packages inside; a file belongs to the innermost.
-const FOLDERS: [&str; 15] = [
+const FOLDERS: [&str; 16] = [
     "firmware",
     "hil-sim/console",
     "hil-sim",
     "host/operator",
     "host/planner",
     "host/python",
+    "host/tables",
     "host/tuner",
     "host",
     "protocol/link",

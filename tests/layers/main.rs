@@ -205,3 +205,49 @@ fn a_package_that_uses_a_higher_one_or_has_no_floor_is_found() {
         ["package low must not use package high", "package new is on no floor of tests/layers/order.rs"]
     );
 }
+
+/// Files and folders of tests beside `tests/main.rs` that it does not name: they would never run.
+fn left_out(names: &[&str], main: &str) -> Vec<String> {
+    let modules: BTreeSet<&str> =
+        main.lines().filter_map(|line| line.strip_prefix("mod ")?.strip_suffix(';')).collect();
+    let stems = names.iter().map(|name| name.trim_end_matches(".rs"));
+    stems.filter(|stem| *stem != "main" && !modules.contains(stem)).map(str::to_owned).collect()
+}
+
+#[test]
+fn every_file_of_tests_is_a_module_of_its_packages_test_program() {
+    let mut programs = 0;
+    for package in packages_with_one_test_program() {
+        let folder = package.join("tests");
+        let main = std::fs::read_to_string(folder.join("main.rs")).unwrap();
+        let names: Vec<String> = std::fs::read_dir(&folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().path())
+            .filter(|path| path.extension().is_some_and(|end| end == "rs") || path.join("mod.rs").exists())
+            .map(|path| path.file_name().unwrap().to_str().unwrap().to_owned())
+            .collect();
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        let missing = left_out(&names, &main);
+        assert!(missing.is_empty(), "{}/main.rs does not name {}", folder.display(), missing.join(", "));
+        programs += 1;
+    }
+    assert!(programs >= 10, "{programs} packages with one test program");
+}
+
+/// Folders of the packages whose manifest turns automatic tests off and that have `tests/main.rs`.
+fn packages_with_one_test_program() -> Vec<PathBuf> {
+    let manifest = std::fs::read_to_string(root().join("Cargo.toml")).unwrap();
+    let members = manifest.split_once("members = [").unwrap().1.split_once(']').unwrap().0;
+    let folders = members.split('"').skip(1).step_by(2).map(|member| root().join(member));
+    folders
+        .filter(|folder| {
+            let own = std::fs::read_to_string(folder.join("Cargo.toml")).unwrap();
+            own.contains("autotests = false") && folder.join("tests/main.rs").exists()
+        })
+        .collect()
+}
+
+#[test]
+fn a_file_of_tests_that_is_in_no_program_is_found() {
+    assert_eq!(left_out(&["main.rs", "a.rs", "rig", "b.rs"], "mod a;\nmod rig;\n// mod b;\n"), ["b"]);
+}

@@ -4,7 +4,7 @@
 /// Floors of packages.
 pub(crate) const PACKAGES: &[&[&str]] = &[
     &["protocol", "toml-reader", "cell-console"],
-    &["can-link", "rsi-protocol", "tracker-protocol", "robot-model", "lapack-shim"],
+    &["can-link", "rsi-protocol", "tracker-protocol", "robot-model", "lapack-shim", "throw-tables"],
     &["firmware", "hil-sim"],
     &["board-example", "planner", "tuner"],
     &["operator"],
@@ -320,6 +320,10 @@ pub(crate) const FOLDERS: &[Folder] = &[
         path: "host/planner/src/verify",
         floors: &[&["boxes", "chain", "motion", "target"], &["ball", "forces"], &["check"]],
     },
+    Folder {
+        path: "host/tables/src",
+        floors: &[&["error", "row", "shard"], &["part", "targets"], &["folder"], &["summary"]],
+    },
     Folder { path: "host/tuner/src", floors: &[&["model"], &["gains", "identify"]] },
     Folder {
         path: "host/tuner/src/gains",
@@ -468,7 +472,8 @@ pub(crate) const FOLDERS: &[Folder] = &[
         path: "host/src/cmd/plan",
         floors: &[
             &["options"],
-            &["follow_options", "prepare", "search"],
+            &["follow_options", "grid", "prepare", "search"],
+            &["shards"],
             &["args", "sweep"],
             &["follow", "for_programs", "targets"],
             &["throw"],

@@ -1,5 +1,4 @@
 //! Host with node-ID 42 at the other end of the controller's Cyphal link, in the hands of a test.
-#![allow(dead_code)]
 
 use firmware::authority::Seed;
 use firmware::groups::powercube::PowerCubes;
@@ -20,7 +19,7 @@ use protocol::cyphal::uavcan::heartbeat::{Health, Heartbeat, Mode};
 use protocol::cyphal::uavcan::{command as commands, diagnostic, file, heartbeat, register};
 use protocol::{Duration, Frame, Instant, Node};
 
-use super::bench::*;
+use super::*;
 
 /// One call of the node contract and what came out of it.
 #[derive(Clone, Debug)]
@@ -111,6 +110,13 @@ impl Host {
         let options = Options::default();
         let node = Self::node(RamStorage::new(), &options);
         Self::over(Recorder { node, calls: Vec::new(), frames: Vec::new() }, options)
+    }
+
+    /// A stop by whoever runs the node, not over the link.
+    pub(crate) fn stop_node(&mut self) {
+        let at = self.bench.instant();
+        self.bench.controller.node.stop_now(at);
+        self.bench.drain();
     }
 }
 
@@ -249,10 +255,7 @@ impl<C: Controlled> Host<C> {
     /// Uploads, commits and arms.
     pub(crate) fn arm(&mut self, bytes: &[u8]) -> Trajectory {
         self.upload(bytes);
-        let name = Trajectory {
-            trajectory_crc64: protocol::cyphal::crc::Crc64::of(bytes),
-            length_bytes: bytes.len() as u32,
-        };
+        let name = Trajectory { trajectory_crc64: Crc64::of(bytes), length_bytes: bytes.len() as u32 };
         assert_eq!(self.command(command::COMMIT_TRAJECTORY, &name).0, Status::SUCCESS);
         let prepare = ArmPrepare { trajectory_crc64: name.trajectory_crc64, valid_ms: 5_000 };
         let (status, output) = self.command(command::ARM_PREPARE, &prepare);

@@ -1,13 +1,12 @@
 //! Bench of the controller's tests: a CAN bus with bit times and arbitration, and drives that are as simple as
 //! they can be and still ramp, lag, quantise, answer late and stop by their watchdog. Written from the drive's
 //! protocol. The simulator of the project is `hil-sim`; this one only serves the tests of this package.
-#![allow(dead_code)]
 
 mod drive;
+pub(crate) mod host;
 
 use std::collections::VecDeque;
 
-#[allow(unused_imports)]
 pub(crate) use drive::{BenchDrive, Wrong};
 
 use firmware::Controller;
@@ -417,15 +416,6 @@ impl<C: Controlled> Bench<C> {
         self.log.push(Logged { at: self.instant(), by_controller: false, frame: *frame });
         self.controller.handle_frame(self.instant(), frame);
         self.drain();
-    }
-
-    /// When the trace says that a state was entered, the last time.
-    pub(crate) fn entered(&self, state: StateKind) -> Option<u64> {
-        let entries = self.controller.core().trace().iter().filter_map(|(at, event)| match event {
-            firmware::trace::TraceEvent::State { to, .. } if to == state => Some(at.as_micros()),
-            _ => None,
-        });
-        entries.last()
     }
 
     /// When the trace says that a state was left after `at`.

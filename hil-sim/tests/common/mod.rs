@@ -1,6 +1,6 @@
 //! Small rig around a bus without nodes.
-// Each suite uses its part of it.
-#![allow(dead_code)]
+
+pub(crate) mod nodes;
 
 use hil_sim::bus::{Bus, BusConfig, BusEvent, Disturbance, Wire};
 use protocol::{ExtendedId, Frame, StandardId};

@@ -1,5 +1,4 @@
 //! One or more drives on a bench or an arm, a clock, and frames without a bus.
-#![allow(dead_code, reason = "each test file uses its own part of the rig")]
 
 use hil_sim::drive::PowerCubeDrive;
 use hil_sim::participants::Participants;

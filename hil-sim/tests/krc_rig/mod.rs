@@ -1,5 +1,4 @@
 //! A controller on the bench, and a client written for these tests only.
-#![allow(dead_code, unreachable_pub)]
 
 use std::sync::LazyLock;
 
@@ -11,12 +10,13 @@ use protocol::{Duration, Instant};
 use robot_model::RobotModel;
 use rsi_protocol::{Config, Generation};
 
-pub static ARM: LazyLock<RobotModel<6>> = LazyLock::new(|| RobotModel::load("kr16_2").expect("built in"));
+pub(crate) static ARM: LazyLock<RobotModel<6>> =
+    LazyLock::new(|| RobotModel::load("kr16_2").expect("built in"));
 
-pub const MS: fn(u64) -> Instant = |ms| Instant::from_micros(ms * 1000);
+pub(crate) const MS: fn(u64) -> Instant = |ms| Instant::from_micros(ms * 1000);
 
 /// A configuration file with axis or Cartesian corrections.
-pub fn config(protocol: &str, space: Space, hold: bool) -> Config {
+pub(crate) fn config(protocol: &str, space: Space, hold: bool) -> Config {
     let (name, names) = match space {
         Space::Axes => ("AK", ["A1", "A2", "A3", "A4", "A5", "A6"]),
         Space::Base | Space::Tool => ("RKorr", ["X", "Y", "Z", "A", "B", "C"]),
@@ -43,7 +43,7 @@ pub fn config(protocol: &str, space: Space, hold: bool) -> Config {
 }
 
 /// Options with everything that limits motion wide open, so that a test turns on what it is about.
-pub fn wide(generation: Generation) -> KrcOptions {
+pub(crate) fn wide(generation: Generation) -> KrcOptions {
     let mut options = KrcOptions::new(generation);
     options.correction.lower = [-300.0; 6];
     options.correction.upper = [300.0; 6];
@@ -57,30 +57,30 @@ pub fn wide(generation: Generation) -> KrcOptions {
 }
 
 /// Reads a number between two marks.
-pub fn between<'a>(text: &'a str, before: &str, after: &str) -> Option<&'a str> {
+pub(crate) fn between<'a>(text: &'a str, before: &str, after: &str) -> Option<&'a str> {
     text.split_once(before)?.1.split_once(after).map(|(found, _)| found)
 }
 
 /// What the scripted client answers in one cycle.
 #[derive(Clone, Debug, Default)]
-pub struct Answer {
-    pub correction: [f64; 6],
-    pub outputs: i32,
-    pub stop: bool,
-    pub after: Duration,
-    pub silent: bool,
-    pub ipoc_off: i64,
-    pub text: Option<&'static str>,
+pub(crate) struct Answer {
+    pub(crate) correction: [f64; 6],
+    pub(crate) outputs: i32,
+    pub(crate) stop: bool,
+    pub(crate) after: Duration,
+    pub(crate) silent: bool,
+    pub(crate) ipoc_off: i64,
+    pub(crate) text: Option<&'static str>,
 }
 
 /// Answers each telegram with what `script` gives for the number of full telegrams so far (from 0).
-pub struct Scripted<F> {
-    pub element: &'static str,
-    pub names: [&'static str; 6],
-    pub script: F,
-    pub received: Vec<(Instant, String)>,
-    pub full: u64,
-    pub bytes: Vec<u8>,
+pub(crate) struct Scripted<F> {
+    pub(crate) element: &'static str,
+    pub(crate) names: [&'static str; 6],
+    pub(crate) script: F,
+    pub(crate) received: Vec<(Instant, String)>,
+    pub(crate) full: u64,
+    pub(crate) bytes: Vec<u8>,
 }
 
 impl<F: FnMut(u64) -> Answer> Client for Scripted<F> {
@@ -117,17 +117,17 @@ impl<F: FnMut(u64) -> Answer> Client for Scripted<F> {
     }
 }
 
-pub struct Rig {
-    pub options: KrcOptions,
-    pub config: Config,
-    pub link: LinkOptions,
-    pub link_faults: Vec<LinkFault>,
-    pub robot_faults: Vec<RobotFault>,
-    pub seed: u64,
+pub(crate) struct Rig {
+    pub(crate) options: KrcOptions,
+    pub(crate) config: Config,
+    pub(crate) link: LinkOptions,
+    pub(crate) link_faults: Vec<LinkFault>,
+    pub(crate) robot_faults: Vec<RobotFault>,
+    pub(crate) seed: u64,
 }
 
 impl Rig {
-    pub fn new(options: KrcOptions) -> Self {
+    pub(crate) fn new(options: KrcOptions) -> Self {
         let config = config("UDP", options.correction.space, true);
         Self {
             options,
@@ -140,7 +140,7 @@ impl Rig {
     }
 
     /// On the bench, program started at time zero.
-    pub fn start<F: FnMut(u64) -> Answer>(self, script: F) -> Bench<Scripted<F>> {
+    pub(crate) fn start<F: FnMut(u64) -> Answer>(self, script: F) -> Bench<Scripted<F>> {
         let space = self.options.correction.space;
         let krc = Krc::new(ARM.clone(), self.config, self.options, self.seed).expect("the options fit");
         let (element, names) = match space {
@@ -156,7 +156,7 @@ impl Rig {
 }
 
 /// The first fault and its time.
-pub fn fault(events: &[KrcEvent]) -> Option<(Instant, FaultCause)> {
+pub(crate) fn fault(events: &[KrcEvent]) -> Option<(Instant, FaultCause)> {
     events.iter().find_map(|event| match event {
         KrcEvent::Fault { at, cause } => Some((*at, *cause)),
         _ => None,
@@ -164,7 +164,7 @@ pub fn fault(events: &[KrcEvent]) -> Option<(Instant, FaultCause)> {
 }
 
 /// Words of all refused answers, in order.
-pub fn refused(events: &[KrcEvent]) -> Vec<&'static str> {
+pub(crate) fn refused(events: &[KrcEvent]) -> Vec<&'static str> {
     let word = |event: &KrcEvent| match event {
         KrcEvent::Refused { why, .. } => Some(why.name()),
         _ => None,
@@ -172,7 +172,7 @@ pub fn refused(events: &[KrcEvent]) -> Vec<&'static str> {
     events.iter().filter_map(word).collect()
 }
 
-pub fn running<C>(bench: &Bench<C>) -> bool
+pub(crate) fn running<C>(bench: &Bench<C>) -> bool
 where
     C: Client,
 {

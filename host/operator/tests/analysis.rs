@@ -1,8 +1,6 @@
 //! The analysis against logs whose truth is known: one made by hand from closed forms, and one of the simulated cell
 //! whose own state is written down beside it.
 
-mod common;
-
 use std::path::{Path, PathBuf};
 
 use firmware::events::PlanEvents;
@@ -28,7 +26,7 @@ use protocol::powercube::{
 use protocol::units::Radians;
 use protocol::{Duration, Frame, Instant, JointIndex, ModuleId, bits};
 
-use common::plan;
+use crate::common::plan;
 
 // ---- By hand ----
 

@@ -1,7 +1,5 @@
 //! Orders to the soft controller over the wire: boot, home, upload, commit, arm, run, follow.
 
-mod common;
-
 use firmware::authority::Key;
 use firmware::fault::Cause;
 use firmware::joints::PerJoint;
@@ -17,7 +15,7 @@ use protocol::cyphal::cubecell::group_state::State;
 use protocol::cyphal::uavcan::diagnostic::Severity;
 use protocol::{Duration, JointIndex};
 
-use common::homed;
+use crate::common::homed;
 
 /// Stands where the arm stands, for half a second.
 fn standing(session: &mut Session, offset_rad: f32) -> Vec<u8> {

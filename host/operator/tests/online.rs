@@ -1,8 +1,6 @@
 //! New end states and start times over the wire, in the simulated cell: a moving catch point at 120 Hz. The witness is the
 //! plant: angles and speeds of its joints, which no node on the bus can read.
 
-mod common;
-
 use firmware::envelope::Envelope;
 use firmware::events::Action;
 use firmware::fault::Cause;
@@ -21,7 +19,7 @@ use protocol::cyphal::cubecell::group_state::State;
 use protocol::cyphal::id::NodeId;
 use protocol::{Duration, Instant, JointIndex};
 
-use common::homed;
+use crate::common::homed;
 
 const JOINTS: usize = 6;
 /// Time between two end states.

@@ -1,8 +1,6 @@
 //! The same throw by two operators: a controller on a CAN bus, and one in this program. The simulated cell of each tells
 //! where the ball landed.
 
-mod common;
-
 use firmware::settings::Settings;
 use hil_sim::scenario::fault_from_line;
 use nalgebra::Vector3;
@@ -20,7 +18,7 @@ use protocol::Duration;
 use protocol::cyphal::id::NodeId;
 use robot_model::collision::Scene;
 
-use common::plan;
+use crate::common::plan;
 
 /// The cell of the throw, with one fault if there is one.
 fn cell(plan: &PlanFile, fault: Option<&str>) -> Cell {

@@ -1,9 +1,8 @@
 //! Faults of link and robot in each phase of a throw: landed, or stopped and told; never silent, never a resumed target.
 
-mod rsi_common;
-
 use std::collections::BTreeMap;
 
+use crate::rsi_common::{HIT_M, TARGET, arm, error_m, plan, scenario, thrown, true_lag};
 use firmware::fault::Cause;
 use hil_sim::krc::bench::RobotFault;
 use hil_sim::krc::{CycleRecord, Direction, FaultCause, KrcScenario, LinkFault, LinkFaultKind};
@@ -15,7 +14,6 @@ use operator::throw::Outcome;
 use planner::motion::Motion;
 use protocol::{Duration, Instant};
 use robot_model::collision::Scene;
-use rsi_common::{HIT_M, TARGET, arm, error_m, plan, scenario, thrown, true_lag};
 
 /// Distance of each axis from the end of the plan at which it counts as there, rad.
 const END_RAD: f64 = 1e-3;

@@ -1,8 +1,7 @@
 //! Lag and gripper of a robot that differs from its description, measured over the link. The witness is the scenario, which only
 //! the simulated robot reads.
 
-mod rsi_common;
-
+use crate::rsi_common::arm;
 use hil_sim::krc::KrcScenario;
 use operator::rsi::cell;
 use operator::rsi::cycles::{Cycle, cycles};
@@ -11,7 +10,6 @@ use operator::rsi::program::{Lag, exploring};
 use operator::rsi::station::{Stage, Station};
 use planner::follow::limits::Axes;
 use protocol::{Duration, Instant};
-use rsi_common::arm;
 
 const PERIOD_S: f64 = 0.012;
 

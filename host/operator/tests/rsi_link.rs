@@ -1,13 +1,12 @@
 //! The station behind its socket: ten thousand cycles in step with the robot, and one answer to the newest of the telegrams that wait.
 //! The witness is the simulated robot, which counts late and refused answers, or what arrives at a plain socket.
 
-mod rsi_common;
-
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration as WallSpan;
 
+use crate::rsi_common::arm;
 use hil_sim::krc::bench::RobotFaults;
 use hil_sim::krc::serve::{Mode, ServeOptions, Served, serve as serve_robot};
 use hil_sim::krc::{KrcEvent, KrcScenario};
@@ -18,7 +17,6 @@ use operator::rsi::program::{Lag, leading};
 use operator::rsi::station::Station;
 use planner::follow::limits::Axes;
 use protocol::{Duration, Instant};
-use rsi_common::arm;
 use rsi_protocol::{Protocol, Root, Telegram};
 
 /// Goes on until a number of answers was sent.

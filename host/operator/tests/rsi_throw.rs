@@ -1,15 +1,13 @@
 //! Throws of an industrial robot over RSI in virtual time. The witness is the simulated robot: when the ball left its hand, and
 //! where it landed, follow from its actual axes, which the controller does not see.
 
-mod rsi_common;
-
+use crate::rsi_common::{HIT_M, arm, error_m, plan, scenario, thrown, thrown_with, true_lag};
 use hil_sim::krc::KrcScenario;
 use operator::rsi::program::{Lag, prepare};
 use operator::rsi::station::Stage;
 use planner::follow::limits::{LimitSource, Limits};
 use planner::follow::plan::FollowPlan;
 use protocol::Duration;
-use rsi_common::{HIT_M, arm, error_m, plan, scenario, thrown, thrown_with, true_lag};
 
 #[test]
 fn robot_follows_the_flight_and_the_ball_lands_at_the_target() {
@@ -90,4 +88,27 @@ fn landings_over_seeds_hit_the_bottle_in_spite_of_noise_and_gripper_jitter() {
     print("ramps through the release", ramps);
     // Following is what makes the difference, not the link.
     assert!(ramps.0[1] > 4.0 * known.0[1] && ramps.0[0] > 0.005, "{ramps:?}");
+}
+
+/// The order to open goes out with the answer to a telegram. So the ball is free up to half a cycle before or after the release,
+/// also if the dead time is no multiple of the cycle.
+#[test]
+fn ball_is_free_within_half_a_cycle_of_the_release_with_any_dead_time() {
+    let mut largest_ms = 0.0_f64;
+    for dead_ms in [96, 99, 102, 105] {
+        for shift_ms in [-5, -2, 1, 4] {
+            let mut plan = plan().clone();
+            plan.release_time_s += 1e-3 * f64::from(shift_ms);
+            let mut scenario = scenario(1);
+            scenario.options.lag.dead_time = Duration::from_millis(dead_ms);
+            scenario.options.hand.gripper.jitter = Duration::ZERO;
+            let (seen, station) = thrown_with(&scenario, &plan, true_lag(&scenario));
+            let Stage::Finished { started_at } = *station.stage() else { panic!("{:?}", station.stage()) };
+            let free_s = seen.released.expect("released").0.as_secs_f64();
+            let late_ms = 1e3 * (free_s - started_at.as_secs_f64() - plan.release_time_s);
+            assert!(late_ms.abs() <= 6.1, "dead time {dead_ms} ms, shift {shift_ms} ms: {late_ms} ms late");
+            largest_ms = largest_ms.max(late_ms.abs());
+        }
+    }
+    assert!(largest_ms > 4.0, "{largest_ms}");
 }

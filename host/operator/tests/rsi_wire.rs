@@ -1,8 +1,7 @@
 //! What the description of a robot's program must say, and the names of its configuration file. The witness is the simulated robot:
 //! its program ends, or its axes move.
 
-mod rsi_common;
-
+use crate::rsi_common::{arm, plan, scenario, true_lag};
 use firmware::fault::Cause;
 use hil_sim::krc::{CycleRecord, FaultCause, KrcScenario, Space};
 use operator::rsi::cell;
@@ -11,7 +10,6 @@ use operator::rsi::program::{
 };
 use operator::rsi::station::Stage;
 use protocol::{Duration, Instant};
-use rsi_common::{arm, plan, scenario, true_lag};
 
 const DESCRIPTION: &str = include_str!("../../../robots/kr16_2/kr_c2.toml");
 const CONFIG: &str = include_str!("../../../robots/kr16_2/rsi_udp.xml");

@@ -1,10 +1,10 @@
 //! Tables of throws that follow the flight: both forms over targets, and the paper form over resolutions.
 //!
-//! `cargo run -p planner --release --example follow_table -- [targets|led|resolution|arms|near] [RESOLUTION] [STARTS] [DISTANCE,HEIGHT]`
+//! `cargo run -p planner --release --example follow_table -- [targets|led|best|resolution|arms|near] [RESOLUTION] [STARTS] [DISTANCE,HEIGHT]`
 //!
 //! With DISTANCE,HEIGHT there is this target alone. `led` plans as `cubectl` does for a robot that it leads: commands stay inside what the
 //! robot's program passes, and the best form leaves spare for commands at times between those of the plan. The verifier gets the limits
-//! themselves.
+//! themselves. `best` is `led` without the rows of the paper form.
 
 use std::time::Instant;
 
@@ -55,12 +55,13 @@ fn main() {
     });
     let targets_shown = only.map_or(TARGETS.to_vec(), |target| vec![target]);
     match table.as_str() {
-        "targets" => targets(&targets_shown, Led::No, resolution, starts),
-        "led" => targets(&targets_shown, Led::Yes, resolution, starts),
+        "targets" => targets(&targets_shown, Led::No, &Forms::Both { resolution }, starts),
+        "led" => targets(&targets_shown, Led::Yes, &Forms::Both { resolution }, starts),
+        "best" => targets(&targets_shown, Led::Yes, &Forms::Best, starts),
         "resolution" => resolutions(),
-        "arms" => arms(starts),
+        "arms" => arms(starts, only),
         "near" => near_the_reference(starts),
-        other => eprintln!("no table \"{other}\": targets, led, resolution, arms or near"),
+        other => eprintln!("no table \"{other}\": targets, led, best, resolution, arms or near"),
     }
 }
 
@@ -69,6 +70,14 @@ fn main() {
 enum Led {
     Yes,
     No,
+}
+
+/// Forms in a table over targets.
+enum Forms {
+    /// Both; the grid of the paper form has this resolution.
+    Both { resolution: f64 },
+    /// The best form alone.
+    Best,
 }
 
 fn heading() {
@@ -109,7 +118,7 @@ fn row(
             println!("{place:<24} {name:<26} {none} ({took:.1} s)");
             let floor = arm.world().floor_z_m;
             let near =
-                feasible_target(&setting.target, floor, |target| quick.plan(&searched.at(*target)).is_ok());
+                feasible_target(&setting.target, floor, |target| quick.is_feasible(&searched.at(*target)));
             match near {
                 Some(p) => println!("{:<51} nearest with a plan: {:.2}, {:.2}, {:.2}", "", p.x, p.y, p.z),
                 None => println!("{:<51} none nearby either", ""),
@@ -147,20 +156,23 @@ fn row(
     }
 }
 
-fn targets(shown: &[[f64; 2]], led: Led, resolution: f64, starts: usize) {
+fn targets(shown: &[[f64; 2]], led: Led, forms: &Forms, starts: usize) {
     let arm = Arm::load("kr16_2").expect("built in");
     let source = LimitSource::ControllerModel;
-    let paper = PaperOptions::covering(1.8, 0.675, 0.0, resolution);
     let coarse = PaperOptions::covering(1.8, 0.675, 0.0, 0.9);
-    let points = PaperOptions { criterion: Criterion::Points, refinements: REFINEMENTS, ..paper.clone() };
     let best = BestOptions { starts, ..BestOptions::default() };
     let quick = Search::Best(BestOptions { starts: 16, kicks: 0, draws: 8000, ..BestOptions::default() });
     heading();
     for [x, z] in shown {
         let target = [*x, 0.0, *z];
-        let grid = Search::Paper(coarse.clone());
-        row(&arm, source, target, "paper", &Search::Paper(paper.clone()), 0.0, &grid, led);
-        row(&arm, source, target, "paper, most points", &Search::Paper(points.clone()), 0.0, &grid, led);
+        if let Forms::Both { resolution } = forms {
+            let grid = Search::Paper(coarse.clone());
+            let paper = PaperOptions::covering(1.8, 0.675, 0.0, *resolution);
+            let points =
+                PaperOptions { criterion: Criterion::Points, refinements: REFINEMENTS, ..paper.clone() };
+            row(&arm, source, target, "paper", &Search::Paper(paper), 0.0, &grid, led);
+            row(&arm, source, target, "paper, most points", &Search::Paper(points), 0.0, &grid, led);
+        }
         row(&arm, source, target, "best", &Search::Best(best.clone()), 0.0, &quick, led);
         row(&arm, source, target, "best, lag 24 ms", &Search::Best(best.clone()), LAG_S, &quick, led);
     }
@@ -227,8 +239,8 @@ fn near_the_reference(starts: usize) {
     row(&arm, source, target, "constant hand, no grid", &Search::Best(best), 0.0, &coarse, Led::No);
 }
 
-/// Both forms on the arms that are no KR 16.
-fn arms(starts: usize) {
+/// Both forms on the arms that are no KR 16; with `only` for the targets at this x and z.
+fn arms(starts: usize, only: Option<[f64; 2]>) {
     let ur5 = include_str!("../../../robots/model/tests/data/ur5.toml");
     let arms = [
         (Arm::load("powercube6").expect("built in"), 1.05, [[1.0, 1.0, -1.0], [1.5, 0.0, -0.5]]),
@@ -248,7 +260,7 @@ fn arms(starts: usize) {
         let (paper, coarse) = (Search::Paper(paper), Search::Paper(coarse));
         let best = Search::Best(BestOptions { starts, kicks: 6, ..BestOptions::default() });
         let quick = Search::Best(BestOptions { starts: 8, kicks: 0, draws: 8000, ..BestOptions::default() });
-        for target in targets {
+        for target in targets.into_iter().filter(|[x, _, z]| only.is_none_or(|only| only == [*x, *z])) {
             // The ramps of the paper start and end with a leap, which the jerk of a robot file forbids.
             row(
                 &arm,

@@ -5,10 +5,13 @@ use std::sync::LazyLock;
 
 use nalgebra::Vector3;
 use planner::follow::clear::Margins;
+use planner::follow::found::Found;
 use planner::follow::limits::{Arm, Axes, LimitSource, Limits};
+use planner::follow::motion::{FollowMotion, RampPlan, Ramps};
 use planner::follow::paper::{GridAxis, PaperOptions, plan};
 use planner::follow::plan::{FollowPlan, Form, Phase};
 use planner::follow::posture::Reach;
+use planner::follow::ramp::RampShape;
 use planner::follow::setting::{CommandRange, Setting};
 use planner::follow::verify::{Check, Report, verify, verify_commands};
 use planner::plan::file::RobotId;
@@ -60,6 +63,48 @@ fn the_unbroken_plan_is_good() {
     assert!(report.is_good(), "{report:#?}");
     assert!(report.off_parabola_m < 1e-6 && report.landing_m < 1e-3, "{report:?}");
     assert!(report.nearest_m > 0.0 && report.nearest_m < 1.0 && report.ball_m > 0.0);
+}
+
+/// The release of the plan alone, joined to its ramps within one and a half steps: the acceleration changes by most of its limit
+/// between the step and the second one beside it.
+fn single_point() -> FollowPlan {
+    let setting = Setting::new(&ARM, Vector3::new(2.0, 0.0, 0.6), limits());
+    let found = plan(&setting, &options()).expect("feasible");
+    let release = found.motion.states[found.motion.first + found.release];
+    let ramps = RampPlan { shape: RampShape { blend_s: 0.018, fade_s: 0.024 }, together: 1.0 };
+    let [start, stop] = [Ramps::start, Ramps::stop].map(|side| side(&release, ramps, &setting.limits));
+    let motion = FollowMotion::around(&[release], &start, &stop, setting.period_s);
+    let flight = found.flight.from_time(found.release as f64 * setting.period_s);
+    let found = Found { flight, motion, release: 0, ..found };
+    let robot = RobotId { name: "kr16_2".into(), source: "kr16_2".into(), fingerprint: String::new() };
+    FollowPlan::new(&setting, LimitSource::ControllerModel, robot, Form::Paper, &found, 0.0)
+}
+
+/// Differences of the angles across joins that short say nothing about the speed at the step: they put this ball centimetres
+/// beside the target.
+#[test]
+fn a_plan_with_a_single_point_lands_by_the_speeds_that_it_states() {
+    let plan = single_point();
+    assert_eq!(plan.followed_points, 1);
+    let report = verify(&ARM, &limits(), &plan);
+    assert!(report.is_good() && report.landing_m < 1e-4, "{report:#?}");
+    let mut slower = plan;
+    slower.steps[slower.window[0]].qd_rad_s[0] *= 0.99;
+    refuses(&verify(&ARM, &limits(), &slower), Check::Landing);
+}
+
+#[test]
+fn stated_speeds_that_are_not_those_of_the_angles_are_refused() {
+    // On the parabola the flight tells a difference that the angles around do not.
+    let report = broken(|p| p.steps[p.window[0] + 1].qd_rad_s[0] += 0.02);
+    refuses(&report, Check::Landing);
+    assert!(report.findings.iter().all(|f| f.check != Check::StatedSpeed), "{report:#?}");
+    // Half of the jerk limit times the period squared is 10.8 deg/s.
+    let report = broken(|p| p.steps[p.window[0] / 2].qd_rad_s[3] += 10.9_f64.to_radians());
+    refuses(&report, Check::StatedSpeed);
+    assert_eq!((report.findings.len(), report.findings[0].axis), (1, Some(4)), "{report:#?}");
+    assert!(broken(|p| p.steps[p.window[0] / 2].qd_rad_s[3] += 10.7_f64.to_radians()).is_good());
+    refuses(&broken(|p| p.steps[5].qd_rad_s[1] = f64::NAN), Check::StatedSpeed);
 }
 
 #[test]

@@ -128,6 +128,31 @@ fn an_invalid_motion_is_refused_with_its_place() {
 }
 
 #[test]
+fn a_told_release_or_landing_that_is_not_the_motions_is_refused() {
+    let (arm, throw) = plan(Options::best());
+    assert!(verify::check(&arm, &throw).ok());
+    type Spoil = fn(&mut PlanFile);
+    let table: [(Spoil, &str); 8] = [
+        (|f| f.release.q_rad[1] += 2e-4, "angle at the release, joint 2"),
+        (|f| f.release.qd_rad_s[5] -= 2e-4, "speed at the release, joint 6"),
+        (|f| f.release.qdd_rad_s2[0] = f64::NAN, "acceleration at the release, joint 1"),
+        (|f| f.release.position_m[2] += 2e-4, "ball at the release, axis 3"),
+        (|f| f.release.velocity_m_s[0] += 0.01, "velocity of the ball at the release, axis 1"),
+        (|f| f.landing.flight_s += 2e-4, "time of flight"),
+        (|f| f.landing.position_m[1] += 2e-4, "landing, axis 2"),
+        (|f| f.landing.velocity_m_s[2] *= 0.999, "velocity at the landing, axis 3"),
+    ];
+    for (spoil, what) in table {
+        let mut other = throw.clone();
+        spoil(&mut other);
+        let refused: Vec<_> =
+            verify::check(&arm, &other).findings.into_iter().filter(|f| f.enforced && !f.ok).collect();
+        assert_eq!(refused.len(), 1, "{what}: {refused:?}");
+        assert!(refused[0].worst.contains(what), "{what}: {refused:?}");
+    }
+}
+
+#[test]
 fn the_committed_schema_is_the_one_of_the_types() {
     let committed = include_str!("../schemas/plan.schema.json");
     let differs = "run `cargo run -p planner --example plan_schema > host/planner/schemas/plan.schema.json`";
@@ -208,7 +233,8 @@ fn the_second_opinion_objects_to_a_tampered_plan() {
     for knot in &mut file.motion.knots {
         knot.q_rad[0] += 0.01;
     }
-    assert_eq!(failing(&file), ["landing on the target"]);
+    let told = "release and landing are told as the motion has them";
+    assert_eq!(failing(&file), ["landing on the target", told]);
     // The end alone: the acceleration jumps at the release.
     let mut file = good.clone();
     file.motion.knots[2].q_rad[2] += 0.01;

@@ -9,7 +9,7 @@
 //!    \     /
 //!     calls           long calls: without the lock of the interpreter, ended by Ctrl-C
 //!       |
-//! flight  logs  plans  robot  simulate
+//! flight  logs  plans  robot  simulate  sweep
 //! ```
 
 mod arrays;
@@ -20,6 +20,7 @@ mod logs;
 mod plans;
 mod robot;
 mod simulate;
+mod sweep;
 
 use pyo3::prelude::*;
 
@@ -37,4 +38,6 @@ mod _native {
     use super::robot::Robot;
     #[pymodule_export]
     use super::simulate::simulate;
+    #[pymodule_export]
+    use super::sweep::{sweep, sweep_summary};
 }

@@ -35,7 +35,7 @@ const SUMMARY_MAX_BYTES: u64 = 64 << 20;
     after_help = "Examples:\n  cubectl report throw1                       # the folder of a `cubectl throw`\n  cubectl report throw1 --json | jq .joints   # the same in numbers\n  cubectl report --plan plan.json --log throw1.log --out throw1.html\n\nThe file opens offline in any browser."
 )]
 pub struct Args {
-    /// Folder of a run: plan.json, bus.log and, if it is there, summary.json. The report goes there too.
+    /// Folder of a run: plan.json, bus.log (log.rsi of an industrial robot) and, if it is there, summary.json. The report goes there too.
     #[arg(required_unless_present_all = ["plan", "log"])]
     pub folder: Option<PathBuf>,
     /// Plan file, if it is not in the folder.

@@ -320,6 +320,15 @@ impl Chart {
                     33.0 + below,
                     escape(&curve.name)
                 );
+                if curve.pen == Pen::Dots {
+                    let _ = write!(
+                        o,
+                        "<circle class=\"f{}\" cx=\"{:.1}\" cy=\"{:.1}\" r=\"1.8\"/>",
+                        curve.colour,
+                        legend_x + 8.0,
+                        29.0 + below
+                    );
+                }
             }
         }
     }

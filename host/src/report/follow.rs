@@ -6,10 +6,10 @@ use nalgebra::Vector3;
 
 use super::chart::{Chart, Curve, Pen};
 use super::page::{Page, Tone, cell};
-use planner::follow::landing::{self, Sensitivity};
+use planner::follow::landing::{Release, Sensitivity};
 use planner::follow::limits::{AXES, Arm, Axes, Limits};
 use planner::follow::motion::differences;
-use planner::follow::plan::{FollowPlan, Phase};
+use planner::follow::plan::{FollowPlan, Form, Phase};
 use planner::follow::verify::Report;
 
 /// Jitter of the gripper for which landings are told, in s.
@@ -22,15 +22,15 @@ pub(super) const PHASES: [(Phase, &str, usize); 3] = [
 ];
 const PARABOLA: usize = 6;
 
+/// The throw without following and the plan, each opened as `cubectl throw` opens it for axes that lag by a first order of `lag_s`.
+pub(super) fn releases(arm: &Arm, plan: &FollowPlan, limits: &Limits, lag_s: f64) -> [Release; 2] {
+    let through = plan.without_following(limits).opened_for(arm, lag_s, JITTER_S);
+    [through.release(lag_s), plan.release(lag_s)]
+}
+
 /// Landing errors without and with following.
-pub(super) fn sensitivities(arm: &Arm, plan: &FollowPlan, limits: &Limits) -> [Sensitivity; 2] {
-    let (motion, target) = (plan.motion(), plan.aim());
-    let middle_s = 0.5 * (motion.last - motion.first) as f64 * motion.period_s;
-    let through = landing::without_following(&motion, limits);
-    [
-        landing::sensitivity(arm, &through, &target, 0.0, JITTER_S),
-        landing::sensitivity(arm, &motion, &target, middle_s, JITTER_S),
-    ]
+pub(super) fn sensitivities(arm: &Arm, releases: &[Release; 2]) -> [Sensitivity; 2] {
+    [0, 1].map(|k| releases[k].sensitivity(arm, JITTER_S))
 }
 
 /// A few lines for the terminal.
@@ -38,7 +38,7 @@ pub(super) fn sensitivities(arm: &Arm, plan: &FollowPlan, limits: &Limits) -> [S
 pub fn summary(arm: &Arm, plan: &FollowPlan, limits: &Limits, verdict: &Report) -> String {
     let [x, y, z] = plan.target_m;
     let [v, a, j] = plan.used.map(|u| u * 100.0);
-    let [without, with] = sensitivities(arm, plan, limits);
+    let [without, with] = sensitivities(arm, &releases(arm, plan, limits, plan.lag_s));
     let whole_s = plan.steps.last().map_or(0.0, |s| s.t_s);
     let mut out = format!(
         "throw to ({x}, {y}, {z}) m: {} points of the flight followed, {:.0} ms\n",
@@ -76,6 +76,11 @@ pub fn summary(arm: &Arm, plan: &FollowPlan, limits: &Limits, verdict: &Report) 
         verdict.nearest_m * 1e3,
         verdict.ball_m * 1e3
     );
+    if plan.form == Form::Paper && plan.followed_points == 1 {
+        out.push_str(
+            "  a single point: the smallest j2 may be there, with weights of one; --criterion points looks for the most points\n",
+        );
+    }
     let counts = &plan.search.size.counts;
     let _ = writeln!(
         out,
@@ -94,7 +99,8 @@ pub fn html(arm: &Arm, plan: &FollowPlan, limits: &Limits, verdict: &Report) -> 
     let under =
         format!("{} to ({x}, {y}, {z}) m, set points every {:.0} ms", plan.robot.name, plan.period_s * 1e3);
     let mut page = Page::new("Throw that follows the flight", &under, Some(pill));
-    let [without, with] = sensitivities(arm, plan, limits);
+    let releases = releases(arm, plan, limits, plan.lag_s);
+    let [without, with] = sensitivities(arm, &releases);
     page.tiles(&[
         (plan.followed_points.to_string(), "points", "of the flight followed".into(), Tone::Plain),
         (format!("{:.2}", plan.flight.speed_release_m_s), "m/s", "speed at the release".into(), Tone::Plain),
@@ -116,7 +122,7 @@ pub fn html(arm: &Arm, plan: &FollowPlan, limits: &Limits, verdict: &Report) -> 
         "Opening time",
         "Where the ball lands if the gripper opens earlier or later than planned, with and without following.",
     );
-    page.charts(&[opening_chart(arm, plan, limits)]);
+    page.charts(&[opening_chart(arm, plan, &releases)]);
     page.section(
         "Set points per axis",
         "Angle, speed and acceleration as commanded (paper, figure 8); speed and acceleration by finite differences.",
@@ -177,11 +183,10 @@ pub(super) fn path_charts(arm: &Arm, plan: &FollowPlan) -> Vec<Chart> {
     ]
 }
 
-pub(super) fn opening_chart(arm: &Arm, plan: &FollowPlan, limits: &Limits) -> Chart {
-    let (motion, target) = (plan.motion(), plan.aim());
-    let middle_s = 0.5 * (motion.last - motion.first) as f64 * motion.period_s;
-    let through = landing::without_following(&motion, limits);
-    let half_s = (1.4 * middle_s).max(0.03);
+pub(super) fn opening_chart(arm: &Arm, plan: &FollowPlan, [through, following]: &[Release; 2]) -> Chart {
+    let window_s = (plan.window[1] - plan.window[0]) as f64 * plan.period_s;
+    // The whole window and a part of the ramps, on whichever side of its middle the gripper opens.
+    let half_s = (0.7 * window_s).max(plan.opening_s() + 0.2 * window_s).max(0.03);
     let offsets = (0..=120).map(|k| half_s * (f64::from(k) / 60.0 - 1.0));
     let curve = |name: &str, colour, error: &dyn Fn(f64) -> Option<f64>| {
         let points = offsets.clone().filter_map(|t| Some((t * 1e3, error(t)? * 1e3)));
@@ -193,8 +198,8 @@ pub(super) fn opening_chart(arm: &Arm, plan: &FollowPlan, limits: &Limits) -> Ch
         x_label: "opening after the planned instant in ms".to_owned(),
         y_label: "distance from the target in mm".to_owned(),
         curves: vec![
-            curve("with following", 2, &|t| landing::landing_error_m(arm, &motion, &target, middle_s + t)),
-            curve("ramps through the release", 1, &|t| landing::landing_error_m(arm, &through, &target, t)),
+            curve("with following", 2, &|late_s| following.error_m(arm, late_s)),
+            curve("ramps through the release", 1, &|late_s| through.error_m(arm, late_s)),
         ],
         mark: Some((0.0, "planned".to_owned())),
         ..Chart::default()

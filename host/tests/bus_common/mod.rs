@@ -1,7 +1,6 @@
 //! A simulated cell behind a port of this process, in virtual time that its clients share, and the program that is tested.
 //!
 //! Programs and cell are in lock step: a busy machine makes a test slower and changes nothing else.
-#![allow(dead_code, reason = "each test file uses its own part")]
 
 use std::process::{Command, Output};
 use std::sync::Arc;

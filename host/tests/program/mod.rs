@@ -1,5 +1,4 @@
 //! The program under test, run with words; and folders for its results.
-#![allow(dead_code, reason = "each test file uses its own part")]
 
 use std::path::PathBuf;
 use std::process::{Command, Output};
@@ -17,5 +16,12 @@ pub(crate) fn text(bytes: &[u8]) -> String {
 pub(crate) fn folder(name: &str) -> PathBuf {
     let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
     let _ = std::fs::remove_dir_all(&path);
+    path
+}
+
+/// Path of an empty folder.
+pub(crate) fn empty_folder(name: &str) -> PathBuf {
+    let path = folder(name);
+    std::fs::create_dir_all(&path).expect("writable");
     path
 }

@@ -1,19 +1,17 @@
 //! SLCAN host and adapter against each other and against raw bytes, over 127.0.0.1 and over
 //! pseudo-terminals.
 
-mod common;
-
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::PathBuf;
 use std::sync::mpsc;
 use std::thread;
 
+use crate::common::{PATIENCE, assert_all_kinds_cross, collect, samples};
 use can_link::slcan::{Adapter, Host};
 use can_link::{
     BusSpec, CanLink, Clock, LinkEvent, OpenError, ServerEvent, ServerOptions, open, serve, wait,
 };
-use common::{PATIENCE, assert_all_kinds_cross, collect, samples};
 use protocol::text::slcan::Bitrate;
 use protocol::{Duration, ExtendedId, Frame, Instant, StandardId};
 

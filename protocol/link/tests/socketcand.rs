@@ -1,16 +1,14 @@
 //! The socketcand server against our client and against raw sockets, over 127.0.0.1.
 
-mod common;
-
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::sync::mpsc;
 use std::thread;
 use std::time::Duration as StdDuration;
 
+use crate::common::{PATIENCE, assert_all_kinds_cross, collect, samples};
 use can_link::socketcand::{Client, ClientId, Relay, Server, ServerEvent, ServerOptions};
 use can_link::{CanLink, Clock, LinkEvent, OpenError, wait};
-use common::{PATIENCE, assert_all_kinds_cross, collect, samples};
 use protocol::text::BusName;
 use protocol::{Duration, ExtendedId, Frame};
 

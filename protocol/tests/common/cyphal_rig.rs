@@ -21,7 +21,7 @@ use protocol::{Duration, Frame, Instant, Node};
 use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
-use crate::app::DemoApp;
+use super::cyphal_app::DemoApp;
 
 pub(crate) const HOST: u8 = 100;
 pub(crate) const SERVER: u8 = 42;

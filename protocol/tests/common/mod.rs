@@ -1,5 +1,8 @@
 //! Frames from text, written independently of the crate's own text codec.
 
+pub(crate) mod cyphal_app;
+pub(crate) mod cyphal_rig;
+
 use protocol::{Frame, Id, StandardId};
 
 /// `0E5#084F0000803E` with an 11-bit id.

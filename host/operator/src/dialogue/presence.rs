@@ -5,7 +5,9 @@ use protocol::{Duration, Instant};
 
 use super::ask::{AskError, OTHERS_LISTEN};
 use super::operator::{OperatorError, PRESENCE};
+use crate::bus::BusFailure;
 use crate::bus::session::{Ended, Session};
+use crate::node::host_node::HostNode;
 use crate::node::inbox::Said;
 
 /// Who else is on the bus.
@@ -26,28 +28,41 @@ impl Session {
         self.host_node().inbox().map_or_else(Vec::new, |inbox| inbox.records.drain(..).collect())
     }
 
-    /// Makes this session a Cyphal node, once: listens for [`OTHERS_LISTEN`] and takes a node-ID that no other tool has. A cell inside
-    /// this program has no other tools.
+    /// Makes this session a Cyphal node, once, with a node-ID that no other tool has. A cell inside this program has no other
+    /// tools, so nothing is listened for there.
     ///
     /// # Errors
     /// [`OperatorError::Bus`], [`OperatorError::Interrupted`].
     pub(super) fn join(&mut self) -> Result<(), OperatorError> {
-        if self.joined {
-            return Ok(());
-        }
-        if self.sim().is_none() {
-            let until = self.now() + OTHERS_LISTEN;
-            self.host_node().listen_only();
-            let ended = self.run(until, &mut |_| false);
-            self.host_node().speak();
-            if ended? == Ended::Interrupted {
-                return Err(OperatorError::Interrupted);
-            }
-            self.host_node().take_free_node_id();
+        if !self.joined
+            && self.sim().is_none()
+            && self.only_listen(OTHERS_LISTEN, &mut |_| false)? == Ended::Interrupted
+        {
+            return Err(OperatorError::Interrupted);
         }
         self.joined = true;
         self.host_node().link();
         Ok(())
+    }
+
+    /// Listens for at least [`OTHERS_LISTEN`] without a word, until `done` or for `span`. The first time it takes a node-ID that was
+    /// not heard, before the session may speak.
+    fn only_listen(
+        &mut self,
+        span: Duration,
+        done: &mut dyn FnMut(&mut HostNode) -> bool,
+    ) -> Result<Ended, BusFailure> {
+        let begun = self.now();
+        self.host_node().listen_only();
+        let ended = self.run(begun + span.max(OTHERS_LISTEN), &mut |node| {
+            node.now() >= begun + OTHERS_LISTEN && done(node)
+        });
+        if !self.joined && !matches!(ended, Err(_) | Ok(Ended::Interrupted)) {
+            self.host_node().take_free_node_id();
+            self.joined = true;
+        }
+        self.host_node().speak();
+        ended
     }
 
     /// Listens for 1.5 s at most: a controller that is there has told its state by then. Nothing is sent.
@@ -58,7 +73,7 @@ impl Session {
         self.listen_for(PRESENCE, true)
     }
 
-    /// Listens for `span`, or with `until_told` until a controller was heard and had time to show its host. Nothing is
+    /// Listens for `span`, at least [`OTHERS_LISTEN`], or with `until_told` until a controller was heard and had time to show its host. Nothing is
     /// sent; before it returns the session may speak again.
     ///
     /// # Errors
@@ -66,15 +81,12 @@ impl Session {
     pub fn listen_for(&mut self, span: Duration, until_told: bool) -> Result<Presence, AskError> {
         let (begun, before) = (self.now(), self.host_node().tally());
         let heard_since = |at: Instant| at > begun;
-        self.host_node().listen_only();
-        let ended = self.run(begun + span, &mut |host_node| {
-            let told =
-                host_node.inbox().and_then(|inbox| inbox.group).is_some_and(|(at, ..)| heard_since(at));
+        let ended = self.only_listen(span, &mut |host_node| {
             // A host tells of itself every 30 ms.
-            until_told && told && host_node.now() >= begun + OTHERS_LISTEN
-        });
-        self.host_node().speak();
-        if ended? == Ended::Interrupted {
+            until_told
+                && host_node.inbox().and_then(|inbox| inbox.group).is_some_and(|(at, ..)| heard_since(at))
+        })?;
+        if ended == Ended::Interrupted {
             return Err(AskError::Interrupted);
         }
         let host_node = self.host_node();

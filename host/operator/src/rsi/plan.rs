@@ -38,6 +38,8 @@ const BEFORE_TELEGRAM_US: i64 = 2_000;
 pub struct Timing {
     /// Time between two telegrams, us.
     pub period_us: u32,
+    /// Dead time that the set points lead the axes by, us: the path begins by so much, and whole periods, after a telegram.
+    pub dead_time_us: u32,
     /// From the output to the free ball, us.
     pub gripper_delay_us: u32,
 }
@@ -94,11 +96,15 @@ fn error_max_rad(v_max_rad_s: f64, timing: &Timing) -> f32 {
 /// From the order to the free ball, us, so that the order comes shortly before a telegram of the path.
 ///
 /// The order goes out with the answer to a telegram, is in force one period later, and frees the ball after the delay of the
-/// gripper. Of all telegrams the one is taken whose ball is free nearest to the release.
+/// gripper. Of all telegrams the one is taken whose ball is free nearest to the release, so the ball is free up to half a period
+/// early or late.
 fn opening_us(timing: &Timing, release_s: f64) -> u32 {
-    let (period, delay) = (i64::from(timing.period_us), i64::from(timing.gripper_delay_us));
+    let period = i64::from(timing.period_us);
+    let (dead_time, delay) = (i64::from(timing.dead_time_us), i64::from(timing.gripper_delay_us));
     let release = (release_s * 1e6).round() as i64;
-    let telegram = ((release - delay - period) as f64 / period as f64).round() as i64 * period;
+    // By the time of the path telegrams come a dead time before whole periods.
+    let periods = ((release - delay - period + dead_time) as f64 / period as f64).round() as i64;
+    let telegram = periods * period - dead_time;
     u32::try_from(release - (telegram - BEFORE_TELEGRAM_US)).unwrap_or(0)
 }
 
@@ -180,7 +186,7 @@ mod tests {
     #[test]
     fn each_axis_may_be_away_by_the_way_that_it_makes_in_the_cycles_that_may_be_late() {
         let arm = Arm::load("kr16_2").expect("built in");
-        let timing = Timing { period_us: 12_000, gripper_delay_us: 20_000 };
+        let timing = Timing { period_us: 12_000, dead_time_us: 96_000, gripper_delay_us: 20_000 };
         let bounds =
             settings_of(&arm, "0123456789abcdef", &timing, 1.0).joint.0.map(|joint| joint.error_max_rad);
         for (bound, joint) in bounds.iter().zip(arm.joints()) {
@@ -195,14 +201,21 @@ mod tests {
 
     #[test]
     fn order_to_open_comes_before_a_telegram_and_frees_the_ball_within_half_a_period_of_the_release() {
-        let timing = Timing { period_us: 12_000, gripper_delay_us: 20_000 };
-        for release_us in (500_000..512_000).step_by(500) {
-            let opening = i64::from(opening_us(&timing, f64::from(release_us) * 1e-6));
-            let ordered = i64::from(release_us) - opening;
-            let telegram = ordered + BEFORE_TELEGRAM_US;
-            assert_eq!(telegram % 12_000, 0);
-            let free = telegram + 12_000 + 20_000;
-            assert!((free - i64::from(release_us)).abs() <= 6_000, "{release_us}");
+        // Telegrams are whole periods and the dead time before the path.
+        for dead_time_us in [0, 96_000, 99_000, 78_300] {
+            let timing = Timing { period_us: 12_000, dead_time_us, gripper_delay_us: 20_000 };
+            let mut late = Vec::new();
+            for release_us in (500_000..512_000).step_by(500) {
+                let opening = i64::from(opening_us(&timing, f64::from(release_us) * 1e-6));
+                let ordered = i64::from(release_us) - opening;
+                let telegram = ordered + BEFORE_TELEGRAM_US;
+                assert_eq!((telegram + i64::from(dead_time_us)) % 12_000, 0);
+                let free = telegram + 12_000 + 20_000;
+                late.push(free - i64::from(release_us));
+            }
+            assert!(late.iter().all(|late| late.abs() <= 6_000), "{dead_time_us}: {late:?}");
+            assert!(late.iter().any(|late| *late > 5_000), "{dead_time_us}: {late:?}");
+            assert!(late.iter().any(|late| *late < -5_000), "{dead_time_us}: {late:?}");
         }
     }
 }

@@ -181,7 +181,7 @@ pub fn station(
     for way in ways {
         poses_within_corrections(scenario, way)?;
     }
-    let settings = settings_of(arm, &plan.robot.fingerprint, &timing(scenario), plan.release_time_s);
+    let settings = settings_of(arm, &plan.robot.fingerprint, &timing(scenario, lag), plan.release_time_s);
     let mut files = encoded(ways, &settings, &plan.robot.fingerprint)?;
     files.push(trajectory_file(plan, &settings)?);
     Ok(Station::new(wire, &settings, options(scenario, lag), files))
@@ -198,7 +198,7 @@ pub fn leading(
     motions: &[Motion],
 ) -> Result<Station, NoStation> {
     let fingerprint = format!("{:016x}", robot_fingerprint(arm));
-    let settings = settings_of(arm, &fingerprint, &timing(scenario), 0.0);
+    let settings = settings_of(arm, &fingerprint, &timing(scenario, lag), 0.0);
     let files = encoded(motions, &settings, &fingerprint)?;
     Ok(Station::new(wire(scenario)?, &settings, options(scenario, lag), files))
 }
@@ -209,14 +209,14 @@ pub fn leading(
 /// [`NoStation`].
 pub fn exploring(scenario: &KrcScenario, arm: &Arm, motions: &[Motion]) -> Result<Station, NoStation> {
     let fingerprint = format!("{:016x}", robot_fingerprint(arm));
-    let mut settings = settings_of(arm, &fingerprint, &timing(scenario), 0.0);
+    let described = Lag::of(scenario);
+    // Set points are commanded as they are.
+    let lag = Lag { dead_time: described.dead_time + described.time_constant, time_constant: Duration::ZERO };
+    let mut settings = settings_of(arm, &fingerprint, &timing(scenario, lag), 0.0);
     for joint in &mut settings.joint.0 {
         joint.error_max_rad = EXPLORING_RAD;
     }
     let files = encoded(motions, &settings, &fingerprint)?;
-    let described = Lag::of(scenario);
-    // Set points are commanded as they are.
-    let lag = Lag { dead_time: described.dead_time + described.time_constant, time_constant: Duration::ZERO };
     let options = Options { lag_max_rad: EXPLORING_RAD, delay_max: EXPLORING, ..options(scenario, lag) };
     Ok(Station::new(wire(scenario)?, &settings, options, files))
 }
@@ -233,9 +233,9 @@ pub fn replay_station(
 ) -> Result<Station, NoStation> {
     let fingerprint = format!("{:016x}", robot_fingerprint(arm));
     let release_s = plan.map_or(0.0, |plan| plan.release_time_s);
-    let settings = settings_of(arm, &fingerprint, &timing(scenario), release_s);
     let lag = Lag::of(scenario);
     let lag = plan.map_or(lag, |plan| lag.for_plan(plan));
+    let settings = settings_of(arm, &fingerprint, &timing(scenario, lag), release_s);
     Ok(Station::new(wire(scenario)?, &settings, options(scenario, lag), files))
 }
 
@@ -248,10 +248,14 @@ fn encoded(
     motions.iter().map(|motion| encode(motion, period_us, crc32, Some(settings))).collect()
 }
 
-fn timing(scenario: &KrcScenario) -> Timing {
+fn timing(scenario: &KrcScenario, lag: Lag) -> Timing {
     let microseconds = |span: Duration| u32::try_from(span.as_micros()).unwrap_or(u32::MAX);
     let krc = &scenario.options;
-    Timing { period_us: microseconds(krc.cycle), gripper_delay_us: microseconds(krc.hand.gripper.delay) }
+    Timing {
+        period_us: microseconds(krc.cycle),
+        dead_time_us: microseconds(lag.dead_time),
+        gripper_delay_us: microseconds(krc.hand.gripper.delay),
+    }
 }
 
 /// Every station is made with it, so a robot that takes another kind of corrections is never led.

@@ -1,5 +1,4 @@
 //! A throw to plan, and a session with a homed group.
-#![allow(dead_code, reason = "each test file uses its own part")]
 
 use nalgebra::Vector3;
 use operator::bus::{BusArgs, Session};

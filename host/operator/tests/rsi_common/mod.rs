@@ -1,5 +1,4 @@
 //! A plan, a robot and a throw for the tests of RSI.
-#![allow(dead_code)]
 
 use std::path::Path;
 use std::sync::OnceLock;

@@ -22,6 +22,31 @@ pub struct Sensitivity {
     pub missed: usize,
 }
 
+/// A motion, the instant at which its gripper opens, and where the ball is to land.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Release {
+    /// The motion.
+    pub motion: FollowMotion,
+    /// The opening, from the first step on the parabola, in s.
+    pub opening_s: f64,
+    /// Target in m, world frame.
+    pub target: Vector3<f64>,
+}
+
+impl Release {
+    /// Distance of the landing from the target if the gripper opens `late_s` after its instant, in m; `None` without a landing.
+    #[must_use]
+    pub fn error_m(&self, arm: &Arm, late_s: f64) -> Option<f64> {
+        landing_error_m(arm, &self.motion, &self.target, self.opening_s + late_s)
+    }
+
+    /// Landings for openings within `jitter_s` of the instant.
+    #[must_use]
+    pub fn sensitivity(&self, arm: &Arm, jitter_s: f64) -> Sensitivity {
+        sensitivity(arm, &self.motion, &self.target, self.opening_s, jitter_s)
+    }
+}
+
 /// Opening times that are tried.
 const OPENINGS: usize = 201;
 
@@ -62,7 +87,7 @@ const SPREAD: usize = 33;
 ///
 /// Sampled [`SAMPLES`] times per step; sample `SAMPLES k` is at the time of step `k`, so the motion is late by about
 /// `lag_s - lead_s`.
-fn executed(motion: &FollowMotion, lead_s: f64, lag_s: f64) -> FollowMotion {
+pub(super) fn executed(motion: &FollowMotion, lead_s: f64, lag_s: f64) -> FollowMotion {
     let commands = motion.commands(lead_s);
     let h = motion.period_s / SAMPLES as f64;
     let decay = if lag_s > 0.0 { (-h / lag_s).exp() } else { 0.0 };

@@ -306,6 +306,25 @@ impl FollowPlan {
         }
     }
 
+    /// When the gripper opens, from the first step on the parabola, in s.
+    #[must_use]
+    pub fn opening_s(&self) -> f64 {
+        self.release_time_s - self.window[0] as f64 * self.period_s
+    }
+
+    /// What the axes do with the plan, and when the gripper opens: through a first-order lag of `lag_s`, or as planned if it is zero.
+    #[must_use]
+    pub fn release(&self, lag_s: f64) -> landing::Release {
+        let (motion, opening_s) = (self.motion(), self.opening_s());
+        if lag_s <= 0.0 {
+            return landing::Release { motion, opening_s, target: self.aim() };
+        }
+        // The time of the plan is that of a robot late by what the commands do not lead.
+        let opening_s = opening_s + lag_s - self.lag_s;
+        let motion = landing::executed(&motion, self.lag_s, lag_s);
+        landing::Release { motion, opening_s, target: self.target_m.into() }
+    }
+
     /// Turned about the vertical through the origin, for arms whose first axis it is.
     fn turned(&self, arm: &Arm, turn_rad: f64) -> Self {
         let Some(sign) = landing::turn_of_first_axis(arm).filter(|_| turn_rad != 0.0) else {

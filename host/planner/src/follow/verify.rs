@@ -2,6 +2,10 @@
 //!
 //! Nothing of the search is used: joints come from the steps of the plan, frames from products of exponentials, boxes
 //! from alternating projections, rates from finite differences, landings from the closed form of the flight.
+//!
+//! A robot is led through angles and speeds of the steps, so the ball must land by both: by the differences of the angles
+//! on the parabola, and by the speeds that the steps state. The speeds must be those of the angles as far as the jerk limit lets
+//! differences tell.
 
 use std::fmt;
 
@@ -56,6 +60,8 @@ pub enum Check {
     Acceleration,
     /// Commanded jerk in rad/s³.
     Jerk,
+    /// Difference between the speed that a step states and that of the angles around it, in rad/s.
+    StatedSpeed,
     /// Commands through the lag give the planned angles, in rad.
     Lag,
     /// Ball on the parabola, in m.
@@ -81,6 +87,7 @@ impl fmt::Display for Finding {
             Check::Speed => "commanded speed (rad/s)",
             Check::Acceleration => "commanded acceleration (rad/s2)",
             Check::Jerk => "commanded jerk (rad/s3)",
+            Check::StatedSpeed => "stated speed away from that of the angles around (rad/s)",
             Check::Lag => "executed angle through the lag (rad)",
             Check::Parabola => "ball off its parabola (m)",
             Check::Landing => "landing away from the target (m)",
@@ -164,12 +171,13 @@ pub fn verify_commands(arm: &Arm, limits: &Limits, passed: &CommandRange, plan: 
     let joints: Vec<Axes> = plan.steps.iter().map(|s| Axes::from(s.q_rad)).collect();
     let commands: Vec<Axes> = plan.steps.iter().map(|s| Axes::from(s.command_rad)).collect();
     rates(plan, limits, &joints, &commands, &mut report);
+    stated_speeds(plan, limits, &joints, &mut report);
     passed_commands(plan, passed, &mut report);
     let executed = lag(plan, &joints, &commands, &mut report);
     let chain = Chain::new(arm);
     report.executed_landing_m = executed_landing_m(arm, plan, &chain, &executed);
     let poses: Vec<Links> = joints.iter().map(|q| Links::at(arm, &chain, q)).collect();
-    on_the_flight(arm, plan, &poses, &mut report);
+    on_the_flight(arm, plan, &chain, &poses, &mut report);
     bodies(arm, plan, &chain, &joints, &mut report);
     report
 }
@@ -223,6 +231,23 @@ fn rates(plan: &FollowPlan, limits: &Limits, joints: &[Axes], commands: &[Axes],
             let half = 0.5 * (limits.q_max_rad[i] - limits.q_min_rad[i]);
             let t_s = k as f64 * plan.period_s;
             report.at_most(Check::Range, t_s, Some(i + 1), (q[i] - middle).abs(), half);
+        }
+    }
+}
+
+/// The speeds that the steps state are those of the angles.
+///
+/// An acceleration that leaps by `a` at a step moves the central difference by `a h / 4` from the speed at the step, and shows in
+/// the third differences as a jerk of `a / (2 h)`. Any other acceleration with the same jerk moves it less. So the two speeds differ by
+/// at most `j h² / 2`.
+fn stated_speeds(plan: &FollowPlan, limits: &Limits, joints: &[Axes], report: &mut Report) {
+    let (h, end) = (plan.period_s, joints.len() - 1);
+    for (k, step) in plan.steps.iter().enumerate() {
+        let by_angles = (joints[(k + 1).min(end)] - joints[k.saturating_sub(1)]) / (2.0 * h);
+        let apart = (Axes::from(step.qd_rad_s) - by_angles).abs();
+        for i in 0..AXES {
+            let most = 0.5 * limits.j_max_rad_s3[i] * h * h;
+            report.at_most(Check::StatedSpeed, step.t_s, Some(i + 1), apart[i], most);
         }
     }
 }
@@ -281,12 +306,17 @@ fn executed_landing_m(arm: &Arm, plan: &FollowPlan, chain: &Chain, executed: &[E
     }
     let target = plan.aim();
     let of = |state: &Executed| {
-        let small_s = 1e-5;
-        let [before, at, after] =
-            [-small_s, 0.0, small_s].map(|t| Links::at(arm, chain, &(state.q + state.qd * t)).ball.pos);
-        landing_m(&at, &((after - before) / (2.0 * small_s)), &target, arm.world().gravity_m_s2)
+        let [p, v] = ball_with_velocity(arm, chain, &state.q, &state.qd);
+        landing_m(&p, &v, &target, arm.world().gravity_m_s2)
     };
     executed[plan.window[0]..=plan.window[1]].iter().map(of).fold(0.0, f64::max)
+}
+
+/// Position of the ball in m and its velocity in m/s, in the hand of an arm that moves.
+fn ball_with_velocity(arm: &Arm, chain: &Chain, q: &Axes, qd: &Axes) -> [Vector3<f64>; 2] {
+    let small_s = 1e-5;
+    let [before, at, after] = [-small_s, 0.0, small_s].map(|t| Links::at(arm, chain, &(q + qd * t)).ball.pos);
+    [at, (after - before) / (2.0 * small_s)]
 }
 
 /// Frames of all links for one configuration.
@@ -305,7 +335,7 @@ impl Links {
     }
 }
 
-fn on_the_flight(arm: &Arm, plan: &FollowPlan, poses: &[Links], report: &mut Report) {
+fn on_the_flight(arm: &Arm, plan: &FollowPlan, chain: &Chain, poses: &[Links], report: &mut Report) {
     let [first, last] = plan.window;
     let (h, g) = (plan.period_s, arm.world().gravity_m_s2);
     let (p0, v0) = (Vector3::from(plan.flight.p0_m), Vector3::from(plan.flight.v0_m_s));
@@ -316,8 +346,14 @@ fn on_the_flight(arm: &Arm, plan: &FollowPlan, poses: &[Links], report: &mut Rep
         Form::Best(HandFreedom::Tangent | HandFreedom::TangentAndRoll) => Some(0.0),
         Form::Best(HandFreedom::Tilted(most_rad)) => Some(most_rad),
     };
+    let stated: Vec<Vector3<f64>> = plan.steps[first..=last]
+        .iter()
+        .map(|step| ball_with_velocity(arm, chain, &step.q_rad.into(), &step.qd_rad_s.into())[1])
+        .collect();
+    // A single point has no neighbour on the parabola: its velocity is the stated one.
+    let velocity = |k: usize| if first == last { stated[0] } else { velocity(poses, k, first, h, g) };
     if tilt_max_rad.is_none() {
-        across_once(poses, plan, g, report);
+        across_once(poses, plan, velocity, report);
     }
     for k in first..=last {
         let (t, t_s) = ((k - first) as f64 * h, k as f64 * h);
@@ -325,10 +361,12 @@ fn on_the_flight(arm: &Arm, plan: &FollowPlan, poses: &[Links], report: &mut Rep
         let off_m = (poses[k].ball.pos - on).norm();
         report.off_parabola_m = report.off_parabola_m.max(off_m);
         report.at_most(Check::Parabola, t_s, None, off_m, OFF_PARABOLA_MAX_M);
-        let v = velocity(poses, k, first, last, h, g);
-        let landing_m = landing_m(&poses[k].ball.pos, &v, &target, g);
-        report.landing_m = report.landing_m.max(landing_m);
-        report.at_most(Check::Landing, t_s, None, landing_m, LANDING_MAX_M);
+        let v = velocity(k);
+        for v in [v, stated[k - first]] {
+            let landing_m = landing_m(&poses[k].ball.pos, &v, &target, g);
+            report.landing_m = report.landing_m.max(landing_m);
+            report.at_most(Check::Landing, t_s, None, landing_m, LANDING_MAX_M);
+        }
         let z: Vector3<f64> = poses[k].ball.rot.column(2).into();
         if let Some(most_rad) = tilt_max_rad {
             let off_rad = z.angle(&v);
@@ -344,10 +382,15 @@ fn on_the_flight(arm: &Arm, plan: &FollowPlan, poses: &[Links], report: &mut Rep
 
 /// A hand that does not turn with the flight is across it at one instant of the window, the release: at a step (the paper), or in
 /// the middle of the window, which may lie between two steps.
-fn across_once(poses: &[Links], plan: &FollowPlan, g: f64, report: &mut Report) {
+fn across_once(
+    poses: &[Links],
+    plan: &FollowPlan,
+    velocity: impl Fn(usize) -> Vector3<f64>,
+    report: &mut Report,
+) {
     let ([first, last], h) = (plan.window, plan.period_s);
     let z = |k: usize| -> Vector3<f64> { poses[k].ball.rot.column(2).into() };
-    let at_steps = (first..=last).map(|k| (k as f64, z(k).angle(&velocity(poses, k, first, last, h, g))));
+    let at_steps = (first..=last).map(|k| (k as f64, z(k).angle(&velocity(k))));
     // Between two steps the difference of positions is the velocity in the middle; the hand turns about it at most.
     let between = (first..last).map(|k| {
         let v = (poses[k + 1].ball.pos - poses[k].ball.pos) / h;
@@ -359,19 +402,10 @@ fn across_once(poses: &[Links], plan: &FollowPlan, g: f64, report: &mut Report) 
     }
 }
 
-/// Velocity of the ball at step `k`. Differences of positions within the window are exact for a parabola; a window of
-/// one point has only its neighbours on the ramps.
-fn velocity(poses: &[Links], k: usize, first: usize, last: usize, h: f64, g: f64) -> Vector3<f64> {
+/// Velocity of the ball at step `k` of a window that begins with `first` and has more than one step. Differences of positions
+/// within the window are exact for a parabola.
+fn velocity(poses: &[Links], k: usize, first: usize, h: f64, g: f64) -> Vector3<f64> {
     let p = |k: usize| poses[k].ball.pos;
-    if first == last {
-        // Third order on each side, because the acceleration jumps at the step.
-        let side = |k: usize, sign: f64| -> Option<Vector3<f64>> {
-            let p = |n: isize| poses.get(k.checked_add_signed(n * sign as isize)?).map(|l| l.ball.pos);
-            Some((p(0)? * -11.0 + p(1)? * 18.0 - p(2)? * 9.0 + p(3)? * 2.0) * (sign / (6.0 * h)))
-        };
-        // A ramp of less than three steps leaves NaN, which fails.
-        return side(k, 1.0).zip(side(k, -1.0)).map_or(Vector3::repeat(f64::NAN), |(a, b)| (a + b) * 0.5);
-    }
     let fall = Vector3::z() * (0.5 * g * h);
     if k > first { (p(k) - p(k - 1)) / h - fall } else { (p(k + 1) - p(k)) / h + fall }
 }

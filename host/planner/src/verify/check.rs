@@ -28,6 +28,8 @@ const RIM_WINDOW_S: f64 = 0.3;
 const INCIDENCE_TOLERANCE_RAD: f64 = 1e-4;
 /// Miss that counts as a hit, in m.
 const LANDING_TOLERANCE_M: f64 = 1e-4;
+/// Difference between a told and a found value that counts as none: s, m, m/s, rad, rad/s, rad/s².
+const TOLD_TOLERANCE: f64 = 1e-4;
 
 /// One thing that was checked.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
@@ -225,7 +227,54 @@ pub fn check<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> Report {
     findings.extend(flight_findings(plan, &watched, &flown));
     findings.extend(opening(arm.gripper().ball_radius_m, plan, &flown));
     findings.extend(delays(plan, &release));
+    findings.push(told::<N>(plan, [p, v], flown.landed.as_ref()));
     Report { findings, samples: steps + 1 }
+}
+
+/// The release and the landing that the file tells, against those of its motion: programs read them without the motion.
+fn told<const N: usize>(plan: &PlanFile, [p, v]: [Vector3<f64>; 2], landed: Option<&Met>) -> Finding {
+    let (release, landing) = (&plan.release, &plan.landing);
+    let moved = motion::sample::<N>(plan, plan.release_time_s);
+    let mut worst = Worst::new();
+    let mut compare = |what: &str, at_s: f64, tolerance: f64, told: &[f64], found: &[f64]| {
+        for (k, found) in found.iter().enumerate() {
+            let told = told.get(k).copied().unwrap_or(f64::NAN);
+            worst.see((told - found).abs() / tolerance, at_s, || {
+                format!("{what} {}: {told:.6}, not {found:.6}", k + 1)
+            });
+        }
+    };
+    let at_s = plan.release_time_s;
+    compare("angle at the release, joint", at_s, TOLD_TOLERANCE, &release.q_rad, moved.q.as_slice());
+    compare("speed at the release, joint", at_s, TOLD_TOLERANCE, &release.qd_rad_s, moved.qd.as_slice());
+    compare(
+        "acceleration at the release, joint",
+        at_s,
+        TOLD_TOLERANCE,
+        &release.qdd_rad_s2,
+        moved.qdd.as_slice(),
+    );
+    compare("ball at the release, axis", at_s, TOLD_TOLERANCE, &release.position_m, p.as_slice());
+    compare(
+        "velocity of the ball at the release, axis",
+        at_s,
+        TOLD_TOLERANCE,
+        &release.velocity_m_s,
+        v.as_slice(),
+    );
+    if let Some(met) = landed {
+        let at_s = at_s + met.s;
+        compare("time of flight,", at_s, TOLD_TOLERANCE, &[landing.flight_s], &[met.s]);
+        compare("landing, axis", at_s, TOLD_TOLERANCE, &landing.position_m, met.p.as_slice());
+        compare(
+            "velocity at the landing, axis",
+            at_s,
+            TOLD_TOLERANCE,
+            &landing.velocity_m_s,
+            met.v.as_slice(),
+        );
+    }
+    worst.finding("release and landing are told as the motion has them", 1.0, "of the tolerance", true)
 }
 
 /// Whether the plan claims a check whose text has this word.

@@ -19,6 +19,7 @@ from ._native import CubecellError
 from ._plan import Finding, Gains, Motion, Plan, Report, check, plan, tune
 from ._robot import Robot
 from ._simulate import Run, simulate
+from ._sweep import Swept, sweep, sweep_summary
 
 __all__ = [
     "CubecellError",
@@ -31,11 +32,14 @@ __all__ = [
     "Report",
     "Robot",
     "Run",
+    "Swept",
     "Table",
     "check",
     "fly",
     "landing",
     "plan",
     "simulate",
+    "sweep",
+    "sweep_summary",
     "tune",
 ]

@@ -15,7 +15,7 @@ pub struct Args {
     /// Where the centre of the ball comes down, in m, world frame (arm base, z up).
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, required_unless_present = "targets")]
     pub target: Option<[f64; 3]>,
-    /// A list of targets: a CSV file with the columns x_m, y_m, z_m, for openings also nx, ny, nz, radius_m and, if wanted,
+    /// A list of targets: a CSV or Parquet file with the columns x_m, y_m, z_m, for openings also nx, ny, nz, radius_m and, if wanted,
     /// incidence_max_deg, for moving targets vx_m_s, vy_m_s, vz_m_s. --out is then a CSV file with a row for each, in
     /// order; the same command continues one that was stopped.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["target", "report", "json", "follow"])]

@@ -166,7 +166,7 @@ pub fn run(args: &Args, arm: &Arm) -> Result<(), ExpectedError> {
 fn no_throw(none: &NotFound, search: &Search, setting: &Setting<'_>) -> ExpectedError {
     let quick = coarse(search);
     let near = feasible_target(&setting.target, setting.arm.world().floor_z_m, |target| {
-        quick.plan(&setting.at(*target)).is_ok()
+        quick.is_feasible(&setting.at(*target))
     });
     let next = match near {
         Some(p) => format!("the nearest target with a plan is about {:.2},{:.2},{:.2}", p.x, p.y, p.z),

@@ -1,9 +1,11 @@
-//! `cubectl plan throw` for programs: words of its command line in, a plan file out; nothing is printed.
+//! `cubectl plan throw` and `plan sweep` for programs: words of the command line in, plans and part files out; nothing is printed.
 
 use std::sync::atomic::AtomicBool;
 
 use super::args::Args;
 use super::search::{Planned, Watcher};
+use super::shards::{self, Made};
+use super::sweep;
 use crate::cmd::words;
 use crate::error::ExpectedError;
 use planner::plan::file::PlanFile;
@@ -37,4 +39,22 @@ pub fn plan(words: &[String], stop: &AtomicBool) -> Result<Planned<PlanFile>, Ex
         let mut starts = args.search.options.starts(arm)?;
         args.search.plan_from(arm, &mut starts, target, (args.seed, args.fast), Watcher::Program(stop))
     })
+}
+
+/// Makes the shards that these words of `cubectl plan sweep` ask for. `stop`, once set, ends it; shards that are whole stay.
+///
+/// # Errors
+/// A word is refused (exit code 2 of the program), input is refused, a file cannot be read or written, or it was stopped. Tables
+/// with pictures are for the program alone.
+pub fn sweep(words: &[String], stop: &AtomicBool) -> Result<Made, ExpectedError> {
+    let args: sweep::Args = words::parse("plan sweep", words)?;
+    sweep::make_shards(&args, Watcher::Program(stop))
+}
+
+/// What the parts of a sweep say together, as the JSON of `cubectl plan sweep --summary FOLDER --json`.
+///
+/// # Errors
+/// There is no sweep, or a part cannot be read.
+pub fn sweep_summary(folder: &std::path::Path) -> Result<String, ExpectedError> {
+    shards::summary(folder).map(|(_, json)| json.to_string())
 }

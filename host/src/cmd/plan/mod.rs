@@ -4,9 +4,11 @@ pub mod args;
 pub mod follow;
 pub mod follow_options;
 pub mod for_programs;
+pub mod grid;
 pub mod options;
 pub mod prepare;
 pub mod search;
+pub mod shards;
 pub mod sweep;
 mod targets;
 pub mod throw;
@@ -20,10 +22,10 @@ use crate::error::ExpectedError;
 pub enum PlanVerb {
     /// Find the best throw to a target.
     Throw(Box<args::Args>),
-    /// Plan throws to a grid of targets: a table and a picture of the reach.
-    Sweep(sweep::Args),
+    /// Plan throws to many targets: a table and a picture of the reach, or part files made on one machine or on many.
+    Sweep(Box<sweep::Args>),
     /// Make the table of stored throws of a robot: plans for it are then found at once.
-    Prepare(prepare::Args),
+    Prepare(Box<prepare::Args>),
     /// Print the JSON schema of plan files of every kind.
     #[command(after_help = "Example:\n  cubectl plan schema > plan.schema.json")]
     Schema,

@@ -5,20 +5,22 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 
 use super::options::{PlanOptions, Starts, note, two_numbers};
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::args::interrupt;
+use planner::flight::Course;
 use planner::plan::file::PlanFile;
 use planner::plan::ladder::{Ladder, Settled};
 use planner::plan::library::nearest_stored;
 use planner::plan::problem::Weights;
-use planner::plan::statistics::{Noise, Region};
+use planner::plan::statistics::{self, Noise, Region};
 use planner::plan::{Arm, Budget, Goal, NoThrow, Obstruction, Options, Planner, Watch};
-use planner::store::Index;
+use planner::store::{Index, Record};
 use robot_model::RobotModel;
+use throw_tables::{Landings, TargetRow};
 
 /// How to look for a throw: shared by `plan throw` and `throw`.
 #[derive(Debug, Clone, clap::Args)]
@@ -54,6 +56,27 @@ pub enum Watcher<'a> {
     Terminal,
     /// This flag stops it. Nothing is printed, and the signals of the process stay as they are.
     Program(&'a AtomicBool),
+    /// The caller runs many searches. Its watch stops all of them. Nothing is printed.
+    Caller(&'a Watch),
+}
+
+/// A throw that was found.
+#[derive(Debug, Clone)]
+pub(super) struct Solved<const N: usize> {
+    pub(super) plan: PlanFile,
+    pub(super) note: Option<&'static str>,
+    /// What a store may keep of it.
+    pub(super) record: Option<Record<N>>,
+    /// Landings of disturbed throws, if any were asked for.
+    pub(super) landings: Option<Landings>,
+    took: Duration,
+}
+
+/// Disturbed throws to draw.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Draws {
+    pub(super) count: usize,
+    pub(super) seed: u64,
 }
 
 /// Random starts, at most, if no number is asked for.
@@ -86,8 +109,8 @@ pub struct Planned<P = (Arm, PlanFile)> {
 }
 
 impl SearchOptions {
-    /// The first given option that has no meaning where the hand follows the flight.
-    pub(super) fn first_for_drive_modules(&self) -> Option<&'static str> {
+    /// The first given option of how to look for a throw, besides the number of starts.
+    pub(super) fn first_beyond_starts(&self) -> Option<&'static str> {
         let given = [
             (self.time_budget.is_some(), "--time-budget"),
             (self.hit_radius_m.is_some(), "--hit-radius-m"),
@@ -95,8 +118,12 @@ impl SearchOptions {
             (self.jitter_s.is_some(), "--jitter-s"),
             (self.objective != ObjectiveName::Effort, "--objective"),
         ];
-        let own = given.into_iter().find(|(given, _)| *given).map(|(_, name)| name);
-        own.or_else(|| self.options.first_for_drive_modules())
+        given.into_iter().find(|(given, _)| *given).map(|(_, name)| name)
+    }
+
+    /// The first given option that has no meaning where the hand follows the flight.
+    pub(super) fn first_for_drive_modules(&self) -> Option<&'static str> {
+        self.first_beyond_starts().or_else(|| self.options.first_for_drive_modules())
     }
 
     fn region(&self) -> Result<Option<Region>, ExpectedError> {
@@ -182,14 +209,71 @@ impl SearchOptions {
         (seed, fast): (u64, bool),
         watcher: Watcher<'_>,
     ) -> Result<Planned<PlanFile>, ExpectedError> {
+        let Solved { mut plan, note, record, took, .. } =
+            self.solve(arm, &starts.index, target, (seed, fast), watcher, None)?;
+        if let (Some(store), Some(record)) = (&mut starts.store, record)
+            && let Err(e) = store.append(&record)
+        {
+            console::note!("cubectl: the throw was not stored: {e}");
+        }
+        plan.search.stored.clone_from(&starts.sources);
+        Ok(Planned { plan, took, note })
+    }
+
+    /// Refuses options that make no sense together, for any target.
+    ///
+    /// # Errors
+    /// Which, and what to do instead.
+    pub(super) fn require_sound(&self) -> Result<(), ExpectedError> {
         if self.objective == ObjectiveName::Time && self.options.weights.is_some() {
             return Err(ExpectedError::bad_input(
                 &"--objective time has no weights: leave out --weights, or leave out --objective",
             ));
         }
+        self.goal(self.noise()?, self.region()?).map(drop)
+    }
+
+    /// What is planned, in words: everything but target, robot and stored throws that a plan follows from.
+    ///
+    /// # Errors
+    /// As [`SearchOptions::require_sound`].
+    pub(super) fn in_words(&self) -> Result<String, ExpectedError> {
+        let (region, noise) = (self.region()?, self.noise()?);
+        let (goal, kept) = (self.goal(noise, region)?, self.options.kept());
+        let (asked, starts, name) = (self.options.resolve(), self.starts, self.objective);
+        Ok(format!("{asked:?} {kept:?} {name:?} {goal:?} {region:?} {noise:?} starts {starts:?}"))
+    }
+
+    /// The same options for a row of a list, whose own words count more.
+    pub(super) fn with_target(&self, row: &TargetRow) -> Self {
+        let mut own = self.clone();
+        let o = &mut own.options;
+        o.opening_normal = row.normal.or(o.opening_normal);
+        o.opening_radius_m = row.radius_m.or(o.opening_radius_m);
+        o.incidence_max_deg = row.incidence_max_deg.unwrap_or(o.incidence_max_deg);
+        if let Some(velocity) = row.velocity_m_s {
+            o.target_velocity = Course::new(&[velocity]);
+            o.target_course = None;
+        }
+        own
+    }
+
+    /// The throw to `target` (m, world frame) from the throws of an index; nothing is stored.
+    ///
+    /// # Errors
+    /// If input is refused or no throw reaches the target.
+    pub(super) fn solve<const N: usize>(
+        &self,
+        arm: &RobotModel<N>,
+        index: &Index<N>,
+        target: [f64; 3],
+        (seed, fast): (u64, bool),
+        watcher: Watcher<'_>,
+        draws: Option<Draws>,
+    ) -> Result<Solved<N>, ExpectedError> {
+        self.require_sound()?;
         let (region, noise) = (self.region()?, self.noise()?);
         let goal = self.goal(noise, region)?;
-        let Starts { index, store, sources } = starts;
         let time =
             match self.time_budget {
                 None => None,
@@ -205,11 +289,12 @@ impl SearchOptions {
         }
         let ladder = Ladder::new(arm, Vector3::from(target), &asked, self.options.kept())
             .map_err(|e| ExpectedError::bad_input(&e))?;
-        let watch = Watch::default();
+        let own = Watch::default();
+        let watch = if let Watcher::Caller(watch) = watcher { watch } else { &own };
         let quick = fast.then_some(FAST_TRIES);
         let settled = match &self.options.library {
             Some(path) => ladder.from_library(index).ok_or_else(|| not_in_library(path, index, target))?,
-            None => watched(&watch, &budget, watcher, || ladder.search(index, &budget, &watch, quick))
+            None => watched(watch, &budget, watcher, || ladder.search(index, &budget, watch, quick))
                 .map_err(|e| no_throw(&e))?,
         };
         let Settled { problem, given_up, best } = settled;
@@ -219,23 +304,40 @@ impl SearchOptions {
         }
         let took = began.elapsed();
         // The table is of throws that are best in effort: others would promise what they cannot keep.
-        if goal == Goal::Effort
+        let of_effort = goal == Goal::Effort
             && problem.options().weights == Weights::default()
-            && self.options.first_for_one_target().is_none()
-            && let Some(store) = store
-        {
-            let record = Planner::new(problem).record(&best.found);
-            if let Err(e) = store.append(&record) {
-                console::note!("cubectl: the throw was not stored: {e}");
-            }
-        }
+            && self.options.first_for_one_target().is_none();
+        let record =
+            (of_effort && self.options.store.is_some()).then(|| Planner::new(problem).record(&best.found));
         let region = region.or_else(|| problem.region_of_opening(&best.found.throw));
+        let landings = draws.map(|draws| {
+            let found = statistics::monte_carlo(problem, &best.found.throw, &noise, draws.count, draws.seed);
+            landings(&found, &problem.aim().centre(), region)
+        });
         let plan = PlanFile::of(problem, &best, &self.options.robot, seed, &noise, region);
-        let mut plan = plan.ok_or_else(|| {
+        let plan = plan.ok_or_else(|| {
             ExpectedError::new(exit::BUG, "the planned ball does not come down on the plane of the target")
         })?;
-        plan.search.stored.clone_from(sources);
-        Ok(Planned { plan, took, note: note(given_up) })
+        Ok(Solved { plan, note: note(given_up), record, landings, took })
+    }
+}
+
+/// Counts and distances of landings from the target, all in m in the plane of the target.
+fn landings(found: &[Vector2<f64>], target: &Vector2<f64>, region: Option<Region>) -> Landings {
+    let hit = |p: &Vector2<f64>| {
+        let off = p - target;
+        region.map(|region| match region {
+            Region::Disc { radius_m } => off.norm() <= radius_m,
+            Region::Box { half_x_m, half_y_m } => off.x.abs() <= half_x_m && off.y.abs() <= half_y_m,
+        })
+    };
+    let hits = region.map(|_| found.iter().filter(|p| hit(p) == Some(true)).count() as u64);
+    let squares_m2: f64 = found.iter().map(|p| (p - target).norm_squared()).sum();
+    Landings {
+        landed: found.len() as u64,
+        hits,
+        miss_rms_m: (!found.is_empty()).then(|| (squares_m2 / found.len() as f64).sqrt()),
+        miss_max_m: found.iter().map(|p| (p - target).norm()).reduce(f64::max),
     }
 }
 
@@ -279,8 +381,36 @@ pub(super) fn watched<T: Send>(
     watcher: Watcher<'_>,
     work: impl FnOnce() -> T + Send,
 ) -> T {
+    let progress = Progress {
+        total: budget.starts as u64,
+        template: "{bar:30} {pos}/{len} starts, {msg} solved, {elapsed}",
+        show: &|bar| {
+            bar.set_position(watch.done.load(Ordering::Relaxed) as u64);
+            bar.set_message(watch.solved.load(Ordering::Relaxed).to_string());
+        },
+    };
+    watched_with(watch, &progress, watcher, work)
+}
+
+/// What a progress bar shows.
+pub(super) struct Progress<'a> {
+    pub(super) total: u64,
+    /// In the form of `indicatif`.
+    pub(super) template: &'static str,
+    /// Brings the bar up to date.
+    pub(super) show: &'a (dyn Fn(&ProgressBar) + Sync),
+}
+
+/// Runs work that a watcher may stop through `watch`. On a terminal a progress bar appears after a second.
+pub(super) fn watched_with<T: Send>(
+    watch: &Watch,
+    progress: &Progress<'_>,
+    watcher: Watcher<'_>,
+    work: impl FnOnce() -> T + Send,
+) -> T {
     let ctrl_c;
     let (interrupt, shows) = match watcher {
+        Watcher::Caller(_) => return work(),
         Watcher::Terminal => {
             ctrl_c = interrupt();
             (&*ctrl_c, true)
@@ -299,14 +429,11 @@ pub(super) fn watched<T: Send>(
                 }
                 if shows && began.elapsed() > Duration::from_secs(1) {
                     let bar = bar.get_or_insert_with(|| {
-                        let style = ProgressStyle::with_template(
-                            "{bar:30} {pos}/{len} starts, {msg} solved, {elapsed}",
-                        );
-                        ProgressBar::new(budget.starts as u64)
+                        let style = ProgressStyle::with_template(progress.template);
+                        ProgressBar::new(progress.total)
                             .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
                     });
-                    bar.set_position(watch.done.load(Ordering::Relaxed) as u64);
-                    bar.set_message(watch.solved.load(Ordering::Relaxed).to_string());
+                    (progress.show)(bar);
                 }
             }
             if let Some(bar) = bar {

@@ -1,4 +1,4 @@
-//! `cubectl plan sweep`: a grid of targets to a table and a picture.
+//! `cubectl plan sweep`: a grid of targets to a table and a picture; or many targets to part files.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -10,9 +10,11 @@ use std::sync::atomic::Ordering;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::options::{PlanOptions, note};
+use super::grid::{Axis, Grid};
+use super::options::note;
 use super::require_writable;
-use super::search::{Watcher, watched};
+use super::search::{SearchOptions, Watcher, watched};
+use super::shards::{self, DRAWS_MAX, Made, Sweep, Targets};
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::reach::{self, Cell};
@@ -21,65 +23,77 @@ use planner::plan::search::{Budget, Watch};
 use planner::plan::{Found, Options};
 use planner::store::Index;
 use robot_model::{RobotModel, for_any_robot};
+use throw_tables::shard::SHARDS_MAX;
+use throw_tables::{Shard, TargetList};
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Example:\n  cubectl plan sweep --x 0.5,2.2,0.1 --z=-1,0.4,0.1 --out reach.csv")]
+#[command(
+    after_help = "Examples:\n  cubectl plan sweep --x 0.5,2.2,0.1 --z=-1,0.4,0.1 --out reach.csv\n  cubectl plan sweep --library arm.table --targets targets.parquet --shards 100 --out sweep\n  cubectl plan sweep --library arm.table --targets targets.parquet --shard 3/100 --out sweep\n  cubectl plan sweep --summary sweep"
+)]
 pub struct Args {
     #[command(flatten)]
-    options: PlanOptions,
+    search: SearchOptions,
     /// Range of x: from, to, step in m.
-    #[arg(long, value_name = "FROM,TO,STEP", allow_hyphen_values = true, value_parser = axis)]
-    pub x: Axis,
+    #[arg(long, value_name = "FROM,TO,STEP", allow_hyphen_values = true, value_parser = Axis::read, required_unless_present_any = ["targets", "summary"], help_heading = "Targets and results")]
+    pub x: Option<Axis>,
     /// Range of y.
-    #[arg(long, value_name = "FROM,TO,STEP", allow_hyphen_values = true, value_parser = axis, default_value = "0,0,1")]
+    #[arg(long, value_name = "FROM,TO,STEP", allow_hyphen_values = true, value_parser = Axis::read, default_value = "0,0,1", help_heading = "Targets and results")]
     pub y: Axis,
     /// Range of z.
-    #[arg(long, value_name = "FROM,TO,STEP", allow_hyphen_values = true, value_parser = axis)]
-    pub z: Axis,
-    /// Table to write; if it exists, only missing targets are planned.
-    #[arg(long)]
-    pub out: PathBuf,
+    #[arg(long, value_name = "FROM,TO,STEP", allow_hyphen_values = true, value_parser = Axis::read, required_unless_present_any = ["targets", "summary"], help_heading = "Targets and results")]
+    pub z: Option<Axis>,
+    /// A list of targets instead of a grid, as of `plan throw --targets`: a CSV or Parquet file. For --shard and --shards.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["x", "y", "z"], help_heading = "Targets and results")]
+    pub targets: Option<PathBuf>,
+    /// Table to write; if it exists, only missing targets are planned. With --shard and --shards a folder of Parquet files.
+    #[arg(long, required_unless_present = "summary", help_heading = "Targets and results")]
+    pub out: Option<PathBuf>,
     /// Picture (SVG) to write; by default beside the table.
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["shard", "shards"], help_heading = "Targets and results")]
     pub picture: Option<PathBuf>,
-    /// Random starts per target after the stored ones.
-    #[arg(long, default_value_t = 32)]
-    pub starts: usize,
+    /// Make shard I of N, from 1, and leave the others to other processes: one file of the folder --out, with the rows of its
+    /// share of the targets. A shard that is there is not made again.
+    #[arg(long, value_name = "I/N", conflicts_with = "shards", help_heading = "Shards")]
+    pub shard: Option<Shard>,
+    /// Make all of N shards, one after the other. The files are those of --shard.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(SHARDS_MAX)), help_heading = "Shards")]
+    pub shards: Option<u32>,
+    /// Draw so many disturbed throws to each target (Monte Carlo): columns with how many landed and hit, and the miss. The
+    /// draws follow from the seed and the row.
+    #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Shards")]
+    pub draws: usize,
+    /// Tell what the parts in this folder say together, and which are missing.
+    #[arg(long, value_name = "FOLDER", conflicts_with_all = ["x", "z", "targets", "out", "shard", "shards"], help_heading = "Shards")]
+    pub summary: Option<PathBuf>,
+    /// Print the summary as JSON.
+    #[arg(long, requires = "summary", help_heading = "Shards")]
+    pub json: bool,
+    /// Answer from stored throws alone if they suffice, in about a millisecond.
+    #[arg(long)]
+    pub fast: bool,
     /// Seed.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
 }
 
-/// Values along one axis.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Axis {
-    from: f64,
-    to: f64,
-    step: f64,
-}
+impl Args {
+    fn grid(&self) -> Option<Grid> {
+        Some(Grid { x: self.x?, y: self.y, z: self.z? })
+    }
 
-impl Axis {
-    fn values(&self) -> Vec<f64> {
-        let count = ((self.to - self.from) / self.step + 1e-9).floor() as usize;
-        // Rounded, so that the same target has the same name in every run.
-        (0..=count).map(|i| ((self.from + i as f64 * self.step) * 1e6).round() / 1e6).collect()
+    /// The shards that are asked for; none for a table.
+    fn asked_shards(&self) -> Option<Vec<Shard>> {
+        match (self.shard, self.shards) {
+            (Some(shard), _) => Some(vec![shard]),
+            (None, Some(count)) => Some(Shard::all(count).collect()),
+            (None, None) => None,
+        }
     }
 }
 
-fn axis(text: &str) -> Result<Axis, String> {
-    let p: Vec<f64> = text
-        .split(',')
-        .map(|p| p.trim().parse().map_err(|_| format!("\"{p}\" is not a number")))
-        .collect::<Result<_, _>>()?;
-    let [from, to, step] = p[..] else { return Err("expected FROM,TO,STEP".to_owned()) };
-    let sensible = from.is_finite() && to >= from && step > 0.0 && (to - from) / step <= 1e4;
-    if sensible {
-        Ok(Axis { from, to, step })
-    } else {
-        Err(format!("range from {from} to {to} in steps of {step}"))
-    }
-}
+/// Random starts per target of a table, at most, if no number is asked for.
+const TABLE_STARTS: usize = 32;
 
 /// Longest table that is read, bytes: a million targets.
 const TABLE_MAX_BYTES: u64 = 256 << 20;
@@ -118,37 +132,89 @@ fn write_in_order(path: &Path, targets: &[[f64; 3]], rows: &BTreeMap<[i64; 3], R
 /// # Errors
 /// If input is refused or the table cannot be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    let robot = crate::cmd::robot(&args.options.robot)?;
+    if let Some(folder) = &args.summary {
+        let (summary, json) = shards::summary(folder)?;
+        if args.json {
+            console::line!("{json}");
+        } else {
+            console::text!("{}", shards::summary_in_words(&summary, folder));
+        }
+        return Ok(());
+    }
+    if args.asked_shards().is_some() {
+        let Made { made, there } = make_shards(args, Watcher::Terminal)?;
+        let out = args.out.clone().unwrap_or_default();
+        console::line!("{made} shards made, {there} were there: {}", out.display());
+        console::line!("next: cubectl plan sweep --summary {}", out.display());
+        return Ok(());
+    }
+    let robot = crate::cmd::robot(&args.search.options.robot)?;
     for_any_robot!(&robot, arm => run_for(arm, args))
 }
 
-fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), ExpectedError> {
-    let asked = args.options.resolve();
-    let index = args.options.starts(arm)?.index;
-    let picture = args.picture.clone().unwrap_or_else(|| args.out.with_extension("svg"));
-    require_writable(&picture)?;
-    let mut rows = read(&args.out)?;
-    let mut targets = Vec::new();
-    for z in args.z.values() {
-        for y in args.y.values() {
-            targets.extend(args.x.values().into_iter().map(|x| [x, y, z]));
-        }
+/// Makes the shards that are asked for.
+///
+/// # Errors
+/// Input is refused, a file cannot be read or written, or it was stopped.
+pub(super) fn make_shards(args: &Args, watcher: Watcher<'_>) -> Result<Made, ExpectedError> {
+    let (Some(asked), Some(out)) = (args.asked_shards(), &args.out) else {
+        return Err(ExpectedError::bad_input(
+            &"name a shard with --shard I/N, or all with --shards N, and --out FOLDER",
+        ));
+    };
+    if args.draws > DRAWS_MAX {
+        return Err(ExpectedError::bad_input(&format!(
+            "--draws {}: at most {DRAWS_MAX} per target; a list may have the same target several times",
+            args.draws
+        )));
     }
+    let targets = match (&args.targets, args.grid()) {
+        (Some(list), _) => Targets::List(TargetList::open(list).map_err(shards::table_error)?),
+        (None, Some(grid)) => Targets::Grid(grid),
+        (None, None) => {
+            return Err(ExpectedError::bad_input(&"name targets with --targets, or with --x and --z"));
+        }
+    };
+    let robot = crate::cmd::robot(&args.search.options.robot)?;
+    let (search, seed, fast, draws) = (&args.search, args.seed, args.fast, args.draws);
+    for_any_robot!(&robot, arm => Sweep { arm, search, seed, fast, draws, targets }.make(out, &asked, watcher))
+}
+
+fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), ExpectedError> {
+    let (Some(grid), Some(out)) = (args.grid(), &args.out) else {
+        return Err(ExpectedError::bad_input(
+            &"a list of targets makes part files: add --shards N, or use `plan throw --targets` for one CSV table",
+        ));
+    };
+    let for_shards = [
+        (args.draws > 0, "--draws"),
+        (args.fast, "--fast"),
+        (args.search.options.library.is_some(), "--library"),
+        (args.search.first_beyond_starts().is_some(), args.search.first_beyond_starts().unwrap_or_default()),
+    ];
+    if let Some((_, option)) = for_shards.into_iter().find(|(given, _)| *given) {
+        return Err(ExpectedError::bad_input(&format!(
+            "{option} is not for a table with a picture: make part files with --shards N, or leave it out"
+        )));
+    }
+    let asked = args.search.options.resolve();
+    let index = args.search.options.starts(arm)?.index;
+    let picture = args.picture.clone().unwrap_or_else(|| out.with_extension("svg"));
+    require_writable(&picture)?;
+    let mut rows = read(out)?;
+    let targets: Vec<[f64; 3]> = grid.targets().collect();
     let missing: Vec<[f64; 3]> = targets.iter().copied().filter(|t| !rows.contains_key(&key(t))).collect();
     console::line!(
         "{} targets, {} already in {}",
         targets.len(),
         targets.len() - missing.len(),
-        args.out.display()
+        out.display()
     );
     let fresh = rows.is_empty();
-    let mut file = OpenOptions::new()
-        .create(true)
-        .append(true)
-        .open(&args.out)
-        .map_err(|e| ExpectedError::output(&args.out, &e))?;
+    let mut file =
+        OpenOptions::new().create(true).append(true).open(out).map_err(|e| ExpectedError::output(out, &e))?;
     if fresh {
-        writeln!(file, "{HEADER}").map_err(|e| ExpectedError::output(&args.out, &e))?;
+        writeln!(file, "{HEADER}").map_err(|e| ExpectedError::output(out, &e))?;
     }
     let file = Mutex::new(file);
     let watch = Watch::default();
@@ -166,11 +232,11 @@ fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), Expec
             })
             .collect()
     });
-    for row in done.map_err(|e| ExpectedError::output(&args.out, &e))? {
+    for row in done.map_err(|e| ExpectedError::output(out, &e))? {
         rows.insert(key(&row.cell.target), row);
     }
     let wanted: Vec<Row> = targets.iter().filter_map(|t| rows.get(&key(t)).cloned()).collect();
-    write_in_order(&args.out, &targets, &rows).map_err(|e| ExpectedError::output(&args.out, &e))?;
+    write_in_order(out, &targets, &rows).map_err(|e| ExpectedError::output(out, &e))?;
     let cells: Vec<Cell> = wanted.iter().map(|row| row.cell.clone()).collect();
     std::fs::write(&picture, reach::svg(&targets, &cells, arm.name()))
         .map_err(|e| ExpectedError::output(&picture, &e))?;
@@ -218,11 +284,16 @@ fn plan<const N: usize>(
         cell: Cell { target: *target, objective: None },
         text: format!("{x},{y},{z},0,,,,,{}", clean(note)),
     };
-    let ladder = match Ladder::new(arm, Vector3::from(*target), asked, args.options.kept()) {
+    let ladder = match Ladder::new(arm, Vector3::from(*target), asked, args.search.options.kept()) {
         Ok(ladder) => ladder,
         Err(e) => return refused(&e.to_string()),
     };
-    let budget = Budget { starts: args.starts, all: false, time: None, seed: args.seed };
+    let budget = Budget {
+        starts: args.search.starts.unwrap_or(TABLE_STARTS),
+        all: false,
+        time: None,
+        seed: args.seed,
+    };
     match ladder.search(index, &budget, &Watch::default(), None) {
         Ok(Settled { given_up, best, .. }) => {
             let Found { throw, objective, .. } = best.found;

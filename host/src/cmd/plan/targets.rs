@@ -5,18 +5,21 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
-use planner::flight::Course;
 use planner::plan::file::PlanFile;
 use robot_model::RobotModel;
+use throw_tables::{TargetList, TargetRow};
 use toml_reader::read_text;
 
 use super::args::Args;
-use super::search::{Planned, SearchOptions, Watcher};
+use super::search::{Planned, Watcher};
+use super::shards::table_error;
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::args::interrupt;
 
-/// Longest list of targets and longest table of results that is read, bytes: about a million rows.
+/// Most targets of a list.
+const LIST_MAX_ROWS: u64 = 1_000_000;
+/// Longest table of results that is read, bytes: about a million rows.
 const FILE_MAX_BYTES: u64 = 256 << 20;
 
 /// Columns of the results. `outcome` is `thrown`, `relaxed` (without some of what was asked for, see the note) or
@@ -36,39 +39,6 @@ const HEADER: [&str; 13] = [
     "hit_probability",
     "note",
 ];
-
-/// Columns of a list: those of the point, and groups of which all or none are there.
-const POINT: [&str; 3] = ["x_m", "y_m", "z_m"];
-const NORMAL: [&str; 3] = ["nx", "ny", "nz"];
-const VELOCITY: [&str; 3] = ["vx_m_s", "vy_m_s", "vz_m_s"];
-const RADIUS: &str = "radius_m";
-const INCIDENCE: &str = "incidence_max_deg";
-
-/// One row of a list.
-#[derive(Debug, Clone, PartialEq)]
-struct Row {
-    target_m: [f64; 3],
-    normal: Option<[f64; 3]>,
-    radius_m: Option<f64>,
-    incidence_max_deg: Option<f64>,
-    velocity_m_s: Option<[f64; 3]>,
-}
-
-impl Row {
-    /// The options of the command line with those of the row in their place.
-    fn search(&self, search: &SearchOptions) -> SearchOptions {
-        let mut own = search.clone();
-        let o = &mut own.options;
-        o.opening_normal = self.normal.or(o.opening_normal);
-        o.opening_radius_m = self.radius_m.or(o.opening_radius_m);
-        o.incidence_max_deg = self.incidence_max_deg.unwrap_or(o.incidence_max_deg);
-        if let Some(velocity) = self.velocity_m_s {
-            o.target_velocity = Course::new(&[velocity]);
-            o.target_course = None;
-        }
-        own
-    }
-}
 
 /// Plans the rows of the list that the results do not have yet, in order.
 ///
@@ -102,7 +72,7 @@ pub(super) fn run<const N: usize>(
     let mut starts = args.search.options.starts(arm)?;
     let stop = interrupt();
     for (number, row) in rows.iter().enumerate().skip(done.len()) {
-        let planned = row.search(&args.search).plan_from(
+        let planned = args.search.with_target(row).plan_from(
             arm,
             &mut starts,
             row.target_m,
@@ -148,12 +118,12 @@ fn line(fields: &[String]) -> String {
     String::from_utf8(written.unwrap_or_default()).unwrap_or_default()
 }
 
-fn head(number: usize, row: &Row) -> Vec<String> {
+fn head(number: usize, row: &TargetRow) -> Vec<String> {
     let [x, y, z] = row.target_m;
     vec![(number + 1).to_string(), x.to_string(), y.to_string(), z.to_string()]
 }
 
-fn thrown(number: usize, row: &Row, planned: &Planned<PlanFile>) -> String {
+fn thrown(number: usize, row: &TargetRow, planned: &Planned<PlanFile>) -> String {
     let plan = &planned.plan;
     let [[xx, _], [_, yy]] = plan.landing.covariance_m2;
     let speed = plan.release.velocity_m_s.iter().map(|v| v * v).sum::<f64>().sqrt();
@@ -172,7 +142,7 @@ fn thrown(number: usize, row: &Row, planned: &Planned<PlanFile>) -> String {
     line(&fields)
 }
 
-fn refused(number: usize, row: &Row, e: &ExpectedError) -> Result<String, ExpectedError> {
+fn refused(number: usize, row: &TargetRow, e: &ExpectedError) -> Result<String, ExpectedError> {
     let mut fields = head(number, row);
     let note = e.message.lines().map(str::trim).collect::<Vec<_>>().join("; ");
     fields.push("refused".to_owned());
@@ -201,7 +171,7 @@ fn report(out: &Path) -> Result<(), ExpectedError> {
 }
 
 /// Rows of results from an earlier run on the same list, as they stand in the file; a torn last one is left out.
-fn done(out: &Path, rows: &[Row]) -> Result<Vec<String>, ExpectedError> {
+fn done(out: &Path, rows: &[TargetRow]) -> Result<Vec<String>, ExpectedError> {
     let text = match read_text(out, FILE_MAX_BYTES) {
         Ok(text) => text,
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
@@ -235,60 +205,16 @@ fn done(out: &Path, rows: &[Row]) -> Result<Vec<String>, ExpectedError> {
     Ok(found)
 }
 
-/// The rows of a list. Columns are found by their names.
-fn read_list(path: &Path) -> Result<Vec<Row>, ExpectedError> {
-    let name = path.display();
-    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("parquet")) {
+/// The rows of a list.
+fn read_list(path: &Path) -> Result<Vec<TargetRow>, ExpectedError> {
+    let list = TargetList::open(path).map_err(table_error)?;
+    if list.len() > LIST_MAX_ROWS {
         return Err(ExpectedError::bad_input(&format!(
-            "{name}: lists are CSV files, parquet is not read\n  next: write it as CSV, for example with `duckdb -c \"COPY (FROM '{name}') TO 'targets.csv'\"`"
+            "{}: {} targets, at most {LIST_MAX_ROWS}\n  next: `cubectl plan sweep --targets {} --shards N --out FOLDER` takes longer lists",
+            path.display(),
+            list.len(),
+            path.display()
         )));
     }
-    let text = read_text(path, FILE_MAX_BYTES).map_err(|e| ExpectedError::io(path, &e))?;
-    let mut reader = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .comment(Some(b'#'))
-        .from_reader(text.trim_start_matches('\u{feff}').as_bytes());
-    let bad = |what: String| ExpectedError::bad_input(&format!("{name}: {what}"));
-    let header = reader.headers().map_err(|e| bad(e.to_string()))?.clone();
-    let column = |name: &str| header.iter().position(|h| h == name);
-    let known = POINT.iter().chain(&NORMAL).chain(&VELOCITY).chain([&RADIUS, &INCIDENCE]);
-    if let Some(unknown) = header.iter().find(|h| !known.clone().any(|k| k == h)) {
-        let all = known.copied().collect::<Vec<_>>().join(", ");
-        return Err(bad(format!("column \"{unknown}\" is not known; columns are {all}")));
-    }
-    let group = |names: [&'static str; 3]| -> Result<Option<[usize; 3]>, ExpectedError> {
-        match names.map(column) {
-            [Some(a), Some(b), Some(c)] => Ok(Some([a, b, c])),
-            [None, None, None] => Ok(None),
-            _ => Err(bad(format!("of the columns {} all or none are needed", names.join(", ")))),
-        }
-    };
-    let point = group(POINT)?.ok_or_else(|| bad(format!("the columns {} are missing", POINT.join(", "))))?;
-    let (normal, velocity) = (group(NORMAL)?, group(VELOCITY)?);
-    let (radius, incidence) = (column(RADIUS), column(INCIDENCE));
-    if normal.is_some() != radius.is_some() {
-        return Err(bad(format!("an opening needs the columns {} and {RADIUS}", NORMAL.join(", "))));
-    }
-    let mut rows = Vec::new();
-    for (i, record) in reader.records().enumerate() {
-        let record = record.map_err(|e| bad(e.to_string()))?;
-        let number = |at: usize| {
-            let text = record.get(at).unwrap_or_default();
-            text.parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(|| {
-                bad(format!("row {}, column \"{}\": \"{text}\" is not a finite number", i + 1, &header[at]))
-            })
-        };
-        let three = |at: [usize; 3]| Ok::<_, ExpectedError>([number(at[0])?, number(at[1])?, number(at[2])?]);
-        rows.push(Row {
-            target_m: three(point)?,
-            normal: normal.map(three).transpose()?,
-            radius_m: radius.map(number).transpose()?,
-            incidence_max_deg: incidence.map(number).transpose()?,
-            velocity_m_s: velocity.map(three).transpose()?,
-        });
-    }
-    if rows.is_empty() {
-        return Err(bad("there is no target in it".to_owned()));
-    }
-    Ok(rows)
+    list.rows_from(0).map_err(table_error)?.collect::<Result<_, _>>().map_err(table_error)
 }

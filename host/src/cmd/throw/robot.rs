@@ -45,6 +45,17 @@ const BOTTLE_M: f64 = 0.035;
 /// Starts of the search if no number is asked for.
 const STARTS: usize = 64;
 
+/// What is thrown, with what is believed of the robot, and where the results go.
+struct Throw<'a> {
+    args: &'a Args,
+    described: &'a KrcScenario,
+    arm: &'a Arm,
+    plan: &'a FollowPlan,
+    folder: &'a Folder,
+    /// Radius of the bottle.
+    tolerance_m: f64,
+}
+
 /// What came of the exchange, from the simulated robot or from a real one.
 struct Came {
     verdict: Verdict,
@@ -95,13 +106,20 @@ pub(super) fn run(args: &Args, arm: &Arm) -> Result<(), ExpectedError> {
             plan.release_time_s
         );
     }
-    let tolerance_m = args.tolerance.unwrap_or(BOTTLE_M);
+    let throw = Throw {
+        args,
+        described: &described,
+        arm,
+        plan: &plan,
+        folder: &folder,
+        tolerance_m: args.tolerance.unwrap_or(BOTTLE_M),
+    };
     let came = match &args.bus {
         BusSpec::Rsi(spec) => {
             let look = tracked.as_ref().map(|before| LastLook::new(&args.tracker, before, spec.lockstep));
-            outside(args, spec, &described, arm, &plan, &mut station, &folder, (tolerance_m, look))?
+            outside(&throw, spec, &mut station, look)?
         }
-        _ => inside(args, truth, &described, &plan, &mut station, &folder, tolerance_m)?,
+        _ => inside(&throw, truth, &mut station)?,
     };
     let moved_m = tracked.as_ref().map(|before| args.tracker.moved(before));
     let verdict = &came.verdict;
@@ -172,14 +190,11 @@ fn described(args: &Args, truth: Option<&KrcScenario>) -> Result<KrcScenario, Ex
 
 /// The robot inside this program, in virtual time.
 fn inside(
-    args: &Args,
+    throw: &Throw<'_>,
     truth: Option<KrcScenario>,
-    described: &KrcScenario,
-    plan: &FollowPlan,
     station: &mut Station,
-    folder: &Folder,
-    tolerance_m: f64,
 ) -> Result<Came, ExpectedError> {
+    let Throw { args, described, plan, folder, tolerance_m, .. } = *throw;
     let mut scenario = truth.unwrap_or_else(|| described.clone());
     scenario.robot = args.search.options.robot.clone();
     scenario.seed = args.seed.unwrap_or(scenario.seed);
@@ -191,18 +206,14 @@ fn inside(
     Ok(Came { verdict, seen: Some(seen), lines, exchange: None, granted: None })
 }
 
-/// A robot outside, which connects to this machine.
-#[allow(clippy::too_many_arguments, reason = "what a throw is made of, used here once")]
+/// A robot outside, which connects to this machine. The target is looked at once more with `look`, before the plan begins.
 fn outside(
-    args: &Args,
+    throw: &Throw<'_>,
     spec: &RsiSpec,
-    described: &KrcScenario,
-    arm: &Arm,
-    plan: &FollowPlan,
     station: &mut Station,
-    folder: &Folder,
-    (tolerance_m, mut look): (f64, Option<LastLook>),
+    mut look: Option<LastLook>,
 ) -> Result<Came, ExpectedError> {
+    let Throw { args, described, arm, plan, folder, tolerance_m } = *throw;
     let asks = !args.yes && !args.json && std::io::stdin().is_terminal();
     if asks && !ProgressView::new(args.json).may_lead(&interrupt()) {
         return Err(ExpectedError::new(exit::INTERRUPTED, "not thrown; the robot was not waited for"));

@@ -132,12 +132,26 @@ pub fn plan(setting: &Setting<'_>, options: &BestOptions) -> Result<Found, Box<N
     best.and_then(|g| finished(setting, options, &g, size)).ok_or_else(|| Box::new(NotFound { size }))
 }
 
+/// Whether a start leads to a feasible throw: ends at the first.
+#[must_use]
+pub fn is_feasible(setting: &Setting<'_>, options: &BestOptions) -> bool {
+    let (seeds, _) = seeds::draw(setting, options, options.starts * (1 + RESERVE));
+    seeds.par_iter().any(|seed| {
+        let scenes = Scenes::new();
+        shortest(&mut Excess::new(setting, options.hand, &scenes), options, seed).is_some()
+    })
+}
+
 fn from_seed(setting: &Setting<'_>, options: &BestOptions, seed: &Seed) -> Option<Grown> {
     let scenes = Scenes::new();
     let mut excess = Excess::new(setting, options.hand, &scenes);
-    let first =
-        [2, 1].into_iter().find_map(|points| feasible(&mut excess, options, &seed.x, &seed.q, points))?;
+    let first = shortest(&mut excess, options, seed)?;
     Some(grow(&mut excess, options, first))
+}
+
+/// A window of two points or, where that has none, of one.
+fn shortest(excess: &mut Excess<'_>, options: &BestOptions, seed: &Seed) -> Option<Grown> {
+    [2, 1].into_iter().find_map(|points| feasible(excess, options, &seed.x, &seed.q, points))
 }
 
 /// Makes the window longer as long as that succeeds.

@@ -1,12 +1,10 @@
 //! Who may order what: sessions of nodes, gains and limits, certificates, and keyed orders. Repeats of what was
 //! found by abuse, each as a test, in the core and over the wire.
 
-#[path = "../bench/mod.rs"]
-mod bench;
 mod edges;
 mod keyed;
 
-use bench::*;
+use crate::bench::*;
 use firmware::authority::{Peer, Seed};
 use firmware::fault::{Cause, Refusal};
 use firmware::groups::powercube::PowerCubes;

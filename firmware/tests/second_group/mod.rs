@@ -6,11 +6,9 @@
 //!
 //! The witness is the robot: its positions are compared with the closed form of the throw in double precision.
 
-#[path = "../bench/mod.rs"]
-mod bench;
 mod robots;
 
-use bench::{HA, HB, HOST, joint, throw_file, throw_reference, throw_start};
+use crate::bench::{HA, HB, HOST, joint, throw_file, throw_reference, throw_start};
 use firmware::Controller;
 use firmware::authority::Seed;
 use firmware::fault::{Cause, Fault, Refusal};
@@ -97,7 +95,7 @@ struct Cell {
     now: u64,
     packet_due: u64,
     packets: u32,
-    rng: bench::Rng,
+    rng: crate::bench::Rng,
     /// Packets arrive up to so much late.
     jitter_us: u64,
     heartbeat: bool,
@@ -139,7 +137,7 @@ impl Cell {
             now: 0,
             packet_due: 1_000,
             packets: 0,
-            rng: bench::Rng(7),
+            rng: crate::bench::Rng(7),
             jitter_us: 0,
             heartbeat: true,
             gripper: Vec::new(),

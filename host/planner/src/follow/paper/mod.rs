@@ -9,151 +9,29 @@
 //! grid is made finer ([`PaperOptions::refinements`]) around the best releases and around those that promise more but fail in the
 //! last tests: all neighbours at half the step, then at a quarter, and so on.
 
+mod options;
+
 use std::cmp::Ordering;
 use std::f64::consts::{PI, TAU};
 
+use crate::follow::clear::{Clear, Scenes};
+use crate::follow::found::{Found, NotFound, SearchSize, Stage, StageCounts};
+use crate::follow::hand::HandLaw;
+use crate::follow::limits::{AXES, Axes};
+use crate::follow::motion::{FollowMotion, Peaks, RampPlan, Ramps};
+use crate::follow::parabola::Parabola;
+use crate::follow::posture::{Posture, Reach};
+use crate::follow::ramp::RampShape;
+use crate::follow::setting::Setting;
 use nalgebra::Vector3;
+pub use options::{Criterion, GridAxis, PaperOptions, RampTiming};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
-
-use super::clear::{Clear, Scenes};
-use super::found::{Found, NotFound, SearchSize, Stage, StageCounts};
-use super::hand::HandLaw;
-use super::limits::{AXES, Axes};
-use super::motion::{FollowMotion, Peaks, RampPlan, Ramps};
-use super::parabola::Parabola;
-use super::posture::{Posture, Reach};
-use super::ramp::RampShape;
-use super::setting::Setting;
-
-/// First value, last value, and number of steps between them.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct GridAxis {
-    /// First value.
-    pub from: f64,
-    /// Last value.
-    pub to: f64,
-    /// Number of values, at least 1.
-    pub count: usize,
-}
-
-impl GridAxis {
-    pub fn values(&self) -> impl Iterator<Item = f64> + Clone + use<> {
-        let Self { from, to, count } = *self;
-        let step = if count > 1 { (to - from) / (count - 1) as f64 } else { 0.0 };
-        (0..count).map(move |k| from + step * k as f64)
-    }
-}
-
-/// How the ramps of the axes are timed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum RampTiming {
-    /// All axes start and stop together, the slowest with the full acceleration.
-    Synchronised,
-    /// Every axis takes its own shortest time; all are ready at the same instant.
-    Own,
-}
-
-/// Which of the feasible throws is the best.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Criterion {
-    /// The smallest j2 (equation 8).
-    J2,
-    /// The most followed points, then the smallest j1.
-    Points,
-}
-
-/// Resolution, weights and limits of the search.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct PaperOptions {
-    /// Radius of the cylinders in m.
-    pub radius_m: GridAxis,
-    /// Height of the release above the base in m.
-    pub height_m: GridAxis,
-    /// Number of places on a cylinder.
-    pub places: usize,
-    /// Places are up to this angle away from the azimuth of the target, in rad; π: all around.
-    pub sector_rad: f64,
-    /// Angle of the throw to the horizontal in deg.
-    pub beta_deg: GridAxis,
-    /// Number of rolls about v0.
-    pub rolls: usize,
-    /// Diagonal of W (equation 7).
-    pub w: [f64; AXES],
-    /// Diagonal of G (equation 8).
-    pub g: [f64; 2],
-    /// Timing of the ramps.
-    pub ramps: RampTiming,
-    /// What is the best.
-    pub criterion: Criterion,
-    /// How often the steps of the grid are halved around the best releases; 0: the grid alone.
-    pub refinements: u32,
-}
 
 /// Releases of the grid around which it is made finer: feasible ones, and ones that only the last tests refuse.
 const REFINED: usize = 24;
 const REFINED_MISSES: usize = 72;
 /// Moves to a better neighbour before the step is halved.
 const MOVES: usize = 4;
-
-impl PaperOptions {
-    /// A grid that covers the reach of an arm, each axis with a number of values in proportion to `resolution` (1 takes
-    /// seconds, 2 about 32 times as long).
-    #[must_use]
-    pub fn covering(reach_m: f64, base_z_m: f64, floor_z_m: f64, resolution: f64) -> Self {
-        let values = |count: f64| ((count * resolution).round() as usize).max(2);
-        Self {
-            radius_m: GridAxis { from: 0.25 * reach_m, to: 0.95 * reach_m, count: values(8.0) },
-            height_m: GridAxis {
-                from: (base_z_m - 0.7 * reach_m).max(floor_z_m + 0.1),
-                to: base_z_m + 0.8 * reach_m,
-                count: values(10.0),
-            },
-            places: values(36.0),
-            sector_rad: PI,
-            beta_deg: GridAxis { from: -30.0, to: 75.0, count: values(15.0) },
-            rolls: values(24.0),
-            w: [1.0; AXES],
-            g: [1.0; 2],
-            ramps: RampTiming::Synchronised,
-            criterion: Criterion::J2,
-            refinements: 0,
-        }
-    }
-
-    /// Angles about A1 from the azimuth of the target. All around, the last is one step before the first.
-    fn places_rad(&self) -> (impl Iterator<Item = f64> + use<>, f64) {
-        let (count, sector_rad) = (self.places, self.sector_rad.min(PI));
-        let all_around = sector_rad >= PI;
-        let from = if all_around { 0.0 } else { -sector_rad };
-        let gaps = if all_around { count } else { count.saturating_sub(1) };
-        let step = 2.0 * sector_rad / gaps.max(1) as f64;
-        ((0..count).map(move |k| from + step * k as f64), step)
-    }
-
-    /// Steps of the grid.
-    fn steps(&self) -> Release {
-        let step = |axis: &GridAxis| (axis.to - axis.from) / (axis.count.max(2) - 1) as f64;
-        Release {
-            place_rad: self.places_rad().1,
-            radius_m: step(&self.radius_m),
-            height_m: step(&self.height_m),
-            beta_deg: step(&self.beta_deg),
-            roll_rad: TAU / self.rolls as f64,
-        }
-    }
-
-    /// Number of releases in the grid.
-    #[must_use]
-    pub fn size(&self) -> u64 {
-        [self.radius_m.count, self.height_m.count, self.places, self.beta_deg.count, self.rolls]
-            .into_iter()
-            .map(|n| n as u64)
-            .product()
-    }
-}
 
 /// `q̇ᵀ W q̇` in rad²/s² (equation 6).
 #[must_use]
@@ -241,6 +119,7 @@ fn offsets(neighbour: u32) -> [f64; 5] {
     std::array::from_fn(|k| f64::from(neighbour / 3_u32.pow(k as u32) % 3) - 1.0)
 }
 
+#[derive(Clone, Copy)]
 struct Search<'a> {
     setting: &'a Setting<'a>,
     options: &'a PaperOptions,
@@ -253,17 +132,8 @@ struct Search<'a> {
 /// # Errors
 /// [`NotFound`] with the number of releases that each test refused.
 pub fn plan(setting: &Setting<'_>, options: &PaperOptions) -> Result<Found, Box<NotFound>> {
-    let together = match options.ramps {
-        RampTiming::Synchronised => 1.0,
-        RampTiming::Own => 0.0,
-    };
-    let ramps = RampPlan { shape: RampShape { blend_s: 0.0, fade_s: 0.0 }, together };
-    let search = Search { setting, options, reach: Reach::new(setting.arm), ramps };
-    // Where the throw is to go only turns the grid, so the places are counted from the azimuth of the target.
-    let azimuth = setting.target.y.atan2(setting.target.x);
-    let places = options.places_rad().0.map(|place_rad| azimuth + place_rad);
-    let searched: Vec<_> =
-        places.collect::<Vec<_>>().into_par_iter().map(|place| search.place(place)).collect();
+    let search = Search::new(setting, options);
+    let searched: Vec<_> = search.places_rad().into_par_iter().map(|place| search.place(place)).collect();
     let (mut found, mut misses, mut counts) = (Vec::new(), Vec::new(), StageCounts::default());
     for (some, missed, counted) in searched {
         found.extend(some);
@@ -285,6 +155,20 @@ pub fn plan(setting: &Setting<'_>, options: &PaperOptions) -> Result<Found, Box<
         Some(found) => Ok(search.finished(&found, size)),
         None => Err(Box::new(NotFound { size })),
     }
+}
+
+/// Whether the grid, without its refinements, holds a feasible release: ends at the first.
+#[must_use]
+pub fn is_feasible(setting: &Setting<'_>, options: &PaperOptions) -> bool {
+    let search = Search::new(setting, options);
+    let lines = search.places_rad().into_par_iter().flat_map_iter(|place_rad| {
+        options.radius_m.values().flat_map(move |radius_m| search.on_line(place_rad, radius_m))
+    });
+    lines.any(|(at, flight)| {
+        let scenes = Scenes::new();
+        let mut trial = Trial::new(setting, &scenes);
+        flight.is_some_and(|flight| search.rolled(at).any(|at| search.release(&at, &flight, &mut trial)))
+    })
 }
 
 /// What one task of the search has found so far.
@@ -312,7 +196,44 @@ impl From<Stage> for Refused {
     }
 }
 
-impl Search<'_> {
+impl<'a> Search<'a> {
+    fn new(setting: &'a Setting<'a>, options: &'a PaperOptions) -> Self {
+        let together = match options.ramps {
+            RampTiming::Synchronised => 1.0,
+            RampTiming::Own => 0.0,
+        };
+        let ramps = RampPlan { shape: RampShape { blend_s: 0.0, fade_s: 0.0 }, together };
+        Self { setting, options, reach: Reach::new(setting.arm), ramps }
+    }
+
+    /// Angles about A1 in the world: where the throw is to go only turns the grid, so they are counted from the azimuth of the
+    /// target.
+    fn places_rad(&self) -> Vec<f64> {
+        let azimuth = self.setting.target.y.atan2(self.setting.target.x);
+        self.options.places_rad().0.map(|place_rad| azimuth + place_rad).collect()
+    }
+
+    /// Heights and angles of the grid on one line of a cylinder, with their flights: `None` if no parabola leaves there.
+    fn on_line(
+        &self,
+        place_rad: f64,
+        radius_m: f64,
+    ) -> impl Iterator<Item = (Release, Option<Parabola>)> + use<'a> {
+        let (setting, options) = (self.setting, self.options);
+        options.height_m.values().flat_map(move |height_m| {
+            options.beta_deg.values().map(move |beta_deg| {
+                let at = Release { place_rad, radius_m, height_m, beta_deg, roll_rad: 0.0 };
+                (at, at.flight(setting))
+            })
+        })
+    }
+
+    /// A release with each roll of the grid.
+    fn rolled(&self, at: Release) -> impl Iterator<Item = Release> + use<> {
+        let rolls = self.options.rolls;
+        (0..rolls).map(move |roll| Release { roll_rad: -PI + TAU * roll as f64 / rolls as f64, ..at })
+    }
+
     /// The best release of each cylinder at one angle about A1, and the best that failed in the last tests.
     fn place(&self, place_rad: f64) -> (Vec<Candidate>, Vec<Candidate>, StageCounts) {
         let scenes = Scenes::new();
@@ -320,17 +241,13 @@ impl Search<'_> {
         let (mut found, mut misses) = (Vec::new(), Vec::new());
         let options = self.options;
         for radius_m in options.radius_m.values() {
-            for height_m in options.height_m.values() {
-                for beta_deg in options.beta_deg.values() {
-                    let at = Release { place_rad, radius_m, height_m, beta_deg, roll_rad: 0.0 };
-                    let Some(flight) = at.flight(self.setting) else {
-                        trial.counts.add(Stage::Flight, options.rolls as u64);
-                        continue;
-                    };
-                    for roll in 0..options.rolls {
-                        let at = Release { roll_rad: -PI + TAU * roll as f64 / options.rolls as f64, ..at };
-                        self.release(&at, &flight, &mut trial);
-                    }
+            for (at, flight) in self.on_line(place_rad, radius_m) {
+                let Some(flight) = flight else {
+                    trial.counts.add(Stage::Flight, options.rolls as u64);
+                    continue;
+                };
+                for at in self.rolled(at) {
+                    self.release(&at, &flight, &mut trial);
                 }
             }
             found.extend(trial.best.take());

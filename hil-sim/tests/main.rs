@@ -1,0 +1,29 @@
+//! The tests of this package as one program: it is linked once.
+
+mod bus;
+mod checkers;
+mod cli;
+mod common;
+mod drive_cell;
+mod drive_commands;
+mod drive_life;
+mod drive_motions;
+mod drive_rig;
+mod drive_states;
+mod fault_confinement;
+mod krc_exchange;
+mod krc_faults;
+mod krc_motion;
+mod krc_rig;
+mod krc_scenario;
+mod krc_served;
+mod mechanics_dynamics;
+mod realtime;
+mod scenario;
+mod scenario_cell;
+mod serve;
+mod serve_krc;
+mod serve_tracker;
+mod served;
+mod tracker;
+mod world;

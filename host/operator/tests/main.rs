@@ -1,0 +1,21 @@
+//! The tests of this package as one program: it is linked once.
+
+mod analysis;
+mod bus_operator;
+mod bus_session;
+mod catch_degradation;
+mod catch_truth;
+mod common;
+mod live;
+mod online;
+mod operators;
+mod rally;
+mod rsi_common;
+mod rsi_faults;
+mod rsi_files;
+mod rsi_identify;
+mod rsi_link;
+mod rsi_throw;
+mod rsi_wire;
+mod tracker_frames;
+mod tracker_sockets;

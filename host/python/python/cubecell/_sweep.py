@@ -1,0 +1,68 @@
+"""Throws to many targets, as Parquet part files."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from . import _native
+from ._robot import Robot, source_of
+
+
+@dataclass(frozen=True)
+class Swept:
+    """What came of the shards that were asked for."""
+
+    #: Shards that were made now.
+    made: int
+    #: Shards that were there already.
+    there: int
+
+
+def sweep(
+    robot: Robot | str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    *,
+    targets: str | os.PathLike[str] | None = None,
+    x_m: Sequence[float] | None = None,
+    y_m: Sequence[float] | None = None,
+    z_m: Sequence[float] | None = None,
+    shard: tuple[int, int] | None = None,
+    shards: int | None = None,
+    library: str | os.PathLike[str] | None = None,
+    fast: bool = False,
+    starts: int | None = None,
+    seed: int = 1,
+    draws: int = 0,
+    options: Sequence[str] = (),
+) -> Swept:
+    """Plans throws to many targets, as ``cubectl plan sweep`` does: the same words make files of the same bytes.
+
+    Targets are a CSV or Parquet file with the columns ``x_m, y_m, z_m``, or a grid: each of ``x_m``, ``y_m`` and ``z_m`` is from, to
+    and step. ``shard`` is the number of a shard, from 1, and how many there are: one file of the folder ``out``. ``shards`` makes all
+    of so many. Shards that are there are not made again. A call uses all cores, or as many as ``RAYON_NUM_THREADS`` says.
+
+    Raises :class:`CubecellError` if something is refused; the folder of another sweep is, and is left as it is. Ctrl-C ends the call;
+    files that are there are whole.
+    """
+    words = ["--robot", source_of(robot), "--out", os.fspath(out), f"--seed={seed}"]
+    words += ["--targets", os.fspath(targets)] if targets is not None else []
+    for name, axis in (("x", x_m), ("y", y_m), ("z", z_m)):
+        words += [f"--{name}=" + ",".join(repr(float(value)) for value in axis)] if axis is not None else []
+    words += [f"--shard={shard[0]}/{shard[1]}"] if shard is not None else []
+    words += [f"--shards={shards}"] if shards is not None else []
+    words += ["--library", os.fspath(library)] if library is not None else []
+    words += ["--fast"] if fast else []
+    words += [f"--starts={starts}"] if starts is not None else []
+    words += [f"--draws={draws}"] if draws else []
+    made, there = _native.sweep([*words, *options])
+    return Swept(made, there)
+
+
+def sweep_summary(out: str | os.PathLike[str]) -> dict[str, Any]:
+    """What the parts of a sweep say together, as ``cubectl plan sweep --summary OUT --json`` tells it."""
+    told: dict[str, Any] = json.loads(_native.sweep_summary(os.fspath(out)))
+    return told

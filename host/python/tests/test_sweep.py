@@ -1,0 +1,139 @@
+"""Sweeps: part files against the program's, read by pyarrow, and made on Dask workers of which one is killed."""
+
+import contextlib
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import cubecell
+import pyarrow as pa  # type: ignore[import-untyped]
+import pyarrow.parquet as pq  # type: ignore[import-untyped]
+import pytest
+
+CUBECTL = os.environ["CUBECTL"]
+EXAMPLE = Path(__file__).parent.parent / "examples" / "sweep_on_dask.py"
+GRID = ["--x=0.7,1.9,0.3", "--y=-0.4,0.4,0.4", "--z=-1,0,0.5"]
+FAST = ["--form", "paper", "--fast", "--starts", "2"]
+
+
+def cubectl(*words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([CUBECTL, *words], capture_output=True, text=True)
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    """All files of a folder, what is left of killed processes as well."""
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def parts(folder: Path) -> dict[str, bytes]:
+    return {name: data for name, data in files(folder).items() if not name.endswith(".tmp")}
+
+
+def test_a_sweep_has_the_bytes_of_the_program(tmp_path: Path) -> None:
+    told = cubectl("plan", "sweep", *GRID, *FAST, "--shards", "5", "--out", str(tmp_path / "program"))
+    assert told.returncode == 0, told.stderr
+    x, y, z = [0.7, 1.9, 0.3], [-0.4, 0.4, 0.4], [-1.0, 0.0, 0.5]
+    for number in (5, 3, 1, 2, 4):
+        made = cubecell.sweep(
+            "powercube6", tmp_path / "mine", x_m=x, y_m=y, z_m=z, shard=(number, 5), fast=True, starts=2, options=FAST[:2]
+        )
+        assert made == cubecell.Swept(made=1, there=0)
+    assert files(tmp_path / "mine") == files(tmp_path / "program")
+    again = cubecell.sweep(
+        "powercube6", tmp_path / "mine", x_m=x, y_m=y, z_m=z, shards=5, fast=True, starts=2, options=FAST[:2]
+    )
+    assert again == cubecell.Swept(made=0, there=5)
+    summary = cubectl("plan", "sweep", "--summary", str(tmp_path / "program"), "--json")
+    assert cubecell.sweep_summary(tmp_path / "mine") == json.loads(summary.stdout)
+    with pytest.raises(cubecell.CubecellError, match="seed: 1 there, 2 asked for") as refused:
+        cubecell.sweep(
+            "powercube6", tmp_path / "mine", x_m=x, y_m=y, z_m=z, shards=5, fast=True, starts=2, seed=2, options=FAST[:2]
+        )
+    assert refused.value.exit_code == 4
+
+
+def test_pyarrow_reads_the_plans_of_the_program(tmp_path: Path) -> None:
+    # A list that pyarrow has written, compressed as it does by default.
+    rows = [(1.0, 1.0, -1.0), (9.0, 0.0, 0.0), (1.4, -0.5, -0.5), (0.9, 0.2, -0.25)]
+    names = ["x_m", "y_m", "z_m"]
+    pq.write_table(pa.table({name: [row[i] for row in rows] for i, name in enumerate(names)}), tmp_path / "targets.parquet")
+    words = [*FAST, "--draws", "50", "--hit-radius-m", "0.05"]
+    made = cubectl("plan", "sweep", "--targets", str(tmp_path / "targets.parquet"), *words, "--shards", "2", "--out", str(tmp_path / "out"))
+    assert made.returncode == 0, made.stderr
+    table = pa.concat_tables(pq.read_table(path) for path in sorted((tmp_path / "out").glob("*.parquet")))
+    assert table.column("row").to_pylist() == list(range(len(rows)))
+    for row, target in zip(table.to_pylist(), rows, strict=True):
+        assert (row["x_m"], row["y_m"], row["z_m"]) == target
+        single = ["--target=" + ",".join(map(repr, target)), *FAST, "--hit-radius-m", "0.05", "--json"]
+        told = cubectl("plan", "throw", *single)
+        if told.returncode != 0:
+            assert row["outcome"] == "refused" and row["note"] in told.stderr and row["objective"] is None
+            continue
+        plan = json.loads(told.stdout)
+        release, landing = plan["release"], plan["landing"]
+        assert row["outcome"] == "thrown" and row["note"] == ""
+        assert row["objective"] == plan["objective"]["value"]
+        assert (row["release_s"], row["duration_s"]) == (plan["release_time_s"], plan["end_time_s"])
+        assert (row["flight_s"], row["hit_probability"]) == (landing["flight_s"], landing["hit_probability"])
+        assert [row[f"release_{axis}_m"] for axis in "xyz"] == release["position_m"]
+        assert [row[f"release_v{axis}_m_s"] for axis in "xyz"] == release["velocity_m_s"]
+        for name, key, unit in (("q", "q_rad", "rad"), ("qd", "qd_rad_s", "rad_s"), ("qdd", "qdd_rad_s2", "rad_s2")):
+            assert [row[f"release_{name}{joint}_{unit}"] for joint in range(1, 7)] == release[key]
+        assert row["plan_crc32"] == zlib.crc32(told.stdout.encode())
+        assert row["draws_landed"] == 50 and 0 <= row["draws_hit"] <= 50
+        # The share of hits and the probability by another rule: 50 draws are within 0.3 of it but once in ten thousand.
+        assert abs(row["draws_hit"] / 50 - row["hit_probability"]) < 0.3
+    assert table.column("outcome").to_pylist().count("refused") == 1
+
+
+def wait_for(what: str, holds: Iterator[bool]) -> None:
+    """Looks until it holds; the end of patience is far beyond what it takes."""
+    end = time.monotonic() + 120
+    for held in holds:
+        if held:
+            return
+        assert time.monotonic() < end, what
+        time.sleep(0.02)
+
+
+def test_a_worker_of_dask_is_killed_in_mid_run_and_the_bytes_are_the_same(tmp_path: Path) -> None:
+    # All in reach: two milliseconds each.
+    grid = ["--x=1.0,1.4,0.01", "--y=-0.1,0.1,0.1", "--z=-1,-0.5,0.05"]
+    shards = 24
+    whole = cubectl("plan", "sweep", *grid, *FAST, "--shards", str(shards), "--out", str(tmp_path / "whole"))
+    assert whole.returncode == 0, whole.stderr
+    environment = {**os.environ, "RAYON_NUM_THREADS": "1"}
+    with contextlib.ExitStack() as stack:
+
+        def start(*words: str) -> subprocess.Popen[str]:
+            log = stack.enter_context((tmp_path / f"{len(started)}.log").open("w"))
+            process = subprocess.Popen([sys.executable, *words], env=environment, stdout=log, stderr=log, text=True, cwd=tmp_path)
+            started.append(process)
+            stack.callback(process.wait)
+            stack.callback(process.kill)
+            return process
+
+        started: list[subprocess.Popen[str]] = []
+        address_file = tmp_path / "scheduler.json"
+        start("-m", "distributed.cli.dask_scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", str(address_file))
+        wait_for("the scheduler", (address_file.exists() for _ in iter(int, 1)))
+        words = ["-m", "distributed.cli.dask_worker", "--scheduler-file", str(address_file), "--nthreads", "1", "--no-nanny"]
+        first = start(*words, "--no-dashboard")
+        start(*words, "--no-dashboard")
+        address = json.loads(address_file.read_text())["address"]
+        out = tmp_path / "out"
+        run = start(str(EXAMPLE), address, str(out), str(shards), *grid, *FAST)
+        # In mid-run: a part is whole, and at least half are not.
+        wait_for("a part", (len(list(out.glob("*.parquet"))) > 0 for _ in iter(int, 1)))
+        first.send_signal(signal.SIGKILL)
+        assert len(list(out.glob("*.parquet"))) < shards / 2
+        assert run.wait(timeout=300) == 0, "\n".join(log.read_text() for log in tmp_path.glob("*.log"))
+    assert parts(out) == parts(tmp_path / "whole")
+    assert re.fullmatch("[0-9a-f]{8}", cubecell.sweep_summary(out)["crc32"])

@@ -1,0 +1,4 @@
+//! The tests of this package as one program: it is linked once.
+
+mod folder;
+mod targets;

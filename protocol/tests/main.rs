@@ -1,0 +1,10 @@
+//! The tests of this package as one program: it is linked once.
+
+mod common;
+mod cyphal_messages;
+mod cyphal_node;
+mod cyphal_receiver;
+mod cyphal_transport;
+mod dbc;
+mod powercube_properties;
+mod powercube_vectors;
