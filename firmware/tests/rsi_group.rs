@@ -58,6 +58,7 @@ struct Robot {
     open: Option<u64>,
     stopped: bool,
     a_max: f64,
+    v_max: f64,
 }
 
 impl Robot {
@@ -73,6 +74,7 @@ impl Robot {
             open: None,
             stopped: false,
             a_max: 0.0,
+            v_max: 0.0,
         }
     }
 
@@ -85,6 +87,7 @@ impl Robot {
             q: self.q,
             open: self.open,
             a_max: self.a_max,
+            v_max: self.v_max,
             set: self.set.clone(),
             ..Self::new(set)
         };
@@ -102,6 +105,7 @@ impl Robot {
         for i in 0..AXES {
             let a = (set[i] - 2.0 * last[i] + before[i]) / (PERIOD_US as f64 * 1e-6).powi(2);
             self.a_max = self.a_max.max(a.abs());
+            self.v_max = self.v_max.max((set[i] - last[i]).abs() / (PERIOD_US as f64 * 1e-6));
         }
         self.set.push(set);
         // Dead time, then the lag, solved exactly on the line between two delayed set points.
@@ -436,40 +440,49 @@ fn silent_robot_is_told_and_its_return_resumes_nothing() {
     }
 }
 
-#[test]
-fn telegrams_that_arrive_unevenly_make_no_leaps_of_the_set_points() {
-    let (even, _) = {
-        let (mut cell, start) = Cell::thrown();
-        cell.run_until(400, StateKind::Ready);
-        (cell.robot.a_max, start)
-    };
+/// Largest acceleration and speed of the set points in a throw whose telegrams arrive up to so much late.
+fn set_points_with_jitter(jitter_us: u64) -> (f64, f64) {
     let (mut cell, start) = Cell::thrown();
-    cell.jitter_us = 4_000;
+    cell.jitter_us = jitter_us;
     cell.run_until(400, StateKind::Ready);
     assert_eq!(cell.robot.late, 0);
-    // The throw itself needs what it needs with even arrival; 4 ms at 2.5 rad/s are 70 rad/s2 if they pass through.
-    assert!(cell.robot.a_max < even + 6.0, "{} {even}", cell.robot.a_max);
-    assert!(cell.robot.a_max <= CUT_OUT_RAD_S2);
     let away = cell.away_rad(start, start);
     assert!(away < 0.012, "{away}");
+    (cell.robot.a_max, cell.robot.v_max)
 }
 
-/// A busy computer: some telegrams are handed over more than half a cycle late. Taken by the time they would count as two
-/// cycles, and the path would leap.
+/// A network delays telegrams by some milliseconds, a busy computer by more than half a cycle. Each counts as one cycle, and the
+/// reference keeps its pace: it follows the arrival by 23 us per cycle at most, 2 rad/s of which are 1 rad/s2 and 0.2 % of the
+/// speed. A planned speed may be 0.5 % below the limit at which a robot stops.
 #[test]
-fn telegrams_that_are_handed_over_late_count_as_one_cycle_each() {
-    let even = {
+fn telegrams_that_arrive_unevenly_or_late_change_neither_pace_nor_acceleration_of_the_set_points() {
+    let (a_even, v_even) = set_points_with_jitter(0);
+    assert!((2.0..3.0).contains(&v_even), "{v_even}");
+    for jitter_us in [4_000, 9_500] {
+        let (a, v) = set_points_with_jitter(jitter_us);
+        assert!(a < a_even + 1.0 && v < 1.0025 * v_even, "{jitter_us} us: {a} {a_even}, {v} {v_even}");
+    }
+}
+
+/// The robot stood for longer than a cycle, and its telegrams come later from then on. The arrival is caught up with slowly.
+#[test]
+fn robot_that_stood_for_some_cycles_sees_no_faster_set_points_afterwards() {
+    let (_, v_even) = set_points_with_jitter(0);
+    for stood_us in [7_000, 20_000] {
         let (mut cell, _) = Cell::thrown();
+        for _ in 0..UNDER_WAY {
+            cell.step();
+        }
+        cell.next += stood_us;
+        for _ in 0..5 {
+            cell.step();
+        }
+        cell.next += stood_us;
         cell.run_until(400, StateKind::Ready);
-        cell.robot.a_max
-    };
-    let (mut cell, _) = Cell::thrown();
-    cell.jitter_us = 9_500;
-    cell.run_until(400, StateKind::Ready);
-    assert_eq!(cell.robot.late, 0);
-    // 9.5 ms, a sixteenth of which passes through, are 10 rad/s2 at 2.5 rad/s.
-    assert!(cell.robot.a_max < even + 13.0, "{} {even}", cell.robot.a_max);
-    assert!(cell.robot.a_max <= CUT_OUT_RAD_S2);
+        let v = cell.robot.v_max;
+        assert!(v < 1.0025 * v_even, "{stood_us} us: {v} {v_even}");
+        assert!(cell.robot.a_max <= CUT_OUT_RAD_S2);
+    }
 }
 
 #[test]

@@ -1,14 +1,17 @@
 //! The controller behind real sockets of this machine, in lock step: nothing depends on how fast the machine is.
 
+use std::cell::Cell;
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, UdpSocket};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::JoinHandle;
 
 use crate::krc_rig::{ARM, MS, between, config, wide};
 use hil_sim::krc::bench::{RobotFault, RobotFaults};
 use hil_sim::krc::options::Space;
 use hil_sim::krc::serve::{Mode, ServeError, ServeOptions, Served, serve};
-use hil_sim::krc::{DatagramLink, Direction, Krc, LinkFault, LinkFaultKind, LinkOptions};
+use hil_sim::krc::{DatagramLink, Direction, Krc, KrcEvent, LinkFault, LinkFaultKind, LinkOptions};
 use rsi_protocol::Generation;
 
 /// What a client of a few lines answers: a sine on A1, by the number in the telegram.
@@ -97,7 +100,7 @@ impl Run {
             7,
         );
         let mut log = String::new();
-        let mut observe = |event: &hil_sim::krc::KrcEvent| log.push_str(&format!("{event}\n"));
+        let mut observe = |event: &KrcEvent| log.push_str(&format!("{event}\n"));
         let mut faults = RobotFaults::new(&self.robot_faults);
         let served = serve(&mut krc, &mut link, &mut faults, &options, &|| true, &mut observe);
         if self.protocol == "UDP" {
@@ -170,6 +173,52 @@ fn robot_whose_client_begins_late_takes_one_answer_to_the_telegram_that_it_repea
     // The first of the 100 telegrams has a number only.
     assert!(answers >= 99 + COPIES - 1, "{answers}");
     assert_eq!((served.telegrams, served.late, served.refused, served.fault), (100, 0, 0, None));
+}
+
+/// In real time, with answers that are in the socket long before the simulator looks: after part of a cycle and after two.
+#[test]
+fn robot_that_is_held_up_blames_no_answer_that_waited_for_it() {
+    let mut options = wide(Generation::KrC2);
+    options.late.limit = 100_000;
+    let mut krc = Krc::new(ARM.clone(), config("UDP", Space::Axes, true), options, 7).unwrap();
+    let (answered, sent) = (Arc::new(AtomicU64::new(0)), Cell::new(0));
+    let (socket, count) = (UdpSocket::bind("127.0.0.1:0").unwrap(), Arc::clone(&answered));
+    let pc = socket.local_addr().unwrap();
+    let client = std::thread::spawn(move || {
+        let mut buffer = [0; 2048];
+        loop {
+            let (length, from) = socket.recv_from(&mut buffer).unwrap();
+            if length == 0 {
+                return;
+            }
+            if let Some(answer) = answer(std::str::from_utf8(&buffer[..length]).unwrap()) {
+                socket.send_to(answer.as_bytes(), from).unwrap();
+                count.fetch_add(1, Ordering::SeqCst);
+            }
+        }
+    });
+    let serving = ServeOptions {
+        pc,
+        mode: Mode::RealTime,
+        cycles: Some(30),
+        answer_limit: protocol::Duration::from_secs(120),
+    };
+    let goes_on = || {
+        while answered.load(Ordering::SeqCst) < sent.get() {
+            std::thread::yield_now();
+        }
+        std::thread::sleep(std::time::Duration::from_millis([0, 11, 28][sent.get() as usize % 3]));
+        true
+    };
+    let mut observe =
+        |event: &KrcEvent| sent.set(sent.get() + u64::from(matches!(event, KrcEvent::Cycle(_))));
+    let mut link = DatagramLink::new(LinkOptions::default(), &[], 7);
+    let served =
+        serve(&mut krc, &mut link, &mut RobotFaults::default(), &serving, &goes_on, &mut observe).unwrap();
+    UdpSocket::bind("127.0.0.1:0").unwrap().send_to(&[], pc).unwrap();
+    client.join().unwrap();
+    assert_eq!((served.telegrams, served.late, served.refused, served.fault), (30, 0, 0, None));
+    assert!(served.held_up >= 9, "{}", served.held_up);
 }
 
 #[test]

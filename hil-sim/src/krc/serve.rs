@@ -1,7 +1,8 @@
 //! The controller behind a socket.
 //!
 //! * **Real time**: a cycle lasts as long as on the robot. If this program itself is held up, its time stands still for
-//!   that long, so that a client is not blamed for it; how often is reported.
+//!   that long, and answers that wait in the socket count as in time, so that a client is not blamed for it; how often
+//!   is reported.
 //! * **Lock step**: the time of the robot is its cycle count. After each telegram the controller waits for the answer,
 //!   however long the client takes. An answer with a smaller IPOC is handed over (and refused) and the wait goes on;
 //!   anything else ends the wait.
@@ -141,7 +142,7 @@ pub fn serve(
     while goes_on() && options.cycles.is_none_or(|cycles| session.served.telegrams < cycles) {
         let all = [session.krc.poll_timeout(), session.link.poll_timeout(), faults.poll_timeout()];
         let Some(due) = all.into_iter().flatten().min() else { break };
-        if !session.reach(due) {
+        if !session.reach(due)? {
             continue;
         }
         session.exchange()?;
@@ -191,10 +192,10 @@ struct Session<'a> {
 
 impl Session<'_> {
     /// Moves the robot's time to `due`; `false` if something came before or it is not yet time.
-    fn reach(&mut self, due: Instant) -> bool {
+    fn reach(&mut self, due: Instant) -> Result<bool, ServeError> {
         if self.options.mode == Mode::LockStep {
             self.now = self.now.max(due);
-            return true;
+            return Ok(true);
         }
         let mut now = self.clock.now().saturating_sub(self.held_up);
         let half_a_cycle = Duration::from_micros(self.krc.options().cycle.as_micros() / 2);
@@ -203,16 +204,19 @@ impl Session<'_> {
             self.served.held_up += 1;
             now = due;
         }
-        self.now = self.now.max(now);
+        // What waits in the socket came before `due`, although this program looks only now.
+        self.now = self.now.max(now.min(due.saturating_sub(Duration::from_micros(1))));
         let something = self.poll_once();
-        if self.now >= due {
-            return true;
+        if now >= due {
+            self.exchange()?;
+            self.now = self.now.max(now);
+            return Ok(true);
         }
         if !something {
             let limit = due.saturating_since(self.now).min(LONGEST_SLEEP);
             self.port.wait(std::time::Duration::from_micros(limit.as_micros()));
         }
-        false
+        Ok(false)
     }
 
     /// Takes what has arrived at the socket into the network; `true` if there was something.

@@ -57,9 +57,9 @@ const WINDOWS: u64 = 3;
 const LEAD_CYCLES: u64 = 4;
 /// The grid follows arrival times with this fraction, as 1/n.
 const GRID_SHARE: u64 = 16;
-/// And by this share of the period at most, as 1/n: clocks drift by far less, and a telegram that was held up for longer than a
-/// cycle moves the set points of a fast robot (4 ms) no more than those of a slow one.
-const GRID_CAP: u64 = 32;
+/// And by this share of the period at most, as 1/n. It raises the speed of set points by the same share, and a planned speed may
+/// be 0.5 % below the robot's limit. Clocks drift by less than a tenth of it.
+const GRID_CAP: u64 = 512;
 /// Telegrams in a row with lagging axes that end a path.
 const LAGGING_ROW: u8 = 3;
 
@@ -140,18 +140,20 @@ impl Rsi {
     ///
     /// Its number says how many: a telegram that a busy computer or a held-up robot hands over late, but before it counts as
     /// missed, is still the next one. The time says it for a number ahead by more than one cycle, which is wrong, and after a
-    /// silence, in which the robot stood.
+    /// silence since the telegram before, in which the robot stood.
     fn advance_grid(&mut self, now: Instant, period: Duration, ipoc: u64) -> u32 {
         let period_us = period.as_micros().max(1);
-        let since_us = now.saturating_since(self.grid).as_micros();
-        let by_time = (since_us.saturating_add(period_us / 2) / period_us).max(1);
+        let cycles_since = |at: Instant| {
+            (now.saturating_since(at).as_micros().saturating_add(period_us / 2) / period_us).max(1)
+        };
+        let by_time = cycles_since(self.grid);
         let rise = ipoc.saturating_sub(self.ipoc);
         if rise > 0 && (self.ipoc_step == 0 || rise < self.ipoc_step) {
             self.ipoc_step = rise;
         }
         let by_number = rise.checked_div(self.ipoc_step).unwrap_or(by_time).max(1);
         let is_ahead = by_number > by_time.saturating_add(1);
-        let is_missed = by_time >= by_number.saturating_add(WINDOWS);
+        let is_missed = cycles_since(self.heard_at) >= by_number.saturating_add(WINDOWS);
         let cycles = if is_ahead || is_missed { by_time } else { by_number };
         let expected = self.grid + period * cycles;
         let towards =
@@ -464,14 +466,15 @@ mod tests {
         let after = |ms: u64, ipoc: u64| {
             let mut group = Rsi { ipoc: 100, ipoc_step: 4, ..Rsi::new(Options::default()) };
             group.grid = Instant::from_micros(1_000_000);
+            group.heard_at = group.grid;
             let now = group.grid + Duration::from_millis(ms);
             (group.advance_grid(now, period, ipoc), group.grid)
         };
         assert_eq!(after(4, 104), (1, Instant::from_micros(1_004_000)));
-        // Held up by more than a cycle: the next telegram all the same, and the grid follows slowly, by 1/32 of a cycle at most.
-        assert_eq!(after(12, 104), (1, Instant::from_micros(1_004_125)));
-        assert_eq!(after(5, 104), (1, Instant::from_micros(1_004_062)));
-        assert_eq!(after(3, 104), (1, Instant::from_micros(1_003_938)));
+        // Held up by more than a cycle: the next telegram all the same, and the grid follows slowly, by 1/512 of a cycle at most.
+        assert_eq!(after(12, 104), (1, Instant::from_micros(1_004_007)));
+        assert_eq!(after(5, 104), (1, Instant::from_micros(1_004_007)));
+        assert_eq!(after(3, 104), (1, Instant::from_micros(1_003_993)));
         assert_eq!(after(12, 112).0, 3, "two were lost");
         assert_eq!(after(40, 104).0, 10, "a silence");
         assert_eq!(after(4, 2_900).0, 1, "a wrong number");

@@ -50,6 +50,8 @@ pub(super) struct Setpoints {
     period: Duration,
 }
 
+/// Largest share of a speed limit: a robot that judges the difference of two rounded set points stops at the limit itself.
+const WITHIN_LIMIT: f32 = 0.999;
 /// Speed below which an axis stands, rad/s.
 const STANDS_RAD_S: f32 = 1e-5;
 
@@ -155,7 +157,8 @@ impl Setpoints {
             match self.mode {
                 Mode::Tracking => {
                     let (from, to) = (self.reference_before_rad.get(joint), self.reference_rad.get(joint));
-                    axis.follow(from, to, limits.v_max_rad_s, options.a_cap_rad_s2, dt_s);
+                    let v_max_rad_s = WITHIN_LIMIT * limits.v_max_rad_s;
+                    axis.follow(from, to, v_max_rad_s, options.a_cap_rad_s2, dt_s);
                 }
                 Mode::Moving => {
                     axis.approach(self.end_rad.get(joint), limits.jog_v_rad_s, limits.jog_a_rad_s2, dt_s);
