@@ -17,6 +17,7 @@ mod residual;
 mod rest;
 mod retarget;
 mod rsi_group;
+mod rsi_orders;
 mod runner;
 mod samples;
 mod second_group;

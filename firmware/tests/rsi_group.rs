@@ -19,12 +19,12 @@ use firmware::store::{FileName, RamStorage};
 use protocol::cyphal::crc::Crc64;
 use protocol::{Duration, Instant};
 
-const AXES: usize = 6;
-const PERIOD_US: u64 = 12_000;
-const DEAD_CYCLES: usize = 8;
+pub(crate) const AXES: usize = 6;
+pub(crate) const PERIOD_US: u64 = 12_000;
+pub(crate) const DEAD_CYCLES: usize = 8;
 const LAG_S: f64 = 0.024;
 /// 2000 deg/s2: where a simulated KR C cuts out.
-const CUT_OUT_RAD_S2: f64 = 34.906_585;
+pub(crate) const CUT_OUT_RAD_S2: f64 = 34.906_585;
 
 fn settings() -> Settings {
     Settings { cycle_period_us: PERIOD_US as u32, gains_certificate_crc32: 0, ..Settings::powercube6() }
@@ -32,7 +32,7 @@ fn settings() -> Settings {
 
 /// What the network does to the telegram of a cycle, or to its answer.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-enum Wire {
+pub(crate) enum Wire {
     #[default]
     Fine,
     TelegramLost,
@@ -46,19 +46,21 @@ enum Wire {
     OtherNumber,
 }
 
-struct Robot {
-    ipoc: u64,
-    start: [f64; AXES],
+pub(crate) struct Robot {
+    pub(crate) ipoc: u64,
+    pub(crate) start: [f64; AXES],
     /// Set points by cycle, newest last.
-    set: Vec<[f64; AXES]>,
-    q: [f64; AXES],
-    accepted: Option<[f64; AXES]>,
-    correction: [f64; AXES],
-    late: u32,
-    open: Option<u64>,
-    stopped: bool,
-    a_max: f64,
-    v_max: f64,
+    pub(crate) set: Vec<[f64; AXES]>,
+    pub(crate) q: [f64; AXES],
+    pub(crate) accepted: Option<[f64; AXES]>,
+    pub(crate) correction: [f64; AXES],
+    pub(crate) late: u32,
+    pub(crate) open: Option<u64>,
+    pub(crate) stopped: bool,
+    pub(crate) a_max: f64,
+    pub(crate) v_max: f64,
+    /// Cycles from a set point to the beginning of its effect.
+    pub(crate) dead_cycles: usize,
 }
 
 impl Robot {
@@ -75,11 +77,12 @@ impl Robot {
             stopped: false,
             a_max: 0.0,
             v_max: 0.0,
+            dead_cycles: DEAD_CYCLES,
         }
     }
 
     /// A new program run: the start pose is where the set points stand.
-    fn restart(&mut self) {
+    pub(crate) fn restart(&mut self) {
         let set = *self.set.last().unwrap();
         self.set = vec![set; 2 * DEAD_CYCLES];
         *self = Self {
@@ -88,6 +91,7 @@ impl Robot {
             open: self.open,
             a_max: self.a_max,
             v_max: self.v_max,
+            dead_cycles: self.dead_cycles,
             set: self.set.clone(),
             ..Self::new(set)
         };
@@ -110,7 +114,7 @@ impl Robot {
         self.set.push(set);
         // Dead time, then the lag, solved exactly on the line between two delayed set points.
         let n = self.set.len();
-        let (from, to) = (self.set[n - 2 - DEAD_CYCLES], self.set[n - 1 - DEAD_CYCLES]);
+        let (from, to) = (self.set[n - 2 - self.dead_cycles], self.set[n - 1 - self.dead_cycles]);
         let dt = PERIOD_US as f64 * 1e-6;
         for i in 0..AXES {
             let slope = (to[i] - from[i]) / dt;
@@ -120,7 +124,7 @@ impl Robot {
         self.ipoc += 1;
     }
 
-    fn telegram(&self) -> Telegram {
+    pub(crate) fn telegram(&self) -> Telegram {
         let pose = |q: [f64; AXES]| {
             let mut pose = PerJoint::splat(0.0);
             for (i, q) in q.into_iter().enumerate() {
@@ -138,27 +142,27 @@ impl Robot {
     }
 }
 
-struct Cell {
-    controller: Box<Controller<RamStorage, Spline, Rsi>>,
-    robot: Robot,
+pub(crate) struct Cell {
+    pub(crate) controller: Box<Controller<RamStorage, Spline, Rsi>>,
+    pub(crate) robot: Robot,
     /// Beginning of the next cycle.
-    next: u64,
-    now: u64,
-    cycle: u64,
-    wire: fn(u64) -> Wire,
-    held_back: Option<Telegram>,
-    answers: Vec<u64>,
-    track: Vec<(u64, [f64; AXES])>,
-    asked: bool,
+    pub(crate) next: u64,
+    pub(crate) now: u64,
+    pub(crate) cycle: u64,
+    pub(crate) wire: fn(u64) -> Wire,
+    pub(crate) held_back: Option<Telegram>,
+    pub(crate) answers: Vec<u64>,
+    pub(crate) track: Vec<(u64, [f64; AXES])>,
+    pub(crate) asked: bool,
     /// The robot sends nothing.
-    silent: bool,
+    pub(crate) silent: bool,
     /// Telegrams arrive up to so much after they were sent.
-    jitter_us: u64,
-    rng: crate::bench::Rng,
+    pub(crate) jitter_us: u64,
+    pub(crate) rng: crate::bench::Rng,
 }
 
 impl Cell {
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let group = Rsi::new(Options {
             lower_rad: PerJoint::splat(-6.0),
             upper_rad: PerJoint::splat(6.0),
@@ -183,15 +187,15 @@ impl Cell {
         }
     }
 
-    fn kind(&self) -> StateKind {
+    pub(crate) fn kind(&self) -> StateKind {
         self.controller.state().kind()
     }
 
-    fn cause(&self) -> Option<Cause> {
+    pub(crate) fn cause(&self) -> Option<Cause> {
         self.controller.state().fault().map(|fault| fault.cause)
     }
 
-    fn at(&self) -> Instant {
+    pub(crate) fn at(&self) -> Instant {
         Instant::from_micros(self.now)
     }
 
@@ -231,7 +235,7 @@ impl Cell {
         }
     }
 
-    fn step(&mut self) {
+    pub(crate) fn step(&mut self) {
         self.deadlines_until(self.next);
         if self.robot.stopped || self.silent {
             self.next += PERIOD_US;
@@ -273,7 +277,7 @@ impl Cell {
         }
     }
 
-    fn run_until(&mut self, cycles: u64, kind: StateKind) {
+    pub(crate) fn run_until(&mut self, cycles: u64, kind: StateKind) {
         for _ in 0..cycles {
             if self.kind() == kind {
                 return;
@@ -283,11 +287,12 @@ impl Cell {
         assert_eq!(self.kind(), kind, "{:?}", self.controller.state());
     }
 
-    fn order(&mut self, order: Order) -> Done {
+    pub(crate) fn order(&mut self, order: Order) -> Done {
         self.controller.order(self.at(), HOST, order).unwrap()
     }
 
-    fn thrown() -> (Self, u64) {
+    /// Ready, with a throw committed.
+    pub(crate) fn ready() -> (Self, FileName) {
         let mut cell = Self::new();
         cell.run_until(100, StateKind::Ready);
         let file = throw_file(PERIOD_US as u32, true);
@@ -296,6 +301,12 @@ impl Cell {
         }
         let name = FileName { crc64: Crc64::of(&file), len: file.len() as u32 };
         cell.order(Order::Commit(name));
+        (cell, name)
+    }
+
+    /// In a throw; and when its plan begins, us.
+    pub(crate) fn thrown() -> (Self, u64) {
+        let (mut cell, name) = Self::ready();
         let valid = Duration::from_secs(5);
         let Done::Offer { token, .. } = cell.order(Order::ArmPrepare { crc64: name.crc64, valid }) else {
             panic!("no offer")
@@ -310,7 +321,7 @@ impl Cell {
     }
 
     /// Largest distance of the robot from the closed form of the throw since `from`, rad.
-    fn away_rad(&self, start: u64, from: u64) -> f64 {
+    pub(crate) fn away_rad(&self, start: u64, from: u64) -> f64 {
         let away = |&(at, q): &(u64, [f64; AXES])| {
             let t = (at as f64 - start as f64) * 1e-6;
             (0..AXES).map(|i| (q[i] - throw_reference(i, t).0).abs()).fold(0.0, f64::max)
@@ -320,7 +331,7 @@ impl Cell {
 }
 
 /// Cycles of a throw until the arm is well on its way.
-const UNDER_WAY: u64 = 40;
+pub(crate) const UNDER_WAY: u64 = 40;
 
 #[test]
 fn robot_behind_dead_time_and_lag_is_on_the_path_at_the_time_of_the_path() {

@@ -327,6 +327,7 @@ fn after(from: RampState, target_rad: f32, v_ramp_rad_s: f32, a_rad_s2: f32, dt_
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use protocol::Duration;
 
     /// Generator in small steps in double precision: an oracle that switches by itself.
     fn by_steps(from: RampState, target: f64, v_ramp: f64, a: f64, seconds: f64) -> (f64, f64) {
@@ -387,6 +388,61 @@ mod tests {
             }
         }
         None
+    }
+
+    /// Against the differential equation `lag dy/dt = u - y` in small steps, with u on a ramp of 2 rad/s2.
+    #[test]
+    fn position_is_behind_the_generator_like_the_output_of_a_first_order_lag() {
+        for dt_s in [1e-3f32, 3e-3] {
+            let mut model = DriveModel::at_rest(Instant::ZERO, 0.0);
+            model.command(3.0, 1.0, 2.0);
+            let (mut y, mut moved_rad) = (0.0f64, 0.0f32);
+            for k in 1..=300 {
+                let t = dt_s * k as f32;
+                moved_rad += model.advance(Instant::from_micros((t * 1e6).round() as u64), dt_s, 5e-3);
+                for i in 0..1_000 {
+                    let s = f64::from(dt_s) * (f64::from(k - 1) + (f64::from(i) + 0.5) / 1_000.0);
+                    let u = if s < 0.5 { s * s } else { 0.25 + (s - 0.5) };
+                    y += (u - y) / 5e-3 * f64::from(dt_s) / 1_000.0;
+                }
+                let behind_rad = f64::from(model.generator.q_rad) - y;
+                // A series stands for the exponential function.
+                let away = (f64::from(model.behind_rad) - behind_rad).abs();
+                assert!(away < 2e-5, "{t}: {away}");
+                assert!((f64::from(moved_rad) - y).abs() < 3e-5, "{t}: {moved_rad} {y}");
+            }
+        }
+    }
+
+    #[test]
+    fn drive_that_begins_to_move_at_any_time_and_place_is_not_objected_to() {
+        let begin = Instant::from_micros(5_000_000);
+        let mut model = DriveModel::at_rest(begin, -1.5);
+        model.command(0.5, 1.0, 2.0);
+        let start = RampState { q_rad: -1.5, v_rad_s: 0.0 };
+        for k in 1..200u64 {
+            let q_rad = after(start, 0.5, 1.0, 2.0, 3e-3 * k as f32).q_rad;
+            assert_eq!(model.compare(begin + Duration::from_millis(3) * k, q_rad, 0.0), None, "{k}");
+            assert!(model.r_rad().abs() < 1e-5 && model.drift_rad_s().abs() < 1e-3, "{model:?}");
+        }
+        assert!(
+            (model.r_max_rad() - (R0_RAD + T_JITTER_S)).abs() < 1e-6,
+            "at 1 rad/s: {}",
+            model.r_max_rad()
+        );
+    }
+
+    #[test]
+    fn nothing_is_compared_after_a_halt_until_the_drive_stands_again() {
+        let mut model = DriveModel::at_rest(Instant::ZERO, 0.0);
+        model.stop_watching();
+        for k in 1..20u64 {
+            assert_eq!(model.compare(Instant::from_micros(3_000 * k), 0.1 * k as f32, 0.0), None);
+        }
+        let mut model = DriveModel::at_rest(Instant::from_micros(60_000), 1.9);
+        let found =
+            (1..20u64).find_map(|k| model.compare(Instant::from_micros(60_000 + 3_000 * k), 2.0, 0.0));
+        assert!(found.is_some());
     }
 
     #[test]
