@@ -307,20 +307,7 @@ impl Pair {
         if let Some(release_s) = thrower.release_s().filter(|_| !by_hand) {
             court.release_at(Instant::ZERO + Duration::from_secs_f64(release_s));
         }
-        let mut run = Run {
-            catcher: Catcher::new(arm, options.settings, &options.wait),
-            watch: BallWatch::new(WatchOptions {
-                prior: options.cooperative.then(|| {
-                    let ArmPlace { model, x_wb } = &self.court.arms[0];
-                    thrower.prior(model, x_wb, aimed, &options.scatter)
-                }),
-                ..self.watch_options(options)
-            }),
-            stream: MarkerStream::new(),
-            refusals: Vec::new(),
-            seen: Vec::new(),
-            used: [0.0; 3],
-        };
+        let mut run = self.new_run(arm, &thrower, aimed, options);
         if options.cooperative {
             run.decide(executor, SETTLE_S, &mut timed);
         }
@@ -350,10 +337,7 @@ impl Pair {
                 watch.see(now_s, joints);
             }
             if step % TOUCH_EVERY == 0 && !arms_touched {
-                let ArmPlace { model, x_wb } = &self.court.arms[0];
-                let boxes = model.boxes_at(&model.fk(&both[0].q)).into_iter();
-                let boxes: Vec<Obb> = boxes.map(|b| Obb::new(*x_wb * b.pose, b.half_m)).collect();
-                arms_touched = touch(&boxes, &arm.boxes(&joints.q));
+                arms_touched = self.arms_touch(&both[0].q, &arm.boxes(&joints.q));
             }
             while let Some(bytes) = court.poll_datagram() {
                 let Ok(Some(frame)) = run.stream.push(&bytes, now_s) else { continue };
@@ -392,6 +376,36 @@ impl Pair {
             off_m: run.catcher.log().last().map(|logged| logged.off_m),
             trace,
         }
+    }
+
+    /// The catcher before it has seen anything.
+    fn new_run<'a>(
+        &self,
+        arm: &'a CatchArm,
+        thrower: &Thrower,
+        aimed: &Aimed,
+        options: &TrialOptions,
+    ) -> Run<'a> {
+        let prior = options.cooperative.then(|| {
+            let ArmPlace { model, x_wb } = &self.court.arms[0];
+            thrower.prior(model, x_wb, aimed, &options.scatter)
+        });
+        Run {
+            catcher: Catcher::new(arm, options.settings, &options.wait),
+            watch: BallWatch::new(WatchOptions { prior, ..self.watch_options(options) }),
+            stream: MarkerStream::new(),
+            refusals: Vec::new(),
+            seen: Vec::new(),
+            used: [0.0; 3],
+        }
+    }
+
+    /// Whether the throwing arm at `q_rad` touches the boxes of the other one.
+    fn arms_touch(&self, q_rad: &Joints, others: &[Obb]) -> bool {
+        let ArmPlace { model, x_wb } = &self.court.arms[0];
+        let boxes = model.boxes_at(&model.fk(q_rad)).into_iter();
+        let boxes: Vec<Obb> = boxes.map(|b| Obb::new(*x_wb * b.pose, b.half_m)).collect();
+        touch(&boxes, others)
     }
 
     /// The court with the trial's faults.

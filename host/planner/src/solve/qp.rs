@@ -118,17 +118,36 @@ impl<const D: usize> Factor<D> {
 struct ActiveSet<const D: usize> {
     n: usize,
     m: usize,
+    /// The minimum under the active constraints.
+    x: Row<D>,
     /// J = L⁻ᵀ Q, column by column.
     j: Square<D>,
     /// Upper triangular R of the active normals, column by column.
     r: Square<D>,
     count: usize,
+    /// Active equalities: the first of all.
+    fixed: usize,
     /// Constraint numbers and their multipliers.
     index: [usize; D],
     u: Row<D>,
 }
 
 impl<const D: usize> ActiveSet<D> {
+    /// Without constraints.
+    fn new(factor: &Factor<D>, g: &Row<D>, n: usize) -> Self {
+        let (zero, m) = ([0.0; D], padded(n));
+        let (j, r) = (factor.columns, [zero; D]);
+        let mut set = Self { n, m, x: zero, j, r, count: 0, fixed: 0, index: [0; D], u: zero };
+        // x = -J Jᵀ g: no constraint is active yet, so all columns count.
+        set.x = set.primal(&set.project(g)).map(|z| -z);
+        set
+    }
+
+    /// `a x + c`.
+    fn value(&self, constraint: &Constraint<D>) -> f64 {
+        dot(&constraint.a, &self.x, self.m) + constraint.c
+    }
+
     /// `d = Jᵀ a`.
     fn project(&self, a: &Row<D>) -> Row<D> {
         let mut d = [0.0; D];
@@ -217,6 +236,81 @@ impl<const D: usize> ActiveSet<D> {
             self.rotate(k + 1, c, s);
         }
     }
+
+    /// Moves to where the multiplier of the constraint that is being added grows by `t`: in primal space along `z`, if there is a
+    /// way, in dual space along `r`.
+    fn go(&mut self, t: f64, z: Option<&Row<D>>, r: &Row<D>) {
+        for k in 0..self.count {
+            self.u[k] -= t * r[k];
+        }
+        if let Some(z) = z {
+            add_scaled(&mut self.x, t, z, self.m);
+        }
+    }
+
+    /// Makes an equality hold.
+    fn fix(&mut self, number: usize, equality: &Constraint<D>) -> Result<(), QpFailure> {
+        let d = self.project(&equality.a);
+        let z = self.primal(&d);
+        let r = self.dual(&d);
+        let zn = dot(&z, &equality.a, self.m);
+        if zn <= 1e-13 {
+            // Depends on the equalities before it: harmless if it holds already.
+            let holds = self.value(equality).abs() <= 1e-9;
+            return if holds { Ok(()) } else { Err(QpFailure::Infeasible) };
+        }
+        let t = -self.value(equality) / zn;
+        self.go(t, Some(&z), &r);
+        if !self.add(d, number, t) {
+            return Err(QpFailure::Numerical);
+        }
+        self.fixed = self.count;
+        Ok(())
+    }
+
+    /// Longest step that keeps the multipliers of the active inequalities positive, and the position of the one that ends it.
+    fn dual_limit(&self, r: &Row<D>) -> (f64, usize) {
+        let mut limit = (f64::INFINITY, 0);
+        for k in self.fixed..self.count {
+            if r[k] > 1e-14 && self.u[k] / r[k] < limit.0 {
+                limit = (self.u[k] / r[k], k);
+            }
+        }
+        limit
+    }
+
+    /// Makes an inequality hold; drops those whose multipliers would turn negative.
+    fn activate(
+        &mut self,
+        number: usize,
+        inequality: &Constraint<D>,
+        is_active: &mut [bool],
+    ) -> Result<(), QpFailure> {
+        let mut u = 0.0;
+        for _ in 0..4 * D {
+            let d = self.project(&inequality.a);
+            let z = self.primal(&d);
+            let r = self.dual(&d);
+            let (t1, blocking) = self.dual_limit(&r);
+            let zn = dot(&z, &inequality.a, self.m);
+            let scale = dot(&d, &d, self.m);
+            let has_way = zn > 1e-13 * scale.max(1e-12);
+            let t2 = if has_way { -self.value(inequality) / zn } else { f64::INFINITY };
+            let t = t1.min(t2);
+            if t == f64::INFINITY {
+                return Err(QpFailure::Infeasible);
+            }
+            self.go(t, has_way.then_some(&z), &r);
+            u += t;
+            if t2 <= t1 {
+                is_active[number] = true;
+                return if self.add(d, number, u) { Ok(()) } else { Err(QpFailure::Numerical) };
+            }
+            is_active[self.index[blocking]] = false;
+            self.drop(blocking);
+        }
+        Err(QpFailure::Numerical)
+    }
 }
 
 /// Solves the program of `n` variables.
@@ -230,112 +324,42 @@ pub(crate) fn solve<const D: usize>(
     ineq: &[Constraint<D>],
     likely: &[usize],
 ) -> Result<QpSolution<D>, QpFailure> {
-    let m = padded(n);
-    let mut set =
-        ActiveSet { n, m, j: factor.columns, r: [[0.0; D]; D], count: 0, index: [0; D], u: [0.0; D] };
-    // x = -J Jᵀ g: no constraint is active yet, so all columns count.
-    let mut x = set.primal(&set.project(g)).map(|z| -z);
-
-    for (number, constraint) in eq.iter().enumerate() {
-        let d = set.project(&constraint.a);
-        let z = set.primal(&d);
-        let r = set.dual(&d);
-        let zn = dot(&z, &constraint.a, m);
-        if zn <= 1e-13 {
-            // Depends on the equalities before it: harmless if it holds already.
-            if (dot(&constraint.a, &x, m) + constraint.c).abs() > 1e-9 {
-                return Err(QpFailure::Infeasible);
-            }
-            continue;
-        }
-        let t = -(dot(&constraint.a, &x, m) + constraint.c) / zn;
-        add_scaled(&mut x, t, &z, m);
-        for k in 0..set.count {
-            set.u[k] -= t * r[k];
-        }
-        if !set.add(d, number, t) {
-            return Err(QpFailure::Numerical);
-        }
+    let mut set = ActiveSet::new(factor, g, n);
+    for (number, equality) in eq.iter().enumerate() {
+        set.fix(number, equality)?;
     }
-    let fixed = set.count;
-
     let mut is_active = vec![false; ineq.len()];
-    // The most violated row, measured in its own length.
-    let most_violated = |x: &Row<D>, is_active: &[bool]| {
-        let value = |number: usize| (dot(&ineq[number].a, x, m) + ineq[number].c, number);
-        let pick = |worst: (f64, usize), now: (f64, usize)| if now.0 < worst.0 { now } else { worst };
-        let none = (-1e-11, usize::MAX);
-        let first = likely.iter().filter(|k| !is_active[**k]).map(|k| value(*k)).fold(none, pick);
-        if first.1 != usize::MAX {
-            return Some(first);
-        }
-        let all = (0..ineq.len()).filter(|k| !is_active[*k]).map(value).fold(none, pick);
-        (all.1 != usize::MAX).then_some(all)
-    };
     for _ in 0..MAX_CHANGES {
-        let Some((worst_value, number)) = most_violated(&x, &is_active) else {
-            let mut solution = QpSolution { d: x, eq: vec![0.0; eq.len()], ineq: vec![0.0; ineq.len()] };
+        let Some(number) = most_violated(&set, ineq, likely, &is_active) else {
+            let mut solution = QpSolution { d: set.x, eq: vec![0.0; eq.len()], ineq: vec![0.0; ineq.len()] };
             for k in 0..set.count {
                 // A dependent equality is not in the set, so positions say nothing; `fixed` does.
-                let into = if k < fixed { &mut solution.eq } else { &mut solution.ineq };
+                let into = if k < set.fixed { &mut solution.eq } else { &mut solution.ineq };
                 into[set.index[k]] = set.u[k];
             }
             return Ok(solution);
         };
-        let constraint = &ineq[number];
-        let mut u_new = 0.0;
-        let mut s = worst_value;
-        let mut inner = 0;
-        loop {
-            inner += 1;
-            if inner > 4 * D {
-                return Err(QpFailure::Numerical);
-            }
-            let d = set.project(&constraint.a);
-            let z = set.primal(&d);
-            let r = set.dual(&d);
-            // Longest step that keeps the multipliers of active inequalities positive.
-            let mut t1 = f64::INFINITY;
-            let mut blocking = 0;
-            for k in fixed..set.count {
-                if r[k] > 1e-14 {
-                    let t = set.u[k] / r[k];
-                    if t < t1 {
-                        t1 = t;
-                        blocking = k;
-                    }
-                }
-            }
-            let zn = dot(&z, &constraint.a, m);
-            let scale = dot(&d, &d, m);
-            let t2 = if zn > 1e-13 * scale.max(1e-12) { -s / zn } else { f64::INFINITY };
-            let t = t1.min(t2);
-            if t == f64::INFINITY {
-                return Err(QpFailure::Infeasible);
-            }
-            for k in 0..set.count {
-                set.u[k] -= t * r[k];
-            }
-            u_new += t;
-            if t2 == f64::INFINITY {
-                is_active[set.index[blocking]] = false;
-                set.drop(blocking);
-                continue;
-            }
-            add_scaled(&mut x, t, &z, m);
-            if t2 <= t1 {
-                if !set.add(d, number, u_new) {
-                    return Err(QpFailure::Numerical);
-                }
-                is_active[number] = true;
-                break;
-            }
-            is_active[set.index[blocking]] = false;
-            set.drop(blocking);
-            s = dot(&constraint.a, &x, m) + constraint.c;
-        }
+        set.activate(number, &ineq[number], &mut is_active)?;
     }
     Err(QpFailure::Numerical)
+}
+
+/// The most violated inequality, measured in its own length; of the likely ones if one of them is violated.
+fn most_violated<const D: usize>(
+    set: &ActiveSet<D>,
+    ineq: &[Constraint<D>],
+    likely: &[usize],
+    is_active: &[bool],
+) -> Option<usize> {
+    let value = |number: usize| (set.value(&ineq[number]), number);
+    let pick = |worst: (f64, usize), now: (f64, usize)| if now.0 < worst.0 { now } else { worst };
+    let none = (-1e-11, usize::MAX);
+    let first = likely.iter().filter(|k| !is_active[**k]).map(|k| value(*k)).fold(none, pick);
+    if first.1 != usize::MAX {
+        return Some(first.1);
+    }
+    let all = (0..ineq.len()).filter(|k| !is_active[*k]).map(value).fold(none, pick);
+    (all.1 != usize::MAX).then_some(all.1)
 }
 
 /// Bound on active-set changes; programs of this size need some 30.

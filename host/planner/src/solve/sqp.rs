@@ -129,132 +129,198 @@ pub fn solve<const D: usize, T: Task<D>>(
     settings: &Settings,
     warm: Option<Multipliers>,
 ) -> Local<D> {
-    let n = task.variables();
-    let mut x = *start;
-    let (mut rows, mut next) = (Rows::default(), Rows::default());
-    rows.evaluate(task, &x);
-    let mut believed = warm.is_some();
-    let mut multipliers = warm.unwrap_or_else(|| Multipliers::zero(task.numbers()));
-    let mut penalty = 10.0_f64;
-    let mut memory: Vec<(f64, f64)> = Vec::with_capacity(MEMORY);
-    let mut iterations = 0;
-    let mut likely: Vec<usize> = Vec::new();
-    let mut violation = rows.worst();
-    let mut stalls = 0;
-    let mut w = [[0.0; D]; D];
-    let mut factor: Option<Matrix<D>> = None;
-    let mut mark = (f64::INFINITY, 0);
-    while iterations < settings.iterations_max && violation.is_finite() && rows.objective.is_finite() {
-        iterations += 1;
-        if violation < 0.5 * mark.0 || violation <= DESCENDING_VIOLATION {
-            mark = (violation, iterations);
-        } else if iterations - mark.1 > settings.patience {
-            break;
-        }
-        likely.clear();
-        likely.extend((0..rows.ineq.len()).filter(|k| multipliers.ineq[rows.ineq_id[*k]] > 0.0));
-        if factor.is_none() {
-            hessian(task, &x, &multipliers, &mut w);
-            // Variables that do not matter (a shift along a fixed axis) need some curvature.
-            for (k, row) in w.iter_mut().enumerate().take(n) {
-                row[k] += 1e-6;
-            }
-            let near = believed && violation <= PRICED_VIOLATION;
-            factor = Matrix::convex(&mut w, &rows, if near { &likely } else { &[] }, n);
-        }
-        let Some(used) = factor.take() else { break };
-        let gradient = used.gradient(&rows, n);
-        // A program that is feasible only by a huge step says nothing about here: treat it like an infeasible one.
-        let far = |d: &Row<D>| d[task.angles()].iter().any(|d| d.abs() > STEP_FAR_RAD);
-        let (d, eq, ineq, plain) = match qp::solve(&used.factor, &gradient, n, &rows.eq, &rows.ineq, &likely)
-        {
-            Ok(s) if !far(&s.d) => (s.d, s.eq, s.ineq, true),
-            Ok(_) | Err(QpFailure::Infeasible | QpFailure::Numerical) => match relaxed(&w, &rows, n) {
-                Some((d, eq, ineq)) => (d, eq, ineq, false),
-                None => break,
-            },
-        };
-        let largest = multipliers.set(&rows, &eq, &ineq);
-        let wanted = (1.5 * largest + 1.0).min(1e6);
-        // The penalty follows the multipliers up at once and down slowly.
-        penalty = if wanted > penalty { wanted } else { (0.7 * penalty + 0.3 * wanted).max(1.0) };
+    let mut run = Run::new(task, start, settings, warm);
+    while run.may_go_on() && run.step().is_some() {}
+    let Run { x, rows, next, violation, iterations, multipliers, .. } = run;
+    let mut end = Local { x, objective: rows.objective, violation, iterations, multipliers };
+    step_back(task, settings, &mut end, rows, next);
+    end
+}
 
-        let slope: f64 = rows.gradient.iter().zip(&d).take(n).map(|(g, d)| g * d).sum();
-        let total = rows.total();
-        let predicted = slope - penalty * total;
-        let small_change = slope.abs() <= settings.objective * rows.objective.abs().max(1e-3);
-        if violation <= settings.feasibility && small_change {
-            break;
+/// A solve under way.
+struct Run<'t, const D: usize, T> {
+    task: &'t T,
+    settings: &'t Settings,
+    x: Row<D>,
+    /// Rows at `x`.
+    rows: Rows<D>,
+    /// Room for the rows of a trial.
+    next: Rows<D>,
+    violation: f64,
+    iterations: usize,
+    multipliers: Multipliers,
+    /// Inequalities with a multiplier.
+    likely: Vec<usize>,
+    /// Whether the multipliers are those of a program whose constraints agree, or of a near solution.
+    believed: bool,
+    penalty: f64,
+    /// Objective and total violation of the last steps.
+    memory: Vec<(f64, f64)>,
+    stalls: usize,
+    /// Hessian of the Lagrangian, convex.
+    w: Square<D>,
+    /// Matrix of the step before, if it is used again.
+    factor: Option<Matrix<D>>,
+    /// Violation when it was last halved, and the step that did it.
+    mark: (f64, usize),
+}
+
+/// What the program of a step says.
+struct Direction<const D: usize> {
+    d: Row<D>,
+    /// Whether the linearised constraints agree with each other.
+    plain: bool,
+    used: Matrix<D>,
+}
+
+impl<'t, const D: usize, T: Task<D>> Run<'t, D, T> {
+    fn new(task: &'t T, start: &Row<D>, settings: &'t Settings, warm: Option<Multipliers>) -> Self {
+        let mut rows = Rows::default();
+        rows.evaluate(task, start);
+        Self {
+            task,
+            settings,
+            x: *start,
+            violation: rows.worst(),
+            rows,
+            next: Rows::default(),
+            iterations: 0,
+            likely: Vec::new(),
+            believed: warm.is_some(),
+            multipliers: warm.unwrap_or_else(|| Multipliers::zero(task.numbers())),
+            penalty: 10.0,
+            memory: Vec::with_capacity(MEMORY),
+            stalls: 0,
+            w: [[0.0; D]; D],
+            factor: None,
+            mark: (f64::INFINITY, 0),
+        }
+    }
+
+    fn may_go_on(&self) -> bool {
+        self.iterations < self.settings.iterations_max
+            && self.violation.is_finite()
+            && self.rows.objective.is_finite()
+    }
+
+    /// One step; `None` ends the run.
+    fn step(&mut self) -> Option<()> {
+        let n = self.task.variables();
+        self.iterations += 1;
+        if self.violation < 0.5 * self.mark.0 || self.violation <= DESCENDING_VIOLATION {
+            self.mark = (self.violation, self.iterations);
+        } else if self.iterations - self.mark.1 > self.settings.patience {
+            return None;
+        }
+        let Direction { mut d, plain, used } = self.direction()?;
+        let slope: f64 = self.rows.gradient.iter().zip(&d).take(n).map(|(g, d)| g * d).sum();
+        let small_change = slope.abs() <= self.settings.objective * self.rows.objective.abs().max(1e-3);
+        if self.violation <= self.settings.feasibility && small_change {
+            return None;
         }
         let short = |most: f64| d.iter().take(n).all(|d| d.abs() < most);
-        let near_the_end = violation <= GIVE_UP_VIOLATION && short(GIVE_UP_STEP);
-        if near_the_end && rows.objective + 2.0 * slope.min(0.0) > settings.give_up_above {
-            break;
+        let near_the_end = self.violation <= GIVE_UP_VIOLATION && short(GIVE_UP_STEP);
+        if near_the_end && self.rows.objective + 2.0 * slope.min(0.0) > self.settings.give_up_above {
+            return None;
         }
         let chord = short(CHORD_STEP);
         // Nothing left to gain, or no steps left to gain it, but not feasible yet: steps along a nearly flat valley would
         // bend out of the constraints again and again, so only go back into them, the shortest way.
-        let out_of_steps = iterations + LAST_STEPS > settings.iterations_max && violation < LAST_VIOLATION;
-        let finish = small_change && violation < NEARLY_FEASIBLE || out_of_steps;
-        let mut d = d;
-        if believed && finish {
-            match qp::solve(&used.factor, &[0.0; D], n, &rows.eq, &rows.ineq, &likely) {
+        let out_of_steps =
+            self.iterations + LAST_STEPS > self.settings.iterations_max && self.violation < LAST_VIOLATION;
+        let finish = small_change && self.violation < NEARLY_FEASIBLE || out_of_steps;
+        if self.believed && finish {
+            let back = qp::solve(&used.factor, &[0.0; D], n, &self.rows.eq, &self.rows.ineq, &self.likely);
+            match back {
                 Ok(back) => d = back.d,
                 Err(QpFailure::Infeasible | QpFailure::Numerical) => {}
             }
         }
-        let reference =
-            memory.iter().map(|(f, v)| f + penalty * v).fold(rows.objective + penalty * total, f64::max);
-        memory.push((rows.objective, total));
-        if memory.len() > MEMORY {
-            memory.remove(0);
+        let full = self.go_along(&d, slope)? && plain;
+        let before = std::mem::replace(&mut self.violation, self.rows.worst());
+        // The step that has just been taken was the last one needed.
+        if full && self.believed && finish && self.violation <= self.settings.feasibility {
+            return None;
         }
-        let mut alpha = step_limit(task, &d);
-        let mut accepted = false;
+        if full && self.believed && chord && self.violation <= (CHORD_SHARE * before).max(1e-7) {
+            self.factor = Some(used);
+        }
+        self.believed = plain;
+        Some(())
+    }
+
+    /// Solves the program of this step; its multipliers become those of the run.
+    fn direction(&mut self) -> Option<Direction<D>> {
+        let n = self.task.variables();
+        let rows = &self.rows;
+        self.likely.clear();
+        self.likely.extend((0..rows.ineq.len()).filter(|k| self.multipliers.ineq[rows.ineq_id[*k]] > 0.0));
+        if self.factor.is_none() {
+            hessian(self.task, &self.x, &self.multipliers, &mut self.w);
+            // Variables that do not matter (a shift along a fixed axis) need some curvature.
+            for (k, row) in self.w.iter_mut().enumerate().take(n) {
+                row[k] += 1e-6;
+            }
+            let near = self.believed && self.violation <= PRICED_VIOLATION;
+            let priced: &[usize] = if near { &self.likely } else { &[] };
+            self.factor = Matrix::convex(&mut self.w, rows, priced, n);
+        }
+        let used = self.factor.take()?;
+        let gradient = used.gradient(rows, n);
+        // A program that is feasible only by a huge step says nothing about here: treat it like an infeasible one.
+        let far = |d: &Row<D>| d[self.task.angles()].iter().any(|d| d.abs() > STEP_FAR_RAD);
+        let (d, eq, ineq, plain) =
+            match qp::solve(&used.factor, &gradient, n, &rows.eq, &rows.ineq, &self.likely) {
+                Ok(s) if !far(&s.d) => (s.d, s.eq, s.ineq, true),
+                Ok(_) | Err(QpFailure::Infeasible | QpFailure::Numerical) => {
+                    let (d, eq, ineq) = relaxed(&self.w, rows, n)?;
+                    (d, eq, ineq, false)
+                }
+            };
+        let largest = self.multipliers.set(rows, &eq, &ineq);
+        let wanted = (1.5 * largest + 1.0).min(1e6);
+        // The penalty follows the multipliers up at once and down slowly.
+        self.penalty =
+            if wanted > self.penalty { wanted } else { (0.7 * self.penalty + 0.3 * wanted).max(1.0) };
+        Some(Direction { d, plain, used })
+    }
+
+    /// Moves along `d` as far as the merit function allows; whether that was the full step. `None`: nowhere.
+    fn go_along(&mut self, d: &Row<D>, slope: f64) -> Option<bool> {
+        let n = self.task.variables();
+        let (total, penalty) = (self.rows.total(), self.penalty);
+        let predicted = slope - penalty * total;
+        let merits = self.memory.iter().map(|(f, v)| f + penalty * v);
+        let reference = merits.fold(self.rows.objective + penalty * total, f64::max);
+        self.memory.push((self.rows.objective, total));
+        if self.memory.len() > MEMORY {
+            self.memory.remove(0);
+        }
+        let mut alpha = step_limit(self.task, d);
         for _ in 0..HALVINGS {
-            let trial = moved(&x, alpha, &d, n);
-            if task.is_motion(&trial) {
-                next.evaluate(task, &trial);
-                let merit = next.objective + penalty * next.total();
+            let trial = moved(&self.x, alpha, d, n);
+            if self.task.is_motion(&trial) {
+                self.next.evaluate(self.task, &trial);
+                let merit = self.next.objective + penalty * self.next.total();
                 if merit <= reference + 1e-4 * alpha * predicted.min(0.0) + 1e-12 * reference.abs() {
-                    x = trial;
-                    accepted = true;
-                    break;
+                    self.x = trial;
+                    std::mem::swap(&mut self.rows, &mut self.next);
+                    return Some(alpha >= 1.0);
                 }
             }
             alpha *= 0.5;
         }
-        if accepted {
-            std::mem::swap(&mut rows, &mut next);
-        } else {
-            stalls += 1;
-            memory.clear();
-            if stalls > 1 {
-                break;
-            }
-            // The model is useless here: take a short step along it and see.
-            let trial = moved(&x, alpha, &d, n);
-            if !task.is_motion(&trial) {
-                break;
-            }
-            x = trial;
-            rows.evaluate(task, &x);
+        self.stalls += 1;
+        self.memory.clear();
+        // The model is useless here: take a short step along it and see.
+        let trial = moved(&self.x, alpha, d, n);
+        if self.stalls > 1 || !self.task.is_motion(&trial) {
+            return None;
         }
-        let before = violation;
-        violation = rows.worst();
-        let full = accepted && alpha >= 1.0 && plain;
-        // The step that has just been taken was the last one needed.
-        if full && believed && finish && violation <= settings.feasibility {
-            break;
-        }
-        if full && believed && chord && violation <= (CHORD_SHARE * before).max(1e-7) {
-            factor = Some(used);
-        }
-        believed = plain;
+        self.x = trial;
+        self.rows.evaluate(self.task, &self.x);
+        Some(false)
     }
-    let mut end = Local { x, objective: rows.objective, violation, iterations, multipliers };
-    step_back(task, settings, &mut end, rows, next);
-    end
 }
 
 /// The shortest way back into the constraints. A run that ends without steps left is a little outside those that it descended

@@ -1,17 +1,60 @@
 //! The rows that need the arm's kinematics: launch, direction of the throw, release point, arrival.
 
 use nalgebra::Vector3;
-use robot_model::Jacobian;
+use robot_model::{Frames, Jacobian};
 
 use super::WINDOW;
 use super::arriving::Arriving;
 use super::current::release_current_rows;
 use super::delay::delay_rows;
 use super::opening::opening_rows;
+use crate::flight::aim::Aim;
 use crate::plan::cuts::{Cut, CutContext};
 use crate::plan::layout::{ACROSS, CUTS_MAX, LAUNCH, Layout, TURNING};
 use crate::plan::problem::Problem;
-use crate::solve::{Row, Sink};
+use crate::solve::{Gradient, Row, Sink};
+
+/// The hand at the release.
+struct Hand<'c, const N: usize> {
+    frames: &'c Frames<N>,
+    /// Axes of the release frame in the world.
+    axes: [Vector3<f64>; 3],
+    /// Twist of the ball by joint speeds, and what joint angles change of it.
+    jac: &'c Jacobian<N>,
+    by_q: &'c Jacobian<N>,
+    v: Vector3<f64>,
+    w: Vector3<f64>,
+}
+
+fn linear<const N: usize>(m: &Jacobian<N>, k: usize) -> Vector3<f64> {
+    Vector3::new(m[(0, k)], m[(1, k)], m[(2, k)])
+}
+
+fn angular<const N: usize>(m: &Jacobian<N>, k: usize) -> Vector3<f64> {
+    Vector3::new(m[(3, k)], m[(4, k)], m[(5, k)])
+}
+
+impl<const N: usize> Hand<'_, N> {
+    /// Adds `sign` times the gradient of a component of the velocity along an axis of the hand.
+    fn add_velocity_along<const D: usize>(&self, g: &mut Gradient<'_, D>, axis: &Vector3<f64>, sign: f64) {
+        let var = Layout::<N>::VARIABLES;
+        for k in 0..N {
+            let turned = self.frames.axis(k).cross(axis).dot(&self.v);
+            g.add(var.q + k, sign * (turned + axis.dot(&linear(self.by_q, k))));
+            g.add(var.qd + k, sign * axis.dot(&linear(self.jac, k)));
+        }
+    }
+
+    /// The same of the angular velocity.
+    fn add_spin_along<const D: usize>(&self, g: &mut Gradient<'_, D>, axis: &Vector3<f64>, sign: f64) {
+        let var = Layout::<N>::VARIABLES;
+        for k in 0..N {
+            let turned = self.frames.axis(k).cross(axis).dot(&self.w);
+            g.add(var.q + k, sign * (turned + axis.dot(&angular(self.by_q, k))));
+            g.add(var.qd + k, sign * axis.dot(&angular(self.jac, k)));
+        }
+    }
+}
 
 /// The rows that need the arm's kinematics or dynamics.
 pub(crate) fn kinematic_rows<S: Sink<D>, const N: usize, const D: usize>(
@@ -21,8 +64,6 @@ pub(crate) fn kinematic_rows<S: Sink<D>, const N: usize, const D: usize>(
     cuts: &[Cut],
     sink: &mut S,
 ) {
-    let var = Layout::<N>::VARIABLES;
-    let number = Layout::<N>::NUMBERS;
     let arm = problem.arm;
     let throw = layout.throw(x);
     let (q, qd) = (&throw.q_rad, &throw.qd_rad_s);
@@ -34,16 +75,34 @@ pub(crate) fn kinematic_rows<S: Sink<D>, const N: usize, const D: usize>(
     let v = Vector3::new(twist[0], twist[1], twist[2]);
     let w = Vector3::new(twist[3], twist[4], twist[5]);
     let by_q = frames.twist_gradient(&jac, qd);
-    let lin = |m: &Jacobian<N>, k: usize| Vector3::new(m[(0, k)], m[(1, k)], m[(2, k)]);
-    let ang = |m: &Jacobian<N>, k: usize| Vector3::new(m[(3, k)], m[(4, k)], m[(5, k)]);
-    let (x_rf, y_rf, z_rf): (Vector3<f64>, Vector3<f64>, Vector3<f64>) =
-        (ball.rot.column(0).into(), ball.rot.column(1).into(), ball.rot.column(2).into());
-
-    // Launch: where the ball is after the time of flight, over that time. In vacuum it is the velocity in excess of the
-    // one that reaches the target.
+    let axes = std::array::from_fn(|i| ball.rot.column(i).into());
     let aim = layout.aim(problem, x);
+    let end = problem.flight.fly(&p, &v, throw.flight_s);
+    let arriving = Arriving { end: &end, throw: &throw, by_q: &by_q, jac: &jac };
+    launch_rows(layout, &aim, &arriving, sink);
+    direction_rows(problem, &Hand { frames: &frames, axes, jac: &jac, by_q: &by_q, v, w }, sink);
+    delay_rows(problem, layout, x, &throw, sink);
+    point_rows(problem, &p, &jac, sink);
+    arrival_rows(problem, &arriving, sink);
+    opening_rows(problem, &aim, &arriving, sink);
+    if !problem.options.current_over_motion {
+        release_current_rows(problem, &throw, &frames, sink);
+    }
+    let context = CutContext { problem, throw: &throw, p0: p, v0: v, jac: &jac, by_q: &by_q };
+    cut_rows(layout, cuts, &context, sink);
+}
+
+/// Launch: where the ball is after the time of flight, over that time. In vacuum it is the velocity in excess of the one that
+/// reaches the target.
+fn launch_rows<S: Sink<D>, const N: usize, const D: usize>(
+    layout: &Layout<N>,
+    aim: &Aim,
+    arriving: &Arriving<'_, N>,
+    sink: &mut S,
+) {
+    let var = Layout::<N>::VARIABLES;
+    let Arriving { end, throw, by_q, jac } = arriving;
     let flight_s = throw.flight_s;
-    let end = problem.flight.fly(&p, &v, flight_s);
     let miss = (end.p - aim.point_at(flight_s)) / flight_s;
     let towards = end.v - aim.course().velocity_m_s(flight_s);
     for i in 0..3 {
@@ -57,8 +116,8 @@ pub(crate) fn kinematic_rows<S: Sink<D>, const N: usize, const D: usize>(
         let by_v0 = end.p_by_v0.row(i).transpose() / flight_s;
         sink.eq(LAUNCH + i, miss[i], |g| {
             for k in 0..N {
-                let column = lin(&jac, k);
-                g.add(var.q + k, column[i] / flight_s + by_v0.dot(&lin(&by_q, k)));
+                let column = linear(jac, k);
+                g.add(var.q + k, column[i] / flight_s + by_v0.dot(&linear(by_q, k)));
                 g.add(var.qd + k, by_v0.dot(&column));
             }
             g.add(var.f, (towards[i] - miss[i]) / flight_s);
@@ -69,72 +128,59 @@ pub(crate) fn kinematic_rows<S: Sink<D>, const N: usize, const D: usize>(
             }
         });
     }
-    // Throw along z_RF, and in the paper's form spin about it only.
-    let across = |sink: &mut S, id: usize, axis: &Vector3<f64>, vector: &Vector3<f64>, linear: bool| {
-        if !sink.wants_eq(id) {
-            return;
+}
+
+/// Throw along z of the release frame, and in the paper's form spin about it only.
+fn direction_rows<S: Sink<D>, const N: usize, const D: usize>(
+    problem: &Problem<'_, N>,
+    hand: &Hand<'_, N>,
+    sink: &mut S,
+) {
+    let number = Layout::<N>::NUMBERS;
+    let [x_rf, y_rf, z_rf] = &hand.axes;
+    for (id, axis) in [(ACROSS, x_rf), (ACROSS + 1, y_rf)] {
+        if sink.wants_eq(id) {
+            sink.eq(id, axis.dot(&hand.v), |g| hand.add_velocity_along(g, axis, 1.0));
         }
-        sink.eq(id, axis.dot(vector), |g| {
-            for k in 0..N {
-                let (change, column) =
-                    if linear { (lin(&by_q, k), lin(&jac, k)) } else { (ang(&by_q, k), ang(&jac, k)) };
-                g.add(var.q + k, frames.axis(k).cross(axis).dot(vector) + axis.dot(&change));
-                g.add(var.qd + k, axis.dot(&column));
-            }
-        });
-    };
-    across(sink, ACROSS, &x_rf, &v, true);
-    across(sink, ACROSS + 1, &y_rf, &v, true);
+    }
     if !problem.options.free_spin {
-        across(sink, TURNING, &x_rf, &w, false);
-        across(sink, TURNING + 1, &y_rf, &w, false);
+        for (id, axis) in [(TURNING, x_rf), (TURNING + 1, y_rf)] {
+            if sink.wants_eq(id) {
+                sink.eq(id, axis.dot(&hand.w), |g| hand.add_spin_along(g, axis, 1.0));
+            }
+        }
         let bounds = &problem.bounds.spin_rad_s;
-        let spin = z_rf.dot(&w);
+        let spin = z_rf.dot(&hand.w);
         for (id, value, sign) in
             [(number.spin, spin - bounds.start(), 1.0), (number.spin + 1, bounds.end() - spin, -1.0)]
         {
             if value < WINDOW && sink.wants(id) {
-                sink.ineq(id, value, |g| {
-                    for k in 0..N {
-                        g.add(
-                            var.q + k,
-                            sign * (frames.axis(k).cross(&z_rf).dot(&w) + z_rf.dot(&ang(&by_q, k))),
-                        );
-                        g.add(var.qd + k, sign * z_rf.dot(&ang(&jac, k)));
-                    }
-                });
+                sink.ineq(id, value, |g| hand.add_spin_along(g, z_rf, sign));
             }
         }
     }
-    let along = z_rf.dot(&v);
+    let along = z_rf.dot(&hand.v);
     if along < 1.0 && sink.wants(number.along) {
-        sink.ineq(number.along, along - 0.1, |g| {
-            for k in 0..N {
-                g.add(var.q + k, frames.axis(k).cross(&z_rf).dot(&v) + z_rf.dot(&lin(&by_q, k)));
-                g.add(var.qd + k, z_rf.dot(&lin(&jac, k)));
-            }
-        });
+        sink.ineq(number.along, along - 0.1, |g| hand.add_velocity_along(g, z_rf, 1.0));
     }
-    delay_rows(problem, layout, x, &throw, sink);
-    point_rows(problem, &p, &jac, sink);
-    let arriving = Arriving { end: &end, throw: &throw, by_q: &by_q, jac: &jac };
-    arrival_rows(problem, &arriving, sink);
-    opening_rows(problem, &aim, &arriving, sink);
-    if !problem.options.current_over_motion {
-        release_current_rows(problem, &throw, &frames, sink);
-    }
-    let wanted = |i: usize, sink: &S| sink.wants(number.cut + i);
-    if (0..cuts.len()).any(|i| wanted(i, sink)) {
-        let context = CutContext { problem, throw: &throw, p0: p, v0: v, jac: &jac, by_q: &by_q };
-        for (i, cut) in cuts.iter().enumerate().take(CUTS_MAX) {
-            if wanted(i, sink) {
-                let (value, gradient): (f64, Row<D>) = cut.evaluate(&context, layout);
-                sink.ineq(number.cut + i, value, |g| {
-                    for (i, c) in gradient.iter().enumerate().take(layout.n) {
-                        g.add(i, *c);
-                    }
-                });
-            }
+}
+
+/// Limits where a scan of the motion has found them broken.
+fn cut_rows<S: Sink<D>, const N: usize, const D: usize>(
+    layout: &Layout<N>,
+    cuts: &[Cut],
+    context: &CutContext<'_, '_, N>,
+    sink: &mut S,
+) {
+    let first = Layout::<N>::NUMBERS.cut;
+    for (i, cut) in cuts.iter().enumerate().take(CUTS_MAX) {
+        if sink.wants(first + i) {
+            let (value, gradient): (f64, Row<D>) = cut.evaluate(context, layout);
+            sink.ineq(first + i, value, |g| {
+                for (i, c) in gradient.iter().enumerate().take(layout.n) {
+                    g.add(i, *c);
+                }
+            });
         }
     }
 }
