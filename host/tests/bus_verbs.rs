@@ -166,7 +166,7 @@ fn config_is_dumped_compared_and_restored() {
     assert!(out(&differs).contains("MaxVel_rad_per_s"), "{}", out(&differs));
     let restored = cubectl(&["config", "restore", &file, "--save"]);
     assert_eq!(code(&restored), 0, "{}", err(&restored));
-    assert!(out(&restored).starts_with("1 settings written to 1 modules"), "{}", out(&restored));
+    assert!(out(&restored).starts_with("1 setting written to 1 module,"), "{}", out(&restored));
     let foreign = folder.file("foreign.toml");
     let serial = text.lines().find(|line| line.starts_with("serial")).unwrap();
     std::fs::write(&foreign, text.replacen(serial, "serial = 1", 1)).unwrap();
@@ -190,7 +190,7 @@ fn a_setting_written_as_a_short_decimal_is_restored_read_back_and_equal() {
     let line = text.lines().find(|line| line.starts_with("MaxVel_rad_per_s")).unwrap();
     // 2.1 is not a number of single precision: the module keeps 2.0999999046325684.
     std::fs::write(&first, text.replacen(line, "MaxVel_rad_per_s = 2.1", 1)).unwrap();
-    for settings in ["1 settings written to 1 modules", "0 settings written to 0 modules"] {
+    for settings in ["1 setting written to 1 module,", "0 settings written to 0 modules"] {
         let restored = cubectl(&["config", "restore", &first, bus[0], bus[1]]);
         assert_eq!(code(&restored), 0, "{}", err(&restored));
         assert!(out(&restored).starts_with(settings), "{}", out(&restored));

@@ -178,3 +178,27 @@ fn without_a_witness_nothing_is_called_landed_and_the_measured_motion_says_where
         }
     }
 }
+
+/// The paper's form allows the ball to touch the hand on its way. The simulated cell says what becomes of such a throw.
+#[test]
+fn a_throw_whose_ball_would_touch_the_arm_is_refused_unless_it_is_asked_for() {
+    let folder = Folder::new("outcome-touch");
+    let run = |name: &str, words: &[&str]| {
+        let dir = folder.file(name);
+        let mut all = vec!["throw", "--form", "paper", "--target", "0.9,0,0.2", "--starts", "2", "--yes"];
+        all.extend(["--out", &dir]);
+        all.extend(words);
+        let output = cubectl(&all);
+        (code(&output), format!("{}{}", out(&output), err(&output)))
+    };
+    let (refused, printed) = run("refused", &[]);
+    assert_eq!(refused, 4, "{printed}");
+    assert!(printed.contains("would touch the arm") && printed.contains("next: "), "{printed}");
+    let (missed, printed) = run("asked", &["--clean-release", "false"]);
+    assert_eq!(missed, 11, "{printed}");
+    assert!(printed.contains("the ball touched the arm"), "{printed}");
+    let (landed, printed) = run("clean", &["--clean-release", "true"]);
+    assert_eq!(landed, 0, "{printed}");
+    let plan = cubectl(&["plan", "throw", "--form", "paper", "--target", "0.9,0,0.2", "--starts", "2"]);
+    assert!(out(&plan).contains("the released ball touches the arm"), "{}", out(&plan));
+}

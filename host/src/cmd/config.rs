@@ -7,6 +7,7 @@ use protocol::powercube::{Parameter, Reply, Request, SimpleCommand, Value, Value
 use protocol::{Duration, ModuleId};
 use serde::{Deserialize, Serialize};
 
+use super::counted;
 use super::modules::{Modules, modules_on};
 use crate::error::ExpectedError;
 use crate::exit;
@@ -191,7 +192,7 @@ fn dump(args: &DumpArgs) -> Result<(), ExpectedError> {
     };
     let mut out = std::fs::File::create_new(&args.file).map_err(failed)?;
     std::io::Write::write_all(&mut out, text.as_bytes()).and_then(|()| out.sync_all()).map_err(failed)?;
-    console::line!("{}: {} modules", args.file.display(), file.module.len());
+    console::line!("{}: {}", args.file.display(), counted(file.module.len(), "module"));
     Ok(())
 }
 
@@ -288,13 +289,14 @@ fn diff(args: &FileArgs) -> Result<(), ExpectedError> {
         console::line!("module {module}: {} {actual} (file: {file})", key(*parameter));
     }
     if differences == 0 {
-        console::line!("{}: all {} modules as in the file", args.file.display(), wanted.module.len());
+        console::line!("{}: {} as in the file", args.file.display(), counted(wanted.module.len(), "module"));
         return Ok(());
     }
     Err(ExpectedError::new(
         exit::FINDINGS,
         format!(
-            "{differences} differences\n  next: `cubectl config restore {}` writes the file's values",
+            "{}\n  next: `cubectl config restore {}` writes the file's values",
+            counted(differences, "difference"),
             args.file.display()
         ),
     ))
@@ -355,9 +357,9 @@ fn restore(args: &RestoreArgs) -> Result<(), ExpectedError> {
         ));
     }
     console::line!(
-        "{} settings written to {} modules, read back{}",
-        changes.len(),
-        touched.len(),
+        "{} written to {}, read back{}",
+        counted(changes.len(), "setting"),
+        counted(touched.len(), "module"),
         if args.save { ", saved" } else { "" }
     );
     Ok(())

@@ -23,7 +23,7 @@ use operator::dialogue::history::{Frozen, describe, events, table};
 pub struct Args {
     /// Number or name of a fault, a word of the state of a module (`COMM_ERROR`, `TOW_ERROR|HALTED`, `not homed`), `exit`
     /// (with or without a code), `faults` (what a scenario of the simulated cell can do), or `all`.
-    #[arg(required_unless_present = "last", num_args = 1..=2, value_name = "CODE")]
+    #[arg(required_unless_present = "last", num_args = 1..=4, value_name = "CODE")]
     pub code: Vec<String>,
     /// What happened last: the latched fault of the controller with every joint at that moment, and the last events. With the
     /// folder of a throw or recording over RSI: of the controller that ran in this program then.
@@ -92,6 +92,9 @@ fn history(frozen: Option<&Frozen>, trace: &[TraceEntry], whose: &str) -> String
         }
         None => format!("{whose}: no fault is latched\n"),
     };
+    if trace.is_empty() {
+        return text + "last events: none\n";
+    }
     text += "last events, s after the start of the controller:\n";
     for entry in trace {
         text += &format!("{:>14.6}  {}\n", entry.at_us as f64 * 1e-6, describe(entry));
@@ -148,6 +151,41 @@ const PLAIN: &[(&str, CubeState, &str)] = &[
     ("moving", CubeState::MOTION, "wait until it stands, or `cubectl stop`"),
 ];
 
+/// What `scan`, `status`, `monitor` and `doctor` say of a controller and of modules that tell nothing: word, meaning, next step.
+const TOLD: &[(&str, &str, &str)] = &[
+    (
+        "boot",
+        "the controller looks for its drives and tries their watchdogs",
+        "wait; if it lasts, `cubectl doctor` names the drives that do not answer",
+    ),
+    ("idle", "the controller has found its drives; not all joints are homed", "`cubectl home`"),
+    ("homing", "a joint looks for its zero", "wait, or `cubectl stop`"),
+    ("ready", "all joints are homed and at rest, nothing is armed", "none needed"),
+    ("armed", "a run may begin until the arming expires", "keep clear of the arm; `cubectl stop` disarms"),
+    ("running", "the joints track a trajectory", "keep clear of the arm; `cubectl stop` stops it"),
+    ("stopping", "the joints come to rest after a stop or a fault", "wait"),
+    ("stopped", "at rest after a stop; the next run needs a new arming", "none needed"),
+    (
+        "fault",
+        "at rest because of a latched fault",
+        "`cubectl explain --last`; remove the cause, then `cubectl clear`",
+    ),
+    ("jogging", "a joint moves while its key is held", "none needed; it stops 0.2 s after the last order"),
+    ("no fault", "the controller has latched no fault", "none needed"),
+    ("no host", "the controller hears no heartbeat of a host; at rest it needs none", "none needed"),
+    ("a host is alive", "the controller hears the heartbeat of a host", "none needed"),
+    (
+        "no answer",
+        "the module has answered no question",
+        "check its supply, its plug and its address; `cubectl scan` shows who answers",
+    ),
+    (
+        "state unknown",
+        "the module is there, and has not told its state",
+        "ask again; `cubectl doctor` counts lost answers",
+    ),
+];
+
 /// What to do about each cause of an error of a module.
 const CAUSES: &[(CubeState, &str)] = &[
     (CubeState::POWERFAULT, "the bits beside it (POW_...) say why; do what they say"),
@@ -172,11 +210,14 @@ const CAUSES: &[(CubeState, &str)] = &[
 fn word(text: &str) -> Option<String> {
     if let Some((name, bit, next)) = PLAIN.iter().find(|row| row.0.eq_ignore_ascii_case(text)) {
         let info = CubeState::BITS.iter().find(|info| bit.bits() == 1 << info.bit)?;
-        let shown = if name.starts_with("not ") { "not shown" } else { "shown" };
+        let set = if name.starts_with("not ") { "not set" } else { "set" };
         return Some(format!(
-            "{name}: the state of the module has bit {} ({}) {shown}\n  what:     {}\n  next:     {next}\n",
+            "{name}: bit {} ({}) of the module's state is {set}\n  what:     {}\n  next:     {next}\n",
             info.bit, info.name, info.meaning
         ));
+    }
+    if let Some((name, what, next)) = TOLD.iter().find(|row| row.0.eq_ignore_ascii_case(text)) {
+        return Some(format!("{name}:\n  what:     {what}\n  next:     {next}\n"));
     }
     let words: Option<Vec<String>> = text.split('|').map(|word| bit(word.trim())).collect();
     words.map(|words| words.concat())
@@ -227,8 +268,8 @@ fn exit_line(row: &(u8, &str, &str)) -> String {
 
 fn unknown(code: &str) -> ExpectedError {
     ExpectedError::bad_input(&format!(
-        "no fault, exit code or word of a module's state is '{code}'\n  next: `cubectl explain all` lists the faults, \
-         `cubectl explain exit` the exit codes"
+        "no fault, exit code or word of a state is '{code}'\n  next: `cubectl explain all` lists the faults, `cubectl \
+         explain exit` the exit codes"
     ))
 }
 
@@ -268,18 +309,32 @@ mod tests {
         assert_eq!(joined, explain(&["TOW_ERROR"]).unwrap() + &explain(&["COMM_ERROR"]).unwrap());
     }
 
-    /// The condition that `scan`, `status` and `doctor` print, for each bit of the state set alone and none set.
+    #[test]
+    fn every_state_of_a_controller_is_explained_with_a_next_step() {
+        for state in protocol::cyphal::cubecell::group_state::State::ALL {
+            let text = explain(&[&state.to_string()]).unwrap();
+            assert!(text.contains("what: ") && text.contains("next: "), "{text}");
+        }
+        for words in [&["no", "answer"][..], &["no", "fault"], &["no", "host"], &["a", "host", "is", "alive"]]
+        {
+            assert!(explain(words).unwrap().contains("next: "), "{words:?}");
+        }
+    }
+
+    /// The condition that `scan`, `status` and `doctor` print, for each bit of the state set alone and none set, and for a
+    /// module that has not told its state.
     #[test]
     fn every_word_that_status_prints_is_explained() {
         let bits = CubeState::BITS.iter().map(|info| 1 << info.bit).chain([0]);
-        for state in bits.map(|bit| CubeState::from_bits(bit | CubeState::ERROR.bits())) {
+        let told = bits.map(|bit| Some(CubeState::from_bits(bit | CubeState::ERROR.bits())));
+        for state in told.chain([None]) {
             let report = operator::dialogue::survey::ModuleReport {
                 module: protocol::ModuleId::new(1).unwrap(),
                 version: protocol::powercube::FirmwareVersion(0x3519),
                 serial: None,
                 config: None,
                 setup: None,
-                state: Some(state),
+                state,
                 position_rad: None,
                 current_a: None,
                 motor_v: None,

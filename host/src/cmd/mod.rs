@@ -65,7 +65,37 @@ pub(crate) fn arm(name: &str) -> Result<Arm, ExpectedError> {
     }
 }
 
+/// `1 module`, `6 modules`.
+pub(crate) fn counted(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
+}
+
+/// A number with fixed digits; what rounds to zero has no sign.
+pub(crate) fn fixed(value: f64, digits: usize) -> String {
+    let text = format!("{value:.digits$}");
+    match text.strip_prefix('-') {
+        Some(rest) if rest.bytes().all(|byte| matches!(byte, b'0' | b'.')) => rest.to_owned(),
+        _ => text,
+    }
+}
+
 /// Prints a value as JSON.
 pub(crate) fn print_json(value: &serde_json::Value) {
     console::line!("{value:#}");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_rounds_to_zero_has_no_sign() {
+        let texts = [-0.000_04, 0.0, -0.000_06, -1.5].map(|value| fixed(value, 4));
+        assert_eq!(texts, ["0.0000", "0.0000", "-0.0001", "-1.5000"]);
+    }
+
+    #[test]
+    fn one_thing_is_told_in_the_singular() {
+        assert_eq!([0, 1, 2].map(|count| counted(count, "module")), ["0 modules", "1 module", "2 modules"]);
+    }
 }

@@ -3,7 +3,7 @@
 use protocol::ModuleId;
 
 use super::modules::{Beside, Modules, listen_beside, module_json, nobody, survey_with_progress};
-use super::print_json;
+use super::{counted, fixed, print_json};
 use crate::error::ExpectedError;
 use operator::bus::BusArgs;
 use operator::dialogue::survey::condition;
@@ -31,11 +31,11 @@ fn heard(json: bool, name: &str, beside: &Beside) -> Result<(), ExpectedError> {
         print_json(&beside.json(name));
         return Ok(());
     }
-    console::line!("{name}: {} modules heard; nothing was sent", beside.modules.len());
+    console::line!("{name}: {} heard; nothing was sent", counted(beside.modules.len(), "module"));
     console::line!("{}", beside.line());
     console::line!("id  position_rad  state");
     for (module, heard) in &beside.modules {
-        let position = heard.position_rad.map_or("?".to_owned(), |rad| format!("{rad:.4}"));
+        let position = heard.position_rad.map_or("?".to_owned(), |rad| fixed(rad.into(), 4));
         console::line!("{module:>2}  {position:>12}  {}", condition(heard.state));
     }
     Ok(())
@@ -61,11 +61,11 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         let modules: Vec<_> = found.iter().map(module_json).collect();
         print_json(&serde_json::json!({ "bus": name, "modules": modules }));
     } else if !found.is_empty() {
-        console::line!("{name}: {} module{}", found.len(), if found.len() == 1 { "" } else { "s" });
+        console::line!("{name}: {}", counted(found.len(), "module"));
         console::line!("id  serial      firmware  kind    position_rad  state");
         for report in &found {
             let serial = report.serial.map_or("?".to_owned(), |serial| serial.to_string());
-            let position = report.position_rad.map_or("?".to_owned(), |rad| format!("{rad:.4}"));
+            let position = report.position_rad.map_or("?".to_owned(), |rad| fixed(rad, 4));
             console::line!(
                 "{:>2}  {serial:<10}  {:<8}  {:<6}  {position:>12}  {}",
                 report.module,

@@ -80,7 +80,7 @@ fn four(text: &str) -> Result<[f64; 4], String> {
         .map(|part| part.trim().parse::<f64>().map_err(|_| format!("\"{part}\" is not a number")))
         .collect::<Result<_, _>>()?;
     let count = numbers.len();
-    numbers.try_into().map_err(|_| format!("{count} numbers, expected X,Y,Z,DEG"))
+    numbers.try_into().map_err(|_| format!("expected X,Y,Z,DEG, got {count} of the four numbers"))
 }
 
 /// Serves until Ctrl-C, `--for` or `--runs`.

@@ -1,7 +1,7 @@
 //! `cubectl status`
 
 use super::modules::{Beside, Modules, listen_beside, module_json, modules_on};
-use super::print_json;
+use super::{fixed, print_json};
 use crate::error::ExpectedError;
 use operator::bus::BusArgs;
 use operator::dialogue::survey::condition;
@@ -29,8 +29,7 @@ fn heard(json: bool, name: &str, beside: &Beside) {
         print_json(&beside.json(name));
         return;
     }
-    let number =
-        |value: Option<f32>, digits: usize| value.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
+    let number = |value: Option<f32>, digits| value.map_or("-".to_owned(), |v| fixed(v.into(), digits));
     console::line!("{}; nothing was sent, this is what was heard", beside.line());
     console::line!("id  position_rad  current_a  state");
     for (module, heard) in &beside.modules {
@@ -63,8 +62,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         print_json(&serde_json::json!({ "bus": name, "modules": modules }));
         return Ok(());
     }
-    let number =
-        |value: Option<f64>, digits: usize| value.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
+    let number = |value: Option<f64>, digits| value.map_or("-".to_owned(), |v| fixed(v, digits));
     console::line!("id  position_rad  current_a  motor_v  logic_v  temp_c  state");
     for report in &found {
         console::line!(

@@ -35,6 +35,10 @@ mod tests {
         assert_eq!((args.target, args.seed, args.fast), (Some([1.0, -2.0, 3.0]), 7, true));
         let refused = parse::<PlanArgs>("plan throw", &words("--target=1,2")).unwrap_err();
         assert_eq!(refused.code, exit::USAGE);
-        assert!(refused.message.contains("2 numbers, expected 3"), "{}", refused.message);
+        assert!(
+            refused.message.contains("expected 3 numbers separated by commas, got 2"),
+            "{}",
+            refused.message
+        );
     }
 }

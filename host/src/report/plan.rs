@@ -71,6 +71,13 @@ pub fn summary(plan: &PlanFile, took: Duration) -> String {
         share(&m.jerk_share),
         m.clearance_m.map_or_else(String::new, |c| format!(", clearance {:.1} mm", c * 1e3)),
     );
+    if m.ball_clearance_m < 0.0 {
+        let _ = writeln!(
+            out,
+            "  the released ball touches the arm, up to {:.1} mm deep: this form does not forbid it, `--clean-release true` does",
+            -m.ball_clearance_m * 1e3
+        );
+    }
     for s in &plan.currents.supply_peak {
         let _ = writeln!(out, "  supply \"{}\": peak {:.1} A of {:.0} A", s.name, s.peak_a, s.limit_a);
     }

@@ -18,8 +18,9 @@ use crate::machine::{Machine, Placed};
 use crate::node::host_node::frame_bits;
 use crate::tap::{Tap, Way};
 
-/// Time over which the load of the bus is taken.
+/// Time over which the load of the bus is taken, and the shortest one that tells something.
 const LOAD_SPAN: Duration = Duration::from_millis(500);
+const LOAD_SPAN_MIN: Duration = Duration::from_millis(50);
 /// Events kept.
 const EVENTS_KEPT: usize = 200;
 
@@ -32,7 +33,7 @@ pub struct Snapshot {
     pub unix_s: f64,
     /// Frames seen.
     pub frames: u64,
-    /// Share of the bus that was taken in the last half second, without stuff bits, %.
+    /// Share of the bus that was taken in the last half second, or since the beginning, without stuff bits, %.
     pub load_percent: f64,
     /// Errors that the bus reported.
     pub bus_errors: u64,
@@ -137,6 +138,8 @@ pub struct LiveState {
     zero_unix: Duration,
     watch: Watch,
     now: Instant,
+    /// When the first frame or time was told.
+    began: Option<Instant>,
     frames: u64,
     bits: VecDeque<(Instant, u64)>,
     bit_rate_bit_s: u32,
@@ -158,6 +161,7 @@ impl LiveState {
             zero_unix,
             watch: Watch::new(names),
             now: Instant::ZERO,
+            began: None,
             frames: 0,
             bits: VecDeque::new(),
             bit_rate_bit_s,
@@ -179,6 +183,7 @@ impl LiveState {
     /// Time passes.
     pub fn advance_to(&mut self, now: Instant) {
         self.now = self.now.max(now);
+        self.began.get_or_insert(now);
         while self.bits.front().is_some_and(|(at, _)| self.now.saturating_since(*at) > LOAD_SPAN) {
             self.bits.pop_front();
         }
@@ -243,7 +248,9 @@ impl LiveState {
         let joints: Vec<JointView> = (0..self.machine.joints.len()).map(|j| self.joint(j)).collect();
         let q_rad: Option<Vec<f64>> = joints.iter().map(|joint| joint.q_rad).collect();
         let bits: u64 = self.bits.iter().map(|(_, bits)| bits).sum();
-        let available = LOAD_SPAN.as_secs_f64() * f64::from(self.bit_rate_bit_s);
+        let seen = self.began.map_or(Duration::ZERO, |began| self.now.saturating_since(began));
+        let span = seen.clamp(LOAD_SPAN_MIN, LOAD_SPAN);
+        let available = span.as_secs_f64() * f64::from(self.bit_rate_bit_s);
         let unix =
             if self.zero_unix == Duration::ZERO { 0.0 } else { (self.now + self.zero_unix).as_secs_f64() };
         Snapshot {
@@ -397,6 +404,24 @@ mod tests {
                 "each cause of an error is told: {}",
                 info.name
             );
+        }
+    }
+    #[test]
+    fn the_load_is_told_as_it_is_from_the_beginning() {
+        let robot = robot_model::AnyRobot::load("powercube6").unwrap();
+        let mut state = LiveState::new(Machine::of(&robot), Duration::ZERO, 1_000_000);
+        let frame = Frame::from_array(protocol::StandardId::from_low_bits(0x0A5), [8]);
+        // A monitor begins to look a second after the session has begun.
+        let mut loads = Vec::new();
+        for ms in 1_000..1_800_u64 {
+            state.take(Instant::from_millis(ms), &frame);
+            if matches!(ms, 1_100 | 1_790) {
+                loads.push(state.snapshot(0).load_percent);
+            }
+        }
+        let wanted = 100.0 * frame_bits(&frame) as f64 / 1_000.0;
+        for load in loads {
+            assert!((load / wanted - 1.0).abs() < 0.02, "{load} % instead of {wanted} %");
         }
     }
 }

@@ -31,6 +31,9 @@ const LANDING_TOLERANCE_M: f64 = 1e-4;
 /// Difference between a told and a found value that counts as none: s, m, m/s, rad, rad/s, rad/s².
 const TOLD_TOLERANCE: f64 = 1e-4;
 
+/// How findings about the clearance of the released ball begin.
+pub const RELEASED_BALL: &str = "released ball ";
+
 /// One thing that was checked.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Finding {
@@ -327,8 +330,8 @@ fn flight_findings(plan: &PlanFile, watched: &Watched, flown: &Flown) -> Vec<Fin
             at_s: None,
             enforced: true,
         },
-        clear_finding("released ball free of the hand", &flown.hand, 0.0, clear),
-        clear_finding("released ball clear of the arm", &flown.others, clearance_m, clear),
+        clear_finding(&format!("{RELEASED_BALL}free of the hand"), &flown.hand, 0.0, clear),
+        clear_finding(&format!("{RELEASED_BALL}clear of the arm"), &flown.others, clearance_m, clear),
     ];
     if !plan.obstacles.is_empty() {
         let arm_clear = claims(plan, "clearance of arm");
@@ -339,7 +342,12 @@ fn flight_findings(plan: &PlanFile, watched: &Watched, flown: &Flown) -> Vec<Fin
                 clearance_m,
                 arm_clear,
             ),
-            clear_finding("released ball clear of the obstacles", &flown.obstacles, clearance_m, clear),
+            clear_finding(
+                &format!("{RELEASED_BALL}clear of the obstacles"),
+                &flown.obstacles,
+                clearance_m,
+                clear,
+            ),
         ]);
     }
     findings

@@ -21,4 +21,4 @@ pub mod forces;
 pub mod motion;
 pub mod target;
 
-pub use check::{Finding, Report, check};
+pub use check::{Finding, RELEASED_BALL, Report, check};

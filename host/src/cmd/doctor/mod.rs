@@ -171,8 +171,11 @@ fn others(session: &mut Session) -> Finding {
         return finding(Level::Ok, "traffic", "nobody else speaks", "");
     }
     let what = format!(
-        "{} frames in {LISTEN} from others, {} of them with 29-bit ids, {} requests to modules",
-        tally.received, tally.extended, tally.foreign_requests
+        "{} frames in {:.1} s from others, {} of them with 29-bit ids, {} requests to modules",
+        tally.received,
+        LISTEN.as_secs_f64(),
+        tally.extended,
+        tally.foreign_requests
     );
     if tally.foreign_requests > 0 {
         let next = "another host or a controller speaks to the modules, which were therefore not asked; end it for the \
@@ -361,7 +364,7 @@ fn module_findings(report: &ModuleReport) -> Vec<Finding> {
         Some(config) if !config.contains(Config::WATCHDOG_ENABLE) => findings.push(of(
             Level::Note,
             "watchdog",
-            "its watchdog is off; it would go on moving if the host died".to_owned(),
+            "watchdog off: a motion would go on if the host died".to_owned(),
             "the controller switches it on when it starts",
         )),
         Some(config) if config.contains(Config::DISABLE_ACK) => findings.push(of(

@@ -6,6 +6,7 @@ use firmware::fault::Cause;
 use protocol::powercube::CubeState;
 use protocol::{Duration, Instant};
 
+use crate::cmd::fixed;
 use crate::cmd::report::BIT_RATE;
 use operator::bus::Session;
 use operator::node::host_node::{HostNode, Tally, utilisation};
@@ -25,8 +26,7 @@ pub(super) fn lines(session: &mut Session, before: Tally, span: Duration) -> Str
         let _ = write!(text, "t_s={:.3} {group}", now.as_secs_f64());
     }
     for (module, heard) in host_node.heard() {
-        let number =
-            |value: Option<f32>, digits: usize| value.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
+        let number = |value: Option<f32>, digits| value.map_or("-".to_owned(), |v| fixed(v.into(), digits));
         let age_ms = now.saturating_since(heard.at).as_micros() / 1_000;
         let (position, current) = (number(heard.position_rad, 4), number(heard.current_a, 2));
         let state = heard.state.map_or("?".to_owned(), |state: CubeState| state.to_string());
@@ -79,14 +79,14 @@ fn controller(host_node: &mut HostNode) -> String {
     let Some((_, source, state)) = &inbox.joints else { return text };
     for (index, joint) in state.joints().iter().enumerate() {
         let number = index + 1;
-        let error_mrad = 1e3 * joint.error_q_rad;
         let _ = writeln!(
             text,
-            "controller={} joint={number} q_rad={:.4} qd_rad_s={:.4} error_mrad={error_mrad:.2} current_a={:.2}",
+            "controller={} joint={number} q_rad={} qd_rad_s={} error_mrad={} current_a={}",
             source.get(),
-            joint.q_rad,
-            joint.qd_rad_s,
-            joint.current_a
+            fixed(joint.q_rad.into(), 4),
+            fixed(joint.qd_rad_s.into(), 4),
+            fixed(1e3 * f64::from(joint.error_q_rad), 2),
+            fixed(joint.current_a.into(), 2)
         );
     }
     text

@@ -83,7 +83,7 @@ fn six_weights(text: &str) -> Result<[f64; AXES], String> {
         .map(|p| p.trim().parse::<f64>().map_err(|_| format!("\"{p}\" is not a number")))
         .collect::<Result<_, _>>()?;
     let count = weights.len();
-    weights.try_into().map_err(|_| format!("{count} numbers, expected {AXES} separated by commas"))
+    weights.try_into().map_err(|_| format!("expected {AXES} numbers separated by commas, got {count}"))
 }
 
 /// Longest lag that is a lag and not a mistake, in ms.

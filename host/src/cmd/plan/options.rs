@@ -136,7 +136,7 @@ fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
         .map(|p| p.trim().parse::<f64>().map_err(|_| format!("\"{p}\" is not a number")))
         .collect::<Result<_, _>>()?;
     let count = parts.len();
-    parts.try_into().map_err(|_| format!("{count} numbers, expected {N} separated by commas"))
+    parts.try_into().map_err(|_| format!("expected {N} numbers separated by commas, got {count}"))
 }
 
 /// Two numbers given as `a,b`.

@@ -16,6 +16,7 @@ use planner::plan::file::PlanFile;
 use planner::plan::ladder::{Ladder, Settled};
 use planner::plan::library::nearest_stored;
 use planner::plan::problem::Weights;
+use planner::plan::search::kind_of;
 use planner::plan::statistics::{self, Noise, Region};
 use planner::plan::{Arm, Budget, Goal, NoThrow, Obstruction, Options, Planner, Watch};
 use planner::store::{Index, Record};
@@ -293,7 +294,9 @@ impl SearchOptions {
         let watch = if let Watcher::Caller(watch) = watcher { watch } else { &own };
         let quick = fast.then_some(FAST_TRIES);
         let settled = match &self.options.library {
-            Some(path) => ladder.from_library(index).ok_or_else(|| not_in_library(path, index, target))?,
+            Some(path) => {
+                ladder.from_library(index).ok_or_else(|| not_in_library(path, index, target, &asked))?
+            }
             None => watched(watch, &budget, watcher, || ladder.search(index, &budget, watch, quick))
                 .map_err(|e| no_throw(&e))?,
         };
@@ -356,7 +359,23 @@ fn no_throw(e: &NoThrow) -> ExpectedError {
     ExpectedError::new(exit::NO_THROW, format!("{e}\n  next: {next}"))
 }
 
-fn not_in_library<const N: usize>(path: &Path, index: &Index<N>, [x, y, z]: [f64; 3]) -> ExpectedError {
+fn not_in_library<const N: usize>(
+    path: &Path,
+    index: &Index<N>,
+    [x, y, z]: [f64; 3],
+    asked: &Options,
+) -> ExpectedError {
+    let kind = kind_of(asked);
+    if !index.records().is_empty() && index.records().iter().all(|record| record.kind != kind) {
+        return ExpectedError::new(
+            exit::NO_THROW,
+            format!(
+                "library {}: its throws were made with other options (form, spin, release) than those asked for\n  next: make a \
+                 library with `cubectl plan prepare` and the options of this command, or leave --library out to search",
+                path.display()
+            ),
+        );
+    }
     let held = match nearest_stored(index, x.hypot(y), z) {
         Some((record, away_m)) => format!(
             "the nearest target in it (range {:.3} m, height {:.3} m) is {away_m:.3} m away",

@@ -69,7 +69,8 @@ pub(super) fn prepare(args: &Args) -> Result<Prepared, ExpectedError> {
     if interrupt().load(std::sync::atomic::Ordering::Relaxed) {
         return Err(ExpectedError::new(exit::INTERRUPTED, "interrupted; nothing has moved"));
     }
-    preflight(&arm, &plan)?;
+    let touch_allowed = args.search.options.clean_release == Some(false);
+    preflight(&arm, &plan, touch_allowed)?;
     let Ground { soft, timing } = probe_bus(args, &arm)?;
     let mut settings = settings_of(&cell.robot).map_err(|error| ExpectedError::bad_input(&error))?;
     let given = args.gains.as_ref().map(|path| read_gains(path, arm.name())).transpose()?;
@@ -150,11 +151,21 @@ fn planned(args: &Args, target_m: Option<[f64; 3]>, seed: u64) -> Result<Planned
     Ok(Planned { plan: (arm, plan), took: began.elapsed(), note: None })
 }
 
-/// Checks the plan by other means than the planner's.
-fn preflight(arm: &Arm, plan: &PlanFile) -> Result<(), ExpectedError> {
+/// Checks the plan by other means than the planner's. A ball that would touch the arm misses, also where the plan's form allows
+/// it, so that must be asked for.
+fn preflight(arm: &Arm, plan: &PlanFile, touch_allowed: bool) -> Result<(), ExpectedError> {
     let report = verify::check(arm, plan);
     if report.ok() {
-        return Ok(());
+        let touch = report.findings.iter().find(|f| !f.ok && f.what.starts_with(verify::RELEASED_BALL));
+        return match touch.filter(|_| !touch_allowed) {
+            None => Ok(()),
+            Some(touch) => Err(ExpectedError::bad_input(&format!(
+                "the ball would touch the arm after its release: {}: {}; the form of this plan does not forbid it\n  \
+                 next: plan with `--clean-release true`, or throw it all the same with `--clean-release false`; nothing has \
+                 moved",
+                touch.what, touch.worst
+            ))),
+        };
     }
     let failed = report.findings.iter().filter(|f| !f.ok && f.enforced);
     let list: Vec<String> = failed.map(|f| format!("{}: {}", f.what, f.worst)).collect();
