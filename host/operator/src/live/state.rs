@@ -414,7 +414,7 @@ mod tests {
         // A monitor begins to look a second after the session has begun.
         let mut loads = Vec::new();
         for ms in 1_000..1_800_u64 {
-            state.take(Instant::from_millis(ms), &frame);
+            state.take(Instant::from_micros(1_000 * ms), &frame);
             if matches!(ms, 1_100 | 1_790) {
                 loads.push(state.snapshot(0).load_percent);
             }
