@@ -7,8 +7,8 @@ use firmware::registers::Number;
 use firmware::settings::Settings;
 use firmware::state::{State, StateKind};
 use firmware::store::FileName;
-use protocol::powercube::{AddressedRequest, Broadcast, CubeState, Parameter, Request, Value};
-use protocol::{Duration, Frame};
+use protocol::powercube::{AddressedRequest, Broadcast, CubeState, Parameter, Request, SimpleCommand, Value};
+use protocol::{Duration, Frame, ModuleId};
 
 const PERIOD_US: u64 = 3_000;
 
@@ -131,6 +131,10 @@ fn silent_drive_stops_the_group_after_two_missed_replies_and_one_cycle() {
         }
         // The silent drive got a halt of its own and the broadcast, and its watchdog is starved.
         assert!(bench.sent_after(at, is_halt).is_some());
+        let module = ModuleId::new(silent as u8 + 1).unwrap();
+        let own = Request::Simple(SimpleCommand::Halt).encode(module);
+        let halted_at = bench.sent_after(at, |frame| *frame == own).expect("a halt of its own");
+        println!("its own halt after {} us", halted_at.as_micros() - at);
         bench.run_for(200_000);
         let watchdog = Broadcast::Watchdog.encode();
         assert!(bench.sent_after(bench.now - 150_000, |frame| *frame == watchdog).is_none());

@@ -236,3 +236,50 @@ proptest! {
         prop_assert_eq!(Request::set(parameter, value).is_ok(), parameter.kind() == kind);
     }
 }
+
+/// Requests and the reply that is theirs alone; of some commands two, to tell them apart.
+#[test]
+fn reply_answers_the_request_of_its_command_parameter_motion_and_form_and_no_other() {
+    let ramp = MotionCommand::Ramp { target: Radians::new(1.0) };
+    let speed = MotionCommand::Velocity(RadPerSec::new(0.5));
+    let short = |command| Request::Move(MotionRequest::simple(command));
+    let long = |command| Request::Move(MotionRequest::extended(command));
+    let short_answer = |kind| Reply::MotionAck { kind, code: 0x64 };
+    let long_answer = |kind| Reply::MotionExtended {
+        kind,
+        position: MotionPosition::Radians(Radians::new(0.1)),
+        short_state: ShortState::from_bits(0),
+        dio: Dio(0),
+    };
+    let value = Value::F32(1.0);
+    let written = |parameter| Reply::SetAck { parameter, code: Some(0x64) };
+    let pairs = [
+        (Request::Simple(SimpleCommand::Halt), Reply::Simple(SimpleCommand::Halt)),
+        (Request::Simple(SimpleCommand::Reset), Reply::Simple(SimpleCommand::Reset)),
+        (Request::Internal([1; 7]), Reply::Internal([2; 7])),
+        (Request::SetStepInc { target_ticks: 5, time_ms: 7 }, Reply::SetStepInc),
+        (Request::Get(Parameter::ActPos), Reply::Value(Parameter::ActPos, value)),
+        (Request::Get(Parameter::ActVel), Reply::Value(Parameter::ActVel, value)),
+        (Request::Set(Parameter::TargetVel, value), written(Parameter::TargetVel)),
+        (Request::Set(Parameter::TargetAcc, value), written(Parameter::TargetAcc)),
+        (short(ramp), short_answer(MotionKind::Ramp)),
+        (short(speed), short_answer(MotionKind::Velocity)),
+        (long(ramp), long_answer(MotionKind::Ramp)),
+        (long(speed), long_answer(MotionKind::Velocity)),
+    ];
+    for (i, (request, _)) in pairs.iter().enumerate() {
+        for (j, (_, reply)) in pairs.iter().enumerate() {
+            assert_eq!(reply.answers(request), i == j, "{reply:?} to {request:?}");
+        }
+    }
+}
+
+#[test]
+fn remote_frames_are_neither_requests_nor_replies() {
+    let module = ModuleId::new(3).unwrap();
+    for channel in [Channel::Ack, Channel::Get, Channel::Put, Channel::State] {
+        let frame = Frame::remote(channel.id(module), 4).unwrap();
+        assert!(Reply::decode(&frame).is_err(), "{channel:?}");
+        assert!(AddressedRequest::decode(&frame).is_err(), "{channel:?}");
+    }
+}

@@ -168,3 +168,58 @@ pub fn group_message(sample: &GroupSample, sequence: u16, complete: bool) -> gro
         targets_taken: sample.targets_taken,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use protocol::cyphal::bits::Encode;
+
+    fn bytes(parameter: &impl Encode) -> ([u8; 64], usize) {
+        let mut buffer = [0; 64];
+        let len = parameter.to_bytes(&mut buffer).unwrap();
+        (buffer, len)
+    }
+
+    #[test]
+    fn every_command_number_becomes_its_order() {
+        let five_s = Duration::from_secs(5);
+        let name = FileName { crc64: 7, len: 80 };
+        let joint = JointIndex::new(2).unwrap();
+        let order = |number, parameter: ([u8; 64], usize)| order_of(number, &parameter.0[..parameter.1]);
+        let none = || ([0; 64], 0);
+        let run = |start_us| bytes(&Run { trajectory_crc64: 7, length_bytes: 80, start_us });
+        let at = Instant::from_micros(3);
+        let jog = Order::Jog { joint, qd_rad_s: 0.1, hold: Duration::from_millis(200) };
+        let unlock = Order::Unlock { robot_crc32: 9, valid: Duration::from_secs(60) };
+        let cases = [
+            (
+                1,
+                bytes(&ArmPrepare { trajectory_crc64: 7, valid_ms: 5_000 }),
+                Order::ArmPrepare { crc64: 7, valid: five_s },
+            ),
+            (
+                2,
+                bytes(&ArmConfirm { token: 8, valid_ms: 5_000 }),
+                Order::ArmConfirm { token: 8, valid: five_s },
+            ),
+            (3, none(), Order::Disarm),
+            (4, run(0), Order::Run(name)),
+            (4, run(3), Order::RunAt { name, start: at }),
+            (5, none(), Order::Stop),
+            (6, bytes(&ClearFault { fault_cause: 104 }), Order::ClearFault { code: 104 }),
+            (7, bytes(&Home { joint_mask: 5 }), Order::Home { mask: 5 }),
+            (8, bytes(&Jog { joint: 2, qd_rad_s: 0.1, hold_ms: 200 }), jog),
+            (9, bytes(&command::Trajectory { trajectory_crc64: 7, length_bytes: 80 }), Order::Commit(name)),
+            (10, bytes(&Gripper { open: true }), Order::Gripper { open: true }),
+            (11, none(), Order::Challenge),
+            (13, bytes(&Unlock { robot_crc32: 9, valid_s: 60 }), unlock),
+            (65_530, none(), Order::SaveSettings),
+        ];
+        for (number, parameter, expected) in cases {
+            assert_eq!(order(number, parameter), Ok(expected), "command {number}");
+        }
+        assert_eq!(order(0, none()), Err(Status::BAD_COMMAND));
+        let nobody = bytes(&Jog { joint: 8, qd_rad_s: 0.1, hold_ms: 200 });
+        assert_eq!(order(8, nobody), Err(Status::BAD_PARAMETER));
+    }
+}

@@ -74,6 +74,7 @@ mod tests {
         assert_eq!(rates, [125_000, 250_000, 500_000, 1_000_000]);
         assert_eq!(BaudRate::from_code(4), None);
         assert!((0..4).all(|code| BaudRate::from_code(code).unwrap().code() == code));
-        assert_eq!((rs232_bit_per_s(5), rs232_bit_per_s(8)), (Some(38_400), None));
+        let serial: Vec<_> = (0..9).map_while(rs232_bit_per_s).collect();
+        assert_eq!(serial, [1_200, 2_400, 4_800, 9_600, 19_200, 38_400, 57_600, 115_200]);
     }
 }

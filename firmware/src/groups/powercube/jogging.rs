@@ -186,3 +186,40 @@ fn jog_requests(settings: &Settings, jog: &Jog, target_rad: f32) -> [Request; 2]
         Request::Move(MotionRequest::extended(MotionCommand::Ramp { target })),
     ]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::group::PositionSample;
+    use protocol::Duration;
+    use protocol::powercube::CubeState;
+
+    /// By hand: 0.1 s at 0.2 rad/s, then braking with 1 rad/s2, are 20 mrad each.
+    #[test]
+    fn target_of_a_jog_is_where_the_joint_comes_to_rest_and_within_the_limits_of_a_homed_one() {
+        let settings = Settings::powercube6();
+        let (joint, now) = (JointIndex::new(0).unwrap(), Instant::from_micros(1_000_000));
+        let limits = settings.joint.at(joint);
+        assert_eq!(limits.jog_a_rad_s2, 1.0);
+        let mut group = PowerCubes::default();
+        let until = now + Duration::from_millis(100);
+        let jog = |qd_rad_s| Jog { joint, qd_rad_s, until, step: Step::Moving };
+        let mut target_rad = |q_rad, qd_rad_s, homed: bool| {
+            let drive = group.drives.at_mut(joint);
+            drive.position = Some(PositionSample { q_rad, at: now });
+            let word = if homed { CubeState::HOME_OK } else { CubeState::from_bits(0) };
+            drive.state = Some((word, now));
+            group.jog_target(now, &settings, &jog(qd_rad_s))
+        };
+        for homed in [true, false] {
+            assert!((target_rad(0.5, 0.2, homed) - 0.54).abs() < 1e-6);
+            assert!((target_rad(0.5, -0.2, homed) - 0.46).abs() < 1e-6);
+        }
+        let near = limits.q_max_rad - 0.01;
+        assert_eq!(target_rad(near, 0.2, true), limits.q_max_rad);
+        assert!((target_rad(near, 0.2, false) - (near + 0.04)).abs() < 1e-6, "no zero, no limits");
+        let beyond = limits.q_max_rad + 0.1;
+        assert_eq!(target_rad(beyond, 0.2, true), beyond, "never further out");
+        assert!((target_rad(beyond, -0.2, true) - (beyond - 0.04)).abs() < 1e-6, "back in");
+    }
+}

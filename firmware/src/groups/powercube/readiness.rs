@@ -115,3 +115,105 @@ impl PowerCubes {
         if old || drive.short_state.intersects(ShortState::NOT_OK) { not_ready } else { Ok(()) }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::drives::DriveRecord;
+    use super::*;
+    use crate::group::PositionSample;
+
+    const JOINT: usize = 3;
+
+    fn ms(ms: u64) -> Instant {
+        Instant::from_micros(1_000 * ms)
+    }
+
+    /// A group that was reset a second ago and stands, at 2 s; each drive was read 10 ms ago.
+    fn standing() -> (PowerCubes, Settings, JointIndex) {
+        let settings = Settings::powercube6();
+        let mut group = PowerCubes { reset_at: ms(1_000), ..PowerCubes::default() };
+        for joint in settings.joints() {
+            let drive = group.drives.at_mut(joint);
+            drive.state = Some((CubeState::HOME_OK, ms(1_990)));
+            for at in [1_900, 1_940, 1_990] {
+                let sample = PositionSample { q_rad: 0.5, at: ms(at) };
+                drive.position = Some(sample);
+                drive.rest.take(sample);
+            }
+        }
+        (group, settings, JointIndex::new(JOINT).unwrap())
+    }
+
+    #[test]
+    fn drive_is_fit_to_move_only_if_each_of_its_readings_is_new_and_good() {
+        let age_us = 8 * u64::from(standing().1.monitor_period_us);
+        let read_ago = |us: u64| Instant::from_micros(2_000_000 - us);
+        let with_word = |word: CubeState| {
+            move |drive: &mut DriveRecord| drive.state = Some((CubeState::HOME_OK.union(word), ms(1_990)))
+        };
+        let word_at =
+            |at: Instant| move |drive: &mut DriveRecord| drive.state = Some((CubeState::HOME_OK, at));
+        let position_at = |at: Instant| {
+            move |drive: &mut DriveRecord| drive.position = Some(PositionSample { q_rad: 0.5, at })
+        };
+        type Spoil<'a> = (&'a str, Box<dyn Fn(&mut DriveRecord)>, Option<Cause>);
+        let cases: [Spoil<'_>; 16] = [
+            ("as it is", Box::new(|_| ()), None),
+            ("word never read", Box::new(|drive| drive.state = None), Some(Cause::DriveNotReady)),
+            ("word just new enough", Box::new(word_at(read_ago(age_us))), None),
+            ("word too old", Box::new(word_at(read_ago(age_us + 1))), Some(Cause::DriveNotReady)),
+            ("word at the reset", Box::new(word_at(ms(1_000))), Some(Cause::DriveNotReady)),
+            ("error", Box::new(with_word(CubeState::ERROR)), Some(Cause::DriveNotReady)),
+            ("halted", Box::new(with_word(CubeState::HALTED)), Some(Cause::DriveNotReady)),
+            ("in motion", Box::new(with_word(CubeState::MOTION)), Some(Cause::DriveNotReady)),
+            ("brake", Box::new(with_word(CubeState::BRAKEACTIVE)), None),
+            ("an answer missed", Box::new(|drive| drive.missed_in_row = 1), Some(Cause::DriveNotReady)),
+            (
+                "not homed",
+                Box::new(|drive| drive.state = Some((CubeState::from_bits(0), ms(1_990)))),
+                Some(Cause::NotHomed),
+            ),
+            ("no position", Box::new(|drive| drive.position = None), Some(Cause::DriveNotReady)),
+            ("position just new enough", Box::new(position_at(read_ago(age_us))), None),
+            ("position too old", Box::new(position_at(read_ago(age_us + 1))), Some(Cause::DriveNotReady)),
+            ("position at the reset", Box::new(position_at(ms(1_000))), Some(Cause::DriveNotReady)),
+            (
+                "short state not ok",
+                Box::new(|drive| drive.short_state = ShortState::NOT_OK),
+                Some(Cause::DriveNotReady),
+            ),
+        ];
+        for (name, spoil, expected) in cases {
+            let (mut group, settings, joint) = standing();
+            spoil(group.drives.at_mut(joint));
+            let refused = group.is_drive_ready(ms(2_000), &settings, joint).err();
+            assert_eq!(refused.map(|refusal| refusal.cause), expected, "{name}");
+            assert!(refused.is_none_or(|refusal| refusal.joint == Some(joint)), "{name}");
+        }
+    }
+
+    /// What was read before the last reset says nothing, however new it is.
+    #[test]
+    fn readings_from_before_the_reset_make_no_drive_fit() {
+        for word_is_old in [true, false] {
+            let (mut group, settings, joint) = standing();
+            group.reset_at = ms(1_985);
+            let drive = group.drives.at_mut(joint);
+            let (old, new) = (ms(1_984), ms(1_986));
+            let (word_at, position_at) = if word_is_old { (old, new) } else { (new, old) };
+            drive.state = Some((CubeState::HOME_OK, word_at));
+            drive.position = Some(PositionSample { q_rad: 0.5, at: position_at });
+            let refused = group.is_drive_ready(ms(2_000), &settings, joint).unwrap_err();
+            assert_eq!(refused, Refusal::at(Cause::DriveNotReady, joint));
+            group.reset_at = old;
+            assert_eq!(group.is_drive_ready(ms(2_000), &settings, joint), Ok(()));
+        }
+    }
+
+    #[test]
+    fn group_whose_cycle_was_not_rehearsed_or_does_not_fit_its_period_is_not_ready() {
+        let (group, settings, _) = standing();
+        assert_eq!(group.require_time(&settings), Err(Refusal::of(Cause::DriveNotReady)));
+        assert_eq!(group.is_group_ready(ms(2_000), &settings), Err(Refusal::of(Cause::DriveNotReady)));
+    }
+}

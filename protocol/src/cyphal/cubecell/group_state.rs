@@ -233,3 +233,16 @@ impl Decode<'_> for GroupState {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_state_has_its_number_and_no_other_number_is_a_state() {
+        for (number, state) in (0..).zip(State::ALL) {
+            assert_eq!((state as u8, State::from_number(number)), (number, Some(state)));
+        }
+        assert_eq!(State::from_number(State::ALL.len() as u8), None);
+    }
+}
