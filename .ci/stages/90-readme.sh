@@ -26,6 +26,8 @@ if [ -n "${README_CLONE:-}" ]; then
     cd "$work/clone"
 fi
 unset CARGO_TARGET_DIR
+# `pip install` builds the Python package with the libraries of the stage python; the release profile alone would take minutes.
+[ -n "${README_CLONE:-}" ] || export MATURIN_PEP517_ARGS="--profile dev --features features-of-tests"
 awk -v dir="$work" '
     /^```sh/ { n += 1; kind = $2 == "" ? "plain" : $2; file = sprintf("%s/%02d-%s.sh", dir, n, kind); next }
     /^```$/ { file = "" }
