@@ -1,6 +1,7 @@
 //! Every verb that touches a bus, on the embedded cell, as people run it.
 
-use crate::bus_common::{Folder, code, cubectl, err, out};
+use crate::bus_common::{Folder, Served, code, cubectl, err, out};
+use hil_sim::CellOptions;
 
 fn json(text: &str) -> serde_json::Value {
     serde_json::from_str(text).unwrap()
@@ -223,4 +224,24 @@ fn explain_knows_faults_and_exit_codes() {
     assert!(text.contains("HomingFailed") && text.contains("next:"), "{text}");
     assert!(out(&cubectl(&["explain", "exit", "7"])).contains("bus cannot be reached"));
     assert_eq!(code(&cubectl(&["explain", "12345"])), 4);
+}
+
+/// With watchdogs that do not stop their drives within the time that the controller waits for it.
+#[test]
+fn controller_that_ends_with_a_fault_says_so_in_its_exit_code() {
+    let run = |options: CellOptions| {
+        let served = Served::arm(options);
+        cubectl(&["controller", "--bus", &served.spec, "--for", "3"])
+    };
+    let sound = run(CellOptions::default());
+    assert_eq!(code(&sound), 0, "{}{}", out(&sound), err(&sound));
+    let mut options = CellOptions::default();
+    options.drive.watchdog_timeout = protocol::Duration::from_secs(600);
+    let unproven = run(options);
+    assert_eq!(code(&unproven), 9, "{}{}", out(&unproven), err(&unproven));
+    assert!(
+        err(&unproven).contains("ended in the state Fault: WatchdogUnproven (500)"),
+        "{}",
+        err(&unproven)
+    );
 }

@@ -5,11 +5,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use can_link::{BusSpec, CanLink, Clock, Role, RunError, Runner, Urgent};
 use firmware::ControllerNode;
+use firmware::fault::Fault;
 use firmware::groups::powercube::PowerCubes;
 use firmware::host_link::Identity;
 use firmware::orders::Order;
 use firmware::settings::Settings;
 use firmware::spline::Spline;
+use firmware::state::State;
 use firmware::store::{RamStorage, Storage, load_settings};
 use protocol::Duration;
 use protocol::cyphal::crc::Crc64;
@@ -73,7 +75,7 @@ pub struct Args {
 /// Runs the verb.
 ///
 /// # Errors
-/// The bus cannot be reached or is lost, the storage cannot be opened, or it names another node-ID.
+/// The bus cannot be reached or is lost, the storage cannot be opened, it names another node-ID, or a fault is latched at the end.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     match &args.storage {
         None => with_storage(args, RamStorage::new()),
@@ -133,7 +135,26 @@ fn with_storage(args: &Args, storage: impl Storage) -> Result<(), ExpectedError>
         counters.cycles_late,
         counters.replies_missed
     );
-    Ok(())
+    match node.controller().state() {
+        State::Fault { fault, .. } => Err(ended_in(fault)),
+        _ => Ok(()),
+    }
+}
+
+/// What whoever started the controller must know if it ends while a fault is latched.
+fn ended_in(fault: &Fault) -> ExpectedError {
+    let code = fault.cause.code();
+    let message = format!(
+        "ended in the state Fault: {}\n  next: `cubectl explain {code}`; a new start looks at the drives again",
+        in_words(fault)
+    );
+    ExpectedError::new(exit::FINDINGS, message)
+}
+
+/// Name, code and joint of a fault.
+fn in_words(fault: &Fault) -> String {
+    let joint = fault.joint.map_or(String::new(), |joint| format!(" at joint {}", joint.get() + 1));
+    format!("{} ({}){joint}", fault.cause.name(), fault.cause.code())
 }
 
 /// Settings to begin with, at a period that holds here.
@@ -239,24 +260,13 @@ fn failure(error: RunError) -> ExpectedError {
 }
 
 /// A line for each new state.
-fn show<S: Storage>(
-    node: &ControllerNode<S, Spline, PowerCubes>,
-    shown: &mut Option<firmware::state::State>,
-) {
+fn show<S: Storage>(node: &ControllerNode<S, Spline, PowerCubes>, shown: &mut Option<State>) {
     let state = *node.controller().state();
     if shown.is_some_and(|last| last.kind() == state.kind() && last.fault() == state.fault()) {
         return;
     }
     let why = match state.fault() {
-        Some(fault) => {
-            let joint = fault.joint.map_or(String::new(), |joint| format!(" at joint {}", joint.get() + 1));
-            format!(
-                ": {} ({}){joint}; `cubectl explain {}`",
-                fault.cause.name(),
-                fault.cause.code(),
-                fault.cause.code()
-            )
-        }
+        Some(fault) => format!(": {}; `cubectl explain {}`", in_words(&fault), fault.cause.code()),
         None => String::new(),
     };
     console::note!("{:?}{why}", state.kind());
