@@ -159,3 +159,34 @@ fn jog_moves_its_axis_alone_and_ends_when_it_stands() {
         assert_eq!(end[i], start[i], "axis {i}");
     }
 }
+
+/// The stop of whoever runs the node.
+#[test]
+fn halt_in_a_throw_brakes_all_axes_together_on_the_tangent_of_their_path() {
+    let (mut cell, _) = Cell::thrown();
+    for _ in 0..UNDER_WAY {
+        cell.step();
+    }
+    let dt_s = PERIOD_US as f64 * 1e-6;
+    let speeds = |cell: &Cell| -> [f64; AXES] {
+        let [.., before, last] = cell.robot.set.as_slice() else { panic!("two set points") };
+        std::array::from_fn(|i| (last[i] - before[i]) / dt_s)
+    };
+    cell.controller.stop_now(cell.at());
+    // The answer of the cycle before is already on its way.
+    cell.step();
+    let from = speeds(&cell);
+    let fastest = from.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
+    assert!(fastest > 0.5, "{fastest}");
+    let length_s = fastest / f64::from(Options::default().a_brake_rad_s2);
+    for k in 1..60 {
+        cell.robot.stopped = false;
+        cell.step();
+        let share = (1.0 - dt_s * f64::from(k) / length_s).max(0.0);
+        for (i, v) in speeds(&cell).into_iter().enumerate() {
+            assert!((v - share * from[i]).abs() < 1e-3, "cycle {k}, axis {i}: {v}, {share} of {}", from[i]);
+        }
+    }
+    assert_eq!(cell.robot.open, None, "the ball is kept");
+    assert!(matches!(cell.kind(), StateKind::Stopped), "{:?}", cell.kind());
+}
