@@ -35,6 +35,8 @@ pub struct Settings {
     /// A run that is far from the constraints and has not halved its violation within this many steps is at a stationary
     /// point of the violation.
     pub patience: usize,
+    /// A run that is farther than this from the constraints ends at once.
+    pub hopeless_above: f64,
 }
 
 impl Default for Settings {
@@ -45,6 +47,7 @@ impl Default for Settings {
             objective: 1e-7,
             give_up_above: f64::INFINITY,
             patience: 25,
+            hopeless_above: f64::INFINITY,
         }
     }
 }
@@ -200,6 +203,7 @@ impl<'t, const D: usize, T: Task<D>> Run<'t, D, T> {
     fn may_go_on(&self) -> bool {
         self.iterations < self.settings.iterations_max
             && self.violation.is_finite()
+            && self.violation <= self.settings.hopeless_above
             && self.rows.objective.is_finite()
     }
 
