@@ -182,7 +182,7 @@ fn config_is_dumped_compared_and_restored() {
 
 #[test]
 fn a_setting_written_as_a_short_decimal_is_restored_read_back_and_equal() {
-    let served = crate::bus_common::Served::arm(hil_sim::CellOptions::default());
+    let served = Served::arm(CellOptions::default());
     let folder = Folder::new("config-short");
     let (first, second) = (folder.file("first.toml"), folder.file("second.toml"));
     let bus = ["--bus", &served.spec];
