@@ -62,7 +62,8 @@ moved() {
     echo "--- a target that moved, $place"
     tail -n 3 "$dir.throw"
     [ $status -eq 9 ] || { echo "ended with $status, not 9"; return 1; }
-    grep -q 'moved by 20.0 mm' "$dir.throw" && grep -q 'nothing was thrown' "$dir.throw" || return 1
+    # Each look is a mean of frames with noise, and how many frames there are depends on the clock.
+    grep -Eq 'moved by (19\.[89]|20\.[0-2]) mm' "$dir.throw" && grep -q 'nothing was thrown' "$dir.throw" || return 1
     "$cubectl" replay "$dir" | grep '^identical: '
 }
 timed moved
