@@ -401,9 +401,9 @@ pub(crate) const FOLDERS: &[Folder] = &[
     Folder {
         path: "host/operator/src/rally",
         floors: &[
-            &["estimator", "executor", "limits", "obstacles", "thrower", "told"],
+            &["calibration", "estimator", "executor", "limits", "obstacles", "thrower", "told"],
             &["on_controller", "trial"],
-            &["degraded", "throws"],
+            &["degraded", "failures", "throws"],
             &["exchange"],
             &["study"],
         ],

@@ -1,125 +1,13 @@
 //! The search for a catch against an exhaustive one, and its limits.
 
-use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
+use nalgebra::{Matrix3, Vector3};
 use planner::catch::Joints;
-use planner::catch::arm::{CatchArm, Cup, Shares};
-use planner::catch::draw::{Window, draw};
-use planner::catch::forecast::{Forecast, Foreseen, Watch, across};
-use planner::catch::law::{State, least_peak, stopping_angle};
+use planner::catch::law::State;
 use planner::catch::motion::used;
 use planner::catch::online::{Catcher, Decision};
-use planner::catch::search::{Allowed, Decline, Mode, Settings, Start, joint_rates, search};
-use planner::flight::FlightModel;
-use planner::plan::rng::SplitMix64;
-use robot_model::{AnyRobot, Pose, RobotModel};
+use planner::catch::search::{Allowed, Decline, Mode, Settings, Start, search};
 
-const WAIT_DEG: [f64; 6] = [-4.0, -40.0, -173.0, -3.0, -88.0, 0.0];
-
-fn model() -> RobotModel<6> {
-    match AnyRobot::load("powercube6").unwrap() {
-        AnyRobot::Six(model) => *model,
-        other => panic!("{} joints", other.joints()),
-    }
-}
-
-fn base() -> Pose {
-    Pose::from_rpy([0.0, 0.0, std::f64::consts::PI], Vector3::new(2.5, 0.0, 0.0))
-}
-
-fn arm(jerk: bool) -> CatchArm {
-    let cup = Cup {
-        mouth_m: 0.05,
-        outer_radius_m: 0.076,
-        length_m: 0.106,
-        miss_max_m: 0.04,
-        replaces: vec!["fingers".to_owned()],
-    };
-    CatchArm::new(model(), base(), cup, Shares::default(), jerk).unwrap()
-}
-
-fn flight() -> FlightModel {
-    FlightModel::vacuum(9.81).unwrap().with_drag(0.0284).unwrap()
-}
-
-/// A ball that is known exactly, from `p`, `v` at time zero.
-fn forecast(p: Vector3<f64>, v: Vector3<f64>) -> Forecast {
-    let points = (0..240).map(|k| {
-        let t_s = 0.005 * f64::from(k);
-        let (p_m, v_m_s) = flight().coast(&p, &v, t_s);
-        Foreseen { t_s, p_m, v_m_s, covariance_m2: Matrix3::identity() * 1e-8 }
-    });
-    let watch = Watch { sigma_m: 0.002, period_s: 1.0 / 120.0, latency_s: 0.015, first_s: 0.0 };
-    Forecast { points: points.collect(), watch }
-}
-
-fn throws(count: usize, seed: u64) -> Vec<(Vector3<f64>, Vector3<f64>)> {
-    let mut rng = SplitMix64::new(seed);
-    // A wider window than the arm reaches, so that some balls cannot be caught.
-    let window = Window { y_m: 0.6, z_m: (-0.3, 0.9), ..Window::default() };
-    let mut one =
-        || draw(&model(), &Pose::identity(), &base(), &flight(), &window, &mut rng, 1_000_000).unwrap();
-    (0..count).map(|_| one()).map(|aimed| (aimed.p_m, aimed.v_m_s)).collect()
-}
-
-/// Every 5 ms, 400 directions, all postures: whether a posture with a motion inside speed, acceleration and ranges exists; contacts and currents
-/// are not looked at. `bound` only asks for the least peak acceleration, which no motion can beat.
-fn exhaustive(
-    arm: &CatchArm,
-    settings: &Settings,
-    mode: Mode,
-    from_s: f64,
-    forecast: &Forecast,
-    bound: bool,
-) -> bool {
-    let wait = Joints::from(WAIT_DEG.map(f64::to_radians));
-    let limits = arm.limits(false);
-    let x_bw = arm.x_wb().inverse();
-    let mut rng = SplitMix64::new(9);
-    forecast.points.iter().filter(|ball| ball.t_s > from_s + settings.freeze_s).any(|ball| {
-        let u = ball.v_m_s.normalize();
-        let (a, _) = across(&u);
-        (0..400).any(|_| {
-            let tilt = settings.cone_rad * rng.unit().sqrt();
-            let lean = Rotation3::from_axis_angle(&Unit::new_normalize(a), tilt) * -u;
-            let axis =
-                Rotation3::from_axis_angle(&Unit::new_normalize(u), std::f64::consts::TAU * rng.unit())
-                    * lean;
-            let (x, y) = across(&axis);
-            let rot = x_bw.rot * Matrix3::from_columns(&[x, y, axis]);
-            let mouth = x_bw.transform_point(&ball.p_m);
-            let ee = Pose::new(rot, mouth - rot.column(2) * arm.cup().mouth_m);
-            let left_s = ball.t_s - from_s;
-            arm.model().ik(&ee).unwrap().iter().any(|solution| {
-                let mut q = solution.q;
-                q[5] = wait[5];
-                let hand = u * (ball.v_m_s.norm() - settings.relative_m_s).max(0.0);
-                let qd = match mode {
-                    Mode::Hold => Some(Joints::zeros()),
-                    Mode::Matched => joint_rates(arm, limits, &q, &hand),
-                };
-                qd.is_some_and(|qd| {
-                    (0..6).all(|i| {
-                        let (limit, from) = (&limits[i], State::rest(wait[i]));
-                        let stop = q[i] + stopping_angle(limit, arm.law().limits_jerk(), qd[i]);
-                        let inside = |q: f64| q >= limit.q_rad.0 && q <= limit.q_rad.1;
-                        let in_time = if bound {
-                            least_peak(&from, q[i], qd[i], left_s) <= limit.a_rad_s2
-                        } else {
-                            arm.law().fit(limit, &from, q[i], qd[i], left_s).is_some()
-                        };
-                        inside(q[i]) && inside(stop) && in_time
-                    })
-                })
-            })
-        })
-    })
-}
-
-fn found(arm: &CatchArm, settings: &Settings, from_s: f64, forecast: &Forecast) -> Result<Mode, Decline> {
-    let state = WAIT_DEG.map(|q| State::rest(q.to_radians()));
-    let start = Start { at_s: from_s, state: &state, under_way: None };
-    search(arm, settings, &start, forecast).0.map(|choice| choice.mode)
-}
+use super::catch_rig::{Asked, WAIT_DEG, arm, exhaustive, forecast, found, refusals, throws};
 
 /// A refusal for want of a posture or of time is right where the exhaustive search finds nothing either. What the search
 /// misses between its grid points is counted.
@@ -135,12 +23,13 @@ fn refusals_agree_with_an_exhaustive_search() {
             match found(&arm, &settings, from_s, &forecast) {
                 Ok(_) => {
                     taken += 1;
-                    beyond += usize::from(!exhaustive(&arm, &settings, mode, from_s, &forecast, true));
+                    beyond +=
+                        usize::from(!exhaustive(&arm, &settings, mode, from_s, &forecast, Asked::Bound));
                 }
                 Err(Decline::Contact | Decline::BallFirst | Decline::Current | Decline::TooUncertain) => {}
                 Err(_) => {
                     refused += 1;
-                    wrong += usize::from(exhaustive(&arm, &settings, mode, from_s, &forecast, false));
+                    wrong += usize::from(exhaustive(&arm, &settings, mode, from_s, &forecast, Asked::Motion));
                 }
             }
         }
@@ -149,6 +38,15 @@ fn refusals_agree_with_an_exhaustive_search() {
     // A catch that the least peak acceleration forbids would be wrong by physics.
     assert_eq!(beyond, 0, "of {taken} catches taken");
     assert!(wrong * 20 <= refused, "{wrong} of {refused} refusals are wrong");
+}
+
+/// With the whole motion judged: contacts, currents and the ball against the arm as well. `--example catch_refusals` judges 200.
+#[test]
+fn refusals_of_whole_motions_agree_with_an_exhaustive_search() {
+    let (refused, taken) = refusals(&arm(false), 30, 8);
+    let wrong: Vec<_> = refused.iter().filter(|refusal| refusal.wrong).collect();
+    assert!(refused.len() >= 15 && taken >= 5, "{} refused, {taken} taken", refused.len());
+    assert!(wrong.len() * 10 <= refused.len(), "{wrong:?}");
 }
 
 #[test]

@@ -331,8 +331,22 @@ fn row_text(row: &Row) -> String {
     let (low, high) = row.caught.wilson();
     let bins: Vec<String> =
         row.by_flight.iter().map(|share| format!("{:.0}/{}", share.value() * 100.0, share.of)).collect();
+    let possible: Vec<String> = row
+        .possible_by_flight
+        .iter()
+        .map(|share| format!("{:.1}/{}", share.value() * 100.0, share.of))
+        .collect();
+    let (possible_low, possible_high) = row.of_possible.wilson();
+    let (possible_low, possible_high) = (possible_low * 100.0, possible_high * 100.0);
+    let first: Vec<String> = row
+        .first_decision
+        .0
+        .iter()
+        .filter(|bin| bin.of > 0)
+        .map(|bin| format!("{:.2}: {}/{}", bin.predicted, bin.caught, bin.of))
+        .collect();
     format!(
-        "{}\n  caught {:.1} % [{:.1}, {:.1}] of {}; of those with a place {:.1} % of {}; by the rule {:.1} %; by flight time {}\n  miss {:.1} mm (50 %), {:.1} mm (95 %); declined {}; not caught and told {}; told wrongly {:?}; limit passed {:?}; declined but touched {:?}; refused {}\n  largest speed and acceleration: thrower {:.0} / {:.0} %, catcher {:.0} / {:.0} %\n  decision {:.0} / {:.0} us (50 / 99 %), {:.0} candidates\n",
+        "{}\n  caught {:.1} % [{:.1}, {:.1}] of {}; of those with a place {:.1} % [{possible_low:.1}, {possible_high:.1}] of {}; by the rule {:.1} %; by flight time {}; with a place {}\n  miss {:.1} mm (50 %), {:.1} mm (95 %); declined {}; not caught and told {}; told wrongly {:?}; limit passed {:?}; declined but touched {:?}; refused {}\n  largest speed and acceleration: thrower {:.0} / {:.0} %, catcher {:.0} / {:.0} %\n  decision {:.0} / {:.0} us (50 / 99 %), {:.0} candidates\n  first decision, predicted: caught of all {}; Brier score {:.3}\n",
         row.name,
         row.caught.value() * 100.0,
         low * 100.0,
@@ -342,6 +356,7 @@ fn row_text(row: &Row) -> String {
         row.of_possible.of,
         row.by_rule.value() * 100.0,
         bins.join(" "),
+        possible.join(" "),
         row.miss_mm.0,
         row.miss_mm.1,
         row.declined,
@@ -356,6 +371,8 @@ fn row_text(row: &Row) -> String {
         row.executed[1].acceleration * 100.0,
         row.decision_us.0,
         row.decision_us.1,
-        row.judged
+        row.judged,
+        first.join(", "),
+        row.first_decision.1
     )
 }

@@ -16,6 +16,8 @@
 //! | [`limits`] | the limits against the joints of both arms as they moved |
 //! | [`told`] | what the catcher tells about its catch |
 //! | [`trial`] | one throw from the first run-up to the ball at rest; what was told and what happened |
+//! | [`failures`] | why a ball was not caught, one throw at a time |
+//! | [`calibration`] | predicted probabilities against what came of them |
 //! | [`study`] | many trials: shares with intervals, by flight time and by fault |
 //! | [`degraded`] | what can go wrong, one fault at a time |
 //! | [`estimator`] | errors of the flight estimator against their bound |
@@ -23,10 +25,12 @@
 //!
 //! The court is the witness: what the catcher believes is compared with where the simulated ball lies.
 
+pub mod calibration;
 pub mod degraded;
 pub mod estimator;
 pub mod exchange;
 pub mod executor;
+pub mod failures;
 pub mod limits;
 pub mod obstacles;
 pub mod on_controller;

@@ -10,19 +10,19 @@ use planner::catch::search::{Allowed, Decline, Settings};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::calibration::{CalibrationBin, brier, calibration};
 use super::degraded::degradations;
 use super::estimator::{EstimatorRow, estimator};
 use super::exchange::Partners;
+use super::failures::{Failure, RULE, failure, first_begun};
 use super::limits::Executed;
 use super::thrower::Scatter;
-use super::throws::{draw_throws, place_exists};
+use super::throws::{draw_possible, draw_throws};
 use super::trial::{CatchOutcome, Outcome, Pair, TrialOptions, WAIT_HOLD_DEG, WAIT_MATCHED_DEG};
 
 /// Width of the bins of flight time, s, and their first edge.
 const BIN_S: (f64, f64) = (0.4, 0.1);
 const BINS: usize = 5;
-/// What the task counts as a catch: miss (m), angle (rad); matched: relative speed (m/s).
-pub const RULE: (f64, f64, f64) = (0.040, 30.0 * std::f64::consts::PI / 180.0, 2.0);
 /// Quantile of the normal distribution for a 95 % interval.
 const Z: f64 = 1.959_964;
 
@@ -71,8 +71,14 @@ pub struct Row {
     pub by_rule: Share,
     /// Of the throws for which a place exists, those caught.
     pub of_possible: Share,
-    /// By flight time, from 0.4 s in steps of 0.1 s.
+    /// By flight time, from 0.4 s in steps of 0.1 s: all throws.
     pub by_flight: Vec<Share>,
+    /// The same of the throws for which a place exists.
+    pub possible_by_flight: Vec<Share>,
+    /// Predicted probability of the first decision to move against what came of it, and its Brier score.
+    pub first_decision: (Vec<CalibrationBin>, f64),
+    /// Throws that were not caught.
+    pub failures: Vec<Failure>,
     /// Lateral miss of the balls that crossed the mouth plane, mm: 50 %, 95 %.
     pub miss_mm: (f64, f64),
     /// Throws for which the catcher declined, and its most frequent reason.
@@ -129,17 +135,26 @@ pub fn row(
             (outcome, times)
         })
         .collect();
-    let mut row = Row { name: name.to_owned(), by_flight: vec![Share::default(); BINS], ..Row::default() };
+    let bins = vec![Share::default(); BINS];
+    let mut row =
+        Row { name: name.to_owned(), by_flight: bins.clone(), possible_by_flight: bins, ..Row::default() };
+    let mut predictions = Vec::new();
     let (mut misses, mut times, mut judged) = (Vec::new(), Vec::new(), (0_usize, 0_usize));
     for (k, ((outcome, took), aimed)) in outcomes.iter().zip(throws).enumerate() {
         let options = options(k);
         row.caught.count(outcome.caught);
         row.by_rule.count(by_rule(outcome, &options.settings));
-        if exists.get(k).copied().unwrap_or(true) {
-            row.of_possible.count(outcome.caught);
-        }
+        let place = exists.get(k).copied().unwrap_or(true);
         let bin = ((aimed.flight_s - BIN_S.0) / BIN_S.1).floor().clamp(0.0, (BINS - 1) as f64) as usize;
         row.by_flight[bin].count(outcome.caught);
+        if place {
+            row.of_possible.count(outcome.caught);
+            row.possible_by_flight[bin].count(outcome.caught);
+        }
+        if !outcome.caught {
+            row.failures.push(failure(k, aimed, place, outcome));
+        }
+        predictions.extend(first_begun(outcome).map(|first| (first.probability, outcome.caught)));
         misses.extend(outcome.crossing.filter(|_| outcome.choice.is_some()).map(|c| c.miss_m * 1e3));
         match outcome.told {
             CatchOutcome::Declined(why) => {
@@ -170,6 +185,7 @@ pub fn row(
             judged.1 += 1;
         }
     }
+    row.first_decision = (calibration(&predictions), brier(&predictions));
     row.miss_mm = (quantile(&mut misses, 0.5), quantile(&mut misses, 0.95));
     row.decision_us = (quantile(&mut times, 0.5), quantile(&mut times, 0.99), quantile(&mut times, 1.0));
     row.judged = judged.0 as f64 / judged.1.max(1) as f64;
@@ -195,7 +211,7 @@ fn quantile(values: &mut [f64], share: f64) -> f64 {
 /// What a study is made of.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StudyOptions {
-    /// Throws per setting.
+    /// Throws per setting: for shares of caught balls, those for which a place exists.
     pub throws: usize,
     /// Seed of all chance.
     pub seed: u64,
@@ -249,10 +265,8 @@ pub fn run(
             if !options.wants(&name) {
                 continue;
             }
-            let throws = draw_throws(&pair, &window, options.throws, options.seed);
-            let throws = throws.ok_or(NoStudy::OutOfReach { distance_m })?;
-            let exists: Vec<bool> =
-                throws.par_iter().map(|aimed| place_exists(&pair, aimed, &trial)).collect();
+            let drawn = draw_possible(&pair, &window, &trial, options.throws, options.seed);
+            let (throws, exists) = drawn.ok_or(NoStudy::OutOfReach { distance_m })?;
             done(&row(&name, &pair, &throws, &|_| trial.clone(), &exists, options.seed));
         }
     }

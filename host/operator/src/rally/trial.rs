@@ -140,8 +140,7 @@ pub struct Outcome {
     pub arms_touched: bool,
     /// Time from the first to the last sample of the flight.
     pub seen_s: f64,
-    /// Estimated minus true place of the ball at the catch, in standard deviations squared over three, by the forecast last
-    /// used.
+    /// Distance of the ball from the cup's axis at the catch, by the last forecast, m.
     pub off_m: Option<f64>,
     /// Places, for pictures.
     pub trace: Vec<Moment>,
@@ -216,7 +215,7 @@ impl Pair {
     }
 
     /// The catcher for one throw: whoever knows the plan keeps clear of the way that the thrower takes, not of all its reach.
-    fn catcher_for(&self, aimed: &Aimed, options: &TrialOptions) -> CatchArm {
+    pub(super) fn catcher_for(&self, aimed: &Aimed, options: &TrialOptions) -> CatchArm {
         let mut arm = self.catcher(options.jerk).clone();
         if options.cooperative {
             let boxes = within_reach(&arm, swept(&self.court.arms[0], &aimed.throw));

@@ -372,6 +372,60 @@ fn directions(cone_rad: f64) -> Vec<[f64; 3]> {
     all
 }
 
+/// The mode in which the hand catches, and what it is worth; `None` if the settings do not allow it.
+fn allowed_mode(settings: &Settings, slot: &Slot<'_>, mode: Mode) -> Option<(Mode, f64)> {
+    // A ball slower than the relative speed allowed needs no hand that moves.
+    if slot.speed <= settings.relative_m_s {
+        return Some((Mode::Hold, 1.0));
+    }
+    let allowed = match settings.allowed {
+        Allowed::Either => true,
+        Allowed::Matched => mode == Mode::Matched,
+        Allowed::Hold => mode == Mode::Hold,
+    };
+    allowed.then_some((mode, if mode == Mode::Matched { 1.0 } else { HOLD_WORTH }))
+}
+
+/// Largest share of an acceleration limit that no motion to this state can go below; `None` if it is above 1, or the arm could not
+/// stop inside its ranges.
+fn least_share(
+    arm: &CatchArm,
+    start: &Start<'_>,
+    slot: &Slot<'_>,
+    q: &Joints,
+    qd: &Joints,
+    count: &mut Count,
+) -> Option<f64> {
+    let mut peak = 0.0_f64;
+    for i in 0..6 {
+        let limit = &slot.limits[i];
+        let stop = q[i] + stopping_angle(limit, arm.law.limits_jerk(), qd[i]);
+        if stop < limit.q_rad.0 || stop > limit.q_rad.1 {
+            count.no_stop += 1;
+            return None;
+        }
+        peak = peak.max(least_peak(&start.state[i], q[i], qd[i], slot.left_s) / limit.a_rad_s2);
+    }
+    if peak > 1.0 {
+        count.late += 1;
+        return None;
+    }
+    Some(peak)
+}
+
+/// The motion of each joint and the largest share of a limit that they use; `None` if a joint has none.
+fn fit_all(
+    arm: &CatchArm,
+    start: &Start<'_>,
+    slot: &Slot<'_>,
+    q: &Joints,
+    qd: &Joints,
+) -> Option<([Fit; 6], f64)> {
+    let fit = |i: usize| arm.law.fit(&slot.limits[i], &start.state[i], q[i], qd[i], slot.left_s);
+    let fits = [fit(0)?, fit(1)?, fit(2)?, fit(3)?, fit(4)?, fit(5)?];
+    Some((fits, fits.iter().map(|fit| fit.used).fold(0.0, f64::max)))
+}
+
 #[expect(clippy::too_many_arguments, reason = "one candidate of one search")]
 fn judge(
     arm: &CatchArm,
@@ -383,18 +437,7 @@ fn judge(
     best: &mut Vec<Candidate>,
     count: &mut Count,
 ) {
-    let allowed = match settings.allowed {
-        Allowed::Either => true,
-        Allowed::Matched => mode == Mode::Matched,
-        Allowed::Hold => mode == Mode::Hold,
-    };
-    let slow = slot.speed <= settings.relative_m_s;
-    // A ball slower than the relative speed allowed needs no hand that moves.
-    let mode = if slow { Mode::Hold } else { mode };
-    if !(allowed || slow && mode == Mode::Hold) {
-        return;
-    }
-    let worth = if mode == Mode::Matched || slow { 1.0 } else { HOLD_WORTH };
+    let Some((mode, worth)) = allowed_mode(settings, slot, mode) else { return };
     let bound = if best.len() < SHORTLIST { 0.0 } else { best[best.len() - 1].score };
     let mut qd = Joints::zeros();
     let mut relative_m_s = slot.speed;
@@ -409,20 +452,7 @@ fn judge(
             }
         }
     }
-    let mut peak = 0.0_f64;
-    for i in 0..6 {
-        let limit = &slot.limits[i];
-        let stop = q[i] + stopping_angle(limit, arm.law.limits_jerk(), qd[i]);
-        if stop < limit.q_rad.0 || stop > limit.q_rad.1 {
-            count.no_stop += 1;
-            return;
-        }
-        peak = peak.max(least_peak(&start.state[i], q[i], qd[i], slot.left_s) / limit.a_rad_s2);
-    }
-    if peak > 1.0 {
-        count.late += 1;
-        return;
-    }
+    let Some(least) = least_share(arm, start, slot, &q, &qd, count) else { return };
     let kept = start.under_way.map_or(0.0, |(t_s, under_way, was)| {
         let same = was == mode && (t_s - slot.ball.t_s).abs() < 0.006 && (under_way - axis).norm() < 1e-6;
         if same { settings.hysteresis } else { 0.0 }
@@ -431,48 +461,24 @@ fn judge(
         let probability = probability(arm, slot, used);
         (probability, worth * probability + kept + 0.01 * (1.0 - used))
     };
-    if score(peak).1 <= bound {
+    if score(least).1 <= bound {
         return;
     }
-    let mut used = 0.0_f64;
-    let mut fits: [Option<Fit>; 6] = [None; 6];
-    for i in 0..6 {
-        match arm.law.fit(&slot.limits[i], &start.state[i], q[i], qd[i], slot.left_s) {
-            Some(fit) => {
-                used = used.max(fit.used);
-                fits[i] = Some(fit);
-            }
-            None => {
-                count.late += 1;
-                return;
-            }
-        }
-    }
+    let Some((fits, used)) = fit_all(arm, start, slot, &q, &qd) else {
+        count.late += 1;
+        return;
+    };
     count.motion += 1;
     let (probability, score) = score(used);
-    let [Some(a), Some(b), Some(c), Some(d), Some(e), Some(f)] = fits else { return };
     if score <= bound {
         return;
     }
     let place = best.partition_point(|other| other.score >= score);
     best.truncate(SHORTLIST - 1);
     let place = place.min(best.len());
-    best.insert(
-        place,
-        Candidate {
-            ball: slot.ball,
-            axis: *axis,
-            branch,
-            mode,
-            q,
-            qd,
-            fits: [a, b, c, d, e, f],
-            used,
-            probability,
-            relative_m_s,
-            score,
-        },
-    );
+    let (ball, axis) = (slot.ball, *axis);
+    let found = Candidate { ball, axis, branch, mode, q, qd, fits, used, probability, relative_m_s, score };
+    best.insert(place, found);
 }
 
 /// The corrections still needed are within what is left of the accelerations, and the ball passes the rim in the end.
