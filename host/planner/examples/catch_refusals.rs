@@ -23,10 +23,7 @@ fn main() {
         *of += 1;
         *wrong += usize::from(refusal.wrong);
         if refusal.wrong {
-            println!(
-                "throw {}, {:?}, from {} s: {}",
-                refusal.throw, refusal.mode, refusal.from_s, refusal.why
-            );
+            println!("{refusal}");
         }
     }
     for (why, (of, wrong)) in &by_reason {

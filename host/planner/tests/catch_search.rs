@@ -44,7 +44,7 @@ fn refusals_agree_with_an_exhaustive_search() {
 #[test]
 fn refusals_of_whole_motions_agree_with_an_exhaustive_search() {
     let (refused, taken) = refusals(&arm(false), 30, 8);
-    let wrong: Vec<_> = refused.iter().filter(|refusal| refusal.wrong).collect();
+    let wrong: Vec<_> = refused.iter().filter(|refusal| refusal.wrong).map(ToString::to_string).collect();
     assert!(refused.len() >= 15 && taken >= 5, "{} refused, {taken} taken", refused.len());
     assert!(wrong.len() * 10 <= refused.len(), "{wrong:?}");
 }

@@ -1,5 +1,7 @@
 //! An arm, throws at it, and a slow search that judges them by brute force.
 
+use std::fmt;
+
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 use planner::catch::Joints;
 use planner::catch::arm::{CatchArm, Cup, Shares};
@@ -13,7 +15,7 @@ use planner::plan::rng::SplitMix64;
 use robot_model::collision::{CollisionChecker, Scene};
 use robot_model::{AnyRobot, Pose, RobotModel};
 
-pub const WAIT_DEG: [f64; 6] = [-4.0, -40.0, -173.0, -3.0, -88.0, 0.0];
+pub(crate) const WAIT_DEG: [f64; 6] = [-4.0, -40.0, -173.0, -3.0, -88.0, 0.0];
 /// Directions per time of the slow search.
 const DIRECTIONS: usize = 400;
 
@@ -28,7 +30,7 @@ fn base() -> Pose {
     Pose::from_rpy([0.0, 0.0, std::f64::consts::PI], Vector3::new(2.5, 0.0, 0.0))
 }
 
-pub fn arm(jerk: bool) -> CatchArm {
+pub(crate) fn arm(jerk: bool) -> CatchArm {
     let cup = Cup {
         mouth_m: 0.05,
         outer_radius_m: 0.076,
@@ -44,7 +46,7 @@ fn flight() -> FlightModel {
 }
 
 /// A ball that is known exactly, from `p`, `v` at time zero.
-pub fn forecast(p: Vector3<f64>, v: Vector3<f64>) -> Forecast {
+pub(crate) fn forecast(p: Vector3<f64>, v: Vector3<f64>) -> Forecast {
     let points = (0..240).map(|k| {
         let t_s = 0.005 * f64::from(k);
         let (p_m, v_m_s) = flight().coast(&p, &v, t_s);
@@ -54,7 +56,7 @@ pub fn forecast(p: Vector3<f64>, v: Vector3<f64>) -> Forecast {
     Forecast { points: points.collect(), watch }
 }
 
-pub fn throws(count: usize, seed: u64) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+pub(crate) fn throws(count: usize, seed: u64) -> Vec<(Vector3<f64>, Vector3<f64>)> {
     let mut rng = SplitMix64::new(seed);
     // A wider window than the arm reaches, so that some balls cannot be caught.
     let window = Window { y_m: 0.6, z_m: (-0.3, 0.9), ..Window::default() };
@@ -65,7 +67,7 @@ pub fn throws(count: usize, seed: u64) -> Vec<(Vector3<f64>, Vector3<f64>)> {
 
 /// How much of a catch the slow search asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Asked {
+pub(crate) enum Asked {
     /// The least peak acceleration only, which no motion can beat.
     Bound,
     /// A motion inside speed, acceleration, jerk and ranges at its ends.
@@ -75,7 +77,7 @@ pub enum Asked {
 }
 
 /// Every 5 ms, 400 directions, all postures: whether a catch exists.
-pub fn exhaustive(
+pub(crate) fn exhaustive(
     arm: &CatchArm,
     settings: &Settings,
     mode: Mode,
@@ -144,7 +146,12 @@ fn stops_inside(arm: &CatchArm, limits: &[Limits; 6], q: &Joints, qd: &Joints) -
     })
 }
 
-pub fn found(arm: &CatchArm, settings: &Settings, from_s: f64, forecast: &Forecast) -> Result<Mode, Decline> {
+pub(crate) fn found(
+    arm: &CatchArm,
+    settings: &Settings,
+    from_s: f64,
+    forecast: &Forecast,
+) -> Result<Mode, Decline> {
     let state = WAIT_DEG.map(|q| State::rest(q.to_radians()));
     let start = Start { at_s: from_s, state: &state, under_way: None };
     search(arm, settings, &start, forecast).0.map(|choice| choice.mode)
@@ -152,7 +159,7 @@ pub fn found(arm: &CatchArm, settings: &Settings, from_s: f64, forecast: &Foreca
 
 /// One refusal of the search, and whether the slow search finds a catch.
 #[derive(Debug, Clone, Copy)]
-pub struct Refusal {
+pub(crate) struct Refusal {
     pub throw: usize,
     pub from_s: f64,
     pub mode: Mode,
@@ -160,8 +167,14 @@ pub struct Refusal {
     pub wrong: bool,
 }
 
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "throw {}, {:?}, from {} s: {}", self.throw, self.mode, self.from_s, self.why)
+    }
+}
+
 /// The first `refusals` refusals among drawn throws, each judged with its whole motion; and how many throws were taken.
-pub fn refusals(arm: &CatchArm, refusals: usize, seed: u64) -> (Vec<Refusal>, usize) {
+pub(crate) fn refusals(arm: &CatchArm, refusals: usize, seed: u64) -> (Vec<Refusal>, usize) {
     let (mut all, mut taken) = (Vec::new(), 0);
     for (throw, (p, v)) in throws(refusals, seed).into_iter().enumerate() {
         let forecast = forecast(p, v);
