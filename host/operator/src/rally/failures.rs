@@ -5,6 +5,7 @@ use planner::catch::draw::Aimed;
 use planner::catch::online::{Decision, Logged};
 use serde::Serialize;
 
+use super::told::CatchOutcome;
 use super::trial::Outcome;
 
 /// What the task counts as a catch: miss (m), angle (rad); matched: relative speed (m/s).
@@ -36,7 +37,7 @@ pub struct Failure {
     /// A place to catch it exists.
     pub place: bool,
     pub cause: Cause,
-    /// Reason of the decline, if there is one.
+    /// Reason that the catcher told, if it declined.
     pub why: Option<String>,
     /// First decision to move: s after the planned release, predicted probability, standard deviation across the flight (m).
     pub begun: Option<(f64, f64, f64)>,
@@ -59,16 +60,16 @@ pub fn first_begun(outcome: &Outcome) -> Option<&Logged> {
 pub fn failure(throw: usize, aimed: &Aimed, place: bool, outcome: &Outcome) -> Failure {
     let release_s = outcome.planned_s.0;
     let begun = first_begun(outcome);
-    let declined = outcome.log.iter().rev().find_map(|logged| match logged.decision {
-        Decision::Declined(why) | Decision::MovedClear(why) | Decision::GivenUp(why) => Some(why.to_string()),
+    let why = match outcome.told {
+        CatchOutcome::Declined(why) => Some(why.to_string()),
         _ => None,
-    });
+    };
     Failure {
         throw,
         flight_s: aimed.flight_s,
         place,
         cause: cause(outcome, begun.is_some()),
-        why: declined.filter(|_| outcome.choice.is_none()),
+        why,
         begun: begun.map(|logged| (logged.at_s - release_s, logged.probability, logged.sigma_m)),
         catch_s: outcome.choice.as_ref().map(|choice| choice.t_s - release_s),
         predicted_off_m: outcome.choice.as_ref().and(outcome.off_m),
