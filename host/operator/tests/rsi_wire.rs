@@ -72,7 +72,9 @@ fn robot_that_adds_corrections_against_its_description_is_told_to_leave_as_soon_
     println!("{stage:?} after {ended:?}, {:.1} deg from the start pose", away(last));
     // It did run away, by more than the whole throw takes: that is why no such robot is led knowingly.
     assert!(last.at <= ended && away(last) > 10.0, "{}", away(last));
-    // One with the usual limits stops itself first, by the speed or the acceleration of its set points: which of them depends on the plan.
+    // One with the usual limits stops itself first. It moves by each correction once per cycle of 12 ms, so a correction of 1.8 deg is
+    // its speed limit of 150 deg/s, and a client that moves with 24 deg/s is its acceleration limit of 2000 deg/s2. A ramp of
+    // 120 deg/s2 is at 1.8 deg first, a ramp that begins smoothly is at 24 deg/s first.
     let (seen, stage) = thrown(false);
     let by_its_limits =
         matches!(seen.fault, Some(FaultCause::Velocity { .. } | FaultCause::Acceleration { .. }));

@@ -60,11 +60,11 @@ fn points_without_lag(distance_m: f64) -> usize {
 }
 
 // References: 38 and 53 points, by a search that did not check bodies and had ramps of 120 deg/s2, and 41 and 61 points with ramps
-// of 600. A count far above them would be a mistake of the window.
+// of 600. Without steps into bodies 42 are found here, each plan verified from its set points.
 #[test]
 fn at_2_5_m_more_points_are_followed_than_by_the_reference() {
     let points = points_without_lag(2.5);
-    assert!((39..47).contains(&points), "{points}");
+    assert!((40..45).contains(&points), "{points}");
 }
 
 #[test]

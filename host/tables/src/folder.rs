@@ -85,7 +85,7 @@ impl Study {
     }
 }
 
-/// Two texts, or of long ones where they differ with the words before and behind.
+/// Two texts for a message. Of long texts only the part that differs is kept, with some words around it.
 fn excerpts(a: &str, b: &str) -> (String, String) {
     const SHORT: usize = 60;
     const BESIDE: usize = 30;

@@ -18,8 +18,9 @@ use crate::machine::{Machine, Placed};
 use crate::node::host_node::frame_bits;
 use crate::tap::{Tap, Way};
 
-/// Time over which the load of the bus is taken, and the shortest one that tells something.
+/// The load of the bus is the mean over this time.
 const LOAD_SPAN: Duration = Duration::from_millis(500);
+/// The load over less than this time is not told.
 const LOAD_SPAN_MIN: Duration = Duration::from_millis(50);
 /// Events kept.
 const EVENTS_KEPT: usize = 200;

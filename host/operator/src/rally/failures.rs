@@ -20,11 +20,11 @@ pub enum Cause {
     GivenUp,
     /// The ball touched a link or the cup before the time of the catch.
     TouchedBefore,
-    /// The last forecast put the ball beside the cup already: the motion could not follow.
+    /// The last forecast said that the ball would pass beside the cup: the arm could not follow in time.
     Motion,
-    /// The last forecast put the ball into the cup, and it passed beside it.
+    /// The last forecast said that the ball would enter the cup. The ball passed beside it.
     Estimate,
-    /// It crossed the mouth within the rule and came out again.
+    /// The ball entered the cup as the rule asks, and bounced out.
     CameOut,
 }
 

@@ -45,12 +45,12 @@ pub fn draw_possible(
         let drawn = draw_from(pair, window, block * possible..(block + 1) * possible, seed)?;
         let places: Vec<bool> = drawn.par_iter().map(|aimed| place_exists(pair, aimed, options)).collect();
         for (aimed, place) in drawn.into_iter().zip(places) {
-            if found == possible {
-                return Some((throws, exists));
-            }
             throws.push(aimed);
             exists.push(place);
             found += usize::from(place);
+            if found == possible {
+                return Some((throws, exists));
+            }
         }
     }
     Some((throws, exists))

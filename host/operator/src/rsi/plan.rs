@@ -38,7 +38,7 @@ const BEFORE_TELEGRAM_US: i64 = 2_000;
 pub struct Timing {
     /// Time between two telegrams, us.
     pub period_us: u32,
-    /// Dead time that the set points lead the axes by, us: the path begins by so much, and whole periods, after a telegram.
+    /// Dead time of the axes, us. Set points are sent so much earlier: the path begins this time and whole periods after a telegram.
     pub dead_time_us: u32,
     /// From the output to the free ball, us.
     pub gripper_delay_us: u32,
