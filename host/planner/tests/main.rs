@@ -2,6 +2,7 @@
 
 mod best_form;
 mod best_known;
+mod catch_rates;
 mod catch_rig;
 mod catch_search;
 mod default_throw;

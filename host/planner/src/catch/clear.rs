@@ -12,6 +12,8 @@ use super::law::{Limits, Pieces, State};
 use super::motion::{CatchMotion, check, distance_m};
 use super::search::Start;
 
+/// Links from this one on can get out of a ball's way: base and turntable stay where they are.
+pub const CLEARS_FROM_LINK: usize = 2;
 /// Room between ball and arm besides what the forecast does not know, m.
 const ROOM_M: f64 = 0.03;
 /// Standard deviations of the forecast that count as room, and up to which sum, m.
@@ -120,10 +122,10 @@ fn least_room_m(arm: &CatchArm, motion: &CatchMotion, balls: &[Foreseen], enough
     least
 }
 
-/// Boxes that can get out of the way, in the world: those of the base and of the turntable stay where they are.
+/// Boxes that can get out of the way, in the world.
 fn moving_boxes(arm: &CatchArm, motion: &CatchMotion, t_s: f64) -> Vec<Obb> {
     let boxes = arm.boxes(&motion.joints_at(t_s).0).into_iter().zip(arm.model.collision().boxes());
-    boxes.filter(|(_, body)| body.link > 1).map(|(placed, _)| placed).collect()
+    boxes.filter(|(_, body)| body.link >= CLEARS_FROM_LINK).map(|(placed, _)| placed).collect()
 }
 
 /// The first three joints by `way_rad` along a direction, the others to rest.

@@ -10,7 +10,10 @@
 //! | [`forecast`] | the flight to come, with its covariance |
 //! | [`arm`] | the arm with its cup, where it stands, its limits |
 //! | [`motion`] | motion of all joints; the check of a whole motion |
-//! | [`search`] | candidates, judged; the best one, or why there is none |
+//! | `slot` | the times of a search: ball, reach of the joints, probability |
+//! | `candidates` | postures at these times, judged |
+//! | [`rates`] | joint rates that move the hand with the ball |
+//! | [`search`] | what is looked for; the best candidate, or why there is none |
 //! | [`clear`] | out of the way of a ball that will not be caught |
 //! | [`online`] | a catch in progress: forecasts in, motions out |
 //! | [`draw`] | throws of another arm that come by, at random |
@@ -18,13 +21,16 @@
 //! World frame: that of the two arms' common floor plan; SI units, radians.
 
 pub mod arm;
+mod candidates;
 pub mod clear;
 pub mod draw;
 pub mod forecast;
 pub mod law;
 pub mod motion;
 pub mod online;
+pub mod rates;
 pub mod search;
+mod slot;
 
 /// Angles, speeds or accelerations of the six joints.
 pub type Joints = robot_model::JointVec<6>;

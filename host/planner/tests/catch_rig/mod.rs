@@ -9,7 +9,8 @@ use planner::catch::draw::{Window, draw};
 use planner::catch::forecast::{Forecast, Foreseen, Watch, across};
 use planner::catch::law::{Fit, Limits, Pieces, State, least_peak, stopping_angle};
 use planner::catch::motion::{CatchMotion, check};
-use planner::catch::search::{Allowed, Decline, Mode, Settings, Start, joint_rates, search};
+use planner::catch::rates::Hand;
+use planner::catch::search::{Allowed, Decline, Mode, Settings, Start, search};
 use planner::flight::FlightModel;
 use planner::plan::rng::SplitMix64;
 use robot_model::collision::{CollisionChecker, Scene};
@@ -108,31 +109,37 @@ pub(crate) fn exhaustive(
             arm.model().ik(&ee).unwrap().iter().any(|solution| {
                 let mut q = solution.q;
                 q[5] = wait[5];
-                let hand = u * (ball.v_m_s.norm() - settings.relative_m_s).max(0.0);
-                let qd = match mode {
-                    Mode::Hold => Some(Joints::zeros()),
-                    Mode::Matched => joint_rates(arm, limits, &q, &hand),
+                let with_ball = u * (ball.v_m_s.norm() - settings.relative_m_s).max(0.0);
+                let into_cup = ball.v_m_s + axis * settings.relative_m_s;
+                let hand = Hand::at(arm, limits, &q);
+                let rates = match mode {
+                    Mode::Hold => [Some(Joints::zeros()), None],
+                    Mode::Matched => [hand.rates(&with_ball), hand.rates(&into_cup)],
                 };
-                let Some(qd) = qd.filter(|qd| stops_inside(arm, limits, &q, qd)) else { return false };
-                if asked == Asked::Bound {
-                    let peak = |i: usize| least_peak(&State::rest(wait[i]), q[i], qd[i], left_s);
-                    return (0..6).all(|i| peak(i) <= limits[i].a_rad_s2);
-                }
-                let fits: Option<Vec<Fit>> = (0..6)
-                    .map(|i| arm.law().fit(&limits[i], &State::rest(wait[i]), q[i], qd[i], left_s))
-                    .collect();
-                let Some(fits) = fits else { return false };
-                if asked == Asked::Motion {
-                    return true;
-                }
-                let joints = std::array::from_fn(|i| {
-                    let mut pieces = Pieces::starting(State::rest(wait[i]));
-                    arm.law().append(&fits[i], left_s, &mut pieces);
-                    arm.law().append_stop(&limits[i], &mut pieces);
-                    pieces
-                });
-                let motion = CatchMotion { start_s: from_s, joints };
-                check(arm, &mut checker, &motion, Some((forecast, ball.t_s))).is_ok()
+                rates.into_iter().flatten().any(|qd| {
+                    if !stops_inside(arm, limits, &q, &qd) {
+                        return false;
+                    }
+                    if asked == Asked::Bound {
+                        let peak = |i: usize| least_peak(&State::rest(wait[i]), q[i], qd[i], left_s);
+                        return (0..6).all(|i| peak(i) <= limits[i].a_rad_s2);
+                    }
+                    let fits: Option<Vec<Fit>> = (0..6)
+                        .map(|i| arm.law().fit(&limits[i], &State::rest(wait[i]), q[i], qd[i], left_s))
+                        .collect();
+                    let Some(fits) = fits else { return false };
+                    if asked == Asked::Motion {
+                        return true;
+                    }
+                    let joints = std::array::from_fn(|i| {
+                        let mut pieces = Pieces::starting(State::rest(wait[i]));
+                        arm.law().append(&fits[i], left_s, &mut pieces);
+                        arm.law().append_stop(&limits[i], &mut pieces);
+                        pieces
+                    });
+                    let motion = CatchMotion { start_s: from_s, joints };
+                    check(arm, &mut checker, &motion, Some((forecast, ball.t_s))).is_ok()
+                })
             })
         })
     })
