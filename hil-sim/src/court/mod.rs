@@ -122,9 +122,11 @@ pub enum CourtEvent {
         /// Approach speed.
         speed_m_s: f64,
     },
-    /// The ball hit a link.
+    /// The ball hit a part of the arm that is not its cup.
     HitLink {
         arm: usize,
+        /// Link of that part, from 0; link 0 is the base, which no joint moves.
+        link: usize,
         /// Name of the box in the robot file.
         part: String,
     },
@@ -153,6 +155,7 @@ struct HandNow<const N: usize> {
     v_m_s: Vector3<f64>,
     w_rad_s: Vector3<f64>,
     frames: Frames<N>,
+    /// Boxes in the world, each with its number in the robot's model.
     boxes: Vec<(usize, Obb)>,
 }
 
@@ -328,13 +331,13 @@ impl<const N: usize> Court<N> {
             w += axis;
         }
         let replaced = |name: &String| self.options.cup.replaces.contains(name);
-        let boxes = model.collision().boxes().iter().filter(|b| !replaced(&b.name));
-        let boxes = boxes.map(|b| {
+        let boxes = model.collision().boxes().iter().enumerate().filter(|(_, b)| !replaced(&b.name));
+        let boxes = boxes.map(|(number, b)| {
             let x_bl = match b.link.checked_sub(1) {
                 None => b.x_lb,
                 Some(link) => frames.x_w[link] * b.x_lb,
             };
-            (b.link, Obb::new(*x_wb * x_bl, b.half_m))
+            (number, Obb::new(*x_wb * x_bl, b.half_m))
         });
         HandNow {
             x_we: *x_wb * x_be,
@@ -482,13 +485,14 @@ impl<const N: usize> Court<N> {
         let radius_m = self.options.ball.radius_m;
         let x_wb = self.options.arms[arm].x_wb;
         let mut hit_box = None;
-        for (link, obb) in &hand.boxes {
+        for (number, obb) in &hand.boxes {
             if (obb.pose.pos - ball.p_m).norm() > obb.radius_m() + radius_m + NEAR_M {
                 continue;
             }
             let p_b = x_wb.inverse_transform_point(&ball.p_m);
             let mut surface_v = Vector3::zeros();
-            for i in 0..*link {
+            let link = self.options.arms[arm].model.collision().boxes()[*number].link;
+            for i in 0..link {
                 let arm_m = p_b - hand.frames.origin(i);
                 surface_v += hand.frames.axis(i).cross(&arm_m) * self.joints[arm].qd[i];
             }
@@ -503,19 +507,18 @@ impl<const N: usize> Court<N> {
                     surface: self.options.ground,
                 };
                 ball.hit(&self.options.ball, &hit);
-                hit_box = Some(*link);
+                hit_box = Some(*number);
             }
         }
-        if let Some(link) = hit_box {
+        if let Some(number) = hit_box {
             let new = self.is_new(2 + arm);
             self.touched[2 + arm] = Some(self.now);
             if !new {
                 return;
             }
-            let model = &self.options.arms[arm].model;
-            let part = model.collision().boxes().iter().find(|b| b.link == link);
-            let part = part.map_or_else(String::new, |b| b.name.clone());
-            self.tell(self.now, CourtEvent::HitLink { arm, part });
+            let hit = &self.options.arms[arm].model.collision().boxes()[number];
+            let (link, part) = (hit.link, hit.name.clone());
+            self.tell(self.now, CourtEvent::HitLink { arm, link, part });
         }
     }
 

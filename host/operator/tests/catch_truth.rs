@@ -4,7 +4,7 @@
 use hil_sim::court::{CourtEvent, CourtOptions};
 use nalgebra::Vector3;
 use operator::rally::throws::draw_throws;
-use operator::rally::trial::{CatchOutcome, Outcome, Pair, TrialOptions, WAIT_MATCHED_DEG};
+use operator::rally::trial::{CatchOutcome, Outcome, Pair, Touch, TrialOptions, WAIT_MATCHED_DEG};
 use planner::catch::Joints;
 use planner::catch::draw::{Aimed, Window, draw};
 use planner::catch::online::Decision;
@@ -120,17 +120,17 @@ fn a_ball_that_is_declined_does_not_touch_the_arm() {
         let stays = at_the_forearm(false, seed);
         let moves = at_the_forearm(true, seed);
         println!(
-            "{seed}: {:?} {} / {:?} {}",
+            "{seed}: {:?} {:?} / {:?} {:?}",
             stays.told,
-            stays.ball_touched_catcher(),
+            stays.first_touch(),
             moves.told,
-            moves.ball_touched_catcher()
+            moves.first_touch()
         );
         assert!(matches!(moves.told, CatchOutcome::Declined(_)), "{:?}", moves.told);
         assert!(moves.log.iter().any(|l| matches!(l.decision, Decision::MovedClear(_))), "{seed}");
-        assert!(!moves.ball_touched_catcher(), "{seed}: {:?}", moves.events);
+        assert_eq!(moves.first_touch(), None, "{seed}: {:?}", moves.events);
         assert!(moves.within_limits(false), "{:?} {:?}", moves.used, moves.executed);
-        hit += usize::from(stays.ball_touched_catcher());
+        hit += usize::from(stays.first_touch() == Some(Touch::Moving));
     }
     assert!(hit >= 4, "{hit} of 6 balls hit an arm that stays");
 }

@@ -346,7 +346,7 @@ fn row_text(row: &Row) -> String {
         .map(|bin| format!("{:.2}: {}/{}", bin.predicted, bin.caught, bin.of))
         .collect();
     format!(
-        "{}\n  caught {:.1} % [{:.1}, {:.1}] of {}; of those with a place {:.1} % [{possible_low:.1}, {possible_high:.1}] of {}; by the rule {:.1} %; by flight time {}; with a place {}\n  miss {:.1} mm (50 %), {:.1} mm (95 %); declined {}; not caught and told {}; told wrongly {:?}; limit passed {:?}; declined but touched {:?}; refused {}\n  largest speed and acceleration: thrower {:.0} / {:.0} %, catcher {:.0} / {:.0} %\n  decision {:.0} / {:.0} us (50 / 99 %), {:.0} candidates\n  first decision, predicted: caught of all {}; Brier score {:.3}\n",
+        "{}\n  caught {:.1} % [{:.1}, {:.1}] of {}; of those with a place {:.1} % [{possible_low:.1}, {possible_high:.1}] of {} (without one {}); by the rule {:.1} %; by flight time {}; with a place {}\n  miss {:.1} mm (50 %), {:.1} mm (95 %); declined {}; not caught and told {}; told wrongly {:?}; limit passed {:?}; touched although declined {:?} (and column or turntable {}); refused {}\n  largest speed and acceleration: thrower {:.0} / {:.0} %, catcher {:.0} / {:.0} %\n  decision {:.0} / {:.0} us (50 / 99 %), {:.0} candidates; waits at {:.0?} deg\n  first decision, predicted: caught of all {}; Brier score {:.3}\n",
         row.name,
         row.caught.value() * 100.0,
         low * 100.0,
@@ -354,6 +354,7 @@ fn row_text(row: &Row) -> String {
         row.caught.of,
         row.of_possible.value() * 100.0,
         row.of_possible.of,
+        row.caught_without_place,
         row.by_rule.value() * 100.0,
         bins.join(" "),
         possible.join(" "),
@@ -364,6 +365,7 @@ fn row_text(row: &Row) -> String {
         row.silent,
         row.limit_passed,
         row.not_clear,
+        row.declined_at_base,
         row.refusals,
         row.executed[0].speed * 100.0,
         row.executed[0].acceleration * 100.0,
@@ -372,6 +374,7 @@ fn row_text(row: &Row) -> String {
         row.decision_us.0,
         row.decision_us.1,
         row.judged,
+        row.wait_deg,
         first.join(", "),
         row.first_decision.1
     )

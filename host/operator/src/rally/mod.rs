@@ -18,6 +18,7 @@
 //! | [`trial`] | one throw from the first run-up to the ball at rest; what was told and what happened |
 //! | [`failures`] | why a ball was not caught, one throw at a time |
 //! | [`calibration`] | predicted probabilities against what came of them |
+//! | [`waiting`] | where the catcher waits, found for throws of a kind |
 //! | [`study`] | many trials: shares with intervals, by flight time and by fault |
 //! | [`degraded`] | what can go wrong, one fault at a time |
 //! | [`estimator`] | errors of the flight estimator against their bound |
@@ -39,3 +40,4 @@ pub mod thrower;
 pub mod throws;
 pub mod told;
 pub mod trial;
+pub mod waiting;

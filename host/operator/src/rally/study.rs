@@ -17,8 +17,9 @@ use super::exchange::Partners;
 use super::failures::{Failure, RULE, failure, first_begun};
 use super::limits::Executed;
 use super::thrower::Scatter;
-use super::throws::{draw_possible, draw_throws};
-use super::trial::{CatchOutcome, Outcome, Pair, TrialOptions, WAIT_HOLD_DEG, WAIT_MATCHED_DEG};
+use super::throws::{Drawn, draw_throws};
+use super::trial::{CatchOutcome, Outcome, Pair, Touch, TrialOptions, WAIT_HOLD_DEG, WAIT_MATCHED_DEG};
+use super::waiting::find_wait;
 
 /// Width of the bins of flight time, s, and their first edge.
 const BIN_S: (f64, f64) = (0.4, 0.1);
@@ -65,12 +66,16 @@ impl Share {
 pub struct Row {
     /// Name of the setting.
     pub name: String,
+    /// Where the catcher waits, deg.
+    pub wait_deg: [f64; 6],
     /// The ball lay in the cup at the end: the court's word.
     pub caught: Share,
     /// Caught by the rule of miss and angle (and of relative speed, for matched catches) where the ball crosses the mouth plane.
     pub by_rule: Share,
     /// Of the throws for which a place exists, those caught.
     pub of_possible: Share,
+    /// Caught, though the search found no place: how much that search misses.
+    pub caught_without_place: usize,
     /// By flight time, from 0.4 s in steps of 0.1 s: all throws.
     pub by_flight: Vec<Share>,
     /// The same of the throws for which a place exists.
@@ -91,8 +96,10 @@ pub struct Row {
     pub silent: Vec<usize>,
     /// Throws in which an arm passed a limit, or the arms touched each other.
     pub limit_passed: Vec<usize>,
-    /// Declined throws whose ball touched the catcher all the same.
+    /// Declined throws whose ball touched the cup or a link that could have been out of its way.
     pub not_clear: Vec<usize>,
+    /// Declined throws whose ball flew against the catcher's column or turntable, which cannot move away.
+    pub declined_at_base: usize,
     /// Largest use of speed and acceleration limits by thrower and catcher, from their joints as they moved.
     pub executed: [Executed; 2],
     /// Motions that the executor refused.
@@ -151,6 +158,7 @@ pub fn row(
             row.of_possible.count(outcome.caught);
             row.possible_by_flight[bin].count(outcome.caught);
         }
+        row.caught_without_place += usize::from(outcome.caught && !place);
         if !outcome.caught {
             row.failures.push(failure(k, aimed, place, outcome));
         }
@@ -170,8 +178,10 @@ pub fn row(
         if !outcome.within_limits(options.jerk) {
             row.limit_passed.push(k);
         }
-        if outcome.choice.is_none() && outcome.ball_touched_catcher() {
-            row.not_clear.push(k);
+        match outcome.first_touch().filter(|_| outcome.choice.is_none()) {
+            Some(Touch::Moving) => row.not_clear.push(k),
+            Some(Touch::Base) => row.declined_at_base += 1,
+            None => {}
         }
         for (most, arm) in row.executed.iter_mut().zip(&outcome.executed) {
             most.speed = most.speed.max(arm.speed);
@@ -244,6 +254,8 @@ pub struct Study {
     pub rallies: Vec<usize>,
 }
 
+/// Throws for which a waiting pose is found.
+const WAIT_THROWS: usize = 200;
 /// Throws of one rally, and rallies for this many throws of a setting.
 const RALLY_THROWS: usize = 40;
 const THROWS_PER_RALLY: usize = 10;
@@ -260,14 +272,24 @@ pub fn run(
     for distance_m in [2.0, 2.5, 3.0] {
         let court = at_distance(court, distance_m);
         let pair = Pair::new(court)?;
-        for (name, window, trial) in goals() {
-            let name = format!("D {distance_m} m, {name}");
-            if !options.wants(&name) {
+        let refused = || NoStudy::OutOfReach { distance_m };
+        for (window, settings) in goals() {
+            let settings =
+                settings.into_iter().map(|(name, trial)| (format!("D {distance_m} m, {name}"), trial));
+            let wanted: Vec<_> = settings.filter(|(name, _)| options.wants(name)).collect();
+            if wanted.is_empty() {
                 continue;
             }
-            let drawn = draw_possible(&pair, &window, &trial, options.throws, options.seed);
-            let (throws, exists) = drawn.ok_or(NoStudy::OutOfReach { distance_m })?;
-            done(&row(&name, &pair, &throws, &|_| trial.clone(), &exists, options.seed));
+            // The pose is found for other throws than those that are counted.
+            let others = draw_throws(&pair, &window, WAIT_THROWS, !options.seed).ok_or_else(refused)?;
+            let mut drawn = Drawn::new(&pair, window, options.seed);
+            for (name, trial) in wanted {
+                let wait = find_wait(&pair, &trial, &others, options.seed);
+                let trial = TrialOptions { wait: wait.q_rad, ..trial };
+                let (throws, exists) = drawn.possible(&trial, options.throws).ok_or_else(refused)?;
+                let row = row(&name, &pair, &throws, &|_| trial.clone(), &exists, options.seed);
+                done(&Row { wait_deg: wait.q_rad.map(f64::to_degrees).into(), ..row });
+            }
         }
     }
     let faults: Vec<_> = degradations(court)
@@ -319,20 +341,24 @@ fn trial(allowed: Allowed, cooperative: bool, share: f64, jerk: bool) -> TrialOp
     }
 }
 
-fn goals() -> Vec<(&'static str, Window, TrialOptions)> {
+/// Settings by window.
+fn goals() -> [(Window, Vec<(&'static str, TrialOptions)>); 2] {
     let all = Window::default();
     let long = Window { flight_s: (0.55, 0.9), ..all };
-    vec![
-        ("cooperative, matched, 1 %", long, trial(Allowed::Matched, true, 0.01, false)),
-        ("cooperative, matched, 3 %", long, trial(Allowed::Matched, true, 0.03, false)),
-        ("cooperative, matched, 1 %, with jerk limits", long, trial(Allowed::Matched, true, 0.01, true)),
-        ("cooperative, hold, 1 %", long, trial(Allowed::Hold, true, 0.01, false)),
-        ("uninformed, matched", all, trial(Allowed::Matched, false, 0.01, false)),
-        ("uninformed, hold", all, trial(Allowed::Hold, false, 0.01, false)),
-        ("uninformed, hold, with jerk limits", all, trial(Allowed::Hold, false, 0.01, true)),
-        ("uninformed, matched, with jerk limits", all, trial(Allowed::Matched, false, 0.01, true)),
-        ("uninformed, either", all, trial(Allowed::Either, false, 0.01, false)),
-    ]
+    let cooperative = vec![
+        ("cooperative, matched, 1 %", trial(Allowed::Matched, true, 0.01, false)),
+        ("cooperative, matched, 3 %", trial(Allowed::Matched, true, 0.03, false)),
+        ("cooperative, matched, 1 %, with jerk limits", trial(Allowed::Matched, true, 0.01, true)),
+        ("cooperative, hold, 1 %", trial(Allowed::Hold, true, 0.01, false)),
+    ];
+    let uninformed = vec![
+        ("uninformed, matched", trial(Allowed::Matched, false, 0.01, false)),
+        ("uninformed, hold", trial(Allowed::Hold, false, 0.01, false)),
+        ("uninformed, hold, with jerk limits", trial(Allowed::Hold, false, 0.01, true)),
+        ("uninformed, matched, with jerk limits", trial(Allowed::Matched, false, 0.01, true)),
+        ("uninformed, either", trial(Allowed::Either, false, 0.01, false)),
+    ];
+    [(long, cooperative), (all, uninformed)]
 }
 
 impl Study {

@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use hil_sim::mechanics::{BallOptions, LooseBall};
 use nalgebra::{Matrix3, Vector3};
+use planner::catch::Joints;
 use planner::catch::draw::{Aimed, Window, draw};
 use planner::catch::forecast::{Forecast, Foreseen, Watch};
 use planner::catch::law::State;
@@ -14,6 +15,11 @@ use rayon::prelude::*;
 
 use super::trial::{Pair, TrialOptions};
 
+/// A place exists if an arm that knows the throw at one of these times reaches one, s after the release: motions that begin at different
+/// times go different ways.
+const KNOWN_S: [f64; 5] = [-2.0, -0.6, -0.3, 0.0, 0.07];
+/// The release in the time of these searches, s.
+const RELEASE_S: f64 = 2.0;
 /// Draws per throw before giving up.
 const TRIES: usize = 3_000_000;
 /// Throws drawn at most for one that can be caught.
@@ -27,33 +33,43 @@ pub fn draw_throws(pair: &Pair, window: &Window, count: usize, seed: u64) -> Opt
     draw_from(pair, window, 0..count, seed)
 }
 
-/// As many throws as it takes until `possible` of them have a place where they can be caught, at most ten times as many; and for each
-/// whether it has one.
-///
-/// `None` if the thrower cannot reach the window.
-#[must_use]
-pub fn draw_possible(
-    pair: &Pair,
-    window: &Window,
-    options: &TrialOptions,
-    possible: usize,
+/// Throws at one window of one court, drawn once for several settings.
+#[derive(Debug)]
+pub struct Drawn<'a> {
+    pair: &'a Pair,
+    window: Window,
     seed: u64,
-) -> Option<(Vec<Aimed>, Vec<bool>)> {
-    let (mut throws, mut exists) = (Vec::new(), Vec::new());
-    let mut found = 0;
-    for block in 0..DRAWN_PER_POSSIBLE {
-        let drawn = draw_from(pair, window, block * possible..(block + 1) * possible, seed)?;
-        let places: Vec<bool> = drawn.par_iter().map(|aimed| place_exists(pair, aimed, options)).collect();
-        for (aimed, place) in drawn.into_iter().zip(places) {
-            throws.push(aimed);
-            exists.push(place);
-            found += usize::from(place);
-            if found == possible {
-                return Some((throws, exists));
-            }
-        }
+    throws: Vec<Aimed>,
+}
+
+impl<'a> Drawn<'a> {
+    /// None yet.
+    #[must_use]
+    pub fn new(pair: &'a Pair, window: Window, seed: u64) -> Self {
+        Self { pair, window, seed, throws: Vec::new() }
     }
-    Some((throws, exists))
+
+    /// As many throws as it takes until `possible` of them have a place where they can be caught, at most ten times as many; and for
+    /// each whether it has one.
+    ///
+    /// `None` if the thrower cannot reach the window.
+    pub fn possible(&mut self, options: &TrialOptions, possible: usize) -> Option<(Vec<Aimed>, Vec<bool>)> {
+        let mut exists: Vec<bool> = Vec::new();
+        let mut found = 0;
+        while found < possible && exists.len() < DRAWN_PER_POSSIBLE * possible {
+            let missing = exists.len()..exists.len() + (possible - found);
+            if self.throws.len() < missing.end {
+                let more = self.throws.len()..missing.end;
+                self.throws.extend(draw_from(self.pair, &self.window, more, self.seed)?);
+            }
+            let next = &self.throws[missing];
+            let places: Vec<bool> =
+                next.par_iter().map(|aimed| place_exists(self.pair, aimed, options)).collect();
+            found += places.iter().filter(|place| **place).count();
+            exists.extend(places);
+        }
+        Some((self.throws[..exists.len()].to_vec(), exists))
+    }
 }
 
 fn draw_from(pair: &Pair, window: &Window, numbers: Range<usize>, seed: u64) -> Option<Vec<Aimed>> {
@@ -69,14 +85,27 @@ fn draw_from(pair: &Pair, window: &Window, numbers: Range<usize>, seed: u64) -> 
         .collect()
 }
 
-/// Whether a place to catch this throw exists for an arm that knows it long before. A partner keeps clear of the thrower's way,
+/// Whether a place to catch this throw exists for an arm that knows it, at one of some times. A partner keeps clear of the thrower's way,
 /// whoever knows no plan of its whole reach.
 #[must_use]
 pub fn place_exists(pair: &Pair, aimed: &Aimed, options: &TrialOptions) -> bool {
+    KNOWN_S.iter().any(|at_s| reached_from(pair, aimed, options, &options.wait, *at_s))
+}
+
+/// Whether the search finds a catch for an arm that rests at `wait` and knows the throw `known_s` after its release.
+#[must_use]
+pub(super) fn reached_from(
+    pair: &Pair,
+    aimed: &Aimed,
+    options: &TrialOptions,
+    wait: &Joints,
+    known_s: f64,
+) -> bool {
     let arm = &pair.catcher_for(aimed, options);
-    let state = std::array::from_fn(|i| State::rest(options.wait[i]));
-    let start = Start { at_s: 0.0, state: &state, under_way: None };
-    let forecast = true_forecast(&pair.court.ball, aimed, 2.0, pair.court.arms[0].model.world().gravity_m_s2);
+    let state = std::array::from_fn(|i| State::rest(wait[i]));
+    let start = Start { at_s: RELEASE_S + known_s, state: &state, under_way: None };
+    let gravity_m_s2 = pair.court.arms[0].model.world().gravity_m_s2;
+    let forecast = true_forecast(&pair.court.ball, aimed, RELEASE_S, gravity_m_s2);
     search(arm, &options.settings, &start, &forecast).0.is_ok()
 }
 

@@ -7,6 +7,7 @@ use hil_sim::tracker::{TrackerFault, TrackerFaultKind};
 use nalgebra::Vector3;
 use planner::catch::Joints;
 use planner::catch::arm::{CatchArm, Cup, NotACatcher, Shares};
+use planner::catch::clear::CLEARS_FROM_LINK;
 use planner::catch::draw::Aimed;
 use planner::catch::motion::used;
 use planner::catch::online::{Catcher, Logged};
@@ -161,15 +162,26 @@ impl Outcome {
         planned && self.executed.iter().all(Executed::within) && !self.arms_touched
     }
 
-    /// The ball touched the catcher's cup or links in its flight: before it was on the floor.
+    /// What the ball touched of the catcher first in its flight: before it was on the floor.
     #[must_use]
-    pub fn ball_touched_catcher(&self) -> bool {
-        let touched = |event: &CourtEvent| {
-            matches!(event, CourtEvent::HitCup { arm: 1, .. } | CourtEvent::HitLink { arm: 1, .. })
-        };
+    pub fn first_touch(&self) -> Option<Touch> {
         let flight = self.events.iter().take_while(|(_, event)| *event != CourtEvent::HitFloor);
-        flight.map(|(_, event)| event).any(touched)
+        flight.map(|(_, event)| event).find_map(|event| match event {
+            CourtEvent::HitCup { arm: 1, .. } => Some(Touch::Moving),
+            CourtEvent::HitLink { arm: 1, link, .. } if *link >= CLEARS_FROM_LINK => Some(Touch::Moving),
+            CourtEvent::HitLink { arm: 1, .. } => Some(Touch::Base),
+            _ => None,
+        })
     }
+}
+
+/// A part of the catcher that the ball touched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Touch {
+    /// Column or turntable: they stay where they are, whatever the joints do.
+    Base,
+    /// The cup, or a link that can get out of the ball's way.
+    Moving,
 }
 
 /// Thrower and catcher on a court, ready for trials.
