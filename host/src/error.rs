@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use rustix::io::Errno;
+
 use crate::exit;
 
 /// What happened, where, and what to do next; ends the program with a documented exit code.
@@ -21,11 +23,36 @@ impl fmt::Display for ExpectedError {
 
 impl std::error::Error for ExpectedError {}
 
+/// What to do if the system says this of a file.
+const FILE_ERRORS: [(Errno, &str); 4] = [
+    (
+        Errno::NOENT,
+        "check the name of the file; a name without a leading slash counts from the folder in which the command runs",
+    ),
+    (Errno::ACCESS, "ask for the right to the file and its folder (`ls -l`), or use another file"),
+    (Errno::ISDIR, "name a file in that folder"),
+    (Errno::NOTDIR, "check the folders in the name: one of them is a file"),
+];
+
+/// As [`std::io::Error`] says it.
+fn system_text(errno: Errno) -> String {
+    std::io::Error::from(errno).to_string()
+}
+
 impl ExpectedError {
-    /// With an exit code.
+    /// With an exit code. A file that the system refuses gets a next step here if the message has none: whoever reads files
+    /// need not think of it.
     #[must_use]
     pub fn new(code: u8, message: impl Into<String>) -> Self {
-        Self { code, message: message.into() }
+        let mut message = message.into();
+        if !message.contains("next:") {
+            let next = FILE_ERRORS.iter().find(|(errno, _)| message.contains(&system_text(*errno)));
+            if let Some((_, next)) = next {
+                message += "\n  next: ";
+                message += next;
+            }
+        }
+        Self { code, message }
     }
 
     /// Refused input.
@@ -44,5 +71,28 @@ impl ExpectedError {
     #[must_use]
     pub fn io(path: &std::path::Path, cause: &std::io::Error) -> Self {
         Self::new(exit::BAD_INPUT, format!("{}: {cause}", path.display()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+
+    #[test]
+    fn a_file_that_is_missing_gets_one_next_step() {
+        let folder = std::env::temp_dir();
+        for (path, next) in [(folder.join("no-such-file.toml"), "check the name"), (folder, "in that folder")]
+        {
+            let cause = std::fs::read(&path).unwrap_err();
+            let error = ExpectedError::io(&path, &cause);
+            assert!(error.message.contains(next), "{error}");
+            let told = ExpectedError::new(error.code, error.message);
+            assert_eq!(told.message.matches("next:").count(), 1, "{told}");
+        }
+        let own = ExpectedError::io(Path::new("x"), &std::io::Error::other("broken\n  next: mend it"));
+        assert_eq!(own.message.matches("next:").count(), 1, "{own}");
+        assert!(!ExpectedError::bad_input(&"two numbers").message.contains("next:"));
     }
 }

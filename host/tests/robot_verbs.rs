@@ -62,7 +62,7 @@ fn refusals_name_file_line_and_next_step() {
 
     for (words, what) in [
         (&["robot", "show", ARM, "--pose-deg", "0,1"][..], "has 6 joints"),
-        (&["robot", "check", "no-such-robot"], "built in: powercube6"),
+        (&["robot", "check", "no-such-robot"], "next: name one of powercube6"),
         (&["robot", "import", "no-such.urdf"], "no-such.urdf"),
         (&["robot", "import", URDF, "--end-effector", "tcp"], "tcp"),
     ] {

@@ -15,7 +15,7 @@ pub enum Problem {
     #[error(transparent)]
     Document(#[from] toml_reader::Problem),
     /// There is no built-in robot of this name and no such file.
-    #[error("no such file, and no built-in robot of this name (built in: {})", .known.join(", "))]
+    #[error("no such file, and no built-in robot of this name\n  next: name one of {}, or the path of a robot file", .known.join(", "))]
     UnknownRobot {
         /// Names of the built-in robots.
         known: Vec<&'static str>,

@@ -18,7 +18,7 @@ pub enum BusFailure {
     #[error(transparent)]
     Runner(#[from] can_link::RunError),
     /// The robot of the simulated cell cannot be loaded.
-    #[error("{0}\n  next: name a built-in robot (powercube6) or the path of a robot file")]
+    #[error(transparent)]
     Robot(#[from] robot_model::LoadError),
     /// The scenario of the simulated cell cannot be used.
     #[error(transparent)]
