@@ -39,6 +39,33 @@ fn a_module_that_was_named_but_is_silent_is_an_error_with_the_next_step() {
 }
 
 #[test]
+fn a_module_of_the_robot_that_is_silent_is_told_by_scan_and_is_an_error_of_status() {
+    let folder = Folder::new("silent");
+    let scenario = folder.file("silent.toml");
+    let silent = "kind = \"silent\"\ntarget = \"module 4\"\nstart_s = 0.0\nlength_s = 100.0\n";
+    let text = format!("schema_version = 1\nname = \"silent\"\nduration_s = 1.0\n\n[[fault]]\n{silent}");
+    std::fs::write(&scenario, text).unwrap();
+    for (verb, ends) in [("scan", 0), ("status", 8)] {
+        let output = cubectl(&[verb, "--scenario", &scenario]);
+        assert_eq!(code(&output), ends, "{verb}: {}", err(&output));
+        assert!(out(&output).contains(" 5  ") && !out(&output).contains(" 4  "), "{}", out(&output));
+        let text = err(&output);
+        assert!(
+            text.contains("module 4 does not answer") && text.contains("robot powercube6 has it"),
+            "{text}"
+        );
+        assert_eq!(text.matches("next: ").count(), 1, "{text}");
+        let told = json(&out(&cubectl(&[verb, "--scenario", &scenario, "--json"])));
+        assert_eq!(told["missing"], serde_json::json!([4]), "{told:#}");
+        let whole = cubectl(&[verb, "--json"]);
+        assert_eq!(json(&out(&whole))["missing"], serde_json::json!([]));
+        assert_eq!((code(&whole), err(&whole)), (0, String::new()));
+        let others = cubectl(&[verb, "--scenario", &scenario, "--modules", "1-3"]);
+        assert_eq!((code(&others), err(&others)), (0, String::new()), "named modules are there");
+    }
+}
+
+#[test]
 fn an_address_where_nobody_is_gives_no_module() {
     let output = cubectl(&["scan", "--modules", "20-22"]);
     assert_eq!(code(&output), 8);

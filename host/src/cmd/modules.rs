@@ -1,16 +1,20 @@
-//! The modules a verb is about: named or found, alone with them or not, told as JSON.
+//! The modules a verb is about: named, found or missing, alone with them or not, told as JSON.
 
 use std::io::IsTerminal;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
+use can_link::BusSpec;
 use firmware::fault::Cause;
 use indicatif::{ProgressBar, ProgressStyle};
 use protocol::cyphal::cubecell::group_state::GroupState;
 use protocol::powercube::CubeState;
 use protocol::{Duration, Instant, ModuleId};
+use robot_model::{AnyRobot, RobotModel, for_any_robot};
 
 use crate::error::ExpectedError;
 use crate::exit;
-use operator::bus::Session;
+use operator::bus::{BusArgs, Session};
 use operator::dialogue::presence::Presence;
 use operator::dialogue::survey::{ModuleReport, survey};
 use operator::node::host_node::Heard;
@@ -42,15 +46,162 @@ pub(super) fn nobody(bus: &str) -> ExpectedError {
 
 /// Some of the modules that were named are silent.
 pub(super) fn missing(bus: &str, modules: &[ModuleId]) -> ExpectedError {
+    let wanted = Wanted::named(modules);
+    let text = format!("{bus}: {} not answer\n  next: {}", do_not(modules), wanted.next_for_missing());
+    ExpectedError::new(exit::DRIVE, text)
+}
+
+/// `module 3`, `modules 3, 4`.
+fn list(modules: &[ModuleId]) -> String {
     let list: Vec<String> = modules.iter().map(ToString::to_string).collect();
-    ExpectedError::new(
-        exit::DRIVE,
-        format!(
-            "{bus}: module {} does not answer\n  next: check its supply, its plug and its address; `cubectl scan` \
-             shows who is there",
-            list.join(", ")
-        ),
-    )
+    format!("module{} {}", if modules.len() == 1 { "" } else { "s" }, list.join(", "))
+}
+
+/// `module 3 does`, `modules 3, 4 do`.
+fn do_not(modules: &[ModuleId]) -> String {
+    format!("{} {}", list(modules), if modules.len() == 1 { "does" } else { "do" })
+}
+
+/// Modules that must be there.
+pub struct Wanted {
+    pub(super) modules: Vec<ModuleId>,
+    /// Name of the robot that has them, unless they were named.
+    robot: Option<String>,
+}
+
+impl Wanted {
+    /// These.
+    pub(super) fn named(modules: &[ModuleId]) -> Self {
+        Self { modules: modules.to_vec(), robot: None }
+    }
+
+    /// The drives of a robot; none if its file describes none.
+    #[must_use]
+    pub fn of_robot(robot: &AnyRobot) -> Self {
+        for_any_robot!(robot, arm => Self::of_arm(arm))
+    }
+
+    /// As [`Wanted::of_robot`].
+    #[must_use]
+    pub fn of_arm<const N: usize>(arm: &RobotModel<N>) -> Self {
+        let drives = arm.drives().into_iter().flatten();
+        let modules = drives.filter_map(|drive| ModuleId::new(drive.address).ok()).collect();
+        Self { modules, robot: Some(arm.name().to_owned()) }
+    }
+
+    /// What to do about one that is not there.
+    pub(super) fn next_for_missing(&self) -> String {
+        match &self.robot {
+            Some(robot) => format!(
+                "robot {robot} has it: check its supply, its plug and its address (two modules may have got the same one); \
+                 if other modules are on this bus, name them with --modules or their robot with --robot"
+            ),
+            None => "check its supply, its plug and its address (two modules may have got the same one); `cubectl scan` shows \
+                     who is there"
+                .to_owned(),
+        }
+    }
+}
+
+/// What is known of the modules on a bus.
+pub(super) struct Look {
+    /// The bus as a person would name it.
+    pub(super) bus: String,
+    pub(super) seen: Seen,
+    wanted: Wanted,
+    /// Nobody said which modules must be there: those of the usual robot are.
+    guessed: bool,
+}
+
+/// How it is known.
+pub(super) enum Seen {
+    /// Another node speaks to the modules: nothing was sent.
+    Heard(Beside),
+    /// They were asked.
+    Asked(Vec<ModuleReport>),
+}
+
+/// Looks for the modules on a bus, or listens if another node speaks to them. `named` are those that must be there; without names
+/// those of the robot. With `shows` a progress bar appears on a terminal.
+///
+/// # Errors
+/// The bus cannot be reached, or nobody answers.
+pub(super) fn look(
+    bus: &BusArgs,
+    named: Option<&Modules>,
+    shows: bool,
+    stop: Arc<AtomicBool>,
+) -> Result<Look, ExpectedError> {
+    let cell = bus.cell.load()?;
+    let guessed = named.is_none() && bus.bus != BusSpec::Sim && bus.cell.robot.is_none();
+    let named = named.map(|modules| modules.0.as_slice());
+    let wanted = named.map_or_else(|| Wanted::of_robot(&cell.robot), Wanted::named);
+    let mut session = bus.open_cell_until(&cell, None, stop)?;
+    let name = session.name().to_owned();
+    let seen = match listen_beside(&mut session, named, bus.beside)? {
+        Some(beside) => Seen::Heard(beside),
+        None => {
+            let all: Vec<ModuleId> = ModuleId::all().collect();
+            let found = survey_shown(&mut session, named.unwrap_or(&all), shows)?;
+            if found.is_empty() {
+                return Err(nobody(&name));
+            }
+            Seen::Asked(found)
+        }
+    };
+    session.finish()?;
+    Ok(Look { bus: name, seen, wanted, guessed })
+}
+
+impl Look {
+    /// Modules that must be there and are not.
+    pub(super) fn missing(&self) -> Vec<ModuleId> {
+        let is_there = |module: &ModuleId| match &self.seen {
+            Seen::Heard(beside) => beside.modules.iter().any(|(there, _)| there == module),
+            Seen::Asked(found) => found.iter().any(|report| report.module == *module),
+        };
+        self.wanted.modules.iter().copied().filter(|module| !is_there(module)).collect()
+    }
+
+    /// That modules are missing, with what to do; `None` if none is.
+    pub(super) fn told_missing(&self) -> Option<ExpectedError> {
+        let missing = self.missing();
+        if missing.is_empty() {
+            return None;
+        }
+        let next = self.wanted.next_for_missing();
+        let text = match &self.seen {
+            Seen::Asked(_) => format!("{}: {} not answer\n  next: {next}", self.bus, do_not(&missing)),
+            Seen::Heard(_) => {
+                let is = if missing.len() == 1 { "is" } else { "are" };
+                format!(
+                    "{}: {} {is} not heard, and nothing was asked, because a controller or another host speaks to the modules\n  \
+                     next: {next}; `cubectl monitor`; end the other program, or add --beside to ask all the same",
+                    self.bus,
+                    list(&missing)
+                )
+            }
+        };
+        Some(ExpectedError::new(exit::DRIVE, text))
+    }
+
+    /// Which modules must be there is only a guess: a missing one is no error.
+    pub(super) const fn is_guess(&self) -> bool {
+        self.guessed
+    }
+
+    /// As JSON, units in the keys.
+    pub(super) fn json(&self) -> serde_json::Value {
+        let mut told = match &self.seen {
+            Seen::Heard(beside) => beside.json(&self.bus),
+            Seen::Asked(found) => {
+                let modules: Vec<_> = found.iter().map(module_json).collect();
+                serde_json::json!({ "bus": self.bus, "modules": modules })
+            }
+        };
+        told["missing"] = self.missing().iter().map(|module| module.get()).collect();
+        told
+    }
 }
 
 /// Refuses to ask modules that another node asks.
@@ -82,8 +233,8 @@ pub(super) struct Beside {
 }
 
 /// Listens instead of asking, if another node speaks to the modules and `beside` does not say to ask all the same; `None`
-/// if nobody does. Of the `named` modules all must be heard.
-pub(super) fn listen_beside(
+/// if nobody does. Only the `named` modules are told.
+fn listen_beside(
     session: &mut Session,
     named: Option<&[ModuleId]>,
     beside: bool,
@@ -97,17 +248,6 @@ pub(super) fn listen_beside(
     let wanted = |module: &ModuleId| named.is_none_or(|named| named.contains(module));
     let modules: Vec<_> =
         heard.iter().filter(|(module, _)| wanted(module)).map(|(m, heard)| (*m, *heard)).collect();
-    let silent = named.into_iter().flatten().find(|module| !heard.contains_key(module));
-    if let Some(module) = silent {
-        return Err(ExpectedError::new(
-            exit::DRIVE,
-            format!(
-                "{}: module {module} is not heard, and was not asked, because a controller or another host speaks to the \
-                 modules\n  next: `cubectl monitor`; end the other program, or add --beside to ask all the same",
-                session.name()
-            ),
-        ));
-    }
     Ok(Some(Beside { presence, group, modules, at }))
 }
 
@@ -161,7 +301,16 @@ pub(super) fn survey_with_progress(
     session: &mut Session,
     candidates: &[ModuleId],
 ) -> Result<Vec<ModuleReport>, ExpectedError> {
-    let bar = if std::io::stderr().is_terminal() { ProgressBar::new(0) } else { ProgressBar::hidden() };
+    survey_shown(session, candidates, true)
+}
+
+fn survey_shown(
+    session: &mut Session,
+    candidates: &[ModuleId],
+    shows: bool,
+) -> Result<Vec<ModuleReport>, ExpectedError> {
+    let bar =
+        if shows && std::io::stderr().is_terminal() { ProgressBar::new(0) } else { ProgressBar::hidden() };
     if let Ok(style) = ProgressStyle::with_template("{msg} {bar:31} {pos}/{len}") {
         bar.set_style(style);
     }

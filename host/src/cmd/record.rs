@@ -1,14 +1,20 @@
 //! `cubectl record`
 
 use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
+use can_link::BusSpec;
 use protocol::Duration;
 
 use crate::error::ExpectedError;
 use operator::bus::BusArgs;
 use operator::bus::BusFailure;
+use operator::bus::period::settings_with_gains;
 use operator::bus::session::Ended;
+use operator::log::candump::Line;
 use operator::log::files_of;
+use operator::log::keep::Keeper;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -59,4 +65,42 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let why = if ended == Ended::Interrupted { " (ended by a signal)" } else { "" };
     console::line!("{frames} frames and {errors} bus errors in {took:.3} s{why}");
     Ok(())
+}
+
+/// Options of a recording in memory.
+#[derive(Debug, clap::Args)]
+struct InMemory {
+    #[command(flatten)]
+    bus: BusArgs,
+    #[arg(long = "for", value_name = "SECONDS", value_parser = super::home::positive)]
+    time: f64,
+    #[arg(long)]
+    controller: bool,
+}
+
+/// The frames that `cubectl record` would write with these words (without a path, with `--for`); nothing is written or printed.
+/// `stop`, once set, ends it.
+///
+/// # Errors
+/// A word is refused (exit code 2 of the program), the bus cannot be reached or is lost, or it was stopped.
+pub fn for_programs(words: &[String], stop: &Arc<AtomicBool>) -> Result<Vec<Line>, ExpectedError> {
+    let args: InMemory = super::words::parse("record", words)?;
+    if args.bus.record.is_some() {
+        return Err(ExpectedError::bad_input(&"--record is for the program: run `cubectl record`"));
+    }
+    let cell = args.bus.cell.load()?;
+    let with_controller = args.controller && args.bus.bus == BusSpec::Sim;
+    let settings = with_controller.then(|| settings_with_gains(&cell.robot)).transpose();
+    let settings = settings.map_err(BusFailure::from)?;
+    let mut session = args.bus.open_cell_until(&cell, settings.as_ref(), Arc::clone(stop))?;
+    let keeper = Keeper::default();
+    session.add_tap(Box::new(keeper.clone()));
+    keeper.start();
+    let until = session.now() + Duration::from_secs_f64(args.time);
+    let ended = session.run(until, &mut |_| false)?;
+    session.finish()?;
+    match ended {
+        Ended::Interrupted => Err(ExpectedError::new(crate::exit::INTERRUPTED, "interrupted")),
+        _ => Ok(keeper.stop()),
+    }
 }

@@ -1,21 +1,25 @@
 //! `cubectl status`
 
-use super::modules::{Beside, Modules, listen_beside, module_json, modules_on};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use super::modules::{Beside, Modules, Seen, look};
 use super::{fixed, print_json};
 use crate::error::ExpectedError;
 use operator::bus::BusArgs;
-use operator::dialogue::survey::condition;
+use operator::bus::args::interrupt;
+use operator::dialogue::survey::{ModuleReport, condition};
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl status --bus can0\n  cubectl status --bus can0 --modules 1-6 --json\n\nBeside a controller or another host nothing is sent: what they ask the modules is heard and told."
+    after_help = "Examples:\n  cubectl status --bus can0\n  cubectl status --bus can0 --modules 1-6 --json\n\nBeside a controller or another host nothing is sent: what they ask the modules is heard and told.\nIf a module that must answer does not, the table of the others is followed by an error, code 8. On a real bus for which no robot\nwas named with --robot the modules of powercube6 are only a guess: then a note tells what is missing, code 0."
 )]
 pub struct Args {
     /// Bus options.
     #[command(flatten)]
     pub bus: BusArgs,
-    /// These modules; each must answer. Default: all that are there.
+    /// These modules; each must answer. Default: all that are there; those of the robot must answer.
     #[arg(long)]
     pub modules: Option<Modules>,
     /// Print JSON.
@@ -23,12 +27,46 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Tells what was heard of the modules beside somebody who speaks to them.
-fn heard(json: bool, name: &str, beside: &Beside) {
-    if json {
-        print_json(&beside.json(name));
-        return;
+/// Runs the verb.
+///
+/// # Errors
+/// The bus cannot be reached, nobody answers, or a module that must be there does not.
+pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    if let Some((spec, described, arm)) = super::rsi::robot_on(&args.bus)? {
+        return super::rsi::status(&spec, &described, &arm, args.json);
     }
+    let look = look(&args.bus, args.modules.as_ref(), true, interrupt())?;
+    if args.json {
+        print_json(&look.json());
+    } else {
+        match &look.seen {
+            Seen::Heard(beside) => heard(beside),
+            Seen::Asked(found) => answered(found),
+        }
+    }
+    match look.told_missing() {
+        Some(missing) if look.is_guess() => console::note!("{}", missing.message),
+        Some(missing) => return Err(missing),
+        None => {}
+    }
+    Ok(())
+}
+
+/// What `cubectl status --json` tells, from words of its command line; nothing is printed. `stop`, once set, ends it.
+///
+/// # Errors
+/// A word is refused (exit code 2 of the program), the bus cannot be reached, nobody answers, or a module that was named does not.
+pub fn for_programs(words: &[String], stop: &Arc<AtomicBool>) -> Result<serde_json::Value, ExpectedError> {
+    let args: Args = super::words::parse("status", words)?;
+    let look = look(&args.bus, args.modules.as_ref(), false, Arc::clone(stop))?;
+    match look.told_missing().filter(|_| !look.is_guess()) {
+        Some(missing) => Err(missing),
+        None => Ok(look.json()),
+    }
+}
+
+/// Tells what was heard of the modules beside somebody who speaks to them.
+fn heard(beside: &Beside) {
     let number = |value: Option<f32>, digits| value.map_or("-".to_owned(), |v| fixed(v.into(), digits));
     console::line!("{}; nothing was sent, this is what was heard", beside.line());
     console::line!("id  position_rad  current_a  state");
@@ -38,33 +76,11 @@ fn heard(json: bool, name: &str, beside: &Beside) {
     }
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// The bus cannot be reached, nobody answers, or one that was named does not.
-pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    if let Some((spec, described, arm)) = super::rsi::robot_on(&args.bus)? {
-        return super::rsi::status(&spec, &described, &arm, args.json);
-    }
-    let mut session = args.bus.open()?;
-    let named = args.modules.as_ref().map(|modules| modules.0.as_slice());
-    if let Some(beside) = listen_beside(&mut session, named, args.bus.beside)? {
-        let name = session.name().to_owned();
-        session.finish()?;
-        heard(args.json, &name, &beside);
-        return Ok(());
-    }
-    let found = modules_on(&mut session, named, true)?;
-    let name = session.name().to_owned();
-    session.finish()?;
-    if args.json {
-        let modules: Vec<_> = found.iter().map(module_json).collect();
-        print_json(&serde_json::json!({ "bus": name, "modules": modules }));
-        return Ok(());
-    }
+/// Tells what the modules answered.
+fn answered(found: &[ModuleReport]) {
     let number = |value: Option<f64>, digits| value.map_or("-".to_owned(), |v| fixed(v, digits));
     console::line!("id  position_rad  current_a  motor_v  logic_v  temp_c  state");
-    for report in &found {
+    for report in found {
         console::line!(
             "{:>2}  {:>12}  {:>9}  {:>7}  {:>7}  {:>6}  {}",
             report.module,
@@ -76,5 +92,4 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             report.condition(),
         );
     }
-    Ok(())
 }

@@ -145,6 +145,19 @@ impl BusArgs {
     /// # Errors
     /// As [`BusArgs::open`].
     pub fn open_cell(&self, cell: &Cell, settings: Option<&Settings>) -> Result<Session, BusFailure> {
+        self.open_cell_until(cell, settings, interrupt())
+    }
+
+    /// As [`BusArgs::open_cell`]; the session ends once `stop` is set. For programs that have handlers of signals of their own.
+    ///
+    /// # Errors
+    /// As [`BusArgs::open`].
+    pub fn open_cell_until(
+        &self,
+        cell: &Cell,
+        settings: Option<&Settings>,
+        stop: Arc<AtomicBool>,
+    ) -> Result<Session, BusFailure> {
         let off = Rc::default();
         let medium = match &self.bus {
             BusSpec::Sim => {
@@ -164,7 +177,7 @@ impl BusArgs {
             BusSpec::Sim => format!("sim (robot {}, seed {})", cell.robot_source, cell.seed),
             spec => spec.to_string(),
         };
-        let mut session = Session::new(medium, name, interrupt(), off);
+        let mut session = Session::new(medium, name, stop, off);
         if let Some(path) = &self.record {
             let recorder =
                 Recorder::create(path, &self.bus, session.zero_unix(), Some(Machine::of(&cell.robot)))

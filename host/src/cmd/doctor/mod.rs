@@ -5,10 +5,9 @@ mod losses;
 use can_link::Cause;
 use protocol::powercube::{Address, Config, CubeState, Parameter, Request};
 use protocol::{Duration, Frame, ModuleId};
-use robot_model::{AnyRobot, RobotModel, for_any_robot};
 
 use super::finding::{Finding, Level, finding, grouped, of_modules};
-use super::modules::{module_json, survey_with_progress};
+use super::modules::{Wanted, module_json, survey_with_progress};
 use super::print_json;
 use crate::error::ExpectedError;
 use crate::exit;
@@ -62,7 +61,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     let cell = args.bus.cell.load()?;
     let wanted = match &args.modules {
-        Some(modules) => Wanted { modules: modules.0.clone(), robot: None },
+        Some(modules) => Wanted::named(&modules.0),
         None => Wanted::of_robot(&cell.robot),
     };
     let mut session = args.bus.open_cell(&cell, None)?;
@@ -88,29 +87,6 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     let plural = if problems == 1 { "problem" } else { "problems" };
     Err(ExpectedError::new(exit::FINDINGS, format!("{name}: {problems} {plural} found (listed above)")))
-}
-
-/// Modules that must be there.
-pub struct Wanted {
-    modules: Vec<ModuleId>,
-    /// Name of the robot that has them, unless they were named.
-    robot: Option<String>,
-}
-
-impl Wanted {
-    /// The drives of a robot; none if its file describes none.
-    #[must_use]
-    pub fn of_robot(robot: &AnyRobot) -> Self {
-        for_any_robot!(robot, arm => Self::of_arm(arm))
-    }
-
-    /// As [`Wanted::of_robot`].
-    #[must_use]
-    pub fn of_arm<const N: usize>(arm: &RobotModel<N>) -> Self {
-        let drives = arm.drives().into_iter().flatten();
-        let modules = drives.filter_map(|drive| ModuleId::new(drive.address).ok()).collect();
-        Self { modules, robot: Some(arm.name().to_owned()) }
-    }
 }
 
 /// Looks at everything; if another node speaks to the modules, only listens unless `beside`.
@@ -219,14 +195,7 @@ fn presence(session: &Session, modules: &[ModuleReport], wanted: &Wanted) -> Vec
     let silent =
         |module: &&ModuleId| !modules.is_empty() && !modules.iter().any(|report| report.module == **module);
     for module in wanted.modules.iter().filter(silent) {
-        let next = match &wanted.robot {
-            Some(robot) => format!(
-                "robot {robot} has it: check its supply, its plug and its address (two modules may have got the same one); \
-                 if other modules are on this bus, name them with --modules or their robot with --robot"
-            ),
-            None => "check its supply, its plug and its address; two modules may have got the same address"
-                .to_owned(),
-        };
+        let next = wanted.next_for_missing();
         findings.push(of_modules(Level::Problem, "modules", &[*module], "no answer", next));
     }
     findings

@@ -12,8 +12,9 @@ use robot_model::collision::{Obb, Scene};
 
 use super::progress::ProgressView;
 use super::{Args, read_gains};
-use crate::cmd::doctor::{Wanted, examine_modules};
+use crate::cmd::doctor::examine_modules;
 use crate::cmd::finding::Level;
+use crate::cmd::modules::Wanted;
 use crate::cmd::plan::search::{Planned, SearchOptions};
 use crate::cmd::tracker::{Measured, TargetArg};
 use crate::error::ExpectedError;
