@@ -1,7 +1,8 @@
 //! Line charts as inline SVG: few lines, limits dashed, an event marked.
 //!
 //! Colours come from the page's style (classes `s0` to `s7`), so that one chart serves light and dark pages. Charts
-//! over time carry their frame in `data-time`, from which the page's script draws the present time.
+//! over time carry their frame in `data-time`, from which the page's script draws the present time. Their curves carry names,
+//! times and values of their points, which the script tells under the pointer: nothing is read back from the picture.
 
 use std::fmt::Write as _;
 
@@ -128,6 +129,12 @@ fn tick_step(span: f64) -> f64 {
 /// Four digits of a number, as short as they can be written.
 fn short(value: f64) -> String {
     format!("{value:.3e}").parse::<f64>().map_or_else(|_| String::new(), |rounded| rounded.to_string())
+}
+
+/// A time in s as milliseconds, to 10 µs, as short as they can be written.
+fn milliseconds(time_s: f64) -> f64 {
+    // Zero without a sign.
+    (time_s * 1e5).round() / 1e2 + 0.0
 }
 
 /// Round numbers from `lo` to `hi` with their labels.
@@ -276,9 +283,11 @@ impl Chart {
     }
 
     fn draw_curves(&self, f: &Frame, o: &mut String) {
+        let mut times_before = String::new();
         for (curve, (legend_x, row)) in self.curves.iter().zip(self.legend()) {
             let below = LEGEND_ROW * f64::from(row);
-            let (mut d, mut dots, mut values) = (String::new(), String::new(), String::new());
+            let (mut d, mut dots, mut times, mut values) =
+                (String::new(), String::new(), String::new(), String::new());
             let mut pen_is_up = true;
             for (x, y) in curve.points.iter().filter(|p| p.0.is_finite() && p.1.is_finite()) {
                 if !(f.x.0..=f.x.1).contains(x) || !(f.y.0..=f.y.1).contains(y) {
@@ -287,7 +296,9 @@ impl Chart {
                 }
                 let (sx, sy) = (f.sx(*x), f.sy(*y));
                 let _ = write!(d, "{}{sx:.1} {sy:.1}", if pen_is_up { 'M' } else { 'L' });
-                let _ = write!(values, "{}{}", if values.is_empty() { "" } else { " " }, short(*y));
+                let space = if values.is_empty() { "" } else { " " };
+                let _ = write!(times, "{space}{}", milliseconds(*x));
+                let _ = write!(values, "{space}{}", short(*y));
                 pen_is_up = false;
                 if curve.pen == Pen::Dots {
                     let _ = write!(
@@ -306,7 +317,10 @@ impl Chart {
             // The curve of a chart that has one is named by its heading.
             let name = if curve.name.is_empty() { &self.title } else { &curve.name };
             let told = if self.is_time && curve.pen != Pen::Limit && !d.is_empty() {
-                format!(" data-name=\"{}\" data-values=\"{values}\"", escape(name))
+                // Most curves of a chart share their times, which are written once.
+                let own = if times == times_before { String::new() } else { format!(" data-ms=\"{times}\"") };
+                times_before = times;
+                format!(" data-name=\"{}\"{own} data-values=\"{values}\"", escape(name))
             } else {
                 String::new()
             };
@@ -378,9 +392,22 @@ mod tests {
             ..Chart::default()
         };
         let svg = chart("speed").svg();
-        assert!(svg.contains("data-name=\"speed\" data-values=\"0.001235 -2 12350\""), "{svg}");
+        assert!(
+            svg.contains("data-name=\"speed\" data-ms=\"0 500 1000\" data-values=\"0.001235 -2 12350\""),
+            "{svg}"
+        );
         assert!(chart("").svg().contains("data-name=\"heading\""));
         assert_eq!(svg.matches("data-values").count(), 1, "a limit is no value");
+    }
+
+    #[test]
+    fn times_are_written_once_for_curves_that_share_them() {
+        let curve = |name: &str, times: [f64; 2]| Curve::line(name, 0, times.map(|t_s| (t_s, t_s)).to_vec());
+        let curves =
+            vec![curve("a", [-0.0, 0.012_344]), curve("b", [0.0, 0.012_344]), curve("c", [0.1, 0.2])];
+        let svg = Chart { curves, is_time: true, ..Chart::default() }.svg();
+        assert!(svg.contains("data-name=\"a\" data-ms=\"0 12.34\" data-values"), "{svg}");
+        assert!(svg.contains("data-name=\"b\" data-values") && svg.contains("data-ms=\"100 200\""), "{svg}");
     }
 
     #[test]

@@ -6,85 +6,18 @@ The page must show, for every joint, the angle that its drive told last before t
 halt the drives; a page of another origin must get nothing.
 """
 
-import base64
-import json
 import pathlib
 import re
 import signal
 import socket
-import struct
 import subprocess
 import sys
 import time
 import urllib.error
 import urllib.request
 
-import websocket
-from mcap.reader import make_reader
-from mcap_protobuf.decoder import DecoderFactory
-
-CHROMIUM = [
-    "chromium", "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--hide-scrollbars",
-    "--remote-debugging-port=0", "--remote-allow-origins=*",
-]
-ACT_POS, POS_STATE_DIO = 0x3C, 0x62
-# Only a hang lasts as long, on a busy machine too.
-PATIENCE_S = 120
-
-
-def wait_for(what, look):
-    until = time.monotonic() + PATIENCE_S
-    while time.monotonic() < until:
-        found = look()
-        if found:
-            return found
-        time.sleep(0.05)
-    raise AssertionError(f"{what}: not within {PATIENCE_S} s")
-
-
-class Page:
-    """A page of the browser, spoken to over its debugging port."""
-
-    def __init__(self, folder):
-        self.browser = subprocess.Popen(
-            [*CHROMIUM, f"--user-data-dir={folder / 'profile'}", "about:blank"],
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )
-        told = folder / "profile" / "DevToolsActivePort"
-        port = wait_for("the browser", lambda: told.exists() and told.read_text().split("\n")[0])
-        targets = json.load(urllib.request.urlopen(f"http://127.0.0.1:{port}/json"))
-        page = next(target for target in targets if target["type"] == "page")
-        self.wire = websocket.create_connection(page["webSocketDebuggerUrl"], timeout=PATIENCE_S)
-        self.number = 0
-
-    def order(self, method, **parameters):
-        self.number += 1
-        self.wire.send(json.dumps({"id": self.number, "method": method, "params": parameters}))
-        while True:
-            answer = json.loads(self.wire.recv())
-            if answer.get("method") == "Runtime.exceptionThrown":
-                raise AssertionError(f"the page's script fails: {answer['params']}")
-            if answer.get("id") == self.number:
-                assert "error" not in answer, answer
-                return answer["result"]
-
-    def value(self, expression):
-        result = self.order("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
-        assert "exceptionDetails" not in result, result
-        return result["result"].get("value")
-
-    def show(self, width, height, dark):
-        self.order(
-            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600
-        )
-        scheme = "dark" if dark else "light"
-        self.order("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
-
-    def picture(self, path):
-        self.value("new Promise(done => setTimeout(done, 400))")
-        data = self.order("Page.captureScreenshot", format="png", captureBeyondViewport=True)["data"]
-        path.write_bytes(base64.b64decode(data))
+from browser import PATIENCE_S, Page, wait_for
+from readings import positions
 
 
 ROWS = """[...document.querySelectorAll('#joints tr')].slice(1).map(row => ({t_s: +row.dataset.tS,
@@ -94,23 +27,6 @@ ROWS = """[...document.querySelectorAll('#joints tr')].slice(1).map(row => ({t_s
 DRAWN = """(() => { const c = document.getElementById('scene');
   const all = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
   let n = 0; for (let i = 3; i < all.length; i += 4) if (all[i] > 0) n++; return n; })()"""
-
-
-def positions(path):
-    """What each module told, read from the bytes of its answers: (time of the session in µs, rad), in order."""
-    told = {}
-    with open(path, "rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        for _, channel, message, decoded in reader.iter_decoded_messages():
-            if channel.topic != "/bus/frames" or decoded.extended or not 0x0A1 <= decoded.id <= 0x0BF:
-                continue
-            data = bytes(decoded.data)
-            ramp = len(data) == 8 and data[0] == 0x0B and data[1] in (0x0E, 0x10, 0x11, 0x12)
-            value = len(data) >= 6 and data[0] == 0x0A and data[1] in (ACT_POS, POS_STATE_DIO)
-            if ramp or value:
-                q_rad = struct.unpack_from("<f", data, 2)[0]
-                told.setdefault(decoded.id - 0x0A0, []).append((decoded.time_us, q_rad))
-    return told
 
 
 def refused(url, **headers):
@@ -160,6 +76,9 @@ def main(cubectl, out):
         assert home.returncode == 0, home_said()
         for name, width, height, dark in [("dark", 1280, 1500, True), ("phone", 390, 2400, False)]:
             page.show(width, height, dark)
+            page.order("Page.reload")
+            wait_for("the page", lambda: page.value("document.getElementById('link')?.textContent") == "live")
+            page.value("new Promise(done => setTimeout(done, 1500))")
             page.picture(folder / f"{name}.png")
         state = page.value("document.getElementById('state').textContent")
         assert state == "ready", state

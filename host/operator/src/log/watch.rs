@@ -191,7 +191,8 @@ impl Watch {
             self.note(at, Severity::Info, source.clone(), text);
         }
         if before.homed_mask != state.homed_mask {
-            let text = format!("{} joints homed", state.homed_mask.count_ones());
+            let homed = state.homed_mask.count_ones();
+            let text = format!("{homed} joint{} homed", if homed == 1 { "" } else { "s" });
             self.note(at, Severity::Info, source.clone(), text);
         }
         if !before.bus_warning && state.bus_warning {

@@ -5,16 +5,46 @@
   const fixed = (value, digits) => value === null || value === undefined ? '–' : value.toFixed(digits).replace('-', '−');
   let last = null, heard = 0, socket = null, dirty = false;
 
-  // A chart over the last seconds, with the classes of the report's charts.
-  const W = 600, H = 240, LEFT = 58, TOP = 46, w = W - LEFT - 14, h = H - TOP - 38;
+  // A chart over the last seconds, with the classes of the report's charts. On a phone it is drawn smaller, its letters are not.
+  const phone = innerWidth < 640, W = phone ? 340 : 600, LEFT = 58, h = phone ? 130 : 156, w = W - LEFT - 14;
   function chart(box, title, unit, names, floor, limit) {
+    // Places of the names; a row that is full is followed by another. A character is about 6.2 wide.
+    let right = 0, row = 0;
+    const legend = names.map(name => {
+      const length = 32 + 6.2 * name.length;
+      if (right > 0 && right + length - 12 > W) { right = 0; row += 1; }
+      right += length;
+      return [right - length, row];
+    });
+    const TOP = 46 + 15 * row, H = TOP + h + 38;
     const series = names.map(() => []), svg = svgOf('svg');
     svg.setAttribute('viewBox', `0 0 ${W} ${H}`); svg.setAttribute('role', 'img'); svg.setAttribute('aria-label', title);
     el(box).append(svg);
+    // Where the pointer is, as a share of the frame.
+    let pointer = null;
+    svg.addEventListener('pointermove', e => {
+      const place = svg.getBoundingClientRect(), x = (e.clientX - place.left) / place.width * W;
+      pointer = x >= LEFT && x <= LEFT + w ? (x - LEFT) / w : null; dirty = true;
+    });
+    svg.addEventListener('pointerleave', () => { pointer = null; dirty = true; });
+    const nearest = (points, t) => points.reduce((best, p) => !best || Math.abs(p[0] - t) < Math.abs(best[0] - t) ? p : best, null);
     const tag = (name, attributes, text) => {
       const node = svgOf(name); for (const key in attributes) node.setAttribute(key, attributes[key]);
       if (text !== undefined) node.textContent = text; svg.append(node);
     };
+    // The samples nearest to the pointer, with the names of their curves.
+    function tell(shown, at, sx) {
+      const points = shown.map(one => nearest(one, at)), first = points.find(p => p);
+      if (!first) return;
+      tag('path', {class: 'now', d: `M${sx(first[0]).toFixed(1)} ${TOP}V${TOP + h}`});
+      const told = points.map((p, i) => `${names[i]} ${p ? fixed(p[1], 3) : '–'}`.trim());
+      const lines = [`${fixed(first[0], 3)} s:`];
+      for (const text of told) {
+        if ((lines.at(-1).length + text.length + 2) * 6.2 > w) lines.push(text);
+        else lines[lines.length - 1] += (lines.at(-1).endsWith(':') ? ' ' : ', ') + text;
+      }
+      lines.forEach((text, i) => tag('text', {class: 'tip', x: LEFT + 4, y: TOP + h - 5 - 14 * (lines.length - 1 - i)}, text));
+    }
     return {
       add(t, values) {
         values.forEach((value, i) => {
@@ -46,14 +76,14 @@
         tag('text', {x: LEFT + w / 2, y: H - 4, 'text-anchor': 'middle'}, 'time in s');
         tag('text', {transform: `translate(12 ${TOP + h / 2}) rotate(-90)`, 'text-anchor': 'middle'}, unit);
         if (limit && limit <= hi) tag('path', {class: 'limit', d: `M${LEFT} ${sy(limit).toFixed(1)}H${LEFT + w}`});
-        let x = 0;
         shown.forEach((points, i) => {
           const d = points.map((p, k) => `${k ? 'L' : 'M'}${sx(p[0]).toFixed(1)} ${sy(p[1]).toFixed(1)}`).join('');
           tag('path', {class: `c s${i % 6}`, d});
           if (!names[i]) return;
-          tag('path', {class: `c s${i % 6}`, d: `M${x} 29h16`}); tag('text', {x: x + 20, y: 33}, names[i]);
-          x += 32 + 6.2 * names[i].length;
+          const [x, below] = [legend[i][0], 15 * legend[i][1]];
+          tag('path', {class: `c s${i % 6}`, d: `M${x} ${29 + below}h16`}); tag('text', {x: x + 20, y: 33 + below}, names[i]);
         });
+        if (pointer !== null) tell(shown, t - SPAN_S + pointer * SPAN_S, sx);
       },
     };
   }
@@ -69,7 +99,7 @@
   function put(row, values, left) {
     values.forEach((value, i) => { const c = cell(row, i); if (c.textContent !== value) c.textContent = value; if (left.includes(i)) c.className = 'l'; });
   }
-  function tile(id, text, tone) { const b = el(id); if (b.textContent !== text) b.textContent = text; b.className = tone || ''; }
+  function tile(id, text, tone) { const b = el(id); if (b.textContent !== text) b.textContent = text; b.className = `${tone || ''} ${text.length > 10 ? 'long' : ''}`; }
 
   function take(now) {
     last = now; heard = performance.now(); dirty = true;
