@@ -16,5 +16,8 @@ mypy --strict --no-error-summary --cache-dir "$out/mypy" host/python/python/cube
 # Each example ends with an error if what it shows does not hold.
 python host/python/examples/reach.py 3
 python host/python/examples/landings.py 3
+python host/python/examples/follow_landings.py
+python host/python/examples/catch_share.py 4
+python host/python/examples/bus_look.py
 "$cubectl" throw --target 1.0,1.0,-1.0 --out "$out/throw"
 python host/python/examples/log_tables.py "$out/throw"

@@ -467,6 +467,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
             &["controller", "replay"],
         ],
     },
+    Folder { path: "host/src/cmd/catch", floors: &[&["ball", "disc"], &["for_programs"]] },
     Folder { path: "host/src/cmd/monitor", floors: &[&["lines", "screen", "terminal"]] },
     Folder {
         path: "host/src/cmd/plan",
@@ -475,8 +476,8 @@ pub(crate) const FOLDERS: &[Folder] = &[
             &["follow_options", "grid", "prepare", "search"],
             &["shards"],
             &["args", "sweep"],
-            &["follow", "for_programs", "targets"],
-            &["throw"],
+            &["follow", "targets"],
+            &["for_programs", "throw"],
         ],
     },
     Folder { path: "host/src/cmd/registers", floors: &[&["value"], &["export", "get", "list"], &["set"]] },

@@ -9,11 +9,15 @@
 //!    \     /
 //!     calls           long calls: without the lock of the interpreter, ended by Ctrl-C
 //!       |
-//! flight  logs  plans  robot  simulate  sweep
+//! catch  flight  logs  plans  robot  sweep
+//!                  |     |
+//!                 bus  simulate
 //! ```
 
 mod arrays;
+mod bus;
 mod calls;
+mod catch;
 mod errors;
 mod flight;
 mod logs;
@@ -27,17 +31,21 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _native {
     #[pymodule_export]
+    use super::bus::{bus_record, bus_scan, bus_status};
+    #[pymodule_export]
+    use super::catch::{catch_ball, catch_disc};
+    #[pymodule_export]
     use super::errors::CubecellError;
     #[pymodule_export]
     use super::flight::{flight, landing};
     #[pymodule_export]
     use super::logs::read_log;
     #[pymodule_export]
-    use super::plans::{check, plan, sample, tune};
+    use super::plans::{check, plan, plan_follow, sample, tune};
     #[pymodule_export]
     use super::robot::Robot;
     #[pymodule_export]
-    use super::simulate::simulate;
+    use super::simulate::{simulate, simulate_follow};
     #[pymodule_export]
     use super::sweep::{sweep, sweep_summary};
 }

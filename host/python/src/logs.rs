@@ -21,20 +21,28 @@ pub(crate) fn read_log(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyDi
         Ok((recording.tear.map(|tear| tear.to_string()), Columns::of(&recording.lines)))
     })?;
     let (torn, columns) = read.map_err(|error: ExpectedError| refused(&error))?;
-    let all = PyDict::new(py);
+    let all = columns.into_dict(py)?;
     all.set_item("torn", torn)?;
-    for (table, names) in TABLES {
-        let rows = &columns.tables[*table as usize];
-        for (column, name) in names.iter().enumerate() {
-            let values: Vec<f64> = rows.iter().skip(column).step_by(names.len()).copied().collect();
-            all.set_item(format!("{}.{name}", table.name()), array(py, &values))?;
-        }
-    }
-    all.set_item("frames.data", PyByteArray::new(py, &columns.data))?;
-    all.set_item("group.state", columns.states)?;
-    all.set_item("records.severity", columns.severities)?;
-    all.set_item("records.text", columns.texts)?;
     Ok(all)
+}
+
+impl Columns {
+    /// Doubles and bytes as arrays, words as lists.
+    pub(crate) fn into_dict(self, py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
+        let all = PyDict::new(py);
+        for (table, names) in TABLES {
+            let rows = &self.tables[*table as usize];
+            for (column, name) in names.iter().enumerate() {
+                let values: Vec<f64> = rows.iter().skip(column).step_by(names.len()).copied().collect();
+                all.set_item(format!("{}.{name}", table.name()), array(py, &values))?;
+            }
+        }
+        all.set_item("frames.data", PyByteArray::new(py, &self.data))?;
+        all.set_item("group.state", self.states)?;
+        all.set_item("records.severity", self.severities)?;
+        all.set_item("records.text", self.texts)?;
+        Ok(all)
+    }
 }
 
 #[derive(Clone, Copy)]
@@ -70,8 +78,9 @@ const TABLES: &[(Table, &[&str])] = &[
     (Table::Records, &["t_s"]),
 ];
 
+/// Frames, and what drives and controller say.
 #[derive(Default)]
-struct Columns {
+pub(crate) struct Columns {
     /// Rows of numbers, one after the other, for each of [`TABLES`].
     tables: [Vec<f64>; TABLES.len()],
     /// Eight bytes for each frame, zeros behind the last one.
@@ -84,7 +93,7 @@ struct Columns {
 }
 
 impl Columns {
-    fn of(lines: &[Line]) -> Self {
+    pub(crate) fn of(lines: &[Line]) -> Self {
         let mut columns = Self::default();
         let mut decoder = Decoder::default();
         for line in lines {

@@ -2,12 +2,16 @@
 
 use std::path::Path;
 
+use host::cmd::check::follow_json;
 use host::cmd::plan::for_programs;
 use host::error::ExpectedError;
 use host::exit;
-use planner::motion::Motion;
-use planner::plan::file::PlanFile;
-use planner::verify;
+use planner::follow::limits::{AXES, Arm, Limits};
+use planner::follow::plan::{FollowPlan, Step};
+use planner::motion::{Knot, Motion};
+use planner::plan::file::{MotionInfo, PlanFile, PlanFileError};
+use planner::record::PlanRecord;
+use planner::{follow, verify};
 use pyo3::prelude::*;
 use pyo3::types::PyByteArray;
 use robot_model::{AnyRobot, for_any_robot};
@@ -17,7 +21,7 @@ use crate::calls::interruptible;
 use crate::errors::{bad, refused};
 
 /// The place of a plan file in messages: it was handed over as text.
-const NAME: &str = "in memory";
+pub(crate) const NAME: &str = "in memory";
 
 fn input(error: &impl std::fmt::Display) -> ExpectedError {
     ExpectedError::bad_input(error)
@@ -32,6 +36,20 @@ pub(crate) fn plan_of(text: &str, robot: Option<&str>) -> Result<(PlanFile, AnyR
     Ok((plan, robot))
 }
 
+/// The arm of a plan that follows the flight, or the one given.
+pub(crate) fn arm_of(plan: &FollowPlan, robot: Option<&str>) -> Result<Arm, ExpectedError> {
+    let source = robot.unwrap_or(&plan.robot.source);
+    let robot = AnyRobot::load(source).map_err(|error| input(&error))?;
+    let AnyRobot::Six(arm) = robot else {
+        return Err(input(&format!(
+            "robot \"{source}\" has not six joints; the plan is for \"{}\"",
+            plan.robot.name
+        )));
+    };
+    plan.require_robot(Path::new(NAME), &arm).map_err(|error| input(&error))?;
+    Ok(*arm)
+}
+
 /// A plan as JSON and what was given up for it, from words of the command line of `cubectl plan throw`.
 #[pyfunction]
 pub(crate) fn plan(py: Python<'_>, words: Vec<String>) -> PyResult<(String, Option<&'static str>)> {
@@ -39,31 +57,67 @@ pub(crate) fn plan(py: Python<'_>, words: Vec<String>) -> PyResult<(String, Opti
     planned.map(|planned| (planned.plan.to_json(), planned.note)).map_err(|error| refused(&error))
 }
 
-/// Findings of the check by other means than the planner's, as JSON.
+/// A plan that follows the flight as JSON, from words of the command line of `cubectl plan throw`.
+#[pyfunction]
+pub(crate) fn plan_follow(py: Python<'_>, words: Vec<String>) -> PyResult<String> {
+    let planned = interruptible(py, move |_| for_programs::follow(&words))?;
+    planned.map(|plan| plan.to_json()).map_err(|error| refused(&error))
+}
+
+/// Findings of the check by other means than the planner's, as JSON: as `cubectl check --json` tells them for the kind of the plan.
 #[pyfunction]
 #[pyo3(signature = (plan, robot))]
 pub(crate) fn check(py: Python<'_>, plan: String, robot: Option<String>) -> PyResult<String> {
     let report = interruptible(py, move |_| {
-        let (plan, robot) = plan_of(&plan, robot.as_deref())?;
-        let report = for_any_robot!(&robot, arm => verify::check(arm, &plan));
-        serde_json::to_string(&report).map_err(|error| ExpectedError::new(exit::BUG, error.to_string()))
+        let report = match record(&plan).map_err(|error| input(&error))? {
+            PlanRecord::Follow(plan) => {
+                let arm = arm_of(&plan, robot.as_deref())?;
+                let report = follow::verify::verify(&arm, &Limits::of(&arm, plan.limits), &plan);
+                follow_json(&report)
+            }
+            _ => {
+                let (plan, robot) = plan_of(&plan, robot.as_deref())?;
+                let report = for_any_robot!(&robot, arm => verify::check(arm, &plan));
+                serde_json::to_value(&report)
+                    .map_err(|error| ExpectedError::new(exit::BUG, error.to_string()))?
+            }
+        };
+        Ok(report.to_string())
     })?;
-    report.map_err(|error| refused(&error))
+    report.map_err(|error: ExpectedError| refused(&error))
 }
 
 /// The motion of a plan at times in s: rows of positions, speeds and accelerations.
 #[pyfunction]
 pub(crate) fn sample<'py>(py: Python<'py>, plan: &str, times: &[u8]) -> PyResult<Bound<'py, PyByteArray>> {
-    let plan = PlanFile::from_json(Path::new(NAME), plan).map_err(|error| bad(&error))?;
+    let plan = record(plan).map_err(|error| bad(&error))?;
     let times = doubles(times)?;
-    let rows = match plan.motion.joints.len() {
-        4 => sampled(&plan.motion.to_motion::<4>(), &times),
-        5 => sampled(&plan.motion.to_motion::<5>(), &times),
-        6 => sampled(&plan.motion.to_motion::<6>(), &times),
-        7 => sampled(&plan.motion.to_motion::<7>(), &times),
-        joints => return Err(bad(&format!("a plan for {joints} joints; robots have four to seven"))),
+    let rows = match &plan {
+        PlanRecord::Throw(plan) => of_joints(&plan.motion, &times)?,
+        PlanRecord::Move(plan) => of_joints(&plan.motion, &times)?,
+        PlanRecord::Follow(plan) => sampled(&led(plan), &times),
     };
     Ok(array(py, &rows))
+}
+
+fn record(text: &str) -> Result<PlanRecord, PlanFileError> {
+    PlanRecord::from_json(Path::new(NAME), text)
+}
+
+/// The motion on which a robot is led: cubics through position and speed of the set points.
+fn led(plan: &FollowPlan) -> Motion<AXES> {
+    let knot = |step: &Step| Knot { t_s: step.t_s, q_rad: step.q_rad.into(), qd_rad_s: step.qd_rad_s.into() };
+    Motion { knots: plan.steps.iter().map(knot).collect(), events: Vec::new() }
+}
+
+fn of_joints(motion: &MotionInfo, times: &[f64]) -> PyResult<Vec<f64>> {
+    Ok(match motion.joints.len() {
+        4 => sampled(&motion.to_motion::<4>(), times),
+        5 => sampled(&motion.to_motion::<5>(), times),
+        6 => sampled(&motion.to_motion::<6>(), times),
+        7 => sampled(&motion.to_motion::<7>(), times),
+        joints => return Err(bad(&format!("a plan for {joints} joints; robots have four to seven"))),
+    })
 }
 
 fn sampled<const N: usize>(motion: &Motion<N>, times: &[f64]) -> Vec<f64> {

@@ -1,10 +1,11 @@
 //! A throw in the simulated cell, in virtual time, with the controller in this program.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use hil_sim::mechanics::Plane;
+use host::cmd::throw::robot;
 use host::error::ExpectedError;
 use nalgebra::Vector3;
 use operator::bus::args::CellArgs;
@@ -13,15 +14,18 @@ use operator::bus::settings::settings_of;
 use operator::port::{BallSeen, InProcess};
 use operator::throw::outcome::{default_tolerance_m, judge};
 use operator::throw::{Job, Record, job};
+use planner::follow::plan::FollowPlan;
 use pyo3::prelude::*;
+use pyo3::types::PyByteArray;
 use robot_model::AnyRobot;
 use robot_model::collision::Scene;
 use serde_json::json;
 use tuner::gains::gains_file::GainsFile;
 
+use crate::arrays::array;
 use crate::calls::interruptible;
 use crate::errors::refused;
-use crate::plans::plan_of;
+use crate::plans::{NAME, plan_of};
 
 /// Share of the speed limits that the way to the start of the throw uses, as in `cubectl throw`.
 const APPROACH_SHARE: f64 = 0.3;
@@ -103,4 +107,30 @@ fn throw(request: &Request, stop: &Arc<AtomicBool>) -> Result<String, ExpectedEr
         "analysis": record.analysis,
     });
     Ok(told.to_string())
+}
+
+/// A throw that follows the flight, with the simulated robot controller inside this program, from words of the command line of
+/// `cubectl throw`: its summary as JSON, and rows of time in s, set axes and actual axes in rad.
+#[pyfunction]
+pub(crate) fn simulate_follow(
+    py: Python<'_>,
+    plan: String,
+    words: Vec<String>,
+) -> PyResult<(String, Bound<'_, PyByteArray>)> {
+    let simulated = interruptible(py, move |_| {
+        let plan = FollowPlan::from_json(Path::new(NAME), &plan)
+            .map_err(|error| ExpectedError::bad_input(&error))?;
+        robot::simulate(&words, &plan)
+    })?;
+    let simulated = simulated.map_err(|error| refused(&error))?;
+    let rows: Vec<f64> = simulated
+        .seen
+        .cycles
+        .iter()
+        .flat_map(|cycle| {
+            let axes = cycle.set_deg.iter().chain(&cycle.actual_deg).map(|deg| deg.to_radians());
+            std::iter::once(cycle.at.as_secs_f64()).chain(axes).collect::<Vec<f64>>()
+        })
+        .collect();
+    Ok((simulated.summary.to_string(), array(py, &rows)))
 }

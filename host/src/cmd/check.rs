@@ -7,7 +7,6 @@ use crate::exit;
 use planner::follow::limits::Limits;
 use planner::follow::plan::FollowPlan;
 use planner::record::PlanRecord;
-use planner::store::robot_fingerprint;
 use planner::{follow, verify};
 use robot_model::for_any_robot;
 
@@ -71,31 +70,28 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     ))
 }
 
+/// What the check of a throw that follows the flight measured, as `cubectl check --json` tells it.
+#[must_use]
+pub fn follow_json(report: &follow::verify::Report) -> serde_json::Value {
+    serde_json::json!({
+        "good": report.is_good(),
+        "findings": report.findings.iter().map(ToString::to_string).collect::<Vec<_>>(),
+        "off_parabola_m": report.off_parabola_m,
+        "landing_m": report.landing_m,
+        "executed_landing_m": report.executed_landing_m,
+        "nearest_m": report.nearest_m,
+        "ball_m": report.ball_m,
+    })
+}
+
 /// Checks a throw that follows the flight, from its set points.
 fn check_follow(args: &Args, plan: &FollowPlan) -> Result<(), ExpectedError> {
     let arm = super::arm(args.robot.as_deref().unwrap_or(&plan.robot.source))?;
-    let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
-    if fingerprint != plan.robot.fingerprint {
-        return Err(ExpectedError::bad_input(&format!(
-            "plan {} is for robot \"{}\" ({}), not for \"{}\" ({fingerprint}): plan again, or name the robot with --robot",
-            args.plan.display(),
-            plan.robot.name,
-            plan.robot.fingerprint,
-            arm.name(),
-        )));
-    }
+    plan.require_robot(&args.plan, &arm).map_err(|e| ExpectedError::bad_input(&e))?;
     let report = follow::verify::verify(&arm, &Limits::of(&arm, plan.limits), plan);
     let findings: Vec<String> = report.findings.iter().map(ToString::to_string).collect();
     if args.json {
-        super::print_json(&serde_json::json!({
-            "good": report.is_good(),
-            "findings": findings,
-            "off_parabola_m": report.off_parabola_m,
-            "landing_m": report.landing_m,
-            "executed_landing_m": report.executed_landing_m,
-            "nearest_m": report.nearest_m,
-            "ball_m": report.ball_m,
-        }));
+        super::print_json(&follow_json(&report));
     } else {
         for finding in &findings {
             console::line!("FAIL  {finding}");

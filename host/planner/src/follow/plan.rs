@@ -19,7 +19,7 @@ use super::parabola::Parabola;
 use super::posture::Posture;
 use super::setting::Setting;
 use crate::plan::file::{
-    FILE_MAX_BYTES, FORMAT, Kind, PlanFileError, RobotId, VERSION, fields, parse, tagged_json,
+    FILE_MAX_BYTES, FORMAT, Kind, PlanFileError, RobotId, VERSION, fields, parse, require_robot, tagged_json,
 };
 
 /// Lags that differ by less are taken as the same, s.
@@ -245,6 +245,14 @@ impl FollowPlan {
             return Err("its period is not positive");
         }
         Ok(())
+    }
+
+    /// Refuses an arm that the plan was not made for; `path` is for messages.
+    ///
+    /// # Errors
+    /// [`PlanFileError::OtherRobot`].
+    pub fn require_robot(&self, path: &Path, arm: &Arm) -> Result<(), PlanFileError> {
+        require_robot(path, &self.robot, AXES, arm)
     }
 
     /// Reads a plan file.

@@ -1,4 +1,4 @@
-"""Throws of robot arms of drive modules: robots, plans, checks, simulation, gains, flights and logs.
+"""Throws and catches of robot arms: robots, plans, checks, simulation, gains, flights, catches, buses and logs.
 
 Units are in the names: m, rad, s, A. The world frame is that of the arm's base, z up. Arrays are numpy arrays with one row per
 sample. What is refused raises :class:`CubecellError` with the message of ``cubectl`` and its exit code. Long calls let other threads
@@ -13,32 +13,69 @@ run, and Ctrl-C ends them.
     'landed'
 """
 
+from ._bus import Bus, Modules
+from ._catch import (
+    BallCatch,
+    BallChoice,
+    Crossing,
+    Decisions,
+    DiscCatch,
+    DiscFlight,
+    DiscPlan,
+    DiscRule,
+    DiscWitness,
+    Trace,
+    catch_ball,
+    catch_disc,
+)
 from ._flight import Flight, fly, landing
+from ._follow import FollowPlan, FollowReport, FollowRun, SetPoints, plan_follow, simulate_follow
 from ._log import Log, Table
+from ._motion import Motion
 from ._native import CubecellError
-from ._plan import Finding, Gains, Motion, Plan, Report, check, plan, tune
+from ._plan import Finding, Gains, Plan, Report, check, plan, tune
 from ._robot import Robot
 from ._simulate import Run, simulate
 from ._sweep import Swept, sweep, sweep_summary
 
 __all__ = [
+    "BallCatch",
+    "BallChoice",
+    "Bus",
+    "Crossing",
     "CubecellError",
+    "Decisions",
+    "DiscCatch",
+    "DiscFlight",
+    "DiscPlan",
+    "DiscRule",
+    "DiscWitness",
     "Finding",
     "Flight",
+    "FollowPlan",
+    "FollowReport",
+    "FollowRun",
     "Gains",
     "Log",
+    "Modules",
     "Motion",
     "Plan",
     "Report",
     "Robot",
     "Run",
+    "SetPoints",
     "Swept",
     "Table",
+    "Trace",
+    "catch_ball",
+    "catch_disc",
     "check",
     "fly",
     "landing",
     "plan",
+    "plan_follow",
     "simulate",
+    "simulate_follow",
     "sweep",
     "sweep_summary",
     "tune",

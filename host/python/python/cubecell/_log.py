@@ -25,7 +25,16 @@ class Log:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         path = Path(path)
-        told = _native.read_log(path / "bus.log" if path.is_dir() else path)
+        self._fill(_native.read_log(path / "bus.log" if path.is_dir() else path))
+
+    @classmethod
+    def of_columns(cls, told: dict[str, Any]) -> Log:
+        """The tables of columns from the native half; see :meth:`Bus.record`."""
+        log = cls.__new__(cls)
+        log._fill(told)
+        return log
+
+    def _fill(self, told: dict[str, Any]) -> None:
         #: What was cut off at the end of the log, in words, if something was.
         self.torn: str | None = told["torn"]
 

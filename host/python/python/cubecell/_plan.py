@@ -8,24 +8,15 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, overload
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _native
-from ._arrays import Doubles, to_array, to_bytes, to_point, to_times
+from ._arrays import to_point
+from ._follow import FollowPlan, FollowReport
+from ._motion import Motion, sampled
 from ._robot import Robot, source_of
-
-
-@dataclass(frozen=True)
-class Motion:
-    """A plan read at times: one row per time, one column per joint."""
-
-    t_s: Doubles
-    q_rad: Doubles
-    qd_rad_s: Doubles
-    qdd_rad_s2: Doubles
 
 
 @dataclass(frozen=True)
@@ -70,11 +61,7 @@ class Plan:
 
     def sample(self, t_s: ArrayLike | None = None, step_s: float = 0.005) -> Motion:
         """The motion at times in s, by default from start to end in steps."""
-        if t_s is None:
-            t_s = np.append(np.arange(0.0, self.end_time_s, step_s), self.end_time_s)
-        times = to_times(t_s)
-        rows = to_array(_native.sample(self.json, to_bytes(times)), len(times), 3, -1)
-        return Motion(times, rows[:, 0], rows[:, 1], rows[:, 2])
+        return sampled(self.json, self.end_time_s, t_s, step_s)
 
 
 def plan(
@@ -98,7 +85,8 @@ def plan(
     Each argument is the option of that name. ``obstacles`` are boxes: centre and half edges in m, six numbers each. ``options``
     are further options of the command line, such as ``["--opening-normal=-1,0,0", "--opening-radius-m", "0.08"]``.
 
-    Raises :class:`CubecellError` if something is refused or no throw reaches the target (exit code 3). Ctrl-C ends the search.
+    Raises :class:`CubecellError` if something is refused or no throw reaches the target (exit code 3). Ctrl-C ends the search. Throws
+    of industrial robots follow the flight of the ball: :func:`plan_follow`.
     """
     x, y, z = to_point(target_m, "a target")
     source = source_of(robot)
@@ -145,12 +133,19 @@ class Report:
         return all(finding.ok or not finding.enforced for finding in self.findings)
 
 
-def check(plan: Plan) -> Report:
+@overload
+def check(plan: Plan) -> Report: ...
+@overload
+def check(plan: FollowPlan) -> FollowReport: ...
+def check(plan: Plan | FollowPlan) -> Report | FollowReport:
     """Checks a plan by other means than the planner's, as ``cubectl check`` does.
 
     Raises :class:`CubecellError` if the plan cannot be read or is for another robot.
     """
     told = json.loads(_native.check(plan.json, plan.robot))
+    if isinstance(plan, FollowPlan):
+        del told["good"]
+        return FollowReport(**told)
     return Report([Finding(**finding) for finding in told["findings"]], told["samples"])
 
 

@@ -14,7 +14,31 @@ use crate::report::rally as report;
 /// Farthest place (m) and largest speed (m/s) of a ball that is taken.
 const BALL_MAX: (f64, f64) = (10.0, 15.0);
 
+/// One trial of the court.
+pub(super) struct Trial {
+    pub(super) pair: Pair,
+    pub(super) outcome: Outcome,
+}
+
 pub(super) fn run(args: &Args, ball: &[f64; 6]) -> Result<(), ExpectedError> {
+    let Trial { pair, outcome } = trial(args, ball)?;
+    if let Some(file) = &args.report {
+        let page = report::one(&pair, &outcome, args.jerk);
+        std::fs::write(file, page).map_err(|e| ExpectedError::output(file, &e))?;
+    }
+    if args.json {
+        print_json(&as_json(&outcome));
+    } else {
+        console::text!("{}", as_text(&outcome));
+        if let Some(file) = &args.report {
+            console::line!("report: {}", file.display());
+        }
+    }
+    ended(&outcome)
+}
+
+/// Makes the trial; nothing is written or printed.
+pub(super) fn trial(args: &Args, ball: &[f64; 6]) -> Result<Trial, ExpectedError> {
     let mut options = args.catching.trial()?;
     options.jerk = args.jerk;
     let mut court = court(args.catching.court.as_deref())?;
@@ -35,19 +59,7 @@ pub(super) fn run(args: &Args, ball: &[f64; 6]) -> Result<(), ExpectedError> {
     })?;
     let aimed = pair.ball(x_wb.transform_point(&p), x_wb.rot * v);
     let outcome = pair.run(&aimed, &options, args.catching.seed);
-    if let Some(file) = &args.report {
-        let page = report::one(&pair, &outcome, options.jerk);
-        std::fs::write(file, page).map_err(|e| ExpectedError::output(file, &e))?;
-    }
-    if args.json {
-        print_json(&as_json(&outcome));
-    } else {
-        console::text!("{}", as_text(&outcome));
-        if let Some(file) = &args.report {
-            console::line!("report: {}", file.display());
-        }
-    }
-    ended(&outcome)
+    Ok(Trial { pair, outcome })
 }
 
 /// The catcher of the court becomes this robot.
@@ -64,7 +76,11 @@ fn place_robot(court: &mut CourtOptions<6>, robot: &str) -> Result<(), ExpectedE
     }
 }
 
-fn ended(outcome: &Outcome) -> Result<(), ExpectedError> {
+/// How the program ends.
+///
+/// # Errors
+/// The ball was not caught.
+pub(super) fn ended(outcome: &Outcome) -> Result<(), ExpectedError> {
     match outcome.told {
         CatchOutcome::Caught => Ok(()),
         told => Err(declined_or(told)),

@@ -34,6 +34,44 @@ pub enum DiscName {
 /// # Errors
 /// The robot is refused, a value makes no sense, no catch is possible, or the report cannot be written.
 pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
+    let looked = look(args)?;
+    let Looked { arm, throw, path, rule, plan } = &looked;
+    if let Some(file) = &args.report {
+        let page = report::html(
+            arm,
+            path,
+            rule.as_ref().map(|(run, verdict)| (run, verdict)),
+            plan.as_ref().and_then(|p| p.as_ref().ok()).map(|(plan, verdict)| Caught { plan, verdict }),
+            plan.as_ref().and_then(|p| p.as_ref().err()).map(ToString::to_string),
+        );
+        std::fs::write(file, page).map_err(|e| ExpectedError::output(file, &e))?;
+    }
+    if args.json {
+        print_json(&looked.as_json());
+    } else {
+        console::text!("{}", as_text(arm, throw, rule.as_ref(), plan.as_ref()));
+        if let Some(file) = &args.report {
+            console::line!("report: {}", file.display());
+        }
+    }
+    looked.ended(args.air)
+}
+
+/// A throw, and what the rule of the paper and the plan within the limits make of it; each only if it was asked for.
+pub(super) struct Looked {
+    arm: DiscArm,
+    throw: Throw,
+    /// The flight of the disc.
+    pub(super) path: Path,
+    rule: Option<(Run, Verdict)>,
+    pub(super) plan: Option<Planned>,
+}
+
+/// Flies the disc and looks for catches; nothing is written or printed.
+///
+/// # Errors
+/// The robot is refused, or a value makes no sense. No catch is no error.
+pub(super) fn look(args: &Args) -> Result<Looked, ExpectedError> {
     let arm = arm(args.robot.as_deref().unwrap_or("pincher4"))?;
     let throw = throw(args)?;
     let air = if args.air { Air::still() } else { Air::vacuum() };
@@ -44,41 +82,37 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
         Path::flown(&body, &air, &DiscState::released(&throw, Vector3::z(), spin_rad_s, &body), HORIZON_S);
     let rule = (!args.air).then(|| by_rule(&arm, &throw));
     let plan = (!args.no_limits).then(|| within_limits(&arm, &path, args.jerk));
-    if let Some(file) = &args.report {
-        let page = report::html(
-            &arm,
-            &path,
-            rule.as_ref().map(|(run, verdict)| (run, verdict)),
-            plan.as_ref().and_then(|p| p.as_ref().ok()).map(|(plan, verdict)| Caught { plan, verdict }),
-            plan.as_ref().and_then(|p| p.as_ref().err()).map(ToString::to_string),
-        );
-        std::fs::write(file, page).map_err(|e| ExpectedError::output(file, &e))?;
+    Ok(Looked { arm, throw, path, rule, plan })
+}
+
+impl Looked {
+    pub(super) fn as_json(&self) -> Value {
+        as_json(&self.arm, &self.throw, self.rule.as_ref(), self.plan.as_ref())
     }
-    if args.json {
-        print_json(&as_json(&arm, &throw, rule.as_ref(), plan.as_ref()));
-    } else {
-        console::text!("{}", as_text(&arm, &throw, rule.as_ref(), plan.as_ref()));
-        if let Some(file) = &args.report {
-            console::line!("report: {}", file.display());
-        }
-    }
-    match plan {
-        Some(Err(why)) => Err(ExpectedError::new(
-            exit::NO_THROW,
-            format!(
-                "no catch within the joint limits: {why}\n  next: throw slower or from farther away{}",
-                if args.air { "" } else { "; `--no-limits` shows the rule of the paper alone" }
-            ),
-        )),
-        Some(Ok((_, verdict))) if verdict.caught.is_none() || !verdict.within_limits(&arm) => {
-            Err(ExpectedError::new(
-                exit::BUG,
+
+    /// How the program ends; `air`: lift and drag were asked for.
+    ///
+    /// # Errors
+    /// There is no catch within the limits, or the witness refutes it.
+    pub(super) fn ended(&self, air: bool) -> Result<(), ExpectedError> {
+        match &self.plan {
+            Some(Err(why)) => Err(ExpectedError::new(
+                exit::NO_THROW,
                 format!(
-                    "the plan is refuted by the witness: {verdict:?}\n  next: report it with the command line"
+                    "no catch within the joint limits: {why}\n  next: throw slower or from farther away{}",
+                    if air { "" } else { "; `--no-limits` shows the rule of the paper alone" }
                 ),
-            ))
+            )),
+            Some(Ok((_, verdict))) if verdict.caught.is_none() || !verdict.within_limits(&self.arm) => {
+                Err(ExpectedError::new(
+                    exit::BUG,
+                    format!(
+                        "the plan is refuted by the witness: {verdict:?}\n  next: report it with the command line"
+                    ),
+                ))
+            }
+            _ => Ok(()),
         }
-        _ => Ok(()),
     }
 }
 
@@ -144,7 +178,7 @@ fn within_limits(arm: &DiscArm, path: &Path, jerk: bool) -> Result<(Plan, Verdic
     Ok((plan, verdict))
 }
 
-type Planned = Result<(Plan, Verdict), Decline>;
+pub(super) type Planned = Result<(Plan, Verdict), Decline>;
 
 fn list(values: impl IntoIterator<Item = f64>, digits: usize) -> String {
     let texts: Vec<String> = values.into_iter().map(|v| format!("{v:.digits$}")).collect();

@@ -2,6 +2,7 @@
 
 mod ball;
 mod disc;
+pub mod for_programs;
 
 use std::path::PathBuf;
 

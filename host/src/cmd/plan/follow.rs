@@ -11,7 +11,7 @@ use planner::follow::paper::{Criterion, PaperOptions, RampTiming};
 use planner::follow::plan::FollowPlan;
 use planner::follow::search::Search;
 use planner::follow::setting::{CommandRange, PERIOD_S, Setting};
-use planner::follow::verify::verify_commands;
+use planner::follow::verify::{Report, verify_commands};
 use planner::plan::file::RobotId;
 use planner::store::file::write_whole;
 use planner::store::robot_fingerprint;
@@ -26,6 +26,10 @@ use crate::report::follow as report;
 
 /// Starts of the best form if no number is asked for.
 const STARTS: usize = 64;
+
+/// Why such a throw is not looked up.
+pub(super) const NO_FAST: &str =
+    "--fast needs stored throws; none are kept of throws that follow the flight\n  next: leave --fast out";
 
 /// Programs of industrial robots pass commands up to 0.1 deg inside the ranges of the axes (`robots/kr16_2`).
 const PROGRAM_INSIDE_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
@@ -99,11 +103,39 @@ fn coarse(search: &Search) -> Search {
     }
 }
 
+/// A verified plan.
+pub(super) struct Followed {
+    pub(super) plan: FollowPlan,
+    limits: Limits,
+    verdict: Report,
+}
+
 /// Plans, verifies, and writes what was asked for.
 ///
 /// # Errors
 /// If input is refused, no throw reaches the target, or a file cannot be written.
 pub fn run(args: &Args, arm: &Arm) -> Result<(), ExpectedError> {
+    let Followed { plan, limits, verdict } = plan(args, arm)?;
+    if let Some(path) = &args.out {
+        write_whole(path, plan.to_json().as_bytes()).map_err(|e| ExpectedError::output(path, &e))?;
+    }
+    if let Some(path) = &args.report {
+        let html = report::html(arm, &plan, &limits, &verdict);
+        std::fs::write(path, html).map_err(|e| ExpectedError::output(path, &e))?;
+    }
+    if args.json {
+        console::line!("{}", plan.to_json());
+    } else {
+        console::text!("{}", report::summary(arm, &plan, &limits, &verdict));
+    }
+    Ok(())
+}
+
+/// Plans and verifies; nothing is written or printed.
+///
+/// # Errors
+/// If input is refused or no throw reaches the target.
+pub(super) fn plan(args: &Args, arm: &Arm) -> Result<Followed, ExpectedError> {
     args.follow.checked()?;
     if let Some(option) = args.search.first_for_drive_modules() {
         return Err(ExpectedError::bad_input(&format!(
@@ -148,19 +180,7 @@ pub fn run(args: &Args, arm: &Arm) -> Result<(), ExpectedError> {
             format!("the verifier refuses the plan that was found: {finding}"),
         ));
     }
-    if let Some(path) = &args.out {
-        write_whole(path, plan.to_json().as_bytes()).map_err(|e| ExpectedError::output(path, &e))?;
-    }
-    if let Some(path) = &args.report {
-        let html = report::html(arm, &plan, &limits, &verdict);
-        std::fs::write(path, html).map_err(|e| ExpectedError::output(path, &e))?;
-    }
-    if args.json {
-        console::line!("{}", plan.to_json());
-    } else {
-        console::text!("{}", report::summary(arm, &plan, &limits, &verdict));
-    }
-    Ok(())
+    Ok(Followed { plan, limits, verdict })
 }
 
 fn no_throw(none: &NotFound, search: &Search, setting: &Setting<'_>) -> ExpectedError {

@@ -3,11 +3,13 @@
 use std::sync::atomic::AtomicBool;
 
 use super::args::Args;
+use super::follow::NO_FAST;
 use super::search::{Planned, Watcher};
 use super::shards::{self, Made};
 use super::sweep;
 use crate::cmd::words;
 use crate::error::ExpectedError;
+use planner::follow::plan::FollowPlan;
 use planner::plan::file::PlanFile;
 use robot_model::{AnyRobot, for_any_robot};
 
@@ -16,8 +18,50 @@ use robot_model::{AnyRobot, for_any_robot};
 ///
 /// # Errors
 /// A word is refused (exit code 2 of the program), input is refused, or no throw reaches the target. Throws that follow the flight
-/// of the ball and lists of targets are for the program alone.
+/// of the ball are made by [`follow`]; lists of targets are for the program alone.
 pub fn plan(words: &[String], stop: &AtomicBool) -> Result<Planned<PlanFile>, ExpectedError> {
+    let (args, target) = one_target(words)?;
+    let robot = crate::cmd::robot(&args.search.options.robot)?;
+    if let AnyRobot::Six(arm) = &robot {
+        if args.follow.apply_to(arm) {
+            return Err(ExpectedError::bad_input(
+                &"this throw would follow the flight of the ball, which is another kind of plan\n  next: call `plan_follow`, or add \
+                  the option --no-follow",
+            ));
+        }
+        if let Some(option) = args.follow.first_given() {
+            return Err(ExpectedError::bad_input(&format!(
+                "{option} is for throws that follow the flight of the ball\n  next: call `plan_follow`, or leave {option} out"
+            )));
+        }
+    }
+    for_any_robot!(&robot, arm => {
+        let mut starts = args.search.options.starts(arm)?;
+        args.search.plan_from(arm, &mut starts, target, (args.seed, args.fast), Watcher::Program(stop))
+    })
+}
+
+/// The plan that `cubectl plan throw` makes of these words for a throw that follows the flight of the ball.
+///
+/// # Errors
+/// As [`plan`]; and the robot has not six joints, or throws in the ordinary way and `--follow` is not among the words.
+pub fn follow(words: &[String]) -> Result<FollowPlan, ExpectedError> {
+    let (args, _) = one_target(words)?;
+    if args.fast {
+        return Err(ExpectedError::bad_input(&NO_FAST));
+    }
+    let arm = crate::cmd::arm(&args.search.options.robot)?;
+    if !args.follow.apply_to(&arm) {
+        return Err(ExpectedError::bad_input(&format!(
+            "robot \"{}\" throws in the ordinary way unless told otherwise\n  next: add the option --follow",
+            arm.name()
+        )));
+    }
+    Ok(super::follow::plan(&args, &arm)?.plan)
+}
+
+/// Arguments of one plan, and its target.
+fn one_target(words: &[String]) -> Result<(Args, [f64; 3]), ExpectedError> {
     let args: Args = words::parse("plan throw", words)?;
     let refused = |why: &str| ExpectedError::bad_input(&format!("{why}: run `cubectl plan throw`"));
     let Some(target) = args.target.filter(|_| args.targets.is_none()) else {
@@ -26,19 +70,7 @@ pub fn plan(words: &[String], stop: &AtomicBool) -> Result<Planned<PlanFile>, Ex
     if args.out.is_some() || args.report.is_some() || args.json {
         return Err(refused("--out, --report and --json are for the program"));
     }
-    let robot = crate::cmd::robot(&args.search.options.robot)?;
-    if let AnyRobot::Six(arm) = &robot {
-        if args.follow.apply_to(arm) {
-            return Err(refused("throws that follow the flight of the ball are for the program"));
-        }
-        if let Some(option) = args.follow.first_given() {
-            return Err(refused(&format!("{option} is for throws that follow the flight of the ball")));
-        }
-    }
-    for_any_robot!(&robot, arm => {
-        let mut starts = args.search.options.starts(arm)?;
-        args.search.plan_from(arm, &mut starts, target, (args.seed, args.fast), Watcher::Program(stop))
-    })
+    Ok((args, target))
 }
 
 /// Makes the shards that these words of `cubectl plan sweep` ask for. `stop`, once set, ends it; shards that are whole stay.

@@ -28,9 +28,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
                 ));
             }
             if args.fast {
-                return Err(ExpectedError::bad_input(
-                    &"--fast needs stored throws; none are kept of throws that follow the flight",
-                ));
+                return Err(ExpectedError::bad_input(&follow::NO_FAST));
             }
             return follow::run(args, arm);
         }

@@ -4,7 +4,7 @@ mod folder;
 mod last_look;
 mod prepare;
 mod progress;
-mod robot;
+pub mod robot;
 
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};

@@ -42,6 +42,8 @@ use operator::throw::{Outcome, Verdict};
 
 /// Radius of a bottle, m.
 const BOTTLE_M: f64 = 0.035;
+/// The place of a plan in messages that was handed over as such.
+const IN_MEMORY: &str = "in memory";
 /// Starts of the search if no number is asked for.
 const STARTS: usize = 64;
 
@@ -51,9 +53,13 @@ struct Throw<'a> {
     described: &'a KrcScenario,
     arm: &'a Arm,
     plan: &'a FollowPlan,
-    folder: &'a Folder,
-    /// Radius of the bottle.
-    tolerance_m: f64,
+}
+
+impl Throw<'_> {
+    /// A landing farther from the target than this is a miss, m.
+    fn tolerance_m(&self) -> f64 {
+        self.args.tolerance.unwrap_or(BOTTLE_M)
+    }
 }
 
 /// What came of the exchange, from the simulated robot or from a real one.
@@ -73,26 +79,12 @@ struct Came {
 /// Options that have no meaning here, no plan, a robot that cannot be led along it, or the outcome of the throw.
 pub(super) fn run(args: &Args, arm: &Arm) -> Result<(), ExpectedError> {
     refuse_options_of_a_bus(args)?;
-    let truth = args.scenario.as_deref().map(KrcScenario::load).transpose();
-    let truth = truth.map_err(|error| ExpectedError::bad_input(&error))?;
-    let described = described(args, truth.as_ref())?;
-    can_be_led(&described).map_err(|error| ExpectedError::bad_input(&error))?;
+    let (truth, described) = believed(args)?;
     let (target_m, tracked) = args.aim()?;
     let begun = WallTime::now();
     let plan = plan(args, arm, &described, target_m)?;
     let plan_s = begun.elapsed().as_secs_f64();
-    let lag = Lag::of(&described).for_plan(&plan);
-    let seed = args.seed.unwrap_or(1);
-    let ways = way_to_start(
-        &described,
-        arm,
-        &plan,
-        &super::prepare::scene(&args.search),
-        (args.approach_share, seed),
-    )
-    .map_err(|error| no_way(&error))?;
-    let mut station =
-        station(&described, arm, &plan, lag, &ways).map_err(|error| ExpectedError::bad_input(&error))?;
+    let mut station = ready(args, arm, &described, &plan)?;
     if let Some(before) = &tracked {
         args.tracker.still_there(before)?;
     }
@@ -106,20 +98,17 @@ pub(super) fn run(args: &Args, arm: &Arm) -> Result<(), ExpectedError> {
             plan.release_time_s
         );
     }
-    let throw = Throw {
-        args,
-        described: &described,
-        arm,
-        plan: &plan,
-        folder: &folder,
-        tolerance_m: args.tolerance.unwrap_or(BOTTLE_M),
-    };
+    let throw = Throw { args, described: &described, arm, plan: &plan };
     let came = match &args.bus {
         BusSpec::Rsi(spec) => {
             let look = tracked.as_ref().map(|before| LastLook::new(&args.tracker, before, spec.lockstep));
-            outside(&throw, spec, &mut station, look)?
+            outside(&throw, spec, &mut station, look, &folder)?
         }
-        _ => inside(&throw, truth, &mut station)?,
+        _ => {
+            let came = inside(&throw, truth, &mut station)?;
+            folder.write(LOG, &to_text(&came.lines))?;
+            came
+        }
     };
     let moved_m = tracked.as_ref().map(|before| args.tracker.moved(before));
     let verdict = &came.verdict;
@@ -172,6 +161,65 @@ pub(super) fn run(args: &Args, arm: &Arm) -> Result<(), ExpectedError> {
     Err(ExpectedError::new(code, format!("{}\n  next: {next}\n  results in {folder}", verdict.text)))
 }
 
+/// A throw with the robot inside this program, in virtual time.
+pub struct Simulated {
+    /// What `cubectl throw` writes to summary.json.
+    pub summary: serde_json::Value,
+    /// What the simulated robot tells.
+    pub seen: Seen,
+}
+
+/// The throw of `plan` that `cubectl throw --plan` makes with these words with the robot inside this program; nothing is written
+/// or printed.
+///
+/// # Errors
+/// A word is refused (exit code 2 of the program), input is refused, or the plan does not fit the robot. A throw that fails is no
+/// error.
+pub fn simulate(words: &[String], plan: &FollowPlan) -> Result<Simulated, ExpectedError> {
+    let words: Vec<String> = words.iter().cloned().chain([format!("--plan={IN_MEMORY}")]).collect();
+    let args: Args = crate::cmd::words::parse("throw", &words)?;
+    if args.bus != BusSpec::Sim {
+        return Err(ExpectedError::bad_input(&"--bus is for the program: run `cubectl throw`"));
+    }
+    refuse_options_of_a_bus(&args)?;
+    let arm = crate::cmd::arm(&args.search.options.robot)?;
+    let (truth, described) = believed(&args)?;
+    plan.require_robot(Path::new(IN_MEMORY), &arm).map_err(|error| ExpectedError::bad_input(&error))?;
+    let plan = opened(&args, &arm, &described, plan)?;
+    let mut station = ready(&args, &arm, &described, &plan)?;
+    let throw = Throw { args: &args, described: &described, arm: &arm, plan: &plan };
+    let came = inside(&throw, truth, &mut station)?;
+    let code = exit::of_outcome(came.verdict.outcome).unwrap_or(exit::DRIVE);
+    let results = Results { plan: &plan, described: &described, came: &came, station: &station };
+    let mut summary = summary(&args, &results, code);
+    // That of whatever program this is.
+    summary.as_object_mut().and_then(|summary| summary.remove("command_line"));
+    Ok(Simulated { summary, seen: came.seen.unwrap_or_default() })
+}
+
+/// What is true of the simulated robot, if a scenario says it, and what is believed of it.
+fn believed(args: &Args) -> Result<(Option<KrcScenario>, KrcScenario), ExpectedError> {
+    let truth = args.scenario.as_deref().map(KrcScenario::load).transpose();
+    let truth = truth.map_err(|error| ExpectedError::bad_input(&error))?;
+    let described = described(args, truth.as_ref())?;
+    can_be_led(&described).map_err(|error| ExpectedError::bad_input(&error))?;
+    Ok((truth, described))
+}
+
+/// The station that leads the robot to the start of the plan and along it.
+fn ready(
+    args: &Args,
+    arm: &Arm,
+    described: &KrcScenario,
+    plan: &FollowPlan,
+) -> Result<Station, ExpectedError> {
+    let scene = super::prepare::scene(&args.search);
+    let how = (args.approach_share, args.seed.unwrap_or(1));
+    let ways = way_to_start(described, arm, plan, &scene, how).map_err(|error| no_way(&error))?;
+    let lag = Lag::of(described).for_plan(plan);
+    station(described, arm, plan, lag, &ways).map_err(|error| ExpectedError::bad_input(&error))
+}
+
 /// What is believed of robot and program: the description that was given; else that of the scenario with the usual lag and
 /// gripper, which the client cannot know; else the usual one.
 fn described(args: &Args, truth: Option<&KrcScenario>) -> Result<KrcScenario, ExpectedError> {
@@ -194,15 +242,14 @@ fn inside(
     truth: Option<KrcScenario>,
     station: &mut Station,
 ) -> Result<Came, ExpectedError> {
-    let Throw { args, described, plan, folder, tolerance_m, .. } = *throw;
+    let Throw { args, described, plan, .. } = *throw;
     let mut scenario = truth.unwrap_or_else(|| described.clone());
     scenario.robot = args.search.options.robot.clone();
     scenario.seed = args.seed.unwrap_or(scenario.seed);
     scenario.options.hand.gripper.landing_z_m = Some(plan.target_m[2]);
     let seen = cell::run(&scenario, station).map_err(|error| ExpectedError::bad_input(&error))?;
     let lines = station.take_log();
-    folder.write(LOG, &to_text(&lines))?;
-    let verdict = judge(&seen, station.stage(), &plan.target_m, tolerance_m);
+    let verdict = judge(&seen, station.stage(), &plan.target_m, throw.tolerance_m());
     Ok(Came { verdict, seen: Some(seen), lines, exchange: None, granted: None })
 }
 
@@ -212,8 +259,9 @@ fn outside(
     spec: &RsiSpec,
     station: &mut Station,
     mut look: Option<LastLook>,
+    folder: &Folder,
 ) -> Result<Came, ExpectedError> {
-    let Throw { args, described, arm, plan, folder, tolerance_m } = *throw;
+    let Throw { args, described, arm, plan } = *throw;
     let asks = !args.yes && !args.json && std::io::stdin().is_terminal();
     if asks && !ProgressView::new(args.json).may_lead(&interrupt()) {
         return Err(ExpectedError::new(exit::INTERRUPTED, "not thrown; the robot was not waited for"));
@@ -241,7 +289,7 @@ fn outside(
     let table = cycles(&lines, &described.config, &krc.outputs_name, krc.sensor_name.as_deref());
     let gripper = (krc.hand.output_bit.unwrap_or(0), krc.hand.gripper.delay.as_secs_f64());
     let ball = measured(arm, &table, krc.cycle.as_secs_f64(), gripper, &plan.target_m);
-    let verdict = verdict(ball, None, station.stage(), tolerance_m);
+    let verdict = verdict(ball, None, station.stage(), throw.tolerance_m());
     Ok(Came { verdict, seen: None, lines, exchange: Some(exchange), granted })
 }
 
@@ -343,6 +391,17 @@ fn plan(
         }
         (None, None) => return Err(ExpectedError::bad_input(&"give --target or --plan")),
     };
+    opened(args, arm, described, &plan)
+}
+
+/// The plan with the opening that its robot needs, verified.
+fn opened(
+    args: &Args,
+    arm: &Arm,
+    described: &KrcScenario,
+    plan: &FollowPlan,
+) -> Result<FollowPlan, ExpectedError> {
+    let limits = Limits::of(arm, LimitSource::ControllerModel);
     let (lag, gripper) = (&described.options.lag, &described.options.hand.gripper);
     let plan = plan.opened_for(arm, lag.time_constant.as_secs_f64(), gripper.jitter.as_secs_f64());
     // What a plan of a file commands beyond the program's limits is told by the station, with the limits.

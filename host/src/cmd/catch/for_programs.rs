@@ -1,0 +1,158 @@
+//! `cubectl catch` for programs: words of the command line in, the result with its motions out; nothing is printed.
+
+use hil_sim::court::CourtEvent;
+use nalgebra::Matrix4;
+use planner::catch::Joints;
+use serde_json::{Map, Value, json};
+
+use super::ball::Trial;
+use super::{Args, ball, disc};
+use crate::cmd::rally;
+use crate::cmd::words;
+use crate::error::ExpectedError;
+use crate::exit;
+
+/// Steps of a table at most.
+const ROWS_MAX: f64 = 100_000.0;
+
+/// What `cubectl catch --ball --json` tells, and more: how the program ends, where the arm stands, what the court saw, and tables of
+/// the trial and of the last motion, in steps of `step_s` from its start to its end. Times count from the release.
+///
+/// # Errors
+/// A word is refused (exit code 2 of the program), or input is refused. A ball that is not caught is no error.
+pub fn ball(words: &[String], step_s: f64) -> Result<Value, ExpectedError> {
+    let args = args(words, step_s)?;
+    let Some(thrown) = args.ball else {
+        return Err(ExpectedError::new(exit::USAGE, "no ball\n  next: name it with --ball"));
+    };
+    let trial = ball::trial(&args, &thrown)?;
+    let outcome = &trial.outcome;
+    let release_s = outcome.planned_s.0;
+    let mut told = rally::as_json(outcome);
+    let end = ball::ended(outcome).err();
+    let x_wb = trial.pair.court.arms[1].x_wb.to_matrix();
+    told["exit_code"] = json!(end.as_ref().map_or(exit::OK, |error| error.code));
+    told["text"] = json!(end.map_or_else(|| "caught".to_owned(), |error| error.message));
+    told["x_wb"] = json!(rows(&x_wb));
+    told["within_limits"] = json!(outcome.within_limits(args.jerk));
+    told["events"] = outcome.events.iter().map(|(at_s, event)| event_json(at_s - release_s, event)).collect();
+    told["trace"] = trace(&trial, args.jerk);
+    told["motion"] = outcome.choice.as_ref().map_or(Value::Null, |choice| {
+        let motion = &choice.motion;
+        let states = steps(motion.start_s, motion.end_s(), step_s).map(|t_s| {
+            let at = motion.at(t_s);
+            (t_s - release_s, [at.map(|joint| joint.q), at.map(|joint| joint.v), at.map(|joint| joint.a)])
+        });
+        table(states)
+    });
+    Ok(told)
+}
+
+/// What `cubectl catch --disc --json` tells, and more: how the program ends, and tables of the flight of the disc and of the
+/// motion, in steps of `step_s`. Times count from the start of the flight.
+///
+/// # Errors
+/// As [`ball`].
+pub fn disc(words: &[String], step_s: f64) -> Result<Value, ExpectedError> {
+    let args = args(words, step_s)?;
+    if args.ball.is_some() {
+        return Err(ExpectedError::new(exit::USAGE, "--ball is no disc\n  next: leave --ball out"));
+    }
+    let looked = disc::look(&args)?;
+    let mut told = looked.as_json();
+    let end = looked.ended(args.air).err();
+    told["exit_code"] = json!(end.as_ref().map_or(exit::OK, |error| error.code));
+    let good = if looked.plan.is_some() { "caught" } else { "only the rule of the paper was looked at" };
+    told["text"] = json!(end.map_or_else(|| good.to_owned(), |error| error.message));
+    let planned = looked.plan.as_ref().and_then(|plan| plan.as_ref().ok()).map(|(plan, _)| &plan.motion);
+    let until_s = planned.map_or(looked.path.end_s(), |motion| motion.end_s().min(looked.path.end_s()));
+    let flight: Vec<_> = steps(0.0, until_s, step_s).map(|t_s| (t_s, looked.path.at(t_s))).collect();
+    told["flight"] = json!({
+        "t_s": flight.iter().map(|(t_s, _)| *t_s).collect::<Vec<_>>(),
+        "position_m": flight.iter().map(|(_, disc)| disc.p_m.as_slice()).collect::<Vec<_>>(),
+        "velocity_m_s": flight.iter().map(|(_, disc)| disc.v_m_s.as_slice()).collect::<Vec<_>>(),
+        "normal": flight.iter().map(|(_, disc)| disc.normal.as_slice()).collect::<Vec<_>>(),
+    });
+    told["motion"] = planned.map_or(Value::Null, |motion| {
+        let states = steps(motion.from_s, motion.end_s(), step_s).map(|t_s| {
+            let at: [_; 4] = std::array::from_fn(|joint| motion.at(joint, t_s));
+            (t_s, [at.map(|joint| joint.q), at.map(|joint| joint.v), at.map(|joint| joint.a)])
+        });
+        table(states)
+    });
+    Ok(told)
+}
+
+fn args(words: &[String], step_s: f64) -> Result<Args, ExpectedError> {
+    let args: Args = words::parse("catch", words)?;
+    if args.report.is_some() || args.json {
+        return Err(ExpectedError::bad_input(
+            &"--report and --json are for the program: run `cubectl catch`",
+        ));
+    }
+    if !(1e-4..=1.0).contains(&step_s) {
+        return Err(ExpectedError::bad_input(&format!("a step of {step_s} s is outside 0.0001 to 1")));
+    }
+    Ok(args)
+}
+
+/// From one time to another, the last step being shorter.
+fn steps(from_s: f64, to_s: f64, step_s: f64) -> impl Iterator<Item = f64> {
+    let count = ((to_s - from_s) / step_s - 1e-9).ceil().clamp(0.0, ROWS_MAX) as u32;
+    (0..=count).map(move |k| (from_s + f64::from(k) * step_s).min(to_s))
+}
+
+/// Columns of a motion.
+fn table<const N: usize>(states: impl Iterator<Item = (f64, [[f64; N]; 3])>) -> Value {
+    let (mut t_s, mut columns) = (Vec::new(), [const { Vec::new() }; 3]);
+    for (at_s, state) in states {
+        t_s.push(at_s);
+        for (column, values) in columns.iter_mut().zip(state) {
+            column.push(values.to_vec());
+        }
+    }
+    let [q, qd, qdd] = columns;
+    json!({"t_s": t_s, "q_rad": q, "qd_rad_s": qd, "qdd_rad_s2": qdd})
+}
+
+/// Where ball, arms and the mouth of the cup were, in the world of the court.
+fn trace(trial: &Trial, jerk: bool) -> Value {
+    let (arm, outcome) = (trial.pair.catcher(jerk), &trial.outcome);
+    let column = |of: &dyn Fn(&operator::rally::trial::Moment) -> Value| -> Value {
+        outcome.trace.iter().map(of).collect()
+    };
+    json!({
+        "t_s": column(&|moment| json!(moment.t_s - outcome.planned_s.0)),
+        "ball_m": column(&|moment| json!(moment.ball_m.as_slice())),
+        "mouth_m": column(&|moment| json!(arm.mouth(&moment.q[1], &Joints::zeros()).0.as_slice())),
+        "q_rad": column(&|moment| json!(moment.q[1].as_slice())),
+    })
+}
+
+fn event_json(after_release_s: f64, event: &CourtEvent) -> Value {
+    let (what, arm, more) = match event {
+        CourtEvent::Released { arm } => ("released", Some(arm), None),
+        CourtEvent::Crossed { arm, .. } => ("crossed the mouth of the cup", Some(arm), None),
+        CourtEvent::HitCup { arm, speed_m_s } => {
+            ("hit the cup", Some(arm), Some(("speed_m_s", json!(speed_m_s))))
+        }
+        CourtEvent::HitLink { arm, part, .. } => ("hit a link", Some(arm), Some(("part", json!(part)))),
+        CourtEvent::HitFloor => ("hit the floor", None, None),
+        CourtEvent::Rests { arm } => ("rests in the cup", Some(arm), None),
+        CourtEvent::FellOut { arm } => ("fell out of the cup", Some(arm), None),
+        CourtEvent::Gripped { arm } => ("is gripped", Some(arm), None),
+    };
+    let mut told = Map::new();
+    told.insert("after_release_s".to_owned(), json!(after_release_s));
+    told.insert("event".to_owned(), json!(what));
+    let arm = arm.map(|arm| if *arm == 0 { "thrower" } else { "catcher" });
+    told.insert("arm".to_owned(), json!(arm));
+    if let Some((name, value)) = more {
+        told.insert(name.to_owned(), value);
+    }
+    Value::Object(told)
+}
+
+fn rows(matrix: &Matrix4<f64>) -> Vec<Vec<f64>> {
+    matrix.row_iter().map(|row| row.iter().copied().collect()).collect()
+}
