@@ -1,4 +1,5 @@
-# The live view in a real browser (Debian's Chromium): what the page shows is what the recording holds, its stop button halts.
+# The live view and a report in a real browser (Debian's Chromium): what the page shows is what the recording holds, its stop
+# button halts; what a report tells under the pointer is what recording and plan hold.
 . .ci/venv.sh live tests/interop/live/requirements.txt
 . .ci/debug-build.sh
 if ! command -v chromium >/dev/null; then
@@ -9,3 +10,4 @@ fi
 out=target/live-stage
 rm -rf "$out" && mkdir -p "$out"
 python tests/interop/live/check_page.py target/debug/cubectl "$out"
+python tests/interop/live/check_report.py target/debug/cubectl "$out"
