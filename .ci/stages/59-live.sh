@@ -8,6 +8,6 @@ if ! command -v chromium >/dev/null; then
     $sudo apt-get install -y -q --no-install-recommends chromium
 fi
 out=target/live-stage
-rm -rf "$out" && mkdir -p "$out"
-python tests/interop/live/check_page.py target/debug/cubectl "$out"
-python tests/interop/live/check_report.py target/debug/cubectl "$out"
+rm -rf "$out" && mkdir -p "$out/page" "$out/report"
+python tests/interop/live/check_page.py target/debug/cubectl "$out/page"
+python tests/interop/live/check_report.py target/debug/cubectl "$out/report"
