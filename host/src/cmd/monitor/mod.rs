@@ -108,14 +108,16 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         let shown_at = (begun + period).min(end);
         // A page is shown more often than a terminal.
         let round = if page.is_some() { period.min(PAGE_ROUND) } else { period };
-        while session.now() < shown_at && ended != Ended::Interrupted && !output.quit.load(Ordering::Relaxed)
-        {
+        let waits = |output: &Output| {
+            !output.quit.load(Ordering::Relaxed) && !output.pressed.swap(false, Ordering::Relaxed)
+        };
+        while session.now() < shown_at && ended != Ended::Interrupted && waits(&output) {
             ask(session.host_node(), &modules);
             let until = (session.now() + round).min(shown_at);
-            let quit = &output.quit;
+            let (quit, pressed) = (&output.quit, &output.pressed);
             ended = session.run(until, &mut |host_node| {
                 while host_node.poll_outcome().is_some() {}
-                stop.load(Ordering::Relaxed) || quit.load(Ordering::Relaxed)
+                [&*stop, quit, pressed].iter().any(|told| told.load(Ordering::Relaxed))
             })?;
             if stop.swap(false, Ordering::Relaxed) {
                 halt(&mut session)?;
@@ -133,10 +135,10 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             Form::Lines => write(&lines::lines(&mut session, before, span)),
             Form::Json => write(&(serde_json::to_string(&snapshot).unwrap_or_default() + "\n")),
             Form::Screen(screen) => {
-                for key in screen.terminal.keys() {
-                    screen.obey(key, &mut period);
-                }
                 let strangers = strangers(session.host_node(), &known);
+                for key in screen.terminal.keys() {
+                    screen.obey(key, &mut period, &snapshot, &strangers);
+                }
                 let name = session.name().to_owned();
                 screen.show(&name, &snapshot, &strangers)
             }
@@ -159,6 +161,8 @@ struct Output {
     form: Form,
     /// The key that ends the program was pressed.
     quit: Arc<AtomicBool>,
+    /// A key was pressed: what it changes is shown at once.
+    pressed: Arc<AtomicBool>,
 }
 
 enum Form {
@@ -172,32 +176,37 @@ struct OnTerminal {
     terminal: Terminal,
     screen: Screen,
     view: View,
-    /// Shown last: what a held picture shows, and what stays when the program ends.
+    /// What a held picture shows.
+    held: Option<Box<(Screen, Snapshot, Vec<Stranger>)>>,
+    /// Shown last: it stays when the program ends.
     shown: Vec<String>,
-    /// Drives were halted from here, or from the page.
-    halted: bool,
 }
 
 impl Output {
     fn new(args: &Args, stop: &Arc<AtomicBool>) -> Self {
-        let quit = Arc::new(AtomicBool::new(false));
+        let (quit, pressed) = (Arc::<AtomicBool>::default(), Arc::default());
         let form = if args.json {
             Form::Json
         } else if args.plain || !std::io::stdout().is_terminal() {
             Form::Lines
         } else {
-            let view = View { size: size(), colours: has_colours(), held: false, events: true };
-            let terminal = Terminal::take(stop, &quit);
+            let (size, colours, period_ms) = (size(), has_colours(), args.period_ms.round() as u64);
+            let view = View { size, colours, held: false, events: true, period_ms, stopped: None };
+            let terminal = Terminal::take(stop, &quit, &pressed);
             let screen = Screen::default();
-            Form::Screen(Box::new(OnTerminal { terminal, screen, view, shown: Vec::new(), halted: false }))
+            Form::Screen(Box::new(OnTerminal { terminal, screen, view, held: None, shown: Vec::new() }))
         };
-        Self { form, quit }
+        Self { form, quit, pressed }
     }
 
     /// All drives were halted.
     fn halted(&mut self) {
         match &mut self.form {
-            Form::Screen(screen) => screen.halted = true,
+            Form::Screen(screen) => {
+                screen.view.stopped = Some(STOPPED);
+                // What the drives do now matters more than what was held.
+                screen.held = None;
+            }
             Form::Lines | Form::Json => console::note!("{STOPPED}"),
         }
     }
@@ -206,9 +215,12 @@ impl Output {
     fn finish(self) {
         if let Form::Screen(screen) = self.form {
             let OnTerminal { terminal, mut shown, .. } = *screen;
+            let has_keys = terminal.has_keys();
             drop(terminal);
             // The keys have no use any more.
-            shown.pop();
+            if has_keys {
+                shown.pop();
+            }
             while shown.last().is_some_and(String::is_empty) {
                 shown.pop();
             }
@@ -222,25 +234,31 @@ const STOPPED: &str = "stopped from the page or by a key: halt and stop message 
 const _: () = assert!(HALTS == 3, "the text above counts them");
 
 impl OnTerminal {
-    fn obey(&mut self, key: Key, period: &mut Duration) {
+    fn obey(&mut self, key: Key, period: &mut Duration, snapshot: &Snapshot, strangers: &[Stranger]) {
         match key {
-            Key::Pause => self.view.held = !self.view.held,
+            Key::Pause => {
+                let now = || Box::new((self.screen.clone(), snapshot.clone(), strangers.to_vec()));
+                self.held = if self.held.is_some() { None } else { Some(now()) };
+            }
             Key::Events => self.view.events = !self.view.events,
             Key::Slower => *period = (*period + *period).min(PERIOD_MAX),
             Key::Faster => *period = Duration::from_micros(period.as_micros() / 2).max(PERIOD_MIN),
             Key::Quit | Key::Stop => {}
         }
+        self.view.period_ms = period.as_micros() / 1_000;
     }
 
     fn show(&mut self, name: &str, snapshot: &Snapshot, strangers: &[Stranger]) -> std::io::Result<()> {
         self.screen.take(snapshot);
         self.view.size = size();
-        let hints = self.terminal.has_keys().then_some(HINTS);
-        if self.view.held && !self.shown.is_empty() && !self.halted {
-            return Ok(());
-        }
-        let hints = if self.halted { Some(STOPPED) } else { hints };
-        self.shown = self.screen.picture(name, snapshot, strangers, self.view, hints);
+        self.view.held = self.held.is_some();
+        let hints = self.terminal.has_keys().then_some(&HINTS[..]);
+        self.shown = match self.held.as_deref() {
+            Some((screen, snapshot, strangers)) => {
+                screen.picture(name, snapshot, strangers, self.view, hints)
+            }
+            None => self.screen.picture(name, snapshot, strangers, self.view, hints),
+        };
         show(&self.shown)
     }
 }

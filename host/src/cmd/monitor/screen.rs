@@ -54,11 +54,17 @@ impl Line {
 
     /// The text, cut to `width` characters, with or without colours.
     fn text(&self, width: usize, colours: bool) -> String {
-        let mut left = width;
+        let whole: usize = self.pieces.iter().map(|(_, text)| text.chars().count()).sum();
+        // A mark stands for what is cut off.
+        let mut left = if whole > width { width.saturating_sub(1) } else { width };
+        let mut mark = (whole > width && width > 0).then_some('…');
         let mut out = String::new();
         for (colour, text) in &self.pieces {
-            let cut: String = text.chars().take(left).collect();
+            let mut cut: String = text.chars().take(left).collect();
             left -= cut.chars().count();
+            if left == 0 && whole > width {
+                cut.extend(mark.take());
+            }
             if colours && *colour != Colour::Plain && !cut.is_empty() {
                 out += &format!("{}{cut}\x1b[0m", colour.code());
             } else {
@@ -128,6 +134,10 @@ pub(super) struct View {
     pub(super) held: bool,
     /// Events are shown.
     pub(super) events: bool,
+    /// Time between two pictures, ms.
+    pub(super) period_ms: u64,
+    /// Told below the title: drives were halted from here.
+    pub(super) stopped: Option<&'static str>,
 }
 
 /// What is shown, with its trends.
@@ -168,7 +178,7 @@ impl Screen {
         snapshot: &Snapshot,
         strangers: &[Stranger],
         view: View,
-        hints: Option<&str>,
+        hints: Option<&[&str]>,
     ) -> Vec<String> {
         let (width, height) = view.size;
         let foot = usize::from(hints.is_some() && height >= 6);
@@ -199,16 +209,23 @@ impl Screen {
         lines.truncate(room);
         if let (Some(hints), 1) = (hints, foot) {
             lines.resize_with(room, Line::default);
-            lines.push(Line::default().add(Colour::Faint, hints));
+            let fits = hints.iter().find(|hint| hint.chars().count() <= width);
+            if let Some(hint) = fits.or(hints.last()) {
+                lines.push(Line::default().add(Colour::Faint, *hint));
+            }
         }
         lines.iter().map(|line| line.text(width, view.colours)).collect()
     }
 
     fn head(&self, name: &str, snapshot: &Snapshot, view: View) -> Vec<Line> {
         let title = Line::default()
+            .add(Colour::Warning, if view.held { "HELD: space goes on  " } else { "" })
             .add(Colour::Title, name)
             .add(Colour::Plain, format!("  {:.1} s", snapshot.t_s))
-            .add(Colour::Warning, if view.held { "  HELD: space goes on" } else { "" });
+            .add(
+                Colour::Faint,
+                if view.held { String::new() } else { format!("  every {} ms", view.period_ms) },
+            );
         let errors = match snapshot.bus_errors {
             0 => (Colour::Plain, "no bus errors".to_owned()),
             1 => (Colour::Warning, "1 bus error".to_owned()),
@@ -222,7 +239,9 @@ impl Screen {
             .add(Colour::Plain, "  ")
             .add(errors.0, errors.1)
             .add(Colour::Plain, format!("  {} frames", snapshot.frames));
-        let mut lines = vec![title, bus];
+        let mut lines = vec![title];
+        lines.extend(view.stopped.map(|text| Line::default().add(Colour::Bad, text)));
+        lines.push(bus);
         match &snapshot.controller {
             Some(controller) => lines.extend(controller_lines(controller)),
             None => lines.push(Line::default().add(Colour::Faint, "no controller is heard")),
@@ -399,13 +418,13 @@ mod tests {
     }
 
     fn view(size: (usize, usize)) -> View {
-        View { size, colours: false, held: false, events: true }
+        View { size, colours: false, held: false, events: true, period_ms: 200, stopped: None }
     }
 
     fn picture(size: (usize, usize)) -> Vec<String> {
         let (mut screen, snapshot) = (Screen::default(), snapshot());
         screen.take(&snapshot);
-        screen.picture("can0", &snapshot, &[], view(size), Some("q end"))
+        screen.picture("can0", &snapshot, &[], view(size), Some(&["q end   s STOP", "q end"]))
     }
 
     #[test]
@@ -437,7 +456,7 @@ mod tests {
         ] {
             assert!(text.contains(part), "{part}:\n{text}");
         }
-        assert_eq!(lines.last().map(String::as_str), Some("q end"));
+        assert_eq!(lines.last().map(String::as_str), Some("q end   s STOP"));
         assert!(!text.contains('\x1b'), "colours were not wanted");
     }
 
@@ -445,8 +464,21 @@ mod tests {
     fn a_narrow_terminal_keeps_angle_and_state_and_a_low_one_says_what_is_hidden() {
         let text = picture((44, 24)).join("\n");
         assert!(text.contains("joint1      +0.1000  homed, stands") && !text.contains("current"), "{text}");
+        assert_eq!(picture((10, 24)).last().map(String::as_str), Some("q end"), "the hint that fits");
+        assert_eq!(picture((4, 24)).last().map(String::as_str), Some("q e…"));
         let text = picture((80, 9)).join("\n");
         assert!(text.contains("more lines: make the window higher"), "{text}");
+    }
+
+    #[test]
+    fn a_held_picture_and_a_stop_are_told_and_so_is_the_period() {
+        let (mut screen, snapshot) = (Screen::default(), snapshot());
+        screen.take(&snapshot);
+        let first = |view| screen.picture("can0", &snapshot, &[], view, None)[..2].join("\n");
+        let usual = view((100, 30));
+        assert!(first(usual).contains("every 200 ms") && !first(usual).contains("HELD"), "{}", first(usual));
+        assert!(first(View { held: true, ..usual }).contains("HELD: space goes on"));
+        assert!(first(View { stopped: Some("stopped"), ..usual }).contains("\nstopped"));
     }
 
     #[test]
@@ -465,7 +497,8 @@ mod tests {
     #[test]
     fn colours_mark_words_and_add_no_width() {
         let line = Line::default().add(Colour::Bad, "error").add(Colour::Plain, " x");
-        assert_eq!(line.text(4, true), "\x1b[1;31merro\x1b[0m");
+        assert_eq!(line.text(4, true), "\x1b[1;31merr…\x1b[0m");
         assert_eq!(line.text(80, false), "error x");
+        assert_eq!((line.text(6, false).as_str(), line.text(7, false).as_str()), ("error…", "error x"));
     }
 }

@@ -37,9 +37,49 @@ impl Key {
     }
 }
 
-/// The keys, told on the last line.
-pub(super) const HINTS: &str =
-    "q end   s STOP all drives   space hold   e events   + - faster, slower   Ctrl-C end";
+/// The keys, told on the last line; the first text that is as narrow as the terminal.
+pub(super) const HINTS: [&str; 3] = [
+    "q end   s STOP all drives   space hold   e events   + - faster, slower   Ctrl-C end",
+    "q end  s STOP  space hold  e events  + - faster, slower",
+    "q end  s STOP  space hold",
+];
+
+/// Keys from the bytes of a terminal. Those of arrows and function keys are told apart: F4 ends with the letter of the stop.
+#[derive(Debug, Default)]
+struct Bytes {
+    sequence: Sequence,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Sequence {
+    #[default]
+    None,
+    /// After ESC.
+    Escape,
+    /// After `ESC O`: one byte follows.
+    Single,
+    /// After `ESC [`: bytes follow up to a letter or `~`.
+    Control,
+}
+
+impl Bytes {
+    fn take(&mut self, byte: u8) -> Option<Key> {
+        let before = std::mem::take(&mut self.sequence);
+        match (before, byte) {
+            (_, 0x1b) => self.sequence = Sequence::Escape,
+            (Sequence::Escape, b'O') => self.sequence = Sequence::Single,
+            (Sequence::Escape, b'[') => self.sequence = Sequence::Control,
+            (Sequence::Single, _) => {}
+            // F1 to F4 of a Linux console: `ESC [ [ A`.
+            (Sequence::Control, b'[') => self.sequence = Sequence::Single,
+            (Sequence::Control, byte) if !(0x40..=0x7e).contains(&byte) => self.sequence = Sequence::Control,
+            (Sequence::Control, _) => {}
+            // After a lone ESC too: a stop is never lost.
+            (Sequence::None | Sequence::Escape, byte) => return Key::of(byte),
+        }
+        None
+    }
+}
 
 /// A terminal in use: keys come at once and are not shown; the picture has a screen of its own. Dropping it gives back what was.
 pub(super) struct Terminal {
@@ -48,8 +88,8 @@ pub(super) struct Terminal {
 }
 
 impl Terminal {
-    /// Takes the terminal over. `stop` and `quit` are set as soon as their keys are pressed.
-    pub(super) fn take(stop: &Arc<AtomicBool>, quit: &Arc<AtomicBool>) -> Self {
+    /// Takes the terminal over. `stop` and `quit` are set as soon as their keys are pressed, `pressed` with every key.
+    pub(super) fn take(stop: &Arc<AtomicBool>, quit: &Arc<AtomicBool>, pressed: &Arc<AtomicBool>) -> Self {
         let stdin = std::io::stdin();
         let before = if stdin.is_terminal() { tcgetattr(&stdin).ok() } else { None };
         let keys = before.as_ref().and_then(|before| {
@@ -58,11 +98,12 @@ impl Terminal {
             modes.local_modes.remove(LocalModes::ICANON | LocalModes::ECHO);
             tcsetattr(&stdin, OptionalActions::Now, &modes).ok()?;
             let (told, keys) = channel();
-            let (stop, quit) = (Arc::clone(stop), Arc::clone(quit));
+            let (stop, quit, pressed) = (Arc::clone(stop), Arc::clone(quit), Arc::clone(pressed));
             // It waits for a key and ends with the program.
             std::thread::spawn(move || {
+                let mut bytes = Bytes::default();
                 for byte in std::io::stdin().lock().bytes().map_while(Result::ok) {
-                    let Some(key) = Key::of(byte) else { continue };
+                    let Some(key) = bytes.take(byte) else { continue };
                     match key {
                         Key::Quit => quit.store(true, Ordering::Relaxed),
                         Key::Stop => stop.store(true, Ordering::Relaxed),
@@ -71,6 +112,7 @@ impl Terminal {
                     if told.send(key).is_err() {
                         break;
                     }
+                    pressed.store(true, Ordering::Relaxed);
                 }
             });
             Some(keys)
@@ -123,4 +165,30 @@ pub(super) fn show(lines: &[String]) -> std::io::Result<()> {
     let mut out = std::io::stdout().lock();
     write!(out, "\x1b[H{text}\x1b[K\x1b[J")?;
     out.flush()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn keys(bytes: &[u8]) -> Vec<Key> {
+        let mut reader = Bytes::default();
+        bytes.iter().filter_map(|byte| reader.take(*byte)).collect()
+    }
+
+    #[test]
+    fn arrows_and_function_keys_are_no_letters() {
+        // Up, F2, F4, F4 of a Linux console, F5, Ctrl-arrow: none ends the program or stops a drive.
+        let sequences: [&[u8]; 6] = [b"\x1b[A", b"\x1bOQ", b"\x1bOS", b"\x1b[[D", b"\x1b[15~", b"\x1b[1;5D"];
+        for sequence in sequences {
+            assert_eq!(keys(sequence), [], "{sequence:?}");
+            assert_eq!(keys(&[sequence, b"s"].concat()), [Key::Stop], "{sequence:?}");
+        }
+    }
+
+    #[test]
+    fn a_stop_behind_a_lone_escape_is_a_stop() {
+        assert_eq!(keys(b"\x1bs"), [Key::Stop]);
+        assert_eq!(keys(b"\x1b\x1bq e+-"), [Key::Quit, Key::Pause, Key::Events, Key::Faster, Key::Slower]);
+    }
 }
