@@ -188,6 +188,8 @@ def main(path, robot, layout, fault):
             elif channel.topic.startswith("/module/") and decoded.position_rad != 0.0:
                 positions.append((decoded.time_us, decoded.module, decoded.position_rad))
         assert summary.statistics.message_count == sum(topics.values())
+        about = {record.name: record.metadata for record in reader.iter_metadata()}["recording"]
+        assert about["robot"] == robot["name"] and about["times"] == "virtual time from zero", about
     assert len(text) > 1000, f"only {len(text)} frames in the text log"
     assert frames == text, "the two logs have different frames"
     told = list(readings(text))
@@ -245,11 +247,19 @@ def main(path, robot, layout, fault):
     entities = [entity for update in messages["/scene"] for entity in update.entities]
     assert entities and all(e.frame_id in frames_known and e.frame_locked for e in entities), "/scene"
     boxes = sum(len(part["box"]) for part in [robot["base"], *robot["link"]])
-    assert len([e for e in entities if e.id != "ball"]) == boxes, "/scene: bodies"
+    # A viewer that jumps in time gets the last update before, and no other.
+    for update in messages["/scene"]:
+        bodies = [e.id for e in update.entities if e.id != "ball"]
+        assert len(set(bodies)) == len(bodies) and len(bodies) in (0, boxes), "/scene: bodies"
+    shown = [any(e.id != "ball" for e in update.entities) for update in messages["/scene"]]
+    assert shown[-1] and shown == sorted(shown), "/scene: each update has the bodies from the first that has"
     grips = [g.gripper_open for g in messages["/group"]]
     changes = [g for before, g in zip([True] + grips, grips) if g != before]
-    ball = [any(e.id == "ball" for e in u.entities) for u in messages["/scene"] if u.deletions or u.entities[0].id == "ball"]
+    ball = [any(e.id == "ball" for e in update.entities) for update in messages["/scene"]]
+    ball = [there for before, there in zip([False] + ball, ball) if there != before]
     assert ball == [not change for change in changes], "/scene: the ball and the gripper differ"
+    gone = [d.id for update in messages["/scene"] for d in update.deletions]
+    assert gone == ["ball"] * changes.count(True), "/scene: what is deleted"
     panels = check_layout(layout, messages, fault)
 
     for topic in sorted(topics):

@@ -94,22 +94,13 @@ impl ArmView {
         Some(all.bytes(1, &transform(unix, HAND_FRAME, placed.hand_m, [0.0, 0.0, 0.0, 1.0]).into_bytes()))
     }
 
-    /// `foxglove.SceneUpdate`: the bodies of the links, once; a viewer moves them with their frames.
+    /// `foxglove.SceneUpdate`: the bodies of the links, once the frames are known; a viewer moves them with their frames. `None` after
+    /// the first time.
     pub fn bodies(&mut self, unix: Instant) -> Option<Message> {
         if std::mem::replace(&mut self.bodies_shown, true) || self.machine.boxes.is_empty() {
             return None;
         }
-        let mut all = Message::default();
-        for (i, (link, x_lb, half_m)) in self.machine.boxes.iter().enumerate() {
-            let edges = half_m.map(|half| 2.0 * half);
-            let cube = Message::default()
-                .bytes(1, &pose(x_lb))
-                .bytes(2, &numbers(&edges))
-                .bytes(3, &numbers(&BODY_COLOUR));
-            let body = entity(unix, &frame_of(*link), &format!("body {i}")).bytes(8, &cube.into_bytes());
-            all = all.bytes(2, &body.into_bytes());
-        }
-        Some(all)
+        Some(self.scene(unix, false))
     }
 
     /// `foxglove.SceneUpdate`: a ball lies in the hand while the gripper is closed, and leaves the scene when it opens: no
@@ -118,22 +109,37 @@ impl ArmView {
         if std::mem::replace(&mut self.ball_shown, !gripper_open) != gripper_open {
             return None;
         }
-        let update = Message::default();
-        if gripper_open {
+        Some(self.scene(unix, gripper_open))
+    }
+
+    /// Everything that is shown now, and that the ball is gone. A viewer that jumps in time gets the last update before, and no
+    /// other: each one has the whole scene.
+    fn scene(&self, unix: Instant, ball_gone: bool) -> Message {
+        let mut all = Message::default();
+        if ball_gone {
             // Deletion of one entity: type 0 is "the one with this id".
-            let gone = Message::default()
-                .bytes(1, &timestamp(unix))
-                .uint(2, 0)
-                .bytes(3, BALL.as_bytes())
-                .into_bytes();
-            return Some(update.bytes(1, &gone));
+            let gone = Message::default().bytes(1, &timestamp(unix)).uint(2, 0).bytes(3, BALL.as_bytes());
+            all = all.bytes(1, &gone.into_bytes());
         }
-        let sphere = Message::default()
-            .bytes(1, &pose(&Pose::translation(0.0, 0.0, 0.0)))
-            .bytes(2, &numbers(&[2.0 * self.machine.ball_radius_m; 3]))
-            .bytes(3, &numbers(&BALL_COLOUR));
-        let ball = entity(unix, HAND_FRAME, BALL).bytes(9, &sphere.into_bytes());
-        Some(update.bytes(2, &ball.into_bytes()))
+        let bodies = if self.bodies_shown { &self.machine.boxes[..] } else { &[] };
+        for (i, (link, x_lb, half_m)) in bodies.iter().enumerate() {
+            let edges = half_m.map(|half| 2.0 * half);
+            let cube = Message::default()
+                .bytes(1, &pose(x_lb))
+                .bytes(2, &numbers(&edges))
+                .bytes(3, &numbers(&BODY_COLOUR));
+            let body = entity(unix, &frame_of(*link), &format!("body {i}")).bytes(8, &cube.into_bytes());
+            all = all.bytes(2, &body.into_bytes());
+        }
+        if self.ball_shown {
+            let sphere = Message::default()
+                .bytes(1, &pose(&Pose::translation(0.0, 0.0, 0.0)))
+                .bytes(2, &numbers(&[2.0 * self.machine.ball_radius_m; 3]))
+                .bytes(3, &numbers(&BALL_COLOUR));
+            let ball = entity(unix, HAND_FRAME, BALL).bytes(9, &sphere.into_bytes());
+            all = all.bytes(2, &ball.into_bytes());
+        }
+        all
     }
 }
 

@@ -12,13 +12,13 @@
 //! | `/freeze` | `cubectl.FreezeFrame` | a fault or stop came that was not there before |
 //! | `/joints` | `foxglove.JointStates` | all drives have told their angle: once per control cycle |
 //! | `/tf` | `foxglove.FrameTransforms` | as `/joints` |
-//! | `/scene` | `foxglove.SceneUpdate` | the bodies, once; the ball when the gripper closes or opens |
+//! | `/scene` | `foxglove.SceneUpdate` | bodies and ball, whole, at the start and when the gripper closes or opens |
 
 use std::collections::BTreeMap;
 use std::io::{self, BufWriter, Seek, Write};
 
 use can_link::BusError;
-use mcap::records::MessageHeader;
+use mcap::records::{MessageHeader, Metadata};
 use mcap::{McapError, WriteOptions, Writer};
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::cyphal::cubecell::joint_state::{JointFlags, JointSample};
@@ -60,6 +60,21 @@ struct Schemas {
     scene: u16,
 }
 
+/// What a reader cannot see in the messages: who wrote them, of which robot, and what the times are.
+fn about(zero_unix: Duration, machine: Option<&Machine>) -> Metadata {
+    let times = if zero_unix == Duration::ZERO {
+        "virtual time from zero"
+    } else {
+        "log time: wall clock; publish time: since the session began"
+    };
+    let mut metadata = BTreeMap::from([
+        ("program".to_owned(), concat!("cubectl ", env!("CARGO_PKG_VERSION")).to_owned()),
+        ("times".to_owned(), times.to_owned()),
+    ]);
+    metadata.extend(machine.map(|machine| ("robot".to_owned(), machine.robot.clone())));
+    Metadata { name: "recording".to_owned(), metadata }
+}
+
 impl<W: Write + Seek> Log<W> {
     /// Begins the file. `zero_unix` is the Unix time at the session's time zero; zero in virtual time. Without a machine there are
     /// no joints, frames and bodies.
@@ -87,6 +102,8 @@ impl<W: Write + Seek> Log<W> {
             transforms: schema(schema::TRANSFORMS, schema::PUBLIC)?,
             scene: schema(schema::SCENE, schema::PUBLIC)?,
         };
+        let about = about(zero_unix, machine.as_ref());
+        writer.write_metadata(&about).map_err(io_error)?;
         let names = machine.as_ref().map(Machine::names).unwrap_or_default();
         let mut log = Self {
             writer,
