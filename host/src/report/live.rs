@@ -22,7 +22,7 @@ pub fn page(robot: &AnyRobot, bus: &str, plan: Option<&PlanFile>) -> String {
         ("plan", "time of the plan"),
         ("counts", "saturated, late cycles, missed answers"),
         ("period", "control period"),
-        ("busload", "of the bus"),
+        ("busload", "load of the bus"),
         ("errorcount", "errors of the bus"),
         ("gripper", "gripper"),
         ("session", "since the session began"),

@@ -24,6 +24,12 @@ ROWS = """[...document.querySelectorAll('#joints tr')].slice(1).map(row => ({t_s
   q: row.cells[1].textContent.replace('−', '-')}))"""
 
 
+# The chart of the angles in the window, and what it tells under the pointer.
+ANGLES = """(() => { const svg = document.querySelector('#angles svg'); svg.scrollIntoView({block: 'center'});
+  const box = svg.getBoundingClientRect(); return [box.left + 0.97 * box.width, box.top + 0.5 * box.height]; })()"""
+TOLD = "[...document.querySelectorAll('#angles .tip')].map(line => line.textContent).join(', ').replace('s:, ', 's: ')"
+
+
 DRAWN = """(() => { const c = document.getElementById('scene');
   const all = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
   let n = 0; for (let i = 3; i < all.length; i += 4) if (all[i] > 0) n++; return n; })()"""
@@ -67,12 +73,15 @@ def main(cubectl, out):
         page.order("Page.navigate", url=url)
         wait_for("the page", lambda: page.value("document.getElementById('link')?.textContent") == "live")
         home, home_said = start("home", "home", "--bus", bus)
-        shown = []
+        shown, pointed = [], []
+        page.point_at(*page.value(ANGLES))
         while home.poll() is None:
-            shown.append(page.value(ROWS))
-            time.sleep(0.1)
+            rows, tip = page.value(f"[{ROWS}, {TOLD}]")
+            shown.append(rows)
+            pointed.append(tip)
+            time.sleep(0.05)
             if len(shown) == 20:
-                page.picture(folder / "desktop.png")
+                page.picture(folder / "desktop.png", whole=False)
         assert home.returncode == 0, home_said()
         for name, width, height, dark in [("dark", 1280, 1500, True), ("phone", 390, 2400, False)]:
             page.show(width, height, dark)
@@ -112,9 +121,20 @@ def main(cubectl, out):
             assert f"{before[-1]:.4f}" == row["q"] or abs(before[-1] - float(row["q"])) <= 0.51e-4, (module, row, before[-1])
             compared += 1
             moved.add((module, row["q"]))
+    under = 0
+    for text in filter(None, pointed):
+        time_s, values = text.split(" s: ")
+        for module, value in enumerate(values.split(", "), start=1):
+            name, q = value.rsplit(" ", 1)
+            assert name == f"joint{module}", text
+            # The page's snapshots are 20 ms apart, and show what was told last before.
+            near = [told_q for at_us, told_q in told[module] if -0.15 <= at_us * 1e-6 - float(time_s) <= 0.002]
+            assert any(abs(told_q - float(q.replace("−", "-"))) <= 0.6e-3 for told_q in near), (module, text, near)
+            under += 1
+    assert under > 60, f"only {under} angles under the pointer"
     assert compared > 100, f"only {compared} angles were compared"
     assert len(moved) > 20, "the arm moved"
-    print(f"{len(shown)} looks at the page, {compared} angles as in the recording, {len(moved)} different ones")
+    print(f"{len(shown)} looks at the page, {compared} angles as in the recording, {len(moved)} different ones; {under} under the pointer")
 
 
 main(*sys.argv[1:])
