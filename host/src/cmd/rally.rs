@@ -183,7 +183,7 @@ pub(super) fn declined_or(told: CatchOutcome) -> ExpectedError {
         CatchOutcome::Missed => (exit::MISSED, "the ball was not caught\n  next: `--report` shows where it passed".to_owned()),
         CatchOutcome::Unknown => (
             exit::MISSED,
-            "whether the ball was caught is not known: the tracker saw nothing after the catch\n  next: look at the tracker".to_owned(),
+            "whether the ball was caught is not known: the tracker saw nothing after the catch, or the ball still moved in the cup\n  next: look at the tracker and at the cup".to_owned(),
         ),
         CatchOutcome::NothingThrown => (
             exit::NOT_RELEASED,

@@ -25,7 +25,7 @@ pub enum CatchOutcome {
     Caught,
     /// The tracker saw the ball elsewhere after the catch.
     Missed,
-    /// A catch was tried; the tracker saw nothing afterwards.
+    /// A catch was tried and the tracker saw nothing afterwards, or the ball still moved in the cup at the end.
     Unknown,
     /// No catch was tried; why.
     Declined(Decline),
@@ -48,6 +48,41 @@ impl CatchOutcome {
     }
 }
 
+/// Where the ball is at the end, by its markers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum InCup {
+    No,
+    /// It rolls or bounces there, and may still come out.
+    Moving,
+    Still,
+}
+
+/// What the tracker saw in the last time before `now_s`: all markers with their times (s) and places (m), in order of arrival.
+fn last_seen(catcher: &Catcher<'_>, seen: &[(f64, Vector3<f64>)], now_s: f64) -> Vec<Vector3<f64>> {
+    let catch_s = catcher.choice().map_or(f64::NEG_INFINITY, |choice| choice.t_s);
+    let from_s = catch_s.max(now_s - LAST_S);
+    seen.iter().filter(|(t_s, _)| *t_s > from_s).map(|(_, p)| *p).collect()
+}
+
+/// Whether the ball is seen in the cup. It may fall into a cup that waits.
+pub(super) fn in_cup(
+    catcher: &Catcher<'_>,
+    seen: &[(f64, Vector3<f64>)],
+    joints: &JointsNow<6>,
+    now_s: f64,
+) -> InCup {
+    let arm: &CatchArm = catcher.arm();
+    let (mouth, axis, _) = arm.mouth(&joints.q, &joints.qd);
+    let middle = mouth - axis * (0.5 * arm.cup().length_m);
+    let mut inside = last_seen(catcher, seen, now_s);
+    inside.retain(|p| (p - middle).norm() < IN_CUP_M);
+    if inside.len() < SEEN_MIN {
+        return InCup::No;
+    }
+    let mean = inside.iter().sum::<Vector3<f64>>() / inside.len() as f64;
+    if inside.iter().all(|p| (p - mean).norm() < STILL_M) { InCup::Still } else { InCup::Moving }
+}
+
 /// `seen` are all markers with their times (s) and places (m), in order of arrival.
 pub(super) fn tell(
     catcher: &Catcher<'_>,
@@ -59,27 +94,12 @@ pub(super) fn tell(
     if halted {
         return CatchOutcome::Halted;
     }
-    let choice = catcher.choice();
-    let from_s = choice.map_or(f64::NEG_INFINITY, |choice| choice.t_s).max(now_s - LAST_S);
-    let last: Vec<Vector3<f64>> = seen.iter().filter(|(t_s, _)| *t_s > from_s).map(|(_, p)| *p).collect();
-    // A ball may fall into a cup that waits.
-    if lies_in_cup(catcher.arm(), &last, joints) {
-        return CatchOutcome::Caught;
+    let nothing_seen = last_seen(catcher, seen, now_s).is_empty();
+    match (in_cup(catcher, seen, joints, now_s), catcher.choice()) {
+        (InCup::Still, _) => CatchOutcome::Caught,
+        (InCup::Moving, _) => CatchOutcome::Unknown,
+        (InCup::No, Some(_)) if nothing_seen => CatchOutcome::Unknown,
+        (InCup::No, Some(_)) => CatchOutcome::Missed,
+        (InCup::No, None) => catcher.declined().map_or(CatchOutcome::NothingThrown, CatchOutcome::Declined),
     }
-    match choice {
-        Some(_) if last.is_empty() => CatchOutcome::Unknown,
-        Some(_) => CatchOutcome::Missed,
-        None => catcher.declined().map_or(CatchOutcome::NothingThrown, CatchOutcome::Declined),
-    }
-}
-
-fn lies_in_cup(arm: &CatchArm, seen: &[Vector3<f64>], joints: &JointsNow<6>) -> bool {
-    let (mouth, axis, _) = arm.mouth(&joints.q, &joints.qd);
-    let middle = mouth - axis * (0.5 * arm.cup().length_m);
-    let inside: Vec<&Vector3<f64>> = seen.iter().filter(|p| (*p - middle).norm() < IN_CUP_M).collect();
-    if inside.len() < SEEN_MIN {
-        return false;
-    }
-    let mean = inside.iter().copied().sum::<Vector3<f64>>() / inside.len() as f64;
-    inside.iter().all(|p| (*p - mean).norm() < STILL_M)
 }

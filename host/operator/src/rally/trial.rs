@@ -21,7 +21,7 @@ use super::limits::{Executed, LimitWatch};
 use super::obstacles::{reach, swept, touch, within_reach};
 use super::thrower::{Scatter, ThrowFault, Thrower};
 pub use super::told::CatchOutcome;
-use super::told::tell;
+use super::told::{InCup, in_cup, tell};
 use crate::flight_estimator::fit::Air;
 use crate::flight_estimator::{BallWatch, MarkerStream, WatchOptions};
 
@@ -31,6 +31,8 @@ const STEP: Duration = Duration::from_millis(1);
 const SETTLE_S: f64 = 0.2;
 /// A trial goes on for this long after the last motion, s.
 const AFTER_S: f64 = 1.0;
+/// And for this much longer as long as the ball still moves in the cup, s.
+const LONGER_S: f64 = 0.2;
 /// Longest trial, s.
 const TRIAL_MAX_S: f64 = 8.0;
 /// Samples before the first forecast without a plan.
@@ -358,6 +360,9 @@ impl Pair {
                 }
             }
             until_s = until_s.max(run.catcher.motion().end_s() + AFTER_S);
+            if now_s >= until_s && in_cup(&run.catcher, &run.seen, &court_joints, now_s) == InCup::Moving {
+                until_s += LONGER_S;
+            }
             if step % TRACE_EVERY == 0 {
                 let q = both.map(|joints| joints.q);
                 trace.push(Moment { t_s: now_s, q, ball_m: court.ball().0 });
