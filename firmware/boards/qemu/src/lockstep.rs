@@ -98,6 +98,7 @@ impl Script {
         let (mut input, mut output) = ([0; RECORD * RECORDS], [0; RECORD * RECORDS]);
         let (mut filled, mut fine) = (0, true);
         let (mut steps, mut frames, mut others) = (Cost::default(), Cost::default(), Cost::default());
+        let mut targets = Cost::default();
         loop {
             let len = self.script.read(&mut input);
             if len == 0 {
@@ -106,6 +107,7 @@ impl Script {
             for record in input.get(..len).unwrap_or(&[]).as_chunks::<RECORD>().0 {
                 let Some((now, frame)) = parse(record) else { return false };
                 let cycles_before = node.controller().counters().cycles;
+                let targets_before = node.controller().targets_taken();
                 let before = SYST::get_current();
                 match &frame {
                     Some(frame) => node.handle_frame(now, frame),
@@ -115,6 +117,7 @@ impl Script {
                 let running = node.controller().state().kind() == StateKind::Running;
                 match (frame.is_some(), node.controller().counters().cycles != cycles_before) {
                     (false, true) => steps.note(ticks),
+                    (true, _) if node.controller().targets_taken() > targets_before => targets.note(ticks),
                     (true, _) if running => frames.note(ticks),
                     _ => others.note(ticks),
                 }
@@ -135,6 +138,7 @@ impl Script {
         fine &= self.frames.write(output.get(..filled).unwrap_or(&[]));
         steps.print(b"control step of six joints: ");
         frames.print(b"frame while running:        ");
+        targets.print(b"end state taken over:       ");
         others.print(b"any other call:             ");
         print(b"deepest stack, bytes:       ");
         print_number(stack::deepest() as u32);

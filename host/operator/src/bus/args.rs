@@ -17,7 +17,7 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use super::failure::BusFailure;
 use super::live::LiveBus;
 use super::session::{Medium, Session};
-use super::sim::{SimBus, SimSetup, controller_guest, no_guests};
+use super::sim::{Guests, SimBus, SimSetup, controller_guest, no_guests};
 use crate::bus::period::settings_with_gains;
 use crate::log::Recorder;
 use crate::machine::Machine;
@@ -173,6 +173,26 @@ impl BusArgs {
                 }))
             }
         };
+        self.session_on(medium, cell, stop, off)
+    }
+
+    /// Opens a session in virtual time with `cell` and `guests` on its bus, whatever the bus of these options.
+    ///
+    /// # Errors
+    /// As [`BusArgs::open`].
+    pub fn open_with_guests(&self, cell: &Cell, guests: Guests) -> Result<Session, BusFailure> {
+        let bus = SimBus::new(&cell.robot, &cell.setup, cell.seed, guests)?;
+        let medium = Medium::Sim(Box::new(bus));
+        Self { bus: BusSpec::Sim, ..self.clone() }.session_on(medium, cell, interrupt(), Rc::default())
+    }
+
+    fn session_on(
+        &self,
+        medium: Medium,
+        cell: &Cell,
+        stop: Arc<AtomicBool>,
+        off: Rc<std::cell::Cell<bool>>,
+    ) -> Result<Session, BusFailure> {
         let name = match &self.bus {
             BusSpec::Sim => format!("sim (robot {}, seed {})", cell.robot_source, cell.seed),
             spec => spec.to_string(),

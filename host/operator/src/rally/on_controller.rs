@@ -8,6 +8,7 @@ use firmware::settings::Settings;
 use hil_sim::court::JointsNow;
 use planner::catch::Joints;
 use protocol::cyphal::cubecell::group_state::State;
+use protocol::cyphal::cubecell::stop::Reason;
 use protocol::cyphal::id::NodeId;
 use protocol::{Duration, Instant};
 
@@ -24,6 +25,8 @@ const HOMING_MAX: Duration = Duration::from_secs(120);
 /// Time for the way from the home pose to the waiting pose, and until it has ended.
 const WAY: Duration = Duration::from_secs(4);
 const SETTLED: Duration = Duration::from_secs(5);
+/// Time for coming to rest after a halt.
+const HALTED: Duration = Duration::from_secs(1);
 /// Length of the plan that stands still: longer than any trial.
 const STANDING_US: u32 = 20_000_000;
 
@@ -70,7 +73,14 @@ impl ControllerArm {
     /// # Errors
     /// [`NoArm`].
     pub fn new(wait: &Joints) -> Result<Self, NoArm> {
-        let mut session = BusArgs::default().open_with_controller()?;
+        Self::on(BusArgs::default().open_with_controller()?, wait)
+    }
+
+    /// The same on a session in virtual time whose bus has six drives and their controller.
+    ///
+    /// # Errors
+    /// [`NoArm`].
+    pub fn on(mut session: Session, wait: &Joints) -> Result<Self, NoArm> {
         let node = session.find_controller(None)?;
         session.wait_for(READY_MAX, &|state| state != State::Boot)?;
         session.home_group(node, 0x3F, HOMING_MAX)?;
@@ -81,9 +91,7 @@ impl ControllerArm {
         let (refused, answered) = (Vec::new(), (0, 0));
         let mut arm =
             Self { session, node, clock, zero, joints: still, sequence: 0, refused, halted: false, answered };
-        arm.stand()?;
-        arm.zero = arm.session.now();
-        arm.send(WAY.as_secs_f64(), wait, &Joints::zeros()).map_err(|why| NoArm::Wait(why.to_string()))?;
+        arm.begin_way(wait)?;
         arm.session.pass(SETTLED)?;
         arm.collect();
         if let Some(why) = arm.refused.pop() {
@@ -99,6 +107,16 @@ impl ControllerArm {
         Ok(arm)
     }
 
+    /// Begins a run whose end state is rest at `to`, in four seconds. The time of the trial begins again at zero.
+    ///
+    /// # Errors
+    /// [`NoArm`].
+    pub fn begin_way(&mut self, to: &Joints) -> Result<(), NoArm> {
+        self.stand()?;
+        self.zero = self.session.now();
+        self.send(WAY.as_secs_f64(), to, &Joints::zeros()).map_err(|why| NoArm::Wait(why.to_string()))
+    }
+
     /// Uploads, arms and runs a plan that stands where the arm stands and takes new end states.
     fn stand(&mut self) -> Result<(), NoArm> {
         let pose = self.session.measured_pose(self.node)?;
@@ -107,6 +125,17 @@ impl ControllerArm {
         self.session.arm(self.node, &name)?;
         self.session.start_run(self.node, &name)?;
         self.session.pass(Duration::from_millis(100))?;
+        Ok(())
+    }
+
+    /// Halts the arm and lets it come to rest.
+    ///
+    /// # Errors
+    /// The controller does not answer.
+    pub fn stop(&mut self) -> Result<(), NoArm> {
+        self.session.halt(Reason::OPERATOR)?;
+        self.session.pass(HALTED)?;
+        self.halted = true;
         Ok(())
     }
 
