@@ -357,7 +357,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
             &["analysis", "dialogue", "live"],
             &["port"],
             &["identify", "throw", "tracker"],
-            &["flight_estimator", "rsi"],
+            &["disc", "flight_estimator", "rsi"],
             &["rally"],
         ],
     },
@@ -467,7 +467,10 @@ pub(crate) const FOLDERS: &[Folder] = &[
             &["controller", "replay"],
         ],
     },
-    Folder { path: "host/src/cmd/catch", floors: &[&["ball", "disc"], &["for_programs"]] },
+    Folder {
+        path: "host/src/cmd/catch",
+        floors: &[&["witness_words"], &["on_controller"], &["ball", "disc"], &["for_programs"]],
+    },
     Folder { path: "host/src/cmd/monitor", floors: &[&["lines", "screen", "terminal"]] },
     Folder {
         path: "host/src/cmd/plan",

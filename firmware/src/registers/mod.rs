@@ -275,7 +275,7 @@ registers! {
         "joint.q_min_rad" q_min_rad: f32, -9.5, 9.5, LowerLimit, "lower soft limit";
         "joint.q_max_rad" q_max_rad: f32, -9.5, 9.5, Limit, "upper soft limit";
         "joint.v_max_rad_s" v_max_rad_s: f32, 0.01, 10.0, Limit, "highest speed, commanded and measured";
-        "joint.a_max_rad_s2" a_max_rad_s2: f32, 0.1, 50.0, Limit, "highest commanded acceleration";
+        "joint.a_max_rad_s2" a_max_rad_s2: f32, 0.1, 100.0, Limit, "highest commanded acceleration";
         "joint.error_max_rad" error_max_rad: f32, 0.001, 1.0, Limit, "largest following error";
         "joint.start_tolerance_rad" start_tolerance_rad: f32, 0.001, 0.5, Limit, "largest distance from the start of a plan at which it may start";
         "joint.current_max_a" current_max_a: f32, 0.1, 60.0, Limit, "largest current";

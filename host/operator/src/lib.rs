@@ -7,7 +7,8 @@
 //! rally                                one arm throws, another catches, in virtual time
 //!   |
 //!   v
-//! rsi    flight_estimator              an industrial robot behind its sensor interface, and its throw; a ball seen by a tracker
+//! rsi    flight_estimator    disc      an industrial robot behind its sensor interface, and its throw; a ball seen by a tracker; a
+//!                                      catch of a disc as a run of a controller
 //!   |
 //!   v
 //! throw    tracker      identify       targets from an optical tracker; jobs: from a plan to where the ball landed; measuring a drive
@@ -33,6 +34,7 @@
 pub mod analysis;
 pub mod bus;
 pub mod dialogue;
+pub mod disc;
 pub mod flight_estimator;
 pub mod identify;
 pub mod live;

@@ -6,6 +6,7 @@ mod bus_session;
 mod catch_degradation;
 mod catch_truth;
 mod common;
+mod disc;
 mod live;
 mod online;
 mod operators;

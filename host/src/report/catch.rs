@@ -1,6 +1,7 @@
 //! HTML report of catching a disc: figures 4 to 8 of paper 001, and the same within the joint limits.
 
 use nalgebra::Vector3;
+use operator::disc::Judged;
 use planner::disc::Joints;
 use planner::disc::arm::DiscArm;
 use planner::disc::flight::Path;
@@ -18,6 +19,8 @@ pub struct Caught<'a> {
     pub plan: &'a Plan,
     /// The witness.
     pub verdict: &'a Verdict,
+    /// The same as a controller and its drives did it.
+    pub executed: Option<&'a Judged>,
 }
 
 /// One motion of the arm against the disc, for charts.
@@ -59,7 +62,15 @@ pub fn html(
     plan: Option<Caught<'_>>,
     declined: Option<String>,
 ) -> String {
+    let executed = plan.and_then(|caught| caught.executed);
     let verdict = match (&plan, &declined, rule) {
+        _ if executed.is_some_and(|run| run.executed.told.is_err()) => {
+            ("stopped by the controller", Tone::Bad)
+        }
+        _ if executed.is_some_and(|run| run.verdict.caught.is_none()) => {
+            ("run by the controller, not caught", Tone::Bad)
+        }
+        _ if executed.is_some() => ("caught on the controller", Tone::Good),
         (Some(_), _, _) => ("caught within the joint limits", Tone::Good),
         (None, Some(_), _) => ("declined within the joint limits", Tone::Warn),
         (None, None, Some((_, seen))) if seen.caught.is_some() => ("captured, no joint limits", Tone::Good),
@@ -87,7 +98,12 @@ pub fn html(
             .collect(),
         caught_s: c.verdict.caught.map(|c| c.1.t_s),
     });
-    let shown: Vec<&Shown<'_>> = rule_shown.iter().chain(&plan_shown).collect();
+    let executed_shown = executed.map(|run| Shown {
+        name: "joints as the drives moved them",
+        points: run.executed.moved.iter().step_by(4).map(|moved| (moved.t_s, moved.q)).collect(),
+        caught_s: run.verdict.caught.as_ref().map(|c| c.1.t_s),
+    });
+    let shown: Vec<&Shown<'_>> = rule_shown.iter().chain(&plan_shown).chain(&executed_shown).collect();
     if let Some(last) = shown.last() {
         page.section(
             "Arm and disc",
@@ -112,6 +128,13 @@ pub fn html(
     page.section("Joint speeds", "Demanded against allowed. The rule of the paper knows no joint limits.");
     page.charts(&shown.iter().map(|motion| speeds(arm, motion)).collect::<Vec<_>>());
     speed_table(&mut page, arm, rule, plan.as_ref());
+    if let (Some(caught), Some(run)) = (&plan, executed) {
+        page.section(
+            "On the controller",
+            "Angle of the plan minus angle of the plant. The plan was uploaded as a trajectory and begun at the release of the disc.",
+        );
+        page.charts(&[tracking_errors(arm, caught.plan, run)]);
+    }
     if let Some((run, seen)) = rule {
         page.note(&format!("Witness of the rule: {}.", witness_of_rule(run, seen)));
     }
@@ -136,7 +159,11 @@ fn tiles(
         let demanded = run.speed_demanded_rad_s().max();
         out.push((format!("{demanded:.1}"), "rad/s", "demanded by the rule".to_owned(), Tone::Plain));
     }
-    if let Some(Caught { plan, verdict }) = plan {
+    if let Some(Caught { plan, verdict, executed }) = plan {
+        if let Some(run) = executed {
+            let tip_mm = run.tracking.tip_m.1 * 1e3;
+            out.push((format!("{tip_mm:.1}"), "mm", "tip off the plan at the catch".to_owned(), Tone::Plain));
+        }
         if let Some((_, seen)) = verdict.caught {
             out.push((format!("{:.3}", seen.t_s), "s", "caught within limits".to_owned(), Tone::Good));
             out.push((
@@ -184,6 +211,24 @@ fn paths(arm: &DiscArm, path: &Path, motion: &Shown<'_>) -> Vec<Chart> {
 fn joint_curves(arm: &DiscArm, points: &[(f64, Joints)]) -> Vec<Curve> {
     let joint = |j: usize| points.iter().map(|(t, v)| (*t, v[j])).collect();
     (0..4).map(|j| Curve::line(arm.model.joints()[j].name.clone(), j, joint(j))).collect()
+}
+
+fn tracking_errors(arm: &DiscArm, plan: &Plan, run: &Judged) -> Chart {
+    let errors: Vec<(f64, Joints)> = run
+        .executed
+        .moved
+        .iter()
+        .map(|moved| (moved.t_s, (plan.motion.q(moved.t_s) - moved.q) * 1e3))
+        .collect();
+    Chart {
+        title: "Tracking error".to_owned(),
+        x_label: "time in s".to_owned(),
+        y_label: "error in mrad".to_owned(),
+        curves: joint_curves(arm, &errors),
+        mark: run.verdict.caught.as_ref().map(|c| (c.1.t_s, "caught".to_owned())),
+        is_time: true,
+        ..Chart::default()
+    }
 }
 
 fn mark(motion: &Shown<'_>) -> Option<(f64, String)> {

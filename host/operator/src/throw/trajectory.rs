@@ -10,7 +10,6 @@ use protocol::JointIndex;
 
 pub use crate::bus::settings::robot_crc32;
 use planner::motion::{GripperEvent, Motion};
-use planner::plan::JOINTS;
 
 /// Why a motion makes no trajectory file.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -71,8 +70,8 @@ pub fn standing(settings: &Settings, q_rad: &[f64], length_us: u32) -> Option<Ve
 ///
 /// # Errors
 /// [`TrajectoryError::TooLong`]; with `settings` also everything that a controller with them would refuse.
-pub fn encode(
-    motion: &Motion,
+pub fn encode<const N: usize>(
+    motion: &Motion<N>,
     period_us: u32,
     robot_crc32: u32,
     settings: Option<&Settings>,
@@ -85,7 +84,7 @@ pub fn encode(
     let mut knots = Vec::with_capacity(motion.knots.len());
     for knot in &motion.knots {
         let mut state = PerJoint::default();
-        for joint in JointIndex::first(JOINTS) {
+        for joint in JointIndex::first(N) {
             state.set(joint, (knot.q_rad[joint.get()] as f32, knot.qd_rad_s[joint.get()] as f32));
         }
         knots.push(Knot { t_us: us(knot.t_s).ok_or_else(too_long)?, state });
@@ -100,7 +99,7 @@ pub fn encode(
             return Err(TrajectoryError::TooManyEvents { events: motion.events.len() });
         }
     }
-    let header = Header { joints: JOINTS as u8, period_us, events, robot_crc32, envelope: None };
+    let header = Header { joints: N as u8, period_us, events, robot_crc32, envelope: None };
     let mut bytes = vec![0; FILE_LEN_MAX];
     let len = trajectory_format::encode(&header, &knots, &mut bytes).ok_or_else(too_long)?;
     bytes.truncate(len);

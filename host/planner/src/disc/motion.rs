@@ -4,6 +4,7 @@
 //! [`MotionLaw::Jerk`] keeps the jerk as well: quintics and cubic speed ramps that start and end without acceleration.
 
 use super::Joints;
+use crate::motion::{GripperEvent, Knot, Motion};
 
 /// Which limits the motion keeps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -200,7 +201,59 @@ pub struct DiscMotion {
     pub waits_s: (f64, f64),
 }
 
+/// Least time between two knots of a trajectory, s: the controller's, with room for its rounding to microseconds.
+const KNOTS_APART_S: f64 = 2.1e-3;
+/// Longest time between two knots, s: a quintic piece is a chain of cubics then, off by less than 10 µrad.
+const KNOTS_MOST_S: f64 = 1e-2;
+
 impl DiscMotion {
+    /// The motion as knots and cubics, with a gripper that opens at `open_s` and begins to close at `close_s`. It stands for `stand_s`
+    /// before: that much later is everything in it.
+    ///
+    /// A piece of constant acceleration stays what it is, but where pieces of two joints end within 2 ms of each other. There a cubic
+    /// covers the step, with up to 1.5 times the acceleration.
+    #[must_use]
+    pub fn as_motion(&self, stand_s: f64, open_s: f64, close_s: f64) -> Motion<4> {
+        let ends = self.tracks.iter().flat_map(|track| track.pieces.iter().map(Piece::end_s));
+        let mut ends: Vec<f64> = ends.filter(|t_s| *t_s > self.from_s).collect();
+        ends.sort_by(f64::total_cmp);
+        let mut times = vec![self.from_s];
+        for end_s in ends {
+            let last_s = times[times.len() - 1];
+            if end_s - last_s < KNOTS_APART_S {
+                continue;
+            }
+            let parts = ((end_s - last_s) / KNOTS_MOST_S).ceil().max(1.0);
+            let count = if self.is_quintic() { parts as u32 } else { 1 };
+            times.extend((1..=count).map(|k| last_s + (end_s - last_s) * f64::from(k) / f64::from(count)));
+        }
+        // The last end may have been too near to the knot before.
+        let stop_s = self.end_s();
+        match times.last_mut() {
+            Some(last) if *last > self.from_s && stop_s - *last < KNOTS_APART_S => *last = stop_s,
+            _ => times.push(stop_s),
+        }
+        let state = |t_s: f64| {
+            let at: [At; 4] = std::array::from_fn(|j| self.tracks[j].at(t_s));
+            (Joints::from_fn(|j, _| at[j].q), Joints::from_fn(|j, _| at[j].v))
+        };
+        let begin = Knot { t_s: 0.0, q_rad: state(self.from_s).0, qd_rad_s: Joints::zeros() };
+        let moving = times.into_iter().map(|t_s| {
+            let (q_rad, qd_rad_s) = state(t_s);
+            Knot { t_s: t_s - self.from_s + stand_s, q_rad, qd_rad_s }
+        });
+        let later = stand_s - self.from_s;
+        Motion {
+            knots: std::iter::once(begin).chain(moving).collect(),
+            events: vec![(open_s + later, GripperEvent::Open), (close_s + later, GripperEvent::Close)],
+        }
+    }
+
+    /// Some piece is no parabola.
+    fn is_quintic(&self) -> bool {
+        self.tracks.iter().flat_map(|track| &track.pieces).any(|piece| piece.c[3..].iter().any(|c| *c != 0.0))
+    }
+
     /// Joint angles at a time, rad.
     #[must_use]
     pub fn q(&self, t_s: f64) -> Joints {

@@ -1,6 +1,7 @@
 //! `cubectl catch --disc`
 
 use nalgebra::Vector3;
+use operator::disc::Judged;
 use planner::disc::aero::Body;
 use planner::disc::arm::{DiscArm, READY_RAD};
 use planner::disc::flight::{Air, DiscState, Path};
@@ -13,6 +14,8 @@ use serde_json::{Value, json};
 
 use super::super::print_json;
 use super::Args;
+use super::on_controller;
+use super::witness_words::{list, seen_json};
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::catch::{self as report, Caught};
@@ -35,13 +38,17 @@ pub enum DiscName {
 /// The robot is refused, a value makes no sense, no catch is possible, or the report cannot be written.
 pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
     let looked = look(args)?;
-    let Looked { arm, throw, path, rule, plan } = &looked;
+    let Looked { arm, throw, path, rule, plan, executed } = &looked;
     if let Some(file) = &args.report {
         let page = report::html(
             arm,
             path,
             rule.as_ref().map(|(run, verdict)| (run, verdict)),
-            plan.as_ref().and_then(|p| p.as_ref().ok()).map(|(plan, verdict)| Caught { plan, verdict }),
+            plan.as_ref().and_then(|p| p.as_ref().ok()).map(|(plan, verdict)| Caught {
+                plan,
+                verdict,
+                executed: executed.as_ref(),
+            }),
             plan.as_ref().and_then(|p| p.as_ref().err()).map(ToString::to_string),
         );
         std::fs::write(file, page).map_err(|e| ExpectedError::output(file, &e))?;
@@ -50,6 +57,9 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
         print_json(&looked.as_json());
     } else {
         console::text!("{}", as_text(arm, throw, rule.as_ref(), plan.as_ref()));
+        if let (Some(run), Some(Ok((_, planned)))) = (executed, plan) {
+            console::text!("{}", on_controller::as_text(arm, run, planned));
+        }
         if let Some(file) = &args.report {
             console::line!("report: {}", file.display());
         }
@@ -65,6 +75,8 @@ pub(super) struct Looked {
     pub(super) path: Path,
     rule: Option<(Run, Verdict)>,
     pub(super) plan: Option<Planned>,
+    /// The plan as a controller ran it.
+    executed: Option<Judged>,
 }
 
 /// Flies the disc and looks for catches; nothing is written or printed.
@@ -72,7 +84,9 @@ pub(super) struct Looked {
 /// # Errors
 /// The robot is refused, or a value makes no sense. No catch is no error.
 pub(super) fn look(args: &Args) -> Result<Looked, ExpectedError> {
-    let arm = arm(args.robot.as_deref().unwrap_or("pincher4"))?;
+    let robot = AnyRobot::load(args.robot.as_deref().unwrap_or("pincher4"))
+        .map_err(|e| ExpectedError::bad_input(&e))?;
+    let arm = arm(&robot)?;
     let throw = throw(args)?;
     let air = if args.air { Air::still() } else { Air::vacuum() };
     let air = Air { wind_m_s: args.wind.map_or_else(Vector3::zeros, Vector3::from), ..air };
@@ -82,18 +96,26 @@ pub(super) fn look(args: &Args) -> Result<Looked, ExpectedError> {
         Path::flown(&body, &air, &DiscState::released(&throw, Vector3::z(), spin_rad_s, &body), HORIZON_S);
     let rule = (!args.air).then(|| by_rule(&arm, &throw));
     let plan = (!args.no_limits).then(|| within_limits(&arm, &path, args.jerk));
-    Ok(Looked { arm, throw, path, rule, plan })
+    let executed = match &plan {
+        Some(Ok((plan, _))) if args.on_controller => {
+            Some(on_controller::run(&robot, &arm, &path, plan, &args.catching.trouble)?)
+        }
+        _ => None,
+    };
+    Ok(Looked { arm, throw, path, rule, plan, executed })
 }
 
 impl Looked {
     pub(super) fn as_json(&self) -> Value {
-        as_json(&self.arm, &self.throw, self.rule.as_ref(), self.plan.as_ref())
+        let mut json = as_json(&self.arm, &self.throw, self.rule.as_ref(), self.plan.as_ref());
+        json["executed"] = self.executed.as_ref().map_or(Value::Null, on_controller::as_json);
+        json
     }
 
     /// How the program ends; `air`: lift and drag were asked for.
     ///
     /// # Errors
-    /// There is no catch within the limits, or the witness refutes it.
+    /// There is no catch within the limits, the witness refutes it, or the run of the controller did not catch.
     pub(super) fn ended(&self, air: bool) -> Result<(), ExpectedError> {
         match &self.plan {
             Some(Err(why)) => Err(ExpectedError::new(
@@ -111,19 +133,20 @@ impl Looked {
                     ),
                 ))
             }
-            _ => Ok(()),
+            _ => self.executed.as_ref().map_or(Ok(()), on_controller::ended),
         }
     }
 }
 
-fn arm(robot: &str) -> Result<DiscArm, ExpectedError> {
+fn arm(robot: &AnyRobot) -> Result<DiscArm, ExpectedError> {
     let refused = |why: String| {
         ExpectedError::bad_input(&format!(
-            "robot \"{robot}\" cannot catch discs: {why}\n  next: `--robot pincher4`, or a file like it"
+            "robot \"{}\" cannot catch discs: {why}\n  next: `--robot pincher4`, or a file like it",
+            robot.name()
         ))
     };
-    match AnyRobot::load(robot).map_err(|e| ExpectedError::bad_input(&e))? {
-        AnyRobot::Four(model) => DiscArm::new(*model).map_err(|e| refused(e.to_string())),
+    match robot {
+        AnyRobot::Four(model) => DiscArm::new((**model).clone()).map_err(|e| refused(e.to_string())),
         other => Err(refused(format!("it has {} joints instead of four", other.joints()))),
     }
 }
@@ -179,11 +202,6 @@ fn within_limits(arm: &DiscArm, path: &Path, jerk: bool) -> Result<(Plan, Verdic
 }
 
 pub(super) type Planned = Result<(Plan, Verdict), Decline>;
-
-fn list(values: impl IntoIterator<Item = f64>, digits: usize) -> String {
-    let texts: Vec<String> = values.into_iter().map(|v| format!("{v:.digits$}")).collect();
-    texts.join(", ")
-}
 
 fn as_text(arm: &DiscArm, throw: &Throw, rule: Option<&(Run, Verdict)>, plan: Option<&Planned>) -> String {
     let allowed = arm.model.limit(|l| l.v_max_rad_s);
@@ -242,21 +260,6 @@ fn as_text(arm: &DiscArm, throw: &Throw, rule: Option<&(Run, Verdict)>, plan: Op
     out
 }
 
-fn seen_json(verdict: &Verdict) -> Value {
-    let seen = verdict.caught.map(|c| c.1).or(verdict.nearest);
-    json!({
-        "caught": verdict.caught.is_some(),
-        "touched": verdict.touched.as_ref().map(|t| json!({"t_s": t.t_s, "body": t.body})),
-        "seen": seen.map(|s| json!({
-            "t_s": s.t_s, "depth_m": s.depth_m, "tip_to_axis_m": s.tip_to_axis_m, "height_m": s.height_m,
-            "lateral_m": s.lateral_m, "tilt_rad": s.tilt_rad,
-        })),
-        "clearance_m": verdict.clearance_m,
-        "speed_rad_s": verdict.speed_rad_s.as_slice(),
-        "acceleration_rad_s2": verdict.acceleration_rad_s2.as_slice(),
-    })
-}
-
 fn as_json(arm: &DiscArm, throw: &Throw, rule: Option<&(Run, Verdict)>, plan: Option<&Planned>) -> Value {
     json!({
         "throw": {"start_m": throw.start_m.as_slice(), "velocity_m_s": throw.velocity_m_s.as_slice()},
@@ -308,6 +311,16 @@ mod tests {
     }
 
     #[test]
+    fn on_the_controller_a_catch_is_a_catch_and_a_lost_drive_is_told() {
+        ended("catch --disc flat --on-controller").unwrap();
+        let code = |words| ended(words).unwrap_err().code;
+        assert_eq!(code("catch --disc flat --on-controller --trouble drive-lost:0.2"), exit::STOPPED);
+        assert_eq!(code("catch --disc flat --on-controller --trouble bias:2"), exit::USAGE);
+        // Declined before anything runs.
+        assert_eq!(code("catch --disc oblique --on-controller"), exit::NO_THROW);
+    }
+
+    #[test]
     fn wrong_input_names_the_next_step() {
         for (words, code) in [
             ("catch --robot powercube6 --disc flat", exit::BAD_INPUT),
@@ -324,7 +337,7 @@ mod tests {
 
     #[test]
     fn the_text_tells_the_steps_of_the_paper_and_what_the_gripper_has() {
-        let arm = arm("pincher4").unwrap();
+        let arm = arm(&AnyRobot::load("pincher4").unwrap()).unwrap();
         let rule = by_rule(&arm, &Throw::flat());
         let text = as_text(&arm, &Throw::flat(), Some(&rule), None);
         assert!(text.contains("captured at step 35"), "{text}");

@@ -3,6 +3,8 @@
 mod ball;
 mod disc;
 pub mod for_programs;
+mod on_controller;
+mod witness_words;
 
 use std::path::PathBuf;
 
@@ -14,7 +16,7 @@ pub use disc::DiscName;
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl catch --robot pincher4 --disc flat --report catch.html\n  cubectl catch --disc oblique --no-limits                            # only the rule of the paper\n  cubectl catch --start 0.5,-2.2,0.7 --velocity 0,3.8,1.5 --air --wind 0.5,0,0\n  cubectl catch --robot powercube6 --ball 2.2,0.1,0.4,-2.6,-0.1,3.0 --report ball.html\n\nThe rule of the paper knows no joint limits: it shows where its steps end, what the gripper has there, and which joint\nspeeds it demands. The plan keeps the limits of the robot file. Both are judged by the geometry of disc and gripper.\n\nA ball is seen by a simulated tracker (120 Hz, 2 mm, 15 ms) and caught with a cup by an arm with the lag of its drives, in virtual\ntime. Whether it is caught is decided by the simulated contact of ball and cup."
+    after_help = "Examples:\n  cubectl catch --robot pincher4 --disc flat --report catch.html\n  cubectl catch --disc oblique --no-limits                            # only the rule of the paper\n  cubectl catch --start 0.5,-2.2,0.7 --velocity 0,3.8,1.5 --air --wind 0.5,0,0\n  cubectl catch --disc flat --on-controller\n  cubectl catch --robot powercube6 --ball 2.2,0.1,0.4,-2.6,-0.1,3.0 --report ball.html\n\nThe rule of the paper knows no joint limits: it shows where its steps end, what the gripper has there, and which joint\nspeeds it demands. The plan keeps the limits of the robot file. Both are judged by the geometry of disc and gripper.\n\nA ball is seen by a simulated tracker (120 Hz, 2 mm, 15 ms) and caught with a cup by an arm with the lag of its drives, in virtual\ntime. Whether it is caught is decided by the simulated contact of ball and cup."
 )]
 pub struct Args {
     /// Robot, by name or file: four axes for a disc (pincher4), six for a ball (powercube6).
@@ -44,6 +46,9 @@ pub struct Args {
     /// Only the rule of the paper, without joint limits.
     #[arg(long, conflicts_with_all = ["air", "jerk"])]
     pub no_limits: bool,
+    /// Run the plan on a controller with four simulated drives, in virtual time, and judge the joints as they moved.
+    #[arg(long, conflicts_with_all = ["ball", "no_limits"])]
+    pub on_controller: bool,
     /// A ball: place (m) and velocity (m/s) at time 0 in the base frame of the arm; instead of a disc.
     #[arg(
         long,
