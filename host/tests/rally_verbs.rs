@@ -38,6 +38,12 @@ fn wrong_input_is_refused_with_its_code() {
         ("rally --trouble rain", host::exit::USAGE),
         ("rally --trouble frames-lost:2", host::exit::USAGE),
         ("rally --court /nowhere.toml", host::exit::BAD_INPUT),
+        ("rally --bus-thrower can0", host::exit::USAGE),
+        ("rally --tracker 127.0.0.1:5000", host::exit::USAGE),
+        ("rally --bus-thrower can0 --bus-catcher can0 --tracker 127.0.0.1:0", host::exit::BAD_INPUT),
+        ("rally --bus-thrower can0 --bus-catcher sim --tracker 127.0.0.1:0", host::exit::BAD_INPUT),
+        ("rally --bus-thrower can0 --bus-catcher can1 --tracker 127.0.0.1:0 --throws 3", host::exit::USAGE),
+        ("catch --disc flat --on-controller --no-limits", host::exit::USAGE),
     ] {
         let ended = cubectl(words);
         assert_eq!(ended.status.code(), Some(i32::from(code)), "{words}: {ended:?}");

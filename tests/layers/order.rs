@@ -201,7 +201,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
         path: "hil-sim/src/cmd",
         floors: &[
             &["exit", "progress"],
-            &["faults", "replay", "run", "serve", "serve_krc", "serve_tracker", "swarm"],
+            &["faults", "replay", "run", "serve", "serve_court", "serve_krc", "serve_tracker", "swarm"],
         ],
     },
     Folder {
@@ -403,6 +403,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
         floors: &[
             &["calibration", "estimator", "executor", "limits", "obstacles", "thrower", "told"],
             &["on_controller", "trial"],
+            &["on_wire"],
             &["degraded", "failures", "throws"],
             &["exchange"],
             &["study"],
@@ -440,13 +441,16 @@ pub(crate) const FOLDERS: &[Folder] = &[
                 "export",
                 "finding",
                 "modules",
-                "rally",
+                "rally_on_wire",
                 "robot",
                 "swarm",
                 "upload",
                 "words",
             ],
-            &["check", "clear", "config", "home", "key", "man", "plan", "rsi", "scan", "stop", "tune"],
+            &[
+                "check", "clear", "config", "home", "key", "man", "plan", "rally", "rsi", "scan", "stop",
+                "tune",
+            ],
             &[
                 "catch",
                 "doctor",

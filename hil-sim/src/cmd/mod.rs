@@ -6,6 +6,7 @@ mod progress;
 mod replay;
 mod run;
 mod serve;
+mod serve_court;
 mod serve_krc;
 mod serve_tracker;
 mod swarm;
@@ -26,6 +27,8 @@ struct Args {
 enum Verb {
     /// Serve or join a bus in real time, so that other programs can use the drives.
     Serve(serve::Args),
+    /// Serve two arms with a ball between them, each on a bus of its own, and the tracker that watches, in real time.
+    ServeCourt(serve_court::Args),
     /// Serve a robot controller behind Ethernet RSI, in real time or in lock step with its client.
     ServeKrc(serve_krc::Args),
     /// Serve an optical tracker: DTrack data over UDP, commands over TCP.
@@ -44,6 +47,7 @@ enum Verb {
 pub(crate) fn main() -> ExitCode {
     let result = match Args::parse().verb {
         Verb::Serve(args) => serve::run(&args),
+        Verb::ServeCourt(args) => serve_court::run(&args),
         Verb::ServeKrc(args) => serve_krc::run(&args),
         Verb::ServeTracker(args) => serve_tracker::run(&args),
         Verb::Run(args) => run::run(&args),

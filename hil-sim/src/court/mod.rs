@@ -284,6 +284,12 @@ impl<const N: usize> Court<N> {
         self.tracker.poll_data(self.now).map(|(_, bytes)| bytes)
     }
 
+    /// A datagram that has arrived by `now`, which may be some milliseconds after the last step: for a court that runs in real time
+    /// and is told of the joints a little later.
+    pub fn poll_datagram_by(&mut self, now: Instant) -> Option<Vec<u8>> {
+        self.tracker.poll_data(now.max(self.now)).map(|(_, bytes)| bytes)
+    }
+
     /// Moves on to `to`, at most 1 ms later; `joints` is where both arms are then.
     pub fn step(&mut self, to: Instant, joints: [JointsNow<N>; 2]) {
         let total_s = to.saturating_since(self.now).as_secs_f64();

@@ -118,7 +118,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let aimed = throws.iter().find(|aimed| place_exists(&pair, aimed, &options));
     let aimed = aimed.ok_or("no throw has a place to catch it")?;
 
-    let mut arm = ControllerArm::on(session, &options.wait)?;
+    let mut arm = ControllerArm::on(session, &settings, &options.wait)?;
     let before = records.borrow().targets_taken;
     let outcome = pair.run_on(aimed, &options, 0, &mut arm, |observe| observe());
     let taken = records.borrow().targets_taken - before;

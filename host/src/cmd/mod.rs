@@ -18,6 +18,7 @@ pub mod man;
 pub mod monitor;
 pub mod plan;
 pub mod rally;
+mod rally_on_wire;
 pub mod record;
 pub mod registers;
 pub mod replay;

@@ -13,6 +13,7 @@ use planner::catch::search::{Allowed, Mode, Settings};
 use serde_json::{Value, json};
 
 use super::print_json;
+use super::rally_on_wire::{self, Wire};
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::rally as report;
@@ -20,7 +21,7 @@ use crate::report::rally as report;
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl rally --throws 20 --report rally.html\n  cubectl rally --throws 4 --trouble frames-lost:0.1 --trouble bias:2\n  cubectl rally --study 500 --json > study.json          # the tables of shares; some minutes\n\nTwo arms of the court throw a ball to each other and catch it with open cups, in virtual time. The partners cooperate: the\ncatcher knows the plan of the throw, and the thrower takes the throw that is most surely caught. Whether a ball is caught\nis decided by the simulated contact of ball and cup; what the catcher tells comes from what its tracker saw."
+    after_help = "Examples:\n  cubectl rally --throws 20 --report rally.html\n  cubectl rally --throws 4 --trouble frames-lost:0.1 --trouble bias:2\n  cubectl rally --study 500 --json > study.json          # the tables of shares; some minutes\n  cubectl rally --bus-thrower socketcand://127.0.0.1:29536/can0 --bus-catcher socketcand://127.0.0.1:29537/can0 \\\n      --tracker 127.0.0.1:5000                           # one throw in real time, with `hil-sim serve-court` or with arms\n\nTwo arms of the court throw a ball to each other and catch it with open cups, in virtual time. The partners cooperate: the\ncatcher knows the plan of the throw, and the thrower takes the throw that is most surely caught. Whether a ball is caught\nis decided by the simulated contact of ball and cup; what the catcher tells comes from what its tracker saw."
 )]
 pub struct Args {
     /// Throws at most; the rally ends with the first ball that is not caught.
@@ -41,6 +42,9 @@ pub struct Args {
     /// Of the study only settings whose name has this in it.
     #[arg(long, value_name = "TEXT", requires = "study")]
     pub only: Option<String>,
+    /// One throw over the wire.
+    #[command(flatten)]
+    pub wire: Wire,
     /// Write a report of the last exchange: both arms, predicted and actual miss, probability over time, decisions.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
@@ -142,6 +146,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let mut options = args.catching.trial()?;
     options.jerk = args.jerk;
     options.cooperative = !args.eyes_only;
+    if args.wire.is_meant() {
+        return on_wire(args, court, &options);
+    }
     let refused = |why: &dyn std::fmt::Display| {
         ExpectedError::bad_input(&format!(
             "an arm of the court cannot catch balls: {why}\n  next: `robot = \"powercube6\"`"
@@ -172,6 +179,23 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             exit::NO_THROW,
             "an arm found no way to its next pose without contact\n  next: another --seed",
         )),
+    }
+}
+
+/// One throw over two buses in real time.
+fn on_wire(args: &Args, court: CourtOptions<6>, options: &TrialOptions) -> Result<(), ExpectedError> {
+    let outcome = args.wire.run(court, options, args.catching.seed)?;
+    if args.json {
+        print_json(&rally_on_wire::as_json(&outcome, &told_word(outcome.told)));
+    } else {
+        console::text!("{}", rally_on_wire::as_text(&outcome, &told_word(outcome.told)));
+    }
+    if let Some(why) = rally_on_wire::not_thrown(outcome.thrown) {
+        return Err(why);
+    }
+    match outcome.told {
+        CatchOutcome::Caught => Ok(()),
+        told => Err(declined_or(told)),
     }
 }
 

@@ -10,6 +10,7 @@
 //! |---|---|
 //! | [`executor`] | the port behind which a catcher's arm moves; an arm with the lag of its drives |
 //! | [`on_controller`] | the arm behind its controller: simulated drives on a simulated bus |
+//! | [`on_wire`] | both arms behind their controllers on buses of their own, and a tracker, in real time |
 //! | [`thrower`] | a planned throw as it is executed: scatter, faults |
 //! | [`throws`] | throws for trials, drawn |
 //! | [`obstacles`] | the thrower, as the catcher keeps clear of it |
@@ -35,6 +36,7 @@ pub mod failures;
 pub mod limits;
 pub mod obstacles;
 pub mod on_controller;
+pub mod on_wire;
 pub mod study;
 pub mod thrower;
 pub mod throws;

@@ -1,4 +1,4 @@
-//! The catcher's arm behind its controller: six simulated drives on a simulated bus, in virtual time.
+//! An arm of six drives behind its controller, on a simulated bus in virtual time or on a bus in real time.
 //!
 //! The controller runs a plan that stands still and takes new end states over in flight ([`crate::dialogue::online`]). It solves and
 //! checks the way to each of them itself; what comes back is taken, or refused with the cause. Time zero of the trial is a time
@@ -8,6 +8,7 @@ use firmware::settings::Settings;
 use hil_sim::court::JointsNow;
 use planner::catch::Joints;
 use protocol::cyphal::cubecell::group_state::State;
+use protocol::cyphal::cubecell::joint_state::JointSample;
 use protocol::cyphal::cubecell::stop::Reason;
 use protocol::cyphal::id::NodeId;
 use protocol::{Duration, Instant};
@@ -45,13 +46,14 @@ pub enum NoArm {
     /// The waiting pose was refused.
     #[error("the controller refuses the way to the waiting pose: {0}")]
     Wait(String),
-    /// The session is not the simulated cell.
-    #[error("the arm is not a simulated one")]
-    NotSimulated,
+    /// The controller has told no joints.
+    #[error("the controller tells no joints")]
+    NoJoints,
 }
 
 pub struct ControllerArm {
     session: Session,
+    settings: Settings,
     node: NodeId,
     clock: ControllerClock,
     zero: Instant,
@@ -68,30 +70,54 @@ impl ControllerArm {
     /// drives.
     pub const ACTUATION_S: f64 = 0.017;
 
-    /// Homes the arm, arms a plan that stands still and goes to `wait`. Some tens of seconds of virtual time.
+    /// A simulated arm in virtual time that is homed, has gone to `wait` and takes end states. Some tens of seconds of virtual time.
     ///
     /// # Errors
     /// [`NoArm`].
     pub fn new(wait: &Joints) -> Result<Self, NoArm> {
-        Self::on(BusArgs::default().open_with_controller()?, wait)
+        Self::on(BusArgs::default().open_with_controller()?, &Settings::powercube6(), wait)
     }
 
-    /// The same on a session in virtual time whose bus has six drives and their controller.
+    /// The same on a session whose bus has six drives and a controller with `settings`.
     ///
     /// # Errors
     /// [`NoArm`].
-    pub fn on(mut session: Session, wait: &Joints) -> Result<Self, NoArm> {
+    pub fn on(session: Session, settings: &Settings, wait: &Joints) -> Result<Self, NoArm> {
+        let mut arm = Self::at(session, settings, wait)?;
+        arm.begin()?;
+        Ok(arm)
+    }
+
+    /// An arm that rests at `pose`; homed before, if it was not. The way there is straight in the joints and takes four seconds:
+    /// nothing looks for contact on it.
+    ///
+    /// # Errors
+    /// [`NoArm`].
+    pub fn at(mut session: Session, settings: &Settings, pose: &Joints) -> Result<Self, NoArm> {
         let node = session.find_controller(None)?;
         session.wait_for(READY_MAX, &|state| state != State::Boot)?;
-        session.home_group(node, 0x3F, HOMING_MAX)?;
+        if session.group().is_some_and(|group| group.state == State::Idle) {
+            session.home_group(node, 0x3F, HOMING_MAX)?;
+        }
         let mut clock = ControllerClock::default();
         session.read_clock(node, &mut clock)?;
         let zero = session.now();
-        let still = JointsNow { q: *wait, qd: Joints::zeros() };
+        let still = JointsNow { q: *pose, qd: Joints::zeros() };
         let (refused, answered) = (Vec::new(), (0, 0));
-        let mut arm =
-            Self { session, node, clock, zero, joints: still, sequence: 0, refused, halted: false, answered };
-        arm.begin_way(wait)?;
+        let settings = *settings;
+        let mut arm = Self {
+            session,
+            settings,
+            node,
+            clock,
+            zero,
+            joints: still,
+            sequence: 0,
+            refused,
+            halted: false,
+            answered,
+        };
+        arm.begin_way(pose)?;
         arm.session.pass(SETTLED)?;
         arm.collect();
         if let Some(why) = arm.refused.pop() {
@@ -99,12 +125,31 @@ impl ControllerArm {
         }
         // A run ends when the way to its last end state has ended.
         arm.session.wait_for(READY_MAX, &|state| state == State::Ready)?;
-        arm.stand()?;
-        arm.session.read_clock(node, &mut arm.clock)?;
-        arm.zero = arm.session.now();
-        arm.answered = (0, 0);
-        arm.joints = arm.plant().ok_or(NoArm::NotSimulated)?;
         Ok(arm)
+    }
+
+    /// Begins to take end states. The time of the trial is zero now.
+    ///
+    /// # Errors
+    /// [`NoArm`].
+    pub fn begin(&mut self) -> Result<(), NoArm> {
+        self.stand()?;
+        self.session.read_clock(self.node, &mut self.clock)?;
+        self.zero = self.session.now();
+        self.answered = (0, 0);
+        self.joints = self.joints_now().ok_or(NoArm::NoJoints)?;
+        Ok(())
+    }
+
+    /// The session, its controller and what is known of its clock.
+    pub(super) fn parts(&mut self) -> (&mut Session, NodeId, &mut ControllerClock) {
+        (&mut self.session, self.node, &mut self.clock)
+    }
+
+    /// Time of the trial, s.
+    #[must_use]
+    pub fn now_s(&self) -> f64 {
+        self.session.now().as_secs_f64() - self.zero.as_secs_f64()
     }
 
     /// Begins a run whose end state is rest at `to`, in four seconds. The time of the trial begins again at zero.
@@ -120,7 +165,7 @@ impl ControllerArm {
     /// Uploads, arms and runs a plan that stands where the arm stands and takes new end states.
     fn stand(&mut self) -> Result<(), NoArm> {
         let pose = self.session.measured_pose(self.node)?;
-        let bytes = standing(&Settings::powercube6(), &pose, STANDING_US).ok_or(NoArm::Plan)?;
+        let bytes = standing(&self.settings, &pose, STANDING_US).ok_or(NoArm::Plan)?;
         let name = self.session.upload(self.node, &bytes, &mut |_, _| {})?;
         self.session.arm(self.node, &name)?;
         self.session.start_run(self.node, &name)?;
@@ -164,12 +209,20 @@ impl ControllerArm {
         }
     }
 
-    /// Where the plant has the joints: what no node on the bus can read.
-    fn plant(&mut self) -> Option<JointsNow<6>> {
-        let plant = self.session.sim()?.cell().plant();
-        let q = Joints::from_fn(|i, _| plant.link_q_rad(i));
-        let qd = Joints::from_fn(|i, _| plant.axis(i).v_rad_s);
-        Some(JointsNow { q, qd })
+    /// In virtual time where the plant has the joints, which no node on the bus can read; otherwise what the controller told last.
+    fn joints_now(&mut self) -> Option<JointsNow<6>> {
+        if let Some(sim) = self.session.sim() {
+            let plant = sim.cell().plant();
+            let q = Joints::from_fn(|i, _| plant.link_q_rad(i));
+            let qd = Joints::from_fn(|i, _| plant.axis(i).v_rad_s);
+            return Some(JointsNow { q, qd });
+        }
+        let (_, _, state) = self.session.host_node().inbox()?.joints.as_ref()?;
+        let joints = state.joints();
+        let of = |number: fn(&JointSample) -> f32| {
+            Joints::from_fn(|i, _| joints.get(i).map_or(f64::NAN, |joint| f64::from(number(joint))))
+        };
+        Some(JointsNow { q: of(|joint| joint.q_rad), qd: of(|joint| joint.qd_rad_s) })
     }
 }
 
@@ -189,7 +242,7 @@ impl Executor for ControllerArm {
         // Ready: the way to the last end state has ended.
         let state = self.session.group().map(|group| group.state);
         self.halted |= !(passed && matches!(state, Some(State::Running | State::Ready)));
-        if let Some(joints) = self.plant() {
+        if let Some(joints) = self.joints_now() {
             self.joints = joints;
         }
         self.joints

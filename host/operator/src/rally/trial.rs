@@ -395,7 +395,7 @@ impl Pair {
     }
 
     /// The catcher before it has seen anything.
-    fn new_run<'a>(
+    pub(super) fn new_run<'a>(
         &self,
         arm: &'a CatchArm,
         thrower: &Thrower,
@@ -454,17 +454,22 @@ impl Pair {
 }
 
 /// The catcher's side of a trial.
-struct Run<'a> {
-    catcher: Catcher<'a>,
-    watch: BallWatch,
-    stream: MarkerStream,
-    refusals: Vec<Refused>,
-    seen: Vec<(f64, Vector3<f64>)>,
+pub(super) struct Run<'a> {
+    pub(super) catcher: Catcher<'a>,
+    pub(super) watch: BallWatch,
+    pub(super) stream: MarkerStream,
+    pub(super) refusals: Vec<Refused>,
+    pub(super) seen: Vec<(f64, Vector3<f64>)>,
     used: [f64; 3],
 }
 
 impl Run<'_> {
-    fn decide(&mut self, executor: &mut impl Executor, now_s: f64, timed: &mut impl FnMut(&mut dyn FnMut())) {
+    pub(super) fn decide(
+        &mut self,
+        executor: &mut impl Executor,
+        now_s: f64,
+        timed: &mut impl FnMut(&mut dyn FnMut()),
+    ) {
         let mut moved = false;
         let (watch, catcher) = (&self.watch, &mut self.catcher);
         timed(&mut || {
