@@ -168,7 +168,6 @@ pub struct Court<const N: usize> {
     jaws_open: [bool; 2],
     release: Option<(usize, Instant)>,
     released_at: Option<(usize, Instant)>,
-    tracker_sees_hand: bool,
     slow_since: Option<(usize, Instant)>,
     resting: Option<usize>,
     crossed: [bool; 2],
@@ -192,7 +191,6 @@ impl<const N: usize> Court<N> {
             jaws_open: [holder == 0, holder == 1],
             release: None,
             released_at: None,
-            tracker_sees_hand: false,
             slow_since: None,
             resting: None,
             crossed: [false; 2],
@@ -200,11 +198,6 @@ impl<const N: usize> Court<N> {
             events: Vec::new(),
             options,
         }
-    }
-
-    /// Lets the tracker see the ball in a hand as well; otherwise only after a release.
-    pub fn show_hand(&mut self, shown: bool) {
-        self.tracker_sees_hand = shown;
     }
 
     /// The ball leaves its hand at `at`, within a later step.
@@ -231,11 +224,6 @@ impl<const N: usize> Court<N> {
         self.slow_since = None;
         self.tell(self.now, CourtEvent::Gripped { arm });
         true
-    }
-
-    /// Opens the jaws of `arm`, or closes them to a cup.
-    pub fn set_jaws(&mut self, arm: usize, open: bool) {
-        self.jaws_open[arm] = open;
     }
 
     /// The cup in which the ball rests now.
@@ -303,19 +291,17 @@ impl<const N: usize> Court<N> {
             let back_s = h_s * (steps - 1 - k) as f64;
             self.now = at;
             self.sub_step(h_s, back_s, &hands);
-            self.flash(at, &hands);
+            self.flash(at);
         }
         self.now = to;
     }
 
-    fn flash(&mut self, at: Instant, hands: &[HandNow<N>; 2]) {
+    fn flash(&mut self, at: Instant) {
         while let Some(flash) = self.tracker.next_flash().filter(|flash| *flash <= at) {
             let early_s = at.saturating_since(flash).as_secs_f64();
             let seen = match &self.place {
                 BallPlace::Loose(ball) => Some(ball.p_m - ball.v_m_s * early_s),
-                BallPlace::Held { arm, at_e_m } if self.tracker_sees_hand => {
-                    Some(hands[*arm].x_we.transform_point(at_e_m))
-                }
+                // A ball in a hand shows no marker.
                 BallPlace::Held { .. } => None,
             };
             let marker = seen.map(|p| [p.x * 1e3, p.y * 1e3, p.z * 1e3]);
