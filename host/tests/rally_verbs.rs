@@ -1,9 +1,11 @@
 //! `cubectl rally` and `cubectl catch --ball`: what is printed and with which code it ends.
 
-use std::process::{Command, Output};
+use std::process::Output;
+
+use crate::program;
 
 fn cubectl(words: &str) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_cubectl")).args(words.split_whitespace()).output().unwrap()
+    program::cubectl(&words.split_whitespace().collect::<Vec<_>>())
 }
 
 #[test]

@@ -2,7 +2,7 @@
 //!
 //! Programs and cell are in lock step: a busy machine makes a test slower and changes nothing else.
 
-use std::process::{Command, Output};
+use std::process::Output;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -15,6 +15,8 @@ use hil_sim::realtime::{Door, Realtime, shared_time};
 use hil_sim::{Cell, CellOptions};
 use protocol::Instant;
 use robot_model::AnyRobot;
+
+pub(crate) use crate::program::cubectl;
 
 /// A served cell; ends when dropped.
 pub(crate) struct Served {
@@ -75,11 +77,6 @@ impl Drop for Served {
             thread.join().unwrap();
         }
     }
-}
-
-/// Runs `cubectl` with these words.
-pub(crate) fn cubectl(words: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_cubectl")).args(words).output().unwrap()
 }
 
 pub(crate) fn out(output: &Output) -> String {
