@@ -257,7 +257,15 @@ pub(crate) const FOLDERS: &[Folder] = &[
     },
     Folder {
         path: "host/planner/src/catch",
-        floors: &[&["draw", "forecast", "law"], &["arm"], &["motion"], &["search"], &["clear"], &["online"]],
+        floors: &[
+            &["draw", "forecast", "law"],
+            &["arm", "task"],
+            &["motion", "rates", "slot"],
+            &["candidates"],
+            &["search"],
+            &["clear"],
+            &["online"],
+        ],
     },
     Folder {
         path: "host/planner/src/disc",
@@ -405,7 +413,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
             &["on_controller", "trial"],
             &["on_wire"],
             &["degraded", "failures", "throws"],
-            &["exchange"],
+            &["exchange", "waiting"],
             &["study"],
         ],
     },

@@ -9,7 +9,7 @@ use nix::time::{ClockId, clock_gettime};
 use operator::rally::throws::draw_throws;
 use operator::rally::trial::{Pair, TrialOptions};
 use planner::catch::draw::Window;
-use planner::catch::search::{Allowed, Settings};
+use planner::catch::task::{Allowed, Settings};
 
 const THROWS: usize = 60;
 const P99_MAX_US: f64 = 1000.0;

@@ -8,7 +8,7 @@ use operator::rally::trial::{CatchOutcome, Outcome, Pair, Touch, TrialOptions, W
 use planner::catch::Joints;
 use planner::catch::draw::{Aimed, Window, draw};
 use planner::catch::online::Decision;
-use planner::catch::search::{Allowed, Decline, Settings};
+use planner::catch::task::{Allowed, Decline, Settings};
 use planner::flight::FlightModel;
 use planner::plan::rng::SplitMix64;
 

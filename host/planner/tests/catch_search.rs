@@ -5,7 +5,8 @@ use planner::catch::Joints;
 use planner::catch::law::State;
 use planner::catch::motion::used;
 use planner::catch::online::{Catcher, Decision};
-use planner::catch::search::{Allowed, Decline, Mode, Settings, Start, search};
+use planner::catch::search::search;
+use planner::catch::task::{Allowed, Decline, Mode, Settings, Start};
 
 use super::catch_rig::{Asked, WAIT_DEG, arm, exhaustive, forecast, found, refusals, throws};
 

@@ -9,7 +9,7 @@ use operator::rally::thrower::{Scatter, ThrowFault};
 use operator::rally::trial::{CatchOutcome, Outcome, TrialOptions, Trouble, WAIT_HOLD_DEG, WAIT_MATCHED_DEG};
 use planner::catch::Joints;
 use planner::catch::online::Decision;
-use planner::catch::search::{Allowed, Mode, Settings};
+use planner::catch::task::{Allowed, Mode, Settings};
 use serde_json::{Value, json};
 
 use super::print_json;

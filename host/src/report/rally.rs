@@ -5,7 +5,7 @@ use operator::rally::exchange::{Exchange, Rally};
 use operator::rally::trial::{CatchOutcome, Outcome, Pair};
 use planner::catch::Joints;
 use planner::catch::online::Decision;
-use planner::catch::search::Mode;
+use planner::catch::task::Mode;
 
 use super::chart::{Chart, Curve, Pen};
 use super::page::{Page, Tone, cell};

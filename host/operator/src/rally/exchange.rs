@@ -10,7 +10,8 @@ use planner::catch::arm::{CatchArm, NotACatcher};
 use planner::catch::draw::{Aimed, Window};
 use planner::catch::law::{Pieces, State};
 use planner::catch::motion::{CatchMotion, Fault, check};
-use planner::catch::search::{Start, search};
+use planner::catch::search::search;
+use planner::catch::task::Start;
 use robot_model::Pose;
 use robot_model::collision::{CollisionChecker, Obb, Scene};
 

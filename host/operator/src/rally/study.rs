@@ -6,7 +6,7 @@ use hil_sim::court::CourtOptions;
 use planner::catch::Joints;
 use planner::catch::arm::NotACatcher;
 use planner::catch::draw::{Aimed, Window};
-use planner::catch::search::{Allowed, Decline, Settings};
+use planner::catch::task::{Allowed, Decline, Settings};
 use rayon::prelude::*;
 use serde::Serialize;
 

@@ -5,7 +5,7 @@
 use nalgebra::Vector3;
 use planner::catch::arm::CatchArm;
 use planner::catch::online::Catcher;
-use planner::catch::search::Decline;
+use planner::catch::task::Decline;
 
 use hil_sim::court::JointsNow;
 

@@ -8,9 +8,11 @@ use super::arm::CatchArm;
 use super::forecast::{Forecast, Foreseen, across};
 use super::law::{Fit, Limits, Pieces, State, least_peak, stopping_angle};
 use super::rates::Hand;
-use super::search::{Allowed, Count, Mode, SHORTLIST, Settings, Start};
 use super::slot::{Slot, probability, slot};
+use super::task::{Allowed, Count, Mode, Settings, Start};
 
+/// Candidates that are kept.
+pub(super) const SHORTLIST: usize = 24;
 /// What a matched catch is worth against one with the hand at rest, as a factor on the probability of the latter.
 const HOLD_WORTH: f64 = 0.9;
 /// Steps of time (s) and of the cup's direction (rad) about a posture that is missed by little.

@@ -10,7 +10,7 @@ use super::arm::CatchArm;
 use super::forecast::{Forecast, Foreseen};
 use super::law::{Limits, Pieces, State};
 use super::motion::{CatchMotion, check, distance_m};
-use super::search::Start;
+use super::task::Start;
 
 /// Links from this one on can get out of a ball's way: base and turntable stay where they are.
 pub const CLEARS_FROM_LINK: usize = 2;

@@ -10,10 +10,11 @@
 //! | [`forecast`] | the flight to come, with its covariance |
 //! | [`arm`] | the arm with its cup, where it stands, its limits |
 //! | [`motion`] | motion of all joints; the check of a whole motion |
+//! | [`task`] | what counts as a catch, why there is none, where a search starts |
 //! | `slot` | the times of a search: ball, reach of the joints, probability |
 //! | `candidates` | postures at these times, judged |
 //! | [`rates`] | joint rates that move the hand with the ball |
-//! | [`search`] | what is looked for; the best candidate, or why there is none |
+//! | [`search`] | the best candidate, or why there is none |
 //! | [`clear`] | out of the way of a ball that will not be caught |
 //! | [`online`] | a catch in progress: forecasts in, motions out |
 //! | [`draw`] | throws of another arm that come by, at random |
@@ -31,6 +32,7 @@ pub mod online;
 pub mod rates;
 pub mod search;
 mod slot;
+pub mod task;
 
 /// Angles, speeds or accelerations of the six joints.
 pub type Joints = robot_model::JointVec<6>;

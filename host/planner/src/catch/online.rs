@@ -10,7 +10,8 @@ use super::arm::CatchArm;
 use super::clear::move_clear;
 use super::forecast::Forecast;
 use super::motion::CatchMotion;
-use super::search::{Choice, Count, Decline, Settings, Start, passes_rim, search};
+use super::search::{Choice, search};
+use super::task::{Count, Decline, Settings, Start, passes_rim};
 
 /// The cup is moved only for errors above this, m: below it the motion under way is as good.
 const CORRECT_FROM_M: f64 = 0.0015;

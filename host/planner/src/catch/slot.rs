@@ -6,7 +6,7 @@ use super::Joints;
 use super::arm::CatchArm;
 use super::forecast::{Forecast, Foreseen};
 use super::law::{Limits, stopping_angle};
-use super::search::{Settings, Start, passes_rim};
+use super::task::{Settings, Start, passes_rim};
 
 const TIMES_MAX: usize = 24;
 /// Moments of corrections, as shares of the time from the first samples that tell a velocity to the last correction.
