@@ -181,7 +181,7 @@ fn body(page: &mut Page, pair: &Pair, outcome: &Outcome, jerk: bool) {
                 cell(l.catch_s.map_or_else(|| "–".to_owned(), |t| format!("{:.3}", t - release_s))),
                 cell(format!("{:.2}", l.probability)),
                 cell(if l.sigma_m.is_nan() { "–".to_owned() } else { format!("{:.1}", l.sigma_m * 1e3) }),
-                cell(format!("{:.1}", l.off_m * 1e3)),
+                cell(if l.off_m.is_finite() { format!("{:.1}", l.off_m * 1e3) } else { "–".to_owned() }),
                 cell(l.count.judged.to_string()),
             ]
         })

@@ -390,7 +390,7 @@ impl Pair {
             executed: watches.map(|watch| watch.executed()),
             arms_touched,
             seen_s: samples.last().map_or(0.0, |last| last.t_s - samples[0].t_s),
-            off_m: run.catcher.log().last().map(|logged| logged.off_m),
+            off_m: run.catcher.log().iter().rev().map(|logged| logged.off_m).find(|off_m| off_m.is_finite()),
             trace,
         }
     }
