@@ -13,6 +13,8 @@ use hil_sim::court::JointsNow;
 const LAST_S: f64 = 0.3;
 /// A ball in the cup is seen there this often in that time.
 const SEEN_MIN: usize = 6;
+/// Newest markers of which none is in the cup, over this long: the ball is out of it, s.
+const GONE_S: f64 = 0.02;
 /// Distance of a ball in the cup from the middle of its cavity, at most, m.
 const IN_CUP_M: f64 = 0.06;
 /// Distance of a ball that lies still from the mean of its places, at most, m.
@@ -58,10 +60,10 @@ pub(super) enum InCup {
 }
 
 /// What the tracker saw in the last time before `now_s`: all markers with their times (s) and places (m), in order of arrival.
-fn last_seen(catcher: &Catcher<'_>, seen: &[(f64, Vector3<f64>)], now_s: f64) -> Vec<Vector3<f64>> {
+fn last_seen(catcher: &Catcher<'_>, seen: &[(f64, Vector3<f64>)], now_s: f64) -> Vec<(f64, Vector3<f64>)> {
     let catch_s = catcher.choice().map_or(f64::NEG_INFINITY, |choice| choice.t_s);
     let from_s = catch_s.max(now_s - LAST_S);
-    seen.iter().filter(|(t_s, _)| *t_s > from_s).map(|(_, p)| *p).collect()
+    seen.iter().filter(|(t_s, _)| *t_s > from_s).copied().collect()
 }
 
 /// Whether the ball is seen in the cup. It may fall into a cup that waits.
@@ -74,13 +76,16 @@ pub(super) fn in_cup(
     let arm: &CatchArm = catcher.arm();
     let (mouth, axis, _) = arm.mouth(&joints.q, &joints.qd);
     let middle = mouth - axis * (0.5 * arm.cup().length_m);
-    let mut inside = last_seen(catcher, seen, now_s);
-    inside.retain(|p| (p - middle).norm() < IN_CUP_M);
-    if inside.len() < SEEN_MIN {
+    let last = last_seen(catcher, seen, now_s);
+    let inside: Vec<_> = last.iter().filter(|(_, p)| (p - middle).norm() < IN_CUP_M).collect();
+    // A ball that has fallen out is in the cup no longer, however long it was there.
+    let newest_s = last.iter().map(|(t_s, _)| *t_s).fold(f64::NEG_INFINITY, f64::max);
+    let gone = inside.iter().all(|(t_s, _)| *t_s < newest_s - GONE_S);
+    if inside.len() < SEEN_MIN || gone {
         return InCup::No;
     }
-    let mean = inside.iter().sum::<Vector3<f64>>() / inside.len() as f64;
-    if inside.iter().all(|p| (p - mean).norm() < STILL_M) { InCup::Still } else { InCup::Moving }
+    let mean = inside.iter().map(|(_, p)| p).sum::<Vector3<f64>>() / inside.len() as f64;
+    if inside.iter().all(|(_, p)| (p - mean).norm() < STILL_M) { InCup::Still } else { InCup::Moving }
 }
 
 /// `seen` are all markers with their times (s) and places (m), in order of arrival.
