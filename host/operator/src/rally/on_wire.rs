@@ -12,7 +12,7 @@
 //!
 //! Time zero is that of the catcher's run, on the monotonic clock of this machine. Each controller's clock is related to it by readings
 //! with bounds ([`crate::dialogue::clock`]), before the throw and once more after it. The tracker's clock is related to it by the least
-//! late datagram ([`MarkerStream`](crate::flight_estimator::MarkerStream)).
+//! late datagram ([`MarkerStream`]).
 
 use std::net::UdpSocket;
 use std::sync::mpsc::{self, Receiver, Sender};
