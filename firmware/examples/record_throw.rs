@@ -8,6 +8,8 @@
 #[path = "../tests/bench/mod.rs"]
 #[allow(dead_code, unused_imports, reason = "made for the tests")]
 mod bench;
+#[path = "lockstep/record.rs"]
+mod record;
 
 use std::path::PathBuf;
 
@@ -16,24 +18,7 @@ use firmware::joints::PerJoint;
 use firmware::settings::Settings;
 use firmware::trajectory_format::{Header, rest};
 use protocol::cyphal::cubecell::command;
-use protocol::{Frame, Id, Instant};
-
-fn record(at: Instant, frame: Option<&Frame>) -> [u8; 24] {
-    let mut bytes = [0; 24];
-    bytes[..8].copy_from_slice(&at.as_micros().to_le_bytes());
-    let Some(frame) = frame else {
-        bytes[8..12].copy_from_slice(&(1u32 << 29).to_le_bytes());
-        return bytes;
-    };
-    let id = match frame.id() {
-        Id::Standard(id) => u32::from(id.get()),
-        Id::Extended(id) => id.get() | 1 << 31,
-    };
-    bytes[8..12].copy_from_slice(&(id | u32::from(frame.is_remote()) << 30).to_le_bytes());
-    bytes[12] = frame.dlc() as u8;
-    bytes[16..16 + frame.data().len()].copy_from_slice(frame.data());
-    bytes
-}
+use record::record;
 
 /// Waits where the throw ended, and goes to an end state that moves.
 fn take_end_states(host: &mut bench::host::Host) {

@@ -4,6 +4,9 @@
 //!
 //! `record_catch DIR` writes `DIR/script.bin` and `DIR/expected.bin` in the form of `firmware/examples/record_throw.rs`.
 
+#[path = "../../../firmware/examples/lockstep/record.rs"]
+mod record;
+
 use std::cell::{Cell, RefCell};
 use std::error::Error;
 use std::path::PathBuf;
@@ -25,7 +28,8 @@ use operator::rally::on_controller::ControllerArm;
 use operator::rally::throws::{draw_throws, place_exists};
 use operator::rally::trial::{CatchOutcome, Pair, TrialOptions};
 use planner::catch::draw::Window;
-use protocol::{Frame, Id, Instant, Node};
+use protocol::{Frame, Instant, Node};
+use record::record;
 
 /// Throws that are looked at until one has a place to catch it.
 const DRAWN: usize = 20;
@@ -78,23 +82,6 @@ impl Node for Recorded {
     fn poll_timeout(&self) -> Option<Instant> {
         self.node.poll_timeout()
     }
-}
-
-fn record(at: Instant, frame: Option<&Frame>) -> [u8; 24] {
-    let mut bytes = [0; 24];
-    bytes[..8].copy_from_slice(&at.as_micros().to_le_bytes());
-    let Some(frame) = frame else {
-        bytes[8..12].copy_from_slice(&(1u32 << 29).to_le_bytes());
-        return bytes;
-    };
-    let id = match frame.id() {
-        Id::Standard(id) => u32::from(id.get()),
-        Id::Extended(id) => id.get() | 1 << 31,
-    };
-    bytes[8..12].copy_from_slice(&(id | u32::from(frame.is_remote()) << 30).to_le_bytes());
-    bytes[12] = frame.dlc() as u8;
-    bytes[16..16 + frame.data().len()].copy_from_slice(frame.data());
-    bytes
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
