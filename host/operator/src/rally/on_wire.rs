@@ -40,9 +40,9 @@ use crate::dialogue::operator::OperatorError;
 use crate::flight_estimator::MarkerStream;
 use crate::throw::trajectory::{TrajectoryError, encode};
 
-/// From the agreement on a time until the throw begins: the catcher plans meanwhile, if it knows the throw, s.
+/// Time between the order to throw and the throw, s. A catcher that knows the throw plans in this time.
 const AHEAD_S: f64 = 2.0;
-/// The tracker is listened to for this long before that, s, and sends at least so many frames.
+/// Before that the client listens to the tracker for this long, s, and needs at least this many frames.
 const SETTLE_S: f64 = 1.0;
 const SETTLED_FRAMES: usize = 10;
 /// The catcher watches for this long after the last motion and the planned end of the flight, s.
@@ -223,7 +223,8 @@ fn open_tracker(address: &str) -> Result<UdpSocket, WireError> {
 
 type Thrown = (Result<(), OperatorError>, f64);
 
-/// Waits for the time of the throw with a session that lives; by how much the controller's clock is known, s.
+/// Keeps the session alive until the time of the throw, then runs it. Returns how the run ended, and the bound of the error of
+/// the controller's clock, s.
 fn throw_when_told(
     arm: &mut ControllerArm,
     file: &[u8],
@@ -255,7 +256,7 @@ fn throw_when_told(
     Ok((thrown, off.as_secs_f64()))
 }
 
-/// Relates the tracker's clock to that of the trial, before anything is agreed on; how many frames came.
+/// Relates the tracker's clock to that of the trial before the throw is ordered. Returns how many frames came.
 fn settle(
     arm: &mut ControllerArm,
     socket: &UdpSocket,

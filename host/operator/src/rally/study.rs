@@ -280,7 +280,7 @@ pub fn run(
             if wanted.is_empty() {
                 continue;
             }
-            // The pose is found for other throws than those that are counted.
+            // Other throws than the counted ones: the pose must not be fitted to them.
             let others = draw_throws(&pair, &window, WAIT_THROWS, !options.seed).ok_or_else(refused)?;
             let mut drawn = Drawn::new(&pair, window, options.seed);
             for (name, trial) in wanted {

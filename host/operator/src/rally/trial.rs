@@ -165,7 +165,7 @@ impl Outcome {
         planned && self.executed.iter().all(Executed::within) && !self.arms_touched
     }
 
-    /// What the ball touched of the catcher first in its flight: before it was on the floor.
+    /// The part of the catcher that the ball touched first, before it hit the floor.
     #[must_use]
     pub fn first_touch(&self) -> Option<Touch> {
         let flight = self.events.iter().take_while(|(_, event)| *event != CourtEvent::HitFloor);

@@ -18,8 +18,10 @@ const HOLD_WORTH: f64 = 0.9;
 /// Steps of time (s) and of the cup's direction (rad) about a posture that is missed by little.
 const NEARBY: [(f64, f64); 3] = [(0.01, 0.15), (0.005, 0.07), (0.0025, 0.035)];
 const NEARBY_DIRECTIONS: u32 = 8;
-/// A posture for which the law finds no motion is missed by an unknown share: less than others that are beyond a bound by this.
+/// The law finds no motion to a posture, and does not tell how far the limits are: such a posture counts as missed by this share.
 const UNKNOWN_MISS: f64 = 0.05;
+
+/// A posture that can be reached, with its motion.
 #[derive(Clone, Copy)]
 pub(super) struct Candidate {
     pub(super) ball: Foreseen,
