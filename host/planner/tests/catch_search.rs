@@ -27,7 +27,13 @@ fn refusals_agree_with_an_exhaustive_search() {
                     beyond +=
                         usize::from(!exhaustive(&arm, &settings, mode, from_s, &forecast, Asked::Bound));
                 }
-                Err(Decline::Contact | Decline::BallFirst | Decline::Current | Decline::TooUncertain) => {}
+                Err(
+                    Decline::Contact
+                    | Decline::CupDown
+                    | Decline::BallFirst
+                    | Decline::Current
+                    | Decline::TooUncertain,
+                ) => {}
                 Err(_) => {
                     refused += 1;
                     wrong += usize::from(exhaustive(&arm, &settings, mode, from_s, &forecast, Asked::Motion));
@@ -97,6 +103,26 @@ fn a_ball_far_away_or_too_uncertain_is_declined_with_the_reason() {
     }
     assert_eq!(found(&arm, &Settings::default(), 0.0, &vague), Err(Decline::TooUncertain));
     assert!(found(&arm, &Settings::default(), 0.9, &forecast(p, v)).is_err());
+}
+
+/// Without this rule the cup looks down at the end of some of these motions, and the ball rolls out.
+#[test]
+fn the_cup_looks_up_where_the_hand_stops() {
+    let settings = Settings { allowed: Allowed::Matched, ..Settings::default() };
+    for jerk in [false, true] {
+        let arm = arm(jerk);
+        let mut taken = 0;
+        for (p, v) in throws(240, 9) {
+            let state = WAIT_DEG.map(|q| State::rest(q.to_radians()));
+            let start = Start { at_s: 0.05, state: &state, under_way: None };
+            let Ok(choice) = search(&arm, &settings, &start, &forecast(p, v)).0 else { continue };
+            taken += 1;
+            let (q, qd) = choice.motion.joints_at(choice.motion.end_s());
+            let up = arm.mouth(&q, &qd).1.z;
+            assert!(up >= 0.17, "jerk {jerk}: {up}");
+        }
+        assert!(taken >= 20, "{taken}");
+    }
 }
 
 /// The forecast moves by 10 mm while the catch is under way: the motion follows without a jump, and meets the new place.

@@ -7,12 +7,13 @@ use super::Joints;
 use super::arm::CatchArm;
 use super::forecast::{Forecast, Foreseen, across};
 use super::law::{Fit, Limits, Pieces, State, least_peak, stopping_angle};
+use super::motion::looks_down;
 use super::rates::Hand;
 use super::slot::{Slot, probability, slot};
 use super::task::{Allowed, Count, Mode, Settings, Start};
 
 /// Candidates that are kept.
-pub(super) const SHORTLIST: usize = 24;
+const SHORTLIST: usize = 24;
 /// What a matched catch is worth against one with the hand at rest, as a factor on the probability of the latter.
 const HOLD_WORTH: f64 = 0.9;
 /// Steps of time (s) and of the cup's direction (rad) about a posture that is missed by little.
@@ -140,7 +141,12 @@ pub(super) struct Search<'a> {
     pub(super) count: Count,
 }
 
-impl Search<'_> {
+impl<'a> Search<'a> {
+    pub(super) fn new(arm: &'a CatchArm, settings: &'a Settings, start: &'a Start<'a>) -> Self {
+        let best = Vec::with_capacity(SHORTLIST + 1);
+        Self { arm, settings, start, best, missed: None, count: Count::default() }
+    }
+
     /// All postures at one time with these cup directions, given about the reverse of the ball's velocity.
     pub(super) fn look(&mut self, slot: &Slot<'_>, directions: &[[f64; 3]]) {
         let Self { arm, settings, start, .. } = *self;
@@ -258,6 +264,14 @@ impl Search<'_> {
         if beyond_rad > 0.0 {
             self.count.no_stop += 1;
             self.miss(place, beyond_rad);
+            return false;
+        }
+        let stop =
+            Joints::from_fn(|i, _| q[i] + stopping_angle(&slot.limits[i], arm.law.limits_jerk(), qd[i]));
+        let down = looks_down(arm, &stop);
+        if down > 0.0 {
+            self.count.cup_down += 1;
+            self.miss(place, down);
             return false;
         }
         let at = self.best.partition_point(|other| other.score >= score);

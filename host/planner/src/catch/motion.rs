@@ -22,6 +22,10 @@ const RIM_STEP_S: f64 = 0.004;
 /// The ball is before the plane of the mouth until the catch, up to this, m.
 const EARLY_MAX_M: f64 = 0.005;
 
+/// Least height of the cup's axis, a unit vector, where the hand stops after a catch: 10 degrees above the horizon. From a cup that
+/// looks lower the ball rolls out.
+const AXIS_UP_MIN: f64 = 0.17;
+
 /// A motion: every joint to its end at rest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CatchMotion {
@@ -64,12 +68,19 @@ pub enum Fault {
     Range,
     /// A joint passes a limit of speed, acceleration or, where it is limited, jerk.
     Limit,
+    /// The cup looks down where the hand stops after the catch.
+    CupDown,
     /// The arm touches itself, the floor or the other arm.
     Contact,
     /// The ball touches the arm before it is at the cup.
     Ball,
     /// A motor or a supply gives more than its current.
     Current,
+}
+
+/// By how much the cup's axis, a unit vector, is too low at `q` for a ball to stay in the cup; zero or less if it stays.
+pub(super) fn looks_down(arm: &CatchArm, q: &Joints) -> f64 {
+    AXIS_UP_MIN - arm.mouth(q, &Joints::zeros()).1.z
 }
 
 /// Looks at a whole motion: ranges, speeds, accelerations and jerks exactly, contacts and currents every 16 ms; `ball` is the
@@ -96,10 +107,13 @@ pub fn check(
     if !keeps {
         return Err(Fault::Limit);
     }
-    if let Some((forecast, catch_s)) = ball
-        && meets_cup_early(arm, motion, forecast, catch_s)
-    {
-        return Err(Fault::Ball);
+    if let Some((forecast, catch_s)) = ball {
+        if looks_down(arm, &motion.joints_at(motion.end_s()).0) > 0.0 {
+            return Err(Fault::CupDown);
+        }
+        if meets_cup_early(arm, motion, forecast, catch_s) {
+            return Err(Fault::Ball);
+        }
     }
     let steps = ((motion.end_s() - motion.start_s) / CHECK_STEP_S).ceil() as usize;
     for k in 0..=steps {

@@ -9,6 +9,7 @@
 //!   -> predicted probability beats the worst of the best 24
 //!   -> motion in exactly the time left, with jerk                             table of shapes
 //!   -> way inside the joint ranges                                            exact extremes
+//!   -> cup looks up where the hand stops                                      closed form
 //! best 24, in order: whole motion against limits, contacts, currents, ball     at most 6
 //! ```
 
@@ -18,7 +19,7 @@ use robot_model::collision::CollisionChecker;
 
 use super::Joints;
 use super::arm::CatchArm;
-use super::candidates::{Candidate, SHORTLIST, Search, directions};
+use super::candidates::{Candidate, Search, directions};
 use super::forecast::Forecast;
 use super::law::{Limits, Pieces};
 use super::motion::{CatchMotion, Fault, check, stopped};
@@ -68,8 +69,7 @@ pub fn search(
 ) -> (Result<Choice, Decline>, Count) {
     let limits = arm.limits(start.under_way.is_some());
     let slots = slots(arm, settings, start, forecast, limits);
-    let best = Vec::with_capacity(SHORTLIST + 1);
-    let mut search = Search { arm, settings, start, best, missed: None, count: Count::default() };
+    let mut search = Search::new(arm, settings, start);
     if slots.is_empty() {
         return (Err(Decline::OutOfReach), search.count);
     }
@@ -87,7 +87,7 @@ pub fn search(
     }
     let mut checker = CollisionChecker::new(&arm.model, &arm.scene);
     let mut fault = None;
-    let mut tried: Vec<(Branch, Mode, i64)> = Vec::with_capacity(SHORTLIST);
+    let mut tried: Vec<(Branch, Mode, i64)> = Vec::with_capacity(best.len());
     // Different postures and times first: neighbours of one that fails fail as well.
     let (fresh, rest): (Vec<_>, Vec<_>) = best.iter().partition(|c| {
         let kind = (c.branch, c.mode, (c.ball.t_s / ALIKE_S) as i64);
@@ -106,6 +106,7 @@ pub fn search(
     let why = match fault {
         Some(Fault::Range) => Decline::NoStop,
         Some(Fault::Limit) => Decline::TooLate,
+        Some(Fault::CupDown) => Decline::CupDown,
         Some(Fault::Ball) => Decline::BallFirst,
         Some(Fault::Current) => Decline::Current,
         Some(Fault::Contact) | None => Decline::Contact,
@@ -114,6 +115,9 @@ pub fn search(
 }
 
 fn why_none(arm: &CatchArm, slots: &[Slot<'_>], count: &Count) -> Decline {
+    if count.cup_down > 0 {
+        return Decline::CupDown;
+    }
     if count.no_stop > 0 {
         return Decline::NoStop;
     }

@@ -81,6 +81,9 @@ pub enum Decline {
     /// The way to where it could be caught, or the stop after it, leaves a range.
     #[error("every motion leaves a joint range, on its way to the catch or in its stop after it")]
     NoStop,
+    /// The cup would look down where the hand stops after the catch.
+    #[error("where the hand stops after every catch, the cup looks down and loses the ball")]
+    CupDown,
     /// Contact with itself, the floor, the other arm.
     #[error("every motion touches the arm itself, the floor or the other arm")]
     Contact,
@@ -108,6 +111,7 @@ pub struct Count {
     pub(super) late: usize,
     pub(super) fast: usize,
     pub(super) no_stop: usize,
+    pub(super) cup_down: usize,
 }
 
 /// The state that a search starts from.
