@@ -262,6 +262,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
             &["arm", "task"],
             &["motion", "rates", "slot"],
             &["candidates"],
+            &["edge"],
             &["search"],
             &["clear"],
             &["online"],

@@ -125,6 +125,35 @@ fn the_cup_looks_up_where_the_hand_stops() {
     }
 }
 
+/// A flight known to 30 mm: of a ball at the edge of the reach some flights are out of it.
+#[test]
+fn a_catch_at_the_edge_of_the_reach_is_told_as_less_likely() {
+    let (arm, sigma_m) = (arm(false), 0.03_f64);
+    let settings = Settings { allowed: Allowed::Hold, ..Settings::default() };
+    let (p, v) = throws(8, 5)
+        .into_iter()
+        .find(|(p, v)| found(&arm, &settings, 0.0, &forecast(*p, *v)).is_ok())
+        .unwrap();
+    let told = |out_m: f64| {
+        let away = {
+            let d = p - arm.shoulder_m();
+            Vector3::new(d.x, d.y, 0.0).normalize()
+        };
+        let mut vague = forecast(p + Vector3::new(-away.y, away.x, 0.0) * out_m, v);
+        for point in &mut vague.points {
+            point.covariance_m2 = Matrix3::identity() * (sigma_m * sigma_m);
+        }
+        let state = WAIT_DEG.map(|q| State::rest(q.to_radians()));
+        let start = Start { at_s: 0.0, state: &state, under_way: None };
+        search(&arm, &settings, &start, &vague).0.map_or(0.0, |choice| choice.probability)
+    };
+    let all: Vec<f64> = (-40..=40).map(|k| told(0.03 * f64::from(k))).collect();
+    assert!(all.iter().any(|p| *p > 0.99), "{all:?}");
+    let between = all.iter().filter(|p| (0.1..0.95).contains(*p)).count();
+    assert!(between >= 1, "{all:?}");
+    assert!(all[0] == 0.0 && all[all.len() - 1] == 0.0, "{all:?}");
+}
+
 /// The forecast moves by 10 mm while the catch is under way: the motion follows without a jump, and meets the new place.
 #[test]
 fn a_forecast_that_moves_is_followed_without_a_jump() {

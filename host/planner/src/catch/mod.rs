@@ -13,6 +13,7 @@
 //! | [`task`] | what counts as a catch, why there is none, where a search starts |
 //! | `slot` | the times of a search: ball, reach of the joints, probability |
 //! | `candidates` | postures at these times, judged |
+//! | `edge` | how many of the flights that a ball may take are in reach |
 //! | [`rates`] | joint rates that move the hand with the ball |
 //! | [`search`] | the best candidate, or why there is none |
 //! | [`clear`] | out of the way of a ball that will not be caught |
@@ -25,6 +26,7 @@ pub mod arm;
 mod candidates;
 pub mod clear;
 pub mod draw;
+mod edge;
 pub mod forecast;
 pub mod law;
 pub mod motion;

@@ -24,6 +24,7 @@ pub(super) struct Correction {
 }
 
 /// What is the same for all candidates of one time.
+#[derive(Clone)]
 pub(super) struct Slot<'a> {
     pub(super) ball: Foreseen,
     pub(super) u: Vector3<f64>,
