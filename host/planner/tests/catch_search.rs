@@ -154,6 +154,35 @@ fn a_catch_at_the_edge_of_the_reach_is_told_as_less_likely() {
     assert!(all[0] == 0.0 && all[all.len() - 1] == 0.0, "{all:?}");
 }
 
+/// At the end of every flight no posture is in reach. What kept the arm from a catch is another thing.
+#[test]
+fn a_ball_that_was_too_fast_is_not_told_as_out_of_reach_when_it_has_passed() {
+    let arm = arm(false);
+    let wait = Joints::from(WAIT_DEG.map(f64::to_radians));
+    let settings =
+        Settings { allowed: Allowed::Matched, relative_m_s: 0.1, keep_clear: false, ..Settings::default() };
+    let mut fast = 0;
+    for (p, v) in throws(20, 10) {
+        let forecast = forecast(p, v);
+        let mut catcher = Catcher::new(&arm, settings, &wait);
+        for k in 0..100 {
+            catcher.observe(&forecast, 0.01 * f64::from(k));
+        }
+        let said: Vec<Decision> = catcher.log().iter().map(|logged| logged.decision).collect();
+        let last = said.iter().rev().find(|said| **said != Decision::Declined(Decline::OutOfReach));
+        if said[0] != Decision::Declined(Decline::TooFast) || catcher.choice().is_some() {
+            continue;
+        }
+        fast += usize::from(last != Some(&Decision::Declined(Decline::TooFast)));
+        assert!(
+            matches!(catcher.declined(), Some(Decline::TooFast | Decline::TooLate | Decline::NoStop)),
+            "{:?}",
+            catcher.declined()
+        );
+    }
+    assert!(fast >= 3, "{fast}");
+}
+
 /// The forecast moves by 10 mm while the catch is under way: the motion follows without a jump, and meets the new place.
 #[test]
 fn a_forecast_that_moves_is_followed_without_a_jump() {

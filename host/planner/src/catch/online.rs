@@ -219,7 +219,8 @@ impl<'a> Catcher<'a> {
 
     /// Why there is no catch; `None` if there is one, or nothing was foreseen yet.
     ///
-    /// In the end every ball is out of reach; the last reason before that is the one that tells.
+    /// A ball that has passed is out of reach, of whatever kind it was: the last reason counts that a search with postures to judge
+    /// gave; without one, the last that is not [`Decline::OutOfReach`].
     #[must_use]
     pub fn declined(&self) -> Option<Decline> {
         if self.choice.is_some() {
@@ -227,11 +228,15 @@ impl<'a> Catcher<'a> {
         }
         let reasons = || {
             self.log.iter().rev().filter_map(|logged| match logged.decision {
-                Decision::Declined(why) | Decision::MovedClear(why) | Decision::GivenUp(why) => Some(why),
+                Decision::Declined(why) | Decision::MovedClear(why) | Decision::GivenUp(why) => {
+                    Some((why, logged.count.posture > 0))
+                }
                 _ => None,
             })
         };
-        reasons().find(|why| *why != Decline::OutOfReach).or_else(|| reasons().next())
+        let with_postures = reasons().find(|(_, postures)| *postures);
+        let in_reach = || reasons().find(|(why, _)| *why != Decline::OutOfReach);
+        with_postures.or_else(in_reach).or_else(|| reasons().next()).map(|(why, _)| why)
     }
 }
 
