@@ -39,6 +39,8 @@ struct Result {
     stricter: usize,
     refused: usize,
     seconds: Vec<f64>,
+    /// Targets whose throw is dearer than the best known one by 2 %, or keeps less.
+    lost: Vec<String>,
 }
 
 fn main() -> std::result::Result<(), Box<dyn Error>> {
@@ -119,6 +121,16 @@ fn judge(known: &[Known], work: impl Fn(&Vector3<f64>) -> Option<(usize, f64)>) 
         let began = cpu();
         let found = work(&k.target);
         result.seconds.push((cpu() - began).as_secs_f64());
+        let lost = match found {
+            None => Some("refused".to_owned()),
+            Some((rung, _)) if rung > k.rung => Some(format!("rung {rung} instead of {}", k.rung)),
+            Some((rung, objective)) if rung == k.rung && objective > 1.02 * k.objective => {
+                Some(format!("{objective:.4} instead of {:.4}", k.objective))
+            }
+            Some(_) => None,
+        };
+        let [x, y, z] = k.target.into();
+        result.lost.extend(lost.map(|why| format!("{x},{y},{z}: {why}")));
         match found {
             None => result.refused += 1,
             Some((rung, _)) if rung > k.rung => result.relaxed += 1,
@@ -132,6 +144,7 @@ fn judge(known: &[Known], work: impl Fn(&Vector3<f64>) -> Option<(usize, f64)>) 
 }
 
 fn print(what: &str, r: &Result) {
+    r.lost.iter().for_each(|line| println!("    {line}"));
     let quantile = |sorted: &[f64], share: f64| {
         let at = ((sorted.len().max(1) - 1) as f64 * share).round() as usize;
         sorted.get(at).copied().unwrap_or(f64::NAN)
