@@ -1,8 +1,9 @@
 //! Where the catcher waits: one pose for all throws of a kind, found by a search.
 //!
 //! A pose is worth the share of throws that can be caught from it when the arm learns of them: 70 ms after the release for an arm that
-//! sees the ball only, 0.3 s before it for a partner that knows the plan. The search climbs from given poses: it changes all joints at
-//! random, less and less, and keeps what is not worse.
+//! sees the ball only, 0.3 s before it for a partner that knows the plan. Where the motions leave much of the accelerations, the arm may
+//! learn later: that is worth a little more. The search climbs from given poses: it changes all joints at random, less and less, and
+//! keeps what is not worse.
 
 use planner::catch::Joints;
 use planner::catch::draw::Aimed;
@@ -18,26 +19,29 @@ const LEARNS_S: (f64, f64) = (0.07, -0.3);
 const TRIES: usize = 160;
 const CHANGE_RAD: (f64, f64) = (0.6, 0.05);
 
+/// What the accelerations that a motion leaves are worth, of what the catch is worth.
+const SPARE_WORTH: f64 = 0.1;
+
 /// A waiting pose, and what it is worth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wait {
     /// Joint angles, rad.
     pub q_rad: Joints,
-    /// Share of the throws that can be caught from there, 0..=1.
-    pub share: f64,
+    /// Of each throw 0 if it cannot be caught from there, else 1 to 1.1; the mean.
+    worth: f64,
 }
 
 /// The best waiting pose that the search finds for these throws; at least as good as that of `options` and the built-in ones. The same
 /// arguments give the same pose.
 #[must_use]
 pub fn find_wait(pair: &Pair, options: &TrialOptions, throws: &[Aimed], seed: u64) -> Wait {
-    let worth = |q: &Joints| share(pair, options, throws, q);
+    let worth = |q: &Joints| worth(pair, options, throws, q);
     let given = [WAIT_MATCHED_DEG, WAIT_HOLD_DEG].map(|deg| Joints::from(deg.map(f64::to_radians)));
-    let mut best = Wait { q_rad: options.wait, share: worth(&options.wait) };
+    let mut best = Wait { q_rad: options.wait, worth: worth(&options.wait) };
     for q_rad in given {
-        let share = worth(&q_rad);
-        if share > best.share {
-            best = Wait { q_rad, share };
+        let worth = worth(&q_rad);
+        if worth > best.worth {
+            best = Wait { q_rad, worth };
         }
     }
     let joints = pair.catcher(options.jerk).model().joints();
@@ -50,16 +54,20 @@ pub fn find_wait(pair: &Pair, options: &TrialOptions, throws: &[Aimed], seed: u6
             let change = if i == 5 { 0.0 } else { sigma * rng.normal() };
             (best.q_rad[i] + change).clamp(limits.q_min_rad + 0.05, limits.q_max_rad - 0.05)
         });
-        let share = worth(&q_rad);
-        if share >= best.share {
-            best = Wait { q_rad, share };
+        let worth = worth(&q_rad);
+        if worth >= best.worth {
+            best = Wait { q_rad, worth };
         }
     }
     best
 }
 
-fn share(pair: &Pair, options: &TrialOptions, throws: &[Aimed], q: &Joints) -> f64 {
+fn worth(pair: &Pair, options: &TrialOptions, throws: &[Aimed], q: &Joints) -> f64 {
     let known_s = if options.cooperative { LEARNS_S.1 } else { LEARNS_S.0 };
-    let caught = throws.par_iter().filter(|aimed| reached_from(pair, aimed, options, q, known_s)).count();
-    caught as f64 / throws.len().max(1) as f64
+    let of_each = throws.par_iter().map(|aimed| {
+        let used = reached_from(pair, aimed, options, q, known_s);
+        used.map_or(0.0, |used| 1.0 + SPARE_WORTH * (1.0 - used))
+    });
+    // In the order of the throws: the sum does not depend on the threads.
+    of_each.collect::<Vec<f64>>().iter().sum::<f64>() / throws.len().max(1) as f64
 }
