@@ -14,6 +14,7 @@
 //!  |   \     \
 //!  v    v     v
 //! report trust error  summaries, HTML reports, pictures; throws with faults, judged from the plant; expected errors
+//!    advice            command lines in messages, for the bus of the command that prints them
 //!                |
 //!                v
 //!               exit  documented exit codes
@@ -23,6 +24,7 @@
 
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 
+pub mod advice;
 pub mod cli;
 pub mod cmd;
 pub mod complete;

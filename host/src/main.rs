@@ -4,18 +4,22 @@
 
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::{CommandFactory, FromArgMatches};
+use host::advice::Place;
+use host::cli::Cli;
 
 fn main() -> ExitCode {
     // Ends the program if a shell asks for completions.
     clap_complete::CompleteEnv::with_factory(host::complete::command)
         .var(host::cmd::completions::VARIABLE)
         .complete();
-    let ended = host::cli::run(host::cli::Cli::parse());
+    let matches = Cli::command().get_matches();
+    let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    let ended = host::cli::run(cli);
     match ended.and_then(|()| host::cli::output_is_whole()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            console::note!("cubectl: {error}");
+            console::note!("cubectl: {}", Place::of_matches(&matches).told(&error.message));
             ExitCode::from(error.code)
         }
     }

@@ -195,3 +195,28 @@ fn every_option_that_a_message_names_exists_in_the_verb_that_prints_it() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     assert!(seen > 100, "{seen}");
 }
+
+#[test]
+fn every_scenario_that_an_example_names_is_in_the_source_folder() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let (mut files, mut seen) = (Vec::new(), 0);
+    sources(&root.join("src"), &mut files);
+    for file in &files {
+        for text in literals(&std::fs::read_to_string(file).unwrap()) {
+            for line in text.lines().filter(|line| line.trim_start().starts_with("cubectl ")) {
+                let named =
+                    line.split_once("--scenario ").map(|(_, rest)| rest.split_whitespace().next().unwrap());
+                // What an example before it writes is not there yet.
+                let written = |name: &str| {
+                    let folder = name.split_once('/').map_or(name, |(folder, _)| folder);
+                    text.contains(&format!("--out {folder}"))
+                };
+                if let Some(name) = named.filter(|name| !written(name)) {
+                    assert!(root.join("..").join(name).exists(), "{}: {name}", file.display());
+                    seen += 1;
+                }
+            }
+        }
+    }
+    assert!(seen > 0);
+}

@@ -1,6 +1,7 @@
 //! What `cubectl doctor` says of a cell with a fault that the scenario knows.
 
-use crate::bus_common::{Folder, code, cubectl, err, out};
+use crate::bus_common::{Folder, Served, code, cubectl, err, out};
+use hil_sim::scenario::fault_from_line;
 
 /// Exit code and findings of a doctor in a cell with this fault.
 fn doctor(folder: &Folder, fault: &str) -> (i32, Vec<serde_json::Value>, String) {
@@ -36,17 +37,12 @@ fn a_fifth_of_all_frames_lost_is_a_problem_of_every_module_with_its_share() {
     let fault = "[[fault]]\nkind = \"drop\"\ntarget = \"bus\"\nprobability = 0.2\n";
     let (code, findings, _) = doctor(&folder, fault);
     assert_eq!(code, 9);
-    // One whose three first answers are lost by chance is told as silent.
-    let named: Vec<u64> = ["lost answers", "modules"]
-        .iter()
-        .flat_map(|check| problems(&findings, check))
-        .flat_map(|f| f["modules"].as_array().unwrap().iter().map(|m| m.as_u64().unwrap()))
-        .collect();
-    assert!((1..=6).all(|module| named.contains(&module)), "{findings:#?}");
+    // One whose first answers are lost is there all the same.
+    assert_eq!(problems(&findings, "modules"), Vec::<&serde_json::Value>::new());
     let [found] = problems(&findings, "lost answers")[..] else { panic!("one finding: {findings:#?}") };
     let (counts, _) = found["what"].as_str().unwrap().split_once(" of 200 ").unwrap();
     let counts: Vec<f64> = counts.split(", ").map(|count| count.parse().unwrap()).collect();
-    assert!(counts.len() >= 4 && counts.len() == found["modules"].as_array().unwrap().len(), "{found}");
+    assert_eq!((counts.len(), &found["modules"]), (6, &serde_json::json!([1, 2, 3, 4, 5, 6])), "{found}");
     for lost in counts {
         // Question or answer is lost: 36 % of 200, with six standard deviations of 6.8.
         assert!((72.0 - 41.0..72.0 + 41.0).contains(&lost), "{found}");
@@ -90,16 +86,49 @@ fn words_of_a_state_are_explained_and_the_clear_that_is_advised_resets_the_modul
         assert!(out(&explained).contains("next: "), "{}", out(&explained));
     }
     // Halted modules: what doctor advises works.
-    let served = crate::bus_common::Served::arm(hil_sim::CellOptions::default());
+    let served = Served::arm(hil_sim::CellOptions::default());
     let bus = ["--bus", &served.spec];
     assert_eq!(crate::bus_common::code(&cubectl(&["stop", bus[0], bus[1]])), 0);
     let halted = cubectl(&["doctor", bus[0], bus[1]]);
     assert!(
-        out(&halted).contains("modules 1-6: halted") && out(&halted).contains("`cubectl clear`"),
+        out(&halted).contains("modules 1-6: halted")
+            && out(&halted).contains(&format!("`cubectl clear --bus {}`", served.spec)),
         "{}",
         out(&halted)
     );
     let cleared = cubectl(&["clear", bus[0], bus[1]]);
     assert!(out(&cleared).contains("6 of them reset"), "{}{}", out(&cleared), err(&cleared));
     assert!(!out(&cubectl(&["doctor", bus[0], bus[1]])).contains("halted"));
+}
+
+#[test]
+fn beside_a_controller_the_doctor_tells_its_fault_and_the_modules_that_are_not_heard() {
+    let silent = "kind = \"silent\", target = \"module 3\", start_s = 1.0, length_s = 3.0";
+    let served = Served::with_controller_and_faults(vec![fault_from_line(silent, 0).unwrap()]);
+    let bus = ["--bus", &served.spec];
+    assert_eq!(code(&cubectl(&["monitor", "--plain", "--for", "2", bus[0], bus[1]])), 0);
+    let ill = cubectl(&["doctor", bus[0], bus[1]]);
+    let text = out(&ill);
+    assert_eq!(code(&ill), 9, "{text}");
+    for part in ["PROBLEM  controller: controller 10: fault, ", "PROBLEM  modules: module 3: not heard"] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+    let clear = format!("`cubectl clear --bus {}`", served.spec);
+    assert!(text.contains(&clear), "{text}");
+    // With the plug in again, what is advised works.
+    assert_eq!(code(&cubectl(&["monitor", "--plain", "--for", "2", bus[0], bus[1]])), 0);
+    let cleared = cubectl(&["clear", bus[0], bus[1]]);
+    assert_eq!(code(&cleared), 0, "{}{}", out(&cleared), err(&cleared));
+    let well = cubectl(&["doctor", bus[0], bus[1]]);
+    assert_eq!(code(&well), 0, "{}", out(&well));
+    assert!(out(&well).contains("6 heard: 1, 2, 3, 4, 5, 6"), "{}", out(&well));
+}
+
+#[test]
+fn questions_that_collide_with_those_of_a_controller_are_no_fault_of_the_cable() {
+    let served = Served::with_controller();
+    let asked = cubectl(&["doctor", "--beside", "--bus", &served.spec]);
+    let text = out(&asked);
+    assert!(!text.contains("PROBLEM  bus errors") && !text.contains("PROBLEM  addresses"), "{text}");
+    assert!(text.contains("addresses: not looked at"), "{text}");
 }

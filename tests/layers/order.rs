@@ -438,7 +438,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
     },
     Folder {
         path: "host/src",
-        floors: &[&["exit"], &["error"], &["report", "trust"], &["cmd"], &["cli"], &["complete"]],
+        floors: &[&["exit"], &["error"], &["advice", "report", "trust"], &["cmd"], &["cli"], &["complete"]],
     },
     Folder {
         path: "host/src/cmd",

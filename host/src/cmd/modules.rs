@@ -89,6 +89,12 @@ impl Wanted {
         Self { modules, robot: Some(arm.name().to_owned()) }
     }
 
+    /// Those that are not among the modules that were found.
+    pub(super) fn missing(&self, found: &[ModuleReport]) -> Vec<ModuleId> {
+        let is_there = |module: &ModuleId| found.iter().any(|report| report.module == *module);
+        self.modules.iter().copied().filter(|module| !is_there(module)).collect()
+    }
+
     /// What to do about one that is not there.
     pub(super) fn next_for_missing(&self) -> String {
         match &self.robot {
@@ -156,11 +162,13 @@ pub(super) fn look(
 impl Look {
     /// Modules that must be there and are not.
     pub(super) fn missing(&self) -> Vec<ModuleId> {
-        let is_there = |module: &ModuleId| match &self.seen {
-            Seen::Heard(beside) => beside.modules.iter().any(|(there, _)| there == module),
-            Seen::Asked(found) => found.iter().any(|report| report.module == *module),
-        };
-        self.wanted.modules.iter().copied().filter(|module| !is_there(module)).collect()
+        match &self.seen {
+            Seen::Asked(found) => self.wanted.missing(found),
+            Seen::Heard(beside) => {
+                let is_there = |module: &ModuleId| beside.modules.iter().any(|(there, _)| there == module);
+                self.wanted.modules.iter().copied().filter(|module| !is_there(module)).collect()
+            }
+        }
     }
 
     /// That modules are missing, with what to do; `None` if none is.
@@ -234,7 +242,7 @@ pub(super) struct Beside {
 
 /// Listens instead of asking, if another node speaks to the modules and `beside` does not say to ask all the same; `None`
 /// if nobody does. Only the `named` modules are told.
-fn listen_beside(
+pub(super) fn listen_beside(
     session: &mut Session,
     named: Option<&[ModuleId]>,
     beside: bool,
@@ -252,6 +260,11 @@ fn listen_beside(
 }
 
 impl Beside {
+    /// What the controller told of the group last.
+    pub(super) const fn group(&self) -> Option<&GroupState> {
+        self.group.as_ref()
+    }
+
     /// Who is there, in a line.
     pub(super) fn line(&self) -> String {
         match (self.presence.controller, &self.group) {

@@ -5,6 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::modules::{Beside, Modules, Seen, look};
 use super::{counted, fixed, print_json};
+use crate::advice::Place;
 use crate::error::ExpectedError;
 use operator::bus::BusArgs;
 use operator::bus::args::interrupt;
@@ -43,7 +44,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     // Whether the robot is whole is for `status` and `doctor` to judge.
     if let Some(missing) = look.told_missing() {
-        console::note!("{}", missing.message);
+        console::note!("{}", Place::of_bus(&args.bus).told(&missing.message));
     }
     Ok(())
 }

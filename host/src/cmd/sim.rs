@@ -27,7 +27,7 @@ const LOOK: Duration = Duration::from_millis(50);
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl sim                                  # then: cubectl scan --bus socketcand://127.0.0.1:29536/can0\n  cubectl sim --bus slcan:/dev/ptmx --controller\n  cubectl sim --bus vcan0 --scenario silent_drive.toml\n  cubectl sim --robot kr16_2 --rsi udp://127.0.0.1:49152 --tracker 127.0.0.1:5000"
+    after_help = "Examples:\n  cubectl sim                                  # then: cubectl scan --bus socketcand://127.0.0.1:29536/can0\n  cubectl sim --bus slcan:/dev/ptmx --controller\n  cubectl sim --bus vcan0 --scenario hil-sim/scenarios/silent_joint.toml\n  cubectl sim --robot kr16_2 --rsi udp://127.0.0.1:49152 --tracker 127.0.0.1:5000"
 )]
 pub struct Args {
     /// Where: socketcand://127.0.0.1:29536/can0 and slcan://127.0.0.1:3333 serve that port, slcan:/dev/ptmx makes a

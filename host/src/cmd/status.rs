@@ -5,6 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::modules::{Beside, Modules, Seen, look};
 use super::{fixed, print_json};
+use crate::advice::Place;
 use crate::error::ExpectedError;
 use operator::bus::BusArgs;
 use operator::bus::args::interrupt;
@@ -45,7 +46,9 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         }
     }
     match look.told_missing() {
-        Some(missing) if look.is_guess() => console::note!("{}", missing.message),
+        Some(missing) if look.is_guess() => {
+            console::note!("{}", Place::of_bus(&args.bus).told(&missing.message));
+        }
         Some(missing) => return Err(missing),
         None => {}
     }

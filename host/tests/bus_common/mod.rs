@@ -61,12 +61,18 @@ impl Served {
 impl Served {
     /// A homed arm with its controller on the bus.
     pub(crate) fn with_controller() -> Self {
-        Self::new(|| {
+        Self::with_controller_and_faults(Vec::new())
+    }
+
+    /// As [`Self::with_controller`], with what goes wrong.
+    pub(crate) fn with_controller_and_faults(faults: Vec<Fault>) -> Self {
+        let make = || {
             let mut options = CellOptions::default();
             options.drive.starts_homed = true;
             let cell = Cell::new(&AnyRobot::load("powercube6").unwrap(), &options, 1).unwrap();
             (cell, operator::bus::sim::soft_controller_guest())
-        })
+        };
+        Self::with_faults(make, faults)
     }
 }
 

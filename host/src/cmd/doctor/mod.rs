@@ -1,5 +1,7 @@
 //! `cubectl doctor`
 
+mod beside;
+mod kind;
 mod losses;
 
 use can_link::Cause;
@@ -7,8 +9,9 @@ use protocol::powercube::{Address, Config, CubeState, Parameter, Request};
 use protocol::{Duration, Frame, ModuleId};
 
 use super::finding::{Finding, Level, finding, grouped, of_modules};
-use super::modules::{Wanted, module_json, survey_with_progress};
+use super::modules::{Wanted, listen_beside, module_json, survey_with_progress};
 use super::print_json;
+use crate::advice::Place;
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::period::PERIOD_MAX_US;
@@ -23,6 +26,9 @@ const LISTEN: Duration = Duration::from_millis(300);
 const SECOND_ANSWER: Duration = Duration::from_millis(15);
 /// Rounds of questions that look for a second drive.
 const DUPLICATE_ROUNDS: usize = 3;
+/// Further surveys of a module of the robot that is not found: one that loses frames answers one of them, and its losses are
+/// counted then; one that is silent answers none.
+const PATIENT_SURVEYS: usize = 5;
 /// 29-bit frames of the probe.
 const PROBE_FRAMES: usize = 5;
 /// Control period of the settings.
@@ -33,7 +39,7 @@ const MOTOR_OFF_V: f64 = 5.0;
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl doctor --bus can0\n  cubectl doctor --bus can0 --modules 1-2    # only these are plugged in\n  cubectl doctor --robot kr16_2 --bus rsi:udp://0.0.0.0:49152\n  cubectl doctor --bus can0 --probe-29-bit   # motors off!\n\nNothing is set in motion. With findings of the level PROBLEM the exit code is 9. `cubectl explain WORD` says what a word\nof a state means."
+    after_help = "Examples:\n  cubectl doctor --bus can0\n  cubectl doctor --bus can0 --modules 1-2    # only these are plugged in\n  cubectl doctor --robot kr16_2 --bus rsi:udp://0.0.0.0:49152\n  cubectl doctor --bus can0 --probe-29-bit   # motors off!\n\nNothing is set in motion. Beside a controller nothing is asked: its fault is told, and the modules as they are heard.\nWith findings of the level PROBLEM the exit code is 9. `cubectl explain WORD` says what a word of a state means."
 )]
 pub struct Args {
     /// Bus options.
@@ -65,7 +71,11 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         None => Wanted::of_robot(&cell.robot),
     };
     let mut session = args.bus.open_cell(&cell, None)?;
-    let (modules, findings) = examine(&mut session, &wanted, args.probe, args.bus.beside)?;
+    let (modules, mut findings) = look(&mut session, &wanted, args.probe, args.bus.beside)?;
+    let place = Place::of_bus(&args.bus);
+    for found in &mut findings {
+        found.next = place.told(&found.next);
+    }
     let name = session.name().to_owned();
     session.finish()?;
     if args.json {
@@ -90,7 +100,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 }
 
 /// Looks at everything; if another node speaks to the modules, only listens unless `beside`.
-fn examine(
+fn look(
     session: &mut Session,
     wanted: &Wanted,
     probe: bool,
@@ -98,15 +108,15 @@ fn examine(
 ) -> Result<(Vec<ModuleReport>, Vec<Finding>), ExpectedError> {
     let mut findings = Vec::new();
     session.sleep_until(session.now() + LISTEN)?;
-    findings.push(others(session));
-    if !beside && session.host_node().tally().foreign_requests > 0 {
-        // A motion may be running: our questions would destroy its frames.
-        findings.extend(errors(session));
+    let shared = session.host_node().tally().foreign_requests > 0;
+    findings.push(others(session, beside));
+    if let Some(heard) = listen_beside(session, None, beside)? {
+        findings.extend(beside::find(session, &heard, wanted));
         return Ok((Vec::new(), findings));
     }
-    let (modules, found) = examine_modules(session, wanted)?;
+    let (modules, found) = examine(session, wanted, shared)?;
     findings.extend(found);
-    findings.extend(timing(session, &modules)?);
+    findings.extend(if shared { Vec::new() } else { timing(session, &modules)? });
     findings.push(if probe {
         probe_29_bit(session, &modules)?
     } else {
@@ -129,19 +139,36 @@ pub fn examine_modules(
     session: &mut Session,
     wanted: &Wanted,
 ) -> Result<(Vec<ModuleReport>, Vec<Finding>), ExpectedError> {
+    examine(session, wanted, false)
+}
+
+/// As [`examine_modules`]. On a `shared` bus our questions and those of the other host destroy each other.
+fn examine(
+    session: &mut Session,
+    wanted: &Wanted,
+    shared: bool,
+) -> Result<(Vec<ModuleReport>, Vec<Finding>), ExpectedError> {
     let all: Vec<ModuleId> = ModuleId::all().collect();
-    let modules = survey_with_progress(session, &all)?;
+    let mut modules = survey_with_progress(session, &all)?;
+    for _ in 0..PATIENT_SURVEYS {
+        let missing = wanted.missing(&modules);
+        if missing.is_empty() {
+            break;
+        }
+        modules.extend(survey_with_progress(session, &missing)?);
+    }
+    modules.sort_by_key(|report| report.module);
     let mut findings = presence(session, &modules, wanted);
-    findings.push(duplicates(session, &modules)?);
+    findings.push(duplicates(session, &modules, shared)?);
     findings.extend(losses::find(session, &modules)?);
-    findings.extend(errors(session));
+    findings.extend(errors(session, shared));
     for report in &modules {
         findings.extend(module_findings(report));
     }
     Ok((modules, grouped(findings)))
 }
 
-fn others(session: &mut Session) -> Finding {
+fn others(session: &mut Session, beside: bool) -> Finding {
     let tally = session.host_node().tally();
     if tally.received == 0 {
         return finding(Level::Ok, "traffic", "nobody else speaks", "");
@@ -154,9 +181,13 @@ fn others(session: &mut Session) -> Finding {
         tally.foreign_requests
     );
     if tally.foreign_requests > 0 {
-        let next = "another host or a controller speaks to the modules, which were therefore not asked; end it for the \
-                    other checks, or add --beside while nothing moves";
-        return finding(Level::Problem, "traffic", what, next);
+        let next = if beside {
+            "questions of ours and of the other host destroy each other: end it to look for losses, collisions and addresses"
+        } else {
+            "a controller or another host speaks to the modules, so nothing was asked, and this is what was heard; end it for \
+             the other checks, or add --beside while nothing moves"
+        };
+        return finding(Level::Note, "traffic", what, next);
     }
     finding(Level::Note, "traffic", what, "somebody else is on this bus")
 }
@@ -172,14 +203,11 @@ fn presence(session: &Session, modules: &[ModuleReport], wanted: &Wanted) -> Vec
             (
                 "no module answers, and nobody acknowledges our frames",
                 "we are alone on the wire: check plug, supply and termination (60 ohm between CAN-H and CAN-L), then \
-                 the bit rate",
+                 the bit rate"
+                    .to_owned(),
             )
         } else {
-            (
-                "no module answers",
-                "check the supply of the modules and the bit rate: `ip link set can0 down`, then `ip link set can0 type \
-                 can bitrate 500000` (or 250000, 1000000), `ip link set can0 up`",
-            )
+            ("no module answers", kind::no_answer(session))
         };
         findings.push(finding(Level::Problem, "modules", what, next));
     } else {
@@ -192,16 +220,17 @@ fn presence(session: &Session, modules: &[ModuleReport], wanted: &Wanted) -> Vec
         ));
     }
     // That nobody answers has been said.
-    let silent =
-        |module: &&ModuleId| !modules.is_empty() && !modules.iter().any(|report| report.module == **module);
-    for module in wanted.modules.iter().filter(silent) {
+    if !modules.is_empty() {
         let next = wanted.next_for_missing();
-        findings.push(of_modules(Level::Problem, "modules", &[*module], "no answer", next));
+        let silent = wanted.missing(modules).into_iter();
+        findings.extend(
+            silent.map(|module| of_modules(Level::Problem, "modules", &[module], "no answer", next.as_str())),
+        );
     }
     findings
 }
 
-fn errors(session: &Session) -> Vec<Finding> {
+fn errors(session: &Session, shared: bool) -> Vec<Finding> {
     let errors = session.bus_errors();
     if errors.is_empty() {
         return vec![finding(Level::Ok, "bus errors", "none reported", "")];
@@ -219,8 +248,7 @@ fn errors(session: &Session) -> Vec<Finding> {
             Level::Problem,
             "bus errors",
             format!("bus-off: the adapter left the bus ({counters})"),
-            "wrong bit rate, or CAN-H and CAN-L short or swapped; then restart the interface: `ip link set can0 down && \
-             ip link set can0 up`",
+            kind::after_bus_off(session),
         ));
     }
     if has(&|cause| *cause == Cause::NoAcknowledge) {
@@ -234,12 +262,13 @@ fn errors(session: &Session) -> Vec<Finding> {
     if has(&|cause| {
         matches!(cause, Cause::Protocol { .. } | Cause::BusError | Cause::ErrorPassive | Cause::ErrorWarning)
     }) {
-        findings.push(finding(
-            Level::Problem,
-            "bus errors",
-            format!("frames were destroyed on the wire ({counters})"),
-            "check termination and cable; one participant may have another bit rate, or two modules one address",
-        ));
+        let what = format!("frames were destroyed on the wire ({counters})");
+        findings.push(if shared {
+            finding(Level::Note, "bus errors", what, "questions of two hosts do that: end the other one, then again")
+        } else {
+            let next = "check termination and cable; one participant may have another bit rate, or two modules one address";
+            finding(Level::Problem, "bus errors", what, next)
+        });
     }
     if findings.is_empty() {
         findings.push(finding(Level::Note, "bus errors", counters, ""));
@@ -248,7 +277,10 @@ fn errors(session: &Session) -> Vec<Finding> {
 }
 
 /// Asks each module for its serial number a few times and waits for a second answer.
-fn duplicates(session: &mut Session, modules: &[ModuleReport]) -> Result<Finding, AskError> {
+fn duplicates(session: &mut Session, modules: &[ModuleReport], shared: bool) -> Result<Finding, AskError> {
+    if shared {
+        return Ok(finding(Level::Note, "addresses", "not looked at", "end the other host, then again"));
+    }
     let before = session.host_node().drives.policy();
     session.host_node().drives.set_policy(Policy { linger: SECOND_ANSWER, tries: 1, ..before });
     let (mut serials, errors_before) = (vec![Vec::new(); modules.len()], session.bus_errors().len());
@@ -309,22 +341,7 @@ fn module_findings(report: &ModuleReport) -> Vec<Finding> {
         findings.push(of(Level::Problem, "state", "does not tell its state".to_owned(), "scan again"));
         return findings;
     };
-    let causes = CubeState::from_bits(state.bits() & CubeState::CAUSES.bits());
-    if state.contains(CubeState::ERROR) || causes != CubeState::EMPTY {
-        let next = if causes.intersects(CubeState::NEEDS_POWER_CYCLE) {
-            format!("`cubectl explain '{causes}'`; only switching the module off and on clears it")
-        } else {
-            format!("`cubectl explain '{causes}'`; remove the cause, then `cubectl clear`")
-        };
-        findings.push(of(Level::Problem, "state", causes.to_string(), &next));
-    } else if state.contains(CubeState::HALTED) {
-        findings.push(of(
-            Level::Note,
-            "state",
-            "halted".to_owned(),
-            "`cubectl clear`; `cubectl home` and `cubectl jog` reset it too",
-        ));
-    }
+    findings.extend(state_finding(report.module, state));
     if !report.is_homed() {
         let next = if report.is_absolute() { "switch it off and on" } else { "`cubectl home`" };
         findings.push(of(Level::Note, "homing", "not homed".to_owned(), next));
@@ -363,6 +380,21 @@ fn module_findings(report: &ModuleReport) -> Vec<Finding> {
         ));
     }
     findings
+}
+
+/// An error or a halt.
+fn state_finding(module: ModuleId, state: CubeState) -> Option<Finding> {
+    let causes = CubeState::from_bits(state.bits() & CubeState::CAUSES.bits());
+    if state.contains(CubeState::ERROR) || causes != CubeState::EMPTY {
+        let next = if causes.intersects(CubeState::NEEDS_POWER_CYCLE) {
+            format!("`cubectl explain '{causes}'`; only switching the module off and on clears it")
+        } else {
+            format!("`cubectl explain '{causes}'`; remove the cause, then `cubectl clear`")
+        };
+        return Some(of_modules(Level::Problem, "state", &[module], causes.to_string(), next));
+    }
+    let next = "`cubectl clear`; `cubectl home` and `cubectl jog` reset it too";
+    state.contains(CubeState::HALTED).then(|| of_modules(Level::Note, "state", &[module], "halted", next))
 }
 
 /// Whether a controller in this program would keep its cycle here; nothing in virtual time.

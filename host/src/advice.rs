@@ -1,0 +1,181 @@
+//! Command lines in messages, for the bus of the command that prints them: who copies one acts on that bus, and not on the
+//! simulated cell inside the program.
+
+use clap::ArgMatches;
+use clap::parser::ValueSource;
+use operator::bus::BusArgs;
+
+/// What a command line in a message begins with if it acts on a bus: without `--bus` it would mean the simulated cell.
+pub const BUS_VERBS: [&str; 25] = [
+    "clear",
+    "config diff",
+    "config dump",
+    "config restore",
+    "controller",
+    "doctor",
+    "explain --last",
+    "home",
+    "identify",
+    "jog",
+    "key remove",
+    "key set",
+    "monitor",
+    "record",
+    "registers export",
+    "registers get",
+    "registers list",
+    "registers set",
+    "run",
+    "scan",
+    "status",
+    "stop",
+    "throw",
+    "unlock",
+    "upload",
+];
+
+/// Before a command line in a message.
+const BEGIN: &str = "`cubectl ";
+
+/// Bus and robot of a command line, as options to put into others; empty if it names no bus.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Place(String);
+
+impl Place {
+    /// As somebody typed them.
+    #[must_use]
+    pub fn of_matches(matches: &ArgMatches) -> Self {
+        let mut verb = matches;
+        let mut server = false;
+        while let Some((name, inner)) = verb.subcommand() {
+            (verb, server) = (inner, name == "sim");
+        }
+        // `sim` serves a bus; clients reach it by the same words, but a message of it is not about them.
+        if server {
+            return Self::default();
+        }
+        let given = |id: &str| {
+            let typed = matches!(verb.try_contains_id(id), Ok(true))
+                && verb.value_source(id) == Some(ValueSource::CommandLine);
+            let raw = typed.then(|| verb.get_raw(id)?.next()).flatten()?;
+            Some(raw.to_string_lossy().into_owned())
+        };
+        Self::new(given("bus").as_deref(), given("robot").as_deref())
+    }
+
+    /// As a verb has them.
+    #[must_use]
+    pub fn of_bus(args: &BusArgs) -> Self {
+        Self::new(Some(&args.bus.to_string()), args.cell.robot.as_deref())
+    }
+
+    fn new(bus: Option<&str>, robot: Option<&str>) -> Self {
+        let Some(bus) = bus.filter(|bus| *bus != "sim") else { return Self::default() };
+        let mut options = format!(" --bus {}", quoted(bus));
+        if let Some(robot) = robot {
+            options += &format!(" --robot {}", quoted(robot));
+        }
+        Self(options)
+    }
+
+    /// `text` with this bus in every command line that acts on one and names none.
+    #[must_use]
+    pub fn told(&self, text: &str) -> String {
+        let (mut told, mut rest) = (String::with_capacity(text.len()), text);
+        while let Some(at) = rest.find(BEGIN) {
+            let (before, after) = rest.split_at(at + BEGIN.len());
+            told += before;
+            let line = &after[..after.find('`').unwrap_or(after.len())];
+            let verb = BUS_VERBS.iter().find(|verb| {
+                line.strip_prefix(**verb).is_some_and(|more| more.is_empty() || more.starts_with(' '))
+            });
+            rest = after;
+            if let Some(verb) = verb
+                && !line.contains("--bus")
+            {
+                told += verb;
+                told += &self.0;
+                rest = &after[verb.len()..];
+            }
+        }
+        told + rest
+    }
+}
+
+/// A word for a shell.
+fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "_-./:,@%+=".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', r"'\''"))
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+    use crate::cli::Cli;
+
+    fn place(words: &[&str]) -> Place {
+        Place::of_matches(&Cli::command().get_matches_from(words))
+    }
+
+    #[test]
+    fn advice_names_the_bus_and_the_robot_of_the_command_that_gives_it() {
+        let can = place(&["cubectl", "config", "diff", "a.toml", "--bus", "can0"]);
+        assert_eq!(
+            can.told(
+                "`cubectl config restore a.toml`, `cubectl home` and `cubectl throw --controller NODE-ID`"
+            ),
+            "`cubectl config restore --bus can0 a.toml`, `cubectl home --bus can0` and `cubectl throw --bus can0 --controller \
+             NODE-ID`"
+        );
+        let robot =
+            place(&["cubectl", "status", "--bus", "rsi:udp://h:1?lockstep", "--robot", "my arm.toml"]);
+        assert_eq!(
+            robot.told("`cubectl clear`"),
+            "`cubectl clear --bus 'rsi:udp://h:1?lockstep' --robot 'my arm.toml'`"
+        );
+    }
+
+    #[test]
+    fn advice_about_no_bus_or_with_a_bus_stays_as_it_is() {
+        let can = place(&["cubectl", "doctor", "--bus", "can0"]);
+        for text in [
+            "`cubectl explain 202`",
+            "`cubectl clear --bus can1`",
+            "`cubectl tune`",
+            "cubectl home",
+            "`cubectl ",
+        ] {
+            assert_eq!(can.told(text), text);
+        }
+        assert_eq!(can.told("`cubectl explain --last`"), "`cubectl explain --last --bus can0`");
+        for words in
+            [&["cubectl", "home"][..], &["cubectl", "home", "--bus", "sim"], &["cubectl", "check", "a.json"]]
+        {
+            assert_eq!(place(words).told("`cubectl home`"), "`cubectl home`");
+        }
+        let served = place(&["cubectl", "sim", "--bus", "socketcand://127.0.0.1:1/can0"]);
+        assert_eq!(served.told("`cubectl home`"), "`cubectl home`");
+    }
+
+    #[test]
+    fn every_verb_with_a_bus_is_listed() {
+        let cli = Cli::command();
+        let has_bus = |verb: &clap::Command| verb.get_arguments().any(|arg| arg.get_long() == Some("bus"));
+        let mut verbs = Vec::new();
+        for verb in cli.get_subcommands() {
+            verbs.extend(has_bus(verb).then(|| verb.get_name().to_owned()));
+            let below = verb.get_subcommands().filter(|below| has_bus(below));
+            verbs.extend(below.map(|below| format!("{} {}", verb.get_name(), below.get_name())));
+        }
+        // `sim` serves a bus, `tune` designs gains without one, `explain` listens to one for what happened last.
+        verbs.retain(|verb| !["explain", "sim", "tune"].contains(&verb.as_str()));
+        verbs.push("explain --last".to_owned());
+        verbs.sort();
+        assert_eq!(verbs, BUS_VERBS);
+    }
+}
