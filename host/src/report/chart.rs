@@ -33,6 +33,8 @@ pub struct Curve {
     pub beside: bool,
 }
 
+/// Part of its span by which a chart is drawn longer to show a fault.
+const FAULT_BEYOND: f64 = 0.05;
 /// Height of a row of a legend.
 const LEGEND_ROW: f64 = 15.0;
 
@@ -162,11 +164,21 @@ impl Chart {
         if x.0 > x.1 {
             (x, y) = ((0.0, 1.0), (0.0, 1.0));
         }
+        // What is recorded may end just before the fault that ended it.
+        let near = FAULT_BEYOND * (x.1 - x.0);
+        if let Some((at, _)) = &self.fault
+            && (x.1..=x.1 + near).contains(at)
+        {
+            x.1 += near;
+        }
         let pad = |(a, b): (f64, f64)| if b - a < 1e-9 { 0.5 } else { 0.06 * (b - a) };
         let (px, py) = (if self.equal || x.1 - x.0 < 1e-9 { pad(x) } else { 0.0 }, pad(y));
         (x, y) = ((x.0 - px, x.1 + px), (y.0 - py, y.1 + py));
         let (width, height) = self.size();
-        let (left, top) = (58.0, 46.0 + self.legend_more());
+        // Numbers of the vertical axis stand beside its name.
+        let longest = ticks(y.0, y.1).iter().map(|(_, label)| label.chars().count()).max().unwrap_or(0);
+        let left = 27.0 + 6.2 * longest.max(5) as f64;
+        let top = 46.0 + self.legend_more();
         let (w, h) = (width - left - 14.0, height - top - 38.0);
         if self.equal {
             let scale = ((x.1 - x.0) / w).max((y.1 - y.0) / h);
@@ -371,6 +383,27 @@ mod tests {
             Chart { curves: vec![curve("actual"), Curve::limit((0.0, 1.0), 1.0)], ..Chart::default() };
         assert_eq!((short.legend_more(), long.legend_more()), (0.0, LEGEND_ROW));
         assert_eq!((short.size().1, long.size().1), (300.0, 420.0 + LEGEND_ROW));
+    }
+
+    #[test]
+    fn a_fault_just_after_the_last_sample_is_marked_and_a_distant_one_is_not() {
+        let chart = |fault_s: f64| Chart {
+            curves: vec![Curve::line("", 0, vec![(0.0, 0.0), (1.0, 1.0)])],
+            fault: Some((fault_s, "fault 104".to_owned())),
+            ..Chart::default()
+        };
+        assert!(chart(0.5).svg().contains("fault 104") && chart(1.01).svg().contains("fault 104"));
+        assert_eq!((chart(1.01).frame().x, chart(3.0).frame().x), ((0.0, 1.05), (0.0, 1.0)));
+        assert!(!chart(3.0).svg().contains("fault 104"));
+    }
+
+    #[test]
+    fn long_numbers_of_the_vertical_axis_leave_room_for_its_name() {
+        let left = |y: f64| {
+            let points = vec![(0.0, 3.1211), (1.0, 3.1211 + y)];
+            Chart { curves: vec![Curve::line("", 0, points)], ..Chart::default() }.frame().left
+        };
+        assert_eq!((left(1.0), left(0.000_4)), (58.0, 27.0 + 6.2 * 6.0));
     }
 
     #[test]

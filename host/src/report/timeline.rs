@@ -12,6 +12,8 @@ const WIDTH: f64 = 1200.0;
 const LEFT: f64 = 120.0;
 const LANE: f64 = 24.0;
 const TOP: f64 = 26.0;
+/// More numbers would touch each other.
+const TICKS_MAX: i64 = 25;
 
 /// The frames from `from_t_s` to `to_t_s` as an SVG element. `lanes` are addresses and names of the drives.
 #[must_use]
@@ -45,8 +47,7 @@ pub fn svg(slots: &[Slot], from_t_s: f64, to_t_s: f64, lanes: &[(u8, String)]) -
         );
     }
     let floor = TOP + LANE * rows as f64;
-    let first_ms = (from_t_s * 1e3).ceil() as i64;
-    for ms in first_ms..=(to_t_s * 1e3).floor() as i64 {
+    for ms in ticks_ms(from_t_s, to_t_s) {
         let x = sx(ms as f64 * 1e-3);
         let _ = write!(
             o,
@@ -91,6 +92,16 @@ pub fn svg(slots: &[Slot], from_t_s: f64, to_t_s: f64, lanes: &[(u8, String)]) -
     o + "</svg>"
 }
 
+/// Whole milliseconds with a number below them, at most [`TICKS_MAX`]: the fewest steps of 1, 2 or 5 times a power of ten.
+fn ticks_ms(from_t_s: f64, to_t_s: f64) -> impl Iterator<Item = i64> {
+    let steps = (0..).flat_map(|power| [1, 2, 5].map(|digit| digit * 10_i64.pow(power)));
+    let span_ms = (to_t_s - from_t_s) * 1e3;
+    let step = steps.into_iter().find(|step| span_ms <= (TICKS_MAX * step) as f64).unwrap_or(1);
+    let first = (from_t_s * 1e3 / step as f64).ceil() as i64;
+    let last = (to_t_s * 1e3 / step as f64).floor() as i64;
+    (first..=last).map(move |tick| tick * step)
+}
+
 /// What a frame of a drive says.
 fn in_words(slot: &Slot) -> String {
     // Frames of drives need nothing from before them.
@@ -99,5 +110,20 @@ fn in_words(slot: &Slot) -> String {
         Some(Fact::Reply { reply, .. }) => format!("{reply:?}"),
         Some(Fact::Broadcast(broadcast)) => format!("{broadcast:?}"),
         _ => "part of a message".to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_of_the_time_axis_keep_apart_for_short_and_long_cycles() {
+        assert_eq!(ticks_ms(0.4971, 0.5029).collect::<Vec<_>>(), [498, 499, 500, 501, 502]);
+        let long: Vec<i64> = ticks_ms(0.452, 0.542).collect();
+        assert_eq!((long.first(), long.last(), long.len()), (Some(&455), Some(&540), 18));
+        for period_ms in [3.0, 5.0, 10.0, 17.0, 30.0, 40.0, 400.0] {
+            assert!(ticks_ms(-0.0015 * period_ms, 0.0015 * period_ms).count() <= 26, "{period_ms}");
+        }
     }
 }

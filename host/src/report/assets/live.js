@@ -117,7 +117,7 @@
     const trail = scene.hand;
     if (now.placed) {
       trail.push(now.placed.hand_m); if (trail.length > 400) trail.shift();
-      dispatchEvent(new CustomEvent('live-step', {detail: {t: now.t_s, ball: now.placed.hand_m, links: now.placed.links}}));
+      dispatchEvent(new CustomEvent('live-step', {detail: {t: now.t_s, ball: c && c.gripper_open ? null : now.placed.hand_m, links: now.placed.links}}));
     }
     el('fault').hidden = !(c && c.fault);
     if (c && c.fault) el('fault').textContent = `fault ${c.fault.code}${c.fault.joint ? `, joint ${c.fault.joint}` : ''}: ${c.fault.what}. What to do: ${c.fault.next}.`;

@@ -75,7 +75,7 @@
         all.push({p, depth: middleOf, colour: shade(box.link === 0 ? css('--base') : box.link === scene.last ? hand : body, 0.62 + 0.34 * facing + 0.16 * up)});
       }
     }
-    const q = turn(step.ball); all.push({ball: step.ball, depth: q[2] + scene.radius});
+    if (step.ball) all.push({ball: step.ball, depth: turn(step.ball)[2] + scene.radius});
     all.sort((a, b) => a.depth - b.depth);
     for (const f of all) {
       if (f.ball && step.normal) { disc(f.ball, step.normal); continue; }
@@ -115,7 +115,7 @@
     const step = at(now);
     if (scene.ellipse) { area(scene.ellipse, css('--c2'), 0.3); line(scene.ellipse.concat([scene.ellipse[0]]), css('--c2'), 1.5); }
     if (scene.target) goal(scene.target);
-    area(ring(step.ball, scene.radius * 1.1, z + 0.001), '#000', 0.25);
+    if (step.ball) area(ring(step.ball, scene.radius * 1.1, z + 0.001), '#000', 0.25);
     if (scene.planned) line(scene.planned, css('--soft'), 1.2, [4, 4]);
     line(scene.hand, css('--path'), 1.6, [5, 3]);
     if (scene.flight.length) line(scene.flight, css('--fly'), 1.2, [2, 4]);
