@@ -35,6 +35,11 @@ DRAWN = """(() => { const c = document.getElementById('scene');
   let n = 0; for (let i = 3; i < all.length; i += 4) if (all[i] > 0) n++; return n; })()"""
 
 
+# The same with a ball nobody knows the place of.
+DRAWN_WITHOUT_BALL = f"""(() => {{ const step = {{...scene.steps[0], ball: null}};
+  dispatchEvent(new CustomEvent('live-step', {{detail: step}})); return {DRAWN}; }})()"""
+
+
 def refused(url, **headers):
     try:
         urllib.request.urlopen(urllib.request.Request(url, headers=headers))
@@ -96,6 +101,8 @@ def main(cubectl, out):
         assert page.value("scene.hand.length") > 10, "the hand's path grows"
         drawn = page.value(DRAWN)
         assert drawn > 5000, f"the arm is drawn: {drawn} points of the picture have a colour"
+        without = page.value(DRAWN_WITHOUT_BALL)
+        assert 5000 < without < drawn, f"an open gripper has no ball: {without} points of {drawn}"
 
         page.value("document.getElementById('stop').click()")
         wait_for("the stop", lambda: "stopped from the page" in said())

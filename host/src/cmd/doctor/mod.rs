@@ -242,6 +242,10 @@ fn errors(session: &Session, shared: bool) -> Vec<Finding> {
         .filter_map(|(_, error)| error.counters())
         .fold((0, 0), |(a, b), (tec, rec)| (a.max(tec), b.max(rec)));
     let counters = format!("{} reports, counters up to {tec} (transmit) and {rec} (receive)", errors.len());
+    if shared {
+        let next = "questions of two hosts destroy each other, up to bus-off: end the other one, then again";
+        return vec![finding(Level::Note, "bus errors", counters, next)];
+    }
     let mut findings = Vec::new();
     if has(&|cause| *cause == Cause::BusOff) {
         findings.push(finding(
@@ -262,13 +266,12 @@ fn errors(session: &Session, shared: bool) -> Vec<Finding> {
     if has(&|cause| {
         matches!(cause, Cause::Protocol { .. } | Cause::BusError | Cause::ErrorPassive | Cause::ErrorWarning)
     }) {
-        let what = format!("frames were destroyed on the wire ({counters})");
-        findings.push(if shared {
-            finding(Level::Note, "bus errors", what, "questions of two hosts do that: end the other one, then again")
-        } else {
-            let next = "check termination and cable; one participant may have another bit rate, or two modules one address";
-            finding(Level::Problem, "bus errors", what, next)
-        });
+        findings.push(finding(
+            Level::Problem,
+            "bus errors",
+            format!("frames were destroyed on the wire ({counters})"),
+            "check termination and cable; one participant may have another bit rate, or two modules one address",
+        ));
     }
     if findings.is_empty() {
         findings.push(finding(Level::Note, "bus errors", counters, ""));
