@@ -1,6 +1,7 @@
 //! The page of the live view: style and picture in space of a report, fed by a WebSocket.
 
 use nalgebra::Vector3;
+use operator::analysis::POSITION_BOUND_RAD;
 use operator::machine::Machine;
 use planner::plan::file::PlanFile;
 use robot_model::{AnyRobot, for_any_robot};
@@ -47,10 +48,11 @@ pub fn page(robot: &AnyRobot, bus: &str, plan: Option<&PlanFile>) -> String {
          <h2>Events</h2><p>What controller, host and drives said; the newest first.</p><div class=\"card scroll\">\
          <table id=\"events\"><tr><th class=\"l\">time s</th><th class=\"l\">who</th><th class=\"l\">what</th></tr></table></div>\
          <footer>Served by cubectl {version} to this machine only.</footer></main>\
-         <script>const scene={scene},live={{\"joints\":{names}}};{SCENE}</script><script>{LIVE}</script></body></html>\n",
+         <script>const scene={scene},live={{\"joints\":{names},\"bound_mrad\":{bound_mrad}}};{SCENE}</script><script>{LIVE}</script></body></html>\n",
         title = escape(&title),
         version = env!("CARGO_PKG_VERSION"),
         scene = scene(robot, plan),
+        bound_mrad = (1e3 * POSITION_BOUND_RAD).round(),
     )
 }
 

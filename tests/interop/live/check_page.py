@@ -101,6 +101,7 @@ def main(cubectl, out):
         assert page.value("scene.hand.length") > 10, "the hand's path grows"
         drawn = page.value(DRAWN)
         assert drawn > 5000, f"the arm is drawn: {drawn} points of the picture have a colour"
+        assert "bound ±50 mrad" in page.value("document.getElementById('errors').textContent")
         without = page.value(DRAWN_WITHOUT_BALL)
         assert 5000 < without < drawn, f"an open gripper has no ball: {without} points of {drawn}"
 

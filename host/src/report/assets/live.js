@@ -7,7 +7,8 @@
 
   // A chart over the last seconds, with the classes of the report's charts. On a phone it is drawn smaller, its letters are not.
   const phone = innerWidth < 640, W = phone ? 340 : 600, LEFT = 58, h = phone ? 130 : 156, w = W - LEFT - 14;
-  function chart(box, title, unit, names, floor, limit) {
+  // With `both` the limit holds below zero too.
+  function chart(box, title, unit, names, floor, limit, both) {
     // Places of the names; a row that is full is followed by another. A character is about 6.2 wide.
     let right = 0, row = 0;
     const legend = names.map(name => {
@@ -59,6 +60,7 @@
         const all = shown.flat().map(p => p[1]);
         let lo = Math.min(floor[0], ...all), hi = Math.max(floor[1], ...all);
         if (limit && hi > 0.25 * limit) hi = Math.max(hi, limit);
+        if (both && lo < -0.25 * limit) lo = Math.min(lo, -limit);
         const pad = 0.06 * (hi - lo); lo -= pad; hi += pad;
         const sx = x => LEFT + (x - t + SPAN_S) / SPAN_S * w, sy = y => TOP + (hi - y) / (hi - lo) * h;
         svg.textContent = '';
@@ -75,7 +77,9 @@
         }
         tag('text', {x: LEFT + w / 2, y: H - 4, 'text-anchor': 'middle'}, 'time in s');
         tag('text', {transform: `translate(12 ${TOP + h / 2}) rotate(-90)`, 'text-anchor': 'middle'}, unit);
-        if (limit && limit <= hi) tag('path', {class: 'limit', d: `M${LEFT} ${sy(limit).toFixed(1)}H${LEFT + w}`});
+        for (const bound of both ? [limit, -limit] : [limit]) {
+          if (bound && bound >= lo && bound <= hi) tag('path', {class: 'limit', d: `M${LEFT} ${sy(bound).toFixed(1)}H${LEFT + w}`});
+        }
         shown.forEach((points, i) => {
           const d = points.map((p, k) => `${k ? 'L' : 'M'}${sx(p[0]).toFixed(1)} ${sy(p[1]).toFixed(1)}`).join('');
           tag('path', {class: `c s${i % 6}`, d});
@@ -89,7 +93,8 @@
   }
   const names = live.joints;
   const charts = [
-    chart('errors', 'Position errors, as the controller tells them', 'error in mrad', names, [-1, 1]),
+    chart('errors', `Position errors, as the controller tells them; bound ±${live.bound_mrad} mrad`, 'error in mrad', names, [-1, 1],
+      live.bound_mrad, true),
     chart('currents', 'Motor currents', 'current in A', names, [-0.5, 0.5]),
     chart('angles', 'Angles', 'angle in rad', names, [-0.1, 0.1]),
     chart('load', 'Bus load, without stuff bits', 'share in %', [''], [0, 10], 100),
@@ -141,6 +146,7 @@
       last.joints.forEach((j, i) => {
         const row = el('joints').rows[i + 1] || el('joints').insertRow(-1);
         put(row, [j.name, fixed(j.q_rad, 4), fixed(j.qd_rad_s, 3), fixed(j.error_rad === null ? null : 1e3 * j.error_rad, 2), fixed(j.current_a, 2), fixed(j.age_s === null ? null : 1e3 * j.age_s, 0), j.state.replaceAll('|', ' ') || '–'], [0, 6]);
+        row.cells[3].className = Math.abs(1e3 * j.error_rad) > live.bound_mrad ? 'bad' : '';
         row.dataset.tS = last.t_s;
       });
       charts.forEach(one => one.draw(last.t_s));
