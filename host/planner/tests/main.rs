@@ -10,6 +10,7 @@ mod disc_flight;
 mod disc_limits;
 mod disc_oracle;
 mod disc_paper;
+mod drag_spread;
 mod follow_arms;
 mod follow_best;
 mod follow_paper;

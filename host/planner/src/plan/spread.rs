@@ -3,7 +3,8 @@
 //! The sources of error are independent and normal. Each is moved alone to the nodes of a Gauss-Hermite rule and the
 //! full model says where the ball then lands: no linearisation, so that what bends (a nulled release delay leaves
 //! nothing but second and third order) counts with its bend. What two sources do only together is left out; it is of
-//! fourth order in their standard deviations. The Monte Carlo in [`super::statistics`] has everything at once.
+//! fourth order in their standard deviations, apart from drag: its mean is above its planned value, and the other sources
+//! are moved at the mean. The Monte Carlo in [`super::statistics`] has everything at once.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -48,7 +49,13 @@ pub(crate) struct Spread<const N: usize> {
 impl<const N: usize> Spread<N> {
     /// Of a throw at an aim; `None` if the ball does not meet its plane at some node.
     pub(crate) fn of(problem: &Problem<'_, N>, throw: &Throw<N>, aim: &Aim, noise: &Noise) -> Option<Self> {
-        let flight = &problem.flight;
+        // Drag that is not known is not zero on average: what the other sources do is counted at the mean drag.
+        let drag =
+            (noise.drag_per_m > 0.0).then(|| drag_nodes(problem.flight.drag_per_m(), noise.drag_per_m));
+        let flight = &match &drag {
+            Some(nodes) => problem.flight.with_drag(nodes.iter().map(|(k, weight)| k * weight).sum()).ok()?,
+            None => problem.flight,
+        };
         let centre = Landed::of(problem, flight, throw, aim, 0.0)?;
         let mut sources: Vec<Source<N>> = Vec::with_capacity(2 + 2 * N);
         if noise.release_time_s > 0.0 {
@@ -73,8 +80,8 @@ impl<const N: usize> Spread<N> {
                 })?);
             }
         }
-        if noise.drag_per_m > 0.0 {
-            let source: Option<Source<N>> = drag_nodes(flight.drag_per_m(), noise.drag_per_m)
+        if let Some(nodes) = drag {
+            let source: Option<Source<N>> = nodes
                 .into_iter()
                 .map(|(k, weight)| {
                     let flight = flight.with_drag(k).ok()?;
