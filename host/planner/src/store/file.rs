@@ -28,6 +28,9 @@ pub enum StoreError {
         /// What the system said.
         source: io::Error,
     },
+    /// A folder or a device has that name.
+    #[error("store {path} is not an ordinary file: name another store")]
+    NoFile { path: PathBuf },
     /// The file was written by a newer program.
     #[error(
         "store {path} has format version {found}, this program reads up to {VERSION}: update cubectl, or name another store"
@@ -157,6 +160,10 @@ impl<const N: usize> StoreFile<N> {
         let fail = |source| StoreError::Io { path: path.to_owned(), source };
         if let Some(folder) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
             fs::create_dir_all(folder).map_err(fail)?;
+        }
+        // A device may have no end.
+        if fs::metadata(path).is_ok_and(|found| !found.is_file()) {
+            return Err(StoreError::NoFile { path: path.to_owned() });
         }
         let mut file = open_locked(path)?;
         let mut bytes = Vec::new();
@@ -341,6 +348,19 @@ mod tests {
         write_whole(&path, b"anything").expect("writes");
         assert_eq!(fs::read(&path).expect("reads"), b"anything");
         assert!(!path.with_extension("part").exists());
+    }
+
+    #[test]
+    fn a_folder_or_a_device_is_refused_as_a_store() {
+        let folder = folder("no-file");
+        for path in [
+            folder.as_path(),
+            #[cfg(target_os = "linux")]
+            Path::new("/dev/full"),
+        ] {
+            let refused = StoreFile::<6>::open(path, 7).map(|_| ()).expect_err("no file");
+            assert!(matches!(refused, StoreError::NoFile { .. }), "{refused}");
+        }
     }
 
     #[test]
