@@ -111,6 +111,27 @@ fn what_is_no_obstacle_is_refused_by_name_and_numbers_stay_short() {
     let options = Options { obstacles: vec![obstacle([1.0, 0.5, 0.0], [0.1, 0.0, 0.1])], ..Options::best() };
     let refused = state(options).expect_err("flat").to_string();
     assert!(refused.contains("half edge") && refused.len() < 120, "{refused}");
+    let half = [0.1, f64::INFINITY, 0.1];
+    let options = Options { obstacles: vec![obstacle([1.0, 0.5, 0.0], half)], ..Options::best() };
+    let refused = state(options).expect_err("endless").to_string();
+    assert!(refused.contains("half edge") && refused.contains("= inf"), "{refused}");
+    for (options, told) in [
+        (
+            Options { drag_per_m: 100.0, ..Options::best() },
+            "drag of the ball in 1/m = 100 is outside 0 to 10",
+        ),
+        (Options { drag_per_m: 1e300, ..Options::best() }, "drag of the ball in 1/m = 1.000e300"),
+        (
+            Options { magnus_rad_s: Vector3::new(0.0, 1e300, 0.0), ..Options::best() },
+            "Magnus vector in 1/s = 1.000e300",
+        ),
+    ] {
+        let refused = state(options).expect_err("no ball").to_string();
+        assert!(refused.contains(told) && refused.len() < 120, "{refused}");
+    }
+    let far = Problem::new(&arm, Vector3::new(1e300, 0.0, 0.0), Options::best()).map(|_| ());
+    let refused = far.expect_err("no place").to_string();
+    assert!(refused.contains("coordinate of the target in m = 1.000e300"), "{refused}");
     let far = Problem::new(&arm, Vector3::new(0.0, 0.0, -1e300), Options::best()).map(|_| ());
     let refused = far.expect_err("below the floor").to_string();
     assert!(refused.contains("-1.000e300") && refused.len() < 150, "{refused}");

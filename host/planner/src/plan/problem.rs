@@ -12,7 +12,8 @@ use crate::flight::{Aim, FlightModel, FlightModelError};
 use crate::throw::{JOINTS, Throw};
 
 /// A number for people: without hundreds of digits.
-fn short(value: f64) -> String {
+#[must_use]
+pub fn short(value: f64) -> String {
     let plain = value == 0.0 || (1e-4..1e7).contains(&value.abs()) || !value.is_finite();
     if plain { value.to_string() } else { format!("{value:.3e}") }
 }
@@ -173,6 +174,10 @@ impl<'a, const N: usize> Problem<'a, N> {
         const { assert!(N >= 4 && N <= 7, "rows are laid out for four to seven joints") };
         if !target.iter().all(|c| c.is_finite()) {
             return Err(ProblemError::TargetNotFinite { x: target.x, y: target.y, z: target.z });
+        }
+        if let Some(value) = target.iter().copied().find(|c| c.abs() > FAR) {
+            let option = "coordinate of the target in m";
+            return Err(ProblemError::Option { option, value, min: -FAR, max: FAR });
         }
         let floor_m = arm.world().floor_z_m;
         if target.z < floor_m - 1e-9 {
@@ -361,6 +366,12 @@ fn range(option: &'static str, r: &RangeInclusive<f64>, least: f64, most: f64) -
 
 /// No length, time or speed of an arm is as large.
 const FAR: f64 = 1e6;
+/// Thinner boxes are no obstacles.
+const HALF_EDGE_MIN_M: f64 = 1e-6;
+/// Twice the drag of a toy balloon; what is lighter is not thrown.
+const DRAG_MAX_PER_M: f64 = 10.0;
+/// Turns the velocity once in 60 ms.
+const MAGNUS_MAX_1_S: f64 = 100.0;
 
 fn check_bounds(b: &Bounds) -> Result<(), ProblemError> {
     if let Some(r) = &b.azimuth_rad {
@@ -382,10 +393,13 @@ fn check_options(o: &Options) -> Result<(), ProblemError> {
             Err(ProblemError::Option { option, value, min, max })
         }
     };
-    let positive = f64::MIN_POSITIVE;
     scalar("speed use", o.speed_use, 0.01, 1.0)?;
     scalar("acceleration use", o.acceleration_use, 0.01, 1.0)?;
     scalar("clearance in m", o.clearance_m, 0.0, 1.0)?;
+    scalar("drag of the ball in 1/m", o.drag_per_m, 0.0, DRAG_MAX_PER_M)?;
+    for m in &o.magnus_rad_s {
+        scalar("Magnus vector in 1/s", *m, -MAGNUS_MAX_1_S, MAGNUS_MAX_1_S)?;
+    }
     scalar("range margin in rad", o.range_margin_rad, 0.0, 1.0)?;
     scalar("weight of time", o.weights.k_t, 0.0, 1e6)?;
     scalar("weight of the braking ratio", o.weights.k_b, 0.0, 1e6)?;
@@ -408,13 +422,8 @@ fn check_options(o: &Options) -> Result<(), ProblemError> {
         for c in &obstacle.x_wo.pos {
             scalar("coordinate of an obstacle in m", *c, -FAR, FAR)?;
         }
-        if !obstacle.half_m.iter().all(|h| *h > 0.0 && h.is_finite()) {
-            return Err(ProblemError::Option {
-                option: "half edge length of an obstacle in m",
-                value: obstacle.half_m.min(),
-                min: positive,
-                max: FAR,
-            });
+        for h in &obstacle.half_m {
+            scalar("half edge length of an obstacle in m", *h, HALF_EDGE_MIN_M, FAR)?;
         }
     }
     Ok(())

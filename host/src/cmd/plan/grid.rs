@@ -1,5 +1,7 @@
 //! Grids of targets.
 
+use planner::plan::problem::short;
+
 /// Values along one axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Axis {
@@ -33,6 +35,7 @@ impl Axis {
         if sensible {
             Ok(Self { from, to, step })
         } else {
+            let [from, to, step] = [from, to, step].map(short);
             Err(format!("range from {from} to {to} in steps of {step}"))
         }
     }

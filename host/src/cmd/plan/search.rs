@@ -15,7 +15,7 @@ use planner::flight::Course;
 use planner::plan::file::PlanFile;
 use planner::plan::ladder::{Ladder, Settled};
 use planner::plan::library::nearest_stored;
-use planner::plan::problem::Weights;
+use planner::plan::problem::{Weights, short};
 use planner::plan::search::kind_of;
 use planner::plan::statistics::{self, Noise, Region};
 use planner::plan::{Arm, Budget, Goal, NoThrow, Obstruction, Options, Planner, Watch};
@@ -148,7 +148,8 @@ impl SearchOptions {
             let sensible = (0.0..=0.05).contains(&jitter);
             if !sensible {
                 return Err(ExpectedError::bad_input(&format!(
-                    "release jitter of {jitter} s is outside 0 to 0.05 s"
+                    "release jitter of {} s is outside 0 to 0.05 s",
+                    short(jitter)
                 )));
             }
             noise.release_time_s = jitter;
@@ -275,13 +276,12 @@ impl SearchOptions {
         self.require_sound()?;
         let (region, noise) = (self.region()?, self.noise()?);
         let goal = self.goal(noise, region)?;
-        let time =
-            match self.time_budget {
-                None => None,
-                Some(t) => Some(Duration::try_from_secs_f64(t).map_err(|_| {
-                    ExpectedError::bad_input(&format!("time budget of {t} s is not a duration"))
-                })?),
-            };
+        let time = match self.time_budget {
+            None => None,
+            Some(t) => Some(Duration::try_from_secs_f64(t).map_err(|_| {
+                ExpectedError::bad_input(&format!("time budget of {} s is not a duration", short(t)))
+            })?),
+        };
         let budget = Budget { starts: self.starts.unwrap_or(STARTS), all: self.starts.is_some(), time, seed };
         let began = Instant::now();
         let mut asked = Options { goal, ..self.options.resolve() };
