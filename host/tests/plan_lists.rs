@@ -160,3 +160,37 @@ fn the_same_arguments_prepare_the_same_table_and_options_for_one_target_are_refu
     assert_eq!(refused.status.code(), Some(i32::from(host::exit::BAD_INPUT)));
     assert!(text(&refused.stderr).contains("--target-velocity"), "{}", text(&refused.stderr));
 }
+
+#[test]
+fn a_table_of_a_sweep_tells_relaxed_throws_from_others_in_the_order_of_the_grid() {
+    let table = folder("plan-table").join("reach.csv");
+    let out = table.display().to_string();
+    let words =
+        ["plan", "sweep", "--x=1,5,2", "--y=0.5,0.5,1", "--z=-1,-1,1", "--starts", "8", "--out", &out];
+    let ended = cubectl(&words);
+    assert!(ended.status.success(), "{}", text(&ended.stderr));
+    let told = text(&ended.stdout);
+    assert!(told.contains("1 of 3 targets in reach with all that was asked for, 1 more without"), "{told}");
+    let first = rows(&table);
+    let begin: Vec<String> =
+        first.iter().map(|row| row.split(',').take(4).collect::<Vec<_>>().join(",")).collect();
+    assert_eq!(begin, ["x_m,y_m,z_m,outcome", "1,0.5,-1,thrown", "3,0.5,-1,relaxed", "5,0.5,-1,refused"]);
+    // A table that is there is told in the same way.
+    let again = cubectl(&words);
+    assert!(text(&again.stdout).contains("1 of 3 targets"), "{}", text(&again.stdout));
+    assert_eq!(rows(&table), first);
+}
+
+#[test]
+fn numbers_of_three_hundred_digits_are_refused_in_short_words() {
+    let long = "9".repeat(300);
+    for option in ["--jitter-s", "--time-budget", "--drag-per-m", "--speed-use", "--clearance-m"] {
+        let ended = cubectl(&["plan", "throw", "--target=1,1,-1", option, &long]);
+        assert_eq!(ended.status.code(), Some(i32::from(host::exit::BAD_INPUT)), "{option}");
+        let told = text(&ended.stderr);
+        assert!(told.contains("1.000e300") && told.len() < 200, "{option}: {told}");
+    }
+    let ended = cubectl(&["plan", "throw", &format!("--target={long},1,-1")]);
+    assert_eq!(ended.status.code(), Some(i32::from(host::exit::BAD_INPUT)));
+    assert!(text(&ended.stderr).len() < 200, "{}", text(&ended.stderr));
+}

@@ -98,7 +98,12 @@ const TABLE_STARTS: usize = 32;
 /// Longest table that is read, bytes: a million targets.
 const TABLE_MAX_BYTES: u64 = 256 << 20;
 
-const HEADER: &str = "x_m,y_m,z_m,solved,objective,flight_s,duration_s,speed_m_s,note";
+/// Outcomes of a target, as in the part files: a throw with all that was asked for, one without some of it, none.
+const THROWN: &str = "thrown";
+const RELAXED: &str = "relaxed";
+const REFUSED: &str = "refused";
+
+const HEADER: &str = "x_m,y_m,z_m,outcome,objective,flight_s,duration_s,speed_m_s,note";
 
 /// One row of the table.
 #[derive(Debug, Clone, PartialEq)]
@@ -110,7 +115,7 @@ struct Row {
 impl Row {
     /// Whether the throw was found without some of what was asked for.
     fn relaxed(&self) -> bool {
-        self.cell.objective.is_some() && self.text.splitn(9, ',').nth(8).is_some_and(|note| !note.is_empty())
+        self.text.split(',').nth(3) == Some(RELAXED)
     }
 }
 
@@ -282,7 +287,7 @@ fn plan<const N: usize>(
     let clean = |note: &str| note.replace([',', '"'], " ");
     let refused = |note: &str| Row {
         cell: Cell { target: *target, objective: None },
-        text: format!("{x},{y},{z},0,,,,,{}", clean(note)),
+        text: format!("{x},{y},{z},{REFUSED},,,,,{}", clean(note)),
     };
     let ladder = match Ladder::new(arm, Vector3::from(*target), asked, args.search.options.kept()) {
         Ok(ladder) => ladder,
@@ -300,9 +305,10 @@ fn plan<const N: usize>(
             let speed = throw.ball_at_release(arm).1.norm();
             let (flight_s, duration_s) = (throw.flight_s, throw.duration_s());
             let note = clean(note(given_up).unwrap_or_default());
+            let outcome = if note.is_empty() { THROWN } else { RELAXED };
             Row {
                 cell: Cell { target: *target, objective: Some(objective) },
-                text: format!("{x},{y},{z},1,{objective},{flight_s},{duration_s},{speed},{note}"),
+                text: format!("{x},{y},{z},{outcome},{objective},{flight_s},{duration_s},{speed},{note}"),
             }
         }
         Err(none) => refused(
