@@ -280,6 +280,50 @@ fn release_is_exact_between_grid_points() {
 }
 
 #[test]
+fn a_ball_between_fingers_leaves_when_they_do_and_lands_on_the_parabola() {
+    let run = |finger_release: bool, close_after_ms: Option<u64>| {
+        let mut rig = homed(|o| {
+            o.finger_release = finger_release;
+            o.gripper.jitter = Duration::ZERO;
+        });
+        for module in [1, 2, 5] {
+            velocity(&mut rig, module, [0.0, 1.0, 1.2, 0.0, 0.0, 2.0][usize::from(module)]);
+        }
+        rig.run_ms(300);
+        set(&mut rig, 6, Parameter::DioData, Value::U32(0x10));
+        if let Some(ms) = close_after_ms {
+            rig.run_ms(ms);
+            set(&mut rig, 6, Parameter::DioData, Value::U32(0));
+        }
+        rig.run_ms(1_200);
+        rig.cell.throw().clone()
+    };
+    let (instant, fingers) = (run(false, None), run(true, None));
+    let late_s = fingers.released_at.unwrap().as_micros() as f64 * 1e-6
+        - instant.released_at.unwrap().as_micros() as f64 * 1e-6;
+    // The lag of the fingers is 0.5 ms, 1 sigma; the pads give 0.3 mm.
+    assert!(late_s.abs() < 4e-3 && late_s != 0.0, "{late_s} s");
+    let (released, landing) = (fingers.release.unwrap(), fingers.landing.unwrap());
+    let t = landing.t_s;
+    let expected = released.p_m + released.v_m_s * t - nalgebra::Vector3::new(0.0, 0.0, 0.5 * 9.81 * t * t);
+    assert!((landing.p_m - expected).norm() < 1e-12);
+    let apart_m = (landing.p_m - instant.landing.unwrap().p_m).norm();
+    assert!((1e-4..0.05).contains(&apart_m), "{apart_m} m");
+    assert_eq!(run(true, Some(8)).released_at, None, "closing in time keeps the ball");
+}
+
+#[test]
+fn a_robot_without_fingers_in_its_file_is_refused_when_they_are_asked_for() {
+    let options = CellOptions { finger_release: true, ..CellOptions::default() };
+    let text = robot_model::built_in_text("powercube6").unwrap();
+    let (before, rest) = text.split_once("[fingers]").unwrap();
+    let (_, after) = rest.split_once("# Boxes are uniform").unwrap();
+    let robot = AnyRobot::from_toml("arm.toml", &format!("{before}# {after}")).unwrap();
+    let refused = hil_sim::cell::Cell::new(&robot, &options, 1).err().unwrap();
+    assert_eq!(refused, hil_sim::cell::CellError::NoFingers { robot: "powercube6".to_owned() });
+}
+
+#[test]
 fn ball_released_by_a_hand_that_follows_it_touches_the_hand() {
     // Released at rest: the ball falls through the fingers' box below or beside it.
     let mut rig = homed(|_| ());

@@ -98,12 +98,12 @@ pub(crate) const FOLDERS: &[Folder] = &[
     Folder {
         path: "robots/model/src",
         floors: &[
-            &["cubic", "error", "linalg", "mat3"],
+            &["cubic", "error", "fingers", "linalg", "mat3"],
             &["ik_solution", "pose"],
             &["boxes", "family"],
             &["model"],
             &["currents", "ik_axis", "kinematics", "load"],
-            &["any", "collision", "dynamics", "ik", "jacobian"],
+            &["any", "collision", "dynamics", "ik", "jacobian", "release"],
             &["ik_numeric", "survey"],
             &["urdf"],
         ],
@@ -196,7 +196,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
             &["report"],
         ],
     },
-    Folder { path: "hil-sim/src/cell", floors: &[&["faults", "throw"], &["build"]] },
+    Folder { path: "hil-sim/src/cell", floors: &[&["finger_release"], &["faults", "throw"], &["build"]] },
     Folder {
         path: "hil-sim/src/cmd",
         floors: &[
@@ -308,7 +308,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
             &["cuts", "energy", "landed", "paper"],
             &["scan", "spread"],
             &["statistics"],
-            &["goal"],
+            &["finger_release", "goal"],
             &["rows"],
             &["local"],
             &["basins", "planner"],

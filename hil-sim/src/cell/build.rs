@@ -5,6 +5,7 @@ use protocol::{Duration, Instant, ModuleId};
 use robot_model::{AnyRobot, JointVec, RobotModel, for_any_robot};
 
 use super::Cell;
+use super::finger_release::FingerRelease;
 use super::throw::Throw;
 use crate::drive::{DriveOptions, Nameplate, PowerCubeDrive};
 use crate::mechanics::{
@@ -23,6 +24,8 @@ pub struct CellOptions {
     pub supply: SupplyOptions,
     /// Release and flight.
     pub gripper: GripperOptions,
+    /// The ball leaves between fingers that open, as `[fingers]` of the robot file says, instead of at one instant.
+    pub finger_release: bool,
     /// Deviations from the model.
     pub scatter: Scatter,
     /// Time grid of the mechanics, 10 µs to 5 ms, even number of microseconds. 1 ms moves a throw's landing by 1 µm
@@ -45,6 +48,7 @@ impl Default for CellOptions {
             mechanics: MechanicsOptions::default(),
             supply: SupplyOptions::default(),
             gripper: GripperOptions::default(),
+            finger_release: false,
             scatter: Scatter::default(),
             step: Duration::from_millis(1),
             start_q_rad: None,
@@ -61,6 +65,14 @@ pub enum CellError {
     /// The robot file describes no drives.
     #[error("robot {robot} has no drives: give each [[joint]] of its file a [joint.drive] table")]
     NoDrives {
+        /// Name of the robot.
+        robot: String,
+    },
+    /// The release between fingers was asked for and the robot file does not say how they open.
+    #[error(
+        "robot {robot} says nothing about its fingers: give its file a [fingers] table, or leave the finger release out"
+    )]
+    NoFingers {
         /// Name of the robot.
         robot: String,
     },
@@ -131,8 +143,16 @@ impl Cell {
         let world = *model.world();
         let mut gripper = options.gripper;
         gripper.delay = options.scatter.draw_gripper_delay(seed, gripper.delay);
+        let fingers = match (options.finger_release, model.fingers()) {
+            (false, _) => None,
+            (true, None) => return Err(CellError::NoFingers { robot: model.name().to_owned() }),
+            (true, Some(fingers)) => {
+                Some(FingerRelease::new(*fingers, model.gripper().ball_radius_m, world.gravity_m_s2, seed))
+            }
+        };
         let throw = Throw::new(
             Gripper::new(gripper, seed),
+            fingers,
             model.gripper().ball_radius_m,
             world.gravity_m_s2,
             gripper.landing_z_m.unwrap_or(world.floor_z_m),
@@ -175,7 +195,10 @@ impl Cell {
         }
         let wheels = Body::Wheels(JointVec::repeat(2.0));
         let plant: Box<dyn Plant> = Box::new(Mechanism::new(wheels, joints, q));
-        let throw = Throw::new(Gripper::new(options.gripper, seed), 0.03, 9.81, 0.0);
+        if options.finger_release {
+            return Err(CellError::NoFingers { robot: "bench".to_owned() });
+        }
+        let throw = Throw::new(Gripper::new(options.gripper, seed), None, 0.03, 9.81, 0.0);
         Self::assemble(drives, plant, Vec::new(), vec![None; N], throw, options)
     }
 

@@ -16,6 +16,7 @@
 
 mod build;
 mod faults;
+mod finger_release;
 mod throw;
 
 use std::borrow::Cow;

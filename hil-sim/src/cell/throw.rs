@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 use protocol::{Duration, Instant};
 
+use super::finger_release::FingerRelease;
 use crate::drive::PowerCubeDrive;
 use crate::mechanics::{Flight, Gripper, HandPoint, Landing, Plant, Touch};
 
@@ -37,7 +38,10 @@ pub struct ThrowReport {
 #[derive(Clone, Debug)]
 pub(super) struct Throw {
     gripper: Gripper,
+    /// How the ball leaves the fingers; `None` for a ball that is free at one instant.
+    fingers: Option<FingerRelease>,
     flight: Option<Flight>,
+    stepped_to: Instant,
     report: ThrowReport,
     output_seen: bool,
     ball_radius_m: f64,
@@ -46,10 +50,18 @@ pub(super) struct Throw {
 }
 
 impl Throw {
-    pub(super) fn new(gripper: Gripper, ball_radius_m: f64, gravity_m_s2: f64, plane_z_m: f64) -> Self {
+    pub(super) fn new(
+        gripper: Gripper,
+        fingers: Option<FingerRelease>,
+        ball_radius_m: f64,
+        gravity_m_s2: f64,
+        plane_z_m: f64,
+    ) -> Self {
         Self {
             gripper,
+            fingers,
             flight: None,
+            stepped_to: Instant::ZERO,
             report: ThrowReport::default(),
             output_seen: false,
             ball_radius_m,
@@ -85,7 +97,10 @@ impl Throw {
     }
 
     pub(super) fn ball(&self, plant: &dyn Plant, now: Instant) -> Option<BallState> {
-        let Some(mut flight) = self.flight else { return plant.hand(0.0).map(BallState::InHand) };
+        let Some(mut flight) = self.flight else {
+            let between = self.fingers.as_ref().and_then(FingerRelease::ball);
+            return between.or_else(|| plant.hand(0.0)).map(BallState::InHand);
+        };
         let t_s = self.since_release_s(now)?;
         match self.report.landing {
             Some(landing) if t_s >= landing.t_s => Some(BallState::Landed(landing)),
@@ -109,22 +124,39 @@ impl Throw {
                 self.gripper.order(drive.outputs_changed(), high);
             }
         }
-        if let Some(free_at) = self.gripper.freed(now)
-            && self.flight.is_none()
+        let freed_at = self.gripper.freed(now);
+        if self.flight.is_none()
+            && let Some((at, ball)) = self.left_hand(plant, freed_at, now)
         {
-            self.release(plant, free_at, now);
+            self.release(at, ball);
         }
+        self.stepped_to = now;
         self.watch_for_touch(plant, now);
     }
 
-    fn release(&mut self, plant: &dyn Plant, free_at: Instant, now: Instant) {
-        // The instant lies within the step that ended at `now`.
-        let back_s = now.saturating_since(free_at).as_secs_f64();
-        let Some(hand) = plant.hand(-back_s) else { return };
-        let flight = Flight::new(hand, self.gravity_m_s2, self.gripper.options().drag_1_m);
+    /// When the ball left the hand in the step that ended at `now`, and its place and velocity then.
+    fn left_hand(
+        &mut self,
+        plant: &dyn Plant,
+        freed_at: Option<Instant>,
+        now: Instant,
+    ) -> Option<(Instant, HandPoint)> {
+        let Some(fingers) = &mut self.fingers else {
+            let at = freed_at?;
+            return Some((at, plant.hand(-now.saturating_since(at).as_secs_f64())?));
+        };
+        let Some(free_at) = self.gripper.free_at() else {
+            fingers.closed();
+            return None;
+        };
+        fingers.step(plant, (self.stepped_to, now), free_at)
+    }
+
+    fn release(&mut self, at: Instant, ball: HandPoint) {
+        let flight = Flight::new(ball, self.gravity_m_s2, self.gripper.options().drag_1_m);
         self.report = ThrowReport {
-            released_at: Some(free_at),
-            release: Some(hand),
+            released_at: Some(at),
+            release: Some(ball),
             landing: match &self.gripper.options().landing_plane {
                 Some(plane) => flight.passage(plane),
                 None => flight.landing(self.plane_z_m),
@@ -132,6 +164,9 @@ impl Throw {
             touch: None,
         };
         self.flight = Some(flight);
+        if let Some(fingers) = &mut self.fingers {
+            fingers.closed();
+        }
     }
 
     fn watch_for_touch(&mut self, plant: &dyn Plant, now: Instant) {

@@ -1,10 +1,11 @@
 //! The arm: rigid bodies of a robot file, or free wheels on a bench, behind [`Plant`].
 
 use nalgebra::{SMatrix, SVector, Vector3};
+use robot_model::release::HandMotion;
 use robot_model::{JointVec, RobotModel};
 
 use super::joint::JointMechanics;
-use super::plant::{AxisInput, AxisState, Energy, HandPoint, Plant, PlantFault, Touch};
+use super::plant::{AxisInput, AxisState, Energy, Plant, PlantFault, Touch};
 use super::solver::{Solution, Start, solve};
 
 /// Beyond these a state is a fault; no arm of this kind comes near.
@@ -194,15 +195,10 @@ impl<const N: usize> Plant for Mechanism<N> {
         self.ball_held = held;
     }
 
-    fn hand(&self, ahead_s: f64) -> Option<HandPoint> {
+    fn hand_motion(&self, ahead_s: f64) -> Option<HandMotion> {
         let Body::Arm(model) = &self.body else { return None };
         let q = self.link_q + self.link_v * ahead_s + self.link_a * (0.5 * ahead_s * ahead_s);
-        let v = self.link_v + self.link_a * ahead_s;
-        let frames = model.fk(&q);
-        let p_m = model.ball(&frames).pos;
-        // Point of the last link: the sum of what each joint's turning does to it.
-        let v_m_s = (0..N).map(|i| frames.axis(i).cross(&(p_m - frames.origin(i))) * v[i]).sum();
-        Some(HandPoint { p_m, v_m_s })
+        Some(model.hand_motion(&q, &(self.link_v + self.link_a * ahead_s)))
     }
 
     fn touch(&self, center_m: &Vector3<f64>, radius_m: f64) -> Option<Touch> {

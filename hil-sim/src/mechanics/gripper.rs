@@ -42,7 +42,7 @@ impl Default for GripperOptions {
 enum Fingers {
     Closed,
     Opening { free_at: Instant },
-    Open,
+    Open { free_at: Instant },
 }
 
 /// Fingers with a delay, and what can go wrong with them.
@@ -92,16 +92,24 @@ impl Gripper {
     pub fn freed(&mut self, now: Instant) -> Option<Instant> {
         match self.fingers {
             Fingers::Opening { free_at } if free_at <= now => {
-                self.fingers = Fingers::Open;
+                self.fingers = Fingers::Open { free_at };
                 Some(free_at)
             }
             _ => None,
         }
     }
 
+    /// When a ball that nothing pushes is or was free: known from the order to open on, `None` while closed.
+    pub fn free_at(&self) -> Option<Instant> {
+        match self.fingers {
+            Fingers::Closed => None,
+            Fingers::Opening { free_at } | Fingers::Open { free_at } => Some(free_at),
+        }
+    }
+
     /// Fingers are open.
     pub fn is_open(&self) -> bool {
-        self.fingers == Fingers::Open
+        matches!(self.fingers, Fingers::Open { .. })
     }
 
     /// The last order was to open.

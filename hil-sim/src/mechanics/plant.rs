@@ -1,6 +1,7 @@
 //! What drives and mechanics say to each other, once per step and axis.
 
 use nalgebra::Vector3;
+use robot_model::release::HandMotion;
 
 /// What the power stage of one drive does during one step. Joint side of the gear.
 ///
@@ -114,8 +115,14 @@ pub trait Plant {
         let _ = held;
     }
 
-    /// The ball's place in the hand `ahead_s` seconds after the last step (negative: before); `None` without a hand.
-    fn hand(&self, ahead_s: f64) -> Option<HandPoint>;
+    /// Motion of the hand at the ball's place `ahead_s` seconds after the last step (negative: before); `None` without a
+    /// hand.
+    fn hand_motion(&self, ahead_s: f64) -> Option<HandMotion>;
+
+    /// The ball's place in the hand, as [`Plant::hand_motion`].
+    fn hand(&self, ahead_s: f64) -> Option<HandPoint> {
+        self.hand_motion(ahead_s).map(|hand| HandPoint { p_m: hand.p_m, v_m_s: hand.v_m_s })
+    }
 
     /// The part of the arm that a sphere touches most deeply, if any.
     fn touch(&self, center_m: &Vector3<f64>, radius_m: f64) -> Option<Touch>;

@@ -32,6 +32,7 @@ pub(super) fn cell(root: &Section<'_>, bit_rate_bit_s: u32) -> Result<CellOption
         mechanics: part(root, "mechanics", mechanics)?,
         supply: part(root, "supply", supply)?,
         gripper: part(root, "gripper", gripper)?,
+        finger_release: default.finger_release,
         scatter: part(root, "scatter", scatter)?,
         step: default.step,
         start_q_rad: default.start_q_rad,
@@ -42,6 +43,7 @@ pub(super) fn cell(root: &Section<'_>, bit_rate_bit_s: u32) -> Result<CellOption
     if let Some(table) = root.optional("cell", Value::section)? {
         options.step = table.or("step_s", options.step, |v| seconds(v, 0.005))?;
         options.start_q_rad = start_pose(&table)?;
+        options.finger_release = table.or("finger_release", options.finger_release, Value::boolean)?;
         options.cold_start = table.or("cold_start", options.cold_start, Value::boolean)?;
         options.logic_on_motor_supply =
             table.or("logic_on_motor_supply", options.logic_on_motor_supply, Value::boolean)?;

@@ -126,6 +126,7 @@ fn tables(scenario: &Scenario) -> Vec<(&'static str, Vec<String>)> {
             lines.push(format!("{key} = {}", real(value)));
         }
     };
+    flag(&mut own, "finger_release", cell.finger_release, default.finger_release);
     flag(&mut own, "cold_start", cell.cold_start, default.cold_start);
     flag(&mut own, "logic_on_motor_supply", cell.logic_on_motor_supply, default.logic_on_motor_supply);
     let (mut drive, d) = (Vec::new(), &default.drive);

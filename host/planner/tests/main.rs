@@ -11,6 +11,7 @@ mod disc_limits;
 mod disc_oracle;
 mod disc_paper;
 mod drag_spread;
+mod finger_release;
 mod follow_arms;
 mod follow_best;
 mod follow_paper;

@@ -44,6 +44,21 @@ pub fn summary(plan: &PlanFile, took: Duration) -> String {
         b * 1e3,
         dx.hypot(dy)
     );
+    if let Some(f) = &l.fingers {
+        let [x, y] = f.shift_m;
+        let c = f.covariance_m2;
+        let (a, b, _) = landing::ellipse(&Matrix2::new(c[0][0], c[0][1], c[1][0], c[1][1]));
+        let _ = writeln!(
+            out,
+            "  with fingers that open: {:.1} ms late, landing moved by ({:.1}, {:.1}) mm, 1σ {:.1} × {:.1} mm{}",
+            f.late_s * 1e3,
+            x * 1e3,
+            y * 1e3,
+            a * 1e3,
+            b * 1e3,
+            f.hit_probability.map_or_else(String::new, |p| format!(", a hit {:.1} %", p * 100.0))
+        );
+    }
     if let Some(o) = &plan.target.opening {
         let _ = writeln!(
             out,
@@ -208,6 +223,15 @@ fn tiles(plan: &PlanFile) -> Vec<(String, &'static str, String, Tone)> {
             Tone::Plain,
         ));
         tiles.push((format!("{angle:.1}"), "deg", "angle of incidence".to_owned(), Tone::Plain));
+    }
+    if let Some(f) = &plan.landing.fingers {
+        let shift_m = f.shift_m[0].hypot(f.shift_m[1]);
+        tiles.push((
+            format!("{:.1}", shift_m * 1e3),
+            "mm",
+            "shift by fingers that open".to_owned(),
+            Tone::Plain,
+        ));
     }
     if let Some(p) = plan.landing.hit_probability {
         tiles.push((format!("{:.1}", p * 100.0), "%", "probability of a hit".to_owned(), Tone::Plain));

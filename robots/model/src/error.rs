@@ -89,6 +89,25 @@ pub enum Problem {
     /// The link has neither an inertial nor boxes that all have a mass.
     #[error("the link needs a mass on every box, or an `inertial` table")]
     NoMass,
+    /// Fingers that close along the throw: the ball could not leave.
+    #[error(
+        "the fingers close {off_deg:.0} deg from the direction of the throw; at least 45 are needed, the ball leaves between them"
+    )]
+    FingersAcrossThrow {
+        /// Angle between closing axis and throw in degrees.
+        off_deg: f64,
+    },
+    /// Fingers that never leave the ball.
+    #[error("a travel of {travel_m} m does not free a ball that is pressed in by {give_m} m")]
+    FingersTooShort {
+        /// Travel of a finger in m.
+        travel_m: f64,
+        /// How far a pad is pressed in, in m.
+        give_m: f64,
+    },
+    /// Pads that are too stiff to be integrated.
+    #[error("grip_m_s2 over give_m is {0:.1e} 1/s²; at most {max:.0e}: a softer pad or less grip", max = crate::load::PAD_STIFFNESS_MAX_1_S2)]
+    PadsTooStiff(f64),
     /// Both an inertial and box masses.
     #[error("give either `inertial` or box masses, not both")]
     MassTwice,

@@ -9,6 +9,8 @@
 //! | `model` | the validated robot and its parts |
 //! | `load` | robot file → model, one function per table; `toml_reader` knows line and key |
 //! | `error` | why a file is refused |
+//! | `fingers` | how two fingers grip a ball and open |
+//! | [`release`] | how a ball leaves the fingers of a hand that moves |
 //! | `pose` | rigid poses `X_AB` |
 //! | `kinematics` | frames of all links |
 //! | [`jacobian`] | geometric Jacobian, its rate and its gradient, singular values |
@@ -46,6 +48,7 @@ mod currents;
 mod dynamics;
 mod error;
 mod family;
+mod fingers;
 mod ik;
 mod ik_axis;
 mod ik_numeric;
@@ -57,6 +60,7 @@ mod load;
 mod mat3;
 mod model;
 mod pose;
+pub mod release;
 pub mod survey;
 pub mod urdf;
 
@@ -64,6 +68,7 @@ pub use any::AnyRobot;
 pub use dynamics::InverseDynamicsGradient;
 pub use error::{FamilyMismatch, LoadError, Problem};
 pub use family::{Family, OrthoParallel, TurntablePlanar};
+pub use fingers::{Deviation, FingerScatter, Fingers};
 pub use ik::{NoClosedForm, RANGE_SLACK_RAD};
 pub use ik_axis::AxisTool;
 pub use ik_numeric::radical_inverse;

@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::boxes::{BodyBox, CollisionModel};
 use crate::family::Family;
+use crate::fingers::Fingers;
 use crate::linalg::JointVec;
 use crate::pose::Pose;
 
@@ -20,6 +21,7 @@ pub struct RobotModel<const N: usize> {
     pub(crate) links: [Link; N],
     pub(crate) x_ne: Pose,
     pub(crate) gripper: Gripper,
+    pub(crate) fingers: Option<Fingers>,
     pub(crate) family: Family,
     pub(crate) drives: Option<[Drive; N]>,
     pub(crate) supplies: Vec<Supply<N>>,
@@ -272,6 +274,14 @@ impl<const N: usize> RobotModel<N> {
     #[must_use]
     pub fn gripper(&self) -> &Gripper {
         &self.gripper
+    }
+
+    /// How the fingers of the gripper let go; `None` if the robot file does not say.
+    ///
+    /// Not part of [`Gripper`]: throws are planned without it, so that stored throws of a robot do not depend on it.
+    #[must_use]
+    pub fn fingers(&self) -> Option<&Fingers> {
+        self.fingers.as_ref()
     }
 
     /// Kinematic family with its dimensions.

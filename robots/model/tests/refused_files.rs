@@ -53,6 +53,12 @@ fn every_mistake_is_named_with_its_key() {
         ("negative mass", with("mass_kg = 0.40", "mass_kg = -0.40"), "link[0].box[0].mass_kg", "greater than zero"),
         ("ball lighter than nothing", with("ball_mass_kg = 0", "ball_mass_kg = -0.1"), "gripper.ball_mass_kg", "-0.1 is outside 0 to 5"),
         ("ball in grams", with("ball_mass_kg = 0", "ball_mass_kg = 58"), "gripper.ball_mass_kg", "58 is outside 0 to 5"),
+        ("fingers that close along the throw", with("closing_axis = [0, 1, 0]", "closing_axis = [2, 0.1, 0]"), "fingers.closing_axis", "the fingers close 3 deg from the direction"),
+        ("fingers without direction", with("closing_axis = [0, 1, 0]", "closing_axis = [0, 0, 0]"), "fingers.closing_axis", "length zero"),
+        ("fingers that never let go", with("travel_m = 0.015", "travel_m = 5e-4"), "fingers.travel_m", "does not free a ball"),
+        ("pads of stone", with("grip_m_s2 = 200", "grip_m_s2 = 20000"), "fingers.grip_m_s2", "at most 1e7"),
+        ("a grip of no number", with("grip_m_s2 = 200", "grip_m_s2 = nan"), "fingers.grip_m_s2", "not a finite"),
+        ("half a table of fingers", with("friction = 0.8\n", ""), "fingers.friction", "missing"),
         ("flat box", with("half_m = [0.045, 0.045, 0.05]", "half_m = [0.045, 0, 0.05]"), "link[0].box[0].half_m", "greater than zero"),
         ("mass missing", with("mass_kg = 0.40, ", ""), "link[0].box", "needs a mass on every box"),
         (

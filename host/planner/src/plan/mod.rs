@@ -30,6 +30,7 @@
 //! | `obstruction` | what closes every posture of the arm |
 //! | [`seeds`], [`prepare`] | the stored throws that come with the program, and how tables are made |
 //! | [`statistics`] | covariance of the landing, probability of a hit |
+//! | [`finger_release`] | the same for a ball that leaves between fingers that open |
 //! | [`mod@file`] | the plan file |
 //! | [`rng`] | seeded numbers |
 
@@ -39,6 +40,7 @@ mod continuation;
 mod cuts;
 mod energy;
 pub mod file;
+pub mod finger_release;
 pub mod goal;
 pub mod ladder;
 mod landed;

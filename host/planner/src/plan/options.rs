@@ -99,6 +99,8 @@ pub struct Options {
     pub clearance_m: f64,
     /// Drag of the ball in 1/m; zero is vacuum.
     pub drag_per_m: f64,
+    /// Whether the landing is also told for a ball that leaves between fingers that open, as the robot file says they do.
+    pub finger_release: bool,
     /// Spin of the ball times its lift constant in 1/s.
     pub magnus_rad_s: Vector3<f64>,
     /// Boxes in the way.
@@ -131,6 +133,7 @@ impl Options {
             clean_release: false,
             clearance_m: 0.0,
             drag_per_m: 0.0,
+            finger_release: false,
             magnus_rad_s: Vector3::zeros(),
             obstacles: Vec::new(),
             arrival: Arrival { speed_m_s: None, descent_rad: None },

@@ -108,6 +108,14 @@ pub enum ProblemError {
     /// Drag or spin cannot be.
     #[error(transparent)]
     Flight(#[from] FlightModelError),
+    /// The release between fingers was asked for, and the robot file does not say how they open.
+    #[error(
+        "robot {robot} says nothing about its fingers: give its file a [fingers] table, or leave the finger release out"
+    )]
+    FingersUnknown {
+        /// Name of the robot.
+        robot: String,
+    },
     /// The robot file does not say what a motion costs.
     #[error(
         "the energy of a throw needs k_b and k_m of every drive and a [[supply]] with its voltage; robot \"{robot}\" lacks them: choose another objective or complete the robot file"
@@ -231,6 +239,9 @@ impl<'a, const N: usize> Problem<'a, N> {
         }
         let holding = arm.holding_ball().map(Box::new);
         let problem = Self { arm, holding, target, aim, options, flight, shoulder, bounds, limits };
+        if problem.options.finger_release && arm.fingers().is_none() {
+            return Err(ProblemError::FingersUnknown { robot: arm.name().to_owned() });
+        }
         if problem.options.goal == Goal::Energy && !problem.has_energy() {
             return Err(ProblemError::EnergyUnknown { robot: arm.name().to_owned() });
         }

@@ -18,7 +18,7 @@ use crate::throw::Throw;
 
 /// Nodes and weights of the 7-point Gauss-Hermite rule for the standard normal, without its centre: exact to the 13th
 /// power of the delay.
-const SEVEN: [(f64, f64); 6] = [
+pub(super) const SEVEN: [(f64, f64); 6] = [
     (-3.750_439_717_725_742, 5.482_688_559_722_184e-4),
     (-2.366_759_410_734_541, 0.030_757_123_967_586_5),
     (-1.154_405_394_739_968, 0.240_123_178_605_012_7),
@@ -27,7 +27,7 @@ const SEVEN: [(f64, f64); 6] = [
     (3.750_439_717_725_742, 5.482_688_559_722_184e-4),
 ];
 /// The same of the 3-point rule, exact to the fifth power; enough for what is nearly linear.
-const THREE: [(f64, f64); 2] = [(-THREE_NODE, 1.0 / 6.0), (THREE_NODE, 1.0 / 6.0)];
+pub(super) const THREE: [(f64, f64); 2] = [(-THREE_NODE, 1.0 / 6.0), (THREE_NODE, 1.0 / 6.0)];
 const THREE_NODE: f64 = 1.732_050_807_568_877_2;
 
 /// One source of error at its nodes: weight and landing.
@@ -132,7 +132,7 @@ impl<const N: usize> Spread<N> {
 /// Nodes and weights for a drag constant `|k + σ n|`, n standard normal: drag is never negative.
 ///
 /// Two nodes with the mean, variance and skewness of the folded normal distribution.
-fn drag_nodes(drag_per_m: f64, sigma_per_m: f64) -> [(f64, f64); 2] {
+pub(super) fn drag_nodes(drag_per_m: f64, sigma_per_m: f64) -> [(f64, f64); 2] {
     let (m, s) = (drag_per_m, sigma_per_m);
     let bell = (2.0 / std::f64::consts::PI).sqrt() * s * (-0.5 * (m / s).powi(2)).exp();
     let both = libm::erf(m / (s * std::f64::consts::SQRT_2));

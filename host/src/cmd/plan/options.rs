@@ -52,6 +52,10 @@ pub struct PlanOptions {
     /// Spin of the ball times its lift constant (Magnus force m × v), in 1/s.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, default_value = "0,0,0", help_heading = "Flight")]
     pub magnus_rad_s: [f64; 3],
+    /// Also tell the landing of a ball that leaves between fingers that open, as [fingers] of the robot file says, and
+    /// simulate it on the bus `sim`; the plan stays the same.
+    #[arg(long, help_heading = "Flight")]
+    pub finger_release: bool,
     /// Weights of time, braking ratio and jerk in the objective.
     #[arg(long, value_name = "T,B,J", value_parser = point, help_heading = "Search")]
     pub weights: Option<[f64; 3]>,
@@ -187,6 +191,7 @@ impl PlanOptions {
             (self.range_margin_rad.is_some(), "--range-margin-rad"),
             (self.drag_per_m != 0.0, "--drag-per-m"),
             (self.magnus_rad_s != [0.0; 3], "--magnus-rad-s"),
+            (self.finger_release, "--finger-release"),
             (self.weights.is_some(), "--weights"),
             (!self.obstacle.is_empty(), "--obstacle"),
             (self.arrival_speed.is_some(), "--arrival-speed"),
@@ -239,6 +244,7 @@ impl PlanOptions {
         o.range_margin_rad = self.range_margin_rad.unwrap_or(o.range_margin_rad);
         o.clearance_m = self.clearance_m.unwrap_or(o.clearance_m);
         o.drag_per_m = self.drag_per_m;
+        o.finger_release = self.finger_release;
         o.magnus_rad_s = Vector3::from(self.magnus_rad_s);
         if let Some([k_t, k_b, k_j]) = self.weights {
             o.weights = Weights { k_t, k_b, k_j };

@@ -13,6 +13,7 @@ use crate::exit;
 use operator::bus::args::interrupt;
 use planner::flight::Course;
 use planner::plan::file::PlanFile;
+use planner::plan::finger_release::monte_carlo_with_fingers;
 use planner::plan::ladder::{Ladder, Settled};
 use planner::plan::library::nearest_stored;
 use planner::plan::problem::{Weights, short};
@@ -314,12 +315,26 @@ impl SearchOptions {
             (of_effort && self.options.store.is_some()).then(|| Planner::new(problem).record(&best.found));
         let region = region.or_else(|| problem.region_of_opening(&best.found.throw));
         let landings = draws.map(|draws| {
-            let found = statistics::monte_carlo(problem, &best.found.throw, &noise, draws.count, draws.seed);
+            let (throw, Draws { count, seed }) = (&best.found.throw, draws);
+            let found = match arm.fingers().filter(|_| asked.finger_release) {
+                None => statistics::monte_carlo(problem, throw, &noise, count, seed),
+                Some(fingers) => monte_carlo_with_fingers(problem, throw, fingers, &noise, count, seed),
+            };
             landings(&found, &problem.aim().centre(), region)
         });
         let plan = PlanFile::of(problem, &best, &self.options.robot, seed, &noise, region);
         let plan = plan.ok_or_else(|| {
-            ExpectedError::new(exit::BUG, "the planned ball does not come down on the plane of the target")
+            if asked.finger_release {
+                ExpectedError::new(
+                    exit::NO_THROW,
+                    "the ball stays between the fingers in some openings that the noise allows\n  next: fingers that open faster or farther in [fingers] of the robot file, or leave --finger-release out",
+                )
+            } else {
+                ExpectedError::new(
+                    exit::BUG,
+                    "the planned ball does not come down on the plane of the target",
+                )
+            }
         })?;
         Ok(Solved { plan, note: note(given_up), record, landings, took })
     }

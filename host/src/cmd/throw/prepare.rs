@@ -89,6 +89,7 @@ pub(super) fn prepare(args: &Args) -> Result<Prepared, ExpectedError> {
     // On the bus `sim` the ball lands where the target is, not only on the floor.
     let met_m = plan.meeting_m();
     cell.setup.cell.gripper.landing_z_m = Some(met_m[2]);
+    cell.setup.cell.finger_release |= args.search.options.finger_release;
     cell.setup.cell.gripper.landing_plane =
         plan.target.opening.map(|o| Plane { point_m: Vector3::from(met_m), normal: Vector3::from(o.normal) });
     let (plan_s, scene) = (took.as_secs_f64(), scene(&args.search));

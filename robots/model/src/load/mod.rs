@@ -3,8 +3,10 @@
 //! One function per table of the file; units are in the key names and are converted here and nowhere else.
 
 mod bodies;
+mod fingers;
 mod frames;
 
+pub(crate) use fingers::PAD_STIFFNESS_MAX_1_S2;
 pub(crate) use frames::turn_z_to;
 
 use std::path::Path;
@@ -121,6 +123,8 @@ fn read_model<const N: usize>(root: &Section<'_>) -> Result<RobotModel<N>, LoadE
     }
     let drive_loop = root.optional("drive_loop", Value::section)?.map(|s| read_drive_loop(&s)).transpose()?;
     let gripper = read_gripper(&root.required("gripper", Value::section)?)?;
+    let fingers =
+        root.optional("fingers", Value::section)?.map(|s| fingers::read(&s, &gripper)).transpose()?;
 
     let (links, boxes) = bodies::read::<N>(root, &frames.x_jl)?;
     let rule = read_pair_rule(&root.required("collision", Value::section)?, N)?;
@@ -138,6 +142,7 @@ fn read_model<const N: usize>(root: &Section<'_>) -> Result<RobotModel<N>, LoadE
         links,
         x_ne,
         gripper,
+        fingers,
         family,
         drives,
         supplies,

@@ -4,11 +4,13 @@ use nalgebra::Matrix4;
 use robot_model::JointVec;
 
 use super::{
-    CheckInfo, Currents, DelayShift, FORMAT, GoalName, LandingInfo, MarginsInfo, MotionInfo, Objective,
-    ObstacleInfo, OpeningInfo, PlanFile, Release, RobotId, Search, SupplyPeak, Target, VERSION,
+    CheckInfo, Currents, DelayShift, FORMAT, FingerLandingInfo, GoalName, LandingInfo, MarginsInfo,
+    MotionInfo, Objective, ObstacleInfo, OpeningInfo, PlanFile, Release, RobotId, Search, SupplyPeak, Target,
+    VERSION,
 };
 use crate::flight::Landing;
 use crate::motion::Motion;
+use crate::plan::finger_release::predict_with_fingers;
 use crate::plan::goal::Goal;
 use crate::plan::margins::Margins;
 use crate::plan::opening::nearest_to_rim;
@@ -23,7 +25,8 @@ use crate::throw::Throw;
 impl PlanFile {
     /// Puts together the plan of a throw.
     ///
-    /// Returns `None` only if the ball of the throw never comes down on the plane of the target.
+    /// Returns `None` only if the ball of the throw never comes down on the plane of the target, or stays in the fingers
+    /// when their release was asked for.
     #[must_use]
     pub fn of<const N: usize>(
         problem: &Problem<'_, N>,
@@ -39,6 +42,21 @@ impl PlanFile {
         let prediction = predict(problem, throw, noise)?;
         let c = prediction.covariance_m2;
         let aim = problem.aim.centre();
+        let fingers = match arm.fingers().filter(|_| problem.options.finger_release) {
+            None => None,
+            Some(fingers) => {
+                let landing = predict_with_fingers(problem, throw, fingers, noise)?;
+                let c = landing.covariance_m2;
+                Some(FingerLandingInfo {
+                    late_s: landing.late_s,
+                    shift_m: landing.shift_m.into(),
+                    mean_m: landing.mean_m.into(),
+                    covariance_m2: [[c[(0, 0)], c[(0, 1)]], [c[(1, 0)], c[(1, 1)]]],
+                    hit_probability: region
+                        .map(|r| landing.prediction(&prediction).hit_probability(&aim, &r)),
+                })
+            }
+        };
         let margins = Margins::of(problem, throw);
         let [time, braking, jerk] = problem.objective_terms(throw);
         // Everything is measured, whatever was enforced.
@@ -106,6 +124,7 @@ impl PlanFile {
                 delay_shifts: delay_shifts(problem, throw),
                 noise: *noise,
                 hit_probability: region.map(|r| prediction.hit_probability(&aim, &r)),
+                fingers,
             },
             margins: MarginsInfo {
                 position_rad: numbers(&margins.position_rad),

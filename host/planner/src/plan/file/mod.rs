@@ -276,6 +276,25 @@ pub struct LandingInfo {
     pub noise: Noise,
     /// Probability of a hit, if a region was given.
     pub hit_probability: Option<f64>,
+    /// The same for a ball that leaves between fingers that open, if that was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fingers: Option<FingerLandingInfo>,
+}
+
+/// Landing of a ball that leaves between fingers that open.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FingerLandingInfo {
+    /// From the planned release to the last touch of a finger, in s.
+    pub late_s: f64,
+    /// Shift of the landing against a ball that is free at the planned release, in m; coordinates as `mean_m`.
+    pub shift_m: [f64; 2],
+    /// Mean of the landing with all noise, in m.
+    pub mean_m: [f64; 2],
+    /// Its covariance in m², row by row.
+    pub covariance_m2: [[f64; 2]; 2],
+    /// Probability of a hit, if a region was given.
+    pub hit_probability: Option<f64>,
 }
 
 /// Shift of the landing when the gripper opens late or early.

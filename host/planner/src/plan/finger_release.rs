@@ -1,0 +1,205 @@
+//! Where the ball lands when it leaves between fingers that open, instead of at one instant.
+//!
+//! The release itself is [`robot_model::release`], along the planned motion of the hand. Mean and covariance come from the
+//! nodes of `spread`, each source alone, the others at their means; the fingers are one more source with three parts: lag of
+//! the second finger, friction, acceleration of the opening. The planner does not move its aim by the mean.
+
+use nalgebra::{Matrix2, Vector2};
+use robot_model::release::{Released, release};
+use robot_model::{Deviation, FingerScatter, Fingers, JointVec};
+
+use super::options::Noise;
+use super::problem::Problem;
+use super::rng::SplitMix64;
+use super::spread::{SEVEN, THREE, drag_nodes};
+use super::statistics::LandingPrediction;
+use crate::flight::FlightModel;
+use crate::throw::Throw;
+
+/// Landing of a throw whose ball leaves between fingers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FingerLanding {
+    /// Time from the planned release to the last touch of a finger, in s, if nothing is off.
+    pub late_s: f64,
+    /// Landing then against that of a ball that is free at the planned release, in m in the plane of the target.
+    pub shift_m: Vector2<f64>,
+    /// Mean and covariance with all noise.
+    pub mean_m: Vector2<f64>,
+    /// Covariance in m².
+    pub covariance_m2: Matrix2<f64>,
+}
+
+impl FingerLanding {
+    /// As a prediction, for the probability of a hit.
+    #[must_use]
+    pub fn prediction(&self, without: &LandingPrediction) -> LandingPrediction {
+        LandingPrediction { mean_m: self.mean_m, covariance_m2: self.covariance_m2, ..*without }
+    }
+}
+
+/// What is off in one throw.
+#[derive(Debug, Clone, Copy)]
+struct Off<const N: usize> {
+    delay_s: f64,
+    q_rad: JointVec<N>,
+    qd_rad_s: JointVec<N>,
+    fingers: Deviation,
+}
+
+impl<const N: usize> Off<N> {
+    fn nothing() -> Self {
+        Self {
+            delay_s: 0.0,
+            q_rad: JointVec::zeros(),
+            qd_rad_s: JointVec::zeros(),
+            fingers: Deviation::default(),
+        }
+    }
+}
+
+fn leave<const N: usize>(
+    problem: &Problem<'_, N>,
+    throw: &Throw<N>,
+    usual: &Fingers,
+    off: &Off<N>,
+) -> Option<Released> {
+    let arm = problem.arm;
+    let fingers = usual.deviated(&off.fingers);
+    let free_s = throw.ha_s + off.delay_s;
+    let opens_s = free_s - usual.freeing_s();
+    let hand = |t_s: f64| {
+        let state = throw.at_time(t_s);
+        // A speed that is off moves the joint too: the angles are off by `q_rad` when the ball should be free.
+        let q_rad = state.q + off.q_rad + off.qd_rad_s * (t_s - free_s);
+        arm.hand_motion(&q_rad, &(state.qd + off.qd_rad_s))
+    };
+    release(&fingers, arm.gripper().ball_radius_m, problem.flight.gravity_m_s2(), opens_s, hand).ok()
+}
+
+fn landing<const N: usize>(
+    problem: &Problem<'_, N>,
+    throw: &Throw<N>,
+    fingers: &Fingers,
+    flight: &FlightModel,
+    off: &Off<N>,
+) -> Option<Vector2<f64>> {
+    let left = leave(problem, throw, fingers, off)?;
+    let late_s = left.at_s - throw.ha_s;
+    let landed = flight.meet(&left.ball.p_m, &left.ball.v_m_s, &problem.aim, late_s)?;
+    Some(problem.aim.coordinates(&landed.p, late_s + landed.time_s))
+}
+
+/// Predicts the landing; `None` if a ball stays in the fingers or does not come down on the plane of the target.
+#[must_use]
+pub fn predict_with_fingers<const N: usize>(
+    problem: &Problem<'_, N>,
+    throw: &Throw<N>,
+    fingers: &Fingers,
+    noise: &Noise,
+) -> Option<FingerLanding> {
+    let drag = (noise.drag_per_m > 0.0).then(|| drag_nodes(problem.flight.drag_per_m(), noise.drag_per_m));
+    let mean_flight = match &drag {
+        Some(nodes) => problem.flight.with_drag(nodes.iter().map(|(k, weight)| k * weight).sum()).ok()?,
+        None => problem.flight,
+    };
+    let nothing = Off::<N>::nothing();
+    let at = |off: &Off<N>| landing(problem, throw, fingers, &mean_flight, off);
+    let centre = at(&nothing)?;
+    let (mut mean_m, mut covariance_m2) = (centre, Matrix2::zeros());
+    let mut add = |nodes: &[(f64, Vector2<f64>)]| {
+        let shift: Vector2<f64> = nodes.iter().map(|(weight, xy)| (xy - centre) * *weight).sum();
+        let second: Matrix2<f64> =
+            nodes.iter().map(|(weight, xy)| (xy - centre) * (xy - centre).transpose() * *weight).sum();
+        mean_m += shift;
+        covariance_m2 += second - shift * shift.transpose();
+    };
+    let mut sources: Vec<(f64, &[(f64, f64)], Box<dyn Fn(f64) -> Off<N>>)> =
+        vec![(noise.release_time_s, &SEVEN, Box::new(move |x| Off { delay_s: x, ..nothing }))];
+    for j in 0..N {
+        let one = JointVec::<N>::from_fn(|i, _| if i == j { 1.0 } else { 0.0 });
+        sources.push((noise.position_rad, &THREE, Box::new(move |x| Off { q_rad: one * x, ..nothing })));
+        sources.push((noise.speed_rad_s, &THREE, Box::new(move |x| Off { qd_rad_s: one * x, ..nothing })));
+    }
+    for (sigma, rule, off) in sources.iter().filter(|(sigma, ..)| *sigma > 0.0) {
+        let nodes: Option<Vec<_>> =
+            rule.iter().map(|(node, weight)| Some((*weight, at(&off(node * sigma))?))).collect();
+        add(&nodes?);
+    }
+    let nodes: Option<Vec<_>> = finger_nodes(&fingers.scatter)
+        .into_iter()
+        .map(|(weight, fingers)| Some((weight, at(&Off { fingers, ..nothing })?)))
+        .collect();
+    add(&nodes?);
+    if let Some(nodes) = drag {
+        let nodes: Option<Vec<_>> = nodes
+            .into_iter()
+            .map(|(k, weight)| {
+                let flight = problem.flight.with_drag(k).ok()?;
+                Some((weight, landing(problem, throw, fingers, &flight, &nothing)?))
+            })
+            .collect();
+        add(&nodes?);
+    }
+    let exact = landing(problem, throw, fingers, &problem.flight, &nothing)?;
+    let (p, v) = throw.ball_at_release(problem.arm);
+    let planned = problem.flight.meet(&p, &v, &problem.aim, 0.0)?;
+    Some(FingerLanding {
+        late_s: leave(problem, throw, fingers, &nothing)?.at_s - throw.ha_s,
+        shift_m: exact - problem.aim.coordinates(&planned.p, planned.time_s),
+        mean_m,
+        covariance_m2,
+    })
+}
+
+/// Weights and nodes for the three sources of the fingers together: what a late finger does depends on how fast both open.
+fn finger_nodes(scatter: &FingerScatter) -> Vec<(f64, Deviation)> {
+    let with_centre = |rule: &[(f64, f64)], sigma: f64| {
+        let others: f64 = rule.iter().map(|(_, weight)| weight).sum();
+        let mut nodes = vec![(0.0, 1.0 - others)];
+        nodes.extend(rule.iter().map(|(node, weight)| (node * sigma, *weight)));
+        // Without scatter all nodes are the same one.
+        if sigma > 0.0 { nodes } else { vec![(0.0, 1.0)] }
+    };
+    let mut out = Vec::new();
+    for (lag_s, of_lag) in with_centre(&SEVEN, scatter.lag_s) {
+        for (friction_share, of_friction) in with_centre(&THREE, scatter.friction_share) {
+            for (opening_share, of_opening) in with_centre(&THREE, scatter.opening_share) {
+                let deviation = Deviation { lag_s, friction_share, opening_share };
+                out.push((of_lag * of_friction * of_opening, deviation));
+            }
+        }
+    }
+    out
+}
+
+/// Landings of `draws` disturbed throws with everything off at once; those whose ball stays in the fingers or does not come
+/// down are left out. The oracle of [`predict_with_fingers`].
+#[must_use]
+pub fn monte_carlo_with_fingers<const N: usize>(
+    problem: &Problem<'_, N>,
+    throw: &Throw<N>,
+    fingers: &Fingers,
+    noise: &Noise,
+    draws: usize,
+    seed: u64,
+) -> Vec<Vector2<f64>> {
+    let mut rng = SplitMix64::new(seed);
+    let scatter = fingers.scatter;
+    (0..draws)
+        .filter_map(|_| {
+            let off = Off {
+                delay_s: noise.release_time_s * rng.normal(),
+                q_rad: JointVec::from_fn(|_, _| noise.position_rad * rng.normal()),
+                qd_rad_s: JointVec::from_fn(|_, _| noise.speed_rad_s * rng.normal()),
+                fingers: Deviation {
+                    lag_s: scatter.lag_s * rng.normal(),
+                    friction_share: scatter.friction_share * rng.normal(),
+                    opening_share: scatter.opening_share * rng.normal(),
+                },
+            };
+            // Drag is never negative.
+            let k = (problem.flight.drag_per_m() + noise.drag_per_m * rng.normal()).abs();
+            landing(problem, throw, fingers, &problem.flight.with_drag(k).ok()?, &off)
+        })
+        .collect()
+}
