@@ -105,6 +105,35 @@ fn the_simulated_ball_meets_a_moving_target() {
     }
 }
 
+/// What the fingers add to the landing: the same throws with and without them, against the prediction of both.
+#[test]
+fn fingers_move_the_simulated_landing_as_far_as_their_prediction_says() {
+    let (instant, fingers) = (Rig::nominal(), Rig::with_fingers());
+    let target = [2.0, 0.0, -1.0];
+    let plan = fingers.plan_with(target, Options { finger_release: true, ..nulled() });
+    let with = plan.landing.fingers.expect("was asked for");
+    let added_m2 = trace(&with.covariance_m2) - trace(&plan.landing.covariance_m2);
+    let seeds: u64 = 32;
+    let moved_m2: Vec<f64> = (1..=seeds)
+        .into_par_iter()
+        .map(|seed| {
+            let [a, b] = [&instant, &fingers].map(|rig| rig.throw(&plan, seed).landing_m);
+            let moved = (b - a).xy() - Vector2::from(with.shift_m);
+            moved.norm_squared()
+        })
+        .collect();
+    let rms_m = (moved_m2.iter().sum::<f64>() / seeds as f64).sqrt();
+    let ratio = rms_m / added_m2.sqrt();
+    println!("{:.2} mm rms, predicted {:.2} mm", rms_m * 1e3, added_m2.sqrt() * 1e3);
+    // The fingers move the ball along their own axis: 32 draws of one direction have a ratio within 0.6 to 1.5 with a
+    // probability of 99.8 %.
+    assert!((0.6..1.5).contains(&ratio), "{ratio}");
+}
+
+fn trace(covariance_m2: &[[f64; 2]; 2]) -> f64 {
+    covariance_m2[0][0] + covariance_m2[1][1]
+}
+
 /// Azimuth all around, range and height as far as the stored throws lead.
 fn random_target(rng: &mut planner::plan::rng::SplitMix64) -> [f64; 3] {
     let mut between = |low: f64, high: f64| low + (high - low) * rng.unit();

@@ -150,6 +150,13 @@ impl Rig {
         rig
     }
 
+    /// The ball leaves between fingers that open.
+    pub(crate) fn with_fingers() -> Self {
+        let mut rig = Self::nominal();
+        rig.setup.cell.finger_release = true;
+        rig
+    }
+
     fn problem(&self, target_m: [f64; 3]) -> Option<Problem<'_>> {
         Problem::new(&self.arm, Vector3::from(target_m), Options::best()).ok()
     }
