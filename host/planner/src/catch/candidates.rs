@@ -38,6 +38,15 @@ pub(super) struct Candidate {
     pub(super) score: f64,
 }
 
+/// Why a posture is no catch. What is missed by least is kept for each, because their amounts cannot be compared.
+#[derive(Clone, Copy)]
+enum Miss {
+    /// No motion leads there: share of a limit, or rad beyond a range.
+    Motion,
+    /// The cup looks down where the hand stops: by what its axis is too low.
+    CupDown,
+}
+
 /// A posture that is judged.
 struct Place<'a> {
     slot: &'a Slot<'a>,
@@ -59,6 +68,23 @@ pub(super) fn directions(cone_rad: f64) -> Vec<[f64; 3]> {
         }));
     }
     all
+}
+
+/// `axis` and directions `step_rad` about it, in the cone about the reverse of the ball's velocity and in its coordinates.
+fn about(slot: &Slot<'_>, axis: &Vector3<f64>, step_rad: f64, cone_rad: f64) -> Vec<[f64; 3]> {
+    let (a, b) = across(&slot.u);
+    let about = Vector3::new(axis.dot(&a), axis.dot(&b), -axis.dot(&slot.u));
+    let (c, d) = across(&about);
+    let turned = (0..NEARBY_DIRECTIONS).map(|k| {
+        let (y, x) = (std::f64::consts::TAU * f64::from(k) / f64::from(NEARBY_DIRECTIONS)).sin_cos();
+        about + (c * x + d * y) * step_rad
+    });
+    turned
+        .chain([about])
+        .map(|direction| direction.normalize())
+        .filter(|direction| direction.z >= cone_rad.cos())
+        .map(Into::into)
+        .collect()
 }
 
 /// The mode in which the hand catches, and what it is worth; `None` if the settings do not allow it.
@@ -136,15 +162,15 @@ pub(super) struct Search<'a> {
     pub(super) start: &'a Start<'a>,
     /// Best first.
     pub(super) best: Vec<Candidate>,
-    /// Of the postures that no motion reaches, the one that misses by least: by how much, its time (s), its cup direction.
-    pub(super) missed: Option<(f64, f64, Vector3<f64>)>,
+    /// What is missed by least, for each [`Miss`]: by how much, its time (s), its cup direction.
+    missed: [Option<(f64, f64, Vector3<f64>)>; 2],
     pub(super) count: Count,
 }
 
 impl<'a> Search<'a> {
     pub(super) fn new(arm: &'a CatchArm, settings: &'a Settings, start: &'a Start<'a>) -> Self {
         let best = Vec::with_capacity(SHORTLIST + 1);
-        Self { arm, settings, start, best, missed: None, count: Count::default() }
+        Self { arm, settings, start, best, missed: [None; 2], count: Count::default() }
     }
 
     /// All postures at one time with these cup directions, given about the reverse of the ball's velocity.
@@ -170,40 +196,31 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// As long as there is no catch: looks about the posture that missed one by least, nearer and nearer.
+    /// As long as there is no catch: looks about the postures that missed one by least, nearer and nearer.
     pub(super) fn look_nearby(&mut self, forecast: &Forecast, limits: &[Limits; 6]) {
         let Self { arm, settings, start, .. } = *self;
         for (step_s, step_rad) in NEARBY {
-            let Some((_, t_s, axis)) = self.missed.filter(|_| self.best.is_empty()) else { return };
-            for shift in [-1.0, 0.0, 1.0] {
-                let Some(ball) = forecast.at(t_s + shift * step_s) else { continue };
-                if ball.t_s <= start.at_s + settings.freeze_s {
+            for kind in [Miss::Motion, Miss::CupDown] {
+                let Some((_, t_s, axis)) = self.missed[kind as usize].filter(|_| self.best.is_empty()) else {
                     continue;
+                };
+                for shift in [-1.0, 0.0, 1.0] {
+                    let Some(ball) = forecast.at(t_s + shift * step_s) else { continue };
+                    if ball.t_s <= start.at_s + settings.freeze_s {
+                        continue;
+                    }
+                    let slot = slot(arm, settings, start, forecast, limits, ball);
+                    self.look(&slot, &about(&slot, &axis, step_rad, settings.cone_rad));
                 }
-                let slot = slot(arm, settings, start, forecast, limits, ball);
-                let (a, b) = across(&slot.u);
-                let about = Vector3::new(axis.dot(&a), axis.dot(&b), -axis.dot(&slot.u));
-                let (c, d) = across(&about);
-                let turned = (0..NEARBY_DIRECTIONS).map(|k| {
-                    let (y, x) =
-                        (std::f64::consts::TAU * f64::from(k) / f64::from(NEARBY_DIRECTIONS)).sin_cos();
-                    about + (c * x + d * y) * step_rad
-                });
-                let directions: Vec<[f64; 3]> = turned
-                    .chain([about])
-                    .map(|direction| direction.normalize())
-                    .filter(|direction| direction.z >= settings.cone_rad.cos())
-                    .map(Into::into)
-                    .collect();
-                self.look(&slot, &directions);
             }
         }
     }
 
-    /// Notes a posture that no motion reaches, by how much it is missed.
-    fn miss(&mut self, place: &Place<'_>, by: f64) {
-        if self.missed.is_none_or(|(least, ..)| by < least) {
-            self.missed = Some((by, place.slot.ball.t_s, place.axis));
+    /// Notes a posture that is no catch, and by how much.
+    fn miss(&mut self, place: &Place<'_>, kind: Miss, by: f64) {
+        let missed = &mut self.missed[kind as usize];
+        if missed.is_none_or(|(least, ..)| by < least) {
+            *missed = Some((by, place.slot.ball.t_s, place.axis));
         }
     }
 
@@ -235,7 +252,7 @@ impl<'a> Search<'a> {
         let least = match least_share(arm, start, slot, &q, &qd, &mut self.count) {
             Ok(least) => least,
             Err(by) => {
-                self.miss(place, by);
+                self.miss(place, Miss::Motion, by);
                 return false;
             }
         };
@@ -252,7 +269,7 @@ impl<'a> Search<'a> {
         }
         let Some((fits, used)) = fit_all(arm, start, slot, &q, &qd) else {
             self.count.late += 1;
-            self.miss(place, UNKNOWN_MISS);
+            self.miss(place, Miss::Motion, UNKNOWN_MISS);
             return false;
         };
         self.count.motion += 1;
@@ -263,7 +280,7 @@ impl<'a> Search<'a> {
         let beyond_rad = beyond_ranges_rad(arm, start, slot, &fits);
         if beyond_rad > 0.0 {
             self.count.no_stop += 1;
-            self.miss(place, beyond_rad);
+            self.miss(place, Miss::Motion, beyond_rad);
             return false;
         }
         let stop =
@@ -271,7 +288,7 @@ impl<'a> Search<'a> {
         let down = looks_down(arm, &stop);
         if down > 0.0 {
             self.count.cup_down += 1;
-            self.miss(place, down);
+            self.miss(place, Miss::CupDown, down);
             return false;
         }
         let at = self.best.partition_point(|other| other.score >= score);
