@@ -326,13 +326,20 @@ fn study_of(args: &Args, court: &CourtOptions<6>, throws: u32) -> Result<(), Exp
     let options = StudyOptions { throws: throws as usize, seed: args.catching.seed, only: args.only.clone() };
     let mut rows = Vec::new();
     let study = study::run(court, &options, |row| {
-        if !args.json {
+        if args.json {
+            console::note!("{}: {} of {} caught", row.name, row.caught.hits, row.caught.of);
+        } else {
             console::text!("{}", row_text(row));
         }
         rows.push(row.clone());
     });
     let study = study.map_err(|why| {
-        ExpectedError::new(exit::NO_THROW, format!("{why}\n  next: set the arms of the court 2 to 3 m apart"))
+        if args.json && !rows.is_empty() {
+            print_json(&json!({"rows": rows}));
+        }
+        let next = "look at the arms of the court file: the study sets them 2, 2.5 and 3 m apart and leaves the rest; \
+                    `--only \"D 2 m\"` makes the rows of that distance alone";
+        ExpectedError::new(exit::NO_THROW, format!("{why}\n  next: {next}"))
     })?;
     if args.json {
         print_json(&json!({"rows": rows, "estimator": study.estimator, "rallies": study.rallies}));

@@ -23,6 +23,8 @@ const KNOWN_S: [f64; 5] = [-2.0, -0.6, -0.3, 0.0, 0.07];
 const RELEASE_S: f64 = 2.0;
 /// Draws per throw before giving up.
 const TRIES: usize = 3_000_000;
+/// If none of so many first throws is found, the thrower cannot reach the window: at 3 m one in some hundred is not found.
+const FIRST: usize = 4;
 /// Throws drawn at most for one that can be caught.
 const DRAWN_PER_POSSIBLE: usize = 10;
 
@@ -31,7 +33,13 @@ const DRAWN_PER_POSSIBLE: usize = 10;
 /// `None` if the thrower cannot reach the window.
 #[must_use]
 pub fn draw_throws(pair: &Pair, window: &Window, count: usize, seed: u64) -> Option<Vec<Aimed>> {
-    draw_from(pair, window, 0..count, seed)
+    let first = count.min(FIRST);
+    let mut throws = draw_from(pair, window, 0..first, seed)?;
+    if throws.is_empty() {
+        return None;
+    }
+    throws.extend(draw_from(pair, window, first..count, seed)?);
+    Some(throws)
 }
 
 /// Throws at one window of one court, drawn once for several settings.
@@ -40,6 +48,8 @@ pub struct Drawn<'a> {
     pair: &'a Pair,
     window: Window,
     seed: u64,
+    /// Numbers that were tried; a few of them lead to no throw where a window is hard to reach.
+    numbers: usize,
     throws: Vec<Aimed>,
 }
 
@@ -47,7 +57,7 @@ impl<'a> Drawn<'a> {
     /// None yet.
     #[must_use]
     pub fn new(pair: &'a Pair, window: Window, seed: u64) -> Self {
-        Self { pair, window, seed, throws: Vec::new() }
+        Self { pair, window, seed, numbers: 0, throws: Vec::new() }
     }
 
     /// As many throws as it takes until `possible` of them have a place where they can be caught, at most ten times as many; and for
@@ -59,9 +69,14 @@ impl<'a> Drawn<'a> {
         let mut found = 0;
         while found < possible && exists.len() < DRAWN_PER_POSSIBLE * possible {
             let missing = exists.len()..exists.len() + (possible - found);
-            if self.throws.len() < missing.end {
-                let more = self.throws.len()..missing.end;
-                self.throws.extend(draw_from(self.pair, &self.window, more, self.seed)?);
+            while self.throws.len() < missing.end {
+                let numbers = self.numbers..self.numbers + missing.end - self.throws.len();
+                self.numbers = numbers.end;
+                let more = draw_from(self.pair, &self.window, numbers, self.seed)?;
+                if more.is_empty() {
+                    return None;
+                }
+                self.throws.extend(more);
             }
             let next = &self.throws[missing];
             let places: Vec<bool> =
@@ -73,17 +88,17 @@ impl<'a> Drawn<'a> {
     }
 }
 
+/// The throws of these numbers. A number that leads to none in [`TRIES`] tries is left out: what it would have drawn does not
+/// depend on why.
 fn draw_from(pair: &Pair, window: &Window, numbers: Range<usize>, seed: u64) -> Option<Vec<Aimed>> {
     let [thrower, catcher] = &pair.court.arms;
     let flight = FlightModel::vacuum(thrower.model.world().gravity_m_s2).ok()?;
     let flight = flight.with_drag(pair.court.ball.drag_1_m).ok()?;
-    numbers
-        .into_par_iter()
-        .map(|k| {
-            let mut rng = SplitMix64::stream(seed, k as u64);
-            draw(&thrower.model, &thrower.x_wb, &catcher.x_wb, &flight, window, &mut rng, TRIES)
-        })
-        .collect()
+    let throws = numbers.into_par_iter().filter_map(|k| {
+        let mut rng = SplitMix64::stream(seed, k as u64);
+        draw(&thrower.model, &thrower.x_wb, &catcher.x_wb, &flight, window, &mut rng, TRIES)
+    });
+    Some(throws.collect())
 }
 
 /// Whether a place to catch this throw exists for an arm that knows it, at one of some times. A partner keeps clear of the thrower's way,
