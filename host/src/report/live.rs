@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 use operator::analysis::POSITION_BOUND_RAD;
+use operator::analysis::release::flight;
 use operator::machine::Machine;
 use planner::plan::file::PlanFile;
 use robot_model::{AnyRobot, for_any_robot};
@@ -10,6 +11,8 @@ use super::chart::escape;
 use super::page::{SCENE, STYLE};
 use super::scene::{body, list, point};
 
+/// Points of the planned flight.
+const FLIGHT_STEPS: u32 = 40;
 const LIVE: &str = include_str!("assets/live.js");
 
 /// The page for a robot on the bus called `bus`; with `plan` its target is shown.
@@ -40,7 +43,7 @@ pub fn page(robot: &AnyRobot, bus: &str, plan: Option<&PlanFile>) -> String {
          <div class=\"stopbar\"><button id=\"stop\">Stop (Esc)</button><output id=\"stopped\"></output></div>\
          <p class=\"card bad\" id=\"fault\" hidden></p><div class=\"tiles\">{tiles}</div>\
          <div class=\"scene\"><figure class=\"card\"><canvas id=\"scene\" aria-label=\"arm\"></canvas><div class=\"bar\">\
-         <button id=\"reset\">Reset</button><button id=\"top\">From above</button></div></figure>\
+         <button id=\"reset\">Reset</button><button id=\"top\">From above</button></div>{flight_note}</figure>\
          <div class=\"card scroll\"><table id=\"joints\"><tr><th class=\"l\">joint</th><th>q rad</th><th>speed rad/s</th>\
          <th>error mrad</th><th>current A</th><th>age ms</th><th class=\"l\">drive</th></tr></table></div></div><p></p>\
          <div class=\"two\"><figure class=\"card\" id=\"errors\"></figure><figure class=\"card\" id=\"currents\"></figure>\
@@ -50,10 +53,20 @@ pub fn page(robot: &AnyRobot, bus: &str, plan: Option<&PlanFile>) -> String {
          <footer>Served by cubectl {version} to this machine only.</footer></main>\
          <script>const scene={scene},live={{\"joints\":{names},\"bound_mrad\":{bound_mrad}}};{SCENE}</script><script>{LIVE}</script></body></html>\n",
         title = escape(&title),
+        flight_note =
+            if plan.is_some() { "<figcaption>Dots: the flight as planned.</figcaption>" } else { "" },
         version = env!("CARGO_PKG_VERSION"),
         scene = scene(robot, plan),
         bound_mrad = (1e3 * POSITION_BOUND_RAD).round(),
     )
+}
+
+/// Points of the planned flight, in m.
+fn planned_flight(plan: &PlanFile) -> Vec<Vector3<f64>> {
+    let (p, v) = (Vector3::from(plan.release.position_m), Vector3::from(plan.release.velocity_m_s));
+    let time = |i: u32| plan.landing.flight_s * f64::from(i) / f64::from(FLIGHT_STEPS);
+    flight(plan)
+        .map_or_else(Vec::new, |model| (0..=FLIGHT_STEPS).map(|i| model.fly(&p, &v, time(i)).p).collect())
 }
 
 /// What the picture in space knows before anything was heard: the bodies, and where they can be.
@@ -65,16 +78,22 @@ fn scene(robot: &AnyRobot, plan: Option<&PlanFile>) -> String {
         let reach_m = stretched.x_w.iter().map(|x| x.pos.norm()).fold(arm.ball(&stretched).pos.norm(), f64::max);
         let floor_m = arm.world().floor_z_m;
         let sides = [-0.5, 0.5].map(|side| [[side, 0.0, 0.0], [0.0, side, 1.0]]);
-        let bounds: Vec<Vector3<f64>> =
-            sides.as_flattened().iter().map(|share| Vector3::from(*share) * (reach_m + 0.1)).collect();
+        let flown = plan.map_or_else(Vec::new, planned_flight);
+        let bounds: Vec<Vector3<f64>> = sides
+            .as_flattened()
+            .iter()
+            .map(|share| Vector3::from(*share) * (reach_m + 0.1))
+            .chain(flown.iter().copied())
+            .collect();
         let links: Vec<String> = stretched.x_w.iter().map(super::scene::link).collect();
         let target = plan.map_or("null".to_owned(), |plan| point(&Vector3::from(plan.target.position_m)));
         format!(
             "{{\"floor\":{floor_m},\"top\":0.3,\"radius\":{},\"last\":{},\"release\":null,\"target\":{target},\"hand\":[],\
-             \"planned\":null,\"flight\":[],\"ellipse\":null,\"bounds\":{},\"boxes\":[{}],\
+             \"planned\":null,\"flight\":{},\"ellipse\":null,\"bounds\":{},\"boxes\":[{}],\
              \"steps\":[{{\"t\":0,\"ball\":{},\"links\":[{}]}}]}}",
             arm.gripper().ball_radius_m,
             arm.joints().len(),
+            list(&flown),
             list(&bounds),
             boxes.join(","),
             point(&arm.ball(&stretched).pos),

@@ -167,6 +167,10 @@ fn velocity(text: &str) -> Result<Course, String> {
     Course::new(&[numbers(text)?]).ok_or_else(|| format!("\"{text}\" is not three finite numbers"))
 }
 
+fn throws(count: usize) -> String {
+    if count == 1 { "1 throw".to_owned() } else { format!("{count} throws") }
+}
+
 /// A course given as `x,y,z;x,y,z;…`.
 fn course(text: &str) -> Result<Course, String> {
     let coefficients: Vec<[f64; 3]> = text.split(';').map(numbers).collect::<Result<_, _>>()?;
@@ -302,7 +306,7 @@ impl PlanOptions {
         let mut index = seeds::built_in(arm);
         let mut sources = vec![format!("{} built-in throws", index.records().len())];
         if let Some((path, records)) = prepared(arm) {
-            sources.push(format!("{} throws of {}", records.len(), path.display()));
+            sources.push(format!("{} of {}", throws(records.len()), path.display()));
             records.into_iter().for_each(|record| index.insert(record));
         }
         let Some(path) = &self.store else { return Ok(Starts { index, store: None, sources }) };
@@ -323,7 +327,7 @@ impl PlanOptions {
                     ),
                     (None, _) => {}
                 }
-                sources.push(format!("{} throws of {}", records.len(), path.display()));
+                sources.push(format!("{} of {}", throws(records.len()), path.display()));
                 for record in records {
                     index.insert(record);
                 }
