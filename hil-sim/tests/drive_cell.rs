@@ -319,7 +319,7 @@ fn a_robot_without_fingers_in_its_file_is_refused_when_they_are_asked_for() {
     let (before, rest) = text.split_once("[fingers]").unwrap();
     let (_, after) = rest.split_once("# Boxes are uniform").unwrap();
     let robot = AnyRobot::from_toml("arm.toml", &format!("{before}# {after}")).unwrap();
-    let refused = hil_sim::cell::Cell::new(&robot, &options, 1).err().unwrap();
+    let refused = Cell::new(&robot, &options, 1).err().unwrap();
     assert_eq!(refused, hil_sim::cell::CellError::NoFingers { robot: "powercube6".to_owned() });
 }
 

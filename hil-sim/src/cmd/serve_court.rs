@@ -303,7 +303,6 @@ fn words(event: &CourtEvent) -> String {
         CourtEvent::HitFloor => "the ball hits the floor".to_owned(),
         CourtEvent::Rests { arm } => format!("the ball rests in the cup of the {}", name(arm)),
         CourtEvent::FellOut { arm } => format!("the ball has left the cup of the {}", name(arm)),
-        CourtEvent::Gripped { arm } => format!("the {} grips the ball", name(arm)),
     }
 }
 

@@ -136,8 +136,6 @@ pub enum CourtEvent {
     Rests { arm: usize },
     /// A ball that rested in the arm's cup is out of it again.
     FellOut { arm: usize },
-    /// The arm gripped the ball in its cup.
-    Gripped { arm: usize },
 }
 
 /// Position and speed of an arm's joints, rad and rad/s.
@@ -211,19 +209,6 @@ impl<const N: usize> Court<N> {
     pub fn throw_in(&mut self, ball: LooseBall) {
         self.place = BallPlace::Loose(ball);
         (self.crossed, self.resting, self.slow_since) = ([false; 2], None, None);
-    }
-
-    /// Grips the ball that rests in the cup of `arm`; false if there is none.
-    pub fn grip(&mut self, arm: usize) -> bool {
-        if self.resting != Some(arm) {
-            return false;
-        }
-        let at_e_m = self.options.cup.rest_e_m(self.options.ball.radius_m);
-        self.place = BallPlace::Held { arm, at_e_m };
-        self.resting = None;
-        self.slow_since = None;
-        self.tell(self.now, CourtEvent::Gripped { arm });
-        true
     }
 
     /// The cup in which the ball rests now.

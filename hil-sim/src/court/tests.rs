@@ -27,8 +27,8 @@ fn has(court: &Court<6>, wanted: impl Fn(&CourtEvent) -> bool) -> bool {
 }
 
 #[test]
-fn a_ball_into_the_middle_of_the_cup_comes_to_rest_in_it_and_can_be_gripped() {
-    let mut court = thrown(0.0, [0.0, 0.0, -2.0], |_| {});
+fn a_ball_into_the_middle_of_the_cup_comes_to_rest_in_it() {
+    let court = thrown(0.0, [0.0, 0.0, -2.0], |_| {});
     assert_eq!(court.resting_in(), Some(1));
     let rest_e_m = court.options.cup.rest_e_m(0.03);
     let at = court.hand(1).x_we.transform_point(&rest_e_m);
@@ -41,8 +41,6 @@ fn a_ball_into_the_middle_of_the_cup_comes_to_rest_in_it_and_can_be_gripped() {
     let speed = (4.0_f64 + 2.0 * 9.81 * 0.3).sqrt();
     assert!(crossing.miss_m < 1e-3 && crossing.angle_rad < 1e-3, "{crossing:?}");
     assert!((crossing.speed_m_s - speed).abs() < 0.02, "{crossing:?}");
-    assert!(!court.grip(0) && court.grip(1));
-    assert!(matches!(court.place(), BallPlace::Held { arm: 1, .. }));
 }
 
 #[test]

@@ -140,7 +140,6 @@ fn event_json(after_release_s: f64, event: &CourtEvent) -> Value {
         CourtEvent::HitFloor => ("hit the floor", None, None),
         CourtEvent::Rests { arm } => ("rests in the cup", Some(arm), None),
         CourtEvent::FellOut { arm } => ("fell out of the cup", Some(arm), None),
-        CourtEvent::Gripped { arm } => ("is gripped", Some(arm), None),
     };
     let mut told = Map::new();
     told.insert("after_release_s".to_owned(), json!(after_release_s));
