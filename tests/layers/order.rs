@@ -278,7 +278,10 @@ pub(crate) const FOLDERS: &[Folder] = &[
             &["online"],
         ],
     },
-    Folder { path: "host/planner/src/flight", floors: &[&["aim", "model"], &["landing", "launch"]] },
+    Folder {
+        path: "host/planner/src/flight",
+        floors: &[&["aim", "model", "precession"], &["landing", "launch"]],
+    },
     Folder {
         path: "host/planner/src/follow",
         floors: &[
