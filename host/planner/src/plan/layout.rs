@@ -80,6 +80,8 @@ pub(crate) struct Numbers {
     pub(crate) arrival: usize,
     /// Angle and rim of an opening: one each.
     pub(crate) opening: usize,
+    /// Arrival attitude: axis, axis of rotation, angular speed.
+    pub(crate) attitude: usize,
     /// Shift of the landing: two per window.
     pub(crate) delay: usize,
     /// Cuts: [`CUTS_MAX`].
@@ -109,7 +111,8 @@ impl Numbers {
         let along = spin + 2;
         let arrival = along + 1;
         let opening = arrival + 4;
-        let delay = opening + 2;
+        let attitude = opening + 2;
+        let delay = attitude + 3;
         let cut = delay + 2 * DELAY_WINDOWS_MAX;
         let target_floor = cut + CUTS_MAX;
         Self {
@@ -130,6 +133,7 @@ impl Numbers {
             along,
             arrival,
             opening,
+            attitude,
             delay,
             cut,
             target_floor,
@@ -234,6 +238,7 @@ mod tests {
             (number.along, 1),
             (number.arrival, 4),
             (number.opening, 2),
+            (number.attitude, 3),
             (number.delay, 2 * DELAY_WINDOWS_MAX),
             (number.cut, CUTS_MAX),
             (number.target_floor, 1),

@@ -27,6 +27,8 @@
 //! | [`search`] | stored and random starts on all cores |
 //! | [`nearest`] | the nearest reachable target, for one that is not |
 //! | [`opening`] | a disc that the ball passes |
+//! | [`attitude`] | how a thing that is no ball arrives, and how much that varies |
+//! | `tighten` | throws brought to an arrival attitude in steps |
 //! | `obstruction` | what closes every posture of the arm |
 //! | [`seeds`], [`prepare`] | the stored throws that come with the program, and how tables are made |
 //! | [`statistics`] | covariance of the landing, probability of a hit |
@@ -34,6 +36,7 @@
 //! | [`mod@file`] | the plan file |
 //! | [`rng`] | seeded numbers |
 
+pub mod attitude;
 mod basins;
 pub mod bounds;
 mod continuation;
@@ -67,6 +70,7 @@ pub mod search;
 pub mod seeds;
 mod spread;
 pub mod statistics;
+mod tighten;
 mod warm_start;
 
 pub use crate::throw::{Arm, JOINTS, Joints, Throw};
@@ -76,8 +80,8 @@ pub use ladder::{GivenUp, Kept, Ladder};
 pub use local::{Blocked, Found, Nearest};
 pub use margins::Margins;
 pub use obstruction::Obstruction;
-pub use options::{AskedBounds, DelayWindow, Form, Goal, Opening, Options};
-pub use outcome::{Best, Budget, NoThrow, Watch};
+pub use options::{AskedBounds, Attitude, Cone, DelayWindow, Form, Goal, Opening, Options};
+pub use outcome::{Best, Budget, NearestAttitude, NoThrow, Watch};
 pub use paper::PaperParameters;
 pub use planner::Planner;
 pub use problem::{Problem, ProblemError};

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::basins::{Basins, Surroundings};
 use super::local::{Begin, Found, evaluate_once, solve_from};
 use super::obstruction::obstruction;
-pub use super::outcome::{Best, Budget, NoThrow, Watch};
+pub use super::outcome::{Best, Budget, NearestAttitude, NoThrow, Watch};
 pub use super::planner::{Planner, kind_of};
 use super::warm_start::{WarmStart, warm_starts};
 use crate::solve::sqp::Settings;
@@ -168,16 +168,26 @@ impl<const N: usize> Planner<'_, '_, N> {
             Ok(best) => return Ok(best),
             Err(none) => none,
         };
-        if watch.stop.load(Ordering::Relaxed) {
+        if watch.stop.load(Ordering::Relaxed) || none.attitude.is_some() {
             return Err(none);
         }
-        if let Some(found) = obstruction(self.problem) {
+        // No throw at all was found, so the attitude has no part in it.
+        let unasked = self.without_attitude();
+        let any = unasked.as_ref().map(Planner::new);
+        let planner = any.as_ref().unwrap_or(self);
+        if let Some(found) = obstruction(planner.problem) {
             return Err(NoThrow { obstruction: Some(Box::new(found)), ..none });
         }
-        let Some((nearest, throw)) = self.nearest(index, budget) else { return Err(none) };
+        let Some((nearest, throw)) = planner.nearest(index, budget) else { return Err(none) };
         // Looking for the nearest target is itself a way in: it may end at the target.
         if nearest.distance_m < REACHED_M {
-            let Some(found) = self.from_throw(&throw) else { return Err(none) };
+            let Some(mut found) = planner.from_throw(&throw) else { return Err(none) };
+            if any.is_some() {
+                match self.tighten(&found.throw, &|| watch.stop.load(Ordering::Relaxed)) {
+                    Ok(tightened) => found = self.refine(tightened),
+                    Err(attitude) => return Err(NoThrow { attitude, ..none }),
+                }
+            }
             let mut basins = Basins::default();
             basins.add_random(Some(found));
             let (starts, interrupted) = (none.starts, none.interrupted);
@@ -197,6 +207,7 @@ impl<const N: usize> Planner<'_, '_, N> {
         let stopped = || watch.stop.load(Ordering::Relaxed) || out_of_time();
         let mut basins = Basins::default();
         let surroundings = self.polish_stored(index, &mut basins, &stopped, watch);
+        let attitude = self.tighten_all(index, budget, &mut basins, &stopped, watch);
         let mut begun = 0;
         while begun < budget.starts
             && !stopped()
@@ -215,10 +226,45 @@ impl<const N: usize> Planner<'_, '_, N> {
         let best = self.finish(&basins, &stopped);
         let Some(found) = best.first().copied() else {
             let target = self.problem.target;
-            return Err(NoThrow { target, nearest: None, obstruction: None, starts, interrupted });
+            return Err(NoThrow { target, nearest: None, attitude, obstruction: None, starts, interrupted });
         };
         let confidence = basins.confidence();
         Ok(Best { found, starts, solved: basins.solved(), interrupted, confidence, others: best })
+    }
+
+    /// Searches for throws with any attitude, and brings the cheapest to the one asked for. The nearest attitude if none gets
+    /// there.
+    fn tighten_all(
+        &self,
+        index: &Index<N>,
+        budget: &Budget,
+        basins: &mut Basins<N>,
+        stopped: &(dyn Fn() -> bool + Sync),
+        watch: &Watch,
+    ) -> Option<NearestAttitude> {
+        let any = self.without_attitude()?;
+        let budget = Budget { all: false, ..*budget };
+        let from = Planner::new(&any).attempt(index, &budget, watch).ok()?.others;
+        let ended: Vec<Result<Found<N>, Option<NearestAttitude>>> = from
+            .par_iter()
+            .take(TIGHTENED_MAX)
+            .filter(|_| !stopped())
+            .map(|found| {
+                let ended = self.tighten(&found.throw, stopped);
+                counted(watch, ended.as_ref().ok().copied());
+                ended
+            })
+            .collect();
+        let mut nearest: Option<NearestAttitude> = None;
+        for ended in ended {
+            if let Err(Some(near)) = &ended
+                && nearest.as_ref().is_none_or(|n| near.excess_rad() < n.excess_rad())
+            {
+                nearest = Some(near.clone());
+            }
+            basins.add_stored(ended.ok());
+        }
+        nearest
     }
 
     /// Polishes the stored throws around the target. If none of them leads there, walks from their targets to this one,
@@ -260,7 +306,10 @@ impl<const N: usize> Planner<'_, '_, N> {
             others.into_iter().flatten().for_each(|found| basins.add_stored(found));
         }
         let of_kind = index.records().iter().filter(|r| r.kind == kind).count();
-        let for_such_targets = self.problem.aim.is_level() && self.problem.options.opening.is_none();
+        let options = &self.problem.options;
+        let for_such_targets = self.problem.aim.is_level()
+            && options.opening.is_none()
+            && !options.attitude.is_some_and(|a| a.is_asked());
         match near.len() {
             _ if of_kind < TABLE_MIN || !for_such_targets => Surroundings::Unknown,
             0 => Surroundings::Empty,
@@ -335,6 +384,8 @@ const QUICK: Settings = Settings {
 };
 /// Stored throws that a full search polishes.
 const STORED_TRIES: usize = 12;
+/// Throws with any attitude that are brought to the one asked for.
+const TIGHTENED_MAX: usize = 16;
 /// Stored throws that are walked to the target if none leads there at once.
 const WALKED: usize = 4;
 /// Fewer stored throws than this say nothing about the targets they are not for.

@@ -6,8 +6,9 @@ use robot_model::{Pose, RobotModel};
 use super::ball::{self, Ball, Met};
 use super::boxes::{distance_m, lowest_m, point_distance_m};
 use super::chain::Chain;
+use super::finding::Finding;
 use super::target::Plane;
-use super::{forces, motion};
+use super::{attitude, forces, motion};
 use crate::plan::file::PlanFile;
 use crate::plan::scan::RELEASE_BLIND_S;
 
@@ -33,20 +34,6 @@ const TOLD_TOLERANCE: f64 = 1e-4;
 
 /// How findings about the clearance of the released ball begin.
 pub const RELEASED_BALL: &str = "released ball ";
-
-/// One thing that was checked.
-#[derive(Debug, Clone, PartialEq, serde::Serialize)]
-pub struct Finding {
-    pub what: String,
-    /// Whether it holds.
-    pub ok: bool,
-    /// Worst value, with what it is measured against, for people.
-    pub worst: String,
-    /// When it is worst, in s, if it depends on time.
-    pub at_s: Option<f64>,
-    /// Whether the plan claims it; other findings are for information.
-    pub enforced: bool,
-}
 
 /// Everything that was checked.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
@@ -230,6 +217,11 @@ pub fn check<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> Report {
     findings.extend(flight_findings(plan, &watched, &flown));
     findings.extend(opening(arm.gripper().ball_radius_m, plan, &flown));
     findings.extend(delays(plan, &release));
+    let hand = |t: f64| {
+        let d = chain.displacements(&motion::sample::<N>(plan, t).q);
+        (chain.link(&d, N - 1) * *arm.end_effector()).rot
+    };
+    findings.extend(attitude::findings(plan, &hand, flown.landed.map(|met| met.s)));
     findings.push(told::<N>(plan, [p, v], flown.landed.as_ref()));
     Report { findings, samples: steps + 1 }
 }

@@ -4,9 +4,9 @@ use nalgebra::Matrix4;
 use robot_model::JointVec;
 
 use super::{
-    CheckInfo, Currents, DelayShift, FORMAT, FingerLandingInfo, GoalName, LandingInfo, MarginsInfo,
-    MotionInfo, Objective, ObstacleInfo, OpeningInfo, PlanFile, Release, RobotId, Search, SupplyPeak, Target,
-    VERSION,
+    AttitudeInfo, CheckInfo, Currents, DelayShift, FORMAT, FingerLandingInfo, GoalName, LandingInfo,
+    MarginsInfo, MotionInfo, Objective, ObstacleInfo, OpeningInfo, PlanFile, Release, RobotId, Search,
+    SupplyPeak, Target, VERSION,
 };
 use crate::flight::Landing;
 use crate::motion::Motion;
@@ -77,6 +77,7 @@ impl PlanFile {
                 region,
                 opening: opening_info(problem, &landed),
                 course: problem.options.course.coefficients_m(),
+                attitude: AttitudeInfo::of(problem, throw, noise),
             },
             obstacles: problem.options.obstacles.iter().map(obstacle).collect(),
             search: Search {
@@ -267,6 +268,9 @@ fn checks<const N: usize>(problem: &Problem<'_, N>) -> Vec<CheckInfo> {
             true,
             &format!("{CLEARANCE_EXTRA_M} m"),
         ));
+    }
+    if o.attitude.is_some_and(|a| a.is_asked()) {
+        checks.push(check("attitude at the arrival: axis and spin", true, "1e-6 rad"));
     }
     checks
 }

@@ -300,6 +300,9 @@ impl PlanFile {
                 return Err(format!("obstacle \"{}\" is not a box", obstacle.name));
             }
         }
+        if let Some(attitude) = &self.target.attitude {
+            attitude.sound()?;
+        }
         let end_s = self.motion.duration_s();
         if (end_s - self.end_time_s).abs() > SAME_TIME_S {
             return Err(format!("its last knot is at {end_s} s, the motion ends at {} s", self.end_time_s));

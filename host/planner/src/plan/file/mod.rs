@@ -7,10 +7,12 @@
 //! | module | holds |
 //! |---|---|
 //! | here | the keys of the file |
+//! | `attitude` | a thing that is no ball |
 //! | `compose` | from a throw to its plan |
 //! | `motion` | knots and events; what files before version 6 had in their place |
 //! | `io` | reading, writing, and what is refused |
 
+mod attitude;
 mod compose;
 mod io;
 mod motion;
@@ -18,6 +20,7 @@ mod motion;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+pub use self::attitude::{ArrivalInfo, AttitudeInfo, DelayTurn, DirectionInfo};
 pub use self::io::{FILE_MAX_BYTES, PlanFileError, fields, parse, require_robot, tagged_json};
 pub use self::motion::{EventInfo, KnotInfo, MotionInfo};
 use super::basins::Confidence;
@@ -26,7 +29,7 @@ use super::problem::{Form, Weights};
 use super::statistics::{Noise, Region};
 
 /// Version of the format that this program writes, and the newest it reads.
-pub const VERSION: u32 = 7;
+pub const VERSION: u32 = 8;
 /// First field of every plan file.
 pub const FORMAT: &str = "cubectl-plan";
 
@@ -131,6 +134,9 @@ pub struct Target {
     /// is at rest. New in version 7.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub course: Vec<[f64; 3]>,
+    /// What is thrown instead of a ball, and how it arrives. New in version 8.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub attitude: Option<AttitudeInfo>,
 }
 
 /// An opening that the ball passes.

@@ -21,6 +21,7 @@
 //! | `kinematic` | launch, direction of the throw, release point, arrival |
 //! | `arriving` | the ball at the end of its flight, as rows use it |
 //! | `opening` | the ball passes through an opening |
+//! | `attitude` | a thing arrives with its axis in a direction |
 //! | `delay` | landing of a late or early release |
 //! | `current` | currents at the release |
 //! | `goal` | the part of the objective that looks at the landing |
@@ -30,6 +31,7 @@
 //! best throws lie. Here all of (2) to (6) is polynomial, and infeasible points are just points.
 
 mod arriving;
+mod attitude;
 mod current;
 mod delay;
 mod goal;
@@ -115,7 +117,10 @@ impl<const N: usize, const D: usize> Task<D> for ThrowTask<'_, '_, N> {
         match part {
             Part::Spline => k >= var.qd && k != var.f,
             Part::Goal => k != var.f,
-            Part::Kinematic => k < var.qd || k == var.f || self.layout.qdd && k != var.ha && k != var.hb,
+            Part::Kinematic => {
+                let rotates = self.problem.options.attitude.is_some_and(|a| a.is_asked());
+                k < var.qd || k == var.f || (self.layout.qdd || rotates) && k != var.ha && k != var.hb
+            }
         }
     }
 
@@ -168,8 +173,10 @@ pub(crate) fn describe<const N: usize>(problem: &Problem<'_, N>, id: usize, cuts
         "direction of the throw".to_owned()
     } else if id < number.opening {
         "arrival".to_owned()
-    } else if id < number.delay {
+    } else if id < number.attitude {
         pick(&["angle of incidence at the opening", "rim of the opening"], id - number.opening)
+    } else if id < number.delay {
+        pick(&["arrival axis", "spin axis", "rate of the spin"], id - number.attitude)
     } else if id < number.cut {
         let (window, late) = ((id - number.delay) / 2, (id - number.delay).is_multiple_of(2));
         let side = if late { "late" } else { "early" };

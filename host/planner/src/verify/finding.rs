@@ -1,0 +1,15 @@
+//! One thing that a check has looked at.
+
+/// One thing that was checked.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Finding {
+    pub what: String,
+    /// Whether it holds.
+    pub ok: bool,
+    /// Worst value, with what it is measured against, for people.
+    pub worst: String,
+    /// When it is worst, in s, if it depends on time.
+    pub at_s: Option<f64>,
+    /// Whether the plan claims it; other findings are for information.
+    pub enforced: bool,
+}
