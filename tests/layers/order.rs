@@ -500,6 +500,8 @@ pub(crate) const FOLDERS: &[Folder] = &[
     Folder {
         path: "host/src/cmd/plan",
         floors: &[
+            &["numbers"],
+            &["attitude_options"],
             &["options"],
             &["follow_options", "grid", "prepare", "search"],
             &["shards"],
@@ -519,6 +521,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
         floors: &[
             &["chart", "motion", "scene"],
             &["identify", "landing", "page", "reach", "robot", "timeline"],
+            &["attitude"],
             &["catch", "follow", "live", "plan", "rally", "run"],
             &["industrial"],
         ],

@@ -1,10 +1,12 @@
 //! `cubectl plan …`
 
 pub mod args;
+pub mod attitude_options;
 pub mod follow;
 pub mod follow_options;
 pub mod for_programs;
 pub mod grid;
+mod numbers;
 pub mod options;
 pub mod prepare;
 pub mod search;

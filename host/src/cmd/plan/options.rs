@@ -5,6 +5,9 @@ use std::path::{Path, PathBuf};
 use nalgebra::Vector3;
 use robot_model::{Pose, RobotModel};
 
+use super::attitude_options::AttitudeOptions;
+use super::numbers::{numbers, six_numbers};
+pub use super::numbers::{point, two_numbers};
 use crate::error::ExpectedError;
 use planner::flight::{COURSE_MAX, Course};
 use planner::plan::opening::Opening;
@@ -99,6 +102,9 @@ pub struct PlanOptions {
     /// Range of braking time over the duration of the motion [default: 0.04,0.6; paper: 0.04,0.4].
     #[arg(long, value_name = "MIN,MAX", value_parser = two_numbers, help_heading = "Where the search looks")]
     pub braking_ratio: Option<[f64; 2]>,
+    /// A thing that is no ball.
+    #[command(flatten)]
+    pub attitude: AttitudeOptions,
     /// Answer from this library of throws alone (a file of `plan prepare --out`): the nearest stored throw, solved locally to
     /// the target. Nothing is searched; a target that the library does not lead to is refused.
     #[arg(long, value_name = "FILE", conflicts_with = "store", help_heading = "Search")]
@@ -132,35 +138,6 @@ pub enum FormName {
     Paper,
     /// Free spin, insensitive to a late release, currents over the whole motion, clean release.
     Best,
-}
-
-fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
-    let parts: Vec<f64> = text
-        .split(',')
-        .map(|p| p.trim().parse::<f64>().map_err(|_| format!("\"{p}\" is not a number")))
-        .collect::<Result<_, _>>()?;
-    let count = parts.len();
-    parts.try_into().map_err(|_| format!("expected {N} numbers separated by commas, got {count}"))
-}
-
-/// Two numbers given as `a,b`.
-///
-/// # Errors
-/// If there are not two numbers.
-pub fn two_numbers(text: &str) -> Result<[f64; 2], String> {
-    numbers(text)
-}
-
-fn six_numbers(text: &str) -> Result<[f64; 6], String> {
-    numbers(text)
-}
-
-/// A point given as `x,y,z` in m.
-///
-/// # Errors
-/// If there are not three numbers.
-pub fn point(text: &str) -> Result<[f64; 3], String> {
-    numbers(text)
 }
 
 fn velocity(text: &str) -> Result<Course, String> {
@@ -211,7 +188,8 @@ impl PlanOptions {
             (self.store.is_some(), "--store"),
             (self.library.is_some(), "--library"),
         ];
-        given.into_iter().find(|(given, _)| *given).map(|(_, name)| name)
+        let first = given.into_iter().find(|(given, _)| *given).map(|(_, name)| name);
+        first.or_else(|| self.attitude.first_given())
     }
 
     /// The first given option that says something about one target.
@@ -221,7 +199,8 @@ impl PlanOptions {
             (self.target_velocity.is_some(), "--target-velocity"),
             (self.target_course.is_some(), "--target-course"),
         ];
-        given.into_iter().find(|(given, _)| *given).map(|(_, name)| name)
+        let first = given.into_iter().find(|(given, _)| *given).map(|(_, name)| name);
+        first.or_else(|| self.attitude.first_given())
     }
 
     /// Options of the planner.
@@ -279,6 +258,7 @@ impl PlanOptions {
             incidence_max_rad: self.incidence_max_deg.to_radians(),
         });
         o.course = self.target_velocity.or(self.target_course).unwrap_or_default();
+        o.attitude = self.attitude.resolve();
         o.arrival = Arrival {
             speed_m_s: self.arrival_speed.map(|[a, b]| a..=b),
             descent_rad: self.arrival_descent_deg.map(|[a, b]| a.to_radians()..=b.to_radians()),

@@ -233,6 +233,11 @@ impl SearchOptions {
                 &"--objective time has no weights: leave out --weights, or leave out --objective",
             ));
         }
+        if let Some(option) = self.options.attitude.first_without_thing() {
+            return Err(ExpectedError::bad_input(&format!(
+                "{option} is about a thing that is no ball: say with --thing-inertia which, 2 for a thin disc, 0 for a thin stick"
+            )));
+        }
         self.goal(self.noise()?, self.region()?).map(drop)
     }
 
@@ -258,6 +263,7 @@ impl SearchOptions {
             o.target_velocity = Course::new(&[velocity]);
             o.target_course = None;
         }
+        o.attitude.take_row(row);
         own
     }
 
@@ -363,13 +369,15 @@ fn landings(found: &[Vector2<f64>], target: &Vector2<f64>, region: Option<Region
 const FAST_TRIES: usize = 6;
 
 fn no_throw(e: &NoThrow) -> ExpectedError {
-    if e.interrupted && e.nearest.is_none() {
+    if e.interrupted && e.nearest.is_none() && e.attitude.is_none() {
         return ExpectedError::new(
             exit::INTERRUPTED,
             format!("stopped after {} starts without a throw; more starts may find one", e.starts),
         );
     }
+    let wider = "choose a direction nearer to the one that was found, or allow a larger angle (--arrival-axis-max-deg, --spin-axis-max-deg)";
     let in_reach = "choose a target in reach; `cubectl plan sweep` draws what is";
+    let in_reach = if e.attitude.is_some() { wider } else { in_reach };
     let next = e.obstruction.as_deref().map_or(in_reach, Obstruction::next_step);
     ExpectedError::new(exit::NO_THROW, format!("{e}\n  next: {next}"))
 }
