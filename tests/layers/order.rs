@@ -230,7 +230,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
         path: "hil-sim/src/mechanics",
         floors: &[
             &["cup", "joint", "loose", "perturb", "plant", "supply"],
-            &["ball", "solver"],
+            &["ball", "rotation", "solver"],
             &["arm", "gripper"],
             &["options"],
         ],

@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 use protocol::{Duration, Instant};
+use robot_model::release::HandMotion;
 
 use super::finger_release::FingerRelease;
 use crate::drive::PowerCubeDrive;
@@ -28,6 +29,8 @@ pub struct ThrowReport {
     pub released_at: Option<Instant>,
     /// Position and velocity of the ball then.
     pub release: Option<HandPoint>,
+    /// Motion of the hand then.
+    pub hand: Option<HandMotion>,
     /// Where it met the plane, or will meet it: the arm is not in the way in this computation.
     pub landing: Option<Landing>,
     /// First contact with the arm from 20 ms after the release on: seconds after the release, and the part.
@@ -128,7 +131,8 @@ impl Throw {
         if self.flight.is_none()
             && let Some((at, ball)) = self.left_hand(plant, freed_at, now)
         {
-            self.release(at, ball);
+            let hand = plant.hand_motion(-now.saturating_since(at).as_secs_f64());
+            self.release(at, ball, hand);
         }
         self.stepped_to = now;
         self.watch_for_touch(plant, now);
@@ -152,11 +156,12 @@ impl Throw {
         fingers.step(plant, (self.stepped_to, now), free_at)
     }
 
-    fn release(&mut self, at: Instant, ball: HandPoint) {
+    fn release(&mut self, at: Instant, ball: HandPoint, hand: Option<HandMotion>) {
         let flight = Flight::new(ball, self.gravity_m_s2, self.gripper.options().drag_1_m);
         self.report = ThrowReport {
             released_at: Some(at),
             release: Some(ball),
+            hand,
             landing: match &self.gripper.options().landing_plane {
                 Some(plane) => flight.passage(plane),
                 None => flight.landing(self.plane_z_m),
