@@ -194,3 +194,34 @@ fn numbers_of_three_hundred_digits_are_refused_in_short_words() {
     assert_eq!(ended.status.code(), Some(i32::from(host::exit::BAD_INPUT)));
     assert!(text(&ended.stderr).len() < 200, "{}", text(&ended.stderr));
 }
+
+#[test]
+fn measured_release_delays_are_in_plan_and_summary_and_bad_ones_are_refused_with_their_line() {
+    let folder = folder("release-delays");
+    let (delays, plan) = (folder.join("delays.txt"), folder.join("plan.json"));
+    let plan_with = |text: &str| {
+        std::fs::write(&delays, text).expect("writes");
+        let (delays, plan) = (delays.display().to_string(), plan.display().to_string());
+        let words = ["--fast", "--target", "1,1,-1", "--release-delays", &delays, "--out", &plan];
+        cubectl(&[&["plan", "throw"], &words[..]].concat())
+    };
+    let ended = plan_with("# ms\n20.1\n19.9\n20.0\n20.2\n\n19.8\n28.0 # stuck\n20.0\n20.1\n19.9\n");
+    assert!(ended.status.success(), "{}", text(&ended.stderr));
+    // Mean 20.89 ms.
+    assert!(
+        text(&ended.stdout).contains("release delays as measured, 1σ 2.52 ms"),
+        "{}",
+        text(&ended.stdout)
+    );
+    let plan = std::fs::read_to_string(&plan).expect("written");
+    assert!(plan.contains("\"release_nodes\""), "{plan}");
+    for (bad, why) in [
+        ("20\n20\n20\n", "3 release delays: 8 to 1000000 are needed"),
+        ("20\n20\ntwenty\n", "line 3: \"twenty\" is not a number"),
+        ("20\n20\n20\n20\n20\n20\n20\n20\n20\n200\n", "release delay 10 is 162.000 ms from the mean"),
+    ] {
+        let ended = plan_with(bad);
+        assert_eq!(ended.status.code(), Some(2), "{bad}: {}", text(&ended.stderr));
+        assert!(text(&ended.stderr).contains(why), "{bad}: {}", text(&ended.stderr));
+    }
+}

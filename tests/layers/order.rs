@@ -304,6 +304,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
     Folder {
         path: "host/planner/src/plan",
         floors: &[
+            &["release_delays"],
             &["options", "rng", "seeds", "warm_start"],
             &["bounds"],
             &["problem"],

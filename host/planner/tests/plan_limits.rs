@@ -163,7 +163,7 @@ fn drag_that_is_not_known_shortens_the_predicted_mean_as_it_shortens_the_drawn_o
         .expect("in reach")
         .found
         .throw;
-    let noise = Noise { release_time_s: 0.0, position_rad: 0.0, speed_rad_s: 0.0, drag_per_m: 5e-3 };
+    let noise = Noise { release_time_s: 0.0, position_rad: 0.0, speed_rad_s: 0.0, ..Noise::default() };
     let predicted = predict(&problem, &throw, &noise).expect("lands");
     let draws = monte_carlo(&problem, &throw, &noise, 20_000, 9);
     let n = draws.len() as f64;

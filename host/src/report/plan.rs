@@ -44,6 +44,13 @@ pub fn summary(plan: &PlanFile, took: Duration) -> String {
         b * 1e3,
         dx.hypot(dy)
     );
+    if l.noise.release_nodes.is_some() {
+        let _ = writeln!(
+            out,
+            "  release delays as measured, 1σ {:.2} ms about their mean",
+            1e3 * l.noise.release_time_s
+        );
+    }
     if let Some(f) = &l.fingers {
         let [x, y] = f.shift_m;
         let c = f.covariance_m2;

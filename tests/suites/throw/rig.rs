@@ -299,6 +299,7 @@ impl Rig {
             position_rad: 0.0,
             speed_rad_s: 0.0,
             drag_per_m: 0.0,
+            release_nodes: None,
         };
         predict(&problem, &throw, &noise).unwrap().covariance_m2
     }

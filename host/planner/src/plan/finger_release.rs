@@ -11,8 +11,8 @@ use robot_model::{Deviation, FingerScatter, Fingers, JointVec};
 use super::options::Noise;
 use super::problem::Problem;
 use super::rng::SplitMix64;
-use super::spread::{SEVEN, THREE, drag_nodes};
-use super::statistics::LandingPrediction;
+use super::spread::{SEVEN, THREE, drag_nodes, release_delays};
+use super::statistics::{LandingPrediction, drawn_delay};
 use crate::flight::FlightModel;
 use crate::throw::Throw;
 
@@ -113,8 +113,12 @@ pub fn predict_with_fingers<const N: usize>(
         mean_m += shift;
         covariance_m2 += second - shift * shift.transpose();
     };
-    let mut sources: Vec<(f64, &[(f64, f64)], Box<dyn Fn(f64) -> Off<N>>)> =
-        vec![(noise.release_time_s, &SEVEN, Box::new(move |x| Off { delay_s: x, ..nothing }))];
+    let late: Option<Vec<_>> = release_delays(noise)
+        .into_iter()
+        .map(|(delay_s, weight)| Some((weight, at(&Off { delay_s, ..nothing })?)))
+        .collect();
+    add(&late?);
+    let mut sources: Vec<(f64, &[(f64, f64)], Box<dyn Fn(f64) -> Off<N>>)> = Vec::with_capacity(2 * N);
     for j in 0..N {
         let one = JointVec::<N>::from_fn(|i, _| if i == j { 1.0 } else { 0.0 });
         sources.push((noise.position_rad, &THREE, Box::new(move |x| Off { q_rad: one * x, ..nothing })));
@@ -188,7 +192,7 @@ pub fn monte_carlo_with_fingers<const N: usize>(
     (0..draws)
         .filter_map(|_| {
             let off = Off {
-                delay_s: noise.release_time_s * rng.normal(),
+                delay_s: drawn_delay(noise, &mut rng),
                 q_rad: JointVec::from_fn(|_, _| noise.position_rad * rng.normal()),
                 qd_rad_s: JointVec::from_fn(|_, _| noise.speed_rad_s * rng.normal()),
                 fingers: Deviation {

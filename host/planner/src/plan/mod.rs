@@ -26,6 +26,7 @@
 //! | [`ladder`] | what a search gives up where no throw keeps all limits of the landing's shift |
 //! | [`search`] | stored and random starts on all cores |
 //! | [`nearest`] | the nearest reachable target, for one that is not |
+//! | [`release_delays`] | delays of a measured gripper |
 //! | [`opening`] | a disc that the ball passes |
 //! | [`attitude`] | how a thing that is no ball arrives, and how much that varies |
 //! | `tighten` | throws brought to an arrival attitude in steps |
@@ -62,6 +63,7 @@ pub mod planner;
 mod posture;
 pub mod prepare;
 pub mod problem;
+pub mod release_delays;
 pub mod rng;
 #[expect(clippy::needless_range_loop, reason = "matrix code reads like its formulas with indices")]
 mod rows;

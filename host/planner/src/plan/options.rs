@@ -5,6 +5,7 @@ use std::ops::RangeInclusive;
 use nalgebra::Vector3;
 use robot_model::Pose;
 
+use super::release_delays::ReleaseNodes;
 use crate::flight::Course;
 
 /// Which throws are allowed.
@@ -238,13 +239,22 @@ pub struct Noise {
     pub speed_rad_s: f64,
     /// Drag constant in 1/m; drag is never negative, so what would be counts with its absolute value.
     pub drag_per_m: f64,
+    /// Measured release delays instead of a normal distribution; `release_time_s` is then their standard deviation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub release_nodes: Option<ReleaseNodes>,
 }
 
 impl Default for Noise {
     /// 2 ms of release jitter; tracking as in robot-models 1.10 (LQR with clipping, 17 ms); drag of a light ball unknown
     /// by 0.005 1/m.
     fn default() -> Self {
-        Self { release_time_s: 2e-3, position_rad: 9e-4, speed_rad_s: 0.012, drag_per_m: 5e-3 }
+        Self {
+            release_time_s: 2e-3,
+            position_rad: 9e-4,
+            speed_rad_s: 0.012,
+            drag_per_m: 5e-3,
+            release_nodes: None,
+        }
     }
 }
 

@@ -58,10 +58,9 @@ impl<const N: usize> Spread<N> {
         };
         let centre = Landed::of(problem, flight, throw, aim, 0.0)?;
         let mut sources: Vec<Source<N>> = Vec::with_capacity(2 + 2 * N);
-        if noise.release_time_s > 0.0 {
-            sources.push(at_nodes(&SEVEN, |node| {
-                Landed::of(problem, flight, throw, aim, node * noise.release_time_s)
-            })?);
+        let delays = release_delays(noise);
+        if !delays.is_empty() {
+            sources.push(at_nodes(&delays, |delay_s| Landed::of(problem, flight, throw, aim, delay_s))?);
         }
         for j in 0..N {
             let of = |moved: Throw<N>| Landed::of(problem, flight, &moved, aim, 0.0);
@@ -126,6 +125,17 @@ impl<const N: usize> Spread<N> {
             }
         }
         self.centre.add_gradient(g, layout, &rest);
+    }
+}
+
+/// Release delays in s with their weights; none for a gripper that is exact.
+pub(super) fn release_delays(noise: &Noise) -> Vec<(f64, f64)> {
+    match &noise.release_nodes {
+        Some(nodes) => nodes.iter().collect(),
+        None if noise.release_time_s > 0.0 => {
+            SEVEN.iter().map(|(node, weight)| (node * noise.release_time_s, *weight)).collect()
+        }
+        None => Vec::new(),
     }
 }
 

@@ -70,7 +70,7 @@ pub fn monte_carlo<const N: usize>(
     let mut rng = SplitMix64::new(seed);
     (0..draws)
         .filter_map(|_| {
-            let delay_s = noise.release_time_s * rng.normal();
+            let delay_s = drawn_delay(noise, &mut rng);
             let mut state = throw.at_time(throw.ha_s + delay_s);
             state.q += JointVec::from_fn(|_, _| noise.position_rad * rng.normal());
             state.qd += JointVec::from_fn(|_, _| noise.speed_rad_s * rng.normal());
@@ -84,6 +84,21 @@ pub fn monte_carlo<const N: usize>(
             Some(problem.aim.coordinates(&landing.p, delay_s + landing.time_s))
         })
         .collect()
+}
+
+/// A release delay in s: normal, or one of the measured nodes.
+pub(super) fn drawn_delay(noise: &Noise, rng: &mut SplitMix64) -> f64 {
+    let Some(nodes) = &noise.release_nodes else { return noise.release_time_s * rng.normal() };
+    let mut rest = rng.unit();
+    let mut last_s = 0.0;
+    for (delay_s, weight) in nodes.iter() {
+        last_s = delay_s;
+        rest -= weight;
+        if rest < 0.0 {
+            break;
+        }
+    }
+    last_s
 }
 
 /// Probability of a hit with `dP = by_mean · dμ + tr(by_covariance dC)`.

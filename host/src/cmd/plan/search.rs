@@ -17,6 +17,7 @@ use planner::plan::finger_release::monte_carlo_with_fingers;
 use planner::plan::ladder::{Ladder, Settled};
 use planner::plan::library::nearest_stored;
 use planner::plan::problem::{Weights, short};
+use planner::plan::release_delays::ReleaseNodes;
 use planner::plan::search::kind_of;
 use planner::plan::statistics::{self, Noise, Region};
 use planner::plan::{Arm, Budget, Goal, NoThrow, Obstruction, Options, Planner, Watch};
@@ -46,6 +47,10 @@ pub struct SearchOptions {
     /// Standard deviation of the release time in s.
     #[arg(long, help_heading = "Flight")]
     pub jitter_s: Option<f64>,
+    /// Measured delays of the gripper instead: a text file with one number per line, in ms from the order to the free ball. Their
+    /// mean is what the controller allows for; the landing is predicted for their distribution about it.
+    #[arg(long, value_name = "FILE", conflicts_with = "jitter_s", value_parser = release_nodes, help_heading = "Flight")]
+    pub release_delays: Option<ReleaseNodes>,
     /// What to make small, under all limits; `hit` needs a region (--hit-radius-m or --hit-box).
     #[arg(long, value_enum, default_value = "effort", help_heading = "Search")]
     pub objective: ObjectiveName,
@@ -118,6 +123,7 @@ impl SearchOptions {
             (self.hit_radius_m.is_some(), "--hit-radius-m"),
             (self.hit_box.is_some(), "--hit-box"),
             (self.jitter_s.is_some(), "--jitter-s"),
+            (self.release_delays.is_some(), "--release-delays"),
             (self.objective != ObjectiveName::Effort, "--objective"),
         ];
         given.into_iter().find(|(given, _)| *given).map(|(_, name)| name)
@@ -154,6 +160,10 @@ impl SearchOptions {
                 )));
             }
             noise.release_time_s = jitter;
+        }
+        if let Some(nodes) = self.release_delays {
+            noise.release_time_s = nodes.sigma_s();
+            noise.release_nodes = Some(nodes);
         }
         Ok(noise)
     }
@@ -344,6 +354,31 @@ impl SearchOptions {
         })?;
         Ok(Solved { plan, note: note(given_up), record, landings, took })
     }
+}
+
+/// Largest file of release delays.
+const DELAYS_MAX_BYTES: u64 = 32 << 20;
+
+/// Measured release delays of a file: one number of ms per line; empty lines and what follows a `#` are left out.
+fn release_nodes(path: &str) -> Result<ReleaseNodes, String> {
+    let text = toml_reader::read_text(Path::new(path), DELAYS_MAX_BYTES).map_err(|e| e.to_string())?;
+    let mut delays_s = Vec::new();
+    for (number, line) in text.lines().enumerate() {
+        let word = line.split('#').next().unwrap_or_default().trim();
+        if word.is_empty() {
+            continue;
+        }
+        let ms: f64 = word.parse().map_err(|_| {
+            let next = "one number per line, ms from the order to open to the free ball";
+            format!("line {}: \"{}\" is not a number; {next}", number + 1, excerpt(word))
+        })?;
+        delays_s.push(1e-3 * ms);
+    }
+    ReleaseNodes::of(&delays_s).map(|(_, nodes)| nodes).map_err(|e| e.to_string())
+}
+
+fn excerpt(word: &str) -> String {
+    word.chars().take(20).collect()
 }
 
 /// Counts and distances of landings from the target, all in m in the plane of the target.
