@@ -106,8 +106,15 @@ pub enum Problem {
         give_m: f64,
     },
     /// Pads that are too stiff to be integrated.
-    #[error("grip_m_s2 over give_m is {0:.1e} 1/s²; at most {max:.0e}: a softer pad or less grip", max = crate::load::PAD_STIFFNESS_MAX_1_S2)]
-    PadsTooStiff(f64),
+    #[error(
+        "grip_m_s2 over give_m is {stiffness_1_s2:.1e} 1/s²; at most {max_1_s2:.0e}: a softer pad or less grip"
+    )]
+    PadsTooStiff {
+        /// Stiffness of a pad over the mass of the ball in 1/s².
+        stiffness_1_s2: f64,
+        /// Largest one.
+        max_1_s2: f64,
+    },
     /// Both an inertial and box masses.
     #[error("give either `inertial` or box masses, not both")]
     MassTwice,

@@ -8,7 +8,7 @@ use robot_model::{Frames, JointVec, RobotModel};
 use super::options::{Attitude, Cone, Noise};
 use super::problem::Problem;
 use super::rng::SplitMix64;
-use super::spread::{SEVEN, THREE, drag_nodes};
+use super::spread::{THREE, drag_nodes, drawn_delay, release_delays};
 use crate::flight::{FlightModel, Precession};
 use crate::throw::{JointState, Throw};
 
@@ -136,10 +136,11 @@ pub fn predict_attitude<const N: usize>(
     let release = throw.at_time(throw.ha_s);
     let centre = arrived(problem, flight, &release, 0.0)?;
     let mut sources: Vec<Vec<(f64, Arrived)>> = Vec::with_capacity(2 + 2 * N);
-    if noise.release_time_s > 0.0 {
-        let nodes = SEVEN.iter().map(|(node, weight)| {
-            Some((*weight, arrived_with_delay(problem, throw, node * noise.release_time_s)?))
-        });
+    let delays = release_delays(noise);
+    if !delays.is_empty() {
+        let nodes = delays
+            .into_iter()
+            .map(|(delay_s, weight)| Some((weight, arrived_with_delay(problem, throw, delay_s)?)));
         sources.push(nodes.collect::<Option<_>>()?);
     }
     for j in 0..N {
@@ -192,7 +193,7 @@ pub fn monte_carlo_attitude<const N: usize>(
     let mut rng = SplitMix64::new(seed);
     (0..draws)
         .filter_map(|_| {
-            let delay_s = noise.release_time_s * rng.normal();
+            let delay_s = drawn_delay(noise, &mut rng);
             let mut state = throw.at_time(throw.ha_s + delay_s);
             state.q += JointVec::from_fn(|_, _| noise.position_rad * rng.normal());
             state.qd += JointVec::from_fn(|_, _| noise.speed_rad_s * rng.normal());

@@ -11,8 +11,8 @@ use robot_model::{Deviation, FingerScatter, Fingers, JointVec};
 use super::options::Noise;
 use super::problem::Problem;
 use super::rng::SplitMix64;
-use super::spread::{SEVEN, THREE, drag_nodes, release_delays};
-use super::statistics::{LandingPrediction, drawn_delay};
+use super::spread::{SEVEN, THREE, drag_nodes, drawn_delay, release_delays};
+use super::statistics::LandingPrediction;
 use crate::flight::FlightModel;
 use crate::throw::Throw;
 

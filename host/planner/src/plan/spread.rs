@@ -12,6 +12,7 @@ use super::landed::Landed;
 use super::layout::Layout;
 use super::options::Noise;
 use super::problem::Problem;
+use super::rng::SplitMix64;
 use crate::flight::Aim;
 use crate::solve::Gradient;
 use crate::throw::Throw;
@@ -139,6 +140,21 @@ pub(super) fn release_delays(noise: &Noise) -> Vec<(f64, f64)> {
     }
 }
 
+/// A release delay in s: normal, or one of the measured nodes.
+pub(super) fn drawn_delay(noise: &Noise, rng: &mut SplitMix64) -> f64 {
+    let Some(nodes) = &noise.release_nodes else { return noise.release_time_s * rng.normal() };
+    let mut rest = rng.unit();
+    let mut last_s = 0.0;
+    for (delay_s, weight) in nodes.iter() {
+        last_s = delay_s;
+        rest -= weight;
+        if rest < 0.0 {
+            break;
+        }
+    }
+    last_s
+}
+
 /// Nodes and weights for a drag constant `|k + σ n|`, n standard normal: drag is never negative.
 ///
 /// Two nodes with the mean, variance and skewness of the folded normal distribution.
@@ -169,7 +185,6 @@ fn at_nodes<const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::rng::SplitMix64;
 
     #[test]
     fn drag_nodes_have_the_moments_of_drawn_drag_and_are_not_negative() {

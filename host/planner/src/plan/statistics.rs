@@ -9,7 +9,7 @@ use robot_model::JointVec;
 pub use super::options::{Noise, Region};
 use super::problem::Problem;
 use super::rng::SplitMix64;
-use super::spread::Spread;
+use super::spread::{Spread, drawn_delay};
 use crate::flight::landing;
 use crate::throw::Throw;
 
@@ -84,21 +84,6 @@ pub fn monte_carlo<const N: usize>(
             Some(problem.aim.coordinates(&landing.p, delay_s + landing.time_s))
         })
         .collect()
-}
-
-/// A release delay in s: normal, or one of the measured nodes.
-pub(super) fn drawn_delay(noise: &Noise, rng: &mut SplitMix64) -> f64 {
-    let Some(nodes) = &noise.release_nodes else { return noise.release_time_s * rng.normal() };
-    let mut rest = rng.unit();
-    let mut last_s = 0.0;
-    for (delay_s, weight) in nodes.iter() {
-        last_s = delay_s;
-        rest -= weight;
-        if rest < 0.0 {
-            break;
-        }
-    }
-    last_s
 }
 
 /// Probability of a hit with `dP = by_mean · dμ + tr(by_covariance dC)`.

@@ -9,7 +9,7 @@ use crate::fingers::{FingerScatter, Fingers};
 use crate::model::Gripper;
 
 /// Largest stiffness of a pad over the mass of the ball, 1/s²: the release is integrated with steps of 20 us.
-pub(crate) const PAD_STIFFNESS_MAX_1_S2: f64 = 1e7;
+const PAD_STIFFNESS_MAX_1_S2: f64 = 1e7;
 /// Least angle between closing axis and throw.
 const ACROSS_MIN_DEG: f64 = 45.0;
 
@@ -48,8 +48,9 @@ pub(super) fn read(section: &Section<'_>, gripper: &Gripper) -> Result<Fingers, 
     if travel_m < 2.0 * give_m {
         return Err(section.error("travel_m", Problem::FingersTooShort { travel_m, give_m }));
     }
-    if fingers.stiffness_1_s2() > PAD_STIFFNESS_MAX_1_S2 {
-        return Err(section.error("grip_m_s2", Problem::PadsTooStiff(fingers.stiffness_1_s2())));
+    let (stiffness_1_s2, max_1_s2) = (fingers.stiffness_1_s2(), PAD_STIFFNESS_MAX_1_S2);
+    if stiffness_1_s2 > max_1_s2 {
+        return Err(section.error("grip_m_s2", Problem::PadsTooStiff { stiffness_1_s2, max_1_s2 }));
     }
     section.finish()?;
     Ok(fingers)

@@ -6,7 +6,6 @@ mod bodies;
 mod fingers;
 mod frames;
 
-pub(crate) use fingers::PAD_STIFFNESS_MAX_1_S2;
 pub(crate) use frames::turn_z_to;
 
 use std::path::Path;
