@@ -290,33 +290,43 @@ fn flying_ball<const N: usize>(problem: &Problem<'_, N>, throw: &Throw<N>, out: 
         obstacles[o].proximity_to_sphere(p, radius_m).distance_m
     };
     let at = |s: f64| (arm.fk(&throw.at_phase(s / throw.hb_s).q), problem.flight.fly(&p0, &v0, s).p);
-    let mut worst = vec![(f64::INFINITY, RELEASE_BLIND_S); bodies + obstacles.len()];
     // The arm stops after h_b; the ball can still fall on it afterwards.
     let step_s = (throw.flight_s - RELEASE_BLIND_S) / BALL_STEPS as f64;
+    let at_step = |step: usize| RELEASE_BLIND_S + step_s * step as f64;
+    let mut sampled = vec![[f64::INFINITY; BALL_STEPS + 1]; bodies + obstacles.len()];
     for step in 0..=BALL_STEPS {
-        let s = RELEASE_BLIND_S + step_s * step as f64;
-        let (frames, p) = at(s);
-        for (k, worst) in worst.iter_mut().enumerate() {
-            let d = distance(k, s, &frames, &p);
-            if d < worst.0 {
-                *worst = (d, s);
-            }
+        let (frames, p) = at(at_step(step));
+        for (k, sampled) in sampled.iter_mut().enumerate() {
+            sampled[step] = distance(k, at_step(step), &frames, &p);
         }
     }
-    for (k, (mut least_m, mut at_s)) in worst.into_iter().enumerate() {
-        // The ball flies centimetres between two instants: look between them.
-        if least_m < BALL_REFINE_BELOW_M {
-            let mut half_s = 0.5 * step_s;
-            for _ in 0..BALL_HALVINGS {
-                for s in [at_s - half_s, at_s + half_s] {
-                    let s = s.clamp(RELEASE_BLIND_S, throw.flight_s.max(RELEASE_BLIND_S));
-                    let (frames, p) = at(s);
-                    let d = distance(k, s, &frames, &p);
-                    if d < least_m {
-                        (least_m, at_s) = (d, s);
+    for (k, sampled) in sampled.iter().enumerate() {
+        let (mut least_m, mut at_s) = (f64::INFINITY, RELEASE_BLIND_S);
+        for (step, &sample_m) in sampled.iter().enumerate() {
+            let before_m = step.checked_sub(1).map_or(f64::INFINITY, |before| sampled[before]);
+            let after_m = sampled.get(step + 1).copied().unwrap_or(f64::INFINITY);
+            if sample_m > before_m || sample_m > after_m {
+                continue;
+            }
+            let (mut near_m, mut near_s) = (sample_m, at_step(step));
+            // The ball flies centimetres between two instants, and a hand that rotates comes near more than once: look
+            // about every instant that is nearer than those beside it.
+            if near_m < BALL_REFINE_BELOW_M {
+                let mut half_s = 0.5 * step_s;
+                for _ in 0..BALL_HALVINGS {
+                    for s in [near_s - half_s, near_s + half_s] {
+                        let s = s.clamp(RELEASE_BLIND_S, throw.flight_s.max(RELEASE_BLIND_S));
+                        let (frames, p) = at(s);
+                        let d = distance(k, s, &frames, &p);
+                        if d < near_m {
+                            (near_m, near_s) = (d, s);
+                        }
                     }
+                    half_s *= 0.5;
                 }
-                half_s *= 0.5;
+            }
+            if near_m < least_m {
+                (least_m, at_s) = (near_m, near_s);
             }
         }
         out.ball_clearance_m = out.ball_clearance_m.min(least_m);
