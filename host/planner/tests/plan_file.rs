@@ -256,12 +256,12 @@ fn bad_files_are_refused_with_the_reason() {
     let (arm, file) = plan(Options::paper());
     let path = Path::new("p.json");
     let text = file.to_json();
-    let newer = text.replacen("\"version\": 7", "\"version\": 8", 1);
+    let newer = text.replacen("\"version\": 8", "\"version\": 9", 1);
     let e = PlanFile::from_json(path, &newer).expect_err("newer");
-    assert!(matches!(e, PlanFileError::Newer { found: 8, .. }));
+    assert!(matches!(e, PlanFileError::Newer { found: 9, .. }));
     assert_eq!(
         e.to_string(),
-        "plan p.json has version 8, this program reads up to 7: update cubectl or plan again"
+        "plan p.json has version 9, this program reads up to 8: update cubectl or plan again"
     );
     for broken in [&text[..text.len() / 2], "", "[]", "{\"format\": \"something\"}"] {
         assert!(matches!(PlanFile::from_json(path, broken), Err(PlanFileError::Damaged { .. })), "{broken}");
