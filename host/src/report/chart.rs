@@ -85,6 +85,8 @@ pub struct Chart {
     pub mark: Option<(f64, String)>,
     /// Position and name of a fault.
     pub fault: Option<(f64, String)>,
+    /// What the y axis shows at least.
+    pub y_at_least: Option<(f64, f64)>,
     /// Region that is allowed: x from, x to, y from, y to.
     pub band: Option<[f64; 4]>,
     /// Same scale on both axes.
@@ -163,6 +165,9 @@ impl Chart {
         }
         if x.0 > x.1 {
             (x, y) = ((0.0, 1.0), (0.0, 1.0));
+        }
+        if let Some((low, high)) = self.y_at_least {
+            y = (y.0.min(low), y.1.max(high));
         }
         // What is recorded may end just before the fault that ended it.
         let near = FAULT_BEYOND * (x.1 - x.0);

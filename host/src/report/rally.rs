@@ -106,11 +106,11 @@ fn under(pair: &Pair, outcome: &Outcome) -> String {
     let apart = (court.arms[1].x_wb.pos - court.arms[0].x_wb.pos).norm();
     let hand = outcome.choice.as_ref().map_or("no catch", |choice| mode(choice.mode));
     format!(
-        "{} · arms {apart:.1} m apart · tracker {:.0} Hz, {:.1} mm, {} · hand: {hand}",
+        "{} · arms {apart:.1} m apart · tracker {:.0} Hz, {:.1} mm, {:.0} ms · hand: {hand}",
         court.arms[1].model.name(),
         1.0 / court.tracker.period.as_secs_f64(),
         court.tracker.noise_mm,
-        court.tracker.latency
+        1e3 * court.tracker.latency.as_secs_f64()
     )
 }
 
@@ -253,6 +253,8 @@ fn probability(outcome: &Outcome) -> Chart {
         x_label: "time in s".to_owned(),
         y_label: "probability".to_owned(),
         curves: vec![Curve::line("probability", 2, points).drawn(Pen::Dots)],
+        // Differences in the sixth digit mean nothing.
+        y_at_least: Some((0.0, 1.0)),
         mark: mark(outcome),
         is_time: true,
         ..Chart::default()
