@@ -66,7 +66,7 @@ pub struct NoThrow {
     /// The nearest target that a throw reaches, if one was found.
     pub nearest: Option<NearestTarget>,
     /// The nearest arrival attitude of a throw to the target, if only the attitude is why.
-    pub attitude: Option<NearestAttitude>,
+    pub attitude: Option<Box<NearestAttitude>>,
     /// What closes every posture of the arm, if that is why.
     pub obstruction: Option<Box<Obstruction>>,
     /// Starts that were run.

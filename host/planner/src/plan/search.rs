@@ -185,7 +185,7 @@ impl<const N: usize> Planner<'_, '_, N> {
             if any.is_some() {
                 match self.tighten(&found.throw, &|| watch.stop.load(Ordering::Relaxed)) {
                     Ok(tightened) => found = self.refine(tightened),
-                    Err(attitude) => return Err(NoThrow { attitude, ..none }),
+                    Err(nearest) => return Err(NoThrow { attitude: nearest.map(Box::new), ..none }),
                 }
             }
             let mut basins = Basins::default();
@@ -226,6 +226,7 @@ impl<const N: usize> Planner<'_, '_, N> {
         let best = self.finish(&basins, &stopped);
         let Some(found) = best.first().copied() else {
             let target = self.problem.target;
+            let attitude = attitude.map(Box::new);
             return Err(NoThrow { target, nearest: None, attitude, obstruction: None, starts, interrupted });
         };
         let confidence = basins.confidence();

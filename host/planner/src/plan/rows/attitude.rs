@@ -7,6 +7,7 @@ use super::WINDOW;
 use super::arriving::Arriving;
 use crate::plan::attitude::{angle_to, release_rotation};
 use crate::plan::layout::Layout;
+use crate::plan::options::Attitude;
 use crate::plan::problem::Problem;
 use crate::solve::Sink;
 
@@ -25,7 +26,7 @@ pub(super) fn attitude_rows<S: Sink<D>, const N: usize, const D: usize>(
 ) {
     let var = Layout::<N>::VARIABLES;
     let number = Layout::<N>::NUMBERS;
-    let Some(attitude) = problem.options.attitude.filter(|a| a.is_asked()) else { return };
+    let Some(attitude) = problem.options.attitude.filter(Attitude::is_asked) else { return };
     let released = release_rotation(problem.arm, &attitude, frames, omega_rad_s);
     let angular = |m: &robot_model::Jacobian<N>, k: usize| Vector3::new(m[(3, k)], m[(4, k)], m[(5, k)]);
     // Gradient of a function of the angular velocity and the axis at the release, and of the time of flight.
@@ -83,7 +84,7 @@ pub(super) fn attitude_rows<S: Sink<D>, const N: usize, const D: usize>(
 mod tests {
     use super::*;
     use crate::plan::layout::width;
-    use crate::plan::options::{Attitude, Cone};
+    use crate::plan::options::Cone;
     use crate::plan::paper::PaperParameters;
     use crate::plan::problem::Options;
     use crate::plan::rows::kinematic::kinematic_rows;
