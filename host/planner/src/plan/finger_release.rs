@@ -118,16 +118,14 @@ pub fn predict_with_fingers<const N: usize>(
         .map(|(delay_s, weight)| Some((weight, at(&Off { delay_s, ..nothing })?)))
         .collect();
     add(&late?);
-    let mut sources: Vec<(f64, &[(f64, f64)], Box<dyn Fn(f64) -> Off<N>>)> = Vec::with_capacity(2 * N);
     for j in 0..N {
         let one = JointVec::<N>::from_fn(|i, _| if i == j { 1.0 } else { 0.0 });
-        sources.push((noise.position_rad, &THREE, Box::new(move |x| Off { q_rad: one * x, ..nothing })));
-        sources.push((noise.speed_rad_s, &THREE, Box::new(move |x| Off { qd_rad_s: one * x, ..nothing })));
-    }
-    for (sigma, rule, off) in sources.iter().filter(|(sigma, ..)| *sigma > 0.0) {
-        let nodes: Option<Vec<_>> =
-            rule.iter().map(|(node, weight)| Some((*weight, at(&off(node * sigma))?))).collect();
-        add(&nodes?);
+        let joint = |sigma: f64, off: &dyn Fn(f64) -> Off<N>| -> Option<Vec<_>> {
+            let rule = THREE.iter().filter(|_| sigma > 0.0);
+            rule.map(|(node, weight)| Some((*weight, at(&off(node * sigma))?))).collect()
+        };
+        add(&joint(noise.position_rad, &|x| Off { q_rad: one * x, ..nothing })?);
+        add(&joint(noise.speed_rad_s, &|x| Off { qd_rad_s: one * x, ..nothing })?);
     }
     let nodes: Option<Vec<_>> = finger_nodes(&fingers.scatter)
         .into_iter()

@@ -56,7 +56,8 @@ impl ReleaseNodes {
         }
         let mean_s = delays_s.iter().sum::<f64>() / count as f64;
         let off_s: Vec<f64> = delays_s.iter().map(|delay| delay - mean_s).collect();
-        if let Some(at) = off_s.iter().position(|off| !(off.abs() <= OFF_MAX_S)) {
+        let near = |off: &f64| off.abs() <= OFF_MAX_S;
+        if let Some(at) = off_s.iter().position(|off| !near(off)) {
             return Err(DelaysRefused::Off { number: at + 1, off_s: off_s[at] });
         }
         Ok((mean_s, gauss_rule(&off_s)))
@@ -107,7 +108,8 @@ fn gauss_rule(off_s: &[f64]) -> ReleaseNodes {
         let a_k = mean(&mut now.iter().zip(&x).map(|(p, x)| x * p * p)) / norm;
         let b_k = if k == 0 { 0.0 } else { norm / norm_before };
         let next: Vec<f64> = (0..x.len()).map(|i| (x[i] - a_k) * now[i] - b_k * before[i]).collect();
-        (a.push(a_k), b.push(b_k));
+        a.push(a_k);
+        b.push(b_k);
         norm_before = norm;
         before = std::mem::replace(&mut now, next);
     }

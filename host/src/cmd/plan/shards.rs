@@ -30,7 +30,7 @@ pub(super) const DRAWS_MAX: usize = 1_000_000;
 #[derive(Debug, Clone)]
 pub(super) enum Targets {
     Grid(Grid),
-    List(TargetList),
+    List(Box<TargetList>),
 }
 
 impl Targets {

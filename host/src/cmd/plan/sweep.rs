@@ -174,7 +174,7 @@ pub(super) fn make_shards(args: &Args, watcher: Watcher<'_>) -> Result<Made, Exp
         )));
     }
     let targets = match (&args.targets, args.grid()) {
-        (Some(list), _) => Targets::List(TargetList::open(list).map_err(shards::table_error)?),
+        (Some(list), _) => Targets::List(Box::new(TargetList::open(list).map_err(shards::table_error)?)),
         (None, Some(grid)) => Targets::Grid(grid),
         (None, None) => {
             return Err(ExpectedError::bad_input(&"name targets with --targets, or with --x and --z"));
