@@ -1,7 +1,7 @@
 //! Things that are no balls: thrown so that they arrive with an attitude, checked by the independent verifier.
 
 use nalgebra::{Rotation3, Vector3};
-use planner::plan::attitude::{arrived_with_delay, monte_carlo_attitude, predict_attitude};
+use planner::plan::attitude::{Arrived, arrived_with_delay, monte_carlo_attitude, predict_attitude};
 use planner::plan::file::PlanFile;
 use planner::plan::problem::{Options, Problem, ProblemError};
 use planner::plan::rng::SplitMix64;
@@ -203,7 +203,7 @@ fn the_spread_of_the_attitude_is_that_of_drawn_throws() {
             (directions.iter().map(|d| (d - mean).norm_squared()).sum::<f64>() / n).sqrt()
         };
         let axis = rms(drawn.iter().map(|a| a.axis_w).collect());
-        let spin = rms(drawn.iter().filter_map(|a| a.spin_axis_w()).collect());
+        let spin = rms(drawn.iter().filter_map(Arrived::spin_axis_w).collect());
         let of_spin = predicted.spin_rad.expect("it rotates");
         println!("axis {:.5} rad, drawn {axis:.5}; spin {of_spin:.5}, drawn {spin:.5}", predicted.axis_rad);
         // Two sets of so many draws differ by half a percent.
