@@ -306,7 +306,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
         floors: &[
             &["release_delays"],
             &["options", "rng", "seeds", "warm_start"],
-            &["bounds"],
+            &["bounds", "disturbed"],
             &["problem"],
             &["layout", "margins", "obstruction", "opening", "posture"],
             &["cuts", "energy", "landed", "paper"],

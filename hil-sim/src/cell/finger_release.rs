@@ -1,8 +1,8 @@
 //! A ball between fingers that open, step by step.
 
 use protocol::{Duration, Instant};
+use robot_model::Fingers;
 use robot_model::release::{BallMotion, HeldBall, Released, SETTLING_S, STEP_S};
-use robot_model::{Deviation, Fingers};
 
 use crate::mechanics::{HandPoint, Plant};
 use crate::rng::Rng;
@@ -52,12 +52,8 @@ impl FingerRelease {
             if opens_at.saturating_since(now) > Duration::from_secs_f64(SETTLING_S) {
                 return None;
             }
-            let scatter = self.fingers.scatter;
-            let deviation = Deviation {
-                lag_s: scatter.lag_s * self.rng.normal(),
-                friction_share: scatter.friction_share * self.rng.normal(),
-                opening_share: scatter.opening_share * self.rng.normal(),
-            };
+            let normals = std::array::from_fn(|_| self.rng.normal());
+            let deviation = self.fingers.scatter.deviation(normals);
             let hand = plant.hand_motion(-now.saturating_since(before).as_secs_f64())?;
             let fingers = self.fingers.deviated(&deviation);
             let held = HeldBall::new(fingers, self.ball_radius_m, self.gravity_m_s2, &hand);

@@ -4,7 +4,7 @@
 //! ω̇_x = (1 - r) ω_y ω_z     ω̇_y = (r - 1) ω_z ω_x     ω̇_z = 0     body, z the axis of symmetry, r = I_a/I_t
 //! ```
 //!
-//! The attitude is stepped by the rotation of each sub-step, with the rates in its middle.
+//! Each sub-step turns the attitude by the angular velocity in its middle.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use robot_model::release::HandMotion;

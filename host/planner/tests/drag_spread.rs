@@ -58,7 +58,7 @@ fn drawn(arm: &Arm, throw: &Throw, noise: &Noise, drag_per_m: f64, z_m: f64) -> 
 }
 
 /// Mean and covariance.
-fn moments(landings: &[Vector2<f64>]) -> (Vector2<f64>, Matrix2<f64>) {
+pub(crate) fn moments(landings: &[Vector2<f64>]) -> (Vector2<f64>, Matrix2<f64>) {
     let n = landings.len() as f64;
     let mean = landings.iter().sum::<Vector2<f64>>() / n;
     let covariance = landings.iter().map(|l| (l - mean) * (l - mean).transpose()).sum::<Matrix2<f64>>();

@@ -1,12 +1,14 @@
 //! Landings of balls that leave between fingers that open.
 
-use nalgebra::{Matrix2, Vector2, Vector3};
+use nalgebra::Vector3;
 use planner::plan::finger_release::{monte_carlo_with_fingers, predict_with_fingers};
 use planner::plan::problem::{Options, Problem, ProblemError};
 use planner::plan::search::{Planner, Watch};
 use planner::plan::statistics::{Noise, predict};
 use planner::plan::{Arm, Budget, Throw, seeds};
 use robot_model::{FingerScatter, Fingers};
+
+use crate::drag_spread::moments;
 
 const DRAWS: usize = 4_000;
 
@@ -23,13 +25,6 @@ fn planned(problem: &Problem<'_, 6>) -> Throw {
 fn problem(arm: &Arm, range_m: f64) -> Problem<'_, 6> {
     let options = Options { delay_windows: Vec::new(), ..Options::best() };
     Problem::new(arm, Vector3::new(range_m, 0.0, -1.0), options).expect("valid")
-}
-
-fn moments(landings: &[Vector2<f64>]) -> (Vector2<f64>, Matrix2<f64>) {
-    let n = landings.len() as f64;
-    let mean = landings.iter().sum::<Vector2<f64>>() / n;
-    let covariance = landings.iter().map(|l| (l - mean) * (l - mean).transpose()).sum::<Matrix2<f64>>();
-    (mean, covariance / (n - 1.0))
 }
 
 /// Mean within a tenth of sigma, standard deviations within 5 %: 4 000 draws have 1.1 % of their own.

@@ -46,6 +46,18 @@ pub struct FingerScatter {
     pub opening_share: f64,
 }
 
+impl FingerScatter {
+    /// An opening drawn by three independent standard normal numbers: for lag, friction, acceleration.
+    #[must_use]
+    pub fn deviation(&self, [lag, friction, opening]: [f64; 3]) -> Deviation {
+        Deviation {
+            lag_s: self.lag_s * lag,
+            friction_share: self.friction_share * friction,
+            opening_share: self.opening_share * opening,
+        }
+    }
+}
+
 /// What one opening differs in from the usual one.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Deviation {

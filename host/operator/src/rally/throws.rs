@@ -88,8 +88,7 @@ impl<'a> Drawn<'a> {
     }
 }
 
-/// The throws of these numbers. A number that leads to none in [`TRIES`] tries is left out: what it would have drawn does not
-/// depend on why.
+/// One throw for each of these numbers, which seed the draws. A number that finds none in [`TRIES`] tries is left out.
 fn draw_from(pair: &Pair, window: &Window, numbers: Range<usize>, seed: u64) -> Option<Vec<Aimed>> {
     let [thrower, catcher] = &pair.court.arms;
     let flight = FlightModel::vacuum(thrower.model.world().gravity_m_s2).ok()?;

@@ -189,7 +189,7 @@ mod tests {
                     (hi.momentum_rad_s - lo.momentum_rad_s) / (2.0 * eps),
                     "momentum by omega",
                 );
-                // The formulas hold for vectors of any length, so each coordinate is moved alone.
+                // The formulas hold for an axis of any length, so one coordinate may be changed alone.
                 let at = |sign: f64| Precession::new(&(axis + step * sign), &omega, ratio);
                 let (hi, lo) = (at(1.0), at(-1.0));
                 close(

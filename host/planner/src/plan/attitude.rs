@@ -3,12 +3,13 @@
 //! It leaves with the attitude and the angular velocity of the hand, and turns without torque until it is at the target.
 
 use nalgebra::Vector3;
-use robot_model::{Frames, JointVec, RobotModel};
+use robot_model::{Frames, RobotModel};
 
+use super::disturbed::{Disturbed, drawn_flight};
 use super::options::{Attitude, Cone, Noise};
 use super::problem::Problem;
 use super::rng::SplitMix64;
-use super::spread::{THREE, drag_nodes, drawn_delay, release_delays};
+use super::spread::{DragFlights, THREE, release_delays};
 use crate::flight::{FlightModel, Precession};
 use crate::throw::{JointState, Throw};
 
@@ -154,10 +155,10 @@ pub fn predict_attitude<const N: usize>(
             sources.push(nodes.collect::<Option<_>>()?);
         }
     }
-    if noise.drag_per_m > 0.0 {
-        let nodes = drag_nodes(flight.drag_per_m(), noise.drag_per_m)
-            .into_iter()
-            .map(|(k, weight)| Some((weight, arrived(problem, &flight.with_drag(k).ok()?, &release, 0.0)?)));
+    let drag = DragFlights::of(flight, noise)?.nodes;
+    if !drag.is_empty() {
+        let nodes =
+            drag.iter().map(|(weight, flight)| Some((*weight, arrived(problem, flight, &release, 0.0)?)));
         sources.push(nodes.collect::<Option<_>>()?);
     }
     // The spread about the mean: second moment less the square of the shift.
@@ -193,12 +194,9 @@ pub fn monte_carlo_attitude<const N: usize>(
     let mut rng = SplitMix64::new(seed);
     (0..draws)
         .filter_map(|_| {
-            let delay_s = drawn_delay(noise, &mut rng);
-            let mut state = throw.at_time(throw.ha_s + delay_s);
-            state.q += JointVec::from_fn(|_, _| noise.position_rad * rng.normal());
-            state.qd += JointVec::from_fn(|_, _| noise.speed_rad_s * rng.normal());
-            let k = (problem.flight.drag_per_m() + noise.drag_per_m * rng.normal()).abs();
-            arrived(problem, &problem.flight.with_drag(k).ok()?, &state, delay_s)
+            let off = Disturbed::drawn(noise, &mut rng);
+            let flight = drawn_flight(&problem.flight, noise, &mut rng)?;
+            arrived(problem, &flight, &off.at_release(throw), off.delay_s)
         })
         .collect()
 }

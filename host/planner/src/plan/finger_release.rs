@@ -8,10 +8,11 @@ use nalgebra::{Matrix2, Vector2};
 use robot_model::release::{Released, release};
 use robot_model::{Deviation, FingerScatter, Fingers, JointVec};
 
+use super::disturbed::{Disturbed, drawn_flight};
 use super::options::Noise;
 use super::problem::Problem;
 use super::rng::SplitMix64;
-use super::spread::{SEVEN, THREE, drag_nodes, drawn_delay, release_delays};
+use super::spread::{DragFlights, SEVEN, THREE, release_delays};
 use super::statistics::LandingPrediction;
 use crate::flight::FlightModel;
 use crate::throw::Throw;
@@ -37,34 +38,14 @@ impl FingerLanding {
     }
 }
 
-/// What is off in one throw.
-#[derive(Debug, Clone, Copy)]
-struct Off<const N: usize> {
-    delay_s: f64,
-    q_rad: JointVec<N>,
-    qd_rad_s: JointVec<N>,
-    fingers: Deviation,
-}
-
-impl<const N: usize> Off<N> {
-    fn nothing() -> Self {
-        Self {
-            delay_s: 0.0,
-            q_rad: JointVec::zeros(),
-            qd_rad_s: JointVec::zeros(),
-            fingers: Deviation::default(),
-        }
-    }
-}
-
 fn leave<const N: usize>(
     problem: &Problem<'_, N>,
     throw: &Throw<N>,
     usual: &Fingers,
-    off: &Off<N>,
+    (off, deviation): (&Disturbed<N>, &Deviation),
 ) -> Option<Released> {
     let arm = problem.arm;
-    let fingers = usual.deviated(&off.fingers);
+    let fingers = usual.deviated(deviation);
     let free_s = throw.ha_s + off.delay_s;
     let opens_s = free_s - usual.freeing_s();
     let hand = |t_s: f64| {
@@ -79,11 +60,9 @@ fn leave<const N: usize>(
 fn landing<const N: usize>(
     problem: &Problem<'_, N>,
     throw: &Throw<N>,
-    fingers: &Fingers,
     flight: &FlightModel,
-    off: &Off<N>,
+    left: &Released,
 ) -> Option<Vector2<f64>> {
-    let left = leave(problem, throw, fingers, off)?;
     let late_s = left.at_s - throw.ha_s;
     let landed = flight.meet(&left.ball.p_m, &left.ball.v_m_s, &problem.aim, late_s)?;
     Some(problem.aim.coordinates(&landed.p, late_s + landed.time_s))
@@ -97,14 +76,14 @@ pub fn predict_with_fingers<const N: usize>(
     fingers: &Fingers,
     noise: &Noise,
 ) -> Option<FingerLanding> {
-    let drag = (noise.drag_per_m > 0.0).then(|| drag_nodes(problem.flight.drag_per_m(), noise.drag_per_m));
-    let mean_flight = match &drag {
-        Some(nodes) => problem.flight.with_drag(nodes.iter().map(|(k, weight)| k * weight).sum()).ok()?,
-        None => problem.flight,
+    let drag = DragFlights::of(&problem.flight, noise)?;
+    let (nothing, usual) = (Disturbed::<N>::nothing(), Deviation::default());
+    let at = |off: &Disturbed<N>, deviation: &Deviation| {
+        landing(problem, throw, &drag.mean, &leave(problem, throw, fingers, (off, deviation))?)
     };
-    let nothing = Off::<N>::nothing();
-    let at = |off: &Off<N>| landing(problem, throw, fingers, &mean_flight, off);
-    let centre = at(&nothing)?;
+    // Drag does not change how the ball leaves.
+    let left = leave(problem, throw, fingers, (&nothing, &usual))?;
+    let centre = landing(problem, throw, &drag.mean, &left)?;
     let (mut mean_m, mut covariance_m2) = (centre, Matrix2::zeros());
     let mut add = |nodes: &[(f64, Vector2<f64>)]| {
         let shift: Vector2<f64> = nodes.iter().map(|(weight, xy)| (xy - centre) * *weight).sum();
@@ -115,38 +94,34 @@ pub fn predict_with_fingers<const N: usize>(
     };
     let late: Option<Vec<_>> = release_delays(noise)
         .into_iter()
-        .map(|(delay_s, weight)| Some((weight, at(&Off { delay_s, ..nothing })?)))
+        .map(|(delay_s, weight)| Some((weight, at(&Disturbed { delay_s, ..nothing }, &usual)?)))
         .collect();
     add(&late?);
     for j in 0..N {
         let one = JointVec::<N>::from_fn(|i, _| if i == j { 1.0 } else { 0.0 });
-        let joint = |sigma: f64, off: &dyn Fn(f64) -> Off<N>| -> Option<Vec<_>> {
+        let joint = |sigma: f64, off: &dyn Fn(f64) -> Disturbed<N>| -> Option<Vec<_>> {
             let rule = THREE.iter().filter(|_| sigma > 0.0);
-            rule.map(|(node, weight)| Some((*weight, at(&off(node * sigma))?))).collect()
+            rule.map(|(node, weight)| Some((*weight, at(&off(node * sigma), &usual)?))).collect()
         };
-        add(&joint(noise.position_rad, &|x| Off { q_rad: one * x, ..nothing })?);
-        add(&joint(noise.speed_rad_s, &|x| Off { qd_rad_s: one * x, ..nothing })?);
+        add(&joint(noise.position_rad, &|x| Disturbed { q_rad: one * x, ..nothing })?);
+        add(&joint(noise.speed_rad_s, &|x| Disturbed { qd_rad_s: one * x, ..nothing })?);
     }
     let nodes: Option<Vec<_>> = finger_nodes(&fingers.scatter)
         .into_iter()
-        .map(|(weight, fingers)| Some((weight, at(&Off { fingers, ..nothing })?)))
+        .map(|(weight, deviation)| Some((weight, at(&nothing, &deviation)?)))
         .collect();
     add(&nodes?);
-    if let Some(nodes) = drag {
-        let nodes: Option<Vec<_>> = nodes
-            .into_iter()
-            .map(|(k, weight)| {
-                let flight = problem.flight.with_drag(k).ok()?;
-                Some((weight, landing(problem, throw, fingers, &flight, &nothing)?))
-            })
-            .collect();
-        add(&nodes?);
-    }
-    let exact = landing(problem, throw, fingers, &problem.flight, &nothing)?;
+    let nodes: Option<Vec<_>> = drag
+        .nodes
+        .iter()
+        .map(|(weight, flight)| Some((*weight, landing(problem, throw, flight, &left)?)))
+        .collect();
+    add(&nodes?);
+    let exact = landing(problem, throw, &problem.flight, &left)?;
     let (p, v) = throw.ball_at_release(problem.arm);
     let planned = problem.flight.meet(&p, &v, &problem.aim, 0.0)?;
     Some(FingerLanding {
-        late_s: leave(problem, throw, fingers, &nothing)?.at_s - throw.ha_s,
+        late_s: left.at_s - throw.ha_s,
         shift_m: exact - problem.aim.coordinates(&planned.p, planned.time_s),
         mean_m,
         covariance_m2,
@@ -159,7 +134,7 @@ fn finger_nodes(scatter: &FingerScatter) -> Vec<(f64, Deviation)> {
         let others: f64 = rule.iter().map(|(_, weight)| weight).sum();
         let mut nodes = vec![(0.0, 1.0 - others)];
         nodes.extend(rule.iter().map(|(node, weight)| (node * sigma, *weight)));
-        // Without scatter all nodes are the same one.
+        // Without scatter one node is enough.
         if sigma > 0.0 { nodes } else { vec![(0.0, 1.0)] }
     };
     let mut out = Vec::new();
@@ -186,22 +161,12 @@ pub fn monte_carlo_with_fingers<const N: usize>(
     seed: u64,
 ) -> Vec<Vector2<f64>> {
     let mut rng = SplitMix64::new(seed);
-    let scatter = fingers.scatter;
     (0..draws)
         .filter_map(|_| {
-            let off = Off {
-                delay_s: drawn_delay(noise, &mut rng),
-                q_rad: JointVec::from_fn(|_, _| noise.position_rad * rng.normal()),
-                qd_rad_s: JointVec::from_fn(|_, _| noise.speed_rad_s * rng.normal()),
-                fingers: Deviation {
-                    lag_s: scatter.lag_s * rng.normal(),
-                    friction_share: scatter.friction_share * rng.normal(),
-                    opening_share: scatter.opening_share * rng.normal(),
-                },
-            };
-            // Drag is never negative.
-            let k = (problem.flight.drag_per_m() + noise.drag_per_m * rng.normal()).abs();
-            landing(problem, throw, fingers, &problem.flight.with_drag(k).ok()?, &off)
+            let off = Disturbed::drawn(noise, &mut rng);
+            let deviation = fingers.scatter.deviation([rng.normal(), rng.normal(), rng.normal()]);
+            let flight = drawn_flight(&problem.flight, noise, &mut rng)?;
+            landing(problem, throw, &flight, &leave(problem, throw, fingers, (&off, &deviation))?)
         })
         .collect()
 }

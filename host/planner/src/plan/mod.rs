@@ -10,6 +10,7 @@
 //! | [`paper`] | the paper's eight parameters, release frame, choice of branch |
 //! | [`margins`] | what a throw leaves of every limit |
 //! | `energy` | electrical energy of a throw, with gradient |
+//! | `disturbed` | what is off in one throw |
 //! | `landed`, `spread` | landing of a disturbed throw; mean and covariance with gradients |
 //! | `layout` | where each variable and each row of a throw stands |
 //! | `rows` | objective and constraints with exact gradients |
@@ -42,6 +43,7 @@ mod basins;
 pub mod bounds;
 mod continuation;
 mod cuts;
+mod disturbed;
 mod energy;
 pub mod file;
 pub mod finger_release;

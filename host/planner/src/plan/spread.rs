@@ -12,8 +12,7 @@ use super::landed::Landed;
 use super::layout::Layout;
 use super::options::Noise;
 use super::problem::Problem;
-use super::rng::SplitMix64;
-use crate::flight::Aim;
+use crate::flight::{Aim, FlightModel};
 use crate::solve::Gradient;
 use crate::throw::Throw;
 
@@ -51,12 +50,7 @@ impl<const N: usize> Spread<N> {
     /// Of a throw at an aim; `None` if the ball does not meet its plane at some node.
     pub(crate) fn of(problem: &Problem<'_, N>, throw: &Throw<N>, aim: &Aim, noise: &Noise) -> Option<Self> {
         // Drag that is not known is not zero on average: what the other sources do is counted at the mean drag.
-        let drag =
-            (noise.drag_per_m > 0.0).then(|| drag_nodes(problem.flight.drag_per_m(), noise.drag_per_m));
-        let flight = &match &drag {
-            Some(nodes) => problem.flight.with_drag(nodes.iter().map(|(k, weight)| k * weight).sum()).ok()?,
-            None => problem.flight,
-        };
+        let DragFlights { mean: flight, nodes: drag } = &DragFlights::of(&problem.flight, noise)?;
         let centre = Landed::of(problem, flight, throw, aim, 0.0)?;
         let mut sources: Vec<Source<N>> = Vec::with_capacity(2 + 2 * N);
         let delays = release_delays(noise);
@@ -80,13 +74,10 @@ impl<const N: usize> Spread<N> {
                 })?);
             }
         }
-        if let Some(nodes) = drag {
-            let source: Option<Source<N>> = nodes
-                .into_iter()
-                .map(|(k, weight)| {
-                    let flight = flight.with_drag(k).ok()?;
-                    Some((weight, Landed::of(problem, &flight, throw, aim, 0.0)?))
-                })
+        if !drag.is_empty() {
+            let source: Option<Source<N>> = drag
+                .iter()
+                .map(|(weight, flight)| Some((*weight, Landed::of(problem, flight, throw, aim, 0.0)?)))
                 .collect();
             sources.push(source?);
         }
@@ -140,25 +131,30 @@ pub(super) fn release_delays(noise: &Noise) -> Vec<(f64, f64)> {
     }
 }
 
-/// A release delay in s: normal, or one of the measured nodes.
-pub(super) fn drawn_delay(noise: &Noise, rng: &mut SplitMix64) -> f64 {
-    let Some(nodes) = &noise.release_nodes else { return noise.release_time_s * rng.normal() };
-    let mut rest = rng.unit();
-    let mut last_s = 0.0;
-    for (delay_s, weight) in nodes.iter() {
-        last_s = delay_s;
-        rest -= weight;
-        if rest < 0.0 {
-            break;
+/// Flights with a drag that is not known: with its mean, and at its nodes with their weights.
+pub(super) struct DragFlights {
+    pub(super) mean: FlightModel,
+    /// None if the drag is known.
+    pub(super) nodes: Vec<(f64, FlightModel)>,
+}
+
+impl DragFlights {
+    /// `None` if no flight has so much drag.
+    pub(super) fn of(flight: &FlightModel, noise: &Noise) -> Option<Self> {
+        if noise.drag_per_m <= 0.0 {
+            return Some(Self { mean: *flight, nodes: Vec::new() });
         }
+        let nodes = drag_nodes(flight.drag_per_m(), noise.drag_per_m);
+        let mean = flight.with_drag(nodes.iter().map(|(k, weight)| k * weight).sum()).ok()?;
+        let nodes = nodes.into_iter().map(|(k, weight)| Some((weight, flight.with_drag(k).ok()?)));
+        Some(Self { mean, nodes: nodes.collect::<Option<_>>()? })
     }
-    last_s
 }
 
 /// Nodes and weights for a drag constant `|k + σ n|`, n standard normal: drag is never negative.
 ///
 /// Two nodes with the mean, variance and skewness of the folded normal distribution.
-pub(super) fn drag_nodes(drag_per_m: f64, sigma_per_m: f64) -> [(f64, f64); 2] {
+fn drag_nodes(drag_per_m: f64, sigma_per_m: f64) -> [(f64, f64); 2] {
     let (m, s) = (drag_per_m, sigma_per_m);
     let bell = (2.0 / std::f64::consts::PI).sqrt() * s * (-0.5 * (m / s).powi(2)).exp();
     let both = libm::erf(m / (s * std::f64::consts::SQRT_2));
@@ -185,6 +181,7 @@ fn at_nodes<const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::plan::rng::SplitMix64;
 
     #[test]
     fn drag_nodes_have_the_moments_of_drawn_drag_and_are_not_negative() {

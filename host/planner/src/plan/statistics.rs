@@ -4,12 +4,12 @@
 //! their oracle. All sources are independent and normal; the drag is folded at zero.
 
 use nalgebra::{Matrix2, Vector2, Vector3, Vector6};
-use robot_model::JointVec;
 
+use super::disturbed::{Disturbed, drawn_flight};
 pub use super::options::{Noise, Region};
 use super::problem::Problem;
 use super::rng::SplitMix64;
-use super::spread::{Spread, drawn_delay};
+use super::spread::Spread;
 use crate::flight::landing;
 use crate::throw::Throw;
 
@@ -70,18 +70,15 @@ pub fn monte_carlo<const N: usize>(
     let mut rng = SplitMix64::new(seed);
     (0..draws)
         .filter_map(|_| {
-            let delay_s = drawn_delay(noise, &mut rng);
-            let mut state = throw.at_time(throw.ha_s + delay_s);
-            state.q += JointVec::from_fn(|_, _| noise.position_rad * rng.normal());
-            state.qd += JointVec::from_fn(|_, _| noise.speed_rad_s * rng.normal());
+            let off = Disturbed::drawn(noise, &mut rng);
+            let state = off.at_release(throw);
             let frames = arm.fk(&state.q);
             let p = arm.ball(&frames).pos;
             let twist: Vector6<f64> = frames.jacobian(&p) * state.qd;
-            // Drag is never negative.
-            let k = (problem.flight.drag_per_m() + noise.drag_per_m * rng.normal()).abs();
             let v = Vector3::new(twist[0], twist[1], twist[2]);
-            let landing = problem.flight.with_drag(k).ok()?.meet(&p, &v, &problem.aim, delay_s)?;
-            Some(problem.aim.coordinates(&landing.p, delay_s + landing.time_s))
+            let flight = drawn_flight(&problem.flight, noise, &mut rng)?;
+            let landing = flight.meet(&p, &v, &problem.aim, off.delay_s)?;
+            Some(problem.aim.coordinates(&landing.p, off.delay_s + landing.time_s))
         })
         .collect()
 }

@@ -76,15 +76,8 @@ pub fn angle_rad(wanted: &DirectionInfo, direction: &Vector3<f64>) -> f64 {
 #[must_use]
 pub fn findings(plan: &PlanFile, hand: &dyn Fn(f64) -> Matrix3<f64>, flight_s: Option<f64>) -> Vec<Finding> {
     let Some(thing) = &plan.target.attitude else { return Vec::new() };
-    let finding = |what: &str, ok: bool, worst: String| Finding {
-        what: what.to_owned(),
-        ok,
-        worst,
-        at_s: None,
-        enforced: true,
-    };
     let Some(flight_s) = flight_s else {
-        return vec![finding(
+        return vec![Finding::claimed(
             "attitude at the arrival",
             false,
             "the thing does not come down there".to_owned(),
@@ -98,7 +91,7 @@ pub fn findings(plan: &PlanFile, hand: &dyn Fn(f64) -> Matrix3<f64>, flight_s: O
     ] {
         let Some(wanted) = wanted else { continue };
         let angle = angle_rad(wanted, direction);
-        findings.push(finding(
+        findings.push(Finding::claimed(
             what,
             angle <= wanted.angle_max_rad + TOLERANCE,
             format!("{:.2} of {:.2} deg", angle.to_degrees(), wanted.angle_max_rad.to_degrees()),
@@ -106,7 +99,7 @@ pub fn findings(plan: &PlanFile, hand: &dyn Fn(f64) -> Matrix3<f64>, flight_s: O
     }
     if thing.spin.is_some() {
         let rate = found.momentum_rad_s.norm();
-        findings.push(finding(
+        findings.push(Finding::claimed(
             "rate of the spin",
             rate >= thing.spin_min_rad_s - TOLERANCE,
             format!("{rate:.3} of {:.3} rad/s", thing.spin_min_rad_s),
@@ -116,7 +109,7 @@ pub fn findings(plan: &PlanFile, hand: &dyn Fn(f64) -> Matrix3<f64>, flight_s: O
     let off = (Vector3::from(told.axis_w) - found.axis)
         .amax()
         .max((Vector3::from(told.momentum_rad_s) - found.momentum_rad_s).amax());
-    findings.push(finding(
+    findings.push(Finding::claimed(
         "attitude at the arrival is told as the motion has it",
         off <= TOLERANCE,
         format!("{off:.1e} (unit vector, rad/s) beside it"),

@@ -312,16 +312,14 @@ fn flight_findings(plan: &PlanFile, watched: &Watched, flown: &Flown) -> Vec<Fin
     let clearance_m = plan.search.clearance_m;
     let clear = claims(plan, "clearance of the released ball");
     let mut findings = vec![
-        Finding {
-            what: "landing on the target".to_owned(),
-            ok: flown.miss_m.is_some_and(|m| m <= LANDING_TOLERANCE_M),
-            worst: flown.miss_m.map_or_else(
+        Finding::claimed(
+            "landing on the target",
+            flown.miss_m.is_some_and(|m| m <= LANDING_TOLERANCE_M),
+            flown.miss_m.map_or_else(
                 || "the ball does not come down there".to_owned(),
                 |m| format!("{m:.2e} m beside it"),
             ),
-            at_s: None,
-            enforced: true,
-        },
+        ),
         clear_finding(&format!("{RELEASED_BALL}free of the hand"), &flown.hand, 0.0, clear),
         clear_finding(&format!("{RELEASED_BALL}clear of the arm"), &flown.others, clearance_m, clear),
     ];
@@ -483,16 +481,9 @@ fn flight<const N: usize>(
 fn opening(ball_radius_m: f64, plan: &PlanFile, flown: &Flown) -> Vec<Finding> {
     let Some(opening) = &plan.target.opening else { return Vec::new() };
     let plane = Plane::new(&plan.target);
-    let finding = |what: &str, ok: bool, worst: String| Finding {
-        what: what.to_owned(),
-        ok,
-        worst,
-        at_s: None,
-        enforced: true,
-    };
     let Some(met) = flown.landed.filter(|_| plane.is_sound()) else {
         let why = "the ball does not pass the plane of the opening, or its normal is no unit vector";
-        return vec![finding("passage through the opening", false, why.to_owned())];
+        return vec![Finding::claimed("passage through the opening", false, why.to_owned())];
     };
     let approach = met.v - plane.velocity_m_s(met.s);
     let angle = (-plane.normal().dot(&approach) / approach.norm()).clamp(-1.0, 1.0).acos();
@@ -513,12 +504,12 @@ fn opening(ball_radius_m: f64, plan: &PlanFile, flown: &Flown) -> Vec<Finding> {
     }
     let wanted_m = plan.search.clearance_m;
     vec![
-        finding(
+        Finding::claimed(
             "angle of incidence at the opening",
             angle <= opening.incidence_max_rad + INCIDENCE_TOLERANCE_RAD,
             format!("{:.2} of {:.2} deg", angle.to_degrees(), opening.incidence_max_rad.to_degrees()),
         ),
-        finding(
+        Finding::claimed(
             "ball clear of the rim of the opening",
             least_m > (wanted_m - CLEARANCE_TOLERANCE_M).max(0.0),
             format!("{:.1} mm of {:.1} mm", least_m * 1e3, wanted_m * 1e3),

@@ -13,3 +13,10 @@ pub struct Finding {
     /// Whether the plan claims it; other findings are for information.
     pub enforced: bool,
 }
+
+impl Finding {
+    /// What the plan claims and no time belongs to.
+    pub(super) fn claimed(what: &str, ok: bool, worst: String) -> Self {
+        Self { what: what.to_owned(), ok, worst, at_s: None, enforced: true }
+    }
+}

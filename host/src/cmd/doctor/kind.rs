@@ -4,6 +4,8 @@ use can_link::BusSpec;
 use operator::bus::Session;
 use protocol::text::slcan::Bitrate;
 
+/// What to do in a cell that is simulated.
+const SIMULATED: &str = "look at the scenario: `cubectl explain faults` lists what it can do";
 /// Rate that is tried next, and the others that modules know, bit/s.
 const OTHER_RATES: &str = "or 250000, 1000000";
 
@@ -34,9 +36,7 @@ fn of_silence(bus: Option<&BusSpec>) -> String {
         Some(BusSpec::Socketcand { host, .. } | BusSpec::Lockstep { host, .. }) => {
             format!("{check}: it is set where the server of this bus runs, on {host}")
         }
-        Some(BusSpec::Sim | BusSpec::Rsi(_)) | None => {
-            "look at the scenario: `cubectl explain faults` lists what it can do".to_owned()
-        }
+        Some(BusSpec::Sim | BusSpec::Rsi(_)) | None => SIMULATED.to_owned(),
     }
 }
 
@@ -55,9 +55,7 @@ fn of_bus_off(bus: Option<&BusSpec>) -> String {
         Some(BusSpec::Socketcand { host, .. } | BusSpec::Lockstep { host, .. }) => {
             format!("{check} restart the interface on {host}")
         }
-        Some(BusSpec::Sim | BusSpec::Rsi(_)) | None => {
-            "look at the scenario: `cubectl explain faults` lists what it can do".to_owned()
-        }
+        Some(BusSpec::Sim | BusSpec::Rsi(_)) | None => SIMULATED.to_owned(),
     }
 }
 

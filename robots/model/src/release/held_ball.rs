@@ -9,7 +9,7 @@ use crate::fingers::Fingers;
 const INERTIA: f64 = 0.4;
 /// Damping ratio of the ball between the pads; rubber.
 const DAMPING: f64 = 0.5;
-/// Both pads are so far from the ball that it is taken as free, m.
+/// The ball counts as free when both pads are farther from it than this, m.
 const CLEAR_M: f64 = 5e-4;
 /// Rounds over both contacts; each leaves a fifth of the error of sticking.
 const ROUNDS: usize = 8;

@@ -85,7 +85,7 @@ pub const WINDOW_S: f64 = 0.25;
 
 /// The release of a ball whose fingers start to open at `opens_s`.
 ///
-/// `hand` gives the hand's motion at a time in s; it is asked from 10 ms before until 0.25 s after `opens_s` at most.
+/// `hand` gives the hand's motion at a time in s, from 10 ms and half the lag before `opens_s` to 0.25 s after it.
 /// `ball_radius_m` is positive.
 ///
 /// # Errors

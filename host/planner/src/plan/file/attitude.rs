@@ -68,7 +68,7 @@ pub struct DelayTurn {
     pub spin_rad: Option<f64>,
 }
 
-/// Delays of which the turns are told, in s.
+/// Release delays for which a plan tells the turn of the thing, in s.
 const DELAYS_S: [f64; 2] = [0.010, 0.025];
 
 impl DirectionInfo {
