@@ -19,6 +19,8 @@ pub(crate) struct Landed<const N: usize> {
     by_h: Vector2<f64>,
     /// Variable of the phase in which the release falls.
     h_index: usize,
+    /// Speed through the plane against its normal, in m/s.
+    pub(crate) through_m_s: f64,
     /// By the place of the plane along its normal.
     pub(crate) by_plane: Vector2<f64>,
 }
@@ -53,6 +55,7 @@ impl<const N: usize> Landed<N> {
         let by_q = frames.twist_gradient(&jac, &qd);
         let v = (jac * qd).fixed_rows::<3>(0).into_owned();
         let landed = flight.meet(&p, &v, aim, delay_s)?;
+        let approach = aim.approach(&landed, delay_s);
         let g = aim.jacobian(&landed, delay_s);
         let (g_p, g_v): (Matrix2x3<f64>, Matrix2x3<f64>) =
             (g.fixed_columns::<3>(0).into_owned(), g.fixed_columns::<3>(3).into_owned());
@@ -71,7 +74,8 @@ impl<const N: usize> Landed<N> {
             by_qdd: columns.map(|(a, b)| a * p2 + b * v2),
             by_h,
             h_index,
-            by_plane: aim.by_offset(&aim.approach(&landed, delay_s)),
+            through_m_s: -aim.normal().dot(&approach),
+            by_plane: aim.by_offset(&approach),
         })
     }
 

@@ -20,6 +20,9 @@ const SLOPE_DELAY_S: f64 = 1e-3;
 const SHIFT_SCALE: f64 = 100.0;
 /// Smooths the distance at zero; far below any window.
 const SHIFT_EPS_M: f64 = 1e-4;
+/// A ball that comes through the plane more slowly rises hardly a millimetre above it: with a little more delay it does not get
+/// there at all.
+const THROUGH_MIN_M_S: f64 = 0.15;
 /// Windows aim a little inside, so that another integration of the flight agrees.
 const WINDOW_SHARE: f64 = 0.98;
 
@@ -75,7 +78,8 @@ pub(super) fn delay_rows<S: Sink<D>, const N: usize, const D: usize>(
                 sink.ineq(id, (h - window.delay_s) * SHIFT_SCALE - 1.0, |g| g.add(h_index, SHIFT_SCALE));
                 continue;
             }
-            let (Some(end), Some(on_time)) = (late(sign * window.delay_s), &on_time) else {
+            let end = late(sign * window.delay_s).filter(|end| end.through_m_s >= THROUGH_MIN_M_S);
+            let (Some(end), Some(on_time)) = (end, &on_time) else {
                 sink.ineq(id, -1e3, |_| {});
                 continue;
             };
