@@ -13,7 +13,7 @@ use crate::throw::Throw;
 
 /// Instants before the release; after it as many as make steps of the same length.
 const STEPS: usize = 25;
-/// Between instants a distance can dip by about an eighth of the relative acceleration times the step squared: 2 mm.
+/// Between instants a distance can dip; what is nearer than this, or than the largest dip, is looked at there.
 const REFINE_BELOW_M: f64 = 4e-3;
 const REFINE_HALVINGS: usize = 4;
 /// The ball leaves the fingers for this long without being tested against them (robot-models 1.9).
@@ -57,13 +57,58 @@ struct Group<const N: usize> {
     swing_m: [f64; N],
 }
 
+impl<const N: usize> Group<N> {
+    /// How much nearer than at both ends a pair can be inside a step of `step_s`, in m: an eighth of the largest relative
+    /// acceleration times the step squared.
+    fn dip_m(&self, throw: &Throw<N>, step_s: f64) -> f64 {
+        let (speed, acceleration) = (throw.peak_speed(), throw.peak_acceleration());
+        let joints = self.from..self.to;
+        let pushed: f64 = joints.clone().map(|k| acceleration[k] * self.swing_m[k]).sum();
+        let reach_m = joints.clone().map(|k| self.swing_m[k]).fold(0.0, f64::max);
+        let turning: f64 = joints.map(|k| speed[k]).sum();
+        (pushed + turning * turning * reach_m) * step_s * step_s / 8.0
+    }
+}
+
 /// What is known about a pair so far.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 struct Track {
     /// Lower bound of the distance above the clearance asked for, in m.
     slack_m: f64,
     worst_m: f64,
     worst_sigma: f64,
+    /// Distance and phase at the last instant, and the distance at the one before.
+    last: (f64, f64),
+    before_m: f64,
+    /// Near instants that are nearer than those beside them.
+    dips: Vec<(f64, f64)>,
+}
+
+impl Default for Track {
+    fn default() -> Self {
+        Self {
+            slack_m: 0.0,
+            worst_m: f64::INFINITY,
+            worst_sigma: 0.0,
+            last: (f64::INFINITY, -1.0),
+            before_m: f64::INFINITY,
+            dips: Vec::new(),
+        }
+    }
+}
+
+impl Track {
+    /// The next instant; the one before it is a dip if it is nearer than `below_m` and than both beside it.
+    fn see(&mut self, distance_m: f64, sigma: f64, below_m: f64) {
+        if self.last.0 < below_m && self.last.0 <= self.before_m && self.last.0 < distance_m {
+            self.dips.push(self.last);
+        }
+        if distance_m < self.worst_m {
+            (self.worst_m, self.worst_sigma) = (distance_m, sigma);
+        }
+        self.before_m = self.last.0;
+        self.last = (distance_m, sigma);
+    }
 }
 
 /// Everything about the pairs of a problem that does not depend on the throw.
@@ -204,8 +249,7 @@ impl<const N: usize> Scanner<N> {
 
     fn bodies(&self, problem: &Problem<'_, N>, throw: &Throw<N>, out: &mut Scan) {
         let arm = problem.arm;
-        let start = Track { slack_m: 0.0, worst_m: f64::INFINITY, worst_sigma: 0.0 };
-        let mut tracks = vec![start; self.pairs.len()];
+        let mut tracks = vec![Track::default(); self.pairs.len()];
         let mut approach = vec![0.0; self.groups.len()];
         let boxes: Vec<Obb> = arm.collision().boxes().iter().map(|b| Obb::new(b.x_lb, b.half_m)).collect();
         let stamps = vec![0; boxes.len()];
@@ -215,6 +259,9 @@ impl<const N: usize> Scanner<N> {
         let peak = throw.peak_speed();
         let mut before = throw.start();
         let steps_after = (STEPS as f64 * throw.hb_s / throw.ha_s).ceil().clamp(6.0, 50.0) as usize;
+        let step_s = (throw.ha_s / STEPS as f64).max(throw.hb_s / steps_after as f64);
+        let dips_m: Vec<f64> =
+            self.groups.iter().map(|g| g.dip_m(throw, step_s).max(REFINE_BELOW_M)).collect();
         for step in 0..=STEPS + steps_after {
             let share = if step <= STEPS { STEPS } else { steps_after } as f64;
             let sigma = (step as f64 - STEPS as f64) / share;
@@ -233,31 +280,32 @@ impl<const N: usize> Scanner<N> {
             for (pair, track) in self.pairs.iter().zip(&mut tracks) {
                 track.slack_m -= approach[pair.group];
                 if track.slack_m > 0.0 || pair.held && sigma > 0.0 {
+                    track.see(f64::INFINITY, sigma, dips_m[pair.group]);
                     continue;
                 }
                 track.slack_m = placed.distance(pair, &q);
-                if track.slack_m < track.worst_m {
-                    track.worst_m = track.slack_m;
-                    track.worst_sigma = sigma;
-                }
+                track.see(track.slack_m, sigma, dips_m[pair.group]);
             }
         }
-        // Between two instants a near pair can be nearer still: look there.
         for (pair, track) in self.pairs.iter().zip(&mut tracks) {
-            if track.worst_m < REFINE_BELOW_M {
-                let last = if pair.held { 0.0 } else { 1.0 };
+            track.see(f64::INFINITY, 1.0, dips_m[pair.group]);
+            let last = if pair.held { 0.0 } else { 1.0 };
+            for (least_m, middle) in std::mem::take(&mut track.dips) {
+                let (mut near_m, mut near) = (least_m, middle);
                 let mut step = 0.5 / STEPS as f64;
                 for _ in 0..REFINE_HALVINGS {
-                    for sigma in [track.worst_sigma - step, track.worst_sigma + step] {
+                    for sigma in [near - step, near + step] {
                         let sigma = sigma.clamp(-1.0, last);
                         placed.move_to();
                         let distance = placed.distance(pair, &throw.at_phase(sigma).q);
-                        if distance < track.worst_m {
-                            track.worst_m = distance;
-                            track.worst_sigma = sigma;
+                        if distance < near_m {
+                            (near_m, near) = (distance, sigma);
                         }
                     }
                     step *= 0.5;
+                }
+                if near_m < track.worst_m {
+                    (track.worst_m, track.worst_sigma) = (near_m, near);
                 }
             }
             out.clearance_m = out.clearance_m.min(track.worst_m + pair.kind.clearance_m(problem));
