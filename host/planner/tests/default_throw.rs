@@ -1,9 +1,13 @@
 //! The default search of the default form finds the best known throw, whatever the seed, for more arms than one.
 
 use nalgebra::Vector3;
+use planner::plan::file::PlanFile;
 use planner::plan::problem::{Options, Problem};
 use planner::plan::search::{Best, Budget, NoThrow, Planner, Watch};
-use planner::plan::{Arm, Joints, Margins, Throw, seeds};
+use planner::plan::statistics::Noise;
+use planner::plan::{Arm, Joints, Kept, Ladder, Margins, Throw, seeds};
+use planner::verify;
+use robot_model::RobotModel;
 
 fn arm() -> Arm {
     Arm::load("powercube6").expect("built in")
@@ -149,4 +153,40 @@ fn what_a_search_says_about_its_gap_follows_its_starts() {
     assert!(few.since_best <= 8 && many.at_best >= few.at_best && many.at_best >= 4, "{few:?} {many:?}");
     assert!((few.better_chance - 1.0 / (few.since_best as f64 + 2.0)).abs() < 1e-12);
     assert!(many.better_chance < few.better_chance, "{few:?} {many:?}");
+}
+
+/// The default search down the ladder, and what the verifier refuses of its plan.
+fn refused_of<const N: usize>(robot: &str, target: [f64; 3]) -> Vec<String> {
+    let arm = RobotModel::<N>::load(robot).expect("built in");
+    let ladder = Ladder::new(&arm, Vector3::from(target), &Options::best(), Kept::default()).expect("valid");
+    let settled = ladder
+        .search(&seeds::built_in(&arm), &Budget::default(), &Watch::default(), None)
+        .unwrap_or_else(|none| panic!("{none}"));
+    let plan =
+        PlanFile::of(settled.problem, &settled.best, robot, 1, &Noise::default(), None).expect("it lands");
+    let findings = verify::check(&arm, &plan).findings;
+    findings.into_iter().filter(|f| f.enforced && !f.ok).map(|f| format!("{}: {}", f.what, f.worst)).collect()
+}
+
+/// A ball released 25 ms early rose to the plane of the target and not above it.
+#[test]
+fn a_ball_that_is_released_early_comes_down_through_the_plane_and_does_not_graze_it() {
+    assert_eq!(
+        refused_of::<6>("powercube6", [0.547153718062688, -0.9089935350476135, 0.23347482640581774]),
+        [""; 0]
+    );
+    assert_eq!(
+        refused_of::<6>("kr16_2", [-1.3938405064065176, -1.0557594565364068, 1.032072862117285]),
+        [""; 0]
+    );
+}
+
+/// Foot and wrist of a KR 16 came 2.7 mm near between two instants of the look along the motion, which looked between instants
+/// only where a PowerCube arm could have come nearer.
+#[test]
+fn links_of_a_large_arm_keep_their_clearance_between_the_instants_that_are_looked_at() {
+    assert_eq!(
+        refused_of::<6>("kr16_2", [-0.5487208224105184, 2.1906126702537305, 1.3438069299049837]),
+        [""; 0]
+    );
 }

@@ -1,7 +1,8 @@
 //! Makes the table of stored throws of a robot: over range and height of the target, for several sets of options.
 //!
 //! For every set of options: random starts in every cell of a grid, neighbours pass their throws on, every throw is
-//! finished, cells beyond the edge are pulled in, and random targets (any azimuth) show where the table needs more.
+//! finished, cells beyond the edge are pulled in, and random targets (any azimuth) show where the table needs more. A throw
+//! that such a target adds is often in a basin that a whole region lacks, so throws are passed on after every few of them too.
 //! All of it is cut into steps. A step depends on nothing but the records so far and its number, so a preparation can be
 //! stopped between any two steps and continued later: the table is the same.
 
@@ -65,6 +66,11 @@ enum Work {
 const COLUMNS: usize = 4;
 /// Targets between two updates of the table.
 const TRIALS_PER_STEP: u64 = 128;
+/// Updates of the table between two sweeps.
+const ROUNDS_PER_SWEEP: u64 = 4;
+/// A throw is passed on over this many steps of the grid, and so many throws are passed on to a cell.
+const PASSED_STEPS: f64 = 1.5;
+const PASSED_MAX: usize = 16;
 /// Stored throws per trial, and the share of the price that is not worth another throw.
 const TRIAL_TRIES: usize = 6;
 const TRIAL_GAP: f64 = 1.003;
@@ -82,10 +88,18 @@ impl<'a, const N: usize> Preparation<'a, N> {
 
     fn work(&self) -> Vec<Work> {
         let columns = self.columns() as usize;
-        let starts = (0..columns.div_ceil(COLUMNS)).map(Work::Starts);
-        let sweeps = std::iter::repeat_n(Work::Sweep, self.grid.sweeps);
-        let trials = (0..self.grid.trials.div_ceil(TRIALS_PER_STEP)).map(Work::Trials);
-        starts.chain(sweeps).chain([Work::Finish, Work::Edge]).chain(trials).collect()
+        let mut work: Vec<Work> = (0..columns.div_ceil(COLUMNS)).map(Work::Starts).collect();
+        work.extend(std::iter::repeat_n(Work::Sweep, self.grid.sweeps));
+        work.extend([Work::Finish, Work::Edge]);
+        let rounds = self.grid.trials.div_ceil(TRIALS_PER_STEP);
+        for round in 0..rounds {
+            work.push(Work::Trials(round));
+            if round % ROUNDS_PER_SWEEP == ROUNDS_PER_SWEEP - 1 || round == rounds - 1 {
+                work.push(Work::Sweep);
+            }
+        }
+        work.push(Work::Finish);
+        work
     }
 
     /// Number of steps.
@@ -216,19 +230,18 @@ impl<const N: usize> Step<'_, '_, N> {
             .par_iter()
             .map(|cell| {
                 let mut kept = before.get(cell).cloned().unwrap_or_default();
-                let Some(problem) = self.problem(p.target(*cell)) else { return kept };
+                let at = p.target(*cell);
+                let Some(problem) = self.problem(at) else { return kept };
                 let planner = Planner::new(&problem);
-                for (dc, dr) in NEIGHBOURS {
-                    for record in before.get(&(cell.0 + dc, cell.1 + dr)).into_iter().flatten() {
-                        if let Some(found) = planner.from_record(record) {
-                            keep(&mut kept, planner.record(&found), p.grid.keep);
-                        }
+                for record in around(&own, at.x, at.z, PASSED_STEPS * p.grid.step_m) {
+                    if let Some(found) = planner.from_record(record) {
+                        keep(&mut kept, planner.record(&found), p.grid.keep);
                     }
                 }
                 kept
             })
             .collect();
-        let rest = own.into_iter().filter(|r| p.cell_of(r).is_none());
+        let rest = own.iter().copied().filter(|r| p.cell_of(r).is_none());
         made.into_iter().flatten().chain(rest).collect()
     }
 
@@ -308,6 +321,23 @@ impl<const N: usize> Step<'_, '_, N> {
             .collect();
         index.records().iter().copied().chain(added).collect()
     }
+}
+
+/// Throws for targets within a distance of one in m, but not for that one; those that promise the lowest price there first.
+fn around<const N: usize>(
+    records: &[Record<N>],
+    range_m: f64,
+    height_m: f64,
+    within_m: f64,
+) -> Vec<&Record<N>> {
+    let away = |r: &Record<N>| (range_m - r.range_m).hypot(height_m - r.height_m);
+    let promised = |r: &Record<N>| {
+        r.objective + r.slope_per_m[0] * (range_m - r.range_m) + r.slope_per_m[1] * (height_m - r.height_m)
+    };
+    let mut near: Vec<&Record<N>> = records.iter().filter(|r| (1e-4..=within_m).contains(&away(r))).collect();
+    near.sort_by(|a, b| promised(a).total_cmp(&promised(b)));
+    near.truncate(PASSED_MAX);
+    near
 }
 
 /// Keeps the best few throws that differ by more than rounding.

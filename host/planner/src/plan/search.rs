@@ -10,7 +10,7 @@ use super::local::{Begin, Found, evaluate_once, solve_from};
 use super::obstruction::obstruction;
 pub use super::outcome::{Best, Budget, NearestAttitude, NoThrow, Watch};
 pub use super::planner::{Planner, kind_of};
-use super::warm_start::{WarmStart, warm_starts};
+use super::warm_start::{RINGS, WarmStart, warm_starts};
 use crate::solve::sqp::Settings;
 use crate::store::{Index, Record};
 use crate::throw::Throw;
@@ -99,15 +99,22 @@ impl<const N: usize> Planner<'_, '_, N> {
     ///
     /// Stored throws are taken in the order of their expected prices. Each gets only a few steps, because a good start
     /// needs no more and a bad one would need hundreds; `tries` bounds the local solves. If none of them ends in a
-    /// throw, all the others around have their turn, then the most promising ones with patience.
+    /// throw, all the others around have their turn, then the most promising ones with patience, unless the table ends
+    /// before the target.
     #[must_use]
     pub fn from_index(&self, index: &Index<N>, tries: usize) -> Option<Found<N>> {
         let order = self.warm_starts(index, MORE_TRIES.max(tries));
         let (first, rest) = order.split_at(tries.min(order.len()));
         let patient = Settings { objective: 1e-4, feasibility: 1e-7, ..Settings::default() };
+        let patiently = || {
+            let (kind, height_m) = (kind_of(&self.problem.options), self.problem.target.z);
+            let beyond_the_edge = !index.surrounds(kind, self.range_m, height_m, RINGS);
+            let tried = if beyond_the_edge { &[] } else { first };
+            tried.iter().find_map(|(_, record)| self.polish(record, &patient, PATIENT_STEPS))
+        };
         self.first_pass(first)
             .or_else(|| self.first_pass(rest))
-            .or_else(|| first.iter().find_map(|(_, record)| self.polish(record, &patient, PATIENT_STEPS)))
+            .or_else(patiently)
             .map(|found| self.refine(found))
     }
 

@@ -9,7 +9,11 @@ use std::path::Path;
 use crate::store::{Index, file, robot_fingerprint};
 
 /// The built-in tables, one per robot that has one.
-const TABLES: [&[u8]; 1] = [include_bytes!("../../seeds/powercube6.seeds")];
+const TABLES: [&[u8]; 3] = [
+    include_bytes!("../../seeds/powercube6.seeds"),
+    include_bytes!("../../seeds/kr16_2.seeds"),
+    include_bytes!("../../seeds/pincher4.seeds"),
+];
 
 /// The built-in throws for a robot; empty if there are none for it (or for this version of its file).
 #[must_use]

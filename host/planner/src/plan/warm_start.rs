@@ -6,7 +6,7 @@ use crate::store::{Index, Record};
 use crate::throw::JOINTS;
 
 /// Cells of the index that are looked through, at most, in every direction.
-const RINGS: i32 = 6;
+pub(super) const RINGS: i32 = 6;
 /// What distance adds to an expected price, per m²: 2 % at 5 cm, where slopes begin to be wrong.
 const DISTANCE_CHARGE: f64 = 8.0;
 /// How much a refutation counts on the way to where it was found, as a power of the share of the way.

@@ -2,11 +2,14 @@
 
 use crate::throw::JOINTS;
 use std::collections::HashMap;
+use std::f64::consts::{PI, TAU};
 
 use super::record::Record;
 
 /// Edge of an index cell in m.
 const CELL_M: f64 = 0.05;
+/// Fewer records than this around a target do not tell on which side of the edge it is.
+const TELLING: usize = 6;
 
 /// Records sorted into cells of (range, height).
 #[derive(Debug, Clone, Default)]
@@ -76,5 +79,51 @@ impl<const N: usize> Index<N> {
             x.objective * (1.0 + d)
         };
         out.sort_by(|a, b| key(a).total_cmp(&key(b)));
+    }
+
+    /// Whether records of a kind lie around a target on all sides, within `rings` cells; true where they are too few to
+    /// tell.
+    ///
+    /// What a table holds for a kind ends at the edge of the reach. Beyond it all records lie on one side.
+    #[must_use]
+    pub fn surrounds(&self, kind: u32, range_m: f64, height_m: f64, rings: i32) -> bool {
+        let (r, h) = cell(range_m, height_m);
+        let mut angles_rad: Vec<f64> = (-rings..=rings)
+            .flat_map(|dr| (-rings..=rings).filter_map(move |dh| self.cells.get(&(r + dr, h + dh))))
+            .flatten()
+            .map(|i| &self.records[*i as usize])
+            .filter(|x| x.kind == kind)
+            .map(|x| (x.height_m - height_m).atan2(x.range_m - range_m))
+            .collect();
+        if angles_rad.len() < TELLING {
+            return true;
+        }
+        angles_rad.sort_by(f64::total_cmp);
+        let over_the_cut = angles_rad[0] + TAU - angles_rad[angles_rad.len() - 1];
+        angles_rad.windows(2).map(|pair| pair[1] - pair[0]).fold(over_the_cut, f64::max) < PI
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn beyond_the_edge_of_a_table_its_records_lie_on_one_side() {
+        let place = |k: u32| Record::<6> {
+            height_m: 0.1 * f64::from(k % 4),
+            ..Record::example(1.0 + 0.1 * f64::from(k / 4))
+        };
+        let index = Index::new((0..16).map(place).collect());
+        assert!(index.surrounds(0, 1.15, 0.12, 6));
+        assert!(!index.surrounds(0, 1.35, 0.12, 6));
+        assert!(!index.surrounds(0, 1.15, -0.02, 6));
+    }
+
+    #[test]
+    fn too_few_records_do_not_tell_where_the_edge_is() {
+        let index = Index::<6>::new(vec![Record::example(1.0), Record::example(1.1)]);
+        assert!(index.surrounds(0, 1.2, 0.0, 6));
+        assert!(index.surrounds(1, 1.05, 0.0, 6));
     }
 }
