@@ -375,7 +375,10 @@ impl Study {
                 row.drag, row.seen_ms, row.rms_mm, row.bound_mm
             );
         }
-        let mean = self.rallies.iter().sum::<usize>() as f64 / self.rallies.len().max(1) as f64;
+        if self.rallies.is_empty() {
+            return out;
+        }
+        let mean = self.rallies.iter().sum::<usize>() as f64 / self.rallies.len() as f64;
         let full = self.rallies.iter().filter(|length| **length == RALLY_THROWS).count();
         out += &format!(
             "rallies of at most {RALLY_THROWS} throws: mean length {mean:.1} over {}; {full} complete\n",

@@ -59,7 +59,7 @@ pub struct Best<const N: usize = JOINTS> {
 
 /// No start ended in a throw.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("no throw reaches ({:.3}, {:.3}, {:.3}) m{}", target.x, target.y, target.z, reason_text(self))]
+#[error("no throw reaches {} m{}", point_text(target), reason_text(self))]
 pub struct NoThrow {
     /// The target in m.
     pub target: Vector3<f64>,
@@ -123,16 +123,35 @@ impl std::fmt::Display for NearestAttitude {
             "the nearest {} that was found is {angle:.1} deg off, {most:.1} deg are allowed",
             self.what
         )?;
-        self.direction_w.map_or(Ok(()), |d| write!(f, "; it is ({:.3}, {:.3}, {:.3})", d.x, d.y, d.z))
+        self.direction_w.map_or(Ok(()), |d| write!(f, "; it is {}", point_text(&d)))
     }
+}
+
+/// Coordinates with three decimals; no "-0.000".
+fn point_text(point: &Vector3<f64>) -> String {
+    let [x, y, z] = (*point).into();
+    let told = |value: f64| (value * 1e3).round() / 1e3 + 0.0;
+    format!("({:.3}, {:.3}, {:.3})", told(x), told(y), told(z))
 }
 
 /// As the end of a message: where the nearest target is and what blocks; nothing if none is known.
 fn nearest_text(nearest: Option<&NearestTarget>) -> String {
     nearest.map_or_else(String::new, |n| {
         format!(
-            "; the nearest target in reach is ({:.3}, {:.3}, {:.3}) m, {:.3} m away, blocked by: {}",
-            n.point.x, n.point.y, n.point.z, n.distance_m, n.constraint
+            "; the nearest target in reach is {} m, {:.3} m away, blocked by: {}",
+            point_text(&n.point),
+            n.distance_m,
+            n.constraint
         )
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_coordinate_that_rounds_to_zero_has_no_sign() {
+        assert_eq!(point_text(&Vector3::new(-1e-9, -0.0004, -0.0006)), "(0.000, 0.000, -0.001)");
+    }
 }
