@@ -1,22 +1,30 @@
 //! How good and how quick the default search is, against best known throws (see the example `best_known`).
 //!
 //! ```text
-//! cargo run --release -p planner --example search_quality -- ROBOT BEST_KNOWN.csv [SEEDS] [TARGETS]
+//! cargo run --release -p planner --example search_quality -- ROBOT BEST_KNOWN.csv [SEEDS] [TARGETS] [TABLE]
 //! ```
 //!
 //! For every target that the file has a throw to: the search as `plan throw` makes it, down the same ladder of options,
-//! with the throws that come with the program and without any. Times are CPU time of one core.
+//! with a table of stored throws (the one that comes with the program if none is named), from the table alone, and without any.
+//! With 0 seeds: from the table alone. Times are CPU time of one core.
 
 use std::error::Error;
+use std::path::Path;
 use std::time::Duration;
 
 use nalgebra::Vector3;
 use nix::time::{ClockId, clock_gettime};
 use planner::plan::ladder::rungs;
 use planner::plan::search::{Budget, Planner, Watch};
-use planner::plan::{Kept, Ladder, Options, Problem, seeds};
-use planner::store::Index;
+use planner::plan::seeds::built_in;
+use planner::plan::{Kept, Ladder, Options, Problem};
+use planner::store::{Index, file, robot_fingerprint};
 use robot_model::{AnyRobot, RobotModel, for_any_robot};
+
+#[path = "../benches/best_known/rows.rs"]
+#[allow(dead_code, reason = "what other examples need of it")]
+mod rows;
+use rows::Row;
 
 /// Stored throws that an answer from the table alone tries.
 const TRIES: usize = 6;
@@ -46,13 +54,17 @@ struct Result {
 fn main() -> std::result::Result<(), Box<dyn Error>> {
     let args: Vec<String> = std::env::args().skip(1).collect();
     let [robot, file, rest @ ..] = &args[..] else {
-        return Err("expected ROBOT BEST_KNOWN.csv [SEEDS] [TARGETS]".into());
+        return Err("expected ROBOT BEST_KNOWN.csv [SEEDS] [TARGETS] [TABLE]".into());
     };
     let number = |i: usize, default: u64| rest.get(i).map_or(Ok(default), |text| text.parse());
     let (seeds, targets) = (number(0, 1)?, number(1, u64::MAX)?);
-    let all = read(&std::fs::read_to_string(file)?)?;
+    let all = Row::read_all(&std::fs::read_to_string(file)?)?;
     let drawn = all.len();
-    let known: Vec<Known> = all.into_iter().flatten().take(targets as usize).collect();
+    let known = all.iter().filter_map(|row| {
+        let (rung, objective) = row.known?;
+        Some(Known { target: row.target, rung, objective })
+    });
+    let known: Vec<Known> = known.take(targets as usize).collect();
     println!("{robot}: {} of {drawn} targets have a known throw", known.len());
     for within_m in [2.2, 4.2, f64::INFINITY] {
         let near: Vec<&Known> = known.iter().filter(|k| k.target.xy().norm() <= within_m).collect();
@@ -62,35 +74,25 @@ fn main() -> std::result::Result<(), Box<dyn Error>> {
     // Times are those of one core.
     rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build_global()?;
     let robot = AnyRobot::load(robot)?;
-    for_any_robot!(&robot, arm => of_arm(arm, &known, seeds));
+    for_any_robot!(&robot, arm => {
+        let table = match rest.get(2) {
+            Some(path) => {
+                let path = Path::new(path);
+                Index::new(file::parse(path, &std::fs::read(path)?, robot_fingerprint(arm))?.0)
+            }
+            None => built_in(arm),
+        };
+        of_arm(arm, &known, &table, seeds);
+    });
     Ok(())
 }
 
-/// Rows of a file of best known throws; `None` for a target without one.
-fn read(text: &str) -> std::result::Result<Vec<Option<Known>>, Box<dyn Error>> {
-    text.lines()
-        .skip(1)
-        .map(|line| {
-            let fields: Vec<&str> = line.split(',').collect();
-            let [_, x, y, z, rung, objective, ..] = fields[..] else {
-                return Err(format!("\"{line}\" is not a row of best known throws").into());
-            };
-            if rung.is_empty() {
-                return Ok(None);
-            }
-            let target = Vector3::new(x.parse()?, y.parse()?, z.parse()?);
-            Ok(Some(Known { target, rung: rung.parse()?, objective: objective.parse()? }))
-        })
-        .collect()
-}
-
-fn of_arm<const N: usize>(arm: &RobotModel<N>, known: &[Known], seeds: u64) {
-    let table = seeds::built_in(arm);
+fn of_arm<const N: usize>(arm: &RobotModel<N>, known: &[Known], table: &Index<N>, seeds: u64) {
     if !table.records().is_empty() {
         for seed in 1..=seeds {
-            print(&format!("search with the table, seed {seed}"), &search(arm, known, &table, seed));
+            print(&format!("search with the table, seed {seed}"), &search(arm, known, table, seed));
         }
-        print("table alone", &from_table(arm, known, &table));
+        print("table alone", &from_table(arm, known, table));
     }
     for seed in 1..=seeds {
         print(&format!("search without a table, seed {seed}"), &search(arm, known, &Index::default(), seed));

@@ -1,6 +1,7 @@
 //! The default search of arms of other sizes and kinds, without any table, against the best of 2 000 random starts.
 //!
-//! The example `best_known` makes the files, the example `search_quality` compares all their rows; here are the first.
+//! The example `best_known` makes the files, the examples `search_quality` and `judge_throws` compare all their rows; here are
+//! some.
 
 use nalgebra::Vector3;
 use planner::plan::problem::{Options, Problem};
@@ -8,22 +9,19 @@ use planner::plan::search::{Budget, Planner, Watch};
 use planner::store::Index;
 use robot_model::RobotModel;
 
+#[path = "../benches/best_known/judge.rs"]
+mod judge;
+#[path = "../benches/best_known/rows.rs"]
+#[allow(dead_code, reason = "what the examples need of it")]
+mod rows;
+
+use judge::judge;
+use rows::Row;
+
 /// Rows with a throw that are tried per arm.
 const ROWS: usize = 2;
 /// A price this much above the best known one is as good as that.
 const GAP: f64 = 1.02;
-
-/// Target, place in the ladder of options, and objective of the rows with a throw.
-fn known(text: &str) -> Vec<(Vector3<f64>, usize, f64)> {
-    let rows = text.lines().skip(1).map(|line| line.split(',').collect::<Vec<_>>());
-    let number = |text: &str| text.parse::<f64>().expect("a number");
-    rows.filter(|f| !f[4].is_empty())
-        .map(|f| {
-            let target = Vector3::new(number(f[1]), number(f[2]), number(f[3]));
-            (target, f[4].parse().expect("0 to 2"), number(f[5]))
-        })
-        .collect()
-}
 
 /// The default form, without limits of the landing's shift, and without nulling: as `plan throw` goes down.
 fn search<const N: usize>(arm: &RobotModel<N>, target: Vector3<f64>) -> Option<(usize, f64)> {
@@ -37,7 +35,9 @@ fn search<const N: usize>(arm: &RobotModel<N>, target: Vector3<f64>) -> Option<(
 }
 
 fn finds_what_long_searches_find<const N: usize>(arm: &RobotModel<N>, file: &str) {
-    let known = known(file);
+    let rows = Row::read_all(file).expect("a file of rows");
+    let known: Vec<_> =
+        rows.iter().filter_map(|row| row.known.map(|(rung, price)| (row.target, rung, price))).collect();
     assert!(known.len() >= ROWS, "{}: {} rows with a throw", arm.name(), known.len());
     for (target, rung, objective) in known.into_iter().take(ROWS) {
         let (found_rung, found) =
@@ -77,4 +77,51 @@ fn an_arm_without_closed_form_is_searched_as_well_as_by_many_starts() {
 fn an_arm_of_seven_joints_is_searched_as_well_as_by_many_starts() {
     let arm = fixture::<7>("iiwa7", include_str!("data/iiwa7.toml"));
     finds_what_long_searches_find(&arm, include_str!("../benches/best_known/iiwa7.csv"));
+}
+
+/// One row in so many of the benchmark is judged here.
+const JUDGED: usize = 37;
+/// The throws of the files are rounded to 1e-9.
+const ROUNDED: f64 = 1e-6;
+
+fn rows_are_valid<const N: usize>(arm: &RobotModel<N>, file: &str) {
+    let rows = Row::read_all(file).expect("a file of rows");
+    assert_eq!(rows.len(), 1000, "{}", arm.name());
+    let mut judged = 0;
+    for (index, row) in rows.iter().enumerate().step_by(JUDGED) {
+        let Some((rung, told)) = row.known else { continue };
+        let price = judge(arm, row, rung).unwrap_or_else(|why| panic!("{} row {index}: {why}", arm.name()));
+        assert!((price / told - 1.0).abs() < ROUNDED, "{} row {index}: {price}, told {told}", arm.name());
+        judged += 1;
+    }
+    assert!(judged >= 5, "{}: {judged} rows with a throw", arm.name());
+}
+
+#[test]
+fn throws_of_the_benchmark_are_valid_and_cost_what_their_rows_say() {
+    let powercube = RobotModel::<6>::load("powercube6").expect("built in");
+    rows_are_valid(&powercube, include_str!("../benches/best_known/powercube6-1000.csv"));
+    let kuka = RobotModel::<6>::load("kr16_2").expect("built in");
+    rows_are_valid(&kuka, include_str!("../benches/best_known/kr16_2-1000.csv"));
+    let pincher = RobotModel::<4>::load("pincher4").expect("built in");
+    rows_are_valid(&pincher, include_str!("../benches/best_known/pincher4-1000.csv"));
+}
+
+#[test]
+fn a_throw_that_breaks_a_limit_or_misses_is_not_judged_valid() {
+    let arm = RobotModel::<6>::load("powercube6").expect("built in");
+    let rows = Row::read_all(include_str!("../benches/best_known/powercube6-1000.csv")).expect("rows");
+    // A throw, not a ball that is let fall.
+    let thrown = |row: &&Row| row.known.is_some_and(|(rung, price)| rung == 0 && price > 25.0);
+    let row = rows.iter().find(thrown).expect("a throw");
+    assert!(judge(&arm, row, 0).is_ok());
+    let off_target = Row { target: row.target + Vector3::new(1e-3, 0.0, 0.0), ..row.clone() };
+    assert!(judge(&arm, &off_target, 0).is_err());
+    // Faster at the release by a tenth.
+    let mut fast = row.clone();
+    fast.throw[9..15].iter_mut().for_each(|qd| *qd *= 1.1);
+    assert!(judge(&arm, &fast, 2).is_err());
+    let mut short = row.clone();
+    short.throw.pop();
+    assert!(judge(&arm, &short, 0).unwrap_err().contains("number of joints"));
 }

@@ -1,0 +1,40 @@
+//! Whether the throw of a row is valid, and what it costs.
+
+use nalgebra::Vector3;
+use planner::plan::file::PlanFile;
+use planner::plan::ladder::rungs;
+use planner::plan::statistics::Noise;
+use planner::plan::{Best, Confidence, Found, Kept, Options, Problem};
+use planner::verify;
+use robot_model::RobotModel;
+
+use super::rows::Row;
+
+/// The price of the row's throw, computed from it, if it keeps every limit of a rung by the verifier.
+///
+/// # Errors
+/// What the throw lacks.
+pub(crate) fn judge<const N: usize>(arm: &RobotModel<N>, row: &Row, rung: usize) -> Result<f64, String> {
+    let throw = row.throw::<N>().ok_or("the throw is missing or has another number of joints")?;
+    let (_, options) = rungs(&Options::best(), Kept::default())
+        .into_iter()
+        .nth(rung)
+        .ok_or_else(|| format!("there is no rung {rung}"))?;
+    let problem = Problem::new(arm, row.target, options).map_err(|e| e.to_string())?;
+    let found = Found { throw, objective: 0.0, iterations: 0, slope_per_m: Vector3::zeros(), touches: false };
+    let best = Best {
+        found,
+        starts: 0,
+        solved: 0,
+        interrupted: false,
+        confidence: Confidence::default(),
+        others: vec![found],
+    };
+    let plan = PlanFile::of(&problem, &best, arm.name(), 0, &Noise::default(), None)
+        .ok_or("the ball does not come down at the target")?;
+    let report = verify::check(arm, &plan);
+    match report.findings.iter().find(|f| f.enforced && !f.ok) {
+        Some(finding) => Err(format!("{}: {}", finding.what, finding.worst)),
+        None => Ok(plan.objective.value),
+    }
+}
