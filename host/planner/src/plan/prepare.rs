@@ -127,7 +127,7 @@ impl<'a, const N: usize> Preparation<'a, N> {
         let task = Step { prepared: self, options, others: &others, stopped };
         let made = match *what {
             Work::Starts(chunk) => task.starts(chunk, own),
-            Work::Sweep => task.sweep(own),
+            Work::Sweep => task.sweep(&own),
             Work::Finish => task.finish(&own),
             Work::Edge => task.edge(own),
             Work::Trials(round) => task.trials(round, own),
@@ -221,9 +221,9 @@ impl<const N: usize> Step<'_, '_, N> {
         own.into_iter().chain(made.into_iter().flatten()).collect()
     }
 
-    fn sweep(&self, own: Vec<Record<N>>) -> Vec<Record<N>> {
+    fn sweep(&self, own: &[Record<N>]) -> Vec<Record<N>> {
         let p = self.prepared;
-        let before = self.by_cell(&own);
+        let before = self.by_cell(own);
         let farthest = before.keys().map(|c| c.0).max().unwrap_or(0);
         let made: Vec<Vec<Record<N>>> = self
             .cells(1..=(farthest + 1).min(p.columns()))
@@ -233,7 +233,7 @@ impl<const N: usize> Step<'_, '_, N> {
                 let at = p.target(*cell);
                 let Some(problem) = self.problem(at) else { return kept };
                 let planner = Planner::new(&problem);
-                for record in around(&own, at.x, at.z, PASSED_STEPS * p.grid.step_m) {
+                for record in around(own, at.x, at.z, PASSED_STEPS * p.grid.step_m) {
                     if let Some(found) = planner.from_record(record) {
                         keep(&mut kept, planner.record(&found), p.grid.keep);
                     }
