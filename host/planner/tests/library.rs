@@ -2,10 +2,9 @@
 
 use nalgebra::Vector3;
 use planner::plan::file::PlanFile;
-use planner::plan::ladder::{Kept, Ladder, rungs};
+use planner::plan::ladder::{Kept, Ladder};
 use planner::plan::library::nearest_stored;
 use planner::plan::rng::SplitMix64;
-use planner::plan::search::kind_of;
 use planner::plan::statistics::Noise;
 use planner::plan::{Arm, Best, Confidence, Options, Planner, Problem, seeds};
 use planner::store::Index;
@@ -53,41 +52,4 @@ fn the_nearest_stored_target_is_told_and_far_from_it_nothing_is_offered() {
     assert!(Planner::new(&far).look_up(&index).is_empty(), "nothing is stored out there");
     let ladder = Ladder::new(&arm, Vector3::new(9.0, 0.0, 0.0), &Options::best(), Kept::default()).unwrap();
     assert!(ladder.from_library(&index).is_none());
-}
-
-/// One throw of the table in so many is solved again.
-const SOLVED_AGAIN: usize = 53;
-
-/// A row for the ball beside the fingers asked for 0.2 mm right after the release, where the look along the motion asks for
-/// nothing. It made one stored throw in twelve up to 12 % dearer at its own target.
-#[test]
-fn a_stored_throw_solved_again_to_its_own_target_costs_the_same() {
-    let arm = Arm::load("powercube6").unwrap();
-    let index = seeds::built_in(&arm);
-    for (_, options) in rungs(&Options::best(), Kept::default()) {
-        let kind = kind_of(&options);
-        let stored: Vec<_> =
-            index.records().iter().filter(|r| r.kind == kind).step_by(SOLVED_AGAIN).collect();
-        assert!(stored.len() >= 20, "{} throws of kind {kind}", stored.len());
-        let mut lost = 0;
-        for record in &stored {
-            let target = Vector3::new(record.range_m, 0.0, record.height_m);
-            let problem = Problem::new(&arm, target, options.clone()).unwrap();
-            let Some(again) = Planner::new(&problem).from_record(record) else {
-                lost += 1;
-                continue;
-            };
-            // Rows keep a little more than the looks along the motion ask for: 0.2 mm, a thousandth of a current.
-            let share = again.objective / record.objective;
-            let told = format!("kind {kind} to ({}, {})", record.range_m, record.height_m);
-            assert!(
-                (0.98..1.005).contains(&share),
-                "{told}: {} instead of {}",
-                again.objective,
-                record.objective
-            );
-        }
-        // Some were made before a ball that is released early had to come down through the plane.
-        assert!(lost <= 1, "kind {kind}: {lost} of {} throws do not lead to their own targets", stored.len());
-    }
 }

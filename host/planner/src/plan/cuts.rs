@@ -173,11 +173,12 @@ impl Cut {
         };
         // d(distance) = n · (v_second - v_first) at the nearest point: joints between the two bodies move the second,
         // a flying ball moves by itself and joints up to the first body move the first.
-        let parting = match self.kind {
-            CutKind::FlyingBall(k) if link(k) == N => (PARTING_S / flight_s).powi(2).max(1.0),
-            _ => 1.0,
+        let scale = match self.kind {
+            CutKind::FlyingBall(k) if link(k) == N => {
+                CLEARANCE_SCALE * (PARTING_S / flight_s).powi(2).max(1.0)
+            }
+            _ => CLEARANCE_SCALE,
         };
-        let scale = CLEARANCE_SCALE * parting;
         let n = near.normal * scale;
         let mut by_angle = JointVec::<N>::zeros();
         let (from, to, sign) = match second {
@@ -213,10 +214,7 @@ impl Cut {
             g[var.hb] += n.dot(&state.v) * self.sigma;
         }
         debug_assert!(g[var.f] == 0.0);
-        // Right after the release the extra would be most of the distance: all of it after 20 ms costs 4 % of the price. A throw
-        // that has passed the look along the motion without this row must not be dearer with it.
-        let extra = CLEARANCE_EXTRA_M * CLEARANCE_SCALE / parting;
-        (near.distance_m - self.kind.clearance_m(problem)) * scale - extra
+        (near.distance_m - self.kind.clearance_m(problem) - CLEARANCE_EXTRA_M) * scale
     }
 
     fn current<const D: usize, const N: usize>(
