@@ -8,8 +8,8 @@
 //! the table that comes with the program. The targets are the same whatever the seed: it is for the starts.
 //!
 //! One row per target, in order. A file that is not complete is continued: rows that are in it are not computed again.
-//! In a complete file every row is tried once more, and the better throw is kept: so another seed makes it better, never worse.
-//! Throws that the verifier refuses do not count, neither the new nor the old ones.
+//! In a complete file every row is computed once more with the seed that is given, and the better of the two throws is kept.
+//! Throws that the verifier refuses do not count, neither new nor old ones.
 //! A target without a throw under every limit of the default form is tried without limits of the landing's shift, then
 //! without nulling. `benches/best_known/rows.rs` has the columns.
 
@@ -29,7 +29,7 @@ use robot_model::{AnyRobot, RobotModel, for_any_robot};
 #[path = "../benches/best_known/judge.rs"]
 mod judge;
 #[path = "../benches/best_known/rows.rs"]
-#[allow(dead_code, reason = "what other examples need of it")]
+#[allow(dead_code, reason = "other examples use the rest")]
 mod rows;
 use judge::judge;
 use rows::{Row, throw_column};

@@ -5,9 +5,9 @@
 //! ```
 //!
 //! `THROWS.csv` has the columns of a file of best known throws (`benches/best_known/rows.rs`), one row per target, in the order
-//! of the targets, and a throw in each row that has a rung. Every throw is made a plan of its rung and goes through the
-//! verifier, which shares no code with the search for limits, currents, clearances and the flight. The price is computed from
-//! the throw; the one in the file does not count. Ends with an error if a throw is not valid or not worth what its row says.
+//! of the targets, and a throw in each row that has a rung. The program makes a plan of each throw, and the verifier checks it
+//! under the limits of the rung. The verifier has its own code for limits, currents, clearances and the flight. The price is
+//! computed from the throw. The program ends with an error if a throw is not valid, or if its price is not the one in the file.
 
 use std::error::Error;
 
@@ -16,7 +16,7 @@ use robot_model::{AnyRobot, RobotModel, for_any_robot};
 #[path = "../benches/best_known/judge.rs"]
 mod judge;
 #[path = "../benches/best_known/rows.rs"]
-#[allow(dead_code, reason = "what other examples need of it")]
+#[allow(dead_code, reason = "other examples use the rest")]
 mod rows;
 use judge::judge;
 use rows::Row;

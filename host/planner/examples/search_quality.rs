@@ -22,7 +22,7 @@ use planner::store::{Index, file, robot_fingerprint};
 use robot_model::{AnyRobot, RobotModel, for_any_robot};
 
 #[path = "../benches/best_known/rows.rs"]
-#[allow(dead_code, reason = "what other examples need of it")]
+#[allow(dead_code, reason = "other examples use the rest")]
 mod rows;
 use rows::Row;
 

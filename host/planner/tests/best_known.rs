@@ -1,7 +1,7 @@
 //! The default search of arms of other sizes and kinds, without any table, against the best of 2 000 random starts.
 //!
-//! The example `best_known` makes the files, the examples `search_quality` and `judge_throws` compare all their rows; here are
-//! some.
+//! The example `best_known` makes the files. The examples `search_quality` and `judge_throws` use all rows, the tests here use
+//! some of them.
 
 use nalgebra::Vector3;
 use planner::plan::problem::{Options, Problem};
@@ -12,7 +12,7 @@ use robot_model::RobotModel;
 #[path = "../benches/best_known/judge.rs"]
 mod judge;
 #[path = "../benches/best_known/rows.rs"]
-#[allow(dead_code, reason = "what the examples need of it")]
+#[allow(dead_code, reason = "the examples use the rest")]
 mod rows;
 
 use judge::judge;

@@ -155,7 +155,7 @@ fn what_a_search_says_about_its_gap_follows_its_starts() {
     assert!(many.better_chance < few.better_chance, "{few:?} {many:?}");
 }
 
-/// The default search down the ladder, and what the verifier refuses of its plan.
+/// What the verifier refuses of the plan that the default search finds.
 fn refused_of<const N: usize>(robot: &str, target: [f64; 3]) -> Vec<String> {
     let arm = RobotModel::<N>::load(robot).expect("built in");
     let ladder = Ladder::new(&arm, Vector3::from(target), &Options::best(), Kept::default()).expect("valid");

@@ -33,7 +33,7 @@ pub struct Curve {
     pub beside: bool,
 }
 
-/// Share of its span by which a chart is made longer, so that a fault just after its end is shown.
+/// A chart is longer than its data by this share, so that it shows a fault just after their end.
 const FAULT_BEYOND: f64 = 0.05;
 /// Height of a row of a legend.
 const LEGEND_ROW: f64 = 15.0;

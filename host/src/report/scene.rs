@@ -84,7 +84,7 @@ pub fn data<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile, motion: &Scene
     let release = motion.flight.map_or("null".to_owned(), |flight| flight.release_s.to_string());
     let planned = motion.planned.as_ref().map_or("null".to_owned(), |points| list(points));
     let joints = steps_top(arm, motion);
-    // A thing that is longer than wide is drawn as a stick, another one as a disc.
+    // A long thing is drawn as a stick, a flat one as a disc.
     let stick = plan.target.attitude.as_ref().is_some_and(|thing| thing.inertia_ratio < 1.0);
     let top = hand.iter().map(|p| p.z).fold(joints, f64::max);
     format!(

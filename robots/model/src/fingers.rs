@@ -47,7 +47,7 @@ pub struct FingerScatter {
 }
 
 impl FingerScatter {
-    /// An opening drawn by three independent standard normal numbers: for lag, friction, acceleration.
+    /// An opening with deviations, from three independent standard normal numbers: for lag, friction and acceleration.
     #[must_use]
     pub fn deviation(&self, [lag, friction, opening]: [f64; 3]) -> Deviation {
         Deviation {

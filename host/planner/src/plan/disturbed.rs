@@ -7,7 +7,7 @@ use super::rng::SplitMix64;
 use crate::flight::FlightModel;
 use crate::throw::{JointState, Throw};
 
-/// A release that is late, in a joint state that is off.
+/// A release with a delay and with errors of the joint state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Disturbed<const N: usize> {
     /// Delay of the release in s; early if negative.

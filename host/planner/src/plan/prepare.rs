@@ -1,8 +1,8 @@
 //! Makes the table of stored throws of a robot: over range and height of the target, for several sets of options.
 //!
 //! For every set of options: random starts in every cell of a grid, neighbours pass their throws on, every throw is
-//! finished, cells beyond the edge are pulled in, and random targets (any azimuth) show where the table needs more. A throw
-//! that such a target adds is often in a basin that a whole region lacks, so throws are passed on after every few of them too.
+//! finished, cells beyond the edge are pulled in, and random targets (any azimuth) show where the table needs more. Such a
+//! target often adds a throw in a basin that a whole region lacks. So neighbours pass throws on after every few targets too.
 //! All of it is cut into steps. A step depends on nothing but the records so far and its number, so a preparation can be
 //! stopped between any two steps and continued later: the table is the same.
 

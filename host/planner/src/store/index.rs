@@ -8,7 +8,7 @@ use super::record::Record;
 
 /// Edge of an index cell in m.
 const CELL_M: f64 = 0.05;
-/// Fewer records than this around a target do not tell on which side of the edge it is.
+/// With fewer records around a target it is unknown whether the target is inside the table.
 const TELLING: usize = 6;
 
 /// Records sorted into cells of (range, height).
