@@ -59,9 +59,8 @@ struct Group<const N: usize> {
 
 impl<const N: usize> Group<N> {
     /// How much nearer than at both ends a pair can be inside a step of `step_s`, in m: an eighth of the largest relative
-    /// acceleration times the step squared.
-    fn dip_m(&self, throw: &Throw<N>, step_s: f64) -> f64 {
-        let (speed, acceleration) = (throw.peak_speed(), throw.peak_acceleration());
+    /// acceleration times the step squared. `speed` and `acceleration` are the largest of each joint, in rad/s and rad/s².
+    fn dip_m(&self, speed: &JointVec<N>, acceleration: &JointVec<N>, step_s: f64) -> f64 {
         let joints = self.from..self.to;
         let pushed: f64 = joints.clone().map(|k| acceleration[k] * self.swing_m[k]).sum();
         let reach_m = joints.clone().map(|k| self.swing_m[k]).fold(0.0, f64::max);
@@ -260,8 +259,9 @@ impl<const N: usize> Scanner<N> {
         let mut before = throw.start();
         let steps_after = (STEPS as f64 * throw.hb_s / throw.ha_s).ceil().clamp(6.0, 50.0) as usize;
         let step_s = (throw.ha_s / STEPS as f64).max(throw.hb_s / steps_after as f64);
+        let push = throw.peak_acceleration();
         let dips_m: Vec<f64> =
-            self.groups.iter().map(|g| g.dip_m(throw, step_s).max(REFINE_BELOW_M)).collect();
+            self.groups.iter().map(|g| g.dip_m(&peak, &push, step_s).max(REFINE_BELOW_M)).collect();
         for step in 0..=STEPS + steps_after {
             let share = if step <= STEPS { STEPS } else { steps_after } as f64;
             let sigma = (step as f64 - STEPS as f64) / share;
