@@ -31,7 +31,7 @@ pub trait Tap {
         Ok(())
     }
 
-    /// Time passes, with frames or without.
+    /// Everything up to `now` was seen: what comes later bears this time or a later one.
     ///
     /// # Errors
     /// As [`Tap::frame`].

@@ -98,6 +98,12 @@ impl LiveBus {
         self.clock.now().max(self.last)
     }
 
+    /// What is seen later bears this time or a later one. [`LiveBus::now`] does not promise that: a frame may have arrived while
+    /// this thread slept.
+    pub(super) const fn heard_until(&self) -> Instant {
+        self.last
+    }
+
     /// Unix time at time zero; zero in lock step.
     pub(super) fn zero_unix(&self) -> Duration {
         self.clock.to_unix(Instant::ZERO).saturating_since(Instant::ZERO)
@@ -125,7 +131,10 @@ impl LiveBus {
                     seen.frame(self.last, Way::Received, &frame);
                     self.host_node.handle_frame(self.last, &frame);
                 }
-                Some(LinkEvent::BusError { at, error }) => seen.bus_error(at, &error),
+                Some(LinkEvent::BusError { at, error }) => {
+                    self.last = self.last.max(at);
+                    seen.bus_error(self.last, &error);
+                }
                 None => {
                     idle = true;
                     break;
@@ -185,5 +194,85 @@ impl CanLink for Closed {
 
     fn stats(&self) -> LinkStats {
         LinkStats::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::{Cell, RefCell};
+    use std::rc::Rc;
+    use std::sync::Arc;
+    use std::{io, thread};
+
+    use protocol::StandardId;
+
+    use super::super::session::{Medium, Session};
+    use super::*;
+    use crate::tap::Tap;
+
+    /// Has a frame at every second look. It arrived right after the look before.
+    struct Delayed {
+        clock: Clock,
+        arrived: Option<Instant>,
+    }
+
+    impl CanLink for Delayed {
+        fn name(&self) -> &str {
+            "delayed"
+        }
+
+        fn send(&mut self, _: &Frame) -> Result<(), SendError> {
+            Ok(())
+        }
+
+        fn receive(&mut self) -> Result<Option<LinkEvent>, LinkError> {
+            let frame = Frame::from_array(StandardId::from_low_bits(0x0A5), [8]);
+            let event = self.arrived.take().map(|at| LinkEvent::Frame { at, stamp: None, frame });
+            if event.is_none() {
+                thread::sleep(std::time::Duration::from_micros(100));
+                self.arrived = Some(self.clock.now());
+            }
+            Ok(event)
+        }
+
+        fn register<'a>(&'a self, _: &mut PollSet<'a>) {}
+
+        fn stats(&self) -> LinkStats {
+            LinkStats::default()
+        }
+    }
+
+    /// Times in the order they were told: of frames, and of what was heard completely.
+    #[derive(Clone, Default)]
+    struct Times(Rc<RefCell<Vec<(bool, Instant)>>>);
+
+    impl Tap for Times {
+        fn frame(&mut self, at: Instant, _: Way, _: &Frame) -> io::Result<()> {
+            self.0.borrow_mut().push((true, at));
+            Ok(())
+        }
+
+        fn time(&mut self, now: Instant) -> io::Result<()> {
+            self.0.borrow_mut().push((false, now));
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn no_frame_is_told_with_a_time_before_one_that_was_told_already() {
+        let spec: BusSpec = "vcan0".parse().unwrap();
+        let clock = spec.clock();
+        let (link, last) = (Box::new(Delayed { clock, arrived: None }), clock.now());
+        let bus = LiveBus { link, soft: None, clock, spec, host_node: HostNode::default(), last, dropped: 0 };
+        let name = "delayed".to_owned();
+        let mut session =
+            Session::new(Medium::Live(Box::new(bus)), name, Arc::default(), Rc::new(Cell::new(false)));
+        let times = Times::default();
+        session.add_tap(Box::new(times.clone()));
+        session.pass(Duration::from_millis(200)).unwrap();
+        let told = times.0.borrow();
+        let frames = told.iter().filter(|(is_frame, _)| *is_frame).count();
+        assert!(frames > 1, "only {frames} frames");
+        assert!(told.iter().map(|(_, at)| at).is_sorted(), "{told:?}");
     }
 }

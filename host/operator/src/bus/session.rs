@@ -260,7 +260,7 @@ impl Session {
         }
         let now = match &self.medium {
             Medium::Sim(sim) => sim.now(),
-            Medium::Live(live) => live.now(),
+            Medium::Live(live) => live.heard_until(),
         };
         for tap in &mut *seen.taps {
             if let Err(error) = tap.time(now) {

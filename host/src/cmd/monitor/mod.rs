@@ -125,11 +125,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
             }
         }
         let span = session.now().saturating_since(begun);
-        let snapshot = {
-            let mut live = live.lock().unwrap_or_else(PoisonError::into_inner);
-            live.advance_to(session.now());
-            live.snapshot(last_event)
-        };
+        let snapshot = live.lock().unwrap_or_else(PoisonError::into_inner).snapshot(last_event);
         last_event = snapshot.events.last().map_or(last_event, |event| event.number);
         let written = match &mut output.form {
             Form::Lines => write(&lines::lines(&mut session, before, span)),
