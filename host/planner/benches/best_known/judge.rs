@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use planner::plan::file::PlanFile;
 use planner::plan::ladder::rungs;
 use planner::plan::statistics::Noise;
-use planner::plan::{Best, Confidence, Found, Kept, Options, Problem};
+use planner::plan::{Best, Found, Kept, Options, Problem};
 use planner::verify;
 use robot_model::RobotModel;
 
@@ -22,15 +22,7 @@ pub(crate) fn judge<const N: usize>(arm: &RobotModel<N>, row: &Row, rung: usize)
         .ok_or_else(|| format!("there is no rung {rung}"))?;
     let problem = Problem::new(arm, row.target, options).map_err(|e| e.to_string())?;
     let found = Found { throw, objective: 0.0, iterations: 0, slope_per_m: Vector3::zeros(), touches: false };
-    let best = Best {
-        found,
-        starts: 0,
-        solved: 0,
-        interrupted: false,
-        confidence: Confidence::default(),
-        others: vec![found],
-    };
-    let plan = PlanFile::of(&problem, &best, arm.name(), 0, &Noise::default(), None)
+    let plan = PlanFile::of(&problem, &Best::alone(found), arm.name(), 0, &Noise::default(), None)
         .ok_or("the ball does not come down at the target")?;
     let report = verify::check(arm, &plan);
     match report.findings.iter().find(|f| f.enforced && !f.ok) {

@@ -4,7 +4,7 @@ use planner::plan::file::PlanFile;
 use planner::plan::problem::{Options, Problem};
 use planner::plan::search::{Budget, Planner, Watch, kind_of};
 use planner::plan::statistics::Noise;
-use planner::plan::{Arm, Best, Confidence};
+use planner::plan::{Arm, Best};
 use planner::store::Index;
 use planner::verify;
 
@@ -39,10 +39,8 @@ pub(crate) fn library(arm: &Arm, index: &Index, n: usize) {
                 continue;
             };
             gaps.push(found.objective / best.found.objective - 1.0);
-            let confidence = Confidence { at_best: 1, distinct: 1, ..Confidence::default() };
-            let one =
-                Best { found, starts: 1, solved: 1, interrupted: false, confidence, others: vec![found] };
-            let plan = PlanFile::of(&problem, &one, arm.name(), START_SEED, &Noise::default(), None);
+            let plan =
+                PlanFile::of(&problem, &Best::alone(found), arm.name(), START_SEED, &Noise::default(), None);
             let Some(plan) = plan else {
                 refused += 1;
                 continue;

@@ -9,7 +9,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use robot_model::RobotModel;
 
-use super::basins::{Basins, Confidence};
+use super::basins::Basins;
 use super::library::OFFERED;
 use super::local::Found;
 use super::options::Options;
@@ -172,9 +172,7 @@ fn stored_alone<const N: usize>(
     index: &Index<N>,
     tries: usize,
 ) -> Option<Best<N>> {
-    let found = planner.from_index(index, tries)?;
-    let confidence = Confidence { at_best: 1, distinct: 1, ..Confidence::default() };
-    Some(Best { found, starts: 1, solved: 1, interrupted: false, confidence, others: vec![found] })
+    planner.from_index(index, tries).map(Best::alone)
 }
 
 /// The best throw that local solves from throws of another rung end in.

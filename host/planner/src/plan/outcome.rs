@@ -57,6 +57,15 @@ pub struct Best<const N: usize = JOINTS> {
     pub others: Vec<Found<N>>,
 }
 
+impl<const N: usize> Best<N> {
+    /// The throw of one start.
+    #[must_use]
+    pub fn alone(found: Found<N>) -> Self {
+        let confidence = Confidence { at_best: 1, distinct: 1, ..Confidence::default() };
+        Self { found, starts: 1, solved: 1, interrupted: false, confidence, others: vec![found] }
+    }
+}
+
 /// No start ended in a throw.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("no throw reaches {} m{}", point_text(target), reason_text(self))]
