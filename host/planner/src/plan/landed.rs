@@ -1,6 +1,7 @@
-//! Landing of one throw that is not quite as planned, and how that point moves with every variable.
+//! Release and landing of one throw that is not quite as planned, and how they move with every variable.
 
-use nalgebra::{Matrix2x3, Vector2};
+use nalgebra::{Matrix2x3, SMatrix, SVector, Vector2, Vector3};
+use robot_model::{Jacobian, JointVec};
 
 use super::layout::Layout;
 use super::problem::Problem;
@@ -8,17 +9,146 @@ use crate::flight::{Aim, FlightModel};
 use crate::solve::Gradient;
 use crate::throw::Throw;
 
+/// `M` numbers that follow from the ball at a release, by the variables of the planner.
+#[derive(Debug, Clone, Copy)]
+struct Moves<const N: usize, const M: usize> {
+    by_q: [SVector<f64, M>; N],
+    by_qd: [SVector<f64, M>; N],
+    by_qdd: [SVector<f64, M>; N],
+    by_h: SVector<f64, M>,
+    /// Variable of the phase in which the release falls.
+    h_index: usize,
+}
+
+impl<const N: usize, const M: usize> Moves<N, M> {
+    /// Adds the gradient of `weight · numbers`.
+    fn add_gradient<const D: usize>(
+        &self,
+        g: &mut Gradient<'_, D>,
+        layout: &Layout<N>,
+        weight: &SVector<f64, M>,
+    ) {
+        let var = Layout::<N>::VARIABLES;
+        for k in 0..N {
+            g.add(var.q + k, weight.dot(&self.by_q[k]));
+            g.add(var.qd + k, weight.dot(&self.by_qd[k]));
+            if layout.qdd {
+                g.add(var.qdd + k, weight.dot(&self.by_qdd[k]));
+            }
+        }
+        g.add(self.h_index, weight.dot(&self.by_h));
+    }
+}
+
+/// A number and its derivative by the length of the phase.
+type ByH = (f64, f64);
+
+/// The ball at a release that is late or early.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Released<const N: usize> {
+    delay_s: f64,
+    p: Vector3<f64>,
+    v: Vector3<f64>,
+    jac: Jacobian<N>,
+    by_q: Jacobian<N>,
+    qd_r: JointVec<N>,
+    qdd_r: JointVec<N>,
+    /// Factors of q̇_r and q̈_r in angle and speed at the release: `q = q_r + q̇_r p1 + q̈_r p2`, `q̇ = q̇_r v1 + q̈_r v2`.
+    p1: ByH,
+    p2: ByH,
+    v1: ByH,
+    v2: ByH,
+    h_index: usize,
+}
+
+impl<const N: usize> Released<N> {
+    /// Of a throw, `delay_s` late (early if negative).
+    pub(crate) fn of(problem: &Problem<'_, N>, throw: &Throw<N>, delay_s: f64) -> Self {
+        let var = Layout::<N>::VARIABLES;
+        let arm = problem.arm;
+        let (h, h_index) = if delay_s < 0.0 { (throw.ha_s, var.ha) } else { (throw.hb_s, var.hb) };
+        // At a fixed time, not at a fixed phase: the derivatives by h differ from those of a cut. Beyond its phase the
+        // arm stands.
+        let (s, m) = (delay_s.clamp(-h, h), delay_s.abs().min(h));
+        let (p1, p2) = (s - s * s * s / (3.0 * h * h), s * s / 2.0 - m * m * m / (3.0 * h));
+        let (v1, v2) = (1.0 - s * s / (h * h), s - s * m / h);
+        let (p1_h, p2_h) = (2.0 * s * s * s / (3.0 * h * h * h), m * m * m / (3.0 * h * h));
+        let (v1_h, v2_h) = if m < h { (2.0 * s * s / (h * h * h), s * m / (h * h)) } else { (0.0, 0.0) };
+        let (qd_r, qdd_r) = (throw.qd_rad_s, throw.qdd_rad_s2);
+        let q = throw.q_rad + qd_r * p1 + qdd_r * p2;
+        let qd = qd_r * v1 + qdd_r * v2;
+        let frames = arm.fk(&q);
+        let p = arm.ball(&frames).pos;
+        let jac = frames.jacobian(&p);
+        let by_q = frames.twist_gradient(&jac, &qd);
+        let v = (jac * qd).fixed_rows::<3>(0).into_owned();
+        let (p1, p2, v1, v2) = ((p1, p1_h), (p2, p2_h), (v1, v1_h), (v2, v2_h));
+        Self { delay_s, p, v, jac, by_q, qd_r, qdd_r, p1, p2, v1, v2, h_index }
+    }
+
+    /// Numbers with the derivatives `by_p` and `by_v` by position and velocity of the ball.
+    fn moves<const M: usize>(&self, by_p: &SMatrix<f64, M, 3>, by_v: &SMatrix<f64, M, 3>) -> Moves<N, M> {
+        let columns: [(SVector<f64, M>, SVector<f64, M>); N] = std::array::from_fn(|k| {
+            let column = self.jac.fixed_view::<3, 1>(0, k);
+            (by_p * column + by_v * self.by_q.fixed_view::<3, 1>(0, k), by_v * column)
+        });
+        let mut by_h = SVector::zeros();
+        for (k, (a, b)) in columns.iter().enumerate() {
+            by_h += a * (self.qd_r[k] * self.p1.1 + self.qdd_r[k] * self.p2.1)
+                + b * (self.qd_r[k] * self.v1.1 + self.qdd_r[k] * self.v2.1);
+        }
+        Moves {
+            by_q: columns.map(|(a, _)| a),
+            by_qd: columns.map(|(a, b)| a * self.p1.0 + b * self.v1.0),
+            by_qdd: columns.map(|(a, b)| a * self.p2.0 + b * self.v2.0),
+            by_h,
+            h_index: self.h_index,
+        }
+    }
+
+    /// Square of the speed in m²/s² with which the ball would meet the plane of an aim under gravity alone; negative if it does
+    /// not get there.
+    pub(crate) fn through_m2_s2(&self, flight: &FlightModel, aim: &Aim) -> f64 {
+        let along = aim.normal().dot(&self.against(aim));
+        along * along + 2.0 * Self::pull_m_s2(flight, aim) * aim.above_m(&self.p, self.delay_s)
+    }
+
+    /// Adds the gradient of [`Released::through_m2_s2`].
+    pub(crate) fn add_through_gradient<const D: usize>(
+        &self,
+        g: &mut Gradient<'_, D>,
+        layout: &Layout<N>,
+        flight: &FlightModel,
+        aim: &Aim,
+    ) {
+        let normal = aim.normal();
+        let by_p = normal.transpose() * (2.0 * Self::pull_m_s2(flight, aim));
+        let by_v = normal.transpose() * (2.0 * normal.dot(&self.against(aim)));
+        self.moves(&by_p, &by_v).add_gradient(g, layout, &SVector::from([1.0]));
+        if let Some((at, axes)) = layout.shift {
+            for a in (0..3).filter(|a| axes[*a]) {
+                g.add(at + a, -by_p[a]);
+            }
+        }
+    }
+
+    /// Velocity of the ball against the target.
+    fn against(&self, aim: &Aim) -> Vector3<f64> {
+        self.v - aim.course().velocity_m_s(self.delay_s)
+    }
+
+    /// Gravity against the normal of the plane.
+    fn pull_m_s2(flight: &FlightModel, aim: &Aim) -> f64 {
+        flight.gravity_m_s2() * aim.normal().z
+    }
+}
+
 /// A landing and its derivatives by the variables of the planner.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Landed<const N: usize> {
     /// Coordinates on the plane of the target, in m.
     pub(crate) xy: Vector2<f64>,
-    by_q: [Vector2<f64>; N],
-    by_qd: [Vector2<f64>; N],
-    by_qdd: [Vector2<f64>; N],
-    by_h: Vector2<f64>,
-    /// Variable of the phase in which the release falls.
-    h_index: usize,
+    moves: Moves<N, 2>,
     /// Speed through the plane against its normal, in m/s.
     pub(crate) through_m_s: f64,
     /// By the place of the plane along its normal.
@@ -36,44 +166,20 @@ impl<const N: usize> Landed<N> {
         aim: &Aim,
         delay_s: f64,
     ) -> Option<Self> {
-        let var = Layout::<N>::VARIABLES;
-        let arm = problem.arm;
-        let (h, h_index) = if delay_s < 0.0 { (throw.ha_s, var.ha) } else { (throw.hb_s, var.hb) };
-        // At a fixed time, not at a fixed phase: the derivatives by h differ from those of a cut. Beyond its phase the
-        // arm stands.
-        let (s, m) = (delay_s.clamp(-h, h), delay_s.abs().min(h));
-        let (p1, p2) = (s - s * s * s / (3.0 * h * h), s * s / 2.0 - m * m * m / (3.0 * h));
-        let (v1, v2) = (1.0 - s * s / (h * h), s - s * m / h);
-        let (p1_h, p2_h) = (2.0 * s * s * s / (3.0 * h * h * h), m * m * m / (3.0 * h * h));
-        let (v1_h, v2_h) = if m < h { (2.0 * s * s / (h * h * h), s * m / (h * h)) } else { (0.0, 0.0) };
-        let (qd_r, qdd_r) = (&throw.qd_rad_s, &throw.qdd_rad_s2);
-        let q = throw.q_rad + qd_r * p1 + qdd_r * p2;
-        let qd = qd_r * v1 + qdd_r * v2;
-        let frames = arm.fk(&q);
-        let p = arm.ball(&frames).pos;
-        let jac = frames.jacobian(&p);
-        let by_q = frames.twist_gradient(&jac, &qd);
-        let v = (jac * qd).fixed_rows::<3>(0).into_owned();
-        let landed = flight.meet(&p, &v, aim, delay_s)?;
+        Self::after(&Released::of(problem, throw, delay_s), flight, aim)
+    }
+
+    /// Landing of a released ball; `None` if it does not meet the plane.
+    pub(crate) fn after(released: &Released<N>, flight: &FlightModel, aim: &Aim) -> Option<Self> {
+        let delay_s = released.delay_s;
+        let landed = flight.meet(&released.p, &released.v, aim, delay_s)?;
         let approach = aim.approach(&landed, delay_s);
         let g = aim.jacobian(&landed, delay_s);
         let (g_p, g_v): (Matrix2x3<f64>, Matrix2x3<f64>) =
             (g.fixed_columns::<3>(0).into_owned(), g.fixed_columns::<3>(3).into_owned());
-        let columns: [(Vector2<f64>, Vector2<f64>); N] = std::array::from_fn(|k| {
-            let column = jac.fixed_view::<3, 1>(0, k);
-            (g_p * column + g_v * by_q.fixed_view::<3, 1>(0, k), g_v * column)
-        });
-        let mut by_h = Vector2::zeros();
-        for (k, (a, b)) in columns.iter().enumerate() {
-            by_h += a * (qd_r[k] * p1_h + qdd_r[k] * p2_h) + b * (qd_r[k] * v1_h + qdd_r[k] * v2_h);
-        }
         Some(Self {
             xy: aim.coordinates(&landed.p, delay_s + landed.time_s),
-            by_q: columns.map(|(a, _)| a),
-            by_qd: columns.map(|(a, b)| a * p1 + b * v1),
-            by_qdd: columns.map(|(a, b)| a * p2 + b * v2),
-            by_h,
-            h_index,
+            moves: released.moves(&g_p, &g_v),
             through_m_s: -aim.normal().dot(&approach),
             by_plane: aim.by_offset(&approach),
         })
@@ -86,14 +192,6 @@ impl<const N: usize> Landed<N> {
         layout: &Layout<N>,
         weight: &Vector2<f64>,
     ) {
-        let var = Layout::<N>::VARIABLES;
-        for k in 0..N {
-            g.add(var.q + k, weight.dot(&self.by_q[k]));
-            g.add(var.qd + k, weight.dot(&self.by_qd[k]));
-            if layout.qdd {
-                g.add(var.qdd + k, weight.dot(&self.by_qdd[k]));
-            }
-        }
-        g.add(self.h_index, weight.dot(&self.by_h));
+        self.moves.add_gradient(g, layout, weight);
     }
 }

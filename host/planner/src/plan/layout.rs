@@ -84,6 +84,8 @@ pub(crate) struct Numbers {
     pub(crate) attitude: usize,
     /// Shift of the landing: two per window.
     pub(crate) delay: usize,
+    /// Speed of a late or early ball through the plane: two per window.
+    pub(crate) through: usize,
     /// Cuts: [`CUTS_MAX`].
     pub(crate) cut: usize,
     /// A target that may shift stays above the floor.
@@ -113,7 +115,8 @@ impl Numbers {
         let opening = arrival + 4;
         let attitude = opening + 2;
         let delay = attitude + 3;
-        let cut = delay + 2 * DELAY_WINDOWS_MAX;
+        let through = delay + 2 * DELAY_WINDOWS_MAX;
+        let cut = through + 2 * DELAY_WINDOWS_MAX;
         let target_floor = cut + CUTS_MAX;
         Self {
             range,
@@ -135,6 +138,7 @@ impl Numbers {
             opening,
             attitude,
             delay,
+            through,
             cut,
             target_floor,
             count: target_floor + 1,
@@ -240,6 +244,7 @@ mod tests {
             (number.opening, 2),
             (number.attitude, 3),
             (number.delay, 2 * DELAY_WINDOWS_MAX),
+            (number.through, 2 * DELAY_WINDOWS_MAX),
             (number.cut, CUTS_MAX),
             (number.target_floor, 1),
         ];

@@ -178,10 +178,13 @@ pub(crate) fn describe<const N: usize>(problem: &Problem<'_, N>, id: usize, cuts
     } else if id < number.delay {
         pick(&["arrival axis", "spin axis", "rate of the spin"], id - number.attitude)
     } else if id < number.cut {
-        let (window, late) = ((id - number.delay) / 2, (id - number.delay).is_multiple_of(2));
-        let side = if late { "late" } else { "early" };
-        problem.options.delay_windows.get(window).map_or_else(String::new, |w| {
-            format!("shift of the landing when the gripper opens {:.0} ms {side}", w.delay_s * 1e3)
+        let (what, i) = match id.checked_sub(number.through) {
+            Some(i) => ("height of the flight", i),
+            None => ("shift of the landing", id - number.delay),
+        };
+        let side = if i.is_multiple_of(2) { "late" } else { "early" };
+        problem.options.delay_windows.get(i / 2).map_or_else(String::new, |w| {
+            format!("{what} when the gripper opens {:.0} ms {side}", w.delay_s * 1e3)
         })
     } else if id == number.target_floor {
         "the floor".to_owned()
