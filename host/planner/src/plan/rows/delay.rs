@@ -8,8 +8,10 @@
 use nalgebra::Vector2;
 
 use super::WINDOW;
+use crate::flight::Aim;
 use crate::plan::landed::{Landed, Released};
 use crate::plan::layout::{Layout, SLOPE};
+use crate::plan::options::Form;
 use crate::plan::problem::Problem;
 use crate::solve::{Row, Sink};
 use crate::throw::Throw;
@@ -23,12 +25,18 @@ const SHIFT_EPS_M: f64 = 1e-4;
 /// A ball that comes through the plane more slowly rises hardly a millimetre above it: with a little more delay it does not get
 /// there at all.
 const THROUGH_MIN_M_S: f64 = 0.15;
+/// Without windows the ball still comes through the plane when the gripper opens this much late or early: the spread of the landing is
+/// told for 3.75 standard deviations, 7.5 ms of a gripper as it is assumed.
+const JITTER_S: f64 = 0.01;
 /// Rows ask for this much more than the square of it, for what drag and rounding take.
 const THROUGH_SHARE: f64 = 1.1;
 /// Windows aim a little inside, so that another integration of the flight agrees.
 const WINDOW_SHARE: f64 = 0.98;
 
-/// `dL/dδ = 0` and `|L(δ) - L(0)| ≤ window` for late and early release.
+/// Sides of a window: late and early.
+const SIDES: [(usize, f64); 2] = [(0, 1.0), (1, -1.0)];
+
+/// `dL/dδ = 0`, `|L(δ) - L(0)| ≤ window` for late and early release, and a flight that comes through the plane in any case.
 pub(super) fn delay_rows<S: Sink<D>, const N: usize, const D: usize>(
     problem: &Problem<'_, N>,
     layout: &Layout<N>,
@@ -36,84 +44,118 @@ pub(super) fn delay_rows<S: Sink<D>, const N: usize, const D: usize>(
     throw: &Throw<N>,
     sink: &mut S,
 ) {
-    let var = Layout::<N>::VARIABLES;
-    let number = Layout::<N>::NUMBERS;
-    if !problem.options.null_delay {
-        return;
+    let delayed = Delayed { problem, layout, throw, aim: layout.aim(problem, x) };
+    if problem.options.null_delay {
+        delayed.slope_rows(sink);
     }
-    let aim = layout.aim(problem, x);
-    let late = |delay_s: f64| Landed::of(problem, &problem.flight, throw, &aim, delay_s);
-    if sink.wants_eq(SLOPE) || sink.wants_eq(SLOPE + 1) {
-        match (late(SLOPE_DELAY_S), late(-SLOPE_DELAY_S)) {
-            (Some(after), Some(before)) => {
-                let scale = 0.5 / SLOPE_DELAY_S;
-                let value = (after.xy - before.xy) * scale;
-                for (i, axis) in [Vector2::x(), Vector2::y()].into_iter().enumerate() {
-                    sink.eq(SLOPE + i, value[i], |g| {
-                        after.add_gradient(g, layout, &(axis * scale));
-                        before.add_gradient(g, layout, &(axis * -scale));
+    if !problem.options.delay_windows.is_empty() {
+        delayed.window_rows(sink);
+    } else if problem.options.form == Form::Best {
+        for (side, sign) in SIDES {
+            let id = Layout::<N>::NUMBERS.through + side;
+            if sink.wants(id) {
+                delayed.through_row(id, &Released::of(problem, throw, sign * JITTER_S), sink);
+            }
+        }
+    }
+}
+
+struct Delayed<'c, 'a, const N: usize> {
+    problem: &'c Problem<'a, N>,
+    layout: &'c Layout<N>,
+    throw: &'c Throw<N>,
+    aim: Aim,
+}
+
+impl<const N: usize> Delayed<'_, '_, N> {
+    fn landed(&self, delay_s: f64) -> Option<Landed<N>> {
+        Landed::of(self.problem, &self.problem.flight, self.throw, &self.aim, delay_s)
+    }
+
+    fn slope_rows<S: Sink<D>, const D: usize>(&self, sink: &mut S) {
+        if !sink.wants_eq(SLOPE) && !sink.wants_eq(SLOPE + 1) {
+            return;
+        }
+        let (Some(after), Some(before)) = (self.landed(SLOPE_DELAY_S), self.landed(-SLOPE_DELAY_S)) else {
+            for i in 0..2 {
+                sink.eq(SLOPE + i, 1e3, |_| {});
+            }
+            return;
+        };
+        let scale = 0.5 / SLOPE_DELAY_S;
+        let value = (after.xy - before.xy) * scale;
+        for (i, axis) in [Vector2::x(), Vector2::y()].into_iter().enumerate() {
+            sink.eq(SLOPE + i, value[i], |g| {
+                after.add_gradient(g, self.layout, &(axis * scale));
+                before.add_gradient(g, self.layout, &(axis * -scale));
+            });
+        }
+    }
+
+    fn window_rows<S: Sink<D>, const D: usize>(&self, sink: &mut S) {
+        let (var, number) = (Layout::<N>::VARIABLES, Layout::<N>::NUMBERS);
+        let (problem, layout, throw) = (self.problem, self.layout, self.throw);
+        // Measured from where this throw lands, not from the target: whether it hits is another row's business, and a row
+        // that mixes both is stiff wherever the throw still misses by metres.
+        let on_time = self.landed(0.0);
+        for (k, window) in problem.options.delay_windows.iter().enumerate() {
+            for (side, sign) in SIDES {
+                let (id, through_id) = (number.delay + 2 * k + side, number.through + 2 * k + side);
+                if !sink.wants(id) && !sink.wants(through_id) {
+                    continue;
+                }
+                // A phase shorter than the delay ends before the release.
+                let (h, h_index) = if sign < 0.0 { (throw.ha_s, var.ha) } else { (throw.hb_s, var.hb) };
+                if h <= window.delay_s {
+                    sink.ineq(id, (h - window.delay_s) * SHIFT_SCALE - 1.0, |g| g.add(h_index, SHIFT_SCALE));
+                    continue;
+                }
+                let released = Released::of(problem, throw, sign * window.delay_s);
+                // Grazing has a row of its own: there the shift has an infinite slope, and beyond it no value.
+                let spare = self.through_row(through_id, &released, sink);
+                let end = Landed::after(&released, &problem.flight, &self.aim)
+                    .filter(|end| end.through_m_s >= THROUGH_MIN_M_S);
+                let (Some(end), Some(on_time)) = (end, &on_time) else {
+                    // That row leads back, unless drag takes what it reckons with.
+                    if spare >= 0.0 {
+                        sink.ineq(id, -1e3, |_| {});
+                    }
+                    continue;
+                };
+                let off = end.xy - on_time.xy;
+                let distance_m = (off.norm_squared() + SHIFT_EPS_M * SHIFT_EPS_M).sqrt();
+                let value = (window.shift_m * WINDOW_SHARE - distance_m) * SHIFT_SCALE;
+                if value < WINDOW {
+                    sink.ineq(id, value, |g| {
+                        let along = off * (-SHIFT_SCALE / distance_m);
+                        end.add_gradient(g, layout, &along);
+                        on_time.add_gradient(g, layout, &-along);
+                        if let Some((at, axes)) = layout.shift {
+                            let by_plane = along.dot(&(end.by_plane - on_time.by_plane));
+                            for (a, n) in self.aim.normal().iter().enumerate().filter(|(a, _)| axes[*a]) {
+                                g.add(at + a, by_plane * n);
+                            }
+                        }
                     });
                 }
             }
-            _ => {
-                for i in 0..2 {
-                    sink.eq(SLOPE + i, 1e3, |_| {});
-                }
-            }
         }
     }
-    if problem.options.delay_windows.is_empty() {
-        return;
-    }
-    // Measured from where this throw lands, not from the target: whether it hits is another row's business, and a row
-    // that mixes both is stiff wherever the throw still misses by metres.
-    let on_time = late(0.0);
-    for (k, window) in problem.options.delay_windows.iter().enumerate() {
-        for (side, sign) in [(0, 1.0), (1, -1.0)] {
-            let id = number.delay + 2 * k + side;
-            if !sink.wants(id) && !sink.wants(number.through + 2 * k + side) {
-                continue;
-            }
-            // A phase shorter than the delay ends before the release.
-            let (h, h_index) = if sign < 0.0 { (throw.ha_s, var.ha) } else { (throw.hb_s, var.hb) };
-            if h <= window.delay_s {
-                sink.ineq(id, (h - window.delay_s) * SHIFT_SCALE - 1.0, |g| g.add(h_index, SHIFT_SCALE));
-                continue;
-            }
-            let released = Released::of(problem, throw, sign * window.delay_s);
-            // Grazing has a row of its own: there the shift has an infinite slope, and beyond it no value.
-            let energy = released.through_m2_s2(&problem.flight, &aim)
-                - THROUGH_SHARE * THROUGH_MIN_M_S * THROUGH_MIN_M_S;
-            if energy < WINDOW {
-                sink.ineq(number.through + 2 * k + side, energy, |g| {
-                    released.add_through_gradient(g, layout, &problem.flight, &aim);
-                });
-            }
-            let end = Landed::after(&released, &problem.flight, &aim);
-            let (Some(end), Some(on_time)) = (end.filter(|end| end.through_m_s >= THROUGH_MIN_M_S), &on_time)
-            else {
-                if energy >= 0.0 {
-                    sink.ineq(id, -1e3, |_| {});
-                }
-                continue;
-            };
-            let off = end.xy - on_time.xy;
-            let distance_m = (off.norm_squared() + SHIFT_EPS_M * SHIFT_EPS_M).sqrt();
-            let value = (window.shift_m * WINDOW_SHARE - distance_m) * SHIFT_SCALE;
-            if value < WINDOW {
-                sink.ineq(id, value, |g| {
-                    let along = off * (-SHIFT_SCALE / distance_m);
-                    end.add_gradient(g, layout, &along);
-                    on_time.add_gradient(g, layout, &-along);
-                    if let Some((at, axes)) = layout.shift {
-                        let by_plane = along.dot(&(end.by_plane - on_time.by_plane));
-                        for (a, n) in aim.normal().iter().enumerate().filter(|(a, _)| axes[*a]) {
-                            g.add(at + a, by_plane * n);
-                        }
-                    }
-                });
-            }
+
+    /// The released ball comes through the plane; returns the value of the row.
+    fn through_row<S: Sink<D>, const D: usize>(
+        &self,
+        id: usize,
+        released: &Released<N>,
+        sink: &mut S,
+    ) -> f64 {
+        let flight = &self.problem.flight;
+        let value =
+            released.through_m2_s2(flight, &self.aim) - THROUGH_SHARE * THROUGH_MIN_M_S * THROUGH_MIN_M_S;
+        if value < WINDOW {
+            sink.ineq(id, value, |g| released.add_through_gradient(g, self.layout, flight, &self.aim));
         }
+        value
     }
 }
 
@@ -122,7 +164,6 @@ mod tests {
     use nalgebra::Vector3;
 
     use super::*;
-    use crate::flight::Aim;
     use crate::plan::layout::width;
     use crate::plan::options::Options;
     use crate::plan::paper::PaperParameters;
