@@ -257,7 +257,7 @@ fn damaged_plan_files_are_refused_with_a_reason() {
     assert_eq!(FollowPlan::from_json(path, &text).expect("good"), *PLAN);
     for (from, to, words) in [
         ("cubectl-plan", "cubectl-scan", "format"),
-        ("\"version\": 8", "\"version\": 9", "version 9"),
+        ("\"version\": 9", "\"version\": 10", "version 10"),
         ("\"followed_points\": ", "\"followed_points\": 1", "window"),
         ("\"lag_s\"", "\"lagg_s\"", "lagg_s"),
     ] {

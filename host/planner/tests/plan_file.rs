@@ -5,6 +5,7 @@ use std::path::Path;
 use nalgebra::Vector3;
 use planner::motion::GripperEvent;
 use planner::plan::file::{EventInfo, MotionInfo, PlanFile, PlanFileError, VERSION};
+use planner::plan::options::HAND_CLEARANCE_M;
 use planner::plan::problem::{Obstacle, Options, Problem};
 use planner::plan::search::{Budget, Planner, Watch};
 use planner::plan::statistics::{Noise, Region};
@@ -218,6 +219,21 @@ fn our_form_keeps_bodies_apart_and_the_second_opinion_holds_it_to_that() {
 }
 
 #[test]
+fn the_released_ball_keeps_its_clearance_from_the_hand_and_the_second_opinion_holds_it_to_that() {
+    // The cheapest throw to this target leaves the ball beside the fingers for as long as it may.
+    let (arm, good) = plan_to(Vector3::new(1.37, 1.35, -0.57), Options::best());
+    assert!(verify::check(&arm, &good).ok());
+    assert_eq!(good.search.hand_clearance_m, HAND_CLEARANCE_M);
+    let kept_m = good.margins.ball_clearance_m;
+    assert!((HAND_CLEARANCE_M..1.1 * HAND_CLEARANCE_M).contains(&kept_m), "{kept_m}");
+    let mut file = good;
+    file.search.hand_clearance_m = 2.2e-4;
+    let failed = verify::check(&arm, &file).findings.into_iter().find(|f| !f.ok && f.enforced);
+    let failed = failed.expect("a clearance that is claimed and not kept");
+    assert!(failed.worst.contains("0.20 mm of 0.22 mm"), "{failed:?}");
+}
+
+#[test]
 fn the_second_opinion_objects_to_a_tampered_plan() {
     let (arm, good) = plan(Options::paper());
     let failing = |file: &PlanFile| -> Vec<String> {
@@ -256,12 +272,12 @@ fn bad_files_are_refused_with_the_reason() {
     let (arm, file) = plan(Options::paper());
     let path = Path::new("p.json");
     let text = file.to_json();
-    let newer = text.replacen("\"version\": 8", "\"version\": 9", 1);
+    let newer = text.replacen("\"version\": 9", "\"version\": 10", 1);
     let e = PlanFile::from_json(path, &newer).expect_err("newer");
-    assert!(matches!(e, PlanFileError::Newer { found: 9, .. }));
+    assert!(matches!(e, PlanFileError::Newer { found: 10, .. }));
     assert_eq!(
         e.to_string(),
-        "plan p.json has version 9, this program reads up to 8: update cubectl or plan again"
+        "plan p.json has version 10, this program reads up to 9: update cubectl or plan again"
     );
     for broken in [&text[..text.len() / 2], "", "[]", "{\"format\": \"something\"}"] {
         assert!(matches!(PlanFile::from_json(path, broken), Err(PlanFileError::Damaged { .. })), "{broken}");

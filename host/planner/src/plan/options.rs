@@ -67,6 +67,10 @@ pub struct DelayWindow {
     pub shift_m: f64,
 }
 
+/// Clearance in m that the released ball keeps from the hand that threw it. The ball comes out of the hand, so 5 mm cannot be
+/// asked for; with nothing at all, a tracking error of 0.2 mrad lets the ball touch the fingers.
+pub const HAND_CLEARANCE_M: f64 = 2e-4;
+
 /// What to plan besides the target.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
@@ -96,7 +100,7 @@ pub struct Options {
     pub avoid_collisions: bool,
     /// Whether the ball must stay clear of arm and obstacles after the release.
     pub clean_release: bool,
-    /// Clearance of arm, base, floor, obstacles and ball in m; from the hand that threw it the ball is only free.
+    /// Clearance of arm, base, floor, obstacles and ball in m; from the hand that threw it the ball keeps [`HAND_CLEARANCE_M`].
     pub clearance_m: f64,
     /// Drag of the ball in 1/m; zero is vacuum.
     pub drag_per_m: f64,

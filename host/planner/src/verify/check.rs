@@ -23,6 +23,8 @@ const SLOPE_DELAY_S: f64 = 1e-3;
 const SLOPE_TOLERANCE_M_S: f64 = 0.01;
 /// Shortfall of a clearance that counts as kept, in m; bodies that touch never pass.
 const CLEARANCE_TOLERANCE_M: f64 = 2e-4;
+/// The same for the released ball and the hand.
+const HAND_TOLERANCE_M: f64 = 5e-6;
 /// Time before and after the passage of an opening in which the rim is looked at, in s.
 const RIM_WINDOW_S: f64 = 0.3;
 /// Overshoot of an angle of incidence that counts as kept, in rad.
@@ -320,7 +322,7 @@ fn flight_findings(plan: &PlanFile, watched: &Watched, flown: &Flown) -> Vec<Fin
                 |m| format!("{m:.2e} m beside it"),
             ),
         ),
-        clear_finding(&format!("{RELEASED_BALL}free of the hand"), &flown.hand, 0.0, clear),
+        hand_finding(&flown.hand, plan.search.hand_clearance_m, clear),
         clear_finding(&format!("{RELEASED_BALL}clear of the arm"), &flown.others, clearance_m, clear),
     ];
     if !plan.obstacles.is_empty() {
@@ -345,19 +347,23 @@ fn flight_findings(plan: &PlanFile, watched: &Watched, flown: &Flown) -> Vec<Fin
 
 /// Whether bodies keep a clearance; `near` has seen their distances with the sign turned.
 fn clear_finding(what: &str, near: &Worst, wanted_m: f64, enforced: bool) -> Finding {
-    let distance_m = -near.value;
     let of = if wanted_m > 0.0 { format!(" of {:.1} mm", wanted_m * 1e3) } else { String::new() };
-    Finding {
-        what: what.to_owned(),
-        ok: distance_m > (wanted_m - CLEARANCE_TOLERANCE_M).max(0.0),
-        worst: if near.what.is_empty() {
-            "nothing to check".to_owned()
-        } else {
-            format!("{:.1} mm{of} ({})", distance_m * 1e3, near.what)
-        },
-        at_s: Some(near.at_s),
-        enforced,
-    }
+    let least_m = (wanted_m - CLEARANCE_TOLERANCE_M).max(0.0);
+    near_finding(what, near, &format!("{:.1} mm{of}", -near.value * 1e3), least_m, enforced)
+}
+
+/// The ball leaves the hand slowly: its clearance from it is small, and so is the tolerance.
+fn hand_finding(near: &Worst, wanted_m: f64, enforced: bool) -> Finding {
+    let of = if wanted_m > 0.0 { format!(" of {:.2} mm", wanted_m * 1e3) } else { String::new() };
+    let least_m = (wanted_m - HAND_TOLERANCE_M).max(0.0);
+    let told = format!("{:.2} mm{of}", -near.value * 1e3);
+    near_finding(&format!("{RELEASED_BALL}free of the hand"), near, &told, least_m, enforced)
+}
+
+fn near_finding(what: &str, near: &Worst, told: &str, least_m: f64, enforced: bool) -> Finding {
+    let worst =
+        if near.what.is_empty() { "nothing to check".to_owned() } else { format!("{told} ({})", near.what) };
+    Finding { what: what.to_owned(), ok: -near.value > least_m, worst, at_s: Some(near.at_s), enforced }
 }
 
 fn segments_meet<const N: usize>(plan: &PlanFile, jump: &mut Worst) {
@@ -459,7 +465,8 @@ fn flight<const N: usize>(
     let (mut hand, mut others, mut obstacle) = (Worst::new(), Worst::new(), Worst::new());
     let landed = Ball::new(&plan.landing).land(p, v, &plane, 0.0, |s, p| {
         let due = ((s / ball::STEP_S).round() as u64).is_multiple_of(10);
-        if s >= RELEASE_BLIND_S && s <= plan.landing.flight_s && due {
+        // Steps add up with rounding; the ball is nearest to the hand at the first instant.
+        if s > RELEASE_BLIND_S - 0.5 * ball::STEP_S && s <= plan.landing.flight_s && due {
             let t = plan.release_time_s + s;
             let (placed, _) = place(t);
             for (k, body) in boxes.iter().enumerate() {

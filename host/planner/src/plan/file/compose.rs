@@ -14,6 +14,7 @@ use crate::plan::finger_release::predict_with_fingers;
 use crate::plan::goal::Goal;
 use crate::plan::margins::Margins;
 use crate::plan::opening::nearest_to_rim;
+use crate::plan::options::HAND_CLEARANCE_M;
 use crate::plan::paper::PaperParameters;
 use crate::plan::problem::{CLEARANCE_EXTRA_M, Obstacle, Problem};
 use crate::plan::scan::{RELEASE_BLIND_S, Scanner};
@@ -90,6 +91,7 @@ impl PlanFile {
                 speed_use: problem.options.speed_use,
                 acceleration_use: problem.options.acceleration_use,
                 clearance_m: problem.options.clearance_m,
+                hand_clearance_m: if problem.options.clean_release { HAND_CLEARANCE_M } else { 0.0 },
                 confidence: Some(best.confidence),
                 stored: Vec::new(),
             },

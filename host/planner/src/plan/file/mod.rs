@@ -29,7 +29,7 @@ use super::problem::{Form, Weights};
 use super::statistics::{Noise, Region};
 
 /// Version of the format that this program writes, and the newest it reads.
-pub const VERSION: u32 = 8;
+pub const VERSION: u32 = 9;
 /// First field of every plan file.
 pub const FORMAT: &str = "cubectl-plan";
 
@@ -194,6 +194,10 @@ pub struct Search {
     /// Clearance that was kept in m; files before version 4 do not say, and claim that bodies do not touch.
     #[serde(default)]
     pub clearance_m: f64,
+    /// Clearance that the released ball kept from the hand in m; files before version 9 do not say, and claim that they do not
+    /// touch.
+    #[serde(default)]
+    pub hand_clearance_m: f64,
     /// What the starts say about throws that were not found; files before version 5 do not say.
     #[serde(default)]
     pub confidence: Option<Confidence>,
