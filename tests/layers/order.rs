@@ -247,7 +247,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
     Folder {
         path: "host/planner/src",
         floors: &[
-            &["throw"],
+            &["parallel", "throw"],
             &["flight", "motion", "solve", "store"],
             &["plan"],
             &["verify"],

@@ -21,6 +21,7 @@
 //!   |
 //!   v
 //! throw                one throw: cubic splines of all joints through one release
+//! parallel             work on all cores
 //! ```
 //!
 //! Arms have four to seven joints: the number is a constant parameter `N` of every type; where it is left out, it is six.
@@ -30,6 +31,7 @@ pub mod disc;
 pub mod flight;
 pub mod follow;
 pub mod motion;
+pub mod parallel;
 pub mod plan;
 pub mod record;
 pub mod solve;

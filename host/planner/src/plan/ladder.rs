@@ -6,7 +6,6 @@
 //! the throws of the rung below, then, without a table of stored throws, from more random starts.
 
 use nalgebra::Vector3;
-use rayon::prelude::*;
 use robot_model::RobotModel;
 
 use super::basins::Basins;
@@ -17,6 +16,7 @@ use super::outcome::{Best, Budget, NoThrow, Watch};
 use super::planner::Planner;
 use super::problem::{Problem, ProblemError};
 use super::search::counted;
+use crate::parallel::each;
 use crate::store::Index;
 use crate::throw::JOINTS;
 
@@ -178,14 +178,11 @@ fn stored_alone<const N: usize>(
 /// The best throw that local solves from throws of another rung end in.
 fn carry<const N: usize>(planner: &Planner<'_, '_, N>, from: &[Found<N>], watch: &Watch) -> Option<Best<N>> {
     let stopped = || watch.stop.load(std::sync::atomic::Ordering::Relaxed);
-    let carried: Vec<Option<Found<N>>> = from
-        .par_iter()
-        .take(CARRIED_MAX)
-        .filter(|_| !stopped())
-        .map(|found| counted(watch, planner.solve_from_throw(&found.throw)))
-        .collect();
+    let carried = each(&from[..from.len().min(CARRIED_MAX)], |found| {
+        (!stopped()).then(|| counted(watch, planner.solve_from_throw(&found.throw)))
+    });
     let mut basins = Basins::default();
-    carried.into_iter().for_each(|found| basins.add_stored(found));
+    carried.into_iter().flatten().for_each(|found| basins.add_stored(found));
     let others = planner.finish(&basins, &stopped);
     Some(Best {
         found: *others.first()?,

@@ -1,7 +1,6 @@
 //! The nearest reachable target, for one that is not.
 
 use nalgebra::Vector3;
-use rayon::prelude::*;
 
 use super::local::{Nearest, nearest_from};
 use super::outcome::Budget;
@@ -9,6 +8,7 @@ pub use super::outcome::NearestTarget;
 use super::planner::{Planner, kind_of};
 use super::problem::Problem;
 use super::rng::SplitMix64;
+use crate::parallel::each;
 use crate::solve::sqp::Settings;
 use crate::store::{Index, Record};
 use crate::throw::Throw;
@@ -39,12 +39,11 @@ impl<const N: usize> Planner<'_, '_, N> {
             let mut rng = SplitMix64::stream(budget.seed ^ 0x6E65_6172, k);
             starts.push(self.start(&mut rng));
         }
-        let direct: Vec<(NearestTarget, Throw<N>)> = starts
-            .par_iter()
-            .filter_map(|s| self.nearest_from_throw(s, [true; 3]))
-            .map(|n| (self.nearest_target(self.problem.target + n.shift_m, n.constraint), n.throw))
-            .collect();
-        let direct = least(direct);
+        let direct = each(&starts, |s| {
+            let n = self.nearest_from_throw(s, [true; 3])?;
+            Some((self.nearest_target(self.problem.target + n.shift_m, n.constraint), n.throw))
+        });
+        let direct = least(direct.into_iter().flatten().collect());
         if direct.as_ref().is_some_and(|(n, _)| n.distance_m < DIRECT_MAX_M) {
             return direct;
         }
@@ -53,9 +52,9 @@ impl<const N: usize> Planner<'_, '_, N> {
             let stored = self.stored_near(index, |_| true, index.records().len().div_ceil(2));
             let apart = stored.len().div_ceil(WALKED).max(1);
             let some: Vec<&Record<N>> = stored.into_iter().step_by(apart).collect();
-            some.par_iter().filter_map(|record| self.walk(record, budget.seed)).collect::<Vec<_>>()
+            each(&some, |record| self.walk(record, budget.seed))
         };
-        least(walked.into_iter().chain(direct).collect())
+        least(walked.into_iter().flatten().chain(direct).collect())
     }
 
     /// The nearest reachable target along some axes, from one throw.

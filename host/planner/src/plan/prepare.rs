@@ -10,11 +10,11 @@ use robot_model::RobotModel;
 use std::f64::consts::PI;
 
 use nalgebra::Vector3;
-use rayon::prelude::*;
 
 use super::problem::{Options, Problem};
 use super::rng::SplitMix64;
 use super::search::{Budget, Planner, Watch, kind_of};
+use crate::parallel::each;
 use crate::store::{Index, Record};
 use crate::throw::JOINTS;
 
@@ -200,24 +200,21 @@ impl<const N: usize> Step<'_, '_, N> {
         }
         let others = self.by_cell(self.others);
         let cells = self.cells(first..=p.columns().min(first + COLUMNS as i32 - 1));
-        let made: Vec<Vec<Record<N>>> = cells
-            .par_iter()
-            .map(|cell| {
-                let mut kept = Vec::new();
-                let Some(problem) = self.problem(p.target(*cell)) else { return kept };
-                let planner = Planner::new(&problem);
-                let stream = (cell.0 as u64) << 32 | (cell.1 as u64) << 16;
-                let random = (0..p.grid.starts).map(|k| planner.random_start(p.seed, stream | k));
-                let carried = others.get(cell).into_iter().flatten().map(|r| planner.from_throw(&r.throw));
-                for found in random.chain(carried).flatten() {
-                    keep(&mut kept, planner.record(&found), p.grid.keep);
-                    if (self.stopped)() {
-                        break;
-                    }
+        let made = each(&cells, |cell| {
+            let mut kept = Vec::new();
+            let Some(problem) = self.problem(p.target(*cell)) else { return kept };
+            let planner = Planner::new(&problem);
+            let stream = (cell.0 as u64) << 32 | (cell.1 as u64) << 16;
+            let random = (0..p.grid.starts).map(|k| planner.random_start(p.seed, stream | k));
+            let carried = others.get(cell).into_iter().flatten().map(|r| planner.from_throw(&r.throw));
+            for found in random.chain(carried).flatten() {
+                keep(&mut kept, planner.record(&found), p.grid.keep);
+                if (self.stopped)() {
+                    break;
                 }
-                kept
-            })
-            .collect();
+            }
+            kept
+        });
         own.into_iter().chain(made.into_iter().flatten()).collect()
     }
 
@@ -225,39 +222,33 @@ impl<const N: usize> Step<'_, '_, N> {
         let p = self.prepared;
         let before = self.by_cell(own);
         let farthest = before.keys().map(|c| c.0).max().unwrap_or(0);
-        let made: Vec<Vec<Record<N>>> = self
-            .cells(1..=(farthest + 1).min(p.columns()))
-            .par_iter()
-            .map(|cell| {
-                let mut kept = before.get(cell).cloned().unwrap_or_default();
-                let at = p.target(*cell);
-                let Some(problem) = self.problem(at) else { return kept };
-                let planner = Planner::new(&problem);
-                for record in around(own, at.x, at.z, PASSED_STEPS * p.grid.step_m) {
-                    if let Some(found) = planner.from_record(record) {
-                        keep(&mut kept, planner.record(&found), p.grid.keep);
-                    }
+        let made = each(&self.cells(1..=(farthest + 1).min(p.columns())), |cell| {
+            let mut kept = before.get(cell).cloned().unwrap_or_default();
+            let at = p.target(*cell);
+            let Some(problem) = self.problem(at) else { return kept };
+            let planner = Planner::new(&problem);
+            for record in around(own, at.x, at.z, PASSED_STEPS * p.grid.step_m) {
+                if let Some(found) = planner.from_record(record) {
+                    keep(&mut kept, planner.record(&found), p.grid.keep);
                 }
-                kept
-            })
-            .collect();
+            }
+            kept
+        });
         let rest = own.iter().copied().filter(|r| p.cell_of(r).is_none());
         made.into_iter().flatten().chain(rest).collect()
     }
 
     fn finish(&self, own: &[Record<N>]) -> Vec<Record<N>> {
-        own.par_iter()
-            .map(|record| {
-                let Some(problem) = self.problem(Vector3::new(record.range_m, 0.0, record.height_m)) else {
-                    return *record;
-                };
-                let planner = Planner::new(&problem);
-                match planner.finished(&record.throw) {
-                    Some(found) if found.objective < record.objective => planner.record(&found),
-                    _ => *record,
-                }
-            })
-            .collect()
+        each(own, |record| {
+            let Some(problem) = self.problem(Vector3::new(record.range_m, 0.0, record.height_m)) else {
+                return *record;
+            };
+            let planner = Planner::new(&problem);
+            match planner.finished(&record.throw) {
+                Some(found) if found.objective < record.objective => planner.record(&found),
+                _ => *record,
+            }
+        })
     }
 
     /// Throws on the edge of the reach: cells beyond it are pulled in from their neighbours' throws until they are
@@ -271,24 +262,20 @@ impl<const N: usize> Step<'_, '_, N> {
             .into_iter()
             .filter(|c| !table.contains_key(c))
             .collect();
-        let edge: Vec<Record<N>> = empty
-            .par_iter()
-            .filter_map(|&(c, r)| {
-                let problem = self.problem(p.target((c, r)))?;
-                let planner = Planner::new(&problem);
-                let starts = NEIGHBOURS.iter().filter_map(|(dc, dr)| table.get(&(c + dc, r + dr))?.first());
-                let nearest = starts
-                    .filter_map(|record| planner.nearest_from_throw(&record.throw, [true, false, true]))
-                    .min_by(|a, b| a.shift_m.norm().total_cmp(&b.shift_m.norm()))?;
-                // A hair inside, where the price has a slope.
-                let inside =
-                    problem.target() + nearest.shift_m * (1.0 + 2e-3 / nearest.shift_m.norm().max(1e-6));
-                let problem = self.problem(inside)?;
-                let planner = Planner::new(&problem);
-                Some(planner.record(&planner.from_throw(&nearest.throw)?))
-            })
-            .collect();
-        own.into_iter().chain(edge).collect()
+        let edge = each(&empty, |&(c, r)| {
+            let problem = self.problem(p.target((c, r)))?;
+            let planner = Planner::new(&problem);
+            let starts = NEIGHBOURS.iter().filter_map(|(dc, dr)| table.get(&(c + dc, r + dr))?.first());
+            let nearest = starts
+                .filter_map(|record| planner.nearest_from_throw(&record.throw, [true, false, true]))
+                .min_by(|a, b| a.shift_m.norm().total_cmp(&b.shift_m.norm()))?;
+            // A hair inside, where the price has a slope.
+            let inside = problem.target() + nearest.shift_m * (1.0 + 2e-3 / nearest.shift_m.norm().max(1e-6));
+            let problem = self.problem(inside)?;
+            let planner = Planner::new(&problem);
+            Some(planner.record(&planner.from_throw(&nearest.throw)?))
+        });
+        own.into_iter().chain(edge.into_iter().flatten()).collect()
     }
 
     /// Tries the table at random targets and adds a throw where the quick pass finds none or a dearer one than a search.
@@ -300,26 +287,23 @@ impl<const N: usize> Step<'_, '_, N> {
         let floor = p.arm.world().floor_z_m;
         let farthest = own.iter().map(|r| r.range_m).fold(0.0, f64::max);
         let index = Index::new(own);
-        let trials = round * TRIALS_PER_STEP..((round + 1) * TRIALS_PER_STEP).min(p.grid.trials);
-        let added: Vec<Record<N>> = trials
-            .into_par_iter()
-            .filter_map(|k| {
-                let mut rng = SplitMix64::stream(p.seed ^ 0x7472_6961_6C73, k);
-                let range_m = farthest * rng.unit();
-                let height_m = floor + (p.grid.height_max_m - floor) * rng.unit();
-                let azimuth_rad = PI * (2.0 * rng.unit() - 1.0);
-                let (sin, cos) = azimuth_rad.sin_cos();
-                let problem = self.problem(Vector3::new(range_m * cos, range_m * sin, height_m))?;
-                let planner = Planner::new(&problem);
-                let quick = planner.from_index_quickly(&index, TRIAL_TRIES);
-                let budget =
-                    Budget { starts: p.grid.starts as usize, all: false, time: None, seed: p.seed ^ k };
-                let best = planner.attempt(&index, &budget, &Watch::default()).ok()?.found;
-                let good = quick.is_some_and(|q| q.objective <= TRIAL_GAP * best.objective);
-                (!good).then(|| planner.record(&best))
-            })
-            .collect();
-        index.records().iter().copied().chain(added).collect()
+        let trials: Vec<u64> =
+            (round * TRIALS_PER_STEP..((round + 1) * TRIALS_PER_STEP).min(p.grid.trials)).collect();
+        let added = each(&trials, |&k| {
+            let mut rng = SplitMix64::stream(p.seed ^ 0x7472_6961_6C73, k);
+            let range_m = farthest * rng.unit();
+            let height_m = floor + (p.grid.height_max_m - floor) * rng.unit();
+            let azimuth_rad = PI * (2.0 * rng.unit() - 1.0);
+            let (sin, cos) = azimuth_rad.sin_cos();
+            let problem = self.problem(Vector3::new(range_m * cos, range_m * sin, height_m))?;
+            let planner = Planner::new(&problem);
+            let quick = planner.from_index_quickly(&index, TRIAL_TRIES);
+            let budget = Budget { starts: p.grid.starts as usize, all: false, time: None, seed: p.seed ^ k };
+            let best = planner.attempt(&index, &budget, &Watch::default()).ok()?.found;
+            let good = quick.is_some_and(|q| q.objective <= TRIAL_GAP * best.objective);
+            (!good).then(|| planner.record(&best))
+        });
+        index.records().iter().copied().chain(added.into_iter().flatten()).collect()
     }
 }
 

@@ -3,14 +3,13 @@
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
-use rayon::prelude::*;
-
 use super::basins::{Basins, Surroundings};
 use super::local::{Begin, Found, evaluate_once, solve_from};
 use super::obstruction::obstruction;
 pub use super::outcome::{Best, Budget, NearestAttitude, NoThrow, Watch};
 pub use super::planner::{Planner, kind_of};
 use super::warm_start::{RINGS, WarmStart, warm_starts};
+use crate::parallel::each;
 use crate::solve::sqp::Settings;
 use crate::store::{Index, Record};
 use crate::throw::Throw;
@@ -84,10 +83,10 @@ impl<const N: usize> Planner<'_, '_, N> {
         }
         let goal = &self.problem.options.goal;
         let as_they_are: Vec<Found<N>> =
-            found.par_iter().map(|f| Found { objective: goal.value(self.problem, &f.throw), ..*f }).collect();
+            each(&found, |f| Found { objective: goal.value(self.problem, &f.throw), ..*f });
         let mut best = distinct(as_they_are);
         best.truncate(REFINED_MAX);
-        distinct(best.par_iter().map(|f| self.refine(*f)).collect())
+        distinct(each(&best, |f| self.refine(*f)))
     }
 
     pub(super) fn polish(&self, record: &Record<N>, settings: &Settings, most: usize) -> Option<Found<N>> {
@@ -220,12 +219,10 @@ impl<const N: usize> Planner<'_, '_, N> {
             && !stopped()
             && (budget.all || !basins.enough(surroundings, self.problem.options.null_delay))
         {
-            let batch = (begun as u64)..(budget.starts.min(begun + BATCH) as u64);
-            begun += batch.clone().count();
-            let ended: Vec<Option<Option<Found<N>>>> = batch
-                .into_par_iter()
-                .map(|k| (!stopped()).then(|| counted(watch, self.solve_random(budget.seed, k))))
-                .collect();
+            let batch: Vec<u64> = ((begun as u64)..(budget.starts.min(begun + BATCH) as u64)).collect();
+            begun += batch.len();
+            let ended =
+                each(&batch, |k| (!stopped()).then(|| counted(watch, self.solve_random(budget.seed, *k))));
             ended.into_iter().flatten().for_each(|found| basins.add_random(found));
         }
         let interrupted = stopped() && (begun < budget.starts || basins.random() < begun);
@@ -253,18 +250,15 @@ impl<const N: usize> Planner<'_, '_, N> {
         let any = self.without_attitude()?;
         let budget = Budget { all: false, ..*budget };
         let from = Planner::new(&any).attempt(index, &budget, watch).ok()?.others;
-        let ended: Vec<Result<Found<N>, Option<NearestAttitude>>> = from
-            .par_iter()
-            .take(TIGHTENED_MAX)
-            .filter(|_| !stopped())
-            .map(|found| {
+        let ended = each(&from[..from.len().min(TIGHTENED_MAX)], |found| {
+            (!stopped()).then(|| {
                 let ended = self.tighten(&found.throw, stopped);
                 counted(watch, ended.as_ref().ok().copied());
                 ended
             })
-            .collect();
+        });
         let mut nearest: Option<NearestAttitude> = None;
-        for ended in ended {
+        for ended in ended.into_iter().flatten() {
             if let Err(Some(near)) = &ended
                 && nearest.as_ref().is_none_or(|n| near.excess_rad() < n.excess_rad())
             {
@@ -288,29 +282,23 @@ impl<const N: usize> Planner<'_, '_, N> {
         let near = self.warm_starts(index, STORED_TRIES);
         let solve =
             |work: &(dyn Fn() -> Option<Found<N>> + Sync)| (!stopped()).then(|| counted(watch, work()));
-        let polished: Vec<_> = near
-            .par_iter()
-            .map(|(_, record)| solve(&|| self.polish(record, &Settings::default(), usize::MAX)))
-            .collect();
+        let polished =
+            each(&near, |(_, record)| solve(&|| self.polish(record, &Settings::default(), usize::MAX)));
         polished.into_iter().flatten().for_each(|found| basins.add_stored(found));
         // What answers at once must not be better than a search.
         if let Some(found) = self.first_pass(&near) {
             basins.add_stored(Some(found));
         }
         if basins.solved() == 0 {
-            let walked: Vec<_> = near
-                .par_iter()
-                .take(WALKED)
-                .map(|(_, record)| solve(&|| self.walk_to_target(record, stopped)))
-                .collect();
+            let walked = each(&near[..near.len().min(WALKED)], |(_, record)| {
+                solve(&|| self.walk_to_target(record, stopped))
+            });
             walked.into_iter().flatten().for_each(|found| basins.add_stored(found));
         }
         if basins.solved() == 0 {
-            let others: Vec<_> = self
-                .other_kinds(index, kind)
-                .par_iter()
-                .map(|start| solve(&|| self.solve(start, Begin::Anywhere, &Settings::default(), usize::MAX)))
-                .collect();
+            let others = each(&self.other_kinds(index, kind), |start| {
+                solve(&|| self.solve(start, Begin::Anywhere, &Settings::default(), usize::MAX))
+            });
             others.into_iter().flatten().for_each(|found| basins.add_stored(found));
         }
         let of_kind = index.records().iter().filter(|r| r.kind == kind).count();

@@ -5,9 +5,8 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use rayon::prelude::*;
 use serde_json::json;
 
 use super::grid::Grid;
@@ -15,6 +14,7 @@ use super::options::Starts;
 use super::search::{Draws, Progress, SearchOptions, Solved, Watcher, watched_with};
 use crate::error::ExpectedError;
 use crate::exit;
+use planner::parallel::each;
 use planner::plan::Watch;
 use planner::plan::rng::SplitMix64;
 use planner::store::robot_fingerprint;
@@ -207,17 +207,17 @@ impl<const N: usize> Sweep<'_, N> {
                 )
                 .into());
             }
-            let made: Result<Vec<Option<Row>>, ExpectedError> = batch
-                .into_par_iter()
-                .map(|(number, target)| {
-                    if stopped() {
-                        return Ok(None);
-                    }
-                    let row = self.row(number, &target, starts, watch)?;
-                    done.fetch_add(1, Ordering::Relaxed);
-                    Ok(Some(row))
-                })
-                .collect();
+            let failed = AtomicBool::new(false);
+            let made = each(&batch, |(number, target)| {
+                if stopped() || failed.load(Ordering::Relaxed) {
+                    return Ok(None);
+                }
+                let row = self.row(*number, target, starts, watch);
+                failed.fetch_or(row.is_err(), Ordering::Relaxed);
+                done.fetch_add(1, Ordering::Relaxed);
+                row.map(Some)
+            });
+            let made: Result<Vec<Option<Row>>, ExpectedError> = made.into_iter().collect();
             let made: Option<Vec<Row>> = made.map_err(Failure::Planning)?.into_iter().collect();
             // A search that was stopped has found less than it would have.
             Ok(made.filter(|_| !stopped()))

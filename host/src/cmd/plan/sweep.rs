@@ -5,10 +5,9 @@ use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use nalgebra::Vector3;
-use rayon::prelude::*;
 
 use super::grid::{Axis, Grid};
 use super::options::note;
@@ -18,6 +17,7 @@ use super::shards::{self, DRAWS_MAX, Made, Sweep, Targets};
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::reach::{self, Cell};
+use planner::parallel::each;
 use planner::plan::ladder::{Ladder, Settled};
 use planner::plan::search::{Budget, Watch};
 use planner::plan::{Found, Options};
@@ -224,19 +224,21 @@ fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), Expec
     let file = Mutex::new(file);
     let watch = Watch::default();
     let bar = Budget { starts: missing.len(), all: false, time: None, seed: args.seed };
-    let done: Result<Vec<Row>, std::io::Error> = watched(&watch, &bar, Watcher::Terminal, || {
-        missing
-            .par_iter()
-            .filter(|_| !watch.stop.load(Ordering::Relaxed))
-            .map(|target| {
-                let row = plan(arm, target, &asked, &index, args);
-                watch.done.fetch_add(1, Ordering::Relaxed);
-                watch.solved.fetch_add(usize::from(row.cell.objective.is_some()), Ordering::Relaxed);
-                append(&file, &row)?;
-                Ok(row)
-            })
-            .collect()
+    let done = watched(&watch, &bar, Watcher::Terminal, || {
+        let failed = AtomicBool::new(false);
+        each(&missing, |target| {
+            if watch.stop.load(Ordering::Relaxed) || failed.load(Ordering::Relaxed) {
+                return None;
+            }
+            let row = plan(arm, target, &asked, &index, args);
+            watch.done.fetch_add(1, Ordering::Relaxed);
+            watch.solved.fetch_add(usize::from(row.cell.objective.is_some()), Ordering::Relaxed);
+            let written = append(&file, &row);
+            failed.fetch_or(written.is_err(), Ordering::Relaxed);
+            Some(written.map(|()| row))
+        })
     });
+    let done: Result<Vec<Row>, std::io::Error> = done.into_iter().flatten().collect();
     for row in done.map_err(|e| ExpectedError::output(out, &e))? {
         rows.insert(key(&row.cell.target), row);
     }
