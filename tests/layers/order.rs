@@ -251,7 +251,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
             &["flight", "motion", "solve", "store"],
             &["plan"],
             &["verify"],
-            &["catch", "disc", "follow"],
+            &["catch", "disc", "follow", "request"],
             &["record"],
         ],
     },

@@ -4,6 +4,7 @@
 //! An arrow goes from user to used; none goes up.
 //!
 //! ```text
+//! request                 throws as a program asks for them, compiled once for each number of joints
 //! record                  a plan file of any kind, and the schema of all of them
 //!   |
 //!   v
@@ -34,6 +35,7 @@ pub mod motion;
 pub mod parallel;
 pub mod plan;
 pub mod record;
+pub mod request;
 pub mod solve;
 pub mod store;
 pub mod throw;

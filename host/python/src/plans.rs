@@ -6,12 +6,13 @@ use host::cmd::check::follow_json;
 use host::cmd::plan::for_programs;
 use host::error::ExpectedError;
 use host::exit;
+use planner::follow;
 use planner::follow::limits::{AXES, Arm, Limits};
 use planner::follow::plan::{FollowPlan, Step};
 use planner::motion::{Knot, Motion};
 use planner::plan::file::{MotionInfo, PlanFile, PlanFileError};
 use planner::record::PlanRecord;
-use planner::{follow, verify};
+use planner::request::Plans;
 use pyo3::prelude::*;
 use pyo3::types::PyByteArray;
 use robot_model::{AnyRobot, for_any_robot};
@@ -77,7 +78,7 @@ pub(crate) fn check(py: Python<'_>, plan: String, robot: Option<String>) -> PyRe
             }
             _ => {
                 let (plan, robot) = plan_of(&plan, robot.as_deref())?;
-                let report = for_any_robot!(&robot, arm => verify::check(arm, &plan));
+                let report = for_any_robot!(&robot, arm => arm.check(&plan));
                 serde_json::to_value(&report)
                     .map_err(|error| ExpectedError::new(exit::BUG, error.to_string()))?
             }

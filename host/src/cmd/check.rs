@@ -4,10 +4,11 @@ use std::path::PathBuf;
 
 use crate::error::ExpectedError;
 use crate::exit;
+use planner::follow;
 use planner::follow::limits::Limits;
 use planner::follow::plan::FollowPlan;
 use planner::record::PlanRecord;
-use planner::{follow, verify};
+use planner::request::Plans;
 use robot_model::for_any_robot;
 
 /// Arguments.
@@ -43,7 +44,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let robot = super::robot(args.robot.as_deref().unwrap_or(&plan.robot.source))?;
     let report = for_any_robot!(&robot, arm => {
         plan.require_robot(&args.plan, arm).map_err(|e| ExpectedError::bad_input(&e))?;
-        verify::check(arm, &plan)
+        arm.check(&plan)
     });
     if args.json {
         console::line!("{}", serde_json::to_string_pretty(&report).unwrap_or_default());

@@ -11,7 +11,8 @@ use super::{attitude, landing as landing_chart, scene};
 use operator::analysis::release::flight;
 use planner::flight::landing;
 use planner::plan::file::PlanFile;
-use planner::verify::{self, motion};
+use planner::request::Plans;
+use planner::verify::motion;
 use robot_model::RobotModel;
 
 /// A few lines for the terminal.
@@ -130,8 +131,11 @@ pub fn summary(plan: &PlanFile, took: Duration) -> String {
 
 /// One self-contained HTML file.
 #[must_use]
-pub fn html<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> String {
-    let checks = verify::check(arm, plan);
+pub fn html<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> String
+where
+    RobotModel<N>: Plans<N>,
+{
+    let checks = arm.check(plan);
     let [x, y, z] = plan.target.position_m;
     let under = format!(
         "Plan for {} · form {} · J = {:.4} · {} of {} starts ended in a throw",

@@ -13,6 +13,7 @@ use operator::bus::args::interrupt;
 use planner::plan::ladder;
 use planner::plan::prepare::{Grid, Preparation};
 use planner::plan::search::kind_of;
+use planner::request::Plans;
 use planner::store::{Record, file, robot_fingerprint};
 use robot_model::{RobotModel, for_any_robot};
 
@@ -72,7 +73,10 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     for_any_robot!(&robot, arm => run_for(arm, args))
 }
 
-fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), ExpectedError> {
+fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), ExpectedError>
+where
+    RobotModel<N>: Plans<N>,
+{
     let grid = grid(args, arm.world().floor_z_m)?;
     let out = args.out.clone().or_else(|| default_table(arm)).ok_or_else(|| {
         ExpectedError::bad_input(
@@ -116,7 +120,7 @@ fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), Expec
         bar.set_position(stand.step as u64);
         bar.set_message(records.len().to_string());
         let stopped = || stop.load(Ordering::Relaxed);
-        let Some(next) = preparation.step(stand.step, records, &stopped) else {
+        let Some(next) = RobotModel::prepare_step(&preparation, stand.step, records, &stopped) else {
             bar.finish_and_clear();
             return Err(ExpectedError::new(
                 exit::INTERRUPTED,

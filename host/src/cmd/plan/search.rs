@@ -13,14 +13,13 @@ use crate::exit;
 use operator::bus::args::interrupt;
 use planner::flight::Course;
 use planner::plan::file::PlanFile;
-use planner::plan::finger_release::monte_carlo_with_fingers;
-use planner::plan::ladder::{Ladder, Settled};
 use planner::plan::library::nearest_stored;
 use planner::plan::problem::{Weights, short};
 use planner::plan::release_delays::ReleaseNodes;
 use planner::plan::search::kind_of;
-use planner::plan::statistics::{self, Noise, Region};
-use planner::plan::{Arm, Budget, Goal, NoThrow, Obstruction, Options, Planner, Watch};
+use planner::plan::statistics::{Noise, Region};
+use planner::plan::{Arm, Budget, Goal, NoThrow, Obstruction, Options, Watch};
+use planner::request::{self, Answer, Origin, Plans, Refusal, Request, Wanted};
 use planner::store::{Index, Record};
 use robot_model::RobotModel;
 use throw_tables::{Landings, TargetRow};
@@ -201,7 +200,10 @@ impl SearchOptions {
         target: [f64; 3],
         seed: u64,
         fast: bool,
-    ) -> Result<Planned<PlanFile>, ExpectedError> {
+    ) -> Result<Planned<PlanFile>, ExpectedError>
+    where
+        RobotModel<N>: Plans<N>,
+    {
         let mut starts = self.options.starts(arm)?;
         let planned = self.plan_from(arm, &mut starts, target, (seed, fast), Watcher::Terminal)?;
         if let Some(note) = planned.note {
@@ -221,7 +223,10 @@ impl SearchOptions {
         target: [f64; 3],
         (seed, fast): (u64, bool),
         watcher: Watcher<'_>,
-    ) -> Result<Planned<PlanFile>, ExpectedError> {
+    ) -> Result<Planned<PlanFile>, ExpectedError>
+    where
+        RobotModel<N>: Plans<N>,
+    {
         let Solved { mut plan, note, record, took, .. } =
             self.solve(arm, &starts.index, target, (seed, fast), watcher, None)?;
         if let (Some(store), Some(record)) = (&mut starts.store, record)
@@ -289,7 +294,10 @@ impl SearchOptions {
         (seed, fast): (u64, bool),
         watcher: Watcher<'_>,
         draws: Option<Draws>,
-    ) -> Result<Solved<N>, ExpectedError> {
+    ) -> Result<Solved<N>, ExpectedError>
+    where
+        RobotModel<N>: Plans<N>,
+    {
         self.require_sound()?;
         let (region, noise) = (self.region()?, self.noise()?);
         let goal = self.goal(noise, region)?;
@@ -300,45 +308,56 @@ impl SearchOptions {
             })?),
         };
         let budget = Budget { starts: self.starts.unwrap_or(STARTS), all: self.starts.is_some(), time, seed };
-        let began = Instant::now();
         let mut asked = Options { goal, ..self.options.resolve() };
         if self.objective == ObjectiveName::Time {
             asked.weights = Weights { k_b: 0.0, k_j: 0.0, ..asked.weights };
         }
-        let ladder = Ladder::new(arm, Vector3::from(target), &asked, self.options.kept())
-            .map_err(|e| ExpectedError::bad_input(&e))?;
         let own = Watch::default();
         let watch = if let Watcher::Caller(watch) = watcher { watch } else { &own };
-        let quick = fast.then_some(FAST_TRIES);
-        let settled = match &self.options.library {
-            Some(path) => {
-                ladder.from_library(index).ok_or_else(|| not_in_library(path, index, target, &asked))?
-            }
-            None => watched(watch, &budget, watcher, || ladder.search(index, &budget, watch, quick))
-                .map_err(|e| no_throw(&e))?,
+        // The table is of throws that are best in effort: others would promise what they cannot keep.
+        let of_effort = goal == Goal::Effort
+            && asked.weights == Weights::default()
+            && self.options.first_for_one_target().is_none();
+        let wanted = Wanted {
+            robot: &self.options.robot,
+            noise: &noise,
+            region,
+            draws: draws.map(|Draws { count, seed }| (count, seed)),
+            record: of_effort && self.options.store.is_some(),
         };
-        let Settled { problem, given_up, best } = settled;
+        let from = match self.options.library {
+            Some(_) => Origin::Library,
+            None => Origin::Search { quick: fast.then_some(FAST_TRIES) },
+        };
+        let request = Request {
+            target: Vector3::from(target),
+            options: &asked,
+            kept: self.options.kept(),
+            from,
+            budget,
+        };
+        let plan = || arm.plan(index, &request, &wanted, watch);
+        let planned = match &self.options.library {
+            Some(_) => plan(),
+            None => watched(watch, &budget, watcher, plan),
+        };
+        let request::Planned {
+            answer: Answer { given_up, best, took },
+            plan,
+            record,
+            region,
+            centre,
+            landings: found,
+        } = planned.map_err(|refusal| match (&self.options.library, refusal) {
+            (Some(path), Refusal::NotStored) => not_in_library(path, index, target, &asked),
+            (_, Refusal::NoThrow(e)) => no_throw(&e),
+            (_, refusal) => ExpectedError::bad_input(&refusal),
+        })?;
         let stopped = best.interrupted && watch.stop.load(Ordering::Relaxed);
         if stopped && matches!(watcher, Watcher::Terminal) {
             console::note!("cubectl: stopped; this is the best of {} starts", best.starts);
         }
-        let took = began.elapsed();
-        // The table is of throws that are best in effort: others would promise what they cannot keep.
-        let of_effort = goal == Goal::Effort
-            && problem.options().weights == Weights::default()
-            && self.options.first_for_one_target().is_none();
-        let record =
-            (of_effort && self.options.store.is_some()).then(|| Planner::new(problem).record(&best.found));
-        let region = region.or_else(|| problem.region_of_opening(&best.found.throw));
-        let landings = draws.map(|draws| {
-            let (throw, Draws { count, seed }) = (&best.found.throw, draws);
-            let found = match arm.fingers().filter(|_| asked.finger_release) {
-                None => statistics::monte_carlo(problem, throw, &noise, count, seed),
-                Some(fingers) => monte_carlo_with_fingers(problem, throw, fingers, &noise, count, seed),
-            };
-            landings(&found, &problem.aim().centre(), region)
-        });
-        let plan = PlanFile::of(problem, &best, &self.options.robot, seed, &noise, region);
+        let landings = found.map(|found| landings(&found, &centre, region));
         let plan = plan.ok_or_else(|| {
             if asked.finger_release {
                 ExpectedError::new(

@@ -17,6 +17,7 @@ use crate::exit;
 use planner::parallel::each;
 use planner::plan::Watch;
 use planner::plan::rng::SplitMix64;
+use planner::request::Plans;
 use planner::store::robot_fingerprint;
 use robot_model::RobotModel;
 use throw_tables::{Folder, Outcome, Row, Shard, Study, Summary, TableError, TargetList, TargetRow, Thrown};
@@ -89,7 +90,10 @@ pub(super) fn table_error(error: TableError) -> ExpectedError {
     }
 }
 
-impl<const N: usize> Sweep<'_, N> {
+impl<const N: usize> Sweep<'_, N>
+where
+    RobotModel<N>: Plans<N>,
+{
     /// Makes those of the shards that are not there yet.
     ///
     /// # Errors

@@ -18,9 +18,9 @@ use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::reach::{self, Cell};
 use planner::parallel::each;
-use planner::plan::ladder::{Ladder, Settled};
 use planner::plan::search::{Budget, Watch};
 use planner::plan::{Found, Options};
+use planner::request::{Answer, Origin, Plans, Refusal, Request};
 use planner::store::Index;
 use robot_model::{RobotModel, for_any_robot};
 use throw_tables::shard::SHARDS_MAX;
@@ -185,7 +185,10 @@ pub(super) fn make_shards(args: &Args, watcher: Watcher<'_>) -> Result<Made, Exp
     for_any_robot!(&robot, arm => Sweep { arm, search, seed, fast, draws, targets }.make(out, &asked, watcher))
 }
 
-fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), ExpectedError> {
+fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), ExpectedError>
+where
+    RobotModel<N>: Plans<N>,
+{
     let (Some(grid), Some(out)) = (args.grid(), &args.out) else {
         return Err(ExpectedError::bad_input(
             &"a list of targets makes part files: add --shards N, or use `plan throw --targets` for one CSV table",
@@ -284,16 +287,15 @@ fn plan<const N: usize>(
     asked: &Options,
     index: &Index<N>,
     args: &Args,
-) -> Row {
+) -> Row
+where
+    RobotModel<N>: Plans<N>,
+{
     let [x, y, z] = *target;
     let clean = |note: &str| note.replace([',', '"'], " ");
     let refused = |note: &str| Row {
         cell: Cell { target: *target, objective: None },
         text: format!("{x},{y},{z},{REFUSED},,,,,{}", clean(note)),
-    };
-    let ladder = match Ladder::new(arm, Vector3::from(*target), asked, args.search.options.kept()) {
-        Ok(ladder) => ladder,
-        Err(e) => return refused(&e.to_string()),
     };
     let budget = Budget {
         starts: args.search.starts.unwrap_or(TABLE_STARTS),
@@ -301,8 +303,15 @@ fn plan<const N: usize>(
         time: None,
         seed: args.seed,
     };
-    match ladder.search(index, &budget, &Watch::default(), None) {
-        Ok(Settled { given_up, best, .. }) => {
+    let request = Request {
+        target: Vector3::from(*target),
+        options: asked,
+        kept: args.search.options.kept(),
+        from: Origin::Search { quick: None },
+        budget,
+    };
+    match arm.search(index, &request, &Watch::default()) {
+        Ok(Answer { given_up, best, .. }) => {
             let Found { throw, objective, .. } = best.found;
             let speed = throw.ball_at_release(arm).1.norm();
             let (flight_s, duration_s) = (throw.flight_s, throw.duration_s());
@@ -313,11 +322,12 @@ fn plan<const N: usize>(
                 text: format!("{x},{y},{z},{outcome},{objective},{flight_s},{duration_s},{speed},{note}"),
             }
         }
-        Err(none) => refused(
+        Err(Refusal::NoThrow(none)) => refused(
             &none
                 .nearest
                 .map_or_else(String::new, |n| format!("{:.3} m short: {}", n.distance_m, n.constraint)),
         ),
+        Err(e) => refused(&e.to_string()),
     }
 }
 

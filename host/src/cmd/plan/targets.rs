@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
 use planner::plan::file::PlanFile;
+use planner::request::Plans;
 use robot_model::RobotModel;
 use throw_tables::{TargetList, TargetRow};
 use toml_reader::read_text;
@@ -44,11 +45,10 @@ const HEADER: [&str; 13] = [
 ///
 /// # Errors
 /// If the list is refused, a file cannot be written, or Ctrl-C stops it; rows that are done stay.
-pub(super) fn run<const N: usize>(
-    arm: &RobotModel<N>,
-    list: &Path,
-    args: &Args,
-) -> Result<(), ExpectedError> {
+pub(super) fn run<const N: usize>(arm: &RobotModel<N>, list: &Path, args: &Args) -> Result<(), ExpectedError>
+where
+    RobotModel<N>: Plans<N>,
+{
     let Some(out) = &args.out else {
         return Err(ExpectedError::bad_input(&"--targets needs --out FILE for the table of results"));
     };

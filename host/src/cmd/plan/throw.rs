@@ -6,6 +6,7 @@ use super::{follow, require_writable, targets};
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::plan as plan_report;
+use planner::request::Plans;
 use robot_model::{AnyRobot, RobotModel, for_any_robot};
 
 /// Runs the verb.
@@ -41,7 +42,10 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     for_any_robot!(&robot, arm => run_for(arm, args))
 }
 
-fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), ExpectedError> {
+fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), ExpectedError>
+where
+    RobotModel<N>: Plans<N>,
+{
     if let Some(list) = &args.targets {
         return targets::run(arm, list, args);
     }

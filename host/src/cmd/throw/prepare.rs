@@ -28,6 +28,7 @@ use operator::throw::Job;
 use operator::throw::outcome::default_tolerance_m;
 use planner::plan::Arm;
 use planner::plan::file::PlanFile;
+use planner::request::Plans;
 use planner::verify;
 use tuner::gains::gains_file::GainsFile;
 
@@ -156,7 +157,7 @@ fn planned(args: &Args, target_m: Option<[f64; 3]>, seed: u64) -> Result<Planned
 /// Checks the plan by other means than the planner's. A ball that would touch the arm misses, also where the plan's form allows
 /// it, so that must be asked for.
 fn preflight(arm: &Arm, plan: &PlanFile, touch_allowed: bool) -> Result<(), ExpectedError> {
-    let report = verify::check(arm, plan);
+    let report = arm.check(plan);
     if report.ok() {
         let touch = report.findings.iter().find(|f| !f.ok && f.what.starts_with(verify::RELEASED_BALL));
         return match touch.filter(|_| !touch_allowed) {
