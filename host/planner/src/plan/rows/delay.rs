@@ -27,7 +27,7 @@ const SHIFT_EPS_M: f64 = 1e-4;
 const THROUGH_MIN_M_S: f64 = 0.15;
 /// Without windows the ball still comes through the plane when the gripper opens this much late or early: the spread of the landing is
 /// told for 3.75 standard deviations, 7.5 ms of a gripper as it is assumed.
-const JITTER_S: f64 = 0.01;
+pub(super) const JITTER_S: f64 = 0.01;
 /// Rows ask for this much more than the square of it, for what drag and rounding take.
 const THROUGH_SHARE: f64 = 1.1;
 /// Windows aim a little inside, so that another integration of the flight agrees.
@@ -44,6 +44,10 @@ pub(super) fn delay_rows<S: Sink<D>, const N: usize, const D: usize>(
     throw: &Throw<N>,
     sink: &mut S,
 ) {
+    // Without nulling the paper's form has none of these rows.
+    if !problem.options.null_delay && problem.options.form != Form::Best {
+        return;
+    }
     let delayed = Delayed { problem, layout, throw, aim: layout.aim(problem, x) };
     if problem.options.null_delay {
         delayed.slope_rows(sink);
@@ -163,6 +167,7 @@ impl<const N: usize> Delayed<'_, '_, N> {
 mod tests {
     use nalgebra::Vector3;
 
+    use super::super::describe;
     use super::*;
     use crate::plan::layout::width;
     use crate::plan::options::Options;
@@ -250,6 +255,27 @@ mod tests {
             }
         }
         assert!(seen.iter().all(|count| *count > 3), "rows of both kinds: {seen:?}");
+    }
+
+    #[test]
+    fn rows_of_windows_and_flights_have_names_with_and_without_windows() {
+        let arm = Arm::load("powercube6").expect("built in");
+        let (mut problem, _) = to_the_apex(&arm, 0.1);
+        let number = Layout::<6>::NUMBERS;
+        let name = |problem: &Problem<'_, 6>, id: usize| describe(problem, id, &[]);
+        assert_eq!(
+            name(&problem, number.delay + 3),
+            "shift of the landing when the gripper opens 25 ms early"
+        );
+        assert_eq!(
+            name(&problem, number.through + 2),
+            "height of the flight when the gripper opens 25 ms late"
+        );
+        problem.options.delay_windows.clear();
+        assert_eq!(
+            name(&problem, number.through + 1),
+            "height of the flight when the gripper opens 10 ms early"
+        );
     }
 
     #[test]

@@ -41,6 +41,7 @@ mod spline;
 
 use std::ops::Range;
 
+use self::delay::JITTER_S;
 use self::goal::{goal_rows, has_goal};
 use self::kinematic::kinematic_rows;
 use self::spline::spline_rows;
@@ -183,9 +184,8 @@ pub(crate) fn describe<const N: usize>(problem: &Problem<'_, N>, id: usize, cuts
             None => ("shift of the landing", id - number.delay),
         };
         let side = if i.is_multiple_of(2) { "late" } else { "early" };
-        problem.options.delay_windows.get(i / 2).map_or_else(String::new, |w| {
-            format!("{what} when the gripper opens {:.0} ms {side}", w.delay_s * 1e3)
-        })
+        let delay_s = problem.options.delay_windows.get(i / 2).map_or(JITTER_S, |window| window.delay_s);
+        format!("{what} when the gripper opens {:.0} ms {side}", delay_s * 1e3)
     } else if id == number.target_floor {
         "the floor".to_owned()
     } else {
