@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use serde_json::json;
 
@@ -14,7 +14,7 @@ use super::options::Starts;
 use super::search::{Draws, Progress, SearchOptions, Solved, Watcher, watched_with};
 use crate::error::ExpectedError;
 use crate::exit;
-use planner::parallel::each;
+use planner::parallel::try_each;
 use planner::plan::Watch;
 use planner::plan::rng::SplitMix64;
 use planner::request::Plans;
@@ -211,17 +211,14 @@ where
                 )
                 .into());
             }
-            let failed = AtomicBool::new(false);
-            let made = each(&batch, |(number, target)| {
-                if stopped() || failed.load(Ordering::Relaxed) {
+            let made: Result<Vec<Option<Row>>, ExpectedError> = try_each(&batch, |(number, target)| {
+                if stopped() {
                     return Ok(None);
                 }
-                let row = self.row(*number, target, starts, watch);
-                failed.fetch_or(row.is_err(), Ordering::Relaxed);
+                let row = self.row(*number, target, starts, watch)?;
                 done.fetch_add(1, Ordering::Relaxed);
-                row.map(Some)
+                Ok(Some(row))
             });
-            let made: Result<Vec<Option<Row>>, ExpectedError> = made.into_iter().collect();
             let made: Option<Vec<Row>> = made.map_err(Failure::Planning)?.into_iter().collect();
             // A search that was stopped has found less than it would have.
             Ok(made.filter(|_| !stopped()))

@@ -5,7 +5,7 @@ use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 
 use nalgebra::Vector3;
 
@@ -17,7 +17,7 @@ use super::shards::{self, DRAWS_MAX, Made, Sweep, Targets};
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::reach::{self, Cell};
-use planner::parallel::each;
+use planner::parallel::try_each;
 use planner::plan::search::{Budget, Watch};
 use planner::plan::{Found, Options};
 use planner::request::{Answer, Origin, Plans, Refusal, Request};
@@ -227,22 +227,19 @@ where
     let file = Mutex::new(file);
     let watch = Watch::default();
     let bar = Budget { starts: missing.len(), all: false, time: None, seed: args.seed };
-    let done = watched(&watch, &bar, Watcher::Terminal, || {
-        let failed = AtomicBool::new(false);
-        each(&missing, |target| {
-            if watch.stop.load(Ordering::Relaxed) || failed.load(Ordering::Relaxed) {
-                return None;
+    let done: Result<Vec<Option<Row>>, std::io::Error> = watched(&watch, &bar, Watcher::Terminal, || {
+        try_each(&missing, |target| {
+            if watch.stop.load(Ordering::Relaxed) {
+                return Ok(None);
             }
             let row = plan(arm, target, &asked, &index, args);
             watch.done.fetch_add(1, Ordering::Relaxed);
             watch.solved.fetch_add(usize::from(row.cell.objective.is_some()), Ordering::Relaxed);
-            let written = append(&file, &row);
-            failed.fetch_or(written.is_err(), Ordering::Relaxed);
-            Some(written.map(|()| row))
+            append(&file, &row)?;
+            Ok(Some(row))
         })
     });
-    let done: Result<Vec<Row>, std::io::Error> = done.into_iter().flatten().collect();
-    for row in done.map_err(|e| ExpectedError::output(out, &e))? {
+    for row in done.map_err(|e| ExpectedError::output(out, &e))?.into_iter().flatten() {
         rows.insert(key(&row.cell.target), row);
     }
     let wanted: Vec<Row> = targets.iter().filter_map(|t| rows.get(&key(t)).cloned()).collect();
