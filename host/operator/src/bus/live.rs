@@ -210,7 +210,7 @@ mod tests {
     use super::*;
     use crate::tap::Tap;
 
-    /// Has a frame at every second look. It arrived right after the look before.
+    /// Every second `receive` gives a frame. Its time is that of the `receive` before, which gave none.
     struct Delayed {
         clock: Clock,
         arrived: Option<Instant>,

@@ -62,7 +62,7 @@ pub(crate) struct Released<const N: usize> {
 }
 
 impl<const N: usize> Released<N> {
-    /// Of a throw, `delay_s` late (early if negative).
+    /// The ball of a throw that is released `delay_s` late (early if negative).
     pub(crate) fn of(problem: &Problem<'_, N>, throw: &Throw<N>, delay_s: f64) -> Self {
         let var = Layout::<N>::VARIABLES;
         let arm = problem.arm;
@@ -86,7 +86,7 @@ impl<const N: usize> Released<N> {
         Self { delay_s, p, v, jac, by_q, qd_r, qdd_r, p1, p2, v1, v2, h_index }
     }
 
-    /// Numbers with the derivatives `by_p` and `by_v` by position and velocity of the ball.
+    /// Derivatives by the variables, from those by the position (`by_p`) and the velocity (`by_v`) of the ball.
     fn moves<const M: usize>(&self, by_p: &SMatrix<f64, M, 3>, by_v: &SMatrix<f64, M, 3>) -> Moves<N, M> {
         let columns: [(SVector<f64, M>, SVector<f64, M>); N] = std::array::from_fn(|k| {
             let column = self.jac.fixed_view::<3, 1>(0, k);

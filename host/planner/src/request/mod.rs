@@ -78,7 +78,7 @@ pub struct Planned<const N: usize> {
     pub answer: Answer<N>,
     /// `None` if the ball of the throw never comes down on the plane of the target, or stays in the fingers.
     pub plan: Option<PlanFile>,
-    /// What a store keeps of it, if it was wanted.
+    /// The record of the throw for a store, if it was wanted.
     pub record: Option<Record<N>>,
     /// What counts as a hit.
     pub region: Option<Region>,
