@@ -19,10 +19,9 @@ use std::fs::OpenOptions;
 use std::io::Write;
 
 use nalgebra::Vector3;
-use planner::plan::ladder::rungs;
 use planner::plan::rng::SplitMix64;
-use planner::plan::search::{Budget, Planner, Watch};
-use planner::plan::{Best, Kept, Ladder, Options, Problem, seeds};
+use planner::plan::{Budget, Kept, Options, Watch, seeds};
+use planner::request::{Origin, Plans, Request};
 use planner::store::Index;
 use robot_model::{AnyRobot, RobotModel, for_any_robot};
 
@@ -79,7 +78,10 @@ fn target<const N: usize>(arm: &RobotModel<N>, range_m: [f64; 2], index: u64) ->
     Vector3::new(range_m * azimuth_rad.cos(), range_m * azimuth_rad.sin(), arm.world().floor_z_m + height_m)
 }
 
-fn fill<const N: usize>(arm: &RobotModel<N>, file: &str, asked: &Asked) -> Result<(), Box<dyn Error>> {
+fn fill<const N: usize>(arm: &RobotModel<N>, file: &str, asked: &Asked) -> Result<(), Box<dyn Error>>
+where
+    RobotModel<N>: Plans<N>,
+{
     let table = if asked.starts.is_none() { seeds::built_in(arm) } else { Index::default() };
     let before = std::fs::read_to_string(file).unwrap_or_default();
     // A torn last line is computed again.
@@ -102,7 +104,10 @@ fn fill<const N: usize>(arm: &RobotModel<N>, file: &str, asked: &Asked) -> Resul
 }
 
 /// The better one of two rows for one target: the lower rung, then the lower price.
-fn better<const N: usize>(arm: &RobotModel<N>, old: &str, new: String) -> Result<String, Box<dyn Error>> {
+fn better<const N: usize>(arm: &RobotModel<N>, old: &str, new: String) -> Result<String, Box<dyn Error>>
+where
+    RobotModel<N>: Plans<N>,
+{
     let before = Row::read(old)?;
     let known =
         before.known.filter(|(rung, _)| before.throw.is_empty() || judge(arm, &before, *rung).is_ok());
@@ -117,20 +122,24 @@ fn better<const N: usize>(arm: &RobotModel<N>, old: &str, new: String) -> Result
     })
 }
 
-fn row<const N: usize>(arm: &RobotModel<N>, asked: &Asked, table: &Index<N>, index: u64) -> String {
-    let at = target(arm, asked.range_m, index);
-    let head = format!("{index},{},{},{}", at.x, at.y, at.z);
-    let seed = asked.seed ^ index << 20;
-    let found = match asked.starts {
-        Some(starts) => of_random_starts(arm, at, starts, seed),
-        None => Ladder::new(arm, at, &Options::best(), Kept::default()).ok().and_then(|ladder| {
-            let budget = Budget { seed, ..Budget::default() };
-            let settled = ladder.search(table, &budget, &Watch::default(), None).ok()?;
-            Some((settled.given_up as usize, settled.best))
-        }),
+fn row<const N: usize>(arm: &RobotModel<N>, asked: &Asked, table: &Index<N>, index: u64) -> String
+where
+    RobotModel<N>: Plans<N>,
+{
+    let target = target(arm, asked.range_m, index);
+    let head = format!("{index},{},{},{}", target.x, target.y, target.z);
+    let usual = Budget { seed: asked.seed ^ index << 20, ..Budget::default() };
+    let budget = asked.starts.map_or(usual, |starts| Budget { starts, all: true, ..usual });
+    let none = format!("{head},,,{},0,0,", 3 * budget.starts);
+    let request = Request {
+        target,
+        options: &Options::best(),
+        kept: Kept::default(),
+        from: Origin::Search { quick: None },
+        budget,
     };
-    let none = format!("{head},,,{},0,0,", 3 * asked.starts.unwrap_or(Budget::default().starts));
-    let Some((rung, best)) = found else { return none };
+    let Ok(answer) = arm.search(table, &request, &Watch::default()) else { return none };
+    let (rung, best) = (answer.given_up as usize, answer.best);
     let (price, hits) = (best.found.objective, best.confidence.at_best);
     let throw = throw_column(&best.found.throw);
     let line = format!("{head},{rung},{price},{},{},{hits},{throw}", best.starts, best.solved);
@@ -141,18 +150,4 @@ fn row<const N: usize>(arm: &RobotModel<N>, asked: &Asked, table: &Index<N>, ind
             none
         }
     }
-}
-
-fn of_random_starts<const N: usize>(
-    arm: &RobotModel<N>,
-    at: Vector3<f64>,
-    starts: usize,
-    seed: u64,
-) -> Option<(usize, Best<N>)> {
-    rungs(&Options::best(), Kept::default()).into_iter().find_map(|(given_up, options)| {
-        let problem = Problem::new(arm, at, options).ok()?;
-        let budget = Budget { starts, all: true, time: None, seed };
-        let best = Planner::new(&problem).attempt(&Index::default(), &budget, &Watch::default()).ok()?;
-        Some((given_up as usize, best))
-    })
 }

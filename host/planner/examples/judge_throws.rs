@@ -11,6 +11,7 @@
 
 use std::error::Error;
 
+use planner::request::Plans;
 use robot_model::{AnyRobot, RobotModel, for_any_robot};
 
 #[path = "../benches/best_known/judge.rs"]
@@ -41,11 +42,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     for_any_robot!(&robot, arm => judge_all(arm, &theirs, &known))
 }
 
-fn judge_all<const N: usize>(
-    arm: &RobotModel<N>,
-    theirs: &[Row],
-    known: &[Row],
-) -> Result<(), Box<dyn Error>> {
+fn judge_all<const N: usize>(arm: &RobotModel<N>, theirs: &[Row], known: &[Row]) -> Result<(), Box<dyn Error>>
+where
+    RobotModel<N>: Plans<N>,
+{
     let (mut invalid, mut missing, mut relaxed, mut stricter) = (0, 0, 0, 0);
     let mut gaps: Vec<f64> = Vec::new();
     for (index, (row, best)) in theirs.iter().zip(known).enumerate() {

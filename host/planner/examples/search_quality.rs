@@ -14,10 +14,9 @@ use std::time::Duration;
 
 use nalgebra::Vector3;
 use nix::time::{ClockId, clock_gettime};
-use planner::plan::ladder::rungs;
-use planner::plan::search::{Budget, Planner, Watch};
 use planner::plan::seeds::built_in;
-use planner::plan::{Kept, Ladder, Options, Problem};
+use planner::plan::{Budget, Kept, Options, Watch};
+use planner::request::{Origin, Plans, Request};
 use planner::store::{Index, file, robot_fingerprint};
 use robot_model::{AnyRobot, RobotModel, for_any_robot};
 
@@ -25,9 +24,6 @@ use robot_model::{AnyRobot, RobotModel, for_any_robot};
 #[allow(dead_code, reason = "other examples use the rest")]
 mod rows;
 use rows::Row;
-
-/// Stored throws that an answer from the table alone tries.
-const TRIES: usize = 6;
 
 /// A target with the best throw that is known.
 struct Known {
@@ -87,41 +83,40 @@ fn main() -> std::result::Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-fn of_arm<const N: usize>(arm: &RobotModel<N>, known: &[Known], table: &Index<N>, seeds: u64) {
+fn of_arm<const N: usize>(arm: &RobotModel<N>, known: &[Known], table: &Index<N>, seeds: u64)
+where
+    RobotModel<N>: Plans<N>,
+{
+    let search = Origin::Search { quick: None };
+    let (of_table, none) = ((arm, table), (arm, &Index::default()));
     if !table.records().is_empty() {
         for seed in 1..=seeds {
-            print(&format!("search with the table, seed {seed}"), &search(arm, known, table, seed));
+            print(&format!("search with the table, seed {seed}"), &judge(known, of_table, search, seed));
         }
-        print("table alone", &from_table(arm, known, table));
+        print("table alone", &judge(known, of_table, Origin::Library, 0));
     }
     for seed in 1..=seeds {
-        print(&format!("search without a table, seed {seed}"), &search(arm, known, &Index::default(), seed));
+        print(&format!("search without a table, seed {seed}"), &judge(known, none, search, seed));
     }
 }
 
-fn search<const N: usize>(arm: &RobotModel<N>, known: &[Known], table: &Index<N>, seed: u64) -> Result {
-    judge(known, |target| {
-        let ladder = Ladder::new(arm, *target, &Options::best(), Kept::default()).ok()?;
-        let budget = Budget { seed, ..Budget::default() };
-        let settled = ladder.search(table, &budget, &Watch::default(), None).ok()?;
-        Some((settled.given_up as usize, settled.best.found.objective))
-    })
-}
-
-fn from_table<const N: usize>(arm: &RobotModel<N>, known: &[Known], table: &Index<N>) -> Result {
-    judge(known, |target| {
-        rungs(&Options::best(), Kept::default()).into_iter().find_map(|(given_up, options)| {
-            let problem = Problem::new(arm, *target, options).ok()?;
-            Some((given_up as usize, Planner::new(&problem).from_index(table, TRIES)?.objective))
-        })
-    })
-}
-
-fn judge(known: &[Known], work: impl Fn(&Vector3<f64>) -> Option<(usize, f64)>) -> Result {
+fn judge<const N: usize>(
+    known: &[Known],
+    (arm, table): (&RobotModel<N>, &Index<N>),
+    from: Origin,
+    seed: u64,
+) -> Result
+where
+    RobotModel<N>: Plans<N>,
+{
+    let (options, watch) = (Options::best(), Watch::default());
+    let budget = Budget { seed, ..Budget::default() };
     let mut result = Result::default();
     for k in known {
         let began = cpu();
-        let found = work(&k.target);
+        let request = Request { target: k.target, options: &options, kept: Kept::default(), from, budget };
+        let answer = arm.search(table, &request, &watch).ok();
+        let found = answer.map(|answer| (answer.given_up as usize, answer.best.found.objective));
         result.seconds.push((cpu() - began).as_secs_f64());
         let lost = match found {
             None => Some("refused".to_owned()),

@@ -4,8 +4,8 @@
 //! some of them.
 
 use nalgebra::Vector3;
-use planner::plan::problem::{Options, Problem};
-use planner::plan::search::{Budget, Planner, Watch};
+use planner::plan::{Budget, Kept, Options, Watch};
+use planner::request::{Origin, Plans, Request};
 use planner::store::Index;
 use robot_model::RobotModel;
 
@@ -23,18 +23,26 @@ const ROWS: usize = 2;
 /// A price this much above the best known one is as good as that.
 const GAP: f64 = 1.02;
 
-/// The default form, without limits of the landing's shift, and without nulling: as `plan throw` goes down.
-fn search<const N: usize>(arm: &RobotModel<N>, target: Vector3<f64>) -> Option<(usize, f64)> {
-    let nulled = Options { delay_windows: Vec::new(), ..Options::best() };
-    let ladder = [Options::best(), nulled.clone(), Options { null_delay: false, ..nulled }];
-    ladder.into_iter().enumerate().find_map(|(rung, options)| {
-        let problem = Problem::new(arm, target, options).expect("valid");
-        let best = Planner::new(&problem).attempt(&Index::default(), &Budget::default(), &Watch::default());
-        Some((rung, best.ok()?.found.objective))
-    })
+/// As `plan throw` goes down: the default form, without limits of the landing's shift, and without nulling.
+fn search<const N: usize>(arm: &RobotModel<N>, target: Vector3<f64>) -> Option<(usize, f64)>
+where
+    RobotModel<N>: Plans<N>,
+{
+    let request = Request {
+        target,
+        options: &Options::best(),
+        kept: Kept::default(),
+        from: Origin::Search { quick: None },
+        budget: Budget::default(),
+    };
+    let answer = arm.search(&Index::default(), &request, &Watch::default()).ok()?;
+    Some((answer.given_up as usize, answer.best.found.objective))
 }
 
-fn finds_what_long_searches_find<const N: usize>(arm: &RobotModel<N>, file: &str) {
+fn finds_what_long_searches_find<const N: usize>(arm: &RobotModel<N>, file: &str)
+where
+    RobotModel<N>: Plans<N>,
+{
     let rows = Row::read_all(file).expect("a file of rows");
     let known: Vec<_> =
         rows.iter().filter_map(|row| row.known.map(|(rung, price)| (row.target, rung, price))).collect();
@@ -84,7 +92,10 @@ const JUDGED: usize = 37;
 /// The throws of the files are rounded to 1e-9.
 const ROUNDED: f64 = 1e-6;
 
-fn rows_are_valid<const N: usize>(arm: &RobotModel<N>, file: &str) {
+fn rows_are_valid<const N: usize>(arm: &RobotModel<N>, file: &str)
+where
+    RobotModel<N>: Plans<N>,
+{
     let rows = Row::read_all(file).expect("a file of rows");
     assert_eq!(rows.len(), 1000, "{}", arm.name());
     let mut judged = 0;

@@ -1,11 +1,8 @@
 //! Whether the throw of a row is valid, and what it costs.
 
-use nalgebra::Vector3;
-use planner::plan::file::PlanFile;
 use planner::plan::ladder::rungs;
-use planner::plan::statistics::Noise;
-use planner::plan::{Best, Found, Kept, Options, Problem};
-use planner::verify;
+use planner::plan::{Kept, Options};
+use planner::request::Plans;
 use robot_model::RobotModel;
 
 use super::rows::Row;
@@ -14,17 +11,20 @@ use super::rows::Row;
 ///
 /// # Errors
 /// What the throw lacks.
-pub(crate) fn judge<const N: usize>(arm: &RobotModel<N>, row: &Row, rung: usize) -> Result<f64, String> {
+pub(crate) fn judge<const N: usize>(arm: &RobotModel<N>, row: &Row, rung: usize) -> Result<f64, String>
+where
+    RobotModel<N>: Plans<N>,
+{
     let throw = row.throw::<N>().ok_or("the throw is missing or has another number of joints")?;
     let (_, options) = rungs(&Options::best(), Kept::default())
         .into_iter()
         .nth(rung)
         .ok_or_else(|| format!("there is no rung {rung}"))?;
-    let problem = Problem::new(arm, row.target, options).map_err(|e| e.to_string())?;
-    let found = Found { throw, objective: 0.0, iterations: 0, slope_per_m: Vector3::zeros(), touches: false };
-    let plan = PlanFile::of(&problem, &Best::alone(found), arm.name(), 0, &Noise::default(), None)
+    let plan = arm
+        .plan_of(&throw, row.target, &options)
+        .map_err(|e| e.to_string())?
         .ok_or("the ball does not come down at the target")?;
-    let report = verify::check(arm, &plan);
+    let report = arm.check(&plan);
     match report.findings.iter().find(|f| f.enforced && !f.ok) {
         Some(finding) => Err(format!("{}: {}", finding.what, finding.worst)),
         None => Ok(plan.objective.value),

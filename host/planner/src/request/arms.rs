@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use nalgebra::Vector3;
 use robot_model::RobotModel;
 
 use super::{Answer, Origin, Planned, Plans, Refusal, Request, Wanted};
@@ -9,9 +10,10 @@ use crate::plan::file::PlanFile;
 use crate::plan::finger_release::monte_carlo_with_fingers;
 use crate::plan::ladder::{Ladder, Settled};
 use crate::plan::prepare::Preparation;
-use crate::plan::statistics::monte_carlo;
-use crate::plan::{Found, Planner, Problem, ProblemError, Watch};
+use crate::plan::statistics::{Noise, monte_carlo};
+use crate::plan::{Best, Found, Options, Planner, Problem, ProblemError, Watch};
 use crate::store::{Index, Record};
+use crate::throw::Throw;
 use crate::verify;
 
 macro_rules! plans {
@@ -34,6 +36,15 @@ macro_rules! plans {
                 watch: &Watch,
             ) -> Result<Planned<$joints>, Refusal> {
                 plan(self, index, request, wanted, watch)
+            }
+
+            fn plan_of(
+                &self,
+                throw: &Throw<$joints>,
+                target: Vector3<f64>,
+                options: &Options,
+            ) -> Result<Option<PlanFile>, ProblemError> {
+                plan_of(self, throw, target, options)
             }
 
             fn prepare_step(
@@ -95,4 +106,17 @@ fn plan<const N: usize>(
     let plan = PlanFile::of(problem, &answer.best, robot, request.budget.seed, noise, region);
     let centre = problem.aim().centre();
     Ok(Planned { answer, plan, record, region, centre, landings })
+}
+
+fn plan_of<const N: usize>(
+    arm: &RobotModel<N>,
+    throw: &Throw<N>,
+    target: Vector3<f64>,
+    options: &Options,
+) -> Result<Option<PlanFile>, ProblemError> {
+    let problem = Problem::new(arm, target, options.clone())?;
+    let objective = options.goal.value(&problem, throw);
+    let found =
+        Found { throw: *throw, objective, iterations: 0, slope_per_m: Vector3::zeros(), touches: false };
+    Ok(PlanFile::of(&problem, &Best::alone(found), arm.name(), 0, &Noise::default(), None))
 }

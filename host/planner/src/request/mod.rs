@@ -16,6 +16,7 @@ use crate::plan::prepare::Preparation;
 use crate::plan::statistics::{Noise, Region};
 use crate::plan::{Best, Budget, GivenUp, Kept, NoThrow, Options, ProblemError, Watch};
 use crate::store::{Index, Record};
+use crate::throw::Throw;
 use crate::verify;
 
 /// A throw that is asked for.
@@ -121,6 +122,18 @@ pub trait Plans<const N: usize> {
         wanted: &Wanted<'_>,
         watch: &Watch,
     ) -> Result<Planned<N>, Refusal>;
+
+    /// The plan file of a throw that is already known, which need not keep any limit. `None` if its ball never comes down on the
+    /// plane of the target, or stays in the fingers.
+    ///
+    /// # Errors
+    /// The options are refused.
+    fn plan_of(
+        &self,
+        throw: &Throw<N>,
+        target: Vector3<f64>,
+        options: &Options,
+    ) -> Result<Option<PlanFile>, ProblemError>;
 
     /// [`Preparation::step`].
     fn prepare_step(
