@@ -61,7 +61,7 @@ const SAME_SHARE: f64 = 1e-3;
 /// Basins that are remembered; the dearest are forgotten.
 const REMEMBERED: usize = 64;
 /// Random starts that have to fail to find a better throw than those stored around the target.
-const ENOUGH_STORED: usize = 8;
+pub(super) const ENOUGH_STORED: usize = 4;
 /// The same without nulling, where a start takes a fifth of the time.
 const ENOUGH_STORED_PLAIN: usize = 40;
 /// Random starts that have to fail where a table has no throw near the target.

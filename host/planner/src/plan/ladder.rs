@@ -183,13 +183,5 @@ fn carry<const N: usize>(planner: &Planner<'_, '_, N>, from: &[Found<N>], watch:
     });
     let mut basins = Basins::default();
     carried.into_iter().flatten().for_each(|found| basins.add_stored(found));
-    let others = planner.finish(&basins, &stopped);
-    Some(Best {
-        found: *others.first()?,
-        starts: basins.starts(),
-        solved: basins.solved(),
-        interrupted: stopped(),
-        confidence: basins.confidence(),
-        others,
-    })
+    planner.best_of(&basins, &stopped)
 }

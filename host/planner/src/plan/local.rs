@@ -89,6 +89,9 @@ fn solve_wide<const N: usize, const D: usize>(
     let mut x = layout.variables::<D>(start);
     let mut cuts: Vec<Cut> = Vec::new();
     let mut iterations = 0;
+    // The first round knows of no collision and may end deep inside one, from where the rows lead nowhere. The start is outside more
+    // often: with the rows that were found from there it stays outside.
+    let mut may_begin_again = begin == Begin::Anywhere;
     let mut multipliers = None;
     if let Begin::Optimal { touches } = begin {
         if touches {
@@ -107,6 +110,11 @@ fn solve_wide<const N: usize, const D: usize>(
             sqp::solve(&ThrowTask { problem, layout, cuts: &cuts }, &x, &left, multipliers.take());
         iterations += local.iterations;
         if local.violation.is_nan() || local.violation > FEASIBLE || !local.objective.is_finite() {
+            if may_begin_again && !cuts.is_empty() {
+                may_begin_again = false;
+                x = layout.variables::<D>(start);
+                continue;
+            }
             return Err(Blocked {
                 violation: local.violation,
                 constraint: blocking(problem, &local.multipliers, &cuts),

@@ -228,7 +228,9 @@ impl<const N: usize> Step<'_, '_, N> {
             let Some(problem) = self.problem(at) else { return kept };
             let planner = Planner::new(&problem);
             for record in around(own, at.x, at.z, PASSED_STEPS * p.grid.step_m) {
-                if let Some(found) = planner.from_record(record) {
+                // Where nothing is known yet, also the long way from the neighbour's throw.
+                let anew = || kept.is_empty().then(|| planner.from_throw(&record.throw)).flatten();
+                if let Some(found) = planner.from_record(record).or_else(anew) {
                     keep(&mut kept, planner.record(&found), p.grid.keep);
                 }
             }

@@ -3,7 +3,7 @@
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
-use super::basins::{Basins, Surroundings};
+use super::basins::{Basins, ENOUGH_STORED, Surroundings};
 use super::local::{Begin, Found, evaluate_once, solve_from};
 use super::obstruction::obstruction;
 pub use super::outcome::{Best, Budget, NearestAttitude, NoThrow, Watch};
@@ -177,6 +177,12 @@ impl<const N: usize> Planner<'_, '_, N> {
         if watch.stop.load(Ordering::Relaxed) || none.attitude.is_some() {
             return Err(none);
         }
+        let stopped = || watch.stop.load(Ordering::Relaxed);
+        if !none.interrupted
+            && let Some(best) = self.best_of(&self.walk_from_nearest(index, &stopped, watch), &stopped)
+        {
+            return Ok(Best { starts: none.starts + best.starts, ..best });
+        }
         // No throw at all was found, so the attitude has no part in it.
         let unasked = self.without_attitude();
         let any = unasked.as_ref().map(Planner::new);
@@ -203,7 +209,20 @@ impl<const N: usize> Planner<'_, '_, N> {
         Err(NoThrow { nearest: Some(nearest), ..none })
     }
 
-    /// As [`Planner::search`], without looking for the nearest reachable target if there is no throw.
+    /// The best of the throws that some starts ended in; `None` if none did.
+    pub(super) fn best_of(&self, basins: &Basins<N>, stopped: &(dyn Fn() -> bool + Sync)) -> Option<Best<N>> {
+        let others = self.finish(basins, stopped);
+        Some(Best {
+            found: *others.first()?,
+            starts: basins.starts(),
+            solved: basins.solved(),
+            interrupted: stopped(),
+            confidence: basins.confidence(),
+            others,
+        })
+    }
+
+    /// As [`Planner::search`], without the walks and without looking for the nearest reachable target if there is no throw.
     ///
     /// # Errors
     /// [`NoThrow`] if no start ends in a throw.
@@ -214,27 +233,28 @@ impl<const N: usize> Planner<'_, '_, N> {
         let mut basins = Basins::default();
         let surroundings = self.polish_stored(index, &mut basins, &stopped, watch);
         let attitude = self.tighten_all(index, budget, &mut basins, &stopped, watch);
+        let batch = if surroundings == Surroundings::Stored { ENOUGH_STORED } else { BATCH };
         let mut begun = 0;
         while begun < budget.starts
             && !stopped()
             && (budget.all || !basins.enough(surroundings, self.problem.options.null_delay))
         {
-            let batch: Vec<u64> = ((begun as u64)..(budget.starts.min(begun + BATCH) as u64)).collect();
+            let batch: Vec<u64> = ((begun as u64)..(budget.starts.min(begun + batch) as u64)).collect();
             begun += batch.len();
             let ended =
                 each(&batch, |k| (!stopped()).then(|| counted(watch, self.solve_random(budget.seed, *k))));
             ended.into_iter().flatten().for_each(|found| basins.add_random(found));
         }
         let interrupted = stopped() && (begun < budget.starts || basins.random() < begun);
-        let starts = basins.starts();
-        let best = self.finish(&basins, &stopped);
-        let Some(found) = best.first().copied() else {
-            let target = self.problem.target;
-            let attitude = attitude.map(Box::new);
-            return Err(NoThrow { target, nearest: None, attitude, obstruction: None, starts, interrupted });
-        };
-        let confidence = basins.confidence();
-        Ok(Best { found, starts, solved: basins.solved(), interrupted, confidence, others: best })
+        let best = self.best_of(&basins, &stopped).map(|best| Best { interrupted, ..best });
+        best.ok_or_else(|| NoThrow {
+            target: self.problem.target,
+            nearest: None,
+            attitude: attitude.map(Box::new),
+            obstruction: None,
+            starts: basins.starts(),
+            interrupted,
+        })
     }
 
     /// Searches for throws with any attitude, and brings the cheapest to the one asked for. The nearest attitude if none gets
@@ -386,7 +406,7 @@ const TIGHTENED_MAX: usize = 16;
 const WALKED: usize = 4;
 /// Fewer stored throws than this say nothing about the targets they are not for.
 const TABLE_MIN: usize = 200;
-/// Random starts between two looks at what they have found; a fixed number, so that cores do not matter.
+/// Random starts between two looks at what they have found, without stored throws; a fixed number, so that cores do not matter.
 const BATCH: usize = 8;
 /// Throws that get more steps in the end, and how many.
 const FINISHED_MAX: usize = 2;
