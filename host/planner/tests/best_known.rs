@@ -1,10 +1,11 @@
-//! The default search of arms of other sizes and kinds, without any table, against the best of 2 000 random starts.
+//! The default search of arms of other sizes and kinds against best known throws.
 //!
 //! The example `best_known` makes the files. The examples `search_quality` and `judge_throws` use all rows, the tests here use
 //! some of them.
 
 use nalgebra::Vector3;
 use planner::plan::ladder::rungs;
+use planner::plan::seeds::built_in;
 use planner::plan::{Budget, Kept, Options, Planner, Problem, Watch};
 use planner::request::{Origin, Plans, Request};
 use planner::store::Index;
@@ -25,7 +26,12 @@ const ROWS: usize = 2;
 const GAP: f64 = 1.02;
 
 /// As `plan throw` goes down: the default form, without limits of the landing's shift, and without nulling.
-fn search<const N: usize>(arm: &RobotModel<N>, target: Vector3<f64>) -> Option<(usize, f64)>
+fn search<const N: usize>(
+    arm: &RobotModel<N>,
+    table: &Index<N>,
+    target: Vector3<f64>,
+    seed: u64,
+) -> Option<(usize, f64)>
 where
     RobotModel<N>: Plans<N>,
 {
@@ -34,9 +40,9 @@ where
         options: &Options::best(),
         kept: Kept::default(),
         from: Origin::Search { quick: None },
-        budget: Budget::default(),
+        budget: Budget { seed, ..Budget::default() },
     };
-    let answer = arm.search(&Index::default(), &request, &Watch::default()).ok()?;
+    let answer = arm.search(table, &request, &Watch::default()).ok()?;
     Some((answer.given_up as usize, answer.best.found.objective))
 }
 
@@ -49,8 +55,8 @@ where
         rows.iter().filter_map(|row| row.known.map(|(rung, price)| (row.target, rung, price))).collect();
     assert!(known.len() >= ROWS, "{}: {} rows with a throw", arm.name(), known.len());
     for (target, rung, objective) in known.into_iter().take(ROWS) {
-        let (found_rung, found) =
-            search(arm, target).unwrap_or_else(|| panic!("{}: {target} refused", arm.name()));
+        let (found_rung, found) = search(arm, &Index::default(), target, 1)
+            .unwrap_or_else(|| panic!("{}: {target} refused", arm.name()));
         let told = format!(
             "{} to {target}: {found} in rung {found_rung}, known {objective} in rung {rung}",
             arm.name()
@@ -157,4 +163,20 @@ fn throws_past_the_foot_and_the_floor_are_found_again_from_themselves() {
         }
     }
     assert!(tried >= 40 && found * 5 >= tried * 4, "{found} of {tried}");
+}
+
+/// Rows of the benchmark of `kr16_2` at the edge of its reach that seeds 1 and 2 both refused, though a throw is known.
+const REFUSED_ONCE: [usize; 3] = [319, 386, 573];
+
+#[test]
+fn targets_at_the_edge_of_the_reach_are_not_refused() {
+    let arm = RobotModel::<6>::load("kr16_2").expect("built in");
+    let table = built_in(&arm);
+    let rows = Row::read_all(include_str!("../benches/best_known/kr16_2-1000.csv")).expect("rows");
+    for (index, seed) in REFUSED_ONCE.into_iter().flat_map(|index| [(index, 1), (index, 2)]) {
+        let (rung, told) = rows[index].known.expect("a throw");
+        let (found_rung, found) = search(&arm, &table, rows[index].target, seed)
+            .unwrap_or_else(|| panic!("row {index} is refused with seed {seed}"));
+        assert!(found_rung <= rung && found <= told * GAP, "row {index}, seed {seed}: {found}, told {told}");
+    }
 }
