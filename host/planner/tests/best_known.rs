@@ -156,7 +156,7 @@ fn throws_past_the_foot_and_the_floor_are_found_again_from_themselves() {
         let Some((2, told)) = row.known else { continue };
         let problem = Problem::new(&arm, row.target, plain.clone()).expect("valid");
         tried += 1;
-        if let Some(again) = Planner::new(&problem).from_throw(&row.throw().expect("a throw")) {
+        if let Some(again) = Planner::new(&problem).persistent().from_throw(&row.throw().expect("a throw")) {
             // It may lead to a cheaper one.
             assert!((0.8..1.2).contains(&(again.objective / told)), "{}, told {told}", again.objective);
             found += 1;

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::basins::Basins;
-use super::local::{Begin, Found};
+use super::local::Found;
 use super::outcome::Watch;
 use super::planner::{Planner, kind_of};
 use super::problem::Problem;
@@ -38,7 +38,7 @@ impl<const N: usize> Planner<'_, '_, N> {
             }
             let next: f64 = share + step;
             if next >= 1.0 {
-                let found = self.solve(&throw, Begin::Anywhere, &Settings::default(), usize::MAX);
+                let found = self.solve(&throw, self.anywhere(), &Settings::default(), usize::MAX);
                 if found.is_some() {
                     return found;
                 }
@@ -78,8 +78,8 @@ impl<const N: usize> Planner<'_, '_, N> {
 
     fn at_other_target(&self, target: Vector3<f64>, start: &Throw<N>) -> Option<Throw<N>> {
         let problem = Problem::new(self.problem.arm, target, self.problem.options.clone()).ok()?;
-        let planner = Planner::new(&problem);
-        Some(planner.solve(start, Begin::Anywhere, &Settings::default(), usize::MAX)?.throw)
+        let planner = Planner { persistent: self.persistent, ..Planner::new(&problem) };
+        Some(planner.solve(start, self.anywhere(), &Settings::default(), usize::MAX)?.throw)
     }
 
     /// Throws that were stored for other constraints, near this target: a throw that lets the landing move with the delay

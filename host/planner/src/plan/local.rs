@@ -29,7 +29,10 @@ pub struct Found<const N: usize = JOINTS> {
 /// What is known about a start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Begin {
-    Anywhere,
+    Anywhere {
+        /// Whether a start that runs into a collision begins once more with its rows.
+        again: bool,
+    },
     /// It is the best throw to a target near this one.
     Optimal {
         /// As [`Found::touches`].
@@ -91,7 +94,7 @@ fn solve_wide<const N: usize, const D: usize>(
     let mut iterations = 0;
     // The first round knows of no collision and may end deep inside one, from where the rows lead nowhere. The start is outside more
     // often: with the rows that were found from there it stays outside.
-    let mut may_begin_again = begin == Begin::Anywhere;
+    let mut may_begin_again = begin == Begin::Anywhere { again: true };
     let mut multipliers = None;
     if let Begin::Optimal { touches } = begin {
         if touches {

@@ -31,6 +31,7 @@ pub struct Planner<'p, 'a, const N: usize = JOINTS> {
     pub(super) azimuth_rad: f64,
     pub(super) range_m: f64,
     pub(super) mirror: Option<[f64; N]>,
+    pub(super) persistent: bool,
 }
 
 impl<'p, 'a, const N: usize> Planner<'p, 'a, N> {
@@ -50,13 +51,25 @@ impl<'p, 'a, const N: usize> Planner<'p, 'a, N> {
             azimuth_rad: t.y.atan2(t.x),
             range_m: t.x.hypot(t.y),
             mirror: mirror_signs(problem),
+            persistent: false,
         }
+    }
+
+    /// A start that runs into a collision begins again with its rows: more starts end in a throw, and each takes longer.
+    #[must_use]
+    pub fn persistent(self) -> Self {
+        Self { persistent: true, ..self }
     }
 
     pub(super) fn solve_random(&self, seed: u64, index: u64) -> Option<Found<N>> {
         let mut rng = SplitMix64::stream(seed, index);
         let start = self.start(&mut rng);
-        self.solve(&start, Begin::Anywhere, &Settings::default(), usize::MAX)
+        self.solve(&start, self.anywhere(), &Settings::default(), usize::MAX)
+    }
+
+    /// Of a start of which nothing is known.
+    pub(super) fn anywhere(&self) -> Begin {
+        Begin::Anywhere { again: self.persistent }
     }
 
     /// A random throw of the search space to start from; it need not keep any limit.

@@ -203,7 +203,7 @@ impl<const N: usize> Step<'_, '_, N> {
         let made = each(&cells, |cell| {
             let mut kept = Vec::new();
             let Some(problem) = self.problem(p.target(*cell)) else { return kept };
-            let planner = Planner::new(&problem);
+            let planner = Planner::new(&problem).persistent();
             let stream = (cell.0 as u64) << 32 | (cell.1 as u64) << 16;
             let random = (0..p.grid.starts).map(|k| planner.random_start(p.seed, stream | k));
             let carried = others.get(cell).into_iter().flatten().map(|r| planner.from_throw(&r.throw));
@@ -226,7 +226,7 @@ impl<const N: usize> Step<'_, '_, N> {
             let mut kept = before.get(cell).cloned().unwrap_or_default();
             let at = p.target(*cell);
             let Some(problem) = self.problem(at) else { return kept };
-            let planner = Planner::new(&problem);
+            let planner = Planner::new(&problem).persistent();
             for record in around(own, at.x, at.z, PASSED_STEPS * p.grid.step_m) {
                 // Where nothing is known yet, also the long way from the neighbour's throw.
                 let anew = || kept.is_empty().then(|| planner.from_throw(&record.throw)).flatten();
@@ -245,7 +245,7 @@ impl<const N: usize> Step<'_, '_, N> {
             let Some(problem) = self.problem(Vector3::new(record.range_m, 0.0, record.height_m)) else {
                 return *record;
             };
-            let planner = Planner::new(&problem);
+            let planner = Planner::new(&problem).persistent();
             match planner.finished(&record.throw) {
                 Some(found) if found.objective < record.objective => planner.record(&found),
                 _ => *record,
@@ -266,7 +266,7 @@ impl<const N: usize> Step<'_, '_, N> {
             .collect();
         let edge = each(&empty, |&(c, r)| {
             let problem = self.problem(p.target((c, r)))?;
-            let planner = Planner::new(&problem);
+            let planner = Planner::new(&problem).persistent();
             let starts = NEIGHBOURS.iter().filter_map(|(dc, dr)| table.get(&(c + dc, r + dr))?.first());
             let nearest = starts
                 .filter_map(|record| planner.nearest_from_throw(&record.throw, [true, false, true]))
@@ -274,7 +274,7 @@ impl<const N: usize> Step<'_, '_, N> {
             // A hair inside, where the price has a slope.
             let inside = problem.target() + nearest.shift_m * (1.0 + 2e-3 / nearest.shift_m.norm().max(1e-6));
             let problem = self.problem(inside)?;
-            let planner = Planner::new(&problem);
+            let planner = Planner::new(&problem).persistent();
             Some(planner.record(&planner.from_throw(&nearest.throw)?))
         });
         own.into_iter().chain(edge.into_iter().flatten()).collect()
@@ -298,7 +298,7 @@ impl<const N: usize> Step<'_, '_, N> {
             let azimuth_rad = PI * (2.0 * rng.unit() - 1.0);
             let (sin, cos) = azimuth_rad.sin_cos();
             let problem = self.problem(Vector3::new(range_m * cos, range_m * sin, height_m))?;
-            let planner = Planner::new(&problem);
+            let planner = Planner::new(&problem).persistent();
             let quick = planner.from_index_quickly(&index, TRIAL_TRIES);
             let budget = Budget { starts: p.grid.starts as usize, all: false, time: None, seed: p.seed ^ k };
             let best = planner.attempt(&index, &budget, &Watch::default()).ok()?.found;

@@ -29,14 +29,14 @@ impl<const N: usize> Planner<'_, '_, N> {
 
     /// As [`Planner::from_throw`], without the second stage for other goals than the paper's objective.
     pub(super) fn solve_from_throw(&self, start: &Throw<N>) -> Option<Found<N>> {
-        self.solve(start, Begin::Anywhere, &Settings::default(), usize::MAX)
+        self.solve(start, self.anywhere(), &Settings::default(), usize::MAX)
     }
 
     /// A local solve from a throw with steps enough to end where it leads.
     #[must_use]
     pub fn finished(&self, start: &Throw<N>) -> Option<Found<N>> {
         let settings = Settings { iterations_max: FINISH_STEPS, ..Settings::default() };
-        self.solve(start, Begin::Anywhere, &settings, FINISH_STEPS)
+        self.solve(start, self.anywhere(), &settings, FINISH_STEPS)
     }
 
     /// One local solve from a stored throw.
@@ -64,7 +64,7 @@ impl<const N: usize> Planner<'_, '_, N> {
             self.problem,
             &self.scanner,
             &found.throw,
-            Begin::Anywhere,
+            self.anywhere(),
             &settings,
             2 * REFINE_STEPS,
         );
@@ -170,7 +170,9 @@ impl<const N: usize> Planner<'_, '_, N> {
     /// # Errors
     /// [`NoThrow`] with the nearest reachable target if no start ends in a throw.
     pub fn search(&self, index: &Index<N>, budget: &Budget, watch: &Watch) -> Result<Best<N>, NoThrow> {
-        let none = match self.attempt(index, budget, watch) {
+        // A search that may end in a refusal takes its time.
+        let persistent = self.clone().persistent();
+        let none = match persistent.attempt(index, budget, watch) {
             Ok(best) => return Ok(best),
             Err(none) => none,
         };
@@ -179,7 +181,7 @@ impl<const N: usize> Planner<'_, '_, N> {
         }
         let stopped = || watch.stop.load(Ordering::Relaxed);
         if !none.interrupted
-            && let Some(best) = self.best_of(&self.walk_from_nearest(index, &stopped, watch), &stopped)
+            && let Some(best) = self.best_of(&persistent.walk_from_nearest(index, &stopped, watch), &stopped)
         {
             return Ok(Best { starts: none.starts + best.starts, ..best });
         }
@@ -317,7 +319,7 @@ impl<const N: usize> Planner<'_, '_, N> {
         }
         if basins.solved() == 0 {
             let others = each(&self.other_kinds(index, kind), |start| {
-                solve(&|| self.solve(start, Begin::Anywhere, &Settings::default(), usize::MAX))
+                solve(&|| self.solve(start, self.anywhere(), &Settings::default(), usize::MAX))
             });
             others.into_iter().flatten().for_each(|found| basins.add_stored(found));
         }

@@ -4,7 +4,7 @@
 //! of the target, so stored throws keep their price and their basin only without it; from there the steps lead on.
 
 use super::attitude::arrived_with_delay;
-use super::local::{Begin, Found};
+use super::local::Found;
 use super::options::{Attitude, Cone};
 use super::outcome::NearestAttitude;
 use super::planner::Planner;
@@ -53,7 +53,7 @@ impl<'a, const N: usize> Planner<'_, 'a, N> {
             }
             let next_rad = (excess_rad - step_rad).max(0.0);
             if next_rad == 0.0 {
-                let found = self.solve(&throw, Begin::Anywhere, &Settings::default(), usize::MAX);
+                let found = self.solve(&throw, self.anywhere(), &Settings::default(), usize::MAX);
                 if let Some(found) = found {
                     return Ok(found);
                 }
