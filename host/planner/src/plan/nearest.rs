@@ -68,15 +68,14 @@ impl<const N: usize> Planner<'_, '_, N> {
     }
 
     /// Stored throws to the targets nearest to this one, the nearest first.
-    fn stored_near<'i>(
+    pub(super) fn stored_near<'i>(
         &self,
         index: &'i Index<N>,
         wanted: impl Fn(&Record<N>) -> bool,
         most: usize,
     ) -> Vec<&'i Record<N>> {
-        let away = |r: &Record<N>| (r.range_m - self.range_m).hypot(r.height_m - self.problem.target.z);
         let mut stored: Vec<&Record<N>> = index.records().iter().filter(|r| wanted(r)).collect();
-        stored.sort_by(|a, b| away(a).total_cmp(&away(b)));
+        stored.sort_by(|a, b| self.away_m(a).total_cmp(&self.away_m(b)));
         stored.truncate(most);
         stored
     }

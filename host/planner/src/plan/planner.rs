@@ -9,6 +9,7 @@ use super::problem::Problem;
 use super::rng::SplitMix64;
 use super::scan::Scanner;
 use crate::solve::sqp::Settings;
+use crate::store::Record;
 use crate::throw::{JOINTS, Throw};
 
 /// Which constraints a stored throw was made for; only the same kind is offered as a start first.
@@ -59,6 +60,11 @@ impl<'p, 'a, const N: usize> Planner<'p, 'a, N> {
     #[must_use]
     pub fn persistent(self) -> Self {
         Self { persistent: true, ..self }
+    }
+
+    /// Distance from the target of a stored throw in m, over range and height.
+    pub(super) fn away_m(&self, record: &Record<N>) -> f64 {
+        (record.range_m - self.range_m).hypot(record.height_m - self.problem.target.z)
     }
 
     pub(super) fn solve_random(&self, seed: u64, index: u64) -> Option<Found<N>> {

@@ -170,6 +170,7 @@ impl<const N: usize> Planner<'_, '_, N> {
     /// # Errors
     /// [`NoThrow`] with the nearest reachable target if no start ends in a throw.
     pub fn search(&self, index: &Index<N>, budget: &Budget, watch: &Watch) -> Result<Best<N>, NoThrow> {
+        let began = Instant::now();
         // A search that may end in a refusal takes its time.
         let persistent = self.clone().persistent();
         let none = match persistent.attempt(index, budget, watch) {
@@ -179,8 +180,9 @@ impl<const N: usize> Planner<'_, '_, N> {
         if watch.stop.load(Ordering::Relaxed) || none.attitude.is_some() {
             return Err(none);
         }
-        let stopped = || watch.stop.load(Ordering::Relaxed);
-        if !none.interrupted
+        let stopped =
+            || watch.stop.load(Ordering::Relaxed) || budget.time.is_some_and(|t| began.elapsed() >= t);
+        if !stopped()
             && let Some(best) = self.best_of(&persistent.walk_from_nearest(index, &stopped, watch), &stopped)
         {
             return Ok(Best { starts: none.starts + best.starts, ..best });
@@ -209,6 +211,26 @@ impl<const N: usize> Planner<'_, '_, N> {
             return Ok(Best { found, starts, solved: 1, interrupted, confidence, others: vec![found] });
         }
         Err(NoThrow { nearest: Some(nearest), ..none })
+    }
+
+    /// Walks to the target from the stored throws nearest to it, whatever they are expected to cost there.
+    ///
+    /// A kind of throw that reaches farther is often dearer than the one that ends before the target. Stored throws of the
+    /// cheaper one are tried first and all end at the edge of its reach.
+    fn walk_from_nearest(
+        &self,
+        index: &Index<N>,
+        stopped: &(dyn Fn() -> bool + Sync),
+        watch: &Watch,
+    ) -> Basins<N> {
+        let kind = kind_of(&self.problem.options);
+        let wanted = |r: &Record<N>| r.kind == kind && self.away_m(r) <= WALKED_WITHIN_M;
+        let walked = each(&self.stored_near(index, wanted, NEAREST_WALKED), |record| {
+            (!stopped()).then(|| counted(watch, self.walk_to_target(record, stopped)))
+        });
+        let mut basins = Basins::default();
+        walked.into_iter().flatten().for_each(|found| basins.add_stored(found));
+        basins
     }
 
     /// The best of the throws that some starts ended in; `None` if none did.
@@ -406,6 +428,9 @@ const STORED_TRIES: usize = 12;
 const TIGHTENED_MAX: usize = 16;
 /// Stored throws that are walked to the target if none leads there at once.
 const WALKED: usize = 4;
+/// Stored throws that are walked to the target before it is refused, and how far at most, in m.
+const NEAREST_WALKED: usize = 24;
+const WALKED_WITHIN_M: f64 = 0.3;
 /// Fewer stored throws than this say nothing about the targets they are not for.
 const TABLE_MIN: usize = 200;
 /// Random starts between two looks at what they have found, without stored throws; a fixed number, so that cores do not matter.
