@@ -15,7 +15,7 @@ pub const BAD_INPUT: u8 = 4;
 /// A plan does not hold what it claims.
 pub const CHECK_FAILED: u8 = 5;
 /// Interrupted by a signal before there was a result; what moved was stopped.
-pub const INTERRUPTED: u8 = operator::bus::args::INTERRUPTED;
+pub const INTERRUPTED: u8 = operator::interrupt::INTERRUPTED;
 /// The bus cannot be reached, or was lost.
 pub const BUS: u8 = 7;
 /// A drive does not answer, refuses, is in error, or did not do what it should.

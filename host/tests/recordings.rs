@@ -122,6 +122,19 @@ fn interrupt_termination_and_hang_up_end_a_recording_in_order() {
     assert_eq!(child.wait().unwrap().code(), Some(0));
 }
 
+#[test]
+fn signals_that_come_together_are_one_request_to_end() {
+    let folder = Folder::new("record-many-signals");
+    let child = recorder(&folder, "many", ATTACHED);
+    // One program sends them all, so that no other has to start in between.
+    let pid = child.id().to_string();
+    let sent = Command::new("kill").arg("-TERM").args(vec![pid; 40]).status();
+    assert!(sent.unwrap().success());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(code(&output), 0, "{}", err(&output));
+    assert!(out(&output).contains("ended by a signal"), "{}", out(&output));
+}
+
 /// Reading must not take memory in proportion to what nobody bounded: 64 MiB of address space are left for it.
 fn cubectl_with_little_memory(words: &[&str]) -> std::process::Output {
     Command::new("sh")

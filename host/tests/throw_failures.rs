@@ -260,6 +260,23 @@ fn a_host_that_is_told_to_end_in_mid_throw_stops_the_arm_before_it_ends() {
 }
 
 #[test]
+fn a_signal_half_a_second_after_the_first_ends_a_host_that_waits_for_its_arm() {
+    let folder = Folder::new("fail-insists");
+    let mut lab = Lab::new();
+    let mut told = lab.throwing(&folder);
+    // The time of the cell stands, so the arm is never seen to stop. Only a later signal ends the host.
+    let status = loop {
+        let _ = Command::new("kill").args(["-INT", &told.id().to_string()]).stderr(Stdio::null()).status();
+        if let Some(status) = told.try_wait().unwrap() {
+            break status;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    };
+    assert_eq!(status.code(), Some(6));
+    assert_eq!(lab.group().state, State::Running, "the host ended before its arm stood");
+}
+
+#[test]
 fn a_throw_that_another_host_stops_names_its_folder_and_the_clear_that_then_works() {
     let folder = Folder::new("fail-stopped");
     let mut lab = Lab::new();

@@ -373,7 +373,7 @@ pub(crate) const FOLDERS: &[Folder] = &[
     Folder {
         path: "host/operator/src",
         floors: &[
-            &["machine", "tap"],
+            &["interrupt", "machine", "tap"],
             &["log", "node"],
             &["bus", "samples"],
             &["analysis", "dialogue", "live"],

@@ -3,6 +3,7 @@
 use std::io::IsTerminal;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
@@ -19,7 +20,11 @@ pub(super) fn bar(length: u64, quiet: bool) -> ProgressBar {
     bar
 }
 
-/// Becomes true with Ctrl-C or a polite kill; a second one ends the program at once.
+/// Signals that follow the first one within this time are part of it: `timeout` and shells send one to the process and one
+/// to its group.
+const ONE_REQUEST: Duration = Duration::from_millis(500);
+
+/// Becomes true with Ctrl-C or a polite kill; one that comes later than [`ONE_REQUEST`] after it ends the program at once.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Interrupt(Arc<AtomicBool>);
 
@@ -28,8 +33,10 @@ impl Interrupt {
     pub(super) fn listen() -> Self {
         let interrupt = Self::default();
         let flag = interrupt.clone();
+        let mut first = None;
         let _ = ctrlc::set_handler(move || {
-            if flag.0.swap(true, Ordering::SeqCst) {
+            flag.0.store(true, Ordering::SeqCst);
+            if first.get_or_insert_with(Instant::now).elapsed() > ONE_REQUEST {
                 std::process::exit(130);
             }
         });

@@ -28,7 +28,7 @@
 //!       log       node                 recordings, and what their frames say; the host's node, without IO
 //!        |
 //!        v
-//!   tap    machine                     who sees the frames of a session; the arm as viewers need it
+//!   tap    machine    interrupt        who sees the frames of a session; the arm as viewers need it; Ctrl-C
 //! ```
 
 pub mod analysis;
@@ -37,6 +37,7 @@ pub mod dialogue;
 pub mod disc;
 pub mod flight_estimator;
 pub mod identify;
+pub mod interrupt;
 pub mod live;
 pub mod log;
 pub mod machine;

@@ -8,7 +8,7 @@ use super::{counted, fixed, print_json};
 use crate::advice::Place;
 use crate::error::ExpectedError;
 use operator::bus::BusArgs;
-use operator::bus::args::interrupt;
+use operator::interrupt::interrupt;
 use operator::dialogue::survey::{ModuleReport, condition};
 
 /// Arguments.

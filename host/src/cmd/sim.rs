@@ -13,7 +13,7 @@ use super::sim_robot::RobotRun;
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::BusFailure;
-use operator::bus::args::interrupt;
+use operator::interrupt::interrupt;
 use operator::bus::period::settings_with_gains;
 use operator::bus::sim::{controller_guest, no_guests};
 

@@ -12,7 +12,7 @@ use hil_sim::krc::{Krc, KrcEvent, KrcScenario};
 use hil_sim::tracker::serve::Sockets;
 use hil_sim::tracker::{BodyMotion, BodyOptions, Tracker, TrackerOptions, TrackerScenario};
 use nalgebra::Vector3;
-use operator::bus::args::interrupt;
+use operator::interrupt::interrupt;
 use protocol::{Duration, Instant};
 use robot_model::Pose;
 use rsi_protocol::Protocol;

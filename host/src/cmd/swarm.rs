@@ -15,7 +15,7 @@ use crate::error::ExpectedError;
 use crate::exit;
 use crate::trust::shrink::shrink;
 use crate::trust::{Swarm, Verdict};
-use operator::bus::args::interrupt;
+use operator::interrupt::interrupt;
 
 /// Runs that one finding may take to become smaller.
 const SHRINK_RUNS_MAX: usize = 150;

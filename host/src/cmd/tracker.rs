@@ -5,7 +5,7 @@ use std::str::FromStr;
 use std::sync::atomic::Ordering;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use operator::bus::args::interrupt;
+use operator::interrupt::interrupt;
 use operator::tracker::calibration::{Calibration, Pair, RESIDUAL_MAX_M, RoomToRobot, Solved, solve};
 use operator::tracker::client::{Place, TrackerError, measure};
 use operator::tracker::target::{Target, TargetRequest};

@@ -12,13 +12,13 @@ use hil_sim::scenario::Scenario;
 use protocol::ModuleId;
 use protocol::cyphal::id::NodeId;
 use robot_model::AnyRobot;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use super::failure::BusFailure;
 use super::live::LiveBus;
 use super::session::{Medium, Session};
 use super::sim::{Guests, SimBus, SimSetup, controller_guest, no_guests};
 use crate::bus::period::settings_with_gains;
+use crate::interrupt::interrupt;
 use crate::log::Recorder;
 use crate::machine::Machine;
 
@@ -206,36 +206,6 @@ impl BusArgs {
         }
         Ok(session)
     }
-}
-
-/// Exit code of a process that a second signal ends.
-pub const INTERRUPTED: u8 = 6;
-
-/// The flag that Ctrl-C, SIGTERM and SIGHUP set. The handlers are installed once per process; a second signal ends it at
-/// once. A SIGHUP that the parent has chosen to ignore (`nohup`) stays ignored.
-pub fn interrupt() -> Arc<AtomicBool> {
-    static FLAG: std::sync::OnceLock<Arc<AtomicBool>> = std::sync::OnceLock::new();
-    Arc::clone(FLAG.get_or_init(|| {
-        let flag = Arc::new(AtomicBool::new(false));
-        let code = i32::from(INTERRUPTED);
-        for signal in [SIGINT, SIGTERM, SIGHUP] {
-            if signal == SIGHUP && is_ignored(SIGHUP) {
-                continue;
-            }
-            // In this order: the first signal finds the flag unset and sets it, the second one ends the program.
-            let _ = signal_hook::flag::register_conditional_shutdown(signal, code, Arc::clone(&flag));
-            let _ = signal_hook::flag::register(signal, Arc::clone(&flag));
-        }
-        flag
-    }))
-}
-
-/// The process was started with this signal ignored, as far as the system tells.
-fn is_ignored(signal: i32) -> bool {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
-    mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok())
-        .is_some_and(|mask| mask >> (signal - 1) & 1 != 0)
 }
 
 /// `3`, `1-6` or `1,2,5-7` as addresses.

@@ -9,7 +9,7 @@ use super::options::{PlanOptions, default_table};
 use super::require_writable;
 use crate::error::ExpectedError;
 use crate::exit;
-use operator::bus::args::interrupt;
+use operator::interrupt::interrupt;
 use planner::plan::ladder;
 use planner::plan::prepare::{Grid, Preparation};
 use planner::plan::search::kind_of;

@@ -10,7 +10,7 @@ use nalgebra::{Vector2, Vector3};
 use super::options::{PlanOptions, Starts, note, two_numbers};
 use crate::error::ExpectedError;
 use crate::exit;
-use operator::bus::args::interrupt;
+use operator::interrupt::interrupt;
 use planner::flight::Course;
 use planner::plan::file::PlanFile;
 use planner::plan::library::nearest_stored;

@@ -16,7 +16,7 @@ use super::search::{Planned, Watcher};
 use super::shards::table_error;
 use crate::error::ExpectedError;
 use crate::exit;
-use operator::bus::args::interrupt;
+use operator::interrupt::interrupt;
 
 /// Most targets of a list.
 const LIST_MAX_ROWS: u64 = 1_000_000;

@@ -22,7 +22,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use can_link::{BusSpec, Granted, Role, RsiSpec, Urgent};
 use hil_sim::krc::KrcScenario;
 use operator::bus::BusArgs;
-use operator::bus::args::interrupt;
+use operator::interrupt::interrupt;
 use operator::rsi::live::{Exchange, Host, Port, Time, serve};
 use operator::rsi::log::{HEAD, Line};
 use operator::rsi::station::Station;

@@ -29,7 +29,7 @@ use crate::cmd::rsi::{LOG, Watch, description, serve_at, write_description};
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::motion;
-use operator::bus::args::interrupt;
+use operator::interrupt::interrupt;
 use operator::rsi::cell::{self, Seen};
 use operator::rsi::cycles::cycles;
 use operator::rsi::live::Exchange;
