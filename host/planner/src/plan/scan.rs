@@ -327,9 +327,17 @@ fn flying_ball<const N: usize>(problem: &Problem<'_, N>, throw: &Throw<N>, out: 
     // Distance of body k at a time; what is far is not measured exactly.
     let distance = |k: usize, s: f64, frames: &Frames<N>, p: &Vector3<f64>| -> f64 {
         let Some(o) = k.checked_sub(bodies) else {
-            let obb = placed(problem, frames, k);
-            let gap = (obb.pose.pos - p).norm() - obb.radius_m() - radius_m;
-            return if gap > 0.3 { gap } else { obb.proximity_to_sphere(p, radius_m).distance_m };
+            let body = &arm.collision().boxes()[k];
+            let centre = match body.link.checked_sub(1) {
+                Some(i) => frames.x_w[i].transform_point(&body.x_lb.pos),
+                None => body.x_lb.pos,
+            };
+            let gap = (centre - p).norm() - body.half_m.norm() - radius_m;
+            return if gap > FAR_FROM_BALL_M {
+                gap
+            } else {
+                placed(problem, frames, k).proximity_to_sphere(p, radius_m).distance_m
+            };
         };
         // An obstacle that holds the target (a table, a bin) is met at the end of the flight.
         if s >= throw.flight_s - RELEASE_BLIND_S {
@@ -387,6 +395,8 @@ fn flying_ball<const N: usize>(problem: &Problem<'_, N>, throw: &Throw<N>, out: 
     }
 }
 
+/// Bodies whose bounding sphere is farther than this from the ball are not measured exactly.
+const FAR_FROM_BALL_M: f64 = 0.3;
 /// Instants of the flight, what is near enough to look between them, and how often a step is halved there.
 const BALL_STEPS: usize = 40;
 const BALL_REFINE_BELOW_M: f64 = 0.1;
