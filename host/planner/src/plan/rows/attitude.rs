@@ -87,7 +87,7 @@ mod tests {
     use crate::plan::options::Cone;
     use crate::plan::paper::PaperParameters;
     use crate::plan::problem::Options;
-    use crate::plan::rows::kinematic::kinematic_rows;
+    use crate::plan::rows::kinematic::{AtRelease, release_rows};
     use crate::solve::{Gradient, Row};
     use crate::throw::{Arm, Joints};
 
@@ -142,7 +142,7 @@ mod tests {
             let x = layout.variables(&throw);
             let at = |x: &Row<WIDE>| {
                 let mut rows = Rows { value: [f64::NAN; 3], gradient: [[0.0; WIDE]; 3] };
-                kinematic_rows(&problem, &layout, x, &[], &mut rows);
+                release_rows(&problem, &layout, x, &AtRelease::of(&problem, &layout.throw(x)), &mut rows);
                 rows
             };
             let claimed = at(&x);
@@ -185,7 +185,13 @@ mod tests {
         let mut throw = h.throws(&problem)[0].throw;
         throw.qd_rad_s = Joints::zeros();
         let mut rows = Rows { value: [f64::NAN; 3], gradient: [[0.0; WIDE]; 3] };
-        kinematic_rows(&problem, &layout, &layout.variables(&throw), &[], &mut rows);
+        release_rows(
+            &problem,
+            &layout,
+            &layout.variables(&throw),
+            &AtRelease::of(&problem, &throw),
+            &mut rows,
+        );
         assert!((rows.value[2] + 1.0).abs() < 1e-9, "at rest it lacks the whole rate: {:?}", rows.value);
         assert!(rows.gradient.iter().flatten().all(|g| g.is_finite()));
     }

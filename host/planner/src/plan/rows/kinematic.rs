@@ -1,19 +1,20 @@
-//! The rows that need the arm's kinematics: launch, direction of the throw, release point, arrival.
+//! The rows that need the arm's kinematics: launch, direction of the throw, release point, arrival; limits at instants of the
+//! motion.
 
 use nalgebra::Vector3;
-use robot_model::{Frames, Jacobian};
+use robot_model::{Frames, Jacobian, Pose};
 
 use super::WINDOW;
 use super::arriving::Arriving;
 use super::attitude::attitude_rows;
 use super::current::release_current_rows;
-use super::delay::delay_rows;
 use super::opening::opening_rows;
 use crate::flight::aim::Aim;
 use crate::plan::cuts::{Cut, CutContext};
 use crate::plan::layout::{ACROSS, CUTS_MAX, LAUNCH, Layout, TURNING};
 use crate::plan::problem::Problem;
 use crate::solve::{Gradient, Row, Sink};
+use crate::throw::Throw;
 
 /// The hand at the release.
 struct Hand<'c, const N: usize> {
@@ -57,41 +58,53 @@ impl<const N: usize> Hand<'_, N> {
     }
 }
 
-/// The rows that need the arm's kinematics or dynamics.
-pub(crate) fn kinematic_rows<S: Sink<D>, const N: usize, const D: usize>(
+/// The arm and the ball at the release: what both kinds of rows start from.
+pub(super) struct AtRelease<const N: usize> {
+    pub(super) throw: Throw<N>,
+    frames: Frames<N>,
+    ball: Pose,
+    jac: Jacobian<N>,
+    /// What joint angles change of the twist.
+    by_q: Jacobian<N>,
+    v: Vector3<f64>,
+    w: Vector3<f64>,
+}
+
+impl<const N: usize> AtRelease<N> {
+    pub(super) fn of(problem: &Problem<'_, N>, throw: &Throw<N>) -> Self {
+        let frames = problem.arm.fk(&throw.q_rad);
+        let ball = problem.arm.ball(&frames);
+        let jac = frames.jacobian(&ball.pos);
+        let twist = jac * throw.qd_rad_s;
+        let by_q = frames.twist_gradient(&jac, &throw.qd_rad_s);
+        let (v, w) = (Vector3::new(twist[0], twist[1], twist[2]), Vector3::new(twist[3], twist[4], twist[5]));
+        Self { throw: *throw, frames, ball, jac, by_q, v, w }
+    }
+}
+
+/// The rows that need the arm's kinematics or dynamics at the release only.
+pub(super) fn release_rows<S: Sink<D>, const N: usize, const D: usize>(
     problem: &Problem<'_, N>,
     layout: &Layout<N>,
     x: &Row<D>,
-    cuts: &[Cut],
+    release: &AtRelease<N>,
     sink: &mut S,
 ) {
-    let arm = problem.arm;
-    let throw = layout.throw(x);
-    let (q, qd) = (&throw.q_rad, &throw.qd_rad_s);
-    let frames = arm.fk(q);
-    let ball = arm.ball(&frames);
-    let p = ball.pos;
-    let jac = frames.jacobian(&p);
-    let twist = jac * qd;
-    let v = Vector3::new(twist[0], twist[1], twist[2]);
-    let w = Vector3::new(twist[3], twist[4], twist[5]);
-    let by_q = frames.twist_gradient(&jac, qd);
+    let AtRelease { throw, frames, ball, jac, by_q, v, w } = release;
+    let (p, v, w) = (ball.pos, *v, *w);
     let axes = std::array::from_fn(|i| ball.rot.column(i).into());
     let aim = layout.aim(problem, x);
     let end = problem.flight.fly(&p, &v, throw.flight_s);
-    let arriving = Arriving { end: &end, throw: &throw, by_q: &by_q, jac: &jac };
+    let arriving = Arriving { end: &end, throw, by_q, jac };
     launch_rows(layout, &aim, &arriving, sink);
-    direction_rows(problem, &Hand { frames: &frames, axes, jac: &jac, by_q: &by_q, v, w }, sink);
-    delay_rows(problem, layout, x, &throw, sink);
-    point_rows(problem, &p, &jac, sink);
+    direction_rows(problem, &Hand { frames, axes, jac, by_q, v, w }, sink);
+    point_rows(problem, &p, jac, sink);
     arrival_rows(problem, &arriving, sink);
     opening_rows(problem, &aim, &arriving, sink);
-    attitude_rows(problem, &frames, &arriving, &w, sink);
+    attitude_rows(problem, frames, &arriving, &w, sink);
     if !problem.options.current_over_motion {
-        release_current_rows(problem, &throw, &frames, sink);
+        release_current_rows(problem, throw, frames, sink);
     }
-    let context = CutContext { problem, throw: &throw, p0: p, v0: v, jac: &jac, by_q: &by_q };
-    cut_rows(layout, cuts, &context, sink);
 }
 
 /// Launch: where the ball is after the time of flight, over that time. In vacuum it is the velocity in excess of the one that
@@ -168,17 +181,20 @@ fn direction_rows<S: Sink<D>, const N: usize, const D: usize>(
 }
 
 /// Limits where a scan of the motion has found them broken.
-fn cut_rows<S: Sink<D>, const N: usize, const D: usize>(
+pub(super) fn cut_rows<S: Sink<D>, const N: usize, const D: usize>(
+    problem: &Problem<'_, N>,
     layout: &Layout<N>,
     cuts: &[Cut],
-    context: &CutContext<'_, '_, N>,
+    release: &AtRelease<N>,
     sink: &mut S,
 ) {
-    let first = Layout::<N>::NUMBERS.cut;
+    let AtRelease { throw, ball, jac, by_q, v, .. } = release;
+    let context = CutContext { problem, throw, p0: ball.pos, v0: *v, jac, by_q };
     for (i, cut) in cuts.iter().enumerate().take(CUTS_MAX) {
-        if sink.wants(first + i) {
-            let (value, gradient): (f64, Row<D>) = cut.evaluate(context, layout);
-            sink.ineq(first + i, value, |g| {
+        let id = Layout::<N>::NUMBERS.cut + i;
+        if sink.wants(id) {
+            let (value, gradient): (f64, Row<D>) = cut.evaluate(&context, layout);
+            sink.ineq(id, value, |g| {
                 for (i, c) in gradient.iter().enumerate().take(layout.n) {
                     g.add(i, *c);
                 }

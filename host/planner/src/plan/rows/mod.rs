@@ -18,7 +18,7 @@
 //! | module | rows |
 //! |---|---|
 //! | `spline` | objective, limits (2) to (6), bounds of the times |
-//! | `kinematic` | launch, direction of the throw, release point, arrival |
+//! | `kinematic` | launch, direction of the throw, release point, arrival; limits at instants of the motion |
 //! | `arriving` | the ball at the end of its flight, as rows use it |
 //! | `opening` | the ball passes through an opening |
 //! | `attitude` | a thing arrives with its axis in a direction |
@@ -41,9 +41,9 @@ mod spline;
 
 use std::ops::Range;
 
-use self::delay::JITTER_S;
+use self::delay::{JITTER_S, delay_rows};
 use self::goal::{goal_rows, has_goal};
-use self::kinematic::kinematic_rows;
+use self::kinematic::{AtRelease, cut_rows, release_rows};
 use self::spline::spline_rows;
 use super::cuts::Cut;
 use super::layout::{EQUALITIES, Layout};
@@ -67,8 +67,25 @@ pub(crate) enum Part {
     Spline,
     /// The landing; it does not depend on the time of flight but follows from the motion at the release.
     Goal,
-    /// Functions of (q, q̇, F[, q̈]). Without nulling they are linear in q̇ (J q̇) apart from currents.
-    Kinematic,
+    /// Functions of (q, q̇, F) at the release. Most are linear in q̇ (J q̇).
+    Release,
+    /// Functions of (q, q̇, q̈) at other instants: the landing of a late or early release, cuts. Without nulling their curvature
+    /// along q̇ is left out.
+    Motion,
+}
+
+impl<const N: usize> ThrowTask<'_, '_, N> {
+    /// Whether a row at the release bends with the speeds of the joints, and with their accelerations.
+    fn release_bends_with_speed(&self) -> bool {
+        let options = &self.problem.options;
+        if options.attitude.is_some_and(|a| a.is_asked()) {
+            return true;
+        }
+        let arrival = &options.arrival;
+        let of_arrival =
+            arrival.speed_m_s.is_some() || arrival.descent_rad.is_some() || options.opening.is_some();
+        self.layout.qdd && (of_arrival || !options.current_over_motion || !self.problem.flight.is_vacuum())
+    }
 }
 
 impl<const N: usize, const D: usize> Task<D> for ThrowTask<'_, '_, N> {
@@ -92,7 +109,10 @@ impl<const N: usize, const D: usize> Task<D> for ThrowTask<'_, '_, N> {
     }
 
     fn rows<S: Sink<D>>(&self, x: &Row<D>, sink: &mut S) {
-        kinematic_rows(self.problem, &self.layout, x, self.cuts, sink);
+        let release = AtRelease::of(self.problem, &self.layout.throw(x));
+        release_rows(self.problem, &self.layout, x, &release, sink);
+        delay_rows(self.problem, &self.layout, x, &release.throw, sink);
+        cut_rows(self.problem, &self.layout, self.cuts, &release, sink);
         spline_rows(self.problem, &self.layout, x, sink);
         goal_rows(self.problem, &self.layout, x, sink);
     }
@@ -102,26 +122,36 @@ impl<const N: usize, const D: usize> Task<D> for ThrowTask<'_, '_, N> {
         [(Part::Spline, When::Always)]
             .into_iter()
             .chain(goal)
-            .chain([(Part::Kinematic, When::WithMultipliers)])
+            .chain([(Part::Release, When::WithMultipliers), (Part::Motion, When::WithMultipliers)])
     }
 
     fn part_rows<S: Sink<D>>(&self, part: Part, x: &Row<D>, sink: &mut S) {
+        let (problem, layout) = (self.problem, &self.layout);
         match part {
-            Part::Spline => spline_rows(self.problem, &self.layout, x, sink),
-            Part::Goal => goal_rows(self.problem, &self.layout, x, sink),
-            Part::Kinematic => kinematic_rows(self.problem, &self.layout, x, self.cuts, sink),
+            Part::Spline => spline_rows(problem, layout, x, sink),
+            Part::Goal => goal_rows(problem, layout, x, sink),
+            Part::Release => {
+                release_rows(problem, layout, x, &AtRelease::of(problem, &layout.throw(x)), sink)
+            }
+            Part::Motion => {
+                let throw = layout.throw(x);
+                delay_rows(problem, layout, x, &throw, sink);
+                let first = Layout::<N>::NUMBERS.cut;
+                if (0..self.cuts.len()).any(|i| sink.wants(first + i)) {
+                    cut_rows(problem, layout, self.cuts, &AtRelease::of(problem, &throw), sink);
+                }
+            }
         }
     }
 
     fn bends(&self, part: Part, k: usize) -> bool {
         let var = Layout::<N>::VARIABLES;
+        let of_state = k != var.ha && k != var.hb;
         match part {
             Part::Spline => k >= var.qd && k != var.f,
             Part::Goal => k != var.f,
-            Part::Kinematic => {
-                let rotates = self.problem.options.attitude.is_some_and(|a| a.is_asked());
-                k < var.qd || k == var.f || (self.layout.qdd || rotates) && k != var.ha && k != var.hb
-            }
+            Part::Release => k < var.qd || k == var.f || of_state && self.release_bends_with_speed(),
+            Part::Motion => k < var.qd || self.layout.qdd && of_state && k != var.f,
         }
     }
 
@@ -130,7 +160,7 @@ impl<const N: usize, const D: usize> Task<D> for ThrowTask<'_, '_, N> {
             // Linear in q: only its coupling is left, and it is not differenced along q.
             Part::Spline => i >= Layout::<N>::VARIABLES.qd,
             Part::Goal => true,
-            Part::Kinematic => Task::<D>::bends(self, part, i),
+            Part::Release | Part::Motion => Task::<D>::bends(self, part, i),
         }
     }
 }
