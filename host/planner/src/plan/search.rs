@@ -10,7 +10,7 @@ pub use super::outcome::{Best, Budget, NearestAttitude, NoThrow, Watch};
 pub use super::planner::{Planner, kind_of};
 use super::warm_start::{RINGS, WarmStart, warm_starts};
 use crate::parallel::each;
-use crate::solve::sqp::Settings;
+use crate::solve::sqp::{Chord, Settings};
 use crate::store::{Index, Record};
 use crate::throw::Throw;
 
@@ -421,6 +421,7 @@ const QUICK: Settings = Settings {
     // At the edge of the reach a throw nearly fits, and the rows that the look along it adds put it far off. Of 43 first tries in vain
     // for 1000 targets (paper's form) 22 were that far off, of 1022 successful tries one.
     hopeless_above: 0.5,
+    chord: Chord::NEAR,
 };
 /// Stored throws that a full search polishes.
 const STORED_TRIES: usize = 12;

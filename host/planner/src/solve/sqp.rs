@@ -37,6 +37,25 @@ pub struct Settings {
     pub patience: usize,
     /// A run that is farther than this from the constraints ends at once.
     pub hopeless_above: f64,
+    /// When the matrix of a step is used again.
+    pub chord: Chord,
+}
+
+/// After a full step shorter than `step` in every variable its matrix is used again, if it has brought the violation down to
+/// `share` of what it was.
+#[derive(Debug, Clone, Copy)]
+pub struct Chord {
+    /// Largest change of a variable.
+    pub step: f64,
+    /// Part of the violation that may be left.
+    pub share: f64,
+}
+
+impl Chord {
+    /// For starts of which nothing is known, and objectives that bend much.
+    pub const CAREFUL: Self = Self { step: 0.04, share: 0.2 };
+    /// For starts near a solution.
+    pub const NEAR: Self = Self { step: 0.1, share: 0.4 };
 }
 
 impl Default for Settings {
@@ -48,6 +67,7 @@ impl Default for Settings {
             give_up_above: f64::INFINITY,
             patience: 25,
             hopeless_above: f64::INFINITY,
+            chord: Chord::CAREFUL,
         }
     }
 }
@@ -75,10 +95,6 @@ const STEP_FAR_RAD: f64 = 2.5;
 const RELAX_PRICE: f64 = 1e4;
 const RELAX_DAMPING: f64 = 30.0;
 const RELAX_CAP: f64 = 1e2;
-/// After a full step shorter than this in every variable the factors are used again, unless that has just failed to
-/// bring the violation down to the given share.
-const CHORD_STEP: f64 = 0.04;
-const CHORD_SHARE: f64 = 0.2;
 /// Below this violation a step or two back into the constraints suffice.
 const NEARLY_FEASIBLE: f64 = 1e-3;
 /// The last steps of a run only go back into the constraints, if they are no farther away than this.
@@ -227,7 +243,7 @@ impl<'t, const D: usize, T: Task<D>> Run<'t, D, T> {
         if near_the_end && self.rows.objective + 2.0 * slope.min(0.0) > self.settings.give_up_above {
             return None;
         }
-        let chord = short(CHORD_STEP);
+        let chord = short(self.settings.chord.step);
         // Nothing left to gain, or no steps left to gain it, but not feasible yet: steps along a nearly flat valley would
         // bend out of the constraints again and again, so only go back into them, the shortest way.
         let out_of_steps =
@@ -246,7 +262,7 @@ impl<'t, const D: usize, T: Task<D>> Run<'t, D, T> {
         if full && self.believed && finish && self.violation <= self.settings.feasibility {
             return None;
         }
-        if full && self.believed && chord && self.violation <= (CHORD_SHARE * before).max(1e-7) {
+        if full && self.believed && chord && self.violation <= (self.settings.chord.share * before).max(1e-7) {
             self.factor = Some(used);
         }
         self.believed = plain;
