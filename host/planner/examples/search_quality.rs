@@ -148,7 +148,7 @@ fn print(what: &str, r: &Result) {
     };
     let within = r.gaps.iter().filter(|g| **g <= 0.02).count();
     println!(
-        "  {what}: {within} within 2 %, {} above, {} relaxed, {} refused, {} under more limits; gap median {:.3} %, worst {:.2} %; {} better by 0.1 %; CPU time p50 {:.1} ms, p99 {:.1} ms",
+        "  {what}: {within} within 2 %, {} above, {} relaxed, {} refused, {} under more limits; gap median {:.3} %, worst {:.2} %; {} better by 0.1 %; CPU time p50 {:.2} ms, p99 {:.2} ms, mean {:.2} ms",
         r.gaps.len() - within,
         r.relaxed,
         r.refused,
@@ -158,6 +158,7 @@ fn print(what: &str, r: &Result) {
         r.gaps.iter().filter(|g| **g < -1e-3).count(),
         1e3 * quantile(&r.seconds, 0.5),
         1e3 * quantile(&r.seconds, 0.99),
+        1e3 * r.seconds.iter().sum::<f64>() / r.seconds.len().max(1) as f64,
     );
 }
 
