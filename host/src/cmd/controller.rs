@@ -23,13 +23,13 @@ use super::upload::node_id;
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::BusFailure;
-use operator::interrupt::interrupt;
 use operator::bus::cycle_timing;
 use operator::bus::entropy;
 use operator::bus::period::{NoPeriod, apply, choose};
 use operator::bus::settings::settings_of;
 use operator::bus::soft::SoftReport;
 use operator::bus::storage::FileStorage;
+use operator::interrupt::interrupt;
 
 /// Time between two looks at the state of the group.
 const LOOK: Duration = Duration::from_millis(20);

@@ -13,9 +13,9 @@ use super::sim_robot::RobotRun;
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::BusFailure;
-use operator::interrupt::interrupt;
 use operator::bus::period::settings_with_gains;
 use operator::bus::sim::{controller_guest, no_guests};
+use operator::interrupt::interrupt;
 
 /// Time between two looks at how late the machine was, and the lag that is told when it happens: a controller with a cycle
 /// of 3 ms loses two answers in a row.

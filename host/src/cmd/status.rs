@@ -8,8 +8,8 @@ use super::{fixed, print_json};
 use crate::advice::Place;
 use crate::error::ExpectedError;
 use operator::bus::BusArgs;
-use operator::interrupt::interrupt;
 use operator::dialogue::survey::{ModuleReport, condition};
+use operator::interrupt::interrupt;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
