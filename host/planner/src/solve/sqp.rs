@@ -262,7 +262,8 @@ impl<'t, const D: usize, T: Task<D>> Run<'t, D, T> {
         if full && self.believed && finish && self.violation <= self.settings.feasibility {
             return None;
         }
-        if full && self.believed && chord && self.violation <= (self.settings.chord.share * before).max(1e-7) {
+        if full && self.believed && chord && self.violation <= (self.settings.chord.share * before).max(1e-7)
+        {
             self.factor = Some(used);
         }
         self.believed = plain;

@@ -131,7 +131,7 @@ impl<const N: usize, const D: usize> Task<D> for ThrowTask<'_, '_, N> {
             Part::Spline => spline_rows(problem, layout, x, sink),
             Part::Goal => goal_rows(problem, layout, x, sink),
             Part::Release => {
-                release_rows(problem, layout, x, &AtRelease::of(problem, &layout.throw(x)), sink)
+                release_rows(problem, layout, x, &AtRelease::of(problem, &layout.throw(x)), sink);
             }
             Part::Motion => {
                 let throw = layout.throw(x);
