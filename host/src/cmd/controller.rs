@@ -41,7 +41,7 @@ const HALT_TIME: Duration = Duration::from_millis(50);
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl controller --bus can0 --storage arm.storage\n  cubectl controller --bus socketcand://127.0.0.1:29536/can0 --period 17\n  cubectl controller --bus can0 --robot my_arm.toml --gains gains.toml\n  cubectl throw --target 1,1,-1 --bus can0 --controller 10   # in another terminal\n\nThe period is that of the storage, or --period, or the shortest one that this machine and this bus hold: a second of\nquestions to the drives tells. One that does not hold is refused before anything moves. A real-time priority is\nasked for and used where the system allows it (limits.conf: rtprio, memlock).\n\nCtrl-C stops the arm along its path and halts the drives; another Ctrl-C half a second later ends at once, the drives' watchdogs then stop them."
+    after_help = "Examples:\n  cubectl controller --bus can0 --storage arm.storage\n  cubectl controller --bus socketcand://127.0.0.1:29536/can0 --period 17\n  cubectl controller --bus can0 --robot my_arm.toml --gains gains.toml\n  cubectl throw --target 1,1,-1 --bus can0 --controller 10   # in another terminal\n\nThe period is that of the storage, or --period, or the shortest one that this machine and this bus hold: a second of\nquestions to the drives tells. One that does not hold is refused before anything moves. A real-time priority is\nasked for and used where the system allows it (limits.conf: rtprio, memlock).\n\nCtrl-C stops the arm along its path and halts the drives; another Ctrl-C half a second later ends at once, the drives'\nwatchdogs then stop them."
 )]
 pub struct Args {
     /// Bus: can0, socketcand://host:port/bus, slcan:/dev/ttyACM0 or slcan://host:port.
