@@ -15,11 +15,9 @@ use operator::bus::sim::SimSetup;
 use operator::port::{BallSeen, InProcess};
 use operator::throw::outcome::{default_tolerance_m, judge};
 use operator::throw::{Job, Outcome, Record, job};
-use planner::plan::file::PlanFile;
-use planner::plan::problem::{Options, Problem};
-use planner::plan::search::{Budget, Planner, Watch};
 use planner::plan::statistics::Noise;
-use planner::plan::{Arm, seeds};
+use planner::plan::{Arm, Budget, Kept, Options, Watch, seeds};
+use planner::request::{Origin, Plans, Request, Wanted};
 use robot_model::AnyRobot;
 use robot_model::collision::Scene;
 
@@ -31,11 +29,17 @@ fn main() -> Result<(), Box<dyn Error>> {
     let target_m = Vector3::new(*x, *y, *z);
 
     let arm = Arm::load("powercube6")?;
-    let problem = Problem::new(&arm, target_m, Options::best())?;
-    let budget = Budget { starts: 2, all: false, time: None, seed: SEED };
-    let found = Planner::new(&problem).search(&seeds::built_in(&arm), &budget, &Watch::default())?;
-    let plan = PlanFile::of(&problem, &found, "powercube6", SEED, &Noise::default(), None)
-        .ok_or("the ball does not come down on the plane of the target")?;
+    let request = Request {
+        target: target_m,
+        options: &Options::best(),
+        kept: Kept { shift_limits: true, nulling: true },
+        from: Origin::Search { quick: None },
+        budget: Budget { starts: 2, all: false, time: None, seed: SEED },
+    };
+    let wanted =
+        Wanted { robot: "powercube6", noise: &Noise::default(), region: None, draws: None, record: false };
+    let planned = arm.plan(&seeds::built_in(&arm), &request, &wanted, &Watch::default())?;
+    let plan = planned.plan.ok_or("the ball does not come down on the plane of the target")?;
 
     let robot = AnyRobot::load("powercube6")?;
     let mut setup = SimSetup::default();

@@ -4,12 +4,9 @@ use std::error::Error;
 use std::path::Path;
 
 use nalgebra::Vector3;
-use planner::plan::file::PlanFile;
-use planner::plan::problem::{Options, Problem};
-use planner::plan::search::{Budget, Planner, Watch};
 use planner::plan::statistics::Noise;
-use planner::plan::{Arm, seeds};
-use planner::verify;
+use planner::plan::{Arm, Budget, Kept, Options, Watch, seeds};
+use planner::request::{Origin, Plans, Request, Wanted};
 
 fn main() -> Result<(), Box<dyn Error>> {
     // Target in the frame of the arm's base, m; z is up.
@@ -21,17 +18,24 @@ fn main() -> Result<(), Box<dyn Error>> {
     let arm = Arm::load("powercube6")?;
     let starts = seeds::built_in(&arm);
 
-    let problem = Problem::new(&arm, target, Options::best())?;
-    let budget = Budget { starts: 8, all: false, time: None, seed: 1 };
-    let best = Planner::new(&problem).search(&starts, &budget, &Watch::default())?;
-    let throw = &best.found.throw;
+    let request = Request {
+        target,
+        options: &Options::best(),
+        // Of the options nothing is given up for a target that is hard to reach.
+        kept: Kept { shift_limits: true, nulling: true },
+        from: Origin::Search { quick: None },
+        budget: Budget { starts: 8, all: false, time: None, seed: 1 },
+    };
+    let wanted =
+        Wanted { robot: "powercube6", noise: &Noise::default(), region: None, draws: None, record: false };
+    let planned = arm.plan(&starts, &request, &wanted, &Watch::default())?;
+    let throw = &planned.answer.best.found.throw;
     println!("release after {:.3} s, flight of {:.3} s", throw.ha_s, throw.flight_s);
 
     // The plan as a file, and a second opinion that shares nothing with the planner.
-    let file = PlanFile::of(&problem, &best, "powercube6", budget.seed, &Noise::default(), None)
-        .ok_or("the ball does not land")?;
+    let file = planned.plan.ok_or("the ball does not land")?;
     println!("lands at {:.3?} m", file.landing.position_m);
-    if let Some(wrong) = verify::check(&arm, &file).findings.into_iter().find(|f| f.enforced && !f.ok) {
+    if let Some(wrong) = arm.check(&file).findings.into_iter().find(|f| f.enforced && !f.ok) {
         return Err(format!("the plan is refused: {wrong:?}").into());
     }
     if let Some(path) = arguments.get(3) {
