@@ -264,7 +264,7 @@ fn a_signal_half_a_second_after_the_first_ends_a_host_that_waits_for_its_arm() {
     let folder = Folder::new("fail-insists");
     let mut lab = Lab::new();
     let mut told = lab.throwing(&folder);
-    // The time of the cell stands, so the arm is never seen to stop. Only a later signal ends the host.
+    // Simulated time does not advance in this loop, so the host never sees the arm stop. Only a later signal ends the host.
     let status = loop {
         let _ = Command::new("kill").args(["-INT", &told.id().to_string()]).stderr(Stdio::null()).status();
         if let Some(status) = told.try_wait().unwrap() {

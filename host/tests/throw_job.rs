@@ -23,9 +23,10 @@ fn one_command_plans_homes_uploads_throws_and_tells_where_the_ball_landed() {
     for error in report["tracking"]["error_max_rad"].as_array().unwrap() {
         assert!((1e-5..5e-3).contains(&error.as_f64().unwrap()), "{report:#}");
     }
-    // A cycle in which several drives get both a speed and an acceleration takes up to 3.4 ms on the bus, and a period is 3 ms:
-    // some throws have three such cycles, apart from each other, others none. Five in a row would stop the arm.
-    assert!(report["cycle"]["late"].as_u64().unwrap() <= 4, "{report:#}");
+    // A cycle is late if it needs more than the period of 3 ms on the bus. Usually a drive gets one parameter and one motion per cycle:
+    // 24 frames of about 0.1 ms. In some cycles several drives get two parameters, speed and acceleration: 28 to 36 frames.
+    // 30 throws had none to three such cycles each.
+    assert!(report["cycle"]["late"].as_u64().unwrap() <= 3, "{report:#}");
     assert_eq!(report["cycle"]["replies_missed"], 0);
     for name in ["plan.json", "gains.toml", "bus.log", "bus.mcap"] {
         assert!(folder.0.join("a").join(name).metadata().unwrap().len() > 100, "{name}");

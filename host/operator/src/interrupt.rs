@@ -29,7 +29,7 @@ pub fn interrupt() -> Arc<AtomicBool> {
         // Without the thread that waits, any signal after the first one ends the program.
         let insists = insists_after_first(&signals).unwrap_or_else(|_| Arc::clone(&flag));
         for signal in signals {
-            // In this order: the first signal finds the condition unset.
+            // The condition is registered first. Where it is the flag itself, the first signal must find it unset.
             let _ = flag::register_conditional_shutdown(signal, i32::from(INTERRUPTED), Arc::clone(&insists));
             let _ = flag::register(signal, Arc::clone(&flag));
         }

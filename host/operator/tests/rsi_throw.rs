@@ -92,7 +92,7 @@ fn landings_over_seeds_hit_the_bottle_with_a_dead_time_that_is_24_ms_longer_than
     assert!(wrong.1 >= 0.99, "{wrong:?}");
 }
 
-/// Where the balls land is printed, not judged.
+/// Prints where the balls land, without a bound.
 #[test]
 fn throws_with_a_dead_time_that_is_12_ms_shorter_than_known_come_to_their_end() {
     let long = |scenario: &KrcScenario| Lag { dead_time: Duration::from_millis(108), ..true_lag(scenario) };

@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let request = Request {
         target,
         options: &Options::best(),
-        // Of the options nothing is given up for a target that is hard to reach.
+        // All options are kept, even if a target is hard to reach.
         kept: Kept { shift_limits: true, nulling: true },
         from: Origin::Search { quick: None },
         budget: Budget { starts: 8, all: false, time: None, seed: 1 },

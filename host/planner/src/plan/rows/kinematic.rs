@@ -58,7 +58,7 @@ impl<const N: usize> Hand<'_, N> {
     }
 }
 
-/// The arm and the ball at the release: what both kinds of rows start from.
+/// The arm and the ball at the release, for the rows at the release and for cuts.
 pub(super) struct AtRelease<const N: usize> {
     pub(super) throw: Throw<N>,
     frames: Frames<N>,

@@ -75,7 +75,7 @@ pub(crate) enum Part {
 }
 
 impl<const N: usize> ThrowTask<'_, '_, N> {
-    /// Whether a row at the release bends with the speeds of the joints, and with their accelerations.
+    /// Whether some rows at the release are nonlinear in the speeds or accelerations of the joints.
     fn release_bends_with_speed(&self) -> bool {
         let options = &self.problem.options;
         if options.attitude.is_some_and(|a| a.is_asked()) {
