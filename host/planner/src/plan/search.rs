@@ -258,18 +258,23 @@ impl<const N: usize> Planner<'_, '_, N> {
         let surroundings = self.polish_stored(index, &mut basins, &stopped, watch);
         let attitude = self.tighten_all(index, budget, &mut basins, &stopped, watch);
         let batch = if surroundings == Surroundings::Stored { ENOUGH_STORED } else { BATCH };
+        // Where nothing is stored and starts end in throws, a throw that few of them ended in is hardly the best one.
+        let most = |basins: &Basins<N>| {
+            let more = !budget.all && surroundings == Surroundings::Unknown && basins.solved() > 0;
+            budget.starts.saturating_mul(if more { MORE_STARTS } else { 1 })
+        };
         let mut begun = 0;
-        while begun < budget.starts
+        while begun < most(&basins)
             && !stopped()
             && (budget.all || !basins.enough(surroundings, self.problem.options.null_delay))
         {
-            let batch: Vec<u64> = ((begun as u64)..(budget.starts.min(begun + batch) as u64)).collect();
+            let batch: Vec<u64> = ((begun as u64)..(most(&basins).min(begun + batch) as u64)).collect();
             begun += batch.len();
             let ended =
                 each(&batch, |k| (!stopped()).then(|| counted(watch, self.solve_random(budget.seed, *k))));
             ended.into_iter().flatten().for_each(|found| basins.add_random(found));
         }
-        let interrupted = stopped() && (begun < budget.starts || basins.random() < begun);
+        let interrupted = stopped() && (begun < most(&basins) || basins.random() < begun);
         let best = self.best_of(&basins, &stopped).map(|best| Best { interrupted, ..best });
         best.ok_or_else(|| NoThrow {
             target: self.problem.target,
@@ -436,6 +441,8 @@ const WALKED_WITHIN_M: f64 = 0.3;
 const TABLE_MIN: usize = 200;
 /// Random starts between two looks at what they have found, without stored throws; a fixed number, so that cores do not matter.
 const BATCH: usize = 8;
+/// Without a table: starts of a search that finds throws, over those of one that finds none.
+const MORE_STARTS: usize = 4;
 /// Throws that get more steps in the end, and how many.
 const FINISHED_MAX: usize = 2;
 const FINISH_STEPS: usize = 200;

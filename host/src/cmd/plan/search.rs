@@ -30,7 +30,7 @@ pub struct SearchOptions {
     /// What may be thrown how.
     #[command(flatten)]
     pub options: PlanOptions,
-    /// Random starts after the stored ones, all of them [default: as many of 96 as are likely to find a better throw].
+    /// Random starts after the stored ones, all of them [default: as many of 96 as are likely to find a better throw; of 384 where nothing is stored].
     /// With a seed and no time budget the result is always the same.
     #[arg(long, conflicts_with = "library", help_heading = "Search")]
     pub starts: Option<usize>,
