@@ -3,8 +3,8 @@
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::PathBuf;
-use std::process::{Command, Output, Stdio};
-use std::time::Duration;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 fn hil_sim(args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_hil-sim")).args(args).stdin(Stdio::null()).output().unwrap()
@@ -201,4 +201,50 @@ fn a_full_disk_behind_standard_output_is_told_with_the_code_of_output() {
         .unwrap();
     assert_eq!(ended.status.code(), Some(7));
     assert!(String::from_utf8_lossy(&ended.stderr).contains("standard output is not whole"), "{ended:?}");
+}
+
+/// An hour of simulated time whose report goes to `stdout`. It listens to signals once it has said what it runs.
+fn long_run(name: &str, stdout: Stdio) -> Child {
+    let hour = file(name, &POLL.replace("duration_s = 0.1", "duration_s = 3600"));
+    let mut run = Command::new(env!("CARGO_BIN_EXE_hil-sim"));
+    let mut child = run.arg("run").arg(hour).stdout(stdout).stderr(Stdio::piped()).spawn().unwrap();
+    let mut said = String::new();
+    BufReader::new(child.stderr.as_mut().unwrap()).read_line(&mut said).unwrap();
+    assert!(said.contains("seed 5"), "{said}");
+    child
+}
+
+fn signal(name: &str, pids: &[String]) {
+    // A process that has just ended gets none.
+    let _ = Command::new("kill").arg(name).args(pids).stderr(Stdio::null()).status();
+}
+
+#[test]
+fn signals_that_come_together_end_a_run_in_order_with_its_report() {
+    for name in ["-INT", "-TERM", "-HUP"] {
+        let child = long_run(&format!("together{name}.toml"), Stdio::piped());
+        signal(name, &vec![child.id().to_string(); 40]);
+        let out = child.wait_with_output().unwrap();
+        assert_eq!(out.status.code(), Some(0), "{name}: {}", text(&out.stderr));
+        assert!(text(&out.stdout).contains("stopped by Ctrl-C at "), "{name}: {}", text(&out.stdout));
+    }
+}
+
+/// Nobody reads the report, and the pipe for it is full: the run cannot end by itself.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_signal_half_a_second_after_the_first_ends_a_run_that_hangs_with_code_130() {
+    let (_reader, mut writer) = std::io::pipe().unwrap();
+    writer.write_all(&[b'.'; 1 << 16]).unwrap();
+    let mut child = long_run("insists.toml", writer.into());
+    let first = Instant::now();
+    let status = loop {
+        signal("-INT", &[child.id().to_string()]);
+        if let Some(status) = child.try_wait().unwrap() {
+            break status;
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    };
+    assert_eq!(status.code(), Some(130));
+    assert!(first.elapsed() >= Duration::from_millis(500), "{:?}", first.elapsed());
 }

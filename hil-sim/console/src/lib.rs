@@ -1,4 +1,4 @@
-//! Lines to standard output and standard error that never end the program.
+//! How a program of the cell meets its terminal: lines that never end it, and signals that end it in order.
 //!
 //! The standard library's `println!` panics when the reader leaves (`cubectl … | head`) or the disk is full. A program
 //! that moves an arm must not end that way. In this package
@@ -15,6 +15,9 @@
 //! | [`line!`], [`text!`] | standard output, with and without an end of line |
 //! | [`note!`] | standard error, a line |
 //! | [`lost`] | nothing: tells why standard output is incomplete |
+//! | [`mod@interrupt`] | nothing: tells that Ctrl-C or another request to end has come |
+
+pub mod interrupt;
 
 use std::fmt::Arguments;
 use std::io::{self, Write};

@@ -3,7 +3,6 @@
 use std::io::IsTerminal;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
@@ -20,27 +19,17 @@ pub(super) fn bar(length: u64, quiet: bool) -> ProgressBar {
     bar
 }
 
-/// Signals that follow the first one within this time are part of it: `timeout` and shells send one to the process and one
-/// to its group.
-const ONE_REQUEST: Duration = Duration::from_millis(500);
+/// Exit code of a process that a later signal ends: that of a shell's command after Ctrl-C.
+const INTERRUPTED: u8 = 130;
 
-/// Becomes true with Ctrl-C or a polite kill; one that comes later than [`ONE_REQUEST`] after it ends the program at once.
-#[derive(Clone, Debug, Default)]
+/// Becomes true with Ctrl-C, SIGTERM or SIGHUP; one that comes half a second later or more ends the program at once.
+#[derive(Clone, Debug)]
 pub(super) struct Interrupt(Arc<AtomicBool>);
 
 impl Interrupt {
     /// Listens from now on. Where that is not possible the signal ends the program as usual.
     pub(super) fn listen() -> Self {
-        let interrupt = Self::default();
-        let flag = interrupt.clone();
-        let mut first = None;
-        let _ = ctrlc::set_handler(move || {
-            flag.0.store(true, Ordering::SeqCst);
-            if first.get_or_insert_with(Instant::now).elapsed() > ONE_REQUEST {
-                std::process::exit(130);
-            }
-        });
-        interrupt
+        Self(console::interrupt::interrupt(INTERRUPTED))
     }
 
     pub(super) fn came(&self) -> bool {
