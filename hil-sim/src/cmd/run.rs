@@ -107,7 +107,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     } else if !args.quiet {
         console::text!("{report}");
         if interrupt.came() {
-            console::line!("stopped by Ctrl-C at {} s", world.now());
+            console::line!("stopped by a signal at {} s", world.now());
         }
     }
     if let Some(what) = report.not_finite() {
