@@ -221,7 +221,8 @@ fn signal(name: &str, pids: &[String]) {
 
 #[test]
 fn signals_that_come_together_end_a_run_in_order_with_its_report() {
-    for name in ["-INT", "-TERM", "-HUP"] {
+    // Not SIGHUP: it stays ignored where the tests run under `nohup`.
+    for name in ["-INT", "-TERM"] {
         let child = long_run(&format!("together{name}.toml"), Stdio::piped());
         signal(name, &vec![child.id().to_string(); 40]);
         let out = child.wait_with_output().unwrap();
