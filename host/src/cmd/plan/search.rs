@@ -481,7 +481,10 @@ pub(super) fn watched<T: Send>(
         total: budget.starts as u64,
         template: "{bar:30} {pos}/{len} starts, {msg} solved, {elapsed}",
         show: &|bar| {
-            bar.set_position(watch.done.load(Ordering::Relaxed) as u64);
+            let done = watch.done.load(Ordering::Relaxed) as u64;
+            // A search makes more starts where it has to give something up, or finds throws without a table.
+            bar.set_length(done.max(budget.starts as u64));
+            bar.set_position(done);
             bar.set_message(watch.solved.load(Ordering::Relaxed).to_string());
         },
     };
