@@ -215,7 +215,7 @@ fn long_run(name: &str, stdout: Stdio) -> Child {
 }
 
 fn signal(name: &str, pids: &[String]) {
-    // A process that has just ended gets none.
+    // `kill` fails if the process has already ended.
     let _ = Command::new("kill").arg(name).args(pids).stderr(Stdio::null()).status();
 }
 

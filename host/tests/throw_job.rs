@@ -24,9 +24,9 @@ fn one_command_plans_homes_uploads_throws_and_tells_where_the_ball_landed() {
         assert!((1e-5..5e-3).contains(&error.as_f64().unwrap()), "{report:#}");
     }
     // A cycle is late if the answer to its last motion comes after the period of 3 ms. One parameter and one motion per drive, with
-    // their answers, are 24 frames, 2.3 ms. In 30 throws every late cycle had more on the bus: the read of a drive, whose answer
-    // goes before the last one, or a frame of the host link of 0.14 ms. Most answers were late by less than 0.1 ms. Drives that
-    // get two parameters were not the cause: no cycle with two such drives was late. 30 throws had none to four late cycles.
+    // their answers, are 24 frames, 2.3 ms. In 30 throws every late cycle had another frame on the bus: the read of a drive, whose
+    // answer can go before the last one, or a frame of the host link of 0.14 ms. Most answers were late by less than 0.1 ms.
+    // Two parameters for one drive are not the cause: no cycle with two such drives was late.
     assert!(report["cycle"]["late"].as_u64().unwrap() <= 3, "{report:#}");
     assert_eq!(report["cycle"]["replies_missed"], 0);
     for name in ["plan.json", "gains.toml", "bus.log", "bus.mcap"] {

@@ -1,4 +1,4 @@
-//! How a program of the cell meets its terminal: lines that never end it, and signals that end it in order.
+//! Output lines that never end a program, and signals that ask it to end in order.
 //!
 //! The standard library's `println!` panics when the reader leaves (`cubectl … | head`) or the disk is full. A program
 //! that moves an arm must not end that way. In this package

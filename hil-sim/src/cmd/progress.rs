@@ -19,7 +19,7 @@ pub(super) fn bar(length: u64, quiet: bool) -> ProgressBar {
     bar
 }
 
-/// Exit code of a process that a later signal ends: that of a shell's command after Ctrl-C.
+/// Exit code of a process that a later signal ends. Shells report the same code for a command that Ctrl-C ended.
 const INTERRUPTED: u8 = 130;
 
 /// Becomes true with Ctrl-C, SIGTERM or SIGHUP; one that comes half a second later or more ends the program at once.

@@ -28,8 +28,8 @@
 //!       log       node                 recordings, and what their frames say; the host's node, without IO
 //!        |
 //!        v
-//!   tap    machine    interrupt        who sees the frames of a session; the arm as viewers need it; Ctrl-C and
-//!                                      other requests to end
+//!   tap    machine    interrupt        who sees the frames of a session; the arm as viewers need it; signals
+//!                                      that ask to end
 //! ```
 
 pub mod analysis;

@@ -30,7 +30,8 @@ pub struct SearchOptions {
     /// What may be thrown how.
     #[command(flatten)]
     pub options: PlanOptions,
-    /// Random starts after the stored ones, all of them [default: as many of 96 as are likely to find a better throw; of 384 where nothing is stored].
+    /// Random starts after the stored ones; all of them are made [default: up to 96, or up to 384 where no throws are stored; fewer
+    /// if more are unlikely to find a better throw].
     /// With a seed and no time budget the result is always the same.
     #[arg(long, conflicts_with = "library", help_heading = "Search")]
     pub starts: Option<usize>,
@@ -482,7 +483,7 @@ pub(super) fn watched<T: Send>(
         template: "{bar:30} {pos}/{len} starts, {msg} solved, {elapsed}",
         show: &|bar| {
             let done = watch.done.load(Ordering::Relaxed) as u64;
-            // A search makes more starts where it has to give something up, or finds throws without a table.
+            // A search may make more starts than its budget says: for each set of limits, and without a table.
             bar.set_length(done.max(budget.starts as u64));
             bar.set_position(done);
             bar.set_message(watch.solved.load(Ordering::Relaxed).to_string());
