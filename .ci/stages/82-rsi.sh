@@ -3,6 +3,11 @@
 # the answers took, how many were late (none may be), and how many of its cycles this machine held up. In lock step the same is tested by host/tests/robot_link.rs, where nothing depends on the machine.
 . .ci/timed.sh
 . .ci/wait.sh
+
+# How many points are followed with a search of full length.
+cargo test --workspace --locked --test tests follow_best -- --ignored | tee target/follow_best.log
+grep -q '2 passed' target/follow_best.log
+
 cargo build --quiet --release --locked -p host -p hil-sim --bins
 cubectl=$PWD/target/release/cubectl
 out=$PWD/target/rsi
