@@ -4,7 +4,7 @@
 . .ci/timed.sh
 . .ci/wait.sh
 
-# How many points are followed with a search of full length.
+# Without real time: how many points of the flight the robot follows, planned with a search of full length.
 cargo test --workspace --locked --test tests follow_best -- --ignored | tee target/follow_best.log
 grep -q '2 passed' target/follow_best.log
 

@@ -26,7 +26,7 @@ fn one_command_plans_homes_uploads_throws_and_tells_where_the_ball_landed() {
     // A cycle is late if the answer to its last motion comes after the period of 3 ms. One parameter and one motion per drive, with
     // their answers, are 24 frames, 2.3 ms. In 30 throws every late cycle had another frame on the bus: the read of a drive, whose
     // answer can go before the last one, or a frame of the host link of 0.14 ms. Most answers were late by less than 0.1 ms.
-    // Two parameters for one drive are not the cause: no cycle with two such drives was late.
+    // Cycles in which two drives got two parameters each were not late.
     assert!(report["cycle"]["late"].as_u64().unwrap() <= 3, "{report:#}");
     assert_eq!(report["cycle"]["replies_missed"], 0);
     for name in ["plan.json", "gains.toml", "bus.log", "bus.mcap"] {

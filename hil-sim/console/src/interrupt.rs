@@ -27,7 +27,7 @@ pub fn interrupt(exit_code: u8) -> Arc<AtomicBool> {
         // Without the thread that waits, any signal after the first one ends the program.
         let insists = insists_after_first(&signals).unwrap_or_else(|_| Arc::clone(&flag));
         for signal in signals {
-            // Handlers run in this order. The first signal must find the condition unset, also where it is the flag itself.
+            // Handlers run in the order of registration. The first signal must find the condition unset, even if it is the flag.
             let _ = flag::register_conditional_shutdown(signal, i32::from(exit_code), Arc::clone(&insists));
             let _ = flag::register(signal, Arc::clone(&flag));
         }

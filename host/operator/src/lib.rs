@@ -29,7 +29,7 @@
 //!        |
 //!        v
 //!   tap    machine    interrupt        who sees the frames of a session; the arm as viewers need it; signals
-//!                                      that ask to end
+//!                                      that ask the program to end
 //! ```
 
 pub mod analysis;

@@ -258,7 +258,7 @@ impl<const N: usize> Planner<'_, '_, N> {
         let surroundings = self.polish_stored(index, &mut basins, &stopped, watch);
         let attitude = self.tighten_all(index, budget, &mut basins, &stopped, watch);
         let batch = if surroundings == Surroundings::Stored { ENOUGH_STORED } else { BATCH };
-        // Without a table, a throw that only one or two starts ended in is seldom the best one: more starts are made.
+        // Without a table, a throw that was found by only one or two starts is seldom the best one. So more starts are made.
         let most = |basins: &Basins<N>| {
             let more = !budget.all && surroundings == Surroundings::Unknown && basins.solved() > 0;
             budget.starts.saturating_mul(if more { MORE_STARTS } else { 1 })
@@ -441,7 +441,7 @@ const WALKED_WITHIN_M: f64 = 0.3;
 const TABLE_MIN: usize = 200;
 /// Random starts between two looks at what they have found, without stored throws; a fixed number, so that cores do not matter.
 const BATCH: usize = 8;
-/// A search without a table that has found a throw may make this many times the starts of its budget.
+/// Factor for the starts of the budget in a search without a table, once it has found a throw.
 const MORE_STARTS: usize = 4;
 /// Throws that get more steps in the end, and how many.
 const FINISHED_MAX: usize = 2;

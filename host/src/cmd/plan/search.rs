@@ -483,7 +483,7 @@ pub(super) fn watched<T: Send>(
         template: "{bar:30} {pos}/{len} starts, {msg} solved, {elapsed}",
         show: &|bar| {
             let done = watch.done.load(Ordering::Relaxed) as u64;
-            // A search may make more starts than its budget says: for each set of limits, and without a table.
+            // The starts of the budget are made for each set of limits, and more of them without a table.
             bar.set_length(done.max(budget.starts as u64));
             bar.set_position(done);
             bar.set_message(watch.solved.load(Ordering::Relaxed).to_string());
