@@ -1,4 +1,4 @@
-//! Output lines that never end a program, and signals that ask it to end in order.
+//! Output lines that never end a program, input that nobody waits for, and signals that ask a program to end in order.
 //!
 //! The standard library's `println!` panics when the reader leaves (`cubectl … | head`) or the disk is full. A program
 //! that moves an arm must not end that way. In this package
@@ -16,12 +16,16 @@
 //! | [`note!`] | standard error, a line |
 //! | [`lost`] | nothing: tells why standard output is incomplete |
 //! | [`mod@interrupt`] | nothing: tells that Ctrl-C or another request to end has come |
+//! | [`typed_bytes`], [`typed_lines`] | nothing: standard input, without waiting for it |
 
 pub mod interrupt;
+mod typed;
 
 use std::fmt::Arguments;
 use std::io::{self, Write};
 use std::sync::Mutex;
+
+pub use typed::{Fetched, TypedInput, typed_bytes, typed_lines};
 
 static LOST: Mutex<Option<String>> = Mutex::new(None);
 

@@ -1,10 +1,10 @@
 //! `hil-sim serve`: real time, for programs that want drives.
 
-use std::io::{BufRead, IsTerminal};
+use std::io::IsTerminal;
 use std::path::PathBuf;
-use std::sync::mpsc::{self, Receiver, TryRecvError};
 
 use can_link::{BusSpec, Role, Urgent};
+use console::{Fetched, TypedInput};
 use hil_sim::cell::Cell;
 use hil_sim::participants::Solo;
 use hil_sim::realtime::{Door, Realtime, RealtimeError, Visit, shared_time};
@@ -83,7 +83,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         realtime = realtime.in_lock_step(clients);
     }
     let interrupt = Interrupt::listen();
-    let commands = commands();
+    let mut commands = console::typed_lines();
     for door in realtime.doors() {
         say(args, "serving", &format!("{} (robot {}, seed {})", door.name(), scenario.robot, scenario.seed));
     }
@@ -92,30 +92,16 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if !args.json && std::io::stdin().is_terminal() {
         console::note!("{COMMANDS}; Ctrl-C ends");
     }
-    let result = live(args, &mut realtime, &interrupt, &commands, end);
+    let result = live(args, &mut realtime, &interrupt, &mut commands, end);
     report(args, &scenario, &realtime)?;
     result
-}
-
-/// Lines from standard input; ends silently where there is none.
-fn commands() -> Receiver<String> {
-    let (sender, receiver) = mpsc::channel();
-    std::thread::spawn(move || {
-        for line in std::io::stdin().lock().lines() {
-            let Ok(line) = line else { return };
-            if sender.send(line).is_err() {
-                return;
-            }
-        }
-    });
-    receiver
 }
 
 fn live(
     args: &Args,
     realtime: &mut Realtime<Cells>,
     interrupt: &Interrupt,
-    commands: &Receiver<String>,
+    commands: &mut TypedInput<String>,
     end: Option<Instant>,
 ) -> Result<(), Failure> {
     let mut status_at = Instant::ZERO + STATUS_EVERY;
@@ -132,10 +118,10 @@ fn live(
                 Visit::Left(reason) => say(args, "client", &format!("gone: {reason}")),
             }
         }
-        match commands.try_recv() {
-            Ok(line) if matches!(line.trim(), "quit" | "exit") => return Ok(()),
-            Ok(line) => command(args, realtime, line.trim(), &mut faults_typed),
-            Err(TryRecvError::Empty | TryRecvError::Disconnected) => {}
+        match commands.fetch() {
+            Fetched::Item(line) if matches!(line.trim(), "quit" | "exit") => return Ok(()),
+            Fetched::Item(line) => command(args, realtime, line.trim(), &mut faults_typed),
+            Fetched::Nothing | Fetched::Ended => {}
         }
         if realtime.world().now() >= status_at {
             let worst = realtime.take_worst_lag();

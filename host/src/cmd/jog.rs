@@ -1,9 +1,9 @@
 //! `cubectl jog`
 
-use std::io::{IsTerminal, Read};
-use std::sync::mpsc::{self, Receiver, TryRecvError};
+use std::io::IsTerminal;
 use std::time::{Duration as WallSpan, Instant as WallTime};
 
+use console::Fetched;
 use protocol::{Duration, Instant, JointIndex, ModuleId};
 
 use super::controlled::{Controlled, ControllerArgs};
@@ -147,30 +147,20 @@ fn direction(key: u8) -> Option<f64> {
     }
 }
 
-/// Bytes of standard input as they come; the channel closes at its end.
-fn keys() -> Receiver<u8> {
-    let (sender, receiver) = mpsc::channel();
-    std::thread::spawn(move || {
-        let mut byte = [0];
-        while std::io::stdin().read(&mut byte).is_ok_and(|n| n == 1) && sender.send(byte[0]).is_ok() {}
-    });
-    receiver
-}
-
 fn by_keys(args: &Args, mut controlled: Controlled, joint: JointIndex) -> Result<(), ExpectedError> {
     let raw = RawTerminal::enter();
     console::note!(
         "module {}: hold + or l to move up, - or h to move down; any other key ends\r",
         args.module
     );
-    let keys = keys();
+    let mut keys = console::typed_bytes();
     loop {
         // While nothing is held the session still listens, so that it sees Ctrl-C and the bus.
-        let key = match keys.try_recv() {
-            Ok(key) => key,
-            Err(TryRecvError::Disconnected) => break,
-            Err(TryRecvError::Empty) if controlled.session.is_interrupted() => break,
-            Err(TryRecvError::Empty) => {
+        let key = match keys.fetch() {
+            Fetched::Item(key) => key,
+            Fetched::Ended => break,
+            Fetched::Nothing if controlled.session.is_interrupted() => break,
+            Fetched::Nothing => {
                 std::thread::sleep(WallSpan::from_millis(5));
                 let until = controlled.session.now() + Duration::from_millis(5);
                 controlled.session.run(until, &mut |_| false)?;
@@ -187,20 +177,20 @@ fn by_keys(args: &Args, mut controlled: Controlled, joint: JointIndex) -> Result
         let mut ended = false;
         let jogged = jog(&mut controlled, (joint, args), sign * args.speed.abs(), &mut |_| {
             loop {
-                match keys.try_recv() {
-                    Ok(again) if direction(again) == Some(sign) => {
+                match keys.fetch() {
+                    Fetched::Item(again) if direction(again) == Some(sign) => {
                         held_until = held_until.max(WallTime::now() + REPEAT);
                         if held_until > WallTime::now() + REPEAT {
                             held_until = WallTime::now() + REPEAT;
                         }
                     }
                     // Another key, or the end of the input: let go at once.
-                    Ok(_) => return false,
-                    Err(TryRecvError::Disconnected) => {
+                    Fetched::Item(_) => return false,
+                    Fetched::Ended => {
                         ended = true;
                         return false;
                     }
-                    Err(TryRecvError::Empty) => return WallTime::now() < held_until,
+                    Fetched::Nothing => return WallTime::now() < held_until,
                 }
             }
         })?;

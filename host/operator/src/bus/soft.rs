@@ -11,11 +11,15 @@
 //! The thread owns the wire, so one opened adapter serves both; what one of the two sends, the other sees as a frame
 //! of the bus. A slow session (a log on a slow disk, a terminal) costs the controller nothing: frames that
 //! it does not fetch are dropped and counted.
+//!
+//! The queues are wait-free on both sides. A channel of the standard library makes its reader spin while a writer is in
+//! the middle of a write. If the controller's thread has interrupted the session's thread there, on the same core and at a
+//! higher real-time priority, the writer cannot go on: the controller stands still until the system takes the core away,
+//! on Linux after 0.95 s.
 
 use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
@@ -30,6 +34,7 @@ use firmware::host_link::Identity;
 use firmware::settings::Settings;
 use firmware::store::RamStorage;
 use protocol::{Frame, Node};
+use rtrb::{Consumer, Producer, PushError, RingBuffer};
 
 use super::entropy;
 use super::failure::BusFailure;
@@ -100,8 +105,8 @@ type Ending = Arc<Mutex<Option<LinkError>>>;
 /// The session's end.
 pub(super) struct Door {
     name: String,
-    events: Receiver<LinkEvent>,
-    frames: SyncSender<Frame>,
+    events: Consumer<LinkEvent>,
+    frames: Producer<Frame>,
     bell: Bell,
     ending: Ending,
     stats: LinkStats,
@@ -120,31 +125,35 @@ impl CanLink for Door {
     }
 
     fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
-        match self.frames.try_send(*frame) {
+        if self.frames.is_abandoned() {
+            return Err(self.gone().into());
+        }
+        match self.frames.push(*frame) {
             Ok(()) => {
                 self.stats.frames_out += 1;
                 self.bell.ring();
                 Ok(())
             }
-            Err(TrySendError::Full(_)) => {
+            Err(PushError::Full(_)) => {
                 self.stats.dropped_out += 1;
                 Err(SendError::QueueFull { link: self.name.clone() })
             }
-            Err(TrySendError::Disconnected(_)) => Err(self.gone().into()),
         }
     }
 
     fn receive(&mut self) -> Result<Option<LinkEvent>, LinkError> {
         loop {
-            match self.events.try_recv() {
+            // Asked first: what the thread pushed before it ended is in the queue then.
+            let ended = self.events.is_abandoned();
+            match self.events.pop() {
                 Ok(event) => {
                     self.stats.frames_in += u64::from(matches!(event, LinkEvent::Frame { .. }));
                     return Ok(Some(event));
                 }
-                Err(TryRecvError::Disconnected) => return Err(self.gone()),
+                Err(_) if ended => return Err(self.gone()),
                 // What came before it rang is in the queue now.
-                Err(TryRecvError::Empty) if self.bell.hush() => {}
-                Err(TryRecvError::Empty) => return Ok(None),
+                Err(_) if self.bell.hush() => {}
+                Err(_) => return Ok(None),
             }
         }
     }
@@ -164,18 +173,18 @@ struct Shared {
     clock: Clock,
     /// The session has a connection of its own, and nobody uses the door.
     apart: bool,
-    frames: Receiver<Frame>,
-    events: SyncSender<LinkEvent>,
+    frames: Consumer<Frame>,
+    events: Producer<LinkEvent>,
     bell: Bell,
     unseen: Arc<AtomicU64>,
 }
 
 impl Shared {
-    fn tell(&self, event: LinkEvent) {
+    fn tell(&mut self, event: LinkEvent) {
         if self.apart {
             return;
         }
-        if self.events.try_send(event).is_err() {
+        if self.events.push(event).is_err() {
             self.unseen.fetch_add(1, Ordering::Relaxed);
         }
         self.bell.ring();
@@ -197,7 +206,7 @@ impl CanLink for Shared {
     /// What the controller sees: the session's frames on their way to the bus, and those from the bus.
     fn receive(&mut self) -> Result<Option<LinkEvent>, LinkError> {
         self.bell.hush();
-        if let Ok(frame) = self.frames.try_recv() {
+        if let Ok(frame) = self.frames.pop() {
             match self.wire.send(&frame) {
                 // A full queue is counted by the wire; a host's frame that is lost is asked for again.
                 Ok(()) | Err(SendError::QueueFull { .. }) => {}
@@ -252,8 +261,8 @@ impl SoftController {
     ) -> Result<(Self, Door), BusFailure> {
         let seed = entropy::seed(clock)?;
         let (ours, theirs) = Bell::pair().map_err(BusFailure::Wait)?;
-        let (to_session, events) = sync_channel(TO_SESSION_MAX);
-        let (to_bus, frames) = sync_channel(TO_BUS_MAX);
+        let (to_session, events) = RingBuffer::new(TO_SESSION_MAX);
+        let (to_bus, frames) = RingBuffer::new(TO_BUS_MAX);
         let ending: Ending = Arc::default();
         let name = wire.name().to_owned();
         let door = Door {
