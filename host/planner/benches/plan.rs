@@ -80,7 +80,7 @@ fn main() {
     };
     section("parts", &|| speed::parts(&arm));
     section("starts", &|| speed::starts(&arm, count("starts", 400)));
-    section("cold", &|| speed::cold(&arm, count("cold", 20)));
+    section("cold", &|| speed::cold(&arm, count("cold", 100)));
     section("targets", &|| {
         for set in [speed::TUNED, speed::HELD_OUT] {
             speed::targets(&arm, &index, &set, count("targets", 1000) as usize);

@@ -5,6 +5,7 @@ use planner::plan::problem::{Arrival, Obstacle, Options, Problem};
 use planner::plan::search::{Best, Budget, Planner, Watch};
 use planner::plan::statistics::{Noise, landing_with_delay, monte_carlo, predict};
 use planner::plan::{Arm, Margins, PaperParameters, seeds};
+use planner::throw::Throw;
 use robot_model::Pose;
 
 fn arm() -> Arm {
@@ -80,19 +81,26 @@ fn obstacles_are_avoided_and_arrival_windows_kept() {
     let arm = arm();
     let target = Vector3::new(1.2, 0.0, -0.9);
     let free = search(&Problem::new(&arm, target, Options::paper()).expect("valid"), 32);
-    let (p0, v0) = free.found.throw.ball_at_release(&arm);
+    let flight = |throw: &Throw| -> Vec<Vector3<f64>> {
+        let (p0, v0) = throw.ball_at_release(&arm);
+        let at = |t: f64| p0 + v0 * t + Vector3::new(0.0, 0.0, -0.5 * 9.81 * t * t);
+        (0..=1000).map(|k| at(throw.flight_s * f64::from(k) / 1000.0)).collect()
+    };
     // A wall across the path of the ball of the free throw.
-    let half_way = free.found.throw.flight_s * 0.5;
-    let at = p0 + v0 * half_way + Vector3::new(0.0, 0.0, -0.5 * 9.81 * half_way * half_way);
-    let wall = Obstacle {
-        name: "wall".to_owned(),
-        x_wo: Pose::translation(at.x, at.y, at.z),
-        half_m: Vector3::new(0.02, 0.05, 0.05),
+    let at = flight(&free.found.throw)[500];
+    let half_m = Vector3::new(0.02, 0.05, 0.05);
+    let wall = Obstacle { name: "wall".to_owned(), x_wo: Pose::translation(at.x, at.y, at.z), half_m };
+    let nearest_m = |throw: &Throw| {
+        let outside = |p: &Vector3<f64>| ((p - at).abs() - half_m).sup(&Vector3::zeros()).norm();
+        flight(throw).iter().map(outside).fold(f64::INFINITY, f64::min)
     };
     let options = Options { obstacles: vec![wall], clean_release: true, ..Options::paper() };
     let problem = Problem::new(&arm, target, options).expect("valid");
     let around = search(&problem, 64);
-    assert!(around.found.objective > free.found.objective);
+    assert!(nearest_m(&free.found.throw) < 1e-9);
+    let nearest_m = nearest_m(&around.found.throw);
+    assert!(nearest_m > arm.gripper().ball_radius_m, "{nearest_m}");
+    assert!(around.found.objective > (1.0 - 1e-6) * free.found.objective);
 
     let options = Options {
         arrival: Arrival { speed_m_s: None, descent_rad: Some(80_f64.to_radians()..=90_f64.to_radians()) },

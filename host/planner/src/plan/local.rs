@@ -1,11 +1,9 @@
 //! One start: from a point of the search space to a throw that keeps every limit at every instant, or to a reason.
 
 use nalgebra::Vector3;
-use robot_model::JointVec;
 
 use super::cuts::Cut;
 use super::layout::{CUTS_MAX, LAUNCH, Layout, width};
-use super::paper::PaperParameters;
 use super::problem::Problem;
 use super::rows::{ThrowTask, describe};
 use super::scan::Scanner;
@@ -236,39 +234,4 @@ pub(crate) fn add(cuts: &mut Vec<Cut>, found: &[Cut]) -> bool {
         }
     }
     true
-}
-
-impl PaperParameters {
-    /// A throw to start a local solve from; it need not keep any limit.
-    ///
-    /// If the pose is out of reach, the release point is drawn towards the shoulder until it is not; if no radius
-    /// helps, the arm starts from the middle of its ranges.
-    #[must_use]
-    pub(crate) fn start<const N: usize>(&self, problem: &Problem<'_, N>) -> Throw<N> {
-        let mut h = *self;
-        let mut throw = None;
-        for _ in 0..8 {
-            if let Some(best) = h.throws(problem).first() {
-                throw = Some(best.throw);
-                break;
-            }
-            h.radius_m *= 0.88;
-        }
-        let mut throw = throw.unwrap_or_else(|| {
-            let l = &problem.limits;
-            Throw {
-                q_rad: JointVec::from_fn(|j, _| 0.5 * (l.q_min[j] + l.q_max[j]) + 0.3),
-                qd_rad_s: JointVec::zeros(),
-                qdd_rad_s2: JointVec::zeros(),
-                flight_s: self.flight_s,
-                ha_s: (1.0 - self.braking_ratio) * self.duration_s,
-                hb_s: self.braking_ratio * self.duration_s,
-            }
-        });
-        for j in 0..N {
-            let v = problem.limits.v[j];
-            throw.qd_rad_s[j] = throw.qd_rad_s[j].clamp(-v, v);
-        }
-        throw
-    }
 }

@@ -6,6 +6,7 @@ use super::local::{Nearest, nearest_from};
 use super::outcome::Budget;
 pub use super::outcome::NearestTarget;
 use super::planner::{Planner, kind_of};
+use super::posture::resting_start;
 use super::problem::Problem;
 use super::rng::SplitMix64;
 use crate::parallel::each;
@@ -37,7 +38,7 @@ impl<const N: usize> Planner<'_, '_, N> {
         let mut starts: Vec<Throw<N>> = stored.iter().filter_map(|r| self.place(&r.throw)).collect();
         for k in 0..RANDOM_STARTS {
             let mut rng = SplitMix64::stream(budget.seed ^ 0x6E65_6172, k);
-            starts.push(self.start(&mut rng));
+            starts.push(resting_start(self.problem, &mut rng));
         }
         let direct = each(&starts, |s| {
             let n = self.nearest_from_throw(s, [true; 3])?;

@@ -14,7 +14,7 @@ use crate::throw::JOINTS;
 #[derive(Debug, Clone, Copy)]
 pub struct Budget {
     /// Random starts after the stored ones, at most. Unless `all` is set, a search without a table that has found a throw may
-    /// make four times as many.
+    /// make twice as many.
     pub starts: usize,
     /// Whether all of these starts are run, instead of as many as are likely to find a better throw.
     pub all: bool,
@@ -26,7 +26,7 @@ pub struct Budget {
 
 impl Default for Budget {
     fn default() -> Self {
-        Self { starts: 96, all: false, time: None, seed: 1 }
+        Self { starts: 192, all: false, time: None, seed: 1 }
     }
 }
 

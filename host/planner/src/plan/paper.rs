@@ -4,7 +4,6 @@ use nalgebra::{Matrix3, Vector3, Vector6};
 use robot_model::jacobian::joint_rates;
 use robot_model::{JointVec, Pose, RobotModel};
 
-use super::bounds::Bounds;
 use super::margins::Margins;
 use super::posture::postures;
 use super::problem::Problem;
@@ -75,24 +74,6 @@ impl PaperParameters {
             self.duration_s,
             self.braking_ratio,
         ]
-    }
-
-    /// The point of the search space at `unit` in [0, 1]⁸; the azimuth spans ±90° about `toward_rad` if unbounded.
-    #[must_use]
-    pub fn in_bounds(bounds: &Bounds, toward_rad: f64, unit: [f64; 8]) -> Self {
-        use std::f64::consts::{FRAC_PI_2, PI};
-        let lerp = |r: &std::ops::RangeInclusive<f64>, t: f64| r.start() + (r.end() - r.start()) * t;
-        let azimuth = bounds.azimuth_rad.clone().unwrap_or(toward_rad - FRAC_PI_2..=toward_rad + FRAC_PI_2);
-        Self {
-            azimuth_rad: lerp(&azimuth, unit[0]),
-            elevation_rad: lerp(&bounds.elevation_rad, unit[1]),
-            radius_m: lerp(&bounds.radius_m, unit[2]),
-            roll_rad: lerp(&(-PI..=PI), unit[3]),
-            spin_rad_s: lerp(&bounds.spin_rad_s, unit[4]),
-            flight_s: lerp(&bounds.flight_s, unit[5]),
-            duration_s: lerp(&bounds.duration_s, unit[6]),
-            braking_ratio: lerp(&bounds.braking_ratio, unit[7]),
-        }
     }
 
     /// Release point p0 in the world, in m.

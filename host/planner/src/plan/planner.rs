@@ -3,8 +3,7 @@
 use super::goal::Goal;
 use super::local::{Begin, Found, solve_from};
 use super::options::Options;
-use super::paper::PaperParameters;
-use super::posture::{mirror_signs, pointing_start};
+use super::posture::{mirror_signs, resting_start};
 use super::problem::Problem;
 use super::rng::SplitMix64;
 use super::scan::Scanner;
@@ -69,24 +68,13 @@ impl<'p, 'a, const N: usize> Planner<'p, 'a, N> {
 
     pub(super) fn solve_random(&self, seed: u64, index: u64) -> Option<Found<N>> {
         let mut rng = SplitMix64::stream(seed, index);
-        let start = self.start(&mut rng);
+        let start = resting_start(self.problem, &mut rng);
         self.solve(&start, self.anywhere(), &Settings::default(), usize::MAX)
     }
 
     /// Of a start of which nothing is known.
     pub(super) fn anywhere(&self) -> Begin {
         Begin::Anywhere { again: self.persistent }
-    }
-
-    /// A random throw of the search space to start from; it need not keep any limit.
-    pub(super) fn start(&self, rng: &mut SplitMix64) -> Throw<N> {
-        let unit = std::array::from_fn(|_| rng.unit());
-        let h = PaperParameters::in_bounds(&self.problem.bounds, self.azimuth_rad, unit);
-        if N < 6 {
-            let (ha_s, hb_s) = ((1.0 - h.braking_ratio) * h.duration_s, h.braking_ratio * h.duration_s);
-            return pointing_start(self.problem, rng, [h.flight_s, ha_s, hb_s]);
-        }
-        h.start(self.problem)
     }
 
     pub(super) fn solve(

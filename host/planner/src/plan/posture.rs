@@ -1,18 +1,26 @@
 //! Postures of the arm at a release, from which local solves start.
 
-use nalgebra::{Matrix3, Vector3};
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::ops::RangeInclusive;
+
+use nalgebra::Vector3;
 use robot_model::{JointVec, Pose, RobotModel};
 
 use super::problem::Problem;
 use super::rng::SplitMix64;
 use crate::throw::Throw;
 
-/// Starts of the numerical inverse kinematics; a start of the planner needs a posture, not all of them.
+/// Starts of the numerical inverse kinematics: some postures, not all of them.
 const NUMERIC_STARTS: usize = 12;
-/// Random postures of which a start takes the best.
-const POSTURES: usize = 24;
-/// Damping of the least squares for the launch velocity, in m².
-const DAMPING_M2: f64 = 1e-4;
+/// Joints of a start are within this share of their ranges, the ball within this angle of the target's side.
+const START_SHARE: f64 = 0.7;
+const START_SIDE_RAD: f64 = 0.75;
+/// Share of the starts with the joints of the wrist this near to a quarter turn. In the best throws they often are: then the wrist
+/// lies in the plane of the throw or square to it.
+const SQUARE_WRISTS: f64 = 0.5;
+const START_WRIST_RAD: f64 = 0.1;
+/// First joint of the wrist.
+const WRIST: usize = 3;
 
 /// Postures inside the joint ranges in which the hand is at `x_we`, each with its number.
 ///
@@ -25,40 +33,35 @@ pub(super) fn postures<const N: usize>(arm: &RobotModel<N>, x_we: &Pose) -> Vec<
     }
 }
 
-/// A start for an arm with fewer than six joints, whose hand cannot take every pose: of some random postures the one
-/// whose hand points best along the launch velocity that reaches the target from there.
+/// A start at rest in a random posture, with the base turned so that the ball is about on the side of the target.
 ///
-/// `times` are the time of flight and the two phases, in s.
-pub(super) fn pointing_start<const N: usize>(
-    problem: &Problem<'_, N>,
-    rng: &mut SplitMix64,
-    [flight_s, ha_s, hb_s]: [f64; 3],
-) -> Throw<N> {
-    let (arm, l) = (problem.arm, &problem.limits);
-    let meeting = problem.aim.point_at(flight_s);
-    let mut best: Option<(f64, JointVec<N>, JointVec<N>)> = None;
-    for _ in 0..POSTURES {
-        let q = JointVec::<N>::from_fn(|j, _| l.q_min[j] + (l.q_max[j] - l.q_min[j]) * rng.unit());
-        let frames = arm.fk(&q);
-        let ball = arm.ball(&frames);
-        let Ok(launch) = problem.flight.launch(&ball.pos, &meeting, flight_s) else { continue };
-        let pointing = ball.rot.column(2).dot(&launch.v0) / launch.v0.norm();
-        if best.as_ref().is_some_and(|b| b.0 >= pointing) {
-            continue;
+/// The hand need not throw towards the target, nor need the throw keep any limit: the local solve turns it.
+pub(super) fn resting_start<const N: usize>(problem: &Problem<'_, N>, rng: &mut SplitMix64) -> Throw<N> {
+    let (arm, l, b) = (problem.arm, &problem.limits, &problem.bounds);
+    let mut within = |r: &RangeInclusive<f64>| r.start() + (r.end() - r.start()) * rng.unit();
+    let (flight_s, duration_s) = (within(&b.flight_s), within(&b.duration_s));
+    let hb_s = within(&b.braking_ratio) * duration_s;
+    let middle = |j: usize| 0.5 * (l.q_min[j] + l.q_max[j]);
+    // More than a turn repeats postures.
+    let share = |j: usize| (START_SHARE * (l.q_max[j] - middle(j))).min(PI);
+    let mut q_rad = JointVec::from_fn(|j, _| middle(j) + share(j) * within(&(-1.0..=1.0)));
+    if within(&(0.0..=1.0)) < SQUARE_WRISTS {
+        for j in WRIST..N {
+            let square = (q_rad[j] / FRAC_PI_2).round() * FRAC_PI_2;
+            q_rad[j] = (square + within(&(-START_WRIST_RAD..=START_WRIST_RAD))).clamp(l.q_min[j], l.q_max[j]);
         }
-        // Least squares: the hand may turn as it likes.
-        let jacobian = frames.jacobian(&ball.pos);
-        let linear = jacobian.fixed_rows::<3>(0);
-        let square: Matrix3<f64> = linear * linear.transpose() + Matrix3::identity() * DAMPING_M2;
-        let Some(force) = square.cholesky().map(|c| -> Vector3<f64> { c.solve(&launch.v0) }) else {
-            continue;
-        };
-        best = Some((pointing, q, linear.transpose() * force));
     }
-    let middle = || JointVec::from_fn(|j, _| 0.5 * (l.q_min[j] + l.q_max[j]));
-    let (q_rad, qd_rad_s) = best.map_or_else(|| (middle(), JointVec::zeros()), |(_, q, qd)| (q, qd));
-    let qd_rad_s = JointVec::from_fn(|j, _| qd_rad_s[j].clamp(-l.v[j], l.v[j]));
-    Throw { q_rad, qd_rad_s, qdd_rad_s2: JointVec::zeros(), flight_s, ha_s, hb_s }
+    let frames = arm.fk(&q_rad);
+    let axis = frames.axis(0);
+    if axis.z.abs() > 0.9 {
+        let side = |p: &Vector3<f64>| p.y.atan2(p.x);
+        let off = within(&(-START_SIDE_RAD..=START_SIDE_RAD));
+        let turn = side(&problem.aim.point_at(flight_s)) - side(&arm.ball(&frames).pos) + off;
+        let away = q_rad[0] + turn * axis.z.signum() - middle(0);
+        q_rad[0] = (middle(0) + away - TAU * (away / TAU).round()).clamp(l.q_min[0], l.q_max[0]);
+    }
+    let (qd_rad_s, qdd_rad_s2) = (JointVec::zeros(), JointVec::zeros());
+    Throw { q_rad, qd_rad_s, qdd_rad_s2, flight_s, ha_s: duration_s - hb_s, hb_s }
 }
 
 /// Signs that mirror a posture in the plane of the base axis, if the arm has that symmetry: joints whose axis lies in

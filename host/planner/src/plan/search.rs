@@ -442,7 +442,7 @@ const TABLE_MIN: usize = 200;
 /// Random starts between two looks at what they have found, without stored throws; a fixed number, so that cores do not matter.
 const BATCH: usize = 8;
 /// Factor for the starts of the budget in a search without a table, once it has found a throw.
-const MORE_STARTS: usize = 4;
+const MORE_STARTS: usize = 2;
 /// Throws that get more steps in the end, and how many.
 const FINISHED_MAX: usize = 2;
 const FINISH_STEPS: usize = 200;

@@ -65,7 +65,7 @@ impl Default for Settings {
             feasibility: 1e-8,
             objective: 1e-7,
             give_up_above: f64::INFINITY,
-            patience: 25,
+            patience: 12,
             hopeless_above: f64::INFINITY,
             chord: Chord::CAREFUL,
         }

@@ -30,7 +30,7 @@ pub struct SearchOptions {
     /// What may be thrown how.
     #[command(flatten)]
     pub options: PlanOptions,
-    /// Random starts after the stored ones; all of them are made [default: up to 96, or up to 384 where no throws are stored; fewer
+    /// Random starts after the stored ones; all of them are made [default: up to 192, or up to 384 where no throws are stored; fewer
     /// if more are unlikely to find a better throw].
     /// With a seed and no time budget the result is always the same.
     #[arg(long, conflicts_with = "library", help_heading = "Search")]
@@ -87,7 +87,7 @@ pub(super) struct Draws {
 }
 
 /// Random starts, at most, if no number is asked for.
-const STARTS: usize = 96;
+const STARTS: usize = 192;
 
 /// Name of an objective.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
