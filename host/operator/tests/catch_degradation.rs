@@ -119,6 +119,7 @@ fn run_all(
 }
 
 #[test]
+#[ignore = "6 s: run by the stage long of CI"]
 fn every_fault_ends_caught_declined_or_told_and_none_silently() {
     let court = CourtOptions::two_arms().unwrap();
     let throws = throws(&Pair::new(court.clone()).unwrap(), 10);

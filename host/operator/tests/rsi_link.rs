@@ -97,6 +97,7 @@ fn in_step(scenario: &KrcScenario) -> (Served, f64, Exchange, Station) {
 }
 
 #[test]
+#[ignore = "13 s: run by the stage long of CI"]
 fn ten_thousand_cycles_in_step_have_no_late_answer_with_every_generation_transport_and_period() {
     for name in ["kr-c2", "kr-c2-tcp", "kr-c4", "kr-c4-12ms"] {
         let scenario = KrcScenario::open(name).expect("built in");

@@ -72,6 +72,7 @@ fn print(name: &str, ([median, most, largest], share): ([f64; 3], f64)) {
 }
 
 #[test]
+#[ignore = "7 s: run by the stage long of CI"]
 fn landings_over_seeds_hit_the_bottle_in_spite_of_noise_and_gripper_jitter() {
     println!("seeds 1 to {SEEDS}, {} points followed", plan().followed_points);
     let known = landings(plan(), true_lag);

@@ -169,6 +169,7 @@ fn throws_past_the_foot_and_the_floor_are_found_again_from_themselves() {
 const REFUSED_ONCE: [usize; 3] = [319, 386, 573];
 
 #[test]
+#[ignore = "9 s: run by the stage long of CI"]
 fn targets_at_the_edge_of_the_reach_are_not_refused() {
     let arm = RobotModel::<6>::load("kr16_2").expect("built in");
     let table = built_in(&arm);

@@ -29,6 +29,7 @@ fn problem(arm: &Arm, range_m: f64) -> Problem<'_, 6> {
 
 /// Mean within a tenth of sigma, standard deviations within 5 %: 4 000 draws have 1.1 % of their own.
 #[test]
+#[ignore = "9 s: run by the stage long of CI"]
 fn draws_with_everything_off_at_once_have_the_predicted_mean_and_spread() {
     let arm = arm();
     // A worse gripper than that of the robot file, so that the fingers are not lost beside the other sources.
