@@ -86,9 +86,6 @@ pub(super) struct Draws {
     pub(super) seed: u64,
 }
 
-/// Random starts, at most, if no number is asked for.
-const STARTS: usize = 192;
-
 /// Name of an objective.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum ObjectiveName {
@@ -308,7 +305,8 @@ impl SearchOptions {
                 ExpectedError::bad_input(&format!("time budget of {} s is not a duration", short(t)))
             })?),
         };
-        let budget = Budget { starts: self.starts.unwrap_or(STARTS), all: self.starts.is_some(), time, seed };
+        let starts = self.starts.unwrap_or(Budget::default().starts);
+        let budget = Budget { starts, all: self.starts.is_some(), time, seed };
         let mut asked = Options { goal, ..self.options.resolve() };
         if self.objective == ObjectiveName::Time {
             asked.weights = Weights { k_b: 0.0, k_j: 0.0, ..asked.weights };
