@@ -61,7 +61,7 @@ fn least_peak(start: EndState, end: EndState, t: f64) -> f64 {
     high
 }
 
-/// Peak acceleration of a course without a cruise, and where it must be: at the least that the time allows, but for rounding.
+/// Peak acceleration of a course without a cruise, and the range it must be in: the least that the time allows, with rounding.
 fn peaks(
     course: &Course,
     (from_us, start): (u32, EndState),
@@ -72,8 +72,8 @@ fn peaks(
     let least = least_peak(start, end, t);
     // A piece is not shorter than this.
     let lengthened = least * 2.5e-6 * f64::from(PIECE_MIN_US) / t;
-    // Eight roundings of positions (0.24 urad) and twelve of speeds (0.12 urad/s) make the speed at the switch uncertain. The switch
-    // is at a whole microsecond, after two roundings of up to 0.5 us. It changes that speed, and the length of the shorter piece.
+    // The speed at the switch has eight roundings of positions (0.24 urad) and twelve of speeds (0.12 urad/s). The time of the switch
+    // has three of up to 0.5 us, the last to a whole microsecond. That changes the speed, and the length of the shorter piece.
     let shortest = f64::from((pieces[2].t_us - from_us).min(to_us - pieces[2].t_us)) * 1e-6;
     let rounding = (2e-6 / t + 1.5e-6 + 2.0 * least * 1.5e-6) / shortest;
     (peak, least - rounding..=least + lengthened + rounding)

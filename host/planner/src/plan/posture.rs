@@ -10,14 +10,16 @@ use super::problem::Problem;
 use super::rng::SplitMix64;
 use crate::throw::Throw;
 
-/// Starts of the numerical inverse kinematics: some postures, not all of them.
+/// Starts of the numerical inverse kinematics. They find some of the postures, not all.
 const NUMERIC_STARTS: usize = 12;
-/// Joints of a start are within this share of their ranges, the ball within this angle of the target's side.
+/// A random start uses this share of each joint's range, about its middle.
 const START_SHARE: f64 = 0.7;
+/// Largest angle, seen from above, between the ball of a start and the target.
 const START_SIDE_RAD: f64 = 0.75;
-/// Share of the starts with the joints of the wrist this near to a quarter turn. In the best throws they often are: then the wrist
-/// lies in the plane of the throw or square to it.
+/// Share of the starts whose wrist joints are near a quarter turn. In many of the best throws the wrist lies in the plane of the throw
+/// or square to it.
 const SQUARE_WRISTS: f64 = 0.5;
+/// Largest distance of these wrist joints from a quarter turn.
 const START_WRIST_RAD: f64 = 0.1;
 /// First joint of the wrist.
 const WRIST: usize = 3;
@@ -33,9 +35,9 @@ pub(super) fn postures<const N: usize>(arm: &RobotModel<N>, x_we: &Pose) -> Vec<
     }
 }
 
-/// A start at rest in a random posture, with the base turned so that the ball is about on the side of the target.
+/// A start at rest in a random posture, with the base turned so that the ball is roughly on the side of the target.
 ///
-/// The hand need not throw towards the target, nor need the throw keep any limit: the local solve turns it.
+/// The hand may point anywhere, and the throw may break limits. The local solve corrects both.
 pub(super) fn resting_start<const N: usize>(problem: &Problem<'_, N>, rng: &mut SplitMix64) -> Throw<N> {
     let (arm, l, b) = (problem.arm, &problem.limits, &problem.bounds);
     let mut within = |r: &RangeInclusive<f64>| r.start() + (r.end() - r.start()) * rng.unit();

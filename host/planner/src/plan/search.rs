@@ -416,8 +416,8 @@ const IN_VAIN_MAX: usize = 2;
 const MORE_TRIES: usize = 30;
 /// Steps for one stored throw in the last pass.
 const PATIENT_STEPS: usize = 60;
-/// A stored throw is near one to this target, if there is one: it is given up later than a random start. With 12 steps six more of
-/// 396 targets of `pincher4` get a throw under fewer limits.
+/// Patience with a stored throw in the last pass, see [`Settings::patience`]. With that of a random start, 12, six more of 396
+/// targets of `pincher4` get a throw under fewer limits.
 const STORED_PATIENCE: usize = 25;
 /// Steps for one stored throw in the first pass, and its tolerances.
 const QUICK_STEPS: usize = 12;
