@@ -14,7 +14,6 @@
 //! | faults | [`fault`] | what can go wrong, when, where and how likely; one random stream each | depend on the order in which faults are listed |
 //! | virtual time | [`world`] | event queue that joins bus, participants and faults; same seed, same log | read a clock |
 //! | real time | [`realtime`] | the same world behind a link of the operating system | change what the world does |
-//! | replay | [`replay`] | requests of a log against the drives of today | know who asked |
 //! | seen from the bus | [`record`], [`checker`] | candump log, trace, invariants that only use frames | look into a node |
 //! | industrial robot | [`krc`] | a robot controller behind Ethernet RSI, in virtual time, lock step or real time | know who leads it |
 //! | tracker | [`tracker`] | an optical tracker: DTrack data and commands | know who looks |
@@ -71,7 +70,6 @@ pub mod mechanics;
 pub mod participants;
 pub mod realtime;
 pub mod record;
-pub mod replay;
 pub mod report;
 pub mod rng;
 pub mod scenario;

@@ -70,27 +70,6 @@ fn broken_check_ends_with_code_3_and_one_that_must_break_with_0() {
 }
 
 #[test]
-fn replay_of_an_own_log_agrees_and_of_a_changed_one_names_the_first_difference() {
-    let scenario = file("replayed.toml", POLL);
-    let log = file("replayed.log", "");
-    let (scenario, log) = (scenario.to_str().unwrap(), log.to_str().unwrap());
-    assert!(hil_sim(&["run", scenario, "--quiet", "--log", log]).status.success());
-    let out = hil_sim(&["replay", log, "--scenario", scenario]);
-    assert!(out.status.success(), "{}", text(&out.stdout));
-    assert!(text(&out.stdout).contains("times differ by at most 0 us"), "{}", text(&out.stdout));
-
-    let changed = std::fs::read_to_string(log).unwrap().replacen("0A6#0A1D1935", "0A6#0A1D1445", 1);
-    let changed = file("changed.log", &changed);
-    let out = hil_sim(&["replay", changed.to_str().unwrap(), "--scenario", scenario]);
-    assert_eq!(out.status.code(), Some(3));
-    let said = text(&out.stdout);
-    assert!(said.contains("first difference: module 6, answer 1 at"), "{said}");
-    assert!(said.contains("log has 0A6#0A1D1445, replay 0A6#0A1D1935"), "{said}");
-    let form = hil_sim(&["replay", changed.to_str().unwrap(), "--scenario", scenario, "--ignore-values"]);
-    assert!(form.status.success());
-}
-
-#[test]
 fn swarm_runs_its_seeds_and_prints_options_of_a_single_one() {
     let out = hil_sim(&["swarm", "--seeds", "20", "--first", "100", "--duration-s", "0.1"]);
     assert!(out.status.success(), "{}", text(&out.stdout));
@@ -112,8 +91,6 @@ fn every_mistake_has_its_code_and_says_where() {
         "schema_version = 1\nduration_s = 1\n[[fault]]\nkind = \"supply-loss\"\ntarget = \"supply 9\"\n",
     );
     let no_robot = file("no_robot.toml", "schema_version = 1\nduration_s = 1\nrobot = \"r2d2\"\n");
-    let no_log = file("empty.log", "(0000000000.000001) can0 123#00\n");
-    let bad_log = file("bad.log", "(0000000000.000001) can0 0C1#0A62\nhello\n");
     let p = |path: &PathBuf| path.to_str().unwrap().to_owned();
     for (args, code, message) in [
         (vec!["run".to_owned(), "/no/such.toml".into()], 4, "/no/such.toml: cannot read the file"),
@@ -122,8 +99,6 @@ fn every_mistake_has_its_code_and_says_where() {
         (vec!["run".into(), p(&no_module)], 4, "no module 20 on this bus"),
         (vec!["run".into(), p(&no_supply)], 4, "the robot has no such supply"),
         (vec!["run".into(), p(&no_robot)], 4, "r2d2"),
-        (vec!["replay".into(), p(&no_log)], 4, "no request in the log"),
-        (vec!["replay".into(), p(&bad_log)], 4, "bad.log:2: "),
         (vec!["serve".into(), "--bus".into(), "novcan9".into()], 5, "novcan9"),
         (vec!["serve".into(), "--bus".into(), "tcp://x".into()], 2, "no kind of bus"),
         (vec!["serve".into(), "--bus".into(), "sim".into()], 5, "'sim' is the cell inside this program"),

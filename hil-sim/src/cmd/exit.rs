@@ -7,9 +7,9 @@ pub(super) const HELP: &str = "\
 Exit codes:
   0  done, everything as expected
   2  the command line is wrong
-  3  a check of the scenario did not end as expected, a replay differs, a seed of a swarm failed,
-     or a served robot stopped with a fault
-  4  a file is wrong or cannot be read: scenario, robot, log
+  3  a check of the scenario did not end as expected, a seed of a swarm failed, or a served robot
+     stopped with a fault
+  4  a file is wrong or cannot be read: scenario, robot
   5  the bus cannot be had, or was lost; the client of a served robot cannot be reached or does not answer
   6  a simulated node broke its contract (a defect of the simulator)
   7  a result could not be written";

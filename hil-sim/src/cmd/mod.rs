@@ -3,7 +3,6 @@
 mod exit;
 mod faults;
 mod progress;
-mod replay;
 mod run;
 mod serve;
 mod serve_court;
@@ -35,8 +34,6 @@ enum Verb {
     ServeTracker(serve_tracker::Args),
     /// Run a scenario in virtual time: same seed, same log.
     Run(run::Args),
-    /// Feed the requests of a candump log to the drives and compare the answers.
-    Replay(replay::Args),
     /// Run many random situations and look for panics, hangs and NaN.
     Swarm(swarm::Args),
     /// List the kinds of faults with their keys.
@@ -51,7 +48,6 @@ pub(crate) fn main() -> ExitCode {
         Verb::ServeKrc(args) => serve_krc::run(&args),
         Verb::ServeTracker(args) => serve_tracker::run(&args),
         Verb::Run(args) => run::run(&args),
-        Verb::Replay(args) => replay::run(&args),
         Verb::Swarm(args) => swarm::run(&args),
         Verb::Faults => faults::run(),
     };
