@@ -5,6 +5,5 @@ mod cyphal_messages;
 mod cyphal_node;
 mod cyphal_receiver;
 mod cyphal_transport;
-mod dbc;
 mod powercube_properties;
 mod powercube_vectors;
