@@ -14,7 +14,7 @@ const PACKAGES: &[&[&str]] = &[
     &["cell-tests", "cubecell-python", "layers"],
 ];
 
-/// Words of a family of drives, which the code of the controller must not name; comments may.
+/// Words that name a drive family or its packets. The code of the controller must not use them; its comments may.
 const FAMILY_WORDS: [&str; 4] = ["groups", "Frame", "PowerCubes", "embedded_can"];
 
 fn root() -> PathBuf {
@@ -105,11 +105,9 @@ fn the_walk_through_lists_the_floors() {
 }
 
 fn family_words(text: &str) -> Vec<&'static str> {
-    let code: Vec<&str> = text.lines().map(|line| line.split("//").next().unwrap_or_default()).collect();
-    let words: BTreeSet<&str> = code
-        .iter()
-        .flat_map(|line| line.split(|letter: char| !letter.is_alphanumeric() && letter != '_'))
-        .collect();
+    let code = text.lines().filter_map(|line| line.split("//").next());
+    let words: BTreeSet<&str> =
+        code.flat_map(|line| line.split(|letter: char| !letter.is_alphanumeric() && letter != '_')).collect();
     FAMILY_WORDS.into_iter().filter(|word| words.contains(word)).collect()
 }
 
@@ -132,7 +130,7 @@ fn code_that_names_a_family_is_found_and_a_comment_is_not() {
     assert!(family_words("struct FreezeFrame; // groups, PowerCubes").is_empty());
 }
 
-/// Names of tests beside `tests/main.rs` that it does not declare: they would never run.
+/// Test files that `tests/main.rs` does not declare as modules. Cargo would never run them.
 fn left_out(names: &[String], main: &str) -> Vec<String> {
     let modules: BTreeSet<&str> =
         main.lines().filter_map(|line| line.strip_prefix("mod ")?.strip_suffix(';')).collect();
