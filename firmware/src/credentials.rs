@@ -1,6 +1,6 @@
 //! Nodes that give orders, and the secrets they prove themselves with.
 
-pub use protocol::cyphal::cubecell::authorization::{CODE_LEN, KEY_LEN, NONCE_LEN};
+pub use protocol::cyphal::cubecell::authorization::{CODE_LEN, DIGEST_LEN, KEY_LEN, NONCE_LEN};
 
 /// A node that speaks to the controller. The number is the link's: a node-ID on Cyphal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,6 +43,8 @@ pub struct Key([u8; KEY_LEN]);
 
 /// Number of a challenge.
 pub type Nonce = [u8; NONCE_LEN];
+/// SHA-256 of something.
+pub type Digest = [u8; DIGEST_LEN];
 /// Truncated authentication code.
 pub type Code = [u8; CODE_LEN];
 

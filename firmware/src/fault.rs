@@ -111,6 +111,7 @@ causes! {
     106 PositionJumped QuickStop "positions from a drive jumped away from where its commands lead", "check the encoder and the clamping of the joint; home the group again";
     107 MotionNotFollowed QuickStop "positions from a drive do not follow its commands", "free the joint, check load, current limit and supply; look for another controller";
     108 MovesUnordered Halt "a joint was measured moving although nobody had ordered a motion", "look for another controller or a person at the arm; read the drive's state word; clear the fault when the arm stands";
+    109 GripperUnanswered PathStop "the module with the gripper's output did not answer its writes", "look at the gripper: it may be open or closed; check the module and its address, then clear the fault";
 
     200 DriveError QuickStop "a drive reports an error or is halted while it should move", "read the drive's state word; clear the fault when its cause is gone";
     201 DriveTowError QuickStop "a drive's following error was too large", "less acceleration or load, free the joint, check the drive's own limit";
@@ -120,6 +121,7 @@ causes! {
     205 DriveHardLimit Halt "a drive has passed its hard limit", "move it back by the maker's procedure";
     206 DriveSoftLimit QuickStop "a drive has passed its own soft limit", "clear the fault and jog it back";
     207 DriveLostHome QuickStop "a drive that had found its zero has lost it", "home the group again";
+    208 DriveAltered PathStop "a drive's current limit or configuration is not the one that was written to it", "find the node that writes to the drives; clear the fault to write them again";
 
     300 PositionLimit QuickStop "a joint was measured outside its soft limits", "jog it back; check the plan and the gains";
     301 VelocityLimit QuickStop "a joint was measured faster than allowed", "check the plan, the gains and the drive's parameters";
@@ -162,6 +164,7 @@ causes! {
     616 BankBusy Refuse "the trajectory cannot be changed now", "wait until the motion has ended, disarm";
     617 FileEvent Refuse "the file has more events than fit, or one that this controller does not know", "at most 8 events; use a controller of the same version";
     618 FileEnvelope Refuse "the envelope for new end states is empty, or wider than the limits of a joint less the control reserve", "at most 95 % of speed and acceleration, and a millimetre of arc inside the soft limits";
+    619 UploadOfOther Refuse "the upload belongs to another node; a write of any other one voids it", "one host at a time: upload the whole file again, from offset 0";
 
     700 OrderNotNow Refuse "the order is not allowed in the present state", "look at the state";
     701 TokenWrong Refuse "the arming token is not the one offered, or has expired", "ask for a new offer";
@@ -174,17 +177,17 @@ causes! {
     708 OtherFault Refuse "another fault is latched than the order names", "read the latched fault first";
     709 JointUnknown Refuse "no such joint", "joints count from 0";
     710 BadValue Refuse "a value of the order is out of range", "see the order's description";
-    711 DriveNotReady Refuse "a drive is silent, in error or halted", "look at the drive; clear the fault";
+    711 DriveNotReady Refuse "a drive is silent, in error or halted, or has not taken the current limit of the settings yet", "look at the drive; clear the fault";
     712 GripperBusy Refuse "the gripper cannot be operated during a run", "the release is part of the plan";
     713 CycleTooShort Refuse "the drives' answers of a cycle do not fit into the control period; the index is the period that would do, in us", "tune and plan for that period, or set the drives to answer faster";
     714 StillMoving Refuse "a joint still moves", "wait until the arm stands";
     715 OtherHost Refuse "another node holds the session: it asked for an offer to arm, armed the group, or moves it", "wait until it has ended, or disarm (any node may), then begin again";
-    716 GainsUncertified Refuse "the gains have no certificate", "tune for this robot and period, then write the gains with their certificate";
+    716 GainsUncertified Refuse "the gains have no certificate, or theirs is about other gains, weights, limits of acceleration, lags or robots than those in force", "tune for this robot and period, then write the gains with their certificate, last";
     717 GainsOtherRobot Refuse "the gains were designed for another robot than the one of the plan", "tune for the robot of the plan, or plan for the robot of the gains";
     718 LimitCeiling Refuse "the limit is wider than that of the robot the controller was started for", "stay within it, or unlock the limits by naming the robot's checksum";
     719 WrongRobot Refuse "the unlock names another robot than the one whose limits are in force", "read register limits.robot_crc32";
     720 CodeMissing Refuse "the controller has a key, and the order came without an authentication code", "name the key file";
-    721 CodeWrong Refuse "the authentication code does not fit the key, the challenge, the node or the order, or came too late", "look at the key file; send the order again";
+    721 CodeWrong Refuse "the authentication code does not fit the key, the challenge, the node, the order, or the file and the settings that it is about, or came too late", "look at the key file and for other nodes that upload or write registers; upload and arm again";
     722 NoKey Refuse "an authentication code was given, but the controller has no key", "set a key, or leave the key file out";
     723 StartPassed Refuse "the start time of the run has passed, or is nearer than the drives need", "read the controller's clock and order a later start";
     724 StartTooFar Refuse "the start time of the run is more than 30 s ahead", "order the run later, or an earlier start";
@@ -195,6 +198,7 @@ causes! {
     729 TargetVelocity Refuse "the way to the new end state needs more speed than the envelope of a joint has", "a nearer end state, or a later time";
     730 TargetAcceleration Refuse "the way to the new end state needs more acceleration than the envelope of a joint has", "a nearer end state, or a later time";
     731 TargetEvent Refuse "an event of the new end state has passed, or comes after its motion", "an event between now and the end of the motion";
+    732 GainDelay Refuse "the gains were designed for another delay than the loop has, which acts one period after it measures", "tune with the delay left out, or with a range that ends with the period";
 }
 
 impl Cause {

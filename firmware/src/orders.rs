@@ -5,7 +5,7 @@
 use protocol::cyphal::cubecell::group_state::State as StateKind;
 use protocol::{Duration, Instant, JointIndex};
 
-use crate::credentials::{Code, Nonce};
+use crate::credentials::{Code, Digest, Nonce};
 use crate::events::Action;
 use crate::joints::PerJoint;
 use crate::retarget::EndState;
@@ -127,6 +127,8 @@ pub enum Done {
         token: u32,
         /// Time left.
         valid: Duration,
+        /// [`run_digest`](crate::registers::run_digest) of what would be armed.
+        digest: Digest,
     },
     /// A challenge; it holds for [`CHALLENGE_VALID`](crate::authority::CHALLENGE_VALID).
     Challenge(Nonce),

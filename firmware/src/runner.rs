@@ -15,8 +15,8 @@
 //! | pin | high |
 //! |---|---|
 //! | `gripper` | open, unless `gripper.inverted` is set |
-//! | `enable` | the group may move: Armed, Homing, Jogging, Running, Stopping. For drives or valves with an enable input |
-//! | `lamp` | as `enable`; in Fault it blinks, half a second on and half a second off |
+//! | `enable` | the group may move: Armed, Homing, Jogging, Running, Stopping; after a fault until its joints stand. For drives or valves with an enable input |
+//! | `lamp` | the group may move; in Fault it blinks, half a second on and half a second off |
 //!
 //! A pin that the board does not have is a [`NoPin`].
 
@@ -84,7 +84,8 @@ pub struct Turn {
     /// `Some`: nothing to do before this time unless a frame is received, or one has left and made room for the next
     /// ([`Runner::waits_for_room`]). `None`: call again at once.
     pub idle_until: Option<Instant>,
-    /// False if a deadline was served more than [`LATE_MAX`] late. The watchdog is fed only if it is true.
+    /// False from a deadline that was served more than [`LATE_MAX`] late to the next one in time. The watchdog is fed only if
+    /// it is true.
     pub healthy: bool,
 }
 
@@ -140,6 +141,7 @@ pub struct Runner<C: Can, K, G = NoPin, E = NoPin, L = NoPin> {
     /// Received frames handed over since a deadline was due.
     frames_in_a_row: u8,
     now: Instant,
+    healthy: bool,
     counters: BoardCounters,
 }
 
@@ -164,6 +166,7 @@ where
             held: None,
             frames_in_a_row: 0,
             now: Instant::ZERO,
+            healthy: true,
             counters: BoardCounters { can_errors: 0, frames_refused: 0, pin_errors: 0, late: 0 },
         }
     }
@@ -212,17 +215,22 @@ where
         };
         match received {
             Received::Frame(frame) => node.handle_frame(now, &frame),
-            Received::Nothing if due.is_some() => node.handle_timeout(now),
+            Received::Nothing if due.is_some() => {
+                self.healthy = !late;
+                node.handle_timeout(now);
+            }
             Received::Nothing | Received::Unusable => {}
         }
         self.send(node);
-        let blink_at = self.put_pins(now, node.controller().state().kind(), node.take_gripper_level());
+        let brakes = node.controller().is_braking(now);
+        let blink_at =
+            self.put_pins(now, node.controller().state().kind(), brakes, node.take_gripper_level());
         let idle_until = if worked {
             None
         } else {
             Some(node.poll_timeout().unwrap_or(Instant::FAR_FUTURE).min(blink_at))
         };
-        Turn { idle_until, healthy: !late }
+        Turn { idle_until, healthy: self.healthy && !late }
     }
 
     fn receive(&mut self) -> Received {
@@ -276,7 +284,7 @@ where
     }
 
     /// Puts the levels on the pins; the time at which the lamp changes next.
-    fn put_pins(&mut self, now: Instant, state: StateKind, gripper: Option<bool>) -> Instant {
+    fn put_pins(&mut self, now: Instant, state: StateKind, brakes: bool, gripper: Option<bool>) -> Instant {
         self.gripper_wanted = gripper.or(self.gripper_wanted);
         let may_move = matches!(
             state,
@@ -290,7 +298,9 @@ where
         let half = now.as_micros() >> BLINK_SHIFT;
         let lit = may_move || blinks && half & 1 == 0;
         let gripper = self.gripper_wanted.is_none_or(|level| self.gripper.put(level));
-        for fine in [gripper, self.enable.put(may_move), self.lamp.put(lit)] {
+        // Drives that brake need it, but it never rises for that.
+        let enable = may_move || (brakes && self.enable.level == Some(true));
+        for fine in [gripper, self.enable.put(enable), self.lamp.put(lit)] {
             if !fine {
                 self.counters.pin_errors = self.counters.pin_errors.saturating_add(1);
             }

@@ -111,9 +111,14 @@ pub struct Settings {
     pub watchdog_timeout_us: u32,
     /// Period the gains were designed for, µs.
     pub gains_period_us: u32,
+    /// Smallest delay from measurement to action that the gains were designed for, µs.
+    pub gains_delay_min_us: u32,
+    /// Largest, µs. The loop acts one control period after it measures.
+    pub gains_delay_max_us: u32,
     /// CRC-32 of the robot file the gains were designed for.
     pub gains_robot_crc32: u32,
-    /// CRC-32 of the certificate of the gains; 0: none, and nothing can be armed.
+    /// [`certificate_crc32`](crate::registers::certificate_crc32) of what the gains were proven for; 0: nothing. Other
+    /// settings than these cannot be armed.
     pub gains_certificate_crc32: u32,
     /// CRC-32 of the robot file whose limits these are: the widest that may be set without an unlock.
     pub limits_robot_crc32: u32,
@@ -229,8 +234,10 @@ impl Settings {
             watchdog_refresh_us: 20_000,
             watchdog_timeout_us: 50_000,
             gains_period_us: 3_000,
+            gains_delay_min_us: 2_250,
+            gains_delay_max_us: 3_000,
             gains_robot_crc32: POWERCUBE6_CRC32,
-            gains_certificate_crc32: 0x8C40_7B24,
+            gains_certificate_crc32: 0xC812_30AB,
             limits_robot_crc32: POWERCUBE6_CRC32,
             estimator_alpha: 0.6,
             estimator_beta: 0.2,
@@ -260,7 +267,8 @@ impl Settings {
         let mut settings = Self::powercube6();
         settings.cycle_period_us = 17_000;
         settings.gains_period_us = 17_000;
-        settings.gains_certificate_crc32 = 0x1405_71AB;
+        (settings.gains_delay_min_us, settings.gains_delay_max_us) = (15_000, 17_000);
+        settings.gains_certificate_crc32 = 0xECA8_6A82;
         settings.reply_deadline_us = 6_000;
         settings.estimator_alpha = 1.0;
         settings.estimator_beta = 1.0;
@@ -323,6 +331,10 @@ mod tests {
     fn built_in_settings_pass_their_own_check() {
         assert_eq!(Settings::powercube6().check(), Ok(()));
         assert_eq!(Settings::powercube6_paper().check(), Ok(()));
+        for settings in [Settings::powercube6(), Settings::powercube6_paper()] {
+            let crc32 = crate::registers::certificate_crc32(&settings);
+            assert_eq!(format!("{:08x}", settings.gains_certificate_crc32), format!("{crc32:08x}"));
+        }
     }
 
     #[test]

@@ -168,9 +168,39 @@ impl Machine {
         &self.state
     }
 
-    /// Data of the state, to go on within it. Must not be used to change the kind.
-    pub(crate) const fn data(&mut self) -> &mut State {
-        &mut self.state
+    /// Armed: the run begins at `at`.
+    pub(crate) const fn start_at(&mut self, at: Instant) {
+        if let State::Armed { start, .. } = &mut self.state {
+            *start = Some(at);
+        }
+    }
+
+    /// Jogging: the joint ramps to rest.
+    pub(crate) const fn release_jog(&mut self) {
+        if let State::Jogging(jog) = &mut self.state {
+            jog.released = true;
+        }
+    }
+
+    /// Running: the plan is at its end, the joints rest by `until`.
+    pub(crate) const fn park(&mut self, until: Instant) {
+        if let State::Running { parking, .. } = &mut self.state {
+            *parking = Some(until);
+        }
+    }
+
+    /// Stopping: the time along the plan.
+    pub(crate) const fn slow_down(&mut self, along: PathClock) {
+        if let State::Stopping { clock, .. } = &mut self.state {
+            *clock = along;
+        }
+    }
+
+    /// Stopping: another cause is the first one.
+    pub(crate) const fn latch(&mut self, first: Fault) {
+        if let State::Stopping { fault, .. } = &mut self.state {
+            *fault = first;
+        }
     }
 
     /// Enters a state: the only writer between states.

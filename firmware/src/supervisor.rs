@@ -5,6 +5,7 @@ use protocol::Instant;
 
 use crate::fault::Cause;
 use crate::group::PositionSample;
+use crate::reach::SoftLimits;
 use crate::settings::JointSettings;
 use crate::span;
 
@@ -30,11 +31,11 @@ pub struct SupervisedSample {
     pub e_rad: f32,
 }
 
-/// Position, speed and following error of a moving joint.
-pub fn check_motion(measured: &SupervisedSample, limits: &JointSettings) -> Option<Cause> {
+/// Position, speed and following error of a moving joint that may be within `soft`.
+pub fn check_motion(measured: &SupervisedSample, limits: &JointSettings, soft: SoftLimits) -> Option<Cause> {
     let SupervisedSample { q_rad, qd_rad_s, e_rad } = *measured;
     // Each comparison is false for NaN, so NaN is a fault.
-    let inside = q_rad >= limits.q_min_rad - Q_TOLERANCE_RAD && q_rad <= limits.q_max_rad + Q_TOLERANCE_RAD;
+    let inside = q_rad >= soft.q_min_rad - Q_TOLERANCE_RAD && q_rad <= soft.q_max_rad + Q_TOLERANCE_RAD;
     let slow_enough = qd_rad_s.abs() <= V_TOLERANCE * limits.v_max_rad_s + V_NOISE_RAD_S;
     let near_enough = e_rad.abs() <= limits.error_max_rad;
     if !inside {
@@ -75,7 +76,7 @@ mod tests {
             (SupervisedSample { e_rad: -0.26, ..fine }, Some(Cause::FollowingError)),
         ];
         for (measured, cause) in table {
-            assert_eq!(check_motion(&measured, &limits), cause, "{measured:?}");
+            assert_eq!(check_motion(&measured, &limits, SoftLimits::of(&limits)), cause, "{measured:?}");
         }
     }
 
@@ -98,7 +99,7 @@ mod tests {
                     Some(Cause::FollowingError),
                 ),
             ] {
-                assert_eq!(check_motion(&measured, &limits), cause, "{measured:?}");
+                assert_eq!(check_motion(&measured, &limits, SoftLimits::of(&limits)), cause, "{measured:?}");
             }
         }
     }

@@ -46,6 +46,8 @@ pub enum TraceEvent {
     LimitsChanged,
     /// A key was set (true) or removed.
     Key(bool),
+    /// A node wrote to the upload of another one, which is void.
+    UploadVoided(Peer),
     /// A register write was refused: its number.
     RegisterRefused(u8, Cause),
 }

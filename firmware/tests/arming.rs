@@ -113,3 +113,24 @@ fn arming_takes_joints_within_the_start_tolerance_and_no_others() {
         }
     }
 }
+
+#[test]
+fn offer_to_arm_ends_with_every_stop_in_every_state() {
+    type Stop = fn(&mut Bench);
+    let stops: [Stop; 2] = [|bench| bench.stop_now(), |bench| _ = bench.order(Order::Stop).unwrap()];
+    for stopped_before in [false, true] {
+        for stop in stops {
+            let (mut bench, name) = uploaded();
+            if stopped_before {
+                bench.stop_now();
+                bench.run_until(1_000_000, |bench| bench.kind() == StateKind::Stopped);
+            }
+            let valid = Duration::from_secs(10);
+            let prepared = bench.order(Order::ArmPrepare { crc64: name.crc64, valid });
+            let Ok(Done::Offer { token, .. }) = prepared else { panic!("{prepared:?}") };
+            stop(&mut bench);
+            let confirmed = bench.order(Order::ArmConfirm { token, valid }).map_err(|refusal| refusal.cause);
+            assert_eq!(confirmed, Err(Cause::TokenWrong), "stopped before: {stopped_before}");
+        }
+    }
+}

@@ -223,6 +223,7 @@ fn missing_drive_is_named_and_found_after_a_clear() {
     let fault = bench.controller.state().fault().unwrap();
     assert_eq!((fault.cause, fault.joint), (Cause::DriveMissing, Some(joint(4))));
     bench.drives[4].silent = false;
+    bench.run_for(1_700_000);
     let wrong = bench.order(Order::ClearFault { code: Cause::HostLost.code() }).unwrap_err();
     assert_eq!((wrong.cause, wrong.index), (Cause::OtherFault, Cause::DriveMissing.code()));
     bench.order(Order::ClearFault { code: fault.cause.code() }).unwrap();
@@ -287,16 +288,19 @@ fn arming_needs_its_token_in_time_a_live_host_homed_joints_and_gains_for_the_per
         Ok(Done::Offer { token, .. }) => token,
         other => panic!("{other:?}"),
     };
-    let certificate = bench.controller.settings().gains_certificate_crc32;
+    let certify = |bench: &mut Bench| {
+        let crc32 = firmware::registers::certificate_crc32(bench.controller.settings());
+        write(bench, "gains.certificate_crc32", crc32);
+    };
     write(&mut bench, "gains.period_us", 17_000);
     assert_eq!(refused(bench.order(Order::ArmConfirm { token: second, valid })), Cause::TokenWrong);
     let token = offer(&mut bench);
     assert_eq!(refused(bench.order(Order::ArmConfirm { token, valid })), Cause::GainsUncertified);
-    write(&mut bench, "gains.certificate_crc32", certificate);
+    certify(&mut bench);
     let token = offer(&mut bench);
     assert_eq!(refused(bench.order(Order::ArmConfirm { token, valid })), Cause::GainPeriod);
     write(&mut bench, "gains.period_us", 3_000);
-    write(&mut bench, "gains.certificate_crc32", certificate);
+    certify(&mut bench);
     let second = offer(&mut bench);
     bench.order(Order::ArmConfirm { token: second, valid }).unwrap();
     bench.order(Order::ArmConfirm { token: second, valid }).unwrap();

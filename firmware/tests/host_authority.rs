@@ -14,6 +14,7 @@ use protocol::cyphal::id::NodeId;
 use protocol::cyphal::uavcan::command::Status;
 use protocol::cyphal::uavcan::register::{self, AccessRequest, AccessResponse};
 use protocol::cyphal::uavcan::value::{Value, ValueBuf};
+use sha2::{Digest as _, Sha256};
 
 const FIRST: NodeId = NodeId::from_low_bits(42);
 const SECOND: NodeId = NodeId::from_low_bits(43);
@@ -145,6 +146,13 @@ fn content(number: u16, parameter: &dyn Encode) -> Content {
     Content::of_command(number, &bytes[..len]).unwrap()
 }
 
+/// Content of a confirmation, about the file and the settings that the controller has.
+fn covered(host: &Host, confirm: &ArmConfirm) -> Content {
+    let file: [u8; 32] = Sha256::digest(throw_file(3_000, false)).into();
+    let digest = firmware::registers::run_digest(&file, host.bench.controller.core().settings());
+    content(command::ARM_CONFIRM, confirm).about(&digest).unwrap()
+}
+
 fn authorize(host: &mut Host, content: &Content) -> Authorization {
     let (status, output) = host.command(command::CHALLENGE, &command::ClearFault::default());
     assert_eq!(status, Status::SUCCESS);
@@ -188,12 +196,13 @@ fn a_key_set_over_the_wire_is_never_read_back_and_locks_strangers_out() {
 
     // The owner; and a stranger that repeats under its number what it heard, before and after.
     let confirm = offer(&mut host, &name);
-    let heard = authorize(&mut host, &content(command::ARM_CONFIRM, &confirm));
+    let about = covered(&host, &confirm);
+    let heard = authorize(&mut host, &about);
     let longer = ArmConfirm { valid_ms: 30_000, ..confirm };
     assert_eq!(refused(&host.command(command::ARM_CONFIRM, &longer)), Cause::CodeWrong, "another content");
     assert_eq!(host.bench.kind(), StateKind::Ready);
     assert_eq!(refused(&host.command(command::AUTHORIZE, &heard)), Cause::CodeWrong, "used up");
-    authorize(&mut host, &content(command::ARM_CONFIRM, &confirm));
+    authorize(&mut host, &about);
     assert_eq!(host.command(command::ARM_CONFIRM, &confirm).0, Status::SUCCESS);
     assert_eq!(host.command(command::ARM_CONFIRM, &confirm).0, Status::SUCCESS, "its answer was lost");
     assert_eq!(host.bench.kind(), StateKind::Armed);

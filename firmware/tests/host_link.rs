@@ -1,16 +1,20 @@
 //! The controller through its Cyphal link, by a host of `protocol`'s own client code: everything a throw needs, and
 //! that the link never disturbs the drives.
 
-use crate::bench::host::Host;
+use crate::bench::host::{Host, SERVER};
 use crate::bench::*;
 use firmware::fault::Cause;
 use firmware::settings::Settings;
 use firmware::state::StateKind;
-use protocol::cyphal::bits::Decode;
+use protocol::Instant;
+use protocol::cyphal::bits::{Decode, Encode};
 use protocol::cyphal::cubecell::command::{self, Refusal, Trajectory};
 use protocol::cyphal::cubecell::stop;
-use protocol::cyphal::id::{NodeId, Priority, Route};
-use protocol::cyphal::uavcan::command::Status;
+use protocol::cyphal::id::{NodeId, Priority, Route, ServiceId, TransferId};
+use protocol::cyphal::tx::{TxMeta, TxQueue};
+use protocol::cyphal::uavcan::command::standard;
+use protocol::cyphal::uavcan::command::{self as commands, CommandRequest, Status};
+use protocol::cyphal::uavcan::info;
 use protocol::cyphal::uavcan::register::{self, AccessRequest, AccessResponse};
 use protocol::cyphal::uavcan::value::{Value, ValueBuf};
 
@@ -38,6 +42,49 @@ fn throw_over_the_wire_is_as_good_as_by_hand_and_telemetry_does_not_disturb_it()
     assert!(
         group.trajectory_committed && group.trajectory_crc64 == name.trajectory_crc64 && group.host_alive
     );
+}
+
+/// A request of a node as it comes from the bus, now.
+fn inject(host: &mut Host, from: u8, service: ServiceId, transfer_id: u8, request: &dyn Encode) {
+    let (source, destination) = (NodeId::from_low_bits(from), SERVER);
+    let meta = TxMeta {
+        route: Route::Request { service, source, destination },
+        priority: Priority::Nominal,
+        transfer_id: TransferId::from_low_bits(transfer_id),
+        deadline: Instant::FAR_FUTURE,
+    };
+    let mut queue: TxQueue<2, 100> = TxQueue::new();
+    queue.push(&meta, request).unwrap();
+    while let Some(frame) = queue.pop() {
+        host.bench.inject(&frame);
+    }
+}
+
+#[test]
+fn stop_and_disarm_by_command_are_carried_out_whatever_waits_to_be_answered() {
+    let cases = [
+        (standard::EMERGENCY_STOP, true, StateKind::Stopping),
+        (command::STOP, true, StateKind::Stopping),
+        (command::STOP, false, StateKind::Stopped),
+        (command::DISARM, false, StateKind::Ready),
+    ];
+    for (number, runs, expected) in cases {
+        let mut host = Host::new();
+        let name = host.armed();
+        if runs {
+            assert_eq!(host.command(command::RUN, &name).0, Status::SUCCESS);
+            host.run(300_000, |_, _| {});
+        }
+        // The answers of one instant cannot leave: the queue fills up.
+        for transfer_id in 0..12 {
+            inject(&mut host, 50, info::SERVICE, transfer_id, &());
+        }
+        let before = host.bench.kind();
+        inject(&mut host, 51, register::LIST, 0, &register::ListRequest { index: 0 });
+        assert_eq!(host.bench.kind(), before);
+        inject(&mut host, 51, commands::SERVICE, 1, &CommandRequest { command: number, parameter: &[] });
+        assert_eq!(host.bench.kind(), expected, "command {number} in {before:?}");
+    }
 }
 
 #[test]

@@ -59,6 +59,7 @@ fn parking_beside(away_rad: f64) -> Bench {
         joint.start_tolerance_rad = 0.15;
         (joint.k_error_1_s2, joint.k_rate_1_s, joint.k_last) = (0.0, 0.0, 0.0);
     }
+    settings.gains_certificate_crc32 = firmware::registers::certificate_crc32(&settings);
     let start = throw_start().map(|q| q + away_rad);
     let mut bench = Bench::ready(Options { settings, ..Options::default() }, &start);
     bench.start(&throw_file(3_000, true));

@@ -44,6 +44,10 @@ pub(crate) enum Wire {
     Overtaken,
     /// The telegram arrives with another number.
     OtherNumber,
+    /// The telegram arrives with a count of late answers of zero.
+    NoLate,
+    /// The telegram arrives without positions.
+    NoPositions,
 }
 
 pub(crate) struct Robot {
@@ -61,6 +65,11 @@ pub(crate) struct Robot {
     pub(crate) v_max: f64,
     /// Cycles from a set point to the beginning of its effect.
     pub(crate) dead_cycles: usize,
+    /// Late answers are counted in a row.
+    pub(crate) counts_in_a_row: bool,
+    /// Largest change of a correction that was taken, per limit of its axis: of speed (0) and acceleration (1). What the robot
+    /// does itself when it has no answer is not counted: it stands.
+    pub(crate) leap: [f64; 2],
 }
 
 impl Robot {
@@ -78,6 +87,8 @@ impl Robot {
             a_max: 0.0,
             v_max: 0.0,
             dead_cycles: DEAD_CYCLES,
+            counts_in_a_row: false,
+            leap: [0.0; 2],
         }
     }
 
@@ -92,20 +103,43 @@ impl Robot {
             a_max: self.a_max,
             v_max: self.v_max,
             dead_cycles: self.dead_cycles,
+            counts_in_a_row: self.counts_in_a_row,
+            leap: self.leap,
             set: self.set.clone(),
             ..Self::new(set)
         };
     }
 
+    /// Its program was ended, its arm went back to its start pose, and its program began again.
+    pub(crate) fn return_to_start(&mut self) {
+        let start = self.start;
+        (self.set, self.q) = (vec![start], start);
+        self.restart();
+    }
+
     fn cycle(&mut self, asked: bool) {
-        match self.accepted.take() {
-            Some(correction) => self.correction = correction,
+        let taken = self.accepted.take();
+        match taken {
+            Some(correction) => {
+                self.correction = correction;
+                self.late = if self.counts_in_a_row { 0 } else { self.late };
+            }
             None if asked => self.late += 1,
             None => {}
         }
         let n = self.set.len();
         let (before, last) = (self.set[n - 2], self.set[n - 1]);
         let set: [f64; AXES] = std::array::from_fn(|i| self.start[i] + self.correction[i]);
+        if taken.is_some() {
+            let limits = settings();
+            for i in 0..AXES {
+                let dt = PERIOD_US as f64 * 1e-6;
+                let (v, v_before) = ((set[i] - last[i]) / dt, (last[i] - before[i]) / dt);
+                let v_max = f64::from(limits.joint.at(joint(i)).v_max_rad_s);
+                self.leap[0] = self.leap[0].max(v.abs() / v_max);
+                self.leap[1] = self.leap[1].max((v - v_before).abs() / dt / CUT_OUT_RAD_S2);
+            }
+        }
         for i in 0..AXES {
             let a = (set[i] - 2.0 * last[i] + before[i]) / (PERIOD_US as f64 * 1e-6).powi(2);
             self.a_max = self.a_max.max(a.abs());
@@ -150,6 +184,8 @@ pub(crate) struct Cell {
     pub(crate) now: u64,
     pub(crate) cycle: u64,
     pub(crate) wire: fn(u64) -> Wire,
+    /// What the network does in the next cycle, instead of `wire`.
+    pub(crate) forced: Option<Wire>,
     pub(crate) held_back: Option<Telegram>,
     pub(crate) answers: Vec<u64>,
     pub(crate) track: Vec<(u64, [f64; AXES])>,
@@ -177,6 +213,7 @@ impl Cell {
             now: 0,
             cycle: 0,
             wire: |_| Wire::Fine,
+            forced: None,
             held_back: None,
             answers: Vec::new(),
             track: Vec::new(),
@@ -252,7 +289,7 @@ impl Cell {
             self.deadlines_until(arrival);
         }
         let late_one = self.held_back.take();
-        match (self.wire)(self.cycle) {
+        match self.forced.take().unwrap_or_else(|| (self.wire)(self.cycle)) {
             Wire::Fine => {
                 let answer = self.hand_over(&telegram);
                 self.take(answer);
@@ -267,6 +304,15 @@ impl Cell {
                 assert_eq!(self.hand_over(&telegram), None, "no second answer");
             }
             Wire::Overtaken => self.held_back = Some(telegram),
+            Wire::NoLate => {
+                let answer = self.hand_over(&Telegram { late: Some(0), ..telegram });
+                self.take(answer);
+            }
+            Wire::NoPositions => {
+                let answer =
+                    self.hand_over(&Telegram { q_rad: None, start_rad: None, late: None, ..telegram });
+                self.take(answer);
+            }
             Wire::OtherNumber => {
                 let answer = self.hand_over(&Telegram { ipoc: telegram.ipoc + 700, ..telegram });
                 self.take(answer);

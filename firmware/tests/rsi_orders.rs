@@ -160,6 +160,26 @@ fn jog_moves_its_axis_alone_and_ends_when_it_stands() {
     }
 }
 
+#[test]
+fn jog_ends_at_the_soft_limit_and_its_release_there_moves_nothing() {
+    for way in [1.0f32, -1.0] {
+        let (mut cell, _) = Cell::ready();
+        let limits = *cell.controller.settings().joint.at(joint(1));
+        let limit = f64::from(if way > 0.0 { limits.q_max_rad } else { limits.q_min_rad });
+        for _ in 0..2_000 {
+            let order =
+                Order::Jog { joint: joint(1), qd_rad_s: 0.25 * way, hold: Duration::from_millis(100) };
+            let _ = cell.controller.order(cell.at(), HOST, order);
+            cell.step();
+        }
+        let set = cell.robot.set.last().unwrap()[1];
+        assert!((set - limit).abs() < 2e-3 && (limit - set) * f64::from(way) > -1e-4, "{set}, limit {limit}");
+        cell.run_until(100, StateKind::Ready);
+        assert!((cell.robot.set.last().unwrap()[1] - set).abs() < 1e-6, "nothing moves on release");
+        assert!(cell.robot.a_max <= 1.01 * f64::from(limits.jog_a_rad_s2), "{}", cell.robot.a_max);
+    }
+}
+
 /// The stop of whoever runs the node.
 #[test]
 fn halt_in_a_throw_brakes_all_axes_together_on_the_tangent_of_their_path() {

@@ -17,6 +17,7 @@ use firmware::store::RamStorage;
 use firmware::{Controller, ControllerNode};
 use protocol::cyphal::cubecell::command::{self, Gripper};
 use protocol::cyphal::uavcan::command::Status;
+use protocol::powercube::CubeState;
 use protocol::{ExtendedId, Frame, Id, Instant, Node, StandardId};
 
 /// A CAN controller with a number of mailboxes: the one with the lowest id goes first, and a frame that is more urgent
@@ -268,6 +269,47 @@ fn a_deadline_served_too_late_is_no_healthy_turn_and_is_counted() {
     let too_late = (due + LATE_MAX).as_micros() + 1;
     assert!(!board.turn_at(too_late.max(latest.as_micros())).healthy);
     assert_eq!(board.runner.counters().late, 1);
+}
+
+/// A turn with nothing to do must not feed the watchdog of a loop that is always late.
+#[test]
+fn a_loop_that_serves_every_deadline_too_late_is_never_healthy() {
+    let mut board = Board::new(&Options::default(), 3);
+    board.settle();
+    for _ in 0..20 {
+        let due = board.node.poll_timeout().unwrap();
+        let late = (due + LATE_MAX).as_micros() + 5_000;
+        for turn in 0..6 {
+            assert!(!board.turn_at(late).healthy, "turn {turn}");
+        }
+    }
+    let due = board.node.poll_timeout().unwrap();
+    assert!(board.turn_at(due.as_micros()).healthy, "in time again");
+}
+
+#[test]
+fn enable_falls_after_a_fault_once_the_drives_stand() {
+    let options = Options::default();
+    let mut host = Host::over(Board::new(&options, 3), options);
+    let name = host.armed();
+    assert_eq!(host.command(command::RUN, &name).0, Status::SUCCESS);
+    host.run(500_000, |_, _| {});
+    let sick = CubeState::ERROR.union(CubeState::POWERFAULT);
+    host.bench.drives[2].state = host.bench.drives[2].state.union(sick);
+    let enabled = |host: &Host<Board>| *host.bench.controller.enable.levels.borrow().last().unwrap();
+    let mut braked_with_enable = false;
+    for _ in 0..2_000 {
+        host.run(1_000, |_, _| {});
+        let fastest = host.bench.drives.iter().map(|drive| drive.v.abs()).fold(0.0, f64::max);
+        if !enabled(&host) {
+            assert!(fastest < 0.02, "enable fell at {fastest} rad/s");
+            break;
+        }
+        braked_with_enable |= host.bench.kind() == StateKind::Fault && fastest > 0.1;
+    }
+    assert!(braked_with_enable && !enabled(&host));
+    host.run(2_000_000, |_, _| {});
+    assert_eq!(*host.bench.controller.enable.levels.borrow(), [false, true, false]);
 }
 
 #[test]

@@ -80,7 +80,7 @@ fn cell_options(base: &CellOptions, rng: &mut Rng) -> CellOptions {
     o.scatter.gripper_delay = micros(rng, 0, 10_000);
     o.gripper.delay = micros(rng, 0, 50_000);
     o.gripper.jitter = micros(rng, 0, 5_000);
-    o.gripper.drag_1_m = 0.1 * rng.unit();
+    o.gripper.drag_1_m = Some(0.1 * rng.unit());
     o
 }
 

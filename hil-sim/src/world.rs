@@ -18,8 +18,6 @@ use crate::bus::{BitRateError, Bus, BusConfig, BusEvent, ErrorKind};
 use crate::fault::{Action, Delivery, Engine, Fault, FaultKind, NotApplicable, Target, WireFault};
 use crate::participants::{BusConnection, Participants};
 
-/// Calls of `handle_timeout` at one time after which a deadline that does not move is a livelock.
-const TIMEOUT_CALLS_MAX: u32 = 8;
 /// Frames out of one event after which a node is flooding: far beyond any queue.
 const FRAMES_PER_EVENT_MAX: u32 = 1_024;
 /// Frames under delay at once.
@@ -48,13 +46,20 @@ pub enum BuildError {
         /// The missing address.
         module: protocol::ModuleId,
     },
+    /// A fault names a place that is not there.
+    #[error("fault {label}: {error}")]
+    NoSuchPlace {
+        /// Label of the fault.
+        label: String,
+        error: NotApplicable,
+    },
 }
 
 /// Why a run stopped early: a node broke the contract of [`protocol::Node`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RunError {
-    /// The deadline of a node stays in the past although it was served.
-    #[error("{node} asks for a time-out at {deadline} s again and again at {now} s: it never moves on")]
+    /// The deadline of a node has still come although it was served.
+    #[error("{node} asks for a time-out at {deadline} s although it was served at {now} s")]
     Livelock {
         /// Name of the node.
         node: String,
@@ -201,7 +206,12 @@ pub struct World<C> {
 
 impl<C: Participants> World<C> {
     /// A world at time 0 in which nothing has happened. `seed` feeds the faults' random streams.
-    pub fn new(participants: C, config: BusConfig, seed: u64, plan: Vec<Fault>) -> Result<Self, BuildError> {
+    pub fn new(
+        mut participants: C,
+        config: BusConfig,
+        seed: u64,
+        plan: Vec<Fault>,
+    ) -> Result<Self, BuildError> {
         let babblers = plan.iter().filter(|fault| is_babble(fault)).count();
         // One port more, so that a fault given during the run can babble too.
         let ports = participants.len() + babblers + 1;
@@ -209,11 +219,7 @@ impl<C: Participants> World<C> {
             return Err(BuildError::TooManyNodes { nodes: ports, max: crate::bus::medium::PORTS_MAX });
         }
         for fault in &plan {
-            if let Target::Module(module) = fault.target
-                && port_of(&participants, module).is_none()
-            {
-                return Err(BuildError::NoSuchModule { label: fault.label.clone(), module });
-            }
+            place_of(&mut participants, fault)?;
         }
         let mut bus = Bus::new(config, ports)?;
         for port in participants.len()..ports {
@@ -340,17 +346,8 @@ impl<C: Participants> World<C> {
 
     /// Adds a fault from now on.
     pub fn add_fault(&mut self, fault: Fault) -> Result<(), BuildError> {
-        let port = match fault.target {
-            _ if is_babble(&fault) => Some(self.spare_babbler),
-            Target::Module(module) => {
-                let port = port_of(&self.participants, module);
-                if port.is_none() {
-                    return Err(BuildError::NoSuchModule { label: fault.label, module });
-                }
-                port
-            }
-            _ => None,
-        };
+        let place = place_of(&mut self.participants, &fault)?;
+        let port = if is_babble(&fault) { Some(self.spare_babbler) } else { place };
         self.faults.add(fault, self.now, port);
         Ok(())
     }
@@ -401,7 +398,9 @@ impl<C: Participants> World<C> {
                 observer.on_frame(self.now, from, &frame);
                 self.participants.advance(self.now);
                 if let Some(sender) = from.filter(|sender| self.asked_below[*sender] < usize::MAX) {
-                    self.settle(sender)?;
+                    // This frame stays in the queue until its last bit; the next one must be there before the intermission ends.
+                    let most = (self.asked_below[sender] + 1).min(self.bus.queue(sender).depth());
+                    self.settle_below(sender, most)?;
                 }
                 self.deliver(&frame, receivers)
             }
@@ -518,19 +517,19 @@ impl<C: Participants> World<C> {
 
     fn serve_timers(&mut self) -> Result<(), RunError> {
         for index in 0..self.deadlines.len() {
-            let mut calls = 0;
-            while self.deadlines[index] <= self.now.as_micros() {
-                if calls == TIMEOUT_CALLS_MAX {
-                    return Err(RunError::Livelock {
-                        node: self.participants.name(index).into_owned(),
-                        now: self.now,
-                        deadline: Instant::from_micros(self.deadlines[index]),
-                    });
-                }
-                calls += 1;
-                self.stats.timeouts += 1;
-                self.participants.node(index).handle_timeout(self.now);
-                self.settle(index)?;
+            if self.deadlines[index] > self.now.as_micros() {
+                continue;
+            }
+            self.stats.timeouts += 1;
+            self.participants.node(index).handle_timeout(self.now);
+            self.settle(index)?;
+            // As the loop of a live bus: one call serves everything that is due.
+            if self.deadlines[index] <= self.now.as_micros() {
+                return Err(RunError::Livelock {
+                    node: self.participants.name(index).into_owned(),
+                    now: self.now,
+                    deadline: Instant::from_micros(self.deadlines[index]),
+                });
             }
         }
         Ok(())
@@ -542,10 +541,14 @@ impl<C: Participants> World<C> {
 
     /// After each event of a node: takes its frames, its deadline and its connection.
     fn settle(&mut self, index: usize) -> Result<(), RunError> {
+        self.settle_below(index, self.asked_below[index])
+    }
+
+    fn settle_below(&mut self, index: usize, waiting_max: usize) -> Result<(), RunError> {
         let now_ns = self.now.as_micros() * NANOS_PER_MICRO;
         let node = self.participants.node(index);
         let mut count = 0;
-        while self.bus.queue(index).len() < self.asked_below[index]
+        while self.bus.queue(index).len() < waiting_max
             && let Some(frame) = node.poll_frame()
         {
             count += 1;
@@ -572,6 +575,21 @@ impl<C: Participants> World<C> {
 
 fn is_babble(fault: &Fault) -> bool {
     matches!(fault.kind, FaultKind::Wire(WireFault::Babble { .. }))
+}
+
+/// The port of the module that a fault is for, if it is for one; an error if there is no such module, supply or gripper.
+fn place_of(participants: &mut impl Participants, fault: &Fault) -> Result<Option<usize>, BuildError> {
+    if let Target::Module(module) = fault.target {
+        let port = port_of(participants, module);
+        return port.map(Some).ok_or_else(|| BuildError::NoSuchModule { label: fault.label.clone(), module });
+    }
+    if let FaultKind::Physical(place, physical) = &fault.kind
+        && let Some(why) = participants.physics().and_then(|cell| cell.lacks(*place))
+    {
+        let error = NotApplicable { what: physical.name(), place: *place, why };
+        return Err(BuildError::NoSuchPlace { label: fault.label.clone(), error });
+    }
+    Ok(None)
 }
 
 fn port_of(participants: &impl Participants, module: protocol::ModuleId) -> Option<usize> {

@@ -81,7 +81,7 @@ fn every_key_is_read() {
     assert_eq!((o.cut_out.braking_deg_s2, o.hand.output_bit), (4.0, Some(3)));
     let g = o.hand.gripper;
     assert_eq!((g.delay, g.jitter), (Duration::from_millis(30), Duration::from_millis(1)));
-    assert_eq!((g.drag_1_m, g.landing_z_m), (0.1, Some(0.6)));
+    assert_eq!((g.drag_1_m, g.landing_z_m), (Some(0.1), Some(0.6)));
     assert_eq!(scenario.network.delay + scenario.network.jitter, Duration::from_micros(300));
     let at = |s| Instant::ZERO + Duration::from_secs(s);
     let late = LinkFault {
@@ -107,7 +107,7 @@ fn every_key_is_read() {
 fn wrong_files_are_refused_with_file_line_and_key() {
     let table = [
         ("[late]\nlimits = 3", "a.toml:5: late.limits"),
-        ("[drives]\ndead_time_s = 0", "a.toml:5: drives.dead_time_s"),
+        ("[drives]\ndead_time_s = -1", "a.toml:5: drives.dead_time_s"),
         ("[correction]\nspace = \"world\"", "a.toml:5: correction.space"),
         ("[controller]\nstart_deg = [1, 2]", "a.toml:5: controller.start_deg"),
         ("[[fault]]\nkind = \"late\"\ndirection = \"to-robot\"", "a.toml:4: fault[0].by_s: missing"),

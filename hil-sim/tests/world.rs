@@ -1,6 +1,6 @@
 //! Virtual time: order of events, delivery, faults on the wire, contract breaches, determinism.
 
-use crate::common::nodes::{Beacon, Fountain, Responder, Stuck};
+use crate::common::nodes::{Beacon, Fountain, Responder, Stuck, TwoAtOnce};
 use crate::common::standard;
 use hil_sim::bus::encode::frame_bits;
 use hil_sim::bus::{BusConfig, Confinement};
@@ -356,6 +356,15 @@ fn deadline_that_never_moves_is_reported_with_the_name() {
     let mut world = World::new(participants, BusConfig::default(), 0, vec![]).unwrap();
     let error = world.run_until(cycles(1), &mut ()).unwrap_err();
     assert_eq!(error, RunError::Livelock { node: "bad".into(), now: us(5), deadline: us(5) });
+}
+
+/// The live runner calls once: virtual time must not be more patient.
+#[test]
+fn node_that_serves_one_of_two_deadlines_in_a_call_is_reported() {
+    let participants = Solo::new("forgetful", TwoAtOnce(2));
+    let mut world = World::new(participants, BusConfig::default(), 0, vec![]).unwrap();
+    let error = world.run_until(cycles(1), &mut ()).unwrap_err();
+    assert_eq!(error, RunError::Livelock { node: "forgetful".into(), now: us(5), deadline: us(5) });
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Command line of `cubectl`: which verb, with which arguments.
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{ArgMatches, CommandFactory, Parser, Subcommand};
 
 use crate::cmd;
 use crate::error::ExpectedError;
@@ -126,11 +126,12 @@ pub fn output_is_whole() -> Result<(), ExpectedError> {
     })
 }
 
-/// Runs the verb.
+/// Runs the verb of `cli`, which was read from `matches`.
 ///
 /// # Errors
 /// [`ExpectedError`] with the exit code.
-pub fn run(cli: Cli) -> Result<(), ExpectedError> {
+pub fn run(cli: Cli, matches: &ArgMatches) -> Result<(), ExpectedError> {
+    cmd::meaning::require_on_bus(matches)?;
     match cli.verb {
         Verb::Throw(args) => cmd::throw::run(&args),
         Verb::Plan(verb) => cmd::plan::run(*verb),

@@ -29,7 +29,7 @@ pub const OUTPUT: u8 = 10;
 pub const MISSED: u8 = 11;
 /// The throw ran to its end; the ball did not leave the hand.
 pub const NOT_RELEASED: u8 = 12;
-/// The controller stopped the arm while it moved.
+/// The controller stopped the arm while it moved, or somebody stopped it at any time.
 pub const STOPPED: u8 = 13;
 
 /// Code, meaning and next step of each, for `cubectl explain` and the help.
@@ -65,7 +65,7 @@ pub const TABLE: &[(u8, &str, &str)] = &[
     ),
     (
         STOPPED,
-        "the controller stopped the arm while it moved",
+        "the controller stopped the arm while it moved, or somebody stopped it at any time",
         "the message names joint, cause and folder; `cubectl explain CODE`, then `cubectl clear`",
     ),
 ];

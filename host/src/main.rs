@@ -15,7 +15,7 @@ fn main() -> ExitCode {
         .complete();
     let matches = Cli::command().get_matches();
     let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
-    let ended = host::cli::run(cli);
+    let ended = host::cli::run(cli, &matches);
     match ended.and_then(|()| host::cli::output_is_whole()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

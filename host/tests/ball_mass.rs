@@ -55,7 +55,7 @@ fn a_heavy_ball_needs_more_current_in_plan_check_and_cell_and_lands() {
         peaks_a.push((peaks, off_a));
     }
     let [(light_a, light_off_a), (heavy_a, heavy_off_a)] = &peaks_a[..] else { unreachable!("two runs") };
-    assert!(heavy_a[1] > light_a[1] || heavy_a[2] > light_a[2], "{heavy_a:?} against {light_a:?}");
+    assert!(heavy_a[1] > light_a[1] && heavy_a[2] > light_a[2], "{heavy_a:?} against {light_a:?}");
     for (heavy, light) in heavy_off_a.iter().zip(light_off_a) {
         assert!(*heavy > 0.0 && *heavy < light + 0.5, "{heavy_off_a:?} against {light_off_a:?}");
     }

@@ -181,6 +181,64 @@ fn a_table_of_a_sweep_tells_relaxed_throws_from_others_in_the_order_of_the_grid(
     assert_eq!(rows(&table), first);
 }
 
+/// Rows of another robot, seed, obstacle or objective would stand as those of this one.
+#[test]
+fn a_table_is_continued_only_with_what_made_it() {
+    let folder = folder("plan-other-table");
+    let list = folder.join("targets.csv").display().to_string();
+    std::fs::write(&list, "x_m,y_m,z_m\n1,1,-1\n").expect("writes");
+    let table = ["plan", "sweep", "--x=1,1,1", "--y=1,1,1", "--z=-1,-1,1", "--starts", "1"];
+    let results = ["plan", "throw", "--fast", "--targets", &list];
+    for (name, words) in [("reach.csv", &table[..]), ("results.csv", &results)] {
+        let path = folder.join(name);
+        let out = path.display().to_string();
+        let run = |more: &[&str]| cubectl(&[words, &["--out", &out], more].concat());
+        let made = run(&["--form", "paper"]);
+        assert!(made.status.success(), "{}", text(&made.stderr));
+        let first = std::fs::read(&path).expect("reads");
+        for (more, differs) in [
+            (&["--form", "paper", "--robot", "pincher4"][..], "robot: powercube6"),
+            (&["--form", "paper", "--seed", "2"], "seed: 1 there, 2 asked for"),
+            (&["--form", "paper", "--obstacle", "2,2,2,0.1,0.1,0.1"], "options: "),
+            (&["--form", "best"], "options: "),
+        ] {
+            let refused = run(more);
+            assert_eq!(refused.status.code(), Some(i32::from(host::exit::BAD_INPUT)), "{name} {more:?}");
+            let told = text(&refused.stderr);
+            assert!(told.contains(differs) && told.contains("next:"), "{name} {more:?}: {told}");
+            assert_eq!(std::fs::read(&path).expect("reads"), first, "{name} {more:?}");
+        }
+        assert!(run(&["--form", "paper"]).status.success(), "the same words go on");
+        std::fs::remove_file(path.with_extension("study.json")).expect("removes");
+        let unknown = run(&["--form", "paper"]);
+        assert!(text(&unknown.stderr).contains("does not say what made them"), "{}", text(&unknown.stderr));
+    }
+}
+
+/// The witness is a second name of the earlier file: it loses nothing, so neither would a full disk or a kill at that moment.
+#[test]
+fn a_torn_table_is_replaced_by_a_whole_one_and_not_truncated() {
+    let folder = folder("plan-torn-table");
+    let list = folder.join("targets.csv").display().to_string();
+    std::fs::write(&list, "x_m,y_m,z_m\n1,1,-1\n1,1,-1\n").expect("writes");
+    let table = ["plan", "sweep", "--x=1,1.2,0.2", "--y=1,1,1", "--z=-1,-1,1", "--starts", "1"];
+    let results = ["plan", "throw", "--fast", "--targets", &list];
+    for (name, words) in [("reach.csv", &table[..]), ("results.csv", &results)] {
+        let (path, earlier) = (folder.join(name), folder.join("earlier"));
+        let out = path.display().to_string();
+        let run = || cubectl(&[words, &["--form", "paper", "--out", &out]].concat());
+        assert!(run().status.success());
+        let whole = std::fs::read_to_string(&path).expect("reads");
+        let torn = &whole[..whole.len() - 9];
+        std::fs::write(&path, torn).expect("writes");
+        std::fs::hard_link(&path, &earlier).expect("links");
+        assert!(run().status.success());
+        assert_eq!(std::fs::read_to_string(&path).expect("reads"), whole, "{name}");
+        assert_eq!(std::fs::read_to_string(&earlier).expect("reads"), torn, "{name}");
+        std::fs::remove_file(&earlier).expect("removes");
+    }
+}
+
 #[test]
 fn numbers_of_three_hundred_digits_are_refused_in_short_words() {
     let long = "9".repeat(300);

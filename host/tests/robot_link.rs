@@ -111,8 +111,8 @@ fn tracked_target_is_measured_calibrated_and_thrown_at_and_a_missing_body_is_ref
     let work = folder("robot-tracker");
     std::fs::create_dir_all(&work).expect("writable");
     let room = work.join("room.toml").to_string_lossy().into_owned();
-    // The room is turned and shifted; the same three points are seen by tracker and robot.
-    let at = ["1.1,0.4,0.9", "0.9,-0.5,1.2", "1.4,0.1,0.5"];
+    // The room is turned and shifted; the same four points are seen by tracker and robot.
+    let at = ["1.1,0.4,0.9", "0.9,-0.5,1.2", "1.4,0.1,0.5", "0.6,0.3,0.4"];
     for (k, place) in at.iter().enumerate() {
         let data = format!("127.0.0.1:{}", free_port(false));
         let spec = format!("udp://127.0.0.1:{}?lockstep", free_port(false));
@@ -130,7 +130,7 @@ fn tracked_target_is_measured_calibrated_and_thrown_at_and_a_missing_body_is_ref
         ];
         let mut child = robot(&words);
         let out = cubectl(&["tracker", "calibrate", "--tracker", &data, "--file", &room, "--tool-at", place]);
-        let expected = if k < 2 { Some(9) } else { Some(0) };
+        let expected = if k < 3 { Some(9) } else { Some(0) };
         child.kill().expect("runs");
         let _ = child.wait();
         assert_eq!(out.status.code(), expected, "{place}: {}", text(&out.stderr));

@@ -138,6 +138,21 @@ fn industrial_robot_throws_and_its_recorded_motion_sends_the_ball_to_the_target(
     assert_eq!(out.status.code(), Some(11), "{}", text(&out.stderr));
     assert!(text(&out.stderr).contains("missed"), "{}", text(&out.stderr));
 
+    // Results that cannot be written hide neither the outcome nor its code, and the others are written.
+    let blocked = self::folder("robot-throw-unwritten");
+    std::fs::create_dir_all(blocked.join("motion.csv")).expect("writable");
+    let blocked_text = blocked.to_string_lossy().into_owned();
+    let words =
+        ["throw", "--robot", "kr16_2", "--plan", &plan, "--out", &blocked_text, "--tolerance", "0.000001"];
+    let out = cubectl(&words);
+    let told = text(&out.stderr);
+    assert_eq!(out.status.code(), Some(11), "{told}");
+    assert!(
+        told.contains("missed") && told.contains("not all of them") && told.contains("motion.csv"),
+        "{told}"
+    );
+    assert_eq!(self::summary(&blocked)["exit_code"].as_u64(), Some(11));
+
     // A CAN bus has no meaning here.
     let out = cubectl(&["throw", "--robot", "kr16_2", "--plan", &plan, "--bus", "can0"]);
     assert_eq!(out.status.code(), Some(4), "{}", text(&out.stderr));
@@ -194,4 +209,20 @@ fn industrial_robot_throws_and_its_recorded_motion_sends_the_ball_to_the_target(
     let out = cubectl(&["throw", "--robot", "kr16_2", "--plan", &plan, "--rsi", &file]);
     assert_eq!(out.status.code(), Some(4), "{}", text(&out.stderr));
     assert!(text(&out.stderr).contains("needs a correction of"), "{}", text(&out.stderr));
+}
+
+#[test]
+fn identify_of_an_industrial_robot_refuses_the_options_of_a_joint_by_name() {
+    for words in [
+        ["--report", "r.html"],
+        ["--joint", "1"],
+        ["--level", "0.9"],
+        ["--speed", "0.5"],
+        ["--current", "0.5"],
+    ] {
+        let out = cubectl(&["identify", "--robot", "kr16_2", words[0], words[1]]);
+        assert_eq!(out.status.code(), Some(4), "{words:?}: {}", text(&out.stderr));
+        let refused = format!("{} has no meaning", words[0]);
+        assert!(text(&out.stderr).contains(&refused), "{words:?}: {}", text(&out.stderr));
+    }
 }

@@ -1,7 +1,9 @@
 //! Which gains a robot gets, and files that are read back by the verbs that take them.
 
 use crate::bus_common::{Folder, code, cubectl, err, out};
+use firmware::settings::Settings;
 use serde_json::Value;
+use tuner::gains::gains_file::GainsFile;
 
 /// A robot file made of the built-in one with replacements.
 fn robot(folder: &Folder, name: &str, changes: &[(&str, &str)]) -> String {
@@ -27,9 +29,7 @@ const SLOWER: (&str, &str) =
 #[test]
 fn another_robot_gets_gains_that_are_designed_for_it_and_the_report_names_their_certificate() {
     let folder = Folder::new("robots-own-gains");
-    let built_in =
-        std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/tuner/gains/powercube6-3ms.toml")).unwrap();
-    let foreign = format!("{:08x}", firmware::crc::Crc32::of(&built_in));
+    let foreign = format!("{:08x}", Settings::powercube6().gains_certificate_crc32);
     let my_arm = robot(&folder, "my_arm.toml", &[NAME, SLOWER]);
     let dir = folder.file("a");
     let thrown =
@@ -38,13 +38,16 @@ fn another_robot_gets_gains_that_are_designed_for_it_and_the_report_names_their_
     assert!(err(&thrown).contains("designed and certified for my_arm at 3 ms"), "{}", err(&thrown));
     let told = summary(&folder, "a");
     assert_eq!((&told["outcome"], &told["gains_from"]), (&"landed".into(), &"designed".into()));
-    let file = std::fs::read(folder.0.join("a/gains.toml")).unwrap();
-    let own = format!("{:08x}", firmware::crc::Crc32::of(&file));
+    let gains = std::fs::read_to_string(folder.0.join("a/gains.toml")).unwrap();
+    let robot = robot_model::AnyRobot::load(&my_arm).unwrap();
+    let mut held = operator::bus::settings::settings_of(&robot).unwrap();
+    let robot_crc32 = held.limits_robot_crc32;
+    GainsFile::from_toml(&gains, "my_arm").unwrap().enter(robot_crc32, &mut held);
+    let own = format!("{:08x}", held.gains_certificate_crc32);
     assert_eq!(told["hashes"]["certificate_crc32"], own);
     assert_ne!(own, foreign);
     let report = std::fs::read_to_string(folder.0.join("a/report.html")).unwrap();
     assert!(report.contains(&own) && !report.contains(&foreign));
-    let gains = String::from_utf8(file).unwrap();
     assert!(gains.contains("robot = \"my_arm\"") && gains.contains("acceleration_max_rad_s2 = 8.0"));
     // The recording is of these gains.
     let replayed = cubectl(&["replay", &dir, "--robot", &my_arm]);
@@ -69,6 +72,9 @@ fn gains_in_force_that_a_throw_writes_are_taken_by_replay() {
     let robot = robot_model::AnyRobot::load("powercube6").unwrap();
     let robot_crc32 = operator::bus::settings::crc32_of_any(&robot).unwrap();
     in_force.insert("robot_crc32".to_owned(), i64::from(robot_crc32).into());
+    for (key, us) in [("delay_us", [8_000, 10_000]), ("lags_us", [130, 5_000])] {
+        in_force.insert(key.to_owned(), us.map(toml::Value::Integer).to_vec().into());
+    }
     in_force.insert("estimator_alpha".to_owned(), file["estimator"]["alpha"].clone());
     in_force.insert("estimator_beta".to_owned(), file["estimator"]["beta"].clone());
     for key in ["k_pos_1_s2", "k_vel_1_s", "k_last"] {
@@ -132,4 +138,17 @@ fn a_second_controller_does_not_start_with_the_paper_settings_either() {
     let second = cubectl(&["controller", "--paper", "--bus", &served.spec, "--for", "1"]);
     assert_eq!(code(&second), 7, "{}{}", out(&second), err(&second));
     assert!(err(&second).contains("another controller or host speaks to the modules"), "{}", err(&second));
+}
+
+/// Found with gains for a third of the delay of the loop: thrown, and told to be inside the certificate.
+#[test]
+fn gains_for_another_delay_are_refused_before_anything_moves() {
+    let folder = Folder::new("robots-delay");
+    let gains = folder.file("g.toml");
+    let tuned = cubectl(&["tune", "--period", "3", "--delay", "1", "--no-trial", "--out", &gains]);
+    assert_eq!(code(&tuned), 0, "{}", err(&tuned));
+    let dir = folder.file("a");
+    let thrown = cubectl(&["throw", "--target", "1,1,-1", "--no-store", "--gains", &gains, "--out", &dir]);
+    assert_ne!(code(&thrown), 0, "{}", out(&thrown));
+    assert!(err(&thrown).contains("fault 732") && err(&thrown).contains("next: "), "{}", err(&thrown));
 }

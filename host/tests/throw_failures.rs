@@ -14,6 +14,7 @@ use operator::bus::{BusArgs, Session};
 use operator::log::facts::{Decoder, Fact};
 use operator::tap::{Tap, Way};
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
+use protocol::cyphal::cubecell::stop::Reason;
 use protocol::{Duration, Frame, Instant};
 use robot_model::AnyRobot;
 
@@ -25,9 +26,12 @@ fn throw(folder: &Folder, words: &[&str]) -> std::process::Output {
     if folder.0.join("out/bus.log").is_file() {
         std::fs::remove_dir_all(&out).unwrap();
     }
-    let mut all = vec!["throw", "--no-store", "--out", &out];
-    if !words.contains(&"--plan") && !words.contains(&"--target") {
-        all.extend(["--target", "1,1,-1"]);
+    let mut all = vec!["throw", "--yes", "--out", &out];
+    if !words.contains(&"--plan") {
+        all.push("--no-store");
+        if !words.contains(&"--target") {
+            all.extend(["--target", "1,1,-1"]);
+        }
     }
     all.extend(words);
     let output = cubectl(&all);
@@ -93,7 +97,8 @@ fn targets_plans_and_gains_that_do_not_fit() {
     std::fs::write(folder.file("longer.toml"), longer).unwrap();
     let output = throw(&folder, &["--plan", &plan, "--robot", &folder.file("longer.toml")]);
     assert_eq!(code(&output), 4);
-    assert!(err(&output).contains("is for robot \"powercube6\"") && err(&output).contains("plan again"));
+    let told = err(&output);
+    assert!(told.contains("is for robot \"powercube6\"") && told.contains("plan again"), "{told}");
     std::fs::write(folder.file("gains.toml"), "format = 99").unwrap();
     let output = throw(&folder, &["--gains", &folder.file("gains.toml")]);
     assert_eq!(code(&output), 4);
@@ -189,6 +194,7 @@ impl Lab {
                 "--default-signal=HUP",
                 env!("CARGO_BIN_EXE_cubectl"),
                 "throw",
+                "--yes",
                 "--target",
                 "1,1,-1",
                 "--no-store",
@@ -274,6 +280,29 @@ fn a_signal_half_a_second_after_the_first_ends_a_host_that_waits_for_its_arm() {
     };
     assert_eq!(status.code(), Some(6));
     assert_eq!(lab.group().state, State::Running, "the host ended before its arm stood");
+}
+
+#[test]
+fn a_stop_after_the_release_says_where_the_ball_goes_also_where_nobody_watches_it() {
+    let folder = Folder::new("fail-released");
+    let mut lab = Lab::new();
+    let mut throw = lab.throwing(&folder);
+    let plan = std::fs::read_to_string(folder.file("out/plan.json")).unwrap();
+    let plan: serde_json::Value = serde_json::from_str(&plan).unwrap();
+    let release_s = plan["release_time_s"].as_f64().unwrap();
+    // It has run for a quarter of a second, and a message of its state later.
+    lab.watch.pass(Duration::from_secs_f64(release_s + 0.05 - 0.25)).unwrap();
+    lab.watch.halt(Reason::OPERATOR).unwrap();
+    while throw.try_wait().unwrap().is_none() {
+        lab.watch.pass(Duration::from_millis(20)).unwrap();
+    }
+    let output = throw.wait_with_output().unwrap();
+    assert_eq!(code(&output), 13, "{}", err(&output));
+    let text = std::fs::read_to_string(folder.file("out/summary.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(report["outcome"], "stopped", "{report:#}");
+    let verdict = report["outcome_text"].as_str().unwrap();
+    assert!(verdict.contains("with the measured motion the ball lands at"), "{verdict}");
 }
 
 #[test]

@@ -6,7 +6,6 @@ use operator::throw::job::computed_landing;
 use operator::throw::outcome::{BallOutcome, Outcome, default_tolerance_m, judge};
 use operator::throw::{Job, Record};
 use planner::plan::file::PlanFile;
-use robot_model::collision::Scene;
 use serde_json::Value;
 
 /// A throw in the simulated cell with `faults`; its exit code, what it printed, and its summary.
@@ -127,15 +126,13 @@ fn unobserved(folder: &Folder, name: &str) -> (Outcome, String, Record) {
     let dir = folder.0.join(name);
     let [plan, log, summary] = ["plan.json", "bus.log", "summary.json"].map(|file| dir.join(file));
     let recorded = report::read(&plan, &log, Some(&summary), None, report::BIT_RATE).unwrap();
-    let scene = Scene::default();
     let job = Job {
         arm: &recorded.arm,
         plan: &recorded.plan,
         gains: None,
-        scene: &scene,
         approach_share: 0.3,
         seed: 1,
-        tolerance_m: default_tolerance_m(&recorded.plan),
+        tolerance_m: default_tolerance_m(&recorded.arm, &recorded.plan),
         go_back: false,
     };
     let analysis = recorded.analysis.unwrap();

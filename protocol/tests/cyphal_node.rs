@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use protocol::cyphal::bits::{Decode, Encode};
 use protocol::cyphal::client::{NoAnswer, Policy, StartError};
 use protocol::cyphal::crc::Crc64;
-use protocol::cyphal::cubecell::{TRAJECTORY_PATH, stop};
+use protocol::cyphal::cubecell::{TRAJECTORY_PATH, command as cell_command, stop};
 use protocol::cyphal::host::REQUESTS_MAX;
 use protocol::cyphal::id::{Priority, Route, ServiceId, SubjectId, TransferId};
 use protocol::cyphal::rx::Dropped;
@@ -387,6 +387,27 @@ fn request_that_cannot_be_answered_is_not_carried_out() {
         }
     }
     assert_eq!((app.executed.len(), core.unanswered()), (5, 5));
+}
+
+#[test]
+fn stop_is_carried_out_although_it_cannot_be_answered() {
+    let mut core = ControllerCore::new(Instant::ZERO, node(SERVER));
+    let mut app = DemoApp::new();
+    for transfer_id in 0..10 {
+        let request = CommandRequest { command: COMMAND_REVERSE, parameter: b"x" };
+        for frame in request_frames(command::SERVICE, transfer_id, Priority::Nominal, &request) {
+            core.handle_frame(Instant::ZERO, &frame, &mut app);
+        }
+    }
+    let unanswered = core.unanswered();
+    for priority in [Priority::Nominal, Priority::Optional] {
+        let stop = CommandRequest { command: cell_command::STOP, parameter: b"" };
+        for frame in request_frames(command::SERVICE, 20 + priority as u8, priority, &stop) {
+            core.handle_frame(Instant::ZERO, &frame, &mut app);
+        }
+    }
+    let stops = app.executed.iter().filter(|command| **command == cell_command::STOP);
+    assert_eq!((stops.count(), core.unanswered()), (2, unanswered + 2));
 }
 
 #[test]

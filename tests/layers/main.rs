@@ -8,7 +8,7 @@ const PACKAGES: &[&[&str]] = &[
     &["protocol", "toml-reader", "cell-console"],
     &["can-link", "rsi-protocol", "tracker-protocol", "robot-model", "lapack-shim", "throw-tables"],
     &["firmware", "hil-sim"],
-    &["board-example", "planner", "tuner"],
+    &["board-example", "planner", "sequences", "tuner"],
     &["operator"],
     &["host"],
     &["cell-tests", "cubecell-python", "layers"],

@@ -8,6 +8,9 @@
 //!  │ the order itself ─────────▶ │   its bytes are the content; carried out if the code covers them
 //! ```
 //!
+//! A commit and the confirmation of an arming name things that others can change. Their content ends with a digest of
+//! these: of the file, and of file and settings ([`run_digest`](crate::registers::run_digest)).
+//!
 //! A code covers one order of one node. If the answer to the order is lost and the same order comes again, the answer is
 //! given again and nothing is done twice.
 
@@ -16,7 +19,7 @@ use protocol::cyphal::cubecell::authorization::CONTEXT;
 use protocol::{Duration, Instant};
 use sha2::Sha256;
 
-use crate::credentials::{CODE_LEN, Code, Key, Nonce, Peer};
+use crate::credentials::{CODE_LEN, Code, Digest, Key, Nonce, Peer};
 use crate::fault::{Cause, Refusal};
 use crate::orders::Done;
 
@@ -32,6 +35,11 @@ fn mac(key: &Key, nonce: &Nonce, peer: Peer, content: &[u8]) -> Option<Hmac<Sha2
     mac.update(&[peer.number()]);
     mac.update(content);
     Some(mac)
+}
+
+/// SHA-256 of a file.
+pub fn sha256(data: &[u8]) -> Digest {
+    <Sha256 as sha2::Digest>::digest(data).into()
 }
 
 /// The code of an order.
@@ -122,8 +130,15 @@ impl Keyring {
         }
     }
 
-    /// Compares the code of `peer` with `content`, the order as it came. A code that does not fit is used up.
-    pub(crate) fn judge(&mut self, now: Instant, peer: Peer, content: &[u8]) -> Result<Verdict, Refusal> {
+    /// Compares the code of `peer` with `content`, the order as it came, and the digest of what it is about. A code that does
+    /// not fit is used up.
+    pub(crate) fn judge(
+        &mut self,
+        now: Instant,
+        peer: Peer,
+        content: &[u8],
+        about: Option<Digest>,
+    ) -> Result<Verdict, Refusal> {
         let Some(key) = self.key.clone() else { return Ok(Verdict::Carry) };
         let given = self.slot(now, peer).and_then(|challenge| {
             let code = challenge.code?;
@@ -131,8 +146,9 @@ impl Keyring {
         });
         let Some((challenge, code)) = given else { return Err(Refusal::of(Cause::CodeMissing)) };
         // Compared in constant time.
+        let about = about.as_ref().map_or(&[][..], |digest| digest);
         let fits = mac(&key, &challenge.nonce, peer, content)
-            .is_some_and(|mac| mac.verify_truncated_left(&code).is_ok());
+            .is_some_and(|mac| mac.chain_update(about).verify_truncated_left(&code).is_ok());
         match (fits, challenge.outcome) {
             (true, None) => Ok(Verdict::Carry),
             (true, Some(outcome)) => Ok(Verdict::Repeat(outcome)),

@@ -7,10 +7,10 @@ mod key;
 mod session;
 mod tokens;
 
-pub use key::{CHALLENGE_VALID, code_of};
+pub use key::{CHALLENGE_VALID, code_of, sha256};
 pub(crate) use key::{Keyring, Verdict};
 pub(crate) use session::Session;
 pub(crate) use tokens::Tokens;
 pub use tokens::{SEED_LEN, Seed};
 
-pub use crate::credentials::{CODE_LEN, Code, KEY_LEN, Key, NONCE_LEN, Nonce, Peer, Source};
+pub use crate::credentials::{CODE_LEN, Code, Digest, KEY_LEN, Key, NONCE_LEN, Nonce, Peer, Source};

@@ -7,11 +7,11 @@ use protocol::{Duration, Instant};
 use super::{Controller, Offer};
 use crate::fault::{Cause, Refusal};
 use crate::group::{Command, DriveGroup, Law};
-use crate::orders::{ARMING_VALID_MAX, Done, OrderKind, START_AHEAD_MAX};
+use crate::orders::{ARMING_VALID_MAX, Done, START_AHEAD_MAX};
+use crate::registers;
 use crate::spline::Spline;
 use crate::state::State;
 use crate::store::{FileName, Storage};
-use crate::trace::TraceEvent;
 use crate::trajectory_format;
 
 impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
@@ -29,14 +29,18 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             return Err(Refusal::of(Cause::BadValue));
         }
         self.require_host(now)?;
-        self.require_trajectory(crc64)?;
+        let committed = self.store.committed().ok_or(Refusal::of(Cause::NoTrajectory))?;
+        if committed.name.crc64 != crc64 {
+            return Err(Refusal::of(Cause::OtherTrajectory));
+        }
+        let digest = registers::run_digest(&committed.sha256, &self.settings);
         if matches!(self.machine.state(), State::Stopped { .. }) {
             // Drives are halted; nothing moves by a reset. Their state words are read again before the second step.
             self.group.command(now, &self.settings, Command::Reset);
         }
         let token = self.tokens.next_token();
         self.offer = Some(Offer { token, until: now + valid });
-        Ok(Done::Offer { token, valid })
+        Ok(Done::Offer { token, valid, digest })
     }
 
     pub(super) fn order_confirm(
@@ -82,28 +86,31 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             Some(start) if start < soonest => return Err(Refusal::of(Cause::StartPassed)),
             Some(start) if start > now + START_AHEAD_MAX => return Err(Refusal::of(Cause::StartTooFar)),
             Some(at) => {
-                if let State::Armed { start, .. } = self.machine.data() {
-                    *start = Some(at);
-                }
+                self.machine.start_at(at);
                 self.start_when_due(now, at);
             }
         }
         Ok(Done::Taken)
     }
 
-    /// Goes to Running once the start of an ordered run is so near that the group must begin to lead the drives.
-    pub(super) fn start_when_due(&mut self, now: Instant, start: Instant) {
-        // Asked once per period of the monitor, which may begin late.
+    /// How long before its start a run is begun: the lead of the group, and two periods of the monitor for a call that comes
+    /// late.
+    pub(super) fn start_ahead(&self) -> Duration {
         let monitor = Duration::from_micros(self.settings.monitor_period_us.into());
-        if start > now + self.group.profile(&self.settings).lead + monitor * 2 {
+        self.group.profile(&self.settings).lead + monitor * 2
+    }
+
+    /// Goes to Running once the start of an ordered run is so near that the group must begin to lead the drives. A start that
+    /// has passed meanwhile, or is nearer than the drives need, is none: the plan would begin with a leap.
+    pub(super) fn start_when_due(&mut self, now: Instant, start: Instant) {
+        if start > now + self.start_ahead() {
             return;
         }
-        match self.require_runnable(now) {
+        let passed = start < now + self.group.profile(&self.settings).lead;
+        let runnable = if passed { Err(Refusal::of(Cause::StartPassed)) } else { self.require_runnable(now) };
+        match runnable {
             Ok(()) => self.start_run(now, start),
-            Err(refusal) => {
-                self.note(now, TraceEvent::Refused(OrderKind::Run, refusal.cause));
-                self.enter_standing(now, State::Ready);
-            }
+            Err(refusal) => self.not_begun(now, refusal.cause),
         }
     }
 
@@ -113,14 +120,6 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             State::Armed { start: Some(start), .. } => Some(start.saturating_since(now)),
             _ => None,
         }
-    }
-
-    fn require_trajectory(&self, crc64: u64) -> Result<(), Refusal> {
-        let committed = self.store.committed().ok_or(Refusal::of(Cause::NoTrajectory))?;
-        if committed.name.crc64 != crc64 {
-            return Err(Refusal::of(Cause::OtherTrajectory));
-        }
-        Ok(())
     }
 
     /// All that must hold before the arm may move by itself.
@@ -148,16 +147,22 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         Ok(())
     }
 
-    /// Gains that were designed for this period, and for the robot of the plan; 0 is a plan that names no robot.
+    /// Gains that were proven for the loop of these settings, for its period and delay, and for the robot of the plan; 0 is a
+    /// plan that names no robot.
     fn require_gains(&self, robot_crc32: u32) -> Result<(), Refusal> {
-        if self.settings.gains_certificate_crc32 == 0 {
+        let s = &self.settings;
+        if s.gains_certificate_crc32 != registers::certificate_crc32(s) {
             return Err(Refusal::of(Cause::GainsUncertified));
         }
-        if robot_crc32 != 0 && robot_crc32 != self.settings.gains_robot_crc32 {
+        if robot_crc32 != 0 && robot_crc32 != s.gains_robot_crc32 {
             return Err(Refusal::of(Cause::GainsOtherRobot));
         }
-        if self.settings.gains_period_us != self.settings.cycle_period_us {
+        if s.gains_period_us != s.cycle_period_us {
             return Err(Refusal::of(Cause::GainPeriod));
+        }
+        // A command acts when the next measurement is due.
+        if !(s.gains_delay_min_us..=s.gains_delay_max_us).contains(&s.cycle_period_us) {
+            return Err(Refusal::of(Cause::GainDelay));
         }
         Ok(())
     }

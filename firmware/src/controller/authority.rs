@@ -5,7 +5,7 @@ use core::borrow::BorrowMut;
 use protocol::{Duration, Instant};
 
 use super::{Controller, Unlock};
-use crate::authority::{Code, Key, Nonce, Peer, Source, Verdict};
+use crate::authority::{Code, Digest, Key, Nonce, Peer, Source, Verdict};
 use crate::fault::{Cause, Refusal};
 use crate::group::DriveGroup;
 use crate::orders::{Done, Order, OrderKind, UNLOCK_VALID_MAX};
@@ -33,10 +33,12 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         // A jog that goes on was let through when it began.
         let goes_on = kind == OrderKind::Jog && self.kind() == StateKind::Jogging;
         let needs_code = kind.needs_code() && !goes_on && self.keyring.is_keyed();
-        if needs_code
-            && let Verdict::Repeat(outcome) = self.keyring.judge(now, source.peer, source.content)?
-        {
-            return outcome;
+        if needs_code {
+            let about = self.digest_for(order)?;
+            let verdict = self.keyring.judge(now, source.peer, source.content, about)?;
+            if let Verdict::Repeat(outcome) = verdict {
+                return outcome;
+            }
         }
         let before = self.session;
         if !kind.is_free() {
@@ -51,6 +53,18 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             self.keyring.close(now, source.peer, outcome);
         }
         outcome
+    }
+
+    /// Digest of what an order names and others can change: of the file, and of the file with the settings of its run.
+    fn digest_for(&self, order: &Order) -> Result<Option<Digest>, Refusal> {
+        match order {
+            Order::Commit(name) => self.store.sha256_of(*name).map(Some),
+            Order::ArmConfirm { .. } => {
+                let committed = self.store.committed().ok_or(Refusal::of(Cause::NoTrajectory))?;
+                Ok(Some(registers::run_digest(&committed.sha256, &self.settings)))
+            }
+            _ => Ok(None),
+        }
     }
 
     /// No other node holds the session.
@@ -163,7 +177,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         if !self.is_disengaged() {
             return Err(Refusal::of(Cause::OrderNotNow));
         }
-        if let Verdict::Repeat(outcome) = self.keyring.judge(now, source.peer, source.content)? {
+        if let Verdict::Repeat(outcome) = self.keyring.judge(now, source.peer, source.content, None)? {
             return outcome.map(drop);
         }
         store::save_key(&mut self.storage, key.as_ref())?;

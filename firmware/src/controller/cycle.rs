@@ -18,10 +18,11 @@ use crate::fault::{Cause, Fault};
 use crate::group::{Command, DriveGroup, GroupEvent, Measured};
 use crate::joints::at_least;
 use crate::path::PathClock;
+use crate::reach::SoftLimits;
 use crate::rest::REST_SLACK;
 use crate::span;
 use crate::spline::Spline;
-use crate::state::{State, StopWay};
+use crate::state::{Homing, Jog, State, StopWay};
 use crate::store::Storage;
 use crate::supervisor;
 use crate::trace::TraceEvent;
@@ -30,7 +31,7 @@ use crate::trace::TraceEvent;
 const HOMING_PATIENCE: u32 = 2;
 
 impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
-    /// Reacts to each event of this call, then lets the group send.
+    /// Reacts to each event of this call and to each deadline that has come, then lets the group send.
     pub(super) fn serve(&mut self, now: Instant) {
         while let Some(event) = self.group.poll_event(now, &self.settings) {
             match event {
@@ -45,11 +46,12 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
                 GroupEvent::Progress => self.enter(now, State::Boot),
                 GroupEvent::Found if *self.machine.state() == State::Boot => self.stand(now),
                 GroupEvent::Homed(joint) => self.go_on_homing(now, joint),
-                GroupEvent::JogReleased => self.note_jog_released(),
+                GroupEvent::JogReleased => self.machine.release_jog(),
                 GroupEvent::JogEnded if matches!(self.machine.state(), State::Jogging(_)) => self.stand(now),
                 GroupEvent::Found | GroupEvent::JogEnded => {}
             }
         }
+        self.expire(now);
         self.group.flush(now, &self.settings);
     }
 
@@ -79,7 +81,10 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         let (qd_rad_s, e_rad) =
             if tracking { (tracker.qd_rad_s(), sample.q_rad - reference.q_rad) } else { (0.0, 0.0) };
         let measured = supervisor::SupervisedSample { q_rad: sample.q_rad, qd_rad_s, e_rad };
-        let cause = trouble.or(supervisor::check_motion(&measured, self.settings.joint.at(joint)));
+        let limits = self.settings.joint.at(joint);
+        // A joint that was jogged from outside its limits, or has no zero, may be stopped where it is.
+        let soft = SoftLimits::kept(limits, self.group.is_homed(joint)).with(self.stood_at_rad.get(joint));
+        let cause = trouble.or(supervisor::check_motion(&measured, limits, soft));
         if let Some(cause) = cause {
             self.fail(now, Fault::at(cause, joint));
         }
@@ -122,12 +127,10 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             | State::Ready
             | State::Armed { .. }
             | State::Stopped { .. }
-            | State::Fault { .. } => {
-                self.judge_standing(now);
-                self.expire(now);
+            | State::Fault { .. } => self.judge_standing(now),
+            State::Homing(Homing { joint, .. }) | State::Jogging(Jog { joint, .. }) => {
+                self.judge_places(now, Some(joint));
             }
-            State::Homing(homing) => self.watch_homing(now, &homing),
-            State::Jogging(jog) => self.watch_jog(now, &jog),
             State::Running { .. } => self.running(now, overrun),
             State::Stopping { .. } => self.stopping(now),
         }
@@ -135,21 +138,14 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
 
     /// Leads the joints along the plan, then to its last knot.
     fn running(&mut self, now: Instant, overrun: bool) {
-        if !self.host_is_alive(now) {
-            self.fail(now, Fault::group(Cause::HostLost));
-            self.stopping(now);
-            return;
-        }
         let State::Running { clock, parking } = *self.machine.state() else { return };
         // Before the plan begins the joints stand, and drives may still answer requests from before the order.
         let (s_us, _) = clock.at(now);
         let overrun = overrun && s_us > 0;
         match parking {
             Some(_) if self.all_at_rest(now) => self.stand(now),
-            Some(until) if until <= now => {
-                self.fail(now, Fault { cause: Cause::RestNotReached, joint: self.not_at_rest(now) });
-            }
             Some(_) => {}
+            None if self.misses_start(now, s_us) => self.not_begun(now, Cause::StartPassed),
             None if self.is_overrun(now, overrun) => self.fail(now, Fault::group(Cause::CycleOverrun)),
             None => {
                 let settled = self.group.profile(&self.settings).period * 2;
@@ -207,9 +203,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             longest_s = at_least(self.park_time_s(joint), longest_s);
             self.park_joint(now, joint);
         }
-        if let State::Running { parking, .. } = self.machine.data() {
-            *parking = Some(now + span::of_seconds(longest_s) + REST_SLACK);
-        }
+        self.machine.park(now + span::of_seconds(longest_s) + REST_SLACK);
     }
 
     /// Longest time that the ramp to the last knot takes, s.

@@ -10,6 +10,7 @@ use crate::fault::{Cause, Fault, Reaction, Refusal};
 use crate::group::{Command, DriveGroup};
 use crate::orders::{Done, Order, OrderKind};
 use crate::registers::{self, Number, Numbers, RegisterInfo, Writable};
+use crate::rest::HALT_REST_MAX;
 use crate::spline::Spline;
 use crate::state::{State, StateKind};
 use crate::store::{self, Storage};
@@ -62,6 +63,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             Order::Jog { joint, qd_rad_s, hold } => self.order_jog(now, joint, qd_rad_s, hold)?,
             Order::Commit(name) => {
                 self.offer = None;
+                self.store.require_upload_of(peer)?;
                 self.store.commit(&mut self.storage, name, &self.settings, self.spline.borrow_mut())?;
             }
             Order::Gripper { open } => self.set_gripper(now, open),
@@ -78,10 +80,11 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         if fault.cause.code() != code {
             return Err(Refusal { cause: Cause::OtherFault, joint: fault.joint, index: fault.cause.code() });
         }
-        if self.any_moves(now) {
+        // A reset takes the halt from the drives. One that does not answer measures no rest, but has had the time to stop.
+        let had_time = self.halt_due + HALT_REST_MAX <= now;
+        if self.any_moves(now) || !(had_time || self.all_at_rest(now)) {
             return Err(Refusal::of(Cause::StillMoving));
         }
-        self.freeze = None;
         self.find(now, true);
         Ok(())
     }
@@ -89,6 +92,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     /// A stop message: the halt broadcast is the next frame out, whatever the state.
     pub fn stop_now(&mut self, now: Instant) {
         self.now = now;
+        self.offer = None;
         let fault = Fault::group(Cause::StopMessage);
         match self.kind() {
             // Repeated, because the node asks again.
@@ -156,13 +160,14 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
 
     /// Writes a register: all numbers or none.
     ///
-    /// Gains and limits change only while nothing moves and nothing is armed. A changed gain voids the certificate, a
-    /// changed limit the commit, and both an offer to arm.
+    /// What shapes motion changes only while nothing moves and nothing is armed, and voids an offer to arm. The
+    /// [table](registers::TABLE) says what else a change needs and voids.
     ///
     /// # Errors
     ///
-    /// As [`registers::write`]; [`Cause::OrderNotNow`] while the register must not change; [`Cause::OtherHost`] while
-    /// another node holds the session; [`Cause::LimitCeiling`] for a limit wider than the robot's; those of a code.
+    /// As [`registers::write`]; [`Cause::OrderNotNow`] while the register must not change, [`Cause::StillMoving`] while a joint
+    /// moves and the register needs a new search; [`Cause::OtherHost`] while
+    /// another node holds the session; [`Cause::LimitCeiling`] for what needs the unlock; those of a code.
     pub fn write_register_at<'a>(
         &mut self,
         now: Instant,
@@ -195,8 +200,17 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         if info.shapes_motion() && !self.is_disengaged() {
             return Err(Refusal::of(Cause::OrderNotNow));
         }
+        if info.writable == Writable::NextStart {
+            // It begins a search, which lets halted drives go: a fault ends by its clearing only.
+            if matches!(self.kind(), StateKind::Fault | StateKind::Stopped) {
+                return Err(Refusal::of(Cause::OrderNotNow));
+            }
+            if self.any_moves(now) {
+                return Err(Refusal::of(Cause::StillMoving));
+            }
+        }
         if info.shapes_motion()
-            && let Verdict::Repeat(outcome) = self.keyring.judge(now, source.peer, source.content)?
+            && let Verdict::Repeat(outcome) = self.keyring.judge(now, source.peer, source.content, None)?
         {
             return outcome.map(drop);
         }
@@ -220,25 +234,22 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         if self.settings == old {
             return Ok(());
         }
-        if info.is_limit() && !self.is_unlocked_by(now, peer) {
-            let within = registers::check_ceiling(&self.settings, &self.ceiling);
-            // Another limit may be wide already, unlocked by another node; this one may still be narrowed.
-            if within.is_err() && !registers::is_narrower(&self.settings, &old, index) {
-                self.settings = old;
-                return within;
-            }
+        if !self.is_unlocked_by(now, peer)
+            && let Err(refusal) = registers::check_widening(&self.settings, &old, &self.ceiling, index)
+        {
+            self.settings = old;
+            return Err(refusal);
         }
-        match info.writable {
-            Writable::Gain => self.settings.gains_certificate_crc32 = 0,
-            Writable::Limit | Writable::LowerLimit => {
-                self.store.void_commit();
-                self.note(now, TraceEvent::LimitsChanged);
-            }
+        if info.is_proven {
+            self.settings.gains_certificate_crc32 = 0;
+        }
+        if info.is_limit() {
+            self.store.void_commit();
+            self.note(now, TraceEvent::LimitsChanged);
+        }
+        if info.writable == Writable::NextStart {
             // Drives and joints are assigned at start-up: look for them again with the new assignment.
-            Writable::NextStart => {
-                self.find(now, false);
-            }
-            _ => {}
+            self.find(now, false);
         }
         if info.shapes_motion() {
             self.offer = None;
@@ -250,7 +261,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     ///
     /// # Errors
     ///
-    /// As [`store::TrajectoryStore::write`]; [`Cause::BankBusy`] while armed, moving, or offered to another node.
+    /// As [`store::TrajectoryStore::write`], [`Cause::UploadOfOther`] among them; [`Cause::BankBusy`] while armed, moving, or offered to another node.
     pub fn upload(&mut self, now: Instant, peer: Peer, offset: usize, data: &[u8]) -> Result<(), Refusal> {
         self.now = now;
         if self.kind().may_move()
@@ -260,7 +271,11 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             return Err(Refusal::of(Cause::BankBusy));
         }
         self.offer = None;
-        self.store.write(&mut self.storage, offset, data)
+        let outcome = self.store.write(&mut self.storage, peer, offset, data);
+        if outcome.is_err_and(|refusal| refusal.cause == Cause::UploadOfOther) {
+            self.note(now, TraceEvent::UploadVoided(peer));
+        }
+        outcome
     }
 
     /// Reads the trajectory file back; returns the bytes filled.

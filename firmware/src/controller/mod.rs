@@ -16,6 +16,7 @@
 //! | `cycle` | analyse, decide, act: what follows from each event of the group |
 //! | `tracker` | estimator and law of one joint |
 //! | `standing`, `slow`, `starting`, `retargeting`, `stopping` | standing, homing and jogging, the start of a run, new end states in flight, stops and faults |
+//! | `timers` | every deadline by name |
 //! | `host`, `arming`, `authority` | orders, what must hold before a run, who may order what |
 //! | `report` | samples |
 //!
@@ -35,6 +36,7 @@ mod slow;
 mod standing;
 mod starting;
 mod stopping;
+mod timers;
 mod tracker;
 
 use core::borrow::BorrowMut;
@@ -97,6 +99,8 @@ pub struct Controller<S, M, G> {
     foreign_bits: u32,
     // What is watched.
     late_in_row: u32,
+    /// The run has begun a period within its plan.
+    is_on_plan: bool,
     /// New end states taken since the start of the run.
     targets_taken: u16,
     /// Where each joint stood when the group came to rest, rad.
@@ -168,6 +172,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
             telemetry_due: Instant::ZERO,
             foreign_bits: 0,
             late_in_row: 0,
+            is_on_plan: false,
             targets_taken: 0,
             stood_at_rad: default_in_place(),
             halt_due: Instant::ZERO,
@@ -265,24 +270,6 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         engaged && self.session.heard_at().is_some_and(|seen| now.saturating_since(seen) > half)
     }
 
-    /// Offers and armings that end by themselves.
-    fn expire(&mut self, now: Instant) {
-        if self.offer.is_some_and(|offer| offer.until <= now) {
-            self.offer = None;
-        }
-        if let State::Armed { until, start, .. } = *self.machine.state() {
-            match start {
-                _ if !self.host_is_alive(now) => self.enter_standing(now, State::Ready),
-                Some(start) => self.start_when_due(now, start),
-                None if until <= now => self.enter_standing(now, State::Ready),
-                None => {}
-            }
-        }
-        if self.unlock.is_some_and(|unlock| unlock.until <= now) {
-            self.lock_limits(now);
-        }
-    }
-
     fn set_gripper(&mut self, now: Instant, open: bool) {
         self.gripper.set(open);
         if !self.group.set_gripper(&self.settings, open) {
@@ -301,9 +288,6 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     /// A deadline of [`Self::poll_deadline`] has come; harmless before.
     pub fn handle_deadline(&mut self, now: Instant) {
         self.now = now;
-        if let Some(open) = self.gripper.take_due(now) {
-            self.set_gripper(now, open);
-        }
         self.group.handle_timeout(now, &self.settings);
         self.serve(now);
     }
@@ -316,6 +300,6 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     /// Next deadline.
     pub fn poll_deadline(&self) -> Option<Instant> {
         let group = self.group.poll_timeout(self.now, &self.settings);
-        group.into_iter().chain(self.gripper.next_at()).min()
+        group.into_iter().chain(self.next_timer()).min()
     }
 }

@@ -5,7 +5,7 @@ use core::borrow::BorrowMut;
 use protocol::{Duration, Instant, JointIndex};
 
 use super::Controller;
-use crate::fault::{Cause, Fault, Refusal};
+use crate::fault::{Cause, Refusal};
 use crate::group::{Command, DriveGroup};
 use crate::joints::clamp;
 use crate::orders::JOG_HOLD_MAX;
@@ -62,16 +62,6 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         }
     }
 
-    pub(super) fn watch_homing(&mut self, now: Instant, homing: &Homing) {
-        if !self.host_is_alive(now) {
-            self.fail(now, Fault::group(Cause::HostLost));
-        } else if homing.deadline <= now {
-            self.fail(now, Fault::at(Cause::HomingTimeout, homing.joint));
-        } else {
-            self.judge_places(now, Some(homing.joint));
-        }
-    }
-
     /// Moves one joint at reduced speed while the order is repeated.
     pub(super) fn order_jog(
         &mut self,
@@ -103,19 +93,5 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         }
         self.group.command(now, &self.settings, Command::Jog { joint, qd_rad_s, until: now + hold });
         Ok(())
-    }
-
-    pub(super) fn note_jog_released(&mut self) {
-        if let State::Jogging(jog) = self.machine.data() {
-            jog.released = true;
-        }
-    }
-
-    pub(super) fn watch_jog(&mut self, now: Instant, jog: &Jog) {
-        if !self.host_is_alive(now) && !jog.released {
-            self.fail(now, Fault::group(Cause::HostLost));
-        } else {
-            self.judge_places(now, Some(jog.joint));
-        }
     }
 }

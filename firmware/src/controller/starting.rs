@@ -6,11 +6,14 @@ use protocol::{Duration, Instant};
 
 use super::Controller;
 use super::tracker::Tracker;
+use crate::fault::Cause;
 use crate::group::{Command, DriveGroup};
+use crate::orders::OrderKind;
 use crate::path::PathClock;
 use crate::spline::Spline;
 use crate::state::State;
 use crate::store::Storage;
+use crate::trace::TraceEvent;
 
 impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     /// Begins the committed trajectory at `start`, at least the lead of the group from now. The order has checked that it may
@@ -36,7 +39,26 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
                 );
             }
         }
-        (self.late_in_row, self.targets_taken) = (0, 0);
+        (self.late_in_row, self.targets_taken, self.is_on_plan) = (0, 0, false);
         self.enter(now, State::Running { clock: PathClock::starting(start), parking: None });
+    }
+
+    /// Whether the first set point within the plan comes so late that it is a leap from rest into mid-motion. A plan begins at
+    /// rest: in two periods it goes less than the drives resolve. For drives that are led and move already it is
+    /// a late cycle as any other.
+    pub(super) fn misses_start(&mut self, now: Instant, s_us: i64) -> bool {
+        if self.is_on_plan || s_us <= 0 {
+            return false;
+        }
+        self.is_on_plan = true;
+        let period_us = self.group.profile(&self.settings).period.as_micros() as i64;
+        s_us > 2 * period_us && !self.any_moves(now)
+    }
+
+    /// Ends a run, or the wait for it, before anything has moved.
+    pub(super) fn not_begun(&mut self, now: Instant, cause: Cause) {
+        self.gripper.cancel();
+        self.note(now, TraceEvent::Refused(OrderKind::Run, cause));
+        self.enter_standing(now, State::Ready);
     }
 }

@@ -101,9 +101,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         if first != new {
             self.note(now, TraceEvent::FurtherFault(new));
         }
-        if let State::Stopping { fault, .. } = self.machine.data() {
-            *fault = first;
-        }
+        self.machine.latch(first);
         if let Some(frame) = self.freeze.as_mut().filter(|_| names(latched, new)) {
             frame.fault = first;
         }
@@ -117,8 +115,13 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
         self.note(now, TraceEvent::Halt);
     }
 
+    /// True in Fault until the joints are measured at rest, at most [`HALT_REST_MAX`] after the last halt.
+    pub fn is_braking(&self, now: Instant) -> bool {
+        self.kind() == StateKind::Fault && now < self.halt_due + HALT_REST_MAX && !self.all_at_rest(now)
+    }
+
     /// The halt and the state after it: Fault at once, Stopped when all joints stand.
-    fn end_stop(&mut self, now: Instant, fault: Fault) {
+    pub(super) fn end_stop(&mut self, now: Instant, fault: Fault) {
         self.halt(now);
         if !fault.cause.is_plain_stop() {
             self.group.command(now, &self.settings, Command::Abandon);
@@ -134,20 +137,10 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
 
     /// Looks for the drives, from the beginning. With `reset` errors and halts are cleared first.
     pub(super) fn find(&mut self, now: Instant, reset: bool) {
+        // The picture belongs to the fault that ends here.
+        self.freeze = None;
         self.group.command(now, &self.settings, Command::Find { reset });
         self.enter(now, State::Boot);
-    }
-
-    /// The drives brake by themselves until they stand.
-    fn watch_halted(&mut self, now: Instant, fault: Fault, deadline: Instant) {
-        if self.all_at_rest(now) {
-            self.keep_places();
-            self.enter_standing(now, State::Stopped { fault });
-        } else if deadline <= now {
-            self.fail(now, Fault { cause: Cause::RestNotReached, joint: self.not_at_rest(now) });
-        } else {
-            self.repeat_halt(now);
-        }
     }
 
     fn halt_silent(&mut self, now: Instant, fault: Fault) {
@@ -157,7 +150,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
     }
 
     /// Every joint brakes on its own.
-    fn quick_stop(&mut self, now: Instant, fault: Fault, clock: PathClock) {
+    pub(super) fn quick_stop(&mut self, now: Instant, fault: Fault, clock: PathClock) {
         let deadline = self.group.brake(now, &self.settings);
         self.enter(now, State::Stopping { fault, way: StopWay::Quick, clock, deadline });
         self.halt_silent(now, fault);
@@ -165,14 +158,14 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
 
     /// One period of coming to rest.
     pub(super) fn stopping(&mut self, now: Instant) {
-        let State::Stopping { fault, way, mut clock, deadline } = *self.machine.state() else { return };
+        let State::Stopping { fault, way, mut clock, .. } = *self.machine.state() else { return };
         match way {
-            StopWay::Halted => self.watch_halted(now, fault, deadline),
-            StopWay::Quick if deadline <= now => self.end_stop(now, fault),
-            StopWay::Quick => {}
-            StopWay::Path if deadline <= now => {
-                self.quick_stop(now, fault, clock);
+            StopWay::Halted if self.all_at_rest(now) => {
+                self.keep_places();
+                self.enter_standing(now, State::Stopped { fault });
             }
+            StopWay::Halted => self.repeat_halt(now),
+            StopWay::Quick => {}
             StopWay::Path if clock.is_standing() => {
                 let settled = clock.since() + self.group.profile(&self.settings).period * SETTLE_CYCLES;
                 if settled <= now {
@@ -193,9 +186,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Controller<S, M, G> {
                         return;
                     }
                 }
-                if let State::Stopping { clock: kept, .. } = self.machine.data() {
-                    *kept = clock;
-                }
+                self.machine.slow_down(clock);
                 self.control_step(now, &clock);
             }
         }

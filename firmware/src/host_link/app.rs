@@ -242,6 +242,10 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Application for App<S, M, 
         }
     }
 
+    fn is_urgent(&self, number: u16) -> bool {
+        matches!(number, standard::EMERGENCY_STOP | command::STOP | command::DISARM)
+    }
+
     fn execute(
         &mut self,
         now: Instant,
@@ -269,8 +273,8 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Application for App<S, M, 
         let content = content.as_ref().map_or(&[][..], Content::as_slice);
         match self.controller.order(now, Source { peer, content }, order) {
             Ok(Done::Taken) => Status::SUCCESS,
-            Ok(Done::Offer { token, valid }) => {
-                ArmOffer { token, valid_ms: ms(valid) }.encode(output);
+            Ok(Done::Offer { token, valid, digest }) => {
+                ArmOffer { token, valid_ms: ms(valid), digest }.encode(output);
                 Status::SUCCESS
             }
             Ok(Done::Challenge(nonce)) => {
@@ -314,7 +318,7 @@ impl<S: Storage, M: BorrowMut<Spline>, G: DriveGroup> Application for App<S, M, 
         outcome.map_err(|refusal| match refusal.cause {
             Cause::UploadOutOfOrder => FileError::INVALID_VALUE,
             Cause::FileTooLong => FileError::FILE_TOO_LARGE,
-            Cause::BankBusy => FileError::ACCESS_DENIED,
+            Cause::BankBusy | Cause::UploadOfOther => FileError::ACCESS_DENIED,
             _ => FileError::IO_ERROR,
         })
     }

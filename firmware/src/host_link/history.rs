@@ -134,6 +134,7 @@ fn entry_of(event: TraceEvent) -> TraceEntry {
         TraceEvent::LimitsPutBack => of(kind::LIMITS_PUT_BACK, 0),
         TraceEvent::LimitsChanged => of(kind::LIMITS_CHANGED, 0),
         TraceEvent::Key(set) => of(kind::KEY, u8::from(set)),
+        TraceEvent::UploadVoided(peer) => of(kind::UPLOAD_VOIDED, peer.number()),
         TraceEvent::RegisterRefused(register, cause) => {
             TraceEntry { cause: cause.code(), ..of(kind::REGISTER_REFUSED, register) }
         }

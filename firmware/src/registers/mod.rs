@@ -3,8 +3,11 @@
 //! The table is data: names, ranges and texts are made from one list, so what a host sees, what is
 //! checked and what is stored cannot differ. A register of the joints holds one number per joint in use.
 
+mod digest;
+
 use protocol::{JOINTS_MAX, JointIndex};
 
+pub use self::digest::{certificate_crc32, run_digest};
 use crate::crc::Crc32;
 use crate::fault::{Cause, Refusal};
 use crate::settings::Settings;
@@ -40,19 +43,32 @@ pub enum Writable {
     Always,
     /// Only while nothing moves and nothing is armed.
     AtRest,
-    /// As [`Self::AtRest`]; a change voids the certificate of the gains.
-    Gain,
-    /// As [`Self::AtRest`]; more than the controller was started with only while the limits are unlocked.
-    Limit,
-    /// As [`Self::Limit`], but less is wider.
-    LowerLimit,
-    /// Makes the controller look for its drives again; writable while nothing moves.
+    /// Makes the controller look for its drives again; writable while nothing moves, but not in Stopped and Fault: halted
+    /// drives are let go by an order only.
     NextStart,
     /// Takes effect when the controller is switched on the next time, if it was saved.
     NextPowerOn,
 }
 
-/// Row of the table.
+/// What of a register lets the arm do more than before. It needs the unlock, and any change voids the commit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wider {
+    /// Nothing: not a limit.
+    No,
+    /// More than the controller was started with; put back when the unlock ends.
+    More,
+    /// Less than the controller was started with; put back when the unlock ends.
+    Less,
+    /// Any other number: it moves all limits in the room. What was set while unlocked stays.
+    Other,
+}
+
+/// The loop that the certificate of the gains is of depends on it: in [`certificate_crc32`], a change voids the certificate.
+const PROVEN: bool = true;
+const FREE: bool = false;
+
+/// Row of the table: the one place that says when a register may be written, what of it needs the unlock and what a change
+/// voids.
 #[derive(Clone, Copy, Debug)]
 pub struct RegisterInfo {
     /// Name, with the unit.
@@ -67,6 +83,10 @@ pub struct RegisterInfo {
     pub max: f32,
     /// When it may be written.
     pub writable: Writable,
+    /// What of it needs the unlock.
+    pub wider: Wider,
+    /// A change voids the certificate of the gains.
+    pub is_proven: bool,
     place: Place,
 }
 
@@ -90,9 +110,19 @@ impl RegisterInfo {
         number.kind() == self.kind && x >= self.min && x <= self.max && !x.is_subnormal()
     }
 
-    /// True for a limit of motion or of its supervision.
+    /// True for a limit of motion or of its supervision, and for what limits are counted from: a change voids the commit.
     pub const fn is_limit(&self) -> bool {
-        matches!(self.writable, Writable::Limit | Writable::LowerLimit)
+        !matches!(self.wider, Wider::No)
+    }
+
+    /// True for gains, for all that their certificate is about, and for its checksum.
+    pub fn is_of_gains(&self) -> bool {
+        self.is_proven || self.name == "gains.certificate_crc32"
+    }
+
+    /// True if [`run_digest`] covers it: all that a run depends on.
+    pub const fn is_in_digest(&self) -> bool {
+        !matches!(self.writable, Writable::Always | Writable::NextPowerOn)
     }
 
     /// True if motion depends on it.
@@ -100,12 +130,21 @@ impl RegisterInfo {
         !matches!(self.writable, Writable::Never | Writable::Always)
     }
 
-    /// True if a limit is wider than another one.
+    /// True if a limit is beyond another one.
     fn is_wider(&self, number: Number, ceiling: Number) -> bool {
-        match self.writable {
-            Writable::Limit => number.magnitude() > ceiling.magnitude(),
-            Writable::LowerLimit => number.magnitude() < ceiling.magnitude(),
-            _ => false,
+        match self.wider {
+            Wider::More => number.magnitude() > ceiling.magnitude(),
+            Wider::Less => number.magnitude() < ceiling.magnitude(),
+            Wider::No | Wider::Other => false,
+        }
+    }
+
+    /// True if the change from `old` to `number` needs the unlock.
+    fn widens(&self, number: Number, old: Number, ceiling: Number) -> bool {
+        match self.wider {
+            Wider::Other => number != old,
+            // A limit that is wide already, by another node's unlock, may be narrowed.
+            _ => self.is_wider(number, ceiling) && self.is_wider(number, old),
         }
     }
 }
@@ -184,8 +223,8 @@ field!(u32, Natural32);
 field!(bool, Bit);
 
 macro_rules! registers {
-    (group { $($gname:literal $gfield:ident: $gtype:ty, $gmin:expr, $gmax:expr, $gwhen:ident, $gtext:literal;)* }
-     joint { $($jname:literal $jfield:ident: $jtype:ty, $jmin:expr, $jmax:expr, $jwhen:ident, $jtext:literal;)* }) => {
+    (group { $($gname:literal $gfield:ident: $gtype:ty, $gmin:expr, $gmax:expr, $gwhen:ident, $gwider:ident, $gproven:ident, $gtext:literal;)* }
+     joint { $($jname:literal $jfield:ident: $jtype:ty, $jmin:expr, $jmax:expr, $jwhen:ident, $jwider:ident, $jproven:ident, $jtext:literal;)* }) => {
         /// Fields of [`Settings`].
         #[derive(Clone, Copy, Debug)]
         #[allow(non_camel_case_types)]
@@ -199,9 +238,9 @@ macro_rules! registers {
         /// All registers; the index in this table is the register's number.
         pub const TABLE: &[RegisterInfo] = &[
             $(RegisterInfo { name: $gname, kind: <$gtype as Field>::KIND, per_joint: false, min: $gmin, max: $gmax,
-                writable: Writable::$gwhen, place: Place::Group(Group::$gfield) },)*
+                writable: Writable::$gwhen, wider: Wider::$gwider, is_proven: $gproven, place: Place::Group(Group::$gfield) },)*
             $(RegisterInfo { name: $jname, kind: <$jtype as Field>::KIND, per_joint: true, min: $jmin, max: $jmax,
-                writable: Writable::$jwhen, place: Place::Joint(Joint::$jfield) },)*
+                writable: Writable::$jwhen, wider: Wider::$jwider, is_proven: $jproven, place: Place::Joint(Joint::$jfield) },)*
         ];
 
         /// What each register is, in the order of [`TABLE`]; apart from it because a board has no use for the texts.
@@ -230,62 +269,64 @@ macro_rules! registers {
 
 registers! {
     group {
-        "group.joints" joints: u32, 1.0, 8.0, NextStart, "joints in use";
-        "group.robot_crc32" robot_crc32: u32, 0.0, 4_294_967_295.0, AtRest, "checksum of the robot file that plans must be for, 0 accepts any";
-        "cycle.period_us" cycle_period_us: u32, 1_000.0, 40_000.0, AtRest, "control period";
-        "cycle.monitor_us" monitor_period_us: u32, 4_000.0, 40_000.0, AtRest, "period of looking at the drives while nothing moves";
-        "cycle.late_max" cycle_late_max: u32, 1.0, 100.0, AtRest, "late cycles in a row that stop the group";
-        "cycle.guest" cycle_guest: bool, 0.0, 1.0, AtRest, "read one drive's current or state word per cycle, in turn";
-        "host.timeout_us" host_timeout_us: u32, 20_000.0, 500_000.0, Limit, "age of the host's last sign of life at which a motion stops; a host sends uavcan.node.Heartbeat at least three times in this time, not once a second, while anything is armed or moves";
-        "reply.deadline_us" reply_deadline_us: u32, 500.0, 20_000.0, AtRest, "a reply that takes longer is missed";
-        "reply.missed_max" reply_missed_max: u32, 1.0, 10.0, AtRest, "missed replies in a row that stop the group";
-        "reply.age_us" reply_age_us: u32, 0.0, 5_000.0, AtRest, "time from a drive's measurement to the end of its reply";
-        "drives.lag_us" drive_lag_us: u32, 0.0, 20_000.0, AtRest, "how far a drive's position runs behind its ramp generator";
-        "drives.in_flight_max" in_flight_max: u32, 1.0, 8.0, AtRest, "drives with a request in flight at the same time";
-        "ramp.reach_rad" reach_rad: f32, 0.5, 6.3, AtRest, "distance of the target ahead of the measured position";
-        "watchdog.enable" watchdog_enable: bool, 0.0, 1.0, NextStart, "switch the drives' watchdogs on";
-        "watchdog.prove" watchdog_prove: bool, 0.0, 1.0, NextStart, "let the watchdogs expire once at start-up";
-        "watchdog.refresh_us" watchdog_refresh_us: u32, 2_000.0, 100_000.0, AtRest, "time between signs of life to the drives";
-        "watchdog.timeout_us" watchdog_timeout_us: u32, 10_000.0, 1_000_000.0, AtRest, "time after which the drives' watchdogs expire";
-        "gains.period_us" gains_period_us: u32, 1_000.0, 40_000.0, Gain, "period the gains were designed for";
-        "gains.robot_crc32" gains_robot_crc32: u32, 0.0, 4_294_967_295.0, Gain, "checksum of the robot file the gains were designed for";
-        "gains.certificate_crc32" gains_certificate_crc32: u32, 0.0, 4_294_967_295.0, AtRest, "checksum of the certificate of the gains, 0 for none; write it after the gains";
-        "limits.robot_crc32" limits_robot_crc32: u32, 0.0, 4_294_967_295.0, Never, "checksum of the robot file whose limits the controller was started with";
-        "estimator.alpha" estimator_alpha: f32, 0.05, 1.0, Gain, "weight of a measurement on the error, 1 takes it as it is";
-        "estimator.beta" estimator_beta: f32, 0.01, 1.0, Gain, "weight of a measurement on the rate of the error, 1 is the plain difference";
-        "stop.share" stop_share: f32, 0.1, 1.0, AtRest, "share of the acceleration that a stop along the path may use";
-        "stop.path_max_us" stop_path_max_us: u32, 50_000.0, 5_000_000.0, AtRest, "a stop along the path that takes longer becomes a quick stop";
-        "gripper.address" gripper_address: u32, 0.0, 31.0, AtRest, "module whose output drives the gripper, 0 for the board's own output";
-        "gripper.line" gripper_line: u32, 0.0, 3.0, AtRest, "output line of that module";
-        "gripper.inverted" gripper_inverted: bool, 0.0, 1.0, AtRest, "output on means closed";
-        "gripper.opening_us" gripper_opening_us: u32, 0.0, 200_000.0, AtRest, "time from switching the output to the ball being free";
-        "telemetry.period_us" telemetry_period_us: u32, 1_000.0, 10_000_000.0, Always, "time between telemetry samples";
-        "home.timeout_us" home_timeout_us: u32, 1_000_000.0, 60_000_000.0, AtRest, "longest homing of one joint";
-        "uavcan.node.id" node_id: u32, 0.0, 127.0, NextPowerOn, "node-ID on the host link";
-        "uavcan.sub.stop.id" stop_subject: u32, 0.0, 6_143.0, NextPowerOn, "subject of the stop message";
-        "uavcan.pub.group_state.id" group_state_subject: u32, 0.0, 6_143.0, NextPowerOn, "subject of the group state";
-        "uavcan.pub.joint_state.id" joint_state_subject: u32, 0.0, 6_143.0, NextPowerOn, "subject of the joint state";
-        "uavcan.sub.target.id" target_subject: u32, 0.0, 6_143.0, NextPowerOn, "subject of new end states";
-        "uavcan.pub.target_answer.id" target_answer_subject: u32, 0.0, 6_143.0, NextPowerOn, "subject of the answers to them";
+        "group.joints" joints: u32, 1.0, 8.0, NextStart, Other, FREE, "joints in use";
+        "group.robot_crc32" robot_crc32: u32, 0.0, 4_294_967_295.0, AtRest, No, FREE, "checksum of the robot file that plans must be for, 0 accepts any";
+        "cycle.period_us" cycle_period_us: u32, 1_000.0, 40_000.0, AtRest, No, FREE, "control period";
+        "cycle.monitor_us" monitor_period_us: u32, 4_000.0, 40_000.0, AtRest, No, FREE, "period of looking at the drives while nothing moves";
+        "cycle.late_max" cycle_late_max: u32, 1.0, 100.0, AtRest, More, FREE, "late cycles in a row that stop the group";
+        "cycle.guest" cycle_guest: bool, 0.0, 1.0, AtRest, No, FREE, "read one drive's current or state word per cycle, in turn";
+        "host.timeout_us" host_timeout_us: u32, 20_000.0, 500_000.0, AtRest, More, FREE, "age of the host's last sign of life at which a motion stops; a host sends uavcan.node.Heartbeat at least three times in this time, not once a second, while anything is armed or moves";
+        "reply.deadline_us" reply_deadline_us: u32, 500.0, 20_000.0, AtRest, More, FREE, "a reply that takes longer is missed";
+        "reply.missed_max" reply_missed_max: u32, 1.0, 10.0, AtRest, More, FREE, "missed replies in a row that stop the group";
+        "reply.age_us" reply_age_us: u32, 0.0, 5_000.0, AtRest, No, PROVEN, "time from a drive's measurement to the end of its reply";
+        "drives.lag_us" drive_lag_us: u32, 0.0, 20_000.0, AtRest, No, PROVEN, "how far a drive's position runs behind its ramp generator";
+        "drives.in_flight_max" in_flight_max: u32, 1.0, 8.0, AtRest, No, FREE, "drives with a request in flight at the same time";
+        "ramp.reach_rad" reach_rad: f32, 0.5, 6.3, AtRest, More, FREE, "distance of the target ahead of the measured position";
+        "watchdog.enable" watchdog_enable: bool, 0.0, 1.0, NextStart, Less, FREE, "switch the drives' watchdogs on";
+        "watchdog.prove" watchdog_prove: bool, 0.0, 1.0, NextStart, Less, FREE, "let the watchdogs expire once at start-up";
+        "watchdog.refresh_us" watchdog_refresh_us: u32, 2_000.0, 100_000.0, AtRest, More, FREE, "time between signs of life to the drives";
+        "watchdog.timeout_us" watchdog_timeout_us: u32, 10_000.0, 1_000_000.0, AtRest, More, FREE, "time after which the drives' watchdogs expire";
+        "gains.period_us" gains_period_us: u32, 1_000.0, 40_000.0, AtRest, No, PROVEN, "period the gains were designed for";
+        "gains.delay_min_us" gains_delay_min_us: u32, 0.0, 40_000.0, AtRest, No, PROVEN, "smallest delay from measurement to action the gains were designed for";
+        "gains.delay_max_us" gains_delay_max_us: u32, 0.0, 40_000.0, AtRest, No, PROVEN, "largest delay from measurement to action the gains were designed for: a controller acts one period after it measures";
+        "gains.robot_crc32" gains_robot_crc32: u32, 0.0, 4_294_967_295.0, AtRest, No, PROVEN, "checksum of the robot file the gains were designed for";
+        "gains.certificate_crc32" gains_certificate_crc32: u32, 0.0, 4_294_967_295.0, AtRest, No, FREE, "checksum over all that the certificate of the gains is about (gains, weights, period, delay, lag, acceleration, robot), 0 for none; write it last";
+        "limits.robot_crc32" limits_robot_crc32: u32, 0.0, 4_294_967_295.0, Never, No, FREE, "checksum of the robot file whose limits the controller was started with";
+        "estimator.alpha" estimator_alpha: f32, 0.05, 1.0, AtRest, No, PROVEN, "weight of a measurement on the error, 1 takes it as it is";
+        "estimator.beta" estimator_beta: f32, 0.01, 1.0, AtRest, No, PROVEN, "weight of a measurement on the rate of the error, 1 is the plain difference";
+        "stop.share" stop_share: f32, 0.1, 1.0, AtRest, No, FREE, "share of the acceleration that a stop along the path may use";
+        "stop.path_max_us" stop_path_max_us: u32, 50_000.0, 5_000_000.0, AtRest, More, FREE, "a stop along the path that takes longer becomes a quick stop";
+        "gripper.address" gripper_address: u32, 0.0, 31.0, AtRest, No, FREE, "module whose output drives the gripper, 0 for the board's own output";
+        "gripper.line" gripper_line: u32, 0.0, 3.0, AtRest, No, FREE, "output line of that module";
+        "gripper.inverted" gripper_inverted: bool, 0.0, 1.0, AtRest, No, FREE, "output on means closed";
+        "gripper.opening_us" gripper_opening_us: u32, 0.0, 200_000.0, AtRest, No, FREE, "time from switching the output to the ball being free";
+        "telemetry.period_us" telemetry_period_us: u32, 1_000.0, 10_000_000.0, Always, No, FREE, "time between telemetry samples";
+        "home.timeout_us" home_timeout_us: u32, 1_000_000.0, 60_000_000.0, AtRest, No, FREE, "longest homing of one joint";
+        "uavcan.node.id" node_id: u32, 0.0, 127.0, NextPowerOn, No, FREE, "node-ID on the host link";
+        "uavcan.sub.stop.id" stop_subject: u32, 0.0, 6_143.0, NextPowerOn, No, FREE, "subject of the stop message";
+        "uavcan.pub.group_state.id" group_state_subject: u32, 0.0, 6_143.0, NextPowerOn, No, FREE, "subject of the group state";
+        "uavcan.pub.joint_state.id" joint_state_subject: u32, 0.0, 6_143.0, NextPowerOn, No, FREE, "subject of the joint state";
+        "uavcan.sub.target.id" target_subject: u32, 0.0, 6_143.0, NextPowerOn, No, FREE, "subject of new end states";
+        "uavcan.pub.target_answer.id" target_answer_subject: u32, 0.0, 6_143.0, NextPowerOn, No, FREE, "subject of the answers to them";
     }
     joint {
-        "joint.address" address: u32, 1.0, 31.0, NextStart, "address of the drive";
-        "joint.inverted" inverted: bool, 0.0, 1.0, NextStart, "joint turns against the drive";
-        "joint.offset_rad" offset_rad: f32, -6.3, 6.3, NextStart, "position of the joint where the drive reads zero";
-        "joint.q_min_rad" q_min_rad: f32, -9.5, 9.5, LowerLimit, "lower soft limit";
-        "joint.q_max_rad" q_max_rad: f32, -9.5, 9.5, Limit, "upper soft limit";
-        "joint.v_max_rad_s" v_max_rad_s: f32, 0.01, 10.0, Limit, "highest speed, commanded and measured";
-        "joint.a_max_rad_s2" a_max_rad_s2: f32, 0.1, 100.0, Limit, "highest commanded acceleration";
-        "joint.error_max_rad" error_max_rad: f32, 0.001, 1.0, Limit, "largest following error";
-        "joint.start_tolerance_rad" start_tolerance_rad: f32, 0.001, 0.5, Limit, "largest distance from the start of a plan at which it may start";
-        "joint.current_max_a" current_max_a: f32, 0.1, 60.0, Limit, "largest current";
-        "joint.jog_v_rad_s" jog_v_rad_s: f32, 0.005, 0.5, Limit, "speed of jogging";
-        "joint.jog_a_rad_s2" jog_a_rad_s2: f32, 0.05, 5.0, Limit, "acceleration of jogging";
-        "joint.slow_current_a" slow_current_a: f32, 0.1, 60.0, Limit, "current limit of the drive while homing and jogging";
-        "joint.home_v_rad_s" home_v_rad_s: f32, -0.5, 0.5, AtRest, "speed of homing with its direction, of the drive";
-        "joint.k_error_1_s2" k_error_1_s2: f32, -20_000.0, 0.0, Gain, "feedback on the position error";
-        "joint.k_rate_1_s" k_rate_1_s: f32, -1_000.0, 0.0, Gain, "feedback on the rate of the error";
-        "joint.k_last" k_last: f32, -2.5, 2.5, Gain, "feedback on the input that acts meanwhile";
+        "joint.address" address: u32, 1.0, 31.0, NextStart, Other, FREE, "address of the drive";
+        "joint.inverted" inverted: bool, 0.0, 1.0, NextStart, Other, FREE, "joint turns against the drive";
+        "joint.offset_rad" offset_rad: f32, -6.3, 6.3, NextStart, Other, FREE, "position of the joint where the drive reads zero";
+        "joint.q_min_rad" q_min_rad: f32, -9.5, 9.5, AtRest, Less, FREE, "lower soft limit";
+        "joint.q_max_rad" q_max_rad: f32, -9.5, 9.5, AtRest, More, FREE, "upper soft limit";
+        "joint.v_max_rad_s" v_max_rad_s: f32, 0.01, 10.0, AtRest, More, FREE, "highest speed, commanded and measured";
+        "joint.a_max_rad_s2" a_max_rad_s2: f32, 0.1, 100.0, AtRest, More, PROVEN, "highest commanded acceleration";
+        "joint.error_max_rad" error_max_rad: f32, 0.001, 1.0, AtRest, More, FREE, "largest following error";
+        "joint.start_tolerance_rad" start_tolerance_rad: f32, 0.001, 0.5, AtRest, More, FREE, "largest distance from the start of a plan at which it may start";
+        "joint.current_max_a" current_max_a: f32, 0.1, 60.0, AtRest, More, FREE, "largest current";
+        "joint.jog_v_rad_s" jog_v_rad_s: f32, 0.005, 0.5, AtRest, More, FREE, "speed of jogging";
+        "joint.jog_a_rad_s2" jog_a_rad_s2: f32, 0.05, 5.0, AtRest, More, FREE, "acceleration of jogging";
+        "joint.slow_current_a" slow_current_a: f32, 0.1, 60.0, AtRest, More, FREE, "current limit of the drive while homing and jogging";
+        "joint.home_v_rad_s" home_v_rad_s: f32, -0.5, 0.5, AtRest, No, FREE, "speed of homing with its direction, of the drive";
+        "joint.k_error_1_s2" k_error_1_s2: f32, -20_000.0, 0.0, AtRest, No, PROVEN, "feedback on the position error";
+        "joint.k_rate_1_s" k_rate_1_s: f32, -1_000.0, 0.0, AtRest, No, PROVEN, "feedback on the rate of the error";
+        "joint.k_last" k_last: f32, -2.5, 2.5, AtRest, No, PROVEN, "feedback on the input that acts meanwhile";
     }
 }
 
@@ -377,37 +418,33 @@ pub fn check_ranges(settings: &Settings) -> Result<(), Refusal> {
     Ok(())
 }
 
-/// First joint with a limit that is wider than in `ceiling`; index: the register.
+/// The change of register `index` from `old` to `settings` needs no unlock.
 ///
 /// # Errors
 ///
-/// [`Cause::LimitCeiling`].
-pub fn check_ceiling(settings: &Settings, ceiling: &Settings) -> Result<(), Refusal> {
-    for (index, info) in TABLE.iter().enumerate() {
-        for joint in JointIndex::first(info.count(settings)) {
-            if info.is_wider(get(settings, info.place, joint), get(ceiling, info.place, joint)) {
-                let joint = info.per_joint.then_some(joint);
-                return Err(Refusal::in_file(Cause::LimitCeiling, joint, index));
-            }
-        }
+/// [`Cause::LimitCeiling`] with the first joint that it widens; index: the register.
+pub fn check_widening(
+    settings: &Settings,
+    old: &Settings,
+    ceiling: &Settings,
+    index: usize,
+) -> Result<(), Refusal> {
+    let Some(info) = TABLE.get(index) else { return Ok(()) };
+    let number = |settings: &Settings, joint| get(settings, info.place, joint);
+    let widened = JointIndex::first(info.count(settings))
+        .find(|&joint| info.widens(number(settings, joint), number(old, joint), number(ceiling, joint)));
+    match widened {
+        Some(joint) => Err(Refusal::in_file(Cause::LimitCeiling, info.per_joint.then_some(joint), index)),
+        None => Ok(()),
     }
-    Ok(())
 }
 
-/// True if no number of register `index` is wider than it was in `old`.
-pub fn is_narrower(settings: &Settings, old: &Settings, index: usize) -> bool {
-    TABLE.get(index).is_some_and(|info| {
-        JointIndex::first(info.count(settings))
-            .all(|joint| !info.is_wider(get(settings, info.place, joint), get(old, info.place, joint)))
-    })
-}
-
-/// Puts every limit that is wider than in `ceiling` back to it; true if there was one. Where the limits of a joint do not go
-/// together then, all limits are those of `ceiling`.
+/// Puts every limit that is wider than in `ceiling` back to it; true if there was one. Where they do not go together then, all
+/// limits are those of `ceiling`, and if that does not help, all settings.
 pub fn narrow(settings: &mut Settings, ceiling: &Settings) -> bool {
     let put_back = |settings: &mut Settings, all: bool| {
         let mut any = false;
-        for info in TABLE.iter().filter(|info| info.is_limit()) {
+        for info in TABLE.iter().filter(|info| matches!(info.wider, Wider::More | Wider::Less)) {
             for joint in JointIndex::first(info.count(settings)) {
                 let limit = get(ceiling, info.place, joint);
                 if all || info.is_wider(get(settings, info.place, joint), limit) {
@@ -422,8 +459,23 @@ pub fn narrow(settings: &mut Settings, ceiling: &Settings) -> bool {
     let any = put_back(settings, false);
     if any && settings.check().is_err() {
         put_back(settings, true);
+        if settings.check().is_err() {
+            *settings = *ceiling;
+        }
     }
     any
+}
+
+/// Sets register number `index` to what a controller holds, or has stored: checked on its own and not beside the others, since
+/// limits may pass through a state out of order. False if the numbers are not allowed; then nothing changes.
+pub fn set_held(settings: &mut Settings, index: usize, numbers: &[Number]) -> bool {
+    let Some(info) = TABLE.get(index) else { return false };
+    let fits = !numbers.is_empty() && (info.per_joint || numbers.len() == 1);
+    let taken = fits && numbers.iter().all(|number| info.allows(*number));
+    if taken {
+        put(settings, info, numbers);
+    }
+    taken
 }
 
 /// Sets numbers of the register's type.
@@ -465,19 +517,13 @@ pub fn take_row(settings: &mut Settings, row: &[u8; ROW_LEN]) -> bool {
     let Some((head, tail)) = row.split_first_chunk::<8>() else { return false };
     let [k0, k1, k2, k3, count, ..] = *head;
     let wanted = u32::from_le_bytes([k0, k1, k2, k3]);
-    let Some(info) = TABLE.iter().find(|info| key(info) == wanted) else { return false };
+    let Some(index) = TABLE.iter().position(|info| key(info) == wanted) else { return false };
+    let Some(info) = TABLE.get(index).filter(|info| info.writable != Writable::Never) else { return false };
     let mut numbers = [Number::Natural32(0); JOINTS_MAX];
     for (number, bytes) in numbers.iter_mut().zip(tail.as_chunks::<4>().0) {
         *number = Number::from_bits(info.kind, u32::from_le_bytes(*bytes));
     }
-    let Some(numbers) = numbers.get(..usize::from(count)) else { return false };
-    let fits = !numbers.is_empty() && (info.per_joint || numbers.len() == 1);
-    let taken = fits && info.writable != Writable::Never && numbers.iter().all(|number| info.allows(*number));
-    // Cross-checks come after the last row: limits may pass through a state out of order.
-    if taken {
-        put(settings, info, numbers);
-    }
-    taken
+    numbers.get(..usize::from(count)).is_some_and(|numbers| set_held(settings, index, numbers))
 }
 
 #[cfg(test)]

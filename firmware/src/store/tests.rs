@@ -4,7 +4,7 @@ use protocol::JointIndex;
 use protocol::cyphal::crc::Crc64;
 
 use super::*;
-use crate::credentials::{KEY_LEN, Key};
+use crate::credentials::{KEY_LEN, Key, Peer};
 use crate::fault::{Cause, Refusal};
 use crate::joints::PerJoint;
 use crate::registers;
@@ -68,7 +68,7 @@ fn name(file: &[u8]) -> FileName {
 
 fn upload(store: &mut TrajectoryStore, storage: &mut impl Storage, file: &[u8]) -> Result<(), Refusal> {
     for (index, piece) in file.chunks(50).enumerate() {
-        store.write(storage, 50 * index, piece)?;
+        store.write(storage, Peer::LOCAL, 50 * index, piece)?;
     }
     Ok(())
 }
@@ -146,13 +146,16 @@ fn repeated_and_restarted_pieces_pass_and_gaps_do_not() {
     let mut storage = Box::new(RamStorage::new());
     let (mut store, mut spline) = find(&*storage);
     let (one, two) = (file(0.1), file(0.2));
-    store.write(&mut *storage, 0, &one[..50]).unwrap();
-    store.write(&mut *storage, 0, &one[..50]).unwrap();
-    let gap = store.write(&mut *storage, 60, &one[60..]).unwrap_err();
+    store.write(&mut *storage, Peer::LOCAL, 0, &one[..50]).unwrap();
+    store.write(&mut *storage, Peer::LOCAL, 0, &one[..50]).unwrap();
+    let gap = store.write(&mut *storage, Peer::LOCAL, 60, &one[60..]).unwrap_err();
     assert_eq!(gap.cause, Cause::UploadOutOfOrder);
-    let long = store.write(&mut *storage, FILE_LEN_MAX, &[0]).unwrap_err();
+    let long = store.write(&mut *storage, Peer::LOCAL, FILE_LEN_MAX, &[0]).unwrap_err();
     assert_eq!(long.cause, Cause::FileTooLong);
-    assert_eq!(store.write(&mut *storage, usize::MAX, &[0]).unwrap_err().cause, Cause::FileTooLong);
+    assert_eq!(
+        store.write(&mut *storage, Peer::LOCAL, usize::MAX, &[0]).unwrap_err().cause,
+        Cause::FileTooLong
+    );
     upload(&mut store, &mut *storage, &two).unwrap();
     let settings = Settings::powercube6();
     let wrong = store.commit(&mut *storage, name(&one), &settings, &mut spline).unwrap_err();

@@ -1,9 +1,11 @@
 //! The two banks: upload into the inactive one, checks, commit by name.
 
 use protocol::cyphal::crc::Crc64;
+use sha2::{Digest as _, Sha256};
 
 use super::seal::Seal;
 use super::storage::{Area, Slot, Storage};
+use crate::credentials::{Digest, Peer};
 use crate::fault::{Cause, Refusal};
 use crate::settings::Settings;
 use crate::spline::Spline;
@@ -16,15 +18,20 @@ pub struct Committed {
     sequence: u32,
     /// Its name.
     pub name: FileName,
+    /// SHA-256 of its bytes.
+    pub sha256: Digest,
     /// What its header says.
     pub header: Header,
 }
 
 /// File on its way in.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 struct Upload {
+    /// The node that began it.
+    owner: Peer,
     len: usize,
     crc64: Crc64,
+    sha256: Sha256,
 }
 
 /// The two banks.
@@ -55,7 +62,34 @@ impl TrajectoryStore {
 
     /// Name of what is in the upload bank so far.
     pub fn uploaded(&self) -> Option<FileName> {
-        self.upload.map(|upload| FileName { crc64: upload.crc64.get(), len: upload.len as u32 })
+        let upload = self.upload.as_ref()?;
+        Some(FileName { crc64: upload.crc64.get(), len: upload.len as u32 })
+    }
+
+    /// SHA-256 of what a commit of `name` is about: the upload as it is now, or the committed file if there is none.
+    ///
+    /// # Errors
+    ///
+    /// [`Cause::FileIncomplete`] without either.
+    pub fn sha256_of(&self, name: FileName) -> Result<Digest, Refusal> {
+        let committed = self.committed.filter(|committed| committed.name == name);
+        match (&self.upload, committed) {
+            (Some(upload), _) => Ok(upload.sha256.clone().finalize().into()),
+            (None, Some(committed)) => Ok(committed.sha256),
+            (None, None) => Err(Refusal::of(Cause::FileIncomplete)),
+        }
+    }
+
+    /// The upload, if there is one, is of this node.
+    ///
+    /// # Errors
+    ///
+    /// [`Cause::UploadOfOther`].
+    pub fn require_upload_of(&self, peer: Peer) -> Result<(), Refusal> {
+        match &self.upload {
+            Some(upload) if upload.owner != peer => Err(Refusal::of(Cause::UploadOfOther)),
+            _ => Ok(()),
+        }
     }
 
     /// Looks for the committed trajectory after power on and loads it into `spline`.
@@ -69,8 +103,8 @@ impl TrajectoryStore {
         for (slot, seal) in newest_first {
             let Some(Seal { sequence, len, crc64 }) = seal else { continue };
             let name = FileName { crc64, len };
-            if let Ok(header) = load(storage, slot, name, settings, spline) {
-                self.committed = Some(Committed { slot, sequence, name, header });
+            if let Ok((header, sha256)) = load(storage, slot, name, settings, spline) {
+                self.committed = Some(Committed { slot, sequence, name, sha256, header });
                 return;
             }
         }
@@ -83,17 +117,28 @@ impl TrajectoryStore {
     }
 
     /// Takes the next piece of a file. A piece that came before is compared and passes again, so a
-    /// lost answer does no harm; offset 0 with other content begins a new file.
+    /// lost answer does no harm; offset 0 with other content begins a new file. Whatever a node writes to the upload of
+    /// another one voids it.
     ///
     /// # Errors
     ///
-    /// [`Cause::UploadOutOfOrder`], [`Cause::FileTooLong`], [`Cause::StorageFailed`].
-    pub fn write(&mut self, storage: &mut impl Storage, offset: usize, data: &[u8]) -> Result<(), Refusal> {
+    /// [`Cause::UploadOfOther`], [`Cause::UploadOutOfOrder`], [`Cause::FileTooLong`], [`Cause::StorageFailed`].
+    pub fn write(
+        &mut self,
+        storage: &mut impl Storage,
+        peer: Peer,
+        offset: usize,
+        data: &[u8],
+    ) -> Result<(), Refusal> {
+        if let Err(refusal) = self.require_upload_of(peer) {
+            self.upload = None;
+            return Err(refusal);
+        }
         let slot = self.upload_slot();
         let bank = Area::Bank(slot);
         let end = offset.checked_add(data.len()).filter(|&end| end <= FILE_LEN_MAX);
         let Some(end) = end else { return Err(Refusal::of(Cause::FileTooLong)) };
-        let have = self.upload.map_or(0, |upload| upload.len);
+        let have = self.upload.as_ref().map_or(0, |upload| upload.len);
         if self.upload.is_some() && end <= have && same(storage, bank, offset, data)? {
             return Ok(());
         }
@@ -101,7 +146,7 @@ impl TrajectoryStore {
             self.upload = None;
             storage.erase(Area::BankSeal(slot))?;
             storage.erase(bank)?;
-            self.upload = Some(Upload { len: 0, crc64: Crc64::new() });
+            self.upload = Some(Upload { owner: peer, len: 0, crc64: Crc64::new(), sha256: Sha256::new() });
         }
         let Some(upload) = self.upload.as_mut().filter(|upload| upload.len == offset) else {
             return Err(Refusal::of(Cause::UploadOutOfOrder));
@@ -110,6 +155,7 @@ impl TrajectoryStore {
             Ok(()) => {
                 upload.len = end;
                 upload.crc64.update(data);
+                upload.sha256.update(data);
                 Ok(())
             }
             Err(error) => {
@@ -125,7 +171,7 @@ impl TrajectoryStore {
     ///
     /// [`Cause::StorageFailed`].
     pub fn read(&self, storage: &impl Storage, offset: usize, out: &mut [u8]) -> Result<usize, Refusal> {
-        let (slot, len) = match (self.upload, self.committed) {
+        let (slot, len) = match (&self.upload, self.committed) {
             (Some(upload), _) => (self.upload_slot(), upload.len),
             (None, Some(committed)) => (committed.slot, committed.name.len as usize),
             (None, None) => return Ok(0),
@@ -182,11 +228,11 @@ impl TrajectoryStore {
             return Err(Refusal::of(Cause::FileChecksum));
         }
         let slot = self.upload_slot();
-        let header = load(storage, slot, name, settings, spline)?;
+        let (header, sha256) = load(storage, slot, name, settings, spline)?;
         let sequence = self.committed.map_or(1, |committed| committed.sequence.saturating_add(1));
         let seal = Seal { sequence, len: name.len, crc64: name.crc64 };
         seal.write(storage, Area::BankSeal(slot))?;
-        self.committed = Some(Committed { slot, sequence, name, header });
+        self.committed = Some(Committed { slot, sequence, name, sha256, header });
         (self.upload, self.is_void) = (None, false);
         Ok(())
     }
@@ -227,12 +273,13 @@ fn load(
     name: FileName,
     settings: &Settings,
     spline: &mut Spline,
-) -> Result<Header, Refusal> {
+) -> Result<(Header, Digest), Refusal> {
     let len = name.len as usize;
-    let mut crc64 = Crc64::new();
+    let (mut crc64, mut sha256) = (Crc64::new(), Sha256::new());
     let read = |offset: usize, out: &mut [u8]| -> Result<(), Refusal> {
         storage.read(Area::Bank(slot), offset, out)?;
         crc64.update(out);
+        sha256.update(&*out);
         Ok(())
     };
     let header = trajectory_format::decode(len, read, spline)?;
@@ -240,5 +287,5 @@ fn load(
         return Err(Refusal::of(Cause::FileChecksum));
     }
     trajectory_format::check(&header, spline, settings)?;
-    Ok(header)
+    Ok((header, sha256.finalize().into()))
 }

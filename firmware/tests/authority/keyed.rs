@@ -1,15 +1,17 @@
 //! With a key: which orders need an authentication code, and what a code is good for.
 
 use firmware::authority::{Code, Key, Nonce, Source, code_of};
+use sha2::{Digest as _, Sha256};
 
 use super::*;
 
-const KEY: [u8; 32] = *b"a key of thirty two bytes:secret";
+pub(super) const KEY: [u8; 32] = *b"a key of thirty two bytes:secret";
 
 /// A node with the key, in a test's hands.
-struct Keyed {
-    bench: Bench,
-    name: FileName,
+pub(super) struct Keyed {
+    pub(super) bench: Bench,
+    pub(super) name: FileName,
+    pub(super) file: Vec<u8>,
 }
 
 /// What the link would hand over for an order.
@@ -18,38 +20,50 @@ fn content(order: Order) -> Vec<u8> {
 }
 
 impl Keyed {
-    fn new() -> Self {
+    pub(super) fn new() -> Self {
         let (mut bench, name) = committed();
         let now = bench.instant();
         bench.controller.set_key(now, FIRST.into(), Some(Key::new(KEY))).unwrap();
-        Self { bench, name }
+        Self { bench, name, file: throw_file(3_000, false) }
     }
 
-    fn challenge(&mut self, peer: Peer) -> Nonce {
+    pub(super) fn challenge(&mut self, peer: Peer) -> Nonce {
         match self.bench.order_of(peer, Order::Challenge) {
             Ok(Done::Challenge(nonce)) => nonce,
             other => panic!("{other:?}"),
         }
     }
 
-    fn give(&mut self, peer: Peer, order: Order) -> Result<Done, Refusal> {
+    pub(super) fn give(&mut self, peer: Peer, order: Order) -> Result<Done, Refusal> {
         let (now, content) = (self.bench.instant(), content(order));
         self.bench.controller.order(now, Source { peer, content: &content }, order)
     }
 
-    fn authorize(&mut self, peer: Peer, nonce: Nonce, code: Code) -> Result<Done, Refusal> {
+    pub(super) fn authorize(&mut self, peer: Peer, nonce: Nonce, code: Code) -> Result<Done, Refusal> {
         self.bench.order_of(peer, Order::Authorize { nonce, code })
     }
 
+    /// What a code covers: the order, and the digest of what it is about.
+    pub(super) fn covered(&self, order: Order) -> Vec<u8> {
+        let controller = &self.bench.controller;
+        let sha256: [u8; 32] = Sha256::digest(&self.file).into();
+        let about: Vec<u8> = match order {
+            Order::Commit(_) => sha256.to_vec(),
+            Order::ArmConfirm { .. } => registers::run_digest(&sha256, controller.settings()).to_vec(),
+            _ => Vec::new(),
+        };
+        [content(order), about].concat()
+    }
+
     /// Challenge, code and order.
-    fn order(&mut self, peer: Peer, order: Order) -> Result<Done, Refusal> {
+    pub(super) fn order(&mut self, peer: Peer, order: Order) -> Result<Done, Refusal> {
         let nonce = self.challenge(peer);
-        let code = code_of(&Key::new(KEY), &nonce, peer, &content(order));
+        let code = code_of(&Key::new(KEY), &nonce, peer, &self.covered(order));
         self.authorize(peer, nonce, code)?;
         self.give(peer, order)
     }
 
-    fn confirmation(&mut self) -> Order {
+    pub(super) fn confirmation(&mut self) -> Order {
         let token = offer(&mut self.bench, FIRST, self.name);
         self.bench.run_for(60_000);
         Order::ArmConfirm { token, valid: VALID }
@@ -91,12 +105,12 @@ fn a_forged_code_is_refused_and_uses_the_challenge_up() {
     let mut keyed = Keyed::new();
     let confirm = keyed.confirmation();
     let nonce = keyed.challenge(FIRST);
-    let good = code_of(&Key::new(KEY), &nonce, FIRST, &content(confirm));
+    let good = code_of(&Key::new(KEY), &nonce, FIRST, &keyed.covered(confirm));
     let forged = [
         [0; 16],
-        code_of(&Key::new([0; 32]), &nonce, FIRST, &content(confirm)),
-        code_of(&Key::new(KEY), &[0; 8], FIRST, &content(confirm)),
-        code_of(&Key::new(KEY), &nonce, SECOND, &content(confirm)),
+        code_of(&Key::new([0; 32]), &nonce, FIRST, &keyed.covered(confirm)),
+        code_of(&Key::new(KEY), &[0; 8], FIRST, &keyed.covered(confirm)),
+        code_of(&Key::new(KEY), &nonce, SECOND, &keyed.covered(confirm)),
         code_of(&Key::new(KEY), &nonce, FIRST, &content(Order::Run(keyed.name))),
     ];
     for code in forged {
@@ -109,7 +123,7 @@ fn a_forged_code_is_refused_and_uses_the_challenge_up() {
     // One bit.
     for bit in 0..128 {
         let nonce = keyed.challenge(FIRST);
-        let mut code = code_of(&Key::new(KEY), &nonce, FIRST, &content(confirm));
+        let mut code = code_of(&Key::new(KEY), &nonce, FIRST, &keyed.covered(confirm));
         code[bit / 8] ^= 1 << (bit % 8);
         keyed.authorize(FIRST, nonce, code).unwrap();
         assert_eq!(cause(keyed.give(FIRST, confirm)), Cause::CodeWrong, "bit {bit}");
@@ -124,7 +138,7 @@ fn a_code_does_not_work_for_another_node_another_order_or_a_second_time() {
     let confirm = keyed.confirmation();
     // Overheard by the second node, which cannot use it under its own number.
     let nonce = keyed.challenge(FIRST);
-    let code = code_of(&Key::new(KEY), &nonce, FIRST, &content(confirm));
+    let code = code_of(&Key::new(KEY), &nonce, FIRST, &keyed.covered(confirm));
     assert_eq!(cause(keyed.authorize(SECOND, nonce, code)), Cause::CodeWrong, "a challenge of another node");
     let own = keyed.challenge(SECOND);
     keyed.authorize(SECOND, own, code).unwrap();
@@ -151,9 +165,9 @@ fn codes_that_come_in_another_order_than_their_challenges_are_refused() {
     let older = keyed.challenge(FIRST);
     let newer = keyed.challenge(FIRST);
     assert_ne!(older, newer);
-    let code = code_of(&Key::new(KEY), &older, FIRST, &content(confirm));
+    let code = code_of(&Key::new(KEY), &older, FIRST, &keyed.covered(confirm));
     assert_eq!(cause(keyed.authorize(FIRST, older, code)), Cause::CodeWrong, "a newer one is out");
-    let code = code_of(&Key::new(KEY), &newer, FIRST, &content(confirm));
+    let code = code_of(&Key::new(KEY), &newer, FIRST, &keyed.covered(confirm));
     keyed.authorize(FIRST, newer, code).unwrap();
     keyed.authorize(FIRST, newer, code).unwrap();
     assert_eq!(cause(keyed.authorize(FIRST, newer, [1; 16])), Cause::CodeWrong, "a second code");
@@ -165,11 +179,11 @@ fn a_challenge_expires() {
     let mut keyed = Keyed::new();
     let home = Order::Home { mask: 1 };
     let nonce = keyed.challenge(FIRST);
-    let code = code_of(&Key::new(KEY), &nonce, FIRST, &content(home));
+    let code = code_of(&Key::new(KEY), &nonce, FIRST, &keyed.covered(home));
     keyed.bench.run_for(5_100_000);
     assert_eq!(cause(keyed.authorize(FIRST, nonce, code)), Cause::CodeWrong);
     let nonce = keyed.challenge(FIRST);
-    let code = code_of(&Key::new(KEY), &nonce, FIRST, &content(home));
+    let code = code_of(&Key::new(KEY), &nonce, FIRST, &keyed.covered(home));
     keyed.authorize(FIRST, nonce, code).unwrap();
     keyed.bench.run_for(5_100_000);
     assert_eq!(cause(keyed.give(FIRST, home)), Cause::CodeMissing);

@@ -1,8 +1,10 @@
 //! Who may order what: sessions of nodes, gains and limits, certificates, and keyed orders. Repeats of what was
 //! found by abuse, each as a test, in the core and over the wire.
 
+mod content;
 mod edges;
 mod keyed;
+mod widening;
 
 use crate::bench::*;
 use firmware::authority::{Peer, Seed};
@@ -214,6 +216,8 @@ fn limits_beyond_those_of_the_robot_need_an_unlock_that_names_it_and_ends() {
     }
     assert!(!traced(&bench, TraceEvent::LimitsPutBack));
     bench.run_for(2_100_000);
+    // The accelerations were other ones for a while: the certificate has to be written again.
+    let before = Settings { gains_certificate_crc32: 0, ..before };
     assert_eq!(*bench.controller.settings(), before, "the limits of the robot hold again");
     assert!(traced(&bench, TraceEvent::LimitsPutBack));
     let now = bench.instant();
@@ -261,28 +265,44 @@ fn limits_saved_while_unlocked_do_not_survive_a_restart() {
     assert!(!again.is_unlocked());
 }
 
+/// Writes the certificate of what is in force.
+fn certify(bench: &mut Bench) {
+    let crc32 = registers::certificate_crc32(bench.controller.settings());
+    write(bench, FIRST, "gains.certificate_crc32", &[Number::Natural32(crc32)]).unwrap();
+}
+
 #[test]
 fn gains_without_a_certificate_or_of_another_robot_are_not_armed() {
     const ROBOT: u32 = 0x1234_5678;
     let mut settings = Settings::powercube6();
     (settings.robot_crc32, settings.gains_robot_crc32) = (ROBOT, ROBOT);
+    let certificate = registers::certificate_crc32(&settings);
+    settings.gains_certificate_crc32 = certificate;
     let mut bench = Bench::ready(Options { settings, ..Options::default() }, &throw_start());
     let name = bench.upload(&throw_file_of(ROBOT, 3_000, false));
-    let certificate = settings.gains_certificate_crc32;
     let confirm = |bench: &mut Bench| {
         let token = offer(bench, FIRST, name);
         bench.run_for(60_000);
         bench.order_of(FIRST, Order::ArmConfirm { token, valid: VALID })
     };
-    // A gain by hand: the certificate is not its certificate.
+    let written_back = |bench: &mut Bench| {
+        write(bench, FIRST, "gains.certificate_crc32", &[Number::Natural32(certificate)]).unwrap();
+    };
+    let rates: Vec<Number> = settings.joint.0[..6].iter().map(|j| Number::Real32(j.k_rate_1_s)).collect();
+    // A gain by hand: the certificate is not its certificate, and its number, written back, proves nothing.
     write(&mut bench, FIRST, "joint.k_rate_1_s", &[Number::Real32(-30.0); 6]).unwrap();
     assert_eq!(bench.controller.settings().gains_certificate_crc32, 0);
     assert_eq!(cause(confirm(&mut bench)), Cause::GainsUncertified);
+    written_back(&mut bench);
+    assert_eq!(cause(confirm(&mut bench)), Cause::GainsUncertified);
+    write(&mut bench, FIRST, "joint.k_rate_1_s", &rates).unwrap();
     write(&mut bench, FIRST, "gains.robot_crc32", &[Number::Natural32(ROBOT ^ 1)]).unwrap();
-    write(&mut bench, FIRST, "gains.certificate_crc32", &[Number::Natural32(certificate)]).unwrap();
+    written_back(&mut bench);
+    assert_eq!(cause(confirm(&mut bench)), Cause::GainsUncertified);
+    certify(&mut bench);
     assert_eq!(cause(confirm(&mut bench)), Cause::GainsOtherRobot);
     write(&mut bench, FIRST, "gains.robot_crc32", &[Number::Natural32(ROBOT)]).unwrap();
-    write(&mut bench, FIRST, "gains.certificate_crc32", &[Number::Natural32(certificate)]).unwrap();
+    written_back(&mut bench);
     confirm(&mut bench).unwrap();
     assert_eq!(bench.count_sent(is_motion), 0);
 }

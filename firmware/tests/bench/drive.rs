@@ -64,6 +64,8 @@ pub(crate) struct BenchDrive {
     homing_until: Option<u64>,
     pub home_takes_us: u64,
     pub max_cur: f32,
+    /// Gripper writes that do not reach it, counted down.
+    pub misses_gripper_writes: u32,
     /// Ideal drive: position follows the generator exactly and is not quantised.
     pub ideal: bool,
     at_us: u64,
@@ -100,6 +102,7 @@ impl BenchDrive {
             homing_until: None,
             home_takes_us: 300_000,
             max_cur: 30.0,
+            misses_gripper_writes: 0,
             ideal: false,
             at_us: 0,
         }
@@ -248,6 +251,7 @@ impl BenchDrive {
                     Parameter::Config => Value::U32(self.config.bits()),
                     Parameter::CubeState => Value::U32(self.state.bits()),
                     Parameter::Cur => Value::F32(self.current_a),
+                    Parameter::MaxCur => Value::F32(self.max_cur),
                     Parameter::ActPos => Value::F32(self.q_reported()),
                     Parameter::PosStateDio => Value::PosStateDio(PosStateDio {
                         position_rad: self.q_reported(),
@@ -257,6 +261,10 @@ impl BenchDrive {
                     _ => return None,
                 },
             ),
+            Request::Set(Parameter::DioData, _) if self.misses_gripper_writes > 0 => {
+                self.misses_gripper_writes -= 1;
+                return None;
+            }
             Request::Set(parameter, value) => {
                 match (parameter, value) {
                     (Parameter::TargetVel, Value::F32(v)) => self.written.0 = v.into(),

@@ -45,6 +45,11 @@ impl TxQueue {
         Self { frames: VecDeque::with_capacity(depth), depth, order, dropped: 0, peak: 0 }
     }
 
+    /// Frames that can wait.
+    pub const fn depth(&self) -> usize {
+        self.depth
+    }
+
     /// Queues a frame; a full queue drops and counts the *new* frame, as a full mailbox does.
     pub fn push(&mut self, frame: Frame, now_ns: u64) -> bool {
         if self.frames.len() >= self.depth {

@@ -5,7 +5,18 @@ use protocol::{Duration, Instant};
 use super::Cell;
 use crate::fault::{FaultTarget, NotApplicable, PhysicalFault, Place};
 
+const NO_MODULE: &str = "no module has this address";
+const NO_SUPPLY: &str = "the robot has no such supply";
+
 impl FaultTarget for Cell {
+    fn lacks(&self, place: Place) -> Option<&'static str> {
+        match place {
+            Place::Module(module) if self.index_of(module).is_none() => Some(NO_MODULE),
+            Place::Supply(index) if usize::from(index) >= self.supplies.len() => Some(NO_SUPPLY),
+            _ => None,
+        }
+    }
+
     fn begin_fault(
         &mut self,
         now: Instant,
@@ -14,23 +25,19 @@ impl FaultTarget for Cell {
     ) -> Result<(), NotApplicable> {
         let refused = |why| Err(NotApplicable { what: fault.name(), place, why });
         match (place, fault) {
-            (Place::Module(module), PhysicalFault::Blocked) => match self.index_of(module) {
-                Some(axis) => self.plant.set_blocked(axis, true),
-                None => return refused("no module has this address"),
-            },
-            (Place::Module(module), fault) => match self.index_of(module) {
-                Some(index) => {
-                    if !self.drives[index].begin(now, fault) {
-                        return refused("it is no fault of a module");
-                    }
+            (Place::Module(module), fault) => {
+                let Some(index) = self.index_of(module) else { return refused(NO_MODULE) };
+                if *fault == PhysicalFault::Blocked {
+                    self.plant.set_blocked(index, true);
+                } else if !self.drives[index].begin(now, fault) {
+                    return refused("it is no fault of a module");
                 }
-                None => return refused("no module has this address"),
-            },
+            }
             (Place::Supply(index), PhysicalFault::SupplyLoss { remaining }) => {
-                match self.supplies.get_mut(usize::from(index)) {
-                    Some(supply) => supply.set_remaining(*remaining),
-                    None => return refused("the robot has no such supply"),
-                }
+                let Some(supply) = self.supplies.get_mut(usize::from(index)) else {
+                    return refused(NO_SUPPLY);
+                };
+                supply.set_remaining(*remaining);
             }
             (Place::Gripper, PhysicalFault::StuckGripper) => self.throw.set_stuck(now, true),
             (Place::Gripper, PhysicalFault::LateRelease(by)) => self.throw.set_late(*by),

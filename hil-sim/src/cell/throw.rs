@@ -157,12 +157,14 @@ impl Throw {
     }
 
     fn release(&mut self, at: Instant, ball: HandPoint, hand: Option<HandMotion>) {
-        let flight = Flight::new(ball, self.gravity_m_s2, self.gripper.options().drag_1_m);
+        let air = self.gripper.options();
+        let flight =
+            Flight::new(ball, self.gravity_m_s2, air.drag_1_m.unwrap_or(0.0)).with_magnus(air.magnus_rad_s);
         self.report = ThrowReport {
             released_at: Some(at),
             release: Some(ball),
             hand,
-            landing: match &self.gripper.options().landing_plane {
+            landing: match &air.landing_plane {
                 Some(plane) => flight.passage(plane),
                 None => flight.landing(self.plane_z_m),
             },

@@ -1,7 +1,9 @@
 //! What a module shows: state word, digital lines, and every parameter that is measured or computed.
 
 use protocol::Instant;
-use protocol::powercube::{CubeState, Dio, MotionAck, MotionKind, Parameter, PosStateDio, Setup, Value};
+use protocol::powercube::{
+    Config, CubeState, Dio, MotionAck, MotionKind, Parameter, PosStateDio, Setup, Value,
+};
 
 use super::program::{LoopShape, Program};
 use super::ramp::RampPhase;
@@ -160,6 +162,16 @@ impl PowerCubeDrive {
     /// The state word that a read would give at `now`; for reports and checks.
     pub fn state_word(&self, now: Instant) -> CubeState {
         self.shown_state(now)
+    }
+
+    /// Number that a parameter holds now, 0 for one that is not stored as a number; for reports and checks.
+    pub fn held(&self, parameter: Parameter) -> f64 {
+        self.store.number(parameter)
+    }
+
+    /// Configuration word that the module holds now; for reports and checks.
+    pub fn held_config(&self) -> Config {
+        self.store.config()
     }
 
     /// Current that the module measures and its supply has to give, A: eq. (9) of the throwing paper.

@@ -101,6 +101,12 @@ impl PhysicalFault {
 /// * Ending a fault removes its cause. What the drive latched because of it stays until the
 ///   protocol clears it (RESET, or a power cycle where the reference says so).
 pub trait FaultTarget {
+    /// Why there is no such place, whatever the time; `None` if there is one.
+    fn lacks(&self, place: Place) -> Option<&'static str> {
+        let _ = place;
+        None
+    }
+
     /// Starts a fault; an error changes nothing.
     fn begin_fault(&mut self, now: Instant, place: Place, fault: &PhysicalFault)
     -> Result<(), NotApplicable>;

@@ -64,7 +64,7 @@ impl Hand {
     pub fn landing(&self, model: &RobotModel<6>) -> Option<Landing> {
         let (_, from) = self.released?;
         let gripper = &self.options.gripper;
-        let flight = Flight::new(from, model.world().gravity_m_s2, gripper.drag_1_m);
+        let flight = Flight::new(from, model.world().gravity_m_s2, gripper.drag_1_m.unwrap_or(0.0));
         match &gripper.landing_plane {
             Some(plane) => flight.passage(plane),
             None => flight.landing(gripper.landing_z_m.unwrap_or(model.world().floor_z_m)),

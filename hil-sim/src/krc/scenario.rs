@@ -301,7 +301,7 @@ fn late(table: &Section<'_>, d: &LateOptions) -> Result<LateOptions, KrcScenario
 
 fn drives(table: &Section<'_>, d: &LagOptions) -> Result<LagOptions, KrcScenarioError> {
     Ok(LagOptions {
-        dead_time: table.or("dead_time_s", d.dead_time, |v| period(v, 10.0))?,
+        dead_time: table.or("dead_time_s", d.dead_time, |v| seconds(v, 10.0))?,
         time_constant: table.or("time_constant_s", d.time_constant, |v| seconds(v, 10.0))?,
         smoothing_cycles: table
             .or("smoothing_cycles", d.smoothing_cycles, |v| Ok(v.integer(1..=1000)? as usize))?,
@@ -327,9 +327,9 @@ fn gripper(table: &Section<'_>, d: &HandOptions) -> Result<HandOptions, KrcScena
             output: None,
             delay: table.or("delay_s", g.delay, |v| seconds(v, 10.0))?,
             jitter: table.or("jitter_s", g.jitter, |v| seconds(v, 10.0))?,
-            drag_1_m: table.or("drag_1_m", g.drag_1_m, |v| v.number_in(0.0, 100.0))?,
+            drag_1_m: table.optional("drag_1_m", |v| v.number_in(0.0, 100.0))?.or(g.drag_1_m),
             landing_z_m: table.optional("landing_z_m", |v| v.number_in(-100.0, 100.0))?.or(g.landing_z_m),
-            landing_plane: g.landing_plane,
+            ..g
         },
     })
 }

@@ -1,7 +1,9 @@
 //! Flight of the ball.
 //!
 //! ```text
-//! p̈ = -g e_z - κ |ṗ| ṗ          g 9.81 m/s², κ = ρ c_d A / (2 m) in 1/m; κ = 0 is the parabola, evaluated in closed form
+//! p̈ = -g e_z - κ |ṗ| ṗ + m × ṗ   g 9.81 m/s², κ = ρ c_d A / (2 m) in 1/m, m spin times lift constant in 1/s
+//!
+//! κ = 0 and m = 0 are the parabola, evaluated in closed form.
 //! ```
 
 use nalgebra::Vector3;
@@ -19,7 +21,8 @@ pub struct Flight {
     release: HandPoint,
     gravity_m_s2: f64,
     drag_1_m: f64,
-    // State with drag at `t_s`; unused without.
+    magnus_rad_s: Vector3<f64>,
+    // State in the air at `t_s`; unused in vacuum.
     t_s: f64,
     now: HandPoint,
 }
@@ -47,12 +50,23 @@ pub struct Landing {
 impl Flight {
     /// From the hand's point at the release; `drag_1_m` is κ, not negative.
     pub fn new(release: HandPoint, gravity_m_s2: f64, drag_1_m: f64) -> Self {
-        Self { release, gravity_m_s2, drag_1_m: drag_1_m.max(0.0), t_s: 0.0, now: release }
+        let (drag_1_m, magnus_rad_s) = (drag_1_m.max(0.0), Vector3::zeros());
+        Self { release, gravity_m_s2, drag_1_m, magnus_rad_s, t_s: 0.0, now: release }
     }
 
-    /// The ball `t_s` seconds after the release; with drag `t_s` may not decrease from call to call.
+    /// With the spin of the ball times its lift constant, 1/s.
+    #[must_use]
+    pub fn with_magnus(self, magnus_rad_s: Vector3<f64>) -> Self {
+        Self { magnus_rad_s, ..self }
+    }
+
+    fn is_in_vacuum(&self) -> bool {
+        self.drag_1_m == 0.0 && self.magnus_rad_s == Vector3::zeros()
+    }
+
+    /// The ball `t_s` seconds after the release; in the air `t_s` may not decrease from call to call.
     pub fn at(&mut self, t_s: f64) -> HandPoint {
-        if self.drag_1_m == 0.0 {
+        if self.is_in_vacuum() {
             return self.parabola(t_s);
         }
         while self.t_s + DRAG_STEP_S <= t_s {
@@ -64,7 +78,7 @@ impl Flight {
 
     /// First passage downwards through the plane z = `z_m`; `None` if it never gets there (within a minute).
     pub fn landing(&self, z_m: f64) -> Option<Landing> {
-        if self.drag_1_m == 0.0 {
+        if self.is_in_vacuum() {
             let HandPoint { p_m, v_m_s } = self.release;
             let g = self.gravity_m_s2;
             // z + vz t - g/2 t² = plane, the later root.
@@ -126,8 +140,8 @@ impl Flight {
     }
 
     fn runge_kutta(&self, from: &HandPoint, h: f64) -> HandPoint {
-        let acceleration =
-            |v: &Vector3<f64>| Vector3::new(0.0, 0.0, -self.gravity_m_s2) - v * (self.drag_1_m * v.norm());
+        let g = Vector3::new(0.0, 0.0, -self.gravity_m_s2);
+        let acceleration = |v: &Vector3<f64>| g - v * (self.drag_1_m * v.norm()) + self.magnus_rad_s.cross(v);
         let (v1, a1) = (from.v_m_s, acceleration(&from.v_m_s));
         let v2 = from.v_m_s + a1 * (0.5 * h);
         let a2 = acceleration(&v2);

@@ -1,5 +1,6 @@
 //! The gripper: from the order to open to the instant at which the ball is free.
 
+use nalgebra::Vector3;
 use protocol::{Duration, Instant};
 
 use super::ball::Plane;
@@ -14,8 +15,10 @@ pub struct GripperOptions {
     pub delay: Duration,
     /// The delay varies evenly by up to this much to both sides, drawn again for each opening.
     pub jitter: Duration,
-    /// Drag of the ball κ = ρ c_d A / (2 m), 1/m; zero flies the parabola of the papers.
-    pub drag_1_m: f64,
+    /// Drag of the ball κ = ρ c_d A / (2 m), 1/m; zero flies the parabola of the papers. `None`: nobody said, zero.
+    pub drag_1_m: Option<f64>,
+    /// Spin of the ball times its lift constant, 1/s: the acceleration is its cross product with the velocity.
+    pub magnus_rad_s: Vector3<f64>,
     /// Height of the plane on which landings are reported, m; `None` takes the floor.
     pub landing_z_m: Option<f64>,
     /// A plane that need not be horizontal, on which they are reported instead.
@@ -30,7 +33,8 @@ impl Default for GripperOptions {
             output: Some((5, 0)),
             delay: Duration::from_millis(20),
             jitter: Duration::from_millis(1),
-            drag_1_m: 0.0,
+            drag_1_m: None,
+            magnus_rad_s: Vector3::zeros(),
             landing_z_m: None,
             landing_plane: None,
         }

@@ -12,13 +12,14 @@ const REQUEST_AGE_MAX: Duration = Duration::from_secs(1);
 
 /// Frames of one client that can wait in the gateway; beyond it nothing more is taken from the client.
 pub(super) const CLIENT_BACKLOG_MAX: usize = 64;
-/// Frames of the gateway that wait at the simulated bus: the one being sent, and one that follows without a gap.
-pub(super) const AT_BUS_MAX: usize = 2;
+/// Frames of the gateway at the simulated bus: the one that is sent, or waits for its arbitration. The next one is chosen when it is
+/// through, and follows without a gap.
+pub(super) const AT_BUS_MAX: usize = 1;
 
 /// The node that stands for everybody behind one door.
 ///
-/// Each client has a queue of its own. The bus gets their frames in rotation, one of each, so that a client with many
-/// frames delays the others by one frame each time.
+/// Each client has a queue of its own, as if it had an adapter of its own: the first frames of all queues arbitrate, and those of
+/// one id go in rotation. A client that floods delays frames of higher priority by the one that is on its way, and no more.
 #[derive(Clone, Debug, Default)]
 pub struct Gateway {
     lanes: Vec<Lane>,
@@ -74,10 +75,15 @@ impl Node for Gateway {
         if self.next_lane >= self.lanes.len() {
             self.next_lane = 0;
         }
-        let lane = self.lanes.get_mut(self.next_lane)?;
+        let count = self.lanes.len();
+        let turns = (0..count).map(|step| (self.next_lane + step) % count);
+        // The first of equal keys.
+        let first =
+            turns.min_by_key(|index| self.lanes[*index].frames.front().map(Frame::arbitration_key))?;
+        let lane = self.lanes.get_mut(first)?;
         let frame = lane.frames.pop_front()?;
         self.at_bus.push_back((lane.client, frame));
-        self.next_lane += 1;
+        self.next_lane = first + 1;
         Some(frame)
     }
 

@@ -8,9 +8,9 @@
 //! The world's clock follows the machine's: each turn runs it up to the present. A frame of a client is queued at
 //! the simulated bus when it arrives, wins its arbitration, takes its bits, and is then seen by the drives and by
 //! all other clients; answers come back the same way, after the drive's processing time. Every door is a node of
-//! its own, as an adapter on a real bus is: clients of one door share its queue, clients of two doors arbitrate
-//! against each other. The clients of a door take turns, one frame each, and each can have 64 frames queued, so a client that
-//! floods delays the others by one frame at a time. Two delays of the machine are measured: how late frames leave
+//! its own, as an adapter on a real bus is: doors arbitrate
+//! against each other, and so do the clients of one door. Each can have 64 frames queued, so a client that floods delays frames
+//! of higher priority by one frame at most. Two delays of the machine are measured: how late frames leave
 //! ([`Realtime::lateness`]), and how long clients wait for answers.
 
 mod door;

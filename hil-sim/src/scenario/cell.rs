@@ -181,9 +181,9 @@ fn gripper(table: &Section<'_>) -> Result<GripperOptions, ScenarioError> {
         output: Some((axis, line)),
         delay: table.or("delay_s", d.delay, |v| seconds(v, 10.0))?,
         jitter: table.or("jitter_s", d.jitter, |v| seconds(v, 10.0))?,
-        drag_1_m: table.or("drag_1_m", d.drag_1_m, |v| v.number_in(0.0, 100.0))?,
+        drag_1_m: table.optional("drag_1_m", |v| v.number_in(0.0, 100.0))?,
         landing_z_m: table.optional("landing_z_m", |v| v.number_in(-100.0, 100.0))?,
-        landing_plane: None,
+        ..d
     })
 }
 

@@ -107,6 +107,23 @@ impl Node for Stuck {
     }
 }
 
+/// Breaks the contract: so many deadlines have come, and each call serves one.
+#[derive(Clone, Debug)]
+pub(crate) struct TwoAtOnce(pub(crate) u32);
+
+impl Node for TwoAtOnce {
+    fn handle_frame(&mut self, _: Instant, _: &Frame) {}
+    fn handle_timeout(&mut self, _: Instant) {
+        self.0 = self.0.saturating_sub(1);
+    }
+    fn poll_frame(&mut self) -> Option<Frame> {
+        None
+    }
+    fn poll_timeout(&self) -> Option<Instant> {
+        (self.0 > 0).then_some(Instant::from_micros(5))
+    }
+}
+
 /// Breaks the contract: never runs out of frames.
 #[derive(Clone, Debug)]
 pub(crate) struct Fountain(pub(crate) Frame);

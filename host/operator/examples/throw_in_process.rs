@@ -13,13 +13,13 @@ use nalgebra::Vector3;
 use operator::bus::period::settings_with_gains;
 use operator::bus::sim::SimSetup;
 use operator::port::{BallSeen, InProcess};
+use operator::throw::cell::take_plan;
 use operator::throw::outcome::{default_tolerance_m, judge};
 use operator::throw::{Job, Outcome, Record, job};
 use planner::plan::statistics::Noise;
 use planner::plan::{Arm, Budget, Kept, Options, Watch, seeds};
 use planner::request::{Origin, Plans, Request, Wanted};
 use robot_model::AnyRobot;
-use robot_model::collision::Scene;
 
 const SEED: u64 = 1;
 
@@ -43,22 +43,20 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     let robot = AnyRobot::load("powercube6")?;
     let mut setup = SimSetup::default();
-    setup.cell.gripper.landing_z_m = Some(target_m.z);
+    take_plan(&mut setup.cell, &plan);
     let mut operator = InProcess::new(&robot, &setup, SEED, &settings_with_gains(&robot)?)?;
 
-    let scene = Scene { ball_held: true, ..Scene::default() };
     let throw = Job {
         arm: &arm,
         plan: &plan,
         gains: None,
-        scene: &scene,
         approach_share: 0.3,
         seed: SEED,
-        tolerance_m: default_tolerance_m(&plan),
+        tolerance_m: default_tolerance_m(&arm, &plan),
         go_back: false,
     };
     let mut record = Record::default();
-    let ended = job::run(&mut operator, &throw, &mut record, &mut |_| true);
+    let ended = job::run(&mut operator, &throw, &mut record, &mut |_| job::Answer::Yes);
     let verdict = judge(&throw, &record, ended.as_ref().copied());
     println!("{}", verdict.text);
 

@@ -163,6 +163,7 @@ fn execute(robot: &AnyRobot, plan: &Plan, close_s: f64, lost: Option<DriveLost>)
     let settings = settings_with_gains(robot)?;
     let file = trajectory(plan, close_s, &settings)?;
     let mut session = open(robot, &plan.motion.q(plan.motion.from_s), &settings)?;
+    session.watch_stops();
     let node = session.find_controller(None)?;
     session.wait_for(READY_MAX, &|state| state == State::Ready)?;
     let name = session.upload(node, &file, &mut |_, _| {})?;

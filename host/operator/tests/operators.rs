@@ -10,13 +10,13 @@ use operator::bus::period::settings_with_gains;
 use operator::dialogue::operator::OperatorError;
 use operator::dialogue::registers::Numbers;
 use operator::port::{BallSeen, InProcess, OnBus, Operator};
+use operator::throw::cell::take_plan;
 use operator::throw::outcome::{default_tolerance_m, judge};
 use operator::throw::{Job, JobError, Outcome, Record, Step, Verdict, job};
 use planner::plan::Arm;
 use planner::plan::file::PlanFile;
 use protocol::Duration;
 use protocol::cyphal::id::NodeId;
-use robot_model::collision::Scene;
 
 use crate::common::plan;
 
@@ -25,7 +25,7 @@ fn cell(plan: &PlanFile, fault: Option<&str>) -> Cell {
     let mut cell = BusArgs::default().cell.load().unwrap();
     cell.setup.cell.drive.starts_homed = true;
     cell.setup.cell.gripper.jitter = Duration::ZERO;
-    cell.setup.cell.gripper.landing_z_m = Some(plan.target.position_m[2]);
+    take_plan(&mut cell.setup.cell, plan);
     cell.setup.faults.extend(fault.map(|line| fault_from_line(line, 0).unwrap()));
     cell
 }
@@ -40,19 +40,17 @@ struct Thrown {
 }
 
 fn throw(operator: &mut dyn Operator, arm: &Arm, plan: &PlanFile) -> (Result<(), JobError>, Record, Verdict) {
-    let scene = Scene { ball_held: true, ..Scene::default() };
     let job = Job {
         arm,
         plan,
         gains: None,
-        scene: &scene,
         approach_share: 0.3,
         seed: 1,
-        tolerance_m: default_tolerance_m(plan),
+        tolerance_m: default_tolerance_m(arm, plan),
         go_back: false,
     };
     let mut record = Record::default();
-    let ended = job::run(operator, &job, &mut record, &mut |_| true);
+    let ended = job::run(operator, &job, &mut record, &mut |_| job::Answer::Yes);
     let verdict = judge(&job, &record, ended.as_ref().copied());
     (ended, record, verdict)
 }

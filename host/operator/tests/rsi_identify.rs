@@ -6,7 +6,7 @@ use hil_sim::krc::KrcScenario;
 use operator::rsi::cell;
 use operator::rsi::cycles::{Cycle, cycles};
 use operator::rsi::identify::{Unclear, gripper, lag, wiggle, with_measured};
-use operator::rsi::program::{Lag, exploring};
+use operator::rsi::program::{Lag, NoStation, exploring};
 use operator::rsi::station::{Stage, Station};
 use planner::follow::limits::Axes;
 use protocol::{Duration, Instant};
@@ -43,6 +43,7 @@ fn measured(truth: &KrcScenario) -> Vec<Cycle> {
 
 #[test]
 fn lag_smoothing_and_gripper_delay_of_other_robots_than_described_are_found() {
+    let mut outside = 0;
     for (dead, constant, smoothing, delay, jitter) in TRUTHS {
         let mut truth = KrcScenario::open("kr-c2").expect("built in");
         truth.seed = 11;
@@ -57,6 +58,18 @@ fn lag_smoothing_and_gripper_delay_of_other_robots_than_described_are_found() {
         let total_s = 1e-3 * (dead + constant) as f64 + 0.5 * (smoothing - 1) as f64 * PERIOD_S;
         assert!((found.total_s(PERIOD_S) - total_s).abs() < 5e-4, "{found:?}");
         assert_eq!(found.smoothing_cycles, smoothing);
+        // The intervals hold the truth and are short enough to be of use.
+        let apart_s = [
+            found.dead_s - 1e-3 * dead as f64,
+            found.constant_s - 1e-3 * constant as f64,
+            found.total_s(PERIOD_S) - total_s,
+        ];
+        println!("apart by {apart_s:?}, known to {:?}", found.known_s);
+        // Half the width of a 95 % interval is two standard errors: one in twenty is farther, none is twice as far.
+        let shares = apart_s.iter().zip(found.known_s).map(|(by, known)| by.abs() / known);
+        outside += shares.clone().filter(|share| *share > 1.0).count();
+        assert!(shares.fold(0.0, f64::max) < 2.0, "{found:?} {apart_s:?}");
+        assert!(found.known_s[2] < 1e-3 && found.known_s[0] < 5e-3, "{found:?}");
         assert!(
             (found.dead_s - 1e-3 * dead as f64).abs() < 2e-3
                 && (found.constant_s - 1e-3 * constant as f64).abs() < 2e-3
@@ -70,6 +83,38 @@ fn lag_smoothing_and_gripper_delay_of_other_robots_than_described_are_found() {
         let all_s = (believed.dead_time + believed.time_constant).as_secs_f64();
         assert!((all_s - total_s).abs() < 1e-3, "{all_s}");
     }
+    assert!(outside <= 2, "{outside} of 12");
+}
+
+#[test]
+fn lost_telegrams_change_no_measured_lag_and_a_long_gap_is_refused() {
+    let mut truth = KrcScenario::open("kr-c2").expect("built in");
+    truth.seed = 11;
+    let whole = measured(&truth);
+    let without = |lost: &dyn Fn(usize) -> bool| -> Vec<Cycle> {
+        whole.iter().enumerate().filter(|(k, _)| !lost(*k)).map(|(_, cycle)| cycle.clone()).collect()
+    };
+    let all = lag(&whole, PERIOD_S).expect("a lag");
+    // One of 40: a second of the motion is one telegram shorter, by the count of cycles.
+    let few = lag(&without(&|k| k % 40 == 7), PERIOD_S).expect("a lag");
+    assert!((few.total_s(PERIOD_S) - all.total_s(PERIOD_S)).abs() < 3e-4, "{few:?} {all:?}");
+    let middle = whole.len() / 8;
+    let gap = lag(&without(&|k| (middle..middle + 30).contains(&k)), PERIOD_S);
+    assert_eq!(gap, Err(Unclear::Gap(30)));
+}
+
+#[test]
+fn swing_that_leaves_the_range_of_an_axis_or_brings_bodies_together_is_refused() {
+    let described = KrcScenario::open("kr-c2").expect("built in");
+    let start = Axes::from(described.options.start_deg.map(f64::to_radians));
+    let refused =
+        |start: &Axes, deg: f64| exploring(&described, &arm(), &[wiggle(start, deg.to_radians())]).err();
+    assert_eq!(refused(&start, 6.0), None);
+    assert!(matches!(refused(&start, 80.0), Some(NoStation::Unfree { .. })));
+    // The arm bends into its own base.
+    let mut folded = start;
+    folded[2] = 150.0_f64.to_radians();
+    assert!(matches!(refused(&folded, 3.0), Some(NoStation::Unfree { .. })), "{:?}", refused(&folded, 3.0));
 }
 
 #[test]

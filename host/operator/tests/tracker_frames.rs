@@ -162,6 +162,33 @@ fn numbers_that_go_on_while_the_time_stands_are_stale() {
 }
 
 #[test]
+fn one_datagram_torn_anywhere_does_not_end_a_measurement_and_moves_no_target() {
+    for (torn, length) in [0, 30].into_iter().flat_map(|torn| (0..190).map(move |length| (torn, length))) {
+        let target = seen_through(options(), |k, mut datagram| {
+            if k == torn {
+                datagram.truncate(length);
+            }
+            vec![datagram]
+        });
+        let target = target.unwrap_or_else(|e| panic!("{length} bytes of {torn}: {e}")).expect("a target");
+        assert!(away_mm(&target, [2_500.0, 50.0, 600.0]) < 0.065, "{length} bytes of {torn}: {target:?}");
+    }
+}
+
+#[test]
+fn a_sender_that_is_no_tracker_is_refused_with_what_is_wrong() {
+    let other = seen_through(options(), |_, _| vec![b"hello".to_vec()]);
+    assert!(matches!(&other, Err(FrameError::Unreadable(what)) if what.contains("fr")), "{other:?}");
+    let timeless = |_, datagram: Vec<u8>| {
+        let text = String::from_utf8(datagram).expect("ASCII");
+        let lines = text.split_inclusive('\n').filter(|line| !line.starts_with("ts"));
+        vec![lines.collect::<String>().into_bytes()]
+    };
+    let other = seen_through(options(), timeless);
+    assert!(matches!(&other, Err(FrameError::Unreadable(what)) if what.contains("`ts`")), "{other:?}");
+}
+
+#[test]
 fn doubled_and_overtaken_datagrams_change_nothing() {
     let mut before: Option<Vec<u8>> = None;
     let doubled = seen_through(options(), |_, datagram| {

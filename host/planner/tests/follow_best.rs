@@ -51,6 +51,18 @@ fn at_1_m_height_more_points_are_followed_than_by_the_reference_and_the_paper() 
     );
 }
 
+#[test]
+fn set_points_keep_the_following_accelerations_of_the_robot_file() {
+    let arm = kr16();
+    let plan = kr16_plan(&arm, [2.5, 0.0, 0.6], 0.024);
+    let file = arm.limit(|l| l.a_follow_max_rad_s2.expect("stated"));
+    let commands: Vec<Axes> = plan.steps.iter().map(|step| Axes::from(step.command_rad)).collect();
+    let differences = commands.windows(3).map(|w| (w[2] - 2.0 * w[1] + w[0]).abs() / plan.period_s.powi(2));
+    let largest = differences.fold(Axes::zeros(), |most, a| most.sup(&a));
+    println!("largest {} deg/s2", largest.map(f64::to_degrees).transpose());
+    assert!((0..6).all(|axis| largest[axis] <= file[axis]), "{largest}");
+}
+
 /// Points that the best form follows without lag at this distance and 0.6 m height, with the options of `follow_table`.
 fn points_without_lag(distance_m: f64) -> usize {
     let (arm, source) = (kr16(), LimitSource::ControllerModel);
@@ -114,6 +126,13 @@ fn plan_for_another_lag_is_opened_and_turned_so_that_the_ball_lands_at_the_targe
         1e3 * after
     );
     assert!(after < 0.5 * before && after < 0.02, "{before} {after}");
+    assert_eq!(plan.require_lag(&arm, lag_s, jitter_s, 0.035), Ok(()));
+    // So different a lag that no opening helps: refused with what the axes, simulated in small steps, then do.
+    let slow_s = 0.400;
+    let other = plan.require_lag(&arm, slow_s, jitter_s, 0.035).expect_err("far off");
+    let off = landings_rms_m(&arm, &plan.opened_for(&arm, slow_s, jitter_s), slow_s, jitter_s + 0.006);
+    println!("{other}; {off}");
+    assert!(off > 0.035 && (1e-3 * other.off_mm / off - 1.0).abs() < 0.1, "{other} {off}");
     // The next measurement of the lag begins from the plan as it was made.
     let back = opened.opened_for(&arm, 0.0, jitter_s);
     assert_eq!(back.aim_m, None);

@@ -272,12 +272,15 @@ fn bad_files_are_refused_with_the_reason() {
     let (arm, file) = plan(Options::paper());
     let path = Path::new("p.json");
     let text = file.to_json();
-    let newer = text.replacen("\"version\": 9", "\"version\": 10", 1);
+    let (this, next) = (VERSION, VERSION + 1);
+    let newer = text.replacen(&format!("\"version\": {this}"), &format!("\"version\": {next}"), 1);
     let e = PlanFile::from_json(path, &newer).expect_err("newer");
-    assert!(matches!(e, PlanFileError::Newer { found: 10, .. }));
+    assert!(matches!(e, PlanFileError::Newer { found, .. } if found == u64::from(next)));
     assert_eq!(
         e.to_string(),
-        "plan p.json has version 10, this program reads up to 9: update cubectl or plan again"
+        format!(
+            "plan p.json has version {next}, this program reads up to {this}: update cubectl or plan again"
+        )
     );
     for broken in [&text[..text.len() / 2], "", "[]", "{\"format\": \"something\"}"] {
         assert!(matches!(PlanFile::from_json(path, broken), Err(PlanFileError::Damaged { .. })), "{broken}");

@@ -2,12 +2,11 @@
 
 use std::path::Path;
 
-use host::cmd::check::follow_json;
+use host::cmd::check::{follow_findings, follow_json};
 use host::cmd::plan::for_programs;
 use host::error::ExpectedError;
 use host::exit;
-use planner::follow;
-use planner::follow::limits::{AXES, Arm, Limits};
+use planner::follow::limits::{AXES, Arm};
 use planner::follow::plan::{FollowPlan, Step};
 use planner::motion::{Knot, Motion};
 use planner::plan::file::{MotionInfo, PlanFile, PlanFileError};
@@ -73,8 +72,7 @@ pub(crate) fn check(py: Python<'_>, plan: String, robot: Option<String>) -> PyRe
         let report = match record(&plan).map_err(|error| input(&error))? {
             PlanRecord::Follow(plan) => {
                 let arm = arm_of(&plan, robot.as_deref())?;
-                let report = follow::verify::verify(&arm, &Limits::of(&arm, plan.limits), &plan);
-                follow_json(&report)
+                follow_json(&follow_findings(&arm, &plan))
             }
             _ => {
                 let (plan, robot) = plan_of(&plan, robot.as_deref())?;

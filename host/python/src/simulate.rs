@@ -4,21 +4,19 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use hil_sim::mechanics::Plane;
 use host::cmd::throw::robot;
 use host::error::ExpectedError;
-use nalgebra::Vector3;
 use operator::bus::args::CellArgs;
 use operator::bus::period::{PeriodRequest, apply, choose, settings_with_gains};
 use operator::bus::settings::settings_of;
 use operator::port::{BallSeen, InProcess};
+use operator::throw::cell::take_plan;
 use operator::throw::outcome::{default_tolerance_m, judge};
 use operator::throw::{Job, Record, job};
 use planner::follow::plan::FollowPlan;
 use pyo3::prelude::*;
 use pyo3::types::PyByteArray;
 use robot_model::AnyRobot;
-use robot_model::collision::Scene;
 use serde_json::json;
 use tuner::gains::gains_file::GainsFile;
 
@@ -63,10 +61,7 @@ fn throw(request: &Request, stop: &Arc<AtomicBool>) -> Result<String, ExpectedEr
     let source = request.robot.clone().unwrap_or_else(|| plan.robot.source.clone());
     let cell = CellArgs { robot: Some(source), seed: Some(request.seed), scenario: request.scenario.clone() };
     let mut setup = cell.load()?.setup;
-    let met_m = plan.meeting_m();
-    setup.cell.gripper.landing_z_m = Some(met_m[2]);
-    setup.cell.gripper.landing_plane =
-        plan.target.opening.map(|o| Plane { point_m: Vector3::from(met_m), normal: Vector3::from(o.normal) });
+    take_plan(&mut setup.cell, &plan);
     let settings = match &request.gains {
         None => settings_with_gains(&robot).map_err(|error| bad(&error))?,
         Some(text) => {
@@ -80,19 +75,17 @@ fn throw(request: &Request, stop: &Arc<AtomicBool>) -> Result<String, ExpectedEr
     };
     let mut operator = InProcess::new(&robot, &setup, request.seed, &settings)?;
     operator.stop_with(Arc::clone(stop));
-    let scene = Scene { ball_held: true, ..Scene::default() };
     let throw = Job {
         arm,
         plan: &plan,
         gains: None,
-        scene: &scene,
         approach_share: APPROACH_SHARE,
         seed: request.seed,
-        tolerance_m: default_tolerance_m(&plan),
+        tolerance_m: default_tolerance_m(&**arm, &plan),
         go_back: false,
     };
     let mut record = Record::default();
-    let ended = job::run(&mut operator, &throw, &mut record, &mut |_| true);
+    let ended = job::run(&mut operator, &throw, &mut record, &mut |_| job::Answer::Yes);
     let verdict = judge(&throw, &record, ended.as_ref().copied());
     // The simulated cell is the witness.
     let seen = BallSeen::of(operator.cell()).landing;

@@ -1,5 +1,7 @@
 //! From what goes wrong on a bus to exit codes.
 
+use hil_sim::world::BuildError;
+
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::bus::BusFailure;
@@ -12,12 +14,14 @@ use operator::log::candump::UnreadableFile;
 impl From<BusFailure> for ExpectedError {
     fn from(failure: BusFailure) -> Self {
         let code = match failure {
-            BusFailure::Robot(_)
+            BusFailure::World(BuildError::NoSuchModule { .. } | BuildError::NoSuchPlace { .. })
+            | BusFailure::Robot(_)
             | BusFailure::Cell(_)
             | BusFailure::Scenario(_)
             | BusFailure::Key(_)
             | BusFailure::Settings(_) => exit::BAD_INPUT,
             BusFailure::Recording { .. } => exit::OUTPUT,
+            BusFailure::StoppedByOther(_) => exit::STOPPED,
             BusFailure::Sim(_)
             | BusFailure::Runner(
                 can_link::RunError::StuckDeadline { .. } | can_link::RunError::Babble { .. },
@@ -67,6 +71,7 @@ impl From<OperatorError> for ExpectedError {
             OperatorError::Bus(failure) => failure.into(),
             OperatorError::Interrupted => Self::new(exit::INTERRUPTED, "interrupted; what moved was stopped"),
             OperatorError::TooLong(_) => Self::bad_input(&error),
+            error if error.is_stop_by_other() => Self::new(exit::STOPPED, error.to_string()),
             other => Self::new(exit::DRIVE, other.to_string()),
         }
     }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use crate::error::ExpectedError;
 use crate::exit;
 use planner::follow;
-use planner::follow::limits::Limits;
+use planner::follow::limits::{Arm, Limits};
 use planner::follow::plan::FollowPlan;
 use planner::record::PlanRecord;
 use planner::request::Plans;
@@ -71,12 +71,20 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     ))
 }
 
-/// What the check of a throw that follows the flight measured, as `cubectl check --json` tells it.
+/// What the check of a throw that follows the flight measured and found wrong.
 #[must_use]
-pub fn follow_json(report: &follow::verify::Report) -> serde_json::Value {
+pub fn follow_findings(arm: &Arm, plan: &FollowPlan) -> (follow::verify::Report, Vec<String>) {
+    let report = follow::verify::verify(arm, &Limits::of(arm, plan.limits), plan);
+    let findings = report.findings.iter().map(ToString::to_string).chain(plan.false_claim(arm)).collect();
+    (report, findings)
+}
+
+/// The same, as `cubectl check --json` prints it.
+#[must_use]
+pub fn follow_json((report, findings): &(follow::verify::Report, Vec<String>)) -> serde_json::Value {
     serde_json::json!({
-        "good": report.is_good(),
-        "findings": report.findings.iter().map(ToString::to_string).collect::<Vec<_>>(),
+        "good": findings.is_empty(),
+        "findings": findings,
         "off_parabola_m": report.off_parabola_m,
         "landing_m": report.landing_m,
         "executed_landing_m": report.executed_landing_m,
@@ -89,12 +97,12 @@ pub fn follow_json(report: &follow::verify::Report) -> serde_json::Value {
 fn check_follow(args: &Args, plan: &FollowPlan) -> Result<(), ExpectedError> {
     let arm = super::arm(args.robot.as_deref().unwrap_or(&plan.robot.source))?;
     plan.require_robot(&args.plan, &arm).map_err(|e| ExpectedError::bad_input(&e))?;
-    let report = follow::verify::verify(&arm, &Limits::of(&arm, plan.limits), plan);
-    let findings: Vec<String> = report.findings.iter().map(ToString::to_string).collect();
+    let checked = follow_findings(&arm, plan);
+    let (report, findings) = &checked;
     if args.json {
-        super::print_json(&follow_json(&report));
+        super::print_json(&follow_json(&checked));
     } else {
-        for finding in &findings {
+        for finding in findings {
             console::line!("FAIL  {finding}");
         }
         console::line!(
@@ -107,7 +115,7 @@ fn check_follow(args: &Args, plan: &FollowPlan) -> Result<(), ExpectedError> {
             report.ball_m * 1e3
         );
     }
-    if report.is_good() {
+    if findings.is_empty() {
         return Ok(());
     }
     Err(ExpectedError::new(

@@ -235,14 +235,24 @@ fn parameter_of(name: &str) -> Option<Parameter> {
     Parameter::TABLE.iter().map(|info| info.parameter).find(|parameter| key(*parameter) == name)
 }
 
+/// Time for a module to store its settings.
+const SAVING: Duration = Duration::from_millis(50);
+
 /// One setting that differs: module, parameter, the module's value, the file's.
 type Change = (ModuleId, Parameter, f64, f64);
 
+/// The modules of a file beside those on the bus.
+struct Compared {
+    session: Session,
+    wanted: ConfigFile,
+    found: Vec<ModuleReport>,
+    changes: Vec<Change>,
+    /// Settings of the file that a module does not have.
+    missing: Vec<(ModuleId, Parameter, f64)>,
+}
+
 /// Opens the bus and compares the modules of the file, all of which must answer.
-fn compare(
-    path: &Path,
-    bus: &BusArgs,
-) -> Result<(Session, ConfigFile, Vec<ModuleReport>, Vec<Change>), ExpectedError> {
+fn compare(path: &Path, bus: &BusArgs) -> Result<Compared, ExpectedError> {
     let wanted = load(path)?;
     let mut ids = Vec::new();
     for module in &wanted.module {
@@ -254,25 +264,27 @@ fn compare(
     let mut session = bus.open()?;
     let found = modules_on(&mut session, Some(&ids), bus.beside)?;
     let present = read_all(&mut session, &found)?;
-    let mut changes = Vec::new();
+    let (mut changes, mut missing) = (Vec::new(), Vec::new());
     for (module, id) in wanted.module.iter().zip(ids) {
         let Some(now) = present.module.iter().find(|now| now.address == module.address) else { continue };
         for (name, value) in &module.setting {
             let Some(parameter) = parameter_of(name) else { continue };
-            if let Some(actual) =
-                now.setting.get(name).filter(|actual| typed(parameter, **actual) != typed(parameter, *value))
-            {
-                changes.push((id, parameter, *actual, *value));
+            match now.setting.get(name) {
+                None => missing.push((id, parameter, *value)),
+                Some(actual) if typed(parameter, *actual) != typed(parameter, *value) => {
+                    changes.push((id, parameter, *actual, *value));
+                }
+                Some(_) => {}
             }
         }
     }
-    Ok((session, wanted, found, changes))
+    Ok(Compared { session, wanted, found, changes, missing })
 }
 
 fn diff(args: &FileArgs) -> Result<(), ExpectedError> {
-    let (session, wanted, found, changes) = compare(&args.file, &args.bus)?;
+    let Compared { session, wanted, found, changes, missing } = compare(&args.file, &args.bus)?;
     session.finish()?;
-    let mut differences = changes.len();
+    let mut differences = changes.len() + missing.len();
     for module in &wanted.module {
         let serial = found.iter().find(|report| report.module.get() == module.address).and_then(|r| r.serial);
         if serial.is_some_and(|serial| serial != module.serial) {
@@ -287,6 +299,9 @@ fn diff(args: &FileArgs) -> Result<(), ExpectedError> {
     }
     for (module, parameter, actual, file) in &changes {
         console::line!("module {module}: {} {actual} (file: {file})", key(*parameter));
+    }
+    for (module, parameter, file) in &missing {
+        console::line!("module {module}: has no {} (file: {file})", key(*parameter));
     }
     if differences == 0 {
         console::line!("{}: {} as in the file", args.file.display(), counted(wanted.module.len(), "module"));
@@ -303,7 +318,13 @@ fn diff(args: &FileArgs) -> Result<(), ExpectedError> {
 }
 
 fn restore(args: &RestoreArgs) -> Result<(), ExpectedError> {
-    let (mut session, wanted, found, changes) = compare(&args.file, &args.bus)?;
+    let Compared { mut session, wanted, found, changes, missing } = compare(&args.file, &args.bus)?;
+    if let Some((module, parameter, _)) = missing.first() {
+        return Err(ExpectedError::bad_input(&format!(
+            "module {module} has no {}; nothing was written\n  next: `cubectl config diff` lists all of these; take them out of the file",
+            key(*parameter)
+        )));
+    }
     for module in &wanted.module {
         let Some(report) = found.iter().find(|report| report.module.get() == module.address) else {
             continue;
@@ -332,12 +353,7 @@ fn restore(args: &RestoreArgs) -> Result<(), ExpectedError> {
     touched.dedup();
     for module in &touched {
         session.command(*module, SimpleCommand::Recalc)?;
-        if args.save {
-            session.command(*module, SimpleCommand::SaveParameters)?;
-            session.sleep_until(session.now() + Duration::from_millis(50))?;
-        }
     }
-    // Trust is good: read back.
     let mut wrong = Vec::new();
     for (module, parameter, _, value) in &changes {
         let actual = session.get_f64(*module, *parameter)?;
@@ -346,12 +362,20 @@ fn restore(args: &RestoreArgs) -> Result<(), ExpectedError> {
             wrong.push(format!("module {module}: {} is {actual}, not {value}", key(*parameter)));
         }
     }
+    if wrong.is_empty() && args.save {
+        // Also where the values were in force already: nobody knows whether they are stored.
+        for report in &found {
+            session.command(report.module, SimpleCommand::SaveParameters)?;
+            session.sleep_until(session.now() + SAVING)?;
+        }
+    }
     session.finish()?;
     if !wrong.is_empty() {
         return Err(ExpectedError::new(
             exit::DRIVE,
             format!(
-                "written, but not as in the file: {}\n  next: the value is outside what the module allows",
+                "written, but not as in the file{}: {}\n  next: the value is outside what the module allows",
+                if args.save { ", and not saved" } else { "" },
                 wrong.join("; ")
             ),
         ));
@@ -360,7 +384,7 @@ fn restore(args: &RestoreArgs) -> Result<(), ExpectedError> {
         "{} written to {}, read back{}",
         counted(changes.len(), "setting"),
         counted(touched.len(), "module"),
-        if args.save { ", saved" } else { "" }
+        if args.save { format!(", {} saved", counted(found.len(), "module")) } else { String::new() }
     );
     Ok(())
 }

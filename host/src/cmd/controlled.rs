@@ -2,6 +2,7 @@
 
 use can_link::BusSpec;
 use firmware::settings::Settings;
+use protocol::cyphal::cubecell::command::{UNLOCK, Unlock};
 use protocol::cyphal::cubecell::group_state::State;
 use protocol::cyphal::id::NodeId;
 use protocol::cyphal::uavcan::diagnostic::Severity;
@@ -41,6 +42,10 @@ pub(super) struct Controlled {
     pub(super) soft: bool,
     /// Its joints, base first, and the address of the drive of each.
     pub(super) joints: Vec<(JointIndex, ModuleId)>,
+    /// Number of each of them in the robot, from 1: a controller for some modules has the joints of these alone.
+    numbers: Vec<usize>,
+    /// Registers that this verb has changed for its own time, with what they held.
+    changed: Vec<(&'static str, Numbers)>,
 }
 
 impl Controlled {
@@ -57,9 +62,11 @@ impl Controlled {
     ) -> Result<Self, ExpectedError> {
         let key = args.key.load()?;
         let cell = bus.cell.load()?;
-        let soft = is_soft(bus, args.controller)?;
+        let soft = is_soft(&bus.bus, args.controller)?;
+        let mut addresses = Vec::new();
         let settings = if soft {
             let settings = settings_of(&cell.robot).map_err(|error| ExpectedError::bad_input(&error))?;
+            addresses.extend(settings.joints().map(|joint| settings.joint.at(joint).module()));
             let mut settings = match named {
                 Some(named) => {
                     of_modules(&settings, named).map_err(|error| ExpectedError::bad_input(&error))?
@@ -83,14 +90,91 @@ impl Controlled {
         };
         let mut session = bus.open_cell(&cell, settings.as_ref())?;
         session.set_key(key);
+        session.watch_stops();
         let wanted = match args.controller {
             Some(Controller::Node(node)) => Some(node),
             Some(Controller::Soft) | None => None,
         };
         let node = session.find_controller(wanted)?;
-        session.wait_for(BOOT_MAX, &|state| !matches!(state, State::Boot | State::Fault))?;
-        let joints = joints_of(&mut session, node)?;
-        Ok(Self { session, node, soft, joints })
+        // What the controller counts, as the robot counts it.
+        let kept =
+            addresses.iter().zip(1..).filter(|(module, _)| named.is_none_or(|named| named.contains(module)));
+        let numbers = kept.map(|(_, number)| number).collect();
+        let mut controlled = Self { session, node, soft, joints: Vec::new(), numbers, changed: Vec::new() };
+        controlled
+            .session
+            .wait_for(BOOT_MAX, &|state| !matches!(state, State::Boot | State::Fault))
+            .map_err(|error| controlled.renumbered(error))?;
+        controlled.joints = joints_of(&mut controlled.session, node)?;
+        Ok(controlled)
+    }
+
+    /// Number of a joint of the controller in the robot, from 1.
+    pub(super) fn number(&self, joint: JointIndex) -> usize {
+        self.numbers.get(joint.get()).copied().unwrap_or(joint.get() + 1)
+    }
+
+    /// An error with the joint's number in the robot in the place of that in the controller.
+    pub(super) fn renumbered(&self, mut error: OperatorError) -> OperatorError {
+        let place = match &mut error {
+            OperatorError::Stopped { joint, .. } => joint,
+            OperatorError::Refused { refusal: Some(refusal), .. } => &mut refusal.joint,
+            _ => return error,
+        };
+        let joint = usize::from(*place).checked_sub(1).and_then(|index| JointIndex::new(index).ok());
+        if let Some(number) = joint.and_then(|joint| u8::try_from(self.number(joint)).ok()) {
+            *place = number;
+        }
+        error
+    }
+
+    /// Changes registers for the time of this verb; [`Controlled::put_back`] is to follow, whatever comes of it.
+    ///
+    /// # Errors
+    /// [`OperatorError`]; some may be changed.
+    pub(super) fn change(&mut self, wishes: Vec<(&'static str, Numbers)>) -> Result<(), OperatorError> {
+        for (name, wanted) in wishes {
+            let before = self.session.register(self.node, name)?;
+            self.changed.push((name, before));
+            self.session.set_register(self.node, name, &wanted)?;
+        }
+        Ok(())
+    }
+
+    /// Puts back what [`Controlled::change`] has changed, also after a signal, a stop or an error, once the arm stands.
+    ///
+    /// # Errors
+    /// Names what could not be put back, and how to do it by hand.
+    pub(super) fn put_back(&mut self) -> Result<(), ExpectedError> {
+        let changed = std::mem::take(&mut self.changed);
+        if changed.is_empty() {
+            return Ok(());
+        }
+        let node = self.node;
+        let mut left = Vec::new();
+        let ended = self.session.put_back(|session| {
+            for (name, before) in &changed {
+                if let Err(why) = session.set_register(node, name, before) {
+                    left.push((name, before, why.to_string()));
+                }
+            }
+        });
+        if let Err(why) = ended {
+            left.extend(changed.iter().map(|(name, before)| (name, before, why.to_string())));
+        }
+        let Some((_, _, why)) = left.first() else { return Ok(()) };
+        let why = why.lines().next().unwrap_or_default();
+        let words: Vec<String> =
+            left.iter().map(|(name, before, _)| format!("{name}={}", before.list())).collect();
+        Err(ExpectedError::new(
+            exit::DRIVE,
+            format!(
+                "controller {} keeps registers that were changed for this command: {why}\n  next: `cubectl registers set {}` on this \
+                 bus once the arm stands",
+                node.get(),
+                words.join(" ")
+            ),
+        ))
     }
 
     /// The joints whose drives are `named`, all by default.
@@ -117,12 +201,17 @@ impl Controlled {
     }
 
     /// Ends in order. A controller in this program switches the watchdogs of its drives off first, so that they do not
-    /// stop for want of it.
+    /// stop for want of it. After a stop or a fault the drives are halted and stay so: nothing is written to them.
     ///
     /// # Errors
     /// The bus, or a recording that cannot be written.
     pub(super) fn finish(mut self) -> Result<(), ExpectedError> {
-        if self.soft {
+        let state = self.session.group().map(|group| group.state);
+        if self.soft && matches!(state, Some(State::Idle | State::Ready)) {
+            // Without watchdogs nothing supervises the drives: a limit like the others.
+            let robot_crc32 = self.session.natural(self.node, "limits.robot_crc32")? as u32;
+            let unlock = Unlock { robot_crc32, valid_s: 60 };
+            self.session.order(self.node, "to switch the watchdogs off", UNLOCK, &unlock)?;
             self.session.set_register(self.node, "watchdog.enable", &Numbers::Bit(vec![false]))?;
             self.session.wait_for(BOOT_MAX, &|state| state != State::Boot)?;
         }
@@ -142,8 +231,10 @@ pub(super) fn tell_warnings(session: &mut Session) {
 }
 
 /// Whether a controller in this program does it. Listens on the bus to decide.
-fn is_soft(bus: &BusArgs, wanted: Option<Controller>) -> Result<bool, ExpectedError> {
-    let spec = &bus.bus;
+///
+/// # Errors
+/// Another host or another `cubectl` is on the bus, or a second controller would be.
+pub(super) fn is_soft(spec: &BusSpec, wanted: Option<Controller>) -> Result<bool, ExpectedError> {
     match (wanted, spec) {
         (Some(Controller::Node(_)), BusSpec::Sim) => {
             return Err(ExpectedError::bad_input(

@@ -137,14 +137,22 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     joints.sort_by_key(|(joint, _)| std::cmp::Reverse(joint.get()));
     // A controller of this program began with them.
     let wishes = if controlled.soft { Vec::new() } else { args.wishes(&mut controlled)? };
-    let mut before = Vec::new();
-    let homed = write_all(&mut controlled, &wishes, &mut before)
+    let homed = controlled
+        .change(wishes)
         .map_err(ExpectedError::from)
         .and_then(|()| home_all(args, &mut controlled, &joints));
     // A controller that is on the bus for others gets its own values back, also after a failure.
-    let put_back = write_all(&mut controlled, &before, &mut Vec::new());
-    let (rows, findings) = homed?;
-    put_back?;
+    let (rows, findings) = match (homed, controlled.put_back()) {
+        (Err(mut why), Err(left)) => {
+            why.message = format!("{}\n{}", why.message, left.message);
+            return Err(why);
+        }
+        (homed, put_back) => {
+            let homed = homed?;
+            put_back?;
+            homed
+        }
+    };
     controlled.finish()?;
     if args.json {
         print_json(&serde_json::json!({ "modules": rows }));
@@ -182,19 +190,6 @@ pub(super) fn home_first(bus: &BusArgs) -> Result<(), ExpectedError> {
     run(&args)
 }
 
-/// Writes registers; `before` gets what they held.
-fn write_all(
-    controlled: &mut Controlled,
-    wishes: &[(&'static str, Numbers)],
-    before: &mut Vec<(&'static str, Numbers)>,
-) -> Result<(), OperatorError> {
-    for (name, wanted) in wishes {
-        before.push((*name, controlled.session.register(controlled.node, name)?));
-        controlled.session.set_register(controlled.node, name, wanted)?;
-    }
-    Ok(())
-}
-
 /// What was done with each joint, and what was found.
 type Rows = (Vec<serde_json::Value>, Vec<String>);
 
@@ -210,7 +205,7 @@ fn home_all(
     };
     let (mut rows, mut findings) = (Vec::new(), Vec::new());
     for &(joint, module) in joints {
-        let number = joint.get() + 1;
+        let number = controlled.number(joint);
         let is_homed = controlled.session.group().is_some_and(|group| group.homed_mask & joint.bit() != 0);
         if is_homed && !args.force && !args.verify {
             if !args.json {
@@ -230,7 +225,7 @@ fn home_all(
         let homed = controlled
             .session
             .home_joint(node, (joint, module), limit, zero)
-            .map_err(|error| at(module, error))?;
+            .map_err(|error| at(module, controlled.renumbered(error)))?;
         if !args.json {
             console::line!(
                 "module {module}: zero found in {:.1} s, stands at {:.4} rad, at most {:.1} A",

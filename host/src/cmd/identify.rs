@@ -7,7 +7,9 @@ use can_link::BusSpec;
 use indicatif::{ProgressBar, ProgressStyle};
 use robot_model::AnyRobot;
 
+use super::consent::Consent;
 use super::home::{home_first, positive};
+use super::meaning::{Deed, Given};
 use super::modules::modules_on;
 use super::plan::follow::is_industrial;
 use super::print_json;
@@ -18,15 +20,18 @@ use crate::report::identify as report;
 use operator::bus::{BusArgs, Session};
 use operator::identify::experiment::{Bounds, ExperimentError};
 use operator::identify::joint::{JointError, JointExperiments, identify};
+use operator::interrupt::interrupt;
 use planner::plan::Arm;
 use tuner::identify::findings::Findings;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl identify --joint 2\n  cubectl identify --joint 2 --bus can0 --home --out joint2.toml --report joint2.html\n  cubectl identify --robot kr16_2 --bus rsi:udp://0.0.0.0:49152 --out robot.toml   # lag and gripper; empty hand\n\nThe joint turns to and fro at up to --speed of its largest speed, within its soft limits and where the robot model shows\nno collision; for K_M the others may be brought to a pose in which gravity loads it. Keep clear. Ctrl-C halts everything.\nExit code 9: something could not be concluded; the text says what and why."
+    after_help = "Examples:\n  cubectl identify --joint 2\n  cubectl identify --joint 2 --bus can0 --home --out joint2.toml --report joint2.html\n  cubectl identify --robot kr16_2 --bus rsi:udp://0.0.0.0:49152 --out robot.toml   # lag and gripper; empty hand\n\nThe joint turns to and fro at up to --speed of its largest speed, within its soft limits and where the robot model shows\nno collision; for K_M the others may be brought to a pose in which gravity loads it. Keep clear. On every bus but `sim` it asks\nfirst; without a terminal it needs --yes. Ctrl-C halts everything.\nExit code 9: something could not be concluded; the text says what and why."
 )]
 pub struct Args {
+    #[command(flatten)]
+    pub given: Given,
     /// Joint number from 1; not for an industrial robot, whose axes are measured together.
     #[arg(long)]
     pub joint: Option<usize>,
@@ -36,24 +41,27 @@ pub struct Args {
     /// Bus options; `--robot` names the model of the arm.
     #[command(flatten)]
     pub bus: BusArgs,
+    /// Do not ask before the arm moves.
+    #[arg(long)]
+    pub yes: bool,
     /// Home what is not homed first.
     #[arg(long)]
     pub home: bool,
-    /// Confidence level of the intervals.
-    #[arg(long, default_value_t = 0.95, value_name = "SHARE", value_parser = below_one)]
-    pub level: f64,
-    /// Fastest run, as a share of the joint's largest speed.
-    #[arg(long, default_value_t = 0.8, value_name = "SHARE", value_parser = share)]
-    pub speed: f64,
-    /// Largest current, as a share of the module's own maximum.
-    #[arg(long, default_value_t = 0.8, value_name = "SHARE", value_parser = share)]
-    pub current: f64,
-    /// Bit rate of the bus in bit/s, for the length of frames in the answer delay.
-    #[arg(long, default_value_t = 1e6, value_name = "BIT_S", value_parser = positive)]
-    pub bit_rate: f64,
-    /// Noise of the current readings on the bus `sim`, standard deviation in A.
-    #[arg(long, default_value_t = 0.05, value_name = "A", value_parser = not_negative)]
-    pub sim_noise: f64,
+    /// Confidence level of the intervals [default: 0.95].
+    #[arg(long, value_name = "SHARE", value_parser = below_one)]
+    pub level: Option<f64>,
+    /// Fastest run, as a share of the joint's largest speed [default: 0.8].
+    #[arg(long, value_name = "SHARE", value_parser = speed_share)]
+    pub speed: Option<f64>,
+    /// Largest current, as a share of the module's own maximum [default: 0.8].
+    #[arg(long, value_name = "SHARE", value_parser = share)]
+    pub current: Option<f64>,
+    /// Bit rate of the bus in bit/s, for the length of frames in the answer delay [default: 1000000].
+    #[arg(long, value_name = "BIT_S", value_parser = positive)]
+    pub bit_rate: Option<f64>,
+    /// Noise of the current readings on the bus `sim`, standard deviation in A [default: 0.05].
+    #[arg(long, value_name = "A", value_parser = not_negative)]
+    pub sim_noise: Option<f64>,
     /// Write the changed keys of the robot file here (TOML).
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
@@ -67,6 +75,11 @@ pub struct Args {
 
 fn share(text: &str) -> Result<f64, String> {
     positive(text).ok().filter(|value| *value <= 1.0).ok_or("must be above 0 and at most 1".to_owned())
+}
+
+/// A slower run takes minutes, in which nothing is learnt that a faster one does not show.
+fn speed_share(text: &str) -> Result<f64, String> {
+    share(text).ok().filter(|value| *value >= 0.02).ok_or("must be from 0.02 to 1".to_owned())
 }
 
 fn below_one(text: &str) -> Result<f64, String> {
@@ -109,7 +122,13 @@ fn industrial(args: &Args) -> Result<Option<Arm>, ExpectedError> {
 /// Robot or joint, the bus, a drive, a blocked joint; or data that are too poor to conclude from (after the
 /// report is written).
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    let mut consent = Consent::on(&args.bus.bus, args.yes)?;
     if let Some(arm) = industrial(args)? {
+        args.given.require_meaning(&[Deed::AllAxes])?;
+        consent.require(
+            "The robot swings all its axes as soon as its program runs. Hand empty, nobody near?",
+            &interrupt(),
+        )?;
         let Args { bus, wiggle_deg, out, json, .. } = args;
         let asked =
             RobotIdentification { bus, swing_rad: wiggle_deg.to_radians(), out: out.as_deref(), json: *json };
@@ -118,20 +137,22 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let joint = args
         .joint
         .ok_or_else(|| ExpectedError::bad_input(&"--joint is missing\n  next: name the joint, from 1"))?;
+    consent.require("The joint turns to and fro, and others may move for it. Nobody near?", &interrupt())?;
     // Drives of the simulated cell are homed.
     if args.home && args.bus.bus != BusSpec::Sim {
         home_first(&args.bus)?;
     }
     let (mut session, robot) = open(args)?;
+    session.watch_stops();
     modules_on(&mut session, None, args.bus.beside)?;
     let wish = JointExperiments {
         joint,
         bounds: Bounds {
-            current_share: args.current,
-            speed_share: args.speed,
-            bit_rate_bit_s: args.bit_rate,
+            current_share: args.current.unwrap_or(0.8),
+            speed_share: args.speed.unwrap_or(0.8),
+            bit_rate_bit_s: args.bit_rate.unwrap_or(1e6),
         },
-        level: args.level,
+        level: args.level.unwrap_or(0.95),
     };
     let bar = progress_bar(args.json);
     let findings = identify(&mut session, &robot, &wish, &mut |what, parts| {
@@ -152,7 +173,7 @@ fn open(args: &Args) -> Result<(Session, AnyRobot), ExpectedError> {
     let mut cell = args.bus.cell.load()?;
     if args.bus.bus == BusSpec::Sim {
         cell.setup.cell.drive.starts_homed = true;
-        cell.setup.cell.drive.current_noise_a = args.sim_noise;
+        cell.setup.cell.drive.current_noise_a = args.sim_noise.unwrap_or(0.05);
     }
     let session = args.bus.open_cell(&cell, None)?;
     Ok((session, cell.robot))

@@ -66,6 +66,13 @@ fn speed(text: &str) -> Result<f64, String> {
 /// # Errors
 /// The bus, a controller that refuses, a drive in error, or a joint that does not stand still afterwards.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    if args.time.is_none() && !std::io::stdin().is_terminal() {
+        return Err(ExpectedError::new(
+            exit::USAGE,
+            "a jog goes on while a key is held, and there is no terminal; nothing has moved\n  next: run it in a terminal, or name the \
+             time with --for SECONDS",
+        ));
+    }
     let named = [args.module];
     let mut controlled = Controlled::open(&args.bus, &args.controller, Some(&named), &|_| {})?;
     let Some((joint, _)) = controlled.select(Some(&named))?.first().copied() else { return Ok(()) };
@@ -109,7 +116,8 @@ fn jog(
     held: &mut dyn FnMut(Instant) -> bool,
 ) -> Result<Jogged, ExpectedError> {
     let node = controlled.node;
-    controlled.session.jog_joint(node, joint, speed_rad_s, held).map_err(|error| at(args.module, error))
+    let jogged = controlled.session.jog_joint(node, joint, speed_rad_s, held);
+    jogged.map_err(|error| at(args.module, controlled.renumbered(error)))
 }
 
 /// A controller jogs no faster than it is set to; a slower jog than was asked for is not told as done.

@@ -15,6 +15,7 @@ pub mod identify;
 pub mod jog;
 pub mod key;
 pub mod man;
+pub mod meaning;
 pub mod monitor;
 pub mod plan;
 pub mod rally;
@@ -40,6 +41,7 @@ pub mod upload;
 pub mod web;
 
 mod bus_errors;
+mod consent;
 mod controlled;
 mod modules;
 mod words;

@@ -170,7 +170,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     match (rally.end, rally.exchanges.last()) {
         (RallyEnd::Complete, _) => Ok(()),
-        (RallyEnd::NotCaught, Some(last)) => Err(declined_or(last.outcome.told)),
+        (RallyEnd::NotCaught, Some(last)) => ended(&last.outcome),
         (RallyEnd::NoThrow, _) => Err(ExpectedError::new(
             exit::NO_THROW,
             "no throw was found that the other arm catches\n  next: set the arms of the court 2 to 3 m apart, or another --seed",
@@ -199,10 +199,22 @@ fn on_wire(args: &Args, court: CourtOptions<6>, options: &TrialOptions) -> Resul
     }
 }
 
+/// How a trial in the simulated court ends: its ball decides, not what the catcher reports of it.
+///
+/// # Errors
+/// The ball is not in the cup, or the arm was stopped by a fault.
+pub(super) fn ended(outcome: &Outcome) -> Result<(), ExpectedError> {
+    match outcome.told {
+        told @ CatchOutcome::Halted => Err(declined_or(told)),
+        _ if outcome.caught => Ok(()),
+        told => Err(declined_or(told)),
+    }
+}
+
 /// Why a ball was not caught, with the exit code.
-pub(super) fn declined_or(told: CatchOutcome) -> ExpectedError {
+fn declined_or(told: CatchOutcome) -> ExpectedError {
     let (code, what) = match told {
-        CatchOutcome::Caught => (exit::BUG, "the catcher tells a catch that the ball's place refutes".to_owned()),
+        CatchOutcome::Caught => (exit::MISSED, "the ball was not caught, although the catcher reports a catch\n  next: `--report` shows where it passed".to_owned()),
         CatchOutcome::Declined(why) => (exit::NO_THROW, format!("declined: {why}\n  next: throw slower, higher or nearer to the arm")),
         CatchOutcome::Missed => (exit::MISSED, "the ball was not caught\n  next: `--report` shows where it passed".to_owned()),
         CatchOutcome::Unknown => (

@@ -3,12 +3,14 @@
 use can_link::BusSpec;
 use hil_sim::court::CourtOptions;
 use operator::dialogue::operator::OperatorError;
+use operator::interrupt::interrupt;
 use operator::rally::on_wire::{WireError, WireOptions, WireOutcome, run};
 use operator::rally::throws::{draw_throws, place_exists};
 use operator::rally::trial::{Pair, TrialOptions};
 use planner::catch::draw::Window;
 use serde_json::{Value, json};
 
+use super::consent::Consent;
 use crate::error::ExpectedError;
 use crate::exit;
 
@@ -30,6 +32,9 @@ pub struct Wire {
     /// Address of this machine to which the tracker (DTrack) sends its data.
     #[arg(long, value_name = "HOST:PORT", requires = "bus_thrower", help_heading = "Over the wire")]
     pub tracker: Option<String>,
+    /// Do not ask before the arms move.
+    #[arg(long, requires = "bus_thrower", help_heading = "Over the wire")]
+    pub yes: bool,
     /// Control period of both controllers, ms: 3, 5, 10 or 17.
     #[arg(long, value_name = "MS", default_value_t = 5, requires = "bus_thrower", value_parser = clap::value_parser!(u32).range(1..=40), help_heading = "Over the wire")]
     pub period: u32,
@@ -64,6 +69,11 @@ impl Wire {
                 &"thrower and catcher need a bus of their own each: signs of life to the drives go to everybody on a bus\n  next: two places, as `hil-sim serve-court` has them",
             ));
         }
+        // Both buses are real ones; the question names them together.
+        Consent::on(thrower, self.yes)?.require(
+            "Both arms home, one throws and the other catches. Ball in the hand, nobody near?",
+            &interrupt(),
+        )?;
         let robot = court.arms[0].model.name().to_owned();
         let pair = Pair::new(court).map_err(|why| ExpectedError::bad_input(&why))?;
         let window = Window { flight_s: FLIGHT_S, ..Window::default() };

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use firmware::settings::Settings;
+use protocol::cyphal::cubecell::group_state;
 use protocol::cyphal::id::{NodeId, Route};
 use protocol::powercube::{Address, Channel};
 use protocol::{Frame, Id, Instant, Node};
@@ -78,7 +79,8 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if let Some(tear) = &tear {
         console::note!("{}: {tear}", path.display());
     }
-    if !lines.iter().any(is_from_controller) {
+    let node = controller_of(&lines);
+    if !lines.iter().any(|line| is_from_controller(line, node)) {
         return Err(ExpectedError::bad_input(&format!(
             "{}: no frame of a controller in it\n  next: record a run with one, for example `cubectl record boot \
              --controller --for 2`",
@@ -87,6 +89,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     let robot = AnyRobot::load(&args.robot).map_err(|error| ExpectedError::bad_input(&error))?;
     let mut settings = settings_of(&robot).map_err(|error| ExpectedError::bad_input(&error))?;
+    settings.node_id = node.get().into();
     let beside = path.with_file_name("gains.toml");
     if let Some(path) = args.gains.as_ref().or_else(|| beside.is_file().then_some(&beside)) {
         begin_with(path, &robot, &mut settings)?;
@@ -147,19 +150,31 @@ fn begin_with(path: &Path, robot: &AnyRobot, settings: &mut Settings) -> Result<
     Ok(())
 }
 
-/// Cyphal node-ID of the controller, as its settings have it from the start.
-const CONTROLLER: NodeId = NodeId::from_low_bits(10);
+/// Cyphal node-ID that the settings of a controller have from the start.
+const USUAL: NodeId = NodeId::from_low_bits(10);
+
+/// Cyphal node-ID of the controller: the node that reports the state of a group.
+fn controller_of(lines: &[Line]) -> NodeId {
+    let source = |line: &Line| match line.frame.id() {
+        Id::Extended(id) if line.sent != Some(true) => match Route::parse(id).ok()?.1 {
+            Route::Message { source, subject } if subject == group_state::SUBJECT => Some(source),
+            _ => None,
+        },
+        _ => None,
+    };
+    lines.iter().find_map(source).unwrap_or(USUAL)
+}
 
 /// Frames to drives, which on a bus with a controller only it sends, and its half of the host link.
 ///
 /// What the recording program sent itself (a stop, orders of an operator) is not the controller's.
-fn is_from_controller(line: &Line) -> bool {
+fn is_from_controller(line: &Line, node: NodeId) -> bool {
     let frame = &line.frame;
     if line.sent == Some(true) {
         return false;
     }
     if let Id::Extended(id) = frame.id() {
-        return Route::parse(id).is_ok_and(|(_, route)| route.source() == Some(CONTROLLER));
+        return Route::parse(id).is_ok_and(|(_, route)| route.source() == Some(node));
     }
     matches!(
         Address::of(frame.id()),
@@ -174,9 +189,10 @@ fn is_from_controller(line: &Line) -> bool {
 /// and number must be the same. Frames that still waited when the recording ended are no difference.
 pub fn replay(lines: &[Line], node: &mut dyn Node) -> Replayed {
     let mut replayed = Replayed::default();
-    let mut recorded = lines.iter().filter(|line| is_from_controller(line));
+    let controller = controller_of(lines);
+    let mut recorded = lines.iter().filter(|line| is_from_controller(line, controller));
     let end = lines.last().map_or(Instant::ZERO, |line| line.at);
-    let inputs = lines.iter().filter(|line| !is_from_controller(line));
+    let inputs = lines.iter().filter(|line| !is_from_controller(line, controller));
     let mut now = Instant::ZERO;
     let mut check = |node: &mut dyn Node, replayed: &mut Replayed| -> bool {
         for _ in 0..FRAMES_MAX {

@@ -6,6 +6,7 @@ use protocol::cyphal::cubecell::group_state::State;
 use protocol::cyphal::id::NodeId;
 use protocol::{Duration, Instant};
 
+use super::consent::Consent;
 use super::controlled::tell_warnings;
 use super::print_json;
 use super::upload::{bytes_for, node_id, read, send, settle};
@@ -15,6 +16,7 @@ use operator::bus::key_file::KeyArgs;
 use operator::bus::{BusArgs, Session};
 use operator::dialogue::clock::ControllerClock;
 use operator::dialogue::operator::OperatorError;
+use operator::interrupt::interrupt;
 
 /// Longest time that a run is ordered ahead, s: the controller takes 30 s, of which the order needs a little.
 const START_IN_MAX_S: f64 = 29.0;
@@ -22,7 +24,7 @@ const START_IN_MAX_S: f64 = 29.0;
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  cubectl run plan.json --bus can0 --record throw1\n\nThe arm must be homed and stand where the plan begins (`cubectl throw --plan` moves it\nthere). Ctrl-C stops it along its path."
+    after_help = "Example:\n  cubectl run plan.json --bus can0 --record throw1\n\nThe arm must be homed and stand where the plan begins (`cubectl throw --plan` moves it\nthere). On every bus but `sim` it asks first; without a terminal it needs --yes. Ctrl-C stops it along its path."
 )]
 pub struct Args {
     /// Plan (JSON), or trajectory file of a controller.
@@ -42,6 +44,9 @@ pub struct Args {
     /// Begin the plan this many seconds after the order, at a time of the controller's clock; it waits armed.
     #[arg(long, value_name = "SECONDS", value_parser = start_in)]
     pub start_in: Option<f64>,
+    /// Do not ask before the arm moves.
+    #[arg(long)]
+    pub yes: bool,
     /// Longest time for the run, s.
     #[arg(long, default_value_t = 60.0, value_name = "SECONDS", value_parser = super::home::positive)]
     pub timeout: f64,
@@ -60,10 +65,13 @@ fn start_in(text: &str) -> Result<f64, String> {
 /// # Errors
 /// The file, the bus, no controller, its refusal, or a stop or fault on the way.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    Consent::on(&args.bus.bus, args.yes)?
+        .require("The arm follows the trajectory. Nobody near?", &interrupt())?;
     let source = read(&args.file, args.bus.cell.robot.as_deref())?;
     let key = args.key.load()?;
     let mut session = args.bus.open_with_controller()?;
     session.set_key(key);
+    session.watch_stops();
     let node = session.find_controller(args.controller)?;
     settle(&mut session)?;
     let group = session.group().unwrap_or_default();

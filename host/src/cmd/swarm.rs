@@ -103,12 +103,19 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         return one(&swarm, path, args.json);
     }
     let begun = Instant::now();
-    let seeds = args.seeds.unwrap_or(if args.time.is_some() { u64::MAX } else { 100 });
+    let seeds = args.seeds.unwrap_or(if args.time.is_some() { u64::MAX - args.first } else { 100 });
+    let end = args.first.checked_add(seeds).ok_or_else(|| {
+        ExpectedError::bad_input(&format!(
+            "--first {} leaves no room for {seeds} seeds below {}\n  next: a smaller --first",
+            args.first,
+            u64::MAX
+        ))
+    })?;
     let work = Work {
         args,
         swarm,
         next: AtomicU64::new(args.first),
-        end: args.first.saturating_add(seeds),
+        end,
         until: args.time.map(|time| begun + time),
         stop: &stop,
         bar: progress(args),
@@ -214,10 +221,10 @@ impl Work<'_> {
         if self.is_over() {
             return false;
         }
-        let seed = self.next.fetch_add(1, Ordering::Relaxed);
-        if seed >= self.end {
+        let free = |seed: u64| (seed < self.end).then(|| seed + 1);
+        let Ok(seed) = self.next.fetch_update(Ordering::Relaxed, Ordering::Relaxed, free) else {
             return false;
-        }
+        };
         let scenario = match self.swarm.draw(seed) {
             Ok(scenario) => scenario,
             Err(error) => {

@@ -1,15 +1,16 @@
 //! `cubectl tracker`: targets and calibration from an optical tracker; options of `throw --target tracker`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::sync::atomic::Ordering;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use operator::interrupt::interrupt;
-use operator::tracker::calibration::{Calibration, Pair, RESIDUAL_MAX_M, RoomToRobot, Solved, solve};
+use operator::tracker::calibration::{Calibration, Pair, RoomToRobot, Solved, Unsolved, solve};
 use operator::tracker::client::{Place, TrackerError, measure};
 use operator::tracker::target::{Target, TargetRequest};
 use planner::store::file::write_whole;
+use robot_model::AnyRobot;
 
 use super::plan::options::point;
 use super::print_json;
@@ -85,7 +86,7 @@ pub struct ShowArgs {
 /// Arguments of `calibrate`.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples, once for each of three or more places of the tool, which are not on a line:\n  cubectl tracker calibrate --file room.toml --tool-at 1.1,0.4,0.9 --tracker-body 1\n  cubectl tracker calibrate --file room.toml        # solves again, measures nothing\n\nMove the robot to a place, read the position of the tracked body from its pendant (in the robot's base frame, m), and give it\nas --tool-at. With less than three points the file is kept and the exit code is 9."
+    after_help = "Examples, once for each of four or more places of the tool, which are not in a plane:\n  cubectl tracker calibrate --file room.toml --tool-at 1.1,0.4,0.9 --tracker-body 1\n  cubectl tracker calibrate --file room.toml        # solves again, measures nothing\n\nMove the robot to a place, read the position of the tracked body from its pendant (in the robot's base frame, m), and give it\nas --tool-at. As long as the points do not check each other the file is kept and the exit code is 9."
 )]
 pub struct CalibrateArgs {
     /// The tracker; with --tracker-offset the body need not be at the tool point itself.
@@ -139,18 +140,20 @@ impl TrackerArgs {
     fn room(&self) -> Result<(RoomToRobot, Option<f64>), ExpectedError> {
         let Some(path) = &self.calibration else { return Ok((RoomToRobot::identity(), None)) };
         let calibration = Calibration::load(path).map_err(|error| ExpectedError::bad_input(&error))?;
-        let solved = solve(&calibration.pairs)
-            .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", path.display())))?;
-        if solved.residual_rms_m > RESIDUAL_MAX_M {
-            return Err(ExpectedError::bad_input(&format!(
-                "{}: the points disagree by {:.1} mm; a good calibration leaves {:.0} mm\n  next: take out the worst point (`cubectl \
-                 tracker calibrate --file` names it), or measure again",
-                path.display(),
-                1e3 * solved.residual_rms_m,
-                1e3 * RESIDUAL_MAX_M
-            )));
-        }
+        let refused = |error: Unsolved| ExpectedError::bad_input(&format!("{}: {error}", path.display()));
+        let solved = solve(&calibration.pairs).map_err(refused)?;
+        solved.agree().map_err(refused)?;
         Ok((solved.x_wr, Some(solved.residual_rms_m)))
+    }
+
+    /// Refuses a calibration that was made for another robot.
+    ///
+    /// # Errors
+    /// So it is, or the file cannot be read.
+    pub(super) fn require_robot(&self, robot: &str) -> Result<(), ExpectedError> {
+        let Some(path) = &self.calibration else { return Ok(()) };
+        let calibration = Calibration::load(path).map_err(|error| ExpectedError::bad_input(&error))?;
+        require_robot(&calibration, path, robot)
     }
 
     /// Measures the target.
@@ -191,6 +194,21 @@ impl TrackerArgs {
             ),
         ))
     }
+}
+
+/// Two names of one robot are the same: its file, and the name in it.
+fn require_robot(calibration: &Calibration, path: &Path, robot: &str) -> Result<(), ExpectedError> {
+    let name = |robot: &str| {
+        AnyRobot::load(robot).map_or_else(|_| robot.to_owned(), |robot| robot.name().to_owned())
+    };
+    if name(&calibration.robot) == name(robot) {
+        return Ok(());
+    }
+    Err(ExpectedError::bad_input(&format!(
+        "{} is for the robot {}, not for {robot}\n  next: name another calibration, or the robot with --robot",
+        path.display(),
+        calibration.robot
+    )))
 }
 
 impl Measured {
@@ -257,14 +275,7 @@ fn calibrate(args: &CalibrateArgs) -> Result<(), ExpectedError> {
     } else {
         Calibration { robot: args.robot.clone(), ..Calibration::default() }
     };
-    if calibration.robot != args.robot {
-        return Err(ExpectedError::bad_input(&format!(
-            "{} is for the robot {}, not for {}\n  next: name another file with --file, or the robot with --robot",
-            args.file.display(),
-            calibration.robot,
-            args.robot
-        )));
-    }
+    require_robot(&calibration, &args.file, &args.robot)?;
     if let Some(robot_m) = args.tool_at {
         let stop = interrupt();
         let target = measure(&args.tracker.tracker, &args.tracker.wish(), &|| !stop.load(Ordering::Relaxed))?;
@@ -278,26 +289,11 @@ fn calibrate(args: &CalibrateArgs) -> Result<(), ExpectedError> {
         write_whole(&args.file, calibration.to_toml().as_bytes())
             .map_err(|error| ExpectedError::output(&args.file, &error))?;
     }
-    match solve(&calibration.pairs) {
-        Ok(solved) => {
-            tell(args, &calibration, &solved);
-            if solved.residual_rms_m <= RESIDUAL_MAX_M {
-                return Ok(());
-            }
-            let worst =
-                solved.residuals_m.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(k, _)| k);
-            Err(ExpectedError::new(
-                exit::FINDINGS,
-                format!(
-                    "the points disagree by {:.1} mm; point {} is the worst\n  next: take it out of {} or measure again",
-                    1e3 * solved.residual_rms_m,
-                    worst + 1,
-                    args.file.display()
-                ),
-            ))
-        }
-        Err(error) => Err(ExpectedError::new(exit::FINDINGS, format!("{}: {error}", args.file.display()))),
-    }
+    let judged = solve(&calibration.pairs).and_then(|solved| {
+        tell(args, &calibration, &solved);
+        solved.agree()
+    });
+    judged.map_err(|error| ExpectedError::new(exit::FINDINGS, format!("{}: {error}", args.file.display())))
 }
 
 fn tell(args: &CalibrateArgs, calibration: &Calibration, solved: &Solved) {
@@ -309,19 +305,26 @@ fn tell(args: &CalibrateArgs, calibration: &Calibration, solved: &Solved) {
             "points": calibration.pairs.len(),
             "residual_rms_m": solved.residual_rms_m,
             "residuals_m": solved.residuals_m,
+            "distances_from_where_the_others_put_it_m": solved.foretold_m,
             "rotation_rows": rows,
             "translation_m": translation,
         }));
         return;
     }
     console::line!(
-        "{} points agree within {:.2} mm (root mean square)",
+        "{} points fit within {:.2} mm (root mean square)",
         calibration.pairs.len(),
         1e3 * solved.residual_rms_m
     );
-    for (k, (pair, residual_m)) in calibration.pairs.iter().zip(&solved.residuals_m).enumerate() {
+    let distances = solved.residuals_m.iter().zip(&solved.foretold_m);
+    for (k, (pair, (residual_m, foretold_m))) in calibration.pairs.iter().zip(distances).enumerate() {
         let [x, y, z] = pair.robot_m;
-        console::line!("  point {} at ({x:.3}, {y:.3}, {z:.3}) m: {:.2} mm", k + 1, 1e3 * residual_m);
+        console::line!(
+            "  point {} at ({x:.3}, {y:.3}, {z:.3}) m: {:.2} mm, {:.2} mm from where the others put it",
+            k + 1,
+            1e3 * residual_m,
+            1e3 * foretold_m
+        );
     }
 }
 

@@ -1,5 +1,6 @@
 //! `cubectl unlock`
 
+use firmware::registers::{Kind, RegisterInfo, TABLE};
 use protocol::cyphal::cubecell::command::{UNLOCK, UNLOCK_VALID_S_MAX, Unlock};
 use robot_model::AnyRobot;
 
@@ -11,7 +12,9 @@ use operator::dialogue::registers::Numbers;
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl unlock powercube6 --for 600 --set joint.error_max_rad=0.4,0.4,0.4,0.4,0.4,0.4 --bus can0\n  cubectl unlock powercube6 --for 0 --bus can0               # the limits of the robot hold again, at once\n\nA controller takes limits up to those of the robot it was started for. Wider ones need this, and end with the time,\nor when the controller is switched off. The trajectory has to be committed again after any change of a limit."
+    after_help = "Examples:\n  cubectl unlock powercube6 --for 600 --set joint.error_max_rad=0.4,0.4,0.4,0.4,0.4,0.4 --bus can0\n  cubectl unlock powercube6 --for 0 --bus can0               # the limits of the robot hold again, at once\n\nA controller takes limits up to those of the robot it was started for. Wider ones need this, and end with the time,\nor when the controller is switched off. Offset, direction and address of a joint, and a weaker supervision (watchdogs, missed
+replies, late cycles), need it too: set those with `cubectl registers set` meanwhile. The trajectory has to be committed again
+after any change of a limit."
 )]
 pub struct Args {
     /// Robot whose limits are to be exceeded: a built-in name or a file. It must be the one of the controller.
@@ -32,7 +35,8 @@ pub struct Args {
 fn setting(text: &str) -> Result<(&'static str, Vec<f32>), String> {
     let (name, values) = text.split_once('=').ok_or("must be REGISTER=VALUE,...")?;
     // Others than those of the joints: `cubectl registers set`.
-    let limits = firmware::registers::TABLE.iter().filter(|info| info.is_limit() && info.per_joint);
+    let is_real = |info: &&RegisterInfo| info.is_limit() && info.per_joint && info.kind == Kind::Real32;
+    let limits = TABLE.iter().filter(is_real);
     let info = limits.clone().find(|info| info.name == name);
     let limits: Vec<&str> = limits.map(|info| info.name).collect();
     let info = info.ok_or_else(|| format!("'{name}' is no limit; the limits are {}", limits.join(", ")))?;

@@ -9,7 +9,6 @@ use nalgebra::Vector3;
 use protocol::cyphal::id::NodeId;
 use protocol::{Duration, Instant};
 use robot_model::AnyRobot;
-use robot_model::collision::Scene;
 
 use super::evidence::{BusTap, Evidence, ReportedOutcome, Seen};
 use operator::bus::BusArgs;
@@ -21,6 +20,7 @@ use operator::bus::settings::settings_of;
 use operator::bus::sim::SimSetup;
 use operator::dialogue::operator::OperatorError;
 use operator::port::OnBus;
+use operator::throw::cell::take_plan;
 use operator::throw::job::Step;
 use operator::throw::outcome::{self, Outcome, default_tolerance_m};
 use operator::throw::{Job, JobError, Record, job};
@@ -65,11 +65,11 @@ impl Bench {
             .map_err(|error| error.to_string())?;
         apply(&choice, &mut settings);
         Ok(Self {
+            tolerance_m: default_tolerance_m(&arm, &plan),
             arm: *arm,
             robot,
             settings,
             gains: Some(choice.gains),
-            tolerance_m: default_tolerance_m(&plan),
             plan,
         })
     }
@@ -121,7 +121,7 @@ impl Bench {
             faults: scenario.faults.clone(),
             actions: scenario.actions.clone(),
         };
-        setup.cell.gripper.landing_z_m = Some(self.plan.target.position_m[2]);
+        take_plan(&mut setup.cell, &self.plan);
         let cell =
             Cell { robot_source: ROBOT.to_owned(), robot: self.robot.clone(), seed: scenario.seed, setup };
         let mut session = BusArgs::default().open_cell(&cell, Some(&self.settings))?;
@@ -129,12 +129,10 @@ impl Bench {
         session.add_tap(Box::new(tap.clone()));
         record_trace(&mut session)?;
 
-        let scene = Scene { ball_held: true, ..Scene::default() };
         let job = Job {
             arm: &self.arm,
             plan: &self.plan,
             gains: self.gains.as_ref(),
-            scene: &scene,
             approach_share: 0.3,
             seed: scenario.seed,
             tolerance_m: self.tolerance_m,
@@ -142,10 +140,10 @@ impl Bench {
         };
         let mut record = Record::default();
         let mut operator = OnBus::new(&mut session, None, scenario.bus.bit_rate_bit_s);
-        let ended = job::run(&mut operator, &job, &mut record, &mut |_| true);
+        let ended = job::run(&mut operator, &job, &mut record, &mut |_| job::Answer::Yes);
         let job_end = session.now();
         let mut broken = match &ended {
-            Err(JobError::Operator(OperatorError::Bus(failure))) => Some(failure.to_string()),
+            Err(JobError::Operator(OperatorError::Bus(failure))) => world_broken(failure),
             _ => None,
         };
         if broken.is_none() {
@@ -164,6 +162,11 @@ impl Bench {
         let (seen, told_ball) = (Seen::of(&ball, &target, self.tolerance_m), record.ball);
         Ok(Evidence { told, told_ball, seen, ball, trace, bus: tap.take(), steps, job_end, end, broken })
     }
+}
+
+/// A failure of the bus or of its simulation; a stop that another node gave is an outcome.
+fn world_broken(failure: &BusFailure) -> Option<String> {
+    (!matches!(failure, BusFailure::StoppedByOther(_))).then(|| failure.to_string())
 }
 
 fn record_trace(session: &mut Session) -> Result<(), BusFailure> {

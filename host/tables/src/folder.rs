@@ -69,20 +69,71 @@ impl Study {
         self.shards
     }
 
-    /// What differs between the sweep of a folder and the one that was asked for, a line for each name.
     fn differs(&self, asked: &Self) -> String {
-        let names: BTreeSet<&String> = self.words.keys().chain(asked.words.keys()).collect();
-        let nothing = "nothing".to_owned();
-        let mut lines = String::new();
-        for name in names {
-            let (there, asked) = (self.words.get(name), asked.words.get(name));
-            if there != asked {
-                let (there, asked) = excerpts(there.unwrap_or(&nothing), asked.unwrap_or(&nothing));
-                lines += &format!("\n  {name}: {there} there, {asked} asked for");
-            }
-        }
-        lines
+        differs(&self.words, &asked.words)
     }
+}
+
+/// What differs between what made the rows and what is asked for, a line for each name.
+fn differs(there: &BTreeMap<String, String>, asked: &BTreeMap<String, String>) -> String {
+    let names: BTreeSet<&String> = there.keys().chain(asked.keys()).collect();
+    let nothing = "nothing".to_owned();
+    let mut lines = String::new();
+    for name in names {
+        let (there, asked) = (there.get(name), asked.get(name));
+        if there != asked {
+            let (there, asked) = excerpts(there.unwrap_or(&nothing), asked.unwrap_or(&nothing));
+            lines += &format!("\n  {name}: {there} there, {asked} asked for");
+        }
+    }
+    lines
+}
+
+/// Refuses to continue a table with rows that were made with other words; `words` are everything that rows follow from, by name. They
+/// stand in `TABLE.study.json` beside the table; for one without rows they are written.
+///
+/// # Errors
+/// The rows were made with other words or nobody says with which, or the file cannot be read or written.
+pub fn claim_table(table: &Path, empty: bool, words: &BTreeMap<String, String>) -> Result<(), TableError> {
+    let file = table.with_extension(STUDY_FILE);
+    if empty {
+        let text = serde_json::to_string_pretty(words).unwrap_or_default() + "\n";
+        return replace(&file, &text).map_err(TableError::writing(&file));
+    }
+    let text = match study_text(&file) {
+        Ok(text) => text,
+        Err(error) if error.kind() == ErrorKind::NotFound => String::new(),
+        Err(error) => return Err(TableError::reading(&file)(error)),
+    };
+    let there: BTreeMap<String, String> = serde_json::from_str(&text).unwrap_or_default();
+    if there == *words {
+        return Ok(());
+    }
+    let why = if there.is_empty() {
+        format!("\n  {} does not say what made them", file.display())
+    } else {
+        differs(&there, words)
+    };
+    Err(TableError::Refused(format!(
+        "{} has rows that were made otherwise:{why}\n  next: name another file with --out, or remove this one",
+        table.display()
+    )))
+}
+
+/// The text of a study file; nothing for one that is too long.
+fn study_text(file: &Path) -> io::Result<String> {
+    if fs::metadata(file)?.len() > STUDY_MAX_BYTES { Ok(String::new()) } else { fs::read_to_string(file) }
+}
+
+/// Puts a file in place, whole.
+fn replace(file: &Path, text: &str) -> io::Result<()> {
+    let temporary = file.with_extension(format!("{:016x}.tmp", unique()));
+    let written = fs::write(&temporary, text).and_then(|()| fs::rename(&temporary, file));
+    if written.is_err() {
+        // That it cannot be removed either would change nothing.
+        let _ = fs::remove_file(&temporary);
+    }
+    written
 }
 
 /// Two texts for a message. Of long texts only the part that differs is kept, with some words around it.
@@ -148,17 +199,12 @@ impl Folder {
                 file.display()
             ))
         };
-        let length = match fs::metadata(&file) {
-            Ok(data) => data.len(),
+        let text = match study_text(&file) {
+            Ok(text) => text,
             Err(error) if error.kind() == ErrorKind::NotFound => {
                 return Err(refuse("there is no sweep here"));
             }
             Err(error) => return Err(TableError::reading(&file)(error)),
-        };
-        let text = if length > STUDY_MAX_BYTES {
-            String::new()
-        } else {
-            fs::read_to_string(&file).map_err(TableError::reading(&file))?
         };
         let study = Study::from_json(&text).ok_or_else(|| refuse("does not say what the sweep is of"))?;
         Ok(Self { path: path.to_owned(), study, text })

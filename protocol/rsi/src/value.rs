@@ -72,7 +72,7 @@ impl ValueType {
 }
 
 /// What a decimal looks like, for messages.
-pub(crate) const DECIMAL: &str = "a decimal with a point, without exponent, below 1e9";
+pub(crate) const DECIMAL: &str = "a decimal with a point, below 1e9";
 
 /// A value of an entry.
 #[derive(Clone, Debug, PartialEq)]
@@ -111,12 +111,12 @@ impl Value {
     }
 }
 
-/// Reads `-12.5`, `3`, `+.5`; no exponent, no NaN, no infinity, magnitude below 1e9.
+/// Reads `-12.5`, `3`, `+.5`, `-7.1e-05`; no NaN, no infinity, magnitude below 1e9. None is written with an exponent, but some
+/// controllers send small numbers so.
 #[must_use]
 pub fn parse_decimal(text: &str) -> Option<f64> {
-    let digits = text.strip_prefix(['-', '+']).unwrap_or(text);
-    let plain = digits.bytes().all(|byte| byte.is_ascii_digit() || byte == b'.');
-    if !plain || text.len() > MAX_DECIMAL_CHARS {
+    let number = text.bytes().all(|byte| byte.is_ascii_digit() || b".+-eE".contains(&byte));
+    if !number || text.len() > MAX_DECIMAL_CHARS {
         return None;
     }
     text.parse::<f64>().ok().filter(|x| x.abs() < MAX_DECIMAL)

@@ -107,6 +107,13 @@ pub trait Application {
         let _ = (now, client, index, value);
     }
 
+    /// True for a command that is carried out even if there is no room for its answer: one that ends a motion. Every other
+    /// request waits for its repetition then.
+    fn is_urgent(&self, command: u16) -> bool {
+        let _ = command;
+        false
+    }
+
     /// Carries out a command; `output` has [`command::OUTPUT_LEN_MAX`] bytes.
     ///
     /// The same command may come twice when an answer is lost.
@@ -257,7 +264,7 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const RX: usize, const SLOTS: 
         self.undecodable
     }
 
-    /// Requests ignored because there was no room for the answer.
+    /// Requests without an answer because there was no room for it. Only urgent commands were carried out all the same.
     pub const fn unanswered(&self) -> u32 {
         self.unanswered
     }
@@ -292,7 +299,7 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const RX: usize, const SLOTS: 
                     transfer_id: transfer.transfer_id,
                     deadline: now + RESPONSE_VALID,
                 };
-                if tx.room(meta.priority) == 0 {
+                if tx.room(meta.priority) == 0 && !is_urgent(service, transfer.payload, app) {
                     self.unanswered = self.unanswered.saturating_add(1);
                     return;
                 }
@@ -379,6 +386,11 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const RX: usize, const SLOTS: 
 fn next_due(due: Instant, now: Instant, period: Duration) -> Instant {
     let next = due + period;
     if next > now { next } else { now + period }
+}
+
+fn is_urgent(service: ServiceId, payload: &[u8], app: &dyn Application) -> bool {
+    service == command::SERVICE
+        && CommandRequest::from_bytes(payload).is_ok_and(|request| app.is_urgent(request.command))
 }
 
 /// Queues a message under the next number of its subject. Periodic messages ignore a refusal: when

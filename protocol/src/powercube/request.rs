@@ -123,7 +123,7 @@ impl Request {
     }
 
     /// The command byte.
-    pub const fn command(self) -> Command {
+    pub const fn command(&self) -> Command {
         match self {
             Self::Simple(simple) => simple.command(),
             Self::Internal(_) => Command::Internal,
@@ -135,7 +135,7 @@ impl Request {
     }
 
     /// The customary channel: GET for reads, PUT for all else.
-    pub const fn channel(self) -> Channel {
+    pub const fn channel(&self) -> Channel {
         match self {
             Self::Get(_) => Channel::Get,
             _ => Channel::Put,
@@ -143,32 +143,36 @@ impl Request {
     }
 
     /// The frame to `module` on the customary channel.
-    pub fn encode(self, module: ModuleId) -> Frame {
-        AddressedRequest { module, channel: self.channel(), request: self }.encode()
+    // By reference: a controller encodes a request for each drive in each control period, and a copy costs more than the frame.
+    pub fn encode(&self, module: ModuleId) -> Frame {
+        self.encode_with(self.channel().id(module))
     }
-}
 
-impl AddressedRequest {
-    /// The frame, on the channel given.
-    pub fn encode(self) -> Frame {
-        let id = self.channel.id(self.module);
-        let command = self.request.command().code();
-        match self.request {
-            Request::Simple(_) => Frame::from_array(id, [command]),
-            Request::Internal([a, b, c, d, e, f, g]) => Frame::from_array(id, [command, a, b, c, d, e, f, g]),
-            Request::Get(parameter) => Frame::from_array(id, [command, parameter.code()]),
-            Request::Set(parameter, value) => frame_of_value(id, command, parameter, value),
-            Request::Move(motion) => {
+    fn encode_with(&self, id: Id) -> Frame {
+        let command = self.command().code();
+        match *self {
+            Self::Simple(_) => Frame::from_array(id, [command]),
+            Self::Internal([a, b, c, d, e, f, g]) => Frame::from_array(id, [command, a, b, c, d, e, f, g]),
+            Self::Get(parameter) => Frame::from_array(id, [command, parameter.code()]),
+            Self::Set(parameter, value) => frame_of_value(id, command, parameter, value),
+            Self::Move(motion) => {
                 let body = motion.to_wire();
                 let [a, b, c, d, e, f, g] = body.bytes;
                 head(id, [command, a, b, c, d, e, f, g], 1 + body.len)
             }
-            Request::SetStepInc { target_ticks, time_ms } => {
+            Self::SetStepInc { target_ticks, time_ms } => {
                 let [a, b, c, d] = target_ticks.to_le_bytes();
                 let [e, f] = time_ms.to_le_bytes();
                 Frame::from_array(id, [command, a, b, c, d, e, f])
             }
         }
+    }
+}
+
+impl AddressedRequest {
+    /// The frame, on the channel given.
+    pub fn encode(&self) -> Frame {
+        self.request.encode_with(self.channel.id(self.module))
     }
 
     /// Understands a frame to a module.

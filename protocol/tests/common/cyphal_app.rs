@@ -148,6 +148,10 @@ impl Application for DemoApp {
         }
     }
 
+    fn is_urgent(&self, command: u16) -> bool {
+        command == cell_command::STOP
+    }
+
     fn execute(
         &mut self,
         _: Instant,

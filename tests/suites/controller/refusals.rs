@@ -3,7 +3,7 @@
 use cell_tests::published_throw;
 use firmware::fault::{Cause, Refusal};
 use firmware::orders::{Done, Order};
-use firmware::registers::Number;
+use firmware::registers::{Number, certificate_crc32};
 use firmware::settings::Settings;
 use firmware::store::FileName;
 use protocol::Duration;
@@ -24,10 +24,18 @@ fn ready(gains: &GainsFile) -> Lab {
         lab.write(name, &numbers).unwrap();
     }
     lab.write("gains.period_us", &[Number::Natural32((gains.period_s * 1e6).round() as u32)]).unwrap();
-    let certificate = firmware::crc::Crc32::of(gains.to_toml().as_bytes());
+    let mut wanted = Settings::powercube6();
+    gains.enter(wanted.gains_robot_crc32, &mut wanted);
+    let certificate = wanted.gains_certificate_crc32;
     lab.write("gains.certificate_crc32", &[Number::Natural32(certificate)]).unwrap();
     assert_eq!(lab.controller().settings().gains_certificate_crc32, certificate);
     lab
+}
+
+/// Writes the certificate of what is in force.
+fn certify(lab: &mut Lab) {
+    let certificate = certificate_crc32(lab.controller().settings());
+    lab.write("gains.certificate_crc32", &[Number::Natural32(certificate)]).unwrap();
 }
 
 fn commit(lab: &mut Lab, file: &[u8]) -> Result<FileName, Refusal> {
@@ -84,8 +92,7 @@ fn gains_of_another_period_are_refused_when_the_group_is_armed() {
         Cause::GainsUncertified,
         "no certificate covers the change"
     );
-    let certificate = Settings::powercube6().gains_certificate_crc32;
-    lab.write("gains.certificate_crc32", &[Number::Natural32(certificate)]).unwrap();
+    certify(&mut lab);
     assert_eq!(arm(&mut lab, name).unwrap_err().cause, Cause::GainPeriod);
     // The controller's own period moved away from under gains and plan: the plan says so first.
     lab.write("cycle.period_us", &[Number::Natural32(4_000)]).unwrap();
@@ -107,9 +114,8 @@ fn plan_for_another_robot_or_period_or_damaged_is_refused() {
     assert_eq!(arm(&mut lab, name).unwrap_err().cause, Cause::FileOtherRobot);
     lab.write("group.robot_crc32", &[Number::Natural32(0x1234_5678)]).unwrap();
     assert_eq!(arm(&mut lab, name).unwrap_err().cause, Cause::GainsOtherRobot);
-    let certificate = lab.controller().settings().gains_certificate_crc32;
     lab.write("gains.robot_crc32", &[Number::Natural32(0x1234_5678)]).unwrap();
-    lab.write("gains.certificate_crc32", &[Number::Natural32(certificate)]).unwrap();
+    certify(&mut lab);
     assert_eq!(arm(&mut lab, name), Ok(Done::Taken));
     assert_eq!(lab.watch.motions, 0);
 }

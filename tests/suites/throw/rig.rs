@@ -24,7 +24,6 @@ use planner::store::Index;
 use protocol::powercube::{AddressedRequest, MotionPosition, Parameter, Reply, Request, Value};
 use protocol::{Duration, Frame, Instant};
 use robot_model::AnyRobot;
-use robot_model::collision::Scene;
 
 /// Answers this far apart show a speed: longer than the steps of the encoder matter, shorter than a ramp.
 const SPEED_WINDOW_S: f64 = 0.02;
@@ -222,19 +221,19 @@ impl Rig {
         let mut session = BusArgs::default().open_cell(&cell, Some(&settings)).unwrap();
         let witness = self.witness();
         session.add_tap(Box::new(witness.clone()));
-        let scene = Scene { ball_held: true, ..Scene::default() };
         let job = Job {
             arm: &self.arm,
             plan,
             gains: None,
-            scene: &scene,
             approach_share: 0.3,
             seed,
             tolerance_m: 0.01,
             go_back: false,
         };
         let mut record = Record::default();
-        job::run(&mut OnBus::new(&mut session, None, 1_000_000), &job, &mut record, &mut |_| true)?;
+        job::run(&mut OnBus::new(&mut session, None, 1_000_000), &job, &mut record, &mut |_| {
+            job::Answer::Yes
+        })?;
         let report = session.sim().unwrap().cell().throw().clone();
         let released = report.release.expect("the ball was released");
         let late_s = record.landing.and_then(|landed| landed.release_late_s).expect("and landed");

@@ -5,7 +5,7 @@
 //! |---|---|---|
 //! | CAN1 RX, TX | PB8, PB9 | transceiver of the drives' bus, 120 Ω at both ends |
 //! | gripper | PC1, high = open unless `gripper.inverted` | valve driver |
-//! | enable | PC2, high = the group may move | enable input of drives or valves |
+//! | enable | PC2, high = the group may move, or brakes after a fault | enable input of drives or valves |
 //! | lamp | PC3, high = on | warning lamp |
 //! | crystal | PH0, PH1 | 8 MHz |
 //!

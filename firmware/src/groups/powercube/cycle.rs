@@ -18,6 +18,7 @@ use super::slots::Slots;
 use super::{Mode, PowerCubes};
 use crate::group::{GroupEvent, PositionSample, SetPoint, Taken};
 use crate::joints::{PerJoint, at_least, clamp};
+use crate::reach::SoftLimits;
 use crate::settings::Settings;
 use crate::span;
 
@@ -247,7 +248,7 @@ impl PowerCubes {
         let loaded = self.drives.at(joint).loaded;
         let axis = self.axes.at_mut(joint);
         let state = RampState { q_rad: set_point.q_rad, v_rad_s: axis.generator.v_at(set_point.acts_at) };
-        let limits_of_ramp = RampLimits::of(limits, settings.reach_rad);
+        let limits_of_ramp = RampLimits::of(limits, SoftLimits::of(limits), settings.reach_rad);
         let mut command =
             ramp::realise(set_point.qdd_rad_s2, set_point.period_s, state, &limits_of_ramp, &loaded);
         let u_rad_s2 = command.qdd_rad_s2 - set_point.qdd_reference_rad_s2;
@@ -273,7 +274,8 @@ impl PowerCubes {
         };
         if let Some(joint) = guest.filter(|_| settings.cycle_guest) {
             let turn = self.cycle.number / settings.joints.max(1);
-            let parameter = if turn.is_multiple_of(2) { Parameter::Cur } else { Parameter::CubeState };
+            let parameter =
+                if turn.is_multiple_of(2) { Self::slow_look(turn / 2) } else { Parameter::CubeState };
             self.schedule.push(joint, Request::Get(parameter));
         }
     }
@@ -306,11 +308,13 @@ impl PowerCubes {
 
     /// Every joint on its own: one ramp to where it can just stop.
     pub(super) fn brake_all(&mut self, now: Instant, settings: &Settings) -> Instant {
-        let jogged = if let Mode::Jogging(jog) = self.mode { Some(jog.joint) } else { None };
+        let jog = if let Mode::Jogging(jog) = self.mode { Some(jog) } else { None };
+        let jogged = jog.map(|jog| jog.joint);
         self.schedule.clear_all();
         self.mode = Mode::Braking { jogged };
-        if let Some(joint) = jogged {
-            return self.ramp_down(now, settings, joint, jogged);
+        if let Some(jog) = jog {
+            // A joint that was not led yet stays: a command would open its brake.
+            return if jog.led { self.ramp_down(now, settings, jog.joint, jogged) } else { now };
         }
         settings.joints().fold(now, |until, joint| until.max(self.ramp_down(now, settings, joint, None)))
     }
@@ -327,7 +331,8 @@ impl PowerCubes {
         let limits = settings.joint.at(joint);
         let a_rad_s2 = if jogged.is_some() { limits.jog_a_rad_s2 } else { limits.a_max_rad_s2 };
         let state = self.axes.at(joint).model.generator_at(now + BRAKE_LEAD);
-        let mut command = ramp::stop(state, a_rad_s2, &RampLimits::of(limits, settings.reach_rad));
+        let soft = SoftLimits::kept(limits, self.drives.at(joint).is_homed());
+        let mut command = ramp::stop(state, a_rad_s2, &RampLimits::of(limits, soft, settings.reach_rad));
         // The speed in the drive is at least the present one; writing it would cost time.
         command.velocity_rad_s = None;
         self.plan(settings, joint, &command);
@@ -382,7 +387,10 @@ impl PowerCubes {
         Request::Get(match self.cycle.number % 4 {
             0 | 2 => position,
             1 => Parameter::CubeState,
-            _ => Parameter::Cur,
+            // Beside a joint at work each look is for its current.
+            _ if !matches!(self.mode, Mode::Standing { .. }) => Parameter::Cur,
+            _ if !self.holds_settings(settings, joint) => return Self::current_write(settings, joint),
+            _ => Self::slow_look(self.cycle.number / 4),
         })
     }
 

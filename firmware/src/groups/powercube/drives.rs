@@ -162,6 +162,8 @@ pub struct DriveRecord {
     pub over_current: u8,
     /// What the drive's ramp registers hold.
     pub loaded: Loaded,
+    /// Current limit that the drive holds, A; `None` when not known.
+    pub max_cur_a: Option<f32>,
 }
 
 impl DriveRecord {
@@ -320,6 +322,7 @@ impl DriveRecord {
         match request {
             Request::Set(Parameter::TargetVel, _) => self.loaded.v_rad_s = None,
             Request::Set(Parameter::TargetAcc, _) => self.loaded.a_rad_s2 = None,
+            Request::Set(Parameter::MaxCur, _) => self.max_cur_a = None,
             _ => {}
         }
     }

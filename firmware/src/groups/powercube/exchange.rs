@@ -1,10 +1,10 @@
 //! Sends the requests of the schedule and evaluates the replies: each reply updates the record of its drive.
 
 use protocol::powercube::{
-    ACCEPTED, Address, Broadcast, Channel, CubeState, Dio, MotionCommand, MotionPosition, Parameter,
-    PosStateDio, Reply, Request, SimpleCommand, Value,
+    ACCEPTED, Address, Broadcast, Channel, CubeState, MotionCommand, MotionPosition, Parameter, PosStateDio,
+    Reply, Request, SimpleCommand, Value,
 };
-use protocol::{Duration, Frame, Instant, JointIndex, ModuleId};
+use protocol::{Duration, Frame, Instant, JointIndex};
 
 use super::cycle::Sent;
 use super::drives::{Lane, Matched, is_foreign_request};
@@ -31,16 +31,29 @@ impl PowerCubes {
         }
     }
 
-    fn ask(&mut self, now: Instant, settings: &Settings, joint: JointIndex, lane: Lane, request: &Request) {
+    pub(super) fn ask(
+        &mut self,
+        now: Instant,
+        settings: &Settings,
+        joint: JointIndex,
+        lane: Lane,
+        request: &Request,
+    ) {
         // The one place where motion leaves: a mode that must not move cannot make it.
         if matches!(request, Request::Move(_)) {
             if !self.mode.may_move() {
                 return;
             }
             self.counters.motions = self.counters.motions.wrapping_add(1);
-            self.drives.at_mut(joint).rest.forget();
+            if let Mode::Jogging(jog) = &mut self.mode {
+                jog.led = true;
+            }
             let axis = self.axes.at_mut(joint);
             axis.sent = Sent { cycle_at: self.cycle.at, ..axis.planned };
+        }
+        // A halt may overtake either of them in the drive.
+        if matches!(request, Request::Move(_) | Request::Simple(SimpleCommand::Home)) {
+            self.drives.at_mut(joint).rest.forget();
         }
         let deadline = now + self.reply_deadline(settings);
         self.drives.at_mut(joint).begin(now, lane, request, deadline);
@@ -49,30 +62,12 @@ impl PowerCubes {
 
     /// How long an answer may take. In a control cycle the setting; otherwise long enough for a bus or a computer that is held
     /// up for a moment, because nothing depends on the answer being fast.
-    const fn reply_deadline(&self, settings: &Settings) -> Duration {
+    pub(super) const fn reply_deadline(&self, settings: &Settings) -> Duration {
         match self.mode {
             Mode::Tracking | Mode::Parking | Mode::Braking { .. } | Mode::Halted | Mode::Jogging(_) => {
                 Duration::from_micros(settings.reply_deadline_us as u64)
             }
             Mode::Finding(_) | Mode::Standing { .. } | Mode::Homing(_) => SLOW_DEADLINE,
-        }
-    }
-
-    fn pump_gripper(&mut self, now: Instant, settings: &Settings) {
-        let (Some(open), address @ 1..) = (self.gripper_write, settings.gripper_address) else { return };
-        let joint = settings.joints().find(|&joint| settings.joint.at(joint).address == address);
-        let Some(joint) = joint else {
-            // A module that is no joint: nobody waits for its answer.
-            self.gripper_write = None;
-            if let Some(module) = u8::try_from(address).ok().and_then(|a| ModuleId::new(a).ok()) {
-                self.send(&gripper_request(open, Dio(0), settings).encode(module));
-            }
-            return;
-        };
-        let request = gripper_request(open, self.drives.at(joint).dio, settings);
-        if self.drives.at(joint).can_send(Lane::Side, &request, now) {
-            self.gripper_write = None;
-            self.ask(now, settings, joint, Lane::Side, &request);
         }
     }
 
@@ -92,7 +87,7 @@ impl PowerCubes {
     #[inline(never)]
     pub(super) fn give_up_due(&mut self, now: Instant, settings: &Settings) {
         for joint in settings.joints() {
-            // Two lanes.
+            // Main lane and side lane.
             for _ in 0..2 {
                 let Some((lane, request)) = self.drives.at_mut(joint).give_up_due(now) else { break };
                 self.give_up(now, settings, joint, lane, request);
@@ -135,7 +130,9 @@ impl PowerCubes {
         match self.mode {
             Mode::Finding(stage) => self.finding_on_missed(stage, joint),
             Mode::Homing(homing) if homing.joint == joint => self.homing_on_missed(settings, homing, request),
-            Mode::Jogging(jog) if jog.joint == joint => self.jogging_on_missed(settings, jog, request),
+            Mode::Jogging(jog) if jog.joint == joint => {
+                self.jogging_on_missed(now, settings, jog, request);
+            }
             // One that stays silent is halted instead.
             Mode::Braking { jogged }
                 if lane == Lane::Main
@@ -178,7 +175,10 @@ impl PowerCubes {
             return;
         }
         let Ok((module, reply)) = Reply::decode(frame) else { return };
-        let Some(joint) = settings.joint_of(module) else { return };
+        let Some(joint) = settings.joint_of(module) else {
+            self.take_stranger(settings, module, &reply);
+            return;
+        };
         if let (Channel::State, Reply::State(state)) = (channel, reply) {
             self.take_state(now, joint, state);
             return;
@@ -241,6 +241,9 @@ impl PowerCubes {
             Reply::Value(Parameter::Cur, Value::F32(current_a)) => {
                 self.take_current(settings, joint, current_a);
             }
+            Reply::Value(parameter @ (Parameter::MaxCur | Parameter::Config), value) => {
+                self.compare_held(joint, parameter, value);
+            }
             Reply::Value(Parameter::DefVersion, Value::U16(version)) => {
                 self.drives.at_mut(joint).version = Some(protocol::powercube::FirmwareVersion(version));
             }
@@ -291,7 +294,6 @@ impl PowerCubes {
         drive.implausible = false;
         drive.position = Some(sample);
         drive.rest.take(sample);
-        let short_state = drive.short_state;
         if let Some(cause) = self.compare_with_model(settings, joint, sample) {
             self.fail(Fault::at(cause, joint));
         }
@@ -303,8 +305,20 @@ impl PowerCubes {
         } else {
             None
         };
-        let trouble = check_short_state(short_state);
+        let trouble = self.short_trouble(joint);
+        if let (Some(cause), Mode::Jogging(jog)) = (trouble, self.mode)
+            && jog.joint == joint
+            && jog.led
+        {
+            self.fail(Fault::at(cause, joint));
+        }
         self.push(GroupEvent::Measured(Measured { joint, sample, in_force, trouble }));
+    }
+
+    /// What the short state of a drive says. Without a zero it always says that something is wrong.
+    fn short_trouble(&self, joint: JointIndex) -> Option<Cause> {
+        let drive = self.drives.at(joint);
+        if drive.is_homed() { check_short_state(drive.short_state) } else { None }
     }
 
     /// A position of unknown time, answered while joints move: the drive lives and tells its state, but a position taken for
@@ -313,7 +327,7 @@ impl PowerCubes {
         if target_rad.is_some() {
             self.doubt_motion(settings, joint);
         }
-        if let Some(cause) = check_short_state(self.drives.at(joint).short_state) {
+        if let Some(cause) = self.short_trouble(joint) {
             self.fail(Fault::at(cause, joint));
         }
         // No answer in a row is missing: it is not silent.
@@ -411,11 +425,15 @@ impl PowerCubes {
             Request::Set(_, Value::F32(value)) if accepted => Some(value),
             _ => None,
         };
-        let loaded = &mut self.drives.at_mut(joint).loaded;
+        let drive = self.drives.at_mut(joint);
         match parameter {
-            Parameter::TargetVel => loaded.v_rad_s = value,
-            Parameter::TargetAcc => loaded.a_rad_s2 = value,
+            Parameter::TargetVel => drive.loaded.v_rad_s = value,
+            Parameter::TargetAcc => drive.loaded.a_rad_s2 = value,
+            Parameter::MaxCur => drive.max_cur_a = value,
             _ => {}
+        }
+        if accepted {
+            self.end_gripper_write(parameter);
         }
         if !accepted && self.mode.may_move() {
             self.fail(Fault::at(Cause::DriveRefused, joint));
@@ -431,31 +449,5 @@ fn ramp_target(request: &Request) -> Option<f32> {
             _ => None,
         },
         _ => None,
-    }
-}
-
-/// Write that sets the gripper's line of a module and leaves its other outputs as last seen.
-fn gripper_request(open: bool, seen: Dio, settings: &Settings) -> Request {
-    let line = 1u8 << (settings.gripper_line & 3);
-    let level = open != settings.gripper_inverted;
-    let outputs = if level { seen.outputs() | line } else { seen.outputs() & !line };
-    // Outputs are bits 4 to 7 of the word; inputs are not written.
-    Request::Set(Parameter::DioData, Value::U32(u32::from(outputs) << 4))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn gripper_write_keeps_the_other_lines_of_the_module() {
-        let mut settings = Settings::powercube6();
-        settings.gripper_line = 2;
-        let seen = Dio::new(0b0000, 0b1001);
-        let request = gripper_request(true, seen, &settings);
-        assert_eq!(request, Request::Set(Parameter::DioData, Value::U32(0b1101_0000)));
-        settings.gripper_inverted = true;
-        let request = gripper_request(true, seen, &settings);
-        assert_eq!(request, Request::Set(Parameter::DioData, Value::U32(0b1001_0000)));
     }
 }

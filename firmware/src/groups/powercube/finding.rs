@@ -99,6 +99,7 @@ impl PowerCubes {
             let drive = self.drives.at_mut(joint);
             (drive.state, drive.position, drive.missed_in_row, drive.over_current) = (None, None, 0, 0);
             (drive.rest, drive.motion_words) = (Rest::default(), 0);
+            (drive.max_cur_a, drive.config) = (None, None);
         }
         if settings.watchdog_enable {
             // A watchdog that still runs from before must not expire during the search.
@@ -199,12 +200,11 @@ impl PowerCubes {
     }
 
     fn next_request(&self, settings: &Settings, joint: JointIndex) -> Option<Request> {
-        let limits = settings.joint.at(joint);
         Some(match self.progress.at(joint).step {
             VERSION => Request::Get(Parameter::DefVersion),
             CONFIG => Request::Get(Parameter::Config),
             SET_CONFIG => Request::Set(Parameter::Config, Value::U32(self.wanted_config(settings, joint)?)),
-            CURRENT => Request::Set(Parameter::MaxCur, Value::F32(limits.current_max_a)),
+            CURRENT => Self::current_write(settings, joint),
             STATE => Request::Get(Parameter::CubeState),
             POSITION if self.has_pos_state(joint) => Request::Get(Parameter::PosStateDio),
             POSITION => Request::Get(Parameter::ActPos),

@@ -74,8 +74,7 @@ impl PowerCubes {
     }
 
     pub(super) fn restore_current(&mut self, settings: &Settings, joint: JointIndex) {
-        let current_a = settings.joint.at(joint).current_max_a;
-        self.set_agenda(joint, &[Request::Set(Parameter::MaxCur, Value::F32(current_a))]);
+        self.set_agenda(joint, &[Self::current_write(settings, joint)]);
     }
 
     pub(super) fn homing_on_answer(

@@ -5,18 +5,20 @@
 
 use protocol::powercube::{MotionCommand, MotionRequest, Parameter, Request, Value};
 use protocol::units::Radians;
-use protocol::{Instant, JointIndex};
+use protocol::{Duration, Instant, JointIndex};
 
 use super::drive_model::DriveModel;
-use super::ramp::{self, RampLimits, RampState};
 use super::readiness::RESET_SETTLE;
 use super::{Mode, PowerCubes};
 use crate::fault::{Cause, Fault};
 use crate::group::GroupEvent;
-use crate::joints::clamp;
+use crate::reach::{self, SoftLimits};
 use crate::rest::REST_SLACK;
 use crate::settings::Settings;
 use crate::span;
+
+/// A target is made only from a position that is younger; two answers may be missed in between. A joint goes 8 mrad meanwhile at most.
+const POSITION_AGE_MAX: Duration = Duration::from_millis(32);
 
 /// Jog in work.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,6 +27,8 @@ pub struct Jog {
     /// Within the speed of a jog.
     qd_rad_s: f32,
     until: Instant,
+    /// A motion has left.
+    pub(super) led: bool,
     step: Step,
 }
 
@@ -59,7 +63,7 @@ impl PowerCubes {
         }
         self.axes.at_mut(joint).model = DriveModel::at_rest(now, self.q_rad(joint));
         self.schedule.clear_all();
-        self.mode = Mode::Jogging(Jog { joint, qd_rad_s, until, step: Step::Starting });
+        self.mode = Mode::Jogging(Jog { joint, qd_rad_s, until, led: false, step: Step::Starting });
         self.start_jog(settings, joint);
     }
 
@@ -81,6 +85,9 @@ impl PowerCubes {
         match jog.step {
             Step::Starting | Step::Moving if jog.until <= now || jog.qd_rad_s == 0.0 => {
                 self.release_jog(now, settings, jog);
+            }
+            Step::Moving if is_free && !self.is_fresh(now, jog.joint) => {
+                self.schedule.push(jog.joint, Request::Get(Parameter::PosStateDio));
             }
             Step::Moving if is_free => {
                 let target_rad = self.jog_target(now, settings, &jog);
@@ -110,33 +117,28 @@ impl PowerCubes {
         }
     }
 
-    /// Where the joint comes to rest if this is the last command. An unhomed joint has no limits to keep.
+    /// Whether the position still says where the joint is: after a while without answers a target made from it may lie behind.
+    fn is_fresh(&self, now: Instant, joint: JointIndex) -> bool {
+        let position = self.drives.at(joint).position;
+        position.is_some_and(|position| now.saturating_since(position.at) <= POSITION_AGE_MAX)
+    }
+
+    /// Where the joint comes to rest if this is the last command.
     fn jog_target(&self, now: Instant, settings: &Settings, jog: &Jog) -> f32 {
         let limits = settings.joint.at(jog.joint);
         let q_rad = self.q_rad(jog.joint);
         let left_s = span::seconds(jog.until.saturating_since(now));
-        let way_rad = jog.qd_rad_s * left_s + 0.5 * jog.qd_rad_s * jog.qd_rad_s.abs() / limits.jog_a_rad_s2;
-        let target_rad = q_rad + way_rad;
-        if self.drives.at(jog.joint).is_homed() {
-            clamp(target_rad, limits.q_min_rad.min(q_rad), limits.q_max_rad.max(q_rad))
-        } else {
-            target_rad
-        }
+        let way_rad = jog.qd_rad_s * left_s + reach::way_rad(jog.qd_rad_s, limits.jog_a_rad_s2);
+        let soft = SoftLimits::kept(limits, self.drives.at(jog.joint).is_homed());
+        reach::reachable(q_rad, soft, q_rad + way_rad)
     }
 
-    /// Ramp to rest from where the joint is.
+    /// Ramp to rest from where the joint is. One that was not led yet stays.
     fn release_jog(&mut self, now: Instant, settings: &Settings, jog: Jog) {
         let limits = settings.joint.at(jog.joint);
-        let Some(position) = self.drives.at(jog.joint).position else { return };
-        let v_rad_s = if jog.step == Step::Moving { jog.qd_rad_s } else { 0.0 };
-        let state = RampState { q_rad: position.q_rad, v_rad_s };
-        let stop = ramp::stop(state, limits.jog_a_rad_s2, &RampLimits::of(limits, settings.reach_rad));
-        let free_rad = position.q_rad + 0.5 * v_rad_s * v_rad_s.abs() / limits.jog_a_rad_s2;
-        let target_rad = if self.drives.at(jog.joint).is_homed() { stop.target_rad } else { free_rad };
-        if jog.step == Step::Moving {
-            self.set_agenda(jog.joint, &jog_requests(settings, &jog, target_rad));
-        } else {
-            self.schedule.clear(jog.joint);
+        self.schedule.clear(jog.joint);
+        if jog.led {
+            self.ramp_down(now, settings, jog.joint, Some(jog.joint));
         }
         let rest_s = 2.0 * limits.jog_v_rad_s / limits.jog_a_rad_s2;
         self.set_jog_step(Step::Releasing { until: now + span::of_seconds(rest_s) + REST_SLACK });
@@ -156,10 +158,20 @@ impl PowerCubes {
         }
     }
 
-    pub(super) fn jogging_on_missed(&mut self, settings: &Settings, jog: Jog, request: Request) {
+    pub(super) fn jogging_on_missed(
+        &mut self,
+        now: Instant,
+        settings: &Settings,
+        jog: Jog,
+        request: Request,
+    ) {
         match (jog.step, request) {
             (Step::Starting, _) => self.start_jog(settings, jog.joint),
             (Step::Restoring, Request::Set(..)) => self.restore_current(settings, jog.joint),
+            // As a stop: what leads the joint to rest is sent again.
+            (Step::Releasing { .. }, Request::Set(..) | Request::Move(_)) if jog.led => {
+                self.ramp_down(now, settings, jog.joint, Some(jog.joint));
+            }
             (Step::Moving | Step::Releasing { .. } | Step::Restoring, _) => {}
         }
     }
@@ -191,7 +203,6 @@ fn jog_requests(settings: &Settings, jog: &Jog, target_rad: f32) -> [Request; 2]
 mod tests {
     use super::*;
     use crate::group::PositionSample;
-    use protocol::Duration;
     use protocol::powercube::CubeState;
 
     /// By hand: 0.1 s at 0.2 rad/s, then braking with 1 rad/s2, are 20 mrad each.
@@ -203,7 +214,7 @@ mod tests {
         assert_eq!(limits.jog_a_rad_s2, 1.0);
         let mut group = PowerCubes::default();
         let until = now + Duration::from_millis(100);
-        let jog = |qd_rad_s| Jog { joint, qd_rad_s, until, step: Step::Moving };
+        let jog = |qd_rad_s| Jog { joint, qd_rad_s, until, led: true, step: Step::Moving };
         let mut target_rad = |q_rad, qd_rad_s, homed: bool| {
             let drive = group.drives.at_mut(joint);
             drive.position = Some(PositionSample { q_rad, at: now });

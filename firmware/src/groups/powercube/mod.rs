@@ -13,6 +13,8 @@
 //! | `exchange` | requests out, replies in; what each answer says |
 //! | `cycle` | periods: set points become requests; reading while nothing moves; signs of life |
 //! | `finding`, `homing`, `jogging` | what takes several steps |
+//! | `held` | what a drive holds beside its ramp registers |
+//! | `output` | the gripper's output of a module |
 //! | `readiness` | what the controller asks before it moves anything |
 //!
 //! A set point goes from `cycle` through [`ramp`] into [`schedule`], from there through `exchange` into [`transmit`]; its
@@ -37,8 +39,10 @@ pub mod words;
 mod cycle;
 mod exchange;
 mod finding;
+mod held;
 mod homing;
 mod jogging;
+mod output;
 mod readiness;
 
 use heapless::Deque;
@@ -53,6 +57,7 @@ use self::drives::DriveRecord;
 use self::finding::BootProgress;
 use self::homing::Homing;
 use self::jogging::Jog;
+use self::output::GripperWrite;
 use self::schedule::Schedule;
 use self::slots::Slots;
 use self::transmit::TransmitQueue;
@@ -120,6 +125,24 @@ enum Turn {
     Done,
 }
 
+/// What the group waits for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Timer {
+    /// An answer of a drive is missing.
+    Answer,
+    /// The gripper's module has not answered.
+    Gripper,
+    /// The drives want a sign of life.
+    Life,
+    /// A period begins.
+    Period,
+    /// A request waits for its slot, or for its key to get free.
+    Slot,
+}
+
+/// Each of them: all that are due are served in one call, in this order.
+const TIMERS: [Timer; 5] = [Timer::Answer, Timer::Gripper, Timer::Life, Timer::Period, Timer::Slot];
+
 /// See the [module](self).
 pub struct PowerCubes {
     mode: Mode,
@@ -139,8 +162,8 @@ pub struct PowerCubes {
     watchdog_due: Option<Instant>,
     /// What the drives said before this is from before the last reset.
     reset_at: Instant,
-    /// Gripper write that waits for its lane.
-    gripper_write: Option<bool>,
+    /// Gripper write that is not answered.
+    gripper_write: Option<GripperWrite>,
     counters: GroupCounters,
 }
 
@@ -195,8 +218,24 @@ impl PowerCubes {
     }
 
     fn push(&mut self, event: GroupEvent) {
-        // No call makes more than there is room for.
-        let _ = self.events.push_back(event);
+        // No call makes more than there is room for. If one did, a fault would take the place of the newest event.
+        if let Err(event) = self.events.push_back(event)
+            && let GroupEvent::Trouble(_) = event
+        {
+            self.events.pop_back();
+            let _ = self.events.push_back(event);
+        }
+    }
+
+    /// When a deadline comes, if there is one.
+    fn deadline(&self, timer: Timer, now: Instant, settings: &Settings) -> Option<Instant> {
+        match timer {
+            Timer::Answer => settings.joints().filter_map(|joint| self.drives.at(joint).deadline()).min(),
+            Timer::Gripper => self.gripper_deadline(),
+            Timer::Life => self.watchdog_due,
+            Timer::Period => Some(self.cycle.due),
+            Timer::Slot => self.schedule.wake_up(now, settings.joints(), &self.drives),
+        }
     }
 
     fn fail(&mut self, fault: Fault) {
@@ -243,6 +282,7 @@ impl DriveGroup for PowerCubes {
             match self.turn {
                 Turn::Answers => {
                     self.give_up_due(now, settings);
+                    self.give_up_gripper(now, settings);
                     self.turn = Turn::LifeThenPeriod;
                 }
                 Turn::LifeThenPeriod => {
@@ -272,10 +312,7 @@ impl DriveGroup for PowerCubes {
     }
 
     fn poll_timeout(&self, now: Instant, settings: &Settings) -> Option<Instant> {
-        let replies = settings.joints().filter_map(|joint| self.drives.at(joint).deadline());
-        // A request may wait for its key to get free.
-        let waiting = self.schedule.wake_up(now, settings.joints(), &self.drives);
-        replies.chain([self.cycle.due]).chain(self.watchdog_due).chain(waiting).min()
+        TIMERS.into_iter().filter_map(|timer| self.deadline(timer, now, settings)).min()
     }
 
     fn command(&mut self, now: Instant, settings: &Settings, command: Command) {
@@ -318,7 +355,7 @@ impl DriveGroup for PowerCubes {
     fn set_gripper(&mut self, settings: &Settings, open: bool) -> bool {
         let is_module = settings.gripper_address != 0;
         if is_module {
-            self.gripper_write = Some(open);
+            self.write_gripper(open);
         }
         is_module
     }

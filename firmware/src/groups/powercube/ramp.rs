@@ -38,6 +38,7 @@
 //! command becomes full braking, whatever was asked for ([`RampCommand::position_limited`]).
 
 use crate::joints::{at_least, at_most, clamp};
+use crate::reach::{self, SoftLimits};
 use crate::settings::JointSettings;
 
 /// Least acceleration that is commanded, rad/s². Over a period of 17 ms it is a change of speed of
@@ -48,13 +49,16 @@ const BRAKING_MARGIN: f32 = 1.25;
 /// Smallest speed that counts as motion, rad/s.
 const V_STANDING_RAD_S: f32 = 1e-4;
 
+/// A joint that a plan holds on its soft limit moves at most this fast about it, rad/s, and this far from it, rad: the law answers
+/// the resolution of the encoder. A throw may begin or end there.
+const V_HELD_RAD_S: f32 = 0.02;
+const WAY_HELD_RAD: f32 = 0.002;
+
 /// What bounds the commands of a joint; joint side.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RampLimits {
-    /// Lower soft limit, rad.
-    pub q_min_rad: f32,
-    /// Upper soft limit, rad.
-    pub q_max_rad: f32,
+    /// Soft limits.
+    pub soft: SoftLimits,
     /// Highest speed, rad/s.
     pub v_max_rad_s: f32,
     /// Highest acceleration, rad/s².
@@ -82,22 +86,16 @@ pub struct Loaded {
 }
 
 impl RampLimits {
-    /// Limits of a joint for targets at most `reach_rad` away.
-    pub(super) const fn of(joint: &JointSettings, reach_rad: f32) -> Self {
-        Self {
-            q_min_rad: joint.q_min_rad,
-            q_max_rad: joint.q_max_rad,
-            v_max_rad_s: joint.v_max_rad_s,
-            a_max_rad_s2: joint.a_max_rad_s2,
-            reach_rad,
-        }
+    /// Limits of a joint for targets within `soft` and at most `reach_rad` away.
+    pub(super) const fn of(joint: &JointSettings, soft: SoftLimits, reach_rad: f32) -> Self {
+        Self { soft, v_max_rad_s: joint.v_max_rad_s, a_max_rad_s2: joint.a_max_rad_s2, reach_rad }
     }
 }
 
 /// A ramp-extended command.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RampCommand {
-    /// Target of the motion, rad, within the soft limits.
+    /// Target of the motion, rad, within the soft limits; of a stop outside of them see [`crate::reach`].
     pub target_rad: f32,
     /// Speed to write before, rad/s; `None`: the drive holds a suitable one.
     pub velocity_rad_s: Option<f32>,
@@ -109,7 +107,7 @@ pub struct RampCommand {
     pub v_end_rad_s: f32,
     /// The speed limit took part of the wanted acceleration.
     pub speed_limited: bool,
-    /// The nearness of a soft limit turned the command into braking.
+    /// The nearness of a soft limit turned the command into braking, of a joint that is not just held on it.
     pub position_limited: bool,
     /// The drive keeps a speed below the joint's highest; raising it costs one more write.
     pub velocity_stale: bool,
@@ -129,8 +127,10 @@ pub fn realise(
     let a_max = limits.a_max_rad_s2;
     let mut wanted = if qdd_rad_s2.is_finite() { clamp(qdd_rad_s2, -a_max, a_max) } else { 0.0 };
 
-    let position_limited = must_brake(wanted, period_s, state, limits);
-    if position_limited {
+    let brakes = must_brake(wanted, period_s, state, limits);
+    let position_limited =
+        brakes && !is_held_on_limit(v_rad_s, v_rad_s + wanted * period_s, q_rad, limits.soft);
+    if brakes {
         // Not through zero: the period that stops the joint must not send it back.
         wanted = -v_rad_s.signum() * at_most(v_rad_s.abs() / period_s, a_max);
     }
@@ -147,16 +147,15 @@ pub fn realise(
     let a_wanted = clamp(wanted.abs(), A_RESOLUTION_RAD_S2, at_least(a_max, A_RESOLUTION_RAD_S2));
     // The target on a side, and the least acceleration with which the generator does not brake before it.
     let ahead = |side: f32| {
-        let target_rad = clamp(q_rad + side * limits.reach_rad, limits.q_min_rad, limits.q_max_rad);
+        let target_rad = clamp(q_rad + side * limits.reach_rad, limits.soft.q_min_rad, limits.soft.q_max_rad);
         let way_rad = at_least((target_rad - q_rad).abs() - 0.5 * (v_rad_s + v_end).abs() * period_s, 1e-3);
         (target_rad, BRAKING_MARGIN * v_end * v_end / (2.0 * way_rad))
     };
     let forward = v_rad_s.signum();
-    let brakes_weakly =
-        !standing && !position_limited && wanted * v_rad_s < 0.0 && v_end * v_rad_s > 0.0 && {
-            let (_, a_floor) = ahead(forward);
-            a_wanted < a_floor && loaded.a_rad_s2.is_some_and(|a| a >= a_floor && a <= a_max)
-        };
+    let brakes_weakly = !standing && !brakes && wanted * v_rad_s < 0.0 && v_end * v_rad_s > 0.0 && {
+        let (_, a_floor) = ahead(forward);
+        a_wanted < a_floor && loaded.a_rad_s2.is_some_and(|a| a >= a_floor && a <= a_max)
+    };
     let side = if brakes_weakly || (wanted == 0.0 && !standing) { forward } else { wanted.signum() };
     let (target_rad, a_floor) = ahead(side);
     let with_motion = !standing && side * v_rad_s > 0.0;
@@ -190,12 +189,18 @@ pub fn realise(
     }
 }
 
+/// True for a joint at rest on a soft limit, as its speeds now and at the end of the period say.
+const fn is_held_on_limit(v_rad_s: f32, v_end_rad_s: f32, q_rad: f32, soft: SoftLimits) -> bool {
+    at_least(v_rad_s.abs(), v_end_rad_s.abs()) <= V_HELD_RAD_S
+        && soft.way_to_nearest_rad(q_rad) <= WAY_HELD_RAD
+}
+
 /// True if obeying `qdd_rad_s2` for a period would leave less way to the soft limit ahead than the
 /// joint needs to stop.
 fn must_brake(qdd_rad_s2: f32, period_s: f32, state: RampState, limits: &RampLimits) -> bool {
     let v_end = state.v_rad_s + qdd_rad_s2 * period_s;
     let v = if state.v_rad_s.abs() > v_end.abs() { state.v_rad_s } else { v_end };
-    let room = if v > 0.0 { limits.q_max_rad - state.q_rad } else { state.q_rad - limits.q_min_rad };
+    let room = limits.soft.room_rad(state.q_rad, v);
     // One more period passes before the next command can correct this one.
     let braking = v * v / (2.0 * at_least(limits.a_max_rad_s2, A_RESOLUTION_RAD_S2)) + v.abs() * period_s;
     // A joint outside its limits may move back in, and so may one that stands exactly on them.
@@ -210,13 +215,12 @@ fn must_brake(qdd_rad_s2: f32, period_s: f32, state: RampState, limits: &RampLim
 /// lost controller cannot send it back.
 pub fn stop(state: RampState, a_rad_s2: f32, limits: &RampLimits) -> RampCommand {
     let RampState { q_rad, v_rad_s } = state;
-    let room = if v_rad_s > 0.0 { limits.q_max_rad - q_rad } else { q_rad - limits.q_min_rad };
+    let room = limits.soft.room_rad(q_rad, v_rad_s);
     // More than asked for where a soft limit is near.
     let a_needed = at_least(0.5 * v_rad_s * v_rad_s / at_least(room, 1e-3), a_rad_s2);
     let a = clamp(a_needed, A_RESOLUTION_RAD_S2, at_least(limits.a_max_rad_s2, A_RESOLUTION_RAD_S2));
-    let target = q_rad + 0.5 * v_rad_s * v_rad_s.abs() / a;
     RampCommand {
-        target_rad: clamp(target, limits.q_min_rad, limits.q_max_rad),
+        target_rad: reach::rest_rad(q_rad, v_rad_s, a, limits.soft),
         velocity_rad_s: Some(at_most(at_least(v_rad_s.abs(), 0.05), limits.v_max_rad_s)),
         acceleration_rad_s2: Some(a),
         qdd_rad_s2: -v_rad_s.signum() * a,
@@ -229,8 +233,12 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const LIMITS: RampLimits =
-        RampLimits { q_min_rad: -3.0, q_max_rad: 3.0, v_max_rad_s: 2.6, a_max_rad_s2: 10.4, reach_rad: 3.0 };
+    const LIMITS: RampLimits = RampLimits {
+        soft: SoftLimits { q_min_rad: -3.0, q_max_rad: 3.0 },
+        v_max_rad_s: 2.6,
+        a_max_rad_s2: 10.4,
+        reach_rad: 3.0,
+    };
 
     /// Generator as described above, in steps of 5 µs in double precision: an oracle, not our code.
     #[derive(Clone, Copy, Debug)]
@@ -397,5 +405,16 @@ mod tests {
         assert!(!inward.position_limited && inward.qdd_rad_s2 == -2.0 && inward.target_rad < 3.0);
         let outward = realise(2.0, 0.003, state, &LIMITS, &Loaded::default());
         assert!(outward.position_limited && outward.target_rad <= 3.0);
+    }
+
+    #[test]
+    fn joint_that_is_held_on_its_limit_is_braked_and_not_reported() {
+        let at = |q_rad: f32, v_rad_s: f32| {
+            realise(1.0, 0.003, RampState { q_rad, v_rad_s }, &LIMITS, &Loaded::default())
+        };
+        let held = at(3.0 - 1e-5, 0.004);
+        assert!(!held.position_limited && held.qdd_rad_s2 < 0.0 && held.target_rad <= 3.0);
+        assert!(at(3.0 - 1e-5, 0.1).position_limited, "it comes fast");
+        assert!(at(3.003, 0.004).position_limited, "it is beyond");
     }
 }

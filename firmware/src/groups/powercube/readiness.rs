@@ -110,6 +110,9 @@ impl PowerCubes {
         if !state.contains(CubeState::HOME_OK) {
             return Err(Refusal::at(Cause::NotHomed, joint));
         }
+        if !self.holds_settings(settings, joint) {
+            return not_ready;
+        }
         let Some(position) = drive.position else { return not_ready };
         let old = position.at < self.reset_at || now.saturating_since(position.at) > age_max;
         if old || drive.short_state.intersects(ShortState::NOT_OK) { not_ready } else { Ok(()) }
@@ -135,6 +138,7 @@ mod tests {
         for joint in settings.joints() {
             let drive = group.drives.at_mut(joint);
             drive.state = Some((CubeState::HOME_OK, ms(1_990)));
+            drive.max_cur_a = Some(settings.joint.at(joint).current_max_a);
             for at in [1_900, 1_940, 1_990] {
                 let sample = PositionSample { q_rad: 0.5, at: ms(at) };
                 drive.position = Some(sample);
@@ -157,7 +161,7 @@ mod tests {
             move |drive: &mut DriveRecord| drive.position = Some(PositionSample { q_rad: 0.5, at })
         };
         type Spoil<'a> = (&'a str, Box<dyn Fn(&mut DriveRecord)>, Option<Cause>);
-        let cases: [Spoil<'_>; 16] = [
+        let cases: [Spoil<'_>; 18] = [
             ("as it is", Box::new(|_| ()), None),
             ("word never read", Box::new(|drive| drive.state = None), Some(Cause::DriveNotReady)),
             ("word just new enough", Box::new(word_at(read_ago(age_us))), None),
@@ -172,6 +176,12 @@ mod tests {
                 "not homed",
                 Box::new(|drive| drive.state = Some((CubeState::from_bits(0), ms(1_990)))),
                 Some(Cause::NotHomed),
+            ),
+            ("current limit unknown", Box::new(|drive| drive.max_cur_a = None), Some(Cause::DriveNotReady)),
+            (
+                "current limit of a jog",
+                Box::new(|drive| drive.max_cur_a = Some(1.0)),
+                Some(Cause::DriveNotReady),
             ),
             ("no position", Box::new(|drive| drive.position = None), Some(Cause::DriveNotReady)),
             ("position just new enough", Box::new(position_at(read_ago(age_us))), None),

@@ -287,8 +287,8 @@ impl Schedule {
                 if !its_turn {
                     continue;
                 }
-                let Some(wanted) = agenda.head().copied() else { continue };
-                let request = if drive.can_send(Lane::Main, &wanted, now) {
+                let Some(wanted) = agenda.head() else { continue };
+                let request = if drive.can_send(Lane::Main, wanted, now) {
                     let waits = match agenda.slot_us() {
                         Some(slot_us) => since_us < slot_us,
                         None => {
@@ -299,9 +299,10 @@ impl Schedule {
                     if waits {
                         continue;
                     }
+                    let request = *wanted;
                     self.agenda.at_mut(joint).advance();
-                    wanted
-                } else if let Some(barrier) = barrier(drive, &wanted, now) {
+                    request
+                } else if let Some(barrier) = barrier(drive, wanted, now) {
                     barrier
                 } else {
                     continue;

@@ -1,13 +1,16 @@
-//! Which telegram is new, which is old, and which begins another program run (pure).
+//! Which telegram is new, which is old, and which may begin another program run (pure).
 //!
 //! | telegram | is |
 //! |---|---|
 //! | the same number again | doubled: no second answer |
 //! | a lower number, once or twice | overtaken on the way: no answer, its positions are old |
-//! | lower numbers that ascend, three in a row | a new run |
-//! | without positions, with a new number | a new run (KR C2) |
-//! | another start pose, fewer late answers than before, another socket | a new run |
-//! | the first one after a second of silence | a new run |
+//! | lower numbers that ascend, three in a row | a break |
+//! | without positions, with a new number | a break (the first of a KR C2) |
+//! | another start pose, another socket | a break |
+//! | the first one after a second of silence | a break |
+//!
+//! After a break nothing is known of the correction in force: `doubt` finds it out. A count of late answers that falls is no
+//! break: some robots count late answers in a row.
 
 use protocol::{Duration, Instant};
 
@@ -21,13 +24,18 @@ const SILENCE: Duration = Duration::from_secs(1);
 /// Start poses nearer than this are one, rad: half a step of one decimal of a degree, the coarsest that is sent.
 const SAME_POSE_RAD: f32 = 1e-3;
 
+/// Whether two start poses are one. NaN is no pose.
+pub(super) fn is_same_pose(PerJoint(a): &PerJoint<f32>, PerJoint(b): &PerJoint<f32>) -> bool {
+    a.iter().zip(b).all(|(a, b)| (a - b).abs() <= SAME_POSE_RAD)
+}
+
 /// What a telegram is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     /// The next of the run.
     Next,
-    /// The first of a run.
-    First,
+    /// Perhaps the first of another run.
+    Break,
     /// Not to be answered.
     Old,
 }
@@ -41,7 +49,6 @@ pub(super) struct Order {
     /// Last of the lower numbers in a row, and how many.
     lower: Option<(u64, u8)>,
     start_rad: Option<PerJoint<f32>>,
-    late: Option<u32>,
 }
 
 impl Order {
@@ -50,7 +57,7 @@ impl Order {
         let kind = self.kind(now, telegram);
         match kind {
             Kind::Old => return kind,
-            Kind::First => *self = Self { empty: self.empty, ..Self::default() },
+            Kind::Break => *self = Self { empty: self.empty, ..Self::default() },
             Kind::Next => {}
         }
         if telegram.q_rad.is_none() {
@@ -59,30 +66,23 @@ impl Order {
         self.last = Some((telegram.ipoc, now));
         self.lower = None;
         self.start_rad = telegram.start_rad.or(self.start_rad);
-        self.late = telegram.late.or(self.late);
         kind
     }
 
     fn kind(&mut self, now: Instant, telegram: &Telegram) -> Kind {
-        let Some((last, at)) = self.last else { return Kind::First };
+        let Some((last, at)) = self.last else { return Kind::Break };
         if telegram.new_connection || now.saturating_since(at) >= SILENCE {
-            return Kind::First;
+            return Kind::Break;
         }
         if telegram.ipoc == last || (telegram.q_rad.is_none() && self.empty == Some(telegram.ipoc)) {
             return Kind::Old;
         }
         if telegram.q_rad.is_none() {
-            return Kind::First;
+            return Kind::Break;
         }
-        let moved = match (self.start_rad, telegram.start_rad) {
-            // Written so that NaN counts as moved.
-            (Some(PerJoint(old)), Some(PerJoint(new))) => {
-                !old.iter().zip(&new).all(|(old, new)| (old - new).abs() <= SAME_POSE_RAD)
-            }
-            _ => false,
-        };
+        let moved = matches!((self.start_rad, telegram.start_rad), (Some(old), Some(new)) if !is_same_pose(&old, &new));
         if moved {
-            return Kind::First;
+            return Kind::Break;
         }
         if telegram.ipoc < last {
             let row = match self.lower {
@@ -90,10 +90,9 @@ impl Order {
                 _ => 1,
             };
             self.lower = Some((telegram.ipoc, row));
-            return if row >= LOWER_ROW { Kind::First } else { Kind::Old };
+            return if row >= LOWER_ROW { Kind::Break } else { Kind::Old };
         }
-        let fewer = matches!((self.late, telegram.late), (Some(old), Some(new)) if new < old);
-        if fewer { Kind::First } else { Kind::Next }
+        Kind::Next
     }
 }
 
@@ -108,7 +107,7 @@ mod tests {
 
     fn order_at(last: u64) -> Order {
         let mut order = Order::default();
-        assert_eq!(order.judge(Instant::from_micros(0), &telegram(last)), Kind::First);
+        assert_eq!(order.judge(Instant::from_micros(0), &telegram(last)), Kind::Break);
         order
     }
 
@@ -126,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn each_sign_of_a_new_run_is_seen() {
+    fn each_sign_of_a_new_run_is_a_break_and_fewer_late_answers_are_not() {
         let pose = Some(PerJoint::splat(0.6));
         let base = telegram(101);
         for (name, sign) in [
@@ -134,15 +133,15 @@ mod tests {
             ("start pose", Telegram { start_rad: pose, ..base }),
             ("socket", Telegram { new_connection: true, ..base }),
         ] {
-            assert_eq!(judge(&mut order_at(100), 12, &sign), Kind::First, "{name}");
+            assert_eq!(judge(&mut order_at(100), 12, &sign), Kind::Break, "{name}");
         }
         let mut order = order_at(100);
         assert_eq!(judge(&mut order, 12, &Telegram { late: Some(4), ..base }), Kind::Next);
-        assert_eq!(judge(&mut order, 24, &Telegram { late: Some(0), ..telegram(102) }), Kind::First);
-        assert_eq!(judge(&mut order_at(100), 1_001, &base), Kind::First, "silence");
+        assert_eq!(judge(&mut order, 24, &Telegram { late: Some(0), ..telegram(102) }), Kind::Next);
+        assert_eq!(judge(&mut order_at(100), 1_001, &base), Kind::Break, "silence");
         let mut order = order_at(100);
         let kinds = [5, 6, 7].map(|ipoc| judge(&mut order, 12, &telegram(ipoc)));
-        assert_eq!(kinds, [Kind::Old, Kind::Old, Kind::First]);
+        assert_eq!(kinds, [Kind::Old, Kind::Old, Kind::Break]);
         let mut order = order_at(100);
         let kinds = [99, 98, 97, 96].map(|ipoc| judge(&mut order, 12, &telegram(ipoc)));
         assert_eq!(kinds, [Kind::Old; 4], "descending numbers are no run");

@@ -13,21 +13,28 @@
 //! # Invariants
 //!
 //! * A new program run, [`Command::Halt`] and [`Command::Find`] discard the target for good.
-//! * A set point never changes faster than [`Options::a_cap_rad_s2`] allows. After a late answer the robot has held the last set
-//!   point, and the group continues from that one.
+//! * A set point never changes faster than [`Options::a_cap_rad_s2`] allows, whatever comes in: `motion` bounds each one against
+//!   the last one that was sent. After a late answer the robot has held the last set point, and the group continues from that one.
+//! * A telegram that may be of another run has no answer until the axes show which correction is in force (`doubt`). So an arm
+//!   that is away from its start pose never gets a correction of zero.
+//! * The ball is not released while the axes are off their path.
 //!
 //! # Map
 //!
 //! | file | is |
 //! |---|---|
 //! | [`packet`] | telegram, answer, options |
-//! | `link` | new, old and first telegrams |
+//! | `link` | whether a telegram is new, old, or the first of another run |
+//! | `grid` | when the cycle of a telegram began, and how many have passed |
+//! | `doubt` | which correction is in force after a break |
 //! | `model` | where the axes should be |
 //! | `shape` | the next set point of an axis |
 //! | `motion` | what all axes do in a mode |
 //! | `events` | what waits to be told |
 
+mod doubt;
 mod events;
+mod grid;
 mod link;
 mod model;
 mod motion;
@@ -36,10 +43,13 @@ mod shape;
 
 use protocol::{Duration, Instant, JointIndex};
 
+pub use self::doubt::AT_START_RAD;
+use self::doubt::{Doubt, Found, Sight, away_rad};
 use self::events::Pending;
+use self::grid::{Grid, WINDOWS};
 use self::link::{Kind, Order};
 use self::model::DriveModel;
-use self::motion::{Mode, Setpoints};
+use self::motion::{Mode, Setpoints, Window};
 pub use self::packet::{Answer, Options, Packet, Telegram};
 use crate::fault::{Cause, Fault, Refusal};
 use crate::group::{
@@ -51,17 +61,14 @@ use crate::rest::Rest;
 use crate::settings::Settings;
 use crate::span;
 
-/// Cycles without a telegram after which it counts as missed.
-const WINDOWS: u64 = 3;
 /// Cycles from the end of the lag to the start of a plan.
 const LEAD_CYCLES: u64 = 4;
-/// The grid follows arrival times with this fraction, as 1/n.
-const GRID_SHARE: u64 = 16;
-/// And by this share of the period at most, as 1/n. It raises the speed of set points by the same share, and a planned speed may
-/// be 0.5 % below the robot's limit. Clocks drift by less than a tenth of it.
-const GRID_CAP: u64 = 512;
 /// Telegrams in a row with lagging axes that end a path.
 const LAGGING_ROW: u8 = 3;
+/// Axes farther than this from their path do not release the ball, rad: 10 mm at the hand.
+const RELEASE_RAD: f32 = 5e-3;
+/// As [`RELEASE_RAD`], of their speed, rad/s: 50 mm/s at the hand.
+const RELEASE_RAD_S: f32 = 0.03;
 
 /// See the [module](self).
 #[derive(Debug, Default)]
@@ -69,34 +76,37 @@ pub struct Rsi {
     options: Options,
     order: Order,
     model: DriveModel,
+    /// The same drives, led by the references: where the path is.
+    path: DriveModel,
     motion: Setpoints,
     pending: Pending,
     /// Start pose of the running program, rad.
     start_rad: Option<PerJoint<f32>>,
+    /// Nothing is answered before it is explained.
+    doubt: Option<Doubt>,
     sample: PerJoint<Option<PositionSample>>,
     rest: PerJoint<Rest>,
     /// The telegram that waits for its answer.
     unanswered: Option<u64>,
+    /// Cycles of which the robot has not said yet whether their answers were late; the first of them had an answer.
+    unaccounted: u32,
+    answered: bool,
     out: Option<Answer>,
     /// Time of the last telegram, or of the cycle that stands for it.
     at: Instant,
-    /// Time of the last telegram.
-    heard_at: Instant,
-    /// Beginning of the robot's cycle of that telegram, smoothed: a network and a busy computer delay telegrams unevenly, and a
-    /// millisecond of that would be a leap of the set points.
-    grid: Instant,
+    grid: Grid,
     due: Option<Instant>,
-    /// Number of the last telegram, and by how much numbers rise per cycle; 0: not known yet.
-    ipoc: u64,
-    ipoc_step: u64,
     missed_in_row: u32,
     /// Late answers as the robot counted them last, and since the run began.
     late: Option<u32>,
+    counts_all: bool,
     late_in_run: u32,
     lagging_row: u8,
     open: bool,
     /// Delay until the gripper opens, s.
     opens_in_s: Option<f32>,
+    /// How far the axes were from their path when the ball was not released for that, rad.
+    withheld_rad: Option<f32>,
     stop: bool,
     answers: u32,
 }
@@ -117,71 +127,108 @@ impl Rsi {
         self.start_rad.as_ref()
     }
 
-    /// Forgets everything that belonged to the program run before.
-    fn begin(&mut self) {
-        let first = self.start_rad.is_none() && self.due.is_none();
-        self.start_rad = None;
-        self.late = None;
+    /// The start pose of the running program is known.
+    const fn is_known(&self) -> bool {
+        self.start_rad.is_some() && self.doubt.is_none()
+    }
+
+    /// How far the axes were from their path at a release that was not given for that, rad.
+    pub const fn release_withheld_rad(&self) -> Option<f32> {
+        self.withheld_rad
+    }
+
+    /// Nothing is answered until it is known what the robot does. What was under way ends, but in some modes.
+    fn interrupt(&mut self, cause: Cause, unharmed: &[Mode]) {
+        self.doubt = Some(Doubt::default());
         self.opens_in_s = None;
         self.rest = PerJoint::default();
-        if !first && self.motion.mode != Mode::Finding {
+        let is_first = self.start_rad.is_none() && self.due.is_none();
+        if !is_first && !unharmed.contains(&self.motion.mode) {
             self.motion.mode = Mode::Halted;
-            self.pending.trouble(Fault::group(Cause::RobotRestarted));
+            self.pending.trouble(Fault::group(cause));
         }
     }
 
-    fn latch(&mut self, pose_rad: PerJoint<f32>) {
-        self.start_rad = Some(pose_rad);
-        self.motion.rest_at(pose_rad);
-        self.model.rest_at(pose_rad);
+    /// Largest correction given, rad.
+    fn given_rad(&self) -> f32 {
+        self.start_rad.as_ref().map_or(0.0, |start| away_rad(&self.motion.set_rad(), start))
     }
 
-    /// Moves the grid on to the cycle of a telegram that arrives now; returns the cycles that have passed.
-    ///
-    /// Its number says how many: a telegram that a busy computer or a held-up robot hands over late, but before it counts as
-    /// missed, is still the next one. The time says it for a number ahead by more than one cycle, which is wrong, and after a
-    /// silence since the telegram before, in which the robot stood.
-    fn advance_grid(&mut self, now: Instant, period: Duration, ipoc: u64) -> u32 {
-        let period_us = period.as_micros().max(1);
-        let cycles_since = |at: Instant| {
-            (now.saturating_since(at).as_micros().saturating_add(period_us / 2) / period_us).max(1)
-        };
-        let by_time = cycles_since(self.grid);
-        let rise = ipoc.saturating_sub(self.ipoc);
-        if rise > 0 && (self.ipoc_step == 0 || rise < self.ipoc_step) {
-            self.ipoc_step = rise;
+    /// Finds out which correction is in force.
+    fn resolve(&mut self, settings: &Settings, q_rad: PerJoint<f32>, start_rad: Option<PerJoint<f32>>) {
+        let Some(doubt) = &mut self.doubt else { return };
+        let start_rad = start_rad.or(self.start_rad).unwrap_or(q_rad);
+        let (set_rad, model_rad) = (self.motion.set_rad(), self.model.q_rad());
+        let old_start_rad = self.start_rad.as_ref();
+        let seen =
+            Sight { q_rad: &q_rad, start_rad: &start_rad, old_start_rad, set_rad: &set_rad, model_rad };
+        let settling = DriveModel::settling_s(&self.options) / settings.cycle_period_s();
+        match doubt.look(&seen, settling as u32 + 1) {
+            Found::NewRun => {
+                (self.doubt, self.start_rad, self.late) = (None, Some(start_rad), None);
+                self.counts_all = false;
+                self.motion.rest_at(start_rad);
+                self.model.rest_at(start_rad);
+            }
+            Found::OldRun => {
+                self.doubt = None;
+                self.motion.held();
+            }
+            Found::Nothing => {}
         }
-        let by_number = rise.checked_div(self.ipoc_step).unwrap_or(by_time).max(1);
-        let is_ahead = by_number > by_time.saturating_add(1);
-        let is_missed = cycles_since(self.heard_at) >= by_number.saturating_add(WINDOWS);
-        let cycles = if is_ahead || is_missed { by_time } else { by_number };
-        let expected = self.grid + period * cycles;
-        let towards =
-            |off: Duration| Duration::from_micros((off.as_micros() / GRID_SHARE).min(period_us / GRID_CAP));
-        self.grid = match now.checked_since(expected) {
-            Some(later) => expected + towards(later),
-            None => expected.saturating_sub(towards(expected.saturating_since(now))),
-        };
-        u32::try_from(cycles).unwrap_or(u32::MAX)
+    }
+
+    /// The axes stand at the start pose, and were led away from it: another run began, and nothing else shows it.
+    fn is_back_at_start(&self, telegram: &Telegram) -> bool {
+        let (Some(q_rad), Some(start_rad)) = (&telegram.q_rad, &self.start_rad) else { return false };
+        let has_fewer_late = matches!((self.late, telegram.late), (Some(old), Some(new)) if new < old);
+        let away_max_rad = if has_fewer_late { doubt::NEAR_RAD } else { doubt::AWAY_RAD };
+        away_rad(q_rad, start_rad) <= AT_START_RAD && away_rad(q_rad, self.model.q_rad()) > away_max_rad
+    }
+
+    /// Whether the telegram has an answer: not in doubt, but the first of a KR C2 has no more than its number, and the answer to it
+    /// changes nothing while nothing was given. Axes that were seen and explained nothing say that something was.
+    fn may_answer(&self, telegram: &Telegram) -> bool {
+        let is_seen = self.start_rad.is_none() && self.sample.0.iter().any(Option::is_some);
+        let is_first = telegram.q_rad.is_none() && !is_seen && self.given_rad() <= AT_START_RAD;
+        self.doubt.is_none() || is_first
     }
 
     /// What the robot did with the answers since the last telegram, `cycles` ago.
     fn account(&mut self, telegram: &Telegram, period: Duration, cycles: u32) {
-        let late = match (self.late, telegram.late) {
-            (Some(before), Some(now)) => now.saturating_sub(before),
-            _ => 0,
-        };
-        self.late = telegram.late.or(self.late);
+        let passed = cycles;
+        let cycles = self.unaccounted.saturating_add(passed);
+        if self.late.is_some() && telegram.late.is_none() {
+            self.unaccounted = cycles;
+            return self.model_follows(period, passed);
+        }
+        // A robot whose count stays after an answer in time counts all late answers: its count does not fall.
+        let known = self.late.zip(telegram.late);
+        self.counts_all |=
+            self.answered && cycles == 1 && known.is_some_and(|(before, now)| now == before && now > 0);
+        let is_wrong = self.counts_all && known.is_some_and(|(before, now)| now < before);
+        // A count that falls says nothing, nor does one that rises by more than there were cycles.
+        let late = known
+            .and_then(|(before, now)| now.checked_sub(before))
+            .filter(|late| *late == 1 || cycles > 1)
+            .unwrap_or(0);
+        self.late = telegram.late.filter(|_| !is_wrong).or(self.late);
         self.late_in_run = self.late_in_run.saturating_add(late);
-        if late >= cycles {
+        if self.answered && late >= cycles {
             self.motion.refused();
-        } else if cycles > 1 {
+        } else if cycles > 1 || !self.answered {
             self.motion.held();
         }
-        let set_rad = self.motion.set_rad();
+        (self.unaccounted, self.answered) = (0, false);
+        self.model_follows(period, passed);
+    }
+
+    fn model_follows(&mut self, period: Duration, cycles: u32) {
+        let (set_rad, reference_rad) = (self.motion.set_rad(), *self.motion.last_reference_rad());
         // A long silence ends the run, so few cycles are left to make up for.
         for _ in 0..cycles.min(model::KEPT_CYCLES as u32) {
             self.model.step(&self.options, period, &set_rad);
+            self.path.step(&self.options, period, &reference_rad);
         }
     }
 
@@ -197,10 +244,11 @@ impl Rsi {
 
     /// Faults of the link that end a path.
     fn judge(&mut self) {
-        if self.motion.mode != Mode::Tracking {
+        if matches!(self.motion.mode, Mode::Finding | Mode::Halted) {
             self.lagging_row = 0;
             return;
         }
+        let is_tracking = self.motion.mode == Mode::Tracking;
         let (residual_rad, worst) = self.model.residual_rad();
         // Written so that NaN lags.
         let follows = residual_rad <= self.options.lag_max_rad
@@ -209,7 +257,7 @@ impl Rsi {
         if self.lagging_row >= LAGGING_ROW {
             self.lagging_row = 0;
             self.pending.trouble(Fault { cause: Cause::RobotLags, joint: worst });
-        } else if self.late_in_run >= self.options.late_max {
+        } else if is_tracking && self.late_in_run >= self.options.late_max {
             self.late_in_run = 0;
             self.pending.trouble(Fault::group(Cause::AnswersLate));
         }
@@ -218,8 +266,9 @@ impl Rsi {
     /// Events of modes that end by themselves.
     fn proceed(&mut self, now: Instant, settings: &Settings) {
         let all_rest = settings.joints().all(|joint| self.is_at_rest(now, settings, joint));
+        let is_known = self.is_known();
         match &mut self.motion.mode {
-            Mode::Finding if all_rest && self.start_rad.is_some() => self.pending.tell(GroupEvent::Found),
+            Mode::Finding if all_rest && is_known => self.pending.tell(GroupEvent::Found),
             Mode::Homing(joint) => {
                 let joint = *joint;
                 self.motion.mode = Mode::Standing;
@@ -241,13 +290,32 @@ impl Rsi {
         self.motion.mode = Mode::Halted;
     }
 
-    fn serve_gripper(&mut self, period_s: f32) {
+    fn serve_gripper(&mut self, settings: &Settings) {
         let Some(left_s) = self.opens_in_s else { return };
+        let period_s = settings.cycle_period_s();
         if self.motion.mode == Mode::Tracking && left_s > 0.5 * period_s {
             self.opens_in_s = Some(left_s - period_s);
-        } else {
-            (self.open, self.opens_in_s) = (true, None);
+            return;
         }
+        let off_rad = if self.motion.mode == Mode::Tracking { self.off_path_rad(settings) } else { None };
+        (self.open, self.opens_in_s, self.withheld_rad) = (off_rad.is_none(), None, off_rad);
+    }
+
+    /// Largest distance of the axes from their path, rad, from now until a gripper that is ordered now has opened. `None`: they
+    /// are on their path. Distances are predicted: these axes follow set points that were given within the dead time before.
+    fn off_path_rad(&self, settings: &Settings) -> Option<f32> {
+        let (mut path, mut model) = (self.path, self.model);
+        let (set_rad, reference_rad) = (self.motion.set_rad(), *self.motion.last_reference_rad());
+        let period = settings.cycle_period();
+        let ahead = settings.gripper_opening_us.checked_div(settings.cycle_period_us).unwrap_or(0) + 1;
+        let (mut off_rad, mut off_rad_s) = (0.0, 0.0);
+        for _ in 0..ahead.min(model::KEPT_CYCLES as u32) {
+            off_rad = at_least(away_rad(path.q_rad(), model.q_rad()), off_rad);
+            off_rad_s = at_least(away_rad(path.qd_rad_s(), model.qd_rad_s()), off_rad_s);
+            model.step(&self.options, period, &set_rad);
+            path.step(&self.options, period, &reference_rad);
+        }
+        (off_rad > RELEASE_RAD || off_rad_s > RELEASE_RAD_S).then_some(off_rad)
     }
 }
 
@@ -257,32 +325,33 @@ impl DriveGroup for Rsi {
     fn handle_packet(&mut self, now: Instant, settings: &Settings, packet: &Packet) {
         let Packet::Robot(telegram) = packet else { return };
         let period = settings.cycle_period();
-        match self.order.judge(now, telegram) {
-            Kind::Old => return,
-            Kind::First => {
-                self.ipoc_step = 0;
-                self.grid = now;
-                self.begin();
-            }
-            Kind::Next => {
-                let cycles = self.advance_grid(now, period, telegram.ipoc);
-                self.account(telegram, period, cycles);
-            }
+        let kind = self.order.judge(now, telegram);
+        if kind == Kind::Old {
+            return;
         }
-        self.unanswered = Some(telegram.ipoc);
-        self.ipoc = telegram.ipoc;
-        (self.at, self.heard_at, self.missed_in_row) = (self.grid, now, 0);
+        let is_back = self.doubt.is_none() && self.is_back_at_start(telegram);
+        let was_silent = self.missed_in_row > 0 && self.given_rad() > AT_START_RAD;
+        let cycles = self.grid.advance(now, period, telegram.ipoc);
+        self.account(telegram, period, cycles);
+        if kind == Kind::Break {
+            self.grid.begin_anew(now);
+        }
+        if kind == Kind::Break || is_back {
+            self.interrupt(Cause::RobotRestarted, &[Mode::Finding]);
+        } else if was_silent {
+            self.interrupt(Cause::DriveSilent, &[Mode::Finding, Mode::Standing, Mode::Halted]);
+        }
+        (self.at, self.missed_in_row) = (self.grid.at, 0);
         self.due = Some(now + period * WINDOWS);
         let finite = |q_rad: &PerJoint<f32>| settings.joints().all(|joint| q_rad.get(joint).is_finite());
         if let Some(q_rad) = telegram.q_rad.filter(finite) {
-            if self.start_rad.is_none() {
-                self.latch(telegram.start_rad.filter(finite).unwrap_or(q_rad));
-            }
-            self.late = telegram.late.or(self.late);
-            self.measure(self.grid, settings, &q_rad);
+            self.resolve(settings, q_rad, telegram.start_rad.filter(finite));
+            self.late = self.late.or(telegram.late);
+            self.measure(self.grid.at, settings, &q_rad);
             self.judge();
             self.proceed(now, settings);
         }
+        self.unanswered = self.may_answer(telegram).then_some(telegram.ipoc);
         self.pending.cycle(Duration::ZERO, false);
     }
 
@@ -303,18 +372,25 @@ impl DriveGroup for Rsi {
 
     fn flush(&mut self, now: Instant, settings: &Settings) {
         let Some(ipoc) = self.unanswered.take() else { return };
-        let period_s = settings.cycle_period_s();
         let mut correction_rad = PerJoint::default();
         if let Some(start_rad) = self.start_rad {
-            self.motion.step(now, settings, &self.options);
+            let shifted = |by: &PerJoint<f32>| {
+                let mut sum = start_rad;
+                settings.joints().for_each(|joint| sum.set(joint, start_rad.get(joint) + by.get(joint)));
+                sum
+            };
+            let window = Window {
+                low_rad: shifted(&self.options.lower_rad),
+                high_rad: shifted(&self.options.upper_rad),
+            };
+            self.motion.step(now, settings, &self.options, &window);
+            let set_rad = self.motion.set_rad();
             for joint in settings.joints() {
-                let wish = self.motion.axis(joint).q_rad - start_rad.get(joint);
-                let (low, high) = (self.options.lower_rad.get(joint), self.options.upper_rad.get(joint));
-                correction_rad.set(joint, clamp(wish, low, high));
-                self.motion.put(joint, start_rad.get(joint) + correction_rad.get(joint));
+                correction_rad.set(joint, set_rad.get(joint) - start_rad.get(joint));
             }
-            self.serve_gripper(period_s);
+            self.serve_gripper(settings);
         }
+        self.answered = true;
         self.answers = self.answers.wrapping_add(1);
         self.out = Some(Answer { ipoc, correction_rad, open: self.open, stop: self.stop });
     }
@@ -347,8 +423,9 @@ impl DriveGroup for Rsi {
             }
             Command::Track => {
                 self.model.forget_delay();
-                (self.late_in_run, self.lagging_row) = (0, 0);
+                (self.late_in_run, self.lagging_row, self.withheld_rad) = (0, 0, None);
                 self.motion.track();
+                self.path = self.model;
             }
             Command::MoveTo { joint, q_rad } => self.motion.move_to(joint, q_rad),
             Command::Halt | Command::HaltJoint(_) => self.halt(settings),
@@ -402,8 +479,8 @@ impl DriveGroup for Rsi {
     }
 
     fn check_group(&self, now: Instant, settings: &Settings) -> Result<(), Refusal> {
-        let recent = now.saturating_since(self.heard_at) <= settings.cycle_period() * WINDOWS;
-        let fit = self.start_rad.is_some() && recent && !self.stop;
+        let recent = now.saturating_since(self.grid.heard_at) <= settings.cycle_period() * WINDOWS;
+        let fit = self.is_known() && recent && !self.stop;
         if fit { Ok(()) } else { Err(Refusal::of(Cause::DriveNotReady)) }
     }
 
@@ -421,7 +498,7 @@ impl DriveGroup for Rsi {
 
     fn is_homed(&self, _: JointIndex) -> bool {
         // Axes are absolute; what must be known is the start pose.
-        self.start_rad.is_some()
+        self.is_known()
     }
 
     fn is_at_rest(&self, now: Instant, settings: &Settings, joint: JointIndex) -> bool {
@@ -453,30 +530,5 @@ impl DriveGroup for Rsi {
 
     fn is_cycle_done(&self, _: &Settings) -> bool {
         self.unanswered.is_none()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn telegram_counts_cycles_by_its_number_unless_that_is_ahead_of_the_time() {
-        let period = Duration::from_millis(4);
-        let after = |ms: u64, ipoc: u64| {
-            let mut group = Rsi { ipoc: 100, ipoc_step: 4, ..Rsi::new(Options::default()) };
-            group.grid = Instant::from_micros(1_000_000);
-            group.heard_at = group.grid;
-            let now = group.grid + Duration::from_millis(ms);
-            (group.advance_grid(now, period, ipoc), group.grid)
-        };
-        assert_eq!(after(4, 104), (1, Instant::from_micros(1_004_000)));
-        // Held up by more than a cycle: the next telegram all the same, and the grid follows slowly, by 1/512 of a cycle at most.
-        assert_eq!(after(12, 104), (1, Instant::from_micros(1_004_007)));
-        assert_eq!(after(5, 104), (1, Instant::from_micros(1_004_007)));
-        assert_eq!(after(3, 104), (1, Instant::from_micros(1_003_993)));
-        assert_eq!(after(12, 112).0, 3, "two were lost");
-        assert_eq!(after(40, 104).0, 10, "a silence");
-        assert_eq!(after(4, 2_900).0, 1, "a wrong number");
     }
 }

@@ -91,6 +91,16 @@ impl DriveModel {
         }
     }
 
+    /// Where the axes should be.
+    pub(super) const fn q_rad(&self) -> &PerJoint<f32> {
+        &self.q_rad
+    }
+
+    /// How fast they should be.
+    pub(super) const fn qd_rad_s(&self) -> &PerJoint<f32> {
+        &self.qd_rad_s
+    }
+
     /// Compares with what was measured. What all axes have in common is a delay of the path; the rest is the residual.
     pub(super) fn compare(&mut self, joints: usize, measured_rad: &PerJoint<f32>) {
         let behind = |joint| self.q_rad.get(joint) - measured_rad.get(joint);

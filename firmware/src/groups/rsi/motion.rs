@@ -4,8 +4,9 @@ use protocol::{Duration, Instant, JointIndex};
 
 use super::packet::Options;
 use super::shape::Axis;
-use crate::joints::{PerJoint, at_least};
-use crate::settings::Settings;
+use crate::joints::{PerJoint, at_least, at_most, clamp};
+use crate::reach::{SoftLimits, reachable};
+use crate::settings::{JointSettings, Settings};
 
 /// What the axes do.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -50,16 +51,31 @@ pub(super) struct Setpoints {
     period: Duration,
 }
 
+/// Where set points may be.
+pub(super) struct Window {
+    pub(super) low_rad: PerJoint<f32>,
+    pub(super) high_rad: PerJoint<f32>,
+}
+
+impl Window {
+    /// Soft limits of a joint inside of it.
+    fn limits(&self, settings: &JointSettings, joint: JointIndex) -> SoftLimits {
+        let soft = SoftLimits::of(settings);
+        SoftLimits {
+            q_min_rad: at_least(self.low_rad.get(joint), soft.q_min_rad),
+            q_max_rad: at_most(self.high_rad.get(joint), soft.q_max_rad),
+        }
+    }
+}
+
+/// A jog is ordered to where its speed leads in this time, s: beyond every range.
+const JOG_WAY_S: f32 = 1e3;
 /// Largest share of a speed limit: a robot that judges the difference of two rounded set points stops at the limit itself.
 const WITHIN_LIMIT: f32 = 0.999;
 /// Speed below which an axis stands, rad/s.
 const STANDS_RAD_S: f32 = 1e-5;
 
 impl Setpoints {
-    pub(super) const fn axis(&self, joint: JointIndex) -> &Axis {
-        self.axis.at(joint)
-    }
-
     /// Period of the last cycle.
     pub(super) const fn period(&self) -> Duration {
         self.period
@@ -68,11 +84,6 @@ impl Setpoints {
     pub(super) fn set_rad(&self) -> PerJoint<f32> {
         let PerJoint(axes) = self.axis;
         PerJoint(axes.map(|axis| axis.q_rad))
-    }
-
-    /// Replaces a set point by the one that was sent.
-    pub(super) fn put(&mut self, joint: JointIndex, q_rad: f32) {
-        self.axis.at_mut(joint).q_rad = q_rad;
     }
 
     /// All set points are at a pose, at rest.
@@ -136,11 +147,27 @@ impl Setpoints {
         length_s
     }
 
-    /// The set points of the next cycle.
-    pub(super) fn step(&mut self, now: Instant, settings: &Settings, options: &Options) {
+    /// The set points of the next cycle: what the mode wants, within `window` and then within what a robot follows from the last
+    /// set point that was sent. Whatever comes in, no set point leaves by another way.
+    pub(super) fn step(&mut self, now: Instant, settings: &Settings, options: &Options, window: &Window) {
         self.period = settings.cycle_period();
         let dt_s = settings.cycle_period_s();
+        let sent = self.axis;
         self.before_rad = self.set_rad();
+        self.wish(now, settings, options, window);
+        for joint in settings.joints() {
+            let v_max_rad_s = WITHIN_LIMIT * settings.joint.at(joint).v_max_rad_s;
+            let axis = self.axis.at_mut(joint);
+            if axis.q_rad.is_finite() {
+                axis.q_rad = clamp(axis.q_rad, window.low_rad.get(joint), window.high_rad.get(joint));
+            }
+            *axis = sent.at(joint).within(*axis, v_max_rad_s, options.a_cap_rad_s2, dt_s);
+        }
+        self.reference_before_rad = self.reference_rad;
+    }
+
+    fn wish(&mut self, now: Instant, settings: &Settings, options: &Options, window: &Window) {
+        let dt_s = settings.cycle_period_s();
         if let Some(brake) = &mut self.brake {
             brake.since_s += dt_s;
             let share = at_least(1.0 - brake.since_s / brake.length_s, 0.0);
@@ -164,14 +191,26 @@ impl Setpoints {
                     axis.approach(self.end_rad.get(joint), limits.jog_v_rad_s, limits.jog_a_rad_s2, dt_s);
                 }
                 Mode::Jogging { joint: at_work, qd_rad_s, until, released } => {
-                    let goes = at_work == joint && !released && now < until;
-                    axis.drive(if goes { qd_rad_s } else { 0.0 }, limits.jog_a_rad_s2, dt_s);
+                    if at_work == joint && !released && now < until {
+                        let end_rad = reachable(
+                            axis.q_rad,
+                            window.limits(limits, joint),
+                            axis.q_rad + JOG_WAY_S * qd_rad_s,
+                        );
+                        axis.approach(end_rad, qd_rad_s.abs(), limits.jog_a_rad_s2, dt_s);
+                    } else {
+                        axis.drive(0.0, limits.jog_a_rad_s2, dt_s);
+                    }
                 }
                 Mode::Finding | Mode::Standing | Mode::Homing(_) | Mode::Braking | Mode::Halted => {
                     axis.v_rad_s = 0.0;
                 }
             }
         }
-        self.reference_before_rad = self.reference_rad;
+    }
+
+    /// Reference of the last cycle.
+    pub(super) const fn last_reference_rad(&self) -> &PerJoint<f32> {
+        &self.reference_before_rad
     }
 }

@@ -2,6 +2,9 @@
 
 use crate::joints::{at_most, clamp};
 
+/// Two speeds nearer than this are one, rad/s: the difference of two set points near pi rad, rounded, over 4 ms.
+const ROUNDED_RAD_S: f32 = 2e-4;
+
 /// Set point of an axis in force, and the speed with which set points move.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Axis {
@@ -39,6 +42,24 @@ impl Axis {
     pub(super) fn drive(&mut self, v_rad_s: f32, a_max: f32, dt_s: f32) {
         let step = a_max * dt_s;
         self.go(clamp(v_rad_s, self.v_rad_s - step, self.v_rad_s + step), dt_s);
+    }
+
+    /// The set point after this one that is nearest to `wish` and that a robot follows: with at most `v_max`, and with a change
+    /// of speed by at most `a_max`. A wish that is no number is no motion.
+    pub(super) fn within(self, wish: Self, v_max: f32, a_max: f32, dt_s: f32) -> Self {
+        let v_wish = (wish.q_rad - self.q_rad) / dt_s;
+        let v_wish = if v_wish.is_finite() { v_wish } else { 0.0 };
+        let step = a_max * dt_s;
+        let v = clamp(clamp(v_wish, self.v_rad_s - step, self.v_rad_s + step), -v_max, v_max);
+        // Differences of rounded numbers: a wish within the limits stays as it is.
+        let is_within = (v - v_wish).abs() <= ROUNDED_RAD_S;
+        if is_within && wish.q_rad.is_finite() {
+            return Self {
+                q_rad: wish.q_rad,
+                v_rad_s: if (wish.v_rad_s - v).abs() <= ROUNDED_RAD_S { wish.v_rad_s } else { v },
+            };
+        }
+        Self { q_rad: self.q_rad + v * dt_s, v_rad_s: v }
     }
 
     /// Moves with a speed for one period.

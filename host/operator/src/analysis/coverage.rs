@@ -8,10 +8,10 @@
 //! |---|---|---|
 //! | command interval | end of a motion command | end of the next one |
 //! | measurement interval | measurement after the first | measurement after the second |
-//! | delay, at least | measurement after the first | end of the second |
+//! | delay | measurement after the first | end of the second |
 //!
-//! Both intervals must be within the certified share of the period. The delay is at most the measurement interval; its share of
-//! it must not be less than certified. A command without an answer counts as outside.
+//! Both intervals must be within the certified share of the period, and the delay's share of the measurement interval, which is
+//! at most all of it, neither less nor more than certified. A command without an answer counts as outside.
 
 use serde::{Deserialize, Serialize};
 
@@ -56,6 +56,12 @@ impl Certified {
         (interval_s - self.period_s).abs() <= self.jitter_ratio * self.period_s + 1e-6
     }
 
+    /// Least and largest share of an interval that the delay may be.
+    #[must_use]
+    pub fn delay_shares(&self) -> [f64; 2] {
+        [self.delay_min_s, self.delay_max_s].map(|delay_s| delay_s / self.period_s)
+    }
+
     /// Least and largest interval, s.
     #[must_use]
     pub fn intervals_s(&self) -> (f64, f64) {
@@ -87,8 +93,8 @@ pub struct JointCoverage {
     pub command_interval_s: Option<Range>,
     /// Time between two measurements.
     pub measurement_interval_s: Option<Range>,
-    /// Least time from a measurement to the command computed from it.
-    pub delay_min_s: Option<f64>,
+    /// Least and largest time from a measurement to the command computed from it.
+    pub delay_s: Option<Range>,
     /// Pairs of commands.
     pub intervals: usize,
     /// Those with a number that is not certified.
@@ -165,6 +171,7 @@ impl Coverage {
                 1e3 * range.max_s
             );
         };
+        let [least, most] = self.certified.delay_shares();
         let what = match worst.what {
             What::CommandInterval => format!("{:.2} ms between two commands", 1e3 * worst.value_s),
             What::MeasurementInterval => format!("{:.2} ms between two measurements", 1e3 * worst.value_s),
@@ -175,12 +182,13 @@ impl Coverage {
         };
         format!(
             "warning: the timing left what the gains are certified for in {} of {} intervals; worst: joint {} at {:.3} s, \
-             {what} ({certified}, delay at least {:.0} % of the interval)",
+             {what} ({certified}, delay {:.0} to {:.0} % of the interval)",
             self.outside,
             self.intervals,
             worst.joint,
             worst.t_s,
-            1e2 * self.certified.delay_min_s / self.certified.period_s
+            1e2 * least,
+            1e2 * most
         )
     }
 }
@@ -267,9 +275,10 @@ fn one(
                 );
                 let delay_s = second - before;
                 joint.delay_shares.push(Reading { t_s: second, value: delay_s / interval_s });
-                joint.delay_min_s = Some(joint.delay_min_s.map_or(delay_s, |least| least.min(delay_s)));
-                let least_s = certified.delay_min_s / period_s * interval_s;
-                judge(What::Delay, delay_s, least_s - delay_s, delay_s + 1e-6 >= least_s);
+                Range::take(&mut joint.delay_s, delay_s);
+                let [least_s, most_s] = certified.delay_shares().map(|share| share * interval_s);
+                let excess_s = (least_s - delay_s).max(delay_s - most_s);
+                judge(What::Delay, delay_s, excess_s, excess_s <= 1e-6);
             }
             _ => judge(What::Unanswered, 0.0, period_s, false),
         }
@@ -327,5 +336,16 @@ mod tests {
         }
         let found = coverage(&slow, 1.0, CERTIFIED);
         assert_eq!((found.outside, found.worst.unwrap().what), (2, What::Delay));
+    }
+
+    /// Found with gains for a third of the delay: told inside, although every command acts 2.8 ms after its measurement.
+    #[test]
+    fn command_too_late_after_its_measurement_is_outside() {
+        let soon = Certified { delay_min_s: 0.00075, delay_max_s: 0.001, ..CERTIFIED };
+        let found = coverage(&heard(&[1.0, 4.0, 7.0]), 1.0, soon);
+        let worst = found.worst.unwrap();
+        assert_eq!((found.inside, found.outside, worst.what), (false, 2, What::Delay));
+        assert!((worst.value_s - 0.0028).abs() < 1e-9, "{worst:?}");
+        assert!(found.sentence().ends_with("delay 25 to 33 % of the interval)"), "{}", found.sentence());
     }
 }

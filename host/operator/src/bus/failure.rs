@@ -2,6 +2,8 @@
 
 use std::io;
 
+use crate::node::stop_watch::StopSeen;
+
 /// Why a session ended although nobody asked for it.
 #[derive(Debug, thiserror::Error)]
 pub enum BusFailure {
@@ -41,6 +43,11 @@ pub enum BusFailure {
     /// A node of the simulated world broke its contract.
     #[error("simulated bus: {0}")]
     Sim(#[from] hil_sim::world::RunError),
+    /// Somebody else stopped the arm.
+    #[error(
+        "stopped from outside: {0}; what this program moved was stopped too\n  next: find out who stopped it and why before the next order"
+    )]
+    StoppedByOther(StopSeen),
     /// The recording cannot be written; the arm was stopped first where this session moved it.
     #[error("the recording cannot be written: {source}{}\n  next: {}", if *.halted { " (the arm was halted first)" } else { "" }, disk_advice(.source))]
     Recording {

@@ -162,20 +162,10 @@ pub fn set_period(settings: &mut Settings, period_us: u32) {
 pub fn apply(choice: &Choice, settings: &mut Settings) {
     set_period(settings, choice.period_us);
     let gains = &choice.gains;
-    (settings.estimator_alpha, settings.estimator_beta) =
-        (gains.estimator.alpha as f32, gains.estimator.beta as f32);
-    settings.gains_certificate_crc32 = firmware::crc::Crc32::of(gains.to_toml().as_bytes());
-    // Gains for other accelerations are for another robot, whatever its name; the controller refuses to arm with them.
-    let fits = gains.joint.iter().all(|tuned| {
-        let index = tuned.number.checked_sub(1).and_then(|n| JointIndex::new(n).ok());
-        let a_max = index.map(|index| f64::from(settings.joint.at(index).a_max_rad_s2));
-        a_max.is_some_and(|a_max| (a_max - tuned.problem.acceleration_max_rad_s2).abs() < 1e-4)
-    });
-    settings.gains_robot_crc32 = if fits { settings.limits_robot_crc32 } else { 0 };
+    gains.enter(settings.limits_robot_crc32, settings);
     for tuned in &gains.joint {
         let Some(index) = tuned.number.checked_sub(1).and_then(|n| JointIndex::new(n).ok()) else { continue };
         let joint = settings.joint.at_mut(index);
-        [joint.k_error_1_s2, joint.k_rate_1_s, joint.k_last] = tuned.gains();
         let tolerance_rad = tuned.problem.error_position_rad as f32;
         joint.start_tolerance_rad = joint.start_tolerance_rad.min(tolerance_rad);
     }
@@ -251,6 +241,7 @@ mod tests {
             let mut settings = Settings::powercube6();
             apply(&choice, &mut settings);
             assert_eq!(settings.check(), Ok(()), "{us}");
+            assert_eq!(settings.gains_certificate_crc32, registers::certificate_crc32(&settings), "{us}");
             assert_eq!((settings.cycle_period_us, settings.gains_period_us), (us, us));
         }
     }

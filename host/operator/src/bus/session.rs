@@ -6,7 +6,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use can_link::{BusError, Role, Urgent};
-use firmware::authority::Key;
+use firmware::authority::{Digest, Key};
+use protocol::cyphal::cubecell::command::Trajectory;
 use protocol::cyphal::cubecell::stop::Reason;
 use protocol::{Duration, Instant, ModuleId};
 
@@ -17,6 +18,7 @@ use super::seen::Seen;
 use super::sim::SimBus;
 use super::soft::SoftReport;
 use crate::node::host_node::HostNode;
+use crate::node::stop_watch::REST_MAX as STOP_REST_MAX;
 use crate::tap::Tap;
 
 /// Time that a halt gets to reach the bus before a session is given up.
@@ -43,6 +45,8 @@ pub struct Session {
     medium: Medium,
     pub(super) taps: Vec<Box<dyn Tap>>,
     interrupt: Arc<AtomicBool>,
+    /// A signal does not end what it does: it puts things back.
+    puts_back: bool,
     name: String,
     /// This session may have set something in motion.
     moves: bool,
@@ -55,6 +59,10 @@ pub struct Session {
     pub(crate) joined: bool,
     /// Key of the controller, if it has one.
     pub(crate) key: Option<Key>,
+    /// What this session uploaded last, and the SHA-256 of it.
+    pub(crate) uploaded: Option<(Trajectory, Digest)>,
+    /// File and settings of the arming that it confirms with its key.
+    pub(crate) armed: Option<Digest>,
 }
 
 impl Session {
@@ -70,6 +78,7 @@ impl Session {
             medium,
             taps,
             interrupt,
+            puts_back: false,
             name,
             moves,
             urgent,
@@ -77,6 +86,8 @@ impl Session {
             controller_off,
             joined: false,
             key: None,
+            uploaded: None,
+            armed: None,
         }
     }
 
@@ -176,16 +187,39 @@ impl Session {
         self.urgent = None;
     }
 
-    /// Ctrl-C, SIGTERM or SIGHUP has come.
+    /// Ctrl-C, SIGTERM or SIGHUP has come, and it ends what this session does.
     pub fn is_interrupted(&self) -> bool {
-        self.interrupt.load(Ordering::Relaxed)
+        self.interrupt.load(Ordering::Relaxed) && !self.puts_back
+    }
+
+    /// Does what must follow although a signal or a stop has come: halts what moves, lets it come to rest, and calls
+    /// `after`. A second signal still ends the process.
+    ///
+    /// # Errors
+    /// As [`Session::run`], before `after` was called.
+    pub fn put_back<R>(&mut self, after: impl FnOnce(&mut Self) -> R) -> Result<R, BusFailure> {
+        self.puts_back = true;
+        self.host_node().stops.end();
+        let rested = self.come_to_rest().map(|()| after(self));
+        self.puts_back = false;
+        rested
+    }
+
+    fn come_to_rest(&mut self) -> Result<(), BusFailure> {
+        self.halt_if_moving()?;
+        let until = self.now() + STOP_REST_MAX;
+        self.run(until, &mut |host_node| {
+            let group = host_node.inbox().and_then(|inbox| inbox.group);
+            group.is_none_or(|(_, _, group)| !group.state.may_move())
+        })
+        .map(drop)
     }
 
     /// Runs until `done` says so, `until`, or Ctrl-C. `done` is asked after each event.
     ///
     /// # Errors
-    /// The bus is gone, or a recording cannot be written. If [`Session::guard_motion`] is on, a halt was sent
-    /// before (as far as the bus still took it).
+    /// The bus is gone, a recording cannot be written, or somebody else stopped the arm ([`Session::watch_stops`]). If
+    /// [`Session::guard_motion`] is on, a halt was sent before (as far as the bus still took it).
     pub fn run(
         &mut self,
         until: Instant,
@@ -195,8 +229,16 @@ impl Session {
             if self.is_interrupted() {
                 return Ok(Ended::Interrupted);
             }
-            if done(self.host_node()) {
+            // What the controller reports of a stop is the caller's first; without it nothing is taken from the bus any more.
+            let stop = self.host_node().stop_due();
+            let is_done = stop.is_none_or(|stop| stop.group.is_some()) && done(self.host_node());
+            if is_done && stop.is_none_or(|stop| !stop.by_other) {
                 return Ok(Ended::Done);
+            }
+            if let Some(stop) = stop {
+                // What must follow is not ended by it once more.
+                self.host_node().stops.end();
+                return Err(self.give_up(BusFailure::StoppedByOther(stop)));
             }
             if self.now() >= until {
                 return Ok(Ended::TimedOut);
@@ -205,6 +247,24 @@ impl Session {
                 return Err(self.give_up(failure));
             }
         }
+    }
+
+    /// From now on a stop that this session does not give ends what it does, once, with [`BusFailure::StoppedByOther`].
+    pub fn watch_stops(&mut self) {
+        self.host_node().stops.start();
+    }
+
+    /// Ends the job if somebody has stopped the arm since [`Session::watch_stops`]; waits for what the controller reports of
+    /// it. Nothing may be ordered before.
+    ///
+    /// # Errors
+    /// As [`Session::run`].
+    pub fn heed_stops(&mut self) -> Result<(), BusFailure> {
+        let until = self.now() + STOP_REST_MAX;
+        while self.host_node().stops.is_pending() && !self.is_interrupted() {
+            self.run(until, &mut |_| false)?;
+        }
+        Ok(())
     }
 
     /// Lets time pass, Ctrl-C or not; for what must happen after an interruption.
@@ -225,6 +285,8 @@ impl Session {
     /// As [`Session::run`].
     pub fn halt(&mut self, reason: Reason) -> Result<(), BusFailure> {
         self.host_node().halt(reason);
+        // What the controller reports of it is no news.
+        self.host_node().stops.end();
         self.moves = false;
         self.pass(HALT_TIME)
     }
@@ -278,7 +340,9 @@ impl Session {
         if !self.moves {
             return failure;
         }
-        self.taps.clear();
+        if !matches!(failure, BusFailure::StoppedByOther(_)) {
+            self.taps.clear();
+        }
         let halted = self.halt(Reason::HOST).is_ok();
         match failure {
             BusFailure::Recording { source, .. } => BusFailure::Recording { source, halted },

@@ -103,6 +103,9 @@ pub fn of_model<const N: usize>(model: &RobotModel<N>) -> Result<Settings, NoSet
             ..*place
         };
     }
+    if let Some(drive) = model.drive_loop() {
+        settings.drive_lag_us = (2e6 * drive.damping_ratio / drive.natural_frequency_rad_s).round() as u32;
+    }
     settings.limits_robot_crc32 = crc32_of(model);
     if settings.limits_robot_crc32 != settings.gains_robot_crc32 {
         (settings.gains_robot_crc32, settings.gains_certificate_crc32) = (0, 0);

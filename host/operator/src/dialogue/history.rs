@@ -124,6 +124,9 @@ pub fn describe(entry: &TraceEntry) -> String {
         kind::LIMITS_PUT_BACK => "the limits of the robot hold again".to_owned(),
         kind::LIMITS_CHANGED => "a limit was changed; the commit is void".to_owned(),
         kind::KEY => format!("key {}", if entry.detail == 1 { "set" } else { "removed" }),
+        kind::UPLOAD_VOIDED => {
+            format!("node {} wrote to the upload of another one, which is void", entry.detail)
+        }
         kind::REGISTER_REFUSED => {
             let name = registers::TABLE.get(usize::from(entry.detail)).map_or("?", |info| info.name);
             format!("register write refused: {name}")
@@ -206,7 +209,7 @@ mod tests {
 
     #[test]
     fn every_kind_of_event_has_words() {
-        for number in kind::STATE..=kind::REGISTER_REFUSED {
+        for number in kind::STATE..=kind::UPLOAD_VOIDED {
             let text = describe(&TraceEntry { kind: number, joint: 3, cause: 101, ..TraceEntry::default() });
             assert!(!text.starts_with("event") && text.contains("joint 3: DriveSilent (101)"), "{text}");
         }

@@ -1,16 +1,19 @@
 //! Orders and register writes with a code made from the key of a controller.
 
-use firmware::authority::{Key, Peer, code_of};
+use firmware::authority::{Digest, Key, Peer, code_of};
+use firmware::registers::{RegisterInfo, run_digest};
 use protocol::cyphal::bits::Decode;
 use protocol::cyphal::client::Policy;
 use protocol::cyphal::cubecell::authorization::{Content, KEY_REGISTER, KEYED_REGISTER, needs_code};
-use protocol::cyphal::cubecell::command::{AUTHORIZE, Authorization, CHALLENGE, Challenge};
+use protocol::cyphal::cubecell::command::{
+    ARM_CONFIRM, AUTHORIZE, Authorization, CHALLENGE, COMMIT_TRAJECTORY, Challenge, Trajectory,
+};
 use protocol::cyphal::id::NodeId;
 use protocol::cyphal::uavcan::register::{ACCESS, AccessRequest};
 use protocol::cyphal::uavcan::value::Value;
 
 use super::operator::OperatorError;
-use super::registers::Numbers;
+use super::registers::{Numbers, settings_of};
 use crate::bus::session::Session;
 
 impl Session {
@@ -48,9 +51,29 @@ impl Session {
         if self.key.is_none() || !needs_code(number) {
             return Ok(());
         }
-        let content =
-            Content::of_command(number, parameter).map_err(|_| OperatorError::Unreadable { node })?;
+        let about = match number {
+            COMMIT_TRAJECTORY => self.uploaded.map(|(_, file)| file),
+            ARM_CONFIRM => self.armed,
+            _ => None,
+        };
+        let content = Content::of_command(number, parameter)
+            .and_then(|content| about.map_or(Ok(content), |digest| content.about(&digest)))
+            .map_err(|_| OperatorError::Unreadable { node })?;
         self.authorize(node, &content)
+    }
+
+    /// Digest of the uploaded file with the settings that the controller reports, which must be the offered one.
+    pub(super) fn signed_run(
+        &mut self,
+        node: NodeId,
+        name: &Trajectory,
+        offered: &Digest,
+    ) -> Result<Digest, OperatorError> {
+        let file = self.uploaded.filter(|(uploaded, _)| uploaded == name).map(|(_, file)| file);
+        let file = file.ok_or(OperatorError::OtherContent)?;
+        let settings = settings_of(RegisterInfo::is_in_digest, &mut |name| self.register(node, name))?;
+        let digest = run_digest(&file, &settings);
+        if digest == *offered { Ok(digest) } else { Err(OperatorError::OtherContent) }
     }
 
     /// Gives the code for a register write, if there is a key.

@@ -7,6 +7,7 @@
 //! The host's heartbeat keeps a motion alive: it is sent every [`crate::node::inbox::HEARTBEAT`], and stops when this program does, upon
 //! which the controller ramps down.
 
+use firmware::authority::sha256;
 use firmware::fault::Cause;
 use protocol::cyphal::bits::{Decode, Encode, to_bytes};
 use protocol::cyphal::client::{Policy, StartError};
@@ -26,6 +27,7 @@ use super::following::Following;
 use crate::bus::BusFailure;
 use crate::bus::period::PERIOD_MAX_US;
 use crate::bus::session::{Ended, Session};
+use crate::node::stop_watch::{StopSeen, is_stop_by_other};
 
 /// Validity of an offer to arm, and of an arming, ms.
 pub(crate) const ARMING_VALID_MS: u16 = 5_000;
@@ -50,9 +52,9 @@ const PARAMETER_MAX: usize = 64;
 /// Why an order was not carried out.
 #[derive(Debug, thiserror::Error)]
 pub enum OperatorError {
-    /// The bus failed.
+    /// The bus failed, or somebody else stopped the arm.
     #[error(transparent)]
-    Bus(#[from] BusFailure),
+    Bus(BusFailure),
     /// Ctrl-C.
     #[error("interrupted")]
     Interrupted,
@@ -81,7 +83,7 @@ pub enum OperatorError {
         refusal: Option<Refusal>,
     },
     /// A piece of the file was refused.
-    #[error("upload: at byte {} the controller refuses the file (code {})\n  next: disarm, then upload again", .0.offset, .0.error.0)]
+    #[error("upload: at byte {} the controller refuses the file (code {})\n  next: disarm, look for another host that uploads, then upload again", .0.offset, .0.error.0)]
     Upload(UploadError),
     /// The file is longer than a file can be.
     #[error("a file of {0} bytes is too long for a controller")]
@@ -107,6 +109,12 @@ pub enum OperatorError {
         /// Read back.
         found: String,
     },
+    /// With a key: another file than this session uploaded, or other settings than it has read.
+    #[error(
+        "the controller would arm another file than was uploaded here, or with other settings than it reports; nothing moves\n  \
+         next: look for another node that writes on this bus (`cubectl doctor`), then upload again"
+    )]
+    OtherContent,
     /// It stopped, or reports a fault.
     #[error("the controller {}: {}", if *.state == State::Fault { "reports a fault" } else { "has stopped" }, fault_text(.cause, .joint))]
     Stopped {
@@ -153,6 +161,29 @@ pub enum OperatorError {
         /// The bound.
         limit: Duration,
     },
+}
+
+impl From<BusFailure> for OperatorError {
+    fn from(failure: BusFailure) -> Self {
+        match failure {
+            BusFailure::StoppedByOther(StopSeen { group: Some(group), by_other: false, .. }) => {
+                stopped(&group)
+            }
+            other => Self::Bus(other),
+        }
+    }
+}
+
+impl OperatorError {
+    /// Somebody stopped the arm, and no fault did.
+    #[must_use]
+    pub fn is_stop_by_other(&self) -> bool {
+        match self {
+            Self::Bus(failure) => matches!(failure, BusFailure::StoppedByOther(_)),
+            Self::Stopped { cause, .. } => is_stop_by_other(*cause),
+            _ => false,
+        }
+    }
 }
 
 fn refusal_text(status: &Status, refusal: &Option<Refusal>) -> String {
@@ -260,6 +291,7 @@ impl Session {
         request: &dyn Encode,
     ) -> Result<Vec<u8>, OperatorError> {
         self.join()?;
+        self.heed_stops()?;
         let (link, now) = self.host_node().link();
         let ticket = link.request(now, node, service, policy, request).map_err(OperatorError::Start)?;
         let until = now + REQUEST_MAX;
@@ -366,6 +398,7 @@ impl Session {
         progress: &mut dyn FnMut(usize, usize),
     ) -> Result<Trajectory, OperatorError> {
         let name = name_of(bytes)?;
+        self.uploaded = Some((name, sha256(bytes)));
         let mut upload = Upload::new(TRAJECTORY_PATH, bytes);
         while let Some(piece) = upload.request() {
             let payload = self.request(node, file::WRITE, Policy::FILE, &piece)?;
@@ -379,14 +412,19 @@ impl Session {
         Ok(name)
     }
 
-    /// Arms for `name`: asks for an offer and takes it. The arming expires by itself.
+    /// Arms for `name`: asks for an offer and takes it. The arming expires by itself. With a key the session confirms only what
+    /// it has uploaded itself, with the settings that it has read.
     ///
     /// # Errors
-    /// [`OperatorError`].
+    /// [`OperatorError::OtherContent`] if the controller would arm something else, and the others.
     pub fn arm(&mut self, node: NodeId, name: &Trajectory) -> Result<(), OperatorError> {
         let prepare = ArmPrepare { trajectory_crc64: name.trajectory_crc64, valid_ms: ARMING_VALID_MS };
         let output = self.order(node, "to arm", command::ARM_PREPARE, &prepare)?;
         let offer = ArmOffer::from_bytes(&output).map_err(|_| OperatorError::Unreadable { node })?;
+        self.armed = match self.key {
+            Some(_) => Some(self.signed_run(node, name, &offer.digest)?),
+            None => None,
+        };
         let confirm = ArmConfirm { token: offer.token, valid_ms: ARMING_VALID_MS };
         // After homing or a reset the controller reads the drives again before it trusts them.
         self.order_until_accepted(

@@ -1,5 +1,7 @@
 //! Registers of a controller: settings by name, written and read back.
 
+use firmware::registers::{self, Number, RegisterInfo, TABLE};
+use firmware::settings::Settings;
 use protocol::cyphal::bits::Decode;
 use protocol::cyphal::client::Policy;
 use protocol::cyphal::id::NodeId;
@@ -63,6 +65,58 @@ impl Numbers {
             Self::Text(_) => None,
         }
     }
+
+    /// As `cubectl registers set` takes them.
+    #[must_use]
+    pub fn list(&self) -> String {
+        self.to_string().trim_matches(['[', ']']).replace(", ", ",")
+    }
+}
+
+/// Numbers as the controller's table of registers holds them.
+pub(crate) fn to_controller(numbers: &Numbers) -> Vec<Number> {
+    match numbers {
+        Numbers::Real(all) => all.iter().map(|x| Number::Real32(*x)).collect(),
+        Numbers::Natural(all) => {
+            // A number that is too large for a register is refused by its range.
+            all.iter().map(|x| Number::Natural32(u32::try_from(*x).unwrap_or(u32::MAX))).collect()
+        }
+        Numbers::Bit(all) => all.iter().map(|x| Number::Bit(*x)).collect(),
+        // No register holds one; the controller refuses no numbers.
+        Numbers::Text(_) => Vec::new(),
+    }
+}
+
+/// As they are for people and for the wire.
+pub(crate) fn to_host(numbers: &[Number]) -> Numbers {
+    let real = |number: &Number| if let Number::Real32(x) = number { Some(*x) } else { None };
+    let natural =
+        |number: &Number| if let Number::Natural32(x) = number { Some(u64::from(*x)) } else { None };
+    let bit = |number: &Number| if let Number::Bit(x) = number { Some(*x) } else { None };
+    match numbers.first() {
+        Some(Number::Real32(_)) => Numbers::Real(numbers.iter().filter_map(real).collect()),
+        Some(Number::Bit(_)) => Numbers::Bit(numbers.iter().filter_map(bit).collect()),
+        _ => Numbers::Natural(numbers.iter().filter_map(natural).collect()),
+    }
+}
+
+/// Settings with what `read` finds in the registers that `wanted` takes, and the number of joints. The others are as built in.
+///
+/// # Errors
+/// Those of `read`; [`OperatorError::NoRegister`] for one that holds what this program does not know.
+pub fn settings_of(
+    wanted: impl Fn(&RegisterInfo) -> bool,
+    read: &mut dyn FnMut(&str) -> Result<Numbers, OperatorError>,
+) -> Result<Settings, OperatorError> {
+    let mut settings = Settings::BUILT_IN;
+    for (index, info) in TABLE.iter().enumerate() {
+        if (info.name == "group.joints" || wanted(info))
+            && !registers::set_held(&mut settings, index, &to_controller(&read(info.name)?))
+        {
+            return Err(OperatorError::NoRegister { name: info.name.to_owned() });
+        }
+    }
+    Ok(settings)
 }
 
 impl From<f32> for Numbers {

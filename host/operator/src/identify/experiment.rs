@@ -215,6 +215,9 @@ impl<'a, const N: usize> Experiment<'a, N> {
         let begun = self.session.now();
         self.session.ask(module, Request::Move(MotionRequest::extended(command)))?;
         let planned = Duration::from_secs_f64(way / v_rad_s + v_rad_s / a_rad_s2);
+        // A slow ramp takes its time to get there.
+        let begun_rad = 0.1 * way.min(0.1);
+        let begins_by = BEGIN_TIME + Duration::from_secs_f64(begun_rad / v_rad_s);
         self.over_since = None;
         let mut looks = 0u32;
         loop {
@@ -239,7 +242,7 @@ impl<'a, const N: usize> Experiment<'a, N> {
                     return Ok(());
                 }
             }
-            if (elapsed > BEGIN_TIME && moved_rad < 0.1 * way.min(0.1)) || elapsed > planned + LATE {
+            if (elapsed > begins_by && moved_rad < begun_rad) || elapsed > planned + LATE {
                 return Err(blocked);
             }
         }

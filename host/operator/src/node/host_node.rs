@@ -14,6 +14,7 @@ use protocol::{Duration, Frame, Id, Instant, ModuleId, Node};
 
 use super::drive_client::{DriveClient, Outcome, RequestFailed, Ticket};
 use super::inbox::{CyphalLink, Inbox, NODE_ID, NODE_ID_MIN};
+use super::stop_watch::{StopSeen, StopWatch};
 
 /// What was heard of one module, by whomever it was asked.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -76,6 +77,8 @@ pub struct HostNode {
     mute: bool,
     /// Questions and answers of each module, by whomever it was asked.
     talks: BTreeMap<ModuleId, (u32, u32)>,
+    /// Stops of others.
+    pub(crate) stops: StopWatch,
 }
 
 /// An end state that could not be sent by then is dropped: a newer one has come.
@@ -98,6 +101,7 @@ impl Default for HostNode {
             targets: Publication::new(target::SUBJECT, Priority::Fast, TARGET_VALID),
             mute: false,
             talks: BTreeMap::new(),
+            stops: StopWatch::default(),
         }
     }
 }
@@ -207,6 +211,12 @@ impl HostNode {
         heard.map_or(Duration::ZERO, |(at, ..)| self.now.saturating_since(at.max(since)))
     }
 
+    /// A stop that ends the job: see [`StopWatch::due`].
+    pub(crate) fn stop_due(&self) -> Option<StopSeen> {
+        let heard = self.link.as_ref().and_then(|link| link.listener.group);
+        self.stops.due(self.now, heard.map(|(at, _, group)| (at, group)))
+    }
+
     /// What was heard of each module.
     pub const fn heard(&self) -> &BTreeMap<ModuleId, Heard> {
         &self.heard
@@ -260,12 +270,16 @@ impl Node for HostNode {
         self.tally.received += 1;
         self.tally.extended += u64::from(frame.is_extended());
         self.count(frame);
+        self.stops.take_frame(self.now, frame);
         if frame.is_extended() {
             let tool = source(frame).map_or(0, tool_bit);
             self.tally.tools += u64::from(tool != 0);
             self.tools |= tool;
             if let Some(link) = &mut self.link {
                 link.handle_frame(self.now, frame);
+                if let Some((at, _, group)) = &link.listener.group {
+                    self.stops.take_state(*at, group);
+                }
             }
             return;
         }

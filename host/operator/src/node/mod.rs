@@ -5,7 +5,9 @@
 //! | [`host_node`] | the node: asks drives, sends what it is told, keeps what it heard |
 //! | [`inbox`] | its Cyphal half: heartbeat, and what arrives from a controller |
 //! | [`drive_client`] | requests to drives with deadlines |
+//! | [`stop_watch`] | stops that this program did not give |
 
 pub mod drive_client;
 pub mod host_node;
 pub mod inbox;
+pub mod stop_watch;

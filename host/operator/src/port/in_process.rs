@@ -13,19 +13,19 @@ use firmware::group::DriveGroup;
 use firmware::groups::powercube::PowerCubes;
 use firmware::host_link::group_message;
 use firmware::orders::{Done, Order};
-use firmware::registers::{self, Kind, Number};
+use firmware::registers;
 use firmware::settings::Settings;
 use firmware::spline::Spline;
 use firmware::store::{FileName, RamStorage};
 use firmware::trace::TraceEvent;
-use hil_sim::participants::Solo;
+use hil_sim::participants::{Participants, Solo};
 use hil_sim::scenario::ScriptedHost;
-use hil_sim::{Cell, World};
+use hil_sim::{Cell, Observer, World};
 use protocol::cyphal::cubecell::command::{self, Trajectory};
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::cyphal::id::NodeId;
 use protocol::cyphal::uavcan::command::Status;
-use protocol::{Duration, Instant};
+use protocol::{Duration, Frame, Instant};
 use robot_model::AnyRobot;
 
 use super::{BallSeen, Operator};
@@ -35,9 +35,10 @@ use crate::dialogue::following::Following;
 use crate::dialogue::operator::{
     ARMING_VALID_MS, FRESH, FRESH_LOOK, OperatorError, PRESENCE, name_of, stopped,
 };
-use crate::dialogue::registers::Numbers;
+use crate::dialogue::registers::{Numbers, to_controller, to_host};
 use crate::log::facts::Fact;
 use crate::log::watch::Watch;
+use crate::node::stop_watch::StopWatch;
 use crate::samples::drives::Drives;
 use crate::samples::{At, Freeze, GroupTold, JointFreeze, JointSamples, Samples};
 use planner::throw::Arm;
@@ -59,6 +60,22 @@ pub struct InProcess {
     kept: Option<Kept>,
     /// Once set, no more time passes.
     stop: Option<Arc<AtomicBool>>,
+    /// Stops of others.
+    stops: StopWatch,
+}
+
+/// Gives the watch every frame but the controller's own.
+struct Others<'a> {
+    stops: &'a mut StopWatch,
+    controller: usize,
+}
+
+impl Observer for Others<'_> {
+    fn on_frame(&mut self, at: Instant, from: Option<usize>, frame: &Frame) {
+        if from != Some(self.controller) {
+            self.stops.take_frame(at, frame);
+        }
+    }
 }
 
 impl InProcess {
@@ -78,7 +95,8 @@ impl InProcess {
         let script = Solo::new("script", ScriptedHost::new(&setup.actions));
         let participants = ((cell, script), Solo::new("controller", controller));
         let world = World::new(participants, setup.bus, seed, setup.faults.clone())?;
-        Ok(Self { world, told: (Instant::ZERO, GroupState::default()), kept: None, stop: None })
+        let told = (Instant::ZERO, GroupState::default());
+        Ok(Self { world, told, kept: None, stop: None, stops: StopWatch::of_others() })
     }
 
     /// Lets `flag`, once it is set, end what is under way with [`OperatorError::Interrupted`], at most 0.5 ms of virtual time later.
@@ -108,6 +126,7 @@ impl InProcess {
     }
 
     fn order(&mut self, what: &'static str, order: Order) -> Result<Done, OperatorError> {
+        self.heed_stops()?;
         self.act(|controller, now| controller.order(now, Peer::LOCAL, order))?
             .map_err(|refusal| refused(what, refusal))
     }
@@ -118,7 +137,14 @@ impl InProcess {
             return Err(OperatorError::Interrupted);
         }
         let to = (self.world.now() + SLICE).min(until);
-        self.world.run_until(to, &mut ()).map_err(BusFailure::from)?;
+        let controller = self.world.participants().0.len();
+        let was_pending = self.stops.is_pending();
+        let mut others = Others { stops: &mut self.stops, controller };
+        self.world.run_until(to, &mut others).map_err(BusFailure::from)?;
+        if self.stops.is_pending() && !was_pending {
+            // Nobody else passes a stop message on to a controller without a host link.
+            self.act(Controller::stop_now)?;
+        }
         let last = self.told.1;
         let told = self.act(|controller, now| {
             let due = controller.take_telemetry_due(now);
@@ -127,6 +153,7 @@ impl InProcess {
         let now = self.world.now();
         if let Some((_, sample)) = &told {
             self.told = (now, group_message(sample, last.sequence.wrapping_add(1), false));
+            self.stops.take_state(now, &self.told.1);
         }
         if let Some(kept) = &mut self.kept {
             let controller = &self.world.participants().1.node;
@@ -138,6 +165,14 @@ impl InProcess {
         Ok(())
     }
 
+    /// Reports a stop once, when the controller has reported it or does not.
+    fn end_if_stopped(&mut self) -> Result<(), OperatorError> {
+        let Some(stop) = self.stops.due(self.world.now(), Some(self.told)) else { return Ok(()) };
+        self.stops.end();
+        // What the controller reports of a fault is the caller's.
+        if stop.by_other { Err(BusFailure::StoppedByOther(stop).into()) } else { Ok(()) }
+    }
+
     /// Lets time pass until `done` says so; false if it did not before `until`.
     fn pass_until(
         &mut self,
@@ -146,7 +181,9 @@ impl InProcess {
     ) -> Result<bool, OperatorError> {
         loop {
             let (at, told) = self.told;
-            if done(at, &told) {
+            let is_done = done(at, &told);
+            self.end_if_stopped()?;
+            if is_done {
                 return Ok(true);
             }
             if self.world.now() >= until {
@@ -163,6 +200,7 @@ impl Operator for InProcess {
     }
 
     fn connect(&mut self) -> Result<Option<NodeId>, OperatorError> {
+        self.stops.start();
         let now = self.world.now();
         let heard = self.pass_until(now + PRESENCE, &mut |at, _| at > now)?;
         if heard { Ok(None) } else { Err(OperatorError::NoController) }
@@ -170,7 +208,18 @@ impl Operator for InProcess {
 
     fn pass(&mut self, span: Duration) -> Result<(), OperatorError> {
         let until = self.world.now() + span;
-        self.pass_until(until, &mut |_, _| false).map(drop)
+        while self.world.now() < until {
+            self.step(until)?;
+        }
+        Ok(())
+    }
+
+    fn heed_stops(&mut self) -> Result<(), OperatorError> {
+        while self.stops.is_pending() {
+            self.end_if_stopped()?;
+            self.step(self.world.now() + SLICE)?;
+        }
+        Ok(())
     }
 
     fn group(&mut self) -> GroupState {
@@ -198,6 +247,7 @@ impl Operator for InProcess {
         };
         while self.world.now() < asked_at + PRESENCE {
             self.step(asked_at + PRESENCE)?;
+            self.end_if_stopped()?;
             let measured: Option<Vec<f64>> = pose(self.controller());
             if let Some(measured) = measured {
                 return Ok(measured);
@@ -213,7 +263,7 @@ impl Operator for InProcess {
             .controller()
             .register(index)
             .ok_or_else(|| OperatorError::NoRegister { name: name.to_owned() })?;
-        Ok(to_host(registers::TABLE[index].kind, numbers.as_slice()))
+        Ok(to_host(numbers.as_slice()))
     }
 
     fn set_register(&mut self, name: &str, wanted: &Numbers) -> Result<(), OperatorError> {
@@ -403,29 +453,4 @@ fn refused(what: &'static str, refusal: Refusal) -> OperatorError {
     let joint = refusal.joint.map_or(0, |joint| joint.get() as u8 + 1);
     let refusal = command::Refusal { cause: refusal.cause.code(), joint, index: refusal.index };
     OperatorError::Refused { what, status: Status::FAILURE, refusal: Some(refusal) }
-}
-
-fn to_host(kind: Kind, numbers: &[Number]) -> Numbers {
-    let real = |number: &Number| if let Number::Real32(x) = number { Some(*x) } else { None };
-    let natural =
-        |number: &Number| if let Number::Natural32(x) = number { Some(u64::from(*x)) } else { None };
-    let bit = |number: &Number| if let Number::Bit(x) = number { Some(*x) } else { None };
-    match kind {
-        Kind::Real32 => Numbers::Real(numbers.iter().filter_map(real).collect()),
-        Kind::Natural32 => Numbers::Natural(numbers.iter().filter_map(natural).collect()),
-        Kind::Bit => Numbers::Bit(numbers.iter().filter_map(bit).collect()),
-    }
-}
-
-fn to_controller(numbers: &Numbers) -> Vec<Number> {
-    match numbers {
-        Numbers::Real(all) => all.iter().map(|x| Number::Real32(*x)).collect(),
-        Numbers::Natural(all) => {
-            // A number that is too large for a register is refused by its range.
-            all.iter().map(|x| Number::Natural32(u32::try_from(*x).unwrap_or(u32::MAX))).collect()
-        }
-        Numbers::Bit(all) => all.iter().map(|x| Number::Bit(*x)).collect(),
-        // No register holds one; the controller refuses no numbers.
-        Numbers::Text(_) => Vec::new(),
-    }
 }

@@ -65,6 +65,13 @@ pub trait Operator {
     /// [`OperatorError::NoController`], and those of the link.
     fn connect(&mut self) -> Result<Option<NodeId>, OperatorError>;
 
+    /// Ends the job if somebody has stopped the arm since [`Operator::connect`]. The other functions ask by themselves, but
+    /// [`Operator::pass`].
+    ///
+    /// # Errors
+    /// One of which [`OperatorError::is_stop_by_other`] is true, or the fault that the controller reports.
+    fn heed_stops(&mut self) -> Result<(), OperatorError>;
+
     /// Lets time pass, also after an interruption.
     ///
     /// # Errors

@@ -32,6 +32,7 @@ impl<'a> OnBus<'a> {
     pub fn new(session: &'a mut Session, wanted: Option<NodeId>, bit_rate_bit_s: u32) -> Self {
         let keeper = Keeper::default();
         session.add_tap(Box::new(keeper.clone()));
+        session.watch_stops();
         Self { session, wanted, node: None, keeper, bit_rate_bit_s }
     }
 
@@ -48,6 +49,10 @@ impl Operator for OnBus<'_> {
     fn connect(&mut self) -> Result<Option<NodeId>, OperatorError> {
         self.node = Some(self.session.find_controller(self.wanted)?);
         Ok(self.node)
+    }
+
+    fn heed_stops(&mut self) -> Result<(), OperatorError> {
+        Ok(self.session.heed_stops()?)
     }
 
     fn pass(&mut self, span: Duration) -> Result<(), OperatorError> {

@@ -94,6 +94,7 @@ impl ControllerArm {
     /// # Errors
     /// [`NoArm`].
     pub fn at(mut session: Session, settings: &Settings, pose: &Joints) -> Result<Self, NoArm> {
+        session.watch_stops();
         let node = session.find_controller(None)?;
         session.wait_for(READY_MAX, &|state| state != State::Boot)?;
         if session.group().is_some_and(|group| group.state == State::Idle) {

@@ -15,6 +15,7 @@
 //! late datagram ([`MarkerStream`]).
 
 use std::net::UdpSocket;
+use std::sync::atomic::Ordering;
 use std::sync::mpsc::{self, Receiver, Sender};
 use std::time::{Duration as WallSpan, Instant as WallTime};
 
@@ -38,6 +39,7 @@ use crate::bus::sim::SimSetup;
 use crate::bus::{BusArgs, BusFailure, Session};
 use crate::dialogue::operator::OperatorError;
 use crate::flight_estimator::MarkerStream;
+use crate::interrupt::interrupt;
 use crate::throw::trajectory::{TrajectoryError, encode};
 
 /// Time between the order to throw and the throw, s. A catcher that knows the throw plans in this time.
@@ -174,21 +176,41 @@ pub fn run(
             let session = open(spec, cell, settings)?;
             let arm = ControllerArm::at(session, settings, &start);
             let mut arm = arm.map_err(|why| WireError::Arm { arm: "thrower", why: Box::new(why) })?;
-            throw_when_told(&mut arm, &throw, &ready, &goes)
+            let thrown = throw_when_told(&mut arm, &throw, &ready, &goes);
+            if let Err(WireError::Operator(why)) | Ok((Err(why), _)) = &thrown {
+                end_both(why);
+            }
+            thrown
         });
         let caught = catch(pair, aimed, options, wire, (cell, settings), &socket, &is_ready, &go);
+        if let Err(WireError::Operator(why)) = &caught {
+            end_both(why);
+        }
         // Without it the thrower waits no longer.
         drop(go);
         let thrown = thread.join().unwrap_or(Err(WireError::NotReady));
         // The thrower's own words say more than that it did not get ready.
         let mut outcome = match (caught, thrown) {
-            (Err(WireError::NotReady), Err(why)) => return Err(why),
+            (Err(WireError::NotReady | WireError::Operator(OperatorError::Interrupted)), Err(why)) => {
+                return Err(why);
+            }
+            // The thrower was stopped, and the catcher ended because of it.
+            (Err(WireError::Operator(OperatorError::Interrupted)), Ok((Err(why), _))) => {
+                return Err(why.into());
+            }
             (Err(why), _) | (Ok(_), Err(why)) => return Err(why),
             (Ok(outcome), Ok((thrown, off_s))) => WireOutcome { thrown, ..outcome }.with_thrower_off(off_s),
         };
         outcome.refusals.truncate(20);
         Ok(outcome)
     })
+}
+
+/// A stop of one arm by somebody else ends the session of the other one too, as Ctrl-C does.
+fn end_both(why: &OperatorError) {
+    if why.is_stop_by_other() {
+        interrupt().store(true, Ordering::Relaxed);
+    }
 }
 
 impl WireOutcome {
@@ -236,6 +258,7 @@ fn throw_when_told(
     let _ = ready.send(());
     let begin = loop {
         session.pass(Duration::from_millis(5))?;
+        session.heed_stops().map_err(OperatorError::from)?;
         if session.is_interrupted() {
             return Err(OperatorError::Interrupted.into());
         }
@@ -270,6 +293,7 @@ fn settle(
             return Err(OperatorError::Interrupted.into());
         }
         session.pass(Duration::from_micros(500))?;
+        session.heed_stops().map_err(OperatorError::from)?;
         while let Ok(length) = socket.recv(buffer) {
             frames += usize::from(matches!(stream.push(&buffer[..length], arm.now_s()), Ok(Some(_))));
         }
@@ -295,6 +319,7 @@ fn catch(
     let patience = WallTime::now() + READY_MAX;
     while let Err(none) = ready.try_recv() {
         arm.parts().0.pass(Duration::from_millis(5))?;
+        arm.parts().0.heed_stops().map_err(OperatorError::from)?;
         if none == mpsc::TryRecvError::Disconnected || WallTime::now() > patience {
             return Err(WireError::NotReady);
         }
@@ -332,6 +357,13 @@ fn catch(
     while arm.now_s() < until_s.min(start_s + TRIAL_MAX_S) {
         let now_s = arm.now_s();
         joints = arm.advance(now_s + TURN_S);
+        // A fault of the catcher is an outcome; a stop by somebody else ends both arms.
+        if let Err(why) = arm.parts().0.heed_stops().map_err(OperatorError::from)
+            && why.is_stop_by_other()
+        {
+            arm.parts().0.halt_if_moving()?;
+            return Err(why.into());
+        }
         if arm.parts().0.is_interrupted() {
             arm.parts().0.halt_if_moving()?;
             return Err(OperatorError::Interrupted.into());

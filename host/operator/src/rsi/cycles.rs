@@ -1,6 +1,6 @@
 //! What the telegrams and answers of a log say about the motion: set and measured axes by cycle.
 
-use protocol::Instant;
+use protocol::{Duration, Instant};
 use rsi_protocol::{Config, RobotState, Root, Telegram};
 
 use super::log::{Entry, Line};
@@ -23,6 +23,70 @@ pub struct Cycle {
     pub fingers_open: Option<bool>,
     /// Late answers as the robot counts them.
     pub late: u64,
+}
+
+/// The number of each cycle, from 0: a telegram that was lost has one too.
+///
+/// The numbers of the telegrams say it; where they disagree with the times by more than two cycles, the times do.
+#[must_use]
+pub fn numbers(cycles: &[Cycle], period_s: f64) -> Vec<u64> {
+    let rise = |pair: &[Cycle]| pair[1].ipoc.saturating_sub(pair[0].ipoc);
+    let step = cycles.windows(2).map(rise).filter(|rise| *rise > 0).min().unwrap_or(1);
+    let mut number = 0;
+    let next = cycles.windows(2).map(|pair| {
+        let by_time = pair[1].at.saturating_since(pair[0].at).as_secs_f64() / period_s;
+        let by_time = by_time.round().max(1.0) as u64;
+        let by_number = rise(pair) / step;
+        number += if by_number > 0 && by_number.abs_diff(by_time) <= 2 { by_number } else { by_time };
+        number
+    });
+    std::iter::once(0).chain(next).take(cycles.len()).collect()
+}
+
+/// The cycles with those between whose telegrams were lost: their set points are those of the next, because the robot has held
+/// them, and their axes lie on a line between. Gaps of more than `most` cycles stay.
+#[must_use]
+pub fn without_gaps(cycles: &[Cycle], period_s: f64, most: u64) -> Vec<Cycle> {
+    let numbers = numbers(cycles, period_s);
+    let mut all: Vec<Cycle> = Vec::with_capacity(cycles.len());
+    for (k, cycle) in cycles.iter().enumerate() {
+        let gap = k.checked_sub(1).map_or(1, |before| numbers[k] - numbers[before]);
+        if let Some(before) = all.last().filter(|_| (2..=most + 1).contains(&gap)).cloned() {
+            for i in 1..gap {
+                let share = i as f64 / gap as f64;
+                let between = |axis: usize| {
+                    before.actual_deg[axis] + share * (cycle.actual_deg[axis] - before.actual_deg[axis])
+                };
+                all.push(Cycle {
+                    at: before.at
+                        + Duration::from_micros(cycle.at.saturating_since(before.at).as_micros() * i / gap),
+                    ipoc: before.ipoc + cycle.ipoc.saturating_sub(before.ipoc) / gap * i,
+                    actual_deg: std::array::from_fn(between),
+                    ..cycle.clone()
+                });
+            }
+        }
+        all.push(cycle.clone());
+    }
+    all
+}
+
+/// The outputs that the last answer of a log sets. Whether the robot took it shows in its next telegram only.
+#[must_use]
+pub fn last_outputs(lines: &[Line], output: &str) -> Option<f64> {
+    lines.iter().rev().find_map(|line| match &line.entry {
+        Entry::Answer(bytes) => {
+            let document = Telegram::parse(bytes, Root::Sen).ok()?;
+            document.element(output)?.text.trim().parse().ok()
+        }
+        _ => None,
+    })
+}
+
+/// Whether bit `bit` of outputs is set.
+#[must_use]
+pub fn is_set(outputs: f64, bit: u8) -> bool {
+    (outputs as i64) >> bit & 1 == 1
 }
 
 /// The cycles of a log. `output` and `sensor` are names of the configuration.

@@ -16,7 +16,8 @@ use planner::follow::limits::{AXES, Axes};
 use planner::motion::{Knot, Motion};
 use protocol::Duration;
 
-use super::cycles::Cycle;
+use super::cycles::{Cycle, is_set, numbers, without_gaps};
+use super::lag_interval::{half_widths_s, polished};
 
 /// Frequencies of the wiggle, Hz: slow ones fix the whole lag, fast ones its parts.
 const WIGGLE_HZ: [f64; 3] = [0.5, 1.3, 2.9];
@@ -47,6 +48,9 @@ pub struct MeasuredLag {
     pub dead_s: f64,
     /// Time constant, s.
     pub constant_s: f64,
+    /// Half widths of 95 % intervals of dead time, time constant and both together, s. The first two are longer: the one nearly stands
+    /// for the other.
+    pub known_s: [f64; 3],
     /// Set points that are averaged; 1: no smoothing.
     pub smoothing_cycles: usize,
     /// Root mean square of what is left, deg.
@@ -85,9 +89,14 @@ pub enum Unclear {
         "{0} cycles with motion; {CYCLES_MIN} are needed\n  next: let the robot move, with larger --wiggle-deg"
     )]
     TooFew(usize),
+    /// Telegrams are missing.
+    #[error(
+        "{0} telegrams in a row are missing\n  next: use a cable and a network card of its own, end other programs on this machine, then measure again"
+    )]
+    Gap(u64),
     /// The model does not fit.
     #[error(
-        "the residual of the model ({residual_deg:.3} deg) is more than a tenth of the motion ({motion_deg:.3} deg)\n  next: look at motion.csv; a correction that is clamped or a robot that stopped shows there"
+        "the residual of the model ({residual_deg:.3} deg) is more than a tenth of the motion ({motion_deg:.3} deg)\n  next: widen the limits of the corrections in the robot's program if they clamp, see that no override slows the robot, then measure again"
     )]
     NoFit {
         /// Left.
@@ -141,11 +150,15 @@ pub fn wiggle(q_rad: &Axes, swing_rad: f64) -> Motion {
     Motion { knots: (0..=count).map(knot).collect(), events: Vec::new() }
 }
 
-/// The lag that fits best. Cycles must follow each other without a gap; `period_s` is their period.
+/// Lost telegrams in a row that are made up for.
+const GAP_MAX: u64 = 2;
+
+/// The lag that fits best; `period_s` is the period of the cycles.
 ///
 /// # Errors
 /// [`Unclear`].
 pub fn lag(cycles: &[Cycle], period_s: f64) -> Result<MeasuredLag, Unclear> {
+    let cycles = &without_gaps(cycles, period_s, GAP_MAX);
     let reach = ((DEAD_MAX_S + 6.0 * CONSTANT_MAX_S) / period_s) as usize + SMOOTHING_MAX;
     let moves =
         |k: usize| (0..AXES).any(|axis| (cycles[k].set_deg[axis] - cycles[k - 1].set_deg[axis]).abs() > 1e-4);
@@ -157,6 +170,10 @@ pub fn lag(cycles: &[Cycle], period_s: f64) -> Result<MeasuredLag, Unclear> {
         return Err(Unclear::TooFew(last.saturating_sub(first)));
     }
     let window = &cycles[first.saturating_sub(1)..end];
+    let gap = numbers(window, period_s).windows(2).map(|pair| pair[1] - pair[0]).max().unwrap_or(1);
+    if gap > 1 {
+        return Err(Unclear::Gap(gap - 1));
+    }
     let fit = |smoothing: usize| {
         let inputs = smoothed(window, smoothing);
         let mut best = (f64::INFINITY, 0.0, 0.0);
@@ -180,7 +197,7 @@ pub fn lag(cycles: &[Cycle], period_s: f64) -> Result<MeasuredLag, Unclear> {
             };
             (dead, constant) = (around(best.1, dead), around(best.2, constant));
         }
-        best
+        polished(window, &inputs, period_s, best)
     };
     let mut chosen = (1, fit(1));
     for smoothing in 2..=SMOOTHING_MAX {
@@ -203,7 +220,9 @@ pub fn lag(cycles: &[Cycle], period_s: f64) -> Result<MeasuredLag, Unclear> {
     if !fits {
         return Err(Unclear::NoFit { residual_deg, motion_deg });
     }
-    Ok(MeasuredLag { dead_s, constant_s, smoothing_cycles, residual_deg, motion_deg, cycles: used })
+    let inputs = smoothed(window, smoothing_cycles);
+    let known_s = half_widths_s(window, &inputs, period_s, (dead_s, constant_s));
+    Ok(MeasuredLag { dead_s, constant_s, known_s, smoothing_cycles, residual_deg, motion_deg, cycles: used })
 }
 
 /// Mean of the last `n` set points of each cycle.
@@ -219,7 +238,38 @@ fn smoothed(window: &[Cycle], n: usize) -> Vec<[f64; AXES]> {
 }
 
 /// Sum of squared differences between the model and the measured axes.
-fn squares(window: &[Cycle], inputs: &[[f64; AXES]], period_s: f64, dead_s: f64, constant_s: f64) -> f64 {
+pub(super) fn squares(
+    window: &[Cycle],
+    inputs: &[[f64; AXES]],
+    period_s: f64,
+    dead_s: f64,
+    constant_s: f64,
+) -> f64 {
+    let mut sum = 0.0;
+    differ(window, inputs, period_s, (dead_s, constant_s), |by| sum += by * by);
+    sum
+}
+
+/// Differences between the measured axes and the model, axis by axis, each from the second cycle on, deg.
+pub(super) fn residuals(
+    window: &[Cycle],
+    inputs: &[[f64; AXES]],
+    period_s: f64,
+    dead_s: f64,
+    constant_s: f64,
+) -> Vec<f64> {
+    let mut all = Vec::new();
+    differ(window, inputs, period_s, (dead_s, constant_s), |by| all.push(by));
+    all
+}
+
+fn differ(
+    window: &[Cycle],
+    inputs: &[[f64; AXES]],
+    period_s: f64,
+    (dead_s, constant_s): (f64, f64),
+    mut each: impl FnMut(f64),
+) {
     let delay = dead_s / period_s;
     let (whole, part) = (delay as usize, delay.fract());
     let decay = if constant_s > 0.0 { (-period_s / constant_s).exp() } else { 0.0 };
@@ -227,7 +277,6 @@ fn squares(window: &[Cycle], inputs: &[[f64; AXES]], period_s: f64, dead_s: f64,
     let delayed =
         |k: usize, axis: usize| (1.0 - part) * input(k, whole, axis) + part * input(k, whole + 1, axis);
     let first = inputs.first().copied().unwrap_or_default();
-    let mut sum = 0.0;
     for (axis, begin) in first.into_iter().enumerate() {
         let mut y = begin;
         for (k, cycle) in window.iter().enumerate().skip(1) {
@@ -236,18 +285,18 @@ fn squares(window: &[Cycle], inputs: &[[f64; AXES]], period_s: f64, dead_s: f64,
             let rise = to - from;
             let lagging = rise * constant_s / period_s;
             y = to - lagging + (y - from + lagging) * decay;
-            sum += (cycle.actual_deg[axis] - y).powi(2);
+            each(cycle.actual_deg[axis] - y);
         }
     }
-    sum
 }
 
 /// The delay of the gripper, from the outputs and the finger sensor.
 ///
 /// # Errors
-/// [`Unclear::NoOpenings`].
+/// [`Unclear`].
 pub fn gripper(cycles: &[Cycle], period_s: f64, output_bit: u8) -> Result<MeasuredGripper, Unclear> {
-    let open = |cycle: &Cycle| (cycle.outputs as i64) >> output_bit & 1 == 1;
+    let numbers = numbers(cycles, period_s);
+    let open = |cycle: &Cycle| is_set(cycle.outputs, output_bit);
     let mut delays = Vec::new();
     let mut ordered: Option<usize> = None;
     for (k, pair) in cycles.windows(2).enumerate() {
@@ -259,7 +308,7 @@ pub fn gripper(cycles: &[Cycle], period_s: f64, output_bit: u8) -> Result<Measur
             && let Some(from) = ordered.take()
         {
             // Open some time within the cycle before the reading.
-            delays.push((k + 1 - from) as f64 - 0.5);
+            delays.push((numbers[k + 1] - numbers[from]) as f64 - 0.5);
         }
     }
     if delays.len() < OPENINGS_MIN {

@@ -16,6 +16,8 @@ const LONGEST: usize = rsi_protocol::MAX_READ_BYTES;
 const LOOK: std::time::Duration = std::time::Duration::from_millis(20);
 /// Time between two looks for a connection.
 const ACCEPT: std::time::Duration = std::time::Duration::from_millis(1);
+/// Answer times that are kept.
+const ANSWER_TIMES_MAX: usize = 1_000_000;
 /// Telegrams that are drained in one go; more waiting ones are drained in the next.
 const DRAINED: usize = 64;
 /// After the end of the throw telegrams are answered for so long, then the robot's program is told to end.
@@ -39,7 +41,7 @@ pub enum Time {
 /// How the exchange went.
 #[derive(Clone, Debug, Default)]
 pub struct Exchange {
-    /// From the arrival of a telegram to its answer, us, one per answer.
+    /// From the arrival of a telegram to its answer, us, of the first million answers.
     pub answer_us: Vec<u32>,
     /// Robots (sockets) that were heard.
     pub connections: u32,
@@ -331,7 +333,9 @@ pub fn serve(
         if let Some(answer) = station.handle(clock.now(), &arrived.documents, new_connection) {
             port.answer(arrived.from, &answer)?;
             let took = begun.elapsed().as_micros();
-            exchange.answer_us.push(u32::try_from(took).unwrap_or(u32::MAX));
+            if exchange.answer_us.len() < ANSWER_TIMES_MAX {
+                exchange.answer_us.push(u32::try_from(took).unwrap_or(u32::MAX));
+            }
         }
     }
 }

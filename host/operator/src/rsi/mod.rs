@@ -21,6 +21,7 @@
 pub mod cell;
 pub mod cycles;
 pub mod identify;
+mod lag_interval;
 pub mod live;
 pub mod log;
 pub mod outcome;

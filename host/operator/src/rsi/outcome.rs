@@ -1,13 +1,13 @@
 //! The verdict about a throw, from what the robot did.
 
 use firmware::fault::Cause;
-use nalgebra::{DMatrix, DVector, Vector3};
-use planner::follow::limits::{AXES, Arm, Axes};
-use protocol::JointIndex;
+use nalgebra::{DMatrix, RowSVector, SMatrix, Vector3};
+use planner::follow::limits::{AXES, Arm};
+use protocol::{Duration, JointIndex};
 
 use super::cell::Seen;
-use super::cycles::Cycle;
-use super::station::Stage;
+use super::cycles::{Cycle, is_set, numbers};
+use super::station::{Stage, Station};
 use crate::throw::{Outcome, Verdict};
 
 /// Distance of the landing from the target, in the plane of the target, m; `None` without a landing.
@@ -21,18 +21,43 @@ pub fn error_m(seen: &Seen, target_m: &[f64; 3]) -> Option<f64> {
 pub enum RsiBallOutcome {
     /// It never left the hand.
     InHand,
+    /// The axes were so far from their path at the release, rad, that it was not given.
+    Withheld(f64),
+    /// The gripper was ordered to open, and the finger sensor says that it did not.
+    FingersClosed,
+    /// The finger sensor says open at a time at which nothing had ordered that.
+    FingersOpenBefore,
+    /// Whether it left the hand, or where it went, cannot be known.
+    Unknown(&'static str),
     /// It left the hand and does not come down to the height of the target.
     Lost,
     /// It was seen to land so far from the target, m.
     Landed(f64),
     /// Nobody watched it; the measured axes send it so far from the target, m.
     Predicted(f64),
+    /// As before, from the time at which the finger sensor says open: so much later than the delay of the gripper, s.
+    PredictedLate(f64, f64),
 }
 
 impl RsiBallOutcome {
     fn words(self) -> String {
         match self {
             Self::InHand => "the ball is in the hand".to_owned(),
+            Self::Withheld(off_rad) => format!(
+                "the ball is in the hand: the axes were {:.1} deg off their path at the release, so the gripper was not opened",
+                off_rad.to_degrees()
+            ),
+            Self::FingersClosed => {
+                "contradiction: the gripper was ordered to open, and the finger sensor still says \
+                closed; the ball may be in the hand"
+                    .to_owned()
+            }
+            Self::FingersOpenBefore => {
+                "contradiction: the finger sensor says open before the gripper was ordered to \
+                open; where the ball is cannot be known"
+                    .to_owned()
+            }
+            Self::Unknown(why) => format!("where the ball is cannot be known: {why}"),
             Self::Lost => "the ball left the hand and does not reach the height of the target".to_owned(),
             Self::Landed(error_m) => format!("the ball landed {:.1} mm from the target", 1e3 * error_m),
             Self::Predicted(error_m) => {
@@ -41,20 +66,32 @@ impl RsiBallOutcome {
                     1e3 * error_m
                 )
             }
+            Self::PredictedLate(error_m, late_s) => format!(
+                "the finger sensor says open {:.0} ms later than described; from then the measured axes send the ball \
+                 {:.1} mm from the target",
+                1e3 * late_s,
+                1e3 * error_m
+            ),
         }
     }
 }
 
 /// The verdict on a throw that the simulated robot tells.
 #[must_use]
-pub fn judge(seen: &Seen, stage: &Stage, target_m: &[f64; 3], tolerance_m: f64) -> Verdict {
+pub fn judge(seen: &Seen, station: &Station, target_m: &[f64; 3], tolerance_m: f64) -> Verdict {
     let ball = match (&seen.released, error_m(seen, target_m)) {
-        (None, _) => RsiBallOutcome::InHand,
+        (None, _) => in_hand(station),
         (Some(_), None) => RsiBallOutcome::Lost,
         (Some(_), Some(error_m)) => RsiBallOutcome::Landed(error_m),
     };
     let robot = seen.fault.as_ref().map(ToString::to_string);
-    verdict(ball, robot.as_deref(), stage, tolerance_m)
+    verdict(ball, robot.as_deref(), station.stage(), tolerance_m)
+}
+
+/// A ball that did not leave the hand, and why, if the station kept it.
+#[must_use]
+pub fn in_hand(station: &Station) -> RsiBallOutcome {
+    station.release_withheld_rad().map_or(RsiBallOutcome::InHand, RsiBallOutcome::Withheld)
 }
 
 /// The verdict. A throw whose ball has landed is no success if the arm was stopped in its motion; `robot_fault` says why the
@@ -63,7 +100,7 @@ pub fn judge(seen: &Seen, stage: &Stage, target_m: &[f64; 3], tolerance_m: f64) 
 pub fn verdict(ball: RsiBallOutcome, robot_fault: Option<&str>, stage: &Stage, tolerance_m: f64) -> Verdict {
     let robot = robot_fault.map_or(String::new(), |fault| format!("; the robot stopped by itself: {fault}"));
     let by_controller = |word: &str, cause: Cause, joint: Option<JointIndex>| {
-        let what = cause.info().map_or(word, |info| info.what);
+        let what = what_of(cause).unwrap_or(word);
         let joint = joint.map_or(String::new(), |joint| format!(" (A{})", joint.get() + 1));
         format!("{word}: {what}{joint}, fault {}{robot}", cause.code())
     };
@@ -88,16 +125,25 @@ pub fn verdict(ball: RsiBallOutcome, robot_fault: Option<&str>, stage: &Stage, t
         Stage::Finished { .. } => {
             let within = |error_m: f64| error_m <= tolerance_m;
             let (outcome, word) = match ball {
-                RsiBallOutcome::InHand => (Outcome::NotReleased, "not released"),
+                RsiBallOutcome::InHand | RsiBallOutcome::Withheld(_) | RsiBallOutcome::FingersClosed => {
+                    (Outcome::NotReleased, "not released")
+                }
+                RsiBallOutcome::FingersOpenBefore | RsiBallOutcome::Unknown(_) => {
+                    (Outcome::Missed, "unknown")
+                }
                 RsiBallOutcome::Landed(error_m) if within(error_m) => (Outcome::Landed, "landed"),
-                RsiBallOutcome::Predicted(error_m) if within(error_m) => {
+                RsiBallOutcome::Predicted(error_m) | RsiBallOutcome::PredictedLate(error_m, _)
+                    if within(error_m) =>
+                {
                     (Outcome::NotObserved, "thrown, not observed")
                 }
                 _ => (Outcome::Missed, "missed"),
             };
-            let tolerance = match outcome {
-                Outcome::NotReleased => String::new(),
-                _ => format!(" (tolerance {:.0} mm)", 1e3 * tolerance_m),
+            let has_tolerance = outcome != Outcome::NotReleased && word != "unknown";
+            let tolerance = if has_tolerance {
+                format!(" (tolerance {:.0} mm)", 1e3 * tolerance_m)
+            } else {
+                String::new()
             };
             (outcome, format!("{word}: {about_ball}{tolerance}"))
         }
@@ -105,42 +151,104 @@ pub fn verdict(ball: RsiBallOutcome, robot_fault: Option<&str>, stage: &Stage, t
     Verdict { outcome, text, tolerance_m }
 }
 
-/// Cycles on each side of the release through which the path of an axis is fitted.
-const NEAR: usize = 8;
+/// What a fault of the controller says about a robot that is led: the words of drives on a bus do not fit it.
+fn what_of(cause: Cause) -> Option<&'static str> {
+    match cause {
+        Cause::DriveSilent => Some("no telegram came from the robot in time"),
+        other => other.info().map(|info| info.what),
+    }
+}
+
+/// Time on each side of the release through which the path of an axis is fitted, s. What happens to the set points while the
+/// order to open is under way reaches the axes later.
+const NEAR_S: f64 = 0.048;
+/// Farthest measured axis from its fitted path, deg: at the root of its place in time, 5 mm of the landing of a throw over 2.5 m. The
+/// axes of a smooth motion are 0.002 deg from it.
+const PATH_OFF_MAX_DEG: f64 = 0.01;
 /// Coefficients of the fitted path of an axis.
 const COEFFICIENTS: usize = 4;
+/// Cycles by which a finger sensor may say open later than the delay of the gripper: it is read once per cycle.
+const SENSOR_CYCLES: f64 = 2.0;
+
+/// The ball is in the hand for at least this time before its release: the arm moves.
+const HELD: Duration = Duration::from_secs(1);
+
+/// The gripper, as it is described.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GripperKnown {
+    /// Bit of the outputs that opens it.
+    pub output_bit: u8,
+    /// From the output in force to the free ball, s.
+    pub delay_s: f64,
+    /// Half of the spread of that, s.
+    pub jitter_s: f64,
+    /// What the last answer sets the outputs to.
+    pub last_outputs: Option<f64>,
+}
 
 /// What the measured axes say about the ball: where it comes down at the height of the target.
 ///
-/// The ball is free `gripper_delay_s` after the first cycle in which output bit `output_bit` is in force. A cubic through the
-/// measured axes of the cycles around gives position and speed of the hand there.
+/// The ball is free a delay after the first cycle in which the output is in force, or when the finger sensor says so, if it does
+/// later. A cubic through the measured axes of the cycles around gives position and speed of the hand there. Cycles have the
+/// times that their numbers say, so a lost telegram moves nothing.
 #[must_use]
 pub fn measured(
     arm: &Arm,
     cycles: &[Cycle],
     period_s: f64,
-    (output_bit, gripper_delay_s): (u8, f64),
+    gripper: &GripperKnown,
     target_m: &[f64; 3],
 ) -> RsiBallOutcome {
-    let is_open = |cycle: &Cycle| (cycle.outputs as i64) >> output_bit & 1 == 1;
-    let Some(opened) = cycles.iter().position(is_open) else { return RsiBallOutcome::InHand };
-    let at = opened as f64 + gripper_delay_s / period_s;
-    let first = (at as usize).saturating_sub(NEAR);
-    let near = cycles.get(first..(first + 2 * NEAR + 1).min(cycles.len())).unwrap_or_default();
-    if near.len() < 2 * COEFFICIENTS {
-        return RsiBallOutcome::Lost;
+    let is_open = |cycle: &Cycle| is_set(cycle.outputs, gripper.output_bit);
+    let Some(opened) = cycles.iter().position(is_open) else {
+        return match gripper.last_outputs {
+            Some(outputs) if is_set(outputs, gripper.output_bit) => RsiBallOutcome::Unknown(
+                "the telegrams end after the answer that opens the gripper, and nothing says whether the robot took it",
+            ),
+            _ => RsiBallOutcome::InHand,
+        };
+    };
+    let numbers = numbers(cycles, period_s);
+    let since = |k: usize| numbers[k] as f64 - numbers[opened] as f64;
+    let delay = gripper.delay_s / period_s;
+    let latest = delay + gripper.jitter_s / period_s + SENSOR_CYCLES;
+    let is_held = |cycle: &&Cycle| cycles[opened].at.saturating_since(cycle.at) <= HELD;
+    if cycles[..=opened].iter().filter(is_held).any(|cycle| cycle.fingers_open == Some(true)) {
+        return RsiBallOutcome::FingersOpenBefore;
     }
-    let rows = DMatrix::from_fn(near.len(), COEFFICIENTS, |row, column| {
-        ((first + row) as f64 - at).powi(column as i32)
+    let sensed = (opened..cycles.len()).find(|k| cycles[*k].fingers_open == Some(true));
+    let last = cycles.len() - 1;
+    if sensed.is_none() && cycles[last].fingers_open == Some(false) {
+        return if since(last) > latest {
+            RsiBallOutcome::FingersClosed
+        } else {
+            RsiBallOutcome::Unknown("the telegrams end before the finger sensor can say open")
+        };
+    }
+    // Open some time within the cycle before the reading.
+    let late = sensed.map(|k| since(k) - 0.5).filter(|at| *at > latest).map(|at| at - delay);
+    let at = delay + late.unwrap_or(0.0);
+    let since_s = |k: usize| (since(k) - at) * period_s;
+    let near = |before_s: f64, after_s: f64| {
+        let is_near = move |k: &usize| (-before_s - 1e-9..=after_s + 1e-9).contains(&since_s(*k));
+        (0..cycles.len()).filter(is_near).map(|k| (since_s(k), &cycles[k].actual_deg))
+    };
+    let next = near(0.0, NEAR_S).find(|(since_s, _)| *since_s > 0.0);
+    // To the latest opening.
+    let Some(next) = next.filter(|_| since_s(last) >= gripper.jitter_s) else {
+        return RsiBallOutcome::Unknown("too few telegrams came around the release");
+    };
+    // Where the axes leap after the release, the time before it alone has the path that the ball was on. The next telegram says
+    // that they did not leap in the cycle of the release.
+    let around = Path::through(near(NEAR_S, NEAR_S)).filter(|path| path.off_deg <= PATH_OFF_MAX_DEG);
+    let path = around.or_else(|| {
+        Path::through(near(2.0 * NEAR_S, 0.0))
+            .filter(|path| path.off_deg.max(path.off_at_deg(next)) <= PATH_OFF_MAX_DEG)
     });
-    let Ok(inverse) = rows.pseudo_inverse(1e-12) else { return RsiBallOutcome::Lost };
-    let (mut q, mut qd) = (Axes::zeros(), Axes::zeros());
-    for axis in 0..AXES {
-        let deg = DVector::from_iterator(near.len(), near.iter().map(|cycle| cycle.actual_deg[axis]));
-        let fitted = &inverse * deg;
-        q[axis] = fitted[0].to_radians();
-        qd[axis] = fitted[1].to_radians() / period_s;
-    }
+    let Some(path) = path else {
+        return RsiBallOutcome::Unknown("the axes leap, or too few telegrams came, around the release");
+    };
+    let [q, qd] = [0, 1].map(|power| path.coefficients.row(power).transpose().map(f64::to_radians));
     let frames = arm.fk(&q);
     let p = arm.ball(&frames).pos;
     let v: Vector3<f64> = (frames.jacobian(&p) * qd).fixed_rows::<3>(0).into();
@@ -150,5 +258,42 @@ pub fn measured(
         return RsiBallOutcome::Lost;
     }
     let fall_s = (v.z + root.sqrt()) / g;
-    RsiBallOutcome::Predicted((p + v * fall_s - Vector3::from(*target_m)).xy().norm())
+    let error_m = (p + v * fall_s - Vector3::from(*target_m)).xy().norm();
+    match late {
+        Some(late) => RsiBallOutcome::PredictedLate(error_m, late * period_s),
+        None => RsiBallOutcome::Predicted(error_m),
+    }
 }
+
+/// A cubic through the measured axes near a time, deg and s.
+struct Path {
+    coefficients: SMatrix<f64, COEFFICIENTS, AXES>,
+    /// Farthest measured axis from the cubic, deg.
+    off_deg: f64,
+}
+
+impl Path {
+    /// Through these places, each with its time after the one that is asked for, s; `None` for too few of them.
+    fn through<'a>(places: impl Iterator<Item = Place<'a>>) -> Option<Self> {
+        let places: Vec<Place<'a>> = places.collect();
+        if places.len() < 2 * COEFFICIENTS - 1 {
+            return None;
+        }
+        let rows =
+            DMatrix::from_fn(places.len(), COEFFICIENTS, |row, power| places[row].0.powi(power as i32));
+        let deg = DMatrix::from_fn(places.len(), AXES, |row, axis| places[row].1[axis]);
+        let fitted: DMatrix<f64> = rows.pseudo_inverse(1e-12).ok()? * deg;
+        let mut path =
+            Self { coefficients: fitted.fixed_view::<COEFFICIENTS, AXES>(0, 0).into_owned(), off_deg: 0.0 };
+        path.off_deg = places.iter().map(|place| path.off_at_deg(*place)).fold(0.0, f64::max);
+        Some(path)
+    }
+
+    fn off_at_deg(&self, (since_s, deg): Place<'_>) -> f64 {
+        let powers = RowSVector::<f64, COEFFICIENTS>::from_fn(|_, power| since_s.powi(power as i32));
+        (powers * self.coefficients - RowSVector::from(*deg)).amax()
+    }
+}
+
+/// Measured axes, deg, and their time after the release, s.
+type Place<'a> = (f64, &'a [f64; AXES]);

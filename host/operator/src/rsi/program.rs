@@ -10,7 +10,7 @@ use planner::follow::setting::CommandRange;
 use planner::motion::Motion;
 use planner::store::robot_fingerprint;
 use protocol::Duration;
-use robot_model::collision::Scene;
+use robot_model::collision::{CollisionChecker, Scene, StraightMove};
 
 use super::plan::{Timing, settings_of, trajectory_file};
 use super::station::Station;
@@ -24,6 +24,8 @@ const INSIDE_DEG: f64 = 0.01;
 /// Distance of the corners of the way to the start from all ranges, rad: commands lead the axes by the lag.
 const CORNER_INSIDE_RAD: f64 = 0.03;
 
+/// Bodies nearer than this count as together, m.
+const CLEAR_M: f64 = 1e-3;
 /// While the lag is measured: largest distance from the path, rad, and largest delay of it.
 const EXPLORING_RAD: f32 = 0.4;
 const EXPLORING: Duration = Duration::from_millis(400);
@@ -71,6 +73,14 @@ pub enum NoStation {
     NotAxes {
         /// What the description says.
         space: &'static str,
+    },
+    /// The motion leads an axis out of its range, or bodies together.
+    #[error(
+        "the motion from the start pose {what}\n  next: let the robot's program begin elsewhere (start_deg of the description), or swing less (--wiggle-deg)"
+    )]
+    Unfree {
+        /// What is in the way.
+        what: String,
     },
     /// No gripper.
     #[error(
@@ -208,6 +218,10 @@ pub fn leading(
 /// # Errors
 /// [`NoStation`].
 pub fn exploring(scenario: &KrcScenario, arm: &Arm, motions: &[Motion]) -> Result<Station, NoStation> {
+    for motion in motions {
+        free_from_start(arm, motion)?;
+        poses_within_corrections(scenario, motion)?;
+    }
     let fingerprint = format!("{:016x}", robot_fingerprint(arm));
     let described = Lag::of(scenario);
     // Set points are commanded as they are.
@@ -219,6 +233,21 @@ pub fn exploring(scenario: &KrcScenario, arm: &Arm, motions: &[Motion]) -> Resul
     let files = encoded(motions, &settings, &fingerprint)?;
     let options = Options { lag_max_rad: EXPLORING_RAD, delay_max: EXPLORING, ..options(scenario, lag) };
     Ok(Station::new(wire(scenario)?, &settings, options, files))
+}
+
+/// All axes stay in their ranges, and no bodies meet: with the empty hand, between two knots along a straight line.
+fn free_from_start(arm: &Arm, motion: &Motion) -> Result<(), NoStation> {
+    let unfree = |what: &str| NoStation::Unfree { what: what.to_owned() };
+    let scene = Scene::default();
+    let mut checker = CollisionChecker::new(arm, &scene);
+    if motion.knots.iter().any(|knot| !arm.in_range(&knot.q_rad, 0.0)) {
+        return Err(unfree("leaves the range of an axis"));
+    }
+    let is_free = motion.knots.windows(2).all(|pair| {
+        let straight = StraightMove { from: pair[0].q_rad, to: pair[1].q_rad };
+        checker.check_motion(&straight, 0.0, 1.0, CLEAR_M).is_free()
+    });
+    if is_free { Ok(()) } else { Err(unfree("brings bodies of the arm or the floor together")) }
 }
 
 /// A station that replays a log, with the files of the log, and the plan that it ran, if it did.
@@ -274,12 +303,14 @@ fn wire(scenario: &KrcScenario) -> Result<Wire, NoStation> {
 }
 
 fn options(scenario: &KrcScenario, lag: Lag) -> Options {
-    let correction = &scenario.options.correction;
+    let passed = |end: fn((f64, f64)) -> f64| {
+        radians(&std::array::from_fn(|axis| end(passed_deg(&scenario.options, axis))))
+    };
     Options {
         dead_time: lag.dead_time,
         time_constant: lag.time_constant,
-        lower_rad: radians(&correction.lower),
-        upper_rad: radians(&correction.upper),
+        lower_rad: passed(|(low, _)| low),
+        upper_rad: passed(|(_, high)| high),
         ..Options::default()
     }
 }
@@ -332,4 +363,22 @@ fn radians(deg: &[f64; 6]) -> PerJoint<f32> {
         *to = from.to_radians() as f32;
     }
     all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use protocol::JointIndex;
+
+    #[test]
+    fn overall_limit_of_a_correction_bounds_the_set_points_as_the_limits_of_each_axis_do() {
+        let mut scenario = KrcScenario::open("kr-c2").expect("built in");
+        scenario.options.correction.lower = [-50.0; 6];
+        scenario.options.correction.upper = [20.0; 6];
+        scenario.options.correction.overall_axis_deg = 30.0;
+        let options = options(&scenario, Lag::of(&scenario));
+        let first = JointIndex::new(0).expect("a joint");
+        let passed = [options.lower_rad, options.upper_rad].map(|end| end.get(first).to_degrees().round());
+        assert_eq!(passed, [-30.0, 20.0]);
+    }
 }

@@ -6,8 +6,9 @@ use firmware::Controller;
 use firmware::authority::{Peer, Seed};
 use firmware::fault::{Cause, Fault, Refusal};
 use firmware::group::DriveGroup;
-use firmware::groups::rsi::{Options, Packet, Rsi, Telegram};
+use firmware::groups::rsi::{AT_START_RAD, Options, Packet, Rsi, Telegram};
 use firmware::host_link::history;
+use firmware::joints::PerJoint;
 use firmware::orders::{Done, Order};
 use firmware::settings::Settings;
 use firmware::spline::Spline;
@@ -64,11 +65,21 @@ impl Stage {
     }
 }
 
+/// A robot that is heard for so long and is never ready is not waited for any longer.
+const READY_WITHIN: Duration = Duration::from_secs(10);
+
+/// New starts of a robot's program within one exchange, above which its start pose is believed to move.
+const START_MOVES: u64 = 5;
+
 /// Counts of a station.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Answers sent.
     pub answers: u64,
+    /// Telegrams with axes.
+    pub with_axes: u64,
+    /// Telegrams without axes.
+    pub without_axes: u64,
     /// Datagrams that were no telegram.
     pub unreadable: u64,
     /// Telegrams that waited behind a newer one, and were not answered.
@@ -87,6 +98,13 @@ pub struct Station {
     stage: Stage,
     counts: Counts,
     last_unreadable: Option<ReadError>,
+    /// When something was heard of the robot first, or the robot was ready last.
+    waits_since: Option<Instant>,
+    /// Axis that is farthest from its start pose, and by how much, deg.
+    off_start: Option<(usize, f64)>,
+    /// Start pose of the last telegram, and how often it was another than before.
+    start_rad: Option<PerJoint<f32>>,
+    start_moves: u64,
 }
 
 impl Station {
@@ -110,6 +128,10 @@ impl Station {
             stage: Stage::Waiting,
             counts: Counts::default(),
             last_unreadable: None,
+            waits_since: None,
+            off_start: None,
+            start_rad: None,
+            start_moves: 0,
         }
     }
 
@@ -130,10 +152,41 @@ impl Station {
         &self.counts
     }
 
-    /// Why the last unreadable datagram was none.
+    /// What was heard of the robot so far, for people who wait for it.
     #[must_use]
-    pub const fn last_unreadable(&self) -> Option<&ReadError> {
-        self.last_unreadable.as_ref()
+    pub fn heard(&self) -> String {
+        let Counts { with_axes, without_axes, unreadable, .. } = self.counts;
+        let mut text = format!("heard: {with_axes} telegrams with axes, {without_axes} without");
+        if let Some(error) = &self.last_unreadable {
+            text += &format!(", {unreadable} that cannot be read ({error})");
+        }
+        if let Some((axis, deg)) = self.off_start {
+            text += &format!("; A{axis} is {deg:.2} deg from the start pose that the telegrams name");
+        }
+        if self.start_pose_moves() {
+            text += &format!("; the start pose (ASPos) moved {} times", self.start_moves);
+        }
+        text
+    }
+
+    /// The start pose of the telegrams moves as the axes do, so it is none.
+    #[must_use]
+    pub const fn start_pose_moves(&self) -> bool {
+        self.start_moves > START_MOVES
+    }
+
+    /// The robot has been heard for ten seconds and was never ready: what was heard.
+    #[must_use]
+    pub fn waits_in_vain(&self, now: Instant) -> Option<String> {
+        let since =
+            self.waits_since.filter(|_| matches!(self.stage, Stage::Waiting | Stage::Offered { .. }))?;
+        (!self.is_held() && now.saturating_since(since) >= READY_WITHIN).then(|| self.heard())
+    }
+
+    /// How far the axes were from their path at a release that was not given for that, rad.
+    #[must_use]
+    pub fn release_withheld_rad(&self) -> Option<f64> {
+        self.controller.group().release_withheld_rad().map(f64::from)
     }
 
     /// How much later than expected the axes passed the path, s.
@@ -245,7 +298,11 @@ impl Station {
             self.note(now, Entry::Waited(bytes.clone()));
         }
         self.note(now, Entry::Telegram(last.clone()));
+        if self.waits_since.is_none() || self.state() == StateKind::Ready {
+            self.waits_since = Some(now);
+        }
         let (telegram, ipoc) = self.newest(datagrams, new_connection)?;
+        self.look_at(&telegram);
         self.controller.host_heartbeat(now, SELF);
         self.controller.handle_packet(now, &Packet::Robot(telegram));
         let mut answer = None;
@@ -262,6 +319,25 @@ impl Station {
         }
         self.proceed(now);
         answer
+    }
+
+    fn look_at(&mut self, telegram: &Telegram) {
+        let Some(PerJoint(q_rad)) = telegram.q_rad else {
+            self.counts.without_axes += 1;
+            return;
+        };
+        self.counts.with_axes += 1;
+        let is_other =
+            telegram.start_rad.is_some() && self.start_rad.is_some() && self.start_rad != telegram.start_rad;
+        self.start_moves += u64::from(is_other);
+        self.start_rad = telegram.start_rad;
+        let PerJoint(start_rad) = telegram.start_rad.unwrap_or(PerJoint(q_rad));
+        let away = q_rad.iter().zip(start_rad).map(|(q, start)| (q - start).abs());
+        self.off_start = away
+            .zip(1..)
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+            .filter(|(away, _)| *away > AT_START_RAD)
+            .map(|(away, axis)| (axis, f64::from(away).to_degrees()));
     }
 
     /// The axes go elsewhere than their set points lead. Then other set points need not end it (a program that adds corrections moves

@@ -1,5 +1,6 @@
 //! The steps of a throw, in order, for any operator.
 
+use firmware::registers::{self, RegisterInfo};
 use nalgebra::Vector3;
 use protocol::Duration;
 use protocol::cyphal::cubecell::group_state::State;
@@ -12,12 +13,13 @@ use super::trajectory::{encode, robot_crc32};
 use crate::analysis::coverage::Certified;
 use crate::analysis::{Run, RunAnalysis, analyse};
 use crate::dialogue::operator::OperatorError;
-use crate::dialogue::registers::Numbers;
+use crate::dialogue::registers::{Numbers, settings_of, to_host};
 use crate::port::Operator;
 use crate::samples::drives::Drives;
 use planner::motion::Motion;
 use planner::plan::{JOINTS, Joints};
 use tuner::gains::choose::built_in_of;
+use tuner::gains::gains_file::REGISTERS;
 
 /// Longest start-up of a controller.
 const BOOT_MAX: Duration = Duration::from_secs(20);
@@ -36,14 +38,36 @@ pub enum Progress<'a> {
     Begin(Step),
     /// Progress of the step: done, of all.
     Part(usize, usize),
-    /// The arm is about to move; the answer `false` ends the job before it does.
-    MayThrow,
+    /// May it go on? Asked before the first motion, and with the arm at the start before the throw; again and again
+    /// while the answer is [`Answer::Waiting`].
+    May(Question),
     /// A step has ended, with its result as text.
     End(Step, &'a str),
 }
 
-/// The callback; its answer matters to [`Progress::MayThrow`] only.
-pub type OnProgress<'a> = &'a mut dyn FnMut(Progress<'_>) -> bool;
+/// What a person decides.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Question {
+    /// The arm homes, or goes to the start of the throw.
+    Move,
+    /// The ball is thrown.
+    Throw,
+}
+
+/// What a person has said so far.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Answer {
+    Yes,
+    No,
+    /// Nothing yet.
+    Waiting,
+}
+
+/// The callback; its answer matters to [`Progress::May`] only. It does not wait: the job follows the bus meanwhile.
+pub type OnProgress<'a> = &'a mut dyn FnMut(Progress<'_>) -> Answer;
+
+/// Time between two looks for an answer.
+const ANSWER_LOOK: Duration = Duration::from_millis(20);
 
 /// Does the job; `record` holds what is known, however it ends.
 ///
@@ -60,7 +84,10 @@ pub fn run(
         // The ball may have left the hand before a stop, or leave it after: that is told too.
         record.ball = watch_ball(operator);
         record.analysis = analysed(operator, job, record);
-        if record.ball == BallOutcome::Released {
+        // Where nobody watches the ball, it has left the hand if the gripper was ordered to open.
+        let release = record.analysis.as_ref().and_then(|analysis| analysis.release);
+        let ordered = release.is_some_and(|release| release.gripper_ordered_t_s.is_some());
+        if record.ball == BallOutcome::Released || (record.ball == BallOutcome::NotObserved && ordered) {
             record.landing = landing(operator, job, record.analysis.as_ref());
         }
     }
@@ -73,36 +100,35 @@ fn all_steps(
     record: &mut Record,
     told: OnProgress<'_>,
 ) -> Result<(), JobError> {
-    let mut steps = Steps { operator, record, told };
+    let mut steps = Steps { operator, record, told, may_move: false };
     let found = steps.find_drives()?;
     steps.home(&found)?;
-    steps.begin(Step::Gains);
+    steps.begin(Step::Gains)?;
     agree(steps.operator, job, steps.record)?;
     steps.end(if job.gains.is_some() { "written and read back" } else { "those of the controller" });
 
-    let throw: Motion = job.plan.motion.to_motion();
+    let (throw, scene): (Motion, _) = (job.plan.motion.to_motion(), job.plan.scene());
     let before = Joints::from_iterator(steps.operator.pose()?);
     steps.operator.set_gripper(false)?;
     let approach =
-        rest_to_rest(job.arm, job.scene, (&before, &throw.start_rad()), job.approach_share, job.seed)?;
+        rest_to_rest(job.arm, &scene, (&before, &throw.start_rad()), job.approach_share, job.seed)?;
     if let Some(motion) = &approach {
-        steps.begin(Step::Approach);
+        steps.begin(Step::Approach)?;
+        steps.require(Question::Move)?;
         drive(steps.operator, job, steps.record.period_us, motion)?;
         steps.record.approach_s = Some(motion.duration_s());
         steps.end(&format!("{} legs, {:.1} s", motion.knots.len() - 1, motion.duration_s()));
     }
-    if !(steps.told)(Progress::MayThrow) {
-        return Err(JobError::Declined);
-    }
+    steps.require(Question::Throw)?;
     steps.throw(job, &throw)?;
     steps.watch_flight(job, &throw)?;
 
     // A ball that hangs in an open hand may fall at any time: the arm stays where it is.
     if job.go_back && steps.record.ball != BallOutcome::InHand {
         let here = Joints::from_iterator(steps.operator.pose()?);
-        let empty = Scene { ball_held: false, ..job.scene.clone() };
+        let empty = Scene { ball_held: false, ..scene };
         if let Some(motion) = rest_to_rest(job.arm, &empty, (&here, &before), job.approach_share, job.seed)? {
-            steps.begin(Step::Return);
+            steps.begin(Step::Return)?;
             drive(steps.operator, job, steps.record.period_us, &motion)?;
             steps.end(&format!("{:.1} s", motion.duration_s()));
         }
@@ -115,12 +141,33 @@ struct Steps<'a, 'b> {
     operator: &'a mut dyn Operator,
     record: &'a mut Record,
     told: OnProgress<'b>,
+    /// A motion was agreed to.
+    may_move: bool,
 }
 
 impl Steps<'_, '_> {
-    fn begin(&mut self, step: Step) {
+    fn begin(&mut self, step: Step) -> Result<(), JobError> {
         self.record.at_work = Some((step, self.operator.now()));
         (self.told)(Progress::Begin(step));
+        Ok(self.operator.heed_stops()?)
+    }
+
+    /// Waits for the answer of a person and for a stop.
+    fn require(&mut self, question: Question) -> Result<(), JobError> {
+        if question == Question::Move && std::mem::replace(&mut self.may_move, true) {
+            return Ok(());
+        }
+        loop {
+            let answer = (self.told)(Progress::May(question));
+            self.operator.heed_stops()?;
+            match answer {
+                Answer::Yes => return Ok(()),
+                Answer::No => {
+                    return Err(JobError::Declined { moved: self.may_move && question == Question::Throw });
+                }
+                Answer::Waiting => self.operator.pass(ANSWER_LOOK)?,
+            }
+        }
     }
 
     fn end(&mut self, found: &str) {
@@ -132,12 +179,12 @@ impl Steps<'_, '_> {
 
     /// The controller, and the joints whose drives it has found.
     fn find_drives(&mut self) -> Result<Vec<f64>, JobError> {
-        self.begin(Step::Controller);
+        self.begin(Step::Controller)?;
         self.record.node = self.operator.connect()?;
         let who = self.record.node.map_or("in this program".to_owned(), |node| node.get().to_string());
         self.end(&format!("controller {who}"));
 
-        self.begin(Step::Drives);
+        self.begin(Step::Drives)?;
         self.operator.wait_for(BOOT_MAX, &|state| !matches!(state, State::Boot | State::Fault))?;
         let found = self.operator.pose()?;
         if found.len() != JOINTS {
@@ -155,7 +202,8 @@ impl Steps<'_, '_> {
     fn home(&mut self, found: &[f64]) -> Result<(), JobError> {
         let group = self.operator.group();
         if group.state == State::Idle {
-            self.begin(Step::Home);
+            self.begin(Step::Home)?;
+            self.require(Question::Move)?;
             let mask = !group.homed_mask & ((1 << found.len()) - 1) as u8;
             self.operator.home(mask, HOMING_MAX)?;
             self.end(&format!("{} joints found their zeros", mask.count_ones()));
@@ -164,7 +212,7 @@ impl Steps<'_, '_> {
     }
 
     fn throw(&mut self, job: &Job<'_>, throw: &Motion) -> Result<(), JobError> {
-        self.begin(Step::Upload);
+        self.begin(Step::Upload)?;
         let crc = robot_crc32(&job.plan.robot.fingerprint);
         let bytes = encode(throw, self.record.period_us as u32, crc, None)?;
         let told = &mut *self.told;
@@ -175,11 +223,11 @@ impl Steps<'_, '_> {
         self.end(&format!("{} bytes, hash {:016x}", bytes.len(), name.trajectory_crc64));
 
         self.operator.keep_samples();
-        self.begin(Step::Arm);
+        self.begin(Step::Arm)?;
         self.operator.arm(&name)?;
         self.end("offered and confirmed");
 
-        self.begin(Step::Throw);
+        self.begin(Step::Throw)?;
         let frames_before = self.operator.frames_kept();
         self.record.before = self.operator.group();
         let limit = Duration::from_secs_f64(throw.duration_s()) + RUN_EXTRA;
@@ -192,7 +240,7 @@ impl Steps<'_, '_> {
     }
 
     fn watch_flight(&mut self, job: &Job<'_>, throw: &Motion) -> Result<(), JobError> {
-        self.begin(Step::Flight);
+        self.begin(Step::Flight)?;
         let flight_left = job.plan.release_time_s + job.plan.landing.flight_s - throw.duration_s();
         self.operator.pass(Duration::from_secs_f64(flight_left.max(0.0) + 0.05))?;
         self.record.ball = watch_ball(self.operator);
@@ -207,7 +255,7 @@ impl Steps<'_, '_> {
             (BallOutcome::Released, _) => "the ball does not come down on the plane of the target".to_owned(),
             (BallOutcome::NotObserved, _) => "nobody watches the ball".to_owned(),
         });
-        Ok(())
+        Ok(self.operator.heed_stops()?)
     }
 }
 
@@ -228,7 +276,6 @@ fn drive(
 
 /// Gains, robot and period: written where the job says so, read back, kept in the record.
 fn agree(operator: &mut dyn Operator, job: &Job<'_>, record: &mut Record) -> Result<(), JobError> {
-    const GAINS: [&str; 3] = ["joint.k_error_1_s2", "joint.k_rate_1_s", "joint.k_last"];
     record.period_us = operator.natural("cycle.period_us")?;
     let crc = robot_crc32(&job.plan.robot.fingerprint);
     operator.set_register("group.robot_crc32", &crc.into())?;
@@ -242,36 +289,29 @@ fn agree(operator: &mut dyn Operator, job: &Job<'_>, record: &mut Record) -> Res
             return Err(JobError::GainsJoints { found: numbers.join(", ") });
         }
         file.check_robot(job.arm).map_err(JobError::GainsRobot)?;
-        let estimator = [("estimator.alpha", file.estimator.alpha), ("estimator.beta", file.estimator.beta)];
-        for (name, weight) in estimator {
-            operator.set_register(name, &Numbers::Real(vec![weight as f32]))?;
-        }
-        for (which, name) in GAINS.into_iter().enumerate() {
-            let numbers = file.joint.iter().map(|joint| joint.gains()[which]).collect();
-            operator.set_register(name, &Numbers::Real(numbers))?;
-        }
-        operator.set_register("gains.period_us", &(gains_us as u32).into())?;
-        operator.set_register("gains.robot_crc32", &crc.into())?;
-        // Last: every change of a gain voids the certificate.
-        let certificate = firmware::crc::Crc32::of(file.to_toml().as_bytes());
-        operator.set_register("gains.certificate_crc32", &certificate.into())?;
-    }
-    for (numbers, name) in record.gains.iter_mut().zip(GAINS) {
-        if let Numbers::Real(found) = operator.register(name)? {
-            *numbers = found;
+        let mut wanted = settings_of(RegisterInfo::is_of_gains, &mut |name| operator.register(name))?;
+        file.enter(crc, &mut wanted);
+        for name in REGISTERS {
+            let index = registers::find(name).unwrap_or(usize::MAX);
+            let numbers = registers::read(&wanted, index).map(|numbers| to_host(numbers.as_slice()));
+            operator
+                .set_register(name, &numbers.ok_or(OperatorError::NoRegister { name: name.to_owned() })?)?;
         }
     }
-    if let (Numbers::Real(alpha), Numbers::Real(beta)) =
-        (operator.register("estimator.alpha")?, operator.register("estimator.beta")?)
-    {
-        record.estimator = alpha.first().copied().zip(beta.first().copied()).map(Into::into);
-    }
-    record.gains_robot_crc32 = operator.natural("gains.robot_crc32")?;
-    record.certificate_crc32 = operator.natural("gains.certificate_crc32")?;
+    let held = settings_of(RegisterInfo::is_of_gains, &mut |name| operator.register(name))?;
+    let joints = || held.joints().map(|joint| held.joint.at(joint));
+    record.gains = [
+        joints().map(|joint| joint.k_error_1_s2).collect(),
+        joints().map(|joint| joint.k_rate_1_s).collect(),
+        joints().map(|joint| joint.k_last).collect(),
+    ];
+    record.estimator = Some([held.estimator_alpha, held.estimator_beta]);
+    record.certificate_crc32 = held.gains_certificate_crc32.into();
     record.certified = match job.gains {
         Some(file) => Certified::of(file),
-        None => built_in_of(record.certificate_crc32).and_then(|file| Certified::of(&file)),
+        None => built_in_of(&held).and_then(|file| Certified::of(&file)),
     };
+    record.held = Some(held);
     record.drives = Some(drives_of(operator)?);
     record.gripper_opening = Some(Duration::from_micros(operator.natural("gripper.opening_us")?));
     Ok(())

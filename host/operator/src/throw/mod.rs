@@ -8,6 +8,7 @@
 //! |---|---|
 //! | [`trajectory`] | motions, and the one place where they become a controller's file |
 //! | [`approach`] | motions from rest to rest around everything in the way |
+//! | [`cell`](mod@cell) | the simulated cell that a plan reckons with |
 //! | [`job`] | the steps above, in order, for any [operator](crate::port::Operator) |
 //! | [`record`] | what a job is given, its steps, and what is known of it so far |
 //! | [`outcome`] | how a throw ended: landed, missed, not released, stopped, and what is known where nobody watches |
@@ -19,6 +20,7 @@
 //! * Whatever ends a step early, the arm stands when it returns.
 
 pub mod approach;
+pub mod cell;
 pub mod job;
 pub mod outcome;
 pub mod record;

@@ -6,7 +6,7 @@
 //! | [`Outcome::NotObserved`] | `not_observed` | the arm followed the plan and the release was ordered; nobody watched the ball |
 //! | [`Outcome::Missed`] | `missed` | the ball landed beyond the tolerance, or touched the arm; or the measured motion sends it beyond |
 //! | [`Outcome::NotReleased`] | `not_released` | the ball is still in the hand, or the release was never ordered |
-//! | [`Outcome::Stopped`] | `stopped` | the arm was stopped while it moved |
+//! | [`Outcome::Stopped`] | `stopped` | the arm was stopped while it moved, or by somebody else at any time |
 //! | [`Outcome::NotThrown`] | `not_thrown` | the job ended before the throw, with the arm at rest |
 //!
 //! Only the simulated cell inside the program tells where its ball is. On every other bus nobody watches the ball, so
@@ -18,9 +18,13 @@ pub use super::record::{BallOutcome, Landing, LandingSource};
 use super::record::{Job, JobError, Record, Step};
 use crate::dialogue::operator::OperatorError;
 use planner::plan::file::PlanFile;
+use robot_model::RobotModel;
 
 /// Smallest default tolerance, m: the steps of encoders and clocks and the tracking of a healthy arm stay below it.
 pub const TOLERANCE_MIN_M: f64 = 0.010;
+/// Largest default tolerance, m: whatever noise a plan is made for, a ball farther off is beside its target. `--tolerance` asks for
+/// more.
+pub const TOLERANCE_MAX_M: f64 = 0.100;
 /// Square of the Mahalanobis distance that holds 99 % of a normal distribution in two dimensions: -2 ln 0.01.
 const CHI_SQUARE_99: f64 = 9.210_340_371_976_18;
 
@@ -35,7 +39,7 @@ pub enum Outcome {
     Missed,
     /// The ball is still in the hand, or the release was never ordered.
     NotReleased,
-    /// The arm was stopped while it moved.
+    /// The arm was stopped while it moved, or by somebody else at any time.
     Stopped,
     /// The job ended before the throw, with the arm at rest.
     NotThrown,
@@ -87,14 +91,16 @@ pub struct Verdict {
     pub tolerance_m: f64,
 }
 
-/// Distance from the target within which 99 % of the landings that the plan predicts lie, m, not less than
-/// [`TOLERANCE_MIN_M`]: the offset of the mean, and the longer half-axis of the 99 % ellipse.
+/// Distance from the target within which 99 % of the landings of this motion lie, m, from [`TOLERANCE_MIN_M`] to
+/// [`TOLERANCE_MAX_M`]: the offset of the mean, and the longer half-axis of the 99 % ellipse. Both are computed again with the
+/// noise of the plan; what the file says of them counts for nothing.
 #[must_use]
-pub fn default_tolerance_m(plan: &PlanFile) -> f64 {
+pub fn default_tolerance_m<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> f64 {
+    let Some(plan) = plan.computed_again(arm) else { return TOLERANCE_MIN_M };
     let offset = Vector2::from(plan.landing.mean_m) - plan.target.aim().centre();
     let [[xx, xy], [yx, yy]] = plan.landing.covariance_m2;
     let radius_m = offset.norm() + radius_99_m(&Matrix2::new(xx, xy, yx, yy));
-    if radius_m.is_finite() { radius_m.max(TOLERANCE_MIN_M) } else { TOLERANCE_MIN_M }
+    if radius_m.is_finite() { radius_m.clamp(TOLERANCE_MIN_M, TOLERANCE_MAX_M) } else { TOLERANCE_MIN_M }
 }
 
 /// Longer half-axis of the ellipse that holds 99 % of a normal distribution.
@@ -109,7 +115,7 @@ pub fn judge(job: &Job<'_>, record: &Record, ended: Result<(), &JobError>) -> Ve
     let tolerance_m = job.tolerance_m;
     let (outcome, text) = match ended {
         Err(error) => {
-            let outcome = if was_moving(record, error) { Outcome::Stopped } else { Outcome::NotThrown };
+            let outcome = if was_stopped(record, error) { Outcome::Stopped } else { Outcome::NotThrown };
             let (words, step) = (outcome.words(), record.at_work.map_or("throw", |(step, _)| step.name()));
             let told = error.to_string();
             let first = told.lines().next().unwrap_or_default();
@@ -120,20 +126,31 @@ pub fn judge(job: &Job<'_>, record: &Record, ended: Result<(), &JobError>) -> Ve
     Verdict { outcome, text, tolerance_m }
 }
 
-/// What became of the ball of a throw that was stopped, where an observer watches it.
+/// What became of the ball of a throw that was stopped: seen, or computed from the measured motion if the release was ordered.
 fn ball_after_stop(record: &Record) -> String {
     match (record.ball, record.landing) {
         (BallOutcome::Released, Some(landing)) => {
             format!("; the ball left the hand and landed {:.1} mm from the target", 1e3 * landing.error_m)
         }
+        (BallOutcome::NotObserved, Some(landing)) => {
+            let [x, y, z] = landing.position_m.into();
+            format!(
+                "; the gripper was ordered to open before, and with the measured motion the ball lands at ({x:.3}, {y:.3}, {z:.3}) m, \
+                 {:.1} mm from the target; nobody watched the ball",
+                1e3 * landing.error_m
+            )
+        }
         (BallOutcome::Released, None) => "; the ball left the hand".to_owned(),
         (BallOutcome::InHand, _) => "; the ball is still in the hand".to_owned(),
-        (BallOutcome::NotObserved, _) => String::new(),
+        (BallOutcome::NotObserved, None) => String::new(),
     }
 }
 
-/// The error came while the arm moved: it was stopped, by the controller or by this program.
-fn was_moving(record: &Record, error: &JobError) -> bool {
+/// The arm was stopped: by somebody else at any time, or by the controller or this program while it moved.
+fn was_stopped(record: &Record, error: &JobError) -> bool {
+    if matches!(error, JobError::Operator(error) if error.is_stop_by_other()) {
+        return true;
+    }
     let Some((step, _)) = record.at_work else { return false };
     // After the throw the ball is gone: "not thrown" would be wrong.
     if matches!(step, Step::Flight | Step::Return) {

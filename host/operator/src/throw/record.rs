@@ -1,12 +1,12 @@
 //! What a job is given, its steps, what is known of it so far, and why it can end early.
 
+use firmware::settings::Settings;
 use hil_sim::mechanics::Thing;
 use nalgebra::Vector3;
 use protocol::cyphal::cubecell::command::Trajectory;
 use protocol::cyphal::cubecell::group_state::GroupState;
 use protocol::cyphal::id::NodeId;
 use protocol::{Duration, Instant};
-use robot_model::collision::Scene;
 use robot_model::release::HandMotion;
 
 use super::approach::ApproachError;
@@ -27,8 +27,6 @@ pub struct Job<'a> {
     pub plan: &'a PlanFile,
     /// Gains to write into the controller; `None` keeps those it has.
     pub gains: Option<&'a GainsFile>,
-    /// What is in the way beside the arm and the floor.
-    pub scene: &'a Scene,
     /// Share of the robot's speeds and accelerations on the way to the start and back.
     pub approach_share: f64,
     /// Seed for ways around obstacles.
@@ -126,9 +124,12 @@ pub enum JobError {
         "two modules answer at address {addresses}\n  next: unplug one of them and give the other a free address (parameter DefAddress, or the maker's tool)"
     )]
     Double { addresses: String },
-    /// The operator declined.
-    #[error("not thrown")]
-    Declined,
+    /// A person declined.
+    #[error("not thrown; {}", if *.moved { "the arm stands at the start" } else { "nothing has moved" })]
+    Declined {
+        /// The arm has homed or gone to the start before.
+        moved: bool,
+    },
 }
 
 impl From<BusFailure> for JobError {
@@ -152,8 +153,8 @@ pub struct Record {
     pub gains: [Vec<f32>; 3],
     /// Weights of the controller's estimator, alpha and beta.
     pub estimator: Option<[f32; 2]>,
-    /// Checksum of the robot they are for; 0: not known.
-    pub gains_robot_crc32: u64,
+    /// Gains, and all that their certificate is about, as the controller holds them; other settings as built in.
+    pub held: Option<Settings>,
     /// Checksum of their certificate; 0: none.
     pub certificate_crc32: u64,
     /// Timing that it covers; `None` if the file of the certificate is not known.

@@ -1,4 +1,7 @@
-//! Where the room of the tracker is, seen from the robot: a rigid transform from three or more points that both know.
+//! Where the room of the tracker is, seen from the robot: a rigid transform from four or more points that both know.
+//!
+//! Three points fix a transform and check nothing: one that is wrong across their plane, or a mirrored room, fits as well. So each
+//! point must be foretold by the others.
 //!
 //! Least squares over rotation and translation (Kabsch, "A solution for the best rotation to relate two sets of vectors", 1976).
 
@@ -10,10 +13,14 @@ use toml_reader::{DESCRIPTION_MAX_BYTES, DocumentError, Problem, Section, Source
 
 /// Version of the files that this program reads and writes.
 pub const SCHEMA_VERSION: i64 = 1;
-/// Points nearer to a line than this do not fix the rotation about it, m.
+/// Points nearer to a line than this do not fix the rotation about it, and nearer to a plane do not show a mirrored room, m.
 const SPREAD_MIN_M: f64 = 0.05;
-/// Largest difference of the points of one pair from the transform that a good calibration leaves, m.
-pub const RESIDUAL_MAX_M: f64 = 0.003;
+/// Largest root mean square distance after the transform that a good calibration leaves, m.
+const RESIDUAL_MAX_M: f64 = 0.003;
+/// Largest distance of a point from where the others put it, m.
+const FORETOLD_MAX_M: f64 = 0.010;
+/// Lengths in both frames agree within this share; inches, feet and millimetres do not.
+const SCALE_MAX: f64 = 0.02;
 
 /// A file was refused: where, and why.
 pub type FileError = DocumentError<Problem>;
@@ -45,6 +52,25 @@ pub struct Solved {
     pub residual_rms_m: f64,
     /// Distance of each pair, m.
     pub residuals_m: Vec<f64>,
+    /// Distance of each pair from where the transform of the others puts it, m.
+    pub foretold_m: Vec<f64>,
+}
+
+impl Solved {
+    /// Whether the points agree.
+    ///
+    /// # Errors
+    /// [`Unsolved::Disagree`].
+    pub fn agree(&self) -> Result<(), Unsolved> {
+        let worst = (0..).zip(&self.foretold_m).max_by(|a, b| a.1.total_cmp(b.1));
+        let (worst, by_m) = worst.map_or((0, f64::NAN), |(k, by_m)| (k, *by_m));
+        // Written so that NaN disagrees.
+        let agree = self.residual_rms_m <= RESIDUAL_MAX_M && by_m <= FORETOLD_MAX_M;
+        if agree {
+            return Ok(());
+        }
+        Err(Unsolved::Disagree { rms_mm: 1e3 * self.residual_rms_m, point: worst + 1, by_mm: 1e3 * by_m })
+    }
 }
 
 /// Pairs that give no transform.
@@ -52,7 +78,7 @@ pub struct Solved {
 pub enum Unsolved {
     /// Too few.
     #[error(
-        "{0} points; three are needed that do not lie on a line\n  next: bring the tool to another place and add it"
+        "{0} points; four are needed that do not lie in a plane: with three a wrong point and a mirrored room fit too\n  next: bring the tool to another place and add it"
     )]
     TooFew(usize),
     /// On a line, or in one place.
@@ -62,6 +88,27 @@ pub enum Unsolved {
     OnALine {
         /// How far the farthest is from the line.
         spread_mm: f64,
+    },
+    #[error(
+        "the points lie within {spread_mm:.0} mm of a plane; a mirrored room would fit as well\n  next: add a point at least 50 mm, better half a metre, above or below it"
+    )]
+    InAPlane { spread_mm: f64 },
+    #[error(
+        "a metre of the tracker is {ratio:.4} m of the robot\n  next: give --tool-at in metres, and check the units of the tracker's output (DTrack sends mm, VRPN m) and its room calibration"
+    )]
+    OtherUnits { ratio: f64 },
+    #[error(
+        "one of the frames is mirrored: the points fit as in a mirror, within {rms_mm:.1} mm\n  next: check the signs and the order of x, y, z of --tool-at, and that the tracker's room is right-handed"
+    )]
+    Mirrored { rms_mm: f64 },
+    #[error(
+        "the points disagree by {rms_mm:.1} mm; point {point} is {by_mm:.1} mm from where the others put it\n  next: take the worst point out of the file, or measure it again"
+    )]
+    Disagree {
+        rms_mm: f64,
+        /// From 1.
+        point: usize,
+        by_mm: f64,
     },
 }
 
@@ -79,46 +126,92 @@ impl RoomToRobot {
     }
 }
 
-/// The transform with the smallest sum of squared distances.
+/// The transform with the smallest sum of squared distances. The points may still disagree, see [`Solved::agree`].
 ///
 /// # Errors
-/// [`Unsolved`].
+/// [`Unsolved`]: the points do not fix a transform, do not check each other, or belong to no rigid transform.
 pub fn solve(pairs: &[Pair]) -> Result<Solved, Unsolved> {
-    if pairs.len() < 3 {
+    if pairs.len() < 4 {
         return Err(Unsolved::TooFew(pairs.len()));
     }
-    let mean = |of: fn(&Pair) -> [f64; 3]| {
-        pairs.iter().map(|pair| Vector3::from(of(pair))).sum::<Vector3<f64>>() / pairs.len() as f64
-    };
-    let (robot_mean, room_mean) = (mean(|pair| pair.robot_m), mean(|pair| pair.room_m));
-    let (mut cross, mut own) = (Matrix3::zeros(), Matrix3::zeros());
-    for pair in pairs {
-        let robot = Vector3::from(pair.robot_m) - robot_mean;
-        let room = Vector3::from(pair.room_m) - room_mean;
-        cross += robot * room.transpose();
-        own += room * room.transpose();
-    }
-    // The second largest spread: zero for points on a line.
-    let mut spreads: Vec<f64> = own.symmetric_eigenvalues().iter().copied().collect();
-    spreads.sort_by(f64::total_cmp);
-    let spread_m = spreads[1].max(0.0).sqrt();
+    let fit = Fit::of(pairs);
+    let [plane_mm, line_mm] = [0, 1].map(|k| 1e3 * fit.spreads_m[k]);
     // Written so that NaN is refused.
-    let spread_out = spread_m >= SPREAD_MIN_M;
-    if !spread_out {
-        return Err(Unsolved::OnALine { spread_mm: 1e3 * spread_m });
+    let within = |ratio: f64| (ratio - 1.0).abs() <= SCALE_MAX;
+    if !within(fit.scale) {
+        return Err(Unsolved::OtherUnits { ratio: fit.scale });
     }
-    let svd = cross.svd(true, true);
-    let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else { return Err(Unsolved::OnALine { spread_mm: 0.0 }) };
-    // No reflection.
-    let sign = (u * v_t).determinant().signum();
-    let rotation = u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v_t;
-    let x_wr = RoomToRobot { rotation, translation_m: robot_mean - rotation * room_mean };
+    if line_mm < 1e3 * SPREAD_MIN_M {
+        return Err(Unsolved::OnALine { spread_mm: line_mm });
+    }
+    if plane_mm < 1e3 * SPREAD_MIN_M {
+        return Err(Unsolved::InAPlane { spread_mm: plane_mm });
+    }
+    let x_wr = fit.transform(1.0);
+    let (residuals_m, residual_rms_m) = residuals(pairs, &x_wr);
+    let mirrored_rms_m = residuals(pairs, &fit.transform(-1.0)).1;
+    if residual_rms_m > RESIDUAL_MAX_M && mirrored_rms_m < 0.5 * residual_rms_m {
+        return Err(Unsolved::Mirrored { rms_mm: 1e3 * mirrored_rms_m });
+    }
+    // The others are never nearer to a line than all are to a plane: that through the line and the point left out.
+    let foretold_m = (0..pairs.len()).map(|k| {
+        let others = Fit::of(&[&pairs[..k], &pairs[k + 1..]].concat());
+        residuals(&pairs[k..=k], &others.transform(1.0)).1
+    });
+    Ok(Solved { x_wr, residual_rms_m, residuals_m, foretold_m: foretold_m.collect() })
+}
+
+/// Distance of each pair after a transform, and their root mean square, m.
+fn residuals(pairs: &[Pair], x_wr: &RoomToRobot) -> (Vec<f64>, f64) {
     let residuals_m: Vec<f64> = pairs
         .iter()
         .map(|pair| (Vector3::from(x_wr.apply(&pair.room_m)) - Vector3::from(pair.robot_m)).norm())
         .collect();
     let squares: f64 = residuals_m.iter().map(|r| r * r).sum();
-    Ok(Solved { x_wr, residual_rms_m: (squares / pairs.len() as f64).sqrt(), residuals_m })
+    let rms_m = (squares / pairs.len() as f64).sqrt();
+    (residuals_m, rms_m)
+}
+
+/// What fits two sets of points to each other.
+struct Fit {
+    robot_mean: Vector3<f64>,
+    room_mean: Vector3<f64>,
+    u: Matrix3<f64>,
+    v_t: Matrix3<f64>,
+    /// How far the room's points lie from a plane, from a line, and from one place, m.
+    spreads_m: [f64; 3],
+    /// Lengths of the robot's points over those of the room's.
+    scale: f64,
+}
+
+impl Fit {
+    fn of(pairs: &[Pair]) -> Self {
+        let mean = |of: fn(&Pair) -> [f64; 3]| {
+            pairs.iter().map(|pair| Vector3::from(of(pair))).sum::<Vector3<f64>>() / pairs.len() as f64
+        };
+        let (robot_mean, room_mean) = (mean(|pair| pair.robot_m), mean(|pair| pair.room_m));
+        let (mut cross, mut own, mut robot_squares) = (Matrix3::zeros(), Matrix3::zeros(), 0.0);
+        for pair in pairs {
+            let robot = Vector3::from(pair.robot_m) - robot_mean;
+            let room = Vector3::from(pair.room_m) - room_mean;
+            cross += robot * room.transpose();
+            own += room * room.transpose();
+            robot_squares += robot.norm_squared();
+        }
+        let mut spreads = own.symmetric_eigenvalues();
+        spreads.as_mut_slice().sort_by(f64::total_cmp);
+        let svd = cross.svd(true, true);
+        let [u, v_t] = [svd.u, svd.v_t].map(|part| part.unwrap_or_else(Matrix3::identity));
+        let scale = (robot_squares / own.trace()).sqrt();
+        Self { robot_mean, room_mean, u, v_t, spreads_m: spreads.map(|s| s.max(0.0).sqrt()).into(), scale }
+    }
+
+    /// The best transform: a rotation, or with `handedness` -1 a rotation and a mirror.
+    fn transform(&self, handedness: f64) -> RoomToRobot {
+        let sign = (self.u * self.v_t).determinant().signum() * handedness;
+        let rotation = self.u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * self.v_t;
+        RoomToRobot { rotation, translation_m: self.robot_mean - rotation * self.room_mean }
+    }
 }
 
 /// A calibration file: points, what they give, and where they come from.
@@ -243,27 +336,57 @@ mod tests {
     }
 
     #[test]
-    fn mirrored_points_give_a_rotation_and_a_large_residual() {
-        let mut pairs = pairs(0.0);
-        for pair in &mut pairs {
-            pair.robot_m[2] = -pair.robot_m[2];
+    fn mirrored_rooms_and_other_units_are_refused() {
+        for axis in 0..3 {
+            let mut pairs = pairs(2e-4);
+            for pair in &mut pairs {
+                pair.robot_m[axis] = -pair.robot_m[axis];
+            }
+            assert!(matches!(solve(&pairs), Err(Unsolved::Mirrored { rms_mm }) if rms_mm < 1.0), "{axis}");
         }
-        let solved = solve(&pairs).unwrap();
-        assert!((solved.x_wr.rotation.determinant() - 1.0).abs() < 1e-9);
-        assert!(solved.residual_rms_m > 0.05);
+        for ratio in [1000.0, 1e-3, 0.0254, 1.03] {
+            let mut pairs = pairs(0.0);
+            for pair in &mut pairs {
+                pair.robot_m = pair.robot_m.map(|x| ratio * x);
+            }
+            let refused = solve(&pairs).expect_err("other units");
+            assert!(
+                matches!(refused, Unsolved::OtherUnits { ratio: r } if (r / ratio - 1.0).abs() < 1e-9),
+                "{refused}"
+            );
+        }
+    }
+
+    /// The point that is left out of each set fits any three others.
+    #[test]
+    fn one_point_that_is_30_mm_off_is_found_in_every_direction() {
+        for (point, direction) in (0..4).flat_map(|point| (0..26).map(move |k| (point, k))) {
+            let mut pairs = pairs(2e-4);
+            let k = f64::from(direction);
+            let off =
+                Vector3::new((1.7 * k).sin(), (0.9 * k).cos(), (2.3 * k + 1.0).sin()).normalize() * 0.03;
+            pairs[point].robot_m = (Vector3::from(pairs[point].robot_m) + off).into();
+            let judged = solve(&pairs).and_then(|solved| solved.agree());
+            assert!(matches!(judged, Err(Unsolved::Disagree { by_mm, .. }) if by_mm > 20.0), "{judged:?}");
+        }
+        assert_eq!(solve(&pairs(2e-4)).and_then(|solved| solved.agree()), Ok(()));
     }
 
     #[test]
-    fn too_few_points_and_points_on_a_line_are_refused() {
-        assert_eq!(solve(&pairs(0.0)[..2]), Err(Unsolved::TooFew(2)));
-        let on_a_line: Vec<Pair> = (0..5)
-            .map(|k| Pair {
-                robot_m: [0.2 * f64::from(k), 0.0, 0.0],
-                room_m: [0.0, 0.2 * f64::from(k), 1.0],
-                scatter_m: 0.0,
-            })
-            .collect();
+    fn points_that_do_not_check_each_other_are_refused() {
+        assert_eq!(solve(&pairs(0.0)[..3]), Err(Unsolved::TooFew(3)));
+        let at = |rooms: &[[f64; 3]]| -> Vec<Pair> {
+            let pair =
+                |room_m: &[f64; 3]| Pair { robot_m: truth().apply(room_m), room_m: *room_m, scatter_m: 0.0 };
+            rooms.iter().map(pair).collect()
+        };
+        let on_a_line = at(&[0.0, 0.2, 0.4, 0.6, 0.8].map(|y| [0.0, y, 1.0]));
         assert!(matches!(solve(&on_a_line), Err(Unsolved::OnALine { .. })));
+        let in_a_plane = at(&[[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.02], [1.0, 1.0, 1.0]]);
+        assert!(matches!(solve(&in_a_plane), Err(Unsolved::InAPlane { .. })));
+        // Three lie near a line: the fourth alone would fix the rotation about it.
+        let alone = at(&[[0.0, 0.0, 1.0], [0.5, 0.06, 1.0], [1.0, 0.0, 1.0], [0.5, 0.8, 1.9]]);
+        assert!(matches!(solve(&alone), Err(Unsolved::InAPlane { .. })), "{:?}", solve(&alone));
     }
 
     #[test]

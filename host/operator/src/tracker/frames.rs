@@ -14,6 +14,10 @@ const RESTART_AFTER: u64 = 1_000;
 const RISING_OLD: u32 = 10;
 /// A tracker that is started again more often than this in one measurement is not waited for.
 const RESTARTS_MAX: u32 = 3;
+/// Unreadable datagrams in a row after which something else is believed to send there. One is a torn frame.
+const UNREADABLE_MAX: u32 = 10;
+
+const NO_TIME: &str = "frames have no time; switch `ts` on in the output settings";
 
 /// No target comes of these frames.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -41,6 +45,12 @@ pub struct DTrackFrames {
     /// Last of the frames since that are not newer, and how many of them in a row rise.
     old: Option<(u64, u32)>,
     restarts: u32,
+    /// Unreadable datagrams in a row.
+    unreadable: u32,
+    /// The tracker ends its lines, also the last one of a datagram.
+    ends_lines: bool,
+    /// The tracker sends the line `ts2`; another clock than that of `ts`.
+    sends_ts2: bool,
 }
 
 impl DTrackFrames {
@@ -55,6 +65,9 @@ impl DTrackFrames {
             heard: now,
             old: None,
             restarts: 0,
+            unreadable: 0,
+            ends_lines: false,
+            sends_ts2: false,
         }
     }
 
@@ -63,7 +76,22 @@ impl DTrackFrames {
     /// # Errors
     /// Nothing can come of it.
     pub fn push(&mut self, now: Instant, datagram: &[u8]) -> Result<Option<Target>, FrameError> {
-        let frame = DataFrame::parse(datagram).map_err(|error| FrameError::Unreadable(error.to_string()))?;
+        let frame = match DataFrame::parse(datagram) {
+            Ok(frame) => frame,
+            Err(error) => return self.unreadable(now, error.to_string()),
+        };
+        if frame.ts_s.is_none() && frame.ts2.is_none() {
+            return self.unreadable(now, NO_TIME.to_owned());
+        }
+        let ended = datagram.ends_with(b"\n") || datagram.ends_with(b"\r") || datagram.ends_with(b"\0");
+        if self.ends_lines && !ended {
+            // The last number may be the beginning of a longer one: another frame, another time.
+            return self.unreadable(now, "the last line is cut off".to_owned());
+        }
+        if self.sends_ts2 && frame.ts2.is_none() {
+            return self.unreadable(now, "the line `ts2` is cut off".to_owned());
+        }
+        (self.unreadable, self.ends_lines, self.sends_ts2) = (0, ended, frame.ts2.is_some());
         match self.gate.judge(frame.frame) {
             // No sign of life: a tracker that hangs may send its last frame for ever.
             Verdict::Old => {
@@ -84,14 +112,23 @@ impl DTrackFrames {
             Verdict::First | Verdict::New { .. } => {}
         }
         (self.heard, self.old) = (now, None);
-        let stamp = frame.stamp(&mut self.clock).ok_or_else(|| {
-            FrameError::Unreadable("frames have no time; switch `ts` on in the output settings".to_owned())
-        })?;
+        let no_time = || FrameError::Unreadable(NO_TIME.to_owned());
+        let stamp = frame.stamp(&mut self.clock).ok_or_else(no_time)?;
         let body = self.wish.body;
         let pose = frame
             .pose(body, &mut self.clock)
             .map_err(|error| NoTarget::NotAPose { body, what: error.to_string() })?;
         Ok(self.estimator.push(&Frame { arrived: now, stamp, pose })?)
+    }
+
+    /// A datagram that cannot be read is left out, unless nothing else comes.
+    fn unreadable(&mut self, now: Instant, what: String) -> Result<Option<Target>, FrameError> {
+        self.unreadable += 1;
+        if self.unreadable > UNREADABLE_MAX {
+            return Err(FrameError::Unreadable(what));
+        }
+        self.wait(now)?;
+        Ok(None)
     }
 
     /// The tracker was started again: what it said before does not count.

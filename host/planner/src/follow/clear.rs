@@ -12,7 +12,7 @@ use super::parabola::Parabola;
 /// Distances to keep.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct Margins {
-    /// Height of flange and elbow above the floor, in m.
+    /// Height of flange, elbow and the ball's centre in the fingers above the floor, in m.
     pub floor_m: f64,
     /// Distance between boxes of the arm, in m.
     pub boxes_m: f64,
@@ -29,7 +29,7 @@ impl Default for Margins {
 /// What is not clear.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Contact {
-    /// Flange or elbow is below its height above the floor, or the fingers touch it.
+    /// Flange, elbow or the ball's centre in the fingers is below its height above the floor.
     Floor {
         /// Time from the first step on the parabola, in s.
         t_s: f64,
@@ -102,10 +102,11 @@ impl<'m> Clear<'m> {
         &self.margins
     }
 
-    /// Height of the lower of flange and elbow (the axis of joint 3) above the floor, in m.
+    /// Height of the lowest of flange, elbow (the axis of joint 3) and the ball's centre in the fingers above the floor, in m.
     #[must_use]
     pub fn height_m(&self, frames: &Frames<AXES>) -> f64 {
-        self.arm.ee(frames).pos.z.min(frames.origin(2).z) - self.arm.world().floor_z_m
+        let places = [self.arm.ee(frames).pos.z, frames.origin(2).z, self.arm.ball(frames).pos.z];
+        places.into_iter().fold(f64::INFINITY, f64::min) - self.arm.world().floor_z_m
     }
 
     /// Distance of the nearest pair of bodies, in m: arm, floor, and the ball or the fingers.

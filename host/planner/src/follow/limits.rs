@@ -44,7 +44,7 @@ pub struct Limits {
 pub enum LimitSource {
     /// The robot file: following acceleration (else the one of plans) and jerk.
     RobotFile,
-    /// The cut-out of the simulated KR C; ranges, speeds and ramps of the robot file.
+    /// The following acceleration of the robot file; else, and for the jerk, the cut-out of the simulated KR C.
     ControllerModel,
 }
 
@@ -58,7 +58,11 @@ impl Limits {
                 arm.limit(|l| l.j_max_rad_s3),
             ),
             LimitSource::ControllerModel => {
-                (Axes::repeat(KRC_CUT_OUT_DEG_S2.to_radians()), Axes::repeat(KRC_CUT_OUT_DEG_S3.to_radians()))
+                let cut_out = KRC_CUT_OUT_DEG_S2.to_radians();
+                (
+                    arm.limit(|l| l.a_follow_max_rad_s2.unwrap_or(cut_out).min(cut_out)),
+                    Axes::repeat(KRC_CUT_OUT_DEG_S3.to_radians()),
+                )
             }
         };
         Self {

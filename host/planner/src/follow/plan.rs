@@ -19,11 +19,14 @@ use super::parabola::Parabola;
 use super::posture::Posture;
 use super::setting::Setting;
 use crate::plan::file::{
-    FILE_MAX_BYTES, FORMAT, Kind, PlanFileError, RobotId, VERSION, fields, parse, require_robot, tagged_json,
+    FILE_MAX_BYTES, FORMAT, Kind, PlanFileError, RobotId, VERSION, fields, first_difference, parse,
+    require_robot, tagged_json,
 };
 
 /// Lags that differ by less are taken as the same, s.
 const LAG_SAME_S: f64 = 0.001;
+/// Longest lag that is one, s.
+const LAG_MAX_S: f64 = 1.0;
 /// An aim that is nearer to the target is the target, m.
 const AIM_SAME_M: f64 = 1e-9;
 
@@ -103,6 +106,20 @@ pub struct SearchInfo {
     pub time_s: f64,
     /// What was searched.
     pub size: SearchSize,
+}
+
+/// The commands of a plan lead by another lag than the axes have.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[error(
+    "the plan leads by a lag of {planned_ms:.0} ms, the robot is described with {lag_ms:.0} ms: the ball would land {off_mm:.0} mm off at best"
+)]
+pub struct OtherLag {
+    /// What the commands lead by, ms.
+    pub planned_ms: f64,
+    /// First-order lag of the axes, ms.
+    pub lag_ms: f64,
+    /// Root mean square distance of the landings from the target with the best opening, mm.
+    pub off_mm: f64,
 }
 
 /// A plan.
@@ -207,7 +224,7 @@ impl FollowPlan {
             j1: found.j1,
             j2: found.j2,
             leap,
-            used: Peaks::of(&commands, motion.period_s).use_of(&setting.limits),
+            used: Peaks::of(&commands, motion.period_s).use_of(&Limits::of(setting.arm, limits)),
             search: SearchInfo { time_s: search_s, size: found.size },
             steps: steps.collect(),
         }
@@ -232,6 +249,28 @@ impl FollowPlan {
         Ok(plan)
     }
 
+    /// The first number that is not what follows from the steps, the flight and the limits, with both.
+    #[must_use]
+    pub fn false_claim(&self, arm: &Arm) -> Option<String> {
+        let commands: Vec<Axes> = self.steps.iter().map(|step| step.command_rad.into()).collect();
+        let middle_s = 0.5 * (self.window[1] - self.window[0]) as f64 * self.period_s;
+        let (flight, at_release) = (self.parabola(), self.parabola().from_time(middle_s));
+        let landing_time_s = self.window[0] as f64 * self.period_s + flight.time_to(&self.aim());
+        let again = Self {
+            leap: largest_leap(&commands, self.period_s),
+            used: Peaks::of(&commands, self.period_s).use_of(&Limits::of(arm, self.limits)),
+            flight: FlightInfo {
+                beta_release_deg: at_release.beta_rad().to_degrees(),
+                speed_release_m_s: at_release.v0.norm(),
+                landing_time_s,
+                gravity_m_s2: arm.world().gravity_m_s2,
+                ..self.flight
+            },
+            ..self.clone()
+        };
+        first_difference(self, &again)
+    }
+
     /// What the types cannot say.
     ///
     /// # Errors
@@ -244,6 +283,17 @@ impl FollowPlan {
         if !(self.period_s > 0.0 && self.period_s.is_finite()) {
             return Err("its period is not positive");
         }
+        let Margins { floor_m, boxes_m, grip_slack_m } = self.margins;
+        let kept = [floor_m, boxes_m, grip_slack_m].iter().all(|m| (0.0..=1.0).contains(m));
+        if !kept || !(0.0..=LAG_MAX_S).contains(&self.lag_s) {
+            return Err("its margins are not 0 to 1 m, or its lag is not 0 to 1 s");
+        }
+        if !(0.0..=(self.steps.len() - 1) as f64 * self.period_s).contains(&self.release_time_s) {
+            return Err("its release is not within its motion");
+        }
+        if ![self.j1, self.j2, self.search.time_s].iter().all(|v| (0.0..f64::INFINITY).contains(v)) {
+            return Err("a criterion or the time of its search is negative or not finite");
+        }
         Ok(())
     }
 
@@ -253,6 +303,16 @@ impl FollowPlan {
     /// [`PlanFileError::OtherRobot`].
     pub fn require_robot(&self, path: &Path, arm: &Arm) -> Result<(), PlanFileError> {
         require_robot(path, &self.robot, AXES, arm)
+    }
+
+    /// As [`Self::require_robot`], and refuses numbers that do not follow from the steps.
+    ///
+    /// # Errors
+    /// [`PlanFileError::OtherRobot`], [`PlanFileError::Damaged`].
+    pub fn require_true(&self, path: &Path, arm: &Arm) -> Result<(), PlanFileError> {
+        self.require_robot(path, arm)?;
+        self.false_claim(arm)
+            .map_or(Ok(()), |reason| Err(PlanFileError::Damaged { path: path.to_owned(), reason }))
     }
 
     /// Reads a plan file.
@@ -288,6 +348,36 @@ impl FollowPlan {
         }
     }
 
+    /// Refuses this plan for axes whose lag `lag_s` is too different from that of the plan: the ball then lands farther than
+    /// `tolerance_m` from the target, whenever the gripper opens ([`FollowPlan::opened_for`]). A plan of the paper's form counts on
+    /// no lag, so it is never refused.
+    ///
+    /// # Errors
+    /// [`OtherLag`].
+    pub fn require_lag(
+        &self,
+        arm: &Arm,
+        lag_s: f64,
+        jitter_s: f64,
+        tolerance_m: f64,
+    ) -> Result<(), OtherLag> {
+        if self.form == Form::Paper || (lag_s - self.lag_s).abs() < LAG_SAME_S {
+            return Ok(());
+        }
+        let off_m = self.best_opening(arm, lag_s, jitter_s).map_or(f64::INFINITY, |opening| opening.rms_m);
+        if off_m <= tolerance_m {
+            return Ok(());
+        }
+        Err(OtherLag { planned_ms: 1e3 * self.lag_s, lag_ms: 1e3 * lag_s, off_mm: 1e3 * off_m })
+    }
+
+    /// An order to open takes effect with a telegram: half a period earlier or later.
+    fn best_opening(&self, arm: &Arm, lag_s: f64, jitter_s: f64) -> Option<landing::Opening> {
+        let (motion, target, spread_s) =
+            (self.motion(), self.target_m.into(), jitter_s + 0.5 * self.period_s);
+        landing::best_opening(arm, &motion, &target, (self.lag_s, lag_s), spread_s)
+    }
+
     /// The same plan for axes that lag by a first order of `lag_s`, with an opening that varies by up to `jitter_s`.
     ///
     /// It is opened, and turned about the first axis, so that the ball lands nearest to the target. A plan whose commands lead
@@ -301,9 +391,7 @@ impl FollowPlan {
         let opening = if (lag_s - self.lag_s).abs() < LAG_SAME_S {
             None
         } else {
-            // An order to open takes effect with a telegram: half a period earlier or later.
-            let spread_s = jitter_s + 0.5 * self.period_s;
-            landing::best_opening(arm, &motion, &target, (self.lag_s, lag_s), spread_s)
+            plain.best_opening(arm, lag_s, jitter_s)
         };
         match opening {
             Some(opening) => Self {

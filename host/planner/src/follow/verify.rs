@@ -70,7 +70,7 @@ pub enum Check {
     Landing,
     /// Hand across the flight, in rad.
     Across,
-    /// Height of flange, elbow, and boxes above the floor, in m.
+    /// Height of flange, elbow and ball in the fingers above the floor, in m.
     Floor,
     /// Distance of boxes, in m.
     Boxes,
@@ -171,7 +171,7 @@ pub fn verify_commands(arm: &Arm, limits: &Limits, passed: &CommandRange, plan: 
     let joints: Vec<Axes> = plan.steps.iter().map(|s| Axes::from(s.q_rad)).collect();
     let commands: Vec<Axes> = plan.steps.iter().map(|s| Axes::from(s.command_rad)).collect();
     rates(plan, limits, &joints, &commands, &mut report);
-    stated_speeds(plan, limits, &joints, &mut report);
+    stated_speeds(plan, &joints, &mut report);
     passed_commands(plan, passed, &mut report);
     let executed = lag(plan, &joints, &commands, &mut report);
     let chain = Chain::new(arm);
@@ -235,19 +235,31 @@ fn rates(plan: &FollowPlan, limits: &Limits, joints: &[Axes], commands: &[Axes],
     }
 }
 
+/// Speeds are computed from angles of 1 rad in steps of 12 ms.
+const SPEED_ROUNDING_RAD_S: f64 = 1e-9;
+
 /// The speeds that the steps state are those of the angles.
 ///
 /// An acceleration that leaps by `a` at a step moves the central difference by `a h / 4` from the speed at the step, and shows in
 /// the third differences as a jerk of `a / (2 h)`. Any other acceleration with the same jerk moves it less. So the two speeds differ by
-/// at most `j h² / 2`.
-fn stated_speeds(plan: &FollowPlan, limits: &Limits, joints: &[Axes], report: &mut Report) {
-    let (h, end) = (plan.period_s, joints.len() - 1);
+/// at most `j h² / 2`, with the jerk of the angles around.
+fn stated_speeds(plan: &FollowPlan, joints: &[Axes], report: &mut Report) {
+    let h = plan.period_s;
+    // The robot rests before the first and after the last step.
+    let at = |k: usize, by: isize| joints[k.saturating_add_signed(by).min(joints.len() - 1)];
     for (k, step) in plan.steps.iter().enumerate() {
-        let by_angles = (joints[(k + 1).min(end)] - joints[k.saturating_sub(1)]) / (2.0 * h);
+        let by_angles = (at(k, 1) - at(k, -1)) / (2.0 * h);
         let apart = (Axes::from(step.qd_rad_s) - by_angles).abs();
+        let third = |by: isize| (at(k, by + 1) - (at(k, by) - at(k, by - 1)) * 3.0 - at(k, by - 2)).abs() / h;
+        let most = third(0).sup(&third(1)) * 0.5;
         for i in 0..AXES {
-            let most = 0.5 * limits.j_max_rad_s3[i] * h * h;
-            report.at_most(Check::StatedSpeed, step.t_s, Some(i + 1), apart[i], most);
+            report.at_most(
+                Check::StatedSpeed,
+                step.t_s,
+                Some(i + 1),
+                apart[i],
+                most[i] + SPEED_ROUNDING_RAD_S,
+            );
         }
     }
 }
@@ -433,7 +445,7 @@ fn bodies(arm: &Arm, plan: &FollowPlan, chain: &Chain, joints: &[Axes], report: 
         let links =
             Links::at(arm, chain, &(joints[k] + (joints[next] - joints[k]) * (step - k as f64).min(1.0)));
         if step <= end as f64 {
-            let height_m = links.flange.z.min(links.links[2].pos.z) - floor_z_m;
+            let height_m = links.flange.z.min(links.links[2].pos.z).min(links.ball.pos.z) - floor_z_m;
             let finding = Finding {
                 check: Check::Floor,
                 t_s,

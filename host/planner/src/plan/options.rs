@@ -100,6 +100,8 @@ pub struct Options {
     pub avoid_collisions: bool,
     /// Whether the ball must stay clear of arm and obstacles after the release.
     pub clean_release: bool,
+    /// Whether a ball that touches the arm after the release may be thrown all the same: asked for, not only not forbidden.
+    pub touch_allowed: bool,
     /// Clearance of arm, base, floor, obstacles and ball in m; from the hand that threw it the ball keeps [`HAND_CLEARANCE_M`].
     pub clearance_m: f64,
     /// Drag of the ball in 1/m; zero is vacuum.
@@ -138,6 +140,7 @@ impl Options {
             current_over_motion: false,
             avoid_collisions: true,
             clean_release: false,
+            touch_allowed: false,
             clearance_m: 0.0,
             drag_per_m: 0.0,
             finger_release: false,

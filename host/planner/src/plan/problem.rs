@@ -411,6 +411,9 @@ fn range(option: &'static str, r: &RangeInclusive<f64>, least: f64, most: f64) -
     let (min, max) = (*r.start(), *r.end());
     if min <= max && min >= least && max <= most {
         Ok(())
+    } else if min <= max {
+        let value = if min < least { min } else { max };
+        Err(ProblemError::Option { option, value, min: least, max: most })
     } else {
         Err(ProblemError::Range { option, min, max })
     }

@@ -260,7 +260,8 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
     if path.exists() && !path.is_file() {
         return OpenOptions::new().write(true).open(path)?.write_all(bytes);
     }
-    let part = path.with_extension("part");
+    // Files that differ in their extension alone are written beside each other.
+    let part = path.with_added_extension("part");
     let written = fs::write(&part, bytes).and_then(|()| fs::rename(&part, path));
     if written.is_err() {
         // That it cannot be removed either would change nothing.

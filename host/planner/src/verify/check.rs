@@ -224,7 +224,12 @@ pub fn check<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> Report {
         (chain.link(&d, N - 1) * *arm.end_effector()).rot
     };
     findings.extend(attitude::findings(plan, &hand, flown.landed.map(|met| met.s)));
-    findings.push(told::<N>(plan, [p, v], flown.landed.as_ref()));
+    let told = told::<N>(plan, [p, v], flown.landed.as_ref());
+    // The rest is computed from the release: where that is false, nothing more is learned.
+    let lie = if told.ok { plan.false_claim(arm) } else { None };
+    findings.push(told);
+    let text = lie.clone().unwrap_or_else(|| "all of them".to_owned());
+    findings.push(Finding::claimed("numbers of the file are those of its motion", lie.is_none(), text));
     Report { findings, samples: steps + 1 }
 }
 
@@ -274,11 +279,6 @@ fn told<const N: usize>(plan: &PlanFile, [p, v]: [Vector3<f64>; 2], landed: Opti
     worst.finding("release and landing are told as the motion has them", 1.0, "of the tolerance", true)
 }
 
-/// Whether the plan claims a check whose text has this word.
-fn claims(plan: &PlanFile, word: &str) -> bool {
-    plan.checks.iter().any(|c| c.enforced && c.what.contains(word))
-}
-
 /// Limits of the joints, joins of the segments, clearances of the arm, currents.
 fn motion_findings<const N: usize>(
     arm: &RobotModel<N>,
@@ -289,12 +289,19 @@ fn motion_findings<const N: usize>(
     let (mut jump, mut motor, mut supply) = (Worst::new(), Worst::new(), Worst::new());
     segments_meet::<N>(plan, &mut jump);
     currents(arm, chain, plan, &mut motor, &mut supply);
-    let (clearance_m, clear) = (plan.search.clearance_m, claims(plan, "clearance of arm"));
-    let over_motion = claims(plan, "currents over the motion");
+    let (clearance_m, clear) = (plan.search.clearance_m, plan.claims("clearance of arm"));
+    // The part of the limits that the plan says it uses.
+    let part = |used: f64| used + SHARE_TOLERANCE;
+    let over_motion = plan.claims("currents over the motion");
     vec![
         watched.range.finding("joint ranges", RANGE_TOLERANCE_RAD, "rad beyond", true),
-        watched.speed.finding("joint speeds", 1.0 + SHARE_TOLERANCE, "of the limit", true),
-        watched.acceleration.finding("joint accelerations", 1.0 + SHARE_TOLERANCE, "of the limit", true),
+        watched.speed.finding("joint speeds", part(plan.search.speed_use), "of the limit", true),
+        watched.acceleration.finding(
+            "joint accelerations",
+            part(plan.search.acceleration_use),
+            "of the limit",
+            true,
+        ),
         watched.jerk.finding("joint jerks", 1.0 + SHARE_TOLERANCE, "of the limit", true),
         jump.finding(
             "segments meet in position, speed and acceleration; rest at both ends",
@@ -312,7 +319,7 @@ fn motion_findings<const N: usize>(
 /// Landing and clearances of the released ball; and the obstacles, if there are any.
 fn flight_findings(plan: &PlanFile, watched: &Watched, flown: &Flown) -> Vec<Finding> {
     let clearance_m = plan.search.clearance_m;
-    let clear = claims(plan, "clearance of the released ball");
+    let clear = plan.claims("clearance of the released ball");
     let mut findings = vec![
         Finding::claimed(
             "landing on the target",
@@ -326,7 +333,7 @@ fn flight_findings(plan: &PlanFile, watched: &Watched, flown: &Flown) -> Vec<Fin
         clear_finding(&format!("{RELEASED_BALL}clear of the arm"), &flown.others, clearance_m, clear),
     ];
     if !plan.obstacles.is_empty() {
-        let arm_clear = claims(plan, "clearance of arm");
+        let arm_clear = plan.claims("clearance of arm");
         findings.extend([
             clear_finding(
                 "arm and held ball clear of the obstacles",
@@ -543,7 +550,7 @@ fn delays(plan: &PlanFile, release: &dyn Fn(f64) -> (Vector3<f64>, Vector3<f64>)
         worst: slope
             .map_or_else(|| "the ball does not come down".to_owned(), |s| format!("{s:.4} mm per ms")),
         at_s: None,
-        enforced: claims(plan, "unmoved by a late release"),
+        enforced: plan.claims("unmoved by a late release"),
     }];
     let on_time = landing(0.0);
     for shift in &plan.landing.delay_shifts {

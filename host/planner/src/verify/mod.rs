@@ -13,6 +13,9 @@
 //! | [`finding`] | | one thing that was looked at |
 //! | [`mod@check`] | rows and margins | one pass over the grid, findings with time and place |
 //!
+//! What follows from the rest of the file (spread, margins, currents, parameters) has no second means: it is computed again and
+//! compared, `PlanFile::false_claim`.
+//!
 //! The verifier takes a tenth of a second. It uses simple formulas instead of fast ones, so that a reader can check them.
 
 pub mod attitude;

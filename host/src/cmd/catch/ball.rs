@@ -2,11 +2,11 @@
 
 use hil_sim::court::CourtOptions;
 use nalgebra::Vector3;
-use operator::rally::trial::{CatchOutcome, Outcome, Pair};
+use operator::rally::trial::{Outcome, Pair};
 use robot_model::AnyRobot;
 
 use super::super::print_json;
-use super::super::rally::{as_json, as_text, court, declined_or};
+use super::super::rally::{as_json, as_text, court, ended};
 use super::Args;
 use crate::error::ExpectedError;
 use crate::report::rally as report;
@@ -73,16 +73,5 @@ fn place_robot(court: &mut CourtOptions<6>, robot: &str) -> Result<(), ExpectedE
             "robot \"{robot}\" cannot catch balls: it has {} joints instead of six\n  next: `--robot powercube6`, or `--disc` for a disc",
             other.joints()
         ))),
-    }
-}
-
-/// How the program ends.
-///
-/// # Errors
-/// The ball was not caught.
-pub(super) fn ended(outcome: &Outcome) -> Result<(), ExpectedError> {
-    match outcome.told {
-        CatchOutcome::Caught => Ok(()),
-        told => Err(declined_or(told)),
     }
 }

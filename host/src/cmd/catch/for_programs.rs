@@ -29,7 +29,7 @@ pub fn ball(words: &[String], step_s: f64) -> Result<Value, ExpectedError> {
     let outcome = &trial.outcome;
     let release_s = outcome.planned_s.0;
     let mut told = rally::as_json(outcome);
-    let end = ball::ended(outcome).err();
+    let end = rally::ended(outcome).err();
     let x_wb = trial.pair.court.arms[1].x_wb.to_matrix();
     told["exit_code"] = json!(end.as_ref().map_or(exit::OK, |error| error.code));
     told["text"] = json!(end.map_or_else(|| "caught".to_owned(), |error| error.message));

@@ -54,6 +54,7 @@ pub(super) fn ended(run: &Judged) -> Result<(), ExpectedError> {
     if let Err(why) = &run.executed.told {
         let code = match why {
             OperatorError::Stopped { .. } => exit::STOPPED,
+            why if why.is_stop_by_other() => exit::STOPPED,
             OperatorError::Bus(_) => exit::BUS,
             OperatorError::Interrupted => exit::INTERRUPTED,
             _ => exit::DRIVE,

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use super::follow_options::FollowOptions;
 use super::options::point;
 use super::search::SearchOptions;
+use crate::cmd::meaning::Given;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -12,6 +13,9 @@ use super::search::SearchOptions;
     after_help = "Examples:\n  cubectl plan throw --target 1.0,1.0,-1.0 --out plan.json --report plan.html\n  cubectl plan throw --target 2.0,0,0 --starts 400 --json\n  cubectl plan throw --robot kr16_2 --target 2.5,0,0.6 --form paper --report plan.html\n  cubectl plan throw --target 1.6,0.2,-0.3 --opening-normal=-1,0,0 --opening-radius-m 0.08 --out plan.json\n  cubectl plan throw --target 1.3,-0.3,-0.6 --target-velocity 0.3,0.5,0 --out plan.json\n  cubectl plan throw --target 1.2,0.3,-0.8 --thing-inertia 1.8 --arrival-axis 0,0,-1 --arrival-axis-max-deg 30 --out plan.json\n  cubectl plan throw --targets targets.csv --out results.csv --plans plans"
 )]
 pub struct Args {
+    /// What stands on the command line.
+    #[command(flatten)]
+    pub given: Given,
     /// Where the centre of the ball comes down, in m, world frame (arm base, z up).
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, required_unless_present = "targets")]
     pub target: Option<[f64; 3]>,

@@ -42,21 +42,6 @@ pub struct AttitudeOptions {
 }
 
 impl AttitudeOptions {
-    /// The first given option.
-    pub(super) fn first_given(&self) -> Option<&'static str> {
-        let given = [
-            (self.thing_inertia.is_some(), "--thing-inertia"),
-            (self.arrival_axis.is_some(), "--arrival-axis"),
-            (self.spin_axis.is_some(), "--spin-axis"),
-        ];
-        given.into_iter().find(|(given, _)| *given).map(|(_, name)| name)
-    }
-
-    /// The first given option that needs to know the thing, if the thing is not known.
-    pub(super) fn first_without_thing(&self) -> Option<&'static str> {
-        self.first_given().filter(|_| self.thing_inertia.is_none())
-    }
-
     /// For the planner; `None` for a ball.
     pub(super) fn resolve(&self) -> Option<Attitude> {
         let cone = |direction: Option<[f64; 3]>, deg: f64, either_sign| {

@@ -20,16 +20,13 @@ use super::args::Args;
 use super::follow_options::{CriterionName, RampsName};
 pub(crate) use super::follow_options::{REFINEMENTS, is_industrial};
 use super::options::FormName;
+use crate::cmd::meaning::Deed;
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::follow as report;
 
 /// Starts of the best form if no number is asked for.
 const STARTS: usize = 64;
-
-/// Why such a throw is not looked up.
-pub(super) const NO_FAST: &str =
-    "--fast needs stored throws; none are kept of throws that follow the flight\n  next: leave --fast out";
 
 /// Programs of industrial robots pass commands up to 0.1 deg inside the ranges of the axes (`robots/kr16_2`).
 const PROGRAM_INSIDE_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
@@ -136,20 +133,16 @@ pub fn run(args: &Args, arm: &Arm) -> Result<(), ExpectedError> {
 /// # Errors
 /// If input is refused or no throw reaches the target.
 pub(super) fn plan(args: &Args, arm: &Arm) -> Result<Followed, ExpectedError> {
+    let form = args.search.options.form;
+    args.given.require_meaning(&[Deed::Following, form.search_of_following()])?;
     args.follow.checked()?;
-    if let Some(option) = args.search.first_for_drive_modules() {
-        return Err(ExpectedError::bad_input(&format!(
-            "{option} has no meaning for a throw that follows the flight; leave it out (see the last group of \
-             `cubectl plan throw --help`)"
-        )));
-    }
     let Some(target) = args.target else {
         return Err(ExpectedError::bad_input(&"name a target with --target"));
     };
     if !target.iter().all(|v| v.is_finite()) {
         return Err(ExpectedError::bad_input(&"the target needs three finite numbers"));
     }
-    let source = args.follow.limit_source(arm, args.search.options.form);
+    let source = args.follow.limit_source(arm, form);
     let mut limits = Limits::of(arm, source);
     if let Some(deg_s2) = args.follow.ramps_deg_s2 {
         limits = limits.with_ramps(deg_s2.to_radians());

@@ -19,7 +19,7 @@ pub struct FollowOptions {
     #[arg(long, value_name = "MS", help_heading = "Throws that follow the flight")]
     pub lag_ms: Option<f64>,
     /// Time between two set points in ms: the cycle of the robot's controller [default: 12].
-    #[arg(long = "period", value_name = "MS", help_heading = "Throws that follow the flight")]
+    #[arg(long = "period", id = "period", value_name = "MS", help_heading = "Throws that follow the flight")]
     pub period_ms: Option<f64>,
     /// How far the hand may turn away from being across the flight, in degrees [best: 0].
     #[arg(long, value_name = "DEG", help_heading = "Throws that follow the flight")]
@@ -53,7 +53,7 @@ pub struct FollowOptions {
 /// Name of a source of limits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum LimitsName {
-    /// Cut-out of the simulated industrial controller: 2000 deg/s2 and 150 000 deg/s3.
+    /// Following acceleration of the robot file, at most 2000 deg/s2; jerk of the simulated controller, 150 000 deg/s3.
     Controller,
     /// Accelerations and jerk of the robot file.
     RobotFile,
@@ -106,24 +106,6 @@ impl FollowOptions {
             None if is_industrial(arm) || form == FormName::Paper => LimitSource::ControllerModel,
             None => LimitSource::RobotFile,
         }
-    }
-
-    /// The first option that only such throws have.
-    pub fn first_given(&self) -> Option<&'static str> {
-        let given = [
-            (self.lag_ms.is_some(), "--lag-ms"),
-            (self.period_ms.is_some(), "--period"),
-            (self.tilt_max_deg.is_some(), "--tilt-max-deg"),
-            (self.ramps_deg_s2.is_some(), "--ramps-deg-s2"),
-            (self.resolution.is_some(), "--resolution"),
-            (self.refine.is_some(), "--refine"),
-            (self.limits.is_some(), "--limits"),
-            (self.ramps.is_some(), "--ramps"),
-            (self.criterion.is_some(), "--criterion"),
-            (self.weights_w.is_some(), "--weights-w"),
-            (self.weights_g.is_some(), "--weights-g"),
-        ];
-        given.into_iter().find(|(given, _)| *given).map(|(_, name)| name)
     }
 
     pub(super) fn checked(&self) -> Result<(), ExpectedError> {

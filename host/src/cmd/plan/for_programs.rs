@@ -3,7 +3,6 @@
 use std::sync::atomic::AtomicBool;
 
 use super::args::Args;
-use super::follow::NO_FAST;
 use super::search::{Planned, Watcher};
 use super::shards::{self, Made};
 use super::sweep;
@@ -22,19 +21,15 @@ use robot_model::{AnyRobot, for_any_robot};
 pub fn plan(words: &[String], stop: &AtomicBool) -> Result<Planned<PlanFile>, ExpectedError> {
     let (args, target) = one_target(words)?;
     let robot = crate::cmd::robot(&args.search.options.robot)?;
-    if let AnyRobot::Six(arm) = &robot {
-        if args.follow.apply_to(arm) {
-            return Err(ExpectedError::bad_input(
-                &"this throw would follow the flight of the ball, which is another kind of plan\n  next: call `plan_follow`, or add \
+    if let AnyRobot::Six(arm) = &robot
+        && args.follow.apply_to(arm)
+    {
+        return Err(ExpectedError::bad_input(
+            &"this throw would follow the flight of the ball, which is another kind of plan\n  next: call `plan_follow`, or add \
                   the option --no-follow",
-            ));
-        }
-        if let Some(option) = args.follow.first_given() {
-            return Err(ExpectedError::bad_input(&format!(
-                "{option} is for throws that follow the flight of the ball\n  next: call `plan_follow`, or leave {option} out"
-            )));
-        }
+        ));
     }
+    args.require_ordinary()?;
     for_any_robot!(&robot, arm => {
         let mut starts = args.search.options.starts(arm)?;
         args.search.plan_from(arm, &mut starts, target, (args.seed, args.fast), Watcher::Program(stop))
@@ -47,9 +42,6 @@ pub fn plan(words: &[String], stop: &AtomicBool) -> Result<Planned<PlanFile>, Ex
 /// As [`plan`]; and the robot has not six joints, or throws in the ordinary way and `--follow` is not among the words.
 pub fn follow(words: &[String]) -> Result<FollowPlan, ExpectedError> {
     let (args, _) = one_target(words)?;
-    if args.fast {
-        return Err(ExpectedError::bad_input(&NO_FAST));
-    }
     let arm = crate::cmd::arm(&args.search.options.robot)?;
     if !args.follow.apply_to(&arm) {
         return Err(ExpectedError::bad_input(&format!(

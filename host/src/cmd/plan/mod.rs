@@ -12,6 +12,7 @@ pub mod prepare;
 pub mod search;
 pub mod shards;
 pub mod sweep;
+mod table;
 mod targets;
 pub mod throw;
 

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::Vector3;
 use robot_model::{Pose, RobotModel};
 
+use super::super::meaning::Deed;
 use super::attitude_options::AttitudeOptions;
 use super::numbers::{numbers, six_numbers};
 pub use super::numbers::{point, two_numbers};
@@ -140,6 +141,16 @@ pub enum FormName {
     Best,
 }
 
+impl FormName {
+    /// How a throw that follows the flight is searched in this form.
+    pub(in crate::cmd) const fn search_of_following(self) -> Deed {
+        match self {
+            Self::Paper => Deed::PaperGrid,
+            Self::Best => Deed::Starts,
+        }
+    }
+}
+
 fn velocity(text: &str) -> Result<Course, String> {
     Course::new(&[numbers(text)?]).ok_or_else(|| format!("\"{text}\" is not three finite numbers"))
 }
@@ -159,48 +170,17 @@ fn course(text: &str) -> Result<Course, String> {
 }
 
 impl PlanOptions {
-    /// The first given option that has no meaning where the hand follows the flight.
-    pub(super) fn first_for_drive_modules(&self) -> Option<&'static str> {
-        let given = [
-            (self.speed_use.is_some(), "--speed-use"),
-            (self.acceleration_use.is_some(), "--acceleration-use"),
-            (self.free_spin.is_some(), "--free-spin"),
-            (self.null_delay.is_some(), "--null-delay"),
-            (!self.delay_window.is_empty(), "--delay-window"),
-            (self.clean_release.is_some(), "--clean-release"),
-            (self.clearance_m.is_some(), "--clearance-m"),
-            (self.range_margin_rad.is_some(), "--range-margin-rad"),
-            (self.drag_per_m != 0.0, "--drag-per-m"),
-            (self.magnus_rad_s != [0.0; 3], "--magnus-rad-s"),
-            (self.finger_release, "--finger-release"),
-            (self.weights.is_some(), "--weights"),
-            (!self.obstacle.is_empty(), "--obstacle"),
-            (self.arrival_speed.is_some(), "--arrival-speed"),
-            (self.arrival_descent_deg.is_some(), "--arrival-descent-deg"),
-            (self.opening_normal.is_some(), "--opening-normal"),
-            (self.target_velocity.is_some(), "--target-velocity"),
-            (self.target_course.is_some(), "--target-course"),
-            (self.radius_m.is_some(), "--radius-m"),
-            (self.elevation_deg.is_some(), "--elevation-deg"),
-            (self.flight_s.is_some(), "--flight-s"),
-            (self.duration_s.is_some(), "--duration-s"),
-            (self.braking_ratio.is_some(), "--braking-ratio"),
-            (self.store.is_some(), "--store"),
-            (self.library.is_some(), "--library"),
+    /// What is asked, where some options mean nothing; the rows of a list say more than the command line.
+    pub(in crate::cmd) fn deeds(&self, is_list: bool) -> Vec<Deed> {
+        let thing = &self.attitude;
+        let asked = [
+            (self.library.is_some(), Deed::Library),
+            (thing.thing_inertia.is_none(), Deed::Ball),
+            (!is_list && self.opening_normal.is_none(), Deed::NoOpening),
+            (!is_list && thing.arrival_axis.is_none(), Deed::NoArrivalAxis),
+            (!is_list && thing.spin_axis.is_none(), Deed::NoSpinAxis),
         ];
-        let first = given.into_iter().find(|(given, _)| *given).map(|(_, name)| name);
-        first.or_else(|| self.attitude.first_given())
-    }
-
-    /// The first given option that says something about one target.
-    pub(super) fn first_for_one_target(&self) -> Option<&'static str> {
-        let given = [
-            (self.opening_normal.is_some(), "--opening-normal"),
-            (self.target_velocity.is_some(), "--target-velocity"),
-            (self.target_course.is_some(), "--target-course"),
-        ];
-        let first = given.into_iter().find(|(given, _)| *given).map(|(_, name)| name);
-        first.or_else(|| self.attitude.first_given())
+        asked.into_iter().filter(|(asked, _)| *asked).map(|(_, deed)| deed).collect()
     }
 
     /// Options of the planner.
@@ -224,6 +204,7 @@ impl PlanOptions {
             o.delay_windows.clear();
         }
         o.clean_release = self.clean_release.unwrap_or(o.clean_release);
+        o.touch_allowed = self.clean_release == Some(false);
         o.range_margin_rad = self.range_margin_rad.unwrap_or(o.range_margin_rad);
         o.clearance_m = self.clearance_m.unwrap_or(o.clearance_m);
         o.drag_per_m = self.drag_per_m;

@@ -7,6 +7,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::options::{PlanOptions, default_table};
 use super::require_writable;
+use crate::cmd::meaning::{Deed, Given};
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::interrupt::interrupt;
@@ -23,6 +24,9 @@ use robot_model::{RobotModel, for_any_robot};
     after_help = "Example:\n  cubectl plan prepare my_arm.toml\n\nThe table is used by every later plan for this robot. Ctrl-C stops; the same command continues."
 )]
 pub struct Args {
+    /// What stands on the command line.
+    #[command(flatten)]
+    pub given: Given,
     /// Robot, by name or file [default: that of --robot].
     pub name: Option<String>,
     #[command(flatten)]
@@ -88,11 +92,7 @@ where
     }
     require_writable(&out)?;
     let robot = robot_fingerprint(arm);
-    if let Some(option) = args.options.first_for_one_target() {
-        return Err(ExpectedError::bad_input(&format!(
-            "{option} is for one target; a table is for all targets at rest: leave it out"
-        )));
-    }
+    args.given.require_meaning(&[Deed::StoredThrows])?;
     // The easiest set of options first: throws to it are starts for the others.
     let rungs = ladder::rungs(&args.options.resolve(), args.options.kept());
     let sets: Vec<_> = rungs.into_iter().rev().map(|(_, options)| options).collect();

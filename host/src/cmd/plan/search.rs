@@ -113,24 +113,6 @@ pub struct Planned<P = (Arm, PlanFile)> {
 }
 
 impl SearchOptions {
-    /// The first given option of how to look for a throw, besides the number of starts.
-    pub(super) fn first_beyond_starts(&self) -> Option<&'static str> {
-        let given = [
-            (self.time_budget.is_some(), "--time-budget"),
-            (self.hit_radius_m.is_some(), "--hit-radius-m"),
-            (self.hit_box.is_some(), "--hit-box"),
-            (self.jitter_s.is_some(), "--jitter-s"),
-            (self.release_delays.is_some(), "--release-delays"),
-            (self.objective != ObjectiveName::Effort, "--objective"),
-        ];
-        given.into_iter().find(|(given, _)| *given).map(|(_, name)| name)
-    }
-
-    /// The first given option that has no meaning where the hand follows the flight.
-    pub(super) fn first_for_drive_modules(&self) -> Option<&'static str> {
-        self.first_beyond_starts().or_else(|| self.options.first_for_drive_modules())
-    }
-
     fn region(&self) -> Result<Option<Region>, ExpectedError> {
         let positive = |v: f64| {
             if v > 0.0 && v.is_finite() {
@@ -246,10 +228,12 @@ impl SearchOptions {
                 &"--objective time has no weights: leave out --weights, or leave out --objective",
             ));
         }
-        if let Some(option) = self.options.attitude.first_without_thing() {
-            return Err(ExpectedError::bad_input(&format!(
-                "{option} is about a thing that is no ball: say with --thing-inertia which, 2 for a thin disc, 0 for a thin stick"
-            )));
+        let thing = &self.options.attitude;
+        if thing.thing_inertia.is_none() && (thing.arrival_axis.is_some() || thing.spin_axis.is_some()) {
+            // The row of a list asks so; the command line has been looked at.
+            return Err(ExpectedError::bad_input(
+                &"an axis at the arrival is about a thing that is no ball: say with --thing-inertia which",
+            ));
         }
         self.goal(self.noise()?, self.region()?).map(drop)
     }
@@ -316,7 +300,7 @@ impl SearchOptions {
         // The table is of throws that are best in effort: others would promise what they cannot keep.
         let of_effort = goal == Goal::Effort
             && asked.weights == Weights::default()
-            && self.options.first_for_one_target().is_none();
+            && (&asked.opening, &asked.attitude, asked.course) == (&None, &None, Course::default());
         let wanted = Wanted {
             robot: &self.options.robot,
             noise: &noise,

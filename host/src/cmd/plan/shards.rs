@@ -161,29 +161,10 @@ where
         }
     }
 
-    /// Everything the rows follow from.
     fn study(&self, shards: u32, starts: &Starts<N>) -> Result<Study, ExpectedError> {
-        let mut crc = crc32fast::Hasher::new();
-        for record in starts.index.records() {
-            crc.update(&record.to_bytes());
-        }
-        let stored = format!("{}, CRC-32 {:08x}", starts.sources.join(", "), crc.finalize());
-        let robot = format!("{} {:016x}", self.arm.name(), robot_fingerprint(self.arm));
-        let words = [
-            ("format", FORMAT.to_owned()),
-            ("program", env!("CARGO_PKG_VERSION").to_owned()),
-            ("robot", robot),
-            ("robot file", self.search.options.robot.clone()),
-            ("options", self.search.in_words()?),
-            ("seed", self.seed.to_string()),
-            ("fast", self.fast.to_string()),
-            ("library", self.search.options.library.is_some().to_string()),
-            ("draws", self.draws.to_string()),
-            ("target list", self.targets.in_words()),
-            ("stored throws", stored),
-        ];
-        let words: BTreeMap<String, String> =
-            words.into_iter().map(|(name, word)| (name.to_owned(), word)).collect();
+        let mut words = words_of(self.search, self.arm, (self.seed, self.fast), starts)?;
+        words.insert("draws".to_owned(), self.draws.to_string());
+        words.insert("target list".to_owned(), self.targets.in_words());
         Ok(Study::new(words, self.targets.count(), shards, N))
     }
 
@@ -285,6 +266,36 @@ where
             Err(e) => Err(e),
         }
     }
+}
+
+/// Everything that the rows to given targets follow from, by name. A store grows with each row, so of it only the place counts.
+///
+/// # Errors
+/// Options are refused.
+pub(super) fn words_of<const N: usize>(
+    search: &SearchOptions,
+    arm: &RobotModel<N>,
+    (seed, fast): (u64, bool),
+    starts: &Starts<N>,
+) -> Result<BTreeMap<String, String>, ExpectedError> {
+    let mut crc = crc32fast::Hasher::new();
+    if starts.store.is_none() {
+        for record in starts.index.records() {
+            crc.update(&record.to_bytes());
+        }
+    }
+    let words = [
+        ("format", FORMAT.to_owned()),
+        ("program", env!("CARGO_PKG_VERSION").to_owned()),
+        ("robot", format!("{} {:016x}", arm.name(), robot_fingerprint(arm))),
+        ("robot file", search.options.robot.clone()),
+        ("options", search.in_words()?),
+        ("seed", seed.to_string()),
+        ("fast", fast.to_string()),
+        ("library", search.options.library.is_some().to_string()),
+        ("stored throws", format!("{}, CRC-32 {:08x}", starts.sources.join(", "), crc.finalize())),
+    ];
+    Ok(words.into_iter().map(|(name, word)| (name.to_owned(), word)).collect())
 }
 
 /// Why a shard was not made.

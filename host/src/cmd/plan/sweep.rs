@@ -1,8 +1,6 @@
 //! `cubectl plan sweep`: a grid of targets to a table and a picture; or many targets to part files.
 
 use std::collections::BTreeMap;
-use std::fs::{File, OpenOptions};
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::Ordering;
@@ -13,7 +11,9 @@ use super::grid::{Axis, Grid};
 use super::options::note;
 use super::require_writable;
 use super::search::{SearchOptions, Watcher, watched};
-use super::shards::{self, DRAWS_MAX, Made, Sweep, Targets};
+use super::shards::{self, DRAWS_MAX, Made, Sweep, Targets, words_of};
+use super::table::{append, continued, write_rows};
+use crate::cmd::meaning::{Deed, Given};
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::reach::{self, Cell};
@@ -32,6 +32,9 @@ use throw_tables::{Shard, TargetList};
     after_help = "Examples:\n  cubectl plan sweep --x 0.5,2.2,0.1 --z=-1,0.4,0.1 --out reach.csv\n  cubectl plan sweep --library arm.table --targets targets.parquet --shards 100 --out sweep\n  cubectl plan sweep --library arm.table --targets targets.parquet --shard 3/100 --out sweep\n  cubectl plan sweep --summary sweep"
 )]
 pub struct Args {
+    /// What stands on the command line.
+    #[command(flatten)]
+    pub given: Given,
     #[command(flatten)]
     search: SearchOptions,
     /// Range of x: from, to, step in m.
@@ -95,9 +98,6 @@ impl Args {
 /// Random starts per target of a table, at most, if no number is asked for.
 const TABLE_STARTS: usize = 32;
 
-/// Longest table that is read, bytes: a million targets.
-const TABLE_MAX_BYTES: u64 = 256 << 20;
-
 /// Outcomes of a target, as in the part files: a throw with all that was asked for, one without some of it, none.
 const THROWN: &str = "thrown";
 const RELAXED: &str = "relaxed";
@@ -124,12 +124,7 @@ fn write_in_order(path: &Path, targets: &[[f64; 3]], rows: &BTreeMap<[i64; 3], R
     let own: std::collections::BTreeSet<[i64; 3]> = targets.iter().map(key).collect();
     let others = rows.iter().filter(|(k, _)| !own.contains(*k)).map(|(_, row)| row);
     let wanted = targets.iter().filter_map(|t| rows.get(&key(t)));
-    let mut text = format!("{HEADER}\n");
-    for row in wanted.chain(others) {
-        text.push_str(&row.text);
-        text.push('\n');
-    }
-    planner::store::file::write_whole(path, text.as_bytes())
+    write_rows(path, HEADER, wanted.chain(others).map(|row| row.text.as_str()))
 }
 
 /// Runs the verb.
@@ -138,6 +133,7 @@ fn write_in_order(path: &Path, targets: &[[f64; 3]], rows: &BTreeMap<[i64; 3], R
 /// If input is refused or the table cannot be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     if let Some(folder) = &args.summary {
+        args.given.require_meaning(&[Deed::Summary])?;
         let (summary, json) = shards::summary(folder)?;
         if args.json {
             console::line!("{json}");
@@ -167,6 +163,7 @@ pub(super) fn make_shards(args: &Args, watcher: Watcher<'_>) -> Result<Made, Exp
             &"name a shard with --shard I/N, or all with --shards N, and --out FOLDER",
         ));
     };
+    args.given.require_meaning(&args.search.options.deeds(true))?;
     if args.draws > DRAWS_MAX {
         return Err(ExpectedError::bad_input(&format!(
             "--draws {}: at most {DRAWS_MAX} per target; a list may have the same target several times",
@@ -194,22 +191,15 @@ where
             &"a list of targets makes part files: add --shards N, or use `plan throw --targets` for one CSV table",
         ));
     };
-    let for_shards = [
-        (args.draws > 0, "--draws"),
-        (args.fast, "--fast"),
-        (args.search.options.library.is_some(), "--library"),
-        (args.search.first_beyond_starts().is_some(), args.search.first_beyond_starts().unwrap_or_default()),
-    ];
-    if let Some((_, option)) = for_shards.into_iter().find(|(given, _)| *given) {
-        return Err(ExpectedError::bad_input(&format!(
-            "{option} is not for a table with a picture: make part files with --shards N, or leave it out"
-        )));
-    }
+    args.given.require_meaning(&[vec![Deed::Picture], args.search.options.deeds(true)].concat())?;
     let asked = args.search.options.resolve();
-    let index = args.search.options.starts(arm)?.index;
+    let starts = args.search.options.starts(arm)?;
+    let words = words_of(&args.search, arm, (args.seed, args.fast), &starts)?;
+    let index = starts.index;
     let picture = args.picture.clone().unwrap_or_else(|| out.with_extension("svg"));
     require_writable(&picture)?;
-    let mut rows = read(out)?;
+    let (file, lines) = continued(out, HEADER, &words)?;
+    let mut rows = read(&lines);
     let targets: Vec<[f64; 3]> = grid.targets().collect();
     let missing: Vec<[f64; 3]> = targets.iter().copied().filter(|t| !rows.contains_key(&key(t))).collect();
     console::line!(
@@ -218,12 +208,6 @@ where
         targets.len() - missing.len(),
         out.display()
     );
-    let fresh = rows.is_empty();
-    let mut file =
-        OpenOptions::new().create(true).append(true).open(out).map_err(|e| ExpectedError::output(out, &e))?;
-    if fresh {
-        writeln!(file, "{HEADER}").map_err(|e| ExpectedError::output(out, &e))?;
-    }
     let file = Mutex::new(file);
     let watch = Watch::default();
     let bar = Budget { starts: missing.len(), all: false, time: None, seed: args.seed };
@@ -235,7 +219,8 @@ where
             let row = plan(arm, target, &asked, &index, args);
             watch.done.fetch_add(1, Ordering::Relaxed);
             watch.solved.fetch_add(usize::from(row.cell.objective.is_some()), Ordering::Relaxed);
-            append(&file, &row)?;
+            // A thread that panicked while holding the lock has written whole lines or nothing.
+            append(&file.lock().unwrap_or_else(std::sync::PoisonError::into_inner), &row.text)?;
             Ok(Some(row))
         })
     });
@@ -266,12 +251,6 @@ where
         ));
     }
     Ok(())
-}
-
-fn append(file: &Mutex<File>, row: &Row) -> std::io::Result<()> {
-    // A thread that panicked while holding the lock has written whole lines or nothing.
-    let mut file = file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-    file.write_all(format!("{}\n", row.text).as_bytes())
 }
 
 fn key(t: &[f64; 3]) -> [i64; 3] {
@@ -328,48 +307,19 @@ where
     }
 }
 
-/// Rows of an earlier run; a torn last line is left out and planned again.
-fn read(path: &Path) -> Result<BTreeMap<[i64; 3], Row>, ExpectedError> {
-    let text = match toml_reader::read_text(path, TABLE_MAX_BYTES) {
-        Ok(text) => text,
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(BTreeMap::new()),
-        Err(e) => return Err(ExpectedError::io(path, &e)),
-    };
-    let mut lines = text.lines();
-    match lines.next() {
-        None => return Ok(BTreeMap::new()),
-        Some(HEADER) => {}
-        Some(_) => {
-            return Err(ExpectedError::bad_input(&format!(
-                "{} exists and is not a table of a sweep: name another file",
-                path.display()
-            )));
-        }
-    }
+/// Rows of an earlier run.
+fn read(lines: &[String]) -> BTreeMap<[i64; 3], Row> {
     let mut rows = BTreeMap::new();
-    let complete = text.ends_with('\n');
-    let lines: Vec<&str> = lines.collect();
-    for (i, line) in lines.iter().enumerate() {
-        if !complete && i + 1 == lines.len() {
-            continue;
-        }
+    for line in lines {
         let fields: Vec<&str> = line.splitn(9, ',').collect();
         let number = |i: usize| fields.get(i).and_then(|f: &&str| f.parse::<f64>().ok());
         if let (9, Some(x), Some(y), Some(z)) = (fields.len(), number(0), number(1), number(2)) {
             let target = [x, y, z];
             rows.insert(
                 key(&target),
-                Row { cell: Cell { target, objective: number(4) }, text: (*line).to_owned() },
+                Row { cell: Cell { target, objective: number(4) }, text: line.clone() },
             );
         }
     }
-    if !complete {
-        // Put the table into a state that can be appended to.
-        let kept: String = std::iter::once(HEADER.to_owned())
-            .chain(rows.values().map(|r| r.text.clone()))
-            .map(|l| l + "\n")
-            .collect();
-        std::fs::write(path, kept).map_err(|e| ExpectedError::output(path, &e))?;
-    }
-    Ok(rows)
+    rows
 }

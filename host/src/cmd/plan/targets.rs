@@ -1,7 +1,5 @@
 //! `cubectl plan throw --targets FILE`: one throw per row of a table, one row of results for each.
 
-use std::fs::OpenOptions;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
@@ -9,20 +7,17 @@ use planner::plan::file::PlanFile;
 use planner::request::Plans;
 use robot_model::RobotModel;
 use throw_tables::{TargetList, TargetRow};
-use toml_reader::read_text;
 
 use super::args::Args;
 use super::search::{Planned, Watcher};
-use super::shards::table_error;
+use super::shards::{table_error, words_of};
+use super::table::{append, continued};
 use crate::error::ExpectedError;
 use crate::exit;
 use operator::interrupt::interrupt;
 
 /// Most targets of a list.
 const LIST_MAX_ROWS: u64 = 1_000_000;
-/// Longest table of results that is read, bytes: about a million rows.
-const FILE_MAX_BYTES: u64 = 256 << 20;
-
 /// Columns of the results. `outcome` is `thrown`, `relaxed` (without some of what was asked for, see the note) or
 /// `refused` (the note says why).
 const HEADER: [&str; 13] = [
@@ -52,26 +47,17 @@ where
     let Some(out) = &args.out else {
         return Err(ExpectedError::bad_input(&"--targets needs --out FILE for the table of results"));
     };
-    let rows = read_list(list)?;
+    let (rows, crc32) = read_list(list)?;
     if let Some(folder) = &args.plans {
         std::fs::create_dir_all(folder).map_err(|e| ExpectedError::output(folder, &e))?;
     }
-    let done = done(out, &rows)?;
-    console::note!("cubectl: {} targets, {} already in {}", rows.len(), done.len(), out.display());
-    let mut file = OpenOptions::new()
-        .create(true)
-        .write(true)
-        .truncate(true)
-        .open(out)
-        .map_err(|e| ExpectedError::output(out, &e))?;
-    let mut write = |line: &str| file.write_all(line.as_bytes()).map_err(|e| ExpectedError::output(out, &e));
-    write(&(HEADER.join(",") + "\n"))?;
-    for line in &done {
-        write(line)?;
-    }
     let mut starts = args.search.options.starts(arm)?;
+    let mut words = words_of(&args.search, arm, (args.seed, args.fast), &starts)?;
+    words.insert("target list".to_owned(), format!("CRC-32 {crc32:08x}"));
+    let (file, mut lines) = continued(out, &HEADER.join(","), &words)?;
+    console::note!("cubectl: {} targets, {} already in {}", rows.len(), lines.len(), out.display());
     let stop = interrupt();
-    for (number, row) in rows.iter().enumerate().skip(done.len()) {
+    for (number, row) in rows.iter().enumerate().skip(lines.len()) {
         let planned = args.search.with_target(row).plan_from(
             arm,
             &mut starts,
@@ -100,10 +86,11 @@ where
             Err(e) if [exit::NO_THROW, exit::BAD_INPUT].contains(&e.code) => refused(number, row, &e)?,
             Err(e) => return Err(e),
         };
-        write(&line)?;
+        append(&file, &line).map_err(|e| ExpectedError::output(out, &e))?;
+        lines.push(line);
     }
-    drop(file);
-    report(out)
+    report(out, &lines);
+    Ok(())
 }
 
 /// The plan of row `number` (from 0) in a folder.
@@ -115,7 +102,7 @@ fn line(fields: &[String]) -> String {
     let mut writer = csv::Writer::from_writer(Vec::new());
     // Writing to memory does not fail.
     let written = writer.write_record(fields).ok().and_then(|()| writer.into_inner().ok());
-    String::from_utf8(written.unwrap_or_default()).unwrap_or_default()
+    String::from_utf8(written.unwrap_or_default()).unwrap_or_default().trim_end().to_owned()
 }
 
 fn head(number: usize, row: &TargetRow) -> Vec<String> {
@@ -152,61 +139,18 @@ fn refused(number: usize, row: &TargetRow, e: &ExpectedError) -> Result<String, 
 }
 
 /// Counts of the outcomes.
-fn report(out: &Path) -> Result<(), ExpectedError> {
-    let text = read_text(out, FILE_MAX_BYTES).map_err(|e| ExpectedError::io(out, &e))?;
-    let mut reader = csv::Reader::from_reader(text.as_bytes());
-    let (mut thrown, mut relaxed, mut refused) = (0, 0, 0);
-    for record in reader.records().flatten() {
-        match record.get(4) {
-            Some("thrown") => thrown += 1,
-            Some("relaxed") => relaxed += 1,
-            _ => refused += 1,
-        }
-    }
+fn report(out: &Path, lines: &[String]) {
+    let count = |outcome| lines.iter().filter(|line| line.split(',').nth(4) == Some(outcome)).count();
+    let (thrown, relaxed) = (count("thrown"), count("relaxed"));
     console::line!(
-        "{thrown} throws with all that was asked for, {relaxed} without some of it, {refused} refused (see the notes): {}",
+        "{thrown} throws with all that was asked for, {relaxed} without some of it, {} refused (see the notes): {}",
+        lines.len() - thrown - relaxed,
         out.display()
     );
-    Ok(())
 }
 
-/// Rows of results from an earlier run on the same list, as they stand in the file; a torn last one is left out.
-fn done(out: &Path, rows: &[TargetRow]) -> Result<Vec<String>, ExpectedError> {
-    let text = match read_text(out, FILE_MAX_BYTES) {
-        Ok(text) => text,
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(e) => return Err(ExpectedError::io(out, &e)),
-    };
-    if text.is_empty() {
-        return Ok(Vec::new());
-    }
-    let other = |why: &str| {
-        let name = out.display();
-        ExpectedError::bad_input(&format!("{name} {why}\n  next: name another file with --out, or remove it"))
-    };
-    let Some((header, rest)) = text.split_once('\n') else {
-        return Err(other("exists and is not a table of throws"));
-    };
-    if header.trim_end() != HEADER.join(",") {
-        return Err(other("exists and is not a table of throws"));
-    }
-    let whole = &rest[..rest.rfind('\n').map_or(0, |end| end + 1)];
-    let mut found = Vec::new();
-    for text in whole.lines() {
-        let row = rows.get(found.len()).ok_or_else(|| other("has more rows than the list"))?;
-        let mut reader = csv::ReaderBuilder::new().has_headers(false).from_reader(text.as_bytes());
-        let record = reader.records().next().and_then(Result::ok).unwrap_or_default();
-        let same = record.len() == HEADER.len() && record.iter().take(4).eq(head(found.len(), row));
-        if !same {
-            return Err(other(&format!("is of another list: row {} has another target", found.len() + 1)));
-        }
-        found.push(format!("{text}\n"));
-    }
-    Ok(found)
-}
-
-/// The rows of a list.
-fn read_list(path: &Path) -> Result<Vec<TargetRow>, ExpectedError> {
+/// The rows of a list, and its CRC-32.
+fn read_list(path: &Path) -> Result<(Vec<TargetRow>, u32), ExpectedError> {
     let list = TargetList::open(path).map_err(table_error)?;
     if list.len() > LIST_MAX_ROWS {
         return Err(ExpectedError::bad_input(&format!(
@@ -216,5 +160,6 @@ fn read_list(path: &Path) -> Result<Vec<TargetRow>, ExpectedError> {
             path.display()
         )));
     }
-    list.rows_from(0).map_err(table_error)?.collect::<Result<_, _>>().map_err(table_error)
+    let rows = list.rows_from(0).map_err(table_error)?.collect::<Result<_, _>>().map_err(table_error)?;
+    Ok((rows, list.crc32()))
 }

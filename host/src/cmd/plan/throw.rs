@@ -3,6 +3,7 @@
 use super::args::Args;
 use super::search::Planned;
 use super::{follow, require_writable, targets};
+use crate::cmd::meaning::Deed;
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::plan as plan_report;
@@ -21,25 +22,21 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     }
     let name = &args.search.options.robot;
     let robot = crate::cmd::robot(name)?;
-    if let AnyRobot::Six(arm) = &robot {
-        if args.follow.apply_to(arm) {
-            if args.targets.is_some() {
-                return Err(ExpectedError::bad_input(
-                    &"--targets plans throws without following the flight: add --no-follow, or plan one target at a time",
-                ));
-            }
-            if args.fast {
-                return Err(ExpectedError::bad_input(&follow::NO_FAST));
-            }
-            return follow::run(args, arm);
-        }
-        if let Some(option) = args.follow.first_given() {
-            return Err(ExpectedError::bad_input(&format!(
-                "{option} is for throws that follow the flight: add --follow, or leave it out for robot \"{name}\""
-            )));
-        }
+    if let AnyRobot::Six(arm) = &robot
+        && args.follow.apply_to(arm)
+    {
+        return follow::run(args, arm);
     }
+    args.require_ordinary()?;
     for_any_robot!(&robot, arm => run_for(arm, args))
+}
+
+impl Args {
+    /// Refuses what means nothing for a throw with the release at one instant.
+    pub(super) fn require_ordinary(&self) -> Result<(), ExpectedError> {
+        let asked = self.search.options.deeds(self.targets.is_some());
+        self.given.require_meaning(&[vec![Deed::Ordinary], asked].concat())
+    }
 }
 
 fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), ExpectedError>

@@ -1,6 +1,6 @@
 //! `cubectl registers list`
 
-use firmware::registers::{MEANINGS, RegisterInfo, TABLE, Writable};
+use firmware::registers::{MEANINGS, RegisterInfo, TABLE, Wider, Writable};
 
 use super::super::key::Target;
 use super::super::print_json;
@@ -25,16 +25,23 @@ pub struct Args {
 }
 
 /// When a register may be written, as text.
-const fn when(writable: Writable) -> &'static str {
-    match writable {
+fn when(info: &RegisterInfo) -> String {
+    let mut text = match info.writable {
         Writable::Never => "never",
         Writable::Always => "at any time",
         Writable::AtRest => "at rest",
-        Writable::Gain => "at rest; voids the certificate",
-        Writable::Limit | Writable::LowerLimit => "at rest; wider than at the start only while unlocked",
-        Writable::NextStart => "at rest; the drives are looked for again",
+        Writable::NextStart => "at rest, not after a stop or in a fault; the drives are looked for again",
         Writable::NextPowerOn => "at rest; in force after save and restart",
     }
+    .to_owned();
+    text += match info.wider {
+        Wider::No => "",
+        Wider::More => "; more than at the start only while unlocked",
+        Wider::Less => "; less than at the start only while unlocked",
+        Wider::Other => "; only while unlocked",
+    };
+    text += if info.is_limit() { "; voids the commit" } else { "" };
+    text + if info.is_proven { "; voids the certificate" } else { "" }
 }
 
 fn known(name: &str) -> Option<(&'static RegisterInfo, &'static str)> {
@@ -68,7 +75,7 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
                     "per_joint": info.map(|(info, _)| info.per_joint),
                     "min": info.map(|(info, _)| info.min),
                     "max": info.map(|(info, _)| info.max),
-                    "writable": info.map(|(info, _)| when(info.writable)),
+                    "writable": info.map(|(info, _)| when(info)),
                     "meaning": info.map(|(_, meaning)| meaning),
                 })
             })
@@ -84,7 +91,7 @@ pub(super) fn run(args: &Args) -> Result<(), ExpectedError> {
             } else {
                 format!("; {} to {}", info.min, info.max)
             };
-            console::line!("    {meaning}{range}; {}", when(info.writable));
+            console::line!("    {meaning}{range}; {}", when(info));
         }
     }
     Ok(())

@@ -15,7 +15,7 @@ use operator::rsi::station::{Stage, Station};
 use planner::follow::limits::{Arm, Axes};
 use protocol::{Duration, Instant};
 
-use super::{CONFIG, Watch, description, serve_at};
+use super::{CONFIG, Watch, description, next_after, serve_at};
 use crate::cmd::print_json;
 use crate::error::ExpectedError;
 use crate::exit;
@@ -99,7 +99,8 @@ impl RobotIdentification<'_> {
                         "interrupted; the robot was stopped along its path",
                     ));
                 }
-                std::mem::take(&mut watch.lines)
+                watch.require_ready()?;
+                watch.take_lines()
             }
             BusSpec::Sim => {
                 let mut scenario = truth.unwrap_or_else(|| described.clone());
@@ -120,9 +121,7 @@ impl RobotIdentification<'_> {
             let text = text.split(';').next().unwrap_or_default();
             return Err(ExpectedError::new(
                 exit::DRIVE,
-                format!(
-                    "the robot was not led to the end: {text}\n  next: `cubectl explain` with the number of the fault"
-                ),
+                format!("the robot was not led to the end: {text}\n  next: {}", next_after(&station)),
             ));
         }
         let krc = &described.options;
@@ -148,6 +147,7 @@ impl RobotIdentification<'_> {
                 "time_constant_s": lag.constant_s,
                 "smoothing_cycles": lag.smoothing_cycles,
                 "total_lag_s": lag.total_s(period_s),
+                "known_s": { "dead_time": lag.known_s[0], "time_constant": lag.known_s[1], "total_lag": lag.known_s[2] },
                 "residual_deg": lag.residual_deg,
                 "motion_deg": lag.motion_deg,
                 "cycles": lag.cycles,
@@ -170,11 +170,14 @@ impl RobotIdentification<'_> {
 
 fn words(lag: &MeasuredLag, gripper: Option<&MeasuredGripper>, period_s: f64) -> String {
     let mut text = format!(
-        "lag: dead time {:.1} ms, time constant {:.1} ms, mean over {} set points; {:.1} ms in all\n     left: {:.4} deg of {:.2} deg of motion, {} cycles\n",
+        "lag: dead time {:.2} ± {:.3} ms, time constant {:.2} ± {:.3} ms, mean over {} set points; {:.2} ± {:.3} ms in all (95 %)\n     left: {:.4} deg of {:.2} deg of motion, {} cycles\n",
         1e3 * lag.dead_s,
+        1e3 * lag.known_s[0],
         1e3 * lag.constant_s,
+        1e3 * lag.known_s[1],
         lag.smoothing_cycles,
         1e3 * lag.total_s(period_s),
+        1e3 * lag.known_s[2],
         lag.residual_deg,
         lag.motion_deg,
         lag.cycles

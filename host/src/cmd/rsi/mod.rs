@@ -12,6 +12,7 @@ mod probe;
 mod record;
 mod replay;
 
+use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::net::{SocketAddr, ToSocketAddrs};
@@ -20,12 +21,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use can_link::{BusSpec, Granted, Role, RsiSpec, Urgent};
+use firmware::fault::Cause;
 use hil_sim::krc::KrcScenario;
 use operator::bus::BusArgs;
 use operator::interrupt::interrupt;
 use operator::rsi::live::{Exchange, Host, Port, Time, serve};
-use operator::rsi::log::{HEAD, Line};
-use operator::rsi::station::Station;
+use operator::rsi::log::{Entry, HEAD, Line};
+use operator::rsi::station::{Stage, Station};
 use planner::follow::limits::Arm;
 use protocol::{Duration, Instant};
 
@@ -43,6 +45,8 @@ pub const LOG: &str = "log.rsi";
 pub const DESCRIPTION: &str = "robot.toml";
 /// Name of the configuration file in the folder of a throw.
 pub const CONFIG: &str = "rsi_config.xml";
+/// Lines of an exchange that are kept beside the file; the oldest go first. A throw takes 6 000, a measurement 20 000.
+const LINES_MAX: usize = 100_000;
 /// Time between two writes of a log to the disk.
 const FLUSH_EVERY: Duration = Duration::from_millis(200);
 
@@ -68,6 +72,25 @@ pub fn robot_on(bus: &BusArgs) -> Result<Option<(RsiSpec, KrcScenario, Arm)>, Ex
     Ok(Some((spec.clone(), described, arm)))
 }
 
+/// What people do about a robot that was not led to the end.
+pub fn next_after(station: &Station) -> String {
+    let cause = match station.stage() {
+        Stage::Stopped { fault } => Some(fault.cause),
+        Stage::NotThrown { refusal } => Some(refusal.cause),
+        _ => None,
+    };
+    match cause {
+        Some(Cause::RobotRestarted) if station.start_pose_moves() => {
+            "the start pose (ASPos) moves with the axes: send DEF_ASPos, the programmed axes without corrections, or leave it out"
+                .to_owned()
+        }
+        None | Some(Cause::DriveSilent) => {
+            "look at the pendant why the robot's program ended, and at the network".to_owned()
+        }
+        Some(cause) => format!("`cubectl explain {}` says what to do", cause.code()),
+    }
+}
+
 /// What a program does while it serves a robot.
 pub struct Watch<'a> {
     stop: Arc<AtomicBool>,
@@ -75,8 +98,13 @@ pub struct Watch<'a> {
     file: Option<BufWriter<File>>,
     flushed: Instant,
     written: std::io::Result<()>,
-    /// Everything since the beginning.
-    pub lines: Vec<Line>,
+    /// The last lines, as many as [`Watch::keeping`] says.
+    lines: VecDeque<Line>,
+    lines_max: usize,
+    /// Why the robot is not waited for any longer.
+    gave_up: Option<String>,
+    /// Telegrams and answers of the exchange.
+    pub count: (u64, u64),
     /// The exchange goes on after the last motion.
     pub stays: bool,
     told: bool,
@@ -99,7 +127,10 @@ impl<'a> Watch<'a> {
             file: None,
             flushed: Instant::ZERO,
             written: Ok(()),
-            lines: Vec::new(),
+            lines: VecDeque::new(),
+            lines_max: LINES_MAX,
+            gave_up: None,
+            count: (0, 0),
             stays: false,
             told: false,
             name,
@@ -118,6 +149,33 @@ impl<'a> Watch<'a> {
         writeln!(file, "{HEAD}").map_err(|error| ExpectedError::output(path, &error))?;
         self.file = Some(file);
         Ok(self)
+    }
+
+    /// Keeps so many lines beside the file. Without any, a file that cannot be written ends the exchange.
+    pub const fn keeping(mut self, lines: usize) -> Self {
+        self.lines_max = lines;
+        self
+    }
+
+    /// The kept lines.
+    pub fn take_lines(&mut self) -> Vec<Line> {
+        std::mem::take(&mut self.lines).into()
+    }
+
+    /// Whether the robot became ready, if it was heard.
+    ///
+    /// # Errors
+    /// What was heard of it.
+    pub fn require_ready(&self) -> Result<(), ExpectedError> {
+        let Some(heard) = &self.gave_up else { return Ok(()) };
+        Err(ExpectedError::new(
+            exit::BUS,
+            format!(
+                "{}: the robot is not ready to be led after 10 s; {heard}\n  next: `cubectl doctor` looks at its telegrams; end the \
+                 robot's program and start it again at its start pose",
+                self.name
+            ),
+        ))
     }
 
     /// True after Ctrl-C.
@@ -144,7 +202,12 @@ impl Host for Watch<'_> {
             self.told = true;
         }
         let over = self.until.is_some_and(|until| now >= until);
-        !over && self.written.is_ok() && !self.was_interrupted() && (self.each)(now, station)
+        let records_only = self.lines_max == 0;
+        let is_written = self.written.is_ok() || !records_only;
+        if !records_only {
+            self.gave_up = self.gave_up.take().or_else(|| station.waits_in_vain(now));
+        }
+        !over && is_written && self.gave_up.is_none() && !self.was_interrupted() && (self.each)(now, station)
     }
 
     fn stays(&self) -> bool {
@@ -167,7 +230,15 @@ impl Host for Watch<'_> {
                 }
             }
         }
+        for line in &lines {
+            match &line.entry {
+                Entry::Telegram(_) | Entry::Waited(_) => self.count.0 += 1,
+                Entry::Answer(_) => self.count.1 += 1,
+                _ => {}
+            }
+        }
         self.lines.extend(lines);
+        self.lines.drain(..self.lines.len().saturating_sub(self.lines_max));
     }
 }
 
@@ -210,4 +281,28 @@ pub fn serve_at(
 pub(super) fn address_of(host: &str, port: u16) -> std::io::Result<SocketAddr> {
     let mut found = (host, port).to_socket_addrs()?;
     found.next().ok_or_else(|| std::io::Error::new(std::io::ErrorKind::NotFound, "no address"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_beside_the_file_are_the_last_ones_and_bounded() {
+        let mut on = |_, _: &mut Station| true;
+        let mut watch = Watch::new("rsi".to_owned(), None, true, &mut on).keeping(1_000);
+        for k in 0..50 {
+            let line =
+                |i: u64| Line { at: Instant::from_micros(100 * k + i), entry: Entry::Answer(vec![0; 100]) };
+            watch.log((0..100).map(line).collect());
+            assert!(watch.lines.len() <= 1_000);
+        }
+        assert_eq!(watch.count, (0, 5_000));
+        let lines = watch.take_lines();
+        assert_eq!((lines.len(), lines[999].at), (1_000, Instant::from_micros(4_999)));
+        let mut on = |_, _: &mut Station| true;
+        let mut recording = Watch::new("rsi".to_owned(), None, true, &mut on).keeping(0);
+        recording.log(vec![Line { at: Instant::ZERO, entry: Entry::Telegram(Vec::new()) }]);
+        assert_eq!((recording.lines.len(), recording.count), (0, (1, 0)));
+    }
 }

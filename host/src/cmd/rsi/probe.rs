@@ -23,6 +23,10 @@ const TELEGRAMS: u64 = 100;
 const WAIT: std::time::Duration = std::time::Duration::from_secs(30);
 /// Distance of the start pose from the described one that is told, deg: one step of one decimal.
 const SAME_DEG: f64 = 0.1;
+/// Drift, noise and distance from the start pose that are reported.
+const DRIFT_DEG_S: f64 = 0.05;
+const NOISE_DEG: f64 = 0.01;
+const OFF_START_DEG: f64 = 0.2;
 /// Decimals below which noise of the readings is told.
 const DECIMALS: usize = 3;
 
@@ -32,6 +36,8 @@ struct Seen {
     cycles: Vec<Cycle>,
     exchange: Exchange,
     granted: Option<Granted>,
+    /// What was heard, in words.
+    heard: String,
 }
 
 fn hold(spec: &RsiSpec, described: &KrcScenario, arm: &Arm, quiet: bool) -> Result<Seen, ExpectedError> {
@@ -48,8 +54,9 @@ fn hold(spec: &RsiSpec, described: &KrcScenario, arm: &Arm, quiet: bool) -> Resu
         return Err(ExpectedError::new(exit::INTERRUPTED, "interrupted; the robot was only held"));
     }
     let krc = &described.options;
-    let cycles = cycles(&watch.lines, &described.config, &krc.outputs_name, krc.sensor_name.as_deref());
-    Ok(Seen { lines: std::mem::take(&mut watch.lines), cycles, exchange, granted })
+    let lines = watch.take_lines();
+    let cycles = cycles(&lines, &described.config, &krc.outputs_name, krc.sensor_name.as_deref());
+    Ok(Seen { lines, cycles, exchange, granted, heard: station.heard() })
 }
 
 /// Says where the axes are.
@@ -59,7 +66,7 @@ fn hold(spec: &RsiSpec, described: &KrcScenario, arm: &Arm, quiet: bool) -> Resu
 pub fn status(spec: &RsiSpec, described: &KrcScenario, arm: &Arm, json: bool) -> Result<(), ExpectedError> {
     let seen = hold(spec, described, arm, json)?;
     let Some(last) = seen.cycles.last() else {
-        return Err(ExpectedError::new(exit::BUS, no_robot(spec)));
+        return Err(ExpectedError::new(exit::BUS, no_robot(spec, &seen)));
     };
     if json {
         print_json(&serde_json::json!({
@@ -94,11 +101,12 @@ pub fn status(spec: &RsiSpec, described: &KrcScenario, arm: &Arm, json: bool) ->
     Ok(())
 }
 
-fn no_robot(spec: &RsiSpec) -> String {
+fn no_robot(spec: &RsiSpec, seen: &Seen) -> String {
     format!(
-        "rsi:{spec}: no telegram with axes within {} s\n  next: start the robot's program after this one; check IP_NUMBER, PORT \
+        "rsi:{spec}: no telegram with axes within {} s; {}\n  next: start the robot's program after this one; check IP_NUMBER, PORT \
          and PROTOCOL of its configuration file, and the firewall (`cubectl sim --robot kr16_2 --rsi {spec}` plays the robot)",
-        WAIT.as_secs()
+        WAIT.as_secs(),
+        seen.heard
     )
 }
 
@@ -135,7 +143,7 @@ pub fn doctor(spec: &RsiSpec, described: &KrcScenario, arm: &Arm, json: bool) ->
 
 fn examine(seen: &Seen, spec: &RsiSpec, described: &KrcScenario, arm: &Arm) -> Vec<Finding> {
     let (Some(first), Some(last)) = (seen.cycles.first(), seen.cycles.last()) else {
-        let text = no_robot(spec);
+        let text = no_robot(spec, seen);
         let (what, next) = text.split_once("\n  next: ").unwrap_or((&text, ""));
         return vec![finding(Level::Problem, "telegrams", what, next)];
     };
@@ -168,7 +176,9 @@ fn examine(seen: &Seen, spec: &RsiSpec, described: &KrcScenario, arm: &Arm) -> V
     if !spec.lockstep {
         all.extend(timing(seen, described));
     }
-    all.push(match last.late - first.late {
+    // A robot that counts late answers in a row begins at zero again.
+    let rise = |pair: &[Cycle]| pair[1].late.saturating_sub(pair[0].late);
+    all.push(match seen.cycles.windows(2).map(rise).sum::<u64>() {
         0 => finding(Level::Ok, "answers", "the robot took every answer in time", ""),
         late => finding(
             Level::Problem,
@@ -188,8 +198,85 @@ fn examine(seen: &Seen, spec: &RsiSpec, described: &KrcScenario, arm: &Arm) -> V
             "put the start pose of the robot's program into start_deg of the description, or the other way round",
         )
     });
+    all.extend(rest(seen, described));
     all.extend(names(seen, described));
     all.push(limits(described, arm));
+    all
+}
+
+/// What the axes do while they are held.
+fn rest(seen: &Seen, described: &KrcScenario) -> Vec<Finding> {
+    let (Some(first), Some(last)) = (seen.cycles.first(), seen.cycles.last()) else { return Vec::new() };
+    let described_deg = described.options.start_deg;
+    let worst = |of: &dyn Fn(usize) -> f64| {
+        (0..6).map(|axis| (of(axis), axis + 1)).max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or_default()
+    };
+    let looks_like_radians = |axis: usize| (last.actual_deg[axis] - described_deg[axis].to_radians()).abs();
+    if worst(&looks_like_radians).0 < SAME_DEG && worst(&|axis| described_deg[axis].abs()).0 > 10.0 {
+        let what = "the axes are at the start pose if their numbers are radians";
+        return vec![finding(Level::Problem, "axes", what, "let the robot send AIPos and ASPos in degrees")];
+    }
+    let mut all = Vec::new();
+    let count = seen.cycles.len() as f64;
+    let mean = |of: &dyn Fn(&Cycle) -> f64| seen.cycles.iter().map(of).sum::<f64>() / count;
+    let times = |cycle: &Cycle| cycle.at.as_secs_f64();
+    let mean_s = mean(&times);
+    let spread_s2 = mean(&|cycle| (times(cycle) - mean_s).powi(2));
+    let mean_deg: [f64; 6] = std::array::from_fn(|axis| mean(&|cycle| cycle.actual_deg[axis]));
+    let drift_deg_s: [f64; 6] = std::array::from_fn(|axis| {
+        let along = mean(&|cycle| (times(cycle) - mean_s) * (cycle.actual_deg[axis] - mean_deg[axis]));
+        if spread_s2 > 0.0 { along / spread_s2 } else { 0.0 }
+    });
+    let noise = |axis: usize| {
+        let left = |cycle: &Cycle| {
+            cycle.actual_deg[axis] - mean_deg[axis] - drift_deg_s[axis] * (times(cycle) - mean_s)
+        };
+        mean(&|cycle| left(cycle).powi(2)).sqrt()
+    };
+    let (drift, axis) = worst(&|axis| drift_deg_s[axis].abs());
+    all.push(if drift > DRIFT_DEG_S {
+        let what = format!("A{axis} drifts by {drift:.2} deg/s while the robot is held");
+        finding(
+            Level::Problem,
+            "rest",
+            what,
+            "let the robot's program hold its start pose; look for another sensor correction",
+        )
+    } else {
+        finding(Level::Ok, "rest", format!("the axes drift by {drift:.3} deg/s at most"), "")
+    });
+    let (deg, axis) = worst(&noise);
+    if deg > NOISE_DEG {
+        let what = format!("the readings of A{axis} vary by {deg:.3} deg");
+        all.push(finding(
+            Level::Note,
+            "noise",
+            what,
+            "raise the precision of the ETHERNET object; look at the controller of the axis",
+        ));
+    }
+    let (deg, axis) = worst(&|axis| (mean_deg[axis] - last.start_deg[axis]).abs());
+    if deg > OFF_START_DEG {
+        let what = format!(
+            "AIPos of A{axis} is {deg:.2} deg from ASPos: the robot is not at the start pose of its program"
+        );
+        all.push(finding(
+            Level::Problem,
+            "start pose",
+            what,
+            "end the robot's program and start it again at its start pose",
+        ));
+    }
+    let (deg, axis) = worst(&|axis| (last.start_deg[axis] - first.start_deg[axis]).abs());
+    if deg > 0.0 {
+        let what = format!("ASPos of A{axis} moved by {deg:.4} deg: it is no start pose");
+        all.push(finding(
+            Level::Problem,
+            "start pose",
+            what,
+            "send DEF_ASPos, the programmed axes without corrections, or leave it out",
+        ));
+    }
     all
 }
 
@@ -250,15 +337,15 @@ fn names(seen: &Seen, described: &KrcScenario) -> Vec<Finding> {
         );
         all.push(finding(Level::Note, "names", what, "add it to RECEIVE and wire it to a stop object"));
     }
-    let decimals = seen.lines.iter().rev().find_map(|line| match &line.entry {
+    let decimals = seen.lines.iter().filter_map(|line| match &line.entry {
         Entry::Telegram(bytes) => {
             let document = Telegram::parse(bytes, Root::Rob).ok()?;
-            let text = document.element("AIPos")?.attribute("A1")?.to_owned();
-            Some(text.split_once('.').map_or(0, |(_, digits)| digits.len()))
+            let digits = |name| Some(document.element("AIPos")?.attribute(name)?.split_once('.')?.1.len());
+            ["A1", "A2", "A3", "A4", "A5", "A6"].into_iter().filter_map(digits).max()
         }
         _ => None,
     });
-    match decimals {
+    match decimals.max() {
         Some(few) if few < DECIMALS => all.push(finding(
             Level::Note,
             "decimals",
@@ -303,5 +390,70 @@ fn limits(described: &KrcScenario, arm: &Arm) -> Finding {
             format!("reach only {}", narrow.join(", ")),
             "throws outside are refused before anything moves; widen the limits in program and description if needed",
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use protocol::Instant;
+
+    /// What is found of axes that move so about a start pose, deg.
+    fn found(start_deg: [f64; 6], actual: impl Fn(u64, usize) -> f64) -> Vec<(Level, String)> {
+        let mut described = KrcScenario::open("kr-c2").expect("built in");
+        described.options.start_deg = [0.0, -90.0, 90.0, 0.0, 90.0, 0.0];
+        let cycle = |k: u64| Cycle {
+            at: Instant::from_micros(12_000 * k),
+            ipoc: k,
+            start_deg,
+            set_deg: start_deg,
+            actual_deg: std::array::from_fn(|axis| actual(k, axis)),
+            outputs: 0.0,
+            fingers_open: None,
+            late: 0,
+        };
+        let cycles = (0..100).map(cycle).collect();
+        let seen = Seen {
+            lines: Vec::new(),
+            cycles,
+            exchange: Exchange::default(),
+            granted: None,
+            heard: String::new(),
+        };
+        rest(&seen, &described).into_iter().map(|f| (f.level, f.what)).collect()
+    }
+
+    const START: [f64; 6] = [0.0, -90.0, 90.0, 0.0, 90.0, 0.0];
+
+    fn is_reported(found: &[(Level, String)], level: Level, words: &str) -> bool {
+        found.iter().any(|(of, what)| *of == level && what.contains(words))
+    }
+
+    #[test]
+    fn axes_that_rest_at_the_start_pose_are_fine() {
+        let found = found(START, |k, axis| START[axis] + 5e-4 * ((7 * k + axis as u64) % 3) as f64);
+        assert!(found.iter().all(|(level, _)| *level == Level::Ok), "{found:?}");
+    }
+
+    #[test]
+    fn axes_in_radians_are_a_problem() {
+        let start = START.map(f64::to_radians);
+        let found = found(start, |_, axis| start[axis]);
+        assert!(is_reported(&found, Level::Problem, "radians"), "{found:?}");
+    }
+
+    #[test]
+    fn axis_that_drifts_while_it_is_held_is_a_problem_with_its_speed() {
+        let drift = |k: u64, axis: usize| if axis == 2 { 0.83 * 0.012 * k as f64 } else { 0.0 };
+        let found = found(START, |k, axis| START[axis] + drift(k, axis));
+        assert!(is_reported(&found, Level::Problem, "A3 drifts by 0.83 deg/s"), "{found:?}");
+    }
+
+    #[test]
+    fn noisy_axis_is_noted_and_one_away_from_the_start_pose_is_a_problem() {
+        let noisy = found(START, |k, axis| START[axis] + if axis == 5 { 0.04 * (k % 2) as f64 } else { 0.0 });
+        assert!(is_reported(&noisy, Level::Note, "A6 vary"), "{noisy:?}");
+        let away = found(START, |_, axis| START[axis] + if axis == 1 { 1.5 } else { 0.0 });
+        assert!(is_reported(&away, Level::Problem, "A2 is 1.50 deg from ASPos"), "{away:?}");
     }
 }

@@ -4,7 +4,6 @@ use std::path::Path;
 
 use can_link::RsiSpec;
 use hil_sim::krc::KrcScenario;
-use operator::rsi::log::Entry;
 use operator::rsi::program::{Lag, leading};
 use planner::follow::limits::Arm;
 
@@ -27,13 +26,11 @@ pub fn record(
         leading(described, arm, Lag::of(described), &[]).map_err(|error| ExpectedError::bad_input(&error))?;
     let mut on = |_, _: &mut _| true;
     let log = folder.join(LOG);
-    let mut watch = Watch::new(format!("rsi:{spec}"), span_s, false, &mut on).recording(&log)?;
+    let mut watch = Watch::new(format!("rsi:{spec}"), span_s, false, &mut on).keeping(0).recording(&log)?;
     write_description(folder, described)?;
     serve_at(spec, described, &mut station, &mut watch)?;
     watch.finish(&log)?;
-    let count = |wanted: fn(&Entry) -> bool| watch.lines.iter().filter(|line| wanted(&line.entry)).count();
-    let telegrams = count(|entry| matches!(entry, Entry::Telegram(_) | Entry::Waited(_)));
-    let answers = count(|entry| matches!(entry, Entry::Answer(_)));
+    let (telegrams, answers) = watch.count;
     let why = if watch.was_interrupted() { " (ended by a signal)" } else { "" };
     console::line!("{telegrams} telegrams and {answers} answers in {}{why}", log.display());
     Ok(())

@@ -6,9 +6,9 @@ mod prepare;
 mod progress;
 pub mod robot;
 
-use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Instant as WallTime;
 
 use can_link::BusSpec;
@@ -19,8 +19,10 @@ use self::folder::Folder;
 pub(super) use self::prepare::period_request;
 use self::prepare::{Prepared, diagnosis, prepare};
 use self::progress::ProgressView;
+use super::consent::Consent;
 use super::controlled::tell_warnings;
 use super::home::share;
+use super::meaning::{Deed, Given};
 use super::plan::follow::is_industrial;
 use super::plan::search::SearchOptions;
 use super::print_json;
@@ -38,19 +40,22 @@ use operator::bus::{BusArgs, Session};
 use operator::dialogue::operator::OperatorError;
 use operator::interrupt::interrupt;
 use operator::port::OnBus;
-use operator::throw::job::{Progress, Step};
+use operator::throw::job::{Answer, Progress, Question};
 use operator::throw::outcome::{Outcome, judge};
 use operator::throw::summary::{Circumstances, summary};
-use operator::throw::{JobError, Record, Verdict, job};
+use operator::throw::{JobError, Record, Step, Verdict, job};
 use tuner::gains::choose::GainsFrom;
 use tuner::gains::gains_file::GainsFile;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl throw --target 1.0,1.0,-1.0                      # in the simulated cell\n  cubectl throw --target 1.0,1.0,-1.0 --bus can0            # a controller that is heard there, else one in this program\n  cubectl throw --plan plan.json --bus can0 --controller 10\n  cubectl throw --robot kr16_2 --target 2.5,0,0.6           # an industrial robot, inside this program, over RSI\n  cubectl throw --robot kr16_2 --target tracker --bus rsi:udp://0.0.0.0:49152\n\nWrites plan.json, gains.toml, bus.log, bus.mcap, summary.json and report.html into a new folder. Ctrl-C, SIGTERM and\nSIGHUP stop the arm along its path, then end the program with code 6. On a terminal and a live bus it asks before the ball\nis thrown.\n\nOutcomes and exit codes: landed 0, missed 11, not released 12, stopped 13. Only the bus `sim` sees the ball. On every\nother bus the outcome is \"thrown, not observed\" (0): the program then says when the release was ordered and where the\nmeasured motion sends the ball. A drive that has lost encoder counts tells a wrong position without knowing it; nothing\nin its answers shows that."
+    after_help = "Examples:\n  cubectl throw --target 1.0,1.0,-1.0                      # in the simulated cell\n  cubectl throw --target 1.0,1.0,-1.0 --bus can0            # a controller that is heard there, else one in this program\n  cubectl throw --plan plan.json --bus can0 --controller 10\n  cubectl throw --robot kr16_2 --target 2.5,0,0.6           # an industrial robot, inside this program, over RSI\n  cubectl throw --robot kr16_2 --target tracker --bus rsi:udp://0.0.0.0:49152\n\nWrites plan.json, gains.toml, bus.log, bus.mcap, summary.json and report.html into a new folder. Ctrl-C, SIGTERM and\nSIGHUP stop the arm along its path, then end the program with code 6. On every bus but `sim` it asks before the arm moves and\nonce more before the ball is thrown; without a terminal it needs --yes.\n\nOutcomes and exit codes: landed 0, missed 11, not released 12, stopped 13. Only the bus `sim` sees the ball. On every\nother bus the outcome is \"thrown, not observed\" (0): the program then says when the release was ordered and where the\nmeasured motion sends the ball. A drive that has lost encoder counts tells a wrong position without knowing it; nothing\nin its answers shows that."
 )]
 pub struct Args {
+    /// What stands on the command line.
+    #[command(flatten)]
+    pub given: Given,
     /// Target in m, world frame (arm base, z up), or `tracker`: where an optical tracker sees it.
     #[arg(long, value_name = "X,Y,Z|tracker", allow_hyphen_values = true, required_unless_present = "plan")]
     pub target: Option<TargetArg>,
@@ -96,13 +101,13 @@ pub struct Args {
     #[arg(long, default_value_t = 0.3, value_name = "SHARE", value_parser = share)]
     pub approach_share: f64,
     /// A landing farther from the target than this is a miss, m [default: the distance within which 99 % of the landings
-    /// that the plan predicts lie, at least 0.010].
+    /// of the plan lie, computed again, from 0.010 to 0.100].
     #[arg(long, value_name = "M", value_parser = super::home::positive)]
     pub tolerance: Option<f64>,
     /// Afterwards go back to where the arm stood. Default: stay where the throw ends.
     #[arg(long)]
     pub back: bool,
-    /// Do not ask before the ball is thrown.
+    /// Do not ask before the arm moves and before the ball is thrown.
     #[arg(long)]
     pub yes: bool,
     /// Description of an industrial robot and its program: kr-c2, kr-c2-tcp, kr-c4, kr-c4-12ms, or a file as in robots/kr16_2
@@ -130,25 +135,48 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     {
         return robot::run(args, &arm);
     }
+    args.given.require_meaning(&args.deeds(&[Deed::OnCan]))?;
+    let consent = Consent::on(&args.bus, args.yes)?;
     let begun = WallTime::now();
     let prepared = prepare(args)?;
     let folder = Folder::create(args.out.as_deref())?;
     prepared.plan.write(&folder.file("plan.json")).map_err(|error| output(&error))?;
     let mut progress = ProgressView::new(args.json);
     prepared.show(&mut progress);
-    let mut thrown = throw(args, &prepared, &folder, &mut progress)?;
+    let mut thrown = throw(args, &prepared, &folder, (&mut progress, consent))?;
     let written = write_summary(args, &prepared, &thrown, &folder, &progress);
-    let Some(mut error) = thrown.wrong.take() else {
-        written?;
-        progress.closing(&thrown.record, Some(&thrown.verdict), &folder.path, begun);
-        return Ok(());
-    };
-    progress.closing(&thrown.record, None, &folder.path, begun);
+    let said = thrown.wrong.is_none().then_some(&thrown.verdict);
+    progress.closing(&thrown.record, said, &folder.path, begun);
+    outcome_last(thrown.wrong.take(), written, &folder)
+}
+
+/// How a throw ends: a result that could not be written never hides the outcome.
+fn outcome_last(
+    wrong: Option<ExpectedError>,
+    written: Result<(), ExpectedError>,
+    folder: &Folder,
+) -> Result<(), ExpectedError> {
+    let Some(mut error) = wrong else { return written };
     error.message += &format!("\n  results in {}", folder.path.display());
     if let Err(lost) = written {
         error.message += &format!("; not all of them: {}", lost.message);
     }
     Err(error)
+}
+
+impl Args {
+    /// What is asked here, besides `asked`.
+    fn deeds(&self, asked: &[Deed]) -> Vec<Deed> {
+        let mut deeds = asked.to_vec();
+        match &self.plan {
+            Some(_) => deeds.push(Deed::PlanOfFile),
+            None if asked.contains(&Deed::OnCan) => deeds.extend(self.search.options.deeds(false)),
+            None => {}
+        }
+        deeds.extend((!matches!(self.target, Some(TargetArg::Tracker))).then_some(Deed::TargetGiven));
+        deeds.extend((self.bus != BusSpec::Sim).then_some(Deed::Live));
+        deeds
+    }
 }
 
 /// What a throw left behind.
@@ -168,7 +196,7 @@ fn throw(
     args: &Args,
     prepared: &Prepared,
     folder: &Folder,
-    progress: &mut ProgressView,
+    (progress, mut consent): (&mut ProgressView, Consent),
 ) -> Result<Thrown, ExpectedError> {
     let bus = BusArgs {
         bus: args.bus.clone(),
@@ -181,7 +209,6 @@ fn throw(
     let mut session = bus.open_cell(&prepared.cell, prepared.soft.then_some(&prepared.settings))?;
     session.set_key(key);
     let job = prepared.job(args);
-    let asks = !args.yes && !session.is_simulated() && std::io::stdin().is_terminal();
     let stop = interrupt();
     let _page =
         args.web.serve(&mut session, &prepared.cell.robot, Some(&prepared.plan), Arc::clone(&stop))?;
@@ -193,13 +220,17 @@ fn throw(
     };
     let mut operator = OnBus::new(&mut session, wanted, report::BIT_RATE);
     let ended = job::run(&mut operator, &job, &mut record, &mut |step| match step {
-        Progress::MayThrow => {
-            gone = prepared.tracked.as_ref().and_then(|before| args.tracker.still_there(before).err());
-            gone.is_none() && (!asks || progress.may_throw(&stop))
-        }
+        Progress::May(_) if stop.load(Ordering::Relaxed) => Answer::No,
+        Progress::May(question) => match progress.look(&mut consent, question) {
+            Answer::Yes if question == Question::Throw => {
+                gone = prepared.tracked.as_ref().and_then(|before| args.tracker.still_there(before).err());
+                if gone.is_none() { Answer::Yes } else { Answer::No }
+            }
+            answer => answer,
+        },
         other => {
             progress.show(other);
-            true
+            Answer::Yes
         }
     });
     progress.quiet();
@@ -232,7 +263,7 @@ fn explained(
         && by_controller
         && record.at_work.is_some_and(|(step, _)| step == Step::Drives)
         && error.code == exit::DRIVE
-        && let Some(found) = diagnosis(session, &prepared.arm, |_| true)
+        && let Ok(Some(found)) = session.put_back(|session| diagnosis(session, &prepared.arm, |_| true))
     {
         error.message = format!("{}\n{found}", error.message);
     }
@@ -276,6 +307,9 @@ fn write_summary(
     let mut value = summary(&prepared.job(args), &thrown.record, &thrown.verdict, &circumstances);
     value["command_line"] = std::env::args().collect::<Vec<_>>().join(" ").into();
     let written = write_results(folder, &value, gains_text.as_deref(), &args.search.options.robot);
+    if let (Err(lost), None) = (&written, wrong) {
+        (value["exit_code"], value["cause"]) = (lost.code.into(), lost.message.as_str().into());
+    }
     if args.json {
         print_json(&value);
     }
@@ -350,9 +384,7 @@ fn failure(error: JobError, record: &Record, outcome: Outcome) -> ExpectedError 
         }
         JobError::Operator(error) => ExpectedError::from(error),
         JobError::Approach(_) | JobError::Double { .. } => ExpectedError::new(exit::DRIVE, error.to_string()),
-        JobError::Declined => {
-            ExpectedError::new(exit::INTERRUPTED, "not thrown; the arm stands at the start")
-        }
+        JobError::Declined { .. } => ExpectedError::new(exit::INTERRUPTED, error.to_string()),
         other => ExpectedError::bad_input(&other),
     };
     ExpectedError::new(expected.code, format!("{step}: {}", expected.message))
@@ -368,17 +400,5 @@ fn gains_toml(record: &Record, gains: Option<&GainsFile>) -> Option<String> {
     if let Some(gains) = gains {
         return Some(gains.to_toml());
     }
-    let [k_pos_1_s2, k_vel_1_s, k_last] = record.gains.clone();
-    let [estimator_alpha, estimator_beta] = record.estimator?;
-    let in_force = InForce {
-        period_us: u32::try_from(record.period_us).ok()?,
-        robot_crc32: u32::try_from(record.gains_robot_crc32).ok()?,
-        certificate_crc32: u32::try_from(record.certificate_crc32).ok()?,
-        estimator_alpha,
-        estimator_beta,
-        k_pos_1_s2,
-        k_vel_1_s,
-        k_last,
-    };
-    Some(in_force.to_toml())
+    record.held.as_ref().map(|held| InForce::of(held).to_toml())
 }

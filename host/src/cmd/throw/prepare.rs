@@ -4,28 +4,27 @@ use std::time::Instant as WallTime;
 
 use can_link::BusSpec;
 use firmware::settings::Settings;
-use hil_sim::mechanics::Plane;
-use nalgebra::Vector3;
 use protocol::ModuleId;
-use robot_model::Pose;
-use robot_model::collision::{Obb, Scene};
 
 use super::progress::ProgressView;
 use super::{Args, read_gains};
+use crate::cmd::controlled::is_soft;
 use crate::cmd::doctor::examine_modules;
 use crate::cmd::finding::Level;
+use crate::cmd::meaning::Deed;
 use crate::cmd::modules::Wanted;
-use crate::cmd::plan::search::{Planned, SearchOptions};
+use crate::cmd::plan::search::Planned;
 use crate::cmd::tracker::{Measured, TargetArg};
 use crate::error::ExpectedError;
 use crate::exit;
-use operator::bus::args::{Cell, CellArgs, Controller};
+use operator::bus::args::{Cell, CellArgs};
 use operator::bus::cycle_timing::CycleTiming;
 use operator::bus::period::{Choice, NoPeriod, PeriodRequest, apply, choose};
 use operator::bus::settings::settings_of;
 use operator::bus::{BusArgs, Session};
 use operator::interrupt::interrupt;
 use operator::throw::Job;
+use operator::throw::cell::take_plan;
 use operator::throw::outcome::default_tolerance_m;
 use planner::plan::Arm;
 use planner::plan::file::PlanFile;
@@ -33,8 +32,8 @@ use planner::request::Plans;
 use planner::verify;
 use tuner::gains::gains_file::GainsFile;
 
-/// How long the program listens for a controller on a live bus before it starts one itself.
-const LISTEN: protocol::Duration = protocol::Duration::from_millis(400);
+/// Answers to a controller that was taken off the bus have come by then.
+const ANSWERS_MAX: protocol::Duration = protocol::Duration::from_millis(400);
 
 /// A throw that is ready to begin.
 pub(super) struct Prepared {
@@ -46,7 +45,6 @@ pub(super) struct Prepared {
     pub(super) plan_s: f64,
     /// The target as the tracker saw it.
     pub(super) tracked: Option<Measured>,
-    scene: Scene,
     /// The controller runs in this program.
     pub(super) soft: bool,
     /// What machine and bus hold; `None` in virtual time.
@@ -72,9 +70,11 @@ pub(super) fn prepare(args: &Args) -> Result<Prepared, ExpectedError> {
     if interrupt().load(std::sync::atomic::Ordering::Relaxed) {
         return Err(ExpectedError::new(exit::INTERRUPTED, "interrupted; nothing has moved"));
     }
-    let touch_allowed = args.search.options.clean_release == Some(false);
-    preflight(&arm, &plan, touch_allowed)?;
+    preflight(&arm, &plan)?;
     let Ground { soft, timing } = probe_bus(args, &arm)?;
+    if !soft {
+        args.given.require_meaning(&[Deed::ControllerOnBus])?;
+    }
     let mut settings = settings_of(&cell.robot).map_err(|error| ExpectedError::bad_input(&error))?;
     let given = args.gains.as_ref().map(|path| read_gains(path, arm.name())).transpose()?;
     let choice = if soft {
@@ -88,14 +88,9 @@ pub(super) fn prepare(args: &Args) -> Result<Prepared, ExpectedError> {
     };
     // A controller that is on the bus already keeps its own, unless some are given.
     let gains = choice.as_ref().map_or(given, |choice| Some(choice.gains.clone()));
-    // On the bus `sim` the ball lands where the target is, not only on the floor.
-    let met_m = plan.meeting_m();
-    cell.setup.cell.gripper.landing_z_m = Some(met_m[2]);
-    cell.setup.cell.finger_release |= args.search.options.finger_release;
-    cell.setup.cell.gripper.landing_plane =
-        plan.target.opening.map(|o| Plane { point_m: Vector3::from(met_m), normal: Vector3::from(o.normal) });
-    let (plan_s, scene) = (took.as_secs_f64(), scene(&args.search));
-    Ok(Prepared { cell_args, cell, arm, plan, plan_s, tracked, scene, soft, timing, settings, choice, gains })
+    take_plan(&mut cell.setup.cell, &plan);
+    let plan_s = took.as_secs_f64();
+    Ok(Prepared { cell_args, cell, arm, plan, plan_s, tracked, soft, timing, settings, choice, gains })
 }
 
 impl Prepared {
@@ -116,10 +111,9 @@ impl Prepared {
             arm: &self.arm,
             plan: &self.plan,
             gains: self.gains.as_ref(),
-            scene: &self.scene,
             approach_share: args.approach_share,
             seed: self.cell.seed,
-            tolerance_m: args.tolerance.unwrap_or_else(|| default_tolerance_m(&self.plan)),
+            tolerance_m: args.tolerance.unwrap_or_else(|| default_tolerance_m(&self.arm, &self.plan)),
             go_back: args.back,
         }
     }
@@ -132,6 +126,7 @@ impl Args {
             None => Ok((None, None)),
             Some(TargetArg::Point(target_m)) => Ok((Some(target_m), None)),
             Some(TargetArg::Tracker) => {
+                self.tracker.require_robot(&self.search.options.robot)?;
                 let measured = self.tracker.measure()?;
                 if !self.json {
                     console::line!("{}", measured.words());
@@ -157,15 +152,15 @@ fn planned(args: &Args, target_m: Option<[f64; 3]>, seed: u64) -> Result<Planned
 
 /// Checks the plan by other means than the planner's. A ball that would touch the arm misses, also where the plan's form allows
 /// it, so that must be asked for.
-fn preflight(arm: &Arm, plan: &PlanFile, touch_allowed: bool) -> Result<(), ExpectedError> {
+fn preflight(arm: &Arm, plan: &PlanFile) -> Result<(), ExpectedError> {
     let report = arm.check(plan);
     if report.ok() {
         let touch = report.findings.iter().find(|f| !f.ok && f.what.starts_with(verify::RELEASED_BALL));
-        return match touch.filter(|_| !touch_allowed) {
+        return match touch.filter(|_| !plan.search.touch_allowed) {
             None => Ok(()),
             Some(touch) => Err(ExpectedError::bad_input(&format!(
                 "the ball would touch the arm after its release: {}: {}; the form of this plan does not forbid it\n  \
-                 next: plan with `--clean-release true`, or throw it all the same with `--clean-release false`; nothing has \
+                 next: plan with `--clean-release true`, or with `--clean-release false` to throw it all the same; nothing has \
                  moved",
                 touch.what, touch.worst
             ))),
@@ -201,35 +196,14 @@ struct Ground {
 
 /// Listens for a controller on the bus. Without one, measures which control period machine and bus hold.
 fn probe_bus(args: &Args, arm: &Arm) -> Result<Ground, ExpectedError> {
-    let node_given = matches!(args.controller, Some(Controller::Node(_)));
-    if node_given && args.period.is_some() {
-        return Err(ExpectedError::bad_input(
-            &"--period is for a controller in this program\n  next: `cubectl controller --period`, or register cycle.period_us",
-        ));
+    let soft = is_soft(&args.bus, args.controller)?;
+    if !soft || args.bus == BusSpec::Sim {
+        return Ok(Ground { soft, timing: None });
     }
-    match (args.controller, &args.bus) {
-        (Some(Controller::Node(_)), BusSpec::Sim) => Err(ExpectedError::bad_input(
-            &"the bus sim has no controller but the soft one\n  next: leave --controller out, or name another bus",
-        )),
-        (Some(Controller::Node(_)), _) => Ok(Ground { soft: false, timing: None }),
-        (_, BusSpec::Sim) => Ok(Ground { soft: true, timing: None }),
-        (wanted, spec) => {
-            let mut session = asking(spec).open()?;
-            let found = speaker(&mut session)?;
-            if found && wanted == Some(Controller::Soft) {
-                return Err(ExpectedError::new(
-                    exit::BUS,
-                    format!(
-                        "{spec}: a controller or host speaks to the modules already; two of them destroy each other's \
-                         frames\n  next: leave --controller out to use it, or end it"
-                    ),
-                ));
-            }
-            let timing = if found { None } else { session.measure_cycle_timing(&modules(arm))? };
-            session.finish()?;
-            Ok(Ground { soft: !found, timing })
-        }
-    }
+    let mut session = asking(&args.bus).open()?;
+    let timing = session.measure_cycle_timing(&modules(arm))?;
+    session.finish()?;
+    Ok(Ground { soft, timing })
 }
 
 /// The bus alone, for a look before the throw: nothing is simulated and nothing recorded.
@@ -241,21 +215,6 @@ fn asking(bus: &BusSpec) -> BusArgs {
 fn modules(arm: &Arm) -> Vec<ModuleId> {
     let drives = arm.drives().into_iter().flatten();
     drives.filter_map(|drive| ModuleId::new(drive.address).ok()).collect()
-}
-
-/// Whether a controller or another host is heard.
-fn speaker(session: &mut Session) -> Result<bool, ExpectedError> {
-    let until = session.now() + LISTEN;
-    session.run(until, &mut |host_node| host_node.tally().foreign_requests > 0)?;
-    Ok(session.host_node().tally().foreign_requests > 0)
-}
-
-pub(super) fn scene(search: &SearchOptions) -> Scene {
-    let obstacles = search.options.obstacle.iter().enumerate().map(|(i, b)| {
-        let half = Vector3::new(b[3], b[4], b[5]);
-        (format!("obstacle {}", i + 1), Obb::new(Pose::translation(b[0], b[1], b[2]), half))
-    });
-    Scene { obstacles: obstacles.collect(), ball_held: true }
 }
 
 /// No period holds; drives with something wrong are named first, because double or silent ones make every round long.
@@ -277,7 +236,7 @@ fn without_period(refused: NoPeriod, args: &Args, arm: &Arm) -> ExpectedError {
 pub(super) fn diagnosis(session: &mut Session, arm: &Arm, counts: impl Fn(&str) -> bool) -> Option<String> {
     session.switch_controller_off();
     // Answers to it may still be under way.
-    session.sleep_until(session.now() + LISTEN).ok()?;
+    session.sleep_until(session.now() + ANSWERS_MAX).ok()?;
     let (modules, findings) = examine_modules(session, &Wanted::of_arm(arm)).ok()?;
     let problems = findings.iter().filter(|f| f.level == Level::Problem && counts(f.check));
     let shown = if modules.is_empty() { 1 } else { usize::MAX };

@@ -1,24 +1,21 @@
 //! What a person at the terminal reads during a throw.
 
-use std::io::{BufRead, IsTerminal, Read, Write};
+use std::io::IsTerminal;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant as WallTime;
 
 use indicatif::ProgressBar;
 use nalgebra::Vector3;
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use operator::analysis::tracking::JointTracking;
 use operator::bus::cycle_timing::CycleTiming;
 use operator::bus::period::Choice;
-use operator::throw::job::Progress;
+use operator::throw::job::{Answer, Progress, Question};
 use operator::throw::{Record, Verdict};
 use planner::plan::file::PlanFile;
 use tuner::gains::choose::GainsFrom;
 
-/// Longest answer that is read.
-const ANSWER_MAX_BYTES: u64 = 256;
+use crate::cmd::consent::Consent;
 
 /// What people see while it works.
 pub(super) struct ProgressView {
@@ -87,7 +84,7 @@ impl ProgressView {
                 self.wall_s.push(took_s);
                 self.line(step.name(), took_s, found);
             }
-            Progress::MayThrow => {}
+            Progress::May(_) => {}
         }
     }
 
@@ -95,42 +92,13 @@ impl ProgressView {
         self.bar.finish_and_clear();
     }
 
-    /// Asks the person at the terminal before the throw; a signal is a no.
-    pub(super) fn may_throw(&self, stop: &AtomicBool) -> bool {
-        self.ask(
-            stop,
-            "The arm stands at the start. Ball in the hand, nobody near? Enter throws, anything else ends: ",
-        )
-    }
-
-    /// Asks the person at the terminal before an industrial robot is led to the start and throws; a signal is a no.
-    pub(super) fn may_lead(&self, stop: &AtomicBool) -> bool {
-        self.ask(
-            stop,
-            "The robot moves to the start of the throw and throws as soon as its program runs. Ball in the hand, nobody near? \
-             Enter waits for the robot, anything else ends: ",
-        )
-    }
-
-    fn ask(&self, stop: &AtomicBool, question: &str) -> bool {
+    /// Looks for the answer of the person at the terminal; the bar is out of the way of the question.
+    pub(super) fn look(&self, consent: &mut Consent, question: Question) -> Answer {
         self.bar.suspend(|| {
-            console::note_text!("{question}");
-            let _ = std::io::stderr().flush();
-            let stdin = std::io::stdin();
-            while !stop.load(Ordering::Relaxed) {
-                let mut asked = [PollFd::new(&stdin, PollFlags::IN)];
-                let look = Timespec { tv_sec: 0, tv_nsec: 100_000_000 };
-                match poll(&mut asked, Some(&look)) {
-                    Ok(0) | Err(rustix::io::Errno::INTR) => {}
-                    Ok(_) => {
-                        let mut answer = String::new();
-                        let read = stdin.lock().take(ANSWER_MAX_BYTES).read_line(&mut answer);
-                        return matches!(read, Ok(n) if n > 0 && answer.trim().is_empty());
-                    }
-                    Err(_) => return false,
-                }
-            }
-            false
+            consent.look(match question {
+                Question::Move => "The arm homes if it must and goes to the start. Nobody near?",
+                Question::Throw => "The arm stands at the start. Ball in the hand, nobody near?",
+            })
         })
     }
 

@@ -1,6 +1,5 @@
 //! `cubectl throw` with an industrial robot over RSI: the robot inside this program in virtual time, or one that connects.
 
-use std::io::IsTerminal;
 use std::path::Path;
 use std::time::Instant as WallTime;
 
@@ -17,24 +16,27 @@ use planner::follow::verify::verify_commands;
 use planner::plan::file::RobotId;
 use planner::store::robot_fingerprint;
 use protocol::Instant;
+use robot_model::collision::Scene;
 
 use super::Args;
 use super::folder::Folder;
 use super::last_look::LastLook;
-use super::progress::ProgressView;
+use super::outcome_last;
+use crate::cmd::consent::Consent;
+use crate::cmd::meaning::Deed;
 use crate::cmd::plan::follow::{REFINEMENTS, paper_grid, searched};
 use crate::cmd::plan::options::FormName;
 use crate::cmd::print_json;
-use crate::cmd::rsi::{LOG, Watch, description, serve_at, write_description};
+use crate::cmd::rsi::{LOG, Watch, description, next_after, serve_at, write_description};
 use crate::error::ExpectedError;
 use crate::exit;
 use crate::report::motion;
 use operator::interrupt::interrupt;
 use operator::rsi::cell::{self, Seen};
-use operator::rsi::cycles::cycles;
+use operator::rsi::cycles::{cycles, last_outputs};
 use operator::rsi::live::Exchange;
 use operator::rsi::log::{Line, to_text};
-use operator::rsi::outcome::{error_m, judge, measured, verdict};
+use operator::rsi::outcome::{GripperKnown, RsiBallOutcome, error_m, in_hand, judge, measured, verdict};
 use operator::rsi::program::{Lag, can_be_led, command_range, station, way_to_start};
 use operator::rsi::station::{Stage, Station};
 use operator::throw::approach::ApproachError;
@@ -69,6 +71,8 @@ struct Came {
     seen: Option<Seen>,
     /// Everything that went in and out.
     lines: Vec<Line>,
+    /// Whether the log is whole.
+    recorded: Result<(), ExpectedError>,
     exchange: Option<Exchange>,
     granted: Option<Granted>,
 }
@@ -78,7 +82,8 @@ struct Came {
 /// # Errors
 /// Options that have no meaning here, no plan, a robot that cannot be led along it, or the outcome of the throw.
 pub(super) fn run(args: &Args, arm: &Arm) -> Result<(), ExpectedError> {
-    refuse_options_of_a_bus(args)?;
+    refuse_other_buses(args)?;
+    let mut consent = Consent::on(&args.bus, args.yes)?;
     let (truth, described) = believed(args)?;
     let (target_m, tracked) = args.aim()?;
     let begun = WallTime::now();
@@ -99,14 +104,18 @@ pub(super) fn run(args: &Args, arm: &Arm) -> Result<(), ExpectedError> {
         );
     }
     let throw = Throw { args, described: &described, arm, plan: &plan };
-    let came = match &args.bus {
+    let mut came = match &args.bus {
         BusSpec::Rsi(spec) => {
+            consent.require(
+                "The robot moves to the start of the throw and throws as soon as its program runs. Ball in the hand, nobody near?",
+                &interrupt(),
+            )?;
             let look = tracked.as_ref().map(|before| LastLook::new(&args.tracker, before, spec.lockstep));
             outside(&throw, spec, &mut station, look, &folder)?
         }
         _ => {
-            let came = inside(&throw, truth, &mut station)?;
-            folder.write(LOG, &to_text(&came.lines))?;
+            let mut came = inside(&throw, truth, &mut station)?;
+            came.recorded = folder.write(LOG, &to_text(&came.lines));
             came
         }
     };
@@ -136,29 +145,33 @@ pub(super) fn run(args: &Args, arm: &Arm) -> Result<(), ExpectedError> {
             krc.sensor_name.as_deref(),
         )),
     };
-    let csv = motion::csv(&table, station.stage());
-    folder.write("motion.csv", &csv)?;
-    folder.write("summary.json", &format!("{summary:#}\n"))?;
-    crate::cmd::report::write_robot(&folder.path, &folder.file("report.html"))?;
+    // Each is tried; the first that fails is reported.
+    let written: Result<(), ExpectedError> = [
+        std::mem::replace(&mut came.recorded, Ok(())),
+        folder.write("motion.csv", &motion::csv(&table, station.stage())),
+        folder.write("summary.json", &format!("{summary:#}\n")),
+        crate::cmd::report::write_robot(&folder.path, &folder.file("report.html")),
+    ]
+    .into_iter()
+    .collect();
     if args.json {
         print_json(&summary);
     }
-    if code == exit::OK {
-        if !args.json {
-            console::line!("{}", verdict.text);
-            console::line!("results in {}", folder.path.display());
-        }
-        return Ok(());
+    let Verdict { outcome, text, .. } = &came.verdict;
+    if code == exit::OK && !args.json {
+        console::line!("{text}");
+        console::line!("results in {}", folder.path.display());
     }
-    let next = match verdict.outcome {
+    let next = match outcome {
         Outcome::Missed => {
-            "compare `path_delay_s` in summary.json with the lag: `cubectl identify --robot` measures it again"
+            "compare `path_delay_s` in summary.json with the lag: `cubectl identify` measures it again"
+                .to_owned()
         }
-        Outcome::NotReleased => "take the ball out; check output and supply of the gripper",
-        _ => "`cubectl explain CODE` tells what to do; motion.csv shows where the arm was",
+        Outcome::NotReleased => "take the ball out; check output and supply of the gripper".to_owned(),
+        _ => format!("{}; motion.csv shows where the arm was", next_after(&station)),
     };
-    let folder = folder.path.display();
-    Err(ExpectedError::new(code, format!("{}\n  next: {next}\n  results in {folder}", verdict.text)))
+    let wrong = (code != exit::OK).then(|| ExpectedError::new(code, format!("{text}\n  next: {next}")));
+    outcome_last(wrong, written, &folder)
 }
 
 /// A throw with the robot inside this program, in virtual time.
@@ -181,10 +194,10 @@ pub fn simulate(words: &[String], plan: &FollowPlan) -> Result<Simulated, Expect
     if args.bus != BusSpec::Sim {
         return Err(ExpectedError::bad_input(&"--bus is for the program: run `cubectl throw`"));
     }
-    refuse_options_of_a_bus(&args)?;
+    refuse_other_buses(&args)?;
     let arm = crate::cmd::arm(&args.search.options.robot)?;
     let (truth, described) = believed(&args)?;
-    plan.require_robot(Path::new(IN_MEMORY), &arm).map_err(|error| ExpectedError::bad_input(&error))?;
+    plan.require_true(Path::new(IN_MEMORY), &arm).map_err(|error| ExpectedError::bad_input(&error))?;
     let plan = opened(&args, &arm, &described, plan)?;
     let mut station = ready(&args, &arm, &described, &plan)?;
     let throw = Throw { args: &args, described: &described, arm: &arm, plan: &plan };
@@ -213,7 +226,8 @@ fn ready(
     described: &KrcScenario,
     plan: &FollowPlan,
 ) -> Result<Station, ExpectedError> {
-    let scene = super::prepare::scene(&args.search);
+    // Such plans have no obstacles.
+    let scene = Scene { ball_held: true, ..Scene::default() };
     let how = (args.approach_share, args.seed.unwrap_or(1));
     let ways = way_to_start(described, arm, plan, &scene, how).map_err(|error| no_way(&error))?;
     let lag = Lag::of(described).for_plan(plan);
@@ -249,8 +263,8 @@ fn inside(
     scenario.options.hand.gripper.landing_z_m = Some(plan.target_m[2]);
     let seen = cell::run(&scenario, station).map_err(|error| ExpectedError::bad_input(&error))?;
     let lines = station.take_log();
-    let verdict = judge(&seen, station.stage(), &plan.target_m, throw.tolerance_m());
-    Ok(Came { verdict, seen: Some(seen), lines, exchange: None, granted: None })
+    let verdict = judge(&seen, station, &plan.target_m, throw.tolerance_m());
+    Ok(Came { verdict, seen: Some(seen), lines, recorded: Ok(()), exchange: None, granted: None })
 }
 
 /// A robot outside, which connects to this machine. The target is looked at once more with `look`, before the plan begins.
@@ -262,10 +276,6 @@ fn outside(
     folder: &Folder,
 ) -> Result<Came, ExpectedError> {
     let Throw { args, described, arm, plan } = *throw;
-    let asks = !args.yes && !args.json && std::io::stdin().is_terminal();
-    if asks && !ProgressView::new(args.json).may_lead(&interrupt()) {
-        return Err(ExpectedError::new(exit::INTERRUPTED, "not thrown; the robot was not waited for"));
-    }
     let log = folder.file(LOG);
     if look.is_some() {
         station.hold(Instant::ZERO);
@@ -273,24 +283,36 @@ fn outside(
     let mut on = |now, station: &mut Station| look.as_mut().is_none_or(|look| look.allows(now, station));
     let mut watch = Watch::new(args.bus.to_string(), None, args.json, &mut on).recording(&log)?;
     let (exchange, granted) = serve_at(spec, described, station, &mut watch)?;
-    watch.finish(&log)?;
+    let recorded = watch.finish(&log);
     let interrupted = watch.was_interrupted();
-    let lines = std::mem::take(&mut watch.lines);
+    let ready = watch.require_ready();
+    let lines = watch.take_lines();
     if let Some(gone) = look.and_then(|look| look.refused) {
         return Err(gone);
     }
-    if interrupted && !station.stage().is_end() {
-        return Err(ExpectedError::new(
-            exit::INTERRUPTED,
-            "interrupted before the throw; the robot was only held",
-        ));
+    if !station.stage().is_end() {
+        ready?;
+        if interrupted {
+            return Err(ExpectedError::new(
+                exit::INTERRUPTED,
+                format!("interrupted before the throw; the robot was only held; {}", station.heard()),
+            ));
+        }
     }
     let krc = &described.options;
     let table = cycles(&lines, &described.config, &krc.outputs_name, krc.sensor_name.as_deref());
-    let gripper = (krc.hand.output_bit.unwrap_or(0), krc.hand.gripper.delay.as_secs_f64());
-    let ball = measured(arm, &table, krc.cycle.as_secs_f64(), gripper, &plan.target_m);
+    let gripper = GripperKnown {
+        output_bit: krc.hand.output_bit.unwrap_or(0),
+        delay_s: krc.hand.gripper.delay.as_secs_f64(),
+        jitter_s: krc.hand.gripper.jitter.as_secs_f64(),
+        last_outputs: last_outputs(&lines, &krc.outputs_name),
+    };
+    let ball = match measured(arm, &table, krc.cycle.as_secs_f64(), &gripper, &plan.target_m) {
+        RsiBallOutcome::InHand => in_hand(station),
+        ball => ball,
+    };
     let verdict = verdict(ball, None, station.stage(), throw.tolerance_m());
-    Ok(Came { verdict, seen: None, lines, exchange: Some(exchange), granted })
+    Ok(Came { verdict, seen: None, lines, recorded, exchange: Some(exchange), granted })
 }
 
 fn no_way(error: &ApproachError) -> ExpectedError {
@@ -301,8 +323,8 @@ fn no_way(error: &ApproachError) -> ExpectedError {
     ))
 }
 
-/// Options that only a CAN bus gives a meaning.
-fn refuse_options_of_a_bus(args: &Args) -> Result<(), ExpectedError> {
+/// Refuses a bus that is none of such a robot, and options that mean nothing for it.
+fn refuse_other_buses(args: &Args) -> Result<(), ExpectedError> {
     if !matches!(args.bus, BusSpec::Sim | BusSpec::Rsi(_)) {
         return Err(ExpectedError::bad_input(&format!(
             "--bus {} is a CAN bus; {} has a controller of its own and is led over RSI\n  next: --bus rsi:udp://0.0.0.0:49152, or \
@@ -310,24 +332,8 @@ fn refuse_options_of_a_bus(args: &Args) -> Result<(), ExpectedError> {
             args.bus, args.search.options.robot
         )));
     }
-    if matches!(args.bus, BusSpec::Rsi(_)) && args.scenario.is_some() {
-        return Err(ExpectedError::bad_input(
-            &"--scenario is for the robot inside this program\n  next: give it to `cubectl sim --rsi`, and leave it out here",
-        ));
-    }
-    let given = [
-        (args.controller.is_some(), "--controller"),
-        (args.gains.is_some(), "--gains"),
-        (args.period.is_some(), "--period"),
-        (args.web.web.is_some(), "--web"),
-        (args.back, "--back"),
-    ];
-    match given.into_iter().find(|(given, _)| *given) {
-        Some((_, option)) => Err(ExpectedError::bad_input(&format!(
-            "{option} has no meaning for a robot with a controller of its own\n  next: leave {option} out"
-        ))),
-        None => Ok(()),
-    }
+    let form = args.search.options.form.search_of_following();
+    args.given.require_meaning(&args.deeds(&[Deed::Led, Deed::Following, form]))
 }
 
 /// The plan of a file, or a new one for the lag of the robot; verified either way.
@@ -339,16 +345,10 @@ fn plan(
 ) -> Result<FollowPlan, ExpectedError> {
     let source = LimitSource::ControllerModel;
     let limits = Limits::of(arm, source);
-    let fingerprint = format!("{:016x}", robot_fingerprint(arm));
     let plan = match (&args.plan, target_m) {
         (Some(path), _) => {
             let plan = FollowPlan::read(path).map_err(|error| refused_plan(path, &error))?;
-            if plan.robot.fingerprint != fingerprint {
-                return Err(refused_plan(
-                    path,
-                    &"it is for another robot, or for an earlier file of this one",
-                ));
-            }
+            plan.require_true(path, arm).map_err(|error| refused_plan(path, &error))?;
             plan
         }
         (None, Some(target_m)) => {
@@ -385,7 +385,7 @@ fn plan(
             let robot = RobotId {
                 name: arm.name().to_owned(),
                 source: args.search.options.robot.clone(),
-                fingerprint,
+                fingerprint: format!("{:016x}", robot_fingerprint(arm)),
             };
             FollowPlan::new(&setting, source, robot, search.form(), &found, 0.0)
         }
@@ -403,7 +403,15 @@ fn opened(
 ) -> Result<FollowPlan, ExpectedError> {
     let limits = Limits::of(arm, LimitSource::ControllerModel);
     let (lag, gripper) = (&described.options.lag, &described.options.hand.gripper);
-    let plan = plan.opened_for(arm, lag.time_constant.as_secs_f64(), gripper.jitter.as_secs_f64());
+    let (lag_s, jitter_s) = (lag.time_constant.as_secs_f64(), gripper.jitter.as_secs_f64());
+    plan.require_lag(arm, lag_s, jitter_s, args.tolerance.unwrap_or(BOTTLE_M)).map_err(|other| {
+        ExpectedError::bad_input(&format!(
+            "{other}\n  next: leave --plan out, or plan again with `cubectl plan throw --robot {} --lag-ms {:.0}`",
+            arm.name(),
+            other.lag_ms
+        ))
+    })?;
+    let plan = plan.opened_for(arm, lag_s, jitter_s);
     // What a plan of a file commands beyond the program's limits is told by the station, with the limits.
     let passed = if args.plan.is_some() { CommandRange::default() } else { command_range(described) };
     match verify_commands(arm, &limits, &passed, &plan).findings.first() {

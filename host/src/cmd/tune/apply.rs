@@ -3,8 +3,7 @@
 //! The controller takes gains only while nothing moves and nothing is armed. The registers of the joints hold the gains of
 //! all of them, so three writes change all joints. Each change voids the certificate, which is written last.
 
-use firmware::crc::Crc32;
-use firmware::settings::Settings;
+use firmware::settings::{JointSettings, Settings};
 use protocol::cyphal::bits::Decode;
 use protocol::cyphal::client::Policy;
 use protocol::cyphal::id::NodeId;
@@ -15,9 +14,15 @@ use serde::{Deserialize, Serialize};
 use operator::bus::Session;
 use operator::bus::period::set_period;
 use operator::dialogue::operator::OperatorError;
-use tuner::gains::gains_file::GainsFile;
+use tuner::gains::gains_file::{GainsFile, REGISTERS};
 use tuner::model::Estimator;
 
+/// Least and largest delay they are for, µs.
+const DELAY: [&str; 2] = ["gains.delay_min_us", "gains.delay_max_us"];
+/// What their certificate is about beside them: age of a reply and lag, µs.
+const LAGS: [&str; 2] = ["reply.age_us", "drives.lag_us"];
+/// And the accelerations of the joints, rad/s².
+const ACCELERATION: &str = "joint.a_max_rad_s2";
 /// Registers of the gain row, in its order.
 const GAINS: [&str; 3] = ["joint.k_error_1_s2", "joint.k_rate_1_s", "joint.k_last"];
 /// Weights of the estimator that the gains count on.
@@ -114,7 +119,16 @@ impl Registers for OnBus<'_> {
 pub(in crate::cmd) struct InForce {
     /// Period they are for, µs.
     pub(in crate::cmd) period_us: u32,
-    /// Checksum of the robot they are for; 0 in files of earlier versions: not known.
+    /// Least and largest delay they are for, µs; 0 in files of earlier versions: not known, as all that has a default.
+    #[serde(default)]
+    pub(in crate::cmd) delay_us: [u32; 2],
+    /// Age of a reply and lag of the drives that they are for, µs.
+    #[serde(default)]
+    pub(in crate::cmd) lags_us: [u32; 2],
+    /// Accelerations that they are for, rad/s2.
+    #[serde(default)]
+    pub(in crate::cmd) a_max_rad_s2: Vec<f32>,
+    /// Checksum of the robot they are for.
     #[serde(default)]
     pub(in crate::cmd) robot_crc32: u32,
     /// Checksum of their certificate, 0 for none.
@@ -206,10 +220,6 @@ struct Broken {
     cause: String,
 }
 
-/// All registers of gains.
-const ALL: [&str; 8] =
-    [ESTIMATOR[0], ESTIMATOR[1], GAINS[0], GAINS[1], GAINS[2], GAINS_PERIOD, ROBOT, CERTIFICATE];
-
 /// What each register holds after a write and the way back both ended early.
 fn held(forth: &Broken, back: &Broken) -> String {
     let is = |name: &str| match name {
@@ -220,7 +230,7 @@ fn held(forth: &Broken, back: &Broken) -> String {
         _ if forth.done.contains(&name) => "new",
         _ => "old",
     };
-    ALL.map(|name| format!("{name} {}", is(name))).join(", ")
+    REGISTERS.map(|name| format!("{name} {}", is(name))).join(", ")
 }
 
 impl InForce {
@@ -253,11 +263,17 @@ impl InForce {
         };
         let (period_us, robot_crc32, certificate_crc32) =
             (natural(GAINS_PERIOD)?, natural(ROBOT)?, natural(CERTIFICATE)?);
+        let delay_us = [natural(DELAY[0])?, natural(DELAY[1])?];
+        let lags_us = [natural(LAGS[0])?, natural(LAGS[1])?];
+        let a_max_rad_s2 = target.floats(ACCELERATION).map_err(|e| e.to_string())?;
         let mut rows = rows.into_iter();
         let mut next = || rows.next().unwrap_or_default();
         let (k_pos_1_s2, k_vel_1_s, k_last) = (next(), next(), next());
         Ok(Self {
             period_us,
+            delay_us,
+            lags_us,
+            a_max_rad_s2,
             robot_crc32,
             certificate_crc32,
             estimator_alpha,
@@ -266,6 +282,38 @@ impl InForce {
             k_vel_1_s,
             k_last,
         })
+    }
+
+    /// Of settings.
+    pub(in crate::cmd) fn of(settings: &Settings) -> Self {
+        let of = |pick: fn(&JointSettings) -> f32| {
+            settings.joints().map(|joint| pick(settings.joint.at(joint))).collect()
+        };
+        Self {
+            period_us: settings.gains_period_us,
+            delay_us: [settings.gains_delay_min_us, settings.gains_delay_max_us],
+            lags_us: [settings.reply_age_us, settings.drive_lag_us],
+            a_max_rad_s2: of(|j| j.a_max_rad_s2),
+            robot_crc32: settings.gains_robot_crc32,
+            certificate_crc32: settings.gains_certificate_crc32,
+            estimator_alpha: settings.estimator_alpha,
+            estimator_beta: settings.estimator_beta,
+            k_pos_1_s2: of(|j| j.k_error_1_s2),
+            k_vel_1_s: of(|j| j.k_rate_1_s),
+            k_last: of(|j| j.k_last),
+        }
+    }
+
+    /// Settings that hold them, and what their certificate is about; the others as built in.
+    fn settings(&self) -> Settings {
+        let mut settings = Settings::powercube6();
+        settings.joints = self.k_pos_1_s2.len() as u32;
+        self.begin(&mut settings);
+        [settings.reply_age_us, settings.drive_lag_us] = self.lags_us;
+        for (joint, a_max) in settings.joint.0.iter_mut().zip(&self.a_max_rad_s2) {
+            joint.a_max_rad_s2 = *a_max;
+        }
+        settings
     }
 
     /// These gains with those of a verified file for the robot `robot_crc32` in place of its joints.
@@ -278,21 +326,18 @@ impl InForce {
         if file.joint.len() < joints && wanted_us != self.period_us {
             return Err(ApplyError::SomeJoints { found_us: self.period_us, wanted_us });
         }
-        let mut new = self.clone();
-        new.period_us = wanted_us;
-        (new.estimator_alpha, new.estimator_beta) = (file.estimator.alpha as f32, file.estimator.beta as f32);
-        if file.joint.len() < joints && new.estimator() != self.estimator() {
-            let (found, wanted) = (self.estimator(), new.estimator());
-            return Err(ApplyError::SomeEstimators { found, wanted });
+        let wanted = Estimator { alpha: file.estimator.alpha, beta: file.estimator.beta };
+        // The controller keeps single precision.
+        let same = [wanted.alpha as f32, wanted.beta as f32] == [self.estimator_alpha, self.estimator_beta];
+        if file.joint.len() < joints && !same {
+            return Err(ApplyError::SomeEstimators { found: self.estimator(), wanted });
         }
-        new.certificate_crc32 = Crc32::of(file.to_toml().as_bytes());
-        new.robot_crc32 = robot_crc32;
-        for joint in &file.joint {
-            let unknown = ApplyError::Joints { found: joints, wanted: joint.number };
-            let Some(i) = joint.number.checked_sub(1).filter(|i| *i < joints) else { return Err(unknown) };
-            [new.k_pos_1_s2[i], new.k_vel_1_s[i], new.k_last[i]] = joint.gains();
+        if let Some(joint) = file.joint.iter().find(|joint| !(1..=joints).contains(&joint.number)) {
+            return Err(ApplyError::Joints { found: joints, wanted: joint.number });
         }
-        Ok(new)
+        let mut settings = self.settings();
+        file.enter(robot_crc32, &mut settings);
+        Ok(Self::of(&settings))
     }
 
     /// The estimator they count on.
@@ -303,6 +348,7 @@ impl InForce {
     /// Lets a controller begin with these gains, at their period.
     pub(in crate::cmd) fn begin(&self, settings: &mut Settings) {
         set_period(settings, self.period_us);
+        [settings.gains_delay_min_us, settings.gains_delay_max_us] = self.delay_us;
         settings.gains_certificate_crc32 = self.certificate_crc32;
         settings.gains_robot_crc32 = self.robot_crc32;
         (settings.estimator_alpha, settings.estimator_beta) = (self.estimator_alpha, self.estimator_beta);
@@ -356,6 +402,9 @@ impl InForce {
             step(name, write_floats(target, name, row))?;
         }
         step(GAINS_PERIOD, write_natural(target, GAINS_PERIOD, self.period_us))?;
+        for (name, us) in DELAY.into_iter().zip(self.delay_us) {
+            step(name, write_natural(target, name, us))?;
+        }
         step(ROBOT, write_natural(target, ROBOT, self.robot_crc32))?;
         step(CERTIFICATE, write_natural(target, CERTIFICATE, self.certificate_crc32))
     }
@@ -400,7 +449,7 @@ pub(super) fn put<T: Registers>(
             Ok(all) => format!("the controller holds {all:?} instead of {wanted:?}"),
             Err(cause) => cause,
         };
-        Err(Broken { done: ALL.to_vec(), at: CERTIFICATE, cause })
+        Err(Broken { done: REGISTERS.to_vec(), at: CERTIFICATE, cause })
     });
     let Err(forth) = outcome else { return Ok(()) };
     match before.write(target) {
@@ -430,9 +479,11 @@ mod tests {
     fn memory() -> Memory {
         let mut floats: BTreeMap<_, _> = GAINS.map(|name| (name.to_owned(), vec![-1.0, -2.0])).into();
         floats.extend(ESTIMATOR.map(|name| (name.to_owned(), vec![0.5])));
-        let naturals = [(GAINS_PERIOD, 3000), (ROBOT, 5), (CERTIFICATE, 7), (CYCLE_PERIOD, 3000)]
-            .map(|(n, v)| (n.to_owned(), v))
-            .into();
+        floats.insert(ACCELERATION.to_owned(), vec![10.0, 20.0]);
+        let naturals = [(GAINS_PERIOD, 3000), (ROBOT, 5), (CERTIFICATE, 7), (CYCLE_PERIOD, 3000)];
+        let beside = [(DELAY[0], 2250), (DELAY[1], 3000), (LAGS[0], 130), (LAGS[1], 5000)];
+        let naturals =
+            naturals.into_iter().chain(beside).map(|(name, number)| (name.to_owned(), number)).collect();
         Memory { floats, naturals, writes_left: 99, deaf: "" }
     }
 
@@ -468,6 +519,9 @@ mod tests {
         let (k_pos_1_s2, k_vel_1_s) = (vec![-400.0, -500.0], vec![-30.0, -35.0]);
         InForce {
             period_us: 3000,
+            delay_us: [2400, 3000],
+            lags_us: [130, 5000],
+            a_max_rad_s2: vec![10.0, 20.0],
             robot_crc32: 5,
             certificate_crc32: 9,
             estimator_alpha: 0.6,

@@ -265,6 +265,10 @@ struct Work {
     trial: TrialMotion,
 }
 
+/// Errors from which no feedback recovers: a whole turn, and more speed than any joint has.
+const ERROR_MAX_RAD: f64 = 6.3;
+const ERROR_MAX_RAD_S: f64 = 20.0;
+
 impl Work {
     fn new(args: &Args) -> Result<Self, ExpectedError> {
         let cell = args.bus.cell.load()?;
@@ -297,6 +301,14 @@ impl Work {
         let jitter = args.jitter.unwrap_or_else(|| usual_jitter(period_s));
         let low_s = args.delay_min_ms.map_or((1.0 - jitter.clamp(0.0, 0.5)) * high_s, |ms| 1e-3 * ms);
         let usual = Estimator::usual(period_s);
+        for (option, value, most) in [
+            ("--error-position", args.error_position, ERROR_MAX_RAD),
+            ("--error-velocity", args.error_velocity, ERROR_MAX_RAD_S),
+        ] {
+            if value > most {
+                return Err(ExpectedError::bad_input(&format!("{option} {value} is above {most}")));
+            }
+        }
         let demand = Demand {
             period_s,
             period_jitter: jitter,
@@ -413,6 +425,8 @@ fn roll_back(args: &Args, path: &Path) -> Result<(), ExpectedError> {
         .map_err(|cause| ExpectedError::bad_input(&format!("{}: {cause}", path.display())))?;
     let mut link = ControllerOnBus::open(args)?;
     let before = link.gains()?;
+    let InForce { lags_us, a_max_rad_s2, .. } = before.clone();
+    let wanted = InForce { lags_us, a_max_rad_s2, ..wanted };
     put(&mut link.registers(), &before, &wanted)?;
     console::line!(
         "controller {}: the gains of {} are in force and read back",

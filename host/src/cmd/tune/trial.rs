@@ -3,7 +3,6 @@
 use std::fmt::Write as _;
 
 use firmware::settings::Settings;
-use protocol::JointIndex;
 use robot_model::AnyRobot;
 
 use super::apply::InForce;
@@ -76,20 +75,7 @@ pub(super) fn of_share(robot: &AnyRobot, share: f64) -> TrialMotion {
 
 /// Gains of the firmware's built-in settings.
 pub(super) fn built_in() -> InForce {
-    let settings = Settings::powercube6();
-    let of = |pick: fn(&firmware::settings::JointSettings) -> f32| {
-        JointIndex::first(JOINTS).map(|joint| pick(settings.joint.at(joint))).collect()
-    };
-    InForce {
-        period_us: settings.gains_period_us,
-        estimator_alpha: settings.estimator_alpha,
-        estimator_beta: settings.estimator_beta,
-        robot_crc32: settings.gains_robot_crc32,
-        certificate_crc32: settings.gains_certificate_crc32,
-        k_pos_1_s2: of(|j| j.k_error_1_s2),
-        k_vel_1_s: of(|j| j.k_rate_1_s),
-        k_last: of(|j| j.k_last),
-    }
+    InForce::of(&Settings::powercube6())
 }
 
 fn rows(gains: &InForce) -> Option<[Gains; JOINTS]> {

@@ -88,7 +88,6 @@ impl RunReport<'_> {
             });
             measured.chain(limits.iter().map(|limit| Curve::limit(end, limit * scale))).collect()
         };
-        let least = certified.delay_min_s / certified.period_s;
         page.html("<p></p>");
         page.charts(&[
             self.time_chart(
@@ -99,7 +98,7 @@ impl RunReport<'_> {
             self.time_chart(
                 "From a measurement to the command computed from it; red: certified",
                 "share of the interval in %",
-                curves(&[least, 1.0], 1e2, &|joint| &joint.delay_shares),
+                curves(&certified.delay_shares(), 1e2, &|joint| &joint.delay_shares),
             ),
         ]);
     }

@@ -119,7 +119,7 @@ impl RunReport<'_> {
 
     fn tolerance_m(&self) -> f64 {
         let told = self.in_summary("/tolerance_m").and_then(Value::as_f64);
-        told.unwrap_or_else(|| default_tolerance_m(self.plan))
+        told.unwrap_or_else(|| default_tolerance_m(self.arm, self.plan))
     }
 
     fn circumstances(&self) -> String {

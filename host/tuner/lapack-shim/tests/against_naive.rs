@@ -549,8 +549,3 @@ fn numbers_that_are_lost_end_in_an_info_code_not_in_a_loop() {
     unsafe { dpotrf_(&ch(b'L'), &4, sa.data.as_mut_ptr(), &4, &mut info) };
     assert_eq!(info, 1);
 }
-
-#[test]
-fn linking_anchor_is_callable() {
-    lapack_shim::link();
-}

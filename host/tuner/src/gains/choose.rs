@@ -1,5 +1,6 @@
 //! Gains for a robot at a period: those that come with the program, or a design made on the way.
 
+use firmware::settings::Settings;
 use robot_model::AnyRobot;
 
 use crate::gains::design::{Design, DesignError, Tuned, tune};
@@ -19,13 +20,16 @@ const BUILT_IN: [(u32, &str); 5] = [
 /// Gains of the emulated board, which has them built in.
 const EMULATED_BOARD: &str = include_str!("../../gains/powercube6-34ms.toml");
 
-/// The file of a certificate, by its checksum, if it came with the program.
+/// The file of the certificate that `held` names, if it came with the program.
 #[must_use]
-pub fn built_in_of(certificate_crc32: u64) -> Option<GainsFile> {
+pub fn built_in_of(held: &Settings) -> Option<GainsFile> {
+    let is_of = |file: &GainsFile| {
+        let mut settings = *held;
+        file.enter(held.gains_robot_crc32, &mut settings);
+        settings == *held
+    };
     let texts = BUILT_IN.iter().map(|(_, text)| *text).chain([EMULATED_BOARD]);
-    texts
-        .filter_map(|text| GainsFile::from_toml(text, "powercube6").ok())
-        .find(|file| u64::from(firmware::crc::Crc32::of(file.to_toml().as_bytes())) == certificate_crc32)
+    texts.filter_map(|text| GainsFile::from_toml(text, "powercube6").ok()).find(is_of)
 }
 
 /// Control periods for which there are gains, µs, shortest first.
@@ -147,7 +151,6 @@ fn is_for(gains: &GainsFile, machine: &Machine) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use firmware::settings::Settings;
 
     fn powercube6() -> AnyRobot {
         AnyRobot::load("powercube6").unwrap()
@@ -162,6 +165,21 @@ mod tests {
         }
         assert_eq!(PERIODS_US[0], Settings::powercube6().cycle_period_us);
         assert!(PERIODS_US.is_sorted());
+    }
+
+    #[test]
+    fn a_built_in_certificate_is_known_by_what_it_is_about() {
+        for us in PERIODS_US {
+            let (gains, _) = gains_for(&powercube6(), us).unwrap();
+            let mut held = Settings::powercube6();
+            gains.enter(held.gains_robot_crc32, &mut held);
+            assert_eq!(held.gains_certificate_crc32, firmware::registers::certificate_crc32(&held), "{us}");
+            assert_eq!(built_in_of(&held), Some(gains));
+            held.joint.0[0].k_last *= 0.5;
+            assert_eq!(built_in_of(&held), None, "the number alone proves nothing");
+        }
+        assert_eq!(built_in_of(&Settings::powercube6()).map(|file| file.period_s), Some(0.003));
+        assert_eq!(built_in_of(&Settings::powercube6_paper()).map(|file| file.period_s), Some(0.017));
     }
 
     #[test]

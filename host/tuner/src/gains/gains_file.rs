@@ -5,8 +5,11 @@ use super::law::Weights;
 use super::paper::{PaperCertificate, PaperRefusal, System};
 use super::problem::{JointInput, PhaseInput, Problem, ProblemError};
 use crate::model::{DriveLag, Estimator, STATES, StateRow, StateVector};
+use firmware::registers::certificate_crc32;
+use firmware::settings::Settings;
 use nalgebra::allocator::Allocator;
 use nalgebra::{DMatrix, DefaultAllocator, Dim, OMatrix, SMatrix};
+use protocol::JointIndex;
 use robot_model::RobotModel;
 use serde::{Deserialize, Serialize};
 
@@ -216,7 +219,53 @@ fn symmetric<const N: usize>(
     Ok(SMatrix::from_fn(|i, j| v[i.max(j) * (i.max(j) + 1) / 2 + i.min(j)]))
 }
 
+/// Registers of a controller that take gains, in the order in which they are written: a change of one voids the certificate.
+pub const REGISTERS: [&str; 10] = [
+    "estimator.alpha",
+    "estimator.beta",
+    "joint.k_error_1_s2",
+    "joint.k_rate_1_s",
+    "joint.k_last",
+    "gains.period_us",
+    "gains.delay_min_us",
+    "gains.delay_max_us",
+    "gains.robot_crc32",
+    "gains.certificate_crc32",
+];
+
 impl GainsFile {
+    /// Puts gains and certificate into settings, for the robot `robot_crc32`. The certificate is about the accelerations and the
+    /// lag that the gains were designed for: a controller with others does not arm. Gains for some joints only keep the
+    /// certificate of the others, if they have one.
+    pub fn enter(&self, robot_crc32: u32, settings: &mut Settings) {
+        let us = |s: f64| (s * 1e6).round() as u32;
+        let was_proven = settings.gains_certificate_crc32 == certificate_crc32(settings);
+        let is_whole = settings.joints().all(|j| self.joint.iter().any(|tuned| tuned.number == j.get() + 1));
+        let delays =
+            self.joint.iter().map(|tuned| (us(tuned.problem.delay_min_s), us(tuned.problem.delay_max_s)));
+        let others = (!is_whole).then_some((settings.gains_delay_min_us, settings.gains_delay_max_us));
+        // What holds for all joints.
+        let delay = delays.chain(others).reduce(|a, b| (a.0.max(b.0), a.1.min(b.1)));
+        (settings.gains_delay_min_us, settings.gains_delay_max_us) = delay.unwrap_or((0, 0));
+        settings.gains_period_us = us(self.period_s);
+        settings.gains_robot_crc32 = robot_crc32;
+        (settings.estimator_alpha, settings.estimator_beta) =
+            (self.estimator.alpha as f32, self.estimator.beta as f32);
+        let index = |tuned: &JointGains| tuned.number.checked_sub(1).and_then(|n| JointIndex::new(n).ok());
+        for (tuned, at) in self.joint.iter().filter_map(|tuned| Some((tuned, index(tuned)?))) {
+            let joint = settings.joint.at_mut(at);
+            [joint.k_error_1_s2, joint.k_rate_1_s, joint.k_last] = tuned.gains();
+        }
+        let mut proven = *settings;
+        for (tuned, at) in self.joint.iter().filter_map(|tuned| Some((tuned, index(tuned)?))) {
+            let problem = &tuned.problem;
+            proven.drive_lag_us = us(2.0 * problem.drive_zeta / problem.drive_wn_rad_s);
+            proven.joint.at_mut(at).a_max_rad_s2 = problem.acceleration_max_rad_s2 as f32;
+        }
+        settings.gains_certificate_crc32 =
+            if is_whole || was_proven { certificate_crc32(&proven) } else { 0 };
+    }
+
     /// The gains were designed for what the file of this robot says: a robot is known by its numbers, not by its name.
     ///
     /// # Errors

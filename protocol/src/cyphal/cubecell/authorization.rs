@@ -8,12 +8,25 @@
 //! content of a command        = 1 ‖ number (2 bytes, little endian) ‖ parameter as sent
 //! content of a register write = 2 ‖ length of the name ‖ name ‖ value as sent (tag, count, elements)
 //! ```
+//!
+//! Two commands name things that others on the bus could change; their content ends with a digest of these:
+//!
+//! ```text
+//! COMMIT_TRAJECTORY   file   = SHA-256 of the trajectory file
+//! ARM_CONFIRM         digest = SHA-256(file ‖ rows), as in the ArmOffer
+//! rows: of each register that a run depends on, in the order of the controller's list of registers; all of its settings but
+//!       telemetry.period_us and the uavcan.* ones
+//! row  = CRC-32 of the name ‖ count of numbers (1 byte) ‖ 0 0 0 ‖ eight numbers of 4 bytes (f32, u32, or 0 and 1), unused ones 0
+//! ```
+//!
+//! A host makes the digest from the file that it has and the settings that it has read. The one of an offer is for comparison:
+//! a host that signs it unseen signs whatever is there.
 
 use super::super::bits::{BufferTooSmall, Encode, Writer};
 use super::super::uavcan::command::standard;
 use super::super::uavcan::value::Value;
 use super::command;
-pub use super::command::{CODE_LEN, NONCE_LEN};
+pub use super::command::{CODE_LEN, DIGEST_LEN, NONCE_LEN};
 
 /// Begins what is hashed: a code made for something else never fits.
 pub const CONTEXT: &[u8] = b"cubecell.authorize.1";
@@ -80,6 +93,17 @@ impl Content {
             out.u8(name.len() as u8);
             out.bytes(name);
             value.encode(out);
+        })
+    }
+
+    /// The same, about a file or about a file and its settings.
+    ///
+    /// # Errors
+    /// As [`Self::of_command`].
+    pub fn about(&self, digest: &[u8; DIGEST_LEN]) -> Result<Self, BufferTooSmall> {
+        Self::of(|out| {
+            out.bytes(self.as_slice());
+            out.bytes(digest);
         })
     }
 

@@ -21,7 +21,9 @@
 //! | 14 | [`CLOCK`] | none | [`ClockReading`] | always |
 //!
 //! A command that is refused answers `BAD_STATE`, `BAD_PARAMETER`, `NOT_AUTHORIZED` or `FAILURE` with a [`Refusal`] as
-//! output. The standard `EMERGENCY_STOP` is treated as [`STOP`].
+//! output. The standard `EMERGENCY_STOP` acts as the [stop message](super::stop): the halt goes out at once, where [`STOP`]
+//! follows the path to rest. [`STOP`], [`DISARM`] and `EMERGENCY_STOP` are carried out even if there is no room for their
+//! answer.
 //!
 //! # Repetition
 //!
@@ -49,6 +51,8 @@ use super::super::bits::{Decode, DecodeError, Encode, Reader, Writer};
 
 /// Bytes of a challenge.
 pub const NONCE_LEN: usize = 8;
+/// Bytes of a digest.
+pub const DIGEST_LEN: usize = 32;
 /// Bytes of an authentication code.
 pub const CODE_LEN: usize = 16;
 
@@ -127,6 +131,9 @@ parameters! {
         token: u32 as u32,
         /// Time left to confirm, ms.
         valid_ms: u16 as u16,
+        /// SHA-256 of what would be armed: of the SHA-256 of the file and of the settings
+        /// ([`authorization`](super::authorization)).
+        digest: [u8; DIGEST_LEN] as array,
     }
 
     /// Parameter of [`ARM_CONFIRM`].

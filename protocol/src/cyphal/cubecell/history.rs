@@ -113,6 +113,8 @@ pub mod kind {
     pub const KEY: u8 = 13;
     /// Detail: number of the register in the list of registers.
     pub const REGISTER_REFUSED: u8 = 14;
+    /// Detail: node that wrote to the upload of another one.
+    pub const UPLOAD_VOIDED: u8 = 15;
 }
 
 /// Orders by the number in a [`TraceEntry`]. New ones are added at the end.

@@ -92,6 +92,7 @@ impl PlanFile {
                 acceleration_use: problem.options.acceleration_use,
                 clearance_m: problem.options.clearance_m,
                 hand_clearance_m: if problem.options.clean_release { HAND_CLEARANCE_M } else { 0.0 },
+                touch_allowed: problem.options.touch_allowed,
                 confidence: Some(best.confidence),
                 stored: Vec::new(),
             },

@@ -284,6 +284,7 @@ impl PlanFile {
     /// What the types cannot say.
     fn sound(&self) -> Result<(), String> {
         self.lists()?;
+        self.ranges()?;
         self.motion.sound()?;
         let inside = self.release_time_s > 0.0 && self.release_time_s < self.end_time_s;
         if !inside {

@@ -8,11 +8,13 @@
 //! |---|---|
 //! | here | the keys of the file |
 //! | `attitude` | a thing that is no ball |
+//! | `claims` | what follows from the rest of the file, computed again |
 //! | `compose` | from a throw to its plan |
 //! | `motion` | knots and events; what files before version 6 had in their place |
 //! | `io` | reading, writing, and what is refused |
 
 mod attitude;
+mod claims;
 mod compose;
 mod io;
 mod motion;
@@ -21,6 +23,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use self::attitude::{ArrivalInfo, AttitudeInfo, DelayTurn, DirectionInfo};
+pub(crate) use self::claims::first_difference;
 pub use self::io::{FILE_MAX_BYTES, PlanFileError, fields, parse, require_robot, tagged_json};
 pub use self::motion::{EventInfo, KnotInfo, MotionInfo};
 use super::basins::Confidence;
@@ -29,7 +32,7 @@ use super::problem::{Form, Weights};
 use super::statistics::{Noise, Region};
 
 /// Version of the format that this program writes, and the newest it reads.
-pub const VERSION: u32 = 9;
+pub const VERSION: u32 = 10;
 /// First field of every plan file.
 pub const FORMAT: &str = "cubectl-plan";
 
@@ -198,6 +201,9 @@ pub struct Search {
     /// touch.
     #[serde(default)]
     pub hand_clearance_m: f64,
+    /// Whether it was asked for that the released ball may touch the arm. New in version 10.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub touch_allowed: bool,
     /// What the starts say about throws that were not found; files before version 5 do not say.
     #[serde(default)]
     pub confidence: Option<Confidence>,

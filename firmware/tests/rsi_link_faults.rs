@@ -1,0 +1,283 @@
+//! Corrections never leap, whatever comes in. The judge is a robot that differences what it gets: a correction that it takes
+//! changes by no more than its limits of speed and acceleration from the one in force.
+
+use crate::bench::{HOST, Rng, joint};
+use crate::rsi_group::{AXES, Cell, UNDER_WAY, Wire};
+use firmware::Controller;
+use firmware::authority::Seed;
+use firmware::fault::Cause;
+use firmware::groups::rsi::{Options, Rsi};
+use firmware::joints::PerJoint;
+use firmware::orders::Order;
+use firmware::spline::Spline;
+use firmware::state::StateKind;
+use firmware::store::RamStorage;
+use protocol::Duration;
+
+/// What befalls the link or the robot.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Trouble {
+    AnswersLate(u32),
+    AnswersLost(u32),
+    TelegramsLost(u32),
+    Doubled,
+    Overtaken,
+    NumberFalls(u64),
+    NumberRises(u64),
+    OtherNumber,
+    LateCountFalls,
+    NoPositions,
+    /// The program of the robot begins again where its set points stand.
+    Restart,
+    /// The program of the robot begins again after its arm went back to its start pose, this many cycles later; its numbers go on
+    /// or begin again.
+    BackAtStart(u32, bool),
+    /// The controller begins again.
+    OtherController,
+}
+
+/// Same limits as the cell's own.
+fn other_controller(cell: &mut Cell) {
+    let options =
+        Options { lower_rad: PerJoint::splat(-6.0), upper_rad: PerJoint::splat(6.0), ..Options::default() };
+    let settings = *cell.controller.settings();
+    let group = Rsi::new(options);
+    *cell.controller =
+        Controller::with_group(RamStorage::new(), Spline::empty(), group, &settings, Seed::FORESEEABLE);
+}
+
+fn strike(cell: &mut Cell, trouble: Trouble) {
+    let mut for_cycles = |cycles: u32, wire: Wire| {
+        for _ in 0..cycles {
+            cell.forced = Some(wire);
+            step(cell);
+        }
+    };
+    match trouble {
+        Trouble::AnswersLate(cycles) => for_cycles(cycles, Wire::AnswerLate),
+        Trouble::AnswersLost(cycles) => for_cycles(cycles, Wire::AnswerLost),
+        Trouble::TelegramsLost(cycles) => for_cycles(cycles, Wire::TelegramLost),
+        Trouble::Doubled => for_cycles(1, Wire::Doubled),
+        Trouble::Overtaken => for_cycles(1, Wire::Overtaken),
+        Trouble::OtherNumber => for_cycles(1, Wire::OtherNumber),
+        // Not in the cycle that would say that an answer was late.
+        Trouble::LateCountFalls => {
+            for_cycles(1, Wire::Fine);
+            for_cycles(1, Wire::NoLate);
+        }
+        Trouble::NoPositions => for_cycles(1, Wire::NoPositions),
+        Trouble::NumberFalls(by) => cell.robot.ipoc -= by.min(cell.robot.ipoc),
+        Trouble::NumberRises(by) => cell.robot.ipoc += by,
+        Trouble::Restart => cell.robot.restart(),
+        Trouble::BackAtStart(cycles, numbers_go_on) => {
+            for_cycles(cycles, Wire::TelegramLost);
+            let ipoc = cell.robot.ipoc;
+            cell.robot.return_to_start();
+            cell.robot.ipoc = if numbers_go_on { ipoc } else { cell.robot.ipoc };
+        }
+        Trouble::OtherController => {
+            // A program needs longer to begin than the axes need to show what they were given.
+            for_cycles(25, Wire::TelegramLost);
+            other_controller(cell);
+        }
+    }
+}
+
+/// One cycle of a robot whose stop signal is not wired.
+fn step(cell: &mut Cell) {
+    cell.robot.stopped = false;
+    cell.step();
+}
+
+/// Where the corrections have led the set points, rad.
+fn given_rad(cell: &Cell) -> f64 {
+    (0..AXES).map(|i| cell.robot.correction[i].abs()).fold(0.0, f64::max)
+}
+
+fn assert_no_leap(cell: &Cell, what: &dyn std::fmt::Debug) {
+    let [v, a] = cell.robot.leap;
+    assert!(v <= 1.0 + 1e-3 && a <= 1.0 + 1e-3, "{what:?}: {v:.2} of the speed, {a:.2} of the acceleration");
+}
+
+/// A throw with a trouble in it, watched for two seconds more.
+fn thrown_with(cycle: u64, in_a_row: bool, trouble: Trouble) -> Cell {
+    let (mut cell, _) = Cell::thrown();
+    cell.robot.counts_in_a_row = in_a_row;
+    for _ in 0..cycle {
+        step(&mut cell);
+    }
+    strike(&mut cell, trouble);
+    for _ in 0..170 {
+        step(&mut cell);
+    }
+    assert_no_leap(&cell, &(trouble, cycle, in_a_row));
+    cell
+}
+
+#[test]
+fn late_count_that_falls_in_a_robot_that_counts_in_a_row_changes_nothing() {
+    let cell = thrown_with(UNDER_WAY, true, Trouble::AnswersLate(1));
+    assert!(matches!(cell.kind(), StateKind::Ready), "{:?}", cell.controller.state());
+    thrown_with(UNDER_WAY, false, Trouble::LateCountFalls);
+}
+
+#[test]
+fn number_that_falls_or_jumps_in_the_run_holds_the_axes_where_they_are() {
+    for trouble in [Trouble::NumberFalls(30), Trouble::NumberFalls(4_000), Trouble::OtherNumber] {
+        let cell = thrown_with(UNDER_WAY, false, trouble);
+        assert_eq!(cell.cause(), Some(Cause::RobotRestarted), "{trouble:?}");
+        assert!(given_rad(&cell) > 0.2, "{trouble:?}: {}", given_rad(&cell));
+    }
+    let cell = thrown_with(UNDER_WAY, false, Trouble::NumberRises(700));
+    assert_eq!(cell.kind(), StateKind::Ready);
+}
+
+#[test]
+fn telegram_without_positions_in_the_run_ends_it_where_the_axes_are() {
+    let cell = thrown_with(UNDER_WAY, false, Trouble::NoPositions);
+    assert_eq!(cell.cause(), Some(Cause::RobotRestarted));
+    assert!(given_rad(&cell) > 0.2, "{}", given_rad(&cell));
+}
+
+#[test]
+fn outage_at_full_speed_ends_the_run_and_the_axes_are_held_where_the_robot_holds_them() {
+    for cycles in [4, 9, 42, 92, 200, 420] {
+        for trouble in [Trouble::TelegramsLost(cycles), Trouble::AnswersLost(cycles)] {
+            let (mut cell, _) = Cell::thrown();
+            for _ in 0..UNDER_WAY {
+                step(&mut cell);
+            }
+            strike(&mut cell, trouble);
+            let held = *cell.robot.set.last().unwrap();
+            for _ in 0..200 {
+                step(&mut cell);
+            }
+            assert_no_leap(&cell, &trouble);
+            let kind = cell.kind();
+            assert!(matches!(kind, StateKind::Fault), "{trouble:?}: {kind:?}");
+            let set = cell.robot.set.last().unwrap();
+            let away = (0..AXES).map(|i| (set[i] - held[i]).abs()).fold(0.0, f64::max);
+            // Where telegrams still come, the axes stop along their path.
+            let is_silent = matches!(trouble, Trouble::TelegramsLost(_));
+            assert!(away < if is_silent { 1e-6 } else { 0.4 }, "{trouble:?}: {away}");
+        }
+    }
+}
+
+#[test]
+fn controller_that_begins_again_in_a_run_gives_no_zeros_to_an_arm_away_from_its_start() {
+    let cell = thrown_with(UNDER_WAY, false, Trouble::OtherController);
+    assert!(given_rad(&cell) > 0.2, "{}", given_rad(&cell));
+    assert_eq!(cell.kind(), StateKind::Boot);
+}
+
+#[test]
+fn program_that_begins_again_at_its_start_is_held_there() {
+    for (cycles, numbers_go_on) in [(0, false), (0, true), (20, true), (100, false), (100, true)] {
+        let mut cell = thrown_with(UNDER_WAY, false, Trouble::BackAtStart(cycles, numbers_go_on));
+        assert!(given_rad(&cell) < 1e-6, "{}", given_rad(&cell));
+        let fault = cell.controller.state().fault().expect("a fault");
+        cell.order(Order::ClearFault { code: fault.cause.code() });
+        for _ in 0..100 {
+            step(&mut cell);
+        }
+        assert_eq!(cell.kind(), StateKind::Ready, "it can be led again");
+    }
+}
+
+#[test]
+fn axis_that_does_not_follow_its_jog_is_told() {
+    let (mut cell, _) = Cell::ready();
+    let stuck = cell.robot.q[1];
+    for _ in 0..60 {
+        let order = Order::Jog { joint: joint(1), qd_rad_s: 0.25, hold: Duration::from_millis(100) };
+        let _ = cell.controller.order(cell.at(), HOST, order);
+        cell.robot.q[1] = stuck;
+        step(&mut cell);
+    }
+    assert_eq!(cell.cause(), Some(Cause::RobotLags));
+}
+
+#[test]
+fn ball_is_released_near_its_path_or_not_at_all() {
+    let released = |lost: Option<u64>| {
+        let (mut cell, _) = Cell::thrown();
+        let mut at_opening = None;
+        for k in 0..100 {
+            cell.forced = (Some(k) == lost).then_some(Wire::AnswerLost);
+            step(&mut cell);
+            at_opening = at_opening.or(cell.robot.open.map(|_| (k, cell.robot.q)));
+        }
+        let withheld = cell.controller.group().release_withheld_rad();
+        assert_eq!(withheld.is_some(), at_opening.is_none(), "{lost:?}: what is withheld is told");
+        at_opening
+    };
+    let (cycle, nominal) = released(None).expect("released");
+    let (mut far, mut near) = (0, 0);
+    for lost in 1..cycle {
+        match released(Some(lost)) {
+            // An answer to open that is lost is repeated with the next one.
+            Some((at, q)) if at <= cycle + 1 => {
+                let moved = if at > cycle { 0.05 } else { 0.0 };
+                let off = (0..AXES).map(|i| (q[i] - nominal[i]).abs()).fold(0.0, f64::max);
+                assert!(off <= 5.1e-3 + moved, "{lost}: {off} rad off its path");
+                near += 1;
+            }
+            Some((at, _)) => panic!("{lost}: opened {} cycles late", at - cycle),
+            None => far += 1,
+        }
+    }
+    assert!(far >= 10 && near >= 20, "{far} {near}");
+}
+
+fn drawn(rng: &mut Rng) -> Trouble {
+    match rng.below(15) {
+        0 => Trouble::AnswersLate(1 + rng.below(4) as u32),
+        1 => Trouble::AnswersLost(1 + rng.below(4) as u32),
+        2 => Trouble::TelegramsLost(1 + rng.below(4) as u32),
+        3 => Trouble::AnswersLost(8 + rng.below(400) as u32),
+        4 => Trouble::TelegramsLost(8 + rng.below(400) as u32),
+        5 => Trouble::Doubled,
+        6 => Trouble::Overtaken,
+        7 => Trouble::NumberFalls(1 + rng.below(5_000)),
+        8 => Trouble::NumberRises(1 + rng.below(5_000)),
+        9 => Trouble::OtherNumber,
+        10 => Trouble::LateCountFalls,
+        11 => Trouble::NoPositions,
+        12 => Trouble::Restart,
+        // The arm needs time to go back.
+        13 => Trouble::BackAtStart(4 + rng.below(116) as u32, rng.below(2) == 0),
+        _ => Trouble::OtherController,
+    }
+}
+
+#[test]
+fn no_sequence_of_troubles_makes_a_correction_leap() {
+    let mut rng = Rng(32);
+    for sequence in 0..1_000 {
+        let (mut cell, _) = Cell::thrown();
+        cell.robot.counts_in_a_row = sequence % 2 == 0;
+        let mut told = Vec::new();
+        for _ in 0..1 + rng.below(4) {
+            for _ in 0..rng.below(60) {
+                step(&mut cell);
+            }
+            let trouble = drawn(&mut rng);
+            told.push((cell.cycle, trouble));
+            strike(&mut cell, trouble);
+            assert_no_leap(&cell, &(sequence, &told));
+        }
+        for _ in 0..120 {
+            step(&mut cell);
+        }
+        assert_no_leap(&cell, &(sequence, &told));
+        // The fault is cleared and the arm is stopped: still nothing moves by itself.
+        if let Some(fault) = cell.controller.state().fault() {
+            let _ = cell.controller.order(cell.at(), HOST, Order::ClearFault { code: fault.cause.code() });
+        }
+        for _ in 0..60 {
+            step(&mut cell);
+        }
+        assert_no_leap(&cell, &(sequence, &told));
+    }
+}

@@ -1,0 +1,149 @@
+//! Stops that this program did not give: the one place that looks for them.
+//!
+//! Three things show one: a stop message of another node, a halt broadcast to the drives, and a controller that reports that it
+//! stopped. A halt broadcast has no sender, and a controller halts the drives at every stop of its own. It reports a state of its
+//! own at once, so a halt without report is somebody else's, and so is the first of two halts before the report: at rest the
+//! controller finds the halted drives a little later, and takes them for a fault.
+
+use firmware::fault::Cause;
+use protocol::cyphal::cubecell::group_state::{GroupState, State};
+use protocol::cyphal::cubecell::stop;
+use protocol::cyphal::id::{NodeId, Route};
+use protocol::powercube::{Address, Broadcast};
+use protocol::{Duration, Frame, Id, Instant};
+
+/// A controller reports a state that it enters within this time: it sends ten a second by default.
+const REPORT_MAX: Duration = Duration::from_millis(300);
+/// An arm that was stopped stands by then.
+pub(crate) const REST_MAX: Duration = Duration::from_secs(3);
+
+/// What showed the stop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum StopSource {
+    /// A stop message of this node.
+    Message(NodeId),
+    /// A halt broadcast to the drives; it has no sender.
+    Halt,
+    /// A controller reported that it stopped.
+    Controller,
+}
+
+/// A stop that this program did not give.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StopSeen {
+    pub at: Instant,
+    pub source: StopSource,
+    /// What the controller reports of it: Stopped or Fault; `None` if it does not say.
+    pub group: Option<GroupState>,
+    /// Somebody else stopped the arm, and no fault did.
+    pub by_other: bool,
+}
+
+impl std::fmt::Display for StopSeen {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.source {
+            StopSource::Message(node) => write!(f, "node {} sent a stop message", node.get()),
+            StopSource::Halt => f.write_str("another node halted the drives"),
+            StopSource::Controller => f.write_str("the controller stopped"),
+        }
+    }
+}
+
+/// The cause of a stop that somebody gave, and no fault.
+pub(crate) fn is_stop_by_other(cause: u16) -> bool {
+    const CAUSES: [Cause; 3] = [Cause::StopOrdered, Cause::StopMessage, Cause::HaltedByOther];
+    CAUSES.iter().any(|known| known.code() == cause)
+}
+
+/// Looks for stops while it is on. Frames of this program are not given to it.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct StopWatch {
+    on: bool,
+    seen: Option<StopSeen>,
+    /// Halt broadcasts since then.
+    halts: u32,
+    /// No frame of the controller is given to it.
+    others_only: bool,
+    /// State heard last.
+    state: Option<State>,
+}
+
+impl StopWatch {
+    /// For frames of others alone, without those of the controller.
+    pub(crate) const fn of_others() -> Self {
+        Self { on: false, seen: None, halts: 0, others_only: true, state: None }
+    }
+
+    /// Forgets what was seen, and looks from now on.
+    pub(crate) const fn start(&mut self) {
+        (self.on, self.seen, self.halts) = (true, None, 0);
+    }
+
+    /// Looks no more, so that what must follow a stop is not ended by it.
+    pub(crate) const fn end(&mut self) {
+        self.on = false;
+    }
+
+    /// A stop was seen and not reported yet.
+    pub(crate) const fn is_pending(&self) -> bool {
+        self.on && self.seen.is_some()
+    }
+
+    /// A frame of another node, or of the controller.
+    pub(crate) fn take_frame(&mut self, at: Instant, frame: &Frame) {
+        let source = match frame.id() {
+            Id::Extended(id) => match Route::parse(id) {
+                Ok((_, Route::Message { source, subject })) if subject == stop::SUBJECT => {
+                    StopSource::Message(source)
+                }
+                _ => return,
+            },
+            Id::Standard(_) if Address::of(frame.id()) == Some(Address::Broadcast) => {
+                if Broadcast::decode(frame) != Ok(Broadcast::Halt) {
+                    return;
+                }
+                StopSource::Halt
+            }
+            Id::Standard(_) => return,
+        };
+        self.note(at, source);
+    }
+
+    /// What the controller reports.
+    pub(crate) fn take_state(&mut self, at: Instant, group: &GroupState) {
+        let stands = |state| matches!(state, State::Stopped | State::Fault);
+        let before = self.state.replace(group.state);
+        if stands(group.state) && before.is_some_and(|before| !stands(before)) {
+            self.note(at, StopSource::Controller);
+        }
+    }
+
+    fn note(&mut self, at: Instant, source: StopSource) {
+        if self.on {
+            self.halts += u32::from(source == StopSource::Halt);
+            self.seen.get_or_insert(StopSeen { at, source, group: None, by_other: true });
+        }
+    }
+
+    /// The stop, once the controller has reported it or does not: then the job ends. `group` is what it reported last, and
+    /// when; `None` without a controller.
+    pub(crate) fn due(&self, now: Instant, group: Option<(Instant, GroupState)>) -> Option<StopSeen> {
+        let seen = self.seen.filter(|_| self.on)?;
+        let Some((heard_at, group)) = group else { return Some(seen) };
+        let since = now.saturating_since(seen.at);
+        match group.state {
+            State::Stopped | State::Fault if heard_at >= seen.at => {
+                let by_other = match seen.source {
+                    StopSource::Message(_) => true,
+                    StopSource::Halt => {
+                        self.others_only || self.halts > 1 || is_stop_by_other(group.fault_cause)
+                    }
+                    StopSource::Controller => is_stop_by_other(group.fault_cause),
+                };
+                Some(StopSeen { group: Some(group), by_other, ..seen })
+            }
+            state if since < REPORT_MAX || (state.may_move() && since < REST_MAX) => None,
+            _ => Some(seen),
+        }
+    }
+}

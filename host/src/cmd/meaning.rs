@@ -1,0 +1,218 @@
+//! Which options mean nothing in what a verb is asked to do: one table, for every verb, robot and bus. What is given and means
+//! nothing is refused by name.
+
+use can_link::BusSpec;
+use clap::parser::ValueSource;
+use clap::{ArgMatches, Command, FromArgMatches};
+
+use crate::error::ExpectedError;
+
+/// The ids of the options that stand on the command line. It is the first field of the arguments of a verb: the fields behind it
+/// take their values away.
+#[derive(Debug, Clone, Default)]
+pub struct Given(Vec<String>);
+
+/// What is asked of a verb.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Deed {
+    PlanOfFile,
+    /// Lead a robot that closes its loops itself, over RSI.
+    Led,
+    /// Run the controller of this project on a CAN bus.
+    OnCan,
+    ControllerOnBus,
+    TargetGiven,
+    /// Measure all axes of such a robot together.
+    AllAxes,
+    /// Use a bus outside this program: nothing is simulated.
+    Live,
+    /// The same by a verb that draws nothing but the simulated cell.
+    LiveUndrawn,
+    NotRsi,
+    /// Plan a throw whose hand follows the flight.
+    Following,
+    /// The same, by the grid of the paper.
+    PaperGrid,
+    /// The same, by starts.
+    Starts,
+    /// Plan a throw with the release at one instant.
+    Ordinary,
+    Library,
+    /// Throw a ball: what is not said to be another thing.
+    Ball,
+    NoOpening,
+    NoArrivalAxis,
+    NoSpinAxis,
+    /// Make the table of stored throws of a robot.
+    StoredThrows,
+    /// Make a table with a picture.
+    Picture,
+    /// Read what a sweep has made.
+    Summary,
+}
+
+const ATTITUDE: &str = "thing_inertia thing_axis arrival_axis arrival_axis_max_deg arrival_axis_either_sign spin_axis \
+    spin_axis_max_deg spin_axis_either_sign spin_min_rad_s";
+const ONE_TARGET: &str = "opening_normal opening_radius_m incidence_max_deg target_velocity target_course";
+const TO_CHANCE: &str = "time_budget hit_radius_m hit_box jitter_s release_delays objective";
+/// Of throws with the release at one instant.
+const DRIVES: &str = "speed_use acceleration_use free_spin null_delay delay_window clean_release clearance_m range_margin_rad \
+    drag_per_m magnus_rad_s finger_release weights obstacle arrival_speed arrival_descent_deg radius_m elevation_deg flight_s \
+    duration_s braking_ratio store no_store library thorough";
+const TRACKER: &str = "tracker tracker_body tracker_offset tracker_frames calibration";
+
+/// What is asked, the options that mean nothing then (after `!`: all but these), and why.
+const TABLE: &[(Deed, &[&str], &str)] = &[
+    (
+        Deed::PlanOfFile,
+        &[DRIVES, ONE_TARGET, ATTITUDE, TO_CHANCE, "form starts"],
+        "is for making a plan; the one of --plan says what is thrown",
+    ),
+    (
+        Deed::Led,
+        &["controller gains period web back key_file"],
+        "has no meaning for a robot with a controller of its own",
+    ),
+    (
+        Deed::AllAxes,
+        &["joint home level speed current bit_rate sim_noise report"],
+        "has no meaning for a robot with a controller of its own: all its axes are measured together",
+    ),
+    (Deed::OnCan, &["rsi"], "is for a robot that is led over RSI; this one has drives on a CAN bus"),
+    (
+        Deed::ControllerOnBus,
+        &["period"],
+        "is for a controller in this program; set register cycle.period_us of the one on the bus",
+    ),
+    (Deed::TargetGiven, &[TRACKER], "is for --target tracker"),
+    (Deed::Live, &["scenario"], "is for what is simulated inside this program"),
+    (Deed::LiveUndrawn, &["scenario seed"], "is for the cell inside this program"),
+    (Deed::NotRsi, &["rsi"], "is for --bus rsi:..."),
+    (
+        Deed::Following,
+        &[DRIVES, ONE_TARGET, ATTITUDE, TO_CHANCE],
+        "has no meaning for a throw that follows the flight",
+    ),
+    (Deed::Following, &["fast"], "needs stored throws; none are kept of throws that follow the flight"),
+    (
+        Deed::Following,
+        &["targets plans"],
+        "plans throws without following the flight: add --no-follow, or plan one target at a time",
+    ),
+    (Deed::PaperGrid, &["starts tilt_max_deg"], "is for --form best; the form paper searches a grid"),
+    (Deed::Starts, &["resolution refine ramps criterion"], "is for --form paper"),
+    (
+        Deed::Ordinary,
+        &[
+            "lag_ms period tilt_max_deg ramps_deg_s2 limits resolution refine ramps criterion weights_w weights_g",
+        ],
+        "is for throws that follow the flight: add --follow",
+    ),
+    (Deed::Library, &["fast thorough"], "is for a search; a library answers with the throws that it has"),
+    (
+        Deed::Ball,
+        &[ATTITUDE],
+        "is about a thing that is no ball: say with --thing-inertia which, 2 for a thin disc, 0 for a thin stick",
+    ),
+    (Deed::NoOpening, &["incidence_max_deg"], "is for an opening: add --opening-normal"),
+    (Deed::NoArrivalAxis, &["arrival_axis_max_deg arrival_axis_either_sign"], "is for --arrival-axis"),
+    (Deed::NoSpinAxis, &["spin_axis_max_deg spin_axis_either_sign spin_min_rad_s"], "is for --spin-axis"),
+    (Deed::StoredThrows, &[ONE_TARGET, ATTITUDE], "is for one target; a table is for all targets at rest"),
+    (Deed::StoredThrows, &["store no_store library finger_release"], "is not for the table of stored throws"),
+    (
+        Deed::Picture,
+        &[TO_CHANCE, "draws fast library store"],
+        "is not for a table with a picture: make part files with --shards N",
+    ),
+    (Deed::Summary, &["! summary json"], "is for making a sweep; --summary reads one"),
+];
+
+impl Given {
+    /// Refuses the first option that means nothing in what is asked.
+    ///
+    /// # Errors
+    /// The option, and why.
+    pub(super) fn require_meaning(&self, deeds: &[Deed]) -> Result<(), ExpectedError> {
+        let rows = TABLE.iter().filter(|(deed, ..)| deeds.contains(deed));
+        let refused = rows.flat_map(|(_, ids, why)| {
+            let all_but = ids.iter().any(|ids| ids.starts_with('!'));
+            let named = |id: &str| ids.iter().flat_map(|ids| ids.split(' ')).any(|known| known == id);
+            self.0.iter().filter(move |id| named(id) != all_but).map(move |id| (id, *why))
+        });
+        match refused.into_iter().next() {
+            None => Ok(()),
+            Some((id, why)) => {
+                let option = format!("--{}", id.replace('_', "-"));
+                Err(ExpectedError::bad_input(&format!("{option} {why}\n  next: leave {option} out")))
+            }
+        }
+    }
+}
+
+/// Refuses options of the common group of a bus that mean nothing on the bus that is named.
+///
+/// # Errors
+/// The option, and why.
+pub fn require_on_bus(matches: &ArgMatches) -> Result<(), ExpectedError> {
+    let mut matches = matches;
+    while let Some((_, verb)) = matches.subcommand() {
+        matches = verb;
+    }
+    // The group has this option, verbs with a bus of their own do not.
+    let (true, Ok(Some(bus))) =
+        (matches.try_contains_id("beside").is_ok(), matches.try_get_one::<BusSpec>("bus"))
+    else {
+        return Ok(());
+    };
+    let given = Given::from_arg_matches(matches).unwrap_or_default();
+    let deeds = match bus {
+        BusSpec::Sim => &[Deed::NotRsi][..],
+        BusSpec::Rsi(_) => &[Deed::LiveUndrawn],
+        _ => &[Deed::LiveUndrawn, Deed::NotRsi],
+    };
+    given.require_meaning(deeds)
+}
+
+impl FromArgMatches for Given {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        let written = |id: &&clap::Id| matches.value_source(id.as_str()) == Some(ValueSource::CommandLine);
+        // Groups are named as types are.
+        let option = |id: &&clap::Id| id.as_str().starts_with(|c: char| c.is_ascii_lowercase());
+        Ok(Self(matches.ids().filter(option).filter(written).map(ToString::to_string).collect()))
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
+}
+
+impl clap::Args for Given {
+    fn augment_args(command: Command) -> Command {
+        command
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        command
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::Cli;
+    use clap::CommandFactory;
+
+    #[test]
+    fn every_word_of_the_table_is_an_option_of_some_verb() {
+        fn ids(command: &Command, found: &mut Vec<String>) {
+            found.extend(command.get_arguments().map(|arg| arg.get_id().to_string()));
+            command.get_subcommands().for_each(|verb| ids(verb, found));
+        }
+        let mut known = Vec::new();
+        ids(&Cli::command(), &mut known);
+        for word in TABLE.iter().flat_map(|(_, ids, _)| ids.iter()).flat_map(|ids| ids.split_whitespace()) {
+            assert!(word == "!" || known.iter().any(|id| id == word), "{word}");
+        }
+    }
+}
