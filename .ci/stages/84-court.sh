@@ -20,7 +20,7 @@ throw() { # name, first port, court file, options of cubectl
         --duration-s 60 >"$name.court" 2>&1 </dev/null &
     court=$!
     wait_for $court says "$name.court" '"event":"real time"' || { cat "$name.court"; return 1; }
-    target/release/cubectl rally --json --court "$file" "${places[@]}" --tracker "127.0.0.1:$((first + 2))" "$@" \
+    target/release/cubectl rally --yes --json --court "$file" "${places[@]}" --tracker "127.0.0.1:$((first + 2))" "$@" \
         >"$name.told" 2>"$name.words" </dev/null || status=$?
     kill -INT $court
     wait $court || { cat "$name.court"; return 1; }
