@@ -167,16 +167,19 @@ struct Stop {
     wrong: Vec<String>,
 }
 
-fn throw_until(settings: &Settings, seed: u64) -> Option<(Lab, u64)> {
+/// From this long after its start, the throw may be at its end, µs.
+const THROW_US: u64 = 890_000;
+
+/// A throw, led to an instant that leaves at least `rest_us` of it.
+fn throw_until(settings: &Settings, seed: u64, rest_us: u64) -> Option<Lab> {
     let mut lab = Lab::new(settings, &perturbed(seed));
     let start = lab.try_start().ok()?;
-    // Anywhere in the throw.
-    let into_us = 10_000 + (seed * 543_661) % 880_000;
+    let into_us = 10_000 + (seed * 543_661) % (THROW_US - 10_000 - rest_us);
     let left = start.saturating_since(lab.world.now()).as_micros() + into_us;
     lab.run(left);
     assert_eq!(lab.kind(), StateKind::Running, "seed {seed}: {:?}", lab.controller().state());
     lab.watch.halt_at = None;
-    Some((lab, into_us))
+    Some(lab)
 }
 
 fn watch(mut lab: Lab, settings: &Settings, seed: u64, joint: usize) -> Stop {
@@ -287,15 +290,16 @@ fn latencies(seeds: u64) {
     let mut found = Vec::new();
     for (name, settings) in periods() {
         let period_ms = f64::from(settings.cycle_period_us) / 1e3;
-        let run = |event: &(dyn Fn(&mut Lab, usize) + Sync)| -> Vec<Stop> {
+        let run_before_end = |rest_us: u64, event: &(dyn Fn(&mut Lab, usize) + Sync)| -> Vec<Stop> {
             let stops = (0..seeds).into_par_iter().filter_map(|seed| {
-                let (mut lab, _) = throw_until(&settings, seed)?;
+                let mut lab = throw_until(&settings, seed, rest_us)?;
                 let joint = (seed % 6) as usize;
                 event(&mut lab, joint);
                 Some(watch(lab, &settings, seed, joint))
             });
             stops.collect()
         };
+        let run = |event: &(dyn Fn(&mut Lab, usize) + Sync)| run_before_end(0, event);
         let check = |stops: &[Stop], causes: &[Cause]| {
             assert!(stops.len() as u64 * 20 >= seeds * 19, "{name}: {} of {seeds} ran", stops.len());
             for stop in stops {
@@ -338,7 +342,9 @@ fn latencies(seeds: u64) {
         found.push((format!("{name} silent drive to group stop"), react));
         assert!(react.0 > deadline_ms && react.2 <= bound, "{react:?}");
 
-        let stops = run(&|lab, _| lab.heartbeat = false);
+        // A throw that ends before the time-out is not stopped.
+        let timeout_us = u64::from(settings.host_timeout_us + settings.cycle_period_us);
+        let stops = run_before_end(timeout_us, &|lab, _| lab.heartbeat = false);
         check(&stops, &[Cause::HostLost]);
         let react = spread(&stops, |stop| stop.react_us);
         let bound = f64::from(settings.host_timeout_us) / 1e3 + period_ms + 0.5;
