@@ -208,11 +208,16 @@ fn phrase(rng: &mut Rng, steps: &mut Vec<Step>) {
                 if rng.chance(0.09) {
                     steps.push((rng.within(0, 30) as u16, interruption(rng)));
                 }
-                // A stop takes an offer back, also where nothing moves.
-                if act == Act::Confirm && rng.chance(0.08) {
-                    steps.push((rng.within(5, 30) as u16, Act::StopMessage(who(rng))));
-                }
-                let pause = if act == Act::Confirm { rng.within(50, 250) } else { rng.within(5, 60) };
+                let pause = if act == Act::Confirm && rng.chance(0.15) {
+                    // A stop takes an offer back, also where nothing moves. The drives have shown that they are ready, and have
+                    // not yet shown that they are halted again.
+                    steps.push((rng.within(60, 250) as u16, Act::StopMessage(who(rng))));
+                    rng.within(0, 60)
+                } else if act == Act::Confirm {
+                    rng.within(50, 250)
+                } else {
+                    rng.within(5, 60)
+                };
                 steps.push((pause as u16, act));
             }
             if let Some(start_ms) = start_ms.filter(|_| rng.chance(0.3)) {
