@@ -411,6 +411,21 @@ fn stop_is_carried_out_although_it_cannot_be_answered() {
 }
 
 #[test]
+fn stop_of_a_program_that_began_anew_is_carried_out_and_other_repetitions_are_not() {
+    let mut core = ControllerCore::new(Instant::ZERO, node(SERVER));
+    let mut app = DemoApp::new();
+    for command in [COMMAND_REVERSE, cell_command::STOP] {
+        for _ in 0..2 {
+            let request = CommandRequest { command, parameter: b"" };
+            for frame in request_frames(command::SERVICE, 0, Priority::Nominal, &request) {
+                core.handle_frame(Instant::ZERO, &frame, &mut app);
+            }
+        }
+    }
+    assert_eq!(app.executed, [COMMAND_REVERSE, cell_command::STOP, cell_command::STOP]);
+}
+
+#[test]
 fn answers_nobody_can_use_any_more_are_dropped() {
     let mut core = ControllerCore::new(Instant::ZERO, node(SERVER));
     let mut app = DemoApp::new();

@@ -64,28 +64,36 @@ pub struct Port {
     pub extent: u16,
     /// Single frames are accepted without a session.
     pub idempotent: bool,
+    /// Single frames with the number of the last transfer are handed on, marked as repeated.
+    pub repeats: bool,
 }
 
 impl Port {
     /// Subscription to messages of at most `extent` bytes.
     pub const fn message(subject: SubjectId, extent: u16) -> Self {
-        Self { kind: PortKind::Message, id: subject.get(), extent, idempotent: false }
+        Self { kind: PortKind::Message, id: subject.get(), extent, idempotent: false, repeats: false }
     }
 
     /// Service that this node provides.
     pub const fn request(service: ServiceId, extent: u16) -> Self {
-        Self { kind: PortKind::Request, id: service.get(), extent, idempotent: false }
+        Self { kind: PortKind::Request, id: service.get(), extent, idempotent: false, repeats: false }
     }
 
     /// Service that this node uses.
     pub const fn response(service: ServiceId, extent: u16) -> Self {
-        Self { kind: PortKind::Response, id: service.get(), extent, idempotent: false }
+        Self { kind: PortKind::Response, id: service.get(), extent, idempotent: false, repeats: false }
     }
 
     /// Accepts each single frame at once and keeps no session; multi-frame transfers are refused.
     #[must_use]
     pub const fn idempotent(self) -> Self {
         Self { idempotent: true, ..self }
+    }
+
+    /// Hands on repeated single frames too, for a service with requests that a restarted sender must not wait for.
+    #[must_use]
+    pub const fn with_repeats(self) -> Self {
+        Self { repeats: true, ..self }
     }
 }
 
@@ -104,6 +112,8 @@ pub struct Transfer<'a> {
     pub payload: &'a [u8],
     /// Payload bytes that came from the bus, at most the extent.
     pub len: usize,
+    /// Same number as the transfer before it: a repetition, or the first one of a sender that has restarted.
+    pub repeated: bool,
 }
 
 /// Why a frame had no effect.
@@ -238,6 +248,7 @@ struct Incoming<'f> {
     extent: usize,
     /// Port kind, port number and source; `None` = taken without a session.
     key: Option<u32>,
+    repeats: bool,
 }
 
 /// Checks everything that needs no memory of earlier frames.
@@ -282,7 +293,8 @@ fn parse<'f>(local: Option<NodeId>, frame: &'f Frame, ports: &[&[Port]]) -> Resu
         }
     }
     let key = session.map(|source| (kind as u32) << 24 | u32::from(number) << 8 | u32::from(source.get()));
-    Ok(Incoming { priority, route, tail, payload, extent: usize::from(port.extent), key })
+    let (extent, repeats) = (usize::from(port.extent), port.repeats);
+    Ok(Incoming { priority, route, tail, payload, extent, key, repeats })
 }
 
 /// A finished payload: where it lies, its length, and when it began.
@@ -291,6 +303,7 @@ struct Done {
     buffer: Option<usize>,
     len: usize,
     at: Instant,
+    repeated: bool,
 }
 
 /// Receiver with `SESSIONS` sessions and `BUFFERS` reassembly buffers of `BYTES` bytes.
@@ -367,20 +380,25 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const BYTES: usize> Receiver<S
             transfer_id: incoming.tail.transfer_id,
             payload,
             len: done.len,
+            repeated: done.repeated,
         })
     }
 
     /// Applies the rules of sessions; `Ok(None)` while the transfer goes on.
     fn take(&mut self, now: Instant, frame: &Incoming<'_>) -> Result<Option<Done>, Dropped> {
+        let mut repeated = false;
         if let Some(key) = frame.key {
             let index = self.session(now, key, frame.tail.start)?;
             if !(frame.tail.start && frame.tail.end) {
                 return self.fragment(now, index, frame);
             }
-            self.whole(now, index, frame.tail.transfer_id)?;
+            repeated = match self.whole(now, index, frame.tail.transfer_id) {
+                Err(Dropped::DuplicateTransfer) if frame.repeats => true,
+                booked => booked.map(|()| false)?,
+            };
         }
         let len = copy(&mut self.scratch, 0, frame.extent, frame.payload);
-        Ok(Some(Done { buffer: None, len, at: now }))
+        Ok(Some(Done { buffer: None, len, at: now, repeated }))
     }
 
     /// Index of the session of `key`, forgetting what is too old; a start may open a session.
@@ -496,7 +514,7 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const BYTES: usize> Receiver<S
         }
         session.complete = Some(tail.transfer_id);
         // The first frame was full, so there are at least eight bytes, two of them the CRC.
-        Ok(Some(Done { buffer: Some(buffer), len: total.saturating_sub(2).min(extent), at }))
+        Ok(Some(Done { buffer: Some(buffer), len: total.saturating_sub(2).min(extent), at, repeated: false }))
     }
 
     /// Index of a buffer that no transfer needs; one that is stuck loses its own.

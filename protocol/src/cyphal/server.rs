@@ -35,7 +35,7 @@ pub const SERVICES: [Port; 7] = [
     Port::request(info::SERVICE, info::REQUEST_EXTENT),
     Port::request(register::ACCESS, register::ACCESS_REQUEST_EXTENT),
     Port::request(register::LIST, register::LIST_REQUEST_EXTENT),
-    Port::request(command::SERVICE, command::REQUEST_EXTENT),
+    Port::request(command::SERVICE, command::REQUEST_EXTENT).with_repeats(),
     Port::request(file::LIST, file::LIST_REQUEST_EXTENT),
     Port::request(file::READ, file::READ_REQUEST_EXTENT),
     Port::request(file::WRITE, file::WRITE_REQUEST_EXTENT),
@@ -299,7 +299,12 @@ impl<const SESSIONS: usize, const BUFFERS: usize, const RX: usize, const SLOTS: 
                     transfer_id: transfer.transfer_id,
                     deadline: now + RESPONSE_VALID,
                 };
-                if tx.room(meta.priority) == 0 && !is_urgent(service, transfer.payload, app) {
+                let urgent = is_urgent(service, transfer.payload, app);
+                // A stop of a program that began anew has the number of an older one.
+                if transfer.repeated && !urgent {
+                    return;
+                }
+                if tx.room(meta.priority) == 0 && !urgent {
                     self.unanswered = self.unanswered.saturating_add(1);
                     return;
                 }
