@@ -1,10 +1,10 @@
-# A throw and its catch in real time through the public doors: `hil-sim serve-court` plays two arms on two buses, ball and tracker,
-# `cubectl rally` throws and catches. The court is the witness: what is told must be what happened. The last run is with a
-# tracker that loses one frame in ten. At least two of three are caught. A machine that is held up may stop a throw or miss a ball
-# and must say so. Virtual machines of two cores are: they stand for 4 to 9 ms at a time (the kernel's clock of samples stands too),
-# and two drive answers in a row that are missed at a period of 5 ms stop an arm. The court tells its own lag, which the program under
-# test does not see: a throw during which the court was late by more than a period is made again, with another seed, at most three times.
-. .ci/timed.sh
+# Throws and their catches in real time through the public doors: `hil-sim serve-court` plays two arms on two buses, ball and
+# tracker, `cubectl rally` throws and catches. What is reported must be what happened; the simulated court is the judge. The last throw
+# is with a tracker that loses one frame in ten. How many are caught is tested in virtual time (host/operator/tests), not here.
+#
+# Each is tried once. A machine that stops for longer than a control period may stop an arm or miss a ball, and virtual machines of two
+# cores do. The court measures its own lag, which the program under test does not see: such a throw is counted as held up, and its
+# report is judged all the same. The stage fails if a report is not what happened, or if each throw was held up.
 . .ci/wait.sh
 cargo build --quiet --release --locked -p host -p hil-sim --bins
 out=target/court
@@ -24,7 +24,7 @@ throw() { # name, first port, court file, options of cubectl
         >"$name.told" 2>"$name.words" </dev/null || status=$?
     kill -INT $court
     wait $court || { cat "$name.court"; return 1; }
-    python3 - "$name" $status $not_repeated <<'PY' || return $?
+    python3 - "$name" $status <<'PY' || return $?
 import json, sys
 
 PERIOD_MS = 5
@@ -33,7 +33,7 @@ name, status = sys.argv[1], int(sys.argv[2])
 
 def wrong(what):
     print(what)
-    sys.exit(int(sys.argv[3]))
+    sys.exit(1)
 
 
 court = [json.loads(line) for line in open(name + ".court")][-1]
@@ -61,20 +61,12 @@ if told["thrown"] == "ended" and not court["released"]:
 print("caught" if caught else "held up" if held_up else "missed", file=open(name + ".caught", "w"))
 PY
 }
-until_judged() { # name, first port, court file, seed, options of cubectl
-    local name=$1 first=$2 file=$3 seed=$4
-    shift 4
-    for more in 0 10 20 30; do
-        throw "$name" "$first" "$file" --seed $((seed + more)) "$@" || return $?
-        grep -q 'held up' "$out/$name.caught" || return 0
-    done
-}
-all() {
-    local caught
-    until_judged knows 29556 hil-sim/src/court/two_arms.toml 1 || return $?
-    until_judged eyes 29560 hil-sim/src/court/two_arms.toml 2 --eyes-only || return $?
-    until_judged lossy 29564 "$out/lossy.toml" 3 --eyes-only || return $?
-    caught=$(cat "$out"/*.caught | grep -c caught || true)
-    [ "$caught" -ge 2 ] || { echo "only $caught of 3 balls caught"; return 1; }
-}
-timed all
+status=0
+throw knows 29556 hil-sim/src/court/two_arms.toml --seed 1 || status=1
+throw eyes 29560 hil-sim/src/court/two_arms.toml --seed 2 --eyes-only || status=1
+throw lossy 29564 "$out/lossy.toml" --seed 3 --eyes-only || status=1
+for word in caught missed 'held up'; do
+    echo "$(cat "$out"/*.caught | grep -c "$word" || true) $word"
+done
+grep -lqE 'caught|missed' "$out"/*.caught || { echo "no throw could be judged: the machine held up each of them"; status=1; }
+exit $status

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use std::time::Instant as WallTime;
 
 use cell_tests::page;
+use hil_sim::rng::Rng;
 use hil_sim::scenario::Scenario;
 use hil_sim::scenario::write::fault_lines;
 use host::trust::judge::Judge;
@@ -51,9 +52,12 @@ impl Matrix {
     }
 
     fn run(&self, entry: &Entry) -> (Verdict, ReportedOutcome) {
-        let start = self.start(entry.phase);
+        self.run_with(self.start(entry.phase), &[entry])
+    }
+
+    fn run_with(&self, start: &Start, entries: &[&Entry]) -> (Verdict, ReportedOutcome) {
         let mut scenario = start.scenario.clone();
-        scenario.faults.push(entry.fault.clone());
+        scenario.faults.extend(entries.iter().map(|entry| entry.fault.clone()));
         let run = self.bench.throw(&scenario);
         let judge = Judge { arm: &self.bench.arm, nominal: &start.nominal };
         (judge.judge(&scenario, &run), run.told)
@@ -184,6 +188,36 @@ fn run<'a>(matrix: &Matrix, entries: &'a [Entry]) -> (Vec<String>, BTreeMap<&'a 
 /// Every this many runs of the matrix.
 fn sample(all: Vec<Entry>, step: usize) -> Vec<Entry> {
     all.into_iter().step_by(step).collect()
+}
+
+/// The two faults of each seed: of phases that one throw passes, at any joint, lasting and short.
+fn pairs(matrix: &Matrix, seeds: std::ops::Range<u64>) -> Vec<String> {
+    let (unhomed, homed): (Vec<Entry>, Vec<Entry>) =
+        matrix.entries().into_iter().partition(|entry| entry.phase.needs_homing());
+    let judged = seeds.into_par_iter().map(|seed| {
+        let mut rng = Rng::stream(seed, "pair");
+        let (start, entries) =
+            if rng.chance(0.1) { (&matrix.unhomed, &unhomed) } else { (&matrix.homed, &homed) };
+        let [first, second] = std::array::from_fn(|_| &entries[rng.below(entries.len() as u64) as usize]);
+        let (verdict, _) = matrix.run_with(start, &[first, second]);
+        let faults = [first, second].map(|entry| fault_lines(&entry.fault).join(", ")).join(" and ");
+        (!verdict.ok()).then(|| format!("seed {seed}: {faults} | {:?}", verdict.findings))
+    });
+    judged.flatten().collect()
+}
+
+#[test]
+fn a_sample_of_pairs_of_faults_is_told_as_it_is_seen() {
+    let wrong = pairs(&Matrix::new(), 0..20);
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+#[ignore = "minutes: run by its CI stage"]
+fn two_thousand_pairs_of_faults_are_told_as_they_are_seen() {
+    let count = std::env::var("PAIRS").map_or(2_000, |text| text.parse().expect("PAIRS is a number"));
+    let wrong = pairs(&Matrix::new(), 0..count);
+    assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
 #[test]
