@@ -135,7 +135,7 @@ fn modules_that_a_controller_speaks_to_are_not_disturbed() {
         assert_eq!(code(&named), if verb == "scan" { 0 } else { 8 }, "{}", out(&named));
         assert!(err(&named).contains("module 7 is not heard"), "{}", err(&named));
     }
-    let output = cubectl(&["monitor", "--bus", &served.spec, "--for", "0.5", "--plain"]);
+    let output = cubectl(&["monitor", "--bus", &served.spec, "--for", "0.5"]);
     assert_eq!(code(&output), 0, "{}", err(&output));
     assert!(out(&output).contains("controller=10") && out(&output).contains("module=6"), "{}", out(&output));
     assert!(err(&output).contains("nothing is sent"), "{}", err(&output));

@@ -242,7 +242,7 @@ fn monitor_in_a_pipe_prints_one_line_per_module_and_period() {
     assert_eq!(code(&output), 0, "{}", err(&output));
     let text = out(&output);
     assert_eq!(text.lines().count(), 12, "{text}");
-    assert!(text.lines().all(|line| line.contains("position_rad=") && !line.contains('\x1b')));
+    assert!(text.lines().all(|line| line.contains(" q_rad=") && !line.contains('\x1b')));
 }
 
 #[test]

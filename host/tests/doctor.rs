@@ -106,7 +106,7 @@ fn beside_a_controller_the_doctor_tells_its_fault_and_the_modules_that_are_not_h
     let silent = "kind = \"silent\", target = \"module 3\", start_s = 1.0, length_s = 3.0";
     let served = Served::with_controller_and_faults(vec![fault_from_line(silent, 0).unwrap()]);
     let bus = ["--bus", &served.spec];
-    assert_eq!(code(&cubectl(&["monitor", "--plain", "--for", "2", bus[0], bus[1]])), 0);
+    assert_eq!(code(&cubectl(&["monitor", "--for", "2", bus[0], bus[1]])), 0);
     let ill = cubectl(&["doctor", bus[0], bus[1]]);
     let text = out(&ill);
     assert_eq!(code(&ill), 9, "{text}");
@@ -116,7 +116,7 @@ fn beside_a_controller_the_doctor_tells_its_fault_and_the_modules_that_are_not_h
     let clear = format!("`cubectl clear --bus {}`", served.spec);
     assert!(text.contains(&clear), "{text}");
     // With the plug in again, what is advised works.
-    assert_eq!(code(&cubectl(&["monitor", "--plain", "--for", "2", bus[0], bus[1]])), 0);
+    assert_eq!(code(&cubectl(&["monitor", "--for", "2", bus[0], bus[1]])), 0);
     let cleared = cubectl(&["clear", bus[0], bus[1]]);
     assert_eq!(code(&cleared), 0, "{}{}", out(&cleared), err(&cleared));
     let well = cubectl(&["doctor", bus[0], bus[1]]);

@@ -64,7 +64,7 @@ def main(cubectl, out):
     try:
         start("sim", "sim", "--bus", bus, "--controller")
         wait_for("the cell", lambda: subprocess.run([cubectl, "status", "--bus", bus], capture_output=True).returncode == 0)
-        words = ["monitor", "--bus", bus, "--web", "0", "--record", str(folder / "seen"), "--plain"]
+        words = ["monitor", "--bus", bus, "--web", "0", "--record", str(folder / "seen")]
         monitor, said = start("monitor", *words)
         url = wait_for("the live view", lambda: re.search(r"live view at (http://\S+/)", said()))[1]
         assert refused(url, Origin="http://evil.example") == 403

@@ -24,6 +24,8 @@ const LOAD_SPAN: Duration = Duration::from_millis(500);
 const LOAD_SPAN_MIN: Duration = Duration::from_millis(50);
 /// Events kept.
 const EVENTS_KEPT: usize = 200;
+/// What was not heard again for longer is shown as old. Controllers report ten times a second, and so often are modules asked.
+const OLD_AFTER: Duration = Duration::from_secs(1);
 
 /// Everything a page shows.
 #[derive(Clone, Debug, Serialize)]
@@ -40,8 +42,12 @@ pub struct Snapshot {
     pub bus_errors: u64,
     /// The controller as it told last.
     pub controller: Option<ControllerView>,
+    /// Age of the last frame, s; `None` before the first.
+    pub age_s: Option<f64>,
     /// The joints, in the order of the robot file.
     pub joints: Vec<JointView>,
+    /// Modules that are heard and are not in the robot file.
+    pub strangers: Vec<StrangerView>,
     /// The arm; `None` until every joint has told its angle.
     pub placed: Option<Placed>,
     /// What happened, oldest first.
@@ -53,10 +59,12 @@ pub struct Snapshot {
 pub struct ControllerView {
     /// Cyphal node-ID.
     pub node_id: u8,
-    /// State of the group.
+    /// State of the group; `not heard for N s` where the message is old.
     pub state: String,
     /// Age of the message, s.
     pub age_s: f64,
+    /// Nothing here need be so any more.
+    pub old: bool,
     /// The latched fault.
     pub fault: Option<FaultView>,
     /// Time of the plan, s.
@@ -93,20 +101,39 @@ pub struct FaultView {
 pub struct JointView {
     /// Name in the robot file.
     pub name: String,
+    /// Address of its module.
+    pub module: Option<u8>,
     /// Angle that the drive told last, rad.
     pub q_rad: Option<f64>,
     /// Age of the angle, s.
     pub age_s: Option<f64>,
+    /// Nothing here need be so any more.
+    pub old: bool,
     /// Speed, as the controller told last, rad/s.
     pub qd_rad_s: Option<f64>,
     /// Reference minus measurement, as the controller told last, rad.
     pub error_rad: Option<f64>,
     /// Motor current that the drive told last, A.
     pub current_a: Option<f64>,
-    /// State of the drive in words.
+    /// State of the drive in words; `not heard for N s` where it is old.
     pub state: String,
     /// The state word they were made of, if the drive told it.
     pub state_bits: Option<u32>,
+}
+
+/// A module that is not in the robot file, as last heard.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct StrangerView {
+    /// Address.
+    pub module: u8,
+    /// Angle that the drive told last, rad.
+    pub q_rad: Option<f64>,
+    /// Age of its last answer, s.
+    pub age_s: f64,
+    /// Motor current that the drive told last, A.
+    pub current_a: Option<f64>,
+    /// State of the drive in words; `not heard for N s` where it is old.
+    pub state: String,
 }
 
 /// Something that happened.
@@ -127,6 +154,8 @@ pub struct EventView {
 /// What a drive told last.
 #[derive(Clone, Debug, Default)]
 struct Drive {
+    /// Last answer.
+    heard: Instant,
     position: Option<(Instant, f64)>,
     current_a: Option<f64>,
     short_state: Option<ShortState>,
@@ -141,12 +170,15 @@ pub struct LiveState {
     now: Instant,
     /// When the first frame or time was told.
     began: Option<Instant>,
+    /// Last frame.
+    heard: Option<Instant>,
     frames: u64,
     bits: VecDeque<(Instant, u64)>,
     bit_rate_bit_s: u32,
     bus_errors: u64,
     group: Option<(Instant, u8, GroupState)>,
-    told: Vec<JointSample>,
+    /// What the controller tells of its joints, and when it did.
+    told: (Instant, Vec<JointSample>),
     drives: BTreeMap<u8, Drive>,
     events: VecDeque<EventView>,
     event_number: u64,
@@ -163,12 +195,13 @@ impl LiveState {
             watch: Watch::new(names),
             now: Instant::ZERO,
             began: None,
+            heard: None,
             frames: 0,
             bits: VecDeque::new(),
             bit_rate_bit_s,
             bus_errors: 0,
             group: None,
-            told: Vec::new(),
+            told: (Instant::ZERO, Vec::new()),
             drives: BTreeMap::new(),
             events: VecDeque::new(),
             event_number: 0,
@@ -194,11 +227,13 @@ impl LiveState {
     pub fn take(&mut self, at: Instant, frame: &Frame) {
         self.advance_to(at);
         self.frames += 1;
+        self.heard = Some(at);
         self.bits.push_back((at, frame_bits(frame)));
         let notes = self.watch.take(at, frame);
         match notes.fact {
             Some(Fact::Reply { module, reply }) => {
                 let drive = self.drives.entry(module.get()).or_default();
+                drive.heard = at;
                 if let Some((q_rad, short)) = position(&reply) {
                     drive.position = Some((at, q_rad));
                     drive.short_state = short.or(drive.short_state);
@@ -213,7 +248,7 @@ impl LiveState {
                 }
             }
             Some(Fact::Group { from, state, .. }) => self.group = Some((at, from.get(), state)),
-            Some(Fact::Joints { state, .. }) => self.told = state.joints().to_vec(),
+            Some(Fact::Joints { state, .. }) => self.told = (at, state.joints().to_vec()),
             _ => {}
         }
         for event in notes.events {
@@ -260,6 +295,8 @@ impl LiveState {
             frames: self.frames,
             load_percent: (100.0 * bits as f64 / available).min(100.0),
             bus_errors: self.bus_errors,
+            age_s: self.heard.map(|at| self.age(at).as_secs_f64()),
+            strangers: self.strangers(),
             controller: self.group.as_ref().map(|(at, node_id, group)| self.controller(*at, *node_id, group)),
             placed: q_rad.filter(|q_rad| !q_rad.is_empty()).map(|q_rad| self.machine.place(&q_rad)),
             joints,
@@ -267,12 +304,35 @@ impl LiveState {
         }
     }
 
+    fn age(&self, at: Instant) -> Duration {
+        self.now.saturating_since(at)
+    }
+
+    /// A state that was told at `at`: as it was, or that it is old.
+    fn state_now(&self, at: Instant, state: String) -> String {
+        let age = self.age(at);
+        if age > OLD_AFTER { format!("not heard for {:.0} s", age.as_secs_f64()) } else { state }
+    }
+
+    fn strangers(&self) -> Vec<StrangerView> {
+        let strangers = self.drives.iter().filter(|(address, _)| !self.machine.addresses.contains(address));
+        let view = |(module, drive): (&u8, &Drive)| StrangerView {
+            module: *module,
+            q_rad: drive.position.map(|(_, q_rad)| q_rad),
+            age_s: self.age(drive.heard).as_secs_f64(),
+            current_a: drive.current_a,
+            state: self.state_now(drive.heard, state_of(drive)),
+        };
+        strangers.map(view).collect()
+    }
+
     fn controller(&self, at: Instant, node_id: u8, group: &GroupState) -> ControllerView {
         let info = Cause::from_code(group.fault_cause).and_then(Cause::info);
         ControllerView {
             node_id,
-            state: group.state.to_string(),
-            age_s: self.now.saturating_since(at).as_secs_f64(),
+            state: self.state_now(at, group.state.to_string()),
+            age_s: self.age(at).as_secs_f64(),
+            old: self.age(at) > OLD_AFTER,
             fault: (group.fault_cause != 0).then(|| FaultView {
                 code: group.fault_cause,
                 joint: group.fault_joint,
@@ -290,21 +350,25 @@ impl LiveState {
     }
 
     fn joint(&self, j: usize) -> JointView {
-        let drive = self.machine.addresses.get(j).and_then(|address| self.drives.get(address));
-        let told = self.told.get(j);
-        let measured = drive.and_then(|drive| drive.position);
+        let module = self.machine.addresses.get(j).copied();
+        let drive = module.and_then(|address| self.drives.get(&address));
         // Beside drives whose answers nobody hears there is what the controller tells.
-        let q_rad = measured.map(|(_, q_rad)| q_rad).or_else(|| told.map(|told| f64::from(told.q_rad)));
+        let (told_at, told) = (self.told.0, self.told.1.get(j));
+        let measured = drive.and_then(|drive| drive.position);
+        let angle = measured.or_else(|| told.map(|told| (told_at, f64::from(told.q_rad))));
+        let heard = drive.map(|drive| drive.heard).or(told.map(|_| told_at));
         JointView {
             name: self.machine.joints.get(j).cloned().unwrap_or_default(),
-            q_rad,
-            age_s: measured.map(|(at, _)| self.now.saturating_since(at).as_secs_f64()),
+            module,
+            q_rad: angle.map(|(_, q_rad)| q_rad),
+            age_s: angle.map(|(at, _)| self.age(at).as_secs_f64()),
+            old: heard.is_some_and(|at| self.age(at) > OLD_AFTER),
             qd_rad_s: told.map(|told| f64::from(told.qd_rad_s)),
             error_rad: told.map(|told| f64::from(told.error_q_rad)),
             current_a: drive
                 .and_then(|drive| drive.current_a)
                 .or_else(|| told.map(|told| f64::from(told.current_a)).filter(|a| a.is_finite())),
-            state: drive.map_or_else(String::new, state_of),
+            state: drive.map_or_else(String::new, |drive| self.state_now(drive.heard, state_of(drive))),
             state_bits: drive.and_then(|drive| drive.state).map(CubeState::bits),
         }
     }
@@ -312,7 +376,7 @@ impl LiveState {
 
 /// A state word in words: first what is wrong, then what the drive does.
 #[must_use]
-pub fn in_words(state: CubeState) -> String {
+fn in_words(state: CubeState) -> String {
     let meaning = |bits: CubeState| {
         CubeState::BITS.iter().filter(move |info| bits.bits() >> info.bit & 1 != 0).map(|info| info.meaning)
     };
@@ -407,6 +471,28 @@ mod tests {
             );
         }
     }
+
+    #[test]
+    fn what_was_not_heard_for_a_second_is_shown_as_old() {
+        let robot = robot_model::AnyRobot::load("powercube6").unwrap();
+        let mut state = LiveState::new(Machine::of(&robot), Duration::ZERO, 1_000_000);
+        for module in [3, 9] {
+            let module = protocol::ModuleId::new(module).unwrap();
+            state.take(Instant::ZERO, &Reply::Value(Parameter::ActPos, Value::F32(0.25)).encode(module));
+        }
+        state.advance_to(Instant::from_micros(1_000_000));
+        let fresh = state.snapshot(0);
+        assert_eq!(
+            (fresh.joints[2].old, fresh.joints[2].q_rad, fresh.joints[2].module),
+            (false, Some(0.25), Some(3))
+        );
+        assert_eq!((fresh.strangers.len(), fresh.strangers[0].module, fresh.age_s), (1, 9, Some(1.0)));
+        state.advance_to(Instant::from_micros(4_000_000));
+        let old = state.snapshot(0);
+        assert_eq!((old.joints[2].old, old.joints[2].state.as_str()), (true, "not heard for 4 s"));
+        assert_eq!((old.joints[1].old, old.strangers[0].state.as_str()), (false, "not heard for 4 s"));
+    }
+
     #[test]
     fn the_load_is_told_as_it_is_from_the_beginning() {
         let robot = robot_model::AnyRobot::load("powercube6").unwrap();

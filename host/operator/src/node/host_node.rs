@@ -54,8 +54,6 @@ pub struct Tally {
     pub sent: u64,
     /// Frames from drives that are no valid answer.
     pub malformed: u64,
-    /// Data bits and frame overhead of all frames both ways, without stuff bits.
-    pub bits: u64,
 }
 
 #[derive(Clone, Debug)]
@@ -236,9 +234,7 @@ impl HostNode {
         self.now = self.now.max(now);
     }
 
-    fn count(&mut self, frame: &Frame) {
-        self.tally.bits += frame_bits(frame);
-    }
+    fn count(&mut self, frame: &Frame) {}
 
     fn note(&mut self, module: ModuleId, reply: &Reply) {
         let heard = self.heard.entry(module).or_default();
@@ -353,12 +349,6 @@ const fn tool_bit(node: NodeId) -> u16 {
 #[must_use]
 pub fn frame_bits(frame: &Frame) -> u64 {
     u64::from(frame.nominal_bits())
-}
-
-/// Share of the bus that `tally` used within `span` at `bit_rate_bit_s`, without stuff bits; 0..=1.
-pub fn utilisation(tally: Tally, span: Duration, bit_rate_bit_s: u32) -> f64 {
-    let available = span.as_secs_f64() * f64::from(bit_rate_bit_s);
-    if available > 0.0 { (tally.bits as f64 / available).min(1.0) } else { 0.0 }
 }
 
 #[cfg(test)]

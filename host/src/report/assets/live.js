@@ -130,12 +130,13 @@
 
   function draw() {
     const silent = performance.now() - heard > 1000 || !socket || socket.readyState !== WebSocket.OPEN;
-    el('link').textContent = silent ? (last ? 'not connected: what is shown is old' : 'connecting') : 'live';
-    el('link').className = 'pill ' + (silent ? 'warn' : 'good');
+    const quiet = last && last.age_s > 1 ? `nothing heard for ${fixed(last.age_s, 0)} s` : last && last.controller && last.controller.old ? 'the controller is not heard' : '';
+    el('link').textContent = silent ? (last ? 'not connected: what is shown is old' : 'connecting') : quiet || 'live';
+    el('link').className = 'pill ' + (silent || quiet ? 'warn' : 'good');
     if (last && dirty) {
       dirty = false;
       const c = last.controller, state = c ? c.state : 'no controller is heard';
-      tile('state', state, c ? {fault: 'bad', stopped: 'warn', stopping: 'warn', running: 'good', ready: 'good', armed: 'warn'}[state] : '');
+      tile('state', state, c && c.old ? 'bad' : c ? {fault: 'bad', stopped: 'warn', stopping: 'warn', running: 'good', ready: 'good', armed: 'warn'}[state] : '');
       tile('plan', c && c.plan_s > 0 ? `${fixed(c.plan_s, 2)} s` : '–');
       tile('counts', c ? `${c.cycles_saturated} / ${c.cycles_late} / ${c.replies_missed}` : '–');
       tile('period', c && c.period_us ? `${fixed(c.period_us / 1e3, 0)} ms` : '–');
@@ -147,6 +148,7 @@
         const row = el('joints').rows[i + 1] || el('joints').insertRow(-1);
         put(row, [j.name, fixed(j.q_rad, 4), fixed(j.qd_rad_s, 3), fixed(j.error_rad === null ? null : 1e3 * j.error_rad, 2), fixed(j.current_a, 2), fixed(j.age_s === null ? null : 1e3 * j.age_s, 0), j.state.replaceAll('|', ' ') || '–'], [0, 6]);
         row.cells[3].className = Math.abs(1e3 * j.error_rad) > live.bound_mrad ? 'bad' : '';
+        row.classList.toggle('old', j.old);
         row.dataset.tS = last.t_s;
       });
       charts.forEach(one => one.draw(last.t_s));
