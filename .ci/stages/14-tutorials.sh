@@ -1,11 +1,13 @@
 # Every command block of the pages below docs/ and of the boards' README, page by page, from the root. `cubectl` is the
 # program of the stage test.
 . .ci/debug-build.sh
+. .ci/pages.sh
 export PATH=$PWD/target/debug:$PATH
 work=$PWD/target/tutorials
 rm -rf "$work" && mkdir -p "$work"
 count=0
 for page in docs/*.md docs/*/*.md firmware/boards/*.md; do
+    [[ " ${pages_with_a_cell[*]} " != *" $page "* ]] || continue
     name=$(tr / - <<<"${page%.md}")
     awk -v stem="$work/$name" '
         /^```sh/ { n += 1; file = sprintf("%s-%02d.sh", stem, n); next }

@@ -68,5 +68,5 @@ moved() {
     "$cubectl" replay "$dir" | grep '^identical: '
 }
 timed moved
-# Where the ball lands over 200 seeds, in virtual time: six rows of docs/industrial-robot.md, each within its bounds.
+# Where the ball lands over 200 seeds, in virtual time: six rows of docs/measured/industrial-robot.md, each within its bounds.
 cargo run --quiet --release --locked -p operator --example rsi_landings -- 200 --check

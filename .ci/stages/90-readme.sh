@@ -1,4 +1,4 @@
-# Every command block of the README, in order; each is timed.
+# Every command block of the README and of the pages that need an arm, in order; each is timed.
 #   README_CLONE=1 .ci/run readme     in a fresh clone of what is committed, so that the build from clean is timed too
 #
 # The word after `sh` says what a block needs; what this machine lacks is replaced as follows, and by nothing else:
@@ -10,6 +10,7 @@
 # The block of all tests is what the stage test runs: it is run here only if that has not passed on this very tree.
 # A clone builds with nothing but cargo and a compiler; only the tests share compiled libraries with this tree.
 . .ci/tree-state.sh
+. .ci/pages.sh
 . .ci/wait.sh
 root=$PWD
 work=$root/target/readme
@@ -31,9 +32,9 @@ unset CARGO_TARGET_DIR
 awk -v dir="$work" '
     /^```sh/ { n += 1; kind = $2 == "" ? "plain" : $2; file = sprintf("%s/%02d-%s.sh", dir, n, kind); next }
     /^```$/ { file = "" }
-    file { print > file }' README.md
+    file { print > file }' "${pages_with_a_cell[@]}"
 blocks=("$work"/[0-9]*.sh)
-[ ${#blocks[@]} -ge 8 ] || { echo "only ${#blocks[@]} command blocks found in the README"; exit 1; }
+[ ${#blocks[@]} -ge 8 ] || { echo "only ${#blocks[@]} command blocks found"; exit 1; }
 grep -q -- '-- throw --target' "${blocks[0]}" || { echo "the first block is not the throw"; exit 1; }
 
 begun=$(seconds)
@@ -102,7 +103,7 @@ for block in "${blocks[@]}"; do
         fi
         here=(env CARGO_TARGET_DIR="$root/target")
     fi
-    run_block || { tail -n 60 "$work/$name.log"; echo "README block $name failed"; exit 1; }
+    run_block || { tail -n 60 "$work/$name.log"; echo "block $name failed"; exit 1; }
     told "$name: $(head -n 1 "$block" | cut -c1-34)" "$begun"
 done
 rm -rf throw1 throw-[0-9]* arm.registers.toml
