@@ -151,8 +151,12 @@ fn every_command_line_that_is_printed_can_be_given() {
                 .extend(wrong_lines(&cli, &text).into_iter().map(|why| format!("{}: {why}", file.display())));
         }
     }
-    let readme = std::fs::read_to_string(root.join("../README.md")).unwrap();
-    wrong.extend(wrong_lines(&cli, &readme).into_iter().map(|why| format!("README: {why}")));
+    let pages = std::fs::read_dir(root.join("../docs")).unwrap().map(|entry| entry.unwrap().path());
+    let pages = pages.filter(|page| page.extension().is_some_and(|kind| kind == "md"));
+    for page in pages.chain([root.join("../README.md")]) {
+        let text = std::fs::read_to_string(&page).unwrap();
+        wrong.extend(wrong_lines(&cli, &text).into_iter().map(|why| format!("{}: {why}", page.display())));
+    }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     // The scan finds what is there.
     assert!(seen > 60, "{seen}");
