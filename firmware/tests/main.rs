@@ -26,7 +26,6 @@ mod rsi_link_faults;
 mod rsi_orders;
 mod runner;
 mod samples;
-mod second_group;
 mod slow_moves;
 mod standing;
 mod start_time;

@@ -1,6 +1,6 @@
 //! Orders to the RSI group: what is refused, how it stops, homes and jogs, and when the gripper opens.
 
-use crate::bench::{HOST, joint};
+use crate::bench::{HA, HB, HOST, joint, throw_reference};
 use crate::rsi_group::{AXES, CUT_OUT_RAD_S2, Cell, PERIOD_US, UNDER_WAY};
 use firmware::fault::Cause;
 use firmware::group::DriveGroup;
@@ -84,6 +84,11 @@ fn stop_in_a_throw_brakes_all_axes_within_the_cut_out_and_ends_when_they_stand()
             cell.step();
         }
         assert!(away(&cell.robot.q, &told) < 2e-3, "{}", away(&cell.robot.q, &told));
+        let beside = (0..=2_000)
+            .map(|k| f64::from(k) * (HA + HB) / 2_000.0)
+            .map(|t| away(&cell.robot.q, &std::array::from_fn(|i| throw_reference(i, t).0)))
+            .fold(f64::INFINITY, f64::min);
+        assert!(beside < 1e-3, "{beside} rad beside the path");
         assert_eq!(cell.robot.open, None, "the ball is kept");
     }
 }
