@@ -25,7 +25,6 @@ cyphal_transfers 700 5000 400
 candump 2500 345000 80
 slcan 1000 30000 160
 socketcand 1000 15000 160
-bits 1500 15000 13
 controller 100 2000 2000
 rsi_telegram 500 10000 1200
 rsi_config 200 4000 4000

@@ -8,9 +8,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use can_link::{BusSpec, CanLink, Clock, LinkEvent, open, wait};
-use hil_sim::bus::encode::frame_bits;
 use hil_sim::realtime::{Door, Realtime};
 use hil_sim::scenario::Scenario;
+use protocol::bits::length;
 use protocol::{Duration, Frame, Instant, StandardId};
 
 const DRIVES: u16 = 6;
@@ -38,7 +38,7 @@ fn main() {
     over.store(true, Ordering::Relaxed);
     let (late, lost) = server.join().expect("the server ends");
     let (request, answer) = (request(1), Frame::from_array(id(0x0A1), [0x0A, 0x62, 1, 2, 3, 4, 5, 6]));
-    let bits = frame_bits(&request) + frame_bits(&answer) + 3;
+    let bits = length(&request).with_interframe_space() + length(&answer).frame();
     println!("of one request: {bits} bits on the bus, 100 to 300 processing; the rest is the machine's");
     println!("frames leave late by: {late}; {lost} lost");
 }

@@ -11,13 +11,13 @@ use std::collections::VecDeque;
 use std::hint::black_box;
 use std::time::Instant as WallClock;
 
-use hil_sim::bus::{Bus, BusConfig, QuietWire, encode};
+use hil_sim::bus::{Bus, BusConfig, QuietWire};
 use hil_sim::participants::Solo;
 use hil_sim::record::CandumpLog;
 use hil_sim::scenario::Scenario;
 use hil_sim::world::World;
 use protocol::text::BusName;
-use protocol::{Duration, Frame, Instant, Node, StandardId};
+use protocol::{Duration, Frame, Instant, Node, StandardId, bits};
 
 const JOINTS: u16 = 6;
 const CYCLE: Duration = Duration::from_micros(2_900);
@@ -175,22 +175,13 @@ fn main() {
     let encode_ns = 1e3
         * median_s(|| {
             for _ in 0..1_000_000 {
-                black_box(encode::frame_bits(black_box(&sample)));
+                black_box(bits::length(black_box(&sample)).frame());
             }
         });
     let bus_ns = 1e4
         * median_s(|| {
             let Ok(mut bus) = Bus::new(BusConfig::default(), 7) else { unreachable!("default bus") };
             for at in 0..100_000_u64 {
-                bus.send(3, sample, at * 200_000);
-                while bus.run_until((at + 1) * 200_000, &mut QuietWire).is_some() {}
-            }
-        });
-    let bitwise_ns = 1e6
-        * median_s(|| {
-            let config = BusConfig { bit_by_bit: true, ..BusConfig::default() };
-            let Ok(mut bus) = Bus::new(config, 7) else { unreachable!("default bus") };
-            for at in 0..1_000_u64 {
                 bus.send(3, sample, at * 200_000);
                 while bus.run_until((at + 1) * 200_000, &mut QuietWire).is_some() {}
             }
@@ -214,8 +205,4 @@ fn main() {
         100.0 * (1.0 - per_frame_ns / cell_ns)
     );
     println!("of which bus alone         {bus_ns:>8.0} ns per frame, {encode_ns:.0} ns of it counting bits");
-    println!(
-        "bit-by-bit gear            {bitwise_ns:>8.0} ns per frame, {:.0} x the frame gear",
-        bitwise_ns / bus_ns
-    );
 }

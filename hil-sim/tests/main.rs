@@ -1,6 +1,7 @@
 //! The tests of this package as one program: it is linked once.
 
 mod bus;
+mod bus_errors;
 mod checkers;
 mod cli;
 mod common;
@@ -10,7 +11,6 @@ mod drive_life;
 mod drive_motions;
 mod drive_rig;
 mod drive_states;
-mod fault_confinement;
 mod krc_exchange;
 mod krc_faults;
 mod krc_motion;

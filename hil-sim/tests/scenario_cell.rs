@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
+use crate::common::frame_bits;
 use hil_sim::CellOptions;
-use hil_sim::bus::encode::frame_bits;
 use hil_sim::drive::options::{Persistence, UnknownRequest};
 use hil_sim::scenario::{Action, Scenario, parse_frame};
 use hil_sim::world::Observer;

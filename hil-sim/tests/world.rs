@@ -1,8 +1,7 @@
 //! Virtual time: order of events, delivery, faults on the wire, contract breaches, determinism.
 
 use crate::common::nodes::{Beacon, Fountain, Responder, Stuck, TwoAtOnce};
-use crate::common::standard;
-use hil_sim::bus::encode::frame_bits;
+use crate::common::{frame_bits, standard};
 use hil_sim::bus::{BusConfig, Confinement};
 use hil_sim::fault::{Fault, FaultKind, IdFilter, Target, WireFault, WrongPart};
 use hil_sim::participants::Solo;

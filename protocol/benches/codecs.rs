@@ -7,7 +7,7 @@
 use std::hint::black_box;
 use std::time::{Duration, Instant as Clock};
 
-use protocol::bits::{self, Bits};
+use protocol::bits;
 use protocol::cyphal::bits::{Encode, Writer};
 use protocol::cyphal::id::{NodeId, Priority, Route, SubjectId, TransferId};
 use protocol::cyphal::rx::{Port, Receiver};
@@ -108,9 +108,6 @@ fn main() {
     });
     bench("CRC alone", &frames, |frame| {
         black_box(bits::crc(frame));
-    });
-    bench("walk through every bit", &frames, |frame| {
-        black_box(Bits::new(frame).count());
     });
 
     println!("\nPowerCube, the frames of a control cycle of six modules");

@@ -10,8 +10,7 @@
 //! counts as the first of the next five; so does the last bit of the CRC. A remote frame has no data
 //! whatever its DLC says. The interframe space belongs to no frame and is counted on its own.
 //!
-//! [`length`] is the fast way (two table lookups per byte), [`Bits`] walks through every bit with its
-//! field, for models of arbitration and errors.
+//! [`length`] takes two table lookups per byte.
 //!
 //! Source: ISO 11898-1 (Bosch CAN 2.0 part B, sections 3.1 and 5). Bounds: R. I. Davis, A. Burns, R. J.
 //! Bril, J. J. Lukkien, "Controller Area Network (CAN) schedulability analysis: Refuted, revisited and
@@ -114,125 +113,6 @@ pub fn crc(frame: &Frame) -> u16 {
         crc = crc_step(crc, *byte);
     }
     crc
-}
-
-/// Bits from SOF to the end of the arbitration field (RTR), stuff bits included: where a lost
-/// arbitration is known at the latest.
-pub fn arbitration_length(frame: &Frame) -> u32 {
-    Bits::new(frame).take_while(|bit| matches!(bit.field, Field::StartOfFrame | Field::Arbitration)).count()
-        as u32
-}
-
-/// Part of a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Field {
-    /// SOF, one dominant bit.
-    StartOfFrame,
-    /// Identifier and RTR; in the extended format also SRR and IDE.
-    Arbitration,
-    /// IDE and r0 (base) or r1 and r0 (extended), DLC.
-    Control,
-    /// Data bytes.
-    Data,
-    /// CRC sequence.
-    Crc,
-    /// CRC delimiter, recessive.
-    CrcDelimiter,
-    /// ACK slot: the transmitter sends recessive, every receiver that agrees sends dominant.
-    AckSlot,
-    /// ACK delimiter, recessive.
-    AckDelimiter,
-    /// Seven recessive bits.
-    EndOfFrame,
-}
-
-/// One bit on the wire, as its transmitter sends it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Bit {
-    /// True for recessive (logical 1), false for dominant (logical 0).
-    pub recessive: bool,
-    /// True for an inserted bit.
-    pub stuff: bool,
-    /// Where it belongs; an inserted bit belongs to the field of the bit before it.
-    pub field: Field,
-}
-
-/// Walks through a frame bit by bit, SOF to end of frame, stuff bits included.
-#[derive(Clone, Debug)]
-pub struct Bits {
-    /// What is still to be sent up to the CRC, left aligned; recessive bits follow.
-    rest: u128,
-    /// Unstuffed bits sent so far.
-    sent: u32,
-    /// Unstuffed bits up to the end of each field, SOF to CRC.
-    ends: [(u32, Field); 5],
-    /// Equal bits in a row, up to the last one sent.
-    run: u8,
-    last: Option<Bit>,
-}
-
-impl Bits {
-    /// At the SOF of `frame`.
-    pub fn new(frame: &Frame) -> Self {
-        let sequence = Sequence::of(frame);
-        // The fixed form is recessive.
-        let fixed_form = u128::MAX >> sequence.len;
-        let header = if frame.is_extended() { EXTENDED_HEADER } else { BASE_HEADER };
-        Self {
-            rest: sequence.bits << (u128::BITS - sequence.len) | fixed_form,
-            sent: 0,
-            ends: [
-                (1, Field::StartOfFrame),
-                (header - 6, Field::Arbitration),
-                (header, Field::Control),
-                (sequence.len - CRC_LEN, Field::Data),
-                (sequence.len, Field::Crc),
-            ],
-            run: 0,
-            last: None,
-        }
-    }
-
-    fn crc_end(&self) -> u32 {
-        self.ends.last().map_or(0, |(end, _)| *end)
-    }
-
-    fn field(&self) -> Option<Field> {
-        if let Some((_, field)) = self.ends.iter().find(|(end, _)| self.sent < *end) {
-            return Some(*field);
-        }
-        match self.sent - self.crc_end() {
-            0 => Some(Field::CrcDelimiter),
-            1 => Some(Field::AckSlot),
-            2 => Some(Field::AckDelimiter),
-            3..10 => Some(Field::EndOfFrame),
-            _ => None,
-        }
-    }
-}
-
-impl Iterator for Bits {
-    type Item = Bit;
-
-    fn next(&mut self) -> Option<Bit> {
-        if self.run == STUFF_AFTER && self.sent <= self.crc_end() {
-            let stuff = self.last.map(|last| Bit { recessive: !last.recessive, stuff: true, ..last });
-            self.run = 1;
-            self.last = stuff;
-            return stuff;
-        }
-        let field = self.field()?;
-        let recessive = self.rest >> (u128::BITS - 1) == 1;
-        self.rest = self.rest << 1 | 1;
-        self.sent += 1;
-        let bit = Bit { recessive, stuff: false, field };
-        self.run = match self.last {
-            Some(last) if last.recessive == recessive => self.run.saturating_add(1).min(STUFF_AFTER + 1),
-            _ => 1,
-        };
-        self.last = Some(bit);
-        Some(bit)
-    }
 }
 
 /// SOF to DLC, base format.

@@ -33,8 +33,6 @@ pub struct BusConfig {
     pub tx_order: TxOrder,
     /// What ends bus-off.
     pub recovery: Recovery,
-    /// Never change to the frame-by-frame gear. Slower, same events; for cross-checks.
-    pub bit_by_bit: bool,
 }
 
 impl Default for BusConfig {
@@ -44,7 +42,6 @@ impl Default for BusConfig {
             queue_depth: 32,
             tx_order: TxOrder::Fifo,
             recovery: Recovery::Automatic,
-            bit_by_bit: false,
         }
     }
 }

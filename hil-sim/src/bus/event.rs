@@ -4,13 +4,11 @@ use protocol::Frame;
 
 use super::stats::ErrorKind;
 
-/// Levels read wrongly during one frame.
+/// A bit of one frame that is read wrongly.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Disturbance {
-    /// First wrong bit, counted from start of frame (0), stuff bits included.
-    pub first_bit: u32,
-    /// Number of wrong bits in a row.
-    pub bits: u32,
+    /// Counted from start of frame (0), stuff bits included.
+    pub bit: u32,
     /// Ports that read the inverted level; all ones: everybody, the sender too.
     pub seen_by: u64,
 }
@@ -38,7 +36,7 @@ pub enum BusEvent {
     Frame {
         /// When, nanoseconds.
         at_ns: u64,
-        /// Port of the transmitter; `None` if it was disconnected in the last bits.
+        /// Port of the transmitter, the lowest if several sent the same frame; `None` if it was disconnected.
         from: Option<usize>,
         frame: Frame,
         /// Ports that accepted it.

@@ -1,7 +1,7 @@
-//! The bus itself: arbitration, the two gears, events in order of time.
+//! The bus itself: its stages, what its owner asks and orders, events in order of time.
 
-mod bit_gear;
-mod frame_gear;
+mod attempt;
+mod errors;
 
 use std::collections::VecDeque;
 
@@ -13,7 +13,8 @@ use super::counters::Confinement;
 use super::event::{BusEvent, Wire};
 use super::queue::TxQueue;
 use super::stats::{IdTable, PortStats};
-use bit_gear::BitGear;
+use attempt::Attempt;
+use errors::Held;
 
 /// Most nodes on one bus: ports are sets of bits in a `u64`.
 pub const PORTS_MAX: usize = 64;
@@ -26,35 +27,23 @@ struct Port {
     queue: TxQueue,
     controller: Controller,
     stats: PortStats,
-    /// Frame-by-frame gear: not before this time, because error-passive.
+    /// Not before this time, because error-passive.
     suspend_until_ns: u64,
-    /// Frame-by-frame gear: the count of recessive bits in the controller is valid at this time.
+    /// The count of recessive bits in the controller is valid at this time.
     waiting_since_ns: u64,
     /// Place in the queue of the frame being sent.
     sending: usize,
 }
 
-/// Frame under way in the frame-by-frame gear.
 #[derive(Clone, Copy, Debug)]
-struct InFlight {
-    from: usize,
-    frame: Frame,
-    start_ns: u64,
-    bits: u32,
-    /// Nodes that lost the arbitration for it.
-    losers: u64,
-    /// Receivers have been told.
-    delivered: bool,
-}
-
-#[derive(Clone, Copy, Debug)]
-enum Gear {
+enum Stage {
     /// Nothing on the bus; the intermission is over at `ready_ns`.
     Quiet {
         ready_ns: u64,
     },
-    Frame(InFlight),
-    Bits(BitGear),
+    Attempt(Attempt),
+    /// The line is held dominant.
+    Held(Held),
 }
 
 /// A classical CAN bus with its controllers and queues. See [`super`] for the model.
@@ -69,7 +58,7 @@ pub struct Bus {
     bit_ns: u64,
     config: BusConfig,
     ports: Vec<Port>,
-    gear: Gear,
+    stage: Stage,
     now_ns: u64,
     held_dominant: bool,
     /// Ports with frames waiting, ports that follow the bus, ports on their way back.
@@ -119,7 +108,7 @@ impl Bus {
             bit_ns: u64::from(1_000_000_000 / rate),
             config,
             ports: vec![port; ports],
-            gear: Gear::Quiet { ready_ns: 0 },
+            stage: Stage::Quiet { ready_ns: 0 },
             now_ns: 0,
             held_dominant: false,
             pending: 0,
@@ -195,18 +184,20 @@ impl Bus {
     /// A time up to which [`Bus::run_until`] has nothing to tell but errors, unless something is sent; `None` while
     /// nothing is under way. For runners that sleep in between: one awakening per frame.
     pub fn quiet_until_ns(&self) -> Option<u64> {
-        match self.gear {
-            Gear::Frame(flight) => {
-                let end_ns = flight.start_ns + u64::from(flight.bits) * self.bit_ns;
-                if !flight.delivered {
+        match self.stage {
+            Stage::Attempt(attempt) => {
+                if let Some(failure) = attempt.failure {
+                    return Some(attempt.at_bit_ns(failure.flag_bit, self.bit_ns));
+                }
+                let end_ns = attempt.at_bit_ns(attempt.bits, self.bit_ns);
+                if !attempt.delivered {
                     return Some(end_ns - self.bit_ns);
                 }
                 let next = (self.pending & self.online != 0).then(|| end_ns + FRAME_BITS_MIN * self.bit_ns);
                 next.or_else(|| (self.waiting != 0).then_some(end_ns))
             }
-            // Error frames last at least this long; looking more often would only cost time.
-            Gear::Bits(gear) => Some(gear.next_ns + 20 * self.bit_ns),
-            Gear::Quiet { ready_ns } => {
+            Stage::Held(held) => Some(held.next_count_ns(self.bit_ns)),
+            Stage::Quiet { ready_ns } => {
                 let starts =
                     indices(self.pending & self.online).map(|port| self.ready_to_send_ns(port, ready_ns));
                 let joins = (self.waiting != 0).then(|| self.next_join().0);
@@ -220,7 +211,7 @@ impl Bus {
         &self.ids
     }
 
-    /// Time during which the bus was taken: frames with their intermission, error and overload frames.
+    /// Time during which the bus was taken: frames with their intermission, and error frames.
     pub fn busy_ns(&self) -> u64 {
         self.busy_ns
     }
@@ -253,7 +244,7 @@ impl Bus {
             self.begin_waiting(port, now_ns);
             return;
         }
-        self.leave_frame_gear_without(port, now_ns);
+        self.leave_attempt(port, now_ns);
         let node = &mut self.ports[port];
         node.controller.detach();
         node.stats.flushed += node.queue.clear() as u64;
@@ -267,8 +258,7 @@ impl Bus {
         if !self.is_online(port) {
             return;
         }
-        self.leave_frame_gear_without(port, now_ns);
-        self.ports[port].controller.force_bus_off();
+        self.leave_attempt(port, now_ns);
         self.went_off(port, now_ns);
     }
 
@@ -292,6 +282,7 @@ impl Bus {
     }
 
     fn went_off(&mut self, port: usize, at_ns: u64) {
+        self.ports[port].controller.enter_bus_off();
         self.online &= !(1 << port);
         self.ports[port].stats.became_bus_off += 1;
         self.begin_waiting(port, at_ns);
@@ -309,10 +300,10 @@ impl Bus {
             if let Some(event) = self.out.pop_front() {
                 return Some(event);
             }
-            let go_on = match self.gear {
-                Gear::Quiet { ready_ns } => self.run_quiet(ready_ns, limit_ns, wire),
-                Gear::Frame(flight) => self.run_frame(flight, limit_ns),
-                Gear::Bits(_) => self.run_bits(limit_ns, wire),
+            let go_on = match self.stage {
+                Stage::Quiet { ready_ns } => self.run_quiet(ready_ns, limit_ns, wire),
+                Stage::Attempt(attempt) => self.run_attempt(attempt, limit_ns),
+                Stage::Held(held) => self.run_held(held, limit_ns),
             };
             if !go_on && self.out.is_empty() {
                 self.now_ns = self.now_ns.max(limit_ns);

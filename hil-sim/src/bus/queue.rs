@@ -22,8 +22,6 @@ pub struct Waiting {
     pub key: u32,
     /// When it was queued, nanoseconds.
     pub since_ns: u64,
-    /// When it was first put on the wire; `None` before.
-    pub first_start_ns: Option<u64>,
     /// Attempts that ended in an error so far.
     pub failed: u32,
 }
@@ -57,7 +55,7 @@ impl TxQueue {
             return false;
         }
         let key = frame.arbitration_key();
-        self.frames.push_back(Waiting { frame, key, since_ns: now_ns, first_start_ns: None, failed: 0 });
+        self.frames.push_back(Waiting { frame, key, since_ns: now_ns, failed: 0 });
         self.peak = self.peak.max(self.frames.len());
         true
     }

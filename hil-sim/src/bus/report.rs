@@ -16,7 +16,7 @@ pub struct BusReport {
     pub bit_rate_bit_s: u32,
     /// Time covered, seconds.
     pub elapsed_s: f64,
-    /// Share of time taken by frames (with intermission), error and overload frames, 0 to 1.
+    /// Share of time taken by frames (with intermission) and error frames, 0 to 1.
     pub utilisation: f64,
     /// Share of time lost to errors, 0 to 1.
     pub error_share: f64,
@@ -78,8 +78,6 @@ pub struct NodeRow {
     pub arbitrations_lost: u64,
     /// Error flags it began.
     pub errors: ErrorCounts,
-    /// Overload flags it began.
-    pub overloads: u64,
     /// Times it became error-passive.
     pub became_passive: u64,
     /// Times it went bus-off.
@@ -128,7 +126,6 @@ impl BusReport {
                     retransmissions: stats.failed_attempts,
                     arbitrations_lost: stats.arbitrations_lost,
                     errors: stats.errors,
-                    overloads: stats.overloads,
                     became_passive: stats.became_passive,
                     became_bus_off: stats.became_bus_off,
                 }

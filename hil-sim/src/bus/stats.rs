@@ -11,8 +11,6 @@ pub enum ErrorKind {
     Bit,
     /// Six equal bits in the stuffed part.
     Stuff,
-    /// A recessive stuff bit of the own arbitration field was overwritten (rule 3, exception 2).
-    StuffInArbitration,
     /// Checksum does not match.
     Crc,
     /// Dominant bit where the form demands recessive.
@@ -24,7 +22,6 @@ pub enum ErrorKind {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct ErrorCounts {
     pub bit: u64,
-    /// Stuff errors, those in the own arbitration field included.
     pub stuff: u64,
     /// Checksum errors.
     pub crc: u64,
@@ -38,7 +35,7 @@ impl ErrorCounts {
     pub fn add(&mut self, kind: ErrorKind) {
         match kind {
             ErrorKind::Bit => self.bit += 1,
-            ErrorKind::Stuff | ErrorKind::StuffInArbitration => self.stuff += 1,
+            ErrorKind::Stuff => self.stuff += 1,
             ErrorKind::Crc => self.crc += 1,
             ErrorKind::Form => self.form += 1,
             ErrorKind::Ack => self.ack += 1,
@@ -106,8 +103,6 @@ pub struct PortStats {
     pub arbitrations_lost: u64,
     /// Error flags this node began, by cause.
     pub errors: ErrorCounts,
-    /// Overload flags this node began.
-    pub overloads: u64,
     /// Times it became error-passive.
     pub became_passive: u64,
     /// Times it went bus-off.

@@ -455,16 +455,16 @@ impl Wire for Engine {
             match wire {
                 WireFault::Corrupt if entry.hit() => {
                     // The start of frame itself is left alone: a dominant bit missed by all is no frame.
-                    let first_bit = 1 + entry.rng.below(u64::from(bits) - 1) as u32;
+                    let bit = 1 + entry.rng.below(u64::from(bits) - 1) as u32;
                     let seen_by = match (entry.fault.target, entry.port) {
                         (Target::Module(_), Some(port)) => 1 << port,
                         (Target::Module(_), None) => 0,
                         _ => u64::MAX,
                     };
-                    disturbance = Some(Disturbance { first_bit, bits: 1, seen_by });
+                    disturbance = Some(Disturbance { bit, seen_by });
                 }
                 WireFault::Duplicate if entry.concerns(from) && entry.hit() => {
-                    disturbance = Some(Disturbance { first_bit: bits - 1, bits: 1, seen_by: 1 << from });
+                    disturbance = Some(Disturbance { bit: bits - 1, seen_by: 1 << from });
                 }
                 _ => {}
             }

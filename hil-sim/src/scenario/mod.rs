@@ -189,7 +189,6 @@ fn bus(table: &Section<'_>) -> Result<BusConfig, ScenarioError> {
         queue_depth: table.or("queue_depth", d.queue_depth, |v| Ok(v.integer(1..=65_536)? as usize))?,
         tx_order: table.or("tx_order", d.tx_order, |v| v.word(&ORDER))?,
         recovery: table.or("recovery", d.recovery, |v| v.word(&RECOVERY))?,
-        bit_by_bit: table.or("bit_by_bit", d.bit_by_bit, Value::boolean)?,
     };
     table.finish()?;
     Ok(config)

@@ -24,12 +24,12 @@ pub(crate) struct Script {
 }
 
 impl Script {
-    pub(crate) fn once(first_bit: u32, bits: u32, seen_by: u64) -> Self {
-        Self { attempts: vec![(0, Disturbance { first_bit, bits, seen_by })], ..Self::default() }
+    pub(crate) fn once(bit: u32, seen_by: u64) -> Self {
+        Self { attempts: vec![(0, Disturbance { bit, seen_by })], ..Self::default() }
     }
 
-    pub(crate) fn always(first_bit: u32, bits: u32, seen_by: u64) -> Self {
-        Self { always: Some(Disturbance { first_bit, bits, seen_by }), ..Self::default() }
+    pub(crate) fn always(bit: u32, seen_by: u64) -> Self {
+        Self { always: Some(Disturbance { bit, seen_by }), ..Self::default() }
     }
 }
 
@@ -39,6 +39,11 @@ impl Wire for Script {
         self.seen += 1;
         self.attempts.iter().find(|(at, _)| *at == attempt).map(|(_, d)| *d).or(self.always)
     }
+}
+
+/// Bits of a frame, start of frame to end of frame.
+pub(crate) fn frame_bits(frame: &Frame) -> u32 {
+    protocol::bits::length(frame).frame()
 }
 
 /// A bus of 1 Mbit/s: one bit is one microsecond.

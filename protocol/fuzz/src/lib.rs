@@ -43,37 +43,3 @@ impl<'a> Input<'a> {
         frame.expect("at most eight bytes")
     }
 }
-
-/// CRC and stuff bits of a frame by the words of the standard, one bit after the other.
-pub fn crc_and_stuff_bits(frame: &Frame) -> (u16, u32) {
-    let mut bits = vec![false];
-    let mut push = |value: u32, len: u32| bits.extend((0..len).rev().map(|place| value >> place & 1 == 1));
-    let raw = frame.id().raw();
-    if frame.is_extended() {
-        push(raw >> 18, 11);
-        push(0b11, 2);
-        push(raw & 0x3_FFFF, 18);
-    } else {
-        push(raw, 11);
-    }
-    push(u32::from(frame.is_remote()), 1);
-    push(0, 2);
-    push(frame.dlc() as u32, 4);
-    frame.data().iter().for_each(|byte| push(u32::from(*byte), 8));
-    let crc = bits.iter().fold(0_u16, |crc, bit| {
-        let feedback = bit ^ (crc & 0x4000 != 0);
-        (crc << 1 & 0x7FFF) ^ if feedback { 0x4599 } else { 0 }
-    });
-    bits.extend((0..15).rev().map(|place| crc >> place & 1 == 1));
-    let (mut last, mut run, mut stuff) = (true, 0, 0);
-    for bit in bits {
-        run = if bit == last { run + 1 } else { 1 };
-        last = bit;
-        if run == 5 {
-            stuff += 1;
-            last = !bit;
-            run = 1;
-        }
-    }
-    (crc, stuff)
-}
