@@ -12,9 +12,7 @@ mod cycle;
 mod gains_change;
 mod halts;
 mod lab;
-mod refusals;
 mod residual;
-mod swarm;
 
 use cell_tests::published_throw::{self, HA_S, HB_S, reference};
 use firmware::settings::Settings;
