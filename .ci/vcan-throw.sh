@@ -30,4 +30,19 @@ cat /tmp/throw/summary.json
 echo "--- cell.json"
 tail -n 1 /tmp/sim.log
 echo "--- end"
+# An interface that goes down ends the cell with the command that helps.
+hil-sim serve --bus vcan0 --json --duration-s 60 </dev/null >/tmp/down.log 2>/tmp/down.txt &
+server=$!
+for look in 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20; do
+    if grep -q '"serving"' /tmp/down.log; then break; fi
+    sleep 1
+done
+ip link set vcan0 down
+down=0
+wait $server || down=$?
+if [ $down -ne 5 ] || ! grep -q "sudo ip link set vcan0 up" /tmp/down.txt; then
+    cat /tmp/down.txt
+    echo "hil-sim ended with $down where its interface went down"
+    exit 1
+fi
 exit $code

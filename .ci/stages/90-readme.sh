@@ -5,7 +5,7 @@
 #   hardware-robot  an industrial robot that connects: a simulated one in lock step
 #   hardware    an arm on can0: the simulated cell in lock step (virtual time), whose name replaces `can0`
 #   vcan        kernel modules and root: `ip` and `modprobe` are said, not run, and `vcan0` is that port as well
-#               (the stages vcan, sim-vcan and throw run on a kernel that has them)
+#               (the stages vcan and throw run on a kernel that has them)
 #   background  runs until the blocks are done
 # The block of all tests is what the stage test runs: it is run here only if that has not passed on this very tree.
 # A clone builds with nothing but cargo and a compiler; only the tests share compiled libraries with this tree.
