@@ -28,7 +28,6 @@ pub enum BusConnection {
 ///   that time. What it computes may depend on the times of the *events* only, not on how often it was called.
 /// * Nodes reach each other through frames only; what they share physically is in `advance`.
 pub trait Participants {
-    /// Number of nodes.
     fn len(&self) -> usize;
 
     /// True without any node.
@@ -138,7 +137,6 @@ pub struct Solo<N> {
 }
 
 impl<N: Node> Solo<N> {
-    /// Names a node.
     pub fn new(name: impl Into<String>, node: N) -> Self {
         Self { name: name.into(), node }
     }

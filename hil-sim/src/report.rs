@@ -39,15 +39,12 @@ pub struct RunReport {
 pub struct DriveRow {
     /// Wire address.
     pub module: u8,
-    /// Module type.
     pub kind: String,
-    /// Requests processed.
     pub processed: u64,
     /// Requests lost because its queue was full.
     pub overflowed: u64,
     /// Frames it did not understand.
     pub not_understood: u64,
-    /// Emergency stops.
     pub stops: u64,
     /// True position, rad.
     pub q_rad: f64,
@@ -67,7 +64,6 @@ pub struct ThrowRow {
 }
 
 impl DriveRow {
-    /// All drives of a cell.
     pub fn of(cell: &Cell) -> Vec<Self> {
         let rows = cell.drives().iter().enumerate();
         rows.map(|(index, drive)| {

@@ -32,12 +32,10 @@ impl Trace {
         }
     }
 
-    /// Number of joints.
     pub fn joints(&self) -> usize {
         self.joints
     }
 
-    /// Number of samples.
     pub fn len(&self) -> usize {
         self.samples.len().checked_div(self.joints).unwrap_or(0)
     }

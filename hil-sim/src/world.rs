@@ -33,7 +33,6 @@ pub enum BuildError {
     /// More nodes than a bus has ports.
     #[error("{nodes} nodes (babbling ones included) on one bus, at most {max}")]
     TooManyNodes {
-        /// Nodes asked for.
         nodes: usize,
         /// Ports of a bus.
         max: usize,
@@ -43,7 +42,6 @@ pub enum BuildError {
     NoSuchModule {
         /// Label of the fault.
         label: String,
-        /// The missing address.
         module: protocol::ModuleId,
     },
     /// A fault names a place that is not there.
@@ -257,7 +255,6 @@ impl<C: Participants> World<C> {
 
     // Getters.
 
-    /// Time reached.
     pub fn now(&self) -> Instant {
         self.now
     }

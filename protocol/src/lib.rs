@@ -5,7 +5,7 @@
 //! | layer | modules | is | must not |
 //! |---|---|---|---|
 //! | ground | [`id`], [`frame`], [`time`], [`units`], [`module`] | checked values: CAN ids, classical CAN frames, integer microseconds, physical units, wire address apart from joint number | know any higher protocol |
-//! | wire | [`bits`] | length, CRC and stuffing of a frame on the wire, bit by bit | know who sends it or when |
+//! | wire | [`bits`] | exact length and CRC of a frame on the wire, longest and shortest length of its kind | know who sends it or when |
 //! | drives | [`powercube`] | the M5 protocol of the modules, both directions, its tables and its DBC file | keep state between frames |
 //! | text | [`text`] | frames as lines for tools of the field: candump logs, SLCAN, socketcand | touch a socket, a file or a clock |
 //! | contract | [`node`] | what a participant of the bus is: frames and times in, frames and deadlines out | do IO, read a clock, sleep |

@@ -2,7 +2,6 @@
 
 use super::queue::TxOrder;
 
-/// What ends bus-off.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Recovery {
     /// The controller counts 128 sequences of eleven recessive bits at once.
@@ -18,7 +17,6 @@ pub enum Recovery {
     "{bit_rate_bit_s} bit/s: a bit must last a whole number of nanoseconds, from 1 us (1 Mbit/s) to 100 us"
 )]
 pub struct BitRateError {
-    /// The refused rate.
     pub bit_rate_bit_s: u32,
 }
 
@@ -31,7 +29,6 @@ pub struct BusConfig {
     pub queue_depth: usize,
     /// Order in which each node offers them.
     pub tx_order: TxOrder,
-    /// What ends bus-off.
     pub recovery: Recovery,
 }
 

@@ -7,7 +7,6 @@ const SUSPEND_BITS: u64 = 8;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Presence {
-    /// Not connected.
     Detached,
     /// Bus-off without permission to recover.
     HeldOff,

@@ -134,7 +134,6 @@ impl Bus {
         self.config.bit_rate_bit_s
     }
 
-    /// Number of nodes.
     pub fn ports(&self) -> usize {
         self.ports.len()
     }
@@ -206,7 +205,6 @@ impl Bus {
         }
     }
 
-    /// Figures per id.
     pub fn ids(&self) -> &IdTable {
         &self.ids
     }

@@ -18,7 +18,6 @@ pub enum TxOrder {
 #[derive(Clone, Copy, Debug)]
 pub struct Waiting {
     pub frame: Frame,
-    /// Its arbitration key.
     pub key: u32,
     /// When it was queued, nanoseconds.
     pub since_ns: u64,

@@ -22,7 +22,6 @@ pub struct BusReport {
     pub error_share: f64,
     /// Rows by bus priority.
     pub ids: Vec<IdRow>,
-    /// Rows by port.
     pub nodes: Vec<NodeRow>,
 }
 
@@ -31,7 +30,6 @@ pub struct BusReport {
 pub struct IdRow {
     /// As in candump: three or eight hexadecimal digits.
     pub id: String,
-    /// Frames transmitted.
     pub frames: u64,
     /// Share of the elapsed time.
     pub utilisation: f64,
@@ -59,13 +57,9 @@ pub struct NodeRow {
     pub tec: u16,
     /// Receive error counter at the end.
     pub rec: u16,
-    /// Its largest value.
     pub tec_peak: u16,
-    /// Its largest value.
     pub rec_peak: u16,
-    /// Frames transmitted.
     pub sent: u64,
-    /// Frames received.
     pub received: u64,
     /// Frames that found the transmit queue full.
     pub dropped: u64,

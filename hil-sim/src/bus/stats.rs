@@ -51,7 +51,6 @@ impl ErrorCounts {
 /// Figures of one identifier.
 #[derive(Clone, Copy, Debug)]
 pub struct IdStats {
-    /// The identifier.
     pub id: Id,
     /// Frames that were transmitted.
     pub frames: u64,
@@ -62,7 +61,6 @@ pub struct IdStats {
     pub arbitrations_lost: u64,
     /// Sum over frames of the time from queueing to the start of the successful attempt.
     pub wait_sum_ns: u64,
-    /// Largest such time.
     pub wait_max_ns: u64,
     /// Largest time from queueing to the end of the frame: the response time of the literature.
     pub response_max_ns: u64,
@@ -94,7 +92,6 @@ impl IdStats {
 /// Figures of one node.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PortStats {
-    /// Frames transmitted.
     pub sent: u64,
     /// Frames received (accepted by the controller).
     pub received: u64,

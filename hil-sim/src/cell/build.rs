@@ -22,7 +22,6 @@ pub struct CellOptions {
     pub mechanics: MechanicsOptions,
     /// The same for all supplies.
     pub supply: SupplyOptions,
-    /// Release and flight.
     pub gripper: GripperOptions,
     /// The ball leaves between fingers that open, as `[fingers]` of the robot file says, instead of at one instant.
     pub finger_release: bool,
@@ -86,7 +85,6 @@ pub enum CellError {
     /// The start pose has another number of joints, or is no number.
     #[error("the start pose has {found} usable angles, the robot {expected} joints")]
     StartPose {
-        /// Finite angles given.
         found: usize,
         /// Joints of the robot.
         expected: usize,

@@ -65,7 +65,6 @@ impl Cell {
         self.drives.get_mut(index)
     }
 
-    /// The mechanics.
     pub fn plant(&self) -> &dyn Plant {
         &*self.plant
     }

@@ -11,12 +11,10 @@ use crate::mechanics::{Flight, Gripper, HandPoint, Landing, Plant, Touch};
 /// From this time after the release on, the ball is tested against hand and arm: it starts between the fingers.
 const TOUCH_FROM_S: f64 = 0.020;
 
-/// Where the ball is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum BallState {
     /// Between the fingers, at this point of the hand.
     InHand(HandPoint),
-    /// In the air.
     Flying(HandPoint),
     /// On the plane.
     Landed(Landing),

@@ -11,7 +11,6 @@ pub const CHECKS: [(&str, Check); 5] = [
     ("traffic", Check::Traffic),
 ];
 
-/// One of the checkers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Check {

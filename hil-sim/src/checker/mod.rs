@@ -33,7 +33,6 @@ const KEPT_MAX: usize = 100;
 /// An invariant that did not hold.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Violation {
-    /// Which checker.
     pub check: Check,
     /// When, microseconds.
     pub at_us: u64,
@@ -66,7 +65,6 @@ impl Findings {
         Self { check, kept: Vec::new(), count: 0 }
     }
 
-    /// Adds a violation.
     pub fn add(&mut self, at: Instant, module: Option<ModuleId>, what: impl FnOnce() -> String) {
         self.count += 1;
         if self.kept.len() < KEPT_MAX {
@@ -76,7 +74,6 @@ impl Findings {
     }
 }
 
-/// One invariant.
 pub trait Checker: fmt::Debug + Send {
     /// Takes a frame of the bus.
     fn on_frame(&mut self, at: Instant, frame: &Frame, findings: &mut Findings);
@@ -97,9 +94,7 @@ pub struct Checkers {
 /// What one checker found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CheckResult {
-    /// Which checker.
     pub check: Check,
-    /// Number of violations.
     pub violations: u64,
     /// True if the scenario says that it must break.
     pub expected_to_trip: bool,

@@ -56,7 +56,6 @@ pub struct ArmPlace<const N: usize> {
 pub struct CupOptions {
     /// From the end-effector frame to the middle of the mouth, m.
     pub mouth_from_ee_m: f64,
-    /// Dimensions.
     pub shape: Cup,
     /// Boxes of the robot file that are not there because the cup is.
     pub replaces: Vec<String>,
@@ -85,7 +84,6 @@ pub struct CourtOptions<const N: usize> {
     pub seed: u64,
 }
 
-/// Where the ball is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum BallPlace {
     /// Gripped by an arm, fixed in its end-effector frame.
@@ -117,11 +115,7 @@ pub enum CourtEvent {
     /// The ball crossed the mouth plane of the arm's cup.
     Crossed { arm: usize, crossing: Crossing },
     /// The ball hit the arm's cup, at this speed along the normal, m/s.
-    HitCup {
-        arm: usize,
-        /// Approach speed.
-        speed_m_s: f64,
-    },
+    HitCup { arm: usize, speed_m_s: f64 },
     /// The ball hit a part of the arm that is not its cup.
     HitLink {
         arm: usize,
@@ -141,9 +135,7 @@ pub enum CourtEvent {
 /// Position and speed of an arm's joints, rad and rad/s.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointsNow<const N: usize> {
-    /// Angles.
     pub q: JointVec<N>,
-    /// Speeds.
     pub qd: JointVec<N>,
 }
 
@@ -233,7 +225,6 @@ impl<const N: usize> Court<N> {
         }
     }
 
-    /// Where the ball is.
     pub fn place(&self) -> &BallPlace {
         &self.place
     }

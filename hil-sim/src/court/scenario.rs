@@ -12,7 +12,6 @@ use crate::tracker::scenario::{TrackerScenarioError, tracker, tracker_fault};
 
 /// Version of these files that this program reads.
 pub const SCHEMA_VERSION: i64 = 1;
-/// The built-in court.
 pub const TWO_ARMS: &str = include_str!("two_arms.toml");
 
 /// A file was refused: where, and why.

@@ -98,10 +98,7 @@ pub enum StateFrames {
     #[default]
     Never,
     /// When the state word differs from the one sent last, looked at in this interval (at least 100 µs).
-    OnChange {
-        /// Interval.
-        every: Duration,
-    },
+    OnChange { every: Duration },
     /// In a fixed interval while the config bit SYNC_TRANSMIT is set (firmware 36xx; a guess at its meaning).
     SyncTransmit {
         /// Interval (at least 100 µs).
@@ -207,9 +204,7 @@ impl Default for DriveOptions {
 pub struct Nameplate {
     /// Address on the bus.
     pub address: ModuleId,
-    /// Module type.
     pub module: String,
-    /// Serial number.
     pub serial: u32,
     /// Firmware version word, e.g. 0x4614.
     pub firmware: u16,

@@ -33,11 +33,9 @@ impl Setpoint {
 /// Part of a ramp, as the state word shows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RampPhase {
-    /// The speed grows.
     Accelerating,
     /// The speed is constant and not zero.
     Steady,
-    /// The speed falls.
     Decelerating,
     /// Standing at the target.
     Ended,

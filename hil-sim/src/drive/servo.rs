@@ -21,7 +21,6 @@ pub(super) fn default_gains(_plate: &Nameplate) -> (i16, i16, i16) {
     (C0_DEFAULT, DAMP_DEFAULT, A0_DEFAULT)
 }
 
-/// Gains in effect.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Servo {
     /// N·m/rad.

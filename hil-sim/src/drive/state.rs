@@ -66,7 +66,6 @@ pub struct DriveCounters {
     pub overflowed: u64,
     /// Frames to this module that were not understood.
     pub not_understood: u64,
-    /// Emergency stops.
     pub stops: u64,
 }
 
@@ -79,7 +78,6 @@ pub(super) struct Snapshot {
     pub(super) state: CubeState,
 }
 
-/// Faults that last.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Afflictions {
     pub(super) frozen: Option<Snapshot>,

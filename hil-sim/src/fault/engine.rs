@@ -17,11 +17,7 @@ const DWELL_MIN: Duration = Duration::from_micros(10);
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Action {
     /// Connect or disconnect a port.
-    Attach {
-        port: usize,
-        /// Connect?
-        attached: bool,
-    },
+    Attach { port: usize, attached: bool },
     /// Put a port into bus-off.
     BusOff { port: usize },
     /// Hold the line dominant, or let go.
@@ -37,11 +33,8 @@ pub enum Action {
 /// What becomes of a frame at one receiver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Delivery {
-    /// Handed over.
     Now,
-    /// Handed over later.
     Later(Duration),
-    /// Lost.
     Never,
 }
 
@@ -57,7 +50,6 @@ struct Entry {
     next: Option<Instant>,
     /// When the present occurrence began.
     since: Instant,
-    /// When it ends.
     until: Option<Instant>,
     /// Contact of an intermittent plug.
     contact: bool,
@@ -68,9 +60,7 @@ struct Entry {
 /// How often a fault happened, for the report.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct FaultCount {
-    /// Label of the fault.
     pub label: String,
-    /// Times it started.
     pub occurrences: u64,
     /// Frames it acted on.
     pub frames: u64,

@@ -11,7 +11,6 @@ use super::physical::{PhysicalFault, Place};
 pub enum Target {
     /// The line: every node.
     Bus,
-    /// One drive.
     Module(ModuleId),
     /// One supply, counted from 0.
     Supply(u8),
@@ -54,7 +53,6 @@ pub enum WrongPart {
     Value,
     /// The parameter or motion byte: the answer to another request.
     Parameter,
-    /// The command byte.
     Command,
     /// The length: one byte short.
     Length,
@@ -89,7 +87,6 @@ pub enum WireFault {
     StuckDominant,
     /// A further node sends this frame again and again.
     Babble {
-        /// What it sends.
         frame: Frame,
         /// How often it queues one.
         period: Duration,
@@ -105,7 +102,6 @@ pub enum FaultKind {
     Physical(Place, PhysicalFault),
 }
 
-/// One planned fault.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fault {
     /// Names its random stream and its lines in logs; unique in a plan.

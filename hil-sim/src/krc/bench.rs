@@ -11,7 +11,6 @@ use super::link::{DatagramLink, Direction};
 pub struct Reply {
     /// How long the client took.
     pub after: Duration,
-    /// What it sends.
     pub bytes: Vec<u8>,
 }
 
@@ -94,7 +93,6 @@ impl RobotFaults {
 #[derive(Debug)]
 pub struct Bench<C> {
     pub krc: Krc,
-    /// The network.
     pub link: DatagramLink,
     pub client: C,
     /// Everything that happened, in order.
@@ -117,7 +115,6 @@ impl<C: Client> Bench<C> {
         }
     }
 
-    /// The present time.
     pub fn now(&self) -> Instant {
         self.now
     }

@@ -218,7 +218,6 @@ impl Krc {
         self.refuse(now, Refused::Torn { bytes });
     }
 
-    /// The next deadline.
     pub fn poll_timeout(&self) -> Option<Instant> {
         let window = self.exchange.as_ref().and_then(|exchange| exchange.window_ends);
         match (window, self.next_cycle) {
@@ -288,12 +287,10 @@ impl Krc {
         self.hand.landing(&self.model)
     }
 
-    /// The configuration file.
     pub fn config(&self) -> &Config {
         &self.config
     }
 
-    /// The parameters.
     pub fn options(&self) -> &KrcOptions {
         &self.options
     }

@@ -23,7 +23,6 @@ impl Correction {
         Self { options, start_deg, start_pose: tool(model, &start_deg), offset: [0.0; 6] }
     }
 
-    /// The start pose.
     pub fn start_deg(&self) -> [f64; 6] {
         self.start_deg
     }

@@ -10,10 +10,7 @@ use crate::mechanics::HandPoint;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FaultCause {
     /// More late answers than allowed.
-    LateLimit {
-        /// The counter.
-        late: u64,
-    },
+    LateLimit { late: u64 },
     /// More late answers in percent than allowed.
     LatePercent,
     /// The offset from the start pose is larger than the overall limit.
@@ -27,28 +24,24 @@ pub enum FaultCause {
     AxisRange {
         /// Axis, from 0.
         axis: usize,
-        /// Set point.
         q_deg: f64,
     },
     /// A set point is too fast.
     Velocity {
         /// Axis, from 0.
         axis: usize,
-        /// Velocity.
         deg_s: f64,
     },
     /// A set point accelerates too much.
     Acceleration {
         /// Axis, from 0.
         axis: usize,
-        /// Acceleration.
         deg_s2: f64,
     },
     /// The acceleration of a set point changes too fast.
     Jerk {
         /// Axis, from 0.
         axis: usize,
-        /// Jerk.
         deg_s3: f64,
     },
     /// No axis position reaches the corrected pose.
@@ -160,12 +153,16 @@ pub struct CycleRecord {
 
 #[derive(Clone, Debug, PartialEq)]
 pub enum KrcEvent {
-    /// The exchange begins.
-    Started { at: Instant },
+    Started {
+        at: Instant,
+    },
     /// A telegram was sent.
     Cycle(CycleRecord),
     /// An answer does not count.
-    Refused { at: Instant, why: Refused },
+    Refused {
+        at: Instant,
+        why: Refused,
+    },
     /// No answer came in the window.
     Late {
         /// End of the window.
@@ -174,15 +171,26 @@ pub enum KrcEvent {
         total: u64,
     },
     /// The share of late answers is above its limit.
-    LateWarning { at: Instant },
+    LateWarning {
+        at: Instant,
+    },
     /// Text for the pendant.
-    Text { at: Instant, text: String },
-    /// The robot stops.
-    Fault { at: Instant, cause: FaultCause },
+    Text {
+        at: Instant,
+        text: String,
+    },
+    Fault {
+        at: Instant,
+        cause: FaultCause,
+    },
     /// The client ended the sensor motion, or the program was stopped.
-    Stopped { at: Instant },
+    Stopped {
+        at: Instant,
+    },
     /// The set points stand still after a stop or fault.
-    Standing { at: Instant },
+    Standing {
+        at: Instant,
+    },
     /// The ball left the hand.
     Released {
         at: Instant,

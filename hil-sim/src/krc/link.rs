@@ -10,20 +10,16 @@ const MAX_UNDER_WAY: usize = 1024;
 /// Which way a telegram goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Direction {
-    /// From the controller.
     ToClient,
-    /// From the client.
     ToRobot,
 }
 
 /// What happens to a telegram.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LinkFaultKind {
-    /// It never arrives.
     Lost,
     /// It arrives later by this much.
     Late(Duration),
-    /// It arrives twice.
     Doubled,
     /// It arrives after the next one of its direction.
     Reordered,
@@ -36,9 +32,7 @@ pub enum LinkFaultKind {
 /// A fault of the network.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinkFault {
-    /// What happens.
     pub kind: LinkFaultKind,
-    /// To which telegrams.
     pub direction: Direction,
     /// From this time on.
     pub from: Instant,
@@ -98,7 +92,6 @@ impl DatagramLink {
         }
     }
 
-    /// Takes a telegram.
     pub fn send(&mut self, now: Instant, direction: Direction, mut bytes: Vec<u8>) {
         let jitter = self.jitter.within(0, self.options.jitter.as_micros());
         let mut delay = self.options.delay + Duration::from_micros(jitter);

@@ -28,10 +28,8 @@ impl Space {
     }
 }
 
-/// How corrections act.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CorrectionOptions {
-    /// What is corrected.
     pub space: Space,
     /// `false`: a value is the offset from the start pose. `true`: a value is added in every cycle.
     pub relative: bool,
@@ -82,9 +80,7 @@ pub struct CutOut {
     pub velocity_deg_s: Option<[f64; 6]>,
     /// Acceleration and jerk are differences over this time: one cycle of a KR C2, three of a KR C4.
     pub base: Duration,
-    /// Largest acceleration.
     pub acceleration_deg_s2: [f64; 6],
-    /// Largest jerk.
     pub jerk_deg_s3: [f64; 6],
     /// Deceleration of the fastest axis after a fault or stop; the others slow down with it.
     pub braking_deg_s2: f64,
@@ -99,7 +95,6 @@ pub struct HandOptions {
     pub gripper: GripperOptions,
 }
 
-/// All parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KrcOptions {
     /// Generation of the interface.
@@ -118,15 +113,12 @@ pub struct KrcOptions {
     pub strict_type: bool,
     /// Start pose of the first program run, degrees.
     pub start_deg: [f64; 6],
-    /// How corrections act.
     pub correction: CorrectionOptions,
-    /// Late answers.
     pub late: LateOptions,
     /// Lag of the axes.
     pub lag: LagOptions,
     /// Limits of the drives.
     pub cut_out: CutOut,
-    /// Gripper and ball.
     pub hand: HandOptions,
     /// Scalar of the configuration file that sets outputs.
     pub outputs_name: String,

@@ -60,7 +60,6 @@ pub struct KrcScenario {
     pub file: String,
     /// Built-in name or path of the robot file.
     pub robot: String,
-    /// The configuration file.
     pub config: Config,
     pub config_text: String,
     /// Parameters of the controller.
@@ -225,7 +224,6 @@ impl KrcScenario {
         Krc::new(model, self.config.clone(), self.options.clone(), self.seed)
     }
 
-    /// The network.
     pub fn link(&self) -> DatagramLink {
         DatagramLink::new(self.network, &self.link_faults, self.seed)
     }

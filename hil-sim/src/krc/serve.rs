@@ -38,7 +38,6 @@ pub enum Mode {
     LockStep,
 }
 
-/// How to serve.
 #[derive(Clone, Copy, Debug)]
 pub struct ServeOptions {
     /// Address of the client.
@@ -77,7 +76,6 @@ pub enum ServeError {
     },
 }
 
-/// How it went.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Served {
     /// Telegrams with axis positions or IPOC only.
@@ -92,7 +90,6 @@ pub struct Served {
     pub held_up: u64,
     /// Events that are not in the log because too many came at once: a client that floods the robot.
     pub events_lost: u64,
-    /// The last fault.
     pub fault: Option<FaultCause>,
 }
 

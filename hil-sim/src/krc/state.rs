@@ -3,11 +3,9 @@
 /// Where the controller is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum State {
-    /// No program runs.
     Off,
     /// The program runs and waits for its connection.
     Open,
-    /// Telegrams are exchanged.
     Run,
     /// Stopped by a fault; only a new start leaves it.
     Fault,

@@ -17,7 +17,6 @@ const DT_MAX_S: f64 = 0.01;
 /// What the joints move.
 #[derive(Clone, Debug)]
 pub enum Body<const N: usize> {
-    /// Serial arm.
     Arm(Box<RobotModel<N>>),
     /// One wheel of this inertia (kg·m²) per joint: no coupling, no gravity.
     Wheels(JointVec<N>),

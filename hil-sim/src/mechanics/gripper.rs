@@ -41,7 +41,6 @@ impl Default for GripperOptions {
     }
 }
 
-/// Where the fingers are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Fingers {
     Closed,
@@ -111,7 +110,6 @@ impl Gripper {
         }
     }
 
-    /// Fingers are open.
     pub fn is_open(&self) -> bool {
         matches!(self.fingers, Fingers::Open { .. })
     }
@@ -136,7 +134,6 @@ impl Gripper {
         self.late = by;
     }
 
-    /// Timing.
     pub fn options(&self) -> &GripperOptions {
         &self.options
     }

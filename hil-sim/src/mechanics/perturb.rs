@@ -21,7 +21,6 @@ pub struct Scatter {
     pub delay_share: f64,
     /// Error of each joint's zero position after homing, rad.
     pub home_rad: f64,
-    /// Delay of the gripper.
     pub gripper_delay: Duration,
 }
 

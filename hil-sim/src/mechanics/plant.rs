@@ -19,7 +19,6 @@ pub struct AxisInput {
     pub torque_nm: f64,
     /// Largest torque, N·m; zero with the power stage off.
     pub torque_max_nm: f64,
-    /// Brake closed.
     pub brake: bool,
 }
 
@@ -95,7 +94,6 @@ pub struct PlantFault {
 /// * Nothing here knows the bus or wall time; equal calls give equal bits.
 /// * After a [`PlantFault`] all numbers stay finite and the state stays as it was.
 pub trait Plant {
-    /// Number of axes.
     fn axes(&self) -> usize;
 
     /// Moves on by `dt_s` (0 to 10 ms); `inputs` has [`Plant::axes`] entries.

@@ -4,7 +4,6 @@ use protocol::{Frame, Instant};
 
 use crate::world::Observer;
 
-/// One good frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TraceEntry {
     /// When nodes saw it.
@@ -28,7 +27,6 @@ impl Trace {
         Self { entries: Vec::new(), capacity, left_out: 0 }
     }
 
-    /// The frames.
     pub fn entries(&self) -> &[TraceEntry] {
         &self.entries
     }

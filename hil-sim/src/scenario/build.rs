@@ -17,20 +17,10 @@ pub enum BuildError {
     Robot(#[from] robot_model::LoadError),
     /// The robot makes no cell.
     #[error("{file}: {error}")]
-    Cell {
-        /// The scenario.
-        file: String,
-        /// What is wrong.
-        error: CellError,
-    },
+    Cell { file: String, error: CellError },
     /// The bus cannot carry it.
     #[error("{file}: {error}")]
-    World {
-        /// The scenario.
-        file: String,
-        /// What is wrong.
-        error: world::BuildError,
-    },
+    World { file: String, error: world::BuildError },
 }
 
 /// Six drives and the nodes that talk to them.

@@ -12,7 +12,6 @@ const MAX_S: f64 = 1e6;
 /// A babbling node cannot be asked for more than one frame per this.
 const BABBLE_PERIOD_MIN_S: f64 = 20e-6;
 
-/// Kinds by name.
 const KINDS: [(&str, Kind); 19] = [
     ("drop", Kind::Drop),
     ("delay", Kind::Delay),

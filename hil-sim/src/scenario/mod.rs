@@ -102,7 +102,6 @@ pub struct Scenario {
     /// What a scripted host sends.
     pub actions: Vec<Action>,
     pub faults: Vec<Fault>,
-    /// What must hold.
     pub expect: Expect,
 }
 

@@ -36,16 +36,19 @@ impl BodyMotion {
 pub struct BodyOptions {
     /// Number, from 0.
     pub id: u32,
-    /// How it moves.
     pub motion: BodyMotion,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum TrackerFaultKind {
     /// The body is not seen at all.
-    Lost { body: u32 },
+    Lost {
+        body: u32,
+    },
     /// The body is seen and not recognised: its spheres are listed as single markers.
-    Unrecognised { body: u32 },
+    Unrecognised {
+        body: u32,
+    },
     /// The body stands elsewhere.
     Moved {
         body: u32,
@@ -58,11 +61,14 @@ pub enum TrackerFaultKind {
         by_mm: [f64; 3],
     },
     /// Reflections are taken for markers.
-    FalseMarkers { count: u32 },
+    FalseMarkers {
+        count: u32,
+    },
     /// Datagrams are lost on the network.
     FramesLost,
-    /// Datagrams come later.
-    Delayed { by: Duration },
+    Delayed {
+        by: Duration,
+    },
     /// The tracker starts again: the frame counter begins again. Its length does not matter.
     Restart,
 }
@@ -79,7 +85,6 @@ pub struct TrackerFault {
     pub probability: f64,
 }
 
-/// All parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrackerOptions {
     /// Time between two flashes.

@@ -45,7 +45,6 @@ pub type TrackerScenarioError = DocumentError<Problem>;
 /// Everything that a run depends on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrackerScenario {
-    /// Parameters.
     pub options: TrackerOptions,
     /// Feeds all random streams.
     pub seed: u64,

@@ -18,7 +18,6 @@ const ROOM_MM: f64 = 3000.0;
 pub struct Seen {
     /// Recognised bodies.
     pub bodies: Vec<Body>,
-    /// Single markers.
     pub markers: Vec<Marker>,
     /// The datagram of this frame is lost.
     pub lost: bool,
@@ -92,7 +91,6 @@ impl Scene {
         Some((position_mm, motion.rotation_wxyz))
     }
 
-    /// One flash.
     pub fn flash(&mut self, at: Instant) -> Seen {
         let mut seen = Seen::default();
         let (mut hidden, mut unrecognised, mut false_markers) = (Vec::new(), Vec::new(), 0);

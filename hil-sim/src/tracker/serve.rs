@@ -23,14 +23,11 @@ pub struct ServeError {
     pub error: io::Error,
 }
 
-/// What was served.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Served {
-    /// Datagrams sent.
     pub datagrams: u64,
     /// Datagrams that the system did not take.
     pub unsent: u64,
-    /// Command connections.
     pub connections: u64,
 }
 

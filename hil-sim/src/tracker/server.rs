@@ -127,7 +127,6 @@ impl Tracker {
         self.answers.retain(|(other, _)| *other != connection);
     }
 
-    /// Bytes of a command connection.
     pub fn handle_command(&mut self, now: Instant, connection: Connection, bytes: &[u8]) {
         let Some(client) = self.clients.iter_mut().find(|client| client.connection == connection) else {
             return;

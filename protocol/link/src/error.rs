@@ -11,10 +11,7 @@ pub enum OpenError {
     #[error(
         "rsi:{spec} leads to an industrial robot, not to a CAN bus\n  next: give `--robot kr16_2` to a verb that knows such robots (throw, identify, doctor, status, record), or name a CAN bus"
     )]
-    NoCan {
-        /// What was given.
-        spec: crate::spec::RsiSpec,
-    },
+    NoCan { spec: crate::spec::RsiSpec },
     /// The host name has no address.
     #[error("no address for host '{host}': {source}\n  next: check the name, or give the address in numbers")]
     Resolve {
@@ -29,7 +26,6 @@ pub enum OpenError {
          right (the simulated cell: `cubectl sim --bus {spec}`)"
     )]
     Connect {
-        /// Host and port.
         address: String,
         /// The bus as given.
         spec: String,
@@ -38,18 +34,10 @@ pub enum OpenError {
     },
     /// Something answers, but it is not the expected protocol.
     #[error("{address} answers, but not as a {protocol} server: {found}\n  next: check the port")]
-    Protocol {
-        /// Host and port.
-        address: String,
-        /// The expected protocol.
-        protocol: &'static str,
-        /// What came instead.
-        found: String,
-    },
+    Protocol { address: String, protocol: &'static str, found: String },
     /// The server does not give access to the bus.
     #[error("{address} refuses the bus '{bus}': {reason}\n  next: {}", refusal_advice(.reason))]
     Refused {
-        /// Host and port.
         address: String,
         /// The bus asked for.
         bus: String,
@@ -59,7 +47,6 @@ pub enum OpenError {
     /// The server's port cannot be had.
     #[error("cannot listen at {address}: {source}\n  next: {}", listen_advice(.source))]
     Listen {
-        /// Host and port.
         address: String,
         /// The system's answer.
         source: io::Error,
@@ -126,21 +113,16 @@ pub enum OpenError {
     /// The serial device cannot be opened or set up.
     #[error("cannot open {}: {source}\n  next: {}", .path.display(), device_advice(.source))]
     Device {
-        /// The serial device.
         path: PathBuf,
         /// The system's answer.
         source: io::Error,
     },
     /// The path is a file of another kind.
     #[error("{} is not a serial device\n  next: `ls /dev/serial/by-id` shows those that are plugged in", .path.display())]
-    NotSerial {
-        /// The path.
-        path: PathBuf,
-    },
+    NotSerial { path: PathBuf },
     /// A system call that always works did not.
     #[error("cannot set up {what} for {address}: {source}")]
     Setup {
-        /// The operation.
         what: &'static str,
         /// Host and port, device or interface.
         address: String,

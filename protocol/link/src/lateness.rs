@@ -21,7 +21,6 @@ pub struct Lateness {
 }
 
 impl Lateness {
-    /// Takes one delay.
     pub fn record(&mut self, late: Duration) {
         let us = late.as_micros();
         self.min_us = if self.count == 0 { us } else { self.min_us.min(us) };

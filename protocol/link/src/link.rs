@@ -19,14 +19,12 @@ pub enum LinkEvent {
         at: Instant,
         /// The far side's own time stamp, on the far side's clock, if the medium carries one.
         stamp: Option<Instant>,
-        /// The frame.
         frame: Frame,
     },
     /// The CAN controller behind the link reports errors of the bus.
     BusError {
         /// Arrival by the link's [`Clock`].
         at: Instant,
-        /// What it says.
         error: BusError,
     },
 }

@@ -60,9 +60,7 @@ pub enum BusSpec {
         /// For a server: time stands while fewer clients take part.
         clients: usize,
     },
-    /// An SLCAN adapter.
     Slcan {
-        /// Where it is.
         port: SlcanPort,
         /// Bit rate of the bus.
         bitrate: Bitrate,
@@ -127,7 +125,6 @@ pub enum SlcanPort {
     Tcp {
         /// Name or address; IPv6 without brackets.
         host: String,
-        /// TCP port.
         port: u16,
     },
 }

@@ -17,7 +17,6 @@ pub enum Role {
 }
 
 impl Role {
-    /// The priority.
     #[must_use]
     pub const fn priority(self) -> u8 {
         match self {

@@ -129,7 +129,6 @@ impl Internal {
 /// Where the value of an entry comes from, or goes to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Source {
-    /// The controller itself.
     Internal(Internal),
     /// Input (sent) or output (received) of the Ethernet object, 1 to 64.
     Object(u8),
@@ -140,7 +139,6 @@ pub enum Source {
 pub struct SendEntry {
     /// Its name on the wire; for `DEF_RIst` the element is `RIst`.
     pub tag: Tag,
-    /// Its type.
     pub kind: ValueType,
     /// Where it comes from.
     pub source: Source,
@@ -151,7 +149,6 @@ pub struct SendEntry {
 pub struct ReceiveEntry {
     /// Its name on the wire.
     pub tag: Tag,
-    /// Its type.
     pub kind: ValueType,
     /// Where it goes to.
     pub source: Source,

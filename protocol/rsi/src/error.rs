@@ -5,12 +5,7 @@
 pub enum ReadError {
     /// More bytes than a document may have.
     #[error("document of {len} bytes; at most {max} are read")]
-    TooLong {
-        /// Bytes received.
-        len: usize,
-        /// Largest size read.
-        max: usize,
-    },
+    TooLong { len: usize, max: usize },
     /// The bytes are not UTF-8.
     #[error("not UTF-8 text from byte {at} on")]
     NotText {
@@ -23,7 +18,6 @@ pub enum ReadError {
     /// The root element has another name.
     #[error("the root element is <{found}>, expected <{expected}>")]
     WrongRoot {
-        /// Its name.
         found: String,
         /// The name asked for.
         expected: &'static str,
@@ -45,7 +39,6 @@ pub enum ReadError {
     /// A value cannot be read as its type.
     #[error("{place} is '{text}', expected {expected}")]
     BadValue {
-        /// Element and attribute.
         place: String,
         /// Received text, cut after 40 characters.
         text: String,
@@ -65,14 +58,10 @@ impl ReadError {
 pub enum WriteError {
     /// The document is longer than public programs can read.
     #[error("document of {len} bytes; receivers have buffers of 1024 bytes, so at most {max} are written", max = crate::MAX_WRITTEN_BYTES)]
-    TooLong {
-        /// Bytes needed.
-        len: usize,
-    },
+    TooLong { len: usize },
     /// NaN, infinite or too large to be written as a plain decimal.
     #[error("{place} is {value}, which is not a decimal of at most nine digits before the point")]
     NotADecimal {
-        /// Element and attribute.
         place: String,
         /// The value as text.
         value: String,
@@ -82,7 +71,6 @@ pub enum WriteError {
     NotXml {
         /// What was to be written.
         place: &'static str,
-        /// The text.
         text: String,
     },
     /// The value has another type than the configuration file gives.
@@ -120,7 +108,6 @@ pub enum ConfigProblem {
     /// A value is none of those allowed.
     #[error("{place} is '{text}', expected {expected}")]
     Value {
-        /// Element or attribute.
         place: &'static str,
         /// Text in the file.
         text: String,

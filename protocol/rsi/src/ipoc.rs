@@ -32,7 +32,6 @@ impl Ipoc {
         Self { value, digits: digits.clamp(1, MAX_DIGITS as u8) }
     }
 
-    /// The number.
     #[must_use]
     pub const fn value(self) -> u64 {
         self.value

@@ -5,7 +5,6 @@ use crate::MAX_READ_BYTES;
 /// What the stream holds next.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum StreamItem {
-    /// One whole document.
     Document(Vec<u8>),
     /// Bytes that belong to no whole document: a torn document, or what stands between two documents.
     Dropped(usize),

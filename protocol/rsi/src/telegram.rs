@@ -28,7 +28,6 @@ impl Root {
 /// One element of a telegram.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Element {
-    /// Its name.
     pub name: String,
     /// Names and values, in order.
     pub attributes: Vec<(String, String)>,
@@ -70,7 +69,6 @@ impl Element {
 /// A telegram of either direction.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Telegram {
-    /// Direction.
     pub root: Root,
     /// `Type` of the root; `None` if it is absent.
     pub kind: Option<String>,

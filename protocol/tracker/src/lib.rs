@@ -21,8 +21,6 @@
 //! | [`dtrack`] | A.R.T. DTrack: datagrams with data, commands over TCP |
 //! | [`vrpn`] | VRPN, for every other tracker: poses over TCP, as a client |
 
-#![warn(missing_docs)]
-
 pub mod dtrack;
 pub mod pose;
 pub mod vrpn;

@@ -11,7 +11,6 @@ use protocol::{Duration, Instant};
 
 use crate::pose::TrackedPose;
 
-/// Port of servers.
 pub const PORT: u16 = 3883;
 
 const COOKIE_BYTES: usize = 24;

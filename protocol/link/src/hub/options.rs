@@ -55,28 +55,21 @@ impl ClientId {
 pub enum ServerEvent {
     /// A peer has connected.
     Joined {
-        /// The new peer.
         client: ClientId,
         /// Its address, or the device it is at.
         peer: String,
     },
     /// A peer sent a frame.
     Frame {
-        /// The sender.
         client: ClientId,
         /// Arrival by the server's clock.
         at: Instant,
-        /// The frame.
         frame: Frame,
     },
     /// From now on virtual time waits for this peer; it is the peer's turn.
-    InStep {
-        /// The peer.
-        client: ClientId,
-    },
+    InStep { client: ClientId },
     /// The turn of a peer is over.
     Waits {
-        /// The peer.
         client: ClientId,
         /// When it wants the next turn, if no frame comes before.
         until: Instant,
@@ -85,7 +78,6 @@ pub enum ServerEvent {
     },
     /// A peer is gone; all its frames were told before.
     Left {
-        /// The former peer.
         client: ClientId,
         /// Why, for people.
         reason: &'static str,

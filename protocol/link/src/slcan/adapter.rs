@@ -38,7 +38,6 @@ pub struct Slcan {
     pty: Option<PathBuf>,
 }
 
-/// One adapter.
 pub struct Session {
     assembler: Assembler,
     channel: Channel,

@@ -59,7 +59,6 @@ pub struct Socketcand {
     in_step: bool,
 }
 
-/// One client.
 pub struct Session {
     assembler: Assembler,
     mode: Mode,
@@ -71,7 +70,6 @@ enum Mode {
     NoBus,
     /// Bus opened: may send, receives nothing (broadcast-manager mode without subscriptions).
     Silent,
-    /// Receives every frame.
     Raw,
 }
 

@@ -43,7 +43,6 @@ impl DayClock {
 /// Whether a frame is newer than the one before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// The first frame.
     First,
     /// Newer; this many frames are missing between (a divisor looks the same).
     New {

@@ -10,12 +10,9 @@ pub const MAX_MESSAGE_BYTES: usize = 200;
 pub enum Output {
     /// UDP to a host name or address; `my_ip` is the address of the command connection.
     Udp {
-        /// Host.
         host: String,
-        /// Port.
         port: u16,
     },
-    /// Nowhere.
     None,
 }
 
@@ -34,23 +31,17 @@ pub enum Command {
     GetStatus,
     /// Sets where a channel (1 to 5) sends to.
     SetOutput {
-        /// Channel.
         channel: u8,
-        /// Where to.
         to: Output,
     },
     /// Switches a kind of data of a channel on or off; `all` is every kind.
     SetOutputActive {
-        /// Channel.
         channel: u8,
-        /// Kind of data.
         kind: String,
-        /// On.
         on: bool,
     },
     /// Asks for the active configuration.
     GetConfig,
-    /// Chooses a configuration.
     SetConfig(String),
     /// Anything else, without `dtrack2`.
     Other(String),
@@ -128,16 +119,13 @@ impl fmt::Display for Command {
     }
 }
 
-/// An answer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Answer {
     /// Done; to `getmsg`: no message waits.
     Ok,
-    /// Refused.
     Err {
         /// Number of the reason.
         code: i32,
-        /// The reason.
         text: String,
     },
     /// Parameter and value, as asked for.
@@ -152,7 +140,6 @@ pub enum Answer {
         frame: u64,
         /// Number of the message.
         id: u32,
-        /// The message.
         text: String,
     },
 }

@@ -60,7 +60,6 @@ pub enum HybridState {
     Inertial,
     /// Cameras only.
     Optical,
-    /// Both.
     Both,
 }
 
@@ -79,7 +78,6 @@ pub struct Hybrid {
     pub rotation: [f64; 9],
 }
 
-/// One datagram.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DataFrame {
     /// Frame counter; counts at camera rate.
@@ -92,9 +90,7 @@ pub struct DataFrame {
     pub calibrated: Option<u32>,
     /// Tracked bodies; `None` if the line is missing, empty if none is tracked.
     pub bodies: Option<Vec<Body>>,
-    /// Hybrid bodies.
     pub hybrids: Option<Vec<Hybrid>>,
-    /// Single markers.
     pub markers: Option<Vec<Marker>>,
     /// Lines of a kind that is not read (`6df2`, `6dmt2`, `gl`, ...).
     pub skipped_lines: usize,
