@@ -89,14 +89,14 @@ impl fmt::Display for StartError {
 
 impl core::error::Error for StartError {}
 
-/// No answer came.
+/// No attempt of a request was answered in its time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NoAnswer {
     /// Who was asked.
     pub server: NodeId,
-    /// For what.
+    /// Service that was asked.
     pub service: ServiceId,
-    /// How often.
+    /// Requests that were sent, the first one included.
     pub attempts: u8,
 }
 

@@ -44,9 +44,9 @@ pub const SERVICES: [Port; 7] = [
 /// How a node is and what it does, for the heartbeat.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct NodeStatus {
-    /// How it is.
+    /// Health for the heartbeat.
     pub health: Health,
-    /// What it does.
+    /// Mode for the heartbeat.
     pub mode: Mode,
     /// Free number.
     pub vendor_status: u8,
@@ -67,7 +67,7 @@ pub struct Register {
 ///
 /// Calls come from [`NodeCore`] in the order of the frames; each must be short and bounded.
 pub trait Application {
-    /// What the node is.
+    /// Answer to `uavcan.node.GetInfo`.
     fn info(&self) -> NodeInfo<'_>;
 
     /// How it is now.

@@ -125,7 +125,7 @@ impl MotionKind {
 pub enum MotionCommand {
     /// Ramp to `target` with the stored target velocity and acceleration.
     Ramp {
-        /// Where to.
+        /// End of the ramp, absolute.
         target: Radians,
     },
     /// Reach `target` in `time_ms`.

@@ -104,7 +104,7 @@ impl core::error::Error for RequestError {}
 /// A request, its module and the channel it came on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AddressedRequest {
-    /// Addressee.
+    /// Module that is to act on it.
     pub module: ModuleId,
     /// GET or PUT; modules decide by the command byte, some hosts mix the channels.
     pub channel: Channel,

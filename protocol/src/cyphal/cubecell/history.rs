@@ -143,19 +143,19 @@ pub fn order_name(number: u8) -> &'static str {
 
 /// Bytes of each record.
 impl FrozenHead {
-    /// Bytes.
+    /// Length in the file, bytes.
     pub const LEN: usize = 24;
 }
 impl FrozenJoint {
-    /// Bytes.
+    /// Length in the file, bytes.
     pub const LEN: usize = 36;
 }
 impl TraceHead {
-    /// Bytes.
+    /// Length in the file, bytes.
     pub const LEN: usize = 8;
 }
 impl TraceEntry {
-    /// Bytes.
+    /// Length in the file, bytes.
     pub const LEN: usize = 16;
 }
 

@@ -73,7 +73,7 @@ impl JointFlags {
     }
 }
 
-/// The message.
+/// `cubecell.JointState.1.0`: all joints at the end of a control cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointState {
     /// Time of the measurement since the controller started, µs, 56 bits.

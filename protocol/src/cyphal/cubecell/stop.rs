@@ -53,10 +53,10 @@ impl Sender {
     pub const PANEL: Self = Self(4);
 }
 
-/// The message.
+/// `cubecell.Stop`: halts all drives, whoever sends it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stop {
-    /// Why.
+    /// Why it was sent; any value stops.
     pub reason: Reason,
     /// What kind of thing sent it; its node-ID is in the CAN id.
     pub sender: Sender,

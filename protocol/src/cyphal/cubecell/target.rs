@@ -56,7 +56,7 @@ pub struct TargetEvent {
     pub offset_us: i32,
 }
 
-/// The message.
+/// `cubecell.TargetState`: a new end state for a motion under way.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TargetState {
     /// When the end state is reached, in the time of the controller, µs, 56 bits.

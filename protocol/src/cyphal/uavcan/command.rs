@@ -59,7 +59,7 @@ impl Status {
     pub const INTERNAL_ERROR: Self = Self(6);
 }
 
-/// The request.
+/// Request of `uavcan.node.ExecuteCommand`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CommandRequest<'a> {
     /// Number of the command.
@@ -68,7 +68,7 @@ pub struct CommandRequest<'a> {
     pub parameter: &'a [u8],
 }
 
-/// The response.
+/// Response of `uavcan.node.ExecuteCommand`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CommandResponse<'a> {
     /// Outcome.

@@ -40,7 +40,7 @@ impl Severity {
     }
 }
 
-/// The message.
+/// `uavcan.diagnostic.Record`: a line of text for people.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Record<'a> {
     /// Time of the event, µs of the network time, 56 bits; 0 = unknown.

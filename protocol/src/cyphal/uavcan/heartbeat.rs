@@ -52,14 +52,14 @@ impl Mode {
     }
 }
 
-/// The message.
+/// `uavcan.node.Heartbeat`, sent once per second.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Heartbeat {
     /// Seconds since the node started; stays at the largest number.
     pub uptime_s: u32,
-    /// How it is.
+    /// Health, as the node judges it.
     pub health: Health,
-    /// What it does.
+    /// Whether it works, starts, or is in maintenance.
     pub mode: Mode,
     /// Free for the maker of the node; our controller: number of its state
     /// ([`State`](crate::cyphal::cubecell::group_state::State)).

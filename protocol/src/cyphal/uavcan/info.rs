@@ -30,14 +30,14 @@ impl Version {
     }
 }
 
-/// The response.
+/// Response of `uavcan.node.GetInfo`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct NodeInfo<'a> {
     /// Version of Cyphal: 1.0.
     pub protocol: Version,
-    /// Board.
+    /// Version of the board.
     pub hardware: Version,
-    /// Program.
+    /// Version of the program.
     pub software: Version,
     /// First 64 bits of the commit the program was built from; 0 = unknown.
     pub software_vcs_revision: u64,
