@@ -7,7 +7,7 @@ use firmware::registers::Number;
 use firmware::settings::Settings;
 use firmware::state::{State, StateKind};
 use firmware::store::FileName;
-use protocol::powercube::{AddressedRequest, Broadcast, CubeState, Parameter, Request, SimpleCommand, Value};
+use protocol::powercube::{AddressedRequest, Broadcast, Parameter, Request, SimpleCommand, Value};
 use protocol::{Duration, Frame, ModuleId};
 
 const PERIOD_US: u64 = 3_000;

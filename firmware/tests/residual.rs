@@ -3,7 +3,6 @@
 
 use crate::bench::*;
 use firmware::fault::{Cause, Fault};
-use firmware::groups::powercube::drive_model::excursion_max_rad;
 use firmware::orders::Order;
 use firmware::settings::Settings;
 use firmware::state::StateKind;
