@@ -1,4 +1,4 @@
-//! What the fuzz targets share: frames from bytes, and the definition of a frame's bits.
+//! What the fuzz targets share: frames from bytes.
 
 use protocol::{ExtendedId, Frame, Id, StandardId};
 
