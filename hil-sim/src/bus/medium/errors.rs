@@ -6,7 +6,7 @@
 //! | a receiver reads a bit wrongly | after the acknowledge delimiter, or after a later bit | senders 8, that receiver 1 + 8 (rule 2), others 1 |
 //! | the same, error-passive | none: it misses the frame | that receiver 1 |
 //! | nobody acknowledges | after the acknowledge slot | the sender 8, nothing once it is error-passive (rule 3, exception 1) |
-//! | two nodes send one id with other data | at the end of the checksum | both 8, receivers 1 |
+//! | two nodes send one id with other data | after the first byte that differs | both 8, receivers 1 |
 //! | the line is held dominant | - | everybody as a receiver: 1, then 8 per eight bits (rules 1, 2 and 6) |
 //!
 //! Flags of several nodes overlap and take up to twelve bits together; twelve are counted.
@@ -82,6 +82,8 @@ impl Bus {
     pub(super) fn collide(&mut self, attempt: &mut Attempt) -> Option<Failure> {
         let differs = |port: &usize| self.sent_by(*port).is_some_and(|other| other != attempt.frame);
         let losers: Vec<usize> = indices(attempt.senders).filter(differs).collect();
+        let others = losers.iter().filter_map(|port| self.sent_by(*port));
+        let differing_bits = others.map(|other| bits_to_difference(&attempt.frame, &other)).min();
         if losers.iter().all(|port| self.is_passive(*port)) {
             // They are no receivers of this frame either: they wait for its end.
             for port in losers {
@@ -91,7 +93,7 @@ impl Bus {
             return None;
         }
         Some(Failure {
-            flag_bit: attempt.bits - FIXED_FORM,
+            flag_bit: differing_bits.unwrap_or(attempt.bits).min(attempt.bits - FIXED_FORM),
             kind: ErrorKind::Bit,
             first: 0,
             others: attempt.takers,
@@ -261,4 +263,17 @@ impl Bus {
         self.stage = Stage::Held(Held { counted: held.counted + 1, busy_until_ns: at_ns, ..held });
         true
     }
+}
+
+/// Bits from the start of frame to the end of the length code or the data byte in which two frames with one id differ, with as many
+/// stuff bits as there can be.
+fn bits_to_difference(a: &Frame, b: &Frame) -> u32 {
+    let header = if a.is_extended() { 39 } else { 19 };
+    let bytes = if a.dlc() == b.dlc() {
+        1 + a.data().iter().zip(b.data()).take_while(|(a, b)| a == b).count() as u32
+    } else {
+        0
+    };
+    let bits = header + 8 * bytes;
+    bits + (bits - 1) / 4
 }
