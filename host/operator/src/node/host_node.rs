@@ -234,8 +234,6 @@ impl HostNode {
         self.now = self.now.max(now);
     }
 
-    fn count(&mut self, frame: &Frame) {}
-
     fn note(&mut self, module: ModuleId, reply: &Reply) {
         let heard = self.heard.entry(module).or_default();
         heard.at = self.now;
@@ -265,7 +263,6 @@ impl Node for HostNode {
         self.advance_to(now);
         self.tally.received += 1;
         self.tally.extended += u64::from(frame.is_extended());
-        self.count(frame);
         self.stops.take_frame(self.now, frame);
         if frame.is_extended() {
             let tool = source(frame).map_or(0, tool_bit);
@@ -320,7 +317,6 @@ impl Node for HostNode {
         };
         self.asked(&frame);
         self.tally.sent += 1;
-        self.count(&frame);
         Some(frame)
     }
 
