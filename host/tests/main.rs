@@ -1,7 +1,6 @@
 //! The tests of this package as one program: it is linked once.
 
 mod advice;
-mod arrival_attitude;
 mod ball_mass;
 mod bus_common;
 mod bus_live;

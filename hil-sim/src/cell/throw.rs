@@ -2,7 +2,6 @@
 
 use nalgebra::Vector3;
 use protocol::{Duration, Instant};
-use robot_model::release::HandMotion;
 
 use super::finger_release::FingerRelease;
 use crate::drive::PowerCubeDrive;
@@ -27,8 +26,6 @@ pub struct ThrowReport {
     pub released_at: Option<Instant>,
     /// Position and velocity of the ball then.
     pub release: Option<HandPoint>,
-    /// Motion of the hand then.
-    pub hand: Option<HandMotion>,
     /// Where it met the plane, or will meet it: the arm is not in the way in this computation.
     pub landing: Option<Landing>,
     /// First contact with the arm from 20 ms after the release on: seconds after the release, and the part.
@@ -129,8 +126,7 @@ impl Throw {
         if self.flight.is_none()
             && let Some((at, ball)) = self.left_hand(plant, freed_at, now)
         {
-            let hand = plant.hand_motion(-now.saturating_since(at).as_secs_f64());
-            self.release(at, ball, hand);
+            self.release(at, ball);
         }
         self.stepped_to = now;
         self.watch_for_touch(plant, now);
@@ -154,14 +150,13 @@ impl Throw {
         fingers.step(plant, (self.stepped_to, now), free_at)
     }
 
-    fn release(&mut self, at: Instant, ball: HandPoint, hand: Option<HandMotion>) {
+    fn release(&mut self, at: Instant, ball: HandPoint) {
         let air = self.gripper.options();
         let flight =
             Flight::new(ball, self.gravity_m_s2, air.drag_1_m.unwrap_or(0.0)).with_magnus(air.magnus_rad_s);
         self.report = ThrowReport {
             released_at: Some(at),
             release: Some(ball),
-            hand,
             landing: match &air.landing_plane {
                 Some(plane) => flight.passage(plane),
                 None => flight.landing(self.plane_z_m),

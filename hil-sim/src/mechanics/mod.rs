@@ -38,7 +38,6 @@
 //! | [`joint`], [`options`] | rotor, friction, brake, stops, gear; how they follow from a robot file |
 //! | [`supply`] | 24 V supplies |
 //! | [`gripper`], [`ball`] | release and flight |
-//! | [`rotation`] | free rotation of a thing that is no ball |
 //! | [`loose`], [`cup`] | a ball that bounces; an open cup that it may fall into |
 //! | [`perturb`] | deviations from the model, by seed |
 
@@ -51,7 +50,6 @@ pub mod loose;
 pub mod options;
 pub mod perturb;
 pub mod plant;
-pub mod rotation;
 mod solver;
 pub mod supply;
 
@@ -64,5 +62,4 @@ pub use loose::{BallOptions, LooseBall, Surface};
 pub use options::MechanicsOptions;
 pub use perturb::Scatter;
 pub use plant::{AxisInput, AxisState, Energy, HandPoint, Plant, PlantFault, Touch};
-pub use rotation::{Attitude, Thing};
 pub use supply::{Supply, SupplyOptions};

@@ -1,6 +1,5 @@
 //! The tests of this package as one program: it is linked once.
 
-mod attitude;
 mod best_form;
 mod best_known;
 mod catch_rates;

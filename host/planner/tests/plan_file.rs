@@ -81,6 +81,25 @@ fn plans_of_older_versions_are_read_with_the_same_motion() {
 }
 
 #[test]
+fn a_plan_of_version_10_is_read_for_a_ball_and_refused_for_a_thing_with_an_attitude() {
+    let (arm, plan) = plan(Options::paper());
+    let path = Path::new("p.json");
+    let mut older = serde_json::from_str::<serde_json::Value>(&plan.to_json()).expect("JSON");
+    older["version"] = 10.into();
+    let read = PlanFile::from_json(path, &older.to_string()).expect("reads");
+    assert_eq!((&read.motion, read.version), (&plan.motion, 10));
+    assert!(verify::check(&arm, &read).ok());
+    older["target"]["attitude"] = serde_json::json!({ "axis_e": [0, 0, 1], "inertia_ratio": 1.8 });
+    for refused in [
+        PlanFile::from_json(path, &older.to_string()).expect_err("not a ball"),
+        PlanRecord::from_json(path, &older.to_string()).expect_err("not a ball"),
+    ] {
+        let told = refused.to_string();
+        assert!(told.contains("target.attitude") && told.contains("next: plan again"), "{told}");
+    }
+}
+
+#[test]
 fn a_plan_of_each_kind_is_read_as_what_it_is_and_refused_as_what_it_is_not() {
     let (_, throw) = plan(Options::paper());
     let path = Path::new("p.json");

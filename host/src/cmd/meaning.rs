@@ -38,11 +38,7 @@ pub(super) enum Deed {
     /// Plan a throw with the release at one instant.
     Ordinary,
     Library,
-    /// Throw a ball: what is not said to be another thing.
-    Ball,
     NoOpening,
-    NoArrivalAxis,
-    NoSpinAxis,
     /// Make the table of stored throws of a robot.
     StoredThrows,
     /// Make a table with a picture.
@@ -51,8 +47,6 @@ pub(super) enum Deed {
     Summary,
 }
 
-const ATTITUDE: &str = "thing_inertia thing_axis arrival_axis arrival_axis_max_deg arrival_axis_either_sign spin_axis \
-    spin_axis_max_deg spin_axis_either_sign spin_min_rad_s";
 const ONE_TARGET: &str = "opening_normal opening_radius_m incidence_max_deg target_velocity target_course";
 const TO_CHANCE: &str = "time_budget hit_radius_m hit_box jitter_s release_delays objective";
 /// Of throws with the release at one instant.
@@ -65,7 +59,7 @@ const TRACKER: &str = "tracker tracker_body tracker_offset tracker_frames calibr
 const TABLE: &[(Deed, &[&str], &str)] = &[
     (
         Deed::PlanOfFile,
-        &[DRIVES, ONE_TARGET, ATTITUDE, TO_CHANCE, "form starts"],
+        &[DRIVES, ONE_TARGET, TO_CHANCE, "form starts"],
         "is for making a plan; the one of --plan says what is thrown",
     ),
     (
@@ -88,11 +82,7 @@ const TABLE: &[(Deed, &[&str], &str)] = &[
     (Deed::Live, &["scenario"], "is for what is simulated inside this program"),
     (Deed::LiveUndrawn, &["scenario seed"], "is for the cell inside this program"),
     (Deed::NotRsi, &["rsi"], "is for --bus rsi:..."),
-    (
-        Deed::Following,
-        &[DRIVES, ONE_TARGET, ATTITUDE, TO_CHANCE],
-        "has no meaning for a throw that follows the flight",
-    ),
+    (Deed::Following, &[DRIVES, ONE_TARGET, TO_CHANCE], "has no meaning for a throw that follows the flight"),
     (Deed::Following, &["fast"], "needs stored throws; none are kept of throws that follow the flight"),
     (
         Deed::Following,
@@ -109,15 +99,8 @@ const TABLE: &[(Deed, &[&str], &str)] = &[
         "is for throws that follow the flight: add --follow",
     ),
     (Deed::Library, &["fast thorough"], "is for a search; a library answers with the throws that it has"),
-    (
-        Deed::Ball,
-        &[ATTITUDE],
-        "is about a thing that is no ball: say with --thing-inertia which, 2 for a thin disc, 0 for a thin stick",
-    ),
     (Deed::NoOpening, &["incidence_max_deg"], "is for an opening: add --opening-normal"),
-    (Deed::NoArrivalAxis, &["arrival_axis_max_deg arrival_axis_either_sign"], "is for --arrival-axis"),
-    (Deed::NoSpinAxis, &["spin_axis_max_deg spin_axis_either_sign spin_min_rad_s"], "is for --spin-axis"),
-    (Deed::StoredThrows, &[ONE_TARGET, ATTITUDE], "is for one target; a table is for all targets at rest"),
+    (Deed::StoredThrows, &[ONE_TARGET], "is for one target; a table is for all targets at rest"),
     (Deed::StoredThrows, &["store no_store library finger_release"], "is not for the table of stored throws"),
     (
         Deed::Picture,

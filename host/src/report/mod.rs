@@ -17,10 +17,8 @@
 //! | [`chart`] | line charts as SVG |
 //! | [`scene`] | the arm, its hand path and the flight in space |
 //! | [`landing`] | landing about the target |
-//! | `attitude` | how a thing that is no ball arrives |
 //! | [`timeline`] | frames on the bus |
 
-mod attitude;
 pub mod catch;
 pub mod chart;
 pub mod follow;

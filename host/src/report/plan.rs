@@ -7,7 +7,7 @@ use nalgebra::{Matrix2, Vector3};
 
 use super::chart::{Chart, Curve, Pen};
 use super::page::{Page, Tone, cell};
-use super::{attitude, landing as landing_chart, scene};
+use super::{landing as landing_chart, scene};
 use operator::analysis::release::flight;
 use planner::flight::landing;
 use planner::plan::file::PlanFile;
@@ -75,9 +75,6 @@ pub fn summary(plan: &PlanFile, took: Duration) -> String {
             o.incidence_rad.to_degrees(),
             o.rim_clearance_m * 1e3
         );
-    }
-    if let Some(thing) = &plan.target.attitude {
-        out += &attitude::summary(thing);
     }
     if !plan.target.course.is_empty() {
         let [x, y, z] = l.position_m;
@@ -246,9 +243,6 @@ fn tiles(plan: &PlanFile) -> Vec<(String, &'static str, String, Tone)> {
             "shift by fingers that open".to_owned(),
             Tone::Plain,
         ));
-    }
-    if let Some(thing) = &plan.target.attitude {
-        tiles.extend(attitude::tiles(thing));
     }
     if let Some(p) = plan.landing.hit_probability {
         tiles.push((format!("{:.1}", p * 100.0), "%", "probability of a hit".to_owned(), Tone::Plain));

@@ -1,9 +1,9 @@
 //! What the picture in space shows: the arm over time, the path of the ball in the hand, the flight, the target.
 
-use nalgebra::{Matrix2, Rotation3, Vector2, Vector3};
+use nalgebra::{Matrix2, Vector2, Vector3};
 use robot_model::{JointVec, Pose, RobotModel};
 
-use planner::flight::{Precession, landing};
+use planner::flight::landing;
 use planner::plan::file::PlanFile;
 
 /// Steps of the animation.
@@ -56,7 +56,6 @@ pub fn data<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile, motion: &Scene
     let mut times: Vec<f64> = (0..=STEPS).map(time).collect();
     times.extend(motion.flight.iter().flat_map(|flight| [flight.release_s, flight.landing_s()]));
     times.sort_by(f64::total_cmp);
-    let thing = ThingAxis::of(arm, plan, motion);
     let mut steps = Vec::new();
     let mut hand = Vec::new();
     for t_s in times {
@@ -67,11 +66,8 @@ pub fn data<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile, motion: &Scene
         }
         let ball = motion.flight.and_then(|flight| flight.ball_at(t_s)).unwrap_or(held);
         let links: Vec<String> = frames.x_w.iter().map(link).collect();
-        let axis = thing.as_ref().map_or(String::new(), |thing| {
-            format!("\"normal\":{},", point(&thing.at(t_s, &arm.ee(&frames))))
-        });
         let links = links.join(",");
-        steps.push(format!("{{\"t\":{t_s:.4},\"ball\":{},{axis}\"links\":[{links}]}}", point(&ball)));
+        steps.push(format!("{{\"t\":{t_s:.4},\"ball\":{},\"links\":[{links}]}}", point(&ball)));
     }
     let boxes = arm.collision().boxes().iter().map(|b| body(b.link, &b.x_lb, &b.half_m));
     // Obstacles stand in the world like the base.
@@ -84,11 +80,9 @@ pub fn data<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile, motion: &Scene
     let release = motion.flight.map_or("null".to_owned(), |flight| flight.release_s.to_string());
     let planned = motion.planned.as_ref().map_or("null".to_owned(), |points| list(points));
     let joints = steps_top(arm, motion);
-    // A long thing is drawn as a stick, a flat one as a disc.
-    let stick = plan.target.attitude.as_ref().is_some_and(|thing| thing.inertia_ratio < 1.0);
     let top = hand.iter().map(|p| p.z).fold(joints, f64::max);
     format!(
-        "{{\"floor\":{},\"top\":{top:.3},\"radius\":{},\"last\":{},\"release\":{release},\"stick\":{stick},\"target\":{},\"hand\":{},\"planned\":{planned},\"flight\":{},\"ellipse\":{},\"rim\":{},\"boxes\":[{}],\"steps\":[{}]}}",
+        "{{\"floor\":{},\"top\":{top:.3},\"radius\":{},\"last\":{},\"release\":{release},\"target\":{},\"hand\":{},\"planned\":{planned},\"flight\":{},\"ellipse\":{},\"rim\":{},\"boxes\":[{}],\"steps\":[{}]}}",
         arm.world().floor_z_m,
         arm.gripper().ball_radius_m,
         arm.joints().len(),
@@ -101,41 +95,6 @@ pub fn data<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile, motion: &Scene
         steps.join(",")
     )
 }
-
-/// The axis of symmetry of a thing that is no ball, over the animation.
-struct ThingAxis {
-    axis_e: Vector3<f64>,
-    /// Release, time of flight, and how the thing rotates from then on.
-    flown: Option<(f64, f64, Precession)>,
-}
-
-impl ThingAxis {
-    fn of<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile, motion: &SceneMotion<'_, N>) -> Option<Self> {
-        let thing = plan.target.attitude.as_ref()?;
-        let axis_e = Vector3::from(thing.axis_e);
-        let hand = |t_s: f64| arm.ee(&arm.fk(&(motion.q_at)(t_s))).rot;
-        let flown = motion.flight.map(|flight| {
-            let at = flight.release_s;
-            let turn = hand(at + DIFFERENCE_S) * hand(at - DIFFERENCE_S).transpose();
-            let omega = Rotation3::from_matrix_unchecked(turn).scaled_axis() / (2.0 * DIFFERENCE_S);
-            (at, flight.flight_s, Precession::new(&(hand(at) * axis_e), &omega, thing.inertia_ratio))
-        });
-        Some(Self { axis_e, flown })
-    }
-
-    /// Unit vector at a time, in the world, with the pose of the hand then; it stays as it landed.
-    fn at(&self, t_s: f64, hand: &Pose) -> Vector3<f64> {
-        match &self.flown {
-            Some((release_s, flight_s, rotation)) if t_s > *release_s => {
-                rotation.axis_at((t_s - release_s).min(*flight_s))
-            }
-            _ => hand.rot * self.axis_e,
-        }
-    }
-}
-
-/// Half the interval over which the angular velocity of the hand is taken, in s.
-const DIFFERENCE_S: f64 = 1e-4;
 
 /// Pose of a link: rotation by rows, then place.
 pub(super) fn link(x: &Pose) -> String {

@@ -14,10 +14,6 @@ use crate::error::{TableError, system};
 const POINT: [&str; 3] = ["x_m", "y_m", "z_m"];
 const NORMAL: [&str; 3] = ["nx", "ny", "nz"];
 const VELOCITY: [&str; 3] = ["vx_m_s", "vy_m_s", "vz_m_s"];
-const AXIS: [&str; 3] = ["axis_x", "axis_y", "axis_z"];
-const SPIN: [&str; 3] = ["spin_x", "spin_y", "spin_z"];
-const AXIS_MAX: &str = "axis_max_deg";
-const SPIN_MAX: &str = "spin_max_deg";
 const RADIUS: &str = "radius_m";
 const INCIDENCE: &str = "incidence_max_deg";
 
@@ -39,31 +35,13 @@ pub struct TargetRow {
     pub incidence_max_deg: Option<f64>,
     /// Velocity of the target in m/s.
     pub velocity_m_s: Option<[f64; 3]>,
-    /// Direction of a thing's axis of symmetry at the arrival, world.
-    pub arrival_axis: Option<[f64; 3]>,
-    /// Largest angle to it in degrees.
-    pub arrival_axis_max_deg: Option<f64>,
-    /// Direction of a thing's angular momentum, world.
-    pub spin_axis: Option<[f64; 3]>,
-    /// Largest angle to it in degrees.
-    pub spin_axis_max_deg: Option<f64>,
 }
 
 impl TargetRow {
     /// A point and nothing else, in m.
     #[must_use]
     pub fn point(target_m: [f64; 3]) -> Self {
-        Self {
-            target_m,
-            normal: None,
-            radius_m: None,
-            incidence_max_deg: None,
-            velocity_m_s: None,
-            arrival_axis: None,
-            arrival_axis_max_deg: None,
-            spin_axis: None,
-            spin_axis_max_deg: None,
-        }
+        Self { target_m, normal: None, radius_m: None, incidence_max_deg: None, velocity_m_s: None }
     }
 }
 
@@ -73,10 +51,6 @@ struct Places {
     point: [usize; 3],
     normal: Option<[usize; 3]>,
     velocity: Option<[usize; 3]>,
-    axis: Option<[usize; 3]>,
-    spin: Option<[usize; 3]>,
-    axis_max: Option<usize>,
-    spin_max: Option<usize>,
     radius: Option<usize>,
     incidence: Option<usize>,
 }
@@ -84,8 +58,8 @@ struct Places {
 impl Places {
     fn find(header: &[String], refuse: &impl Fn(String) -> TableError) -> Result<Self, TableError> {
         let column = |name: &str| header.iter().position(|h| h == name);
-        let known = POINT.iter().chain(&NORMAL).chain(&VELOCITY).chain(&AXIS).chain(&SPIN);
-        let known = known.chain([&RADIUS, &INCIDENCE, &AXIS_MAX, &SPIN_MAX]);
+        let known = POINT.iter().chain(&NORMAL).chain(&VELOCITY);
+        let known = known.chain([&RADIUS, &INCIDENCE]);
         if let Some(unknown) = header.iter().find(|h| !known.clone().any(|k| k == h)) {
             let all = known.copied().collect::<Vec<_>>().join(", ");
             return Err(refuse(format!("column \"{unknown}\" is not known; columns are {all}")));
@@ -98,13 +72,11 @@ impl Places {
         let point =
             group(POINT)?.ok_or_else(|| refuse(format!("the columns {} are missing", POINT.join(", "))))?;
         let (normal, velocity) = (group(NORMAL)?, group(VELOCITY)?);
-        let (axis, spin) = (group(AXIS)?, group(SPIN)?);
         let (radius, incidence) = (column(RADIUS), column(INCIDENCE));
-        let (axis_max, spin_max) = (column(AXIS_MAX), column(SPIN_MAX));
         if normal.is_some() != radius.is_some() {
             return Err(refuse(format!("an opening needs the columns {} and {RADIUS}", NORMAL.join(", "))));
         }
-        Ok(Self { point, normal, velocity, axis, spin, axis_max, spin_max, radius, incidence })
+        Ok(Self { point, normal, velocity, radius, incidence })
     }
 
     /// A row, from the number in each column.
@@ -116,10 +88,6 @@ impl Places {
             radius_m: self.radius.map(&number).transpose()?,
             incidence_max_deg: self.incidence.map(&number).transpose()?,
             velocity_m_s: self.velocity.map(three).transpose()?,
-            arrival_axis: self.axis.map(three).transpose()?,
-            arrival_axis_max_deg: self.axis_max.map(&number).transpose()?,
-            spin_axis: self.spin.map(three).transpose()?,
-            spin_axis_max_deg: self.spin_max.map(&number).transpose()?,
         })
     }
 }

@@ -108,21 +108,6 @@ fn an_opening_that_moves_has_all_its_numbers() {
 }
 
 #[test]
-fn a_thing_with_an_arrival_attitude_has_all_its_numbers() {
-    let path = file("attitude.csv");
-    let text = "x_m,y_m,z_m,axis_x,axis_y,axis_z,axis_max_deg,spin_x,spin_y,spin_z,spin_max_deg\n1,2,3,4,5,6,7,8,9,10,11\n";
-    fs::write(&path, text).expect("writes");
-    let expected = TargetRow {
-        arrival_axis: Some([4.0, 5.0, 6.0]),
-        arrival_axis_max_deg: Some(7.0),
-        spin_axis: Some([8.0, 9.0, 10.0]),
-        spin_axis_max_deg: Some(11.0),
-        ..TargetRow::point([1.0, 2.0, 3.0])
-    };
-    assert_eq!(rows(&TargetList::open(&path).expect("opens"), 0), [expected]);
-}
-
-#[test]
 fn files_that_are_no_list_are_refused_with_row_and_column() {
     for (name, content, told) in [
         ("a.csv", "x_m,y_m\n1,2\n", "all or none are needed"),
@@ -130,7 +115,6 @@ fn files_that_are_no_list_are_refused_with_row_and_column() {
         ("c.csv", "x_m,y_m,z_m\n1,2,-1\n1,nan,-1\n", "row 2, column \"y_m\""),
         ("d.csv", "x_m,y_m,z_m\n", "no target"),
         ("e.csv", "x_m,y_m,z_m,nx,ny,nz\n1,1,-1,0,0,1\n", "an opening needs"),
-        ("i.csv", "x_m,y_m,z_m,axis_x,axis_y\n1,1,-1,0,0\n", "all or none are needed"),
         ("f.csv", "x_m,y_m,z_m\n1,2,-1\n1,2\n", "fields"),
         ("g.parquet", "PAR1", "not a Parquet file"),
         ("h.parquet", "x_m,y_m,z_m\n1,2,-1\n", "not a Parquet file"),

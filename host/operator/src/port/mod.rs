@@ -16,7 +16,6 @@ use protocol::cyphal::cubecell::command::Trajectory;
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::cyphal::id::NodeId;
 use protocol::{Duration, Instant};
-use robot_model::release::HandMotion;
 
 pub use in_process::InProcess;
 pub use on_bus::OnBus;
@@ -34,8 +33,6 @@ pub struct BallSeen {
     pub released_at: Option<Instant>,
     /// How long it flew, s, and where it landed, m.
     pub landing: Option<(f64, Vector3<f64>)>,
-    /// Motion of the hand when it left.
-    pub hand: Option<HandMotion>,
     /// First contact of the flying ball with the arm, s after the release.
     pub touch_after_s: Option<f64>,
 }
@@ -48,7 +45,6 @@ impl BallSeen {
         Self {
             released_at: report.released_at,
             landing: report.landing.as_ref().map(|landing| (landing.t_s, landing.p_m)),
-            hand: report.hand,
             touch_after_s: report.touch.as_ref().map(|(t_s, _)| *t_s),
         }
     }

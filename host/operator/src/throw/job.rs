@@ -7,7 +7,7 @@ use protocol::cyphal::cubecell::group_state::State;
 use robot_model::collision::Scene;
 
 use super::approach::rest_to_rest;
-use super::record::{BallOutcome, Landing, LandingSource, SeenAttitude};
+use super::record::{BallOutcome, Landing, LandingSource};
 pub use super::record::{Job, JobError, Record, Step};
 use super::trajectory::{encode, robot_crc32};
 use crate::analysis::coverage::Certified;
@@ -378,7 +378,7 @@ fn watch_ball(operator: &mut dyn Operator) -> BallOutcome {
 fn landing(operator: &mut dyn Operator, job: &Job<'_>, analysis: Option<&RunAnalysis>) -> Option<Landing> {
     let target = Vector3::from(job.plan.meeting_m());
     if let Some(ball) = operator.ball() {
-        let (flight_s, position_m) = ball.landing?;
+        let (_, position_m) = ball.landing?;
         let planned_log_s = analysis.map(|analysis| analysis.start_log_s + job.plan.release_time_s);
         return Some(Landing {
             source: LandingSource::Cell,
@@ -387,7 +387,6 @@ fn landing(operator: &mut dyn Operator, job: &Job<'_>, analysis: Option<&RunAnal
             uncertainty_m: None,
             release_late_s: ball.released_at.zip(planned_log_s).map(|(free, s)| free.as_secs_f64() - s),
             touch_after_s: ball.touch_after_s,
-            attitude: ball.hand.and_then(|hand| SeenAttitude::of(job.plan, &hand, flight_s)),
         });
     }
     computed_landing(job, analysis?)
@@ -406,6 +405,5 @@ pub fn computed_landing(job: &Job<'_>, analysis: &RunAnalysis) -> Option<Landing
         uncertainty_m: release.landing_uncertainty_m,
         release_late_s: Some(release.t_s - job.plan.release_time_s),
         touch_after_s: None,
-        attitude: None,
     })
 }

@@ -192,20 +192,17 @@ fn ball_verdict(record: &Record, tolerance_m: f64) -> (Outcome, String) {
     let (error_mm, [x, y, z]) = (1e3 * landing.error_m, landing.position_m.into());
     let place = format!("at ({x:.4}, {y:.4}, {z:.4}) m");
     let near = landing.error_m <= tolerance_m;
-    let turned = landing.attitude.map_or_else(String::new, |seen| format!("; {seen}"));
     match (landing.source, landing.touch_after_s) {
         (LandingSource::Cell, Some(after_s)) => {
             (Outcome::Missed, format!("missed: the ball touched the arm {after_s:.3} s after the release"))
         }
         (LandingSource::Cell, None) if near => (
             Outcome::Landed,
-            format!(
-                "landed {error_mm:.1} mm from the target, {place} (the simulated ball; {tolerance}){turned}"
-            ),
+            format!("landed {error_mm:.1} mm from the target, {place} (the simulated ball; {tolerance})"),
         ),
         (LandingSource::Cell, None) => (
             Outcome::Missed,
-            format!("missed: the ball landed {error_mm:.1} mm from the target, {place}; {tolerance}{turned}"),
+            format!("missed: the ball landed {error_mm:.1} mm from the target, {place}; {tolerance}"),
         ),
         (LandingSource::Measured, _) if ordered_t_s.is_none() => {
             (Outcome::NotReleased, format!("not released: the arm followed the plan, but {ordered}"))

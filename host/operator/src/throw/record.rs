@@ -1,13 +1,11 @@
 //! What a job is given, its steps, what is known of it so far, and why it can end early.
 
 use firmware::settings::Settings;
-use hil_sim::mechanics::Thing;
 use nalgebra::Vector3;
 use protocol::cyphal::cubecell::command::Trajectory;
 use protocol::cyphal::cubecell::group_state::GroupState;
 use protocol::cyphal::id::NodeId;
 use protocol::{Duration, Instant};
-use robot_model::release::HandMotion;
 
 use super::approach::ApproachError;
 use super::trajectory::TrajectoryError;
@@ -16,7 +14,7 @@ use crate::analysis::coverage::Certified;
 use crate::bus::BusFailure;
 use crate::dialogue::operator::OperatorError;
 use crate::samples::drives::Drives;
-use planner::plan::file::{DirectionInfo, PlanFile};
+use planner::plan::file::PlanFile;
 use planner::plan::{Arm, JOINTS};
 use tuner::gains::gains_file::{GainsFile, GainsFileError};
 
@@ -246,60 +244,4 @@ pub struct Landing {
     pub release_late_s: Option<f64>,
     /// First contact of the flying ball with the arm, s after the release.
     pub touch_after_s: Option<f64>,
-    /// How a thing that is no ball arrived, if it was seen.
-    pub attitude: Option<SeenAttitude>,
-}
-
-/// A thing that is no ball at its arrival, as the simulated cell saw it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SeenAttitude {
-    /// Axis of symmetry, unit vector, world.
-    pub axis_w: Vector3<f64>,
-    /// Angular momentum over the transverse moment of inertia, rad/s, world.
-    pub momentum_rad_s: Vector3<f64>,
-    /// Angle between the axis and that of the plan, rad.
-    pub axis_off_plan_rad: f64,
-    /// Angle between the axis and the direction that was asked for, and the largest that was allowed, rad.
-    pub axis_rad: Option<[f64; 2]>,
-    /// The same of the angular momentum.
-    pub spin_rad: Option<[f64; 2]>,
-}
-
-impl SeenAttitude {
-    /// Of the thing of a plan that left the hand as the cell saw it, and flew for `flight_s`; `None` for a ball.
-    #[must_use]
-    pub fn of(plan: &PlanFile, hand: &HandMotion, flight_s: f64) -> Option<Self> {
-        let asked = plan.target.attitude.as_ref()?;
-        let thing = Thing { axis_e: Vector3::from(asked.axis_e), inertia_ratio: asked.inertia_ratio };
-        let seen = thing.attitude(hand, flight_s);
-        let angles = |wanted: &Option<DirectionInfo>, direction: &Vector3<f64>| {
-            wanted.map(|wanted| [wanted.angle_rad(direction), wanted.angle_max_rad])
-        };
-        Some(Self {
-            axis_w: seen.axis,
-            momentum_rad_s: seen.momentum_rad_s,
-            axis_off_plan_rad: seen.axis.angle(&Vector3::from(asked.arrival.axis_w)),
-            axis_rad: angles(&asked.axis, &seen.axis),
-            spin_rad: angles(&asked.spin, &seen.momentum_rad_s),
-        })
-    }
-}
-
-impl std::fmt::Display for SeenAttitude {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let deg = f64::to_degrees;
-        write!(f, "it arrived with its axis {:.1} deg from the plan's", deg(self.axis_off_plan_rad))?;
-        for (what, angles) in [("axis", self.axis_rad), ("spin axis", self.spin_rad)] {
-            if let Some([angle, most]) = angles {
-                let side = if angle <= most { "within" } else { "outside" };
-                write!(
-                    f,
-                    ", its {what} {:.1} deg from the one asked for ({side} {:.1} deg)",
-                    deg(angle),
-                    deg(most)
-                )?;
-            }
-        }
-        Ok(())
-    }
 }

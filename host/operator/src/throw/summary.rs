@@ -6,7 +6,7 @@ use protocol::cyphal::id::NodeId;
 use serde_json::{Value, json};
 
 use super::outcome::Verdict;
-use super::record::{Job, Record, SeenAttitude};
+use super::record::{Job, Record};
 use crate::analysis::RunAnalysis;
 use crate::analysis::tracking::ErrorSize;
 use crate::bus::cycle_timing::CycleTiming;
@@ -92,7 +92,6 @@ pub fn summary(job: &Job<'_>, record: &Record, verdict: &Verdict, about: &Circum
             "position_m": [landed.position_m.x, landed.position_m.y, landed.position_m.z],
             "release_late_s": landed.release_late_s,
             "touched_arm_after_s": landed.touch_after_s,
-            "attitude": landed.attitude.as_ref().map(attitude),
             "predicted_mean_m": plan.landing.mean_m,
             "predicted_covariance_m2": plan.landing.covariance_m2,
         })),
@@ -134,24 +133,6 @@ pub fn summary(job: &Job<'_>, record: &Record, verdict: &Verdict, about: &Circum
 
 fn of_joints(analysis: &RunAnalysis, number: impl Fn(&ErrorSize) -> f64) -> Vec<f64> {
     analysis.joints.iter().map(|joint| number(&joint.position_error_rad)).collect()
-}
-
-/// A thing that is no ball at its arrival.
-fn attitude(seen: &SeenAttitude) -> Value {
-    let deg = |angles: Option<[f64; 2]>| {
-        angles.map(|[angle, most]| {
-            json!({
-                "off_deg": angle.to_degrees(), "max_deg": most.to_degrees(), "inside": angle <= most,
-            })
-        })
-    };
-    json!({
-        "axis_w": [seen.axis_w.x, seen.axis_w.y, seen.axis_w.z],
-        "momentum_rad_s": [seen.momentum_rad_s.x, seen.momentum_rad_s.y, seen.momentum_rad_s.z],
-        "axis_off_plan_deg": seen.axis_off_plan_rad.to_degrees(),
-        "axis": deg(seen.axis_rad),
-        "spin": deg(seen.spin_rad),
-    })
 }
 
 /// Whether the run stayed within what its gains are certified for.

@@ -6,7 +6,6 @@
 //! | [`aim`] | the plane on which the ball is to meet a target: horizontal or not, at rest or moving |
 //! | [`model`] | forces on the ball: gravity, quadratic drag, Magnus force |
 //! | [`launch`] | the velocity that carries the ball from the hand to the target in a given time, with derivatives |
-//! | [`precession`] | free rotation of a thing with an axis of symmetry |
 //! | [`landing`] | where and when a released ball meets a plane, with its 2 × 6 Jacobian; late release |
 //!
 //! Vacuum is a closed form. Everything else is integrated together with its variational equation, so derivatives are
@@ -16,10 +15,8 @@ pub mod aim;
 pub mod landing;
 pub mod launch;
 pub mod model;
-pub mod precession;
 
 pub use aim::{Aim, COURSE_MAX, Course};
 pub use landing::{Landing, LandingJacobian};
 pub use launch::{Launch, LaunchError};
 pub use model::{FlightModel, FlightModelError};
-pub use precession::Precession;

@@ -80,8 +80,6 @@ pub(crate) struct Numbers {
     pub(crate) arrival: usize,
     /// Angle and rim of an opening: one each.
     pub(crate) opening: usize,
-    /// Arrival attitude: axis, axis of rotation, angular speed.
-    pub(crate) attitude: usize,
     /// Shift of the landing: two per window.
     pub(crate) delay: usize,
     /// Speed of a late or early ball through the plane: two per window.
@@ -113,8 +111,7 @@ impl Numbers {
         let along = spin + 2;
         let arrival = along + 1;
         let opening = arrival + 4;
-        let attitude = opening + 2;
-        let delay = attitude + 3;
+        let delay = opening + 2;
         let through = delay + 2 * DELAY_WINDOWS_MAX;
         let cut = through + 2 * DELAY_WINDOWS_MAX;
         let target_floor = cut + CUTS_MAX;
@@ -136,7 +133,6 @@ impl Numbers {
             along,
             arrival,
             opening,
-            attitude,
             delay,
             through,
             cut,
@@ -242,7 +238,6 @@ mod tests {
             (number.along, 1),
             (number.arrival, 4),
             (number.opening, 2),
-            (number.attitude, 3),
             (number.delay, 2 * DELAY_WINDOWS_MAX),
             (number.through, 2 * DELAY_WINDOWS_MAX),
             (number.cut, CUTS_MAX),

@@ -29,8 +29,6 @@
 //! | [`nearest`] | the nearest reachable target, for one that is not |
 //! | [`release_delays`] | delays of a measured gripper |
 //! | [`opening`] | a disc that the ball passes |
-//! | [`attitude`] | how a thing that is no ball arrives, and how much that varies |
-//! | `tighten` | throws brought to an arrival attitude in steps |
 //! | `obstruction` | what closes every posture of the arm |
 //! | [`seeds`], [`prepare`] | the stored throws that come with the program, and how tables are made |
 //! | [`statistics`] | covariance of the landing, probability of a hit |
@@ -38,7 +36,6 @@
 //! | [`mod@file`] | the plan file |
 //! | [`rng`] | seeded numbers |
 
-pub mod attitude;
 mod basins;
 pub mod bounds;
 mod continuation;
@@ -74,7 +71,6 @@ pub mod search;
 pub mod seeds;
 mod spread;
 pub mod statistics;
-mod tighten;
 mod warm_start;
 
 pub use crate::throw::{Arm, JOINTS, Joints, Throw};
@@ -84,8 +80,8 @@ pub use ladder::{GivenUp, Kept, Ladder};
 pub use local::{Blocked, Found, Nearest};
 pub use margins::Margins;
 pub use obstruction::Obstruction;
-pub use options::{AskedBounds, Attitude, Cone, DelayWindow, Form, Goal, Opening, Options};
-pub use outcome::{Best, Budget, NearestAttitude, NoThrow, Watch};
+pub use options::{AskedBounds, DelayWindow, Form, Goal, Opening, Options};
+pub use outcome::{Best, Budget, NoThrow, Watch};
 pub use paper::PaperParameters;
 pub use planner::Planner;
 pub use problem::{Problem, ProblemError};

@@ -118,8 +118,6 @@ pub struct Options {
     pub opening: Option<Opening>,
     /// How the target moves from the planned release on.
     pub course: Course,
-    /// A thing that is no ball, and how it is to arrive.
-    pub attitude: Option<Attitude>,
 }
 
 impl Options {
@@ -149,7 +147,6 @@ impl Options {
             arrival: Arrival { speed_m_s: None, descent_rad: None },
             opening: None,
             course: Course::default(),
-            attitude: None,
         }
     }
 
@@ -296,53 +293,6 @@ pub struct Opening {
 
 /// Largest angle of incidence that can be asked for, in rad: beyond it a ball hardly enters.
 pub const INCIDENCE_MAX_RAD: f64 = 1.4;
-
-/// A thing with an axis of symmetry, fixed in the hand until the release, and how it is to arrive.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Attitude {
-    /// Axis of symmetry in the frame E of the hand; any length but zero.
-    pub axis_e: Vector3<f64>,
-    /// Moment of inertia about the axis over that across it: 0 (a thin stick) to 2 (a thin disc).
-    pub inertia_ratio: f64,
-    /// Where the axis is to point at the arrival; `None`: anywhere.
-    pub axis: Option<Cone>,
-    /// Axis of rotation, as the angular momentum has it: the flight does not change it. `None`: any.
-    pub spin: Option<Cone>,
-    /// Least angular momentum over the transverse moment of inertia in rad/s, if its direction is asked for: what does not
-    /// rotate has no axis of rotation. It is the rate at which the axis of symmetry turns about it.
-    pub spin_min_rad_s: f64,
-}
-
-impl Attitude {
-    /// Whether anything is asked of the arrival.
-    #[must_use]
-    pub fn is_asked(&self) -> bool {
-        self.axis.is_some() || self.spin.is_some()
-    }
-
-    /// The same thing, with nothing asked of its arrival.
-    #[must_use]
-    pub fn unasked(&self) -> Self {
-        Self { axis: None, spin: None, ..*self }
-    }
-}
-
-/// Directions about a wanted one.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Cone {
-    /// The wanted direction in the world; any length but zero.
-    pub direction_w: Vector3<f64>,
-    /// Largest angle to it in rad.
-    pub angle_max_rad: f64,
-    /// Whether the opposite direction is as good.
-    pub either_sign: bool,
-}
-
-/// Smallest and largest angle of a [`Cone`] in rad: 0.1° to 179°.
-pub const CONE_RAD: [f64; 2] = [1.7e-3, 3.124];
-
-/// Range of [`Attitude::spin_min_rad_s`] in rad/s.
-pub(crate) const SPIN_MIN_RAD_S: [f64; 2] = [0.1, 100.0];
 
 /// Most limits of the landing's shift, each for late and for early release.
 pub(crate) const DELAY_WINDOWS_MAX: usize = 4;

@@ -75,8 +75,6 @@ pub struct NoThrow {
     pub target: Vector3<f64>,
     /// The nearest target that a throw reaches, if one was found.
     pub nearest: Option<NearestTarget>,
-    /// The nearest arrival attitude of a throw to the target, if only the attitude is why.
-    pub attitude: Option<Box<NearestAttitude>>,
     /// What closes every posture of the arm, if that is why.
     pub obstruction: Option<Box<Obstruction>>,
     /// Starts that were run.
@@ -86,10 +84,9 @@ pub struct NoThrow {
 }
 
 fn reason_text(none: &NoThrow) -> String {
-    match (&none.obstruction, &none.attitude) {
-        (Some(found), _) => format!(": {found}"),
-        (None, Some(nearest)) => format!(" with the attitude asked for: {nearest}"),
-        (None, None) => nearest_text(none.nearest.as_ref()),
+    match &none.obstruction {
+        Some(found) => format!(": {found}"),
+        None => nearest_text(none.nearest.as_ref()),
     }
 }
 
@@ -102,39 +99,6 @@ pub struct NearestTarget {
     pub distance_m: f64,
     /// The constraint that blocks the rest of the way.
     pub constraint: String,
-}
-
-/// The attitude of a throw to the target that is nearest to the one asked for.
-#[derive(Debug, Clone, PartialEq)]
-pub struct NearestAttitude {
-    /// Which direction is too far off.
-    pub what: &'static str,
-    /// Its direction at the arrival, unit vector, world; `None` for the axis of a thing that does not rotate.
-    pub direction_w: Option<Vector3<f64>>,
-    /// Its angle to the wanted one in rad.
-    pub angle_rad: f64,
-    /// The largest angle that was allowed, in rad.
-    pub angle_max_rad: f64,
-}
-
-impl NearestAttitude {
-    /// By how much the angle is too large, in rad.
-    #[must_use]
-    pub fn excess_rad(&self) -> f64 {
-        self.angle_rad - self.angle_max_rad
-    }
-}
-
-impl std::fmt::Display for NearestAttitude {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let (angle, most) = (self.angle_rad.to_degrees(), self.angle_max_rad.to_degrees());
-        write!(
-            f,
-            "the nearest {} that was found is {angle:.1} deg off, {most:.1} deg are allowed",
-            self.what
-        )?;
-        self.direction_w.map_or(Ok(()), |d| write!(f, "; it is {}", point_text(&d)))
-    }
 }
 
 /// Coordinates with three decimals; no "-0.000".

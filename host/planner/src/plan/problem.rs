@@ -7,7 +7,7 @@ use robot_model::{JointVec, RobotModel};
 
 use super::bounds::Bounds;
 pub use super::options::{Arrival, DelayWindow, Form, Obstacle, Options, Weights};
-use super::options::{CONE_RAD, Cone, DELAY_WINDOWS_MAX, Goal, INCIDENCE_MAX_RAD, Region, SPIN_MIN_RAD_S};
+use super::options::{DELAY_WINDOWS_MAX, Goal, INCIDENCE_MAX_RAD, Region};
 use crate::flight::{Aim, FlightModel, FlightModelError};
 use crate::throw::{JOINTS, Throw};
 
@@ -105,17 +105,6 @@ pub enum ProblemError {
         /// Clearance that is kept.
         clearance_m: f64,
     },
-    /// A direction of the arrival attitude is none.
-    #[error("{what} has no direction: give one number that is not 0, and all finite")]
-    NoDirection {
-        /// Which.
-        what: &'static str,
-    },
-    /// The paper's form has no arrival attitude.
-    #[error(
-        "form \"paper\" has no arrival attitude: use --form best, or leave out the axes that were asked for"
-    )]
-    AttitudeInPaperForm,
     /// Drag or spin cannot be.
     #[error(transparent)]
     Flight(#[from] FlightModelError),
@@ -217,7 +206,6 @@ impl<'a, const N: usize> Problem<'a, N> {
         }
         let ball_m = arm.gripper().ball_radius_m;
         let aim = aim_of(&target, &options, ball_m)?;
-        check_attitude(&options)?;
         if N < 6 && !options.free_spin {
             return Err(ProblemError::FormNeedsSixJoints { robot: arm.name().to_owned(), joints: N });
         }
@@ -347,35 +335,6 @@ fn aim_of(target: &Vector3<f64>, options: &Options, ball_m: f64) -> Result<Aim, 
         return Err(ProblemError::OpeningNarrow { radius_m: opening.radius_m, ball_m, clearance_m });
     }
     Ok(Aim::new(*target, &opening.normal, options.course))
-}
-
-/// Whether thing and wanted directions of an arrival attitude make sense.
-fn check_attitude(options: &Options) -> Result<(), ProblemError> {
-    let Some(attitude) = &options.attitude else { return Ok(()) };
-    if options.form == Form::Paper && attitude.is_asked() {
-        return Err(ProblemError::AttitudeInPaperForm);
-    }
-    let scalar = |option, value: f64, min: f64, max: f64| {
-        if value >= min && value <= max {
-            Ok(())
-        } else {
-            Err(ProblemError::Option { option, value, min, max })
-        }
-    };
-    let direction = |what, v: &Vector3<f64>| {
-        let long = v.norm();
-        if long > 1e-9 && long.is_finite() { Ok(()) } else { Err(ProblemError::NoDirection { what }) }
-    };
-    direction("the axis of the thing", &attitude.axis_e)?;
-    scalar("moment of inertia about the axis over that across it", attitude.inertia_ratio, 0.0, 2.0)?;
-    let cone = |what, option, cone: Option<&Cone>| {
-        let Some(cone) = cone else { return Ok(()) };
-        direction(what, &cone.direction_w)?;
-        scalar(option, cone.angle_max_rad, CONE_RAD[0], CONE_RAD[1])
-    };
-    cone("the arrival axis", "largest angle to the arrival axis in rad", attitude.axis.as_ref())?;
-    cone("the spin axis", "largest angle to the spin axis in rad", attitude.spin.as_ref())?;
-    scalar("least rate of the spin in rad/s", attitude.spin_min_rad_s, SPIN_MIN_RAD_S[0], SPIN_MIN_RAD_S[1])
 }
 
 /// No target of a throw is faster, in m/s, m/s², …

@@ -6,7 +6,7 @@ use std::time::Instant;
 use super::basins::{Basins, ENOUGH_STORED, Surroundings};
 use super::local::{Begin, Found, evaluate_once, solve_from};
 use super::obstruction::obstruction;
-pub use super::outcome::{Best, Budget, NearestAttitude, NoThrow, Watch};
+pub use super::outcome::{Best, Budget, NoThrow, Watch};
 pub use super::planner::{Planner, kind_of};
 use super::warm_start::{RINGS, WarmStart, warm_starts};
 use crate::parallel::each;
@@ -178,7 +178,7 @@ impl<const N: usize> Planner<'_, '_, N> {
             Ok(best) => return Ok(best),
             Err(none) => none,
         };
-        if watch.stop.load(Ordering::Relaxed) || none.attitude.is_some() {
+        if watch.stop.load(Ordering::Relaxed) {
             return Err(none);
         }
         let stopped =
@@ -188,23 +188,13 @@ impl<const N: usize> Planner<'_, '_, N> {
         {
             return Ok(Best { starts: none.starts + best.starts, ..best });
         }
-        // No throw at all was found, so the attitude has no part in it.
-        let unasked = self.without_attitude();
-        let any = unasked.as_ref().map(Planner::new);
-        let planner = any.as_ref().unwrap_or(self);
-        if let Some(found) = obstruction(planner.problem) {
+        if let Some(found) = obstruction(self.problem) {
             return Err(NoThrow { obstruction: Some(Box::new(found)), ..none });
         }
-        let Some((nearest, throw)) = planner.nearest(index, budget) else { return Err(none) };
+        let Some((nearest, throw)) = self.nearest(index, budget) else { return Err(none) };
         // Looking for the nearest target is itself a way in: it may end at the target.
         if nearest.distance_m < REACHED_M {
-            let Some(mut found) = planner.from_throw(&throw) else { return Err(none) };
-            if any.is_some() {
-                match self.tighten(&found.throw, &|| watch.stop.load(Ordering::Relaxed)) {
-                    Ok(tightened) => found = self.refine(tightened),
-                    Err(nearest) => return Err(NoThrow { attitude: nearest.map(Box::new), ..none }),
-                }
-            }
+            let Some(found) = self.from_throw(&throw) else { return Err(none) };
             let mut basins = Basins::default();
             basins.add_random(Some(found));
             let (starts, interrupted) = (none.starts, none.interrupted);
@@ -257,7 +247,6 @@ impl<const N: usize> Planner<'_, '_, N> {
         let stopped = || watch.stop.load(Ordering::Relaxed) || out_of_time();
         let mut basins = Basins::default();
         let surroundings = self.polish_stored(index, &mut basins, &stopped, watch);
-        let attitude = self.tighten_all(index, budget, &mut basins, &stopped, watch);
         let batch = if surroundings == Surroundings::Stored { ENOUGH_STORED } else { BATCH };
         // Without a table, a throw that was found by only one or two starts is seldom the best one. So more starts are made.
         let most = |basins: &Basins<N>| {
@@ -280,43 +269,10 @@ impl<const N: usize> Planner<'_, '_, N> {
         best.ok_or_else(|| NoThrow {
             target: self.problem.target,
             nearest: None,
-            attitude: attitude.map(Box::new),
             obstruction: None,
             starts: basins.starts(),
             interrupted,
         })
-    }
-
-    /// Searches for throws with any attitude, and brings the cheapest to the one asked for. The nearest attitude if none gets
-    /// there.
-    fn tighten_all(
-        &self,
-        index: &Index<N>,
-        budget: &Budget,
-        basins: &mut Basins<N>,
-        stopped: &(dyn Fn() -> bool + Sync),
-        watch: &Watch,
-    ) -> Option<NearestAttitude> {
-        let any = self.without_attitude()?;
-        let budget = Budget { all: false, ..*budget };
-        let from = Planner::new(&any).attempt(index, &budget, watch).ok()?.others;
-        let ended = each(&from[..from.len().min(TIGHTENED_MAX)], |found| {
-            (!stopped()).then(|| {
-                let ended = self.tighten(&found.throw, stopped);
-                counted(watch, ended.as_ref().ok().copied());
-                ended
-            })
-        });
-        let mut nearest: Option<NearestAttitude> = None;
-        for ended in ended.into_iter().flatten() {
-            if let Err(Some(near)) = &ended
-                && nearest.as_ref().is_none_or(|n| near.excess_rad() < n.excess_rad())
-            {
-                nearest = Some(near.clone());
-            }
-            basins.add_stored(ended.ok());
-        }
-        nearest
     }
 
     /// Polishes the stored throws around the target. If none of them leads there, walks from their targets to this one,
@@ -353,9 +309,7 @@ impl<const N: usize> Planner<'_, '_, N> {
         }
         let of_kind = index.records().iter().filter(|r| r.kind == kind).count();
         let options = &self.problem.options;
-        let for_such_targets = self.problem.aim.is_level()
-            && options.opening.is_none()
-            && !options.attitude.is_some_and(|a| a.is_asked());
+        let for_such_targets = self.problem.aim.is_level() && options.opening.is_none();
         match near.len() {
             _ if of_kind < TABLE_MIN || !for_such_targets => Surroundings::Unknown,
             0 => Surroundings::Empty,
@@ -434,8 +388,6 @@ const QUICK: Settings = Settings {
 };
 /// Stored throws that a full search polishes.
 const STORED_TRIES: usize = 12;
-/// Throws with any attitude that are brought to the one asked for.
-const TIGHTENED_MAX: usize = 16;
 /// Stored throws that are walked to the target if none leads there at once.
 const WALKED: usize = 4;
 /// Stored throws that are walked to the target before it is refused, and how far at most, in m.

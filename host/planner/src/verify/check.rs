@@ -8,7 +8,7 @@ use super::boxes::{distance_m, lowest_m, point_distance_m};
 use super::chain::Chain;
 use super::finding::Finding;
 use super::target::Plane;
-use super::{attitude, forces, motion};
+use super::{forces, motion};
 use crate::plan::file::PlanFile;
 use crate::plan::scan::RELEASE_BLIND_S;
 
@@ -219,11 +219,6 @@ pub fn check<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> Report {
     findings.extend(flight_findings(plan, &watched, &flown));
     findings.extend(opening(arm.gripper().ball_radius_m, plan, &flown));
     findings.extend(delays(plan, &release));
-    let hand = |t: f64| {
-        let d = chain.displacements(&motion::sample::<N>(plan, t).q);
-        (chain.link(&d, N - 1) * *arm.end_effector()).rot
-    };
-    findings.extend(attitude::findings(plan, &hand, flown.landed.map(|met| met.s)));
     let told = told::<N>(plan, [p, v], flown.landed.as_ref());
     // The rest is computed from the release: where that is false, nothing more is learned.
     let lie = if told.ok { plan.false_claim(arm) } else { None };

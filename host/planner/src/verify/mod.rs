@@ -8,7 +8,6 @@
 //! | [`forces`] | recursive Newton-Euler | momentum of every body by differences in time, summed in the world frame |
 //! | [`boxes`] | separating axes, features | alternating projections between convex sets |
 //! | [`ball`] | closed form, Runge-Kutta with variations | Heun in small steps |
-//! | [`attitude`] | closed form of the precession | Euler's equations in small steps, angular velocity by differences |
 //! | [`target`] | one plane, closed forms | powers summed, differences in time, distances from the circle |
 //! | [`finding`] | | one thing that was looked at |
 //! | [`mod@check`] | rows and margins | one pass over the grid, findings with time and place |
@@ -18,7 +17,6 @@
 //!
 //! The verifier takes a tenth of a second. It uses simple formulas instead of fast ones, so that a reader can check them.
 
-pub mod attitude;
 pub mod ball;
 pub mod boxes;
 pub mod chain;

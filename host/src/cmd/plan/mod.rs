@@ -1,7 +1,6 @@
 //! `cubectl plan …`
 
 pub mod args;
-pub mod attitude_options;
 pub mod follow;
 pub mod follow_options;
 pub mod for_programs;

@@ -6,7 +6,6 @@ use nalgebra::Vector3;
 use robot_model::{Pose, RobotModel};
 
 use super::super::meaning::Deed;
-use super::attitude_options::AttitudeOptions;
 use super::numbers::{numbers, six_numbers};
 pub use super::numbers::{point, two_numbers};
 use crate::error::ExpectedError;
@@ -103,9 +102,6 @@ pub struct PlanOptions {
     /// Range of braking time over the duration of the motion [default: 0.04,0.6; paper: 0.04,0.4].
     #[arg(long, value_name = "MIN,MAX", value_parser = two_numbers, help_heading = "Where the search looks")]
     pub braking_ratio: Option<[f64; 2]>,
-    /// A thing that is no ball.
-    #[command(flatten)]
-    pub attitude: AttitudeOptions,
     /// Answer from this library of throws alone (a file of `plan prepare --out`): the nearest stored throw, solved locally to
     /// the target. Nothing is searched; a target that the library does not lead to is refused.
     #[arg(long, value_name = "FILE", conflicts_with = "store", help_heading = "Search")]
@@ -172,13 +168,9 @@ fn course(text: &str) -> Result<Course, String> {
 impl PlanOptions {
     /// What is asked, where some options mean nothing; the rows of a list say more than the command line.
     pub(in crate::cmd) fn deeds(&self, is_list: bool) -> Vec<Deed> {
-        let thing = &self.attitude;
         let asked = [
             (self.library.is_some(), Deed::Library),
-            (thing.thing_inertia.is_none(), Deed::Ball),
             (!is_list && self.opening_normal.is_none(), Deed::NoOpening),
-            (!is_list && thing.arrival_axis.is_none(), Deed::NoArrivalAxis),
-            (!is_list && thing.spin_axis.is_none(), Deed::NoSpinAxis),
         ];
         asked.into_iter().filter(|(asked, _)| *asked).map(|(_, deed)| deed).collect()
     }
@@ -239,7 +231,6 @@ impl PlanOptions {
             incidence_max_rad: self.incidence_max_deg.to_radians(),
         });
         o.course = self.target_velocity.or(self.target_course).unwrap_or_default();
-        o.attitude = self.attitude.resolve();
         o.arrival = Arrival {
             speed_m_s: self.arrival_speed.map(|[a, b]| a..=b),
             descent_rad: self.arrival_descent_deg.map(|[a, b]| a.to_radians()..=b.to_radians()),

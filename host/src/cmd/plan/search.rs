@@ -228,13 +228,6 @@ impl SearchOptions {
                 &"--objective time has no weights: leave out --weights, or leave out --objective",
             ));
         }
-        let thing = &self.options.attitude;
-        if thing.thing_inertia.is_none() && (thing.arrival_axis.is_some() || thing.spin_axis.is_some()) {
-            // The row of a list asks so; the command line has been looked at.
-            return Err(ExpectedError::bad_input(
-                &"an axis at the arrival is about a thing that is no ball: say with --thing-inertia which",
-            ));
-        }
         self.goal(self.noise()?, self.region()?).map(drop)
     }
 
@@ -260,7 +253,6 @@ impl SearchOptions {
             o.target_velocity = Course::new(&[velocity]);
             o.target_course = None;
         }
-        o.attitude.take_row(row);
         own
     }
 
@@ -300,7 +292,8 @@ impl SearchOptions {
         // The table is of throws that are best in effort: others would promise what they cannot keep.
         let of_effort = goal == Goal::Effort
             && asked.weights == Weights::default()
-            && (&asked.opening, &asked.attitude, asked.course) == (&None, &None, Course::default());
+            && asked.opening.is_none()
+            && asked.course == Course::default();
         let wanted = Wanted {
             robot: &self.options.robot,
             noise: &noise,
@@ -406,15 +399,13 @@ fn landings(found: &[Vector2<f64>], target: &Vector2<f64>, region: Option<Region
 const FAST_TRIES: usize = 6;
 
 fn no_throw(e: &NoThrow) -> ExpectedError {
-    if e.interrupted && e.nearest.is_none() && e.attitude.is_none() {
+    if e.interrupted && e.nearest.is_none() {
         return ExpectedError::new(
             exit::INTERRUPTED,
             format!("stopped after {} starts without a throw; more starts may find one", e.starts),
         );
     }
-    let wider = "choose a direction nearer to the one that was found, or allow a larger angle (--arrival-axis-max-deg, --spin-axis-max-deg)";
     let in_reach = "choose a target in reach; `cubectl plan sweep` draws what is";
-    let in_reach = if e.attitude.is_some() { wider } else { in_reach };
     let next = e.obstruction.as_deref().map_or(in_reach, Obstruction::next_step);
     ExpectedError::new(exit::NO_THROW, format!("{e}\n  next: {next}"))
 }

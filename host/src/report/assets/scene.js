@@ -78,7 +78,7 @@
     if (step.ball) all.push({ball: step.ball, depth: turn(step.ball)[2] + scene.radius});
     all.sort((a, b) => a.depth - b.depth);
     for (const f of all) {
-      if (f.ball && step.normal) { scene.stick ? stick(f.ball, step.normal) : disc(f.ball, step.normal); continue; }
+      if (f.ball && step.normal) { disc(f.ball, step.normal); continue; }
       if (f.ball) {
         const s = project(f.ball), r = Math.max(3.5, s[3] * scene.radius), fill = ctx.createRadialGradient(s[0] - r / 3, s[1] - r / 3, r / 6, s[0], s[1], r);
         fill.addColorStop(0, '#fff'); fill.addColorStop(0.35, css('--fly')); fill.addColorStop(1, css('--fly'));
@@ -94,10 +94,6 @@
     const e1 = cross(n, side), l = Math.hypot(...e1), u = e1.map(v => v / l), w = cross(n, u);
     const rim = Array.from({length: 40}, (_, i) => c.map((v, k) => v + scene.radius * (u[k] * Math.cos(i * Math.PI / 20) + w[k] * Math.sin(i * Math.PI / 20))));
     area(rim, css('--fly'), 0.8); line(rim.concat([rim[0]]), css('--ink'), 0.8);
-  }
-  function stick(c, n) {
-    const end = d => c.map((v, k) => v + d * n[k]);
-    line([end(-0.1), end(0.1)], css('--fly'), 4); line([c, end(0.1)], css('--ink'), 1);
   }
   function goal(p) {
     const tz = p[2];

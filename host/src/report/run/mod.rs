@@ -150,16 +150,6 @@ impl RunReport<'_> {
             };
             tiles.push((format!("{:.1}", m * 1e3), "mm", what.to_owned(), tone));
         }
-        for (pointer, what) in
-            [("axis", "axis at the arrival, off its direction"), ("spin", "spin axis, off its direction")]
-        {
-            let number = |key: &str| self.in_summary(&format!("/landing/attitude/{pointer}/{key}"));
-            if let Some(deg) = number("off_deg").and_then(Value::as_f64) {
-                let inside = number("inside").and_then(Value::as_bool) == Some(true);
-                let tone = if inside { Tone::Good } else { Tone::Bad };
-                tiles.push((format!("{deg:.1}"), "deg", format!("{what}, observed"), tone));
-            }
-        }
         let bounded = |value: f64, bound: f64| if value <= bound { Tone::Good } else { Tone::Bad };
         let q = largest(&|j| j.position_error_rad.max_after_transient);
         let v = largest(&|j| j.speed_error_rad_s.max_after_transient);

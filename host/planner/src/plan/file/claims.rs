@@ -10,7 +10,6 @@ use super::PlanFile;
 use crate::flight::Course;
 use crate::plan::local::Found;
 use crate::plan::opening::Opening;
-use crate::plan::options::{Attitude, Cone};
 use crate::plan::outcome::Best;
 use crate::plan::problem::{DelayWindow, Obstacle, Options, Problem};
 use crate::throw::Throw;
@@ -76,20 +75,6 @@ impl PlanFile {
 
     /// What was asked for, as far as the file says it.
     fn asked(&self) -> Options {
-        let attitude = self.target.attitude.as_ref().map(|a| {
-            let cone = |d: super::DirectionInfo| Cone {
-                direction_w: d.direction_w.into(),
-                angle_max_rad: d.angle_max_rad,
-                either_sign: d.either_sign,
-            };
-            Attitude {
-                axis_e: a.axis_e.into(),
-                inertia_ratio: a.inertia_ratio,
-                axis: a.axis.map(cone),
-                spin: a.spin.map(cone),
-                spin_min_rad_s: a.spin_min_rad_s,
-            }
-        });
         let windows = self.landing.delay_shifts.iter();
         let windows =
             windows.filter_map(|s| Some(DelayWindow { delay_s: s.delay_s, shift_m: s.limit_m? })).collect();
@@ -117,7 +102,6 @@ impl PlanFile {
                 incidence_max_rad: o.incidence_max_rad,
             }),
             course: Course::new(&self.target.course).unwrap_or_default(),
-            attitude,
             ..Options::of(self.search.form)
         }
     }

@@ -4,9 +4,9 @@ use nalgebra::Matrix4;
 use robot_model::JointVec;
 
 use super::{
-    AttitudeInfo, CheckInfo, Currents, DelayShift, FORMAT, FingerLandingInfo, GoalName, LandingInfo,
-    MarginsInfo, MotionInfo, Objective, ObstacleInfo, OpeningInfo, PlanFile, Release, RobotId, Search,
-    SupplyPeak, Target, VERSION,
+    CheckInfo, Currents, DelayShift, FORMAT, FingerLandingInfo, GoalName, LandingInfo, MarginsInfo,
+    MotionInfo, Objective, ObstacleInfo, OpeningInfo, PlanFile, Release, RobotId, Search, SupplyPeak, Target,
+    VERSION,
 };
 use crate::flight::Landing;
 use crate::motion::Motion;
@@ -78,7 +78,6 @@ impl PlanFile {
                 region,
                 opening: opening_info(problem, &landed),
                 course: problem.options.course.coefficients_m(),
-                attitude: AttitudeInfo::of(problem, throw, noise),
             },
             obstacles: problem.options.obstacles.iter().map(obstacle).collect(),
             search: Search {
@@ -271,9 +270,6 @@ fn checks<const N: usize>(problem: &Problem<'_, N>) -> Vec<CheckInfo> {
             true,
             &format!("{CLEARANCE_EXTRA_M} m"),
         ));
-    }
-    if o.attitude.is_some_and(|a| a.is_asked()) {
-        checks.push(check("attitude at the arrival: axis and spin", true, "1e-6 rad"));
     }
     checks
 }

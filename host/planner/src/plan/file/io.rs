@@ -49,6 +49,11 @@ pub enum PlanFileError {
         /// Its version.
         found: u64,
     },
+    /// A throw of a thing that is not a ball, from a program that planned those.
+    #[error(
+        "plan {path} is for a thing with an attitude at its arrival (target.attitude), and only balls are thrown\n  next: plan again for a ball, with `cubectl plan throw`"
+    )]
+    NotABall { path: PathBuf },
     /// Of another kind.
     #[error("plan {path} is of kind \"{}\", here one of kind \"{}\" is wanted\n  next: {}", .found.name(), .wanted.name(), next_for(*.found))]
     OtherKind {
@@ -114,6 +119,10 @@ pub fn parse(path: &Path, text: &str) -> Result<(Kind, Value), PlanFileError> {
     };
     if kind == Kind::Throw && version < FIRST_WITH_KNOTS {
         upgrade(&mut value).map_err(damaged)?;
+    }
+    // Versions 8 to 10 had it.
+    if value.pointer("/target/attitude").is_some() {
+        return Err(PlanFileError::NotABall { path: path.to_owned() });
     }
     Ok((kind, value))
 }
@@ -300,9 +309,6 @@ impl PlanFile {
             if !sizes || turned.is_nan() || turned > 1e-6 {
                 return Err(format!("obstacle \"{}\" is not a box", obstacle.name));
             }
-        }
-        if let Some(attitude) = &self.target.attitude {
-            attitude.sound()?;
         }
         let end_s = self.motion.duration_s();
         if (end_s - self.end_time_s).abs() > SAME_TIME_S {

@@ -7,13 +7,11 @@
 //! | module | holds |
 //! |---|---|
 //! | here | the keys of the file |
-//! | `attitude` | a thing that is no ball |
 //! | `claims` | what follows from the rest of the file, computed again |
 //! | `compose` | from a throw to its plan |
 //! | `motion` | knots and events; what files before version 6 had in their place |
 //! | `io` | reading, writing, and what is refused |
 
-mod attitude;
 mod claims;
 mod compose;
 mod io;
@@ -22,7 +20,6 @@ mod motion;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub use self::attitude::{ArrivalInfo, AttitudeInfo, DelayTurn, DirectionInfo};
 pub(crate) use self::claims::first_difference;
 pub use self::io::{FILE_MAX_BYTES, PlanFileError, fields, parse, require_robot, tagged_json};
 pub use self::motion::{EventInfo, KnotInfo, MotionInfo};
@@ -32,7 +29,7 @@ use super::problem::{Form, Weights};
 use super::statistics::{Noise, Region};
 
 /// Version of the format that this program writes, and the newest it reads.
-pub const VERSION: u32 = 10;
+pub const VERSION: u32 = 11;
 /// First field of every plan file.
 pub const FORMAT: &str = "cubectl-plan";
 
@@ -137,9 +134,6 @@ pub struct Target {
     /// is at rest. New in version 7.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub course: Vec<[f64; 3]>,
-    /// What is thrown instead of a ball, and how it arrives. New in version 8.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub attitude: Option<AttitudeInfo>,
 }
 
 /// An opening that the ball passes.

@@ -6,7 +6,6 @@ use robot_model::{Frames, Jacobian, Pose};
 
 use super::WINDOW;
 use super::arriving::Arriving;
-use super::attitude::attitude_rows;
 use super::current::release_current_rows;
 use super::opening::opening_rows;
 use crate::flight::aim::Aim;
@@ -101,7 +100,6 @@ pub(super) fn release_rows<S: Sink<D>, const N: usize, const D: usize>(
     point_rows(problem, &p, jac, sink);
     arrival_rows(problem, &arriving, sink);
     opening_rows(problem, &aim, &arriving, sink);
-    attitude_rows(problem, frames, &arriving, &w, sink);
     if !problem.options.current_over_motion {
         release_current_rows(problem, throw, frames, sink);
     }

@@ -21,7 +21,6 @@
 //! | `kinematic` | launch, direction of the throw, release point, arrival; limits at instants of the motion |
 //! | `arriving` | the ball at the end of its flight, as rows use it |
 //! | `opening` | the ball passes through an opening |
-//! | `attitude` | a thing arrives with its axis in a direction |
 //! | `delay` | landing of a late or early release |
 //! | `current` | currents at the release |
 //! | `goal` | the part of the objective that looks at the landing |
@@ -31,7 +30,6 @@
 //! best throws lie. Here all of (2) to (6) is polynomial, and infeasible points are just points.
 
 mod arriving;
-mod attitude;
 mod current;
 mod delay;
 mod goal;
@@ -78,9 +76,6 @@ impl<const N: usize> ThrowTask<'_, '_, N> {
     /// Whether some rows at the release are nonlinear in the speeds or accelerations of the joints.
     fn release_bends_with_speed(&self) -> bool {
         let options = &self.problem.options;
-        if options.attitude.is_some_and(|a| a.is_asked()) {
-            return true;
-        }
         let arrival = &options.arrival;
         let of_arrival =
             arrival.speed_m_s.is_some() || arrival.descent_rad.is_some() || options.opening.is_some();
@@ -204,10 +199,8 @@ pub(crate) fn describe<const N: usize>(problem: &Problem<'_, N>, id: usize, cuts
         "direction of the throw".to_owned()
     } else if id < number.opening {
         "arrival".to_owned()
-    } else if id < number.attitude {
-        pick(&["angle of incidence at the opening", "rim of the opening"], id - number.opening)
     } else if id < number.delay {
-        pick(&["arrival axis", "spin axis", "rate of the spin"], id - number.attitude)
+        pick(&["angle of incidence at the opening", "rim of the opening"], id - number.opening)
     } else if id < number.cut {
         let (what, i) = match id.checked_sub(number.through) {
             Some(i) => ("height of the flight", i),
