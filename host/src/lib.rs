@@ -20,6 +20,8 @@
 //!               exit  documented exit codes
 //! ```
 //!
+//! `tables` has lists of targets and the part files of `plan sweep`.
+//!
 //! Everything else is in the packages below: `operator` (a throw as a job on a bus), `planner`, `tuner`.
 
 #![warn(clippy::print_stdout, clippy::print_stderr)]
@@ -31,4 +33,5 @@ pub mod complete;
 pub mod error;
 pub mod exit;
 pub mod report;
+mod tables;
 pub mod trust;

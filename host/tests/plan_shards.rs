@@ -1,10 +1,11 @@
-//! `cubectl plan sweep` in shards, from outside: killed in mid-run, with other threads, through the script for job arrays.
+//! `cubectl plan sweep` from outside: lists and grids, killed in mid-run, torn parts, with other threads, through the script for job
+//! arrays.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
-use crate::program::{empty_folder as folder, text};
+use crate::program::{cubectl, empty_folder as folder, text};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_cubectl");
 /// About a millisecond for each target.
@@ -122,8 +123,8 @@ fn what_would_differ_between_machines_is_refused_before_anything_is_written() {
     let grid = ["--x=1,1,1", "--z=-1,-1,1", "--shard", "1/2", "--out"];
     let out_name = out.display().to_string();
     for (words, told) in [
-        (["--time-budget", "1"], "--time-budget does not go with --shard"),
-        (["--store", "s"], "--store does not go with --shard"),
+        (["--time-budget", "1"], "--time-budget does not go with a sweep"),
+        (["--store", "s"], "--store does not go with a sweep"),
         (["--draws", "1000001"], "at most 1000000 per target"),
         (["--objective", "hit"], "needs to know what a hit is"),
     ] {
@@ -183,4 +184,102 @@ fn the_script_for_job_arrays_makes_the_shards_of_its_tasks() {
         ],
     );
     assert!(text(&alone.stdout).contains("0 shards made, 1 were there"), "{}", text(&alone.stdout));
+}
+
+fn part(out: &Path) -> String {
+    std::fs::read_to_string(out.join("part-00001-of-00001.csv")).expect("reads")
+}
+
+#[test]
+fn a_list_has_a_row_for_each_target_in_order_and_a_torn_part_is_made_again() {
+    let folder = folder("sweep-list");
+    let (list, out, earlier) = (folder.join("targets.csv"), folder.join("out"), folder.join("earlier"));
+    // The second is out of reach, the third below the floor, the first stands twice.
+    std::fs::write(&list, "z_m,x_m,y_m\n-1.0,1.0,1.0\n0,9,0\n-3,1,1\n-1.0,1.0,1.0\n").expect("writes");
+    let (list_name, out_name) = (list.display().to_string(), out.display().to_string());
+    let run = || {
+        let words = ["--form", "paper", "--fast", "--starts", "2", "--targets", &list_name];
+        cubectl(&[&["plan", "sweep"], &words[..], &["--out", &out_name]].concat())
+    };
+    let made = run();
+    assert!(made.status.success(), "{}", text(&made.stderr));
+    let whole = part(&out);
+    let rows: Vec<&str> = whole.lines().collect();
+    assert!(
+        rows[0].starts_with("# {") && rows[1].starts_with("row,x_m,y_m,z_m,outcome,objective"),
+        "{whole}"
+    );
+    assert!(rows[2].starts_with("0,1,1,-1,thrown,31.26"), "{}", rows[2]);
+    assert!(rows[3].starts_with("1,9,0,0,refused,,") && rows[3].contains("no throw reaches"), "{}", rows[3]);
+    assert!(rows[4].starts_with("2,1,1,-3,refused,,") && rows[4].contains("below the floor"), "{}", rows[4]);
+    assert_eq!(rows[2].strip_prefix('0'), rows[5].strip_prefix('3'));
+    assert!(rows[6].starts_with("# end: 4 rows,") && rows.len() == 7, "{whole}");
+
+    // The witness is a second name of the earlier file: it is replaced and not truncated, so a full disk or a kill loses nothing.
+    let (path, torn) = (out.join("part-00001-of-00001.csv"), &whole[..whole.len() - 9]);
+    std::fs::write(&path, torn).expect("writes");
+    std::fs::hard_link(&path, &earlier).expect("links");
+    let again = run();
+    assert!(text(&again.stdout).contains("1 shards made, 0 were there"), "{}", text(&again.stdout));
+    assert_eq!(
+        (part(&out), std::fs::read_to_string(&earlier).expect("reads")),
+        (whole.clone(), torn.to_owned())
+    );
+    assert!(text(&run().stdout).contains("0 shards made, 1 were there"));
+
+    // Nothing else continues it.
+    std::fs::write(&list, "x_m,y_m,z_m\n1.5,0,-0.5\n").expect("writes");
+    let refused = run();
+    assert_eq!(refused.status.code(), Some(i32::from(host::exit::BAD_INPUT)));
+    let told = text(&refused.stderr);
+    assert!(told.contains("target list: ") && told.contains("next:"), "{told}");
+    assert_eq!(part(&out), whole);
+}
+
+#[test]
+fn a_sweep_is_continued_only_with_what_made_it() {
+    let out = folder("sweep-continued").join("out");
+    let out_name = out.display().to_string();
+    let run = |more: &[&str]| {
+        let words = ["plan", "sweep", "--x=1,1,1", "--y=1,1,1", "--z=-1,-1,1", "--starts", "1", "--out"];
+        cubectl(&[&words[..], &[&out_name], more].concat())
+    };
+    assert!(run(&["--form", "paper"]).status.success());
+    let first = files(&out);
+    for (more, differs) in [
+        (&["--form", "paper", "--robot", "pincher4"][..], "robot: powercube6"),
+        (&["--form", "paper", "--seed", "2"], "seed: 1 there, 2 asked for"),
+        (&["--form", "paper", "--obstacle", "2,2,2,0.1,0.1,0.1"], "options: "),
+        (&["--form", "paper", "--objective", "energy"], "options: "),
+        (&["--form", "best"], "options: "),
+    ] {
+        let refused = run(more);
+        assert_eq!(refused.status.code(), Some(i32::from(host::exit::BAD_INPUT)), "{more:?}");
+        let told = text(&refused.stderr);
+        assert!(told.contains(differs) && told.contains("next:"), "{more:?}: {told}");
+        assert!(files(&out) == first, "{more:?}");
+    }
+    assert!(run(&["--form", "paper"]).status.success(), "the same words go on");
+}
+
+#[test]
+fn a_sweep_tells_relaxed_throws_from_others_and_draws_its_reach() {
+    let folder = folder("sweep-reach");
+    let (out, picture) = (folder.join("out"), folder.join("reach.svg"));
+    let (out_name, picture_name) = (out.display().to_string(), picture.display().to_string());
+    let grid = ["--x=1,5,2", "--y=0.5,0.5,1", "--z=-1,-1,1", "--starts", "8", "--out", &out_name];
+    let made = cubectl(&[&["plan", "sweep"], &grid[..]].concat());
+    assert!(made.status.success(), "{}", text(&made.stderr));
+    let rows = part(&out);
+    let begin: Vec<String> =
+        rows.lines().skip(1).map(|row| row.split(',').take(5).collect::<Vec<_>>().join(",")).collect();
+    assert_eq!(
+        begin[..4],
+        ["row,x_m,y_m,z_m,outcome", "0,1,0.5,-1,thrown", "1,3,0.5,-1,relaxed", "2,5,0.5,-1,refused"]
+    );
+    let summary = cubectl(&["plan", "sweep", "--summary", &out_name, "--picture", &picture_name]);
+    let told = text(&summary.stdout);
+    assert!(told.contains("1 throws with all that was asked for, 1 without some of it, 1 refused"), "{told}");
+    let svg = std::fs::read_to_string(&picture).expect("reads");
+    assert!(svg.contains("Reach of powercube6") && svg.matches("m: no throw</title>").count() == 1, "{svg}");
 }

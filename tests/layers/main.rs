@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 /// Floors of packages, from the bottom to the top. A package uses packages of lower floors only.
 const PACKAGES: &[&[&str]] = &[
     &["protocol", "toml-reader", "cell-console"],
-    &["can-link", "rsi-protocol", "tracker-protocol", "robot-model", "lapack-shim", "throw-tables"],
+    &["can-link", "rsi-protocol", "tracker-protocol", "robot-model", "lapack-shim"],
     &["firmware", "hil-sim"],
     &["board-example", "planner", "sequences", "tuner"],
     &["operator"],

@@ -41,8 +41,6 @@ pub(super) enum Deed {
     NoOpening,
     /// Make the table of stored throws of a robot.
     StoredThrows,
-    /// Make a table with a picture.
-    Picture,
     /// Read what a sweep has made.
     Summary,
 }
@@ -84,11 +82,6 @@ const TABLE: &[(Deed, &[&str], &str)] = &[
     (Deed::NotRsi, &["rsi"], "is for --bus rsi:..."),
     (Deed::Following, &[DRIVES, ONE_TARGET, TO_CHANCE], "has no meaning for a throw that follows the flight"),
     (Deed::Following, &["fast"], "needs stored throws; none are kept of throws that follow the flight"),
-    (
-        Deed::Following,
-        &["targets plans"],
-        "plans throws without following the flight: add --no-follow, or plan one target at a time",
-    ),
     (Deed::PaperGrid, &["starts tilt_max_deg"], "is for --form best; the form paper searches a grid"),
     (Deed::Starts, &["resolution refine ramps criterion"], "is for --form paper"),
     (
@@ -102,12 +95,7 @@ const TABLE: &[(Deed, &[&str], &str)] = &[
     (Deed::NoOpening, &["incidence_max_deg"], "is for an opening: add --opening-normal"),
     (Deed::StoredThrows, &[ONE_TARGET], "is for one target; a table is for all targets at rest"),
     (Deed::StoredThrows, &["store no_store library finger_release"], "is not for the table of stored throws"),
-    (
-        Deed::Picture,
-        &[TO_CHANCE, "draws fast library store"],
-        "is not for a table with a picture: make part files with --shards N",
-    ),
-    (Deed::Summary, &["! summary json"], "is for making a sweep; --summary reads one"),
+    (Deed::Summary, &["! summary json picture"], "is for making a sweep; --summary reads one"),
 ];
 
 impl Given {

@@ -32,7 +32,7 @@ mod tests {
     #[test]
     fn words_are_those_of_the_program_and_so_are_refusals() {
         let args: PlanArgs = parse("plan throw", &words("--target=1,-2,3 --seed 7 --fast")).unwrap();
-        assert_eq!((args.target, args.seed, args.fast), (Some([1.0, -2.0, 3.0]), 7, true));
+        assert_eq!((args.target, args.seed, args.fast), ([1.0, -2.0, 3.0], 7, true));
         let refused = parse::<PlanArgs>("plan throw", &words("--target=1,2")).unwrap_err();
         assert_eq!(refused.code, exit::USAGE);
         assert!(

@@ -13,13 +13,13 @@ pub struct Cell {
     pub objective: Option<f64>,
 }
 
-/// The map as an SVG file of a grid of targets; axes are the two coordinates that vary most.
+/// The map as an SVG file of the targets of a grid; axes are the two coordinates that vary most.
 ///
-/// If the third varies too, a cell shows the cheapest throw along it. Targets without a cell are left white.
+/// If the third varies too, a cell shows the cheapest throw along it.
 #[must_use]
-pub fn svg(targets: &[[f64; 3]], cells: &[Cell], robot: &str) -> String {
+pub fn svg(cells: &[Cell], robot: &str) -> String {
     let values = |axis: usize| {
-        let mut v: Vec<f64> = targets.iter().map(|t| t[axis]).collect();
+        let mut v: Vec<f64> = cells.iter().map(|cell| cell.target[axis]).collect();
         v.sort_by(f64::total_cmp);
         v.dedup();
         v

@@ -1,4 +1,4 @@
-"""Throws to many targets, as Parquet part files."""
+"""Throws to many targets, as CSV part files."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ def sweep(
 ) -> Swept:
     """Plans throws to many targets, as ``cubectl plan sweep`` does: the same words make files of the same bytes.
 
-    Targets are a CSV or Parquet file with the columns ``x_m, y_m, z_m``, or a grid: each of ``x_m``, ``y_m`` and ``z_m`` is from, to
+    Targets are a CSV file with the columns ``x_m, y_m, z_m``, or a grid: each of ``x_m``, ``y_m`` and ``z_m`` is from, to
     and step. ``shard`` is the number of a shard, from 1, and how many there are: one file of the folder ``out``. ``shards`` makes all
-    of so many. Shards that are there are not made again. A call uses all cores, or as many as ``RAYON_NUM_THREADS`` says.
+    of so many, neither a shard for 100 targets. Shards that are there are not made again. A call uses all cores, or as many as ``RAYON_NUM_THREADS`` says.
 
     Raises :class:`CubecellError` if something is refused; the folder of another sweep is, and is left as it is. Ctrl-C ends the call;
     files that are there are whole.

@@ -10,23 +10,15 @@ use crate::cmd::meaning::Given;
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cubectl plan throw --target 1.0,1.0,-1.0 --out plan.json --report plan.html\n  cubectl plan throw --target 2.0,0,0 --starts 400 --json\n  cubectl plan throw --robot kr16_2 --target 2.5,0,0.6 --form paper --report plan.html\n  cubectl plan throw --target 1.6,0.2,-0.3 --opening-normal=-1,0,0 --opening-radius-m 0.08 --out plan.json\n  cubectl plan throw --target 1.3,-0.3,-0.6 --target-velocity 0.3,0.5,0 --out plan.json\n  cubectl plan throw --targets targets.csv --out results.csv --plans plans"
+    after_help = "Examples:\n  cubectl plan throw --target 1.0,1.0,-1.0 --out plan.json --report plan.html\n  cubectl plan throw --target 2.0,0,0 --starts 400 --json\n  cubectl plan throw --robot kr16_2 --target 2.5,0,0.6 --form paper --report plan.html\n  cubectl plan throw --target 1.6,0.2,-0.3 --opening-normal=-1,0,0 --opening-radius-m 0.08 --out plan.json\n  cubectl plan throw --target 1.3,-0.3,-0.6 --target-velocity 0.3,0.5,0 --out plan.json"
 )]
 pub struct Args {
     /// What stands on the command line.
     #[command(flatten)]
     pub given: Given,
     /// Where the centre of the ball comes down, in m, world frame (arm base, z up).
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point, required_unless_present = "targets")]
-    pub target: Option<[f64; 3]>,
-    /// A list of targets: a CSV or Parquet file with the columns x_m, y_m, z_m, for openings also nx, ny, nz, radius_m and, if wanted,
-    /// incidence_max_deg, for moving targets vx_m_s, vy_m_s, vz_m_s. --out is then a CSV file with a row for each, in
-    /// order; the same command continues one that was stopped.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["target", "report", "json", "follow"])]
-    pub targets: Option<PathBuf>,
-    /// Folder for the plans of --targets: plan-000001.json for the first row, and so on.
-    #[arg(long, value_name = "FOLDER", requires = "targets")]
-    pub plans: Option<PathBuf>,
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = point)]
+    pub target: [f64; 3],
     /// How to look for the throw.
     #[command(flatten)]
     pub search: SearchOptions,

@@ -136,10 +136,7 @@ pub(super) fn plan(args: &Args, arm: &Arm) -> Result<Followed, ExpectedError> {
     let form = args.search.options.form;
     args.given.require_meaning(&[Deed::Following, form.search_of_following()])?;
     args.follow.checked()?;
-    let Some(target) = args.target else {
-        return Err(ExpectedError::bad_input(&"name a target with --target"));
-    };
-    if !target.iter().all(|v| v.is_finite()) {
+    if !args.target.iter().all(|v| v.is_finite()) {
         return Err(ExpectedError::bad_input(&"the target needs three finite numbers"));
     }
     let source = args.follow.limit_source(arm, form);
@@ -154,7 +151,8 @@ pub(super) fn plan(args: &Args, arm: &Arm) -> Result<Followed, ExpectedError> {
     } else {
         CommandRange::default()
     };
-    let setting = Setting { commands, lag_s, period_s, ..Setting::new(arm, Vector3::from(target), limits) };
+    let setting =
+        Setting { commands, lag_s, period_s, ..Setting::new(arm, Vector3::from(args.target), limits) };
     let search = search_of(args, arm);
     let began = Instant::now();
     let searching = Setting { limits: searched(&limits, args.search.options.form), ..setting };

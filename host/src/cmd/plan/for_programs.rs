@@ -17,9 +17,9 @@ use robot_model::{AnyRobot, for_any_robot};
 ///
 /// # Errors
 /// A word is refused (exit code 2 of the program), input is refused, or no throw reaches the target. Throws that follow the flight
-/// of the ball are made by [`follow`]; lists of targets are for the program alone.
+/// of the ball are made by [`follow`].
 pub fn plan(words: &[String], stop: &AtomicBool) -> Result<Planned<PlanFile>, ExpectedError> {
-    let (args, target) = one_target(words)?;
+    let args = one_target(words)?;
     let robot = crate::cmd::robot(&args.search.options.robot)?;
     if let AnyRobot::Six(arm) = &robot
         && args.follow.apply_to(arm)
@@ -32,7 +32,7 @@ pub fn plan(words: &[String], stop: &AtomicBool) -> Result<Planned<PlanFile>, Ex
     args.require_ordinary()?;
     for_any_robot!(&robot, arm => {
         let mut starts = args.search.options.starts(arm)?;
-        args.search.plan_from(arm, &mut starts, target, (args.seed, args.fast), Watcher::Program(stop))
+        args.search.plan_from(arm, &mut starts, args.target, (args.seed, args.fast), Watcher::Program(stop))
     })
 }
 
@@ -41,7 +41,7 @@ pub fn plan(words: &[String], stop: &AtomicBool) -> Result<Planned<PlanFile>, Ex
 /// # Errors
 /// As [`plan`]; and the robot has not six joints, or throws in the ordinary way and `--follow` is not among the words.
 pub fn follow(words: &[String]) -> Result<FollowPlan, ExpectedError> {
-    let (args, _) = one_target(words)?;
+    let args = one_target(words)?;
     let arm = crate::cmd::arm(&args.search.options.robot)?;
     if !args.follow.apply_to(&arm) {
         return Err(ExpectedError::bad_input(&format!(
@@ -52,24 +52,21 @@ pub fn follow(words: &[String]) -> Result<FollowPlan, ExpectedError> {
     Ok(super::follow::plan(&args, &arm)?.plan)
 }
 
-/// Arguments of one plan, and its target.
-fn one_target(words: &[String]) -> Result<(Args, [f64; 3]), ExpectedError> {
+/// Arguments of one plan.
+fn one_target(words: &[String]) -> Result<Args, ExpectedError> {
     let args: Args = words::parse("plan throw", words)?;
-    let refused = |why: &str| ExpectedError::bad_input(&format!("{why}: run `cubectl plan throw`"));
-    let Some(target) = args.target.filter(|_| args.targets.is_none()) else {
-        return Err(refused("lists of targets are for the program"));
-    };
     if args.out.is_some() || args.report.is_some() || args.json {
-        return Err(refused("--out, --report and --json are for the program"));
+        return Err(ExpectedError::bad_input(
+            &"--out, --report and --json are for the program: run `cubectl plan throw`",
+        ));
     }
-    Ok((args, target))
+    Ok(args)
 }
 
 /// Makes the shards that these words of `cubectl plan sweep` ask for. `stop`, once set, ends it; shards that are whole stay.
 ///
 /// # Errors
-/// A word is refused (exit code 2 of the program), input is refused, a file cannot be read or written, or it was stopped. Tables
-/// with pictures are for the program alone.
+/// A word is refused (exit code 2 of the program), input is refused, a file cannot be read or written, or it was stopped.
 pub fn sweep(words: &[String], stop: &AtomicBool) -> Result<Made, ExpectedError> {
     let args: sweep::Args = words::parse("plan sweep", words)?;
     sweep::make_shards(&args, Watcher::Program(stop))

@@ -11,8 +11,6 @@ pub mod prepare;
 pub mod search;
 pub mod shards;
 pub mod sweep;
-mod table;
-mod targets;
 pub mod throw;
 
 use std::path::Path;
@@ -24,7 +22,7 @@ use crate::error::ExpectedError;
 pub enum PlanVerb {
     /// Find the best throw to a target.
     Throw(Box<args::Args>),
-    /// Plan throws to many targets: a table and a picture of the reach, or part files made on one machine or on many.
+    /// Plan throws to many targets, a grid or a list: CSV part files, made on one machine or on many.
     Sweep(Box<sweep::Args>),
     /// Make the table of stored throws of a robot: plans for it are then found at once.
     Prepare(Box<prepare::Args>),

@@ -10,6 +10,7 @@ use nalgebra::{Vector2, Vector3};
 use super::options::{PlanOptions, Starts, note, two_numbers};
 use crate::error::ExpectedError;
 use crate::exit;
+use crate::tables::targets::TargetRow;
 use operator::interrupt::interrupt;
 use planner::flight::Course;
 use planner::plan::file::PlanFile;
@@ -22,7 +23,6 @@ use planner::plan::{Arm, Budget, Goal, NoThrow, Obstruction, Options, Watch};
 use planner::request::{self, Answer, Origin, Plans, Refusal, Request, Wanted};
 use planner::store::{Index, Record};
 use robot_model::RobotModel;
-use throw_tables::{Landings, TargetRow};
 
 /// How to look for a throw: shared by `plan throw` and `throw`.
 #[derive(Debug, Clone, clap::Args)]
@@ -77,6 +77,18 @@ pub(super) struct Solved<const N: usize> {
     /// Landings of disturbed throws, if any were asked for.
     pub(super) landings: Option<Landings>,
     took: Duration,
+}
+
+/// Landings of disturbed throws to a target (Monte Carlo).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Landings {
+    /// Balls that came down on the plane of the target.
+    pub(super) landed: u64,
+    /// Of them, those in the region that counts as a hit; none without a region.
+    pub(super) hits: Option<u64>,
+    /// Root mean square distance of the landings from the target in m; none if no ball landed.
+    pub(super) miss_rms_m: Option<f64>,
+    pub(super) miss_max_m: Option<f64>,
 }
 
 /// Disturbed throws to draw.
@@ -405,7 +417,7 @@ fn no_throw(e: &NoThrow) -> ExpectedError {
             format!("stopped after {} starts without a throw; more starts may find one", e.starts),
         );
     }
-    let in_reach = "choose a target in reach; `cubectl plan sweep` draws what is";
+    let in_reach = "choose a target in reach; `cubectl plan sweep` finds what is";
     let next = e.obstruction.as_deref().map_or(in_reach, Obstruction::next_step);
     ExpectedError::new(exit::NO_THROW, format!("{e}\n  next: {next}"))
 }

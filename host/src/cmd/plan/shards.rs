@@ -1,4 +1,4 @@
-//! `cubectl plan sweep --shard I/N`: the throws to many targets as Parquet part files, on one machine or on many.
+//! The shards of `cubectl plan sweep`: throws to many targets as CSV part files.
 //!
 //! A row is what `plan throw` with the same words finds for its target. It follows from the study and the row alone, so a part has
 //! the same bytes whoever makes it.
@@ -11,19 +11,27 @@ use serde_json::json;
 
 use super::grid::Grid;
 use super::options::Starts;
-use super::search::{Draws, Progress, SearchOptions, Solved, Watcher, watched_with};
+use super::search::{Draws, Landings, Progress, SearchOptions, Solved, Watcher, watched_with};
 use crate::error::ExpectedError;
 use crate::exit;
+use crate::report::reach::{self, Cell};
+use crate::tables::TableError;
+use crate::tables::folder::{Folder, Study};
+use crate::tables::shard::Shard;
+use crate::tables::summary::Summary;
+use crate::tables::targets::{Rows, TargetList, TargetRow};
 use planner::parallel::try_each;
 use planner::plan::Watch;
+use planner::plan::file::PlanFile;
 use planner::plan::rng::SplitMix64;
 use planner::request::Plans;
 use planner::store::robot_fingerprint;
 use robot_model::RobotModel;
-use throw_tables::{Folder, Outcome, Row, Shard, Study, Summary, TableError, TargetList, TargetRow, Thrown};
 
 /// Version of the columns and of the file format. A part of another version belongs to another sweep and is refused.
-const FORMAT: &str = "1";
+const FORMAT: &str = "2";
+/// Most targets of a picture.
+const PICTURE_MAX: u64 = 100_000;
 /// Most disturbed throws per target.
 pub(super) const DRAWS_MAX: usize = 1_000_000;
 
@@ -35,10 +43,10 @@ pub(super) enum Targets {
 }
 
 impl Targets {
-    fn count(&self) -> u64 {
+    pub(super) fn count(&self) -> u64 {
         match self {
             Self::Grid(grid) => grid.count(),
-            Self::List(list) => list.len(),
+            Self::List(list) => list.count(),
         }
     }
 
@@ -50,7 +58,7 @@ impl Targets {
     }
 
     /// The targets from row `from` on.
-    fn rows_from(&self, from: u64) -> Result<throw_tables::targets::Rows, TableError> {
+    fn rows_from(&self, from: u64) -> Result<Rows, TableError> {
         match self {
             Self::Grid(grid) => {
                 let grid = *grid;
@@ -122,11 +130,12 @@ where
         let rows: u64 =
             missing.iter().map(|shard| shard.rows(self.targets.count())).map(|r| r.end - r.start).sum();
         watched(rows, watcher, |watch, done| {
+            let mut source = None;
             for shard in missing {
                 // Another process may have made it since.
                 if folder.has(shard).map_err(table_error)? {
                     made.there += 1;
-                } else if self.make_one(&folder, shard, &starts, watch, done)? {
+                } else if self.make_one(&folder, shard, &mut source, &starts, watch, done)? {
                     made.made += 1;
                 } else {
                     return Err(ExpectedError::new(
@@ -156,7 +165,7 @@ where
         match given.into_iter().find(|(given, ..)| *given) {
             None => Ok(()),
             Some((_, option, why)) => Err(ExpectedError::bad_input(&format!(
-                "{option} does not go with --shard and --shards: {why}, and parts must not depend on that\n  next: leave {option} out; --starts bounds a search, `plan prepare` makes stored throws"
+                "{option} does not go with a sweep: {why}, and parts must not depend on that\n  next: leave {option} out; --starts bounds a search, `plan prepare` makes stored throws"
             ))),
         }
     }
@@ -165,22 +174,27 @@ where
         let mut words = words_of(self.search, self.arm, (self.seed, self.fast), starts)?;
         words.insert("draws".to_owned(), self.draws.to_string());
         words.insert("target list".to_owned(), self.targets.in_words());
-        Ok(Study::new(words, self.targets.count(), shards, N))
+        Ok(Study::new(words, self.targets.count(), shards))
     }
 
-    /// Makes a shard; `false` if it was stopped.
+    /// Makes a shard; `false` if it was stopped. `source` has the targets behind those of the shard before: a list is not read from its
+    /// begin again.
     fn make_one(
         &self,
         folder: &Folder,
         shard: Shard,
+        source: &mut Option<(u64, Rows)>,
         starts: &Starts<N>,
         watch: &Watch,
         done: &AtomicU64,
     ) -> Result<bool, ExpectedError> {
-        let first = shard.rows(self.targets.count()).start;
-        let mut targets = self.targets.rows_from(first).map_err(table_error)?;
+        let own = shard.rows(self.targets.count());
+        let mut targets = match source.take() {
+            Some((next, targets)) if next == own.start => targets,
+            _ => self.targets.rows_from(own.start).map_err(table_error)?,
+        };
         let stopped = || watch.stop.load(Ordering::Relaxed);
-        let made = folder.make(shard, |rows| {
+        let made = folder.make(shard, &columns(N), |rows| {
             let batch: Vec<(u64, TargetRow)> = rows
                 .clone()
                 .zip(targets.by_ref())
@@ -192,18 +206,20 @@ where
                 )
                 .into());
             }
-            let made: Result<Vec<Option<Row>>, ExpectedError> = try_each(&batch, |(number, target)| {
-                if stopped() {
-                    return Ok(None);
-                }
-                let row = self.row(*number, target, starts, watch)?;
-                done.fetch_add(1, Ordering::Relaxed);
-                Ok(Some(row))
-            });
-            let made: Option<Vec<Row>> = made.map_err(Failure::Planning)?.into_iter().collect();
+            let made: Result<Vec<Option<Vec<String>>>, ExpectedError> =
+                try_each(&batch, |(number, target)| {
+                    if stopped() {
+                        return Ok(None);
+                    }
+                    let row = self.row(*number, target, starts, watch)?;
+                    done.fetch_add(1, Ordering::Relaxed);
+                    Ok(Some(row))
+                });
+            let made: Option<Vec<Vec<String>>> = made.map_err(Failure::Planning)?.into_iter().collect();
             // A search that was stopped has found less than it would have.
             Ok(made.filter(|_| !stopped()))
         });
+        *source = Some((own.end, targets));
         made.map_err(|failure| match failure {
             Failure::Table(error) => table_error(error),
             Failure::Planning(error) => error,
@@ -216,7 +232,7 @@ where
         target: &TargetRow,
         starts: &Starts<N>,
         watch: &Watch,
-    ) -> Result<Row, ExpectedError> {
+    ) -> Result<Vec<String>, ExpectedError> {
         let draws = (self.draws > 0)
             .then(|| Draws { count: self.draws, seed: SplitMix64::stream(self.seed, number).next_u64() });
         let own = self.search.with_target(target);
@@ -228,44 +244,70 @@ where
             Watcher::Caller(watch),
             draws,
         );
-        let row = |outcome, note: &str, throw| Row {
-            number,
-            target_m: target.target_m,
-            outcome,
-            note: note.to_owned(),
-            throw,
-        };
-        match solved {
+        let head = [number as f64].into_iter().chain(target.target_m).map(|value| value.to_string());
+        let (outcome, numbers, note) = match solved {
             Ok(Solved { mut plan, note, landings, .. }) => {
                 plan.search.stored.clone_from(&starts.sources);
-                let text = plan.to_json() + "\n";
-                let [[xx, _], [_, yy]] = plan.landing.covariance_m2;
-                let throw = Thrown {
-                    objective: plan.objective.value,
-                    release_s: plan.release_time_s,
-                    duration_s: plan.end_time_s,
-                    flight_s: plan.landing.flight_s,
-                    spread_m: (xx + yy).sqrt(),
-                    hit_probability: plan.landing.hit_probability,
-                    position_m: plan.release.position_m,
-                    velocity_m_s: plan.release.velocity_m_s,
-                    q_rad: plan.release.q_rad,
-                    qd_rad_s: plan.release.qd_rad_s,
-                    qdd_rad_s2: plan.release.qdd_rad_s2,
-                    plan_crc32: crc32fast::hash(text.as_bytes()),
-                    landings,
-                };
-                let outcome = if note.is_some() { Outcome::Relaxed } else { Outcome::Thrown };
-                Ok(row(outcome, note.unwrap_or_default(), Some(throw)))
+                let outcome = if note.is_some() { "relaxed" } else { "thrown" };
+                (outcome, of_plan(&plan, landings), note.unwrap_or_default().to_owned())
             }
             Err(e) if [exit::NO_THROW, exit::BAD_INPUT].contains(&e.code) => {
-                Ok(row(Outcome::Refused, e.message.lines().next().unwrap_or_default(), None))
+                ("refused", none(N), e.message.lines().next().unwrap_or_default().to_owned())
             }
             // A search that was stopped; the row is dropped.
-            Err(e) if e.code == exit::INTERRUPTED => Ok(row(Outcome::Refused, "stopped", None)),
-            Err(e) => Err(e),
-        }
+            Err(e) if e.code == exit::INTERRUPTED => ("refused", none(N), "stopped".to_owned()),
+            Err(e) => return Err(e),
+        };
+        Ok(head.chain([outcome.to_owned()]).chain(numbers).chain([note]).collect())
     }
+}
+
+/// Names of the columns for an arm of `joints` joints: number and target, outcome, those of [`of_plan`], note.
+fn columns(joints: usize) -> Vec<String> {
+    let list = |names: &str| names.split(' ').map(str::to_owned).collect::<Vec<_>>();
+    let joint = |name: &str, unit: &str| (1..=joints).map(|j| format!("release_{name}{j}_{unit}")).collect();
+    [
+        list("row x_m y_m z_m outcome"),
+        list("objective release_s duration_s flight_s speed_m_s spread_m hit_probability"),
+        list("release_x_m release_y_m release_z_m release_vx_m_s release_vy_m_s release_vz_m_s"),
+        joint("q", "rad"),
+        joint("qd", "rad_s"),
+        joint("qdd", "rad_s2"),
+        list("plan_crc32 draws_landed draws_hit draws_miss_rms_m draws_miss_max_m note"),
+    ]
+    .concat()
+}
+
+/// The columns of a plan where there is none.
+fn none(joints: usize) -> Vec<String> {
+    vec![String::new(); columns(joints).len() - 6]
+}
+
+/// The columns of a plan.
+fn of_plan(plan: &PlanFile, landings: Option<Landings>) -> Vec<String> {
+    let (release, landing) = (&plan.release, &plan.landing);
+    let [[xx, _], [_, yy]] = landing.covariance_m2;
+    let speed_m_s = release.velocity_m_s.iter().map(|v| v * v).sum::<f64>().sqrt();
+    let text = plan.to_json() + "\n";
+    let some = |value: f64| Some(value);
+    let first = [plan.objective.value, plan.release_time_s, plan.end_time_s, landing.flight_s, speed_m_s];
+    let joints = release.q_rad.iter().chain(&release.qd_rad_s).chain(&release.qdd_rad_s2);
+    let count = |count: u64| count as f64;
+    let numbers = first
+        .map(some)
+        .into_iter()
+        .chain([Some((xx + yy).sqrt()), landing.hit_probability])
+        .chain(release.position_m.map(some))
+        .chain(release.velocity_m_s.map(some))
+        .chain(joints.map(|value| Some(*value)))
+        .chain([
+            Some(f64::from(crc32fast::hash(text.as_bytes()))),
+            landings.map(|l| count(l.landed)),
+            landings.and_then(|l| l.hits).map(count),
+            landings.and_then(|l| l.miss_rms_m),
+            landings.and_then(|l| l.miss_max_m),
+        ]);
+    numbers.map(|value| value.map_or_else(String::new, |value| value.to_string())).collect()
 }
 
 /// Everything that the rows to given targets follow from, by name. A store grows with each row, so of it only the place counts.
@@ -345,6 +387,32 @@ pub(super) fn summary(folder: &Path) -> Result<(Summary, serde_json::Value), Exp
         "crc32": format!("{:08x}", s.crc32),
     });
     Ok((s, told))
+}
+
+/// A picture of the reach, from the parts that are there.
+///
+/// # Errors
+/// There is no sweep, a part cannot be read, or there are too many targets.
+pub(super) fn picture(folder: &Path) -> Result<String, ExpectedError> {
+    let folder = Folder::open(folder).map_err(table_error)?;
+    let targets = folder.study().targets();
+    if targets > PICTURE_MAX {
+        return Err(ExpectedError::bad_input(&format!(
+            "--picture: {targets} targets; a picture has at most {PICTURE_MAX}\n  next: plan a coarser grid, or draw the CSV parts with another program"
+        )));
+    }
+    let mut cells = Vec::new();
+    for shard in Shard::all(folder.study().shards()) {
+        if folder.has(shard).map_err(table_error)? {
+            let read = folder.read(shard, |column| {
+                let number = |name| column(name).parse().ok();
+                let target = ["x_m", "y_m", "z_m"].map(|name| number(name).unwrap_or_default());
+                cells.push(Cell { target, objective: number("objective") });
+            });
+            read.map_err(table_error)?;
+        }
+    }
+    Ok(reach::svg(&cells, folder.study().word("robot")))
 }
 
 /// The summary in words.

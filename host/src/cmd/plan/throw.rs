@@ -2,7 +2,7 @@
 
 use super::args::Args;
 use super::search::Planned;
-use super::{follow, require_writable, targets};
+use super::{follow, require_writable};
 use crate::cmd::meaning::Deed;
 use crate::error::ExpectedError;
 use crate::exit;
@@ -15,9 +15,7 @@ use robot_model::{AnyRobot, RobotModel, for_any_robot};
 /// # Errors
 /// If input is refused, no throw reaches the target, or a file cannot be written.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    // A table of results is continued, not written at the end.
-    let written = args.out.iter().filter(|_| args.targets.is_none()).chain(&args.report);
-    for path in written {
+    for path in args.out.iter().chain(&args.report) {
         require_writable(path)?;
     }
     let name = &args.search.options.robot;
@@ -34,7 +32,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 impl Args {
     /// Refuses what means nothing for a throw with the release at one instant.
     pub(super) fn require_ordinary(&self) -> Result<(), ExpectedError> {
-        let asked = self.search.options.deeds(self.targets.is_some());
+        let asked = self.search.options.deeds(false);
         self.given.require_meaning(&[vec![Deed::Ordinary], asked].concat())
     }
 }
@@ -43,13 +41,7 @@ fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), Expec
 where
     RobotModel<N>: Plans<N>,
 {
-    if let Some(list) = &args.targets {
-        return targets::run(arm, list, args);
-    }
-    let Some(target) = args.target else {
-        return Err(ExpectedError::bad_input(&"name a target with --target, or a list with --targets"));
-    };
-    let Planned { plan, took, .. } = args.search.plan_for(arm, target, args.seed, args.fast)?;
+    let Planned { plan, took, .. } = args.search.plan_for(arm, args.target, args.seed, args.fast)?;
     if let Some(path) = &args.out {
         plan.write(path).map_err(|e| ExpectedError::new(exit::OUTPUT, e.to_string()))?;
     }

@@ -7,133 +7,90 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File, OpenOptions};
 use std::hash::{BuildHasher, RandomState};
-use std::io::{self, BufWriter, ErrorKind, Write};
+use std::io::{self, ErrorKind, Write};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use crate::error::TableError;
-use crate::part::{self, Ending, GROUP_ROWS, PartWriter};
-use crate::row::Row;
-use crate::shard::Shard;
+use super::TableError;
+use super::part::{self, Ending};
+use super::shard::Shard;
 
 /// Name of the file that says what a folder is of.
-pub const STUDY_FILE: &str = "study.json";
+const STUDY_FILE: &str = "study.json";
 /// Longest such file that is read, bytes.
-const STUDY_MAX_BYTES: u64 = 1 << 20;
+pub(super) const STUDY_MAX_BYTES: u64 = 1 << 20;
+/// Rows that are made and written at once, and held in memory.
+pub(crate) const BATCH_ROWS: u64 = 8192;
 
 /// What a sweep is of: everything its results follow from, by name. Two sweeps are the same if all of it is.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Study {
+pub(crate) struct Study {
     words: BTreeMap<String, String>,
     targets: u64,
     shards: u32,
-    joints: usize,
 }
 
 impl Study {
-    /// A sweep to so many targets in so many shards, with an arm of `joints` joints. `words` are the rest, by name.
-    #[must_use]
-    pub fn new(words: BTreeMap<String, String>, targets: u64, shards: u32, joints: usize) -> Self {
+    /// A sweep to so many targets in so many shards. `words` are the rest, by name.
+    pub(crate) fn new(words: BTreeMap<String, String>, targets: u64, shards: u32) -> Self {
         let mut all = words;
         all.insert("targets".to_owned(), targets.to_string());
         all.insert("shards".to_owned(), shards.to_string());
-        all.insert("joints".to_owned(), joints.to_string());
-        Self { words: all, targets, shards, joints }
+        Self { words: all, targets, shards }
     }
 
     /// The text of the file: JSON, names in alphabetical order.
-    #[must_use]
-    pub fn to_json(&self) -> String {
+    fn to_json(&self) -> String {
         // Maps of texts can be written.
         serde_json::to_string_pretty(&self.words).unwrap_or_default() + "\n"
     }
 
+    fn to_line(&self) -> String {
+        serde_json::to_string(&self.words).unwrap_or_default()
+    }
+
     /// From the text of the file; `None` if it is of something else.
-    #[must_use]
-    pub fn from_json(text: &str) -> Option<Self> {
+    pub(crate) fn from_json(text: &str) -> Option<Self> {
         let words: BTreeMap<String, String> = serde_json::from_str(text).ok()?;
         let (targets, shards) = (words.get("targets")?.parse().ok()?, words.get("shards")?.parse().ok()?);
-        let joints = words.get("joints")?.parse().ok()?;
         Shard::new(1, shards)?;
-        Some(Self { words, targets, shards, joints })
+        Some(Self { words, targets, shards })
     }
 
     /// Its targets.
-    #[must_use]
-    pub fn targets(&self) -> u64 {
+    pub(crate) fn targets(&self) -> u64 {
         self.targets
     }
 
+    /// What it says of something, by name; nothing if it does not.
+    pub(crate) fn word(&self, name: &str) -> &str {
+        self.words.get(name).map_or("", String::as_str)
+    }
+
     /// Its shards.
-    #[must_use]
-    pub fn shards(&self) -> u32 {
+    pub(crate) fn shards(&self) -> u32 {
         self.shards
     }
 
+    /// What differs from what is asked for, a line for each name.
     fn differs(&self, asked: &Self) -> String {
-        differs(&self.words, &asked.words)
-    }
-}
-
-/// What differs between what made the rows and what is asked for, a line for each name.
-fn differs(there: &BTreeMap<String, String>, asked: &BTreeMap<String, String>) -> String {
-    let names: BTreeSet<&String> = there.keys().chain(asked.keys()).collect();
-    let nothing = "nothing".to_owned();
-    let mut lines = String::new();
-    for name in names {
-        let (there, asked) = (there.get(name), asked.get(name));
-        if there != asked {
-            let (there, asked) = excerpts(there.unwrap_or(&nothing), asked.unwrap_or(&nothing));
-            lines += &format!("\n  {name}: {there} there, {asked} asked for");
+        let names: BTreeSet<&String> = self.words.keys().chain(asked.words.keys()).collect();
+        let nothing = "nothing".to_owned();
+        let mut lines = String::new();
+        for name in names {
+            let (there, asked) = (self.words.get(name), asked.words.get(name));
+            if there != asked {
+                let (there, asked) = excerpts(there.unwrap_or(&nothing), asked.unwrap_or(&nothing));
+                lines += &format!("\n  {name}: {there} there, {asked} asked for");
+            }
         }
+        lines
     }
-    lines
-}
-
-/// Refuses to continue a table with rows that were made with other words; `words` are everything that rows follow from, by name. They
-/// stand in `TABLE.study.json` beside the table; for one without rows they are written.
-///
-/// # Errors
-/// The rows were made with other words or nobody says with which, or the file cannot be read or written.
-pub fn claim_table(table: &Path, empty: bool, words: &BTreeMap<String, String>) -> Result<(), TableError> {
-    let file = table.with_extension(STUDY_FILE);
-    if empty {
-        let text = serde_json::to_string_pretty(words).unwrap_or_default() + "\n";
-        return replace(&file, &text).map_err(TableError::writing(&file));
-    }
-    let text = match study_text(&file) {
-        Ok(text) => text,
-        Err(error) if error.kind() == ErrorKind::NotFound => String::new(),
-        Err(error) => return Err(TableError::reading(&file)(error)),
-    };
-    let there: BTreeMap<String, String> = serde_json::from_str(&text).unwrap_or_default();
-    if there == *words {
-        return Ok(());
-    }
-    let why = if there.is_empty() {
-        format!("\n  {} does not say what made them", file.display())
-    } else {
-        differs(&there, words)
-    };
-    Err(TableError::Refused(format!(
-        "{} has rows that were made otherwise:{why}\n  next: name another file with --out, or remove this one",
-        table.display()
-    )))
 }
 
 /// The text of a study file; nothing for one that is too long.
 fn study_text(file: &Path) -> io::Result<String> {
     if fs::metadata(file)?.len() > STUDY_MAX_BYTES { Ok(String::new()) } else { fs::read_to_string(file) }
-}
-
-/// Puts a file in place, whole.
-fn replace(file: &Path, text: &str) -> io::Result<()> {
-    let temporary = file.with_extension(format!("{:016x}.tmp", unique()));
-    let written = fs::write(&temporary, text).and_then(|()| fs::rename(&temporary, file));
-    if written.is_err() {
-        // That it cannot be removed either would change nothing.
-        let _ = fs::remove_file(&temporary);
-    }
-    written
 }
 
 /// Two texts for a message. Of long texts only the part that differs is kept, with some words around it.
@@ -158,10 +115,9 @@ fn excerpts(a: &str, b: &str) -> (String, String) {
 
 /// The folder of a sweep.
 #[derive(Debug, Clone)]
-pub struct Folder {
+pub(crate) struct Folder {
     path: PathBuf,
     study: Study,
-    text: String,
 }
 
 impl Folder {
@@ -169,10 +125,10 @@ impl Folder {
     ///
     /// # Errors
     /// It belongs to another sweep, or cannot be read or written.
-    pub fn for_study(path: &Path, study: Study) -> Result<Self, TableError> {
+    pub(crate) fn for_study(path: &Path, study: Study) -> Result<Self, TableError> {
         fs::create_dir_all(path).map_err(TableError::writing(path))?;
-        let (file, text) = (path.join(STUDY_FILE), study.to_json());
-        let folder = Self { path: path.to_owned(), study, text };
+        let file = path.join(STUDY_FILE);
+        let folder = Self { path: path.to_owned(), study };
         if !file.exists() {
             folder.claim(&file).map_err(TableError::writing(&file))?;
         }
@@ -191,11 +147,11 @@ impl Folder {
     ///
     /// # Errors
     /// There is none, or its [`STUDY_FILE`] cannot be read.
-    pub fn open(path: &Path) -> Result<Self, TableError> {
+    pub(crate) fn open(path: &Path) -> Result<Self, TableError> {
         let file = path.join(STUDY_FILE);
         let refuse = |why: &str| {
             TableError::Refused(format!(
-                "{}: {why}\n  next: name the folder that `cubectl plan sweep --shards N --out FOLDER` has made",
+                "{}: {why}\n  next: name the folder that `cubectl plan sweep --out FOLDER` has made",
                 file.display()
             ))
         };
@@ -207,33 +163,32 @@ impl Folder {
             Err(error) => return Err(TableError::reading(&file)(error)),
         };
         let study = Study::from_json(&text).ok_or_else(|| refuse("does not say what the sweep is of"))?;
-        Ok(Self { path: path.to_owned(), study, text })
+        Ok(Self { path: path.to_owned(), study })
     }
 
     /// Puts the study file in place, whole; a file that another process has put there first stays.
     fn claim(&self, file: &Path) -> io::Result<()> {
         let temporary = self.path.join(format!(".{STUDY_FILE}.{:016x}.tmp", unique()));
-        let claimed =
-            fs::write(&temporary, &self.text).and_then(|()| match fs::hard_link(&temporary, file) {
+        let claimed = fs::write(&temporary, self.study.to_json()).and_then(|()| {
+            match fs::hard_link(&temporary, file) {
                 Err(error) if error.kind() == ErrorKind::AlreadyExists => Ok(()),
                 // A file system without links: the first of several at the same moment may lose, and is then refused.
                 Err(_) => fs::rename(&temporary, file),
                 Ok(()) => Ok(()),
-            });
+            }
+        });
         // After a rename there is nothing to remove.
         let _ = fs::remove_file(&temporary);
         claimed
     }
 
     /// What it is of.
-    #[must_use]
-    pub fn study(&self) -> &Study {
+    pub(crate) fn study(&self) -> &Study {
         &self.study
     }
 
     /// The file of a shard.
-    #[must_use]
-    pub fn part(&self, shard: Shard) -> PathBuf {
+    pub(crate) fn part(&self, shard: Shard) -> PathBuf {
         self.path.join(shard.file_name())
     }
 
@@ -241,54 +196,80 @@ impl Folder {
     ///
     /// # Errors
     /// The part is of another sweep, or cannot be opened.
-    pub fn has(&self, shard: Shard) -> Result<bool, TableError> {
+    pub(crate) fn has(&self, shard: Shard) -> Result<bool, TableError> {
         let path = self.part(shard);
         let rows = shard.rows(self.study.targets);
-        match part::ending(&path)? {
-            None => Ok(false),
-            Some(Ending { study, rows: found }) if study == self.text && found == rows.end - rows.start => {
-                Ok(true)
-            }
-            Some(Ending { study, .. }) => {
-                let differs =
-                    Study::from_json(&study).map_or_else(String::new, |study| study.differs(&self.study));
-                Err(TableError::Refused(format!(
-                    "{} is a part of another sweep:{differs}\n  next: remove it, or name another folder with --out",
-                    path.display()
-                )))
-            }
+        let Some(Ending { study, rows: found }) = part::ending(&path)? else { return Ok(false) };
+        let there = Study::from_json(&study);
+        if there.as_ref() == Some(&self.study) && found == rows.end - rows.start {
+            return Ok(true);
         }
+        let differs = there.map_or_else(String::new, |there| there.differs(&self.study));
+        Err(TableError::Refused(format!(
+            "{} is a part of another sweep:{differs}\n  next: remove it, or name another folder with --out",
+            path.display()
+        )))
     }
 
-    /// Makes a shard from its rows, in order; they are taken [`GROUP_ROWS`] at a time. Returns `false` if `rows` ends early with
+    /// Goes through the rows of a part that is there, one in memory at a time; each gives the text of a column by its name, nothing for
+    /// a column that is not there.
+    ///
+    /// # Errors
+    /// The part cannot be read.
+    pub(crate) fn read(
+        &self,
+        shard: Shard,
+        mut see: impl for<'r> FnMut(&dyn Fn(&str) -> &'r str),
+    ) -> Result<(), TableError> {
+        let path = self.part(shard);
+        let damaged = |error: csv::Error| {
+            TableError::Refused(format!(
+                "{}: {error}\n  next: remove it, and run the command of the sweep again",
+                path.display()
+            ))
+        };
+        let mut reader = csv::ReaderBuilder::new().comment(Some(b'#')).from_path(&path).map_err(damaged)?;
+        let names = reader.headers().map_err(damaged)?.clone();
+        let mut row = csv::StringRecord::new();
+        while reader.read_record(&mut row).map_err(damaged)? {
+            let of = |name: &str| names.iter().position(|known| known == name).and_then(|at| row.get(at));
+            see(&|name| of(name).unwrap_or_default());
+        }
+        Ok(())
+    }
+
+    /// Makes a shard from its rows, in order; they are taken [`BATCH_ROWS`] at a time. Returns `false` if `rows` ends early with
     /// `None`: nothing is kept then.
     ///
     /// # Errors
     /// Writing fails, or making the rows does.
-    pub fn make<E: From<TableError>>(
+    pub(crate) fn make<E: From<TableError>>(
         &self,
         shard: Shard,
-        mut rows: impl FnMut(std::ops::Range<u64>) -> Result<Option<Vec<Row>>, E>,
+        columns: &[String],
+        mut rows: impl FnMut(Range<u64>) -> Result<Option<Vec<Vec<String>>>, E>,
     ) -> Result<bool, E> {
         let path = self.part(shard);
         let fail = |error| E::from(TableError::writing(&path)(error));
         self.remove_left_behind(shard).map_err(fail)?;
         let mut temporary = Temporary::new(&self.path, shard).map_err(fail)?;
-        let file =
-            temporary.file.take().ok_or_else(|| fail(io::Error::other("the file was taken already")))?;
-        let mut writer =
-            PartWriter::new(BufWriter::new(file), self.study.joints, &self.text).map_err(fail)?;
+        let mut length = 0;
+        let mut write = |bytes: io::Result<Vec<u8>>| {
+            let bytes = bytes?;
+            length += bytes.len() as u64;
+            temporary.file.write_all(&bytes).map(|()| length)
+        };
+        let mut written = write(part::begin(&self.study.to_line(), columns)).map_err(fail)?;
         let all = shard.rows(self.study.targets);
         let mut next = all.start;
         while next < all.end {
-            let end = all.end.min(next + GROUP_ROWS as u64);
+            let end = all.end.min(next + BATCH_ROWS);
             let Some(made) = rows(next..end)? else { return Ok(false) };
-            writer.write(&made).map_err(fail)?;
+            written = write(part::lines(made.iter().map(Vec::as_slice))).map_err(fail)?;
             next = end;
         }
-        let file =
-            writer.finish().and_then(|buffer| buffer.into_inner().map_err(Into::into)).map_err(fail)?;
-        file.sync_all().and_then(|()| fs::rename(&temporary.path, &path)).map_err(fail)?;
+        write(Ok(part::end(all.end - all.start, written).into_bytes())).map_err(fail)?;
+        temporary.file.sync_all().and_then(|()| fs::rename(&temporary.path, &path)).map_err(fail)?;
         Ok(true)
     }
 
@@ -325,17 +306,16 @@ fn unique() -> u64 {
 /// The file of a part under way; it is removed unless it has been renamed.
 struct Temporary {
     path: PathBuf,
-    file: Option<File>,
+    file: File,
 }
 
 impl Temporary {
     fn new(folder: &Path, shard: Shard) -> io::Result<Self> {
         let path = folder.join(format!("{}{:016x}.tmp", temporary_begin(shard), unique()));
-        let mut file = OpenOptions::new().write(true).create_new(true).open(&path)?;
+        let file = OpenOptions::new().write(true).create_new(true).open(&path)?;
         // Held while the file is open. A file system without locks is as good as before there were any.
         let _ = file.try_lock();
-        file.flush()?;
-        Ok(Self { path, file: Some(file) })
+        Ok(Self { path, file })
     }
 }
 

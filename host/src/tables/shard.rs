@@ -5,42 +5,38 @@ use std::ops::Range;
 use std::str::FromStr;
 
 /// Most shards of a sweep: more than job arrays have tasks, and few enough files for one folder.
-pub const SHARDS_MAX: u32 = 100_000;
+pub(crate) const SHARDS_MAX: u32 = 100_000;
 
 /// Shard `number` of `count`; numbers begin at 1, as the tasks of `sbatch --array=1-100` do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Shard {
+pub(crate) struct Shard {
     number: u32,
     count: u32,
 }
 
 impl Shard {
     /// A shard; `None` unless `number` is from 1 to `count`, and `count` at most [`SHARDS_MAX`].
-    #[must_use]
-    pub fn new(number: u32, count: u32) -> Option<Self> {
+    pub(crate) fn new(number: u32, count: u32) -> Option<Self> {
         (number >= 1 && number <= count && count <= SHARDS_MAX).then_some(Self { number, count })
     }
 
     /// All shards of a sweep, in order; none if `count` is 0 or above [`SHARDS_MAX`].
-    pub fn all(count: u32) -> impl Iterator<Item = Self> {
+    pub(crate) fn all(count: u32) -> impl Iterator<Item = Self> {
         (1..=count).filter_map(move |number| Self::new(number, count))
     }
 
     /// From 1.
-    #[must_use]
-    pub fn number(&self) -> u32 {
+    pub(crate) fn number(&self) -> u32 {
         self.number
     }
 
-    #[must_use]
-    pub fn count(&self) -> u32 {
+    pub(crate) fn count(&self) -> u32 {
         self.count
     }
 
     /// Its rows of `rows`: neighbours, so that the parts one after the other are the table in order. Shards differ by one row
     /// at most.
-    #[must_use]
-    pub fn rows(&self, rows: u64) -> Range<u64> {
+    pub(crate) fn rows(&self, rows: u64) -> Range<u64> {
         let end = |shards: u32| {
             let end = u128::from(rows) * u128::from(shards) / u128::from(self.count);
             // At most `rows`.
@@ -50,9 +46,8 @@ impl Shard {
     }
 
     /// The name of its file.
-    #[must_use]
-    pub fn file_name(&self) -> String {
-        format!("part-{:05}-of-{:05}.parquet", self.number, self.count)
+    pub(crate) fn file_name(&self) -> String {
+        format!("part-{:05}-of-{:05}.csv", self.number, self.count)
     }
 }
 

@@ -1,4 +1,0 @@
-//! The tests of this package as one program: it is linked once.
-
-mod folder;
-mod targets;
