@@ -6,7 +6,7 @@ export PATH="$PATH:/"
 ip link show vcan0 >/dev/null 2>&1 || ip link add vcan0 type vcan
 # What people read when the interface is missing or down.
 for bus in vcan7 vcan0; do
-    if cubectl throw --yes --target 1,1,-1 --no-store --bus $bus --out /tmp/refused; then exit 1; fi
+    if cubectl throw --yes --target 1,1,-1 --bus $bus --out /tmp/refused; then exit 1; fi
     rm -rf /tmp/refused
 done
 ip link set vcan0 up
@@ -20,7 +20,7 @@ for look in 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20; do
 done
 # Not on the console, which would get a progress bar.
 code=0
-cubectl throw --yes --target 1,1,-1 --no-store --bus vcan0 --out /tmp/throw </dev/null >/tmp/throw.log 2>&1 || code=$?
+cubectl throw --yes --target 1,1,-1 --bus vcan0 --out /tmp/throw </dev/null >/tmp/throw.log 2>&1 || code=$?
 cat /tmp/throw.log
 # The ball is still in the air.
 sleep 1

@@ -70,7 +70,7 @@ said() { # process, file, text
 rows=("virtual time=$out/sim/summary.json")
 
 echo "--- virtual time"
-"$bin/cubectl" throw --target 1,1,-1 --no-store --out "$out/sim"
+"$bin/cubectl" throw --target 1,1,-1 --out "$out/sim"
 
 in_step() { # name, runner
     local dir=$out/$1 runner=$2 clients=2 words=(--controller 10) bus=
@@ -96,7 +96,7 @@ in_step() { # name, runner
     # Clients have their turns in the order in which they came.
     [ "$runner" = soft ] || said "$server" "$dir.cell.json" connected || return 1
     local status=0
-    timeout 900 "$bin/cubectl" throw --yes --target 1,1,-1 --no-store --bus "$bus" --out "$dir/out" "${words[@]}" </dev/null || status=$?
+    timeout 900 "$bin/cubectl" throw --yes --target 1,1,-1 --bus "$bus" --out "$dir/out" "${words[@]}" </dev/null || status=$?
     # The cell first: time stands when the throw has left.
     end_all
     [ $status -eq 0 ] || cat "$dir"/*.log 2>/dev/null || true
@@ -170,7 +170,7 @@ attempt() { # name, options...
         [ $status -ne 0 ] || homed "$dir.json" "$dir.cell.json" || status=$not_repeated
         return $status
     fi
-    timeout 120 "$bin/cubectl" throw --yes --target 1,1,-1 --no-store --bus "$socketcand" --out "$dir" "$@" </dev/null || status=$?
+    timeout 120 "$bin/cubectl" throw --yes --target 1,1,-1 --bus "$socketcand" --out "$dir" "$@" </dev/null || status=$?
     # A throw that has failed keeps its own reason.
     [ -z "$reader" ] || wait "$reader" || [ $status -ne 0 ] || status=$not_repeated
     # The ball is still in the air.

@@ -16,18 +16,8 @@ fn a_heavy_ball_needs_more_current_in_plan_check_and_cell_and_lands() {
         let robot = folder.file(&format!("robot-{mass_kg}.toml"));
         std::fs::write(&robot, text).unwrap();
         let dir = folder.file(mass_kg);
-        let thrown = cubectl(&[
-            "throw",
-            "--robot",
-            &robot,
-            "--target",
-            "1,1,-1",
-            "--starts",
-            "12",
-            "--no-store",
-            "--out",
-            &dir,
-        ]);
+        let thrown =
+            cubectl(&["throw", "--robot", &robot, "--target", "1,1,-1", "--starts", "12", "--out", &dir]);
         assert_eq!(code(&thrown), 0, "{}{}", out(&thrown), err(&thrown));
         // The plan holds by other means than the planner's.
         let checked = cubectl(&["check", &folder.file(&format!("{mass_kg}/plan.json"))]);

@@ -162,8 +162,7 @@ fn a_control_period_that_does_not_hold_is_refused_before_anything_moves() {
     options.drive.processing_delay = Duration::from_millis(4);
     let served = Served::arm(options);
     let folder = crate::bus_common::Folder::new("period");
-    let throw =
-        ["throw", "--yes", "--target", "1,1,-1", "--no-store", "--controller", "soft", "--bus", &served.spec];
+    let throw = ["throw", "--yes", "--target", "1,1,-1", "--controller", "soft", "--bus", &served.spec];
     let output = cubectl(&[&throw[..], &["--period", "3", "--out", &folder.file("a")]].concat());
     assert_eq!(code(&output), 7, "{}", err(&output));
     for part in

@@ -71,8 +71,6 @@ const ROWS: &[(&str, &str, Shows, &str)] = &[
     ("throw", "json", Change, "--json"),
     ("throw", "thorough", Refusal, "--thorough"),
     ("throw", "form", Refusal, "--form best"),
-    ("throw", "no-store", Refusal, "--no-store"),
-    ("*", "no-store", Elsewhere, "says what holds without it"),
     ("*", "web", Elsewhere, "tests/live.rs of the operator"),
     ("*", "web-origin", Elsewhere, "tests/live.rs of the operator"),
     ("plan throw", "target", Change, "--target 1.01,1,-1"),
@@ -101,8 +99,6 @@ const ROWS: &[(&str, &str, Shows, &str)] = &[
     ("plan throw", "jitter-s", Change, "--json --jitter-s 0.004"),
     ("plan throw", "release-delays", Change, "--release-delays {d}/none.txt"),
     ("plan throw", "weights", Change, "--json --weights 1,1,1"),
-    ("plan throw", "library", Change, "--library {d}/none.table"),
-    ("plan throw", "store", Change, "--store {d}/throws.store"),
     (
         "plan throw",
         "starts",
@@ -147,15 +143,7 @@ const ROWS: &[(&str, &str, Shows, &str)] = &[
     ("plan sweep", "summary", Elsewhere, "tests/plan_shards.rs"),
     ("plan sweep", "json", Elsewhere, "tests/plan_shards.rs"),
     ("plan sweep", "seed", Elsewhere, "another draw of the same search may find the same throw"),
-    ("plan prepare", "step-m", Refusal, "--step-m 0"),
-    ("plan prepare", "range-max-m", Refusal, "--range-max-m 100"),
-    ("plan prepare", "height-max-m", Refusal, "--height-max-m=-100"),
-    ("plan prepare", "starts", Refusal, "--starts 100000"),
-    ("plan prepare", "sweeps", Refusal, "--sweeps 1000"),
-    ("plan prepare", "trials", Refusal, "--trials 10000000"),
-    ("plan prepare", "seed", Elsewhere, "host/planner/tests/prepare.rs"),
-    ("plan prepare", "out", Elsewhere, "docs/plan-throws.md makes one"),
-    ("plan sweep,plan prepare,throw", "*", SameAs("plan throw"), ""),
+    ("plan sweep,throw", "*", SameAs("plan throw"), ""),
     // Tables and robots.
     ("export", "csv", Elsewhere, "stands in the common words of this table"),
     ("export", "step-s", Change, "--step-s 0.1"),
@@ -319,9 +307,7 @@ fn every_option_of_every_verb_changes_the_result_or_is_refused_by_name() {
                 }
                 Some((Refusal, words)) => {
                     let (code, _, told) = run(name, &work, &plan, words);
-                    if !matches!(code, 2 | 4)
-                        || !(told.contains(&format!("--{long}")) || name == "plan prepare")
-                    {
+                    if !matches!(code, 2 | 4) || !told.contains(&format!("--{long}")) {
                         wrong.push(format!("{place}: {code} {told}"));
                     }
                 }

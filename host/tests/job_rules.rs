@@ -155,7 +155,7 @@ fn a_scenario_with_a_supply_that_is_not_there_is_refused_before_anything_runs() 
 fn a_stop_by_another_node_ends_a_throw_with_its_own_code_before_the_ball_is_thrown() {
     let folder = Folder::new("rules-stop");
     let first = folder.file("first");
-    let good = cubectl(&["throw", "--target", "1,1,-1", "--no-store", "--starts", "2", "--out", &first]);
+    let good = cubectl(&["throw", "--target", "1,1,-1", "--starts", "2", "--out", &first]);
     assert_eq!(code(&good), 0, "{}", err(&good));
     let plan = folder.file("first/plan.json");
     // The stop message of node 99, and the halt broadcast: in the start-up, while the drives are found, after homing.

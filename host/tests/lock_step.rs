@@ -11,7 +11,7 @@ fn recording(folder: &Folder, name: &str, held_up: bool) -> Vec<u8> {
     let served = Served::arm(CellOptions::default());
     let out = folder.file(name);
     let mut child = Command::new(env!("CARGO_BIN_EXE_cubectl"))
-        .args(["throw", "--yes", "--target", "1,1,-1", "--no-store", "--controller", "soft"])
+        .args(["throw", "--yes", "--target", "1,1,-1", "--controller", "soft"])
         .args(["--bus", &served.spec, "--out", &out])
         .stdin(Stdio::null())
         .stdout(Stdio::null())

@@ -125,7 +125,6 @@ fn a_robot_that_is_led_refuses_what_its_throw_does_not_have() {
         &["--thorough"],
         &["--key-file", "no-such-file"],
         &["--finger-release"],
-        &["--library", "no-such-file"],
         &["--gains", "no-such-file"],
         &["--back"],
     ] {

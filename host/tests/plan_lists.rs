@@ -1,4 +1,4 @@
-//! `cubectl plan throw` for openings and moving targets, and `plan prepare`, from outside.
+//! `cubectl plan throw` for openings, moving targets and measured release delays, from outside.
 
 use crate::program::{cubectl, empty_folder as folder, text};
 
@@ -33,45 +33,6 @@ fn an_opening_and_a_moving_target_are_planned_told_and_checked() {
     assert!(checked.status.success(), "{}", text(&checked.stdout));
     assert!(text(&checked.stdout).contains("rim of the opening"), "{}", text(&checked.stdout));
     assert!(std::fs::read_to_string(&report).expect("reads").contains("clear of the rim"));
-}
-
-#[test]
-fn the_same_arguments_prepare_the_same_table_and_options_for_one_target_are_refused() {
-    let folder = folder("plan-prepare");
-    let path = |name: &str| folder.join(name).display().to_string();
-    let prepare = |out: &str| {
-        cubectl(&[
-            "plan",
-            "prepare",
-            "powercube6",
-            "--form",
-            "paper",
-            "--step-m",
-            "0.5",
-            "--range-max-m",
-            "2",
-            "--height-max-m",
-            "0",
-            "--starts",
-            "2",
-            "--sweeps",
-            "1",
-            "--trials",
-            "4",
-            "--out",
-            out,
-        ])
-    };
-    let (one, two) = (path("one.table"), path("two.table"));
-    assert!(prepare(&one).status.success());
-    assert!(prepare(&two).status.success());
-    let bytes = std::fs::read(&one).expect("reads");
-    assert!(bytes.len() > 1000, "there are throws in it");
-    assert_eq!(bytes, std::fs::read(&two).expect("reads"), "same arguments, same table");
-    let refused =
-        cubectl(&["plan", "prepare", "powercube6", "--target-velocity=1,0,0", "--out", &path("none.table")]);
-    assert_eq!(refused.status.code(), Some(i32::from(host::exit::BAD_INPUT)));
-    assert!(text(&refused.stderr).contains("--target-velocity"), "{}", text(&refused.stderr));
 }
 
 #[test]

@@ -124,7 +124,6 @@ fn what_would_differ_between_machines_is_refused_before_anything_is_written() {
     let out_name = out.display().to_string();
     for (words, told) in [
         (["--time-budget", "1"], "--time-budget does not go with a sweep"),
-        (["--store", "s"], "--store does not go with a sweep"),
         (["--draws", "1000001"], "at most 1000000 per target"),
         (["--objective", "hit"], "needs to know what a hit is"),
     ] {

@@ -32,8 +32,7 @@ fn another_robot_gets_gains_that_are_designed_for_it_and_the_report_names_their_
     let foreign = format!("{:08x}", Settings::powercube6().gains_certificate_crc32);
     let my_arm = robot(&folder, "my_arm.toml", &[NAME, SLOWER]);
     let dir = folder.file("a");
-    let thrown =
-        cubectl(&["throw", "--robot", &my_arm, "--target", "0.9,0.9,-1", "--no-store", "--out", &dir]);
+    let thrown = cubectl(&["throw", "--robot", &my_arm, "--target", "0.9,0.9,-1", "--out", &dir]);
     assert_eq!(code(&thrown), 0, "{}{}", out(&thrown), err(&thrown));
     assert!(err(&thrown).contains("designed and certified for my_arm at 3 ms"), "{}", err(&thrown));
     let told = summary(&folder, "a");
@@ -58,7 +57,7 @@ fn another_robot_gets_gains_that_are_designed_for_it_and_the_report_names_their_
 fn gains_in_force_that_a_throw_writes_are_taken_by_replay() {
     let folder = Folder::new("robots-in-force");
     let dir = folder.file("a");
-    let thrown = cubectl(&["throw", "--target", "1,1,-1", "--no-store", "--period", "10", "--out", &dir]);
+    let thrown = cubectl(&["throw", "--target", "1,1,-1", "--period", "10", "--out", &dir]);
     assert_eq!(code(&thrown), 0, "{}", err(&thrown));
     // The form in which a throw with a controller of its own writes what that controller held.
     let file: toml::Table = std::fs::read_to_string(folder.0.join("a/gains.toml")).unwrap().parse().unwrap();
@@ -93,7 +92,7 @@ fn gains_in_force_that_a_throw_writes_are_taken_by_replay() {
 fn a_plan_of_unknown_kind_is_refused_by_every_verb_that_reads_plans() {
     let folder = Folder::new("robots-kind");
     let plan = folder.file("plan.json");
-    let planned = cubectl(&["plan", "throw", "--target", "1,1,-1", "--fast", "--no-store", "--out", &plan]);
+    let planned = cubectl(&["plan", "throw", "--target", "1,1,-1", "--fast", "--out", &plan]);
     assert_eq!(code(&planned), 0, "{}", err(&planned));
     assert_eq!(code(&cubectl(&["check", &plan])), 0);
     let text = std::fs::read_to_string(&plan).unwrap();
@@ -148,7 +147,7 @@ fn gains_for_another_delay_are_refused_before_anything_moves() {
     let tuned = cubectl(&["tune", "--period", "3", "--delay", "1", "--no-trial", "--out", &gains]);
     assert_eq!(code(&tuned), 0, "{}", err(&tuned));
     let dir = folder.file("a");
-    let thrown = cubectl(&["throw", "--target", "1,1,-1", "--no-store", "--gains", &gains, "--out", &dir]);
+    let thrown = cubectl(&["throw", "--target", "1,1,-1", "--gains", &gains, "--out", &dir]);
     assert_ne!(code(&thrown), 0, "{}", out(&thrown));
     assert!(err(&thrown).contains("fault 732") && err(&thrown).contains("next: "), "{}", err(&thrown));
 }

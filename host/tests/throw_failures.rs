@@ -27,11 +27,8 @@ fn throw(folder: &Folder, words: &[&str]) -> std::process::Output {
         std::fs::remove_dir_all(&out).unwrap();
     }
     let mut all = vec!["throw", "--yes", "--out", &out];
-    if !words.contains(&"--plan") {
-        all.push("--no-store");
-        if !words.contains(&"--target") {
-            all.extend(["--target", "1,1,-1"]);
-        }
+    if !words.contains(&"--plan") && !words.contains(&"--target") {
+        all.extend(["--target", "1,1,-1"]);
     }
     all.extend(words);
     let output = cubectl(&all);
@@ -91,7 +88,7 @@ fn targets_plans_and_gains_that_do_not_fit() {
     let folder = Folder::new("fail-plans");
     refused(&throw(&folder, &["--target", "9,0,-1", "--starts", "4"]), 3, &["9"]);
     let plan = folder.file("plan.json");
-    let planned = cubectl(&["plan", "throw", "--target", "1,1,-1", "--fast", "--no-store", "--out", &plan]);
+    let planned = cubectl(&["plan", "throw", "--target", "1,1,-1", "--fast", "--out", &plan]);
     assert_eq!(code(&planned), 0);
     let longer = robot_model::built_in_text("powercube6").unwrap().replacen("d_m = 0.27", "d_m = 0.28", 1);
     std::fs::write(folder.file("longer.toml"), longer).unwrap();
@@ -197,7 +194,6 @@ impl Lab {
                 "--yes",
                 "--target",
                 "1,1,-1",
-                "--no-store",
                 "--bus",
                 &self.served.spec,
                 "--controller",

@@ -10,7 +10,7 @@ fn summary(folder: &Folder, name: &str) -> serde_json::Value {
 #[test]
 fn one_command_plans_homes_uploads_throws_and_tells_where_the_ball_landed() {
     let folder = Folder::new("throw");
-    let output = cubectl(&["throw", "--target", "1.0,1.0,-1.0", "--no-store", "--out", &folder.file("a")]);
+    let output = cubectl(&["throw", "--target", "1.0,1.0,-1.0", "--out", &folder.file("a")]);
     assert_eq!(code(&output), 0, "{}", err(&output));
     assert!(out(&output).contains("mm from the target"), "{}", out(&output));
     for step in ["plan", "drives, watchdogs", "home", "to the start", "upload", "arm", "throw"] {
@@ -37,7 +37,7 @@ fn one_command_plans_homes_uploads_throws_and_tells_where_the_ball_landed() {
     let replayed = cubectl(&["replay", &log]);
     assert_eq!(code(&replayed), 0, "{}{}", out(&replayed), err(&replayed));
     // The same seed is the same run.
-    let again = cubectl(&["throw", "--target", "1.0,1.0,-1.0", "--no-store", "--out", &folder.file("b")]);
+    let again = cubectl(&["throw", "--target", "1.0,1.0,-1.0", "--out", &folder.file("b")]);
     assert_eq!(code(&again), 0, "{}", err(&again));
     assert_eq!(std::fs::read(&log).unwrap(), std::fs::read(folder.file("b/bus.log")).unwrap());
 }
@@ -46,7 +46,7 @@ fn one_command_plans_homes_uploads_throws_and_tells_where_the_ball_landed() {
 fn a_throw_at_another_period_is_repeated_from_its_folder_bit_for_bit() {
     let folder = Folder::new("throw-replay");
     let thrown = folder.file("a");
-    let target = ["throw", "--target", "1.0,1.0,-1.0", "--no-store", "--period", "10", "--out", &thrown];
+    let target = ["throw", "--target", "1.0,1.0,-1.0", "--period", "10", "--out", &thrown];
     assert_eq!(code(&cubectl(&target)), 0);
     let replayed = cubectl(&["replay", &thrown]);
     assert_eq!(code(&replayed), 0, "{}{}", out(&replayed), err(&replayed));
@@ -60,7 +60,7 @@ fn a_throw_at_another_period_is_repeated_from_its_folder_bit_for_bit() {
 fn a_stored_plan_is_thrown_and_the_arm_goes_back_if_asked() {
     let folder = Folder::new("throw-plan");
     let plan = folder.file("plan.json");
-    let planned = cubectl(&["plan", "throw", "--target", "2,0,0", "--fast", "--no-store", "--out", &plan]);
+    let planned = cubectl(&["plan", "throw", "--target", "2,0,0", "--fast", "--out", &plan]);
     assert_eq!(code(&planned), 0, "{}", err(&planned));
     let output = cubectl(&["throw", "--plan", &plan, "--back", "--json", "--out", &folder.file("a")]);
     assert_eq!(code(&output), 0, "{}", err(&output));
@@ -78,10 +78,7 @@ fn a_stored_plan_is_thrown_and_the_arm_goes_back_if_asked() {
 fn upload_and_run_take_plans_too_and_run_refuses_an_arm_that_stands_elsewhere() {
     let folder = Folder::new("throw-upload");
     let plan = folder.file("plan.json");
-    assert_eq!(
-        code(&cubectl(&["plan", "throw", "--target", "1,1,-1", "--fast", "--no-store", "--out", &plan])),
-        0
-    );
+    assert_eq!(code(&cubectl(&["plan", "throw", "--target", "1,1,-1", "--fast", "--out", &plan])), 0);
     let uploaded = cubectl(&["upload", &plan]);
     assert_eq!(code(&uploaded), 0, "{}", err(&uploaded));
     assert!(out(&uploaded).contains("184 bytes stored and committed"), "{}", out(&uploaded));
@@ -98,10 +95,7 @@ fn upload_and_run_take_plans_too_and_run_refuses_an_arm_that_stands_elsewhere() 
 fn a_plan_of_kind_move_runs_from_where_the_arm_stands_at_the_time_that_was_asked_for() {
     let folder = Folder::new("run-move");
     let (plan, moved) = (folder.file("plan.json"), folder.file("move.json"));
-    assert_eq!(
-        code(&cubectl(&["plan", "throw", "--target", "1,1,-1", "--fast", "--no-store", "--out", &plan])),
-        0
-    );
+    assert_eq!(code(&cubectl(&["plan", "throw", "--target", "1,1,-1", "--fast", "--out", &plan])), 0);
     let throw: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&plan).unwrap()).unwrap();
     // Where the arm stands once it is homed.
     let quarter_rad = std::f64::consts::FRAC_PI_2;
@@ -136,8 +130,7 @@ fn commands_to_a_drive_keep_their_slots_and_the_certificate_covers_them() {
     for (period, period_s, frames) in [("3", 0.003, 4.0), ("17", 0.017, 2.0)] {
         let folder = Folder::new("throw-slots");
         let thrown = folder.file("a");
-        let target =
-            ["throw", "--target", "1.0,1.0,-1.0", "--no-store", "--period", period, "--out", &thrown];
+        let target = ["throw", "--target", "1.0,1.0,-1.0", "--period", period, "--out", &thrown];
         let output = cubectl(&target);
         assert_eq!(code(&output), 0, "{}", err(&output));
         assert!(out(&output).contains("timing inside the certificate"), "{}", out(&output));

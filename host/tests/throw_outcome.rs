@@ -17,7 +17,7 @@ fn throw(folder: &Folder, name: &str, faults: &str, words: &[&str]) -> (i32, Str
     )
     .unwrap();
     let dir = folder.file(name);
-    let mut all = vec!["throw", "--target", "1,1,-1", "--no-store", "--yes", "--scenario", &scenario];
+    let mut all = vec!["throw", "--target", "1,1,-1", "--yes", "--scenario", &scenario];
     all.extend(["--out", &dir]);
     all.extend(words);
     let output = cubectl(&all);

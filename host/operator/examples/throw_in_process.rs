@@ -18,7 +18,7 @@ use operator::throw::outcome::{default_tolerance_m, judge};
 use operator::throw::{Job, Outcome, Record, job};
 use planner::plan::statistics::Noise;
 use planner::plan::{Arm, Budget, Kept, Options, Watch, seeds};
-use planner::request::{Origin, Plans, Request, Wanted};
+use planner::request::{Plans, Request, Wanted};
 use robot_model::AnyRobot;
 
 const SEED: u64 = 1;
@@ -33,11 +33,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         target: target_m,
         options: &Options::best(),
         kept: Kept { shift_limits: true, nulling: true },
-        from: Origin::Search { quick: None },
+        quick: None,
         budget: Budget { starts: 2, all: false, time: None, seed: SEED },
     };
-    let wanted =
-        Wanted { robot: "powercube6", noise: &Noise::default(), region: None, draws: None, record: false };
+    let wanted = Wanted { robot: "powercube6", noise: &Noise::default(), region: None, draws: None };
     let planned = arm.plan(&seeds::built_in(&arm), &request, &wanted, &Watch::default())?;
     let plan = planned.plan.ok_or("the ball does not come down on the plane of the target")?;
 

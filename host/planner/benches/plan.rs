@@ -1,6 +1,6 @@
 //! Figures of the throw planner: `cargo bench -p planner --bench plan [-- section …]`.
 //!
-//! Sections: `parts`, `starts`, `cold`, `targets`, `best`, `tail`, `store`, `library`, `delay`, `landing`, `spread`, `reach`; all without
+//! Sections: `parts`, `starts`, `cold`, `targets`, `best`, `tail`, `store`, `delay`, `landing`, `spread`, `reach`; all without
 //! arguments. Times are CPU time of one thread, so that other work on the machine counts less; targets and starts
 //! follow from the seeds below. `PLAN_BENCH_NAME=n` makes a section shorter or longer (`STARTS`, `COLD`, `TARGETS`, `BEST`,
 //! `TAIL`, `DELAY`, `DRAWS`, `SPREAD`, `FREE`, `REFERENCE_STARTS`); `PLAN_BENCH_WORST=1` lists the worst targets.
@@ -15,8 +15,6 @@
 mod arms;
 #[path = "plan/landing.rs"]
 mod landing;
-#[path = "plan/library.rs"]
-mod library;
 #[path = "plan/reach.rs"]
 mod reach;
 #[path = "plan/speed.rs"]
@@ -95,7 +93,6 @@ fn main() {
     }
     section("tail", &|| speed::tail(&arm, &index, count("tail", 2) as usize));
     section("store", &|| speed::store(&arm, &index));
-    section("library", &|| library::library(&arm, &index, count("library", 1000) as usize));
     section("delay", &|| landing::delay(&arm, &index, count("delay", 30)));
     section("landing", &|| landing::landing_statistics(&arm, &index, 20, count("draws", 100_000) as usize));
     section("spread", &|| landing::spread(&arm, &index, count("spread", 6)));

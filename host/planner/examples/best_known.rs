@@ -21,7 +21,7 @@ use std::io::Write;
 use nalgebra::Vector3;
 use planner::plan::rng::SplitMix64;
 use planner::plan::{Budget, Kept, Options, Watch, seeds};
-use planner::request::{Origin, Plans, Request};
+use planner::request::{Plans, Request};
 use planner::store::Index;
 use robot_model::{AnyRobot, RobotModel, for_any_robot};
 
@@ -131,13 +131,7 @@ where
     let usual = Budget { seed: asked.seed ^ index << 20, ..Budget::default() };
     let budget = asked.starts.map_or(usual, |starts| Budget { starts, all: true, ..usual });
     let none = format!("{head},,,{},0,0,", 3 * budget.starts);
-    let request = Request {
-        target,
-        options: &Options::best(),
-        kept: Kept::default(),
-        from: Origin::Search { quick: None },
-        budget,
-    };
+    let request = Request { target, options: &Options::best(), kept: Kept::default(), quick: None, budget };
     let Ok(answer) = arm.search(table, &request, &Watch::default()) else { return none };
     let (rung, best) = (answer.given_up as usize, answer.best);
     let (price, hits) = (best.found.objective, best.confidence.at_best);

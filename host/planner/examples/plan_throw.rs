@@ -6,7 +6,7 @@ use std::path::Path;
 use nalgebra::Vector3;
 use planner::plan::statistics::Noise;
 use planner::plan::{Arm, Budget, Kept, Options, Watch, seeds};
-use planner::request::{Origin, Plans, Request, Wanted};
+use planner::request::{Plans, Request, Wanted};
 
 fn main() -> Result<(), Box<dyn Error>> {
     // Target in the frame of the arm's base, m; z is up.
@@ -23,11 +23,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         options: &Options::best(),
         // All options are kept, even if a target is hard to reach.
         kept: Kept { shift_limits: true, nulling: true },
-        from: Origin::Search { quick: None },
+        quick: None,
         budget: Budget { starts: 8, all: false, time: None, seed: 1 },
     };
-    let wanted =
-        Wanted { robot: "powercube6", noise: &Noise::default(), region: None, draws: None, record: false };
+    let wanted = Wanted { robot: "powercube6", noise: &Noise::default(), region: None, draws: None };
     let planned = arm.plan(&starts, &request, &wanted, &Watch::default())?;
     let throw = &planned.answer.best.found.throw;
     println!("release after {:.3} s, flight of {:.3} s", throw.ha_s, throw.flight_s);

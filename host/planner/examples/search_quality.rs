@@ -5,18 +5,16 @@
 //! ```
 //!
 //! For every target that the file has a throw to: the search as `plan throw` makes it, down the same ladder of options,
-//! with a table of stored throws (the one that comes with the program if none is named), from the table alone, and without any.
-//! With 0 seeds: from the table alone. Times are CPU time of one core.
+//! with a table of stored throws (the one that comes with the program if none is named), and without any. Times are CPU time of one core.
 
 use std::error::Error;
-use std::path::Path;
 use std::time::Duration;
 
 use nalgebra::Vector3;
 use nix::time::{ClockId, clock_gettime};
 use planner::plan::seeds::built_in;
 use planner::plan::{Budget, Kept, Options, Watch};
-use planner::request::{Origin, Plans, Request};
+use planner::request::{Plans, Request};
 use planner::store::{Index, file, robot_fingerprint};
 use robot_model::{AnyRobot, RobotModel, for_any_robot};
 
@@ -73,8 +71,8 @@ fn main() -> std::result::Result<(), Box<dyn Error>> {
     for_any_robot!(&robot, arm => {
         let table = match rest.get(2) {
             Some(path) => {
-                let path = Path::new(path);
-                Index::new(file::parse(path, &std::fs::read(path)?, robot_fingerprint(arm))?.0)
+                let records = file::parse(&std::fs::read(path)?, robot_fingerprint(arm));
+                Index::new(records.ok_or("not a table of this robot")?)
             }
             None => built_in(arm),
         };
@@ -87,25 +85,18 @@ fn of_arm<const N: usize>(arm: &RobotModel<N>, known: &[Known], table: &Index<N>
 where
     RobotModel<N>: Plans<N>,
 {
-    let search = Origin::Search { quick: None };
     let (of_table, none) = ((arm, table), (arm, &Index::default()));
     if !table.records().is_empty() {
         for seed in 1..=seeds {
-            print(&format!("search with the table, seed {seed}"), &judge(known, of_table, search, seed));
+            print(&format!("search with the table, seed {seed}"), &judge(known, of_table, seed));
         }
-        print("table alone", &judge(known, of_table, Origin::Library, 0));
     }
     for seed in 1..=seeds {
-        print(&format!("search without a table, seed {seed}"), &judge(known, none, search, seed));
+        print(&format!("search without a table, seed {seed}"), &judge(known, none, seed));
     }
 }
 
-fn judge<const N: usize>(
-    known: &[Known],
-    (arm, table): (&RobotModel<N>, &Index<N>),
-    from: Origin,
-    seed: u64,
-) -> Result
+fn judge<const N: usize>(known: &[Known], (arm, table): (&RobotModel<N>, &Index<N>), seed: u64) -> Result
 where
     RobotModel<N>: Plans<N>,
 {
@@ -114,7 +105,8 @@ where
     let mut result = Result::default();
     for k in known {
         let began = cpu();
-        let request = Request { target: k.target, options: &options, kept: Kept::default(), from, budget };
+        let request =
+            Request { target: k.target, options: &options, kept: Kept::default(), quick: None, budget };
         let answer = arm.search(table, &request, &watch).ok();
         let found = answer.map(|answer| (answer.given_up as usize, answer.best.found.objective));
         result.seconds.push((cpu() - began).as_secs_f64());

@@ -100,7 +100,7 @@ impl<const N: usize> Throw<N> {
 
     /// Joint state at phase `sigma`: -1 start, 0 release, 1 stop; held outside.
     #[must_use]
-    pub fn at_phase(&self, sigma: f64) -> JointState<N> {
+    pub(crate) fn at_phase(&self, sigma: f64) -> JointState<N> {
         let sigma = sigma.clamp(-1.0, 1.0);
         let b = Basis::at(sigma, self.phase_s(sigma));
         JointState {
@@ -147,7 +147,7 @@ impl<const N: usize> Throw<N> {
 
     /// Largest speed of each joint over the motion in rad/s: at the release, or where the acceleration passes zero.
     #[must_use]
-    pub fn peak_speed(&self) -> JointVec<N> {
+    pub(crate) fn peak_speed(&self) -> JointVec<N> {
         JointVec::from_fn(|j, _| {
             [-1.0, 1.0]
                 .into_iter()
@@ -162,7 +162,7 @@ impl<const N: usize> Throw<N> {
 
     /// Largest acceleration of each joint over the motion in rad/s²: at start, release or stop, as it is linear between.
     #[must_use]
-    pub fn peak_acceleration(&self) -> JointVec<N> {
+    pub(crate) fn peak_acceleration(&self) -> JointVec<N> {
         let start = self.qd_rad_s * (2.0 / self.ha_s) - self.qdd_rad_s2;
         let stop = self.qd_rad_s * (-2.0 / self.hb_s) - self.qdd_rad_s2;
         JointVec::from_fn(|j, _| start[j].abs().max(stop[j].abs()).max(self.qdd_rad_s2[j].abs()))
@@ -197,7 +197,7 @@ impl<const N: usize> Throw<N> {
 
     /// Acceleration of the ball in the hand at the release, `J̇ q̇ + J q̈`, in m/s².
     #[must_use]
-    pub fn ball_acceleration_at_release(&self, arm: &RobotModel<N>) -> Vector3<f64> {
+    pub(crate) fn ball_acceleration_at_release(&self, arm: &RobotModel<N>) -> Vector3<f64> {
         let frames = arm.fk(&self.q_rad);
         let jacobian = frames.jacobian(&arm.ball(&frames).pos);
         let a = frames.bias_acceleration(&jacobian, &self.qd_rad_s) + jacobian * self.qdd_rad_s2;
@@ -206,7 +206,7 @@ impl<const N: usize> Throw<N> {
 
     /// Ball in the hand at any time: position and velocity in the world, for releases early or late.
     #[must_use]
-    pub fn ball_at_time(&self, arm: &RobotModel<N>, time_s: f64) -> (Vector3<f64>, Vector3<f64>) {
+    pub(crate) fn ball_at_time(&self, arm: &RobotModel<N>, time_s: f64) -> (Vector3<f64>, Vector3<f64>) {
         let state = self.at_time(time_s);
         let frames = arm.fk(&state.q);
         let p = arm.ball(&frames).pos;

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use planner::plan::ladder::rungs;
 use planner::plan::seeds::built_in;
 use planner::plan::{Budget, Kept, Options, Planner, Problem, Watch};
-use planner::request::{Origin, Plans, Request};
+use planner::request::{Plans, Request};
 use planner::store::Index;
 use robot_model::RobotModel;
 
@@ -39,7 +39,7 @@ where
         target,
         options: &Options::best(),
         kept: Kept::default(),
-        from: Origin::Search { quick: None },
+        quick: None,
         budget: Budget { seed, ..Budget::default() },
     };
     let answer = arm.search(table, &request, &Watch::default()).ok()?;

@@ -37,10 +37,7 @@ pub(super) enum Deed {
     Starts,
     /// Plan a throw with the release at one instant.
     Ordinary,
-    Library,
     NoOpening,
-    /// Make the table of stored throws of a robot.
-    StoredThrows,
     /// Read what a sweep has made.
     Summary,
 }
@@ -50,7 +47,7 @@ const TO_CHANCE: &str = "time_budget hit_radius_m hit_box jitter_s release_delay
 /// Of throws with the release at one instant.
 const DRIVES: &str = "speed_use acceleration_use free_spin null_delay delay_window clean_release clearance_m range_margin_rad \
     drag_per_m magnus_rad_s finger_release weights obstacle arrival_speed arrival_descent_deg radius_m elevation_deg flight_s \
-    duration_s braking_ratio store no_store library thorough";
+    duration_s braking_ratio thorough";
 const TRACKER: &str = "tracker tracker_body tracker_offset tracker_frames calibration";
 
 /// What is asked, the options that mean nothing then (after `!`: all but these), and why.
@@ -91,10 +88,7 @@ const TABLE: &[(Deed, &[&str], &str)] = &[
         ],
         "is for throws that follow the flight: add --follow",
     ),
-    (Deed::Library, &["fast thorough"], "is for a search; a library answers with the throws that it has"),
     (Deed::NoOpening, &["incidence_max_deg"], "is for an opening: add --opening-normal"),
-    (Deed::StoredThrows, &[ONE_TARGET], "is for one target; a table is for all targets at rest"),
-    (Deed::StoredThrows, &["store no_store library finger_release"], "is not for the table of stored throws"),
     (Deed::Summary, &["! summary json picture"], "is for making a sweep; --summary reads one"),
 ];
 

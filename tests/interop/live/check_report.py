@@ -61,7 +61,7 @@ def same(shown, value):
 def main(cubectl, out):
     folder = pathlib.Path(out)
     throw = folder / "throw"
-    command = [cubectl, "throw", "--target", "1.0,1.0,-1.0", "--seed", "6", "--no-store", "--out", str(throw)]
+    command = [cubectl, "throw", "--target", "1.0,1.0,-1.0", "--seed", "6", "--out", str(throw)]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     page = Page(folder)
     try:

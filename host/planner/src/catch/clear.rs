@@ -49,14 +49,6 @@ pub struct Room {
     pub room_m: f64,
 }
 
-impl Room {
-    /// Enough: the arm need not move.
-    #[must_use]
-    pub fn is_enough(&self) -> bool {
-        self.room_m >= ROOM_M
-    }
-}
-
 /// Room that a motion leaves for the ball from `from_s` on.
 #[must_use]
 pub fn room(arm: &CatchArm, motion: &CatchMotion, from_s: f64, forecast: &Forecast) -> Room {
@@ -65,7 +57,7 @@ pub fn room(arm: &CatchArm, motion: &CatchMotion, from_s: f64, forecast: &Foreca
 
 /// A motion out of the ball's way; `None` if the motion under way leaves room enough, or no other one leaves more.
 #[must_use]
-pub fn move_clear(
+pub(crate) fn move_clear(
     arm: &CatchArm,
     start: &Start<'_>,
     under_way: &CatchMotion,

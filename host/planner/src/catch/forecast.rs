@@ -19,7 +19,7 @@ pub struct Foreseen {
 impl Foreseen {
     /// Standard deviation across the flight: root of the larger eigenvalue of the lateral covariance, m.
     #[must_use]
-    pub fn lateral_sigma_m(&self) -> f64 {
+    pub(crate) fn lateral_sigma_m(&self) -> f64 {
         let speed = self.v_m_s.norm();
         if speed.is_nan() || speed <= 1e-6 {
             return self.covariance_m2.trace().max(0.0).sqrt();
@@ -58,7 +58,7 @@ impl Watch {
     /// Standard deviation per axis, at `catch_s`, of a line through all samples that have arrived by `by_s`: sigma²
     /// \[1/N + (t_c - t_m)²/S\]. Infinite for fewer than three samples.
     #[must_use]
-    pub fn sigma_by_m(&self, by_s: f64, catch_s: f64) -> f64 {
+    pub(crate) fn sigma_by_m(&self, by_s: f64, catch_s: f64) -> f64 {
         let span = by_s - self.latency_s - self.first_s;
         let n = (span / self.period_s).floor() + 1.0;
         if n.is_nan() || n < 3.0 {

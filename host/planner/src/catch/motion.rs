@@ -182,7 +182,7 @@ fn wall_distance_m(arm: &CatchArm, at_mouth: &Vector3<f64>) -> f64 {
 
 /// Whether motors and supplies give the currents of a state.
 #[must_use]
-pub fn currents_keep(arm: &CatchArm, q: &Joints, qd: &Joints, qdd: &Joints) -> bool {
+pub(crate) fn currents_keep(arm: &CatchArm, q: &Joints, qd: &Joints, qdd: &Joints) -> bool {
     let model = &arm.model;
     let tau = model.inverse_dynamics(q, qd, qdd);
     let (Some(drives), Some(motor_a)) = (model.drives(), model.motor_currents(qd, &tau)) else {

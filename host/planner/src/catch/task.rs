@@ -128,7 +128,7 @@ pub struct Start<'a> {
 /// Probability that the ball, normally distributed across with `sigma_m` about a point `off_m` beside the axis, passes the rim. A
 /// bound from below: the circle about that point that fits in.
 #[must_use]
-pub fn passes_rim(radius_m: f64, off_m: f64, sigma_m: f64) -> f64 {
+pub(crate) fn passes_rim(radius_m: f64, off_m: f64, sigma_m: f64) -> f64 {
     let room = radius_m - off_m;
     if room <= 0.0 {
         return 0.0;

@@ -13,7 +13,7 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Air density of the source, kg/m³.
-pub const AIR_KG_M3: f64 = 1.23;
+pub(crate) const AIR_KG_M3: f64 = 1.23;
 /// Normal force coefficient of a flat disc across the stream (Hoerner).
 pub const ACROSS: f64 = 1.17;
 
@@ -142,7 +142,7 @@ impl Body {
 
     /// Area, m².
     #[must_use]
-    pub fn area_m2(&self) -> f64 {
+    pub(crate) fn area_m2(&self) -> f64 {
         PI * self.radius_m * self.radius_m
     }
 

@@ -217,6 +217,6 @@ impl DiscArm {
 
 /// Elevation of the hand above the horizontal, β of eq. (3); beyond ±90° it points back over the base.
 #[must_use]
-pub fn hand_elevation_rad(q: &Joints) -> f64 {
+pub(crate) fn hand_elevation_rad(q: &Joints) -> f64 {
     q[1] + q[2] + q[3] + std::f64::consts::FRAC_PI_2
 }

@@ -114,7 +114,7 @@ impl Estimate {
 
     /// The same from an earlier estimate of this flight: fewer iterations.
     #[must_use]
-    pub fn refit(model: &Model, views: &[View], earlier: Option<&Self>) -> Option<Self> {
+    pub(crate) fn refit(model: &Model, views: &[View], earlier: Option<&Self>) -> Option<Self> {
         let finite =
             |v: &&View| v.t_s >= 0.0 && v.t_s.is_finite() && v.center_m.iter().all(|x| x.is_finite());
         let views: Vec<View> = views.iter().filter(finite).copied().collect();

@@ -145,7 +145,13 @@ impl Path {
 
     /// The same in steps of `step_s`; 4 ms are a hundredth of a millimetre off after half a second.
     #[must_use]
-    pub fn flown_in_steps(body: &Body, air: &Air, released: &DiscState, until_s: f64, step_s: f64) -> Self {
+    pub(crate) fn flown_in_steps(
+        body: &Body,
+        air: &Air,
+        released: &DiscState,
+        until_s: f64,
+        step_s: f64,
+    ) -> Self {
         let mut states = vec![*released];
         let mut now = *released;
         for _ in 0..(until_s / step_s).ceil().clamp(1.0, 1e5) as usize {

@@ -139,7 +139,7 @@ impl Track {
 
 /// Shortest time for a change of speed within acceleration (and jerk).
 #[must_use]
-pub fn speed_change_s(law: MotionLaw, limit: &Limit, dv: f64) -> f64 {
+pub(crate) fn speed_change_s(law: MotionLaw, limit: &Limit, dv: f64) -> f64 {
     let dv = dv.abs();
     match law {
         MotionLaw::Acceleration => dv / limit.a,
@@ -149,7 +149,7 @@ pub fn speed_change_s(law: MotionLaw, limit: &Limit, dv: f64) -> f64 {
 
 /// Shortest time from rest to rest over a distance, rad.
 #[must_use]
-pub fn rest_to_rest_s(law: MotionLaw, limit: &Limit, distance: f64) -> f64 {
+pub(crate) fn rest_to_rest_s(law: MotionLaw, limit: &Limit, distance: f64) -> f64 {
     let d = distance.abs();
     match law {
         MotionLaw::Acceleration if d * limit.a <= limit.v * limit.v => 2.0 * (d / limit.a).sqrt(),

@@ -151,7 +151,7 @@ fn surface(radius_m: f64, half_height_m: f64) -> Vec<Vector3<f64>> {
 }
 
 /// Half the height of the paper's disc, m.
-pub const HALF_HEIGHT_M: f64 = 0.005;
+pub(crate) const HALF_HEIGHT_M: f64 = 0.005;
 
 /// Judges a motion; moments in order of time. Looks until the disc is caught, and at the joints to the end.
 #[must_use]

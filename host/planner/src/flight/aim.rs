@@ -28,7 +28,7 @@ impl Course {
 
     /// The coefficients without the zeros behind the last other one.
     #[must_use]
-    pub fn coefficients_m(&self) -> Vec<[f64; 3]> {
+    pub(crate) fn coefficients_m(&self) -> Vec<[f64; 3]> {
         let count =
             self.coefficients_m.iter().rposition(|c| *c != Vector3::zeros()).map_or(0, |last| last + 1);
         self.coefficients_m.iter().take(count).map(|c| (*c).into()).collect()
@@ -62,7 +62,7 @@ impl Course {
     /// Acceleration in m/s² at the same time.
     #[must_use]
     #[inline]
-    pub fn acceleration_m_s2(&self, t_s: f64) -> Vector3<f64> {
+    pub(crate) fn acceleration_m_s2(&self, t_s: f64) -> Vector3<f64> {
         let mut sum = Vector3::zeros();
         for (k, c) in self.coefficients_m.iter().enumerate().skip(1).rev() {
             sum = sum * t_s + c * ((k + 1) * k) as f64;
@@ -129,7 +129,7 @@ impl Aim {
     /// Whether the plane is horizontal, the ball comes from above, and the target is at rest.
     #[must_use]
     #[inline]
-    pub fn is_level(&self) -> bool {
+    pub(crate) fn is_level(&self) -> bool {
         self.level
     }
 
@@ -156,7 +156,7 @@ impl Aim {
     /// The target `t_s` after the planned release, in m.
     #[must_use]
     #[inline]
-    pub fn point_at(&self, t_s: f64) -> Vector3<f64> {
+    pub(crate) fn point_at(&self, t_s: f64) -> Vector3<f64> {
         if self.level { self.point_m } else { self.point_m + self.course.way_m(t_s) }
     }
 

@@ -151,7 +151,7 @@ impl Aim {
 /// `v` and `a` are velocity and acceleration of the ball in the hand at the release; for a target that moves, `v` is
 /// against the target's velocity at the landing.
 #[must_use]
-pub fn delay_sensitivity(g: &LandingJacobian, v: &Vector3<f64>, a: &Vector3<f64>) -> Vector2<f64> {
+pub(crate) fn delay_sensitivity(g: &LandingJacobian, v: &Vector3<f64>, a: &Vector3<f64>) -> Vector2<f64> {
     g * Vector6::new(v.x, v.y, v.z, a.x, a.y, a.z)
 }
 

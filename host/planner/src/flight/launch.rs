@@ -41,7 +41,7 @@ impl FlightModel {
     /// # Errors
     /// [`LaunchError`] for a time that is not positive, numbers that are not finite, or drag too strong to hit.
     #[inline]
-    pub fn launch(
+    pub(crate) fn launch(
         &self,
         p0: &Vector3<f64>,
         target: &Vector3<f64>,

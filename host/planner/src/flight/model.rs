@@ -84,7 +84,7 @@ impl FlightModel {
     /// Whether only gravity acts, so that closed forms hold.
     #[must_use]
     #[inline]
-    pub fn is_vacuum(&self) -> bool {
+    pub(crate) fn is_vacuum(&self) -> bool {
         self.drag_per_m == 0.0 && self.magnus_rad_s == Vector3::zeros()
     }
 
@@ -99,7 +99,7 @@ impl FlightModel {
     /// `∂a/∂v` in 1/s.
     #[must_use]
     #[inline]
-    pub fn acceleration_by_v(&self, v: &Vector3<f64>) -> Matrix3<f64> {
+    pub(crate) fn acceleration_by_v(&self, v: &Vector3<f64>) -> Matrix3<f64> {
         let speed = v.norm();
         let mut by_v = self.magnus_rad_s.cross_matrix();
         if speed > 0.0 {

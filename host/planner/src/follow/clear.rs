@@ -128,7 +128,7 @@ impl<'m> Clear<'m> {
 
     /// Distance of the free ball at `center` from arm and hand beyond what is asked for, in m; negative is a contact.
     #[must_use]
-    pub fn ball_spare_m(&mut self, frames: &Frames<AXES>, center: &Vector3<f64>) -> f64 {
+    pub(crate) fn ball_spare_m(&mut self, frames: &Frames<AXES>, center: &Vector3<f64>) -> f64 {
         self.empty.ball_clearance(frames, center).distance_m - (self.grip_m - self.margins.grip_slack_m)
     }
 

@@ -126,7 +126,7 @@ impl StageCounts {
     /// The last test that candidates reached and did not pass, with their number: what stands between these throws and
     /// a feasible one.
     #[must_use]
-    pub fn last_obstacle(&self) -> Option<(Stage, u64)> {
+    pub(crate) fn last_obstacle(&self) -> Option<(Stage, u64)> {
         let refusing = Stage::ALL.into_iter().filter(|s| !matches!(s, Stage::Dominated | Stage::Feasible));
         refusing.map(|s| (s, self.of(s))).rfind(|(_, count)| *count > 0)
     }

@@ -71,7 +71,7 @@ impl HandLaw {
 
     /// Angle between the hand's z axis and the velocity of the ball at `t_s`, in rad.
     #[must_use]
-    pub fn off_across_rad(&self, flight: &Parabola, t_s: f64) -> f64 {
+    pub(crate) fn off_across_rad(&self, flight: &Parabola, t_s: f64) -> f64 {
         let z: Vector3<f64> = self.at(flight, t_s).x_wb.rot.column(2).into();
         z.cross(&flight.velocity(t_s)).norm().atan2(z.dot(&flight.velocity(t_s)))
     }

@@ -130,7 +130,7 @@ pub struct Opening {
 /// brings it back. The time of the plan is that of a robot late by `lag_s - lead_s` and nothing else.
 /// `None` if no opening has landings.
 #[must_use]
-pub fn best_opening(
+pub(crate) fn best_opening(
     arm: &Arm,
     motion: &FollowMotion,
     target: &Vector3<f64>,
@@ -158,7 +158,7 @@ pub fn best_opening(
 
 /// Sign with which the first axis turns the arm about the vertical through the origin; `None` if it is another axis.
 #[must_use]
-pub fn turn_of_first_axis(arm: &Arm) -> Option<f64> {
+pub(crate) fn turn_of_first_axis(arm: &Arm) -> Option<f64> {
     let frames = arm.fk(&Axes::zeros());
     let (axis, origin) = (frames.axis(0), frames.origin(0));
     let vertical = axis.xy().norm() < 1e-9 && origin.xy().norm() < 1e-9;
@@ -181,7 +181,7 @@ pub fn landing_error_m(
 ///
 /// Between the steps the joints move along cubics with the angles and speeds of both steps.
 #[must_use]
-pub fn landing_off_m(
+pub(crate) fn landing_off_m(
     arm: &Arm,
     motion: &FollowMotion,
     target: &Vector3<f64>,

@@ -15,7 +15,7 @@ pub type Arm = RobotModel<AXES>;
 /// Cut-out of the simulated KR C by acceleration, deg/s² (chosen; lower bound is what the paper's run survived).
 pub const KRC_CUT_OUT_DEG_S2: f64 = 2000.0;
 /// Cut-out of the simulated KR C by jerk, deg/s³ (chosen as above).
-pub const KRC_CUT_OUT_DEG_S3: f64 = 1.5e5;
+pub(crate) const KRC_CUT_OUT_DEG_S3: f64 = 1.5e5;
 
 /// Shares of the limits that a search with [`Limits::with_spare_for_commands`] uses: of accelerations and jerks, and of speeds.
 const COMMAND_SHARE: f64 = 0.95;

@@ -134,12 +134,6 @@ impl Peaks {
         peaks
     }
 
-    /// Largest change of the acceleration from one step to the next, in rad/s².
-    #[must_use]
-    pub fn leap_rad_s2(&self, period_s: f64) -> f64 {
-        self.j.amax() * period_s
-    }
-
     /// Largest use of the limits of speed, acceleration and jerk; 1 is the limit.
     #[must_use]
     pub fn use_of(&self, limits: &Limits) -> [f64; 3] {
@@ -224,7 +218,6 @@ mod tests {
         }
         let peaks = Peaks::of(&commands, 0.012);
         assert!(peaks.v[4] <= 3.0 && peaks.v[4] > 2.98, "{}", peaks.v);
-        assert!((peaks.leap_rad_s2(0.012) - peaks.j.amax() * 0.012).abs() < 1e-12);
     }
 
     #[test]

@@ -25,7 +25,7 @@ impl Parabola {
     ///
     /// `None` if the straight line under this angle passes below the target, or the target is above or below `p0`.
     #[must_use]
-    pub fn with_angle(
+    pub(crate) fn with_angle(
         p0: Vector3<f64>,
         target: Vector3<f64>,
         beta_rad: f64,
@@ -68,7 +68,7 @@ impl Parabola {
 
     /// Angle of the velocity at t = 0 to the horizontal, in rad; positive upwards.
     #[must_use]
-    pub fn beta_rad(&self) -> f64 {
+    pub(crate) fn beta_rad(&self) -> f64 {
         self.v0.z.atan2(self.v0.xy().norm())
     }
 

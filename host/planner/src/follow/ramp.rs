@@ -54,7 +54,7 @@ impl Ramp {
 
     /// Shortest cruise with which a ramp stays at or below the acceleration `a_max` (rad/s²), in s.
     #[must_use]
-    pub fn shortest_cruise_s(edge: AxisState, shape: RampShape, a_max: f64) -> f64 {
+    pub(crate) fn shortest_cruise_s(edge: AxisState, shape: RampShape, a_max: f64) -> f64 {
         let speed = edge.w + 0.5 * edge.a * shape.blend_s;
         (speed.abs() / a_max - 0.5 * (shape.blend_s + shape.fade_s)).max(0.0)
     }
@@ -63,12 +63,6 @@ impl Ramp {
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         self.blend_s + self.cruise_s + self.fade_s
-    }
-
-    /// Acceleration of the cruise in rad/s², with its sign.
-    #[must_use]
-    pub fn cruise_a(&self) -> f64 {
-        self.cruise_a
     }
 
     /// State at `s` seconds from the edge of the window; at rest from [`Ramp::duration_s`] on.
@@ -91,7 +85,7 @@ impl Ramp {
 
     /// Angle at rest in rad.
     #[must_use]
-    pub fn rest_q(&self) -> f64 {
+    pub(crate) fn rest_q(&self) -> f64 {
         self.at(self.duration_s()).q
     }
 }
@@ -146,7 +140,7 @@ mod tests {
             let shape = RampShape { blend_s, fade_s };
             let a_max = 2.1;
             let ramp = Ramp::new(edge, shape, Ramp::shortest_cruise_s(edge, shape, a_max) + longer);
-            prop_assert!(ramp.cruise_a().abs() <= a_max * (1.0 + 1e-12));
+            prop_assert!(ramp.cruise_a.abs() <= a_max * (1.0 + 1e-12));
             // Simpson's rule over steps that end at the joints of the parts.
             let ends = [0.0, blend_s, blend_s + ramp.cruise_s, ramp.duration_s()];
             for pair in ends.windows(2) {

@@ -9,7 +9,6 @@ use nalgebra::Vector3;
 use robot_model::RobotModel;
 
 use super::basins::Basins;
-use super::library::OFFERED;
 use super::local::Found;
 use super::options::Options;
 use super::outcome::{Best, Budget, NoThrow, Watch};
@@ -127,16 +126,6 @@ impl<'a, const N: usize> Ladder<'a, N> {
             }
         };
         Ok(self.climb(at, best, index, budget, watch))
-    }
-
-    /// The throw from a library of stored throws alone: that of the strictest rung that one of them leads to. Nothing is
-    /// searched; `None` if none leads to the target.
-    #[must_use]
-    pub fn from_library(&self, index: &Index<N>) -> Option<Settled<'_, 'a, N>> {
-        self.rungs.iter().find_map(|(given_up, problem)| {
-            let best = stored_alone(&Planner::new(problem), index, OFFERED)?;
-            Some(Settled { problem, given_up: *given_up, best })
-        })
     }
 
     /// Gives the rungs above one that has throws a second chance, the nearest first.

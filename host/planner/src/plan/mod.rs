@@ -15,7 +15,6 @@
 //! | `layout` | where each variable and each row of a throw stands |
 //! | `rows` | objective and constraints with exact gradients |
 //! | `cuts`, `scan` | what must hold at every instant: where it is worst, and as rows |
-//! | [`library`] | a table of throws as a library: look-up and local solve |
 //! | `local` | one start |
 //! | `warm_start` | which stored throws to try first |
 //! | `posture` | postures of the arm at a release: closed form, numerical, or drawn |
@@ -48,7 +47,6 @@ pub mod goal;
 pub mod ladder;
 mod landed;
 mod layout;
-pub mod library;
 mod local;
 pub mod margins;
 pub mod nearest;
@@ -85,4 +83,3 @@ pub use outcome::{Best, Budget, NoThrow, Watch};
 pub use paper::PaperParameters;
 pub use planner::Planner;
 pub use problem::{Problem, ProblemError};
-pub use scan::RELEASE_BLIND_S;

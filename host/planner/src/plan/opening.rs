@@ -2,8 +2,8 @@
 
 use nalgebra::Vector3;
 
+pub use super::options::Opening;
 use super::options::Region;
-pub use super::options::{INCIDENCE_MAX_RAD, Opening};
 use super::problem::Problem;
 use crate::flight::{Aim, FlightModel};
 use crate::throw::Throw;

@@ -292,7 +292,7 @@ pub struct Opening {
 }
 
 /// Largest angle of incidence that can be asked for, in rad: beyond it a ball hardly enters.
-pub const INCIDENCE_MAX_RAD: f64 = 1.4;
+pub(crate) const INCIDENCE_MAX_RAD: f64 = 1.4;
 
 /// Most limits of the landing's shift, each for late and for early release.
 pub(crate) const DELAY_WINDOWS_MAX: usize = 4;

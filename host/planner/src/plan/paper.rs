@@ -78,7 +78,7 @@ impl PaperParameters {
 
     /// Release point p0 in the world, in m.
     #[must_use]
-    pub fn release_point(&self, shoulder: &Vector3<f64>) -> Vector3<f64> {
+    pub(crate) fn release_point(&self, shoulder: &Vector3<f64>) -> Vector3<f64> {
         let (sp, cp) = self.elevation_rad.sin_cos();
         let (st, ct) = self.azimuth_rad.sin_cos();
         shoulder + Vector3::new(cp * ct, cp * st, sp) * self.radius_m
@@ -119,7 +119,7 @@ impl PaperParameters {
 
     /// The throw through a given posture; `None` where the Jacobian is singular.
     #[must_use]
-    pub fn throw_at<const N: usize>(
+    pub(crate) fn throw_at<const N: usize>(
         &self,
         problem: &Problem<'_, N>,
         q: &JointVec<N>,
@@ -164,7 +164,7 @@ impl PaperParameters {
 
 /// `R_RF = Rz(az) Ry(polar) Rz(γ)` with azimuth and polar angle of `v`: z along `v`.
 #[must_use]
-pub fn release_rotation(v: &Vector3<f64>, roll_rad: f64) -> Matrix3<f64> {
+pub(crate) fn release_rotation(v: &Vector3<f64>, roll_rad: f64) -> Matrix3<f64> {
     let flat = v.x.hypot(v.y);
     let (ca, sa) = if flat > 0.0 { (v.x / flat, v.y / flat) } else { (1.0, 0.0) };
     let speed = v.norm();

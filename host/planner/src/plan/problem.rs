@@ -290,7 +290,7 @@ impl<'a, const N: usize> Problem<'a, N> {
 
     /// Objective (1) of a throw, as its three terms: time, braking ratio, jerk.
     #[must_use]
-    pub fn objective_terms(&self, throw: &Throw<N>) -> [f64; 3] {
+    pub(crate) fn objective_terms(&self, throw: &Throw<N>) -> [f64; 3] {
         let w = &self.options.weights;
         let (ja, jb) = throw.jerk();
         let jerk = ja.norm_squared() * throw.ha_s + jb.norm_squared() * throw.hb_s;

@@ -9,11 +9,11 @@ use nalgebra::DMatrix;
 /// Nodes at most.
 const NODES: usize = 7;
 /// Delays that are needed at least, and used at most.
-pub const DELAYS_MIN: usize = 8;
+pub(crate) const DELAYS_MIN: usize = 8;
 /// See [`DELAYS_MIN`].
-pub const DELAYS_MAX: usize = 1_000_000;
+pub(crate) const DELAYS_MAX: usize = 1_000_000;
 /// Largest distance of a delay from the mean of all, s.
-pub const OFF_MAX_S: f64 = 0.05;
+pub(crate) const OFF_MAX_S: f64 = 0.05;
 
 /// Release delays about their mean: nodes with weights. Unused ones have the weight zero.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
@@ -77,7 +77,7 @@ impl ReleaseNodes {
 
     /// Whether the numbers are delays within [`OFF_MAX_S`] with weights that add up to one.
     #[must_use]
-    pub fn is_valid(&self) -> bool {
+    pub(crate) fn is_valid(&self) -> bool {
         let weights: f64 = self.weight.iter().sum();
         self.delay_s.iter().all(|delay| delay.abs() <= OFF_MAX_S)
             && self.weight.iter().all(|weight| (0.0..=1.0 + 1e-9).contains(weight))

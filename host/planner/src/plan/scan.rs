@@ -17,7 +17,7 @@ const STEPS: usize = 25;
 const REFINE_BELOW_M: f64 = 4e-3;
 const REFINE_HALVINGS: usize = 4;
 /// The ball leaves the fingers for this long without being tested against them (robot-models 1.9).
-pub const RELEASE_BLIND_S: f64 = 0.02;
+pub(crate) const RELEASE_BLIND_S: f64 = 0.02;
 
 /// What is this close to a limit is worth a row from the beginning when a throw like this one is solved for again.
 const NEAR_M: f64 = 5e-3;

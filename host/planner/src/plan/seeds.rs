@@ -4,7 +4,6 @@
 //! solved and checked afresh. [`super::prepare`] makes tables.
 
 use robot_model::RobotModel;
-use std::path::Path;
 
 use crate::store::{Index, file, robot_fingerprint};
 
@@ -19,9 +18,6 @@ const TABLES: [&[u8]; 3] = [
 #[must_use]
 pub fn built_in<const N: usize>(arm: &RobotModel<N>) -> Index<N> {
     let robot = robot_fingerprint(arm);
-    let records = TABLES
-        .iter()
-        .find_map(|bytes| file::parse(Path::new("built-in seeds"), bytes, robot).ok())
-        .map_or_else(Vec::new, |(records, _)| records);
+    let records = TABLES.iter().find_map(|bytes| file::parse(bytes, robot)).unwrap_or_default();
     Index::new(records)
 }

@@ -5,13 +5,13 @@ use std::time::Instant;
 use nalgebra::Vector3;
 use robot_model::RobotModel;
 
-use super::{Answer, Origin, Planned, Plans, Refusal, Request, Wanted};
+use super::{Answer, Planned, Plans, Refusal, Request, Wanted};
 use crate::plan::file::PlanFile;
 use crate::plan::finger_release::monte_carlo_with_fingers;
 use crate::plan::ladder::{Ladder, Settled};
 use crate::plan::prepare::Preparation;
 use crate::plan::statistics::{Noise, monte_carlo};
-use crate::plan::{Best, Found, Options, Planner, Problem, ProblemError, Watch};
+use crate::plan::{Best, Found, Options, Problem, ProblemError, Watch};
 use crate::store::{Index, Record};
 use crate::throw::Throw;
 use crate::verify;
@@ -82,10 +82,7 @@ fn settle<'l, 'a, const N: usize>(
     watch: &Watch,
 ) -> Result<(Answer<N>, &'l Problem<'a, N>), Refusal> {
     let began = Instant::now();
-    let Settled { problem, given_up, best } = match request.from {
-        Origin::Search { quick } => ladder.search(index, &request.budget, watch, quick)?,
-        Origin::Library => ladder.from_library(index).ok_or(Refusal::NotStored)?,
-    };
+    let Settled { problem, given_up, best } = ladder.search(index, &request.budget, watch, request.quick)?;
     Ok((Answer { given_up, best, took: began.elapsed() }, problem))
 }
 
@@ -100,7 +97,6 @@ fn plan<const N: usize>(
     let (answer, problem) = settle(&ladder, index, request, watch)?;
     let Found { throw, .. } = &answer.best.found;
     let Wanted { robot, noise, .. } = wanted;
-    let record = wanted.record.then(|| Planner::new(problem).record(&answer.best.found));
     let region = wanted.region.or_else(|| problem.region_of_opening(throw));
     let landings =
         wanted.draws.map(|(count, seed)| match arm.fingers().filter(|_| request.options.finger_release) {
@@ -109,7 +105,7 @@ fn plan<const N: usize>(
         });
     let plan = PlanFile::of(problem, &answer.best, robot, request.budget.seed, noise, region);
     let centre = problem.aim().centre();
-    Ok(Planned { answer, plan, record, region, centre, landings })
+    Ok(Planned { answer, plan, region, centre, landings })
 }
 
 fn plan_of<const N: usize>(

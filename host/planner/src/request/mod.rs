@@ -28,22 +28,10 @@ pub struct Request<'a> {
     pub options: &'a Options,
     /// What must not be given up.
     pub kept: Kept,
-    /// Where the throw may come from.
-    pub from: Origin,
+    /// So many stored throws are tried first; the first that leads to the target ends the search.
+    pub quick: Option<usize>,
     /// Random starts, time and seed.
     pub budget: Budget,
-}
-
-/// Where a throw may come from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Origin {
-    /// A search. With `quick` so many stored throws are tried first; the first that leads to the target ends it.
-    Search {
-        /// Stored throws to try.
-        quick: Option<usize>,
-    },
-    /// Stored throws alone.
-    Library,
 }
 
 /// What is wanted besides the throw.
@@ -57,8 +45,6 @@ pub struct Wanted<'a> {
     pub region: Option<Region>,
     /// Number and seed of disturbed throws to draw.
     pub draws: Option<(usize, u64)>,
-    /// Whether the throw will be stored.
-    pub record: bool,
 }
 
 /// The throw of a request.
@@ -79,8 +65,6 @@ pub struct Planned<const N: usize> {
     pub answer: Answer<N>,
     /// `None` if the ball of the throw never comes down on the plane of the target, or stays in the fingers.
     pub plan: Option<PlanFile>,
-    /// The record of the throw for a store, if it was wanted.
-    pub record: Option<Record<N>>,
     /// What counts as a hit.
     pub region: Option<Region>,
     /// The target in m in its plane.
@@ -98,9 +82,6 @@ pub enum Refusal {
     /// The search found none.
     #[error(transparent)]
     NoThrow(#[from] NoThrow),
-    /// No stored throw leads to the target.
-    #[error("no stored throw leads to the target")]
-    NotStored,
 }
 
 /// An arm of `N` joints that throws are planned for.

@@ -53,9 +53,9 @@ pub struct Chord {
 
 impl Chord {
     /// For starts of which nothing is known, and objectives that bend much.
-    pub const CAREFUL: Self = Self { step: 0.04, share: 0.2 };
+    pub(crate) const CAREFUL: Self = Self { step: 0.04, share: 0.2 };
     /// For starts near a solution.
-    pub const NEAR: Self = Self { step: 0.1, share: 0.4 };
+    pub(crate) const NEAR: Self = Self { step: 0.1, share: 0.4 };
 }
 
 impl Default for Settings {

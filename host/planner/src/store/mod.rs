@@ -1,10 +1,10 @@
-//! The partial-solution store: throws that were found, for later starts and near targets.
+//! Tables of stored throws: starts for near targets.
 //!
 //! # Map
 //! | module | holds |
 //! |---|---|
 //! | [`record`] | one stored throw and its bytes |
-//! | [`mod@file`] | the append-only file with a checksum per record, and its repair |
+//! | [`mod@file`] | a whole table as bytes |
 //! | [`index`] | the records in memory, by range and height of the target |
 //!
 //! The problem is symmetric about the base axis except for the range of joint 1, so records are kept in the frame in
@@ -15,6 +15,5 @@ pub mod file;
 pub mod index;
 pub mod record;
 
-pub use file::{OpenReport, StoreError, StoreFile};
 pub use index::Index;
 pub use record::{Record, robot_fingerprint};

@@ -32,13 +32,13 @@ pub fn distance_m(a: &Pose, half_a: &Vector3<f64>, b: &Pose, half_b: &Vector3<f6
 
 /// Distance of a point from a box in m; zero inside.
 #[must_use]
-pub fn point_distance_m(x: &Pose, half_m: &Vector3<f64>, p: &Vector3<f64>) -> f64 {
+pub(crate) fn point_distance_m(x: &Pose, half_m: &Vector3<f64>, p: &Vector3<f64>) -> f64 {
     (nearest(x, half_m, p) - p).norm()
 }
 
 /// Lowest point of a box.
 #[must_use]
-pub fn lowest_m(x: &Pose, half_m: &Vector3<f64>) -> f64 {
+pub(crate) fn lowest_m(x: &Pose, half_m: &Vector3<f64>) -> f64 {
     x.pos.z - (0..3).map(|i| x.rot[(2, i)].abs() * half_m[i]).sum::<f64>()
 }
 

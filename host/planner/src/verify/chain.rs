@@ -34,7 +34,7 @@ impl<const N: usize> Chain<N> {
 
     /// Displacement of every link from home.
     #[must_use]
-    pub fn displacements(&self, q: &JointVec<N>) -> Displacements<N> {
+    pub(crate) fn displacements(&self, q: &JointVec<N>) -> Displacements<N> {
         let mut out = [(Matrix3::identity(), Vector3::zeros()); N];
         let (mut r, mut d) = (Matrix3::identity(), Vector3::zeros());
         for (j, (axis, point)) in self.screws.iter().enumerate() {

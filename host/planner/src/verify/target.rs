@@ -26,7 +26,7 @@ impl Plane {
 
     /// Whether the normal is a unit vector.
     #[must_use]
-    pub fn is_sound(&self) -> bool {
+    pub(crate) fn is_sound(&self) -> bool {
         (self.normal.norm() - 1.0).abs() < 1e-9
     }
 
@@ -57,13 +57,13 @@ impl Plane {
 
     /// Distance of a point from the plane at a time.
     #[must_use]
-    pub fn above_m(&self, p: &Vector3<f64>, t_s: f64) -> f64 {
+    pub(crate) fn above_m(&self, p: &Vector3<f64>, t_s: f64) -> f64 {
         self.normal.dot(&(p - self.point_m(t_s)))
     }
 
     /// Distance of a point from the circle of `radius_m` about the target at a time.
     #[must_use]
-    pub fn rim_distance_m(&self, radius_m: f64, p: &Vector3<f64>, t_s: f64) -> f64 {
+    pub(crate) fn rim_distance_m(&self, radius_m: f64, p: &Vector3<f64>, t_s: f64) -> f64 {
         let r = p - self.point_m(t_s);
         let height = self.normal.dot(&r);
         let out = (r.norm_squared() - height * height).max(0.0).sqrt();

@@ -74,7 +74,6 @@ def plan(
     starts: int | None = None,
     time_budget_s: float | None = None,
     fast: bool = False,
-    library: str | os.PathLike[str] | None = None,
     hit_radius_m: float | None = None,
     drag_per_m: float = 0.0,
     obstacles: Sequence[Sequence[float]] = (),
@@ -95,7 +94,6 @@ def plan(
     words += [f"--starts={starts}"] if starts is not None else []
     words += [f"--time-budget={time_budget_s!r}"] if time_budget_s is not None else []
     words += ["--fast"] if fast else []
-    words += ["--library", os.fspath(library)] if library is not None else []
     words += [f"--hit-radius-m={hit_radius_m!r}"] if hit_radius_m is not None else []
     for box in obstacles:
         words.append("--obstacle=" + ",".join(repr(float(value)) for value in box))

@@ -32,7 +32,6 @@ def sweep(
     z_m: Sequence[float] | None = None,
     shard: tuple[int, int] | None = None,
     shards: int | None = None,
-    library: str | os.PathLike[str] | None = None,
     fast: bool = False,
     starts: int | None = None,
     seed: int = 1,
@@ -54,7 +53,6 @@ def sweep(
         words += [f"--{name}=" + ",".join(repr(float(value)) for value in axis)] if axis is not None else []
     words += [f"--shard={shard[0]}/{shard[1]}"] if shard is not None else []
     words += [f"--shards={shards}"] if shards is not None else []
-    words += ["--library", os.fspath(library)] if library is not None else []
     words += ["--fast"] if fast else []
     words += [f"--starts={starts}"] if starts is not None else []
     words += [f"--draws={draws}"] if draws else []

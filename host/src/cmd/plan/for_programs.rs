@@ -31,8 +31,8 @@ pub fn plan(words: &[String], stop: &AtomicBool) -> Result<Planned<PlanFile>, Ex
     }
     args.require_ordinary()?;
     for_any_robot!(&robot, arm => {
-        let mut starts = args.search.options.starts(arm)?;
-        args.search.plan_from(arm, &mut starts, args.target, (args.seed, args.fast), Watcher::Program(stop))
+        let starts = args.search.options.starts(arm);
+        args.search.plan_from(arm, &starts, args.target, (args.seed, args.fast), Watcher::Program(stop))
     })
 }
 

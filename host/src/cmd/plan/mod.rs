@@ -7,7 +7,6 @@ pub mod for_programs;
 pub mod grid;
 mod numbers;
 pub mod options;
-pub mod prepare;
 pub mod search;
 pub mod shards;
 pub mod sweep;
@@ -24,8 +23,6 @@ pub enum PlanVerb {
     Throw(Box<args::Args>),
     /// Plan throws to many targets, a grid or a list: CSV part files, made on one machine or on many.
     Sweep(Box<sweep::Args>),
-    /// Make the table of stored throws of a robot: plans for it are then found at once.
-    Prepare(Box<prepare::Args>),
     /// Print the JSON schema of plan files of every kind.
     #[command(after_help = "Example:\n  cubectl plan schema > plan.schema.json")]
     Schema,
@@ -51,7 +48,6 @@ pub fn run(verb: PlanVerb) -> Result<(), ExpectedError> {
     match verb {
         PlanVerb::Throw(args) => throw::run(&args),
         PlanVerb::Sweep(args) => sweep::run(&args),
-        PlanVerb::Prepare(args) => prepare::run(&args),
         PlanVerb::Schema => {
             console::line!("{}", planner::record::schema_json().trim_end());
             Ok(())

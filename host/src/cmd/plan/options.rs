@@ -1,19 +1,16 @@
 //! Options that all planning verbs share.
 
-use std::path::{Path, PathBuf};
-
 use nalgebra::Vector3;
 use robot_model::{Pose, RobotModel};
 
 use super::super::meaning::Deed;
 use super::numbers::{numbers, six_numbers};
 pub use super::numbers::{point, two_numbers};
-use crate::error::ExpectedError;
 use planner::flight::{COURSE_MAX, Course};
 use planner::plan::opening::Opening;
 use planner::plan::problem::{Arrival, DelayWindow, Form, Obstacle, Options, Weights};
 use planner::plan::{AskedBounds, GivenUp, Kept, seeds};
-use planner::store::{Index, Record, StoreError, StoreFile, file, robot_fingerprint};
+use planner::store::Index;
 
 /// What is thrown how.
 #[derive(Debug, Clone, clap::Args)]
@@ -102,16 +99,6 @@ pub struct PlanOptions {
     /// Range of braking time over the duration of the motion [default: 0.04,0.6; paper: 0.04,0.4].
     #[arg(long, value_name = "MIN,MAX", value_parser = two_numbers, help_heading = "Where the search looks")]
     pub braking_ratio: Option<[f64; 2]>,
-    /// Answer from this library of throws alone (a file of `plan prepare --out`): the nearest stored throw, solved locally to
-    /// the target. Nothing is searched; a target that the library does not lead to is refused.
-    #[arg(long, value_name = "FILE", conflicts_with = "store", help_heading = "Search")]
-    pub library: Option<PathBuf>,
-    /// File that keeps found throws for later plans. It changes what later plans start from, so it must be named.
-    #[arg(long, help_heading = "Search")]
-    pub store: Option<PathBuf>,
-    /// Neither read nor write a store: the default.
-    #[arg(long, conflicts_with = "store", help_heading = "Search")]
-    pub no_store: bool,
 }
 
 /// What to say about a throw that does not keep all that was asked for.
@@ -151,10 +138,6 @@ fn velocity(text: &str) -> Result<Course, String> {
     Course::new(&[numbers(text)?]).ok_or_else(|| format!("\"{text}\" is not three finite numbers"))
 }
 
-fn throws(count: usize) -> String {
-    if count == 1 { "1 throw".to_owned() } else { format!("{count} throws") }
-}
-
 /// A course given as `x,y,z;x,y,z;…`.
 fn course(text: &str) -> Result<Course, String> {
     let coefficients: Vec<[f64; 3]> = text.split(';').map(numbers).collect::<Result<_, _>>()?;
@@ -168,10 +151,7 @@ fn course(text: &str) -> Result<Course, String> {
 impl PlanOptions {
     /// What is asked, where some options mean nothing; the rows of a list say more than the command line.
     pub(in crate::cmd) fn deeds(&self, is_list: bool) -> Vec<Deed> {
-        let asked = [
-            (self.library.is_some(), Deed::Library),
-            (!is_list && self.opening_normal.is_none(), Deed::NoOpening),
-        ];
+        let asked = [(!is_list && self.opening_normal.is_none(), Deed::NoOpening)];
         asked.into_iter().filter(|(asked, _)| *asked).map(|(_, deed)| deed).collect()
     }
 
@@ -244,54 +224,12 @@ impl PlanOptions {
         Kept { shift_limits: !self.delay_window.is_empty(), nulling: self.null_delay.is_some() }
     }
 
-    /// Throws to start from, and the store to append to.
-    ///
-    /// They are those that come with the program, the table that `plan prepare` has made for this robot, and those of a
-    /// store if one was named.
-    ///
-    /// # Errors
-    /// If a store was named and cannot be used.
-    pub fn starts<const N: usize>(&self, arm: &RobotModel<N>) -> Result<Starts<N>, ExpectedError> {
-        if let Some(path) = &self.library {
-            return library(path, arm);
-        }
-        let mut index = seeds::built_in(arm);
-        let mut sources = vec![format!("{} built-in throws", index.records().len())];
-        if let Some((path, records)) = prepared(arm) {
-            sources.push(format!("{} of {}", throws(records.len()), path.display()));
-            records.into_iter().for_each(|record| index.insert(record));
-        }
-        let Some(path) = &self.store else { return Ok(Starts { index, store: None, sources }) };
-        match StoreFile::open(path, robot_fingerprint(arm)) {
-            Ok((store, records, report)) => {
-                match (&report.kept_as, report.older) {
-                    (Some(kept), Some(version)) => console::note!(
-                        "cubectl: store {} was written by an older cubectl (format version {version}); it is kept as {}, and a new store is begun",
-                        path.display(),
-                        kept.display()
-                    ),
-                    (Some(kept), None) => console::note!(
-                        "cubectl: store {} was damaged in {} place(s); {} throws were recovered, the damaged file is kept as {}",
-                        path.display(),
-                        report.damaged,
-                        report.records,
-                        kept.display()
-                    ),
-                    (None, _) => {}
-                }
-                sources.push(format!("{} of {}", throws(records.len()), path.display()));
-                for record in records {
-                    index.insert(record);
-                }
-                Ok(Starts { index, store: Some(store), sources })
-            }
-            // A plan is worth more than its place in the store.
-            Err(StoreError::Io { path, source }) if source.kind() == std::io::ErrorKind::StorageFull => {
-                console::note!("cubectl: planning without store {}: {source}", path.display());
-                Ok(Starts { index, store: None, sources })
-            }
-            Err(e) => Err(ExpectedError::bad_input(&e)),
-        }
+    /// Throws to start from: those that come with the program.
+    #[must_use]
+    pub fn starts<const N: usize>(&self, arm: &RobotModel<N>) -> Starts<N> {
+        let index = seeds::built_in(arm);
+        let sources = vec![format!("{} built-in throws", index.records().len())];
+        Starts { index, sources }
     }
 }
 
@@ -300,56 +238,6 @@ impl PlanOptions {
 pub struct Starts<const N: usize> {
     /// The throws.
     pub index: Index<N>,
-    /// The store to append to, if one was named.
-    pub store: Option<StoreFile<N>>,
     /// Where the throws come from, for people.
     pub sources: Vec<String>,
-}
-
-/// The throws of a library, and nothing else.
-fn library<const N: usize>(path: &Path, arm: &RobotModel<N>) -> Result<Starts<N>, ExpectedError> {
-    let next = format!(
-        "`cubectl plan prepare {} --out {}` makes it again; or leave --library out",
-        arm.name(),
-        path.display()
-    );
-    let refused = |why: &dyn std::fmt::Display| ExpectedError::bad_input(&format!("{why}\n  next: {next}"));
-    let bytes =
-        std::fs::read(path).map_err(|error| refused(&format!("library {}: {error}", path.display())))?;
-    let (records, damaged) =
-        file::parse(path, &bytes, robot_fingerprint(arm)).map_err(|error| refused(&error))?;
-    if damaged > 0 {
-        return Err(refused(&format!("library {} is damaged in {damaged} place(s)", path.display())));
-    }
-    let sources = vec![format!("{} throws of library {}", records.len(), path.display())];
-    Ok(Starts { index: Index::new(records), store: None, sources })
-}
-
-/// Where `plan prepare` puts the table of a robot, and plans look for it.
-#[must_use]
-pub fn default_table<const N: usize>(arm: &RobotModel<N>) -> Option<PathBuf> {
-    let data = std::env::var_os("XDG_DATA_HOME")
-        .map(PathBuf::from)
-        .or_else(|| std::env::var_os("HOME").map(|h| PathBuf::from(h).join(".local/share")))?;
-    Some(data.join("cubectl").join(format!("{}-{:016x}.table", arm.name(), robot_fingerprint(arm))))
-}
-
-/// The prepared table of a robot. One that cannot be read is left aside with a note.
-fn prepared<const N: usize>(arm: &RobotModel<N>) -> Option<(PathBuf, Vec<Record<N>>)> {
-    let path = default_table(arm)?;
-    let bytes = std::fs::read(&path).ok()?;
-    match file::parse(&path, &bytes, robot_fingerprint(arm)) {
-        Ok((records, 0)) => Some((path, records)),
-        Ok((_, damaged)) => {
-            console::note!(
-                "cubectl: table {} is damaged in {damaged} place(s) and not used: make it again with `cubectl plan prepare`",
-                path.display()
-            );
-            None
-        }
-        Err(e) => {
-            console::note!("cubectl: planning without the prepared table: {e}");
-            None
-        }
-    }
 }

@@ -14,14 +14,12 @@ use crate::tables::targets::TargetRow;
 use operator::interrupt::interrupt;
 use planner::flight::Course;
 use planner::plan::file::PlanFile;
-use planner::plan::library::nearest_stored;
 use planner::plan::problem::{Weights, short};
 use planner::plan::release_delays::ReleaseNodes;
-use planner::plan::search::kind_of;
 use planner::plan::statistics::{Noise, Region};
 use planner::plan::{Arm, Budget, Goal, NoThrow, Obstruction, Options, Watch};
-use planner::request::{self, Answer, Origin, Plans, Refusal, Request, Wanted};
-use planner::store::{Index, Record};
+use planner::request::{self, Answer, Plans, Refusal, Request, Wanted};
+use planner::store::Index;
 use robot_model::RobotModel;
 
 /// How to look for a throw: shared by `plan throw` and `throw`.
@@ -33,10 +31,10 @@ pub struct SearchOptions {
     /// Random starts after the stored ones; all of them are made [default: up to 192, or up to 384 where no throws are stored; fewer
     /// if more are unlikely to find a better throw].
     /// With a seed and no time budget the result is always the same.
-    #[arg(long, conflicts_with = "library", help_heading = "Search")]
+    #[arg(long, help_heading = "Search")]
     pub starts: Option<usize>,
     /// Stop starting after this many seconds.
-    #[arg(long, conflicts_with = "library", help_heading = "Search")]
+    #[arg(long, help_heading = "Search")]
     pub time_budget: Option<f64>,
     /// Radius of the disc about the target that counts as a hit, in m.
     #[arg(long, conflicts_with = "hit_box", help_heading = "Throws that are allowed")]
@@ -69,11 +67,9 @@ pub enum Watcher<'a> {
 
 /// A throw that was found.
 #[derive(Debug, Clone)]
-pub(super) struct Solved<const N: usize> {
+pub(super) struct Solved {
     pub(super) plan: PlanFile,
     pub(super) note: Option<&'static str>,
-    /// What a store may keep of it.
-    pub(super) record: Option<Record<N>>,
     /// Landings of disturbed throws, if any were asked for.
     pub(super) landings: Option<Landings>,
     took: Duration,
@@ -171,7 +167,7 @@ impl SearchOptions {
         }
     }
 
-    /// Plans the throw to `target` (m, world frame), with progress on a terminal; keeps it in the store. With `fast`
+    /// Plans the throw to `target` (m, world frame), with progress on a terminal. With `fast`
     /// stored throws are enough, if one of them leads there.
     ///
     /// # Errors
@@ -196,8 +192,8 @@ impl SearchOptions {
     where
         RobotModel<N>: Plans<N>,
     {
-        let mut starts = self.options.starts(arm)?;
-        let planned = self.plan_from(arm, &mut starts, target, (seed, fast), Watcher::Terminal)?;
+        let starts = self.options.starts(arm);
+        let planned = self.plan_from(arm, &starts, target, (seed, fast), Watcher::Terminal)?;
         if let Some(note) = planned.note {
             console::note!("cubectl: {note}");
         }
@@ -211,7 +207,7 @@ impl SearchOptions {
     pub fn plan_from<const N: usize>(
         &self,
         arm: &RobotModel<N>,
-        starts: &mut Starts<N>,
+        starts: &Starts<N>,
         target: [f64; 3],
         (seed, fast): (u64, bool),
         watcher: Watcher<'_>,
@@ -219,13 +215,8 @@ impl SearchOptions {
     where
         RobotModel<N>: Plans<N>,
     {
-        let Solved { mut plan, note, record, took, .. } =
+        let Solved { mut plan, note, took, .. } =
             self.solve(arm, &starts.index, target, (seed, fast), watcher, None)?;
-        if let (Some(store), Some(record)) = (&mut starts.store, record)
-            && let Err(e) = store.append(&record)
-        {
-            console::note!("cubectl: the throw was not stored: {e}");
-        }
         plan.search.stored.clone_from(&starts.sources);
         Ok(Planned { plan, took, note })
     }
@@ -280,7 +271,7 @@ impl SearchOptions {
         (seed, fast): (u64, bool),
         watcher: Watcher<'_>,
         draws: Option<Draws>,
-    ) -> Result<Solved<N>, ExpectedError>
+    ) -> Result<Solved, ExpectedError>
     where
         RobotModel<N>: Plans<N>,
     {
@@ -301,45 +292,30 @@ impl SearchOptions {
         }
         let own = Watch::default();
         let watch = if let Watcher::Caller(watch) = watcher { watch } else { &own };
-        // The table is of throws that are best in effort: others would promise what they cannot keep.
-        let of_effort = goal == Goal::Effort
-            && asked.weights == Weights::default()
-            && asked.opening.is_none()
-            && asked.course == Course::default();
         let wanted = Wanted {
             robot: &self.options.robot,
             noise: &noise,
             region,
             draws: draws.map(|Draws { count, seed }| (count, seed)),
-            record: of_effort && self.options.store.is_some(),
-        };
-        let from = match self.options.library {
-            Some(_) => Origin::Library,
-            None => Origin::Search { quick: fast.then_some(FAST_TRIES) },
         };
         let request = Request {
             target: Vector3::from(target),
             options: &asked,
             kept: self.options.kept(),
-            from,
+            quick: fast.then_some(FAST_TRIES),
             budget,
         };
         let plan = || arm.plan(index, &request, &wanted, watch);
-        let planned = match &self.options.library {
-            Some(_) => plan(),
-            None => watched(watch, &budget, watcher, plan),
-        };
+        let planned = watched(watch, &budget, watcher, plan);
         let request::Planned {
             answer: Answer { given_up, best, took },
             plan,
-            record,
             region,
             centre,
             landings: found,
-        } = planned.map_err(|refusal| match (&self.options.library, refusal) {
-            (Some(path), Refusal::NotStored) => not_in_library(path, index, target, &asked),
-            (_, Refusal::NoThrow(e)) => no_throw(&e),
-            (_, refusal) => ExpectedError::bad_input(&refusal),
+        } = planned.map_err(|refusal| match refusal {
+            Refusal::NoThrow(e) => no_throw(&e),
+            refusal @ Refusal::Options(_) => ExpectedError::bad_input(&refusal),
         })?;
         let stopped = best.interrupted && watch.stop.load(Ordering::Relaxed);
         if stopped && matches!(watcher, Watcher::Terminal) {
@@ -359,7 +335,7 @@ impl SearchOptions {
                 )
             }
         })?;
-        Ok(Solved { plan, note: note(given_up), record, landings, took })
+        Ok(Solved { plan, note: note(given_up), landings, took })
     }
 }
 
@@ -420,40 +396,6 @@ fn no_throw(e: &NoThrow) -> ExpectedError {
     let in_reach = "choose a target in reach; `cubectl plan sweep` finds what is";
     let next = e.obstruction.as_deref().map_or(in_reach, Obstruction::next_step);
     ExpectedError::new(exit::NO_THROW, format!("{e}\n  next: {next}"))
-}
-
-fn not_in_library<const N: usize>(
-    path: &Path,
-    index: &Index<N>,
-    [x, y, z]: [f64; 3],
-    asked: &Options,
-) -> ExpectedError {
-    let kind = kind_of(asked);
-    if !index.records().is_empty() && index.records().iter().all(|record| record.kind != kind) {
-        return ExpectedError::new(
-            exit::NO_THROW,
-            format!(
-                "library {}: its throws were made with other options (form, spin, release) than those asked for\n  next: make a \
-                 library with `cubectl plan prepare` and the options of this command, or leave --library out to search",
-                path.display()
-            ),
-        );
-    }
-    let held = match nearest_stored(index, x.hypot(y), z) {
-        Some((record, away_m)) => format!(
-            "the nearest target in it (range {:.3} m, height {:.3} m) is {away_m:.3} m away",
-            record.range_m, record.height_m
-        ),
-        None => "it is empty".to_owned(),
-    };
-    ExpectedError::new(
-        exit::NO_THROW,
-        format!(
-            "library {}: no throw of it leads to ({x:.3}, {y:.3}, {z:.3}) m; {held}\n  next: leave --library out to search, or \
-             make a finer library with `cubectl plan prepare --step-m`",
-            path.display()
-        ),
-    )
 }
 
 /// Runs a search that a watcher may stop; what was found by then is kept. On a terminal a progress bar appears after a second.

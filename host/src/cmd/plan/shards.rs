@@ -115,7 +115,7 @@ where
         self.refuse_what_depends_on_the_moment()?;
         self.search.require_sound()?;
         let count = shards.first().map_or(1, Shard::count);
-        let starts = self.search.options.starts(self.arm)?;
+        let starts = self.search.options.starts(self.arm);
         let study = self.study(count, &starts)?;
         let folder = Folder::for_study(out, study).map_err(table_error)?;
         let mut made = Made::default();
@@ -153,21 +153,15 @@ where
         })
     }
 
+    /// Refuses a bound by the clock: how long a search takes differs between machines, and parts must not.
     fn refuse_what_depends_on_the_moment(&self) -> Result<(), ExpectedError> {
-        let given = [
-            (
-                self.search.time_budget.is_some(),
-                "--time-budget",
-                "how long a search takes differs between machines",
-            ),
-            (self.search.options.store.is_some(), "--store", "a store grows while the sweep runs"),
-        ];
-        match given.into_iter().find(|(given, ..)| *given) {
-            None => Ok(()),
-            Some((_, option, why)) => Err(ExpectedError::bad_input(&format!(
-                "{option} does not go with a sweep: {why}, and parts must not depend on that\n  next: leave {option} out; --starts bounds a search, `plan prepare` makes stored throws"
-            ))),
+        if self.search.time_budget.is_none() {
+            return Ok(());
         }
+        Err(ExpectedError::bad_input(
+            &"--time-budget does not go with a sweep: how long a search takes differs between machines, and parts must not depend on \
+              that\n  next: leave --time-budget out; --starts bounds a search",
+        ))
     }
 
     fn study(&self, shards: u32, starts: &Starts<N>) -> Result<Study, ExpectedError> {
@@ -310,7 +304,7 @@ fn of_plan(plan: &PlanFile, landings: Option<Landings>) -> Vec<String> {
     numbers.map(|value| value.map_or_else(String::new, |value| value.to_string())).collect()
 }
 
-/// Everything that the rows to given targets follow from, by name. A store grows with each row, so of it only the place counts.
+/// Everything that the rows to given targets follow from, by name.
 ///
 /// # Errors
 /// Options are refused.
@@ -321,10 +315,8 @@ pub(super) fn words_of<const N: usize>(
     starts: &Starts<N>,
 ) -> Result<BTreeMap<String, String>, ExpectedError> {
     let mut crc = crc32fast::Hasher::new();
-    if starts.store.is_none() {
-        for record in starts.index.records() {
-            crc.update(&record.to_bytes());
-        }
+    for record in starts.index.records() {
+        crc.update(&record.to_bytes());
     }
     let words = [
         ("format", FORMAT.to_owned()),
@@ -334,7 +326,6 @@ pub(super) fn words_of<const N: usize>(
         ("options", search.in_words()?),
         ("seed", seed.to_string()),
         ("fast", fast.to_string()),
-        ("library", search.options.library.is_some().to_string()),
         ("stored throws", format!("{}, CRC-32 {:08x}", starts.sources.join(", "), crc.finalize())),
     ];
     Ok(words.into_iter().map(|(name, word)| (name.to_owned(), word)).collect())

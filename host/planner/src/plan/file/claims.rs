@@ -137,6 +137,9 @@ impl PlanFile {
         {
             return Err(format!("{name} = {value} is outside 0 to {most}"));
         }
+        if noise.release_nodes.is_some_and(|nodes| !nodes.is_valid()) {
+            return Err("landing.noise.release_nodes: not delays with weights that add up to one".to_owned());
+        }
         let ended = s.confidence.map_or(0, |c| c.at_best.max(c.distinct));
         if s.solved > s.starts || ended > s.starts {
             return Err(format!("its search found {} throws in {} starts, {ended} ends", s.solved, s.starts));
