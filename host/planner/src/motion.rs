@@ -61,7 +61,6 @@ impl<const N: usize> Sample<N> {
 }
 
 impl<const N: usize> Motion<N> {
-    /// Duration, s.
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         self.knots.last().map_or(0.0, |knot| knot.t_s)

@@ -57,7 +57,6 @@ impl Study {
         Some(Self { words, targets, shards })
     }
 
-    /// Its targets.
     pub(crate) fn targets(&self) -> u64 {
         self.targets
     }
@@ -67,7 +66,6 @@ impl Study {
         self.words.get(name).map_or("", String::as_str)
     }
 
-    /// Its shards.
     pub(crate) fn shards(&self) -> u32 {
         self.shards
     }
@@ -182,7 +180,6 @@ impl Folder {
         claimed
     }
 
-    /// What it is of.
     pub(crate) fn study(&self) -> &Study {
         &self.study
     }

@@ -45,7 +45,6 @@ impl Shard {
         end(self.number - 1)..end(self.number)
     }
 
-    /// The name of its file.
     pub(crate) fn file_name(&self) -> String {
         format!("part-{:05}-of-{:05}.csv", self.number, self.count)
     }

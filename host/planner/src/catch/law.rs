@@ -43,7 +43,6 @@ pub struct State {
 }
 
 impl State {
-    /// At rest.
     #[must_use]
     pub fn rest(q: f64) -> Self {
         Self { q, v: 0.0, a: 0.0 }

@@ -140,7 +140,6 @@ impl Body {
         }
     }
 
-    /// Area, m².
     #[must_use]
     pub(crate) fn area_m2(&self) -> f64 {
         PI * self.radius_m * self.radius_m

@@ -42,7 +42,6 @@ impl DiscState {
 pub struct Air {
     /// Gravity along -z, m/s².
     pub gravity_m_s2: f64,
-    /// Wind, m/s.
     pub wind_m_s: Vector3<f64>,
     /// Density, kg/m³; 0 is vacuum.
     pub density_kg_m3: f64,

@@ -18,18 +18,10 @@ pub struct Launch {
 /// No launch velocity was found.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum LaunchError {
-    /// Time of flight not positive, or a coordinate not finite.
     #[error("time of flight {flight_s} s: a launch needs a positive time and finite points")]
-    Input {
-        /// The time given.
-        flight_s: f64,
-    },
-    /// Drag is so strong that shooting does not converge.
+    Input { flight_s: f64 },
     #[error("no launch velocity reaches the target in {flight_s} s against this drag")]
-    Drag {
-        /// The time given.
-        flight_s: f64,
-    },
+    Drag { flight_s: f64 },
 }
 
 impl FlightModel {

@@ -13,13 +13,10 @@ pub struct FlightModel {
 /// A flight model with a parameter outside its range.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum FlightModelError {
-    /// Gravity is not a positive finite number.
     #[error("gravity must be positive and finite, got {0} m/s²")]
     Gravity(f64),
-    /// Drag is negative or not finite.
     #[error("drag must be zero or positive and finite, got {0} 1/m")]
     Drag(f64),
-    /// The Magnus vector is not finite.
     #[error("the Magnus vector must be finite")]
     Magnus,
 }

@@ -96,7 +96,6 @@ impl<'m> Clear<'m> {
         Self { arm, margins, held, empty, grip_m }
     }
 
-    /// The margins.
     #[must_use]
     pub fn margins(&self) -> &Margins {
         &self.margins

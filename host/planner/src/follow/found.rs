@@ -148,7 +148,6 @@ pub struct Found {
     pub flight: Parabola,
     /// The hand; its time is that of the search, not of `flight`.
     pub hand: HandLaw,
-    /// The motion.
     pub motion: FollowMotion,
     /// Number of the release among the steps on the parabola.
     pub release: usize,

@@ -25,7 +25,6 @@ pub struct Sensitivity {
 /// A motion, the instant at which its gripper opens, and where the ball is to land.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Release {
-    /// The motion.
     pub motion: FollowMotion,
     /// The opening, from the first step on the parabola, in s.
     pub opening_s: f64,

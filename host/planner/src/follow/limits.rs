@@ -9,7 +9,6 @@ pub const AXES: usize = 6;
 /// One number per joint.
 pub type Axes = JointVec<AXES>;
 
-/// The arm.
 pub type Arm = RobotModel<AXES>;
 
 /// Cut-out of the simulated KR C by acceleration, deg/s² (chosen; lower bound is what the paper's run survived).

@@ -84,7 +84,6 @@ impl<'m> Setting<'m> {
         Self { target, ..*self }
     }
 
-    /// Gravity in m/s².
     #[must_use]
     pub fn gravity_m_s2(&self) -> f64 {
         self.arm.world().gravity_m_s2

@@ -26,7 +26,6 @@ pub struct FingerLanding {
     pub shift_m: Vector2<f64>,
     /// Mean and covariance with all noise.
     pub mean_m: Vector2<f64>,
-    /// Covariance in m².
     pub covariance_m2: Matrix2<f64>,
 }
 

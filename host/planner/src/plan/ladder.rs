@@ -42,7 +42,6 @@ pub enum GivenUp {
 pub struct Kept {
     /// The limits of the landing's shift, and with them the nulling.
     pub shift_limits: bool,
-    /// The nulling.
     pub nulling: bool,
 }
 

@@ -35,7 +35,6 @@ pub struct PaperParameters {
 pub struct BranchedThrow<const N: usize = JOINTS> {
     /// Number of the posture: the branch of the closed form, or the order in which it was found.
     pub posture: usize,
-    /// The throw.
     pub throw: Throw<N>,
     /// Largest violation of a limit (2) to (8) in scaled units; zero if all hold.
     pub violation: f64,

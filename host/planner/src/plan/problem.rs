@@ -24,116 +24,48 @@ pub(crate) const CLEARANCE_EXTRA_M: f64 = 2e-4;
 /// A problem that cannot be stated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ProblemError {
-    /// A coordinate of the target is not a number.
     #[error("target ({}, {}, {}) m is not a point: every coordinate must be a finite number", short(*x), short(*y), short(*z))]
-    TargetNotFinite {
-        /// Coordinates as given.
-        x: f64,
-        /// Coordinates as given.
-        y: f64,
-        /// Coordinates as given.
-        z: f64,
-    },
-    /// The target is below the floor.
+    TargetNotFinite { x: f64, y: f64, z: f64 },
     #[error(
         "target height {} m is below the floor at {floor_m} m: raise the target or move the floor in the robot file",
         short(*z_m)
     )]
-    TargetBelowFloor {
-        /// Height asked for.
-        z_m: f64,
-        /// Height of the floor.
-        floor_m: f64,
-    },
-    /// The target is inside the arm's column or base.
+    TargetBelowFloor { z_m: f64, floor_m: f64 },
     #[error("target is inside \"{part}\" of the arm's base: choose a target outside")]
-    TargetInArm {
-        /// Name of the box.
-        part: String,
-    },
-    /// The target is inside an obstacle.
+    TargetInArm { part: String },
     #[error("target is inside obstacle \"{name}\": move one of the two")]
-    TargetInObstacle {
-        /// Name of the obstacle.
-        name: String,
-    },
-    /// An option is outside its range.
+    TargetInObstacle { name: String },
     #[error("{option} = {} is outside {} to {}", short(*value), short(*min), short(*max))]
-    Option {
-        /// Name of the option.
-        option: &'static str,
-        /// Value given.
-        value: f64,
-        /// Smallest value.
-        min: f64,
-        /// Largest value.
-        max: f64,
-    },
-    /// A range has its ends reversed, or is not finite.
+    Option { option: &'static str, value: f64, min: f64, max: f64 },
     #[error("range of {option} runs from {} to {}: the lower end must not be above the upper one", short(*min), short(*max))]
-    Range {
-        /// Name of the range.
-        option: &'static str,
-        /// Lower end.
-        min: f64,
-        /// Upper end.
-        max: f64,
-    },
-    /// Shift limits without nulling, or too many.
+    Range { option: &'static str, min: f64, max: f64 },
     #[error(
         "{count} limits of the landing's shift: at most {DELAY_WINDOWS_MAX}, and only together with release-delay nulling"
     )]
-    DelayWindows {
-        /// How many were given.
-        count: usize,
-    },
-    /// The normal of an opening has no direction.
+    DelayWindows { count: usize },
     #[error("the normal of the opening has no direction: give one number that is not 0, and all finite")]
     OpeningNormal,
-    /// A ball does not fit through the opening.
     #[error(
         "an opening of {} m radius is too narrow for the ball: {} m and the clearance of {} m on each side",
         short(*radius_m),
         short(*ball_m),
         short(*clearance_m)
     )]
-    OpeningNarrow {
-        /// Radius of the opening.
-        radius_m: f64,
-        /// Radius of the ball.
-        ball_m: f64,
-        /// Clearance that is kept.
-        clearance_m: f64,
-    },
-    /// Drag or spin cannot be.
+    OpeningNarrow { radius_m: f64, ball_m: f64, clearance_m: f64 },
     #[error(transparent)]
     Flight(#[from] FlightModelError),
-    /// The release between fingers was asked for, and the robot file does not say how they open.
     #[error(
         "robot {robot} says nothing about its fingers: give its file a [fingers] table, or leave the finger release out"
     )]
-    FingersUnknown {
-        /// Name of the robot.
-        robot: String,
-    },
-    /// The robot file does not say what a motion costs.
+    FingersUnknown { robot: String },
     #[error(
         "the energy of a throw needs k_b and k_m of every drive and a [[supply]] with its voltage; robot \"{robot}\" lacks them: choose another objective or complete the robot file"
     )]
-    EnergyUnknown {
-        /// Name of the robot.
-        robot: String,
-    },
-    /// The paper's form fixes more numbers of the release than the arm has joints.
+    EnergyUnknown { robot: String },
     #[error(
         "form \"paper\" fixes pose and velocity of the hand, which takes six joints; robot \"{robot}\" has {joints}: use --form best"
     )]
-    FormNeedsSixJoints {
-        /// Name of the robot.
-        robot: String,
-        /// Its joints.
-        joints: usize,
-    },
+    FormNeedsSixJoints { robot: String, joints: usize },
 }
 
 /// A planning problem: arm, target and options, checked.
@@ -253,7 +185,6 @@ impl<'a, const N: usize> Problem<'a, N> {
         self.arm.drives().is_some() && !self.arm.supplies().is_empty()
     }
 
-    /// The arm.
     #[must_use]
     pub fn arm(&self) -> &'a RobotModel<N> {
         self.arm
@@ -276,7 +207,6 @@ impl<'a, const N: usize> Problem<'a, N> {
         self.arm.gripper().ball_radius_m + self.options.clearance_m + CLEARANCE_EXTRA_M
     }
 
-    /// The options.
     #[must_use]
     pub fn options(&self) -> &Options {
         &self.options

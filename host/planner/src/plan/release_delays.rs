@@ -28,20 +28,10 @@ pub struct ReleaseNodes {
 /// Why measured delays are refused.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum DelaysRefused {
-    /// Too few or too many.
     #[error("{count} release delays: {DELAYS_MIN} to {DELAYS_MAX} are needed")]
-    Count {
-        /// Number given.
-        count: usize,
-    },
-    /// One is not a number, or far from the others.
+    Count { count: usize },
     #[error("release delay {number} is {:.3} ms from the mean of all: at most {:.0} ms", 1e3 * off_s, 1e3 * OFF_MAX_S)]
-    Off {
-        /// Number of the delay in the list, from 1.
-        number: usize,
-        /// Distance from the mean in s.
-        off_s: f64,
-    },
+    Off { number: usize, off_s: f64 },
 }
 
 impl ReleaseNodes {

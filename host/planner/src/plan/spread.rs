@@ -42,7 +42,6 @@ pub(crate) struct Spread<const N: usize> {
     shifts: Vec<Vector2<f64>>,
     /// Mean in m, in the coordinates of the aim.
     pub(crate) mean_m: Vector2<f64>,
-    /// Covariance in m².
     pub(crate) covariance_m2: Matrix2<f64>,
 }
 

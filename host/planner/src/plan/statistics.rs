@@ -19,7 +19,6 @@ use crate::throw::Throw;
 pub struct LandingPrediction {
     /// Mean in m (x, y).
     pub mean_m: Vector2<f64>,
-    /// Covariance in m².
     pub covariance_m2: Matrix2<f64>,
     /// Speed of the landing point with the release delay, `dL/dδ`, in m/s (mm per ms).
     pub delay_sensitivity_m_s: Vector2<f64>,

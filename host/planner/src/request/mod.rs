@@ -76,10 +76,8 @@ pub struct Planned<const N: usize> {
 /// Why there is no throw.
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum Refusal {
-    /// The options are refused.
     #[error(transparent)]
     Options(#[from] ProblemError),
-    /// The search found none.
     #[error(transparent)]
     NoThrow(#[from] NoThrow),
 }

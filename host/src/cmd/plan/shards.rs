@@ -3,7 +3,6 @@
 //! A row is what `plan throw` with the same words finds for its target. It follows from the study and the row alone, so a part has
 //! the same bytes whoever makes it.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -69,7 +68,6 @@ impl Targets {
     }
 }
 
-/// A sweep.
 #[derive(Debug)]
 pub(super) struct Sweep<'a, const N: usize> {
     pub(super) arm: &'a RobotModel<N>,
@@ -164,10 +162,23 @@ where
         ))
     }
 
+    /// Everything that the rows follow from, by name.
     fn study(&self, shards: u32, starts: &Starts<N>) -> Result<Study, ExpectedError> {
-        let mut words = words_of(self.search, self.arm, (self.seed, self.fast), starts)?;
-        words.insert("draws".to_owned(), self.draws.to_string());
-        words.insert("target list".to_owned(), self.targets.in_words());
+        let mut crc = crc32fast::Hasher::new();
+        starts.index.records().iter().for_each(|record| crc.update(&record.to_bytes()));
+        let words = [
+            ("format", FORMAT.to_owned()),
+            ("program", env!("CARGO_PKG_VERSION").to_owned()),
+            ("robot", format!("{} {:016x}", self.arm.name(), robot_fingerprint(self.arm))),
+            ("robot file", self.search.options.robot.clone()),
+            ("options", self.search.in_words()?),
+            ("seed", self.seed.to_string()),
+            ("fast", self.fast.to_string()),
+            ("draws", self.draws.to_string()),
+            ("target list", self.targets.in_words()),
+            ("stored throws", format!("{}, CRC-32 {:08x}", starts.sources.join(", "), crc.finalize())),
+        ];
+        let words = words.into_iter().map(|(name, word)| (name.to_owned(), word)).collect();
         Ok(Study::new(words, self.targets.count(), shards))
     }
 
@@ -304,33 +315,6 @@ fn of_plan(plan: &PlanFile, landings: Option<Landings>) -> Vec<String> {
     numbers.map(|value| value.map_or_else(String::new, |value| value.to_string())).collect()
 }
 
-/// Everything that the rows to given targets follow from, by name.
-///
-/// # Errors
-/// Options are refused.
-pub(super) fn words_of<const N: usize>(
-    search: &SearchOptions,
-    arm: &RobotModel<N>,
-    (seed, fast): (u64, bool),
-    starts: &Starts<N>,
-) -> Result<BTreeMap<String, String>, ExpectedError> {
-    let mut crc = crc32fast::Hasher::new();
-    for record in starts.index.records() {
-        crc.update(&record.to_bytes());
-    }
-    let words = [
-        ("format", FORMAT.to_owned()),
-        ("program", env!("CARGO_PKG_VERSION").to_owned()),
-        ("robot", format!("{} {:016x}", arm.name(), robot_fingerprint(arm))),
-        ("robot file", search.options.robot.clone()),
-        ("options", search.in_words()?),
-        ("seed", seed.to_string()),
-        ("fast", fast.to_string()),
-        ("stored throws", format!("{}, CRC-32 {:08x}", starts.sources.join(", "), crc.finalize())),
-    ];
-    Ok(words.into_iter().map(|(name, word)| (name.to_owned(), word)).collect())
-}
-
 /// Why a shard was not made.
 #[derive(Debug)]
 enum Failure {
@@ -406,7 +390,6 @@ pub(super) fn picture(folder: &Path) -> Result<String, ExpectedError> {
     Ok(reach::svg(&cells, folder.study().word("robot")))
 }
 
-/// The summary in words.
 pub(super) fn summary_in_words(s: &Summary, folder: &Path) -> String {
     let rows = s.thrown + s.relaxed + s.refused;
     let mut text = format!(

@@ -105,7 +105,6 @@ impl Variables {
         }
     }
 
-    /// The flight.
     pub(super) fn flight(&self, setting: &Setting<'_>) -> Parabola {
         let x = &self.0;
         let p = Vector3::new(
@@ -121,7 +120,6 @@ impl Variables {
         self.0[at::FLIGHT]
     }
 
-    /// The hand.
     pub(super) fn hand(&self) -> HandLaw {
         let x = &self.0;
         HandLaw {

@@ -26,52 +26,27 @@ const FIRST_WITH_KNOTS: u64 = 6;
 /// A plan file cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum PlanFileError {
-    /// Reading or writing failed.
     #[error("plan {path}: {source}")]
-    Io {
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// Not JSON, or not a plan.
+    Io { path: PathBuf, source: std::io::Error },
     #[error("plan {path} is damaged or not a plan file: {reason}")]
-    Damaged {
-        path: PathBuf,
-        /// Where and why.
-        reason: String,
-    },
-    /// From a newer program.
+    Damaged { path: PathBuf, reason: String },
     #[error(
         "plan {path} has version {found}, this program reads up to {VERSION}: update cubectl or plan again"
     )]
-    Newer {
-        path: PathBuf,
-        /// Its version.
-        found: u64,
-    },
-    /// A throw of a thing that is not a ball, from a program that planned those.
+    Newer { path: PathBuf, found: u64 },
     #[error(
         "plan {path} is for a thing with an attitude at its arrival (target.attitude), and only balls are thrown\n  next: plan again for a ball, with `cubectl plan throw`"
     )]
     NotABall { path: PathBuf },
-    /// Of another kind.
     #[error("plan {path} is of kind \"{}\", here one of kind \"{}\" is wanted\n  next: {}", .found.name(), .wanted.name(), next_for(*.found))]
-    OtherKind {
-        path: PathBuf,
-        found: Kind,
-        /// The kind that was wanted.
-        wanted: Kind,
-    },
-    /// For another robot.
+    OtherKind { path: PathBuf, found: Kind, wanted: Kind },
     #[error(
         "plan {path} is for robot \"{found}\" ({found_fingerprint}), not for \"{wanted}\" ({wanted_fingerprint}): plan again, or name the robot with --robot"
     )]
     OtherRobot {
         path: PathBuf,
-        /// Robot in the file.
         found: String,
         found_fingerprint: String,
-        /// Robot in use.
         wanted: String,
         wanted_fingerprint: String,
     },
