@@ -237,7 +237,7 @@ fn options(verb: &Command) -> impl Iterator<Item = &clap::Arg> {
     verb.get_arguments().filter(|arg| arg.get_long().is_some_and(|long| !matches!(long, "help" | "version")))
 }
 
-/// What a verb does: exit code, output, names of files and what pictures show; and what it says beside it.
+/// What a verb does: exit code, output, names of files and what pictures and tables show; and what it says beside it.
 fn run(verb: &str, folder: &str, plan: &str, words: &str) -> (i32, String, String) {
     let _ = std::fs::remove_dir_all(folder);
     std::fs::create_dir_all(folder).unwrap();
@@ -262,9 +262,9 @@ fn run(verb: &str, folder: &str, plan: &str, words: &str) -> (i32, String, Strin
     let mut left = vec![std::path::PathBuf::from(folder)];
     while let Some(path) = left.pop() {
         for entry in std::fs::read_dir(path).unwrap().map(|entry| entry.unwrap().path()) {
-            let is_picture = entry.extension().is_some_and(|ext| ext == "svg");
-            let drawn = if is_picture { std::fs::read_to_string(&entry).unwrap() } else { String::new() };
-            files.push(format!("{} {drawn}", entry.display()));
+            let is_read = entry.extension().is_some_and(|ext| ext == "svg" || ext == "csv");
+            let content = if is_read { std::fs::read_to_string(&entry).unwrap() } else { String::new() };
+            files.push(format!("{} {content}", entry.display()));
             left.extend(entry.is_dir().then_some(entry));
         }
     }

@@ -105,7 +105,6 @@ fn options_of_the_planner_beside_a_plan_file_are_refused_by_name() {
         &["--starts", "5"],
         &["--thorough"],
         &["--objective", "effort"],
-        &["--thing-inertia", "1"],
     ] {
         let output = thrown(&folder, "a", &[&["--plan", &plan], words].concat()).1;
         assert_eq!(code(&output), 4, "{words:?}: {}", err(&output));

@@ -68,9 +68,9 @@ impl FromStr for Shard {
         let (number, count) = (whole(number)?, whole(count)?);
         Self::new(number, count).ok_or_else(|| match (number, count) {
             (_, 0) => format!("a sweep has at least one shard; {expected}"),
-            (0, _) => format!(
-                "shards count from 1 to {count}: use a job array from 1, such as `sbatch --array=1-{count}`"
-            ),
+            (0, _) => {
+                format!("shards count from 1 to {count}: let the job array count from 1 to {count} too")
+            }
             _ if count > SHARDS_MAX => format!("at most {SHARDS_MAX} shards"),
             _ => format!("there is no shard {number} of {count}; shards count from 1 to {count}"),
         })
@@ -104,7 +104,7 @@ mod tests {
             ("3", "expected I/N"),
             ("a/4", "\"a\" is not a whole number"),
             ("-1/4", "\"-1\" is not a whole number"),
-            ("0/4", "--array=1-4"),
+            ("0/4", "job array count from 1 to 4"),
             ("5/4", "there is no shard 5 of 4"),
             ("0/0", "at least one shard"),
             ("1/100001", "at most 100000"),
