@@ -2,25 +2,23 @@
 //!
 //! maximise c'x subject to F_b(x) = F_b0 + sum_i x_i F_bi >= 0 (positive semidefinite) for each block b.
 
-use clarabel::algebra::CscMatrix;
-use clarabel::solver::{
-    DefaultInfo, DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT,
-};
-use nalgebra::{DMatrix, DVector};
+use super::interior;
+use nalgebra::{DMatrix, DVector, Dyn};
 
 /// One block F0 + sum x_i F_i >= 0, all matrices symmetric n x n.
 #[derive(Clone, Debug)]
 pub struct Block {
     /// F0.
     pub constant: DMatrix<f64>,
-    /// (i, F_i) for the variables that occur.
-    pub terms: Vec<(usize, DMatrix<f64>)>,
+    /// Column i is F_i, column by column.
+    pub slopes: DMatrix<f64>,
 }
 
 impl Block {
     /// F(x).
     pub fn at(&self, x: &DVector<f64>) -> DMatrix<f64> {
-        self.terms.iter().fold(self.constant.clone(), |sum, (i, f)| sum + f * x[*i])
+        let n = self.constant.nrows();
+        &self.constant + (&self.slopes * x).reshape_generic(Dyn(n), Dyn(n))
     }
 }
 
@@ -33,13 +31,14 @@ pub struct Lmi {
     pub blocks: Vec<Block>,
 }
 
-/// Relative dual residual below which a dual point counts as feasible. A point that is not quite rejects gains that
-/// could be proven, never the other way round; a tenth of this took 5 % more steps and decided the same in all of 68
-/// programs.
-const DUAL_FEASIBLE: f64 = 1e-4;
-/// Residual to which each linear system of the solver is refined, share of the tolerance of the program: its own
-/// 1e-13 costs up to ten more substitutions a step for digits that no result keeps.
-const REFINED: f64 = 0.1;
+/// A solved program.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Solution {
+    /// Where the objective is largest.
+    pub x: DVector<f64>,
+    /// Z_b >= 0 with <F_bi, Z_b> = -c_i summed over the blocks: the sum of <F_b0, Z_b> bounds the objective from above.
+    pub multipliers: Vec<DMatrix<f64>>,
+}
 
 /// Why a program has no trustworthy solution.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -51,8 +50,19 @@ pub enum SolveError {
     #[error("the objective stays below the value asked for (bounded by the dual)")]
     TooLow,
     /// The solver stopped in another state; its numbers are not used.
-    #[error("the conic solver ended with {0}; only a fully solved program is accepted")]
-    NotSolved(String),
+    #[error(
+        "the solver stopped after {steps} steps with a gap of {gap:.1e} and residuals of {primal:.1e} and {dual:.1e}; \
+         only a fully solved program is accepted"
+    )]
+    NotSolved {
+        steps: usize,
+        /// Between the objective and its bound, relative above one.
+        gap: f64,
+        /// Of the inequalities, for data scaled to one.
+        primal: f64,
+        /// Of the multipliers, for data scaled to one.
+        dual: f64,
+    },
 }
 
 impl Lmi {
@@ -68,15 +78,13 @@ impl Lmi {
     pub fn require(&mut self, f: impl Fn(&DVector<f64>) -> DMatrix<f64>) {
         let n = self.objective.len();
         let constant = f(&DVector::zeros(n));
-        let terms = (0..n)
-            .filter_map(|i| {
-                let mut e = DVector::zeros(n);
-                e[i] = 1.0;
-                let slope = f(&e) - &constant;
-                (slope.amax() > 0.0).then_some((i, slope))
-            })
-            .collect();
-        self.blocks.push(Block { constant, terms });
+        let mut slopes = DMatrix::zeros(constant.len(), n);
+        for (i, mut slope) in slopes.column_iter_mut().enumerate() {
+            let mut e = DVector::zeros(n);
+            e[i] = 1.0;
+            slope.copy_from_slice((f(&e) - &constant).as_slice());
+        }
+        self.blocks.push(Block { constant, slopes });
     }
 
     /// Solves the program; only the status `Solved` counts.
@@ -86,7 +94,7 @@ impl Lmi {
     ///
     /// # Errors
     /// [`SolveError`].
-    pub fn solve(&self, tolerance: f64) -> Result<DVector<f64>, SolveError> {
+    pub fn solve(&self, tolerance: f64) -> Result<Solution, SolveError> {
         self.solve_above(f64::NEG_INFINITY, tolerance)
     }
 
@@ -95,78 +103,13 @@ impl Lmi {
     ///
     /// # Errors
     /// [`SolveError`].
-    pub fn solve_above(&self, floor: f64, tolerance: f64) -> Result<DVector<f64>, SolveError> {
-        lapack_shim::link();
-        let n = self.objective.len();
-        let rows: usize = self.blocks.iter().map(|b| triangle(b.constant.nrows())).sum();
-        // Clarabel: minimise q'x, A x + s = b, s in the cone; here s = svec(F(x)).
-        let mut columns: Vec<Vec<(usize, f64)>> = vec![Vec::new(); n];
-        let mut rhs = Vec::with_capacity(rows);
-        let mut cones = Vec::with_capacity(self.blocks.len());
-        for block in &self.blocks {
-            let first = rhs.len();
-            rhs.extend(svec(&block.constant));
-            for (i, f) in &block.terms {
-                let entries = svec(f).into_iter().enumerate().filter(|(_, v)| *v != 0.0);
-                columns[*i].extend(entries.map(|(k, v)| (first + k, -v)));
-            }
-            cones.push(SupportedConeT::PSDTriangleConeT(block.constant.nrows()));
-        }
-        let mut colptr = vec![0];
-        let (mut rowval, mut nzval) = (Vec::new(), Vec::new());
-        for column in columns {
-            for (row, value) in column {
-                rowval.push(row);
-                nzval.push(value);
-            }
-            colptr.push(rowval.len());
-        }
-        let a = CscMatrix::new(rows, n, colptr, rowval, nzval);
-        let q: Vec<f64> = self.objective.iter().map(|c| -c).collect();
-        let settings = DefaultSettingsBuilder::default()
-            .verbose(false)
-            .max_threads(1)
-            .chordal_decomposition_enable(false)
-            .tol_gap_abs(tolerance)
-            .tol_gap_rel(tolerance)
-            .tol_feas(tolerance)
-            .max_iter(100)
-            .presolve_enable(false)
-            .iterative_refinement_reltol(REFINED * tolerance)
-            .iterative_refinement_abstol(REFINED * tolerance)
-            .build()
-            .map_err(|e| SolveError::NotSolved(format!("settings: {e}")))?;
-        let mut solver = DefaultSolver::new(&CscMatrix::zeros((n, n)), &q, &a, &rhs, &cones, settings)
-            .map_err(|e| SolveError::NotSolved(format!("set-up: {e}")))?;
-        // Minimised is the negative objective, so the dual cost bounds the objective from above.
-        solver.set_termination_callback(move |info: &DefaultInfo<f64>| {
-            info.res_dual < DUAL_FEASIBLE && -info.cost_dual < floor
-        });
-        solver.solve();
-        match solver.solution.status {
-            SolverStatus::CallbackTerminated => Err(SolveError::TooLow),
-            SolverStatus::Solved => Ok(DVector::from_column_slice(&solver.solution.x)),
-            SolverStatus::PrimalInfeasible => Err(SolveError::Infeasible),
-            other => Err(SolveError::NotSolved(format!("{other:?}"))),
-        }
+    pub fn solve_above(&self, floor: f64, tolerance: f64) -> Result<Solution, SolveError> {
+        interior::solve(self, floor, tolerance)
     }
 }
 
 fn triangle(n: usize) -> usize {
     n * (n + 1) / 2
-}
-
-/// Upper triangle by columns, off-diagonal entries times sqrt 2: keeps inner products.
-fn svec(m: &DMatrix<f64>) -> Vec<f64> {
-    let mut v = Vec::with_capacity(triangle(m.nrows()));
-    for j in 0..m.ncols() {
-        for i in 0..=j {
-            // Averaging removes the rounding asymmetry of a product.
-            let x = 0.5 * (m[(i, j)] + m[(j, i)]);
-            v.push(if i == j { x } else { x * std::f64::consts::SQRT_2 });
-        }
-    }
-    v
 }
 
 /// Number of unknowns of a symmetric n x n matrix variable.
@@ -207,7 +150,7 @@ mod tests {
 
     #[test]
     fn closed_form_of_a_determinant_is_found() {
-        assert!((determinant().solve(1e-9).unwrap()[0] - 2.0).abs() < 1e-6);
+        assert!((determinant().solve(1e-9).unwrap().x[0] - 2.0).abs() < 1e-6);
     }
 
     #[test]
@@ -222,6 +165,6 @@ mod tests {
         let mut lmi = Lmi::new(1);
         lmi.objective[0] = 1.0;
         lmi.require(|x| DMatrix::from_element(1, 1, x[0]));
-        assert!(matches!(lmi.solve(1e-9), Err(SolveError::NotSolved(_))));
+        assert!(matches!(lmi.solve(1e-9), Err(SolveError::NotSolved { .. })));
     }
 }

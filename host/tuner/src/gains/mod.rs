@@ -4,7 +4,8 @@
 //! |---|---|
 //! | [`machine`] | robot model and motion → data per joint |
 //! | [`problem`] | data of one joint, checked |
-//! | [`lmi`] | matrix inequalities as data, solved by the conic solver |
+//! | [`lmi`] | matrix inequalities as data, and what came of them |
+//! | `interior` | their solution, an interior-point method |
 //! | [`rigor`] | definiteness proven with rounding bounds |
 //! | [`paper`] | design A: Theorem 1, continuous, with `Q >= I` added |
 //! | [`law`] | the saturated law: gains, weights, scaled coordinates |
@@ -29,14 +30,15 @@
 //!
 //! What may be trusted: `rigor` and the two checks. Solver, search and simulation only propose.
 
-#[cfg(test)]
-mod barrier;
 pub mod certificate;
 pub mod choose;
 pub mod compare;
 pub mod design;
 pub mod evidence;
 pub mod gains_file;
+mod interior;
+#[cfg(test)]
+mod interior_tests;
 pub mod law;
 pub mod lmi;
 pub mod lqr;
