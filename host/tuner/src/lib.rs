@@ -13,3 +13,4 @@
 pub mod gains;
 pub mod identify;
 pub mod model;
+mod noise;

@@ -41,6 +41,7 @@
 //! coupling between joints. They are in the trials on the simulated cell ([`crate::gains::trial`]), which are evidence, not proof.
 
 use nalgebra::{RowSVector, SMatrix, SVector};
+use serde::{Deserialize, Serialize};
 
 /// Number of states of the sampled model.
 pub const STATES: usize = 7;
@@ -71,7 +72,8 @@ impl DriveLag {
 }
 
 /// Weights of the controller's estimator of the error (registers `estimator.alpha` and `estimator.beta`).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Estimator {
     /// Of a measurement on the position error, 0..=1.
     pub alpha: f64,

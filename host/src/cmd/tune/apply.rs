@@ -326,7 +326,7 @@ impl InForce {
         if file.joint.len() < joints && wanted_us != self.period_us {
             return Err(ApplyError::SomeJoints { found_us: self.period_us, wanted_us });
         }
-        let wanted = Estimator { alpha: file.estimator.alpha, beta: file.estimator.beta };
+        let wanted = file.estimator;
         // The controller keeps single precision.
         let same = [wanted.alpha as f32, wanted.beta as f32] == [self.estimator_alpha, self.estimator_beta];
         if file.joint.len() < joints && !same {

@@ -329,7 +329,7 @@ impl Work {
             format: FORMAT,
             robot: self.machine.robot.clone(),
             period_s: self.demand.period_s,
-            estimator: self.demand.estimator.into(),
+            estimator: self.demand.estimator,
             joint: tuned.iter().map(Tuned::entry).collect(),
         }
     }
@@ -492,7 +492,7 @@ mod tests {
         let work = Work::new(args)?;
         let tuned = work.design(args, &ProgressBar::hidden())?;
         let (robot, demand) = (work.machine.robot.clone(), &work.demand);
-        let (period_s, estimator) = (demand.period_s, demand.estimator.into());
+        let (period_s, estimator) = (demand.period_s, demand.estimator);
         let joint = tuned.iter().map(Tuned::entry).collect();
         write_files(args, &GainsFile { format: FORMAT, robot, period_s, estimator, joint }, &tuned)?;
         Ok(table(&work.machine.robot, &work.demand, &tuned))

@@ -8,10 +8,9 @@ use robot_model::AnyRobot;
 use super::apply::InForce;
 use operator::bus::settings::crc32_of_any;
 use planner::plan::file::PlanFile;
-use tuner::gains::gains_file::{GainsFile, JointGains, certificate_gains, paper_system};
+use tuner::gains::gains_file::{GainsFile, JointGains};
 use tuner::gains::lqr;
 use tuner::gains::machine::ReferenceProfile;
-use tuner::gains::paper::largest_decay;
 use tuner::gains::problem::PhaseInput;
 use tuner::gains::saturated::Gains;
 use tuner::gains::trial::{JOINTS, Trial, TrialMotion, run, settings};
@@ -93,10 +92,7 @@ fn yardsticks(after: &InForce, file: &GainsFile) -> Vec<(&'static str, InForce)>
         let whole = rows.len() == JOINTS;
         whole.then(|| InForce { certificate_crc32: 0, k_pos_1_s2, k_vel_1_s, k_last, ..after.clone() })
     };
-    let theorem_1 = |joint: &JointGains| {
-        let problem = joint.problem(file.period_s, file.estimator).ok()?;
-        certificate_gains(&problem, &largest_decay(&paper_system(&problem)).ok()?)
-    };
+    let theorem_1 = |joint: &JointGains| joint.theorem_1(file.period_s, file.estimator);
     let paper = with(file.joint.iter().filter_map(theorem_1).collect());
     let (velocity_per_rad, input_per_rad) = LQR_WEIGHTS;
     let row = lqr::gains(file.period_s, file.period_s, velocity_per_rad, input_per_rad);

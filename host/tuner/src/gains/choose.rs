@@ -132,7 +132,7 @@ pub fn gains_for(robot: &AnyRobot, period_us: u32) -> Result<(GainsFile, GainsFr
         })?;
         joint.push(Tuned::entry(&tuned));
     }
-    let estimator = demand.estimator.into();
+    let estimator = demand.estimator;
     let file = GainsFile { format: FORMAT, robot: machine.robot, period_s, estimator, joint };
     Ok((file, GainsFrom::Designed))
 }

@@ -1,11 +1,11 @@
 //! One joint from data to a tuned, certified and examined result, by either design.
 
-use super::certificate::{SaturatedCertificate, SaturatedMargins, SaturatedRefusal};
+use super::certificate::{SaturatedCertificate, SaturatedMargins};
 use super::evidence::{Evidence, gather};
-use super::gains_file::{JointGains, certificate_gains, paper_system};
+use super::gains_file::JointGains;
 use super::lmi::SolveError;
 use super::margins::{LinearFigures, linear_figures};
-use super::paper::{PaperCertificate, PaperMargins, PaperRefusal, largest_decay};
+use super::paper::{PaperCertificate, PaperMargins, System, largest_decay};
 use super::problem::{JointInput, Problem, ProblemError};
 use super::saturated::{self, Gains, SaturatedError};
 
@@ -100,16 +100,17 @@ pub fn tune(input: &JointInput, design: Design) -> Result<Tuned, DesignError> {
             let certificate = saturated::design(&problem)?;
             let margins = certificate
                 .check(&problem)
-                .map_err(|e: SaturatedRefusal| DesignError::Refused { joint, what: e.to_string() })?;
+                .map_err(|e| DesignError::Refused { joint, what: e.to_string() })?;
             (certificate.gains, Proof::Saturated(certificate, margins))
         }
         Design::Paper => {
-            let system = paper_system(&problem);
+            let system = System::of(&problem);
             let certificate = largest_decay(&system).map_err(|cause| DesignError::Paper { joint, cause })?;
             let margins = certificate
                 .check(&system)
-                .map_err(|e: PaperRefusal| DesignError::Refused { joint, what: e.to_string() })?;
-            let gains = certificate_gains(&problem, &certificate)
+                .map_err(|e| DesignError::Refused { joint, what: e.to_string() })?;
+            let gains = certificate
+                .gains(&problem)
                 .ok_or_else(|| DesignError::Refused { joint, what: "Q is singular".into() })?;
             (gains, Proof::Paper(certificate, margins))
         }

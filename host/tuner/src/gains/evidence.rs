@@ -4,6 +4,7 @@ use super::certificate::SaturatedCertificate;
 use super::law::{Gains, row, time_unit_s};
 use super::problem::Problem;
 use crate::model::{Sampled, StateRow, StateVector, steady_state};
+use crate::noise::Noise;
 
 /// One step of the saturated loop.
 fn step(model: &Sampled, k: &StateRow, u_max: f64, x: &StateVector) -> (StateVector, f64) {
@@ -20,7 +21,7 @@ const SETTLED: f64 = 0.05;
 
 /// Until the position error of the worst initial state stays below a twentieth of the initial radius, s, at the
 /// nominal period and delay with the command bounded by `u_max`; infinite if it does not.
-pub fn settling_s(problem: &Problem, gains: Gains, u_max: f64) -> f64 {
+pub(super) fn settling_s(problem: &Problem, gains: Gains, u_max: f64) -> f64 {
     let (e0, v0) = problem.error_set();
     let (period, delay) = problem.grid(1)[0];
     let model = problem.sampled(period, delay);
@@ -72,30 +73,11 @@ const RUN: usize = 20;
 /// Points of half the boundary of the initial set from which the loop is run; the other half is its mirror image.
 const STARTS: usize = 16;
 
-/// Deterministic generator for the samples (xorshift64*): a report must not change between runs.
-struct Samples(u64);
-
-impl Samples {
-    /// Uniform in [0, 1).
-    fn unit(&mut self) -> f64 {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    /// Standard normal (Box-Muller).
-    fn normal(&mut self) -> f64 {
-        let r = (-2.0 * (1.0 - self.unit()).ln()).sqrt();
-        r * (std::f64::consts::TAU * self.unit()).cos()
-    }
-}
-
 /// Samples `states` states on the boundary of the first region and runs one in `RUN` to rest, with
 /// period, delay and the momentary bound (u_max to the full acceleration) drawn again in each step.
 ///
 /// `None` if the ellipsoid is not positive definite (a refused certificate).
-pub fn gather(
+pub(super) fn gather(
     problem: &Problem,
     certificate: &SaturatedCertificate,
     states: usize,
@@ -107,8 +89,8 @@ pub fn gather(
     let to_state = l.transpose().try_inverse()?;
     let models: Vec<Sampled> =
         problem.grid(5).iter().map(|&(period, delay)| problem.sampled(period, delay)).collect();
-    let mut rng = Samples(seed | 1);
-    let draw = |rng: &mut Samples| {
+    let mut rng = Noise(seed | 1);
+    let draw = |rng: &mut Noise| {
         let model = &models[(rng.unit() * models.len() as f64) as usize % models.len()];
         let extra = rng.unit() * (problem.acceleration_max_rad_s2() - region.u_max_rad_s2);
         // Half of the steps at the certified bound itself, which is the hard case.

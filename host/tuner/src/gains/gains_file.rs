@@ -1,8 +1,8 @@
 //! `gains.toml`: gains with their certificates, versioned, refused unless everything proves again.
 
 use super::certificate::{Region, SaturatedCertificate, SaturatedRefusal};
-use super::law::Weights;
-use super::paper::{PaperCertificate, PaperRefusal, System};
+use super::law::{Gains, Weights};
+use super::paper::{PaperCertificate, PaperRefusal, System, largest_decay};
 use super::problem::{JointInput, PhaseInput, Problem, ProblemError};
 use crate::model::{DriveLag, Estimator, STATES, StateRow, StateVector};
 use firmware::registers::certificate_crc32;
@@ -26,24 +26,9 @@ pub struct GainsFile {
     /// Period the firmware must run at, s.
     pub period_s: f64,
     /// Weights of the estimator that the firmware must use.
-    pub estimator: EstimatorTable,
+    pub estimator: Estimator,
     /// One per joint, in order; joints that were not tuned are missing.
     pub joint: Vec<JointGains>,
-}
-
-/// [`Estimator`] in a file: registers `estimator.alpha` and `estimator.beta` of the firmware.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-#[allow(missing_docs)]
-pub struct EstimatorTable {
-    pub alpha: f64,
-    pub beta: f64,
-}
-
-impl From<Estimator> for EstimatorTable {
-    fn from(Estimator { alpha, beta }: Estimator) -> Self {
-        Self { alpha, beta }
-    }
 }
 
 /// One joint: gains, the problem they solve, the proof.
@@ -67,7 +52,6 @@ pub struct JointGains {
 /// [`JointInput`] in a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[allow(missing_docs)]
 pub struct ProblemTable {
     pub period_jitter_ratio: f64,
     pub delay_min_s: f64,
@@ -77,23 +61,12 @@ pub struct ProblemTable {
     pub acceleration_max_rad_s2: f64,
     pub error_position_rad: f64,
     pub error_velocity_rad_s: f64,
-    pub phase: Vec<PhaseTable>,
-}
-
-/// [`PhaseInput`] in a file; no duration: for ever.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-#[allow(missing_docs)]
-pub struct PhaseTable {
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub duration_s: Option<f64>,
-    pub reference_max_rad_s2: f64,
+    pub phase: Vec<PhaseInput>,
 }
 
 /// Proof by either design.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "design", rename_all = "lowercase", deny_unknown_fields)]
-#[allow(missing_docs)]
 pub enum CertificateTable {
     /// [`PaperCertificate`]; symmetric matrices as upper triangles by columns, errors scaled to the unit ball.
     Paper { alpha_1_s: f64, q: Vec<f64>, y_rad_s2: Vec<f64> },
@@ -104,7 +77,6 @@ pub enum CertificateTable {
 /// [`Region`] in a file: state order and units as in the model of the design.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[allow(missing_docs)]
 pub struct RegionTable {
     pub u_max_rad_s2: f64,
     pub decay_1_s: f64,
@@ -321,7 +293,7 @@ impl JointGains {
     }
 
     /// Entry of the paper's design; `c` is about the errors scaled to the unit ball.
-    pub fn paper(input: &JointInput, gains: [f32; 3], c: &PaperCertificate) -> Self {
+    pub fn paper(input: &JointInput, gains: Gains, c: &PaperCertificate) -> Self {
         let certificate = CertificateTable::Paper {
             alpha_1_s: c.alpha,
             q: upper(&c.q),
@@ -330,11 +302,7 @@ impl JointGains {
         Self::entry(input, gains, certificate)
     }
 
-    fn entry(input: &JointInput, gains: [f32; 3], certificate: CertificateTable) -> Self {
-        let phase = |p: &PhaseInput| PhaseTable {
-            duration_s: p.duration_s,
-            reference_max_rad_s2: p.reference_max_rad_s2,
-        };
+    fn entry(input: &JointInput, gains: Gains, certificate: CertificateTable) -> Self {
         Self {
             number: input.joint,
             k_pos_1_s2: gains[0],
@@ -349,43 +317,41 @@ impl JointGains {
                 acceleration_max_rad_s2: input.acceleration_max_rad_s2,
                 error_position_rad: input.error_position_rad,
                 error_velocity_rad_s: input.error_velocity_rad_s,
-                phase: input.phases.iter().map(phase).collect(),
+                phase: input.phases.clone(),
             },
             certificate,
         }
     }
 
     /// [k_pos, k_vel, k_last] as the firmware takes them.
-    pub fn gains(&self) -> [f32; 3] {
+    pub fn gains(&self) -> Gains {
         [self.k_pos_1_s2, self.k_vel_1_s, self.k_last]
     }
 
-    /// The problem of this entry.
-    ///
-    /// # Errors
-    /// [`ProblemError`] for numbers no problem can have.
-    pub fn problem(&self, period_s: f64, estimator: EstimatorTable) -> Result<Problem, ProblemError> {
+    /// What Theorem 1 of the paper gives for the same problem; `None` without a proof.
+    pub fn theorem_1(&self, period_s: f64, estimator: Estimator) -> Option<Gains> {
+        let problem = self.problem(period_s, estimator).ok()?;
+        largest_decay(&System::of(&problem)).ok()?.gains(&problem)
+    }
+
+    fn problem(&self, period_s: f64, estimator: Estimator) -> Result<Problem, ProblemError> {
         let t = &self.problem;
-        let phase = |p: &PhaseTable| PhaseInput {
-            duration_s: p.duration_s,
-            reference_max_rad_s2: p.reference_max_rad_s2,
-        };
         Problem::new(&JointInput {
             joint: self.number,
             period_s,
             period_jitter: t.period_jitter_ratio,
             delay_s: (t.delay_min_s, t.delay_max_s),
             drive: DriveLag { wn_rad_s: t.drive_wn_rad_s, zeta: t.drive_zeta },
-            estimator: Estimator { alpha: estimator.alpha, beta: estimator.beta },
+            estimator,
             acceleration_max_rad_s2: t.acceleration_max_rad_s2,
-            phases: t.phase.iter().map(phase).collect(),
+            phases: t.phase.clone(),
             error_position_rad: t.error_position_rad,
             error_velocity_rad_s: t.error_velocity_rad_s,
         })
     }
 
     /// Proves the entry again.
-    fn verify(&self, period_s: f64, estimator: EstimatorTable) -> Result<(), GainsFileError> {
+    fn verify(&self, period_s: f64, estimator: Estimator) -> Result<(), GainsFileError> {
         let joint = self.number;
         for (what, value) in ["k_pos_1_s2", "k_vel_1_s", "k_last"].into_iter().zip(self.gains()) {
             if !value.is_finite() || value > 0.0 {
@@ -428,29 +394,15 @@ impl JointGains {
                     q: DMatrix::from_column_slice(2, 2, symmetric::<2>(joint, "q", q)?.as_slice()),
                     y: DMatrix::from_row_slice(1, 2, y_rad_s2),
                 };
-                let system = paper_system(&problem);
+                let system = System::of(&problem);
                 certificate.check(&system).map_err(|refusal| GainsFileError::Paper { joint, refusal })?;
-                if certificate_gains(&problem, &certificate) != Some(self.gains()) {
+                if certificate.gains(&problem) != Some(self.gains()) {
                     return Err(GainsFileError::GainsChanged { joint });
                 }
             }
         }
         Ok(())
     }
-}
-
-/// The system of Theorem 1 for a joint: the least acceleration left over all phases.
-pub fn paper_system(problem: &Problem) -> System {
-    let u_max = problem.phases().iter().map(|p| p.u_max_rad_s2).fold(f64::INFINITY, f64::min);
-    let (position, velocity) = problem.error_set();
-    System::joint(position, velocity, u_max)
-}
-
-/// Gains in physical units, rounded to f32 (k_last = 0): K = Y Q^-1 unscaled.
-pub fn certificate_gains(problem: &Problem, certificate: &PaperCertificate) -> Option<[f32; 3]> {
-    let k = certificate.gain()?;
-    let (position, velocity) = problem.error_set();
-    Some([(k[0] / position) as f32, (k[1] / velocity) as f32, 0.0])
 }
 
 impl GainsFile {

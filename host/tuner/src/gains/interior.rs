@@ -5,7 +5,7 @@
 //! slack S = F(x) >= 0 and a multiplier Z >= 0. Multipliers with <F_i, Z> = -c_i, summed over the blocks, prove
 //! c'x <= <F0, Z> for each feasible x; those with <F_i, Z> = 0 and <F0, Z> < 0 prove that there is none.
 
-use super::lmi::{Lmi, Solution, SolveError};
+use super::lmi::{Lmi, SolveError};
 use nalgebra::{Cholesky, DMatrix, DMatrixView, DVector, Dyn, SymmetricEigen};
 
 /// Most programs need 8 to 20 steps; more means that no more digits are to be had.
@@ -247,6 +247,9 @@ impl<'a> Newton<'a> {
     }
 }
 
+/// Where the objective is largest, and the multiplier of each block, which proves it.
+pub(super) type Solution = (DVector<f64>, Vec<DMatrix<f64>>);
+
 /// Maximises the objective of `lmi`; see [`Lmi::solve_above`].
 pub(super) fn solve(lmi: &Lmi, floor: f64, tolerance: f64) -> Result<Solution, SolveError> {
     let program = Scaled::new(lmi);
@@ -264,10 +267,7 @@ pub(super) fn solve(lmi: &Lmi, floor: f64, tolerance: f64) -> Result<Solution, S
         let (primal, dual) = (residuals.primal.amax(), residuals.dual.amax());
         if gap < tolerance && primal < tolerance && dual < tolerance {
             let multipliers = program.blocks(&at.z).zip(&program.multipliers).map(|(z, unit)| z * *unit);
-            return Ok(Solution {
-                x: at.x.component_mul(&program.unknowns),
-                multipliers: multipliers.collect(),
-            });
+            return Ok((at.x.component_mul(&program.unknowns), multipliers.collect()));
         }
         if dual < DUAL_FEASIBLE && bound < floor {
             return Err(SolveError::TooLow);

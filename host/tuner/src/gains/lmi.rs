@@ -3,41 +3,24 @@
 //! maximise c'x subject to F_b(x) = F_b0 + sum_i x_i F_bi >= 0 (positive semidefinite) for each block b.
 
 use super::interior;
-use nalgebra::{DMatrix, DVector, Dyn};
+use nalgebra::{DMatrix, DVector};
 
 /// One block F0 + sum x_i F_i >= 0, all matrices symmetric n x n.
 #[derive(Clone, Debug)]
-pub struct Block {
+pub(super) struct Block {
     /// F0.
-    pub constant: DMatrix<f64>,
+    pub(super) constant: DMatrix<f64>,
     /// Column i is F_i, column by column.
-    pub slopes: DMatrix<f64>,
-}
-
-impl Block {
-    /// F(x).
-    pub fn at(&self, x: &DVector<f64>) -> DMatrix<f64> {
-        let n = self.constant.nrows();
-        &self.constant + (&self.slopes * x).reshape_generic(Dyn(n), Dyn(n))
-    }
+    pub(super) slopes: DMatrix<f64>,
 }
 
 /// A semidefinite program over a vector of scalar variables.
 #[derive(Clone, Debug)]
-pub struct Lmi {
+pub(super) struct Lmi {
     /// c: what is maximised.
-    pub objective: DVector<f64>,
+    pub(super) objective: DVector<f64>,
     /// The constraints.
-    pub blocks: Vec<Block>,
-}
-
-/// A solved program.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Solution {
-    /// Where the objective is largest.
-    pub x: DVector<f64>,
-    /// Z_b >= 0 with <F_bi, Z_b> = -c_i summed over the blocks: the sum of <F_b0, Z_b> bounds the objective from above.
-    pub multipliers: Vec<DMatrix<f64>>,
+    pub(super) blocks: Vec<Block>,
 }
 
 /// Why a program has no trustworthy solution.
@@ -67,7 +50,7 @@ pub enum SolveError {
 
 impl Lmi {
     /// A program over `variables` unknowns without constraints.
-    pub fn new(variables: usize) -> Self {
+    pub(super) fn new(variables: usize) -> Self {
         Self { objective: DVector::zeros(variables), blocks: Vec::new() }
     }
 
@@ -75,7 +58,7 @@ impl Lmi {
     ///
     /// The coefficient matrices are read off at the unit vectors, so that an inequality is written
     /// once, as the formula of the paper it comes from.
-    pub fn require(&mut self, f: impl Fn(&DVector<f64>) -> DMatrix<f64>) {
+    pub(super) fn require(&mut self, f: impl Fn(&DVector<f64>) -> DMatrix<f64>) {
         let n = self.objective.len();
         let constant = f(&DVector::zeros(n));
         let mut slopes = DMatrix::zeros(constant.len(), n);
@@ -94,7 +77,7 @@ impl Lmi {
     ///
     /// # Errors
     /// [`SolveError`].
-    pub fn solve(&self, tolerance: f64) -> Result<Solution, SolveError> {
+    pub(super) fn solve(&self, tolerance: f64) -> Result<DVector<f64>, SolveError> {
         self.solve_above(f64::NEG_INFINITY, tolerance)
     }
 
@@ -103,8 +86,8 @@ impl Lmi {
     ///
     /// # Errors
     /// [`SolveError`].
-    pub fn solve_above(&self, floor: f64, tolerance: f64) -> Result<Solution, SolveError> {
-        interior::solve(self, floor, tolerance)
+    pub(super) fn solve_above(&self, floor: f64, tolerance: f64) -> Result<DVector<f64>, SolveError> {
+        interior::solve(self, floor, tolerance).map(|(x, _)| x)
     }
 }
 
@@ -113,12 +96,12 @@ fn triangle(n: usize) -> usize {
 }
 
 /// Number of unknowns of a symmetric n x n matrix variable.
-pub fn symmetric_unknowns(n: usize) -> usize {
+pub(super) fn symmetric_unknowns(n: usize) -> usize {
     triangle(n)
 }
 
 /// The symmetric n x n matrix stored from unknown `first` on (upper triangle by columns).
-pub fn symmetric_at(x: &DVector<f64>, first: usize, n: usize) -> DMatrix<f64> {
+pub(super) fn symmetric_at(x: &DVector<f64>, first: usize, n: usize) -> DMatrix<f64> {
     DMatrix::from_fn(n, n, |i, j| {
         let (r, c) = (i.min(j), i.max(j));
         x[first + triangle(c) + r]
@@ -126,7 +109,7 @@ pub fn symmetric_at(x: &DVector<f64>, first: usize, n: usize) -> DMatrix<f64> {
 }
 
 /// [[a, b], [b', d]].
-pub fn bordered(a: &DMatrix<f64>, b: &DMatrix<f64>, d: &DMatrix<f64>) -> DMatrix<f64> {
+pub(super) fn bordered(a: &DMatrix<f64>, b: &DMatrix<f64>, d: &DMatrix<f64>) -> DMatrix<f64> {
     let (n, m) = (a.nrows(), d.nrows());
     let mut out = DMatrix::zeros(n + m, n + m);
     out.view_mut((0, 0), (n, n)).copy_from(a);
@@ -150,7 +133,7 @@ mod tests {
 
     #[test]
     fn closed_form_of_a_determinant_is_found() {
-        assert!((determinant().solve(1e-9).unwrap().x[0] - 2.0).abs() < 1e-6);
+        assert!((determinant().solve(1e-9).unwrap()[0] - 2.0).abs() < 1e-6);
     }
 
     #[test]

@@ -17,7 +17,7 @@ pub struct LinearFigures {
 }
 
 /// Computes them.
-pub fn linear_figures(problem: &Problem, gains: Gains) -> LinearFigures {
+pub(super) fn linear_figures(problem: &Problem, gains: Gains) -> LinearFigures {
     let (period, delay) = problem.grid(1)[0];
     let model = problem.sampled(period, delay);
     let k = row(gains);

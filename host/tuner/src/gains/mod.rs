@@ -30,26 +30,26 @@
 //!
 //! What may be trusted: `rigor` and the two checks. Solver, search and simulation only propose.
 
-pub mod certificate;
+mod certificate;
 pub mod choose;
 pub mod compare;
 pub mod design;
-pub mod evidence;
+mod evidence;
 pub mod gains_file;
 mod interior;
 #[cfg(test)]
 mod interior_tests;
-pub mod law;
-pub mod lmi;
+mod law;
+mod lmi;
 pub mod lqr;
 pub mod machine;
-pub mod margins;
-pub mod paper;
+mod margins;
+mod paper;
 pub mod picture;
 pub mod plant;
 pub mod problem;
 mod region;
-pub mod rigor;
+mod rigor;
 pub mod saturated;
 #[cfg(test)]
 mod saturated_tests;

@@ -5,7 +5,9 @@
 //! states into {x : x' Q^-1 x <= 1}, the set on which the second one bounds the command; without it
 //! Q may shrink to nothing and any gain passes. alpha, the decay rate, is the largest possible one.
 
+use super::law::Gains;
 use super::lmi::{Lmi, SolveError, bordered, symmetric_at, symmetric_unknowns};
+use super::problem::Problem;
 use super::rigor::{min_eigenvalue_bound, product_error};
 use nalgebra::{DMatrix, DVector};
 
@@ -21,6 +23,13 @@ pub struct System {
 }
 
 impl System {
+    /// Of a joint: the least acceleration left over all phases.
+    pub(super) fn of(problem: &Problem) -> Self {
+        let u_max = problem.phases().iter().map(|p| p.u_max_rad_s2).fold(f64::INFINITY, f64::min);
+        let (position, velocity) = problem.error_set();
+        Self::joint(position, velocity, u_max)
+    }
+
     /// Double integrator of one joint (paper eq. 10): state (position error / `position_rad`, velocity
     /// error / `velocity_rad_s`), input u in rad/s2.
     pub fn joint(position_rad: f64, velocity_rad_s: f64, u_max_rad_s2: f64) -> Self {
@@ -69,6 +78,13 @@ impl PaperCertificate {
         Some(&self.y * self.q.clone().try_inverse()?)
     }
 
+    /// The same in physical units, rounded to f32; k_last = 0.
+    pub(super) fn gains(&self, problem: &Problem) -> Option<Gains> {
+        let k = self.gain()?;
+        let (position, velocity) = problem.error_set();
+        Some([(k[0] / position) as f32, (k[1] / velocity) as f32, 0.0])
+    }
+
     /// Checks every inequality by itself, with bounds on all rounding, whatever produced the numbers.
     ///
     /// # Errors
@@ -109,7 +125,7 @@ impl PaperCertificate {
 ///
 /// With `contain_unit_ball` false it is the theorem as printed; kept because a test shows what that
 /// one admits.
-pub fn program(system: &System, alpha: f64, contain_unit_ball: bool) -> Lmi {
+pub(super) fn program(system: &System, alpha: f64, contain_unit_ball: bool) -> Lmi {
     let (n, p) = (system.a.nrows(), system.b.ncols());
     let first_y = symmetric_unknowns(n);
     let t = first_y + n * p;
@@ -138,7 +154,7 @@ pub fn program(system: &System, alpha: f64, contain_unit_ball: bool) -> Lmi {
 }
 
 /// (Q, Y) from the unknowns.
-pub fn unpack(x: &DVector<f64>, n: usize, p: usize) -> (DMatrix<f64>, DMatrix<f64>) {
+pub(super) fn unpack(x: &DVector<f64>, n: usize, p: usize) -> (DMatrix<f64>, DMatrix<f64>) {
     let first_y = symmetric_unknowns(n);
     (symmetric_at(x, 0, n), DMatrix::from_fn(p, n, |i, j| x[first_y + i * n + j]))
 }
@@ -153,9 +169,9 @@ const MARGIN_MIN: f64 = 1e-8;
 ///
 /// # Errors
 /// [`SolveError`] if not even a decay of 1e-3 is proven.
-pub fn largest_decay(system: &System) -> Result<PaperCertificate, SolveError> {
+pub(super) fn largest_decay(system: &System) -> Result<PaperCertificate, SolveError> {
     let attempt = |alpha: f64| -> Result<PaperCertificate, SolveError> {
-        let x = program(system, alpha, true).solve(1e-9)?.x;
+        let x = program(system, alpha, true).solve(1e-9)?;
         let (q, y) = unpack(&x, system.a.nrows(), system.b.ncols());
         let certificate = PaperCertificate { alpha, q, y };
         match certificate.check(system) {
@@ -207,7 +223,7 @@ mod tests {
     #[test]
     fn without_q_above_identity_the_checker_refuses_and_the_command_explodes() {
         let system = unit_double_integrator();
-        let x = program(&system, 50.0, false).solve(1e-9).unwrap().x;
+        let x = program(&system, 50.0, false).solve(1e-9).unwrap();
         let (q, y) = unpack(&x, 2, 1);
         let printed = PaperCertificate { alpha: 50.0, q, y };
         let refusal = printed.check(&system).unwrap_err();

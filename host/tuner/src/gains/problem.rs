@@ -2,6 +2,7 @@
 
 use crate::model::{DriveLag, Estimator, STATES, Sampled, sampled, steady_state};
 use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
 
 /// Closed interval low..=high.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,9 +21,11 @@ impl Interval {
 }
 
 /// A stretch of the motion with its own largest reference acceleration, as given.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct PhaseInput {
     /// Length in s; `None` for the last one, which lasts for ever.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub duration_s: Option<f64>,
     /// Largest |reference acceleration| of the joint in it, rad/s2, >= 0 (0: hold still).
     pub reference_max_rad_s2: f64,
@@ -54,98 +57,12 @@ pub struct JointInput {
     pub error_velocity_rad_s: f64,
 }
 
-/// Why data were refused.
+/// Why data were refused: the datum and, where there is one, the way out.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum ProblemError {
-    /// NaN or infinity.
-    #[error("joint {joint}: {what} is not a finite number")]
-    NotFinite {
-        /// Joint number.
-        joint: usize,
-        /// Name of the datum.
-        what: &'static str,
-    },
-    /// A quantity that must be positive.
-    #[error("joint {joint}: {what} is {value}, it must be above zero")]
-    NotPositive {
-        /// Joint number.
-        joint: usize,
-        /// Name of the datum.
-        what: &'static str,
-        value: f64,
-    },
-    /// A quantity that must not be negative.
-    #[error("joint {joint}: {what} is {value}, it must not be negative")]
-    Negative {
-        /// Joint number.
-        joint: usize,
-        /// Name of the datum.
-        what: &'static str,
-        value: f64,
-    },
-    /// The delay range is reversed.
-    #[error("joint {joint}: smallest delay {low} s is above the largest, {high} s")]
-    DelayReversed {
-        /// Joint number.
-        joint: usize,
-        /// Smallest.
-        low: f64,
-        /// Largest.
-        high: f64,
-    },
-    /// The command would act after the next one is computed.
-    #[error(
-        "joint {joint}: delay {delay_s} s is longer than the period {period_s} s; lengthen the period to at \
-         least the delay, or shorten the answer time of the drive"
-    )]
-    DelayBeyondPeriod {
-        /// Joint number.
-        joint: usize,
-        /// Largest delay.
-        delay_s: f64,
-        /// Nominal period.
-        period_s: f64,
-    },
-    /// Jitter as large as the period itself.
-    #[error("joint {joint}: period jitter {jitter} must be below 0.5 (a fraction of the period)")]
-    JitterTooLarge {
-        /// Joint number.
-        joint: usize,
-        /// The refused value.
-        jitter: f64,
-    },
-    /// A weight of the estimator above one.
-    #[error("joint {joint}: {what} is {value}, it must be above 0 and at most 1")]
-    Weight {
-        /// Joint number.
-        joint: usize,
-        /// Name of the datum.
-        what: &'static str,
-        value: f64,
-    },
-    /// The reference takes all of the acceleration.
-    #[error(
-        "joint {joint}: the reference uses {reference} rad/s2 of the {available} rad/s2 for control in phase \
-         {phase} and leaves nothing to correct errors with; plan with about 80 %, that is {advised:.2} rad/s2"
-    )]
-    NothingLeft {
-        /// Joint number.
-        joint: usize,
-        /// Phase, from 1.
-        phase: usize,
-        /// Largest reference acceleration.
-        reference: f64,
-        /// Acceleration for control.
-        available: f64,
-        /// What to plan with.
-        advised: f64,
-    },
-    /// No phase, or an endless one before the last.
-    #[error("joint {joint}: phases must end with exactly one that has no duration")]
-    Phases {
-        /// Joint number.
-        joint: usize,
-    },
+#[error("joint {joint}: {what}")]
+pub struct ProblemError {
+    joint: usize,
+    what: String,
 }
 
 /// One phase: the least acceleration the reference leaves to the controller, and how long.
@@ -176,33 +93,36 @@ impl Problem {
     /// Checks `input`.
     ///
     /// # Errors
-    /// [`ProblemError`] names the joint, the datum and, where there is one, the way out.
+    /// [`ProblemError`].
     pub fn new(input: &JointInput) -> Result<Self, ProblemError> {
         let joint = input.joint;
-        let finite = |what, value: f64| {
-            if value.is_finite() { Ok(value) } else { Err(ProblemError::NotFinite { joint, what }) }
+        let refused = |what: String| ProblemError { joint, what };
+        let checked = |what: &str, value: f64, holds: bool, must: &str| {
+            if !value.is_finite() {
+                return Err(refused(format!("{what} is not a finite number")));
+            }
+            if holds { Ok(value) } else { Err(refused(format!("{what} is {value}, it must {must}"))) }
         };
-        let positive = |what, value: f64| match finite(what, value)? {
-            v if v > 0.0 => Ok(v),
-            value => Err(ProblemError::NotPositive { joint, what, value }),
-        };
-        let not_negative = |what, value: f64| match finite(what, value)? {
-            v if v >= 0.0 => Ok(v),
-            value => Err(ProblemError::Negative { joint, what, value }),
-        };
+        let positive = |what, value: f64| checked(what, value, value > 0.0, "be above zero");
+        let not_negative = |what, value: f64| checked(what, value, value >= 0.0, "not be negative");
         let period_s = positive("period", input.period_s)?;
         let jitter = not_negative("period jitter", input.period_jitter)?;
         if jitter >= 0.5 {
-            return Err(ProblemError::JitterTooLarge { joint, jitter });
+            return Err(refused(format!(
+                "period jitter {jitter} must be below 0.5 (a fraction of the period)"
+            )));
         }
         // The largest first: the smallest may have been derived from it.
         let high = not_negative("largest delay", input.delay_s.1)?;
         let delay = Interval { low: not_negative("smallest delay", input.delay_s.0)?, high };
-        if delay.low > delay.high {
-            return Err(ProblemError::DelayReversed { joint, low: delay.low, high: delay.high });
+        if delay.low > high {
+            return Err(refused(format!("smallest delay {} s is above the largest, {high} s", delay.low)));
         }
-        if delay.high > period_s * (1.0 + 1e-9) {
-            return Err(ProblemError::DelayBeyondPeriod { joint, delay_s: delay.high, period_s });
+        if high > period_s * (1.0 + 1e-9) {
+            return Err(refused(format!(
+                "delay {high} s is longer than the period {period_s} s; lengthen the period to at least the delay, or \
+                 shorten the answer time of the drive"
+            )));
         }
         positive("natural frequency of the drive", input.drive.wn_rad_s)?;
         positive("damping of the drive", input.drive.zeta)?;
@@ -210,17 +130,20 @@ impl Problem {
             ("weight alpha of the estimator", input.estimator.alpha),
             ("weight beta of the estimator", input.estimator.beta),
         ] {
-            if positive(what, value)? > 1.0 {
-                return Err(ProblemError::Weight { joint, what, value });
-            }
+            positive(what, value)?;
+            checked(what, value, value <= 1.0, "be above 0 and at most 1")?;
         }
         let available = positive("acceleration for control", input.acceleration_max_rad_s2)?;
         let mut phases = Vec::new();
         for (i, phase) in input.phases.iter().enumerate() {
             let reference = not_negative("largest reference acceleration", phase.reference_max_rad_s2)?;
             if reference >= available {
-                let advised = 0.8 * available;
-                return Err(ProblemError::NothingLeft { joint, phase: i + 1, reference, available, advised });
+                return Err(refused(format!(
+                    "the reference uses {reference} rad/s2 of the {available} rad/s2 for control in phase {} and leaves \
+                     nothing to correct errors with; plan with about 80 %, that is {:.2} rad/s2",
+                    i + 1,
+                    0.8 * available
+                )));
             }
             if let Some(duration) = phase.duration_s {
                 positive("duration of a phase", duration)?;
@@ -229,7 +152,7 @@ impl Problem {
         }
         let open_ends = phases.iter().filter(|p| p.duration_s.is_none()).count();
         if open_ends != 1 || phases.last().is_none_or(|p| p.duration_s.is_some()) {
-            return Err(ProblemError::Phases { joint });
+            return Err(refused("phases must end with exactly one that has no duration".to_owned()));
         }
         Ok(Self {
             joint,

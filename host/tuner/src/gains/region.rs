@@ -111,7 +111,7 @@ fn solve(
     ask: &Ask<'_>,
 ) -> Result<(StateMatrix, f64), SolveError> {
     let lmi = program(problem, rows, (u_max, scales), generators, ask);
-    let x = lmi.solve_above(COST_RATE_MIN, TOLERANCE)?.x;
+    let x = lmi.solve_above(COST_RATE_MIN, TOLERANCE)?;
     let t = CLAIM * x[symmetric_unknowns(STATES)];
     if t < CLAIM * COST_RATE_MIN {
         return Err(SolveError::TooLow);

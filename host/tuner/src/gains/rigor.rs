@@ -15,7 +15,7 @@ const UNIT_ROUNDOFF: f64 = f64::EPSILON / 2.0;
 ///
 /// Proven by a Cholesky run, not by an eigenvalue routine: a bisection looks for the largest shift
 /// whose run completes, and only completed runs count.
-pub fn min_eigenvalue_bound<D: Dim>(a: &OMatrix<f64, D, D>, entry_error: f64) -> f64
+pub(super) fn min_eigenvalue_bound<D: Dim>(a: &OMatrix<f64, D, D>, entry_error: f64) -> f64
 where
     DefaultAllocator: Allocator<D, D>,
 {
@@ -24,7 +24,11 @@ where
 
 /// As [`min_eigenvalue_bound`], but at most `ceiling`: for the worst of many matrices, of which most
 /// need a single Cholesky run.
-pub fn min_eigenvalue_bound_below<D: Dim>(ceiling: f64, a: &OMatrix<f64, D, D>, entry_error: f64) -> f64
+pub(super) fn min_eigenvalue_bound_below<D: Dim>(
+    ceiling: f64,
+    a: &OMatrix<f64, D, D>,
+    entry_error: f64,
+) -> f64
 where
     DefaultAllocator: Allocator<D, D>,
 {
@@ -73,7 +77,7 @@ where
 
 /// Entrywise bound of the rounding error of the product x y computed in f64, plus what errors
 /// `ex`, `ey` (per entry) of its factors contribute.
-pub fn product_error<R: Dim, K: Dim, C: Dim>(
+pub(super) fn product_error<R: Dim, K: Dim, C: Dim>(
     (x, ex): (&OMatrix<f64, R, K>, f64),
     (y, ey): (&OMatrix<f64, K, C>, f64),
 ) -> f64

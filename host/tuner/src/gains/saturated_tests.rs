@@ -4,6 +4,7 @@ use super::certificate::{SaturatedCertificate, SaturatedRefusal};
 use super::compare::tracking;
 use super::design::{Design, Proof, Tuned, tune};
 use super::gains_file::{FORMAT, GainsFile, GainsFileError};
+use super::interior;
 use super::interior_tests::proven_gap;
 use super::law::scaled_loop;
 use super::plant::{FeedForwardLaw, Plant, Setup, Throw, Track, track};
@@ -11,7 +12,7 @@ use super::problem::tests::joint_1;
 use super::problem::{JointInput, PhaseInput, Problem};
 use super::region::{Ask, program};
 use super::saturated::{self, SaturatedError, Weights, certify, design, row};
-use crate::model::{Estimator, STATES, StateMatrix, StateVector, steady_state};
+use crate::model::{Estimator, StateMatrix, StateVector, steady_state};
 use std::sync::OnceLock;
 
 /// Joint 2 of the reference throw (robot-models 1.6, re-optimised): the joint the paper shows.
@@ -192,11 +193,11 @@ fn multipliers_prove_the_smallest_cost() {
         &tuned.problem.error_generators(),
         &Ask { weights: Weights::DEFAULT, decay: saturated::decays(&tuned.problem)[0], points: &points },
     );
-    let found = lmi.solve(1e-7).unwrap();
+    let found = interior::solve(&lmi, f64::NEG_INFINITY, 1e-7).unwrap();
     let gap = proven_gap(&lmi, &found);
     assert!(gap.abs() < 2e-7, "{gap:e}");
     // The certificate claims a little less, so that rounding does not refute it.
-    let optimum = found.x[lmi.objective.len() - 1];
+    let optimum = found.0[lmi.objective.len() - 1];
     assert!(region.cost_rate < optimum && region.cost_rate > 0.98 * optimum, "{optimum} {region:?}");
 }
 
@@ -259,7 +260,7 @@ fn paper_design_is_certified_and_slower() {
 #[test]
 fn gains_file_survives_the_round_trip_and_refuses_changes() {
     let joint = vec![at_17_ms().entry()];
-    let estimator = Estimator::PLAIN.into();
+    let estimator = Estimator::PLAIN;
     let file = GainsFile { format: FORMAT, robot: "powercube6".into(), period_s: 0.017, estimator, joint };
     let text = file.to_toml();
     assert_eq!(GainsFile::from_toml(&text, "powercube6").unwrap(), file);

@@ -139,8 +139,8 @@ fn conclude(
 
 #[cfg(test)]
 mod tests {
-    use super::super::noise::Noise;
     use super::*;
+    use crate::noise::Noise;
 
     /// Table III of the paper with the top speeds of Table II: (K_B, K_M, rad/s, load N m).
     const DRIVES: [(f64, f64, f64, f64); 4] = [

@@ -185,9 +185,9 @@ fn conclude(
 
 #[cfg(test)]
 mod tests {
-    use super::super::noise::Noise;
     use super::*;
     use crate::model::Estimator;
+    use crate::noise::Noise;
 
     const TRUE: (f64, DriveLag) = (0.0021, DriveLag { wn_rad_s: 320.0, zeta: 0.8 });
     const GUESS: (f64, DriveLag) = (0.0, DriveLag { wn_rad_s: 200.0, zeta: 1.0 });

@@ -12,8 +12,7 @@
 pub mod current;
 pub mod findings;
 pub mod lag;
-mod noise;
 pub mod poses;
 pub mod regression;
 pub mod samples;
-pub mod student;
+mod student;

@@ -138,7 +138,7 @@ impl<'m, const N: usize> Ways<'m, N> {
         let own = span(&self.loads(q, joint, &here));
         let limits: Vec<(f64, f64)> =
             self.model.joints().iter().map(|j| (j.limits.q_min_rad, j.limits.q_max_rad)).collect();
-        let mut samples = super::noise::Noise::new(joint as u64 + 1);
+        let mut samples = crate::noise::Noise::new(joint as u64 + 1);
         let whole = Sweep {
             low_rad: limits[joint].0 + LIMIT_MARGIN_RAD,
             high_rad: limits[joint].1 - LIMIT_MARGIN_RAD,

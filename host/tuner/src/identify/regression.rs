@@ -161,8 +161,8 @@ pub fn fit(
 
 #[cfg(test)]
 mod tests {
-    use super::super::noise::Noise;
     use super::*;
+    use crate::noise::Noise;
 
     #[test]
     fn worked_example_of_a_straight_line() {

@@ -4,7 +4,7 @@
 ///
 /// 0 < level < 1 and dof >= 1; anything else gives infinity, which makes every interval useless
 /// rather than wrong.
-pub fn two_sided(level: f64, dof: usize) -> f64 {
+pub(super) fn two_sided(level: f64, dof: usize) -> f64 {
     if !(level > 0.0 && level < 1.0) || dof == 0 {
         return f64::INFINITY;
     }

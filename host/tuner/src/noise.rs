@@ -1,7 +1,7 @@
-//! Seeded samples: poses to look at, noise for the tests.
+//! Seeded samples: what is drawn is the same in each run.
 
-/// xorshift64* with Box-Muller.
-pub(crate) struct Noise(u64);
+/// xorshift64* with Box-Muller; the state must not be zero.
+pub(crate) struct Noise(pub(crate) u64);
 
 impl Noise {
     pub(crate) fn new(seed: u64) -> Self {
@@ -22,7 +22,6 @@ impl Noise {
     }
 
     /// Zero mean, unit variance.
-    #[cfg(test)]
     pub(crate) fn normal(&mut self) -> f64 {
         (-2.0 * (1.0 - self.unit()).ln()).sqrt() * (std::f64::consts::TAU * self.unit()).cos()
     }
