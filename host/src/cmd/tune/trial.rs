@@ -204,13 +204,7 @@ mod tests {
             let data = inputs(&machine, &motion, &Demand::with_period(period_s)).unwrap();
             let joint = data.iter().map(|i| tune(i, Design::Saturated).unwrap().entry()).collect();
             let estimator = Estimator::usual(period_s);
-            let file = GainsFile {
-                format: FORMAT,
-                robot: "powercube6".into(),
-                period_s,
-                estimator: estimator.into(),
-                joint,
-            };
+            let file = GainsFile { format: FORMAT, robot: "powercube6".into(), period_s, estimator, joint };
             let text = compare(&robot, &built_in(), &file, &of_share(&robot, 0.5)).unwrap();
             console::line!("{text}");
             let rows = rows(&built_in().with(&file, built_in().robot_crc32).unwrap()).unwrap();

@@ -68,13 +68,13 @@ pub struct ProblemTable {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "design", rename_all = "lowercase", deny_unknown_fields)]
 pub enum CertificateTable {
-    /// [`PaperCertificate`]; symmetric matrices as upper triangles by columns, errors scaled to the unit ball.
+    /// `PaperCertificate`; symmetric matrices as upper triangles by columns, errors scaled to the unit ball.
     Paper { alpha_1_s: f64, q: Vec<f64>, y_rad_s2: Vec<f64> },
-    /// [`SaturatedCertificate`].
+    /// `SaturatedCertificate`.
     Saturated { weight_velocity: f64, weight_input: f64, weight_floor: f64, region: Vec<RegionTable> },
 }
 
-/// [`Region`] in a file: state order and units as in the model of the design.
+/// `Region` in a file: state order and units as in the model of the design.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RegionTable {

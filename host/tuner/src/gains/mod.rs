@@ -4,17 +4,17 @@
 //! |---|---|
 //! | [`machine`] | robot model and motion → data per joint |
 //! | [`problem`] | data of one joint, checked |
-//! | [`lmi`] | matrix inequalities as data, and what came of them |
+//! | `lmi` | matrix inequalities as data, and why there is no solution |
 //! | `interior` | their solution, an interior-point method |
-//! | [`rigor`] | definiteness proven with rounding bounds |
-//! | [`paper`] | design A: Theorem 1, continuous, with `Q >= I` added |
-//! | [`law`] | the saturated law: gains, weights, scaled coordinates |
+//! | `rigor` | definiteness proven with rounding bounds |
+//! | `paper` | design A: Theorem 1, continuous, with `Q >= I` added |
+//! | `law` | the saturated law: gains, weights, scaled coordinates |
 //! | [`saturated`] | design B: sampled, delay and lag as states, saturation certified |
 //! | `region` | its semidefinite program for one phase of the motion |
-//! | [`certificate`] | what design B claims, and its check |
-//! | [`evidence`] | the saturated loop simulated from the certified region |
+//! | `certificate` | what design B claims, and its check |
+//! | `evidence` | the saturated loop simulated from the certified region |
 //! | [`lqr`] | plain LQR, to compare with |
-//! | [`margins`] | eigenvalues and delay margin |
+//! | `margins` | eigenvalues and delay margin |
 //! | [`plant`], [`compare`] | joint with friction and encoder following a throw |
 //! | [`trial`] | gains on the simulated cell with the firmware's controller |
 //! | [`design`] | one joint, all of the above |

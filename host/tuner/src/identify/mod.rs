@@ -2,7 +2,7 @@
 //!
 //! | layer | files | is | must not |
 //! |---|---|---|---|
-//! | conclusions | [`regression`], [`student`], [`current`], [`lag`] | pure functions over samples: estimates with intervals, or why there are none | know a bus |
+//! | conclusions | [`regression`], `student`, [`current`], [`lag`] | pure functions over samples: estimates with intervals, or why there are none | know a bus |
 //! | planning | [`poses`] | free ways and poses that load a joint, from the robot model | move |
 //! | data | [`samples`] | what an experiment brings | conclude |
 //! | result | [`findings`] | text, patch of the robot file | measure |
