@@ -100,12 +100,11 @@ fn jog_after_a_start_that_was_missed_is_no_late_run_and_may_halve_the_current() 
             Act::Late(late_ms),
             Act::Jog { joint, mrad_s, hold_ms: 115 },
         ];
-        let last = if joint == 0 { 51 } else { 0 };
-        let steps: Vec<Step> = waits.into_iter().chain([last]).zip(acts).collect();
+        let steps: Vec<Step> = waits.into_iter().chain([51]).zip(acts).collect();
         assert_eq!(keeps(start_mrad, seed, &steps).jogs, 1);
     };
-    jogs([-512, 57], 220, [0, 0, 0, 10, 0, 37], 82, 15, 0, 200);
-    jogs([103, 572], 655, [8_566, 0, 43, 170, 46, 95], 160, 74, 1, -250);
+    jogs([-512, 57], 220, [0, 0, 0, 10, 0, 26], 82, 15, 0, 200);
+    jogs([103, 572], 655, [8_566, 0, 43, 170, 46, 86], 120, 40, 1, -250);
 }
 
 #[test]
