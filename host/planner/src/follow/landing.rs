@@ -164,7 +164,7 @@ pub(crate) fn turn_of_first_axis(arm: &Arm) -> Option<f64> {
     vertical.then(|| axis.z.signum())
 }
 
-/// Horizontal distance from the target of the landing of [`landing_off_m`], in m.
+/// Horizontal distance from the target of the landing of a ball that is let go when the gripper opens at `opening_s`, in m.
 #[must_use]
 pub fn landing_error_m(
     arm: &Arm,
