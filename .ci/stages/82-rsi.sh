@@ -24,6 +24,8 @@ throw() { # description, scheme, port, plan
     wait_for $client says "$dir.throw" 'waiting for the robot' || { cat "$dir.throw"; return 1; }
     "$cubectl" sim --robot kr16_2 --rsi "$place" --scenario "robots/kr16_2/$name.toml" --bottle 2.5,0,0.6 --runs 1 --for 120 \
         >"$dir.robot" 2>&1 </dev/null || status=$?
+    # A robot that was refused never comes: its client would wait for it.
+    [ $status -eq 0 ] || kill -INT $client
     wait $client || status=$?
     echo "--- $name, $place"
     cat "$dir.robot"

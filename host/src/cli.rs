@@ -131,7 +131,7 @@ pub fn output_is_whole() -> Result<(), ExpectedError> {
 /// # Errors
 /// [`ExpectedError`] with the exit code.
 pub fn run(cli: Cli, matches: &ArgMatches) -> Result<(), ExpectedError> {
-    cmd::meaning::require_on_bus(matches)?;
+    cmd::meaning::require_on_bus(&Cli::command(), matches)?;
     match cli.verb {
         Verb::Throw(args) => cmd::throw::run(&args),
         Verb::Plan(verb) => cmd::plan::run(*verb),

@@ -118,17 +118,17 @@ impl Given {
 ///
 /// # Errors
 /// The option, and why.
-pub fn require_on_bus(matches: &ArgMatches) -> Result<(), ExpectedError> {
-    let mut matches = matches;
-    while let Some((_, verb)) = matches.subcommand() {
-        matches = verb;
+pub fn require_on_bus(program: &Command, matches: &ArgMatches) -> Result<(), ExpectedError> {
+    let (mut command, mut matches) = (program, matches);
+    while let Some((name, inner)) = matches.subcommand() {
+        let Some(verb) = command.find_subcommand(name) else { return Ok(()) };
+        (command, matches) = (verb, inner);
     }
-    // The group has this option, verbs with a bus of their own do not.
-    let (true, Ok(Some(bus))) =
-        (matches.try_contains_id("beside").is_ok(), matches.try_get_one::<BusSpec>("bus"))
-    else {
+    // The group has this option, verbs with a bus of their own do not. `matches` knows only in debug builds which options there are.
+    if !command.get_arguments().any(|arg| arg.get_id() == "beside") {
         return Ok(());
-    };
+    }
+    let Ok(Some(bus)) = matches.try_get_one::<BusSpec>("bus") else { return Ok(()) };
     let given = Given::from_arg_matches(matches).unwrap_or_default();
     let deeds = match bus {
         BusSpec::Sim => &[Deed::NotRsi][..],

@@ -128,7 +128,7 @@ impl Judge<'_> {
         rest(run, &hidden, &mut found);
         supervised(run, &hidden, &mut found);
         ball(scenario, run, &mut found);
-        if let Some(what) = outcome(run) {
+        if let Some(what) = outcome(scenario, run) {
             found(Rule::Outcome, what);
         }
         // A miss that is told does not tell of an arm that went astray.
@@ -378,7 +378,13 @@ fn ball(scenario: &Scenario, run: &Evidence, found: &mut impl FnMut(Rule, String
     }
 }
 
-fn outcome(run: &Evidence) -> Option<String> {
+/// Another node opened the hand when the job was over: what was told of the ball was so when it was told.
+fn opened_afterwards(scenario: &Scenario, run: &Evidence) -> bool {
+    let acts_late = scenario.actions.iter().any(|action| action.at >= run.job_end || action.every.is_some());
+    acts_late && run.ball.released_at.is_some_and(|at| at > run.job_end)
+}
+
+fn outcome(scenario: &Scenario, run: &Evidence) -> Option<String> {
     let seen = match run.seen {
         Seen::Landed { error_m } => format!("landed {:.1} mm from the target", 1e3 * error_m),
         Seen::Missed { error_m } => format!("missed by {:.1} mm", 1e3 * error_m),
@@ -388,7 +394,7 @@ fn outcome(run: &Evidence) -> Option<String> {
     };
     let ball = match run.told_ball {
         BallOutcome::NotObserved => true,
-        BallOutcome::InHand => run.seen == Seen::NotReleased,
+        BallOutcome::InHand => run.seen == Seen::NotReleased || opened_afterwards(scenario, run),
         BallOutcome::Released => run.seen != Seen::NotReleased,
     };
     let right = match &run.told {
