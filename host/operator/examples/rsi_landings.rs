@@ -82,7 +82,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         ..PaperOptions::covering(1.8, 0.675, 0.0, 1.3)
     };
     let paper = plan(&arm, target, Duration::ZERO, &Search::Paper(grid))?;
-    let ramps = paper.without_following(&Limits::of(&arm, LimitSource::ControllerModel));
+    let ramps = paper.without_following(&Limits::of_paper(&arm));
     println!("{seeds} seeds, target ({}, {}, {}) m", target.x, target.y, target.z);
     println!("{:<26} points  median mm   95 % mm  largest mm    hit", "plan");
     let rows = [
@@ -167,7 +167,11 @@ fn plan(
 ) -> Result<FollowPlan, Box<dyn Error>> {
     let source = LimitSource::ControllerModel;
     let setting = Setting { lag_s: lag.as_secs_f64(), ..Setting::new(arm, target, Limits::of(arm, source)) };
-    // As `cubectl throw` does it.
+    // As `cubectl throw` does it, but for the limits of the paper in its own form.
+    let setting = match search {
+        Search::Paper(_) => Setting { limits: Limits::of_paper(arm), ..setting },
+        Search::Best(_) => setting,
+    };
     let searching = match search {
         Search::Paper(_) => setting,
         Search::Best(_) => Setting { limits: setting.limits.with_spare_for_commands(), ..setting },

@@ -8,7 +8,7 @@ use planner::follow::clear::{Clear, Contact, Margins, Scenes};
 use planner::follow::found::Found;
 use planner::follow::hand::HandLaw;
 use planner::follow::landing;
-use planner::follow::limits::{AXES, Arm, Axes, KRC_CUT_OUT_DEG_S2, LimitSource, Limits};
+use planner::follow::limits::{AXES, Arm, Axes, LimitSource, Limits};
 use planner::follow::motion::{FollowMotion, Peaks, RampPlan, Ramps};
 use planner::follow::paper::{Criterion, GridAxis, PaperOptions, RampTiming, j1, j2, plan};
 use planner::follow::parabola::Parabola;
@@ -124,16 +124,10 @@ fn near_known_throws() -> PaperOptions {
     }
 }
 
-/// Those of the paper: it states no acceleration for set points on the flight, so only the cut-out of the simulated controller binds.
-fn paper_limits(arm: &Arm) -> Limits {
-    let a_max_rad_s2 = Axes::repeat(KRC_CUT_OUT_DEG_S2.to_radians());
-    Limits { a_max_rad_s2, ..Limits::of(arm, LimitSource::ControllerModel) }
-}
-
 /// What the grid finds at 2.5 m and 0.6 m height; several tests look at the same search.
 fn found_at_2_5_m(criterion: Criterion, ramps: RampTiming) -> Found {
     let arm = kr16();
-    let limits = paper_limits(&arm);
+    let limits = Limits::of_paper(&arm);
     let setting = Setting::new(&arm, Vector3::new(2.5, 0.0, 0.6), limits);
     let options = PaperOptions { criterion, ramps, ..near_known_throws() };
     plan(&setting, &options).expect("feasible")
@@ -150,7 +144,7 @@ fn points(found: &Found) -> usize {
 #[test]
 fn at_2_5_m_the_grid_follows_at_least_the_four_points_of_the_paper() {
     let arm = kr16();
-    let limits = paper_limits(&arm);
+    let limits = Limits::of_paper(&arm);
     let found = &*LEAST_J2;
     let motion = &found.motion;
     let points = points(found);
@@ -176,7 +170,7 @@ fn at_2_5_m_the_grid_follows_at_least_the_four_points_of_the_paper() {
 #[test]
 fn made_finer_around_its_best_releases_the_grid_follows_more_points() {
     let arm = kr16();
-    let limits = paper_limits(&arm);
+    let limits = Limits::of_paper(&arm);
     let setting = Setting::new(&arm, Vector3::new(2.5, 0.0, 0.6), limits);
     let options = PaperOptions { criterion: Criterion::Points, refinements: 5, ..near_known_throws() };
     let (grid, finer) = (points(&MOST_POINTS), points(&plan(&setting, &options).expect("feasible")));

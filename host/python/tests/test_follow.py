@@ -113,5 +113,6 @@ def test_simulated_throws_are_those_of_the_program(plan: cubecell.FollowPlan, tm
     assert np.abs(run.actual_rad[-1] - run.set_rad[-1]).max() < 1e-4
     with pytest.raises(cubecell.CubecellError, match="--bus is for the program"):
         cubecell.simulate_follow(plan, options=["--bus", "rsi:udp://127.0.0.1:49152"])
-    late = cubecell.simulate_follow(plan, options=["--tolerance", "0.000001"])
+    led = cubecell.plan_follow("kr16_2", TARGET_M, starts=4, lag_ms=24)
+    late = cubecell.simulate_follow(led, options=["--tolerance", "0.000001"])
     assert late.outcome == "missed" and late.summary["exit_code"] == 11

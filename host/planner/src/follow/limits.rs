@@ -12,7 +12,7 @@ pub type Axes = JointVec<AXES>;
 pub type Arm = RobotModel<AXES>;
 
 /// Cut-out of the simulated KR C by acceleration, deg/s² (chosen; lower bound is what the paper's run survived).
-pub const KRC_CUT_OUT_DEG_S2: f64 = 2000.0;
+const KRC_CUT_OUT_DEG_S2: f64 = 2000.0;
 /// Cut-out of the simulated KR C by jerk, deg/s³ (chosen as above).
 pub(crate) const KRC_CUT_OUT_DEG_S3: f64 = 1.5e5;
 
@@ -48,6 +48,13 @@ pub enum LimitSource {
 }
 
 impl Limits {
+    /// Those of the paper: it states no acceleration for set points on the flight, so only the cut-out of the simulated KR C binds.
+    #[must_use]
+    pub fn of_paper(arm: &Arm) -> Self {
+        let a_max_rad_s2 = Axes::repeat(KRC_CUT_OUT_DEG_S2.to_radians());
+        Self { a_max_rad_s2, ..Self::of(arm, LimitSource::ControllerModel) }
+    }
+
     /// The limits of an arm.
     #[must_use]
     pub fn of(arm: &Arm, source: LimitSource) -> Self {
