@@ -1,6 +1,6 @@
 //! Command line of `cubectl`: which verb, with which arguments.
 
-use clap::{ArgMatches, CommandFactory, Parser, Subcommand};
+use clap::{ArgMatches, Command, CommandFactory, Parser, Subcommand};
 
 use crate::cmd;
 use crate::error::ExpectedError;
@@ -126,12 +126,12 @@ pub fn output_is_whole() -> Result<(), ExpectedError> {
     })
 }
 
-/// Runs the verb of `cli`, which was read from `matches`.
+/// Runs the verb of `cli`, which `program` read from `matches`.
 ///
 /// # Errors
 /// [`ExpectedError`] with the exit code.
-pub fn run(cli: Cli, matches: &ArgMatches) -> Result<(), ExpectedError> {
-    cmd::meaning::require_on_bus(&Cli::command(), matches)?;
+pub fn run(cli: Cli, program: &Command, matches: &ArgMatches) -> Result<(), ExpectedError> {
+    cmd::meaning::require_on_bus(program, matches)?;
     match cli.verb {
         Verb::Throw(args) => cmd::throw::run(&args),
         Verb::Plan(verb) => cmd::plan::run(*verb),

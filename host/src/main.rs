@@ -13,9 +13,10 @@ fn main() -> ExitCode {
     clap_complete::CompleteEnv::with_factory(host::complete::command)
         .var(host::cmd::completions::VARIABLE)
         .complete();
-    let matches = Cli::command().get_matches();
+    let mut program = Cli::command();
+    let matches = program.get_matches_mut();
     let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
-    let ended = host::cli::run(cli, &matches);
+    let ended = host::cli::run(cli, &program, &matches);
     match ended.and_then(|()| host::cli::output_is_whole()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

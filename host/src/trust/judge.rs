@@ -2,7 +2,7 @@
 
 use hil_sim::drive::COUNT_LOSS_RAD_S;
 use hil_sim::fault::{Fault, FaultKind, PhysicalFault, Target, WireFault};
-use hil_sim::scenario::Scenario;
+use hil_sim::scenario::{Action, Scenario};
 use hil_sim::witness::Trace;
 use protocol::cyphal::cubecell::group_state::State;
 use protocol::{Duration, Instant};
@@ -380,7 +380,13 @@ fn ball(scenario: &Scenario, run: &Evidence, found: &mut impl FnMut(Rule, String
 
 /// Another node opened the hand when the job was over: what was told of the ball was so when it was told.
 fn opened_afterwards(scenario: &Scenario, run: &Evidence) -> bool {
-    let acts_late = scenario.actions.iter().any(|action| action.at >= run.job_end || action.every.is_some());
+    // Without a count an action is repeated until the end.
+    let last = |action: &Action| match (action.every, action.count) {
+        (Some(every), Some(count)) => action.at + every * count.saturating_sub(1),
+        (Some(_), None) => Instant::FAR_FUTURE,
+        (None, _) => action.at,
+    };
+    let acts_late = scenario.actions.iter().any(|action| last(action) >= run.job_end);
     acts_late && run.ball.released_at.is_some_and(|at| at > run.job_end)
 }
 

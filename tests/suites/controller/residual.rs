@@ -167,7 +167,7 @@ struct Stop {
     wrong: Vec<String>,
 }
 
-/// From this long after its start, the throw may be at its end, µs.
+/// Time after the start until which the throw surely moves, µs.
 const THROW_US: u64 = 890_000;
 
 /// A throw, led to an instant that leaves at least `rest_us` of it.
