@@ -39,4 +39,7 @@ pub mod request;
 pub mod solve;
 pub mod store;
 pub mod throw;
+pub mod timing;
 pub mod verify;
+pub mod way;
+pub mod waypoints;

@@ -1,5 +1,6 @@
 //! The tests of this package as one program: it is linked once.
 
+mod timing;
 mod best_form;
 mod best_known;
 mod catch_rates;

@@ -84,6 +84,12 @@ impl<'m, const N: usize> CollisionChecker<'m, N> {
         Self { model, scene, pairs: all_pairs(model, scene), placed, ball: Vector3::zeros() }
     }
 
+    /// What is around the arm.
+    #[must_use]
+    pub fn scene(&self) -> &'m Scene {
+        self.scene
+    }
+
     /// Places all boxes for a configuration; the base stays where it is.
     pub(super) fn place(&mut self, frames: &Frames<N>) {
         for (placed, body) in self.placed.iter_mut().zip(self.model.collision().boxes()) {

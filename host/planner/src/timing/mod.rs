@@ -1,0 +1,161 @@
+//! When an arm is where on its way: from a path in joint space to a motion within limits of speed, acceleration and jerk.
+//!
+//! ```text
+//! points ──► Path (lines, rounded corners) ──► fastest (x = ṡ² over s) ──► Law (bounded jerk) ──► knots of cubics
+//! two poses ──► seven pieces of constant jerk ───────────────────────────────────────────────────────▲
+//! points with times ──► cubic spline through them ───────────────────────────────────────────────────┘
+//! ```
+//!
+//! | module | holds |
+//! |---|---|
+//! | `straight` | from rest to rest on a line, time-optimal in closed form |
+//! | `path` | lines through points with rounded corners, parameterised by their length |
+//! | `fastest` | time-optimal speed along a path under limits of speed and acceleration |
+//! | `law` | the same with bounded jerk: a moving average of it, slowed where that exceeds a limit |
+//! | `given` | points that have their times already |
+//!
+//! Angles are in rad, lengths of paths in rad too (Euclidean norm over the joints). Each entry point gives a [`Motion`], whose
+//! cubics are what a controller runs; limits are checked on these cubics.
+
+mod fastest;
+mod given;
+mod law;
+mod path;
+mod straight;
+
+pub use given::{GivenError, Row, motion_of_rows};
+pub use law::along;
+pub use path::{Path, PathError};
+pub use straight::{Straight, straight};
+
+use crate::motion::{Knot, Motion};
+use robot_model::{JointVec, RobotModel};
+
+/// Most joints of an arm.
+pub const JOINTS_MAX: usize = 8;
+/// One number per joint; zero from the last joint on.
+pub(crate) type Row8 = [f64; JOINTS_MAX];
+
+/// Largest speed (rad/s), acceleration (rad/s²) and jerk (rad/s³) of each joint. An infinite jerk is allowed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    pub(crate) n: usize,
+    pub(crate) v: Row8,
+    pub(crate) a: Row8,
+    pub(crate) j: Row8,
+}
+
+impl Limits {
+    /// From slices of equal length, 1 to [`JOINTS_MAX`]; `None` for other lengths or for numbers that are not positive.
+    #[must_use]
+    pub fn new(v_rad_s: &[f64], a_rad_s2: &[f64], j_rad_s3: &[f64]) -> Option<Self> {
+        let n = v_rad_s.len();
+        let lengths = [a_rad_s2.len(), j_rad_s3.len()] == [n, n] && (1..=JOINTS_MAX).contains(&n);
+        let positive = |of: &[f64], infinite: bool| of.iter().all(|x| *x > 0.0 && (infinite || x.is_finite()));
+        if !lengths || !positive(v_rad_s, false) || !positive(a_rad_s2, false) || !positive(j_rad_s3, true) {
+            return None;
+        }
+        Some(Self { n, v: padded(v_rad_s), a: padded(a_rad_s2), j: padded(j_rad_s3) })
+    }
+
+    /// Those of an arm at a share of its speed, above 0 and at most 1: accelerations at its square, jerks at its cube, so that
+    /// a motion takes `1 / share` times as long and is otherwise the same. Accelerations are those that a plan may use.
+    #[must_use]
+    pub fn of_arm<const N: usize>(arm: &RobotModel<N>, share: f64) -> Option<Self> {
+        let of = |f: fn(&robot_model::JointLimits) -> f64| arm.limit(f);
+        let v = of(|l| l.v_max_rad_s) * share;
+        let a = of(|l| l.a_max_rad_s2) * share.powi(2);
+        let j = of(|l| l.j_max_rad_s3) * share.powi(3);
+        Self::new(v.as_slice(), a.as_slice(), j.as_slice())
+    }
+
+    /// The share of its limits that a state uses: largest of speed, acceleration and jerk over all joints.
+    pub(crate) fn use_of(&self, qd: &Row8, qdd: &Row8, jerk: &Row8) -> Use {
+        let most = |x: &Row8, limit: &Row8| {
+            x.iter().zip(limit).take(self.n).map(|(x, limit)| x.abs() / limit).fold(0.0, f64::max)
+        };
+        Use { speed: most(qd, &self.v), acceleration: most(qdd, &self.a), jerk: most(jerk, &self.j) }
+    }
+}
+
+/// Shares of the limits.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct Use {
+    pub(crate) speed: f64,
+    pub(crate) acceleration: f64,
+    pub(crate) jerk: f64,
+}
+
+impl Use {
+    /// By how much the time must be stretched so that no limit is exceeded; below 1: it may be compressed.
+    pub(crate) fn stretch(self) -> f64 {
+        self.speed.max(self.acceleration.sqrt()).max(self.jerk.cbrt())
+    }
+
+    pub(crate) fn most(self, other: Self) -> Self {
+        Self {
+            speed: self.speed.max(other.speed),
+            acceleration: self.acceleration.max(other.acceleration),
+            jerk: self.jerk.max(other.jerk),
+        }
+    }
+}
+
+pub(crate) fn padded(values: &[f64]) -> Row8 {
+    let mut row = [0.0; JOINTS_MAX];
+    for (to, from) in row.iter_mut().zip(values) {
+        *to = *from;
+    }
+    row
+}
+
+/// A knot before it is one of a motion.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct At {
+    pub(crate) t_s: f64,
+    pub(crate) q: Row8,
+    pub(crate) qd: Row8,
+}
+
+/// The largest use of limits by the cubics between knots.
+pub(crate) fn use_of_cubics(knots: &[At], limits: &Limits) -> Use {
+    let mut most = Use::default();
+    for pair in knots.windows(2) {
+        let h = pair[1].t_s - pair[0].t_s;
+        let (mut v, mut a, mut j) = ([0.0; JOINTS_MAX], [0.0; JOINTS_MAX], [0.0; JOINTS_MAX]);
+        for k in 0..limits.n {
+            let way = pair[1].q[k] - pair[0].q[k];
+            let (v0, v1) = (pair[0].qd[k], pair[1].qd[k]);
+            let a0 = (6.0 * way / h - 4.0 * v0 - 2.0 * v1) / h;
+            let a1 = (-6.0 * way / h + 2.0 * v0 + 4.0 * v1) / h;
+            j[k] = (a1 - a0) / h;
+            a[k] = a0.abs().max(a1.abs());
+            v[k] = v0.abs().max(v1.abs());
+            if a0 * a1 < 0.0 {
+                v[k] = v[k].max((v0 - 0.5 * a0 * a0 / j[k]).abs());
+            }
+        }
+        most = most.most(limits.use_of(&v, &a, &j));
+    }
+    most
+}
+
+/// The knots as a motion, stretched in time so that its cubics keep the limits.
+pub(crate) fn motion_within<const N: usize>(mut knots: Vec<At>, limits: &Limits) -> Motion<N> {
+    let stretch = use_of_cubics(&knots, limits).stretch();
+    // Knots that use less than their limits by rounding alone stay as they are.
+    if stretch > 1.0 {
+        let stretch = stretch * (1.0 + 1e-9);
+        for knot in &mut knots {
+            knot.t_s *= stretch;
+            knot.qd = knot.qd.map(|v| v / stretch);
+        }
+    }
+    motion_of(&knots)
+}
+
+pub(crate) fn motion_of<const N: usize>(knots: &[At]) -> Motion<N> {
+    let row = |row: &Row8| JointVec::from_fn(|j, _| row[j]);
+    let knots = knots.iter().map(|at| Knot { t_s: at.t_s, q_rad: row(&at.q), qd_rad_s: row(&at.qd) });
+    Motion { knots: knots.collect(), events: Vec::new() }
+}

@@ -1,0 +1,235 @@
+//! The way from one pose of the arm to another: around everything, rounded, and as fast as a share of the limits allows.
+//!
+//! ```text
+//! Goal ──► poses of the joints (goal) ──► straight line, or corners around what is in the way (search)
+//!                                             └──► Path with rounded corners, each proven free ──► timing ──► Motion
+//! straight line of the hand (line) ──────────────────────────────────▲
+//! ```
+//!
+//! | module | holds |
+//! |---|---|
+//! | here | what is asked for, and the way |
+//! | `goal` | joint angles for a place of the hand |
+//! | `search` | corners of a free path in joint space |
+//! | `line` | a straight line of the hand |
+//!
+//! All bodies are checked at every instant of the path, not at samples: [`robot_model::collision`]. What the cubics of the motion add
+//! is below 0.1 mrad.
+
+mod goal;
+mod line;
+mod search;
+
+pub use goal::{Goal, NoGoal};
+pub use line::{LineBreak, LineError};
+
+use robot_model::collision::{Body, CollisionChecker, MotionVerdict, Scene, StraightMove};
+use robot_model::{JointVec, RobotModel};
+
+use crate::motion::Motion;
+use crate::timing::{Limits, Path, along, straight};
+use search::Space;
+
+/// Bodies that come nearer than this count as touching, m.
+const TOLERANCE_M: f64 = 1e-3;
+/// Distance from the ends of the joint ranges at corners, rad.
+const MARGIN_RAD: f64 = 0.03;
+/// A pose outside its range by this is still one to start from, rad.
+const OUTSIDE_RAD: f64 = 0.02;
+/// A pose nearer than this is reached, rad.
+pub const THERE_RAD: f64 = 1e-3;
+/// Corners are rounded by as much as this at first; below the second number not at all, rad.
+const BLEND_RAD: f64 = 0.4;
+const BLEND_MIN_RAD: f64 = 0.01;
+
+/// How the arm goes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct How<const N: usize> {
+    /// Share of the speeds, above 0 and at most 1; accelerations and jerks follow ([`Limits::of_arm`]).
+    pub share: f64,
+    /// Seed of the search.
+    pub seed: u64,
+    /// Least and largest angles of corners, rad; the joint ranges with a margin if `None`. Between two corners each joint moves one way
+    /// only, so the whole way is inside if both ends are.
+    pub range: Option<(JointVec<N>, JointVec<N>)>,
+}
+
+impl<const N: usize> How<N> {
+    /// At a share of the speeds, in the joint ranges.
+    #[must_use]
+    pub fn at(share: f64, seed: u64) -> Self {
+        Self { share, seed, range: None }
+    }
+}
+
+/// Why there is no way.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum WayError {
+    /// One end touches something or is no pose of this arm.
+    #[error("at {} {what}", if *.at_start { "its present pose the arm" } else { "the end of the motion the arm" })]
+    Blocked {
+        at_start: bool,
+        /// What is wrong there.
+        what: String,
+    },
+    /// None was found.
+    #[error("no free way was found in {tries} tries")]
+    NoWay { tries: usize },
+    #[error(transparent)]
+    Goal(#[from] NoGoal),
+    #[error(transparent)]
+    Line(#[from] LineError),
+    /// The share is no number above 0 and at most 1.
+    #[error("a share of {share} of the limits is none: above 0 and at most 1")]
+    Share { share: f64 },
+}
+
+/// Motion from `from` to `to` (rad), at rest at both ends; `None` if the arm is there.
+///
+/// # Errors
+/// [`WayError`].
+pub fn way<const N: usize>(
+    arm: &RobotModel<N>,
+    scene: &Scene,
+    (from, to): (&JointVec<N>, &JointVec<N>),
+    how: &How<N>,
+) -> Result<Option<Motion<N>>, WayError> {
+    let limits = limits(arm, how.share)?;
+    if (from - to).amax() < THERE_RAD {
+        return Ok(None);
+    }
+    let mut space = Space::new(arm, scene, how);
+    for (q, at_start) in [(from, true), (to, false)] {
+        require_free(arm, &mut space.checker, q, at_start)?;
+    }
+    if space.is_free(from, to) {
+        return Ok(straight(from.as_slice(), to.as_slice(), &limits));
+    }
+    let corners = space.corners(from, to).ok_or(WayError::NoWay { tries: search::SAMPLES_MAX })?;
+    rounded(&mut space.checker, &corners, &limits).map(Some).ok_or(WayError::NoWay { tries: search::SAMPLES_MAX })
+}
+
+/// As [`way`], to the cheapest of the poses in which the hand is where `goal` says.
+///
+/// # Errors
+/// [`WayError`].
+pub fn way_to<const N: usize>(
+    arm: &RobotModel<N>,
+    scene: &Scene,
+    from: &JointVec<N>,
+    goal: &Goal,
+    how: &How<N>,
+) -> Result<Option<Motion<N>>, WayError> {
+    let limits = limits(arm, how.share)?;
+    let mut checker = CollisionChecker::new(arm, scene);
+    require_free(arm, &mut checker, from, true)?;
+    let poses = goal::poses(arm, &mut checker, from, goal)?;
+    // A line that is free is the shortest way there is to a pose; the first of them is to the nearest pose.
+    for q in &poses {
+        if (q - from).amax() < THERE_RAD {
+            return Ok(None);
+        }
+        if is_free_line(&mut checker, from, q) {
+            return Ok(straight(from.as_slice(), q.as_slice(), &limits));
+        }
+    }
+    let mut shortest: Option<Motion<N>> = None;
+    let mut failed = WayError::NoWay { tries: 0 };
+    for q in poses.iter().take(goal::POSES_MAX) {
+        match way(arm, scene, (from, q), how) {
+            Ok(Some(motion)) => {
+                if shortest.as_ref().is_none_or(|best| motion.duration_s() < best.duration_s()) {
+                    shortest = Some(motion);
+                }
+            }
+            Ok(None) => return Ok(None),
+            Err(error) => failed = error,
+        }
+    }
+    shortest.map(Some).ok_or(failed)
+}
+
+/// The hand goes to `goal` on a straight line, and turns evenly on the way.
+///
+/// # Errors
+/// [`WayError::Line`] with the place where the line breaks.
+pub fn straight_to<const N: usize>(
+    arm: &RobotModel<N>,
+    scene: &Scene,
+    from: &JointVec<N>,
+    goal: &Goal,
+    how: &How<N>,
+) -> Result<Option<Motion<N>>, WayError> {
+    let limits = limits(arm, how.share)?;
+    let mut checker = CollisionChecker::new(arm, scene);
+    require_free(arm, &mut checker, from, true)?;
+    let Some(path) = line::path(arm, &mut checker, from, goal)? else { return Ok(None) };
+    Ok(along(&path, &limits))
+}
+
+fn limits<const N: usize>(arm: &RobotModel<N>, share: f64) -> Result<Limits, WayError> {
+    let fits = share > 0.0 && share <= 1.0;
+    fits.then(|| Limits::of_arm(arm, share)).flatten().ok_or(WayError::Share { share })
+}
+
+/// Refuses a pose that is outside the ranges or touches something.
+fn require_free<const N: usize>(
+    arm: &RobotModel<N>,
+    checker: &mut CollisionChecker<'_, N>,
+    q: &JointVec<N>,
+    at_start: bool,
+) -> Result<(), WayError> {
+    let outside = |j: &usize| !(q[*j] >= arm.q_min()[*j] - OUTSIDE_RAD && q[*j] <= arm.q_max()[*j] + OUTSIDE_RAD);
+    if let Some(j) = (0..arm.joints().len()).find(outside) {
+        let (deg, low, high) = (q[j].to_degrees(), arm.q_min()[j].to_degrees(), arm.q_max()[j].to_degrees());
+        let what = format!("is outside its joint ranges: joint {} at {deg:.1} deg of {low:.1} to {high:.1} deg", j + 1);
+        return Err(WayError::Blocked { at_start, what });
+    }
+    if let Some((a, b)) = checker.first_contact(&arm.fk(q)) {
+        let what = format!("touches something: {} and {}", name(arm, checker.scene(), a), name(arm, checker.scene(), b));
+        return Err(WayError::Blocked { at_start, what });
+    }
+    Ok(())
+}
+
+/// Name of a body for people.
+fn name<const N: usize>(arm: &RobotModel<N>, scene: &Scene, body: Body) -> String {
+    match body {
+        Body::Box(index) => arm.collision().boxes().get(index).map_or_else(|| "?".to_owned(), |b| b.name.clone()),
+        Body::Obstacle(index) => {
+            scene.obstacles.get(index).map_or_else(|| "?".to_owned(), |(name, _)| format!("obstacle {name}"))
+        }
+        Body::Floor => "floor".to_owned(),
+        Body::Ball => "ball".to_owned(),
+    }
+}
+
+fn is_free_line<const N: usize>(checker: &mut CollisionChecker<'_, N>, from: &JointVec<N>, to: &JointVec<N>) -> bool {
+    let line = StraightMove { from: *from, to: *to };
+    checker.check_motion(&line, 0.0, 1.0, TOLERANCE_M).is_free()
+}
+
+/// The motion along the corners, each rounded as much as is proven free; `None` where two of them are one place.
+fn rounded<const N: usize>(
+    checker: &mut CollisionChecker<'_, N>,
+    corners: &[JointVec<N>],
+    limits: &Limits,
+) -> Option<Motion<N>> {
+    let points: Vec<&[f64]> = corners.iter().map(JointVec::as_slice).collect();
+    let mut blends = vec![BLEND_RAD; points.len()];
+    loop {
+        let path = Path::rounding(&points, &blends).ok()?;
+        match checker.check_motion(&path, 0.0, path.length(), TOLERANCE_M) {
+            MotionVerdict::Free { .. } => return along(&path, limits),
+            MotionVerdict::Contact { s, .. } => {
+                // Lines are free: the corner nearest to the contact is rounded too much.
+                let corner = path.corner_near(s)?;
+                let blend = &mut blends[corner];
+                if *blend == 0.0 {
+                    return None;
+                }
+                *blend = if *blend > BLEND_MIN_RAD { 0.5 * *blend } else { 0.0 };
+            }
+        }
+    }
+}

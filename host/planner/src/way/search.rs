@@ -1,0 +1,143 @@
+//! Corners of a free path in joint space.
+//!
+//! Two trees grow towards each other through free space (Kuffner, LaValle, "RRT-Connect: an efficient approach to single-query path
+//! planning", 2000); then what a straight line can replace is taken out, between corners and between points on the edges.
+
+use robot_model::collision::{CollisionChecker, Scene};
+use robot_model::{JointVec, RobotModel};
+
+use super::{How, MARGIN_RAD, is_free_line};
+use crate::plan::rng::SplitMix64;
+
+/// Largest step of a tree in one joint, rad.
+const STEP_RAD: f64 = 0.4;
+/// Points that are tried before giving up.
+pub(super) const SAMPLES_MAX: usize = 4_000;
+/// Tries to cut a corner off.
+const CUTS: usize = 120;
+
+/// Joint space with what is free in it.
+pub(super) struct Space<'a, const N: usize> {
+    pub(super) checker: CollisionChecker<'a, N>,
+    rng: SplitMix64,
+    /// Least and largest angles of corners.
+    range: (JointVec<N>, JointVec<N>),
+}
+
+/// Poses with the index of the one each was reached from.
+struct Tree<const N: usize> {
+    nodes: Vec<(JointVec<N>, usize)>,
+}
+
+impl<const N: usize> Tree<N> {
+    fn nearest(&self, q: &JointVec<N>) -> usize {
+        let distance = |node: &(JointVec<N>, usize)| (node.0 - q).norm_squared();
+        let by_distance = |a: &usize, b: &usize| distance(&self.nodes[*a]).total_cmp(&distance(&self.nodes[*b]));
+        (0..self.nodes.len()).min_by(by_distance).unwrap_or(0)
+    }
+
+    /// From the root to `index`.
+    fn branch(&self, mut index: usize) -> Vec<JointVec<N>> {
+        let mut branch = vec![self.nodes[index].0];
+        while index != 0 {
+            index = self.nodes[index].1;
+            branch.push(self.nodes[index].0);
+        }
+        branch.reverse();
+        branch
+    }
+}
+
+impl<'a, const N: usize> Space<'a, N> {
+    pub(super) fn new(arm: &'a RobotModel<N>, scene: &'a Scene, how: &How<N>) -> Self {
+        let margin = JointVec::repeat(MARGIN_RAD);
+        let range = how.range.unwrap_or((arm.q_min() + margin, arm.q_max() - margin));
+        Self { checker: CollisionChecker::new(arm, scene), rng: SplitMix64::new(how.seed), range }
+    }
+
+    pub(super) fn is_free(&mut self, from: &JointVec<N>, to: &JointVec<N>) -> bool {
+        is_free_line(&mut self.checker, from, to)
+    }
+
+    /// Corners of a free path from `from` to `to`, both included, shortened; `None` if none was found.
+    pub(super) fn corners(&mut self, from: &JointVec<N>, to: &JointVec<N>) -> Option<Vec<JointVec<N>>> {
+        let path = self.connect(from, to)?;
+        Some(self.shorten(path))
+    }
+
+    fn sample(&mut self) -> JointVec<N> {
+        let (low, high) = self.range;
+        JointVec::from_fn(|j, _| low[j] + (high[j] - low[j]) * self.rng.unit())
+    }
+
+    /// One step of `tree` towards `goal`; the index of the new node.
+    fn extend(&mut self, tree: &mut Tree<N>, goal: &JointVec<N>) -> Option<usize> {
+        let near = tree.nearest(goal);
+        let from = tree.nodes[near].0;
+        let way = goal - from;
+        let reach = way.amax();
+        let to = if reach > STEP_RAD { from + way * (STEP_RAD / reach) } else { *goal };
+        if !self.is_free(&from, &to) {
+            return None;
+        }
+        tree.nodes.push((to, near));
+        Some(tree.nodes.len() - 1)
+    }
+
+    fn connect(&mut self, from: &JointVec<N>, to: &JointVec<N>) -> Option<Vec<JointVec<N>>> {
+        let mut trees = [Tree { nodes: vec![(*from, 0)] }, Tree { nodes: vec![(*to, 0)] }];
+        for round in 0..SAMPLES_MAX {
+            let (a, b) = (round % 2, 1 - round % 2);
+            let sample = self.sample();
+            let Some(new) = self.extend(&mut trees[a], &sample) else { continue };
+            let meeting = trees[a].nodes[new].0;
+            // The other tree comes as far as it can.
+            while let Some(index) = self.extend(&mut trees[b], &meeting) {
+                if trees[b].nodes[index].0 == meeting {
+                    let mut path = trees[a].branch(new);
+                    let mut rest = trees[b].branch(index);
+                    rest.pop();
+                    rest.reverse();
+                    path.append(&mut rest);
+                    if a == 1 {
+                        path.reverse();
+                    }
+                    return Some(path);
+                }
+            }
+        }
+        None
+    }
+
+    /// Replaces parts of the path by straight lines.
+    fn shorten(&mut self, mut path: Vec<JointVec<N>>) -> Vec<JointVec<N>> {
+        for _ in 0..CUTS {
+            if path.len() <= 2 {
+                break;
+            }
+            let (a, b) = (self.place(&path), self.place(&path));
+            let ((i, from), (k, to)) = if a.0 <= b.0 { (a, b) } else { (b, a) };
+            // Points of one edge are joined already.
+            if i == k || !self.is_free(&from, &to) {
+                continue;
+            }
+            let whole = |path: &[JointVec<N>]| path.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum::<f64>();
+            let mut shorter: Vec<JointVec<N>> = path[..=i].to_vec();
+            shorter.extend([from, to]);
+            shorter.extend_from_slice(&path[k + 1..]);
+            shorter.dedup_by(|b, a| (*a - *b).amax() < 1e-9);
+            if whole(&shorter) < whole(&path) - 1e-9 {
+                path = shorter;
+            }
+        }
+        path
+    }
+
+    /// A corner or a point on an edge, with the index of the edge.
+    fn place(&mut self, path: &[JointVec<N>]) -> (usize, JointVec<N>) {
+        let edges = path.len() - 1;
+        let edge = (self.rng.unit() * edges as f64) as usize % edges;
+        let share = (1.5 * self.rng.unit() - 0.25).clamp(0.0, 1.0);
+        (edge, path[edge] + (path[edge + 1] - path[edge]) * share)
+    }
+}
