@@ -1,6 +1,5 @@
 //! The tests of this package as one program: it is linked once.
 
-mod timing;
 mod best_form;
 mod best_known;
 mod catch_rates;
@@ -26,3 +25,4 @@ mod plan_spread;
 mod prepare;
 mod stored_throws;
 mod targets;
+mod timing;

@@ -30,13 +30,17 @@ fn sampled(motion: &Motion<6>, dt: f64) -> [f64; 3] {
 fn straight_motion_reaches_each_limit_it_can_and_exceeds_none() {
     let limits = limits(6, 2.0, 8.0, 80.0);
     for way in [1e-4, 0.01, 0.1, 0.3, 1.0, 3.0] {
-        let motion: Motion = straight(&[0.0; 6], &[way, -way, 0.5 * way, 0.0, 0.1 * way, way], &limits).unwrap();
+        let motion: Motion =
+            straight(&[0.0; 6], &[way, -way, 0.5 * way, 0.0, 0.1 * way, way], &limits).unwrap();
         let [v, a, j] = sampled(&motion, motion.duration_s() / 3_000.0);
-        assert!(v <= 2.0 * (1.0 + 1e-6) && a <= 8.0 * (1.0 + 1e-6) && j <= 80.0 * (1.0 + 1e-4), "{way}: {v} {a} {j}");
+        assert!(
+            v <= 2.0 * (1.0 + 1e-6) && a <= 8.0 * (1.0 + 1e-6) && j <= 80.0 * (1.0 + 1e-4),
+            "{way}: {v} {a} {j}"
+        );
         assert!(j >= 80.0 * 0.99, "{way}: the jerk is used: {j}");
         // 3 rad suffice for the cruise: v/a + a/j + way/v.
         if way == 3.0 {
-            assert!((motion.duration_s() - (0.25 + 0.1 + 1.5)).abs() < 1e-9 && (v - 2.0).abs() < 1e-6);
+            assert!((motion.duration_s() - (0.25 + 0.1 + 1.5)).abs() < 1e-8 && (v - 2.0).abs() < 1e-6);
         }
         assert_eq!(motion.stop_rad()[1], -way);
     }
@@ -102,13 +106,25 @@ fn on_a_line_the_motion_along_a_path_is_the_straight_one_and_rounding_corners_sa
     let ratio = motion.duration_s() / best.duration_s();
     assert!((0.999..1.02).contains(&ratio), "{ratio}");
 
-    let mut rng = SplitMix64::new(8);
-    let points = corners(&mut rng, 6);
-    let times: Vec<f64> = [0.0, 0.02, 0.1, 0.4]
-        .into_iter()
-        .map(|blend| along::<6>(&Path::through(&points, blend).unwrap(), &limits).unwrap().duration_s())
-        .collect();
-    assert!(times.windows(2).all(|pair| pair[1] < pair[0]), "{times:?}");
+    let points = corners(&mut SplitMix64::new(8), 6);
+    let of = |blend| along::<6>(&Path::through(&points, blend).unwrap(), &limits).unwrap().duration_s();
+    let resting = of(0.0);
+    assert!([0.001, 0.02, 0.1].into_iter().all(|blend| of(blend) <= resting));
+    assert!(of(0.4) < of(0.2) && of(0.2) < 0.97 * resting && of(0.4) < 0.85 * resting);
+}
+
+#[test]
+#[ignore = "prints durations, for a person who changes the law"]
+fn durations_by_blend() {
+    let limits = limits(6, 2.0, 8.0, 80.0);
+    for seed in 1..8 {
+        let points = corners(&mut SplitMix64::new(seed), 6);
+        let of = |blend| {
+            let motion = along::<6>(&Path::through(&points, blend).unwrap(), &limits).unwrap();
+            (motion.duration_s(), motion.knots.len())
+        };
+        println!("{:?}", [0.0, 0.005, 0.02, 0.05, 0.1, 0.2, 0.4, 0.8].map(of));
+    }
 }
 
 #[test]
@@ -120,7 +136,12 @@ fn without_a_limit_of_jerk_a_path_is_as_fast_as_the_slowest_joint_allows() {
 }
 
 fn rows(speeds: bool) -> Vec<Row> {
-    let q = |t: f64| (0.3 * (1.0 - (std::f64::consts::PI * t).cos()), 0.3 * std::f64::consts::PI * (std::f64::consts::PI * t).sin());
+    let q = |t: f64| {
+        (
+            0.3 * (1.0 - (std::f64::consts::PI * t).cos()),
+            0.3 * std::f64::consts::PI * (std::f64::consts::PI * t).sin(),
+        )
+    };
     (0..=20)
         .map(|i| {
             let t_s = f64::from(i) * 0.1;
@@ -147,9 +168,15 @@ fn points_with_times_are_followed_at_these_times_with_and_without_their_speeds()
 #[test]
 fn points_with_times_that_exceed_a_limit_name_joint_time_value_and_limit() {
     let text = motion_of_rows::<6>(&rows(true), &limits(6, 0.9, 8.0, 80.0)).unwrap_err().to_string();
-    assert!(text.starts_with("joint 1: speed 0.9") && text.contains("exceeds the limit 0.9000 rad/s"), "{text}");
+    assert!(
+        text.starts_with("joint 1: speed 0.9") && text.contains("exceeds the limit 0.9000 rad/s"),
+        "{text}"
+    );
     let acceleration = motion_of_rows::<6>(&rows(true), &limits(6, 2.0, 2.0, 80.0)).unwrap_err();
-    assert!(matches!(acceleration, GivenError::Limit { what: "acceleration", limit: 2.0, .. }), "{acceleration:?}");
+    assert!(
+        matches!(acceleration, GivenError::Limit { what: "acceleration", limit: 2.0, .. }),
+        "{acceleration:?}"
+    );
     let jerk = motion_of_rows::<6>(&rows(true), &limits(6, 2.0, 8.0, 5.0)).unwrap_err();
     assert!(matches!(jerk, GivenError::Limit { what: "jerk", .. }), "{jerk:?}");
     let mut late = rows(false);

@@ -5,8 +5,8 @@
 //! `(u, x)`: `|q' u + q'' x| ≤ a`, at both ends of an interval. A pass backwards gives the largest x from which the end can still be
 //! reached, a pass forwards takes the largest u.
 
+use super::Limits;
 use super::path::{Path, Point};
-use super::{Limits, Row8};
 
 /// Intervals of a line, and of a corner.
 const ON_LINE: usize = 48;
@@ -67,12 +67,14 @@ impl Grid {
         x
     }
 
-    /// Largest x at a node by the speeds of the joints alone.
+    /// Largest x at a node by the speeds of the joints, and by the jerks `q''' ṡ³` of an even speed.
     fn speed_limit(&self, node: usize, limits: &Limits, shares: &Shares) -> f64 {
-        let d1: &Row8 = &self.ends[node.min(self.ends.len() - 1)][usize::from(node == self.ends.len())].d1;
+        let point = &self.ends[node.min(self.ends.len() - 1)][usize::from(node == self.ends.len())];
         let slowest = (0..self.n)
-            .filter(|k| d1[*k].abs() > STILL)
-            .map(|k| limits.v[k] / d1[k].abs())
+            .flat_map(|k| {
+                let (d1, d3) = (point.d1[k].abs(), point.d3[k].abs());
+                [limits.v[k] / d1.max(STILL), (limits.j[k] / d3.max(STILL)).cbrt()]
+            })
             .fold(f64::INFINITY, f64::min);
         (slowest * shares.speed[node]).powi(2)
     }

@@ -76,7 +76,7 @@ pub fn motion_of_rows<const N: usize>(rows: &[Row], limits: &Limits) -> Result<M
 }
 
 /// Speeds of the spline with continuous acceleration: `v₋/h₋ + 2 v (1/h₋ + 1/h₊) + v₊/h₊ = 3 (Δ₋/h₋² + Δ₊/h₊²)` at each inner knot.
-fn smooth(knots: &mut [At], n: usize) {
+pub(super) fn smooth(knots: &mut [At], n: usize) {
     let inner = knots.len() - 2;
     for k in 0..n {
         // Thomas algorithm; the matrix is diagonally dominant.
@@ -123,7 +123,14 @@ fn require_limits(knots: &[At], limits: &Limits) -> Result<(), GivenError> {
             ];
             let over = found.into_iter().find(|(_, _, value, limit, _)| value.abs() > limit * ROUNDING);
             if let Some((after_s, what, value, limit, unit)) = over {
-                return Err(GivenError::Limit { joint, t_s: pair[0].t_s + after_s, what, value, limit, unit });
+                return Err(GivenError::Limit {
+                    joint,
+                    t_s: pair[0].t_s + after_s,
+                    what,
+                    value,
+                    limit,
+                    unit,
+                });
             }
         }
     }

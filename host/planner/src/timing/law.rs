@@ -12,14 +12,16 @@
 //! the time.
 
 use super::fastest::{Grid, Shares};
+use super::given::smooth;
 use super::path::Path;
-use super::{At, JOINTS_MAX, Limits, Row8, Use, motion_within};
+use super::{At, JOINTS_MAX, Limits, Row8, Use, motion_of, stretch_within};
 use crate::motion::Motion;
 
-/// Rounds of lowering limits.
+/// Rounds of lowering limits, and those without a shorter motion after which there are no more.
 const ROUNDS: usize = 24;
+const VAIN_ROUNDS: usize = 3;
 /// Windows that are tried, as shares of the longest time from no acceleration to the largest.
-const WINDOWS: [f64; 5] = [1.0, 0.6, 0.35, 1.5, 2.0];
+const WINDOWS: [f64; 4] = [1.0, 0.6, 0.35, 1.5];
 /// Places at which a law is looked at.
 const LOOKS: usize = 400;
 /// Shortest time between two knots, s.
@@ -27,25 +29,52 @@ const KNOT_MIN_S: f64 = 4e-3;
 /// Largest distance of the cubics from the law, rad, and of their accelerations from its, as a share of the limits.
 const OFF_RAD: f64 = 2e-5;
 const OFF_SHARE: f64 = 0.01;
+/// A jump of the path acceleration by this share of the largest one is an end of a cubic.
+const JUMP_SHARE: f64 = 0.02;
+/// More knots than this, which a controller has room for with eight joints, are avoided by cubics that are farther from the law, at
+/// most by this factor.
+const KNOTS_WANTED: usize = 190;
+const OFF_MOST: f64 = 8.0;
 /// Share of the limits that counts as used up.
 const FULL: f64 = 1.0 + 1e-6;
 
 /// Fastest motion along `path`, at rest at its ends and at each corner that is not rounded, with speeds, accelerations and jerks of all
 /// joints within `limits`; `None` for a path that is so long or so fine that its time is not a number.
 ///
-/// Near-optimal: on a line its duration is the optimum, in corners it is above it by some per cent (`docs/measured/timing.md`).
+/// Where a rest at each corner takes less time than the roundings, which is so for small ones, the corners are not rounded.
+/// Near-optimal: on a line the duration is the optimum if there is a cruise, in corners it is above it by some per cent.
 #[must_use]
 pub fn along<const N: usize>(path: &Path, limits: &Limits) -> Option<Motion<N>> {
+    let rounded = knots(path, limits)?;
+    let duration_s = |knots: &[At]| knots.last().map_or(0.0, |at| at.t_s);
+    let rests = path.resting().and_then(|path| knots(&path, limits));
+    let best = match rests {
+        Some(rests) if duration_s(&rests) < duration_s(&rounded) => rests,
+        _ => rounded,
+    };
+    Some(motion_of(&best))
+}
+
+/// Knots of all parts of a path, stretched in time so that the cubics between them keep the limits.
+fn knots(path: &Path, limits: &Limits) -> Option<Vec<At>> {
     let mut knots: Vec<At> = Vec::new();
+    let sections = path.rests().len() - 1;
     for ends in path.rests().windows(2) {
-        let section = Section { path, limits, grid: Grid::new(path, ends[0], ends[1]) };
+        let (begin, end) = (ends[0], ends[1]);
+        let section = Section { path, limits, grid: Grid::new(path, begin.0, end.0) };
         let law = section.law()?;
+        let mut off = 1.0;
+        let mut made = section.knots(&law, (begin.1, end.1), off);
+        while made.len() * sections > KNOTS_WANTED && off < OFF_MOST {
+            off *= 2.0;
+            made = section.knots(&law, (begin.1, end.1), off);
+        }
+        stretch_within(&mut made, limits);
         let begun_s = knots.last().map_or(0.0, |at| at.t_s);
-        let made = section.knots(&law);
         let skipped = usize::from(!knots.is_empty());
         knots.extend(made.into_iter().skip(skipped).map(|at| At { t_s: at.t_s + begun_s, ..at }));
     }
-    Some(motion_within(knots, limits))
+    Some(knots)
 }
 
 /// A part of a path between two rests.
@@ -72,14 +101,18 @@ impl Section<'_> {
         let mut best: Option<Law> = None;
         for share in windows {
             let mut shares = self.grid.whole();
+            let (mut shortest_s, mut vain) = (f64::INFINITY, 0);
             for _ in 0..ROUNDS {
-                let mut law = Law::new(&self.grid, &self.grid.fastest(self.limits, &shares), share * longest)?;
+                let mut law =
+                    Law::new(&self.grid, &self.grid.fastest(self.limits, &shares), share * longest)?;
                 let excess = self.lower(&law, &mut shares);
                 law.stretch = excess.stretch().max(1.0);
+                vain = if law.duration_s() < shortest_s { 0 } else { vain + 1 };
+                shortest_s = shortest_s.min(law.duration_s());
                 if best.as_ref().is_none_or(|best| law.duration_s() < best.duration_s()) {
                     best = Some(law);
                 }
-                if excess.stretch() <= FULL {
+                if excess.stretch() <= FULL || vain == VAIN_ROUNDS {
                     break;
                 }
             }
@@ -138,37 +171,41 @@ impl Section<'_> {
     }
 
     /// Knots whose cubics follow the law, as few as that takes.
-    fn knots(&self, law: &Law) -> Vec<At> {
+    fn knots(&self, law: &Law, (begin, finish): (Row8, Row8), off: f64) -> Vec<At> {
         let (end, stretch) = (law.unstretched_s(), law.stretch);
         let at = |t: f64| {
             let moving = self.moving(law, t, stretch);
             At { t_s: t * stretch, q: moving.q, qd: moving.qd }
         };
         let mut knots = vec![at(0.0)];
-        let (mut t, mut step) = (0.0, end / 16.0);
         let least = KNOT_MIN_S / stretch;
-        while t < end {
-            step = (2.0 * step).min(end - t);
-            while step > least && !self.is_near(law, t, t + step) {
-                step *= 0.5;
+        let (mut t, mut step) = (0.0, end);
+        // Each cubic ends where the jerk jumps, at the latest.
+        for until in law.breaks(least, off * JUMP_SHARE) {
+            while t < until {
+                let left = until - t;
+                step = (2.0 * step).min(left);
+                while step > least && !self.is_near(law, (t, t + step), off) {
+                    step *= 0.5;
+                }
+                step = step.max(least);
+                // No rest that is shorter than a step.
+                t = if left - step < least { until } else { t + step };
+                knots.push(at(t));
             }
-            step = step.max(least);
-            // No rest that is shorter than a step.
-            if end - (t + step) < least {
-                step = end - t;
-            }
-            t = if end - (t + step) < 1e-9 { end } else { t + step };
-            knots.push(at(t));
         }
-        for (knot, s) in [(0, self.grid.s[0]), (knots.len() - 1, self.grid.s[self.grid.s.len() - 1])] {
-            knots[knot].qd = [0.0; JOINTS_MAX];
-            knots[knot].q = self.path.at(s, false).q;
+        let last = knots.len() - 1;
+        for (knot, q) in [(0, begin), (last, finish)] {
+            (knots[knot].q, knots[knot].qd) = (q, [0.0; JOINTS_MAX]);
+        }
+        if law.window_s > 0.0 {
+            smooth(&mut knots, self.limits.n);
         }
         knots
     }
 
-    /// Whether the cubic from `t0` to `t1` follows the law.
-    fn is_near(&self, law: &Law, t0: f64, t1: f64) -> bool {
+    /// Whether the cubic from `t0` to `t1` follows the law; `off` times as far from it as usual is near.
+    fn is_near(&self, law: &Law, (t0, t1): (f64, f64), off: f64) -> bool {
         let (a, b) = (self.moving(law, t0, 1.0), self.moving(law, t1, 1.0));
         let h = t1 - t0;
         [0.0, 0.2, 0.4, 0.5, 0.6, 0.8, 1.0].into_iter().all(|x| {
@@ -179,7 +216,8 @@ impl Section<'_> {
                 let (c2, c3) = (3.0 * way - 2.0 * p0 - p1, p0 + p1 - 2.0 * way);
                 let q = a.q[k] + x * (p0 + x * (c2 + x * c3));
                 let qdd = (2.0 * c2 + 6.0 * c3 * x) / (h * h);
-                (q - at.q[k]).abs() <= OFF_RAD && (qdd - at.qdd[k]).abs() <= OFF_SHARE * self.limits.a[k]
+                (q - at.q[k]).abs() <= off * OFF_RAD
+                    && (qdd - at.qdd[k]).abs() <= off * OFF_SHARE * self.limits.a[k]
             })
         })
     }
@@ -220,6 +258,26 @@ impl Law {
 
     fn duration_s(&self) -> f64 {
         self.unstretched_s() * self.stretch
+    }
+
+    /// Times at which the averaged law has jumps of its jerk, or without an average of its acceleration, above a share of the largest
+    /// acceleration, at least `least` apart; and the end.
+    fn breaks(&self, least: f64, jump_share: f64) -> Vec<f64> {
+        let most = self.nodes.iter().map(|node| node[3].abs()).fold(0.0, f64::max);
+        let (mut before, mut times) = (0.0, Vec::new());
+        for node in &self.nodes {
+            if (node[3] - before).abs() > jump_share * most {
+                times.push(node[0]);
+                times.push(node[0] + self.window_s);
+            }
+            before = node[3];
+        }
+        let end = self.unstretched_s();
+        times.sort_by(f64::total_cmp);
+        times.retain(|t| *t > least && *t < end - least);
+        times.dedup_by(|late, early| *late - *early < least);
+        times.push(end);
+        times
     }
 
     /// Length, speed, acceleration and integral of the length of the law before it is averaged.

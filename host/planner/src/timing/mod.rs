@@ -51,21 +51,21 @@ impl Limits {
     pub fn new(v_rad_s: &[f64], a_rad_s2: &[f64], j_rad_s3: &[f64]) -> Option<Self> {
         let n = v_rad_s.len();
         let lengths = [a_rad_s2.len(), j_rad_s3.len()] == [n, n] && (1..=JOINTS_MAX).contains(&n);
-        let positive = |of: &[f64], infinite: bool| of.iter().all(|x| *x > 0.0 && (infinite || x.is_finite()));
+        let positive =
+            |of: &[f64], infinite: bool| of.iter().all(|x| *x > 0.0 && (infinite || x.is_finite()));
         if !lengths || !positive(v_rad_s, false) || !positive(a_rad_s2, false) || !positive(j_rad_s3, true) {
             return None;
         }
         Some(Self { n, v: padded(v_rad_s), a: padded(a_rad_s2), j: padded(j_rad_s3) })
     }
 
-    /// Those of an arm at a share of its speed, above 0 and at most 1: accelerations at its square, jerks at its cube, so that
-    /// a motion takes `1 / share` times as long and is otherwise the same. Accelerations are those that a plan may use.
+    /// A share of those of an arm, above 0 and at most 1. Accelerations are those that a plan may use.
     #[must_use]
     pub fn of_arm<const N: usize>(arm: &RobotModel<N>, share: f64) -> Option<Self> {
         let of = |f: fn(&robot_model::JointLimits) -> f64| arm.limit(f);
         let v = of(|l| l.v_max_rad_s) * share;
-        let a = of(|l| l.a_max_rad_s2) * share.powi(2);
-        let j = of(|l| l.j_max_rad_s3) * share.powi(3);
+        let a = of(|l| l.a_max_rad_s2) * share;
+        let j = of(|l| l.j_max_rad_s3) * share;
         Self::new(v.as_slice(), a.as_slice(), j.as_slice())
     }
 
@@ -140,18 +140,17 @@ pub(crate) fn use_of_cubics(knots: &[At], limits: &Limits) -> Use {
     most
 }
 
-/// The knots as a motion, stretched in time so that its cubics keep the limits.
-pub(crate) fn motion_within<const N: usize>(mut knots: Vec<At>, limits: &Limits) -> Motion<N> {
-    let stretch = use_of_cubics(&knots, limits).stretch();
-    // Knots that use less than their limits by rounding alone stay as they are.
+/// Stretches the time of the knots so that the cubics between them keep the limits.
+pub(crate) fn stretch_within(knots: &mut [At], limits: &Limits) {
+    let stretch = use_of_cubics(knots, limits).stretch();
+    // Knots that use less than their limits stay as they are.
     if stretch > 1.0 {
         let stretch = stretch * (1.0 + 1e-9);
-        for knot in &mut knots {
+        for knot in knots {
             knot.t_s *= stretch;
             knot.qd = knot.qd.map(|v| v / stretch);
         }
     }
-    motion_of(&knots)
 }
 
 pub(crate) fn motion_of<const N: usize>(knots: &[At]) -> Motion<N> {

@@ -24,8 +24,9 @@ const STRAIGHT: f64 = 1e-9;
 pub struct Path {
     n: usize,
     pieces: Vec<Piece>,
-    /// Lengths at which the path is at rest: both ends, and corners that are not rounded.
-    rests: Vec<f64>,
+    /// Lengths and places at which the path is at rest: both ends, and corners that are not rounded.
+    rests: Vec<(f64, Row8)>,
+    points: Vec<Row8>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -37,9 +38,18 @@ pub(super) struct Piece {
 
 #[derive(Debug, Clone, Copy)]
 enum Shape {
-    Line { from: Row8, u: Row8 },
+    Line {
+        from: Row8,
+        u: Row8,
+    },
     /// `corner`: which of the points it rounds.
-    Corner { at: Row8, u1: Row8, u2: Row8, delta: f64, corner: usize },
+    Corner {
+        at: Row8,
+        u1: Row8,
+        u2: Row8,
+        delta: f64,
+        corner: usize,
+    },
 }
 
 /// A place on a path, with the derivatives by its length.
@@ -96,7 +106,9 @@ impl Path {
             let row = padded(point);
             match kept.last_mut() {
                 // The last point counts, not the one beside it.
-                Some(before) if distance(before, &row) < SAME_RAD && i + 1 == points.len() && i > 0 => *before = row,
+                Some(before) if distance(before, &row) < SAME_RAD && i + 1 == points.len() && i > 0 => {
+                    *before = row
+                }
                 Some(before) if distance(before, &row) < SAME_RAD => {}
                 _ => {
                     kept.push(row);
@@ -115,7 +127,7 @@ impl Path {
         let direction = |leg: usize| -> Row8 {
             std::array::from_fn(|k| (points[leg + 1][k] - points[leg][k]) / lengths[leg])
         };
-        let (mut pieces, mut rests) = (Vec::new(), vec![0.0]);
+        let (mut pieces, mut rests) = (Vec::new(), vec![(0.0, points[0])]);
         let (mut s, mut cut) = (0.0, 0.0);
         for leg in 0..lengths.len() {
             let (u, length) = (direction(leg), lengths[leg]);
@@ -141,12 +153,12 @@ impl Path {
                 pieces.push(Piece { s0: s, s1: s + 2.0 * delta, shape });
                 s += 2.0 * delta;
             } else if distance(&u, &u2) >= STRAIGHT {
-                rests.push(s);
+                rests.push((s, points[leg + 1]));
             }
             cut = delta;
         }
-        rests.push(s);
-        Self { n, pieces, rests }
+        rests.push((s, points[points.len() - 1]));
+        Self { n, pieces, rests, points: points.to_vec() }
     }
 
     /// Length in rad.
@@ -161,11 +173,17 @@ impl Path {
         self.n
     }
 
+    /// The same points with a rest at each corner; `None` if it is that already.
+    pub(super) fn resting(&self) -> Option<Self> {
+        let is_rounded = self.pieces.iter().any(|piece| !piece.is_line());
+        is_rounded.then(|| Self::of_corners(self.n, &self.points, &[]))
+    }
+
     pub(super) fn pieces(&self) -> &[Piece] {
         &self.pieces
     }
 
-    pub(super) fn rests(&self) -> &[f64] {
+    pub(super) fn rests(&self) -> &[(f64, Row8)] {
         &self.rests
     }
 
@@ -284,13 +302,13 @@ mod tests {
             }
         }
         assert_eq!(path.angles(path.length()), points[2]);
-        assert_eq!(path.rests(), [0.0, path.length()]);
+        assert_eq!(path.rests().len(), 2);
     }
 
     #[test]
     fn without_a_blend_it_rests_at_corners_but_not_at_points_on_a_line() {
         let path = Path::through(&[[0.0, 0.0], [0.5, 0.0], [1.0, 0.0], [1.0, 1.0]], 0.0).unwrap();
-        assert_eq!(path.rests(), [0.0, 1.0, 2.0]);
+        assert_eq!(path.rests().iter().map(|rest| rest.0).collect::<Vec<_>>(), [0.0, 1.0, 2.0]);
     }
 
     #[test]

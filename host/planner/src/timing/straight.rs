@@ -4,7 +4,7 @@
 //! `v = min v_j / |d_j|`, likewise for acceleration and jerk. All joints start, cruise and stop together, so the motion stays on
 //! the line. Where limits of different joints bind, a motion off the line can be shorter.
 
-use super::{At, JOINTS_MAX, Limits, motion_within, padded};
+use super::{At, JOINTS_MAX, Limits, motion_of, padded, stretch_within};
 use crate::motion::Motion;
 
 /// Times of a rest-to-rest motion with bounded speed, acceleration and jerk.
@@ -33,8 +33,11 @@ impl Straight {
     pub fn new(way: f64, v: f64, a: f64, j: f64) -> Self {
         let jerk_to_a = a / j;
         // Up to the highest speed.
-        let (mut jerk_s, mut accelerate_s) =
-            if v * j < a * a { ((v / j).sqrt(), 2.0 * (v / j).sqrt()) } else { (jerk_to_a, jerk_to_a + v / a) };
+        let (mut jerk_s, mut accelerate_s) = if v * j < a * a {
+            ((v / j).sqrt(), 2.0 * (v / j).sqrt())
+        } else {
+            (jerk_to_a, jerk_to_a + v / a)
+        };
         let cruise_s = way / v - accelerate_s;
         if cruise_s < 0.0 {
             // The highest speed is not reached: way = (level + jerk_s) (level + 2 jerk_s) a.
@@ -98,7 +101,10 @@ pub fn straight<const N: usize>(from: &[f64], to: &[f64], limits: &Limits) -> Op
         return None;
     }
     let least = |limit: &[f64; JOINTS_MAX]| {
-        (0..limits.n).filter(|k| way[*k] != 0.0).map(|k| limit[k] / way[k].abs()).fold(f64::INFINITY, f64::min)
+        (0..limits.n)
+            .filter(|k| way[*k] != 0.0)
+            .map(|k| limit[k] / way[k].abs())
+            .fold(f64::INFINITY, f64::min)
     };
     let profile = Straight::new(1.0, least(&limits.v), least(&limits.a), least(&limits.j));
     let ends = profile.ends();
@@ -113,5 +119,7 @@ pub fn straight<const N: usize>(from: &[f64], to: &[f64], limits: &Limits) -> Op
         }
         At { t_s, q, qd }
     });
-    Some(motion_within(knots.collect(), limits))
+    let mut knots: Vec<At> = knots.collect();
+    stretch_within(&mut knots, limits);
+    Some(motion_of(&knots))
 }

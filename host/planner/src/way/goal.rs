@@ -24,15 +24,6 @@ pub enum Goal {
     Pose(Pose),
 }
 
-impl Goal {
-    pub(super) fn position(&self) -> Vector3<f64> {
-        match self {
-            Self::Point(p) => *p,
-            Self::Pose(pose) => pose.pos,
-        }
-    }
-}
-
 /// The hand cannot be there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum NoGoal {
@@ -82,11 +73,17 @@ pub(super) fn poses<const N: usize>(
 fn spread<const N: usize>(arm: &RobotModel<N>, k: usize) -> JointVec<N> {
     const PRIMES: [u32; 8] = [2, 3, 5, 7, 11, 13, 17, 19];
     let (low, high) = (arm.q_min(), arm.q_max());
-    JointVec::from_fn(|j, _| low[j] + (high[j] - low[j]) * robot_model::radical_inverse(k as u64 + 1, PRIMES[j % 8]))
+    JointVec::from_fn(|j, _| {
+        low[j] + (high[j] - low[j]) * robot_model::radical_inverse(k as u64 + 1, PRIMES[j % 8])
+    })
 }
 
 /// From `q` with steps of least motion to a pose with the hand at `p`; angles stay in their ranges.
-fn at_point<const N: usize>(arm: &RobotModel<N>, p: &Vector3<f64>, mut q: JointVec<N>) -> Option<JointVec<N>> {
+fn at_point<const N: usize>(
+    arm: &RobotModel<N>,
+    p: &Vector3<f64>,
+    mut q: JointVec<N>,
+) -> Option<JointVec<N>> {
     let (low, high) = (arm.q_min(), arm.q_max());
     let mut damping = 1e-6;
     for _ in 0..STEPS_MAX {

@@ -35,7 +35,9 @@ impl std::fmt::Display for LineBreak {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Limit { joint } => write!(f, "joint {} comes to the end of its range", joint + 1),
-            Self::Singularity { joint } => write!(f, "the arm passes a singularity, joint {} would turn at once", joint + 1),
+            Self::Singularity { joint } => {
+                write!(f, "the arm passes a singularity, joint {} would turn at once", joint + 1)
+            }
             Self::Reach => f.write_str("the hand does not reach farther"),
             Self::Contact { bodies: [a, b] } => write!(f, "{a} and {b} touch"),
         }
@@ -100,7 +102,8 @@ pub(super) fn path<const N: usize>(
             return Err(broken(k - 1, LineBreak::Singularity { joint }));
         }
         let (low, high) = (arm.q_min(), arm.q_max());
-        let outward = |j: &usize| (q[*j] > high[*j] && q[*j] > before[*j]) || (q[*j] < low[*j] && q[*j] < before[*j]);
+        let outward =
+            |j: &usize| (q[*j] > high[*j] && q[*j] > before[*j]) || (q[*j] < low[*j] && q[*j] < before[*j]);
         if let Some(joint) = (0..arm.joints().len()).find(outward) {
             return Err(broken(k - 1, LineBreak::Limit { joint }));
         }

@@ -42,10 +42,10 @@ pub const THERE_RAD: f64 = 1e-3;
 const BLEND_RAD: f64 = 0.4;
 const BLEND_MIN_RAD: f64 = 0.01;
 
-/// How the arm goes.
+/// How an arm goes from one rest to another.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct How<const N: usize> {
-    /// Share of the speeds, above 0 and at most 1; accelerations and jerks follow ([`Limits::of_arm`]).
+pub struct Travel<const N: usize> {
+    /// Share of the robot's speeds, accelerations and jerks, above 0 and at most 1.
     pub share: f64,
     /// Seed of the search.
     pub seed: u64,
@@ -54,11 +54,9 @@ pub struct How<const N: usize> {
     pub range: Option<(JointVec<N>, JointVec<N>)>,
 }
 
-impl<const N: usize> How<N> {
-    /// At a share of the speeds, in the joint ranges.
-    #[must_use]
-    pub fn at(share: f64, seed: u64) -> Self {
-        Self { share, seed, range: None }
+impl<const N: usize> Default for Travel<N> {
+    fn default() -> Self {
+        Self { share: 0.3, seed: 1, range: None }
     }
 }
 
@@ -91,14 +89,15 @@ pub enum WayError {
 pub fn way<const N: usize>(
     arm: &RobotModel<N>,
     scene: &Scene,
-    (from, to): (&JointVec<N>, &JointVec<N>),
-    how: &How<N>,
+    travel: &Travel<N>,
+    from: &JointVec<N>,
+    to: &JointVec<N>,
 ) -> Result<Option<Motion<N>>, WayError> {
-    let limits = limits(arm, how.share)?;
+    let limits = limits(arm, travel.share)?;
     if (from - to).amax() < THERE_RAD {
         return Ok(None);
     }
-    let mut space = Space::new(arm, scene, how);
+    let mut space = Space::new(arm, scene, travel);
     for (q, at_start) in [(from, true), (to, false)] {
         require_free(arm, &mut space.checker, q, at_start)?;
     }
@@ -106,7 +105,9 @@ pub fn way<const N: usize>(
         return Ok(straight(from.as_slice(), to.as_slice(), &limits));
     }
     let corners = space.corners(from, to).ok_or(WayError::NoWay { tries: search::SAMPLES_MAX })?;
-    rounded(&mut space.checker, &corners, &limits).map(Some).ok_or(WayError::NoWay { tries: search::SAMPLES_MAX })
+    rounded(&mut space.checker, &corners, &limits)
+        .map(Some)
+        .ok_or(WayError::NoWay { tries: search::SAMPLES_MAX })
 }
 
 /// As [`way`], to the cheapest of the poses in which the hand is where `goal` says.
@@ -116,11 +117,11 @@ pub fn way<const N: usize>(
 pub fn way_to<const N: usize>(
     arm: &RobotModel<N>,
     scene: &Scene,
+    travel: &Travel<N>,
     from: &JointVec<N>,
     goal: &Goal,
-    how: &How<N>,
 ) -> Result<Option<Motion<N>>, WayError> {
-    let limits = limits(arm, how.share)?;
+    let limits = limits(arm, travel.share)?;
     let mut checker = CollisionChecker::new(arm, scene);
     require_free(arm, &mut checker, from, true)?;
     let poses = goal::poses(arm, &mut checker, from, goal)?;
@@ -136,7 +137,7 @@ pub fn way_to<const N: usize>(
     let mut shortest: Option<Motion<N>> = None;
     let mut failed = WayError::NoWay { tries: 0 };
     for q in poses.iter().take(goal::POSES_MAX) {
-        match way(arm, scene, (from, q), how) {
+        match way(arm, scene, travel, from, q) {
             Ok(Some(motion)) => {
                 if shortest.as_ref().is_none_or(|best| motion.duration_s() < best.duration_s()) {
                     shortest = Some(motion);
@@ -156,11 +157,11 @@ pub fn way_to<const N: usize>(
 pub fn straight_to<const N: usize>(
     arm: &RobotModel<N>,
     scene: &Scene,
+    travel: &Travel<N>,
     from: &JointVec<N>,
     goal: &Goal,
-    how: &How<N>,
 ) -> Result<Option<Motion<N>>, WayError> {
-    let limits = limits(arm, how.share)?;
+    let limits = limits(arm, travel.share)?;
     let mut checker = CollisionChecker::new(arm, scene);
     require_free(arm, &mut checker, from, true)?;
     let Some(path) = line::path(arm, &mut checker, from, goal)? else { return Ok(None) };
@@ -179,14 +180,22 @@ fn require_free<const N: usize>(
     q: &JointVec<N>,
     at_start: bool,
 ) -> Result<(), WayError> {
-    let outside = |j: &usize| !(q[*j] >= arm.q_min()[*j] - OUTSIDE_RAD && q[*j] <= arm.q_max()[*j] + OUTSIDE_RAD);
+    let outside =
+        |j: &usize| !(q[*j] >= arm.q_min()[*j] - OUTSIDE_RAD && q[*j] <= arm.q_max()[*j] + OUTSIDE_RAD);
     if let Some(j) = (0..arm.joints().len()).find(outside) {
         let (deg, low, high) = (q[j].to_degrees(), arm.q_min()[j].to_degrees(), arm.q_max()[j].to_degrees());
-        let what = format!("is outside its joint ranges: joint {} at {deg:.1} deg of {low:.1} to {high:.1} deg", j + 1);
+        let what = format!(
+            "is outside its joint ranges: joint {} at {deg:.1} deg of {low:.1} to {high:.1} deg",
+            j + 1
+        );
         return Err(WayError::Blocked { at_start, what });
     }
     if let Some((a, b)) = checker.first_contact(&arm.fk(q)) {
-        let what = format!("touches something: {} and {}", name(arm, checker.scene(), a), name(arm, checker.scene(), b));
+        let what = format!(
+            "touches something: {} and {}",
+            name(arm, checker.scene(), a),
+            name(arm, checker.scene(), b)
+        );
         return Err(WayError::Blocked { at_start, what });
     }
     Ok(())
@@ -195,7 +204,9 @@ fn require_free<const N: usize>(
 /// Name of a body for people.
 fn name<const N: usize>(arm: &RobotModel<N>, scene: &Scene, body: Body) -> String {
     match body {
-        Body::Box(index) => arm.collision().boxes().get(index).map_or_else(|| "?".to_owned(), |b| b.name.clone()),
+        Body::Box(index) => {
+            arm.collision().boxes().get(index).map_or_else(|| "?".to_owned(), |b| b.name.clone())
+        }
         Body::Obstacle(index) => {
             scene.obstacles.get(index).map_or_else(|| "?".to_owned(), |(name, _)| format!("obstacle {name}"))
         }
@@ -204,7 +215,11 @@ fn name<const N: usize>(arm: &RobotModel<N>, scene: &Scene, body: Body) -> Strin
     }
 }
 
-fn is_free_line<const N: usize>(checker: &mut CollisionChecker<'_, N>, from: &JointVec<N>, to: &JointVec<N>) -> bool {
+fn is_free_line<const N: usize>(
+    checker: &mut CollisionChecker<'_, N>,
+    from: &JointVec<N>,
+    to: &JointVec<N>,
+) -> bool {
     let line = StraightMove { from: *from, to: *to };
     checker.check_motion(&line, 0.0, 1.0, TOLERANCE_M).is_free()
 }

@@ -6,7 +6,7 @@
 use robot_model::collision::{CollisionChecker, Scene};
 use robot_model::{JointVec, RobotModel};
 
-use super::{How, MARGIN_RAD, is_free_line};
+use super::{MARGIN_RAD, Travel, is_free_line};
 use crate::plan::rng::SplitMix64;
 
 /// Largest step of a tree in one joint, rad.
@@ -32,7 +32,8 @@ struct Tree<const N: usize> {
 impl<const N: usize> Tree<N> {
     fn nearest(&self, q: &JointVec<N>) -> usize {
         let distance = |node: &(JointVec<N>, usize)| (node.0 - q).norm_squared();
-        let by_distance = |a: &usize, b: &usize| distance(&self.nodes[*a]).total_cmp(&distance(&self.nodes[*b]));
+        let by_distance =
+            |a: &usize, b: &usize| distance(&self.nodes[*a]).total_cmp(&distance(&self.nodes[*b]));
         (0..self.nodes.len()).min_by(by_distance).unwrap_or(0)
     }
 
@@ -49,10 +50,10 @@ impl<const N: usize> Tree<N> {
 }
 
 impl<'a, const N: usize> Space<'a, N> {
-    pub(super) fn new(arm: &'a RobotModel<N>, scene: &'a Scene, how: &How<N>) -> Self {
+    pub(super) fn new(arm: &'a RobotModel<N>, scene: &'a Scene, travel: &Travel<N>) -> Self {
         let margin = JointVec::repeat(MARGIN_RAD);
-        let range = how.range.unwrap_or((arm.q_min() + margin, arm.q_max() - margin));
-        Self { checker: CollisionChecker::new(arm, scene), rng: SplitMix64::new(how.seed), range }
+        let range = travel.range.unwrap_or((arm.q_min() + margin, arm.q_max() - margin));
+        Self { checker: CollisionChecker::new(arm, scene), rng: SplitMix64::new(travel.seed), range }
     }
 
     pub(super) fn is_free(&mut self, from: &JointVec<N>, to: &JointVec<N>) -> bool {
@@ -121,7 +122,8 @@ impl<'a, const N: usize> Space<'a, N> {
             if i == k || !self.is_free(&from, &to) {
                 continue;
             }
-            let whole = |path: &[JointVec<N>]| path.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum::<f64>();
+            let whole =
+                |path: &[JointVec<N>]| path.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum::<f64>();
             let mut shorter: Vec<JointVec<N>> = path[..=i].to_vec();
             shorter.extend([from, to]);
             shorter.extend_from_slice(&path[k + 1..]);

@@ -8,6 +8,8 @@
 //! Times are in all rows or in none, and so are speeds. Accelerations and efforts are read over: the motion between the points follows
 //! from positions, times and speeds.
 
+mod yaml;
+
 use serde::Deserialize;
 
 /// Waypoints of all joints of an arm, base first.
@@ -51,7 +53,9 @@ pub enum WaypointError {
     Twice { name: String },
     #[error("point {point}: {found} {what}, there are {wanted} joints")]
     Length { point: usize, what: &'static str, found: usize, wanted: usize },
-    #[error("point {point}: no {what}, but other points have them\n  next: give them in all points or in none")]
+    #[error(
+        "point {point}: no {what}, but other points have them\n  next: give them in all points or in none"
+    )]
     Uneven { point: usize, what: &'static str },
     #[error("it has no points")]
     Empty,
@@ -67,13 +71,15 @@ pub fn read(text: &str, joints: &[&str]) -> Result<Waypoints, WaypointError> {
     let body = text.trim_start_matches('\u{feff}');
     let rows = match body.trim_start().chars().next() {
         Some('{') => {
-            let message = serde_json::from_str(body).map_err(|e| WaypointError::Form { why: e.to_string() })?;
+            let message =
+                serde_json::from_str(body).map_err(|e| WaypointError::Form { why: e.to_string() })?;
             of_message(message, joints)?
         }
         None => return Err(WaypointError::Empty),
         _ if is_yaml(body) => {
-            let message =
-                serde_saphyr::from_str(body).map_err(|e| WaypointError::Form { why: first_line(&e) })?;
+            let refused = |why: String| WaypointError::Form { why };
+            let value = yaml::read(body).map_err(refused)?;
+            let message = serde_json::from_value(value).map_err(|e| refused(e.to_string()))?;
             of_message(message, joints)?
         }
         _ => of_table(body, joints)?,
@@ -81,10 +87,6 @@ pub fn read(text: &str, joints: &[&str]) -> Result<Waypoints, WaypointError> {
     let timed = all_or_none(&rows, "time", |row| row.t_s.is_some())?;
     all_or_none(&rows, "speeds", |row| row.qd_rad_s.is_some())?;
     Ok(Waypoints { rows, timed })
-}
-
-fn first_line(error: &impl std::fmt::Display) -> String {
-    error.to_string().lines().next().unwrap_or_default().to_owned()
 }
 
 /// The first line that says something begins a mapping.
@@ -152,14 +154,21 @@ fn of_message(message: Message, joints: &[&str]) -> Result<Vec<Waypoint>, Waypoi
         }
     }
     let missing = |joint: usize| WaypointError::NoJoint { joint: joints[joint].to_owned(), known: known() };
-    let order: Vec<usize> =
-        place.iter().enumerate().map(|(joint, column)| column.ok_or_else(|| missing(joint))).collect::<Result<_, _>>()?;
+    let order: Vec<usize> = place
+        .iter()
+        .enumerate()
+        .map(|(joint, column)| column.ok_or_else(|| missing(joint)))
+        .collect::<Result<_, _>>()?;
     check_count(message.points.len())?;
     let sorted = |values: &[f64]| order.iter().map(|column| values[*column]).collect::<Vec<_>>();
     let of_point = |(i, point): (usize, MessagePoint)| {
         let fits = |values: &[f64], what| {
             let (found, wanted) = (values.len(), joints.len());
-            if found == wanted { Ok(()) } else { Err(WaypointError::Length { point: i + 1, what, found, wanted }) }
+            if found == wanted {
+                Ok(())
+            } else {
+                Err(WaypointError::Length { point: i + 1, what, found, wanted })
+            }
         };
         fits(&point.positions, "positions")?;
         let speeds = (!point.velocities.is_empty()).then_some(&point.velocities);
@@ -245,7 +254,12 @@ fn of_table(text: &str, joints: &[&str]) -> Result<Vec<Waypoint>, WaypointError>
     let timed = columns.contains(&Column::Time);
     let speeds = columns.iter().filter(|column| matches!(column, Column::Speed(_))).count();
     if speeds != 0 && speeds != joints.len() {
-        return Err(WaypointError::Length { point: 1, what: "columns of speeds", found: speeds, wanted: joints.len() });
+        return Err(WaypointError::Length {
+            point: 1,
+            what: "columns of speeds",
+            found: speeds,
+            wanted: joints.len(),
+        });
     }
     let mut rows = Vec::new();
     for (line, number) in lines {
@@ -295,7 +309,8 @@ mod tests {
         assert_eq!(rows("\u{feff}# drawn\r\n elbow , base\r\n1,0.5\r\n\r\n2,-0.5\r\n"), wanted);
         let degrees = rows("t_s,base_deg,elbow\n0,90,0\n1,180,0.1\n");
         assert_eq!((degrees[1].0, degrees[1].1[0]), (Some(1.0), std::f64::consts::PI));
-        let exported = rows("t_s,q_base_rad,q_elbow_rad,qd_base_rad_s,qd_elbow_rad_s,qdd_base_rad_s2\n0,1,2,3,4,5\n");
+        let exported =
+            rows("t_s,q_base_rad,q_elbow_rad,qd_base_rad_s,qd_elbow_rad_s,qdd_base_rad_s2\n0,1,2,3,4,5\n");
         assert_eq!(exported, [(Some(0.0), vec![1.0, 2.0], Some(vec![3.0, 4.0]))]);
     }
 

@@ -1,0 +1,67 @@
+//! A file of waypoints as a motion: at its own times, or as fast as the limits allow.
+
+use std::path::Path;
+
+use planner::motion::Motion;
+use planner::plan::Arm;
+use planner::timing::{self, Limits, Row, along, motion_of_rows};
+use planner::waypoints;
+
+use crate::error::ExpectedError;
+
+/// Options for files of waypoints.
+#[derive(Debug, Clone, Copy, clap::Args)]
+#[command(next_help_heading = "Waypoints")]
+pub struct RetimeArgs {
+    /// Find the shortest times within the limits, also where the file has times.
+    #[arg(long)]
+    pub retime: bool,
+    /// Leave a waypoint by at most this to pass it without a stop, rad over all joints (Euclidean); 0 stops at each.
+    #[arg(long, default_value_t = 0.02, value_name = "RAD", value_parser = blend)]
+    pub blend_rad: f64,
+    /// Share of the robot's speeds, accelerations and jerks, where times are found.
+    #[arg(long, default_value_t = 0.3, value_name = "SHARE", value_parser = super::throw::share)]
+    pub speed_share: f64,
+}
+
+fn blend(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(rad) if (0.0..=10.0).contains(&rad) => Ok(rad),
+        _ => Err("must be from 0 to 10 rad".to_owned()),
+    }
+}
+
+/// The motion through the waypoints of `text`, which was read from `path`.
+///
+/// # Errors
+/// The file, or a limit that its times exceed: joint, time, value and limit.
+pub(super) fn motion(path: &Path, text: &str, arm: &Arm, args: &RetimeArgs) -> Result<Motion, ExpectedError> {
+    let refused = |what: &dyn std::fmt::Display, next: &str| {
+        ExpectedError::bad_input(&format!("{}: {what}\n  next: {next}", path.display()))
+    };
+    let names: Vec<&str> = arm.joints().iter().map(|joint| joint.name.as_str()).collect();
+    let found = waypoints::read(text, &names)
+        .map_err(|error| ExpectedError::bad_input(&format!("{}: {error}", path.display())))?;
+    for (row, number) in found.rows.iter().zip(1..) {
+        let outside = |j: &usize| !(arm.q_min()[*j]..=arm.q_max()[*j]).contains(&row.q_rad[*j]);
+        if let Some(j) = (0..names.len()).find(outside) {
+            let (name, q, low, high) = (names[j], row.q_rad[j], arm.q_min()[j], arm.q_max()[j]);
+            let what = format!("point {number}: {name} at {q:.4} rad is outside {low:.4} to {high:.4} rad");
+            return Err(refused(&what, "move the point into the joint ranges"));
+        }
+    }
+    let share = if found.timed && !args.retime { 1.0 } else { args.speed_share };
+    let limits = Limits::of_arm(arm, share).ok_or_else(|| refused(&"the robot has no limits", "mend its file"))?;
+    if found.timed && !args.retime {
+        let rows: Vec<Row> = found
+            .rows
+            .into_iter()
+            .map(|point| Row { t_s: point.t_s.unwrap_or(0.0), q_rad: point.q_rad, qd_rad_s: point.qd_rad_s })
+            .collect();
+        return motion_of_rows(&rows, &limits)
+            .map_err(|error| refused(&error, "change the times, or find new ones with --retime"));
+    }
+    let points: Vec<&[f64]> = found.rows.iter().map(|point| point.q_rad.as_slice()).collect();
+    let path_of = timing::Path::through(&points, args.blend_rad).map_err(|error| refused(&error, "give two places"))?;
+    along(&path_of, &limits).ok_or_else(|| refused(&"no times were found", "take points out"))
+}
