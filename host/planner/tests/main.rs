@@ -26,3 +26,4 @@ mod prepare;
 mod stored_throws;
 mod targets;
 mod timing;
+mod way;

@@ -139,7 +139,11 @@ impl<'a, const N: usize> Space<'a, N> {
     fn place(&mut self, path: &[JointVec<N>]) -> (usize, JointVec<N>) {
         let edges = path.len() - 1;
         let edge = (self.rng.unit() * edges as f64) as usize % edges;
-        let share = (1.5 * self.rng.unit() - 0.25).clamp(0.0, 1.0);
-        (edge, path[edge] + (path[edge + 1] - path[edge]) * share)
+        let at = match 1.5 * self.rng.unit() - 0.25 {
+            share if share <= 0.0 => path[edge],
+            share if share >= 1.0 => path[edge + 1],
+            share => path[edge] + (path[edge + 1] - path[edge]) * share,
+        };
+        (edge, at)
     }
 }
