@@ -1,6 +1,6 @@
 //! Exit codes of `cubectl`, stable across versions.
 
-use operator::throw::Outcome;
+use operator::job::Outcome;
 
 /// Done.
 pub const OK: u8 = 0;
@@ -70,15 +70,16 @@ pub const TABLE: &[(u8, &str, &str)] = &[
     ),
 ];
 
-/// Exit code of a throw; `None`: that of the cause.
+/// Exit code of a job; `None`: that of the cause.
 #[must_use]
 pub const fn of_outcome(outcome: Outcome) -> Option<u8> {
     match outcome {
-        Outcome::Landed | Outcome::NotObserved => Some(OK),
+        Outcome::Landed | Outcome::NotObserved | Outcome::Reached | Outcome::Stored => Some(OK),
         Outcome::Missed => Some(MISSED),
         Outcome::NotReleased => Some(NOT_RELEASED),
         Outcome::Stopped => Some(STOPPED),
-        Outcome::NotThrown => None,
+        Outcome::NotReached => Some(DRIVE),
+        Outcome::NotThrown | Outcome::NotRun => None,
     }
 }
 

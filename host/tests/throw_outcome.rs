@@ -2,9 +2,10 @@
 
 use crate::bus_common::{Folder, code, cubectl, err, out};
 use host::cmd::report;
-use operator::throw::job::computed_landing;
-use operator::throw::outcome::{BallOutcome, Outcome, default_tolerance_m, judge};
-use operator::throw::{Job, Record};
+use operator::job::throw::computed_landing;
+use operator::job::verdict::judge;
+use operator::job::{BallOutcome, Order, Outcome, Record};
+use operator::way::Travel;
 use planner::plan::file::PlanFile;
 use serde_json::Value;
 
@@ -126,20 +127,12 @@ fn unobserved(folder: &Folder, name: &str) -> (Outcome, String, Record) {
     let dir = folder.0.join(name);
     let [plan, log, summary] = ["plan.json", "bus.log", "summary.json"].map(|file| dir.join(file));
     let recorded = report::read(&plan, &log, Some(&summary), None, report::BIT_RATE).unwrap();
-    let job = Job {
-        arm: &recorded.arm,
-        plan: &recorded.plan,
-        gains: None,
-        approach_share: 0.3,
-        seed: 1,
-        tolerance_m: default_tolerance_m(&recorded.arm, &recorded.plan),
-        go_back: false,
-    };
+    let order = Order::throw(&recorded.arm, &recorded.plan, Travel::default());
     let analysis = recorded.analysis.unwrap();
-    let landing = computed_landing(&job, &analysis);
+    let landing = computed_landing(&recorded.plan, &analysis);
     let record =
         Record { ball: BallOutcome::NotObserved, landing, analysis: Some(analysis), ..Record::default() };
-    let verdict = judge(&job, &record, Ok(()));
+    let verdict = judge(&order, &record);
     println!("{name} unobserved: {}", verdict.text);
     (verdict.outcome, verdict.text, record)
 }

@@ -11,10 +11,10 @@ use std::error::Error;
 
 use hil_sim::krc::KrcScenario;
 use nalgebra::Vector3;
+use operator::job::follow::error_m;
 use operator::rsi::cell;
 use operator::rsi::cycles::cycles;
 use operator::rsi::identify::{gripper, lag, wiggle, with_measured};
-use operator::rsi::outcome::error_m;
 use operator::rsi::program::{Lag, exploring, prepare, station};
 use operator::rsi::station::{Stage, Station};
 use planner::follow::best::BestOptions;
@@ -154,7 +154,10 @@ fn landing(
         return Err(fault.to_string());
     }
     match station.stage() {
-        Stage::Finished { .. } => Ok(error_m(&seen, &plan.target_m).unwrap_or(f64::INFINITY)),
+        Stage::Finished { .. } => {
+            let landing = seen.landing.as_ref();
+            Ok(landing.map_or(f64::INFINITY, |landing| error_m(&landing.p_m, &plan.target_m)))
+        }
         stage => Err(format!("{stage:?}")),
     }
 }

@@ -12,10 +12,10 @@ use std::error::Error;
 use nalgebra::Vector3;
 use operator::bus::period::settings_with_gains;
 use operator::bus::sim::SimSetup;
+use operator::job::cell::take_plan;
+use operator::job::{Answer, Order, Outcome, perform};
 use operator::port::{BallSeen, InProcess};
-use operator::throw::cell::take_plan;
-use operator::throw::outcome::{default_tolerance_m, judge};
-use operator::throw::{Job, Outcome, Record, job};
+use operator::way::Travel;
 use planner::plan::statistics::Noise;
 use planner::plan::{Arm, Budget, Kept, Options, Watch, seeds};
 use planner::request::{Plans, Request, Wanted};
@@ -45,18 +45,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     take_plan(&mut setup.cell, &plan);
     let mut operator = InProcess::new(&robot, &setup, SEED, &settings_with_gains(&robot)?)?;
 
-    let throw = Job {
-        arm: &arm,
-        plan: &plan,
-        gains: None,
-        approach_share: 0.3,
-        seed: SEED,
-        tolerance_m: default_tolerance_m(&arm, &plan),
-        go_back: false,
-    };
-    let mut record = Record::default();
-    let ended = job::run(&mut operator, &throw, &mut record, &mut |_| job::Answer::Yes);
-    let verdict = judge(&throw, &record, ended.as_ref().copied());
+    let throw = Order::throw(&arm, &plan, Travel { seed: SEED, ..Travel::default() });
+    let verdict = perform(&mut operator, &throw, &mut |_| Answer::Yes).verdict;
     println!("{}", verdict.text);
 
     // The simulated cell is the witness.

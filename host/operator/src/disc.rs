@@ -29,7 +29,7 @@ use crate::bus::sim::{SimBus, SimSetup};
 use crate::bus::{BusArgs, BusFailure, Session};
 use crate::dialogue::clock::ControllerClock;
 use crate::dialogue::operator::OperatorError;
-use crate::throw::trajectory::{TrajectoryError, encode};
+use crate::trajectory::{TrajectoryError, encode};
 
 /// The arm stands for this long at the beginning of the run, before the disc is released. The gripper opens meanwhile.
 const STAND: Duration = Duration::from_millis(200);

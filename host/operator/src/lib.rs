@@ -7,22 +7,24 @@
 //! rally                                one arm throws, another catches, in virtual time
 //!   |
 //!   v
-//! rsi    flight_estimator    disc      an industrial robot behind its sensor interface, and its throw; a ball seen by a tracker; a
-//!                                      catch of a disc as a run of a controller
+//! disc    flight_estimator             a catch of a disc as a run of a controller; a ball seen by a tracker
 //!   |
 //!   v
-//! throw    tracker      identify       targets from an optical tracker; jobs: from a plan to where the ball landed; measuring a drive
+//! job    tracker      identify         the job: go there, upload, run, follow, judge; targets from an optical tracker; measuring a drive
 //!   |   \                 |
-//!   |    v                |
-//!   |   port              |            what a job needs of a controller: on a bus, or in this program
-//!   |     \               v
+//!   |    port             |            the links of a job: on a bus, in this program
+//!   |     |  \            |
+//!   |     |   rsi         |            an industrial robot behind its sensor interface, and the link to it
+//!   |     |     \         |
+//!   |     |      way  trajectory       from rest to rest around everything; motions as files of a controller
+//!   |     v               v
 //!   |     dialogue ------------------  questions to drives, orders to a controller
 //!   |        |
 //!   v        v
 //! analysis  bus   live                 a run against its plan; sessions in virtual and real time; the live view of a bus
 //!   |       /  \  |
 //!   v      /    \ |
-//! samples /      \|                    what was measured and told during a run, whatever the link
+//! samples /      \|                    what was measured and reported during a run, whatever the link
 //!      \ /        \
 //!       v          v
 //!       log       node                 recordings, and what their frames say; the host's node, without IO
@@ -39,6 +41,7 @@ pub mod disc;
 pub mod flight_estimator;
 pub mod identify;
 pub mod interrupt;
+pub mod job;
 pub mod live;
 pub mod log;
 pub mod machine;
@@ -48,5 +51,6 @@ pub mod rally;
 pub mod rsi;
 pub mod samples;
 pub mod tap;
-pub mod throw;
 pub mod tracker;
+pub mod trajectory;
+pub mod way;

@@ -13,7 +13,7 @@ use operator::bus::Session;
 use operator::dialogue::clock::ControllerClock;
 use operator::dialogue::online::EndStates;
 use operator::dialogue::operator::OperatorError;
-use operator::throw::trajectory::standing;
+use operator::trajectory::standing;
 use protocol::cyphal::cubecell::command::Trajectory;
 use protocol::cyphal::cubecell::group_state::State;
 use protocol::cyphal::id::NodeId;

@@ -9,10 +9,10 @@ use operator::bus::args::Cell;
 use operator::bus::period::settings_with_gains;
 use operator::dialogue::operator::OperatorError;
 use operator::dialogue::registers::Numbers;
+use operator::job::cell::take_plan;
+use operator::job::{Answer, JobError, Order, Outcome, Record, Step, perform};
 use operator::port::{BallSeen, InProcess, OnBus, Operator};
-use operator::throw::cell::take_plan;
-use operator::throw::outcome::{default_tolerance_m, judge};
-use operator::throw::{Job, JobError, Outcome, Record, Step, Verdict, job};
+use operator::way::Travel;
 use planner::plan::Arm;
 use planner::plan::file::PlanFile;
 use protocol::Duration;
@@ -32,46 +32,31 @@ fn cell(plan: &PlanFile, fault: Option<&str>) -> Cell {
 
 /// What became of a throw.
 struct Thrown {
-    verdict: Verdict,
-    ended: Result<(), JobError>,
     record: Record,
     /// The witness: what the cell itself knows.
     ball: BallSeen,
 }
 
-fn throw(operator: &mut dyn Operator, arm: &Arm, plan: &PlanFile) -> (Result<(), JobError>, Record, Verdict) {
-    let job = Job {
-        arm,
-        plan,
-        gains: None,
-        approach_share: 0.3,
-        seed: 1,
-        tolerance_m: default_tolerance_m(arm, plan),
-        go_back: false,
-    };
-    let mut record = Record::default();
-    let ended = job::run(operator, &job, &mut record, &mut |_| job::Answer::Yes);
-    let verdict = judge(&job, &record, ended.as_ref().copied());
-    (ended, record, verdict)
+fn throw(operator: &mut dyn Operator, arm: &Arm, plan: &PlanFile) -> Record {
+    perform(operator, &Order::throw(arm, plan, Travel::default()), &mut |_| Answer::Yes)
 }
 
 fn on_a_bus(arm: &Arm, plan: &PlanFile, fault: Option<&str>) -> Thrown {
     let cell = cell(plan, fault);
     let settings = settings_with_gains(&cell.robot).unwrap();
     let mut session = BusArgs::default().open_cell(&cell, Some(&settings)).unwrap();
-    let (ended, record, verdict) =
-        throw(&mut OnBus::new(&mut session, None, cell.setup.bus.bit_rate_bit_s), arm, plan);
+    let record = throw(&mut OnBus::new(&mut session, None, cell.setup.bus.bit_rate_bit_s), arm, plan);
     let ball = BallSeen::of(session.sim().unwrap().cell());
-    Thrown { verdict, ended, record, ball }
+    Thrown { record, ball }
 }
 
 fn in_process(arm: &Arm, plan: &PlanFile, fault: Option<&str>) -> Thrown {
     let cell = cell(plan, fault);
     let settings = settings_with_gains(&cell.robot).unwrap();
     let mut operator = InProcess::new(&cell.robot, &cell.setup, cell.seed, &settings).unwrap();
-    let (ended, record, verdict) = throw(&mut operator, arm, plan);
+    let record = throw(&mut operator, arm, plan);
     let ball = BallSeen::of(operator.cell());
-    Thrown { verdict, ended, record, ball }
+    Thrown { record, ball }
 }
 
 fn miss_m(ball: &BallSeen, plan: &PlanFile) -> f64 {
@@ -83,8 +68,8 @@ fn the_same_job_lands_the_ball_by_either_operator_and_its_samples_give_the_same_
     let (arm, plan) = plan();
     let (bus, local) = (on_a_bus(&arm, &plan, None), in_process(&arm, &plan, None));
     for thrown in [&bus, &local] {
-        thrown.ended.as_ref().unwrap();
-        assert_eq!(thrown.verdict.outcome, Outcome::Landed, "{}", thrown.verdict.text);
+        assert!(thrown.record.ended.is_none(), "{:?}", thrown.record.ended);
+        assert_eq!(thrown.record.verdict.outcome, Outcome::Landed, "{}", thrown.record.verdict.text);
         let told_m = thrown.record.landing.unwrap().error_m;
         assert!((told_m - miss_m(&thrown.ball, &plan)).abs() < 1e-12);
     }
@@ -127,9 +112,10 @@ fn a_drive_that_falls_silent_stops_the_throw_by_either_operator_with_the_same_ca
     assert!(settings.reply_missed_max >= 1);
     let silent = format!("kind = \"silent\", target = \"module 3\", start_s = {middle_s:.3}, length_s = 2.0");
     for thrown in [on_a_bus(&arm, &plan, Some(&silent)), in_process(&arm, &plan, Some(&silent))] {
-        assert_eq!(thrown.verdict.outcome, Outcome::Stopped, "{}", thrown.verdict.text);
-        let Err(JobError::Operator(OperatorError::Stopped { cause, joint, .. })) = thrown.ended else {
-            panic!("{}", thrown.verdict.text)
+        let Record { verdict, ended, .. } = &thrown.record;
+        assert_eq!(verdict.outcome, Outcome::Stopped, "{}", verdict.text);
+        let Some(JobError::Operator(OperatorError::Stopped { cause, joint, .. })) = *ended else {
+            panic!("{}", verdict.text)
         };
         assert_eq!((cause, joint), (firmware::fault::Cause::DriveSilent.code(), 3));
         let fault = thrown.record.analysis.unwrap().fault.unwrap();

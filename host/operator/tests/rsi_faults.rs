@@ -2,18 +2,14 @@
 
 use std::collections::BTreeMap;
 
-use crate::rsi_common::{HIT_M, TARGET, arm, error_m, plan, scenario, thrown, true_lag};
+use crate::rsi_common::{HIT_M, TARGET, error_m, performed, plan, scenario, thrown};
 use firmware::fault::Cause;
 use hil_sim::krc::bench::RobotFault;
 use hil_sim::krc::{CycleRecord, Direction, FaultCause, KrcScenario, LinkFault, LinkFaultKind};
-use operator::rsi::cell::{self, Seen};
-use operator::rsi::outcome::judge;
-use operator::rsi::program::{station, way_to_start};
-use operator::rsi::station::{Stage, Station};
-use operator::throw::Outcome;
-use planner::motion::Motion;
+use operator::job::{Outcome, Record};
+use operator::rsi::cell::Seen;
+use operator::rsi::station::Stage;
 use protocol::{Duration, Instant};
-use robot_model::collision::Scene;
 
 /// Distance of each axis from the end of the plan at which it counts as there, rad.
 const END_RAD: f64 = 1e-3;
@@ -51,7 +47,6 @@ const KINDS: [(&str, Kind); 14] = {
 struct Cell {
     name: &'static str,
     described: KrcScenario,
-    ways: Vec<Motion>,
 }
 
 impl Cell {
@@ -59,13 +54,11 @@ impl Cell {
         let mut described = KrcScenario::open(source).expect("built in");
         described.options.hand.gripper.landing_z_m = Some(TARGET[2]);
         described.seed = 1;
-        let ways = way_to_start(&described, &arm(), plan(), &Scene::default(), (0.8, 1)).expect("a way");
-        assert!(!ways.is_empty(), "the program starts elsewhere");
-        Self { name, described, ways }
+        Self { name, described }
     }
 
     /// Throws with a fault of link or robot.
-    fn thrown(&self, fault: Option<(Kind, Instant, u64)>) -> (Seen, Station) {
+    fn thrown(&self, fault: Option<(Kind, Instant, u64)>) -> (Seen, Record, Stage) {
         let mut scenario = self.described.clone();
         match fault {
             Some((Kind::Link(direction, kind), from, length_ms)) => {
@@ -79,16 +72,16 @@ impl Cell {
             }
             None => {}
         }
-        let lag = true_lag(&scenario);
-        let mut station = station(&scenario, &arm(), plan(), lag, &self.ways).expect("a station");
-        let seen = cell::run(&scenario, &mut station).expect("a robot");
-        (seen, station)
+        let (mut record, stage) = performed(&scenario);
+        let seen = record.led.as_mut().and_then(|led| led.seen.take()).expect("simulated");
+        (seen, record, stage)
     }
 
     /// A time in each phase of the throw, from a run without faults.
     fn phases(&self) -> [(&'static str, Instant); 7] {
-        let (seen, nominal) = self.thrown(None);
-        let Stage::Finished { started_at } = *nominal.stage() else { panic!("{:?}", nominal.stage()) };
+        let (seen, record, stage) = self.thrown(None);
+        assert!(record.approach_s.is_some(), "the program starts elsewhere");
+        let Stage::Finished { started_at } = stage else { panic!("{}", record.verdict.text) };
         assert!(is_landed(&seen), "{}: {:?}", self.name, error_m(&seen));
         let step = |k: usize| started_at + Duration::from_micros((plan().steps[k].t_s * 1e6) as u64);
         let [first, last] = plan().window;
@@ -197,10 +190,9 @@ fn every_fault_in_every_phase(name: &'static str, source: &'static str) {
         for (phase, from) in phases {
             let mut cell_words = Vec::new();
             for length_ms in [12, 300] {
-                let (seen, station) = cell.thrown(Some((kind, from, length_ms)));
+                let (seen, Record { verdict, .. }, stage) = cell.thrown(Some((kind, from, length_ms)));
                 let place = format!("{name}, {kind_name}, {phase}, {length_ms} ms");
-                let (stage, fault) = (station.stage(), seen.fault);
-                let verdict = judge(&seen, &station, &TARGET, HIT_M);
+                let fault = seen.fault;
                 if fault.is_some_and(|fault| !stops_robot(kind, &fault)) {
                     wrong.push(format!("{place}: the robot stopped by {fault:?}"));
                 }

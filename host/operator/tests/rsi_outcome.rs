@@ -1,24 +1,29 @@
 //! What is said of the ball from the telegrams alone. The witness is the simulated robot's ball.
 
-use crate::rsi_common::{TARGET, arm, error_m, scenario, thrown};
+use crate::rsi_common::{TARGET, arm, error_m, performed, scenario, thrown};
 use hil_sim::krc::{Direction, KrcScenario, LinkFault, LinkFaultKind};
+use operator::job::Outcome;
+use operator::job::follow::{Ball, GripperKnown, measured, of_ball};
 use operator::rsi::cell::Seen;
 use operator::rsi::cycles::{Cycle, cycles, is_set, last_outputs};
 use operator::rsi::log::{Entry, Line};
-use operator::rsi::outcome::{GripperKnown, RsiBallOutcome, judge, measured, verdict};
 use operator::rsi::station::{Stage, Station};
-use operator::throw::Outcome;
 use protocol::Duration;
 
 const PERIOD_S: f64 = 0.012;
 
-/// A throw whose robot takes any step of its set points, and its log.
-fn thrown_with(scenario: &KrcScenario) -> (Seen, Station, Vec<Line>) {
+/// A robot that takes any step of its set points.
+fn unlimited(scenario: &KrcScenario) -> KrcScenario {
     let mut scenario = scenario.clone();
     scenario.options.cut_out.acceleration_deg_s2 = [1e9; 6];
     scenario.options.cut_out.jerk_deg_s3 = [1e12; 6];
     scenario.options.cut_out.velocity_deg_s = Some([1e6; 6]);
-    let (seen, mut station) = thrown(&scenario);
+    scenario
+}
+
+/// A throw of such a robot, and its log.
+fn thrown_with(scenario: &KrcScenario) -> (Seen, Station, Vec<Line>) {
+    let (seen, mut station) = thrown(&unlimited(scenario));
     let lines = station.take_log();
     (seen, station, lines)
 }
@@ -37,12 +42,12 @@ fn known(scenario: &KrcScenario, lines: &[Line]) -> GripperKnown {
     }
 }
 
-fn concluded(table: &[Cycle], scenario: &KrcScenario, lines: &[Line]) -> RsiBallOutcome {
+fn concluded(table: &[Cycle], scenario: &KrcScenario, lines: &[Line]) -> Ball {
     measured(&arm(), table, PERIOD_S, &known(scenario, lines), &TARGET)
 }
 
-fn predicted_m(outcome: RsiBallOutcome) -> f64 {
-    let RsiBallOutcome::Predicted(error_m) = outcome else { panic!("{outcome:?}") };
+fn predicted_m(outcome: Ball) -> f64 {
+    let Ball::Predicted(error_m) = outcome else { panic!("{outcome:?}") };
     error_m
 }
 
@@ -93,9 +98,9 @@ fn answer_lost_around_the_release_is_predicted_as_the_ball_lands_or_not_known() 
             continue;
         };
         let error = match concluded(&table(&lines, &scenario), &scenario, &lines) {
-            RsiBallOutcome::Predicted(error_m) => error_m,
+            Ball::Predicted(error_m) => error_m,
             // The axes leap in the cycle of the release: nothing in the telegrams says when.
-            RsiBallOutcome::Unknown(_) => {
+            Ball::Unknown(_) => {
                 println!("{away}: {:.1} mm, not known", 1e3 * truth);
                 unknown += 1;
                 continue;
@@ -119,13 +124,13 @@ fn ball_is_kept_when_an_answer_lost_before_has_led_the_axes_off_their_path() {
     let until = from + Duration::from_millis(12);
     let (kind, direction) = (LinkFaultKind::Lost, Direction::ToRobot);
     scenario.link_faults = vec![LinkFault { kind, direction, from, until, probability: 1.0 }];
-    let (seen, station, _) = thrown_with(&scenario);
-    assert!(seen.released.is_none(), "{:?}", error_m(&seen));
-    let verdict = judge(&seen, &station, &TARGET, 0.035);
-    println!("{}", verdict.text);
-    if matches!(station.stage(), Stage::Finished { .. }) {
-        assert_eq!(verdict.outcome, Outcome::NotReleased);
-        assert!(verdict.text.contains("off their path"), "{}", verdict.text);
+    let record = performed(&unlimited(&scenario)).0;
+    let seen = record.led.as_ref().and_then(|led| led.seen.as_ref()).expect("simulated");
+    assert!(seen.released.is_none(), "{:?}", error_m(seen));
+    println!("{}", record.verdict.text);
+    if record.ended.is_none() {
+        assert_eq!(record.verdict.outcome, Outcome::NotReleased);
+        assert!(record.verdict.text.contains("off their path"), "{}", record.verdict.text);
     }
 }
 
@@ -140,18 +145,17 @@ fn telegrams_that_end_after_the_answer_to_open_leave_the_ball_unknown() {
     let answer = lines.iter().position(opens).expect("opens");
     lines.truncate(answer + 1);
     let outcome = concluded(&table(&lines, &scenario), &scenario, &lines);
-    assert!(matches!(outcome, RsiBallOutcome::Unknown(_)), "{outcome:?}");
-    let stage = Stage::Finished { started_at: protocol::Instant::ZERO };
-    let told = verdict(outcome, None, &stage, 0.035);
-    assert!(!told.text.contains("in the hand") && told.outcome != Outcome::NotObserved, "{}", told.text);
+    assert!(matches!(outcome, Ball::Unknown(_)), "{outcome:?}");
+    let (verdict, text) = of_ball(outcome, 0.035);
+    assert!(!text.contains("in the hand") && verdict != Outcome::NotObserved, "{text}");
     // Before that answer the ball is in the hand.
     lines.truncate(answer);
-    assert_eq!(concluded(&table(&lines, &scenario), &scenario, &lines), RsiBallOutcome::InHand);
+    assert_eq!(concluded(&table(&lines, &scenario), &scenario, &lines), Ball::InHand);
     // Some cycles later nothing says how the hand moved on.
     let (_, _, mut lines) = thrown_with(&scenario);
     lines.truncate(answer + 6);
     let outcome = concluded(&table(&lines, &scenario), &scenario, &lines);
-    assert!(matches!(outcome, RsiBallOutcome::Unknown(_)), "{outcome:?}");
+    assert!(matches!(outcome, Ball::Unknown(_)), "{outcome:?}");
 }
 
 #[test]
@@ -169,17 +173,16 @@ fn finger_sensor_that_contradicts_the_order_to_open_is_reported_as_that() {
     };
     let truth = predicted_m(with(&|k| k >= opened + 3));
     assert!(truth < 0.01);
-    assert_eq!(with(&|_| false), RsiBallOutcome::FingersClosed);
-    assert_eq!(with(&|_| true), RsiBallOutcome::FingersOpenBefore);
+    assert_eq!(with(&|_| false), Ball::FingersClosed);
+    assert_eq!(with(&|_| true), Ball::FingersOpenBefore);
     let late = with(&|k| k >= opened + 3 + 11);
-    let RsiBallOutcome::PredictedLate(error_m, late_s) = late else { panic!("{late:?}") };
+    let Ball::PredictedLate(error_m, late_s) = late else { panic!("{late:?}") };
     // The hand follows the flight for 0.4 s, so the ball is still on its way to the target.
     assert!(error_m < 0.01 && (0.11..0.16).contains(&late_s), "{error_m} {late_s}");
-    let stage = Stage::Finished { started_at: protocol::Instant::ZERO };
-    let outcome = |ball| verdict(ball, None, &stage, 0.035).outcome;
-    assert_eq!(outcome(RsiBallOutcome::FingersClosed), Outcome::NotReleased);
-    assert_eq!(outcome(RsiBallOutcome::FingersOpenBefore), Outcome::Missed);
-    let told = verdict(late, None, &stage, 0.035);
-    assert!(told.text.contains("open 142 ms later than described"), "{}", told.text);
-    assert_eq!(outcome(RsiBallOutcome::PredictedLate(0.2, late_s)), Outcome::Missed);
+    let outcome = |ball| of_ball(ball, 0.035).0;
+    assert_eq!(outcome(Ball::FingersClosed), Outcome::NotReleased);
+    assert_eq!(outcome(Ball::FingersOpenBefore), Outcome::Missed);
+    let (_, text) = of_ball(late, 0.035);
+    assert!(text.contains("open 142 ms later than described"), "{text}");
+    assert_eq!(outcome(Ball::PredictedLate(0.2, late_s)), Outcome::Missed);
 }

@@ -33,7 +33,7 @@ fn program_that_adds_corrections_or_corrects_the_tool_is_led_by_no_station() {
         assert_eq!(can_be_led(&scenario), Err(expected.clone()));
         assert_eq!(leading(&scenario, &arm(), lag, &[]).err(), Some(expected.clone()));
         assert_eq!(exploring(&scenario, &arm(), &[]).err(), Some(expected.clone()));
-        assert_eq!(replay_station(&scenario, &arm(), None, Vec::new()).err(), Some(expected.clone()));
+        assert_eq!(replay_station(&scenario, &arm(), None).err(), Some(expected.clone()));
         prepare(&mut scenario, &arm(), plan());
         assert_eq!(station(&scenario, &arm(), plan(), lag, &[]).err(), Some(expected.clone()));
         let text = expected.to_string();

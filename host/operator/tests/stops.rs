@@ -5,10 +5,12 @@ use hil_sim::scenario::ScriptedHost;
 use operator::bus::args::Cell;
 use operator::bus::period::settings_with_gains;
 use operator::bus::{BusArgs, Session};
+use operator::job::{
+    Answer, Extent, JobError, OnProgress, Order, Outcome, Progress, Question, Record, Step,
+    default_tolerance_m, perform,
+};
 use operator::port::{BallSeen, InProcess, OnBus, Operator};
-use operator::throw::job::{self, Answer, OnProgress, Progress, Question};
-use operator::throw::outcome::{default_tolerance_m, judge};
-use operator::throw::{Job, JobError, Outcome, Record, Step, Verdict};
+use operator::way::Travel;
 use planner::motion::Motion;
 use planner::plan::Arm;
 use planner::plan::file::PlanFile;
@@ -37,33 +39,15 @@ fn cell(plan: &PlanFile, homed: bool, stop: Option<(f64, Frame)>) -> Cell {
 }
 
 struct Thrown {
-    ended: Result<(), JobError>,
     record: Record,
-    verdict: Verdict,
     ball: BallSeen,
     /// Joint angles of the plant when the job ended.
     stands_rad: Vec<f64>,
 }
 
-fn throw(
-    operator: &mut dyn Operator,
-    arm: &Arm,
-    plan: &PlanFile,
-    answers: OnProgress<'_>,
-) -> (Result<(), JobError>, Record, Verdict) {
-    let job = Job {
-        arm,
-        plan,
-        gains: None,
-        approach_share: 0.3,
-        seed: 1,
-        tolerance_m: default_tolerance_m(arm, plan),
-        go_back: true,
-    };
-    let mut record = Record::default();
-    let ended = job::run(operator, &job, &mut record, answers);
-    let verdict = judge(&job, &record, ended.as_ref().copied());
-    (ended, record, verdict)
+fn throw(operator: &mut dyn Operator, arm: &Arm, plan: &PlanFile, answers: OnProgress<'_>) -> Record {
+    let order = Order { extent: Extent::Back, ..Order::throw(arm, plan, Travel::default()) };
+    perform(operator, &order, answers)
 }
 
 fn on_a_bus(arm: &Arm, plan: &PlanFile, cell: &Cell) -> Thrown {
@@ -73,10 +57,10 @@ fn on_a_bus(arm: &Arm, plan: &PlanFile, cell: &Cell) -> Thrown {
 fn on_a_bus_with(arm: &Arm, plan: &PlanFile, cell: &Cell, answers: OnProgress<'_>) -> Thrown {
     let settings = settings_with_gains(&cell.robot).unwrap();
     let mut session = BusArgs::default().open_cell(cell, Some(&settings)).unwrap();
-    let (ended, record, verdict) =
+    let record =
         throw(&mut OnBus::new(&mut session, None, cell.setup.bus.bit_rate_bit_s), arm, plan, answers);
     let cell = session.sim().unwrap().cell();
-    Thrown { ended, record, verdict, ball: BallSeen::of(cell), stands_rad: angles(cell) }
+    Thrown { record, ball: BallSeen::of(cell), stands_rad: angles(cell) }
 }
 
 fn in_process(arm: &Arm, plan: &PlanFile, cell: &Cell) -> Thrown {
@@ -86,9 +70,9 @@ fn in_process(arm: &Arm, plan: &PlanFile, cell: &Cell) -> Thrown {
 fn in_process_with(arm: &Arm, plan: &PlanFile, cell: &Cell, answers: OnProgress<'_>) -> Thrown {
     let settings = settings_with_gains(&cell.robot).unwrap();
     let mut operator = InProcess::new(&cell.robot, &cell.setup, cell.seed, &settings).unwrap();
-    let (ended, record, verdict) = throw(&mut operator, arm, plan, answers);
+    let record = throw(&mut operator, arm, plan, answers);
     let cell = operator.cell();
-    Thrown { ended, record, verdict, ball: BallSeen::of(cell), stands_rad: angles(cell) }
+    Thrown { record, ball: BallSeen::of(cell), stands_rad: angles(cell) }
 }
 
 fn angles(cell: &hil_sim::Cell) -> Vec<f64> {
@@ -97,11 +81,10 @@ fn angles(cell: &hil_sim::Cell) -> Vec<f64> {
 
 /// It was reported as a stop, by somebody else or with a cause that names one.
 fn is_reported(thrown: &Thrown, what: &str) {
-    let Err(JobError::Operator(error)) = &thrown.ended else {
-        panic!("{what}: {}", thrown.verdict.text);
-    };
+    let Record { ended, verdict, .. } = &thrown.record;
+    let Some(JobError::Operator(error)) = ended else { panic!("{what}: {}", verdict.text) };
     assert!(error.is_stop_by_other(), "{what}: {error}");
-    assert_eq!(thrown.verdict.outcome, Outcome::Stopped, "{what}: {}", thrown.verdict.text);
+    assert_eq!(verdict.outcome, Outcome::Stopped, "{what}: {}", verdict.text);
 }
 
 #[test]
@@ -188,7 +171,7 @@ fn a_stop_in_the_flight_keeps_the_arm_where_it_is_and_says_where_the_ball_went()
     let links: [fn(&Arm, &PlanFile, &Cell) -> Thrown; 2] = [on_a_bus, in_process];
     for (link, run) in links.iter().enumerate() {
         let clean = run(&arm, &plan, &cell(&plan, true, None));
-        clean.ended.as_ref().unwrap();
+        assert!(clean.record.ended.is_none(), "{}", clean.record.verdict.text);
         let begun = |step| clean.record.steps.iter().find(|(s, ..)| *s == step).unwrap().1.as_secs_f64();
         let motion: Motion = plan.motion.to_motion();
         let end_rad = motion.stop_rad();
@@ -201,7 +184,8 @@ fn a_stop_in_the_flight_keeps_the_arm_where_it_is_and_says_where_the_ball_went()
             assert!(off.fold(0.0, f64::max) < 0.02, "{what}: the arm went back");
             let landed = thrown.record.landing.expect("the cell saw it").error_m;
             assert!(landed < default_tolerance_m(&arm, &plan), "{what}: {landed}");
-            assert!(thrown.verdict.text.contains("the ball left the hand"), "{}", thrown.verdict.text);
+            let text = &thrown.record.verdict.text;
+            assert!(text.contains("the ball left the hand"), "{text}");
         }
     }
 }

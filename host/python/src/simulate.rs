@@ -4,15 +4,15 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use host::cmd::throw::robot;
+use host::cmd::throw::led;
 use host::error::ExpectedError;
 use operator::bus::args::CellArgs;
 use operator::bus::period::{PeriodRequest, apply, choose, settings_with_gains};
 use operator::bus::settings::settings_of;
+use operator::job::cell::take_plan;
+use operator::job::{Answer, Order, perform};
 use operator::port::{BallSeen, InProcess};
-use operator::throw::cell::take_plan;
-use operator::throw::outcome::{default_tolerance_m, judge};
-use operator::throw::{Job, Record, job};
+use operator::way::Travel;
 use planner::follow::plan::FollowPlan;
 use pyo3::prelude::*;
 use pyo3::types::PyByteArray;
@@ -24,9 +24,6 @@ use crate::arrays::array;
 use crate::calls::interruptible;
 use crate::errors::refused;
 use crate::plans::{NAME, plan_of};
-
-/// Share of the speed limits that the way to the start of the throw uses, as in `cubectl throw`.
-const APPROACH_SHARE: f64 = 0.3;
 
 /// What is simulated.
 #[derive(FromPyObject)]
@@ -75,25 +72,15 @@ fn throw(request: &Request, stop: &Arc<AtomicBool>) -> Result<String, ExpectedEr
     };
     let mut operator = InProcess::new(&robot, &setup, request.seed, &settings)?;
     operator.stop_with(Arc::clone(stop));
-    let throw = Job {
-        arm,
-        plan: &plan,
-        gains: None,
-        approach_share: APPROACH_SHARE,
-        seed: request.seed,
-        tolerance_m: default_tolerance_m(&**arm, &plan),
-        go_back: false,
-    };
-    let mut record = Record::default();
-    let ended = job::run(&mut operator, &throw, &mut record, &mut |_| job::Answer::Yes);
-    let verdict = judge(&throw, &record, ended.as_ref().copied());
+    let order = Order::throw(arm, &plan, Travel { seed: request.seed, ..Travel::default() });
+    let record = perform(&mut operator, &order, &mut |_| Answer::Yes);
     // The simulated cell is the witness.
     let seen = BallSeen::of(operator.cell()).landing;
     let told = json!({
-        "outcome": verdict.outcome.json_name(),
-        "text": verdict.text,
-        "tolerance_m": verdict.tolerance_m,
-        "error": ended.as_ref().err().map(ToString::to_string),
+        "outcome": record.verdict.outcome.json_name(),
+        "text": record.verdict.text,
+        "tolerance_m": order.judge.tolerance_m(),
+        "error": record.ended.as_ref().map(ToString::to_string),
         "landing_m": seen.map(|(_, p)| [p.x, p.y, p.z]),
         "flight_s": seen.map(|(s, _)| s),
         "miss_m": record.landing.map(|landing| landing.error_m),
@@ -113,7 +100,7 @@ pub(crate) fn simulate_follow(
     let simulated = interruptible(py, move |_| {
         let plan = FollowPlan::from_json(Path::new(NAME), &plan)
             .map_err(|error| ExpectedError::bad_input(&error))?;
-        robot::simulate(&words, &plan)
+        led::simulate(&words, &plan)
     })?;
     let simulated = simulated.map_err(|error| refused(&error))?;
     let rows: Vec<f64> = simulated

@@ -13,6 +13,12 @@ use operator::log::candump::UnreadableFile;
 
 impl From<BusFailure> for ExpectedError {
     fn from(failure: BusFailure) -> Self {
+        (&failure).into()
+    }
+}
+
+impl From<&BusFailure> for ExpectedError {
+    fn from(failure: &BusFailure) -> Self {
         let code = match failure {
             BusFailure::World(BuildError::NoSuchModule { .. } | BuildError::NoSuchPlace { .. })
             | BusFailure::Robot(_)
@@ -67,10 +73,19 @@ impl From<AskError> for ExpectedError {
 
 impl From<OperatorError> for ExpectedError {
     fn from(error: OperatorError) -> Self {
+        (&error).into()
+    }
+}
+
+impl From<&OperatorError> for ExpectedError {
+    fn from(error: &OperatorError) -> Self {
         match error {
             OperatorError::Bus(failure) => failure.into(),
             OperatorError::Interrupted => Self::new(exit::INTERRUPTED, "interrupted; what moved was stopped"),
-            OperatorError::TooLong(_) => Self::bad_input(&error),
+            OperatorError::TooLong(_) => Self::bad_input(error),
+            OperatorError::RobotNotReady { .. } | OperatorError::Socket(_) => {
+                Self::new(exit::BUS, error.to_string())
+            }
             error if error.is_stop_by_other() => Self::new(exit::STOPPED, error.to_string()),
             other => Self::new(exit::DRIVE, other.to_string()),
         }

@@ -12,7 +12,7 @@ use std::io::{BufRead, IsTerminal, Read, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use can_link::BusSpec;
-use operator::throw::job::Answer;
+use operator::job::Answer;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use crate::error::ExpectedError;
@@ -55,7 +55,7 @@ impl Consent {
         self.wait(question, 0)
     }
 
-    /// Asks and waits for the answer.
+    /// Asks and waits for the answer; a person who has agreed is not asked again.
     ///
     /// # Errors
     /// [`exit::INTERRUPTED`] for any answer but Enter, and for a signal: `stop` is set by then.
@@ -63,7 +63,10 @@ impl Consent {
         loop {
             match self.wait(question, LOOK_NS) {
                 Answer::Waiting if !stop.load(Ordering::Relaxed) => {}
-                Answer::Yes => return Ok(()),
+                Answer::Yes => {
+                    self.asks = false;
+                    return Ok(());
+                }
                 Answer::No | Answer::Waiting => {
                     return Err(ExpectedError::new(exit::INTERRUPTED, "not confirmed; nothing has moved"));
                 }

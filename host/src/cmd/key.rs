@@ -76,7 +76,7 @@ impl Target {
         let mut session = self.bus.open_with_controller()?;
         session.set_key(key);
         let node = session.find_controller(self.controller)?;
-        super::upload::settle(&mut session)?;
+        session.find_drives()?;
         Ok((session, node))
     }
 }

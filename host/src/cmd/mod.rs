@@ -43,7 +43,10 @@ pub mod web;
 mod bus_errors;
 mod consent;
 mod controlled;
+mod ended;
+mod last_look;
 mod modules;
+mod progress;
 mod words;
 
 use robot_model::AnyRobot;

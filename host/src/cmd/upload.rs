@@ -1,20 +1,23 @@
 //! `cubectl upload`
 
-use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
-use indicatif::ProgressBar;
-use protocol::cyphal::cubecell::command::Trajectory;
 use protocol::cyphal::id::NodeId;
 
+use super::ended::{failure, outcome_last};
+use super::progress::ProgressView;
+use super::report::BIT_RATE;
 use crate::error::ExpectedError;
+use operator::bus::BusArgs;
 use operator::bus::key_file::KeyArgs;
-use operator::bus::{BusArgs, Session};
-use operator::dialogue::operator::{FINDING_MAX, OperatorError};
-use operator::throw::trajectory::{encode, robot_crc32};
+use operator::job::{Answer, Extent, Judge, Order, Program, perform};
+use operator::port::OnBus;
+use operator::trajectory::motion_of;
 use planner::motion::Motion;
+use planner::plan::Arm;
 use planner::plan::file::{Kind, PlanFileError, require_robot};
 use planner::record::PlanRecord;
+use planner::store::robot_fingerprint;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -52,26 +55,39 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let key = args.key.load()?;
     let mut session = args.bus.open_with_controller()?;
     session.set_key(key);
-    let node = session.find_controller(args.controller)?;
-    settle(&mut session)?;
-    let bytes = bytes_for(&mut session, node, &source)?;
-    let name = send(&mut session, node, &bytes)?;
-    session.finish()?;
-    console::line!(
-        "controller {}: {} bytes stored and committed, hash {:016x}",
-        node.get(),
-        bytes.len(),
-        name.trajectory_crc64
-    );
-    Ok(())
+    let mut order = source.order();
+    order.extent = Extent::Upload;
+    let mut progress = ProgressView::new(false);
+    let mut operator = OnBus::new(&mut session, args.controller, BIT_RATE);
+    let record = perform(&mut operator, &order, &mut |step| {
+        progress.show(step);
+        Answer::Yes
+    });
+    let finished = session.finish().map_err(ExpectedError::from);
+    if let (None, Some(name), Some(node)) = (&record.ended, record.trajectory, record.node) {
+        console::line!(
+            "controller {}: {} bytes stored and committed, hash {:016x}",
+            node.get(),
+            name.length_bytes,
+            name.trajectory_crc64
+        );
+    }
+    outcome_last(failure(&record), finished, None)
+}
+
+impl Source {
+    /// The motion of an arm that stands where it begins.
+    pub(super) fn order(&self) -> Order<'_> {
+        Order::new(&self.arm, &self.fingerprint, self.program.clone(), Judge::Reach)
+    }
 }
 
 /// What a file holds that can be run.
-pub(super) enum Source {
-    /// A controller's trajectory file, as it is.
-    Controller(Vec<u8>),
-    /// A plan: its motion, and the fingerprint of its robot.
-    Plan(Box<Motion>, String),
+pub(super) struct Source {
+    pub(super) arm: Arm,
+    /// Fingerprint of its robot.
+    pub(super) fingerprint: String,
+    pub(super) program: Program,
 }
 
 /// Reads a trajectory file of a controller or a plan; a plan must be for `robot`, if that is given.
@@ -79,7 +95,10 @@ pub(super) fn read(path: &Path, robot: Option<&str>) -> Result<Source, ExpectedE
     let bytes = toml_reader::read_bytes(path, planner::plan::file::FILE_MAX_BYTES)
         .map_err(|error| ExpectedError::io(path, &error))?;
     if bytes.starts_with(&firmware::trajectory_format::MAGIC) {
-        return Ok(Source::Controller(bytes));
+        let arm = super::arm(robot.unwrap_or("powercube6"))?;
+        let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
+        let motion = motion_of(&bytes).unwrap_or(Motion { knots: Vec::new(), events: Vec::new() });
+        return Ok(Source { arm, fingerprint, program: Program::File(bytes, motion) });
     }
     if !bytes.trim_ascii_start().starts_with(b"{") {
         return Err(ExpectedError::bad_input(&format!(
@@ -101,39 +120,5 @@ pub(super) fn read(path: &Path, robot: Option<&str>) -> Result<Source, ExpectedE
         }
     };
     require_robot(path, &id, motion.joints.len(), &arm).map_err(|error| bad(&error))?;
-    Ok(Source::Plan(Box::new(motion.to_motion()), id.fingerprint))
-}
-
-/// The controller's form of it: a plan is made into one for the period of `node`.
-pub(super) fn bytes_for(
-    session: &mut Session,
-    node: NodeId,
-    source: &Source,
-) -> Result<Vec<u8>, ExpectedError> {
-    match source {
-        Source::Controller(bytes) => Ok(bytes.clone()),
-        Source::Plan(motion, fingerprint) => {
-            let period_us = session.natural(node, "cycle.period_us")? as u32;
-            encode(motion, period_us, robot_crc32(fingerprint), None)
-                .map_err(|error| ExpectedError::bad_input(&error))
-        }
-    }
-}
-
-/// Waits until the controller has found its drives.
-pub(super) fn settle(session: &mut Session) -> Result<(), OperatorError> {
-    use protocol::cyphal::cubecell::group_state::State;
-    session.wait_for(FINDING_MAX, &|state| state != State::Boot)
-}
-
-/// Uploads with a progress bar on a terminal.
-pub(super) fn send(session: &mut Session, node: NodeId, bytes: &[u8]) -> Result<Trajectory, OperatorError> {
-    let bar = if std::io::stderr().is_terminal() {
-        ProgressBar::new(bytes.len() as u64).with_message("upload")
-    } else {
-        ProgressBar::hidden()
-    };
-    let name = session.upload(node, bytes, &mut |done, _| bar.set_position(done as u64));
-    bar.finish_and_clear();
-    name
+    Ok(Source { arm, fingerprint: id.fingerprint, program: Program::Motion(motion.to_motion()) })
 }

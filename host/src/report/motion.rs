@@ -5,7 +5,7 @@ use std::path::Path;
 
 use operator::rsi::cell::Seen;
 use operator::rsi::cycles::Cycle;
-use operator::rsi::station::Stage;
+use protocol::Instant;
 
 use crate::error::ExpectedError;
 
@@ -52,12 +52,9 @@ pub fn of_telegrams(cycles: &[Cycle]) -> Vec<Row> {
     cycles.iter().map(row).collect()
 }
 
-/// The table as text; time from the start of the plan.
-pub fn csv(rows: &[Row], stage: &Stage) -> String {
-    let start_s = match stage {
-        Stage::Finished { started_at } | Stage::Running { starts_at: started_at } => started_at.as_secs_f64(),
-        _ => 0.0,
-    };
+/// The table as text; time from the start of the plan, if it began.
+pub fn csv(rows: &[Row], started_at: Option<Instant>) -> String {
+    let start_s = started_at.map_or(0.0, Instant::as_secs_f64);
     let mut text = String::from("t_s,ipoc");
     for kind in ["set", "actual"] {
         for axis in 1..=6 {

@@ -19,11 +19,10 @@ use operator::bus::session::Session;
 use operator::bus::settings::settings_of;
 use operator::bus::sim::SimSetup;
 use operator::dialogue::operator::OperatorError;
+use operator::job::cell::take_plan;
+use operator::job::{Answer, JobError, Judge, Order, Outcome, Record, Step, default_tolerance_m, perform};
 use operator::port::OnBus;
-use operator::throw::cell::take_plan;
-use operator::throw::job::Step;
-use operator::throw::outcome::{self, Outcome, default_tolerance_m};
-use operator::throw::{Job, JobError, Record, job};
+use operator::way::Travel;
 use planner::plan::Arm;
 use planner::plan::file::PlanFile;
 use tuner::gains::gains_file::GainsFile;
@@ -129,21 +128,17 @@ impl Bench {
         session.add_tap(Box::new(tap.clone()));
         record_trace(&mut session)?;
 
-        let job = Job {
-            arm: &self.arm,
-            plan: &self.plan,
+        let travel = Travel { seed: scenario.seed, ..Travel::default() };
+        let order = Order {
             gains: self.gains.as_ref(),
-            approach_share: 0.3,
-            seed: scenario.seed,
-            tolerance_m: self.tolerance_m,
-            go_back: false,
+            judge: Judge::Throw { plan: &self.plan, tolerance_m: self.tolerance_m },
+            ..Order::throw(&self.arm, &self.plan, travel)
         };
-        let mut record = Record::default();
         let mut operator = OnBus::new(&mut session, None, scenario.bus.bit_rate_bit_s);
-        let ended = job::run(&mut operator, &job, &mut record, &mut |_| job::Answer::Yes);
+        let record = perform(&mut operator, &order, &mut |_| Answer::Yes);
         let job_end = session.now();
-        let mut broken = match &ended {
-            Err(JobError::Operator(OperatorError::Bus(failure))) => world_broken(failure),
+        let mut broken = match &record.ended {
+            Some(JobError::Operator(OperatorError::Bus(failure))) => world_broken(failure),
             _ => None,
         };
         if broken.is_none() {
@@ -154,7 +149,7 @@ impl Bench {
         let end = session.now();
         let mut steps = record.steps.clone();
         steps.extend(record.at_work.map(|(step, begun): (Step, Instant)| (step, begun, job_end)));
-        let told = told(&job, ended, &record);
+        let told = told(&record);
         let Some(sim) = session.sim() else { return Ok(nothing(told)) };
         let ball = sim.cell().throw().clone();
         let trace = sim.cell().trace().cloned().unwrap_or_default();
@@ -177,19 +172,19 @@ fn record_trace(session: &mut Session) -> Result<(), BusFailure> {
 }
 
 /// As the program tells it: exit code and text.
-fn told(job: &Job<'_>, ended: Result<(), JobError>, record: &Record) -> ReportedOutcome {
-    let verdict = outcome::judge(job, record, ended.as_ref().copied());
-    match (verdict.outcome, ended) {
+fn told(record: &Record) -> ReportedOutcome {
+    let verdict = &record.verdict;
+    match (verdict.outcome, &record.ended) {
         (Outcome::Landed, _) => ReportedOutcome::Landed,
         (Outcome::Missed, _) => ReportedOutcome::Missed,
         (Outcome::NotReleased, _) => ReportedOutcome::NotReleased,
-        (_, Err(JobError::Operator(OperatorError::Stopped { cause, joint, .. }))) => {
-            ReportedOutcome::Cause { cause, joint }
+        (_, Some(JobError::Operator(OperatorError::Stopped { cause, joint, .. }))) => {
+            ReportedOutcome::Cause { cause: *cause, joint: *joint }
         }
-        (_, Err(JobError::Operator(OperatorError::Refused { refusal: Some(refusal), .. }))) => {
+        (_, Some(JobError::Operator(OperatorError::Refused { refusal: Some(refusal), .. }))) => {
             ReportedOutcome::Cause { cause: refusal.cause, joint: refusal.joint }
         }
-        _ => ReportedOutcome::Failed(verdict.text),
+        _ => ReportedOutcome::Failed(verdict.text.clone()),
     }
 }
 

@@ -12,10 +12,10 @@ use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::powercube::{Broadcast, Parameter, Request, Value};
 use protocol::{Frame, Instant};
 
+use operator::job::BallOutcome;
+use operator::job::Step;
 use operator::log::facts::{Decoder, Fact};
 use operator::tap::{Tap, Way};
-use operator::throw::job::Step;
-use operator::throw::outcome::BallOutcome;
 use planner::plan::Arm;
 
 /// Rounding of limits to single precision.

@@ -8,8 +8,8 @@ use protocol::cyphal::cubecell::group_state::State;
 use protocol::{Duration, Instant};
 
 use super::evidence::{Evidence, ReportedOutcome, Seen};
-use operator::throw::job::Step;
-use operator::throw::outcome::BallOutcome;
+use operator::job::BallOutcome;
+use operator::job::Step;
 use planner::plan::Arm;
 
 /// A run that lasts longer than the nominal one by more than this hangs: start-up may take 20 s.

@@ -4,7 +4,7 @@ use protocol::Instant;
 use protocol::cyphal::cubecell::group_state::State;
 
 use super::evidence::{Evidence, ReportedOutcome};
-use operator::throw::job::Step;
+use operator::job::Step;
 use planner::plan::file::PlanFile;
 
 /// Part of a run in which a fault begins.

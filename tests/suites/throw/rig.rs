@@ -11,9 +11,10 @@ use operator::bus::BusArgs;
 use operator::bus::args::Cell;
 use operator::bus::settings::settings_of;
 use operator::bus::sim::SimSetup;
+use operator::job::{Answer, JobError, Judge, Order, perform};
 use operator::port::OnBus;
 use operator::tap::{Tap, Way};
-use operator::throw::{Job, JobError, Record, job};
+use operator::way::Travel;
 use planner::flight::FlightModel;
 use planner::motion::{Motion, Sample};
 use planner::plan::file::PlanFile;
@@ -221,19 +222,14 @@ impl Rig {
         let mut session = BusArgs::default().open_cell(&cell, Some(&settings)).unwrap();
         let witness = self.witness();
         session.add_tap(Box::new(witness.clone()));
-        let job = Job {
-            arm: &self.arm,
-            plan,
-            gains: None,
-            approach_share: 0.3,
-            seed,
-            tolerance_m: 0.01,
-            go_back: false,
+        let order = Order {
+            judge: Judge::Throw { plan, tolerance_m: 0.01 },
+            ..Order::throw(&self.arm, plan, Travel { seed, ..Travel::default() })
         };
-        let mut record = Record::default();
-        job::run(&mut OnBus::new(&mut session, None, 1_000_000), &job, &mut record, &mut |_| {
-            job::Answer::Yes
-        })?;
+        let record = perform(&mut OnBus::new(&mut session, None, 1_000_000), &order, &mut |_| Answer::Yes);
+        if let Some(error) = record.ended {
+            return Err(error);
+        }
         let report = session.sim().unwrap().cell().throw().clone();
         let released = report.release.expect("the ball was released");
         let late_s = record.landing.and_then(|landed| landed.release_late_s).expect("and landed");

@@ -115,6 +115,29 @@ pub enum OperatorError {
          next: look for another node that writes on this bus (`cubectl doctor`), then upload again"
     )]
     OtherContent,
+    /// A robot that is led was stopped, or its program has ended.
+    #[error("{}", robot_text(.cause, .joint, .by_itself, .start_moves))]
+    RobotStopped {
+        /// Number of the cause.
+        cause: u16,
+        /// Axis, from 1; 0 = all.
+        joint: u8,
+        /// Why the robot stopped by itself, where that is known.
+        by_itself: Option<String>,
+        /// The start pose of its telegrams moves as the axes do.
+        start_moves: bool,
+        /// It was ready to be led before.
+        was_ready: bool,
+    },
+    /// A robot that is heard and cannot be led.
+    #[error(
+        "the robot is not ready to be led after 10 s; {heard}\n  next: `cubectl doctor` looks at its telegrams; end the robot's program \
+         and start it again at its start pose"
+    )]
+    RobotNotReady { heard: String },
+    /// The socket of a robot.
+    #[error("{0}\n  next: check the network interface, then run it again")]
+    Socket(std::io::Error),
     /// It stopped, or reports a fault.
     #[error("the controller {}: {}", if *.state == State::Fault { "reports a fault" } else { "has stopped" }, fault_text(.cause, .joint))]
     Stopped {
@@ -181,6 +204,10 @@ impl OperatorError {
         match self {
             Self::Bus(failure) => matches!(failure, BusFailure::StoppedByOther(_)),
             Self::Stopped { cause, .. } => is_stop_by_other(*cause),
+            // The stop button of a robot and the end of its program look like that.
+            Self::RobotStopped { cause, was_ready: true, .. } => {
+                [Cause::DriveSilent, Cause::RobotRestarted].iter().any(|known| known.code() == *cause)
+            }
             _ => false,
         }
     }
@@ -221,6 +248,37 @@ fn fault_text(cause: &u16, joint: &u8) -> String {
     }
 }
 
+/// The words of drives on a bus do not fit a robot that is led.
+fn robot_text(cause: &u16, joint: &u8, by_itself: &Option<String>, start_moves: &bool) -> String {
+    let cause = Cause::from_code(*cause);
+    let what = match cause {
+        Some(Cause::DriveSilent) => "no telegram came from the robot in time",
+        other => other.and_then(Cause::info).map_or("the robot was stopped", |info| info.what),
+    };
+    let code = cause.map_or(0, Cause::code);
+    let axis = if *joint == 0 { String::new() } else { format!(" (A{joint})") };
+    let by_itself =
+        by_itself.as_ref().map_or(String::new(), |why| format!("; the robot stopped by itself: {why}"));
+    let next = match cause {
+        Some(Cause::RobotRestarted) if *start_moves => {
+            "the start pose (ASPos) moves with the axes: send DEF_ASPos, the programmed axes without corrections, or leave it out"
+                .to_owned()
+        }
+        None | Some(Cause::DriveSilent) => {
+            "look at the pendant why the robot's program ended, and at the network".to_owned()
+        }
+        Some(cause) => format!("`cubectl explain {}` says what to do", cause.code()),
+    };
+    format!("{what}{axis}, fault {code}{by_itself}\n  next: {next}")
+}
+
+/// What a controller in this program refuses.
+pub(crate) fn refused(what: &'static str, refusal: firmware::fault::Refusal) -> OperatorError {
+    let joint = refusal.joint.map_or(0, |joint| joint.get() as u8 + 1);
+    let refusal = Refusal { cause: refusal.cause.code(), joint, index: refusal.index };
+    OperatorError::Refused { what, status: Status::FAILURE, refusal: Some(refusal) }
+}
+
 /// Name of a trajectory file: its size and CRC-64/WE.
 ///
 /// # Errors
@@ -248,6 +306,14 @@ impl Session {
             (Ended::Done, Some(found)) => Ok(found),
             _ => Err(OperatorError::NoController),
         }
+    }
+
+    /// Waits until the controller has found its drives.
+    ///
+    /// # Errors
+    /// As [`Session::wait_for`].
+    pub fn find_drives(&mut self) -> Result<(), OperatorError> {
+        self.wait_for(FINDING_MAX, &|state| state != State::Boot)
     }
 
     /// State of the controller heard last.

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use firmware::Controller;
 use firmware::authority::{Peer, Seed};
-use firmware::fault::{Cause, Refusal};
+use firmware::fault::Cause;
 use firmware::group::DriveGroup;
 use firmware::groups::powercube::PowerCubes;
 use firmware::host_link::group_message;
@@ -21,10 +21,9 @@ use firmware::trace::TraceEvent;
 use hil_sim::participants::{Participants, Solo};
 use hil_sim::scenario::ScriptedHost;
 use hil_sim::{Cell, Observer, World};
-use protocol::cyphal::cubecell::command::{self, Trajectory};
+use protocol::cyphal::cubecell::command::Trajectory;
 use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::cyphal::id::NodeId;
-use protocol::cyphal::uavcan::command::Status;
 use protocol::{Duration, Frame, Instant};
 use robot_model::AnyRobot;
 
@@ -33,7 +32,7 @@ use crate::bus::BusFailure;
 use crate::bus::sim::SimSetup;
 use crate::dialogue::following::Following;
 use crate::dialogue::operator::{
-    ARMING_VALID_MS, FRESH, FRESH_LOOK, OperatorError, PRESENCE, name_of, stopped,
+    ARMING_VALID_MS, FRESH, FRESH_LOOK, OperatorError, PRESENCE, name_of, refused, stopped,
 };
 use crate::dialogue::registers::{Numbers, to_controller, to_host};
 use crate::log::facts::Fact;
@@ -330,9 +329,14 @@ impl Operator for InProcess {
     fn run(
         &mut self,
         name: &Trajectory,
+        start: Option<Instant>,
         limit: Duration,
         progress: &mut dyn FnMut(Instant, &GroupState),
     ) -> Result<(), OperatorError> {
+        // Both clocks are the same, so the order is given shortly before.
+        if let Some(start) = start {
+            self.pass_until(start, &mut |_, _| false)?;
+        }
         self.order("to run", Order::Run(file(name)))?;
         let ordered_at = self.world.now();
         let mut following = Following::new(ordered_at);
@@ -347,6 +351,10 @@ impl Operator for InProcess {
                 Err(OperatorError::NoProgress { state: group.state, limit })
             }
         }
+    }
+
+    fn controller_time(&mut self, ours: Instant) -> Result<(Instant, Duration), OperatorError> {
+        Ok((ours, Duration::ZERO))
     }
 
     fn stop(&mut self) -> Result<(), OperatorError> {
@@ -447,10 +455,4 @@ fn node_of(controller: &Controller<RamStorage, Spline, PowerCubes>) -> NodeId {
 
 fn file(name: &Trajectory) -> FileName {
     FileName { crc64: name.trajectory_crc64, len: name.length_bytes }
-}
-
-fn refused(what: &'static str, refusal: Refusal) -> OperatorError {
-    let joint = refusal.joint.map_or(0, |joint| joint.get() as u8 + 1);
-    let refusal = command::Refusal { cause: refusal.cause.code(), joint, index: refusal.index };
-    OperatorError::Refused { what, status: Status::FAILURE, refusal: Some(refusal) }
 }

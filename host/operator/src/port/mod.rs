@@ -4,9 +4,7 @@
 //! |---|---|
 //! | [`OnBus`] | a controller on a CAN bus, or in a thread of this program beside one; orders over Cyphal |
 //! | [`InProcess`] | a controller in this program; orders are calls |
-//!
-//! The throw with an industrial robot has no homing, no gains and no approach, and the robot is the clock: it is a job of its
-//! own ([`crate::rsi`]).
+//! | [`LedRobot`] | an industrial robot with a controller in this program between its telegrams |
 
 mod in_process;
 mod on_bus;
@@ -17,13 +15,16 @@ use protocol::cyphal::cubecell::group_state::{GroupState, State};
 use protocol::cyphal::id::NodeId;
 use protocol::{Duration, Instant};
 
+pub use crate::rsi::operator::LedRobot;
 pub use in_process::InProcess;
 pub use on_bus::OnBus;
 
 use crate::dialogue::operator::OperatorError;
 use crate::dialogue::registers::Numbers;
+use crate::rsi::operator::Led;
 use crate::samples::Samples;
 use crate::samples::drives::Drives;
+use planner::plan::Joints;
 use planner::throw::Arm;
 
 /// The ball of a simulated cell: what an onlooker sees.
@@ -129,16 +130,24 @@ pub trait Operator {
     /// [`OperatorError::Refused`], and those of the link.
     fn arm(&mut self, name: &Trajectory) -> Result<(), OperatorError>;
 
-    /// Runs the armed trajectory and follows it to its end; `progress` gets each state that the controller tells.
+    /// Runs the armed trajectory and follows it to its end; `progress` gets each state that the controller reports. It begins at
+    /// `start` of the controller's clock, or at once.
     ///
     /// # Errors
     /// [`OperatorError::Stopped`], and the others; what moved stands.
     fn run(
         &mut self,
         name: &Trajectory,
+        start: Option<Instant>,
         limit: Duration,
         progress: &mut dyn FnMut(Instant, &GroupState),
     ) -> Result<(), OperatorError>;
+
+    /// The time of the controller's clock at `ours`, and to what it is known.
+    ///
+    /// # Errors
+    /// Those of the link.
+    fn controller_time(&mut self, ours: Instant) -> Result<(Instant, Duration), OperatorError>;
 
     /// Stops the arm along its path, and waits until it stands.
     ///
@@ -148,6 +157,19 @@ pub trait Operator {
 
     /// Keeps samples from now on, and forgets those before.
     fn keep_samples(&mut self);
+
+    /// The job is over: a robot that waits for answers is let go.
+    fn leave(&mut self) {}
+
+    /// Where the arm will stand when its drives are found, where the link knows it before: the start pose of a robot's program.
+    fn foreseen_pose(&self) -> Option<Joints> {
+        None
+    }
+
+    /// What only a robot that is led has; taken once, after [`Operator::leave`].
+    fn led(&mut self) -> Option<Led> {
+        None
+    }
 
     /// Frames kept so far; 0 where the link is no bus.
     fn frames_kept(&self) -> usize {

@@ -7,6 +7,7 @@ use protocol::{Duration, Instant};
 
 use super::{BallSeen, Operator};
 use crate::bus::Session;
+use crate::dialogue::clock::ControllerClock;
 use crate::dialogue::operator::OperatorError;
 use crate::dialogue::registers::Numbers;
 use crate::log::keep::Keeper;
@@ -110,11 +111,20 @@ impl Operator for OnBus<'_> {
     fn run(
         &mut self,
         name: &Trajectory,
+        start: Option<Instant>,
         limit: Duration,
         progress: &mut dyn FnMut(Instant, &GroupState),
     ) -> Result<(), OperatorError> {
         let node = self.node()?;
-        self.session.run_trajectory(node, name, limit, progress).map(drop)
+        self.session.run_trajectory_at(node, name, start, limit, progress).map(drop)
+    }
+
+    fn controller_time(&mut self, ours: Instant) -> Result<(Instant, Duration), OperatorError> {
+        let node = self.node()?;
+        let mut clock = ControllerClock::default();
+        self.session.read_clock(node, &mut clock)?;
+        // There is a reading: the last line made one.
+        clock.controller_time(ours).ok_or(OperatorError::Unreadable { node })
     }
 
     fn stop(&mut self) -> Result<(), OperatorError> {

@@ -18,7 +18,7 @@ use crate::bus::{BusArgs, BusFailure, Session};
 use crate::dialogue::clock::ControllerClock;
 use crate::dialogue::online::EndStates;
 use crate::dialogue::operator::OperatorError;
-use crate::throw::trajectory::standing;
+use crate::trajectory::standing;
 
 /// Longest time from the opening of the session to a controller that answers, and for homing, s.
 const READY_MAX: Duration = Duration::from_secs(10);

@@ -40,7 +40,7 @@ use crate::bus::{BusArgs, BusFailure, Session};
 use crate::dialogue::operator::OperatorError;
 use crate::flight_estimator::MarkerStream;
 use crate::interrupt::interrupt;
-use crate::throw::trajectory::{TrajectoryError, encode};
+use crate::trajectory::{TrajectoryError, encode};
 
 /// Time between the order to throw and the throw, s. A catcher that knows the throw plans in this time.
 const AHEAD_S: f64 = 2.0;

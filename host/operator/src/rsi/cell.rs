@@ -1,4 +1,4 @@
-//! The robot inside this program, in virtual time: the witness that tells where the ball landed.
+//! The robot inside this program, in virtual time. It knows where the ball landed.
 
 use hil_sim::krc::bench::RobotFaults;
 use hil_sim::krc::{CycleRecord, DatagramLink, Direction, FaultCause, Krc, KrcError, KrcEvent, KrcScenario};
@@ -7,11 +7,12 @@ use protocol::{Duration, Instant};
 use rsi_protocol::{Framer, Protocol, StreamItem};
 
 use super::station::Station;
+use crate::port::BallSeen;
 
 /// A run that takes longer has no end.
 const LONGEST: Duration = Duration::from_secs(120);
 /// After the end of the throw the robot is watched until it stands and the ball lies.
-const AFTER: Duration = Duration::from_secs(3);
+pub(super) const AFTER: Duration = Duration::from_secs(3);
 
 /// What the simulated robot did.
 #[derive(Clone, Debug, Default)]
@@ -53,30 +54,21 @@ pub fn run_with(
     station: &mut Station,
     each: &mut dyn FnMut(Instant, &mut Station) -> bool,
 ) -> Result<Seen, KrcError> {
-    let mut krc = scenario.controller()?;
-    krc.start()?;
-    krc.connected(Instant::ZERO);
-    let faults = RobotFaults::new(&scenario.robot_faults);
-    let (now, seen) = (Instant::ZERO, Seen::default());
-    let mut cell = Cell { krc, link: scenario.link(), stream: Framer::new(), faults, now, seen };
-    cell.exchange(station, false);
+    let mut robot = SimulatedRobot::new(scenario)?;
     let mut ends_at = Instant::ZERO + LONGEST;
     let mut ended = false;
-    while let Some(due) = cell.next(station).filter(|due| *due <= ends_at) {
-        cell.step(due, station);
-        if !ended && !each(cell.now, station) {
+    while robot.now < ends_at {
+        robot.step(station, ends_at);
+        if !ended && !each(robot.now, station) {
             ended = true;
-            ends_at = cell.now + AFTER;
+            ends_at = robot.now + AFTER;
         }
     }
-    cell.seen.endless = !ended;
-    cell.seen.released = cell.krc.released();
-    cell.seen.landing = cell.krc.landing();
-    cell.seen.late = cell.krc.late();
-    Ok(cell.seen)
+    Ok(Seen { endless: !ended, ..robot.into_seen() })
 }
 
-struct Cell {
+/// The robot of a scenario, its program, and the network to it.
+pub struct SimulatedRobot {
     krc: Krc,
     link: DatagramLink,
     /// What the client has read of a TCP stream.
@@ -86,18 +78,64 @@ struct Cell {
     seen: Seen,
 }
 
-impl Cell {
-    fn next(&self, station: &Station) -> Option<Instant> {
+impl SimulatedRobot {
+    /// The robot, whose program has just begun.
+    ///
+    /// # Errors
+    /// The scenario makes no robot.
+    pub fn new(scenario: &KrcScenario) -> Result<Self, KrcError> {
+        let mut krc = scenario.controller()?;
+        krc.start()?;
+        krc.connected(Instant::ZERO);
+        let faults = RobotFaults::new(&scenario.robot_faults);
+        let (now, seen) = (Instant::ZERO, Seen::default());
+        Ok(Self { krc, link: scenario.link(), stream: Framer::new(), faults, now, seen })
+    }
+
+    #[must_use]
+    pub const fn now(&self) -> Instant {
+        self.now
+    }
+
+    /// Why the robot stopped by itself.
+    #[must_use]
+    pub const fn fault(&self) -> Option<FaultCause> {
+        self.seen.fault
+    }
+
+    /// The ball, as an onlooker sees it.
+    #[must_use]
+    pub fn ball(&self) -> BallSeen {
+        BallSeen {
+            released_at: self.krc.released().map(|(at, _)| at),
+            landing: self.krc.landing().map(|landing| (landing.t_s, landing.p_m)),
+            touch_after_s: None,
+        }
+    }
+
+    /// What it did, when nothing follows.
+    #[must_use]
+    pub fn into_seen(self) -> Seen {
+        let (released, landing, late) = (self.krc.released(), self.krc.landing(), self.krc.late());
+        Seen { released, landing, late, ..self.seen }
+    }
+
+    /// Lets time pass until something happens, or until `until`.
+    pub fn step(&mut self, station: &mut Station, until: Instant) {
+        self.exchange(station, false);
         let all = [
             self.krc.poll_timeout(),
             self.link.poll_timeout(),
             self.faults.poll_timeout(),
             station.poll_timeout(),
         ];
-        all.into_iter().flatten().min()
+        match all.into_iter().flatten().min().filter(|due| *due <= until) {
+            Some(due) => self.serve(due, station),
+            None => self.now = self.now.max(until),
+        }
     }
 
-    fn step(&mut self, due: Instant, station: &mut Station) {
+    fn serve(&mut self, due: Instant, station: &mut Station) {
         self.now = self.now.max(due);
         self.exchange(station, false);
         if station.poll_timeout().is_some_and(|at| at <= self.now) {

@@ -1,29 +1,10 @@
 //! What the telegrams and answers of a log say about the motion: set and measured axes by cycle.
 
-use protocol::{Duration, Instant};
+use protocol::Duration;
 use rsi_protocol::{Config, RobotState, Root, Telegram};
 
 use super::log::{Entry, Line};
-
-/// One telegram with positions.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Cycle {
-    /// When it came, on the station's clock.
-    pub at: Instant,
-    pub ipoc: u64,
-    /// Start pose of the robot's program, deg.
-    pub start_deg: [f64; 6],
-    /// Set point in force, deg: start pose and the correction that the robot took last.
-    pub set_deg: [f64; 6],
-    /// Measured axes, deg.
-    pub actual_deg: [f64; 6],
-    /// Output value in force.
-    pub outputs: f64,
-    /// What the finger sensor says; `None`: the configuration has none.
-    pub fingers_open: Option<bool>,
-    /// Late answers as the robot counts them.
-    pub late: u64,
-}
+pub use crate::samples::Cycle;
 
 /// The number of each cycle, from 0: a telegram that was lost has one too.
 ///
@@ -158,6 +139,7 @@ pub fn cycles(lines: &[Line], config: &Config, output: &str, sensor: Option<&str
 mod tests {
     use super::*;
     use hil_sim::krc::KrcScenario;
+    use protocol::Instant;
 
     #[test]
     fn telegram_that_comes_again_is_the_same_cycle() {

@@ -249,12 +249,130 @@ impl Clock {
 pub trait Host {
     /// Says no to end the exchange; the arm is stopped first.
     fn goes_on(&mut self, now: Instant, station: &mut Station) -> bool;
-    /// True: the exchange goes on after the last motion, until [`Host::goes_on`] says no.
+    /// The exchange goes on after the last motion, until [`Host::goes_on`] says no.
     fn stays(&self) -> bool {
         false
     }
     /// What went in and out since the last call.
     fn log(&mut self, lines: Vec<Line>);
+}
+
+/// A robot that is served through a port: the exchange goes on as long as somebody calls [`Live::step`].
+pub struct Live<'a> {
+    port: &'a mut Port,
+    clock: Clock,
+    exchange: Exchange,
+    /// Who sent the last telegram.
+    robot: Option<SocketAddr>,
+    /// The robot's program was told to end, and has: the next one is for somebody else.
+    over: bool,
+    leaving: bool,
+    buffer: Vec<u8>,
+}
+
+impl<'a> Live<'a> {
+    pub fn new(port: &'a mut Port, time: Time) -> Self {
+        let wall = WallTime::now();
+        let clock = Clock { time, begun: wall, telegrams: 0, ahead: Duration::ZERO, heard: wall };
+        let (exchange, buffer) = (Exchange::default(), vec![0; LONGEST]);
+        Self { port, clock, exchange, robot: None, over: false, leaving: false, buffer }
+    }
+
+    #[must_use]
+    pub fn now(&self) -> Instant {
+        self.clock.now()
+    }
+
+    #[must_use]
+    pub const fn exchange(&self) -> &Exchange {
+        &self.exchange
+    }
+
+    /// Nothing was heard for so long that nothing will be.
+    #[must_use]
+    pub fn is_silent(&self) -> bool {
+        self.robot.is_none() || self.clock.heard.elapsed() >= SILENT
+    }
+
+    /// Waits some hundredths of a second for a telegram or a deadline of the station, and serves it.
+    ///
+    /// # Errors
+    /// The socket fails.
+    pub fn step(&mut self, station: &mut Station) -> io::Result<()> {
+        let left = match station.poll_timeout().filter(|_| !self.leaving) {
+            Some(due) => match self.clock.left(Some(due)) {
+                Some(left) => left.min(LOOK),
+                None => {
+                    station.handle_timeout(self.clock.now());
+                    return Ok(());
+                }
+            },
+            None => LOOK,
+        };
+        let Some(arrived) = self.port.receive(left, &mut self.buffer)? else { return Ok(()) };
+        if self.leaving && self.robot != Some(arrived.from) {
+            self.over = true;
+            return Ok(());
+        }
+        let begun = WallTime::now();
+        self.clock.arrived();
+        if matches!(self.clock.time, Time::Robot(_)) {
+            // Deadlines within the cycle that has passed.
+            while let Some(due) = station.poll_timeout().filter(|due| *due <= self.clock.now()) {
+                station.handle_timeout(due);
+                if station.poll_timeout() == Some(due) {
+                    break;
+                }
+            }
+        }
+        let new_connection = self.robot.is_some_and(|robot| robot != arrived.from);
+        self.exchange.connections += u32::from(self.robot != Some(arrived.from));
+        self.robot = Some(arrived.from);
+        if let Some(answer) = station.handle(self.clock.now(), &arrived.documents, new_connection) {
+            self.port.answer(arrived.from, &answer)?;
+            let took = begun.elapsed().as_micros();
+            if self.exchange.answer_us.len() < ANSWER_TIMES_MAX {
+                self.exchange.answer_us.push(u32::try_from(took).unwrap_or(u32::MAX));
+            }
+        }
+        Ok(())
+    }
+
+    /// Stops what moves, then tells the robot's program to end and hears it out; `log` gets what went in and out.
+    ///
+    /// # Errors
+    /// The socket fails.
+    pub fn leave(&mut self, station: &mut Station, log: &mut dyn FnMut(Vec<Line>)) -> io::Result<()> {
+        let mut ends_at = self.now() + AFTER;
+        if !station.stage().is_end() {
+            let moves = matches!(station.stage(), Stage::Running { .. });
+            station.stop(self.now());
+            ends_at = self.now() + if moves { STOPPING } else { Duration::ZERO };
+        }
+        if self.robot.is_none() {
+            log(station.take_log());
+            return Ok(());
+        }
+        while self.now() < ends_at {
+            if station.stage().is_end() {
+                ends_at = ends_at.min(self.now() + AFTER);
+            }
+            self.step(station)?;
+            log(station.take_log());
+        }
+        station.leave(self.now());
+        self.leaving = true;
+        let since = WallTime::now();
+        while !self.over
+            && since.elapsed() < 5 * LEAVING
+            && (since.elapsed() < LEAVING || self.clock.heard.elapsed() < LEAVING)
+        {
+            self.step(station)?;
+            log(station.take_log());
+        }
+        log(station.take_log());
+        Ok(())
+    }
 }
 
 /// Serves until the throw has ended, or the host says no; then the arm is stopped first. At the end the robot's program is
@@ -268,74 +386,12 @@ pub fn serve(
     time: Time,
     host: &mut dyn Host,
 ) -> io::Result<Exchange> {
-    let wall = WallTime::now();
-    let mut clock = Clock { time, begun: wall, telegrams: 0, ahead: Duration::ZERO, heard: wall };
-    let mut exchange = Exchange::default();
-    let mut robot: Option<SocketAddr> = None;
-    let (mut ends_at, mut stopping, mut leaving_since) = (None::<Instant>, false, None::<WallTime>);
-    let mut buffer = vec![0; LONGEST];
-    loop {
+    let mut live = Live::new(port, time);
+    host.log(station.take_log());
+    while host.goes_on(live.now(), station) && (host.stays() || !station.stage().is_end()) {
+        live.step(station)?;
         host.log(station.take_log());
-        let now = clock.now();
-        if !stopping && !host.goes_on(now, station) {
-            stopping = true;
-            let moves = matches!(station.stage(), Stage::Running { .. });
-            station.stop(now);
-            ends_at = ends_at.or(Some(if moves { now + STOPPING } else { now }));
-            if robot.is_none() {
-                return Ok(exchange);
-            }
-        }
-        if station.stage().is_end() && (stopping || !host.stays()) {
-            ends_at = Some(ends_at.map_or(now + AFTER, |at| at.min(now + AFTER)));
-        }
-        if leaving_since.is_none() && ends_at.is_some_and(|at| at <= now) {
-            station.leave(now);
-            leaving_since = Some(WallTime::now());
-        }
-        let silent = clock.heard.elapsed() >= LEAVING;
-        if leaving_since
-            .is_some_and(|since| since.elapsed() >= LEAVING && silent || since.elapsed() >= 5 * LEAVING)
-        {
-            host.log(station.take_log());
-            return Ok(exchange);
-        }
-        let left = match (station.poll_timeout(), leaving_since) {
-            (Some(due), None) => match clock.left(Some(due)) {
-                Some(left) => left.min(LOOK),
-                None => {
-                    station.handle_timeout(clock.now());
-                    continue;
-                }
-            },
-            _ => LOOK,
-        };
-        let Some(arrived) = port.receive(left, &mut buffer)? else { continue };
-        if leaving_since.is_some() && robot != Some(arrived.from) {
-            // The program that was told to end has ended; the next one is for somebody else.
-            host.log(station.take_log());
-            return Ok(exchange);
-        }
-        let begun = WallTime::now();
-        clock.arrived();
-        if matches!(time, Time::Robot(_)) {
-            // Deadlines within the cycle that has passed.
-            while let Some(due) = station.poll_timeout().filter(|due| *due <= clock.now()) {
-                station.handle_timeout(due);
-                if station.poll_timeout() == Some(due) {
-                    break;
-                }
-            }
-        }
-        let new_connection = robot.is_some_and(|robot| robot != arrived.from);
-        exchange.connections += u32::from(robot != Some(arrived.from));
-        robot = Some(arrived.from);
-        if let Some(answer) = station.handle(clock.now(), &arrived.documents, new_connection) {
-            port.answer(arrived.from, &answer)?;
-            let took = begun.elapsed().as_micros();
-            if exchange.answer_us.len() < ANSWER_TIMES_MAX {
-                exchange.answer_us.push(u32::try_from(took).unwrap_or(u32::MAX));
-            }
-        }
     }
+    live.leave(station, &mut |lines| host.log(lines))?;
+    Ok(live.exchange)
 }

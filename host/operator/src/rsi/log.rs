@@ -5,7 +5,7 @@
 //!
 //! | letter | what |
 //! |---|---|
-//! | `F` | a trajectory file that the station was given, before anything else |
+//! | `F` | one more trajectory file to run |
 //! | `C` | the telegram that follows comes from another socket than the ones before |
 //! | `W` | a telegram that waited behind a newer one |
 //! | `R` | the newest telegram; the station was asked for an answer |
@@ -172,16 +172,6 @@ pub fn to_text(lines: &[Line]) -> String {
     let mut text = format!("{HEAD}\n");
     text.extend(lines.iter().map(Line::to_text));
     text
-}
-
-/// The trajectory files of a log, in order.
-#[must_use]
-pub fn files(lines: &[Line]) -> Vec<Vec<u8>> {
-    let file = |line: &Line| match &line.entry {
-        Entry::File(bytes) => Some(bytes.clone()),
-        _ => None,
-    };
-    lines.iter().filter_map(file).collect()
 }
 
 #[cfg(test)]

@@ -1,18 +1,15 @@
-//! Settings and trajectory file of a throw that follows the flight.
+//! Settings and motion of a throw that follows the flight.
 
-use firmware::events::PlanEvents;
 use firmware::joints::PerJoint;
 use firmware::registers;
 use firmware::settings::{JointSettings, Settings};
-use firmware::spline::{Knot, Spline};
-use firmware::trajectory_format::{self, FILE_LEN_MAX, Header};
 use planner::follow::limits::Arm;
 use planner::follow::plan::{FollowPlan, Step};
-use protocol::JointIndex;
+use planner::motion::{GripperEvent, Knot, Motion};
+use planner::plan::Joints;
 use robot_model::cubic::Cubic;
 
 use crate::bus::settings::robot_crc32;
-use crate::throw::trajectory::TrajectoryError;
 
 /// Steps between two knots are left out while the cubic stays this near to them, rad: 5 um at the hand.
 const NEAR_RAD: f64 = 2e-6;
@@ -108,49 +105,18 @@ fn opening_us(timing: &Timing, release_s: f64) -> u32 {
     u32::try_from(release - (telegram - BEFORE_TELEGRAM_US)).unwrap_or(0)
 }
 
-/// Trajectory file of a plan, checked as the controller will check it.
-///
-/// # Errors
-/// [`TrajectoryError`].
-pub fn trajectory_file(plan: &FollowPlan, settings: &Settings) -> Result<Vec<u8>, TrajectoryError> {
-    let kept = knots_kept(plan);
-    let knots: Vec<Knot> = kept.iter().map(|k| knot(&plan.steps[*k])).collect();
-    let too_long = || TrajectoryError::TooLong {
-        knots: knots.len(),
-        duration_s: plan.steps.last().map_or(0.0, |step| step.t_s),
+/// The motion of a plan, with as few knots as keep it near all steps; the gripper opens at the release.
+#[must_use]
+pub fn motion_of(plan: &FollowPlan) -> Motion {
+    let knot = |step: &Step| Knot {
+        t_s: step.t_s,
+        q_rad: Joints::from_column_slice(&step.q_rad),
+        qd_rad_s: Joints::from_column_slice(&step.qd_rad_s),
     };
-    let header = Header {
-        joints: settings.joints as u8,
-        period_us: settings.cycle_period_us,
-        events: PlanEvents::release(Some((plan.release_time_s * 1e6).round() as u32)),
-        robot_crc32: robot_crc32(&plan.robot.fingerprint),
-        envelope: None,
-    };
-    let mut bytes = vec![0; FILE_LEN_MAX];
-    let length = trajectory_format::encode(&header, &knots, &mut bytes).ok_or_else(too_long)?;
-    bytes.truncate(length);
-    let mut spline = Box::new(Spline::empty());
-    let read = |offset: usize, out: &mut [u8]| {
-        out.copy_from_slice(&bytes[offset..offset + out.len()]);
-        Ok(())
-    };
-    trajectory_format::decode(length, read, &mut spline)
-        .and_then(|header| trajectory_format::check(&header, &spline, settings))
-        .map_err(|refusal| TrajectoryError::Refused {
-            cause: refusal.cause,
-            joint: refusal.joint.map(|joint| joint.get() + 1),
-            place: refusal.index,
-        })?;
-    Ok(bytes)
-}
-
-fn knot(step: &Step) -> Knot {
-    let mut knot = Knot { t_us: (step.t_s * 1e6).round() as u32, ..Knot::default() };
-    for joint in JointIndex::first(step.q_rad.len()) {
-        let k = joint.get();
-        knot.state.set(joint, (step.q_rad[k] as f32, step.qd_rad_s[k] as f32));
+    Motion {
+        knots: knots_kept(plan).into_iter().map(|k| knot(&plan.steps[k])).collect(),
+        events: vec![(plan.release_time_s, GripperEvent::Open)],
     }
-    knot
 }
 
 /// Indices of the steps that become knots: as few as keep the cubics near all steps.

@@ -12,11 +12,11 @@ use planner::store::robot_fingerprint;
 use protocol::Duration;
 use robot_model::collision::{CollisionChecker, Scene, StraightMove};
 
-use super::plan::{Timing, settings_of, trajectory_file};
+use super::plan::{Timing, motion_of, settings_of};
 use super::station::Station;
 use super::wire::{ConfigUnfit, Names, Wire};
-use crate::throw::approach::{ApproachError, rest_to_rest_within};
-use crate::throw::trajectory::{TrajectoryError, encode, robot_crc32};
+use crate::trajectory::{TrajectoryError, encode, robot_crc32};
+use crate::way::Travel;
 
 /// Distance of correction limits from the range of an axis, degrees: a program whose limits reach the range is refused.
 const INSIDE_DEG: f64 = 0.01;
@@ -120,26 +120,19 @@ impl Lag {
     }
 }
 
-/// The way from the start pose of the robot's program to the start of a plan, with `share` of the speeds and accelerations of
-/// the robot file, around the bodies of the arm and the obstacles of `scene`, inside the ranges of the axes and of what the
-/// robot's program passes; none if the program starts there.
-///
-/// # Errors
-/// There is no free way.
-pub fn way_to_start(
-    scenario: &KrcScenario,
-    arm: &Arm,
-    plan: &FollowPlan,
-    scene: &Scene,
-    (share, seed): (f64, u64),
-) -> Result<Vec<Motion>, ApproachError> {
-    let Some(start) = plan.steps.first() else { return Ok(Vec::new()) };
-    let from = Axes::from(scenario.options.start_deg.map(f64::to_radians));
+/// How the robot goes to the start of a plan, with `share` of the speeds and accelerations of the robot file: inside the ranges of
+/// the axes and of what the robot's program passes.
+#[must_use]
+pub fn travel(scenario: &KrcScenario, arm: &Arm, share: f64, seed: u64) -> Travel {
     let (passed, inside) = (command_range(scenario), Axes::repeat(CORNER_INSIDE_RAD));
     let range = (arm.q_min().sup(&passed.min_rad) + inside, arm.q_max().inf(&passed.max_rad) - inside);
-    let ends = (&from, &Axes::from(start.q_rad));
-    let way = rest_to_rest_within(arm, scene, range, ends, share, seed)?;
-    Ok(way.into_iter().collect())
+    Travel { share, seed, range: Some(range) }
+}
+
+/// Where the robot's program begins.
+#[must_use]
+pub fn start_of(scenario: &KrcScenario) -> Axes {
+    Axes::from(scenario.options.start_deg.map(f64::to_radians))
 }
 
 /// Lets the program of a scenario begin at the start of a plan, as its first motion command does, with corrections up to the
@@ -180,6 +173,25 @@ pub fn station(
     lag: Lag,
     ways: &[Motion],
 ) -> Result<Station, NoStation> {
+    let mut motions = ways.to_vec();
+    motions.push(motion_of(plan));
+    for way in ways {
+        poses_within_corrections(scenario, way)?;
+    }
+    station_for(scenario, arm, plan, lag, &motions)
+}
+
+/// As [`station`], with all its `motions`: none for a station that is given one after the other.
+///
+/// # Errors
+/// [`NoStation`].
+pub fn station_for(
+    scenario: &KrcScenario,
+    arm: &Arm,
+    plan: &FollowPlan,
+    lag: Lag,
+    motions: &[Motion],
+) -> Result<Station, NoStation> {
     let krc = &scenario.options;
     let (plan_s, robot_s) = (plan.period_s, krc.cycle.as_secs_f64());
     // Differences of the commands are limited at the period of the plan; at another one they may be larger.
@@ -188,12 +200,8 @@ pub fn station(
     }
     let wire = wire(scenario)?;
     within_corrections(scenario, plan)?;
-    for way in ways {
-        poses_within_corrections(scenario, way)?;
-    }
     let settings = settings_of(arm, &plan.robot.fingerprint, &timing(scenario, lag), plan.release_time_s);
-    let mut files = encoded(ways, &settings, &plan.robot.fingerprint)?;
-    files.push(trajectory_file(plan, &settings)?);
+    let files = encoded(motions, &settings, &plan.robot.fingerprint)?;
     Ok(Station::new(wire, &settings, options(scenario, lag), files))
 }
 
@@ -250,7 +258,7 @@ fn free_from_start(arm: &Arm, motion: &Motion) -> Result<(), NoStation> {
     if is_free { Ok(()) } else { Err(unfree("brings bodies of the arm or the floor together")) }
 }
 
-/// A station that replays a log, with the files of the log, and the plan that it ran, if it did.
+/// A station for a recorded exchange, and the plan that was run, if one was. The log has its trajectories.
 ///
 /// # Errors
 /// [`NoStation`].
@@ -258,14 +266,13 @@ pub fn replay_station(
     scenario: &KrcScenario,
     arm: &Arm,
     plan: Option<&FollowPlan>,
-    files: Vec<Vec<u8>>,
 ) -> Result<Station, NoStation> {
     let fingerprint = format!("{:016x}", robot_fingerprint(arm));
     let release_s = plan.map_or(0.0, |plan| plan.release_time_s);
     let lag = Lag::of(scenario);
     let lag = plan.map_or(lag, |plan| lag.for_plan(plan));
     let settings = settings_of(arm, &fingerprint, &timing(scenario, lag), release_s);
-    Ok(Station::new(wire(scenario)?, &settings, options(scenario, lag), files))
+    Ok(Station::new(wire(scenario)?, &settings, options(scenario, lag), Vec::new()))
 }
 
 fn encoded(

@@ -51,7 +51,8 @@ pub fn replay(lines: &[Line], station: &mut Station) -> Replayed {
                 }
                 replayed.same += usize::from(given.is_some());
             }
-            Entry::Answer(_) | Entry::File(_) => {}
+            Entry::Answer(_) => {}
+            Entry::File(file) => station.push(line.at, file.clone()),
             Entry::Timeout => station.handle_timeout(line.at),
             Entry::Stop => station.stop(line.at),
             Entry::Gripper(open) => {

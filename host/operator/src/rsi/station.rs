@@ -7,19 +7,23 @@ use firmware::authority::{Peer, Seed};
 use firmware::fault::{Cause, Fault, Refusal};
 use firmware::group::DriveGroup;
 use firmware::groups::rsi::{AT_START_RAD, Options, Packet, Rsi, Telegram};
-use firmware::host_link::history;
+use firmware::host_link::{group_message, history};
 use firmware::joints::PerJoint;
 use firmware::orders::{Done, Order};
+use firmware::registers;
 use firmware::settings::Settings;
 use firmware::spline::Spline;
 use firmware::state::StateKind;
 use firmware::store::{FileName, RamStorage};
 use protocol::cyphal::crc::Crc64;
+use protocol::cyphal::cubecell::group_state::GroupState;
 use protocol::{Duration, Instant};
 use rsi_protocol::{Ipoc, ReadError};
 
 use super::log::{Entry, Line};
 use super::wire::Wire;
+use crate::dialogue::operator::{OperatorError, refused};
+use crate::dialogue::registers::{Numbers, to_host};
 
 /// Who gives the orders: this program.
 const SELF: Peer = Peer::new(1);
@@ -100,6 +104,8 @@ pub struct Station {
     last_unreadable: Option<ReadError>,
     /// When something was heard of the robot first, or the robot was ready last.
     waits_since: Option<Instant>,
+    /// The robot was ready to be led once.
+    was_ready: bool,
     /// Axis that is farthest from its start pose, and by how much, deg.
     off_start: Option<(usize, f64)>,
     /// Start pose of the last telegram, and how often it was another than before.
@@ -116,22 +122,32 @@ impl Station {
         let seed = Seed::FORESEEABLE;
         let controller =
             Controller::with_group(RamStorage::new(), Spline::empty(), Rsi::new(options), settings, seed);
-        let log =
-            files.iter().map(|file| Line { at: Instant::ZERO, entry: Entry::File(file.clone()) }).collect();
-        Self {
+        let mut station = Self {
             controller: Box::new(controller),
             wire,
-            files: files.into(),
+            files: VecDeque::new(),
             leaving: false,
             holds: false,
-            log,
+            log: Vec::new(),
             stage: Stage::Waiting,
             counts: Counts::default(),
             last_unreadable: None,
             waits_since: None,
+            was_ready: false,
             off_start: None,
             start_rad: None,
             start_moves: 0,
+        };
+        files.into_iter().for_each(|file| station.push(Instant::ZERO, file));
+        station
+    }
+
+    /// One more trajectory to run, after those that are still to run.
+    pub fn push(&mut self, now: Instant, file: Vec<u8>) {
+        self.note(now, Entry::File(file.clone()));
+        self.files.push_back(file);
+        if matches!(self.stage, Stage::Finished { .. }) {
+            self.stage = Stage::Waiting;
         }
     }
 
@@ -193,6 +209,38 @@ impl Station {
     #[must_use]
     pub fn path_delay_s(&self) -> f64 {
         f64::from(self.controller.group().path_delay_s())
+    }
+
+    /// What ended the motion, or keeps it from beginning. `by_itself`: why the robot stopped by itself, where that is known.
+    #[must_use]
+    pub fn failure(&self, by_itself: Option<String>) -> Option<OperatorError> {
+        let group = self.controller.state();
+        let fault = match (&self.stage, group.fault()) {
+            (Stage::Stopped { fault }, _) => *fault,
+            (_, Some(fault)) if matches!(group.kind(), StateKind::Stopped | StateKind::Fault) => fault,
+            (Stage::NotThrown { refusal }, _) => return Some(refused("the motion", *refusal)),
+            _ => return None,
+        };
+        let (cause, joint) = (fault.cause.code(), fault.joint.map_or(0, |joint| joint.get() as u8 + 1));
+        let (start_moves, was_ready) = (self.start_pose_moves(), self.was_ready);
+        Some(OperatorError::RobotStopped { cause, joint, by_itself, start_moves, was_ready })
+    }
+
+    /// What the controller would report by now, if it is time for it or its state is another than `last`.
+    pub(super) fn report(&mut self, now: Instant, last: &GroupState) -> Option<GroupState> {
+        let due = self.controller.take_telemetry_due(now);
+        (due || self.state() != last.state)
+            .then(|| group_message(&self.controller.take_sample(now), last.sequence.wrapping_add(1), false))
+    }
+
+    /// Measured axes, rad; `None` before the first telegram.
+    pub(super) fn measured_rad(&self) -> Option<Vec<f64>> {
+        let group = self.controller.group();
+        self.controller.joints().map(|joint| group.position(joint).map(|at| f64::from(at.q_rad))).collect()
+    }
+
+    pub(super) fn register(&self, name: &str) -> Option<Numbers> {
+        Some(to_host(self.controller.register(registers::find(name)?)?.as_slice()))
     }
 
     /// Freeze frame and trace of the controller, as the files that one on a bus hands out; the first is empty without a fault.
@@ -392,6 +440,7 @@ impl Station {
     /// What the state of the controller says about the throw.
     fn watch(&mut self) {
         let kind = self.state();
+        self.was_ready |= kind == StateKind::Ready;
         let fault = self.controller.state().fault();
         self.stage = match self.stage {
             Stage::Waiting | Stage::Offered { .. } => match fault {

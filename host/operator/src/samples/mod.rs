@@ -115,6 +115,26 @@ impl BusLog {
     }
 }
 
+/// A cycle of a robot that is led, as one of its telegrams has it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cycle {
+    /// When it came, on the station's clock.
+    pub at: Instant,
+    pub ipoc: u64,
+    /// Start pose of the robot's program, deg.
+    pub start_deg: [f64; 6],
+    /// Set point in force, deg: start pose and the correction that the robot took last.
+    pub set_deg: [f64; 6],
+    /// Measured axes, deg.
+    pub actual_deg: [f64; 6],
+    /// Output value in force.
+    pub outputs: f64,
+    /// What the finger sensor says; `None`: the configuration has none.
+    pub fingers_open: Option<bool>,
+    /// Late answers as the robot counts them.
+    pub late: u64,
+}
+
 #[derive(Clone, Debug, Default)]
 pub struct Samples {
     /// The joints, base first.
@@ -129,6 +149,9 @@ pub struct Samples {
     pub freezes: Vec<Freeze>,
     /// The frames, where the link is a bus.
     pub bus: Option<BusLog>,
+    /// The cycles of a robot that is led, and what the last answer sets its outputs to.
+    pub cycles: Vec<Cycle>,
+    pub last_outputs: Option<f64>,
 }
 
 impl Samples {

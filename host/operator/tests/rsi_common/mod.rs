@@ -1,19 +1,24 @@
 //! A plan, a robot and a throw for the tests of RSI.
 
 use std::path::Path;
-use std::sync::OnceLock;
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, OnceLock};
 
 use hil_sim::krc::KrcScenario;
 use nalgebra::Vector3;
-use operator::rsi::cell::{self, Seen};
-use operator::rsi::program::{Lag, command_range, prepare, station};
-use operator::rsi::station::Station;
+use operator::job::{Answer, Order, Record, perform};
+use operator::rsi::cell::{self, Seen, SimulatedRobot};
+use operator::rsi::log::Line;
+use operator::rsi::operator::{LedRobot, Place};
+use operator::rsi::program::{Lag, command_range, prepare, station, station_for, travel};
+use operator::rsi::station::{Stage, Station};
 use planner::follow::best::{self, BestOptions, HandFreedom};
 use planner::follow::limits::{Arm, LimitSource, Limits};
 use planner::follow::plan::{FollowPlan, Form};
 use planner::follow::setting::Setting;
 use planner::plan::file::RobotId;
 use planner::store::robot_fingerprint;
+use protocol::Instant;
 
 pub(crate) const TARGET: [f64; 3] = [2.5, 0.0, 0.6];
 /// Radius of a bottle, m.
@@ -48,6 +53,30 @@ pub(crate) fn scenario(seed: u64) -> KrcScenario {
     prepare(&mut scenario, &arm(), plan());
     scenario.seed = seed;
     scenario
+}
+
+/// The order of a throw of the plan with the robot that is described.
+pub(crate) fn order<'a>(arm: &'a Arm, described: &KrcScenario) -> Order<'a> {
+    Order::follow(arm, plan(), described, travel(described, arm, 0.8, 1), HIT_M)
+}
+
+/// A throw as a job with the robot of `scenario`; and where its station is. `at` gets the time and the flag of an interruption with
+/// everything that goes in or out.
+pub(crate) fn performed_with(scenario: &KrcScenario, at: &dyn Fn(Instant, &AtomicBool)) -> (Record, Stage) {
+    let (arm, lag) = (arm(), true_lag(scenario));
+    let stop = Arc::new(AtomicBool::new(false));
+    let mut log = |lines: &[Line]| lines.iter().for_each(|line| at(line.at, &stop));
+    let station = station_for(scenario, &arm, plan(), lag, &[]).expect("a station");
+    let robot = SimulatedRobot::new(scenario).expect("a robot");
+    let place = Place::Inside(Box::new(robot));
+    let mut operator = LedRobot::new(scenario, station, place, Arc::clone(&stop), &mut log);
+    let record = perform(&mut operator, &order(&arm, scenario), &mut |_| Answer::Yes);
+    let stage = *operator.station().stage();
+    (record, stage)
+}
+
+pub(crate) fn performed(scenario: &KrcScenario) -> (Record, Stage) {
+    performed_with(scenario, &|_, _| {})
 }
 
 pub(crate) fn thrown_with(scenario: &KrcScenario, plan: &FollowPlan, lag: Lag) -> (Seen, Station) {

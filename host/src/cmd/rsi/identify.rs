@@ -9,13 +9,12 @@ use operator::bus::BusArgs;
 use operator::rsi::cell;
 use operator::rsi::cycles::{Cycle, cycles};
 use operator::rsi::identify::{MeasuredGripper, MeasuredLag, Unclear, gripper, lag, wiggle, with_measured};
-use operator::rsi::outcome::{RsiBallOutcome, verdict};
 use operator::rsi::program::exploring;
 use operator::rsi::station::{Stage, Station};
 use planner::follow::limits::{Arm, Axes};
 use protocol::{Duration, Instant};
 
-use super::{CONFIG, Watch, description, next_after, serve_at};
+use super::{CONFIG, Watch, description, serve_at};
 use crate::cmd::print_json;
 use crate::error::ExpectedError;
 use crate::exit;
@@ -117,12 +116,9 @@ impl RobotIdentification<'_> {
             }
         };
         if !matches!(station.stage(), Stage::Finished { .. }) {
-            let text = verdict(RsiBallOutcome::InHand, None, station.stage(), 0.0).text;
-            let text = text.split(';').next().unwrap_or_default();
-            return Err(ExpectedError::new(
-                exit::DRIVE,
-                format!("the robot was not led to the end: {text}\n  next: {}", next_after(&station)),
-            ));
+            let why =
+                station.failure(None).map_or("the robot was never ready".to_owned(), |why| why.to_string());
+            return Err(ExpectedError::new(exit::DRIVE, format!("the robot was not led to the end: {why}")));
         }
         let krc = &described.options;
         let table = cycles(&lines, &described.config, &krc.outputs_name, krc.sensor_name.as_deref());

@@ -21,13 +21,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use can_link::{BusSpec, Granted, Role, RsiSpec, Urgent};
-use firmware::fault::Cause;
 use hil_sim::krc::KrcScenario;
 use operator::bus::BusArgs;
+use operator::dialogue::operator::OperatorError;
 use operator::interrupt::interrupt;
 use operator::rsi::live::{Exchange, Host, Port, Time, serve};
 use operator::rsi::log::{Entry, HEAD, Line};
-use operator::rsi::station::{Stage, Station};
+use operator::rsi::station::Station;
 use planner::follow::limits::Arm;
 use protocol::{Duration, Instant};
 
@@ -72,22 +72,50 @@ pub fn robot_on(bus: &BusArgs) -> Result<Option<(RsiSpec, KrcScenario, Arm)>, Ex
     Ok(Some((spec.clone(), described, arm)))
 }
 
-/// What people do about a robot that was not led to the end.
-pub fn next_after(station: &Station) -> String {
-    let cause = match station.stage() {
-        Stage::Stopped { fault } => Some(fault.cause),
-        Stage::NotThrown { refusal } => Some(refusal.cause),
-        _ => None,
-    };
-    match cause {
-        Some(Cause::RobotRestarted) if station.start_pose_moves() => {
-            "the start pose (ASPos) moves with the axes: send DEF_ASPos, the programmed axes without corrections, or leave it out"
-                .to_owned()
+/// A log of an exchange that is written as it goes on.
+pub struct LogFile {
+    file: BufWriter<File>,
+    flushed: Instant,
+    written: std::io::Result<()>,
+}
+
+impl LogFile {
+    /// A new file.
+    ///
+    /// # Errors
+    /// The file exists or cannot be created.
+    pub fn create(path: &Path) -> Result<Self, ExpectedError> {
+        let create = || {
+            let mut file = BufWriter::new(File::create_new(path)?);
+            writeln!(file, "{HEAD}")?;
+            Ok(file)
+        };
+        let file = create().map_err(|error| ExpectedError::output(path, &error))?;
+        Ok(Self { file, flushed: Instant::ZERO, written: Ok(()) })
+    }
+
+    /// Writes some lines; after one that cannot be written none is.
+    pub fn write(&mut self, lines: &[Line]) {
+        for line in lines {
+            if self.written.is_ok() {
+                self.written = self.file.write_all(line.to_text().as_bytes());
+            }
         }
-        None | Some(Cause::DriveSilent) => {
-            "look at the pendant why the robot's program ended, and at the network".to_owned()
+        if let Some(last) = lines.last()
+            && last.at.saturating_since(self.flushed) >= FLUSH_EVERY
+            && self.written.is_ok()
+        {
+            self.flushed = last.at;
+            self.written = self.file.flush();
         }
-        Some(cause) => format!("`cubectl explain {}` says what to do", cause.code()),
+    }
+
+    /// Writes what is left.
+    ///
+    /// # Errors
+    /// The log is not whole.
+    pub fn finish(mut self, path: &Path) -> Result<(), ExpectedError> {
+        self.written.and_then(|()| self.file.flush()).map_err(|error| ExpectedError::output(path, &error))
     }
 }
 
@@ -95,9 +123,7 @@ pub fn next_after(station: &Station) -> String {
 pub struct Watch<'a> {
     stop: Arc<AtomicBool>,
     until: Option<Instant>,
-    file: Option<BufWriter<File>>,
-    flushed: Instant,
-    written: std::io::Result<()>,
+    file: Option<LogFile>,
     /// The last lines, as many as [`Watch::keeping`] says.
     lines: VecDeque<Line>,
     lines_max: usize,
@@ -125,8 +151,6 @@ impl<'a> Watch<'a> {
             stop: interrupt(),
             until: span.map(|s| Instant::ZERO + Duration::from_secs_f64(s)),
             file: None,
-            flushed: Instant::ZERO,
-            written: Ok(()),
             lines: VecDeque::new(),
             lines_max: LINES_MAX,
             gave_up: None,
@@ -139,16 +163,10 @@ impl<'a> Watch<'a> {
         }
     }
 
-    /// Writes the exchange to a new file as it goes on.
-    ///
-    /// # Errors
-    /// The file exists or cannot be created.
-    pub fn recording(mut self, path: &Path) -> Result<Self, ExpectedError> {
-        let file = File::create_new(path).map_err(|error| ExpectedError::output(path, &error))?;
-        let mut file = BufWriter::new(file);
-        writeln!(file, "{HEAD}").map_err(|error| ExpectedError::output(path, &error))?;
+    /// Writes the exchange to a file as it goes on.
+    pub fn recording(mut self, file: LogFile) -> Self {
         self.file = Some(file);
-        Ok(self)
+        self
     }
 
     /// Keeps so many lines beside the file. Without any, a file that cannot be written ends the exchange.
@@ -167,14 +185,10 @@ impl<'a> Watch<'a> {
     /// # Errors
     /// What was heard of it.
     pub fn require_ready(&self) -> Result<(), ExpectedError> {
-        let Some(heard) = &self.gave_up else { return Ok(()) };
+        let Some(heard) = self.gave_up.clone() else { return Ok(()) };
         Err(ExpectedError::new(
             exit::BUS,
-            format!(
-                "{}: the robot is not ready to be led after 10 s; {heard}\n  next: `cubectl doctor` looks at its telegrams; end the \
-                 robot's program and start it again at its start pose",
-                self.name
-            ),
+            format!("{}: {}", self.name, OperatorError::RobotNotReady { heard }),
         ))
     }
 
@@ -183,15 +197,9 @@ impl<'a> Watch<'a> {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// Writes what is left.
-    ///
-    /// # Errors
-    /// The log is not whole.
-    pub fn finish(&mut self, path: &Path) -> Result<(), ExpectedError> {
-        let flushed = self.file.as_mut().map_or(Ok(()), Write::flush);
-        std::mem::replace(&mut self.written, Ok(()))
-            .and(flushed)
-            .map_err(|error| ExpectedError::output(path, &error))
+    /// The file of [`Watch::recording`].
+    pub fn take_file(&mut self) -> Option<LogFile> {
+        self.file.take()
     }
 }
 
@@ -203,7 +211,7 @@ impl Host for Watch<'_> {
         }
         let over = self.until.is_some_and(|until| now >= until);
         let records_only = self.lines_max == 0;
-        let is_written = self.written.is_ok() || !records_only;
+        let is_written = !records_only || self.file.as_ref().is_none_or(|file| file.written.is_ok());
         if !records_only {
             self.gave_up = self.gave_up.take().or_else(|| station.waits_in_vain(now));
         }
@@ -216,19 +224,7 @@ impl Host for Watch<'_> {
 
     fn log(&mut self, lines: Vec<Line>) {
         if let Some(file) = &mut self.file {
-            for line in &lines {
-                if self.written.is_ok() {
-                    self.written = file.write_all(line.to_text().as_bytes());
-                }
-            }
-            if let Some(last) = lines.last()
-                && last.at.saturating_since(self.flushed) >= FLUSH_EVERY
-            {
-                self.flushed = last.at;
-                if self.written.is_ok() {
-                    self.written = file.flush();
-                }
-            }
+            file.write(&lines);
         }
         for line in &lines {
             match &line.entry {
@@ -242,6 +238,39 @@ impl Host for Watch<'_> {
     }
 }
 
+/// Where the robot at `spec` connects to, whose time counts, and the rights to answer it in time.
+///
+/// # Errors
+/// The address cannot be had.
+pub fn listen(
+    spec: &RsiSpec,
+    described: &KrcScenario,
+    quiet: bool,
+) -> Result<(Port, Time, Option<Urgent>), ExpectedError> {
+    let address = address_of(&spec.host, spec.port).map_err(|error| {
+        failed(spec, &error, "name an address of this machine, or 0.0.0.0 for all of them")
+    })?;
+    let port = Port::bind(spec.tcp, address).map_err(|error| {
+        failed(spec, &error, "name an address of this machine and a port that no other program has")
+    })?;
+    if described.config.port != address.port() && address.port() != 0 && !quiet {
+        console::note!(
+            "the configuration file sends the robot to port {}, this program listens at {}",
+            described.config.port,
+            address.port()
+        );
+    }
+    Ok(if spec.lockstep {
+        (port, Time::Robot(described.options.cycle), None)
+    } else {
+        (port, Time::Clock, Some(Urgent::request(Role::Controller)))
+    })
+}
+
+fn failed(spec: &RsiSpec, what: &dyn std::fmt::Display, next: &str) -> ExpectedError {
+    ExpectedError::new(exit::BUS, format!("rsi:{spec}: {what}\n  next: {next}"))
+}
+
 /// Serves the robot at `spec` until the end.
 ///
 /// # Errors
@@ -252,28 +281,9 @@ pub fn serve_at(
     station: &mut Station,
     watch: &mut Watch<'_>,
 ) -> Result<(Exchange, Option<Granted>), ExpectedError> {
-    let failed = |what: &dyn std::fmt::Display, next: &str| {
-        ExpectedError::new(exit::BUS, format!("rsi:{spec}: {what}\n  next: {next}"))
-    };
-    let address = address_of(&spec.host, spec.port)
-        .map_err(|error| failed(&error, "name an address of this machine, or 0.0.0.0 for all of them"))?;
-    let mut port = Port::bind(spec.tcp, address).map_err(|error| {
-        failed(&error, "name an address of this machine and a port that no other program has")
-    })?;
-    if described.config.port != address.port() && address.port() != 0 && !watch.quiet {
-        console::note!(
-            "the configuration file sends the robot to port {}, this program listens at {}",
-            described.config.port,
-            address.port()
-        );
-    }
-    let (time, urgent) = if spec.lockstep {
-        (Time::Robot(described.options.cycle), None)
-    } else {
-        (Time::Clock, Some(Urgent::request(Role::Controller)))
-    };
+    let (mut port, time, urgent) = listen(spec, described, watch.quiet)?;
     let exchange = serve(&mut port, station, time, watch)
-        .map_err(|error| failed(&error, "check the network interface, then run it again"))?;
+        .map_err(|error| failed(spec, &error, "check the network interface, then run it again"))?;
     Ok((exchange, urgent.map(|urgent| urgent.granted())))
 }
 

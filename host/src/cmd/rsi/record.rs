@@ -7,7 +7,7 @@ use hil_sim::krc::KrcScenario;
 use operator::rsi::program::{Lag, leading};
 use planner::follow::limits::Arm;
 
-use super::{CONFIG, DESCRIPTION, LOG, Watch, serve_at};
+use super::{CONFIG, DESCRIPTION, LOG, LogFile, Watch, serve_at};
 use crate::error::ExpectedError;
 
 /// Holds the robot where its program starts and writes the exchange into a folder, for `span_s` or until Ctrl-C.
@@ -26,10 +26,12 @@ pub fn record(
         leading(described, arm, Lag::of(described), &[]).map_err(|error| ExpectedError::bad_input(&error))?;
     let mut on = |_, _: &mut _| true;
     let log = folder.join(LOG);
-    let mut watch = Watch::new(format!("rsi:{spec}"), span_s, false, &mut on).keeping(0).recording(&log)?;
+    let mut watch = Watch::new(format!("rsi:{spec}"), span_s, false, &mut on)
+        .keeping(0)
+        .recording(LogFile::create(&log)?);
     write_description(folder, described)?;
     serve_at(spec, described, &mut station, &mut watch)?;
-    watch.finish(&log)?;
+    watch.take_file().map_or(Ok(()), |file| file.finish(&log))?;
     let (telegrams, answers) = watch.count;
     let why = if watch.was_interrupted() { " (ended by a signal)" } else { "" };
     console::line!("{telegrams} telegrams and {answers} answers in {}{why}", log.display());

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use hil_sim::krc::KrcScenario;
-use operator::rsi::log::{FILE_MAX_BYTES, files, parse};
+use operator::rsi::log::{FILE_MAX_BYTES, parse};
 use operator::rsi::program::replay_station;
 use operator::rsi::replay::{Difference, Replayed, replay as run_again};
 use operator::rsi::station::Station;
@@ -38,8 +38,8 @@ fn run(folder: &Path) -> Result<(Replayed, Station), ExpectedError> {
     } else {
         None
     };
-    let mut station = replay_station(&described, &arm, plan.as_ref(), files(&lines))
-        .map_err(|error| ExpectedError::bad_input(&error))?;
+    let mut station =
+        replay_station(&described, &arm, plan.as_ref()).map_err(|error| ExpectedError::bad_input(&error))?;
     let replayed = run_again(&lines, &mut station);
     Ok((replayed, station))
 }

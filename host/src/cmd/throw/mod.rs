@@ -1,33 +1,32 @@
 //! `cubectl throw`
 
+mod drives;
 mod folder;
-mod last_look;
-mod prepare;
-mod progress;
-pub mod robot;
+pub mod led;
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::time::Instant as WallTime;
 
 use can_link::BusSpec;
 use robot_model::AnyRobot;
 use toml_reader::{DESCRIPTION_MAX_BYTES, read_text};
 
+use self::drives::Drives;
+pub(super) use self::drives::period_request;
 use self::folder::Folder;
-pub(super) use self::prepare::period_request;
-use self::prepare::{Prepared, diagnosis, prepare};
-use self::progress::ProgressView;
+use self::led::Led;
 use super::consent::Consent;
-use super::controlled::tell_warnings;
+use super::ended::{off_target, outcome_last};
 use super::home::share;
+use super::last_look::LastLook;
 use super::meaning::{Deed, Given};
 use super::plan::follow::is_industrial;
 use super::plan::search::SearchOptions;
 use super::print_json;
+use super::progress::{ProgressView, Ui};
 use super::report;
-use super::tracker::{TargetArg, TrackerArgs};
+use super::rsi::write_description;
+use super::tracker::{Measured, TargetArg, TrackerArgs};
 use super::tune::InForce;
 use super::web::WebArgs;
 use crate::error::ExpectedError;
@@ -36,14 +35,9 @@ use operator::bus::args::Controller;
 use operator::bus::key_file::KeyArgs;
 use operator::bus::period::{NoPeriod, PERIOD_MAX_US, PERIOD_MIN_US};
 use operator::bus::soft::SoftReport;
-use operator::bus::{BusArgs, Session};
-use operator::dialogue::operator::OperatorError;
-use operator::interrupt::interrupt;
-use operator::port::OnBus;
-use operator::throw::job::{Answer, Progress, Question};
-use operator::throw::outcome::{Outcome, judge};
-use operator::throw::summary::{Circumstances, summary};
-use operator::throw::{JobError, Record, Step, Verdict, job};
+use operator::job::summary::{Circumstances, summary};
+use operator::job::{Order, Record};
+use operator::rsi::log::Line;
 use tuner::gains::choose::GainsFrom;
 use tuner::gains::gains_file::GainsFile;
 
@@ -125,43 +119,189 @@ pub struct Args {
     pub search: SearchOptions,
 }
 
+/// A throw that is ready to begin.
+enum Prepared {
+    /// With the drives of a controller of this project.
+    Drives(Box<Drives>),
+    /// With a robot that is led.
+    Led(Box<Led>),
+}
+
 /// Runs the verb.
 ///
 /// # Errors
 /// No throw, a plan that does not fit, the bus, the controller, the disk, or Ctrl-C. The exit code tells them apart.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    if let AnyRobot::Six(arm) = super::robot(&args.search.options.robot)?
-        && is_industrial(&arm)
-    {
-        return robot::run(args, &arm);
+    let led = match super::robot(&args.search.options.robot)? {
+        AnyRobot::Six(arm) if is_industrial(&arm) => Some(arm),
+        _ => None,
+    };
+    match &led {
+        Some(_) => led::require_meaning(args)?,
+        None => args.given.require_meaning(&args.deeds(&[Deed::OnCan]))?,
     }
-    args.given.require_meaning(&args.deeds(&[Deed::OnCan]))?;
     let consent = Consent::on(&args.bus, args.yes)?;
     let begun = WallTime::now();
-    let prepared = prepare(args)?;
+    let prepared = match led {
+        Some(arm) => Prepared::Led(Box::new(led::prepare(args, *arm)?)),
+        None => Prepared::Drives(Box::new(drives::prepare(args)?)),
+    };
     let folder = Folder::create(args.out.as_deref())?;
-    prepared.plan.write(&folder.file("plan.json")).map_err(|error| output(&error))?;
     let mut progress = ProgressView::new(args.json);
+    let (plan, tracked) = match &prepared {
+        Prepared::Drives(drives) => (drives.plan.to_json(), drives.tracked.as_ref()),
+        Prepared::Led(led) => {
+            write_description(&folder.path, &led.described)?;
+            (led.plan.to_json(), led.tracked.as_ref())
+        }
+    };
+    folder.write("plan.json", &plan)?;
     prepared.show(&mut progress);
-    let mut thrown = throw(args, &prepared, &folder, (&mut progress, consent))?;
-    let written = write_summary(args, &prepared, &thrown, &folder, &progress);
-    let said = thrown.wrong.is_none().then_some(&thrown.verdict);
-    progress.closing(&thrown.record, said, &folder.path, begun);
-    outcome_last(thrown.wrong.take(), written, &folder)
+    let in_step = matches!(&args.bus, BusSpec::Rsi(spec) if spec.lockstep);
+    let look = tracked.map(|before| LastLook::new(&args.tracker, before, in_step));
+    let words = [
+        "The arm homes if it must and goes to the start. Nobody near?",
+        "The arm stands at the start. Ball in the hand, nobody near?",
+    ];
+    let mut ui = Ui { progress, consent, words, look, agreed: false };
+    let mut done = match &prepared {
+        Prepared::Drives(drives) => drives.throw(args, &folder, &mut ui)?,
+        Prepared::Led(led) => led.throw(args, &folder, &mut ui)?,
+    };
+    let Ui { mut progress, look, .. } = ui;
+    progress.quiet();
+    let order = prepared.order(args);
+    let off = || off_target(&done.record, &order.judge);
+    let wrong = look.and_then(|look| look.refused).or(done.wrong.take()).or_else(off);
+    let written = prepared.write(args, &folder, &done, (&mut progress, wrong.as_ref(), tracked));
+    let said = wrong.is_none().then_some(&done.record.verdict);
+    progress.closing(&done.record, said, &folder.path, begun);
+    outcome_last(wrong, written, Some(&folder.path))
 }
 
-/// How a throw ends: a result that could not be written never hides the outcome.
-fn outcome_last(
+/// What a throw left behind.
+#[derive(Default)]
+struct Done {
+    record: Record,
+    /// What went wrong first.
     wrong: Option<ExpectedError>,
-    written: Result<(), ExpectedError>,
-    folder: &Folder,
-) -> Result<(), ExpectedError> {
-    let Some(mut error) = wrong else { return written };
-    error.message += &format!("\n  results in {}", folder.path.display());
-    if let Err(lost) = written {
-        error.message += &format!("; not all of them: {}", lost.message);
+    /// Why the recording is not whole.
+    lost: Option<ExpectedError>,
+    bus: String,
+    time: &'static str,
+    controller: &'static str,
+    bus_errors: usize,
+    soft: Option<SoftReport>,
+    /// What went into the station of a robot that is led, and came out.
+    lines: Vec<Line>,
+    /// Rights of the thread that answered it.
+    answering: Option<String>,
+}
+
+impl Done {
+    /// What the summary says beside the record.
+    fn circumstances(&self, seed: u64) -> Circumstances<'_> {
+        Circumstances {
+            bus: &self.bus,
+            time: self.time,
+            controller: self.controller,
+            seed,
+            bus_errors: self.bus_errors,
+            soft: self.soft.as_ref(),
+            answering: self.answering.clone(),
+            ..Circumstances::default()
+        }
     }
-    Err(error)
+}
+
+impl Prepared {
+    fn order(&self, args: &Args) -> Order<'_> {
+        match self {
+            Self::Drives(drives) => drives.order(args),
+            Self::Led(led) => led.order(args),
+        }
+    }
+
+    fn show(&self, progress: &mut ProgressView) {
+        match self {
+            Self::Drives(drives) => drives.show(progress),
+            Self::Led(led) => progress.following(&led.plan, led.plan_s),
+        }
+    }
+
+    /// Writes what the record says: each file is tried, and the first that fails is reported.
+    fn write(
+        &self,
+        args: &Args,
+        folder: &Folder,
+        done: &Done,
+        (progress, wrong, tracked): (&mut ProgressView, Option<&ExpectedError>, Option<&Measured>),
+    ) -> Result<(), ExpectedError> {
+        let gains = match self {
+            Self::Drives(drives) => gains_toml(&done.record, drives.gains.as_ref()),
+            Self::Led(_) => None,
+        };
+        let mut about = match self {
+            Self::Drives(drives) => Circumstances {
+                wall_s: &progress.wall_s,
+                plan_s: drives.plan_s,
+                gains_from: match (&drives.choice, args.gains.is_some()) {
+                    (Some(choice), _) => choice.gains_from,
+                    (None, true) => GainsFrom::Given,
+                    (None, false) => GainsFrom::Controller,
+                },
+                gains_crc32: gains.as_ref().map(|text| firmware::crc::Crc32::of(text.as_bytes())),
+                period_why: drives.choice.as_ref().map_or("the controller's", |choice| choice.why),
+                timing: drives.timing.as_ref(),
+                ..done.circumstances(drives.cell.seed)
+            },
+            Self::Led(_) => done.circumstances(args.seed.unwrap_or(1)),
+        };
+        about.exit_code = wrong.map_or(exit::OK, |error| error.code);
+        about.cause = wrong.map(|error| error.message.as_str());
+        let mut value = summary(&self.order(args), &done.record, &about);
+        value["command_line"] = std::env::args().collect::<Vec<_>>().join(" ").into();
+        if let Some(before) = tracked {
+            value["target"] = before.json();
+            let moved_m = args.tracker.moved(before);
+            value["target"]["moved_during_throw_m"] = serde_json::json!(moved_m.as_ref().ok());
+            match moved_m {
+                Ok(by_m) if by_m > 1e-3 => {
+                    console::note!("the target moved by {:.1} mm during the throw", 1e3 * by_m);
+                }
+                Ok(_) => {}
+                Err(error) => console::note!("the target could not be looked at after the throw: {error}"),
+            }
+        }
+        let mut results = vec![
+            done.lost.clone().map_or(Ok(()), Err),
+            gains.map_or(Ok(()), |gains| folder.write("gains.toml", &gains)),
+            folder.write("summary.json", &format!("{value:#}\n")),
+        ];
+        match self {
+            Self::Drives(_) => results.push(write_report(folder, &args.search.options.robot)),
+            Self::Led(led) => {
+                results.push(folder.write("motion.csv", &led.motion_csv(done)));
+                results.push(report::write_robot(&folder.path, &folder.file("report.html")));
+            }
+        }
+        let written: Result<(), ExpectedError> = results.into_iter().collect();
+        if let (Err(lost), None) = (&written, wrong) {
+            (value["exit_code"], value["cause"]) = (lost.code.into(), lost.message.as_str().into());
+        }
+        if args.json {
+            print_json(&value);
+        }
+        written
+    }
+}
+
+/// The report is made from the files, as `cubectl report` makes it.
+fn write_report(folder: &Folder, robot: &str) -> Result<(), ExpectedError> {
+    let files = ["plan.json", "bus.log", "summary.json"].map(|name| folder.file(name));
+    let [plan, log, summary] = &files;
+    let recorded = report::read(plan, log, Some(summary), Some(robot), report::BIT_RATE)?;
+    report::write(&recorded, &folder.file("report.html"))
 }
 
 impl Args {
@@ -177,176 +317,6 @@ impl Args {
         deeds.extend((self.bus != BusSpec::Sim).then_some(Deed::Live));
         deeds
     }
-}
-
-/// What a throw left behind.
-struct Thrown {
-    record: Record,
-    verdict: Verdict,
-    /// What went wrong first.
-    wrong: Option<ExpectedError>,
-    bus_name: String,
-    simulated: bool,
-    bus_errors: usize,
-    soft: Option<SoftReport>,
-}
-
-/// Throws on the bus: opens it, runs the job, judges the outcome, closes it.
-fn throw(
-    args: &Args,
-    prepared: &Prepared,
-    folder: &Folder,
-    (progress, mut consent): (&mut ProgressView, Consent),
-) -> Result<Thrown, ExpectedError> {
-    let bus = BusArgs {
-        bus: args.bus.clone(),
-        cell: prepared.cell_args.clone(),
-        record: Some(folder.file(operator::log::FOLDER_NAME)),
-        beside: false,
-        rsi: None,
-    };
-    let key = args.key.load()?;
-    let mut session = bus.open_cell(&prepared.cell, prepared.soft.then_some(&prepared.settings))?;
-    session.set_key(key);
-    let job = prepared.job(args);
-    let stop = interrupt();
-    let _page =
-        args.web.serve(&mut session, &prepared.cell.robot, Some(&prepared.plan), Arc::clone(&stop))?;
-    let mut record = Record::default();
-    let mut gone = None;
-    let wanted = match args.controller {
-        Some(Controller::Node(node)) => Some(node),
-        Some(Controller::Soft) | None => None,
-    };
-    let mut operator = OnBus::new(&mut session, wanted, report::BIT_RATE);
-    let ended = job::run(&mut operator, &job, &mut record, &mut |step| match step {
-        Progress::May(_) if stop.load(Ordering::Relaxed) => Answer::No,
-        Progress::May(question) => match progress.look(&mut consent, question) {
-            Answer::Yes if question == Question::Throw => {
-                gone = prepared.tracked.as_ref().and_then(|before| args.tracker.still_there(before).err());
-                if gone.is_none() { Answer::Yes } else { Answer::No }
-            }
-            answer => answer,
-        },
-        other => {
-            progress.show(other);
-            Answer::Yes
-        }
-    });
-    progress.quiet();
-    tell_warnings(&mut session);
-    let verdict = judge(&job, &record, ended.as_ref().copied());
-    let failed = gone.or_else(|| {
-        let error = ended.err()?;
-        Some(explained(error, &record, &verdict, &mut session, prepared, &args.bus))
-    });
-    let (bus_name, simulated, bus_errors) =
-        (session.name().to_owned(), session.is_simulated(), session.bus_errors().len());
-    let soft = session.finish_controller();
-    let closed = session.finish().map_err(ExpectedError::from);
-    let wrong = failed.or_else(|| off_target(&verdict)).or(closed.err());
-    Ok(Thrown { record, verdict, wrong, bus_name, simulated, bus_errors, soft })
-}
-
-/// The error of a job, with what the drives say about it and the next step.
-fn explained(
-    error: JobError,
-    record: &Record,
-    verdict: &Verdict,
-    session: &mut Session,
-    prepared: &Prepared,
-    bus: &BusSpec,
-) -> ExpectedError {
-    let by_controller = matches!(error, JobError::Operator(_));
-    let mut error = failure(error, record, verdict.outcome);
-    if prepared.soft
-        && by_controller
-        && record.at_work.is_some_and(|(step, _)| step == Step::Drives)
-        && error.code == exit::DRIVE
-        && let Ok(Some(found)) = session.put_back(|session| diagnosis(session, &prepared.arm, |_| true))
-    {
-        error.message = format!("{}\n{found}", error.message);
-    }
-    if verdict.outcome == Outcome::Stopped && !session.is_simulated() {
-        // Drives stay halted, and a controller of its own keeps its fault.
-        error.message += &format!("; then `cubectl clear --bus {bus}`");
-    }
-    error
-}
-
-/// Writes gains, summary and report.
-fn write_summary(
-    args: &Args,
-    prepared: &Prepared,
-    thrown: &Thrown,
-    folder: &Folder,
-    progress: &ProgressView,
-) -> Result<(), ExpectedError> {
-    let gains_text = gains_toml(&thrown.record, prepared.gains.as_ref());
-    let wrong = thrown.wrong.as_ref();
-    let circumstances = Circumstances {
-        bus: &thrown.bus_name,
-        time: if thrown.simulated { "virtual time" } else { "real time" },
-        controller: if prepared.soft { "soft" } else { "node" },
-        seed: prepared.cell.seed,
-        exit_code: wrong.map_or(exit::OK, |error| error.code),
-        cause: wrong.map(|error| error.message.as_str()),
-        bus_errors: thrown.bus_errors,
-        wall_s: &progress.wall_s,
-        plan_s: prepared.plan_s,
-        gains_from: match (&prepared.choice, args.gains.is_some()) {
-            (Some(choice), _) => choice.gains_from,
-            (None, true) => GainsFrom::Given,
-            (None, false) => GainsFrom::Controller,
-        },
-        gains_crc32: gains_text.as_ref().map(|text| firmware::crc::Crc32::of(text.as_bytes())),
-        soft: thrown.soft.as_ref(),
-        period_why: prepared.choice.as_ref().map_or("the controller's", |choice| choice.why),
-        timing: prepared.timing.as_ref(),
-    };
-    let mut value = summary(&prepared.job(args), &thrown.record, &thrown.verdict, &circumstances);
-    value["command_line"] = std::env::args().collect::<Vec<_>>().join(" ").into();
-    let written = write_results(folder, &value, gains_text.as_deref(), &args.search.options.robot);
-    if let (Err(lost), None) = (&written, wrong) {
-        (value["exit_code"], value["cause"]) = (lost.code.into(), lost.message.as_str().into());
-    }
-    if args.json {
-        print_json(&value);
-    }
-    written
-}
-
-/// Gains, summary and report. The report is made from the files, as `cubectl report` makes it.
-fn write_results(
-    folder: &Folder,
-    summary: &serde_json::Value,
-    gains: Option<&str>,
-    robot: &str,
-) -> Result<(), ExpectedError> {
-    folder.write("summary.json", &format!("{summary:#}\n"))?;
-    if let Some(gains) = gains {
-        folder.write("gains.toml", gains)?;
-    }
-    let files = ["plan.json", "bus.log", "summary.json"].map(|name| folder.file(name));
-    let [plan, log, summary] = &files;
-    let recorded = report::read(plan, log, Some(summary), Some(robot), report::BIT_RATE)?;
-    report::write(&recorded, &folder.file("report.html"))
-}
-
-/// The error that a verdict about the ball makes; `None` if it is where it should be, as far as is known.
-fn off_target(verdict: &Verdict) -> Option<ExpectedError> {
-    let next = match verdict.outcome {
-        Outcome::Missed => {
-            "`cubectl report` on the folder shows tracking and release; `cubectl home --verify` tells whether a drive \
-             has lost encoder counts"
-        }
-        Outcome::NotReleased => {
-            "take the ball out of the hand before anything moves; check the gripper, its supply and its output"
-        }
-        _ => return None,
-    };
-    let code = exit::of_outcome(verdict.outcome)?;
-    Some(ExpectedError::new(code, format!("{}\n  next: {next}", verdict.text)))
 }
 
 pub(super) fn read_gains(path: &Path, robot: &str) -> Result<GainsFile, ExpectedError> {
@@ -373,25 +343,6 @@ impl From<NoPeriod> for ExpectedError {
             NoPeriod::TooShort { .. } | NoPeriod::None { .. } => Self::new(exit::BUS, error.to_string()),
         }
     }
-}
-
-/// From what ended the job to what people read: the step, what happened, what to do.
-fn failure(error: JobError, record: &Record, outcome: Outcome) -> ExpectedError {
-    let step = record.at_work.map_or("throw", |(step, _)| step.name());
-    let expected = match error {
-        JobError::Operator(error @ OperatorError::Stopped { .. }) if outcome == Outcome::Stopped => {
-            ExpectedError::new(exit::STOPPED, error.to_string())
-        }
-        JobError::Operator(error) => ExpectedError::from(error),
-        JobError::Approach(_) | JobError::Double { .. } => ExpectedError::new(exit::DRIVE, error.to_string()),
-        JobError::Declined { .. } => ExpectedError::new(exit::INTERRUPTED, error.to_string()),
-        other => ExpectedError::bad_input(&other),
-    };
-    ExpectedError::new(expected.code, format!("{step}: {}", expected.message))
-}
-
-fn output(error: &impl std::fmt::Display) -> ExpectedError {
-    ExpectedError::new(exit::OUTPUT, error.to_string())
 }
 
 /// The gains in force: the file that was given, or what the controller's registers held, in the form that

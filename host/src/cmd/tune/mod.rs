@@ -390,7 +390,7 @@ impl ControllerOnBus {
         let mut session = args.bus.open_with_controller()?;
         session.set_key(key);
         let node = session.find_controller(args.controller)?;
-        super::upload::settle(&mut session)?;
+        session.find_drives()?;
         Ok(Self { session, node })
     }
 

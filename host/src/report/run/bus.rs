@@ -139,7 +139,7 @@ impl RunReport<'_> {
                 self.certified_timing(page, coverage);
                 page.note(&coverage.sentence());
             }
-            None => page.note(operator::throw::summary::NOT_COMPARED),
+            None => page.note(operator::job::summary::NOT_COMPARED),
         }
         let nominal = a.cycles.nominal_s.map_or(String::new(), |s| format!("Set period {} ms. ", ms(s)));
         match &a.answers {

@@ -6,8 +6,8 @@ use super::super::chart::escape;
 use super::super::page::{Page, Tone, cell};
 use super::{record, told_outcome, tone};
 use operator::analysis::events::RunEvent;
+use operator::job::Outcome;
 use operator::log::candump::Tear;
-use operator::throw::Outcome;
 use planner::plan::file::PlanFile;
 
 /// Page of a throw that ended before the arm moved.

@@ -18,7 +18,7 @@ use super::{landing, scene};
 use operator::analysis::release::{ReleaseMotion, flight};
 use operator::analysis::tracking::{JointTracking, interpolate};
 use operator::analysis::{POSITION_BOUND_RAD, RunAnalysis, SPEED_BOUND_RAD_S};
-use operator::throw::outcome::{Outcome, default_tolerance_m};
+use operator::job::{Outcome, default_tolerance_m};
 use planner::motion::Motion;
 use planner::plan::file::PlanFile;
 use planner::throw::{Arm, Joints};
@@ -298,9 +298,9 @@ fn told_outcome(summary: &Value) -> Option<(Outcome, String)> {
 
 fn tone(outcome: Outcome) -> Tone {
     match outcome {
-        Outcome::Landed => Tone::Good,
+        Outcome::Landed | Outcome::Reached | Outcome::Stored => Tone::Good,
         Outcome::NotObserved => Tone::Plain,
-        Outcome::NotThrown => Tone::Warn,
-        Outcome::Missed | Outcome::NotReleased | Outcome::Stopped => Tone::Bad,
+        Outcome::NotThrown | Outcome::NotRun => Tone::Warn,
+        Outcome::Missed | Outcome::NotReleased | Outcome::Stopped | Outcome::NotReached => Tone::Bad,
     }
 }

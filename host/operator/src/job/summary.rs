@@ -1,12 +1,12 @@
-//! A run in numbers: `summary.json`. Units are in the names of the keys.
+//! A record in numbers: `summary.json`. Units are in the names of the keys. What a link or a judge does not know is `null`.
 
 use protocol::Duration;
 use protocol::cyphal::cubecell::group_state::State;
 use protocol::cyphal::id::NodeId;
 use serde_json::{Value, json};
 
-use super::outcome::Verdict;
-use super::record::{Job, Record};
+use super::order::{Judge, Order};
+use super::record::{Record, Step};
 use crate::analysis::RunAnalysis;
 use crate::analysis::tracking::ErrorSize;
 use crate::bus::cycle_timing::CycleTiming;
@@ -15,7 +15,7 @@ use planner::plan::file::VERSION as PLAN_VERSION;
 use tuner::gains::choose::GainsFrom;
 
 /// Version of the file.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 
 /// Text for a run whose timing nobody can judge.
 pub const NOT_COMPARED: &str = "the timing is not compared with a certificate: none is known for the gains of this controller, or the run was not heard";
@@ -27,7 +27,7 @@ pub struct Circumstances<'a> {
     pub bus: &'a str,
     /// What supplied the time: `virtual time` or `real time`.
     pub time: &'a str,
-    /// `soft`, or the number of a node.
+    /// `soft`, `node`, or `led` for a robot that is led.
     pub controller: &'a str,
     /// Seed of planner and cell.
     pub seed: u64,
@@ -51,12 +51,13 @@ pub struct Circumstances<'a> {
     pub period_why: &'a str,
     /// What machine and bus held before the run.
     pub timing: Option<&'a CycleTiming>,
+    /// Rights of the thread that answered a robot.
+    pub answering: Option<String>,
 }
 
 #[must_use]
-pub fn summary(job: &Job<'_>, record: &Record, verdict: &Verdict, about: &Circumstances<'_>) -> Value {
-    let plan = job.plan;
-    let landing = record.landing;
+pub fn summary(order: &Order<'_>, record: &Record, about: &Circumstances<'_>) -> Value {
+    let (verdict, landing) = (&record.verdict, record.landing);
     let steps: Vec<Value> = record
         .steps
         .iter()
@@ -69,31 +70,37 @@ pub fn summary(job: &Job<'_>, record: &Record, verdict: &Verdict, about: &Circum
             })
         })
         .collect();
-    json!({
-        "format": "cubectl-throw",
+    let (target_m, throw) = match &order.judge {
+        Judge::Throw { plan, .. } => (Some(plan.target.position_m), Some(*plan)),
+        Judge::Follow { plan, .. } => (Some(plan.target_m), None),
+        Judge::Reach => (None, None),
+    };
+    let mut value = json!({
+        "format": "cubectl-job",
         "version": VERSION,
         "outcome": verdict.outcome.json_name(),
         "outcome_text": verdict.text,
         "exit_code": about.exit_code,
         "cause": about.cause,
-        "tolerance_m": verdict.tolerance_m,
+        "tolerance_m": order.judge.tolerance_m(),
         "ball": record.ball.json_name(),
         "ended_in_step": record.at_work.map(|(step, _)| step.name()),
         "bus": about.bus,
         "time": about.time,
         "controller": { "kind": about.controller, "node_id": record.node.map(NodeId::get) },
-        "robot": plan.robot.name,
-        "target_m": plan.target.position_m,
+        "robot": order.arm.name(),
+        "target_m": target_m,
         "landing_error_m": landing.map(|landed| landed.error_m),
         "landing": landing.map(|landed| json!({
             "source": landed.source.json_name(),
             "observed": landed.source.is_observed(),
+            "error_m": landed.error_m,
             "uncertainty_m": landed.uncertainty_m,
             "position_m": [landed.position_m.x, landed.position_m.y, landed.position_m.z],
             "release_late_s": landed.release_late_s,
             "touched_arm_after_s": landed.touch_after_s,
-            "predicted_mean_m": plan.landing.mean_m,
-            "predicted_covariance_m2": plan.landing.covariance_m2,
+            "predicted_mean_m": throw.map(|plan| plan.landing.mean_m),
+            "predicted_covariance_m2": throw.map(|plan| plan.landing.covariance_m2),
         })),
         "drives": record.drives,
         "gripper_opening_us": record.gripper_opening.map(Duration::as_micros),
@@ -102,32 +109,89 @@ pub fn summary(job: &Job<'_>, record: &Record, verdict: &Verdict, about: &Circum
             "error_rms_rad": of_joints(analysis, |error| error.rms),
         })),
         "analysis": record.analysis,
+        "reached": record.reached,
         "certified_timing": record.certified,
         "timing": timing(record),
         "cycle": cycle(record, about),
         "bus_load": load(record),
         "bus_errors": about.bus_errors,
         "frames_during_throw": record.frames,
-        "plan": {
+        "plan": throw.map(|plan| json!({
             "form": plan.search.form,
             "duration_s": plan.end_time_s,
             "release_s": plan.release_time_s,
             "flight_s": plan.landing.flight_s,
             "objective": plan.objective.value,
             "took_s": about.plan_s,
-        },
+        })),
         "gains_from": about.gains_from.json_name(),
         "approach_s": record.approach_s,
         "steps": steps,
         "seed": about.seed,
         "versions": { "cubectl": env!("CARGO_PKG_VERSION"), "plan": PLAN_VERSION, "trajectory": firmware::trajectory_format::VERSION },
         "hashes": {
-            "robot_fingerprint": plan.robot.fingerprint,
+            "robot_fingerprint": throw.map(|plan| &plan.robot.fingerprint),
             "trajectory_crc64": record.trajectory.map(|name| format!("{:016x}", name.trajectory_crc64)),
             "gains_crc32": about.gains_crc32.map(|crc| format!("{crc:08x}")),
             "certificate_crc32": format!("{:08x}", record.certificate_crc32),
         },
         "fault": fault(record),
+    });
+    for part in [of_run(record), of_led(order, record, about)] {
+        if let (Value::Object(part), Some(all)) = (part, value.as_object_mut()) {
+            all.extend(part);
+        }
+    }
+    value
+}
+
+/// When the program ran, and the counts of its last cycle.
+fn of_run(record: &Record) -> Value {
+    let ran = record.steps.iter().find(|(step, ..)| matches!(step, Step::Throw | Step::Run));
+    let last = record.states.last().map(|(_, group)| *group).unwrap_or_default();
+    json!({
+        "took_s": ran.map(|(_, begun, ended)| ended.saturating_since(*begun).as_secs_f64()),
+        "start_controller_s": record.start.map(|start| start.at.as_secs_f64()),
+        "start_known_to_s": record.start.map(|start| start.known_to.as_secs_f64()),
+        "cycles_late": last.cycles_late,
+        "replies_missed": last.replies_missed,
+        "cycles_saturated": last.cycles_saturated,
+    })
+}
+
+/// What only a robot that is led has.
+fn of_led(order: &Order<'_>, record: &Record, about: &Circumstances<'_>) -> Value {
+    let Judge::Follow { plan, gripper, lag, .. } = &order.judge else { return Value::Null };
+    let led = record.led.clone().unwrap_or_default();
+    let (seen, started_s) = (led.seen.as_ref(), led.started_at.map(protocol::Instant::as_secs_f64));
+    let released = seen.and_then(|seen| seen.released).map(|(at, hand)| {
+        json!({
+            "late_s": started_s.map(|started_s| at.as_secs_f64() - started_s - plan.release_time_s),
+            "position_m": [hand.p_m.x, hand.p_m.y, hand.p_m.z],
+            "velocity_m_s": [hand.v_m_s.x, hand.v_m_s.y, hand.v_m_s.z],
+        })
+    });
+    let answers = led.exchange.as_ref().map(|exchange| {
+        let us = |share| exchange.answer_time_us(share);
+        json!({
+            "own_time_us": { "count": exchange.answer_us.len(), "median": us(0.5), "p99": us(0.99), "p999": us(0.999), "max": us(1.0) },
+            "robots_heard": exchange.connections,
+            "real_time_rights": about.answering,
+        })
+    });
+    json!({
+        "link": "RSI",
+        "release": released,
+        "plan_started_s": started_s,
+        "followed_points": plan.followed_points,
+        "lag": { "dead_time_s": lag.dead_time.as_secs_f64(), "time_constant_s": lag.time_constant.as_secs_f64() },
+        "gripper_delay_s": gripper.delay_s,
+        "path_delay_s": led.path_delay_s,
+        "answers": led.answers,
+        "late_answers": seen.map(|seen| seen.late),
+        "refused_answers": seen.map(|seen| seen.refused),
+        "answer_times": answers,
+        "robot_fault": seen.and_then(|seen| seen.fault).map(|fault| fault.to_string()),
     })
 }
 

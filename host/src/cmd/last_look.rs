@@ -1,14 +1,13 @@
-//! The last look at a tracked target: an industrial robot may be waited for, and led to the start of the throw, for minutes.
+//! The last look at a tracked target: the arm may be waited for, and led to the start of the throw, for minutes.
 
 use std::thread::JoinHandle;
 
-use operator::rsi::station::Station;
-use protocol::Instant;
+use operator::job::Answer;
 
 use crate::cmd::tracker::{Measured, TrackerArgs};
 use crate::error::ExpectedError;
 
-/// Looks once the arm stands at the start of the throw, which its station holds until then.
+/// Looks once the arm stands at the start of the throw, which waits until then.
 pub(super) struct LastLook {
     tracker: TrackerArgs,
     before: Measured,
@@ -26,24 +25,23 @@ impl LastLook {
         Self { tracker, before, lockstep, under_way: None, refused: None }
     }
 
-    /// Called with each telegram; false if the target is not where it was.
-    pub(super) fn allows(&mut self, now: Instant, station: &mut Station) -> bool {
-        if !station.is_held() {
-            return true;
-        }
+    /// Whether the target is where it was.
+    pub(super) fn answer(&mut self) -> Answer {
         let look = self.under_way.take().unwrap_or_else(|| {
             let (tracker, before) = (self.tracker.clone(), self.before.clone());
             std::thread::spawn(move || tracker.still_there(&before))
         });
         if !self.lockstep && !look.is_finished() {
             self.under_way = Some(look);
-            return true;
+            return Answer::Waiting;
         }
         match look.join() {
-            Ok(Ok(())) => station.proceed_from_hold(now),
-            Ok(Err(moved)) => self.refused = Some(moved),
+            Ok(Ok(())) => Answer::Yes,
+            Ok(Err(moved)) => {
+                self.refused = Some(moved);
+                Answer::No
+            }
             Err(panicked) => std::panic::resume_unwind(panicked),
         }
-        self.refused.is_none()
     }
 }

@@ -10,6 +10,7 @@ use protocol::JointIndex;
 
 pub use crate::bus::settings::robot_crc32;
 use planner::motion::{GripperEvent, Motion};
+use planner::plan::Joints;
 
 /// Why a motion makes no trajectory file.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -107,8 +108,21 @@ pub fn encode<const N: usize>(
     Ok(bytes)
 }
 
-/// What a controller would refuse in a file, with its own code; without `settings` only what every one refuses.
-fn check(bytes: &[u8], settings: Option<&Settings>) -> Result<(), TrajectoryError> {
+/// The motion of a controller's file; `None` if no controller of six joints would take it. Events do not matter to who follows it.
+#[must_use]
+pub fn motion_of(bytes: &[u8]) -> Option<Motion> {
+    let (header, spline) = decoded(bytes).ok()?;
+    let joint = |knot: &Knot, k: usize| JointIndex::new(k).map_or((0.0, 0.0), |joint| knot.state.get(joint));
+    let knots = (0..spline.len()).map_while(|index| spline.knot(index)).map(|knot| planner::motion::Knot {
+        t_s: f64::from(knot.t_us) * 1e-6,
+        q_rad: Joints::from_fn(|k, _| joint(&knot, k).0.into()),
+        qd_rad_s: Joints::from_fn(|k, _| joint(&knot, k).1.into()),
+    });
+    (usize::from(header.joints) == Joints::zeros().len())
+        .then(|| Motion { knots: knots.collect(), events: Vec::new() })
+}
+
+fn decoded(bytes: &[u8]) -> Result<(Header, Box<Spline>), firmware::fault::Refusal> {
     use firmware::fault::{Cause, Refusal};
     let mut spline = Box::new(Spline::empty());
     let read = |offset: usize, out: &mut [u8]| {
@@ -116,8 +130,14 @@ fn check(bytes: &[u8], settings: Option<&Settings>) -> Result<(), TrajectoryErro
         out.copy_from_slice(from);
         Ok(())
     };
-    trajectory_format::decode(bytes.len(), read, &mut spline)
-        .and_then(|header| match settings {
+    let header = trajectory_format::decode(bytes.len(), read, &mut spline)?;
+    Ok((header, spline))
+}
+
+/// What a controller would refuse in a file, with its own code; without `settings` only what every one refuses.
+fn check(bytes: &[u8], settings: Option<&Settings>) -> Result<(), TrajectoryError> {
+    decoded(bytes)
+        .and_then(|(header, spline)| match settings {
             Some(settings) => trajectory_format::check(&header, &spline, settings),
             None => Ok(()),
         })
@@ -132,7 +152,6 @@ fn check(bytes: &[u8], settings: Option<&Settings>) -> Result<(), TrajectoryErro
 mod tests {
     use super::*;
     use planner::motion::Knot as MotionKnot;
-    use planner::plan::Joints;
 
     fn motion() -> Motion {
         let knot =

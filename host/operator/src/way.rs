@@ -25,9 +25,27 @@ const LEG_MIN_S: f64 = 0.2;
 /// A pose nearer than this is reached, rad.
 pub const THERE_RAD: f64 = 1e-3;
 
+/// How an arm goes from one rest to another.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Travel {
+    /// Share of the robot's speeds and accelerations.
+    pub share: f64,
+    /// Seed for ways around obstacles.
+    pub seed: u64,
+    /// Least and largest angles of corners, rad; `None`: the ranges of the joints, less a margin. Between two corners each joint
+    /// moves one way only, so the whole way is inside if both ends are.
+    pub range: Option<(Joints, Joints)>,
+}
+
+impl Default for Travel {
+    fn default() -> Self {
+        Self { share: 0.3, seed: 1, range: None }
+    }
+}
+
 /// Why there is no way.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum ApproachError {
+pub enum NoWay {
     /// One end touches something or is no pose of this arm.
     #[error("at {} {what}\n  next: jog the arm free with `cubectl jog`", if *.at_start { "its present pose the arm" } else { "the end of the motion the arm" })]
     Blocked {
@@ -39,58 +57,44 @@ pub enum ApproachError {
     #[error(
         "no free way to the start of the plan was found in {SAMPLES_MAX} tries\n  next: jog the arm nearer to it, or plan another throw"
     )]
-    NoWay,
+    NotFound,
 }
 
-/// Motion from `from` to `to` (rad), with `share` of the robot's speeds and accelerations; `None` if it is there.
+/// Motion of an arm that rests at `from` to rest at `to` (rad), clear of everything in `scene`; `None` if it is there.
 ///
 /// # Errors
-/// [`ApproachError`].
-pub fn rest_to_rest(
+/// [`NoWay`].
+pub fn way(
     arm: &Arm,
     scene: &Scene,
-    ends: (&Joints, &Joints),
-    share: f64,
-    seed: u64,
-) -> Result<Option<Motion>, ApproachError> {
-    let margin = Joints::repeat(MARGIN_RAD);
-    rest_to_rest_within(arm, scene, (arm.q_min() + margin, arm.q_max() - margin), ends, share, seed)
-}
-
-/// As [`rest_to_rest`], with all corners inside `range` (least and largest angles, rad): between two corners each joint moves
-/// one way only, so the whole motion is inside if both ends are.
-///
-/// # Errors
-/// [`ApproachError`].
-pub fn rest_to_rest_within(
-    arm: &Arm,
-    scene: &Scene,
-    range: (Joints, Joints),
-    (from, to): (&Joints, &Joints),
-    share: f64,
-    seed: u64,
-) -> Result<Option<Motion>, ApproachError> {
+    travel: &Travel,
+    from: &Joints,
+    to: &Joints,
+) -> Result<Option<Motion>, NoWay> {
     if (from - to).amax() < THERE_RAD {
         return Ok(None);
     }
-    let mut space = Space { checker: CollisionChecker::new(arm, scene), rng: SplitMix64::new(seed), range };
+    let margin = Joints::repeat(MARGIN_RAD);
+    let range = travel.range.unwrap_or((arm.q_min() + margin, arm.q_max() - margin));
+    let mut space =
+        Space { checker: CollisionChecker::new(arm, scene), rng: SplitMix64::new(travel.seed), range };
     for (q, at_start) in [(from, true), (to, false)] {
         if !q.iter().all(|x| x.is_finite()) || !arm.in_range(q, 0.02) {
             let what = "is outside its joint ranges".to_owned();
-            return Err(ApproachError::Blocked { at_start, what });
+            return Err(NoWay::Blocked { at_start, what });
         }
         if let Some((a, b)) = space.checker.first_contact(&arm.fk(q)) {
             let what = format!("touches something: {} and {}", name(arm, a), name(arm, b));
-            return Err(ApproachError::Blocked { at_start, what });
+            return Err(NoWay::Blocked { at_start, what });
         }
     }
     let corners = if space.is_free(from, to) {
         vec![*from, *to]
     } else {
-        let path = space.connect(from, to).ok_or(ApproachError::NoWay)?;
+        let path = space.connect(from, to).ok_or(NoWay::NotFound)?;
         space.shorten(path)
     };
-    Ok(Some(timed(arm, &corners, share)))
+    Ok(Some(timed(arm, &corners, travel.share)))
 }
 
 fn name(arm: &Arm, body: Body) -> String {
@@ -243,6 +247,10 @@ mod tests {
         Joints::from(q.map(f64::to_radians))
     }
 
+    fn slow(seed: u64) -> Travel {
+        Travel { share: 0.3, seed, range: None }
+    }
+
     fn clear_all_along(arm: &Arm, scene: &Scene, motion: &Motion) {
         let mut checker = CollisionChecker::new(arm, scene);
         for i in 0..=2_000 {
@@ -260,13 +268,13 @@ mod tests {
         let (arm, scene) = (arm(), Scene { ball_held: true, ..Scene::default() });
         let (from, to) =
             (deg([0.0, -90.0, -90.0, 0.0, 0.0, 0.0]), deg([40.0, -60.0, -80.0, 10.0, 20.0, 0.0]));
-        let motion = rest_to_rest(&arm, &scene, (&from, &to), 0.3, 1).unwrap().unwrap();
+        let motion = way(&arm, &scene, &slow(1), &from, &to).unwrap().unwrap();
         assert_eq!(motion.knots.len(), 2);
-        let way = 40_f64.to_radians();
+        let turn = 40_f64.to_radians();
         let (v, a) = (0.3 * 149_f64.to_radians(), 0.3 * 596_f64.to_radians());
-        assert!((motion.duration_s() - (1.5 * way / v).max((6.0 * way / a).sqrt())).abs() < 1e-9);
+        assert!((motion.duration_s() - (1.5 * turn / v).max((6.0 * turn / a).sqrt())).abs() < 1e-9);
         clear_all_along(&arm, &scene, &motion);
-        assert_eq!(rest_to_rest(&arm, &scene, (&from, &from), 0.3, 1), Ok(None));
+        assert_eq!(way(&arm, &scene, &slow(1), &from, &from), Ok(None));
     }
 
     #[test]
@@ -279,7 +287,7 @@ mod tests {
         let scene = Scene { obstacles: vec![("post".to_owned(), obb)], ball_held: true };
         let (from, to) =
             (deg([-50.0, -20.0, -90.0, 0.0, 0.0, 0.0]), deg([50.0, -20.0, -90.0, 0.0, 0.0, 0.0]));
-        let motion = rest_to_rest(&arm, &scene, (&from, &to), 0.3, 1).unwrap().unwrap();
+        let motion = way(&arm, &scene, &slow(1), &from, &to).unwrap().unwrap();
         assert!(motion.knots.len() > 2);
         clear_all_along(&arm, &scene, &motion);
         assert_eq!((motion.start_rad(), motion.stop_rad()), (from, to));
@@ -298,7 +306,8 @@ mod tests {
         let range =
             (deg([-60.0, -150.0, -120.0, -20.0, -40.0, -10.0]), deg([60.0, 0.0, -20.0, 20.0, 40.0, 10.0]));
         for seed in 1..4 {
-            let motion = rest_to_rest_within(&arm, &scene, range, (&from, &to), 0.3, seed).unwrap().unwrap();
+            let motion =
+                way(&arm, &scene, &Travel { range: Some(range), ..slow(seed) }, &from, &to).unwrap().unwrap();
             clear_all_along(&arm, &scene, &motion);
             for i in 0..=500 {
                 let q = motion.at(motion.duration_s() * f64::from(i) / 500.0).q;
@@ -314,7 +323,7 @@ mod tests {
         let good = deg([0.0, -90.0, -90.0, 0.0, 0.0, 0.0]);
         // Upper arm down, forearm folded back through the column; which way depends on the elbow's sign.
         let folded = [0.0, -180.0].map(|elbow| deg([0.0, 60.0, elbow, 0.0, 0.0, 0.0]));
-        let refused = folded.iter().find_map(|bad| rest_to_rest(&arm, &scene, (bad, &good), 0.3, 1).err());
+        let refused = folded.iter().find_map(|bad| way(&arm, &scene, &slow(1), bad, &good).err());
         let text = refused.unwrap().to_string();
         assert!(text.starts_with("at its present pose the arm touches something"), "{text}");
     }

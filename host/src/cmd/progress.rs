@@ -1,7 +1,8 @@
-//! What a person at the terminal reads during a throw.
+//! What a person at the terminal reads during a job, and is asked.
 
 use std::io::IsTerminal;
 use std::path::Path;
+use std::sync::atomic::Ordering;
 use std::time::Instant as WallTime;
 
 use indicatif::ProgressBar;
@@ -10,12 +11,14 @@ use nalgebra::Vector3;
 use operator::analysis::tracking::JointTracking;
 use operator::bus::cycle_timing::CycleTiming;
 use operator::bus::period::Choice;
-use operator::throw::job::{Answer, Progress, Question};
-use operator::throw::{Record, Verdict};
+use operator::interrupt::interrupt;
+use operator::job::{Answer, Progress, Question, Record, Verdict};
+use planner::follow::plan::FollowPlan;
 use planner::plan::file::PlanFile;
 use tuner::gains::choose::GainsFrom;
 
-use crate::cmd::consent::Consent;
+use super::consent::Consent;
+use super::last_look::LastLook;
 
 /// What people see while it works.
 pub(super) struct ProgressView {
@@ -45,6 +48,15 @@ impl ProgressView {
             Vector3::from(plan.release.velocity_m_s).norm()
         );
         self.line("plan", took_s, &found);
+    }
+
+    pub(super) fn following(&self, plan: &FollowPlan, took_s: f64) {
+        let (points, release_s) = (plan.followed_points, plan.release_time_s);
+        self.line(
+            "plan",
+            took_s,
+            &format!("{points} points of the flight followed, release after {release_s:.3} s"),
+        );
     }
 
     /// Says so if the gains were designed on the way.
@@ -92,16 +104,6 @@ impl ProgressView {
         self.bar.finish_and_clear();
     }
 
-    /// Looks for the answer of the person at the terminal; the bar is out of the way of the question.
-    pub(super) fn look(&self, consent: &mut Consent, question: Question) -> Answer {
-        self.bar.suspend(|| {
-            consent.look(match question {
-                Question::Move => "The arm homes if it must and goes to the start. Nobody near?",
-                Question::Throw => "The arm stands at the start. Ball in the hand, nobody near?",
-            })
-        })
-    }
-
     /// The last lines: the verdict if it is good (else it is the error's text), tracking, and where the results are.
     pub(super) fn closing(&self, record: &Record, verdict: Option<&Verdict>, folder: &Path, begun: WallTime) {
         if self.silent {
@@ -116,9 +118,42 @@ impl ProgressView {
             console::line!("largest tracking errors {} mrad", mrad.join(" "));
             match &analysis.coverage {
                 Some(coverage) => console::line!("{}", coverage.sentence()),
-                None => console::line!("{}", operator::throw::summary::NOT_COMPARED),
+                None => console::line!("{}", operator::job::summary::NOT_COMPARED),
             }
         }
         console::line!("{:.2} s in all; results in {}", begun.elapsed().as_secs_f64(), folder.display());
+    }
+}
+
+/// The person at the terminal, and the tracker.
+pub(super) struct Ui {
+    pub(super) progress: ProgressView,
+    pub(super) consent: Consent,
+    /// What is asked before the first motion, and before a throw.
+    pub(super) words: [&'static str; 2],
+    pub(super) look: Option<LastLook>,
+    /// The person has agreed to the throw; the tracker is looked at since.
+    pub(super) agreed: bool,
+}
+
+impl Ui {
+    pub(super) fn answer(&mut self, step: Progress<'_>) -> Answer {
+        let question = match step {
+            Progress::May(_) if interrupt().load(Ordering::Relaxed) => return Answer::No,
+            Progress::May(question) => question,
+            other => {
+                self.progress.show(other);
+                return Answer::Yes;
+            }
+        };
+        if !self.agreed {
+            let [before, throw] = self.words;
+            let words = if question == Question::Throw { throw } else { before };
+            match self.progress.bar.suspend(|| self.consent.look(words)) {
+                Answer::Yes if question == Question::Throw => self.agreed = true,
+                answer => return answer,
+            }
+        }
+        self.look.as_mut().map_or(Answer::Yes, LastLook::answer)
     }
 }

@@ -1,22 +1,12 @@
-//! How a throw ended: what is known of the ball, and the verdict.
-//!
-//! | outcome | JSON | known from |
-//! |---|---|---|
-//! | [`Outcome::Landed`] | `landed` | an observer watched the ball land within the tolerance |
-//! | [`Outcome::NotObserved`] | `not_observed` | the arm followed the plan and the release was ordered; nobody watched the ball |
-//! | [`Outcome::Missed`] | `missed` | the ball landed beyond the tolerance, or touched the arm; or the measured motion sends it beyond |
-//! | [`Outcome::NotReleased`] | `not_released` | the ball is still in the hand, or the release was never ordered |
-//! | [`Outcome::Stopped`] | `stopped` | the arm was stopped while it moved, or by somebody else at any time |
-//! | [`Outcome::NotThrown`] | `not_thrown` | the job ended before the throw, with the arm at rest |
-//!
-//! Only the simulated cell inside the program tells where its ball is. On every other bus nobody watches the ball, so
-//! the outcome is never [`Outcome::Landed`] there.
+//! The judge of a throw with the release at one instant.
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{Matrix2, Vector2, Vector3};
 
-pub use super::record::{BallOutcome, Landing, LandingSource};
-use super::record::{Job, JobError, Record, Step};
-use crate::dialogue::operator::OperatorError;
+use super::record::{BallOutcome, Landing, LandingSource, Record};
+use super::verdict::Outcome;
+use crate::analysis::{Run, RunAnalysis, analyse};
+use crate::port::Operator;
+use planner::plan::Arm;
 use planner::plan::file::PlanFile;
 use robot_model::RobotModel;
 
@@ -27,69 +17,6 @@ pub const TOLERANCE_MIN_M: f64 = 0.010;
 pub const TOLERANCE_MAX_M: f64 = 0.100;
 /// Square of the Mahalanobis distance that holds 99 % of a normal distribution in two dimensions: -2 ln 0.01.
 const CHI_SQUARE_99: f64 = 9.210_340_371_976_18;
-
-/// How a throw ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Outcome {
-    /// The ball was seen to land within the tolerance.
-    Landed,
-    /// The arm followed the plan and the release was ordered; nobody watched the ball.
-    NotObserved,
-    /// The ball landed beyond the tolerance or touched the arm, or the measured motion sends it beyond.
-    Missed,
-    /// The ball is still in the hand, or the release was never ordered.
-    NotReleased,
-    /// The arm was stopped while it moved, or by somebody else at any time.
-    Stopped,
-    /// The job ended before the throw, with the arm at rest.
-    NotThrown,
-}
-
-impl Outcome {
-    pub const ALL: [Self; 6] =
-        [Self::Landed, Self::NotObserved, Self::Missed, Self::NotReleased, Self::Stopped, Self::NotThrown];
-
-    /// Field `outcome` of `summary.json`.
-    #[must_use]
-    pub const fn json_name(self) -> &'static str {
-        match self {
-            Self::Landed => "landed",
-            Self::NotObserved => "not_observed",
-            Self::Missed => "missed",
-            Self::NotReleased => "not_released",
-            Self::Stopped => "stopped",
-            Self::NotThrown => "not_thrown",
-        }
-    }
-
-    /// The outcome with this JSON name.
-    #[must_use]
-    pub fn from_json_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|outcome| outcome.json_name() == name)
-    }
-
-    #[must_use]
-    pub const fn words(self) -> &'static str {
-        match self {
-            Self::Landed => "landed",
-            Self::NotObserved => "thrown, not observed",
-            Self::Missed => "missed",
-            Self::NotReleased => "not released",
-            Self::Stopped => "stopped",
-            Self::NotThrown => "not thrown",
-        }
-    }
-}
-
-/// How a throw ended, and what a person reads about it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Verdict {
-    pub outcome: Outcome,
-    /// What is known, in one sentence or two.
-    pub text: String,
-    /// A landing farther from the target than this counts as missed, m.
-    pub tolerance_m: f64,
-}
 
 /// Distance from the target within which 99 % of the landings of this motion lie, m, from [`TOLERANCE_MIN_M`] to
 /// [`TOLERANCE_MAX_M`]: the offset of the mean, and the longer half-axis of the 99 % ellipse. Both are computed again with the
@@ -109,25 +36,63 @@ pub(super) fn radius_99_m(covariance_m2: &Matrix2<f64>) -> f64 {
     (CHI_SQUARE_99 * symmetric.symmetric_eigenvalues().max().max(0.0)).sqrt()
 }
 
-/// The verdict about a job that ended with `ended`.
+/// What the samples say of the throw, and where the ball landed.
+pub(super) fn observe(operator: &mut dyn Operator, arm: &Arm, plan: &PlanFile, record: &mut Record) {
+    record.analysis = operator.take_samples(arm, record.drives).and_then(|samples| {
+        let run = Run {
+            samples: &samples,
+            plan,
+            arm,
+            start: None,
+            gripper_opening: record.gripper_opening,
+            certified: record.certified,
+        };
+        analyse(&run).ok()
+    });
+    // Where nobody watches the ball, it has left the hand if the gripper was ordered to open.
+    let release = record.analysis.as_ref().and_then(|analysis| analysis.release);
+    let ordered = release.is_some_and(|release| release.gripper_ordered_t_s.is_some());
+    if record.ball == BallOutcome::Released || (record.ball == BallOutcome::NotObserved && ordered) {
+        record.landing = landing(operator, plan, record.analysis.as_ref());
+    }
+}
+
+/// Where the ball landed: the cell knows, or the measured motion says where it should.
+fn landing(operator: &mut dyn Operator, plan: &PlanFile, analysis: Option<&RunAnalysis>) -> Option<Landing> {
+    let target = Vector3::from(plan.meeting_m());
+    if let Some(ball) = operator.ball() {
+        let (_, position_m) = ball.landing?;
+        let planned_log_s = analysis.map(|analysis| analysis.start_log_s + plan.release_time_s);
+        return Some(Landing {
+            source: LandingSource::Cell,
+            position_m,
+            error_m: (position_m - target).norm(),
+            uncertainty_m: None,
+            release_late_s: ball.released_at.zip(planned_log_s).map(|(free, s)| free.as_secs_f64() - s),
+            touch_after_s: ball.touch_after_s,
+        });
+    }
+    computed_landing(plan, analysis?)
+}
+
+/// Where the measured motion sends the ball; `None` if it was not measured about the release, or the ball does not come
+/// down on the plane of the target.
 #[must_use]
-pub fn judge(job: &Job<'_>, record: &Record, ended: Result<(), &JobError>) -> Verdict {
-    let tolerance_m = job.tolerance_m;
-    let (outcome, text) = match ended {
-        Err(error) => {
-            let outcome = if was_stopped(record, error) { Outcome::Stopped } else { Outcome::NotThrown };
-            let (words, step) = (outcome.words(), record.at_work.map_or("throw", |(step, _)| step.name()));
-            let told = error.to_string();
-            let first = told.lines().next().unwrap_or_default();
-            (outcome, format!("{words} in the step \"{step}\": {first}{}", ball_after_stop(record)))
-        }
-        Ok(()) => ball_verdict(record, tolerance_m),
-    };
-    Verdict { outcome, text, tolerance_m }
+pub fn computed_landing(plan: &PlanFile, analysis: &RunAnalysis) -> Option<Landing> {
+    let release = analysis.release?;
+    let position_m = Vector3::from(release.landing_m?);
+    Some(Landing {
+        source: LandingSource::Measured,
+        position_m,
+        error_m: release.landing_error_m?,
+        uncertainty_m: release.landing_uncertainty_m,
+        release_late_s: Some(release.t_s - plan.release_time_s),
+        touch_after_s: None,
+    })
 }
 
 /// What became of the ball of a throw that was stopped: seen, or computed from the measured motion if the release was ordered.
-fn ball_after_stop(record: &Record) -> String {
+pub(super) fn ball_after_stop(record: &Record) -> String {
     match (record.ball, record.landing) {
         (BallOutcome::Released, Some(landing)) => {
             format!("; the ball left the hand and landed {:.1} mm from the target", 1e3 * landing.error_m)
@@ -146,22 +111,7 @@ fn ball_after_stop(record: &Record) -> String {
     }
 }
 
-/// The arm was stopped: by somebody else at any time, or by the controller or this program while it moved.
-fn was_stopped(record: &Record, error: &JobError) -> bool {
-    if matches!(error, JobError::Operator(error) if error.is_stop_by_other()) {
-        return true;
-    }
-    let Some((step, _)) = record.at_work else { return false };
-    // After the throw the ball is gone: "not thrown" would be wrong.
-    if matches!(step, Step::Flight | Step::Return) {
-        return true;
-    }
-    let moves = matches!(step, Step::Home | Step::Approach | Step::Throw);
-    // An order that was refused moved nothing.
-    moves && matches!(error, JobError::Operator(error) if !matches!(error, OperatorError::Refused { .. }))
-}
-
-fn ball_verdict(record: &Record, tolerance_m: f64) -> (Outcome, String) {
+pub(super) fn verdict(record: &Record, tolerance_m: f64) -> (Outcome, String) {
     let tolerance = format!("the tolerance is {:.1} mm", 1e3 * tolerance_m);
     let release = record.analysis.as_ref().and_then(|analysis| analysis.release);
     let ordered_t_s = release.and_then(|release| release.gripper_ordered_t_s);
@@ -227,15 +177,6 @@ fn ball_verdict(record: &Record, tolerance_m: f64) -> (Outcome, String) {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn every_outcome_has_its_own_json_name() {
-        for (i, outcome) in Outcome::ALL.into_iter().enumerate() {
-            assert_eq!(Outcome::from_json_name(outcome.json_name()), Some(outcome));
-            assert!(Outcome::ALL[..i].iter().all(|other| other.json_name() != outcome.json_name()));
-        }
-        assert_eq!(Outcome::from_json_name("Landed"), None);
-    }
 
     #[test]
     fn the_99_percent_radius_of_a_round_distribution_is_3_035_sigma() {

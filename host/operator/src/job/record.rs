@@ -1,4 +1,4 @@
-//! What a job is given, its steps, what is known of it so far, and why it can end early.
+//! The steps of a job, what is known of it so far, and why it can end early.
 
 use firmware::settings::Settings;
 use nalgebra::Vector3;
@@ -7,33 +7,18 @@ use protocol::cyphal::cubecell::group_state::GroupState;
 use protocol::cyphal::id::NodeId;
 use protocol::{Duration, Instant};
 
-use super::approach::ApproachError;
-use super::trajectory::TrajectoryError;
+use super::follow::Ball;
+use super::reach::Reached;
+use super::verdict::Verdict;
 use crate::analysis::RunAnalysis;
 use crate::analysis::coverage::Certified;
 use crate::bus::BusFailure;
 use crate::dialogue::operator::OperatorError;
+use crate::rsi::operator::Led;
 use crate::samples::drives::Drives;
-use planner::plan::file::PlanFile;
-use planner::plan::{Arm, JOINTS};
-use tuner::gains::gains_file::{GainsFile, GainsFileError};
-
-/// What a throw is made of.
-#[derive(Clone, Copy)]
-pub struct Job<'a> {
-    pub arm: &'a Arm,
-    pub plan: &'a PlanFile,
-    /// Gains to write into the controller; `None` keeps those it has.
-    pub gains: Option<&'a GainsFile>,
-    /// Share of the robot's speeds and accelerations on the way to the start and back.
-    pub approach_share: f64,
-    /// Seed for ways around obstacles.
-    pub seed: u64,
-    /// A landing farther from the target than this counts as missed, m.
-    pub tolerance_m: f64,
-    /// Afterwards back to where the arm stood before.
-    pub go_back: bool,
-}
+use crate::trajectory::TrajectoryError;
+use crate::way::NoWay;
+use tuner::gains::gains_file::GainsFileError;
 
 /// A step of the job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,13 +31,15 @@ pub enum Step {
     Home,
     /// Gains and robot are agreed on.
     Gains,
-    /// To the start of the plan.
+    /// To the start of the program.
     Approach,
-    /// The plan goes to the controller, which checks it.
+    /// The program goes to the controller, which checks it.
     Upload,
     /// Armed in two steps.
     Arm,
     Throw,
+    /// The motion of an arm that throws nothing.
+    Run,
     /// The ball flies.
     Flight,
     /// Back to where the arm stood.
@@ -71,13 +58,13 @@ impl Step {
             Self::Upload => "upload",
             Self::Arm => "arm",
             Self::Throw => "throw",
+            Self::Run => "run",
             Self::Flight => "flight",
             Self::Return => "back",
         }
     }
 }
 
-/// Reported to the caller.
 /// Why the job ended early.
 #[derive(Debug, thiserror::Error)]
 pub enum JobError {
@@ -86,7 +73,7 @@ pub enum JobError {
     Operator(#[from] OperatorError),
     /// No way to the start.
     #[error(transparent)]
-    Approach(#[from] ApproachError),
+    Way(#[from] NoWay),
     /// A motion is nothing for a controller.
     #[error(transparent)]
     Trajectory(#[from] TrajectoryError),
@@ -101,29 +88,30 @@ pub enum JobError {
         gains_us: f64,
     },
     /// Gains for another number of joints.
-    #[error("the gains are for joints {found}, the robot has {JOINTS}\n  next: `cubectl tune --joint all`")]
+    #[error("the gains are for joints {found}, the robot has {wanted}\n  next: `cubectl tune --joint all`")]
     GainsJoints {
         /// Numbers in the file.
         found: String,
+        wanted: usize,
     },
     /// Gains of another robot.
     #[error("{0}\n  next: `cubectl tune --robot ROBOT --joint all`")]
     GainsRobot(GainsFileError),
     /// The controller was started for another number of joints.
     #[error(
-        "the controller has {found} joints, the robot {JOINTS}\n  next: name the robot of this controller with --robot"
+        "the controller has {found} joints, the robot {wanted}\n  next: name the robot of this controller with --robot"
     )]
-    Joints {
-        /// As it tells.
-        found: usize,
-    },
+    Joints { found: usize, wanted: usize },
+    /// Joints without a zero, in a job that does not home.
+    #[error("not all joints are homed; nothing moved\n  next: `cubectl run --home`, or `cubectl home` first")]
+    NotHomed,
     /// Two drives answer where one should.
     #[error(
         "two modules answer at address {addresses}\n  next: unplug one of them and give the other a free address (parameter DefAddress, or the maker's tool)"
     )]
     Double { addresses: String },
     /// A person declined.
-    #[error("not thrown; {}", if *.moved { "the arm stands at the start" } else { "nothing has moved" })]
+    #[error("not confirmed; {}", if *.moved { "the arm stands at the start" } else { "nothing has moved" })]
     Declined {
         /// The arm has homed or gone to the start before.
         moved: bool,
@@ -136,12 +124,21 @@ impl From<BusFailure> for JobError {
     }
 }
 
-/// What is known of a run so far; also of one that ended early.
-#[derive(Clone, Debug, Default)]
+/// When a program was ordered to begin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Start {
+    /// By the controller's clock.
+    pub at: Instant,
+    /// That clock is known to this here.
+    pub known_to: Duration,
+}
+
+/// What is known of a job; also of one that ended early.
+#[derive(Debug, Default)]
 pub struct Record {
     /// Node of the controller, where the link has nodes.
     pub node: Option<NodeId>,
-    /// Each step that ended: bus time at its begin and end.
+    /// Each step that ended: time of the link at its begin and end.
     pub steps: Vec<(Step, Instant, Instant)>,
     /// The step at work.
     pub at_work: Option<(Step, Instant)>,
@@ -159,8 +156,10 @@ pub struct Record {
     pub certified: Option<Certified>,
     /// Duration of the way to the start, s; `None`: it stood there.
     pub approach_s: Option<f64>,
-    /// Name of the throw's file in the controller.
+    /// Name of the program's file in the controller.
     pub trajectory: Option<Trajectory>,
+    /// When it was ordered to begin, if not at once.
+    pub start: Option<Start>,
     /// State before the run, and each one during it with the time of its arrival.
     pub before: GroupState,
     /// During the run.
@@ -169,14 +168,23 @@ pub struct Record {
     pub drives: Option<Drives>,
     /// From the order to open the gripper to the free ball, as the controller's registers say.
     pub gripper_opening: Option<Duration>,
-    /// What the frames of the run say of it.
+    /// What the samples of a throw say of it.
     pub analysis: Option<RunAnalysis>,
+    /// What they say of any other motion.
+    pub reached: Option<Reached>,
     /// Where the ball is, as far as an observer watches it.
     pub ball: BallOutcome,
+    /// What is known of a ball whose flight the hand follows.
+    pub followed: Option<Ball>,
     /// Where it landed, or where the measured motion sends it.
     pub landing: Option<Landing>,
-    /// Frames during the throw.
+    /// What only a robot that is led has.
+    pub led: Option<Led>,
+    /// Frames during the run.
     pub frames: u64,
+    /// What ended it early.
+    pub ended: Option<JobError>,
+    pub verdict: Verdict,
 }
 
 /// Where the ball is, as far as an observer watches it.

@@ -1,24 +1,21 @@
-//! The verdict about a throw, from what the robot did.
+//! The judge of a throw whose hand follows the flight of the ball, with a robot that is led.
 
-use firmware::fault::Cause;
+use hil_sim::krc::KrcScenario;
 use nalgebra::{DMatrix, RowSVector, SMatrix, Vector3};
 use planner::follow::limits::{AXES, Arm};
-use protocol::{Duration, JointIndex};
+use protocol::Duration;
 
-use super::cell::Seen;
-use super::cycles::{Cycle, is_set, numbers};
-use super::station::{Stage, Station};
-use crate::throw::{Outcome, Verdict};
-
-/// Distance of the landing from the target, in the plane of the target, m; `None` without a landing.
-#[must_use]
-pub fn error_m(seen: &Seen, target_m: &[f64; 3]) -> Option<f64> {
-    seen.landing.as_ref().map(|landing| (landing.p_m - Vector3::from(*target_m)).xy().norm())
-}
+use super::order::{Judge, Order};
+use super::record::{JobError, Landing, LandingSource, Record};
+use super::verdict::Outcome;
+use crate::dialogue::operator::OperatorError;
+use crate::port::Operator;
+use crate::rsi::cycles::{is_set, numbers};
+use crate::samples::Cycle;
 
 /// What is known of the ball.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum RsiBallOutcome {
+pub enum Ball {
     /// It never left the hand.
     InHand,
     /// The axes were so far from their path at the release, rad, that it was not given.
@@ -39,7 +36,7 @@ pub enum RsiBallOutcome {
     PredictedLate(f64, f64),
 }
 
-impl RsiBallOutcome {
+impl Ball {
     fn words(self) -> String {
         match self {
             Self::InHand => "the ball is in the hand".to_owned(),
@@ -76,87 +73,89 @@ impl RsiBallOutcome {
     }
 }
 
-/// The verdict on a throw that the simulated robot tells.
+/// Distance of a landing from the target, in the plane of the target, m.
 #[must_use]
-pub fn judge(seen: &Seen, station: &Station, target_m: &[f64; 3], tolerance_m: f64) -> Verdict {
-    let ball = match (&seen.released, error_m(seen, target_m)) {
-        (None, _) => in_hand(station),
-        (Some(_), None) => RsiBallOutcome::Lost,
-        (Some(_), Some(error_m)) => RsiBallOutcome::Landed(error_m),
-    };
-    let robot = seen.fault.as_ref().map(ToString::to_string);
-    verdict(ball, robot.as_deref(), station.stage(), tolerance_m)
+pub fn error_m(landing_m: &Vector3<f64>, target_m: &[f64; 3]) -> f64 {
+    (landing_m - Vector3::from(*target_m)).xy().norm()
 }
 
-/// A ball that did not leave the hand, and why, if the station kept it.
-#[must_use]
-pub fn in_hand(station: &Station) -> RsiBallOutcome {
-    station.release_withheld_rad().map_or(RsiBallOutcome::InHand, RsiBallOutcome::Withheld)
+/// What the simulated ball or the measured axes say.
+pub(super) fn observe(operator: &mut dyn Operator, order: &Order<'_>, record: &mut Record) {
+    let Judge::Follow { plan, gripper, .. } = &order.judge else { return };
+    record.followed = match operator.ball() {
+        Some(ball) => Some(match (ball.released_at, ball.landing) {
+            (None, _) => Ball::InHand,
+            (Some(_), None) => Ball::Lost,
+            (Some(_), Some((_, position_m))) => {
+                let error_m = error_m(&position_m, &plan.target_m);
+                record.landing = Some(Landing {
+                    source: LandingSource::Cell,
+                    position_m,
+                    error_m,
+                    uncertainty_m: None,
+                    release_late_s: None,
+                    touch_after_s: None,
+                });
+                Ball::Landed(error_m)
+            }
+        }),
+        None => operator.take_samples(order.arm, None).map(|samples| {
+            let gripper = GripperKnown { last_outputs: samples.last_outputs, ..*gripper };
+            measured(order.arm, &samples.cycles, plan.period_s, &gripper, &plan.target_m)
+        }),
+    };
 }
 
-/// The verdict. A throw whose ball has landed is no success if the arm was stopped in its motion; `robot_fault` says why the
-/// robot stopped by itself, where that is known.
-#[must_use]
-pub fn verdict(ball: RsiBallOutcome, robot_fault: Option<&str>, stage: &Stage, tolerance_m: f64) -> Verdict {
-    let robot = robot_fault.map_or(String::new(), |fault| format!("; the robot stopped by itself: {fault}"));
-    let by_controller = |word: &str, cause: Cause, joint: Option<JointIndex>| {
-        let what = what_of(cause).unwrap_or(word);
-        let joint = joint.map_or(String::new(), |joint| format!(" (A{})", joint.get() + 1));
-        format!("{word}: {what}{joint}, fault {}{robot}", cause.code())
-    };
-    let about_ball = ball.words();
-    let (outcome, text) = match stage {
-        Stage::Waiting | Stage::Offered { .. } => {
-            (Outcome::NotThrown, format!("not thrown: the robot was never ready{robot}"))
-        }
-        Stage::NotThrown { refusal } => {
-            (Outcome::NotThrown, by_controller("not thrown", refusal.cause, refusal.joint))
-        }
-        Stage::Stopped { fault } => {
-            let text = by_controller("stopped", fault.cause, fault.joint);
-            (Outcome::Stopped, format!("{text}; {about_ball}"))
-        }
-        Stage::Running { .. } => {
-            (Outcome::Stopped, format!("stopped: the motion has no end{robot}; {about_ball}"))
-        }
-        Stage::Finished { .. } if robot_fault.is_some() => {
-            (Outcome::Stopped, format!("stopped{robot}; {about_ball}"))
-        }
-        Stage::Finished { .. } => {
-            let within = |error_m: f64| error_m <= tolerance_m;
-            let (outcome, word) = match ball {
-                RsiBallOutcome::InHand | RsiBallOutcome::Withheld(_) | RsiBallOutcome::FingersClosed => {
-                    (Outcome::NotReleased, "not released")
-                }
-                RsiBallOutcome::FingersOpenBefore | RsiBallOutcome::Unknown(_) => {
-                    (Outcome::Missed, "unknown")
-                }
-                RsiBallOutcome::Landed(error_m) if within(error_m) => (Outcome::Landed, "landed"),
-                RsiBallOutcome::Predicted(error_m) | RsiBallOutcome::PredictedLate(error_m, _)
-                    if within(error_m) =>
-                {
-                    (Outcome::NotObserved, "thrown, not observed")
-                }
-                _ => (Outcome::Missed, "missed"),
-            };
-            let has_tolerance = outcome != Outcome::NotReleased && word != "unknown";
-            let tolerance = if has_tolerance {
-                format!(" (tolerance {:.0} mm)", 1e3 * tolerance_m)
-            } else {
-                String::new()
-            };
-            (outcome, format!("{word}: {about_ball}{tolerance}"))
-        }
-    };
-    Verdict { outcome, text, tolerance_m }
-}
-
-/// What a fault of the controller says about a robot that is led: the words of drives on a bus do not fit it.
-fn what_of(cause: Cause) -> Option<&'static str> {
-    match cause {
-        Cause::DriveSilent => Some("no telegram came from the robot in time"),
-        other => other.info().map(|info| info.what),
+/// Adds what only the link knows: why the robot stopped, why the ball was kept, and when it was free by the time of the plan.
+pub(super) fn conclude(order: &Order<'_>, record: &mut Record) {
+    let (Judge::Follow { plan, .. }, Some(led)) = (&order.judge, &record.led) else { return };
+    let fault = led.seen.as_ref().and_then(|seen| seen.fault);
+    if let Some(JobError::Operator(OperatorError::RobotStopped { by_itself, .. })) = &mut record.ended {
+        *by_itself = by_itself.take().or(fault.map(|fault| fault.to_string()));
     }
+    if let (Some(Ball::InHand), Some(off_rad)) = (record.followed, led.release_withheld_rad) {
+        record.followed = Some(Ball::Withheld(off_rad));
+    }
+    let released = led.seen.as_ref().and_then(|seen| seen.released).map(|(at, _)| at);
+    if let (Some(landing), Some(at), Some(started_at)) = (&mut record.landing, released, led.started_at) {
+        landing.release_late_s = Some(at.as_secs_f64() - started_at.as_secs_f64() - plan.release_time_s);
+    }
+}
+
+/// What became of the ball of a throw that ended early.
+pub(super) fn ball_after_stop(record: &Record) -> String {
+    record.followed.map_or_else(String::new, |ball| format!("; {}", ball.words()))
+}
+
+/// A throw whose ball has landed is no success if the robot stopped by itself.
+pub(super) fn verdict(record: &Record, tolerance_m: f64) -> (Outcome, String) {
+    let ball = record.followed.unwrap_or(Ball::Unknown("no telegrams came"));
+    if let Some(fault) = record.led.as_ref().and_then(|led| led.seen.as_ref()?.fault.as_ref()) {
+        return (
+            Outcome::Stopped,
+            format!("stopped; the robot stopped by itself: {fault}; {}", ball.words()),
+        );
+    }
+    of_ball(ball, tolerance_m)
+}
+
+/// The verdict on a throw that came to its end.
+#[must_use]
+pub fn of_ball(ball: Ball, tolerance_m: f64) -> (Outcome, String) {
+    let within = |error_m: f64| error_m <= tolerance_m;
+    let (outcome, word) = match ball {
+        Ball::InHand | Ball::Withheld(_) | Ball::FingersClosed => (Outcome::NotReleased, "not released"),
+        Ball::FingersOpenBefore | Ball::Unknown(_) => (Outcome::Missed, "unknown"),
+        Ball::Landed(error_m) if within(error_m) => (Outcome::Landed, "landed"),
+        Ball::Predicted(error_m) | Ball::PredictedLate(error_m, _) if within(error_m) => {
+            (Outcome::NotObserved, "thrown, not observed")
+        }
+        _ => (Outcome::Missed, "missed"),
+    };
+    let has_tolerance = outcome != Outcome::NotReleased && word != "unknown";
+    let tolerance =
+        if has_tolerance { format!(" (tolerance {:.0} mm)", 1e3 * tolerance_m) } else { String::new() };
+    (outcome, format!("{word}: {}{tolerance}", ball.words()))
 }
 
 /// Time on each side of the release through which the path of an axis is fitted, s. What happens to the set points while the
@@ -186,6 +185,20 @@ pub struct GripperKnown {
     pub last_outputs: Option<f64>,
 }
 
+impl GripperKnown {
+    /// As a description has it.
+    #[must_use]
+    pub fn of(described: &KrcScenario) -> Self {
+        let hand = &described.options.hand;
+        Self {
+            output_bit: hand.output_bit.unwrap_or(0),
+            delay_s: hand.gripper.delay.as_secs_f64(),
+            jitter_s: hand.gripper.jitter.as_secs_f64(),
+            last_outputs: None,
+        }
+    }
+}
+
 /// What the measured axes say about the ball: where it comes down at the height of the target.
 ///
 /// The ball is free a delay after the first cycle in which the output is in force, or when the finger sensor says so, if it does
@@ -198,14 +211,14 @@ pub fn measured(
     period_s: f64,
     gripper: &GripperKnown,
     target_m: &[f64; 3],
-) -> RsiBallOutcome {
+) -> Ball {
     let is_open = |cycle: &Cycle| is_set(cycle.outputs, gripper.output_bit);
     let Some(opened) = cycles.iter().position(is_open) else {
         return match gripper.last_outputs {
-            Some(outputs) if is_set(outputs, gripper.output_bit) => RsiBallOutcome::Unknown(
+            Some(outputs) if is_set(outputs, gripper.output_bit) => Ball::Unknown(
                 "the telegrams end after the answer that opens the gripper, and nothing says whether the robot took it",
             ),
-            _ => RsiBallOutcome::InHand,
+            _ => Ball::InHand,
         };
     };
     let numbers = numbers(cycles, period_s);
@@ -214,15 +227,15 @@ pub fn measured(
     let latest = delay + gripper.jitter_s / period_s + SENSOR_CYCLES;
     let is_held = |cycle: &&Cycle| cycles[opened].at.saturating_since(cycle.at) <= HELD;
     if cycles[..=opened].iter().filter(is_held).any(|cycle| cycle.fingers_open == Some(true)) {
-        return RsiBallOutcome::FingersOpenBefore;
+        return Ball::FingersOpenBefore;
     }
     let sensed = (opened..cycles.len()).find(|k| cycles[*k].fingers_open == Some(true));
     let last = cycles.len() - 1;
     if sensed.is_none() && cycles[last].fingers_open == Some(false) {
         return if since(last) > latest {
-            RsiBallOutcome::FingersClosed
+            Ball::FingersClosed
         } else {
-            RsiBallOutcome::Unknown("the telegrams end before the finger sensor can say open")
+            Ball::Unknown("the telegrams end before the finger sensor can say open")
         };
     }
     // Open some time within the cycle before the reading.
@@ -236,7 +249,7 @@ pub fn measured(
     let next = near(0.0, NEAR_S).find(|(since_s, _)| *since_s > 0.0);
     // To the latest opening.
     let Some(next) = next.filter(|_| since_s(last) >= gripper.jitter_s) else {
-        return RsiBallOutcome::Unknown("too few telegrams came around the release");
+        return Ball::Unknown("too few telegrams came around the release");
     };
     // Where the axes leap after the release, the time before it alone has the path that the ball was on. The next telegram says
     // that they did not leap in the cycle of the release.
@@ -246,7 +259,7 @@ pub fn measured(
             .filter(|path| path.off_deg.max(path.off_at_deg(next)) <= PATH_OFF_MAX_DEG)
     });
     let Some(path) = path else {
-        return RsiBallOutcome::Unknown("the axes leap, or too few telegrams came, around the release");
+        return Ball::Unknown("the axes leap, or too few telegrams came, around the release");
     };
     let [q, qd] = [0, 1].map(|power| path.coefficients.row(power).transpose().map(f64::to_radians));
     let frames = arm.fk(&q);
@@ -255,13 +268,13 @@ pub fn measured(
     let g = arm.world().gravity_m_s2;
     let root = v.z * v.z + 2.0 * g * (p.z - target_m[2]);
     if root < 0.0 {
-        return RsiBallOutcome::Lost;
+        return Ball::Lost;
     }
     let fall_s = (v.z + root.sqrt()) / g;
     let error_m = (p + v * fall_s - Vector3::from(*target_m)).xy().norm();
     match late {
-        Some(late) => RsiBallOutcome::PredictedLate(error_m, late * period_s),
-        None => RsiBallOutcome::Predicted(error_m),
+        Some(late) => Ball::PredictedLate(error_m, late * period_s),
+        None => Ball::Predicted(error_m),
     }
 }
 

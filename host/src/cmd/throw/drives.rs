@@ -1,4 +1,4 @@
-//! What happens before anything moves: cell, target, plan, controller, control period and gains.
+//! A throw with drives on a bus: before anything moves cell, target, plan, controller, control period and gains; then the link.
 
 use std::time::Instant as WallTime;
 
@@ -6,26 +6,30 @@ use can_link::BusSpec;
 use firmware::settings::Settings;
 use protocol::ModuleId;
 
-use super::progress::ProgressView;
-use super::{Args, read_gains};
-use crate::cmd::controlled::is_soft;
+use super::folder::Folder;
+use super::{Args, Done, read_gains};
+use crate::cmd::controlled::{is_soft, tell_warnings};
 use crate::cmd::doctor::examine_modules;
+use crate::cmd::ended::failure;
 use crate::cmd::finding::Level;
 use crate::cmd::meaning::Deed;
 use crate::cmd::modules::Wanted;
 use crate::cmd::plan::search::Planned;
+use crate::cmd::progress::{ProgressView, Ui};
+use crate::cmd::report::BIT_RATE;
 use crate::cmd::tracker::{Measured, TargetArg};
 use crate::error::ExpectedError;
 use crate::exit;
-use operator::bus::args::{Cell, CellArgs};
+use operator::bus::args::{Cell, CellArgs, Controller};
 use operator::bus::cycle_timing::CycleTiming;
 use operator::bus::period::{Choice, NoPeriod, PeriodRequest, apply, choose};
 use operator::bus::settings::settings_of;
 use operator::bus::{BusArgs, Session};
 use operator::interrupt::interrupt;
-use operator::throw::Job;
-use operator::throw::cell::take_plan;
-use operator::throw::outcome::default_tolerance_m;
+use operator::job::cell::take_plan;
+use operator::job::{Extent, JobError, Judge, Order, Outcome, Record, Step, perform};
+use operator::port::OnBus;
+use operator::way::Travel;
 use planner::plan::Arm;
 use planner::plan::file::PlanFile;
 use planner::request::Plans;
@@ -36,7 +40,7 @@ use tuner::gains::gains_file::GainsFile;
 const ANSWERS_MAX: protocol::Duration = protocol::Duration::from_millis(400);
 
 /// A throw that is ready to begin.
-pub(super) struct Prepared {
+pub(super) struct Drives {
     pub(super) cell_args: CellArgs,
     pub(super) cell: Cell,
     pub(super) arm: Arm,
@@ -58,7 +62,7 @@ pub(super) struct Prepared {
 }
 
 /// Plans the throw or reads it, checks it, looks at the bus, and chooses control period and gains. Nothing moves.
-pub(super) fn prepare(args: &Args) -> Result<Prepared, ExpectedError> {
+pub(super) fn prepare(args: &Args) -> Result<Drives, ExpectedError> {
     let cell_args = CellArgs {
         robot: Some(args.search.options.robot.clone()),
         seed: args.seed,
@@ -90,10 +94,10 @@ pub(super) fn prepare(args: &Args) -> Result<Prepared, ExpectedError> {
     let gains = choice.as_ref().map_or(given, |choice| Some(choice.gains.clone()));
     take_plan(&mut cell.setup.cell, &plan);
     let plan_s = took.as_secs_f64();
-    Ok(Prepared { cell_args, cell, arm, plan, plan_s, tracked, soft, timing, settings, choice, gains })
+    Ok(Drives { cell_args, cell, arm, plan, plan_s, tracked, soft, timing, settings, choice, gains })
 }
 
-impl Prepared {
+impl Drives {
     /// Shows plan, gains and control period.
     pub(super) fn show(&self, progress: &mut ProgressView) {
         progress.planned(&self.plan, self.plan_s);
@@ -105,17 +109,69 @@ impl Prepared {
         }
     }
 
-    /// The job of the operator.
-    pub(super) fn job(&self, args: &Args) -> Job<'_> {
-        Job {
-            arm: &self.arm,
-            plan: &self.plan,
-            gains: self.gains.as_ref(),
-            approach_share: args.approach_share,
-            seed: self.cell.seed,
-            tolerance_m: args.tolerance.unwrap_or_else(|| default_tolerance_m(&self.arm, &self.plan)),
-            go_back: args.back,
+    pub(super) fn order(&self, args: &Args) -> Order<'_> {
+        let travel = Travel { share: args.approach_share, seed: self.cell.seed, range: None };
+        let mut order = Order::throw(&self.arm, &self.plan, travel);
+        order.gains = self.gains.as_ref();
+        order.extent = if args.back { Extent::Back } else { Extent::Run };
+        if let Some(tolerance_m) = args.tolerance {
+            order.judge = Judge::Throw { plan: &self.plan, tolerance_m };
         }
+        order
+    }
+
+    /// Throws on the bus: opens it, does the job, closes it.
+    pub(super) fn throw(&self, args: &Args, folder: &Folder, ui: &mut Ui) -> Result<Done, ExpectedError> {
+        let bus = BusArgs {
+            bus: args.bus.clone(),
+            cell: self.cell_args.clone(),
+            record: Some(folder.file(operator::log::FOLDER_NAME)),
+            beside: false,
+            rsi: None,
+        };
+        let key = args.key.load()?;
+        let mut session = bus.open_cell(&self.cell, self.soft.then_some(&self.settings))?;
+        session.set_key(key);
+        let _page = args.web.serve(&mut session, &self.cell.robot, Some(&self.plan), interrupt())?;
+        let wanted = match args.controller {
+            Some(Controller::Node(node)) => Some(node),
+            Some(Controller::Soft) | None => None,
+        };
+        let mut operator = OnBus::new(&mut session, wanted, BIT_RATE);
+        let record = perform(&mut operator, &self.order(args), &mut |step| ui.answer(step));
+        ui.progress.quiet();
+        tell_warnings(&mut session);
+        let wrong = failure(&record).map(|shown| self.explained(&record, shown, &mut session, &args.bus));
+        let (bus, simulated, bus_errors) =
+            (session.name().to_owned(), session.is_simulated(), session.bus_errors().len());
+        let soft = session.finish_controller();
+        let lost = session.finish().err().map(ExpectedError::from);
+        let time = if simulated { "virtual time" } else { "real time" };
+        let controller = if self.soft { "soft" } else { "node" };
+        Ok(Done { record, wrong, lost, bus, time, controller, bus_errors, soft, ..Done::default() })
+    }
+
+    /// The error of a job, with what the drives say about it and the next step.
+    fn explained(
+        &self,
+        record: &Record,
+        mut error: ExpectedError,
+        session: &mut Session,
+        bus: &BusSpec,
+    ) -> ExpectedError {
+        if self.soft
+            && matches!(record.ended, Some(JobError::Operator(_)))
+            && record.at_work.is_some_and(|(step, _)| step == Step::Drives)
+            && error.code == exit::DRIVE
+            && let Ok(Some(found)) = session.put_back(|session| diagnosis(session, &self.arm, |_| true))
+        {
+            error.message = format!("{}\n{found}", error.message);
+        }
+        if record.verdict.outcome == Outcome::Stopped && !session.is_simulated() {
+            // Drives stay halted, and a controller of its own keeps its fault.
+            error.message += &format!("; then `cubectl clear --bus {bus}`");
+        }
+        error
     }
 }
 

@@ -1,0 +1,157 @@
+//! What an arm is to do and how it is judged.
+
+use hil_sim::krc::KrcScenario;
+use protocol::Duration;
+use robot_model::collision::Scene;
+
+use super::follow::GripperKnown;
+use super::throw::default_tolerance_m;
+use crate::rsi::plan::motion_of;
+use crate::rsi::program::Lag;
+use crate::trajectory::robot_crc32;
+use crate::way::Travel;
+use planner::follow::plan::FollowPlan;
+use planner::motion::Motion;
+use planner::plan::Arm;
+use planner::plan::file::PlanFile;
+use tuner::gains::gains_file::GainsFile;
+
+/// What is run.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Program {
+    Motion(Motion),
+    /// A trajectory file of a controller, as it is, and its motion.
+    File(Vec<u8>, Motion),
+}
+
+impl Program {
+    #[must_use]
+    pub const fn motion(&self) -> &Motion {
+        match self {
+            Self::Motion(motion) | Self::File(_, motion) => motion,
+        }
+    }
+}
+
+/// How far a job goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Extent {
+    /// The program is in the controller.
+    Upload,
+    /// It has run.
+    Run,
+    /// The arm is back where it stood.
+    Back,
+}
+
+/// How the outcome is known.
+#[derive(Clone, Copy, Debug)]
+pub enum Judge<'a> {
+    /// A ball that is released at one instant lands at its target.
+    Throw {
+        plan: &'a PlanFile,
+        /// A landing farther from the target than this counts as missed, m.
+        tolerance_m: f64,
+    },
+    /// A ball whose flight the hand follows lands at its target.
+    Follow {
+        plan: &'a FollowPlan,
+        gripper: GripperKnown,
+        /// What is believed of the lag between set points and axes.
+        lag: Lag,
+        /// As [`Judge::Throw`].
+        tolerance_m: f64,
+    },
+    /// The arm follows the motion and stands at its end.
+    Reach,
+}
+
+impl Judge<'_> {
+    /// A landing farther from the target than this counts as missed, m; `None` where nothing lands.
+    #[must_use]
+    pub const fn tolerance_m(&self) -> Option<f64> {
+        match self {
+            Self::Throw { tolerance_m, .. } | Self::Follow { tolerance_m, .. } => Some(*tolerance_m),
+            Self::Reach => None,
+        }
+    }
+
+    /// There is a ball in the hand.
+    #[must_use]
+    pub const fn throws(&self) -> bool {
+        !matches!(self, Self::Reach)
+    }
+}
+
+/// What an arm is to do; made from a plan.
+#[derive(Clone, Debug)]
+pub struct Order<'a> {
+    pub arm: &'a Arm,
+    /// Checksum of the robot that the program is for.
+    pub robot_crc32: u32,
+    pub program: Program,
+    /// Everything in the way, and whether a ball is in the hand.
+    pub scene: Scene,
+    /// Gains to write into the controller; `None` keeps those it has.
+    pub gains: Option<&'a GainsFile>,
+    /// Joints without a zero may find it.
+    pub homes: bool,
+    /// How to go to the start and back; `None`: the arm stands where the program begins, and keeps to the robot that its controller
+    /// knows.
+    pub travel: Option<Travel>,
+    /// The program begins so long after the order to run, by the controller's clock; `None`: at once.
+    pub start_in: Option<Duration>,
+    /// Longest time for the run after its planned end.
+    pub patience: Duration,
+    pub extent: Extent,
+    pub judge: Judge<'a>,
+}
+
+impl<'a> Order<'a> {
+    /// Longest time for a run after its planned end, unless something else is asked for.
+    pub const PATIENCE: Duration = Duration::from_secs(5);
+
+    /// A throw with the release at one instant, from wherever the arm stands; the tolerance is the plan's.
+    #[must_use]
+    pub fn throw(arm: &'a Arm, plan: &'a PlanFile, travel: Travel) -> Self {
+        let judge = Judge::Throw { plan, tolerance_m: default_tolerance_m(arm, plan) };
+        let program = Program::Motion(plan.motion.to_motion());
+        let order = Self::new(arm, &plan.robot.fingerprint, program, judge);
+        Self { scene: plan.scene(), homes: true, travel: Some(travel), ..order }
+    }
+
+    /// A throw whose hand follows the flight, with the robot that is described, from where its program begins.
+    #[must_use]
+    pub fn follow(
+        arm: &'a Arm,
+        plan: &'a FollowPlan,
+        described: &KrcScenario,
+        travel: Travel,
+        tolerance_m: f64,
+    ) -> Self {
+        let (gripper, lag) = (GripperKnown::of(described), Lag::of(described));
+        let judge = Judge::Follow { plan, gripper, lag, tolerance_m };
+        let order = Self::new(arm, &plan.robot.fingerprint, Program::Motion(motion_of(plan)), judge);
+        // Such plans have no obstacles.
+        let scene = Scene { ball_held: true, ..Scene::default() };
+        Self { scene, travel: Some(travel), ..order }
+    }
+
+    /// A motion of an arm that stands where it begins.
+    #[must_use]
+    pub fn new(arm: &'a Arm, fingerprint: &str, program: Program, judge: Judge<'a>) -> Self {
+        Self {
+            arm,
+            robot_crc32: robot_crc32(fingerprint),
+            program,
+            scene: Scene::default(),
+            gains: None,
+            homes: false,
+            travel: None,
+            start_in: None,
+            patience: Self::PATIENCE,
+            extent: Extent::Run,
+            judge,
+        }
+    }
+}

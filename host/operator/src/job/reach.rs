@@ -1,0 +1,73 @@
+//! The judge of a motion that throws nothing: by its samples the arm followed it, and stands at its end.
+
+use serde::Serialize;
+
+use super::record::Record;
+use super::verdict::Outcome;
+use crate::analysis::POSITION_BOUND_RAD;
+use crate::port::Operator;
+use crate::samples::Samples;
+use planner::motion::Motion;
+use planner::plan::Arm;
+
+/// An arm that stands is at most so far from the end of its motion, rad, and its joints move by less than that from one sample to the
+/// next.
+const END_RAD: f64 = 0.01;
+/// The run has come to rest so long after its planned end, s: the controller holds the end until then.
+pub(super) const REST_S: f64 = 0.25;
+
+/// What the samples say of a motion.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Reached {
+    /// Largest distance of a joint from the motion, rad, and which joint, from 0.
+    pub off_rad: f64,
+    pub off_joint: usize,
+    /// Largest distance of a joint from the end of the motion at the end, rad, and which joint, from 0.
+    pub end_off_rad: f64,
+    pub end_off_joint: usize,
+    /// Samples that were compared.
+    pub samples: usize,
+}
+
+/// What the samples say of a motion that was the last to run; `None` if they do not suffice.
+pub(super) fn observe(operator: &mut dyn Operator, arm: &Arm, motion: &Motion, record: &mut Record) {
+    record.reached = operator.take_samples(arm, record.drives).and_then(|samples| reached(&samples, motion));
+}
+
+fn reached(samples: &Samples, motion: &Motion) -> Option<Reached> {
+    let started_at = crate::analysis::start::find(&samples.group).pop()?;
+    let mut found = Reached { off_rad: 0.0, off_joint: 0, end_off_rad: 0.0, end_off_joint: 0, samples: 0 };
+    let (end_s, end) = (motion.duration_s(), motion.stop_rad());
+    for (joint, heard) in samples.joints.iter().enumerate() {
+        let since_s = |at: protocol::Instant| at.as_secs_f64() - started_at.as_secs_f64();
+        for sample in heard.positions.iter().filter(|sample| (0.0..=end_s).contains(&since_s(sample.at))) {
+            let off_rad = (motion.at(since_s(sample.at)).q[joint] - sample.value).abs();
+            if off_rad > found.off_rad {
+                (found.off_rad, found.off_joint) = (off_rad, joint);
+            }
+            found.samples += 1;
+        }
+        let end_off_rad = (heard.positions.last()?.value - end[joint]).abs();
+        if end_off_rad > found.end_off_rad {
+            (found.end_off_rad, found.end_off_joint) = (end_off_rad, joint);
+        }
+    }
+    (found.samples > 0).then_some(found)
+}
+
+pub(super) fn verdict(record: &Record) -> (Outcome, String) {
+    if record.steps.iter().all(|(step, ..)| *step != super::Step::Run) {
+        return (Outcome::Stored, "stored and committed".to_owned());
+    }
+    let Some(Reached { off_rad, off_joint, end_off_rad, end_off_joint, .. }) = record.reached else {
+        let text = "ran to its end, by the controller; too few samples were heard to compare the arm with the motion";
+        return (Outcome::Reached, text.to_owned());
+    };
+    let follows = format!("at most {:.1} mrad from the motion (joint {})", 1e3 * off_rad, off_joint + 1);
+    let stands = format!("{:.1} mrad from its end (joint {})", 1e3 * end_off_rad, end_off_joint + 1);
+    if off_rad <= POSITION_BOUND_RAD && end_off_rad <= END_RAD {
+        (Outcome::Reached, format!("reached: {follows}; the arm stands {stands}"))
+    } else {
+        (Outcome::NotReached, format!("not reached: {follows}, {stands}"))
+    }
+}

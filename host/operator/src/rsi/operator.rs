@@ -1,0 +1,359 @@
+//! The operator of a robot that is led: the controller is in this program, between the telegrams of the robot.
+//!
+//! The robot waits for no computation: while a function of this operator waits, telegrams are answered, and between two calls of
+//! them at most one is due. So the way to the start of a motion begins where the robot's program begins
+//! ([`Operator::foreseen_pose`]), and is planned before the robot is there. A robot that stands elsewhere is refused by the controller.
+//!
+//! "Armed" is a robot that stands where the motion begins, ready to be led. The station gives its controller the orders that are
+//! left with the next telegrams, so that a motion begins with a cycle.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use hil_sim::krc::KrcScenario;
+use planner::plan::Joints;
+use planner::throw::Arm;
+use protocol::cyphal::cubecell::command::Trajectory;
+use protocol::cyphal::cubecell::group_state::{GroupState, State};
+use protocol::cyphal::id::NodeId;
+use protocol::{Duration, Instant};
+
+use super::cell::{AFTER, Seen, SimulatedRobot};
+use super::cycles::{cycles, last_outputs};
+use super::live::{Exchange, Live};
+use super::log::Line;
+use super::program::start_of;
+use super::station::{Stage, Station};
+use crate::dialogue::operator::{OperatorError, PRESENCE, name_of, refused};
+use crate::dialogue::registers::Numbers;
+use crate::port::{BallSeen, Operator};
+use crate::samples::Samples;
+use crate::samples::drives::Drives;
+
+/// Lines of an exchange that are kept; the oldest go first. A throw takes 6 000.
+const LINES_MAX: usize = 100_000;
+/// Longest wait for an arm that was told to stop.
+const STOPPING: Duration = Duration::from_secs(3);
+
+/// Where the robot is.
+pub enum Place<'a> {
+    /// Inside this program, in virtual time.
+    Inside(Box<SimulatedRobot>),
+    /// Behind a socket.
+    Outside(Live<'a>),
+}
+
+/// What only a robot that is led has.
+#[derive(Clone, Debug, Default)]
+pub struct Led {
+    /// When the last motion began.
+    pub started_at: Option<Instant>,
+    /// How much later than expected the axes passed the path, s.
+    pub path_delay_s: f64,
+    /// How far the axes were from their path at a release that was not given for that, rad.
+    pub release_withheld_rad: Option<f64>,
+    /// Answers to telegrams.
+    pub answers: u64,
+    /// What the simulated robot did.
+    pub seen: Option<Seen>,
+    /// How the exchange with a robot outside went.
+    pub exchange: Option<Exchange>,
+}
+
+/// A robot that is led along the motions of a job.
+pub struct LedRobot<'a> {
+    station: Station,
+    place: Option<Place<'a>>,
+    described: &'a KrcScenario,
+    stop: Arc<AtomicBool>,
+    log: &'a mut dyn FnMut(&[Line]),
+    lines: Vec<Line>,
+    /// What the controller would have reported by now, and when.
+    reported: (Instant, GroupState),
+    started_at: Option<Instant>,
+    led: Led,
+}
+
+impl<'a> LedRobot<'a> {
+    /// Leads the robot that `described` describes with a station for it that has no motions yet. `log` gets what goes in and out; `stop`,
+    /// once it is set, ends what is under way.
+    pub fn new(
+        described: &'a KrcScenario,
+        station: Station,
+        place: Place<'a>,
+        stop: Arc<AtomicBool>,
+        log: &'a mut dyn FnMut(&[Line]),
+    ) -> Self {
+        Self {
+            station,
+            place: Some(place),
+            described,
+            stop,
+            log,
+            lines: Vec::new(),
+            reported: (Instant::ZERO, GroupState::default()),
+            started_at: None,
+            led: Led::default(),
+        }
+    }
+
+    #[must_use]
+    pub const fn station(&self) -> &Station {
+        &self.station
+    }
+
+    /// What went in and out, as much as is kept.
+    #[must_use]
+    pub fn lines(&self) -> &[Line] {
+        &self.lines
+    }
+
+    fn keep(&mut self, lines: Vec<Line>) {
+        (self.log)(&lines);
+        self.lines.extend(lines);
+        // In large pieces: each costs a move of all.
+        if self.lines.len() > 2 * LINES_MAX {
+            self.lines.drain(..self.lines.len() - LINES_MAX);
+        }
+    }
+
+    /// One telegram or deadline, or time alone.
+    fn step(&mut self, until: Instant) -> Result<(), OperatorError> {
+        let stepped = match &mut self.place {
+            Some(Place::Inside(robot)) => {
+                robot.step(&mut self.station, until);
+                Ok(())
+            }
+            Some(Place::Outside(live)) => live.step(&mut self.station),
+            None => Ok(()),
+        };
+        let lines = self.station.take_log();
+        self.keep(lines);
+        let now = self.now();
+        if let Some(state) = self.station.report(now, &self.reported.1) {
+            self.reported = (now, state);
+        }
+        stepped.map_err(OperatorError::Socket)
+    }
+
+    /// Why the robot stopped by itself, where that is known.
+    fn by_itself(&self) -> Option<String> {
+        match &self.place {
+            Some(Place::Inside(robot)) => robot.fault().map(|fault| fault.to_string()),
+            _ => None,
+        }
+    }
+
+    /// Somebody else, the robot or its controller has ended it.
+    fn require_led(&self) -> Result<(), OperatorError> {
+        self.station.failure(self.by_itself()).map_or(Ok(()), Err)
+    }
+
+    /// Steps until `done`, a stop, or an interruption, upon which the arm is stopped first.
+    fn wait(
+        &mut self,
+        limit: Option<Duration>,
+        done: &mut dyn FnMut(&Self) -> bool,
+    ) -> Result<(), OperatorError> {
+        let until = limit.map(|limit| self.now() + limit);
+        loop {
+            self.require_led()?;
+            if done(self) {
+                return Ok(());
+            }
+            if self.stop.load(Ordering::Relaxed) {
+                self.stop()?;
+                return Err(OperatorError::Interrupted);
+            }
+            if let Some(mut heard) = self.station.waits_in_vain(self.now()) {
+                let by_itself = self.by_itself();
+                heard += &by_itself
+                    .map_or_else(String::new, |why| format!("; the robot stopped by itself: {why}"));
+                return Err(OperatorError::RobotNotReady { heard });
+            }
+            if let (Some(until), Some(limit)) = (until, limit)
+                && self.now() >= until
+            {
+                self.stop()?;
+                return Err(OperatorError::NoProgress { state: self.station.state(), limit });
+            }
+            self.step(until.unwrap_or(self.now() + PRESENCE))?;
+        }
+    }
+}
+
+impl Operator for LedRobot<'_> {
+    fn now(&self) -> Instant {
+        match &self.place {
+            Some(Place::Inside(robot)) => robot.now(),
+            Some(Place::Outside(live)) => live.now(),
+            None => self.reported.0,
+        }
+    }
+
+    fn connect(&mut self) -> Result<Option<NodeId>, OperatorError> {
+        Ok(None)
+    }
+
+    fn heed_stops(&mut self) -> Result<(), OperatorError> {
+        self.require_led()
+    }
+
+    fn pass(&mut self, span: Duration) -> Result<(), OperatorError> {
+        let until = self.now() + span;
+        while self.now() < until {
+            // The time of a robot that has gone does not pass.
+            if matches!(&self.place, Some(Place::Outside(live)) if live.is_silent()) || self.place.is_none() {
+                return Ok(());
+            }
+            self.step(until)?;
+        }
+        Ok(())
+    }
+
+    fn group(&mut self) -> GroupState {
+        self.reported.1
+    }
+
+    /// The robot is waited for until its program runs, and ten seconds more until it is ready: `limit` means nothing here.
+    fn wait_for(&mut self, _: Duration, wanted: &dyn Fn(State) -> bool) -> Result<(), OperatorError> {
+        self.wait(None, &mut |this| this.station.measured_rad().is_some() && wanted(this.station.state()))
+    }
+
+    fn foreseen_pose(&self) -> Option<Joints> {
+        Some(start_of(self.described))
+    }
+
+    fn pose(&mut self) -> Result<Vec<f64>, OperatorError> {
+        self.station.measured_rad().ok_or(OperatorError::Lost)
+    }
+
+    fn register(&mut self, name: &str) -> Result<Numbers, OperatorError> {
+        self.station.register(name).ok_or_else(|| OperatorError::NoRegister { name: name.to_owned() })
+    }
+
+    fn set_register(&mut self, name: &str, wanted: &Numbers) -> Result<(), OperatorError> {
+        let found = self.register(name)?.to_string();
+        let (name, wanted) = (name.to_owned(), wanted.to_string());
+        // The settings follow from plan and description, and a recording is run again with them.
+        if found == wanted { Ok(()) } else { Err(OperatorError::RegisterRefused { name, wanted, found }) }
+    }
+
+    fn set_gripper(&mut self, open: bool) -> Result<(), OperatorError> {
+        let now = self.now();
+        self.station.set_gripper(now, open).map_err(|refusal| refused("the gripper", refusal))
+    }
+
+    fn home(&mut self, _: u8, limit: Duration) -> Result<(), OperatorError> {
+        Err(OperatorError::NoProgress { state: self.station.state(), limit })
+    }
+
+    fn upload(
+        &mut self,
+        bytes: &[u8],
+        progress: &mut dyn FnMut(usize, usize),
+    ) -> Result<Trajectory, OperatorError> {
+        self.require_led()?;
+        let (now, name) = (self.now(), name_of(bytes)?);
+        self.started_at = None;
+        self.station.hold(now);
+        self.station.push(now, bytes.to_vec());
+        progress(bytes.len(), bytes.len());
+        Ok(name)
+    }
+
+    fn arm(&mut self, _: &Trajectory) -> Result<(), OperatorError> {
+        self.wait(None, &mut |this| this.station.is_held())
+    }
+
+    fn run(
+        &mut self,
+        _: &Trajectory,
+        _: Option<Instant>,
+        limit: Duration,
+        progress: &mut dyn FnMut(Instant, &GroupState),
+    ) -> Result<(), OperatorError> {
+        let now = self.now();
+        self.station.proceed_from_hold(now);
+        let (mut last, mut started_at) = (None, None);
+        let ended = self.wait(Some(limit), &mut |this| {
+            let (at, state) = this.reported;
+            if last.replace(state.sequence) != Some(state.sequence) {
+                progress(at, &state);
+            }
+            if let Stage::Running { starts_at } = *this.station.stage() {
+                started_at = Some(starts_at);
+            }
+            matches!(this.station.stage(), Stage::Finished { .. })
+        });
+        self.started_at = started_at;
+        ended
+    }
+
+    fn controller_time(&mut self, ours: Instant) -> Result<(Instant, Duration), OperatorError> {
+        Ok((ours, Duration::ZERO))
+    }
+
+    fn stop(&mut self) -> Result<(), OperatorError> {
+        let now = self.now();
+        let moves = matches!(self.station.stage(), Stage::Running { .. });
+        self.station.stop(now);
+        while moves && !self.station.stage().is_end() && self.now() < now + STOPPING {
+            self.step(now + STOPPING)?;
+        }
+        Ok(())
+    }
+
+    /// The whole exchange is kept: what comes before a motion says where its set points begin.
+    fn keep_samples(&mut self) {}
+
+    fn take_samples(&mut self, _: &Arm, _: Option<Drives>) -> Option<Samples> {
+        self.leave();
+        let krc = &self.described.options;
+        let cycles =
+            cycles(&self.lines, &self.described.config, &krc.outputs_name, krc.sensor_name.as_deref());
+        let last_outputs = last_outputs(&self.lines, &krc.outputs_name);
+        Some(Samples { cycles, last_outputs, ..Samples::default() })
+    }
+
+    fn ball(&mut self) -> Option<BallSeen> {
+        match &self.place {
+            Some(Place::Inside(robot)) => Some(robot.ball()),
+            _ => None,
+        }
+    }
+
+    fn leave(&mut self) {
+        let Some(place) = self.place.take() else { return };
+        let mut kept = Vec::new();
+        self.led = Led {
+            started_at: self.started_at,
+            path_delay_s: self.station.path_delay_s(),
+            release_withheld_rad: self.station.release_withheld_rad(),
+            ..Led::default()
+        };
+        match place {
+            Place::Inside(mut robot) => {
+                let until = robot.now() + AFTER;
+                while robot.now() < until {
+                    robot.step(&mut self.station, until);
+                }
+                kept.extend(self.station.take_log());
+                self.reported.0 = until;
+                self.led.seen = Some(robot.into_seen());
+            }
+            Place::Outside(mut live) => {
+                // A socket that fails now has nothing to say about what was done.
+                let _ = live.leave(&mut self.station, &mut |lines| kept.extend(lines));
+                self.reported.0 = live.now();
+                self.led.exchange = Some(live.exchange().clone());
+            }
+        }
+        self.led.answers = self.station.counts().answers;
+        self.keep(kept);
+    }
+
+    fn led(&mut self) -> Option<Led> {
+        Some(std::mem::take(&mut self.led))
+    }
+}

@@ -1,0 +1,71 @@
+//! From the record of a job to what people read and the exit code: for every verb and link.
+
+use std::path::Path;
+
+use operator::dialogue::operator::OperatorError;
+use operator::job::{JobError, Judge, Outcome, Record};
+
+use crate::error::ExpectedError;
+use crate::exit;
+
+/// What ended a job early: the step, what happened, what to do.
+pub(super) fn failure(record: &Record) -> Option<ExpectedError> {
+    let error = record.ended.as_ref()?;
+    let step = record.at_work.map_or("start", |(step, _)| step.name());
+    let expected = match error {
+        JobError::Operator(error @ (OperatorError::Stopped { .. } | OperatorError::RobotStopped { .. }))
+            if record.verdict.outcome == Outcome::Stopped =>
+        {
+            ExpectedError::new(exit::STOPPED, error.to_string())
+        }
+        JobError::Operator(error) => error.into(),
+        JobError::Way(_) | JobError::Double { .. } | JobError::NotHomed => {
+            ExpectedError::new(exit::DRIVE, error.to_string())
+        }
+        JobError::Declined { .. } => ExpectedError::new(exit::INTERRUPTED, error.to_string()),
+        other => ExpectedError::bad_input(other),
+    };
+    Some(ExpectedError::new(expected.code, format!("{step}: {}", expected.message)))
+}
+
+/// The error that a verdict makes; `None` if ball or arm are where they should be, as far as is known.
+pub(super) fn off_target(record: &Record, judge: &Judge<'_>) -> Option<ExpectedError> {
+    let verdict = &record.verdict;
+    let next = match (verdict.outcome, judge) {
+        (Outcome::Missed, Judge::Follow { .. }) => {
+            "compare `path_delay_s` in summary.json with the lag: `cubectl identify` measures it again"
+        }
+        (Outcome::Missed, _) => {
+            "`cubectl report` on the folder shows tracking and release; `cubectl home --verify` tells whether a drive \
+             has lost encoder counts"
+        }
+        (Outcome::NotReleased, _) => {
+            "take the ball out of the hand before anything moves; check the gripper, its supply and its output"
+        }
+        (Outcome::NotReached, _) => {
+            "look what holds the arm; `cubectl home --verify` tells whether a drive has lost encoder counts"
+        }
+        (Outcome::Stopped, _) => {
+            "look at the pendant why the robot's program ended; motion.csv shows where the arm was"
+        }
+        _ => return None,
+    };
+    let code = exit::of_outcome(verdict.outcome)?;
+    Some(ExpectedError::new(code, format!("{}\n  next: {next}", verdict.text)))
+}
+
+/// How a job ends: a result that could not be written never hides the outcome.
+pub(super) fn outcome_last(
+    wrong: Option<ExpectedError>,
+    written: Result<(), ExpectedError>,
+    folder: Option<&Path>,
+) -> Result<(), ExpectedError> {
+    let Some(mut error) = wrong else { return written };
+    if let Some(folder) = folder {
+        error.message += &format!("\n  results in {}", folder.display());
+    }
+    if let Err(lost) = written {
+        error.message += &format!("; not all of them: {}", lost.message);
+    }
+    Err(error)
+}

@@ -1,0 +1,365 @@
+//! A throw with an industrial robot that is led over RSI: its plan, and the link to the robot inside this program in virtual time, or to
+//! one that connects.
+
+use std::path::Path;
+use std::time::Instant as WallTime;
+
+use can_link::BusSpec;
+use hil_sim::krc::KrcScenario;
+use nalgebra::Vector3;
+use planner::follow::best::BestOptions;
+use planner::follow::limits::{Arm, LimitSource, Limits};
+use planner::follow::paper::{Criterion, PaperOptions};
+use planner::follow::plan::FollowPlan;
+use planner::follow::search::Search;
+use planner::follow::setting::{CommandRange, Setting};
+use planner::follow::verify::verify_commands;
+use planner::plan::file::RobotId;
+use planner::store::robot_fingerprint;
+
+use super::folder::Folder;
+use super::{Args, Done};
+use crate::cmd::ended::{failure, off_target};
+use crate::cmd::meaning::Deed;
+use crate::cmd::plan::follow::{REFINEMENTS, paper_grid, searched};
+use crate::cmd::plan::options::FormName;
+use crate::cmd::progress::Ui;
+use crate::cmd::rsi::{LOG, LogFile, description, listen};
+use crate::cmd::tracker::Measured;
+use crate::error::ExpectedError;
+use crate::exit;
+use crate::report::motion;
+use operator::dialogue::operator::OperatorError;
+use operator::interrupt::interrupt;
+use operator::job::summary::{Circumstances, summary};
+use operator::job::{Answer, JobError, OnProgress, Order, Record, perform};
+use operator::rsi::cell::{Seen, SimulatedRobot};
+use operator::rsi::cycles::cycles;
+use operator::rsi::live::Live;
+use operator::rsi::log::Line;
+use operator::rsi::operator::{LedRobot, Place};
+use operator::rsi::program::{Lag, can_be_led, command_range, station_for, travel};
+use operator::rsi::station::Station;
+use operator::trajectory::{encode, robot_crc32};
+
+/// Radius of a bottle, m.
+const BOTTLE_M: f64 = 0.035;
+/// The place of a plan in messages that was handed over as such.
+const IN_MEMORY: &str = "in memory";
+/// Starts of the search if no number is asked for.
+const STARTS: usize = 64;
+/// Asked before the robot is waited for: whoever starts its program stands elsewhere.
+const QUESTION: &str = "The robot moves to the start of the throw and throws as soon as its program runs. Ball in the hand, nobody near?";
+
+/// A throw that is ready to begin.
+pub(super) struct Led {
+    pub(super) arm: Arm,
+    pub(super) plan: FollowPlan,
+    /// Time of planning by the wall, s.
+    pub(super) plan_s: f64,
+    /// What is believed of the robot and its program.
+    pub(super) described: KrcScenario,
+    /// The target as the tracker saw it.
+    pub(super) tracked: Option<Measured>,
+    /// What is true of the simulated robot, if a scenario says it.
+    truth: Option<KrcScenario>,
+}
+
+/// Plans the throw or reads it, checks it and the robot's program. Nothing moves.
+pub(super) fn prepare(args: &Args, arm: Arm) -> Result<Led, ExpectedError> {
+    let (truth, described) = believed(args)?;
+    let (target_m, tracked) = args.aim()?;
+    let begun = WallTime::now();
+    let plan = plan(args, &arm, &described, target_m)?;
+    let plan_s = begun.elapsed().as_secs_f64();
+    ready(&arm, &described, &plan)?;
+    if let Some(before) = &tracked {
+        args.tracker.still_there(before)?;
+    }
+    Ok(Led { arm, plan, plan_s, described, tracked, truth })
+}
+
+/// A station for the robot; what its controller would refuse of the plan is refused here.
+fn ready(arm: &Arm, described: &KrcScenario, plan: &FollowPlan) -> Result<Station, ExpectedError> {
+    let station = station_for(described, arm, plan, Lag::of(described).for_plan(plan), &[])
+        .map_err(|error| ExpectedError::bad_input(&error))?;
+    let (settings, crc32) = (station.settings(), robot_crc32(&plan.robot.fingerprint));
+    encode(&operator::rsi::plan::motion_of(plan), settings.cycle_period_us, crc32, Some(settings))
+        .map_err(|error| ExpectedError::bad_input(&error))?;
+    Ok(station)
+}
+
+impl Led {
+    pub(super) fn order(&self, args: &Args) -> Order<'_> {
+        let travel = travel(&self.described, &self.arm, args.approach_share, args.seed.unwrap_or(1));
+        let tolerance_m = args.tolerance.unwrap_or(BOTTLE_M);
+        Order::follow(&self.arm, &self.plan, &self.described, travel, tolerance_m)
+    }
+
+    /// Throws with the robot at the bus: opens the link, does the job, closes it.
+    pub(super) fn throw(&self, args: &Args, folder: &Folder, ui: &mut Ui) -> Result<Done, ExpectedError> {
+        let path = folder.file(LOG);
+        let BusSpec::Rsi(spec) = &args.bus else {
+            let mut log = LogFile::create(&path)?;
+            let mut done = self.inside(args, &mut |step| ui.answer(step), &mut |lines| log.write(lines))?;
+            done.lost = log.finish(&path).err();
+            return Ok(done);
+        };
+        ui.consent.require(QUESTION, &interrupt())?;
+        let (mut port, time, urgent) = listen(spec, &self.described, args.json)?;
+        let mut log = LogFile::create(&path)?;
+        if !args.json {
+            console::note!("{}: waiting for the robot; start its program now", args.bus);
+        }
+        let place = Place::Outside(Live::new(&mut port, time));
+        let mut done =
+            self.perform(args, place, &mut |step| ui.answer(step), &mut |lines| log.write(lines))?;
+        done.lost = log.finish(&path).err();
+        done.answering = urgent.map(|urgent| urgent.granted().to_string());
+        Ok(done)
+    }
+
+    /// The robot inside this program, in virtual time.
+    fn inside(
+        &self,
+        args: &Args,
+        ui: OnProgress<'_>,
+        log: &mut dyn FnMut(&[Line]),
+    ) -> Result<Done, ExpectedError> {
+        let mut scenario = self.truth.clone().unwrap_or_else(|| self.described.clone());
+        scenario.robot.clone_from(&args.search.options.robot);
+        scenario.seed = args.seed.unwrap_or(scenario.seed);
+        scenario.options.hand.gripper.landing_z_m = Some(self.plan.target_m[2]);
+        let robot = SimulatedRobot::new(&scenario).map_err(|error| ExpectedError::bad_input(&error))?;
+        self.perform(args, Place::Inside(Box::new(robot)), ui, log)
+    }
+
+    fn perform(
+        &self,
+        args: &Args,
+        place: Place<'_>,
+        ui: OnProgress<'_>,
+        log: &mut dyn FnMut(&[Line]),
+    ) -> Result<Done, ExpectedError> {
+        let station = ready(&self.arm, &self.described, &self.plan)?;
+        let mut operator = LedRobot::new(&self.described, station, place, interrupt(), log);
+        let record = perform(&mut operator, &self.order(args), ui);
+        let time = match &args.bus {
+            BusSpec::Rsi(spec) if spec.lockstep => "time of the robot",
+            BusSpec::Rsi(_) => "real time",
+            _ => "virtual time",
+        };
+        let (lines, heard) = (operator.lines().to_vec(), operator.station().heard());
+        let bus = args.bus.to_string();
+        let wrong = failure(&record).map(|shown| explained(&record, shown, &heard));
+        Ok(Done { record, wrong, lines, bus, time, controller: "led", ..Done::default() })
+    }
+
+    /// Set and actual axes by cycle, from the start of the plan.
+    pub(super) fn motion_csv(&self, done: &Done) -> String {
+        let krc = &self.described.options;
+        let led = done.record.led.as_ref();
+        let table = match led.and_then(|led| led.seen.as_ref()) {
+            Some(seen) => motion::of_robot(seen),
+            None => motion::of_telegrams(&cycles(
+                &done.lines,
+                &self.described.config,
+                &krc.outputs_name,
+                krc.sensor_name.as_deref(),
+            )),
+        };
+        motion::csv(&table, led.and_then(|led| led.started_at))
+    }
+}
+
+/// What a person reads of a job that ended early.
+fn explained(record: &Record, mut shown: ExpectedError, heard: &str) -> ExpectedError {
+    match &record.ended {
+        Some(JobError::Way(_)) => {
+            shown.code = exit::BAD_INPUT;
+            shown.message.truncate(shown.message.find('\n').unwrap_or(shown.message.len()));
+            shown.message += "\n  next: let the robot's program begin at another start pose (start_deg of the description), or plan \
+                              another throw";
+        }
+        Some(JobError::Operator(OperatorError::Interrupted)) => shown.message += &format!("; {heard}"),
+        Some(JobError::Operator(OperatorError::RobotStopped { .. })) => {
+            shown.message += "; motion.csv shows where the arm was";
+        }
+        _ => {}
+    }
+    shown
+}
+
+/// A throw with the robot inside this program, in virtual time.
+pub struct Simulated {
+    /// What `cubectl throw` writes to summary.json.
+    pub summary: serde_json::Value,
+    /// What the simulated robot did.
+    pub seen: Seen,
+}
+
+/// The throw of `plan` that `cubectl throw --plan` makes with these words with the robot inside this program; nothing is written
+/// or printed.
+///
+/// # Errors
+/// A word is refused (exit code 2 of the program), input is refused, or the plan does not fit the robot. A throw that fails is no
+/// error.
+pub fn simulate(words: &[String], plan: &FollowPlan) -> Result<Simulated, ExpectedError> {
+    let words: Vec<String> = words.iter().cloned().chain([format!("--plan={IN_MEMORY}")]).collect();
+    let args: Args = crate::cmd::words::parse("throw", &words)?;
+    if args.bus != BusSpec::Sim {
+        return Err(ExpectedError::bad_input(&"--bus is for the program: run `cubectl throw`"));
+    }
+    require_meaning(&args)?;
+    let arm = crate::cmd::arm(&args.search.options.robot)?;
+    let (truth, described) = believed(&args)?;
+    plan.require_true(Path::new(IN_MEMORY), &arm).map_err(|error| ExpectedError::bad_input(&error))?;
+    let plan = opened(&args, &arm, &described, plan)?;
+    let led = Led { arm, plan, plan_s: 0.0, described, tracked: None, truth };
+    let mut done = led.inside(&args, &mut |_| Answer::Yes, &mut |_| {})?;
+    let order = led.order(&args);
+    let wrong = done.wrong.take().or_else(|| off_target(&done.record, &order.judge));
+    let about = Circumstances {
+        exit_code: wrong.as_ref().map_or(exit::OK, |error| error.code),
+        cause: wrong.as_ref().map(|error| error.message.as_str()),
+        ..done.circumstances(args.seed.unwrap_or(1))
+    };
+    let summary = summary(&order, &done.record, &about);
+    let seen = done.record.led.as_mut().and_then(|led| led.seen.take()).unwrap_or_default();
+    Ok(Simulated { summary, seen })
+}
+
+/// What is true of the simulated robot, if a scenario says it, and what is believed of it.
+fn believed(args: &Args) -> Result<(Option<KrcScenario>, KrcScenario), ExpectedError> {
+    let truth = args.scenario.as_deref().map(KrcScenario::load).transpose();
+    let truth = truth.map_err(|error| ExpectedError::bad_input(&error))?;
+    let described = described(args, truth.as_ref())?;
+    can_be_led(&described).map_err(|error| ExpectedError::bad_input(&error))?;
+    Ok((truth, described))
+}
+
+/// What is believed of robot and program: the description that was given; else that of the scenario with the usual lag and
+/// gripper, which the client cannot know; else the usual one.
+fn described(args: &Args, truth: Option<&KrcScenario>) -> Result<KrcScenario, ExpectedError> {
+    let tcp = matches!(&args.bus, BusSpec::Rsi(spec) if spec.tcp);
+    let usual = if tcp { "kr-c2-tcp" } else { "kr-c2" };
+    let mut described = description(Some(args.rsi.as_deref().unwrap_or(usual)))?;
+    if let (None, Some(truth)) = (&args.rsi, truth) {
+        let usual = described;
+        described = truth.clone();
+        described.options.lag = usual.options.lag;
+        described.options.hand.gripper = usual.options.hand.gripper;
+    }
+    described.robot = args.search.options.robot.clone();
+    Ok(described)
+}
+
+/// Refuses a bus that is none of such a robot, and options that mean nothing for it.
+pub(super) fn require_meaning(args: &Args) -> Result<(), ExpectedError> {
+    if !matches!(args.bus, BusSpec::Sim | BusSpec::Rsi(_)) {
+        return Err(ExpectedError::bad_input(&format!(
+            "--bus {} is a CAN bus; {} has a controller of its own and is led over RSI\n  next: --bus rsi:udp://0.0.0.0:49152, or \
+             leave --bus out for the robot inside this program",
+            args.bus, args.search.options.robot
+        )));
+    }
+    let form = args.search.options.form.search_of_following();
+    args.given.require_meaning(&args.deeds(&[Deed::Led, Deed::Following, form]))
+}
+
+/// The plan of a file, or a new one for the lag of the robot; verified either way.
+fn plan(
+    args: &Args,
+    arm: &Arm,
+    described: &KrcScenario,
+    target_m: Option<[f64; 3]>,
+) -> Result<FollowPlan, ExpectedError> {
+    let source = LimitSource::ControllerModel;
+    let limits = Limits::of(arm, source);
+    let plan = match (&args.plan, target_m) {
+        (Some(path), _) => {
+            let plan = FollowPlan::read(path).map_err(|error| refused_plan(path, &error))?;
+            plan.require_true(path, arm).map_err(|error| refused_plan(path, &error))?;
+            plan
+        }
+        (None, Some(target_m)) => {
+            if !target_m.iter().all(|x| x.is_finite()) {
+                return Err(ExpectedError::bad_input(&"the target needs three finite numbers"));
+            }
+            let seed = args.seed.unwrap_or(1);
+            let (search, lag_s) = match args.search.options.form {
+                FormName::Paper => {
+                    let grid = paper_grid(arm, None);
+                    let criterion = Criterion::Points;
+                    (Search::Paper(PaperOptions { criterion, refinements: REFINEMENTS, ..grid }), 0.0)
+                }
+                FormName::Best => (
+                    Search::Best(BestOptions {
+                        starts: args.search.starts.unwrap_or(STARTS),
+                        seed,
+                        ..BestOptions::default()
+                    }),
+                    described.options.lag.time_constant.as_secs_f64(),
+                ),
+            };
+            let period_s = described.options.cycle.as_secs_f64();
+            let commands = command_range(described);
+            let setting =
+                Setting { commands, lag_s, period_s, ..Setting::new(arm, Vector3::from(target_m), limits) };
+            let searching = Setting { limits: searched(&limits, args.search.options.form), ..setting };
+            let found = search.plan(&searching).map_err(|none| {
+                ExpectedError::new(
+                    exit::NO_THROW,
+                    format!("{none}\n  next: `cubectl plan throw --robot {}` names the nearest target with a plan", arm.name()),
+                )
+            })?;
+            let robot = RobotId {
+                name: arm.name().to_owned(),
+                source: args.search.options.robot.clone(),
+                fingerprint: format!("{:016x}", robot_fingerprint(arm)),
+            };
+            FollowPlan::new(&setting, source, robot, search.form(), &found, 0.0)
+        }
+        (None, None) => return Err(ExpectedError::bad_input(&"give --target or --plan")),
+    };
+    opened(args, arm, described, &plan)
+}
+
+/// The plan with the opening that its robot needs, verified.
+fn opened(
+    args: &Args,
+    arm: &Arm,
+    described: &KrcScenario,
+    plan: &FollowPlan,
+) -> Result<FollowPlan, ExpectedError> {
+    let limits = Limits::of(arm, LimitSource::ControllerModel);
+    let (lag, gripper) = (&described.options.lag, &described.options.hand.gripper);
+    let (lag_s, jitter_s) = (lag.time_constant.as_secs_f64(), gripper.jitter.as_secs_f64());
+    plan.require_lag(arm, lag_s, jitter_s, args.tolerance.unwrap_or(BOTTLE_M)).map_err(|other| {
+        ExpectedError::bad_input(&format!(
+            "{other}\n  next: leave --plan out, or plan again with `cubectl plan throw --robot {} --lag-ms {:.0}`",
+            arm.name(),
+            other.lag_ms
+        ))
+    })?;
+    let plan = plan.opened_for(arm, lag_s, jitter_s);
+    // What a plan of a file commands beyond the program's limits is told by the station, with the limits.
+    let passed = if args.plan.is_some() { CommandRange::default() } else { command_range(described) };
+    match verify_commands(arm, &limits, &passed, &plan).findings.first() {
+        None => Ok(plan),
+        Some(finding) => Err(ExpectedError::new(
+            exit::CHECK_FAILED,
+            format!(
+                "the plan does not hold what it claims: {finding}\n  next: plan again; nothing has moved"
+            ),
+        )),
+    }
+}
+
+fn refused_plan(path: &Path, error: &impl std::fmt::Display) -> ExpectedError {
+    ExpectedError::bad_input(&format!(
+        "{}: {error}\n  next: make one with `cubectl plan throw --robot ... --out {}`",
+        path.display(),
+        path.display()
+    ))
+}
