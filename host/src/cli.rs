@@ -23,6 +23,11 @@ pub enum Verb {
     /// Plan motions.
     #[command(subcommand)]
     Plan(Box<cmd::plan::PlanVerb>),
+    /// Move the arm to a pose, around everything in the way.
+    Move(Box<cmd::move_arm::Args>),
+    /// Save, show and remove named poses.
+    #[command(subcommand)]
+    Pose(cmd::pose::PoseVerb),
     /// Catch a flying disc with a four-axis arm, or a ball with a six-axis arm.
     Catch(Box<cmd::catch::Args>),
     /// Let two arms throw a ball to each other and catch it.
@@ -135,6 +140,8 @@ pub fn run(cli: Cli, program: &Command, matches: &ArgMatches) -> Result<(), Expe
     match cli.verb {
         Verb::Throw(args) => cmd::throw::run(&args),
         Verb::Plan(verb) => cmd::plan::run(*verb),
+        Verb::Move(args) => cmd::move_arm::run(&args),
+        Verb::Pose(verb) => cmd::pose::run(&verb),
         Verb::Catch(args) => cmd::catch::run(&args),
         Verb::Rally(args) => cmd::rally::run(&args),
         Verb::Check(args) => cmd::check::run(&args),

@@ -33,9 +33,9 @@ pub enum GripperEvent {
 }
 
 /// A motion of all joints.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Motion<const N: usize = JOINTS> {
-    /// At least two, times ascending from 0.
+    /// At least two, times ascending from 0; none where nothing moves.
     pub knots: Vec<Knot<N>>,
     /// Events with their times, s since the start.
     pub events: Vec<(f64, GripperEvent)>,

@@ -161,8 +161,7 @@ fn blocked_ends_are_named() {
     let other = deg([60.0, -60.0, -80.0, 10.0, 20.0, 0.0]);
     let refused = way(&arm, &scene, &Travel::default(), &good, &other).unwrap_err().to_string();
     assert!(
-        refused.starts_with("at its present pose the arm touches something")
-            && refused.contains("obstacle box"),
+        refused.starts_with("at its present pose the arm touches something") && refused.contains("box"),
         "{refused}"
     );
     let travel = Travel { share: 1.5, ..Travel::default() };

@@ -62,7 +62,9 @@ impl std::str::FromStr for Hand {
         }
         let metres = |part: &&str| match part.trim().parse::<f64>() {
             Ok(value) if value.abs() <= 100.0 => Ok(value),
-            Ok(value) if value.is_finite() => Err(format!("{value} m is far beyond any arm; are these millimetres?")),
+            Ok(value) if value.is_finite() => {
+                Err(format!("{value} m is far beyond any arm; are these millimetres?"))
+            }
             _ => Err(format!("\"{part}\" is not a number of metres")),
         };
         let at: Vec<f64> = parts[..3].iter().map(metres).collect::<Result<_, _>>()?;

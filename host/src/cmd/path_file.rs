@@ -20,7 +20,7 @@ pub struct RetimeArgs {
     #[arg(long, default_value_t = 0.02, value_name = "RAD", value_parser = blend)]
     pub blend_rad: f64,
     /// Share of the robot's speeds, accelerations and jerks, where times are found.
-    #[arg(long, default_value_t = 0.3, value_name = "SHARE", value_parser = super::throw::share)]
+    #[arg(long, default_value_t = 0.3, value_name = "SHARE", value_parser = super::home::share)]
     pub speed_share: f64,
 }
 
@@ -29,6 +29,13 @@ fn blend(text: &str) -> Result<f64, String> {
         Ok(rad) if (0.0..=10.0).contains(&rad) => Ok(rad),
         _ => Err("must be from 0 to 10 rad".to_owned()),
     }
+}
+
+/// The text of a file, if it is neither a plan nor a trajectory file of a controller but may hold waypoints.
+pub(super) fn waypoints_in(bytes: &[u8]) -> Option<&str> {
+    let text = std::str::from_utf8(bytes).ok()?;
+    let is_plan = text.trim_start().starts_with('{') && !text.contains("\"joint_names\"");
+    (!is_plan).then_some(text)
 }
 
 /// The motion through the waypoints of `text`, which was read from `path`.
@@ -51,7 +58,8 @@ pub(super) fn motion(path: &Path, text: &str, arm: &Arm, args: &RetimeArgs) -> R
         }
     }
     let share = if found.timed && !args.retime { 1.0 } else { args.speed_share };
-    let limits = Limits::of_arm(arm, share).ok_or_else(|| refused(&"the robot has no limits", "mend its file"))?;
+    let limits =
+        Limits::of_arm(arm, share).ok_or_else(|| refused(&"the robot has no limits", "mend its file"))?;
     if found.timed && !args.retime {
         let rows: Vec<Row> = found
             .rows
@@ -62,6 +70,7 @@ pub(super) fn motion(path: &Path, text: &str, arm: &Arm, args: &RetimeArgs) -> R
             .map_err(|error| refused(&error, "change the times, or find new ones with --retime"));
     }
     let points: Vec<&[f64]> = found.rows.iter().map(|point| point.q_rad.as_slice()).collect();
-    let path_of = timing::Path::through(&points, args.blend_rad).map_err(|error| refused(&error, "give two places"))?;
+    let path_of =
+        timing::Path::through(&points, args.blend_rad).map_err(|error| refused(&error, "give two places"))?;
     along(&path_of, &limits).ok_or_else(|| refused(&"no times were found", "take points out"))
 }

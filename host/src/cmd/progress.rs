@@ -59,6 +59,11 @@ impl ProgressView {
         );
     }
 
+    /// A motion that was planned.
+    pub(super) fn way(&self, found: &str) {
+        self.line("way", self.begun.elapsed().as_secs_f64(), found);
+    }
+
     /// Says so if the gains were designed on the way.
     pub(super) fn gains(&self, choice: &Choice) {
         if choice.gains_from == GainsFrom::Designed {

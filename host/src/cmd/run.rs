@@ -8,6 +8,7 @@ use protocol::cyphal::id::NodeId;
 use super::consent::Consent;
 use super::controlled::tell_warnings;
 use super::ended::{failure, off_target, outcome_last};
+use super::path_file::RetimeArgs;
 use super::print_json;
 use super::progress::{ProgressView, Ui};
 use super::report::BIT_RATE;
@@ -19,6 +20,7 @@ use operator::bus::key_file::KeyArgs;
 use operator::job::summary::{Circumstances, summary};
 use operator::job::{Order, perform};
 use operator::port::OnBus;
+use operator::way::Travel;
 
 /// Longest time that a run is ordered ahead, s: the controller takes 30 s, of which the order needs a little.
 const START_IN_MAX_S: f64 = 29.0;
@@ -26,10 +28,10 @@ const START_IN_MAX_S: f64 = 29.0;
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Example:\n  cubectl run plan.json --bus can0 --record throw1\n\nThe arm must be homed and stand where the plan begins (`cubectl throw --plan` moves it\nthere). On every bus but `sim` it asks first; without a terminal it needs --yes. Ctrl-C stops it along its path."
+    after_help = "Example:\n  cubectl run plan.json --bus can0 --record throw1\n\nThe arm must be homed and stand where the plan begins (`cubectl throw --plan` moves it\nthere); to the first of waypoints it goes by itself. On every bus but `sim` it asks first; without a terminal it needs --yes. Ctrl-C stops it along its path."
 )]
 pub struct Args {
-    /// Plan (JSON), or trajectory file of a controller.
+    /// Plan (JSON), waypoints (CSV, or JointTrajectory as JSON or YAML), or trajectory file of a controller.
     pub file: PathBuf,
     /// Bus options; on the bus `sim` a soft controller is in the cell.
     #[command(flatten)]
@@ -55,6 +57,9 @@ pub struct Args {
     /// Print JSON.
     #[arg(long)]
     pub json: bool,
+    /// Times of waypoints.
+    #[command(flatten)]
+    pub retime: RetimeArgs,
 }
 
 fn start_in(text: &str) -> Result<f64, String> {
@@ -68,7 +73,7 @@ fn start_in(text: &str) -> Result<f64, String> {
 /// The file, the bus, no controller, its refusal, a stop or fault on the way, or an arm that does not follow.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let consent = Consent::on(&args.bus.bus, args.yes)?;
-    let source = read(&args.file, args.bus.cell.robot.as_deref())?;
+    let source = read(&args.file, args.bus.cell.robot.as_deref(), &args.retime)?;
     let key = args.key.load()?;
     let mut session = args.bus.open_with_controller()?;
     session.set_key(key);
@@ -76,6 +81,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         homes: args.home,
         start_in: args.start_in.map(Duration::from_secs_f64),
         patience: Duration::from_secs_f64(args.timeout),
+        travel: source.travels.then(|| Travel { share: args.retime.speed_share, ..Travel::default() }),
         ..source.order()
     };
     let words = ["The arm follows the trajectory. Nobody near?"; 2];

@@ -10,7 +10,7 @@ use operator::tracker::calibration::{Calibration, Pair, RoomToRobot, Solved, Uns
 use operator::tracker::client::{Place, TrackerError, measure};
 use operator::tracker::target::{Target, TargetRequest};
 use planner::store::file::write_whole;
-use robot_model::AnyRobot;
+use robot_model::{AnyRobot, Pose};
 
 use super::plan::options::point;
 use super::print_json;
@@ -140,9 +140,7 @@ impl TrackerArgs {
     fn room(&self) -> Result<(RoomToRobot, Option<f64>), ExpectedError> {
         let Some(path) = &self.calibration else { return Ok((RoomToRobot::identity(), None)) };
         let calibration = Calibration::load(path).map_err(|error| ExpectedError::bad_input(&error))?;
-        let refused = |error: Unsolved| ExpectedError::bad_input(&format!("{}: {error}", path.display()));
-        let solved = solve(&calibration.pairs).map_err(refused)?;
-        solved.agree().map_err(refused)?;
+        let solved = solved(&calibration, path)?;
         Ok((solved.x_wr, Some(solved.residual_rms_m)))
     }
 
@@ -197,6 +195,24 @@ impl TrackerArgs {
 }
 
 /// Two names of one robot are the same: its file, and the name in it.
+/// The frame of the room in that of the robot, by a calibration that was made for this robot.
+///
+/// # Errors
+/// The file is refused, or is of another robot.
+pub(super) fn room_to_robot(path: &Path, robot: &str) -> Result<Pose, ExpectedError> {
+    let calibration = Calibration::load(path).map_err(|error| ExpectedError::bad_input(&error))?;
+    require_robot(&calibration, path, robot)?;
+    let solved = solved(&calibration, path)?;
+    Ok(Pose::new(solved.x_wr.rotation, solved.x_wr.translation_m))
+}
+
+fn solved(calibration: &Calibration, path: &Path) -> Result<Solved, ExpectedError> {
+    let refused = |error: Unsolved| ExpectedError::bad_input(&format!("{}: {error}", path.display()));
+    let solved = solve(&calibration.pairs).map_err(refused)?;
+    solved.agree().map_err(refused)?;
+    Ok(solved)
+}
+
 fn require_robot(calibration: &Calibration, path: &Path, robot: &str) -> Result<(), ExpectedError> {
     let name = |robot: &str| {
         AnyRobot::load(robot).map_or_else(|_| robot.to_owned(), |robot| robot.name().to_owned())

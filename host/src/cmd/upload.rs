@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use protocol::cyphal::id::NodeId;
 
 use super::ended::{failure, outcome_last};
+use super::path_file::{self, RetimeArgs};
 use super::progress::ProgressView;
 use super::report::BIT_RATE;
 use crate::error::ExpectedError;
@@ -25,7 +26,7 @@ use planner::store::robot_fingerprint;
     after_help = "Example:\n  cubectl upload plan.json --bus can0\n\nThe file is a plan, or the controller's binary form of one. It is checked in the controller before it is committed."
 )]
 pub struct Args {
-    /// Plan (JSON), or trajectory file of a controller.
+    /// Plan (JSON), waypoints (CSV, or JointTrajectory as JSON or YAML), or trajectory file of a controller.
     pub file: PathBuf,
     /// Bus options; on the bus `sim` a soft controller is in the cell.
     #[command(flatten)]
@@ -36,6 +37,9 @@ pub struct Args {
     /// Cyphal node-ID of the controller. Default: the one that is heard.
     #[arg(long, value_name = "NODE-ID", value_parser = node_id)]
     pub controller: Option<NodeId>,
+    /// Times of waypoints.
+    #[command(flatten)]
+    pub retime: RetimeArgs,
 }
 
 /// A Cyphal node-ID on the command line.
@@ -51,7 +55,7 @@ pub(super) fn node_id(text: &str) -> Result<NodeId, String> {
 /// # Errors
 /// The file, the bus, no controller, or its refusal with the cause.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    let source = read(&args.file, args.bus.cell.robot.as_deref())?;
+    let source = read(&args.file, args.bus.cell.robot.as_deref(), &args.retime)?;
     let key = args.key.load()?;
     let mut session = args.bus.open_with_controller()?;
     session.set_key(key);
@@ -88,24 +92,25 @@ pub(super) struct Source {
     /// Fingerprint of its robot.
     pub(super) fingerprint: String,
     pub(super) program: Program,
+    /// The arm goes to the start by itself.
+    pub(super) travels: bool,
 }
 
 /// Reads a trajectory file of a controller or a plan; a plan must be for `robot`, if that is given.
-pub(super) fn read(path: &Path, robot: Option<&str>) -> Result<Source, ExpectedError> {
+pub(super) fn read(path: &Path, robot: Option<&str>, retime: &RetimeArgs) -> Result<Source, ExpectedError> {
     let bytes = toml_reader::read_bytes(path, planner::plan::file::FILE_MAX_BYTES)
         .map_err(|error| ExpectedError::io(path, &error))?;
     if bytes.starts_with(&firmware::trajectory_format::MAGIC) {
         let arm = super::arm(robot.unwrap_or("powercube6"))?;
         let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
         let motion = motion_of(&bytes).unwrap_or(Motion { knots: Vec::new(), events: Vec::new() });
-        return Ok(Source { arm, fingerprint, program: Program::File(bytes, motion) });
+        return Ok(Source { arm, fingerprint, program: Program::File(bytes, motion), travels: false });
     }
-    if !bytes.trim_ascii_start().starts_with(b"{") {
-        return Err(ExpectedError::bad_input(&format!(
-            "{}: neither a plan (JSON) nor a trajectory file of a controller (it does not begin with CTRJ)\n  next: \
-             `cubectl plan throw --out FILE` makes a plan",
-            path.display()
-        )));
+    if let Some(text) = path_file::waypoints_in(&bytes) {
+        let arm = super::arm(robot.unwrap_or("powercube6"))?;
+        let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
+        let motion = path_file::motion(path, text, &arm, retime)?;
+        return Ok(Source { arm, fingerprint, program: Program::Motion(motion), travels: true });
     }
     let bad = |error: &PlanFileError| ExpectedError::bad_input(error);
     let plan = PlanRecord::read(path).map_err(|error| bad(&error))?;
@@ -120,5 +125,10 @@ pub(super) fn read(path: &Path, robot: Option<&str>) -> Result<Source, ExpectedE
         }
     };
     require_robot(path, &id, motion.joints.len(), &arm).map_err(|error| bad(&error))?;
-    Ok(Source { arm, fingerprint: id.fingerprint, program: Program::Motion(motion.to_motion()) })
+    Ok(Source {
+        arm,
+        fingerprint: id.fingerprint,
+        program: Program::Motion(motion.to_motion()),
+        travels: false,
+    })
 }

@@ -36,6 +36,8 @@ impl Program {
 /// How far a job goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Extent {
+    /// The arm is ready to move, and its pose is known; the program does not count.
+    Ready,
     /// The program is in the controller.
     Upload,
     /// It has run.

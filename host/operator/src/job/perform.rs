@@ -72,7 +72,7 @@ pub fn perform(operator: &mut dyn Operator, order: &Order<'_>, ui: OnProgress<'_
     let mut steps =
         Steps { operator, order, record: Record::default(), ui, may_move: false, observed: false };
     steps.record.ended = steps.all().err();
-    if !steps.observed && order.extent != Extent::Upload {
+    if !steps.observed && matches!(order.extent, Extent::Run | Extent::Back) {
         // The ball may have left the hand before a stop, or leave it after.
         steps.observe();
     }
@@ -112,6 +112,10 @@ impl Steps<'_, '_> {
             return self.upload().map(drop);
         }
         self.home(&found)?;
+        if order.extent == Extent::Ready {
+            self.record.pose = Some(Joints::from_iterator(self.operator.pose()?));
+            return Ok(());
+        }
         self.begin(Step::Gains)?;
         self.agree()?;
         self.end(if order.gains.is_some() { "written and read back" } else { "those of the controller" });
@@ -131,7 +135,9 @@ impl Steps<'_, '_> {
             self.require(Question::Move)?;
             self.drive(motion)?;
             self.record.approach_s = Some(motion.duration_s());
-            self.end(&format!("{} legs, {:.1} s", motion.knots.len() - 1, motion.duration_s()));
+            // A straight motion has seven pieces at most.
+            let how = if motion.knots.len() > 8 { "around what is in the way" } else { "straight" };
+            self.end(&format!("{how}, {:.1} s", motion.duration_s()));
         }
         self.require(if order.judge.throws() { Question::Throw } else { Question::Move })?;
         self.run(motion)?;

@@ -56,6 +56,9 @@ fn reached(samples: &Samples, motion: &Motion) -> Option<Reached> {
 }
 
 pub(super) fn verdict(record: &Record) -> (Outcome, String) {
+    if record.pose.is_some() {
+        return (Outcome::Reached, "the arm stands and is ready to move".to_owned());
+    }
     if record.steps.iter().all(|(step, ..)| *step != super::Step::Run) {
         return (Outcome::Stored, "stored and committed".to_owned());
     }

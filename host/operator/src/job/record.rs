@@ -18,6 +18,7 @@ use crate::rsi::operator::Led;
 use crate::samples::drives::Drives;
 use crate::trajectory::TrajectoryError;
 use crate::way::NoWay;
+use planner::plan::Joints;
 use tuner::gains::gains_file::GainsFileError;
 
 /// A step of the job.
@@ -72,7 +73,7 @@ pub enum JobError {
     #[error(transparent)]
     Operator(#[from] OperatorError),
     /// No way to the start.
-    #[error(transparent)]
+    #[error("{0}\n  next: {next}", next = crate::way::next(.0))]
     Way(#[from] NoWay),
     /// A motion is nothing for a controller.
     #[error(transparent)]
@@ -140,6 +141,8 @@ pub struct Record {
     pub node: Option<NodeId>,
     /// Each step that ended: time of the link at its begin and end.
     pub steps: Vec<(Step, Instant, Instant)>,
+    /// Where the arm stands, rad; of a job that goes as far as [`super::Extent::Ready`].
+    pub pose: Option<Joints>,
     /// The step at work.
     pub at_work: Option<(Step, Instant)>,
     /// Control period, µs.

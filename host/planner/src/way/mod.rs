@@ -208,7 +208,7 @@ fn name<const N: usize>(arm: &RobotModel<N>, scene: &Scene, body: Body) -> Strin
             arm.collision().boxes().get(index).map_or_else(|| "?".to_owned(), |b| b.name.clone())
         }
         Body::Obstacle(index) => {
-            scene.obstacles.get(index).map_or_else(|| "?".to_owned(), |(name, _)| format!("obstacle {name}"))
+            scene.obstacles.get(index).map_or_else(|| "?".to_owned(), |(name, _)| name.clone())
         }
         Body::Floor => "floor".to_owned(),
         Body::Ball => "ball".to_owned(),

@@ -19,7 +19,7 @@ pub fn two_numbers(text: &str) -> Result<[f64; 2], String> {
 }
 
 /// Six numbers separated by commas.
-pub(super) fn six_numbers(text: &str) -> Result<[f64; 6], String> {
+pub(in crate::cmd) fn six_numbers(text: &str) -> Result<[f64; 6], String> {
     numbers(text)
 }
 

@@ -1,0 +1,342 @@
+//! `cubectl move`
+
+use std::path::PathBuf;
+
+use nalgebra::Vector3;
+use planner::motion::Motion;
+use planner::plan::file::{MotionInfo, RobotId};
+use planner::plan::{Arm, Joints};
+use planner::record::MovePlan;
+use planner::store::robot_fingerprint;
+use planner::way::{Goal, Travel, WayError, straight_to, way, way_to};
+use protocol::cyphal::id::NodeId;
+use robot_model::Pose;
+use robot_model::collision::{CollisionChecker, Obb, Scene};
+
+use super::consent::Consent;
+use super::controlled::tell_warnings;
+use super::ended::{failure, off_target, outcome_last};
+use super::goal::{Angles, Difference, Hand};
+use super::poses::{Poses, PosesArgs};
+use super::progress::{ProgressView, Ui};
+use super::report::BIT_RATE;
+use super::{fixed, print_json};
+use crate::error::ExpectedError;
+use crate::exit;
+use operator::bus::BusArgs;
+use operator::bus::key_file::KeyArgs;
+use operator::job::summary::{Circumstances, summary};
+use operator::job::{Extent, Judge, Order, Program, perform};
+use operator::port::OnBus;
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+#[command(
+    group = clap::ArgGroup::new("goal").required(true).args(["joints", "by", "to", "pose"]),
+    after_help = "Examples:\n  cubectl move --joints 0,-40deg,60deg,0,30deg,0 --bus can0\n  cubectl move --by 3=+10deg --bus can0\n  \
+cubectl move --to 0.4,0.1,0.5 --home\n  cubectl move --to 0.4,0.1,0.5,0,90deg,0 --straight --dry-run --home\n  cubectl move --pose park --bus can0\n\n\
+The arm goes around its own body, the floor and obstacles. On every bus but `sim` it asks first, with the way known; without a terminal it needs\n--yes. \
+Ctrl-C stops it along its path. On the bus `sim` the arm is gone when the command ends: `cubectl sim` serves one that stays."
+)]
+pub struct Args {
+    /// To these joint angles, base first: rad, or degrees with `deg` behind the number.
+    #[arg(long, value_name = "ANGLE,..", allow_hyphen_values = true)]
+    pub joints: Option<Angles>,
+    /// Turn joints by angles: JOINT=ANGLE, for example 3=+10deg; several with commas.
+    #[arg(long, value_name = "JOINT=ANGLE", allow_hyphen_values = true, value_delimiter = ',')]
+    pub by: Vec<Difference>,
+    /// The hand (end effector of the robot file) to a place: x,y,z in m, turned as comes with the least motion; or a pose with
+    /// roll,pitch,yaw behind it.
+    #[arg(long, value_name = "X,Y,Z[,R,P,Y]", allow_hyphen_values = true)]
+    pub to: Option<Hand>,
+    /// To a named pose.
+    #[arg(long, value_name = "NAME")]
+    pub pose: Option<String>,
+    /// The hand goes on a straight line; with x,y,z alone it keeps its orientation.
+    #[arg(long, requires = "to")]
+    pub straight: bool,
+    /// The place of --to is in the frame of the room, which this calibration of `cubectl tracker calibrate` relates to the robot.
+    #[arg(long, value_name = "FILE", requires = "to")]
+    pub calibration: Option<PathBuf>,
+    /// Share of the robot's speeds, accelerations and jerks.
+    #[arg(long, default_value_t = 0.2, value_name = "SHARE", value_parser = super::home::share)]
+    pub speed_share: f64,
+    /// Box that nothing may touch: centre and half edge lengths in m, base frame. May be given more than once.
+    #[arg(long, value_name = "X,Y,Z,HX,HY,HZ", allow_hyphen_values = true, value_parser = super::plan::six_numbers)]
+    pub obstacle: Vec<[f64; 6]>,
+    /// The ball is in the hand and must not touch anything either.
+    #[arg(long)]
+    pub ball: bool,
+    /// Seed of the search for a way around.
+    #[arg(long, default_value_t = 1)]
+    pub way_seed: u64,
+    /// Find the way and say how long it takes; nothing moves.
+    #[arg(long)]
+    pub dry_run: bool,
+    /// Write the motion as a plan, which `cubectl run` takes.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// File with named poses.
+    #[command(flatten)]
+    pub poses: PosesArgs,
+    /// Bus options; on the bus `sim` a controller is in the cell.
+    #[command(flatten)]
+    pub bus: BusArgs,
+    /// Key of the controller.
+    #[command(flatten)]
+    pub key: KeyArgs,
+    /// Which controller.
+    #[arg(long, value_name = "NODE-ID", value_parser = super::upload::node_id)]
+    pub controller: Option<NodeId>,
+    /// Home what is not homed first.
+    #[arg(long)]
+    pub home: bool,
+    /// Do not ask before the arm moves.
+    #[arg(long)]
+    pub yes: bool,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Runs the verb.
+///
+/// # Errors
+/// A place that cannot be reached, no way, the bus, a controller that refuses, a stop or fault on the way, or an arm that is not where
+/// it should be.
+pub fn run(args: &Args) -> Result<(), ExpectedError> {
+    let consent = Consent::on(&args.bus.bus, args.yes || args.dry_run)?;
+    let source = args.bus.cell.robot.as_deref().unwrap_or("powercube6");
+    let arm = super::arm(source)?;
+    let scene = args.scene();
+    let target = Target::of(args, &arm)?;
+    let fingerprint = format!("{:016x}", robot_fingerprint(&arm));
+    let key = args.key.load()?;
+    let mut session = args.bus.open_with_controller()?;
+    session.set_key(key);
+    let words = ["The arm moves. Nobody near?"; 2];
+    let mut ui = Ui { progress: ProgressView::new(args.json), consent, words, look: None, agreed: false };
+    let mut operator = OnBus::new(&mut session, args.controller, BIT_RATE);
+    let order = |motion: Motion, extent| Order {
+        homes: args.home,
+        extent,
+        scene: scene.clone(),
+        ..Order::new(&arm, &fingerprint, Program::Motion(motion), Judge::Reach)
+    };
+
+    let ready = perform(&mut operator, &order(Motion::default(), Extent::Ready), &mut |step| ui.answer(step));
+    let way = match (failure(&ready), &ready.pose) {
+        (None, Some(from)) => target.way(args, &arm, &scene, from).map(|way| (way, *from)),
+        (wrong, _) => Err(wrong.unwrap_or_else(|| ExpectedError::new(exit::DRIVE, "no pose was measured"))),
+    };
+    let (way, from) = match way {
+        Ok(found) => found,
+        Err(wrong) => {
+            ui.progress.quiet();
+            session.finish()?;
+            return Err(wrong);
+        }
+    };
+    let Some(motion) = way else {
+        ui.progress.quiet();
+        session.finish()?;
+        say(args, &arm, &Said { from: &from, motion: None, moved: false, record: None });
+        return Ok(());
+    };
+    let written =
+        args.out.as_ref().map_or(Ok(()), |path| write_plan(path, source, &fingerprint, &arm, &motion));
+    if args.dry_run || written.is_err() {
+        ui.progress.quiet();
+        session.finish()?;
+        written?;
+        say(args, &arm, &Said { from: &from, motion: Some(&motion), moved: false, record: None });
+        return Ok(());
+    }
+    ui.progress.way(&describe(&arm, &motion));
+    let order = order(motion, Extent::Run);
+    let record = perform(&mut operator, &order, &mut |step| ui.answer(step));
+    ui.progress.quiet();
+    tell_warnings(&mut session);
+    let wrong = failure(&record).or_else(|| off_target(&record, &order.judge));
+    let (bus, simulated, bus_errors) =
+        (session.name().to_owned(), session.is_simulated(), session.bus_errors().len());
+    let finished = session.finish().map_err(ExpectedError::from);
+    if args.json {
+        let about = Circumstances {
+            bus: &bus,
+            time: if simulated { "virtual time" } else { "real time" },
+            controller: "node",
+            exit_code: wrong.as_ref().map_or(exit::OK, |error| error.code),
+            cause: wrong.as_ref().map(|error| error.message.as_str()),
+            bus_errors,
+            wall_s: &ui.progress.wall_s,
+            ..Circumstances::default()
+        };
+        print_json(&summary(&order, &record, &about));
+    } else if wrong.is_none() {
+        let motion = Some(order.program.motion());
+        say(args, &arm, &Said { from: &from, motion, moved: true, record: Some(&record.verdict.text) });
+    }
+    outcome_last(wrong, finished, None)
+}
+
+impl Args {
+    fn scene(&self) -> Scene {
+        let named = |(b, k): (&[f64; 6], usize)| {
+            let obb = Obb::new(Pose::translation(b[0], b[1], b[2]), Vector3::new(b[3], b[4], b[5]));
+            (format!("obstacle {k}"), obb)
+        };
+        Scene { obstacles: self.obstacle.iter().zip(1..).map(named).collect(), ball_held: self.ball }
+    }
+}
+
+/// Where to.
+enum Target {
+    Joints(Joints),
+    By(Vec<Difference>),
+    Hand(Goal),
+}
+
+impl Target {
+    fn of(args: &Args, arm: &Arm) -> Result<Self, ExpectedError> {
+        let joints = arm.joints().len();
+        let fits = |q: &[f64]| {
+            (q.len() == joints).then(|| Joints::from_column_slice(q)).ok_or_else(|| {
+                ExpectedError::bad_input(&format!(
+                    "{} angles for an arm of {joints} joints\n  next: give one for each joint",
+                    q.len()
+                ))
+            })
+        };
+        if let Some(Angles(q)) = &args.joints {
+            return Ok(Self::Joints(fits(q)?));
+        }
+        if let Some(name) = &args.pose {
+            return Ok(Self::Joints(fits(Poses::read(&args.poses.poses)?.of(name, arm.name())?)?));
+        }
+        if let Some(Hand(goal)) = args.to {
+            let Some(path) = &args.calibration else { return Ok(Self::Hand(goal)) };
+            let x_wr = super::tracker::room_to_robot(path, arm.name())?;
+            return Ok(Self::Hand(match goal {
+                Goal::Point(p) => Goal::Point(x_wr.transform_point(&p)),
+                Goal::Pose(pose) => Goal::Pose(x_wr * pose),
+            }));
+        }
+        match args.by.iter().find(|by| by.joint > joints) {
+            Some(by) => Err(ExpectedError::bad_input(&format!(
+                "joint {} of an arm of {joints} joints\n  next: name a joint from 1 to {joints}",
+                by.joint
+            ))),
+            None => Ok(Self::By(args.by.clone())),
+        }
+    }
+
+    /// The way there; `None` if the arm is there.
+    fn way(
+        &self,
+        args: &Args,
+        arm: &Arm,
+        scene: &Scene,
+        from: &Joints,
+    ) -> Result<Option<Motion>, ExpectedError> {
+        let travel = Travel { share: args.speed_share, seed: args.way_seed, range: None };
+        let found = match self {
+            Self::Joints(to) => way(arm, scene, &travel, from, to),
+            Self::By(all) => {
+                let mut to = *from;
+                all.iter().for_each(|by| to[by.joint - 1] += by.by_rad);
+                way(arm, scene, &travel, from, &to)
+            }
+            Self::Hand(goal) if args.straight => straight_to(arm, scene, &travel, from, goal),
+            Self::Hand(goal) => way_to(arm, scene, &travel, from, goal),
+        };
+        found.map_err(|error| {
+            let next = match &error {
+                WayError::Blocked { at_start: true, .. } => "`cubectl jog` frees the arm; nothing has moved",
+                WayError::Blocked { .. } => "choose another place; nothing has moved",
+                WayError::NoWay { .. } => {
+                    "try another --way-seed, or go by a place between; nothing has moved"
+                }
+                WayError::Goal(_) => "choose another place, or leave the orientation out; nothing has moved",
+                WayError::Line(_) => "leave --straight out, or go to another place first; nothing has moved",
+                WayError::Share { .. } => "--speed-share 0.2",
+            };
+            let code = if matches!(error, WayError::Share { .. }) { exit::BAD_INPUT } else { exit::NO_THROW };
+            ExpectedError::new(code, format!("{error}\n  next: {next}"))
+        })
+    }
+}
+
+fn write_plan(
+    path: &std::path::Path,
+    source: &str,
+    fingerprint: &str,
+    arm: &Arm,
+    motion: &Motion,
+) -> Result<(), ExpectedError> {
+    let robot = RobotId {
+        source: source.to_owned(),
+        name: arm.name().to_owned(),
+        fingerprint: fingerprint.to_owned(),
+    };
+    let names = arm.joints().iter().map(|joint| joint.name.clone());
+    let text = MovePlan::new(robot, MotionInfo::of(names, motion)).to_json();
+    planner::store::file::write_whole(path, text.as_bytes())
+        .map_err(|error| ExpectedError::output(path, &error))
+}
+
+/// What came of it.
+struct Said<'a> {
+    from: &'a Joints,
+    motion: Option<&'a Motion>,
+    moved: bool,
+    record: Option<&'a str>,
+}
+
+fn describe(arm: &Arm, motion: &Motion) -> String {
+    let hand = arm.ee_at(&motion.stop_rad()).pos;
+    let [x, y, z] = [hand.x, hand.y, hand.z].map(|value| fixed(value, 3));
+    format!("{:.2} s, {} knots; the hand comes to ({x}, {y}, {z}) m", motion.duration_s(), motion.knots.len())
+}
+
+/// Says where the arm is or would be.
+fn say(args: &Args, arm: &Arm, said: &Said<'_>) {
+    let end = said.motion.map_or(*said.from, Motion::stop_rad);
+    let clearance = said.motion.map(|motion| clearance_m(args, arm, motion));
+    if args.json {
+        print_json(&serde_json::json!({
+            "outcome": if said.motion.is_none() { "there" } else { "dry_run" },
+            "from_rad": said.from.as_slice(),
+            "to_rad": end.as_slice(),
+            "duration_s": said.motion.map(Motion::duration_s),
+            "knots": said.motion.map(|motion| motion.knots.len()),
+            "clearance_m": clearance,
+        }));
+        return;
+    }
+    let degrees: Vec<String> = end.iter().map(|q| fixed(q.to_degrees(), 2)).collect();
+    match said.motion {
+        None => console::line!("the arm is there: {} deg; nothing has moved", degrees.join(" ")),
+        Some(motion) => {
+            if let Some(verdict) = said.record {
+                console::line!("{verdict}");
+            } else {
+                console::line!("way: {}", describe(arm, motion));
+            }
+            let nearest = clearance
+                .map_or_else(String::new, |m| format!("; nearest approach of two bodies {:.0} mm", 1e3 * m));
+            console::line!("{} deg{nearest}", degrees.join(" "));
+            if !said.moved {
+                console::line!("nothing has moved");
+            }
+        }
+    }
+}
+
+/// Nearest approach of any two bodies that are tested, at samples of the motion, m.
+fn clearance_m(args: &Args, arm: &Arm, motion: &Motion) -> f64 {
+    let scene = args.scene();
+    let mut checker = CollisionChecker::new(arm, &scene);
+    let at = |i: u32| motion.at(motion.duration_s() * f64::from(i) / 200.0).q;
+    (0..=200).map(|i| checker.clearance(&arm.fk(&at(i))).distance_m).fold(f64::INFINITY, f64::min)
+}
