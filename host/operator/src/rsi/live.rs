@@ -274,6 +274,11 @@ pub fn serve(
     let mut robot: Option<SocketAddr> = None;
     let (mut ends_at, mut stopping, mut leaving_since) = (None::<Instant>, false, None::<WallTime>);
     let mut buffer = vec![0; LONGEST];
+    // A program that ended just now may have answered the last telegram. A robot that misses an answer says so: no cycle of its
+    // is answered before a whole one has passed. A stream ends with the program that it belonged to.
+    let is_next_program = time == Time::Clock && matches!(port, Port::Udp(_));
+    let cycle_us = station.settings().cycle_period().as_micros();
+    let listens_from = Instant::from_micros(if is_next_program { cycle_us + cycle_us / 2 } else { 0 });
     loop {
         host.log(station.take_log());
         let now = clock.now();
@@ -311,6 +316,9 @@ pub fn serve(
             _ => LOOK,
         };
         let Some(arrived) = port.receive(left, &mut buffer)? else { continue };
+        if now < listens_from {
+            continue;
+        }
         if leaving_since.is_some() && robot != Some(arrived.from) {
             // The program that was told to end has ended; the next one is for somebody else.
             host.log(station.take_log());
