@@ -27,6 +27,13 @@ within() { # file, what costs, most: the dearest call of this kind that is told 
     [ "$worst" -le "$3" ] || { echo "a $2 took $worst instructions, more than $3"; return 1; }
 }
 step="control step of six joints" taken="end state taken over"
+# `SECURITY.md` says what the digests cost: instructions, and bytes of the image.
+most_settings=200000 most_kibibyte=80000 most_flash=1500
+settings="digest of the settings" kibibyte="digest of 1 KiB of a file"
+flash=0
+while read -r _ size _ _; do flash=$((flash + 16#$size)); done < <(nm -S "$elf" | grep -E ' (_ZN4sha2|_ZN12block_buffer|_ZN8firmware9registers6digest10run_digest)')
+echo "digests in the image: $flash bytes"
+[ "$flash" -gt 0 ] && [ "$flash" -le $most_flash ] || { echo "not between 1 and $most_flash bytes"; exit 1; }
 for what in throw catch; do
     cd "$dir/$what"
     echo "$what:"
@@ -34,6 +41,8 @@ for what in throw catch; do
     cmp frames.bin expected.bin
     within costs.txt "$step" $most_step
     within costs.txt "$taken" $most_target
+    within costs.txt "$settings" $most_settings
+    within costs.txt "$kibibyte" $most_kibibyte
     echo "frame log of $(($(stat -c %s frames.bin) / 24)) frames: identical"
 done
 # The limits themselves: a step that costs one instruction more is found, and so is a log without a step or without an end state.

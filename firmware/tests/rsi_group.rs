@@ -46,8 +46,10 @@ pub(crate) enum Wire {
     OtherNumber,
     /// The telegram arrives with a count of late answers of zero.
     NoLate,
-    /// The telegram arrives without positions.
+    /// The telegram arrives with its number only.
     NoPositions,
+    /// The telegram arrives without actual axes.
+    NoAxes,
 }
 
 pub(crate) struct Robot {
@@ -67,6 +69,8 @@ pub(crate) struct Robot {
     pub(crate) dead_cycles: usize,
     /// Late answers are counted in a row.
     pub(crate) counts_in_a_row: bool,
+    /// Telegrams carry the count of late answers.
+    pub(crate) names_late: bool,
     /// Largest change of a correction that was taken, per limit of its axis: of speed (0) and acceleration (1). What the robot
     /// does itself when it has no answer is not counted: it stands.
     pub(crate) leap: [f64; 2],
@@ -88,6 +92,7 @@ impl Robot {
             v_max: 0.0,
             dead_cycles: DEAD_CYCLES,
             counts_in_a_row: false,
+            names_late: true,
             leap: [0.0; 2],
         }
     }
@@ -104,6 +109,7 @@ impl Robot {
             v_max: self.v_max,
             dead_cycles: self.dead_cycles,
             counts_in_a_row: self.counts_in_a_row,
+            names_late: self.names_late,
             leap: self.leap,
             set: self.set.clone(),
             ..Self::new(set)
@@ -170,7 +176,7 @@ impl Robot {
             ipoc: self.ipoc,
             q_rad: pose(self.q),
             start_rad: pose(self.start),
-            late: Some(self.late),
+            late: self.names_late.then_some(self.late),
             new_connection: false,
         }
     }
@@ -311,6 +317,10 @@ impl Cell {
             Wire::NoPositions => {
                 let answer =
                     self.hand_over(&Telegram { q_rad: None, start_rad: None, late: None, ..telegram });
+                self.take(answer);
+            }
+            Wire::NoAxes => {
+                let answer = self.hand_over(&Telegram { q_rad: None, ..telegram });
                 self.take(answer);
             }
             Wire::OtherNumber => {

@@ -32,8 +32,10 @@ enum Trouble {
     /// The program of the robot begins again after its arm went back to its start pose, this many cycles later; its numbers go on
     /// or begin again.
     BackAtStart(u32, bool),
-    /// The controller begins again.
-    OtherController,
+    /// The controller begins again, this many cycles later.
+    OtherController(u32),
+    /// As before, and what it hears first has no positions.
+    OtherControllerWithoutPositions(u32),
 }
 
 /// Same limits as the cell's own.
@@ -75,10 +77,15 @@ fn strike(cell: &mut Cell, trouble: Trouble) {
             cell.robot.return_to_start();
             cell.robot.ipoc = if numbers_go_on { ipoc } else { cell.robot.ipoc };
         }
-        Trouble::OtherController => {
-            // A program needs longer to begin than the axes need to show what they were given.
-            for_cycles(25, Wire::TelegramLost);
+        Trouble::OtherController(cycles) => {
+            for_cycles(cycles, Wire::TelegramLost);
             other_controller(cell);
+        }
+        Trouble::OtherControllerWithoutPositions(cycles) => {
+            for_cycles(cycles, Wire::TelegramLost);
+            other_controller(cell);
+            cell.forced = Some(Wire::NoPositions);
+            step(cell);
         }
     }
 }
@@ -166,9 +173,51 @@ fn outage_at_full_speed_ends_the_run_and_the_axes_are_held_where_the_robot_holds
 
 #[test]
 fn controller_that_begins_again_in_a_run_gives_no_zeros_to_an_arm_away_from_its_start() {
-    let cell = thrown_with(UNDER_WAY, false, Trouble::OtherController);
+    let cell = thrown_with(UNDER_WAY, false, Trouble::OtherController(25));
     assert!(given_rad(&cell) > 0.2, "{}", given_rad(&cell));
     assert_eq!(cell.kind(), StateKind::Boot);
+}
+
+/// The axes follow a correction after 96 ms: an arm that stands at its start pose may have been given one.
+#[test]
+fn controller_that_begins_again_within_the_lag_waits_for_what_the_axes_were_given() {
+    for in_a_row in [false, true] {
+        for names_late in [true, false] {
+            // From the first corrections of the throw until the arm is well on its way.
+            for cycle in 1..UNDER_WAY {
+                for gap in [1, 2, 5, 8, 12, 25] {
+                    let (mut cell, _) = Cell::thrown();
+                    (cell.robot.counts_in_a_row, cell.robot.names_late) = (in_a_row, names_late);
+                    for _ in 0..cycle {
+                        step(&mut cell);
+                    }
+                    strike(&mut cell, Trouble::OtherController(gap));
+                    for _ in 0..60 {
+                        step(&mut cell);
+                    }
+                    assert_no_leap(&cell, &(cycle, gap, in_a_row, names_late));
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn telegram_without_positions_has_no_answer_of_a_controller_that_begins_again() {
+    for cycle in 1..UNDER_WAY {
+        thrown_with(cycle, false, Trouble::OtherControllerWithoutPositions(cycle as u32 % 9));
+    }
+}
+
+#[test]
+fn program_whose_first_telegram_has_no_positions_is_led_from_its_start() {
+    for wire in [Wire::NoPositions, Wire::NoAxes] {
+        let mut cell = Cell::new();
+        cell.forced = Some(wire);
+        cell.run_until(100, StateKind::Ready);
+        assert!(given_rad(&cell) < 1e-9 && cell.robot.late <= 30, "{wire:?}: {}", cell.robot.late);
+        assert_no_leap(&cell, &wire);
+    }
 }
 
 #[test]
@@ -231,7 +280,7 @@ fn ball_is_released_near_its_path_or_not_at_all() {
 }
 
 fn drawn(rng: &mut Rng) -> Trouble {
-    match rng.below(15) {
+    match rng.below(16) {
         0 => Trouble::AnswersLate(1 + rng.below(4) as u32),
         1 => Trouble::AnswersLost(1 + rng.below(4) as u32),
         2 => Trouble::TelegramsLost(1 + rng.below(4) as u32),
@@ -247,7 +296,8 @@ fn drawn(rng: &mut Rng) -> Trouble {
         12 => Trouble::Restart,
         // The arm needs time to go back.
         13 => Trouble::BackAtStart(4 + rng.below(116) as u32, rng.below(2) == 0),
-        _ => Trouble::OtherController,
+        14 => Trouble::OtherController(1 + rng.below(40) as u32),
+        _ => Trouble::OtherControllerWithoutPositions(rng.below(40) as u32),
     }
 }
 

@@ -10,7 +10,7 @@ use protocol::Duration;
 use rsi_protocol::Generation;
 
 use Direction::{ToClient, ToRobot};
-use LinkFaultKind::{Doubled, Late, Lost, Reordered, Torn, WrongIpoc};
+use LinkFaultKind::{Doubled, Late, Lost, Reordered, Torn, WithoutAxes, WrongIpoc};
 
 const fn late_ms(ms: u64) -> LinkFaultKind {
     Late(Duration::from_millis(ms))
@@ -38,7 +38,7 @@ fn summary<C: Client>(bench: &Bench<C>) -> (u64, Vec<&'static str>, &'static str
 #[test]
 fn one_fault_of_the_network_costs_at_most_one_answer() {
     type Row = (&'static str, LinkFaultKind, Direction, u64, &'static [&'static str]);
-    let table: [Row; 20] = [
+    let table: [Row; 21] = [
         ("UDP", Lost, ToRobot, 1, &[]),
         ("UDP", Lost, ToClient, 1, &[]),
         ("UDP", late_ms(5), ToRobot, 0, &[]),
@@ -55,6 +55,8 @@ fn one_fault_of_the_network_costs_at_most_one_answer() {
         ("UDP", Torn, ToClient, 1, &[]),
         ("UDP", WrongIpoc(1), ToRobot, 1, &["wrong-ipoc"]),
         ("UDP", WrongIpoc(-1), ToClient, 1, &["wrong-ipoc"]),
+        // The client of this test has no answer to it.
+        ("UDP", WithoutAxes, ToClient, 1, &[]),
         ("TCP", Torn, ToRobot, 1, &["torn"]),
         ("TCP", Doubled, ToRobot, 0, &["second"]),
         // The stream keeps the order: the next answer comes right behind and counts.

@@ -61,6 +61,7 @@ fn every_key_is_read() {
          [network]\ndelay_s = 0.0001\njitter_s = 0.0002\n\
          [[fault]]\nkind = \"late\"\ndirection = \"to-robot\"\nby_s = 0.02\nstart_s = 1\nlength_s = 2\nprobability = 0.5\n\
          [[fault]]\nkind = \"wrong-ipoc\"\ndirection = \"to-client\"\nby = -4\n\
+         [[fault]]\nkind = \"without-axes\"\ndirection = \"to-client\"\n\
          [[fault]]\nkind = \"cut-out\"\nstart_s = 3\n[[fault]]\nkind = \"restart\"\nstart_s = 4\npause_s = 0.1\n"
     );
     let scenario = read(&text).unwrap();
@@ -98,7 +99,8 @@ fn every_key_is_read() {
         until: Instant::FAR_FUTURE,
         probability: 1.0,
     };
-    assert_eq!(scenario.link_faults, [late, wrong]);
+    let bare = LinkFault { kind: LinkFaultKind::WithoutAxes, ..wrong };
+    assert_eq!(scenario.link_faults, [late, wrong, bare]);
     let restart = RobotFault::Restart { at: at(4), pause: Duration::from_millis(100) };
     assert_eq!(scenario.robot_faults, [RobotFault::CutOut { at: at(3) }, restart]);
 }

@@ -4,9 +4,9 @@ use protocol::powercube::BaudRate;
 use protocol::{Duration, Instant, ModuleId};
 use robot_model::{AnyRobot, JointVec, RobotModel, for_any_robot};
 
-use super::Cell;
 use super::finger_release::FingerRelease;
 use super::throw::Throw;
+use super::{Cell, Mounting};
 use crate::drive::{DriveOptions, Nameplate, PowerCubeDrive};
 use crate::mechanics::{
     Body, Gripper, GripperOptions, JointMechanics, MechanicsOptions, Mechanism, Plant, Scatter, Supply,
@@ -32,12 +32,20 @@ pub struct CellOptions {
     pub step: Duration,
     /// Joint angles at time 0, rad; `None` is 0.1 rad above the middle of the ranges, just beside the home switches.
     pub start_q_rad: Option<Vec<f64>>,
+    /// How the drives sit on their joints, base first; the rest reads the angle of its joint.
+    pub mounting: Vec<Mounting>,
     /// Rate of the bus; modules set to another one are off it.
     pub bit_rate: BaudRate,
     /// At time 0 the drives are switched on; otherwise they have been up for a while.
     pub cold_start: bool,
     /// The electronics hang on the motor supply: a cut-out restarts the drives. Off: a logic supply of their own.
     pub logic_on_motor_supply: bool,
+}
+
+impl CellOptions {
+    fn mounting_of(&self, joint: usize) -> Mounting {
+        self.mounting.get(joint).copied().unwrap_or_default()
+    }
 }
 
 impl Default for CellOptions {
@@ -51,6 +59,7 @@ impl Default for CellOptions {
             scatter: Scatter::default(),
             step: Duration::from_millis(1),
             start_q_rad: None,
+            mounting: Vec::new(),
             bit_rate: BaudRate::Kbit1000,
             cold_start: false,
             logic_on_motor_supply: false,
@@ -122,14 +131,15 @@ impl Cell {
             let address = description[i].address;
             let clash = drives.iter().any(|d: &PowerCubeDrive| d.address().get() == address);
             let plate = Nameplate::of_joint(model, i, tuned[i]).filter(|_| !clash);
-            let mut plate = plate.ok_or(CellError::Address { joint: i + 1, address })?;
+            let mounting = options.mounting_of(i);
+            let mut plate = mounting.plate(plate.ok_or(CellError::Address { joint: i + 1, address })?);
             plate.k_b_a_s_rad *= deviations[i].current;
             plate.k_m_a_nm *= deviations[i].current;
             plate.home_error_rad = deviations[i].home_rad;
             let mut own = options.drive.clone();
             own.processing_delay =
                 Duration::from_secs_f64(own.processing_delay.as_secs_f64() * deviations[i].delay);
-            drives.push(PowerCubeDrive::new(plate, own, seed, q[i]));
+            drives.push(PowerCubeDrive::new(plate, own, seed, mounting.drive_rad(q[i])));
         }
         let plant = options.mechanics.build(model, q, &deviations);
         let supplies: Vec<Supply> = model
@@ -175,7 +185,8 @@ impl Cell {
         for i in 0..N {
             let address = ModuleId::new(i as u8 + 1)
                 .map_err(|_| CellError::Address { joint: i + 1, address: i as u8 + 1 })?;
-            let plate = Nameplate::bench(address, firmware);
+            let mounting = options.mounting_of(i);
+            let plate = mounting.plate(Nameplate::bench(address, firmware));
             let half = 0.5 * plate.servo_inertia_kg_m2;
             joints[i] = JointMechanics {
                 rotor_kg_m2: half,
@@ -189,7 +200,7 @@ impl Cell {
                     * (options.mechanics.stop_stiffness_nm_rad * plate.servo_inertia_kg_m2).sqrt(),
                 elasticity: options.mechanics.elasticity,
             };
-            drives.push(PowerCubeDrive::new(plate, options.drive.clone(), seed, q[i]));
+            drives.push(PowerCubeDrive::new(plate, options.drive.clone(), seed, mounting.drive_rad(q[i])));
         }
         let wheels = Body::Wheels(JointVec::repeat(2.0));
         let plant: Box<dyn Plant> = Box::new(Mechanism::new(wheels, joints, q));
@@ -222,6 +233,7 @@ impl Cell {
         Ok(Self {
             inputs: vec![Default::default(); drives.len()],
             loads_a: vec![0.0; supplies.len()],
+            mounting: (0..drives.len()).map(|joint| options.mounting_of(joint)).collect(),
             drives,
             plant,
             supplies,

@@ -17,6 +17,7 @@
 mod build;
 mod faults;
 mod finger_release;
+mod mounting;
 mod throw;
 
 use std::borrow::Cow;
@@ -25,6 +26,7 @@ use protocol::powercube::{Address, BaudRate, Channel};
 use protocol::{Duration, Frame, Instant, ModuleId, Node};
 
 pub use build::{CellError, CellOptions};
+pub use mounting::Mounting;
 pub use throw::{BallState, ThrowReport};
 
 use crate::drive::PowerCubeDrive;
@@ -40,6 +42,8 @@ const LOGIC_SHARE_MIN: f64 = 0.4;
 /// Drives with everything behind them.
 pub struct Cell {
     drives: Vec<PowerCubeDrive>,
+    /// On their joints.
+    mounting: Vec<Mounting>,
     plant: Box<dyn Plant>,
     supplies: Vec<Supply>,
     /// Supply of each drive; `None` for a drive with a supply of its own that never sags.
@@ -127,8 +131,8 @@ impl Cell {
         let dt_s = self.step.as_secs_f64();
         let middle = self.grid + Duration::from_micros(self.step.as_micros() / 2);
         let end = self.grid + self.step;
-        for (input, drive) in self.inputs.iter_mut().zip(&self.drives) {
-            *input = drive.input(middle);
+        for ((input, drive), mounting) in self.inputs.iter_mut().zip(&self.drives).zip(&self.mounting) {
+            *input = mounting.input(drive.input(middle));
         }
         self.plant.step(dt_s, &self.inputs);
         self.loads_a.fill(0.0);
@@ -149,7 +153,7 @@ impl Cell {
             } else {
                 nominal_v
             };
-            drive.tick(end, self.plant.axis(index), motor_v, logic_v);
+            drive.tick(end, self.mounting[index].axis(self.plant.axis(index)), motor_v, logic_v);
         }
         self.throw.step(&self.drives, &*self.plant, end);
         self.plant.set_ball_held(self.throw.report().released_at.is_none());

@@ -27,6 +27,8 @@ pub enum LinkFaultKind {
     Torn,
     /// Its IPOC is changed by this much.
     WrongIpoc(i64),
+    /// It arrives without the actual axes (`AIPos`).
+    WithoutAxes,
 }
 
 /// A fault of the network.
@@ -109,6 +111,7 @@ impl DatagramLink {
                 LinkFaultKind::Reordered => hold = true,
                 LinkFaultKind::Torn => bytes.truncate(bytes.len() / 2),
                 LinkFaultKind::WrongIpoc(by) => bytes = with_other_ipoc(&bytes, by),
+                LinkFaultKind::WithoutAxes => bytes = without_axes(bytes),
             }
         }
         let due = now + delay;
@@ -180,4 +183,14 @@ fn with_other_ipoc(bytes: &[u8], by: i64) -> Vec<u8> {
         Some(format!("{before}<IPOC>{number}</IPOC>{after}").into_bytes())
     });
     changed.unwrap_or_else(|| bytes.to_vec())
+}
+
+/// The document without its element `AIPos`; unchanged if it has none.
+fn without_axes(bytes: Vec<u8>) -> Vec<u8> {
+    let changed = std::str::from_utf8(&bytes).ok().and_then(|text| {
+        let (before, rest) = text.split_once("<AIPos")?;
+        let (_, after) = rest.split_once("/>")?;
+        Some(format!("{before}{after}").into_bytes())
+    });
+    changed.unwrap_or(bytes)
 }

@@ -17,7 +17,7 @@
 //! upper = [100, 100, 100, 100, 100, 100]
 //!
 //! [[fault]]
-//! kind = "lost"                    # late (by_s), doubled, reordered, torn, wrong-ipoc (by), cut-out, restart (pause_s)
+//! kind = "lost"                    # late (by_s), doubled, reordered, torn, wrong-ipoc (by), without-axes, cut-out, restart (pause_s)
 //! direction = "to-robot"           # or "to-client"; not for cut-out and restart
 //! start_s = 2.0
 //! length_s = 0.5                   # to the end if left out
@@ -353,18 +353,20 @@ enum Kind {
     Reordered,
     Torn,
     WrongIpoc,
+    WithoutAxes,
     CutOut,
     Restart,
 }
 
 fn fault(table: &Section<'_>, protocol: Protocol) -> Result<AnyFault, KrcScenarioError> {
-    const KINDS: [(&str, Kind); 8] = [
+    const KINDS: [(&str, Kind); 9] = [
         ("lost", Kind::Lost),
         ("late", Kind::Late),
         ("doubled", Kind::Doubled),
         ("reordered", Kind::Reordered),
         ("torn", Kind::Torn),
         ("wrong-ipoc", Kind::WrongIpoc),
+        ("without-axes", Kind::WithoutAxes),
         ("cut-out", Kind::CutOut),
         ("restart", Kind::Restart),
     ];
@@ -389,6 +391,7 @@ fn fault(table: &Section<'_>, protocol: Protocol) -> Result<AnyFault, KrcScenari
         }
         Kind::Reordered => LinkFaultKind::Reordered,
         Kind::Torn => LinkFaultKind::Torn,
+        Kind::WithoutAxes => LinkFaultKind::WithoutAxes,
         Kind::WrongIpoc => {
             LinkFaultKind::WrongIpoc(table.required("by", |v| v.integer(-1_000_000..=1_000_000))?)
         }

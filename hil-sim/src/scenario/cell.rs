@@ -9,7 +9,7 @@ use toml_reader::Value;
 
 use super::values::{degrees, seconds};
 use super::{Problem, ScenarioError, Section};
-use crate::cell::CellOptions;
+use crate::cell::{CellOptions, Mounting};
 use crate::drive::options::{
     BeyondMaximum, BeyondSoftLimit, DriveOptions, HomeWhenHalted, InternalCommand, Persistence, RefusedReply,
     SignOfLife, StateFrames, StepPath, UnknownRequest,
@@ -36,6 +36,7 @@ pub(super) fn cell(root: &Section<'_>, bit_rate_bit_s: u32) -> Result<CellOption
         scatter: part(root, "scatter", scatter)?,
         step: default.step,
         start_q_rad: default.start_q_rad,
+        mounting: default.mounting,
         bit_rate,
         cold_start: default.cold_start,
         logic_on_motor_supply: default.logic_on_motor_supply,
@@ -43,6 +44,7 @@ pub(super) fn cell(root: &Section<'_>, bit_rate_bit_s: u32) -> Result<CellOption
     if let Some(table) = root.optional("cell", Value::section)? {
         options.step = table.or("step_s", options.step, |v| seconds(v, 0.005))?;
         options.start_q_rad = start_pose(&table)?;
+        options.mounting = mounting(&table)?;
         options.finger_release = table.or("finger_release", options.finger_release, Value::boolean)?;
         options.cold_start = table.or("cold_start", options.cold_start, Value::boolean)?;
         options.logic_on_motor_supply =
@@ -81,6 +83,20 @@ fn start_pose(table: &Section<'_>) -> Result<Option<Vec<f64>>, ScenarioError> {
         (Some(deg), None) => Ok(Some(deg.iter().map(|q| q.to_radians()).collect())),
         (None, rad) => Ok(rad),
     }
+}
+
+/// `inverted` and `offset_rad`, base first; joints beyond either list read what their drives read.
+fn mounting(table: &Section<'_>) -> Result<Vec<Mounting>, ScenarioError> {
+    let inverted: Vec<bool> =
+        table.or("inverted", Vec::new(), |v| v.items()?.iter().map(Value::boolean).collect())?;
+    let offset_rad: Vec<f64> = table.or("offset_rad", Vec::new(), |v| {
+        v.items()?.iter().map(|item| item.number_in(-6.3, 6.3)).collect()
+    })?;
+    let joint = |joint: usize| Mounting {
+        inverted: inverted.get(joint).copied().unwrap_or_default(),
+        offset_rad: offset_rad.get(joint).copied().unwrap_or_default(),
+    };
+    Ok((0..inverted.len().max(offset_rad.len())).map(joint).collect())
 }
 
 fn drive(table: &Section<'_>) -> Result<DriveOptions, ScenarioError> {

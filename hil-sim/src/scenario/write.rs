@@ -111,6 +111,11 @@ fn tables(scenario: &Scenario) -> Vec<(&'static str, Vec<String>)> {
         let list: Vec<String> = q.iter().map(|q| real(*q)).collect();
         own.push(format!("start_q_rad = [{}]", list.join(", ")));
     }
+    if !cell.mounting.is_empty() {
+        let inverted: Vec<bool> = cell.mounting.iter().map(|joint| joint.inverted).collect();
+        let offsets: Vec<String> = cell.mounting.iter().map(|joint| real(joint.offset_rad)).collect();
+        own.push(format!("inverted = {inverted:?}\noffset_rad = [{}]", offsets.join(", ")));
+    }
     let flag = |lines: &mut Vec<String>, key: &str, value: bool, default: bool| {
         if value != default {
             lines.push(format!("{key} = {value}"));

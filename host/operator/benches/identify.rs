@@ -12,6 +12,7 @@ use operator::bus::BusArgs;
 use operator::bus::args::CellArgs;
 use operator::identify::experiment::Bounds;
 use operator::identify::joint::{JointExperiments, identify};
+use operator::identify::mounting::Mounting;
 use rayon::prelude::*;
 use robot_model::AnyRobot;
 use tuner::identify::current::CurrentConstant;

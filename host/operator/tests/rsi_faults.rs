@@ -7,9 +7,13 @@ use firmware::fault::Cause;
 use hil_sim::krc::bench::RobotFault;
 use hil_sim::krc::{CycleRecord, Direction, FaultCause, KrcScenario, LinkFault, LinkFaultKind};
 use operator::job::{Outcome, Record};
-use operator::rsi::cell::Seen;
+use operator::rsi::cell::{self, Seen};
+use operator::rsi::program::{leading, start_of, station, travel};
 use operator::rsi::station::Stage;
+use planner::follow::limits::Axes;
+use planner::way::way;
 use protocol::{Duration, Instant};
+use robot_model::collision::Scene;
 
 /// Distance of each axis from the end of the plan at which it counts as there, rad.
 const END_RAD: f64 = 1e-3;
@@ -21,9 +25,9 @@ enum Kind {
     Restart,
 }
 
-const KINDS: [(&str, Kind); 14] = {
+const KINDS: [(&str, Kind); 15] = {
     use Direction::{ToClient, ToRobot};
-    use LinkFaultKind::{Doubled, Late, Lost, Reordered, Torn, WrongIpoc};
+    use LinkFaultKind::{Doubled, Late, Lost, Reordered, Torn, WithoutAxes, WrongIpoc};
     const LATE: LinkFaultKind = Late(Duration::from_millis(15));
     [
         ("telegram lost", Kind::Link(ToClient, Lost)),
@@ -38,6 +42,7 @@ const KINDS: [(&str, Kind); 14] = {
         ("answer torn", Kind::Link(ToRobot, Torn)),
         ("telegram with a wrong IPOC", Kind::Link(ToClient, WrongIpoc(5))),
         ("answer with a wrong IPOC", Kind::Link(ToRobot, WrongIpoc(1))),
+        ("telegram without axes", Kind::Link(ToClient, WithoutAxes)),
         ("cut-out", Kind::CutOut),
         ("restart", Kind::Restart),
     ]
@@ -120,6 +125,8 @@ fn causes(kind: Kind, seen: &Seen) -> &'static [Cause] {
     use LinkFaultKind::Doubled;
     match (kind, &seen.fault) {
         (Kind::Link(_, Doubled), _) => &[],
+        // It may be the first of another run.
+        (Kind::Link(_, LinkFaultKind::WithoutAxes), _) => &[Cause::RobotRestarted],
         (Kind::CutOut, _) => &[Cause::DriveSilent],
         (Kind::Restart, _) => &[Cause::DriveSilent, Cause::RobotRestarted],
         (Kind::Link(..), Some(_)) => &[Cause::DriveSilent],
@@ -253,7 +260,66 @@ fn every_fault_in_every_phase(name: &'static str, source: &'static str) {
     assert!(count("landed") >= 20 && count("stopped") >= 20, "{name}: {told:?}");
 }
 
-/// A robot that takes any step of its set points: what ends a path is the client alone.
+/// A robot that takes any step of its set points and any number of late answers: what ends a path is the client alone.
+fn without_cut_out(scenario: &KrcScenario) -> KrcScenario {
+    let mut scenario = scenario.clone();
+    scenario.options.cut_out.acceleration_deg_s2 = [1e9; 6];
+    scenario.options.cut_out.jerk_deg_s3 = [1e12; 6];
+    scenario.options.cut_out.velocity_deg_s = Some([1e6; 6]);
+    scenario.options.late.limit = 1_000;
+    scenario
+}
+
+/// The client ends in each phase of the throw, and another one hears the robot a cycle to 0.3 s later, its first telegram with or
+/// without axes. It does not know what the first one gave; the axes follow a correction after 120 ms.
+#[test]
+fn client_that_begins_again_in_a_run_moves_no_set_point() {
+    for source in ["kr-c2", "kr-c4-12ms"] {
+        let cell = Cell::new(source, source);
+        let scene = Scene { ball_held: true, ..Scene::default() };
+        let start = Axes::from(plan().steps[0].q_rad);
+        let travel = travel(&cell.described, &arm(), 0.8, 1);
+        let found = way(&arm(), &scene, &travel, &start_of(&cell.described), &start).expect("a way");
+        let ways: Vec<_> = found.into_iter().collect();
+        for (phase, from) in cell.phases() {
+            for (gap_ms, first) in [(12, 0), (12, 12), (60, 0), (60, 12), (120, 0), (300, 0), (300, 12)] {
+                let place = format!("{source}, {phase}, {gap_ms} ms, {first} ms without axes");
+                let mut scenario = without_cut_out(&cell.described);
+                let begins = from + Duration::from_millis(gap_ms);
+                let sees = begins + Duration::from_millis(first);
+                scenario.link_faults =
+                    [(LinkFaultKind::Lost, from, begins), (LinkFaultKind::WithoutAxes, begins, sees)]
+                        .map(|(kind, from, until)| {
+                            let direction = Direction::ToClient;
+                            LinkFault { kind, direction, from, until, probability: 1.0 }
+                        })
+                        .to_vec();
+                let lag = true_lag(&scenario);
+                let mut first = station(&scenario, &arm(), plan(), lag, &ways).expect("a station");
+                let mut next = Some(leading(&scenario, &arm(), lag, &[]).expect("a station"));
+                let seen = cell::run_with(&scenario, &mut first, &mut |now, station| {
+                    if now >= from
+                        && let Some(next) = next.take()
+                    {
+                        *station = next;
+                    }
+                    now < from + Duration::from_secs(2)
+                });
+                let cycles = seen.expect("a robot").cycles;
+                // What was answered before the end of the first one comes into force in the next cycle.
+                let after: Vec<_> = cycles.iter().filter(|cycle| cycle.at > from).collect();
+                assert!(after.len() > 20, "{place}: {} cycles", after.len());
+                let moved = |axis: usize| {
+                    let set = after.iter().skip(1).map(|cycle| cycle.set_deg[axis] - after[1].set_deg[axis]);
+                    set.fold(0.0, |most: f64, way| most.max(way.abs()))
+                };
+                let moved = (0..6).map(moved).fold(0.0, f64::max);
+                assert!(moved < 1e-6, "{place}: {moved:.3} deg");
+            }
+        }
+    }
+}
+
 #[test]
 fn one_late_answer_at_any_speed_is_caught_up_or_told_and_the_axes_end_on_the_path() {
     let (_, nominal) = thrown(&scenario(1));
@@ -261,10 +327,7 @@ fn one_late_answer_at_any_speed_is_caught_up_or_told_and_the_axes_end_on_the_pat
     let last = plan().steps.last().expect("steps").q_rad;
     let mut fastest_caught_up = 0.0_f64;
     for k in (2..plan().steps.len() - 2).step_by(12) {
-        let mut scenario = scenario(1);
-        scenario.options.cut_out.acceleration_deg_s2 = [1e9; 6];
-        scenario.options.cut_out.jerk_deg_s3 = [1e12; 6];
-        scenario.options.cut_out.velocity_deg_s = Some([1e6; 6]);
+        let mut scenario = without_cut_out(&scenario(1));
         let at = started_at + Duration::from_micros((plan().steps[k].t_s * 1e6) as u64);
         // The set point of a step is in force before the axes are there.
         let from = at.saturating_sub(Duration::from_millis(96));

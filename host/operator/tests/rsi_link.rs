@@ -170,6 +170,29 @@ fn datagrams_that_queued_while_nobody_read_have_one_answer_to_the_newest() {
     assert_eq!(answers, [229]);
 }
 
+/// The program before may have answered the robot's last telegram: the robot has missed no answer, and only its axes know what they
+/// were given.
+#[test]
+fn telegram_that_comes_with_the_beginning_of_the_program_has_no_answer() {
+    let mut scenario = KrcScenario::open("kr-c2").expect("built in");
+    scenario.options.cycle = Duration::from_millis(40);
+    let mut port = Port::bind(false, ([127, 0, 0, 1], 0).into()).expect("a port");
+    let robot = UdpSocket::bind(("127.0.0.1", 0)).expect("a socket");
+    robot.connect(port.local_addr().expect("bound")).expect("connected");
+    robot.send(&telegram(200)).expect("sent");
+    let mut station = leading(&scenario, &arm(), Lag::of(&scenario), &[]).expect("a station");
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            std::thread::sleep(WallSpan::from_millis(200));
+            robot.send(&telegram(201)).expect("sent");
+        });
+        serve(&mut port, &mut station, Time::Clock, &mut Until(1)).expect("served");
+    });
+    let mut buffer = [0; 2048];
+    let length = robot.recv(&mut buffer).expect("an answer");
+    assert_eq!(number(&buffer[..length]), 201);
+}
+
 #[test]
 fn documents_that_queued_in_a_stream_have_one_answer_to_the_newest() {
     let scenario = KrcScenario::open("kr-c2-tcp").expect("built in");

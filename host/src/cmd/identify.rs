@@ -13,6 +13,7 @@ use super::meaning::{Deed, Given};
 use super::modules::modules_on;
 use super::plan::follow::is_industrial;
 use super::print_json;
+use super::registers;
 use super::rsi::RobotIdentification;
 use crate::error::ExpectedError;
 use crate::exit;
@@ -20,6 +21,7 @@ use crate::report::identify as report;
 use operator::bus::{BusArgs, Session};
 use operator::identify::experiment::{Bounds, ExperimentError};
 use operator::identify::joint::{JointError, JointExperiments, identify};
+use operator::identify::mounting::{Mounting, Source};
 use operator::interrupt::interrupt;
 use planner::plan::Arm;
 use tuner::identify::findings::Findings;
@@ -59,6 +61,10 @@ pub struct Args {
     /// Bit rate of the bus in bit/s, for the length of frames in the answer delay [default: 1000000].
     #[arg(long, value_name = "BIT_S", value_parser = positive)]
     pub bit_rate: Option<f64>,
+    /// A file of `cubectl registers export` that says how the drives sit on their joints (joint.inverted, joint.offset_rad). Without
+    /// it a controller that is heard is asked, with --beside; else every drive is taken to read the angle of its joint.
+    #[arg(long, value_name = "FILE")]
+    pub registers: Option<PathBuf>,
     /// Noise of the current readings on the bus `sim`, standard deviation in A [default: 0.05].
     #[arg(long, value_name = "A", value_parser = not_negative)]
     pub sim_noise: Option<f64>,
@@ -99,7 +105,9 @@ impl From<JointError> for ExpectedError {
             }
             JointError::Experiment(ExperimentError::Ask(error)) => error.into(),
             JointError::Experiment(error) => Self::new(exit::DRIVE, error.to_string()),
-            JointError::NoDrives { .. } | JointError::NoSuchJoint { .. } => Self::bad_input(&error),
+            JointError::NoDrives { .. } | JointError::NoSuchJoint { .. } | JointError::NoSuchDrive { .. } => {
+                Self::bad_input(&error)
+            }
         }
     }
 }
@@ -145,6 +153,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     let (mut session, robot) = open(args)?;
     session.watch_stops();
     modules_on(&mut session, None, args.bus.beside)?;
+    let mounting = mounting(args, &mut session)?;
     let wish = JointExperiments {
         joint,
         bounds: Bounds {
@@ -155,7 +164,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
         level: args.level.unwrap_or(0.95),
     };
     let bar = progress_bar(args.json);
-    let findings = identify(&mut session, &robot, &wish, &mut |what, parts| {
+    let findings = identify(&mut session, &robot, &mounting, &wish, &mut |what, parts| {
         bar.set_length(parts as u64);
         bar.set_message(what.to_owned());
         bar.inc(1);
@@ -177,6 +186,20 @@ fn open(args: &Args) -> Result<(Session, AnyRobot), ExpectedError> {
     }
     let session = args.bus.open_cell(&cell, None)?;
     Ok((session, cell.robot))
+}
+
+/// How the drives sit on their joints: of a file, of a controller that is heard, or as the robot file has them.
+fn mounting(args: &Args, session: &mut Session) -> Result<Mounting, ExpectedError> {
+    if let Some(path) = &args.registers {
+        let source = Source::File(path.display().to_string());
+        return registers::mounting_in(path, source);
+    }
+    // Without --beside no controller is on the bus.
+    let controller = if args.bus.beside { session.listen()?.controller } else { None };
+    Ok(match controller {
+        Some(node) => Mounting::of_controller(session, node)?,
+        None => Mounting::assumed(),
+    })
 }
 
 fn progress_bar(quiet: bool) -> ProgressBar {
@@ -221,6 +244,7 @@ fn json(findings: &Findings) -> serde_json::Value {
     let answer = findings.answer.as_ref().ok();
     serde_json::json!({
         "joint": findings.subject.joint,
+        "joint_angles": findings.subject.mounting,
         "level": findings.level,
         "k_b_a_s_rad": estimate(findings.k_b.as_ref().ok().map(|k_b| &k_b.k)),
         "k_m_a_nm": estimate(k_m.map(|k_m| &k_m.k)),

@@ -1,9 +1,13 @@
 //! Plays a script of calls from a file of the host, through semihosting: no clock, no interrupts, so every run is the
 //! same run.
 
+use core::hint::black_box;
+
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_semihosting::syscall;
+use firmware::authority::sha256;
+use firmware::registers::run_digest;
 use firmware::state::StateKind;
 use protocol::{ExtendedId, Frame, Id, Instant, Node as _, StandardId};
 
@@ -13,6 +17,9 @@ pub(crate) const RECORD: usize = 24;
 /// Records per read and write: the buffers are on the stack that is measured.
 const RECORDS: usize = 8;
 pub(crate) const DEADLINE: u32 = 1 << 29;
+
+/// The timer has 24 bits.
+const TICKS: u32 = 0x00FF_FFFF;
 
 /// Emulated time of an instruction with `-icount shift=3`, ns.
 const INSTRUCTION_NS: u32 = 8;
@@ -68,6 +75,12 @@ impl Cost {
         self.worst = self.worst.max(ticks);
     }
 
+    fn time<T>(&mut self, call: impl Fn() -> T) {
+        let before = SYST::get_current();
+        black_box(call());
+        self.note(before.wrapping_sub(SYST::get_current()) & TICKS);
+    }
+
     fn print(&self, name: &[u8]) {
         print(name);
         print_number(self.calls);
@@ -92,7 +105,7 @@ impl Script {
         let made = stack::deepest();
         stack::paint();
         clock.set_clock_source(SystClkSource::Core);
-        clock.set_reload(0x00FF_FFFF);
+        clock.set_reload(TICKS);
         clock.clear_current();
         clock.enable_counter();
         let (mut input, mut output) = ([0; RECORD * RECORDS], [0; RECORD * RECORDS]);
@@ -113,7 +126,7 @@ impl Script {
                     Some(frame) => node.handle_frame(now, frame),
                     None => node.handle_timeout(now),
                 }
-                let ticks = before.wrapping_sub(SYST::get_current()) & 0x00FF_FFFF;
+                let ticks = before.wrapping_sub(SYST::get_current()) & TICKS;
                 let running = node.controller().state().kind() == StateKind::Running;
                 match (frame.is_some(), node.controller().counters().cycles != cycles_before) {
                     (false, true) => steps.note(ticks),
@@ -145,6 +158,15 @@ impl Script {
         print(b" with the node on it, ");
         print_number(made as u32);
         print(b" while it was made\n");
+        // What an offer to arm and an upload cost besides.
+        let (mut settings, mut file) = (Cost::default(), Cost::default());
+        let kibibyte = [0x5A; 1024];
+        for _ in 0..8 {
+            settings.time(|| run_digest(&[0; 32], black_box(node.controller().settings())));
+            file.time(|| sha256(black_box(&kibibyte)));
+        }
+        settings.print(b"digest of the settings:     ");
+        file.print(b"digest of 1 KiB of a file:  ");
         fine
     }
 }

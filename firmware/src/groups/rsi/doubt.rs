@@ -7,10 +7,12 @@
 //! | given so far | axes | then |
 //! |---|---|---|
 //! | zero | at the start pose | a new run |
-//! | zero | elsewhere | no answer |
-//! | more | at the start pose for as long as the lag takes | a new run |
+//! | unknown: this program has just begun | at the start pose, and the robot has missed no answer yet | a new run |
+//! | unknown, or more than zero | at the start pose for as long as the lag takes | a new run |
 //! | more | where the corrections lead, and not near the start pose; start pose as before | the run goes on |
-//! | more | elsewhere | no answer |
+//! | any | elsewhere | no answer |
+//!
+//! A robot that another program led until it ended has missed an answer since: the runner does not answer in the first cycle.
 
 use super::link::is_same_pose;
 use crate::joints::PerJoint;
@@ -34,6 +36,8 @@ pub(super) struct Sight<'a> {
     pub(super) set_rad: &'a PerJoint<f32>,
     /// Where these should have led the axes by now.
     pub(super) model_rad: &'a PerJoint<f32>,
+    /// Late answers, as the robot counts them.
+    pub(super) late: Option<u32>,
 }
 
 /// What follows from it.
@@ -72,15 +76,17 @@ impl Doubt {
         let from_start_rad = away_rad(seen.q_rad, seen.start_rad);
         let is_at_start = from_start_rad <= AT_START_RAD;
         self.at_start_cycles = if is_at_start { self.at_start_cycles.saturating_add(1) } else { 0 };
-        let given_rad = seen.old_start_rad.map_or(0.0, |old| away_rad(seen.set_rad, old));
-        if is_at_start && (given_rad <= AT_START_RAD || self.at_start_cycles > settling_cycles) {
+        let given_rad = seen.old_start_rad.map(|old| away_rad(seen.set_rad, old));
+        let is_zero =
+            given_rad.map_or(self.cycles == 1 && seen.late == Some(0), |given| given <= AT_START_RAD);
+        if is_at_start && (is_zero || self.at_start_cycles > settling_cycles) {
             return Found::NewRun;
         }
         let is_same = seen.old_start_rad.is_some_and(|old| is_same_pose(old, seen.start_rad));
         // The robot has held its set points for a cycle: they are continued from rest.
         let goes_on = self.cycles > 1
             && is_same
-            && given_rad > AT_START_RAD
+            && !is_zero
             && from_start_rad >= AWAY_RAD
             && away_rad(seen.q_rad, seen.model_rad) <= NEAR_RAD;
         if goes_on { Found::OldRun } else { Found::Nothing }
@@ -100,6 +106,7 @@ mod tests {
             old_start_rad: Some(&old),
             set_rad: &set_rad,
             model_rad: &set_rad,
+            late: Some(0),
         };
         doubt.look(&seen, 20)
     }
@@ -112,6 +119,18 @@ mod tests {
             assert_eq!(look(&mut doubt, 0.001, 1.5, 0.0), Found::Nothing, "the axes may pass there");
         }
         assert_eq!(look(&mut doubt, 0.001, 1.5, 0.0), Found::NewRun);
+    }
+
+    #[test]
+    fn axes_of_a_robot_that_somebody_else_may_have_led_stand_at_the_start_for_the_lag() {
+        let pose = PerJoint::splat(0.5);
+        let (q_rad, start_rad, set_rad, model_rad) = (&pose, &pose, &pose, &pose);
+        for (late, cycles) in [(Some(0), 1), (Some(1), 21), (None, 21)] {
+            let seen = Sight { q_rad, start_rad, old_start_rad: None, set_rad, model_rad, late };
+            let mut doubt = Doubt::default();
+            let found = (1..).find(|_| doubt.look(&seen, 20) == Found::NewRun);
+            assert_eq!(found, Some(cycles), "{late:?}");
+        }
     }
 
     #[test]

@@ -16,7 +16,8 @@
 //! * A set point never changes faster than [`Options::a_cap_rad_s2`] allows, whatever comes in: `motion` bounds each one against
 //!   the last one that was sent. After a late answer the robot has held the last set point, and the group continues from that one.
 //! * A telegram that may be of another run has no answer until the axes show which correction is in force (`doubt`). So an arm
-//!   that is away from its start pose never gets a correction of zero.
+//!   that is away from its start pose never gets a correction of zero. A telegram without axes, as the first of a KR C2, shows
+//!   nothing.
 //! * The ball is not released while the axes are off their path.
 //!
 //! # Map
@@ -155,13 +156,25 @@ impl Rsi {
     }
 
     /// Finds out which correction is in force.
-    fn resolve(&mut self, settings: &Settings, q_rad: PerJoint<f32>, start_rad: Option<PerJoint<f32>>) {
+    fn resolve(
+        &mut self,
+        settings: &Settings,
+        q_rad: PerJoint<f32>,
+        start_rad: Option<PerJoint<f32>>,
+        late: Option<u32>,
+    ) {
         let Some(doubt) = &mut self.doubt else { return };
         let start_rad = start_rad.or(self.start_rad).unwrap_or(q_rad);
         let (set_rad, model_rad) = (self.motion.set_rad(), self.model.q_rad());
         let old_start_rad = self.start_rad.as_ref();
-        let seen =
-            Sight { q_rad: &q_rad, start_rad: &start_rad, old_start_rad, set_rad: &set_rad, model_rad };
+        let seen = Sight {
+            q_rad: &q_rad,
+            start_rad: &start_rad,
+            old_start_rad,
+            set_rad: &set_rad,
+            model_rad: &model_rad,
+            late,
+        };
         let settling = DriveModel::settling_s(&self.options) / settings.cycle_period_s();
         match doubt.look(&seen, settling as u32 + 1) {
             Found::NewRun => {
@@ -184,14 +197,6 @@ impl Rsi {
         let has_fewer_late = matches!((self.late, telegram.late), (Some(old), Some(new)) if new < old);
         let away_max_rad = if has_fewer_late { doubt::NEAR_RAD } else { doubt::AWAY_RAD };
         away_rad(q_rad, start_rad) <= AT_START_RAD && away_rad(q_rad, self.model.q_rad()) > away_max_rad
-    }
-
-    /// Whether the telegram has an answer: not in doubt, but the first of a KR C2 has no more than its number, and the answer to it
-    /// changes nothing while nothing was given. Axes that were seen and explained nothing say that something was.
-    fn may_answer(&self, telegram: &Telegram) -> bool {
-        let is_seen = self.start_rad.is_none() && self.sample.0.iter().any(Option::is_some);
-        let is_first = telegram.q_rad.is_none() && !is_seen && self.given_rad() <= AT_START_RAD;
-        self.doubt.is_none() || is_first
     }
 
     /// What the robot did with the answers since the last telegram, `cycles` ago.
@@ -345,13 +350,13 @@ impl DriveGroup for Rsi {
         self.due = Some(now + period * WINDOWS);
         let finite = |q_rad: &PerJoint<f32>| settings.joints().all(|joint| q_rad.get(joint).is_finite());
         if let Some(q_rad) = telegram.q_rad.filter(finite) {
-            self.resolve(settings, q_rad, telegram.start_rad.filter(finite));
+            self.resolve(settings, q_rad, telegram.start_rad.filter(finite), telegram.late);
             self.late = self.late.or(telegram.late);
             self.measure(self.grid.at, settings, &q_rad);
             self.judge();
             self.proceed(now, settings);
         }
-        self.unanswered = self.may_answer(telegram).then_some(telegram.ipoc);
+        self.unanswered = self.doubt.is_none().then_some(telegram.ipoc);
         self.pending.cycle(Duration::ZERO, false);
     }
 

@@ -8,6 +8,7 @@ mod samples;
 use std::cell::RefCell;
 use std::rc::Rc;
 
+use firmware::settings::JointSettings;
 use protocol::cyphal::cubecell::stop::Reason;
 use protocol::powercube::{CubeState, MotionCommand, MotionRequest, Parameter, Reply, Request, Value};
 use protocol::units::Radians;
@@ -110,11 +111,11 @@ pub struct Bounds {
     pub bit_rate_bit_s: f64,
 }
 
-/// One joint of a robot on a bus.
+/// One joint of a robot on a bus. All angles are of joints; drives are ordered and read as they are mounted.
 pub struct Experiment<'a, const N: usize> {
     session: &'a mut Session,
     model: &'a RobotModel<N>,
-    modules: [ModuleId; N],
+    drives: [JointSettings; N],
     joint: usize,
     bounds: Bounds,
     bound_a: f64,
@@ -138,12 +139,12 @@ impl<'a, const N: usize> Experiment<'a, N> {
     pub fn new(
         session: &'a mut Session,
         model: &'a RobotModel<N>,
-        modules: [ModuleId; N],
+        drives: [JointSettings; N],
         joint: usize,
         bounds: Bounds,
         progress: &'a mut dyn FnMut(&str),
     ) -> Result<Self, ExperimentError> {
-        for (i, module) in modules.into_iter().enumerate() {
+        for (i, module) in drives.iter().map(JointSettings::module).enumerate() {
             let Value::U32(bits) = session.get(module, Parameter::CubeState)? else { continue };
             let state = CubeState::from_bits(bits);
             if state.intersects(CubeState::ERROR | CubeState::HALTED) {
@@ -153,26 +154,30 @@ impl<'a, const N: usize> Experiment<'a, N> {
                 return Err(ExperimentError::NotHomed { module });
             }
         }
-        let bound_a = bounds.current_share * session.get_f64(modules[joint], Parameter::MaxCur)?;
+        let bound_a = bounds.current_share * session.get_f64(drives[joint].module(), Parameter::MaxCur)?;
         let log = Rc::new(RefCell::new(FrameLog::default()));
         session.add_tap(Box::new(LogTap(Rc::clone(&log))));
         session.guard_motion();
-        Ok(Self { session, model, modules, joint, bounds, bound_a, log, over_since: None, progress })
+        Ok(Self { session, model, drives, joint, bounds, bound_a, log, over_since: None, progress })
     }
 
-    /// Positions of all joints, rad.
+    /// Angles of all joints, rad.
     ///
     /// # Errors
     /// [`ExperimentError`].
     pub fn positions(&mut self) -> Result<JointVec<N>, ExperimentError> {
-        let questions = self.modules.map(|module| (module, Request::Get(Parameter::ActPos)));
+        let questions = self.drives.map(|drive| (drive.module(), Request::Get(Parameter::ActPos)));
         let mut q = JointVec::<N>::zeros();
         for (i, answer) in self.session.ask_all(&questions)?.into_iter().enumerate() {
             if let Reply::Value(_, value) = answer.map_err(AskError::Request)? {
-                q[i] = value.as_f64().unwrap_or(f64::NAN);
+                q[i] = self.joint_rad(i, value.as_f64().unwrap_or(f64::NAN));
             }
         }
         Ok(q)
+    }
+
+    fn joint_rad(&self, joint: usize, drive_rad: f64) -> f64 {
+        f64::from(self.drives[joint].to_joint_rad(drive_rad as f32))
     }
 
     /// Goes to a pose, one joint after the other.
@@ -203,15 +208,17 @@ impl<'a, const N: usize> Experiment<'a, N> {
         a_rad_s2: f64,
         seen: &mut dyn FnMut(Look),
     ) -> Result<(), ExperimentError> {
-        let module = self.modules[joint];
+        let drive = self.drives[joint];
+        let module = drive.module();
         let from_rad = self.session.get_f64(module, Parameter::ActPos)?;
+        let from_rad = self.joint_rad(joint, from_rad);
         let way = (to_rad - from_rad).abs();
         if way < 0.5 * ARRIVED_RAD {
             return Ok(());
         }
         self.session.set_f32(module, Parameter::TargetVel, v_rad_s as f32)?;
         self.session.set_f32(module, Parameter::TargetAcc, a_rad_s2 as f32)?;
-        let command = MotionCommand::Ramp { target: Radians::new(to_rad as f32) };
+        let command = MotionCommand::Ramp { target: Radians::new(drive.to_drive_rad(to_rad as f32)) };
         let begun = self.session.now();
         self.session.ask(module, Request::Move(MotionRequest::extended(command)))?;
         let planned = Duration::from_secs_f64(way / v_rad_s + v_rad_s / a_rad_s2);
@@ -222,6 +229,7 @@ impl<'a, const N: usize> Experiment<'a, N> {
         let mut looks = 0u32;
         loop {
             let position_rad = self.session.get_f64(module, Parameter::ActPos)?;
+            let position_rad = self.joint_rad(joint, position_rad);
             let current_a = self.session.get_f64(module, Parameter::Cur)?;
             let now = self.session.now();
             seen(Look { at: now, position_rad, current_a });

@@ -1,10 +1,11 @@
 //! All experiments on one joint, in order, and the way back.
 
-use protocol::ModuleId;
+use firmware::settings::{JointSettings, Settings};
 use robot_model::collision::Scene;
 use robot_model::{AnyRobot, RobotModel, for_any_robot};
 
 use super::experiment::{Bounds, Experiment, ExperimentError};
+use super::mounting::Mounting;
 use crate::bus::Session;
 use tuner::identify::findings::{Findings, Holds, Measured, Subject};
 use tuner::identify::poses::{HOLDS, Ways};
@@ -37,26 +38,40 @@ pub enum JointError {
         joints: usize,
         asked: usize,
     },
+    /// The settings are of another arm.
+    #[error(
+        "{source_of_it} know no drive of address {address}, which robot {robot} has at joint {joint}; nothing moved\n  next: name the \
+         robot of this arm with --robot, or the settings of its controller with --registers"
+    )]
+    NoSuchDrive {
+        source_of_it: String,
+        robot: String,
+        /// Joint number.
+        joint: usize,
+        address: u8,
+    },
 }
 
 /// Measures and concludes; `progress` hears the part that begins and how many there are at most.
 ///
-/// The arm ends where it began. Positions of joints and modules must be the same (no offset, not inverted).
+/// The arm ends where it began. `mounting` says which angle of a joint a drive reads.
 ///
 /// # Errors
 /// [`JointError`]; what moved was halted.
 pub fn identify(
     session: &mut Session,
     robot: &AnyRobot,
+    mounting: &Mounting,
     wish: &JointExperiments,
     progress: &mut dyn FnMut(&str, usize),
 ) -> Result<Findings, JointError> {
-    for_any_robot!(robot, model => of_model(session, model, wish, progress))
+    for_any_robot!(robot, model => of_model(session, model, mounting, wish, progress))
 }
 
 fn of_model<const N: usize>(
     session: &mut Session,
     model: &RobotModel<N>,
+    mounting: &Mounting,
     wish: &JointExperiments,
     progress: &mut dyn FnMut(&str, usize),
 ) -> Result<Findings, JointError> {
@@ -67,9 +82,15 @@ fn of_model<const N: usize>(
         return Err(JointError::NoSuchJoint { robot, joints: N, asked: wish.joint });
     }
     let joint = wish.joint - 1;
-    let mut modules = [ModuleId::MIN; N];
-    for (module, drive) in modules.iter_mut().zip(drives) {
-        *module = ModuleId::new(drive.address).map_err(|_| no_drives())?;
+    let mut mounted: [JointSettings; N] = [Settings::BUILT_IN.joint.0[0]; N];
+    for ((mounted, drive), number) in mounted.iter_mut().zip(drives).zip(1..) {
+        let address = drive.address;
+        *mounted = mounting.joint(address).ok_or_else(|| JointError::NoSuchDrive {
+            source_of_it: mounting.source().to_string(),
+            robot: robot.clone(),
+            joint: number,
+            address,
+        })?;
     }
     let bus = session.name().to_owned();
     let mut parts = Experiment::<N>::parts(true, N);
@@ -79,7 +100,7 @@ fn of_model<const N: usize>(
         parts = parts.max(told);
         progress(what, parts);
     };
-    let mut experiment = Experiment::new(session, model, modules, joint, wish.bounds, &mut tell)?;
+    let mut experiment = Experiment::new(session, model, mounted, joint, wish.bounds, &mut tell)?;
     let measured = match measure(&mut experiment, model, joint) {
         Ok(measured) => {
             experiment.finish();
@@ -98,6 +119,7 @@ fn of_model<const N: usize>(
         name: model.joints()[joint].name.clone(),
         module: drives[joint].module.clone(),
         address: drives[joint].address,
+        mounting: mounting.to_string(),
         k_b_a_s_rad: drives[joint].k_b_a_s_rad,
         k_m_a_nm: drives[joint].k_m_a_nm,
         drive,

@@ -4,10 +4,12 @@
 //! |---|---|---|
 //! | [`experiment`] | turns the joint within bounds and takes the samples | conclude |
 //! | [`joint`] | all experiments on one joint, in order, and the way back | know how a current is measured |
+//! | [`mounting`] | which angle of a joint a drive reads, and who says so | move |
 //!
 //! What the samples mean: `tuner::identify`.
 
 pub mod experiment;
 pub mod joint;
+pub mod mounting;
 #[cfg(test)]
 mod tests;

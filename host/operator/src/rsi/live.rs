@@ -309,7 +309,11 @@ impl<'a> Live<'a> {
             },
             None => LOOK,
         };
+        let now = self.clock.now();
         let Some(arrived) = self.port.receive(left, &mut self.buffer)? else { return Ok(()) };
+        if now < self.listens_from(station) {
+            return Ok(());
+        }
         if self.leaving && self.robot != Some(arrived.from) {
             self.over = true;
             return Ok(());
@@ -336,6 +340,14 @@ impl<'a> Live<'a> {
             }
         }
         Ok(())
+    }
+
+    /// A program that ended just now may have answered the last telegram. A robot that misses an answer says so: no cycle of its
+    /// is answered before a whole one has passed. A stream ends with the program that it belonged to.
+    fn listens_from(&self, station: &Station) -> Instant {
+        let is_next_program = self.clock.time == Time::Clock && matches!(self.port, Port::Udp(_));
+        let cycle_us = station.settings().cycle_period().as_micros();
+        Instant::from_micros(if is_next_program { cycle_us + cycle_us / 2 } else { 0 })
     }
 
     /// Stops what moves, then tells the robot's program to end and hears it out; `log` gets what went in and out.

@@ -6,6 +6,12 @@ mod list;
 mod set;
 mod value;
 
+use std::path::Path;
+
+use operator::dialogue::operator::OperatorError;
+use operator::dialogue::registers::Numbers;
+use operator::identify::mounting::{Mounting, Source};
+
 use crate::error::ExpectedError;
 
 /// What to do with the registers of a controller.
@@ -32,4 +38,29 @@ pub fn run(verb: &RegistersVerb) -> Result<(), ExpectedError> {
         RegistersVerb::List(args) => list::run(args),
         RegistersVerb::Export(args) => export::run(args),
     }
+}
+
+/// How a file of `export` says that the drives are mounted.
+///
+/// # Errors
+/// The file, or a register that is missing in it or holds what no controller does.
+pub(super) fn mounting_in(path: &Path, source: Source) -> Result<Mounting, ExpectedError> {
+    let found = set::read(path)?;
+    Mounting::of(source, &mut |name| {
+        let missing = || OperatorError::NoRegister { name: name.to_owned() };
+        let (_, texts) = found.iter().find(|(other, _)| other == name).ok_or_else(missing)?;
+        let like = match name {
+            "joint.inverted" => Numbers::Bit(vec![false; texts.len()]),
+            "joint.offset_rad" => Numbers::Real(vec![0.0; texts.len()]),
+            _ => Numbers::Natural(vec![0; texts.len()]),
+        };
+        value::parse(&like, texts.iter().map(String::as_str)).map_err(|_| missing())
+    })
+    .map_err(|error| match error {
+        OperatorError::NoRegister { name } => ExpectedError::bad_input(&format!(
+            "{}: no usable {name}\n  next: use a file of `cubectl registers export`",
+            path.display()
+        )),
+        error => error.into(),
+    })
 }

@@ -138,7 +138,7 @@ fn all_stand(
 }
 
 /// Names and values of a file.
-fn read(path: &Path) -> Result<Vec<(String, Vec<String>)>, ExpectedError> {
+pub(super) fn read(path: &Path) -> Result<Vec<(String, Vec<String>)>, ExpectedError> {
     let refuse = |what: String| ExpectedError::bad_input(&format!("{}: {what}", path.display()));
     let text = toml_reader::read_text(path, toml_reader::DESCRIPTION_MAX_BYTES)
         .map_err(|error| ExpectedError::io(path, &error))?;

@@ -32,6 +32,8 @@ pub struct Subject {
     pub module: String,
     /// Address of the module.
     pub address: u8,
+    /// Which angles of the joints the drives read, and who says so.
+    pub mounting: String,
     /// K_B of the file, A s/rad.
     pub k_b_a_s_rad: f64,
     /// K_M of the file, A/(N m).
@@ -189,13 +191,14 @@ impl Findings {
     pub fn text(&self) -> String {
         let s = &self.subject;
         let mut t = format!(
-            "{}: joint {} ({}, module {}) on {}; intervals hold with {} %\n",
+            "{}: joint {} ({}, module {}) on {}; intervals hold with {} %\n  joint angles: {}\n",
             s.robot,
             s.joint,
             s.module,
             s.address,
             s.bus,
-            percent(self.level)
+            percent(self.level),
+            s.mounting
         );
         let mut line = |name: &str, e: &Estimate, unit: &str, file: Option<f64>| {
             let in_file = file.map_or(String::new(), |f| format!("   robot file {f}"));

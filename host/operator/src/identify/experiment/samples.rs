@@ -62,7 +62,7 @@ impl Tap for LogTap {
 impl<const N: usize> Experiment<'_, N> {
     /// Reads the current while standing, several times, A.
     fn readings(&mut self, count: usize) -> Result<Vec<f64>, ExperimentError> {
-        let module = self.modules[self.joint];
+        let module = self.drives[self.joint].module();
         let mut read = || self.session.get_f64(module, Parameter::Cur).map_err(ExperimentError::from);
         (0..count).map(|_| read()).collect()
     }
@@ -125,7 +125,7 @@ impl<const N: usize> Experiment<'_, N> {
             .iter()
             .map(|(direction, looks)| {
                 let kept: Vec<f64> = (0..count).map(|i| looks[i * looks.len() / count].current_a).collect();
-                SpeedSample { speed_rad_s: slope(looks), current_a: signed(mean(&kept), *direction) }
+                SpeedSample { speed_rad_s: slope(looks), current_a: self.signed(mean(&kept), *direction) }
             })
             .collect();
         let stretch = Sweep { low_rad: centre - 0.5 * window, high_rad: centre + 0.5 * window };
@@ -146,7 +146,8 @@ impl<const N: usize> Experiment<'_, N> {
                 self.session.sleep_until(self.session.now() + REST)?;
                 let q = self.positions()?;
                 let torque_nm = self.model.gravity_torques(&q)[self.joint];
-                let current_a = signed(mean(&self.readings(HOLD_READINGS)?), torque_nm);
+                let reading_a = mean(&self.readings(HOLD_READINGS)?);
+                let current_a = self.signed(reading_a, torque_nm);
                 samples.push(HoldSample { torque_nm, current_a, approach });
             }
         }
@@ -195,7 +196,7 @@ impl<const N: usize> Experiment<'_, N> {
 
     /// Positions after the motion command, and how long answers took, from the frames of one step.
     fn take_step(&self, frames: &[Passed], start_rad: f64, direction: f64, steps: &mut Steps) {
-        let module = self.modules[self.joint];
+        let module = self.drives[self.joint].module();
         let span_s = |frame: &Frame| {
             (FRAME_BITS.0 + 8.0 * frame.data().len() as f64) * FRAME_BITS.1 / self.bounds.bit_rate_bit_s
         };
@@ -221,12 +222,26 @@ impl<const N: usize> Experiment<'_, N> {
                     if let (Some(moved), Reply::Value(Parameter::ActPos, Value::F32(rad))) = (moved, reply) {
                         let t_s = answered_s - moved.as_secs_f64();
                         if (0.0..STEP_TIME.as_secs_f64()).contains(&t_s) {
-                            let position_rad = direction * (f64::from(rad) - start_rad);
+                            let position_rad =
+                                direction * (self.joint_rad(self.joint, rad.into()) - start_rad);
                             steps.samples.push(StepSample { t_s, position_rad });
                         }
                     }
                 }
             }
+        }
+    }
+
+    /// A reading with the sign of what causes it: drives of this kind report the amount. One that reports a sign reports that of
+    /// its own turn.
+    fn signed(&self, reading_a: f64, cause: f64) -> f64 {
+        let is_turned = self.drives[self.joint].inverted;
+        if reading_a >= 0.0 {
+            reading_a.copysign(cause)
+        } else if is_turned {
+            -reading_a
+        } else {
+            reading_a
         }
     }
 
@@ -242,11 +257,6 @@ const MOTION_BYTE: u8 = 0x0B;
 
 fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
-}
-
-/// A reading with the sign of what causes it: drives of this kind report the amount.
-fn signed(reading_a: f64, cause: f64) -> f64 {
-    if reading_a < 0.0 { reading_a } else { reading_a.copysign(cause) }
 }
 
 /// Speed as the slope of the straight line through the positions, rad/s.
