@@ -70,7 +70,7 @@ fn drives_that_are_missing_double_or_too_old() {
         let robot = AnyRobot::load("powercube6").unwrap();
         let (options, mut other) = (CellOptions::default(), CellOptions::default());
         other.drive.processing_delay = Duration::from_micros(900);
-        (Cell::new(&robot, &options, 1).unwrap(), Cell::bench::<1>(0x4614, &other, 2).unwrap())
+        (Cell::new(&robot, &options, 1).unwrap(), Cell::bench(1, 0x4614, &other, 2).unwrap())
     });
     refused(&throw(&folder, &["--bus", &twins.spec]), 8, &["two modules answer at address 1"]);
     drop(twins);

@@ -63,7 +63,7 @@ impl Machine {
 
 fn placed(robot: &AnyRobot, q_rad: &[f64]) -> Placed {
     for_any_robot!(robot, arm => {
-        let frames = arm.fk(&JointVec::from_fn(|j, _| q_rad.get(j).copied().unwrap_or_default()));
+        let frames = arm.fk(&JointVec::from_fn(N, |j| q_rad.get(j).copied().unwrap_or_default()));
         let hand = arm.ball(&frames).pos;
         Placed { links: frames.x_w.iter().map(numbers).collect(), hand_m: [hand.x, hand.y, hand.z] }
     })

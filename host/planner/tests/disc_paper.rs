@@ -104,7 +104,7 @@ proptest! {
 
 #[test]
 fn the_hand_pointing_up_has_no_roll_pitch_yaw_jacobian() {
-    assert!(ARM.rpy_jacobian(&Joints::zeros()).is_none());
+    assert!(ARM.rpy_jacobian(&Joints::zeros(6)).is_none());
 }
 
 #[test]

@@ -119,7 +119,7 @@ fn of_joints(motion: &MotionInfo, times: &[f64]) -> PyResult<Vec<f64>> {
     })
 }
 
-fn sampled<const N: usize>(motion: &Motion<N>, times: &[f64]) -> Vec<f64> {
+fn sampled(motion: &Motion, times: &[f64]) -> Vec<f64> {
     let mut rows = Vec::with_capacity(3 * N * times.len());
     for t in times {
         let state = motion.at(*t);

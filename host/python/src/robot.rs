@@ -71,6 +71,6 @@ impl Robot {
 }
 
 /// A function of each row of `N` angles, its results one after the other.
-fn rows<const N: usize>(values: &[f64], of: impl Fn(&JointVec<N>) -> Vec<f64>) -> Vec<f64> {
-    values.chunks_exact(N).flat_map(|row| of(&JointVec::from_fn(|j, _| row[j]))).collect()
+fn rows(values: &[f64], of: impl Fn(&JointVec) -> Vec<f64>) -> Vec<f64> {
+    values.chunks_exact(N).flat_map(|row| of(&JointVec::from_fn(N, |j| row[j]))).collect()
 }

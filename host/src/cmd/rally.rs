@@ -126,7 +126,7 @@ impl Catching {
 }
 
 /// The court of a file, or the built-in one.
-pub(super) fn court(file: Option<&Path>) -> Result<CourtOptions<6>, ExpectedError> {
+pub(super) fn court(file: Option<&Path>) -> Result<CourtOptions, ExpectedError> {
     let court = match file {
         Some(file) => CourtOptions::load(file),
         None => CourtOptions::two_arms(),
@@ -183,7 +183,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
 }
 
 /// One throw over two buses in real time.
-fn on_wire(args: &Args, court: CourtOptions<6>, options: &TrialOptions) -> Result<(), ExpectedError> {
+fn on_wire(args: &Args, court: CourtOptions, options: &TrialOptions) -> Result<(), ExpectedError> {
     let outcome = args.wire.run(court, options, args.catching.seed)?;
     if args.json {
         print_json(&rally_on_wire::as_json(&outcome, &told_word(outcome.told)));
@@ -334,7 +334,7 @@ fn rally_json(rally: &Rally) -> Value {
     })
 }
 
-fn study_of(args: &Args, court: &CourtOptions<6>, throws: u32) -> Result<(), ExpectedError> {
+fn study_of(args: &Args, court: &CourtOptions, throws: u32) -> Result<(), ExpectedError> {
     let options = StudyOptions { throws: throws as usize, seed: args.catching.seed, only: args.only.clone() };
     let mut rows = Vec::new();
     let study = study::run(court, &options, |row| {

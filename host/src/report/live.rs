@@ -74,7 +74,7 @@ fn scene(robot: &AnyRobot, plan: Option<&PlanFile>) -> String {
     for_any_robot!(robot, arm => {
         let boxes: Vec<String> =
             arm.collision().boxes().iter().map(|b| body(b.link, &b.x_lb, &Vector3::from(b.half_m))).collect();
-        let stretched = arm.fk(&robot_model::JointVec::zeros());
+        let stretched = arm.fk(&robot_model::JointVec::zeros(N));
         let reach_m = stretched.x_w.iter().map(|x| x.pos.norm()).fold(arm.ball(&stretched).pos.norm(), f64::max);
         let floor_m = arm.world().floor_z_m;
         let sides = [-0.5, 0.5].map(|side| [[side, 0.0, 0.0], [0.0, side, 1.0]]);

@@ -128,9 +128,9 @@ pub fn summary(plan: &PlanFile, took: Duration) -> String {
 
 /// One self-contained HTML file.
 #[must_use]
-pub fn html<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> String
+pub fn html(arm: &RobotModel, plan: &PlanFile) -> String
 where
-    RobotModel<N>: Plans<N>,
+    RobotModel: Plans,
 {
     let checks = arm.check(plan);
     let [x, y, z] = plan.target.position_m;
@@ -259,11 +259,11 @@ fn release_mark(plan: &PlanFile) -> Option<(f64, String)> {
 }
 
 /// Positions in their ranges, and speed, acceleration and jerk as shares of their limits.
-fn joint_charts<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> Vec<Chart> {
+fn joint_charts(arm: &RobotModel, plan: &PlanFile) -> Vec<Chart> {
     let t = times(plan, 200);
-    let samples: Vec<_> = t.iter().map(|t| motion::sample::<N>(plan, *t)).collect();
+    let samples: Vec<_> = t.iter().map(|t| motion::sample(plan, *t)).collect();
     let chart =
-        |title: &str, y_label: &str, value: &dyn Fn(&motion::Sample<N>, usize) -> f64, limits: &[f64]| {
+        |title: &str, y_label: &str, value: &dyn Fn(&motion::Sample, usize) -> f64, limits: &[f64]| {
             let mut curves: Vec<Curve> = (0..N)
                 .map(|j| {
                     let points = t.iter().zip(&samples).map(|(t, s)| (*t, value(s, j))).collect();
@@ -295,13 +295,13 @@ fn joint_charts<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> Vec<Cha
     ]
 }
 
-fn current_charts<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> Vec<Chart> {
+fn current_charts(arm: &RobotModel, plan: &PlanFile) -> Vec<Chart> {
     let t = times(plan, 200);
     let holding = arm.holding_ball();
     let motor: Option<Vec<_>> = t
         .iter()
         .map(|t| {
-            let s = motion::sample::<N>(plan, *t);
+            let s = motion::sample(plan, *t);
             let moved = holding.as_ref().filter(|_| *t <= plan.release_time_s).unwrap_or(arm);
             arm.motor_currents(&s.qd, &moved.inverse_dynamics(&s.q, &s.qd, &s.qdd))
         })
@@ -332,7 +332,7 @@ fn current_charts<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> Vec<C
 }
 
 /// The planned motion in space.
-fn space<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> String {
+fn space(arm: &RobotModel, plan: &PlanFile) -> String {
     let (p0, v0) = (Vector3::from(plan.release.position_m), Vector3::from(plan.release.velocity_m_s));
     let model = flight(plan);
     let ball_after = |s: f64| model.as_ref().map_or(p0, |flight| flight.fly(&p0, &v0, s).p);
@@ -340,7 +340,7 @@ fn space<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> String {
         arm,
         plan,
         &scene::SceneMotion {
-            q_at: &|t_s| motion::sample::<N>(plan, t_s).q,
+            q_at: &|t_s| motion::sample(plan, t_s).q,
             from_s: 0.0,
             to_s: plan.end_time_s,
             flight: Some(scene::Flight {

@@ -286,9 +286,9 @@ impl Rig {
     pub(crate) fn jitter_covariance(&self, plan: &PlanFile, half: Duration) -> Matrix2<f64> {
         let problem = self.problem(plan.target.position_m).unwrap();
         let throw = planner::plan::Throw {
-            q_rad: Joints::from_column_slice(&plan.release.q_rad),
-            qd_rad_s: Joints::from_column_slice(&plan.release.qd_rad_s),
-            qdd_rad_s2: Joints::from_column_slice(&plan.release.qdd_rad_s2),
+            q_rad: Joints::from_slice(&plan.release.q_rad),
+            qd_rad_s: Joints::from_slice(&plan.release.qd_rad_s),
+            qdd_rad_s2: Joints::from_slice(&plan.release.qdd_rad_s2),
             flight_s: plan.landing.flight_s,
             ha_s: plan.release_time_s,
             hb_s: plan.end_time_s - plan.release_time_s,

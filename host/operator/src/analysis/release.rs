@@ -76,7 +76,7 @@ struct State {
 /// Measured state at `t_s`, and its standard errors.
 fn state_at(plan: &PlanFile, joints: &[JointTracking], t_s: f64) -> Option<(State, State)> {
     let reference = plan.motion.to_motion::<6>().at(t_s);
-    let zero = State { q_rad: Joints::zeros(), qd_rad_s: Joints::zeros() };
+    let zero = State { q_rad: Joints::zeros(6), qd_rad_s: Joints::zeros(6) };
     let (mut state, mut scatter) = (zero, zero);
     for (j, joint) in joints.iter().enumerate() {
         let error = error_at(&joint.samples, t_s)?;

@@ -54,7 +54,7 @@ pub fn robot_crc32(fingerprint: &str) -> u32 {
 
 /// [`robot_crc32`] of a model.
 #[must_use]
-pub fn crc32_of<const N: usize>(model: &RobotModel<N>) -> u32 {
+pub fn crc32_of(model: &RobotModel) -> u32 {
     robot_crc32(&format!("{:016x}", robot_fingerprint(model)))
 }
 
@@ -79,7 +79,7 @@ pub fn settings_of(robot: &AnyRobot) -> Result<Settings, NoSettings> {
 ///
 /// # Errors
 /// As [`settings_of`].
-pub fn of_model<const N: usize>(model: &RobotModel<N>) -> Result<Settings, NoSettings> {
+pub fn of_model(model: &RobotModel) -> Result<Settings, NoSettings> {
     let robot = || model.name().to_owned();
     let drives = model.drives().ok_or_else(|| NoSettings::NoDrives { robot: robot() })?;
     if N > JOINTS_MAX {

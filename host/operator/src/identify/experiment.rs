@@ -111,9 +111,9 @@ pub struct Bounds {
 }
 
 /// One joint of a robot on a bus.
-pub struct Experiment<'a, const N: usize> {
+pub struct Experiment<'a> {
     session: &'a mut Session,
-    model: &'a RobotModel<N>,
+    model: &'a RobotModel,
     modules: [ModuleId; N],
     joint: usize,
     bounds: Bounds,
@@ -130,14 +130,14 @@ struct Look {
     current_a: f64,
 }
 
-impl<'a, const N: usize> Experiment<'a, N> {
+impl<'a> Experiment<'a> {
     /// Looks at every module: there, homed, without error.
     ///
     /// # Errors
     /// [`ExperimentError`]; nothing has moved.
     pub fn new(
         session: &'a mut Session,
-        model: &'a RobotModel<N>,
+        model: &'a RobotModel,
         modules: [ModuleId; N],
         joint: usize,
         bounds: Bounds,
@@ -164,9 +164,9 @@ impl<'a, const N: usize> Experiment<'a, N> {
     ///
     /// # Errors
     /// [`ExperimentError`].
-    pub fn positions(&mut self) -> Result<JointVec<N>, ExperimentError> {
+    pub fn positions(&mut self) -> Result<JointVec, ExperimentError> {
         let questions = self.modules.map(|module| (module, Request::Get(Parameter::ActPos)));
-        let mut q = JointVec::<N>::zeros();
+        let mut q = JointVec::zeros(N);
         for (i, answer) in self.session.ask_all(&questions)?.into_iter().enumerate() {
             if let Reply::Value(_, value) = answer.map_err(AskError::Request)? {
                 q[i] = value.as_f64().unwrap_or(f64::NAN);
@@ -179,7 +179,7 @@ impl<'a, const N: usize> Experiment<'a, N> {
     ///
     /// # Errors
     /// [`ExperimentError`].
-    pub fn go(&mut self, pose: &JointVec<N>, order: &[usize]) -> Result<(), ExperimentError> {
+    pub fn go(&mut self, pose: &JointVec, order: &[usize]) -> Result<(), ExperimentError> {
         for &i in order {
             (self.progress)(&format!("joint {} to {:.2} rad", i + 1, pose[i]));
             self.travel(i, pose[i])?;

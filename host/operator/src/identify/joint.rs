@@ -54,9 +54,9 @@ pub fn identify(
     for_any_robot!(robot, model => of_model(session, model, wish, progress))
 }
 
-fn of_model<const N: usize>(
+fn of_model(
     session: &mut Session,
-    model: &RobotModel<N>,
+    model: &RobotModel,
     wish: &JointExperiments,
     progress: &mut dyn FnMut(&str, usize),
 ) -> Result<Findings, JointError> {
@@ -72,7 +72,7 @@ fn of_model<const N: usize>(
         *module = ModuleId::new(drive.address).map_err(|_| no_drives())?;
     }
     let bus = session.name().to_owned();
-    let mut parts = Experiment::<N>::parts(true, N);
+    let mut parts = Experiment::parts(true, N);
     let mut told = 0;
     let mut tell = |what: &str| {
         told += 1;
@@ -105,9 +105,9 @@ fn of_model<const N: usize>(
     Ok(Findings::of(subject, measured, wish.level))
 }
 
-fn measure<const N: usize>(
-    experiment: &mut Experiment<'_, N>,
-    model: &RobotModel<N>,
+fn measure(
+    experiment: &mut Experiment<'_>,
+    model: &RobotModel,
     joint: usize,
 ) -> Result<Measured, ExperimentError> {
     let scene = Scene::default();

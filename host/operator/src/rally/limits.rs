@@ -33,18 +33,18 @@ impl Executed {
 /// Watches one arm.
 #[derive(Debug)]
 pub(super) struct LimitWatch<'a> {
-    model: &'a RobotModel<6>,
+    model: &'a RobotModel,
     past: VecDeque<(f64, Joints)>,
     executed: Executed,
 }
 
 impl<'a> LimitWatch<'a> {
-    pub(super) fn new(model: &'a RobotModel<6>) -> Self {
+    pub(super) fn new(model: &'a RobotModel) -> Self {
         Self { model, past: VecDeque::new(), executed: Executed::default() }
     }
 
     /// Takes the joints at a time, each millisecond.
-    pub(super) fn see(&mut self, t_s: f64, now: &JointsNow<6>) {
+    pub(super) fn see(&mut self, t_s: f64, now: &JointsNow) {
         self.past.push_back((t_s, now.q));
         if self.past.len() > 2 * WINDOW + 1 {
             self.past.pop_front();

@@ -53,7 +53,7 @@ pub fn rest_to_rest(
     share: f64,
     seed: u64,
 ) -> Result<Option<Motion>, ApproachError> {
-    let margin = Joints::repeat(MARGIN_RAD);
+    let margin = Joints::repeat(6, MARGIN_RAD);
     rest_to_rest_within(arm, scene, (arm.q_min() + margin, arm.q_max() - margin), ends, share, seed)
 }
 
@@ -109,7 +109,7 @@ fn name(arm: &Arm, body: Body) -> String {
 fn timed(arm: &Arm, corners: &[Joints], share: f64) -> Motion {
     let (v_max, a_max) = (arm.limit(|l| l.v_max_rad_s) * share, arm.limit(|l| l.a_max_rad_s2) * share);
     let mut t_s = 0.0;
-    let rest = |t_s, q_rad| Knot { t_s, q_rad, qd_rad_s: Joints::zeros() };
+    let rest = |t_s, q_rad| Knot { t_s, q_rad, qd_rad_s: Joints::zeros(6) };
     let mut knots = Vec::new();
     if let Some(first) = corners.first() {
         knots.push(rest(0.0, *first));
@@ -129,7 +129,7 @@ fn timed(arm: &Arm, corners: &[Joints], share: f64) -> Motion {
 
 /// Joint space with what is free in it.
 struct Space<'a> {
-    checker: CollisionChecker<'a, 6>,
+    checker: CollisionChecker<'a>,
     rng: SplitMix64,
     /// Least and largest angles of corners.
     range: (Joints, Joints),
@@ -168,7 +168,7 @@ impl Space<'_> {
 
     fn sample(&mut self) -> Joints {
         let (low, high) = self.range;
-        Joints::from_fn(|j, _| low[j] + (high[j] - low[j]) * self.rng.unit())
+        Joints::from_fn(6, |j| low[j] + (high[j] - low[j]) * self.rng.unit())
     }
 
     /// One step of `tree` towards `goal`; the index of the new node.

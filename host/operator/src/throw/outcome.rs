@@ -95,7 +95,7 @@ pub struct Verdict {
 /// [`TOLERANCE_MAX_M`]: the offset of the mean, and the longer half-axis of the 99 % ellipse. Both are computed again with the
 /// noise of the plan; what the file says of them counts for nothing.
 #[must_use]
-pub fn default_tolerance_m<const N: usize>(arm: &RobotModel<N>, plan: &PlanFile) -> f64 {
+pub fn default_tolerance_m(arm: &RobotModel, plan: &PlanFile) -> f64 {
     let Some(plan) = plan.computed_again(arm) else { return TOLERANCE_MIN_M };
     let offset = Vector2::from(plan.landing.mean_m) - plan.target.aim().centre();
     let [[xx, xy], [yx, yy]] = plan.landing.covariance_m2;

@@ -70,8 +70,8 @@ pub fn standing(settings: &Settings, q_rad: &[f64], length_us: u32) -> Option<Ve
 ///
 /// # Errors
 /// [`TrajectoryError::TooLong`]; with `settings` also everything that a controller with them would refuse.
-pub fn encode<const N: usize>(
-    motion: &Motion<N>,
+pub fn encode(
+    motion: &Motion,
     period_us: u32,
     robot_crc32: u32,
     settings: Option<&Settings>,
@@ -136,7 +136,7 @@ mod tests {
 
     fn motion() -> Motion {
         let knot =
-            |t_s, q: f64, qd: f64| MotionKnot { t_s, q_rad: Joints::repeat(q), qd_rad_s: Joints::repeat(qd) };
+            |t_s, q: f64, qd: f64| MotionKnot { t_s, q_rad: Joints::repeat(6, q), qd_rad_s: Joints::repeat(6, qd) };
         // Up to 0.6 rad/s in 0.56 s, back to rest in 0.36 s, constant jerk in each.
         let middle = 2.0 / 3.0 * 0.6 * 0.56;
         let stop = middle + 2.0 / 3.0 * 0.6 * 0.36;

@@ -63,7 +63,7 @@ pub(super) fn trial(args: &Args, ball: &[f64; 6]) -> Result<Trial, ExpectedError
 }
 
 /// The catcher of the court becomes this robot.
-fn place_robot(court: &mut CourtOptions<6>, robot: &str) -> Result<(), ExpectedError> {
+fn place_robot(court: &mut CourtOptions, robot: &str) -> Result<(), ExpectedError> {
     match AnyRobot::load(robot).map_err(|e| ExpectedError::bad_input(&e))? {
         AnyRobot::Six(model) => {
             court.arms[1].model = *model;

@@ -182,15 +182,15 @@ impl SearchOptions {
     ///
     /// # Errors
     /// If input is refused or no throw reaches the target.
-    pub fn plan_for<const N: usize>(
+    pub fn plan_for(
         &self,
-        arm: &RobotModel<N>,
+        arm: &RobotModel,
         target: [f64; 3],
         seed: u64,
         fast: bool,
     ) -> Result<Planned<PlanFile>, ExpectedError>
     where
-        RobotModel<N>: Plans<N>,
+        RobotModel: Plans,
     {
         let starts = self.options.starts(arm);
         let planned = self.plan_from(arm, &starts, target, (seed, fast), Watcher::Terminal)?;
@@ -204,16 +204,16 @@ impl SearchOptions {
     ///
     /// # Errors
     /// If input is refused or no throw reaches the target.
-    pub fn plan_from<const N: usize>(
+    pub fn plan_from(
         &self,
-        arm: &RobotModel<N>,
-        starts: &Starts<N>,
+        arm: &RobotModel,
+        starts: &Starts,
         target: [f64; 3],
         (seed, fast): (u64, bool),
         watcher: Watcher<'_>,
     ) -> Result<Planned<PlanFile>, ExpectedError>
     where
-        RobotModel<N>: Plans<N>,
+        RobotModel: Plans,
     {
         let Solved { mut plan, note, took, .. } =
             self.solve(arm, &starts.index, target, (seed, fast), watcher, None)?;
@@ -263,17 +263,17 @@ impl SearchOptions {
     ///
     /// # Errors
     /// If input is refused or no throw reaches the target.
-    pub(super) fn solve<const N: usize>(
+    pub(super) fn solve(
         &self,
-        arm: &RobotModel<N>,
-        index: &Index<N>,
+        arm: &RobotModel,
+        index: &Index,
         target: [f64; 3],
         (seed, fast): (u64, bool),
         watcher: Watcher<'_>,
         draws: Option<Draws>,
     ) -> Result<Solved, ExpectedError>
     where
-        RobotModel<N>: Plans<N>,
+        RobotModel: Plans,
     {
         self.require_sound()?;
         let (region, noise) = (self.region()?, self.noise()?);

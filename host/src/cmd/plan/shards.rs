@@ -69,8 +69,8 @@ impl Targets {
 }
 
 #[derive(Debug)]
-pub(super) struct Sweep<'a, const N: usize> {
-    pub(super) arm: &'a RobotModel<N>,
+pub(super) struct Sweep<'a> {
+    pub(super) arm: &'a RobotModel,
     pub(super) search: &'a SearchOptions,
     pub(super) seed: u64,
     pub(super) fast: bool,
@@ -96,9 +96,9 @@ pub(super) fn table_error(error: TableError) -> ExpectedError {
     }
 }
 
-impl<const N: usize> Sweep<'_, N>
+impl Sweep<'_>
 where
-    RobotModel<N>: Plans<N>,
+    RobotModel: Plans,
 {
     /// Makes those of the shards that are not there yet.
     ///
@@ -163,7 +163,7 @@ where
     }
 
     /// Everything that the rows follow from, by name.
-    fn study(&self, shards: u32, starts: &Starts<N>) -> Result<Study, ExpectedError> {
+    fn study(&self, shards: u32, starts: &Starts) -> Result<Study, ExpectedError> {
         let mut crc = crc32fast::Hasher::new();
         starts.index.records().iter().for_each(|record| crc.update(&record.to_bytes()));
         let words = [
@@ -189,7 +189,7 @@ where
         folder: &Folder,
         shard: Shard,
         source: &mut Option<(u64, Rows)>,
-        starts: &Starts<N>,
+        starts: &Starts,
         watch: &Watch,
         done: &AtomicU64,
     ) -> Result<bool, ExpectedError> {
@@ -235,7 +235,7 @@ where
         &self,
         number: u64,
         target: &TargetRow,
-        starts: &Starts<N>,
+        starts: &Starts,
         watch: &Watch,
     ) -> Result<Vec<String>, ExpectedError> {
         let draws = (self.draws > 0)

@@ -37,9 +37,9 @@ impl Args {
     }
 }
 
-fn run_for<const N: usize>(arm: &RobotModel<N>, args: &Args) -> Result<(), ExpectedError>
+fn run_for(arm: &RobotModel, args: &Args) -> Result<(), ExpectedError>
 where
-    RobotModel<N>: Plans<N>,
+    RobotModel: Plans,
 {
     let Planned { plan, took, .. } = args.search.plan_for(arm, args.target, args.seed, args.fast)?;
     if let Some(path) = &args.out {

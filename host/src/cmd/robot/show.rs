@@ -44,7 +44,7 @@ pub fn run(args: &Args) -> Result<(), ExpectedError> {
     Ok(())
 }
 
-fn pose<const N: usize>(arm: &RobotModel<N>, pose_deg: Option<&[f64]>) -> Result<JointVec<N>, ExpectedError> {
+fn pose(arm: &RobotModel, pose_deg: Option<&[f64]>) -> Result<JointVec, ExpectedError> {
     let Some(given) = pose_deg else { return Ok((arm.q_min() + arm.q_max()) * 0.5) };
     if given.len() != N || given.iter().any(|q| !q.is_finite()) {
         return Err(ExpectedError::bad_input(&format!(
@@ -53,5 +53,5 @@ fn pose<const N: usize>(arm: &RobotModel<N>, pose_deg: Option<&[f64]>) -> Result
             arm.name()
         )));
     }
-    Ok(JointVec::from_fn(|k, _| given[k].to_radians()))
+    Ok(JointVec::from_fn(N, |k| given[k].to_radians()))
 }

@@ -54,7 +54,7 @@ impl Machine {
     ///
     /// # Errors
     /// [`MachineError::NoDriveLoop`].
-    pub fn from_model<const N: usize>(model: &RobotModel<N>) -> Result<Self, MachineError> {
+    pub fn from_model(model: &RobotModel) -> Result<Self, MachineError> {
         let robot = model.name().to_owned();
         let Some(drive) = model.drive_loop() else { return Err(MachineError::NoDriveLoop { robot }) };
         let joints = model
