@@ -9,18 +9,18 @@ use planner::disc::flight::{Air, DiscState, Path};
 use planner::disc::intercept::{Plan, Settings, plan};
 use planner::disc::motion::{At, MotionLaw};
 use planner::disc::paper::Throw;
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 struct Case {
-    robot: AnyRobot,
+    robot: RobotModel,
     arm: DiscArm,
     path: Path,
     plan: Plan,
 }
 
 fn case(throw: &Throw, law: MotionLaw) -> Case {
-    let robot = AnyRobot::load("pincher4").unwrap();
-    let AnyRobot::Four(model) = &robot else { panic!("four joints") };
+    let robot = RobotModel::load("pincher4").unwrap();
+    let model = &robot;
     let arm = DiscArm::new((**model).clone()).unwrap();
     let body = Body::of_paper();
     let released = DiscState::released(throw, nalgebra::Vector3::z(), 0.0, &body);

@@ -10,7 +10,7 @@ use operator::tracker::calibration::{Calibration, Pair, RoomToRobot, Solved, Uns
 use operator::tracker::client::{Place, TrackerError, measure};
 use operator::tracker::target::{Target, TargetRequest};
 use planner::store::file::write_whole;
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 use super::plan::options::point;
 use super::print_json;
@@ -199,7 +199,7 @@ impl TrackerArgs {
 /// Two names of one robot are the same: its file, and the name in it.
 fn require_robot(calibration: &Calibration, path: &Path, robot: &str) -> Result<(), ExpectedError> {
     let name = |robot: &str| {
-        AnyRobot::load(robot).map_or_else(|_| robot.to_owned(), |robot| robot.name().to_owned())
+        RobotModel::load(robot).map_or_else(|_| robot.to_owned(), |robot| robot.name().to_owned())
     };
     if name(&calibration.robot) == name(robot) {
         return Ok(());

@@ -91,7 +91,7 @@ pub(super) fn read(path: &Path, robot: Option<&str>) -> Result<Source, ExpectedE
     let bad = |error: &PlanFileError| ExpectedError::bad_input(error);
     let plan = PlanRecord::read(path).map_err(|error| bad(&error))?;
     let id = plan.robot().clone();
-    let arm = super::arm(robot.unwrap_or(&id.source))?;
+    let arm = super::robot(robot.unwrap_or(&id.source))?;
     let motion = match &plan {
         PlanRecord::Throw(plan) => &plan.motion,
         PlanRecord::Move(plan) => &plan.motion,

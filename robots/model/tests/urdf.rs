@@ -168,11 +168,11 @@ fn what_a_serial_revolute_arm_cannot_have_is_refused_with_line_and_reason() {
 
 #[test]
 fn impossible_values_are_refused_by_the_loader_of_the_robot_file() {
-    let heavy = pendulum().replace("<mass value=\"2\"/>", "<mass value=\"-2\"/>");
+    let heavy = chain().replace("<mass value=\"2\"/>", "<mass value=\"-2\"/>");
     let made = robot_file_from_urdf("p.urdf", &heavy, &UrdfOptions::default()).expect("still a tree");
     let error = RobotModel::from_toml("p.toml", &made.toml).expect_err("negative mass");
     assert_eq!(error.key, "link[0].inertial.mass_kg");
-    let reversed = pendulum().replace("upper=\"1.5\"", "upper=\"-1.5\"");
+    let reversed = chain().replace("upper=\"1.5\"", "upper=\"-1.5\"");
     let made = robot_file_from_urdf("p.urdf", &reversed, &UrdfOptions::default()).expect("still a tree");
     let error = RobotModel::from_toml("p.toml", &made.toml).expect_err("limits reversed");
     assert_eq!(error.key, "joint[0].range_deg");

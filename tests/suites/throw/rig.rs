@@ -23,7 +23,7 @@ use planner::plan::{Arm, Confidence, Joints, Options, Problem, seeds};
 use planner::store::Index;
 use protocol::powercube::{AddressedRequest, MotionPosition, Parameter, Reply, Request, Value};
 use protocol::{Duration, Frame, Instant};
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 
 /// Answers this far apart show a speed: longer than the steps of the encoder matter, shorter than a ramp.
 const SPEED_WINDOW_S: f64 = 0.02;
@@ -125,7 +125,7 @@ pub(crate) struct Rig {
 
 impl Rig {
     fn new(setup: SimSetup) -> Self {
-        let AnyRobot::Six(arm) = AnyRobot::load("powercube6").unwrap() else { panic!("six joints") };
+        let arm = RobotModel::load("powercube6").unwrap();
         let index = seeds::built_in(&arm);
         Self { arm: *arm, index, setup }
     }
@@ -215,7 +215,7 @@ impl Rig {
             .target
             .opening
             .map(|o| Plane { point_m: Vector3::from(met_m), normal: Vector3::from(o.normal) });
-        let robot = AnyRobot::load("powercube6").unwrap();
+        let robot = RobotModel::load("powercube6").unwrap();
         let settings = settings_of(&robot).unwrap();
         let cell = Cell { robot_source: "powercube6".to_owned(), robot, seed, setup };
         let mut session = BusArgs::default().open_cell(&cell, Some(&settings)).unwrap();

@@ -114,7 +114,7 @@ pub struct Bounds {
 pub struct Experiment<'a> {
     session: &'a mut Session,
     model: &'a RobotModel,
-    modules: [ModuleId; N],
+    modules: Vec<ModuleId>,
     joint: usize,
     bounds: Bounds,
     bound_a: f64,
@@ -138,12 +138,12 @@ impl<'a> Experiment<'a> {
     pub fn new(
         session: &'a mut Session,
         model: &'a RobotModel,
-        modules: [ModuleId; N],
+        modules: Vec<ModuleId>,
         joint: usize,
         bounds: Bounds,
         progress: &'a mut dyn FnMut(&str),
     ) -> Result<Self, ExperimentError> {
-        for (i, module) in modules.into_iter().enumerate() {
+        for (i, module) in modules.iter().copied().enumerate() {
             let Value::U32(bits) = session.get(module, Parameter::CubeState)? else { continue };
             let state = CubeState::from_bits(bits);
             if state.intersects(CubeState::ERROR | CubeState::HALTED) {
@@ -165,8 +165,9 @@ impl<'a> Experiment<'a> {
     /// # Errors
     /// [`ExperimentError`].
     pub fn positions(&mut self) -> Result<JointVec, ExperimentError> {
-        let questions = self.modules.map(|module| (module, Request::Get(Parameter::ActPos)));
-        let mut q = JointVec::zeros(N);
+        let questions: Vec<_> =
+            self.modules.iter().map(|module| (*module, Request::Get(Parameter::ActPos))).collect();
+        let mut q = JointVec::zeros(self.modules.len());
         for (i, answer) in self.session.ask_all(&questions)?.into_iter().enumerate() {
             if let Reply::Value(_, value) = answer.map_err(AskError::Request)? {
                 q[i] = value.as_f64().unwrap_or(f64::NAN);

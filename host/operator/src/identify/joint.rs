@@ -2,7 +2,7 @@
 
 use protocol::ModuleId;
 use robot_model::collision::Scene;
-use robot_model::{AnyRobot, RobotModel, for_any_robot};
+use robot_model::RobotModel;
 
 use super::experiment::{Bounds, Experiment, ExperimentError};
 use crate::bus::Session;
@@ -47,15 +47,6 @@ pub enum JointError {
 /// [`JointError`]; what moved was halted.
 pub fn identify(
     session: &mut Session,
-    robot: &AnyRobot,
-    wish: &JointExperiments,
-    progress: &mut dyn FnMut(&str, usize),
-) -> Result<Findings, JointError> {
-    for_any_robot!(robot, model => of_model(session, model, wish, progress))
-}
-
-fn of_model(
-    session: &mut Session,
     model: &RobotModel,
     wish: &JointExperiments,
     progress: &mut dyn FnMut(&str, usize),
@@ -63,16 +54,15 @@ fn of_model(
     let robot = model.name().to_owned();
     let no_drives = || JointError::NoDrives { robot: robot.clone() };
     let drives = model.drives().ok_or_else(no_drives)?;
-    if !(1..=N).contains(&wish.joint) {
-        return Err(JointError::NoSuchJoint { robot, joints: N, asked: wish.joint });
+    let n = model.n();
+    if !(1..=n).contains(&wish.joint) {
+        return Err(JointError::NoSuchJoint { robot, joints: n, asked: wish.joint });
     }
     let joint = wish.joint - 1;
-    let mut modules = [ModuleId::MIN; N];
-    for (module, drive) in modules.iter_mut().zip(drives) {
-        *module = ModuleId::new(drive.address).map_err(|_| no_drives())?;
-    }
+    let modules: Vec<ModuleId> =
+        drives.iter().map(|drive| ModuleId::new(drive.address).map_err(|_| no_drives())).collect::<Result<_, _>>()?;
     let bus = session.name().to_owned();
-    let mut parts = Experiment::parts(true, N);
+    let mut parts = Experiment::parts(true, n);
     let mut told = 0;
     let mut tell = |what: &str| {
         told += 1;

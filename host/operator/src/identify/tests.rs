@@ -7,7 +7,7 @@ use crate::bus::args::CellArgs;
 use crate::bus::{BusArgs, Session};
 use hil_sim::fault::{FaultTarget, PhysicalFault, Place};
 use protocol::ModuleId;
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 use tuner::identify::findings::Findings;
 
 /// Table III of the paper, joint 2.
@@ -25,7 +25,7 @@ fn session(seed: u64, noise_a: f64) -> Session {
 
 fn run(session: &mut Session, joint: usize) -> Result<Findings, JointError> {
     let bounds = Bounds { current_share: 0.8, speed_share: 0.8, bit_rate_bit_s: 1e6 };
-    let robot = AnyRobot::load("powercube6").unwrap();
+    let robot = RobotModel::load("powercube6").unwrap();
     identify(session, &robot, &JointExperiments { joint, bounds, level: LEVEL }, &mut |_, _| {})
 }
 

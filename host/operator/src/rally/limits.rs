@@ -71,12 +71,12 @@ impl<'a> LimitWatch<'a> {
 
 #[cfg(test)]
 mod tests {
-    use robot_model::AnyRobot;
+    use robot_model::RobotModel;
 
     use super::*;
 
     fn watched(v: impl Fn(f64) -> f64, q0: f64) -> Executed {
-        let AnyRobot::Six(model) = AnyRobot::load("powercube6").unwrap() else { panic!("six joints") };
+        let model = RobotModel::load("powercube6").unwrap();
         let mut watch = LimitWatch::new(&model);
         let mut q = q0;
         for ms in 0..200 {

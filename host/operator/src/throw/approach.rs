@@ -53,7 +53,7 @@ pub fn rest_to_rest(
     share: f64,
     seed: u64,
 ) -> Result<Option<Motion>, ApproachError> {
-    let margin = Joints::repeat(6, MARGIN_RAD);
+    let margin = Joints::repeat(arm.n(), MARGIN_RAD);
     rest_to_rest_within(arm, scene, (arm.q_min() + margin, arm.q_max() - margin), ends, share, seed)
 }
 
@@ -109,7 +109,7 @@ fn name(arm: &Arm, body: Body) -> String {
 fn timed(arm: &Arm, corners: &[Joints], share: f64) -> Motion {
     let (v_max, a_max) = (arm.limit(|l| l.v_max_rad_s) * share, arm.limit(|l| l.a_max_rad_s2) * share);
     let mut t_s = 0.0;
-    let rest = |t_s, q_rad| Knot { t_s, q_rad, qd_rad_s: Joints::zeros(6) };
+    let rest = |t_s, q_rad| Knot { t_s, q_rad, qd_rad_s: Joints::zeros(arm.n()) };
     let mut knots = Vec::new();
     if let Some(first) = corners.first() {
         knots.push(rest(0.0, *first));
@@ -168,7 +168,7 @@ impl Space<'_> {
 
     fn sample(&mut self) -> Joints {
         let (low, high) = self.range;
-        Joints::from_fn(6, |j| low[j] + (high[j] - low[j]) * self.rng.unit())
+        Joints::from_fn(low.len(), |j| low[j] + (high[j] - low[j]) * self.rng.unit())
     }
 
     /// One step of `tree` towards `goal`; the index of the new node.
@@ -233,10 +233,7 @@ mod tests {
     use planner::motion::Sample;
 
     fn arm() -> Arm {
-        match robot_model::AnyRobot::load("powercube6").unwrap() {
-            robot_model::AnyRobot::Six(arm) => *arm,
-            _ => unreachable!("six joints"),
-        }
+        Arm::load("powercube6").unwrap()
     }
 
     fn deg(q: [f64; 6]) -> Joints {

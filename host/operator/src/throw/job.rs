@@ -17,7 +17,7 @@ use crate::dialogue::registers::{Numbers, settings_of, to_host};
 use crate::port::Operator;
 use crate::samples::drives::Drives;
 use planner::motion::Motion;
-use planner::plan::{JOINTS, Joints};
+use planner::plan::Joints;
 use tuner::gains::choose::built_in_of;
 use tuner::gains::gains_file::REGISTERS;
 
@@ -187,8 +187,8 @@ impl Steps<'_, '_> {
         self.begin(Step::Drives)?;
         self.operator.wait_for(BOOT_MAX, &|state| !matches!(state, State::Boot | State::Fault))?;
         let found = self.operator.pose()?;
-        if found.len() != JOINTS {
-            return Err(JobError::Joints { found: found.len() });
+        if found.len() != self.job.arm.n() {
+            return Err(JobError::Joints { found: found.len(), robot: self.job.arm.n() });
         }
         let double = self.operator.double_answers();
         if !double.is_empty() {
@@ -284,9 +284,9 @@ fn agree(operator: &mut dyn Operator, job: &Job<'_>, record: &mut Record) -> Res
         if gains_us != record.period_us as f64 {
             return Err(JobError::Period { controller_us: record.period_us as f64, gains_us });
         }
-        if !file.joint.iter().map(|joint| joint.number).eq(1..=JOINTS) {
+        if !file.joint.iter().map(|joint| joint.number).eq(1..=job.arm.n()) {
             let numbers: Vec<String> = file.joint.iter().map(|joint| joint.number.to_string()).collect();
-            return Err(JobError::GainsJoints { found: numbers.join(", ") });
+            return Err(JobError::GainsJoints { found: numbers.join(", "), robot: job.arm.n() });
         }
         file.check_robot(job.arm).map_err(JobError::GainsRobot)?;
         let mut wanted = settings_of(RegisterInfo::is_of_gains, &mut |name| operator.register(name))?;

@@ -15,7 +15,7 @@ use crate::bus::BusFailure;
 use crate::dialogue::operator::OperatorError;
 use crate::samples::drives::Drives;
 use planner::plan::file::PlanFile;
-use planner::plan::{Arm, JOINTS};
+use planner::plan::Arm;
 use tuner::gains::gains_file::{GainsFile, GainsFileError};
 
 /// What a throw is made of.
@@ -101,21 +101,25 @@ pub enum JobError {
         gains_us: f64,
     },
     /// Gains for another number of joints.
-    #[error("the gains are for joints {found}, the robot has {JOINTS}\n  next: `cubectl tune --joint all`")]
+    #[error("the gains are for joints {found}, the robot has {robot}\n  next: `cubectl tune --joint all`")]
     GainsJoints {
         /// Numbers in the file.
         found: String,
+        /// Joints of the robot.
+        robot: usize,
     },
     /// Gains of another robot.
     #[error("{0}\n  next: `cubectl tune --robot ROBOT --joint all`")]
     GainsRobot(GainsFileError),
     /// The controller was started for another number of joints.
     #[error(
-        "the controller has {found} joints, the robot {JOINTS}\n  next: name the robot of this controller with --robot"
+        "the controller has {found} joints, the robot {robot}\n  next: name the robot of this controller with --robot"
     )]
     Joints {
         /// As it tells.
         found: usize,
+        /// Joints of the robot.
+        robot: usize,
     },
     /// Two drives answer where one should.
     #[error(

@@ -84,7 +84,7 @@ pub fn encode(
     let mut knots = Vec::with_capacity(motion.knots.len());
     for knot in &motion.knots {
         let mut state = PerJoint::default();
-        for joint in JointIndex::first(N) {
+        for joint in JointIndex::first(knot.q_rad.len()) {
             state.set(joint, (knot.q_rad[joint.get()] as f32, knot.qd_rad_s[joint.get()] as f32));
         }
         knots.push(Knot { t_us: us(knot.t_s).ok_or_else(too_long)?, state });
@@ -99,7 +99,7 @@ pub fn encode(
             return Err(TrajectoryError::TooManyEvents { events: motion.events.len() });
         }
     }
-    let header = Header { joints: N as u8, period_us, events, robot_crc32, envelope: None };
+    let header = Header { joints: motion.start_rad().len() as u8, period_us, events, robot_crc32, envelope: None };
     let mut bytes = vec![0; FILE_LEN_MAX];
     let len = trajectory_format::encode(&header, &knots, &mut bytes).ok_or_else(too_long)?;
     bytes.truncate(len);

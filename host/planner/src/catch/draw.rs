@@ -258,13 +258,13 @@ pub fn scatter(
 
 #[cfg(test)]
 mod tests {
-    use robot_model::AnyRobot;
+    use robot_model::RobotModel;
 
     use super::*;
 
     #[test]
     fn drawn_throws_pass_the_window_and_keep_the_throwers_limits() {
-        let AnyRobot::Six(arm) = AnyRobot::load("powercube6").unwrap() else { panic!("six joints") };
+        let arm = RobotModel::load("powercube6").unwrap();
         let catcher = Pose::from_rpy([0.0, 0.0, PI], Vector3::new(2.5, 0.0, 0.0));
         let flight = FlightModel::vacuum(9.81).unwrap().with_drag(0.0284).unwrap();
         let window = Window::default();
@@ -289,7 +289,7 @@ mod tests {
     /// A ball let go late leaves elsewhere: the covariance of a delay is that of the differences.
     #[test]
     fn scatter_of_the_delay_is_that_of_late_releases() {
-        let AnyRobot::Six(arm) = AnyRobot::load("powercube6").unwrap() else { panic!("six joints") };
+        let arm = RobotModel::load("powercube6").unwrap();
         let catcher = Pose::from_rpy([0.0, 0.0, PI], Vector3::new(2.5, 0.0, 0.0));
         let flight = FlightModel::vacuum(9.81).unwrap();
         let mut rng = SplitMix64::new(2);

@@ -7,7 +7,7 @@ use planner::disc::arm::DiscArm;
 use planner::disc::flight::Path;
 use planner::disc::intercept::Plan;
 use planner::disc::witness::{Rule, Verdict};
-use robot_model::AnyRobot;
+use robot_model::RobotModel;
 use serde_json::{Value, json};
 
 use super::witness_words::{list, seen_json};
@@ -22,7 +22,7 @@ const LOST_JOINT: usize = 1;
 /// # Errors
 /// The robot has no drives, the controller refuses the motion, or a trouble is none of a disc.
 pub(super) fn run(
-    robot: &AnyRobot,
+    robot: &RobotModel,
     arm: &DiscArm,
     path: &Path,
     plan: &Plan,

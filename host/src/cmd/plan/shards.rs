@@ -23,7 +23,6 @@ use planner::parallel::try_each;
 use planner::plan::Watch;
 use planner::plan::file::PlanFile;
 use planner::plan::rng::SplitMix64;
-use planner::request::Plans;
 use planner::store::robot_fingerprint;
 use robot_model::RobotModel;
 
@@ -96,10 +95,7 @@ pub(super) fn table_error(error: TableError) -> ExpectedError {
     }
 }
 
-impl Sweep<'_>
-where
-    RobotModel: Plans,
-{
+impl Sweep<'_> {
     /// Makes those of the shards that are not there yet.
     ///
     /// # Errors
@@ -199,7 +195,7 @@ where
             _ => self.targets.rows_from(own.start).map_err(table_error)?,
         };
         let stopped = || watch.stop.load(Ordering::Relaxed);
-        let made = folder.make(shard, &columns(N), |rows| {
+        let made = folder.make(shard, &columns(self.arm.n()), |rows| {
             let batch: Vec<(u64, TargetRow)> = rows
                 .clone()
                 .zip(targets.by_ref())
@@ -257,10 +253,10 @@ where
                 (outcome, of_plan(&plan, landings), note.unwrap_or_default().to_owned())
             }
             Err(e) if [exit::NO_THROW, exit::BAD_INPUT].contains(&e.code) => {
-                ("refused", none(N), e.message.lines().next().unwrap_or_default().to_owned())
+                ("refused", none(self.arm.n()), e.message.lines().next().unwrap_or_default().to_owned())
             }
             // A search that was stopped; the row is dropped.
-            Err(e) if e.code == exit::INTERRUPTED => ("refused", none(N), "stopped".to_owned()),
+            Err(e) if e.code == exit::INTERRUPTED => ("refused", none(self.arm.n()), "stopped".to_owned()),
             Err(e) => return Err(e),
         };
         Ok(head.chain([outcome.to_owned()]).chain(numbers).chain([note]).collect())

@@ -12,7 +12,7 @@ use std::sync::atomic::Ordering;
 use std::time::Instant as WallTime;
 
 use can_link::BusSpec;
-use robot_model::AnyRobot;
+use planner::follow::limits::AXES;
 use toml_reader::{DESCRIPTION_MAX_BYTES, read_text};
 
 use self::folder::Folder;
@@ -130,9 +130,8 @@ pub struct Args {
 /// # Errors
 /// No throw, a plan that does not fit, the bus, the controller, the disk, or Ctrl-C. The exit code tells them apart.
 pub fn run(args: &Args) -> Result<(), ExpectedError> {
-    if let AnyRobot::Six(arm) = super::robot(&args.search.options.robot)?
-        && is_industrial(&arm)
-    {
+    let arm = super::robot(&args.search.options.robot)?;
+    if arm.n() == AXES && is_industrial(&arm) {
         return robot::run(args, &arm);
     }
     args.given.require_meaning(&args.deeds(&[Deed::OnCan]))?;

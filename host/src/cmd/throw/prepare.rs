@@ -28,7 +28,6 @@ use operator::throw::cell::take_plan;
 use operator::throw::outcome::default_tolerance_m;
 use planner::plan::Arm;
 use planner::plan::file::PlanFile;
-use planner::request::Plans;
 use planner::verify;
 use tuner::gains::gains_file::GainsFile;
 
@@ -145,7 +144,7 @@ fn planned(args: &Args, target_m: Option<[f64; 3]>, seed: u64) -> Result<Planned
     };
     let began = WallTime::now();
     let plan = PlanFile::read(path).map_err(|error| ExpectedError::bad_input(&error))?;
-    let arm = crate::cmd::arm(&args.search.options.robot)?;
+    let arm = crate::cmd::robot(&args.search.options.robot)?;
     plan.require_robot(path, &arm).map_err(|error| ExpectedError::bad_input(&error))?;
     Ok(Planned { plan: (arm, plan), took: began.elapsed(), note: None })
 }
@@ -153,7 +152,7 @@ fn planned(args: &Args, target_m: Option<[f64; 3]>, seed: u64) -> Result<Planned
 /// Checks the plan by other means than the planner's. A ball that would touch the arm misses, also where the plan's form allows
 /// it, so that must be asked for.
 fn preflight(arm: &Arm, plan: &PlanFile) -> Result<(), ExpectedError> {
-    let report = arm.check(plan);
+    let report = verify::check(arm, plan);
     if report.ok() {
         let touch = report.findings.iter().find(|f| !f.ok && f.what.starts_with(verify::RELEASED_BALL));
         return match touch.filter(|_| !plan.search.touch_allowed) {

@@ -146,7 +146,7 @@ impl<'m> Ways<'m> {
         let mut candidates: Vec<(f64, JointVec)> = Vec::new();
         let (mut largest_nm, mut most) = (0.0f64, own);
         for _ in 0..CANDIDATES {
-            let pose = JointVec::from_fn(N, |i| {
+            let pose = JointVec::from_fn(q.len(), |i| {
                 let (low, high) = limits[i];
                 if i == joint { q[i] } else { low + 0.3 + (high - low - 0.6) * samples.unit() }
             });
@@ -183,7 +183,7 @@ impl<'m> Ways<'m> {
     /// An order in which the joints can go from `from` to `to` one by one, `joint` staying; `None` if neither
     /// outwards nor inwards is free.
     fn order(&mut self, from: &JointVec, to: &JointVec, joint: usize) -> Option<Vec<usize>> {
-        let outwards: Vec<usize> = (0..N).filter(|i| *i != joint).collect();
+        let outwards: Vec<usize> = (0..from.len()).filter(|i| *i != joint).collect();
         let inwards: Vec<usize> = outwards.iter().rev().copied().collect();
         [inwards, outwards].into_iter().find(|order| {
             let mut q = *from;
@@ -221,13 +221,10 @@ fn ends(loads: &[(f64, f64)]) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use robot_model::AnyRobot;
+    use robot_model::RobotModel;
 
-    fn arm() -> Box<RobotModel> {
-        match AnyRobot::load("powercube6").unwrap() {
-            AnyRobot::Six(model) => model,
-            other => panic!("{} has six joints", other.name()),
-        }
+    fn arm() -> RobotModel {
+        RobotModel::load("powercube6").unwrap()
     }
 
     fn upright() -> JointVec {
