@@ -233,7 +233,7 @@ fn recorded(session: &mut Session, release: Instant, until: Instant) -> (Vec<Mov
     let since_s = |at: Instant| at.as_secs_f64() - release.as_secs_f64();
     let moved = (trace.index_at(release)..trace.index_at(until)).map(|index| {
         let joints = trace.sample(index);
-        let of = |part: usize| Joints::from_fn(6, |j| joints.get(j).map_or(0.0, |joint| joint[part]));
+        let of = |part: usize| Joints::from_fn(|j, _| joints.get(j).map_or(0.0, |joint| joint[part]));
         Moved { t_s: since_s(trace.at(index)), q: of(0), qd: of(1) }
     });
     let closed = trace.gripper_orders().iter().find(|(at, open)| !open && *at > release);
@@ -264,9 +264,9 @@ fn judge(arm: &DiscArm, moments: &[Moment], closed_s: Option<f64>) -> Verdict {
 }
 
 fn tracking(arm: &DiscArm, plan: &Plan, moved: &[Moved]) -> Tracking {
-    let mut out = Tracking { worst_rad: Joints::zeros(6), at_catch_rad: Joints::zeros(6), tip_m: (0.0, 0.0) };
+    let mut out = Tracking { worst_rad: Joints::zeros(), at_catch_rad: Joints::zeros(), tip_m: (0.0, 0.0) };
     let tip = |q: &Joints| {
-        arm.model.ee_at(q).transform_point(&nalgebra::Vector3::new(arm.size.gripper_m, 0.0, 0.0))
+        arm.model.ee_at(&(*q).into()).transform_point(&nalgebra::Vector3::new(arm.size.gripper_m, 0.0, 0.0))
     };
     let mut nearest_s = f64::INFINITY;
     for moved in moved {
@@ -284,10 +284,10 @@ fn tracking(arm: &DiscArm, plan: &Plan, moved: &[Moved]) -> Tracking {
 }
 
 fn rates(moved: &[Moved]) -> (Joints, Joints) {
-    let speed = moved.iter().fold(Joints::zeros(6), |most, moved| most.sup(&moved.qd.abs()));
+    let speed = moved.iter().fold(Joints::zeros(), |most, moved| most.sup(&moved.qd.abs()));
     let means = moved.windows(WINDOW + 1).map(|window| {
         let (first, last) = (window[0], window[WINDOW]);
         ((last.qd - first.qd) / (last.t_s - first.t_s)).abs()
     });
-    (speed, means.fold(Joints::zeros(6), |most, mean| most.sup(&mean)))
+    (speed, means.fold(Joints::zeros(), |most, mean| most.sup(&mean)))
 }

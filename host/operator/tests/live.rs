@@ -104,7 +104,7 @@ fn a_page_sees_what_drives_tell_and_where_the_arm_is() {
         "the first one was heard 5 ms before the last"
     );
     let arm = RobotModel::load("powercube6").unwrap();
-    let frames = arm.fk(&robot_model::JointVec::from_fn(N, |j| f64::from(q_rad[j])));
+    let frames = arm.fk(&robot_model::JointVec::from_fn(6, |j| f64::from(q_rad[j])));
     let hand = arm.ball(&frames).pos;
     for (axis, want) in hand.iter().enumerate() {
         assert!((seen["placed"]["hand_m"][axis].as_f64().unwrap() - want).abs() < 1e-12);

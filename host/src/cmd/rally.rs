@@ -291,7 +291,7 @@ pub(super) fn as_json(outcome: &Outcome) -> Value {
         "crossing": outcome.crossing.map(|c| json!({"miss_m": c.miss_m, "angle_rad": c.angle_rad, "speed_m_s": c.speed_m_s})),
         "choice": outcome.choice.as_ref().map(|c| json!({
             "mode": mode_word(c.mode), "after_release_s": c.t_s - outcome.planned_s.0, "p_m": c.p_m.as_slice(),
-            "axis": c.axis.as_slice(), "q_rad": c.q.as_slice(), "qd_rad_s": c.qd.as_slice(),
+            "axis": c.axis.as_slice(), "q_rad": c.q[..], "qd_rad_s": c.qd[..],
             "probability": c.probability, "used": c.used, "relative_m_s": c.relative_m_s,
         })),
         "decisions": outcome.log.iter().map(|l| json!({

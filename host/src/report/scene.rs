@@ -119,7 +119,7 @@ fn steps_top(arm: &RobotModel, motion: &SceneMotion<'_>) -> f64 {
     let span = motion.to_s - motion.from_s;
     let heights = (0..=20).flat_map(|i| {
         let frames = arm.fk(&(motion.q_at)(motion.from_s + span * f64::from(i) / 20.0));
-        frames.x_w.map(|x| x.pos.z)
+        frames.x_w.iter().map(|x| x.pos.z).collect::<Vec<_>>()
     });
     heights.fold(0.0, f64::max) + 0.06
 }

@@ -66,7 +66,7 @@ impl Bench {
         apply(&choice, &mut settings);
         Ok(Self {
             tolerance_m: default_tolerance_m(&arm, &plan),
-            arm: *arm,
+            arm,
             robot,
             settings,
             gains: Some(choice.gains),

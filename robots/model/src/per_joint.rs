@@ -189,6 +189,13 @@ impl JointVec {
         self.zip_map(other, f64::max)
     }
 
+    /// The smaller of two numbers in each place.
+    #[must_use]
+    #[inline]
+    pub fn inf(&self, other: &Self) -> Self {
+        self.zip_map(other, f64::min)
+    }
+
     /// Products place by place.
     #[must_use]
     #[inline]

@@ -24,7 +24,7 @@ fn agree<const N: usize>(at: &[f64; 100]) -> Result<(), TestCaseError> {
     prop_assert_eq!(x.len(), N);
     prop_assert!(same(&(x + y), &(a + b)) && same(&(x - y), &(a - b)) && same(&-x, &-a));
     prop_assert!(same(&(x * by), &(a * by)) && same(&(by * x), &(a * by)) && same(&(x / by), &(a / by)));
-    prop_assert!(same(&x.abs(), &a.abs()) && same(&x.sup(&y), &a.sup(&b)));
+    prop_assert!(same(&x.abs(), &a.abs()) && same(&x.sup(&y), &a.sup(&b)) && same(&x.inf(&y), &a.inf(&b)));
     prop_assert!(same(&x.component_mul(&y), &a.component_mul(&b)));
     prop_assert!(same(&x.component_div(&y), &a.component_div(&b)));
     prop_assert!(same(&x.map(f64::sin), &a.map(f64::sin)));

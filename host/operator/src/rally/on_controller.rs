@@ -190,8 +190,8 @@ impl ControllerArm {
         let Some((at, _)) = self.clock.controller_time(ours) else { return Err(Refused::NotSent) };
         let end = EndStates {
             at,
-            q_rad: q.as_slice().to_vec(),
-            qd_rad_s: qd.as_slice().to_vec(),
+            q_rad: q.to_vec(),
+            qd_rad_s: qd.to_vec(),
             events: Vec::new(),
         };
         self.sequence = self.sequence.wrapping_add(1);

@@ -288,7 +288,7 @@ pub fn run(
                 let trial = TrialOptions { wait: wait.q_rad, ..trial };
                 let (throws, exists) = drawn.possible(&trial, options.throws).ok_or_else(refused)?;
                 let row = row(&name, &pair, &throws, &|_| trial.clone(), &exists, options.seed);
-                done(&Row { wait_deg: wait.q_rad.map(f64::to_degrees).into(), ..row });
+                done(&Row { wait_deg: wait.q_rad.map(f64::to_degrees).array(), ..row });
             }
         }
     }

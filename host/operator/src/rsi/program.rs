@@ -4,7 +4,7 @@ use firmware::groups::rsi::Options;
 use firmware::joints::PerJoint;
 use firmware::settings::Settings;
 use hil_sim::krc::{KrcOptions, KrcScenario, Space};
-use planner::follow::limits::{Arm, Axes};
+use planner::follow::limits::{AXES, Arm, Axes};
 use planner::follow::plan::FollowPlan;
 use planner::follow::setting::CommandRange;
 use planner::motion::Motion;
@@ -135,7 +135,7 @@ pub fn way_to_start(
 ) -> Result<Vec<Motion>, ApproachError> {
     let Some(start) = plan.steps.first() else { return Ok(Vec::new()) };
     let from = Axes::from(scenario.options.start_deg.map(f64::to_radians));
-    let (passed, inside) = (command_range(scenario), Axes::repeat(CORNER_INSIDE_RAD));
+    let (passed, inside) = (command_range(scenario), Axes::repeat(AXES, CORNER_INSIDE_RAD));
     let range = (arm.q_min().sup(&passed.min_rad) + inside, arm.q_max().inf(&passed.max_rad) - inside);
     let ends = (&from, &Axes::from(start.q_rad));
     let way = rest_to_rest_within(arm, scene, range, ends, share, seed)?;
@@ -321,7 +321,7 @@ pub fn command_range(scenario: &KrcScenario) -> CommandRange {
     let krc = &scenario.options;
     let reach: [_; 6] = std::array::from_fn(|axis| passed_deg(krc, axis));
     let at = |end: fn((f64, f64)) -> f64| {
-        Axes::from_fn(|axis, _| (krc.start_deg[axis] + end(reach[axis])).to_radians())
+        Axes::from_fn(AXES, |axis| (krc.start_deg[axis] + end(reach[axis])).to_radians())
     };
     CommandRange { min_rad: at(|(low, _)| low), max_rad: at(|(_, high)| high) }
 }

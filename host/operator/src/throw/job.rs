@@ -101,14 +101,14 @@ fn all_steps(
     told: OnProgress<'_>,
 ) -> Result<(), JobError> {
     let mut steps = Steps { operator, record, told, may_move: false };
-    let found = steps.find_drives()?;
+    let found = steps.find_drives(job.arm.n())?;
     steps.home(&found)?;
     steps.begin(Step::Gains)?;
     agree(steps.operator, job, steps.record)?;
     steps.end(if job.gains.is_some() { "written and read back" } else { "those of the controller" });
 
     let (throw, scene): (Motion, _) = (job.plan.motion.to_motion(), job.plan.scene());
-    let before = Joints::from_iterator(steps.operator.pose()?);
+    let before = Joints::from_slice(&steps.operator.pose()?);
     steps.operator.set_gripper(false)?;
     let approach =
         rest_to_rest(job.arm, &scene, (&before, &throw.start_rad()), job.approach_share, job.seed)?;
@@ -125,7 +125,7 @@ fn all_steps(
 
     // A ball that hangs in an open hand may fall at any time: the arm stays where it is.
     if job.go_back && steps.record.ball != BallOutcome::InHand {
-        let here = Joints::from_iterator(steps.operator.pose()?);
+        let here = Joints::from_slice(&steps.operator.pose()?);
         let empty = Scene { ball_held: false, ..scene };
         if let Some(motion) = rest_to_rest(job.arm, &empty, (&here, &before), job.approach_share, job.seed)? {
             steps.begin(Step::Return)?;
@@ -178,7 +178,7 @@ impl Steps<'_, '_> {
     }
 
     /// The controller, and the joints whose drives it has found.
-    fn find_drives(&mut self) -> Result<Vec<f64>, JobError> {
+    fn find_drives(&mut self, robot: usize) -> Result<Vec<f64>, JobError> {
         self.begin(Step::Controller)?;
         self.record.node = self.operator.connect()?;
         let who = self.record.node.map_or("in this program".to_owned(), |node| node.get().to_string());
@@ -187,8 +187,8 @@ impl Steps<'_, '_> {
         self.begin(Step::Drives)?;
         self.operator.wait_for(BOOT_MAX, &|state| !matches!(state, State::Boot | State::Fault))?;
         let found = self.operator.pose()?;
-        if found.len() != self.job.arm.n() {
-            return Err(JobError::Joints { found: found.len(), robot: self.job.arm.n() });
+        if found.len() != robot {
+            return Err(JobError::Joints { found: found.len(), robot });
         }
         let double = self.operator.double_answers();
         if !double.is_empty() {
@@ -329,17 +329,14 @@ fn drives_of(operator: &mut dyn Operator) -> Result<Drives, JobError> {
     };
     let address: Option<Vec<u8>> = addresses.iter().map(|n| u8::try_from(*n).ok()).collect();
     let offset_rad: Vec<f64> = offset_rad.into_iter().map(f64::from).collect();
-    Ok(Drives {
-        address: address.and_then(|all| all.try_into().ok()).ok_or_else(unreadable)?,
-        inverted: inverted.try_into().map_err(|_| unreadable())?,
-        offset_rad: offset_rad.try_into().map_err(|_| unreadable())?,
-    })
+    let address = address.filter(|all| [inverted.len(), offset_rad.len()] == [all.len(); 2]);
+    Ok(Drives { address: address.ok_or_else(unreadable)?, inverted, offset_rad })
 }
 
 /// What the samples say of the run; `None` if it never began, or a joint was not heard.
 fn analysed(operator: &mut dyn Operator, job: &Job<'_>, record: &Record) -> Option<RunAnalysis> {
     let run = Run {
-        samples: &operator.take_samples(job.arm, record.drives)?,
+        samples: &operator.take_samples(job.arm, record.drives.clone())?,
         plan: job.plan,
         arm: job.arm,
         start: None,

@@ -263,7 +263,7 @@ fn as_text(arm: &DiscArm, throw: &Throw, rule: Option<&(Run, Verdict)>, plan: Op
 fn as_json(arm: &DiscArm, throw: &Throw, rule: Option<&(Run, Verdict)>, plan: Option<&Planned>) -> Value {
     json!({
         "throw": {"start_m": throw.start_m.as_slice(), "velocity_m_s": throw.velocity_m_s.as_slice()},
-        "speed_allowed_rad_s": arm.model.limit(|l| l.v_max_rad_s).as_slice(),
+        "speed_allowed_rad_s": arm.model.limit(|l| l.v_max_rad_s)[..],
         "rule": rule.map(|(run, verdict)| json!({
             "in_reach_step": run.in_reach, "captured_step": run.captured,
             "speed_demanded_rad_s": run.speed_demanded_rad_s().as_slice(),

@@ -236,7 +236,7 @@ pub(super) fn diagnosis(session: &mut Session, arm: &Arm, counts: impl Fn(&str) 
     session.switch_controller_off();
     // Answers to it may still be under way.
     session.sleep_until(session.now() + ANSWERS_MAX).ok()?;
-    let (modules, findings) = examine_modules(session, &Wanted::of_arm(arm)).ok()?;
+    let (modules, findings) = examine_modules(session, &Wanted::of_robot(arm)).ok()?;
     let problems = findings.iter().filter(|f| f.level == Level::Problem && counts(f.check));
     let shown = if modules.is_empty() { 1 } else { usize::MAX };
     let list: Vec<String> =
