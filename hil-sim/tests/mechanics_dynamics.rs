@@ -392,8 +392,7 @@ fn scatter_changes_the_arm_and_the_same_seed_changes_it_the_same_way() {
 fn the_ball_weighs_on_the_arm_until_it_leaves_the_hand() {
     let text = robot_model::built_in_text("powercube6").unwrap();
     let heavy =
-        RobotModel::from_toml("heavy", &text.replacen("ball_mass_kg = 0", "ball_mass_kg = 0.4", 1))
-            .unwrap();
+        RobotModel::from_toml("heavy", &text.replacen("ball_mass_kg = 0", "ball_mass_kg = 0.4", 1)).unwrap();
     let bare_model = model();
     let q = deg([30.0, -40.0, -110.0, 50.0, 70.0, -20.0]);
     let frames = bare_model.fk(&q);

@@ -225,10 +225,7 @@ impl Cell {
     }
 }
 
-fn start_pose(
-    model: &RobotModel,
-    options: &CellOptions,
-) -> Result<JointVec, CellError> {
+fn start_pose(model: &RobotModel, options: &CellOptions) -> Result<JointVec, CellError> {
     let n = model.n();
     match &options.start_q_rad {
         None => Ok((model.q_min() + model.q_max()) * 0.5 + JointVec::repeat(n, 0.1)),

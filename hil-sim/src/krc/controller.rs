@@ -95,12 +95,7 @@ impl Krc {
     ///
     /// # Errors
     /// The options or the configuration file cannot be served.
-    pub fn new(
-        model: RobotModel,
-        config: Config,
-        options: KrcOptions,
-        seed: u64,
-    ) -> Result<Self, KrcError> {
+    pub fn new(model: RobotModel, config: Config, options: KrcOptions, seed: u64) -> Result<Self, KrcError> {
         let axis_places = check::servable(&config, &options, &model).map_err(KrcError::Options)?;
         let start = options.start_deg;
         Ok(Self {

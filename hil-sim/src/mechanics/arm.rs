@@ -224,7 +224,8 @@ impl Plant for Mechanism {
     }
 
     fn energy(&self) -> Energy {
-        let rotors: f64 = (0..self.axes()).map(|i| 0.5 * self.joints[i].rotor_kg_m2 * self.v[i] * self.v[i]).sum();
+        let rotors: f64 =
+            (0..self.axes()).map(|i| 0.5 * self.joints[i].rotor_kg_m2 * self.v[i] * self.v[i]).sum();
         let gears: f64 = (0..self.axes())
             .map(|i| {
                 let twist = self.q[i] - self.link_q[i];

@@ -60,12 +60,7 @@ impl MechanicsOptions {
     }
 
     /// The arm at rest in `q_rad`, with deviations of each joint from its model.
-    pub fn build(
-        &self,
-        model: &RobotModel,
-        q_rad: JointVec,
-        deviations: &[JointDeviation],
-    ) -> Mechanism {
+    pub fn build(&self, model: &RobotModel, q_rad: JointVec, deviations: &[JointDeviation]) -> Mechanism {
         // The modules were tuned on the nominal arm; friction belongs to the module.
         let tuned = self.servo_inertia_kg_m2(model);
         let coulomb_rad_s2 =

@@ -200,11 +200,7 @@ fn applied_torque(input: &AxisInput, q: f64, v: f64, a: f64, h: f64) -> (f64, To
     }
 }
 
-fn accelerations(
-    joints: &[JointMechanics],
-    rows: &[Row],
-    start: &Start<'_>,
-) -> (JointVec, JointVec) {
+fn accelerations(joints: &[JointMechanics], rows: &[Row], start: &Start<'_>) -> (JointVec, JointVec) {
     let (n, h) = (joints.len(), start.dt_s);
     let mut a_matrix = *start.mass;
     let mut rhs = -*start.bias;

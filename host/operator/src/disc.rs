@@ -159,7 +159,12 @@ pub fn close_s(arm: &DiscArm, path: &Path, plan: &Plan) -> f64 {
     since_s.unwrap_or(plan.choice.t_s - plan.reach.half_dwell_s) + CLOSE_LATER_S
 }
 
-fn execute(robot: &RobotModel, plan: &Plan, close_s: f64, lost: Option<DriveLost>) -> Result<Executed, NoRun> {
+fn execute(
+    robot: &RobotModel,
+    plan: &Plan,
+    close_s: f64,
+    lost: Option<DriveLost>,
+) -> Result<Executed, NoRun> {
     let settings = settings_with_gains(robot)?;
     let file = trajectory(plan, close_s, &settings)?;
     let mut session = open(robot, &plan.motion.q(plan.motion.from_s), &settings)?;

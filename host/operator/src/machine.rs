@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
-use robot_model::{RobotModel, JointVec, Pose};
+use robot_model::{JointVec, Pose, RobotModel};
 use serde::Serialize;
 
 /// The bodies at joint angles in rad.
@@ -41,7 +41,9 @@ impl Machine {
         Self {
             robot: robot.name().to_owned(),
             joints: robot.joints().iter().map(|joint| joint.name.clone()).collect(),
-            addresses: robot.drives().map_or_else(Vec::new, |drives| drives.iter().map(|drive| drive.address).collect()),
+            addresses: robot
+                .drives()
+                .map_or_else(Vec::new, |drives| drives.iter().map(|drive| drive.address).collect()),
             boxes: robot.collision().boxes().iter().map(|b| (b.link, b.x_lb, b.half_m.into())).collect(),
             ball_radius_m: robot.gripper().ball_radius_m,
             place: Box::new(move |q_rad| placed(&own, q_rad)),

@@ -37,7 +37,8 @@ impl Task for Hold<'_> {
     fn rows<S: Sink>(&self, x: &Row, sink: &mut S) {
         let (q, rest) = (JointVec::from_slice(&x[..6]), JointVec::zeros(6));
         let gravity = self.arm.inverse_dynamics_gradient(&q, &rest, &rest);
-        let by_q = (0..6).fold(rest, |sum, i| sum + gravity.by_q.row(i) * gravity.tau[i]) * (2.0 * TORQUE_SCALE_1_NM2);
+        let by_q = (0..6).fold(rest, |sum, i| sum + gravity.by_q.row(i) * gravity.tau[i])
+            * (2.0 * TORQUE_SCALE_1_NM2);
         sink.objective(TORQUE_SCALE_1_NM2 * gravity.tau.norm_squared(), |g| {
             (0..6).for_each(|k| g.add(k, by_q[k]));
         });

@@ -65,7 +65,9 @@ fn make(
     let kinds: Vec<u32> = sets.iter().map(kind_of).collect();
     let robot = robot_fingerprint(arm);
     let mut all = match std::fs::read(out) {
-        Ok(bytes) => file::parse(&bytes, robot, arm.n()).ok_or("OUT is not a table of this robot: remove it")?,
+        Ok(bytes) => {
+            file::parse(&bytes, robot, arm.n()).ok_or("OUT is not a table of this robot: remove it")?
+        }
         Err(_) => Vec::new(),
     };
     all.retain(|record| !kinds.contains(&record.kind));

@@ -9,7 +9,9 @@ use crate::plan::file::PlanFile;
 use crate::plan::finger_release::monte_carlo_with_fingers;
 use crate::plan::ladder::Settled;
 use crate::plan::statistics::{Noise, Region, monte_carlo};
-use crate::plan::{Best, Budget, Found, GivenUp, Kept, Ladder, NoThrow, Options, Problem, ProblemError, Watch};
+use crate::plan::{
+    Best, Budget, Found, GivenUp, Kept, Ladder, NoThrow, Options, Problem, ProblemError, Watch,
+};
 use crate::store::Index;
 use crate::throw::Throw;
 

@@ -26,12 +26,7 @@ const ROWS: usize = 2;
 const GAP: f64 = 1.02;
 
 /// As `plan throw` goes down: the default form, without limits of the landing's shift, and without nulling.
-fn search(
-    arm: &RobotModel,
-    table: &Index,
-    target: Vector3<f64>,
-    seed: u64,
-) -> Option<(usize, f64)> {
+fn search(arm: &RobotModel, table: &Index, target: Vector3<f64>, seed: u64) -> Option<(usize, f64)> {
     let request = Request {
         target,
         options: &Options::best(),
@@ -147,7 +142,9 @@ fn throws_past_the_foot_and_the_floor_are_found_again_from_themselves() {
         let Some((2, told)) = row.known else { continue };
         let problem = Problem::new(&arm, row.target, plain.clone()).expect("valid");
         tried += 1;
-        if let Some(again) = Planner::new(&problem).persistent().from_throw(&row.throw(arm.n()).expect("a throw")) {
+        if let Some(again) =
+            Planner::new(&problem).persistent().from_throw(&row.throw(arm.n()).expect("a throw"))
+        {
             // It may lead to a cheaper one.
             assert!((0.8..1.2).contains(&(again.objective / told)), "{}, told {told}", again.objective);
             found += 1;

@@ -183,10 +183,7 @@ fn a_ball_that_is_released_early_comes_down_through_the_plane_and_does_not_graze
         refused_of("powercube6", [0.547153718062688, -0.9089935350476135, 0.23347482640581774]),
         [""; 0]
     );
-    assert_eq!(
-        refused_of("kr16_2", [-1.3938405064065176, -1.0557594565364068, 1.032072862117285]),
-        [""; 0]
-    );
+    assert_eq!(refused_of("kr16_2", [-1.3938405064065176, -1.0557594565364068, 1.032072862117285]), [""; 0]);
 }
 
 /// Foot and wrist of a KR 16 came 2.7 mm near between two instants of the look along the motion, which looked between instants

@@ -9,11 +9,11 @@ use host::exit;
 use planner::follow::limits::{AXES, Arm};
 use planner::follow::plan::{FollowPlan, Step};
 use planner::motion::{Knot, Motion};
-use planner::plan::file::{MotionInfo, PlanFile, PlanFileError};
+use planner::plan::file::{PlanFile, PlanFileError};
 use planner::record::PlanRecord;
+use planner::verify;
 use pyo3::prelude::*;
 use pyo3::types::PyByteArray;
-use planner::verify;
 use robot_model::RobotModel;
 
 use crate::arrays::{array, doubles};

@@ -60,9 +60,7 @@ impl Robot {
     fn gravity_torques<'py>(&self, py: Python<'py>, q_rad: &[u8]) -> PyResult<Bound<'py, PyByteArray>> {
         let values = doubles(q_rad)?;
         let torques = py.detach(|| {
-            rows(&self.robot, &values, |q| {
-                self.robot.gravity_torques(q).iter().copied().collect()
-            })
+            rows(&self.robot, &values, |q| self.robot.gravity_torques(q).iter().copied().collect())
         });
         Ok(array(py, &torques))
     }

@@ -16,7 +16,6 @@ use operator::throw::{Job, Record, job};
 use planner::follow::plan::FollowPlan;
 use pyo3::prelude::*;
 use pyo3::types::PyByteArray;
-use robot_model::RobotModel;
 use serde_json::json;
 use tuner::gains::gains_file::GainsFile;
 
@@ -77,7 +76,7 @@ fn throw(request: &Request, stop: &Arc<AtomicBool>) -> Result<String, ExpectedEr
         gains: None,
         approach_share: APPROACH_SHARE,
         seed: request.seed,
-        tolerance_m: default_tolerance_m(&**arm, &plan),
+        tolerance_m: default_tolerance_m(arm, &plan),
         go_back: false,
     };
     let mut record = Record::default();

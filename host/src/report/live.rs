@@ -74,7 +74,8 @@ fn scene(robot: &RobotModel, plan: Option<&PlanFile>) -> String {
     let boxes: Vec<String> =
         robot.collision().boxes().iter().map(|b| body(b.link, &b.x_lb, &Vector3::from(b.half_m))).collect();
     let stretched = robot.fk(&robot_model::JointVec::zeros(robot.n()));
-    let reach_m = stretched.x_w.iter().map(|x| x.pos.norm()).fold(robot.ball(&stretched).pos.norm(), f64::max);
+    let reach_m =
+        stretched.x_w.iter().map(|x| x.pos.norm()).fold(robot.ball(&stretched).pos.norm(), f64::max);
     let floor_m = robot.world().floor_z_m;
     let sides = [-0.5, 0.5].map(|side| [[side, 0.0, 0.0], [0.0, side, 1.0]]);
     let flown = plan.map_or_else(Vec::new, planned_flight);

@@ -42,9 +42,8 @@ fn main() {
     let arm: RobotModel = RobotModel::load("powercube6").expect("the built-in robot loads");
     let mut rng = Seeded(SplitMix64::seed_from_u64(1));
     let (min, max) = (arm.q_min(), arm.q_max());
-    let mut vector = |low: JointVec, high: JointVec| {
-        JointVec::from_fn(6, |i| low[i] + rng.uniform() * (high[i] - low[i]))
-    };
+    let mut vector =
+        |low: JointVec, high: JointVec| JointVec::from_fn(6, |i| low[i] + rng.uniform() * (high[i] - low[i]));
     let q: Vec<_> = (0..CONFIGURATIONS).map(|_| vector(min, max)).collect();
     let qd: Vec<_> =
         (0..CONFIGURATIONS).map(|_| vector(JointVec::repeat(6, -2.0), JointVec::repeat(6, 2.0))).collect();

@@ -1,7 +1,7 @@
 //! Motor and supply currents: eq. (7) to (9) of the throwing paper.
 
-use crate::per_joint::JointVec;
 use crate::model::RobotModel;
+use crate::per_joint::JointVec;
 
 impl RobotModel {
     /// Motor currents in A for joint speeds in rad/s and torques in N·m: `I = K_B |q̇| + K_M |τ|`, eq. (9).

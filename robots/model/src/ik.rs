@@ -3,8 +3,8 @@
 use crate::family::Family;
 use crate::ik_solution::{Branch, IkSolutions};
 use crate::kinematics::Frames;
-use crate::per_joint::JointVec;
 use crate::model::RobotModel;
+use crate::per_joint::JointVec;
 use crate::pose::Pose;
 
 /// The robot's family has no closed-form inverse kinematics.

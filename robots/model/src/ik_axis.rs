@@ -6,9 +6,9 @@ use nalgebra::Vector3;
 
 use crate::family::Family;
 use crate::ik_solution::Branch;
-use crate::per_joint::JointVec;
 use crate::mat3;
 use crate::model::RobotModel;
+use crate::per_joint::JointVec;
 
 /// A tool point farther from the last axis than this is not on it, m.
 const ON_LAST_AXIS_M: f64 = 1e-6;

@@ -8,8 +8,8 @@ use nalgebra::{Matrix3, Vector3, Vector6};
 
 use crate::ik::place;
 use crate::linalg::Cholesky;
-use crate::per_joint::JointVec;
 use crate::model::RobotModel;
+use crate::per_joint::JointVec;
 use crate::pose::Pose;
 
 /// Largest position error of a solution, in m.

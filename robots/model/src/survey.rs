@@ -8,8 +8,8 @@ use toml_reader::{Problem as DocumentProblem, Source, Value};
 
 use crate::collision::{CollisionChecker, Scene};
 use crate::error::{LoadError, Problem};
-use crate::per_joint::JointVec;
 use crate::model::RobotModel;
+use crate::per_joint::JointVec;
 
 type Section<'a> = toml_reader::Section<'a, Problem>;
 
@@ -160,11 +160,7 @@ fn is_outside(value: f64, [low, high]: [f64; 2]) -> bool {
     !(low..=high).contains(&value)
 }
 
-fn implausible(
-    arm: &RobotModel,
-    root: &Section<'_>,
-    findings: &mut Vec<Finding>,
-) -> Result<(), LoadError> {
+fn implausible(arm: &RobotModel, root: &Section<'_>, findings: &mut Vec<Finding>) -> Result<(), LoadError> {
     let mut tell = |section: &Section<'_>, key: &str, what: String, next: &str| {
         findings.push(at(section, key, Weight::Implausible, what, next));
     };

@@ -110,6 +110,8 @@ fn later_joints_do_not_move_an_earlier_link() {
     let arm = arm();
     let frames = arm.fk(&JointVec::from([0.1, -0.8, -1.2, 0.4, 0.5, 0.6]));
     let jacobian = frames.jacobian_on_link(2, &Vector3::new(0.3, 0.2, 0.6));
-    assert!((3..6).all(|k| jacobian.linear(k) == Vector3::zeros() && jacobian.angular(k) == Vector3::zeros())
-            && (0..3).all(|k| jacobian.angular(k).norm() > 0.1));
+    assert!(
+        (3..6).all(|k| jacobian.linear(k) == Vector3::zeros() && jacobian.angular(k) == Vector3::zeros())
+            && (0..3).all(|k| jacobian.angular(k).norm() > 0.1)
+    );
 }

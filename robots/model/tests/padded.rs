@@ -13,7 +13,8 @@ fn same<const N: usize>(ours: &JointVec, fixed: &SVector<f64, N>) -> bool {
 }
 
 fn near<const N: usize>(ours: &JointVec, fixed: &SVector<f64, N>, tolerance: f64) -> bool {
-    ours.len() == N && ours.iter().zip(fixed.iter()).all(|(a, b)| (a - b).abs() <= tolerance * (1.0 + b.abs()))
+    ours.len() == N
+        && ours.iter().zip(fixed.iter()).all(|(a, b)| (a - b).abs() <= tolerance * (1.0 + b.abs()))
 }
 
 /// Everything that vectors and matrices of `N` joints can do, for numbers from `at`.
@@ -41,7 +42,9 @@ fn agree<const N: usize>(at: &[f64; 100]) -> Result<(), TestCaseError> {
     prop_assert!(same(&sum, &fixed));
     prop_assert_eq!((x.amax(), x.max(), x.min()), (a.amax(), a.max(), a.min()));
     prop_assert_eq!((x.imax(), x.iamax()), (a.imax(), a.iamax()));
-    prop_assert!((x.dot(&y) - a.dot(&b)).abs() <= ROUNDING * 100.0 && (x.norm() - a.norm()).abs() <= ROUNDING * 10.0);
+    prop_assert!(
+        (x.dot(&y) - a.dot(&b)).abs() <= ROUNDING * 100.0 && (x.norm() - a.norm()).abs() <= ROUNDING * 10.0
+    );
     prop_assert!((x.sum() - a.sum()).abs() <= ROUNDING * 10.0);
 
     // A symmetric positive definite matrix, and one that is not symmetric.
@@ -77,7 +80,8 @@ proptest! {
 fn what_is_beyond_the_last_joint_is_never_seen() {
     // Padding of a quotient by zero is not a number.
     let zero = JointVec::zeros(5);
-    let odd = JointVec::repeat(5, 1.0).component_div(&JointVec::repeat(5, 2.0)) + zero / 1.0 - zero * f64::INFINITY;
+    let odd =
+        JointVec::repeat(5, 1.0).component_div(&JointVec::repeat(5, 2.0)) + zero / 1.0 - zero * f64::INFINITY;
     assert_eq!(odd.len(), 5);
     assert!(odd.iter().all(|x| x.is_nan()), "0 times infinity in the five joints themselves");
     let half = JointVec::repeat(5, 1.0) / 2.0;

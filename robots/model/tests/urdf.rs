@@ -95,8 +95,9 @@ fn pendulum() -> String {
 /// The pendulum with two links more: as few joints as an arm may have.
 fn chain() -> String {
     let about_x = r#"<axis xyz="1 0 0"/>"#;
-    let more = [("e", "second", "third"), ("f", "third", "fourth")]
-        .map(|(name, parent, child)| link(child, INERTIAL) + &joint(name, "continuous", parent, child, about_x));
+    let more = [("e", "second", "third"), ("f", "third", "fourth")].map(|(name, parent, child)| {
+        link(child, INERTIAL) + &joint(name, "continuous", parent, child, about_x)
+    });
     pendulum().replace("</robot>", &format!("{}</robot>", more.concat()))
 }
 

@@ -127,7 +127,7 @@ impl Rig {
     fn new(setup: SimSetup) -> Self {
         let arm = RobotModel::load("powercube6").unwrap();
         let index = seeds::built_in(&arm);
-        Self { arm: *arm, index, setup }
+        Self { arm, index, setup }
     }
 
     /// The cell as the model says, gripper within ± 1 ms.

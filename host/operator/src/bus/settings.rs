@@ -163,9 +163,11 @@ mod tests {
         let text = robot_model::built_in_text("powercube6").unwrap();
         let limit = "control_acceleration_max_rad_s2 = 10.4";
         assert!(text.contains(limit));
-        let slower =
-            RobotModel::from_toml("edited.toml", &text.replace(limit, "control_acceleration_max_rad_s2 = 8.0"))
-                .unwrap();
+        let slower = RobotModel::from_toml(
+            "edited.toml",
+            &text.replace(limit, "control_acceleration_max_rad_s2 = 8.0"),
+        )
+        .unwrap();
         let settings = settings_of(&slower).unwrap();
         assert_eq!((settings.gains_certificate_crc32, settings.gains_robot_crc32), (0, 0));
         assert!(settings.joint.0.iter().all(|joint| joint.gains() == firmware::feedback::Gains::default()));
@@ -179,8 +181,10 @@ mod tests {
     fn a_limit_that_no_drive_can_have_makes_no_settings() {
         let text = robot_model::built_in_text("powercube6").unwrap();
         let limit = "control_acceleration_max_rad_s2 = 10.4";
-        let wild =
-            RobotModel::from_toml("edited.toml", &text.replace(limit, "control_acceleration_max_rad_s2 = 1e9"));
+        let wild = RobotModel::from_toml(
+            "edited.toml",
+            &text.replace(limit, "control_acceleration_max_rad_s2 = 1e9"),
+        );
         // A stricter reader of robot files may refuse it first, by its name.
         match wild {
             Ok(wild) => assert!(matches!(settings_of(&wild), Err(NoSettings::Invalid { .. }))),

@@ -1,8 +1,8 @@
 //! All experiments on one joint, in order, and the way back.
 
 use protocol::ModuleId;
-use robot_model::collision::Scene;
 use robot_model::RobotModel;
+use robot_model::collision::Scene;
 
 use super::experiment::{Bounds, Experiment, ExperimentError};
 use crate::bus::Session;
@@ -59,8 +59,10 @@ pub fn identify(
         return Err(JointError::NoSuchJoint { robot, joints: n, asked: wish.joint });
     }
     let joint = wish.joint - 1;
-    let modules: Vec<ModuleId> =
-        drives.iter().map(|drive| ModuleId::new(drive.address).map_err(|_| no_drives())).collect::<Result<_, _>>()?;
+    let modules: Vec<ModuleId> = drives
+        .iter()
+        .map(|drive| ModuleId::new(drive.address).map_err(|_| no_drives()))
+        .collect::<Result<_, _>>()?;
     let bus = session.name().to_owned();
     let mut parts = Experiment::parts(true, n);
     let mut told = 0;

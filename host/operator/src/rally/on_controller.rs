@@ -188,12 +188,7 @@ impl ControllerArm {
     fn send(&mut self, at_s: f64, q: &Joints, qd: &Joints) -> Result<(), Refused> {
         let ours = self.zero + Duration::from_secs_f64(at_s);
         let Some((at, _)) = self.clock.controller_time(ours) else { return Err(Refused::NotSent) };
-        let end = EndStates {
-            at,
-            q_rad: q.to_vec(),
-            qd_rad_s: qd.to_vec(),
-            events: Vec::new(),
-        };
+        let end = EndStates { at, q_rad: q.to_vec(), qd_rad_s: qd.to_vec(), events: Vec::new() };
         self.sequence = self.sequence.wrapping_add(1);
         self.session.send_target(self.sequence, &end).map_err(|_| Refused::NotSent)
     }

@@ -248,7 +248,8 @@ pub fn measured(
     let Some(path) = path else {
         return RsiBallOutcome::Unknown("the axes leap, or too few telegrams came, around the release");
     };
-    let [q, qd] = [0, 1].map(|power| Axes::from(path.coefficients.row(power).transpose().map(f64::to_radians)));
+    let [q, qd] =
+        [0, 1].map(|power| Axes::from(path.coefficients.row(power).transpose().map(f64::to_radians)));
     let frames = arm.fk(&q);
     let p = arm.ball(&frames).pos;
     let v: Vector3<f64> = (frames.jacobian(&p) * qd).fixed_rows::<3>(0).into();

@@ -14,8 +14,8 @@ use crate::analysis::coverage::Certified;
 use crate::bus::BusFailure;
 use crate::dialogue::operator::OperatorError;
 use crate::samples::drives::Drives;
-use planner::plan::file::PlanFile;
 use planner::plan::Arm;
+use planner::plan::file::PlanFile;
 use tuner::gains::gains_file::{GainsFile, GainsFileError};
 
 /// What a throw is made of.

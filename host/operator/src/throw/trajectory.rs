@@ -99,7 +99,8 @@ pub fn encode(
             return Err(TrajectoryError::TooManyEvents { events: motion.events.len() });
         }
     }
-    let header = Header { joints: motion.start_rad().len() as u8, period_us, events, robot_crc32, envelope: None };
+    let header =
+        Header { joints: motion.start_rad().len() as u8, period_us, events, robot_crc32, envelope: None };
     let mut bytes = vec![0; FILE_LEN_MAX];
     let len = trajectory_format::encode(&header, &knots, &mut bytes).ok_or_else(too_long)?;
     bytes.truncate(len);
@@ -135,8 +136,11 @@ mod tests {
     use planner::plan::Joints;
 
     fn motion() -> Motion {
-        let knot =
-            |t_s, q: f64, qd: f64| MotionKnot { t_s, q_rad: Joints::repeat(6, q), qd_rad_s: Joints::repeat(6, qd) };
+        let knot = |t_s, q: f64, qd: f64| MotionKnot {
+            t_s,
+            q_rad: Joints::repeat(6, q),
+            qd_rad_s: Joints::repeat(6, qd),
+        };
         // Up to 0.6 rad/s in 0.56 s, back to rest in 0.36 s, constant jerk in each.
         let middle = 2.0 / 3.0 * 0.6 * 0.56;
         let stop = middle + 2.0 / 3.0 * 0.6 * 0.36;

@@ -159,8 +159,14 @@ fn run_up(arm: &RobotModel, q: Joints, qd: Joints, flight_s: f64) -> Option<Thro
         phase_s = phase_s.max(2.0 * rate.abs() / (SHARE.1 * l.a_max_rad_s2.min(l.a_control_max_rad_s2)));
         phase_s = phase_s.max((2.0 * rate.abs() / l.j_max_rad_s3).sqrt());
     }
-    let throw =
-        Throw { q_rad: q, qd_rad_s: qd, qdd_rad_s2: Joints::zeros(6), flight_s, ha_s: phase_s, hb_s: phase_s };
+    let throw = Throw {
+        q_rad: q,
+        qd_rad_s: qd,
+        qdd_rad_s2: Joints::zeros(6),
+        flight_s,
+        ha_s: phase_s,
+        hb_s: phase_s,
+    };
     let inside = arm.in_range(&throw.start(), -0.01) && arm.in_range(&throw.stop(), -0.01);
     inside.then_some(throw)
 }
@@ -213,12 +219,7 @@ fn keeps_clear(
 
 /// The release of a throw that opens `late_s` after its time.
 #[must_use]
-pub fn released(
-    arm: &RobotModel,
-    x_wb: &Pose,
-    throw: &Throw,
-    late_s: f64,
-) -> (Vector3<f64>, Vector3<f64>) {
+pub fn released(arm: &RobotModel, x_wb: &Pose, throw: &Throw, late_s: f64) -> (Vector3<f64>, Vector3<f64>) {
     let at = throw.at_time(throw.ha_s + late_s);
     let frames = arm.fk(&at.q);
     let p = arm.ball(&frames).pos;

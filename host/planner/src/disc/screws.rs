@@ -6,8 +6,8 @@
 
 use nalgebra::{Matrix3, Matrix4, Vector3};
 
-use super::{HandJacobian, Joints};
 use super::arm::Size;
+use super::{HandJacobian, Joints};
 
 /// A unit twist (ω, v) of pitch zero: axis direction and velocity of the point at the origin, m/rad.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -65,7 +65,8 @@ impl Bounds {
         let reach_m = reach_m(arm);
         let gravity = arm.world().gravity_m_s2;
         let limits = |j: usize| arm.joints()[j].limits;
-        let ball_speed: f64 = (0..arm.n()).map(|j| limits(j).v_max_rad_s * arm.collision().ball_swing_m(j)).sum();
+        let ball_speed: f64 =
+            (0..arm.n()).map(|j| limits(j).v_max_rad_s * arm.collision().ball_swing_m(j)).sum();
         let drop_m = (shoulder.z + reach_m - arm.world().floor_z_m).max(0.0);
         let flight_s = (ball_speed + (ball_speed * ball_speed + 2.0 * gravity * drop_m).sqrt()) / gravity;
         let duration_s = (0..arm.n())

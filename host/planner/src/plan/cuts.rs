@@ -123,11 +123,7 @@ impl Cut {
     }
 
     /// Value (≥ 0 wanted) and gradient by the variables.
-    pub(crate) fn evaluate(
-        &self,
-        c: &CutContext<'_, '_>,
-        layout: &Layout,
-    ) -> (f64, Row) {
+    pub(crate) fn evaluate(&self, c: &CutContext<'_, '_>, layout: &Layout) -> (f64, Row) {
         let var = c.problem.variables();
         let phase = self.sigma.min(1.0);
         let h_index = if self.sigma < 0.0 { var.ha } else { var.hb };

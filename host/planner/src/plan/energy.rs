@@ -40,11 +40,7 @@ pub(crate) fn joule(problem: &Problem<'_>, throw: &Throw) -> Option<f64> {
 }
 
 /// Energy of a throw; `None` without current constants.
-pub(crate) fn energy(
-    problem: &Problem<'_>,
-    layout: &Layout,
-    throw: &Throw,
-) -> Option<Energy> {
+pub(crate) fn energy(problem: &Problem<'_>, layout: &Layout, throw: &Throw) -> Option<Energy> {
     let (n, var) = (problem.joints(), problem.variables());
     let drives = problem.arm.drives()?;
     let volt = joint_volts(problem);
@@ -143,8 +139,7 @@ mod tests {
         let (problem, throw) = case(&arm);
         let layout = Layout::new(&problem, None);
         let x: Row = layout.row(&throw);
-        let at =
-            |x: &Row| energy(&problem, &layout, &layout.throw(x)).expect("has currents");
+        let at = |x: &Row| energy(&problem, &layout, &layout.throw(x)).expect("has currents");
         let claimed = at(&x).gradient;
         let largest = claimed.iter().fold(0.0_f64, |m, g| m.max(g.abs()));
         for k in 0..layout.n {

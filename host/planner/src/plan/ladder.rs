@@ -127,14 +127,7 @@ impl<'a> Ladder<'a> {
     }
 
     /// Gives the rungs above one that has throws a second chance, the nearest first.
-    fn climb(
-        &self,
-        at: usize,
-        best: Best,
-        index: &Index,
-        budget: &Budget,
-        watch: &Watch,
-    ) -> Settled<'_, 'a> {
+    fn climb(&self, at: usize, best: Best, index: &Index, budget: &Budget, watch: &Watch) -> Settled<'_, 'a> {
         let (mut at, mut best) = (at, best);
         // Whoever names a number of starts gets that many.
         let more = (!budget.all && index.records().is_empty()).then_some(Budget {
@@ -154,11 +147,7 @@ impl<'a> Ladder<'a> {
     }
 }
 
-fn stored_alone(
-    planner: &Planner<'_, '_>,
-    index: &Index,
-    tries: usize,
-) -> Option<Best> {
+fn stored_alone(planner: &Planner<'_, '_>, index: &Index, tries: usize) -> Option<Best> {
     planner.from_index(index, tries).map(Best::alone)
 }
 

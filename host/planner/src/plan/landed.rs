@@ -23,12 +23,7 @@ struct Moves<const M: usize> {
 
 impl<const M: usize> Moves<M> {
     /// Adds the gradient of `weight · numbers`.
-    fn add_gradient(
-        &self,
-        g: &mut Gradient<'_>,
-        layout: &Layout,
-        weight: &SVector<f64, M>,
-    ) {
+    fn add_gradient(&self, g: &mut Gradient<'_>, layout: &Layout, weight: &SVector<f64, M>) {
         let var = layout.variables();
         for k in 0..self.joints {
             g.add(var.q + k, weight.dot(&self.by_q[k]));
@@ -185,12 +180,7 @@ impl Landed {
     }
 
     /// Adds the gradient of `weight · xy` by the variables of the throw.
-    pub(crate) fn add_gradient(
-        &self,
-        g: &mut Gradient<'_>,
-        layout: &Layout,
-        weight: &Vector2<f64>,
-    ) {
+    pub(crate) fn add_gradient(&self, g: &mut Gradient<'_>, layout: &Layout, weight: &Vector2<f64>) {
         self.moves.add_gradient(g, layout, weight);
     }
 }

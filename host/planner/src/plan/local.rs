@@ -171,11 +171,7 @@ pub(crate) fn nearest_from(
 }
 
 /// The constraint with the largest multiplier.
-pub(crate) fn blocking(
-    problem: &Problem<'_>,
-    multipliers: &Multipliers,
-    cuts: &[Cut],
-) -> String {
+pub(crate) fn blocking(problem: &Problem<'_>, multipliers: &Multipliers, cuts: &[Cut]) -> String {
     let largest = multipliers
         .ineq
         .iter()

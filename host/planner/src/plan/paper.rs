@@ -110,20 +110,14 @@ impl PaperParameters {
             })
             .collect();
         // Rounding must not decide between twins.
-        let key =
-            |t: &BranchedThrow| ((t.violation * 1e7).round(), (t.current_a * 1e6).round(), t.posture);
+        let key = |t: &BranchedThrow| ((t.violation * 1e7).round(), (t.current_a * 1e6).round(), t.posture);
         out.sort_by(|a, b| key(a).partial_cmp(&key(b)).unwrap_or(std::cmp::Ordering::Equal));
         out
     }
 
     /// The throw through a given posture; `None` where the Jacobian is singular.
     #[must_use]
-    pub(crate) fn throw_at(
-        &self,
-        problem: &Problem<'_>,
-        q: &JointVec,
-        v0: &Vector3<f64>,
-    ) -> Option<Throw> {
+    pub(crate) fn throw_at(&self, problem: &Problem<'_>, q: &JointVec, v0: &Vector3<f64>) -> Option<Throw> {
         let frames = problem.arm.fk(q);
         let jac = frames.jacobian(&problem.arm.ball(&frames).pos);
         let w = v0.normalize() * self.spin_rad_s;

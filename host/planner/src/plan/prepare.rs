@@ -121,8 +121,7 @@ impl<'a> Preparation<'a> {
             return Some(records);
         };
         let kind = kind_of(options);
-        let (own, others): (Vec<Record>, Vec<Record>) =
-            records.into_iter().partition(|r| r.kind == kind);
+        let (own, others): (Vec<Record>, Vec<Record>) = records.into_iter().partition(|r| r.kind == kind);
         let task = Step { prepared: self, options, others: &others, stopped };
         let made = match *what {
             Work::Starts(chunk) => task.starts(chunk, own),
@@ -309,12 +308,7 @@ impl Step<'_, '_> {
 }
 
 /// Throws for targets within a distance of one in m, but not for that one; those that promise the lowest price there first.
-fn around(
-    records: &[Record],
-    range_m: f64,
-    height_m: f64,
-    within_m: f64,
-) -> Vec<&Record> {
+fn around(records: &[Record], range_m: f64, height_m: f64, within_m: f64) -> Vec<&Record> {
     let away = |r: &Record| (range_m - r.range_m).hypot(height_m - r.height_m);
     let promised = |r: &Record| {
         r.objective + r.slope_per_m[0] * (range_m - r.range_m) + r.slope_per_m[1] * (height_m - r.height_m)

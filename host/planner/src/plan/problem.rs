@@ -5,8 +5,8 @@ use std::ops::RangeInclusive;
 use nalgebra::Vector3;
 use robot_model::{JointVec, RobotModel};
 
-use super::layout::{Numbers, Variables};
 use super::bounds::Bounds;
+use super::layout::{Numbers, Variables};
 pub use super::options::{Arrival, DelayWindow, Form, Obstacle, Options, Weights};
 use super::options::{DELAY_WINDOWS_MAX, Goal, INCIDENCE_MAX_RAD, Region};
 use crate::flight::{Aim, FlightModel, FlightModelError};

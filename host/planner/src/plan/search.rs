@@ -121,13 +121,7 @@ impl Planner<'_, '_> {
     /// As [`Planner::from_index`], and if no stored throw leads to the target, the first of at most `starts` random
     /// ones that does.
     #[must_use]
-    pub fn from_index_or_random(
-        &self,
-        index: &Index,
-        tries: usize,
-        starts: u64,
-        seed: u64,
-    ) -> Option<Found> {
+    pub fn from_index_or_random(&self, index: &Index, tries: usize, starts: u64, seed: u64) -> Option<Found> {
         self.from_index(index, tries).or_else(|| (0..starts).find_map(|k| self.random_start(seed, k)))
     }
 
@@ -208,12 +202,7 @@ impl Planner<'_, '_> {
     ///
     /// A kind of throw that reaches farther is often dearer than the one that ends before the target. Stored throws of the
     /// cheaper one are tried first and all end at the edge of its reach.
-    fn walk_from_nearest(
-        &self,
-        index: &Index,
-        stopped: &(dyn Fn() -> bool + Sync),
-        watch: &Watch,
-    ) -> Basins {
+    fn walk_from_nearest(&self, index: &Index, stopped: &(dyn Fn() -> bool + Sync), watch: &Watch) -> Basins {
         let kind = kind_of(&self.problem.options);
         let wanted = |r: &Record| r.kind == kind && self.away_m(r) <= WALKED_WITHIN_M;
         let walked = each(&self.stored_near(index, wanted, NEAREST_WALKED), |record| {
@@ -286,8 +275,7 @@ impl Planner<'_, '_> {
     ) -> Surroundings {
         let kind = kind_of(&self.problem.options);
         let near = self.warm_starts(index, STORED_TRIES);
-        let solve =
-            |work: &(dyn Fn() -> Option<Found> + Sync)| (!stopped()).then(|| counted(watch, work()));
+        let solve = |work: &(dyn Fn() -> Option<Found> + Sync)| (!stopped()).then(|| counted(watch, work()));
         let polished =
             each(&near, |(_, record)| solve(&|| self.polish(record, &Settings::default(), usize::MAX)));
         polished.into_iter().flatten().for_each(|found| basins.add_stored(found));

@@ -170,10 +170,7 @@ fn drag_nodes(drag_per_m: f64, sigma_per_m: f64) -> [(f64, f64); 2] {
     ]
 }
 
-fn at_nodes(
-    rule: &[(f64, f64)],
-    landing: impl Fn(f64) -> Option<Landed>,
-) -> Option<Source> {
+fn at_nodes(rule: &[(f64, f64)], landing: impl Fn(f64) -> Option<Landed>) -> Option<Source> {
     rule.iter().map(|(node, weight)| Some((*weight, landing(*node)?))).collect()
 }
 

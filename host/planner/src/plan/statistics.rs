@@ -26,11 +26,7 @@ pub struct LandingPrediction {
 
 /// Landing when the gripper opens `delay_s` late (early if negative); `None` if the ball does not come down.
 #[must_use]
-pub fn landing_with_delay(
-    problem: &Problem<'_>,
-    throw: &Throw,
-    delay_s: f64,
-) -> Option<Vector2<f64>> {
+pub fn landing_with_delay(problem: &Problem<'_>, throw: &Throw, delay_s: f64) -> Option<Vector2<f64>> {
     let (p, v) = throw.ball_at_time(problem.arm, throw.ha_s + delay_s);
     let landing = problem.flight.meet(&p, &v, &problem.aim, delay_s)?;
     Some(problem.aim.coordinates(&landing.p, delay_s + landing.time_s))
@@ -38,11 +34,7 @@ pub fn landing_with_delay(
 
 /// Predicts the landing; `None` if a ball at a node of the rule does not come down on the plane of the target.
 #[must_use]
-pub fn predict(
-    problem: &Problem<'_>,
-    throw: &Throw,
-    noise: &Noise,
-) -> Option<LandingPrediction> {
+pub fn predict(problem: &Problem<'_>, throw: &Throw, noise: &Noise) -> Option<LandingPrediction> {
     let spread = Spread::of(problem, throw, &problem.aim, noise)?;
     let (p, v) = throw.ball_at_release(problem.arm);
     let nominal = problem.flight.meet(&p, &v, &problem.aim, 0.0)?;

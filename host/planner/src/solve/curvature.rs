@@ -54,12 +54,7 @@ impl Sink for Lagrangian<'_> {
 }
 
 /// Hessian of the Lagrangian by forward differences of its gradient.
-pub(crate) fn hessian<T: Task>(
-    task: &T,
-    x: &Row,
-    at: &Multipliers,
-    out: &mut Square,
-) {
+pub(crate) fn hessian<T: Task>(task: &T, x: &Row, at: &Multipliers, out: &mut Square) {
     let n = task.variables();
     for row in out.iter_mut().take(n) {
         row[..n].fill(0.0);

@@ -142,12 +142,7 @@ pub(crate) fn multipliers_at<T: Task>(task: &T, x: &Row) -> Option<Multipliers> 
 ///
 /// `warm` are multipliers to begin with, from a near solution.
 #[must_use]
-pub fn solve<T: Task>(
-    task: &T,
-    start: &Row,
-    settings: &Settings,
-    warm: Option<Multipliers>,
-) -> Local {
+pub fn solve<T: Task>(task: &T, start: &Row, settings: &Settings, warm: Option<Multipliers>) -> Local {
     let mut run = Run::new(task, start, settings, warm);
     while run.may_go_on() && run.step().is_some() {}
     let Run { x, rows, next, violation, iterations, multipliers, .. } = run;
@@ -250,7 +245,8 @@ impl<'t, T: Task> Run<'t, T> {
             self.iterations + LAST_STEPS > self.settings.iterations_max && self.violation < LAST_VIOLATION;
         let finish = small_change && self.violation < NEARLY_FEASIBLE || out_of_steps;
         if self.believed && finish {
-            let back = qp::solve(&used.factor, &[0.0; WIDTH], n, &self.rows.eq, &self.rows.ineq, &self.likely);
+            let back =
+                qp::solve(&used.factor, &[0.0; WIDTH], n, &self.rows.eq, &self.rows.ineq, &self.likely);
             match back {
                 Ok(back) => d = back.d,
                 Err(QpFailure::Infeasible | QpFailure::Numerical) => {}
@@ -346,13 +342,7 @@ impl<'t, T: Task> Run<'t, T> {
 
 /// The shortest way back into the constraints. A run that ends without steps left is a little outside those that it descended
 /// along; back inside it is a throw, which a later run can continue. `rows` are those of the end, `next` is room.
-fn step_back<T: Task>(
-    task: &T,
-    settings: &Settings,
-    end: &mut Local,
-    mut rows: Rows,
-    mut next: Rows,
-) {
+fn step_back<T: Task>(task: &T, settings: &Settings, end: &mut Local, mut rows: Rows, mut next: Rows) {
     let n = task.variables();
     for _ in 0..RETURN_STEPS {
         if !(end.violation > settings.feasibility && end.violation < LAST_VIOLATION) {

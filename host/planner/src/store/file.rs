@@ -23,7 +23,11 @@ fn header(robot: u64) -> [u8; HEADER] {
 /// The records of a table for the robot of `joints` joints with this fingerprint; `None` for the table of another robot or format, and for a damaged one.
 #[must_use]
 pub fn parse(bytes: &[u8], robot: u64, joints: usize) -> Option<Vec<Record>> {
-    bytes.strip_prefix(&header(robot))?.chunks(size(joints)).map(|record| Record::from_bytes(joints, record)).collect()
+    bytes
+        .strip_prefix(&header(robot))?
+        .chunks(size(joints))
+        .map(|record| Record::from_bytes(joints, record))
+        .collect()
 }
 
 /// A whole table as bytes.

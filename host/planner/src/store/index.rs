@@ -48,14 +48,7 @@ impl Index {
     ///
     /// Looks at the cell of the target and its neighbours, and farther out, up to `rings` cells, only while nothing is
     /// found.
-    pub fn near<'a>(
-        &'a self,
-        kind: u32,
-        range_m: f64,
-        height_m: f64,
-        rings: i32,
-        out: &mut Vec<&'a Record>,
-    ) {
+    pub fn near<'a>(&'a self, kind: u32, range_m: f64, height_m: f64, rings: i32, out: &mut Vec<&'a Record>) {
         out.clear();
         let (r, h) = cell(range_m, height_m);
         for ring in 1..=rings.max(1) {

@@ -27,7 +27,8 @@ impl Chain {
             frame = frame * joint.x_pj;
             home.push(frame);
         }
-        let screws = home.iter().map(|h| (Unit::new_normalize(Vector3::from(h.rot.column(2))), h.pos)).collect();
+        let screws =
+            home.iter().map(|h| (Unit::new_normalize(Vector3::from(h.rot.column(2))), h.pos)).collect();
         Self { screws, home }
     }
 

@@ -130,13 +130,7 @@ impl Watched {
     }
 
     /// Boxes of the arm, where they are `placed`.
-    fn see_boxes(
-        &mut self,
-        arm: &RobotModel,
-        obstacles: &Obstacles<'_>,
-        placed: &[Pose],
-        t: f64,
-    ) {
+    fn see_boxes(&mut self, arm: &RobotModel, obstacles: &Obstacles<'_>, placed: &[Pose], t: f64) {
         let boxes = arm.collision().boxes();
         for &(a, b) in arm.collision().pairs() {
             let (a, b) = (usize::from(a), usize::from(b));
@@ -244,13 +238,7 @@ fn told(plan: &PlanFile, [p, v]: [Vector3<f64>; 2], landed: Option<&Met>) -> Fin
     let at_s = plan.release_time_s;
     compare("angle at the release, joint", at_s, TOLD_TOLERANCE, &release.q_rad, &moved.q);
     compare("speed at the release, joint", at_s, TOLD_TOLERANCE, &release.qd_rad_s, &moved.qd);
-    compare(
-        "acceleration at the release, joint",
-        at_s,
-        TOLD_TOLERANCE,
-        &release.qdd_rad_s2,
-        &moved.qdd,
-    );
+    compare("acceleration at the release, joint", at_s, TOLD_TOLERANCE, &release.qdd_rad_s2, &moved.qdd);
     compare("ball at the release, axis", at_s, TOLD_TOLERANCE, &release.position_m, p.as_slice());
     compare(
         "velocity of the ball at the release, axis",
@@ -275,12 +263,7 @@ fn told(plan: &PlanFile, [p, v]: [Vector3<f64>; 2], landed: Option<&Met>) -> Fin
 }
 
 /// Limits of the joints, joins of the segments, clearances of the arm, currents.
-fn motion_findings(
-    arm: &RobotModel,
-    chain: &Chain,
-    plan: &PlanFile,
-    watched: &Watched,
-) -> Vec<Finding> {
+fn motion_findings(arm: &RobotModel, chain: &Chain, plan: &PlanFile, watched: &Watched) -> Vec<Finding> {
     let (mut jump, mut motor, mut supply) = (Worst::new(), Worst::new(), Worst::new());
     segments_meet(plan, &mut jump);
     currents(arm, chain, plan, &mut motor, &mut supply);
@@ -386,13 +369,7 @@ fn segments_meet(plan: &PlanFile, jump: &mut Worst) {
     }
 }
 
-fn currents(
-    arm: &RobotModel,
-    chain: &Chain,
-    plan: &PlanFile,
-    motor: &mut Worst,
-    supply: &mut Worst,
-) {
+fn currents(arm: &RobotModel, chain: &Chain, plan: &PlanFile, motor: &mut Worst, supply: &mut Worst) {
     let Some(drives) = arm.drives() else { return };
     let keep_off = 3e-4;
     let samples = 200;

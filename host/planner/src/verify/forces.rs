@@ -13,12 +13,7 @@ const DT: f64 = 1e-4;
 
 /// Torques in N·m at `t_s`, which must be farther than 2e-4 s from every joint of two segments.
 #[must_use]
-pub fn torques(
-    arm: &RobotModel,
-    chain: &Chain,
-    plan: &PlanFile,
-    t_s: f64,
-) -> JointVec {
+pub fn torques(arm: &RobotModel, chain: &Chain, plan: &PlanFile, t_s: f64) -> JointVec {
     let at = |t: f64| chain.displacements(&motion::at(plan, t).q);
     let (before, now, after) = (at(t_s - DT), at(t_s), at(t_s + DT));
     let gravity = Vector3::new(0.0, 0.0, -arm.world().gravity_m_s2);
@@ -66,11 +61,9 @@ pub fn torques(
 
 /// Motor currents in A by eq. (9), if the robot file describes drives.
 #[must_use]
-pub fn motor_currents(
-    arm: &RobotModel,
-    qd: &JointVec,
-    tau: &JointVec,
-) -> Option<JointVec> {
+pub fn motor_currents(arm: &RobotModel, qd: &JointVec, tau: &JointVec) -> Option<JointVec> {
     let drives = arm.drives()?;
-    Some(JointVec::from_fn(arm.n(), |j| drives[j].k_b_a_s_rad * qd[j].abs() + drives[j].k_m_a_nm * tau[j].abs()))
+    Some(JointVec::from_fn(arm.n(), |j| {
+        drives[j].k_b_a_s_rad * qd[j].abs() + drives[j].k_m_a_nm * tau[j].abs()
+    }))
 }

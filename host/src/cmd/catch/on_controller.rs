@@ -118,8 +118,9 @@ pub(super) fn as_text(arm: &DiscArm, run: &Judged, planned: &Verdict) -> String 
         tracking.tip_m.0 * 1e3,
         tracking.tip_m.1 * 1e3
     );
-    let use_of =
-        |most: &planner::disc::Joints, limit: &JointVec| JointVec::from(*most).component_div(limit).max() * 100.0;
+    let use_of = |most: &planner::disc::Joints, limit: &JointVec| {
+        JointVec::from(*most).component_div(limit).max() * 100.0
+    };
     out += &format!(
         "  largest use: {:.0} % of speed, {:.0} % of acceleration (means over 40 ms)\n",
         use_of(&run.speed_rad_s, &arm.model.limit(|l| l.v_max_rad_s)),

@@ -8,9 +8,9 @@ use super::shards::{self, Made};
 use super::sweep;
 use crate::cmd::words;
 use crate::error::ExpectedError;
+use planner::follow::limits::AXES;
 use planner::follow::plan::FollowPlan;
 use planner::plan::file::PlanFile;
-use planner::follow::limits::AXES;
 
 /// The plan that `cubectl plan throw` makes of these words, as [`Planned`] has it. `stop`, once set, ends the search after the
 /// start under way, with what was found by then.

@@ -86,7 +86,8 @@ impl RunReport<'_> {
         page.html("<p></p>");
         page.charts(&(0..self.analysis.joints.len()).map(|j| self.error_chart(j)).collect::<Vec<_>>());
         self.control(page);
-        let motions: Vec<Chart> = (0..self.analysis.joints.len()).flat_map(|j| self.motion_charts(j)).collect();
+        let motions: Vec<Chart> =
+            (0..self.analysis.joints.len()).flat_map(|j| self.motion_charts(j)).collect();
         page.folded("References against measurements, each joint", &motions);
     }
 

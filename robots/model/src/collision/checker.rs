@@ -6,8 +6,8 @@ use nalgebra::Vector3;
 
 use crate::boxes::{Obb, Proximity};
 use crate::kinematics::Frames;
-use crate::per_joint::JointVec;
 use crate::model::RobotModel;
+use crate::per_joint::JointVec;
 use crate::pose::Pose;
 
 /// What is around the arm besides its own base and the floor, and what it holds.

@@ -9,8 +9,8 @@ use nalgebra::Matrix3;
 use super::ortho_parallel::OrthoParallel;
 use super::planar::{Complex, EDGE_SLACK, ON_AXIS, TwoLinks};
 use crate::ik_solution::{Branch, IkSolutions};
-use crate::per_joint::JointVec;
 use crate::mat3;
+use crate::per_joint::JointVec;
 use crate::pose::Pose;
 
 /// A wrist with a smaller sine of its middle angle is straight: joints 4 and 6 turn about one line.
@@ -109,7 +109,11 @@ impl OrthoParallel {
             let q4 = u - self.wrist_zero4_rad;
             let q5 = -v - self.wrist_zero5_rad;
             let q6 = w - self.wrist_zero6_rad;
-            out.set(Branch::new(back, negative, flipped), [q1, q2, q3, q4, q5, q6].into(), arm_free || straight);
+            out.set(
+                Branch::new(back, negative, flipped),
+                [q1, q2, q3, q4, q5, q6].into(),
+                arm_free || straight,
+            );
         }
     }
 

@@ -10,10 +10,7 @@ use crate::model::{Link, LinkInertia};
 use crate::pose::Pose;
 
 /// The links, and all boxes (base = link 0) in joint frames.
-pub(super) fn read(
-    root: &Section<'_>,
-    x_jl: &[Pose],
-) -> Result<(Vec<Link>, Vec<BodyBox>), LoadError> {
+pub(super) fn read(root: &Section<'_>, x_jl: &[Pose]) -> Result<(Vec<Link>, Vec<BodyBox>), LoadError> {
     let mut boxes = Vec::new();
     if let Some(base) = root.optional("base", Value::section)? {
         read_boxes(&base, 0, &Pose::identity(), &mut boxes)?;

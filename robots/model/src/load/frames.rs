@@ -29,10 +29,7 @@ enum Convention {
     FixedAxis,
 }
 
-pub(super) fn read(
-    root: &Section<'_>,
-    joints: &[Section<'_>],
-) -> Result<JointFrames, LoadError> {
+pub(super) fn read(root: &Section<'_>, joints: &[Section<'_>]) -> Result<JointFrames, LoadError> {
     const CONVENTIONS: [(&str, Convention); 3] = [
         ("modified_dh", Convention::ModifiedDh),
         ("standard_dh", Convention::StandardDh),

@@ -261,11 +261,7 @@ fn read_drives(sections: &[Section<'_>]) -> Result<Option<Vec<Drive>>, LoadError
     }
 }
 
-fn read_supplies(
-    root: &Section<'_>,
-    joints: &[Joint],
-    with_drives: bool,
-) -> Result<Vec<Supply>, LoadError> {
+fn read_supplies(root: &Section<'_>, joints: &[Joint], with_drives: bool) -> Result<Vec<Supply>, LoadError> {
     let mut supplies: Vec<Supply> = Vec::new();
     for section in root.sections("supply")? {
         let name = section.required("name", Value::text)?.to_owned();

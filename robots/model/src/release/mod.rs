@@ -26,8 +26,8 @@ use nalgebra::{Matrix3, Vector3};
 pub use held_ball::{BallMotion, HeldBall};
 
 use crate::fingers::Fingers;
-use crate::per_joint::JointVec;
 use crate::model::RobotModel;
+use crate::per_joint::JointVec;
 
 /// Motion of the hand at one instant, in the world.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -351,7 +351,9 @@ fn poses(arm: &DiscArm, state: &DiscState, t_s: f64, q_ref: &Joints) -> Vec<(Cho
                 let outwards = hand.dot(&terminal) > 0.0;
                 let aimed = if outwards { elevation } else { std::f64::consts::PI - elevation };
                 for (over_back, pose) in plane.aim(&terminal, aimed).into_iter().enumerate() {
-                    let Some(solutions) = pose.and_then(|pose| arm.model.ik_near(&pose, &(*q_ref).into()).ok()) else {
+                    let Some(solutions) =
+                        pose.and_then(|pose| arm.model.ik_near(&pose, &(*q_ref).into()).ok())
+                    else {
                         continue;
                     };
                     out.extend(solutions.iter().map(|s| {

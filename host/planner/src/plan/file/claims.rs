@@ -44,7 +44,8 @@ impl PlanFile {
     #[must_use]
     pub fn computed_again(&self, arm: &RobotModel) -> Option<Self> {
         let problem = Problem::new(arm, self.target.position_m.into(), self.asked()).ok()?;
-        let list = |numbers: &[f64]| JointVec::from_fn(arm.n(), |j| numbers.get(j).copied().unwrap_or(f64::NAN));
+        let list =
+            |numbers: &[f64]| JointVec::from_fn(arm.n(), |j| numbers.get(j).copied().unwrap_or(f64::NAN));
         let mut throw = Throw {
             q_rad: list(&self.release.q_rad),
             qd_rad_s: list(&self.release.qd_rad_s),

@@ -230,11 +230,7 @@ impl PlanFile {
     ///
     /// # Errors
     /// [`PlanFileError::OtherRobot`].
-    pub fn require_robot(
-        &self,
-        path: &Path,
-        arm: &RobotModel,
-    ) -> Result<(), PlanFileError> {
+    pub fn require_robot(&self, path: &Path, arm: &RobotModel) -> Result<(), PlanFileError> {
         require_robot(path, &self.robot, self.motion.joints.len(), arm)
     }
 

@@ -66,7 +66,8 @@ impl MotionInfo {
     /// The motion.
     #[must_use]
     pub fn to_motion(&self) -> Motion {
-        let joints = |list: &[f64]| JointVec::from_fn(self.joints.len(), |j| list.get(j).copied().unwrap_or(0.0));
+        let joints =
+            |list: &[f64]| JointVec::from_fn(self.joints.len(), |j| list.get(j).copied().unwrap_or(0.0));
         let knots = self.knots.iter().map(|knot| Knot {
             t_s: knot.t_s,
             q_rad: joints(&knot.q_rad),

@@ -147,12 +147,7 @@ impl Delayed<'_, '_> {
     }
 
     /// The released ball comes through the plane; returns the value of the row.
-    fn through_row<S: Sink>(
-        &self,
-        id: usize,
-        released: &Released,
-        sink: &mut S,
-    ) -> f64 {
+    fn through_row<S: Sink>(&self, id: usize, released: &Released, sink: &mut S) -> f64 {
         let flight = &self.problem.flight;
         let value =
             released.through_m2_s2(flight, &self.aim) - THROUGH_SHARE * THROUGH_MIN_M_S * THROUGH_MIN_M_S;

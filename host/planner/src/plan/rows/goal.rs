@@ -13,12 +13,7 @@ pub(crate) fn has_goal(problem: &Problem<'_>, layout: &Layout) -> bool {
 }
 
 /// Energy, spread or odds of the landing; nothing for the paper's objective, and none while the target itself moves.
-pub(crate) fn goal_rows<S: Sink>(
-    problem: &Problem<'_>,
-    layout: &Layout,
-    x: &Row,
-    sink: &mut S,
-) {
+pub(crate) fn goal_rows<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &Row, sink: &mut S) {
     if !has_goal(problem, layout) {
         return;
     }

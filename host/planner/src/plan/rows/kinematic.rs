@@ -101,12 +101,7 @@ pub(super) fn release_rows<S: Sink>(
 
 /// Launch: where the ball is after the time of flight, over that time. In vacuum it is the velocity in excess of the one that
 /// reaches the target.
-fn launch_rows<S: Sink>(
-    layout: &Layout,
-    aim: &Aim,
-    arriving: &Arriving<'_>,
-    sink: &mut S,
-) {
+fn launch_rows<S: Sink>(layout: &Layout, aim: &Aim, arriving: &Arriving<'_>, sink: &mut S) {
     let var = layout.variables();
     let Arriving { end, throw, by_q, jac } = arriving;
     let flight_s = throw.flight_s;
@@ -138,11 +133,7 @@ fn launch_rows<S: Sink>(
 }
 
 /// Throw along z of the release frame, and in the paper's form spin about it only.
-fn direction_rows<S: Sink>(
-    problem: &Problem<'_>,
-    hand: &Hand<'_>,
-    sink: &mut S,
-) {
+fn direction_rows<S: Sink>(problem: &Problem<'_>, hand: &Hand<'_>, sink: &mut S) {
     let number = problem.numbers();
     let [x_rf, y_rf, z_rf] = &hand.axes;
     for (id, axis) in [(ACROSS, x_rf), (ACROSS + 1, y_rf)] {
@@ -196,12 +187,7 @@ pub(super) fn cut_rows<S: Sink>(
 }
 
 /// Spherical bounds of the release point.
-fn point_rows<S: Sink>(
-    problem: &Problem<'_>,
-    p: &Vector3<f64>,
-    jac: &Jacobian,
-    sink: &mut S,
-) {
+fn point_rows<S: Sink>(problem: &Problem<'_>, p: &Vector3<f64>, jac: &Jacobian, sink: &mut S) {
     let var = problem.variables();
     let number = problem.numbers();
     let b = &problem.bounds;
@@ -240,11 +226,7 @@ fn point_rows<S: Sink>(
 }
 
 /// Window of arrival speed and steepness.
-fn arrival_rows<S: Sink>(
-    problem: &Problem<'_>,
-    arriving: &Arriving<'_>,
-    sink: &mut S,
-) {
+fn arrival_rows<S: Sink>(problem: &Problem<'_>, arriving: &Arriving<'_>, sink: &mut S) {
     let number = problem.numbers();
     let arrival = &problem.options.arrival;
     let v = &arriving.end.v;

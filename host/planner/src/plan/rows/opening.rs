@@ -12,12 +12,7 @@ use crate::solve::Sink;
 const ANGLE_SCALE: f64 = 3.0;
 
 /// Angle against the normal, and distance from the rim.
-pub(super) fn opening_rows<S: Sink>(
-    problem: &Problem<'_>,
-    aim: &Aim,
-    arriving: &Arriving<'_>,
-    sink: &mut S,
-) {
+pub(super) fn opening_rows<S: Sink>(problem: &Problem<'_>, aim: &Aim, arriving: &Arriving<'_>, sink: &mut S) {
     let number = problem.numbers();
     let Some(opening) = &problem.options.opening else { return };
     let flight_s = arriving.throw.flight_s;

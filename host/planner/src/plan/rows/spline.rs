@@ -14,12 +14,7 @@ const SHIFT_WEIGHT: f64 = 1e3;
 const SHIFT_COST_SHARE: f64 = 1e-3;
 
 /// Objective and the limits (2) to (6) of the spline: closed forms of the variables.
-pub(crate) fn spline_rows<S: Sink>(
-    problem: &Problem<'_>,
-    layout: &Layout,
-    x: &Row,
-    sink: &mut S,
-) {
+pub(crate) fn spline_rows<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &Row, sink: &mut S) {
     objective(problem, layout, x, sink);
     for joint in 0..problem.joints() {
         range_rows(problem, layout, x, joint, sink);
@@ -43,12 +38,7 @@ fn release_acceleration(layout: &Layout, x: &Row, joint: usize) -> f64 {
 }
 
 /// The objective: q⃛ is constant in each phase, so its squared integral is 4 Σ(q̈h ∓ q̇)²/h³.
-fn objective<S: Sink>(
-    problem: &Problem<'_>,
-    layout: &Layout,
-    x: &Row,
-    sink: &mut S,
-) {
+fn objective<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &Row, sink: &mut S) {
     let var = problem.variables();
     let w = &problem.options.weights;
     let (ha, hb) = (x[var.ha], x[var.hb]);
@@ -95,13 +85,7 @@ fn objective<S: Sink>(
 }
 
 /// Both outer ends of a joint inside its range (2), (3).
-fn range_rows<S: Sink>(
-    problem: &Problem<'_>,
-    layout: &Layout,
-    x: &Row,
-    j: usize,
-    sink: &mut S,
-) {
+fn range_rows<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &Row, j: usize, sink: &mut S) {
     let var = problem.variables();
     let number = problem.numbers();
     let l = &problem.limits;
@@ -109,9 +93,10 @@ fn range_rows<S: Sink>(
     let (q, qd, qdd) = (x[var.q + j], x[var.qd + j], release_acceleration(layout, x, j));
     let start = q - qd * ha * (2.0 / 3.0) + qdd * ha * ha / 6.0;
     let stop = q + qd * hb * (2.0 / 3.0) + qdd * hb * hb / 6.0;
-    for (base, at, h_index, sign_h, h) in
-        [(number.range, start, var.ha, -1.0, ha), (number.range + 2 * problem.joints(), stop, var.hb, 1.0, hb)]
-    {
+    for (base, at, h_index, sign_h, h) in [
+        (number.range, start, var.ha, -1.0, ha),
+        (number.range + 2 * problem.joints(), stop, var.hb, 1.0, hb),
+    ] {
         for (id, value, sign) in
             [(base + 2 * j, at - l.q_min[j], 1.0), (base + 2 * j + 1, l.q_max[j] - at, -1.0)]
         {
@@ -130,13 +115,7 @@ fn range_rows<S: Sink>(
 }
 
 /// Speed (4), acceleration (5) and jerk (6) of a joint.
-fn rate_rows<S: Sink>(
-    problem: &Problem<'_>,
-    layout: &Layout,
-    x: &Row,
-    j: usize,
-    sink: &mut S,
-) {
+fn rate_rows<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &Row, j: usize, sink: &mut S) {
     let var = problem.variables();
     let number = problem.numbers();
     let l = &problem.limits;
@@ -192,12 +171,7 @@ fn rate_rows<S: Sink>(
 }
 
 /// With joint acceleration at the release, speed and position can peak inside a phase.
-fn extreme_rows<S: Sink>(
-    problem: &Problem<'_>,
-    layout: &Layout,
-    x: &Row,
-    sink: &mut S,
-) {
+fn extreme_rows<S: Sink>(problem: &Problem<'_>, layout: &Layout, x: &Row, sink: &mut S) {
     let var = problem.variables();
     let number = problem.numbers();
     let l = &problem.limits;
