@@ -52,6 +52,13 @@ impl<T: Copy + Default> PerJoint<T> {
         Self { items, n }
     }
 
+    /// The values.
+    #[must_use]
+    #[inline]
+    pub fn as_slice(&self) -> &[T] {
+        self
+    }
+
     /// The values of an arm of `N` joints, for code that is made for one number of joints.
     ///
     /// # Panics
